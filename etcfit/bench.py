@@ -1,0 +1,176 @@
+"""The bench: a rig's traces on a tape beside its unknowns, with everything the model can compute of them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import partial
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from . import grid, whitening
+from .residual import Problem, predict, residual, run
+from .rig.base import RigConfig
+from .score import columns
+from .tape import Slots, Tape, lay
+from .trace import Trace
+from .unknowns import Layout, Unknowns
+from .whitening import Whitening
+
+_OUTLIER = 5.0  # robust standard deviations beyond which a sample is weighed down
+
+
+@partial(jax.jit, static_argnums=(0, 1))
+def _linearise(layout: Layout, circuits: tuple[str, ...], x: Any, problem: Problem) -> tuple[Any, Any, Any]:
+    """Whitened residual (T, L, M), that of the priors (P,), and the Jacobian of the former (T, L, M, P)."""
+
+    def both(x: Any) -> Any:
+        r, prior = residual(layout, circuits, x, problem)
+        return r, (r, prior)
+
+    jacobian, (r, prior) = jax.jacfwd(both, has_aux=True)(x)
+    return r, prior, jacobian
+
+
+@partial(jax.jit, static_argnums=(0, 1))
+def _free_run(layout: Layout, circuits: tuple[str, ...], x: Any, held: Any, arrays: Any) -> tuple[Any, Any]:
+    """Simulated samples (T, L, M) and the local integration error of every step (T, L)."""
+    steps, resets, slots, _, circuit_of = arrays
+    throttle, path, steps = run(layout, circuits, x, held, steps, resets, circuit_of)
+    error = grid.local_error(throttle, path, steps, (resets, slots))
+    return predict(throttle, path, steps, slots), error
+
+
+@partial(jax.jit, static_argnums=(0, 1))
+def _kalman(layout: Layout, circuits: tuple[str, ...], x: Any, held: Any, arrays: Any) -> Any:
+    steps, resets, slots, disturbance, circuit_of = arrays
+    throttle, path, steps = run(layout, circuits, x, held, steps, resets, circuit_of)
+    return whitening.kalman(throttle, path, steps, resets, slots, disturbance)
+
+
+@dataclass(frozen=True, eq=False)
+class Bench:
+    """Data and unknowns of a rig; each method returns something new.
+
+    Args:
+        config: the rig.
+        unknowns: its parameters.
+        tape: its traces.
+        substeps: integration steps in each interval between instants, one array a trace.
+        sigma: noise of each sample with outliers weighed down, shape (T, L, M).
+    """
+
+    config: RigConfig
+    unknowns: Unknowns
+    tape: Tape
+    substeps: tuple[np.ndarray, ...]
+    sigma: np.ndarray
+
+    @classmethod
+    def of(cls, config: RigConfig, unknowns: Unknowns, traces: tuple[Trace, ...], substeps: Any = None) -> Bench:
+        substeps = substeps or tuple(np.ones(t.instants.size - 1, dtype=int) for t in traces)
+        tape = lay(traces, config, substeps)
+        return cls(config, unknowns, tape, tuple(substeps), tape.slots.sigma)
+
+    @property
+    def layout(self) -> Layout:
+        return self.unknowns.layout
+
+    @property
+    def slots(self) -> Slots:
+        return self.tape.slots._replace(sigma=self.sigma)
+
+    def free_run(self, x: np.ndarray) -> tuple[list[np.ndarray], np.ndarray]:
+        """Simulated samples of each trace, (n, M), and the local integration error along the tape, (T, L)."""
+        seen, error = _free_run(self.layout, self.tape.circuits, x, self.unknowns.held, self.tape.arrays)
+        return columns(self.tape, seen), np.asarray(error)
+
+    def plain(self) -> Whitening:
+        """Each sample by its own noise, and by what an instant not known exactly does to it where it changes fast."""
+        slots = self.slots
+        bend = np.zeros_like(slots.sigma)
+        for trace, (lane, _, marks) in zip(self.tape.traces, self.tape.places, strict=True):
+            step = np.abs(np.diff(trace.data, axis=0, prepend=trace.data[:1]))
+            bend[marks, lane, : len(trace.channels)] = 0.5 * np.nan_to_num(np.maximum(step, np.roll(step, -1, axis=0)))
+        return whitening.plain(slots._replace(sigma=np.hypot(slots.sigma, bend)), self._order)
+
+    def kalman(self, x: np.ndarray) -> Whitening:
+        """The whitening filter along the path at x."""
+        steps, resets, _, disturbance, circuit_of = self.tape.arrays
+        arrays = steps, resets, self.slots, disturbance, circuit_of
+        return _kalman(self.layout, self.tape.circuits, x, self.unknowns.held, arrays)
+
+    def problem(self, filter_: Whitening) -> Problem:
+        """The data for the residual."""
+        tape = self.tape
+        mean, sd = self._priors()
+        return Problem(tape.steps, tape.resets, self.slots, tape.circuit_of, filter_, self.unknowns.held, mean, sd)
+
+    def linearise(self, x: np.ndarray, problem: Problem) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Residual (T, L, M), that of the priors (P,), Jacobian of the former (T, L, M, P)."""
+        r, prior, jacobian = _linearise(self.layout, self.tape.circuits, x, problem)
+        return np.asarray(r), np.asarray(prior), np.asarray(jacobian)
+
+    def refined(self, x: np.ndarray) -> Bench:
+        """The same with as many integration steps as the path at x needs."""
+        bench = self
+        for _ in range(2):
+            _, error = bench.free_run(x)
+            bench = Bench.of(self.config, self.unknowns, self.tape.traces, grid.substeps(bench.tape, error))
+        return bench
+
+    def released(self, x: np.ndarray) -> Bench:
+        """The same with the releases of held plates moved to where the model at x sees them."""
+        if not any(trace.release for trace in self.tape.traces):
+            return self
+        predicted, _ = self.free_run(x)
+        traces = tuple(_better_release(t, y) for t, y in zip(self.tape.traces, predicted, strict=True))
+        return Bench.of(self.config, self.unknowns, traces, self.substeps)
+
+    def outliers_weighed(self, whitened: list[np.ndarray]) -> tuple[Bench, int]:
+        """The same with samples far outside their trace's residuals, (n, M) each, weighed down, and how many."""
+        sigma = self.tape.slots.sigma.copy()
+        count = 0
+        for trace, (lane, _, marks), part in zip(self.tape.traces, self.tape.places, whitened, strict=True):
+            spread = np.maximum(1.0, 1.4826 * np.median(np.abs(part), axis=0))
+            excess = np.maximum(1.0, np.abs(part) / (_OUTLIER * spread))
+            sigma[marks, lane, : len(trace.channels)] *= excess
+            count += int(np.sum(excess > 1.0))
+        return replace(self, sigma=sigma), count
+
+    @property
+    def _order(self) -> int:
+        return 4 + sum(len(t.z0) for t in self.layout.types)
+
+    def _priors(self) -> tuple[np.ndarray, np.ndarray]:
+        free, priors = self.layout.free, self.unknowns.priors
+        mean, sd = np.zeros(len(free)), np.full(len(free), np.inf)
+        for k, symbol in enumerate(free):
+            if symbol in priors:
+                domain = self.layout.parameter(symbol).domain
+                value, width = priors[symbol]
+                mean[k] = domain.coordinate(value)
+                sd[k] = width / float(jax.grad(domain.value)(mean[k]))
+        return mean, sd
+
+
+def _better_release(trace: Trace, predicted: np.ndarray) -> Trace:
+    """One Gauss-Newton step in the release instant: y(t - d) = y - d dy/dt, while the plate falls freely."""
+    if trace.release is None:
+        return trace
+    instant, sd = trace.release
+    falling = trace.instants > instant
+    speed = np.abs(np.gradient(predicted, trace.instants, axis=0))
+    lead = trace.channels.index("emf") if "emf" in trace.channels else 0
+    top = int(np.argmax(np.abs(predicted[:, lead] - predicted[0, lead])))
+    falling &= np.arange(falling.size) < 0.8 * top
+    slope = -np.gradient(predicted, trace.instants, axis=0)[falling] / trace.sigma
+    error = (trace.data - predicted)[falling] / trace.sigma
+    seen = np.isfinite(error)
+    if not speed.any() or seen.sum() < 3:
+        return trace
+    power = float(np.sum(slope[seen] ** 2))
+    shift = float(np.sum(slope[seen] * error[seen])) / power if power > 0.0 else 0.0
+    return trace.released_at(float(instant + np.clip(shift, -3.0 * sd, 3.0 * sd)), sd)

@@ -1,0 +1,69 @@
+"""Are the residuals independent, and if not, by how much do the intervals lie?"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from scipy import stats
+
+_LAGS = 12
+_LEVEL = 1e-4  # a trace is called correlated below this p-value
+
+
+def autocorrelation(r: np.ndarray, lags: int) -> np.ndarray:
+    """rho_1 ... rho_lags of a residual, shape (lags,)."""
+    r = r - r.mean()
+    power = float(r @ r)
+    if power <= 0.0:
+        return np.zeros(lags)
+    return np.array([float(r[k:] @ r[:-k]) for k in range(1, lags + 1)]) / power
+
+
+def ljung_box(r: np.ndarray, lags: int = _LAGS) -> float:
+    """p-value of Q = n (n + 2) sum rho_k^2 / (n - k) (Ljung and Box 1978)."""
+    n = r.size
+    rho = autocorrelation(r, lags)
+    q = n * (n + 2.0) * float(np.sum(rho**2 / (n - np.arange(1, lags + 1))))
+    return float(stats.chi2.sf(q, lags))
+
+
+def inflation(r: np.ndarray) -> float:
+    """Variance of a sum of residuals over that of independent standard normal ones.
+
+        f = mean(r^2) (1 + 2 sum rho_k), summed to the first negative rho (Geyer 1992); 1 where neither is significant
+    """
+    n = r.size
+    if n < 4 * _LAGS:
+        return 1.0
+    size = float(np.mean(r**2))
+    size = size if size - 1.0 > 4.0 * np.sqrt(2.0 / n) else 1.0
+    if ljung_box(r) > _LEVEL:
+        return size
+    rho = autocorrelation(r, n // 4)
+    first = int(np.argmax(rho <= 0.0)) if np.any(rho <= 0.0) else rho.size
+    return size * max(1.0, 1.0 + 2.0 * float(rho[:first].sum()))
+
+
+def widen(
+    covariance: np.ndarray, pieces: Sequence[tuple[np.ndarray, np.ndarray]]
+) -> tuple[np.ndarray, np.ndarray, int]:
+    """Covariance for residuals that are larger than, or not as independent as, assumed.
+
+        C' = C (sum_s f_s J_s^T J_s) C + the prior's share of C
+
+    Args:
+        covariance: C, shape (P, P).
+        pieces: for each channel of each trace its Jacobian (n, P) and residual (n,).
+    Returns:
+        C', never narrower than C; factor on each standard error, shape (P,); number of pieces widened.
+    """
+    extra = np.zeros_like(covariance)
+    count = 0
+    for jacobian, r in pieces:
+        f = inflation(r)
+        if f > 1.0:
+            extra += (f - 1.0) * jacobian.T @ jacobian
+            count += 1
+    wide = covariance + covariance @ extra @ covariance
+    return wide, np.sqrt(np.diag(wide) / np.diag(covariance)), count

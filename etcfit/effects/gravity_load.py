@@ -1,0 +1,22 @@
+"""Gravity on an arm."""
+
+from __future__ import annotations
+
+import jax.numpy as jnp
+
+from ..parameters import Real, Scalar, parameter
+from .base import AbstractEffect, Contribution, Inputs, State
+
+
+class GravityLoad(AbstractEffect):
+    """torque = -T_g sin(theta): a mass m on an arm of length l, T_g = m g l, theta measured from hanging down.
+
+    Source: statics of a rigid pendulum. Differs from source: no.
+    """
+
+    name = "gravity_load"
+    off = {"T_g": 0.0}
+    T_g: Scalar = parameter("N*m", Real(0.5), 0.0, "largest gravity torque, m g l", "statics of a pendulum")
+
+    def __call__(self, x: State, z: tuple[Scalar, ...], u: Inputs) -> Contribution:
+        return Contribution(torque=-u.plate * self.T_g * jnp.sin(x.theta))

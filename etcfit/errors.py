@@ -1,0 +1,22 @@
+"""Errors that carry their own cure."""
+
+from __future__ import annotations
+
+
+class MeasurementError(Exception):
+    """The data (or the rig.toml) are wrong: where, what was found, what is required, how to mend it.
+
+    Args:
+        where: file, with a line or a column when there is one (`response/3.csv:118`).
+        found: what stands there.
+        required: what must stand there.
+        mend: what the user can do about it.
+    """
+
+    def __init__(self, where: str, found: str, required: str, mend: str) -> None:
+        self.where, self.found, self.required, self.mend = where, found, required, mend
+        super().__init__(f"{where}: {found} {required} {mend}".strip())
+
+
+class UsageError(Exception):
+    """The command line asks for something that cannot be done; exit status 2."""

@@ -1,0 +1,38 @@
+"""Public measured data sets as measurement folders: one file each, registered here and nowhere else."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from ..errors import UsageError
+from .bam_xl330 import BAM_XL330
+from .base import Dataset, Source
+from .emps import EMPS
+from .folder import refuse_to_overwrite, write_folder
+from .kassel_throttle import KASSEL_THROTTLE
+from .obtain import obtain
+
+DATASETS: dict[str, Dataset] = {dataset.name: dataset for dataset in (KASSEL_THROTTLE, EMPS, BAM_XL330)}
+
+__all__ = ["DATASETS", "Dataset", "Source", "fetch"]
+
+
+def fetch(name: str, to: Path, data: Path | None = None) -> Path:
+    """A public data set as a measurement folder.
+
+    Args:
+        name: one of `DATASETS`.
+        to: the folder to write; must not exist, or be empty.
+        data: folder of local copies; without it, the one that the environment variable ETCFIT_DATA names. A file
+            that is in neither is downloaded.
+
+    Raises:
+        UsageError: no data set has this name, or `to` holds something already.
+        MeasurementError: a file is not the published one, or cannot be had.
+    """
+    if name not in DATASETS:
+        raise UsageError(f"No data set is called {name!r}. There are: {', '.join(DATASETS)}.")
+    refuse_to_overwrite(to)  # before a download, not after it
+    dataset = DATASETS[name]
+    files = {source.local: obtain(source, data) for source in dataset.sources}
+    return write_folder(to, dataset.convert(files))

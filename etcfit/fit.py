@@ -1,0 +1,329 @@
+"""The joint fit: all traces at once, by Levenberg-Marquardt on the whitened residual."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import lineax
+import numpy as np
+import optimistix
+
+from .bench import Bench
+from .correlation import widen
+from .errors import MeasurementError
+from .identifiability import WIDE, Identifiability, analyse
+from .reading import Readings, read_graphs
+from .residual import Problem, residual
+from .rig.base import Rig
+from .score import Row, columns, rows
+from .trace import Trace, prepare
+from .unknowns import Layout, Unknowns, unknowns
+
+Report = Callable[[str, float], None]
+
+_STEPS = 40  # of Levenberg-Marquardt in one go
+_ROUNDS = 6
+_STARTS = 3  # besides the reading
+_SPREAD = 0.35  # of the other starts about the reading, in coordinates
+_SETTLED = 0.05  # a round that moves no parameter by more standard errors is the last
+_DECREMENT = 1e-2  # chi2 still to be gained, by the gradient, at a point called converged
+
+
+@dataclass(frozen=True)
+class StartSummary:
+    """Where one start of the fit began and ended.
+
+    Args:
+        name: "reading" or the number of a perturbed start.
+        chi2_before, chi2_after: sums of squared residuals, each whitened by its own noise alone.
+        steps: Levenberg-Marquardt steps.
+    """
+
+    name: str
+    chi2_before: float
+    chi2_after: float
+    steps: int
+
+
+@dataclass(frozen=True, eq=False)
+class FitResult:
+    """The joint fit of a rig.
+
+    Args:
+        rig: as read.
+        unknowns: what was free.
+        x: coordinates at the optimum, shape (P,).
+        values: SI by symbol, all parameters.
+        covariance: of the coordinates, widened where the noise is correlated, shape (P, P).
+        identifiability: what these data can tell.
+        readings: the paper's graph by graph reading.
+        bench: the data as fitted, for whoever goes on from here.
+        holdout: the traces that were not, or None.
+        problem: what the residual was minimised over.
+        whitened: residual of each fitted trace, shape (n, M) each.
+        predicted: free-run simulation of each fitted trace and each held-out one, by file, shape (n, M) each.
+        score_fit, score_holdout: free-run errors a trace and channel.
+        chi2_per_dof: of the whitened residual.
+        converged, reason: whether this is an optimum, and in words why (not).
+        starts: where each start ended.
+        widening: factor by which correlated noise widened the intervals, by symbol.
+        warnings: what a reader must know.
+    """
+
+    rig: Rig
+    unknowns: Unknowns
+    x: np.ndarray
+    values: Mapping[str, float]
+    covariance: np.ndarray
+    identifiability: Identifiability
+    readings: Readings
+    bench: Bench
+    holdout: Bench | None
+    problem: Problem
+    whitened: tuple[np.ndarray, ...]
+    predicted: Mapping[str, np.ndarray]
+    score_fit: tuple[Row, ...]
+    score_holdout: tuple[Row, ...]
+    chi2_per_dof: float
+    converged: bool
+    reason: str
+    starts: tuple[StartSummary, ...]
+    widening: Mapping[str, float]
+    warnings: tuple[str, ...]
+
+
+@partial(jax.jit, static_argnums=(0, 1))
+def _minimise(layout: Layout, circuits: tuple[str, ...], x0: Any, scale: Any, problem: Problem) -> Any:
+    """Levenberg-Marquardt from x0, in coordinates stretched by `scale` so that its damping treats all alike."""
+    root = jnp.sqrt(jnp.sum(problem.slots.weight))
+
+    def stacked(y: Any, _: Any) -> Any:
+        x = x0 + scale * y
+        r, prior = residual(layout, circuits, x, problem)
+        # the anchor keeps what the data do not determine from wandering; it weighs nothing beside any datum
+        return jnp.concatenate((r.ravel(), prior, (x - x0) / WIDE)) / root
+
+    solver = optimistix.LevenbergMarquardt(rtol=1e-8, atol=1e-8, linear_solver=lineax.Normal(lineax.Cholesky()))
+    options = {"jac": "fwd"}
+    y0 = jnp.zeros_like(x0)
+    solution = optimistix.least_squares(stacked, solver, y0, options=options, max_steps=_STEPS, throw=False)
+    return x0 + scale * solution.value, solution.stats["num_steps"]
+
+
+def quiet(text: str, share: float) -> None:
+    """A progress report that says nothing."""
+
+
+def start_values(unknowns: Unknowns, readings: Readings) -> dict[str, float]:
+    """Where the fit starts: the reading; where it is silent rig.toml; where that is silent a nominal value."""
+    values = {p.symbol: p.nominal for p in unknowns.layout.parameters}
+    values |= unknowns.start
+    read = {s: v for s, v in readings.values.items() if s in values and np.isfinite(v)}
+    return values | read
+
+
+def ready(rig: Rig) -> tuple[tuple[Trace, ...], tuple[Trace, ...], tuple[str, ...]]:
+    """Traces to fit, traces held out, and a word on those the model cannot predict.
+
+    Raises:
+        MeasurementError: nothing is left to fit.
+    """
+    fitted, held_out, notes = [], [], []
+    for measurement in rig.measurements:
+        trace = prepare(measurement, rig.config)
+        if trace is None:
+            notes.append(f"{measurement.file}: no voltage, duty or torque was logged with it; it is not fitted")
+        else:
+            (held_out if measurement.held_out else fitted).append(trace)
+    if not fitted:
+        found = "has no trace that can be fitted."
+        required = "At least one trace must log what drove it and what came of it, and not be held out."
+        raise MeasurementError(rig.folder, found, required, "Add one, or take it out of [holdout].")
+    return tuple(fitted), tuple(held_out), tuple(notes)
+
+
+def fit(rig: Rig, report: Report = quiet) -> FitResult:
+    """Fit Eqs. 1-2 (and the effects that rig.toml names) jointly to all traces that are not held out.
+
+    Args:
+        rig: a measurement folder.
+        report: called with what is going on and the share done.
+    Raises:
+        MeasurementError: nothing to fit, or rig.toml names what does not exist.
+    """
+    known = unknowns(rig.config)
+    fitted, held_out, notes = ready(rig)
+    report("reading the paper's graphs", 0.02)
+    readings = read_graphs(rig)
+    start = known.layout.coordinates(start_values(known, readings))
+    report("choosing integration steps", 0.05)
+    bench = Bench.of(rig.config, known, fitted).refined(start)
+    x, starts = _from_several_starts(bench, start, report)
+    bench, problem, x, state = _rounds(bench.released(x), x, report)
+    return _result(rig, readings, bench, held_out, problem, x, starts, state, notes)
+
+
+def _scale(information: np.ndarray, count: float) -> np.ndarray:
+    """Stretch of the coordinates that makes all columns of the Jacobian alike."""
+    return 1.0 / np.sqrt(np.maximum(np.diag(information) / count, 1e-12))
+
+
+def _information(prior_sd: np.ndarray, jacobian: np.ndarray) -> np.ndarray:
+    flat = jacobian.reshape(-1, jacobian.shape[-1])
+    return flat.T @ flat + np.diag(1.0 / np.asarray(prior_sd) ** 2)
+
+
+def _go(bench: Bench, x: np.ndarray, problem: Problem) -> tuple[np.ndarray, int]:
+    """Minimise from x; a point where the model cannot be computed stays where it is."""
+    r, _, jacobian = bench.linearise(x, problem)
+    if not np.isfinite(r).all() or not np.isfinite(jacobian).all():
+        return x, 0
+    scale = _scale(_information(problem.prior_sd, jacobian), float(np.sum(problem.slots.weight)))
+    end, steps = _minimise(bench.layout, bench.tape.circuits, x, np.minimum(scale, 1e3), problem)
+    return np.asarray(end), int(steps)
+
+
+def _from_several_starts(bench: Bench, start: np.ndarray, report: Report) -> tuple[np.ndarray, tuple[StartSummary, ...]]:
+    """The reading first, then points scattered about it; the deepest end wins."""
+    rng = np.random.default_rng(20230701)
+    others = [start + _SPREAD * rng.standard_normal(start.size) for _ in range(_STARTS)]
+    problem = bench.problem(bench.plain())
+    best, lowest, summaries = start, np.inf, []
+    for k, first in enumerate([start, *others]):
+        report(f"start {k + 1} of {_STARTS + 1}", 0.1 + 0.1 * k)
+        end, steps = _go(bench, first, problem)
+        before, after = _chi2(bench, first, problem), _chi2(bench, end, problem)
+        summaries.append(StartSummary("reading" if k == 0 else f"scattered {k}", before, after, steps))
+        if after < lowest:
+            best, lowest = end, after
+    return best, tuple(summaries)
+
+
+def _chi2(bench: Bench, x: np.ndarray, problem: Problem) -> float:
+    r, prior, _ = bench.linearise(x, problem)
+    total = float(np.sum(r**2) + np.sum(prior**2))
+    return total if np.isfinite(total) else float("inf")
+
+
+@dataclass(frozen=True)
+class _End:
+    """How the rounds ended."""
+
+    converged: bool
+    reason: str
+    outliers: int
+
+
+def _rounds(bench: Bench, x: np.ndarray, report: Report) -> tuple[Bench, Problem, np.ndarray, _End]:
+    """Renew the whitening, the releases and the outliers at each optimum until nothing moves any more."""
+    moved, outliers = np.inf, 0
+    for k in range(_ROUNDS):
+        report(f"round {k + 1}: moved {moved:.2g} standard errors", 0.5 + 0.4 * k / _ROUNDS)
+        problem = bench.problem(bench.kalman(x))
+        end, _ = _go(bench, x, problem)
+        r, prior, jacobian = bench.linearise(end, problem)
+        information = _information(problem.prior_sd, jacobian) + np.eye(x.size) / WIDE**2
+        moved = float(np.max(np.abs(end - x) / np.sqrt(np.diag(np.linalg.inv(information)))))
+        x = end
+        if moved < _SETTLED and k > 0:
+            break
+        if k < _ROUNDS - 1:
+            bench, outliers = bench.released(x).outliers_weighed(columns(bench.tape, r))
+    gain = _decrement(information, r, prior, problem, jacobian)
+    return bench, problem, x, _verdict(moved, gain, outliers)
+
+
+def _decrement(information: np.ndarray, r: Any, prior: Any, problem: Problem, jacobian: np.ndarray) -> float:
+    """chi2 that a full Gauss-Newton step would still gain: g^T F^-1 g."""
+    gradient = jacobian.reshape(-1, jacobian.shape[-1]).T @ r.ravel() + prior / np.asarray(problem.prior_sd)
+    return float(gradient @ np.linalg.solve(information, gradient))
+
+
+def _verdict(moved: float, gain: float, outliers: int) -> _End:
+    if not np.isfinite(gain):
+        return _End(False, "the model cannot be computed at the point reached", outliers)
+    if gain > _DECREMENT:
+        return _End(False, f"the gradient is not zero: a further step would lower chi2 by {gain:.3g}", outliers)
+    if moved > 10.0 * _SETTLED:
+        return _End(False, f"the last round still moved a parameter by {moved:.2g} standard errors", outliers)
+    return _End(True, f"gradient zero to {gain:.1e} of chi2, last round moved {moved:.2g} standard errors", outliers)
+
+
+def _result(
+    rig: Rig,
+    readings: Readings,
+    bench: Bench,
+    held_out: tuple[Trace, ...],
+    problem: Problem,
+    x: np.ndarray,
+    starts: tuple[StartSummary, ...],
+    end: _End,
+    notes: tuple[str, ...],
+) -> FitResult:
+    r, _, jacobian = bench.linearise(x, problem)
+    verdict = analyse(bench.layout, x, _information(problem.prior_sd, jacobian))
+    whitened = tuple(columns(bench.tape, r))
+    covariance, factor, count = widen(verdict.covariance, _pieces(bench, r, jacobian))
+    values = {s: float(v) for s, v in bench.layout.values(x, bench.unknowns.held).items()}
+    holdout = Bench.of(rig.config, bench.unknowns, held_out).refined(x).released(x) if held_out else None
+    predicted, score_holdout = {}, ()
+    for part in filter(None, (bench, holdout)):
+        model, _ = part.free_run(x)
+        predicted |= {t.measurement.file: y for t, y in zip(part.tape.traces, model, strict=True)}
+    if holdout is not None:
+        score_holdout = rows(held_out, [predicted[t.measurement.file] for t in held_out])
+    score_fit = rows(bench.tape.traces, [predicted[t.measurement.file] for t in bench.tape.traces])
+    samples = float(np.sum(problem.slots.weight))
+    chi2 = float(np.sum(r**2)) / max(1.0, samples - x.size)
+    return FitResult(
+        rig=rig,
+        unknowns=bench.unknowns,
+        x=x,
+        values=values,
+        covariance=covariance,
+        identifiability=verdict,
+        readings=readings,
+        bench=bench,
+        holdout=holdout,
+        problem=problem,
+        whitened=whitened,
+        predicted=predicted,
+        score_fit=score_fit,
+        score_holdout=score_holdout,
+        chi2_per_dof=chi2,
+        converged=end.converged,
+        reason=end.reason,
+        starts=starts,
+        widening=dict(zip(bench.layout.free, map(float, factor), strict=True)),
+        warnings=(*rig.warnings, *notes, *_words(end, count, len(score_fit), chi2, factor)),
+    )
+
+
+def _pieces(bench: Bench, r: np.ndarray, jacobian: np.ndarray) -> list[tuple[np.ndarray, np.ndarray]]:
+    """Jacobian and residual of each channel of each trace, where it was logged."""
+    out = []
+    for trace, part, (lane, _, marks) in zip(bench.tape.traces, columns(bench.tape, r), bench.tape.places, strict=True):
+        for m in range(len(trace.channels)):
+            seen = np.isfinite(trace.data[:, m])
+            out.append((jacobian[marks[seen], lane, m], part[seen, m]))
+    return out
+
+
+def _words(end: _End, correlated: int, pieces: int, chi2: float, factor: np.ndarray) -> list[str]:
+    out = []
+    if correlated:
+        out.append(
+            f"{correlated} of {pieces} residuals are larger than their noise or not independent: the model lacks "
+            f"something there. Intervals are widened for it (up to {float(np.max(factor)):.1f} times), but widening "
+            "does not remove a bias; look at the residual pictures."
+        )
+    if end.outliers:
+        out.append(f"{end.outliers} samples lie far outside their trace's residuals and were weighed down.")
+    if not end.converged:
+        out.append(f"NOT CONVERGED: {end.reason}")
+    return out

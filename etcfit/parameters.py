@@ -1,0 +1,122 @@
+"""Parameters: what each symbol means, where it may lie, and the unconstrained coordinate it is fitted in."""
+
+from __future__ import annotations
+
+import abc
+import dataclasses
+import math
+from dataclasses import dataclass
+from typing import Any
+
+import jax.numpy as jnp
+
+from . import backend as backend  # float64, before the first array
+
+Scalar = Any  # a float, or a traced float64 array of shape ()
+
+
+class AbstractDomain(abc.ABC):
+    """Where a parameter may lie: the map from an unconstrained coordinate x to its value, and back."""
+
+    @abc.abstractmethod
+    def value(self, x: Scalar) -> Scalar:
+        """Value in SI of the coordinate x (dimensionless)."""
+
+    @abc.abstractmethod
+    def coordinate(self, value: float) -> float:
+        """The coordinate of a value in SI; a value on or beyond the bound is moved just inside."""
+
+    @abc.abstractmethod
+    def at_bound(self, value: float) -> bool:
+        """True where the value lies so close to the bound that the bound, not the data, holds it."""
+
+
+@dataclass(frozen=True)
+class Positive(AbstractDomain):
+    """value = scale exp(x) > 0: for what is never zero in a real throttle."""
+
+    scale: float
+
+    def value(self, x: Scalar) -> Scalar:
+        return self.scale * jnp.exp(x)
+
+    def coordinate(self, value: float) -> float:
+        return math.log(max(value, 1e-6 * self.scale) / self.scale)
+
+    def at_bound(self, value: float) -> bool:
+        return value < 1e-4 * self.scale
+
+
+_SOFTNESS = 0.02  # width of the bend at zero, in units of `scale`
+
+
+@dataclass(frozen=True)
+class NonNegative(AbstractDomain):
+    """value = scale (x + sqrt(x^2 + e^2))/2 with e = 0.02: straight away from zero, and never below it.
+
+    A logarithm would run to minus infinity for a friction that is not there; here the coordinate stays finite
+    and the interval of a small but measurable value stays symmetric.
+    """
+
+    scale: float
+
+    def value(self, x: Scalar) -> Scalar:
+        # both branches are the same number; the second does not cancel for x << 0
+        root = jnp.sqrt(x * x + _SOFTNESS**2)
+        bent = jnp.where(x > 0.0, x + root, _SOFTNESS**2 / (root + jnp.abs(x)))
+        return 0.5 * self.scale * bent
+
+    def coordinate(self, value: float) -> float:
+        y = max(value / self.scale, 0.25 * _SOFTNESS)
+        return y - _SOFTNESS**2 / (4.0 * y)
+
+    def at_bound(self, value: float) -> bool:
+        return value < 0.25 * _SOFTNESS * self.scale
+
+
+@dataclass(frozen=True)
+class Real(AbstractDomain):
+    """value = scale x: either sign."""
+
+    scale: float
+
+    def value(self, x: Scalar) -> Scalar:
+        return self.scale * x
+
+    def coordinate(self, value: float) -> float:
+        return value / self.scale
+
+    def at_bound(self, value: float) -> bool:
+        return False
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """A physical quantity of the model.
+
+    Args:
+        symbol: the paper's, in ASCII.
+        unit: SI.
+        domain: bounds and coordinate; its scale is a typical magnitude.
+        nominal: value assumed where nothing at all is known, SI.
+        meaning: one line.
+        source: paper and equation.
+    """
+
+    symbol: str
+    unit: str
+    domain: AbstractDomain
+    nominal: float
+    meaning: str
+    source: str
+
+
+def parameter(unit: str, domain: AbstractDomain, nominal: float, meaning: str, source: str) -> Any:
+    """Declare a field of an effect to be a parameter; its name is the symbol."""
+    return dataclasses.field(metadata={"parameter": (unit, domain, nominal, meaning, source)})
+
+
+def parameters_of(effect: type) -> tuple[Parameter, ...]:
+    """The parameters an effect declares, in the order of its fields."""
+    fields = dataclasses.fields(effect)
+    return tuple(Parameter(f.name, *f.metadata["parameter"]) for f in fields if "parameter" in f.metadata)

@@ -1,0 +1,208 @@
+"""What a rig folder says once it is read: frozen, SI, every channel with its noise."""
+
+from __future__ import annotations
+
+import abc
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import ClassVar
+
+import numpy as np
+
+# quantity -> the SI unit it is kept in; the units of `torque` are those at the plate
+CHANNELS: dict[str, str] = {
+    "voltage": "V",
+    "current": "A",
+    "position": "rad",
+    "emf": "V",
+    "motor_speed": "rad/s",
+    "setpoint": "rad",
+    "duty": "",
+    "supply": "V",
+    "torque": "N*m",
+    "temperature": "degC",
+}
+
+
+@dataclass(frozen=True, eq=False)
+class Channel:
+    """One logged quantity on its own time base (empty cells are dropped, so channels may differ).
+
+    Args:
+        time: s, shape (n,), strictly rising.
+        value: SI unit of `CHANNELS`, shape (n,), finite.
+        sigma: standard deviation of one sample's noise, SI.
+        sigma_estimated: True where rig.toml did not give it.
+        header: the column as it stands in the CSV.
+        unit: unit in which the user logged it; results are shown in it.
+        scale: one logged unit in SI (value_SI = scale * logged + const).
+        quantum: resolution of the logger, SI; 0 where none is seen.
+    """
+
+    time: np.ndarray
+    value: np.ndarray
+    sigma: float
+    sigma_estimated: bool
+    header: str
+    unit: str
+    scale: float
+    quantum: float = 0.0
+
+
+@dataclass(frozen=True, eq=False)
+class Measurement:
+    """One CSV, one trace.
+
+    Args:
+        file: path relative to the rig folder, with forward slashes.
+        test: name of the folder it lies in, a rig test.
+        time: the rows' times, s, shape (n,), strictly rising.
+        channels: by quantity, see `CHANNELS`.
+        held_out: named in [holdout]: scored, never fitted.
+    """
+
+    file: str
+    test: str
+    time: np.ndarray
+    channels: Mapping[str, Channel]
+    held_out: bool = False
+
+
+@dataclass(frozen=True)
+class TpsCalibration:
+    """Throttle position sensor: linear from `closed_V` at angle 0 to `open_V` at `travel` (rad)."""
+
+    closed_V: float
+    open_V: float
+    travel: float
+
+
+@dataclass(frozen=True)
+class Fixed:
+    """A parameter held at a known value (SI)."""
+
+    value: float
+
+
+@dataclass(frozen=True)
+class Prior:
+    """A Gaussian prior (SI)."""
+
+    value: float
+    sd: float
+
+
+@dataclass(frozen=True)
+class Start:
+    """A nameplate value (SI): where the fit starts if the data give no better; not a constraint."""
+
+    value: float
+
+
+@dataclass(frozen=True)
+class Tied:
+    """Equal to another parameter, as K_m = K_b."""
+
+    to: str
+
+
+Knowledge = Fixed | Prior | Start | Tied
+
+
+@dataclass(frozen=True)
+class RigConfig:
+    """rig.toml, validated and in SI."""
+
+    name: str
+    synthetic: bool = False
+    gear_ratio: float = 1.0
+    gear_ratio_given: bool = False
+    supply_V: float | None = None
+    travel: tuple[float, float] = (0.0, float(np.pi / 2))
+    tps: TpsCalibration | None = None
+    columns: Mapping[str, str] = field(default_factory=dict)
+    noise: Mapping[str, float] = field(default_factory=dict)
+    series_ohm: Mapping[str, float | None] = field(default_factory=dict)  # test -> ohm; None: free
+    parameters: Mapping[str, Knowledge] = field(default_factory=dict)
+    effects: tuple[str, ...] = ()
+    holdout: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True, eq=False)
+class Rig:
+    """A measurement folder: its rig.toml, its traces in order of file name, and what is odd about them."""
+
+    folder: str
+    config: RigConfig
+    measurements: tuple[Measurement, ...]
+    warnings: tuple[str, ...] = ()
+    toml: str = ""
+
+
+@dataclass(frozen=True)
+class Boundary:
+    """How a rig test ties down the throttle: which of Eqs. 1-2 are alive in it.
+
+    Args:
+        plate_held: the plate cannot move; speed is zero.
+        terminals_open: no current flows.
+        gear_apart: the motor runs alone; no plate, spring, dry friction or stops.
+        released: somebody holds the plate where the trace begins and lets it go at an instant not logged.
+    """
+
+    plate_held: bool = False
+    terminals_open: bool = False
+    gear_apart: bool = False
+    released: bool = False
+
+
+@dataclass(frozen=True, eq=False)
+class Graph:
+    """One of the paper's graphs: the points read, and the line read off them."""
+
+    title: str
+    x_label: str
+    y_label: str
+    x: np.ndarray
+    y: np.ndarray
+    line_x: np.ndarray
+    line_y: np.ndarray
+    says: str  # e.g. "slope 1/R_a, R_a = 1.513 ohm"
+
+
+@dataclass(frozen=True, eq=False)
+class Reading:
+    """What the paper's graph reading makes of all traces of one rig test.
+
+    Args:
+        values: SI, by symbol; besides parameters it may hold the lumped `J_eq`, `B_eq`.
+        graphs: what was read, to look at.
+        notes: what could not be read, and why.
+        nominal: symbols among the values whose scale or split is assumed, not read: good as a start, not as a reading.
+    """
+
+    values: Mapping[str, float]
+    graphs: tuple[Graph, ...] = ()
+    notes: tuple[str, ...] = ()
+    nominal: tuple[str, ...] = ()
+
+
+class AbstractRigTest(abc.ABC):
+    """One rig test of the paper: its boundary conditions, what it observes, how the paper reads it."""
+
+    name: ClassVar[str]
+    title: ClassVar[str]
+    boundary: ClassVar[Boundary]
+    drives: ClassVar[tuple[str, ...]]  # channels one of which must be there to drive the model; () if none
+    observes: ClassVar[tuple[str, ...]]  # channels the model predicts, where they were logged
+    needs: ClassVar[tuple[tuple[str, ...], ...]]  # alternatives of channels without which the trace says nothing
+
+    @abc.abstractmethod
+    def reading(self, traces: Sequence[Measurement], config: RigConfig, known: Mapping[str, float]) -> Reading:
+        """The paper's per-graph reading.
+
+        Args:
+            traces: every fitted trace of this test.
+            config: the rig.
+            known: values read from the tests before this one, and those given in rig.toml, SI.
+        """

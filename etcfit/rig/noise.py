@@ -1,0 +1,149 @@
+"""Noise and resolution of a channel, from its samples alone.
+
+    d = sum_j w_j y_j / |w|,   w_j = 1 / prod_(k != j) (t_j - t_k)
+
+A divided difference of order p over p + 1 neighbours is blind to polynomials below degree p on any time base, and
+scaled to unit norm it passes white noise with its own standard deviation. Its spread is measured by Huber's
+Proposal 2, which steps and impacts hardly touch. Every order sees all of the noise and less and less of a smooth
+signal, so the smallest one counts.
+
+Source: von Neumann 1941 (successive differences), Huber 1964 (Proposal 2). Differs from source: orders 2 to 5.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from statistics import median
+
+import numpy as np
+
+ORDERS = (2, 3, 4, 5)
+ROBUST = 1.0  # Huber's c; half of the differences may be foreign
+COARSE = 3.0  # Huber's c where the resolution shows: most differences are then zero, and the rare ones are the noise
+LEVELS = 8  # distinct values below which a trace alone cannot tell a resolution from a few commanded levels
+FINE = 0.02  # of the rig's range of the channel; what so few levels show is a resolution only if it is that fine
+MANY_LEVELS = 40  # and enough of them to see it through decimals that round the converter's own steps
+REVISITED = 0.4  # levels per sample at most; a smooth noise-free ramp is evenly spaced too, but meets each level once
+STEPS = 16  # rises or falls by one level that a quantised ramp shows and a staircase of commands does not
+FLOOR = 1e-6  # of the range: noise-free (simulated) data must still have a noise
+
+
+@dataclass(frozen=True)
+class Texture:
+    """How one trace of one channel looks close up, SI."""
+
+    sigma: float
+    quantum: float
+    span: float
+
+
+def texture(time: np.ndarray, value: np.ndarray) -> Texture:
+    """Noise, resolution and range of one trace; zero where nothing is seen.
+
+    Args:
+        time: s, shape (n,), strictly rising.
+        value: SI, shape (n,).
+    """
+    span = float(np.ptp(value)) if len(value) else 0.0
+    q = quantum(value)
+    sigma = noise(time, value)
+    if sigma < q / 2:
+        sigma = max(sigma, noise(time, value, COARSE))
+    return Texture(sigma, q, span or float(np.max(np.abs(value), initial=0.0)) * 1e-3)
+
+
+def pooled(own: Sequence[Texture], of_rig: Sequence[Texture]) -> tuple[float, float]:
+    """Noise and resolution of one sensor in one rig test.
+
+    The median over all traces of this sensor; where this test's median differs by more than a factor of 2, its range
+    or its instrument was another one and its own median counts. Never below the rounding error q/sqrt(12).
+
+    Args:
+        own: traces of this test.
+        of_rig: traces of all tests that log under the same header.
+
+    Returns:
+        sigma > 0 and quantum >= 0, SI.
+    """
+    sigma, here = (_median([t.sigma for t in group]) for group in (of_rig, own))
+    if here > 0 and not 0.5 <= sigma / here <= 2.0:
+        sigma = here
+    span = max(t.span for t in of_rig)
+    seen, seen_here = ([t.quantum for t in group if _is_resolution(t, span)] for group in (of_rig, own))
+    quantum = _median(seen_here) or _median(seen)
+    return max(sigma, quantum / math.sqrt(12), FLOOR * span, 1e-12), quantum
+
+
+def noise(time: np.ndarray, value: np.ndarray, clip: float = ROBUST) -> float:
+    """Standard deviation of the white part of a trace; 0 where it is frozen or too short."""
+    orders = [p for p in ORDERS if len(value) >= 2 * (p + 1)]
+    return min((_spread(_divided_difference(time, value, p), clip) for p in orders), default=0.0)
+
+
+def quantum(value: np.ndarray) -> float:
+    """Smallest common increment of the values; 0 where none is seen.
+
+    Levels held for long, with jumps between them, are commands, not the steps of a converter; they have no quantum.
+    """
+    levels = np.unique(value)
+    gaps = np.diff(levels)
+    gaps = gaps[gaps > 1e-9 * max(float(np.ptp(value)), 1e-300)]
+    if not 2 <= len(gaps) + 1 <= REVISITED * len(value):
+        return 0.0
+    starts = (np.median(gaps), *(gaps.min() / m for m in (1, 2, 3, 4)))
+    q = next((q for start in starts if (q := _lattice(gaps, float(start)))), 0.0)
+    return 0.0 if q and len(gaps) >= LEVELS - 1 and _is_command(value, q) else q
+
+
+def _is_resolution(t: Texture, span: float) -> bool:
+    return t.span > (LEVELS - 1.5) * t.quantum or t.quantum <= FINE * span
+
+
+def _median(values: list[float]) -> float:
+    seen = [v for v in values if v > 0]
+    return median(seen) if seen else 0.0
+
+
+def _divided_difference(time: np.ndarray, value: np.ndarray, order: int) -> np.ndarray:
+    n = len(time) - order
+    t = np.stack([time[j : j + n] for j in range(order + 1)])
+    y = np.stack([value[j : j + n] for j in range(order + 1)])
+    t = (t - t[0]) / (t[-1] - t[0])  # the scale of time drops out in d; this keeps the products finite
+    w = np.stack([1 / np.prod([t[j] - t[k] for k in range(order + 1) if k != j], axis=0) for j in range(order + 1)])
+    return np.sum(w * y, axis=0) / np.linalg.norm(w, axis=0)
+
+
+def _spread(d: np.ndarray, c: float) -> float:
+    """Huber's Proposal 2: s with mean(min(d^2, c^2 s^2)) = s^2 E min(z^2, c^2), z standard normal."""
+    inside, density = math.erf(c / math.sqrt(2)), math.exp(-c * c / 2) / math.sqrt(2 * math.pi)
+    clipped_variance = inside - 2 * c * density + c * c * (1 - inside)
+    square = d * d
+    s2 = float(np.mean(square))
+    for _ in range(60):
+        before, s2 = s2, float(np.mean(np.minimum(square, c * c * s2))) / clipped_variance
+        if s2 > 0.999 * before:
+            break
+    return math.sqrt(s2)
+
+
+def _lattice(gaps: np.ndarray, start: float) -> float:
+    """q such that every gap is a multiple of it, but for the decimals that a converter's steps were rounded to."""
+    q = start
+    for _ in range(5):
+        k = np.maximum(np.round(gaps / q), 1)
+        q = float(np.sum(gaps * k) / np.sum(k * k))
+    k = np.round(gaps / q)
+    rounded = len(gaps) >= MANY_LEVELS and np.mean(k <= 3) > 0.5
+    return q if np.max(np.abs(gaps - k * q)) <= (0.35 if rounded else 0.05) * q else 0.0
+
+
+def _is_command(value: np.ndarray, q: float) -> bool:
+    """Held levels with lone jumps between them, larger than one level or too few for a quantised ramp."""
+    jumps = np.abs(np.diff(value))
+    moves = jumps > 0.5 * q
+    alone = moves & ~np.roll(moves, 1) & ~np.roll(moves, -1)
+    if np.sum(alone) < 0.7 * np.sum(moves):
+        return False
+    return bool(np.median(jumps[moves]) > 1.5 * q or np.sum(jumps[moves] < 1.5 * q) < STEPS)

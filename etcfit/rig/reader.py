@@ -1,0 +1,188 @@
+"""A measurement folder -> Rig: the only input I/O."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import replace
+from pathlib import Path, PurePosixPath
+
+import numpy as np
+
+from ..errors import MeasurementError
+from . import TESTS
+from .base import Channel, Measurement, Rig, RigConfig
+from .columns import Log, read_columns
+from .config import closest, parse_config, read_text
+from .noise import Texture, pooled, texture
+from .sanity import check_log, check_peaks
+from .table import decode, parse
+
+# rig test -> groups of channels; a trace must hold one of each group
+KNOWN_TESTS: dict[str, tuple[tuple[str, ...], ...]] = {test.name: test.needs for test in TESTS}
+
+
+def read_folder(folder: str | Path) -> Rig:
+    """Read a measurement folder: rig.toml and every CSV in the folders of known rig tests.
+
+    Args:
+        folder: as the user gave it; every message names files below it in the same way.
+
+    Raises:
+        MeasurementError: anything in it is wrong.
+    """
+    base = str(folder).rstrip("/\\") or str(folder)
+    if not Path(folder).is_dir():
+        raise MeasurementError(base, "no such folder.", "A measurement folder with a rig.toml is required.",
+                               "Check the path.")  # fmt: skip
+    toml = read_text(f"{base}/rig.toml")
+    config = parse_config(toml, f"{base}/rig.toml")
+    _check_tests(config, f"{base}/rig.toml")
+    files, odd = _csv_files(Path(folder), base)
+    config = _with_holdout(config, files, f"{base}/rig.toml")
+    logs, gaps = zip(*(_read_log(base, file, config) for file in files), strict=True)
+    for test in KNOWN_TESTS:
+        check_peaks(test, [log for log in logs if log.test == test])
+    warnings = [*odd, *(w for ws in gaps for w in ws), *_unused_columns(config, logs, f"{base}/rig.toml")]
+    return Rig(base, config, _measurements(logs, config), tuple(warnings), toml)
+
+
+def _check_tests(config: RigConfig, toml: str) -> None:
+    for test in config.series_ohm:
+        if test not in KNOWN_TESTS:
+            raise MeasurementError(toml, f"tests.{test}: no such rig test.", f"Known: {', '.join(KNOWN_TESTS)}.",
+                                   closest(test, KNOWN_TESTS, "Delete the table."))  # fmt: skip
+
+
+def _csv_files(folder: Path, base: str) -> tuple[list[str], list[str]]:
+    """CSVs of known tests, relative to the folder and in order; warnings about all others."""
+    files: list[str] = []
+    odd: list[str] = []
+    for place in sorted(p for p in folder.iterdir() if p.is_dir() and not p.name.startswith(".")):
+        inside = sorted(p.name for p in place.iterdir() if _is_csv(p))
+        if place.name in KNOWN_TESTS:
+            files += [f"{place.name}/{name}" for name in inside]
+            odd += [] if inside else [f"{base}/{place.name}: no CSV in it. Nothing was read; add traces or delete it."]
+        elif inside:
+            odd.append(f"{base}/{place.name}: no known rig test, its {len(inside)} CSV are not read. "
+                       f"{closest(place.name, KNOWN_TESTS, 'Known: ' + ', '.join(KNOWN_TESTS) + '.')}")  # fmt: skip
+    loose = sorted(p.name for p in folder.iterdir() if _is_csv(p))
+    odd += [f"{base}/{name}: not in a folder of a rig test, not read." for name in loose]
+    if not files:
+        raise MeasurementError(base, "no CSV of a known rig test in it.", f"Known: {', '.join(KNOWN_TESTS)}.",
+                               " ".join(["Put each trace into a folder named after its test.", *odd]))  # fmt: skip
+    return files, odd
+
+
+def _is_csv(path: Path) -> bool:
+    return path.suffix.casefold() == ".csv" and not path.name.startswith((".", "~")) and not path.is_dir()
+
+
+def _with_holdout(config: RigConfig, files: Iterable[str], toml: str) -> RigConfig:
+    """The held-out files, each checked to be there."""
+    files = tuple(files)
+    for name in config.holdout:
+        if name not in files:
+            raise MeasurementError(toml, f"holdout.files names '{name}', which is not there.",
+                                   "Held-out files are given relative to the folder, as 'response/1.csv'.",
+                                   closest(name, files, "Correct the name, or remove it."))  # fmt: skip
+    return replace(config, holdout=tuple(dict.fromkeys(config.holdout)))
+
+
+def _read_log(base: str, file: str, config: RigConfig) -> tuple[Log, list[str]]:
+    """One CSV, checked; and warnings about columns without any number."""
+    where, toml = f"{base}/{file}", f"{base}/rig.toml"
+    try:
+        raw = Path(where).read_bytes()
+    except OSError as err:
+        raise MeasurementError(where, f"cannot be read ({err.strerror}).", "It must be a readable file.",
+                               "Check its permissions.") from err  # fmt: skip
+    table = parse(decode(raw, where), where)
+    columns = read_columns(table, config, where, toml)
+    empty = [name for name, column in columns.items() if np.isnan(column.logged).all() and name != "time"]
+    log = Log(where, file, PurePosixPath(file).parts[0], table.lines,
+              {name: column for name, column in columns.items() if name not in empty})  # fmt: skip
+    _check_rows(log)
+    _check_required(log, config)
+    check_log(log, config)
+    return log, [f"{where}: column '{columns[name].header}' holds no number and is left out." for name in empty]
+
+
+def _check_rows(log: Log) -> None:
+    """Time in every row, rising strictly; two rows at least."""
+    column = log.columns["time"]
+    if len(log.lines) < 2:
+        raise MeasurementError(log.where, f"{len(log.lines)} sample in the file.", "A trace needs two or more.",
+                               "Log it again, or delete the file.")  # fmt: skip
+    missing = np.isnan(column.logged)
+    if missing.any():
+        raise MeasurementError(f"{log.where}:{log.lines[np.argmax(missing)]}", "time is empty.",
+                               "Every row needs its time.", "Fill it in, or delete the row.")  # fmt: skip
+    falls = np.diff(column.value) <= 0
+    if falls.any():
+        k = int(np.argmax(falls))
+        before, after = (f"{t:.12g}" for t in column.logged[k : k + 2])
+        found = f"time stays at {before}" if before == after else f"time falls from {before} to {after}"
+        raise MeasurementError(f"{log.where}:{log.lines[k + 1]}", f"{found} {column.unit}.",
+                               "Time must rise strictly;", "sort the log or split it.")  # fmt: skip
+
+
+def _check_required(log: Log, config: RigConfig) -> None:
+    for group in KNOWN_TESTS[log.test]:
+        if not set(group) & set(log.channels):
+            raise MeasurementError(log.where, f"no {' or '.join(group)} among {', '.join(log.channels) or 'nothing'}.",
+                                   f"A {log.test} trace needs it.",
+                                   "Add the column, map its header under [columns], "
+                                   "or move the file to the folder of its test.")  # fmt: skip
+    if _only_duty(log) and config.supply_V is None:
+        raise MeasurementError(log.where, "duty without voltage or supply.", "Voltage is duty times supply.",
+                               "Add a 'supply [V]' column, or [rig] supply_V in rig.toml.")  # fmt: skip
+
+
+def _only_duty(log: Log) -> bool:
+    return "duty" in log.channels and not {"voltage", "supply", "torque"} & set(log.channels)
+
+
+def _unused_columns(config: RigConfig, logs: Iterable[Log], toml: str) -> list[str]:
+    used = {" ".join(c.header.split()) for log in logs for c in log.columns.values()}
+    return [f'{toml}: [columns] names "{foreign}", which no CSV has.' for foreign, ours in config.columns.items()
+            if foreign not in used and ours.casefold() not in ("", "ignore")]  # fmt: skip
+
+
+def _measurements(logs: tuple[Log, ...], config: RigConfig) -> tuple[Measurement, ...]:
+    bare = [_measurement(log, config.holdout) for log in logs]
+    textures = {(m.file, name): texture(c.time, c.value) for m in bare for name, c in m.channels.items()}
+    return tuple(
+        replace(m, channels={name: _with_noise(c, name, m, bare, textures, config) for name, c in m.channels.items()})
+        for m in bare
+    )
+
+
+def _measurement(log: Log, holdout: tuple[str, ...]) -> Measurement:
+    channels: dict[str, Channel] = {}
+    for name, column in log.channels.items():
+        there = ~np.isnan(column.logged)
+        channels[name] = Channel(_frozen(log.time[there]), _frozen(column.value[there]), np.nan, True,
+                                 column.header, column.unit, column.conversion.scale)  # fmt: skip
+    return Measurement(log.file, log.test, _frozen(log.time), channels, log.file in holdout)
+
+
+def _frozen(array: np.ndarray) -> np.ndarray:
+    array = np.ascontiguousarray(array)
+    array.flags.writeable = False
+    return array
+
+
+def _with_noise(
+    channel: Channel,
+    name: str,
+    trace: Measurement,
+    traces: Iterable[Measurement],
+    textures: Mapping[tuple[str, str], Texture],
+    config: RigConfig,
+) -> Channel:
+    """The channel with its noise: given, or pooled over the traces logged under the same header."""
+    same = [m for m in traces if name in m.channels and m.channels[name].header == channel.header]
+    own = [textures[m.file, name] for m in same if m.test == trace.test]
+    sigma, quantum = pooled(own, [textures[m.file, name] for m in same])
+    given = config.noise.get(name)
+    return replace(channel, sigma=sigma if given is None else given, sigma_estimated=given is None, quantum=quantum)

@@ -1,0 +1,195 @@
+"""Is this trace possible at all? Ranges, durations and motion that no throttle rig can have, and the likely slip.
+
+Limits are wide: they catch a unit off by a thousand, not an unusual rig.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from ..errors import MeasurementError
+from .base import RigConfig
+from .columns import Column, Log
+
+# channel -> lowest and highest value possible, SI
+POSSIBLE: dict[str, tuple[float, float]] = {
+    "voltage": (-100.0, 100.0),
+    "current": (-500.0, 500.0),
+    "emf": (-100.0, 100.0),
+    "motor_speed": (-2e4, 2e4),
+    "duty": (-1.2, 1.2),
+    "supply": (1.0, 60.0),
+    "torque": (-1e3, 1e3),
+    "temperature": (-60.0, 250.0),
+}
+SHORTEST, LONGEST, FINEST = 1e-3, 86400.0, 1e-6  # s: a trace, a trace, the time between two samples
+BEYOND_STOP, BEYOND_STOP_RAD = 0.05, np.radians(2.0)  # of the travel, and at least so much
+SETPOINT_BEYOND = 0.5  # of the travel: a setpoint may ask for more than the plate can do
+OHMS = (0.02, 1e3)  # peak voltage over peak current with the plate held; real windings have 0.1 to 100 ohm
+OHMS_VOLTAGE, OHMS_CURRENT = 0.1, 0.2  # V, A: below these peaks the ratio is one of noise
+
+
+@dataclass(frozen=True)
+class Plausible:
+    """What a trace of one rig test must show.
+
+    Args:
+        varies: channels that cannot be constant.
+        peaks: channel -> the least peak, SI, that at least one trace of the test must reach.
+        stroke: the least part of the travel that the plate must sweep.
+        shortest: s, the least duration.
+        coarsest: s, the greatest median time between samples.
+    """
+
+    varies: tuple[str, ...] = ()
+    peaks: Mapping[str, float] = field(default_factory=dict)
+    stroke: float = 0.0
+    shortest: float = SHORTEST
+    coarsest: float = float("inf")
+
+
+DRIVEN = {"voltage": 0.02, "duty": 0.02, "torque": 1e-4}
+PLAUSIBLE: dict[str, Plausible] = {
+    "resistance": Plausible(peaks={"voltage": 0.02, "current": 1e-3}),
+    "inductance": Plausible(("current",), {"voltage": 0.02, "current": 1e-3}, coarsest=0.02),
+    "back_emf": Plausible(("position", "emf", "voltage"), {"emf": 0.02, "voltage": 0.02}, 0.03, 0.02, 0.1),
+    "static_load": Plausible(("position", "voltage", "duty", "torque"), DRIVEN, 0.0, 0.1, 5.0),
+    "viscous": Plausible((), {**DRIVEN, "motor_speed": 0.1}, 0.0, 0.02, 0.5),
+    "inertia": Plausible(("position", "emf"), {}, 0.03, 0.02, 0.1),
+    "response": Plausible(("position",), DRIVEN, 0.0, 0.02, 0.5),
+    "closed_loop": Plausible(("position",), {}, 0.0, 0.02, 0.5),
+    "sine": Plausible(("position", "setpoint"), {}, 0.0, 0.02, 0.5),
+    "drive": Plausible((), {}, 0.0, 0.1, 2.0),
+}
+
+# unit -> what the numbers may really be in
+TOO_LARGE = {"V": "mV", "A": "mA", "N m": "mN m", "Nm": "mNm", "N*m": "mN*m", "1": "%", "-": "%", "rad": "deg or %",
+             "s": "ms or us", "rad/s": "rpm", "mV": "uV", "mA": "uA", "ms": "us", "degC": "K"}  # fmt: skip
+TOO_SMALL = {"mV": "V", "mA": "A", "mN m": "N m", "mNm": "Nm", "%": "1", "deg": "rad", "ms": "s", "us": "ms or s",
+             "rpm": "rad/s", "K": "degC"}  # fmt: skip
+
+
+def check_log(log: Log, config: RigConfig) -> None:
+    """Refuse a trace that cannot be.
+
+    Raises:
+        MeasurementError: at the first impossible thing.
+    """
+    test = PLAUSIBLE.get(log.test, Plausible())
+    _check_time(log, test)
+    for column in log.channels.values():
+        _check_range(log, column, config)
+        if column.quantity in test.varies and np.nanmin(column.logged) == np.nanmax(column.logged):
+            raise MeasurementError(log.where, f"column '{column.header}' never changes from "
+                                   f"{np.nanmin(column.logged):.6g} {column.unit}.",
+                                   f"A {log.test} test needs it to move.",
+                                   "Check the sensor, or delete the file.")  # fmt: skip
+    _check_stroke(log, test, config)
+    _check_ohms(log)
+
+
+def check_peaks(test: str, logs: Iterable[Log]) -> None:
+    """Refuse a rig test in all of whose traces a channel is too small to be anything but a slip of units.
+
+    Args:
+        logs: all of this test.
+
+    Raises:
+        MeasurementError: naming the first file.
+    """
+    logs = tuple(logs)
+    for name, least in PLAUSIBLE.get(test, Plausible()).peaks.items():
+        having = [log for log in logs if name in log.channels]
+        highest = max((_peak(log.channels[name]) for log in having), default=np.inf)
+        if highest < least:
+            column = having[0].channels[name]
+            raise MeasurementError(having[0].where,
+                                   f"column '{column.header}' stays below {_logged(highest, column)} in every trace.",
+                                   f"A {test} test must reach {_logged(least, column)} in one of them.",
+                                   _cure(column.unit, TOO_SMALL))  # fmt: skip
+
+
+def _check_time(log: Log, test: Plausible) -> None:
+    time, unit = log.time, log.columns["time"].unit
+    duration, steps = time[-1] - time[0], np.diff(time)
+    if not test.shortest * (1 - 1e-6) <= duration <= LONGEST:
+        table = TOO_SMALL if duration < test.shortest else TOO_LARGE
+        raise MeasurementError(log.where, f"the trace lasts {duration:.3g} s.",
+                               f"A {log.test} trace must last {test.shortest:g} s to a day.",
+                               _cure(unit, table))  # fmt: skip
+    if steps.min() < FINEST * (1 - 1e-6):
+        raise MeasurementError(f"{log.where}:{log.lines[1 + np.argmin(steps)]}",
+                               f"this sample is {steps.min():.3g} s after the one before.",
+                               f"At least {FINEST:g} s is required.", _cure(unit, TOO_SMALL))  # fmt: skip
+    if np.median(steps) > test.coarsest:
+        raise MeasurementError(log.where, f"the samples are {np.median(steps):.3g} s apart.",
+                               f"A {log.test} trace needs one every {test.coarsest:g} s.",
+                               _cure(unit, TOO_LARGE))  # fmt: skip
+
+
+def _check_range(log: Log, column: Column, config: RigConfig) -> None:
+    low, high = _limits(column.quantity, config)
+    value = column.value
+    bad = (value < low) | (value > high)
+    if not bad.any():
+        return
+    k = int(np.argmax(bad))
+    found = f"column '{column.header}' is {column.logged[k]:.6g} {column.unit}."
+    required = f"{column.quantity} must lie between {_logged(low, column)} and {_logged(high, column)}"
+    mend = _cure(column.unit, TOO_LARGE)
+    if column.is_angle:
+        required += ", the travel and a little more"
+        mend = ("Correct [tps] or [rig] travel_deg in rig.toml, or empty the cell if the sensor failed."
+                if column.unit.endswith("V") else f"{mend} Or correct [rig] travel_deg.")  # fmt: skip
+    raise MeasurementError(f"{log.where}:{log.lines[k]}", found, f"{required}.", mend)
+
+
+def _limits(quantity: str, config: RigConfig) -> tuple[float, float]:
+    if quantity in POSSIBLE:
+        return POSSIBLE[quantity]
+    low, high = config.travel
+    part = SETPOINT_BEYOND if quantity == "setpoint" else BEYOND_STOP
+    more = max(part * (high - low), BEYOND_STOP_RAD)
+    return low - more, high + more
+
+
+def _check_stroke(log: Log, test: Plausible, config: RigConfig) -> None:
+    travel = config.travel[1] - config.travel[0]
+    column = log.channels.get("position")
+    if column is None or not np.isfinite(travel):
+        return
+    stroke = float(np.nanmax(column.value) - np.nanmin(column.value)) / travel
+    if stroke < test.stroke:
+        raise MeasurementError(log.where, f"column '{column.header}' sweeps {100 * stroke:.2g} % of the travel.",
+                               f"A {log.test} test lets the plate go from open: at least {100 * test.stroke:g} %.",
+                               _cure(column.unit, TOO_SMALL))  # fmt: skip
+
+
+def _check_ohms(log: Log) -> None:
+    voltage, current = log.channels.get("voltage"), log.channels.get("current")
+    if log.test not in ("resistance", "inductance") or voltage is None or current is None:
+        return
+    volts, amperes = _peak(voltage), _peak(current)
+    too_low = amperes > OHMS_CURRENT and volts < OHMS[0] * amperes
+    too_high = volts > OHMS_VOLTAGE and volts > OHMS[1] * amperes
+    if too_low or too_high:
+        raise MeasurementError(log.where, f"peaks of {volts:.3g} V and {amperes:.3g} A do not belong together.",
+                               f"Voltage over current must lie between {OHMS[0]:g} and {OHMS[1]:g} ohm.",
+                               f"Correct the unit of '{voltage.header}' or of '{current.header}'.")  # fmt: skip
+
+
+def _peak(column: Column) -> float:
+    return float(np.nanmax(np.abs(column.value)))
+
+
+def _logged(value: float, column: Column) -> str:
+    """An SI value as the user's log would show it."""
+    return f"{(value - column.conversion.offset) / column.conversion.scale:.4g} {column.unit}"
+
+
+def _cure(unit: str, slips: Mapping[str, str]) -> str:
+    likely = f" Is the log really in {slips[unit]}?" if unit in slips else ""
+    return f"Correct the unit '{unit}' in the header, or the numbers.{likely}"

@@ -1,0 +1,25 @@
+"""Sine test: an ECU follows a sine setpoint, one file a frequency."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import final
+
+from . import driven
+from .base import AbstractRigTest, Boundary, Measurement, Reading, RigConfig
+
+
+@final
+class Sine(AbstractRigTest):
+    """The plate under its ECU; without a logged drive the trace waits for the ECU's gains and is not fitted."""
+
+    name = "sine"
+    title = "Sine setpoints"
+    boundary = Boundary()
+    drives = ("voltage", "duty", "torque")
+    observes = ("current", "position", "motor_speed", "emf")
+    needs = (("position", "motor_speed", "current", "emf"),)
+
+    def reading(self, traces: Sequence[Measurement], config: RigConfig, known: Mapping[str, float]) -> Reading:
+        """The inverse model on every trace with a drive."""
+        return driven.read(self.title, traces, config, known)

@@ -1,0 +1,236 @@
+"""A CSV file as a table of numbers: encoding, separator and decimal mark found out, every oddity refused by line.
+
+Accepted where unambiguous: comma, semicolon or tab; decimal comma; UTF-8 with or without BOM, UTF-16, Windows-1252;
+any line ending; Excel's `sep=;`; quoted cells. Lines that begin with `#` and blank lines are skipped but counted.
+"""
+
+from __future__ import annotations
+
+import codecs
+import csv
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import chain
+
+import numpy as np
+
+from ..errors import MeasurementError
+
+SEPARATORS = (",", ";", "\t")
+NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?", re.ASCII)
+PLAIN = frozenset("0123456789+-.eE,; \t")  # nothing that float() would take and a reader would not
+LINES_TO_LOOK_AT = 20
+_GROUPED = {mark: re.compile(rf"[+-]?[1-9]\d{{0,2}}{re.escape(mark)}\d{{3}}", re.ASCII) for mark in ".,"}
+_BOMS = (  # UTF-32 before UTF-16: its little-endian mark begins with UTF-16's
+    (codecs.BOM_UTF8, "utf-8-sig"),
+    (codecs.BOM_UTF32_LE, "utf-32"),
+    (codecs.BOM_UTF32_BE, "utf-32"),
+    (codecs.BOM_UTF16_LE, "utf-16"),
+    (codecs.BOM_UTF16_BE, "utf-16"),
+)
+
+
+@dataclass(frozen=True, eq=False)
+class Table:
+    """Header cells as written, numbers below them.
+
+    Args:
+        header: shape (m,).
+        header_line: where the header stands in the file, counted from 1.
+        lines: where each row stands in the file, shape (n,).
+        cells: shape (n, m); NaN where the cell is empty, finite elsewhere.
+    """
+
+    header: tuple[str, ...]
+    header_line: int
+    lines: np.ndarray
+    cells: np.ndarray
+
+
+def decode(raw: bytes, where: str) -> str:
+    """The text in these bytes, line ends made `\\n`.
+
+    Raises:
+        MeasurementError: it is no text.
+    """
+    try:
+        text = raw.decode(_encoding(raw))
+    except UnicodeDecodeError as err:
+        raise _not_text(where, f"the bytes at offset {err.start} are no {err.encoding} text.") from err
+    text = text.replace("\r\n", "\n").replace("\r", "\n")
+    if control := re.search(r"[\x00-\x08\x0e-\x1f\x7f]", text):
+        line = text.count("\n", 0, control.start()) + 1
+        raise _not_text(f"{where}:{line}", f"control character {control[0]!r} found.")
+    return text
+
+
+def parse(text: str, where: str) -> Table:
+    """The table in this text.
+
+    Raises:
+        MeasurementError: empty, header only, rows of unequal length, or anything but numbers below the header.
+    """
+    numbered = _content(text, where)
+    separator, numbered = _announced_separator(numbered)
+    (header_line, header_text), body = numbered[0], numbered[1:]
+    if not body:
+        raise MeasurementError(f"{where}:{header_line}", "header only, no row of numbers.", "A trace needs two rows.",
+                               "Log it again, or delete the file.")  # fmt: skip
+    separator = separator or _separator(header_text, [row for _, row in body[:LINES_TO_LOOK_AT]], where, header_line)
+    header = [cell.strip() for cell in _split(header_text, separator, f"{where}:{header_line}")]
+    _refuse_numbers_as_header(header, f"{where}:{header_line}")
+    rows = _rows(body, separator, len(header), where)
+    lines = np.array([line for line, _ in body])
+    cells = _numbers(rows, lines, header, separator, where)
+    return _without_blanks(Table(tuple(header), header_line, lines, cells), where)
+
+
+def _encoding(raw: bytes) -> str:
+    for mark, name in _BOMS:
+        if raw.startswith(mark):
+            return name
+    head = raw[:2000]
+    even, odd = head[0::2].count(0), head[1::2].count(0)
+    if max(even, odd) > 0.45 * len(head) and min(even, odd) == 0:
+        return "utf-16-le" if odd > even else "utf-16-be"
+    try:
+        raw.decode("utf-8")
+    except UnicodeDecodeError:
+        return "cp1252"  # what Excel writes in western Europe; digits are the same in it
+    return "utf-8"
+
+
+def _not_text(where: str, found: str) -> MeasurementError:
+    return MeasurementError(where, found, "A CSV must be text (UTF-8, UTF-16 or Windows-1252).",
+                            "Export it as CSV again.")  # fmt: skip
+
+
+def _content(text: str, where: str) -> list[tuple[int, str]]:
+    lines = text.split("\n")
+    numbered = [(k, s) for k, s in enumerate(lines, 1) if s and s.lstrip()[:1] not in ("", "#") and s[:2] != '"#']
+    if not numbered:
+        raise MeasurementError(where, "the file is empty.", "A trace needs a header and two rows.",
+                               "Log it again, or delete the file.")  # fmt: skip
+    return numbered
+
+
+def _announced_separator(numbered: list[tuple[int, str]]) -> tuple[str | None, list[tuple[int, str]]]:
+    """Excel's own first line, `sep=;`."""
+    match = re.fullmatch(r'"?sep=([,;\t])"?', numbered[0][1].rstrip(" "))
+    return (match[1], numbered[1:]) if match and len(numbered) > 1 else (None, numbered)
+
+
+def _separator(header: str, rows: Sequence[str], where: str, header_line: int) -> str:
+    """The one separator that cuts header and first rows into equally many cells, two at least."""
+    at = f"{where}:{header_line}"
+    counts = {s: len(_split(header, s, at)) for s in SEPARATORS}
+    possible = [s for s in SEPARATORS if counts[s] > 1]
+    if not possible:
+        raise MeasurementError(at, f"only one column: '{header.strip()[:60]}'.",
+                               "A trace needs time and at least one channel, separated by comma, semicolon or tab.",
+                               "Write the header as 'time [s],voltage [V]'.")  # fmt: skip
+    fitting = [s for s in possible if all(len(_split(row, s, where)) == counts[s] for row in rows)]
+    if len(fitting) > 1:
+        raise MeasurementError(at, f"both {fitting[0]!r} and {fitting[1]!r} could separate the cells.",
+                               "The separator must be unambiguous.", "Use only one of them in this file.")  # fmt: skip
+    return fitting[0] if fitting else max(possible, key=lambda s: counts[s])
+
+
+def _split(row: str, separator: str, where: str) -> list[str]:
+    if '"' not in row:
+        return row.split(separator)
+    try:
+        return next(csv.reader([row], delimiter=separator, strict=True))
+    except (csv.Error, StopIteration) as err:
+        raise MeasurementError(where, f"broken quotes: {row.strip()[:60]!r}.", "Quotes must come in pairs.",
+                               "Remove them; numbers need none.") from err  # fmt: skip
+
+
+def _refuse_numbers_as_header(header: list[str], where: str) -> None:
+    named = [cell for cell in header if cell]
+    if all(NUMBER.fullmatch(cell.replace(",", ".")) for cell in named):
+        raise MeasurementError(where, f"numbers where the header must be: '{', '.join(named)[:60]}'.",
+                               "The first line that is no comment must name the columns.",
+                               "Add a header such as 'time [s],voltage [V]'.")  # fmt: skip
+
+
+def _rows(body: list[tuple[int, str]], separator: str, width: int, where: str) -> list[list[str]]:
+    rows = [
+        row.split(separator) if '"' not in row else _split(row, separator, f"{where}:{line}") for line, row in body
+    ]
+    for (line, _), row in zip(body, rows, strict=True):
+        if len(row) != width:
+            comma = " Decimal commas need ';' or a tab between the cells." if separator == "," else ""
+            raise MeasurementError(f"{where}:{line}", f"{len(row)} cells found.",
+                                   f"The header has {width}, so must every row.",
+                                   f"Leave a cell empty for a gap, but keep its separator.{comma}")  # fmt: skip
+    return rows
+
+
+def _numbers(rows: list[list[str]], lines: np.ndarray, header: list[str], separator: str, where: str) -> np.ndarray:
+    cells = list(chain.from_iterable(rows))
+    mark = _decimal_mark(cells, separator, lines, len(header), where)
+    if mark == ",":
+        cells = [cell.replace(",", ".") for cell in cells]
+    shape = (len(rows), len(header))
+    if PLAIN.issuperset("".join(cells)):
+        try:
+            return _finite(np.array([float(c) if c else np.nan for c in cells]), cells).reshape(shape)
+        except ValueError:
+            pass  # some cell is odd, or blank but not empty: look at each
+    return np.array([_number(c, k, lines, header, where) for k, c in enumerate(cells)]).reshape(shape)
+
+
+def _finite(values: np.ndarray, cells: list[str]) -> np.ndarray:
+    """Refuse 1e999, which float() takes for infinity."""
+    if np.isinf(values).any():
+        raise ValueError(cells[int(np.argmax(np.isinf(values)))])
+    return values
+
+
+def _number(cell: str, k: int, lines: np.ndarray, header: list[str], where: str) -> float:
+    text = cell.strip()
+    if not text:
+        return np.nan
+    if NUMBER.fullmatch(text) and np.isfinite(float(text)):
+        return float(text)
+    row, column = divmod(k, len(header))
+    raise MeasurementError(f"{where}:{lines[row]}", f"'{text[:40]}' in column '{header[column]}'.",
+                           "Below the header every cell must be a finite number or empty.",
+                           "Correct the cell, or leave it empty for a gap.")  # fmt: skip
+
+
+def _decimal_mark(cells: list[str], separator: str, lines: np.ndarray, width: int, where: str) -> str:
+    """The decimal mark; thousands separators are refused wherever they could be meant."""
+    point, comma = (next((k for k, c in enumerate(cells) if mark in c), None) for mark in ".,")
+    if comma is None and (point is None or separator == ","):
+        return "."
+    k = comma if comma is not None else point
+    assert k is not None
+    at = f"{where}:{lines[k // width]}"
+    if comma is not None and point is not None:
+        raise MeasurementError(at, f"'{cells[k].strip()[:40]}', while other cells use a decimal point.",
+                               "One file must use one decimal mark and no thousands separator.",
+                               "Export it again without thousands separators.")  # fmt: skip
+    mark = "." if comma is None else ","
+    marked = [c.strip() for c in cells if mark in c]
+    if all(_GROUPED[mark].fullmatch(c) for c in marked):
+        raise MeasurementError(at, f"'{cells[k].strip()[:40]}': the '{mark}' may be a decimal mark or part thousands.",
+                               "The decimal mark must be unambiguous.",
+                               "Separate cells by ',' and write decimals with a point.")  # fmt: skip
+    return mark
+
+
+def _without_blanks(table: Table, where: str) -> Table:
+    """Drop what spreadsheets add: rows without any number, and columns with neither name nor number."""
+    filled = np.isfinite(table.cells)
+    for k, name in enumerate(table.header):
+        if not name and filled[:, k].any():
+            line = table.lines[np.argmax(filled[:, k])]
+            raise MeasurementError(f"{where}:{line}", f"column {k + 1} holds numbers but has no name.",
+                                   "Every column needs a header 'quantity [unit]'.",
+                                   f"Name it in line {table.header_line}, or delete the column.")  # fmt: skip
+    rows, columns = filled.any(axis=1), np.array([bool(name) for name in table.header])
+    header = tuple(name for name in table.header if name)
+    return Table(header, table.header_line, table.lines[rows], table.cells[rows][:, columns])

@@ -1,0 +1,143 @@
+"""Units of column headers and [noise] keys, turned into SI.
+
+    value_SI = scale * logged + offset
+
+Source: pint's registry, loaded at the first unit met (it takes a quarter of a second).
+"""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+from functools import cache
+from typing import Any
+
+from .base import CHANNELS, TpsCalibration
+
+# quantity -> the unit pint converts it to
+SI_UNIT: dict[str, str] = {
+    **CHANNELS,
+    "duty": "dimensionless",
+    "time": "s",
+    "tps": "V",
+}
+
+EXAMPLES: dict[str, str] = {
+    "time": "s or ms",
+    "voltage": "V or mV",
+    "current": "A or mA",
+    "position": "rad, deg or %",
+    "emf": "V or mV",
+    "motor_speed": "rad/s or rpm",
+    "setpoint": "rad, deg or %",
+    "duty": "1 or %",
+    "supply": "V",
+    "torque": "N m or mN m",
+    "temperature": "degC or K",
+    "tps": "V or mV",
+}
+
+# spellings that pint does not know or, worse, reads as something else (Nm is its number-metre)
+SPELLINGS: dict[str, str] = {
+    **dict.fromkeys(("u/min", "rev/min", "r/min", "rpm", "revs/min"), "rpm"),
+    **dict.fromkeys(("-", "1", "fraction"), "dimensionless"),
+    **dict.fromkeys(("%", "percent", "pct"), "percent"),
+    **dict.fromkeys(("volt", "volts"), "V"),
+    **dict.fromkeys(("amp", "amps", "ampere", "amperes"), "A"),
+    **dict.fromkeys(("sec", "secs", "second", "seconds"), "s"),
+    **dict.fromkeys(("degree", "degrees", "deg"), "deg"),
+    **dict.fromkeys(("radian", "radians", "rad"), "rad"),
+    **dict.fromkeys(("celsius", "degc", "deg c", "°c"), "degC"),
+}
+
+# names, each with a small power, joined by * / . or a space: all that a unit needs, and nothing pint could choke on
+_NAME = r"[^\W\d_]{1,20}|[°%µμΩ][^\W\d_]{0,3}|1"
+_GRAMMAR = re.compile(rf"(?:{_NAME})(?:\^-?\d|\*\*-?\d|[²³])?(?:\s*[*/·.]\s*(?:{_NAME})|\s+(?:{_NAME}))*")
+_NEWTON_METRE = re.compile(r"([mkµμ]?N)[-·. ]?([cm]?m)")
+
+
+class UnitError(ValueError):
+    """A unit that is none, or of the wrong dimension; the text is what was found."""
+
+
+@dataclass(frozen=True)
+class Conversion:
+    """si = scale * logged + offset."""
+
+    scale: float
+    offset: float = 0.0
+
+
+def is_percent(unit: str) -> bool:
+    """Percent, in any usual spelling."""
+    return _pint_spelling(unit) == "percent"
+
+
+@cache
+def conversion(quantity: str, unit: str) -> Conversion:
+    """How a column of this quantity, logged in this unit, becomes SI.
+
+    Angles and their rates must name an angle: pint takes 1/min for 0.017 rad/s where a German log means rpm.
+
+    Raises:
+        UnitError: not a unit, or not one of this quantity.
+    """
+    si, logged = SI_UNIT[quantity], _pint_spelling(unit)
+    try:
+        same = _root(logged) == _root(si)
+        zero, one = (float(_quantity(x, logged).to(si).magnitude) for x in (0.0, 1.0)) if same else (0.0, 0.0)
+    except Exception as err:  # whatever pint, or its tokenizer, makes of a text that is no unit
+        raise UnitError(f"unit '{unit}' is not known.") from err
+    if not same:
+        raise UnitError(f"unit '{unit}' is not one of {quantity}.")
+    return Conversion(one - zero, zero)
+
+
+def _pint_spelling(unit: str) -> str:
+    text = " ".join(unit.split())
+    if match := _NEWTON_METRE.fullmatch(text):
+        return f"{match[1]}*{match[2]}"
+    return SPELLINGS.get(text.casefold(), text)
+
+
+@cache
+def _registry() -> Any:
+    import pint
+
+    return pint.UnitRegistry()
+
+
+def _quantity(magnitude: float, unit: str) -> Any:
+    if not _GRAMMAR.fullmatch(unit):
+        raise UnitError(f"'{unit}' does not read as a unit.")
+    return _registry().Quantity(magnitude, unit)
+
+
+@cache
+def _root(unit: str) -> str:
+    return str(_quantity(1.0, unit).to_root_units().units)
+
+
+def to_channel(
+    quantity: str, unit: str, travel: tuple[float, float], tps: TpsCalibration | None
+) -> tuple[str, Conversion]:
+    """The channel that a quantity belongs to, and its conversion, with what only the rig knows.
+
+        percent:  theta = travel_0 + x/100 (travel_1 - travel_0)
+        tps:      theta = (V - V_closed)/(V_open - V_closed) travel_tps
+
+    Raises:
+        UnitError: as `conversion`; also percent of an endless travel, or sensor volts without calibration.
+    """
+    if quantity in ("position", "setpoint") and is_percent(unit):
+        span = travel[1] - travel[0]
+        if span == float("inf"):
+            raise UnitError(f"{quantity} in percent of a travel without end stops.")
+        return quantity, Conversion(span / 100, travel[0])
+    if quantity != "tps":
+        return quantity, conversion(quantity, unit)
+    volts = conversion("tps", unit)
+    if tps is None:
+        raise UnitError("tps needs the sensor's calibration, and rig.toml has no [tps].")
+    rad_per_volt = tps.travel / (tps.open_V - tps.closed_V)
+    return "position", Conversion(rad_per_volt * volts.scale, (volts.offset - tps.closed_V) * rad_per_volt)

@@ -1,0 +1,230 @@
+"""The one stepper: dry friction as a set-valued law, solved exactly inside each implicit stage.
+
+Two-stage L-stable SDIRK, gamma = 1 - 1/sqrt 2 (Alexander 1977), linear-implicit in the smooth part. With the current
+eliminated from the linearised stage, the speed obeys the inclusion
+
+    D omega + gamma h F Sgn(omega) = rhs        hence        omega = soft(rhs, gamma h F) / D
+
+(Acary and Brogliato 2008, ch. 1): sticking is exact, nothing is stiff, one to a few steps a sample are enough. The
+smooth part of Eqs. 1-2 is linear, so their stages are solved exactly; other effects get one Newton step.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+
+from .effects import Contribution, Inputs, State
+from .parameters import Scalar
+from .throttle import Throttle
+
+GAMMA = 1.0 - 1.0 / math.sqrt(2.0)
+_OVERSHOOT = (1.0 - GAMMA) / GAMMA
+
+
+class Step(NamedTuple):
+    """Everything one step needs besides parameters and state; on a tape each entry has shape (T, L).
+
+    Args:
+        dt: length, s; 0 at the first entry of a trace.
+        voltage0, voltage1: terminal voltage at its begin and end, V; linear in between.
+        torque0, torque1: motor torque at the plate where there is no electrical side, N m.
+        time: since the trace began, at the end of the step, s.
+        mobile: 0 while the plate is held.
+        circuit: 0 where the terminals are open or there is no electrical side.
+        plate: 0 where the motor runs alone.
+        series: extra circuit resistance, ohm.
+        gear_ratio, lower, upper: of the rig; rad.
+    """
+
+    dt: Scalar
+    voltage0: Scalar
+    voltage1: Scalar
+    torque0: Scalar
+    torque1: Scalar
+    time: Scalar
+    mobile: Scalar
+    circuit: Scalar
+    plate: Scalar
+    series: Scalar
+    gear_ratio: Scalar
+    lower: Scalar
+    upper: Scalar
+
+    def inputs(self, fraction: float) -> Inputs:
+        """The inputs at a fraction of the step."""
+        return Inputs(
+            voltage=self.voltage0 + fraction * (self.voltage1 - self.voltage0),
+            torque=self.torque0 + fraction * (self.torque1 - self.torque0),
+            time=self.time - (1.0 - fraction) * self.dt,
+            plate=self.plate,
+            series=self.series,
+            gear_ratio=self.gear_ratio,
+            lower=self.lower,
+            upper=self.upper,
+        )
+
+
+class _Line(NamedTuple):
+    """A balance linearised about a guess: value = at + i * i + theta * theta + omega * omega."""
+
+    at: Scalar
+    i: Scalar
+    theta: Scalar
+    omega: Scalar
+
+
+def soft(value: Scalar, threshold: Scalar) -> Scalar:
+    """soft(a, b) = sgn(a) max(|a| - b, 0): the resolvent of dry friction."""
+    return jnp.maximum(value - threshold, 0.0) + jnp.minimum(value + threshold, 0.0)
+
+
+def _linearise(throttle: Throttle, x: State, z: tuple[Scalar, ...], u: Inputs) -> tuple[_Line, _Line, Contribution]:
+    """Torque and voltage balances about the guess x, by forward-mode differentiation along each state."""
+
+    def balances(i: Scalar, theta: Scalar, omega: Scalar) -> tuple[Scalar, Scalar]:
+        c = throttle(State(i, theta, omega), z, u)
+        return c.torque + u.torque, c.voltage + u.voltage
+
+    one = jnp.ones(())
+    here = throttle(x, z, u)
+    _, (torque_i, voltage_i) = jax.jvp(lambda i: balances(i, x.theta, x.omega), (x.i,), (one,))
+    _, (torque_th, voltage_th) = jax.jvp(lambda theta: balances(x.i, theta, x.omega), (x.theta,), (one,))
+    _, (torque_om, voltage_om) = jax.jvp(lambda omega: balances(x.i, x.theta, omega), (x.omega,), (one,))
+    torque_at = here.torque + u.torque - torque_i * x.i - torque_th * x.theta - torque_om * x.omega
+    voltage_at = here.voltage + u.voltage - voltage_i * x.i - voltage_th * x.theta - voltage_om * x.omega
+    torque = _Line(torque_at, torque_i, torque_th, torque_om)
+    return torque, _Line(voltage_at, voltage_i, voltage_th, voltage_om), here
+
+
+def _memory(throttle: Throttle, base: tuple[Scalar, ...], guess: tuple[Scalar, ...], x: State, u: Inputs, a: Scalar):
+    """z = base + a dz(x, z), linear-implicit in each memory's own decay; a = gamma h."""
+    if not base:
+        return ()
+
+    def rates(z: tuple[Scalar, ...]) -> tuple[Scalar, ...]:
+        return throttle(x, z, u).dz
+
+    rate, slope = jax.jvp(rates, (guess,), (tuple(jnp.ones_like(g) for g in guess),))
+    return tuple(
+        (b + a * (r - s * g)) / (1.0 - a * s) for b, g, r, s in zip(base, guess, rate, slope, strict=True)
+    )
+
+
+class _Contact(NamedTuple):
+    """The stops, and whether the plate rested on one when the step began."""
+
+    lower: Scalar
+    upper: Scalar
+    on_lower: Scalar
+    on_upper: Scalar
+
+    @classmethod
+    def at(cls, throttle: Throttle, x: State, z: tuple[Scalar, ...], u: Inputs) -> _Contact:
+        c = throttle(x, z, u)
+        return cls(c.lower, c.upper, x.theta <= c.lower, x.theta >= c.upper)
+
+    def restrain(self, omega: Scalar) -> Scalar:
+        """A resting plate must not move outward inside a stage: its speed would leak into the current."""
+        omega = jnp.where(self.on_lower, jnp.maximum(omega, 0.0), omega)
+        return jnp.where(self.on_upper, jnp.minimum(omega, 0.0), omega)
+
+    def clip(self, x: State) -> State:
+        """A new impact: angle to the stop, speed to zero. Elsewhere in the step it would make sensitivities explode."""
+        omega = jnp.where(x.theta < self.lower, jnp.maximum(x.omega, 0.0), x.omega)
+        omega = jnp.where(x.theta > self.upper, jnp.minimum(omega, 0.0), omega)
+        return State(x.i, jnp.clip(x.theta, self.lower, self.upper), omega)
+
+
+def _stage(
+    throttle: Throttle, base: State, guess: State, z: tuple[Scalar, ...], u: Inputs, s: Step, contact: _Contact
+) -> State:
+    """Solve x = base + gamma h f(x), dry friction and resting contact included."""
+    a = GAMMA * s.dt
+    torque, voltage, c = _linearise(throttle, guess, z, u)
+    b = a / c.inductance
+    denominator = 1.0 - b * voltage.i
+    at = s.circuit * (base.i + b * (voltage.at + voltage.theta * base.theta)) / denominator
+    per_speed = s.circuit * b * (voltage.theta * a + voltage.omega) / denominator
+    mass = c.inertia - a * (torque.i * per_speed + torque.theta * a + torque.omega)
+    rhs = c.inertia * base.omega + a * (torque.at + torque.i * at + torque.theta * base.theta)
+    omega = contact.restrain(s.mobile * soft(rhs, a * c.friction) / mass)
+    return State(at + per_speed * omega, base.theta + a * omega, omega)
+
+
+def _extrapolate(start: Scalar, stage: Scalar) -> Scalar:
+    return start + _OVERSHOOT * (stage - start)
+
+
+def step(throttle: Throttle, x: State, z: tuple[Scalar, ...], s: Step) -> tuple[State, tuple[Scalar, ...]]:
+    """One step of the throttle body.
+
+    Args:
+        throttle: the model.
+        x: state at the begin of the step, scalars, SI.
+        z: memories of the effects at the begin of the step.
+        s: inputs and boundary conditions, scalars.
+    Returns:
+        state and memories at its end.
+    """
+    a = GAMMA * s.dt
+    early, late = s.inputs(GAMMA), s.inputs(1.0)
+    contact = _Contact.at(throttle, x, z, early)
+    z_guess = _memory(throttle, z, z, x, early, a)
+    x1 = _stage(throttle, x, x, z_guess, early, s, contact)
+    z1 = _memory(throttle, z, z_guess, x1, early, a)
+
+    base = State(*(_extrapolate(p, q) for p, q in zip(x, x1, strict=True)))
+    z_base = tuple(_extrapolate(p, q) for p, q in zip(z, z1, strict=True))
+    z_guess = _memory(throttle, z_base, z1, x1, late, a)
+    x2 = _stage(throttle, base, x1, z_guess, late, s, contact)
+    z2 = _memory(throttle, z_base, z_guess, x2, late, a)
+    return contact.clip(x2), z2
+
+
+class Reset(NamedTuple):
+    """Where a tape begins a new trace; entries of shape (T, L).
+
+    Args:
+        begins: 1 at the first entry of a trace, else 0.
+        i, theta, omega: state from which it begins.
+    """
+
+    begins: Scalar
+    i: Scalar
+    theta: Scalar
+    omega: Scalar
+
+
+def simulate(throttle: Throttle, steps: Step, resets: Reset) -> tuple[State, tuple[Scalar, ...]]:
+    """Run a tape: L lanes side by side, each a sequence of traces one after the other.
+
+    Args:
+        throttle: the model.
+        steps: entries of shape (T, L).
+        resets: entries of shape (T, L).
+    Returns:
+        state and memories at the end of every step, entries of shape (T, L).
+    """
+    lanes = steps.dt.shape[1:]
+    x0 = State(*(jnp.zeros(lanes) for _ in range(3)))
+    z0 = tuple(jnp.full(lanes, z) for z in throttle.z0)
+
+    def advance(carry: tuple[State, tuple[Scalar, ...]], entry: tuple[Step, Reset]):
+        x, z = carry
+        s, reset = entry
+        begins = reset.begins > 0.5
+        x = State(
+            jnp.where(begins, reset.i, x.i),
+            jnp.where(begins, reset.theta, x.theta),
+            jnp.where(begins, reset.omega, x.omega),
+        )
+        z = tuple(jnp.where(begins, first, now) for first, now in zip(throttle.z0, z, strict=True))
+        carry = jax.vmap(step, in_axes=(None, 0, 0, 0))(throttle, x, z, s)
+        return carry, carry
+
+    _, path = jax.lax.scan(advance, (x0, z0), (steps, resets))
+    return path

@@ -1,0 +1,122 @@
+"""Which parameters are free, fixed or tied, and the vector of coordinates that the fit moves."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from .effects import EFFECT_BY_NAME, PAPER, AbstractEffect
+from .errors import MeasurementError
+from .parameters import NonNegative, Parameter, Scalar
+from .rig.base import Fixed, Prior, RigConfig, Start, Tied
+from .throttle import catalogue
+
+SERIES = "series_ohm."  # prefix of a rig test's own circuit resistance
+
+
+@dataclass(frozen=True)
+class Layout:
+    """Which parameter stands where in the vectors; hashable, so that models of one form compile once.
+
+    Args:
+        types: effects of the model.
+        parameters: every parameter, those of the tests' circuits included.
+        free: symbols that are fitted, in the order of x.
+        held: symbols with a fixed value, in the order of the vector of held values.
+        ties: (symbol, the free or held symbol it equals).
+    """
+
+    types: tuple[type[AbstractEffect], ...]
+    parameters: tuple[Parameter, ...]
+    free: tuple[str, ...]
+    held: tuple[str, ...]
+    ties: tuple[tuple[str, str], ...]
+
+    def parameter(self, symbol: str) -> Parameter:
+        return next(p for p in self.parameters if p.symbol == symbol)
+
+    def values(self, x: Scalar, held: Scalar) -> dict[str, Scalar]:
+        """Values in SI by symbol at coordinates x, shape (P,), and held values, shape (H,)."""
+        values = {s: held[k] for k, s in enumerate(self.held)}
+        values |= {s: self.parameter(s).domain.value(x[k]) for k, s in enumerate(self.free)}
+        return values | {s: values[other] for s, other in self.ties}
+
+    def coordinates(self, values: Mapping[str, float]) -> np.ndarray:
+        """Coordinates, shape (P,), of values in SI."""
+        return np.array([self.parameter(s).domain.coordinate(float(values[s])) for s in self.free])
+
+    def status(self, symbol: str) -> str:
+        """ "estimated", "fixed" or "tied"."""
+        if symbol in dict(self.ties):
+            return "tied"
+        return "fixed" if symbol in self.held else "estimated"
+
+
+@dataclass(frozen=True, eq=False)
+class Unknowns:
+    """The layout of a rig's parameters and everything that is known of their values.
+
+    Args:
+        layout: which are free.
+        held: fixed values, SI, shape (H,).
+        priors: symbol -> (mean, standard deviation), SI.
+        start: symbol -> value from rig.toml, SI.
+    """
+
+    layout: Layout
+    held: np.ndarray
+    priors: Mapping[str, tuple[float, float]]
+    start: Mapping[str, float]
+
+
+def unknowns(config: RigConfig) -> Unknowns:
+    """Read off rig.toml what is free.
+
+    Raises:
+        MeasurementError: an effect or a symbol that nobody knows, or a tie to nothing.
+    """
+    types = (*PAPER, *(_effect(name) for name in config.effects if EFFECT_BY_NAME.get(name) not in PAPER))
+    parameters = dict(catalogue(types))
+    fixed: dict[str, float] = {}
+    for test, ohm in config.series_ohm.items():
+        symbol = SERIES + test
+        meaning = f"extra circuit resistance of the {test} test"
+        parameters[symbol] = Parameter(symbol, "ohm", NonNegative(1.0), 0.5, meaning, "DESIGN, R_t of the paper")
+        if ohm is not None:
+            fixed[symbol] = ohm
+    known = {"K_m": Tied("K_b"), **config.parameters}
+    known.pop("N", None)
+    for symbol in known:
+        _must_exist(symbol, parameters)
+    fixed |= {s: k.value for s, k in known.items() if isinstance(k, Fixed)}
+    ties = {s: k.to for s, k in known.items() if isinstance(k, Tied)}
+    for symbol, other in ties.items():
+        _must_tie(symbol, other, ties, parameters)
+    free = tuple(s for s in parameters if s not in fixed and s not in ties)
+    priors = {s: (k.value, k.sd) for s, k in known.items() if isinstance(k, Prior)}
+    start = {s: k.value for s, k in known.items() if isinstance(k, (Prior, Start, Fixed))}
+    layout = Layout(types, tuple(parameters.values()), free, tuple(fixed), tuple(ties.items()))
+    return Unknowns(layout, np.array(list(fixed.values()), dtype=float), priors, start)
+
+
+def _effect(name: str) -> type[AbstractEffect]:
+    if name not in EFFECT_BY_NAME:
+        known = ", ".join(n for n, effect in EFFECT_BY_NAME.items() if effect not in PAPER)
+        raise MeasurementError("rig.toml: [model] effects", f"names {name!r}.", f"Known effects: {known}.", "Mend it.")
+    return EFFECT_BY_NAME[name]
+
+
+def _must_exist(symbol: str, parameters: Mapping[str, Parameter]) -> None:
+    if symbol not in parameters:
+        known = ", ".join(parameters)
+        where = "rig.toml: [parameters]"
+        raise MeasurementError(where, f"names {symbol!r}.", f"This model has: {known}.", "Correct the symbol.")
+
+
+def _must_tie(symbol: str, other: str, ties: Mapping[str, str], parameters: Mapping[str, Parameter]) -> None:
+    if other not in parameters or other in ties:
+        found = f"ties {symbol} to {other!r}."
+        required = "A tie must name a parameter that is not itself tied."
+        raise MeasurementError("rig.toml: [parameters]", found, required, "Name another, or give a number.")

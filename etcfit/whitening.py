@@ -1,0 +1,225 @@
+"""The frozen whitening filter: turns measured - simulated into independent standard normal residuals.
+
+The logged input is noisy, edges and the release of the plate come at instants nobody logged, and the initial state is
+not known exactly. All of these act through the model's own dynamics, so the simulation's error is correlated. With the
+model linearised along its path they form a linear Gaussian state space
+
+    dx_k = A_k dx_{k-1} + w_k,    w_k ~ N(0, Q_k),        y_k - y_hat_k = C_k dx_k + n_k,    n_k ~ N(0, sigma^2)
+
+whose Kalman filter gives the innovations nu_k and their variances S_k; r_k = nu_k / sqrt(S_k) are independent standard
+normal where the model is right (Kailath 1968). Weights and gains are frozen while the parameters move (so the residual
+stays a plain function of the simulation, and no log-determinant is needed) and renewed between rounds of the fit: the
+generalised least squares estimate, in which a noisy input costs width of the intervals and not bias.
+
+An impact is clipped at the end of a step: what its instant is uncertain by enters Q and sigma there, so that the few
+samples around an impact do not steer the fit.
+"""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+
+from .effects import State
+from .simulate import Reset, Step, step
+from .tape import Disturbance, Slots
+from .throttle import Throttle
+
+
+class Whitening(NamedTuple):
+    """A linear filter along the tape over n error states (model states, memories, input error).
+
+    Args:
+        transition: A, shape (T, L, n, n); 0 at the first entry of a trace.
+        sense: C, shape (T, L, M, n).
+        gain: Kalman gains, shape (T, L, M, n).
+        weight: 1 / sqrt(S), shape (T, L, M); 0 where there is no sample.
+    """
+
+    transition: Any
+    sense: Any
+    gain: Any
+    weight: Any
+
+
+def plain(slots: Slots, order: int) -> Whitening:
+    """Whitening by each sample's own noise alone; for starts still far from the truth.
+
+    Args:
+        slots: samples, shape (T, L, M).
+        order: number of error states n.
+    """
+    steps, lanes, count = slots.value.shape
+    empty = jnp.zeros((steps, lanes, count, order))
+    return Whitening(jnp.zeros((steps, lanes, order, order)), empty, empty, slots.weight / slots.sigma)
+
+
+def whiten(filter_: Whitening, error: Any, begins: Any) -> Any:
+    """Innovations over their standard deviations.
+
+    Args:
+        filter_: the whitening.
+        error: measured - simulated, 0 where there is no sample, shape (T, L, M).
+        begins: 1 at the first entry of a trace, shape (T, L).
+    Returns:
+        shape (T, L, M), dimensionless.
+    """
+    lanes, count, order = filter_.gain.shape[1:]
+
+    def advance(state: tuple[Any, ...], entry: Any) -> Any:
+        (transition, sense, gain, weight), e = entry
+        state = tuple(sum(transition[:, p, q] * state[q] for q in range(order)) for p in range(order))
+        out = []
+        for m in range(count):
+            nu = jnp.where(weight[:, m] > 0.0, e[:, m] - sum(sense[:, m, q] * state[q] for q in range(order)), 0.0)
+            state = tuple(state[q] + gain[:, m, q] * nu for q in range(order))
+            out.append(nu * weight[:, m])
+        return state, jnp.stack(out, axis=-1)
+
+    start = tuple(jnp.zeros(lanes) for _ in range(order))
+    return jax.lax.scan(advance, start, (filter_, error))[1]
+
+
+def kalman(
+    throttle: Throttle,
+    path: tuple[State, tuple[Any, ...]],
+    steps: Step,
+    resets: Reset,
+    slots: Slots,
+    disturbance: Disturbance,
+) -> Whitening:
+    """The whitening filter along a simulated path.
+
+    Args:
+        throttle: the model at the parameters to linearise about.
+        path: its states and memories at the end of each step, shape (T, L) each.
+        steps, resets, slots, disturbance: the tape.
+    """
+    before = before_steps(throttle, path, resets)
+    inner, push = _linearise(throttle, before, steps)
+    sense = slot_senses(throttle, path, steps, slots)
+    transition, noise = _process(inner, push, disturbance)
+    noise += _events(throttle, before, path, steps, disturbance, noise.shape[-1])
+    begins = resets.begins[..., None, None] > 0.5
+    transition = jnp.where(begins, 0.0, transition)
+    noise = jnp.where(begins, _start_covariance(disturbance, noise.shape[-1]), noise)
+    variance = slots.sigma**2 + _impact_variance(before[0], path[0], steps, sense)
+    gain, weight = _covariance(transition, noise, sense, variance, slots.weight)
+    return Whitening(transition, sense, gain, weight)
+
+
+def before_steps(throttle: Throttle, path: Any, resets: Reset) -> tuple[State, tuple[Any, ...]]:
+    """State at the begin of every step."""
+
+    def shift(column: Any, first: Any) -> Any:
+        late = jnp.concatenate((jnp.zeros_like(column[:1]), column[:-1]))
+        return jnp.where(resets.begins > 0.5, first, late)
+
+    x, z = path
+    state = State(shift(x.i, resets.i), shift(x.theta, resets.theta), shift(x.omega, resets.omega))
+    return state, tuple(shift(c, first) for c, first in zip(z, throttle.z0, strict=True))
+
+
+def _linearise(throttle: Throttle, before: Any, steps: Step) -> tuple[Any, Any]:
+    """Sensitivity of each step's end to its begin, (T, L, n-1, n-1), and to a shift of its input, (T, L, n-1)."""
+
+    def end(vector: Any, shift: Any, s: Step) -> Any:
+        pushed = s._replace(
+            voltage0=s.voltage0 + s.circuit * shift,
+            voltage1=s.voltage1 + s.circuit * shift,
+            torque0=s.torque0 + (1.0 - s.circuit) * shift,
+            torque1=s.torque1 + (1.0 - s.circuit) * shift,
+        )
+        x, z = step(throttle, State(*vector[:3]), tuple(vector[3:]), pushed)
+        return jnp.stack((*x, *z))
+
+    x, z = before
+    vectors = jnp.stack((*x, *z), axis=-1)
+    both = jax.vmap(jax.vmap(jax.jacfwd(end, argnums=(0, 1)), in_axes=(0, None, 0)), in_axes=(0, None, 0))
+    return both(vectors, 0.0, steps)
+
+
+def slot_senses(throttle: Throttle, path: Any, steps: Step, slots: Slots) -> Any:
+    """C, shape (T, L, M, n): the slots' sensitivity to current, angle and speed."""
+    lanes = slots.kind.shape
+    speed = throttle.observe(State(0.0, 0.0, 1.0), steps.inputs(1.0))
+    zero = jnp.zeros(lanes)
+    emf = jnp.broadcast_to(jnp.asarray(speed["emf"])[..., None], lanes)
+    motor = jnp.broadcast_to(jnp.asarray(speed["motor_speed"])[..., None], lanes)
+    columns = [
+        jnp.where(slots.kind == 0, 1.0, 0.0),
+        jnp.where(slots.kind == 1, 1.0, 0.0),
+        jnp.where(slots.kind == 2, emf, jnp.where(slots.kind == 3, motor, 0.0)),
+    ]
+    return jnp.stack(columns + [zero] * (len(path[1]) + 1), axis=-1)
+
+
+def _impact(before: State, after: State, steps: Step) -> Any:
+    """Speed lost in an impact within each step, rad/s; 0 elsewhere."""
+    stopped = (after.omega == 0.0) & (before.omega != 0.0) & (steps.mobile > 0.5) & (steps.plate > 0.5)
+    on_stop = (after.theta <= steps.lower) | (after.theta >= steps.upper)
+    return jnp.where(stopped & on_stop, before.omega, 0.0)
+
+
+def _outer(vector: Any) -> Any:
+    return vector[..., :, None] * vector[..., None, :]
+
+
+def _process(inner: Any, push: Any, disturbance: Disturbance) -> tuple[Any, Any]:
+    """A and Q with the input's error e as the last state: e_k = keep e_{k-1} + w, and e_k acts through `push`."""
+    carried = (push * disturbance.keep[..., None])[..., None]
+    below = jnp.concatenate((jnp.zeros_like(push), disturbance.keep[..., None]), axis=-1)[..., None, :]
+    transition = jnp.concatenate((jnp.concatenate((inner, carried), axis=-1), below), axis=-2)
+    enters = jnp.concatenate((push, jnp.ones_like(push[..., :1])), axis=-1)
+    return transition, disturbance.fresh[..., None, None] * _outer(enters)
+
+
+def _events(
+    throttle: Throttle, before: Any, path: Any, steps: Step, disturbance: Disturbance, order: int
+) -> Any:
+    """Q of a release and of an impact whose instants are not known exactly, shape (T, L, n, n)."""
+    (early, _), (late, _) = before, path
+    acceleration = jnp.where(steps.dt > 0.0, (late.omega - early.omega) / jnp.where(steps.dt > 0.0, steps.dt, 1.0), 0.0)
+    release = disturbance.release * acceleration**2
+    c = throttle(late, tuple(late.i * 0.0 + z for z in throttle.z0), steps.inputs(1.0))
+    emf = throttle.observe(State(0.0, 0.0, 1.0), steps.inputs(1.0))["emf"] * _impact(early, late, steps)
+    impact = steps.circuit * (emf * steps.dt / c.inductance) ** 2 / 12.0
+    zero = jnp.zeros_like(release)
+    return jax.vmap(jax.vmap(jnp.diag))(jnp.stack((impact, zero, release, *[zero] * (order - 3)), axis=-1))
+
+
+def _impact_variance(before: State, after: State, steps: Step, sense: Any) -> Any:
+    """Extra variance of the samples at an impact, shape (T, L, M): a speed jumps, an angle bends."""
+    lost = _impact(before, after, steps)[..., None]
+    return (sense[..., 2] * lost) ** 2 + (sense[..., 1] * lost * steps.dt[..., None]) ** 2 / 12.0
+
+
+def _start_covariance(disturbance: Disturbance, order: int) -> Any:
+    """P at the first instant, shape (T, L, n, n)."""
+    zero = jnp.zeros_like(disturbance.start_i)
+    known = (disturbance.start_i, disturbance.start_theta, disturbance.start_omega)
+    return jax.vmap(jax.vmap(jnp.diag))(jnp.stack((*known, *[zero] * (order - 3)), axis=-1))
+
+
+def _covariance(transition: Any, noise: Any, sense: Any, variance: Any, present: Any) -> tuple[Any, Any]:
+    """Run the Riccati recursion, one slot after the other: gains (T, L, M, n) and 1 / sqrt(S) (T, L, M)."""
+    lanes, count, order = sense.shape[1:]
+
+    def advance(covariance: Any, entry: Any) -> Any:
+        a, q, c, r, there = entry
+        covariance = jnp.einsum("lpq,lqs,lts->lpt", a, covariance, a) + q
+        gains, weights = [], []
+        for m in range(count):
+            row = jnp.einsum("lpq,lq->lp", covariance, c[:, m])
+            spread = jnp.einsum("lp,lp->l", row, c[:, m]) + r[:, m]
+            gain = jnp.where(there[:, m, None] > 0.0, row / spread[:, None], 0.0)
+            covariance = covariance - gain[:, :, None] * row[:, None, :]
+            covariance = 0.5 * (covariance + jnp.swapaxes(covariance, 1, 2))
+            gains.append(gain)
+            weights.append(jnp.where(there[:, m] > 0.0, 1.0 / jnp.sqrt(spread), 0.0))
+        return covariance, (jnp.stack(gains, axis=1), jnp.stack(weights, axis=1))
+
+    start = jnp.zeros((lanes, order, order))
+    return jax.lax.scan(advance, start, (transition, noise, sense, variance, present))[1]

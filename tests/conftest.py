@@ -1,0 +1,27 @@
+"""Every test runs in float64, and an array that broadcasts by accident is an error."""
+
+from __future__ import annotations
+
+import importlib.util
+import os
+from pathlib import Path
+
+import pytest
+
+os.environ.setdefault("JAX_ENABLE_X64", "1")
+
+if importlib.util.find_spec("jax"):
+    import jax
+
+    jax.config.update("jax_enable_x64", True)
+    jax.config.update("jax_numpy_rank_promotion", "raise")
+
+
+@pytest.fixture(scope="session")
+def measured() -> Path:
+    """The folder of other people's measured data; not part of the project, so a test may have to do without."""
+    beside = Path(__file__).resolve().parents[2] / "shared" / "measured"
+    folder = Path(os.environ.get("ETCFIT_DATA", beside))
+    if not (folder / "kassel_throttle").is_dir():
+        pytest.skip("no copy of the measured data here (ETCFIT_DATA names none): real data sets are left out")
+    return folder

@@ -1,0 +1,121 @@
+"""What a bench logs of the truth: white noise, an ADC's steps, a clock that jitters, a time column of finite resolution."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from .simulate import Motion
+from .truth import OPEN
+
+CLOSED_V, OPEN_V = 0.45, 4.73  # the paper's TPS, Table 1
+RPM = 60 / (2 * math.pi)
+
+# unit a column is logged in -> (logged per sensor unit, decimals written)
+UNITS: dict[str, tuple[float, int]] = {
+    "V": (1.0, 5),
+    "mV": (1e3, 2),
+    "A": (1.0, 5),
+    "mA": (1e3, 2),
+    "rpm": (1.0, 0),
+    "s": (1.0, 6),
+    "ms": (1e3, 3),
+}
+
+
+@dataclass(frozen=True)
+class Sensor:
+    """Reads value + sigma * white noise, rounded to whole steps.
+
+    Args:
+        quantity: name of its column.
+        unit: of sigma and step.
+        sigma: standard deviation of the noise before the ADC.
+        step: of the ADC.
+    """
+
+    quantity: str
+    unit: str
+    sigma: float
+    step: float
+
+    @property
+    def declared(self) -> float:
+        """Noise after the ADC: sqrt(sigma^2 + step^2 / 12)."""
+        return math.hypot(self.sigma, self.step / math.sqrt(12))
+
+    def read(self, rng: np.random.Generator, true: np.ndarray) -> np.ndarray:
+        """One reading of each true value, in this sensor's unit."""
+        return self.step * np.round((true + self.sigma * rng.standard_normal(true.shape)) / self.step)
+
+
+def _sensors() -> dict[str, Sensor]:
+    listed = (
+        Sensor("voltage", "V", 0.010, 30 / 2**14),
+        Sensor("current", "A", 0.008, 20 / 2**12),
+        Sensor("tps", "V", 0.003, 5 / 2**12),
+        Sensor("emf", "V", 0.010, 20 / 2**12),
+        Sensor("motor_speed", "rpm", 10.0, 1.0),
+    )
+    return {sensor.quantity: sensor for sensor in listed}
+
+
+@dataclass(frozen=True)
+class Bench:
+    """The instruments of one bench.
+
+    Args:
+        sensors: by quantity.
+        jitter: of the true sampling instants about the logged times, in sample periods, rms.
+        time_step: resolution of the time column, s.
+        rise: time the amplifier takes for a voltage jump, s.
+        series_ohm: harness and shunt in the inductance test, ohm (the paper's R_t - R_a is 1.218).
+        supply: V.
+    """
+
+    sensors: dict[str, Sensor] = field(default_factory=_sensors)
+    jitter: float = 0.01
+    time_step: float = 1e-6
+    rise: float = 0.0
+    series_ohm: float = 1.218
+    supply: float = 12.0
+
+
+PERFECT = Bench(
+    {name: Sensor(name, sensor.unit, 0.0, 1e-9) for name, sensor in _sensors().items()}, jitter=0.0, time_step=1e-9
+)
+
+
+@dataclass(frozen=True)
+class Clock:
+    """The times a logger writes and the instants at which it really samples, s."""
+
+    logged: np.ndarray
+    true: np.ndarray
+
+
+def clock(rng: np.random.Generator, bench: Bench, rate: float, duration: float) -> Clock:
+    """Samples at `rate` Hz for `duration` s; the true instants scatter, the logged ones are rounded."""
+    count = math.ceil(duration * rate)
+    scatter = np.clip(bench.jitter * rng.standard_normal(count), -0.4, 0.4)
+    nominal = np.arange(count) / rate
+    logged = bench.time_step * np.round(nominal / bench.time_step)
+    return Clock(logged, np.maximum(nominal + scatter / rate, 0.0))
+
+
+def true_values(quantity: str, motion: Motion, emf_constant: float, gear_ratio: float) -> np.ndarray:
+    """What a perfect sensor of this quantity would read, in the sensor's unit."""
+    match quantity:
+        case "voltage":
+            return motion.voltage
+        case "current":
+            return motion.current
+        case "tps":
+            return CLOSED_V + (OPEN_V - CLOSED_V) * motion.angle / OPEN
+        case "emf":
+            return emf_constant * motion.speed
+        case "motor_speed":
+            return gear_ratio * motion.speed * RPM
+    raise ValueError(f"no sensor for {quantity}")

@@ -1,0 +1,79 @@
+"""A truth, a rig and a voltage in; the exact motion at any instants out."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from .drives import Drive
+from .effects import Effects
+from .kernel import Plant, run
+from .truth import OPEN, Truth
+
+H_MAX = 40e-6  # s, longest step
+SETTLING = 3.0  # s that a plate let go from open is given to come to rest
+NEVER = float("inf")
+
+
+@dataclass(frozen=True)
+class Motion:
+    """What really happened at each instant, SI, shape (n,) each."""
+
+    time: np.ndarray
+    current: np.ndarray
+    speed: np.ndarray
+    angle: np.ndarray
+    warmth: np.ndarray
+    voltage: np.ndarray
+
+
+def throttle(truth: Truth, effects: Effects, series_ohm: float = 0.0) -> Plant:
+    """The whole throttle body on a closed circuit."""
+    return Plant(
+        R=truth.R_a + series_ohm,
+        L=truth.L_a,
+        closed_circuit=1.0,
+        k=truth.N * truth.K_b,
+        k_t=truth.N * truth.K_m,
+        J=truth.J_eq,
+        B=truth.B_eq,
+        K_s=truth.K_s,
+        T_PL=truth.T_PL,
+        T_f=truth.T_f,
+        N=truth.N,
+        lower=0.0,
+        upper=OPEN,
+        effects=Effects(*(type(effect)(*map(float, effect)) for effect in effects)),
+    )
+
+
+def terminals_open(truth: Truth, effects: Effects) -> Plant:
+    """The throttle body with nothing on its terminals."""
+    return throttle(truth, effects)._replace(closed_circuit=0.0)
+
+
+def motor_alone(truth: Truth, effects: Effects) -> Plant:
+    """The motor with the gear apart, still written at the plate's shaft: no plate, spring, dry friction or stops."""
+    kept = Effects(cogging_torque=effects.cogging_torque, winding_heating=effects.winding_heating)
+    bare = throttle(truth, kept)._replace(K_s=0.0, T_PL=0.0, T_f=0.0, lower=-NEVER, upper=NEVER)
+    return bare._replace(J=truth.N**2 * truth.J_m, B=truth.N**2 * truth.B_m)
+
+
+def simulate(
+    plant: Plant, drive: Drive, instants: np.ndarray, *, angle: float, held_until: float = 0.0, h_max: float = H_MAX
+) -> Motion:
+    """The motion at the instants (s, rising, within the drive), from rest at the angle (rad) without current."""
+    if instants[0] < drive.time[0] or instants[-1] > drive.time[-1] or np.any(np.diff(instants) <= 0):
+        raise ValueError("the instants must rise and lie within the drive")
+    start = (0.0, 0.0, float(angle), 0.0)
+    out = run(plant, drive.time, drive.volts, instants, float(held_until), start, h_max)
+    current, speed, theta, warmth, voltage = out.T
+    return Motion(instants, current, speed, theta, warmth, voltage)
+
+
+def resting_angle(truth: Truth, effects: Effects) -> float:
+    """Where the plate comes to rest when let go from open, rad: the closed stop, or near the default position."""
+    time = np.array([0.0, SETTLING])
+    settled = simulate(throttle(truth, effects), Drive(time, np.zeros(2)), time, angle=OPEN)
+    return float(settled.angle[-1])

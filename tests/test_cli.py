@@ -1,0 +1,176 @@
+"""The command line keeps its contract: exit statuses, and results alone on stdout."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from types import ModuleType, SimpleNamespace
+from typing import Any
+
+import pytest
+from typer.testing import CliRunner, Result
+
+import etcfit
+from etcfit.cli import app
+from etcfit.errors import MeasurementError, UsageError
+
+RIG = SimpleNamespace(folder="bench")
+
+
+@pytest.fixture
+def invoke(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Callable[..., Result]:
+    """Run the command line inside tmp_path, in which a folder `bench` lies."""
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("TERM", "dumb")
+    (tmp_path / "bench").mkdir()
+    return lambda *words: CliRunner().invoke(app, [str(word) for word in words])
+
+
+class Library:
+    """Stands in for the modules behind the commands and notes what they are asked."""
+
+    def __init__(self) -> None:
+        self.written: list[tuple[Path, Any]] = []
+        self.result = SimpleNamespace(converged=True, reason="gradient below tolerance")
+        self.raises: BaseException | None = None
+
+    def read_folder(self, folder: Path) -> SimpleNamespace:
+        if self.raises:
+            raise self.raises
+        assert folder == Path("bench")
+        return RIG
+
+    def fit(self, rig: SimpleNamespace, report: Callable[[str, float], None]) -> SimpleNamespace:
+        assert rig is RIG
+        report("fitting", 0.5)
+        return self.result
+
+    def write_run(self, run: Path, result: SimpleNamespace) -> None:
+        self.written.append((run, result))
+
+
+def _module(name: str, **names: Any) -> ModuleType:
+    module = ModuleType(name)
+    vars(module).update(names)
+    return module
+
+
+@pytest.fixture
+def library(monkeypatch: pytest.MonkeyPatch) -> Library:
+    fake = Library()
+    modules = {
+        "etcfit.rig.reader": {"read_folder": fake.read_folder},
+        "etcfit.check": {"check": lambda rig: "what it can identify"},
+        "etcfit.fit": {"fit": fake.fit},
+        "etcfit.report": {"write_run": fake.write_run},
+        "etcfit.report.tables": {"fit_table": lambda result: "the fit's table", "check_table": lambda result: result},
+    }
+    for name, names in modules.items():
+        monkeypatch.setitem(sys.modules, name, _module(name, **names))
+    return fake
+
+
+def test_check_prints_its_verdict(invoke, library: Library) -> None:
+    done = invoke("check", "bench")
+    assert (done.exit_code, done.stdout) == (0, "what it can identify\n")
+
+
+def test_fit_writes_the_run_and_prints_its_table(invoke, library: Library) -> None:
+    done = invoke("fit", "bench", "--out", "runs/a")
+    assert (done.exit_code, done.stdout) == (0, "the fit's table\n")
+    assert "fitting" in done.stderr
+    assert library.written == [(Path("runs/a"), library.result)]
+
+
+def test_quiet_silences_progress(invoke, library: Library) -> None:
+    done = invoke("fit", "bench", "--out", "a", "--quiet")
+    assert (done.exit_code, done.stdout, done.stderr) == (0, "the fit's table\n", "")
+
+
+def test_a_fit_that_did_not_converge_writes_says_why_and_exits_3(invoke, library: Library) -> None:
+    library.result = SimpleNamespace(converged=False, reason="gradient still 12 [of tolerance]")
+    done = invoke("fit", "bench", "--out", "a")
+    assert done.exit_code == 3
+    assert done.stdout == "the fit's table\n"
+    assert "gradient still 12 [of tolerance]" in done.stderr
+    assert library.written
+
+
+@pytest.mark.parametrize("command", [("check", "bench"), ("fit", "bench", "--out", "a")])
+@pytest.mark.parametrize(
+    ("error", "status", "message"),
+    [
+        (MeasurementError("response/3.csv:118", "time falls.", "It must rise.", "Sort the log."), 1, "3.csv:118: time"),
+        (UsageError("no such thing"), 2, "no such thing"),
+        (PermissionError(13, "Permission denied", "runs/a"), 2, "runs/a: Permission denied"),
+        (KeyboardInterrupt(), 130, "interrupted"),
+    ],
+    ids=["data", "usage", "disk", "interrupt"],
+)
+def test_an_error_is_a_message_and_a_status(
+    invoke, library: Library, command: tuple[str, ...], error: BaseException, status: int, message: str
+) -> None:
+    library.raises = error
+    done = invoke(*command, "--quiet")
+    assert done.exit_code == status
+    assert message in done.stderr
+    assert "Traceback" not in done.output
+    assert done.stdout == ""
+    assert library.written == []
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        ("fit", "bench"),
+        ("fit", "no/such/folder", "--out", "a"),
+        ("check",),
+        ("check", "bench", "--loud"),
+        ("ponder", "bench"),
+        ("fetch", "no-such-set"),
+        ("fetch", "emps", "--data", "no/such/folder"),
+    ],
+)
+def test_usage_errors_exit_2(invoke, words: tuple[str, ...]) -> None:
+    done = invoke(*words)
+    assert done.exit_code == 2
+    assert "Traceback" not in done.output
+    assert done.stdout == ""
+    assert done.stderr
+
+
+def test_fetch_refuses_to_overwrite(invoke) -> None:
+    Path("bench/mine.txt").write_text("precious")
+    done = invoke("fetch", "emps", "--to", "bench")
+    assert done.exit_code == 2
+    assert "bench is already there" in done.stderr
+
+
+def test_fetch_writes_below_measurements_and_prints_where(invoke, measured: Path) -> None:
+    done = invoke("fetch", "kassel-throttle", "--data", measured, "--quiet")
+    assert (done.exit_code, done.stdout, done.stderr) == (0, f"{Path('measurements/kassel-throttle')}\n", "")
+    assert Path("measurements/kassel-throttle/rig.toml").is_file()
+
+
+def test_version(invoke) -> None:
+    assert invoke("--version").stdout == f"etcfit {etcfit.__version__}\n"
+
+
+def test_help_needs_nothing_heavy() -> None:
+    # what makes it answer at once: none of these is imported
+    program = """
+import sys
+from etcfit.cli import main
+sys.argv = ["etcfit", "--help"]
+try:
+    main()
+finally:
+    heavy = {"jax", "numpy", "scipy", "pandas", "matplotlib", "pint", "equinox", "pooch"} & set(sys.modules)
+    print(heavy, file=sys.stderr)
+"""
+    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True)
+    assert done.returncode == 0
+    assert "fetch" in done.stdout
+    assert done.stderr.strip() == "set()"
