@@ -27,6 +27,7 @@ from .unknowns import Layout, Unknowns, unknowns
 Report = Callable[[str, float], None]
 
 _STEPS = 40  # of Levenberg-Marquardt in one go
+_STRETCH = 30.0  # Optimistix damps with the identity: this makes its first damping 1e-3 of the curvature
 _ROUNDS = 6
 _STARTS = 3  # besides the reading
 _SPREAD = 0.35  # of the other starts about the reading, in coordinates
@@ -97,21 +98,51 @@ class FitResult:
     warnings: tuple[str, ...]
 
 
+def _silent(**_: Any) -> None:
+    """Optimistix reports every step; the rounds report enough."""
+
+
+class _LevenbergMarquardt(optimistix.AbstractGaussNewton):
+    """Optimistix's Levenberg-Marquardt with a trust region that grows on good steps, not on perfect ones only."""
+
+    rtol: float = 1e-7
+    atol: float = 1e-7
+    norm: Callable[[Any], Any] = optimistix.max_norm
+    descent: optimistix.DampedNewtonDescent = optimistix.DampedNewtonDescent(lineax.Normal(lineax.Cholesky()))
+    search: optimistix.ClassicalTrustRegion = optimistix.ClassicalTrustRegion(
+        high_cutoff=0.7, low_cutoff=0.1, high_constant=5.0, low_constant=0.2
+    )
+    verbose: Callable[..., None] = _silent
+
+
+def _with_dense_jacobian(function: Callable[[Any], Any]) -> Callable[[Any], Any]:
+    """The same function, its Jacobian computed once a point by forward mode and then a matrix: a long loop's tangents
+    are dear, and Optimistix asks for many products at one point."""
+    wrapped = jax.custom_jvp(function)
+
+    @wrapped.defjvp
+    def _(primals: tuple[Any], tangents: tuple[Any]) -> tuple[Any, Any]:
+        (y,), (dy,) = primals, tangents
+        jacobian, value = jax.jacfwd(lambda y: (function(y),) * 2, has_aux=True)(y)
+        return value, jacobian @ dy
+
+    return wrapped
+
+
 @partial(jax.jit, static_argnums=(0, 1))
 def _minimise(layout: Layout, circuits: tuple[str, ...], x0: Any, scale: Any, problem: Problem) -> Any:
     """Levenberg-Marquardt from x0, in coordinates stretched by `scale` so that its damping treats all alike."""
     root = jnp.sqrt(jnp.sum(problem.slots.weight))
 
-    def stacked(y: Any, _: Any) -> Any:
+    def stacked(y: Any) -> Any:
         x = x0 + scale * y
         r, prior = residual(layout, circuits, x, problem)
         # the anchor keeps what the data do not determine from wandering; it weighs nothing beside any datum
         return jnp.concatenate((r.ravel(), prior, (x - x0) / WIDE)) / root
 
-    solver = optimistix.LevenbergMarquardt(rtol=1e-8, atol=1e-8, linear_solver=lineax.Normal(lineax.Cholesky()))
-    options = {"jac": "fwd"}
+    dense = _with_dense_jacobian(stacked)
     y0 = jnp.zeros_like(x0)
-    solution = optimistix.least_squares(stacked, solver, y0, options=options, max_steps=_STEPS, throw=False)
+    solution = optimistix.least_squares(lambda y, _: dense(y), _LevenbergMarquardt(), y0, max_steps=_STEPS, throw=False)
     return x0 + scale * solution.value, solution.stats["num_steps"]
 
 
@@ -170,7 +201,7 @@ def fit(rig: Rig, report: Report = quiet) -> FitResult:
 
 def _scale(information: np.ndarray, count: float) -> np.ndarray:
     """Stretch of the coordinates that makes all columns of the Jacobian alike."""
-    return 1.0 / np.sqrt(np.maximum(np.diag(information) / count, 1e-12))
+    return _STRETCH / np.sqrt(np.maximum(np.diag(information) / count, 1e-12))
 
 
 def _information(prior_sd: np.ndarray, jacobian: np.ndarray) -> np.ndarray:
@@ -184,7 +215,7 @@ def _go(bench: Bench, x: np.ndarray, problem: Problem) -> tuple[np.ndarray, int]
     if not np.isfinite(r).all() or not np.isfinite(jacobian).all():
         return x, 0
     scale = _scale(_information(problem.prior_sd, jacobian), float(np.sum(problem.slots.weight)))
-    end, steps = _minimise(bench.layout, bench.tape.circuits, x, np.minimum(scale, 1e3), problem)
+    end, steps = _minimise(bench.layout, bench.tape.circuits, x, np.minimum(scale, 1e4), problem)
     return np.asarray(end), int(steps)
 
 

@@ -35,8 +35,9 @@ class Channel:
         sigma_estimated: True where rig.toml did not give it.
         header: the column as it stands in the CSV.
         unit: unit in which the user logged it; results are shown in it.
-        scale: one logged unit in SI (value_SI = scale * logged + const).
+        scale: one logged unit in SI (value_SI = scale * logged + offset).
         quantum: resolution of the logger, SI; 0 where none is seen.
+        offset: value in SI where the log says 0.
     """
 
     time: np.ndarray
@@ -47,6 +48,11 @@ class Channel:
     unit: str
     scale: float
     quantum: float = 0.0
+    offset: float = 0.0
+
+    def logged(self, value: np.ndarray) -> np.ndarray:
+        """SI values as the user would have logged them."""
+        return (value - self.offset) / self.scale
 
 
 @dataclass(frozen=True, eq=False)

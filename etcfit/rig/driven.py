@@ -2,17 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
-from .base import Fixed, Graph, Measurement, Reading, RigConfig, Start
+from .base import Channel, Fixed, Graph, Measurement, Reading, RigConfig, Start
 from .inverse_model import LUMPED, Equations, equations, filter_for, held_values, solve
 from .signals import drive_voltage
 
 NOMINAL = {"R_a": 1.513, "K_b": 0.0189, "N": 20.68}  # paper, Table 2: the scale where the data have none
 LOWEST_SHARE = 0.02  # of the whole: where a part that must be positive is put when it reads negative
+FEWEST_POSITIONS = 50
+FEWEST_ROWS = 20  # of a trace, for five unknowns
 
 
 @dataclass(frozen=True)
@@ -32,21 +34,20 @@ class Scale:
 
 def read(title: str, traces: Sequence[Measurement], config: RigConfig, known: Mapping[str, float]) -> Reading:
     """Inverse-model reading with the best right-hand side that was logged: torque, else current, else voltage."""
-    placed = [t for t in traces if "position" in t.channels and len(t.channels["position"].time) > 50]
+    placed = [t for t in traces if "position" in t.channels and len(t.channels["position"].time) > FEWEST_POSITIONS]
     for kind in (_by_torque, _by_current, _by_voltage):
         reading = kind(title, placed, config, known)
         if reading is not None:
             return reading
-    return Reading({}, notes=("nothing can be read: no trace has both a position and a drive",))
+    return Reading({}, notes=("nothing can be read: no trace has a drive and a plate that moves off its stops",))
 
 
 def _by_torque(
     title: str, traces: Sequence[Measurement], config: RigConfig, known: Mapping[str, float]
 ) -> Reading | None:
-    used = [t for t in traces if "torque" in t.channels]
+    used, systems = _rows(traces, lambda t: t.channels.get("torque"), config)
     if not used:
         return None
-    systems = [equations(t, t.channels["torque"], config=config) for t in used]
     lumped = solve(systems, held_values(config, known["N"]))
     return _reading(title, used, systems, lumped, config, {"J_m": 0.0, "B_m": 0.0, **known})
 
@@ -54,11 +55,10 @@ def _by_torque(
 def _by_current(
     title: str, traces: Sequence[Measurement], config: RigConfig, known: Mapping[str, float]
 ) -> Reading | None:
-    used = [t for t in traces if "current" in t.channels]
+    used, systems = _rows(traces, lambda t: t.channels.get("current"), config)
     if not used or "K_m" not in known:
         return None
-    force = known["N"] * known["K_m"]
-    systems = [_scaled(equations(t, t.channels["current"], config=config), force) for t in used]
+    systems = [_scaled(s, known["N"] * known["K_m"]) for s in systems]
     return _reading(title, used, systems, solve(systems, held_values(config, known["N"])), config, known)
 
 
@@ -66,11 +66,9 @@ def _by_voltage(
     title: str, traces: Sequence[Measurement], config: RigConfig, known: Mapping[str, float]
 ) -> Reading | None:
     """v = R_a/(N K_m) (J a + B w + K_s theta + T_PL + T_f sgn w) + N K_b w, the inductance neglected."""
-    driven = [(t, v) for t in traces if (v := drive_voltage(t, config)) is not None]
-    if not driven:
+    used, systems = _rows(traces, lambda t: drive_voltage(t, config), config)
+    if not used:
         return None
-    used = [t for t, _ in driven]
-    systems = [equations(t, v, config=config) for t, v in driven]
     volts = solve(systems, {})
     notes = []
     if volts[1] < 0:
@@ -85,6 +83,15 @@ def _by_voltage(
     plain = lumped - np.array([0.0, back, 0.0, 0.0, 0.0])
     reading = _reading(title, used, systems, plain, config, known, shown=lumped)
     return _at_scale(reading, scale, notes)
+
+
+def _rows(
+    traces: Sequence[Measurement], right: Callable[[Measurement], Channel | None], config: RigConfig
+) -> tuple[list[Measurement], list[Equations]]:
+    """Traces that have this right-hand side and enough motion, and their equations."""
+    made = [(t, equations(t, channel, config=config)) for t in traces if (channel := right(t)) is not None]
+    enough = [(t, s) for t, s in made if len(s.time) >= FEWEST_ROWS and np.any(s.right)]
+    return [t for t, _ in enough], [s for _, s in enough]
 
 
 def _scaled(system: Equations, factor: float) -> Equations:

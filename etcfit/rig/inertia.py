@@ -49,7 +49,7 @@ class Inertia(AbstractRigTest):
     boundary = Boundary(terminals_open=True, released=True)
     drives = ()
     observes = ("emf", "position")
-    needs = (("emf", "voltage"), ("position",))
+    needs = (("position", "emf", "voltage"),)
 
     def reading(self, traces: Sequence[Measurement], config: RigConfig, known: Mapping[str, float]) -> Reading:
         """J_eq (Eq. 7, friction's sign mended), averaged over the fall: impulse of the load against speed gained."""

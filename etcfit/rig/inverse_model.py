@@ -16,11 +16,12 @@ import numpy as np
 from scipy.signal import butter, cheby1, sosfiltfilt
 
 from .base import Channel, Fixed, Measurement, RigConfig
-from .signals import even_grid, off_stops, on_times, widened
+from .signals import even_grid, in_gap, off_stops, on_times, widened
 
 LUMPED = ("J_eq", "B_eq", "K_s", "T_PL", "T_f")
 BANDWIDTHS = (20.0, 14.0, 10.0, 7.0, 5.0)  # Hz; the first is that of the published EMPS figures
-LARGEST_NOISE = 0.2  # of the acceleration's rms
+LARGEST_NOISE = 0.4  # of the acceleration's rms
+LONGEST_PAD = 50  # samples that the filters reflect at each end, and a few
 AT_REST = 0.01  # of the top speed
 
 
@@ -89,12 +90,16 @@ def equations(
     time, step = even_grid(position.time)
     angle = on_times(position, time)
     chosen = settings or filter_for(position)
+    if len(time) < 2 * chosen.span + LONGEST_PAD:
+        return Equations(np.empty(0), np.empty((0, len(LUMPED))), np.empty(0))
     smooth = chosen.position(angle)
     speed = np.gradient(smooth, step)
     columns = [np.gradient(speed, step), speed, smooth, np.ones_like(speed), np.sign(speed), on_times(right, time)]
     inside = slice(chosen.span, len(time) - chosen.span)  # the filters' borders
     rows = chosen.decimated(np.column_stack(columns)[inside])
-    keep = np.ones(len(time), dtype=bool) if config is None else moving(smooth, speed, chosen, config, position.sigma)
+    keep = ~widened(in_gap(position.time, time, step) | in_gap(right.time, time, step), chosen.span // 2)
+    if config is not None:
+        keep &= moving(smooth, speed, chosen, config, position.sigma)
     used = keep[inside][:: chosen.ratio]
     return Equations(time[inside][:: chosen.ratio][used], rows[used, :5], rows[used, 5])
 

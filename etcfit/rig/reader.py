@@ -12,10 +12,11 @@ from ..errors import MeasurementError
 from . import TESTS
 from .base import Channel, Measurement, Rig, RigConfig
 from .columns import Log, read_columns
-from .config import closest, parse_config, read_text
+from .config import parse_config
 from .noise import Texture, pooled, texture
 from .sanity import check_log, check_peaks
 from .table import decode, parse
+from .toml import closest, read_text
 
 # rig test -> groups of channels; a trace must hold one of each group
 KNOWN_TESTS: dict[str, tuple[tuple[str, ...], ...]] = {test.name: test.needs for test in TESTS}
@@ -162,7 +163,8 @@ def _measurement(log: Log, holdout: tuple[str, ...]) -> Measurement:
     for name, column in log.channels.items():
         there = ~np.isnan(column.logged)
         channels[name] = Channel(_frozen(log.time[there]), _frozen(column.value[there]), np.nan, True,
-                                 column.header, column.unit, column.conversion.scale)  # fmt: skip
+                                 column.header, column.unit, column.conversion.scale,
+                                 offset=column.conversion.offset)  # fmt: skip
     return Measurement(log.file, log.test, _frozen(log.time), channels, log.file in holdout)
 
 

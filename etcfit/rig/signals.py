@@ -11,6 +11,8 @@ from .base import Channel, Measurement, RigConfig
 
 BISQUARE = 4.685  # 95 % efficient on Gaussian noise (Tukey)
 MAD_TO_SIGMA = 1.4826
+FEWEST = 7  # samples of a position to be called a motion
+MOST_FILLED = 20  # times the logged samples on an even grid: a log with a long hole must not fill the memory
 WAY_63 = float(1 - np.exp(-1))
 
 
@@ -102,6 +104,8 @@ def plateaus(channel: Channel, least: float = 0.02) -> list[Plateau]:
 
     A jump is a sample-to-sample change above 6 sigma of such changes and above 2 % of the channel's span.
     """
+    if len(channel.time) < 2:
+        return []
     jumps = np.abs(np.diff(channel.value))
     noise = MAD_TO_SIGMA * float(np.median(jumps))
     level = max(6 * noise, 9 * channel.sigma, 0.02 * float(np.ptp(channel.value)), 1e-12)
@@ -134,15 +138,38 @@ def rise_time(channel: Channel, start: float, first: float, last: float, stop: f
     return float(np.interp(WAY_63, way[around], time[around]) - start)
 
 
+def mean_delay(channel: Channel, start: float, first: float, last: float, stop: float) -> float:
+    """Area between a step and its response over the step: integral (1 - y) dt, s; for tau alone it is t_63.
+
+    Of a chain of lags, oscillating or not, it is the sum of their time constants, where t_63 is not. The tail beyond
+    ten 63 % times only adds noise.
+    """
+    rise = rise_time(channel, start, first, last, stop)
+    inside = (channel.time >= start) & (channel.time <= min(stop, start + 10 * rise))
+    if not inside.any():
+        return float("nan")
+    time = np.r_[start, channel.time[inside]]
+    left = np.r_[1.0, 1 - (channel.value[inside] - first) / (last - first)]
+    return float(np.trapezoid(left, time))
+
+
 def even_grid(time: np.ndarray) -> tuple[np.ndarray, float]:
     """Even times over the same span, and their step: the median of the logged steps, s."""
-    count = max(round(float((time[-1] - time[0]) / np.median(np.diff(time)))), 1)
+    count = round(float((time[-1] - time[0]) / np.median(np.diff(time))))
+    count = min(max(count, 1), MOST_FILLED * len(time))
     return np.linspace(time[0], time[-1], count + 1), float((time[-1] - time[0]) / count)
+
+
+def in_gap(logged: np.ndarray, time: np.ndarray, step: float, longest: float = 5.0) -> np.ndarray:
+    """True at times that no sample lies near: inside a hole of more than `longest` steps, or beyond the ends."""
+    after = np.searchsorted(logged, time)
+    ends = np.r_[-np.inf, logged, np.inf]
+    return (ends[after + 1] - ends[after] > longest * step) & (ends[after + 1] > time)
 
 
 def motion(position: Channel, window: float) -> Motion | None:
     """Angle and speed by local parabolas (Savitzky, Golay 1964) over `window` s; None for too short a trace."""
-    if len(position.time) < 7:
+    if len(position.time) < FEWEST:
         return None
     time, step = even_grid(position.time)
     samples = min(max(2 * round(window / step / 2) + 1, 5), len(time) - (len(time) + 1) % 2)
@@ -156,6 +183,8 @@ def smoothing_window(position: Channel, relative: float = 0.05) -> float:
 
     sigma_slope = sqrt(12 dt / W^3) sigma for W seconds of samples dt apart.
     """
+    if len(position.time) < FEWEST:
+        return 0.0
     travel, step = float(np.ptp(position.value)), float(np.median(np.diff(position.time)))
     steepest = steepest_part(position)
     noise = max(position.sigma, position.quantum / np.sqrt(12))

@@ -18,6 +18,7 @@ import numpy as np
 from ..errors import MeasurementError
 
 SEPARATORS = (",", ";", "\t")
+HUGE = 1e100  # no reading is larger, and no unit turns a smaller one into infinity
 NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?", re.ASCII)
 PLAIN = frozenset("0123456789+-.eE,; \t")  # nothing that float() would take and a reader would not
 LINES_TO_LOOK_AT = 20
@@ -74,12 +75,13 @@ def parse(text: str, where: str) -> Table:
     numbered = _content(text, where)
     separator, numbered = _announced_separator(numbered)
     (header_line, header_text), body = numbered[0], numbered[1:]
+    at = f"{where}:{header_line}"
     if not body:
-        raise MeasurementError(f"{where}:{header_line}", "header only, no row of numbers.", "A trace needs two rows.",
+        raise MeasurementError(at, "header only, no row of numbers.", "A trace needs two rows.",
                                "Log it again, or delete the file.")  # fmt: skip
-    separator = separator or _separator(header_text, [row for _, row in body[:LINES_TO_LOOK_AT]], where, header_line)
-    header = [cell.strip() for cell in _split(header_text, separator, f"{where}:{header_line}")]
-    _refuse_numbers_as_header(header, f"{where}:{header_line}")
+    separator = separator or _separator(header_text, [row for _, row in body[:LINES_TO_LOOK_AT]], at)
+    header = [cell.strip() for cell in _split(header_text, separator, at)]
+    _refuse_numbers_as_header(header, at)
     rows = _rows(body, separator, len(header), where)
     lines = np.array([line for line, _ in body])
     cells = _numbers(rows, lines, header, separator, where)
@@ -121,20 +123,27 @@ def _announced_separator(numbered: list[tuple[int, str]]) -> tuple[str | None, l
     return (match[1], numbered[1:]) if match and len(numbered) > 1 else (None, numbered)
 
 
-def _separator(header: str, rows: Sequence[str], where: str, header_line: int) -> str:
+def _separator(header: str, rows: Sequence[str], at: str) -> str:
     """The one separator that cuts header and first rows into equally many cells, two at least."""
-    at = f"{where}:{header_line}"
-    counts = {s: len(_split(header, s, at)) for s in SEPARATORS}
+    counts = {s: _count(header, s) for s in SEPARATORS}
     possible = [s for s in SEPARATORS if counts[s] > 1]
     if not possible:
         raise MeasurementError(at, f"only one column: '{header.strip()[:60]}'.",
                                "A trace needs time and at least one channel, separated by comma, semicolon or tab.",
                                "Write the header as 'time [s],voltage [V]'.")  # fmt: skip
-    fitting = [s for s in possible if all(len(_split(row, s, where)) == counts[s] for row in rows)]
+    fitting = [s for s in possible if all(_count(row, s) == counts[s] for row in rows)]
     if len(fitting) > 1:
         raise MeasurementError(at, f"both {fitting[0]!r} and {fitting[1]!r} could separate the cells.",
                                "The separator must be unambiguous.", "Use only one of them in this file.")  # fmt: skip
     return fitting[0] if fitting else max(possible, key=lambda s: counts[s])
+
+
+def _count(row: str, separator: str) -> int:
+    """Cells in a row, quotes taken as they come."""
+    try:
+        return len(next(csv.reader([row], delimiter=separator))) if '"' in row else row.count(separator) + 1
+    except csv.Error:
+        return 0
 
 
 def _split(row: str, separator: str, where: str) -> list[str]:
@@ -149,16 +158,14 @@ def _split(row: str, separator: str, where: str) -> list[str]:
 
 def _refuse_numbers_as_header(header: list[str], where: str) -> None:
     named = [cell for cell in header if cell]
-    if all(NUMBER.fullmatch(cell.replace(",", ".")) for cell in named):
+    if named and all(NUMBER.fullmatch(cell.replace(",", ".")) for cell in named):
         raise MeasurementError(where, f"numbers where the header must be: '{', '.join(named)[:60]}'.",
                                "The first line that is no comment must name the columns.",
                                "Add a header such as 'time [s],voltage [V]'.")  # fmt: skip
 
 
 def _rows(body: list[tuple[int, str]], separator: str, width: int, where: str) -> list[list[str]]:
-    rows = [
-        row.split(separator) if '"' not in row else _split(row, separator, f"{where}:{line}") for line, row in body
-    ]
+    rows = [row.split(separator) if '"' not in row else _split(row, separator, f"{where}:{line}") for line, row in body]
     for (line, _), row in zip(body, rows, strict=True):
         if len(row) != width:
             comma = " Decimal commas need ';' or a tab between the cells." if separator == "," else ""
@@ -184,8 +191,8 @@ def _numbers(rows: list[list[str]], lines: np.ndarray, header: list[str], separa
 
 def _finite(values: np.ndarray, cells: list[str]) -> np.ndarray:
     """Refuse 1e999, which float() takes for infinity."""
-    if np.isinf(values).any():
-        raise ValueError(cells[int(np.argmax(np.isinf(values)))])
+    if np.any(np.abs(values) > HUGE):
+        raise ValueError(cells[int(np.nanargmax(np.abs(values)))])
     return values
 
 
@@ -193,7 +200,7 @@ def _number(cell: str, k: int, lines: np.ndarray, header: list[str], where: str)
     text = cell.strip()
     if not text:
         return np.nan
-    if NUMBER.fullmatch(text) and np.isfinite(float(text)):
+    if NUMBER.fullmatch(text) and abs(float(text)) <= HUGE:
         return float(text)
     row, column = divmod(k, len(header))
     raise MeasurementError(f"{where}:{lines[row]}", f"'{text[:40]}' in column '{header[column]}'.",

@@ -9,7 +9,7 @@ from typing import final
 import numpy as np
 
 from .base import AbstractRigTest, Boundary, Graph, Measurement, Reading, RigConfig
-from .signals import Line, drive_voltage, plateaus, rise_time, robust_line
+from .signals import Line, drive_voltage, mean_delay, plateaus, robust_line
 
 
 def slope(motor_speed: np.ndarray, motor_torque: np.ndarray) -> Line:
@@ -22,12 +22,12 @@ def equivalent(B_m: float, N: float, B_L: float = 0.0) -> float:
     return N**2 * B_m + B_L
 
 
-def inertia(t_63: float, B_m: float, known: Mapping[str, float]) -> float:
-    """J_m from the rise of the speed: t_63 = J_m R_a/(K_m K_b + R_a B_m), kg m2.
+def inertia(delay: float, B_m: float, known: Mapping[str, float]) -> float:
+    """J_m from the delay of the speed: delay = (J_m R_a + L_a B_m)/(K_m K_b + R_a B_m), kg m2.
 
-    That is the sum of both time constants of Eqs. 1-2, so the inductance needs no correction.
+    That is the sum of both time constants of Eqs. 1-2; L_a B_m is some 1 % of it and left out.
     """
-    return t_63 * (known["K_m"] * known["K_b"] + known["R_a"] * B_m) / known["R_a"]
+    return delay * (known["K_m"] * known["K_b"] + known["R_a"] * B_m) / known["R_a"]
 
 
 def steady_points(trace: Measurement, config: RigConfig) -> list[tuple[float, float]]:
@@ -39,8 +39,8 @@ def steady_points(trace: Measurement, config: RigConfig) -> list[tuple[float, fl
     return [(p.settled(speed), p.settled(current)) for p in plateaus(drive)]
 
 
-def rise_times(trace: Measurement, config: RigConfig) -> list[float]:
-    """63 % times of the motor speed after every voltage step, s."""
+def delays(trace: Measurement, config: RigConfig) -> list[float]:
+    """Mean delays of the motor speed after every voltage step, s."""
     drive, speed = drive_voltage(trace, config), trace.channels.get("motor_speed")
     if drive is None or speed is None:
         return []
@@ -48,7 +48,7 @@ def rise_times(trace: Measurement, config: RigConfig) -> list[float]:
     for before, after in pairwise(found):
         first, last = before.settled(speed), after.settled(speed)
         if np.isfinite(last - first) and abs(last - first) > 10 * speed.sigma:
-            times.append(rise_time(speed, (before.stop + after.start) / 2, first, last, after.stop))
+            times.append(mean_delay(speed, (before.stop + after.start) / 2, first, last, after.stop))
     return [t for t in times if np.isfinite(t) and t > 0]
 
 
@@ -64,7 +64,7 @@ class Viscous(AbstractRigTest):
     needs = (("voltage", "duty"), ("current",), ("motor_speed",))
 
     def reading(self, traces: Sequence[Measurement], config: RigConfig, known: Mapping[str, float]) -> Reading:
-        """B_m: slope of motor torque over motor speed (Eq. 6); J_m: 63 % time of the speed after a step."""
+        """B_m: slope of motor torque over motor speed (Eq. 6); J_m: delay of the speed after a step."""
         if "K_m" not in known:
             return Reading({}, notes=("B_m cannot be read: K_m is not known",))
         points = np.array([p for trace in traces for p in steady_points(trace, config)]).reshape(-1, 2)
@@ -74,10 +74,10 @@ class Viscous(AbstractRigTest):
         speed, torque = points[:, 0], known["K_m"] * points[:, 1]
         line = slope(speed, torque)
         values, notes = _damping(line, known["N"])
-        times = [t for trace in traces for t in rise_times(trace, config)]
+        times = [t for trace in traces for t in delays(trace, config)]
         if times and {"R_a", "K_b"} <= set(known):
             values["J_m"] = inertia(float(np.median(times)), values.get("B_m", 0.0), known)
-            notes.append(f"speed rises to 63 % in {1e3 * float(np.median(times)):.4g} ms")
+            notes.append(f"the speed follows the voltage after {1e3 * float(np.median(times)):.4g} ms")
         ends = np.array([min(0.0, speed.min()), speed.max()])
         graph = Graph(self.title, "motor speed [rad/s]", "motor torque [N m]", speed, torque, ends, line.at(ends),
                       f"slope: B_m = {line.slope:.3g} N m s/rad")  # fmt: skip

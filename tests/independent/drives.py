@@ -37,11 +37,12 @@ def steps(durations: np.ndarray, levels: np.ndarray) -> Drive:
     return Drive(np.repeat(edges, 2)[1:-1], np.repeat(levels, 2))
 
 
-def random_steps(rng: np.random.Generator, duration: float, lowest: float, highest: float) -> Drive:
-    """Levels uniform between two voltages, each for 60 to 400 ms."""
+def random_steps(rng: np.random.Generator, duration: float, middle: float, swing: float) -> Drive:
+    """Levels 0.2 to 2.6 swings (V) above or below the middle, each for 60 to 400 ms, most to the other side in turn."""
     durations = rng.uniform(0.06, 0.4, int(duration / 0.06) + 1)
     count = int(np.searchsorted(np.cumsum(durations), duration)) + 1
-    return steps(durations[:count], rng.uniform(lowest, highest, count))
+    sides = np.cumprod(np.where(rng.uniform(size=count) < 0.75, -1.0, 1.0))
+    return steps(durations[:count], middle + swing * sides * rng.uniform(0.2, 2.6, count))
 
 
 def line(times: list[float], volts: list[float]) -> Drive:
@@ -55,7 +56,7 @@ def curve(duration: float, volts_at: np.ndarray) -> Drive:
 
 
 def multisine(rng: np.random.Generator, duration: float, offset: float, amplitude: float) -> Drive:
-    """Eight sines of 0.3 to 9 Hz with random phases around an offset, falling as 1/sqrt f; peak about `amplitude`, V."""
+    """Eight sines of 0.3 to 9 Hz with random phases around an offset, falling as 1/sqrt f; peak `amplitude`, V."""
     t = _grid(duration)
     hertz = np.geomspace(0.3, 9.0, 8) * rng.uniform(0.9, 1.1, 8)
     waves = np.sin(2 * np.pi * np.outer(t, hertz) + rng.uniform(0, 2 * np.pi, 8)) @ hertz**-0.5

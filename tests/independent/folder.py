@@ -15,7 +15,7 @@ from .protocols import PROTOCOLS, Series, Session, Trace
 from .truth import Truth
 
 SIZES: dict[str, dict[str, Series]] = {
-    "bench": {  # 30 traces, 68,000 samples
+    "bench": {  # 30 traces, 67,000 samples
         "resistance": Series(7, 0.5, 1000),
         "inductance": Series(3, 0.03, 20_000),
         "back_emf": Series(3, 0.5, 2000),
@@ -33,7 +33,7 @@ SIZES: dict[str, dict[str, Series]] = {
         "inertia": Series(2, 0.4, 2000),
         "response": Series(5, 4.0, 1000),
     },
-    "small": {  # 13 traces, 8,000 samples: every test, for tests in a hurry
+    "small": {  # 14 traces, 8,500 samples: every test, for tests in a hurry
         "resistance": Series(3, 0.2, 1000),
         "inductance": Series(2, 0.01, 20_000),
         "back_emf": Series(1, 0.3, 1000),

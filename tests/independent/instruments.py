@@ -1,4 +1,4 @@
-"""What a bench logs of the truth: white noise, an ADC's steps, a clock that jitters, a time column of finite resolution."""
+"""What a bench logs of the truth: white noise, an ADC's steps, a clock that jitters, a coarse time column."""
 
 from __future__ import annotations
 

@@ -4,13 +4,14 @@ Between changes of mode (slide up, slide down, stuck) the right-hand side is smo
 is bisected to the instant at which the mode ends; there the speed is set to exactly zero and the torque balance decides
 what comes next. So dry friction is set-valued and the end stops are inelastic and hard, without any smoothing.
 
-Everything compiled lives in this one file: numba's cache looks only at the file of the function it compiles.
+Everything compiled lives in this one file: numba's cache looks only at the file of the function it compiles. And the
+compiled code takes the Plant as a NumPy record, whose type is its field names and no Python class.
 """
 
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numba import njit
@@ -48,6 +49,20 @@ class Plant(NamedTuple):
     lower: float
     upper: float
     effects: Effects = NONE
+
+
+def record(values: tuple) -> np.record:
+    """A NamedTuple of floats and of NamedTuples as a record with the same fields."""
+    return np.array([_cells(values)], dtype=_fields(values)).view(np.recarray)[0]
+
+
+def _fields(values: Any) -> np.dtype:
+    fields = zip(values._fields, values, strict=True)
+    return np.dtype([(name, _fields(v) if isinstance(v, tuple) else np.float64) for name, v in fields])
+
+
+def _cells(values: tuple) -> tuple:
+    return tuple(_cells(v) if isinstance(v, tuple) else v for v in values)
 
 
 @njit(cache=True)
@@ -171,7 +186,7 @@ def run(p, knots, volts, instants, held_until, x, h_max):
     """States at the given instants, from the first knot on.
 
     Args:
-        p: a Plant.
+        p: record of a Plant.
         knots, volts: the voltage, linear between knots (s, V); two knots at one time are a jump.
         instants: s, rising, within the knots.
         held_until: s; before it the plate is held where it is.

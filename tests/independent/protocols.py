@@ -11,7 +11,7 @@ from .drives import Drive, chirp, line, multisine, random_steps, steps, trapezoi
 from .effects import Effects
 from .instruments import UNITS, Bench, clock, true_values
 from .kernel import Plant
-from .simulate import NEVER, motor_alone, resting_angle, simulate, terminals_open, throttle
+from .simulate import NEVER, REHEARSAL, motor_alone, resting_angle, simulate, terminals_open, throttle
 from .truth import OPEN, Truth
 
 GRACE = 0.01  # s that a drive outlasts its log
@@ -97,16 +97,17 @@ def inertia(session: Session, series: Series) -> Iterator[Trace]:
 
 
 def static_load(session: Session, series: Series) -> Iterator[Trace]:
-    """A slow ramp up until the plate is open, a breath, and down again."""
+    """A slow ramp up until the plate is open, a breath, down again, and a wait for the plate to close."""
     plant, rest = throttle(session.truth, session.effects), resting_angle(session.truth, session.effects)
     peak = _opening_voltage(session, plant, rest)
+    longer = Series(series.count, series.duration + _fall_time(plant), series.rate)
     headers = ("time [s]", "voltage [V]", "current [A]", "tps [V]")
     for n in range(1, series.count + 1):
         quiet = session.rng.uniform(0.1, 0.3)
         span = series.duration - quiet - 0.2
         ramp = line([0.0, 0.48 * span, 0.52 * span, span], [0.0, peak, peak, 0.0])
-        drive = ramp.after(quiet, series.duration + GRACE)
-        yield Trace(f"static_load/ramp_{n}.csv", session.record(plant, drive, series, headers, angle=rest))
+        drive = ramp.after(quiet, longer.duration + GRACE)
+        yield Trace(f"static_load/ramp_{n}.csv", session.record(plant, drive, longer, headers, angle=rest))
 
 
 def viscous(session: Session, series: Series) -> Iterator[Trace]:
@@ -153,10 +154,10 @@ def _releases(session: Session, series: Series, test: str, headers: tuple[str, .
         yield Trace(f"{test}/release_{n}.csv", columns)
 
 
-def _fall_time(plant: Plant, longest: float = 6.0) -> float:
-    """How long the plate moves once it is let go from open, s."""
+def _fall_time(plant: Plant, longest: float = 10.0) -> float:
+    """How long the plate moves once it is let go from open, at 0 V or with its terminals open; s."""
     time = np.arange(0.0, longest, 1e-3)
-    motion = simulate(plant, Drive(np.array([0.0, longest]), np.zeros(2)), time, angle=OPEN)
+    motion = simulate(plant, Drive(np.array([0.0, longest]), np.zeros(2)), time, angle=OPEN, h_max=REHEARSAL)
     return float(time[np.flatnonzero(motion.speed)[-1]])
 
 
@@ -166,7 +167,8 @@ def _opening_voltage(session: Session, plant: Plant, rest: float, over: float = 
     volts = truth.volts_for(truth.T_PL + truth.T_f + truth.K_s * OPEN)
     while volts < session.bench.supply:
         ramp = line([0.0, 6.0, 7.0], [0.0, volts, volts])
-        if simulate(plant, ramp, np.array([0.0, 7.0]), angle=rest).angle[-1] >= OPEN:
+        end = simulate(plant, ramp, np.array([0.0, 7.0]), angle=rest, h_max=REHEARSAL)
+        if end.angle[-1] >= OPEN:
             break
         volts *= 1.05
     return min(over * volts, session.bench.supply)
@@ -179,7 +181,7 @@ def _driven(session: Session, n: int, duration: float) -> Drive:
     swing = truth.volts_for(truth.T_f) * rng.uniform(0.9, 1.1)
     match n % 4:
         case 0:
-            return random_steps(rng, duration, balance - 2.6 * swing, balance + 2.4 * swing)
+            return random_steps(rng, duration, balance, swing)
         case 1:
             return multisine(rng, duration, balance, 3.2 * swing)
         case 2:

@@ -8,11 +8,12 @@ import numpy as np
 
 from .drives import Drive
 from .effects import Effects
-from .kernel import Plant, run
+from .kernel import Plant, record, run
 from .truth import OPEN, Truth
 
 H_MAX = 40e-6  # s, longest step
-SETTLING = 3.0  # s that a plate let go from open is given to come to rest
+SETTLING = 6.0  # s that a plate let go from open is given to come to rest
+REHEARSAL = 200e-6  # s, longest step where only a protocol hangs on the outcome
 NEVER = float("inf")
 
 
@@ -44,7 +45,7 @@ def throttle(truth: Truth, effects: Effects, series_ohm: float = 0.0) -> Plant:
         N=truth.N,
         lower=0.0,
         upper=OPEN,
-        effects=Effects(*(type(effect)(*map(float, effect)) for effect in effects)),
+        effects=effects,
     )
 
 
@@ -67,13 +68,14 @@ def simulate(
     if instants[0] < drive.time[0] or instants[-1] > drive.time[-1] or np.any(np.diff(instants) <= 0):
         raise ValueError("the instants must rise and lie within the drive")
     start = (0.0, 0.0, float(angle), 0.0)
-    out = run(plant, drive.time, drive.volts, instants, float(held_until), start, h_max)
+    out = run(record(plant), drive.time, drive.volts, instants, float(held_until), start, h_max)
     current, speed, theta, warmth, voltage = out.T
     return Motion(instants, current, speed, theta, warmth, voltage)
 
 
 def resting_angle(truth: Truth, effects: Effects) -> float:
-    """Where the plate comes to rest when let go from open, rad: the closed stop, or near the default position."""
+    """Where the plate rests once let go from open, terminals open: at the closed stop, or near its default; rad."""
     time = np.array([0.0, SETTLING])
-    settled = simulate(throttle(truth, effects), Drive(time, np.zeros(2)), time, angle=OPEN)
+    still = Drive(time, np.zeros(2))
+    settled = simulate(terminals_open(truth, effects), still, time, angle=OPEN, h_max=REHEARSAL)
     return float(settled.angle[-1])

@@ -12,7 +12,7 @@ RETURN_MARGIN = 0.03  # N m by which the preload beats dry friction; below it an
 
 @dataclass(frozen=True)
 class Truth:
-    """L_a di/dt + R_a i + N K_b w = v ;  (N^2 J_m + J_L) dw/dt + (N^2 B_m + B_L) w + K_s th + T_PL + T_f sgn w = N K_m i.
+    """L_a di/dt + R_a i + N K_b w = v ;  J_eq dw/dt + B_eq w + K_s th + T_PL + T_f sgn w = N K_m i.
 
     Source: the paper's Eqs. 1-2 at the plate. Differs from source: sgn is set-valued at rest; B_L is not neglected.
     Args:
@@ -65,5 +65,5 @@ def draw_truth(rng: np.random.Generator, centre: Truth = CONSISTENT, spread: flo
             if name not in ("K_m", "N")
         }
         truth = replace(centre, **drawn, K_m=drawn["K_b"])
-        if truth.T_PL > truth.T_f + RETURN_MARGIN:
+        if truth.T_PL - truth.T_f > RETURN_MARGIN:
             return truth

@@ -1,0 +1,111 @@
+"""Standard errors and 95 % intervals in SI, from the covariance of the coordinates. The only place that does this.
+
+    stderr = |dvalue/dx| sqrt(C_ss),    ci95 = value(x -+ 1.96 sqrt(C_ss))
+
+The interval is mapped from coordinates, where the fit is nearest to linear, so it never crosses a bound.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+from typing import Any
+
+import jax
+import numpy as np
+
+from .fit import FitResult
+
+Z_95 = 1.96  # half width of a 95 % interval, standard deviations
+
+
+@dataclass(frozen=True)
+class Interval:
+    """A parameter and how well it is known, SI.
+
+    Args:
+        value: at the optimum.
+        stderr: standard error; None where it is not estimated or not identifiable.
+        low, high: 95 % interval, or None likewise.
+        status: "estimated", "fixed", "tied" or "not identifiable".
+        remark: what a reader must know besides, or None.
+    """
+
+    value: float
+    stderr: float | None
+    low: float | None
+    high: float | None
+    status: str
+    remark: str | None = None
+
+    @classmethod
+    def bare(cls, value: float, status: str, remark: str | None = None) -> Interval:
+        """A value without an interval."""
+        return cls(value, None, None, None, status, remark)
+
+
+def intervals(result: FitResult) -> dict[str, Interval]:
+    """Every parameter by symbol, in the model's order, and the gear ratio N last.
+
+    A tied parameter carries the interval of what it equals, and shares its loss where that is not identifiable.
+    """
+    layout = result.unknowns.layout
+    free = {symbol: _free(result, symbol, k) for k, symbol in enumerate(layout.free)}
+    held = {symbol: Interval.bare(result.values[symbol], "fixed") for symbol in layout.held}
+    known = free | held
+    known |= {symbol: _tied(symbol, other, known[other]) for symbol, other in layout.ties}
+    return {p.symbol: known[p.symbol] for p in layout.parameters} | {"N": _gear_ratio(result)}
+
+
+def lumped(result: FitResult) -> dict[str, Interval]:
+    """What the plate feels of motor and load together, by the delta method.
+
+        J_eq = N^2 J_m + J_L,    B_eq = N^2 B_m + B_L,    stderr = sqrt(g^T C g), g the gradient in coordinates
+    """
+    gear = result.rig.config.gear_ratio ** 2
+    sums: dict[str, Callable[[Mapping[str, Any]], Any]] = {
+        "J_eq": lambda values: gear * values["J_m"] + values["J_L"],
+        "B_eq": lambda values: gear * values["B_m"] + values["B_L"],
+    }
+    return {symbol: _sum(result, total) for symbol, total in sums.items()}
+
+
+def _free(result: FitResult, symbol: str, k: int) -> Interval:
+    parameter = result.unknowns.layout.parameter(symbol)
+    x, value = float(result.x[k]), float(result.values[symbol])
+    remark = "at its bound" if parameter.domain.at_bound(value) else None
+    if symbol in result.identifiability.lost:
+        return Interval.bare(value, "not identifiable", remark)
+    sd = _root(result.covariance[k, k])
+    if sd is None:
+        return Interval.bare(value, "estimated", "its standard error could not be computed")
+    stderr = abs(float(jax.grad(parameter.domain.value)(x))) * sd
+    low, high = (float(parameter.domain.value(x + way * Z_95 * sd)) for way in (-1.0, 1.0))
+    return Interval(value, stderr, low, high, "estimated", remark)
+
+
+def _tied(symbol: str, other: str, equal: Interval) -> Interval:
+    if equal.status == "not identifiable":
+        return replace(equal, remark=f"{symbol} = {other}")
+    return replace(equal, status="tied", remark=f"{symbol} = {other}")
+
+
+def _gear_ratio(result: FitResult) -> Interval:
+    config = result.rig.config
+    remark = None if config.gear_ratio_given else "assumed: rig.toml does not give it"
+    return Interval.bare(float(config.gear_ratio), "fixed", remark)
+
+
+def _sum(result: FitResult, total: Callable[[Mapping[str, Any]], Any]) -> Interval:
+    layout, held = result.unknowns.layout, result.unknowns.held
+    value = float(total(result.values))
+    gradient = np.asarray(jax.grad(lambda x: total(layout.values(x, held)))(result.x))
+    stderr = _root(gradient @ result.covariance @ gradient)
+    if stderr is None or stderr > 0.5 * abs(value):
+        return Interval.bare(value, "not identifiable")
+    return Interval(value, stderr, value - Z_95 * stderr, value + Z_95 * stderr, "estimated")
+
+
+def _root(variance: float) -> float | None:
+    return math.sqrt(variance) if math.isfinite(variance) and variance >= 0.0 else None

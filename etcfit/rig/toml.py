@@ -1,0 +1,142 @@
+"""A TOML file that can say what is wrong with it, and where."""
+
+from __future__ import annotations
+
+import difflib
+import math
+import re
+import tomllib
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from ..errors import MeasurementError
+from .table import decode
+
+
+@dataclass(frozen=True)
+class Toml:
+    """A parsed rig.toml that knows its own path and where each key stands."""
+
+    path: str
+    source: str
+    tables: Mapping[str, Any]
+
+    def wrong(self, key: str, found: str, required: str, mend: str) -> MeasurementError:
+        """The error for `table.key`, with its line where it can be found."""
+        line = _line_of(self.source, key)
+        return MeasurementError(f"{self.path}:{line}" if line else self.path, f"{key}: {found}", required, mend)
+
+    def table(self, name: str, keys: Iterable[str] | None = None) -> Mapping[str, Any]:
+        """The table of that name, {} where absent; only the given keys may stand in it."""
+        value = self.tables.get(name, {})
+        if not isinstance(value, dict):
+            raise self.wrong(name, f"found {shown(value)}.", "It must be a table.",
+                             f"Write [{name}] on a line of its own.")  # fmt: skip
+        if keys is not None:
+            self.only(value, tuple(keys), f"{name}.")
+        return value
+
+    def only(self, value: Mapping[str, Any], keys: tuple[str, ...], prefix: str = "") -> None:
+        """Refuse keys that are not known."""
+        for key in value:
+            if key not in keys:
+                raise self.wrong(f"{prefix}{key}", "unknown key.", f"Known here: {', '.join(keys)}.",
+                                 closest(key, keys, "Delete it."))  # fmt: skip
+
+    def number(self, key: str, value: Any) -> float:
+        """A number, infinity allowed."""
+        if isinstance(value, bool) or not isinstance(value, (int, float)) or value != value:
+            raise self.wrong(key, f"found {shown(value)}.", "It must be a number.",
+                             f"Write {key.split('.')[-1]} = 1.0.")  # fmt: skip
+        try:
+            return float(value)
+        except OverflowError:
+            return math.inf if value > 0 else -math.inf
+
+    def finite(self, key: str, value: Any) -> float:
+        """A finite number."""
+        number = self.number(key, value)
+        if math.isinf(number):
+            raise self.wrong(key, f"found {shown(value)}.", "It must be finite.", "Correct it, or leave the key out.")
+        return number
+
+    def positive(self, key: str, value: Any) -> float:
+        """A finite number above 0."""
+        number = self.finite(key, value)
+        if number <= 0:
+            raise self.wrong(key, f"found {shown(value)}.", "It must be above 0.", "Correct it, or leave the key out.")
+        return number
+
+    def string(self, key: str, value: Any) -> str:
+        """A text."""
+        if not isinstance(value, str):
+            raise self.wrong(key, f"found {shown(value)}.", "It must be a text.", 'Put it in quotes: "...".')
+        return value
+
+    def strings(self, table: str, key: str) -> tuple[str, ...]:
+        """A list of texts, each once; empty where absent."""
+        values = self.table(table, (key,)).get(key, [])
+        if not isinstance(values, list) or not all(isinstance(v, str) for v in values):
+            raise self.wrong(f"{table}.{key}", f"found {shown(values)}.", "It must be a list of texts.",
+                             f'Write {key} = ["...", "..."].')  # fmt: skip
+        return tuple(dict.fromkeys(values))
+
+
+def read_text(path: str | Path) -> str:
+    """The text of a rig.toml, whatever Unicode encoding its editor chose."""
+    try:
+        return decode(Path(path).read_bytes(), str(path)).removeprefix("\ufeff")
+    except OSError as err:
+        raise MeasurementError(str(path), f"no rig.toml can be read here ({err.strerror}).",
+                               "Every measurement folder needs one.",
+                               'Create it with two lines: [rig] and name = "...".') from err  # fmt: skip
+
+
+def parse(text: str, path: str) -> dict[str, Any]:
+    """The tables of a TOML text.
+
+    Raises:
+        MeasurementError: with the line at which its parser gave up.
+    """
+    try:
+        return tomllib.loads(text)
+    except (ValueError, RecursionError) as err:
+        line = re.search(r"line (\d+)", str(err))
+        at_end = text.count("\n") + 1 if "end of document" in str(err) else ""
+        place = f"{path}:{line[1] if line else at_end}".rstrip(":")
+        raise MeasurementError(place, f"{str(err).split(' (at ')[0]}.", "rig.toml must be valid TOML.",
+                               "Correct this line; texts need quotes, decimals a point.") from err  # fmt: skip
+
+
+def closest(name: str, known: Iterable[str], otherwise: str) -> str:
+    """A cure for a misspelt name."""
+    known = tuple(known)
+    folded = {k.casefold(): k for k in known}
+    match = difflib.get_close_matches(name.casefold(), folded, n=1, cutoff=0.6)
+    return f"Did you mean '{folded[match[0]]}'?" if match else otherwise
+
+
+def shown(value: Any) -> str:
+    """A value as a message shows it: short, whatever it is."""
+    try:
+        text = repr(value)
+    except ValueError:  # Python refuses to print integers of thousands of digits
+        text = "a huge number"
+    return text if len(text) <= 60 else f"{text[:57]}..."
+
+
+def _line_of(text: str, key: str) -> int | None:
+    """The line of `table.key`, by eye: good enough to point at."""
+    *table, name = key.split(".")
+    for tables, sought in ((table, name), (table[:-1], table[-1] if table else ""), ([], key)):
+        here: list[str] = []
+        for number, line in enumerate(text.split("\n"), 1):
+            if header := re.match(r"\s*\[+\s*([^\]]+?)\s*\]", line):
+                here = [part.strip("\"' ") for part in header[1].split(".")]
+                if here == [*tables, sought]:
+                    return number
+            elif here == tables and re.match(rf"\s*[\"']?{re.escape(sought)}[\"']?\s*[=.]", line):
+                return number
+    return None

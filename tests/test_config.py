@@ -1,0 +1,189 @@
+"""rig.toml: what it may say, in SI, and what it says wrongly."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from etcfit.errors import MeasurementError
+from etcfit.rig.base import Fixed, Prior, RigConfig, Start, Tied, TpsCalibration
+from etcfit.rig.config import read_config
+
+FULL = """[rig]
+name = "Bosch 0280750148, bench"
+synthetic = true
+gear_ratio = 20.68
+supply_V = 12
+travel_deg = [-5.0, 90.0]
+
+[tps]
+closed_V = 0.45
+open_V = 4.73
+travel_deg = 90.0
+
+[columns]
+"TP (Main) (V)" = "tps [V]"
+"Lambda" = "ignore"
+
+[noise]
+current_mA = 10
+tps_V = 0.0428
+motor_speed_rpm = 60.0
+torque_Nm = 0.02
+duty = 0.01
+temperature_degC = 0.5
+setpoint_deg = 0.1
+
+[tests.inductance]
+series_ohm = "free"
+[tests.resistance]
+series_ohm = 0.2
+
+[parameters]
+K_m = "K_b"
+J_L = { value = 0.0011, sd = 0.0002 }
+B_L = { fixed = 0.0 }
+R_a = 1.5
+
+[model]
+effects = ["limp_home_spring"]
+
+[holdout]
+files = ["response/drive_4.csv", "static_load\\\\ramp_2.csv", "./sine/1.csv"]
+"""
+
+
+def read(tmp_path: Path, text: str | bytes) -> RigConfig:
+    path = tmp_path / "rig.toml"
+    path.write_bytes(text if isinstance(text, bytes) else text.encode())
+    return read_config(path)
+
+
+def test_every_key_arrives_in_si(tmp_path: Path) -> None:
+    config = read(tmp_path, FULL)
+    assert (config.name, config.synthetic, config.supply_V) == ("Bosch 0280750148, bench", True, 12.0)
+    assert (config.gear_ratio, config.gear_ratio_given) == (20.68, True)
+    assert config.travel == pytest.approx((np.radians(-5.0), np.pi / 2))
+    assert config.tps == TpsCalibration(0.45, 4.73, np.pi / 2)
+    assert config.columns == {"TP (Main) (V)": "tps [V]", "Lambda": "ignore"}
+    assert config.series_ohm == {"inductance": None, "resistance": 0.2}
+    assert config.parameters == {"K_m": Tied("K_b"), "J_L": Prior(0.0011, 0.0002), "B_L": Fixed(0.0), "R_a": Start(1.5)}
+    assert config.effects == ("limp_home_spring",)
+    assert config.holdout == ("response/drive_4.csv", "static_load/ramp_2.csv", "sine/1.csv")
+
+
+def test_noise_is_converted_by_channel(tmp_path: Path) -> None:
+    """tps volts become the angle they stand for: 0.0428 V of 4.28 V is a hundredth of the travel."""
+    expected = {
+        "current": 0.01, "position": np.pi / 200, "motor_speed": 2 * np.pi, "torque": 0.02, "duty": 0.01,
+        "temperature": 0.5, "setpoint": np.radians(0.1),
+    }  # fmt: skip
+    assert dict(read(tmp_path, FULL).noise) == pytest.approx(expected)
+
+
+@pytest.mark.parametrize(
+    ("key", "channel", "sigma"),
+    [("position_rad", "position", 0.5), ("position_percent", "position", np.pi / 400), ("emf_V", "emf", 0.5),
+     ("motor_speed_rad_s", "motor_speed", 0.5), ("torque_N_m", "torque", 0.5), ("voltage_mV", "voltage", 5e-4)],
+)  # fmt: skip
+def test_noise_keys_take_usual_units(tmp_path: Path, key: str, channel: str, sigma: float) -> None:
+    assert dict(read(tmp_path, f"[noise]\n{key} = 0.5").noise) == pytest.approx({channel: sigma})
+
+
+def test_defaults(tmp_path: Path) -> None:
+    config = read(tmp_path, "")
+    assert config == RigConfig(name=tmp_path.name)
+    assert not config.gear_ratio_given
+
+
+def test_endless_travel(tmp_path: Path) -> None:
+    assert read(tmp_path, "[rig]\ntravel_deg = [-inf, inf]").travel == (-np.inf, np.inf)
+
+
+@pytest.mark.parametrize("line", ["N = 20.68", "N = { fixed = 20.68 }"])
+def test_the_gear_ratio_may_stand_among_the_parameters(tmp_path: Path, line: str) -> None:
+    config = read(tmp_path, f"[parameters]\n{line}")
+    assert (config.gear_ratio, config.gear_ratio_given, dict(config.parameters)) == (20.68, True, {})
+
+
+@pytest.mark.parametrize("encoding", ["utf-8", "utf-8-sig", "utf-16", "cp1252"])
+@pytest.mark.parametrize("newline", ["\n", "\r\n"])
+def test_any_encoding_of_an_editor(tmp_path: Path, encoding: str, newline: str) -> None:
+    text = FULL.replace("bench", "Prüfstand").replace("\n", newline)
+    assert read(tmp_path, text.encode(encoding)).name == "Bosch 0280750148, Prüfstand"
+
+
+WRONG = {
+    "broken TOML": ("[rig]\nname = bench", r"rig\.toml:2: .*valid TOML"),
+    "unclosed": ("[rig]\nname = 'x", r"rig\.toml:2: "),
+    "key twice": ("[rig]\nname = 'x'\nname = 'y'", r"rig\.toml:3: "),
+    "unknown table": ("[rigg]\n", r"rig\.toml:1: rigg: unknown key.*Did you mean 'rig'"),
+    "unknown key": ("[rig]\n\ngear_ration = 2", r"rig\.toml:3: rig\.gear_ration: unknown.*Did you mean 'gear_ratio'"),
+    "unknown nested key": ("[tests.sine]\nohm = 1", r"rig\.toml:2: .*unknown.*series_ohm"),
+    "table that is none": ("rig = 3", r"rig: found 3.*table"),
+    "text for number": ("[rig]\ngear_ratio = '20'", r"rig\.toml:2: rig\.gear_ratio: found '20'.*number"),
+    "bool for number": ("[rig]\nsupply_V = true", r"found True.*number"),
+    "nan": ("[rig]\nsupply_V = nan", r"found nan.*number"),
+    "inf": ("[rig]\nsupply_V = inf", r"found inf.*finite"),
+    "negative": ("[rig]\ngear_ratio = -1", r"above 0"),
+    "number for text": ("[rig]\nname = 3", r"rig\.toml:2: .*text"),
+    "text for bool": ("[rig]\nsynthetic = 'yes'", r"rig\.toml:2: .*true or false"),
+    "travel of one": ("[rig]\ntravel_deg = [90]", r"two numbers"),
+    "travel swapped": ("[rig]\ntravel_deg = [90, 0]", r"below the open stop"),
+    "tps incomplete": ("[tps]\nclosed_V = 0.45\ntravel_deg = 90", r"rig\.toml:1: tps\.open_V: missing"),
+    "tps flat": ("[tps]\nclosed_V = 1\nopen_V = 1\ntravel_deg = 90", r"must differ"),
+    "column of no unit": ("[columns]\n'A B' = 'voltage'", r"rig\.toml:2: columns\.A B: .*no unit"),
+    "column unknown": ("[columns]\nA = 'volts [V]'", r"columns\.A: column 'volts \[V\]' is not known"),
+    "column wrong unit": ("[columns]\nA = 'voltage [A]'", r"'A' is not one of voltage"),
+    "noise unknown": ("[noise]\ncurent_A = 1", r"rig\.toml:2: .*unknown channel.*'current'"),
+    "noise without unit": ("[noise]\ncurrent = 1", r"unit missing.*current_A"),
+    "noise wrong unit": ("[noise]\ncurrent_V = 1", r"'V' is not one of current"),
+    "noise zero": ("[noise]\ncurrent_A = 0.0", r"above 0"),
+    "noise twice": ("[noise]\ncurrent_A = 1.0\ncurrent_mA = 1.0", r"rig\.toml:3: .*second value for current"),
+    "noise of tps": ("[noise]\ntps_V = 0.1", r"no \[tps\]"),
+    "series": ("[tests.sine]\nseries_ohm = 'fre'", r'"free" or a number'),
+    "series negative": ("[tests.sine]\nseries_ohm = -1", r'"free" or a number'),
+    "tests no table": ("[tests]\nsine = 1", r"tests\.sine: found 1"),
+    "parameter list": ("[parameters]\nR_a = [1]", r"rig\.toml:2: parameters\.R_a: .*\{fixed"),
+    "parameter half a prior": ("[parameters]\nR_a = {value = 1}", r"\{value = 1\.0, sd"),
+    "parameter sd 0": ("[parameters]\nR_a = {value = 1, sd = 0}", r"above 0"),
+    "parameter symbol": ("[parameters]\n'R a' = 1", r"no symbol"),
+    "circle": ("[parameters]\nK_m = 'K_b'\nK_b = 'K_m'", r"circle: K_m = K_b = K_m"),
+    "itself": ("[parameters]\nK_m = 'K_m'", r"circle"),
+    "N tied": ("[parameters]\nN = 'K_m'", r"gear_ratio = 20"),
+    "N twice": ("[rig]\ngear_ratio = 20\n[parameters]\nN = 21", r"same quantity"),
+    "effects": ("[model]\neffects = 'stribeck'", r"list of texts"),
+    "holdout": ("[holdout]\nfiles = [1]", r"list of texts"),
+    "huge integer": ("[rig]\nsupply_V = 1" + 400 * "0", r"finite"),
+    "nested too deep": ("a = " + 5000 * "[", r"valid TOML"),
+}
+
+
+@pytest.mark.parametrize(("text", "message"), WRONG.values(), ids=WRONG.keys())
+def test_each_mistake_has_its_own_message(tmp_path: Path, text: str, message: str) -> None:
+    with pytest.raises(MeasurementError) as caught:
+        read(tmp_path, text)
+    assert re.search(message, str(caught.value)), str(caught.value)
+
+
+def test_no_two_mistakes_share_a_message(tmp_path: Path) -> None:
+    """Where the texts differ only in what was found, they name different keys."""
+    said = []
+    for text, _ in WRONG.values():
+        with pytest.raises(MeasurementError) as caught:
+            read(tmp_path, text)
+        said.append(str(caught.value))
+    assert len(set(said)) == len(said)
+
+
+def test_no_rig_toml(tmp_path: Path) -> None:
+    with pytest.raises(MeasurementError, match=r"rig\.toml: no rig\.toml can be read here .*Create it"):
+        read_config(tmp_path / "rig.toml")
+
+
+def test_binary_rig_toml(tmp_path: Path) -> None:
+    with pytest.raises(MeasurementError, match="text"):
+        read(tmp_path, b"PK\x03\x04\x00\x01\x02")

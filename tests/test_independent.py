@@ -1,0 +1,354 @@
+"""The generator of synthetic folders against closed forms, conservation of energy, and SciPy with its own events."""
+
+from __future__ import annotations
+
+import ast
+import itertools
+import tomllib
+from dataclasses import asdict
+from pathlib import Path
+
+import numpy as np
+import pytest
+from independent import CONSISTENT, MEDIUM, NONE, TABLE_2, Bench, Effects, Truth, bench_twin, draw_truth, make_folder
+from independent import effects as more
+from independent.drives import Drive, chirp, line, random_steps, steps
+from independent.folder import SIZES
+from independent.instruments import PERFECT, Sensor, clock
+from independent.kernel import Plant, cogging, friction_limit, record, spring_torque
+from independent.protocols import Series, Session, response
+from independent.simulate import NEVER, Motion, motor_alone, resting_angle, simulate, terminals_open, throttle
+from independent.truth import OPEN
+from numpy.testing import assert_allclose
+from scipy.integrate import simpson, solve_ivp
+
+PACKAGE = Path(__file__).parent / "independent"
+
+
+def fine(duration: float, step: float = 2e-5) -> np.ndarray:
+    return np.linspace(0.0, duration, round(duration / step) + 1)
+
+
+def silent(duration: float) -> Drive:
+    return line([0.0, duration], [0.0, 0.0])
+
+
+# ---- a second opinion: Eqs. 1-2 by SciPy, one smooth piece after the other
+
+
+def slope_of(truth: Truth, volts: float, way: int):
+    def rates(_, x: np.ndarray) -> list[float]:
+        i, w, theta = x
+        net = truth.N * truth.K_m * i - truth.B_eq * w - truth.K_s * theta - truth.T_PL - way * truth.T_f
+        di = (volts - truth.R_a * i - truth.N * truth.K_b * w) / truth.L_a
+        return [di, net / truth.J_eq if way else 0.0, w if way else 0.0]
+
+    return rates
+
+
+def way_from_rest(truth: Truth, i: float, theta: float, slack: float = 0.0) -> int:
+    """1 opens, -1 closes, 0 stays; a torque within `slack` of breakaway has broken away."""
+    net = truth.N * truth.K_m * i - truth.K_s * theta - truth.T_PL
+    opens, closes = net >= truth.T_f - slack and theta < OPEN, net <= slack - truth.T_f and theta > 0.0
+    return int(opens) - int(closes)
+
+
+def ends_of(truth: Truth, way: int):
+    """What may end a smooth piece: breakaway either way if stuck; else speed through zero, or a stop."""
+    if way == 0:
+        events = [
+            lambda _, x: truth.N * truth.K_m * x[0] - truth.K_s * x[2] - truth.T_PL - truth.T_f if x[2] < OPEN else -1,
+            lambda _, x: truth.T_PL + truth.K_s * x[2] - truth.N * truth.K_m * x[0] - truth.T_f if x[2] > 0 else -1,
+        ]
+        directions = [1, 1]
+    else:
+        events = [lambda _, x: x[1], lambda _, x: x[2] - (OPEN if way > 0 else 0.0)]
+        directions = [-way, way]
+    for event, direction in zip(events, directions, strict=True):
+        event.terminal, event.direction = True, direction
+    return events
+
+
+def reference(truth: Truth, durations: np.ndarray, levels: np.ndarray) -> tuple[np.ndarray, np.ndarray, int, int]:
+    """Times, states (i, w, theta), and how often the plate stuck and struck a stop, under steps of voltage."""
+    x, start, way, stuck, struck = np.zeros(3), 0.0, 0, 0, 0
+    times, states = [np.zeros(1)], [np.zeros((1, 3))]
+    for duration, volts in zip(durations, levels, strict=True):
+        t, end = start, start + duration
+        while t < end:
+            piece = solve_ivp(
+                slope_of(truth, volts, way), (t, end), x, "DOP853",
+                rtol=1e-11, atol=1e-13, max_step=2e-3, events=ends_of(truth, way),
+            )  # fmt: skip
+            times.append(piece.t[1:])
+            states.append(piece.y.T[1:])
+            t, x = piece.t[-1], piece.y[:, -1].copy()
+            if piece.status == 1:
+                hit = way != 0 and len(piece.t_events[1]) > 0
+                x = np.array([x[0], 0.0, (OPEN if way > 0 else 0.0) if hit else x[2]])
+                was, way = way, way_from_rest(truth, x[0], x[2], slack=1e-9 if way == 0 else 0.0)
+                struck, stuck = struck + hit, stuck + (was != 0 and way == 0 and not hit)
+        start = end
+    return np.concatenate(times), np.concatenate(states), stuck, struck
+
+
+@pytest.mark.parametrize("truth", [CONSISTENT, TABLE_2, draw_truth(np.random.default_rng(5))])
+def test_agrees_with_scipy_through_stick_slip_and_impact(truth: Truth) -> None:
+    rng = np.random.default_rng(3)
+    open_at = truth.volts_for(truth.T_PL + truth.T_f + truth.K_s * OPEN)
+    pattern = np.array([1.3, 0.5, 1.2, -0.3, 1.3, 0.55, 0.0, 1.8, 1.8, 1.8, 0.5, -0.5, -0.5, -0.5])
+    durations, levels = rng.uniform(0.05, 0.25, 14), open_at * pattern * rng.uniform(0.95, 1.05, 14)
+    times, states, stuck, struck = reference(truth, durations, levels)
+    assert stuck >= 1
+    assert struck >= 1
+    rising = np.concatenate(([True], np.diff(times) > 0))
+    times, states = times[rising], states[rising]
+    drive = steps(durations, levels)
+    motion = simulate(throttle(truth, NONE), drive, np.minimum(times, drive.time[-1]), angle=0.0)
+    assert np.ptp(states[:, 2]) > 1.5
+    assert_allclose(motion.angle, states[:, 2], rtol=0, atol=1e-8)
+    assert_allclose(motion.current, states[:, 0], rtol=0, atol=1e-6)
+
+
+# ---- closed forms
+
+
+def test_current_of_a_held_plate_rises_exponentially() -> None:
+    plant, jump = throttle(CONSISTENT, NONE, series_ohm=1.218), 1.23456e-3
+    drive = steps(np.array([0.02]), np.array([1.005])).after(jump, 0.02)
+    motion = simulate(plant, drive, fine(0.02, 5e-5), angle=0.0, held_until=NEVER)
+    since = np.maximum(motion.time - jump, 0.0)
+    expected = 1.005 / plant.R * -np.expm1(-since * plant.R / plant.L)
+    assert_allclose(motion.current, expected, rtol=0, atol=1e-8)
+    assert np.all(motion.speed == 0.0)
+
+
+def test_released_plate_falls_as_the_first_order_lag_it_is_without_spring() -> None:
+    truth, let_go = Truth(J_m=1.4e-6, J_L=6e-4, K_s=0.0), 0.03141
+    motion = simulate(terminals_open(truth, NONE), silent(0.4), fine(0.4), angle=OPEN, held_until=let_go)
+    since, lag = np.maximum(motion.time - let_go, 0.0), truth.J_eq / truth.B_eq
+    fastest = (truth.T_PL - truth.T_f) / truth.B_eq
+    expected = OPEN - fastest * (since + lag * np.expm1(-since / lag))
+    falling = expected > 0
+    assert np.count_nonzero(~falling) > 0
+    assert_allclose(motion.angle[falling], expected[falling], rtol=0, atol=1e-9)
+    assert np.all(motion.angle[~falling] == 0.0)
+    assert np.all(motion.current == 0.0)
+
+
+def test_motor_alone_reaches_the_speed_of_its_voltage() -> None:
+    plant = motor_alone(CONSISTENT, MEDIUM["stribeck_friction"])
+    motion = simulate(plant, line([0.0, 1.0], [6.0, 6.0]), fine(1.0, 1e-3), angle=0.0)
+    truth = CONSISTENT
+    expected = 6.0 * truth.K_m / (truth.R_a * truth.B_m + truth.K_b * truth.K_m)
+    assert_allclose(truth.N * motion.speed[-1], expected, rtol=1e-9)
+
+
+def test_stuck_plate_does_not_creep() -> None:
+    truth = CONSISTENT
+    almost = truth.volts_for(truth.T_PL + truth.T_f) - 1e-6
+    motion = simulate(throttle(truth, NONE), line([0.0, 5.0], [almost, almost]), fine(5.0, 1e-3), angle=0.0)
+    assert np.all(motion.angle == 0.0)
+    moved = simulate(throttle(truth, NONE), line([0.0, 5.0], [almost + 2e-6] * 2), fine(5.0, 1e-3), angle=0.0)
+    assert moved.angle[-1] > 0.0
+
+
+# ---- conservation of energy
+
+
+def test_every_joule_of_a_driven_plate_is_accounted_for() -> None:
+    truth = CONSISTENT
+    balance = truth.volts_for(truth.T_PL + truth.K_s * 0.8)
+    m = simulate(throttle(truth, NONE), chirp(2.0, balance, 1.5), fine(2.0, 1e-5), angle=0.8)
+    assert np.ptp(m.angle) > 0.2
+    assert np.all((m.angle > 0) & (m.angle < OPEN))
+    supplied = simpson(m.voltage * m.current, x=m.time)
+    lost = simpson(truth.R_a * m.current**2 + truth.B_eq * m.speed**2 + truth.T_f * np.abs(m.speed), x=m.time)
+    stored = [stored_energy(truth, m, k) for k in (0, -1)]
+    assert_allclose(supplied, lost + stored[1] - stored[0], rtol=1e-7)
+
+
+def stored_energy(truth: Truth, m: Motion, k: int) -> float:
+    coil, flywheel = truth.L_a * m.current[k] ** 2 / 2, truth.J_eq * m.speed[k] ** 2 / 2
+    return coil + flywheel + truth.K_s * m.angle[k] ** 2 / 2 + truth.T_PL * m.angle[k]
+
+
+def test_a_stop_takes_all_the_speed_and_no_position() -> None:
+    m = simulate(terminals_open(CONSISTENT, NONE), silent(0.3), fine(0.3), angle=OPEN)
+    landed = int(np.argmax(m.angle == 0.0))
+    assert m.speed[landed - 1] < -10.0
+    assert np.all(m.speed[landed:] == 0.0)
+    assert np.all(m.angle[landed:] == 0.0)
+
+
+# ---- beyond Eqs. 1-2
+
+
+@pytest.mark.parametrize("name", MEDIUM)
+def test_an_effect_changes_the_motion_and_its_steps_are_fine_enough(name: str) -> None:
+    rng = np.random.default_rng(8)
+    drive, time = random_steps(rng, 3.0, 1.9, 0.9).after(0.05, 3.1), fine(3.0, 1e-3)
+    plant = throttle(CONSISTENT, MEDIUM[name])
+    without, usual = (simulate(p, drive, time, angle=0.2) for p in (throttle(CONSISTENT, NONE), plant))
+    finest = simulate(plant, drive, time, angle=0.2, h_max=4e-6)
+    assert np.abs(usual.angle - without.angle).max() > 0.005
+    assert_allclose(usual.angle, finest.angle, rtol=0, atol=1e-7)
+
+
+def plant_with(effects: Effects) -> Plant:
+    return record(throttle(CONSISTENT, effects))  # type: ignore[return-value]
+
+
+def test_limp_home_plate_rests_where_table_1_says() -> None:
+    limp = MEDIUM["limp_home_spring"]
+    assert resting_angle(CONSISTENT, NONE) == 0.0
+    assert_allclose(np.degrees(resting_angle(CONSISTENT, limp)), 9.0, atol=1.0)
+    below, above = (spring_torque(plant_with(limp), np.radians(degrees)) for degrees in (7.0, 11.0))
+    assert below < -CONSISTENT.T_f
+    assert above > CONSISTENT.T_f
+
+
+def test_friction_formulas_at_points_worked_by_hand() -> None:
+    stribeck = plant_with(Effects(stribeck_friction=more.StribeckFriction(0.06, 0.5)))
+    rest, half, fast = (friction_limit(stribeck, 0.0, w, 0.0) - CONSISTENT.T_f for w in (0.0, -0.5, 50.0))
+    assert_allclose([rest, half, fast], [0.06, 0.03, 0.0], atol=1e-5)
+    loaded = plant_with(Effects(load_dependent_friction=more.LoadDependentFriction(0.1)))
+    held = (CONSISTENT.T_PL + CONSISTENT.K_s) / (CONSISTENT.N * CONSISTENT.K_m)  # A; the motor balances the spring
+    assert_allclose(friction_limit(loaded, held, 0.0, 1.0), CONSISTENT.T_f + 0.1 * 0.512)
+
+
+def test_cogging_repeats_six_times_a_motor_turn() -> None:
+    plant = plant_with(MEDIUM["cogging_torque"])
+    period = 2 * np.pi / (6 * CONSISTENT.N)
+    assert_allclose(cogging(plant, 0.3 + period), cogging(plant, 0.3), rtol=1e-9)
+    assert_allclose(cogging(plant, 0.3 + period / 2), -cogging(plant, 0.3), rtol=1e-9)
+
+
+def test_winding_warms_to_its_balance_of_loss_and_conduction() -> None:
+    heat = more.WindingHeating(0.0039, 0.05, 0.15)
+    m = simulate(throttle(CONSISTENT, Effects(winding_heating=heat)), line([0.0, 8.0], [3.0, 3.0]), fine(8.0, 1e-3),
+                 angle=0.0, held_until=NEVER)  # fmt: skip
+    assert m.warmth[-1] > 5.0
+    assert_allclose(m.current[-1], 3.0 / (CONSISTENT.R_a * (1 + 0.0039 * m.warmth[-1])), rtol=1e-6)
+    assert_allclose(0.15 * m.warmth[-1], 3.0 * m.current[-1], rtol=1e-6)
+
+
+# ---- truths, instruments, folders
+
+
+def test_drawn_truths_fill_the_band_and_let_the_plate_return() -> None:
+    rng = np.random.default_rng(0)
+    drawn = [draw_truth(rng) for _ in range(400)]
+    for name, centre in asdict(CONSISTENT).items():
+        ratios = np.array([getattr(truth, name) for truth in drawn]) / centre
+        assert np.all(np.abs(ratios - 1) <= 0.4)
+        assert name == "N" or np.ptp(ratios) > 0.7
+    assert all(truth.K_m == truth.K_b for truth in drawn)
+    assert all(resting_angle(truth, NONE) == 0.0 for truth in drawn[:40])
+
+
+def test_a_sensor_scatters_as_much_as_it_declares() -> None:
+    sensor = Sensor("current", "A", 0.004, 0.02)
+    rng = np.random.default_rng(2)
+    true = rng.uniform(-1, 1, 40_000)
+    read = sensor.read(rng, true)
+    assert_allclose(np.std(read - true), sensor.declared, rtol=0.02)
+    assert_allclose(read / 0.02, np.round(read / 0.02), atol=1e-9)
+
+
+def test_the_clock_samples_beside_the_times_it_logs() -> None:
+    ticks = clock(np.random.default_rng(2), Bench(), 1000.0, 5.0)
+    assert_allclose(ticks.logged, np.arange(5000) * 1e-3, rtol=0, atol=1e-12)
+    assert_allclose(np.std(ticks.true - ticks.logged), 1e-5, rtol=0.05)
+    assert np.all(np.diff(ticks.true) > 0)
+
+
+def test_a_slow_amplifier_turns_a_jump_into_a_slope() -> None:
+    slow = steps(np.array([1.0, 1.0]), np.array([0.0, 2.0])).slewed(0.1)
+    assert_allclose(np.interp([0.99, 1.05, 1.1], slow.time, slow.volts), [0.0, 1.0, 2.0])
+
+
+def table(file: Path) -> tuple[list[str], np.ndarray]:
+    first, header, *_ = file.read_text(encoding="utf-8").split("\n", 2)
+    assert first.startswith("# SYNTHETIC: made by tests/independent, seed ")
+    return header.split(","), np.loadtxt(file, delimiter=",", skiprows=2)
+
+
+def test_a_folder_scatters_as_its_rig_toml_says(tmp_path: Path) -> None:
+    make_folder(tmp_path, CONSISTENT, seed=4)
+    noise = tomllib.loads((tmp_path / "rig.toml").read_text(encoding="utf-8"))["noise"]
+    _, held = table(tmp_path / "resistance" / "volts_7.csv")
+    assert_allclose(held[:, 1:].std(axis=0), [noise["voltage_V"], noise["current_A"]], rtol=0.12)
+    assert_allclose(held[:, 1].mean() / held[:, 2].mean(), CONSISTENT.R_a, rtol=1e-3)
+    _, landed = table(tmp_path / "back_emf" / "release_1.csv")
+    assert_allclose(landed[-300:, 1:].std(axis=0), [noise["emf_V"], noise["tps_V"]], rtol=0.15)
+    _, running = table(tmp_path / "viscous" / "volts_6.csv")
+    assert_allclose(running[-600:, 3].std(), noise["motor_speed_rpm"], rtol=0.12)
+
+
+def test_a_folder_holds_every_test_and_names_what_it_holds_out(tmp_path: Path) -> None:
+    make_folder(tmp_path, TABLE_2, seed=1, size="small")
+    rig = tomllib.loads((tmp_path / "rig.toml").read_text(encoding="utf-8"))
+    assert rig["rig"]["synthetic"] is True
+    assert "synthetic" in rig["rig"]["name"]
+    assert {folder.name for folder in tmp_path.iterdir() if folder.is_dir()} == set(SIZES["small"])
+    assert [file.partition("/")[0] for file in rig["holdout"]["files"]] == ["response", "static_load"]
+    assert all((tmp_path / file).is_file() for file in rig["holdout"]["files"])
+    for file in tmp_path.glob("*/*.csv"):
+        header, rows = table(file)
+        assert header[0].startswith("time [")
+        assert np.all(np.diff(rows[:, 0]) > 0)
+        assert np.all(np.isfinite(rows))
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_every_protocol_makes_sense_of_the_truth_it_meets(tmp_path: Path, seed: int) -> None:
+    truth = draw_truth(np.random.default_rng(seed), (CONSISTENT, TABLE_2)[seed % 2])
+    make_folder(tmp_path, truth, seed, size="small")
+    closed, opened = 0.47, 4.71
+    for release in itertools.chain(tmp_path.glob("back_emf/*.csv"), tmp_path.glob("inertia/*.csv")):
+        tps = table(release)[1][:, 2]
+        assert tps[:10].mean() > opened
+        assert tps[-10:].mean() < closed
+    for ramp in tmp_path.glob("static_load/*.csv"):
+        tps = table(ramp)[1][:, 3]
+        assert tps[:10].mean() < closed
+        assert tps.max() > opened
+        assert tps[-10:].mean() < closed
+
+
+def test_driven_traces_move_reverse_and_stick() -> None:
+    session = Session(np.random.default_rng(0), CONSISTENT, NONE, PERFECT)
+    traces = [trace.columns["tps [V]"] for trace in response(session, Series(4, 4.0, 1000))]
+    assert min(np.ptp(tps) for tps in traces) > 1.0
+    rates = [np.diff(tps) for tps in traces]
+    assert all((rate > 1e-4).any() and (rate < -1e-4).any() for rate in rates)
+    assert all(np.mean(np.abs(rate) < 1e-8) > 0.05 for rate in rates)
+
+
+def test_a_seed_is_a_folder(tmp_path: Path) -> None:
+    for name, seed in (("a", 1), ("b", 1), ("c", 2)):
+        make_folder(tmp_path / name, CONSISTENT, seed, size="small", holdout=False, declare_noise=False)
+    a, b, c = ((tmp_path / name / "response" / "drive_1.csv").read_bytes() for name in "abc")
+    assert a == b
+    assert a != c
+    rig = tomllib.loads((tmp_path / "a" / "rig.toml").read_text(encoding="utf-8"))
+    assert rig.keys() == {"rig", "tps", "tests"}
+
+
+def test_the_twin_keeps_its_secret_and_its_size(tmp_path: Path) -> None:
+    bench_twin.main(tmp_path)
+    files = [file for file in tmp_path.rglob("*") if file.is_file()]
+    assert sum(file.stat().st_size for file in files) < 2_000_000
+    assert not (tmp_path / "truth.json").exists()
+    words = "".join(file.read_text(encoding="utf-8") for file in files).lower()
+    assert not [effect for effect in MEDIUM if effect in words or effect.replace("_", " ") in words]
+
+
+def test_nothing_here_imports_the_package_under_test() -> None:
+    for file in PACKAGE.glob("*.py"):
+        tree = ast.walk(ast.parse(file.read_text(encoding="utf-8")))
+        names = [alias.name for node in tree if isinstance(node, ast.Import) for alias in node.names]
+        tree = ast.walk(ast.parse(file.read_text(encoding="utf-8")))
+        names += [node.module or "" for node in tree if isinstance(node, ast.ImportFrom)]
+        assert not [name for name in names if "etcfit" in name]

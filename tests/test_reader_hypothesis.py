@@ -1,0 +1,286 @@
+"""Good folders, spoilt at random: never an exception but MeasurementError, never a silent wrong number."""
+
+from __future__ import annotations
+
+import tempfile
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from decimal import Decimal
+from pathlib import Path
+
+import numpy as np
+import pytest
+from folders import TOML, Sheet, back_emf, good, response, write
+from hypothesis import HealthCheck, Phase, given, note, settings
+from hypothesis import strategies as st
+
+from etcfit.errors import MeasurementError
+from etcfit.rig.base import Channel, Rig
+from etcfit.rig.reader import read_folder
+
+SHEETS = {"response/1.csv": response(30), "back_emf/1.csv": back_emf(30)}
+FILES = {"rig.toml": TOML, **{name: sheet.text() for name, sheet in SHEETS.items()}}
+# headers that mean the same, and by how many powers of ten their numbers differ
+SAME = {
+    "time [ms]": (("time [s]", -3), ("Time [us]", 3), ("time [milliseconds]", 0)),
+    "time [s]": (("time [ms]", 3), ("TIME [sec]", 0)),
+    "voltage [V]": (("voltage [mV]", 3), ("Voltage [volts]", 0), ("voltage [kV]", -3)),
+    "emf [V]": (("emf [mV]", 3), ("EMF [V]", 0)),
+    "current [mA]": (("current [A]", -3), ("current [uA]", 3), ("current [µA]", 3)),
+    "tps [V]": (("tps [mV]", 3), ("TPS [ V ]", 0)),
+    "position [deg]": (("position [degrees]", 0), ("position [°]", 0), ("position [mdeg]", 3)),
+}
+BARE = settings(
+    max_examples=120, deadline=None, derandomize=True, suppress_health_check=[HealthCheck.too_slow],
+    phases=[Phase.explicit, Phase.generate],
+)  # fmt: skip
+THOROUGH = settings(max_examples=5000, deadline=None, suppress_health_check=list(HealthCheck))
+
+
+def reading(files: dict[str, str | bytes]) -> Rig:
+    with tempfile.TemporaryDirectory() as folder:
+        return read_folder(write(Path(folder), {**FILES, **files}))
+
+
+GOOD = reading({})
+
+
+def outcome(files: dict[str, str | bytes]) -> Rig | MeasurementError:
+    try:
+        return reading(files)
+    except MeasurementError as error:
+        assert all((error.where, error.found, error.required, error.mend))
+        return error
+
+
+def assert_same(rig: Rig, other: Rig) -> None:
+    assert [m.file for m in rig.measurements] == [m.file for m in other.measurements]
+    for m, n in zip(rig.measurements, other.measurements, strict=True):
+        np.testing.assert_allclose(m.time, n.time, rtol=1e-12, atol=1e-15)
+        assert set(m.channels) == set(n.channels)
+        for name, channel in m.channels.items():
+            assert_same_channel(channel, n.channels[name])
+
+
+def assert_same_channel(channel: Channel, other: Channel) -> None:
+    np.testing.assert_allclose(channel.time, other.time, rtol=1e-12, atol=1e-15)
+    np.testing.assert_allclose(channel.value, other.value, rtol=1e-11, atol=1e-12)
+    assert channel.sigma == pytest.approx(other.sigma, rel=1e-3)
+
+
+def assert_sound(rig: Rig) -> None:
+    """What no reading may violate, whatever stood in the files."""
+    for m in rig.measurements:
+        assert (np.diff(m.time) > 0).all()
+        assert len(m.time) > 1
+        for channel in m.channels.values():
+            assert channel.time.shape == channel.value.shape
+            assert np.isfinite(channel.value).all()
+            assert np.isfinite([channel.sigma, channel.quantum, channel.scale]).all()
+            assert channel.sigma > 0
+
+
+@dataclass(frozen=True)
+class Style:
+    """How a sheet is written."""
+
+    separator: str
+    decimal: str
+    newline: str
+    encoding: str
+    comments: tuple[tuple[int, str], ...]
+
+    def raw(self, sheet: Sheet) -> bytes:
+        lines = sheet.text(self.separator, self.decimal).split("\n")
+        for place, comment in self.comments:
+            lines.insert(place, comment)
+        return self.newline.join(lines).encode(self.encoding)
+
+
+def styles() -> st.SearchStrategy[Style]:
+    marks = st.sampled_from([(",", "."), (";", "."), ("\t", "."), (";", ","), ("\t", ",")])
+    encodings = st.sampled_from(["utf-8", "utf-8-sig", "utf-16", "utf-16-le", "utf-16-be", "utf-32", "cp1252"])
+    text = st.text("abc,;.\t 0123456789[]#\"'", max_size=12)
+    comments = st.lists(st.tuples(st.integers(0, 30), st.one_of(st.just(""), text.map("#{}".format))), max_size=4)
+    newline = st.sampled_from(["\n", "\r\n", "\r"])
+    return st.builds(lambda m, n, e, c: Style(*m, n, e, tuple(c)), marks, newline, encodings, comments)
+
+
+def shifted(cell: str, power: int) -> str:
+    return f"{Decimal(cell).scaleb(power):f}"
+
+
+def respelt(sheet: Sheet, k: int, choice: int) -> Sheet:
+    """The same column under another header, its numbers scaled to match."""
+    options = SAME[sheet.header[k]]
+    header, power = options[choice % len(options)]
+    rows = tuple((*row[:k], shifted(row[k], power), *row[k + 1 :]) for row in sheet.rows)
+    return Sheet(sheet.with_header(k, header).header, rows)
+
+
+@st.composite
+def rewritten(draw: st.DrawFn) -> dict[str, str | bytes]:
+    """The folder in other words: units, order of columns, separators, decimal marks, encodings, comments."""
+    files: dict[str, str | bytes] = {}
+    for name, sheet in SHEETS.items():
+        for k in draw(st.sets(st.integers(0, len(sheet.header) - 1))):
+            sheet = respelt(sheet, k, draw(st.integers(0, 2)))
+        style = draw(styles())
+        encoding = "utf-8" if style.encoding == "cp1252" and draw(st.booleans()) else style.encoding
+        sheet = sheet.in_order(draw(st.permutations(range(len(sheet.header)))))
+        files[name] = replace(style, encoding=encoding).raw(sheet)
+    return files
+
+
+Damage = Callable[[Sheet, int, int, str], Sheet | None]
+WORDS = st.sampled_from(
+    ["NaN", "nan", "inf", "-inf", "x", "--", "1e999", "1_0", "0x1F", "1.2.3", "12:30", "#N/A", "٣", "1 2", "−1"]
+)
+
+
+def swap(sheet: Sheet, row: int, k: int, word: str) -> Sheet:
+    other = (row + 1 + k) % len(sheet.rows)
+    return sheet.with_row(row, sheet.rows[other]).with_row(other, sheet.rows[row])
+
+
+def repeat(sheet: Sheet, row: int, k: int, word: str) -> Sheet:
+    return replace(sheet, rows=(*sheet.rows[: row + 1], *sheet.rows[row:]))
+
+
+def say(sheet: Sheet, row: int, k: int, word: str) -> Sheet:
+    return sheet.with_cell(row, k, word)
+
+
+def cut_cell(sheet: Sheet, row: int, k: int, word: str) -> Sheet:
+    return sheet.with_row(row, (*sheet.rows[row][:k], *sheet.rows[row][k + 1 :]))
+
+
+def add_cell(sheet: Sheet, row: int, k: int, word: str) -> Sheet:
+    return sheet.with_row(row, (*sheet.rows[row][:k], "1", *sheet.rows[row][k:]))
+
+
+def lose_time(sheet: Sheet, row: int, k: int, word: str) -> Sheet:
+    return sheet.with_cell(row, 0, "")
+
+
+def double_column(sheet: Sheet, row: int, k: int, word: str) -> Sheet:
+    return sheet.in_order([*range(len(sheet.header)), k])
+
+
+def lose_unit(sheet: Sheet, row: int, k: int, word: str) -> Sheet:
+    return sheet.with_header(k, sheet.header[k].split(" [")[0])
+
+
+def wrong_unit(sheet: Sheet, row: int, k: int, word: str) -> Sheet:
+    return sheet.with_header(k, f"{sheet.header[k].split(' [')[0]} [kg]")
+
+
+def misspell(sheet: Sheet, row: int, k: int, word: str) -> Sheet:
+    return sheet.with_header(k, sheet.header[k][1:])
+
+
+def lose_header(sheet: Sheet, row: int, k: int, word: str) -> Sheet:
+    return replace(sheet, header=sheet.rows[0], rows=sheet.rows[1:])
+
+
+def one_row(sheet: Sheet, row: int, k: int, word: str) -> Sheet:
+    return replace(sheet, rows=sheet.rows[row : row + 1])
+
+
+DAMAGES: tuple[Damage, ...] = (
+    swap, repeat, say, cut_cell, add_cell, lose_time, double_column, lose_unit, wrong_unit, misspell, lose_header, one_row,
+)  # fmt: skip
+
+
+def neutral(files: dict[str, str | bytes]) -> None:
+    note(repr(files))
+    assert_same(reading(files), GOOD)
+
+
+def harmful(damage: Damage, name: str, style: Style, row: int, k: int, word: str) -> None:
+    sheet = SHEETS[name]
+    spoilt = damage(sheet, row, k % len(sheet.header), word)
+    assert spoilt is not None
+    raw = replace(style, encoding="utf-8").raw(spoilt)
+    note(raw.decode())
+    found = outcome({name: raw})
+    assert isinstance(found, MeasurementError), f"{damage.__name__} went unseen"
+    assert name in found.where
+
+
+def lossy(name: str, style: Style, dropped: set[int], gaps: set[tuple[int, int]]) -> None:
+    """Rows and cells that are missing leave all others as they were."""
+    sheet = SHEETS[name]
+    cells = {(row, 1 + k % (len(sheet.header) - 1)) for row, k in gaps}
+    for row, k in cells:
+        sheet = sheet.with_cell(row, k, "")
+    kept = [row for row in range(len(sheet.rows)) if row not in dropped]
+    rig = reading({name: style.raw(replace(sheet, rows=tuple(sheet.rows[row] for row in kept)))})
+    before, after = (next(m for m in r.measurements if m.file == name) for r in (GOOD, rig))
+    np.testing.assert_allclose(after.time, before.time[kept], rtol=1e-14)
+    for k, channel in enumerate(before.channels, 1):
+        there = [row for row in kept if (row, k) not in cells]
+        np.testing.assert_allclose(after.channels[channel].value, before.channels[channel].value[there], rtol=1e-14)
+
+
+def garbled(name: str, edits: list[tuple[str, float, bytes]]) -> None:
+    """Any bytes anywhere: an error that explains itself, or a sound rig."""
+    content = good()[name]
+    raw = bytearray(content if isinstance(content, bytes) else content.encode())
+    for kind, where, new in edits:
+        k = int(where * len(raw))
+        raw[k : k + (0 if kind == "insert" else len(new) or 1)] = b"" if kind == "delete" else new
+    note(repr(bytes(raw)))
+    found = outcome({name: bytes(raw)})
+    if isinstance(found, Rig):
+        assert_sound(found)
+
+
+NAMES = st.sampled_from(sorted(SHEETS))
+ROWS = st.integers(1, 28)
+NEUTRAL = given(rewritten())
+HARMFUL = given(st.sampled_from(DAMAGES), NAMES, styles(), ROWS, st.integers(0, 3), WORDS)
+LOSSY = given(NAMES, styles(), st.sets(ROWS, max_size=6), st.sets(st.tuples(ROWS, st.integers(0, 3)), max_size=6))
+PIECES = st.one_of(
+    st.binary(min_size=1, max_size=4),
+    st.sampled_from([b",", b";", b"\t", b"\n", b"\r", b'"', b"#", b".", b"-", b"[", b"]", b"e", b"=", b"'", b"\x00",
+                     b"nan", b"inf", b"1e308", b"[tps]", b"0x", b"{", b"\xef\xbb\xbf", b"\xff\xfe", b" ", b"%", b"rad"]),
+)  # fmt: skip
+EDITS = st.lists(
+    st.tuples(st.sampled_from(["insert", "delete", "replace"]), st.floats(0, 1), PIECES), min_size=1, max_size=5
+)
+GARBLED = given(st.sampled_from(sorted(FILES)), EDITS)
+
+
+@BARE
+@NEUTRAL
+def test_other_words_same_rig(files: dict[str, str | bytes]) -> None:
+    neutral(files)
+
+
+@BARE
+@HARMFUL
+def test_damage_is_seen(damage: Damage, name: str, style: Style, row: int, k: int, word: str) -> None:
+    harmful(damage, name, style, row, k, word)
+
+
+@BARE
+@LOSSY
+def test_gaps_move_nothing_else(name: str, style: Style, dropped: set[int], gaps: set[tuple[int, int]]) -> None:
+    lossy(name, style, dropped, gaps)
+
+
+@BARE
+@GARBLED
+def test_any_bytes_end_in_an_error_or_a_sound_rig(name: str, edits: list[tuple[str, float, bytes]]) -> None:
+    garbled(name, edits)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("strategy", "check"),
+    [(NEUTRAL, neutral), (HARMFUL, harmful), (LOSSY, lossy), (GARBLED, garbled)],
+    ids=["neutral", "harmful", "lossy", "garbled"],
+)
+def test_thoroughly(strategy: Callable, check: Callable) -> None:
+    THOROUGH(strategy(check))()
