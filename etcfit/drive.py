@@ -1,8 +1,9 @@
 """What drove the plate: the logged input, freed of its measurement noise as far as the log itself allows.
 
 The logged voltage is a measurement of the true input, and the model's dry friction would feel its noise. Between
-edges it is averaged over the widest window that the noise still permits at each sample (intersection of confidence
-intervals; Katkovnik 1999), and what error then remains is handed on to the whitening as a noisy input.
+edges it is replaced by straight lines where long stretches of it are straight within the noise, and elsewhere by a
+local parabola over the widest window that the noise permits (intersection of confidence intervals; Katkovnik 1999).
+What error then remains is handed on to the whitening: the input stays a noisy one, only less so.
 """
 
 from __future__ import annotations
@@ -13,9 +14,12 @@ import numpy as np
 
 from .rig.base import Channel, Measurement, RigConfig
 
-_WINDOWS = (0, 1, 2, 4, 7, 12, 20, 33, 54, 90)  # half widths, samples
-_GAMMA = 2.0  # width of the confidence intervals, in standard deviations
 _EDGE = 6.0  # a jump of so many standard deviations of a difference may be an edge
+_LEVEL = 8  # samples of one level that count as a stretch
+_STRETCH = 200  # samples of one slope that do
+_DRIFT = 1.0  # bound on max |cumulative residual| / (sigma sqrt n) of a straight stretch; its 0.1 % point
+_WINDOWS = (2, 3, 5, 8, 12, 18, 27, 40, 60, 90)  # half widths of the local parabola, samples
+_GAMMA = 1.0  # width of its confidence intervals; wider ones let bias pass that friction would feel
 
 
 @dataclass(frozen=True, eq=False)
@@ -26,7 +30,7 @@ class Drive:
         value: V or N m, shape (n,).
         error: standard deviation of what is left of the measurement noise, shape (n,).
         memory: correlation of that error from one instant to the next, shape (n,).
-        edge: uncertainty of the mean over each interval because nobody knows when within it an edge came, (n - 1,).
+        edge: True for an interval in which the input jumps, at an instant nobody logged, shape (n - 1,).
         held: True for a duty, which an ECU holds from sample to sample.
     """
 
@@ -47,31 +51,71 @@ def _edges(value: np.ndarray, sigma: float) -> np.ndarray:
     return (jump > _EDGE * np.sqrt(2.0) * sigma) & (jump > 4.0 * around)
 
 
-def _smooth(value: np.ndarray, sigma: float) -> tuple[np.ndarray, np.ndarray]:
-    """One stretch without edges: estimate and number of samples averaged, each of shape (n,)."""
+def _parabola(value: np.ndarray, sigma: float) -> tuple[np.ndarray, np.ndarray]:
+    """A curved stretch: estimate and effective number of samples averaged, each of shape (n,)."""
     n = value.size
-    index = np.arange(n)
-    total = np.concatenate(([0.0], np.cumsum(value - value[0])))
-    best, count = value.copy(), np.ones(n)
-    low, high = np.full(n, -np.inf), np.full(n, np.inf)
-    open_ = np.ones(n, dtype=bool)
+    index = np.arange(n, dtype=float)
+    moments = [np.concatenate(([0.0], np.cumsum((value - value[0]) * (index - n / 2) ** k))) for k in range(3)]
+    best, count = value.astype(float), np.ones(n)
+    low, high = value - _GAMMA * sigma, value + _GAMMA * sigma
+    growing = np.ones(n, dtype=bool)
     for half in _WINDOWS:
-        reach = np.minimum(half, np.minimum(index, n - 1 - index))  # symmetric, so that a ramp stays a ramp
-        width = 2 * reach + 1
-        mean = value[0] + (total[index + reach + 1] - total[index - reach]) / width
-        spread = _GAMMA * sigma / np.sqrt(width)
-        low, high = np.maximum(low, mean - spread), np.minimum(high, mean + spread)
-        open_ &= low <= high
-        best, count = np.where(open_, mean, best), np.where(open_, width, count)
+        reach = np.minimum(half, np.minimum(index, n - 1 - index)).astype(int)
+        s0, s1, s2 = (m[np.arange(n) + reach + 1] - m[np.arange(n) - reach] for m in moments)
+        centre = index - n / 2
+        a, b = _savitzky_golay(reach)
+        mean = value[0] + a * s0 + b * (s2 - 2.0 * centre * s1 + centre**2 * s0)
+        spread = _GAMMA * sigma * np.sqrt(a)
+        fits = reach >= 2
+        low = np.where(fits, np.maximum(low, mean - spread), low)
+        high = np.where(fits, np.minimum(high, mean + spread), high)
+        growing &= (low <= high) & fits
+        best, count = np.where(growing, mean, best), np.where(growing, 1.0 / a, count)
     return best, count
 
 
-def _constant(value: np.ndarray, sigma: float) -> bool:
-    """True where a whole stretch is one level within its noise."""
-    if value.size < 8:
-        return False
-    thirds = np.array([part.mean() for part in np.array_split(value, 3)])
-    return bool(np.ptp(thirds) < 3.5 * sigma / np.sqrt(value.size / 3.0) and value.std() < 1.5 * sigma)
+def _savitzky_golay(reach: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Weights a + b j^2, |j| <= reach, that give the centre of a parabola; a is also their variance."""
+    width = 2.0 * reach + 1.0
+    m2 = reach * (reach + 1.0) * width / 3.0
+    m4 = m2 * (3.0 * reach**2 + 3.0 * reach - 1.0) / 5.0
+    determinant = np.where(reach >= 2, width * m4 - m2**2, 1.0)
+    return np.where(reach >= 2, m4 / determinant, 1.0), np.where(reach >= 2, -m2 / determinant, 0.0)
+
+
+def _is_white(rest: np.ndarray, sigma: float) -> bool:
+    drift = np.max(np.abs(np.cumsum(rest))) / (sigma * np.sqrt(rest.size))
+    return bool(drift < _DRIFT and rest.std() < 1.5 * sigma)
+
+
+def _stretch(value: np.ndarray, sigma: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """An edge-free stretch: estimate, variance of its error over sigma^2, and how many samples share an error."""
+    n = value.size
+    even = np.full(n, float(n))
+    if n >= _LEVEL and _is_white(value - value.mean(), sigma):
+        return np.full(n, value.mean()), 1.0 / even, even
+    if n >= _STRETCH:
+        t = np.linspace(-1.0, 1.0, n)
+        line = np.polynomial.polynomial.polyval(t, np.polynomial.polynomial.polyfit(t, value, 1))
+        if _is_white(value - line, sigma):
+            return line, (1.0 + 3.0 * t**2) / n, even
+    if n >= 2 * _STRETCH:
+        at = _corner(value)
+        left, right = _stretch(value[:at], sigma), _stretch(value[at:], sigma)
+        joined = [np.concatenate(pair) for pair in zip(left, right, strict=True)]
+        return joined[0], joined[1], joined[2]
+    estimate, count = _parabola(value, sigma)
+    # what the choice of windows adds, measured on multisines, chirps and trapezoids (tests/test_drive.py)
+    return estimate, np.where(count > 1.0, 1.6, 1.0) / count, np.maximum(1.0, count / 1.5)
+
+
+def _corner(value: np.ndarray) -> int:
+    """Where a stretch that is not straight departs most from its chord, away from its ends."""
+    n = value.size
+    width = max(1, n // 50)
+    smooth = np.convolve(value, np.ones(width) / width, mode="valid")
+    chord = np.linspace(smooth[0], smooth[-1], smooth.size)
+    return int(np.clip(np.argmax(np.abs(smooth - chord)) + width // 2, _STRETCH // 2, n - _STRETCH // 2))
 
 
 def denoise(value: np.ndarray, sigma: float) -> Drive:
@@ -83,15 +127,10 @@ def denoise(value: np.ndarray, sigma: float) -> Drive:
     """
     edge = _edges(value, sigma)
     bounds = np.concatenate(([0], np.flatnonzero(edge) + 1, [value.size]))
-    estimate, count = value.astype(float).copy(), np.ones(value.size)
-    for start, stop in zip(bounds[:-1], bounds[1:], strict=True):
-        part = value[start:stop]
-        if _constant(part, sigma):
-            estimate[start:stop], count[start:stop] = part.mean(), part.size
-        else:
-            estimate[start:stop], count[start:stop] = _smooth(part, sigma)
-    jump = np.where(edge, np.abs(np.diff(estimate)) / np.sqrt(12.0), 0.0)
-    return Drive(estimate, sigma / np.sqrt(count), np.exp(-2.0 / count) * (count > 1), jump)
+    parts = [_stretch(value[a:b], sigma) for a, b in zip(bounds[:-1], bounds[1:], strict=True)]
+    estimate, variance, count = (np.concatenate(column) for column in zip(*parts, strict=True))
+    memory = np.where(count > 1.0, np.exp(-2.0 / np.maximum(count, 1.0)), 0.0)
+    return Drive(estimate, sigma * np.sqrt(variance), memory, edge)
 
 
 def _on(instants: np.ndarray, channel: Channel) -> np.ndarray:
@@ -104,7 +143,7 @@ def _duty(measurement: Measurement, config: RigConfig, instants: np.ndarray) -> 
     level = _on(instants, supply) if supply is not None else np.full(instants.size, config.supply_V)
     latest = np.clip(np.searchsorted(duty.time, instants, side="right") - 1, 0, None)
     zero = np.zeros(instants.size)
-    return Drive(duty.value[latest] * level, zero, zero, zero[1:], held=True)
+    return Drive(duty.value[latest] * level, zero, zero, zero[1:] > 0.0, held=True)
 
 
 def drive_of(measurement: Measurement, config: RigConfig, instants: np.ndarray) -> Drive | None:

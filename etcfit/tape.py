@@ -42,12 +42,14 @@ class Disturbance(NamedTuple):
     Args:
         keep: share of the input's error kept from the step before.
         fresh: variance of what is added to it, (V or N m)^2.
+        edge: 1 where the input jumps within the step, at an instant nobody logged.
         start_i, start_theta, start_omega: variance of the initial state.
         release: variance of the release instant, s^2, in the step that follows it.
     """
 
     keep: Any
     fresh: Any
+    edge: Any
     start_i: Any
     start_theta: Any
     start_omega: Any
@@ -160,21 +162,21 @@ def _levels(trace: Trace, ends: np.ndarray, interval: np.ndarray) -> tuple[np.nd
     return np.concatenate((late[:1], late[:-1])), late
 
 
-def _error(trace: Trace, interval: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """How the input's error carries over into each step: share kept, variance added."""
-    keep, fresh = np.ones(interval.size), np.zeros(interval.size)
+def _error(trace: Trace, interval: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """How the input's error carries over into each step (share kept, variance added), and where its edges are."""
+    keep, fresh, edge = np.ones(interval.size), np.zeros(interval.size), np.zeros(interval.size)
     drive = trace.drive
     if drive is None:
-        return keep, fresh
+        return keep, fresh, edge
     new = np.concatenate(([True], np.diff(interval) > 0))
     new[1] = True  # entry 0 is the start itself; entry 1 begins the first interval
-    edge = drive.edge > 0.0
-    after_edge = np.concatenate(([True], edge[:-1]))
-    memory = np.where(edge | after_edge, 0.0, drive.memory[:-1])
-    variance = np.where(edge, drive.edge**2, drive.error[:-1] ** 2 * (1.0 - memory**2))
+    after_edge = np.concatenate(([True], drive.edge[:-1]))
+    memory = np.where(drive.edge | after_edge, 0.0, drive.memory[:-1])
+    variance = drive.error[:-1] ** 2 * (1.0 - memory**2)
     keep[new], fresh[new] = memory[interval[new]], variance[interval[new]]
     keep[0], fresh[0] = 0.0, 0.0
-    return keep, fresh
+    edge[1:] = drive.edge[interval[1:]]
+    return keep, fresh, edge
 
 
 def _strip(
@@ -184,7 +186,7 @@ def _strip(
     ends, interval, marks = _breaks(trace, substeps)
     n, zeros, ones = ends.size, np.zeros(ends.size), np.ones(ends.size)
     early, late = _levels(trace, ends, interval)
-    keep, fresh = _error(trace, interval)
+    keep, fresh, edge = _error(trace, interval)
     boundary, first = trace.test.boundary, np.arange(n) == 0
     dt = np.diff(ends, prepend=ends[0])
     held = boundary.plate_held * ones
@@ -207,6 +209,7 @@ def _strip(
         "begins": first * 1.0,
         "keep": keep,
         "fresh": fresh,
+        "edge": edge,
         "release": release,
     }
     for name, value, sd in zip(("i", "theta", "omega"), trace.start.state, trace.start.sd, strict=True):

@@ -105,8 +105,8 @@ def _at(instants: np.ndarray, measurement: Measurement, name: str) -> np.ndarray
 
 def _sigma(measurement: Measurement, name: str) -> float:
     channel = measurement.channels[_source(measurement, name)]
-    rounding = 0.0 if channel.sigma_estimated else channel.quantum / np.sqrt(12.0)
-    return float(np.hypot(channel.sigma, rounding))
+    # a declared noise is that of the logged samples, but none can be finer than the logger's steps
+    return float(max(channel.sigma, channel.quantum / np.sqrt(12.0)))
 
 
 def _first(trace: Trace, name: str, count: int) -> tuple[np.ndarray, np.ndarray] | None:

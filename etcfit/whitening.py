@@ -102,6 +102,7 @@ def kalman(
     sense = slot_senses(throttle, path, steps, slots)
     transition, noise = _process(inner, push, disturbance)
     noise += _events(throttle, before, path, steps, disturbance, noise.shape[-1])
+    noise += _edge_covariance(throttle, before, path, steps, disturbance)
     begins = resets.begins[..., None, None] > 0.5
     transition = jnp.where(begins, 0.0, transition)
     noise = jnp.where(begins, _start_covariance(disturbance, noise.shape[-1]), noise)
@@ -188,6 +189,30 @@ def _events(
     impact = steps.circuit * (emf * steps.dt / c.inductance) ** 2 / 12.0
     zero = jnp.zeros_like(release)
     return jax.vmap(jax.vmap(jnp.diag))(jnp.stack((impact, zero, release, *[zero] * (order - 3)), axis=-1))
+
+
+def _edge_covariance(throttle: Throttle, before: Any, path: Any, steps: Step, disturbance: Disturbance) -> Any:
+    """Q of a jump of the input somewhere within a step, shape (T, L, n, n): the second moment of what the state misses
+
+        E[(x(s) - x) (x(s) - x)^T],    s uniform in [0, 1], by three-point Gauss-Legendre quadrature
+
+    where x is the path, for which the input rises linearly, and x(s) is reached when it jumps at the share s.
+    """
+
+    def missed(x: State, z: tuple[Any, ...], s: Step, end: Any, share: float) -> Any:
+        early = s._replace(
+            dt=share * s.dt, voltage1=s.voltage0, torque1=s.torque0, time=s.time - (1.0 - share) * s.dt
+        )
+        late = s._replace(dt=(1.0 - share) * s.dt, voltage0=s.voltage1, torque0=s.torque1)
+        y, memory = step(throttle, *step(throttle, x, z, early), late)
+        return jnp.stack((*y, *memory)) - jnp.stack(jax.tree.leaves(end))
+
+    total = 0.0
+    for share, weight in ((0.5 - 0.15**0.5, 5 / 18), (0.5, 8 / 18), (0.5 + 0.15**0.5, 5 / 18)):
+        each = jax.vmap(jax.vmap(lambda x, z, s, end, share=share: missed(x, z, s, end, share)))
+        vector = each(*before, steps, path) * disturbance.edge[..., None]
+        total = total + weight * _outer(jnp.concatenate((vector, jnp.zeros_like(vector[..., :1])), axis=-1))
+    return total
 
 
 def _impact_variance(before: State, after: State, steps: Step, sense: Any) -> Any:

@@ -108,3 +108,21 @@ def write(folder: Path, files: Mapping[str, str | bytes]) -> Path:
         path.parent.mkdir(parents=True, exist_ok=True)
         path.write_bytes(content if isinstance(content, bytes) else content.encode())
     return folder
+
+
+def changed(folder: Path, changes: Mapping[str, str | bytes]) -> Path:
+    """The good folder with some files replaced or added."""
+    return write(folder, {**good(), **changes})
+
+
+def only_response(sheet: Sheet) -> dict[str, str]:
+    return {"response/1.csv": sheet.text()}
+
+
+def scaled(sheet: Sheet, k: int, factor: float) -> Sheet:
+    rows = tuple((*row[:k], f"{float(row[k]) * factor:.9g}", *row[k + 1 :]) for row in sheet.rows)
+    return replace(sheet, rows=rows)
+
+
+def constant(sheet: Sheet, k: int) -> Sheet:
+    return replace(sheet, rows=tuple((*row[:k], sheet.rows[0][k], *row[k + 1 :]) for row in sheet.rows))

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import ast
-import itertools
 import tomllib
 from dataclasses import asdict
 from pathlib import Path
@@ -15,7 +14,7 @@ from independent import effects as more
 from independent.drives import Drive, chirp, line, random_steps, steps
 from independent.folder import SIZES
 from independent.instruments import PERFECT, Sensor, clock
-from independent.kernel import Plant, cogging, friction_limit, record, spring_torque
+from independent.kernel import cogging, friction_limit, record, spring_torque
 from independent.protocols import Series, Session, response
 from independent.simulate import NEVER, Motion, motor_alone, resting_angle, simulate, terminals_open, throttle
 from independent.truth import OPEN
@@ -76,10 +75,8 @@ def reference(truth: Truth, durations: np.ndarray, levels: np.ndarray) -> tuple[
     for duration, volts in zip(durations, levels, strict=True):
         t, end = start, start + duration
         while t < end:
-            piece = solve_ivp(
-                slope_of(truth, volts, way), (t, end), x, "DOP853",
-                rtol=1e-11, atol=1e-13, max_step=2e-3, events=ends_of(truth, way),
-            )  # fmt: skip
+            rates, events = slope_of(truth, volts, way), ends_of(truth, way)
+            piece = solve_ivp(rates, (t, end), x, "DOP853", events=events, rtol=1e-11, atol=1e-13, max_step=2e-3)
             times.append(piece.t[1:])
             states.append(piece.y.T[1:])
             t, x = piece.t[-1], piece.y[:, -1].copy()
@@ -97,7 +94,7 @@ def test_agrees_with_scipy_through_stick_slip_and_impact(truth: Truth) -> None:
     rng = np.random.default_rng(3)
     open_at = truth.volts_for(truth.T_PL + truth.T_f + truth.K_s * OPEN)
     pattern = np.array([1.3, 0.5, 1.2, -0.3, 1.3, 0.55, 0.0, 1.8, 1.8, 1.8, 0.5, -0.5, -0.5, -0.5])
-    durations, levels = rng.uniform(0.05, 0.25, 14), open_at * pattern * rng.uniform(0.95, 1.05, 14)
+    durations, levels = rng.uniform(0.15, 0.4, 14), open_at * pattern * rng.uniform(0.95, 1.05, 14)
     times, states, stuck, struck = reference(truth, durations, levels)
     assert stuck >= 1
     assert struck >= 1
@@ -195,8 +192,8 @@ def test_an_effect_changes_the_motion_and_its_steps_are_fine_enough(name: str) -
     assert_allclose(usual.angle, finest.angle, rtol=0, atol=1e-7)
 
 
-def plant_with(effects: Effects) -> Plant:
-    return record(throttle(CONSISTENT, effects))  # type: ignore[return-value]
+def plant_with(effects: Effects) -> np.record:
+    return record(throttle(CONSISTENT, effects))
 
 
 def test_limp_home_plate_rests_where_table_1_says() -> None:
@@ -306,7 +303,7 @@ def test_every_protocol_makes_sense_of_the_truth_it_meets(tmp_path: Path, seed: 
     truth = draw_truth(np.random.default_rng(seed), (CONSISTENT, TABLE_2)[seed % 2])
     make_folder(tmp_path, truth, seed, size="small")
     closed, opened = 0.47, 4.71
-    for release in itertools.chain(tmp_path.glob("back_emf/*.csv"), tmp_path.glob("inertia/*.csv")):
+    for release in [*tmp_path.glob("back_emf/*.csv"), *tmp_path.glob("inertia/*.csv")]:
         tps = table(release)[1][:, 2]
         assert tps[:10].mean() > opened
         assert tps[-10:].mean() < closed
@@ -347,8 +344,7 @@ def test_the_twin_keeps_its_secret_and_its_size(tmp_path: Path) -> None:
 
 def test_nothing_here_imports_the_package_under_test() -> None:
     for file in PACKAGE.glob("*.py"):
-        tree = ast.walk(ast.parse(file.read_text(encoding="utf-8")))
-        names = [alias.name for node in tree if isinstance(node, ast.Import) for alias in node.names]
-        tree = ast.walk(ast.parse(file.read_text(encoding="utf-8")))
-        names += [node.module or "" for node in tree if isinstance(node, ast.ImportFrom)]
+        nodes = list(ast.walk(ast.parse(file.read_text(encoding="utf-8"))))
+        names = [alias.name for node in nodes if isinstance(node, ast.Import) for alias in node.names]
+        names += [node.module or "" for node in nodes if isinstance(node, ast.ImportFrom)]
         assert not [name for name in names if "etcfit" in name]

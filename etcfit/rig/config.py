@@ -66,7 +66,8 @@ def _gear_ratio(toml: Toml, rig: Mapping[str, Any]) -> float | None:
         value = parameters["N"]
         inner = value["fixed"] if isinstance(value, dict) and set(value) == {"fixed"} else value
         if isinstance(inner, (dict, str)):
-            raise toml.wrong("parameters.N", f"found {shown(value)}.", "The gear ratio is counted in teeth, never fitted.",
+            raise toml.wrong("parameters.N", f"found {shown(value)}.",
+                             "The gear ratio is counted in teeth, never fitted.",
                              "Write [rig] gear_ratio = 20.68.")  # fmt: skip
         given["parameters.N"] = toml.positive("parameters.N", inner)
     if len(set(given.values())) > 1:
@@ -78,7 +79,8 @@ def _gear_ratio(toml: Toml, rig: Mapping[str, Any]) -> float | None:
 def _travel(toml: Toml, rig: Mapping[str, Any]) -> tuple[float, float]:
     value = rig.get("travel_deg", [0.0, 90.0])
     if not isinstance(value, list) or len(value) != 2:
-        raise toml.wrong("rig.travel_deg", f"found {shown(value)}.", "It must be two numbers, closed stop and open stop.",
+        raise toml.wrong("rig.travel_deg", f"found {shown(value)}.",
+                         "It must be two numbers, closed stop and open stop.",
                          "Write travel_deg = [0.0, 90.0]; inf and -inf mean no stop.")  # fmt: skip
     closed, opened = (toml.number("rig.travel_deg", v) for v in value)
     if not closed < opened or math.inf in (closed, -opened):

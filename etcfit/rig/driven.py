@@ -14,7 +14,7 @@ from .signals import drive_voltage
 NOMINAL = {"R_a": 1.513, "K_b": 0.0189, "N": 20.68}  # paper, Table 2: the scale where the data have none
 LOWEST_SHARE = 0.02  # of the whole: where a part that must be positive is put when it reads negative
 FEWEST_POSITIONS = 50
-FEWEST_ROWS = 20  # of a trace, for five unknowns
+FEWEST_ROWS = 20  # of a trace, for six unknowns at most
 
 
 @dataclass(frozen=True)
@@ -65,22 +65,23 @@ def _by_current(
 def _by_voltage(
     title: str, traces: Sequence[Measurement], config: RigConfig, known: Mapping[str, float]
 ) -> Reading | None:
-    """v = R_a/(N K_m) (J a + B w + K_s theta + T_PL + T_f sgn w) + N K_b w, the inductance neglected."""
+    """v = R_a/(N K_m) (J a + B w + K_s theta + T_PL + T_f sgn w + T_g sin theta) + N K_b w; inductance neglected."""
     used, systems = _rows(traces, lambda t: drive_voltage(t, config), config)
     if not used:
         return None
-    volts = solve(systems, {})
+    nothing = {symbol: 0.0 for symbol, value in held_values(config, known["N"]).items() if value == 0}
+    volts = solve(systems, nothing)
     notes = []
     if volts[1] < 0:
         notes.append("drive and position run against each other: read with the drive's sign turned")
         systems, volts = [_scaled(s, -1.0) for s in systems], -volts
-    scale = _scale(config, known, float(volts[1]))
+    scale = _scale(config, known, dict(zip(LUMPED, volts.tolist(), strict=True)))
     back = scale.torque_per_volt * scale.N * scale.K_b  # N m s/rad: what the back-EMF brakes
     held = held_values(config, scale.N)
     held |= {"B_eq": held["B_eq"] + back} if "B_eq" in held else {}
     systems = [_scaled(s, scale.torque_per_volt) for s in systems]
     lumped = solve(systems, held)
-    plain = lumped - np.array([0.0, back, 0.0, 0.0, 0.0])
+    plain = lumped - back * (np.array(LUMPED) == "B_eq")
     reading = _reading(title, used, systems, plain, config, known, shown=lumped)
     return _at_scale(reading, scale, notes)
 
@@ -98,14 +99,20 @@ def _scaled(system: Equations, factor: float) -> Equations:
     return Equations(system.time, system.rows, factor * system.right)
 
 
-def _scale(config: RigConfig, known: Mapping[str, float], drag: float) -> Scale:
-    """Known motor constants, else nominal ones; `drag` (V s/rad) bounds N K_b from above, so B stays positive."""
-    N = known["N"]
+def _scale(config: RigConfig, known: Mapping[str, float], volts: Mapping[str, float]) -> Scale:
+    """Known motor constants, else nominal ones.
+
+    `volts` are `LUMPED` seen by the voltage: its B_eq (V s/rad) bounds N K_b from above, so that B stays positive, and
+    a gravity torque given in rig.toml fixes N K_m/R_a.
+    """
+    N, drag, gravity = known["N"], volts["B_eq"], volts["T_g"]
     assumed = tuple(s for s in ("R_a", "K_b") if s not in known or _nameplate(s, config, known))
     R_a = known.get("R_a", NOMINAL["R_a"])
     K_b = known.get("K_b", NOMINAL["K_b"] * (1.0 if config.gear_ratio_given else NOMINAL["N"] / N))
     if "K_b" in assumed and drag > 0:
         K_b = min(K_b, 0.8 * drag / N)
+    if "R_a" in assumed and known.get("T_g", 0.0) * gravity > 0:
+        R_a = N * K_b * gravity / known["T_g"]
     return Scale(R_a, K_b, N, assumed)
 
 

@@ -26,13 +26,13 @@ def branches(trace: Measurement, config: RigConfig, known: Mapping[str, float]) 
 
     Moving: the slope of the position over 2 % of the trace, above a tenth of its own upper level, off both stops.
     """
-    position, current = trace.channels.get("position"), trace.channels.get("current")
+    position, push = trace.channels.get("position"), trace.channels.get("torque", trace.channels.get("current"))
     moved = None if position is None else motion(position, 0.02 * float(position.time[-1] - position.time[0]))
-    if position is None or current is None or moved is None:
+    if position is None or push is None or moved is None:
         return np.empty((0, 3))
     pace = np.abs(moved.speed)
     moving = off_stops(moved.angle, config, position.sigma) & (pace > 0.1 * np.quantile(pace, 0.95))
-    torque = known["N"] * known["K_m"] * moved.smooth(current)
+    torque = moved.smooth(push) * (1.0 if "torque" in trace.channels else known["N"] * known["K_m"])
     return np.column_stack([moved.angle, torque, np.sign(moved.speed)])[moving]
 
 
@@ -49,7 +49,7 @@ class StaticLoad(AbstractRigTest):
 
     def reading(self, traces: Sequence[Measurement], config: RigConfig, known: Mapping[str, float]) -> Reading:
         """Parallel lines T = K_s theta + T_PL +- T_f through the two branches (Eq. 5, Fig. 14)."""
-        if "K_m" not in known:
+        if "K_m" not in known and not all("torque" in trace.channels for trace in traces):
             return Reading({}, notes=("K_s, T_PL and T_f cannot be read: K_m is not known",))
         rows = np.concatenate([np.empty((0, 3)), *(branches(trace, config, known) for trace in traces)])
         angle, torque, way = rows.T

@@ -22,6 +22,7 @@ HUGE = 1e100  # no reading is larger, and no unit turns a smaller one into infin
 NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?", re.ASCII)
 PLAIN = frozenset("0123456789+-.eE,; \t")  # nothing that float() would take and a reader would not
 LINES_TO_LOOK_AT = 20
+EXCEL_ERROR = re.compile(r"#(N/A|NV|[A-ZÜ0-9/]+[!?])\s*([,;\t]|$)")  # a failed formula in the first cell is no comment
 _GROUPED = {mark: re.compile(rf"[+-]?[1-9]\d{{0,2}}{re.escape(mark)}\d{{3}}", re.ASCII) for mark in ".,"}
 _BOMS = (  # UTF-32 before UTF-16: its little-endian mark begins with UTF-16's
     (codecs.BOM_UTF8, "utf-8-sig"),
@@ -110,11 +111,16 @@ def _not_text(where: str, found: str) -> MeasurementError:
 
 def _content(text: str, where: str) -> list[tuple[int, str]]:
     lines = text.split("\n")
-    numbered = [(k, s) for k, s in enumerate(lines, 1) if s and s.lstrip()[:1] not in ("", "#") and s[:2] != '"#']
+    numbered = [(k, s) for k, s in enumerate(lines, 1) if s and not _is_comment(s)]
     if not numbered:
         raise MeasurementError(where, "the file is empty.", "A trace needs a header and two rows.",
                                "Log it again, or delete the file.")  # fmt: skip
     return numbered
+
+
+def _is_comment(line: str) -> bool:
+    text = line.lstrip()
+    return not text or (text.startswith(("#", '"#')) and not EXCEL_ERROR.match(text))
 
 
 def _announced_separator(numbered: list[tuple[int, str]]) -> tuple[str | None, list[tuple[int, str]]]:

@@ -4,8 +4,8 @@ Between changes of mode (slide up, slide down, stuck) the right-hand side is smo
 is bisected to the instant at which the mode ends; there the speed is set to exactly zero and the torque balance decides
 what comes next. So dry friction is set-valued and the end stops are inelastic and hard, without any smoothing.
 
-Everything compiled lives in this one file: numba's cache looks only at the file of the function it compiles. And the
-compiled code takes the Plant as a NumPy record, whose type is its field names and no Python class.
+Everything compiled lives in this one file: numba's cache looks only at the file of the function it compiles. The
+compiled code takes the Plant as a NumPy record, so that a cached one never meets fields in another order.
 """
 
 from __future__ import annotations
@@ -20,6 +20,8 @@ from .effects import NONE, Effects
 
 BISECTIONS = 60
 EVENTS_PER_STEP = 100
+# the cache remembers the module's name, and `python -m tests.independent...` gives it another one than pytest does
+compiled = njit(cache=__name__ == "independent.kernel")
 
 
 class Plant(NamedTuple):
@@ -65,7 +67,7 @@ def _cells(values: tuple) -> tuple:
     return tuple(_cells(v) if isinstance(v, tuple) else v for v in values)
 
 
-@njit(cache=True)
+@compiled
 def spring_torque(p, theta):
     """T_PL + K_s th, handed over to -(preload + stiffness (angle - th)) below the default position, N m."""
     main = p.T_PL + p.K_s * theta
@@ -77,20 +79,20 @@ def spring_torque(p, theta):
     return share * main - (1.0 - share) * (limp.preload + limp.stiffness * (limp.angle - theta))
 
 
-@njit(cache=True)
+@compiled
 def cogging(p, theta):
     """A sin(n N th + phase), N m."""
     cog = p.effects.cogging_torque
     return cog.amplitude * math.sin(cog.per_turn * p.N * theta + cog.phase) if cog.amplitude != 0.0 else 0.0
 
 
-@njit(cache=True)
+@compiled
 def driving_torque(p, i, w, theta):
     """Everything in Eq. 2 but dry friction and inertia, N m; positive opens."""
     return p.k_t * i - p.B * w - spring_torque(p, theta) - cogging(p, theta)
 
 
-@njit(cache=True)
+@compiled
 def friction_limit(p, i, w, theta):
     """T_f + excess / (1 + (w/speed)^2) + share (|T_motor + T_spring| / 2), N m, never negative.
 
@@ -103,7 +105,7 @@ def friction_limit(p, i, w, theta):
     return limit
 
 
-@njit(cache=True)
+@compiled
 def rates(p, v, mode, x):
     """d/dt of (i, w, th, warmth): A, rad/s, rad, K above the start; mode -1, 1 slide, 0 stuck."""
     i, w, theta, warmth = x
@@ -117,12 +119,12 @@ def rates(p, v, mode, x):
     return di, dw, w, warming
 
 
-@njit(cache=True)
+@compiled
 def _ahead(x, k, h):
     return x[0] + h * k[0], x[1] + h * k[1], x[2] + h * k[2], x[3] + h * k[3]
 
 
-@njit(cache=True)
+@compiled
 def rk4(p, v, slope, mode, x, h):
     """One classical Runge-Kutta step of h seconds under the voltage v + slope t, within one mode."""
     half = 0.5 * h
@@ -134,7 +136,7 @@ def rk4(p, v, slope, mode, x, h):
     return _ahead(_ahead(x, k2, h / 3.0), k3, h / 3.0)
 
 
-@njit(cache=True)
+@compiled
 def mode_at_rest(p, x):
     """Which way the plate starts from rest: 1 opens, -1 closes, 0 stays; a stop takes any torque pressed on it."""
     i, _, theta, _ = x
@@ -146,7 +148,7 @@ def mode_at_rest(p, x):
     return 0
 
 
-@njit(cache=True)
+@compiled
 def has_ended(p, mode, x):
     """Whether this state lies outside its mode: torque beyond friction, speed reversed, or a stop passed."""
     if mode == 0:
@@ -154,7 +156,7 @@ def has_ended(p, mode, x):
     return mode * x[1] < 0.0 or x[2] > p.upper or x[2] < p.lower
 
 
-@njit(cache=True)
+@compiled
 def end_of_mode(p, v, slope, mode, x, h):
     """The shortest step within (0, h] that leaves the mode, by bisection; s."""
     inside, outside = 0.0, h
@@ -167,7 +169,7 @@ def end_of_mode(p, v, slope, mode, x, h):
     return outside
 
 
-@njit(cache=True)
+@compiled
 def step(p, v, slope, mode, x, h):
     """h seconds, through however many changes of mode; returns the mode and the state at the end."""
     for _ in range(EVENTS_PER_STEP):
@@ -181,7 +183,7 @@ def step(p, v, slope, mode, x, h):
     raise RuntimeError("the mode changes without end")
 
 
-@njit(cache=True)
+@compiled
 def run(p, knots, volts, instants, held_until, x, h_max):
     """States at the given instants, from the first knot on.
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import asdict
 from pathlib import Path
 
 import numpy as np
@@ -13,6 +14,7 @@ from etcfit.reading import known, read_graphs
 from etcfit.rig import TEST_BY_NAME, TESTS, back_emf, inductance, inertia, resistance, static_load, viscous
 from etcfit.rig.base import Channel, Fixed, Measurement, Prior, Rig, RigConfig, Start, Tied
 from etcfit.rig.inverse_model import LUMPED, equations, relative_torque_error, solve
+from etcfit.rig.reader import read_folder
 from etcfit.rig.signals import plateaus, rise_time, robust_line
 
 TRUTH = {
@@ -207,7 +209,7 @@ def test_a_driven_plate_with_current_is_read_by_the_inverse_model() -> None:
     logged = trace("response", time, 0.3, current=torque / FORCE, position=angle)
     read = TEST_BY_NAME["response"].reading([logged], RIG, {s: TRUTH[s] for s in ("N", "K_m", "J_m", "B_m")})
     truth = {**TRUTH, "J_eq": J_EQ, "B_eq": B_EQ}
-    errors = {symbol: abs(read.values[symbol] / truth[symbol] - 1) for symbol in LUMPED}
+    errors = {symbol: abs(read.values[symbol] / truth[symbol] - 1) for symbol in LUMPED if symbol != "T_g"}
     # noise blurs the sign of slow speeds, which viscous friction then makes up for
     assert max(error for symbol, error in errors.items() if symbol != "B_eq") < 0.08
     assert errors["B_eq"] < 0.2
@@ -262,3 +264,14 @@ def test_the_published_emps_figures_within_2_percent(measured: Path) -> None:
     assert 100 * relative_torque_error(pulses, lumped) == pytest.approx(5.9824, rel=0.02)
     plain = solve([equations(training, training.channels["torque"])], {"K_s": 0.0})
     assert dict(zip(LUMPED, plain, strict=True))["J_eq"] == pytest.approx(95.1089, rel=0.02)
+
+
+def test_a_folder_of_the_independent_generator_is_read_within_what_graphs_can_give(tmp_path: Path) -> None:
+    pytest.importorskip("numba", reason="the independent generator needs numba: its folder is left unread")
+    from independent import CONSISTENT, make_folder
+
+    make_folder(tmp_path, CONSISTENT, 0, size="small")
+    read = read_graphs(read_folder(tmp_path)).values
+    truth = {**asdict(CONSISTENT), "J_eq": CONSISTENT.J_eq}
+    errors = {symbol: abs(read[symbol] / truth[symbol] - 1) for symbol in READ}
+    assert {symbol: e for symbol, e in errors.items() if e > 0.12} == {}

@@ -1,0 +1,190 @@
+"""What a measurement folder holds, what is odd about it, and what its traces can identify. Fits nothing.
+
+The verdict is that of the Fisher information of the start model, at the values that the paper's graphs read.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from .bench import Bench
+from .cure import sentence
+from .errors import MeasurementError
+from .fit import ready, start_values
+from .identifiability import Identifiability, analyse
+from .reading import Readings, read_graphs
+from .rig.base import Channel, Measurement, Rig
+from .unknowns import unknowns
+
+_GAP = 3.0  # median sampling intervals
+_REPEATS = 0.25  # of neighbouring samples that are equal: a livelier channel does not rest on one value by chance
+_RUN = 5  # equal samples in a row at the extreme, at least; and
+_RUN_SHARE = 0.005  # of the trace
+
+
+@dataclass(frozen=True)
+class Clock:
+    """Time base of a trace.
+
+    Args:
+        samples, duration: rows; s.
+        rate: 1/median interval, Hz.
+        jitter: rms of interval/median - 1, gaps left out.
+        gaps: intervals longer than three medians.
+        longest: the longest interval, s.
+    """
+
+    samples: int
+    duration: float
+    rate: float
+    jitter: float
+    gaps: int
+    longest: float
+
+
+@dataclass(frozen=True)
+class ChannelCheck:
+    """One channel of a trace, in the unit that was logged.
+
+    Args:
+        name, unit: what, in what.
+        low, high: range.
+        sigma: noise of one sample; `estimated` where rig.toml does not give it.
+        quantum: resolution; 0 where none is seen.
+        empty: rows without a value.
+        clipped: samples that sit on one extreme value in long runs.
+        frozen: never changes.
+    """
+
+    name: str
+    unit: str
+    low: float
+    high: float
+    sigma: float
+    estimated: bool
+    quantum: float
+    empty: int
+    clipped: int
+    frozen: bool
+
+
+@dataclass(frozen=True)
+class TraceCheck:
+    """One trace."""
+
+    file: str
+    test: str
+    held_out: bool
+    clock: Clock
+    channels: tuple[ChannelCheck, ...]
+
+
+@dataclass(frozen=True, eq=False)
+class CheckResult:
+    """What `check` found.
+
+    Args:
+        rig: as read.
+        traces: each trace.
+        identifiability: of the start model; None where nothing can be fitted.
+        directions: each null or weak direction in a sentence, worst first.
+        readings: the paper's graphs; None where they could not be read either.
+        warnings: what a reader must know, `why_not` included.
+        why_not: why there is no verdict, or "".
+    """
+
+    rig: Rig
+    traces: tuple[TraceCheck, ...]
+    identifiability: Identifiability | None
+    directions: tuple[str, ...]
+    readings: Readings | None
+    warnings: tuple[str, ...]
+    why_not: str = ""
+
+
+def check(rig: Rig) -> CheckResult:
+    """Look at a rig without fitting it.
+
+    Args:
+        rig: a measurement folder.
+    """
+    traces = tuple(_trace(m) for m in rig.measurements)
+    try:
+        identifiability, readings, notes = verdict(rig)
+    except MeasurementError as error:
+        return CheckResult(rig, traces, None, (), None, rig.warnings, str(error))
+    words = tuple(sentence(d) for d in identifiability.directions)
+    return CheckResult(rig, traces, identifiability, words, readings, (*rig.warnings, *notes))
+
+
+def verdict(rig: Rig) -> tuple[Identifiability, Readings, tuple[str, ...]]:
+    """What the traces to be fitted can identify, the readings it was judged at, and notes on traces left out.
+
+    Raises:
+        MeasurementError: nothing to fit.
+    """
+    known = unknowns(rig.config)
+    fitted, _, notes = ready(rig)
+    readings = read_graphs(rig)
+    x = known.layout.coordinates(start_values(known, readings))
+    bench = Bench.of(rig.config, known, fitted).refined(x)
+    problem = bench.problem(bench.kalman(x))
+    _, _, jacobian = bench.linearise(x, problem)
+    rows = jacobian.reshape(-1, x.size)
+    rows = rows[np.isfinite(rows).all(axis=1)]
+    information = rows.T @ rows + np.diag(1.0 / np.asarray(problem.prior_sd) ** 2)
+    return analyse(known.layout, x, information), readings, notes
+
+
+def _trace(measurement: Measurement) -> TraceCheck:
+    channels = tuple(channel_check(name, c, measurement.time.size) for name, c in measurement.channels.items())
+    return TraceCheck(measurement.file, measurement.test, measurement.held_out, clock(measurement.time), channels)
+
+
+def clock(time: np.ndarray) -> Clock:
+    """Rate, jitter and gaps of a time base, s, shape (n,), n >= 2."""
+    dt = np.diff(time)
+    median = float(np.median(dt))
+    gap = dt > _GAP * median
+    jitter = float(np.sqrt(np.mean((dt[~gap] / median - 1.0) ** 2)))
+    return Clock(time.size, float(time[-1] - time[0]), 1.0 / median, jitter, int(gap.sum()), float(dt.max()))
+
+
+def channel_check(name: str, channel: Channel, rows: int) -> ChannelCheck:
+    """One channel of a trace of so many rows."""
+    size, logged = abs(channel.scale), channel.logged(channel.value)
+    return ChannelCheck(
+        name=name,
+        unit=channel.unit,
+        low=float(logged.min()),
+        high=float(logged.max()),
+        sigma=channel.sigma / size,
+        estimated=channel.sigma_estimated,
+        quantum=channel.quantum / size,
+        empty=rows - channel.value.size,
+        clipped=clipped(channel.value),
+        frozen=bool(np.ptp(channel.value) == 0.0),
+    )
+
+
+def clipped(value: np.ndarray) -> int:
+    """Samples that rest on the lowest or the highest value while the channel is lively everywhere else.
+
+    A commanded staircase, or a quantised signal without noise, rests on many values; that is no saturation.
+    """
+    low, high = value.min(), value.max()
+    extreme = (value == low) | (value == high)
+    same = np.diff(value) == 0.0
+    elsewhere = ~extreme[1:]
+    if low == high or elsewhere.sum() < 4 * _RUN or same[elsewhere].mean() > _REPEATS:
+        return 0
+    least = max(_RUN, round(_RUN_SHARE * value.size))
+    return sum(run for run in _runs(extreme & np.concatenate(([False], same))) if run >= least)
+
+
+def _runs(flags: np.ndarray) -> list[int]:
+    """Lengths of the stretches of True, the sample each begins at counted in."""
+    edges = np.flatnonzero(np.diff(np.concatenate(([False], flags, [False])).astype(int)))
+    return [int(stop - start) + 1 for start, stop in zip(edges[::2], edges[1::2], strict=True)]

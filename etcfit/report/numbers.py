@@ -1,0 +1,55 @@
+"""Figures as people read them: as many digits as the uncertainty warrants."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True)
+class Digits:
+    """How a quantity is printed: so many decimals of value/10^exponent.
+
+    Args:
+        decimals: after the point.
+        exponent: power of ten split off; 0 where the number reads well without one.
+    """
+
+    decimals: int
+    exponent: int = 0
+
+    @classmethod
+    def of(cls, value: float, spread: float | None) -> Digits:
+        """Two digits of the spread (a standard error, say); four significant digits where there is none."""
+        size = max(abs(value), spread or 0.0)
+        if size == 0.0 or not math.isfinite(size):
+            return cls(3)
+        top = math.floor(math.log10(size) + 1e-12)
+        last = math.floor(math.log10(spread)) - 1 if spread and math.isfinite(spread) else top - 3
+        last = min(last, top)
+        exponent = 0 if -4 <= top <= 4 else top
+        return cls(max(0, exponent - last), exponent)
+
+    def __call__(self, value: float | None) -> str:
+        if value is None or not math.isfinite(value):
+            return "-"
+        text = f"{value / 10.0**self.exponent:.{self.decimals}f}"
+        return f"{text}e{self.exponent:+03d}" if self.exponent else text
+
+    def span(self, low: float | None, high: float | None) -> str:
+        """Both ends of an interval."""
+        if low is None or high is None:
+            return "-"
+        return f"{self(low)} ... {self(high)}"
+
+
+def short(value: float | None, digits: int = 3) -> str:
+    """A few significant digits, no exponent where the number reads well without one."""
+    if value is None or not math.isfinite(value):
+        return "-"
+    if value == 0.0:
+        return "0"
+    top = int(f"{value:.{digits - 1}e}".partition("e")[2])  # after rounding: 99.99 is 100
+    if -4 <= top < 5:
+        return f"{value:.{max(0, digits - 1 - top)}f}"
+    return f"{value:.{digits - 1}e}"

@@ -1,0 +1,94 @@
+"""How every picture looks: colours told apart by colour-blind readers, letters legible on a slide, units on the axes.
+
+Source: Okabe and Ito 2008 (colours). Figures are made without pyplot, so that no state is shared and none leaks.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import numpy as np
+from matplotlib import rc_context
+from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+
+from ..run_folder import whole
+
+DPI = 110
+MEASURED = "#4d4d4d"
+SIMULATED = "#d55e00"
+READING = "#0072b2"
+DRIVE = "#009e73"
+BAND = "#e8e8e8"
+TAG = "#cc3399"
+_THIN = 1200  # bins that a long trace is drawn in; a panel has about as many pixels
+
+RC = {
+    "figure.dpi": DPI,
+    "font.size": 11,
+    "axes.titlesize": 11,
+    "axes.labelsize": 11,
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "axes.grid": True,
+    "grid.color": "#e3e3e3",
+    "grid.linewidth": 0.7,
+    "axes.axisbelow": True,
+    "lines.linewidth": 1.6,
+    "legend.frameon": False,
+    "legend.fontsize": 10,
+    "path.simplify_threshold": 0.5,
+    "agg.path.chunksize": 10000,
+}
+
+
+@contextmanager
+def drawing() -> Iterator[None]:
+    """Our style inside, the caller's settings outside."""
+    with rc_context(RC):
+        yield
+
+
+def figure(width: float, height: float, synthetic: bool) -> Figure:
+    """An empty figure, inches; made-up data say so in the corner."""
+    fig = Figure(figsize=(width, height), dpi=DPI)
+    FigureCanvasAgg(fig)
+    if synthetic:
+        fig.text(0.995, 0.993, "SYNTHETIC DATA", color=TAG, fontsize=9, fontweight="bold", ha="right", va="top")
+    return fig
+
+
+def save(fig: Figure, path: Path) -> None:
+    """A PNG, written whole or not at all."""
+    with whole(path) as draft:
+        fig.savefig(draft, format="png", dpi=DPI, facecolor="white")
+
+
+def thin(t: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Lowest and highest sample of every bin of a long trace, in order of time: as many points as show, no peak lost.
+
+    Args:
+        t, y: shape (n,); samples that are not finite are left out.
+    """
+    seen = np.isfinite(y)
+    t, y = t[seen], y[seen]
+    if t.size <= 2 * _THIN:
+        return t, y
+    starts = np.linspace(0, t.size, _THIN, endpoint=False).astype(int)
+    stops = np.append(starts[1:], t.size)
+    ends = [(a + int(np.argmin(y[a:b])), a + int(np.argmax(y[a:b]))) for a, b in zip(starts, stops, strict=True)]
+    keep = np.unique(np.array(ends).ravel())
+    return t[keep], y[keep]
+
+
+def unit_label(name: str, unit: str) -> str:
+    """ "position [deg]"; the unit of a ratio is 1."""
+    return f"{name.replace('_', ' ')} [{unit or '1'}]"
+
+
+def quiet_axis(axes: Axes) -> None:
+    """No tick labels where the panel below has the same."""
+    axes.tick_params(labelbottom=False)

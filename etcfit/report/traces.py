@@ -1,0 +1,120 @@
+"""One picture per trace: measured and simulated, the residual in sigma below each, and what drove it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from ..rig.base import Channel
+from ..score import Row
+from ..trace import Trace
+from . import style
+from .numbers import short
+
+_FLOOR = 4.0  # sigma; a residual panel shows at least so much
+_SHOWN = 0.998  # of the residuals lie inside the panel; the few beyond are counted on its edge
+
+
+@dataclass(frozen=True, eq=False)
+class TracePicture:
+    """What a trace's picture shows.
+
+    Args:
+        trace: as measured.
+        predicted: free-run simulation, SI, shape (n, M).
+        residual: in sigma, shape (n, M).
+        residual_label: what the residual is.
+        rows: score of each channel.
+        synthetic: the data were made up.
+    """
+
+    trace: Trace
+    predicted: np.ndarray
+    residual: np.ndarray
+    residual_label: str
+    rows: tuple[Row, ...]
+    synthetic: bool
+
+
+def draw(picture: TracePicture) -> Figure:
+    """The picture, panels one above the other on one time axis."""
+    trace = picture.trace
+    heights = [h for _ in trace.channels for h in (2.1, 1.0)] + ([1.1] if trace.drive is not None else [])
+    tall = min(9.0, 1.1 + 0.95 * sum(heights))
+    fig = style.figure(10.0, tall, picture.synthetic)
+    panels = fig.subplots(len(heights), 1, sharex=True, gridspec_kw={"height_ratios": heights}, squeeze=False)[:, 0]
+    fig.subplots_adjust(left=0.105, right=0.985, top=1.0 - 0.62 / tall, bottom=0.55 / tall, hspace=0.16)
+    for m, name in enumerate(trace.channels):
+        _channel(panels[2 * m], picture, m, name)
+        _residual(panels[2 * m + 1], picture, m)
+    if trace.drive is not None:
+        _drive(panels[-1], trace)
+    for panel in panels[:-1]:
+        style.quiet_axis(panel)
+    panels[-1].set_xlabel("time [s]")
+    fig.align_ylabels(panels)
+    fig.suptitle(_title(picture), x=0.105, y=1.0 - 0.12 / tall, ha="left", va="top", fontsize=12)
+    _legend(fig, panels[0], tall)
+    return fig
+
+
+def source(trace: Trace, name: str) -> Channel:
+    """The logged column that a channel of the model came from; with open terminals the voltage is the EMF."""
+    return trace.measurement.channels[name if name in trace.measurement.channels else "voltage"]
+
+
+def _title(picture: TracePicture) -> str:
+    role = "held out" if picture.trace.measurement.held_out else "fitted"
+    errors = ", ".join(
+        f"{row.channel.replace('_', ' ')} {short(row.rms)} {row.unit} ({short(row.rms / row.sigma, 2)} σ)"
+        for row in picture.rows
+    )
+    return f"{picture.trace.measurement.file}  ·  {role}  ·  rms {errors}"
+
+
+def _legend(fig: Figure, panel: Axes, tall: float) -> None:
+    handles, labels = panel.get_legend_handles_labels()
+    fig.legend(handles, labels, loc="upper right", bbox_to_anchor=(0.99, 1.0 - 0.28 / tall), ncols=len(labels),
+               borderaxespad=0.0, markerscale=3.0)  # fmt: skip
+
+
+def _channel(panel: Axes, picture: TracePicture, m: int, name: str) -> None:
+    trace, channel = picture.trace, source(picture.trace, name)
+    t = trace.instants
+    panel.plot(*style.thin(t, channel.logged(trace.data[:, m])), ".", ms=2.5, color=style.MEASURED, label="measured")
+    panel.plot(*style.thin(t, channel.logged(picture.predicted[:, m])), color=style.SIMULATED, label="simulated")
+    if name == "position" and "setpoint" in trace.measurement.channels:
+        setpoint = trace.measurement.channels["setpoint"]
+        panel.plot(*style.thin(setpoint.time, channel.logged(setpoint.value)), color=style.READING, lw=1.0,
+                   ls="--", label="setpoint")  # fmt: skip
+    panel.set_ylabel(style.unit_label(name, channel.unit))
+
+
+def _residual(panel: Axes, picture: TracePicture, m: int) -> None:
+    t, r = picture.trace.instants, np.where(np.isfinite(picture.trace.data[:, m]), picture.residual[:, m], np.nan)
+    size = np.abs(r[np.isfinite(r)])
+    limit = max(_FLOOR, 1.15 * float(np.quantile(size, _SHOWN))) if size.size else _FLOOR
+    panel.axhspan(-2.0, 2.0, color=style.BAND, lw=0)
+    panel.plot(*style.thin(t, np.clip(r, -limit, limit)), ".", ms=2.0, color=style.MEASURED)
+    panel.axhline(0.0, color=style.SIMULATED, lw=1.0)
+    panel.set_ylim(-limit, limit)
+    panel.set_ylabel(picture.residual_label)
+    beyond = int(np.sum(size > limit))
+    if beyond:
+        text = f"{beyond} beyond, to {short(float(size.max()), 2)} σ"
+        panel.text(0.995, 0.94, text, transform=panel.transAxes, ha="right", va="top", fontsize=9,
+                   bbox={"facecolor": "white", "edgecolor": "none", "pad": 1.0, "alpha": 0.8})  # fmt: skip
+
+
+def _drive(panel: Axes, trace: Trace) -> None:
+    drive = trace.drive
+    assert drive is not None
+    name, unit = ("torque", "N m") if trace.torque_driven else ("voltage", "V")
+    logged = trace.measurement.channels.get(name)
+    if logged is not None:
+        panel.plot(*style.thin(logged.time, logged.value), ".", ms=2.0, color=style.MEASURED)
+    panel.plot(*style.thin(trace.instants, drive.value), color=style.DRIVE, drawstyle="steps-post" if drive.held else "default")
+    panel.set_ylabel(style.unit_label(name, unit))

@@ -1,0 +1,65 @@
+"""Headers that cannot be read, each by its own message."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+from pathlib import Path
+
+import pytest
+from folders import TOML, back_emf, changed, inductance, only_response, resistance, response
+
+from etcfit.errors import MeasurementError
+from etcfit.rig.reader import read_folder
+
+R, BACK_EMF, RESISTANCE, INDUCTANCE = response(), back_emf(), resistance(), inductance()
+WRONG: dict[str, tuple[Mapping[str, str | bytes], str]] = {
+    "unknown channel": (
+        only_response(R.with_header(2, "curent [mA]")),
+        r"1\.csv:1: column 'curent \[mA\]' is not known.*"
+        r"\[columns\].*Did you mean 'current \[A\]'",
+    ),
+    "foreign header": (
+        only_response(R.with_header(2, "Lambda")),
+        r"1\.csv:1: column 'Lambda' is not known.*under \[columns\]",
+    ),
+    "no unit": (only_response(R.with_header(2, "current")), r"1\.csv:1: column 'current' has no unit.*A or mA"),
+    "empty unit": (only_response(R.with_header(2, "current []")), r"column 'current \[\]' has no unit"),
+    "wrong dimension": (only_response(R.with_header(2, "current [mV]")), r"unit 'mV' is not one of current"),
+    "no such unit": (only_response(R.with_header(2, "current [quux]")), r"unit 'quux' is not known"),
+    "a formula": (only_response(R.with_header(2, "current [9**9**9**9]")), r"unit '9\*\*9\*\*9\*\*9' is not known"),
+    "per minute": (only_response(R.with_header(2, "motor_speed [1/min]")), r"'1/min' is not one of motor_speed.*rpm"),
+    "Hz": (only_response(R.with_header(2, "motor_speed [Hz]")), r"'Hz' is not one of motor_speed.*rpm"),
+    "plain angle": (only_response(R.with_header(3, "position [1]")), r"'1' is not one of position.*deg"),
+    "no time": (only_response(R.without(0)), r"1\.csv:1: no time column among 'voltage"),
+    "duplicate": (
+        only_response(R.with_header(2, "voltage [V]")),
+        r"1\.csv:1: columns 'voltage \[V\]' and 'voltage \[V\]' are both",
+    ),
+    "position and tps": (
+        only_response(R.with_header(2, "position [deg]")),
+        r"'position \[deg\]' and 'tps \[V\]' are both position",
+    ),
+    "two mapped to one": (
+        {"rig.toml": TOML + "[columns]\nA = 'voltage [V]'", **only_response(R.with_header(2, "A"))},
+        r"rig\.toml \[columns\], for .*1\.csv:1: columns 'voltage \[V\]' and 'A' are both voltage",
+    ),
+    "tps uncalibrated": ({"rig.toml": "[rig]\nsupply_V = 12"}, r"1\.csv:1: column 'tps \[V\]': tps needs.*Add \[tps\]"),
+    "percent of endless": (
+        {
+            "rig.toml": TOML.replace("[tps]", "travel_deg = [0, inf]\n[tps]"),
+            **only_response(R.with_header(3, "position [%]")),
+        },
+        r"without end stops",
+    ),
+}
+
+
+@pytest.mark.parametrize(("changes", "message"), WRONG.values(), ids=WRONG.keys())
+def test_each_mistake_has_its_own_message(tmp_path: Path, changes: Mapping[str, str | bytes], message: str) -> None:
+    with pytest.raises(MeasurementError) as caught:
+        read_folder(changed(tmp_path, changes))
+    error = caught.value
+    assert re.search(message, str(error), re.DOTALL), str(error)
+    assert error.where.startswith(str(tmp_path))
+    assert all((error.found, error.required, error.mend))
