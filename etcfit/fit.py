@@ -27,6 +27,7 @@ from .unknowns import Layout, Unknowns, unknowns
 Report = Callable[[str, float], None]
 
 _STEPS = 40  # of Levenberg-Marquardt in one go
+_NEAR, _THERE = 1e-2, 3e-6  # relative change of chi2 and absolute one of stretched coordinates that end a descent
 _STRETCH = 30.0  # Optimistix damps with the identity: this makes its first damping 1e-3 of the curvature
 _ROUNDS = 6
 _STARTS = 3  # besides the reading
@@ -105,8 +106,8 @@ def _silent(**_: Any) -> None:
 class _LevenbergMarquardt(optimistix.AbstractGaussNewton):
     """Optimistix's Levenberg-Marquardt with a trust region that grows on good steps, not on perfect ones only."""
 
-    rtol: float = 1e-7
-    atol: float = 1e-7
+    rtol: float
+    atol: float
     norm: Callable[[Any], Any] = optimistix.max_norm
     descent: optimistix.DampedNewtonDescent = optimistix.DampedNewtonDescent(lineax.Normal(lineax.Cholesky()))
     search: optimistix.ClassicalTrustRegion = optimistix.ClassicalTrustRegion(
@@ -130,7 +131,9 @@ def _with_dense_jacobian(function: Callable[[Any], Any]) -> Callable[[Any], Any]
 
 
 @partial(jax.jit, static_argnums=(0, 1))
-def _minimise(layout: Layout, circuits: tuple[str, ...], x0: Any, scale: Any, problem: Problem) -> Any:
+def _minimise(
+    layout: Layout, circuits: tuple[str, ...], x0: Any, scale: Any, problem: Problem, tolerance: Any
+) -> tuple[Any, Any]:
     """Levenberg-Marquardt from x0, in coordinates stretched by `scale` so that its damping treats all alike."""
     root = jnp.sqrt(jnp.sum(problem.slots.weight))
 
@@ -142,7 +145,8 @@ def _minimise(layout: Layout, circuits: tuple[str, ...], x0: Any, scale: Any, pr
 
     dense = _with_dense_jacobian(stacked)
     y0 = jnp.zeros_like(x0)
-    solution = optimistix.least_squares(lambda y, _: dense(y), _LevenbergMarquardt(), y0, max_steps=_STEPS, throw=False)
+    solver = _LevenbergMarquardt(rtol=tolerance, atol=tolerance)
+    solution = optimistix.least_squares(lambda y, _: dense(y), solver, y0, max_steps=_STEPS, throw=False)
     return x0 + scale * solution.value, solution.stats["num_steps"]
 
 
@@ -191,7 +195,7 @@ def fit(rig: Rig, report: Report = quiet) -> FitResult:
     fitted, held_out, notes = ready(rig)
     report("reading the paper's graphs", 0.02)
     readings = read_graphs(rig)
-    start = known.layout.coordinates(start_values(known, readings))
+    start = known.layout.off_bounds(known.layout.coordinates(start_values(known, readings)))
     report("choosing integration steps", 0.05)
     bench = Bench.of(rig.config, known, fitted).refined(start)
     x, starts = _from_several_starts(bench, start, report)
@@ -209,13 +213,13 @@ def _information(prior_sd: np.ndarray, jacobian: np.ndarray) -> np.ndarray:
     return flat.T @ flat + np.diag(1.0 / np.asarray(prior_sd) ** 2)
 
 
-def _go(bench: Bench, x: np.ndarray, problem: Problem) -> tuple[np.ndarray, int]:
+def _go(bench: Bench, x: np.ndarray, problem: Problem, tolerance: float) -> tuple[np.ndarray, int]:
     """Minimise from x; a point where the model cannot be computed stays where it is."""
     r, _, jacobian = bench.linearise(x, problem)
     if not np.isfinite(r).all() or not np.isfinite(jacobian).all():
         return x, 0
     scale = _scale(_information(problem.prior_sd, jacobian), float(np.sum(problem.slots.weight)))
-    end, steps = _minimise(bench.layout, bench.tape.circuits, x, np.minimum(scale, 1e4), problem)
+    end, steps = _minimise(bench.layout, bench.tape.circuits, x, np.minimum(scale, 1e4), problem, tolerance)
     return np.asarray(end), int(steps)
 
 
@@ -227,7 +231,7 @@ def _from_several_starts(bench: Bench, start: np.ndarray, report: Report) -> tup
     best, lowest, summaries = start, np.inf, []
     for k, first in enumerate([start, *others]):
         report(f"start {k + 1} of {_STARTS + 1}", 0.1 + 0.1 * k)
-        end, steps = _go(bench, first, problem)
+        end, steps = _go(bench, bench.layout.off_bounds(first), problem, _NEAR)
         before, after = _chi2(bench, first, problem), _chi2(bench, end, problem)
         summaries.append(StartSummary("reading" if k == 0 else f"scattered {k}", before, after, steps))
         if after < lowest:
@@ -256,7 +260,7 @@ def _rounds(bench: Bench, x: np.ndarray, report: Report) -> tuple[Bench, Problem
     for k in range(_ROUNDS):
         report(f"round {k + 1}: moved {moved:.2g} standard errors", 0.5 + 0.4 * k / _ROUNDS)
         problem = bench.problem(bench.kalman(x))
-        end, _ = _go(bench, x, problem)
+        end, _ = _go(bench, bench.layout.off_bounds(x) if k < 2 else x, problem, _THERE)
         r, prior, jacobian = bench.linearise(end, problem)
         information = _information(problem.prior_sd, jacobian) + np.eye(x.size) / WIDE**2
         moved = float(np.max(np.abs(end - x) / np.sqrt(np.diag(np.linalg.inv(information)))))

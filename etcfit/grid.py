@@ -12,7 +12,7 @@ from .effects import State
 from .simulate import Step, step
 from .tape import Tape
 from .throttle import Throttle
-from .whitening import before_steps, slot_senses
+from .whitening import before_steps, impact_nearby, slot_senses
 
 TOLERANCE = 0.03  # local error of a step, in standard deviations of a sample
 _MOST = 12  # steps in one interval
@@ -50,7 +50,9 @@ def local_error(throttle: Throttle, path: Any, tape_steps: Step, tape: tuple[Any
     seen = slot_senses(throttle, path, tape_steps, slots)[..., :3]
     present = jnp.any(slots.weight > 0.0, axis=0)  # a slot that is used anywhere in the lane
     each = jnp.abs(jnp.einsum("tlmn,tln->tlm", seen, wrong)) / slots.sigma
-    return jnp.max(jnp.where(present, each, 0.0), axis=-1)
+    # around an impact the samples are discounted, and no number of steps makes a clipped impact smooth
+    smooth = impact_nearby(x, path[0], tape_steps) == 0.0
+    return jnp.where(smooth, jnp.max(jnp.where(present, each, 0.0), axis=-1), 0.0)
 
 
 def substeps(tape: Tape, error: np.ndarray) -> list[np.ndarray]:

@@ -27,6 +27,10 @@ class AbstractDomain(abc.ABC):
         """The coordinate of a value in SI; a value on or beyond the bound is moved just inside."""
 
     @abc.abstractmethod
+    def inside(self, value: float) -> float:
+        """The nearest value at which the coordinate still moves the value: a fit that starts on a bound stays there."""
+
+    @abc.abstractmethod
     def at_bound(self, value: float) -> bool:
         """True where the value lies so close to the bound that the bound, not the data, holds it."""
 
@@ -42,6 +46,9 @@ class Positive(AbstractDomain):
 
     def coordinate(self, value: float) -> float:
         return math.log(max(value, 1e-6 * self.scale) / self.scale)
+
+    def inside(self, value: float) -> float:
+        return max(value, 1e-3 * self.scale)
 
     def at_bound(self, value: float) -> bool:
         return value < 1e-4 * self.scale
@@ -70,6 +77,9 @@ class NonNegative(AbstractDomain):
         y = max(value / self.scale, 0.25 * _SOFTNESS)
         return y - _SOFTNESS**2 / (4.0 * y)
 
+    def inside(self, value: float) -> float:
+        return max(value, 0.25 * self.scale)
+
     def at_bound(self, value: float) -> bool:
         return value < 0.25 * _SOFTNESS * self.scale
 
@@ -85,6 +95,9 @@ class Real(AbstractDomain):
 
     def coordinate(self, value: float) -> float:
         return value / self.scale
+
+    def inside(self, value: float) -> float:
+        return value
 
     def at_bound(self, value: float) -> bool:
         return False

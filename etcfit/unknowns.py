@@ -47,6 +47,16 @@ class Layout:
         """Coordinates, shape (P,), of values in SI."""
         return np.array([self.parameter(s).domain.coordinate(float(values[s])) for s in self.free])
 
+    def off_bounds(self, x: np.ndarray) -> np.ndarray:
+        """The same coordinates with those that lie on a bound moved off it."""
+        out = np.array(x, dtype=float)
+        for k, symbol in enumerate(self.free):
+            domain = self.parameter(symbol).domain
+            value = float(domain.value(x[k]))
+            if domain.at_bound(value):
+                out[k] = domain.coordinate(domain.inside(value))
+        return out
+
     def status(self, symbol: str) -> str:
         """ "estimated", "fixed" or "tied"."""
         if symbol in dict(self.ties):

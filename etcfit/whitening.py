@@ -28,6 +28,9 @@ from .tape import Disturbance, Slots
 from .throttle import Throttle
 
 
+_AROUND = 5  # steps either side of an impact that are discounted
+
+
 class Whitening(NamedTuple):
     """A linear filter along the tape over n error states (model states, memories, input error).
 
@@ -157,11 +160,18 @@ def slot_senses(throttle: Throttle, path: Any, steps: Step, slots: Slots) -> Any
     return jnp.stack(columns + [zero] * (len(path[1]) + 1), axis=-1)
 
 
-def _impact(before: State, after: State, steps: Step) -> Any:
-    """Speed lost in an impact within each step, rad/s; 0 elsewhere."""
+def impact_nearby(before: State, after: State, steps: Step) -> Any:
+    """Speed lost in an impact within some steps of each one, rad/s; 0 elsewhere.
+
+    While the parameters move, the simulated impact moves by some samples; were only the step of the impact discounted,
+    a frozen weight would meet a jump in full.
+    """
     stopped = (after.omega == 0.0) & (before.omega != 0.0) & (steps.mobile > 0.5) & (steps.plate > 0.5)
     on_stop = (after.theta <= steps.lower) | (after.theta >= steps.upper)
-    return jnp.where(stopped & on_stop, before.omega, 0.0)
+    lost = jnp.where(stopped & on_stop, jnp.abs(before.omega), 0.0)
+    padded = jnp.pad(lost, ((_AROUND, _AROUND), (0, 0)))
+    around = [padded[k : k + lost.shape[0]] for k in range(2 * _AROUND + 1)]
+    return jnp.max(jnp.stack(around), axis=0)
 
 
 def _outer(vector: Any) -> Any:
@@ -185,8 +195,10 @@ def _events(
     acceleration = jnp.where(steps.dt > 0.0, (late.omega - early.omega) / jnp.where(steps.dt > 0.0, steps.dt, 1.0), 0.0)
     release = disturbance.release * acceleration**2
     c = throttle(late, tuple(late.i * 0.0 + z for z in throttle.z0), steps.inputs(1.0))
-    emf = throttle.observe(State(0.0, 0.0, 1.0), steps.inputs(1.0))["emf"] * _impact(early, late, steps)
-    impact = steps.circuit * (emf * steps.dt / c.inductance) ** 2 / 12.0
+    emf = throttle.observe(State(0.0, 0.0, 1.0), steps.inputs(1.0))["emf"] * impact_nearby(early, late, steps)
+    slope = throttle(State(1.0, 0.0, 0.0), tuple(late.i * 0.0 + z for z in throttle.z0), steps.inputs(1.0))
+    rise = jnp.minimum(steps.dt / c.inductance, 1.0 / jnp.maximum(-slope.voltage, 1e-12))
+    impact = steps.circuit * (emf * rise) ** 2
     zero = jnp.zeros_like(release)
     return jax.vmap(jax.vmap(jnp.diag))(jnp.stack((impact, zero, release, *[zero] * (order - 3)), axis=-1))
 
@@ -217,8 +229,8 @@ def _edge_covariance(throttle: Throttle, before: Any, path: Any, steps: Step, di
 
 def _impact_variance(before: State, after: State, steps: Step, sense: Any) -> Any:
     """Extra variance of the samples at an impact, shape (T, L, M): a speed jumps, an angle bends."""
-    lost = _impact(before, after, steps)[..., None]
-    return (sense[..., 2] * lost) ** 2 + (sense[..., 1] * lost * steps.dt[..., None]) ** 2 / 12.0
+    lost = impact_nearby(before, after, steps)[..., None]
+    return (sense[..., 2] * lost) ** 2 + (sense[..., 1] * lost * _AROUND * steps.dt[..., None]) ** 2
 
 
 def _start_covariance(disturbance: Disturbance, order: int) -> Any:

@@ -5,7 +5,7 @@ Source: Okabe and Ito 2008 (colours). Figures are made without pyplot, so that n
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 
@@ -14,6 +14,7 @@ from matplotlib import rc_context
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
 
 from ..run_folder import whole
 
@@ -92,3 +93,13 @@ def unit_label(name: str, unit: str) -> str:
 def quiet_axis(axes: Axes) -> None:
     """No tick labels where the panel below has the same."""
     axes.tick_params(labelbottom=False)
+
+
+def legend(fig: Figure, axes: Sequence[Axes], x: float, y: float, loc: str = "upper right") -> None:
+    """One legend for all panels, each label once; x, y in parts of the figure."""
+    handles = {label: handle for ax in axes for handle, label in zip(*ax.get_legend_handles_labels(), strict=True)}
+    drawn = fig.legend(list(handles.values()), list(handles), loc=loc, bbox_to_anchor=(x, y), ncols=max(1, len(handles)),
+                       borderaxespad=0.0)  # fmt: skip
+    for handle in drawn.legend_handles:
+        if isinstance(handle, Line2D):
+            handle.set_markersize(7)

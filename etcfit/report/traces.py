@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator
 
 from ..rig.base import Channel
 from ..score import Row
@@ -46,7 +47,7 @@ def draw(picture: TracePicture) -> Figure:
     tall = min(9.0, 1.1 + 0.95 * sum(heights))
     fig = style.figure(10.0, tall, picture.synthetic)
     panels = fig.subplots(len(heights), 1, sharex=True, gridspec_kw={"height_ratios": heights}, squeeze=False)[:, 0]
-    fig.subplots_adjust(left=0.105, right=0.985, top=1.0 - 0.62 / tall, bottom=0.55 / tall, hspace=0.16)
+    fig.subplots_adjust(left=0.105, right=0.985, top=1.0 - 0.72 / tall, bottom=0.55 / tall, hspace=0.16)
     for m, name in enumerate(trace.channels):
         _channel(panels[2 * m], picture, m, name)
         _residual(panels[2 * m + 1], picture, m)
@@ -56,8 +57,11 @@ def draw(picture: TracePicture) -> Figure:
         style.quiet_axis(panel)
     panels[-1].set_xlabel("time [s]")
     fig.align_ylabels(panels)
-    fig.suptitle(_title(picture), x=0.105, y=1.0 - 0.12 / tall, ha="left", va="top", fontsize=12)
-    _legend(fig, panels[0], tall)
+    begin, end = trace.instants[[0, -1]]
+    panels[-1].set_xlim(begin - 0.01 * (end - begin), end + 0.01 * (end - begin))
+    fig.suptitle(_title(picture), x=0.105, y=1.0 - 0.1 / tall, ha="left", va="top", fontsize=13)
+    fig.text(0.105, 1.0 - 0.4 / tall, _errors(picture.rows), ha="left", va="top", fontsize=10.5)
+    style.legend(fig, panels, 0.985, 1.0 - 0.4 / tall)
     return fig
 
 
@@ -68,17 +72,13 @@ def source(trace: Trace, name: str) -> Channel:
 
 def _title(picture: TracePicture) -> str:
     role = "held out" if picture.trace.measurement.held_out else "fitted"
-    errors = ", ".join(
-        f"{row.channel.replace('_', ' ')} {short(row.rms)} {row.unit} ({short(row.rms / row.sigma, 2)} σ)"
-        for row in picture.rows
-    )
-    return f"{picture.trace.measurement.file}  ·  {role}  ·  rms {errors}"
+    return f"{picture.trace.measurement.file}  ·  {role}"
 
 
-def _legend(fig: Figure, panel: Axes, tall: float) -> None:
-    handles, labels = panel.get_legend_handles_labels()
-    fig.legend(handles, labels, loc="upper right", bbox_to_anchor=(0.99, 1.0 - 0.28 / tall), ncols=len(labels),
-               borderaxespad=0.0, markerscale=3.0)  # fmt: skip
+def _errors(rows: tuple[Row, ...]) -> str:
+    each = [f"{row.channel.replace('_', ' ')} {short(row.rms)} {row.unit} ({short(row.rms / row.sigma, 2)} σ)"
+            for row in rows]  # fmt: skip
+    return "rms error: " + ", ".join(each)
 
 
 def _channel(panel: Axes, picture: TracePicture, m: int, name: str) -> None:
@@ -94,13 +94,16 @@ def _channel(panel: Axes, picture: TracePicture, m: int, name: str) -> None:
 
 
 def _residual(panel: Axes, picture: TracePicture, m: int) -> None:
-    t, r = picture.trace.instants, np.where(np.isfinite(picture.trace.data[:, m]), picture.residual[:, m], np.nan)
+    trace = picture.trace
+    up = np.sign(source(trace, trace.channels[m]).scale)  # a sensor that falls as the plate opens turns the sign
+    t, r = trace.instants, np.where(np.isfinite(trace.data[:, m]), up * picture.residual[:, m], np.nan)
     size = np.abs(r[np.isfinite(r)])
     limit = max(_FLOOR, 1.15 * float(np.quantile(size, _SHOWN))) if size.size else _FLOOR
     panel.axhspan(-2.0, 2.0, color=style.BAND, lw=0)
     panel.plot(*style.thin(t, np.clip(r, -limit, limit)), ".", ms=2.0, color=style.MEASURED)
     panel.axhline(0.0, color=style.SIMULATED, lw=1.0)
     panel.set_ylim(-limit, limit)
+    panel.yaxis.set_major_locator(MaxNLocator(4, integer=True, symmetric=True))
     panel.set_ylabel(picture.residual_label)
     beyond = int(np.sum(size > limit))
     if beyond:
@@ -116,5 +119,6 @@ def _drive(panel: Axes, trace: Trace) -> None:
     logged = trace.measurement.channels.get(name)
     if logged is not None:
         panel.plot(*style.thin(logged.time, logged.value), ".", ms=2.0, color=style.MEASURED)
-    panel.plot(*style.thin(trace.instants, drive.value), color=style.DRIVE, drawstyle="steps-post" if drive.held else "default")
+    steps = "steps-post" if drive.held else "default"
+    panel.plot(*style.thin(trace.instants, drive.value), color=style.DRIVE, drawstyle=steps)
     panel.set_ylabel(style.unit_label(name, unit))

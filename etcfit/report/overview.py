@@ -1,0 +1,94 @@
+"""One picture of all parameters: how far the paper's reading lies from the fit, and how well the fit is known."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.ticker import FixedLocator, FuncFormatter
+
+from ..intervals import Interval
+from . import style
+from .numbers import Digits
+
+_LINEAR = 0.1  # per cent of the fitted value about zero, beyond which the axis is logarithmic
+_EDGE = 100.0  # per cent
+_TICKS = (-100.0, -10.0, -1.0, -0.1, 0.0, 0.1, 1.0, 10.0, 100.0)
+
+
+@dataclass(frozen=True, eq=False)
+class ParameterPicture:
+    """What the picture of the parameters shows.
+
+    Args:
+        rig: its name.
+        intervals: by symbol.
+        units: SI, by symbol.
+        readings: SI, by symbol, where there is one.
+        synthetic: the data were made up.
+    """
+
+    rig: str
+    intervals: Mapping[str, Interval]
+    units: Mapping[str, str]
+    readings: Mapping[str, float]
+    synthetic: bool
+
+
+def draw(picture: ParameterPicture) -> Figure:
+    """A row a parameter that was free: the reading's distance and the 95 % interval, relative to the fitted value."""
+    shown = {s: i for s, i in picture.intervals.items() if i.status in ("estimated", "not identifiable")}
+    tall = 1.5 + 0.42 * max(1, len(shown))
+    fig = style.figure(11.0, tall, picture.synthetic)
+    panel = fig.subplots(1, 1)
+    fig.subplots_adjust(left=0.2, right=0.64, top=1.0 - 0.75 / tall, bottom=0.62 / tall)
+    panel.axvline(0.0, color="black", lw=0.8)
+    for row, (symbol, interval) in enumerate(shown.items()):
+        _row(panel, row, interval, picture.readings.get(symbol))
+        text = _words(interval, picture.units[symbol])
+        panel.text(1.02, row, text, transform=panel.get_yaxis_transform(), va="center", fontsize=10)
+    _axes(panel, list(shown))
+    title = f"{picture.rig}  ·  parameters"
+    fig.suptitle(title, x=0.015, y=1.0 - 0.1 / tall, ha="left", va="top", fontsize=13)
+    style.legend(fig, [panel], 0.2, 1.0 - 0.38 / tall, "upper left")
+    return fig
+
+
+def _row(panel: Axes, row: int, interval: Interval, reading: float | None) -> None:
+    if interval.low is None or interval.high is None or interval.value == 0.0:
+        panel.axhspan(row - 0.4, row + 0.4, color=style.BAND, lw=0)
+        return
+    low, high = (_relative(end, interval.value) for end in (interval.low, interval.high))
+    panel.plot([low, high], [row, row], color=style.SIMULATED, lw=5, solid_capstyle="butt", label="fit, 95 % interval")
+    if reading is not None:
+        distance = _relative(reading, interval.value)
+        marker = "o" if abs(distance) < _EDGE else ("<" if distance < 0 else ">")
+        panel.plot(np.clip(distance, -_EDGE, _EDGE), row, marker, color=style.READING, ms=8, ls="none",
+                   label="the paper's reading", clip_on=False)  # fmt: skip
+
+
+def _relative(value: float, fitted: float) -> float:
+    return 100.0 * (value - fitted) / abs(fitted)
+
+
+def _words(interval: Interval, unit: str) -> str:
+    if interval.status == "not identifiable":
+        return "not identifiable"
+    digits = Digits.of(interval.value, interval.stderr)
+    spread = "" if interval.stderr is None else f" ± {digits(interval.stderr)}"
+    remark = f", {interval.remark}" if interval.remark else ""
+    return f"{digits(interval.value)}{spread} {unit}{remark}"
+
+
+def _axes(panel: Axes, symbols: list[str]) -> None:
+    panel.set_xscale("symlog", linthresh=_LINEAR, linscale=0.6)
+    panel.set_xlim(-_EDGE, _EDGE)
+    panel.xaxis.set_major_locator(FixedLocator(_TICKS))
+    panel.xaxis.set_minor_locator(FixedLocator([]))
+    panel.xaxis.set_major_formatter(FuncFormatter(lambda x, _: f"{x:g}"))
+    panel.set_yticks(range(len(symbols)), symbols)
+    panel.set_ylim(len(symbols) - 0.4, -0.6)
+    panel.set_xlabel("distance from the fitted value [%]")
