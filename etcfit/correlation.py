@@ -66,4 +66,4 @@ def widen(
             extra += (f - 1.0) * jacobian.T @ jacobian
             count += 1
     wide = covariance + covariance @ extra @ covariance
-    return wide, np.sqrt(np.diag(wide) / np.diag(covariance)), count
+    return wide, np.sqrt(np.maximum(np.diag(wide), 1e-300) / np.maximum(np.diag(covariance), 1e-300)), count

@@ -14,8 +14,9 @@ import numpy as np
 import optimistix
 
 from .bench import Bench
-from .correlation import widen
+from .correlation import inflation, widen
 from .errors import MeasurementError
+from .explore import settle
 from .identifiability import WIDE, Identifiability, analyse
 from .reading import Readings, read_graphs
 from .residual import Problem, residual
@@ -34,6 +35,8 @@ _STARTS = 3  # besides the reading
 _SPREAD = 0.35  # of the other starts about the reading, in coordinates
 _SETTLED = 0.05  # a round that moves no parameter by more standard errors is the last
 _DECREMENT = 1e-2  # chi2 still to be gained, by the gradient, at a point called converged
+_MISFIT = 30.0  # chi2 per degree of freedom of the best start above which the model lacks something and may be trapped
+_ROUGH = 0.1  # the same where the gradient is no guide and points drawn about the end are
 
 
 @dataclass(frozen=True)
@@ -236,6 +239,11 @@ def _from_several_starts(bench: Bench, start: np.ndarray, report: Report) -> tup
         summaries.append(StartSummary("reading" if k == 0 else f"scattered {k}", before, after, steps))
         if after < lowest:
             best, lowest = end, after
+    unit = lowest / max(1.0, float(np.sum(problem.slots.weight)) - start.size)
+    if unit > _MISFIT:
+        report("no start comes near the data: searching about the best", 0.45)
+        wide = _SPREAD**2 * np.eye(start.size)
+        best, _ = settle(bench.layout, bench.tape.circuits, best, problem, wide, unit)
     return best, tuple(summaries)
 
 
@@ -261,32 +269,60 @@ def _rounds(bench: Bench, x: np.ndarray, report: Report) -> tuple[Bench, Problem
         report(f"round {k + 1}: moved {moved:.2g} standard errors", 0.5 + 0.4 * k / _ROUNDS)
         problem = bench.problem(bench.kalman(x))
         end, _ = _go(bench, bench.layout.off_bounds(x) if k < 2 else x, problem, _THERE)
-        r, prior, jacobian = bench.linearise(end, problem)
-        information = _information(problem.prior_sd, jacobian) + np.eye(x.size) / WIDE**2
-        moved = float(np.max(np.abs(end - x) / np.sqrt(np.diag(np.linalg.inv(information)))))
+        local = _local(bench, end, problem)
+        moved = float(np.max(np.abs(end - x) / np.sqrt(np.diag(local.covariance))))
         x = end
         if moved < _SETTLED and k > 0:
             break
         if k < _ROUNDS - 1:
-            bench, outliers = bench.released(x).outliers_weighed(columns(bench.tape, r))
-    gain = _decrement(information, r, prior, problem, jacobian)
-    return bench, problem, x, _verdict(moved, gain, outliers)
+            bench, outliers = bench.released(x).outliers_weighed(columns(bench.tape, local.r))
+    if local.gain <= _DECREMENT:
+        return bench, problem, x, _verdict(moved, local.gain, outliers)
+    report("the gradient does not vanish: searching without it", 0.92)
+    x, gain = settle(bench.layout, bench.tape.circuits, x, problem, local.covariance, local.unit)
+    return bench, problem, x, _searched(gain, outliers)
 
 
-def _decrement(information: np.ndarray, r: Any, prior: Any, problem: Problem, jacobian: np.ndarray) -> float:
-    """chi2 that a full Gauss-Newton step would still gain: g^T F^-1 g."""
-    gradient = jacobian.reshape(-1, jacobian.shape[-1]).T @ r.ravel() + prior / np.asarray(problem.prior_sd)
-    return float(gradient @ np.linalg.solve(information, gradient))
+@dataclass(frozen=True, eq=False)
+class _Local:
+    """The problem linearised at a point.
+
+    Args:
+        r: whitened residual, shape (T, L, M).
+        unit: chi2 per degree of freedom, at least 1: what a difference in chi2 is measured by.
+        covariance: of the coordinates, in that unit, shape (P, P).
+        gain: chi2 that a full Gauss-Newton step would still gain, g^T F^-1 g, in that unit.
+    """
+
+    r: np.ndarray
+    unit: float
+    covariance: np.ndarray
+    gain: float
+
+
+def _local(bench: Bench, x: np.ndarray, problem: Problem) -> _Local:
+    r, prior, jacobian = bench.linearise(x, problem)
+    unit = max(1.0, float(np.sum(r**2)) / max(1.0, float(np.sum(problem.slots.weight)) - x.size))
+    information = _information(problem.prior_sd, jacobian) + np.eye(x.size) / WIDE**2
+    gradient = jacobian.reshape(-1, x.size).T @ r.ravel() + prior / np.asarray(problem.prior_sd)
+    gain = float(gradient @ np.linalg.solve(information, gradient)) / unit
+    values, vectors = np.linalg.eigh(information)
+    return _Local(r, unit, unit * (vectors / np.maximum(values, 1.0 / WIDE**2)) @ vectors.T, gain)
 
 
 def _verdict(moved: float, gain: float, outliers: int) -> _End:
     if not np.isfinite(gain):
         return _End(False, "the model cannot be computed at the point reached", outliers)
-    if gain > _DECREMENT:
-        return _End(False, f"the gradient is not zero: a further step would lower chi2 by {gain:.3g}", outliers)
     if moved > 10.0 * _SETTLED:
         return _End(False, f"the last round still moved a parameter by {moved:.2g} standard errors", outliers)
     return _End(True, f"gradient zero to {gain:.1e} of chi2, last round moved {moved:.2g} standard errors", outliers)
+
+
+def _searched(gain: float, outliers: int) -> _End:
+    if gain > _ROUGH:
+        return _End(False, f"points about the end still lower chi2, by {gain:.2g} of its own size per sample", outliers)
+    text = "chi2 is too rough for its gradient; no point drawn within a standard error lowers it"
+    return _End(True, f"{text} by more than {max(gain, 0.01):.2g}", outliers)
 
 
 def _result(
@@ -301,9 +337,11 @@ def _result(
     notes: tuple[str, ...],
 ) -> FitResult:
     r, _, jacobian = bench.linearise(x, problem)
-    verdict = analyse(bench.layout, x, _information(problem.prior_sd, jacobian))
     whitened = tuple(columns(bench.tape, r))
-    covariance, factor, count = widen(verdict.covariance, _pieces(bench, r, jacobian))
+    pieces = _pieces(bench, r, jacobian)
+    certain = analyse(bench.layout, x, _information(problem.prior_sd, jacobian)).covariance
+    covariance, factor, count = widen(certain, pieces)
+    verdict = _verdict_on_parameters(bench, x, problem, pieces)
     values = {s: float(v) for s, v in bench.layout.values(x, bench.unknowns.held).items()}
     holdout = Bench.of(rig.config, bench.unknowns, held_out).refined(x).released(x) if held_out else None
     predicted, score_holdout = {}, ()
@@ -337,6 +375,23 @@ def _result(
         widening=dict(zip(bench.layout.free, map(float, factor), strict=True)),
         warnings=(*rig.warnings, *notes, *_words(end, count, len(score_fit), chi2, factor)),
     )
+
+
+def _verdict_on_parameters(
+    bench: Bench, x: np.ndarray, problem: Problem, pieces: list[tuple[np.ndarray, np.ndarray]]
+) -> Identifiability:
+    """What the data can tell, each channel counting for no more than its residual's size and independence allow.
+
+    It is judged off the bounds: a parameter that lies on one would seem known, and so would what it hides behind.
+    """
+    inside = bench.layout.off_bounds(x)
+    if not np.array_equal(inside, x):
+        r, _, jacobian = bench.linearise(inside, problem)
+        pieces = [(j, own) for (j, _), (_, own) in zip(_pieces(bench, r, jacobian), pieces, strict=True)]
+    information = np.diag(1.0 / np.asarray(problem.prior_sd) ** 2)
+    for jacobian, own in pieces:
+        information = information + jacobian.T @ jacobian / inflation(own)
+    return analyse(bench.layout, inside, information)
 
 
 def _pieces(bench: Bench, r: np.ndarray, jacobian: np.ndarray) -> list[tuple[np.ndarray, np.ndarray]]:

@@ -10,7 +10,7 @@ from .parameters import Positive
 from .unknowns import Layout
 
 WIDE = 3.0  # coordinates: what is believed of a parameter beforehand, about a factor of 20 either way
-_UNKNOWN = 0.5  # coordinates: less well known than to a factor of 1.6 counts as not identifiable
+_UNKNOWN = 0.3  # coordinates: what is known no better than to 30 % counts as not identifiable
 _WEAK = 0.1  # a direction less well known than to 10 %
 _SHARE = 0.1  # a symbol with a smaller share in a direction is not named
 
@@ -68,7 +68,8 @@ def analyse(layout: Layout, x: np.ndarray, information: np.ndarray) -> Identifia
     directions = [*_readable(layout.free, vectors[:, null], sd[null])]
     for k in np.flatnonzero(~null & (sd > _WEAK)):
         directions.append(_direction(layout.free, vectors[:, k], sd[k]))
-    covariance = np.linalg.inv(information + np.eye(x.size) / WIDE**2)
+    # by eigenvectors: an inverse would drown the null directions in rounding
+    covariance = (vectors / (values + 1.0 / WIDE**2)) @ vectors.T
     reach = np.array(
         [1.0 if isinstance(layout.parameter(s).domain, Positive) else max(1.0, abs(xk)) for s, xk in zip(
             layout.free, x, strict=True)]

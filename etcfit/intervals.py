@@ -16,8 +16,10 @@ import jax
 import numpy as np
 
 from .fit import FitResult
+from .parameters import Positive
 
 Z_95 = 1.96  # half width of a 95 % interval, standard deviations
+_UNKNOWN = 0.5  # relative; a wider standard error says nothing worth a figure
 
 
 @dataclass(frozen=True)
@@ -61,9 +63,9 @@ def intervals(result: FitResult) -> dict[str, Interval]:
 def lumped(result: FitResult) -> dict[str, Interval]:
     """What the plate feels of motor and load together, by the delta method.
 
-        J_eq = N^2 J_m + J_L,    B_eq = N^2 B_m + B_L,    stderr = sqrt(g^T C g), g the gradient in coordinates
+    J_eq = N^2 J_m + J_L,    B_eq = N^2 B_m + B_L,    stderr = sqrt(g^T C g), g the gradient in coordinates
     """
-    gear = result.rig.config.gear_ratio ** 2
+    gear = result.rig.config.gear_ratio**2
     sums: dict[str, Callable[[Mapping[str, Any]], Any]] = {
         "J_eq": lambda values: gear * values["J_m"] + values["J_L"],
         "B_eq": lambda values: gear * values["B_m"] + values["B_L"],
@@ -80,6 +82,8 @@ def _free(result: FitResult, symbol: str, k: int) -> Interval:
     sd = _root(result.covariance[k, k])
     if sd is None:
         return Interval.bare(value, "estimated", "its standard error could not be computed")
+    if sd > _UNKNOWN * (1.0 if isinstance(parameter.domain, Positive) else max(1.0, abs(x))):
+        return Interval.bare(value, "not identifiable", remark)  # where widening left nothing of what was known
     stderr = abs(float(jax.grad(parameter.domain.value)(x))) * sd
     low, high = (float(parameter.domain.value(x + way * Z_95 * sd)) for way in (-1.0, 1.0))
     return Interval(value, stderr, low, high, "estimated", remark)
@@ -101,8 +105,8 @@ def _sum(result: FitResult, total: Callable[[Mapping[str, Any]], Any]) -> Interv
     layout, held = result.unknowns.layout, result.unknowns.held
     value = float(total(result.values))
     gradient = np.asarray(jax.grad(lambda x: total(layout.values(x, held)))(result.x))
-    stderr = _root(gradient @ result.covariance @ gradient)
-    if stderr is None or stderr > 0.5 * abs(value):
+    stderr = _root(float(gradient @ result.covariance @ gradient))
+    if stderr is None or stderr > _UNKNOWN * abs(value):
         return Interval.bare(value, "not identifiable")
     return Interval(value, stderr, value - Z_95 * stderr, value + Z_95 * stderr, "estimated")
 

@@ -35,17 +35,21 @@ class AbstractDomain(abc.ABC):
         """True where the value lies so close to the bound that the bound, not the data, holds it."""
 
 
+_REACH = 12.0  # a positive parameter stays within exp(-12) and exp(12) of its scale
+
+
 @dataclass(frozen=True)
 class Positive(AbstractDomain):
-    """value = scale exp(x) > 0: for what is never zero in a real throttle."""
+    """value = scale exp(c tanh(x / c)) > 0, c = 12: a logarithm that cannot run away where the data say nothing."""
 
     scale: float
 
     def value(self, x: Scalar) -> Scalar:
-        return self.scale * jnp.exp(x)
+        return self.scale * jnp.exp(_REACH * jnp.tanh(x / _REACH))
 
     def coordinate(self, value: float) -> float:
-        return math.log(max(value, 1e-6 * self.scale) / self.scale)
+        log = math.log(max(value, 1e-300) / self.scale) / _REACH
+        return _REACH * math.atanh(min(max(log, -0.99), 0.99))
 
     def inside(self, value: float) -> float:
         return max(value, 1e-3 * self.scale)

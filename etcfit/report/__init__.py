@@ -1,4 +1,4 @@
-"""What a person sees of a fit: tables for the terminal, pictures for the run folder. The only matplotlib, and lazily."""
+"""What a person sees of a fit: tables for the terminal, pictures for the run folder. The only matplotlib; lazy."""
 
 from __future__ import annotations
 

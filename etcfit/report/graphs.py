@@ -91,7 +91,7 @@ def draw(picture: TestPicture) -> Figure:
     tall = head + 3.1 * rows if columns > 1 else head + 4.6
     fig = style.figure(11.0 if columns > 1 else 8.5, tall, picture.synthetic)
     fig.set_layout_engine("constrained", rect=(0.0, 0.0, 1.0, 1.0 - head / tall), h_pad=0.08, w_pad=0.08)
-    panels = fig.subplots(rows, columns, squeeze=False).ravel()
+    panels: list[Axes] = list(fig.subplots(rows, columns, squeeze=False).ravel())
     if graphs:
         _graphs(panels, graphs, picture.model)
     else:
@@ -118,10 +118,11 @@ def _graphs(panels: Sequence[Axes], graphs: Sequence[Graph], model: Sequence[Gra
         stride = max(1, graph.x.size // _POINTS)
         panel.plot(graph.x[::stride], graph.y[::stride], ".", ms=4 if graph.x.size > 30 else 9, color=style.MEASURED,
                    label="measured")  # fmt: skip
-        panel.plot(graph.line_x, graph.line_y, color=style.READING, label="the paper's reading")
+        panel.plot(*style.broken(graph.line_x, graph.line_y), color=style.READING, label="graph reading")
         if twins := waiting.get(graph.title):
             twin = twins.pop(0)
-            panel.plot(twin.line_x, twin.line_y, "--", color=style.SIMULATED, label="fitted model, read the same way")
+            panel.plot(*style.broken(twin.line_x, twin.line_y), "--", color=style.SIMULATED,
+                       label="fitted model, read the same way")  # fmt: skip
         panel.set(xlabel=graph.x_label, ylabel=graph.y_label)
         of = graph.title.rpartition(", ")
         panel.set_title(f"{of[2]}\n{graph.says}" if of[1] else graph.says, fontsize=9.5, loc="left")

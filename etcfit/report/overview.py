@@ -1,4 +1,4 @@
-"""One picture of all parameters: how far the paper's reading lies from the fit, and how well the fit is known."""
+"""One picture of all parameters: how far graph reading lies from the fit, and how well the fit is known."""
 
 from __future__ import annotations
 
@@ -67,7 +67,7 @@ def _row(panel: Axes, row: int, interval: Interval, reading: float | None) -> No
         distance = _relative(reading, interval.value)
         marker = "o" if abs(distance) < _EDGE else ("<" if distance < 0 else ">")
         panel.plot(np.clip(distance, -_EDGE, _EDGE), row, marker, color=style.READING, ms=8, ls="none",
-                   label="the paper's reading", clip_on=False)  # fmt: skip
+                   label="graph reading", clip_on=False)  # fmt: skip
 
 
 def _relative(value: float, fitted: float) -> float:

@@ -58,8 +58,8 @@ def _draw_trace(result: FitResult, k: int) -> Figure:
 def _draw_test(result: FitResult, name: str) -> Figure:
     test, config = TEST_BY_NAME[name], result.rig.config
     every = tuple(trace for trace in all_traces(result) if trace.test.name == name)
-    read = result.readings.graphs.get(name, ())
-    model = graphs.read_model(test, every, result.predicted, config, known(config, result.readings.values)) if read else ()
+    read, scales = result.readings.graphs.get(name, ()), known(config, result.readings.values)
+    model = graphs.read_model(test, every, result.predicted, config, scales) if read else ()
     lines = _lines(result, name)
     return graphs.draw(graphs.TestPicture(test, read, model, every, result.predicted, lines, config.synthetic))
 

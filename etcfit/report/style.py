@@ -8,6 +8,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
+from typing import Any, Literal
 
 import numpy as np
 from matplotlib import rc_context
@@ -27,7 +28,7 @@ BAND = "#e8e8e8"
 TAG = "#cc3399"
 _THIN = 1200  # bins that a long trace is drawn in; a panel has about as many pixels
 
-RC = {
+RC: Any = {
     "figure.dpi": DPI,
     "font.size": 11,
     "axes.titlesize": 11,
@@ -65,7 +66,7 @@ def figure(width: float, height: float, synthetic: bool) -> Figure:
 def save(fig: Figure, path: Path) -> None:
     """A PNG, written whole or not at all."""
     with whole(path) as draft:
-        fig.savefig(draft, format="png", dpi=DPI, facecolor="white")
+        fig.savefig(draft, format="png", dpi=DPI, facecolor="white", pil_kwargs={"compress_level": 3})
 
 
 def thin(t: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -78,11 +79,18 @@ def thin(t: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     t, y = t[seen], y[seen]
     if t.size <= 2 * _THIN:
         return t, y
-    starts = np.linspace(0, t.size, _THIN, endpoint=False).astype(int)
-    stops = np.append(starts[1:], t.size)
-    ends = [(a + int(np.argmin(y[a:b])), a + int(np.argmax(y[a:b]))) for a, b in zip(starts, stops, strict=True)]
-    keep = np.unique(np.array(ends).ravel())
+    width = -(-t.size // _THIN)
+    bins = np.pad(y, (0, -t.size % width), mode="edge").reshape(-1, width)
+    first = width * np.arange(bins.shape[0])
+    keep = np.unique(np.concatenate((first + bins.argmin(axis=1), first + bins.argmax(axis=1))))
     return t[keep], y[keep]
+
+
+def broken(x: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """A line that is not drawn across gaps: NaN where x leaps by more than five of its usual steps."""
+    step = np.diff(x)
+    gaps = np.flatnonzero(step > 5.0 * np.median(step)) + 1 if x.size > 10 else np.empty(0, dtype=int)
+    return np.insert(x, gaps, np.nan), np.insert(y, gaps, np.nan)
 
 
 def unit_label(name: str, unit: str) -> str:
@@ -95,10 +103,13 @@ def quiet_axis(axes: Axes) -> None:
     axes.tick_params(labelbottom=False)
 
 
-def legend(fig: Figure, axes: Sequence[Axes], x: float, y: float, loc: str = "upper right") -> None:
+def legend(
+    fig: Figure, axes: Sequence[Axes], x: float, y: float, loc: Literal["upper left", "upper right"] = "upper right"
+) -> None:
     """One legend for all panels, each label once; x, y in parts of the figure."""
     handles = {label: handle for ax in axes for handle, label in zip(*ax.get_legend_handles_labels(), strict=True)}
-    drawn = fig.legend(list(handles.values()), list(handles), loc=loc, bbox_to_anchor=(x, y), ncols=max(1, len(handles)),
+    columns = max(1, len(handles))
+    drawn = fig.legend(list(handles.values()), list(handles), loc=loc, bbox_to_anchor=(x, y), ncols=columns,
                        borderaxespad=0.0)  # fmt: skip
     for handle in drawn.legend_handles:
         if isinstance(handle, Line2D):

@@ -46,7 +46,8 @@ def draw(picture: TracePicture) -> Figure:
     heights = [h for _ in trace.channels for h in (2.1, 1.0)] + ([1.1] if trace.drive is not None else [])
     tall = min(9.0, 1.1 + 0.95 * sum(heights))
     fig = style.figure(10.0, tall, picture.synthetic)
-    panels = fig.subplots(len(heights), 1, sharex=True, gridspec_kw={"height_ratios": heights}, squeeze=False)[:, 0]
+    grid = fig.subplots(len(heights), 1, sharex=True, gridspec_kw={"height_ratios": heights}, squeeze=False)
+    panels: list[Axes] = list(grid[:, 0])
     fig.subplots_adjust(left=0.105, right=0.985, top=1.0 - 0.72 / tall, bottom=0.55 / tall, hspace=0.16)
     for m, name in enumerate(trace.channels):
         _channel(panels[2 * m], picture, m, name)
@@ -98,7 +99,7 @@ def _residual(panel: Axes, picture: TracePicture, m: int) -> None:
     up = np.sign(source(trace, trace.channels[m]).scale)  # a sensor that falls as the plate opens turns the sign
     t, r = trace.instants, np.where(np.isfinite(trace.data[:, m]), up * picture.residual[:, m], np.nan)
     size = np.abs(r[np.isfinite(r)])
-    limit = max(_FLOOR, 1.15 * float(np.quantile(size, _SHOWN))) if size.size else _FLOOR
+    limit = max(_FLOOR, 1.15 * float(np.quantile(size, _SHOWN, method="lower"))) if size.size else _FLOOR
     panel.axhspan(-2.0, 2.0, color=style.BAND, lw=0)
     panel.plot(*style.thin(t, np.clip(r, -limit, limit)), ".", ms=2.0, color=style.MEASURED)
     panel.axhline(0.0, color=style.SIMULATED, lw=1.0)

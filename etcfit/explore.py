@@ -1,0 +1,64 @@
+"""A search that needs no gradient, for where the residual is too rough for one.
+
+A model that lacks an effect sticks, slips and hits its stops at other samples than the plate did; its chi2 is then full
+of small steps on which Levenberg-Marquardt comes to rest. Points drawn about where it rests find the way on, or show
+that there is none.
+"""
+
+from __future__ import annotations
+
+from functools import partial
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from .residual import Problem, residual
+from .unknowns import Layout
+
+_DRAWS = 64
+_AT_ONCE = 16  # points simulated side by side, which bounds the memory
+_GENERATIONS = 30
+_WORTH = 0.02  # chi2, in units of chi2 per degree of freedom, that makes a move worth it
+
+
+@partial(jax.jit, static_argnums=(0, 1))
+def chi2_of(layout: Layout, circuits: tuple[str, ...], points: Any, problem: Problem) -> Any:
+    """Sum of squared residuals and prior terms at each of K points, shape (K, P) -> (K,)."""
+
+    def one(x: Any) -> Any:
+        r, prior = residual(layout, circuits, x, problem)
+        return jnp.sum(r**2) + jnp.sum(prior**2)
+
+    return jax.lax.map(one, points, batch_size=_AT_ONCE)
+
+
+def settle(
+    layout: Layout, circuits: tuple[str, ...], x: np.ndarray, problem: Problem, covariance: np.ndarray, unit: float
+) -> tuple[np.ndarray, float]:
+    """Move to the best of the points drawn about x, again and again, until none is worth it.
+
+    Args:
+        layout, circuits, problem: the residual.
+        x: coordinates, shape (P,).
+        covariance: of the coordinates, in which the points are drawn, shape (P, P).
+        unit: chi2 per degree of freedom, the unit in which a gain counts.
+    Returns:
+        where it ended, and the last gain in those units: what a further move might still bring.
+    """
+    rng = np.random.default_rng(7)
+    spread, axes = np.linalg.eigh(covariance)
+    root = axes * np.sqrt(np.maximum(spread, 0.0))
+    radius = np.repeat([1.0, 0.3, 0.1, 0.03], _DRAWS // 4)[:, None]
+    here = float(chi2_of(layout, circuits, np.tile(x, (_DRAWS, 1)), problem)[0])
+    gain = 0.0
+    for _ in range(_GENERATIONS):
+        points = x + radius * rng.standard_normal((_DRAWS, x.size)) @ root.T
+        chi2 = np.nan_to_num(np.asarray(chi2_of(layout, circuits, points, problem)), nan=np.inf)
+        best = int(np.argmin(chi2))
+        gain = max(0.0, here - float(chi2[best])) / unit
+        if gain < _WORTH:
+            break
+        x, here = points[best], float(chi2[best])
+    return x, gain

@@ -1,0 +1,60 @@
+"""Throttle bodies and tapes made by hand, for the tests of what steps and whitens them."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from etcfit.effects import PAPER, AbstractEffect, State
+from etcfit.parameters import parameters_of
+from etcfit.simulate import Reset, Step
+from etcfit.throttle import Throttle
+
+N = 20.68
+OPEN = float(np.pi / 2)
+NOMINAL = {p.symbol: p.nominal for t in PAPER for p in parameters_of(t)} | {"B_L": 1e-3}
+FREE = {"lower": -1e6, "upper": 1e6}  # a body without stops
+
+
+def values(**changes: float) -> dict[str, Any]:
+    """Nominal values of Eqs. 1-2, some changed; SI."""
+    return NOMINAL | changes
+
+
+def body(*more: type[AbstractEffect], **changes: float) -> Throttle:
+    """Eqs. 1-2 and further effects."""
+    return Throttle.build((*PAPER, *more), values(**changes))
+
+
+def tape(dt: np.ndarray, early: Any = 0.0, late: Any = None, start: tuple[float, float, float] = (0.0,) * 3, **how: Any):
+    """One trace on one lane: entry 0 is its start, then a step for each dt (s).
+
+    Args:
+        dt: s, shape (n,).
+        early, late: voltage at the begin and the end of each step, V; one number for a constant.
+        start: current, angle, speed.
+        how: other fields of Step, e.g. `mobile`.
+    """
+    n = len(dt)
+    late = early if late is None else late
+    fields = {"mobile": 1.0, "circuit": 1.0, "plate": 1.0, "series": 0.0, "gear_ratio": N, "lower": 0.0, "upper": OPEN}
+    fields |= {"torque0": 0.0, "torque1": 0.0, "voltage0": early, "voltage1": late}
+    fields |= how
+    columns = {name: np.concatenate(([0.0], np.broadcast_to(v, n))) for name, v in fields.items()}
+    for name in ("mobile", "circuit", "plate", "series", "gear_ratio", "lower", "upper"):
+        columns[name][0] = columns[name][1]
+    dt = np.concatenate(([0.0], dt))
+    steps = Step(dt=dt, time=np.cumsum(dt), **columns)
+    first = (np.arange(n + 1) == 0) * 1.0
+    resets = Reset(first, *(first * s for s in start))
+    return Step(*(c[:, None] for c in steps)), Reset(*(c[:, None] for c in resets))
+
+
+def even(duration: float, n: int) -> np.ndarray:
+    return np.full(n, duration / n)
+
+
+def array(x: State) -> np.ndarray:
+    """Path of one lane, shape (T, 3)."""
+    return np.stack([np.asarray(c)[:, 0] for c in x], axis=-1)

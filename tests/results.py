@@ -1,0 +1,81 @@
+"""A FitResult made by hand, without a fit: real traces of `folders.good`, invented values and residuals."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import folders
+import numpy as np
+
+from etcfit.fit import FitResult, StartSummary, ready
+from etcfit.identifiability import Direction, Identifiability
+from etcfit.reading import Readings, read_graphs
+from etcfit.rig.base import Rig
+from etcfit.rig.reader import read_folder
+from etcfit.score import rows
+from etcfit.unknowns import unknowns
+
+EXTRA = """
+[parameters]
+B_m = { fixed = 2e-5 }
+
+[tests.inductance]
+series_ohm = "free"
+
+[holdout]
+files = ["response/2.csv"]
+"""
+
+
+def rig(folder: Path, synthetic: bool = True) -> Rig:
+    """The good folder, B_m fixed, one response held out."""
+    files = folders.good()
+    toml = folders.TOML.replace("[rig]", "[rig]\nsynthetic = true") if synthetic else folders.TOML
+    files |= {"rig.toml": toml + EXTRA, "response/2.csv": folders.response(seed=7).text()}
+    return read_folder(folders.write(folder, files))
+
+
+def result(rig: Rig, lost: tuple[str, ...] = (), **changes: Any) -> FitResult:
+    """A fit of the rig at nominal values, every coordinate known to 0.02, traces simulated almost as measured."""
+    known = unknowns(rig.config)
+    layout, (fitted, held_out, _) = known.layout, ready(rig)
+    x = layout.coordinates({p.symbol: p.nominal for p in layout.parameters})
+    rng = np.random.default_rng(0)
+    noise = [rng.standard_normal(t.data.shape) for t in (*fitted, *held_out)]
+    predicted = {t.measurement.file: t.data - t.sigma * r for t, r in zip((*fitted, *held_out), noise, strict=True)}
+    direction = Direction(lost, (1.0,) * len(lost), np.inf)
+    fields: dict[str, Any] = {
+        "rig": rig,
+        "unknowns": known,
+        "x": x,
+        "values": {s: float(v) for s, v in layout.values(x, known.held).items()},
+        "covariance": 0.02**2 * np.eye(x.size),
+        "identifiability": Identifiability(
+            layout.free, np.ones(x.size), (direction,) if lost else (), 0.02**2 * np.eye(x.size), lost
+        ),
+        "readings": read_graphs(rig),
+        "bench": _bench(fitted),
+        "holdout": _bench(held_out) if held_out else None,
+        "problem": None,
+        "whitened": tuple(noise[: len(fitted)]),
+        "predicted": predicted,
+        "score_fit": rows(fitted, [predicted[t.measurement.file] for t in fitted]),
+        "score_holdout": rows(held_out, [predicted[t.measurement.file] for t in held_out]),
+        "chi2_per_dof": 1.02,
+        "converged": True,
+        "reason": "gradient zero",
+        "starts": (StartSummary("reading", 1e4, 500.0, 12), StartSummary("scattered 1", np.inf, 501.0, 20)),
+        "widening": dict.fromkeys(layout.free, 1.0),
+        "warnings": ("something is odd",),
+    }
+    return FitResult(**(fields | changes))
+
+
+def without_readings() -> Readings:
+    return Readings({}, {}, frozenset(), {})
+
+
+def _bench(traces: tuple[Any, ...]) -> Any:
+    return SimpleNamespace(tape=SimpleNamespace(traces=traces))

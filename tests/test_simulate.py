@@ -1,0 +1,424 @@
+"""The stepper against closed forms, conservation laws, other solvers and the event-located generator."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import bodies
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from bodies import FREE, N, OPEN, array, body, even, tape
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from independent import CONSISTENT, NONE
+from independent import simulate as independent
+from independent.drives import Drive, line
+from numpy.testing import assert_allclose, assert_array_equal
+from scipy.linalg import expm
+
+from etcfit.effects import PAPER, AbstractEffect, Contribution, Inputs, State
+from etcfit.parameters import Positive, Real, Scalar, parameter, parameters_of
+from etcfit.simulate import Reset, Step, simulate
+from etcfit.throttle import Throttle
+
+run = jax.jit(simulate)
+EQS_1_2 = [p.symbol for t in PAPER for p in parameters_of(t)]
+
+
+def path(throttle: Throttle, steps: Step, resets: Reset) -> np.ndarray:
+    return array(run(throttle, steps, resets)[0])
+
+
+def order(throttle: Throttle, duration: float, counts: tuple[int, ...], exact: np.ndarray, **how: Any) -> float:
+    """Slope of log error over log h: the same trace in so many steps each, side by side, waiting for the longest.
+
+    Args:
+        exact: current, angle, speed and memories at the end.
+        how: as for `tape`.
+    """
+    longest = max(counts)
+    lanes = [tape(np.concatenate((even(duration, n), np.zeros(longest - n))), **how) for n in counts]
+    x, z = run(throttle, *jax.tree.map(lambda *c: np.concatenate(c, axis=1), *lanes))
+    errors = np.linalg.norm(np.array([c[-1] for c in (*x, *z)]).T - exact, axis=1)
+    assert np.all(errors > 1e-12)
+    return float(-np.polyfit(np.log(counts), np.log(errors), 1)[0])
+
+
+# ---- closed forms
+
+
+def test_second_order_on_a_held_plate() -> None:
+    p, duration, volts = bodies.values(), 4e-3, 3.0
+    exact = volts / p["R_a"] * (1.0 - np.exp(-p["R_a"] * duration / p["L_a"]))
+    slope = order(body(), duration, (8, 16, 32, 64), np.array([exact, 0.0, 0.0]), early=volts, mobile=0.0)
+    assert 1.8 <= slope <= 2.3
+
+
+def test_second_order_on_a_damped_oscillator() -> None:
+    throttle = body(T_f=0.0, T_PL=0.0, B_m=2e-6, J_m=2e-6)
+    inertia, damping, stiffness = N**2 * 2e-6 + 6e-4, N**2 * 2e-6 + 1e-3, 0.150
+    decay, t = damping / (2 * inertia), 0.7
+    ring = np.sqrt(stiffness / inertia - decay**2)
+    angle = np.exp(-decay * t) * (np.cos(ring * t) + decay / ring * np.sin(ring * t))
+    speed = -np.exp(-decay * t) * stiffness / inertia / ring * np.sin(ring * t)
+    exact = np.array([0.0, angle, speed])
+    assert 1.8 <= order(throttle, t, (64, 128, 256, 512), exact, start=(0.0, 1.0, 0.0), circuit=0.0, **FREE) <= 2.3
+
+
+def linear(p: dict[str, float]) -> np.ndarray:
+    """Eqs. 1-2 without dry friction and preload as dx/dt = A x + b v, with v as a fourth, constant state."""
+    inertia, damping = N**2 * p["J_m"] + p["J_L"], N**2 * p["B_m"] + p["B_L"]
+    return np.array(
+        [
+            [-p["R_a"] / p["L_a"], 0.0, -p["K_b"] * N / p["L_a"], 1.0 / p["L_a"]],
+            [0.0, 0.0, 1.0, 0.0],
+            [p["K_m"] * N / inertia, -p["K_s"] / inertia, -damping / inertia, 0.0],
+            [0.0, 0.0, 0.0, 0.0],
+        ]
+    )
+
+
+def test_second_order_on_the_whole_linear_throttle() -> None:
+    p, duration, start = bodies.values(T_f=0.0, T_PL=0.0), 0.1, (0.2, 0.4, 1.0)
+    exact = (expm(linear(p) * duration) @ np.array([*start, 2.0]))[:3]
+    throttle = body(T_f=0.0, T_PL=0.0)
+    assert 1.8 <= order(throttle, duration, (256, 512, 1024, 2048), exact, early=2.0, start=start, **FREE) <= 2.3
+
+
+@pytest.mark.parametrize("n", [1, 7])
+def test_a_constant_voltage_ends_in_the_steady_state_whatever_the_step(n: int) -> None:
+    """L-stable: one step of 10 s leaves nothing of the transient but what its damping of 1/z lets through."""
+    end = path(body(), *tape(even(10.0, n), 1.2, mobile=0.0))[-1]
+    assert_allclose(end[0], 1.2 / 1.513, rtol=2e-3)
+
+
+def test_the_motor_alone_feels_neither_plate_nor_stop() -> None:
+    """Its speed runs to N omega = K_m v / (K_m K_b + R_a B_m), far beyond the plate's travel."""
+    p = bodies.values()
+    end = path(body(), *tape(even(2.0, 2000), 6.0, plate=0.0))[-1]
+    assert_allclose(N * end[2], p["K_m"] * 6.0 / (p["K_m"] * p["K_b"] + p["R_a"] * p["B_m"]), rtol=1e-9)
+    assert end[1] > 10.0 * OPEN
+
+
+def test_a_torque_drives_the_plate_without_an_electrical_side() -> None:
+    """Constant net torque from rest: theta = (T - T_PL - T_f) t^2 / 2J while the rest is switched off."""
+    throttle = body(K_s=0.0, B_m=0.0, B_L=0.0)
+    push = {"circuit": 0.0, "torque0": 0.8, "torque1": 0.8}
+    end = path(throttle, *tape(even(0.05, 50), **push, **FREE))[-1]
+    assert_allclose(end[1], (0.8 - 0.362 - 0.239) * 0.05**2 / 2 / (N**2 * 1.4e-6 + 6e-4), rtol=1e-9)
+    assert end[0] == 0.0
+
+
+# ---- dry friction
+
+
+def test_stick_stays_stuck_for_a_million_steps() -> None:
+    n, theta = 1_000_000, 0.7123456789
+    holding = 1.513 * (0.362 + 0.150 * theta) / (N * 0.0189)
+    dither = holding + 0.8 * 0.239 * 1.513 / (N * 0.0189) * np.sin(np.arange(n + 1) * 0.037)
+    start = (holding / 1.513, theta, 0.0)
+    x = path(body(), *tape(np.full(n, 1e-3), dither[:-1], dither[1:], start))
+    assert np.ptp(x[:, 0]) > 0.1  # the current did move
+    assert_array_equal(x[:, 1], theta)
+    assert_array_equal(x[:, 2], 0.0)
+
+
+@pytest.mark.parametrize(("share", "moves"), [(0.999, False), (1.001, True)])
+def test_the_plate_breaks_away_at_t_f_and_not_before(share: float, moves: bool) -> None:
+    torque = 0.362 + 0.150 * 0.5 + share * 0.239
+    x = path(body(), *tape(even(0.2, 200), start=(0.0, 0.5, 0.0), circuit=0.0, torque0=torque, torque1=torque))
+    assert bool(x[-1, 1] > 0.5) is moves
+    assert bool(x[-1, 2] > 0.0) is moves
+
+
+# ---- the event-located generator
+
+
+def both(drive: Drive, per_sample: int, angle: float) -> tuple[np.ndarray, np.ndarray]:
+    """Paths of generator and stepper at 1 kHz under one voltage whose knots lie on whole samples, (n, 3) each."""
+    instants = np.arange(0.0, drive.time[-1] + 5e-4, 1e-3)
+    plant = independent.throttle(CONSISTENT, NONE)
+    motion = independent.simulate(plant, drive, instants, angle=angle)
+    fine = np.linspace(0.0, instants[-1], per_sample * (instants.size - 1) + 1)
+    nudge = 1e-9  # either side of a jump
+    early = np.interp(fine[:-1] + nudge, drive.time, drive.volts)
+    late = np.interp(fine[1:] - nudge, drive.time, drive.volts)
+    p = {s: getattr(CONSISTENT, s) for s in bodies.NOMINAL}
+    x = path(body(**p), *tape(np.diff(fine), early, late, (0.0, angle, 0.0)))[::per_sample]
+    return x, np.stack([motion.current, motion.angle, motion.speed], axis=-1)
+
+
+def slow_triangles() -> Drive:
+    """Across the width of dry friction, slowly: the plate sticks at each turn."""
+    return line(list(0.4 * np.arange(7)), [1.7, 3.2, 0.4, 3.2, 0.4, 3.2, 0.4])
+
+
+def wobble() -> Drive:
+    """2 to 12 Hz, a straight line between whole samples: the plate slides back and forth through mid-travel."""
+    t = np.arange(2001) * 1e-3
+    return Drive(t, 1.75 + 3.0 * np.sin(2 * np.pi * (2.0 + 2.5 * t) * t))
+
+
+def slams() -> Drive:
+    """Against the open stop, back against the closed one, and again."""
+    return Drive(np.array([0.0, 0.3, 0.3, 0.8, 0.8, 1.1, 1.1, 1.7]), np.repeat([6.0, -1.0, 7.0, -1.0], 2))
+
+
+@pytest.mark.parametrize("drive", [slow_triangles(), wobble()], ids=["slow triangles", "wobble"])
+def test_stick_slip_agrees_with_the_event_located_generator(drive: Drive) -> None:
+    """Tolerance: at h = 0.25 ms the electrical transient is wrong by (h R/L)^2/12 of itself, 1 mA; a change of mode is
+    rounded to a stage, O(h^2) in the angle. 0.02 mrad is 1/20 of the noise of a good position sensor."""
+    x, exact = both(drive, 4, 0.6)
+    stuck = exact[:, 2] == 0.0
+    assert 0.05 < np.mean(stuck) < 0.9  # the plate does both
+    assert np.ptp(exact[:, 1]) > 0.1
+    assert np.all((0.0 < exact[:, 1]) & (exact[:, 1] < OPEN))  # and meets no stop
+    assert np.max(np.abs(x[:, 1] - exact[:, 1])) < 2e-5
+    assert np.max(np.abs(x[:, 0] - exact[:, 0])) < 2e-3
+    assert np.mean((x[:, 2] == 0.0) == stuck) > 0.99
+
+
+def test_stick_slip_converges_to_the_generator() -> None:
+    """Eight times finer, at least thirty times closer: what is set-valued costs no order here."""
+    coarse, exact = both(slow_triangles(), 1, 0.6)
+    fine, _ = both(slow_triangles(), 8, 0.6)
+    wrong = [np.max(np.abs(x - exact), axis=0)[:2] for x in (coarse, fine)]
+    assert np.all(wrong[1] < wrong[0] / 30.0)
+
+
+def test_stop_impacts_agree_with_the_event_located_generator() -> None:
+    """Tolerance: an impact is clipped at the end of a step, so its instant is wrong by up to h = 0.125 ms; at 3 rad/s
+    that is 0.4 mrad, and a current that has forgotten it twelve samples (time constants L/R) later."""
+    x, exact = both(slams(), 8, 0.0)
+    hits = np.flatnonzero((exact[1:, 2] == 0.0) & (np.abs(exact[:-1, 2]) > 1.0))
+    assert hits.size == 4
+    since = np.min(np.abs(np.arange(exact.shape[0])[:, None] - hits), axis=1)
+    assert np.max(np.abs(x[:, 1] - exact[:, 1])) < 4e-4
+    assert np.max(np.abs(x[since > 12, 0] - exact[since > 12, 0])) < 4e-3
+    assert np.all((x[:, 1] >= 0.0) & (x[:, 1] <= OPEN))
+    assert np.all(x[hits + 2, 2] == 0.0)
+
+
+# ---- end stops
+
+
+def test_a_plate_resting_on_a_stop_does_not_leak_speed_into_the_current() -> None:
+    """0.5 V cannot lift the plate off the closed stop: the current is that of a held one, bit by bit, at 5 ms steps."""
+    for start, volts, end in ((0.0, 0.5, 0.0), (OPEN, 8.0, OPEN)):
+        dt = np.full(40, 5e-3)
+        resting = path(body(), *tape(dt, volts, start=(0.0, start, 0.0)))
+        held = path(body(), *tape(dt, volts, start=(0.0, start, 0.0), mobile=0.0))
+        assert_array_equal(resting[:, 1], end)
+        assert_array_equal(resting[:, 2], 0.0)
+        assert_array_equal(resting[:, 0], held[:, 0])
+
+
+def test_a_plate_leaves_the_stop_when_it_is_pulled_inward() -> None:
+    x = path(body(), *tape(even(0.1, 100), 4.0))
+    assert x[-1, 1] > 0.1
+
+
+# ---- sensitivities
+
+
+@pytest.fixture(scope="module")
+def slide() -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """A plate that slides open in mid-travel all the while: its path (T, 3), and its sensitivity to each parameter of
+    Eqs. 1-2 by forward mode and by central differences, (T, 3, P)."""
+    steps, resets = tape(even(0.06, 60), 2.6, start=(1.2, 0.3, 4.0))
+    at = np.array([bodies.values()[s] for s in EQS_1_2])
+
+    @jax.jit
+    def states(p: Scalar) -> Scalar:
+        x, _ = simulate(Throttle.build(PAPER, dict(zip(EQS_1_2, p, strict=True))), steps, resets)
+        return jnp.stack(x, axis=-1)[:, 0]
+
+    nudges = np.diag(1e-5 * at)
+    differences = [(states(at + nudge) - states(at - nudge)) / (2.0 * nudge.sum()) for nudge in nudges]
+    return np.asarray(states(at)), np.asarray(jax.jacfwd(states)(at)), np.stack(differences, axis=-1)
+
+
+@pytest.mark.parametrize("symbol", EQS_1_2)
+def test_forward_sensitivities_are_finite_differences(symbol: str, slide: tuple[np.ndarray, ...]) -> None:
+    states, sensitivity, difference = slide
+    assert np.all(states[:, 2] > 0.1)  # no event within reach of the perturbation
+    k = EQS_1_2.index(symbol)
+    scale = np.max(np.abs(difference[..., k]), axis=0)
+    assert np.all(scale > 0.0)
+    assert_allclose(sensitivity[..., k] / scale, difference[..., k] / scale, atol=1e-6)
+
+
+def test_a_stuck_plate_is_sensitive_to_nothing() -> None:
+    steps, resets = tape(even(0.1, 100), 1.8, start=(0.0, 0.6, 0.0))
+
+    def angle(friction: Scalar) -> Scalar:
+        return simulate(Throttle.build(PAPER, bodies.values() | {"T_f": friction}), steps, resets)[0].theta[:, 0]
+
+    assert_array_equal(jax.jacfwd(angle)(0.239), 0.0)
+
+
+# ---- energy
+
+factor = st.floats(0.3, 3.0)
+BODIES = st.fixed_dictionaries(
+    {
+        "J_m": factor.map(lambda f: 1.4e-6 * f),
+        "B_m": st.floats(0.0, 6e-5),
+        "K_s": st.floats(0.0, 0.5),
+        "T_PL": st.floats(0.0, 1.0),
+        "T_f": st.floats(0.0, 0.8),
+        "L_a": factor.map(lambda f: 1.5e-3 * f),
+        "R_a": factor.map(lambda f: 1.5 * f),
+    }
+)
+STARTS = st.tuples(st.floats(-4.0, 4.0), st.floats(0.0, OPEN), st.floats(-20.0, 20.0))
+
+
+def energy(p: dict[str, float], x: np.ndarray) -> np.ndarray:
+    i, theta, omega = x.T
+    kinetic = 0.5 * (N**2 * p["J_m"] + p["J_L"]) * omega**2
+    return kinetic + 0.5 * p["K_s"] * theta**2 + p["T_PL"] * theta + 0.5 * p["L_a"] * i**2
+
+
+def gained(changes: dict[str, float], start: tuple[float, float, float], dt: float, circuit: float) -> float:
+    """Largest rise of the energy from any instant to any later one, J."""
+    x = path(body(**changes), *tape(np.full(200, dt), start=start, circuit=circuit))
+    stored = energy(bodies.values(**changes), x)
+    return float(np.max(stored - np.minimum.accumulate(stored)))
+
+
+@settings(max_examples=300, deadline=None)
+@given(BODIES, STARTS, st.sampled_from([1e-4, 1e-3, 3e-3]))
+def test_energy_is_never_created_with_open_terminals(
+    changes: dict[str, float], start: tuple[float, float, float], dt: float
+) -> None:
+    assert gained(changes, (0.0, *start[1:]), dt, 0.0) < 1e-12
+
+
+@settings(max_examples=300, deadline=None)
+@given(BODIES, STARTS, st.sampled_from([1e-4, 1e-3, 3e-3]))
+def test_a_shorted_throttle_is_passive(changes: dict[str, float], start: tuple[float, float, float], dt: float) -> None:
+    assert gained(changes, start, dt, 1.0) < 1e-12
+
+
+# ---- another solver
+
+
+def test_a_smooth_case_agrees_with_diffrax() -> None:
+    """Tolerance: h = 0.25 ms against L/R = 1 ms leaves (h R/L)^2/12 of what each bend of the voltage excites; halving
+    h must quarter it."""
+    reference = _diffrax(0.5)
+    wrong = []
+    for n in (2000, 4000):
+        fine = np.linspace(0.0, 0.5, n + 1)
+        volts = _sine(fine)
+        x = path(body(T_f=0.0), *tape(np.diff(fine), volts[:-1], volts[1:], (0.0, 0.5, 0.0), **FREE))
+        wrong.append(np.max(np.abs(x[:: n // 50] - reference), axis=0))
+    assert np.all(wrong[1] < [2e-5, 2e-6, 5e-5])
+    assert_allclose(wrong[0] / wrong[1], 4.0, atol=0.4)
+
+
+def _sine(t: Scalar) -> Scalar:
+    return 2.0 + 1.5 * jnp.sin(2.0 * jnp.pi * 6.0 * t)
+
+
+def _diffrax(duration: float) -> np.ndarray:
+    import diffrax
+
+    p = bodies.values(T_f=0.0)
+    a = jnp.asarray(linear(p)[:3, :3])
+    inertia = N**2 * p["J_m"] + p["J_L"]
+
+    def rates(t: Scalar, y: Scalar, _: None) -> Scalar:
+        return a @ y + jnp.array([_sine(t) / p["L_a"], 0.0, -p["T_PL"] / inertia])
+
+    solution = diffrax.diffeqsolve(
+        diffrax.ODETerm(rates),
+        diffrax.Kvaerno5(),
+        0.0,
+        duration,
+        1e-4,
+        jnp.array([0.0, 0.5, 0.0]),
+        saveat=diffrax.SaveAt(ts=jnp.linspace(0.0, duration, 51)),
+        stepsize_controller=diffrax.PIDController(rtol=1e-9, atol=1e-11),
+        max_steps=100_000,
+    )
+    return np.asarray(solution.ys)
+
+
+# ---- memories of effects
+
+
+class LaggingDrag(AbstractEffect):
+    """torque = -c z,  dz/dt = (omega - z)/tau: a drag that follows the speed late."""
+
+    name = "lagging_drag"
+    z0 = (0.0,)
+    c_lag: Scalar = parameter("N*m*s/rad", Real(1e-2), 1e-2, "drag", "a test")
+    tau: Scalar = parameter("s", Positive(1e-2), 2e-2, "lag", "a test")
+
+    def __call__(self, x: State, z: tuple[Scalar, ...], u: Inputs) -> Contribution:
+        return Contribution(torque=-self.c_lag * z[0], dz=((x.omega - z[0]) / self.tau,))
+
+
+class Pursuers(AbstractEffect):
+    """Two memories that act on nothing: dz1/dt = (theta - z1)/0.03 s from 0.2, dz2/dt = -z2/0.05 s from 1."""
+
+    name = "pursuers"
+    z0 = (0.2, 1.0)
+
+    def __call__(self, x: State, z: tuple[Scalar, ...], u: Inputs) -> Contribution:
+        return Contribution(dz=((x.theta - z[0]) / 0.03, -z[1] / 0.05))
+
+
+SMOOTH = {"T_f": 0.0, "T_PL": 0.0}
+MEMORY = {"c_lag": 2e-2, "tau": 2e-2}
+
+
+def with_memories(p: dict[str, float]) -> np.ndarray:
+    """theta, omega, the drag's z, and the two pursuers', terminals open: dx/dt = A x."""
+    inertia, damping = N**2 * p["J_m"] + p["J_L"], N**2 * p["B_m"] + p["B_L"]
+    return np.array(
+        [
+            [0.0, 1.0, 0.0, 0.0, 0.0],
+            [-p["K_s"] / inertia, -damping / inertia, -MEMORY["c_lag"] / inertia, 0.0, 0.0],
+            [0.0, 1.0 / MEMORY["tau"], -1.0 / MEMORY["tau"], 0.0, 0.0],
+            [1.0 / 0.03, 0.0, 0.0, -1.0 / 0.03, 0.0],
+            [0.0, 0.0, 0.0, 0.0, -1.0 / 0.05],
+        ]
+    )
+
+
+@pytest.mark.parametrize("drag_first", [True, False], ids=["drag first", "drag last"])
+def test_memories_are_second_order_and_keep_apart(drag_first: bool) -> None:
+    theta, omega, drag, pursuer, fading = expm(with_memories(bodies.values()) * 0.2) @ [1.0, 0.0, 0.0, 0.2, 1.0]
+    effects = (LaggingDrag, Pursuers) if drag_first else (Pursuers, LaggingDrag)
+    memories = (drag, pursuer, fading) if drag_first else (pursuer, fading, drag)
+    exact = np.array([0.0, theta, omega, *memories])
+    throttle = body(*effects, **SMOOTH, **MEMORY)
+    assert 1.8 <= order(throttle, 0.2, (50, 100, 200, 400), exact, start=(0.0, 1.0, 0.0), circuit=0.0, **FREE) <= 2.3
+
+
+def test_a_memory_begins_anew_with_each_trace() -> None:
+    steps, resets = tape(even(0.1, 20), start=(0.0, 1.0, 0.0), circuit=0.0, **FREE)
+    twice = jax.tree.map(lambda c: np.concatenate((c, c)), (steps, resets))
+    _, z = run(body(Pursuers), *twice)
+    assert_array_equal(z[0][:21], z[0][21:])
+    assert_array_equal(z[1][:21], z[1][21:])
+    assert z[1][0, 0] == 1.0
+
+
+# ---- lanes
+
+
+def test_two_traces_in_a_lane_are_two_lanes() -> None:
+    first = tape(even(0.3, 300), 5.0, start=(0.1, 0.2, 3.0))
+    second = tape(even(0.3, 300), 0.2, start=(0.0, OPEN, 0.0))
+    after = jax.tree.map(lambda a, b: np.concatenate((a, b)), first, second)
+    beside = jax.tree.map(lambda a, b: np.concatenate((a, b), axis=1), first, second)
+    (x, _), (y, _) = run(body(), *after), run(body(), *beside)
+    for along, across in zip(x, y, strict=True):
+        assert_array_equal(along[:301, 0], across[:, 0])
+        assert_array_equal(along[301:, 0], across[:, 1])
