@@ -87,7 +87,11 @@ class Bench:
         seen, error = _free_run(self.layout, self.tape.circuits, x, self.unknowns.held, self.tape.arrays)
         return columns(self.tape, seen), np.asarray(error)
 
-    def plain(self) -> Whitening:
+    def free_running(self) -> Whitening:
+        """Each sample by its own noise: least squares of the free-running simulation."""
+        return whitening.plain(self.slots, self._order)
+
+    def forgiving(self) -> Whitening:
         """Each sample by its own noise, and by what an instant not known exactly does to it where it changes fast."""
         slots = self.slots
         bend = np.zeros_like(slots.sigma)

@@ -135,7 +135,7 @@ def _with_dense_jacobian(function: Callable[[Any], Any]) -> Callable[[Any], Any]
 
 @partial(jax.jit, static_argnums=(0, 1))
 def _minimise(
-    layout: Layout, circuits: tuple[str, ...], x0: Any, scale: Any, problem: Problem, tolerance: Any
+    layout: Layout, circuits: tuple[str, ...], x0: Any, scale: Any, anchor: Any, problem: Problem, tolerance: Any
 ) -> tuple[Any, Any]:
     """Levenberg-Marquardt from x0, in coordinates stretched by `scale` so that its damping treats all alike."""
     root = jnp.sqrt(jnp.sum(problem.slots.weight))
@@ -144,7 +144,7 @@ def _minimise(
         x = x0 + scale * y
         r, prior = residual(layout, circuits, x, problem)
         # the anchor keeps what the data do not determine from wandering; it weighs nothing beside any datum
-        return jnp.concatenate((r.ravel(), prior, (x - x0) / WIDE)) / root
+        return jnp.concatenate((r.ravel(), prior, (x - x0) / anchor)) / root
 
     dense = _with_dense_jacobian(stacked)
     y0 = jnp.zeros_like(x0)
@@ -201,8 +201,9 @@ def fit(rig: Rig, report: Report = quiet) -> FitResult:
     start = known.layout.off_bounds(known.layout.coordinates(start_values(known, readings)))
     report("choosing integration steps", 0.05)
     bench = Bench.of(rig.config, known, fitted).refined(start)
-    x, starts = _from_several_starts(bench, start, report)
-    bench, problem, x, state = _rounds(bench.released(x), x, report)
+    x, starts, unit = _from_several_starts(bench, start, report)
+    bench = bench.released(x)
+    bench, problem, x, state = _rounds(bench, x, report) if unit < _MISFIT else _free_running(bench, x, report)
     return _result(rig, readings, bench, held_out, problem, x, starts, state, notes)
 
 
@@ -222,15 +223,20 @@ def _go(bench: Bench, x: np.ndarray, problem: Problem, tolerance: float) -> tupl
     if not np.isfinite(r).all() or not np.isfinite(jacobian).all():
         return x, 0
     scale = _scale(_information(problem.prior_sd, jacobian), float(np.sum(problem.slots.weight)))
-    end, steps = _minimise(bench.layout, bench.tape.circuits, x, np.minimum(scale, 1e4), problem, tolerance)
+    anchor = WIDE * bench.layout.reach(x)
+    scale = np.minimum(scale, 1e4 * anchor)
+    end, steps = _minimise(bench.layout, bench.tape.circuits, x, scale, anchor, problem, tolerance)
     return np.asarray(end), int(steps)
 
 
-def _from_several_starts(bench: Bench, start: np.ndarray, report: Report) -> tuple[np.ndarray, tuple[StartSummary, ...]]:
-    """The reading first, then points scattered about it; the deepest end wins."""
+def _from_several_starts(
+    bench: Bench, start: np.ndarray, report: Report
+) -> tuple[np.ndarray, tuple[StartSummary, ...], float]:
+    """The reading first, then points scattered about it; the deepest end wins. Its chi2 per degree of freedom last."""
     rng = np.random.default_rng(20230701)
-    others = [start + _SPREAD * rng.standard_normal(start.size) for _ in range(_STARTS)]
-    problem = bench.problem(bench.plain())
+    reach = _SPREAD * bench.layout.reach(start)
+    others = [start + reach * rng.standard_normal(start.size) for _ in range(_STARTS)]
+    problem = bench.problem(bench.forgiving())
     best, lowest, summaries = start, np.inf, []
     for k, first in enumerate([start, *others]):
         report(f"start {k + 1} of {_STARTS + 1}", 0.1 + 0.1 * k)
@@ -239,12 +245,7 @@ def _from_several_starts(bench: Bench, start: np.ndarray, report: Report) -> tup
         summaries.append(StartSummary("reading" if k == 0 else f"scattered {k}", before, after, steps))
         if after < lowest:
             best, lowest = end, after
-    unit = lowest / max(1.0, float(np.sum(problem.slots.weight)) - start.size)
-    if unit > _MISFIT:
-        report("no start comes near the data: searching about the best", 0.45)
-        wide = _SPREAD**2 * np.eye(start.size)
-        best, _ = settle(bench.layout, bench.tape.circuits, best, problem, wide, unit)
-    return best, tuple(summaries)
+    return best, tuple(summaries), lowest / max(1.0, float(np.sum(problem.slots.weight)) - start.size)
 
 
 def _chi2(bench: Bench, x: np.ndarray, problem: Problem) -> float:
@@ -276,11 +277,25 @@ def _rounds(bench: Bench, x: np.ndarray, report: Report) -> tuple[Bench, Problem
             break
         if k < _ROUNDS - 1:
             bench, outliers = bench.released(x).outliers_weighed(columns(bench.tape, local.r))
-    if local.gain <= _DECREMENT:
-        return bench, problem, x, _verdict(moved, local.gain, outliers)
-    report("the gradient does not vanish: searching without it", 0.92)
-    x, gain = settle(bench.layout, bench.tape.circuits, x, problem, local.covariance, local.unit)
-    return bench, problem, x, _searched(gain, outliers)
+    if local.gain > _DECREMENT:
+        return _searched(bench, x, problem, local, outliers, report)
+    return bench, problem, x, _verdict(moved, local.gain, outliers)
+
+
+def _free_running(bench: Bench, x: np.ndarray, report: Report) -> tuple[Bench, Problem, np.ndarray, _End]:
+    """Least squares of the free-running simulation, for a model far from the data.
+
+    What such a model lacks is larger than all that the whitening knows of, so the whitening would only let it follow
+    the data; and there a fit may be trapped, so it is searched for as well as descended to.
+    """
+    problem = bench.problem(bench.free_running())
+    report("no start comes near the data: searching about the best", 0.5)
+    unit = _chi2(bench, x, problem) / max(1.0, float(np.sum(problem.slots.weight)) - x.size)
+    wide = np.diag((_SPREAD * bench.layout.reach(x)) ** 2)
+    x, _ = settle(bench.layout, bench.tape.circuits, x, problem, wide, unit)
+    report("descending", 0.7)
+    x, _ = _go(bench, x, problem, _THERE)
+    return _searched(bench, x, problem, _local(bench, x, problem), 0, report)
 
 
 @dataclass(frozen=True, eq=False)
@@ -303,11 +318,13 @@ class _Local:
 def _local(bench: Bench, x: np.ndarray, problem: Problem) -> _Local:
     r, prior, jacobian = bench.linearise(x, problem)
     unit = max(1.0, float(np.sum(r**2)) / max(1.0, float(np.sum(problem.slots.weight)) - x.size))
-    information = _information(problem.prior_sd, jacobian) + np.eye(x.size) / WIDE**2
+    reach = bench.layout.reach(x)
+    information = _information(problem.prior_sd, jacobian) + np.diag(1.0 / (WIDE * reach) ** 2)
     gradient = jacobian.reshape(-1, x.size).T @ r.ravel() + prior / np.asarray(problem.prior_sd)
     gain = float(gradient @ np.linalg.solve(information, gradient)) / unit
-    values, vectors = np.linalg.eigh(information)
-    return _Local(r, unit, unit * (vectors / np.maximum(values, 1.0 / WIDE**2)) @ vectors.T, gain)
+    values, vectors = np.linalg.eigh(information * np.outer(reach, reach))
+    covariance = (vectors / np.maximum(values, 1.0 / WIDE**2)) @ vectors.T * np.outer(reach, reach)
+    return _Local(r, unit, unit * covariance, gain)
 
 
 def _verdict(moved: float, gain: float, outliers: int) -> _End:
@@ -318,11 +335,17 @@ def _verdict(moved: float, gain: float, outliers: int) -> _End:
     return _End(True, f"gradient zero to {gain:.1e} of chi2, last round moved {moved:.2g} standard errors", outliers)
 
 
-def _searched(gain: float, outliers: int) -> _End:
+def _searched(
+    bench: Bench, x: np.ndarray, problem: Problem, local: _Local, outliers: int, report: Report
+) -> tuple[Bench, Problem, np.ndarray, _End]:
+    """Go on without a gradient from where it leads no further."""
+    report("the gradient does not vanish: searching without it", 0.9)
+    x, gain = settle(bench.layout, bench.tape.circuits, x, problem, local.covariance, local.unit)
     if gain > _ROUGH:
-        return _End(False, f"points about the end still lower chi2, by {gain:.2g} of its own size per sample", outliers)
-    text = "chi2 is too rough for its gradient; no point drawn within a standard error lowers it"
-    return _End(True, f"{text} by more than {max(gain, 0.01):.2g}", outliers)
+        text = f"points about the end still lower chi2, by {gain:.2g} of its own size per sample"
+    else:
+        text = f"chi2 is too rough for its gradient; no point drawn within a standard error lowers it by {_ROUGH}"
+    return bench, problem, x, _End(gain <= _ROUGH, text, outliers)
 
 
 def _result(

@@ -65,13 +65,11 @@ def substeps(tape: Tape, error: np.ndarray) -> list[np.ndarray]:
         for each trace shape (n - 1,).
     """
     out = []
-    for trace, (lane, row, marks) in zip(tape.traces, tape.places, strict=True):
+    for lane, row, marks in tape.places:
         column = error[row : row + (marks[-1] - row) + 1, lane]
         starts = marks[:-1] - row + 1
         worst = np.maximum.reduceat(column, starts)
         count = np.diff(marks)
         factor = np.ceil(count * np.cbrt(worst / TOLERANCE))
-        factor = np.clip(np.where(np.isfinite(factor), factor, _MOST), 1, _MOST).astype(int)
-        # within an edge the instant is what is not known, not the integral: the whitening takes it as one step
-        out.append(factor if trace.drive is None else np.where(trace.drive.edge, 1, factor))
+        out.append(np.clip(np.where(np.isfinite(factor), factor, _MOST), 1, _MOST).astype(int))
     return out

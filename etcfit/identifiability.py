@@ -6,11 +6,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from .parameters import Positive
 from .unknowns import Layout
 
-WIDE = 3.0  # coordinates: what is believed of a parameter beforehand, about a factor of 20 either way
-_UNKNOWN = 0.3  # coordinates: what is known no better than to 30 % counts as not identifiable
+WIDE = 3.0  # relative change: what is believed of a parameter beforehand, about a factor of 20 either way
+_UNKNOWN = 0.3  # what is known no better than to 30 % counts as not identifiable
 _WEAK = 0.1  # a direction less well known than to 10 %
 _SHARE = 0.1  # a symbol with a smaller share in a direction is not named
 
@@ -61,7 +60,8 @@ def analyse(layout: Layout, x: np.ndarray, information: np.ndarray) -> Identifia
         x: coordinates, shape (P,).
         information: J^T J of the whitened residual and the priors that the user gave, shape (P, P).
     """
-    values, vectors = np.linalg.eigh(information)
+    reach = layout.reach(x)
+    values, vectors = np.linalg.eigh(information * np.outer(reach, reach))  # relative changes
     values = np.maximum(values, 0.0)
     sd = 1.0 / np.sqrt(np.maximum(values, 1e-300))
     null = sd > _UNKNOWN
@@ -69,12 +69,9 @@ def analyse(layout: Layout, x: np.ndarray, information: np.ndarray) -> Identifia
     for k in np.flatnonzero(~null & (sd > _WEAK)):
         directions.append(_direction(layout.free, vectors[:, k], sd[k]))
     # by eigenvectors: an inverse would drown the null directions in rounding
-    covariance = (vectors / (values + 1.0 / WIDE**2)) @ vectors.T
-    reach = np.array(
-        [1.0 if isinstance(layout.parameter(s).domain, Positive) else max(1.0, abs(xk)) for s, xk in zip(
-            layout.free, x, strict=True)]
-    )
-    lost = tuple(s for s, c, r in zip(layout.free, np.diag(covariance), reach, strict=True) if c**0.5 > _UNKNOWN * r)
+    relative = (vectors / (values + 1.0 / WIDE**2)) @ vectors.T
+    lost = tuple(s for s, c in zip(layout.free, np.diag(relative), strict=True) if c**0.5 > _UNKNOWN)
+    covariance = relative * np.outer(reach, reach)
     return Identifiability(layout.free, np.sqrt(values[::-1]), tuple(directions), covariance, lost)
 
 

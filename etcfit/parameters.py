@@ -74,7 +74,7 @@ class NonNegative(AbstractDomain):
     def value(self, x: Scalar) -> Scalar:
         # both branches are the same number; the second does not cancel for x << 0
         root = jnp.sqrt(x * x + _SOFTNESS**2)
-        bent = jnp.where(x > 0.0, x + root, _SOFTNESS**2 / (root + jnp.abs(x)))
+        bent = jnp.where(x >= 0.0, x + root, _SOFTNESS**2 / (root + jnp.abs(x)))
         return 0.5 * self.scale * bent
 
     def coordinate(self, value: float) -> float:
@@ -85,7 +85,8 @@ class NonNegative(AbstractDomain):
         return max(value, 0.25 * self.scale)
 
     def at_bound(self, value: float) -> bool:
-        return value < 0.25 * _SOFTNESS * self.scale
+        # what `coordinate` makes of a bound counts, rounding included
+        return value < 0.26 * _SOFTNESS * self.scale
 
 
 @dataclass(frozen=True)

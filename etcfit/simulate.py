@@ -127,6 +127,11 @@ class _Contact(NamedTuple):
         c = throttle(x, z, u)
         return cls(c.lower, c.upper, x.theta <= c.lower, x.theta >= c.upper)
 
+    def after(self, x: State) -> _Contact:
+        """A plate that a stage has moved inward rests no more: held, it would end higher than its energy lifts it."""
+        resting = self.on_lower & (x.theta <= self.lower), self.on_upper & (x.theta >= self.upper)
+        return _Contact(self.lower, self.upper, *resting)
+
     def restrain(self, omega: Scalar) -> Scalar:
         """A resting plate must not move outward inside a stage: its speed would leak into the current."""
         omega = jnp.where(self.on_lower, jnp.maximum(omega, 0.0), omega)
@@ -180,7 +185,7 @@ def step(throttle: Throttle, x: State, z: tuple[Scalar, ...], s: Step) -> tuple[
     base = State(*(_extrapolate(p, q) for p, q in zip(x, x1, strict=True)))
     z_base = tuple(_extrapolate(p, q) for p, q in zip(z, z1, strict=True))
     z_guess = _memory(throttle, z_base, z1, x1, late, a)
-    x2 = _stage(throttle, base, x1, z_guess, late, s, contact)
+    x2 = _stage(throttle, base, x1, z_guess, late, s, contact.after(x1))
     z2 = _memory(throttle, z_base, z_guess, x2, late, a)
     return contact.clip(x2), z2
 

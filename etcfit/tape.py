@@ -42,7 +42,8 @@ class Disturbance(NamedTuple):
     Args:
         keep: share of the input's error kept from the step before.
         fresh: variance of what is added to it, (V or N m)^2.
-        edge: 1 where the input jumps within the step, at an instant nobody logged.
+        edge: number of steps of an interval within which the input jumps, at that interval's last entry; else 0.
+        edge_from, edge_to, edge_span: input before and after that jump (V or N m), length of the interval (s).
         start_i, start_theta, start_omega: variance of the initial state.
         release: variance of the release instant, s^2, in the step that follows it.
     """
@@ -50,6 +51,9 @@ class Disturbance(NamedTuple):
     keep: Any
     fresh: Any
     edge: Any
+    edge_from: Any
+    edge_to: Any
+    edge_span: Any
     start_i: Any
     start_theta: Any
     start_omega: Any
@@ -162,21 +166,31 @@ def _levels(trace: Trace, ends: np.ndarray, interval: np.ndarray) -> tuple[np.nd
     return np.concatenate((late[:1], late[:-1])), late
 
 
-def _error(trace: Trace, interval: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """How the input's error carries over into each step (share kept, variance added), and where its edges are."""
-    keep, fresh, edge = np.ones(interval.size), np.zeros(interval.size), np.zeros(interval.size)
+def _error(trace: Trace, interval: np.ndarray) -> dict[str, np.ndarray]:
+    """How the input's error carries over into each step (share kept, variance added)."""
+    keep, fresh = np.ones(interval.size), np.zeros(interval.size)
     drive = trace.drive
-    if drive is None:
-        return keep, fresh, edge
-    new = np.concatenate(([True], np.diff(interval) > 0))
-    new[1] = True  # entry 0 is the start itself; entry 1 begins the first interval
-    after_edge = np.concatenate(([True], drive.edge[:-1]))
-    memory = np.where(drive.edge | after_edge, 0.0, drive.memory[:-1])
-    variance = drive.error[:-1] ** 2 * (1.0 - memory**2)
-    keep[new], fresh[new] = memory[interval[new]], variance[interval[new]]
-    keep[0], fresh[0] = 0.0, 0.0
-    edge[1:] = drive.edge[interval[1:]]
-    return keep, fresh, edge
+    if drive is not None:
+        new = np.concatenate(([True], np.diff(interval) > 0))
+        new[1] = True  # entry 0 is the start itself; entry 1 begins the first interval
+        after_edge = np.concatenate(([True], drive.edge[:-1]))
+        memory = np.where(drive.edge | after_edge, 0.0, drive.memory[:-1])
+        variance = drive.error[:-1] ** 2 * (1.0 - memory**2)
+        keep[new], fresh[new] = memory[interval[new]], variance[interval[new]]
+        keep[0], fresh[0] = 0.0, 0.0
+    return {"keep": keep, "fresh": fresh}
+
+
+def _edges(trace: Trace, marks: np.ndarray, entries: int) -> dict[str, np.ndarray]:
+    """The jumps of the input, each at the last entry of its interval."""
+    out = {name: np.zeros(entries) for name in ("edge", "edge_from", "edge_to", "edge_span")}
+    if trace.drive is not None:
+        (jumps,) = np.nonzero(trace.drive.edge)
+        last = marks[jumps + 1]
+        out["edge"][last] = marks[jumps + 1] - marks[jumps]
+        out["edge_from"][last], out["edge_to"][last] = trace.drive.value[jumps], trace.drive.value[jumps + 1]
+        out["edge_span"][last] = trace.instants[jumps + 1] - trace.instants[jumps]
+    return out
 
 
 def _strip(
@@ -186,7 +200,6 @@ def _strip(
     ends, interval, marks = _breaks(trace, substeps)
     n, zeros, ones = ends.size, np.zeros(ends.size), np.ones(ends.size)
     early, late = _levels(trace, ends, interval)
-    keep, fresh, edge = _error(trace, interval)
     boundary, first = trace.test.boundary, np.arange(n) == 0
     dt = np.diff(ends, prepend=ends[0])
     held = boundary.plate_held * ones
@@ -207,14 +220,12 @@ def _strip(
         "plate": ones * (not boundary.gear_apart),
         "circuit_of": ones * (1 + circuits.index(trace.test.name) if trace.test.name in circuits else 0),
         "begins": first * 1.0,
-        "keep": keep,
-        "fresh": fresh,
-        "edge": edge,
         "release": release,
     }
     for name, value, sd in zip(("i", "theta", "omega"), trace.start.state, trace.start.sd, strict=True):
         columns[name] = first * value
         columns[f"start_{name}"] = first * sd**2
+    columns |= _error(trace, interval) | _edges(trace, marks, n)
     return columns | _samples(trace, n, marks), marks
 
 

@@ -9,7 +9,7 @@ import numpy as np
 
 from .effects import EFFECT_BY_NAME, PAPER, AbstractEffect
 from .errors import MeasurementError
-from .parameters import NonNegative, Parameter, Scalar
+from .parameters import NonNegative, Parameter, Positive, Scalar
 from .rig.base import Fixed, Prior, RigConfig, Start, Tied
 from .throttle import catalogue
 
@@ -46,6 +46,11 @@ class Layout:
     def coordinates(self, values: Mapping[str, float]) -> np.ndarray:
         """Coordinates, shape (P,), of values in SI."""
         return np.array([self.parameter(s).domain.coordinate(float(values[s])) for s in self.free])
+
+    def reach(self, x: np.ndarray) -> np.ndarray:
+        """What a change of a hundred percent is in each coordinate, shape (P,): 1 for a logarithm, |x| or 1 else."""
+        straight = [not isinstance(self.parameter(s).domain, Positive) for s in self.free]
+        return np.where(straight, np.maximum(1.0, np.abs(x)), 1.0)
 
     def off_bounds(self, x: np.ndarray) -> np.ndarray:
         """The same coordinates with those that lie on a bound moved off it."""

@@ -17,6 +17,7 @@ samples around an impact do not steer the fit.
 
 from __future__ import annotations
 
+from functools import partial
 from typing import Any, NamedTuple
 
 import jax
@@ -204,25 +205,32 @@ def _events(
 
 
 def _edge_covariance(throttle: Throttle, before: Any, path: Any, steps: Step, disturbance: Disturbance) -> Any:
-    """Q of a jump of the input somewhere within a step, shape (T, L, n, n): the second moment of what the state misses
+    """Q of a jump of the input somewhere within an interval, shape (T, L, n, n), at the interval's last step:
 
         E[(x(s) - x) (x(s) - x)^T],    s uniform in [0, 1], by three-point Gauss-Legendre quadrature
 
-    where x is the path, for which the input rises linearly, and x(s) is reached when it jumps at the share s.
+    where x is the path, for which the input rises linearly, which is its mean over s, and x(s) is reached when it jumps
+    at the share s of the interval.
     """
+    rows = jnp.arange(steps.dt.shape[0])[:, None] - jnp.maximum(disturbance.edge - 1.0, 0.0).astype(int)
+    began = jax.tree.map(lambda column: jnp.take_along_axis(column, rows, axis=0), before)
 
-    def missed(x: State, z: tuple[Any, ...], s: Step, end: Any, share: float) -> Any:
-        early = s._replace(
-            dt=share * s.dt, voltage1=s.voltage0, torque1=s.torque0, time=s.time - (1.0 - share) * s.dt
-        )
-        late = s._replace(dt=(1.0 - share) * s.dt, voltage0=s.voltage1, torque0=s.torque1)
-        y, memory = step(throttle, *step(throttle, x, z, early), late)
-        return jnp.stack((*y, *memory)) - jnp.stack(jax.tree.leaves(end))
+    def hold(x: State, z: tuple[Any, ...], s: Step, level: Any, span: Any) -> tuple[State, tuple[Any, ...]]:
+        electric = s.circuit * level
+        half = s._replace(dt=0.5 * span, voltage0=electric, voltage1=electric, torque0=level - electric)
+        half = half._replace(torque1=half.torque0)
+        return step(throttle, *step(throttle, x, z, half), half)
+
+    def missed(share: float, x: State, z: tuple[Any, ...], s: Step, d: Disturbance, end: Any) -> Any:
+        x, z = hold(x, z, s, d.edge_from, share * d.edge_span)
+        x, z = hold(x, z, s, d.edge_to, (1.0 - share) * d.edge_span)
+        return jnp.stack((*x, *z)) - jnp.stack(jax.tree.leaves(end))
 
     total = 0.0
     for share, weight in ((0.5 - 0.15**0.5, 5 / 18), (0.5, 8 / 18), (0.5 + 0.15**0.5, 5 / 18)):
-        each = jax.vmap(jax.vmap(lambda x, z, s, end, share=share: missed(x, z, s, end, share)))
-        vector = each(*before, steps, path) * disturbance.edge[..., None]
+        each = jax.vmap(jax.vmap(partial(missed, share)))
+        vector = each(*began, steps, disturbance, path)
+        vector = jnp.where(disturbance.edge[..., None] > 0.0, vector, 0.0)
         total = total + weight * _outer(jnp.concatenate((vector, jnp.zeros_like(vector[..., :1])), axis=-1))
     return total
 

@@ -27,7 +27,9 @@ def body(*more: type[AbstractEffect], **changes: float) -> Throttle:
     return Throttle.build((*PAPER, *more), values(**changes))
 
 
-def tape(dt: np.ndarray, early: Any = 0.0, late: Any = None, start: tuple[float, float, float] = (0.0,) * 3, **how: Any):
+def tape(
+    dt: np.ndarray, early: Any = 0.0, late: Any = None, start: tuple[float, float, float] = (0.0,) * 3, **how: Any
+) -> tuple[Step, Reset]:
     """One trace on one lane: entry 0 is its start, then a step for each dt (s).
 
     Args:

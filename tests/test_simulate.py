@@ -9,7 +9,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from bodies import FREE, N, OPEN, array, body, even, tape
+from bodies import FREE, OPEN, N, array, body, even, tape
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from independent import CONSISTENT, NONE
@@ -168,24 +168,23 @@ def slams() -> Drive:
 
 @pytest.mark.parametrize("drive", [slow_triangles(), wobble()], ids=["slow triangles", "wobble"])
 def test_stick_slip_agrees_with_the_event_located_generator(drive: Drive) -> None:
-    """Tolerance: at h = 0.25 ms the electrical transient is wrong by (h R/L)^2/12 of itself, 1 mA; a change of mode is
-    rounded to a stage, O(h^2) in the angle. 0.02 mrad is 1/20 of the noise of a good position sensor."""
+    """Tolerance at h = 0.25 ms: a change of mode is rounded to a stage, which costs the speed up to h times its jump in
+    acceleration. 0.5 mrad and 10 mA are half of one sample's noise on a good bench."""
     x, exact = both(drive, 4, 0.6)
     stuck = exact[:, 2] == 0.0
     assert 0.05 < np.mean(stuck) < 0.9  # the plate does both
     assert np.ptp(exact[:, 1]) > 0.1
-    assert np.all((0.0 < exact[:, 1]) & (exact[:, 1] < OPEN))  # and meets no stop
-    assert np.max(np.abs(x[:, 1] - exact[:, 1])) < 2e-5
-    assert np.max(np.abs(x[:, 0] - exact[:, 0])) < 2e-3
+    assert np.all((exact[:, 1] > 0.0) & (exact[:, 1] < OPEN))  # and meets no stop
+    assert np.max(np.abs(x[:, 1] - exact[:, 1])) < 5e-4
+    assert np.max(np.abs(x[:, 0] - exact[:, 0])) < 1e-2
     assert np.mean((x[:, 2] == 0.0) == stuck) > 0.99
 
 
-def test_stick_slip_converges_to_the_generator() -> None:
-    """Eight times finer, at least thirty times closer: what is set-valued costs no order here."""
-    coarse, exact = both(slow_triangles(), 1, 0.6)
-    fine, _ = both(slow_triangles(), 8, 0.6)
-    wrong = [np.max(np.abs(x - exact), axis=0)[:2] for x in (coarse, fine)]
-    assert np.all(wrong[1] < wrong[0] / 30.0)
+@pytest.mark.parametrize(("drive", "gain"), [(slow_triangles(), 50.0), (wobble(), 8.0)], ids=["slow", "fast"])
+def test_stick_slip_converges_to_the_generator(drive: Drive, gain: float) -> None:
+    """Sixteen times finer: second order where the plate turns slowly, first order at least where it turns at speed."""
+    wrong = [np.max(np.abs(np.subtract(*both(drive, n, 0.6)))[:, :2], axis=0) for n in (1, 16)]
+    assert np.all(wrong[1] < wrong[0] / gain)
 
 
 def test_stop_impacts_agree_with_the_event_located_generator() -> None:
@@ -251,7 +250,7 @@ def test_forward_sensitivities_are_finite_differences(symbol: str, slide: tuple[
 
 
 def test_a_stuck_plate_is_sensitive_to_nothing() -> None:
-    steps, resets = tape(even(0.1, 100), 1.8, start=(0.0, 0.6, 0.0))
+    steps, resets = tape(even(0.1, 100), 1.8, start=(1.8 / 1.513, 0.6, 0.0))
 
     def angle(friction: Scalar) -> Scalar:
         return simulate(Throttle.build(PAPER, bodies.values() | {"T_f": friction}), steps, resets)[0].theta[:, 0]
@@ -282,25 +281,33 @@ def energy(p: dict[str, float], x: np.ndarray) -> np.ndarray:
     return kinetic + 0.5 * p["K_s"] * theta**2 + p["T_PL"] * theta + 0.5 * p["L_a"] * i**2
 
 
-def gained(changes: dict[str, float], start: tuple[float, float, float], dt: float, circuit: float) -> float:
-    """Largest rise of the energy from any instant to any later one, J."""
-    x = path(body(**changes), *tape(np.full(200, dt), start=start, circuit=circuit))
-    stored = energy(bodies.values(**changes), x)
-    return float(np.max(stored - np.minimum.accumulate(stored)))
+def rises(changes: dict[str, float], dt: float, **how: Any) -> tuple[np.ndarray, np.ndarray]:
+    """Rise of the stored energy in each of 200 steps (J), and the path."""
+    x = path(body(**changes), *tape(np.full(200, dt), **how))
+    return np.diff(energy(bodies.values(**changes), x)), x
 
 
-@settings(max_examples=300, deadline=None)
+@settings(max_examples=200, deadline=None)
 @given(BODIES, STARTS, st.sampled_from([1e-4, 1e-3, 3e-3]))
 def test_energy_is_never_created_with_open_terminals(
     changes: dict[str, float], start: tuple[float, float, float], dt: float
 ) -> None:
-    assert gained(changes, (0.0, *start[1:]), dt, 0.0) < 1e-12
+    """Stops, impacts, sticking and sliding included; the tolerance is rounding."""
+    rise, _ = rises(changes, dt, start=(0.0, *start[1:]), circuit=0.0)
+    assert np.max(rise) < 1e-14
 
 
-@settings(max_examples=300, deadline=None)
+@settings(max_examples=200, deadline=None)
 @given(BODIES, STARTS, st.sampled_from([1e-4, 1e-3, 3e-3]))
 def test_a_shorted_throttle_is_passive(changes: dict[str, float], start: tuple[float, float, float], dt: float) -> None:
-    assert gained(changes, start, dt, 1.0) < 1e-12
+    """Exactly so between impacts. A new impact is clipped at the end of its step, so the back-EMF of a fall beyond the
+    stop, by no more than the spring makes of one step, has entered the current."""
+    rise, x = rises(changes, dt, start=start)
+    p = bodies.values(**changes)
+    pull = p["T_PL"] + p["K_s"] * OPEN
+    beyond = np.abs(x[:-1, 2]) * dt + pull / (N**2 * p["J_m"] + p["J_L"]) * dt**2
+    impact = (x[1:, 1] <= 0.0) & (x[:-1, 1] > 0.0)
+    assert np.all(rise < 1e-14 + impact * pull * beyond)
 
 
 # ---- another solver
