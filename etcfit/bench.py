@@ -19,6 +19,8 @@ from .trace import Trace
 from .unknowns import Layout, Unknowns
 from .whitening import Whitening
 
+_TELLING = 1e4  # sum of q^2 below which nothing is said about the clock
+_MOST_JITTER = 0.3
 _OUTLIER = 5.0  # robust standard deviations beyond which a sample is weighed down
 
 
@@ -44,10 +46,10 @@ def _free_run(layout: Layout, circuits: tuple[str, ...], x: Any, held: Any, arra
 
 
 @partial(jax.jit, static_argnums=(0, 1))
-def _kalman(layout: Layout, circuits: tuple[str, ...], x: Any, held: Any, arrays: Any) -> Any:
+def _kalman(layout: Layout, circuits: tuple[str, ...], x: Any, held: Any, arrays: Any, jitter: Any) -> Any:
     steps, resets, slots, disturbance, circuit_of = arrays
     throttle, path, steps = run(layout, circuits, x, held, steps, resets, circuit_of)
-    return whitening.kalman(throttle, path, steps, resets, slots, disturbance)
+    return whitening.kalman(throttle, path, steps, resets, slots, disturbance, jitter)
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,6 +62,7 @@ class Bench:
         tape: its traces.
         substeps: integration steps in each interval between instants, one array a trace.
         sigma: noise of each sample with outliers weighed down, shape (T, L, M).
+        jitter: standard deviation of the sampling instants, as a share of the time between samples.
     """
 
     config: RigConfig
@@ -67,6 +70,7 @@ class Bench:
     tape: Tape
     substeps: tuple[np.ndarray, ...]
     sigma: np.ndarray
+    jitter: float = 0.0
 
     @classmethod
     def of(cls, config: RigConfig, unknowns: Unknowns, traces: tuple[Trace, ...], substeps: Any = None) -> Bench:
@@ -102,9 +106,27 @@ class Bench:
 
     def kalman(self, x: np.ndarray) -> Whitening:
         """The whitening filter along the path at x."""
+        return self._filter(x)[0]
+
+    def timed(self, x: np.ndarray, r: np.ndarray) -> Bench:
+        """The same with the jitter that the residual r at x, shape (T, L, M), shows where samples change fast.
+
+            a <- a + 1/2 sum q (r^2 - 1) / sum q^2,    a = jitter^2,  q = (dy/dt dt)^2 / S
+
+        Fisher's scoring for one component of variance, by half steps since the fit follows; left alone where no sample changes fast enough to tell.
+        """
+        share = np.asarray(self._filter(x)[1])
+        power = float(np.sum(share**2))
+        if power < _TELLING:
+            return self
+        excess = np.clip(r**2, 0.0, _OUTLIER**2) - (share > 0.0)
+        variance = self.jitter**2 + 0.5 * float(np.sum(share * excess)) / power
+        return replace(self, jitter=float(np.sqrt(np.clip(variance, 0.0, _MOST_JITTER**2))))
+
+    def _filter(self, x: np.ndarray) -> Any:
         steps, resets, _, disturbance, circuit_of = self.tape.arrays
         arrays = steps, resets, self.slots, disturbance, circuit_of
-        return _kalman(self.layout, self.tape.circuits, x, self.unknowns.held, arrays)
+        return _kalman(self.layout, self.tape.circuits, x, self.unknowns.held, arrays, self.jitter)
 
     def problem(self, filter_: Whitening) -> Problem:
         """The data for the residual."""
@@ -131,7 +153,7 @@ class Bench:
             return self
         predicted, _ = self.free_run(x)
         traces = tuple(_better_release(t, y) for t, y in zip(self.tape.traces, predicted, strict=True))
-        return Bench.of(self.config, self.unknowns, traces, self.substeps)
+        return replace(Bench.of(self.config, self.unknowns, traces, self.substeps), jitter=self.jitter)
 
     def outliers_weighed(self, whitened: list[np.ndarray]) -> tuple[Bench, int]:
         """The same with samples far outside their trace's residuals, (n, M) each, weighed down, and how many."""
@@ -143,6 +165,15 @@ class Bench:
             sigma[marks, lane, : len(trace.channels)] *= excess
             count += int(np.sum(excess > 1.0))
         return replace(self, sigma=sigma), count
+
+    def discounted(self, x: np.ndarray) -> Bench:
+        """The same with each channel of each trace counting for no more than its free-running error at x allows."""
+        sigma = self.tape.slots.sigma.copy()
+        predicted, _ = self.free_run(x)
+        for trace, (lane, row, marks), model in zip(self.tape.traces, self.tape.places, predicted, strict=True):
+            rms = np.sqrt(np.nanmean((trace.data - model) ** 2, axis=0)) / trace.sigma
+            sigma[row : marks[-1] + 1, lane, : len(trace.channels)] *= np.maximum(1.0, rms)
+        return replace(self, sigma=sigma)
 
     @property
     def _order(self) -> int:

@@ -9,15 +9,16 @@ What error then remains is handed on to the whitening: the input stays a noisy o
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 
 from .rig.base import Channel, Measurement, RigConfig
 
 _EDGE = 6.0  # a jump of so many standard deviations of a difference may be an edge
-_LEVEL = 8  # samples of one level that count as a stretch
-_STRETCH = 200  # samples of one slope that do
-_DRIFT = 1.0  # bound on max |cumulative residual| / (sigma sqrt n) of a straight stretch; its 0.1 % point
+_LEVEL = 8  # samples of one slope that count as a stretch
+_STRETCH = 200  # samples of a curve in which to look for two
+_DRIFT = 1.0  # bound on max |cumulative residual| / (sigma sqrt n) of a straight stretch; its 1 % point
 _WINDOWS = (2, 3, 5, 8, 12, 18, 27, 40, 60, 90)  # half widths of the local parabola, samples
 _GAMMA = 1.0  # width of its confidence intervals; wider ones let bias pass that friction would feel
 
@@ -91,14 +92,12 @@ def _is_white(rest: np.ndarray, sigma: float) -> bool:
 def _stretch(value: np.ndarray, sigma: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """An edge-free stretch: estimate, variance of its error over sigma^2, and how many samples share an error."""
     n = value.size
-    even = np.full(n, float(n))
-    if n >= _LEVEL and _is_white(value - value.mean(), sigma):
-        return np.full(n, value.mean()), 1.0 / even, even
-    if n >= _STRETCH:
+    if n >= _LEVEL:
+        # also where it is level: a mean, taken wherever the slope is not seen, has a bias that its error does not state
         t = np.linspace(-1.0, 1.0, n)
         line = np.polynomial.polynomial.polyval(t, np.polynomial.polynomial.polyfit(t, value, 1))
         if _is_white(value - line, sigma):
-            return line, (1.0 + 3.0 * t**2) / n, even
+            return line, (1.0 + 3.0 * t**2) / n, np.full(n, float(n))
     if n >= 2 * _STRETCH:
         at = _corner(value)
         left, right = _stretch(value[:at], sigma), _stretch(value[at:], sigma)
@@ -127,7 +126,7 @@ def denoise(value: np.ndarray, sigma: float) -> Drive:
     """
     edge = _edges(value, sigma)
     bounds = np.concatenate(([0], np.flatnonzero(edge) + 1, [value.size]))
-    parts = [_stretch(value[a:b], sigma) for a, b in zip(bounds[:-1], bounds[1:], strict=True)]
+    parts = [_stretch(value[a:b], sigma) for a, b in pairwise(bounds)]
     estimate, variance, count = (np.concatenate(column) for column in zip(*parts, strict=True))
     memory = np.where(count > 1.0, np.exp(-2.0 / np.maximum(count, 1.0)), 0.0)
     return Drive(estimate, sigma * np.sqrt(variance), memory, edge)

@@ -16,7 +16,7 @@ import optimistix
 from .bench import Bench
 from .correlation import inflation, widen
 from .errors import MeasurementError
-from .explore import settle
+from .explore import evolve, settle
 from .identifiability import WIDE, Identifiability, analyse
 from .reading import Readings, read_graphs
 from .residual import Problem, residual
@@ -30,12 +30,14 @@ Report = Callable[[str, float], None]
 _STEPS = 40  # of Levenberg-Marquardt in one go
 _NEAR, _THERE = 1e-2, 3e-6  # relative change of chi2 and absolute one of stretched coordinates that end a descent
 _STRETCH = 30.0  # Optimistix damps with the identity: this makes its first damping 1e-3 of the curvature
-_ROUNDS = 6
+_ROUNDS = 10
+_CLOCK_ROUNDS = 5  # of them in which the clock's jitter is estimated; the rest settle with it
 _STARTS = 3  # besides the reading
 _SPREAD = 0.35  # of the other starts about the reading, in coordinates
 _SETTLED = 0.05  # a round that moves no parameter by more standard errors is the last
 _DECREMENT = 1e-2  # chi2 still to be gained, by the gradient, at a point called converged
 _MISFIT = 30.0  # chi2 per degree of freedom of the best start above which the model lacks something and may be trapped
+_REWEIGHINGS = 3  # of the channels by what is left in them, where the model lacks something
 _ROUGH = 0.1  # the same where the gradient is no guide and points drawn about the end are
 
 
@@ -256,11 +258,12 @@ def _chi2(bench: Bench, x: np.ndarray, problem: Problem) -> float:
 
 @dataclass(frozen=True)
 class _End:
-    """How the rounds ended."""
+    """How the fit ended; `far` where the model is far from the data and was fitted free-running."""
 
     converged: bool
     reason: str
-    outliers: int
+    outliers: int = 0
+    far: bool = False
 
 
 def _rounds(bench: Bench, x: np.ndarray, report: Report) -> tuple[Bench, Problem, np.ndarray, _End]:
@@ -276,7 +279,9 @@ def _rounds(bench: Bench, x: np.ndarray, report: Report) -> tuple[Bench, Problem
         if moved < _SETTLED and k > 0:
             break
         if k < _ROUNDS - 1:
-            bench, outliers = bench.released(x).outliers_weighed(columns(bench.tape, local.r))
+            whitened = columns(bench.tape, local.r)
+            bench = bench.timed(x, local.r) if k < _CLOCK_ROUNDS else bench
+            bench, outliers = bench.released(x).outliers_weighed(whitened)
     if local.gain > _DECREMENT:
         return _searched(bench, x, problem, local, outliers, report)
     return bench, problem, x, _verdict(moved, local.gain, outliers)
@@ -286,16 +291,18 @@ def _free_running(bench: Bench, x: np.ndarray, report: Report) -> tuple[Bench, P
     """Least squares of the free-running simulation, for a model far from the data.
 
     What such a model lacks is larger than all that the whitening knows of, so the whitening would only let it follow
-    the data; and there a fit may be trapped, so it is searched for as well as descended to.
+    the data; and there a fit may be trapped, so it is searched for as well as descended to. Each channel of each trace
+    is weighed by the error that is left in it: what the model cannot explain must not spoil what it can.
     """
-    problem = bench.problem(bench.free_running())
-    report("no start comes near the data: searching about the best", 0.5)
-    unit = _chi2(bench, x, problem) / max(1.0, float(np.sum(problem.slots.weight)) - x.size)
-    wide = np.diag((_SPREAD * bench.layout.reach(x)) ** 2)
-    x, _ = settle(bench.layout, bench.tape.circuits, x, problem, wide, unit)
-    report("descending", 0.7)
-    x, _ = _go(bench, x, problem, _THERE)
-    return _searched(bench, x, problem, _local(bench, x, problem), 0, report)
+    for k in range(_REWEIGHINGS):
+        report("no start comes near the data: searching about the best", 0.5 + 0.1 * k)
+        bench = bench.discounted(x)
+        problem = bench.problem(bench.free_running())
+        spread = _SPREAD / 2.0**k * bench.layout.reach(x)
+        x = evolve(bench.layout, bench.tape.circuits, x, problem, spread)
+        x, _ = _go(bench, x, problem, _THERE)
+    bench, problem, x, end = _searched(bench, x, problem, _local(bench, x, problem), 0, report)
+    return bench, problem, x, replace(end, far=True)
 
 
 @dataclass(frozen=True, eq=False)
@@ -360,7 +367,6 @@ def _result(
     notes: tuple[str, ...],
 ) -> FitResult:
     r, _, jacobian = bench.linearise(x, problem)
-    whitened = tuple(columns(bench.tape, r))
     pieces = _pieces(bench, r, jacobian)
     certain = analyse(bench.layout, x, _information(problem.prior_sd, jacobian)).covariance
     covariance, factor, count = widen(certain, pieces)
@@ -374,8 +380,9 @@ def _result(
     if holdout is not None:
         score_holdout = rows(held_out, [predicted[t.measurement.file] for t in held_out])
     score_fit = rows(bench.tape.traces, [predicted[t.measurement.file] for t in bench.tape.traces])
-    samples = float(np.sum(problem.slots.weight))
-    chi2 = float(np.sum(r**2)) / max(1.0, samples - x.size)
+    whitened = _in_sigma(bench, predicted) if end.far else tuple(columns(bench.tape, r))
+    samples = sum(row.n for row in score_fit)
+    chi2 = sum(float(np.nansum(part**2)) for part in whitened) / max(1.0, samples - x.size)
     return FitResult(
         rig=rig,
         unknowns=bench.unknowns,
@@ -398,6 +405,11 @@ def _result(
         widening=dict(zip(bench.layout.free, map(float, factor), strict=True)),
         warnings=(*rig.warnings, *notes, *_words(end, count, len(score_fit), chi2, factor)),
     )
+
+
+def _in_sigma(bench: Bench, predicted: Mapping[str, np.ndarray]) -> tuple[np.ndarray, ...]:
+    """Free-running error over each sample's own noise, for a model too far from the data to whiten."""
+    return tuple((t.data - predicted[t.measurement.file]) / t.sigma for t in bench.tape.traces)
 
 
 def _verdict_on_parameters(
@@ -429,6 +441,11 @@ def _pieces(bench: Bench, r: np.ndarray, jacobian: np.ndarray) -> list[tuple[np.
 
 def _words(end: _End, correlated: int, pieces: int, chi2: float, factor: np.ndarray) -> list[str]:
     out = []
+    if end.far:
+        out.append(
+            f"The model is far from the data (chi2/dof {chi2:.3g}): it lacks an effect. It was fitted free-running, each "
+            "channel weighed by the error left in it; parameters are a compromise, not measurements."
+        )
     if correlated:
         out.append(
             f"{correlated} of {pieces} residuals are larger than their noise or not independent: the model lacks "

@@ -44,6 +44,7 @@ class Disturbance(NamedTuple):
         fresh: variance of what is added to it, (V or N m)^2.
         edge: number of steps of an interval within which the input jumps, at that interval's last entry; else 0.
         edge_from, edge_to, edge_span: input before and after that jump (V or N m), length of the interval (s).
+        spacing: time since the sample before, s.
         start_i, start_theta, start_omega: variance of the initial state.
         release: variance of the release instant, s^2, in the step that follows it.
     """
@@ -54,6 +55,7 @@ class Disturbance(NamedTuple):
     edge_from: Any
     edge_to: Any
     edge_span: Any
+    spacing: Any
     start_i: Any
     start_theta: Any
     start_omega: Any
@@ -221,6 +223,7 @@ def _strip(
         "circuit_of": ones * (1 + circuits.index(trace.test.name) if trace.test.name in circuits else 0),
         "begins": first * 1.0,
         "release": release,
+        "spacing": np.where(first, 0.0, np.diff(trace.instants)[np.minimum(interval, trace.instants.size - 2)]),
     }
     for name, value, sd in zip(("i", "theta", "omega"), trace.start.state, trace.start.sd, strict=True):
         columns[name] = first * value

@@ -154,9 +154,11 @@ def _start(trace: Trace, config: RigConfig) -> Start:
 def _release(trace: Trace) -> tuple[float, float] | None:
     """When the plate was let go: its speed grows in proportion to time, so the EMF's rise is read back to zero,
     or, without an EMF, the root of the angle's fall. None where the plate moves from the first sample."""
+    if _moves_at_once(trace):
+        return None
     rise, t = _rising(trace)
     top = int(np.argmax(rise))
-    span = (rise > 0.15 * rise[top]) & (rise < 0.5 * rise[top]) & (np.arange(rise.size) < top)
+    span = (rise > 0.1 * rise[top]) & (rise < 0.4 * rise[top]) & (np.arange(rise.size) < top)
     if span.sum() < 3:
         return None
     slope, level = np.polyfit(t[span], rise[span], 1)
@@ -165,6 +167,15 @@ def _release(trace: Trace) -> tuple[float, float] | None:
     if not slope > 0.0 or instant <= t[0] + dt:
         return None
     return float(instant), max(2.0 * dt, 1e-3)
+
+
+def _moves_at_once(trace: Trace) -> bool:
+    """True where the log begins after the release: an EMF from the start, or an angle that falls already."""
+    name = "emf" if "emf" in trace.channels else "position"
+    first, sigma = _first(trace, name, 10), float(trace.sigma[trace.channels.index(name)])
+    if first is None:
+        return False
+    return bool(abs(np.median(first[1])) > 4.0 * sigma if name == "emf" else _still(*first, sigma)[1] != 0.0)
 
 
 def _rising(trace: Trace) -> tuple[np.ndarray, np.ndarray]:

@@ -93,13 +93,17 @@ def kalman(
     resets: Reset,
     slots: Slots,
     disturbance: Disturbance,
-) -> Whitening:
+    jitter: Any,
+) -> tuple[Whitening, Any]:
     """The whitening filter along a simulated path.
 
     Args:
         throttle: the model at the parameters to linearise about.
         path: its states and memories at the end of each step, shape (T, L) each.
         steps, resets, slots, disturbance: the tape.
+        jitter: standard deviation of the sampling instants, as a share of the time between samples.
+    Returns:
+        the filter, and the variance that a jitter of 1 would add to each sample, over S, shape (T, L, M).
     """
     before = before_steps(throttle, path, resets)
     inner, push = _linearise(throttle, before, steps)
@@ -110,9 +114,10 @@ def kalman(
     begins = resets.begins[..., None, None] > 0.5
     transition = jnp.where(begins, 0.0, transition)
     noise = jnp.where(begins, _start_covariance(disturbance, noise.shape[-1]), noise)
-    variance = slots.sigma**2 + _impact_variance(before[0], path[0], steps, sense)
+    timing = _timing_variance(before[0], path[0], steps, disturbance, sense)
+    variance = slots.sigma**2 + _impact_variance(before[0], path[0], steps, sense) + jitter**2 * timing
     gain, weight = _covariance(transition, noise, sense, variance, slots.weight)
-    return Whitening(transition, sense, gain, weight)
+    return Whitening(transition, sense, gain, weight), timing * weight**2
 
 
 def before_steps(throttle: Throttle, path: Any, resets: Reset) -> tuple[State, tuple[Any, ...]]:
@@ -239,6 +244,14 @@ def _impact_variance(before: State, after: State, steps: Step, sense: Any) -> An
     """Extra variance of the samples at an impact, shape (T, L, M): a speed jumps, an angle bends."""
     lost = impact_nearby(before, after, steps)[..., None]
     return (sense[..., 2] * lost) ** 2 + (sense[..., 1] * lost * _AROUND * steps.dt[..., None]) ** 2
+
+
+def _timing_variance(before: State, after: State, steps: Step, disturbance: Disturbance, sense: Any) -> Any:
+    """(dy/dt times the time between samples)^2, shape (T, L, M): what a clock that jitters does to each sample."""
+    span = jnp.where(steps.dt > 0.0, steps.dt, 1.0)
+    rate = jnp.stack([(late - early) / span for early, late in zip(before, after, strict=True)])
+    seen = jnp.einsum("tlmn,ntl->tlm", sense[..., :3], rate)
+    return (seen * disturbance.spacing[..., None]) ** 2
 
 
 def _start_covariance(disturbance: Disturbance, order: int) -> Any:
