@@ -139,7 +139,9 @@ def main() -> None:
             outcomes.append(one(seed, choices.centre, Path(scratch) / str(seed)))
             worst = max(abs(outcomes[-1].fit[s] / v - 1.0) for s, v in outcomes[-1].truth.items())
             last = outcomes[-1]
-            print(f"seed {seed}: {last.seconds:.1f} s, converged {last.converged}, worst {100 * worst:.2f} %", flush=True)
+            print(
+                f"seed {seed}: {last.seconds:.1f} s, converged {last.converged}, worst {100 * worst:.2f} %", flush=True
+            )
             if choices.save:
                 with choices.save.open("a") as file:
                     file.write(json.dumps(dataclasses.asdict(last)) + "\n")

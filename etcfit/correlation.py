@@ -31,7 +31,7 @@ def ljung_box(r: np.ndarray, lags: int = _LAGS) -> float:
 def inflation(r: np.ndarray) -> float:
     """Variance of a sum of residuals over that of independent standard normal ones.
 
-        f = mean(r^2) (1 + 2 sum rho_k), summed to the first negative rho (Geyer 1992); 1 where neither is significant
+    f = mean(r^2) (1 + 2 sum rho_k), summed to the first negative rho (Geyer 1992); 1 where neither is significant
     """
     n = r.size
     if n < 4 * _LAGS:

@@ -60,17 +60,56 @@ def intervals(result: FitResult) -> dict[str, Interval]:
     return {p.symbol: known[p.symbol] for p in layout.parameters} | {"N": _gear_ratio(result)}
 
 
-def lumped(result: FitResult) -> dict[str, Interval]:
-    """What the plate feels of motor and load together, by the delta method.
+@dataclass(frozen=True)
+class Lump:
+    """A combination of parameters that may be known where its parts are not.
 
-    J_eq = N^2 J_m + J_L,    B_eq = N^2 B_m + B_L,    stderr = sqrt(g^T C g), g the gradient in coordinates
+    Args:
+        unit: SI.
+        meaning: formula first.
+        of: the combination as a function of the values (SI, by symbol) and the gear ratio.
+        electric: True where it needs an electrical side.
     """
-    gear = result.rig.config.gear_ratio**2
-    sums: dict[str, Callable[[Mapping[str, Any]], Any]] = {
-        "J_eq": lambda values: gear * values["J_m"] + values["J_L"],
-        "B_eq": lambda values: gear * values["B_m"] + values["B_L"],
+
+    unit: str
+    meaning: str
+    of: Callable[[Mapping[str, Any], float], Any]
+    electric: bool = False
+
+
+LUMPS: dict[str, Lump] = {
+    "J_eq": Lump("kg*m2", "N^2 J_m + J_L, at the plate", lambda v, n: n**2 * v["J_m"] + v["J_L"]),
+    "B_eq": Lump("N*m*s/rad", "N^2 B_m + B_L, at the plate", lambda v, n: n**2 * v["B_m"] + v["B_L"]),
+    "V_PL": Lump("V", "T_PL R_a/(N K_m): preload, in volts", lambda v, n: v["T_PL"] * _per_torque(v, n), True),
+    "V_f": Lump("V", "T_f R_a/(N K_m): dry friction, in volts", lambda v, n: v["T_f"] * _per_torque(v, n), True),
+    "V_s": Lump("V/rad", "K_s R_a/(N K_m): stiffness, in volts", lambda v, n: v["K_s"] * _per_torque(v, n), True),
+    "V_w": Lump(
+        "V*s/rad",
+        "B_eq R_a/(N K_m) + N K_b: speed, in volts",
+        lambda v, n: (n**2 * v["B_m"] + v["B_L"]) * _per_torque(v, n) + n * v["K_b"],
+        True,
+    ),
+}
+
+
+def _per_torque(values: Mapping[str, Any], gear_ratio: float) -> Any:
+    """R_a / (N K_m): volts that hold one N m at the plate."""
+    return values["R_a"] / (gear_ratio * values["K_m"])
+
+
+def lumped(result: FitResult) -> dict[str, Interval]:
+    """Combinations of parameters, by the delta method: stderr = sqrt(g^T C g), g the gradient in coordinates.
+
+    What the plate feels of motor and load together, and, in volts at the terminals, what holds and brakes the plate:
+    the latter are known even where no current was logged and hence no torque.
+    """
+    electric = any(trace.circuit for trace in result.bench.tape.traces)
+    n = result.rig.config.gear_ratio
+    return {
+        s: _sum(result, lambda v, lump=lump: lump.of(v, n))
+        for s, lump in LUMPS.items()
+        if electric or not lump.electric
     }
-    return {symbol: _sum(result, total) for symbol, total in sums.items()}
 
 
 def _free(result: FitResult, symbol: str, k: int) -> Interval:

@@ -10,7 +10,7 @@ import jax.numpy as jnp
 from .effects import State
 from .parameters import Scalar
 from .simulate import Reset, Step, simulate
-from .tape import KINDS, Slots, Tape
+from .tape import KINDS, Slots
 from .throttle import Throttle
 from .unknowns import SERIES, Layout
 from .whitening import Whitening, whiten
@@ -77,9 +77,7 @@ def residual(layout: Layout, circuits: tuple[str, ...], x: Any, problem: Problem
     Returns:
         shape (T, L, M), 0 where there is no sample, standard normal where the model is right; and shape (P,).
     """
-    throttle, path, steps = run(
-        layout, circuits, x, problem.held, problem.steps, problem.resets, problem.circuit_of
-    )
+    throttle, path, steps = run(layout, circuits, x, problem.held, problem.steps, problem.resets, problem.circuit_of)
     seen = predict(throttle, path, steps, problem.slots)
     error = problem.slots.weight * (problem.slots.value - seen)
     return whiten(problem.whitening, error, problem.resets.begins), (x - problem.prior_mean) / problem.prior_sd

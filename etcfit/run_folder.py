@@ -21,14 +21,13 @@ from . import __version__
 from .cure import sentence
 from .errors import UsageError
 from .fit import FitResult
-from .intervals import Interval, intervals, lumped
+from .intervals import LUMPS, Interval, intervals, lumped
 from .parameters import Parameter
 from .rig.base import Rig
 from .score import Row
 
 STATE = "fit_state.npz"
 GEAR_RATIO = "gear ratio, motor turns per plate turn"
-LUMPED = {"J_eq": ("kg*m2", "N^2 J_m + J_L, at the plate"), "B_eq": ("N*m*s/rad", "N^2 B_m + B_L, at the plate")}
 
 
 @contextmanager
@@ -175,9 +174,9 @@ def _parameter(parameter: Parameter | None, interval: Interval, reading: float |
 def _lumped_json(result: FitResult) -> dict[str, dict[str, Any]]:
     read = readings_of(result)
     return {
-        symbol: plain({"value": i.value, "unit": LUMPED[symbol][0], "stderr": i.stderr,
+        symbol: plain({"value": i.value, "unit": LUMPS[symbol].unit, "stderr": i.stderr,
                        "ci95": None if i.low is None else [i.low, i.high], "status": i.status,
-                       "reading": read.get(symbol), "meaning": LUMPED[symbol][1]})
+                       "reading": read.get(symbol), "meaning": LUMPS[symbol].meaning})
         for symbol, i in lumped(result).items()
     }  # fmt: skip
 

@@ -109,9 +109,7 @@ def _memory(throttle: Throttle, base: tuple[Scalar, ...], guess: tuple[Scalar, .
         return throttle(x, z, u).dz
 
     rate, slope = jax.jvp(rates, (guess,), (tuple(jnp.ones_like(g) for g in guess),))
-    return tuple(
-        (b + a * (r - s * g)) / (1.0 - a * s) for b, g, r, s in zip(base, guess, rate, slope, strict=True)
-    )
+    return tuple((b + a * (r - s * g)) / (1.0 - a * s) for b, g, r, s in zip(base, guess, rate, slope, strict=True))
 
 
 class _Contact(NamedTuple):

@@ -28,7 +28,6 @@ from .simulate import Reset, Step, step
 from .tape import Disturbance, Slots
 from .throttle import Throttle
 
-
 _AROUND = 5  # steps either side of an impact that are discounted
 
 
@@ -193,9 +192,7 @@ def _process(inner: Any, push: Any, disturbance: Disturbance) -> tuple[Any, Any]
     return transition, disturbance.fresh[..., None, None] * _outer(enters)
 
 
-def _events(
-    throttle: Throttle, before: Any, path: Any, steps: Step, disturbance: Disturbance, order: int
-) -> Any:
+def _events(throttle: Throttle, before: Any, path: Any, steps: Step, disturbance: Disturbance, order: int) -> Any:
     """Q of a release and of an impact whose instants are not known exactly, shape (T, L, n, n)."""
     (early, _), (late, _) = before, path
     acceleration = jnp.where(steps.dt > 0.0, (late.omega - early.omega) / jnp.where(steps.dt > 0.0, steps.dt, 1.0), 0.0)

@@ -19,14 +19,14 @@ from etcfit.effects import PAPER
 from etcfit.rig.base import Fixed
 from etcfit.score import columns
 from etcfit.simulate import simulate
-from etcfit.tape import KINDS
 from etcfit.throttle import Throttle
 from etcfit.trace import Start, Trace, prepare
 from etcfit.unknowns import Unknowns, unknowns
-from measurements import CONFIG, OPEN, SIGMA, N, measurement, noisy, released
+from measurements import CONFIG, N, measurement, noisy, released
 
 VALUES = bodies.values(B_L=1e-3)
 DT = 1e-3
+SLIDING = ("R_a", "L_a", "K_b", "J_L", "B_L", "T_f", "T_PL")  # free where the plate slides
 
 
 def knowing(*free: str) -> Unknowns:
@@ -128,13 +128,13 @@ def test_estimates_scatter_as_their_covariance_says(many_held: tuple[Bench, np.n
 
 def test_they_also_do_when_the_input_was_logged_with_noise_and_denoised() -> None:
     """The whole way: 10 mV of white noise on the logged voltage, averaged as the log permits."""
-    t = np.arange(400) * DT
+    t = np.arange(250) * DT
     clean = measurement("resistance", t, {"voltage": volts_at(t), "current": held(volts_at(t), 0 * t[1:], 0.0)})
     traces = [prepare(noisy(clean, seed), CONFIG) for seed in range(60)]
     bench, x = bench_of([trace for trace in traces if trace], ("R_a", "L_a"), substeps=4)
     r, _, _ = bench.linearise(x, bench.problem(bench.kalman(x)))
     each = np.stack([part[:, 0] for part in columns(bench.tape, r)])
-    assert 0.9 < np.mean(each**2) < 1.1
+    assert 0.85 < np.mean(each**2) < 1.2
     assert np.max(np.abs(np.mean([autocorrelation(row, 5) for row in each], axis=0))) < 0.1
     assert 1.0 < scatter(bench, x) < 3.2
 
@@ -201,7 +201,7 @@ def sliding(memory: float) -> Trace:
 @pytest.mark.parametrize("memory", [0.0, 0.8], ids=["white", "correlated"])
 @pytest.mark.parametrize(
     ("kind", "free"),
-    [("held", ("R_a", "L_a")), ("sliding", ("R_a", "L_a", "K_b", "J_L", "B_L", "T_f", "T_PL"))],
+    [("held", ("R_a", "L_a")), ("sliding", SLIDING)],
     ids=["held", "sliding"],
 )
 def test_the_filter_is_dense_generalised_least_squares(kind: str, free: tuple[str, ...], memory: float) -> None:
@@ -230,7 +230,7 @@ def test_the_filter_is_dense_generalised_least_squares(kind: str, free: tuple[st
 
 def test_a_sample_that_is_missing_changes_nothing() -> None:
     trace = sliding(0.0)
-    bench, x = bench_of([trace], ("R_a", "T_f"))
+    bench, x = bench_of([trace], SLIDING, substeps=2)
     r, _, J = bench.linearise(x, bench.problem(bench.kalman(x)))
     _, _, marks = bench.tape.places[0]
     missing = ~np.isfinite(trace.data)
@@ -240,83 +240,92 @@ def test_a_sample_that_is_missing_changes_nothing() -> None:
 
 
 def test_traces_do_not_see_each_other() -> None:
-    """Two in a lane have the residuals that each has alone."""
-    traces = [held_trace(seed, 0.5, n=60) for seed in (1, 2)] + [held_trace(3, 0.5, n=130)]
-    together, x = bench_of(traces, ("R_a", "L_a"))
-    lanes = [lane for lane, _, _ in together.tape.places]
-    assert lanes[0] == lanes[1]
+    """The second in a lane has the residuals that it has alone."""
+    traces = [held_trace(1, 0.5, n=60), held_trace(2, 0.5, n=60), held_trace(3, 0.5, n=130)]
+    together, x = bench_of(traces, ("R_a", "L_a"), substeps=2)
+    (first, above, _), (second, below, _), _ = together.tape.places
+    assert first == second
+    assert above != below
+    later = 0 if above > below else 1
     r, _, _ = together.linearise(x, together.problem(together.kalman(x)))
-    for trace, part in zip(traces, columns(together.tape, r), strict=True):
-        alone, _ = bench_of([trace], ("R_a", "L_a"))
-        own, _, _ = alone.linearise(x, alone.problem(alone.kalman(x)))
-        assert_allclose(columns(alone.tape, own)[0], part, atol=1e-10)
+    alone, _ = bench_of([traces[later]], ("R_a", "L_a"), substeps=2)
+    own, _, _ = alone.linearise(x, alone.problem(alone.kalman(x)))
+    assert_allclose(columns(together.tape, r)[later], columns(alone.tape, own)[0], atol=1e-10)
 
 
 # ---- instants nobody logged
 
+BEFORE = np.arange(20, 240, 40)  # the last sample before each jump
 
-def stepped(seed: int, at: float, n: int = 40, rise: float = 2.0) -> Trace:
-    """A held plate, the voltage jumping at a random share of the interval after sample `at`."""
+
+def stepped(seed: int, rise: float = 2.0) -> Trace:
+    """A held plate, the voltage jumping up and down in turn, each time somewhere within an interval."""
     rng = np.random.default_rng(seed)
-    t = np.arange(n) * DT
-    jump = (at + rng.uniform()) * DT
+    t = np.arange(250) * DT
+    current, volts = np.zeros(t.size), np.zeros(t.size)
     tau = VALUES["L_a"] / VALUES["R_a"]
-    current = rise / VALUES["R_a"] * np.where(t > jump, 1.0 - np.exp(-np.maximum(t - jump, 0.0) / tau), 0.0)
-    clean = measurement("inductance", t, {"voltage": rise * (t > jump), "current": current})
-    trace = prepare(noisy(clean, seed + 500), CONFIG)
+    for k, before in enumerate(BEFORE):
+        since = t - (before + rng.uniform()) * DT
+        step = rise * (-1.0) ** k * (since > 0.0)
+        volts += step
+        current += step / VALUES["R_a"] * (1.0 - np.exp(-np.maximum(since, 0.0) / tau))
+    trace = prepare(noisy(measurement("resistance", t, {"voltage": volts, "current": current}), seed + 500), CONFIG)
     assert trace is not None
     return trace
 
 
-@pytest.mark.parametrize("substeps", [1, 5])
-def test_a_jump_at_an_unknown_instant_is_neither_believed_nor_thrown_away(substeps: int) -> None:
-    """The first sample after it scatters by 0.3 A, forty times its noise; whitened it is standard, in mean and square.
-    All samples after that tell the parameters as before."""
-    bench, x = bench_of([stepped(seed, 15) for seed in range(200)], ("R_a", "L_a"), substeps)
+def test_a_jump_at_an_unknown_instant_is_neither_believed_nor_thrown_away() -> None:
+    """The first sample after it scatters by 0.3 A, forty times its noise; whitened it is standard, in mean and square,
+    and so are all samples after it. 360 jumps: a mean is known to 0.05, a mean square to 0.08."""
+    bench, x = bench_of([stepped(seed) for seed in range(60)], ("R_a", "L_a"), substeps=4)
     free, _, _ = bench.linearise(x, bench.problem(bench.free_running()))
     r, _, _ = bench.linearise(x, bench.problem(bench.kalman(x)))
     raw, each = (np.stack([part[:, 0] for part in columns(bench.tape, a)]) for a in (free, r))
-    assert np.sqrt(np.mean(raw[:, 16] ** 2)) > 10.0
-    assert np.all(np.abs(np.mean(each, axis=0)) < 0.35)
-    assert np.mean(each[:, 16:22] ** 2) == pytest.approx(1.0, abs=0.25)
-    assert np.mean(each[:, 22:] ** 2) == pytest.approx(1.0, abs=0.1)
+    sign = (-1.0) ** np.arange(BEFORE.size)
+    assert np.sqrt(np.mean(raw[:, BEFORE + 1] ** 2)) > 10.0
+    for later in range(1, 8):
+        after = sign * each[:, BEFORE + later]
+        assert abs(np.mean(after)) < 0.25
+        assert np.mean(after**2) == pytest.approx(1.0, abs=0.35)
+    assert np.mean(each**2) == pytest.approx(1.0, abs=0.05)
 
 
-def test_a_release_at_an_instant_not_known_exactly() -> None:
-    """Let go 0.5 ms rms off the stated instant: 5 times the EMF's noise at first; whitened it is gone."""
+@pytest.fixture(scope="module")
+def releases() -> tuple[Bench, np.ndarray, np.ndarray]:
+    """40 plates let go 0.5 ms rms off the stated instant, and the sample at which each meets the closed stop."""
     rng = np.random.default_rng(0)
-    traces = []
+    traces, hits = [], []
     for seed in range(40):
-        motion = released(0.05 + 5e-4 * rng.standard_normal(), duration=0.12)
+        motion = released(0.05 + 5e-4 * rng.standard_normal(), duration=0.25)
         values = {"emf": N * VALUES["K_b"] * motion.speed, "position": motion.angle}
         trace = prepare(noisy(measurement("back_emf", motion.time, values), seed), CONFIG)
         assert trace is not None
         traces.append(trace.released_at(0.05, 5e-4))
+        hits.append(np.flatnonzero((motion.speed[1:] == 0.0) & (motion.speed[:-1] < -1.0))[0] + 1)
     bench, x = bench_of(traces, ("K_b", "B_L"), substeps=4)
+    return bench, x, np.array(hits)
+
+
+def test_a_release_at_an_instant_not_known_exactly(releases: tuple[Bench, np.ndarray, np.ndarray]) -> None:
+    """At first the EMF is wrong by several times its noise; whitened nothing of it is left until the impact."""
+    bench, x, hits = releases
     free, _, _ = bench.linearise(x, bench.problem(bench.free_running()))
     r, _, _ = bench.linearise(x, bench.problem(bench.kalman(x)))
-    raw, each = (np.concatenate(columns(bench.tape, a)) for a in (free, r))
+    falls = slice(0, int(hits.min()) - 10)
+    raw, each = (np.concatenate([part[falls] for part in columns(bench.tape, a)]) for a in (free, r))
     assert np.mean(raw**2) > 2.0
     assert np.mean(each**2) == pytest.approx(1.0, abs=0.1)
 
 
-def test_an_impact_does_not_steer_the_fit() -> None:
-    """Around it the EMF drops by 3 V within a sample: wrong by a sample is wrong by 300 standard deviations."""
-    motion = released(0.02, duration=0.3)
-    clean = measurement("back_emf", motion.time, {"emf": N * VALUES["K_b"] * motion.speed, "position": motion.angle})
-    trace = prepare(noisy(clean, 0), CONFIG)
-    assert trace is not None
-    bench, x = bench_of([trace.released_at(0.02, 2e-4)], ("K_b", "B_L", "J_L", "T_f"))
-    hit = int(np.flatnonzero((motion.speed[1:] == 0.0) & (motion.speed[:-1] < -1.0))[0]) + 1
-    off = x + np.array([5e-3, 0.0, 0.0, 0.0])[: x.size]
-    _, _, marks = bench.tape.places[0]
-    for point in (x, off):
-        whitening = bench.kalman(x)
-        r, _, _ = bench.linearise(point, bench.problem(whitening))
-        assert np.max(np.abs(r[marks, 0][hit - 3 : hit + 4, 0])) < 5.0
-        assert np.asarray(whitening.weight)[marks[hit], 0, 0] * SIGMA["emf"] < 0.1
-    assert motion.angle[0] == OPEN
-
-
-def test_slots_observe_what_they_are_named_after() -> None:
-    assert KINDS == ("current", "position", "emf", "motor_speed")
+def test_an_impact_does_not_steer_the_fit(releases: tuple[Bench, np.ndarray, np.ndarray]) -> None:
+    """There the EMF drops by volts within a sample: wrong by a sample is wrong by 100 standard deviations, and no
+    parameter can take the blame for it."""
+    bench, x, hits = releases
+    free, _, _ = bench.linearise(x, bench.problem(bench.free_running()))
+    r, _, J = bench.linearise(x, bench.problem(bench.kalman(x)))
+    raw, each, slope = (columns(bench.tape, a) for a in (free, r, J))
+    around = [np.arange(hit - 2, hit + 3) for hit in hits]
+    assert np.max(np.abs([part[rows] for part, rows in zip(raw, around, strict=True)])) > 50.0
+    assert np.max(np.abs([part[rows] for part, rows in zip(each, around, strict=True)])) < 5.0
+    share = np.sum([part[rows] ** 2 for part, rows in zip(slope, around, strict=True)], axis=(0, 1, 2))
+    assert np.all(share < 0.02 * np.sum([np.sum(part**2, axis=(0, 1)) for part in slope], axis=0))

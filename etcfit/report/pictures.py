@@ -10,10 +10,10 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from ..fit import FitResult
-from ..intervals import Interval, intervals, lumped
+from ..intervals import LUMPS, Interval, intervals, lumped
 from ..reading import known
 from ..rig import TEST_BY_NAME
-from ..run_folder import LUMPED, readings_of
+from ..run_folder import readings_of
 from ..trace import Trace
 from . import graphs, overview, traces
 from .numbers import Digits, short
@@ -83,7 +83,7 @@ def _fitted(interval: Interval) -> str:
 
 def _units(result: FitResult) -> dict[str, str]:
     declared = {p.symbol: p.unit for p in result.unknowns.layout.parameters}
-    return declared | {"N": "1"} | {symbol: unit for symbol, (unit, _) in LUMPED.items()}
+    return declared | {"N": "1"} | {symbol: lump.unit for symbol, lump in LUMPS.items()}
 
 
 def _parameters(result: FitResult) -> overview.ParameterPicture:

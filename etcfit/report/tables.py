@@ -16,9 +16,9 @@ from rich.text import Text
 from ..check import ChannelCheck, CheckResult, TraceCheck
 from ..cure import sentence
 from ..fit import FitResult, StartSummary
-from ..intervals import Interval, intervals, lumped
+from ..intervals import LUMPS, Interval, intervals, lumped
 from ..rig.base import RigConfig
-from ..run_folder import GEAR_RATIO, LUMPED, readings_of
+from ..run_folder import GEAR_RATIO, readings_of
 from ..score import Row
 from .numbers import Digits, short
 
@@ -69,7 +69,7 @@ def _title(config: RigConfig, rest: str) -> Text:
 def _parameters(result: FitResult) -> RenderableType:
     layout, read = result.unknowns.layout, readings_of(result)
     declared = {p.symbol: (p.meaning, p.unit) for p in layout.parameters}
-    declared |= {"N": (GEAR_RATIO.partition(",")[0], "1")} | {s: (m, u) for s, (u, m) in LUMPED.items()}
+    declared |= {"N": (GEAR_RATIO.partition(",")[0], "1")} | {s: (lump.meaning, lump.unit) for s, lump in LUMPS.items()}
     table = _table("parameter", "meaning", "reading", "fit", "95 % interval", "unit", "status", left=2)
     table.columns[1].no_wrap = False
     for name in ("unit", "status"):
