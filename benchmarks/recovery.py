@@ -66,12 +66,17 @@ def one(seed: int, centre: str, folder: Path) -> Outcome:
         true,
         {s: result.readings.values.get(s, float("nan")) for s in true},
         {s: stated[s].value for s in true},
-        {s: stated[s].stderr or float("nan") for s in true},
-        {s: stated[s].low if stated[s].low is not None else float("nan") for s in true},
-        {s: stated[s].high if stated[s].high is not None else float("nan") for s in true},
+        {s: _number(stated[s].stderr) for s in true},
+        {s: _number(stated[s].low) for s in true},
+        {s: _number(stated[s].high) for s in true},
         _bound(result, true),
         result.chi2_per_dof,
     )
+
+
+def _number(known: float | None) -> float:
+    """A parameter called not identifiable has no interval, and none that covers."""
+    return float("nan") if known is None else known
 
 
 def _bound(result: Any, truth: dict[str, float]) -> dict[str, float]:
@@ -121,7 +126,8 @@ def table(outcomes: list[Outcome]) -> str:
     lines.append(
         f"{len(outcomes)} folders, {sum(o.converged for o in outcomes)} converged; intervals cover "
         f"{100 * pairs.mean():.1f} % of {pairs.size} pairs; median gain over the reading {np.median(gain):.1f}; "
-        f"chi2/dof {np.mean([o.chi2 for o in outcomes]):.4f} mean; {np.median([o.seconds for o in outcomes]):.1f} s a fit"
+        f"chi2/dof {np.mean([o.chi2 for o in outcomes]):.4f} mean; "
+        f"{np.median([o.seconds for o in outcomes]):.1f} s a fit"
     )
     return "\n".join(lines)
 

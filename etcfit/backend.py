@@ -1,7 +1,7 @@
 """JAX as etcfit needs it: float64, and loops compiled as loops.
 
-XLA's CPU backend runs each operation of a `while` body as a task of its own unless the loop is "small"; for a stepper of
-some hundred scalar operations that overhead is all there is. Calling every loop small makes one trace ten times faster.
+XLA's CPU backend runs each operation of a `while` body as a task of its own unless the loop is "small"; for a stepper
+of some hundred scalar operations that overhead is all. Calling every loop small makes a trace some ten times faster.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ _LOOPS = "xla_cpu_small_while_loop_byte_threshold=1000000000"
 if "xla_backend_extra_options" not in os.environ.get("XLA_FLAGS", ""):
     os.environ["XLA_FLAGS"] = f"{os.environ.get('XLA_FLAGS', '')} --xla_backend_extra_options={_LOOPS}".strip()
 
-import jax
+import jax  # noqa: E402  after the flags it reads
 
 jax.config.update("jax_enable_x64", True)
 

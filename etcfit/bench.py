@@ -112,7 +112,8 @@ class Bench:
 
             a <- a + 1/2 sum q (r^2 - 1) / sum q^2,    a = jitter^2,  q = (dy/dt dt)^2 / S
 
-        Fisher's scoring for one component of variance, by half steps since the fit follows; left alone where no sample changes fast enough to tell.
+        Fisher's scoring for one component of variance, by half steps since the fit follows; left alone where no sample
+        changes fast enough to tell.
         """
         share = np.asarray(self._filter(x)[1])
         power = float(np.sum(share**2))

@@ -64,6 +64,9 @@ class Trace:
         return replace(self, release=(instant, sd))
 
 
+_NOWHERE = Start((0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
+
+
 def prepare(measurement: Measurement, config: RigConfig) -> Trace | None:
     """Make a trace ready; None where the model cannot predict it (no input logged, or nothing observed)."""
     test = TEST_BY_NAME[measurement.test]
@@ -74,7 +77,7 @@ def prepare(measurement: Measurement, config: RigConfig) -> Trace | None:
         return None
     data = np.stack([_at(instants, measurement, name) for name in channels], axis=1)
     sigma = np.array([_sigma(measurement, name) for name in channels])
-    trace = Trace(measurement, test, instants, drive, channels, data, sigma, Start((0.0,) * 3, (0.0,) * 3), None)
+    trace = Trace(measurement, test, instants, drive, channels, data, sigma, _NOWHERE, None)
     start = _start(trace, config)
     release = _release(trace) if test.boundary.released else None
     if release is not None:

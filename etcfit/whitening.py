@@ -17,7 +17,6 @@ samples around an impact do not steer the fit.
 
 from __future__ import annotations
 
-from functools import partial
 from typing import Any, NamedTuple
 
 import jax
@@ -215,7 +214,7 @@ def _edge_covariance(throttle: Throttle, before: Any, path: Any, steps: Step, di
     at the share s of the interval.
     """
     rows = jnp.arange(steps.dt.shape[0])[:, None] - jnp.maximum(disturbance.edge - 1.0, 0.0).astype(int)
-    began = jax.tree.map(lambda column: jnp.take_along_axis(column, rows, axis=0), before)
+    x_began, z_began = jax.tree.map(lambda column: jnp.take_along_axis(column, rows, axis=0), before)
 
     def hold(x: State, z: tuple[Any, ...], s: Step, level: Any, span: Any) -> tuple[State, tuple[Any, ...]]:
         electric = s.circuit * level
@@ -223,15 +222,15 @@ def _edge_covariance(throttle: Throttle, before: Any, path: Any, steps: Step, di
         half = half._replace(torque1=half.torque0)
         return step(throttle, *step(throttle, x, z, half), half)
 
-    def missed(share: float, x: State, z: tuple[Any, ...], s: Step, d: Disturbance, end: Any) -> Any:
+    def missed(share: Any, x: State, z: tuple[Any, ...], s: Step, d: Disturbance, end: Any) -> Any:
         x, z = hold(x, z, s, d.edge_from, share * d.edge_span)
         x, z = hold(x, z, s, d.edge_to, (1.0 - share) * d.edge_span)
         return jnp.stack((*x, *z)) - jnp.stack(jax.tree.leaves(end))
 
+    each = jax.vmap(jax.vmap(missed, in_axes=(None, 0, 0, 0, 0, 0)), in_axes=(None, 0, 0, 0, 0, 0))
     total = 0.0
     for share, weight in ((0.5 - 0.15**0.5, 5 / 18), (0.5, 8 / 18), (0.5 + 0.15**0.5, 5 / 18)):
-        each = jax.vmap(jax.vmap(partial(missed, share)))
-        vector = each(*began, steps, disturbance, path)
+        vector = each(share, x_began, z_began, steps, disturbance, path)
         vector = jnp.where(disturbance.edge[..., None] > 0.0, vector, 0.0)
         total = total + weight * _outer(jnp.concatenate((vector, jnp.zeros_like(vector[..., :1])), axis=-1))
     return total

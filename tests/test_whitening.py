@@ -302,7 +302,7 @@ def releases() -> tuple[Bench, np.ndarray, np.ndarray]:
         assert trace is not None
         traces.append(trace.released_at(0.05, 5e-4))
         hits.append(np.flatnonzero((motion.speed[1:] == 0.0) & (motion.speed[:-1] < -1.0))[0] + 1)
-    bench, x = bench_of(traces, ("K_b", "B_L"), substeps=4)
+    bench, x = bench_of(traces, ("K_b", "B_L", "T_PL"))
     return bench, x, np.array(hits)
 
 
@@ -317,15 +317,19 @@ def test_a_release_at_an_instant_not_known_exactly(releases: tuple[Bench, np.nda
     assert np.mean(each**2) == pytest.approx(1.0, abs=0.1)
 
 
-def test_an_impact_does_not_steer_the_fit(releases: tuple[Bench, np.ndarray, np.ndarray]) -> None:
-    """There the EMF drops by volts within a sample: wrong by a sample is wrong by 100 standard deviations, and no
-    parameter can take the blame for it."""
+@pytest.mark.parametrize("preload", [0.97, 1.0, 1.03])
+def test_an_impact_does_not_steer_the_fit(releases: tuple[Bench, np.ndarray, np.ndarray], preload: float) -> None:
+    """There the EMF drops by volts within a sample: wrong by a sample is wrong by hundreds of standard deviations. Its
+    weight is frozen before the parameters move, and must still be small where 3 % of preload move the impact to."""
     bench, x, hits = releases
-    free, _, _ = bench.linearise(x, bench.problem(bench.free_running()))
-    r, _, J = bench.linearise(x, bench.problem(bench.kalman(x)))
-    raw, each, slope = (columns(bench.tape, a) for a in (free, r, J))
+    there = bench.layout.coordinates(VALUES | {"T_PL": preload * VALUES["T_PL"]})
     around = [np.arange(hit - 2, hit + 3) for hit in hits]
-    assert np.max(np.abs([part[rows] for part, rows in zip(raw, around, strict=True)])) > 50.0
-    assert np.max(np.abs([part[rows] for part, rows in zip(each, around, strict=True)])) < 5.0
-    share = np.sum([part[rows] ** 2 for part, rows in zip(slope, around, strict=True)], axis=(0, 1, 2))
-    assert np.all(share < 0.02 * np.sum([np.sum(part**2, axis=(0, 1)) for part in slope], axis=0))
+
+    def worst(r: np.ndarray) -> float:
+        parts = zip(columns(bench.tape, r), around, strict=True)
+        return float(np.max([np.abs(part[rows, 0]) for part, rows in parts]))
+
+    free, _, _ = bench.linearise(there, bench.problem(bench.free_running()))
+    r, _, _ = bench.linearise(there, bench.problem(bench.kalman(x)))
+    assert worst(free) > 300.0
+    assert worst(r) < 5.0

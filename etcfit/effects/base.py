@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import abc
+from collections.abc import Mapping
 from typing import Any, ClassVar, NamedTuple
 
 import equinox as eqx
@@ -73,7 +74,7 @@ class AbstractEffect(eqx.Module):
     """
 
     name: ClassVar[str]
-    off: ClassVar[dict[str, float] | None] = None
+    off: ClassVar[Mapping[str, float] | None] = None
     z0: ClassVar[tuple[float, ...]] = ()
 
     @abc.abstractmethod

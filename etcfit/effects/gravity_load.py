@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from typing import ClassVar
+
 import jax.numpy as jnp
 
 from ..parameters import Real, Scalar, parameter
@@ -15,7 +18,7 @@ class GravityLoad(AbstractEffect):
     """
 
     name = "gravity_load"
-    off = {"T_g": 0.0}
+    off: ClassVar[Mapping[str, float] | None] = {"T_g": 0.0}
     T_g: Scalar = parameter("N*m", Real(0.5), 0.0, "largest gravity torque, m g l", "statics of a pendulum")
 
     def __call__(self, x: State, z: tuple[Scalar, ...], u: Inputs) -> Contribution:

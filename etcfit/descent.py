@@ -1,0 +1,130 @@
+"""One descent: Levenberg-Marquardt on the whitened residual, and the residual linearised where it ends."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import partial
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import lineax
+import numpy as np
+import optimistix
+
+from .bench import Bench
+from .identifiability import WIDE
+from .residual import Problem, residual
+from .unknowns import Layout
+
+_STEPS = 40  # of Levenberg-Marquardt in one go
+_STRETCH = 30.0  # Optimistix damps with the identity: this makes its first damping 1e-3 of the curvature
+
+
+def _silent(**_: Any) -> None:
+    """Optimistix reports every step; the rounds report enough."""
+
+
+class _LevenbergMarquardt(optimistix.AbstractGaussNewton):
+    """Optimistix's Levenberg-Marquardt with a trust region that grows on good steps, not on perfect ones only."""
+
+    rtol: float
+    atol: float
+    norm: Callable[[Any], Any] = optimistix.max_norm
+    descent: optimistix.DampedNewtonDescent = optimistix.DampedNewtonDescent(lineax.Normal(lineax.Cholesky()))
+    search: optimistix.ClassicalTrustRegion = optimistix.ClassicalTrustRegion(
+        high_cutoff=0.7, low_cutoff=0.1, high_constant=5.0, low_constant=0.2
+    )
+    verbose: Callable[..., None] = _silent
+
+
+def _with_dense_jacobian(function: Callable[[Any], Any]) -> Callable[[Any], Any]:
+    """The same function, its Jacobian computed once a point by forward mode and then a matrix: a long loop's tangents
+    are dear, and Optimistix asks for many products at one point."""
+    wrapped = jax.custom_jvp(function)
+
+    @wrapped.defjvp
+    def _(primals: tuple[Any], tangents: tuple[Any]) -> tuple[Any, Any]:
+        (y,), (dy,) = primals, tangents
+        jacobian, value = jax.jacfwd(lambda y: (function(y),) * 2, has_aux=True)(y)
+        return value, jacobian @ dy
+
+    return wrapped
+
+
+@partial(jax.jit, static_argnums=(0, 1))
+def _minimise(
+    layout: Layout, circuits: tuple[str, ...], x0: Any, scale: Any, anchor: Any, problem: Problem, tolerance: Any
+) -> tuple[Any, Any]:
+    """Levenberg-Marquardt from x0, in coordinates stretched by `scale` so that its damping treats all alike."""
+    root = jnp.sqrt(jnp.sum(problem.slots.weight))
+
+    def stacked(y: Any) -> Any:
+        x = x0 + scale * y
+        r, prior = residual(layout, circuits, x, problem)
+        # the anchor keeps what the data do not determine from wandering; it weighs nothing beside any datum
+        return jnp.concatenate((r.ravel(), prior, (x - x0) / anchor)) / root
+
+    dense = _with_dense_jacobian(stacked)
+    y0 = jnp.zeros_like(x0)
+    solver = _LevenbergMarquardt(rtol=tolerance, atol=tolerance)
+    solution = optimistix.least_squares(lambda y, _: dense(y), solver, y0, max_steps=_STEPS, throw=False)
+    return x0 + scale * solution.value, solution.stats["num_steps"]
+
+
+def _scale(information: np.ndarray, count: float) -> np.ndarray:
+    """Stretch of the coordinates that makes all columns of the Jacobian alike."""
+    return _STRETCH / np.sqrt(np.maximum(np.diag(information) / count, 1e-12))
+
+
+def information_of(prior_sd: np.ndarray, jacobian: np.ndarray) -> np.ndarray:
+    flat = jacobian.reshape(-1, jacobian.shape[-1])
+    return flat.T @ flat + np.diag(1.0 / np.asarray(prior_sd) ** 2)
+
+
+def go(bench: Bench, x: np.ndarray, problem: Problem, tolerance: float) -> tuple[np.ndarray, int]:
+    """Minimise from x; a point where the model cannot be computed stays where it is."""
+    r, _, jacobian = bench.linearise(x, problem)
+    if not np.isfinite(r).all() or not np.isfinite(jacobian).all():
+        return x, 0
+    scale = _scale(information_of(problem.prior_sd, jacobian), float(np.sum(problem.slots.weight)))
+    anchor = WIDE * bench.layout.reach(x)
+    scale = np.minimum(scale, 1e4 * anchor)
+    end, steps = _minimise(bench.layout, bench.tape.circuits, x, scale, anchor, problem, tolerance)
+    return np.asarray(end), int(steps)
+
+
+def chi2_at(bench: Bench, x: np.ndarray, problem: Problem) -> float:
+    r, prior, _ = bench.linearise(x, problem)
+    total = float(np.sum(r**2) + np.sum(prior**2))
+    return total if np.isfinite(total) else float("inf")
+
+
+@dataclass(frozen=True, eq=False)
+class Local:
+    """The problem linearised at a point.
+
+    Args:
+        r: whitened residual, shape (T, L, M).
+        unit: chi2 per degree of freedom, at least 1: what a difference in chi2 is measured by.
+        covariance: of the coordinates, in that unit, shape (P, P).
+        gain: chi2 that a full Gauss-Newton step would still gain, g^T F^-1 g, in that unit.
+    """
+
+    r: np.ndarray
+    unit: float
+    covariance: np.ndarray
+    gain: float
+
+
+def local(bench: Bench, x: np.ndarray, problem: Problem) -> Local:
+    r, prior, jacobian = bench.linearise(x, problem)
+    unit = max(1.0, float(np.sum(r**2)) / max(1.0, float(np.sum(problem.slots.weight)) - x.size))
+    reach = bench.layout.reach(x)
+    information = information_of(problem.prior_sd, jacobian) + np.diag(1.0 / (WIDE * reach) ** 2)
+    gradient = jacobian.reshape(-1, x.size).T @ r.ravel() + prior / np.asarray(problem.prior_sd)
+    gain = float(gradient @ np.linalg.solve(information, gradient)) / unit
+    values, vectors = np.linalg.eigh(information * np.outer(reach, reach))
+    covariance = (vectors / np.maximum(values, 1.0 / WIDE**2)) @ vectors.T * np.outer(reach, reach)
+    return Local(r, unit, unit * covariance, gain)
