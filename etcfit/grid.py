@@ -14,8 +14,8 @@ from .tape import Tape
 from .throttle import Throttle
 from .whitening import before_steps, impact_nearby, slot_senses
 
-TOLERANCE = 0.03  # local error of a step, in standard deviations of a sample
-_MOST = 12  # steps in one interval
+TOLERANCE = 0.002  # local error of a step, in standard deviations of a sample
+_MOST = 24  # steps in one interval
 _LASTING = 0.03  # s, for how long an error in speed moves the angle
 
 

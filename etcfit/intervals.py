@@ -10,13 +10,16 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any
 
 import jax
+import jax.numpy as jnp
 import numpy as np
 
 from .fit import FitResult
 from .parameters import Positive
+from .unknowns import Layout
 
 Z_95 = 1.96  # half width of a 95 % interval, standard deviations
 _UNKNOWN = 0.5  # relative; a wider standard error says nothing worth a figure
@@ -104,12 +107,24 @@ def lumped(result: FitResult) -> dict[str, Interval]:
     the latter are known even where no current was logged and hence no torque.
     """
     electric = any(trace.circuit for trace in result.bench.tape.traces)
-    n = result.rig.config.gear_ratio
+    n, unknowns = result.rig.config.gear_ratio, result.unknowns
+    gradients = np.asarray(_gradients(unknowns.layout, result.x, unknowns.held, n))
     return {
-        s: _sum(result, lambda v, lump=lump: lump.of(v, n))
-        for s, lump in LUMPS.items()
+        s: _combined(float(lump.of(result.values, n)), gradient, result.covariance)
+        for (s, lump), gradient in zip(LUMPS.items(), gradients, strict=True)
         if electric or not lump.electric
     }
+
+
+@partial(jax.jit, static_argnums=0)
+def _gradients(layout: Layout, x: Any, held: Any, n: Any) -> Any:
+    """Of every combination in coordinates, shape (len(LUMPS), P)."""
+
+    def every(x: Any) -> Any:
+        values = layout.values(x, held)
+        return jnp.array([lump.of(values, n) for lump in LUMPS.values()])
+
+    return jax.jacfwd(every)(x)
 
 
 def _free(result: FitResult, symbol: str, k: int) -> Interval:
@@ -123,8 +138,9 @@ def _free(result: FitResult, symbol: str, k: int) -> Interval:
         return Interval.bare(value, "estimated", "its standard error could not be computed")
     if sd > _UNKNOWN * (1.0 if isinstance(parameter.domain, Positive) else max(1.0, abs(x))):
         return Interval.bare(value, "not identifiable", remark)  # where widening left nothing of what was known
-    stderr = abs(float(jax.grad(parameter.domain.value)(x))) * sd
-    low, high = (float(parameter.domain.value(x + way * Z_95 * sd)) for way in (-1.0, 1.0))
+    layout, reach = result.unknowns.layout, Z_95 * sd * np.eye(result.x.size)[k]
+    stderr = abs(float(layout.numbers(result.x)[1][k])) * sd
+    low, high = (float(layout.numbers(result.x + way * reach)[0][k]) for way in (-1.0, 1.0))
     return Interval(value, stderr, low, high, "estimated", remark)
 
 
@@ -140,11 +156,8 @@ def _gear_ratio(result: FitResult) -> Interval:
     return Interval.bare(float(config.gear_ratio), "fixed", remark)
 
 
-def _sum(result: FitResult, total: Callable[[Mapping[str, Any]], Any]) -> Interval:
-    layout, held = result.unknowns.layout, result.unknowns.held
-    value = float(total(result.values))
-    gradient = np.asarray(jax.grad(lambda x: total(layout.values(x, held)))(result.x))
-    stderr = _root(float(gradient @ result.covariance @ gradient))
+def _combined(value: float, gradient: np.ndarray, covariance: np.ndarray) -> Interval:
+    stderr = _root(float(gradient @ covariance @ gradient))
     if stderr is None or stderr > _UNKNOWN * abs(value):
         return Interval.bare(value, "not identifiable")
     return Interval(value, stderr, value - Z_95 * stderr, value + Z_95 * stderr, "estimated")

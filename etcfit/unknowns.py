@@ -4,7 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import partial
+from typing import Any
 
+import jax
+import jax.numpy as jnp
 import numpy as np
 
 from .effects import EFFECT_BY_NAME, PAPER, AbstractEffect
@@ -39,9 +43,21 @@ class Layout:
 
     def values(self, x: Scalar, held: Scalar) -> dict[str, Scalar]:
         """Values in SI by symbol at coordinates x, shape (P,), and held values, shape (H,)."""
-        values = {s: held[k] for k, s in enumerate(self.held)}
-        values |= {s: self.parameter(s).domain.value(x[k]) for k, s in enumerate(self.free)}
+        free = self.numbers(x)[0] if isinstance(x, np.ndarray) else self.mapped(x)
+        values = dict(zip(self.held, held, strict=True)) | dict(zip(self.free, free, strict=True))
         return values | {s: values[other] for s, other in self.ties}
+
+    def mapped(self, x: Scalar) -> tuple[Scalar, ...]:
+        """Values in SI of the free parameters."""
+        return tuple(self.parameter(s).domain.value(x[k]) for k, s in enumerate(self.free))
+
+    def numbers(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Values in SI of the free parameters and their derivatives dvalue/dx, shape (P,) each.
+
+        One compiled program: operation by operation JAX would compile dozens.
+        """
+        value, slope = _numbers(self, x)
+        return np.asarray(value), np.asarray(slope)
 
     def coordinates(self, values: Mapping[str, float]) -> np.ndarray:
         """Coordinates, shape (P,), of values in SI."""
@@ -55,9 +71,8 @@ class Layout:
     def off_bounds(self, x: np.ndarray) -> np.ndarray:
         """The same coordinates with those that lie on a bound moved off it."""
         out = np.array(x, dtype=float)
-        for k, symbol in enumerate(self.free):
+        for k, (symbol, value) in enumerate(zip(self.free, self.numbers(out)[0].tolist(), strict=True)):
             domain = self.parameter(symbol).domain
-            value = float(domain.value(x[k]))
             if domain.at_bound(value):
                 out[k] = domain.coordinate(domain.inside(value))
         return out
@@ -67,6 +82,12 @@ class Layout:
         if symbol in dict(self.ties):
             return "tied"
         return "fixed" if symbol in self.held else "estimated"
+
+
+@partial(jax.jit, static_argnums=0)
+def _numbers(layout: Layout, x: Any) -> tuple[Any, Any]:
+    """Each value depends on its own coordinate alone, so that one tangent of ones gives every derivative."""
+    return jax.jvp(lambda x: jnp.array(layout.mapped(x)), (x,), (jnp.ones_like(x),))
 
 
 @dataclass(frozen=True, eq=False)

@@ -14,7 +14,7 @@ from etcfit.throttle import Throttle
 N = 20.68
 OPEN = float(np.pi / 2)
 NOMINAL = {p.symbol: p.nominal for t in PAPER for p in parameters_of(t)} | {"B_L": 1e-3}
-FREE = {"lower": -1e6, "upper": 1e6}  # a body without stops
+FREE: dict[str, Any] = {"lower": -1e6, "upper": 1e6}  # a body without stops
 
 
 def values(**changes: float) -> dict[str, Any]:
@@ -28,7 +28,7 @@ def body(*more: type[AbstractEffect], **changes: float) -> Throttle:
 
 
 def tape(
-    dt: np.ndarray, early: Any = 0.0, late: Any = None, start: tuple[float, float, float] = (0.0,) * 3, **how: Any
+    dt: np.ndarray, early: Any = 0.0, late: Any = None, start: tuple[float, float, float] = (0.0, 0.0, 0.0), **how: Any
 ) -> tuple[Step, Reset]:
     """One trace on one lane: entry 0 is its start, then a step for each dt (s).
 

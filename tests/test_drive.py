@@ -110,7 +110,7 @@ def block_variance(drive: Drive) -> float:
         part = slice(start, start + BLOCK)
         decay = np.concatenate(([0.0], np.cumsum(np.log(np.maximum(drive.memory[part][1:], 1e-300)))))
         correlation = np.exp(-np.abs(decay[:, None] - decay[None, :]))
-        total += drive.error[part] @ correlation @ drive.error[part]
+        total += float(drive.error[part] @ correlation @ drive.error[part])
     return total * BLOCK / drive.value.size
 
 

@@ -97,8 +97,8 @@ def test_a_real_parameter_has_no_bound() -> None:
 def test_parameters_are_read_off_the_fields_in_their_order() -> None:
     @dataclasses.dataclass
     class Effect:
-        a: float = parameter("V", Real(1.0), 0.5, "first", "here")
         memory: float
+        a: float = parameter("V", Real(1.0), 0.5, "first", "here")
         b: float = parameter("A", Positive(2.0), 0.7, "second", "there")
 
     assert parameters_of(Effect) == (

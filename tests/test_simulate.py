@@ -105,8 +105,7 @@ def test_the_motor_alone_feels_neither_plate_nor_stop() -> None:
 def test_a_torque_drives_the_plate_without_an_electrical_side() -> None:
     """Constant net torque from rest: theta = (T - T_PL - T_f) t^2 / 2J while the rest is switched off."""
     throttle = body(K_s=0.0, B_m=0.0, B_L=0.0)
-    push = {"circuit": 0.0, "torque0": 0.8, "torque1": 0.8}
-    end = path(throttle, *tape(even(0.05, 50), **push, **FREE))[-1]
+    end = path(throttle, *tape(even(0.05, 50), circuit=0.0, torque0=0.8, torque1=0.8, **FREE))[-1]
     assert_allclose(end[1], (0.8 - 0.362 - 0.239) * 0.05**2 / 2 / (N**2 * 1.4e-6 + 6e-4), rtol=1e-9)
     assert end[0] == 0.0
 
@@ -343,7 +342,7 @@ def _diffrax(duration: float) -> np.ndarray:
 
     solution = diffrax.diffeqsolve(
         diffrax.ODETerm(rates),
-        diffrax.Kvaerno5(),
+        diffrax.Tsit5(),
         0.0,
         duration,
         1e-4,

@@ -144,7 +144,7 @@ def test_they_also_do_when_the_input_was_logged_with_noise_and_denoised() -> Non
 
 def responses(trace: Trace, bench: Bench) -> tuple[np.ndarray, np.ndarray]:
     """Of all samples, stacked (n M,): to a volt more in each interval, (n M, n - 1), and to the start, (n M, 3)."""
-    lane, first, marks = bench.tape.places[0]
+    lane, first, marks = bench.tape.places[-1]
     part = slice(first, int(marks[-1]) + 1)
     steps, resets = jax.tree.map(lambda c: jnp.asarray(c[part, lane : lane + 1]), (bench.tape.steps, bench.tape.resets))
     throttle = Throttle.build(PAPER, VALUES)
@@ -198,59 +198,55 @@ def sliding(memory: float) -> Trace:
     return replace(trace, drive=drive, start=start, data=data)
 
 
-@pytest.mark.parametrize("memory", [0.0, 0.8], ids=["white", "correlated"])
-@pytest.mark.parametrize(
-    ("kind", "free"),
-    [("held", ("R_a", "L_a")), ("sliding", SLIDING)],
-    ids=["held", "sliding"],
-)
-def test_the_filter_is_dense_generalised_least_squares(kind: str, free: tuple[str, ...], memory: float) -> None:
-    """Information J^T Sigma^-1 J, chi2 e^T Sigma^-1 e and log det Sigma, each to 1e-6."""
-    trace = held_trace(3, memory, n=60) if kind == "held" else sliding(memory)
-    bench, x = bench_of([trace], free, substeps=2)
+def assert_dense(bench: Bench, x: np.ndarray) -> None:
+    """Of the bench's last trace: J^T Sigma^-1 J, e^T Sigma^-1 e and log det Sigma, each to 1e-6."""
+    trace, (lane, _, marks) = bench.tape.traces[-1], bench.tape.places[-1]
     sigma = np.linalg.inv(dense(trace, bench))
     seen = np.isfinite(trace.data).ravel()
-    _, _, marks = bench.tape.places[0]
+    channels = slice(0, len(trace.channels))
 
     plain_r, _, plain_j = bench.linearise(x, bench.problem(bench.free_running()))
     scale = np.tile(trace.sigma, trace.instants.size)[seen]
-    error = plain_r[marks, 0].ravel()[seen] * scale
-    slope = plain_j[marks, 0].reshape(-1, x.size)[seen] * scale[:, None]
+    error = plain_r[marks, lane, channels].ravel()[seen] * scale
+    slope = plain_j[marks, lane, channels].reshape(-1, x.size)[seen] * scale[:, None]
     problem = bench.problem(bench.kalman(x))
     r, _, J = bench.linearise(x, problem)
-    J = J.reshape(-1, x.size)
+    r, J = r[marks, lane, channels], J[marks, lane, channels].reshape(-1, x.size)
 
     wanted = slope.T @ sigma @ slope
     size = np.sqrt(np.diag(wanted))
     assert_allclose(J.T @ J / np.outer(size, size), wanted / np.outer(size, size), atol=1e-6)
     assert_allclose(np.sum(r**2), error @ sigma @ error, rtol=1e-6)
-    weight = np.asarray(problem.whitening.weight)
+    weight = np.asarray(problem.whitening.weight)[marks, lane, channels]
     assert_allclose(-2.0 * np.sum(np.log(weight[weight > 0.0])), -np.linalg.slogdet(sigma)[1], rtol=1e-6)
 
 
+def test_the_filter_is_dense_generalised_least_squares_on_a_held_plate(many_held: tuple[Bench, np.ndarray]) -> None:
+    assert_dense(*many_held)
+
+
+def after_another(memory: float) -> tuple[Bench, np.ndarray]:
+    """A sliding plate, second in its lane: it must know nothing of the trace before."""
+    others = held_trace(7, 0.5, n=130), held_trace(8, 0.5, n=60)
+    bench, x = bench_of([*others, sliding(memory)], SLIDING, substeps=2)
+    _, (before, _, _), (lane, _, _) = bench.tape.places
+    assert before == lane
+    return bench, x
+
+
+@pytest.mark.parametrize("memory", [0.0, 0.8], ids=["white", "correlated"])
+def test_the_filter_is_dense_generalised_least_squares_on_a_sliding_plate(memory: float) -> None:
+    assert_dense(*after_another(memory))
+
+
 def test_a_sample_that_is_missing_changes_nothing() -> None:
-    trace = sliding(0.0)
-    bench, x = bench_of([trace], SLIDING, substeps=2)
+    bench, x = after_another(0.0)
     r, _, J = bench.linearise(x, bench.problem(bench.kalman(x)))
-    _, _, marks = bench.tape.places[0]
-    missing = ~np.isfinite(trace.data)
+    lane, _, marks = bench.tape.places[-1]
+    missing = ~np.isfinite(bench.tape.traces[-1].data)
     assert missing.any()
-    assert np.all(r[marks, 0][missing] == 0.0)
-    assert np.all(J[marks, 0][missing] == 0.0)
-
-
-def test_traces_do_not_see_each_other() -> None:
-    """The second in a lane has the residuals that it has alone."""
-    traces = [held_trace(1, 0.5, n=60), held_trace(2, 0.5, n=60), held_trace(3, 0.5, n=130)]
-    together, x = bench_of(traces, ("R_a", "L_a"), substeps=2)
-    (first, above, _), (second, below, _), _ = together.tape.places
-    assert first == second
-    assert above != below
-    later = 0 if above > below else 1
-    r, _, _ = together.linearise(x, together.problem(together.kalman(x)))
-    alone, _ = bench_of([traces[later]], ("R_a", "L_a"), substeps=2)
-    own, _, _ = alone.linearise(x, alone.problem(alone.kalman(x)))
-    assert_allclose(columns(together.tape, r)[later], columns(alone.tape, own)[0], atol=1e-10)
+    assert np.all(r[marks, lane][missing] == 0.0)
+    assert np.all(J[marks, lane][missing] == 0.0)
 
 
 # ---- instants nobody logged

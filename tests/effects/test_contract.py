@@ -5,6 +5,7 @@ from __future__ import annotations
 import inspect
 import math
 from collections.abc import Mapping
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -44,7 +45,7 @@ def made(effect: type[AbstractEffect], **changes: float) -> AbstractEffect:
 def sums(effect: AbstractEffect, x: State, u: Inputs) -> np.ndarray:
     """Everything finite that an effect contributes, as one vector."""
     c = effect(x, effect.z0, u)
-    return jnp.stack([jnp.asarray(v, float) for v in (*c[:5], *c.dz)])
+    return jnp.stack([jnp.asarray(v, float) for v in (*c[:5], *c.dz)])  # pyright: ignore[reportReturnType]
 
 
 # ---- declarations
@@ -159,7 +160,7 @@ def test_a_spring_returns_what_it_took(name: str) -> None:
 # ---- closed forms: one value each
 
 AT = State(2.0, 0.5, -3.0)
-CLOSED: Mapping[str, tuple[dict[str, float], dict[str, float]]] = {
+CLOSED: Mapping[str, tuple[dict[str, float], dict[str, Any]]] = {
     "armature": (
         {"R_a": 1.5, "L_a": 2e-3, "K_b": 0.02, "K_m": 0.03},
         {"voltage": -1.8 * 2.0 + 0.02 * N * 3.0, "torque": N * 0.03 * 2.0, "inductance": 2e-3},
@@ -190,7 +191,7 @@ def test_closed_form(name: str) -> None:
         ("gravity_load", {}),
     ],
 )
-def test_closed_form_of_the_motor_alone(name: str, expected: dict[str, float]) -> None:
+def test_closed_form_of_the_motor_alone(name: str, expected: dict[str, Any]) -> None:
     parameters, _ = CLOSED[name]
     c = EFFECT_BY_NAME[name](**parameters)(AT, (), inputs(plate=0.0))
     assert_allclose(c[:7], Contribution(**expected)[:7], rtol=1e-12, atol=0.0)

@@ -1,0 +1,237 @@
+"""`etcfit fit` cold and warm on a folder of 30 traces and some 68,000 samples, against the same problem by SciPy.
+
+    python -m benchmarks.bench_fit [--repeats 3] [--trials 2]
+
+Cold: a fresh process, an empty cache of compiled models, a run folder that is not there. Warm: the same cache, twice
+more. All in one run, side by side, each repeat printed; the table holds medians. `wall` counts whatever else the
+machine did meanwhile, `cpu` (user + system) does not. SciPy gets its Jacobian by differences: timed for a few trial
+points on all fitted traces and scaled to as many Jacobians as etcfit needed, which the output states.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import statistics
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from . import scipy_twin
+from .stages import BEGIN, STAGES
+
+ROOT = Path(__file__).resolve().parents[1]
+sys.path.insert(0, str(ROOT / "tests"))
+
+SEED = 1
+AIMS = {"cold": "40 s", "warm": "12 s", "memory": "2048 MiB", "ratio": "30"}
+COMPARABLE = 1.2  # the twin's rms error over etcfit's, at the same parameters
+
+
+@dataclass(frozen=True)
+class Run:
+    """One process: wall and CPU time (s), its largest resident set (MiB), what it printed, the machine's load before."""
+
+    wall: float
+    cpu: float
+    peak: float
+    stdout: str
+    load: float
+
+    def __str__(self) -> str:
+        return f"{self.wall:6.1f} s wall {self.cpu:6.1f} s cpu {self.peak:6.0f} MiB   load before {self.load:.1f}"
+
+
+def run(module: str, arguments: Iterable[Any], cache: Path) -> Run:
+    """`python -m module arguments` with its compiled models in `cache`; it must succeed."""
+    load, begin = os.getloadavg()[0], time.time()
+    environment = {**os.environ, "ETCFIT_CACHE": str(cache), BEGIN: str(begin)}
+    environment.pop("JAX_COMPILATION_CACHE_DIR", None)
+    with tempfile.TemporaryFile("w+") as out:
+        command = [sys.executable, "-m", module, *map(str, arguments)]
+        process = subprocess.Popen(command, stdout=out, cwd=ROOT, env=environment)
+        _, status, usage = os.wait4(process.pid, 0)  # of this process alone, unlike RUSAGE_CHILDREN
+        wall = time.time() - begin
+        process.returncode = os.waitstatus_to_exitcode(status)
+        out.seek(0)
+        stdout = out.read()
+    if process.returncode:
+        raise subprocess.CalledProcessError(process.returncode, command)
+    return Run(wall, usage.ru_utime + usage.ru_stime, usage.ru_maxrss / 1024.0, stdout, load)
+
+
+@dataclass(frozen=True)
+class Timings:
+    """All runs of the command, and of the same in stages, cold and warm."""
+
+    cold: list[Run]
+    warm: list[Run]
+    cold_stages: list[dict[str, Any]]
+    warm_stages: list[dict[str, Any]]
+
+    @property
+    def peak(self) -> float:
+        return max(r.peak for r in (*self.cold, *self.warm))
+
+
+def timings(folder: Path, scratch: Path, repeats: int) -> Timings:
+    """Each repeat: cold and twice warm; then the same in stages, cold and warm, in a cache of its own."""
+    out = Timings([], [], [], [])
+    for k in range(repeats):
+        for name, kept in (("cold", out.cold), ("warm", out.warm), ("warm", out.warm)):
+            where = scratch / f"run {k} {name} {len(kept)}"
+            kept.append(run("etcfit.cli", ["fit", folder, "--out", where, "--quiet"], scratch / f"cache {k}"))
+            print(f"{name} {k + 1}: {kept[-1]}", flush=True)
+        for name, stages in (("cold", out.cold_stages), ("warm", out.warm_stages)):
+            where = scratch / f"stages {k} {name}"
+            told = run("benchmarks.stages", [folder, where], scratch / f"cache of stages {k}")
+            stages.append(json.loads(told.stdout.splitlines()[-1]))
+            seconds = ", ".join(f"{stage} {stages[-1]['seconds'][stage]:.1f}" for stage in STAGES)
+            print(f"{name} {k + 1} in stages: {told}   {seconds}", flush=True)
+    return out
+
+
+@dataclass(frozen=True)
+class Twin:
+    """SciPy on the same problem.
+
+    Args:
+        likeness: rms errors in sigma at etcfit's parameters, by trace: SciPy's, etcfit's.
+        samples: fitted.
+        parameters: free.
+        evaluations: residuals computed, differences included.
+        cpu: s they took, one thread.
+        jacobians: computed.
+    """
+
+    likeness: dict[str, tuple[float, float]]
+    samples: int
+    parameters: int
+    evaluations: int
+    cpu: float
+    jacobians: int
+
+    @property
+    def a_jacobian(self) -> float:
+        """Seconds for a Jacobian and the trial point that follows it."""
+        return (self.parameters + 1) * self.cpu / self.evaluations
+
+    @property
+    def worst(self) -> float:
+        return max(max(ours, theirs) / min(ours, theirs) for ours, theirs in self.likeness.values())
+
+
+def twin(folder: Path, fitted_run: Path, trials: int) -> Twin:
+    """Check that SciPy simulates what etcfit does, then time its least squares from etcfit's own start."""
+    from etcfit.bench import Bench
+    from etcfit.fit import ready, start_values
+    from etcfit.reading import read_graphs
+    from etcfit.rig.reader import read_folder
+    from etcfit.run_folder import read_state
+    from etcfit.unknowns import unknowns
+
+    rig = read_folder(folder)
+    known, x = unknowns(rig.config), read_state(fitted_run).x
+    bench = Bench.of(rig.config, known, ready(rig)[0]).refined(x).released(x)
+    traces, predicted = bench.tape.traces, bench.free_run(x)[0]
+    values = {s: float(v) for s, v in known.layout.values(x, known.held).items()}
+    body = scipy_twin.Rig(rig.config.gear_ratio, rig.config.travel)
+    likeness = {
+        t.measurement.file: (_rms((t.data - scipy_twin.simulate(t, values, body)) / t.sigma),
+                             _rms((t.data - y) / t.sigma))
+        for t, y in zip(traces, predicted, strict=True)
+    }  # fmt: skip
+    start = {s: max(v, 1e-3 * abs(values[s])) for s, v in start_values(known, read_graphs(rig)).items()}
+    begin = time.process_time()
+    solved = scipy_twin.solve(traces, known.layout.free, start, body, trials)
+    cpu = time.process_time() - begin
+    samples = sum(int(np.isfinite(t.data).any(axis=1).sum()) for t in traces)
+    return Twin(likeness, samples, x.size, solved.evaluations, cpu, solved.outcome.njev)
+
+
+def _rms(array: np.ndarray) -> float:
+    return float(np.sqrt(np.nanmean(array**2)))
+
+
+def _median(runs: Iterable[Any], of: Callable[[Any], float]) -> float:
+    return statistics.median(of(r) for r in runs)
+
+
+def needed(fitted_run: Path, stages: dict[str, Any]) -> dict[str, int]:
+    """How many Jacobians etcfit computed, by what for."""
+    starts = [start["steps"] for start in json.loads((fitted_run / "fit.json").read_text())["starts"]]
+    besides = {"beside its steps": stages["jacobians"]["besides"]}
+    rounds = stages["jacobians"]["steps"] - sum(starts)
+    return {"from the reading": starts[0], "other starts": sum(starts[1:]), "rounds of whitening": rounds} | besides
+
+
+def table(t: Timings, scipy: Twin, jacobians: dict[str, int]) -> str:
+    """Medians against the issue's aims."""
+    all_of_it = scipy.a_jacobian * sum(jacobians.values())
+    once = scipy.a_jacobian * (jacobians["from the reading"] + jacobians["rounds of whitening"])
+    cold, warm = (_median(runs, lambda r: r.wall) for runs in (t.cold, t.warm))
+    cold_cpu, warm_cpu = (_median(runs, lambda r: r.cpu) for runs in (t.cold, t.warm))
+    rows = [
+        ("`etcfit fit`, cold", f"{cold:.1f} s wall, {cold_cpu:.1f} s cpu", AIMS["cold"]),
+        ("`etcfit fit`, warm", f"{warm:.1f} s wall, {warm_cpu:.1f} s cpu", AIMS["warm"]),
+        ("peak memory", f"{t.peak:.0f} MiB", AIMS["memory"]),
+        ("SciPy, as many Jacobians (scaled)", f"{all_of_it:.0f} s cpu", ""),
+        ("SciPy over cold, over warm (wall)", f"{all_of_it / cold:.0f}, {all_of_it / warm:.0f}", AIMS["ratio"]),
+        ("SciPy from the reading alone (scaled)", f"{once:.0f} s cpu", ""),
+        ("over cold, over warm (wall)", f"{once / cold:.0f}, {once / warm:.0f}", ""),
+    ]
+    lines = ["| | measured | aim |", "|---|---|---|", *(f"| {a} | {b} | {c} |" for a, b, c in rows), ""]
+    lines += ["| where the time goes, s wall | " + " | ".join(STAGES) + " |", "|---|" + "---|" * len(STAGES)]
+    for name, stages in (("cold", t.cold_stages), ("warm", t.warm_stages)):
+        each = [f"{_median(stages, lambda s, at=stage: s['seconds'][at]):.1f}" for stage in STAGES]
+        lines.append(f"| {name} | " + " | ".join(each) + " |")
+    return "\n".join(lines)
+
+
+def words(scipy: Twin, jacobians: dict[str, int], stages: dict[str, Any]) -> str:
+    """How SciPy's figure came about, and which programs were compiled."""
+    counted = ", ".join(f"{n} {what}" for what, n in jacobians.items())
+    alike = ", ".join(f"{file} {a:.3f}/{b:.3f}" for file, (a, b) in scipy.likeness.items())
+    compiled = ", ".join(f"{name} {seconds:.1f}" for name, seconds in stages["programs"].items())
+    return "\n".join([
+        f"rms error in sigma at etcfit's parameters, SciPy/etcfit: {alike}; largest factor {scipy.worst:.3f} "
+        f"(comparable: below {COMPARABLE})",
+        f"SciPy: {scipy.samples} samples, {scipy.parameters} parameters, {scipy.evaluations} residuals "
+        f"({scipy.jacobians} Jacobians by differences, the rest trial points) in {scipy.cpu:.1f} s cpu: "
+        f"{scipy.cpu / scipy.evaluations:.2f} s a residual, {scipy.a_jacobian:.1f} s a Jacobian and its trial point. "
+        f"SCALED to etcfit's Jacobians: {sum(jacobians.values())} ({counted}).",
+        f"trace, lower and compile by program, cold, s: {compiled}",
+    ])  # fmt: skip
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--repeats", type=int, default=3)
+    parser.add_argument("--trials", type=int, default=2, help="points SciPy may try; 1000 lets it go to its end")
+    choices = parser.parse_args()
+    from independent import CONSISTENT, draw_truth, make_folder
+
+    with tempfile.TemporaryDirectory() as name:
+        scratch = Path(name)
+        folder = scratch / "folder"
+        make_folder(folder, draw_truth(np.random.default_rng(SEED), CONSISTENT), SEED, size="bench")
+        times = timings(folder, scratch, choices.repeats)
+        fitted = scratch / "stages 0 cold"
+        scipy = twin(folder, fitted, choices.trials)
+        jacobians = needed(fitted, times.cold_stages[0])
+    print(words(scipy, jacobians, times.cold_stages[0]))
+    print()
+    print(table(times, scipy, jacobians))
+    return 0 if scipy.worst < COMPARABLE else 1
+
+
+if __name__ == "__main__":
+    sys.exit(main())
