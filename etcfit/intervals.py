@@ -18,7 +18,6 @@ import jax.numpy as jnp
 import numpy as np
 
 from .fit import FitResult
-from .parameters import Positive
 from .unknowns import Layout
 
 Z_95 = 1.96  # half width of a 95 % interval, standard deviations
@@ -56,7 +55,7 @@ def intervals(result: FitResult) -> dict[str, Interval]:
     A tied parameter carries the interval of what it equals, and shares its loss where that is not identifiable.
     """
     layout = result.unknowns.layout
-    free = {symbol: _free(result, symbol, k) for k, symbol in enumerate(layout.free)}
+    free = dict(zip(layout.free, _free(result), strict=True))
     held = {symbol: Interval.bare(result.values[symbol], "fixed") for symbol in layout.held}
     known = free | held
     known |= {symbol: _tied(symbol, other, known[other]) for symbol, other in layout.ties}
@@ -127,21 +126,30 @@ def _gradients(layout: Layout, x: Any, held: Any, n: Any) -> Any:
     return jax.jacfwd(every)(x)
 
 
-def _free(result: FitResult, symbol: str, k: int) -> Interval:
-    parameter = result.unknowns.layout.parameter(symbol)
-    x, value = float(result.x[k]), float(result.values[symbol])
-    remark = "at its bound" if parameter.domain.at_bound(value) else None
-    if symbol in result.identifiability.lost:
+def _free(result: FitResult) -> list[Interval]:
+    """Those of the free parameters, in the order of x."""
+    layout, x = result.unknowns.layout, result.x
+    sd = np.sqrt(np.maximum(np.diag(result.covariance), 0.0))
+    slope = layout.numbers(x)[1]
+    low, high = (layout.numbers(x + way * Z_95 * sd)[0] for way in (-1.0, 1.0))
+    value = [float(result.values[symbol]) for symbol in layout.free]
+    columns = zip(value, (np.abs(slope) * sd).tolist(), low.tolist(), high.tolist(), strict=True)
+    return [_judged(result, k, Interval(*row, status="estimated")) for k, row in enumerate(columns)]
+
+
+def _judged(result: FitResult, k: int, stated: Interval) -> Interval:
+    """What may be said of an interval: all of it, that a bound holds the value, or that nothing is known."""
+    layout, value = result.unknowns.layout, stated.value
+    domain = layout.parameter(layout.free[k]).domain
+    remark = "at its bound" if domain.at_bound(value) else None
+    if layout.free[k] in result.identifiability.lost:
         return Interval.bare(value, "not identifiable", remark)
     sd = _root(result.covariance[k, k])
     if sd is None:
         return Interval.bare(value, "estimated", "its standard error could not be computed")
-    if sd > _UNKNOWN * (1.0 if isinstance(parameter.domain, Positive) else max(1.0, abs(x))):
+    if sd > _UNKNOWN * layout.reach(result.x)[k]:
         return Interval.bare(value, "not identifiable", remark)  # where widening left nothing of what was known
-    layout, reach = result.unknowns.layout, Z_95 * sd * np.eye(result.x.size)[k]
-    stderr = abs(float(layout.numbers(result.x)[1][k])) * sd
-    low, high = (float(layout.numbers(result.x + way * reach)[0][k]) for way in (-1.0, 1.0))
-    return Interval(value, stderr, low, high, "estimated", remark)
+    return replace(stated, remark=remark)
 
 
 def _tied(symbol: str, other: str, equal: Interval) -> Interval:

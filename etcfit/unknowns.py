@@ -44,7 +44,7 @@ class Layout:
     def values(self, x: Scalar, held: Scalar) -> dict[str, Scalar]:
         """Values in SI by symbol at coordinates x, shape (P,), and held values, shape (H,)."""
         free = self.numbers(x)[0] if isinstance(x, np.ndarray) else self.mapped(x)
-        values = dict(zip(self.held, held, strict=True)) | dict(zip(self.free, free, strict=True))
+        values = {s: held[k] for k, s in enumerate(self.held)} | dict(zip(self.free, free, strict=True))
         return values | {s: values[other] for s, other in self.ties}
 
     def mapped(self, x: Scalar) -> tuple[Scalar, ...]:

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from typing import Any
 
+import jax
 import numpy as np
 
 from etcfit.effects import PAPER, AbstractEffect, State
 from etcfit.parameters import parameters_of
-from etcfit.simulate import Reset, Step
+from etcfit.simulate import Reset, Step, simulate
 from etcfit.throttle import Throttle
 
 N = 20.68
@@ -60,3 +61,23 @@ def even(duration: float, n: int) -> np.ndarray:
 def array(x: State) -> np.ndarray:
     """Path of one lane, shape (T, 3)."""
     return np.stack([np.asarray(c)[:, 0] for c in x], axis=-1)
+
+
+run = jax.jit(simulate)
+
+
+def path(throttle: Throttle, steps: Step, resets: Reset) -> np.ndarray:
+    return array(run(throttle, steps, resets)[0])
+
+
+def linear(p: dict[str, float]) -> np.ndarray:
+    """Eqs. 1-2 without dry friction and preload as dx/dt = A x + b v, with v as a fourth, constant state."""
+    inertia, damping = N**2 * p["J_m"] + p["J_L"], N**2 * p["B_m"] + p["B_L"]
+    return np.array(
+        [
+            [-p["R_a"] / p["L_a"], 0.0, -p["K_b"] * N / p["L_a"], 1.0 / p["L_a"]],
+            [0.0, 0.0, 1.0, 0.0],
+            [p["K_m"] * N / inertia, -p["K_s"] / inertia, -damping / inertia, 0.0],
+            [0.0, 0.0, 0.0, 0.0],
+        ]
+    )
