@@ -51,7 +51,7 @@ def local_error(throttle: Throttle, path: Any, tape_steps: Step, tape: tuple[Any
     present = jnp.any(slots.weight > 0.0, axis=0)  # a slot that is used anywhere in the lane
     each = jnp.abs(jnp.einsum("tlmn,tln->tlm", seen, wrong)) / slots.sigma
     # around an impact the samples are discounted, and no number of steps makes a clipped impact smooth
-    smooth = impact_nearby(x, path[0], tape_steps) == 0.0
+    smooth = impact_nearby(x, path[0], tape_steps, slots) == 0.0
     return jnp.where(smooth, jnp.max(jnp.where(present, each, 0.0), axis=-1), 0.0)
 
 

@@ -28,7 +28,7 @@ from .tape import Disturbance, Slots
 from .throttle import Throttle
 
 _SHARES, _WEIGHTS = (0.5 - 0.15**0.5, 0.5, 0.5 + 0.15**0.5), (5 / 18, 8 / 18, 5 / 18)  # Gauss-Legendre on [0, 1]
-_AROUND = 5  # steps either side of an impact that are discounted
+_AROUND = 5  # samples either side of an impact that are discounted
 
 
 class Whitening(NamedTuple):
@@ -108,13 +108,14 @@ def kalman(
     inner, push = _linearise(throttle, before, steps)
     sense = slot_senses(throttle, path, steps, slots)
     transition, noise = _process(inner, push, disturbance)
-    noise += _events(throttle, before, path, steps, disturbance, noise.shape[-1])
+    lost = impact_nearby(before[0], path[0], steps, slots)
+    noise += _events(throttle, before, path, steps, disturbance, lost, noise.shape[-1])
     noise += _edge_covariance(throttle, before, path, steps, disturbance)
     begins = resets.begins[..., None, None] > 0.5
     transition = jnp.where(begins, 0.0, transition)
     noise = jnp.where(begins, _start_covariance(disturbance, noise.shape[-1]), noise)
     timing = _timing_variance(before[0], path[0], steps, disturbance, sense)
-    variance = slots.sigma**2 + _impact_variance(before[0], path[0], steps, sense) + jitter**2 * timing
+    variance = slots.sigma**2 + _impact_variance(lost, disturbance, sense) + jitter**2 * timing
     gain, weight = _covariance(transition, noise, sense, variance, slots.weight)
     return Whitening(transition, sense, gain, weight), timing * weight**2
 
@@ -165,8 +166,8 @@ def slot_senses(throttle: Throttle, path: Any, steps: Step, slots: Slots) -> Any
     return jnp.stack(columns + [zero] * (len(path[1]) + 1), axis=-1)
 
 
-def impact_nearby(before: State, after: State, steps: Step) -> Any:
-    """Speed lost in an impact within some steps of each one, rad/s; 0 elsewhere.
+def impact_nearby(before: State, after: State, steps: Step, slots: Slots) -> Any:
+    """Speed lost in an impact within some samples of each step, rad/s; 0 elsewhere.
 
     While the parameters move, the simulated impact moves by some samples; were only the step of the impact discounted,
     a frozen weight would meet a jump in full.
@@ -174,9 +175,16 @@ def impact_nearby(before: State, after: State, steps: Step) -> Any:
     stopped = (after.omega == 0.0) & (before.omega != 0.0) & (steps.mobile > 0.5) & (steps.plate > 0.5)
     on_stop = (after.theta <= steps.lower) | (after.theta >= steps.upper)
     lost = jnp.where(stopped & on_stop, jnp.abs(before.omega), 0.0)
-    padded = jnp.pad(lost, ((_AROUND, _AROUND), (0, 0)))
-    around = [padded[k : k + lost.shape[0]] for k in range(2 * _AROUND + 1)]
-    return jnp.max(jnp.stack(around), axis=0)
+    here = jnp.cumsum(jnp.any(slots.weight > 0.0, axis=-1), axis=0)  # samples so far
+    last = lost.shape[0] - 1
+    rows = jnp.broadcast_to(jnp.arange(last + 1)[:, None], lost.shape)
+    earlier = jax.lax.cummax(jnp.where(lost > 0.0, rows, 0))
+    later = jax.lax.cummin(jnp.where(lost > 0.0, rows, last), reverse=True)
+    found = []
+    for row in (earlier, later):
+        near = jnp.abs(jnp.take_along_axis(here, row, axis=0) - here) <= _AROUND
+        found.append(jnp.where(near, jnp.take_along_axis(lost, row, axis=0), 0.0))
+    return jnp.maximum(*found)
 
 
 def _outer(vector: Any) -> Any:
@@ -192,13 +200,15 @@ def _process(inner: Any, push: Any, disturbance: Disturbance) -> tuple[Any, Any]
     return transition, disturbance.fresh[..., None, None] * _outer(enters)
 
 
-def _events(throttle: Throttle, before: Any, path: Any, steps: Step, disturbance: Disturbance, order: int) -> Any:
+def _events(
+    throttle: Throttle, before: Any, path: Any, steps: Step, disturbance: Disturbance, lost: Any, order: int
+) -> Any:
     """Q of a release and of an impact whose instants are not known exactly, shape (T, L, n, n)."""
     (early, _), (late, _) = before, path
     acceleration = jnp.where(steps.dt > 0.0, (late.omega - early.omega) / jnp.where(steps.dt > 0.0, steps.dt, 1.0), 0.0)
     release = disturbance.release * acceleration**2
     c = throttle(late, tuple(late.i * 0.0 + z for z in throttle.z0), steps.inputs(1.0))
-    emf = throttle.observe(State(0.0, 0.0, 1.0), steps.inputs(1.0))["emf"] * impact_nearby(early, late, steps)
+    emf = throttle.observe(State(0.0, 0.0, 1.0), steps.inputs(1.0))["emf"] * lost
     slope = throttle(State(1.0, 0.0, 0.0), tuple(late.i * 0.0 + z for z in throttle.z0), steps.inputs(1.0))
     rise = jnp.minimum(steps.dt / c.inductance, 1.0 / jnp.maximum(-slope.voltage, 1e-12))
     impact = steps.circuit * (emf * rise) ** 2
@@ -237,10 +247,10 @@ def _edge_covariance(throttle: Throttle, before: Any, path: Any, steps: Step, di
     return jnp.pad(moment, ((0, 0), (0, 0), (0, 1), (0, 1)))  # the input's own error knows nothing of its edges
 
 
-def _impact_variance(before: State, after: State, steps: Step, sense: Any) -> Any:
+def _impact_variance(lost: Any, disturbance: Disturbance, sense: Any) -> Any:
     """Extra variance of the samples at an impact, shape (T, L, M): a speed jumps, an angle bends."""
-    lost = impact_nearby(before, after, steps)[..., None]
-    return (sense[..., 2] * lost) ** 2 + (sense[..., 1] * lost * _AROUND * steps.dt[..., None]) ** 2
+    bend = _AROUND * (lost * disturbance.spacing)[..., None]
+    return (sense[..., 2] * lost[..., None]) ** 2 + (sense[..., 1] * bend) ** 2
 
 
 def _timing_variance(before: State, after: State, steps: Step, disturbance: Disturbance, sense: Any) -> Any:
