@@ -25,10 +25,11 @@ Report = Callable[[str, float], None]
 
 _NEAR, _THERE = 1e-2, 3e-6  # relative change of chi2 and absolute one of stretched coordinates that end a descent
 _ROUNDS = 10
-_CLOCK_ROUNDS = 5  # of them in which the clock's jitter is estimated; the rest settle with it
+_CLOCK_ROUNDS = 4  # of them in which the clock's jitter is estimated; the rest settle with it
 _STARTS = 3  # besides the reading
 _SPREAD = 0.35  # of the other starts about the reading, in coordinates
 _SETTLED = 0.05  # a round that moves no parameter by more standard errors is the last
+_WANDERING = 4.0  # a last round that moves one by more is no end; one that moves less widens the intervals by it
 _DECREMENT = 1e-2  # chi2 still to be gained, by the gradient, at a point called converged
 _MISFIT = 30.0  # chi2 per degree of freedom of the best start above which the model lacks something and may be trapped
 _REWEIGHINGS = 3  # of the channels by what is left in them, where the model lacks something
@@ -110,23 +111,24 @@ def _from_several_starts(
 
 def _rounds(bench: Bench, x: np.ndarray, report: Report) -> tuple[Bench, Problem, np.ndarray, End]:
     """Renew the whitening, the releases and the outliers at each optimum until nothing moves any more."""
-    moved, outliers = np.inf, 0
+    moved, outliers, about = np.inf, 0, x
     for k in range(_ROUNDS):
         report(f"round {k + 1}: moved {moved:.2g} standard errors", 0.5 + 0.4 * k / _ROUNDS)
-        problem = bench.problem(bench.kalman(x))
-        end, _ = go(bench, bench.layout.off_bounds(x) if k < 2 else x, problem, _THERE)
-        here = local(bench, end, problem)
-        moved = float(np.max(np.abs(end - x) / np.sqrt(np.diag(here.covariance))))
-        x = end
-        if moved < _SETTLED and k > 0:
+        problem = bench.problem(bench.kalman(about))
+        x, _ = go(bench, bench.layout.off_bounds(x) if k < 2 else x, problem, _THERE)
+        here = local(bench, x, problem)
+        moved = float(np.max(np.abs(x - about) / np.sqrt(np.diag(here.covariance))))
+        if (moved < _SETTLED and k > 0) or k == _ROUNDS - 1:
             break
-        if k < _ROUNDS - 1:
-            whitened = columns(bench.tape, here.r)
-            bench = bench.timed(x, here.r) if k < _CLOCK_ROUNDS else bench
-            bench, outliers = bench.released(x).outliers_weighed(whitened)
+        # later rounds go half way: an impact or a slip that falls on either side of a sample makes two ends alternate
+        early = k < _CLOCK_ROUNDS
+        about = x if early else 0.5 * (about + x)
+        whitened = columns(bench.tape, here.r)
+        bench = bench.timed(x, here.r) if early else bench
+        bench, outliers = bench.released(about).outliers_weighed(whitened)
     if here.gain > _DECREMENT:
         return _searched(bench, x, problem, here, outliers, report)
-    return bench, problem, x, _verdict(moved, here.gain, outliers)
+    return bench, problem, x, replace(_verdict(moved, here.gain, outliers), wander=x - about)
 
 
 def _free_running(bench: Bench, x: np.ndarray, report: Report) -> tuple[Bench, Problem, np.ndarray, End]:
@@ -150,7 +152,7 @@ def _free_running(bench: Bench, x: np.ndarray, report: Report) -> tuple[Bench, P
 def _verdict(moved: float, gain: float, outliers: int) -> End:
     if not np.isfinite(gain):
         return End(False, "the model cannot be computed at the point reached", outliers)
-    if moved > 10.0 * _SETTLED:
+    if moved > _WANDERING:
         return End(False, f"the last round still moved a parameter by {moved:.2g} standard errors", outliers)
     return End(True, f"gradient zero to {gain:.1e} of chi2, last round moved {moved:.2g} standard errors", outliers)
 

@@ -84,12 +84,21 @@ class FitResult:
 
 @dataclass(frozen=True)
 class End:
-    """How the fit ended; `far` where the model is far from the data and was fitted free-running."""
+    """How the fit ended.
+
+    Args:
+        converged, reason: whether at an optimum.
+        outliers: samples weighed down.
+        far: the model is far from the data and was fitted free-running.
+        wander: what the last round moved, coordinates, shape (P,): where an impact or a slip falls on either side of a
+            sample, two whitenings alternate, and neither is better; the intervals include the difference.
+    """
 
     converged: bool
     reason: str
     outliers: int = 0
     far: bool = False
+    wander: np.ndarray | None = None
 
 
 def outcome(
@@ -107,6 +116,8 @@ def outcome(
     pieces = _pieces(bench, r, jacobian)
     certain = analyse(bench.layout, x, information_of(problem.prior_sd, jacobian)).covariance
     covariance, factor, count = widen(certain, pieces)
+    if end.wander is not None:
+        covariance = covariance + np.outer(end.wander, end.wander)
     verdict = _verdict_on_parameters(bench, x, problem, pieces)
     values = {s: float(v) for s, v in bench.layout.values(x, bench.unknowns.held).items()}
     holdout = Bench.of(rig.config, bench.unknowns, held_out).refined(x).released(x) if held_out else None
