@@ -24,5 +24,5 @@ def use_compilation_cache() -> Path:
     default = Path(os.environ.get("XDG_CACHE_HOME", Path.home() / ".cache")) / "etcfit"
     folder = Path(os.environ.get("ETCFIT_CACHE", default)) / "jax"
     jax.config.update("jax_compilation_cache_dir", str(folder))
-    jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.3)
+    jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.05)
     return folder

@@ -118,6 +118,13 @@ def _lines(console: Any) -> Callable[[str, float], None]:
     return report
 
 
+def _keep_compiled() -> None:
+    """The second run of a command finds its model compiled."""
+    from .backend import use_compilation_cache
+
+    use_compilation_cache()
+
+
 def _show_version(wanted: bool) -> None:
     if wanted:
         typer.echo(f"etcfit {__version__}")
@@ -143,6 +150,7 @@ def check(folder: Folder, quiet: Quiet = False) -> None:
 
         rig = read_folder(folder)
         report("working out what these data can identify", 0.3)
+        _keep_compiled()
         from .check import check as check_rig
         from .report.tables import check_table
 
@@ -160,13 +168,13 @@ def fit(folder: Folder, out: Out, quiet: Quiet = False) -> None:
 
         rig = read_folder(folder)
         report("loading the model", 0.0)
+        _keep_compiled()
         from .fit import fit as fit_rig
         from .report import write_run
         from .report.tables import fit_table
 
         result = fit_rig(rig, report)
-        report("drawing the pictures", 1.0)
-        write_run(out, result)
+        write_run(out, result, report)
     _stdout().print(fit_table(result))
     if not result.converged:
         raise _stop(Status.NOT_CONVERGED, f"the fit did not converge: {result.reason}")

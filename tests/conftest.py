@@ -4,11 +4,14 @@ from __future__ import annotations
 
 import importlib.util
 import os
+import tempfile
 from pathlib import Path
 
 import pytest
 
 os.environ.setdefault("JAX_ENABLE_X64", "1")
+# what a test compiles goes neither into nor out of the user's own cache
+os.environ["ETCFIT_CACHE"] = tempfile.mkdtemp(prefix="etcfit-tests-")
 
 if importlib.util.find_spec("jax"):
     import jax

@@ -47,7 +47,7 @@ class Library:
         report("fitting", 0.5)
         return self.result
 
-    def write_run(self, run: Path, result: SimpleNamespace) -> None:
+    def write_run(self, run: Path, result: SimpleNamespace, report: Callable[[str, float], None]) -> None:
         self.written.append((run, result))
 
 
