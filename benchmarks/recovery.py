@@ -138,7 +138,11 @@ def main() -> None:
     parser.add_argument("--folders", type=int, default=40)
     parser.add_argument("--first-seed", type=int, default=1000)
     parser.add_argument("--save", type=Path, help="append each outcome to this file as a line of JSON")
+    parser.add_argument("--table", type=Path, help="fit nothing: the table of what was saved in this file")
     choices = parser.parse_args()
+    if choices.table:
+        print(table([Outcome(**json.loads(line)) for line in choices.table.read_text().splitlines()]))
+        return
     outcomes = []
     with tempfile.TemporaryDirectory() as scratch:
         for seed in range(choices.first_seed, choices.first_seed + choices.folders):

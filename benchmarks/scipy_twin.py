@@ -79,20 +79,20 @@ def residual(traces: Sequence[Trace], v: Values, rig: Rig) -> np.ndarray:
 
 
 def simulate(trace: Trace, v: Values, rig: Rig) -> np.ndarray:
-    """What the trace's channels would show, SI, shape (n, M): in a hand until the release, if there is one, then free."""
+    """What the trace's channels would show, SI, shape (n, M); a plate that is let go is held until then."""
     times, x = trace.instants, np.array(trace.start.state)
     path = np.empty((times.size, 3))
     held = np.full(times.size, trace.test.boundary.plate_held)
     if trace.release is not None:
         held |= times <= trace.release[0]
     still, moving = equations(trace, v, rig)
-    begin = times[0]
+    begin = float(times[0])
     if held.any():
-        end = trace.release[0] if trace.release is not None else times[-1]
+        end = trace.release[0] if trace.release is not None else float(times[-1])
         path[held], x = _integrate(still, begin, end, x, times[held])
         begin = end
     if not held.all():
-        path[~held], _ = _integrate(moving, begin, times[-1], x, times[~held])
+        path[~held], _ = _integrate(moving, begin, float(times[-1]), x, times[~held])
     i, theta, omega = path.T
     seen = {"current": i, "position": theta, "emf": rig.N * v["K_b"] * omega, "motor_speed": rig.N * omega}
     return np.stack([seen[name] for name in trace.channels], axis=1)

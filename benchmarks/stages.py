@@ -13,7 +13,7 @@ import json
 import os
 import sys
 import time
-from collections import Counter
+from collections import Counter, defaultdict
 from itertools import pairwise
 from typing import Any
 
@@ -33,7 +33,7 @@ class Clock:
 
     def __init__(self) -> None:
         self.spans: list[Span] = []
-        self.programs: Counter[str] = Counter()
+        self.programs: dict[str, float] = defaultdict(float)
         self.jacobians: Counter[str] = Counter()
 
     def around(self, module: Any, name: str, stage: str) -> None:
@@ -49,12 +49,12 @@ class Clock:
 
         setattr(module, name, timed)
 
-    def heard(self, event: str, seconds: float, **about: Any) -> None:
+    def heard(self, event: str, duration_secs: float, **kwargs: str | int) -> None:
         """A monitoring event of JAX, told as it ends."""
         if event in EVENTS:
             now = time.time()
-            self.spans.append((EVENTS[event], now - seconds, now))
-            self.programs[about.get("fun_name", "?").removeprefix("jit(").removesuffix(")")] += seconds
+            self.spans.append((EVENTS[event], now - duration_secs, now))
+            self.programs[str(kwargs.get("fun_name", "?")).removeprefix("jit(").removesuffix(")")] += duration_secs
 
     def count(self, fit: Any, bench: Any) -> None:
         """Have Jacobians counted: one a step of Levenberg-Marquardt, and one a linearisation."""
@@ -75,7 +75,7 @@ class Clock:
 def shares(spans: list[Span], begin: float, end: float) -> dict[str, float]:
     """Seconds from `begin` to `end` by innermost span; `import` is what lies outside all of them."""
     edges = sorted({begin, end, *(t for _, a, b in spans for t in (a, b) if begin < t < end)})
-    out = dict.fromkeys(STAGES, 0.0)
+    out: dict[str, float] = dict.fromkeys(STAGES, 0.0)
     for a, b in pairwise(edges):
         inside = [(last - first, stage) for stage, first, last in spans if first <= a and b <= last]
         out[min(inside)[1] if inside else "import"] += b - a
@@ -84,9 +84,10 @@ def shares(spans: list[Span], begin: float, end: float) -> dict[str, float]:
 
 def measure(command: list[str], begin: float) -> dict[str, Any]:
     """Run the command line; what it took by stage since `begin`, s since the epoch."""
-    import etcfit.fit  # before JAX: it sets XLA's flags
-    import etcfit.report.pictures
     import jax
+
+    import etcfit.fit
+    import etcfit.report.pictures  # so that importing it counts as such
     from etcfit import bench, report
     from etcfit.cli import app
     from etcfit.rig import reader
@@ -99,7 +100,8 @@ def measure(command: list[str], begin: float) -> dict[str, Any]:
     clock.count(etcfit.fit, bench)
     app(command, standalone_mode=False)
     seconds = shares(clock.spans, begin, time.time())
-    return {"seconds": seconds, "jacobians": clock.jacobians, "programs": dict(clock.programs.most_common(12))}
+    largest = sorted(clock.programs.items(), key=lambda item: -item[1])[:12]
+    return {"seconds": seconds, "jacobians": clock.jacobians, "programs": dict(largest)}
 
 
 def main() -> None:
