@@ -10,23 +10,11 @@ import pytest
 PACKAGE = Path(__file__).resolve().parents[1] / "etcfit"
 # a module may import those before it, and its own package
 ORDER = [
-    *("errors", "fetch", "backend", "parameters", "effects", "throttle", "linear", "pid", "simulate", "rig", "drive"),
-    *("trace", "tape", "score", "whitening", "unknowns", "grid", "reading", "correlation", "residual", "explore"),
-    *("bench",),
-    *(
-        "identifiability",
-        "cure",
-        "descent",
-        "outcome",
-        "fit",
-        "intervals",
-        "posterior",
-        "check",
-        "diagnose",
-        "run_folder",
-        "report",
-        "cli",
-    ),
+    *("errors", "fetch", "backend", "parameters", "effects", "throttle", "linear", "pid"),
+    *("simulate", "rig", "drive", "trace", "tape", "score", "whitening", "unknowns"),
+    *("grid", "reading", "correlation", "residual", "explore", "bench", "identifiability", "cure"),
+    *("descent", "outcome", "fit", "intervals", "posterior", "check", "diagnose", "run_folder"),
+    *("report", "cli"),
 ]
 ONLY_IN = {"optimistix": "descent", "emcee": "posterior", "matplotlib": "report", "pooch": "fetch", "typer": "cli"}
 REGISTRIES = {"effects": "AbstractEffect", "rig": "AbstractRigTest"}
