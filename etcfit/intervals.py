@@ -165,6 +165,8 @@ def _gear_ratio(result: FitResult) -> Interval:
 
 
 def _combined(value: float, gradient: np.ndarray, covariance: np.ndarray) -> Interval:
+    if not gradient.any():
+        return Interval.bare(value, "fixed")
     stderr = _root(float(gradient @ covariance @ gradient))
     if stderr is None or stderr > _UNKNOWN * abs(value):
         return Interval.bare(value, "not identifiable")

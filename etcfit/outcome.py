@@ -116,7 +116,10 @@ def outcome(
     pieces = _pieces(bench, r, jacobian)
     certain = analyse(bench.layout, x, information_of(problem.prior_sd, jacobian)).covariance
     covariance, factor, count = widen(certain, pieces)
+    alternating: list[str] = []
     if end.wander is not None:
+        far_off = np.abs(end.wander) > 0.5 * np.sqrt(np.diag(covariance))
+        alternating = [s for s, off in zip(bench.layout.free, far_off, strict=True) if off]
         covariance = covariance + np.outer(end.wander, end.wander)
     verdict = _verdict_on_parameters(bench, x, problem, pieces)
     values = {s: float(v) for s, v in bench.layout.values(x, bench.unknowns.held).items()}
@@ -151,7 +154,7 @@ def outcome(
         reason=end.reason,
         starts=starts,
         widening=dict(zip(bench.layout.free, map(float, factor), strict=True)),
-        warnings=(*rig.warnings, *notes, *_words(end, count, len(score_fit), chi2, factor)),
+        warnings=(*rig.warnings, *notes, *_words(end, count, len(score_fit), chi2, factor), *_alternation(alternating)),
     )
 
 
@@ -185,6 +188,16 @@ def _pieces(bench: Bench, r: np.ndarray, jacobian: np.ndarray) -> list[tuple[np.
             seen = np.isfinite(trace.data[:, m])
             out.append((jacobian[marks[seen], lane, m], part[seen, m]))
     return out
+
+
+def _alternation(symbols: list[str]) -> list[str]:
+    if not symbols:
+        return []
+    names = ", ".join(symbols)
+    return [
+        f"The rounds of the fit alternate in {names}: an impact or a slip falls on either side of a sample, and "
+        "neither reading of it is better. Their intervals are widened by the difference."
+    ]
 
 
 def _words(end: End, correlated: int, pieces: int, chi2: float, factor: np.ndarray) -> list[str]:
