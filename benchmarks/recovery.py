@@ -97,7 +97,15 @@ def _bound(result: Any, truth: dict[str, float]) -> dict[str, float]:
 
 def table(outcomes: list[Outcome]) -> str:
     """The figures the issue asks for, a line a parameter."""
-    head = ("parameter", "median error %", "max error / stated s.e.", "coverage %", "reading median %", "gain", "rms / CRB")
+    head = (
+        "parameter",
+        "median error %",
+        "max error / stated s.e.",
+        "coverage %",
+        "reading median %",
+        "gain",
+        "rms / CRB",
+    )
     lines = ["| " + " | ".join(head) + " |", "|" + "---|" * len(head)]
     every, gains = [], []
     for s in (*PAPER, SERIES):
