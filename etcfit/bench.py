@@ -197,14 +197,13 @@ def _better_release(trace: Trace, predicted: np.ndarray) -> Trace:
         return trace
     instant, sd = trace.release
     falling = trace.instants > instant
-    speed = np.abs(np.gradient(predicted, trace.instants, axis=0))
     lead = trace.channels.index("emf") if "emf" in trace.channels else 0
     top = int(np.argmax(np.abs(predicted[:, lead] - predicted[0, lead])))
     falling &= np.arange(falling.size) < 0.8 * top
     slope = -np.gradient(predicted, trace.instants, axis=0)[falling] / trace.sigma
     error = (trace.data - predicted)[falling] / trace.sigma
     seen = np.isfinite(error)
-    if not speed.any() or seen.sum() < 3:
+    if seen.sum() < 3:
         return trace
     power = float(np.sum(slope[seen] ** 2))
     shift = float(np.sum(slope[seen] * error[seen])) / power if power > 0.0 else 0.0

@@ -11,6 +11,7 @@ import numpy as np
 
 from .bench import Bench
 from .cure import sentence
+from .descent import information_of
 from .errors import MeasurementError
 from .fit import ready, start_values
 from .identifiability import Identifiability, analyse
@@ -134,8 +135,7 @@ def verdict(rig: Rig) -> tuple[Identifiability, Readings, tuple[str, ...]]:
     _, _, jacobian = bench.linearise(x, problem)
     rows = jacobian.reshape(-1, x.size)
     rows = rows[np.isfinite(rows).all(axis=1)]
-    information = rows.T @ rows + np.diag(1.0 / np.asarray(problem.prior_sd) ** 2)
-    return analyse(known.layout, x, information), readings, notes
+    return analyse(known.layout, x, information_of(problem.prior_sd, rows)), readings, notes
 
 
 def _trace(measurement: Measurement) -> TraceCheck:

@@ -79,6 +79,7 @@ def _scale(information: np.ndarray, count: float) -> np.ndarray:
 
 
 def information_of(prior_sd: np.ndarray, jacobian: np.ndarray) -> np.ndarray:
+    """Fisher information J^T J of a whitened Jacobian (..., P), and that of the user's priors, shape (P, P)."""
     flat = jacobian.reshape(-1, jacobian.shape[-1])
     return flat.T @ flat + np.diag(1.0 / np.asarray(prior_sd) ** 2)
 

@@ -2,15 +2,12 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Mapping
 from pathlib import Path
 
 import pytest
-from folders import TOML, back_emf, changed, inductance, only_response, resistance, response
-
-from etcfit.errors import MeasurementError
-from etcfit.rig.reader import read_folder
+from folders import TOML, back_emf, inductance, only_response, resistance, response
+from mistakes import assert_refused
 
 R, BACK_EMF, RESISTANCE, INDUCTANCE = response(), back_emf(), resistance(), inductance()
 WRONG: dict[str, tuple[Mapping[str, str | bytes], str]] = {
@@ -57,9 +54,4 @@ WRONG: dict[str, tuple[Mapping[str, str | bytes], str]] = {
 
 @pytest.mark.parametrize(("changes", "message"), WRONG.values(), ids=WRONG.keys())
 def test_each_mistake_has_its_own_message(tmp_path: Path, changes: Mapping[str, str | bytes], message: str) -> None:
-    with pytest.raises(MeasurementError) as caught:
-        read_folder(changed(tmp_path, changes))
-    error = caught.value
-    assert re.search(message, str(error), re.DOTALL), str(error)
-    assert error.where.startswith(str(tmp_path))
-    assert all((error.found, error.required, error.mend))
+    assert_refused(tmp_path, changes, message)

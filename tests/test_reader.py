@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 import time
 from collections.abc import Mapping
 from dataclasses import replace
@@ -11,6 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from folders import TOML, Sheet, changed, good, only_response, resistance, response, scaled, write
+from mistakes import assert_refused
 
 from etcfit.errors import MeasurementError
 from etcfit.rig.base import Rig
@@ -168,12 +168,7 @@ WRONG: dict[str, tuple[Mapping[str, str | bytes], str]] = {
 
 @pytest.mark.parametrize(("changes", "message"), WRONG.values(), ids=WRONG.keys())
 def test_each_mistake_has_its_own_message(tmp_path: Path, changes: Mapping[str, str | bytes], message: str) -> None:
-    with pytest.raises(MeasurementError) as caught:
-        read_folder(changed(tmp_path, changes))
-    error = caught.value
-    assert re.search(message, str(error), re.DOTALL), str(error)
-    assert error.where.startswith(str(tmp_path))
-    assert all((error.found, error.required, error.mend))
+    assert_refused(tmp_path, changes, message)
 
 
 def test_no_rig_toml(tmp_path: Path) -> None:
