@@ -15,7 +15,7 @@ from .rig.base import RigConfig
 from .score import columns
 from .tape import Slots, Tape, lay
 from .trace import Trace
-from .unknowns import Layout, Unknowns
+from .unknowns import Form, Layout, Pick, Unknowns
 from .whitening import Whitening
 
 _TELLING = 1e4  # sum of q^2 below which nothing is said about the clock
@@ -24,11 +24,11 @@ _OUTLIER = 5.0  # robust standard deviations beyond which a sample is weighed do
 
 
 @partial(jax.jit, static_argnums=(0, 1))
-def _linearise(layout: Layout, circuits: tuple[str, ...], x: Any, problem: Problem) -> tuple[Any, Any, Any]:
+def _linearise(form: Form, circuits: tuple[str, ...], x: Any, problem: Problem) -> tuple[Any, Any, Any]:
     """Whitened residual (T, L, M), that of the priors (P,), and the Jacobian of the former (T, L, M, P)."""
 
     def both(x: Any) -> Any:
-        r, prior = residual(layout, circuits, x, problem)
+        r, prior = residual(form, circuits, x, problem)
         return r, (r, prior)
 
     jacobian, (r, prior) = jax.jacfwd(both, has_aux=True)(x)
@@ -36,18 +36,25 @@ def _linearise(layout: Layout, circuits: tuple[str, ...], x: Any, problem: Probl
 
 
 @partial(jax.jit, static_argnums=(0, 1))
-def _free_run(layout: Layout, circuits: tuple[str, ...], x: Any, held: Any, arrays: Any) -> tuple[Any, Any]:
-    """Simulated samples (T, L, M) and the local integration error of every step (T, L)."""
+def _free_run(form: Form, circuits: tuple[str, ...], x: Any, pick: Pick, arrays: Any) -> Any:
+    """Simulated samples, shape (T, L, M)."""
     steps, resets, slots, _, circuit_of = arrays
-    throttle, path, steps = run(layout, circuits, x, held, steps, resets, circuit_of)
-    error = grid.local_error(throttle, path, steps, (resets, slots))
-    return predict(throttle, path, steps, slots), error
+    throttle, path, steps = run(form, circuits, x, pick, steps, resets, circuit_of)
+    return predict(throttle, path, steps, resets, slots)
 
 
 @partial(jax.jit, static_argnums=(0, 1))
-def _kalman(layout: Layout, circuits: tuple[str, ...], x: Any, held: Any, arrays: Any, jitter: Any) -> Any:
+def _local_error(form: Form, circuits: tuple[str, ...], x: Any, pick: Pick, arrays: Any) -> Any:
+    """The local integration error of every step, shape (T, L)."""
+    steps, resets, slots, _, circuit_of = arrays
+    throttle, path, steps = run(form, circuits, x, pick, steps, resets, circuit_of)
+    return grid.local_error(throttle, path, steps, (resets, slots))
+
+
+@partial(jax.jit, static_argnums=(0, 1))
+def _kalman(form: Form, circuits: tuple[str, ...], x: Any, pick: Pick, arrays: Any, jitter: Any) -> Any:
     steps, resets, slots, disturbance, circuit_of = arrays
-    throttle, path, steps = run(layout, circuits, x, held, steps, resets, circuit_of)
+    throttle, path, steps = run(form, circuits, x, pick, steps, resets, circuit_of)
     return whitening.kalman(throttle, path, steps, resets, slots, disturbance, jitter)
 
 
@@ -85,14 +92,22 @@ class Bench:
     def slots(self) -> Slots:
         return self.tape.slots._replace(sigma=self.sigma)
 
-    def free_run(self, x: np.ndarray) -> tuple[list[np.ndarray], np.ndarray]:
-        """Simulated samples of each trace, (n, M), and the local integration error along the tape, (T, L)."""
-        seen, error = _free_run(self.layout, self.tape.circuits, x, self.unknowns.held, self.tape.arrays)
-        return columns(self.tape, seen), np.asarray(error)
+    @property
+    def pick(self) -> Pick:
+        """Which parameters x stands for, and the values of the others."""
+        return self.layout.pick(self.unknowns.held)
+
+    def at(self, x: np.ndarray) -> tuple[Form, tuple[str, ...], np.ndarray, Pick]:
+        """What every compiled function of the model at x takes."""
+        return self.layout.form, self.tape.circuits, self.layout.padded(x), self.pick
+
+    def free_run(self, x: np.ndarray) -> list[np.ndarray]:
+        """Simulated samples of each trace, (n, M)."""
+        return columns(self.tape, _free_run(*self.at(x), self.tape.arrays))
 
     def free_running(self) -> Whitening:
         """Each sample by its own noise: least squares of the free-running simulation."""
-        return whitening.plain(self.slots, self._order)
+        return whitening.plain(self.slots)
 
     def forgiving(self) -> Whitening:
         """Each sample by its own noise, and by what an instant not known exactly does to it where it changes fast."""
@@ -101,7 +116,7 @@ class Bench:
         for trace, (lane, _, marks) in zip(self.tape.traces, self.tape.places, strict=True):
             step = np.abs(np.diff(trace.data, axis=0, prepend=trace.data[:1]))
             bend[marks, lane, : len(trace.channels)] = 0.5 * np.nan_to_num(np.maximum(step, np.roll(step, -1, axis=0)))
-        return whitening.plain(slots._replace(sigma=np.hypot(slots.sigma, bend)), self._order)
+        return whitening.plain(slots._replace(sigma=np.hypot(slots.sigma, bend)))
 
     def kalman(self, x: np.ndarray) -> Whitening:
         """The whitening filter along the path at x."""
@@ -126,24 +141,25 @@ class Bench:
     def _filter(self, x: np.ndarray) -> Any:
         steps, resets, _, disturbance, circuit_of = self.tape.arrays
         arrays = steps, resets, self.slots, disturbance, circuit_of
-        return _kalman(self.layout, self.tape.circuits, x, self.unknowns.held, arrays, self.jitter)
+        return _kalman(*self.at(x), arrays, self.jitter)
 
     def problem(self, filter_: Whitening) -> Problem:
         """The data for the residual."""
-        tape = self.tape
+        tape, layout = self.tape, self.layout
         mean, sd = self._priors()
-        return Problem(tape.steps, tape.resets, self.slots, tape.circuit_of, filter_, self.unknowns.held, mean, sd)
+        priors = layout.padded(mean), layout.padded(sd, np.inf)
+        return Problem(tape.steps, tape.resets, self.slots, tape.circuit_of, filter_, self.pick, *priors)
 
     def linearise(self, x: np.ndarray, problem: Problem) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Residual (T, L, M), that of the priors (P,), Jacobian of the former (T, L, M, P)."""
-        r, prior, jacobian = _linearise(self.layout, self.tape.circuits, x, problem)
-        return np.asarray(r), np.asarray(prior), np.asarray(jacobian)
+        r, prior, jacobian = _linearise(self.layout.form, self.tape.circuits, self.layout.padded(x), problem)
+        return np.asarray(r), np.asarray(prior)[: x.size], np.asarray(jacobian)[..., : x.size]
 
     def refined(self, x: np.ndarray) -> Bench:
         """The same with as many integration steps as the path at x needs."""
         bench = self
         for _ in range(2):
-            _, error = bench.free_run(x)
+            error = np.asarray(_local_error(*bench.at(x), bench.tape.arrays))
             bench = Bench.of(self.config, self.unknowns, self.tape.traces, grid.substeps(bench.tape, error))
         return bench
 
@@ -151,7 +167,7 @@ class Bench:
         """The same with the releases of held plates moved to where the model at x sees them."""
         if not any(trace.release for trace in self.tape.traces):
             return self
-        predicted, _ = self.free_run(x)
+        predicted = self.free_run(x)
         traces = tuple(_better_release(t, y) for t, y in zip(self.tape.traces, predicted, strict=True))
         return replace(Bench.of(self.config, self.unknowns, traces, self.substeps), jitter=self.jitter)
 
@@ -169,15 +185,11 @@ class Bench:
     def discounted(self, x: np.ndarray) -> Bench:
         """The same with each channel of each trace counting for no more than its free-running error at x allows."""
         sigma = self.tape.slots.sigma.copy()
-        predicted, _ = self.free_run(x)
+        predicted = self.free_run(x)
         for trace, (lane, row, marks), model in zip(self.tape.traces, self.tape.places, predicted, strict=True):
             rms = np.sqrt(np.nanmean((trace.data - model) ** 2, axis=0)) / trace.sigma
             sigma[row : marks[-1] + 1, lane, : len(trace.channels)] *= np.maximum(1.0, rms)
         return replace(self, sigma=sigma)
-
-    @property
-    def _order(self) -> int:
-        return 4 + sum(len(t.z0) for t in self.layout.types)
 
     def _priors(self) -> tuple[np.ndarray, np.ndarray]:
         free, priors = self.layout.free, self.unknowns.priors

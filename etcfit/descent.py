@@ -16,7 +16,7 @@ import optimistix
 from .bench import Bench
 from .identifiability import WIDE
 from .residual import Problem, residual
-from .unknowns import Layout
+from .unknowns import Form
 
 _STEPS = 40  # of Levenberg-Marquardt in one go
 _STRETCH = 30.0  # Optimistix damps with the identity: this makes its first damping 1e-3 of the curvature
@@ -55,14 +55,14 @@ def _with_dense_jacobian(function: Callable[[Any], Any]) -> Callable[[Any], Any]
 
 @partial(jax.jit, static_argnums=(0, 1))
 def _minimise(
-    layout: Layout, circuits: tuple[str, ...], x0: Any, scale: Any, anchor: Any, problem: Problem, tolerance: Any
+    form: Form, circuits: tuple[str, ...], x0: Any, scale: Any, anchor: Any, problem: Problem, tolerance: Any
 ) -> tuple[Any, Any]:
     """Levenberg-Marquardt from x0, in coordinates stretched by `scale` so that its damping treats all alike."""
     root = jnp.sqrt(jnp.sum(problem.slots.weight))
 
     def stacked(y: Any) -> Any:
         x = x0 + scale * y
-        r, prior = residual(layout, circuits, x, problem)
+        r, prior = residual(form, circuits, x, problem)
         # the anchor keeps what the data do not determine from wandering; it weighs nothing beside any datum
         return jnp.concatenate((r.ravel(), prior, (x - x0) / anchor)) / root
 
@@ -89,17 +89,13 @@ def go(bench: Bench, x: np.ndarray, problem: Problem, tolerance: float) -> tuple
     r, _, jacobian = bench.linearise(x, problem)
     if not np.isfinite(r).all() or not np.isfinite(jacobian).all():
         return x, 0
-    scale = _scale(information_of(problem.prior_sd, jacobian), float(np.sum(problem.slots.weight)))
-    anchor = WIDE * bench.layout.reach(x)
-    scale = np.minimum(scale, 1e4 * anchor)
-    end, steps = _minimise(bench.layout, bench.tape.circuits, x, scale, anchor, problem, tolerance)
-    return np.asarray(end), int(steps)
-
-
-def chi2_at(bench: Bench, x: np.ndarray, problem: Problem) -> float:
-    r, prior, _ = bench.linearise(x, problem)
-    total = float(np.sum(r**2) + np.sum(prior**2))
-    return total if np.isfinite(total) else float("inf")
+    layout = bench.layout
+    scale = _scale(information_of(problem.prior_sd[: x.size], jacobian), float(np.sum(problem.slots.weight)))
+    anchor = WIDE * layout.reach(x)
+    stretch = layout.padded(np.minimum(scale, 1e4 * anchor), 1.0)
+    start, held_to = layout.padded(x), layout.padded(anchor, 1.0)
+    end, steps = _minimise(layout.form, bench.tape.circuits, start, stretch, held_to, problem, tolerance)
+    return np.asarray(end)[: x.size], int(steps)
 
 
 @dataclass(frozen=True, eq=False)
@@ -123,8 +119,9 @@ def local(bench: Bench, x: np.ndarray, problem: Problem) -> Local:
     r, prior, jacobian = bench.linearise(x, problem)
     unit = max(1.0, float(np.sum(r**2)) / max(1.0, float(np.sum(problem.slots.weight)) - x.size))
     reach = bench.layout.reach(x)
-    information = information_of(problem.prior_sd, jacobian) + np.diag(1.0 / (WIDE * reach) ** 2)
-    gradient = jacobian.reshape(-1, x.size).T @ r.ravel() + prior / np.asarray(problem.prior_sd)
+    information = information_of(problem.prior_sd[: x.size], jacobian) + np.diag(1.0 / (WIDE * reach) ** 2)
+    prior_sd = np.asarray(problem.prior_sd)[: x.size]
+    gradient = jacobian.reshape(-1, x.size).T @ r.ravel() + prior / prior_sd
     gain = float(gradient @ np.linalg.solve(information, gradient)) / unit
     values, vectors = np.linalg.eigh(information * np.outer(reach, reach))
     covariance = (vectors / np.maximum(values, 1.0 / WIDE**2)) @ vectors.T * np.outer(reach, reach)

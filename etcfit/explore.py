@@ -14,8 +14,9 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from .bench import Bench
 from .residual import Problem, residual
-from .unknowns import Layout
+from .unknowns import Form
 
 _DRAWS = 64
 _AT_ONCE = 16  # points simulated side by side, which bounds the memory
@@ -25,55 +26,56 @@ _WORTH = 0.02  # chi2, in units of chi2 per degree of freedom, that makes a move
 
 
 @partial(jax.jit, static_argnums=(0, 1))
-def chi2_of(layout: Layout, circuits: tuple[str, ...], points: Any, problem: Problem) -> Any:
+def _chi2_of(form: Form, circuits: tuple[str, ...], points: Any, problem: Problem) -> Any:
     """Sum of squared residuals and prior terms at each of K points, shape (K, P) -> (K,)."""
 
     def one(x: Any) -> Any:
-        r, prior = residual(layout, circuits, x, problem)
+        r, prior = residual(form, circuits, x, problem)
         return jnp.sum(r**2) + jnp.sum(prior**2)
 
     return jax.lax.map(one, points, batch_size=_AT_ONCE)
 
 
+def chi2_of(bench: Bench, points: np.ndarray, problem: Problem) -> np.ndarray:
+    """Sum of squared residuals and prior terms at each of K points, shape (K, P) -> (K,); inf where none can be had."""
+    chi2 = np.array(_chi2_of(bench.layout.form, bench.tape.circuits, bench.layout.padded(points), problem))
+    chi2[~np.isfinite(chi2)] = np.inf
+    return chi2
+
+
 def evolve(
-    layout: Layout, circuits: tuple[str, ...], x: np.ndarray, problem: Problem, spread: np.ndarray
+    bench: Bench, x: np.ndarray, problem: Problem, spread: np.ndarray
 ) -> np.ndarray:
     """The best point of a population that starts about x and evolves (Storn and Price 1997, current-to-best and rand).
 
     Args:
-        layout, circuits, problem: the residual.
+        bench, problem: the residual.
         x: coordinates, shape (P,); one of the population, so the end is never worse.
         spread: standard deviations of the first population, shape (P,).
     """
     rng = np.random.default_rng(11)
     crowd = x + spread * rng.standard_normal((_DRAWS, x.size))
     crowd[0] = x
-    cost = _cost(layout, circuits, crowd, problem)
+    cost = chi2_of(bench, crowd, problem)
     for _ in range(_EPOCHS):
         a, b, c = (crowd[rng.permutation(_DRAWS)] for _ in range(3))
         step = rng.uniform(0.4, 0.9, (_DRAWS, 1))
         greedy = crowd + step * (crowd[np.argmin(cost)] - crowd) + step * (a - b)
         young = np.where(rng.uniform(size=(_DRAWS, 1)) < 0.5, greedy, c + step * (a - b))
         young = np.where(rng.uniform(size=young.shape) < 0.9, young, crowd)
-        price = _cost(layout, circuits, young, problem)
+        price = chi2_of(bench, young, problem)
         better = price < cost
         crowd[better], cost[better] = young[better], price[better]
     return crowd[int(np.argmin(cost))]
 
 
-def _cost(layout: Layout, circuits: tuple[str, ...], points: np.ndarray, problem: Problem) -> np.ndarray:
-    chi2 = np.array(chi2_of(layout, circuits, points, problem))
-    chi2[~np.isfinite(chi2)] = np.inf
-    return chi2
-
-
 def settle(
-    layout: Layout, circuits: tuple[str, ...], x: np.ndarray, problem: Problem, covariance: np.ndarray, unit: float
+    bench: Bench, x: np.ndarray, problem: Problem, covariance: np.ndarray, unit: float
 ) -> tuple[np.ndarray, float]:
     """Move to the best of the points drawn about x, again and again, until none is worth it.
 
     Args:
-        layout, circuits, problem: the residual.
+        bench, problem: the residual.
         x: coordinates, shape (P,).
         covariance: of the coordinates, in which the points are drawn, shape (P, P).
         unit: chi2 per degree of freedom, the unit in which a gain counts.
@@ -84,11 +86,11 @@ def settle(
     spread, axes = np.linalg.eigh(covariance)
     root = axes * np.sqrt(np.maximum(spread, 0.0))
     radius = np.repeat([1.0, 0.3, 0.1, 0.03], _DRAWS // 4)[:, None]
-    here = float(_cost(layout, circuits, np.tile(x, (_DRAWS, 1)), problem)[0])
+    here = float(chi2_of(bench, np.tile(x, (_DRAWS, 1)), problem)[0])
     gain = 0.0
     for _ in range(_GENERATIONS):
         points = x + radius * rng.standard_normal((_DRAWS, x.size)) @ root.T
-        chi2 = _cost(layout, circuits, points, problem)
+        chi2 = chi2_of(bench, points, problem)
         best = int(np.argmin(chi2))
         gain = max(0.0, here - float(chi2[best])) / unit
         if gain < _WORTH:

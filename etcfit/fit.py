@@ -8,9 +8,9 @@ from dataclasses import replace
 import numpy as np
 
 from .bench import Bench
-from .descent import Local, chi2_at, go, local
+from .descent import Local, go, local
 from .errors import MeasurementError
-from .explore import evolve, settle
+from .explore import chi2_of, evolve, settle
 from .outcome import End, outcome
 from .outcome import FitResult as FitResult
 from .outcome import StartSummary as StartSummary
@@ -102,7 +102,7 @@ def _from_several_starts(
     for k, first in enumerate([start, *others]):
         report(f"start {k + 1} of {_STARTS + 1}", 0.1 + 0.1 * k)
         end, steps = go(bench, bench.layout.off_bounds(first), problem, _NEAR)
-        before, after = chi2_at(bench, first, problem), chi2_at(bench, end, problem)
+        before, after = chi2_of(bench, np.stack((first, end)), problem).tolist()
         summaries.append(StartSummary("reading" if k == 0 else f"scattered {k}", before, after, steps))
         if after < lowest:
             best, lowest = end, after
@@ -143,7 +143,7 @@ def _free_running(bench: Bench, x: np.ndarray, report: Report) -> tuple[Bench, P
         bench = bench.discounted(x)
         problem = bench.problem(bench.free_running())
         spread = _SPREAD / 2.0**k * bench.layout.reach(x)
-        x = evolve(bench.layout, bench.tape.circuits, x, problem, spread)
+        x = evolve(bench, x, problem, spread)
         x, _ = go(bench, x, problem, _THERE)
     bench, problem, x, end = _searched(bench, x, problem, local(bench, x, problem), 0, report)
     return bench, problem, x, replace(end, far=True)
@@ -162,7 +162,7 @@ def _searched(
 ) -> tuple[Bench, Problem, np.ndarray, End]:
     """Go on without a gradient from where it leads no further."""
     report("the gradient does not vanish: searching without it", 0.9)
-    x, gain = settle(bench.layout, bench.tape.circuits, x, problem, here.covariance, here.unit)
+    x, gain = settle(bench, x, problem, here.covariance, here.unit)
     if gain > _ROUGH:
         text = f"points about the end still lower chi2, by {gain:.2g} of its own size per sample"
     else:

@@ -18,7 +18,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from .fit import FitResult
-from .unknowns import Layout
+from .unknowns import Form, Pick
 
 Z_95 = 1.96  # half width of a 95 % interval, standard deviations
 _UNKNOWN = 0.5  # relative; a wider standard error says nothing worth a figure
@@ -107,7 +107,8 @@ def lumped(result: FitResult) -> dict[str, Interval]:
     """
     electric = any(trace.circuit for trace in result.bench.tape.traces)
     n, unknowns = result.rig.config.gear_ratio, result.unknowns
-    gradients = np.asarray(_gradients(unknowns.layout, result.x, unknowns.held, n))
+    layout = unknowns.layout
+    gradients = np.asarray(_gradients(layout.form, layout.padded(result.x), layout.pick(unknowns.held), n))[:, : result.x.size]
     return {
         s: _combined(float(lump.of(result.values, n)), gradient, result.covariance)
         for (s, lump), gradient in zip(LUMPS.items(), gradients, strict=True)
@@ -116,11 +117,11 @@ def lumped(result: FitResult) -> dict[str, Interval]:
 
 
 @partial(jax.jit, static_argnums=0)
-def _gradients(layout: Layout, x: Any, held: Any, n: Any) -> Any:
+def _gradients(form: Form, x: Any, pick: Pick, n: Any) -> Any:
     """Of every combination in coordinates, shape (len(LUMPS), P)."""
 
     def every(x: Any) -> Any:
-        values = layout.values(x, held)
+        values = form.values(x, pick)
         return jnp.array([lump.of(values, n) for lump in LUMPS.values()])
 
     return jax.jacfwd(every)(x)

@@ -114,7 +114,7 @@ def outcome(
 ) -> FitResult:
     r, _, jacobian = bench.linearise(x, problem)
     pieces = _pieces(bench, r, jacobian)
-    certain = analyse(bench.layout, x, information_of(problem.prior_sd, jacobian)).covariance
+    certain = analyse(bench.layout, x, information_of(problem.prior_sd[: x.size], jacobian)).covariance
     covariance, factor, count = widen(certain, pieces)
     alternating: list[str] = []
     if end.wander is not None:
@@ -126,7 +126,7 @@ def outcome(
     holdout = Bench.of(rig.config, bench.unknowns, held_out).refined(x).released(x) if held_out else None
     predicted, score_holdout = {}, ()
     for part in filter(None, (bench, holdout)):
-        model, _ = part.free_run(x)
+        model = part.free_run(x)
         predicted |= {t.measurement.file: y for t, y in zip(part.tape.traces, model, strict=True)}
     if holdout is not None:
         score_holdout = rows(held_out, [predicted[t.measurement.file] for t in held_out])
@@ -174,7 +174,7 @@ def _verdict_on_parameters(
     if not np.array_equal(inside, x):
         r, _, jacobian = bench.linearise(inside, problem)
         pieces = [(j, own) for (j, _), (_, own) in zip(_pieces(bench, r, jacobian), pieces, strict=True)]
-    information = np.diag(1.0 / np.asarray(problem.prior_sd) ** 2)
+    information = np.diag(1.0 / np.asarray(problem.prior_sd)[: x.size] ** 2)
     for jacobian, own in pieces:
         information = information + jacobian.T @ jacobian / inflation(own)
     return analyse(bench.layout, inside, information)

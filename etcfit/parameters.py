@@ -16,11 +16,22 @@ Scalar = Any  # a float, or a traced float64 array of shape ()
 
 
 class AbstractDomain(abc.ABC):
-    """Where a parameter may lie: the map from an unconstrained coordinate x to its value, and back."""
+    """Where a parameter may lie: the map from an unconstrained coordinate x to its value, value = scale curve(x), and
+    back.
 
+    `scale` is a typical magnitude, SI.
+    """
+
+    scale: float
+
+    @staticmethod
     @abc.abstractmethod
+    def curve(x: Scalar) -> Scalar:
+        """Value of the coordinate x, both dimensionless; of arrays entry by entry."""
+
     def value(self, x: Scalar) -> Scalar:
         """Value in SI of the coordinate x (dimensionless)."""
+        return self.scale * self.curve(x)
 
     @abc.abstractmethod
     def coordinate(self, value: float) -> float:
@@ -44,8 +55,9 @@ class Positive(AbstractDomain):
 
     scale: float
 
-    def value(self, x: Scalar) -> Scalar:
-        return self.scale * jnp.exp(_REACH * jnp.tanh(x / _REACH))
+    @staticmethod
+    def curve(x: Scalar) -> Scalar:
+        return jnp.exp(_REACH * jnp.tanh(x / _REACH))
 
     def coordinate(self, value: float) -> float:
         log = math.log(max(value, 1e-300) / self.scale) / _REACH
@@ -71,11 +83,11 @@ class NonNegative(AbstractDomain):
 
     scale: float
 
-    def value(self, x: Scalar) -> Scalar:
+    @staticmethod
+    def curve(x: Scalar) -> Scalar:
         # both branches are the same number; the second does not cancel for x << 0
         root = jnp.sqrt(x * x + _SOFTNESS**2)
-        bent = jnp.where(x >= 0.0, x + root, _SOFTNESS**2 / (root + jnp.abs(x)))
-        return 0.5 * self.scale * bent
+        return 0.5 * jnp.where(x >= 0.0, x + root, _SOFTNESS**2 / (root + jnp.abs(x)))
 
     def coordinate(self, value: float) -> float:
         y = max(value / self.scale, 0.25 * _SOFTNESS)
@@ -95,8 +107,9 @@ class Real(AbstractDomain):
 
     scale: float
 
-    def value(self, x: Scalar) -> Scalar:
-        return self.scale * x
+    @staticmethod
+    def curve(x: Scalar) -> Scalar:
+        return x
 
     def coordinate(self, value: float) -> float:
         return value / self.scale
@@ -106,6 +119,20 @@ class Real(AbstractDomain):
 
     def at_bound(self, value: float) -> bool:
         return False
+
+
+DOMAINS: tuple[type[AbstractDomain], ...] = (Positive, NonNegative, Real)
+
+
+def curves(kinds: Scalar, x: Scalar) -> Scalar:
+    """value / scale of many coordinates at once, shape (P,), each by the curve of its domain, an index into `DOMAINS`.
+
+    The kinds are data: another choice of free parameters runs through the same compiled program.
+    """
+    out = x
+    for k, domain in enumerate(DOMAINS):
+        out = jnp.where(kinds == k, domain.curve(x), out)
+    return out
 
 
 @dataclass(frozen=True)

@@ -7,12 +7,13 @@ from typing import Any, NamedTuple
 
 import jax.numpy as jnp
 
+from .delay import delayed, late_inputs
 from .effects import State
 from .parameters import Scalar
 from .simulate import Reset, Step, simulate
 from .tape import KINDS, Slots
 from .throttle import Throttle
-from .unknowns import SERIES, Layout
+from .unknowns import SERIES, Form, Pick
 from .whitening import Whitening, whiten
 
 
@@ -22,7 +23,7 @@ class Problem(NamedTuple):
     Args:
         steps, resets, slots, circuit_of: the tape.
         whitening: frozen filter.
-        held: values of the parameters that are not fitted, shape (H,).
+        pick: which parameters the coordinates stand for, and the values of the others.
         prior_mean, prior_sd: Gaussian priors on the coordinates, shape (P,); sd is inf where there is none.
     """
 
@@ -31,7 +32,7 @@ class Problem(NamedTuple):
     slots: Slots
     circuit_of: Any
     whitening: Whitening
-    held: Any
+    pick: Pick
     prior_mean: Any
     prior_sd: Any
 
@@ -44,40 +45,44 @@ def with_circuits(steps: Step, circuit_of: Any, tape_circuits: tuple[str, ...], 
     return steps._replace(series=series)
 
 
-def predict(throttle: Throttle, path: tuple[State, Any], steps: Step, slots: Slots) -> Any:
+def predict(throttle: Throttle, path: tuple[State, Any], steps: Step, resets: Reset, slots: Slots) -> Any:
     """What each slot ought to show, SI, shape (T, L, M)."""
-    seen = throttle.observe(path[0], steps.inputs(1.0))
+    seen = throttle.observe(*path, steps.inputs(1.0))
+    delays = throttle.delays().channels if throttle.may_delay else {}
     y = jnp.zeros_like(slots.value)
     for k, name in enumerate(KINDS):
-        y = jnp.where(slots.kind == k, seen[name][..., None], y)
+        channel = delayed(seen[name], steps, resets, delays[name]) if name in delays else seen[name]
+        y = jnp.where(slots.kind == k, channel[..., None], y)
     return y
 
 
 def run(
-    layout: Layout, circuits: tuple[str, ...], x: Any, held: Any, steps: Step, resets: Reset, circuit_of: Any
+    form: Form, circuits: tuple[str, ...], x: Any, pick: Pick, steps: Step, resets: Reset, circuit_of: Any
 ) -> tuple[Throttle, tuple[State, Any], Step]:
-    """Simulate a tape at coordinates x: the model, its path, and the tape with its circuits."""
-    values = layout.values(x, held)
-    throttle = Throttle.build(layout.types, values)
+    """Simulate a tape at coordinates x: the model, its path, and the tape with its circuits and late inputs."""
+    values = form.values(x, pick)
+    throttle = Throttle.build(form.types, values)
     steps = with_circuits(steps, circuit_of, circuits, values)
+    if throttle.may_delay:
+        steps = late_inputs(steps, resets, throttle.delays().input)
     return throttle, simulate(throttle, steps, resets), steps
 
 
-def residual(layout: Layout, circuits: tuple[str, ...], x: Any, problem: Problem) -> tuple[Any, Any]:
+def residual(form: Form, circuits: tuple[str, ...], x: Any, problem: Problem) -> tuple[Any, Any]:
     """Whitened residual of all traces, and of the priors.
 
         r = W (y - y_hat(x)),    r_prior = (x - mean) / sd
 
     Source: generalised least squares; see `whitening`.
     Args:
-        layout: which parameters x stands for.
+        form: the model.
         circuits: tests with a series resistance of their own, as on the tape.
         x: coordinates, shape (P,).
-        problem: data.
+        problem: data, and which parameters x stands for.
     Returns:
         shape (T, L, M), 0 where there is no sample, standard normal where the model is right; and shape (P,).
     """
-    throttle, path, steps = run(layout, circuits, x, problem.held, problem.steps, problem.resets, problem.circuit_of)
-    seen = predict(throttle, path, steps, problem.slots)
+    throttle, path, steps = run(form, circuits, x, problem.pick, problem.steps, problem.resets, problem.circuit_of)
+    seen = predict(throttle, path, steps, problem.resets, problem.slots)
     error = problem.slots.weight * (problem.slots.value - seen)
     return whiten(problem.whitening, error, problem.resets.begins), (x - problem.prior_mean) / problem.prior_sd

@@ -38,6 +38,8 @@ class Step(NamedTuple):
         plate: 0 where the motor runs alone.
         series: extra circuit resistance, ohm.
         gear_ratio, lower, upper: of the rig; rad.
+        pull, target0, target1: a guide, 0 in a free run: a spring of `pull` N m/rad that draws the plate to the angle
+            measured at the step's begin and end, rad.
     """
 
     dt: Scalar
@@ -53,6 +55,13 @@ class Step(NamedTuple):
     gear_ratio: Scalar
     lower: Scalar
     upper: Scalar
+    pull: Scalar
+    target0: Scalar
+    target1: Scalar
+
+    def guide(self, fraction: float, theta: Scalar) -> Scalar:
+        """Torque of the guide, N m."""
+        return self.pull * (self.target0 + fraction * (self.target1 - self.target0) - theta)
 
     def inputs(self, fraction: float) -> Inputs:
         """The inputs at a fraction of the step."""
@@ -82,22 +91,24 @@ def soft(value: Scalar, threshold: Scalar) -> Scalar:
     return jnp.maximum(value - threshold, 0.0) + jnp.minimum(value + threshold, 0.0)
 
 
-def _linearise(throttle: Throttle, x: State, z: tuple[Scalar, ...], u: Inputs) -> tuple[_Line, _Line, Contribution]:
+def _linearise(
+    throttle: Throttle, x: State, z: tuple[Scalar, ...], s: Step, fraction: float
+) -> tuple[_Line, _Line, Contribution]:
     """Torque and voltage balances about the guess x, by forward-mode differentiation along each state."""
+    u = s.inputs(fraction)
 
-    def balances(i: Scalar, theta: Scalar, omega: Scalar) -> tuple[Scalar, Scalar]:
+    def balances(i: Scalar, theta: Scalar, omega: Scalar) -> tuple[tuple[Scalar, Scalar], Contribution]:
         c = throttle(State(i, theta, omega), z, u)
-        return c.torque + u.torque, c.voltage + u.voltage
+        return (c.torque + c.drive + u.torque + s.guide(fraction, theta), c.voltage + u.voltage), c
 
     one = jnp.ones(())
-    here = throttle(x, z, u)
-    _, (torque_i, voltage_i) = jax.jvp(lambda i: balances(i, x.theta, x.omega), (x.i,), (one,))
-    _, (torque_th, voltage_th) = jax.jvp(lambda theta: balances(x.i, theta, x.omega), (x.theta,), (one,))
-    _, (torque_om, voltage_om) = jax.jvp(lambda omega: balances(x.i, x.theta, omega), (x.omega,), (one,))
-    torque_at = here.torque + u.torque - torque_i * x.i - torque_th * x.theta - torque_om * x.omega
-    voltage_at = here.voltage + u.voltage - voltage_i * x.i - voltage_th * x.theta - voltage_om * x.omega
-    torque = _Line(torque_at, torque_i, torque_th, torque_om)
-    return torque, _Line(voltage_at, voltage_i, voltage_th, voltage_om), here
+    (torque, voltage), here = balances(*x)
+    (torque_i, voltage_i), (torque_th, voltage_th), (torque_om, voltage_om) = (
+        jax.jvp(lambda v, k=k: balances(*x[:k], v, *x[k + 1 :])[0], (x[k],), (one,))[1] for k in range(3)
+    )
+    torque_at = torque - torque_i * x.i - torque_th * x.theta - torque_om * x.omega
+    voltage_at = voltage - voltage_i * x.i - voltage_th * x.theta - voltage_om * x.omega
+    return _Line(torque_at, torque_i, torque_th, torque_om), _Line(voltage_at, voltage_i, voltage_th, voltage_om), here
 
 
 def _memory(throttle: Throttle, base: tuple[Scalar, ...], guess: tuple[Scalar, ...], x: State, u: Inputs, a: Scalar):
@@ -119,16 +130,17 @@ class _Contact(NamedTuple):
     upper: Scalar
     on_lower: Scalar
     on_upper: Scalar
+    restitution: Scalar
 
     @classmethod
     def at(cls, throttle: Throttle, x: State, z: tuple[Scalar, ...], u: Inputs) -> _Contact:
         c = throttle(x, z, u)
-        return cls(c.lower, c.upper, x.theta <= c.lower, x.theta >= c.upper)
+        return cls(c.lower, c.upper, x.theta <= c.lower, x.theta >= c.upper, c.restitution)
 
     def after(self, x: State) -> _Contact:
         """A plate that a stage has moved inward rests no more: held, it would end higher than its energy lifts it."""
         resting = self.on_lower & (x.theta <= self.lower), self.on_upper & (x.theta >= self.upper)
-        return _Contact(self.lower, self.upper, *resting)
+        return _Contact(self.lower, self.upper, *resting, self.restitution)
 
     def restrain(self, omega: Scalar) -> Scalar:
         """A resting plate must not move outward inside a stage: its speed would leak into the current."""
@@ -136,18 +148,20 @@ class _Contact(NamedTuple):
         return jnp.where(self.on_upper, jnp.minimum(omega, 0.0), omega)
 
     def clip(self, x: State) -> State:
-        """A new impact: angle to the stop, speed to zero. Elsewhere in the step it would make sensitivities explode."""
-        omega = jnp.where(x.theta < self.lower, jnp.maximum(x.omega, 0.0), x.omega)
-        omega = jnp.where(x.theta > self.upper, jnp.minimum(omega, 0.0), omega)
+        """A new impact: angle to the stop, speed to zero, or to the share that the stop gives back. Elsewhere in the
+        step it would make sensitivities explode."""
+        back = -self.restitution * x.omega
+        omega = jnp.where((x.theta < self.lower) & (x.omega < 0.0), jnp.where(self.on_lower, 0.0, back), x.omega)
+        omega = jnp.where((x.theta > self.upper) & (x.omega > 0.0), jnp.where(self.on_upper, 0.0, back), omega)
         return State(x.i, jnp.clip(x.theta, self.lower, self.upper), omega)
 
 
 def _stage(
-    throttle: Throttle, base: State, guess: State, z: tuple[Scalar, ...], u: Inputs, s: Step, contact: _Contact
+    throttle: Throttle, base: State, guess: State, z: tuple[Scalar, ...], s: Step, fraction: float, contact: _Contact
 ) -> State:
     """Solve x = base + gamma h f(x), dry friction and resting contact included."""
     a = GAMMA * s.dt
-    torque, voltage, c = _linearise(throttle, guess, z, u)
+    torque, voltage, c = _linearise(throttle, guess, z, s, fraction)
     b = a / c.inductance
     denominator = 1.0 - b * voltage.i
     at = s.circuit * (base.i + b * (voltage.at + voltage.theta * base.theta)) / denominator
@@ -177,13 +191,13 @@ def step(throttle: Throttle, x: State, z: tuple[Scalar, ...], s: Step) -> tuple[
     early, late = s.inputs(GAMMA), s.inputs(1.0)
     contact = _Contact.at(throttle, x, z, early)
     z_guess = _memory(throttle, z, z, x, early, a)
-    x1 = _stage(throttle, x, x, z_guess, early, s, contact)
+    x1 = _stage(throttle, x, x, z_guess, s, GAMMA, contact)
     z1 = _memory(throttle, z, z_guess, x1, early, a)
 
     base = State(*(_extrapolate(p, q) for p, q in zip(x, x1, strict=True)))
     z_base = tuple(_extrapolate(p, q) for p, q in zip(z, z1, strict=True))
     z_guess = _memory(throttle, z_base, z1, x1, late, a)
-    x2 = _stage(throttle, base, x1, z_guess, late, s, contact.after(x1))
+    x2 = _stage(throttle, base, x1, z_guess, s, 1.0, contact.after(x1))
     z2 = _memory(throttle, z_base, z_guess, x2, late, a)
     return contact.clip(x2), z2
 

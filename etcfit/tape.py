@@ -210,6 +210,7 @@ def _strip(
         held = np.where(ends <= trace.release[0], 1.0, 0.0)
         release[int(np.argmax(held < 0.5))] = trace.release[1] ** 2
     electric = zeros if trace.torque_driven else ones
+    target = _target(trace, ends)
     columns = {
         "dt": dt,
         "voltage0": early * electric,
@@ -223,6 +224,8 @@ def _strip(
         "circuit_of": ones * (1 + circuits.index(trace.test.name) if trace.test.name in circuits else 0),
         "begins": first * 1.0,
         "release": release,
+        "target0": np.concatenate((target[:1], target[:-1])),
+        "target1": target,
         "spacing": np.where(first, 0.0, np.diff(trace.instants)[np.minimum(interval, trace.instants.size - 2)]),
     }
     for name, value, sd in zip(("i", "theta", "omega"), trace.start.state, trace.start.sd, strict=True):
@@ -230,6 +233,15 @@ def _strip(
         columns[f"start_{name}"] = first * sd**2
     columns |= _error(trace, interval) | _edges(trace, marks, n)
     return columns | _samples(trace, n, marks), marks
+
+
+def _target(trace: Trace, ends: np.ndarray) -> np.ndarray:
+    """The measured angle at the end of each step, rad; 0 where none was logged."""
+    if "position" not in trace.channels:
+        return np.zeros(ends.size)
+    angle = trace.data[:, trace.channels.index("position")]
+    seen = np.isfinite(angle)
+    return np.interp(ends, trace.instants[seen], angle[seen])
 
 
 def _samples(trace: Trace, n: int, marks: np.ndarray) -> dict[str, np.ndarray]:

@@ -3,11 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from itertools import accumulate
+from typing import NamedTuple
 
 import equinox as eqx
 
 from .effects import AbstractEffect, Contribution, Inputs, State, total
 from .parameters import Parameter, Scalar, parameters_of
+
+
+class Delays(NamedTuple):
+    """Of the input, and of each channel that may be logged late, s."""
+
+    input: Scalar
+    channels: Mapping[str, Scalar]
 
 
 class Throttle(eqx.Module):
@@ -29,27 +38,45 @@ class Throttle(eqx.Module):
         return tuple(z for effect in self.effects for z in effect.z0)
 
     def __call__(self, x: State, z: tuple[Scalar, ...], u: Inputs) -> Contribution:
-        """Sum of the contributions of all effects."""
-        parts, start = [], 0
-        for effect in self.effects:
-            stop = start + len(effect.z0)
-            parts.append(effect(x, z[start:stop], u))
-            start = stop
-        return total(parts)
+        """Sum of the contributions of all effects, first of those that need not know what the gear carries."""
+        memories = self._memories(z)
+        parts = {k: e(x, memories[k], u) for k, e in enumerate(self.effects) if not e.loaded}
+        if len(parts) < len(self.effects):
+            first = total(list(parts.values()))
+            carrying = u._replace(motor=first.drive + u.torque, external=first.torque)
+            parts |= {k: e(x, memories[k], carrying) for k, e in enumerate(self.effects) if e.loaded}
+        return total([parts[k] for k in range(len(self.effects))])
+
+    def _memories(self, z: tuple[Scalar, ...]) -> list[tuple[Scalar, ...]]:
+        """Each effect's own share of the memories."""
+        ends = list(accumulate(len(effect.z0) for effect in self.effects))
+        return [z[end - len(effect.z0) : end] for effect, end in zip(self.effects, ends, strict=True)]
 
     def parameter(self, symbol: str) -> Scalar:
         """Value of a parameter, SI."""
         return next(getattr(effect, symbol) for effect in self.effects if hasattr(effect, symbol))
 
-    def observe(self, x: State, u: Inputs) -> dict[str, Scalar]:
+    def observe(self, x: State, z: tuple[Scalar, ...], u: Inputs) -> dict[str, Scalar]:
         """What the sensors see, by channel, SI; the EMF is that at the open terminals."""
         motor_speed = u.gear_ratio * x.omega
+        seen = self(x, z, u)
         return {
-            "current": x.i,
-            "position": x.theta,
+            "current": x.i + seen.current,
+            "position": x.theta + seen.position,
             "emf": self.parameter("K_b") * motor_speed,
             "motor_speed": motor_speed,
         }
+
+    def delays(self) -> Delays:
+        """How late the input acts and the channels are logged, s: constants of the model, whatever its state."""
+        zero = State(0.0, 0.0, 0.0)
+        c = self(zero, self.z0, Inputs(0.0, 0.0, 0.0, 1.0, 0.0, 1.0, 0.0, 1.0))
+        return Delays(c.input_delay, {"position": c.position_delay, "current": c.current_delay})
+
+    @property
+    def may_delay(self) -> bool:
+        """False where no effect can: then nothing need be shifted."""
+        return any(effect.delays for effect in self.effects)
 
 
 def catalogue(types: tuple[type[AbstractEffect], ...]) -> dict[str, Parameter]:

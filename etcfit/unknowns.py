@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from functools import partial
-from typing import Any
+from functools import cached_property
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -13,16 +13,68 @@ import numpy as np
 
 from .effects import EFFECT_BY_NAME, PAPER, AbstractEffect
 from .errors import MeasurementError
-from .parameters import NonNegative, Parameter, Positive, Scalar
+from .parameters import DOMAINS, NonNegative, Parameter, Positive, Real, Scalar, curves
 from .rig.base import Fixed, Prior, RigConfig, Start, Tied
 from .throttle import catalogue
 
 SERIES = "series_ohm."  # prefix of a rig test's own circuit resistance
 
 
+class Pick(NamedTuple):
+    """Which parameters a vector of coordinates stands for, and the values of the rest: data, not program.
+
+    Args:
+        full: value of every parameter of the form, SI, shape (Q,).
+        where: its place in `full` for each coordinate, shape (P,); Q for one that stands for nothing.
+    """
+
+    full: Any
+    where: Any
+
+
+@dataclass(frozen=True)
+class Form:
+    """What a compiled model depends on: hashable. What is free in it is chosen by a `Pick`, without compiling again.
+
+    Args:
+        types: effects of the model.
+        parameters: every parameter, those of the tests' circuits included; Q.
+        ties: (symbol, the symbol it equals).
+    """
+
+    types: tuple[type[AbstractEffect], ...]
+    parameters: tuple[Parameter, ...]
+    ties: tuple[tuple[str, str], ...]
+
+    @cached_property
+    def index(self) -> dict[str, int]:
+        """Place of each symbol among the parameters."""
+        return {p.symbol: k for k, p in enumerate(self.parameters)}
+
+    @cached_property
+    def kinds(self) -> np.ndarray:
+        """Domain of each parameter, an index into `DOMAINS`, shape (Q + 1,); the last stands for nothing."""
+        return np.array([*(DOMAINS.index(type(p.domain)) for p in self.parameters), DOMAINS.index(Real)])
+
+    @cached_property
+    def scales(self) -> np.ndarray:
+        """Scale of each parameter, SI, shape (Q + 1,)."""
+        return np.array([*(p.domain.scale for p in self.parameters), 1.0])
+
+    def mapped(self, x: Scalar, pick: Pick) -> Scalar:
+        """Values in SI of the free parameters, shape (P,)."""
+        return jnp.asarray(self.scales)[pick.where] * curves(jnp.asarray(self.kinds)[pick.where], x)
+
+    def values(self, x: Scalar, pick: Pick) -> dict[str, Scalar]:
+        """Values in SI by symbol at coordinates x, shape (P,)."""
+        full = jnp.append(pick.full, 0.0).at[pick.where].set(self.mapped(x, pick))
+        values = {symbol: full[k] for symbol, k in self.index.items()}
+        return values | {s: values[other] for s, other in self.ties}
+
+
 @dataclass(frozen=True)
 class Layout:
-    """Which parameter stands where in the vectors; hashable, so that models of one form compile once.
+    """Which parameter stands where in the vectors.
 
     Args:
         types: effects of the model.
@@ -30,6 +82,7 @@ class Layout:
         free: symbols that are fitted, in the order of x.
         held: symbols with a fixed value, in the order of the vector of held values.
         ties: (symbol, the free or held symbol it equals).
+        room: length to which compiled programs pad x, so that models with some more parameters need no other.
     """
 
     types: tuple[type[AbstractEffect], ...]
@@ -37,26 +90,40 @@ class Layout:
     free: tuple[str, ...]
     held: tuple[str, ...]
     ties: tuple[tuple[str, str], ...]
+    room: int = 0
+
+    @cached_property
+    def form(self) -> Form:
+        """What compiled programs depend on."""
+        return Form(self.types, self.parameters, self.ties)
+
+    @property
+    def spare(self) -> int:
+        """Coordinates that stand for nothing."""
+        return max(0, self.room - len(self.free))
+
+    def pick(self, held: np.ndarray) -> Pick:
+        """This choice of free parameters, with the others at their held values, shape (H,)."""
+        full, index = np.zeros(len(self.parameters)), self.form.index
+        full[[index[s] for s in self.held]] = held
+        return Pick(full, np.array([*(index[s] for s in self.free), *(len(index) for _ in range(self.spare))]))
+
+    def padded(self, x: np.ndarray, filler: float = 0.0) -> np.ndarray:
+        """A vector over the free parameters, its last axis filled up to `room`."""
+        return np.concatenate((x, np.full((*x.shape[:-1], self.spare), filler)), axis=-1)
 
     def parameter(self, symbol: str) -> Parameter:
-        return next(p for p in self.parameters if p.symbol == symbol)
+        return self.parameters[self.form.index[symbol]]
 
-    def values(self, x: Scalar, held: Scalar) -> dict[str, Scalar]:
+    def values(self, x: np.ndarray, held: np.ndarray) -> dict[str, Scalar]:
         """Values in SI by symbol at coordinates x, shape (P,), and held values, shape (H,)."""
-        free = self.numbers(x)[0] if isinstance(x, np.ndarray) else self.mapped(x)
-        values = {s: held[k] for k, s in enumerate(self.held)} | dict(zip(self.free, free, strict=True))
+        values = {s: held[k] for k, s in enumerate(self.held)} | dict(zip(self.free, self.numbers(x)[0], strict=True))
         return values | {s: values[other] for s, other in self.ties}
 
-    def mapped(self, x: Scalar) -> tuple[Scalar, ...]:
-        """Values in SI of the free parameters."""
-        return tuple(self.parameter(s).domain.value(x[k]) for k, s in enumerate(self.free))
-
     def numbers(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Values in SI of the free parameters and their derivatives dvalue/dx, shape (P,) each.
-
-        One compiled program: operation by operation JAX would compile dozens.
-        """
-        value, slope = _numbers(self, x)
+        """Values in SI of the free parameters and their derivatives dvalue/dx, shape (P,) each."""
+        where = [self.form.index[s] for s in self.free]
+        value, slope = _numbers(self.form.kinds[where], self.form.scales[where], x)
         return np.asarray(value), np.asarray(slope)
 
     def coordinates(self, values: Mapping[str, float]) -> np.ndarray:
@@ -84,10 +151,13 @@ class Layout:
         return "fixed" if symbol in self.held else "estimated"
 
 
-@partial(jax.jit, static_argnums=0)
-def _numbers(layout: Layout, x: Any) -> tuple[Any, Any]:
-    """Each value depends on its own coordinate alone, so that one tangent of ones gives every derivative."""
-    return jax.jvp(lambda x: jnp.array(layout.mapped(x)), (x,), (jnp.ones_like(x),))
+@jax.jit
+def _numbers(kinds: Any, scales: Any, x: Any) -> tuple[Any, Any]:
+    """Each value depends on its own coordinate alone, so that one tangent of ones gives every derivative.
+
+    One compiled program: operation by operation JAX would compile dozens.
+    """
+    return jax.jvp(lambda x: scales * curves(kinds, x), (x,), (jnp.ones_like(x),))
 
 
 @dataclass(frozen=True, eq=False)

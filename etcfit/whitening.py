@@ -28,11 +28,12 @@ from .tape import Disturbance, Slots
 from .throttle import Throttle
 
 _SHARES, _WEIGHTS = (0.5 - 0.15**0.5, 0.5, 0.5 + 0.15**0.5), (5 / 18, 8 / 18, 5 / 18)  # Gauss-Legendre on [0, 1]
+ORDER = 4  # error states: current, angle, speed, and the input's error
 _AROUND = 5  # samples either side of an impact that are discounted
 
 
 class Whitening(NamedTuple):
-    """A linear filter along the tape over n error states (model states, memories, input error).
+    """A linear filter along the tape over n = `ORDER` error states (current, angle, speed, input error).
 
     Args:
         transition: A, shape (T, L, n, n); 0 at the first entry of a trace.
@@ -47,16 +48,15 @@ class Whitening(NamedTuple):
     weight: Any
 
 
-def plain(slots: Slots, order: int) -> Whitening:
+def plain(slots: Slots) -> Whitening:
     """Whitening by each sample's own noise alone; for starts still far from the truth.
 
     Args:
         slots: samples, shape (T, L, M).
-        order: number of error states n.
     """
     steps, lanes, count = slots.value.shape
-    empty = jnp.zeros((steps, lanes, count, order))
-    return Whitening(jnp.zeros((steps, lanes, order, order)), empty, empty, slots.weight / slots.sigma)
+    empty = jnp.zeros((steps, lanes, count, ORDER))
+    return Whitening(jnp.zeros((steps, lanes, ORDER, ORDER)), empty, empty, slots.weight / slots.sigma)
 
 
 def whiten(filter_: Whitening, error: Any, begins: Any) -> Any:
@@ -133,28 +133,30 @@ def before_steps(throttle: Throttle, path: Any, resets: Reset) -> tuple[State, t
 
 
 def _linearise(throttle: Throttle, before: Any, steps: Step) -> tuple[Any, Any]:
-    """Sensitivity of each step's end to its begin, (T, L, n-1, n-1), and to a shift of its input, (T, L, n-1)."""
+    """Sensitivity of each step's end to its begin, (T, L, 3, 3), and to a shift of its input, (T, L, 3).
 
-    def end(vector: Any, shift: Any, s: Step) -> Any:
+    Memories of effects are taken as they are along the path: what noise does through them is small beside what it does
+    to the state itself.
+    """
+
+    def end(vector: Any, z: Any, shift: Any, s: Step) -> Any:
         pushed = s._replace(
             voltage0=s.voltage0 + s.circuit * shift,
             voltage1=s.voltage1 + s.circuit * shift,
             torque0=s.torque0 + (1.0 - s.circuit) * shift,
             torque1=s.torque1 + (1.0 - s.circuit) * shift,
         )
-        x, z = step(throttle, State(*vector[:3]), tuple(vector[3:]), pushed)
-        return jnp.stack((*x, *z))
+        return jnp.stack(step(throttle, State(*vector), z, pushed)[0])
 
     x, z = before
-    vectors = jnp.stack((*x, *z), axis=-1)
-    both = jax.vmap(jax.vmap(jax.jacfwd(end, argnums=(0, 1)), in_axes=(0, None, 0)), in_axes=(0, None, 0))
-    return both(vectors, 0.0, steps)
+    both = jax.vmap(jax.vmap(jax.jacfwd(end, argnums=(0, 2)), in_axes=(0, 0, None, 0)), in_axes=(0, 0, None, 0))
+    return both(jnp.stack(x, axis=-1), z, 0.0, steps)
 
 
 def slot_senses(throttle: Throttle, path: Any, steps: Step, slots: Slots) -> Any:
     """C, shape (T, L, M, n): the slots' sensitivity to current, angle and speed."""
     lanes = slots.kind.shape
-    speed = throttle.observe(State(0.0, 0.0, 1.0), steps.inputs(1.0))
+    speed = throttle.observe(State(0.0, 0.0, 1.0), throttle.z0, steps.inputs(1.0))
     zero = jnp.zeros(lanes)
     emf = jnp.broadcast_to(jnp.asarray(speed["emf"])[..., None], lanes)
     motor = jnp.broadcast_to(jnp.asarray(speed["motor_speed"])[..., None], lanes)
@@ -163,7 +165,7 @@ def slot_senses(throttle: Throttle, path: Any, steps: Step, slots: Slots) -> Any
         jnp.where(slots.kind == 1, 1.0, 0.0),
         jnp.where(slots.kind == 2, emf, jnp.where(slots.kind == 3, motor, 0.0)),
     ]
-    return jnp.stack(columns + [zero] * (len(path[1]) + 1), axis=-1)
+    return jnp.stack([*columns, zero], axis=-1)
 
 
 def impact_nearby(before: State, after: State, steps: Step, slots: Slots) -> Any:
@@ -207,10 +209,11 @@ def _events(
     (early, _), (late, _) = before, path
     acceleration = jnp.where(steps.dt > 0.0, (late.omega - early.omega) / jnp.where(steps.dt > 0.0, steps.dt, 1.0), 0.0)
     release = disturbance.release * acceleration**2
-    c = throttle(late, tuple(late.i * 0.0 + z for z in throttle.z0), steps.inputs(1.0))
-    emf = throttle.observe(State(0.0, 0.0, 1.0), steps.inputs(1.0))["emf"] * lost
-    slope = throttle(State(1.0, 0.0, 0.0), tuple(late.i * 0.0 + z for z in throttle.z0), steps.inputs(1.0))
-    rise = jnp.minimum(steps.dt / c.inductance, 1.0 / jnp.maximum(-slope.voltage, 1e-12))
+    inputs, z0 = steps.inputs(1.0), throttle.z0
+    emf = throttle.observe(State(0.0, 0.0, 1.0), z0, inputs)["emf"] * lost
+    still, flowing = (throttle(State(i, 0.0, 0.0), z0, inputs) for i in (0.0, 1.0))
+    resistance = jnp.maximum(still.voltage - flowing.voltage, 1e-12)
+    rise = jnp.minimum(steps.dt / still.inductance, 1.0 / resistance)
     impact = steps.circuit * (emf * rise) ** 2
     zero = jnp.zeros_like(release)
     return jax.vmap(jax.vmap(jnp.diag))(jnp.stack((impact, zero, release, *[zero] * (order - 3)), axis=-1))
@@ -236,12 +239,12 @@ def _edge_covariance(throttle: Throttle, before: Any, path: Any, steps: Step, di
     def missed(share: Any, x: State, z: tuple[Any, ...], s: Step, d: Disturbance, end: Any) -> Any:
         x, z = hold(x, z, s, d.edge_from, share * d.edge_span)
         x, z = hold(x, z, s, d.edge_to, (1.0 - share) * d.edge_span)
-        return jnp.stack((*x, *z)) - jnp.stack(jax.tree.leaves(end))
+        return jnp.stack(x) - jnp.stack(end)
 
     # mapped over the shares rather than looped over them: one copy of the model to compile, not three
     entry = jax.vmap(missed, in_axes=(0, None, None, None, None, None))
     each = jax.vmap(jax.vmap(entry, in_axes=(None, 0, 0, 0, 0, 0)), in_axes=(None, 0, 0, 0, 0, 0))
-    vector = each(jnp.array(_SHARES), x_began, z_began, steps, disturbance, path)
+    vector = each(jnp.array(_SHARES), x_began, z_began, steps, disturbance, path[0])
     vector = jnp.where(disturbance.edge[..., None, None] > 0.0, vector, 0.0)
     moment = jnp.einsum("k,tlkp,tlkq->tlpq", jnp.array(_WEIGHTS), vector, vector)
     return jnp.pad(moment, ((0, 0), (0, 0), (0, 1), (0, 1)))  # the input's own error knows nothing of its edges

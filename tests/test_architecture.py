@@ -11,8 +11,8 @@ PACKAGE = Path(__file__).resolve().parents[1] / "etcfit"
 # a module may import those before it, and its own package
 ORDER = [
     *("errors", "fetch", "backend", "parameters", "effects", "throttle", "linear", "pid"),
-    *("simulate", "rig", "drive", "trace", "tape", "score", "whitening", "unknowns"),
-    *("grid", "reading", "correlation", "residual", "explore", "bench", "identifiability", "cure"),
+    *("simulate", "delay", "rig", "drive", "trace", "tape", "score", "whitening", "unknowns"),
+    *("grid", "reading", "correlation", "residual", "bench", "explore", "identifiability", "cure"),
     *("descent", "outcome", "fit", "intervals", "posterior", "check", "diagnose", "run_folder"),
     *("report", "cli"),
 ]

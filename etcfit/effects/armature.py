@@ -24,6 +24,6 @@ class Armature(AbstractEffect):
     def __call__(self, x: State, z: tuple[Scalar, ...], u: Inputs) -> Contribution:
         return Contribution(
             voltage=-(self.R_a + u.series) * x.i - self.K_b * u.gear_ratio * x.omega,
-            torque=u.gear_ratio * self.K_m * x.i,
+            drive=u.gear_ratio * self.K_m * x.i,
             inductance=self.L_a,
         )

@@ -31,6 +31,8 @@ class Inputs(NamedTuple):
         series: extra circuit resistance of this test, ohm.
         gear_ratio: N, motor angle over plate angle.
         lower, upper: end stops, rad.
+        motor, external: what the gear carries: torque of the motor at the plate, and smooth torque on the plate, N m;
+            only effects that are `loaded` see them, others 0.
     """
 
     voltage: Scalar
@@ -41,6 +43,13 @@ class Inputs(NamedTuple):
     gear_ratio: Scalar
     lower: Scalar
     upper: Scalar
+    motor: Scalar = 0.0
+    external: Scalar = 0.0
+
+    @property
+    def gear_load(self) -> Scalar:
+        """Torque through the teeth, N m: the mean of what pulls at either side; inertia is left out of it."""
+        return 0.5 * (self.motor - self.external)
 
 
 class Contribution(NamedTuple):
@@ -48,21 +57,32 @@ class Contribution(NamedTuple):
 
     Args:
         torque: smooth torque on the plate, positive opens, N m.
+        drive: smooth torque of the motor, at the plate, through the gear, N m.
         friction: dry friction budget at the plate, >= 0, N m; the stepper turns it into a set-valued torque.
         voltage: in the armature loop, positive drives current, V.
         inertia: at the plate, kg m2.
         inductance: in the armature loop, H.
         lower, upper: angles beyond which the plate cannot go, rad.
+        restitution: share of its speed that a stop gives back.
+        position, current: what a sensor reads besides the truth, rad and A.
+        input_delay, position_delay, current_delay: how late the input acts and a channel is logged, s.
         dz: rates of the effect's own memory, one for each entry of `z0`.
     """
 
     torque: Scalar = 0.0
+    drive: Scalar = 0.0
     friction: Scalar = 0.0
     voltage: Scalar = 0.0
     inertia: Scalar = 0.0
     inductance: Scalar = 0.0
     lower: Scalar = -jnp.inf
     upper: Scalar = jnp.inf
+    restitution: Scalar = 0.0
+    position: Scalar = 0.0
+    current: Scalar = 0.0
+    input_delay: Scalar = 0.0
+    position_delay: Scalar = 0.0
+    current_delay: Scalar = 0.0
     dz: tuple[Scalar, ...] = ()
 
 
@@ -70,34 +90,38 @@ class AbstractEffect(eqx.Module):
     """One physical effect. Its fields are its parameters (see `parameter`).
 
     `name` is what rig.toml and diagnosis.json call it. `off` gives the parameter values (SI) at which the effect
-    contributes exactly nothing; None for the effects of Eqs. 1-2, which are never off. `z0` is the initial memory.
+    contributes exactly nothing, one for each of its amplitudes; None for the effects of Eqs. 1-2, which are never off.
+    Its other parameters are its shape: `scan` lists values (SI) from which the diagnosis tries them. `z0` is the memory
+    with which a trace begins, each entry decaying or growing on its own. `loaded` effects are told what the gear
+    carries; those that `delays` shift the input or a channel in time. `needs` names what must have been logged for the effect to be seen at all (see `diagnose.candidates`).
     """
 
     name: ClassVar[str]
     off: ClassVar[Mapping[str, float] | None] = None
+    scan: ClassVar[Mapping[str, tuple[float, ...]]] = {}
     z0: ClassVar[tuple[float, ...]] = ()
+    loaded: ClassVar[bool] = False
+    delays: ClassVar[bool] = False
+    needs: ClassVar[tuple[str, ...]] = ()
 
     @abc.abstractmethod
     def __call__(self, x: State, z: tuple[Scalar, ...], u: Inputs) -> Contribution:
         """The effect's contribution; a pure function of its parameters, x, z and u."""
 
 
+_SUMS = tuple(name for name in Contribution._fields if name not in ("lower", "upper", "dz"))
+
+
 def total(parts: list[Contribution]) -> Contribution:
     """Sum of all effects; the tightest of all stops; memories side by side."""
-
-    def add(name: str) -> Any:
-        return sum(getattr(part, name) for part in parts)
-
     lower, upper = parts[0].lower, parts[0].upper
     for part in parts[1:]:
         lower, upper = jnp.maximum(lower, part.lower), jnp.minimum(upper, part.upper)
-    return Contribution(
-        add("torque"),
-        add("friction"),
-        add("voltage"),
-        add("inertia"),
-        add("inductance"),
-        lower,
-        upper,
-        tuple(rate for part in parts for rate in part.dz),
-    )
+    sums = {name: _sum([getattr(part, name) for part in parts]) for name in _SUMS}
+    return Contribution(**sums, lower=lower, upper=upper, dz=tuple(rate for part in parts for rate in part.dz))
+
+
+def _sum(terms: list[Any]) -> Any:
+    """Zeros of effects that say nothing of it are left out: what is not traced need not be compiled."""
+    real = [term for term in terms if not (isinstance(term, float) and term == 0.0)]
+    return sum(real[1:], start=real[0]) if real else 0.0

@@ -1,0 +1,29 @@
+"""Contact drop of the brushes."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import ClassVar
+
+import jax.numpy as jnp
+
+from ..parameters import NonNegative, Scalar, parameter
+from .base import AbstractEffect, Contribution, Inputs, State
+
+_BEND = 0.05  # A; currents of a throttle are of the order of 1 A
+
+
+class BrushVoltageDrop(AbstractEffect):
+    """voltage = -V_b tanh(i / 0.05 A): both brushes together, a constant against the current but for a bend at zero.
+
+    Source: Fitzgerald, Kingsley and Umans 2003, ch. 7 (a constant drop); Holm 1967 (voltage over current of a carbon
+    contact). Differs from source: the bend, by which the drop has a slope at no current, is a tanh of fixed width.
+    """
+
+    name = "brush_voltage_drop"
+    off: ClassVar[Mapping[str, float] | None] = {"V_b": 0.0}
+    needs: ClassVar[tuple[str, ...]] = ("circuit",)
+    V_b: Scalar = parameter("V", NonNegative(0.3), 0.0, "contact drop of the brushes", "Fitzgerald et al. 2003, ch. 7")
+
+    def __call__(self, x: State, z: tuple[Scalar, ...], u: Inputs) -> Contribution:
+        return Contribution(voltage=-self.V_b * jnp.tanh(x.i / _BEND))

@@ -1,0 +1,29 @@
+"""A driver that swallows small voltages."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import ClassVar
+
+import jax.numpy as jnp
+
+from ..parameters import NonNegative, Scalar, parameter
+from .base import AbstractEffect, Contribution, Inputs, State
+
+
+class DriverDeadZone(AbstractEffect):
+    """voltage = -clip(v, -V_d, V_d): nothing reaches the winding while |v| < V_d, and v - V_d sgn v beyond.
+
+    The same as a brush drop while voltage and current share a sign; small voltages tell them apart, and a motor that
+    is driven back.
+
+    Source: Tao and Kokotovic 1996 (dead zone of an actuator). Differs from source: slope 1, and the same either way.
+    """
+
+    name = "driver_dead_zone"
+    off: ClassVar[Mapping[str, float] | None] = {"V_d": 0.0}
+    needs: ClassVar[tuple[str, ...]] = ("circuit",)
+    V_d: Scalar = parameter("V", NonNegative(0.3), 0.0, "voltage that the driver swallows", "Tao and Kokotovic 1996")
+
+    def __call__(self, x: State, z: tuple[Scalar, ...], u: Inputs) -> Contribution:
+        return Contribution(voltage=-jnp.clip(u.voltage, -self.V_d, self.V_d))
