@@ -36,7 +36,7 @@ def _linearise(form: Form, circuits: tuple[str, ...], x: Any, problem: Problem) 
 
 
 @partial(jax.jit, static_argnums=(0, 1))
-def _free_run(form: Form, circuits: tuple[str, ...], x: Any, pick: Pick, arrays: Any) -> Any:
+def _simulated(form: Form, circuits: tuple[str, ...], x: Any, pick: Pick, arrays: Any) -> Any:
     """Simulated samples, shape (T, L, M)."""
     steps, resets, slots, _, circuit_of = arrays
     throttle, path, steps = run(form, circuits, x, pick, steps, resets, circuit_of)
@@ -69,6 +69,7 @@ class Bench:
         substeps: integration steps in each interval between instants, one array a trace.
         sigma: noise of each sample with outliers weighed down, shape (T, L, M).
         jitter: standard deviation of the sampling instants, as a share of the time between samples.
+        pull: guide of the residual, N m/rad; 0 where it is that of a free run.
     """
 
     config: RigConfig
@@ -77,11 +78,20 @@ class Bench:
     substeps: tuple[np.ndarray, ...]
     sigma: np.ndarray
     jitter: float = 0.0
+    pull: float = 0.0
 
     @classmethod
-    def of(cls, config: RigConfig, unknowns: Unknowns, traces: tuple[Trace, ...], substeps: Any = None) -> Bench:
+    def of(
+        cls,
+        config: RigConfig,
+        unknowns: Unknowns,
+        traces: tuple[Trace, ...],
+        substeps: Any = None,
+        least: tuple[int, ...] = (0, 0, 0),
+    ) -> Bench:
+        """Lay traces on a tape of at least the shape `least`; one step in each interval if `substeps` says no more."""
         substeps = substeps or tuple(np.ones(t.instants.size - 1, dtype=int) for t in traces)
-        tape = lay(traces, config, substeps)
+        tape = lay(traces, config, substeps, least)
         return cls(config, unknowns, tape, tuple(substeps), tape.slots.sigma)
 
     @property
@@ -103,7 +113,12 @@ class Bench:
 
     def free_run(self, x: np.ndarray) -> list[np.ndarray]:
         """Simulated samples of each trace, (n, M)."""
-        return columns(self.tape, _free_run(*self.at(x), self.tape.arrays))
+        return columns(self.tape, _simulated(*self.at(x), self._arrays()))
+
+    def _arrays(self, pull: float = 0.0) -> Any:
+        """The tape, as compiled functions take it."""
+        tape = self.tape
+        return tape.guided(pull), tape.resets, self.slots, tape.disturbance, tape.circuit_of
 
     def free_running(self) -> Whitening:
         """Each sample by its own noise: least squares of the free-running simulation."""
@@ -139,16 +154,14 @@ class Bench:
         return replace(self, jitter=float(np.sqrt(np.clip(variance, 0.0, _MOST_JITTER**2))))
 
     def _filter(self, x: np.ndarray) -> Any:
-        steps, resets, _, disturbance, circuit_of = self.tape.arrays
-        arrays = steps, resets, self.slots, disturbance, circuit_of
-        return _kalman(*self.at(x), arrays, self.jitter)
+        return _kalman(*self.at(x), self._arrays(), self.jitter)
 
     def problem(self, filter_: Whitening) -> Problem:
         """The data for the residual."""
         tape, layout = self.tape, self.layout
         mean, sd = self._priors()
         priors = layout.padded(mean), layout.padded(sd, np.inf)
-        return Problem(tape.steps, tape.resets, self.slots, tape.circuit_of, filter_, self.pick, *priors)
+        return Problem(tape.guided(self.pull), tape.resets, self.slots, tape.circuit_of, filter_, self.pick, *priors)
 
     def linearise(self, x: np.ndarray, problem: Problem) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Residual (T, L, M), that of the priors (P,), Jacobian of the former (T, L, M, P)."""
@@ -159,9 +172,28 @@ class Bench:
         """The same with as many integration steps as the path at x needs."""
         bench = self
         for _ in range(2):
-            error = np.asarray(_local_error(*bench.at(x), bench.tape.arrays))
-            bench = Bench.of(self.config, self.unknowns, self.tape.traces, grid.substeps(bench.tape, error))
+            error = np.asarray(_local_error(*bench.at(x), bench._arrays()))
+            steps = grid.substeps(bench.tape, error)
+            bench = Bench.of(self.config, self.unknowns, self.tape.traces, steps, self.shape)
         return bench
+
+    @property
+    def shape(self) -> tuple[int, ...]:
+        """Of the tape: steps, lanes, slots."""
+        return self.tape.slots.value.shape
+
+    def beside(self, traces: tuple[Trace, ...], x: np.ndarray) -> Bench:
+        """Other traces of the same rig, on a tape of the same shape where they fit: what is compiled serves again."""
+        other = Bench.of(self.config, self.unknowns, traces, None, self.shape).refined(x).released(x)
+        return replace(other, jitter=self.jitter, pull=self.pull)
+
+    def guided(self, pull: float) -> Bench:
+        """The same with a residual whose simulation is drawn along the measured angle."""
+        return replace(self, pull=pull)
+
+    def told(self, unknowns: Unknowns) -> Bench:
+        """The same data with other unknowns."""
+        return replace(self, unknowns=unknowns)
 
     def released(self, x: np.ndarray) -> Bench:
         """The same with the releases of held plates moved to where the model at x sees them."""
@@ -169,7 +201,7 @@ class Bench:
             return self
         predicted = self.free_run(x)
         traces = tuple(_better_release(t, y) for t, y in zip(self.tape.traces, predicted, strict=True))
-        return replace(Bench.of(self.config, self.unknowns, traces, self.substeps), jitter=self.jitter)
+        return replace(Bench.of(self.config, self.unknowns, traces, self.substeps, self.shape), jitter=self.jitter)
 
     def outliers_weighed(self, whitened: list[np.ndarray]) -> tuple[Bench, int]:
         """The same with samples far outside their trace's residuals, (n, M) each, weighed down, and how many."""
@@ -183,9 +215,9 @@ class Bench:
         return replace(self, sigma=sigma), count
 
     def discounted(self, x: np.ndarray) -> Bench:
-        """The same with each channel of each trace counting for no more than its free-running error at x allows."""
+        """The same with each channel of each trace counting for no more than its error at x allows, guided as it is."""
         sigma = self.tape.slots.sigma.copy()
-        predicted = self.free_run(x)
+        predicted = columns(self.tape, _simulated(*self.at(x), self._arrays(self.pull)))
         for trace, (lane, row, marks), model in zip(self.tape.traces, self.tape.places, predicted, strict=True):
             rms = np.sqrt(np.nanmean((trace.data - model) ** 2, axis=0)) / trace.sigma
             sigma[row : marks[-1] + 1, lane, : len(trace.channels)] *= np.maximum(1.0, rms)

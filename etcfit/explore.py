@@ -43,9 +43,7 @@ def chi2_of(bench: Bench, points: np.ndarray, problem: Problem) -> np.ndarray:
     return chi2
 
 
-def evolve(
-    bench: Bench, x: np.ndarray, problem: Problem, spread: np.ndarray
-) -> np.ndarray:
+def evolve(bench: Bench, x: np.ndarray, problem: Problem, spread: np.ndarray) -> np.ndarray:
     """The best point of a population that starts about x and evolves (Storn and Price 1997, current-to-best and rand).
 
     Args:

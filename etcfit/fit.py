@@ -31,7 +31,7 @@ _SPREAD = 0.35  # of the other starts about the reading, in coordinates
 _SETTLED = 0.05  # a round that moves no parameter by more standard errors is the last
 _WANDERING = 10.0  # a last round that moves one by more is no end; one that moves less widens the intervals by it
 _DECREMENT = 1e-2  # chi2 still to be gained, by the gradient, at a point called converged
-_MISFIT = 30.0  # chi2 per degree of freedom of the best start above which the model lacks something and may be trapped
+MISFIT = 30.0  # chi2 per degree of freedom of the best start above which the model lacks something and may be trapped
 _REWEIGHINGS = 3  # of the channels by what is left in them, where the model lacks something
 _ROUGH = 0.1  # the same where the gradient is no guide and points drawn about the end are
 
@@ -86,7 +86,7 @@ def fit(rig: Rig, report: Report = quiet) -> FitResult:
     bench = Bench.of(rig.config, known, fitted).refined(start)
     x, starts, unit = _from_several_starts(bench, start, report)
     bench = bench.released(x)
-    bench, problem, x, state = _rounds(bench, x, report) if unit < _MISFIT else _free_running(bench, x, report)
+    bench, problem, x, state = rounds(bench, x, report) if unit < MISFIT else _free_running(bench, x, report)
     return outcome(rig, readings, bench, held_out, problem, x, starts, state, notes)
 
 
@@ -109,7 +109,7 @@ def _from_several_starts(
     return best, tuple(summaries), lowest / max(1.0, float(np.sum(problem.slots.weight)) - start.size)
 
 
-def _rounds(bench: Bench, x: np.ndarray, report: Report) -> tuple[Bench, Problem, np.ndarray, End]:
+def rounds(bench: Bench, x: np.ndarray, report: Report) -> tuple[Bench, Problem, np.ndarray, End]:
     """Renew the whitening, the releases and the outliers at each optimum until nothing moves any more."""
     moved, outliers, about = np.inf, 0, x
     for k in range(_ROUNDS):

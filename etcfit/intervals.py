@@ -108,7 +108,9 @@ def lumped(result: FitResult) -> dict[str, Interval]:
     electric = any(trace.circuit for trace in result.bench.tape.traces)
     n, unknowns = result.rig.config.gear_ratio, result.unknowns
     layout = unknowns.layout
-    gradients = np.asarray(_gradients(layout.form, layout.padded(result.x), layout.pick(unknowns.held), n))[:, : result.x.size]
+    gradients = np.asarray(_gradients(layout.form, layout.padded(result.x), layout.pick(unknowns.held), n))[
+        :, : result.x.size
+    ]
     return {
         s: _combined(float(lump.of(result.values, n)), gradient, result.covariance)
         for (s, lump), gradient in zip(LUMPS.items(), gradients, strict=True)

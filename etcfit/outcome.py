@@ -58,6 +58,7 @@ class FitResult:
         starts: where each start ended.
         widening: factor by which correlated noise widened the intervals, by symbol.
         warnings: what a reader must know.
+        far: the model is far from the data and was fitted free-running.
     """
 
     rig: Rig
@@ -80,6 +81,7 @@ class FitResult:
     starts: tuple[StartSummary, ...]
     widening: Mapping[str, float]
     warnings: tuple[str, ...]
+    far: bool = False
 
 
 @dataclass(frozen=True)
@@ -123,7 +125,7 @@ def outcome(
         covariance = covariance + np.outer(end.wander, end.wander)
     verdict = _verdict_on_parameters(bench, x, problem, pieces)
     values = {s: float(v) for s, v in bench.layout.values(x, bench.unknowns.held).items()}
-    holdout = Bench.of(rig.config, bench.unknowns, held_out).refined(x).released(x) if held_out else None
+    holdout = bench.beside(held_out, x) if held_out else None
     predicted, score_holdout = {}, ()
     for part in filter(None, (bench, holdout)):
         model = part.free_run(x)
@@ -155,6 +157,7 @@ def outcome(
         starts=starts,
         widening=dict(zip(bench.layout.free, map(float, factor), strict=True)),
         warnings=(*rig.warnings, *notes, *_words(end, count, len(score_fit), chi2, factor), *_alternation(alternating)),
+        far=end.far,
     )
 
 

@@ -67,7 +67,8 @@ class Tape:
     """Everything the residual needs besides the parameters.
 
     Args:
-        steps, resets, slots, disturbance: arrays over steps T, lanes L (and slots M).
+        steps, resets, slots, disturbance: arrays over steps T, lanes L (and slots M); the guide of the steps pulls with
+            1 N m/rad wherever an angle was logged.
         circuits: tests whose own series resistance counts; `circuit_of` (T, L) is 1 + index into it, 0 for none.
         traces: in the order given.
         places: for each trace its lane, first entry, and the entry of each of its instants.
@@ -82,24 +83,27 @@ class Tape:
     traces: tuple[Trace, ...]
     places: tuple[tuple[int, int, np.ndarray], ...]
 
-    @property
-    def arrays(self) -> tuple[Step, Reset, Slots, Disturbance, Any]:
-        """What a compiled function takes."""
-        return self.steps, self.resets, self.slots, self.disturbance, self.circuit_of
+    def guided(self, pull: float) -> Step:
+        """The steps with a guide of `pull`, N m/rad; 0 is a free run."""
+        return self.steps._replace(pull=pull * self.steps.pull)
 
 
-def lay(traces: Sequence[Trace], config: RigConfig, substeps: Sequence[np.ndarray]) -> Tape:
+def lay(
+    traces: Sequence[Trace], config: RigConfig, substeps: Sequence[np.ndarray], least: tuple[int, ...] = (0, 0, 0)
+) -> Tape:
     """Lay traces on a tape.
 
     Args:
         traces: ready traces.
         config: their rig.
         substeps: integration steps in each interval between instants, one array (n - 1,) a trace.
+        least: steps, lanes and slots that the tape has at least, for what was compiled for another.
     """
-    circuits = tuple(name for name in config.series_ohm if any(t.test.name == name for t in traces))
+    circuits = tuple(config.series_ohm)
     strips = [_strip(t, n, config, circuits) for t, n in zip(traces, substeps, strict=True)]
-    lanes, length = _pack([s["dt"].size for s, _ in strips])
-    slots = max(len(t.channels) for t in traces)
+    lanes, length = _pack([s["dt"].size for s, _ in strips], least[0])
+    lanes += [[] for _ in range(least[1] - len(lanes))]
+    slots = max(least[2], *(len(t.channels) for t in traces))
     table = _blank(length, len(lanes), slots, config)
     places: list[tuple[int, int, np.ndarray]] = [(0, 0, np.zeros(0, int))] * len(traces)
     for lane, members in enumerate(lanes):
@@ -123,9 +127,9 @@ def _round(n: int) -> int:
     return unit * math.ceil(n / unit)
 
 
-def _pack(lengths: list[int]) -> tuple[list[list[int]], int]:
+def _pack(lengths: list[int], least: int) -> tuple[list[list[int]], int]:
     """Longest first into the first lane with room; lane length is that of the longest trace, rounded up."""
-    length = _round(max(lengths))
+    length = max(least, _round(max(lengths)))
     lanes: list[list[int]] = []
     free: list[int] = []
     for k in sorted(range(len(lengths)), key=lambda k: -lengths[k]):
@@ -224,6 +228,7 @@ def _strip(
         "circuit_of": ones * (1 + circuits.index(trace.test.name) if trace.test.name in circuits else 0),
         "begins": first * 1.0,
         "release": release,
+        "pull": ones * ("position" in trace.channels and not boundary.plate_held),
         "target0": np.concatenate((target[:1], target[:-1])),
         "target1": target,
         "spacing": np.where(first, 0.0, np.diff(trace.instants)[np.minimum(interval, trace.instants.size - 2)]),

@@ -177,13 +177,16 @@ class Unknowns:
     start: Mapping[str, float]
 
 
-def unknowns(config: RigConfig) -> Unknowns:
+def unknowns(config: RigConfig, further: tuple[type[AbstractEffect], ...] = ()) -> Unknowns:
     """Read off rig.toml what is free.
 
+    Args:
+        config: rig.toml.
+        further: effects besides those of Eqs. 1-2 and those that it names.
     Raises:
         MeasurementError: an effect or a symbol that nobody knows, or a tie to nothing.
     """
-    types = (*PAPER, *(_effect(name) for name in config.effects if EFFECT_BY_NAME.get(name) not in PAPER))
+    types = (*PAPER, *(_effect(name) for name in config.effects if EFFECT_BY_NAME.get(name) not in PAPER), *further)
     parameters = dict(catalogue(types))
     fixed: dict[str, float] = {}
     for test, ohm in config.series_ohm.items():

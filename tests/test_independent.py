@@ -3,19 +3,49 @@
 from __future__ import annotations
 
 import ast
+import json
 import tomllib
 from dataclasses import asdict
 from pathlib import Path
 
 import numpy as np
 import pytest
-from independent import CONSISTENT, MEDIUM, NONE, TABLE_2, Bench, Effects, Truth, bench_twin, draw_truth, make_folder
+from independent import (
+    CATALOGUE,
+    CONSISTENT,
+    MEDIUM,
+    NONE,
+    OUTSIDE,
+    STRENGTHS,
+    TABLE_2,
+    Bench,
+    Effects,
+    Truth,
+    bench_twin,
+    combine,
+    draw_truth,
+    make_folder,
+)
 from independent import effects as more
 from independent.drives import Drive, chirp, line, random_steps, steps
 from independent.folder import SIZES
-from independent.instruments import PERFECT, Sensor, clock
-from independent.kernel import cogging, friction_limit, record, spring_torque
-from independent.protocols import Series, Session, response
+from independent.instruments import PERFECT, Sensor, clock, wiper
+from independent.kernel import (
+    State,
+    airflow,
+    at_rest,
+    bristle_stiffness,
+    cogging,
+    drag,
+    friction_limit,
+    motor_friction,
+    motor_torque,
+    record,
+    restoring_torque,
+    spring_torque,
+    terminal_voltage,
+)
+from independent.protocols import PROTOCOLS, Series, Session, response
 from independent.simulate import NEVER, Motion, motor_alone, resting_angle, simulate, terminals_open, throttle
 from independent.truth import OPEN
 from numpy.testing import assert_allclose
@@ -178,22 +208,33 @@ def test_a_stop_takes_all_the_speed_and_no_position() -> None:
     assert np.all(m.angle[landed:] == 0.0)
 
 
-# ---- beyond Eqs. 1-2
-
-
-@pytest.mark.parametrize("name", MEDIUM)
-def test_an_effect_changes_the_motion_and_its_steps_are_fine_enough(name: str) -> None:
-    rng = np.random.default_rng(8)
-    drive, time = random_steps(rng, 3.0, 1.9, 0.9).after(0.05, 3.1), fine(3.0, 1e-3)
-    plant = throttle(CONSISTENT, MEDIUM[name])
-    without, usual = (simulate(p, drive, time, angle=0.2) for p in (throttle(CONSISTENT, NONE), plant))
-    finest = simulate(plant, drive, time, angle=0.2, h_max=4e-6)
-    assert np.abs(usual.angle - without.angle).max() > 0.005
-    assert_allclose(usual.angle, finest.angle, rtol=0, atol=1e-7)
+# ---- beyond Eqs. 1-2, one by one
 
 
 def plant_with(effects: Effects) -> np.record:
     return record(throttle(CONSISTENT, effects))
+
+
+def moving(i: float = 0.0, w: float = 0.0, theta: float = 0.0, age: float = 0.0) -> State:
+    return at_rest(throttle(CONSISTENT, NONE), theta)._replace(i=i, w=w, age=age)
+
+
+AT_THE_LOG = (
+    "position_sensor_lag",
+    "position_sensor_nonlinearity",
+    "current_sensor_offset",
+    "channel_delay",
+    "sensor_dead_spot",
+)
+
+
+@pytest.mark.parametrize("name", [name for name in STRENGTHS if name not in AT_THE_LOG])
+def test_steps_are_fine_enough(name: str) -> None:
+    rng = np.random.default_rng(8)
+    drive, time = random_steps(rng, 1.0, 1.9, 0.9).after(0.05, 1.1), fine(1.0, 1e-3)
+    plant = throttle(CONSISTENT, STRENGTHS[name][1])
+    usual, finest = (simulate(plant, drive, time, angle=0.2, h_max=h_max) for h_max in (40e-6, 8e-6))
+    assert_allclose(usual.angle, finest.angle, rtol=0, atol=2e-6)
 
 
 def test_limp_home_plate_rests_where_table_1_says() -> None:
@@ -206,19 +247,147 @@ def test_limp_home_plate_rests_where_table_1_says() -> None:
 
 
 def test_friction_formulas_at_points_worked_by_hand() -> None:
+    truth = CONSISTENT
     stribeck = plant_with(Effects(stribeck_friction=more.StribeckFriction(0.06, 0.5)))
-    rest, half, fast = (friction_limit(stribeck, 0.0, w, 0.0) - CONSISTENT.T_f for w in (0.0, -0.5, 50.0))
+    rest, half, fast = (friction_limit(stribeck, moving(w=w), 1) - truth.T_f for w in (0.0, -0.5, 50.0))
     assert_allclose([rest, half, fast], [0.06, 0.03, 0.0], atol=1e-5)
     loaded = plant_with(Effects(load_dependent_friction=more.LoadDependentFriction(0.1)))
-    held = (CONSISTENT.T_PL + CONSISTENT.K_s) / (CONSISTENT.N * CONSISTENT.K_m)  # A; the motor balances the spring
-    assert_allclose(friction_limit(loaded, held, 0.0, 1.0), CONSISTENT.T_f + 0.1 * 0.512)
+    held = (truth.T_PL + truth.K_s) / (truth.N * truth.K_m)  # A; the motor balances the spring
+    assert_allclose(friction_limit(loaded, moving(i=held, theta=1.0), 1), truth.T_f + 0.1 * 0.512)
+    assert_allclose(friction_limit(loaded, moving(theta=1.0), 1), truth.T_f + 0.1 * 0.512 / np.sqrt(2))
+    uneven = plant_with(Effects(asymmetric_friction=more.AsymmetricFriction(0.03, 0.01, 0.002, 0.001, 10.0)))
+    assert_allclose([friction_limit(uneven, moving(), way) - truth.T_f for way in (1, -1)], [0.03, 0.01])
+    assert_allclose([drag(uneven, w) for w in (10.0, -10.0)], [0.01, -0.005])
+    spot = plant_with(Effects(friction_spot=more.FrictionSpot(0.06, 0.7, 0.05)))
+    assert_allclose([friction_limit(spot, moving(theta=at), 1) - truth.T_f for at in (0.7, 1.2)], [0.06, 0], atol=1e-9)
+    drifting = plant_with(Effects(friction_drift=more.FrictionDrift(0.001, 0.0001, 50.0)))
+    assert_allclose(friction_limit(drifting, moving(age=4.0), -1), truth.T_f + 0.004 + 0.005)
+    dry = plant_with(Effects(motor_coulomb_friction=more.MotorCoulombFriction(0.002, 0.1, 300.0)))
+    assert_allclose(motor_friction(dry, 300.0 / truth.N), truth.N * 0.002 * 1.05)
+    assert_allclose(friction_limit(dry, moving(), 1), truth.T_f + truth.N * 0.002)
+
+
+def test_torques_at_points_worked_by_hand() -> None:
+    truth = CONSISTENT
+    assert_allclose(drag(plant_with(Effects(quadratic_drag=more.QuadraticDrag(2e-4, 2.0))), -10.0), -0.02)
+    air = plant_with(Effects(airflow_torque=more.AirflowTorque(0.03, 1.15)))
+    curve = np.array([airflow(air, theta) for theta in np.linspace(0, OPEN, 901)])
+    assert_allclose([curve.max(), curve[0], curve[-1]], [0.03, 0, 0], atol=1e-7)
+    assert_allclose(curve.argmax() / 900, 0.5 ** (1 / 1.15), atol=2e-3)
+    heavy = plant_with(Effects(gravity_load=more.GravityLoad(0.03, 0.05)))
+    extra = restoring_torque(heavy, 0.05 + np.pi / 6) - spring_torque(heavy, 0.05 + np.pi / 6)
+    assert_allclose(extra, 0.015)
+    stiff = plant_with(Effects(stiffening_spring=more.StiffeningSpring(0.08)))
+    assert_allclose(restoring_torque(stiff, OPEN / 2) - spring_torque(stiff, OPEN / 2), 0.01)
+    iron = plant_with(Effects(torque_saturation=more.TorqueSaturation(1.5)))
+    small, large = motor_torque(iron, 1e-3), motor_torque(iron, 100.0)
+    assert_allclose([small, large], [truth.N * truth.K_m * 1e-3, 1.5], rtol=1e-6)
 
 
 def test_cogging_repeats_six_times_a_motor_turn() -> None:
-    plant = plant_with(MEDIUM["cogging_torque"])
+    pure = plant_with(Effects(cogging_torque=more.CoggingTorque(0.02, 6.0, 0.7)))
     period = 2 * np.pi / (6 * CONSISTENT.N)
-    assert_allclose(cogging(plant, 0.3 + period), cogging(plant, 0.3), rtol=1e-9)
-    assert_allclose(cogging(plant, 0.3 + period / 2), -cogging(plant, 0.3), rtol=1e-9)
+    assert_allclose(cogging(pure, 0.3 + period), cogging(pure, 0.3), rtol=1e-9)
+    assert_allclose(cogging(pure, 0.3 + period / 2), -cogging(pure, 0.3), rtol=1e-9)
+    real = plant_with(Effects(cogging_torque=more.CoggingTorque(0.02, 6.0, 0.7, 0.1, 0.1)))
+    assert abs(cogging(real, 0.3 + period) - cogging(real, 0.3)) > 1e-5
+    assert_allclose(cogging(real, 0.3 + 6 * period), cogging(real, 0.3), rtol=1e-9)
+
+
+def test_voltages_at_points_worked_by_hand() -> None:
+    dead = plant_with(Effects(driver_dead_zone=more.DriverDeadZone(0.2)))
+    through = [terminal_voltage(dead, v, 0.0) for v in (0.02, 0.2, -2.0)]
+    assert_allclose(through, [0.0, 0.2 * (1 - 2 ** (-1 / 6)), -1.8], atol=1e-6)
+    for effects, amps in (
+        (Effects(brush_voltage_drop=more.BrushVoltageDrop(0.25)), (9.0 - 0.25) / CONSISTENT.R_a),
+        (Effects(driver_dead_zone=more.DriverDeadZone(0.2)), (9.0 - 0.2) / CONSISTENT.R_a),
+        (Effects(current_limit=more.CurrentLimit(1.5)), (9.0 + 15 * 1.5) / (CONSISTENT.R_a + 15)),
+    ):
+        held = simulate(throttle(CONSISTENT, effects), line([0.0, 1.0], [9.0, 9.0]), fine(1.0, 1e-2), angle=0.0,
+                        held_until=NEVER)  # fmt: skip
+        assert_allclose(held.current[-1], amps, rtol=1e-4)
+        assert np.all(held.voltage == 9.0)
+
+
+def test_a_late_driver_acts_at_its_next_period_and_the_log_has_the_command() -> None:
+    late = Effects(actuation_delay=more.ActuationDelay(1.02e-3, 1e-4))
+    drive = steps(np.array([0.005, 0.02]), np.array([0.0, 2.0]))
+    motion = simulate(throttle(CONSISTENT, late), drive, fine(0.02, 5e-6), angle=0.0, held_until=NEVER)
+    assert_allclose(motion.time[np.argmax(motion.current > 0.0)], 0.0061, atol=6e-6)
+    assert_allclose(motion.time[np.argmax(motion.voltage > 0.0)], 0.005, atol=6e-6)
+
+
+def test_a_filtered_angle_follows_late_by_its_time_constants() -> None:
+    lag = Effects(position_sensor_lag=more.PositionSensorLag(4e-3, 0.25))
+    plant = motor_alone(CONSISTENT, NONE)._replace(effects=lag)
+    m = simulate(plant, line([0.0, 1.0], [6.0, 6.0]), fine(1.0, 1e-3), angle=0.0)
+    assert_allclose(m.angle[-1] - m.sensed[-1], 5e-3 * m.speed[-1], rtol=1e-6)
+
+
+def test_a_plate_on_bristles_gives_way_and_comes_back() -> None:
+    truth, soft = CONSISTENT, Effects(presliding_friction=more.PreslidingFriction(0.01))
+    plant = throttle(truth, soft)
+    balance, push = truth.volts_for(truth.T_PL + 0.8 * truth.K_s), 0.3 * truth.T_f
+    drive = steps(np.ones(3), balance + truth.volts_for(push) * np.array([0.0, 1.0, 0.0]))
+    settled, pushed, back = simulate(plant, drive, np.array([0.99, 1.99, 2.99]), angle=0.8).angle
+    stiffness = bristle_stiffness(record(plant))
+    assert 0.5 * push / stiffness < pushed - settled < 2 * push / stiffness
+    assert abs(back - settled) < 0.5 * (pushed - settled)
+
+
+def test_bristles_carry_all_of_dry_friction_in_steady_motion() -> None:
+    truth = Truth(J_m=1.4e-6, J_L=6e-4, K_s=0.0)
+    plant = terminals_open(truth, Effects(presliding_friction=more.PreslidingFriction(0.005)))
+    far = plant._replace(upper=1e3)
+    m = simulate(far, silent(2.0), fine(2.0, 1e-2), angle=30.0)
+    assert_allclose(m.speed[-1], (truth.T_f - truth.T_PL) / truth.B_eq, rtol=1e-6)
+
+
+def test_a_stop_gives_back_what_it_says_until_the_plate_rests() -> None:
+    bouncy = Effects(stop_bounce=more.StopBounce(0.5, 60.0))
+    m = simulate(terminals_open(CONSISTENT, bouncy), silent(1.0), fine(1.0, 1e-5), angle=OPEN)
+    hit = int(np.argmax(m.speed > 0.0))
+    before, after = m.speed[hit - 1], m.speed[hit]
+    assert_allclose(after, 0.5 * -before / (1 - before / 60), rtol=0.02)
+    assert np.all(m.angle >= 0.0)
+    assert np.all(m.speed[-100:] == 0.0)
+
+
+# ---- two bodies
+
+
+def test_a_motor_in_its_gap_flies_on_when_the_plate_has_landed() -> None:
+    gap = Effects(backlash=more.Backlash(np.radians(1.0)))
+    m = simulate(terminals_open(CONSISTENT, gap), silent(0.3), fine(0.3), angle=OPEN)
+    landed = int(np.argmax(m.angle == 0.0))
+    assert m.angle[landed:].max() < 1e-3
+    assert np.abs(m.motor_speed[landed + 1 : landed + 50]).min() > 1.0
+    assert np.abs(m.motor_speed[-10:]).max() < 0.2
+    assert_allclose(m.motor_speed[landed - 20], m.speed[landed - 20], rtol=0.05)
+
+
+def test_two_bodies_pressed_together_move_as_one() -> None:
+    truth, stiff = CONSISTENT, Effects(backlash=more.Backlash(0.01, 3e4))
+    ramp = line([0.0, 2.0], [0.0, truth.volts_for(1.2)])
+    one, two = (simulate(throttle(truth, e), ramp, fine(2.0, 1e-3), angle=0.0, h_max=1e-5) for e in (NONE, stiff))
+    assert np.ptp(one.angle) > 1.0
+    assert_allclose(two.angle, one.angle, atol=2e-3)
+
+
+def test_teeth_make_no_energy() -> None:
+    truth = Truth(J_m=1.4e-6, J_L=6e-4, K_s=0.0, T_PL=0.0, T_f=0.1)
+    plant = throttle(truth, Effects(backlash=more.Backlash(np.radians(1.0))))
+    m = simulate(plant, chirp(2.0, 0.0, 1.2, first=2.0), fine(2.0, 1e-5), angle=0.8)
+    assert np.all((m.angle > 0) & (m.angle < OPEN))
+    assert np.abs(m.motor_speed - m.speed).max() > 1.0
+    motor = truth.N**2 * np.array([truth.J_m, truth.B_m])
+    supplied = simpson(m.voltage * m.current, x=m.time)
+    dissipated = truth.R_a * m.current**2 + motor[1] * m.motor_speed**2 + truth.B_L * m.speed**2
+    lost = simpson(dissipated + truth.T_f * np.abs(m.speed), x=m.time)
+    coil, moving_parts = truth.L_a * m.current**2, motor[0] * m.motor_speed**2 + truth.J_L * m.speed**2
+    stored = (coil + moving_parts + truth.K_s * m.angle**2) / 2 + truth.T_PL * m.angle
+    in_the_teeth = supplied - lost - (stored[-1] - stored[0])
+    assert 0.0 < in_the_teeth < 0.05 * lost
 
 
 def test_winding_warms_to_its_balance_of_loss_and_conduction() -> None:
@@ -228,6 +397,92 @@ def test_winding_warms_to_its_balance_of_loss_and_conduction() -> None:
     assert m.warmth[-1] > 5.0
     assert_allclose(m.current[-1], 3.0 / (CONSISTENT.R_a * (1 + 0.0039 * m.warmth[-1])), rtol=1e-6)
     assert_allclose(0.15 * m.warmth[-1], 3.0 * m.current[-1], rtol=1e-6)
+
+
+# ---- driver, sensors, session
+
+
+def test_a_wiper_bends_between_its_ends_and_sticks_where_it_is_worn() -> None:
+    angle = np.linspace(0, OPEN, 91)
+    bent = wiper(Effects(position_sensor_nonlinearity=more.PositionSensorNonlinearity(0.01, 0.005)), angle) - angle
+    assert_allclose(bent[[0, 45, 90]], [0.0, 0.01, 0.0], atol=1e-12)
+    assert bent[22] > bent[68]
+    worn = Effects(sensor_dead_spot=more.SensorDeadSpot(0.5, 0.2))
+    assert_allclose(wiper(worn, np.array([0.3, 0.45, 0.55, 0.7, 0.55, 0.45, 0.5])), [0.3, 0.4, 0.4, 0.7, 0.6, 0.6, 0.6])
+
+
+def logged(effects: Effects, test: str, series: Series) -> dict[str, np.ndarray]:
+    session = Session(np.random.default_rng(0), CONSISTENT, effects, PERFECT)
+    return next(iter(PROTOCOLS[test](session, series))).columns
+
+
+def test_a_current_channel_is_off_and_early_by_what_it_says() -> None:
+    series = Series(1, 0.02, 20_000)
+    true = logged(NONE, "inductance", series)
+    off = logged(Effects(current_sensor_offset=more.CurrentSensorOffset(0.02, 0.0)), "inductance", series)
+    late = logged(Effects(channel_delay=more.ChannelDelay(0.5e-3, 0.0)), "inductance", series)
+    assert_allclose(off["current [mA]"], true["current [mA]"] + 20.0, atol=1e-3)
+    assert_allclose(late["current [mA]"][10:], true["current [mA]"][:-10], atol=1e-3)
+    assert_allclose(late["voltage [V]"], true["voltage [V]"])
+
+
+def test_friction_drifts_on_from_trace_to_trace() -> None:
+    session = Session(np.random.default_rng(0), CONSISTENT, MEDIUM["friction_drift"], PERFECT)
+    assert [len(list(PROTOCOLS["resistance"](session, Series(2, 0.5, 1000))))] == [2]
+    assert session.stopwatch.seconds == 1.0
+    worn = session._aged(throttle(CONSISTENT, session.effects)).effects.friction_drift
+    assert worn == MEDIUM["friction_drift"].friction_drift._replace(before=1.0)
+
+
+SHORT = {
+    "response": Series(1, 1.0, 1000),
+    "back_emf": Series(1, 0.3, 1000),
+    "inductance": Series(1, 0.02, 5000),
+    "viscous": Series(4, 0.3, 1000),
+}
+
+
+def noiseless(effects: Effects) -> list[np.ndarray]:
+    """Every channel of some short traces over its sensor's noise, in turn."""
+    columns = []
+    for test, series in SHORT.items():
+        session = Session(np.random.default_rng(0), CONSISTENT, effects, PERFECT)
+        for trace in PROTOCOLS[test](session, series):
+            for header, column in list(trace.columns.items())[1:]:
+                noise = Bench().sensors[header.partition(" ")[0]].declared * (1e3 if "[m" in header else 1.0)
+                columns.append(column / noise)
+    return columns
+
+
+def change(effects: Effects) -> float:
+    """How much it moves the data: mean of |after - before|, each within 100 standard deviations of noise."""
+    pairs = zip(noiseless(NONE), noiseless(effects), strict=True)
+    apart = [np.minimum(np.abs(b[: len(a)] - a[: len(b)]), 100.0).mean() for a, b in pairs]
+    return float(np.mean(apart))
+
+
+@pytest.mark.parametrize("name", STRENGTHS)
+def test_each_strength_moves_the_data_more_than_the_one_below(name: str) -> None:
+    low, medium, high = (change(effects) for effects in STRENGTHS[name])
+    assert 0.0005 < low < medium < high
+    assert medium > 0.01
+
+
+def test_every_name_has_three_strengths_of_its_own() -> None:
+    assert set(STRENGTHS) == {*CATALOGUE, *OUTSIDE} == set(Effects._fields)
+    assert (len(CATALOGUE), len(OUTSIDE)) == (21, 5)
+    for name, levels in STRENGTHS.items():
+        assert len(set(levels)) == 3
+        assert all(effects.on == (name,) for effects in levels)
+    assert NONE.on == ()
+
+
+def test_effects_combine_but_never_one_with_itself() -> None:
+    both = combine(MEDIUM["backlash"], MEDIUM["brush_voltage_drop"])
+    assert set(both.on) == {"backlash", "brush_voltage_drop"}
+    assert both.backlash == MEDIUM["backlash"].backlash
+    with pytest.raises(ValueError, match="on in both: backlash"):
+        combine(both, MEDIUM["backlash"])
 
 
 # ---- truths, instruments, folders
@@ -314,6 +569,19 @@ def test_every_protocol_makes_sense_of_the_truth_it_meets(tmp_path: Path, seed: 
         assert tps[-10:].mean() < closed
 
 
+def test_a_folder_to_diagnose_holds_out_two_kinds_of_drive(tmp_path: Path) -> None:
+    effects = combine(MEDIUM["backlash"], MEDIUM["limp_home_spring"])
+    make_folder(tmp_path, CONSISTENT, seed=1, effects=effects, size="diagnose")
+    rig = tomllib.loads((tmp_path / "rig.toml").read_text(encoding="utf-8"))
+    held = rig["holdout"]["files"]
+    assert held == ["response/drive_5.csv", "response/drive_6.csv", "static_load/ramp_3.csv"]
+    assert all((tmp_path / file).is_file() for file in held)
+    known = json.loads((tmp_path / "truth.json").read_text(encoding="utf-8"))["effects"]
+    assert known == {name: getattr(effects, name)._asdict() for name in ("limp_home_spring", "backlash")}
+    samples = sum(len(table(file)[1]) for file in tmp_path.glob("*/*.csv"))
+    assert 28_000 < samples < 37_000
+
+
 def test_driven_traces_move_reverse_and_stick() -> None:
     session = Session(np.random.default_rng(0), CONSISTENT, NONE, PERFECT)
     traces = [trace.columns["tps [V]"] for trace in response(session, Series(4, 4.0, 1000))]
@@ -333,9 +601,12 @@ def test_a_seed_is_a_folder(tmp_path: Path) -> None:
     assert rig.keys() == {"rig", "tps", "tests"}
 
 
-def test_the_twin_keeps_its_secret_and_its_size(tmp_path: Path) -> None:
+def test_the_twin_is_the_committed_one_and_keeps_its_secret_and_its_size(tmp_path: Path) -> None:
     bench_twin.main(tmp_path)
     files = [file for file in tmp_path.rglob("*") if file.is_file()]
+    committed = Path(__file__).parents[1] / "measurements" / "bench_twin"
+    for file in files:
+        assert file.read_bytes() == (committed / file.relative_to(tmp_path)).read_bytes(), file.name
     assert sum(file.stat().st_size for file in files) < 2_000_000
     assert not (tmp_path / "truth.json").exists()
     words = "".join(file.read_text(encoding="utf-8") for file in files).lower()

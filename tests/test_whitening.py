@@ -157,8 +157,8 @@ def responses(trace: Trace, bench: Bench) -> tuple[np.ndarray, np.ndarray]:
         from_there = resets._replace(
             **{n: getattr(resets, n) + resets.begins * start[k] for k, n in enumerate(("i", "theta", "omega"))}
         )
-        x, _ = simulate(throttle, moved, from_there)
-        seen = throttle.observe(x, moved.inputs(1.0))
+        x, z = simulate(throttle, moved, from_there)
+        seen = throttle.observe(x, z, moved.inputs(1.0))
         return jnp.stack([seen[name][marks - first, 0] for name in trace.channels], axis=-1).ravel()
 
     h = 1e-5

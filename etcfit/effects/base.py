@@ -93,11 +93,13 @@ class AbstractEffect(eqx.Module):
     contributes exactly nothing, one for each of its amplitudes; None for the effects of Eqs. 1-2, which are never off.
     Its other parameters are its shape: `scan` lists values (SI) from which the diagnosis tries them. `z0` is the memory
     with which a trace begins, each entry decaying or growing on its own. `loaded` effects are told what the gear
-    carries; those that `delays` shift the input or a channel in time. `needs` names what must have been logged for the effect to be seen at all (see `diagnose.candidates`).
+    carries; those that `delays` shift the input or a channel in time. `needs` names what must have been logged for the
+    effect to be seen at all: "circuit", "current", "position", "gear". `told_by` says which measurement shows it best.
     """
 
     name: ClassVar[str]
     off: ClassVar[Mapping[str, float] | None] = None
+    told_by: ClassVar[str] = ""
     scan: ClassVar[Mapping[str, tuple[float, ...]]] = {}
     z0: ClassVar[tuple[float, ...]] = ()
     loaded: ClassVar[bool] = False

@@ -16,6 +16,7 @@ class CurrentSensorOffset(AbstractEffect):
     """
 
     name = "current_sensor_offset"
+    told_by = "a log with the terminals open"
     off: ClassVar[Mapping[str, float] | None] = {"I_0": 0.0}
     needs: ClassVar[tuple[str, ...]] = ("current",)
     I_0: Scalar = parameter("A", Real(0.02), 0.0, "zero of the current sensor", "Ziegler et al. 2009")

@@ -18,7 +18,9 @@ class GravityLoad(AbstractEffect):
     """
 
     name = "gravity_load"
+    told_by = "the same ramp with the body turned by 180 degrees"
     off: ClassVar[Mapping[str, float] | None] = {"T_g": 0.0}
+    needs: ClassVar[tuple[str, ...]] = ("position",)
     T_g: Scalar = parameter("N*m", Real(0.5), 0.0, "largest gravity torque, m g l", "statics of a pendulum")
 
     def __call__(self, x: State, z: tuple[Scalar, ...], u: Inputs) -> Contribution:

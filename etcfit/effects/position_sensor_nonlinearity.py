@@ -14,6 +14,13 @@ from .base import AbstractEffect, Contribution, Inputs, State
 _S_PEAK = 6.0 * math.sqrt(3.0)  # s (1 - s) (1 - 2 s) is largest, 1 / (6 sqrt 3), at s = (1 - 1 / sqrt 3) / 2
 
 
+def bounded(lower: Scalar, upper: Scalar) -> tuple[Scalar, Scalar]:
+    """Where the sensor's range begins and how wide it is, rad; a missing stop counts as half a turn."""
+    low = jnp.where(jnp.isfinite(lower), lower, -math.pi)
+    span = jnp.where(jnp.isfinite(upper), upper, math.pi) - low
+    return low, jnp.where(span > 0.0, span, 1.0)
+
+
 class PositionSensorNonlinearity(AbstractEffect):
     """position = 4 E_2 s (1 - s) + 6 sqrt(3) E_3 s (1 - s) (1 - 2 s) with s = (theta - lower) / (upper - lower).
 
@@ -24,13 +31,14 @@ class PositionSensorNonlinearity(AbstractEffect):
     """
 
     name = "position_sensor_nonlinearity"
+    told_by = "a slow ramp with a second, trusted angle sensor"
     off: ClassVar[Mapping[str, float] | None] = {"E_2": 0.0, "E_3": 0.0}
     needs: ClassVar[tuple[str, ...]] = ("position",)
     E_2: Scalar = parameter("rad", Real(0.02), 0.0, "bow of the position sensor's line", "Fraden 2016")
     E_3: Scalar = parameter("rad", Real(0.02), 0.0, "S in the position sensor's line", "Fraden 2016")
 
     def __call__(self, x: State, z: tuple[Scalar, ...], u: Inputs) -> Contribution:
-        travel = u.upper - u.lower
-        s = (x.theta - u.lower) / jnp.where(travel > 0.0, travel, 1.0)
+        lower, travel = bounded(u.lower, u.upper)
+        s = (x.theta - lower) / travel
         bow = s * (1.0 - s)
         return Contribution(position=u.plate * bow * (4.0 * self.E_2 + _S_PEAK * self.E_3 * (1.0 - 2.0 * s)))

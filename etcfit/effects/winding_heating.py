@@ -21,12 +21,13 @@ class WindingHeating(AbstractEffect):
     """
 
     name = "winding_heating"
+    told_by = "a resistance test held for several times the winding's time constant"
     off: ClassVar[Mapping[str, float] | None] = {"r_h": 0.0}
-    scan: ClassVar[Mapping[str, tuple[float, ...]]] = {"tau_h": (0.5, 2.0, 8.0)}
+    scan: ClassVar[Mapping[str, tuple[float, ...]]] = {"tau_h": (0.5, 2.0, 8.0, 30.0)}
     z0: ClassVar[tuple[float, ...]] = (0.0,)
     needs: ClassVar[tuple[str, ...]] = ("circuit",)
     r_h: Scalar = parameter(
-        "ohm/(A**2*s)", NonNegative(0.02), 0.0, "growth of the resistance, alpha R_a^2 / C", "Boglietti et al. 2009"
+        "ohm/(A**2*s)", NonNegative(3e-3), 0.0, "growth of the resistance, alpha R_a^2 / C", "Boglietti et al. 2009"
     )
     tau_h: Scalar = parameter("s", Positive(5.0), 5.0, "time in which the winding cools", "Boglietti et al. 2009")
 

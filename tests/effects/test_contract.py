@@ -1,59 +1,66 @@
-"""Every registered effect, whoever wrote it: units, domains, an exact off value, derivatives, a budget of friction."""
+"""Every registered effect, whoever wrote it: units, domains, an exact off value, and what it says of itself."""
 
 from __future__ import annotations
 
 import inspect
-import math
-from collections.abc import Mapping
-from typing import Any
+from itertools import pairwise
 
-import jax
-import jax.numpy as jnp
 import numpy as np
 import pint
 import pytest
-from numpy.testing import assert_allclose
+from effect_samples import AXES, contribution, every_effect, rows, seen, table
+from numpy.testing import assert_allclose, assert_array_equal
 
-from etcfit.effects import EFFECT_BY_NAME, EFFECTS, PAPER, AbstractEffect, Contribution, Inputs, State, total
-from etcfit.parameters import Parameter, parameters_of
+from etcfit.effects import EFFECT_BY_NAME, EFFECTS, PAPER, AbstractEffect, Contribution, total
+from etcfit.parameters import Parameter, Positive, parameters_of
 
-N = 20.68
 UNITS = pint.UnitRegistry()
 DECLARED = [(effect, p) for effect in EFFECTS for p in parameters_of(effect)]
-every_effect = pytest.mark.parametrize("effect", EFFECTS, ids=lambda effect: effect.name)
 every_parameter = pytest.mark.parametrize(
     ("effect", "parameter"), DECLARED, ids=[f"{e.name}-{p.symbol}" for e, p in DECLARED]
 )
+BEYOND = [effect for effect in EFFECTS if effect not in PAPER]
+every_addition = pytest.mark.parametrize("effect", BEYOND, ids=lambda effect: effect.name)
+every_amplitude = pytest.mark.parametrize(
+    ("effect", "symbol"), [pytest.param(e, s, id=f"{e.name}-{s}") for e in BEYOND for s in e.off or {}]
+)
+
+# the names of FORMAT.md: what users and other programs write in rig.toml and read in diagnosis.json
+PROMISED = [
+    *("brush_voltage_drop", "winding_heating", "driver_dead_zone", "actuation_delay", "torque_saturation"),
+    *("limp_home_spring", "stribeck_friction", "asymmetric_friction", "load_dependent_friction"),
+    *("motor_coulomb_friction", "presliding_friction", "backlash", "cogging_torque", "quadratic_drag"),
+    *("airflow_torque", "stop_bounce", "gravity_load"),
+    *("position_sensor_lag", "position_sensor_nonlinearity", "current_sensor_offset", "channel_delay"),
+]
 
 
-def inputs(**changes: float) -> Inputs:
-    fields = {"voltage": 3.0, "torque": 0.0, "time": 0.4, "plate": 1.0, "series": 0.3, "gear_ratio": N}
-    return Inputs(**(fields | {"lower": 0.0, "upper": math.pi / 2} | changes))
+def off(effect: type[AbstractEffect]) -> dict[str, float]:
+    return dict(effect.off or {})
 
 
-def states(count: int = 60) -> list[State]:
-    rng = np.random.default_rng(1)
-    return [State(*x) for x in rng.uniform((-8.0, 0.0, -30.0), (8.0, math.pi / 2, 30.0), (count, 3))]
+def shape(effect: type[AbstractEffect]) -> list[str]:
+    """Its parameters that are not amplitudes."""
+    return [p.symbol for p in parameters_of(effect) if p.symbol not in off(effect)]
 
 
-def made(effect: type[AbstractEffect], **changes: float) -> AbstractEffect:
-    """The effect at half of its scales: off every bound and every off value."""
-    typical = {p.symbol: 0.5 * getattr(p.domain, "scale", 1.0) for p in parameters_of(effect)}
-    return effect(**(typical | changes))
-
-
-def sums(effect: AbstractEffect, x: State, u: Inputs) -> np.ndarray:
-    """Everything finite that an effect contributes, as one vector."""
-    c = effect(x, effect.z0, u)
-    return jnp.stack([jnp.asarray(v, float) for v in (*c[:5], *c.dz)])  # pyright: ignore[reportReturnType]
+def loudest(effect: type[AbstractEffect], at: np.ndarray) -> float:
+    """The largest thing it contributes at any of these rows, the rates of its memory left out."""
+    return max(float(np.max(np.abs(v))) for v in seen(effect, at).values())
 
 
 # ---- declarations
 
 
+@pytest.mark.parametrize("name", PROMISED)
+def test_a_promised_effect_is_registered(name: str) -> None:
+    assert EFFECT_BY_NAME[name] in BEYOND
+
+
 @every_effect
 def test_is_documented_with_its_source_and_named(effect: type[AbstractEffect]) -> None:
     assert effect.name == effect.name.lower()
+    assert effect.__module__.rpartition(".")[2] == effect.name
     assert EFFECT_BY_NAME[effect.name] is effect
     text = inspect.getdoc(effect) or ""
     assert "Source:" in text
@@ -84,126 +91,124 @@ def test_parameter_survives_its_domain(effect: type[AbstractEffect], parameter: 
     assert_allclose(float(domain.value(domain.coordinate(inside))), inside, rtol=1e-9, atol=1e-12 * scale)
 
 
-# ---- what it contributes
+@every_effect
+def test_needs_are_things_that_can_be_missing(effect: type[AbstractEffect]) -> None:
+    assert set(effect.needs) <= {"circuit", "current", "position", "gear"}
+
+
+# ---- off
 
 
 @every_effect
+def test_only_the_papers_effects_are_never_off(effect: type[AbstractEffect]) -> None:
+    assert (effect.off is None) == (effect in PAPER), "an effect beyond Eqs. 1-2 needs a value at which it vanishes"
+
+
+@every_addition
 def test_is_off_at_its_off_value(effect: type[AbstractEffect]) -> None:
-    """Exactly nothing, so that models nest; those of Eqs. 1-2 are never off."""
-    if effect in PAPER:
-        assert effect.off is None
-        return
-    assert effect.off is not None, "an effect beyond Eqs. 1-2 needs a value at which it vanishes"
-    assert set(effect.off) <= {p.symbol for p in parameters_of(effect)}
-    silent, loud = made(effect, **effect.off), made(effect)
-    for x in states():
-        c = silent(x, silent.z0, inputs())
-        assert [float(v) for v in c[:5]] == [0.0] * 5
-        assert not np.isfinite(c.lower)
-        assert not np.isfinite(c.upper)
-    assert any(np.any(sums(loud, x, inputs()) != 0.0) for x in states()), "it is always off"
+    """Exactly nothing in every part, whatever its shape and its memory, so that models nest."""
+    for stretch in (0.1, 1.0, 10.0):
+        shaped = {p.symbol: stretch * 0.5 * getattr(p.domain, "scale", 1.0) for p in parameters_of(effect)}
+        at = rows(effect, **(shaped | off(effect)))
+        for name, value in seen(effect, at).items():
+            assert_array_equal(value, 0.0, err_msg=name)
+        for row in at[:3]:
+            c = contribution(effect, row)
+            assert not np.isfinite(c.lower)
+            assert not np.isfinite(c.upper)
 
 
-@every_effect
-def test_friction_is_a_budget(effect: type[AbstractEffect]) -> None:
-    assert all(float(made(effect)(x, effect.z0, inputs()).friction) >= 0.0 for x in states())
+@every_amplitude
+def test_each_off_symbol_is_an_amplitude(effect: type[AbstractEffect], symbol: str) -> None:
+    """On its own, with all others off, it makes the effect heard: a shape parameter could not."""
+    others = {s: v for s, v in off(effect).items() if s != symbol}
+    domain = next(p.domain for p in parameters_of(effect) if p.symbol == symbol)
+    assert off(effect)[symbol] == 0.0
+    assert not isinstance(domain, Positive), "zero is out of reach in this domain"
+    assert loudest(effect, rows(effect, **others)) > 0.0
+
+
+@every_addition
+def test_starts_at_its_off_value(effect: type[AbstractEffect]) -> None:
+    """The nominal value of an amplitude is its off value: an effect nobody measured is assumed away."""
+    nominal = {p.symbol: p.nominal for p in parameters_of(effect)}
+    assert {s: nominal[s] for s in off(effect)} == off(effect)
+
+
+# ---- scan
+
+
+@every_addition
+def test_scans_shapes_only(effect: type[AbstractEffect]) -> None:
+    assert set(effect.scan) <= set(shape(effect))
+
+
+@pytest.mark.parametrize("effect", [e for e in BEYOND if e.scan], ids=lambda effect: effect.name)
+def test_a_scanned_value_is_allowed_and_makes_a_difference(effect: type[AbstractEffect]) -> None:
+    domains = {p.symbol: p.domain for p in parameters_of(effect)}
+    for symbol, values in effect.scan.items():
+        assert list(values) == sorted(set(values))
+        there = [domains[symbol].value(domains[symbol].coordinate(v)) for v in values]
+        assert_allclose(np.array(there, float), values, rtol=1e-9)
+        tables = [table(effect, rows(effect, **{symbol: v})) for v in values]
+        assert all(np.any(a != b) for a, b in pairwise(tables))
+
+
+# ---- what it says of itself
 
 
 @every_effect
 def test_memory_and_rates_match(effect: type[AbstractEffect]) -> None:
-    assert len(made(effect)(states(1)[0], effect.z0, inputs()).dz) == len(effect.z0)
+    assert len(contribution(effect, rows(effect)[0]).dz) == len(effect.z0)
 
 
 @every_effect
-def test_forward_mode_is_finite_differences(effect: type[AbstractEffect]) -> None:
-    """With respect to every parameter and to current, angle and speed."""
-    symbols = [p.symbol for p in parameters_of(effect)]
-    typical = np.array([0.5 * getattr(p.domain, "scale", 1.0) for p in parameters_of(effect)])
+def test_friction_is_a_budget(effect: type[AbstractEffect]) -> None:
+    assert np.all(seen(effect, rows(effect))["friction"] >= 0.0)
 
-    def at(v: np.ndarray) -> np.ndarray:
-        parameters = dict(zip(symbols, v[3:], strict=True))
-        return sums(effect(**parameters), State(v[0], v[1], v[2]), inputs())
 
-    for x in states(5):
-        point = np.array([*x, *typical])
-        nudges = np.diag(1e-6 * np.maximum(np.abs(point), 1e-9))
-        columns = [(at(point + h) - at(point - h)) / (2.0 * h.sum()) for h in nudges]
-        scale = 1.0 + np.abs(at(point)).max() / np.abs(point)
-        exact = np.asarray(jax.jacfwd(at)(jnp.asarray(point)))
-        assert_allclose(exact / scale, np.stack(columns, axis=-1) / scale, atol=1e-7)
+@every_effect
+def test_only_a_loaded_effect_depends_on_what_the_gear_carries(effect: type[AbstractEffect]) -> None:
+    at = rows(effect)
+    elsewhere = at.copy()
+    elsewhere[:, [AXES.index("motor"), AXES.index("external")]] = 0.01
+    changed = np.any(table(effect, at) != table(effect, elsewhere))
+    assert bool(changed) == effect.loaded
+
+
+@every_effect
+def test_only_an_effect_that_delays_shifts_in_time(effect: type[AbstractEffect]) -> None:
+    """And by a constant: a delay that depended on the state could not be taken out of the tape."""
+    late = [v for name, v in seen(effect, rows(effect)).items() if name.endswith("_delay")]
+    assert any(np.any(v != 0.0) for v in late) == effect.delays
+    assert all(np.ptp(v) == 0.0 and np.all(v >= 0.0) for v in late)
+
+
+@every_effect
+def test_a_stop_stays_where_it_is(effect: type[AbstractEffect]) -> None:
+    """`lower` and `upper` are the rig's, whatever the state and the parameters."""
+    limits = {(float(c.lower), float(c.upper)) for c in (contribution(effect, row) for row in rows(effect)[:6])}
+    stretched = contribution(effect, np.concatenate((rows(effect)[0][: len(AXES)], 3.0 * rows(effect)[0][len(AXES) :])))
+    assert limits == {(float(stretched.lower), float(stretched.upper))}
 
 
 @every_effect
 def test_a_motor_alone_feels_nothing_of_the_plate(effect: type[AbstractEffect]) -> None:
     """With the gear apart the angle means nothing: no effect may depend on it, nor stop it."""
-    apart, x = inputs(plate=0.0), states(1)[0]
-    elsewhere = State(x.i, x.theta + 0.7, x.omega)
-    assert_allclose(sums(made(effect), x, apart), sums(made(effect), elsewhere, apart), rtol=1e-14)
-    c = made(effect)(x, effect.z0, apart)
+    at = rows(effect)
+    elsewhere = at.copy()
+    elsewhere[:, AXES.index("theta")] += 0.7
+    here, there = seen(effect, at, plate=0.0), seen(effect, elsewhere, plate=0.0)
+    for name in here:
+        assert_allclose(here[name], there[name], rtol=1e-14, atol=0.0, err_msg=name)
+    assert_array_equal(here["position"], 0.0)
+    c = contribution(effect, at[0], plate=0.0)
     assert not np.isfinite(c.lower)
     assert not np.isfinite(c.upper)
 
 
-@pytest.mark.parametrize("name", ["return_spring", "gravity_load"])
-def test_a_spring_returns_what_it_took(name: str) -> None:
-    """The work over a closed path is zero: sum torque dtheta from 0 to open and back, at whatever speed."""
-    effect = made(EFFECT_BY_NAME[name])
-    there = np.linspace(0.0, math.pi / 2, 2001)
-    theta = np.concatenate((there, there[::-1]))
-    omega = np.concatenate((np.full(2001, 3.0), np.full(2001, -0.2)))
-    torque = np.array(jax.vmap(lambda th, w: effect(State(0.0, th, w), (), inputs()).torque)(theta, omega))
-    work = np.sum(0.5 * (torque[1:] + torque[:-1]) * np.diff(theta))
-    assert abs(work) < 1e-12
-    assert np.ptp(torque) > 0.01
-
-
-# ---- closed forms: one value each
-
-AT = State(2.0, 0.5, -3.0)
-CLOSED: Mapping[str, tuple[dict[str, float], dict[str, Any]]] = {
-    "armature": (
-        {"R_a": 1.5, "L_a": 2e-3, "K_b": 0.02, "K_m": 0.03},
-        {"voltage": -1.8 * 2.0 + 0.02 * N * 3.0, "torque": N * 0.03 * 2.0, "inductance": 2e-3},
-    ),
-    "inertia": ({"J_m": 1e-6, "J_L": 5e-4}, {"inertia": N**2 * 1e-6 + 5e-4}),
-    "viscous_friction": ({"B_m": 1e-5, "B_L": 2e-3}, {"torque": 3.0 * (N**2 * 1e-5 + 2e-3)}),
-    "return_spring": ({"K_s": 0.2, "T_PL": 0.3}, {"torque": -0.4}),
-    "coulomb_friction": ({"T_f": 0.25}, {"friction": 0.25}),
-    "end_stops": ({}, {"lower": 0.0, "upper": math.pi / 2}),
-    "gravity_load": ({"T_g": 0.6}, {"torque": -0.6 * math.sin(0.5)}),
-}
-
-
-@pytest.mark.parametrize("name", CLOSED)
-def test_closed_form(name: str) -> None:
-    parameters, expected = CLOSED[name]
-    assert_allclose(EFFECT_BY_NAME[name](**parameters)(AT, (), inputs())[:7], Contribution(**expected)[:7], rtol=1e-12)
-
-
-@pytest.mark.parametrize(
-    ("name", "expected"),
-    [
-        ("inertia", {"inertia": N**2 * 1e-6}),
-        ("viscous_friction", {"torque": 3.0 * N**2 * 1e-5}),
-        ("return_spring", {}),
-        ("coulomb_friction", {}),
-        ("end_stops", {}),
-        ("gravity_load", {}),
-    ],
-)
-def test_closed_form_of_the_motor_alone(name: str, expected: dict[str, Any]) -> None:
-    parameters, _ = CLOSED[name]
-    c = EFFECT_BY_NAME[name](**parameters)(AT, (), inputs(plate=0.0))
-    assert_allclose(c[:7], Contribution(**expected)[:7], rtol=1e-12, atol=0.0)
-
-
-def test_the_paper_has_a_closed_form_each() -> None:
-    assert {effect.name for effect in PAPER} <= set(CLOSED)
-
-
 def test_total_adds_torques_and_takes_the_tightest_stop() -> None:
     a = Contribution(torque=1.0, friction=0.1, voltage=2.0, lower=0.1, dz=(5.0,))
-    b = Contribution(torque=-3.0, inertia=4.0, lower=-1.0, upper=2.0, dz=(6.0, 7.0))
-    c = total([a, b])
-    assert [float(v) for v in c[:7]] == [-2.0, 0.1, 2.0, 4.0, 0.0, 0.1, 2.0]
-    assert c.dz == (5.0, 6.0, 7.0)
+    b = Contribution(torque=-3.0, drive=0.7, inertia=4.0, lower=-1.0, upper=2.0, current_delay=0.3, dz=(6.0, 7.0))
+    expected = Contribution(-2.0, 0.7, 0.1, 2.0, 4.0, lower=0.1, upper=2.0, current_delay=0.3, dz=(5.0, 6.0, 7.0))
+    assert total([a, b]) == expected

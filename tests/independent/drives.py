@@ -26,6 +26,15 @@ class Drive:
         jumped = np.concatenate(([False], np.diff(self.time) == 0.0))
         return Drive(self.time + rise * jumped, self.volts)
 
+    def delayed(self, delay: float, period: float) -> Drive:
+        """The same at the next whole period (s) after a delay (s); what stood at the first knot stood before."""
+        late = period * np.ceil((self.time + delay) / period)
+        return Drive(np.concatenate((self.time[:1], late)), np.concatenate((self.volts[:1], self.volts)))
+
+    def at(self, instants: np.ndarray) -> np.ndarray:
+        """Volts at these instants (s)."""
+        return np.interp(instants, self.time, self.volts)
+
     def limited(self, supply: float) -> Drive:
         """Clipped to what the supply can give, V; exact where knots are dense or constant between jumps."""
         return Drive(self.time, np.clip(self.volts, -supply, supply))

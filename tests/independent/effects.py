@@ -1,12 +1,13 @@
 """What a synthetic throttle body can have beyond Eqs. 1-2; every default is exactly off.
 
-The formulas stand in `kernel.py`, next to the equations they enter. A new effect is a NamedTuple of floats here, its
-field in `Effects`, its typical strength in `MEDIUM`, and its term in the kernel.
+The formulas stand in `kernel.py`, next to the equations they enter; those of driver and sensors that act in between
+true motion and log, in `simulate.py` and `instruments.py`. A new effect is a NamedTuple of floats here, its field in
+`Effects`, its three strengths in `strengths.py`, and its term where it acts. Each formula is what a device might do, in
+detail another one than a model of the same name is likely to have.
 """
 
 from __future__ import annotations
 
-import math
 from typing import NamedTuple
 
 
@@ -38,6 +39,22 @@ class StribeckFriction(NamedTuple):
     speed: float = 1.0
 
 
+class AsymmetricFriction(NamedTuple):
+    """Friction beside Eq. 2's, with dry and viscous coefficients of its own for each direction.
+
+    Args:
+        opening, closing: dry, N m.
+        opening_viscous, closing_viscous: N m s/rad at low speed.
+        knee: speed at which the viscous part has fallen to half of what it would be, rad/s.
+    """
+
+    opening: float = 0.0
+    closing: float = 0.0
+    opening_viscous: float = 0.0
+    closing_viscous: float = 0.0
+    knee: float = 150.0
+
+
 class LoadDependentFriction(NamedTuple):
     """Gear friction in proportion to the torque through the teeth.
 
@@ -48,6 +65,46 @@ class LoadDependentFriction(NamedTuple):
     share: float = 0.0
 
 
+class MotorCoulombFriction(NamedTuple):
+    """Dry friction of the motor's bearings and brushes, with the gear on or apart.
+
+    Args:
+        torque: at rest, at the motor, N m.
+        growth: relative, of a fast motor.
+        speed: motor speed at which half the growth is reached, rad/s.
+    """
+
+    torque: float = 0.0
+    growth: float = 0.1
+    speed: float = 300.0
+
+
+class PreslidingFriction(NamedTuple):
+    """Bristles that bend before they slide; they replace the set-valued friction.
+
+    Args:
+        angle: deflection at which T_f is reached in a straight line, rad.
+        damping: ratio, of the plate on the bent bristles.
+    """
+
+    angle: float = 0.0
+    damping: float = 0.3
+
+
+class Backlash(NamedTuple):
+    """Motor and plate as two bodies with play between their teeth.
+
+    Args:
+        gap: whole play at the plate's shaft, rad.
+        stiffness: of the teeth, N m/rad at the plate's shaft.
+        damping: of the impact, relative torque per speed, s/rad.
+    """
+
+    gap: float = 0.0
+    stiffness: float = 3000.0
+    damping: float = 0.5
+
+
 class CoggingTorque(NamedTuple):
     """The magnets' detent torque, periodic in the motor's angle.
 
@@ -55,44 +112,307 @@ class CoggingTorque(NamedTuple):
         amplitude: at the plate, N m.
         per_turn: detents in one turn of the motor.
         phase: rad.
+        second: second harmonic over the first.
+        uneven: how much one half turn's detents are stronger than the other's, relative.
     """
 
     amplitude: float = 0.0
     per_turn: float = 6.0
     phase: float = 0.0
+    second: float = 0.0
+    uneven: float = 0.0
+
+
+class QuadraticDrag(NamedTuple):
+    """Drag that grows faster than speed.
+
+    Args:
+        drag: torque at 1 rad/s, N m.
+        power: of speed.
+    """
+
+    drag: float = 0.0
+    power: float = 1.8
+
+
+class AirflowTorque(NamedTuple):
+    """The air that flows past the plate closes it, most at part travel.
+
+    Args:
+        peak: largest closing torque, N m.
+        skew: 1 puts the peak at half travel, more puts it beyond.
+    """
+
+    peak: float = 0.0
+    skew: float = 1.15
+
+
+class StopBounce(NamedTuple):
+    """The stops give back part of the speed, less of a fast plate's.
+
+    Args:
+        restitution: of a slow impact.
+        speed: at which half of that is left, rad/s.
+    """
+
+    restitution: float = 0.0
+    speed: float = 100.0
+
+
+class GravityLoad(NamedTuple):
+    """The plate is out of balance.
+
+    Args:
+        torque: weight times arm, closing, N m.
+        tilt: angle of the plate at which it hangs straight, rad.
+    """
+
+    torque: float = 0.0
+    tilt: float = 0.05
+
+
+class StiffeningSpring(NamedTuple):
+    """Coils that touch: extra closing torque with the third power of the angle.
+
+    Args:
+        torque: with the plate open, N m.
+    """
+
+    torque: float = 0.0
+
+
+class FrictionSpot(NamedTuple):
+    """A rough place on the shaft: extra dry friction within a narrow band of angle.
+
+    Args:
+        torque: in its middle, N m.
+        angle: of the middle, rad.
+        width: half width, rad.
+    """
+
+    torque: float = 0.0
+    angle: float = 0.7
+    width: float = 0.06
+
+
+class FrictionDrift(NamedTuple):
+    """Dry friction grows while a trace runs, and from trace to trace.
+
+    Args:
+        running: N m per second of this trace.
+        session: N m per second of everything logged before.
+        before: seconds logged before; the session fills it in.
+    """
+
+    running: float = 0.0
+    session: float = 0.0
+    before: float = 0.0
+
+
+class BrushVoltageDrop(NamedTuple):
+    """Voltage between brush and commutator, V (1 - exp(-|i|/i_0)).
+
+    Args:
+        volts: of both brushes, V.
+        current: i_0, A.
+    """
+
+    volts: float = 0.0
+    current: float = 0.06
 
 
 class WindingHeating(NamedTuple):
-    """The winding warms by its own loss, and its resistance with it; each trace begins cold.
+    """The winding warms by its own loss, the housing by the winding, and resistance follows; each trace begins cold.
 
     Args:
         coefficient: relative resistance per kelvin, 1/K (copper 0.0039).
         capacity: of the winding, J/K.
-        conductance: to the housing, W/K.
+        conductance: winding to housing, W/K.
+        housing_capacity: J/K; by default a housing that nothing warms.
+        housing_conductance: to the air, W/K.
     """
 
     coefficient: float = 0.0
     capacity: float = 1.0
     conductance: float = 0.0
+    housing_capacity: float = 1e12
+    housing_conductance: float = 0.0
+
+
+class DriverDeadZone(NamedTuple):
+    """The driver loses a constant voltage, v - V z / (1 + z^6)^(1/6) with z = v/V; the log has the command.
+
+    Args:
+        volts: lost, V.
+    """
+
+    volts: float = 0.0
+
+
+class CurrentLimit(NamedTuple):
+    """The driver takes back voltage once the current exceeds its limit; the log has the command.
+
+    Args:
+        amps: the limit, A; 0 for none.
+        ohms: voltage taken back per excess.
+        corner: width over which it sets in, A.
+    """
+
+    amps: float = 0.0
+    ohms: float = 15.0
+    corner: float = 0.05
+
+
+class ActuationDelay(NamedTuple):
+    """The driver acts at the next PWM period after a delay, and takes a moment to; the log has the command.
+
+    Args:
+        delay: s.
+        period: of the PWM, s.
+        rise: of a jump at the terminals, s.
+    """
+
+    delay: float = 0.0
+    period: float = 50e-6
+    rise: float = 10e-6
+
+
+class TorqueSaturation(NamedTuple):
+    """The iron saturates: motor torque limit tanh(k_t i / limit).
+
+    Args:
+        limit: at the plate, N m; 0 for none.
+    """
+
+    limit: float = 0.0
+
+
+class PositionSensorLag(NamedTuple):
+    """RC filter at the sensor, and a faster one behind it.
+
+    Args:
+        time: of the first, s.
+        second: time of the second over that of the first.
+    """
+
+    time: float = 0.0
+    second: float = 0.15
+
+
+class PositionSensorNonlinearity(NamedTuple):
+    """The reading bends by bow sin(pi s) + wave sin(2 pi s), s the share of travel.
+
+    Args:
+        bow, wave: rad.
+    """
+
+    bow: float = 0.0
+    wave: float = 0.0
+
+
+class SensorDeadSpot(NamedTuple):
+    """A worn place of the potentiometer: the reading stays at what it was when the wiper came upon it.
+
+    Args:
+        angle: of its middle, rad.
+        width: whole, rad.
+    """
+
+    angle: float = 0.6
+    width: float = 0.0
+
+
+class CurrentSensorOffset(NamedTuple):
+    """Added to every reading of a current.
+
+    Args:
+        amps: A.
+        scatter: of it from trace to trace, relative.
+    """
+
+    amps: float = 0.0
+    scatter: float = 0.02
+
+
+class ChannelDelay(NamedTuple):
+    """The current was sampled earlier than its row says.
+
+    Args:
+        time: s.
+        scatter: of it from trace to trace, relative.
+    """
+
+    time: float = 0.0
+    scatter: float = 0.02
 
 
 class Effects(NamedTuple):
-    """One of each; named as in FORMAT.md."""
+    """One of each; named as in FORMAT.md, and then those that FORMAT.md does not know."""
 
     limp_home_spring: LimpHomeSpring = LimpHomeSpring()
     stribeck_friction: StribeckFriction = StribeckFriction()
     load_dependent_friction: LoadDependentFriction = LoadDependentFriction()
     cogging_torque: CoggingTorque = CoggingTorque()
     winding_heating: WindingHeating = WindingHeating()
+    brush_voltage_drop: BrushVoltageDrop = BrushVoltageDrop()
+    driver_dead_zone: DriverDeadZone = DriverDeadZone()
+    actuation_delay: ActuationDelay = ActuationDelay()
+    torque_saturation: TorqueSaturation = TorqueSaturation()
+    asymmetric_friction: AsymmetricFriction = AsymmetricFriction()
+    motor_coulomb_friction: MotorCoulombFriction = MotorCoulombFriction()
+    presliding_friction: PreslidingFriction = PreslidingFriction()
+    backlash: Backlash = Backlash()
+    quadratic_drag: QuadraticDrag = QuadraticDrag()
+    airflow_torque: AirflowTorque = AirflowTorque()
+    stop_bounce: StopBounce = StopBounce()
+    gravity_load: GravityLoad = GravityLoad()
+    position_sensor_lag: PositionSensorLag = PositionSensorLag()
+    position_sensor_nonlinearity: PositionSensorNonlinearity = PositionSensorNonlinearity()
+    current_sensor_offset: CurrentSensorOffset = CurrentSensorOffset()
+    channel_delay: ChannelDelay = ChannelDelay()
+    friction_spot: FrictionSpot = FrictionSpot()
+    stiffening_spring: StiffeningSpring = StiffeningSpring()
+    current_limit: CurrentLimit = CurrentLimit()
+    sensor_dead_spot: SensorDeadSpot = SensorDeadSpot()
+    friction_drift: FrictionDrift = FrictionDrift()
+
+    @property
+    def on(self) -> tuple[str, ...]:
+        """Names of those that differ from their default."""
+        return tuple(name for name, effect in self._asdict().items() if effect != type(effect)())
 
 
 NONE = Effects()
 
-# one effect each, of a strength seen on real throttle bodies
-MEDIUM: dict[str, Effects] = {
-    "limp_home_spring": Effects(limp_home_spring=LimpHomeSpring(math.radians(9.0), 0.9, 0.33, 0.008)),
-    "stribeck_friction": Effects(stribeck_friction=StribeckFriction(0.06, 0.5)),
-    "load_dependent_friction": Effects(load_dependent_friction=LoadDependentFriction(0.12)),
-    "cogging_torque": Effects(cogging_torque=CoggingTorque(0.02, 6.0, 0.7)),
-    "winding_heating": Effects(winding_heating=WindingHeating(0.0039, 3.0, 0.15)),
-}
+OUTSIDE = ("friction_spot", "stiffening_spring", "current_limit", "sensor_dead_spot", "friction_drift")
+CATALOGUE = tuple(name for name in Effects._fields if name not in OUTSIDE)
+
+# what a motor with its gear apart still has, and whatever drives and senses it
+AT_THE_MOTOR = (
+    "cogging_torque",
+    "winding_heating",
+    "brush_voltage_drop",
+    "driver_dead_zone",
+    "actuation_delay",
+    "torque_saturation",
+    "motor_coulomb_friction",
+    "current_sensor_offset",
+    "channel_delay",
+    "current_limit",
+)
+
+
+def combine(a: Effects, b: Effects) -> Effects:
+    """Both at once.
+
+    Raises:
+        ValueError: an effect is on in both.
+    """
+    if both := set(a.on) & set(b.on):
+        raise ValueError(f"on in both: {', '.join(sorted(both))}")
+    return a._replace(**{name: getattr(b, name) for name in b.on})
+
+
+def at_the_motor(effects: Effects) -> Effects:
+    """Those that are left with the gear apart."""
+    return Effects(**{name: getattr(effects, name) for name in AT_THE_MOTOR})

@@ -19,28 +19,37 @@ SIZES: dict[str, dict[str, Series]] = {
         "resistance": Series(7, 0.5, 1000),
         "inductance": Series(3, 0.03, 20_000),
         "back_emf": Series(3, 0.5, 2000),
-        "static_load": Series(2, 20.0, 500),
+        "static_load": Series(2, 20.0, 500, held=1),
         "viscous": Series(6, 1.0, 1000),
         "inertia": Series(3, 0.5, 2000),
-        "response": Series(6, 5.0, 1000),
+        "response": Series(6, 5.0, 1000, held=1),
     },
     "twin": {  # 20 traces, 35,000 samples
         "resistance": Series(4, 0.4, 1000),
         "inductance": Series(2, 0.02, 20_000),
         "back_emf": Series(2, 0.4, 2000),
-        "static_load": Series(2, 16.0, 250),
+        "static_load": Series(2, 16.0, 250, held=1),
         "viscous": Series(3, 0.6, 1000),
         "inertia": Series(2, 0.4, 2000),
-        "response": Series(5, 4.0, 1000),
+        "response": Series(5, 4.0, 1000, held=1),
+    },
+    "diagnose": {  # 22 traces, 30,000 samples
+        "resistance": Series(4, 0.3, 1000),
+        "inductance": Series(2, 0.02, 20_000),
+        "back_emf": Series(2, 0.4, 2000),
+        "static_load": Series(3, 14.0, 200, held=1),
+        "viscous": Series(3, 0.5, 1000),
+        "inertia": Series(2, 0.4, 2000),
+        "response": Series(6, 3.2, 1000, held=2),
     },
     "small": {  # 14 traces, 8,500 samples: every test, for tests in a hurry
         "resistance": Series(3, 0.2, 1000),
         "inductance": Series(2, 0.01, 20_000),
         "back_emf": Series(1, 0.3, 1000),
-        "static_load": Series(2, 8.0, 100),
+        "static_load": Series(2, 8.0, 100, held=1),
         "viscous": Series(2, 0.4, 1000),
         "inertia": Series(1, 0.3, 1000),
-        "response": Series(3, 1.5, 1000),
+        "response": Series(3, 1.5, 1000, held=1),
     },
 }
 
@@ -50,7 +59,7 @@ def make_folder(
     truth: Truth,
     seed: int,
     effects: Effects = NONE,
-    size: Literal["bench", "twin", "small"] = "bench",
+    size: Literal["bench", "twin", "diagnose", "small"] = "bench",
     *,
     holdout: bool = True,
     declare_noise: bool = True,
@@ -64,7 +73,7 @@ def make_folder(
         seed: of everything random in it.
         effects: what the body has beyond Eqs. 1-2.
         size: a key of SIZES.
-        holdout: name the last response and the last static_load in [holdout].
+        holdout: name the last response and the last static_load in [holdout], or the last two responses.
         declare_noise: give the sensors' noise in [noise]; else the reader must estimate it.
         bench: the instruments.
     """
@@ -75,7 +84,7 @@ def make_folder(
         "seed": seed,
         "parameters": asdict(truth) | {"J_eq": truth.J_eq, "B_eq": truth.B_eq},
         "series_ohm": bench.series_ohm,
-        "effects": {key: effect._asdict() for key, effect in effects._asdict().items() if effect != type(effect)()},
+        "effects": {name: getattr(effects, name)._asdict() for name in effects.on},
     }
     (Path(path) / "truth.json").write_text(json.dumps(known, indent=2) + "\n", encoding="utf-8")
 
@@ -95,11 +104,13 @@ def write_folder(
     """rig.toml and one CSV a trace; says nowhere what the truth is."""
     session = Session(np.random.default_rng(seed), truth, effects, bench)
     path.mkdir(parents=True, exist_ok=True)
+    held = []
     for test, series in sizes.items():
         (path / test).mkdir(exist_ok=True)
-        for trace in PROTOCOLS[test](session, series):
+        traces = list(PROTOCOLS[test](session, series))
+        for trace in traces:
             write_trace(path, trace, seed)
-    held = [f"response/drive_{sizes['response'].count}.csv", f"static_load/ramp_{sizes['static_load'].count}.csv"]
+        held = [trace.file for trace in traces[series.count - series.held :]] + held
     text = rig_toml(name, truth.N, bench, held if holdout else [], noise=noise)
     (path / "rig.toml").write_text(text, encoding="utf-8", newline="\n")
 

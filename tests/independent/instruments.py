@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from .effects import NONE, Effects
 from .simulate import Motion
 from .truth import OPEN
 
@@ -105,17 +106,60 @@ def clock(rng: np.random.Generator, bench: Bench, rate: float, duration: float) 
     return Clock(logged, np.maximum(nominal + scatter / rate, 0.0))
 
 
-def true_values(quantity: str, motion: Motion, emf_constant: float, gear_ratio: float) -> np.ndarray:
-    """What a perfect sensor of this quantity would read, in the sensor's unit."""
+def true_values(
+    quantity: str, motion: Motion, emf_constant: float, gear_ratio: float, effects: Effects = NONE
+) -> np.ndarray:
+    """What a noiseless sensor of this quantity would read, in the sensor's unit."""
     match quantity:
         case "voltage":
             return motion.voltage
         case "current":
             return motion.current
         case "tps":
-            return CLOSED_V + (OPEN_V - CLOSED_V) * motion.angle / OPEN
+            return CLOSED_V + (OPEN_V - CLOSED_V) * wiper(effects, motion.sensed) / OPEN
         case "emf":
-            return emf_constant * motion.speed
+            return emf_constant * motion.motor_speed
         case "motor_speed":
-            return gear_ratio * motion.speed * RPM
+            return gear_ratio * motion.motor_speed * RPM
     raise ValueError(f"no sensor for {quantity}")
+
+
+def wiper(effects: Effects, angle: np.ndarray) -> np.ndarray:
+    """Angle that the potentiometer shows, with what bends its track and where it is worn, rad."""
+    bend, spot = effects.position_sensor_nonlinearity, effects.sensor_dead_spot
+    if spot.width > 0.0:
+        angle = _held_over(angle, spot.angle - 0.5 * spot.width, spot.angle + 0.5 * spot.width)
+    if bend.bow == 0.0 and bend.wave == 0.0:
+        return angle
+    share = angle / OPEN
+    return angle + bend.bow * np.sin(np.pi * share) + bend.wave * np.sin(2 * np.pi * share)
+
+
+def _held_over(angle: np.ndarray, low: float, high: float) -> np.ndarray:
+    """Within the band, the edge at which it was entered; a trace that begins within it shows the lower one."""
+    inside = (angle > low) & (angle < high)
+    last = np.maximum.accumulate(np.where(inside, -1, np.arange(len(angle))))
+    edge = np.where((last >= 0) & (angle[last] >= high), high, low)
+    return np.where(inside, edge, angle)
+
+
+@dataclass(frozen=True)
+class CurrentChannel:
+    """How one trace's current is logged: so much late (s), so much off (A)."""
+
+    late: float
+    offset: float
+
+    def instants(self, true: np.ndarray, start: float) -> np.ndarray:
+        """When the rows' currents were really sampled, s; never before the start, and rising."""
+        return np.maximum(true - self.late, start + 1e-9 * np.arange(1, len(true) + 1))
+
+
+def current_channel(rng: np.random.Generator, effects: Effects) -> CurrentChannel:
+    """Drawn anew for each trace; a channel without flaw draws nothing."""
+    late, off = effects.channel_delay, effects.current_sensor_offset
+    return CurrentChannel(_scattered(rng, late.time, late.scatter), _scattered(rng, off.amps, off.scatter))
+
+
+def _scattered(rng: np.random.Generator, value: float, relative: float) -> float:
+    return value * (1.0 + relative * rng.standard_normal()) if value != 0.0 else 0.0

@@ -3,27 +3,29 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from .drives import Drive, chirp, line, multisine, random_steps, steps, trapezoids
 from .effects import Effects
-from .instruments import UNITS, Bench, clock, true_values
+from .instruments import UNITS, Bench, clock, current_channel, true_values
 from .kernel import Plant
 from .simulate import NEVER, REHEARSAL, motor_alone, resting_angle, simulate, terminals_open, throttle
 from .truth import OPEN, Truth
 
 GRACE = 0.01  # s that a drive outlasts its log
+CREEP = 1e-3  # rad/s; a plate on bristles that is slower has come to rest
 
 
 @dataclass(frozen=True)
 class Series:
-    """How many traces of one rig test, how long (s, at least), at what sample rate (Hz)."""
+    """How many traces of one rig test, how long (s, at least), at what sample rate (Hz); the last `held` held out."""
 
     count: int
     duration: float
     rate: float
+    held: int = 0
 
 
 @dataclass(frozen=True)
@@ -34,6 +36,13 @@ class Trace:
     columns: dict[str, np.ndarray]
 
 
+@dataclass
+class Stopwatch:
+    """What has been logged so far, s."""
+
+    seconds: float = 0.0
+
+
 @dataclass(frozen=True)
 class Session:
     """One throttle body on one bench."""
@@ -42,6 +51,7 @@ class Session:
     truth: Truth
     effects: Effects
     bench: Bench
+    stopwatch: Stopwatch = field(default_factory=Stopwatch)
 
     def record(
         self,
@@ -56,13 +66,25 @@ class Session:
         """What the logger writes while the drive acts on the plant; headers as in `current [mA]`, time first."""
         drive = drive.slewed(self.bench.rise).limited(self.bench.supply)
         ticks = clock(self.rng, self.bench, series.rate, series.duration)
+        plant, channel = self._aged(plant), current_channel(self.rng, plant.effects)
         motion = simulate(plant, drive, ticks.true, angle=angle, held_until=held_until)
+        if channel.late > 0.0:
+            earlier = channel.instants(ticks.true, drive.time[0])
+            late = simulate(plant, drive, earlier, angle=angle, held_until=held_until)
+            motion = replace(motion, current=late.current)
+        motion = replace(motion, current=motion.current + channel.offset)
         columns = {headers[0]: ticks.logged * UNITS[_unit(headers[0])][0]}
         for header in headers[1:]:
             quantity = header.partition(" ")[0]
-            true = true_values(quantity, motion, plant.k, plant.N)
+            true = true_values(quantity, motion, plant.k, plant.N, plant.effects)
             columns[header] = self.bench.sensors[quantity].read(self.rng, true) * UNITS[_unit(header)][0]
+        self.stopwatch.seconds += series.duration
         return columns
+
+    def _aged(self, plant: Plant) -> Plant:
+        """The plant with the session's seconds behind it."""
+        drift = plant.effects.friction_drift._replace(before=self.stopwatch.seconds)
+        return plant._replace(effects=plant.effects._replace(friction_drift=drift))
 
 
 def resistance(session: Session, series: Series) -> Iterator[Trace]:
@@ -158,7 +180,8 @@ def _fall_time(plant: Plant, longest: float = 10.0) -> float:
     """How long the plate moves once it is let go from open, at 0 V or with its terminals open; s."""
     time = np.arange(0.0, longest, 1e-3)
     motion = simulate(plant, Drive(np.array([0.0, longest]), np.zeros(2)), time, angle=OPEN, h_max=REHEARSAL)
-    return float(time[np.flatnonzero(motion.speed)[-1]])
+    creep = CREEP if plant.effects.presliding_friction.angle > 0.0 else 0.0
+    return float(time[np.flatnonzero(np.abs(motion.speed) > creep)[-1]])
 
 
 def _opening_voltage(session: Session, plant: Plant, rest: float, over: float = 1.08) -> float:

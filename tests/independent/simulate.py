@@ -7,19 +7,29 @@ from dataclasses import dataclass
 import numpy as np
 
 from .drives import Drive
-from .effects import Effects
-from .kernel import Plant, record, run
+from .effects import Effects, at_the_motor
+from .kernel import Plant, at_rest, record, run
 from .truth import OPEN, Truth
 
 H_MAX = 40e-6  # s, longest step
 SETTLING = 6.0  # s that a plate let go from open is given to come to rest
 REHEARSAL = 200e-6  # s, longest step where only a protocol hangs on the outcome
 NEVER = float("inf")
+STIFF = 50e-6  # s, longest step in which teeth, brushes and a driver's limit stay stable
+FASTEST = 50.0  # rad/s, what no plate exceeds
+STIFFENING = ("backlash", "brush_voltage_drop", "driver_dead_zone", "current_limit")
 
 
 @dataclass(frozen=True)
 class Motion:
-    """What really happened at each instant, SI, shape (n,) each."""
+    """What really happened at each instant, SI, shape (n,) each.
+
+    Args:
+        time, current, speed, angle, warmth: of the plate and the winding.
+        voltage: that was commanded.
+        motor_speed: at the plate's shaft; the plate's own but for backlash.
+        sensed: angle that the position sensor follows.
+    """
 
     time: np.ndarray
     current: np.ndarray
@@ -27,6 +37,8 @@ class Motion:
     angle: np.ndarray
     warmth: np.ndarray
     voltage: np.ndarray
+    motor_speed: np.ndarray
+    sensed: np.ndarray
 
 
 def throttle(truth: Truth, effects: Effects, series_ohm: float = 0.0) -> Plant:
@@ -46,6 +58,8 @@ def throttle(truth: Truth, effects: Effects, series_ohm: float = 0.0) -> Plant:
         lower=0.0,
         upper=OPEN,
         effects=effects,
+        J_m=truth.N**2 * truth.J_m,
+        B_m=truth.N**2 * truth.B_m,
     )
 
 
@@ -56,8 +70,7 @@ def terminals_open(truth: Truth, effects: Effects) -> Plant:
 
 def motor_alone(truth: Truth, effects: Effects) -> Plant:
     """The motor with the gear apart, still written at the plate's shaft: no plate, spring, dry friction or stops."""
-    kept = Effects(cogging_torque=effects.cogging_torque, winding_heating=effects.winding_heating)
-    bare = throttle(truth, kept)._replace(K_s=0.0, T_PL=0.0, T_f=0.0, lower=-NEVER, upper=NEVER)
+    bare = throttle(truth, at_the_motor(effects))._replace(K_s=0.0, T_PL=0.0, T_f=0.0, lower=-NEVER, upper=NEVER)
     return bare._replace(J=truth.N**2 * truth.J_m, B=truth.N**2 * truth.B_m)
 
 
@@ -67,10 +80,35 @@ def simulate(
     """The motion at the instants (s, rising, within the drive), from rest at the angle (rad) without current."""
     if instants[0] < drive.time[0] or instants[-1] > drive.time[-1] or np.any(np.diff(instants) <= 0):
         raise ValueError("the instants must rise and lie within the drive")
-    start = (0.0, 0.0, float(angle), 0.0)
-    out = run(record(plant), drive.time, drive.volts, instants, float(held_until), start, h_max)
-    current, speed, theta, warmth, voltage = out.T
-    return Motion(instants, current, speed, theta, warmth, voltage)
+    out = run(
+        record(plant),
+        *_acting(plant, drive),
+        instants,
+        float(held_until),
+        at_rest(plant, float(angle)),
+        longest_step(plant, h_max),
+    )
+    current, speed, theta, warmth, voltage, motor_speed, sensed = out.T
+    if "actuation_delay" in plant.effects.on:
+        voltage = drive.at(instants)
+    return Motion(instants, current, speed, theta, warmth, voltage, motor_speed, sensed)
+
+
+def longest_step(plant: Plant, h_max: float) -> float:
+    """As wished, or as stable: bristles at the fastest speed, and all else that is stiff; s."""
+    if set(STIFFENING) & set(plant.effects.on):
+        h_max = min(h_max, STIFF)
+    if plant.effects.presliding_friction.angle > 0.0:
+        h_max = min(h_max, plant.effects.presliding_friction.angle / FASTEST)
+    return h_max
+
+
+def _acting(plant: Plant, drive: Drive) -> tuple[np.ndarray, np.ndarray]:
+    """Knots (s, V) of what reaches the driver's bridge of the voltage commanded."""
+    late = plant.effects.actuation_delay
+    if late.delay > 0.0:
+        drive = drive.delayed(late.delay, late.period).slewed(late.rise)
+    return drive.time, drive.volts
 
 
 def resting_angle(truth: Truth, effects: Effects) -> float:

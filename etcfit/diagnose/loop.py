@@ -1,0 +1,171 @@
+"""The loop: screen every effect, refit the best few, add the one that helps most, until nothing helps; then look back."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ..bench import Bench
+from ..descent import go
+from ..fit import MISFIT, rounds
+from ..outcome import FitResult
+from .composition import Composition, Effect, compose, resting
+from .screen import Signature, screen, variants
+from .trial import Score, Standing, Verdict, bic_change, compare, score
+
+Report = Callable[[str, float], None]
+
+_REFITS = 4  # candidates refitted in full in one round
+_ROUNDS = 8
+_STRONG = -10.0  # BIC change that counts as evidence (Kass and Raftery 1995: very strong)
+_PROMISE = 0.3  # share of what BIC asks that the screening must promise for a refit
+_SAME = 6.0  # difference of two models' -2 log likelihood that these data cannot tell
+
+
+@dataclass(frozen=True, eq=False)
+class Round:
+    """One turn of the loop.
+
+    Args:
+        before: the model as it stood, and its score.
+        screened: every candidate's signature, the most promising first.
+        verdicts: candidates refitted, the best first.
+        added: the one that was added, or None.
+        ties: others that explain these data as well as the one added.
+        why: one sentence.
+    """
+
+    before: Standing
+    score: Score
+    screened: tuple[Signature, ...]
+    verdicts: tuple[Verdict, ...]
+    added: Effect | None
+    ties: tuple[Effect, ...]
+    why: str
+
+
+def start(result: FitResult) -> Standing:
+    """A fit, taken up in the composed model."""
+    bench = result.bench
+    composition = compose(result.rig, bench.tape.traces)
+    unknowns = composition.unknowns(())
+    holdout = result.holdout.tape.traces if result.holdout is not None else ()
+    return whitened(composition, (), bench.told(unknowns), holdout, result.x, result.far)
+
+
+def whitened(
+    composition: Composition, added: tuple[Effect, ...], bench: Bench, holdout: tuple, x: np.ndarray, far: bool
+) -> Standing:
+    """A standing whose residual is whitened, or weighed, at x."""
+
+    def problem(b: Bench):
+        return b.problem(b.free_running() if far else b.kalman(x))
+
+    bench = bench.discounted(x) if far else bench
+    beside = None
+    if holdout:
+        other = bench.beside(holdout, x)
+        other = other.discounted(x) if far else other
+        beside = other, problem(other)
+    return Standing(composition, added, bench, problem(bench), beside, x, far)
+
+
+def settled(s: Standing, report: Report) -> Standing:
+    """The model refitted in full: through the rounds of the fit where it comes near the data."""
+    holdout = s.holdout[0].tape.traces if s.holdout is not None else ()
+    bench, x = s.bench.refined(s.x), s.x
+    bench = replace(bench, jitter=s.bench.jitter)
+    problem = bench.problem(bench.forgiving())
+    x, _ = go(bench, bench.layout.off_bounds(x), problem, 1e-4)
+    r = bench.linearise(x, problem)[0]
+    far = float(np.sum(r**2)) / max(1.0, float(np.sum(problem.slots.weight)) - x.size) > MISFIT
+    if far:
+        again = whitened(s.composition, s.added, bench, holdout, x, True).optimised()
+        return whitened(s.composition, s.added, bench, holdout, again.x, True)
+    bench, _, x, _ = rounds(bench.released(x), x, report)
+    return whitened(s.composition, s.added, bench, holdout, x, False)
+
+
+def turn(s: Standing, report: Report) -> Round:
+    """One round."""
+    candidates = [e for e in s.composition.candidates if not s.at_work(e)]
+    report(f"screening {len(candidates)} effects", 0.1)
+    _, signatures = screen(s.bench, s.x, s.problem, candidates)
+    before = score(s)
+    promising = [g for g in signatures if g.gain * _per_chi2(before) > _PROMISE * _asked(g, before)][:_REFITS]
+    verdicts = []
+    for k, signature in enumerate(promising):
+        report(f"refitting with {signature.variant.effect.name}", 0.2 + 0.6 * k / len(promising))
+        verdicts.append(_tried(s, signature, before))
+    verdicts.sort(key=lambda v: v.bic_change)
+    added, ties, why = choose(verdicts)
+    return Round(s, before, signatures, tuple(verdicts), added, ties, why)
+
+
+def _per_chi2(before: Score) -> float:
+    """What one unit of chi2 is worth in -2 log likelihood."""
+    return before.count / max(before.chi2, 1e-300)
+
+
+def _asked(g: Signature, before: Score) -> float:
+    return len(g.variant.amplitudes) * np.log(before.count) - _STRONG
+
+
+def _tried(s: Standing, g: Signature, before: Score) -> Verdict:
+    effect = g.variant.effect
+    trial = s.with_effects((*s.added, effect), g.values).optimised()
+    more = len(resting(effect))
+    return compare(effect, before, trial, more, len(variants(effect)), g.gain, g.own)
+
+
+def choose(verdicts: Sequence[Verdict]) -> tuple[Effect | None, tuple[Effect, ...], str]:
+    """Which effect to add, which others do as well, and why."""
+    worth = [v for v in verdicts if v.bic_change < _STRONG]
+    good = [v for v in worth if v.helps_elsewhere()]
+    if not verdicts:
+        return None, (), "No effect of the catalogue promises to explain anything more."
+    if not worth:
+        best = verdicts[0]
+        return (
+            None,
+            (),
+            (
+                f"{best.effect.name} does best, but is not worth its parameters (BIC {best.bic_change:+.1f}, "
+                f"{_STRONG:.0f} asked)."
+            ),
+        )
+    if not good:
+        return None, (), f"{worth[0].effect.name} helps on the fitted traces only, not on those held out."
+    best = good[0]
+    ties = tuple(v.effect for v in good[1:] if v.bic_change - best.bic_change < _SAME)
+    held = "" if best.holdout_rms_ratio is None else f", held-out error x {best.holdout_rms_ratio:.3f}"
+    words = (
+        f"{best.effect.name} explains most: fitted error x {best.fit_rms_ratio:.3f}{held}, BIC {best.bic_change:+.0f}."
+    )
+    if ties:
+        words += f" {_listed(ties)} would do as well: these data cannot tell them apart."
+    return best.effect, ties, words
+
+
+def _listed(effects: Sequence[Effect]) -> str:
+    return " and ".join(e.name for e in effects)
+
+
+def without(s: Standing, effect: Effect) -> Standing:
+    """The model refitted without one of the effects added."""
+    return s.with_effects(tuple(e for e in s.added if e is not effect), {}).optimised()
+
+
+def pruned(s: Standing, report: Report) -> tuple[Standing, tuple[str, ...]]:
+    """Try to take each added effect away again; what is taken, and a sentence for each."""
+    words = []
+    for effect in s.added[:-1]:
+        report(f"trying without {effect.name}", 0.9)
+        less, here = without(s, effect), score(s)
+        change = -bic_change(score(less), here, len(resting(effect)), 1)
+        if change < 0.0:
+            words.append(f"{effect.name} was taken away again: what came after explains it (BIC {change:+.1f}).")
+            s = settled(less, report)
+    return s, tuple(words)

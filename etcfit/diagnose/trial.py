@@ -1,0 +1,183 @@
+"""One model on trial: refitted with one effect more or less, and judged on what was fitted and on what was not.
+
+Two models are compared under one and the same whitening and weights, those of the model as it stands, so that their
+chi2 differ by what they explain and by nothing else:
+
+    BIC change = n ln(chi2_1 / chi2_0) + (k_1 - k_0) ln n + 2 ln(variants tried),    n = number of independent samples
+
+An amplitude that cannot be negative and is best at zero gains nothing: the test is one-sided by construction.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from ..bench import Bench
+from ..correlation import inflation
+from ..descent import go
+from ..explore import chi2_of
+from ..residual import Problem
+from ..score import Row, columns, rows
+from .composition import Composition, Effect, carried
+
+_TOLERANCE = 1e-4  # of a refit: relative change of chi2
+_SLACK = 1e-3  # relative rise of a held-out error that counts as none
+
+
+@dataclass(frozen=True, eq=False)
+class Standing:
+    """The model as it stands, at its optimum.
+
+    Args:
+        composition: of which it is a part.
+        added: effects at work beyond those known from the start, in the order found.
+        bench, problem: the fitted traces and how their residual is whitened.
+        holdout: traces that are not fitted, and their whitening; None where there are none.
+        x: coordinates.
+        far: too far from the data to be whitened: samples are weighed by what is left in them.
+    """
+
+    composition: Composition
+    added: tuple[Effect, ...]
+    bench: Bench
+    problem: Problem
+    holdout: tuple[Bench, Problem] | None
+    x: np.ndarray
+    far: bool
+
+    def with_effects(self, added: tuple[Effect, ...], values: Mapping[str, float]) -> Standing:
+        """The same data and whitening with other effects at work; new parameters start at `values` (SI)."""
+        unknowns = self.composition.unknowns(added)
+        x = carried(self.x, self.bench.layout, unknowns, values)
+        bench, problem = _told(self.bench, self.problem, unknowns)
+        holdout = None if self.holdout is None else _told(*self.holdout, unknowns)
+        return replace(self, added=added, bench=bench, problem=problem, holdout=holdout, x=x)
+
+    def optimised(self) -> Standing:
+        """At the nearest optimum of the same residual."""
+        start = self.bench.layout.off_bounds(self.x)
+        return replace(self, x=go(self.bench, start, self.problem, _TOLERANCE)[0])
+
+    def at_work(self, effect: Effect) -> bool:
+        return effect in self.added
+
+
+def _told(bench: Bench, problem: Problem, unknowns: object) -> tuple[Bench, Problem]:
+    new = bench.told(unknowns)  # pyright: ignore[reportArgumentType]
+    return new, new.problem(problem.whitening)
+
+
+@dataclass(frozen=True, eq=False)
+class Score:
+    """How well a model does, fitted and held out.
+
+    Args:
+        chi2: of the fitted samples.
+        count: of independent samples among them.
+        held_out: chi2 of the held-out samples; None where there are none.
+        fit_rows, holdout_rows: free-running errors by trace and channel.
+    """
+
+    chi2: float
+    count: float
+    held_out: float | None
+    fit_rows: tuple[Row, ...] = field(repr=False)
+    holdout_rows: tuple[Row, ...] = field(repr=False)
+
+    @property
+    def fit_rms(self) -> float:
+        """Free-running error of the fitted traces, in sigma."""
+        return pooled(self.fit_rows)
+
+    @property
+    def holdout_rms(self) -> float | None:
+        """Free-running error of the held-out traces, in sigma."""
+        return pooled(self.holdout_rows) if self.holdout_rows else None
+
+
+def pooled(every: tuple[Row, ...]) -> float:
+    """Root mean square over traces and channels of error / sigma, each counting alike for each of its samples."""
+    n = np.array([row.n for row in every], dtype=float)
+    ratio = np.array([row.rms / row.sigma for row in every])
+    return float(np.sqrt(np.sum(n * ratio**2) / n.sum()))
+
+
+def score(s: Standing) -> Score:
+    """Judge a model where it stands."""
+    r = np.asarray(s.bench.linearise(s.x, s.problem)[0])
+    held_out, holdout_rows = None, ()
+    if s.holdout is not None:
+        bench, problem = s.holdout
+        held_out = float(chi2_of(bench, s.x[None], problem)[0])
+        holdout_rows = rows(bench.tape.traces, bench.free_run(s.x))
+    fit_rows = rows(s.bench.tape.traces, s.bench.free_run(s.x))
+    return Score(float(np.sum(r**2)), independent(s.bench, r), held_out, fit_rows, holdout_rows)
+
+
+def independent(bench: Bench, r: np.ndarray) -> float:
+    """How many independent samples a residual, shape (T, L, M), is worth."""
+    count = 0.0
+    for trace, part in zip(bench.tape.traces, columns(bench.tape, r), strict=True):
+        for m in range(len(trace.channels)):
+            own = part[np.isfinite(trace.data[:, m]), m]
+            spread = float(np.sqrt(np.mean(own**2))) if own.size else 1.0
+            count += own.size / inflation(own / max(spread, 1.0))
+    return count
+
+
+@dataclass(frozen=True, eq=False)
+class Verdict:
+    """A candidate beside the model as it stands.
+
+    Args:
+        effect: which.
+        standing: refitted with it.
+        score: of that.
+        fit_rms_ratio, holdout_rms_ratio: free-running errors over those without it; the latter None without a holdout.
+        holdout_chi2_change: of the whitened held-out residual; None without a holdout.
+        bic_change: below 0 where it is worth its parameters.
+        screened: by how much the screening thought it would lower chi2.
+        own: share of its signature that no fitted parameter can imitate.
+    """
+
+    effect: Effect
+    standing: Standing
+    score: Score
+    fit_rms_ratio: float
+    holdout_rms_ratio: float | None
+    holdout_chi2_change: float | None
+    bic_change: float
+    screened: float
+    own: float
+
+    def helps_elsewhere(self) -> bool:
+        """Held-out traces do not contradict it."""
+        if self.holdout_chi2_change is None or self.holdout_rms_ratio is None:
+            return True
+        if self.standing.far:
+            return self.holdout_rms_ratio < 1.0 - _SLACK
+        return self.holdout_chi2_change < 0.0 and self.holdout_rms_ratio < 1.0 + _SLACK
+
+
+def bic_change(before: Score, after: Score, parameters: int, tried: int) -> float:
+    """See the module's head."""
+    n = max(2.0, min(before.count, after.count))
+    likelihood = n * np.log(after.chi2 / before.chi2)
+    return float(likelihood + parameters * np.log(n) + 2.0 * np.log(max(tried, 1)))
+
+
+def compare(effect: Effect, before: Score, s: Standing, parameters: int, tried: int, screened: float, own: float):
+    """The verdict on a refitted model."""
+    after = score(s)
+    held_out = None
+    if after.held_out is not None and before.held_out is not None:
+        held_out = after.held_out - before.held_out
+    ratio = None
+    if after.holdout_rms is not None and before.holdout_rms is not None:
+        ratio = after.holdout_rms / before.holdout_rms
+    change = bic_change(before, after, parameters, tried)
+    fit_ratio = after.fit_rms / before.fit_rms
+    return Verdict(effect, s, after, fit_ratio, ratio, held_out, change, screened, own)

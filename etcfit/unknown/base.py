@@ -1,0 +1,82 @@
+"""Effects nobody has named: a contribution that varies smoothly over one axis, by whatever curve the data ask for."""
+
+from __future__ import annotations
+
+import types
+from collections.abc import Mapping
+from itertools import pairwise
+from typing import Any, ClassVar
+
+import jax.numpy as jnp
+
+from ..effects import AbstractEffect, Contribution, Inputs, State
+from ..parameters import Real, Scalar, parameter
+from .axes import Axis, K
+
+# what a contribution enters -> (its unit, a typical size)
+ENTERS: Mapping[str, tuple[str, float]] = {
+    "torque": ("N*m", 0.05),
+    "friction": ("N*m", 0.05),
+    "voltage": ("V", 0.2),
+    "position": ("rad", 0.02),
+}
+
+
+class AbstractSmooth(AbstractEffect):
+    """contribution = sum_k c_k hat_k(a): hat_k is 1 at knot k of the axis a, 0 at every other, linear in between.
+
+    Beyond the outer knots it is constant. "Linear" is in the coordinate of the axis (see `Axis`).
+
+    Source: de Boor 1978, A practical guide to splines, B-splines of order 2. Differs from source: no.
+
+    Attributes:
+        enters: which part of `Contribution` it adds to.
+        along: its axis; `axis` and `axis_unit` are the name and unit, `knots` the values at its knots.
+        unit: of the contribution and of the amplitudes c_k, its fields.
+    """
+
+    enters: ClassVar[str]
+    unit: ClassVar[str]
+    along: ClassVar[Axis]
+    axis: ClassVar[str]
+    axis_unit: ClassVar[str]
+    knots: ClassVar[tuple[float, ...]]
+    symbols: ClassVar[tuple[str, ...]]
+
+    def shape(self, value: Scalar) -> Scalar:
+        """The contribution at a value of the axis, in `unit`; element by element for an array of any shape."""
+        place = self.along.place(value)
+        c = [getattr(self, symbol) for symbol in self.symbols]
+        # a sum of ramps rather than of hats: its slope at a knot is the mean of the slopes beside it
+        rises = ((after - before) * jnp.clip(place - k, 0.0, 1.0) for k, (before, after) in enumerate(pairwise(c)))
+        return sum(rises, start=c[0])
+
+    def __call__(self, x: State, z: tuple[Scalar, ...], u: Inputs) -> Contribution:
+        felt = 1.0 if self.enters == "voltage" else u.plate  # a motor alone has a circuit, but no plate
+        return Contribution(**{self.enters: felt * self.shape(self.along.value(x, u))})
+
+
+def smooth(prefix: str, enters: str, along: Axis) -> type[AbstractSmooth]:
+    """An abstract smooth effect with K amplitudes as its fields: prefix0, prefix1 and so on, each off at 0."""
+    unit, scale = ENTERS[enters]
+    symbols = tuple(f"{prefix}{k}" for k in range(K))
+
+    def amplitude(knot: float) -> Any:
+        meaning = f"unknown {enters} at {along.name} {knot:.3g} {along.unit}".removesuffix(" 1")
+        return parameter(unit, Real(scale), 0.0, meaning, "de Boor 1978")
+
+    body: dict[str, Any] = {
+        "__module__": __name__,
+        "__annotations__": dict.fromkeys(symbols, Scalar),
+        "enters": enters,
+        "unit": unit,
+        "along": along,
+        "axis": along.name,
+        "axis_unit": along.unit,
+        "knots": along.knots,
+        "symbols": symbols,
+        "off": dict.fromkeys(symbols, 0.0),
+        "loaded": along.name == "load",
+    }
+    body |= {symbol: amplitude(knot) for symbol, knot in zip(symbols, along.knots, strict=True)}
+    return types.new_class(f"AbstractSmooth_{prefix}", (AbstractSmooth,), {}, lambda namespace: namespace.update(body))
