@@ -113,9 +113,13 @@ class Bench:
 
     def free_run(self, x: np.ndarray) -> list[np.ndarray]:
         """Simulated samples of each trace, (n, M)."""
-        return columns(self.tape, _simulated(*self.at(x), self._arrays()))
+        return columns(self.tape, self.simulated(x, 0.0))
 
-    def _arrays(self, pull: float = 0.0) -> Any:
+    def simulated(self, x: np.ndarray, pull: float) -> Any:
+        """Simulated samples along the tape, (T, L, M), drawn along the measured angle by a guide of `pull`, N m/rad."""
+        return _simulated(*self.at(x), self.arrays(pull))
+
+    def arrays(self, pull: float = 0.0) -> Any:
         """The tape, as compiled functions take it."""
         tape = self.tape
         return tape.guided(pull), tape.resets, self.slots, tape.disturbance, tape.circuit_of
@@ -154,7 +158,7 @@ class Bench:
         return replace(self, jitter=float(np.sqrt(np.clip(variance, 0.0, _MOST_JITTER**2))))
 
     def _filter(self, x: np.ndarray) -> Any:
-        return _kalman(*self.at(x), self._arrays(), self.jitter)
+        return _kalman(*self.at(x), self.arrays(), self.jitter)
 
     def problem(self, filter_: Whitening) -> Problem:
         """The data for the residual."""
@@ -172,7 +176,7 @@ class Bench:
         """The same with as many integration steps as the path at x needs."""
         bench = self
         for _ in range(2):
-            error = np.asarray(_local_error(*bench.at(x), bench._arrays()))
+            error = np.asarray(_local_error(*bench.at(x), bench.arrays()))
             steps = grid.substeps(bench.tape, error)
             bench = Bench.of(self.config, self.unknowns, self.tape.traces, steps, self.shape)
         return bench
@@ -217,7 +221,7 @@ class Bench:
     def discounted(self, x: np.ndarray) -> Bench:
         """The same with each channel of each trace counting for no more than its error at x allows, guided as it is."""
         sigma = self.tape.slots.sigma.copy()
-        predicted = columns(self.tape, _simulated(*self.at(x), self._arrays(self.pull)))
+        predicted = columns(self.tape, self.simulated(x, self.pull))
         for trace, (lane, row, marks), model in zip(self.tape.traces, self.tape.places, predicted, strict=True):
             rms = np.sqrt(np.nanmean((trace.data - model) ** 2, axis=0)) / trace.sigma
             sigma[row : marks[-1] + 1, lane, : len(trace.channels)] *= np.maximum(1.0, rms)

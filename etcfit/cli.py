@@ -41,6 +41,7 @@ class Status(IntEnum):
 
 Folder = Annotated[Path, typer.Argument(help="A measurement folder.", exists=True, file_okay=False, metavar="FOLDER")]
 Out = Annotated[Path, typer.Option("--out", help="The run folder to write.", file_okay=False, metavar="RUN")]
+Run = Annotated[Path, typer.Argument(help="A run folder.", exists=True, file_okay=False, metavar="RUN")]
 Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="No progress on stderr.")]
 
 _PIPE_WIDTH = 140  # columns; a pipe has no width, and a table cut to 80 loses figures
@@ -179,6 +180,29 @@ def fit(folder: Folder, out: Out, quiet: Quiet = False) -> None:
     _stdout().print(fit_table(result))
     if not result.converged:
         raise _stop(Status.NOT_CONVERGED, f"the fit did not converge: {result.reason}")
+
+
+@app.command()
+@_contract
+def diagnose(run: Run, quiet: Quiet = False) -> None:
+    """What the model fitted in RUN lacks: residual, missing effect, refit, until nothing is left; before and after."""
+    with _progress(quiet) as report:
+        report("taking up the fit", 0.0)
+        _keep_compiled()
+        from .run_folder import read_state, rig_of
+
+        state = read_state(run)
+        rig = rig_of(state)
+        from .diagnose import diagnose as diagnose_fit
+        from .fit import resume
+        from .report import write_diagnosis
+        from .report.diagnosis.table import diagnosis_table
+
+        diagnosis = diagnose_fit(resume(rig, state.x, state.far, report), report)
+        write_diagnosis(run, diagnosis, report)
+    _stdout().print(diagnosis_table(diagnosis))
+    if not diagnosis.after.converged:
+        raise _stop(Status.NOT_CONVERGED, f"the fit of the final model did not converge: {diagnosis.after.reason}")
 
 
 @app.command()

@@ -90,6 +90,29 @@ def fit(rig: Rig, report: Report = quiet) -> FitResult:
     return outcome(rig, readings, bench, held_out, problem, x, starts, state, notes)
 
 
+def resume(rig: Rig, x: np.ndarray, far: bool, report: Report = quiet) -> FitResult:
+    """Take up a fit where it ended.
+
+    Args:
+        rig: its measurement folder.
+        x: coordinates at its optimum, shape (P,).
+        far: whether it was fitted free-running.
+        report: called with what is going on and the share done.
+    """
+    known = unknowns(rig.config)
+    fitted, held_out, notes = ready(rig)
+    readings = read_graphs(rig)
+    report("taking up the fit", 0.1)
+    bench = Bench.of(rig.config, known, fitted).refined(x).released(x)
+    if not far:
+        bench, problem, x, end = rounds(bench, x, report)
+    else:
+        bench = bench.discounted(x)
+        problem = bench.problem(bench.free_running())
+        end = End(True, "taken up from a fit that was searched for", far=True)
+    return outcome(rig, readings, bench, held_out, problem, x, (), end, notes)
+
+
 def _from_several_starts(
     bench: Bench, start: np.ndarray, report: Report
 ) -> tuple[np.ndarray, tuple[StartSummary, ...], float]:

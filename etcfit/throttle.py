@@ -38,14 +38,18 @@ class Throttle(eqx.Module):
         return tuple(z for effect in self.effects for z in effect.z0)
 
     def __call__(self, x: State, z: tuple[Scalar, ...], u: Inputs) -> Contribution:
-        """Sum of the contributions of all effects, first of those that need not know what the gear carries."""
+        """Sum of the contributions of all effects."""
+        return total(self.parts(x, z, u))
+
+    def parts(self, x: State, z: tuple[Scalar, ...], u: Inputs) -> list[Contribution]:
+        """Each effect's contribution; those that need not know what the gear carries are asked first."""
         memories = self._memories(z)
         parts = {k: e(x, memories[k], u) for k, e in enumerate(self.effects) if not e.loaded}
         if len(parts) < len(self.effects):
             first = total(list(parts.values()))
             carrying = u._replace(motor=first.drive + u.torque, external=first.torque)
             parts |= {k: e(x, memories[k], carrying) for k, e in enumerate(self.effects) if e.loaded}
-        return total([parts[k] for k in range(len(self.effects))])
+        return [parts[k] for k in range(len(self.effects))]
 
     def _memories(self, z: tuple[Scalar, ...]) -> list[tuple[Scalar, ...]]:
         """Each effect's own share of the memories."""

@@ -9,6 +9,7 @@ from typing import Any
 import folders
 import numpy as np
 
+from etcfit.effects import EFFECT_BY_NAME
 from etcfit.fit import FitResult, StartSummary, ready
 from etcfit.identifiability import Direction, Identifiability
 from etcfit.reading import Readings, read_graphs
@@ -37,13 +38,22 @@ def rig(folder: Path, synthetic: bool = True) -> Rig:
     return read_folder(folders.write(folder, files))
 
 
-def result(rig: Rig, lost: tuple[str, ...] = (), **changes: Any) -> FitResult:
-    """A fit of the rig at nominal values, every coordinate known to 0.02, traces simulated almost as measured."""
-    known = unknowns(rig.config)
+def result(
+    rig: Rig, lost: tuple[str, ...] = (), added: tuple[str, ...] = (), off: float = 0.0, **changes: Any
+) -> FitResult:
+    """A fit of the rig at nominal values, every coordinate known to 0.02, traces simulated almost as measured.
+
+    Args:
+        lost: symbols that are not identifiable.
+        added: effects beyond Eqs. 1-2 and rig.toml.
+        off: by how many sigma the simulation is wrong besides the noise.
+        changes: fields of the result.
+    """
+    known = unknowns(rig.config, tuple(EFFECT_BY_NAME[name] for name in added))
     layout, (fitted, held_out, _) = known.layout, ready(rig)
     x = layout.coordinates({p.symbol: p.nominal for p in layout.parameters})
     rng = np.random.default_rng(0)
-    noise = [rng.standard_normal(t.data.shape) for t in (*fitted, *held_out)]
+    noise = [rng.standard_normal(t.data.shape) + off * _wave(t.instants) for t in (*fitted, *held_out)]
     predicted = {t.measurement.file: t.data - t.sigma * r for t, r in zip((*fitted, *held_out), noise, strict=True)}
     direction = Direction(lost, (1.0,) * len(lost), np.inf)
     fields: dict[str, Any] = {
@@ -75,6 +85,11 @@ def result(rig: Rig, lost: tuple[str, ...] = (), **changes: Any) -> FitResult:
 
 def without_readings() -> Readings:
     return Readings({}, {}, frozenset(), {})
+
+
+def _wave(instants: np.ndarray) -> np.ndarray:
+    """Three periods of rms 1, shape (n, 1)."""
+    return np.sqrt(2.0) * np.sin(6.0 * np.pi * (instants - instants[0]) / np.ptp(instants))[:, None]
 
 
 def _bench(traces: tuple[Any, ...]) -> Any:

@@ -464,7 +464,7 @@ def change(effects: Effects) -> float:
 @pytest.mark.parametrize("name", STRENGTHS)
 def test_each_strength_moves_the_data_more_than_the_one_below(name: str) -> None:
     low, medium, high = (change(effects) for effects in STRENGTHS[name])
-    assert 0.0005 < low < medium < high
+    assert 1e-5 < low < medium < high
     assert medium > 0.01
 
 

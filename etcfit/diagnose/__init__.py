@@ -1,0 +1,113 @@
+"""Close the loop: find what the model lacks, add it, and say how much better it gets on traces it never saw."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+
+from ..fit import quiet
+from ..outcome import End, FitResult, outcome
+from .balance import motions
+from .evidence import evidence
+from .findings import Candidate, Diagnosis, RoundReport, Tie, Unexplained
+from .loop import ROUNDS, Round, pruned, settled, start, turn
+from .trial import Standing
+from .unexplained import unexplained
+
+__all__ = ["Diagnosis", "diagnose"]
+
+Report = Callable[[str, float], None]
+
+
+def diagnose(result: FitResult, report: Report = quiet) -> Diagnosis:
+    """Trace the residual of a fit to the effects that its model lacks.
+
+    Args:
+        result: a fit, of Eqs. 1-2 or of whatever rig.toml names.
+        report: called with what is going on and the share done.
+    Returns:
+        the rounds, the effects found, what no effect explains, and the fits before and after.
+    """
+    report("composing the model of all effects", 0.0)
+    first = s = start(result)
+    rounds: list[RoundReport] = []
+    ties: list[Tie] = []
+    while len(rounds) < ROUNDS:
+        told = _in_stage(report, f"round {len(rounds) + 1}", len(rounds))
+        turned = turn(s, told)
+        rounds.append(_reported(turned))
+        report(f"round {len(rounds)}: {turned.why}", (len(rounds) - 0.5) / ROUNDS)
+        if turned.added is None:
+            break
+        if turned.ties:
+            group = (turned.added, *turned.ties)
+            cures = "; ".join(f"{e.name}: {e.told_by}" for e in group)
+            ties.append(Tie(tuple(e.name for e in group), cures))
+        s = settled(next(v.standing for v in turned.verdicts if v.effect is turned.added), told)
+    s, removed = pruned(s, report)
+    left = None if rounds[-1].evidence.white else unexplained(result, s, report)
+    report("the fit of the final model", 0.95)
+    after = _final(result, s)
+    doubts = left.doubts if left else ()
+    added = tuple(e.name for e in s.added if e.name not in doubts)
+    along = (*motions(first, s, False), *(motions(first, s, True) if s.holdout else ()))
+    known = tuple(e.name for e in first.composition.known if e.off is not None)
+    final = (*known, *(e.name for e in s.added))
+    kept = tuple(tie for tie in ties if any(name in final for name in tie.effects))
+    verdict = _verdict(result, after, added, kept, left, rounds)
+    return Diagnosis(result, after, known, final, tuple(rounds), added, removed, kept, left, along, verdict)
+
+
+def _in_stage(report: Report, stage: str, turn: int) -> Report:
+    return lambda text, share: report(f"{stage}: {text}", (turn + share) / ROUNDS)
+
+
+def _reported(turned: Round) -> RoundReport:
+    refitted = {v.effect: v for v in turned.verdicts}
+    candidates = []
+    for g in turned.screened:
+        v = refitted.get(g.variant.effect)
+        bare = Candidate(g.variant.effect.name, g.gain, g.own, v is not None)
+        candidates.append(bare if v is None else replace(
+            bare, fit_rms_ratio=v.fit_rms_ratio, holdout_rms_ratio=v.holdout_rms_ratio,
+            holdout_chi2_change=v.holdout_chi2_change, bic_change=v.bic_change))  # fmt: skip
+    candidates.sort(key=lambda c: (c.bic_change is None, c.bic_change or -c.screened))
+    return RoundReport(
+        tuple(e.name for e in turned.before.added), evidence(turned.before), tuple(candidates),
+        turned.added.name if turned.added else None, tuple(e.name for e in turned.ties), turned.why,
+    )  # fmt: skip
+
+
+def _final(result: FitResult, s: Standing) -> FitResult:
+    """The final model as a fit of its own."""
+    bench, problem = s.bench, s.problem
+    held_out = s.holdout[0].tape.traces if s.holdout is not None else ()
+    reason = "optimum of the guided residual" if s.far else "optimum of the whitened residual"
+    end = End(True, reason, far=s.far)
+    fitted = outcome(result.rig, result.readings, bench, held_out, problem, s.x, (), end, ())
+    return replace(fitted, unknowns=s.composition.lean(s.added))
+
+
+def _verdict(
+    before: FitResult,
+    after: FitResult,
+    added: tuple[str, ...],
+    ties: tuple[Tie, ...],
+    left: Unexplained | None,
+    rounds: list[RoundReport],
+) -> tuple[str, ...]:
+    """The whole in a few sentences."""
+    words = []
+    if added:
+        names = " and ".join((", ".join(added[:-1]), added[-1])) if len(added) > 1 else added[0]
+        words.append(f"The model lacked {names}.")
+    elif rounds[0].evidence.white:
+        words.append("The residual is noise: the model lacks nothing that these data show.")
+    else:
+        words.append("No effect of the catalogue is proven by these data.")
+    words += [f"{' and '.join(tie.effects)} cannot be told apart by these data." for tie in ties]
+    if left is not None:
+        words.append(left.sentence)
+    elif not rounds[-1].evidence.white:
+        words.append("The residual is not all noise, but nothing that was tried explains what is left.")
+    return tuple(words)

@@ -1,4 +1,4 @@
-"""The loop: screen every effect, refit the best few, add the one that helps most, until nothing helps; then look back."""
+"""One turn of the loop: screen every effect, refit the best few, choose the one that helps most; and the look back."""
 
 from __future__ import annotations
 
@@ -11,6 +11,8 @@ from ..bench import Bench
 from ..descent import go
 from ..fit import MISFIT, rounds
 from ..outcome import FitResult
+from ..residual import Problem
+from .balance import pull_of
 from .composition import Composition, Effect, compose, resting
 from .screen import Signature, screen, variants
 from .trial import Score, Standing, Verdict, bic_change, compare, score
@@ -18,9 +20,10 @@ from .trial import Score, Standing, Verdict, bic_change, compare, score
 Report = Callable[[str, float], None]
 
 _REFITS = 4  # candidates refitted in full in one round
-_ROUNDS = 8
-_STRONG = -10.0  # BIC change that counts as evidence (Kass and Raftery 1995: very strong)
+ROUNDS = 8
+STRONG = -10.0  # BIC change that counts as evidence (Kass and Raftery 1995: very strong)
 _PROMISE = 0.3  # share of what BIC asks that the screening must promise for a refit
+_TOLERANCE = 1e-4  # relative change of chi2 that ends a descent on the way
 _SAME = 6.0  # difference of two models' -2 log likelihood that these data cannot tell
 
 
@@ -52,40 +55,40 @@ def start(result: FitResult) -> Standing:
     composition = compose(result.rig, bench.tape.traces)
     unknowns = composition.unknowns(())
     holdout = result.holdout.tape.traces if result.holdout is not None else ()
-    return whitened(composition, (), bench.told(unknowns), holdout, result.x, result.far)
+    standing = whitened(composition, (), bench.told(unknowns), holdout, result.x, result.far)
+    return standing.optimised() if result.far else standing
 
 
 def whitened(
-    composition: Composition, added: tuple[Effect, ...], bench: Bench, holdout: tuple, x: np.ndarray, far: bool
+    composition: Composition, added: tuple[Effect, ...], bench: Bench, held_out: tuple, x: np.ndarray, far: bool
 ) -> Standing:
-    """A standing whose residual is whitened, or weighed, at x."""
+    """A standing whose residual is whitened at x; far from the data, guided along them and weighed by what is left."""
 
-    def problem(b: Bench):
-        return b.problem(b.free_running() if far else b.kalman(x))
+    def made(b: Bench) -> tuple[Bench, Problem]:
+        if not far:
+            b = b.guided(0.0)
+            return b, b.problem(b.kalman(x))
+        b = b.guided(pull).discounted(x)
+        return b, b.problem(b.free_running())
 
-    bench = bench.discounted(x) if far else bench
-    beside = None
-    if holdout:
-        other = bench.beside(holdout, x)
-        other = other.discounted(x) if far else other
-        beside = other, problem(other)
-    return Standing(composition, added, bench, problem(bench), beside, x, far)
+    pull = pull_of(bench, x)
+    bench, problem = made(bench)
+    beside = made(bench.beside(held_out, x)) if held_out else None
+    return Standing(composition, added, bench, problem, beside, x, far)
 
 
 def settled(s: Standing, report: Report) -> Standing:
     """The model refitted in full: through the rounds of the fit where it comes near the data."""
-    holdout = s.holdout[0].tape.traces if s.holdout is not None else ()
-    bench, x = s.bench.refined(s.x), s.x
-    bench = replace(bench, jitter=s.bench.jitter)
+    held_out = s.holdout[0].tape.traces if s.holdout is not None else ()
+    bench = replace(s.bench.guided(0.0).refined(s.x), jitter=s.bench.jitter)
     problem = bench.problem(bench.forgiving())
-    x, _ = go(bench, bench.layout.off_bounds(x), problem, 1e-4)
+    x, _ = go(bench, bench.layout.off_bounds(s.x), problem, _TOLERANCE)
     r = bench.linearise(x, problem)[0]
-    far = float(np.sum(r**2)) / max(1.0, float(np.sum(problem.slots.weight)) - x.size) > MISFIT
-    if far:
-        again = whitened(s.composition, s.added, bench, holdout, x, True).optimised()
-        return whitened(s.composition, s.added, bench, holdout, again.x, True)
+    if float(np.sum(r**2)) / max(1.0, float(np.sum(problem.slots.weight)) - x.size) > MISFIT:
+        again = whitened(s.composition, s.added, bench, held_out, s.x, True).optimised()
+        return whitened(s.composition, s.added, bench, held_out, again.x, True)
     bench, _, x, _ = rounds(bench.released(x), x, report)
-    return whitened(s.composition, s.added, bench, holdout, x, False)
+    return whitened(s.composition, s.added, bench, held_out, x, False)
 
 
 def turn(s: Standing, report: Report) -> Round:
@@ -110,7 +113,7 @@ def _per_chi2(before: Score) -> float:
 
 
 def _asked(g: Signature, before: Score) -> float:
-    return len(g.variant.amplitudes) * np.log(before.count) - _STRONG
+    return len(g.variant.amplitudes) * np.log(before.count) - STRONG
 
 
 def _tried(s: Standing, g: Signature, before: Score) -> Verdict:
@@ -122,7 +125,7 @@ def _tried(s: Standing, g: Signature, before: Score) -> Verdict:
 
 def choose(verdicts: Sequence[Verdict]) -> tuple[Effect | None, tuple[Effect, ...], str]:
     """Which effect to add, which others do as well, and why."""
-    worth = [v for v in verdicts if v.bic_change < _STRONG]
+    worth = [v for v in verdicts if v.bic_change < STRONG]
     good = [v for v in worth if v.helps_elsewhere()]
     if not verdicts:
         return None, (), "No effect of the catalogue promises to explain anything more."
@@ -133,7 +136,7 @@ def choose(verdicts: Sequence[Verdict]) -> tuple[Effect | None, tuple[Effect, ..
             (),
             (
                 f"{best.effect.name} does best, but is not worth its parameters (BIC {best.bic_change:+.1f}, "
-                f"{_STRONG:.0f} asked)."
+                f"{STRONG:.0f} asked)."
             ),
         )
     if not good:

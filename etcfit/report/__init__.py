@@ -1,12 +1,17 @@
-"""What a person sees of a fit: tables for the terminal, pictures for the run folder. The only matplotlib; lazy."""
+"""What a person sees of a fit or a diagnosis: tables for the terminal, pictures for the run folder.
+
+The only matplotlib; lazy.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
+from typing import Any
 
+from ..diagnose.findings import Diagnosis
 from ..fit import FitResult
-from ..run_folder import fit_json, write_json, write_state
+from ..run_folder import diagnosis_json, fit_json, write_diagnosis_state, write_json, write_state
 
 Report = Callable[[str, float], None]
 
@@ -22,11 +27,32 @@ def write_run(run_dir: Path | str, result: FitResult, report: Report | None = No
     run = Path(run_dir)
     write_json(run / "fit.json", "fit", fit_json(result))
     write_state(run, result)
-    from . import pictures, style
+    from . import pictures
 
-    jobs = pictures.jobs(result)
+    _draw(run / "pictures", pictures.jobs(result), report)
+
+
+def write_diagnosis(run_dir: Path | str, diagnosis: Diagnosis, report: Report | None = None) -> None:
+    """Write a diagnosis to its run folder: diagnosis.json, the state of the final model, and the pictures.
+
+    Args:
+        run_dir: RUN; made if absent. A file of the same name is replaced, whole or not at all.
+        diagnosis: what was found.
+        report: called with what is being written and the share done.
+    """
+    run = Path(run_dir)
+    write_json(run / "diagnosis.json", "diagnosis", diagnosis_json(diagnosis))
+    write_diagnosis_state(run, diagnosis)
+    from .diagnosis import pictures
+
+    _draw(run / "pictures" / "diagnosis", pictures.jobs(diagnosis), report)
+
+
+def _draw(folder: Path, jobs: Sequence[tuple[Path, Callable[[], Any]]], report: Report | None) -> None:
+    from . import style
+
     for k, (path, draw) in enumerate(jobs):
         if report is not None:
             report(f"drawing {path}", k / len(jobs))
         with style.drawing():
-            style.save(draw(), run / "pictures" / path)
+            style.save(draw(), folder / path)

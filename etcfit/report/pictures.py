@@ -28,7 +28,7 @@ def jobs(result: FitResult) -> list[Job]:
     return [
         (Path("parameters.png"), lambda: overview.draw(_parameters(result))),
         *((Path("tests") / f"{name}.png", partial(_draw_test, result, name)) for name in tests),
-        *((Path("traces") / _file_name(t), partial(_draw_trace, result, k)) for k, t in enumerate(every)),
+        *((Path("traces") / file_name(t), partial(_draw_trace, result, k)) for k, t in enumerate(every)),
     ]
 
 
@@ -38,7 +38,8 @@ def all_traces(result: FitResult) -> tuple[Trace, ...]:
     return (*result.bench.tape.traces, *held_out)
 
 
-def _file_name(trace: Trace) -> str:
+def file_name(trace: Trace) -> str:
+    """Of a trace's picture."""
     return f"{trace.test.name}__{PurePosixPath(trace.measurement.file).stem}.png"
 
 

@@ -5,6 +5,7 @@ Source: Okabe and Ito 2008 (colours). Figures are made without pyplot, so that n
 
 from __future__ import annotations
 
+import textwrap
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
@@ -23,6 +24,9 @@ DPI = 110
 MEASURED = "#4d4d4d"
 SIMULATED = "#d55e00"
 READING = "#0072b2"
+BEFORE, AFTER, UNKNOWN = "#56b4e9", SIMULATED, "#cc79a7"  # the models of a diagnosis
+OPENING, CLOSING = "#0072b2", "#e69f00"
+EFFECTS = ("#009e73", "#d55e00", "#cc79a7", "#f0e442", "#56b4e9", "#000000")  # one each
 DRIVE = "#009e73"
 BAND = "#e8e8e8"
 TAG = "#cc3399"
@@ -114,3 +118,8 @@ def legend(
     for handle in drawn.legend_handles:
         if isinstance(handle, Line2D):
             handle.set_markersize(7)
+
+
+def wrapped(text: str, width: int) -> str:
+    """A title broken at words."""
+    return "\n".join(textwrap.wrap(text, width))

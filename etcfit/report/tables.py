@@ -4,25 +4,26 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from itertools import groupby
-from typing import Any
 
 import numpy as np
 from rich.console import Group, RenderableType
 from rich.markup import escape
 from rich.padding import Padding
-from rich.table import Table
 from rich.text import Text
 
 from ..check import ChannelCheck, CheckResult, TraceCheck
 from ..cure import sentence
+from ..effects import PAPER
 from ..fit import FitResult, StartSummary
 from ..intervals import LUMPS, Interval, intervals, lumped
-from ..rig.base import RigConfig
 from ..run_folder import GEAR_RATIO, readings_of
 from ..score import Row
+from .blocks import headed, plain_table, rig_title, sentences, spaced
+from .blocks import render as render
 from .numbers import Digits, short
+from .pool import Pool
 
-_STATUS_STYLE = {"estimated": "", "fixed": "dim", "tied": "dim", "not identifiable": "bold red"}
+STATUS_STYLE = {"estimated": "", "fixed": "dim", "tied": "dim", "not identifiable": "bold red"}
 
 
 def fit_table(result: FitResult) -> RenderableType:
@@ -31,10 +32,10 @@ def fit_table(result: FitResult) -> RenderableType:
         _parameters(result),
         _score("Free-running error, fitted traces", result.score_fit),
         _score("Free-running error, held-out traces", result.score_holdout),
-        _sentences("What these data cannot tell, or hardly", [sentence(d) for d in result.identifiability.directions]),
+        sentences("What these data cannot tell, or hardly", [sentence(d) for d in result.identifiability.directions]),
         _starts(result.starts),
         _outcome(result),
-        _sentences("Warnings", result.warnings),
+        sentences("Warnings", result.warnings),
     ]
     return Group(*(part for part in parts if part is not None))
 
@@ -42,52 +43,36 @@ def fit_table(result: FitResult) -> RenderableType:
 def check_table(result: CheckResult) -> RenderableType:
     """A check for stdout: every trace and channel, what is odd, and what these data can identify."""
     parts = [
-        _title(result.rig.config, result.rig.folder),
+        rig_title(result.rig.config, result.rig.folder),
         _clocks(result.traces),
         _channels(result.traces),
-        _sentences("Odd", [*_oddities(result.traces), *result.warnings]),
+        sentences("Odd", [*_oddities(result.traces), *result.warnings]),
         _identifiability(result),
     ]
     return Group(*(part for part in parts if part is not None))
-
-
-def _table(*columns: str, left: int = 1) -> Table:
-    """A plain table; the first columns are words, the others figures."""
-    table = Table(box=None, pad_edge=False, padding=(0, 2, 0, 0), header_style="")
-    for k, name in enumerate(columns):
-        table.add_column(name, justify="left" if k < left else "right", no_wrap=k > 0)
-    return table
-
-
-def _title(config: RigConfig, rest: str) -> Text:
-    text = Text(f"{config.name}: {rest}", style="bold")
-    if config.synthetic:
-        text.append("  SYNTHETIC DATA", style="bold magenta")
-    return text
 
 
 def _parameters(result: FitResult) -> RenderableType:
     layout, read = result.unknowns.layout, readings_of(result)
     declared = {p.symbol: (p.meaning, p.unit) for p in layout.parameters}
     declared |= {"N": (GEAR_RATIO.partition(",")[0], "1")} | {s: (lump.meaning, lump.unit) for s, lump in LUMPS.items()}
-    table = _table("parameter", "meaning", "reading", "fit", "95 % interval", "unit", "status", left=2)
+    table = plain_table("parameter", "meaning", "reading", "fit", "95 % interval", "unit", "status", left=2)
     table.columns[1].no_wrap = False
     for name in ("unit", "status"):
         next(c for c in table.columns if c.header == name).justify = "left"
     for symbol, interval in (intervals(result) | lumped(result)).items():
         meaning, unit = declared[symbol]
         table.add_row(*_parameter(symbol, meaning, unit, read.get(symbol), interval))
-    return Group(_title(result.rig.config, f"{_effects(result)}, {len(result.bench.tape.traces)} traces"), table)
+    return Group(rig_title(result.rig.config, f"{_effects(result)}, {len(result.bench.tape.traces)} traces"), table)
 
 
 def _effects(result: FitResult) -> str:
-    extra = result.rig.config.effects
-    return "Eqs. 1-2" + "".join(f" + {name}" for name in extra)
+    return " + ".join(["Eqs. 1-2", *(t.name for t in result.unknowns.layout.types if t not in PAPER)])
 
 
 def _parameter(symbol: str, meaning: str, unit: str, read: float | None, i: Interval) -> Sequence[RenderableType]:
     digits = Digits.of(i.value, i.stderr)
-    status = Text(i.status + (f" ({i.remark})" if i.remark else ""), style=_STATUS_STYLE[i.status])
+    status = Text(i.status + (f" ({i.remark})" if i.remark else ""), style=STATUS_STYLE[i.status])
     lost = i.status == "not identifiable"
     value = "-" if lost else digits(i.value)
     return symbol, Text(meaning), short(read, 4), value, digits.span(i.low, i.high), unit, status
@@ -95,7 +80,7 @@ def _parameter(symbol: str, meaning: str, unit: str, read: float | None, i: Inte
 
 def _score(title: str, rows: Iterable[Row]) -> RenderableType | None:
     """Pooled over the traces of a test: pictures and fit.json tell them apart."""
-    table = _table("test", "channel", "traces", "samples", "rms", "sigma", "rms/sigma", "unit", left=2)
+    table = plain_table("test", "channel", "traces", "samples", "rms", "sigma", "rms/sigma", "unit", left=2)
     table.columns[-1].justify = "left"
 
     def key(row: Row) -> tuple[str, str, str]:
@@ -103,50 +88,30 @@ def _score(title: str, rows: Iterable[Row]) -> RenderableType | None:
 
     for (test, channel, unit), group in groupby(sorted(rows, key=key), key=key):
         table.add_row(test, channel, *_pooled(list(group)), unit)
-    return _headed(title, table) if table.row_count else None
+    return headed(title, table) if table.row_count else None
 
 
 def _pooled(rows: list[Row]) -> tuple[str, ...]:
-    n = np.array([row.n for row in rows], dtype=float)
-    rms, sigma = (
-        float(np.sqrt(np.sum(n * np.array([getattr(row, name) for row in rows]) ** 2) / n.sum()))
-        for name in ("rms", "sigma")
-    )
-    ratio = float(np.sqrt(np.sum(n * np.array([row.rms / row.sigma for row in rows]) ** 2) / n.sum()))
-    return str(len(rows)), f"{int(n.sum())}", short(rms), short(sigma), short(ratio)
+    pool = Pool.of(rows)
+    return str(pool.traces), f"{pool.samples}", short(pool.rms), short(pool.sigma), short(pool.ratio)
 
 
 def _starts(starts: Sequence[StartSummary]) -> RenderableType | None:
-    table = _table("start", "before", "after", "steps")
+    table = plain_table("start", "before", "after", "steps")
     for start in starts:
         table.add_row(start.name, short(start.chi2_before, 4), short(start.chi2_after, 4), str(start.steps))
     title = "Starts: sums of squared residuals, each by its own noise alone"
-    return _headed(title, table) if starts else None
+    return headed(title, table) if starts else None
 
 
 def _outcome(result: FitResult) -> RenderableType:
     style = "bold green" if result.converged else "bold red"
     word = "Converged" if result.converged else "NOT CONVERGED"
-    return _spaced(Text.assemble((word, style), f": {result.reason}; chi2/dof {short(result.chi2_per_dof, 4)}"))
-
-
-def _sentences(title: str, sentences: Sequence[str]) -> RenderableType | None:
-    if not sentences:
-        return None
-    lines = [Padding(Text("- " + text), (0, 0, 0, 2)) for text in sentences]
-    return _headed(title, Group(*lines))
-
-
-def _headed(title: str, part: RenderableType) -> RenderableType:
-    return _spaced(Group(Text(title, style="bold"), part))
-
-
-def _spaced(part: RenderableType) -> RenderableType:
-    return Padding(part, (1, 0, 0, 0))
+    return spaced(Text.assemble((word, style), f": {result.reason}; chi2/dof {short(result.chi2_per_dof, 4)}"))
 
 
 def _clocks(traces: Iterable[TraceCheck]) -> RenderableType:
-    table = _table("file", "samples", "duration s", "rate Hz", "clock jitter %", "gaps", "", left=1)
+    table = plain_table("file", "samples", "duration s", "rate Hz", "clock jitter %", "gaps", "", left=1)
     table.columns[-1].justify = "left"
     for trace in traces:
         c = trace.clock
@@ -154,12 +119,12 @@ def _clocks(traces: Iterable[TraceCheck]) -> RenderableType:
         jitter = f"{100.0 * c.jitter:.1f}"
         table.add_row(trace.file, str(c.samples), short(c.duration, 4), short(c.rate, 4), jitter, gaps,
                       "held out" if trace.held_out else "")  # fmt: skip
-    return _headed("Traces", table)
+    return headed("Traces", table)
 
 
 def _channels(traces: Iterable[TraceCheck]) -> RenderableType:
     """Ranges pooled over the traces of a test: the same sensors saw them."""
-    table = _table("test", "channel", "lowest", "highest", "noise", "", "resolution", "unit", left=2)
+    table = plain_table("test", "channel", "lowest", "highest", "noise", "", "resolution", "unit", left=2)
     table.columns[5].justify = table.columns[-1].justify = "left"
     seen: dict[tuple[str, str, str], list[ChannelCheck]] = {}
     for trace in traces:
@@ -171,7 +136,7 @@ def _channels(traces: Iterable[TraceCheck]) -> RenderableType:
         sigma = float(np.median([c.sigma for c in same]))
         quantum = short(same[0].quantum) if same[0].quantum else "-"
         table.add_row(test, name, short(low, 4), short(high, 4), short(sigma), origin, quantum, escape(unit) or "1")
-    return _headed("Channels", table)
+    return headed("Channels", table)
 
 
 def _oddities(traces: Iterable[TraceCheck]) -> list[str]:
@@ -191,7 +156,7 @@ def _oddities(traces: Iterable[TraceCheck]) -> list[str]:
 def _identifiability(result: CheckResult) -> RenderableType:
     verdict = result.identifiability
     if verdict is None:
-        return _sentences("Nothing can be fitted", [result.why_not]) or Text("Nothing can be fitted")
+        return sentences("Nothing can be fitted", [result.why_not]) or Text("Nothing can be fitted")
     head = Text("What these traces can identify, model of Eqs. 1-2 at the paper's readings", style="bold")
     values = "  ".join(short(s, 2) for s in verdict.singular_values)
     lost = ", ".join(verdict.lost)
@@ -200,14 +165,4 @@ def _identifiability(result: CheckResult) -> RenderableType:
         Text(f"  not identifiable: {lost or 'none'}", style="bold red" if lost else ""),
         *(Padding(Text(f"- {text}"), (0, 0, 0, 2)) for text in result.directions),
     ]
-    return _spaced(Group(head, *lines))
-
-
-def render(part: RenderableType, width: int = 140) -> str:
-    """A renderable as plain text, for logs, notebooks and tests."""
-    from rich.console import Console
-
-    console: Any = Console(width=width, color_system=None, force_terminal=False)
-    with console.capture() as capture:
-        console.print(part)
-    return capture.get()
+    return spaced(Group(head, *lines))

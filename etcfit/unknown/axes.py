@@ -50,12 +50,16 @@ class Axis:
         return (jnp.arcsinh(value / self.bend) - first) * ((K - 1) / (last - first))
 
 
-def travelled(x: State, u: Inputs) -> Scalar:
+def fraction(theta: Scalar, lower: Scalar, upper: Scalar) -> Scalar:
     """(theta - lower)/(upper - lower): 0 at the lower stop, 1 at the upper; a missing stop counts as half a turn."""
-    lower = jnp.where(jnp.isfinite(u.lower), u.lower, -math.pi)
-    upper = jnp.where(jnp.isfinite(u.upper), u.upper, math.pi)
-    span = upper - lower
-    return (x.theta - lower) / jnp.where(span > 0.0, span, 1.0)
+    lower = jnp.where(jnp.isfinite(lower), lower, -math.pi)
+    span = jnp.where(jnp.isfinite(upper), upper, math.pi) - lower
+    return (theta - lower) / jnp.where(span > 0.0, span, 1.0)
+
+
+def travelled(x: State, u: Inputs) -> Scalar:
+    """The angle as a share of the travel."""
+    return fraction(x.theta, u.lower, u.upper)
 
 
 ANGLE = Axis("angle", "1", travelled, 0.0, 1.0)

@@ -43,7 +43,7 @@ class AsymmetricFriction(NamedTuple):
     """Friction beside Eq. 2's, with dry and viscous coefficients of its own for each direction.
 
     Args:
-        opening, closing: dry, N m.
+        opening, closing: dry, N m; what is more one way may be less the other.
         opening_viscous, closing_viscous: N m s/rad at low speed.
         knee: speed at which the viscous part has fallen to half of what it would be, rad/s.
     """
@@ -102,7 +102,7 @@ class Backlash(NamedTuple):
 
     gap: float = 0.0
     stiffness: float = 3000.0
-    damping: float = 0.5
+    damping: float = 2.0
 
 
 class CoggingTorque(NamedTuple):
@@ -168,7 +168,7 @@ class GravityLoad(NamedTuple):
     """
 
     torque: float = 0.0
-    tilt: float = 0.05
+    tilt: float = 0.03
 
 
 class StiffeningSpring(NamedTuple):

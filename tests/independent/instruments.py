@@ -156,7 +156,7 @@ class CurrentChannel:
 
 
 def current_channel(rng: np.random.Generator, effects: Effects) -> CurrentChannel:
-    """Drawn anew for each trace; a channel without flaw draws nothing."""
+    """Drawn anew for each trace."""
     late, off = effects.channel_delay, effects.current_sensor_offset
     return CurrentChannel(_scattered(rng, late.time, late.scatter), _scattered(rng, off.amps, off.scatter))
 

@@ -66,7 +66,7 @@ class Session:
         """What the logger writes while the drive acts on the plant; headers as in `current [mA]`, time first."""
         drive = drive.slewed(self.bench.rise).limited(self.bench.supply)
         ticks = clock(self.rng, self.bench, series.rate, series.duration)
-        plant, channel = self._aged(plant), current_channel(self.rng, plant.effects)
+        plant, channel = self._aged(plant), current_channel(self.rng.spawn(1)[0], plant.effects)
         motion = simulate(plant, drive, ticks.true, angle=angle, held_until=held_until)
         if channel.late > 0.0:
             earlier = channel.instants(ticks.true, drive.time[0])

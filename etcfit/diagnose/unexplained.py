@@ -1,0 +1,140 @@
+"""What no effect of the catalogue explains: a smooth unknown in its place, and the names it puts in doubt.
+
+A named effect keeps its name only where it explains nearly as much as a curve that is free to take any shape.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+
+from ..outcome import FitResult
+from ..unknown import UNKNOWNS
+from ..unknown.axes import fraction
+from .balance import pull_of, signals
+from .composition import Effect, compose
+from .findings import Unexplained
+from .loop import STRONG, without
+from .screen import Signature, screen
+from .trial import Score, Standing, Verdict, compare, score
+
+Report = Callable[[str, float], None]
+
+_REFITS = 2
+_KEEPS = 0.9  # share of what a free curve explains, from which on a named effect keeps its name
+_POINTS = 60  # of the curve that is drawn
+
+
+def unexplained(result: FitResult, s: Standing, report: Report) -> Unexplained | None:
+    """The smooth curve that the residual asks for most; None where it is not worth its parameters.
+
+    Args:
+        result: the first fit.
+        s: the final model, at its optimum.
+        report: progress.
+    """
+    s = widened(result, s)
+    report("looking for structure without a name", 0.9)
+    before = score(s)
+    best = _best(s, before)
+    if best is None:
+        return None
+    doubts = tuple(e.name for e in s.added if _in_doubt(s, e, before))
+    return _told(best, doubts)
+
+
+def widened(result: FitResult, s: Standing) -> Standing:
+    """The same model in a composition of its own effects and the smooth unknowns."""
+    traces = s.bench.tape.traces
+    composition = compose(result.rig, traces, UNKNOWNS, tuple(e for e in s.composition.candidates if e in s.added))
+    unknowns = composition.unknowns(s.added)
+
+    def told(bench: Any, problem: Any) -> Any:
+        new = bench.told(unknowns)
+        return new, new.problem(problem.whitening)
+
+    bench, problem = told(s.bench, s.problem)
+    holdout = None if s.holdout is None else told(*s.holdout)
+    return Standing(composition, s.added, bench, problem, holdout, s.x, s.far)
+
+
+def _smooth(s: Standing) -> list[Effect]:
+    return [e for e in s.composition.candidates if e in UNKNOWNS]
+
+
+def _best(s: Standing, before: Score) -> Verdict | None:
+    """The smooth unknown that helps most, if any is worth it."""
+    _, signatures = screen(s.bench, s.x, s.problem, _smooth(s))
+    verdicts = [_tried(s, g, before) for g in signatures[:_REFITS]]
+    worth = [v for v in verdicts if v.bic_change < STRONG and v.helps_elsewhere()]
+    return min(worth, key=lambda v: v.bic_change, default=None)
+
+
+def _tried(s: Standing, g: Signature, before: Score) -> Verdict:
+    trial = s.with_effects((*s.added, g.variant.effect), g.values).optimised()
+    seen = sum(np.any(g.columns != 0.0, axis=0))
+    return compare(g.variant.effect, before, trial, int(seen), len(UNKNOWNS), g.gain, g.own)
+
+
+def _in_doubt(s: Standing, effect: Effect, here: Score) -> bool:
+    """True where a free curve explains clearly more than a named effect does."""
+    less = without(s, effect)
+    bare = score(less)
+    curve = _best(less, bare)
+    if curve is None:
+        return False
+    named, free = np.log(here.chi2 / bare.chi2), np.log(curve.score.chi2 / bare.chi2)
+    return bool(named > _KEEPS * free)  # both are negative
+
+
+def _told(best: Verdict, doubts: tuple[str, ...]) -> Unexplained:
+    """The curve over the range that was measured, with its standard deviation."""
+    s, effect = best.standing, best.effect
+    bench, layout, axis = s.bench, s.bench.layout, effect.along
+    values = layout.values(s.x, bench.unknowns.held)
+    curve = effect(**{symbol: float(values[symbol]) for symbol in effect.symbols})
+    low, high = _range(s, effect)
+    where = np.linspace(low, high, _POINTS)
+    shape = np.asarray(curve.shape(where))
+    sd = _sd(s, effect, where)
+    size = float(np.sqrt(np.mean((shape - shape.mean()) ** 2)))
+    rows = best.score
+    held = "" if best.holdout_rms_ratio is None else f", held-out error x {best.holdout_rms_ratio:.3f}"
+    doubt = f" It explains the data better than {' and '.join(doubts)}, which are not proven." if doubts else ""
+    sentence = (
+        f"What is left enters as {effect.enters} and depends on {effect.axis}: a curve of {size:.3g} {effect.unit} rms "
+        f"(fitted error x {best.fit_rms_ratio:.3f}{held}, BIC {best.bic_change:+.0f}).{doubt}"
+    )
+    return Unexplained(effect.enters, effect.axis, effect.unit, axis.unit, where, shape, sd, size, best.fit_rms_ratio,
+                       best.holdout_rms_ratio, best.bic_change, rows.fit_rows, rows.holdout_rows, doubts, sentence)  # fmt: skip
+
+
+def _range(s: Standing, effect: Effect) -> tuple[float, float]:
+    """What of the axis was measured."""
+    along = signals(s.bench, s.x, pull_of(s.bench, s.x))
+    name = effect.axis
+    values = np.concatenate([a[name][np.isfinite(a["torque"])] for a in along])
+    if name == "angle":
+        values = np.asarray(fraction(values, *s.bench.config.travel))
+    if effect.along.low >= 0.0:
+        values = np.abs(values)
+    return float(np.min(values)), float(np.max(values))
+
+
+def _sd(s: Standing, effect: Effect, where: np.ndarray) -> np.ndarray:
+    """Standard deviation of the curve: its hats are linear in the amplitudes."""
+    _, _, jacobian = s.bench.linearise(s.x, s.problem)
+    flat = jacobian.reshape(-1, s.x.size)
+    unit = max(1.0, float(np.mean(s.bench.linearise(s.x, s.problem)[0] ** 2)))
+    covariance = unit * np.linalg.pinv(flat.T @ flat, rcond=1e-12, hermitian=True)
+    free, scale = s.bench.layout.free, [s.bench.layout.parameter(c).domain.scale for c in effect.symbols]
+    rows = [free.index(c) for c in effect.symbols]
+    hats = np.stack([np.asarray(effect(**_one(effect, k)).shape(where)) for k in range(len(rows))], axis=1) * scale
+    spread = hats @ covariance[np.ix_(rows, rows)] @ hats.T
+    return np.sqrt(np.maximum(np.diag(spread), 0.0))
+
+
+def _one(effect: Effect, k: int) -> dict[str, float]:
+    return {symbol: float(n == k) for n, symbol in enumerate(effect.symbols)}

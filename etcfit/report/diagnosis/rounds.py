@@ -1,0 +1,114 @@
+"""How the error fell, round by round, and what else was tried."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.ticker import FuncFormatter, NullFormatter
+
+from ...diagnose.findings import Candidate, Diagnosis
+from .. import style
+from ..numbers import short
+from ..pool import Pool
+from .ledger import listed
+
+_NAMED = 3  # rejected candidates named in a round
+
+
+@dataclass(frozen=True)
+class Step:
+    """One turn of the loop.
+
+    Args:
+        label: what was added.
+        fit, holdout: free-running error after it, sigma; the latter None without held-out traces.
+        others: refitted candidates that were not taken, and the error they would have left.
+    """
+
+    label: str
+    fit: float
+    holdout: float | None
+    others: tuple[tuple[str, float], ...] = ()
+
+
+def steps(diagnosis: Diagnosis) -> list[Step]:
+    """Errors from the first fit to the final one; between them each is the one before times the trial's ratio."""
+    before, after = diagnosis.before, diagnosis.after
+    fit, holdout = Pool.of(before.score_fit).ratio, _ratio(before.score_holdout)
+    out = [Step("start", fit, holdout)]
+    for each in diagnosis.rounds:
+        others = tuple((c.effect, e) for c in each.candidates if (e := _left(c, fit, holdout)) and c.effect != each.added)
+        taken = next((c for c in each.candidates if c.effect == each.added), None)
+        if taken is not None:
+            fit *= taken.fit_rms_ratio or 1.0
+            holdout = None if holdout is None else holdout * (taken.holdout_rms_ratio or 1.0)
+        out.append(Step(f"+ {each.added}" if each.added else "nothing more", fit, holdout, others))
+    out.append(Step("final fit", Pool.of(after.score_fit).ratio, _ratio(after.score_holdout)))
+    return out
+
+
+def _ratio(rows: tuple) -> float | None:
+    return Pool.of(rows).ratio if rows else None
+
+
+def _left(candidate: Candidate, fit: float, holdout: float | None) -> float | None:
+    """The error that a candidate would have left: held out, or fitted where nothing is held out."""
+    if holdout is None:
+        return None if candidate.fit_rms_ratio is None else fit * candidate.fit_rms_ratio
+    return None if candidate.holdout_rms_ratio is None else holdout * candidate.holdout_rms_ratio
+
+
+def draw(every: list[Step], added: tuple[str, ...], synthetic: bool) -> Figure:
+    """Error over rounds."""
+    title = style.wrapped(_title(every, added), 80)
+    fig = style.figure(11.0, 5.6, synthetic)
+    panel = fig.subplots(1, 1)
+    head = 1.0 + 0.26 * title.count("\n")
+    fig.subplots_adjust(left=0.09, right=0.97, top=1.0 - head / 5.6, bottom=0.13)
+    place = np.arange(len(every))
+    panel.axhline(1.0, color=style.MEASURED, lw=1.2, ls=":", label="noise of one sample")
+    panel.plot(place, [s.fit for s in every], "o--", color=style.BEFORE, ms=7, label="fitted traces")
+    held_out = [s.holdout if s.holdout is not None else np.nan for s in every]
+    if np.isfinite(held_out).any():
+        panel.plot(place, held_out, "o-", color=style.AFTER, ms=9, lw=2.2, label="held-out traces")
+    led = held_out if np.isfinite(held_out).any() else [s.fit for s in every]
+    for k, value in enumerate(led):
+        panel.annotate(short(value), (k, value), xytext=(-9, -6), textcoords="offset points", fontsize=11, va="top",
+                       ha="right", fontweight="bold")  # fmt: skip
+    _others(panel, every)
+    _axes(panel, every)
+    fig.suptitle(title, x=0.015, y=0.98, ha="left", va="top", fontsize=13, fontweight="bold")
+    style.legend(fig, [panel], 0.09, 1.0 - (head - 0.36) / 5.6, "upper left")
+    return fig
+
+
+def _title(every: list[Step], added: tuple[str, ...]) -> str:
+    first, last = every[0], every[-1]
+    which = "Held-out" if last.holdout is not None else "Fitted"
+    was, now = (first.holdout, last.holdout) if last.holdout is not None else (first.fit, last.fit)
+    who = f" with {listed(added)}" if added else ": nothing was added"
+    return f"{which} error {short(was)} → {short(now)} σ{who}"
+
+
+def _others(panel: Axes, every: list[Step]) -> None:
+    for k, step in enumerate(every):
+        for n, (name, error) in enumerate(sorted(step.others, key=lambda other: other[1])):
+            panel.plot(k, error, "D", ms=6, mfc="white", color="#8c8c8c", ls="none",
+                       label="refitted, not taken" if n == 0 else "_")  # fmt: skip
+            if n < _NAMED:
+                panel.annotate(name, (k, error), xytext=(8, 0), textcoords="offset points", va="center", fontsize=9,
+                               color="#6b6b6b")  # fmt: skip
+
+
+def _axes(panel: Axes, every: list[Step]) -> None:
+    panel.set_yscale("log")
+    panel.yaxis.set_major_formatter(FuncFormatter(lambda y, _: f"{y:g}"))
+    panel.yaxis.set_minor_formatter(NullFormatter())
+    panel.set_xticks(range(len(every)), [step.label for step in every])
+    panel.set_xlim(-0.4, len(every) - 0.3)
+    low, high = panel.get_ylim()
+    panel.set_ylim(0.8 * low, 1.2 * high)
+    panel.set_ylabel("free-running error, rms [σ of one sample]")

@@ -1,0 +1,27 @@
+"""RUN/: its JSON files and the states that later commands start from, each written whole or not at all."""
+
+from __future__ import annotations
+
+from .diagnosis import diagnosis_json
+from .files import plain, whole, write_json
+from .fit import GEAR_RATIO, effects_of, fit_json, parameters_json, readings_of
+from .state import DIAGNOSIS_STATE, FIT_STATE, State, read_state, rig_of, write_diagnosis_state, write_state
+
+__all__ = [
+    "DIAGNOSIS_STATE",
+    "FIT_STATE",
+    "GEAR_RATIO",
+    "State",
+    "diagnosis_json",
+    "effects_of",
+    "fit_json",
+    "parameters_json",
+    "plain",
+    "read_state",
+    "readings_of",
+    "rig_of",
+    "whole",
+    "write_diagnosis_state",
+    "write_json",
+    "write_state",
+]

@@ -1,0 +1,90 @@
+"""diagnosis.json."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from ..diagnose.findings import Diagnosis, Evidence, RoundReport, Unexplained
+from ..fit import FitResult
+from .files import plain
+from .fit import effects_of, hashes, parameters_json, rows_json, versions
+
+
+def diagnosis_json(diagnosis: Diagnosis) -> dict[str, Any]:
+    """The object of diagnosis.json (FORMAT.md), and what else a reader may want to know.
+
+    Effects are those of the whole model, Eqs. 1-2 among them, as in fit.json; numbers are in the unit that stands
+    beside them.
+    """
+    before, after, unknown = diagnosis.before, diagnosis.after, diagnosis.unexplained
+    paper = [name for name in effects_of(before) if name not in diagnosis.start]
+    return {
+        "schema": "etcfit.diagnosis/1",
+        "rig": after.rig.config.name,
+        "synthetic": after.rig.config.synthetic,
+        "converged": after.converged,
+        "reason": after.reason,
+        "verdict": list(diagnosis.verdict),
+        "start": {"effects": list(effects_of(before))},
+        "final": {"effects": list(effects_of(after))},
+        "rounds": [_round(each, paper) for each in diagnosis.rounds],
+        "added": list(diagnosis.added),
+        "removed": list(diagnosis.removed),
+        "ties": [list(tie.effects) for tie in diagnosis.ties],
+        "ties_told_by": [tie.told_by for tie in diagnosis.ties],
+        "unexplained": _unexplained(unknown) if unknown is not None else None,
+        "before": _score(before),
+        "after": _score(after),
+        "after_with_unknown": None if unknown is None else {
+            "fit": rows_json(unknown.fit), "holdout": rows_json(unknown.holdout)
+        },
+        "parameters": parameters_json(after),
+        "warnings": list(after.warnings),
+        "folder": after.rig.folder,
+        "files": hashes(after.rig),
+        "versions": versions(),
+    }  # fmt: skip
+
+
+def _score(result: FitResult) -> dict[str, Any]:
+    return {
+        "fit": rows_json(result.score_fit),
+        "holdout": rows_json(result.score_holdout),
+        "chi2_per_dof": plain(float(result.chi2_per_dof)),
+    }
+
+
+def _round(each: RoundReport, paper: list[str]) -> dict[str, Any]:
+    return {
+        "effects": [*paper, *each.effects],
+        "white": each.evidence.white,
+        **_evidence(each.evidence),
+        "candidates": plain(each.candidates),
+        "added": each.added,
+        "ties": list(each.ties),
+        "why": each.why,
+    }
+
+
+def _evidence(found: Evidence) -> dict[str, Any]:
+    """Each channel's residual, the same in words, and what the missing torque and voltage depend on."""
+    return {
+        "evidence": plain(found.rows),
+        "evidence_says": list(found.sentences),
+        "shares": plain(found.shares),
+    }
+
+
+def _unexplained(unknown: Unexplained) -> dict[str, Any]:
+    return plain({
+        "enters": unknown.enters,
+        "depends_on": unknown.depends_on,
+        "shape": {"axis": unknown.axis, "axis_unit": unknown.axis_unit, "curve": unknown.curve, "unit": unknown.unit,
+                  "sd": unknown.sd},
+        "size": unknown.size,
+        "sentence": unknown.sentence,
+        "fit_rms_ratio": unknown.fit_rms_ratio,
+        "holdout_rms_ratio": unknown.holdout_rms_ratio,
+        "bic_change": unknown.bic_change,
+        "doubts": list(unknown.doubts),
+    })  # fmt: skip

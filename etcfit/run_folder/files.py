@@ -1,0 +1,53 @@
+"""Files of a run folder, each written whole or not at all; JSON as FORMAT.md has it."""
+
+from __future__ import annotations
+
+import json
+import math
+import os
+import tempfile
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import asdict, is_dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+
+@contextmanager
+def whole(path: Path) -> Iterator[Path]:
+    """A scratch file beside `path` that takes its place once the block ends well; until then the old file stands."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    handle, name = tempfile.mkstemp(dir=path.parent, prefix=f".{path.stem}-", suffix=path.suffix)
+    os.close(handle)
+    draft = Path(name)
+    try:
+        yield draft
+        draft.chmod(0o644)  # mkstemp makes it private
+        os.replace(draft, path)
+    finally:
+        draft.unlink(missing_ok=True)
+
+
+def plain(value: Any) -> Any:
+    """What JSON can hold: arrays become lists, dataclasses objects, and what is not finite null."""
+    if isinstance(value, Mapping):
+        return {str(key): plain(v) for key, v in value.items()}
+    if is_dataclass(value) and not isinstance(value, type):
+        return plain(asdict(value))
+    if isinstance(value, (np.ndarray, np.generic)):
+        return plain(value.tolist())
+    if isinstance(value, (list, tuple, set, frozenset)):
+        return [plain(v) for v in value]
+    if isinstance(value, float) and not math.isfinite(value):
+        return None
+    return value
+
+
+def write_json(path: Path, kind: str, content: Mapping[str, Any]) -> None:
+    """Write one object of schema `etcfit.<kind>/1`: UTF-8, floats at full precision, null for what is not known."""
+    stamped = {"schema": f"etcfit.{kind}/1", **plain(content)}
+    text = json.dumps(stamped, indent=2, ensure_ascii=False, allow_nan=False)
+    with whole(path) as draft:
+        draft.write_text(text + "\n", encoding="utf-8")

@@ -1,0 +1,137 @@
+"""fit.json, and the parts of it that other files of the run folder share."""
+
+from __future__ import annotations
+
+import hashlib
+import platform
+from collections.abc import Iterable
+from importlib import metadata
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from .. import __version__
+from ..cure import sentence
+from ..fit import FitResult
+from ..intervals import LUMPS, Interval, intervals, lumped
+from ..parameters import Parameter
+from ..rig.base import Rig
+from ..score import Row
+from .files import plain
+
+GEAR_RATIO = "gear ratio, motor turns per plate turn"
+
+
+def fit_json(result: FitResult) -> dict[str, Any]:
+    """The object of fit.json (FORMAT.md), and what else a reader may want to know."""
+    config = result.rig.config
+    return {
+        "schema": "etcfit.fit/1",
+        "rig": config.name,
+        "synthetic": config.synthetic,
+        "converged": result.converged,
+        "reason": result.reason,
+        "model": {"effects": list(effects_of(result))},
+        "parameters": parameters_json(result),
+        "lumped": _lumped_json(result),
+        "score": {
+            "fit": rows_json(result.score_fit),
+            "holdout": rows_json(result.score_holdout),
+            "chi2_per_dof": plain(float(result.chi2_per_dof)),
+        },
+        "not_identifiable": _directions(result),
+        "starts": plain(result.starts),
+        "warnings": list(result.warnings),
+        "noise": _noise(result.rig),
+        "widening": plain(result.widening),
+        "folder": result.rig.folder,
+        "files": hashes(result.rig),
+        "versions": versions(),
+    }
+
+
+def parameters_json(result: FitResult) -> dict[str, dict[str, Any]]:
+    """Every parameter as FORMAT.md has it."""
+    declared = {p.symbol: p for p in result.unknowns.layout.parameters}
+    read = readings_of(result)
+    return {symbol: _parameter(declared.get(symbol), interval, read.get(symbol))
+            for symbol, interval in intervals(result).items()}  # fmt: skip
+
+
+def effects_of(result: FitResult) -> tuple[str, ...]:
+    """Names of all effects of a fit's model, those of Eqs. 1-2 among them."""
+    return tuple(effect.name for effect in result.unknowns.layout.types)
+
+
+def rows_json(rows: Iterable[Row]) -> list[dict[str, Any]]:
+    """Free-running errors, a ROW of FORMAT.md each."""
+    keys = ("file", "test", "channel", "unit", "n", "rms", "sigma")
+    return [plain({key: getattr(row, key) for key in keys}) for row in rows]
+
+
+def readings_of(result: FitResult) -> dict[str, float]:
+    """What the paper's graphs say, SI: read, not merely assumed, and finite."""
+    readings = result.readings
+    assumed = readings.nominal | {s for s, other in result.unknowns.layout.ties if other in readings.nominal}
+    return {s: float(v) for s, v in readings.values.items() if s not in assumed and np.isfinite(v)}
+
+
+def _parameter(parameter: Parameter | None, interval: Interval, reading: float | None) -> dict[str, Any]:
+    ci95 = None if interval.low is None else [interval.low, interval.high]
+    return plain({
+        "value": interval.value,
+        "unit": parameter.unit if parameter else "1",
+        "stderr": interval.stderr,
+        "ci95": ci95,
+        "status": interval.status,
+        "reading": reading,
+        "meaning": parameter.meaning if parameter else GEAR_RATIO,
+        **({"remark": interval.remark} if interval.remark else {}),
+    })  # fmt: skip
+
+
+def _lumped_json(result: FitResult) -> dict[str, dict[str, Any]]:
+    read = readings_of(result)
+    return {
+        symbol: plain({"value": i.value, "unit": LUMPS[symbol].unit, "stderr": i.stderr,
+                       "ci95": None if i.low is None else [i.low, i.high], "status": i.status,
+                       "reading": read.get(symbol), "meaning": LUMPS[symbol].meaning})
+        for symbol, i in lumped(result).items()
+    }  # fmt: skip
+
+
+def _directions(result: FitResult) -> list[dict[str, Any]]:
+    return [
+        plain({"symbols": d.symbols, "shares": d.shares, "null": d.null, "sd": None if d.null else d.sd,
+               "says": sentence(d)})
+        for d in result.identifiability.directions
+    ]  # fmt: skip
+
+
+def _noise(rig: Rig) -> list[dict[str, Any]]:
+    """One entry for each sensor of each test, in SI."""
+    seen: dict[tuple[str, str, float], dict[str, Any]] = {}
+    for trace in rig.measurements:
+        for name, channel in trace.channels.items():
+            origin = "estimated" if channel.sigma_estimated else "given"
+            seen.setdefault((trace.test, name, channel.sigma), {
+                "test": trace.test, "channel": name, "sigma": channel.sigma, "quantum": channel.quantum,
+                "origin": origin,
+            })  # fmt: skip
+    return plain(list(seen.values()))
+
+
+def hashes(rig: Rig) -> dict[str, str | None]:
+    """SHA-256 of every file that was read; null for one that is no longer there."""
+    files = ["rig.toml", *(trace.file for trace in rig.measurements)]
+    return {file: _sha256(Path(rig.folder) / file) for file in files}
+
+
+def _sha256(path: Path) -> str | None:
+    return hashlib.sha256(path.read_bytes()).hexdigest() if path.is_file() else None
+
+
+def versions() -> dict[str, str]:
+    ours = {"etcfit": __version__, "python": platform.python_version()}
+    return ours | {name: metadata.version(name) for name in ("jax", "optimistix", "numpy", "scipy")}

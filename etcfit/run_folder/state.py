@@ -1,0 +1,133 @@
+"""Where a fit or a diagnosis ended, for the command that goes on from there."""
+
+from __future__ import annotations
+
+import os
+import zipfile
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from ..diagnose.findings import Diagnosis
+from ..errors import UsageError
+from ..fit import FitResult
+from ..rig.base import Rig
+from ..rig.reader import read_folder
+from ..unknowns import unknowns
+from .files import whole
+from .fit import effects_of
+
+FIT_STATE = "fit_state.npz"
+DIAGNOSIS_STATE = "diagnosis_state.npz"
+
+
+@dataclass(frozen=True, eq=False)
+class State:
+    """A model at its optimum.
+
+    Args:
+        run: the run folder it was read from.
+        folder: the measurement folder.
+        effects: names of all effects of the model.
+        symbols: free parameters, P.
+        x: coordinates, shape (P,).
+        covariance: shape (P, P).
+        far: the model is far from the data and was fitted free-running.
+    """
+
+    run: Path
+    folder: Path
+    effects: tuple[str, ...]
+    symbols: tuple[str, ...]
+    x: np.ndarray
+    covariance: np.ndarray
+    far: bool
+
+
+def write_state(run: Path, result: FitResult) -> None:
+    """RUN/fit_state.npz. The state of a diagnosis that began from another fit goes: nothing may start from it."""
+    (run / DIAGNOSIS_STATE).unlink(missing_ok=True)
+    _write(run / FIT_STATE, result)
+
+
+def write_diagnosis_state(run: Path, diagnosis: Diagnosis) -> None:
+    """RUN/diagnosis_state.npz: the final model."""
+    _write(run / DIAGNOSIS_STATE, diagnosis.after)
+
+
+def _write(path: Path, result: FitResult) -> None:
+    with whole(path) as draft:
+        np.savez(
+            draft,
+            x=result.x,
+            covariance=result.covariance,
+            symbols=np.array(result.unknowns.layout.free, dtype=str),
+            effects=np.array(effects_of(result), dtype=str),
+            folder=np.array(_relative(Path(result.rig.folder), path.parent)),
+            far=np.array(result.far),
+        )
+
+
+def read_state(run: Path, name: str = FIT_STATE) -> State:
+    """Take up a model where `write_state` or `write_diagnosis_state` left it.
+
+    Args:
+        run: the run folder.
+        name: FIT_STATE or DIAGNOSIS_STATE.
+    Raises:
+        UsageError: it is not there, or not one that this version wrote.
+    """
+    path = run / name
+    if not path.is_file():
+        raise UsageError(f"{run} holds no {_KIND[name]} ({name} is missing). Run `{_COMMAND[name].format(run)}` first.")
+    try:
+        return _read(path)
+    except (OSError, KeyError, ValueError, EOFError, zipfile.BadZipFile) as error:
+        found = f"{path} cannot be read as the state of a {_KIND[name]} ({error})."
+        raise UsageError(f"{found} Run `{_COMMAND[name].format(run)}` again.") from None
+
+
+_KIND = {FIT_STATE: "fit", DIAGNOSIS_STATE: "diagnosis"}
+_COMMAND = {FIT_STATE: "etcfit fit FOLDER --out {}", DIAGNOSIS_STATE: "etcfit diagnose {}"}
+
+
+def _read(path: Path) -> State:
+    with np.load(path, allow_pickle=False) as state:
+        return State(
+            run=path.parent,
+            folder=Path(os.path.normpath(path.parent / str(state["folder"]))),
+            effects=tuple(map(str, state["effects"])),
+            symbols=tuple(map(str, state["symbols"])),
+            x=state["x"],
+            covariance=state["covariance"],
+            far=bool(state["far"]),
+        )
+
+
+def rig_of(state: State) -> Rig:
+    """The measurement folder of a fit, as it lies there now.
+
+    Raises:
+        UsageError: it is gone, or its rig.toml asks for another model than the one that was fitted.
+        MeasurementError: it is wrong.
+    """
+    again = f"Run `etcfit fit {state.folder} --out {state.run}` again."
+    if not state.folder.is_dir():
+        raise UsageError(f"{state.folder}, which {state.run} was fitted to, is no longer there. Put it back, or run "
+                         f"`etcfit fit FOLDER --out {state.run}` again.")  # fmt: skip
+    rig = read_folder(state.folder)
+    layout = unknowns(rig.config).layout
+    if layout.free != state.symbols or tuple(effect.name for effect in layout.types) != state.effects:
+        differs = ", ".join(sorted({*layout.free} ^ {*state.symbols})) or "their order"
+        raise UsageError(f"{state.folder / 'rig.toml'} has changed since {state.run} was fitted: other parameters are "
+                         f"free now ({differs}). {again}")  # fmt: skip
+    return rig
+
+
+def _relative(folder: Path, run: Path) -> str:
+    """The folder as seen from the run, so that both can be moved together."""
+    try:
+        return Path(os.path.relpath(folder, run)).as_posix()
+    except ValueError:  # another drive
+        return str(folder.resolve())
