@@ -69,7 +69,7 @@ class Bench:
         substeps: integration steps in each interval between instants, one array a trace.
         sigma: noise of each sample with outliers weighed down, shape (T, L, M).
         jitter: standard deviation of the sampling instants, as a share of the time between samples.
-        pull: guide of the residual, N m/rad; 0 where it is that of a free run.
+        pull: guide of the residual, V/rad, or N m/rad where torque drives; 0 where it is that of a free run.
     """
 
     config: RigConfig
@@ -116,7 +116,7 @@ class Bench:
         return columns(self.tape, self.simulated(x, 0.0))
 
     def simulated(self, x: np.ndarray, pull: float) -> Any:
-        """Simulated samples along the tape, (T, L, M), drawn along the measured angle by a guide of `pull`, N m/rad."""
+        """Simulated samples along the tape, (T, L, M), drawn along the measured angle by a guide of `pull`."""
         return _simulated(*self.at(x), self.arrays(pull))
 
     def arrays(self, pull: float = 0.0) -> Any:

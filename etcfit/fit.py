@@ -86,7 +86,7 @@ def fit(rig: Rig, report: Report = quiet) -> FitResult:
     bench = Bench.of(rig.config, known, fitted).refined(start)
     x, starts, unit = _from_several_starts(bench, start, report)
     bench = bench.released(x)
-    bench, problem, x, state = rounds(bench, x, report) if unit < MISFIT else _free_running(bench, x, report)
+    bench, problem, x, state = _whitened(bench, x, report) if unit < MISFIT else _free_running(bench, x, report)
     return outcome(rig, readings, bench, held_out, problem, x, starts, state, notes)
 
 
@@ -105,7 +105,7 @@ def resume(rig: Rig, x: np.ndarray, far: bool, report: Report = quiet) -> FitRes
     report("taking up the fit", 0.1)
     bench = Bench.of(rig.config, known, fitted).refined(x).released(x)
     if not far:
-        bench, problem, x, end = rounds(bench, x, report)
+        bench, problem, x, end = _whitened(bench, x, report)
     else:
         bench = bench.discounted(x)
         problem = bench.problem(bench.free_running())
@@ -132,16 +132,32 @@ def _from_several_starts(
     return best, tuple(summaries), lowest / max(1.0, float(np.sum(problem.slots.weight)) - start.size)
 
 
-def rounds(bench: Bench, x: np.ndarray, report: Report) -> tuple[Bench, Problem, np.ndarray, End]:
-    """Renew the whitening, the releases and the outliers at each optimum until nothing moves any more."""
+def _whitened(bench: Bench, x: np.ndarray, report: Report) -> tuple[Bench, Problem, np.ndarray, End]:
+    """The rounds, and a search from where they end short of an optimum."""
+    bench, problem, x, end = rounds(bench, x, report)
+    if end.gain > _DECREMENT:
+        return _searched(bench, x, problem, local(bench, x, problem), end.outliers, report)
+    return bench, problem, x, end
+
+
+def rounds(
+    bench: Bench, x: np.ndarray, report: Report, still: float = _SETTLED
+) -> tuple[Bench, Problem, np.ndarray, End]:
+    """Renew the whitening, the releases and the outliers at each optimum until nothing moves any more.
+
+    Args:
+        bench, x: traces and coordinates near an optimum.
+        report: progress.
+        still: what counts as not moving, standard errors.
+    """
     moved, outliers, about = np.inf, 0, x
     for k in range(_ROUNDS):
-        report(f"round {k + 1}: moved {moved:.2g} standard errors", 0.5 + 0.4 * k / _ROUNDS)
+        report(f"whitening {k + 1}: moved {moved:.2g} standard errors", 0.5 + 0.4 * k / _ROUNDS)
         problem = bench.problem(bench.kalman(about))
         x, _ = go(bench, bench.layout.off_bounds(x) if k < 2 else x, problem, _THERE)
         here = local(bench, x, problem)
         moved = float(np.max(np.abs(x - about) / np.sqrt(np.diag(here.covariance))))
-        if (moved < _SETTLED and k > 0) or k == _ROUNDS - 1:
+        if (moved < still and k > 0) or k == _ROUNDS - 1:
             break
         # later rounds go half way: an impact or a slip that falls on either side of a sample makes two ends alternate
         early = k < _CLOCK_ROUNDS
@@ -149,9 +165,7 @@ def rounds(bench: Bench, x: np.ndarray, report: Report) -> tuple[Bench, Problem,
         whitened = columns(bench.tape, here.r)
         bench = bench.timed(x, here.r) if early else bench
         bench, outliers = bench.released(about).outliers_weighed(whitened)
-    if here.gain > _DECREMENT:
-        return _searched(bench, x, problem, here, outliers, report)
-    return bench, problem, x, replace(_verdict(moved, here.gain, outliers), wander=x - about)
+    return bench, problem, x, replace(_verdict(moved, here.gain, outliers), wander=x - about, gain=here.gain)
 
 
 def _free_running(bench: Bench, x: np.ndarray, report: Report) -> tuple[Bench, Problem, np.ndarray, End]:

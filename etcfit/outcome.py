@@ -94,6 +94,7 @@ class End:
         far: the model is far from the data and was fitted free-running.
         wander: what the last round moved, coordinates, shape (P,): where an impact or a slip falls on either side of a
             sample, two whitenings alternate, and neither is better; the intervals include the difference.
+        gain: chi2 that the gradient still promises, in units of chi2 per degree of freedom.
     """
 
     converged: bool
@@ -101,6 +102,7 @@ class End:
     outliers: int = 0
     far: bool = False
     wander: np.ndarray | None = None
+    gain: float = 0.0
 
 
 def outcome(

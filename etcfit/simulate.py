@@ -40,6 +40,7 @@ class Step(NamedTuple):
         gear_ratio, lower, upper: of the rig; rad.
         pull, target0, target1: a guide, 0 in a free run: a spring of `pull` N m/rad that draws the plate to the angle
             measured at the step's begin and end, rad.
+        volts: 1 where the tape gives `pull` in V/rad, for whoever knows the motor's torque per volt.
     """
 
     dt: Scalar
@@ -58,6 +59,7 @@ class Step(NamedTuple):
     pull: Scalar
     target0: Scalar
     target1: Scalar
+    volts: Scalar
 
     def guide(self, fraction: float, theta: Scalar) -> Scalar:
         """Torque of the guide, N m."""

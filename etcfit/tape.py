@@ -68,7 +68,7 @@ class Tape:
 
     Args:
         steps, resets, slots, disturbance: arrays over steps T, lanes L (and slots M); the guide of the steps pulls with
-            1 N m/rad wherever an angle was logged.
+            1 V/rad wherever an angle was logged, 1 N m/rad where torque drives.
         circuits: tests whose own series resistance counts; `circuit_of` (T, L) is 1 + index into it, 0 for none.
         traces: in the order given.
         places: for each trace its lane, first entry, and the entry of each of its instants.
@@ -84,7 +84,7 @@ class Tape:
     places: tuple[tuple[int, int, np.ndarray], ...]
 
     def guided(self, pull: float) -> Step:
-        """The steps with a guide of `pull`, N m/rad; 0 is a free run."""
+        """The steps with a guide of `pull`, V/rad, or N m/rad where torque drives; 0 is a free run."""
         return self.steps._replace(pull=pull * self.steps.pull)
 
 
@@ -229,6 +229,7 @@ def _strip(
         "begins": first * 1.0,
         "release": release,
         "pull": ones * ("position" in trace.channels and not boundary.plate_held),
+        "volts": ones * (not trace.torque_driven),
         "target0": np.concatenate((target[:1], target[:-1])),
         "target1": target,
         "spacing": np.where(first, 0.0, np.diff(trace.instants)[np.minimum(interval, trace.instants.size - 2)]),

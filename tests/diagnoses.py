@@ -1,4 +1,4 @@
-"""A Diagnosis made by hand, without a diagnosis: a limp-home spring that Eqs. 1-2 lack, and a little left unexplained."""
+"""A Diagnosis made by hand: a limp-home spring that Eqs. 1-2 lack, and a little left unexplained."""
 
 from __future__ import annotations
 
@@ -36,7 +36,9 @@ def diagnosis(rig: Rig, **changes: Any) -> Diagnosis:
         "rounds": rounds(before),
         "added": (FOUND,),
         "removed": ("backlash was taken away again: what came after explains it (BIC -3.0).",),
-        "ties": (Tie((FOUND, "airflow_torque"), "limp_home_spring: a slow ramp; airflow_torque: the same without air"),),
+        "ties": (
+            Tie((FOUND, "airflow_torque"), "limp_home_spring: a slow ramp; airflow_torque: the same without air"),
+        ),
         "unexplained": unexplained(after),
         "motions": (motion("response/1.csv", False, 0), motion("response/2.csv", True, 1)),
         "verdict": ("Eqs. 1-2 lack the limp-home spring.", "With it, the held-out error falls to the noise."),
@@ -58,13 +60,18 @@ def rounds(before: FitResult) -> tuple[RoundReport, ...]:
     """One that adds the spring, one that adds nothing."""
     shares = (Share("torque", "angle", 0.62), Share("torque", "load", 0.21), Share("torque", "speed", 0.08),
               Share("voltage", "current", 0.03))  # fmt: skip
-    says = ("2 of 8 residuals are not white.", "Of the missing torque, a curve over one quantity takes away: angle 62 %.")
+    says = (
+        "2 of 8 residuals are not white.",
+        "Of the missing torque, a curve over one quantity takes away: angle 62 %.",
+    )
     first = Evidence((whiteness(20.0, False),), False, shares, says)
     last = Evidence((whiteness(1.0, True),), True, (Share("torque", "angle", 0.01),), ("All residuals are white.",))
     best = Candidate(FOUND, 41000.0, 0.8, True, 0.06, 0.05, -39000.0, -30412.7)
     other = Candidate("airflow_torque", 30500.0, 0.7, True, 0.41, 0.47, -21000.0, -15002.1)
     third = Candidate("stribeck_friction", 9000.0, 0.5, True, 0.9, 0.93, -5000.0, -812.0)
-    rest = tuple(Candidate(name, 50.0 - k, 0.1, False) for k, name in enumerate(("backlash", "gravity_load", "cogging_torque")))
+    rest = tuple(
+        Candidate(name, 50.0 - k, 0.1, False) for k, name in enumerate(("backlash", "gravity_load", "cogging_torque"))
+    )
     small = Candidate("cogging_torque", 12.0, 0.9, True, 0.999, 1.001, 3.0, 8.1)
     return (
         RoundReport((), first, (best, other, third, *rest), FOUND, ("airflow_torque",), f"{FOUND} explains most."),
@@ -96,10 +103,24 @@ def motion(file: str, held_out: bool, seed: int, n: int = 3000) -> Motion:
 
 
 def unexplained(after: FitResult) -> Unexplained:
-    axis = np.linspace(0.0, 1.5, 60)
-    smaller = tuple(tuple(replace(row, rms=0.9 * row.rms) for row in rows) for rows in (after.score_fit, after.score_holdout))
+    axis = np.linspace(0.0, 1.0, 60)
+    smaller = [
+        tuple(replace(row, rms=0.9 * row.rms) for row in rows) for rows in (after.score_fit, after.score_holdout)
+    ]
     return Unexplained(
-        "torque", "angle", "N*m", "rad", axis, 0.012 * np.sin(6.0 * axis), 0.002 + 0.002 * axis, 0.0085, 0.9, 0.9, -80.0,
-        *smaller, ("stribeck_friction",),
-        "A torque of 8.5 mN m rms that depends on the plate angle is left, which no effect of the catalogue explains.",
-    )  # fmt: skip
+        enters="torque",
+        depends_on="angle",
+        unit="N*m",
+        axis_unit="1",
+        axis=axis,
+        curve=0.012 * np.sin(9.0 * axis),
+        sd=0.002 + 0.002 * axis,
+        size=0.0085,
+        fit_rms_ratio=0.9,
+        holdout_rms_ratio=0.9,
+        bic_change=-80.0,
+        fit=smaller[0],
+        holdout=smaller[1],
+        doubts=("stribeck_friction",),
+        sentence="What is left enters as torque and depends on angle: a curve of 0.0085 N*m rms.",
+    )

@@ -129,6 +129,8 @@ def test_an_error_is_a_message_and_a_status(
         ("check",),
         ("check", "bench", "--loud"),
         ("ponder", "bench"),
+        ("diagnose",),
+        ("diagnose", "no/such/run"),
         ("fetch", "no-such-set"),
         ("fetch", "emps", "--data", "no/such/folder"),
     ],
@@ -152,6 +154,79 @@ def test_fetch_writes_below_measurements_and_prints_where(invoke, measured: Path
     done = invoke("fetch", "kassel-throttle", "--data", measured, "--quiet")
     assert (done.exit_code, done.stdout, done.stderr) == (0, f"{Path('measurements/kassel-throttle')}\n", "")
     assert Path("measurements/kassel-throttle/rig.toml").is_file()
+
+
+@pytest.fixture
+def diagnosed(monkeypatch: pytest.MonkeyPatch) -> SimpleNamespace:
+    """Stands in for the modules behind `diagnose`: a fit in RUN that is taken up, diagnosed and written."""
+    state = SimpleNamespace(x=[1.0], far=True)
+    diagnosis = SimpleNamespace(after=SimpleNamespace(converged=True, reason="gradient zero"))
+    fake = SimpleNamespace(diagnosis=diagnosis, written=[], raises=None)
+
+    def read_state(run: Path) -> SimpleNamespace:
+        if fake.raises:
+            raise fake.raises
+        return state
+
+    def resume(rig: Any, x: list[float], far: bool, report: Callable[[str, float], None]) -> str:
+        assert (rig, x, far) == (RIG, state.x, True)
+        return "the fit"
+
+    def diagnose(result: str, report: Callable[[str, float], None]) -> SimpleNamespace:
+        assert result == "the fit"
+        report("screening", 0.5)
+        return diagnosis
+
+    modules = {
+        "etcfit.run_folder": {"read_state": read_state, "rig_of": lambda state: RIG},
+        "etcfit.fit": {"resume": resume},
+        "etcfit.diagnose": {"diagnose": diagnose},
+        "etcfit.report": {"write_diagnosis": lambda run, d, report: fake.written.append((run, d))},
+        "etcfit.report.diagnosis.table": {"diagnosis_table": lambda d: "the ledger"},
+    }
+    for name, names in modules.items():
+        monkeypatch.setitem(sys.modules, name, _module(name, **names))
+    return fake
+
+
+def test_diagnose_writes_and_prints_the_ledger(invoke, diagnosed: SimpleNamespace) -> None:
+    done = invoke("diagnose", "bench")
+    assert (done.exit_code, done.stdout) == (0, "the ledger\n")
+    assert "screening" in done.stderr
+    assert diagnosed.written == [(Path("bench"), diagnosed.diagnosis)]
+    assert invoke("diagnose", "bench", "--quiet").stderr == ""
+
+
+def test_a_diagnosis_whose_final_fit_did_not_converge_exits_3(invoke, diagnosed: SimpleNamespace) -> None:
+    diagnosed.diagnosis.after = SimpleNamespace(converged=False, reason="gradient still 12 [of tolerance]")
+    done = invoke("diagnose", "bench", "--quiet")
+    assert (done.exit_code, done.stdout) == (3, "the ledger\n")
+    assert "gradient still 12 [of tolerance]" in done.stderr
+    assert diagnosed.written
+
+
+@pytest.mark.parametrize(
+    ("error", "status"),
+    [
+        (MeasurementError("a.csv:3", "found", "required", "mend"), 1),
+        (UsageError("other"), 2),
+        (KeyboardInterrupt(), 130),
+    ],
+)
+def test_a_diagnosis_that_fails_writes_nothing(
+    invoke, diagnosed: SimpleNamespace, error: BaseException, status: int
+) -> None:
+    diagnosed.raises = error
+    done = invoke("diagnose", "bench", "--quiet")
+    assert (done.exit_code, done.stdout, diagnosed.written) == (status, "", [])
+    assert "Traceback" not in done.output
+
+
+def test_diagnose_without_a_fit_is_a_usage_error(invoke) -> None:
+    done = invoke("diagnose", "bench", "--quiet")
+    assert (done.exit_code, done.stdout) == (2, "")
+    assert "holds no fit" in done.stderr
+    assert "etcfit fit" in done.stderr
 
 
 def test_version(invoke) -> None:

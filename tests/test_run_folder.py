@@ -7,13 +7,27 @@ import json
 from dataclasses import replace
 from pathlib import Path
 
+import diagnoses
 import numpy as np
 import pytest
 import results
 
+from etcfit.diagnose.findings import Diagnosis
 from etcfit.errors import UsageError
 from etcfit.fit import FitResult
-from etcfit.run_folder import fit_json, read_state, readings_of, whole, write_json, write_state
+from etcfit.run_folder import (
+    DIAGNOSIS_STATE,
+    FIT_STATE,
+    diagnosis_json,
+    fit_json,
+    read_state,
+    readings_of,
+    rig_of,
+    whole,
+    write_diagnosis_state,
+    write_json,
+    write_state,
+)
 
 PARAMETERS = ("R_a", "L_a", "K_b", "K_m", "J_m", "J_L", "B_m", "B_L", "K_s", "T_PL", "T_f", "N")
 
@@ -21,6 +35,11 @@ PARAMETERS = ("R_a", "L_a", "K_b", "K_m", "J_m", "J_L", "B_m", "B_L", "K_s", "T_
 @pytest.fixture(scope="module")
 def fitted(tmp_path_factory: pytest.TempPathFactory) -> FitResult:
     return results.result(results.rig(tmp_path_factory.mktemp("rig")), lost=("J_m", "J_L"))
+
+
+@pytest.fixture(scope="module")
+def found(tmp_path_factory: pytest.TempPathFactory) -> Diagnosis:
+    return diagnoses.diagnosis(results.rig(tmp_path_factory.mktemp("rig")))
 
 
 def _half(draft: Path) -> None:
@@ -115,8 +134,120 @@ def test_the_state_of_a_fit_comes_back(fitted: FitResult, tmp_path: Path) -> Non
     assert state.symbols == fitted.unknowns.layout.free
     np.testing.assert_array_equal(state.x, fitted.x)
     np.testing.assert_array_equal(state.covariance, fitted.covariance)
+    assert state.effects == tuple(effect.name for effect in fitted.unknowns.layout.types)
+    assert state.far is False
+    write_state(tmp_path / "run", replace(fitted, far=True))
+    assert read_state(tmp_path / "run").far is True
+    rig = rig_of(read_state(tmp_path / "run"))
+    assert [trace.file for trace in rig.measurements] == [trace.file for trace in fitted.rig.measurements]
 
 
 def test_no_state_no_traceback(tmp_path: Path) -> None:
     with pytest.raises(UsageError, match="holds no fit"):
         read_state(tmp_path)
+
+
+def test_a_state_that_cannot_be_read_says_what_to_do(fitted: FitResult, tmp_path: Path) -> None:
+    (tmp_path / FIT_STATE).write_bytes(b"PK no state")
+    with pytest.raises(UsageError, match=r"etcfit fit FOLDER --out .* again"):
+        read_state(tmp_path)
+    np.savez(tmp_path / FIT_STATE, x=fitted.x, folder=np.array(fitted.rig.folder))  # of an older version
+    with pytest.raises(UsageError, match=r"etcfit fit FOLDER --out .* again"):
+        read_state(tmp_path)
+
+
+def test_a_folder_that_changed_since_the_fit_is_refused(tmp_path: Path) -> None:
+    rig = results.rig(tmp_path / "rig")
+    write_state(tmp_path / "run", results.result(rig))
+    toml = tmp_path / "rig" / "rig.toml"
+    was = toml.read_text()
+    toml.write_text(was.replace("B_m = { fixed = 2e-5 }", ""))
+    with pytest.raises(UsageError, match=r"other parameters .*\(B_m\).* Run `etcfit fit .*` again"):
+        rig_of(read_state(tmp_path / "run"))
+    toml.write_text(was + '\n[model]\neffects = ["limp_home_spring"]\n')
+    with pytest.raises(UsageError, match="T_lh"):
+        rig_of(read_state(tmp_path / "run"))
+    toml.write_text(was)
+    assert rig_of(read_state(tmp_path / "run")).config.name == "bench"
+
+
+def test_a_folder_that_is_gone_is_refused(tmp_path: Path) -> None:
+    write_state(tmp_path / "run", results.result(results.rig(tmp_path / "rig")))
+    (tmp_path / "rig").rename(tmp_path / "elsewhere")
+    with pytest.raises(UsageError, match=r"no longer there.*etcfit fit FOLDER"):
+        rig_of(read_state(tmp_path / "run"))
+
+
+def test_the_state_of_a_diagnosis_holds_the_final_model(found: Diagnosis, tmp_path: Path) -> None:
+    write_state(tmp_path, found.before)
+    write_diagnosis_state(tmp_path, found)
+    fit, final = read_state(tmp_path), read_state(tmp_path, DIAGNOSIS_STATE)
+    assert set(final.effects) - set(fit.effects) == {diagnoses.FOUND}
+    assert set(final.symbols) - set(fit.symbols) == {"T_lh", "K_lh", "theta_lh", "d_lh"}
+    np.testing.assert_array_equal(final.x, found.after.x)
+    np.testing.assert_array_equal(final.covariance, found.after.covariance)
+    assert final.folder.samefile(found.after.rig.folder)
+
+
+def test_a_new_fit_leaves_no_state_of_the_old_diagnosis(found: Diagnosis, tmp_path: Path) -> None:
+    write_diagnosis_state(tmp_path, found)
+    write_state(tmp_path, found.before)
+    with pytest.raises(UsageError, match=r"holds no diagnosis.*etcfit diagnose"):
+        read_state(tmp_path, DIAGNOSIS_STATE)
+
+
+def test_diagnosis_json_holds_what_the_contract_names(found: Diagnosis, tmp_path: Path) -> None:
+    write_json(tmp_path / "diagnosis.json", "diagnosis", diagnosis_json(found))
+    written = strict(tmp_path / "diagnosis.json")
+    assert written["schema"] == "etcfit.diagnosis/1"
+    assert {"start", "final", "rounds", "added", "ties", "unexplained", "before", "after", "parameters"} <= set(written)
+    start, final = written["start"]["effects"], written["final"]["effects"]
+    assert start == fit_json(found.before)["model"]["effects"]
+    assert final == [*start, diagnoses.FOUND]
+    assert written["added"] == [diagnoses.FOUND]
+    assert written["ties"] == [[diagnoses.FOUND, "airflow_torque"]]
+    assert written["ties_told_by"] == [found.ties[0].told_by]
+    assert written["parameters"].keys() == fit_json(found.after)["parameters"].keys() > {"T_lh", "N"}
+    for which in ("before", "after", "after_with_unknown"):
+        for row in (*written[which]["fit"], *written[which]["holdout"]):
+            assert set(row) == {"file", "test", "channel", "unit", "n", "rms", "sigma"}
+        assert {row["file"] for row in written[which]["holdout"]} == {"response/2.csv"}
+    assert (written["synthetic"], written["rig"]) == (True, "bench")
+    assert written["verdict"] == list(found.verdict)
+
+
+def test_diagnosis_json_round_by_round(found: Diagnosis) -> None:
+    written = diagnosis_json(found)
+    first, last = written["rounds"]
+    for each in (first, last):
+        assert {"effects", "white", "evidence", "candidates", "added", "why", "ties"} <= set(each)
+    assert (first["effects"], first["added"], first["white"]) == (written["start"]["effects"], diagnoses.FOUND, False)
+    assert (last["effects"], last["added"], last["white"]) == (written["final"]["effects"], None, True)
+    assert {"effect", "fit_rms_ratio", "holdout_rms_ratio", "bic_change"} <= set(first["candidates"][0])
+    assert first["candidates"][-1]["bic_change"] is None  # not refitted
+    assert first["evidence"][0]["strongest"] == "angle"
+
+
+def test_effects_known_from_the_start_stand_in_every_round(found: Diagnosis) -> None:
+    bare = replace(found.rounds[1], effects=())
+    known = replace(found, before=found.after, start=found.final, rounds=(bare,))
+    assert diagnosis_json(known)["rounds"][0]["effects"] == diagnosis_json(known)["start"]["effects"]
+
+
+def test_diagnosis_json_shows_what_is_left_or_null(found: Diagnosis) -> None:
+    left = diagnosis_json(found)["unexplained"]
+    assert {"enters", "depends_on", "shape", "size"} <= set(left)
+    assert set(left["shape"]) == {"axis", "axis_unit", "curve", "unit", "sd"}
+    assert len(left["shape"]["axis"]) == len(left["shape"]["curve"]) == len(left["shape"]["sd"]) == 60
+    none = diagnosis_json(replace(found, unexplained=None))
+    assert none["unexplained"] is None
+    assert none["after_with_unknown"] is None
+
+
+def test_what_cannot_be_computed_is_null(found: Diagnosis, tmp_path: Path) -> None:
+    lost = tuple(replace(row, rms=float("nan")) for row in found.before.score_fit)
+    odd = replace(found, before=replace(found.before, score_fit=lost, chi2_per_dof=float("inf")))
+    write_json(tmp_path / "diagnosis.json", "diagnosis", diagnosis_json(odd))
+    before = strict(tmp_path / "diagnosis.json")["before"]
+    assert before["fit"][0]["rms"] is None
+    assert before["chi2_per_dof"] is None

@@ -33,7 +33,10 @@ _GIVE = 0.01  # of the travel that was measured: how far the guide gives way to 
 
 
 def pull_of(bench: Bench, x: np.ndarray) -> float:
-    """Stiffness of the guide, N m/rad: J w^2 for its bandwidth, or T_f over a hundredth of the travel if that is more."""
+    """Stiffness of the guide: J w^2 for its bandwidth, or T_f over a hundredth of the travel if that is more.
+
+    In V/rad, by the motor's torque per volt, or in N m/rad where torque drives.
+    """
     values = bench.layout.values(x, bench.unknowns.held)
     inertia = bench.config.gear_ratio**2 * float(values["J_m"]) + float(values["J_L"])
     guided = [t for t in bench.tape.traces if "position" in t.channels]
@@ -43,7 +46,10 @@ def pull_of(bench: Bench, x: np.ndarray) -> float:
     span = max(float(np.nanmax(a) - np.nanmin(a)) for a in angles)
     rate = 1.0 / float(np.median(np.concatenate([np.diff(t.instants) for t in guided])))
     stiff = inertia * (2.0 * np.pi * min(_BANDWIDTH, 0.1 * rate)) ** 2
-    return float(max(stiff, float(values["T_f"]) / max(_GIVE * span, 1e-9)))
+    torque = float(max(stiff, float(values["T_f"]) / max(_GIVE * span, 1e-9)))
+    if all(t.torque_driven for t in guided):
+        return torque
+    return torque * float(values["R_a"]) / (bench.config.gear_ratio * float(values["K_m"]))
 
 
 @partial(jax.jit, static_argnums=(0, 1))

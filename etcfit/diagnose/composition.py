@@ -17,7 +17,8 @@ from ..unknowns import Layout, Unknowns, unknowns
 
 Effect = type[AbstractEffect]
 
-_ROOM = 4  # free parameters are padded to a multiple of so many
+_ROOM = 8  # free parameters are padded to a multiple of so many, with room for
+_MORE = 4  # further ones
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,7 +42,8 @@ class Composition:
         free = tuple(s for s in whole.free if s not in asleep)
         fixed = dict(zip(whole.held, self.whole.held.tolist(), strict=True))
         held = fixed | {s: v for s, v in asleep.items() if s in whole.free}
-        layout = Layout(whole.types, whole.parameters, free, tuple(held), whole.ties, room(len(free)))
+        least = sum(1 for s in whole.free if not any(s in resting(e) for e in self.candidates)) + _MORE
+        layout = Layout(whole.types, whole.parameters, free, tuple(held), whole.ties, room(max(least, len(free))))
         priors = {s: v for s, v in self.whole.priors.items() if s in free}
         return Unknowns(layout, np.array(list(held.values())), priors, self.whole.start)
 
@@ -56,12 +58,10 @@ class Composition:
         return Unknowns(layout, np.array(list(held.values())), full.priors, full.start)
 
 
-def compose(
-    rig: Rig, traces: tuple[Trace, ...], further: tuple[Effect, ...] = (), only: tuple[Effect, ...] = EFFECTS
-) -> Composition:
-    """Every effect of the catalogue, or only some, and `further` ones, that these traces could show."""
+def compose(rig: Rig, traces: tuple[Trace, ...], further: tuple[Effect, ...] = ()) -> Composition:
+    """Every effect of the catalogue, and `further` ones, that these traces could show."""
     seen = logged(rig, traces)
-    fitting = [e for e in EFFECTS if e.name in rig.config.effects or (e in only and set(e.needs) <= seen)]
+    fitting = [e for e in EFFECTS if e.name in rig.config.effects or set(e.needs) <= seen]
     names = tuple(e.name for e in fitting if e not in PAPER)
     whole = unknowns(replace(rig.config, effects=names), tuple(e for e in further if set(e.needs) <= seen))
     known = tuple(e for e in whole.layout.types if e in PAPER or e.name in rig.config.effects)

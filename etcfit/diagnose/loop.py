@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -14,16 +15,20 @@ from ..outcome import FitResult
 from ..residual import Problem
 from .balance import pull_of
 from .composition import Composition, Effect, compose, resting
+from .crossing import crossed_change
 from .screen import Signature, screen, variants
 from .trial import Score, Standing, Verdict, bic_change, compare, score
 
 Report = Callable[[str, float], None]
 
+_SIDE_BY_SIDE = 2  # refits at a time: they run outside the interpreter lock
 _REFITS = 4  # candidates refitted in full in one round
 ROUNDS = 8
 STRONG = -10.0  # BIC change that counts as evidence (Kass and Raftery 1995: very strong)
 _PROMISE = 0.3  # share of what BIC asks that the screening must promise for a refit
 _TOLERANCE = 1e-4  # relative change of chi2 that ends a descent on the way
+_WEIGHINGS = 2  # of a guided residual by what is left in it
+_STILL = 0.2  # standard errors that a round of whitening may still move a parameter
 _SAME = 6.0  # difference of two models' -2 log likelihood that these data cannot tell
 
 
@@ -56,7 +61,14 @@ def start(result: FitResult) -> Standing:
     unknowns = composition.unknowns(())
     holdout = result.holdout.tape.traces if result.holdout is not None else ()
     standing = whitened(composition, (), bench.told(unknowns), holdout, result.x, result.far)
-    return standing.optimised() if result.far else standing
+    return _weighed(standing, holdout) if result.far else standing
+
+
+def _weighed(s: Standing, held_out: tuple) -> Standing:
+    """Far from the data: at the optimum of the guided residual, and weighed by what is left there."""
+    for _ in range(_WEIGHINGS):
+        s = whitened(s.composition, s.added, s.bench, held_out, s.optimised().x, True)
+    return s
 
 
 def whitened(
@@ -85,9 +97,8 @@ def settled(s: Standing, report: Report) -> Standing:
     x, _ = go(bench, bench.layout.off_bounds(s.x), problem, _TOLERANCE)
     r = bench.linearise(x, problem)[0]
     if float(np.sum(r**2)) / max(1.0, float(np.sum(problem.slots.weight)) - x.size) > MISFIT:
-        again = whitened(s.composition, s.added, bench, held_out, s.x, True).optimised()
-        return whitened(s.composition, s.added, bench, held_out, again.x, True)
-    bench, _, x, _ = rounds(bench.released(x), x, report)
+        return _weighed(whitened(s.composition, s.added, bench, held_out, s.x, True), held_out)
+    bench, _, x, _ = rounds(bench.released(x), x, report, _STILL)
     return whitened(s.composition, s.added, bench, held_out, x, False)
 
 
@@ -98,13 +109,26 @@ def turn(s: Standing, report: Report) -> Round:
     _, signatures = screen(s.bench, s.x, s.problem, candidates)
     before = score(s)
     promising = [g for g in signatures if g.gain * _per_chi2(before) > _PROMISE * _asked(g, before)][:_REFITS]
-    verdicts = []
-    for k, signature in enumerate(promising):
-        report(f"refitting with {signature.variant.effect.name}", 0.2 + 0.6 * k / len(promising))
-        verdicts.append(_tried(s, signature, before))
-    verdicts.sort(key=lambda v: v.bic_change)
+    verdicts = _refitted(s, promising, before, report)
+    if s.holdout is None:
+        verdicts = [replace(v, holdout_chi2_change=crossed_change(s, v.standing)) if v.bic_change < STRONG else v
+                    for v in verdicts]  # fmt: skip
     added, ties, why = choose(verdicts)
     return Round(s, before, signatures, tuple(verdicts), added, ties, why)
+
+
+def _refitted(s: Standing, promising: Sequence[Signature], before: Score, report: Report) -> list[Verdict]:
+    """Each candidate in full, the best first: the first alone, for it may have to compile, then side by side."""
+    if not promising:
+        return []
+    report(f"refitting with {promising[0].variant.effect.name}", 0.2)
+    verdicts = [_tried(s, promising[0], before)]
+    with ThreadPoolExecutor(_SIDE_BY_SIDE) as pool:
+        jobs = [pool.submit(_tried, s, signature, before) for signature in promising[1:]]
+        for k, (signature, job) in enumerate(zip(promising[1:], jobs, strict=True), 1):
+            report(f"refitting with {signature.variant.effect.name}", 0.2 + 0.6 * k / len(promising))
+            verdicts.append(job.result())
+    return sorted(verdicts, key=lambda v: v.bic_change)
 
 
 def _per_chi2(before: Score) -> float:

@@ -24,7 +24,8 @@ from ..score import Row, columns, rows
 from .composition import Composition, Effect, carried
 
 _TOLERANCE = 1e-4  # of a refit: relative change of chi2
-_SLACK = 1e-3  # relative rise of a held-out error that counts as none
+_SLACK = 0.02  # relative rise of a held-out free-running error that counts as none: a slip may fall elsewhere
+_DIVERGED = 0.5  # the same far from the data, where the free run is left to its own devices
 
 
 @dataclass(frozen=True, eq=False)
@@ -137,7 +138,7 @@ class Verdict:
         standing: refitted with it.
         score: of that.
         fit_rms_ratio, holdout_rms_ratio: free-running errors over those without it; the latter None without a holdout.
-        holdout_chi2_change: of the whitened held-out residual; None without a holdout.
+        holdout_chi2_change: of the held-out residual, or of traces left out in turn.
         bic_change: below 0 where it is worth its parameters.
         screened: by how much the screening thought it would lower chi2.
         own: share of its signature that no fitted parameter can imitate.
@@ -155,11 +156,9 @@ class Verdict:
 
     def helps_elsewhere(self) -> bool:
         """Held-out traces do not contradict it."""
-        if self.holdout_chi2_change is None or self.holdout_rms_ratio is None:
-            return True
-        if self.standing.far:
-            return self.holdout_rms_ratio < 1.0 - _SLACK
-        return self.holdout_chi2_change < 0.0 and self.holdout_rms_ratio < 1.0 + _SLACK
+        better = self.holdout_chi2_change is None or self.holdout_chi2_change < 0.0
+        worst = _SLACK if not self.standing.far else _DIVERGED
+        return better and (self.holdout_rms_ratio is None or self.holdout_rms_ratio < 1.0 + worst)
 
 
 def bic_change(before: Score, after: Score, parameters: int, tried: int) -> float:

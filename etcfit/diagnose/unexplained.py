@@ -46,9 +46,8 @@ def unexplained(result: FitResult, s: Standing, report: Report) -> Unexplained |
 
 
 def widened(result: FitResult, s: Standing) -> Standing:
-    """The same model in a composition of its own effects and the smooth unknowns."""
-    traces = s.bench.tape.traces
-    composition = compose(result.rig, traces, UNKNOWNS, tuple(e for e in s.composition.candidates if e in s.added))
+    """The same model in a composition that has the smooth unknowns besides the catalogue: one for all models."""
+    composition = compose(result.rig, s.bench.tape.traces, UNKNOWNS)
     unknowns = composition.unknowns(s.added)
 
     def told(bench: Any, problem: Any) -> Any:

@@ -27,9 +27,9 @@ def write_run(run_dir: Path | str, result: FitResult, report: Report | None = No
     run = Path(run_dir)
     write_json(run / "fit.json", "fit", fit_json(result))
     write_state(run, result)
-    from . import pictures
+    from .pictures import jobs
 
-    _draw(run / "pictures", pictures.jobs(result), report)
+    _draw(run / "pictures", jobs(result), report)
 
 
 def write_diagnosis(run_dir: Path | str, diagnosis: Diagnosis, report: Report | None = None) -> None:
@@ -43,9 +43,9 @@ def write_diagnosis(run_dir: Path | str, diagnosis: Diagnosis, report: Report | 
     run = Path(run_dir)
     write_json(run / "diagnosis.json", "diagnosis", diagnosis_json(diagnosis))
     write_diagnosis_state(run, diagnosis)
-    from .diagnosis import pictures
+    from .diagnosis.pictures import jobs
 
-    _draw(run / "pictures" / "diagnosis", pictures.jobs(diagnosis), report)
+    _draw(run / "pictures" / "diagnosis", jobs(diagnosis), report)
 
 
 def _draw(folder: Path, jobs: Sequence[tuple[Path, Callable[[], Any]]], report: Report | None) -> None:

@@ -5,6 +5,7 @@ Source: Okabe and Ito 2008 (colours). Figures are made without pyplot, so that n
 
 from __future__ import annotations
 
+import re
 import textwrap
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
@@ -14,9 +15,11 @@ from typing import Any, Literal
 import numpy as np
 from matplotlib import rc_context
 from matplotlib.axes import Axes
+from matplotlib.axis import Axis
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
+from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
 from ..run_folder import whole
 
@@ -26,7 +29,7 @@ SIMULATED = "#d55e00"
 READING = "#0072b2"
 BEFORE, AFTER, UNKNOWN = "#56b4e9", SIMULATED, "#cc79a7"  # the models of a diagnosis
 OPENING, CLOSING = "#0072b2", "#e69f00"
-EFFECTS = ("#009e73", "#d55e00", "#cc79a7", "#f0e442", "#56b4e9", "#000000")  # one each
+EFFECTS = ("#009e73", "#d55e00", "#6a3d9a", "#8c510a", "#17becf", "#7f7f00")  # one each
 DRIVE = "#009e73"
 BAND = "#e8e8e8"
 TAG = "#cc3399"
@@ -107,12 +110,22 @@ def quiet_axis(axes: Axes) -> None:
     axes.tick_params(labelbottom=False)
 
 
+def labels(axes: Sequence[Axes]) -> dict[str, Any]:
+    """What a legend of these panels would name."""
+    return {label: handle for ax in axes for handle, label in zip(*ax.get_legend_handles_labels(), strict=True)}
+
+
 def legend(
-    fig: Figure, axes: Sequence[Axes], x: float, y: float, loc: Literal["upper left", "upper right"] = "upper right"
+    fig: Figure,
+    axes: Sequence[Axes],
+    x: float,
+    y: float,
+    loc: Literal["upper left", "upper right"] = "upper right",
+    most: int = 99,
 ) -> None:
-    """One legend for all panels, each label once; x, y in parts of the figure."""
-    handles = {label: handle for ax in axes for handle, label in zip(*ax.get_legend_handles_labels(), strict=True)}
-    columns = max(1, len(handles))
+    """One legend for all panels, each label once; x, y in parts of the figure; at most so many labels side by side."""
+    handles = labels(axes)
+    columns = max(1, min(most, len(handles)))
     drawn = fig.legend(list(handles.values()), list(handles), loc=loc, bbox_to_anchor=(x, y), ncols=columns,
                        borderaxespad=0.0)  # fmt: skip
     for handle in drawn.legend_handles:
@@ -120,6 +133,15 @@ def legend(
             handle.set_markersize(7)
 
 
-def wrapped(text: str, width: int) -> str:
-    """A title broken at words."""
-    return "\n".join(textwrap.wrap(text, width))
+def wrapped(text: str, width: float, size: float) -> str:
+    """A bold title broken at words to fit a figure of that width, inches, beside the tag of made-up data."""
+    whole = re.sub(r"(?<=[\d→]) (?=\S)|(?<=\S) (?=→)", "\N{NO-BREAK SPACE}", text)  # a number keeps its unit
+    return "\n".join(textwrap.wrap(whole, int((width - 1.5) / (0.0094 * size))))
+
+
+def log_ticks(axis: Axis, limits: tuple[float, float]) -> None:
+    """Plain numbers at 1, 2 and 5 of each decade, or at the decades alone where there are many."""
+    few = limits[1] < 300.0 * limits[0]
+    axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0) if few else (1.0,)))
+    axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+    axis.set_minor_formatter(NullFormatter())

@@ -17,7 +17,6 @@ def diagnosis_json(diagnosis: Diagnosis) -> dict[str, Any]:
     beside them.
     """
     before, after, unknown = diagnosis.before, diagnosis.after, diagnosis.unexplained
-    paper = [name for name in effects_of(before) if name not in diagnosis.start]
     return {
         "schema": "etcfit.diagnosis/1",
         "rig": after.rig.config.name,
@@ -27,7 +26,7 @@ def diagnosis_json(diagnosis: Diagnosis) -> dict[str, Any]:
         "verdict": list(diagnosis.verdict),
         "start": {"effects": list(effects_of(before))},
         "final": {"effects": list(effects_of(after))},
-        "rounds": [_round(each, paper) for each in diagnosis.rounds],
+        "rounds": [_round(each, effects_of(before)) for each in diagnosis.rounds],
         "added": list(diagnosis.added),
         "removed": list(diagnosis.removed),
         "ties": [list(tie.effects) for tie in diagnosis.ties],
@@ -54,9 +53,9 @@ def _score(result: FitResult) -> dict[str, Any]:
     }
 
 
-def _round(each: RoundReport, paper: list[str]) -> dict[str, Any]:
+def _round(each: RoundReport, known: tuple[str, ...]) -> dict[str, Any]:
     return {
-        "effects": [*paper, *each.effects],
+        "effects": list(dict.fromkeys((*known, *each.effects))),
         "white": each.evidence.white,
         **_evidence(each.evidence),
         "candidates": plain(each.candidates),

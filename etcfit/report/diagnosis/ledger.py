@@ -11,6 +11,7 @@ from ...diagnose.findings import Diagnosis
 from ...score import Row
 from ..numbers import short
 from ..pool import Pool
+from .shown import in_degrees, scales
 
 _LESS = 0.95  # of an error that counts as smaller
 
@@ -20,7 +21,7 @@ class Entry:
     """One channel of one test, all its traces pooled.
 
     Args:
-        test, channel, unit, held_out: which; the unit as logged.
+        test, channel, unit, held_out: which; the unit as shown: positions in degrees, all else as logged.
         before, after: errors of the first and of the final model.
         unknown: of the final model with what no effect explains added as a smooth curve; None where nothing is left.
     """
@@ -49,9 +50,12 @@ class Entry:
 def ledger(diagnosis: Diagnosis) -> tuple[Entry, ...]:
     """Held-out traces first, then the fitted ones, each in the order of the data."""
     before, after, unknown = diagnosis.before, diagnosis.after, diagnosis.unexplained
+    degrees = scales(before)
+    held_out = before.score_holdout, after.score_holdout, unknown.holdout if unknown else ()
+    fitted = before.score_fit, after.score_fit, unknown.fit if unknown else ()
     return (
-        *_entries(before.score_holdout, after.score_holdout, unknown.holdout if unknown else (), True),
-        *_entries(before.score_fit, after.score_fit, unknown.fit if unknown else (), False),
+        *_entries(*(in_degrees(rows, degrees) for rows in held_out), held_out=True),
+        *_entries(*(in_degrees(rows, degrees) for rows in fitted), held_out=False),
     )
 
 
@@ -74,12 +78,13 @@ def headline(diagnosis: Diagnosis) -> str:
     if not entries:
         return "The model cannot be simulated"
     worst = max(entries, key=lambda entry: (entry.held_out, entry.before.ratio))
-    where = f"{'held-out ' if worst.held_out else ''}{worst.channel.replace('_', ' ')} error, {worst.test}"
-    sigma = f"{short(worst.before.ratio, 2)} → {short(worst.after.ratio, 2)} σ"
+    where = f"{'held-out ' if worst.held_out else ''}{worst.channel.replace('_', ' ')} error ({worst.test})"
+    was, now = (f"{short(pool.rms)} {worst.unit or '1'}" for pool in (worst.before, worst.after))
+    sigma = short(worst.before.ratio, 2), short(worst.after.ratio, 2)
     if not diagnosis.added:
-        return f"{_nothing_added(diagnosis)}: {where}: {short(worst.after.rms)} {worst.unit} ({sigma.split(' → ')[1]})"
+        return f"{_nothing_added(diagnosis)}: largest {where} {now}, {sigma[1]} σ"
     falls = "falls" if worst.after.ratio < _LESS * worst.before.ratio else "does not fall"
-    return f"With {listed(diagnosis.added)} the {where}, {falls}: {worst.change()} ({sigma})"
+    return f"With {listed(diagnosis.added)} the {where} {falls}: {was} → {now}, {sigma[0]} → {sigma[1]} σ"
 
 
 def _nothing_added(diagnosis: Diagnosis) -> str:

@@ -12,7 +12,7 @@ from ...score import Row
 from ...trace import Trace
 from .. import style
 from ..numbers import short
-from ..traces import source
+from .shown import Shown
 
 _CHANNELS = ("position", "current", "emf", "motor_speed")  # in the order of interest; two at most are drawn
 _ZOOM = 0.08  # of the trace, beside the whole of it
@@ -47,21 +47,21 @@ class Overlay:
 def draw(picture: Overlay) -> Figure:
     """Left the whole trace, right where the first model was worst."""
     heights = [h for _ in picture.channels for h in (2.1, 1.2)]
-    title = style.wrapped(_title(picture), 96)
+    title = style.wrapped(_title(picture), 12.0, 13)
     head = 0.95 + 0.24 * title.count("\n")
     tall = head + 0.55 + 1.02 * sum(heights)
     fig = style.figure(12.0, tall, picture.synthetic)
-    ratios = {"height_ratios": heights, "width_ratios": (1.7, 1.0)}
-    grid = fig.subplots(len(heights), 2, sharex="col", squeeze=False, gridspec_kw=ratios)
+    spans = _spans(picture)
+    ratios = {"height_ratios": heights, "width_ratios": (1.7, 1.0)[: len(spans)]}
+    grid = fig.subplots(len(heights), len(spans), sharex="col", squeeze=False, gridspec_kw=ratios)
     fig.subplots_adjust(left=0.085, right=0.985, top=1.0 - head / tall, bottom=0.55 / tall, hspace=0.14, wspace=0.13)
-    first, last = _window(picture)
-    whole = slice(0, picture.trace.instants.size)
-    for column, span in enumerate((whole, slice(first, last))):
+    for column, span in enumerate(spans):
         for row, m in enumerate(picture.channels):
             _model(grid[2 * row, column], picture, m, span)
             _error(grid[2 * row + 1, column], picture, m, span)
         grid[-1, column].set_xlabel("time [s]" if column == 0 else "time [s], where the first model was worst")
-    _mark(list(grid[:, 0]), *picture.trace.instants[[first, last - 1]])
+    for span in spans[1:]:
+        _mark(list(grid[:, 0]), *picture.trace.instants[span][[0, -1]])
     _label(grid, picture)
     fig.suptitle(title, x=0.015, y=1.0 - 0.1 / tall, ha="left", va="top", fontsize=13, fontweight="bold")
     style.legend(fig, list(grid.ravel()), 0.085, 1.0 - (head - 0.36) / tall, "upper left")
@@ -70,37 +70,40 @@ def draw(picture: Overlay) -> Figure:
 
 def _title(picture: Overlay) -> str:
     role = "held out" if picture.trace.measurement.held_out else "fitted"
-    pairs = {row.channel: row for row in picture.rows_after}
-    each = [f"{was.channel.replace('_', ' ')} {short(was.rms)} → {short(pairs[was.channel].rms)} {was.unit or '1'}"
-            for was in picture.rows_before if was.channel in pairs]  # fmt: skip
+    names = [picture.trace.channels[m] for m in picture.channels]
+    was, now = ({row.channel: row for row in rows} for rows in (picture.rows_before, picture.rows_after))
+    each = [f"{name.replace('_', ' ')} {short(was[name].rms)} → {short(now[name].rms)} {now[name].unit or '1'}"
+            for name in names if name in was and name in now]  # fmt: skip
     return f"{picture.trace.measurement.file}, {role}: rms error {', '.join(each)}"
 
 
-def _window(picture: Overlay) -> tuple[int, int]:
-    """First and last sample of the stretch in which the first model errs most in the first channel."""
+def _spans(picture: Overlay) -> tuple[slice, ...]:
+    """The whole trace, and, where that is much longer, the stretch in which the first model errs most in the first
+    channel."""
     n, m = picture.trace.instants.size, picture.channels[0]
     width = min(n, max(_SAMPLES, round(_ZOOM * n)))
     error = np.nan_to_num(picture.trace.data[:, m] - picture.before[:, m])
     power = np.convolve(error**2, np.ones(width), mode="valid")
     first = int(np.argmax(power))
-    return first, first + width
+    zoom = slice(first, first + width)
+    return (slice(0, n), zoom) if 3 * width < n else (slice(0, n),)
 
 
 def _model(panel: Axes, picture: Overlay, m: int, span: slice) -> None:
-    trace, channel = picture.trace, source(picture.trace, picture.trace.channels[m])
+    trace, shown = picture.trace, Shown.of(picture.trace, picture.trace.channels[m])
     t = trace.instants[span]
-    panel.plot(*style.thin(t, channel.logged(trace.data[span, m])), ".", ms=3, color=style.MEASURED, label="measured")
-    panel.plot(*style.thin(t, channel.logged(picture.before[span, m])), color=style.BEFORE, label="before")
-    panel.plot(*style.thin(t, channel.logged(picture.after[span, m])), color=style.AFTER, label="after")
+    panel.plot(*style.thin(t, shown(trace.data[span, m])), ".", ms=5, mew=0, color="#8c8c8c", label="measured")
+    panel.plot(*style.thin(t, shown(picture.before[span, m])), color=style.BEFORE, lw=1.8, label="before")
+    panel.plot(*style.thin(t, shown(picture.after[span, m])), color=style.AFTER, lw=1.2, label="after")
     style.quiet_axis(panel)
 
 
 def _error(panel: Axes, picture: Overlay, m: int, span: slice) -> None:
-    trace, channel = picture.trace, source(picture.trace, picture.trace.channels[m])
-    sigma = 2.0 * float(trace.sigma[m]) / abs(channel.scale)
+    trace, shown = picture.trace, Shown.of(picture.trace, picture.trace.channels[m])
+    sigma = 2.0 * float(trace.sigma[m]) / abs(shown.size)
     panel.axhspan(-sigma, sigma, color=style.BAND, lw=0, label="± 2 σ of the noise")
     for model, color in ((picture.before, style.BEFORE), (picture.after, style.AFTER)):
-        error = (trace.data[span, m] - model[span, m]) / channel.scale
+        error = (trace.data[span, m] - model[span, m]) / shown.size
         panel.plot(*style.thin(trace.instants[span], error), ".", ms=2.5, color=color)
     panel.axhline(0.0, color="black", lw=0.8)
 
@@ -114,9 +117,9 @@ def _mark(panels: list[Axes], begin: float, end: float) -> None:
 def _label(grid: np.ndarray, picture: Overlay) -> None:
     for row, m in enumerate(picture.channels):
         name = picture.trace.channels[m]
-        unit = source(picture.trace, name).unit
+        unit = Shown.of(picture.trace, name).unit
         grid[2 * row, 0].set_ylabel(style.unit_label(name, unit))
         grid[2 * row + 1, 0].set_ylabel(style.unit_label("error", unit))
     grid[0, 0].figure.align_ylabels(grid[:, 0])
-    for column in range(2):
-        grid[0, column].margins(x=0.01)
+    for panel in grid[0]:
+        panel.margins(x=0.01)

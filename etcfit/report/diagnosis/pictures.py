@@ -7,12 +7,16 @@ from functools import partial
 from pathlib import Path
 
 import numpy as np
+from matplotlib.figure import Figure
 
 from ...diagnose.findings import Diagnosis
+from ...fit import FitResult
+from ...score import Row
 from ...trace import Trace
 from ..pictures import Job, all_traces, file_name
 from . import chart, missing, overlay, rounds, unexplained
 from .ledger import headline, ledger
+from .shown import in_degrees, scales
 
 _FITTED = 3  # fitted traces that are drawn besides those held out
 
@@ -32,8 +36,10 @@ def _summaries(d: Diagnosis) -> Iterator[Job]:
         if picture is not None:
             yield Path(f"missing_{enters}.png"), partial(missing.draw, picture)
     if d.unexplained is not None:
-        yield Path("unexplained.png"), partial(unexplained.draw, d.unexplained, synthetic)
-    yield Path("rounds.png"), partial(rounds.draw, rounds.steps(d), d.added, synthetic)
+        yield Path("unexplained.png"), partial(unexplained.draw, d.unexplained, d.after.rig.config.travel, synthetic)
+    steps = rounds.steps(d)
+    if d.added or any(step.others for step in steps):
+        yield Path("rounds.png"), partial(rounds.draw, steps, d.added, synthetic)
 
 
 def _overlays(d: Diagnosis) -> Iterator[Job]:
@@ -50,9 +56,14 @@ def _worst(d: Diagnosis, trace: Trace) -> float:
     return max((row.rms / row.sigma for row in d.before.score_fit if row.file == trace.measurement.file), default=0.0)
 
 
-def _draw_overlay(d: Diagnosis, trace: Trace):
+def _draw_overlay(d: Diagnosis, trace: Trace) -> Figure:
     file = trace.measurement.file
-    models = tuple(np.asarray(result.predicted[file]) for result in (d.before, d.after))
-    rows = tuple(tuple(row for row in (*result.score_fit, *result.score_holdout) if row.file == file)
-                 for result in (d.before, d.after))  # fmt: skip
-    return overlay.draw(overlay.Overlay(trace, *models, *rows, d.after.rig.config.synthetic))
+    before, after = (np.asarray(result.predicted[file]) for result in (d.before, d.after))
+    picture = overlay.Overlay(trace, before, after, _rows(d.before, file), _rows(d.after, file),
+                              d.after.rig.config.synthetic)  # fmt: skip
+    return overlay.draw(picture)
+
+
+def _rows(result: FitResult, file: str) -> tuple[Row, ...]:
+    rows = [row for row in (*result.score_fit, *result.score_holdout) if row.file == file]
+    return in_degrees(rows, scales(result))

@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.ticker import FuncFormatter, NullFormatter
 
 from ...diagnose.findings import Candidate, Diagnosis
 from .. import style
@@ -40,14 +39,18 @@ def steps(diagnosis: Diagnosis) -> list[Step]:
     fit, holdout = Pool.of(before.score_fit).ratio, _ratio(before.score_holdout)
     out = [Step("start", fit, holdout)]
     for each in diagnosis.rounds:
-        others = tuple((c.effect, e) for c in each.candidates if (e := _left(c, fit, holdout)) and c.effect != each.added)
+        others = tuple(
+            (c.effect, e) for c in each.candidates if (e := _left(c, fit, holdout)) and c.effect != each.added
+        )
         taken = next((c for c in each.candidates if c.effect == each.added), None)
         if taken is not None:
             fit *= taken.fit_rms_ratio or 1.0
             holdout = None if holdout is None else holdout * (taken.holdout_rms_ratio or 1.0)
         out.append(Step(f"+ {each.added}" if each.added else "nothing more", fit, holdout, others))
-    out.append(Step("final fit", Pool.of(after.score_fit).ratio, _ratio(after.score_holdout)))
-    return out
+    end = Step("final fit", Pool.of(after.score_fit).ratio, _ratio(after.score_holdout))
+    if out[-1].label == "nothing more":  # one place for both
+        end = replace(end, label="nothing more:\nfinal fit", others=out.pop().others)
+    return [*out, end]
 
 
 def _ratio(rows: tuple) -> float | None:
@@ -63,11 +66,11 @@ def _left(candidate: Candidate, fit: float, holdout: float | None) -> float | No
 
 def draw(every: list[Step], added: tuple[str, ...], synthetic: bool) -> Figure:
     """Error over rounds."""
-    title = style.wrapped(_title(every, added), 80)
+    title = style.wrapped(_title(every, added), 11.0, 13)
     fig = style.figure(11.0, 5.6, synthetic)
     panel = fig.subplots(1, 1)
     head = 1.0 + 0.26 * title.count("\n")
-    fig.subplots_adjust(left=0.09, right=0.97, top=1.0 - head / 5.6, bottom=0.13)
+    fig.subplots_adjust(left=0.09, right=0.97, top=1.0 - head / 5.6, bottom=0.14)
     place = np.arange(len(every))
     panel.axhline(1.0, color=style.MEASURED, lw=1.2, ls=":", label="noise of one sample")
     panel.plot(place, [s.fit for s in every], "o--", color=style.BEFORE, ms=7, label="fitted traces")
@@ -89,8 +92,9 @@ def _title(every: list[Step], added: tuple[str, ...]) -> str:
     first, last = every[0], every[-1]
     which = "Held-out" if last.holdout is not None else "Fitted"
     was, now = (first.holdout, last.holdout) if last.holdout is not None else (first.fit, last.fit)
-    who = f" with {listed(added)}" if added else ": nothing was added"
-    return f"{which} error {short(was)} → {short(now)} σ{who}"
+    if not added:
+        return f"{which} error {short(now)} σ: nothing was added"
+    return f"{which} error {short(was)} → {short(now)} σ with {listed(added)}"
 
 
 def _others(panel: Axes, every: list[Step]) -> None:
@@ -99,16 +103,15 @@ def _others(panel: Axes, every: list[Step]) -> None:
             panel.plot(k, error, "D", ms=6, mfc="white", color="#8c8c8c", ls="none",
                        label="refitted, not taken" if n == 0 else "_")  # fmt: skip
             if n < _NAMED:
-                panel.annotate(name, (k, error), xytext=(8, 0), textcoords="offset points", va="center", fontsize=9,
+                panel.annotate(name, (k, error), xytext=(7, 3), textcoords="offset points", va="bottom", fontsize=9,
                                color="#6b6b6b")  # fmt: skip
 
 
 def _axes(panel: Axes, every: list[Step]) -> None:
     panel.set_yscale("log")
-    panel.yaxis.set_major_formatter(FuncFormatter(lambda y, _: f"{y:g}"))
-    panel.yaxis.set_minor_formatter(NullFormatter())
     panel.set_xticks(range(len(every)), [step.label for step in every])
     panel.set_xlim(-0.4, len(every) - 0.3)
     low, high = panel.get_ylim()
-    panel.set_ylim(0.8 * low, 1.2 * high)
+    panel.set_ylim(min(0.7, 0.8 * low), max(2.5, 1.2 * high))
+    style.log_ticks(panel.yaxis, panel.get_ylim())
     panel.set_ylabel("free-running error, rms [σ of one sample]")

@@ -37,16 +37,13 @@ class Samples:
         before = _end_to_end([getattr(motion, enters) for motion in motions])
         after = _end_to_end([motion.after[enters] for motion in motions])
         seen = np.isfinite(before) & np.isfinite(after)
-        axes = {a: _end_to_end([motion.axes[a] for motion in motions])[seen] for a in (motions[0].axes if motions else ())}
+        axes = {
+            a: _end_to_end([motion.axes[a] for motion in motions])[seen] for a in (motions[0].axes if motions else ())
+        }
         every = {name: _end_to_end([_of_effect(m, name, enters) for m in motions])[seen] for name in names}
         size = _LOSES * float(np.sqrt(np.mean(before[seen] ** 2))) if seen.any() else 0.0
         acting = {name: part for name, part in every.items() if np.any(np.abs(part) > size)}
         return cls(axes, before[seen], after[seen], acting)
-
-    def of_rows(self, rows: np.ndarray) -> Samples:
-        """Some of them."""
-        return Samples({a: v[rows] for a, v in self.axes.items()}, self.before[rows], self.after[rows],
-                       {name: part[rows] for name, part in self.effects.items()})  # fmt: skip
 
 
 def _end_to_end(parts: Sequence[np.ndarray]) -> np.ndarray:
@@ -81,9 +78,8 @@ class Bins:
     def centres(self) -> np.ndarray:
         return 0.5 * (self.edges[1:] + self.edges[:-1])
 
-    def quartiles(self, y: np.ndarray, rows: np.ndarray | None = None) -> np.ndarray:
+    def quartiles(self, y: np.ndarray, rows: np.ndarray) -> np.ndarray:
         """Lower quartile, median and upper quartile in each bin, shape (3, B); NaN where there are too few samples."""
-        rows = np.ones(y.size, dtype=bool) if rows is None else rows
         out = np.full((3, _BINS), np.nan)
         for k in range(_BINS):
             mine = y[rows & (self.place == k)]
@@ -92,19 +88,22 @@ class Bins:
         return out
 
 
-def directions_differ(samples: Samples) -> bool:
-    """True where opening and closing make two curves over the angle, apart by more than their own spread."""
-    if not {"angle", "speed"} <= set(samples.axes):
-        return False
+def ways(samples: Samples, axis: str) -> tuple[np.ndarray, ...]:
+    """Rows that make one curve each, shape (n,): all, or, over the angle, opening and closing where these make two
+    curves, apart by more than their own spread."""
+    every = (np.ones(samples.before.size, dtype=bool),)
+    if axis != "angle" or "speed" not in samples.axes:
+        return every
     bins, speed = Bins.along(samples.axes["angle"]), samples.axes["speed"]
-    ways = [bins.quartiles(samples.before, rows) for rows in (speed > 0.0, speed < 0.0)]
-    apart, spread = np.abs(ways[0][1] - ways[1][1]), 0.5 * sum(way[2] - way[0] for way in ways)
-    both = np.isfinite(apart)
-    return bool(both.sum() > 4 and np.median(apart[both]) > np.median(spread[both]))
+    both = speed > 0.0, speed < 0.0
+    opening, closing = (bins.quartiles(samples.before, rows) for rows in both)
+    apart, spread = np.abs(opening[1] - closing[1]), 0.5 * (opening[2] - opening[0] + closing[2] - closing[0])
+    seen = np.isfinite(apart)
+    return both if seen.sum() > 4 and np.median(apart[seen]) > np.median(spread[seen]) else every
 
 
-def curve_rms(bins: Bins, y: np.ndarray) -> float:
-    """Root mean square of the median curve: what is missing by rule, not by chance."""
-    median = bins.quartiles(y)[1]
-    seen = np.isfinite(median)
-    return float(np.sqrt(np.mean(median[seen] ** 2))) if seen.any() else 0.0
+def curve_rms(bins: Bins, y: np.ndarray, curves: Sequence[np.ndarray]) -> float:
+    """Root mean square of the median curves, one of each set of rows: what is missing by rule, not by chance."""
+    medians = np.concatenate([bins.quartiles(y, rows)[1] for rows in curves])
+    seen = np.isfinite(medians)
+    return float(np.sqrt(np.mean(medians[seen] ** 2))) if seen.any() else 0.0
