@@ -22,6 +22,8 @@ _DRAWS = 64
 _AT_ONCE = 16  # points simulated side by side, which bounds the memory
 _GENERATIONS = 30
 _EPOCHS = 120
+_PATIENCE = 25  # epochs after which a population that gains less
+_GAIN = 0.01  # than this share of chi2 has found what it will
 _WORTH = 0.02  # chi2, in units of chi2 per degree of freedom, that makes a move worth it
 
 
@@ -55,7 +57,10 @@ def evolve(bench: Bench, x: np.ndarray, problem: Problem, spread: np.ndarray) ->
     crowd = x + spread * rng.standard_normal((_DRAWS, x.size))
     crowd[0] = x
     cost = chi2_of(bench, crowd, problem)
-    for _ in range(_EPOCHS):
+    history = [float(cost.min())]
+    for epoch in range(_EPOCHS):
+        if epoch >= _PATIENCE and history[-1] > (1.0 - _GAIN) * history[-_PATIENCE]:
+            break
         a, b, c = (crowd[rng.permutation(_DRAWS)] for _ in range(3))
         step = rng.uniform(0.4, 0.9, (_DRAWS, 1))
         greedy = crowd + step * (crowd[np.argmin(cost)] - crowd) + step * (a - b)
@@ -64,6 +69,7 @@ def evolve(bench: Bench, x: np.ndarray, problem: Problem, spread: np.ndarray) ->
         price = chi2_of(bench, young, problem)
         better = price < cost
         crowd[better], cost[better] = young[better], price[better]
+        history.append(float(cost.min()))
     return crowd[int(np.argmin(cost))]
 
 

@@ -63,9 +63,9 @@ def run(
     values = form.values(x, pick)
     throttle = Throttle.build(form.types, values)
     steps = with_circuits(steps, circuit_of, circuits, values)
-    # a guide in volts knows no scale of torque: where none is known, none can run away from it
+    # a guide in volts knows no scale of torque: where the data know none, none can run away from it
     per_volt = steps.gear_ratio * values["K_m"] / values["R_a"]
-    steps = steps._replace(pull=steps.pull * jnp.where(steps.volts > 0.5, per_volt, 1.0))
+    steps = steps._replace(lever=jnp.where(steps.lever > 0.5, 1.0, per_volt))
     if throttle.may_delay:
         steps = late_inputs(steps, resets, throttle.delays().input)
     return throttle, simulate(throttle, steps, resets), steps

@@ -38,9 +38,9 @@ class Step(NamedTuple):
         plate: 0 where the motor runs alone.
         series: extra circuit resistance, ohm.
         gear_ratio, lower, upper: of the rig; rad.
-        pull, target0, target1: a guide, 0 in a free run: a spring of `pull` N m/rad that draws the plate to the angle
-            measured at the step's begin and end, rad.
-        volts: 1 where the tape gives `pull` in V/rad, for whoever knows the motor's torque per volt.
+        pull, target0, target1: a guide, 0 in a free run: it draws the plate to the angle measured at the step's begin
+            and end (rad) by `pull` V/rad at the terminals;
+        lever: and where there is no circuit by this torque for each of its volts, N m/V.
     """
 
     dt: Scalar
@@ -59,10 +59,10 @@ class Step(NamedTuple):
     pull: Scalar
     target0: Scalar
     target1: Scalar
-    volts: Scalar
+    lever: Scalar
 
     def guide(self, fraction: float, theta: Scalar) -> Scalar:
-        """Torque of the guide, N m."""
+        """What the guide asks for, V."""
         return self.pull * (self.target0 + fraction * (self.target1 - self.target0) - theta)
 
     def inputs(self, fraction: float) -> Inputs:
@@ -93,6 +93,12 @@ def soft(value: Scalar, threshold: Scalar) -> Scalar:
     return jnp.maximum(value - threshold, 0.0) + jnp.minimum(value + threshold, 0.0)
 
 
+@jax.jit
+def contributions(throttle: Throttle, x: State, z: tuple[Scalar, ...], u: Inputs) -> Contribution:
+    """The sum of all effects; compiled into whatever calls it, but traced only once however often it is called."""
+    return throttle(x, z, u)
+
+
 def _linearise(
     throttle: Throttle, x: State, z: tuple[Scalar, ...], s: Step, fraction: float
 ) -> tuple[_Line, _Line, Contribution]:
@@ -100,8 +106,10 @@ def _linearise(
     u = s.inputs(fraction)
 
     def balances(i: Scalar, theta: Scalar, omega: Scalar) -> tuple[tuple[Scalar, Scalar], Contribution]:
-        c = throttle(State(i, theta, omega), z, u)
-        return (c.torque + c.drive + u.torque + s.guide(fraction, theta), c.voltage + u.voltage), c
+        c = contributions(throttle, State(i, theta, omega), z, u)
+        guide = s.guide(fraction, theta)
+        torque = c.torque + c.drive + u.torque + (1.0 - s.circuit) * s.lever * guide
+        return (torque, c.voltage + u.voltage + s.circuit * guide), c
 
     one = jnp.ones(())
     (torque, voltage), here = balances(*x)
@@ -119,7 +127,7 @@ def _memory(throttle: Throttle, base: tuple[Scalar, ...], guess: tuple[Scalar, .
         return ()
 
     def rates(z: tuple[Scalar, ...]) -> tuple[Scalar, ...]:
-        return throttle(x, z, u).dz
+        return contributions(throttle, x, z, u).dz
 
     rate, slope = jax.jvp(rates, (guess,), (tuple(jnp.ones_like(g) for g in guess),))
     return tuple((b + a * (r - s * g)) / (1.0 - a * s) for b, g, r, s in zip(base, guess, rate, slope, strict=True))
@@ -136,7 +144,7 @@ class _Contact(NamedTuple):
 
     @classmethod
     def at(cls, throttle: Throttle, x: State, z: tuple[Scalar, ...], u: Inputs) -> _Contact:
-        c = throttle(x, z, u)
+        c = contributions(throttle, x, z, u)
         return cls(c.lower, c.upper, x.theta <= c.lower, x.theta >= c.upper, c.restitution)
 
     def after(self, x: State) -> _Contact:

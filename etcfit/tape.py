@@ -122,8 +122,8 @@ def lay(
 
 
 def _round(n: int) -> int:
-    """Up to two leading bits and a half, so that like folders share one compiled shape."""
-    unit = max(1, 2 ** max(0, math.floor(math.log2(max(n, 1))) - 3))
+    """Up to a power of two or one and a half of it, so that like folders share one compiled shape."""
+    unit = max(1, 2 ** max(0, math.floor(math.log2(max(n, 1))) - 1))
     return unit * math.ceil(n / unit)
 
 
@@ -229,7 +229,7 @@ def _strip(
         "begins": first * 1.0,
         "release": release,
         "pull": ones * ("position" in trace.channels and not boundary.plate_held),
-        "volts": ones * (not trace.torque_driven),
+        "lever": ones * trace.torque_driven,
         "target0": np.concatenate((target[:1], target[:-1])),
         "target1": target,
         "spacing": np.where(first, 0.0, np.diff(trace.instants)[np.minimum(interval, trace.instants.size - 2)]),

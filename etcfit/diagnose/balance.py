@@ -1,9 +1,9 @@
 """What the model lacks along the measured motion.
 
-The plate of the simulation is drawn along the measured angle by a spring; the torque that this guide needs is the
-torque that the model lacks,
+The plate of the simulation is drawn along the measured angle by a guide at its terminals; what this guide needs is
+what the model lacks,
 
-    T_missing = pull (theta_measured - theta),        V_missing = (R_a + R_series) (i_measured - i)
+    T_missing = N K_m / R_a pull (theta_measured - theta),        V_missing = (R_a + R_series) (i_measured - i)
 
 so that friction that sticks, stops, memories and the electrical side need no second formula: it is the same stepper.
 The second holds for what changes slower than L_a/R_a.
@@ -71,7 +71,7 @@ def _along(form: Form, circuits: tuple[str, ...], x: Any, pick: Pick, arrays: An
         "current": state.i,
         "load": zero + 0.5 * (drive + u.torque - external),
         "input": jnp.where(steps.circuit > 0.5, u.voltage, u.torque),
-        "torque": jnp.where(resting, jnp.nan, steps.guide(1.0, state.theta)),
+        "torque": jnp.where(resting, jnp.nan, steps.lever * steps.guide(1.0, state.theta)),
         "effect_torque": jnp.stack(torque),
         "effect_voltage": jnp.stack([zero + part.voltage for part in parts]),
     }

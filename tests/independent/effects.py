@@ -101,8 +101,8 @@ class Backlash(NamedTuple):
     """
 
     gap: float = 0.0
-    stiffness: float = 3000.0
-    damping: float = 2.0
+    stiffness: float = 20e3
+    damping: float = 1.0
 
 
 class CoggingTorque(NamedTuple):

@@ -33,14 +33,14 @@ SIZES: dict[str, dict[str, Series]] = {
         "inertia": Series(2, 0.4, 2000),
         "response": Series(5, 4.0, 1000, held=1),
     },
-    "diagnose": {  # 22 traces, 30,000 samples
-        "resistance": Series(4, 0.3, 1000),
-        "inductance": Series(2, 0.02, 20_000),
-        "back_emf": Series(2, 0.4, 2000),
-        "static_load": Series(3, 14.0, 200, held=1),
-        "viscous": Series(3, 0.5, 1000),
-        "inertia": Series(2, 0.4, 2000),
-        "response": Series(6, 3.2, 1000, held=2),
+    "diagnose": {  # 19 traces, 13,000 samples: many folders in an hour
+        "resistance": Series(3, 0.2, 1000),
+        "inductance": Series(2, 0.01, 20_000),
+        "back_emf": Series(1, 0.3, 2000),
+        "static_load": Series(3, 8.0, 100, held=1),
+        "viscous": Series(2, 0.4, 1000),
+        "inertia": Series(1, 0.3, 2000),
+        "response": Series(6, 1.5, 1000, held=2),
     },
     "small": {  # 14 traces, 8,500 samples: every test, for tests in a hurry
         "resistance": Series(3, 0.2, 1000),

@@ -15,7 +15,7 @@ H_MAX = 40e-6  # s, longest step
 SETTLING = 6.0  # s that a plate let go from open is given to come to rest
 REHEARSAL = 200e-6  # s, longest step where only a protocol hangs on the outcome
 NEVER = float("inf")
-STIFF = 50e-6  # s, longest step in which teeth, brushes and a driver's limit stay stable
+STIFF = 40e-6  # s, longest step in which teeth, brushes and a driver's limit stay stable
 FASTEST = 25.0  # rad/s, about what no plate exceeds
 STIFFENING = ("backlash", "brush_voltage_drop", "driver_dead_zone", "current_limit")
 
