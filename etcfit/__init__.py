@@ -16,6 +16,7 @@ __version__ = "0.1.0"
 os.environ.setdefault("JAX_ENABLE_X64", "1")
 
 if TYPE_CHECKING:
+    from .diagnose import Diagnosis as Diagnosis
     from .effects import EFFECTS as EFFECTS
     from .effects import AbstractEffect as AbstractEffect
     from .effects import Contribution as Contribution
@@ -26,6 +27,7 @@ if TYPE_CHECKING:
     from .fit import FitResult as FitResult
     from .parameters import Parameter as Parameter
     from .parameters import parameter as parameter
+    from .report import write_diagnosis as write_diagnosis
     from .report import write_run as write_run
     from .rig import TESTS as TESTS
     from .rig.base import AbstractRigTest as AbstractRigTest
@@ -51,6 +53,7 @@ _MODULE_OF = {
     "Channel": "rig.base",
     "Contribution": "effects",
     "Dataset": "fetch",
+    "Diagnosis": "diagnose",
     "FitResult": "fit",
     "Fixed": "rig.base",
     "Measurement": "rig.base",
@@ -65,6 +68,7 @@ _MODULE_OF = {
     "UsageError": "errors",
     "parameter": "parameters",
     "read_folder": "rig.reader",
+    "write_diagnosis": "report",
     "write_run": "report",
 }
 

@@ -177,13 +177,23 @@ def _free_running(bench: Bench, x: np.ndarray, report: Report) -> tuple[Bench, P
     """
     for k in range(_REWEIGHINGS):
         report("no start comes near the data: searching about the best", 0.5 + 0.1 * k)
-        bench = bench.discounted(x)
-        problem = bench.problem(bench.free_running())
-        spread = _SPREAD / 2.0**k * bench.layout.reach(x)
-        x = evolve(bench, x, problem, spread)
-        x, _ = go(bench, x, problem, _THERE)
+        bench, problem, x = freed(bench, x, _SPREAD / 2.0**k)
     bench, problem, x, end = _searched(bench, x, problem, local(bench, x, problem), 0, report)
     return bench, problem, x, replace(end, far=True)
+
+
+def freed(bench: Bench, x: np.ndarray, spread: float) -> tuple[Bench, Problem, np.ndarray]:
+    """The best free run about x: weighed by what is left in it, searched for, descended to.
+
+    Args:
+        bench, x: traces and coordinates.
+        spread: of the points searched, in units of each coordinate's reach.
+    """
+    bench = bench.discounted(x)
+    problem = bench.problem(bench.free_running())
+    x = evolve(bench, x, problem, spread * bench.layout.reach(x))
+    x, _ = go(bench, x, problem, _THERE)
+    return bench, problem, x
 
 
 def _verdict(moved: float, gain: float, outliers: int) -> End:

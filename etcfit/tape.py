@@ -67,8 +67,8 @@ class Tape:
     """Everything the residual needs besides the parameters.
 
     Args:
-        steps, resets, slots, disturbance: arrays over steps T, lanes L (and slots M); the guide of the steps pulls with
-            1 V/rad wherever an angle was logged, 1 N m/rad where torque drives.
+        steps, resets, slots, disturbance: arrays over steps T, lanes L (and slots M).
+        guidable: 1 where an angle was logged that a guide could draw the plate to, shape (T, L).
         circuits: tests whose own series resistance counts; `circuit_of` (T, L) is 1 + index into it, 0 for none.
         traces: in the order given.
         places: for each trace its lane, first entry, and the entry of each of its instants.
@@ -78,6 +78,7 @@ class Tape:
     resets: Reset
     slots: Slots
     disturbance: Disturbance
+    guidable: Any
     circuits: tuple[str, ...]
     circuit_of: Any
     traces: tuple[Trace, ...]
@@ -85,7 +86,7 @@ class Tape:
 
     def guided(self, pull: float) -> Step:
         """The steps with a guide of `pull`, V/rad, or N m/rad where torque drives; 0 is a free run."""
-        return self.steps._replace(pull=pull * self.steps.pull)
+        return self.steps._replace(pull=pull * self.guidable)
 
 
 def lay(
@@ -217,6 +218,7 @@ def _strip(
     target = _target(trace, ends)
     columns = {
         "dt": dt,
+        "pull": zeros,
         "voltage0": early * electric,
         "voltage1": late * electric,
         "torque0": early * (1.0 - electric),
@@ -228,7 +230,7 @@ def _strip(
         "circuit_of": ones * (1 + circuits.index(trace.test.name) if trace.test.name in circuits else 0),
         "begins": first * 1.0,
         "release": release,
-        "pull": ones * ("position" in trace.channels and not boundary.plate_held),
+        "guidable": ones * ("position" in trace.channels and not boundary.plate_held),
         "lever": ones * trace.torque_driven,
         "target0": np.concatenate((target[:1], target[:-1])),
         "target1": target,
@@ -263,7 +265,7 @@ def _samples(trace: Trace, n: int, marks: np.ndarray) -> dict[str, np.ndarray]:
 
 def _blank(length: int, lanes: int, slots: int, config: RigConfig) -> dict[str, np.ndarray]:
     """A tape with nothing on it: steps of no length, nothing moves, nothing observed."""
-    names = (*Step._fields, *Reset._fields, *Disturbance._fields, "circuit_of")
+    names = (*Step._fields, *Reset._fields, *Disturbance._fields, "circuit_of", "guidable")
     table = {name: np.zeros((length, lanes)) for name in names}
     table |= {name: np.zeros((length, lanes, slots)) for name in ("value", "weight", "kind")}
     table["sigma"] = np.ones((length, lanes, slots))
@@ -276,4 +278,5 @@ def _assemble(table: dict[str, np.ndarray], circuits: tuple[str, ...], traces: A
     def part(kind: Any) -> Any:
         return kind(*(table[name] for name in kind._fields))
 
-    return Tape(part(Step), part(Reset), part(Slots), part(Disturbance), circuits, table["circuit_of"], traces, places)
+    return Tape(part(Step), part(Reset), part(Slots), part(Disturbance), table["guidable"], circuits, table["circuit_of"],
+                traces, places)  # fmt: skip

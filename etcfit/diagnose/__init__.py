@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import replace
 
-from ..fit import quiet
+from ..fit import freed, quiet
 from ..outcome import End, FitResult, outcome
 from .balance import motions
 from .evidence import evidence
@@ -17,6 +17,8 @@ from .unexplained import unexplained
 __all__ = ["Diagnosis", "diagnose"]
 
 Report = Callable[[str, float], None]
+
+_SPREAD = 0.1  # of the search about the optimum of a guided residual, in units of each coordinate's reach
 
 
 def diagnose(result: FitResult, report: Report = quiet) -> Diagnosis:
@@ -47,7 +49,7 @@ def diagnose(result: FitResult, report: Report = quiet) -> Diagnosis:
     s, removed = pruned(s, report)
     left = None if rounds[-1].evidence.white else unexplained(result, s, report)
     report("the fit of the final model", 0.95)
-    after = _final(result, s)
+    after = _final(result, s, report)
     doubts = left.doubts if left else ()
     added = tuple(e.name for e in s.added if e.name not in doubts)
     along = (*motions(first, s, False), *(motions(first, s, True) if s.holdout else ()))
@@ -78,13 +80,16 @@ def _reported(turned: Round) -> RoundReport:
     )  # fmt: skip
 
 
-def _final(result: FitResult, s: Standing) -> FitResult:
-    """The final model as a fit of its own."""
-    bench, problem = s.bench, s.problem
+def _final(result: FitResult, s: Standing, report: Report) -> FitResult:
+    """The final model as a fit of its own; one that was guided along the data is let run free."""
+    bench, problem, x = s.bench, s.problem, s.x
+    end = End(True, "optimum of the whitened residual")
+    if s.far:
+        report("letting the final model run free", 0.95)
+        bench, problem, x = freed(bench.guided(0.0), x, _SPREAD)
+        end = End(True, "best free run found from the optimum of the guided residual", far=True)
     held_out = s.holdout[0].tape.traces if s.holdout is not None else ()
-    reason = "optimum of the guided residual" if s.far else "optimum of the whitened residual"
-    end = End(True, reason, far=s.far)
-    fitted = outcome(result.rig, result.readings, bench, held_out, problem, s.x, (), end, ())
+    fitted = outcome(result.rig, result.readings, bench, held_out, problem, x, (), end, ())
     return replace(fitted, unknowns=s.composition.lean(s.added))
 
 
