@@ -123,8 +123,8 @@ def lay(
 
 
 def _round(n: int) -> int:
-    """Up to a power of two or one and a half of it, so that like folders share one compiled shape."""
-    unit = max(1, 2 ** max(0, math.floor(math.log2(max(n, 1))) - 1))
+    """Up to two leading bits and a half, so that like folders share one compiled shape."""
+    unit = max(1, 2 ** max(0, math.floor(math.log2(max(n, 1))) - 3))
     return unit * math.ceil(n / unit)
 
 

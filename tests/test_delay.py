@@ -30,7 +30,7 @@ class Laid:
         places: lane and rows of each trace.
     """
 
-    def __init__(self, early: Any = None, level: Any = None) -> None:
+    def __init__(self) -> None:
         rng = np.random.default_rng(0)
         lanes, self.places = [], []
         for lane, lengths in enumerate(LENGTHS):
@@ -39,13 +39,12 @@ class Laid:
                 pieces.append(tape(rng.uniform(0.5e-3, 1.5e-3, n)))
                 self.places.append((lane, slice(row, row + n + 1)))
                 row += n + 1
-            pieces.append(tape(np.zeros(ROWS - row - 1)))
-            blank = pieces[-1][1]._replace(begins=np.zeros((ROWS - row, 1)))
-            pieces[-1] = (pieces[-1][0], blank)
+            blank, nothing = tape(np.zeros(ROWS - row - 1))
+            pieces.append((blank, nothing._replace(begins=np.zeros((ROWS - row, 1)))))
             lanes.append(jax.tree.map(lambda *c: np.concatenate(c), *pieces))
-        steps, self.resets = jax.tree.map(lambda *c: np.concatenate(c, axis=1), *lanes)
-        self.steps: Step = steps
+        self.steps: Step
         self.resets: Reset
+        self.steps, self.resets = jax.tree.map(lambda *c: np.concatenate(c, axis=1), *lanes)
 
     def clock(self, k: int) -> np.ndarray:
         """Time since the k-th trace began at its entries, s."""
@@ -211,16 +210,20 @@ def test_no_trace_knows_of_another(other: int, delay: float) -> None:
 # ---- derivatives
 
 
+@jax.jit
+def both(delay: Any) -> Any:
+    """A delayed signal, and the begin and the end of a delayed input."""
+    steps = bent(8)
+    acting = late_inputs(steps, LAID.resets, delay)
+    return jnp.stack([delayed(noise(8), steps, LAID.resets, delay), acting.voltage0, acting.voltage1])
+
+
+slope_of = jax.jit(lambda delay: jax.jvp(both, (delay,), (1.0,))[1])
+
+
 @pytest.mark.parametrize("delay", DELAYS)
 def test_the_derivative_in_the_delay_is_finite_differences(delay: float) -> None:
-    signal, steps = noise(8), bent(8)
-
-    @jax.jit
-    def both(d: Any) -> Any:
-        acting = late_inputs(steps, LAID.resets, d)
-        return jnp.stack([delayed(signal, LAID.steps, LAID.resets, d), acting.voltage0, acting.voltage1])
-
-    slope = np.asarray(jax.jit(lambda d: jax.jvp(both, (d,), (1.0,))[1])(delay))
+    slope = np.asarray(slope_of(delay))
     h = 1e-8  # no sample lies so close to one that is looked up
     difference = (np.asarray(both(delay + h)) - np.asarray(both(delay - h))) / (2.0 * h)
     inside = np.zeros((ROWS, 2), dtype=bool)

@@ -15,7 +15,7 @@ from hypothesis import strategies as st
 from numpy.testing import assert_allclose, assert_array_equal
 from scipy.linalg import expm
 
-from etcfit.effects import PAPER, AbstractEffect, Contribution, Inputs, State
+from etcfit.effects import EFFECT_BY_NAME, PAPER, AbstractEffect, Contribution, Inputs, State
 from etcfit.parameters import Positive, Real, Scalar, parameter, parameters_of
 from etcfit.simulate import simulate
 from etcfit.throttle import Throttle
@@ -299,3 +299,143 @@ def test_two_traces_in_a_lane_are_two_lanes() -> None:
     for along, across in zip(x, y, strict=True):
         assert_array_equal(along[:301, 0], across[:, 0])
         assert_array_equal(along[301:, 0], across[:, 1])
+
+
+# ---- the guide
+
+MOTOR = 0.0189 * N / 1.513  # torque of the motor at the plate for each volt at a standstill, N m/V
+SLIDING: dict[str, Any] = {"early": 3.4, "start": (1.5, 0.2, 1.0), **FREE}
+
+
+def sines(n: int, duration: float) -> tuple[np.ndarray, np.ndarray]:
+    """Angle at the begin and at the end of each step, rad: swings of 30 degrees about 40."""
+    ends = np.linspace(0.0, duration, n + 1)
+    angle = 0.7 + 0.5 * np.sin(2 * np.pi * 1.5 * ends)
+    return angle[:-1], angle[1:]
+
+
+def guided(pull: float, target0: Any, target1: Any, **how: Any) -> dict[str, Any]:
+    return {"pull": pull, "target0": target0, "target1": target1, **how}
+
+
+def test_a_guide_that_does_not_pull_is_not_there_bit_by_bit() -> None:
+    target0, target1 = sines(400, 1.0)
+    for how in ({"early": 3.0}, {"circuit": 0.0, "torque0": 0.8, "torque1": 0.8}):
+        free = path(body(), *tape(even(1.0, 400), **how))
+        led = path(body(), *tape(even(1.0, 400), **how, **guided(0.0, target0, target1, lever=7.0)))
+        assert_array_equal(led, free)
+        assert np.ptp(free[:, 1]) > 0.5
+
+
+def test_a_plate_pulled_along_a_path_follows_it_the_closer_the_stronger_the_pull() -> None:
+    """By what the motion asks for over the pull: spring, friction, inertia and back-EMF, some 6 V. More than
+    N K_b R_a / L_a = 400 V/rad would shake it: the current comes too late."""
+    target0, target1 = sines(1000, 2.0)
+    off = []
+    for pull in (50.0, 100.0, 200.0):
+        x = path(body(), *tape(even(2.0, 1000), 0.0, start=(0.0, 0.7, 4.7), **guided(pull, target0, target1)))
+        off.append(float(np.max(np.abs(x[101:, 1] - target1[100:]))))
+    assert off[-1] < 6.0 / 200.0
+    assert_allclose(np.array(off[:-1]) / off[1:], 2.0, rtol=0.1)
+    without = path(body(), *tape(even(2.0, 1000), 0.0, start=(0.0, 0.7, 4.7)))
+    assert np.max(np.abs(without[101:, 1] - target1[100:])) > 1.0
+
+
+@pytest.mark.parametrize("lever", [1.0, MOTOR])
+def test_a_guide_in_torque_asks_for_what_a_slow_motion_takes(lever: float) -> None:
+    """lever pull (target - theta) = T_PL + T_f + K_s theta + B omega, at constant speed; no current is driven."""
+    ends = 0.1 + 0.5 * np.linspace(0.0, 2.0, 401)
+    how = guided(60.0 / lever, ends[:-1], ends[1:], lever=lever, circuit=0.0, start=(0.0, 0.1, 0.5))
+    steps, resets = tape(even(2.0, 400), **how)
+    p = bodies.values(B_L=0.05)
+    x = path(body(B_L=p["B_L"]), steps, resets)
+    _, theta, omega = x[-1]
+    asked = steps.lever[-1, 0] * steps.pull[-1, 0] * (ends[-1] - theta)
+    assert_allclose(omega, 0.5 * 60.0 / (60.0 + p["K_s"]), rtol=1e-6)  # the spring lets it fall behind
+    damping = N**2 * p["B_m"] + p["B_L"]
+    assert_allclose(asked, p["T_PL"] + p["T_f"] + p["K_s"] * theta + damping * omega, rtol=1e-6)
+    assert_array_equal(x[:, 0], 0.0)
+
+
+def test_where_current_flows_the_guide_acts_at_the_terminals_and_its_lever_is_no_torque() -> None:
+    target0, target1 = sines(400, 1.0)
+    some, other = (
+        path(body(), *tape(even(1.0, 400), **guided(300.0, target0, target1, lever=lever))) for lever in (0.0, 5.0)
+    )
+    assert_array_equal(some, other)
+    assert np.ptp(some[:, 0]) > 1.0
+
+
+@pytest.mark.parametrize("missing", [0.03, -0.05])
+def test_what_the_guide_asks_for_is_the_torque_that_the_model_lacks(missing: float) -> None:
+    """A plate that a constant torque helps, opening; the model, without that torque, is drawn along its path.
+
+    lever pull e = T_missing lever pull / (lever pull + K_s), e = theta_measured - theta
+    """
+    p, pull = bodies.values(), 40.0
+    true = path(body(T_PL=p["T_PL"] - missing), *tape(even(0.4, 400), **SLIDING))
+    assert np.min(true[:, 2]) > 0.3  # it never rests
+    measured = true[:, 1]
+    how = guided(pull, measured[:-1], measured[1:], lever=MOTOR)
+    steps, resets = tape(even(0.4, 400), **SLIDING, **how)
+    model = path(body(), steps, resets)
+    read = np.array([float(steps.lever[k, 0] * pull * (measured[k] - model[k, 1])) for k in range(200, 401)])
+    assert_allclose(read, missing * MOTOR * pull / (MOTOR * pull + p["K_s"]), rtol=2e-3)
+    assert_allclose(read, missing, rtol=0.02)
+    exact = path(body(T_PL=p["T_PL"] - missing), steps, resets)
+    assert np.max(np.abs(exact[:, 1] - measured)) < 1e-3 * np.max(np.abs(model[:, 1] - measured))
+
+
+# ---- restitution
+
+DROPPED = {"K_s": 0.0, "B_m": 0.0, "B_L": 0.0, "T_f": 0.0}  # constant acceleration onto the closed stop
+BOUNCE = EFFECT_BY_NAME["stop_bounce"]
+FALL = 0.4  # s, in which it falls 0.3 rad and bounces
+
+
+def dropped(share: float, **how: Any) -> np.ndarray:
+    """A plate let go at 0.3 rad with open terminals, (T, 3)."""
+    return path(body(BOUNCE, e_r=share, **DROPPED), *tape(even(FALL, 800), start=(0.0, 0.3, 0.0), circuit=0.0, **how))
+
+
+@pytest.mark.parametrize("share", [0.3, 0.7])
+def test_a_stop_gives_back_its_share_of_the_speed(share: float) -> None:
+    """Up to the impact the plate falls as if there were no stop; in that step its speed turns, and no other moves it."""
+    x, through = dropped(share), dropped(share, lower=-1e6)
+    impact = int(np.argmax(x[:, 1] <= 0.0))
+    assert 10 < impact < 300
+    assert_allclose(x[:impact], through[:impact], rtol=1e-12)
+    assert x[impact, 1] == 0.0
+    assert_allclose(x[impact, 2], -share * through[impact, 2], rtol=1e-12)
+    again = impact + 1 + int(np.argmax(x[impact + 1 :, 1] <= 0.0))
+    assert_allclose(np.max(x[impact:again, 1]), share**2 * 0.3, rtol=0.02)
+
+
+def test_the_open_stop_gives_back_as_much_as_the_closed_one() -> None:
+    up = path(body(BOUNCE, e_r=0.5, **DROPPED | {"T_PL": -0.362}),
+              *tape(even(FALL, 800), start=(0.0, OPEN - 0.3, 0.0), circuit=0.0))  # fmt: skip
+    down = dropped(0.5)
+    assert_allclose(OPEN - up[:, 1], down[:, 1], atol=1e-9)
+    assert_allclose(up[:, 2], -down[:, 2], atol=1e-7)
+    assert np.max(down[int(np.argmax(down[:, 1] <= 0.0)) :, 1]) > 0.05
+
+
+def test_without_restitution_an_impact_ends_the_motion_as_before() -> None:
+    plain = path(body(**DROPPED), *tape(even(FALL, 800), start=(0.0, 0.3, 0.0), circuit=0.0))
+    assert_array_equal(dropped(0.0), plain)
+    impact = int(np.argmax(plain[:, 1] <= 0.0))
+    assert_array_equal(plain[impact:, 1:], 0.0)
+
+
+@pytest.mark.parametrize(("start", "volts"), [(0.0, 0.5), (OPEN, 8.0)])
+def test_a_plate_that_rests_on_a_stop_does_not_bounce(start: float, volts: float) -> None:
+    """Pressed against it by a voltage and by its spring, however springy the stop."""
+    x = path(body(BOUNCE, e_r=0.9), *tape(even(0.2, 200), volts, start=(0.0, start, 0.0)))
+    assert_array_equal(x[:, 1], start)
+    assert_array_equal(x[:, 2], 0.0)
+
+
+def test_a_bouncing_plate_comes_to_rest() -> None:
+    """Every bounce takes its share until one is shorter than a step."""
+    x = path(body(BOUNCE, e_r=0.5, **DROPPED), *tape(even(2.0, 4000), start=(0.0, 0.3, 0.0), circuit=0.0))
+    assert_array_equal(x[-500:, 1:], 0.0)

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 
+import jax
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
@@ -11,7 +13,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 from etcfit.effects import PAPER
 from etcfit.errors import MeasurementError
 from etcfit.rig.base import Fixed, Knowledge, Prior, RigConfig, Start, Tied
-from etcfit.unknowns import SERIES, Unknowns, unknowns
+from etcfit.unknowns import SERIES, Form, Layout, Unknowns, unknowns
 
 PAPER_SYMBOLS = ("R_a", "L_a", "K_b", "K_m", "J_m", "J_L", "B_m", "B_L", "K_s", "T_PL", "T_f")
 
@@ -117,3 +119,83 @@ def test_an_unknown_effect_is_an_error_that_names_the_known_ones() -> None:
 
 def test_the_gear_ratio_is_no_parameter_of_the_fit() -> None:
     assert "N" not in known({"N": Fixed(20.0)}).layout.held
+
+
+# ---- what a compiled model depends on, and what is data to it
+
+read = jax.jit(Form.values, static_argnums=0)  # values in SI by symbol
+
+
+def typical(layout: Layout) -> np.ndarray:
+    """Coordinates of nominal values, of 1e-3 where those are zero."""
+    return layout.coordinates({p.symbol: p.nominal or 1e-3 for p in layout.parameters})
+
+
+def padded(u: Unknowns, room: int) -> Unknowns:
+    return replace(u, layout=replace(u.layout, room=room))
+
+
+TIED = {"K_s": Fixed(0.2), "T_f": Tied("T_PL"), "B_L": Tied("K_s")}
+
+
+def test_a_form_gives_the_values_of_its_layout_ties_to_free_and_to_held_ones_included() -> None:
+    u = known(TIED, series_ohm={"inductance": None, "sine": 0.4})
+    layout, x = u.layout, typical(u.layout)
+    values, expected = read(layout.form, x, layout.pick(u.held)), layout.values(x, u.held)
+    assert set(values) == set(expected) == {p.symbol for p in layout.parameters}
+    assert_allclose([float(values[s]) for s in expected], [float(v) for v in expected.values()], rtol=1e-15)
+    assert float(values["T_f"]) == float(values["T_PL"])
+    assert float(values["B_L"]) == float(values["K_s"]) == 0.2
+    assert float(values[SERIES + "sine"]) == 0.4
+
+
+def test_padding_stands_for_nothing() -> None:
+    """Whatever stands in it, it moves no value, and no value feels it."""
+    u = padded(known(TIED), 16)
+    layout, x = u.layout, typical(u.layout)
+    pick = layout.pick(u.held)
+    assert layout.spare == 16 - len(layout.free) > 0
+    assert_array_equal(pick.where[: x.size], [layout.form.index[s] for s in layout.free])
+    assert_array_equal(pick.where[x.size :], len(layout.parameters))
+    bare = read(layout.form, x, replace(layout, room=0).pick(u.held))
+    for filler in (0.0, 7.7, -1e3):
+        values = read(layout.form, layout.padded(x, filler), pick)
+        assert {s: float(v) for s, v in values.items()} == {s: float(v) for s, v in bare.items()}
+    slopes = jax.jacfwd(read, argnums=1)(layout.form, layout.padded(x, 3.0), pick)
+    every = np.stack([np.asarray(slopes[p.symbol]) for p in layout.parameters])
+    assert np.all(np.any(every[:, : x.size] != 0.0, axis=0))
+    assert_array_equal(every[:, x.size :], 0.0)
+
+
+def test_padding_fills_the_last_axis_up_to_the_room_and_no_further() -> None:
+    layout = padded(known(), 16).layout
+    assert_array_equal(layout.padded(np.ones((2, 10)), np.inf), [[1.0] * 10 + [np.inf] * 6] * 2)
+    for room in (0, 10):
+        assert replace(layout, room=room).spare == 0
+        assert_array_equal(replace(layout, room=room).padded(np.ones(10)), np.ones(10))
+
+
+def test_another_choice_of_free_parameters_is_the_same_form_and_compiles_nothing() -> None:
+    """A symbol that is fixed, free or padded away is data; an effect or a tie is another program."""
+    some, others = padded(known(), 16), padded(known({"K_s": Fixed(0.2), "T_f": Fixed(0.1)}), 16)
+    assert some.layout != others.layout
+    assert some.layout.form == others.layout.form
+    assert hash(some.layout.form) == hash(others.layout.form)
+    sizes = []
+    for u in (some, others):
+        x = u.layout.padded(typical(u.layout))
+        values = read(u.layout.form, x, u.layout.pick(u.held))
+        sizes.append(read._cache_size())  # pyright: ignore[reportAttributeAccessIssue]
+    assert float(values["K_s"]) == 0.2
+    assert sizes[0] == sizes[1]
+    assert known(TIED).layout.form != known().layout.form
+    assert known(effects=("gravity_load",)).layout.form != known().layout.form
+
+
+def test_a_held_value_reaches_the_model_as_data() -> None:
+    u = known({"K_s": Fixed(0.2)})
+    full = u.layout.pick(u.held).full
+    assert full[u.layout.form.index["K_s"]] == 0.2
+    assert np.count_nonzero(full) == 1
+    changed = read(u.layout.form, typical(u.layout), u.layout.pick(np.array([0.3])))
+    assert float(changed["K_s"]) == 0.3

@@ -227,7 +227,7 @@ def test_the_filter_is_dense_generalised_least_squares_on_a_held_plate(many_held
 
 def after_another(memory: float) -> tuple[Bench, np.ndarray]:
     """A sliding plate, second in its lane: it must know nothing of the trace before."""
-    others = held_trace(7, 0.5, n=150), held_trace(8, 0.5, n=130)
+    others = held_trace(7, 0.5, n=130), held_trace(8, 0.5, n=60)
     bench, x = bench_of([*others, sliding(memory)], SLIDING, substeps=2)
     _, (before, _, _), (lane, _, _) = bench.tape.places
     assert before == lane

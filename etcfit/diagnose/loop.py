@@ -29,6 +29,8 @@ _PROMISE = 0.3  # share of what BIC asks that the screening must promise for a r
 _TOLERANCE = 1e-4  # relative change of chi2 that ends a descent on the way
 _WEIGHINGS = 2  # of a guided residual by what is left in it
 _STILL = 0.2  # standard errors that a round of whitening may still move a parameter
+_RIVAL = 0.3  # share of the best candidate's promise that makes another a rival worth a refit
+_RIVAL_FAR = 0.1  # the same far from the data, where the linearised promise is rough
 _SAME = 6.0  # difference of two models' -2 log likelihood that these data cannot tell
 
 
@@ -108,13 +110,20 @@ def turn(s: Standing, report: Report) -> Round:
     report(f"screening {len(candidates)} effects", 0.1)
     _, signatures = screen(s.bench, s.x, s.problem, candidates)
     before = score(s)
-    promising = [g for g in signatures if g.gain * _per_chi2(before) > _PROMISE * _asked(g, before)][:_REFITS]
+    promising = _promising(signatures, before, _RIVAL_FAR if s.far else _RIVAL)
     verdicts = _refitted(s, promising, before, report)
     if s.holdout is None:
         verdicts = [replace(v, holdout_chi2_change=crossed_change(s, v.standing)) if v.bic_change < STRONG else v
                     for v in verdicts]  # fmt: skip
     added, ties, why = choose(verdicts)
     return Round(s, before, signatures, tuple(verdicts), added, ties, why)
+
+
+def _promising(signatures: Sequence[Signature], before: Score, rival: float) -> list[Signature]:
+    """Those that promise near enough to what BIC asks, and near enough to the best."""
+    least = rival * max((g.gain for g in signatures), default=0.0)
+    worth = [g for g in signatures if g.gain * _per_chi2(before) > _PROMISE * _asked(g, before)]
+    return [g for g in worth if g.gain > least][:_REFITS]
 
 
 def _refitted(s: Standing, promising: Sequence[Signature], before: Score, report: Report) -> list[Verdict]:
