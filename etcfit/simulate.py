@@ -113,9 +113,9 @@ def _linearise(
 
     one = jnp.ones(())
     (torque, voltage), here = balances(*x)
-    (torque_i, voltage_i), (torque_th, voltage_th), (torque_om, voltage_om) = (
-        jax.jvp(lambda v, k=k: balances(*x[:k], v, *x[k + 1 :])[0], (x[k],), (one,))[1] for k in range(3)
-    )
+    _, (torque_i, voltage_i) = jax.jvp(lambda i: balances(i, x.theta, x.omega)[0], (x.i,), (one,))
+    _, (torque_th, voltage_th) = jax.jvp(lambda theta: balances(x.i, theta, x.omega)[0], (x.theta,), (one,))
+    _, (torque_om, voltage_om) = jax.jvp(lambda omega: balances(x.i, x.theta, omega)[0], (x.omega,), (one,))
     torque_at = torque - torque_i * x.i - torque_th * x.theta - torque_om * x.omega
     voltage_at = voltage - voltage_i * x.i - voltage_th * x.theta - voltage_om * x.omega
     return _Line(torque_at, torque_i, torque_th, torque_om), _Line(voltage_at, voltage_i, voltage_th, voltage_om), here

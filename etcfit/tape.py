@@ -278,5 +278,5 @@ def _assemble(table: dict[str, np.ndarray], circuits: tuple[str, ...], traces: A
     def part(kind: Any) -> Any:
         return kind(*(table[name] for name in kind._fields))
 
-    return Tape(part(Step), part(Reset), part(Slots), part(Disturbance), table["guidable"], circuits, table["circuit_of"],
-                traces, places)  # fmt: skip
+    parts = part(Step), part(Reset), part(Slots), part(Disturbance)
+    return Tape(*parts, table["guidable"], circuits, table["circuit_of"], traces, places)

@@ -82,14 +82,12 @@ def _reported(turned: Round) -> RoundReport:
 
 def _final(result: FitResult, s: Standing, report: Report) -> FitResult:
     """The final model as a fit of its own; one that was guided along the data is let run free."""
-    bench, problem, x = s.bench, s.problem, s.x
-    end = End(True, "optimum of the whitened residual")
+    bench, problem, x, end = s.bench, s.problem, s.x, s.end
     if s.far:
         report("letting the final model run free", 0.95)
         bench, problem, x = freed(bench.guided(0.0), x, _SPREAD)
         end = End(True, "best free run found from the optimum of the guided residual", far=True)
-    held_out = s.holdout[0].tape.traces if s.holdout is not None else ()
-    fitted = outcome(result.rig, result.readings, bench, held_out, problem, x, (), end, ())
+    fitted = outcome(result.rig, result.readings, bench, s.held_out, problem, x, (), end, ())
     return replace(fitted, unknowns=s.composition.lean(s.added))
 
 

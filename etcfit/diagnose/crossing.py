@@ -16,7 +16,7 @@ _TOLERANCE = 1e-3  # relative change of chi2 that ends a refit on part of the tr
 
 
 def folds(s: Standing) -> list[np.ndarray]:
-    """Traces left out together, in turn: those in which the plate moves, dealt out one by one; masks of shape (T, L)."""
+    """Traces left out together, in turn: those in which the plate moves, dealt out one by one; masks (T, L)."""
     tape = s.bench.tape
     moving = [k for k, t in enumerate(tape.traces) if not t.test.boundary.plate_held]
     groups = [moving[start::_FOLDS] for start in range(min(_FOLDS, len(moving)))]

@@ -19,7 +19,7 @@ class Whiteness:
         file, test, channel, n: where, and how many samples.
         rms: of the whitened residual; 1 where nothing is missing.
         ljung_box: p-value of no autocorrelation.
-        strongest: the signal it correlates with most: "voltage", "speed", "sign of speed", "angle", "current" or "time".
+        strongest: what it goes along with most: "input", "speed", "sign of speed", "angle", "current" or "time".
         correlation: with that signal.
         p: that signal's p-value, for the number of signals tried.
         white: neither too large, nor correlated.

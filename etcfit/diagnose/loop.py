@@ -11,7 +11,7 @@ import numpy as np
 from ..bench import Bench
 from ..descent import go
 from ..fit import MISFIT, rounds
-from ..outcome import FitResult
+from ..outcome import End, FitResult
 from ..residual import Problem
 from .balance import pull_of
 from .composition import Composition, Effect, compose, resting
@@ -62,24 +62,25 @@ def start(result: FitResult) -> Standing:
     composition = compose(result.rig, bench.tape.traces)
     unknowns = composition.unknowns(())
     holdout = result.holdout.tape.traces if result.holdout is not None else ()
-    standing = whitened(composition, (), bench.told(unknowns), holdout, result.x, result.far)
+    end = End(result.converged, result.reason, far=result.far)
+    standing = whitened(composition, (), bench.told(unknowns), holdout, result.x, end)
     return _weighed(standing, holdout) if result.far else standing
 
 
 def _weighed(s: Standing, held_out: tuple) -> Standing:
     """Far from the data: at the optimum of the guided residual, and weighed by what is left there."""
     for _ in range(_WEIGHINGS):
-        s = whitened(s.composition, s.added, s.bench, held_out, s.optimised().x, True)
+        s = whitened(s.composition, s.added, s.bench, held_out, s.optimised().x, s.end)
     return s
 
 
 def whitened(
-    composition: Composition, added: tuple[Effect, ...], bench: Bench, held_out: tuple, x: np.ndarray, far: bool
+    composition: Composition, added: tuple[Effect, ...], bench: Bench, held_out: tuple, x: np.ndarray, end: End
 ) -> Standing:
     """A standing whose residual is whitened at x; far from the data, guided along them and weighed by what is left."""
 
     def made(b: Bench) -> tuple[Bench, Problem]:
-        if not far:
+        if not end.far:
             b = b.guided(0.0)
             return b, b.problem(b.kalman(x))
         b = b.guided(pull).discounted(x)
@@ -88,20 +89,21 @@ def whitened(
     pull = pull_of(bench, x)
     bench, problem = made(bench)
     beside = made(bench.beside(held_out, x)) if held_out else None
-    return Standing(composition, added, bench, problem, beside, x, far)
+    return Standing(composition, added, bench, problem, beside, x, end.far, end)
 
 
 def settled(s: Standing, report: Report) -> Standing:
     """The model refitted in full: through the rounds of the fit where it comes near the data."""
-    held_out = s.holdout[0].tape.traces if s.holdout is not None else ()
+    held_out = s.held_out
     bench = replace(s.bench.guided(0.0).refined(s.x), jitter=s.bench.jitter)
     problem = bench.problem(bench.forgiving())
     x, _ = go(bench, bench.layout.off_bounds(s.x), problem, _TOLERANCE)
     r = bench.linearise(x, problem)[0]
     if float(np.sum(r**2)) / max(1.0, float(np.sum(problem.slots.weight)) - x.size) > MISFIT:
-        return _weighed(whitened(s.composition, s.added, bench, held_out, s.x, True), held_out)
-    bench, _, x, _ = rounds(bench.released(x), x, report, _STILL)
-    return whitened(s.composition, s.added, bench, held_out, x, False)
+        end = End(True, "optimum of the guided residual", far=True)
+        return _weighed(whitened(s.composition, s.added, bench, held_out, s.x, end), held_out)
+    bench, _, x, end = rounds(bench.released(x), x, report, _STILL)
+    return whitened(s.composition, s.added, bench, held_out, x, end)
 
 
 def turn(s: Standing, report: Report) -> Round:

@@ -19,8 +19,10 @@ from ..bench import Bench
 from ..correlation import inflation
 from ..descent import go
 from ..explore import chi2_of
+from ..outcome import End
 from ..residual import Problem
 from ..score import Row, columns, rows
+from ..trace import Trace
 from .composition import Composition, Effect, carried
 
 _TOLERANCE = 1e-3  # of a refit: relative change of chi2
@@ -39,6 +41,7 @@ class Standing:
         holdout: traces that are not fitted, and their whitening; None where there are none.
         x: coordinates.
         far: too far from the data to be whitened: samples are weighed by what is left in them.
+        end: how the last full fit of it ended.
     """
 
     composition: Composition
@@ -48,6 +51,7 @@ class Standing:
     holdout: tuple[Bench, Problem] | None
     x: np.ndarray
     far: bool
+    end: End
 
     def with_effects(self, added: tuple[Effect, ...], values: Mapping[str, float]) -> Standing:
         """The same data and whitening with other effects at work; new parameters start at `values` (SI)."""
@@ -61,6 +65,11 @@ class Standing:
         """At the nearest optimum of the same residual."""
         start = self.bench.layout.off_bounds(self.x)
         return replace(self, x=go(self.bench, start, self.problem, _TOLERANCE)[0])
+
+    @property
+    def held_out(self) -> tuple[Trace, ...]:
+        """Traces that are not fitted."""
+        return () if self.holdout is None else self.holdout[0].tape.traces
 
     def at_work(self, effect: Effect) -> bool:
         return effect in self.added

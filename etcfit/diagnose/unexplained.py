@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from ..outcome import FitResult
-from ..unknown import UNKNOWNS
+from ..unknown import UNKNOWNS, AbstractSmooth
 from ..unknown.axes import fraction
 from .balance import pull_of, signals
 from .composition import Effect, compose
@@ -56,11 +56,14 @@ def widened(result: FitResult, s: Standing) -> Standing:
 
     bench, problem = told(s.bench, s.problem)
     holdout = None if s.holdout is None else told(*s.holdout)
-    return Standing(composition, s.added, bench, problem, holdout, s.x, s.far)
+    return Standing(composition, s.added, bench, problem, holdout, s.x, s.far, s.end)
+
+
+Smooth = type[AbstractSmooth]
 
 
 def _smooth(s: Standing) -> list[Effect]:
-    return [e for e in s.composition.candidates if e in UNKNOWNS]
+    return [e for e in s.composition.candidates if issubclass(e, AbstractSmooth)]
 
 
 def _best(s: Standing, before: Score) -> Verdict | None:
@@ -91,6 +94,7 @@ def _in_doubt(s: Standing, effect: Effect, here: Score) -> bool:
 def _told(best: Verdict, doubts: tuple[str, ...]) -> Unexplained:
     """The curve over the range that was measured, with its standard deviation."""
     s, effect = best.standing, best.effect
+    assert issubclass(effect, AbstractSmooth)
     bench, layout, axis = s.bench, s.bench.layout, effect.along
     values = layout.values(s.x, bench.unknowns.held)
     curve = effect(**{symbol: float(values[symbol]) for symbol in effect.symbols})
@@ -106,11 +110,13 @@ def _told(best: Verdict, doubts: tuple[str, ...]) -> Unexplained:
         f"What is left enters as {effect.enters} and depends on {effect.axis}: a curve of {size:.3g} {effect.unit} rms "
         f"(fitted error x {best.fit_rms_ratio:.3f}{held}, BIC {best.bic_change:+.0f}).{doubt}"
     )
-    return Unexplained(effect.enters, effect.axis, effect.unit, axis.unit, where, shape, sd, size, best.fit_rms_ratio,
-                       best.holdout_rms_ratio, best.bic_change, rows.fit_rows, rows.holdout_rows, doubts, sentence)  # fmt: skip
+    return Unexplained(
+        effect.enters, effect.axis, effect.unit, axis.unit, where, shape, sd, size, best.fit_rms_ratio,
+        best.holdout_rms_ratio, best.bic_change, rows.fit_rows, rows.holdout_rows, doubts, sentence,
+    )  # fmt: skip
 
 
-def _range(s: Standing, effect: Effect) -> tuple[float, float]:
+def _range(s: Standing, effect: Smooth) -> tuple[float, float]:
     """What of the axis was measured."""
     along = signals(s.bench, s.x, pull_of(s.bench, s.x))
     name = effect.axis
@@ -122,7 +128,7 @@ def _range(s: Standing, effect: Effect) -> tuple[float, float]:
     return float(np.min(values)), float(np.max(values))
 
 
-def _sd(s: Standing, effect: Effect, where: np.ndarray) -> np.ndarray:
+def _sd(s: Standing, effect: Smooth, where: np.ndarray) -> np.ndarray:
     """Standard deviation of the curve: its hats are linear in the amplitudes."""
     _, _, jacobian = s.bench.linearise(s.x, s.problem)
     flat = jacobian.reshape(-1, s.x.size)
@@ -135,5 +141,5 @@ def _sd(s: Standing, effect: Effect, where: np.ndarray) -> np.ndarray:
     return np.sqrt(np.maximum(np.diag(spread), 0.0))
 
 
-def _one(effect: Effect, k: int) -> dict[str, float]:
+def _one(effect: Smooth, k: int) -> dict[str, float]:
     return {symbol: float(n == k) for n, symbol in enumerate(effect.symbols)}

@@ -17,8 +17,8 @@ class Backlash(AbstractEffect):
     """position = g_b (1 - s)/2, ds/dt = (tanh(T_g / 0.02 N m) - s)/t_b, T_g the torque through the teeth.
 
     The memory s is the flank in contact: 1 where the motor opens the plate, -1 where it closes it; each trace begins
-    with 1. theta is where the motor has the plate; the plate itself, which the sensor reads, lags by s g_b/2. A negative
-    g_b says that the sensor sits on the motor's side. Nothing is seen unless the load of the gear changes sign.
+    with 1. theta is where the motor has the plate; the plate itself, which the sensor reads, lags by s g_b/2. If g_b is
+    negative, the sensor sits on the motor's side. Nothing is seen unless the load of the gear changes sign.
 
     Source: Nordin and Gutman 2002, Automatica 38(10), the dead-zone model. Differs from source: quasi-static.
     """
