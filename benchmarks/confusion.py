@@ -108,7 +108,7 @@ def one(seed: int) -> dict[str, Any]:
     chosen = case(seed)
     record: dict[str, Any] = {k: getattr(chosen, k) for k in ("seed", "kind", "names", "strength")}
     with tempfile.TemporaryDirectory() as scratch:
-        make_folder(Path(scratch), chosen.truth, seed, chosen.effects, "diagnose")
+        make_folder(Path(scratch), chosen.truth, seed, chosen.effects, "small")
         begin = time.perf_counter()
         try:
             found = _found(Path(scratch), chosen)

@@ -1,0 +1,251 @@
+"""What a trial is judged by, and which of several models is chosen; verdicts made by hand."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.testing import assert_array_equal
+
+from etcfit.bench import Bench
+from etcfit.diagnose.composition import Composition, compose
+from etcfit.diagnose.loop import STRONG, choose
+from etcfit.diagnose.trial import Score, Standing, Verdict, bic_change, compare, independent, pooled
+from etcfit.effects import EFFECT_BY_NAME
+from etcfit.outcome import End
+from etcfit.rig.base import Rig
+from etcfit.score import Row
+from etcfit.trace import Trace
+
+LIMP, STRIBECK, GRAVITY, DRAG = (
+    EFFECT_BY_NAME[n] for n in ("limp_home_spring", "stribeck_friction", "gravity_load", "quadratic_drag")
+)
+NEAR: Any = SimpleNamespace(far=False)
+FAR: Any = SimpleNamespace(far=True)
+
+
+def row(n: int, ratio: float, sigma: float = 0.01) -> Row:
+    """Free-running error of so many sigma."""
+    return Row("response/a.csv", "response", "position", "deg", n, ratio * sigma, sigma)
+
+
+def scored(chi2: float, count: float = 1000.0, held_out: float | None = None, rms: float = 1.0) -> Score:
+    holdout = () if held_out is None else (row(10, rms),)
+    return Score(chi2, count, held_out, (row(10, rms),), holdout)
+
+
+def verdict(effect: type, bic: float, held_out: float | None = -50.0, ratio: float | None = 0.8, on: Any = NEAR) -> Any:
+    return Verdict(effect, on, scored(900.0), 0.7, ratio, held_out, bic, 500.0, 0.5)
+
+
+# ---- errors of traces and channels together
+
+
+def test_every_sample_counts_alike_in_its_own_noise() -> None:
+    """sqrt((30 2^2 + 10 6^2) / 40), whatever the units."""
+    assert pooled((row(30, 2.0), row(10, 6.0, sigma=25.0))) == pytest.approx(math.sqrt(12.0))
+    assert pooled((row(7, 3.0),)) == pytest.approx(3.0)
+
+
+def test_a_score_without_held_out_traces_has_no_error_of_theirs() -> None:
+    assert scored(1.0).holdout_rms is None
+    assert scored(1.0, held_out=5.0, rms=1.5).holdout_rms == pytest.approx(1.5)
+    assert scored(1.0, rms=1.5).fit_rms == pytest.approx(1.5)
+
+
+# ---- what a parameter costs
+
+
+def test_bic_is_likelihood_plus_parameters_plus_the_choice_among_variants() -> None:
+    change = bic_change(scored(2000.0, 800.0), scored(1000.0, 900.0), 3, 6)
+    assert change == pytest.approx(800.0 * math.log(0.5) + 3.0 * math.log(800.0) + 2.0 * math.log(6.0))
+
+
+def test_a_parameter_that_explains_nothing_costs_the_log_of_the_samples() -> None:
+    same = scored(1000.0)
+    assert bic_change(same, same, 1, 1) == pytest.approx(math.log(1000.0))
+    assert bic_change(same, same, 0, 1) == 0.0
+    assert bic_change(same, same, 2, 4) > bic_change(same, same, 2, 1) > bic_change(same, same, 1, 1)
+    # a residual of noise falls by one of 1000 for each parameter: nowhere near worth it
+    assert bic_change(same, scored(999.0), 1, 1) > 0.0
+
+
+def test_the_scale_of_the_noise_is_not_trusted() -> None:
+    """Weighed by the error left in them, chi2 of all samples may be any size: its logarithm counts."""
+    small, large = (bic_change(scored(c), scored(0.9 * c), 1, 1) for c in (1e-3, 1e5))
+    assert small == pytest.approx(large)
+
+
+def test_a_verdict_compares_what_both_models_have() -> None:
+    """Held-out errors only where there are any."""
+    before, after = scored(2000.0, held_out=900.0, rms=4.0), scored(1000.0, held_out=600.0, rms=3.0)
+    stub = pytest.MonkeyPatch()
+    with stub.context() as patch:
+        patch.setattr("etcfit.diagnose.trial.score", lambda s: after)
+        found = compare(LIMP, before, NEAR, 4, 6, 1234.0, 0.7)
+        alone = compare(LIMP, scored(2000.0, rms=4.0), NEAR, 4, 6, 1234.0, 0.7)
+    assert (found.fit_rms_ratio, found.holdout_rms_ratio) == (0.75, 0.75)
+    assert found.holdout_chi2_change == -300.0
+    assert found.bic_change == bic_change(before, after, 4, 6)
+    assert (found.screened, found.own) == (1234.0, 0.7)
+    assert (alone.holdout_rms_ratio, alone.holdout_chi2_change) == (None, None)
+
+
+# ---- how many samples there are
+
+
+def counted(memory: float, n: int = 5_000, size: float = 1.0) -> float:
+    """Independent samples of one channel with r_k = memory r_(k-1) + w; every tenth sample was not logged."""
+    rng = np.random.default_rng(1)
+    w, r = rng.normal(size=n), np.zeros(n)
+    for k in range(1, n):
+        r[k] = memory * r[k - 1] + math.sqrt(1.0 - memory**2) * w[k]
+    data = np.where(np.arange(n) % 10 == 5, np.nan, 0.0)[:, None]
+    trace = SimpleNamespace(channels=("position",), data=data)
+    tape = SimpleNamespace(traces=(trace,), places=((1, 0, np.arange(n)),))
+    on_tape = np.zeros((n + 5, 2, 3))
+    on_tape[:n, 1, 0] = size * np.where(np.isnan(data[:, 0]), 1e6, r)
+    bench: Any = SimpleNamespace(tape=tape)
+    return independent(bench, on_tape)
+
+
+@pytest.mark.parametrize("size", [0.1, 1.0, 30.0])
+def test_white_samples_are_as_many_as_were_logged_however_large(size: float) -> None:
+    assert counted(0.0, size=size) == pytest.approx(4_500)
+
+
+def test_samples_that_repeat_one_another_are_fewer() -> None:
+    """f = (1 + rho) / (1 - rho) of them go into one, rho = 0.9."""
+    assert counted(0.9) == pytest.approx(4_500 / 19.0, rel=0.25)
+
+
+# ---- what the held-out traces say
+
+
+@pytest.mark.parametrize(
+    ("held_out", "ratio", "on", "helps"),
+    [
+        (None, None, NEAR, True),
+        (-1.0, 0.9, NEAR, True),
+        (1.0, 0.9, NEAR, False),
+        (0.0, 0.9, NEAR, False),
+        (-1.0, 1.01, NEAR, True),
+        (-1.0, 1.03, NEAR, False),
+        (-1.0, 1.4, FAR, True),
+        (-1.0, 1.6, FAR, False),
+        (-1.0, None, NEAR, True),
+    ],
+)
+def test_held_out_traces_must_not_contradict(held_out: float | None, ratio: float | None, on: Any, helps: bool) -> None:
+    assert verdict(LIMP, -100.0, held_out, ratio, on).helps_elsewhere() is helps
+
+
+# ---- the choice
+
+
+def test_without_a_promise_nothing_is_added() -> None:
+    assert choose([]) == (None, (), "No effect of the catalogue promises to explain anything more.")
+
+
+def test_what_is_not_worth_its_parameters_is_not_added() -> None:
+    effect, ties, why = choose([verdict(LIMP, STRONG + 0.1), verdict(GRAVITY, 3.0)])
+    assert (effect, ties) == (None, ())
+    assert why.startswith("limp_home_spring does best, but is not worth its parameters (BIC -9.9")
+
+
+def test_what_helps_the_fitted_traces_only_is_not_added() -> None:
+    effect, ties, why = choose([verdict(LIMP, -500.0, held_out=20.0), verdict(GRAVITY, -20.0, ratio=1.2)])
+    assert (effect, ties) == (None, ())
+    assert why == "limp_home_spring helps on the fitted traces only, not on those held out."
+
+
+def test_the_best_by_bic_is_added_and_what_it_does_is_said() -> None:
+    effect, ties, why = choose([verdict(LIMP, -500.0), verdict(GRAVITY, -400.0), verdict(DRAG, 1.0)])
+    assert effect is LIMP
+    assert ties == ()
+    assert why == "limp_home_spring explains most: fitted error x 0.700, held-out error x 0.800, BIC -500."
+
+
+def test_the_best_of_those_that_help_elsewhere_is_added() -> None:
+    effect, ties, _ = choose([verdict(STRIBECK, -503.0, held_out=1.0), verdict(LIMP, -500.0), verdict(DRAG, -30.0)])
+    assert effect is LIMP
+    assert ties == ()
+
+
+def test_effects_that_do_as_well_are_ties() -> None:
+    """Within 6 of the best, worth their parameters, and not contradicted by held-out traces."""
+    every = [
+        verdict(LIMP, -500.0),
+        verdict(GRAVITY, -499.0),
+        verdict(STRIBECK, -498.0, held_out=5.0),
+        verdict(EFFECT_BY_NAME["backlash"], -494.1),
+        verdict(DRAG, -493.9),
+    ]
+    effect, ties, why = choose(every)
+    assert effect is LIMP
+    assert [e.name for e in ties] == ["gravity_load", "backlash"]
+    assert why.endswith("gravity_load and backlash would do as well: these data cannot tell them apart.")
+
+
+def test_what_is_not_worth_it_is_no_tie() -> None:
+    assert choose([verdict(LIMP, -12.0), verdict(GRAVITY, -9.0)])[:2] == (LIMP, ())
+
+
+def test_without_held_out_traces_their_error_is_not_spoken_of() -> None:
+    effect, _, why = choose([verdict(LIMP, -500.0, None, None)])
+    assert effect is LIMP
+    assert "held-out" not in why
+
+
+# ---- a model with another effect
+
+
+@pytest.fixture(scope="module")
+def composition(rig: Rig, traces: tuple[Trace, ...]) -> Composition:
+    return compose(rig, traces)
+
+
+@pytest.fixture(scope="module")
+def standing(rig: Rig, traces: tuple[Trace, ...], composition: Composition) -> Standing:
+    """Eqs. 1-2 in the composed model, a held-out trace beside them; nothing is simulated."""
+    known = composition.unknowns(())
+    x = np.random.default_rng(0).normal(size=len(known.layout.free))
+    bench = Bench.of(rig.config, known, traces)
+    beside = Bench.of(rig.config, known, traces[:1])
+    problem, holdout = (b.problem(b.free_running()) for b in (bench, beside))
+    return Standing(composition, (), bench, problem, (beside, holdout), x, False, End(True, "by hand"))
+
+
+def test_another_effect_changes_the_unknowns_and_neither_data_nor_whitening(standing: Standing) -> None:
+    more = standing.with_effects((GRAVITY,), {"T_g": 0.2})
+    assert more.added == (GRAVITY,)
+    assert more.at_work(GRAVITY)
+    assert not more.at_work(LIMP)
+    assert standing.holdout is not None
+    assert more.holdout is not None
+    pairs = [(standing.bench, standing.problem, more.bench, more.problem), (*standing.holdout, *more.holdout)]
+    for bench, problem, new_bench, new_problem in pairs:
+        assert new_problem.whitening is problem.whitening
+        assert new_bench.tape is bench.tape
+        assert new_bench.sigma is bench.sigma
+        assert new_bench.layout.free == (*bench.layout.free, "T_g")
+        assert new_problem.pick.where.shape == problem.pick.where.shape
+    shared = [more.bench.layout.free.index(s) for s in standing.bench.layout.free]
+    assert_array_equal(more.x[shared], standing.x)
+    assert float(more.bench.layout.values(more.x, more.bench.unknowns.held)["T_g"]) == pytest.approx(0.2)
+
+
+def test_an_effect_taken_away_again_leaves_the_model_as_it_was(standing: Standing) -> None:
+    back = standing.with_effects((GRAVITY,), {"T_g": 0.2}).with_effects((), {})
+    assert_array_equal(back.x, standing.x)
+    assert back.bench.layout == standing.bench.layout
+    assert_array_equal(back.problem.pick.full, standing.problem.pick.full)
+
+
+def test_held_out_traces_are_those_beside(standing: Standing) -> None:
+    assert [t.measurement.file for t in standing.held_out] == [standing.bench.tape.traces[0].measurement.file]
+    assert replace(standing, holdout=None).held_out == ()
