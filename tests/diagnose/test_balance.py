@@ -28,7 +28,7 @@ LACKED = 0.05  # N m that help the true plate open
 OFFSET = 0.03  # A that its current sensor adds
 CIRCUITS = (0.0, 0.4)  # ohm of the test's own circuit
 DT, SAMPLES = 1e-3, 1200
-SLIDES = slice(500, 900)  # samples at which the plate has slid long enough, and is not yet open
+SLIDES = slice(600, 750)  # samples at which the plate has slid long enough, and is not yet open
 
 
 # ---- the guide's stiffness
@@ -89,7 +89,7 @@ def test_where_no_angle_was_logged_nothing_is_guided() -> None:
 
 def volts(t: np.ndarray) -> np.ndarray:
     """Not enough to open the plate, then enough to slide it open ever more slowly."""
-    return np.interp(t, [0.0, 0.2, 0.4, 1.2], [1.0, 1.0, 4.0, 5.6])
+    return np.interp(t, [0.0, 0.2, 0.4, 1.2], [1.0, 1.0, 3.0, 3.6])
 
 
 def measured(series: float) -> Trace:
