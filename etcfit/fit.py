@@ -141,7 +141,7 @@ def _whitened(bench: Bench, x: np.ndarray, report: Report) -> tuple[Bench, Probl
 
 
 def rounds(
-    bench: Bench, x: np.ndarray, report: Report, still: float = _SETTLED
+    bench: Bench, x: np.ndarray, report: Report, still: float = _SETTLED, most: int = _ROUNDS
 ) -> tuple[Bench, Problem, np.ndarray, End]:
     """Renew the whitening, the releases and the outliers at each optimum until nothing moves any more.
 
@@ -149,15 +149,16 @@ def rounds(
         bench, x: traces and coordinates near an optimum.
         report: progress.
         still: what counts as not moving, standard errors.
+        most: rounds.
     """
     moved, outliers, about = np.inf, 0, x
-    for k in range(_ROUNDS):
-        report(f"whitening {k + 1}: moved {moved:.2g} standard errors", 0.5 + 0.4 * k / _ROUNDS)
+    for k in range(most):
+        report(f"whitening {k + 1}: moved {moved:.2g} standard errors", 0.5 + 0.4 * k / most)
         problem = bench.problem(bench.kalman(about))
         x, _ = go(bench, bench.layout.off_bounds(x) if k < 2 else x, problem, _THERE)
         here = local(bench, x, problem)
         moved = float(np.max(np.abs(x - about) / np.sqrt(np.diag(here.covariance))))
-        if (moved < still and k > 0) or k == _ROUNDS - 1:
+        if (moved < still and k > 0) or k == most - 1:
             break
         # later rounds go half way: an impact or a slip that falls on either side of a sample makes two ends alternate
         early = k < _CLOCK_ROUNDS

@@ -28,6 +28,7 @@ STRONG = -10.0  # BIC change that counts as evidence (Kass and Raftery 1995: ver
 _PROMISE = 0.3  # share of what BIC asks that the screening must promise for a refit
 _TOLERANCE = 1e-4  # relative change of chi2 that ends a descent on the way
 _WEIGHINGS = 2  # of a guided residual by what is left in it
+_WHITENINGS = 6  # rounds of whitening after an effect was added
 _STILL = 0.2  # standard errors that a round of whitening may still move a parameter
 _RIVAL = 0.3  # share of the best candidate's promise that makes another a rival worth a refit
 _RIVAL_FAR = 0.1  # the same far from the data, where the linearised promise is rough
@@ -102,7 +103,7 @@ def settled(s: Standing, report: Report) -> Standing:
     if float(np.sum(r**2)) / max(1.0, float(np.sum(problem.slots.weight)) - x.size) > MISFIT:
         end = End(True, "optimum of the guided residual", far=True)
         return _weighed(whitened(s.composition, s.added, bench, held_out, s.x, end), held_out)
-    bench, _, x, end = rounds(bench.released(x), x, report, _STILL)
+    bench, _, x, end = rounds(bench.released(x), x, report, _STILL, _WHITENINGS)
     return whitened(s.composition, s.added, bench, held_out, x, end)
 
 

@@ -22,7 +22,7 @@ from .trial import Score, Standing, Verdict, compare, score
 
 Report = Callable[[str, float], None]
 
-_REFITS = 2
+_REFITS = 1
 _KEEPS = 0.9  # share of what a free curve explains, from which on a named effect keeps its name
 _POINTS = 60  # of the curve that is drawn
 
