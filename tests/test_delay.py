@@ -92,7 +92,7 @@ def means(steps: Step) -> np.ndarray:
 
 
 def exact_means(steps: Step, k: int, delay: float) -> np.ndarray:
-    """Mean over each step of the k-th trace of its voltage at t - delay, by the integral of the parabolas it is made of;
+    """Mean over each step of the k-th trace of its voltage at t - delay, by the integral of its straight pieces;
     before the trace began, what its first step begins with."""
     lane, rows = LAID.places[k]
     clock = LAID.clock(k)

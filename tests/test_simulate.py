@@ -320,7 +320,8 @@ def guided(pull: float, target0: Any, target1: Any, **how: Any) -> dict[str, Any
 
 def test_a_guide_that_does_not_pull_is_not_there_bit_by_bit() -> None:
     target0, target1 = sines(400, 1.0)
-    for how in ({"early": 3.0}, {"circuit": 0.0, "torque0": 0.8, "torque1": 0.8}):
+    driven: tuple[dict[str, Any], ...] = ({"early": 3.0}, {"circuit": 0.0, "torque0": 0.8, "torque1": 0.8})
+    for how in driven:
         free = path(body(), *tape(even(1.0, 400), **how))
         led = path(body(), *tape(even(1.0, 400), **how, **guided(0.0, target0, target1, lever=7.0)))
         assert_array_equal(led, free)
@@ -400,7 +401,7 @@ def dropped(share: float, **how: Any) -> np.ndarray:
 
 @pytest.mark.parametrize("share", [0.3, 0.7])
 def test_a_stop_gives_back_its_share_of_the_speed(share: float) -> None:
-    """Up to the impact the plate falls as if there were no stop; in that step its speed turns, and no other moves it."""
+    """Up to the impact the plate falls as if there were no stop; in that step its speed turns."""
     x, through = dropped(share), dropped(share, lower=-1e6)
     impact = int(np.argmax(x[:, 1] <= 0.0))
     assert 10 < impact < 300
@@ -433,6 +434,12 @@ def test_a_plate_that_rests_on_a_stop_does_not_bounce(start: float, volts: float
     x = path(body(BOUNCE, e_r=0.9), *tape(even(0.2, 200), volts, start=(0.0, start, 0.0)))
     assert_array_equal(x[:, 1], start)
     assert_array_equal(x[:, 2], 0.0)
+
+
+def test_a_plate_lifted_off_its_stop_and_pulled_back_in_one_step_does_not_bounce() -> None:
+    """No impact: it never left the stop by the end of a step."""
+    x = path(body(BOUNCE, e_r=0.9, **LIFTED), *tape(np.full(3, 3e-3), start=(0.0, 0.0, 0.4), circuit=0.0))
+    assert_array_equal(x[1:, 1:], 0.0)
 
 
 @pytest.mark.parametrize(("share", "friction"), [(0.25, 0.239), (0.5, 0.05), (0.8, 0.1)])

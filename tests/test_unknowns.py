@@ -83,7 +83,7 @@ def test_a_start_on_a_bound_moves_off_it_and_others_stay() -> None:
     moved = layout.off_bounds(x)
     changed = {s for s, a, b in zip(layout.free, x, moved, strict=True) if a != b}
     assert changed == {"B_L", "B_m"}
-    assert all(not layout.parameter(s).domain.at_bound(float(layout.values(moved, [])[s])) for s in changed)
+    assert all(not layout.parameter(s).domain.at_bound(float(layout.values(moved, np.zeros(0))[s])) for s in changed)
 
 
 def test_reach_is_a_change_of_a_hundred_percent() -> None:

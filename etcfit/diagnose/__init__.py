@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 from ..fit import freed, quiet
@@ -91,6 +91,12 @@ def _final(result: FitResult, s: Standing, report: Report) -> FitResult:
     return replace(fitted, unknowns=s.composition.lean(s.added))
 
 
+def _listed(names: Sequence[str]) -> str:
+    """a, b and c."""
+    *most, last = names
+    return f"{', '.join(most)} and {last}" if most else last
+
+
 def _verdict(
     before: FitResult,
     after: FitResult,
@@ -102,8 +108,7 @@ def _verdict(
     """The whole in a few sentences."""
     words = []
     if added:
-        names = " and ".join((", ".join(added[:-1]), added[-1])) if len(added) > 1 else added[0]
-        words.append(f"The model lacked {names}.")
+        words.append(f"The model lacked {_listed(added)}.")
     elif rounds[0].evidence.white:
         words.append("The residual is noise: the model lacks nothing that these data show.")
     else:

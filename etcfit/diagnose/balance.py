@@ -28,13 +28,13 @@ from ..unknowns import SERIES, Form, Pick
 from .findings import Motion
 from .trial import Standing
 
-_BANDWIDTH = 15.0  # Hz, of the guide; no more than a tenth of the sample rate
+_BANDWIDTH = 15.0  # Hz, w above; no more than a tenth of the sample rate
 _LEAST = 0.003  # of J w^2: where there is no dry friction to measure by
 _GIVE = 0.01  # of the travel that was measured: how far the guide gives way to a torque as large as dry friction
 
 
 def pull_of(bench: Bench, x: np.ndarray) -> float:
-    """Stiffness of the guide: T_f over a hundredth of the travel, but never faster than its bandwidth, J w^2.
+    """Stiffness of the guide: T_f over a hundredth of the travel; where there is hardly any, a share of J w^2.
 
     In V/rad, by the motor's torque per volt, or in N m/rad where torque drives.
     """
@@ -47,7 +47,7 @@ def pull_of(bench: Bench, x: np.ndarray) -> float:
     span = max(float(np.nanmax(a) - np.nanmin(a)) for a in angles)
     rate = 1.0 / float(np.median(np.concatenate([np.diff(t.instants) for t in guided])))
     stiff = inertia * (2.0 * np.pi * min(_BANDWIDTH, 0.1 * rate)) ** 2
-    torque = float(np.clip(float(values["T_f"]) / max(_GIVE * span, 1e-9), _LEAST * stiff, stiff))
+    torque = max(float(values["T_f"]) / max(_GIVE * span, 1e-9), _LEAST * stiff)
     if all(t.torque_driven for t in guided):
         return torque
     return torque * float(values["R_a"]) / (bench.config.gear_ratio * float(values["K_m"]))

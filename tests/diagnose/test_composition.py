@@ -102,15 +102,13 @@ def test_an_effect_that_is_not_at_work_is_held_at_its_off_values(composition: Co
     values = read(u, typical(u))
     for p in parameters_of(effect):
         assert p.symbol not in u.layout.free
-        assert values[p.symbol] == (effect.off[p.symbol] if p.symbol in effect.off else p.nominal)
+        assert values[p.symbol] == effect.off.get(p.symbol, p.nominal)
     others = {p.symbol for e in composition.candidates if e is not effect for p in parameters_of(e)}
     assert others <= set(u.layout.free)
 
 
 @every_candidate
-def test_an_effect_that_is_added_frees_its_own_parameters_and_no_other(
-    composition: Composition, effect: type
-) -> None:
+def test_an_effect_that_is_added_frees_its_own_parameters_and_no_other(composition: Composition, effect: type) -> None:
     bare, more = composition.unknowns(()).layout, composition.unknowns((effect,)).layout
     assert set(more.free) - set(bare.free) == {p.symbol for p in parameters_of(effect)} == set(resting(effect))
     assert tuple(s for s in more.free if s in bare.free) == bare.free

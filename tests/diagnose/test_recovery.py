@@ -134,7 +134,7 @@ def test_the_offset_is_the_generators(offset: Case) -> None:
 
 
 def test_friction_falls_with_speed_as_the_generators_does(stribeck: Case) -> None:
-    """From standstill to 2 rad/s, by T_s exp(-(w/w_s)^d) or by a Lorentzian; what is left beyond is Coulomb friction."""
+    """From standstill to 2 rad/s, by T_s exp(-(w/w_s)^d) or by a Lorentzian; beyond, it is Coulomb's."""
     made, values = stribeck.effects.stribeck_friction, stribeck.diagnosis.after.values
 
     def model(speed: float) -> float:

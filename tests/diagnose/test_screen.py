@@ -94,9 +94,7 @@ def case() -> Case:
 
 def test_a_variant_is_a_combination_of_the_shapes_to_be_tried() -> None:
     every = variants(Either)
-    assert [(v.shape["p"], v.shape["q"]) for v in every] == [
-        (p, q) for p in (1.0, 2.0, 3.0) for q in (10.0, 20.0)
-    ]
+    assert [(v.shape["p"], v.shape["q"]) for v in every] == [(p, q) for p in (1.0, 2.0, 3.0) for q in (10.0, 20.0)]
     assert all(v.shape["r"] == 7.0 for v in every)
     assert all(v.amplitudes == ("a", "b") for v in every)
     assert all(set(v.shape) == {"p", "q", "r"} for v in every)
