@@ -64,7 +64,7 @@ def run(
     throttle = Throttle.build(form.types, values)
     steps = with_circuits(steps, circuit_of, circuits, values)
     # a guide in volts knows no scale of torque: where the data know none, none can run away from it
-    per_volt = steps.gear_ratio * values["K_m"] / values["R_a"]
+    per_volt = steps.gear_ratio * values["K_m"] / (values["R_a"] + steps.series)
     steps = steps._replace(lever=jnp.where(steps.lever > 0.5, 1.0, per_volt))
     if throttle.may_delay:
         steps = late_inputs(steps, resets, throttle.delays().input)

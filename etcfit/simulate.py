@@ -157,10 +157,11 @@ class _Contact(NamedTuple):
         omega = jnp.where(self.on_lower, jnp.maximum(omega, 0.0), omega)
         return jnp.where(self.on_upper, jnp.minimum(omega, 0.0), omega)
 
-    def clip(self, x: State) -> State:
+    def clip(self, before: State, x: State) -> State:
         """A new impact: angle to the stop, speed to zero, or to the share that the stop gives back. Elsewhere in the
-        step it would make sensitivities explode."""
+        step it would make sensitivities explode. What would end within a step comes to rest."""
         back = -self.restitution * x.omega
+        back = jnp.where(jnp.abs(back) > 2.0 * jnp.abs(x.omega - before.omega), back, 0.0)
         omega = jnp.where((x.theta < self.lower) & (x.omega < 0.0), jnp.where(self.on_lower, 0.0, back), x.omega)
         omega = jnp.where((x.theta > self.upper) & (x.omega > 0.0), jnp.where(self.on_upper, 0.0, back), omega)
         return State(x.i, jnp.clip(x.theta, self.lower, self.upper), omega)
@@ -209,7 +210,7 @@ def step(throttle: Throttle, x: State, z: tuple[Scalar, ...], s: Step) -> tuple[
     z_guess = _memory(throttle, z_base, z1, x1, late, a)
     x2 = _stage(throttle, base, x1, z_guess, s, 1.0, contact.after(x1))
     z2 = _memory(throttle, z_base, z_guess, x2, late, a)
-    return contact.clip(x2), z2
+    return contact.clip(x, x2), z2
 
 
 class Reset(NamedTuple):

@@ -29,6 +29,7 @@ from .findings import Motion
 from .trial import Standing
 
 _BANDWIDTH = 15.0  # Hz, w above; no more than a tenth of the sample rate
+_STABLE = 0.3  # of the stiffness at which the current no longer follows the guide
 _LEAST = 0.003  # of J w^2: where there is no dry friction to measure by
 _GIVE = 0.01  # of the travel that was measured: how far the guide gives way to a torque as large as dry friction
 
@@ -50,7 +51,9 @@ def pull_of(bench: Bench, x: np.ndarray) -> float:
     torque = max(float(values["T_f"]) / max(_GIVE * span, 1e-9), _LEAST * stiff)
     if all(t.torque_driven for t in guided):
         return torque
-    return torque * float(values["R_a"]) / (bench.config.gear_ratio * float(values["K_m"]))
+    gear, R_a = bench.config.gear_ratio, float(values["R_a"])
+    fastest = gear * float(values["K_b"]) * R_a / float(values["L_a"])  # V/rad: beyond it, guide and coil would swing
+    return min(torque * R_a / (gear * float(values["K_m"])), _STABLE * fastest)
 
 
 @partial(jax.jit, static_argnums=(0, 1))

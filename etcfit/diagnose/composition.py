@@ -58,10 +58,12 @@ class Composition:
         return Unknowns(layout, np.array(list(held.values())), full.priors, full.start)
 
 
-def compose(rig: Rig, traces: tuple[Trace, ...], further: tuple[Effect, ...] = ()) -> Composition:
-    """Every effect of the catalogue, and `further` ones, that these traces could show."""
+def compose(
+    rig: Rig, traces: tuple[Trace, ...], further: tuple[Effect, ...] = (), only: tuple[Effect, ...] = EFFECTS
+) -> Composition:
+    """Every effect of the catalogue, or only some, and `further` ones, that these traces could show."""
     seen = logged(rig, traces)
-    fitting = [e for e in EFFECTS if e.name in rig.config.effects or set(e.needs) <= seen]
+    fitting = [e for e in EFFECTS if e.name in rig.config.effects or (e in only and set(e.needs) <= seen)]
     names = tuple(e.name for e in fitting if e not in PAPER)
     whole = unknowns(replace(rig.config, effects=names), tuple(e for e in further if set(e.needs) <= seen))
     known = tuple(e for e in whole.layout.types if e in PAPER or e.name in rig.config.effects)

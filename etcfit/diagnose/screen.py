@@ -161,13 +161,16 @@ class Background:
 def _bounded(bench: Bench, variant: Variant, columns: np.ndarray, r: np.ndarray) -> tuple[np.ndarray, float]:
     """Amplitudes over their scales that lower |r + C a|^2 the most, none beyond its bound, and by how much."""
     size = np.linalg.norm(columns, axis=0)
-    size = np.where(size > 0.0, size, np.inf)  # an amplitude without a signature stays at its off value
-    q, upper = np.linalg.qr(columns / size)
-    low = [0.0 if isinstance(bench.layout.parameter(s).domain, NonNegative) else -np.inf for s in variant.amplitudes]
+    own = size > 0.0  # an amplitude without a signature stays at its off value
+    q, upper = np.linalg.qr(columns[:, own] / size[own])
+    low = np.array([0.0 if isinstance(bench.layout.parameter(s).domain, NonNegative) else -np.inf
+                    for s in variant.amplitudes])[own]  # fmt: skip
     target = -(q.T @ r)
-    solution = lsq_linear(upper + _TINY * np.eye(len(low)), target, bounds=(low, np.inf)).x
+    solution = lsq_linear(upper + _TINY * np.eye(low.size), target, bounds=(low, np.inf)).x
     gain = float(target @ target - np.sum((upper @ solution - target) ** 2))
-    return solution / size, max(gain, 0.0)
+    amplitudes = np.zeros(own.size)
+    amplitudes[own] = solution / size[own]
+    return amplitudes, max(gain, 0.0)
 
 
 def screen(

@@ -46,8 +46,8 @@ def unexplained(result: FitResult, s: Standing, report: Report) -> Unexplained |
 
 
 def widened(result: FitResult, s: Standing) -> Standing:
-    """The same model in a composition that has the smooth unknowns besides the catalogue: one for all models."""
-    composition = compose(result.rig, s.bench.tape.traces, UNKNOWNS)
+    """The same model in a composition of its own effects and the smooth unknowns: a small one, for it is run often."""
+    composition = compose(result.rig, s.bench.tape.traces, UNKNOWNS, s.added)
     unknowns = composition.unknowns(s.added)
 
     def told(bench: Any, problem: Any) -> Any:
@@ -120,7 +120,8 @@ def _range(s: Standing, effect: Smooth) -> tuple[float, float]:
     """What of the axis was measured."""
     along = signals(s.bench, s.x, pull_of(s.bench, s.x))
     name = effect.axis
-    values = np.concatenate([a[name][np.isfinite(a["torque"])] for a in along])
+    moving = np.concatenate([a[name][np.isfinite(a["torque"])] for a in along])
+    values = moving if moving.size else np.concatenate([a[name] for a in along])
     if name == "angle":
         values = np.asarray(fraction(values, *s.bench.config.travel))
     if effect.along.low >= 0.0:
@@ -130,9 +131,9 @@ def _range(s: Standing, effect: Smooth) -> tuple[float, float]:
 
 def _sd(s: Standing, effect: Smooth, where: np.ndarray) -> np.ndarray:
     """Standard deviation of the curve: its hats are linear in the amplitudes."""
-    _, _, jacobian = s.bench.linearise(s.x, s.problem)
+    r, _, jacobian = s.bench.linearise(s.x, s.problem)
     flat = jacobian.reshape(-1, s.x.size)
-    unit = max(1.0, float(np.mean(s.bench.linearise(s.x, s.problem)[0] ** 2)))
+    unit = max(1.0, float(np.sum(r**2)) / float(np.sum(s.problem.slots.weight)))
     covariance = unit * np.linalg.pinv(flat.T @ flat, rcond=1e-12, hermitian=True)
     free, scale = s.bench.layout.free, [s.bench.layout.parameter(c).domain.scale for c in effect.symbols]
     rows = [free.index(c) for c in effect.symbols]
