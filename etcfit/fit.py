@@ -134,14 +134,14 @@ def _from_several_starts(
 
 def _whitened(bench: Bench, x: np.ndarray, report: Report) -> tuple[Bench, Problem, np.ndarray, End]:
     """The rounds, and a search from where they end short of an optimum."""
-    bench, problem, x, end = rounds(bench, x, report)
+    bench, problem, x, end = rounds(bench, x, report, _SETTLED, _ROUNDS)
     if end.gain > _DECREMENT:
         return _searched(bench, x, problem, local(bench, x, problem), end.outliers, report)
     return bench, problem, x, end
 
 
 def rounds(
-    bench: Bench, x: np.ndarray, report: Report, still: float = _SETTLED, most: int = _ROUNDS
+    bench: Bench, x: np.ndarray, report: Report, still: float, most: int
 ) -> tuple[Bench, Problem, np.ndarray, End]:
     """Renew the whitening, the releases and the outliers at each optimum until nothing moves any more.
 

@@ -579,7 +579,7 @@ def test_a_folder_to_diagnose_holds_out_two_kinds_of_drive(tmp_path: Path) -> No
     known = json.loads((tmp_path / "truth.json").read_text(encoding="utf-8"))["effects"]
     assert known == {name: getattr(effects, name)._asdict() for name in ("limp_home_spring", "backlash")}
     samples = sum(len(table(file)[1]) for file in tmp_path.glob("*/*.csv"))
-    assert 28_000 < samples < 37_000
+    assert 12_000 < samples < 16_000
 
 
 def test_driven_traces_move_reverse_and_stick() -> None:

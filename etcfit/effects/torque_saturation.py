@@ -29,5 +29,5 @@ class TorqueSaturation(AbstractEffect):
     )
 
     def __call__(self, x: State, z: tuple[Scalar, ...], u: Inputs) -> Contribution:
-        root = jnp.sqrt(1.0 + 2.0 * self.S_T * u.motor**2)
-        return Contribution(drive=-u.motor * (1.0 - 1.0 / root))
+        lost = -jnp.expm1(-0.5 * jnp.log1p(2.0 * self.S_T * u.motor**2))  # does not cancel for a small loss
+        return Contribution(drive=-u.motor * lost)

@@ -220,7 +220,7 @@ def test_rounds_end_as_soon_as_nothing_moves_by_more_than_what_counts(clean: Cas
     """The first may move from another whitening; the second is the first that can be the last."""
     said: list[str] = []
     bench, x = clean.result.bench, clean.result.x
-    _, _, there, end = rounds(bench, x, lambda text, share: said.append(text), still=1e9)
+    _, _, there, end = rounds(bench, x, lambda text, share: said.append(text), still=1e9, most=10)
     assert [text.split(":")[0] for text in said] == ["whitening 1", "whitening 2"]
     assert end.converged
     assert_allclose((there - x) / np.sqrt(np.diag(clean.result.covariance)), 0.0, atol=0.5)

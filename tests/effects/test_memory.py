@@ -142,7 +142,7 @@ def test_a_gear_flips_when_its_load_changes_sign() -> None:
     t, position = play(lambda t: jnp.where((t > 0.05) & (t < 0.15), -0.5, 0.5))
     away = (t > 0.0501) & (t < 0.1499)
     assert_allclose(position[t < 0.05], 0.0, atol=1e-15)
-    left = position[away] + 0.012
+    left = 0.012 - position[away]
     assert_allclose(left, left[0] * np.exp(-(t[away] - t[away][0]) / 0.005), rtol=1e-6, atol=1e-14)
     assert left[0] == pytest.approx(0.012, rel=0.04)
     assert left[-1] < 1e-6 * 0.012
