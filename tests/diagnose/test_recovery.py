@@ -37,6 +37,10 @@ class Case:
     diagnosis: Diagnosis
 
 
+# a folder takes minutes: run with -m benchmark
+by_hand = pytest.mark.benchmark
+
+
 def case(path: Path, seed: int, effects: Effects) -> Case:
     truth = draw_truth(np.random.default_rng(seed))
     make_folder(path, truth, seed, effects, size="small")
@@ -105,6 +109,7 @@ def test_every_trace_has_its_motion(clean: Case) -> None:
 # ---- one thing is missing
 
 
+@by_hand
 @pytest.mark.parametrize("name", ["stribeck", "limp_home", "offset"])
 def test_what_is_missing_is_found_first_and_predicts_what_was_held_out(
     name: str, request: pytest.FixtureRequest
@@ -120,6 +125,7 @@ def test_what_is_missing_is_found_first_and_predicts_what_was_held_out(
     assert all(effect in m.effects for m in found.motions)
 
 
+@by_hand
 def test_the_default_position_and_the_torque_of_its_spring_are_the_generators(limp_home: Case) -> None:
     """Below it the generator's plate feels -(preload + k d), the model's T_PL + K_s theta - T_lh - K_lh d, d how far
     below: T_lh = preload + T_PL + K_s theta_lh."""
@@ -128,11 +134,13 @@ def test_the_default_position_and_the_torque_of_its_spring_are_the_generators(li
     assert values["T_lh"] == pytest.approx(made.preload + truth.T_PL + truth.K_s * made.angle, rel=0.1)
 
 
+@by_hand
 def test_the_offset_is_the_generators(offset: Case) -> None:
     """Each trace has its own, 2 % apart."""
     assert offset.diagnosis.after.values["I_0"] == pytest.approx(offset.effects.current_sensor_offset.amps, rel=0.1)
 
 
+@by_hand
 def test_friction_falls_with_speed_as_the_generators_does(stribeck: Case) -> None:
     """From standstill to 2 rad/s, by T_s exp(-(w/w_s)^d) or by a Lorentzian; beyond, it is Coulomb's."""
     made, values = stribeck.effects.stribeck_friction, stribeck.diagnosis.after.values
@@ -147,12 +155,14 @@ def test_friction_falls_with_speed_as_the_generators_does(stribeck: Case) -> Non
 # ---- more than one, and what nobody has named
 
 
+@by_hand
 def test_both_of_two_are_found(pair: Case) -> None:
     for name in pair.effects.on:
         assert is_found(pair.diagnosis, name), pair.diagnosis.verdict
     assert falls(pair.diagnosis) < 0.9
 
 
+@by_hand
 def test_what_is_outside_the_catalogue_is_not_given_a_name_with_confidence(spot: Case) -> None:
     """A rough place on the shaft: extra friction within a narrow band of angle."""
     found = spot.diagnosis

@@ -50,7 +50,9 @@ CLOSED: Mapping[str, Case] = {
     "winding_heating": Case({"r_h": 0.01, "tau_h": 4.0}, {"voltage": -0.06, "dz": (4.0 - 0.75,)}, SAME, z=(3.0,)),
     "driver_dead_zone": Case({"V_d": 0.3}, {"voltage": 0.3}, SAME, u={"voltage": -5.0}),
     "actuation_delay": Case({"t_a": 0.004}, {"input_delay": 0.004}, SAME),
-    "torque_saturation": Case({"S_T": 0.5}, {"drive": -1.2 * (1.0 - 2.44**-0.5)}, SAME, u={"motor": 1.2, "external": 7.0}),
+    "torque_saturation": Case(
+        {"S_T": 0.5}, {"drive": -1.2 * (1.0 - 2.44**-0.5)}, SAME, u={"motor": 1.2, "external": 7.0}
+    ),
     # mechanical
     "limp_home_spring": Case(
         {"T_lh": 0.4, "K_lh": 0.8, "theta_lh": 0.55, "d_lh": 0.02},
