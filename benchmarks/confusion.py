@@ -14,7 +14,6 @@ from __future__ import annotations
 
 import argparse
 import json
-import math
 import sys
 import tempfile
 import time
@@ -143,22 +142,18 @@ def _found(folder: Path, chosen: Case) -> dict[str, Any]:
 def _standing(result: Any, truth: dict[str, float]) -> dict[str, Any]:
     """How well a model predicts what it has not seen, and what it says of each parameter."""
     from etcfit.intervals import intervals
+    from etcfit.score import pooled
 
     stated = intervals(result)
     keys = ("value", "stderr", "low", "high", "status")
     return {
         "converged": bool(result.converged),
         "chi2_per_dof": float(result.chi2_per_dof),
-        "holdout": _pooled(result.score_holdout),
-        "holdout_position": _pooled([row for row in result.score_holdout if row.channel == "position"]),
+        "holdout": pooled(result.score_holdout),
+        "holdout_position": pooled([row for row in result.score_holdout if row.channel == "position"]),
         "holdout_rows": [[row.file, row.channel, row.n, row.rms / row.sigma] for row in result.score_holdout],
         "parameters": {s: {"truth": truth[s]} | {k: getattr(stated[s], k) for k in keys} for s in PARAMETERS},
     }
-
-
-def _pooled(rows: Sequence[Any]) -> float:
-    """sqrt(sum n (rms/sigma)^2 / sum n), dimensionless; 1 is noise alone."""
-    return math.sqrt(sum(row.n * (row.rms / row.sigma) ** 2 for row in rows) / sum(row.n for row in rows))
 
 
 def run(seeds: Sequence[int], processes: int) -> Iterator[dict[str, Any]]:

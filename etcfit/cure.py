@@ -88,14 +88,14 @@ def sentence(direction: Direction) -> str:
     """
     says, cure = _verdict(direction.symbols)
     apart = "" if direction.null else f" (known to {100.0 * direction.sd:.0f} % only)"
-    return f"{_listed(direction.symbols)} {says}{apart}: {cure}."
+    return f"{listed(direction.symbols)} {says}{apart}: {cure}."
 
 
 def _verdict(symbols: tuple[str, ...]) -> tuple[str, str]:
     if len(symbols) == 1:
         return "is hardly seen in these data", _told(symbols[0])
     if series := [s.removeprefix(SERIES) for s in symbols if s.startswith(SERIES)]:
-        keys = _listed(f"tests.{test}.series_ohm" for test in series)
+        keys = listed(f"tests.{test}.series_ohm" for test in series)
         return "are resistances in one circuit, seen only as a sum", (
             f"a resistance test without a series resistance of its own, or a number for {keys}, separates them"
         )
@@ -111,7 +111,7 @@ def _told(symbol: str) -> str:
     return f"fix {symbol} in rig.toml if it is known, or log what depends on it"
 
 
-def _listed(words: Iterable[str]) -> str:
+def listed(words: Iterable[str]) -> str:
     """a, b and c."""
     *most, last = words
     return f"{', '.join(most)} and {last}" if most else last

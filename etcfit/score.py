@@ -32,6 +32,13 @@ class Row:
     sigma: float
 
 
+def pooled(every: Sequence[Row]) -> float:
+    """sqrt(sum n (rms/sigma)^2 / sum n): error over noise of many channels, each counting for its samples."""
+    n = np.array([row.n for row in every], dtype=float)
+    ratio = np.array([row.rms / row.sigma for row in every])
+    return float(np.sqrt(np.sum(n * ratio**2) / n.sum()))
+
+
 def columns(tape: Tape, array: np.ndarray) -> list[np.ndarray]:
     """Take from a tape's (T, L, M) array what belongs to each trace: its instants by its channels."""
     array = np.asarray(array)

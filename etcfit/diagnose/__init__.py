@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
 from dataclasses import replace
 
-from ..fit import freed, quiet
+from ..cure import listed
+from ..fit import Report, freed, quiet
 from ..outcome import End, FitResult, outcome
 from .balance import motions
 from .evidence import evidence
@@ -15,8 +15,6 @@ from .trial import Standing
 from .unexplained import unexplained
 
 __all__ = ["Diagnosis", "diagnose"]
-
-Report = Callable[[str, float], None]
 
 _SPREAD = 0.1  # of the search about the optimum of a guided residual, in units of each coordinate's reach
 
@@ -91,12 +89,6 @@ def _final(result: FitResult, s: Standing, report: Report) -> FitResult:
     return replace(fitted, unknowns=s.composition.lean(s.added))
 
 
-def _listed(names: Sequence[str]) -> str:
-    """a, b and c."""
-    *most, last = names
-    return f"{', '.join(most)} and {last}" if most else last
-
-
 def _verdict(
     before: FitResult,
     after: FitResult,
@@ -108,7 +100,7 @@ def _verdict(
     """The whole in a few sentences."""
     words = []
     if added:
-        words.append(f"The model lacked {_listed(added)}.")
+        words.append(f"The model lacked {listed(added)}.")
     elif rounds[0].evidence.white:
         words.append("The residual is noise: the model lacks nothing that these data show.")
     else:

@@ -73,7 +73,7 @@ def _along(form: Form, circuits: tuple[str, ...], x: Any, pick: Pick, arrays: An
         "angle": state.theta,
         "speed": state.omega,
         "current": state.i,
-        "load": zero + 0.5 * (drive + u.torque - external),
+        "load": zero + u._replace(motor=drive + u.torque, external=external).gear_load,
         "input": jnp.where(steps.circuit > 0.5, u.voltage, u.torque),
         "torque": jnp.where(resting, jnp.nan, steps.lever * steps.guide(1.0, state.theta)),
         "effect_torque": jnp.stack(torque),

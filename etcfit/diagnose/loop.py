@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 
@@ -10,7 +10,7 @@ import numpy as np
 
 from ..bench import Bench
 from ..descent import go
-from ..fit import MISFIT, rounds
+from ..fit import MISFIT, Report, rounds
 from ..outcome import End, FitResult
 from ..residual import Problem
 from .balance import pull_of
@@ -18,8 +18,6 @@ from .composition import Composition, Effect, compose, resting
 from .crossing import crossed_change
 from .screen import Signature, screen, variants
 from .trial import Score, Standing, Verdict, bic_change, compare, score
-
-Report = Callable[[str, float], None]
 
 _SIDE_BY_SIDE = 2  # refits at a time: they run outside the interpreter lock
 _REFITS = 4  # candidates refitted in full in one round
@@ -90,7 +88,7 @@ def whitened(
     pull = pull_of(bench, x)
     bench, problem = made(bench)
     beside = made(bench.beside(held_out, x)) if held_out else None
-    return Standing(composition, added, bench, problem, beside, x, end.far, end)
+    return Standing(composition, added, bench, problem, beside, x, end)
 
 
 def settled(s: Standing, report: Report) -> Standing:

@@ -21,8 +21,9 @@ from ..descent import go
 from ..explore import chi2_of
 from ..outcome import End
 from ..residual import Problem
-from ..score import Row, columns, rows
+from ..score import Row, columns, pooled, rows
 from ..trace import Trace
+from ..unknowns import Unknowns
 from .composition import Composition, Effect, carried
 
 _TOLERANCE = 1e-3  # of a refit: relative change of chi2
@@ -40,7 +41,6 @@ class Standing:
         bench, problem: the fitted traces and how their residual is whitened.
         holdout: traces that are not fitted, and their whitening; None where there are none.
         x: coordinates.
-        far: too far from the data to be whitened: samples are weighed by what is left in them.
         end: how the last full fit of it ended.
     """
 
@@ -50,16 +50,24 @@ class Standing:
     problem: Problem
     holdout: tuple[Bench, Problem] | None
     x: np.ndarray
-    far: bool
     end: End
+
+    @property
+    def far(self) -> bool:
+        """Too far from the data to be whitened: samples are weighed by what is left in them."""
+        return self.end.far
 
     def with_effects(self, added: tuple[Effect, ...], values: Mapping[str, float]) -> Standing:
         """The same data and whitening with other effects at work; new parameters start at `values` (SI)."""
-        unknowns = self.composition.unknowns(added)
+        return self.within(self.composition, added, values)
+
+    def within(self, composition: Composition, added: tuple[Effect, ...], values: Mapping[str, float]) -> Standing:
+        """The same as a part of another composition."""
+        unknowns = composition.unknowns(added)
         x = carried(self.x, self.bench.layout, unknowns, values)
         bench, problem = _told(self.bench, self.problem, unknowns)
         holdout = None if self.holdout is None else _told(*self.holdout, unknowns)
-        return replace(self, added=added, bench=bench, problem=problem, holdout=holdout, x=x)
+        return replace(self, composition=composition, added=added, bench=bench, problem=problem, holdout=holdout, x=x)
 
     def optimised(self) -> Standing:
         """At the nearest optimum of the same residual."""
@@ -75,8 +83,8 @@ class Standing:
         return effect in self.added
 
 
-def _told(bench: Bench, problem: Problem, unknowns: object) -> tuple[Bench, Problem]:
-    new = bench.told(unknowns)  # pyright: ignore[reportArgumentType]
+def _told(bench: Bench, problem: Problem, unknowns: Unknowns) -> tuple[Bench, Problem]:
+    new = bench.told(unknowns)
     return new, new.problem(problem.whitening)
 
 
@@ -106,13 +114,6 @@ class Score:
     def holdout_rms(self) -> float | None:
         """Free-running error of the held-out traces, in sigma."""
         return pooled(self.holdout_rows) if self.holdout_rows else None
-
-
-def pooled(every: tuple[Row, ...]) -> float:
-    """Root mean square over traces and channels of error / sigma, each counting alike for each of its samples."""
-    n = np.array([row.n for row in every], dtype=float)
-    ratio = np.array([row.rms / row.sigma for row in every])
-    return float(np.sqrt(np.sum(n * ratio**2) / n.sum()))
 
 
 def score(s: Standing) -> Score:

@@ -5,22 +5,18 @@ A named effect keeps its name only where it explains nearly as much as a curve t
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from typing import Any
-
 import numpy as np
 
+from ..effects import fraction
+from ..fit import Report
 from ..outcome import FitResult
 from ..unknown import UNKNOWNS, AbstractSmooth
-from ..unknown.axes import fraction
 from .balance import pull_of, signals
 from .composition import Effect, compose
 from .findings import Unexplained
 from .loop import STRONG, without
 from .screen import Signature, screen
 from .trial import Score, Standing, Verdict, compare, score
-
-Report = Callable[[str, float], None]
 
 _REFITS = 1
 _KEEPS = 0.9  # share of what a free curve explains, from which on a named effect keeps its name
@@ -47,16 +43,7 @@ def unexplained(result: FitResult, s: Standing, report: Report) -> Unexplained |
 
 def widened(result: FitResult, s: Standing) -> Standing:
     """The same model in a composition of its own effects and the smooth unknowns: a small one, for it is run often."""
-    composition = compose(result.rig, s.bench.tape.traces, UNKNOWNS, s.added)
-    unknowns = composition.unknowns(s.added)
-
-    def told(bench: Any, problem: Any) -> Any:
-        new = bench.told(unknowns)
-        return new, new.problem(problem.whitening)
-
-    bench, problem = told(s.bench, s.problem)
-    holdout = None if s.holdout is None else told(*s.holdout)
-    return Standing(composition, s.added, bench, problem, holdout, s.x, s.far, s.end)
+    return s.within(compose(result.rig, s.bench.tape.traces, UNKNOWNS, s.added), s.added, {})
 
 
 Smooth = type[AbstractSmooth]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import abc
+import math
 from collections.abc import Mapping
 from typing import Any, ClassVar, NamedTuple
 
@@ -127,3 +128,10 @@ def _sum(terms: list[Any]) -> Any:
     """Zeros of effects that say nothing of it are left out: what is not traced need not be compiled."""
     real = [term for term in terms if not (isinstance(term, float) and term == 0.0)]
     return sum(real[1:], start=real[0]) if real else 0.0
+
+
+def fraction(theta: Scalar, lower: Scalar, upper: Scalar) -> Scalar:
+    """(theta - lower)/(upper - lower): 0 at the lower stop, 1 at the upper; a missing stop counts as half a turn."""
+    lower = jnp.where(jnp.isfinite(lower), lower, -math.pi)
+    span = jnp.where(jnp.isfinite(upper), upper, math.pi) - lower
+    return (theta - lower) / jnp.where(span > 0.0, span, 1.0)

@@ -6,19 +6,10 @@ import math
 from collections.abc import Mapping
 from typing import ClassVar
 
-import jax.numpy as jnp
-
 from ..parameters import Real, Scalar, parameter
-from .base import AbstractEffect, Contribution, Inputs, State
+from .base import AbstractEffect, Contribution, Inputs, State, fraction
 
 _S_PEAK = 6.0 * math.sqrt(3.0)  # s (1 - s) (1 - 2 s) is largest, 1 / (6 sqrt 3), at s = (1 - 1 / sqrt 3) / 2
-
-
-def bounded(lower: Scalar, upper: Scalar) -> tuple[Scalar, Scalar]:
-    """Where the sensor's range begins and how wide it is, rad; a missing stop counts as half a turn."""
-    low = jnp.where(jnp.isfinite(lower), lower, -math.pi)
-    span = jnp.where(jnp.isfinite(upper), upper, math.pi) - low
-    return low, jnp.where(span > 0.0, span, 1.0)
 
 
 class PositionSensorNonlinearity(AbstractEffect):
@@ -38,7 +29,6 @@ class PositionSensorNonlinearity(AbstractEffect):
     E_3: Scalar = parameter("rad", Real(0.02), 0.0, "S in the position sensor's line", "Fraden 2016")
 
     def __call__(self, x: State, z: tuple[Scalar, ...], u: Inputs) -> Contribution:
-        lower, travel = bounded(u.lower, u.upper)
-        s = (x.theta - lower) / travel
+        s = fraction(x.theta, u.lower, u.upper)
         bow = s * (1.0 - s)
         return Contribution(position=u.plate * bow * (4.0 * self.E_2 + _S_PEAK * self.E_3 * (1.0 - 2.0 * s)))

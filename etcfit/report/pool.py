@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..score import Row
+from ..score import Row, pooled
 
 
 @dataclass(frozen=True)
@@ -37,4 +37,4 @@ class Pool:
             return float(np.sqrt(np.sum(n * np.array(values) ** 2) / n.sum()))
 
         rms, sigma = mean([row.rms for row in rows]), mean([row.sigma for row in rows])
-        return cls(len(rows), int(n.sum()), rms, sigma, mean([row.rms / row.sigma for row in rows]))
+        return cls(len(rows), int(n.sum()), rms, sigma, pooled(rows))

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import jax.numpy as jnp
 import numpy as np
 
-from ..effects import Inputs, State
+from ..effects import Inputs, State, fraction
 from ..parameters import Scalar
 
 K = 10  # knots of every axis
@@ -48,13 +48,6 @@ class Axis:
             return (value - self.low) * ((K - 1) / (self.high - self.low))
         first, last = math.asinh(self.low / self.bend), math.asinh(self.high / self.bend)
         return (jnp.arcsinh(value / self.bend) - first) * ((K - 1) / (last - first))
-
-
-def fraction(theta: Scalar, lower: Scalar, upper: Scalar) -> Scalar:
-    """(theta - lower)/(upper - lower): 0 at the lower stop, 1 at the upper; a missing stop counts as half a turn."""
-    lower = jnp.where(jnp.isfinite(lower), lower, -math.pi)
-    span = jnp.where(jnp.isfinite(upper), upper, math.pi) - lower
-    return (theta - lower) / jnp.where(span > 0.0, span, 1.0)
 
 
 def travelled(x: State, u: Inputs) -> Scalar:

@@ -131,7 +131,7 @@ def standing(trace: Trace, series: float, preload: float) -> Standing:
     bench = Bench.of(config, known, (trace,))
     nothing: Any = None
     x = known.layout.coordinates(bodies.NOMINAL)
-    return Standing(nothing, (), bench, nothing, None, x, False, End(True, "by hand"))
+    return Standing(nothing, (), bench, nothing, None, x, End(True, "by hand"))
 
 
 @pytest.fixture(scope="module")

@@ -42,7 +42,7 @@ def standing(rig: Rig, traces: tuple[Trace, ...]) -> Standing:
     bench = Bench.of(rig.config, known, traces)
     composition: Any = None
     problem, x = bench.problem(bench.free_running()), np.zeros(len(known.layout.free))
-    return Standing(composition, (), bench, problem, None, x, False, End(True, "by hand"))
+    return Standing(composition, (), bench, problem, None, x, End(True, "by hand"))
 
 
 def entries(s: Standing, k: int) -> np.ndarray:

@@ -19,10 +19,10 @@ from etcfit.descent import _minimise
 from etcfit.diagnose import Diagnosis, diagnose, loop
 from etcfit.diagnose.loop import start, turn
 from etcfit.diagnose.screen import screen
-from etcfit.diagnose.trial import pooled
 from etcfit.explore import _chi2_of, chi2_of
 from etcfit.fit import FitResult, fit, freed, quiet, resume, rounds
 from etcfit.rig.reader import read_folder
+from etcfit.score import pooled
 
 pytestmark = pytest.mark.slow
 

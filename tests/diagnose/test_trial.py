@@ -14,11 +14,11 @@ from numpy.testing import assert_array_equal
 from etcfit.bench import Bench
 from etcfit.diagnose.composition import Composition, compose
 from etcfit.diagnose.loop import STRONG, choose
-from etcfit.diagnose.trial import Score, Standing, Verdict, bic_change, compare, independent, pooled
+from etcfit.diagnose.trial import Score, Standing, Verdict, bic_change, compare, independent
 from etcfit.effects import EFFECT_BY_NAME
 from etcfit.outcome import End
 from etcfit.rig.base import Rig
-from etcfit.score import Row
+from etcfit.score import Row, pooled
 from etcfit.trace import Trace
 
 LIMP, STRIBECK, GRAVITY, DRAG = (
@@ -217,7 +217,7 @@ def standing(rig: Rig, traces: tuple[Trace, ...], composition: Composition) -> S
     bench = Bench.of(rig.config, known, traces)
     beside = Bench.of(rig.config, known, traces[:1])
     problem, holdout = (b.problem(b.free_running()) for b in (bench, beside))
-    return Standing(composition, (), bench, problem, (beside, holdout), x, False, End(True, "by hand"))
+    return Standing(composition, (), bench, problem, (beside, holdout), x, End(True, "by hand"))
 
 
 def test_another_effect_changes_the_unknowns_and_neither_data_nor_whitening(standing: Standing) -> None:

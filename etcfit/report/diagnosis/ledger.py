@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ...cure import listed
 from ...diagnose.findings import Diagnosis
 from ...score import Row
 from ..numbers import short
@@ -90,9 +91,3 @@ def headline(diagnosis: Diagnosis) -> str:
 def _nothing_added(diagnosis: Diagnosis) -> str:
     white = all(each.evidence.white for each in diagnosis.rounds)
     return "The start model explains the data" if white else "No effect of the catalogue explains what is missing"
-
-
-def listed(words: Sequence[str]) -> str:
-    """a, b and c."""
-    *most, last = words
-    return f"{', '.join(most)} and {last}" if most else last

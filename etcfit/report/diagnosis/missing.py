@@ -10,10 +10,10 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from ...cure import listed
 from ...diagnose.findings import Diagnosis, Share
 from .. import style
 from ..numbers import short
-from .ledger import listed
 from .samples import Bins, Samples, curve_rms, ways
 from .shown import DEGREES, prefixed
 

@@ -8,11 +8,11 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from ...cure import listed
 from ...diagnose.findings import Candidate, Diagnosis
 from .. import style
 from ..numbers import short
 from ..pool import Pool
-from .ledger import listed
 
 _NAMED = 3  # rejected candidates named in a round
 
