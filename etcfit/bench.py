@@ -14,7 +14,7 @@ from .residual import Problem, predict, residual, run
 from .rig.base import RigConfig
 from .score import columns
 from .tape import Slots, Tape, lay
-from .trace import Trace
+from .trace import Trace, prepare
 from .unknowns import Form, Layout, Pick, Unknowns
 from .whitening import Whitening
 
@@ -33,6 +33,12 @@ def _linearise(form: Form, circuits: tuple[str, ...], x: Any, problem: Problem) 
 
     jacobian, (r, prior) = jax.jacfwd(both, has_aux=True)(x)
     return r, prior, jacobian
+
+
+@partial(jax.jit, static_argnums=(0, 1))
+def _residual(form: Form, circuits: tuple[str, ...], x: Any, problem: Problem) -> Any:
+    """Whitened residual, shape (T, L, M)."""
+    return residual(form, circuits, x, problem)[0]
 
 
 @partial(jax.jit, static_argnums=(0, 1))
@@ -172,6 +178,10 @@ class Bench:
         r, prior, jacobian = _linearise(self.layout.form, self.tape.circuits, self.layout.padded(x), problem)
         return np.asarray(r), np.asarray(prior)[: x.size], np.asarray(jacobian)[..., : x.size]
 
+    def residual(self, x: np.ndarray, problem: Problem) -> np.ndarray:
+        """Whitened residual alone, shape (T, L, M): a tenth of what its Jacobian costs."""
+        return np.asarray(_residual(self.layout.form, self.tape.circuits, self.layout.padded(x), problem))
+
     def refined(self, x: np.ndarray) -> Bench:
         """The same with as many integration steps as the path at x needs."""
         bench = self
@@ -180,6 +190,13 @@ class Bench:
             steps = grid.substeps(bench.tape, error)
             bench = Bench.of(self.config, self.unknowns, self.tape.traces, steps, self.shape)
         return bench
+
+    def afresh(self, x: np.ndarray) -> Bench:
+        """The same measurements as they were logged, with the steps that x needs and the releases read off them again:
+        those that a poorer model saw would draw a better one back to it."""
+        traces = tuple(t for t in (prepare(t.measurement, self.config) for t in self.tape.traces) if t is not None)
+        bench = Bench.of(self.config, self.unknowns, traces, None, self.shape).refined(x)
+        return replace(bench, jitter=self.jitter)
 
     @property
     def shape(self) -> tuple[int, ...]:

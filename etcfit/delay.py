@@ -49,15 +49,27 @@ def delayed(signal: Any, steps: Step, resets: Reset, delay: Scalar) -> Any:
         steps, resets: the tape.
         delay: s, >= 0.
     """
-    clock, began = _clock(steps, resets)
-    at = _earlier(clock, began, clock - delay)
-    first = jnp.take_along_axis(signal, at.row, axis=0)
-    then = jnp.take_along_axis(signal, at.row + 1, axis=0)
-    return jnp.where(delay > 0.0, first + at.share * (then - first), signal)
+
+    def shifted(signal: Any) -> Any:
+        clock, began = _clock(steps, resets)
+        at = _earlier(clock, began, clock - delay)
+        first = jnp.take_along_axis(signal, at.row, axis=0)
+        then = jnp.take_along_axis(signal, at.row + 1, axis=0)
+        return first + at.share * (then - first)
+
+    # the search along the tape costs as much as simulating it
+    return jax.lax.cond(delay > 0.0, shifted, lambda signal: signal, signal)
 
 
 def late_inputs(steps: Step, resets: Reset, delay: Scalar) -> Step:
     """The tape with voltage and torque acting late; each step keeps the mean of what acts in it, jumps included."""
+    as_logged = steps.voltage0, steps.voltage1, steps.torque0, steps.torque1
+    acting = jax.lax.cond(delay > 0.0, lambda _: _acting(steps, resets, delay), lambda logged: logged, as_logged)
+    return steps._replace(**dict(zip(("voltage0", "voltage1", "torque0", "torque1"), acting, strict=True)))
+
+
+def _acting(steps: Step, resets: Reset, delay: Scalar) -> tuple[Any, Any, Any, Any]:
+    """Voltage and torque at begin and end of each step, acting late."""
     clock, began = _clock(steps, resets)
     late, early = _earlier(clock, began, clock - delay), _earlier(clock, began, clock - steps.dt - delay)
 
@@ -69,12 +81,10 @@ def late_inputs(steps: Step, resets: Reset, delay: Scalar) -> Step:
         lead = jnp.maximum(began - (clock - steps.dt - delay), 0.0) - jnp.maximum(began - (clock - delay), 0.0)
         mean = (area1 - area0 + lead * level0) / jnp.where(steps.dt > 0.0, steps.dt, 1.0)
         slope = level1 - level0
-        acts = (delay > 0.0) & (steps.dt > 0.0)
+        acts = steps.dt > 0.0
         return jnp.where(acts, mean - 0.5 * slope, start), jnp.where(acts, mean + 0.5 * slope, end)
 
-    voltage0, voltage1 = shifted(steps.voltage0, steps.voltage1)
-    torque0, torque1 = shifted(steps.torque0, steps.torque1)
-    return steps._replace(voltage0=voltage0, voltage1=voltage1, torque0=torque0, torque1=torque1)
+    return (*shifted(steps.voltage0, steps.voltage1), *shifted(steps.torque0, steps.torque1))
 
 
 def _level(start: Any, end: Any, area: Any, at: _Earlier) -> tuple[Any, Any]:

@@ -85,8 +85,7 @@ def _final(result: FitResult, s: Standing, report: Report) -> FitResult:
         report("letting the final model run free", 0.95)
         bench, problem, x = freed(bench.guided(0.0), x, _SPREAD)
         end = End(True, "best free run found from the optimum of the guided residual", far=True)
-    fitted = outcome(result.rig, result.readings, bench, s.held_out, problem, x, (), end, ())
-    return replace(fitted, unknowns=s.composition.lean(s.added))
+    return outcome(result.rig, result.readings, bench, s.held_out, problem, x, (), end, ())
 
 
 def _verdict(

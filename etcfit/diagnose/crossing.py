@@ -37,19 +37,15 @@ def _only(problem: Problem, mask: np.ndarray) -> Problem:
     return problem._replace(slots=slots, whitening=problem.whitening._replace(weight=problem.whitening.weight * keep))
 
 
-def _left_out(s: Standing, mask: np.ndarray) -> float:
+def _of_fold(s: Standing, mask: np.ndarray) -> float:
     """chi2 of the traces in the mask for the model refitted on the others."""
     x, _ = go(s.bench, s.x, _only(s.problem, 1.0 - mask), _TOLERANCE)
     return float(chi2_of(s.bench, x[None], _only(s.problem, mask))[0])
 
 
-def crossed_change(before: Standing, after: Standing) -> float | None:
-    """chi2 of the traces left out, after less before; None where there are too few traces to leave any out.
+def left_out(s: Standing) -> float:
+    """chi2 of all that moves, each trace predicted by the model refitted without it and those left out with it.
 
-    Args:
-        before, after: two models under the same whitening.
+    Models under the same whitening compare; where there are too few traces to leave any out, it is 0 for all.
     """
-    masks = folds(before)
-    if not masks:
-        return None
-    return sum(_left_out(after, mask) - _left_out(before, mask) for mask in masks)
+    return sum(_of_fold(s, mask) for mask in folds(s))

@@ -30,7 +30,7 @@ _WORTH = 0.05  # share worth a sentence
 def evidence(s: Standing) -> Evidence:
     """Test the residual of the fitted traces."""
     pull = pull_of(s.bench, s.x)
-    r = columns(s.bench.tape, s.bench.linearise(s.x, s.problem)[0] * (_weighed(s) if s.far else 1.0))
+    r = columns(s.bench.tape, s.bench.residual(s.x, s.problem) * (_weighed(s) if s.far else 1.0))
     along = signals(s.bench, s.x, pull)
     rows = [w for t, part, sig in zip(s.bench.tape.traces, r, along, strict=True) for w in _channels(t, part, sig)]
     volts = missing_voltage(s.bench, s.x, pull)

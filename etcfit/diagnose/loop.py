@@ -15,7 +15,7 @@ from ..outcome import End, FitResult
 from ..residual import Problem
 from .balance import pull_of
 from .composition import Composition, Effect, compose, resting
-from .crossing import crossed_change
+from .crossing import folds, left_out
 from .screen import Signature, screen, variants
 from .trial import Score, Standing, Verdict, bic_change, compare, score
 
@@ -26,7 +26,7 @@ STRONG = -10.0  # BIC change that counts as evidence (Kass and Raftery 1995: ver
 _PROMISE = 0.3  # share of what BIC asks that the screening must promise for a refit
 _TOLERANCE = 1e-4  # relative change of chi2 that ends a descent on the way
 _WEIGHINGS = 2  # of a guided residual by what is left in it
-_WHITENINGS = 6  # rounds of whitening after an effect was added
+_WHITENINGS = 10  # rounds of whitening after an effect was added
 _STILL = 0.2  # standard errors that a round of whitening may still move a parameter
 _RIVAL = 0.3  # share of the best candidate's promise that makes another a rival worth a refit
 _RIVAL_FAR = 0.1  # the same far from the data, where the linearised promise is rough
@@ -59,7 +59,7 @@ def start(result: FitResult) -> Standing:
     """A fit, taken up in the composed model."""
     bench = result.bench
     composition = compose(result.rig, bench.tape.traces)
-    unknowns = composition.unknowns(())
+    unknowns = composition.lean(())
     holdout = result.holdout.tape.traces if result.holdout is not None else ()
     end = End(result.converged, result.reason, far=result.far)
     standing = whitened(composition, (), bench.told(unknowns), holdout, result.x, end)
@@ -93,11 +93,11 @@ def whitened(
 
 def settled(s: Standing, report: Report) -> Standing:
     """The model refitted in full: through the rounds of the fit where it comes near the data."""
-    held_out = s.held_out
-    bench = replace(s.bench.guided(0.0).refined(s.x), jitter=s.bench.jitter)
+    s, held_out = s.lean(), s.held_out
+    bench = s.bench.afresh(s.x)
     problem = bench.problem(bench.forgiving())
     x, _ = go(bench, bench.layout.off_bounds(s.x), problem, _TOLERANCE)
-    r = bench.linearise(x, problem)[0]
+    r = bench.residual(x, problem)
     if float(np.sum(r**2)) / max(1.0, float(np.sum(problem.slots.weight)) - x.size) > MISFIT:
         end = End(True, "optimum of the guided residual", far=True)
         return _weighed(whitened(s.composition, s.added, bench, held_out, s.x, end), held_out)
@@ -107,17 +107,26 @@ def settled(s: Standing, report: Report) -> Standing:
 
 def turn(s: Standing, report: Report) -> Round:
     """One round."""
+    whole = s.composed()
     candidates = [e for e in s.composition.candidates if not s.at_work(e)]
     report(f"screening {len(candidates)} effects", 0.1)
-    _, signatures = screen(s.bench, s.x, s.problem, candidates)
+    _, signatures = screen(whole.bench, s.x, whole.problem, candidates)
     before = score(s)
     promising = _promising(signatures, before, _RIVAL_FAR if s.far else _RIVAL)
     verdicts = _refitted(s, promising, before, report)
     if s.holdout is None:
-        verdicts = [replace(v, holdout_chi2_change=crossed_change(s, v.standing)) if v.bic_change < STRONG else v
-                    for v in verdicts]  # fmt: skip
+        verdicts = _crossed(s, verdicts)
     added, ties, why = choose(verdicts)
     return Round(s, before, signatures, tuple(verdicts), added, ties, why)
+
+
+def _crossed(s: Standing, verdicts: Sequence[Verdict]) -> list[Verdict]:
+    """Those that BIC would have, with their change on traces left out in turn."""
+    if not folds(s) or not any(v.bic_change < STRONG for v in verdicts):
+        return list(verdicts)
+    base = left_out(s)
+    return [replace(v, holdout_chi2_change=left_out(v.standing) - base) if v.bic_change < STRONG else v
+            for v in verdicts]  # fmt: skip
 
 
 def _promising(signatures: Sequence[Signature], before: Score, rival: float) -> list[Signature]:

@@ -65,9 +65,20 @@ class Standing:
         """The same as a part of another composition."""
         unknowns = composition.unknowns(added)
         x = carried(self.x, self.bench.layout, unknowns, values)
+        return replace(self, composition=composition, added=added, x=x)._as(unknowns)
+
+    def lean(self) -> Standing:
+        """The same in a model of the effects at work alone: many times faster, but to be compiled for itself."""
+        return self._as(self.composition.lean(self.added))
+
+    def composed(self) -> Standing:
+        """The same as a part of the model of all effects."""
+        return self._as(self.composition.unknowns(self.added))
+
+    def _as(self, unknowns: Unknowns) -> Standing:
         bench, problem = _told(self.bench, self.problem, unknowns)
         holdout = None if self.holdout is None else _told(*self.holdout, unknowns)
-        return replace(self, composition=composition, added=added, bench=bench, problem=problem, holdout=holdout, x=x)
+        return replace(self, bench=bench, problem=problem, holdout=holdout)
 
     def optimised(self) -> Standing:
         """At the nearest optimum of the same residual."""
@@ -118,7 +129,7 @@ class Score:
 
 def score(s: Standing) -> Score:
     """Judge a model where it stands."""
-    r = np.asarray(s.bench.linearise(s.x, s.problem)[0])
+    r = s.bench.residual(s.x, s.problem)
     held_out, holdout_rows = None, ()
     if s.holdout is not None:
         bench, problem = s.holdout

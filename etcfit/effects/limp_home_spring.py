@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import ClassVar
 
-import jax
+import jax.numpy as jnp
 
 from ..parameters import NonNegative, Positive, Scalar, parameter
 from .base import AbstractEffect, Contribution, Inputs, State
@@ -33,5 +33,8 @@ class LimpHomeSpring(AbstractEffect):
 
     def __call__(self, x: State, z: tuple[Scalar, ...], u: Inputs) -> Contribution:
         below = (self.theta_lh - x.theta) / self.d_lh
-        torque = self.T_lh * jax.nn.sigmoid(below) + self.K_lh * self.d_lh * jax.nn.softplus(below)
+        inside = below > 0.0
+        small = jnp.exp(jnp.where(inside, -below, below))  # one exponential for both
+        share = jnp.where(inside, 1.0, small) / (1.0 + small)
+        torque = self.T_lh * share + self.K_lh * self.d_lh * (jnp.where(inside, below, 0.0) + jnp.log1p(small))
         return Contribution(torque=u.plate * torque)

@@ -29,5 +29,7 @@ class TorqueSaturation(AbstractEffect):
     )
 
     def __call__(self, x: State, z: tuple[Scalar, ...], u: Inputs) -> Contribution:
-        lost = -jnp.expm1(-0.5 * jnp.log1p(2.0 * self.S_T * u.motor**2))  # does not cancel for a small loss
+        excess = 2.0 * self.S_T * u.motor**2
+        root = jnp.sqrt(1.0 + excess)
+        lost = excess / (root * (1.0 + root))  # 1 - 1/root, but does not cancel for a small loss
         return Contribution(drive=-u.motor * lost)

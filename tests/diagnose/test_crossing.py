@@ -14,7 +14,7 @@ from numpy.testing import assert_array_equal
 
 from etcfit.bench import Bench
 from etcfit.diagnose import crossing as module
-from etcfit.diagnose.crossing import crossed_change, folds
+from etcfit.diagnose.crossing import folds, left_out
 from etcfit.diagnose.trial import Standing
 from etcfit.fit import ready
 from etcfit.outcome import End
@@ -93,7 +93,7 @@ def test_with_fewer_traces_there_are_fewer_turns_and_with_one_there_is_none(many
     few = standing(many, (*moving, *(t for t in every if t.test.name in HELD)))
     assert len(folds(few)) == turns
     if not turns:
-        assert crossed_change(few, few) is None
+        assert left_out(few) == 0.0
 
 
 def test_samples_outside_the_mask_are_unseen_and_the_others_as_they_were(s: Standing) -> None:
@@ -130,9 +130,9 @@ def test_each_model_is_refitted_without_and_scored_on_what_is_left_out(
     monkeypatch.setattr(module, "chi2_of", chi2_of)
     before, after = (Standing(**{**vars(s), "x": np.full(s.x.size, level)}) for level in (1.0, 2.0))
     moving = sum(t.data.size for t in s.bench.tape.traces if t.test.name not in HELD)
-    assert crossed_change(before, after) == (3.0 - 2.0) * moving
-    assert crossed_change(before, before) == 0.0
-    assert len(refitted) == 12
+    assert left_out(before) == 2.0 * moving
+    assert left_out(after) == 3.0 * moving
+    assert len(refitted) == 6
 
 
 def test_what_a_plate_does_is_what_its_rig_test_says() -> None:
