@@ -10,9 +10,10 @@ import jax
 import numpy as np
 
 from . import grid, whitening
-from .residual import Problem, predict, residual, run
+from .residual import Problem, predict, prior_residual, residual, run
 from .rig.base import RigConfig
 from .score import columns
+from .tangents import jacobian
 from .tape import Slots, Tape, lay
 from .trace import Trace, prepare
 from .unknowns import Form, Layout, Pick, Unknowns
@@ -27,18 +28,14 @@ _OUTLIER = 5.0  # robust standard deviations beyond which a sample is weighed do
 def _linearise(form: Form, circuits: tuple[str, ...], x: Any, problem: Problem) -> tuple[Any, Any, Any]:
     """Whitened residual (T, L, M), that of the priors (P,), and the Jacobian of the former (T, L, M, P)."""
 
-    def both(x: Any) -> Any:
-        r, prior = residual(form, circuits, x, problem)
-        return r, (r, prior)
-
-    jacobian, (r, prior) = jax.jacfwd(both, has_aux=True)(x)
-    return r, prior, jacobian
+    r, columns = jacobian(lambda x: residual(form, circuits, x, problem), x, form.live(problem.pick))
+    return r, prior_residual(x, problem), columns
 
 
 @partial(jax.jit, static_argnums=(0, 1))
 def _residual(form: Form, circuits: tuple[str, ...], x: Any, problem: Problem) -> Any:
     """Whitened residual, shape (T, L, M)."""
-    return residual(form, circuits, x, problem)[0]
+    return residual(form, circuits, x, problem)
 
 
 @partial(jax.jit, static_argnums=(0, 1))

@@ -15,7 +15,8 @@ import optimistix
 
 from .bench import Bench
 from .identifiability import WIDE
-from .residual import Problem, residual
+from .residual import Problem, prior_residual, residual
+from .tangents import jacobian
 from .unknowns import Form
 
 _STEPS = 40  # of Levenberg-Marquardt in one go
@@ -39,7 +40,7 @@ class _LevenbergMarquardt(optimistix.AbstractGaussNewton):
     verbose: Callable[..., None] = _silent
 
 
-def _with_dense_jacobian(function: Callable[[Any], Any]) -> Callable[[Any], Any]:
+def _with_dense_jacobian(function: Callable[[Any], Any], live: Any) -> Callable[[Any], Any]:
     """The same function, its Jacobian computed once a point by forward mode and then a matrix: a long loop's tangents
     are dear, and Optimistix asks for many products at one point."""
     wrapped = jax.custom_jvp(function)
@@ -47,8 +48,8 @@ def _with_dense_jacobian(function: Callable[[Any], Any]) -> Callable[[Any], Any]
     @wrapped.defjvp
     def _(primals: tuple[Any], tangents: tuple[Any]) -> tuple[Any, Any]:
         (y,), (dy,) = primals, tangents
-        jacobian, value = jax.jacfwd(lambda y: (function(y),) * 2, has_aux=True)(y)
-        return value, jacobian @ dy
+        value, columns = jacobian(function, y, live)
+        return value, columns @ dy
 
     return wrapped
 
@@ -62,11 +63,11 @@ def _minimise(
 
     def stacked(y: Any) -> Any:
         x = x0 + scale * y
-        r, prior = residual(form, circuits, x, problem)
+        r = residual(form, circuits, x, problem)
         # the anchor keeps what the data do not determine from wandering; it weighs nothing beside any datum
-        return jnp.concatenate((r.ravel(), prior, (x - x0) / anchor)) / root
+        return jnp.concatenate((r.ravel(), prior_residual(x, problem), (x - x0) / anchor)) / root
 
-    dense = _with_dense_jacobian(stacked)
+    dense = _with_dense_jacobian(stacked, form.live(problem.pick))
     y0 = jnp.zeros_like(x0)
     solver = _LevenbergMarquardt(rtol=tolerance, atol=tolerance)
     solution = optimistix.least_squares(lambda y, _: dense(y), solver, y0, max_steps=_STEPS, throw=False)

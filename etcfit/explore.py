@@ -15,7 +15,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from .bench import Bench
-from .residual import Problem, residual
+from .residual import Problem, prior_residual, residual
 from .unknowns import Form
 
 _DRAWS = 64
@@ -32,8 +32,7 @@ def _chi2_of(form: Form, circuits: tuple[str, ...], points: Any, problem: Proble
     """Sum of squared residuals and prior terms at each of K points, shape (K, P) -> (K,)."""
 
     def one(x: Any) -> Any:
-        r, prior = residual(form, circuits, x, problem)
-        return jnp.sum(r**2) + jnp.sum(prior**2)
+        return jnp.sum(residual(form, circuits, x, problem) ** 2) + jnp.sum(prior_residual(x, problem) ** 2)
 
     return jax.lax.map(one, points, batch_size=_AT_ONCE)
 

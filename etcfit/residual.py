@@ -71,10 +71,15 @@ def run(
     return throttle, simulate(throttle, steps, resets), steps
 
 
-def residual(form: Form, circuits: tuple[str, ...], x: Any, problem: Problem) -> tuple[Any, Any]:
-    """Whitened residual of all traces, and of the priors.
+def prior_residual(x: Any, problem: Problem) -> Any:
+    """That of the priors, (x - mean) / sd, shape (P,)."""
+    return (x - problem.prior_mean) / problem.prior_sd
 
-        r = W (y - y_hat(x)),    r_prior = (x - mean) / sd
+
+def residual(form: Form, circuits: tuple[str, ...], x: Any, problem: Problem) -> Any:
+    """Whitened residual of all traces.
+
+        r = W (y - y_hat(x))
 
     Source: generalised least squares; see `whitening`.
     Args:
@@ -83,9 +88,9 @@ def residual(form: Form, circuits: tuple[str, ...], x: Any, problem: Problem) ->
         x: coordinates, shape (P,).
         problem: data, and which parameters x stands for.
     Returns:
-        shape (T, L, M), 0 where there is no sample, standard normal where the model is right; and shape (P,).
+        shape (T, L, M), 0 where there is no sample, standard normal where the model is right.
     """
     throttle, path, steps = run(form, circuits, x, problem.pick, problem.steps, problem.resets, problem.circuit_of)
     seen = predict(throttle, path, steps, problem.resets, problem.slots)
     error = problem.slots.weight * (problem.slots.value - seen)
-    return whiten(problem.whitening, error, problem.resets.begins), (x - problem.prior_mean) / problem.prior_sd
+    return whiten(problem.whitening, error, problem.resets.begins)

@@ -65,6 +65,10 @@ class Form:
         """Values in SI of the free parameters, shape (P,)."""
         return jnp.asarray(self.scales)[pick.where] * curves(jnp.asarray(self.kinds)[pick.where], x)
 
+    def live(self, pick: Pick) -> Any:
+        """Which coordinates stand for something, shape (P,)."""
+        return pick.where < len(self.parameters)
+
     def values(self, x: Scalar, pick: Pick) -> dict[str, Scalar]:
         """Values in SI by symbol at coordinates x, shape (P,)."""
         full = jnp.append(pick.full, 0.0).at[pick.where].set(self.mapped(x, pick))

@@ -12,13 +12,13 @@ import numpy as np
 from ..effects import EFFECTS, PAPER, AbstractEffect
 from ..parameters import parameters_of
 from ..rig.base import Rig
+from ..tangents import AT_ONCE
 from ..trace import Trace
 from ..unknowns import Layout, Unknowns, unknowns
 
 Effect = type[AbstractEffect]
 
-_ROOM = 8  # free parameters are padded to a multiple of so many, with room for
-_MORE = 4  # further ones
+_MORE = 12  # room for further free parameters, so that few models are compiled twice
 
 
 @dataclass(frozen=True, eq=False)
@@ -89,7 +89,7 @@ def resting(effect: Effect) -> dict[str, float]:
 
 def room(count: int) -> int:
     """Length to which a vector of so many parameters is padded."""
-    return _ROOM * math.ceil(count / _ROOM)
+    return AT_ONCE * math.ceil(count / AT_ONCE)
 
 
 def carried(x: np.ndarray, old: Layout, new: Unknowns, values: Mapping[str, Any]) -> np.ndarray:

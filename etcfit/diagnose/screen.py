@@ -84,7 +84,7 @@ def _tangents(form: Form, circuits: tuple[str, ...], x: Any, problem: Problem, f
 
         def shifted(e: Any) -> Any:
             pick = problem.pick._replace(full=full + e * way)
-            return residual(form, circuits, x, problem._replace(pick=pick))[0]
+            return residual(form, circuits, x, problem._replace(pick=pick))
 
         return jax.jvp(shifted, (0.0,), (1.0,))[1]
 
