@@ -207,6 +207,18 @@ def diagnose(run: Run, quiet: Quiet = False) -> None:
 
 @app.command()
 @_contract
+def report(run: Run, quiet: Quiet = False) -> None:
+    """One self-contained HTML page of everything that RUN holds: RUN/report.html."""
+    with _progress(quiet) as progress:
+        progress("writing the page", 0.0)
+        from .report.page import write_page
+
+        page = write_page(run)
+    typer.echo(page)
+
+
+@app.command()
+@_contract
 def fetch(
     name: Annotated[str, typer.Argument(help="kassel-throttle, emps or bam-xl330.", metavar="NAME")],
     to: Annotated[Path | None, typer.Option(help="Where; measurements/NAME if not given.", metavar="FOLDER")] = None,
