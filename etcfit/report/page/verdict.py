@@ -1,4 +1,4 @@
-"""A run in three sentences: how well the model fits, how well it predicts, what is known (and to which gains it led)."""
+"""A run in three sentences: how well the model fits, how well it predicts, what is known and to which gains it led."""
 
 from __future__ import annotations
 

@@ -15,7 +15,8 @@ from etcfit.report.page import write_page
 
 CHROMIUM = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
 FLAGS = ("--headless", "--no-sandbox", "--disable-gpu", "--disable-quic", "--no-first-run", "--disable-sync",
-         "--disable-background-networking", "--disable-component-update", "--enable-logging=stderr", "--hide-scrollbars")  # fmt: skip
+         "--disable-background-networking", "--disable-component-update", "--hide-scrollbars",
+         "--enable-logging=stderr")  # fmt: skip
 # the page as it is, in a frame of any width (a window has a least one), beside a script that counts
 PROBE = """<!doctype html><title></title><iframe style="border:0;width:{width}px;height:900px" srcdoc="{page}"></iframe>
 <script>addEventListener("load", () => {{
