@@ -17,7 +17,7 @@ from typing import Annotated, Any
 
 import typer
 
-from . import __version__
+from . import __version__, stages
 from .errors import MeasurementError, UsageError
 
 app = typer.Typer(
@@ -120,13 +120,6 @@ def _lines(console: Any) -> Callable[[str, float], None]:
     return report
 
 
-def _keep_compiled() -> None:
-    """The second run of a command finds its model compiled."""
-    from .backend import use_compilation_cache
-
-    use_compilation_cache()
-
-
 def _show_version(wanted: bool) -> None:
     if wanted:
         typer.echo(f"etcfit {__version__}")
@@ -152,7 +145,7 @@ def check(folder: Folder, quiet: Quiet = False) -> None:
 
         rig = read_folder(folder)
         report("working out what these data can identify", 0.3)
-        _keep_compiled()
+        stages.keep_compiled()
         from .check import check as check_rig
         from .report.tables import check_table
 
@@ -164,45 +157,18 @@ def check(folder: Folder, quiet: Quiet = False) -> None:
 @_contract
 def fit(folder: Folder, out: Out, quiet: Quiet = False) -> None:
     """The joint fit of all traces in FOLDER: RUN/fit.json, a table and pictures."""
-    with _progress(quiet) as report:
-        report("reading the folder", 0.0)
-        from .rig.reader import read_folder
-
-        rig = read_folder(folder)
-        report("loading the model", 0.0)
-        _keep_compiled()
-        from .fit import fit as fit_rig
-        from .report import write_run
-        from .report.tables import fit_table
-
-        result = fit_rig(rig, report)
-        write_run(out, result, report)
-    _stdout().print(fit_table(result))
-    if not result.converged:
-        raise _stop(Status.NOT_CONVERGED, f"the fit did not converge: {result.reason}")
+    with _progress(quiet) as progress:
+        done = stages.fit_folder(folder, out, progress)
+    _tell(done)
 
 
 @app.command()
 @_contract
 def diagnose(run: Run, quiet: Quiet = False) -> None:
     """What the model fitted in RUN lacks: residual, missing effect, refit, until nothing is left; before and after."""
-    with _progress(quiet) as report:
-        report("taking up the fit", 0.0)
-        _keep_compiled()
-        from .run_folder import read_state, rig_of
-
-        state = read_state(run)
-        rig = rig_of(state)
-        from .diagnose import diagnose as diagnose_fit
-        from .fit import resume
-        from .report import write_diagnosis
-        from .report.diagnosis.table import diagnosis_table
-
-        diagnosis = diagnose_fit(resume(rig, state.x, state.far, report), report)
-        write_diagnosis(run, diagnosis, report)
-    _stdout().print(diagnosis_table(diagnosis))
-    if not diagnosis.after.converged:
-        raise _stop(Status.NOT_CONVERGED, f"the fit of the final model did not converge: {diagnosis.after.reason}")
+    with _progress(quiet) as progress:
+        done = stages.diagnose_run(run, progress)
+    _tell(done)
 
 
 @app.command()
@@ -210,11 +176,38 @@ def diagnose(run: Run, quiet: Quiet = False) -> None:
 def report(run: Run, quiet: Quiet = False) -> None:
     """One self-contained HTML page of everything that RUN holds: RUN/report.html."""
     with _progress(quiet) as progress:
-        progress("writing the page", 0.0)
-        from .report.page import write_page
+        done = stages.write_report(run, progress)
+    _tell(done)
 
-        page = write_page(run)
-    typer.echo(page)
+
+@app.command(name="run")
+@_contract
+def run_(folder: Folder, out: Out, quiet: Quiet = False) -> None:
+    """Everything from FOLDER to RUN/report.html, in order; what is done already is not done again."""
+
+    def show(name: str, done: stages.Done | None) -> None:
+        if done is not None:
+            _show(done.shown)
+        elif not quiet:
+            _stderr().print(f"{name}: done before, and nothing it is made from is newer")
+
+    if failure := stages.run_all(folder, out, lambda: _progress(quiet), show):
+        raise _stop(Status.NOT_CONVERGED, failure)
+
+
+def _show(result: Any) -> None:
+    """A table as wide as the terminal; plain words, such as a path, as they are."""
+    if isinstance(result, str):
+        typer.echo(result)
+    else:
+        _stdout().print(result)
+
+
+def _tell(done: stages.Done) -> None:
+    """What came of a command, on stdout; a fit that did not converge is no success."""
+    _show(done.shown)
+    if done.failure:
+        raise _stop(Status.NOT_CONVERGED, done.failure)
 
 
 @app.command()

@@ -14,7 +14,7 @@ ORDER = [
     *("simulate", "delay", "rig", "drive", "trace", "tape", "score", "whitening", "unknowns"),
     *("grid", "reading", "correlation", "residual", "bench", "explore", "identifiability", "cure"),
     *("descent", "outcome", "fit", "intervals", "posterior", "check", "diagnose", "run_folder"),
-    *("report", "cli"),
+    *("report", "stages", "cli"),
 ]
 ONLY_IN = {"optimistix": "descent", "emcee": "posterior", "matplotlib": "report", "pooch": "fetch", "typer": "cli"}
 REGISTRIES = {"effects": "AbstractEffect", "rig": "AbstractRigTest"}
