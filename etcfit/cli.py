@@ -44,6 +44,13 @@ Out = Annotated[Path, typer.Option("--out", help="The run folder to write.", fil
 Run = Annotated[Path, typer.Argument(help="A run folder.", exists=True, file_okay=False, metavar="RUN")]
 Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="No progress on stderr.")]
 
+Advise = Annotated[bool, typer.Option("--advise", help="What one more trace of each test would tell instead.")]
+At = Annotated[
+    Path | None,
+    typer.Option("--at", help="Advise at the values fitted in this run, not at the graph readings.", metavar="RUN",
+                 exists=True, file_okay=False),
+]  # fmt: skip
+
 _PIPE_WIDTH = 140  # columns; a pipe has no width, and a table cut to 80 loses figures
 
 
@@ -137,8 +144,12 @@ def _global(
 
 @app.command()
 @_contract
-def check(folder: Folder, quiet: Quiet = False) -> None:
+def check(folder: Folder, advise: Advise = False, at: At = None, quiet: Quiet = False) -> None:
     """What is in FOLDER, what it can identify, and what is wrong with it; fits nothing."""
+    if advise:
+        return _advise(folder, at, quiet)
+    if at is not None:
+        raise UsageError("--at goes with --advise.")
     with _progress(quiet) as report:
         report("reading the folder", 0.0)
         from .rig.reader import read_folder
@@ -151,6 +162,22 @@ def check(folder: Folder, quiet: Quiet = False) -> None:
 
         result = check_rig(rig)
     _stdout().print(check_table(result))
+
+
+def _advise(folder: Path, at: Path | None, quiet: bool) -> None:
+    with _progress(quiet) as report:
+        report("reading the folder", 0.0)
+        from .rig.reader import read_folder
+
+        rig = read_folder(folder)
+        report("working out what one more trace would tell", 0.3)
+        stages.keep_compiled()
+        from .advise import advise
+        from .report.advice import advice_table
+        from .run_folder import fitted_values
+
+        advice = advise(rig, None if at is None else fitted_values(at, rig))
+    _stdout().print(advice_table(advice))
 
 
 @app.command()

@@ -13,7 +13,7 @@ ORDER = [
     *("errors", "fetch", "backend", "parameters", "effects", "unknown", "throttle", "linear", "pid"),
     *("simulate", "delay", "rig", "drive", "trace", "tape", "score", "whitening", "unknowns"),
     *("grid", "reading", "correlation", "residual", "bench", "explore", "identifiability", "cure"),
-    *("descent", "outcome", "fit", "intervals", "posterior", "check", "diagnose", "run_folder"),
+    *("descent", "outcome", "fit", "intervals", "posterior", "check", "advise", "diagnose", "run_folder"),
     *("report", "stages", "cli"),
 ]
 ONLY_IN = {"optimistix": "descent", "emcee": "posterior", "matplotlib": "report", "pooch": "fetch", "typer": "cli"}
