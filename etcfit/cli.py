@@ -239,6 +239,31 @@ def _tell(done: stages.Done) -> None:
 
 @app.command()
 @_contract
+def drive(
+    folder: Annotated[Path, typer.Argument(help="Logs, or FOLDER/drive.", exists=True, file_okay=False)],
+    between: Annotated[tuple[float, float], typer.Option(help="Share of the time between these, %.")] = (5.0, 45.0),
+    compare: Annotated[
+        tuple[str, str] | None, typer.Option(help="These two, before and after.", metavar="LOG LOG")
+    ] = None,
+    out: Annotated[Path | None, typer.Option(help="drive.json and pictures.", file_okay=False, metavar="RUN")] = None,
+    quiet: Quiet = False,
+) -> None:
+    """Logs from the car (CSV, .msl, .mlg): operating range, spectrum, how closely the plate follows; two compared."""
+    with _progress(quiet) as progress:
+        progress("reading the logs", 0.0)
+        from .drive_log import read_logs, study
+        from .drive_log.study import chosen
+        from .report.drive_log import drive_table, write_drive
+
+        config, logs = read_logs(folder)
+        studies = [study(log, between) for log in (logs if compare is None else chosen(logs, compare))]
+        if out is not None:
+            write_drive(out, config, studies, progress)
+    _stdout().print(drive_table(config, studies))
+
+
+@app.command()
+@_contract
 def fetch(
     name: Annotated[str, typer.Argument(help="kassel-throttle, emps or bam-xl330.", metavar="NAME")],
     to: Annotated[Path | None, typer.Option(help="Where; measurements/NAME if not given.", metavar="FOLDER")] = None,
