@@ -16,13 +16,12 @@ GROUPS = {
     "": "Parameters",
     "diagnosis": "What the model lacked",
     "posterior": "How sure",
-    "reduce": "The linear model",
-    "design": "The loop",
+    "control": "The linear model and the loop",
     "diagnosis/traces": "Before and after, trace by trace",
     "tests": "Test by test, as the paper reads its graphs",
     "traces": "Trace by trace, measured and simulated by the fit",
 }
-OPEN = ("", "diagnosis", "posterior", "reduce", "design")  # shown without a click
+OPEN = ("", "diagnosis", "posterior", "control")  # shown without a click
 
 
 @dataclass(frozen=True)
