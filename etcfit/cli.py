@@ -17,7 +17,7 @@ from typing import Annotated, Any
 
 import typer
 
-from . import __version__
+from . import __version__, stages
 from .errors import MeasurementError, UsageError
 
 app = typer.Typer(
@@ -43,6 +43,13 @@ Folder = Annotated[Path, typer.Argument(help="A measurement folder.", exists=Tru
 Out = Annotated[Path, typer.Option("--out", help="The run folder to write.", file_okay=False, metavar="RUN")]
 Run = Annotated[Path, typer.Argument(help="A run folder.", exists=True, file_okay=False, metavar="RUN")]
 Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="No progress on stderr.")]
+
+Advise = Annotated[bool, typer.Option("--advise", help="What one more trace of each test would tell instead.")]
+At = Annotated[
+    Path | None,
+    typer.Option("--at", help="Advise at the values fitted in this run, not at the graph readings.", metavar="RUN",
+                 exists=True, file_okay=False),
+]  # fmt: skip
 
 _PIPE_WIDTH = 140  # columns; a pipe has no width, and a table cut to 80 loses figures
 
@@ -120,13 +127,6 @@ def _lines(console: Any) -> Callable[[str, float], None]:
     return report
 
 
-def _keep_compiled() -> None:
-    """The second run of a command finds its model compiled."""
-    from .backend import use_compilation_cache
-
-    use_compilation_cache()
-
-
 def _show_version(wanted: bool) -> None:
     if wanted:
         typer.echo(f"etcfit {__version__}")
@@ -144,15 +144,19 @@ def _global(
 
 @app.command()
 @_contract
-def check(folder: Folder, quiet: Quiet = False) -> None:
+def check(folder: Folder, advise: Advise = False, at: At = None, quiet: Quiet = False) -> None:
     """What is in FOLDER, what it can identify, and what is wrong with it; fits nothing."""
+    if advise:
+        return _advise(folder, at, quiet)
+    if at is not None:
+        raise UsageError("--at goes with --advise.")
     with _progress(quiet) as report:
         report("reading the folder", 0.0)
         from .rig.reader import read_folder
 
         rig = read_folder(folder)
         report("working out what these data can identify", 0.3)
-        _keep_compiled()
+        stages.keep_compiled()
         from .check import check as check_rig
         from .report.tables import check_table
 
@@ -160,49 +164,102 @@ def check(folder: Folder, quiet: Quiet = False) -> None:
     _stdout().print(check_table(result))
 
 
-@app.command()
-@_contract
-def fit(folder: Folder, out: Out, quiet: Quiet = False) -> None:
-    """The joint fit of all traces in FOLDER: RUN/fit.json, a table and pictures."""
+def _advise(folder: Path, at: Path | None, quiet: bool) -> None:
     with _progress(quiet) as report:
         report("reading the folder", 0.0)
         from .rig.reader import read_folder
 
         rig = read_folder(folder)
-        report("loading the model", 0.0)
-        _keep_compiled()
-        from .fit import fit as fit_rig
-        from .report import write_run
-        from .report.tables import fit_table
+        report("working out what one more trace would tell", 0.3)
+        stages.keep_compiled()
+        from .advise import advise
+        from .report.advice import advice_table
+        from .run_folder import fitted_values
 
-        result = fit_rig(rig, report)
-        write_run(out, result, report)
-    _stdout().print(fit_table(result))
-    if not result.converged:
-        raise _stop(Status.NOT_CONVERGED, f"the fit did not converge: {result.reason}")
+        advice = advise(rig, None if at is None else fitted_values(at, rig))
+    _stdout().print(advice_table(advice))
+
+
+@app.command()
+@_contract
+def fit(folder: Folder, out: Out, quiet: Quiet = False) -> None:
+    """The joint fit of all traces in FOLDER: RUN/fit.json, a table and pictures."""
+    with _progress(quiet) as progress:
+        done = stages.fit_folder(folder, out, progress)
+    _tell(done)
 
 
 @app.command()
 @_contract
 def diagnose(run: Run, quiet: Quiet = False) -> None:
     """What the model fitted in RUN lacks: residual, missing effect, refit, until nothing is left; before and after."""
-    with _progress(quiet) as report:
-        report("taking up the fit", 0.0)
-        _keep_compiled()
-        from .run_folder import read_state, rig_of
+    with _progress(quiet) as progress:
+        done = stages.diagnose_run(run, progress)
+    _tell(done)
 
-        state = read_state(run)
-        rig = rig_of(state)
-        from .diagnose import diagnose as diagnose_fit
-        from .fit import resume
-        from .report import write_diagnosis
-        from .report.diagnosis.table import diagnosis_table
 
-        diagnosis = diagnose_fit(resume(rig, state.x, state.far, report), report)
-        write_diagnosis(run, diagnosis, report)
-    _stdout().print(diagnosis_table(diagnosis))
-    if not diagnosis.after.converged:
-        raise _stop(Status.NOT_CONVERGED, f"the fit of the final model did not converge: {diagnosis.after.reason}")
+@app.command()
+@_contract
+def report(run: Run, quiet: Quiet = False) -> None:
+    """One self-contained HTML page of everything that RUN holds: RUN/report.html."""
+    with _progress(quiet) as progress:
+        done = stages.write_report(run, progress)
+    _tell(done)
+
+
+@app.command(name="run")
+@_contract
+def run_(folder: Folder, out: Out, quiet: Quiet = False) -> None:
+    """Everything from FOLDER to RUN/report.html, in order; what is done already is not done again."""
+
+    def show(name: str, done: stages.Done | None) -> None:
+        if done is not None:
+            _show(done.shown)
+        elif not quiet:
+            _stderr().print(f"{name}: done before, and nothing it is made from is newer")
+
+    if failure := stages.run_all(folder, out, lambda: _progress(quiet), show):
+        raise _stop(Status.NOT_CONVERGED, failure)
+
+
+def _show(result: Any) -> None:
+    """A table as wide as the terminal; plain words, such as a path, as they are."""
+    if isinstance(result, str):
+        typer.echo(result)
+    else:
+        _stdout().print(result)
+
+
+def _tell(done: stages.Done) -> None:
+    """What came of a command, on stdout; a fit that did not converge is no success."""
+    _show(done.shown)
+    if done.failure:
+        raise _stop(Status.NOT_CONVERGED, done.failure)
+
+
+@app.command()
+@_contract
+def drive(
+    folder: Annotated[Path, typer.Argument(help="Logs, or FOLDER/drive.", exists=True, file_okay=False)],
+    between: Annotated[tuple[float, float], typer.Option(help="Share of the time between these, %.")] = (5.0, 45.0),
+    compare: Annotated[
+        tuple[str, str] | None, typer.Option(help="These two, before and after.", metavar="LOG LOG")
+    ] = None,
+    out: Annotated[Path | None, typer.Option(help="drive.json and pictures.", file_okay=False, metavar="RUN")] = None,
+    quiet: Quiet = False,
+) -> None:
+    """Logs from the car (CSV, .msl, .mlg): operating range, spectrum, how closely the plate follows; two compared."""
+    with _progress(quiet) as progress:
+        progress("reading the logs", 0.0)
+        from .drive_log import read_logs, study
+        from .drive_log.study import chosen
+        from .report.drive_log import drive_table, write_drive
+
+        config, logs = read_logs(folder)
+        studies = [study(log, between) for log in (logs if compare is None else chosen(logs, compare))]
+        if out is not None:
+            write_drive(out, config, studies, progress)
+    _stdout().print(drive_table(config, studies))
 
 
 @app.command()

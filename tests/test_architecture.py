@@ -11,10 +11,10 @@ PACKAGE = Path(__file__).resolve().parents[1] / "etcfit"
 # a module may import those before it, and its own package
 ORDER = [
     *("errors", "fetch", "backend", "parameters", "effects", "unknown", "throttle", "linear", "pid"),
-    *("simulate", "delay", "rig", "drive", "trace", "tape", "score", "whitening", "unknowns", "tangents"),
-    *("grid", "reading", "correlation", "residual", "bench", "explore", "identifiability", "cure"),
-    *("descent", "outcome", "fit", "intervals", "posterior", "check", "diagnose", "run_folder"),
-    *("report", "cli"),
+    *("simulate", "delay", "rig", "drive_log", "drive", "trace", "tape", "score", "whitening", "unknowns"),
+    *("tangents", "grid", "reading", "correlation", "residual", "bench", "explore", "identifiability", "cure"),
+    *("descent", "outcome", "fit", "intervals", "posterior", "check", "advise", "diagnose", "run_folder"),
+    *("report", "stages", "cli"),
 ]
 ONLY_IN = {"optimistix": "descent", "emcee": "posterior", "matplotlib": "report", "pooch": "fetch", "typer": "cli"}
 REGISTRIES = {"effects": "AbstractEffect", "rig": "AbstractRigTest"}

@@ -10,11 +10,13 @@ from types import ModuleType, SimpleNamespace
 from typing import Any
 
 import pytest
+import runs
 from typer.testing import CliRunner, Result
 
 import etcfit
 from etcfit.cli import app
 from etcfit.errors import MeasurementError, UsageError
+from etcfit.stages import Done
 
 RIG = SimpleNamespace(folder="bench")
 
@@ -84,6 +86,27 @@ def test_fit_writes_the_run_and_prints_its_table(invoke, library: Library) -> No
     assert library.written == [(Path("runs/a"), library.result)]
 
 
+def test_report_prints_where_the_page_is(invoke, tmp_path: Path) -> None:
+    run = runs.run_folder(tmp_path)
+    done = invoke("report", run)
+    assert (done.exit_code, done.stdout) == (0, f"{run / 'report.html'}\n")
+
+
+def test_run_goes_through_the_stages_and_says_what_was_done_before(invoke, monkeypatch: pytest.MonkeyPatch) -> None:
+    def run_all(folder: Path, run: Path, progress: Any, show: Callable[..., None]) -> str:
+        assert (folder, run) == (Path("bench"), Path("a"))
+        show("fit", None)
+        with progress() as report:
+            report("finding out", 0.5)
+        show("diagnose", Done("the diagnosis"))
+        return "it did not converge"
+
+    monkeypatch.setattr("etcfit.stages.run_all", run_all)
+    done = invoke("run", "bench", "--out", "a")
+    assert (done.exit_code, done.stdout) == (3, "the diagnosis\n")
+    assert [line.split(":")[0] for line in done.stderr.splitlines()] == ["fit", "finding out", "etcfit"]
+
+
 def test_quiet_silences_progress(invoke, library: Library) -> None:
     done = invoke("fit", "bench", "--out", "a", "--quiet")
     assert (done.exit_code, done.stdout, done.stderr) == (0, "the fit's table\n", "")
@@ -131,6 +154,9 @@ def test_an_error_is_a_message_and_a_status(
         ("ponder", "bench"),
         ("diagnose",),
         ("diagnose", "no/such/run"),
+        ("report", "no/such/run"),
+        ("report", "bench"),
+        ("run", "bench"),
         ("fetch", "no-such-set"),
         ("fetch", "emps", "--data", "no/such/folder"),
     ],

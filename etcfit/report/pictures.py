@@ -26,7 +26,7 @@ def jobs(result: FitResult) -> list[Job]:
     every = all_traces(result)
     tests = dict.fromkeys(trace.test.name for trace in every)
     return [
-        (Path("parameters.png"), lambda: overview.draw(_parameters(result))),
+        (Path("parameters.png"), lambda: overview.draw(parameter_picture(result))),
         *((Path("tests") / f"{name}.png", partial(_draw_test, result, name)) for name in tests),
         *((Path("traces") / file_name(t), partial(_draw_trace, result, k)) for k, t in enumerate(every)),
     ]
@@ -87,7 +87,7 @@ def _units(result: FitResult) -> dict[str, str]:
     return declared | {"N": "1"} | {symbol: lump.unit for symbol, lump in LUMPS.items()}
 
 
-def _parameters(result: FitResult) -> overview.ParameterPicture:
+def parameter_picture(result: FitResult) -> overview.ParameterPicture:
     config = result.rig.config
     every = intervals(result) | lumped(result)
     return overview.ParameterPicture(config.name, every, _units(result), readings_of(result), config.synthetic)

@@ -5,7 +5,16 @@ from __future__ import annotations
 from .diagnosis import diagnosis_json
 from .files import plain, whole, write_json
 from .fit import GEAR_RATIO, effects_of, fit_json, parameters_json, readings_of
-from .state import DIAGNOSIS_STATE, FIT_STATE, State, read_state, rig_of, write_diagnosis_state, write_state
+from .state import (
+    DIAGNOSIS_STATE,
+    FIT_STATE,
+    State,
+    fitted_values,
+    read_state,
+    rig_of,
+    write_diagnosis_state,
+    write_state,
+)
 
 __all__ = [
     "DIAGNOSIS_STATE",
@@ -15,6 +24,7 @@ __all__ = [
     "diagnosis_json",
     "effects_of",
     "fit_json",
+    "fitted_values",
     "parameters_json",
     "plain",
     "read_state",

@@ -125,6 +125,19 @@ def rig_of(state: State) -> Rig:
     return rig
 
 
+def fitted_values(run: Path, rig: Rig) -> np.ndarray:
+    """Coordinates at which the fit in a run folder ended, for whoever looks at its measurements once more.
+
+    Raises:
+        UsageError: no fit there, or of another folder or model.
+    """
+    state = read_state(run)
+    if state.folder.resolve() != Path(rig.folder).resolve():
+        raise UsageError(f"{run} was fitted to {state.folder}, not to {rig.folder}. Name a run of these measurements.")
+    rig_of(state)
+    return state.x
+
+
 def _relative(folder: Path, run: Path) -> str:
     """The folder as seen from the run, so that both can be moved together."""
     try:

@@ -1,0 +1,86 @@
+"""What a planner knows of a rig: its parameters, its supply, how well it measures, where its plate rests."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..rig.base import Rig, RigConfig
+
+# noise of a sensor that this rig has not been seen with, SI: what a hobbyist's logger has
+USUAL = {"voltage": 0.01, "current": 0.01, "position": 0.002, "emf": 0.01, "motor_speed": 1.0}
+_SUPPLY = 12.0  # V
+_RATE, _DURATION = 1000.0, 4.0  # Hz, s
+
+
+@dataclass(frozen=True, eq=False)
+class Setting:
+    """A rig as a planner sees it.
+
+    Args:
+        config: the rig.
+        values: of all parameters, SI, by symbol.
+        supply: V.
+        noise: standard deviation of one sample by channel, SI.
+        assumed: channels whose noise is not the rig's own.
+        rest: where the plate rests without a drive, rad.
+        rate: at which driven plates are logged, Hz.
+        duration: of such a log, s.
+    """
+
+    config: RigConfig
+    values: Mapping[str, float]
+    supply: float
+    noise: Mapping[str, float]
+    assumed: frozenset[str]
+    rest: float
+    rate: float
+    duration: float
+
+    @classmethod
+    def of(cls, rig: Rig, values: Mapping[str, float]) -> Setting:
+        """From what was measured, as far as that tells."""
+        seen: dict[str, list[float]] = {}
+        for trace in rig.measurements:
+            for name, channel in trace.channels.items():
+                seen.setdefault(name, []).append(max(channel.sigma, channel.quantum / np.sqrt(12.0)))
+        own = {name: float(np.median(sigmas)) for name, sigmas in seen.items()}
+        driven = [t for t in rig.measurements if t.test in ("response", "static_load", "drive")]
+        rests = [t.channels["position"].value[0] for t in driven if "position" in t.channels]
+        responses = [t.time for t in rig.measurements if t.test == "response"]
+        volts = [np.abs(t.channels["voltage"].value).max() for t in rig.measurements if "voltage" in t.channels]
+        return cls(
+            config=rig.config,
+            values=values,
+            supply=rig.config.supply_V or float(max(volts, default=_SUPPLY)),
+            noise=USUAL | own,
+            assumed=frozenset(USUAL) - frozenset(own),
+            rest=float(np.clip(np.median(rests) if rests else 0.0, *rig.config.travel)),
+            rate=1.0 / float(np.median([np.median(np.diff(t)) for t in responses])) if responses else _RATE,
+            duration=float(np.median([np.ptp(t) for t in responses])) if responses else _DURATION,
+        )
+
+    @property
+    def open(self) -> float:
+        """The upper stop, rad; a quarter turn from rest where there is none."""
+        upper = self.config.travel[1]
+        return upper if np.isfinite(upper) else self.rest + 0.5 * np.pi
+
+    def volts(self, torque: float) -> float:
+        """Steady voltage whose motor torque is this one at the plate: R_a T / (N K_m), V."""
+        return float(self.values["R_a"] * torque / (self.config.gear_ratio * self.values["K_m"]))
+
+    def balance(self, angle: float) -> float:
+        """Voltage that holds the plate at this angle by the start model, V."""
+        return self.volts(self.values["T_PL"] + self.values["K_s"] * angle)
+
+    @property
+    def friction(self) -> float:
+        """Voltage that overcomes dry friction, V."""
+        return self.volts(self.values["T_f"])
+
+    def within(self, volts: float) -> float:
+        """What the supply can give of it, V."""
+        return float(np.clip(volts, -self.supply, self.supply))

@@ -1,0 +1,18 @@
+"""Logs from the car: over which range and how fast the plate is asked to move, and how closely it follows.
+
+Source: the paper, Sections 2 and 4.3.
+"""
+
+from __future__ import annotations
+
+from .log import DriveLog as DriveLog
+from .log import Series as Series
+from .read import read_logs as read_logs
+from .spectrum import Spectrum as Spectrum
+from .spectrum import spectrum as spectrum
+from .study import Study as Study
+from .study import study as study
+from .tracking import Tracking as Tracking
+from .tracking import tracking as tracking
+from .usage import Usage as Usage
+from .usage import usage as usage

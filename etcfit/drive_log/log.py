@@ -1,0 +1,48 @@
+"""A log from the car: position and setpoint, each on its own time base."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+_GAP = 0.5  # s: a shorter step may be a logger that has slowed down
+
+
+@dataclass(frozen=True, eq=False)
+class Series:
+    """One quantity.
+
+    Args:
+        time: s, shape (n,), strictly rising; a logger may record each quantity at a rate of its own.
+        value: per cent of travel, shape (n,).
+    """
+
+    time: np.ndarray
+    value: np.ndarray
+
+    @property
+    def step(self) -> float:
+        """Median time between samples, s."""
+        return float(np.median(np.diff(self.time)))
+
+    @property
+    def weight(self) -> np.ndarray:
+        """Seconds that each sample stands for, shape (n,); a gap counts for one usual step."""
+        ahead = np.append(np.diff(self.time), self.step)
+        return np.where(ahead > max(5.0 * self.step, _GAP), self.step, ahead)
+
+
+@dataclass(frozen=True, eq=False)
+class DriveLog:
+    """One log.
+
+    Args:
+        name: of its file.
+        position: of the plate.
+        setpoint: what the ECU asks of it; None where it was not logged.
+    """
+
+    name: str
+    position: Series
+    setpoint: Series | None

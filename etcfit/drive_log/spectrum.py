@@ -1,0 +1,59 @@
+"""How fast the plate is moved."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.signal import welch
+
+from .log import Series
+
+_SEGMENT = 10.0  # s: tells 1.0 from 1.1 Hz
+_SLOWEST = 0.25  # Hz: slower motion is the track's, not the foot's
+_MOST = 20.0  # Hz that are of interest
+
+
+@dataclass(frozen=True, eq=False)
+class Spectrum:
+    """Spectrum of the position, Fig. 6 (b).
+
+    Args:
+        frequency: Hz, shape (n,).
+        amplitude: per cent rms in a band of one bin, shape (n,).
+        dominant: of the highest peak at or above 0.25 Hz, Hz.
+        half: below which half of the motion's power above 0.25 Hz lies, Hz.
+    """
+
+    frequency: np.ndarray
+    amplitude: np.ndarray
+    dominant: float
+    half: float
+
+
+def spectrum(position: Series) -> Spectrum | None:
+    """Welch's periodogram, Hann windows of 10 s that overlap by half; None of a log shorter than four seconds.
+
+    Source: Welch 1967. Differs from source: the peak is read off a parabola through its three highest points, in log.
+    """
+    step = position.step
+    time = np.arange(position.time[0], position.time[-1], step)
+    even = np.interp(time, position.time, position.value)
+    samples = min(even.size, round(_SEGMENT / step))
+    if samples * step < 1.0 / _SLOWEST:
+        return None
+    frequency, power = welch(even, fs=1.0 / step, nperseg=samples, detrend="linear", scaling="spectrum")
+    felt = (frequency >= _SLOWEST) & (frequency <= _MOST)
+    frequency, power = frequency[felt], power[felt]
+    grown = np.cumsum(power)
+    half = float(np.interp(0.5 * grown[-1], grown, frequency))
+    return Spectrum(frequency, np.sqrt(power), _peak(frequency, power), half)
+
+
+def _peak(frequency: np.ndarray, power: np.ndarray) -> float:
+    k = int(np.argmax(power))
+    if not 0 < k < power.size - 1 or not np.all(power[k - 1 : k + 2] > 0.0):
+        return float(frequency[k])
+    left, top, right = np.log(power[k - 1 : k + 2])
+    shift = 0.5 * (left - right) / (left - 2.0 * top + right)
+    return float(frequency[k] + shift * (frequency[1] - frequency[0]))

@@ -1,0 +1,82 @@
+"""How closely the plate follows."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from .log import Series
+
+_LONGEST = 1.0  # s of lag that are looked for
+_BLOCK = 5.0  # s: further apart, errors know nothing of each other
+_STILL = 0.5  # per cent: a setpoint that varies by less tells no lag
+
+
+@dataclass(frozen=True)
+class Tracking:
+    """Position against setpoint.
+
+    Args:
+        rmse: Eq. 9, per cent of travel.
+        stderr: of it, from blocks of 5 s; None of a log of fewer than four.
+        lag: by which the position comes after the setpoint, s; None where the setpoint hardly moves.
+        left: RMSE against the setpoint delayed by the lag: what is not delay.
+        demand: root mean square of the setpoint's rate, per cent a second: a lazier drive is easier to follow.
+    """
+
+    rmse: float
+    stderr: float | None
+    lag: float | None
+    left: float | None
+    demand: float
+
+
+def tracking(position: Series, setpoint: Series) -> Tracking:
+    """Compare them where both were logged.
+
+        RMSE = sqrt(sum (Y - Y_set)^2 / N),    lag = argmin_d sum (Y(t) - Y_set(t - d))^2
+
+    Source: paper, Eq. 9. Differs from source: the setpoint is interpolated to the position's times; the lag is ours.
+    """
+    seen = (position.time >= setpoint.time[0]) & (position.time <= setpoint.time[-1])
+    time, value = position.time[seen], position.value[seen]
+    error = value - np.interp(time, setpoint.time, setpoint.value)
+    wanted = np.interp(time, setpoint.time, setpoint.value)
+    rate = np.diff(wanted) / np.diff(time)
+    lag = _lag(time, value, setpoint) if wanted.std() > _STILL else None
+    left = None if lag is None else _left(time, value, setpoint, lag)
+    return Tracking(_rms(error), _stderr(time, error), lag, left, _rms(rate))
+
+
+def _rms(values: np.ndarray) -> float:
+    return float(np.sqrt(np.mean(values**2)))
+
+
+def _lag(time: np.ndarray, value: np.ndarray, setpoint: Series) -> float:
+    """The best of many delays, then the lowest point of a parabola through it and its neighbours."""
+    step = min(float(np.median(np.diff(time))), 0.01)
+    delays = step * np.arange(-round(0.1 / step), round(_LONGEST / step) + 1)
+    inside = (time - delays[0] <= setpoint.time[-1]) & (time - delays[-1] >= setpoint.time[0])
+    t, y = time[inside], value[inside]
+    if t.size < 2:
+        return 0.0
+    cost = np.array([np.mean((y - np.interp(t - d, setpoint.time, setpoint.value)) ** 2) for d in delays])
+    k = int(np.clip(np.argmin(cost), 1, delays.size - 2))
+    bend = cost[k - 1] - 2.0 * cost[k] + cost[k + 1]
+    shift = 0.5 * (cost[k - 1] - cost[k + 1]) / bend if bend > 0.0 else 0.0
+    return float(delays[k] + step * np.clip(shift, -1.0, 1.0))
+
+
+def _left(time: np.ndarray, value: np.ndarray, setpoint: Series, lag: float) -> float:
+    there = (time - lag >= setpoint.time[0]) & (time - lag <= setpoint.time[-1])
+    return _rms((value - np.interp(time - lag, setpoint.time, setpoint.value))[there])
+
+
+def _stderr(time: np.ndarray, error: np.ndarray) -> float | None:
+    """Of the RMSE, by the delta method from the scatter of the blocks' mean squares."""
+    block = ((time - time[0]) // _BLOCK).astype(int)
+    squares = np.array([np.mean(error[block == k] ** 2) for k in np.unique(block)])
+    if squares.size < 4:
+        return None
+    return float(squares.std(ddof=1) / np.sqrt(squares.size) / (2.0 * max(_rms(error), 1e-12)))

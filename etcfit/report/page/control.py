@@ -1,0 +1,97 @@
+"""The transfer function and the gains, where the run has them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+from markupsafe import Markup
+
+from .table import Table
+from .typeset import figure, measured, number, polynomial, symbol, unit
+
+_METRICS = {
+    "overshoot_pct": ("overshoot", "%"),
+    "settling_s": ("settling time, 2 %", "s"),
+    "steady_state_error_pct": ("steady-state error", "%"),
+    "rmse_pct": ("RMSE (Eq. 9)", "%"),
+    "gain_margin_db": ("gain margin", "dB"),
+    "phase_margin_deg": ("phase margin", "°"),
+}
+_ECU = {"P": "", "I": "", "D": "", "period_s": "s"}
+
+
+def formula(plant: Mapping[str, Any]) -> dict[str, Markup] | None:
+    """Numerator and denominator of the transfer function."""
+    if not plant:
+        return None
+    return {"num": polynomial(plant["num"]), "den": polynomial(plant["den"])}
+
+
+def plant_table(plant: Mapping[str, Any]) -> Table | None:
+    """Coefficients with their standard errors, poles, static gain."""
+    if not plant:
+        return None
+    stderr = plant.get("stderr") or {}
+    order = len(plant["den"]) - 1
+    rows = [*_coefficients("b", plant["num"], stderr.get("num")), *_coefficients("a", plant["den"], stderr.get("den"))]
+    rows = [row for k, row in enumerate(rows) if k != len(plant["num"])]  # the leading one is 1
+    rows += [(Markup("pole {}").format(k + 1), pole(*p), "rad/s") for k, p in enumerate(plant.get("poles") or [])]
+    gain = f"{unit(plant['output']['unit'])}/{unit(plant['input']['unit'])}"
+    rows.append(("open-loop static gain", number(plant.get("open_loop_dc_gain"), 4), gain))
+    return Table(f"Linear model of order {order}", ["", "value", "unit"], rows)
+
+
+def _coefficients(letter: str, values: Any, errors: Any) -> list[tuple[Any, ...]]:
+    errors = errors or [None] * len(values)
+    if len(errors) != len(values):  # the leading coefficient of the denominator has none
+        errors = [None] * (len(values) - len(errors)) + list(errors)
+    return [(symbol(f"{letter}_{len(values) - 1 - k}"), measured(v, e), "")
+            for k, (v, e) in enumerate(zip(values, errors, strict=True))]  # fmt: skip
+
+
+def pole(real: float, imaginary: float) -> str:
+    """a + bj, rad/s."""
+    if imaginary == 0.0:
+        return number(real, 4)
+    return f"{number(real, 4)} {'+' if imaginary > 0.0 else '−'} {number(abs(imaginary), 4)}j"
+
+
+def gains_table(pid: Mapping[str, Any]) -> Table | None:
+    """The gains, and as the ECU wants them."""
+    if not pid:
+        return None
+    of = str(pid["gains"].get("unit") or "")
+    rows = [(symbol(f"{name[0]}_{name[1]}"), number(pid["gains"][name], 4), unit(of)) for name in ("Kp", "Ki", "Kd")]
+    ecu = pid.get("ecu") or {}
+    rows += [(f"ECU {name.removesuffix('_s')}", number(ecu[name], 4), of) for name, of in _ECU.items()
+             if ecu.get(name) is not None]  # fmt: skip
+    return Table(f"Gains by the rule “{pid.get('rule', '?').replace('_', ' ')}”", ["", "value", "unit"], rows)
+
+
+def metrics_table(pid: Mapping[str, Any]) -> Table | None:
+    """How the loop does on the linear and on the nonlinear model, and what was asked of it."""
+    linear, nonlinear = (pid.get(key) or {} for key in ("linear", "nonlinear"))
+    required, met = pid.get("requirements") or {}, pid.get("met") or {}
+    rows = [
+        (name, number(linear.get(key)), number(nonlinear.get(key)), _most(required.get(key)), unit(of), _met(met, key))
+        for key, (name, of) in _METRICS.items()
+        if key in linear or key in nonlinear
+    ]
+    if not rows:
+        return None
+    return Table("The loop", ["", "linear model", "nonlinear model", "required", "unit", "met"], rows)
+
+
+def _most(value: float | None) -> str:
+    return "" if value is None else f"≤ {figure(number(value))}"
+
+
+def _met(met: Mapping[str, Any], key: str) -> str:
+    """FORMAT.md leaves open whether `met` says it of each requirement or of each model and requirement."""
+    said = [met[key]] if isinstance(met.get(key), bool) else [m[key] for m in met.values() if _says(m, key)]
+    return "" if not said else ("yes" if all(said) else "NO")
+
+
+def _says(part: Any, key: str) -> bool:
+    return isinstance(part, Mapping) and isinstance(part.get(key), bool)

@@ -1,0 +1,108 @@
+"""The run's pictures, small enough to be carried in the page itself."""
+
+from __future__ import annotations
+
+import base64
+import io
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+_BUDGET = 4_500_000  # bytes of the page that pictures may take; FORMAT.md allows 5 MB in all
+_COLOURS = 64  # of a plot: enough for lines, bands and the grey of their edges
+
+# folder below RUN/pictures -> title of its group, in the order of interest; folders not named here follow
+GROUPS = {
+    "": "Parameters",
+    "diagnosis": "What the model lacked",
+    "posterior": "How sure",
+    "control": "The linear model and the loop",
+    "diagnosis/traces": "Before and after, trace by trace",
+    "tests": "Test by test, as the paper reads its graphs",
+    "traces": "Trace by trace, measured and simulated by the fit",
+}
+OPEN = ("", "diagnosis", "posterior", "control")  # shown without a click
+
+
+@dataclass(frozen=True)
+class Picture:
+    """A picture in the page.
+
+    Args:
+        name: what it shows, of its file's name.
+        uri: data URI.
+        width, height: px.
+    """
+
+    name: str
+    uri: str
+    width: int
+    height: int
+
+
+@dataclass(frozen=True)
+class Group:
+    """Pictures of one kind.
+
+    Args:
+        title: of the group.
+        folder: below RUN/pictures.
+        pictures: in the order of their names.
+        left_out: names of those for which there was no room.
+    """
+
+    title: str
+    folder: str
+    pictures: tuple[Picture, ...]
+    left_out: tuple[str, ...]
+
+    @property
+    def open(self) -> bool:
+        """Shown without a click."""
+        return self.folder in OPEN or self.folder not in GROUPS
+
+
+def groups(run: Path) -> list[Group]:
+    """Every picture of a run folder, as many as there is room for, the ones of most interest first."""
+    base, room, out = run / "pictures", _BUDGET, []
+    for folder, title in _folders(base):
+        taken, left_out = [], []
+        for path in sorted((base / folder).glob("*.png")):
+            picture = carried(path)
+            if len(picture.uri) <= room:
+                room -= len(picture.uri)
+                taken.append(picture)
+            else:
+                left_out.append(picture.name)
+        if taken or left_out:
+            out.append(Group(title, folder, tuple(taken), tuple(left_out)))
+    return out
+
+
+def carried(path: Path) -> Picture:
+    """A PNG with few colours, as a data URI."""
+    from PIL import Image
+
+    with Image.open(path) as image:
+        few = image.convert("RGB").quantize(_COLOURS, Image.Quantize.FASTOCTREE, dither=Image.Dither.NONE)
+        buffer = io.BytesIO()
+        few.save(buffer, format="PNG")
+        width, height = image.size
+    text = base64.b64encode(buffer.getvalue()).decode("ascii")
+    return Picture(_spoken(path.stem), f"data:image/png;base64,{text}", width, height)
+
+
+def _folders(base: Path) -> Iterator[tuple[str, str]]:
+    yield from GROUPS.items()
+    for path in _inside(base):
+        folder = path.relative_to(base).as_posix()
+        if folder not in GROUPS:
+            yield folder, folder.replace("_", " ").replace("/", ", ").capitalize()
+
+
+def _inside(base: Path) -> Iterable[Path]:
+    return sorted(path for path in base.rglob("*") if path.is_dir())
+
+
+def _spoken(stem: str) -> str:
+    return " · ".join(part.replace("_", " ") for part in stem.split("__"))

@@ -1,0 +1,88 @@
+"""Symbols, units and numbers as a page prints them."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable
+from typing import Any
+
+from markupsafe import Markup, escape
+
+from ..numbers import Digits, short
+
+_SUPERSCRIPT = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
+_UNITS = {"ohm": "Ω", "1": "", "deg": "°"}
+
+
+def symbol(name: str) -> Markup:
+    """R_a as R with a subscript; what follows a point stays as it is written."""
+    head, _, below = name.partition("_")
+    if "." in name or len(head) > 2:
+        return Markup("<code>{}</code>").format(Markup(".<wbr>").join(name.split(".")))
+    if not below:
+        return Markup("<i>{}</i>").format(name)
+    return Markup("<i>{}</i><sub>{}</sub>").format(head, below)
+
+
+def symbols(names: Iterable[str]) -> Markup:
+    """a, b and c."""
+    *most, last = [symbol(name) for name in names]
+    return Markup(", ").join(most) + Markup(" and ") + last if most else last
+
+
+def unit(text: str | None) -> str:
+    """N*m*s/rad with centred dots and raised exponents."""
+    if not text or text in _UNITS:
+        return _UNITS.get(text or "1", "")
+    text = re.sub(r"\bohm\b", "Ω", text).replace("**", "")
+    text = re.sub(r"(?<=[a-zA-Z])-?\d", lambda power: power[0].translate(_SUPERSCRIPT), text)
+    return text.replace("*", " · ") if "*" in text else text.replace(" ", " ")
+
+
+def figure(text: str) -> str:
+    """1.2e-06 with a power of ten, a true minus sign."""
+    mantissa, e, exponent = text.partition("e")
+    power = f" × 10{str(int(exponent)).translate(_SUPERSCRIPT)}" if e else ""
+    return mantissa.replace("-", "−") + power if mantissa != "-" else "–"
+
+
+def number(value: float | None, digits: int = 3) -> str:
+    """A few significant digits."""
+    return figure(short(value, digits))
+
+
+def measured(value: float | None, stderr: float | None) -> str:
+    """Value ± standard error, the digits that the error warrants."""
+    if value is None:
+        return "–"
+    digits = Digits.of(value, stderr)
+    return figure(digits(value)) if stderr is None else _both(digits(value), "±", digits(stderr))
+
+
+def span(interval: Any, stderr: float | None = None) -> str:
+    """Both ends of an interval."""
+    if not interval or interval[0] is None or interval[1] is None:
+        return "–"
+    low, high = interval
+    digits = Digits.of(max(abs(low), abs(high)), stderr or abs(high - low) / 3.92)
+    return _both(digits(low), "…", digits(high))
+
+
+def _both(first: str, sign: str, second: str) -> str:
+    """Two numbers of one power of ten, which stands once."""
+    left, e, exponent = first.partition("e")
+    pair = f"{figure(left)} {sign} {figure(second.partition('e')[0])}"
+    return f"({pair}){figure('1e' + exponent)[1:]}" if e else pair
+
+
+def polynomial(coefficients: Iterable[float], variable: str = "s") -> Markup:
+    """c_n s^n + ... + c_0, highest power first."""
+    every = list(coefficients)
+    terms: list[Markup] = []
+    for k, c in enumerate(every):
+        power = len(every) - 1 - k
+        raised = Markup("<i>{}</i>").format(variable) + (Markup("<sup>{}</sup>").format(power) if power > 1 else "")
+        size = "" if abs(c) == 1.0 and power else figure(short(abs(c), 4))
+        sign = (" − " if c < 0.0 else " + ") if terms else ("−" if c < 0.0 else "")
+        terms.append(Markup(sign) + escape(size) + (" " if size and power else "") + (raised if power else Markup("")))
+    return Markup("").join(terms)

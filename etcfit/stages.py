@@ -1,0 +1,199 @@
+"""What leads from a measurement folder to a report, in order: the one list of stages, and who has to run again.
+
+A stage is done when it was not interrupted, all that it makes is there, and none of what it needs is newer. Nothing
+heavy is imported before a stage needs it.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Iterator
+from contextlib import AbstractContextManager, contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from .errors import UsageError
+
+Report = Callable[[str, float], None]
+
+
+@dataclass(frozen=True)
+class Done:
+    """What a stage leaves for the terminal.
+
+    Args:
+        shown: what goes to stdout, a rich renderable.
+        failure: why the fit in it did not converge, or "".
+    """
+
+    shown: Any
+    failure: str = ""
+
+
+def fit_folder(folder: Path, run: Path, report: Report) -> Done:
+    """The joint fit of all traces: RUN/fit.json, the state of the fit, pictures."""
+    report("reading the folder", 0.0)
+    from .rig.reader import read_folder
+
+    rig = read_folder(folder)
+    report("loading the model", 0.0)
+    keep_compiled()
+    from .fit import fit
+    from .report import write_run
+    from .report.tables import fit_table
+
+    result = fit(rig, report)
+    write_run(run, result, report)
+    return Done(fit_table(result), "" if result.converged else f"the fit did not converge: {result.reason}")
+
+
+def diagnose_run(run: Path, report: Report) -> Done:
+    """What the model fitted in RUN lacks: RUN/diagnosis.json, the state of the final model, pictures."""
+    report("taking up the fit", 0.0)
+    keep_compiled()
+    from .run_folder import read_state, rig_of
+
+    state = read_state(run)
+    rig = rig_of(state)
+    from .diagnose import diagnose
+    from .fit import resume
+    from .report import write_diagnosis
+    from .report.diagnosis.table import diagnosis_table
+
+    diagnosis = diagnose(resume(rig, state.x, state.far, report), report)
+    write_diagnosis(run, diagnosis, report)
+    after = diagnosis.after
+    failure = "" if after.converged else f"the fit of the final model did not converge: {after.reason}"
+    return Done(diagnosis_table(diagnosis), failure)
+
+
+def write_report(run: Path, report: Report) -> Done:
+    """One page of everything that RUN holds: RUN/report.html."""
+    report("writing the page", 0.0)
+    from .report.page import write_page
+
+    return Done(str(write_page(run)))
+
+
+@dataclass(frozen=True)
+class Stage:
+    """A step from the measurements to the report.
+
+    Args:
+        name: of its command.
+        makes: files below RUN, all of which are there once it is done.
+        needs: files below RUN that it is made from; those that are not there do not count.
+        work: what it does, from the measurement folder, the run folder and a progress report.
+    """
+
+    name: str
+    makes: tuple[str, ...]
+    needs: tuple[str, ...]
+    work: Callable[[Path, Path, Report], Done]
+
+
+def _of_run(work: Callable[[Path, Report], Done]) -> Callable[[Path, Path, Report], Done]:
+    """Work that needs no more of the measurements than what the run says of them."""
+    return lambda folder, run, report: work(run, report)
+
+
+_RESULTS = ("fit.json", "diagnosis.json", "posterior.json", "transfer_function.json", "pid.json")
+
+# the one list of stages: a new command joins `etcfit run` by a line here, in the place where its results are needed
+STAGES: tuple[Stage, ...] = (
+    Stage("fit", ("fit.json", "fit_state.npz"), (), fit_folder),
+    Stage("diagnose", ("diagnosis.json", "diagnosis_state.npz"), ("fit.json", "fit_state.npz"), _of_run(diagnose_run)),
+    Stage("report", ("report.html",), _RESULTS, _of_run(write_report)),
+)
+
+
+def run_all(
+    folder: Path,
+    run: Path,
+    progress: Callable[[], AbstractContextManager[Report]],
+    show: Callable[[str, Done | None], None],
+    stages: tuple[Stage, ...] = STAGES,
+) -> str:
+    """Run every stage that is not done yet, in order.
+
+    Args:
+        folder: the measurements.
+        run: the run folder; made if absent.
+        progress: opened for each stage in turn.
+        show: called after each stage with its name and what came of it, None where it was done before.
+        stages: in order.
+    Returns:
+        Why the fit of the last model did not converge, or "".
+    Raises:
+        UsageError: RUN was made from other measurements.
+    """
+    _must_belong(run, folder)
+    again = False
+    for stage in stages:
+        again = again or not is_done(stage, folder, run)
+        if not again:
+            show(stage.name, None)
+            continue
+        with _begun(run, stage), progress() as report:
+            done = stage.work(folder, run, report)
+        show(stage.name, done)
+    return _failure(run)
+
+
+def is_done(stage: Stage, folder: Path, run: Path) -> bool:
+    """Whether all that a stage makes is there, whole, and at least as new as what it is made from."""
+    made = [run / name for name in stage.makes]
+    if _mark(run, stage).exists() or not all(path.is_file() for path in made):
+        return False
+    sources = [run / name for name in stage.needs] or list(_measurements(folder))
+    newest = max((path.stat().st_mtime_ns for path in sources if path.exists()), default=0)
+    return min(path.stat().st_mtime_ns for path in made) >= newest
+
+
+def _measurements(folder: Path) -> Iterator[Path]:
+    """rig.toml, every CSV and the folders that hold one: a file that is taken away changes its folder."""
+    yield folder / "rig.toml"
+    for path in folder.glob("*/*.csv"):
+        yield path
+        yield path.parent
+
+
+def _mark(run: Path, stage: Stage) -> Path:
+    """Lies there while a stage is under way, so that one that was interrupted, or killed, is begun again."""
+    return run / f".{stage.name}.unfinished"
+
+
+@contextmanager
+def _begun(run: Path, stage: Stage) -> Iterator[None]:
+    run.mkdir(parents=True, exist_ok=True)
+    _mark(run, stage).touch()
+    yield
+    _mark(run, stage).unlink()
+
+
+def _must_belong(run: Path, folder: Path) -> None:
+    if not (run / "fit_state.npz").is_file():
+        return
+    from .run_folder import read_state
+
+    fitted = read_state(run).folder
+    if fitted.resolve() != folder.resolve():
+        raise UsageError(f"{run} was made from {fitted}, not from {folder}. Name another run folder with --out, "
+                         "or delete this one.")  # fmt: skip
+
+
+def _failure(run: Path) -> str:
+    """Of the last model in RUN that says whether it converged."""
+    for name in ("diagnosis.json", "fit.json"):
+        if (run / name).is_file():
+            content = json.loads((run / name).read_text(encoding="utf-8"))
+            return "" if content["converged"] else f"the fit of the final model did not converge: {content['reason']}"
+    return ""
+
+
+def keep_compiled() -> None:
+    """The second run of a command finds its model compiled."""
+    from .backend import use_compilation_cache
+
+    use_compilation_cache()
