@@ -33,7 +33,7 @@ def main() -> None:
     parser.add_argument("folder", nargs="?", type=Path, default=Path("measurements/bench_twin"))
     rig = read_folder(parser.parse_args().folder)
     result, base = timed(lambda: fit(rig))
-    standing, composed = timed(lambda: start(result))
+    standing, composed = timed(lambda: start(result).composed())
     candidates = standing.composition.candidates
     (_, signatures), cold = timed(lambda: screen(standing.bench, standing.x, standing.problem, candidates))
     _, warm = timed(lambda: screen(standing.bench, standing.x, standing.problem, candidates))

@@ -183,7 +183,8 @@ def compiled() -> tuple[int, ...]:
 def test_going_from_one_candidate_to_the_next_compiles_nothing(clean: Case, monkeypatch: pytest.MonkeyPatch) -> None:
     """Effects of one to four parameters, with memory and without."""
     s = start(clean.result)
-    _, every = screen(s.bench, s.x, s.problem, s.composition.candidates)
+    whole = s.composed()
+    _, every = screen(whole.bench, whole.x, whole.problem, s.composition.candidates)
     by_name = {g.variant.effect.name: g for g in every}
     tried, sizes, refitted = loop._tried, [], []
 
