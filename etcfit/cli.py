@@ -207,6 +207,38 @@ def diagnose(run: Run, quiet: Quiet = False) -> None:
 
 @app.command()
 @_contract
+def sample(
+    run: Run,
+    steps: Annotated[
+        int, typer.Option(help="Steps of each ensemble after which to stop all the same.", min=1)
+    ] = 20_000,
+    quiet: Quiet = False,
+) -> None:
+    """The posterior of the model in RUN (that of the diagnosis, else of the fit); stops by itself, can be resumed."""
+    with _progress(quiet) as report:
+        report("taking up the model", 0.0)
+        _keep_compiled()
+        from .run_folder import final_rig, final_state
+
+        state = final_state(run)
+        rig, x = final_rig(state)
+        from .fit import resume
+        from .posterior import sample as sample_fit
+        from .posterior.profile import profiles
+        from .report import write_posterior
+        from .report.posterior.table import posterior_table
+
+        posterior = sample_fit(resume(rig, x, state.far, report), run, steps, report)
+        profiled = profiles(posterior, report)
+        write_posterior(run, posterior, profiled, report)
+    _stdout().print(posterior_table(posterior, profiled))
+    if not posterior.convergence.converged:
+        raise _stop(Status.NOT_CONVERGED, f"this is no posterior yet: {posterior.convergence.reason} The same command "
+                                          "goes on from here.")  # fmt: skip
+
+
+@app.command()
+@_contract
 def fetch(
     name: Annotated[str, typer.Argument(help="kassel-throttle, emps or bam-xl330.", metavar="NAME")],
     to: Annotated[Path | None, typer.Option(help="Where; measurements/NAME if not given.", metavar="FOLDER")] = None,

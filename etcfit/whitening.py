@@ -69,20 +69,30 @@ def whiten(filter_: Whitening, error: Any, begins: Any) -> Any:
     Returns:
         shape (T, L, M), dimensionless.
     """
-    lanes, count, order = filter_.gain.shape[1:]
+    start = tuple(jnp.zeros(error.shape[1]) for _ in range(ORDER))
+    return jax.lax.scan(lambda state, entry: innovate(state, *entry), start, (filter_, error))[1]
 
-    def advance(state: tuple[Any, ...], entry: Any) -> Any:
-        (transition, sense, gain, weight), e = entry
-        state = tuple(sum(transition[:, p, q] * state[q] for q in range(order)) for p in range(order))
-        out = []
-        for m in range(count):
-            nu = jnp.where(weight[:, m] > 0.0, e[:, m] - sum(sense[:, m, q] * state[q] for q in range(order)), 0.0)
-            state = tuple(state[q] + gain[:, m, q] * nu for q in range(order))
-            out.append(nu * weight[:, m])
-        return state, jnp.stack(out, axis=-1)
 
-    start = tuple(jnp.zeros(lanes) for _ in range(order))
-    return jax.lax.scan(advance, start, (filter_, error))[1]
+def innovate(state: tuple[Any, ...], filter_: Whitening, error: Any) -> tuple[tuple[Any, ...], Any]:
+    """One entry of the tape through the filter.
+
+    Args:
+        state: the `ORDER` error states before it, any shape, (L,) say.
+        filter_: the whitening of that entry; leading axes as those of the state.
+        error: measured - simulated, shape (..., M).
+    Returns:
+        the error states after it; innovations over their standard deviations, shape (..., M).
+    """
+    transition, sense, gain, weight = filter_
+    order = range(len(state))
+    state = tuple(sum(transition[..., p, q] * state[q] for q in order) for p in order)
+    out = []
+    for m in range(error.shape[-1]):
+        here = weight[..., m]
+        nu = jnp.where(here > 0.0, error[..., m] - sum(sense[..., m, q] * state[q] for q in order), 0.0)
+        state = tuple(state[q] + gain[..., m, q] * nu for q in order)
+        out.append(nu * here)
+    return state, jnp.stack(out, axis=-1)
 
 
 def kalman(

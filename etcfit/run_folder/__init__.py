@@ -4,8 +4,18 @@ from __future__ import annotations
 
 from .diagnosis import diagnosis_json
 from .files import plain, whole, write_json
-from .fit import GEAR_RATIO, effects_of, fit_json, parameters_json, readings_of
-from .state import DIAGNOSIS_STATE, FIT_STATE, State, read_state, rig_of, write_diagnosis_state, write_state
+from .fit import GEAR_RATIO, effects_of, fit_json, hashes, parameters_json, readings_of, versions
+from .state import (
+    DIAGNOSIS_STATE,
+    FIT_STATE,
+    State,
+    final_rig,
+    final_state,
+    read_state,
+    rig_of,
+    write_diagnosis_state,
+    write_state,
+)
 
 __all__ = [
     "DIAGNOSIS_STATE",
@@ -14,12 +24,16 @@ __all__ = [
     "State",
     "diagnosis_json",
     "effects_of",
+    "final_rig",
+    "final_state",
     "fit_json",
+    "hashes",
     "parameters_json",
     "plain",
     "read_state",
     "readings_of",
     "rig_of",
+    "versions",
     "whole",
     "write_diagnosis_state",
     "write_json",

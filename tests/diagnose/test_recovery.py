@@ -19,7 +19,7 @@ from etcfit.descent import _minimise
 from etcfit.diagnose import Diagnosis, diagnose, loop
 from etcfit.diagnose.loop import start, turn
 from etcfit.diagnose.screen import screen
-from etcfit.explore import _chi2_of, chi2_of
+from etcfit.chi2 import _chi2_of, chi2_of
 from etcfit.fit import FitResult, fit, freed, quiet, resume, rounds
 from etcfit.rig.reader import read_folder
 from etcfit.score import pooled
