@@ -24,8 +24,8 @@ class Snooker(emcee.moves.RedBlueMove):
     def get_proposal(self, sample: np.ndarray, complement: Any, random: Any) -> tuple[np.ndarray, np.ndarray]:
         """Proposals for the walkers of one half from those of the other, and the logarithms of their factors."""
         others = np.concatenate(complement)
-        picked = np.stack([others[random.choice(len(others), 3, replace=False)] for _ in sample])
-        z, first, second = picked[:, 0], picked[:, 1], picked[:, 2]
+        drawn = np.argsort(random.uniform(size=(len(sample), len(others))), axis=1)  # three that differ
+        z, first, second = (others[drawn[:, k]] for k in range(3))
         away = sample - z
         distance = np.linalg.norm(away, axis=1)
         along = away / distance[:, None]

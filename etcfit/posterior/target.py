@@ -77,7 +77,8 @@ class Target:
         """log p to a constant at K points, shape (K, P) -> (K,); -inf where the model cannot be computed."""
         form, where = self.bench.layout.form, self.bench.layout.pick(self.bench.unknowns.held).where
         jacobian = np.asarray(_log_jacobian(form.kinds[where[: points.shape[1]]], points))
-        return -0.5 * chi2_of(self.bench, points, self.problem) + jacobian
+        log_p = -0.5 * chi2_of(self.bench, points, self.problem) + jacobian
+        return np.where(np.isfinite(log_p), log_p, -np.inf)
 
 
 @jax.jit
