@@ -5,7 +5,7 @@ Written through xarray, whose groups are ArviZ's: `arviz.from_netcdf` reads it, 
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -13,13 +13,14 @@ import numpy as np
 
 from ..run_folder import effects_of, hashes, plain, versions, whole
 from . import Posterior
+from .predictive import Band
 from .profile import Profile
 from .summary import Marginal, apart
 
 _PER_TAU = 4  # draws kept of each walker in so many steps
 
 
-def posterior_json(posterior: Posterior, profiles: Mapping[str, Profile]) -> dict[str, Any]:
+def posterior_json(posterior: Posterior, profiles: Mapping[str, Profile], bands: Sequence[Band]) -> dict[str, Any]:
     """The object of posterior.json: every parameter that moves, in SI, and how far the chain came."""
     fit, chain, here = posterior.fit, posterior.chain, posterior.convergence
     config = fit.rig.config
@@ -41,11 +42,19 @@ def posterior_json(posterior: Posterior, profiles: Mapping[str, Profile]) -> dic
         "tempering": [{"file": file, "channel": channel, "factor": f}
                       for (file, channel), f in posterior.target.factors.items() if f > 1.0],
         "mode_moved_sd": plain(dict(zip(chain.symbols, _moved(posterior).tolist(), strict=True))),
+        "predictive": [_predicted(band) for band in bands],
         "warnings": list(_warnings(posterior)),
         "folder": fit.rig.folder,
         "files": hashes(fit.rig),
         "versions": versions(),
     }  # fmt: skip
+
+
+def _predicted(band: Band) -> dict[str, Any]:
+    """Share of a trace's samples inside the 95 % band, by channel."""
+    measurement = band.trace.measurement
+    inside = dict(zip(band.trace.channels, band.inside, strict=True))
+    return {"file": measurement.file, "held_out": measurement.held_out, "inside95": inside}
 
 
 def parameters_json(posterior: Posterior, profiles: Mapping[str, Profile]) -> dict[str, Any]:

@@ -10,9 +10,10 @@ from pathlib import Path
 from typing import Any
 
 from ..diagnose.findings import Diagnosis
-from ..fit import FitResult
+from ..fit import FitResult, quiet
 from ..posterior import Posterior
 from ..posterior.files import posterior_json, write_netcdf
+from ..posterior.predictive import bands
 from ..posterior.profile import Profile
 from ..run_folder import diagnosis_json, fit_json, write_diagnosis_state, write_json, write_state
 
@@ -63,11 +64,12 @@ def write_posterior(
         report: called with what is being written and the share done.
     """
     run = Path(run_dir)
-    write_json(run / "posterior.json", "posterior", posterior_json(posterior, profiles))
+    predicted = bands(posterior, report or quiet)
+    write_json(run / "posterior.json", "posterior", posterior_json(posterior, profiles, predicted))
     write_netcdf(run / "posterior.nc", posterior)
     from .posterior.pictures import jobs
 
-    _draw(run / "pictures" / "posterior", jobs(posterior, profiles), report)
+    _draw(run / "pictures" / "posterior", jobs(posterior, profiles, predicted), report)
 
 
 def _draw(folder: Path, jobs: Sequence[tuple[Path, Callable[[], Any]]], report: Report | None) -> None:

@@ -35,7 +35,18 @@ def _sampled(posterior: Posterior) -> str:
 
 
 def _parameters(posterior: Posterior, profiles: Mapping[str, Profile]) -> RenderableType:
-    heads = ("parameter", "mean", "95 % interval", "sd: Laplace", "profile", "posterior", "", "ESS", "R-hat", "unit")
+    heads = (
+        "parameter",
+        "mean",
+        "95 % interval",
+        "sd: Laplace",
+        "profile",
+        "posterior",
+        "apart",
+        "ESS",
+        "R-hat",
+        "unit",
+    )
     table = plain_table(*heads, "status")
     for k in (6, 9, 10):
         table.columns[k].justify = "left"
@@ -51,7 +62,7 @@ def _row(symbol: str, m: Marginal, profile: Profile | None) -> tuple[RenderableT
     if m.status == "not identifiable":
         return symbol, "-", "-", "-", profiled, "-", "", *tail
     digits = Digits.of(m.mean, m.sd)
-    flag = Text("> 20 % apart" if disagree(m, profile) else "", style="bold yellow")
+    flag = Text("> 20 %" if disagree(m, profile) else "", style="bold yellow")
     return symbol, digits(m.mean), digits.span(m.low, m.high), short(m.laplace), profiled, short(m.sd), flag, *tail
 
 
