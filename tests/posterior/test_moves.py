@@ -20,7 +20,7 @@ def variances(move: Any, scale: float = 1.0, steps: int = 2000) -> np.ndarray:
     )
     start = scale * np.random.RandomState(3).standard_normal((8 * SIZE, SIZE))
     sampler.run_mcmc(emcee.State(start, random_state=np.random.RandomState(4).get_state()), steps)
-    return np.var(sampler.get_chain(discard=200, flat=True), axis=0) / scale**2
+    return np.var(np.asarray(sampler.get_chain(discard=200, flat=True)), axis=0) / scale**2
 
 
 @pytest.mark.parametrize("move", [Snooker(), Laplace()], ids=["snooker", "laplace"])

@@ -61,7 +61,8 @@ def draw(picture: CornerPicture) -> Figure:
         truth_color=style.SIMULATED,
     )
     fig.subplots_adjust(left=0.085, right=0.985, bottom=0.085, top=0.985, wspace=0.06, hspace=0.06)
-    for axes in fig.axes:
+    drawn = [axes for axes in fig.axes if axes.get_frame_on()]
+    for axes in drawn:  # corner empties those above the diagonal
         axes.tick_params(labelsize=8)
         axes.grid(False)
         axes.xaxis.set_major_locator(MaxNLocator(3, prune="both"))

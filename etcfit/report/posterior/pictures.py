@@ -47,7 +47,7 @@ def _spreads(posterior: Posterior, profiles: Mapping[str, Profile]) -> list[spre
         profile, fitted = profiles.get(s), known[s]
         if m.status != "estimated" or not fitted.stderr:
             continue
-        ends = (profile.low, profile.high) if profile and profile.kind == "bounded" else None
+        ends = None if profile is None or profile.low is None or profile.high is None else (profile.low, profile.high)
         unit = posterior.described[s][0]
         out.append(spreads.Spread(s, unit, fitted.value, fitted.stderr, m.mean, m.sd, m.low, m.high, ends,
                                   read.get(s), true.get(s), disagree(m, profile)))  # fmt: skip
