@@ -37,6 +37,6 @@ def _panel(panel: Axes, profile: Profile, unit: str) -> None:
         if end is not None:
             panel.axvline(end, color=style.SIMULATED, lw=1.0)
     panel.set_ylim(-0.3, min(3.0 * RISE, max(1.5 * RISE, 1.1 * float(np.max(profile.rise)))))
-    panel.set_xlabel(style.unit_label(profile.symbol, unit).replace(" ", "_", profile.symbol.count("_")))
+    panel.set_xlabel(f"{profile.symbol} [{unit}]")
     panel.set_ylabel("rise of chi2 [1]")
     panel.set_title(f"{profile.symbol}: {profile.kind}", loc="left")
