@@ -109,7 +109,8 @@ def by_nuts(target: Any, root: np.ndarray, draws: int) -> tuple[Timed, float]:
     )
     nuts = blackjax.nuts(forward, step_size=_STEP, inverse_mass_matrix=jnp.ones(target.mode.size))
     step = jax.jit(nuts.step)
-    state, key = nuts.init(jnp.zeros(target.mode.size)), jax.random.key(0)
+    key = jax.random.key(0)
+    state = nuts.init(jnp.zeros(target.mode.size), key)
     state, _ = step(key, state)  # compiles
     gradients = 0
 
