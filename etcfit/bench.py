@@ -61,6 +61,13 @@ def _kalman(form: Form, circuits: tuple[str, ...], x: Any, pick: Pick, arrays: A
     return whitening.kalman(throttle, path, steps, resets, slots, disturbance, jitter)
 
 
+@partial(jax.jit, static_argnums=(0, 1))
+def _free_run_variance(form: Form, circuits: tuple[str, ...], x: Any, pick: Pick, arrays: Any, jitter: Any) -> Any:
+    steps, resets, slots, disturbance, circuit_of = arrays
+    throttle, path, steps = run(form, circuits, x, pick, steps, resets, circuit_of)
+    return whitening.free_run_variance(throttle, path, steps, resets, slots, disturbance, jitter)
+
+
 @dataclass(frozen=True, eq=False)
 class Bench:
     """Data and unknowns of a rig; each method returns something new.
@@ -117,6 +124,10 @@ class Bench:
     def free_run(self, x: np.ndarray) -> list[np.ndarray]:
         """Simulated samples of each trace, (n, M)."""
         return columns(self.tape, self.simulated(x, 0.0))
+
+    def free_run_variance(self, x: np.ndarray) -> list[np.ndarray]:
+        """Variance of measured - free run of each trace, (n, M): sensor, noisy input, instants not known exactly."""
+        return columns(self.tape, _free_run_variance(*self.at(x), self.arrays(), self.jitter))
 
     def simulated(self, x: np.ndarray, pull: float) -> Any:
         """Simulated samples along the tape, (T, L, M), drawn along the measured angle by a guide of `pull`."""

@@ -264,6 +264,21 @@ def drive(
 
 @app.command()
 @_contract
+def sample(
+    run: Run,
+    steps: Annotated[
+        int, typer.Option(help="Steps of each ensemble after which to stop all the same.", min=1)
+    ] = 20_000,
+    quiet: Quiet = False,
+) -> None:
+    """The posterior of the model in RUN (that of the diagnosis, else of the fit); stops by itself, can be resumed."""
+    with _progress(quiet) as progress:
+        done = stages.sample_run(run, progress, steps)
+    _tell(done)
+
+
+@app.command()
+@_contract
 def fetch(
     name: Annotated[str, typer.Argument(help="kassel-throttle, emps or bam-xl330.", metavar="NAME")],
     to: Annotated[Path | None, typer.Option(help="Where; measurements/NAME if not given.", metavar="FOLDER")] = None,

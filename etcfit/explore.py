@@ -7,41 +7,18 @@ that there is none.
 
 from __future__ import annotations
 
-from functools import partial
-from typing import Any
-
-import jax
-import jax.numpy as jnp
 import numpy as np
 
 from .bench import Bench
-from .residual import Problem, prior_residual, residual
-from .unknowns import Form
+from .chi2 import chi2_of
+from .residual import Problem
 
 _DRAWS = 64
-_AT_ONCE = 16  # points simulated side by side, which bounds the memory
 _GENERATIONS = 30
 _EPOCHS = 120
 _PATIENCE = 25  # epochs after which a population that gains less
 _GAIN = 0.01  # than this share of chi2 has found what it will
 _WORTH = 0.02  # chi2, in units of chi2 per degree of freedom, that makes a move worth it
-
-
-@partial(jax.jit, static_argnums=(0, 1))
-def _chi2_of(form: Form, circuits: tuple[str, ...], points: Any, problem: Problem) -> Any:
-    """Sum of squared residuals and prior terms at each of K points, shape (K, P) -> (K,)."""
-
-    def one(x: Any) -> Any:
-        return jnp.sum(residual(form, circuits, x, problem) ** 2) + jnp.sum(prior_residual(x, problem) ** 2)
-
-    return jax.lax.map(one, points, batch_size=_AT_ONCE)
-
-
-def chi2_of(bench: Bench, points: np.ndarray, problem: Problem) -> np.ndarray:
-    """Sum of squared residuals and prior terms at each of K points, shape (K, P) -> (K,); inf where none can be had."""
-    chi2 = np.array(_chi2_of(bench.layout.form, bench.tape.circuits, bench.layout.padded(points), problem))
-    chi2[~np.isfinite(chi2)] = np.inf
-    return chi2
 
 
 def evolve(bench: Bench, x: np.ndarray, problem: Problem, spread: np.ndarray) -> np.ndarray:

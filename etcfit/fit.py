@@ -8,9 +8,10 @@ from dataclasses import replace
 import numpy as np
 
 from .bench import Bench
+from .chi2 import chi2_of
 from .descent import Local, go, local
 from .errors import MeasurementError
-from .explore import chi2_of, evolve, settle
+from .explore import evolve, settle
 from .outcome import End, outcome
 from .outcome import FitResult as FitResult
 from .outcome import StartSummary as StartSummary

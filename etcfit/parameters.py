@@ -33,6 +33,11 @@ class AbstractDomain(abc.ABC):
         """Value in SI of the coordinate x (dimensionless)."""
         return self.scale * self.curve(x)
 
+    @staticmethod
+    @abc.abstractmethod
+    def log_flat(x: Scalar) -> Scalar:
+        """log |dq/dx|: the density of x, to a factor, that makes the quantity q flat in which nothing is believed."""
+
     @abc.abstractmethod
     def coordinate(self, value: float) -> float:
         """The coordinate of a value in SI; a value on or beyond the bound is moved just inside."""
@@ -58,6 +63,12 @@ class Positive(AbstractDomain):
     @staticmethod
     def curve(x: Scalar) -> Scalar:
         return jnp.exp(_REACH * jnp.tanh(x / _REACH))
+
+    @staticmethod
+    def log_flat(x: Scalar) -> Scalar:
+        """q = log value, since its order of magnitude is unknown: dq/dx = sech^2(x / c)."""
+        y = jnp.abs(x / _REACH)
+        return 2.0 * (jnp.log(2.0) - y - jnp.log1p(jnp.exp(-2.0 * y)))
 
     def coordinate(self, value: float) -> float:
         log = math.log(max(value, 1e-300) / self.scale) / _REACH
@@ -89,6 +100,11 @@ class NonNegative(AbstractDomain):
         root = jnp.sqrt(x * x + _SOFTNESS**2)
         return 0.5 * jnp.where(x >= 0.0, x + root, _SOFTNESS**2 / (root + jnp.abs(x)))
 
+    @staticmethod
+    def log_flat(x: Scalar) -> Scalar:
+        """q = value / scale, since it may be zero: dq/dx = q / sqrt(x^2 + e^2)."""
+        return jnp.log(NonNegative.curve(x) / jnp.sqrt(x * x + _SOFTNESS**2))
+
     def coordinate(self, value: float) -> float:
         y = max(value / self.scale, 0.25 * _SOFTNESS)
         return y - _SOFTNESS**2 / (4.0 * y)
@@ -111,6 +127,11 @@ class Real(AbstractDomain):
     def curve(x: Scalar) -> Scalar:
         return x
 
+    @staticmethod
+    def log_flat(x: Scalar) -> Scalar:
+        """q = value / scale = x."""
+        return jnp.zeros_like(x)
+
     def coordinate(self, value: float) -> float:
         return value / self.scale
 
@@ -132,6 +153,14 @@ def curves(kinds: Scalar, x: Scalar) -> Scalar:
     out = x
     for k, domain in enumerate(DOMAINS):
         out = jnp.where(kinds == k, domain.curve(x), out)
+    return out
+
+
+def log_flats(kinds: Scalar, x: Scalar) -> Scalar:
+    """log |dq/dx| of many coordinates at once, shape (P,), q being what is flat in each one's domain."""
+    out = jnp.zeros_like(x)
+    for k, domain in enumerate(DOMAINS):
+        out = jnp.where(kinds == k, domain.log_flat(x), out)
     return out
 
 

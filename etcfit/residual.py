@@ -45,6 +45,14 @@ def with_circuits(steps: Step, circuit_of: Any, tape_circuits: tuple[str, ...], 
     return steps._replace(series=series)
 
 
+def equipped(steps: Step, circuit_of: Any, circuits: tuple[str, ...], values: Mapping[str, Scalar]) -> Step:
+    """The tape, or one entry of it, with all that depends on parameters: its circuits and the guide's lever."""
+    steps = with_circuits(steps, circuit_of, circuits, values)
+    # a guide in volts knows no scale of torque: where the data know none, none can run away from it
+    per_volt = steps.gear_ratio * values["K_m"] / (values["R_a"] + steps.series)
+    return steps._replace(lever=jnp.where(steps.lever > 0.5, 1.0, per_volt))
+
+
 def predict(throttle: Throttle, path: tuple[State, Any], steps: Step, resets: Reset, slots: Slots) -> Any:
     """What each slot ought to show, SI, shape (T, L, M)."""
     seen = throttle.observe(*path, steps.inputs(1.0))
@@ -62,10 +70,7 @@ def run(
     """Simulate a tape at coordinates x: the model, its path, and the tape with its circuits and late inputs."""
     values = form.values(x, pick)
     throttle = Throttle.build(form.types, values)
-    steps = with_circuits(steps, circuit_of, circuits, values)
-    # a guide in volts knows no scale of torque: where the data know none, none can run away from it
-    per_volt = steps.gear_ratio * values["K_m"] / (values["R_a"] + steps.series)
-    steps = steps._replace(lever=jnp.where(steps.lever > 0.5, 1.0, per_volt))
+    steps = equipped(steps, circuit_of, circuits, values)
     if throttle.may_delay:
         steps = late_inputs(steps, resets, throttle.delays().input)
     return throttle, simulate(throttle, steps, resets), steps

@@ -227,6 +227,17 @@ class Reset(NamedTuple):
     omega: Scalar
 
 
+def begun(throttle: Throttle, x: State, z: tuple[Scalar, ...], reset: Reset) -> tuple[State, tuple[Scalar, ...]]:
+    """State and memories from which a step sets out: where a trace begins, its own first ones."""
+    begins = reset.begins > 0.5
+    x = State(
+        jnp.where(begins, reset.i, x.i),
+        jnp.where(begins, reset.theta, x.theta),
+        jnp.where(begins, reset.omega, x.omega),
+    )
+    return x, tuple(jnp.where(begins, first, now) for first, now in zip(throttle.z0, z, strict=True))
+
+
 def simulate(throttle: Throttle, steps: Step, resets: Reset) -> tuple[State, tuple[Scalar, ...]]:
     """Run a tape: L lanes side by side, each a sequence of traces one after the other.
 
@@ -242,16 +253,8 @@ def simulate(throttle: Throttle, steps: Step, resets: Reset) -> tuple[State, tup
     z0 = tuple(jnp.full(lanes, z) for z in throttle.z0)
 
     def advance(carry: tuple[State, tuple[Scalar, ...]], entry: tuple[Step, Reset]):
-        x, z = carry
         s, reset = entry
-        begins = reset.begins > 0.5
-        x = State(
-            jnp.where(begins, reset.i, x.i),
-            jnp.where(begins, reset.theta, x.theta),
-            jnp.where(begins, reset.omega, x.omega),
-        )
-        z = tuple(jnp.where(begins, first, now) for first, now in zip(throttle.z0, z, strict=True))
-        carry = jax.vmap(step, in_axes=(None, 0, 0, 0))(throttle, x, z, s)
+        carry = jax.vmap(step, in_axes=(None, 0, 0, 0))(throttle, *begun(throttle, *carry, reset), s)
         return carry, carry
 
     _, path = jax.lax.scan(advance, (x0, z0), (steps, resets))

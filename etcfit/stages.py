@@ -68,6 +68,28 @@ def diagnose_run(run: Path, report: Report) -> Done:
     return Done(diagnosis_table(diagnosis), failure)
 
 
+def sample_run(run: Path, report: Report, steps: int = 20_000) -> Done:
+    """How sure: RUN/posterior.nc and RUN/posterior.json of the final model, pictures; takes up a chain that is there."""
+    report("taking up the model", 0.0)
+    keep_compiled()
+    from .run_folder import final_rig, final_state
+
+    state = final_state(run)
+    rig, x = final_rig(state)
+    from .fit import resume
+    from .posterior import sample
+    from .posterior.profile import profiles
+    from .report import write_posterior
+    from .report.posterior.table import posterior_table
+
+    posterior = sample(resume(rig, x, state.far, report), run, steps, report)
+    profiled = profiles(posterior, report)
+    write_posterior(run, posterior, profiled, report)
+    here = posterior.convergence
+    failure = "" if here.converged else f"this is no posterior yet: {here.reason} `etcfit sample` goes on from here."
+    return Done(posterior_table(posterior, profiled), failure)
+
+
 def write_report(run: Path, report: Report) -> Done:
     """One page of everything that RUN holds: RUN/report.html."""
     report("writing the page", 0.0)
@@ -104,6 +126,7 @@ _RESULTS = ("fit.json", "diagnosis.json", "posterior.json", "transfer_function.j
 STAGES: tuple[Stage, ...] = (
     Stage("fit", ("fit.json", "fit_state.npz"), (), fit_folder),
     Stage("diagnose", ("diagnosis.json", "diagnosis_state.npz"), ("fit.json", "fit_state.npz"), _of_run(diagnose_run)),
+    Stage("sample", ("posterior.json",), ("diagnosis.json", "diagnosis_state.npz"), _of_run(sample_run)),
     Stage("report", ("report.html",), _RESULTS, _of_run(write_report)),
 )
 

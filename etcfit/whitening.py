@@ -69,20 +69,30 @@ def whiten(filter_: Whitening, error: Any, begins: Any) -> Any:
     Returns:
         shape (T, L, M), dimensionless.
     """
-    lanes, count, order = filter_.gain.shape[1:]
+    start = tuple(jnp.zeros(error.shape[1]) for _ in range(ORDER))
+    return jax.lax.scan(lambda state, entry: innovate(state, *entry), start, (filter_, error))[1]
 
-    def advance(state: tuple[Any, ...], entry: Any) -> Any:
-        (transition, sense, gain, weight), e = entry
-        state = tuple(sum(transition[:, p, q] * state[q] for q in range(order)) for p in range(order))
-        out = []
-        for m in range(count):
-            nu = jnp.where(weight[:, m] > 0.0, e[:, m] - sum(sense[:, m, q] * state[q] for q in range(order)), 0.0)
-            state = tuple(state[q] + gain[:, m, q] * nu for q in range(order))
-            out.append(nu * weight[:, m])
-        return state, jnp.stack(out, axis=-1)
 
-    start = tuple(jnp.zeros(lanes) for _ in range(order))
-    return jax.lax.scan(advance, start, (filter_, error))[1]
+def innovate(state: tuple[Any, ...], filter_: Whitening, error: Any) -> tuple[tuple[Any, ...], Any]:
+    """One entry of the tape through the filter.
+
+    Args:
+        state: the `ORDER` error states before it, any shape, (L,) say.
+        filter_: the whitening of that entry; leading axes as those of the state.
+        error: measured - simulated, shape (..., M).
+    Returns:
+        the error states after it; innovations over their standard deviations, shape (..., M).
+    """
+    transition, sense, gain, weight = filter_
+    order = range(len(state))
+    state = tuple(sum(transition[..., p, q] * state[q] for q in order) for p in order)
+    out = []
+    for m in range(error.shape[-1]):
+        here = weight[..., m]
+        nu = jnp.where(here > 0.0, error[..., m] - sum(sense[..., m, q] * state[q] for q in order), 0.0)
+        state = tuple(state[q] + gain[..., m, q] * nu for q in order)
+        out.append(nu * here)
+    return state, jnp.stack(out, axis=-1)
 
 
 def kalman(
@@ -104,6 +114,44 @@ def kalman(
     Returns:
         the filter, and the variance that a jitter of 1 would add to each sample, over S, shape (T, L, M).
     """
+    transition, noise, sense, quiet, timing = _state_space(throttle, path, steps, resets, slots, disturbance)
+    variance = quiet + jitter**2 * timing
+    gain, weight = _covariance(transition, noise, sense, variance, slots.weight)
+    return Whitening(transition, sense, gain, weight), timing * weight**2
+
+
+def free_run_variance(
+    throttle: Throttle,
+    path: tuple[State, tuple[Any, ...]],
+    steps: Step,
+    resets: Reset,
+    slots: Slots,
+    disturbance: Disturbance,
+    jitter: Any,
+) -> Any:
+    """Variance of measured - simulated where the simulation runs free, C P C^T + sigma^2, SI, shape (T, L, M).
+
+    P is what noise of the input and instants not known exactly have added up to: the filter's covariance were no sample
+    ever looked at.
+
+    Args:
+        throttle, path, steps, resets, slots, disturbance, jitter: as in `kalman`.
+    """
+    transition, noise, sense, quiet, timing = _state_space(throttle, path, steps, resets, slots, disturbance)
+
+    def advance(covariance: Any, entry: Any) -> Any:
+        a, q, c = entry
+        covariance = jnp.einsum("lpq,lqs,lts->lpt", a, covariance, a) + q
+        return covariance, jnp.einsum("lmp,lpq,lmq->lm", c, covariance, c)
+
+    start = jnp.zeros_like(noise[0])
+    return jax.lax.scan(advance, start, (transition, noise, sense))[1] + quiet + jitter**2 * timing
+
+
+def _state_space(
+    throttle: Throttle, path: Any, steps: Step, resets: Reset, slots: Slots, disturbance: Disturbance
+) -> tuple[Any, Any, Any, Any, Any]:
+    """A, Q, C, each sample's own variance, and what a jitter of 1 would add to it."""
     before = before_steps(throttle, path, resets)
     inner, push = _linearise(throttle, before, steps)
     sense = slot_senses(throttle, path, steps, slots)
@@ -115,9 +163,7 @@ def kalman(
     transition = jnp.where(begins, 0.0, transition)
     noise = jnp.where(begins, _start_covariance(disturbance, noise.shape[-1]), noise)
     timing = _timing_variance(before[0], path[0], steps, disturbance, sense)
-    variance = slots.sigma**2 + _impact_variance(lost, disturbance, sense) + jitter**2 * timing
-    gain, weight = _covariance(transition, noise, sense, variance, slots.weight)
-    return Whitening(transition, sense, gain, weight), timing * weight**2
+    return transition, noise, sense, slots.sigma**2 + _impact_variance(lost, disturbance, sense), timing
 
 
 def before_steps(throttle: Throttle, path: Any, resets: Reset) -> tuple[State, tuple[Any, ...]]:

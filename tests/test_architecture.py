@@ -12,9 +12,9 @@ PACKAGE = Path(__file__).resolve().parents[1] / "etcfit"
 ORDER = [
     *("errors", "fetch", "backend", "parameters", "effects", "unknown", "throttle", "linear", "pid"),
     *("simulate", "delay", "rig", "drive_log", "drive", "trace", "tape", "score", "whitening", "unknowns"),
-    *("tangents", "grid", "reading", "correlation", "residual", "bench", "explore", "identifiability", "cure"),
-    *("descent", "outcome", "fit", "intervals", "posterior", "check", "advise", "diagnose", "run_folder"),
-    *("report", "stages", "cli"),
+    *("tangents", "grid", "reading", "correlation", "residual", "bench", "chi2", "explore", "identifiability", "cure"),
+    *("descent", "outcome", "fit", "intervals", "check", "advise", "diagnose", "run_folder"),
+    *("posterior", "report", "stages", "cli"),
 ]
 ONLY_IN = {"optimistix": "descent", "emcee": "posterior", "matplotlib": "report", "pooch": "fetch", "typer": "cli"}
 REGISTRIES = {"effects": "AbstractEffect", "rig": "AbstractRigTest"}

@@ -121,6 +121,47 @@ def test_a_fit_that_did_not_converge_writes_says_why_and_exits_3(invoke, library
     assert library.written
 
 
+@pytest.fixture
+def sampler(library: Library, monkeypatch: pytest.MonkeyPatch) -> SimpleNamespace:
+    """Stands in for what `sample` asks; `asked` holds the folder and the steps."""
+    convergence = SimpleNamespace(converged=True, reason="60 tau long")
+    fake = SimpleNamespace(convergence=convergence, asked=None)
+    state = SimpleNamespace(far=False)
+
+    def sample(fit: Any, run: Path, steps: int, report: Callable[[str, float], None]) -> SimpleNamespace:
+        fake.asked = fit, run, steps
+        return fake
+
+    modules = {
+        "etcfit.run_folder": {"final_state": lambda run: state, "final_rig": lambda state: (RIG, "x")},
+        "etcfit.fit": {"resume": lambda rig, x, far, report: (rig, x, far)},
+        "etcfit.posterior": {"sample": sample},
+        "etcfit.posterior.profile": {"profiles": lambda posterior, report: {}},
+        "etcfit.report": {"write_posterior": lambda run, posterior, *_: library.written.append((run, posterior))},
+        "etcfit.report.posterior.table": {"posterior_table": lambda posterior, profiled: "the posterior's table"},
+    }
+    for name, names in modules.items():
+        monkeypatch.setitem(sys.modules, name, _module(name, **names))
+    return fake
+
+
+def test_sample_writes_the_posterior_and_prints_its_table(invoke, library: Library, sampler: SimpleNamespace) -> None:
+    done = invoke("sample", "bench", "--steps", "700")
+    assert (done.exit_code, done.stdout) == (0, "the posterior's table\n")
+    assert sampler.asked == ((RIG, "x", False), Path("bench"), 700)
+    assert library.written == [(Path("bench"), sampler)]
+
+
+def test_a_chain_that_is_too_short_is_written_says_so_and_exits_3(
+    invoke, library: Library, sampler: SimpleNamespace
+) -> None:
+    sampler.convergence = SimpleNamespace(converged=False, reason="About 900 more steps are needed.")
+    done = invoke("sample", "bench")
+    assert (done.exit_code, done.stdout) == (3, "the posterior's table\n")
+    assert "no posterior yet: About 900 more steps are needed." in done.stderr
+    assert library.written
+
+
 @pytest.mark.parametrize("command", [("check", "bench"), ("fit", "bench", "--out", "a")])
 @pytest.mark.parametrize(
     ("error", "status", "message"),

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
+from collections.abc import Callable
 
 import jax
 import numpy as np
@@ -12,7 +13,19 @@ from hypothesis import given
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose
 
-from etcfit.parameters import AbstractDomain, NonNegative, Parameter, Positive, Real, parameter, parameters_of
+from etcfit.parameters import (
+    DOMAINS as CLASSES,
+)
+from etcfit.parameters import (
+    AbstractDomain,
+    NonNegative,
+    Parameter,
+    Positive,
+    Real,
+    log_flats,
+    parameter,
+    parameters_of,
+)
 
 SCALE = 2e-3
 DOMAINS = [Positive(SCALE), NonNegative(SCALE), Real(SCALE)]
@@ -105,3 +118,31 @@ def test_parameters_are_read_off_the_fields_in_their_order() -> None:
         Parameter("a", "V", Real(1.0), 0.5, "first", "here"),
         Parameter("b", "A", Positive(2.0), 0.7, "second", "there"),
     )
+
+
+@pytest.mark.parametrize(
+    ("domain", "flat", "low", "high"),
+    [
+        (Positive(SCALE), np.log, 0.02, 50.0),
+        (NonNegative(SCALE), np.asarray, 1e-4, 3.0),
+        (NonNegative(SCALE), np.asarray, 0.5, 40.0),
+        (Real(SCALE), np.asarray, -2.0, 5.0),
+    ],
+    ids=["positive", "non-negative near zero", "non-negative", "real"],
+)
+def test_the_jacobian_makes_the_prior_flat_in_what_is_documented(
+    domain: AbstractDomain, flat: Callable[[np.ndarray], np.ndarray], low: float, high: float
+) -> None:
+    """The share of the prior below a value is that of the flat quantity, by numerical integration."""
+    ends = [domain.coordinate(SCALE * value) for value in (low, high)]
+    x = np.linspace(*ends, 100_001)
+    density = np.exp(np.asarray(jax.vmap(domain.log_flat)(x)))
+    below = np.concatenate(([0.0], np.cumsum(0.5 * (density[1:] + density[:-1]) * np.diff(x))))
+    q = flat(values(domain, x) / SCALE)
+    assert_allclose(below / below[-1], (q - q[0]) / (q[-1] - q[0]), atol=5e-6)
+
+
+def test_many_jacobians_at_once_are_those_of_the_domains() -> None:
+    x = np.array([-1.5, -0.03, 0.4])
+    kinds = np.arange(len(CLASSES))
+    assert_allclose(log_flats(kinds, x), [float(c.log_flat(v)) for c, v in zip(CLASSES, x, strict=True)])

@@ -19,6 +19,8 @@ from etcfit.run_folder import (
     DIAGNOSIS_STATE,
     FIT_STATE,
     diagnosis_json,
+    final_rig,
+    final_state,
     fit_json,
     read_state,
     readings_of,
@@ -28,6 +30,7 @@ from etcfit.run_folder import (
     write_json,
     write_state,
 )
+from etcfit.unknowns import unknowns
 
 PARAMETERS = ("R_a", "L_a", "K_b", "K_m", "J_m", "J_L", "B_m", "B_L", "K_s", "T_PL", "T_f", "N")
 
@@ -187,6 +190,27 @@ def test_the_state_of_a_diagnosis_holds_the_final_model(found: Diagnosis, tmp_pa
     np.testing.assert_array_equal(final.x, found.after.x)
     np.testing.assert_array_equal(final.covariance, found.after.covariance)
     assert final.folder.samefile(found.after.rig.folder)
+
+
+def test_the_final_model_is_that_of_the_diagnosis_where_there_is_one(found: Diagnosis, tmp_path: Path) -> None:
+    write_state(tmp_path, found.before)
+    assert final_state(tmp_path).effects == read_state(tmp_path).effects
+    write_diagnosis_state(tmp_path, found)
+    state = final_state(tmp_path)
+    assert diagnoses.FOUND in state.effects
+    rig, x = final_rig(state)
+    assert diagnoses.FOUND in rig.config.effects
+    layout = unknowns(rig.config).layout
+    assert set(layout.free) == set(state.symbols)
+    assert dict(zip(layout.free, x, strict=True)) == dict(zip(state.symbols, state.x, strict=True))
+
+
+def test_a_final_model_of_another_folder_is_refused(found: Diagnosis, tmp_path: Path) -> None:
+    write_state(tmp_path, found.before)
+    write_diagnosis_state(tmp_path, found)
+    state = final_state(tmp_path)
+    with pytest.raises(UsageError, match="has changed since"):
+        final_rig(replace(state, symbols=state.symbols[1:]))
 
 
 def test_a_new_fit_leaves_no_state_of_the_old_diagnosis(found: Diagnosis, tmp_path: Path) -> None:

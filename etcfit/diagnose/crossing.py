@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from ..chi2 import chi2_of
 from ..descent import go
-from ..explore import chi2_of
 from ..residual import Problem
 from .trial import Standing
 

@@ -16,9 +16,9 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from ..bench import Bench
+from ..chi2 import chi2_of
 from ..correlation import inflation
 from ..descent import go
-from ..explore import chi2_of
 from ..outcome import End
 from ..residual import Problem
 from ..score import Row, columns, pooled, rows

@@ -5,12 +5,16 @@ The only matplotlib; lazy.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 from ..diagnose.findings import Diagnosis
-from ..fit import FitResult
+from ..fit import FitResult, quiet
+from ..posterior import Posterior
+from ..posterior.files import posterior_json, write_netcdf
+from ..posterior.predictive import bands
+from ..posterior.profile import Profile
 from ..run_folder import diagnosis_json, fit_json, write_diagnosis_state, write_json, write_state
 
 Report = Callable[[str, float], None]
@@ -46,6 +50,26 @@ def write_diagnosis(run_dir: Path | str, diagnosis: Diagnosis, report: Report | 
     from .diagnosis.pictures import jobs
 
     _draw(run / "pictures" / "diagnosis", jobs(diagnosis), report)
+
+
+def write_posterior(
+    run_dir: Path | str, posterior: Posterior, profiles: Mapping[str, Profile], report: Report | None = None
+) -> None:
+    """Write a posterior to its run folder: posterior.json, posterior.nc and the pictures.
+
+    Args:
+        run_dir: RUN; made if absent. A file of the same name is replaced, whole or not at all.
+        posterior: converged or not.
+        profiles: of its weak parameters.
+        report: called with what is being written and the share done.
+    """
+    run = Path(run_dir)
+    predicted = bands(posterior, report or quiet)
+    write_json(run / "posterior.json", "posterior", posterior_json(posterior, profiles, predicted))
+    write_netcdf(run / "posterior.nc", posterior)
+    from .posterior.pictures import jobs
+
+    _draw(run / "pictures" / "posterior", jobs(posterior, profiles, predicted), report)
 
 
 def _draw(folder: Path, jobs: Sequence[tuple[Path, Callable[[], Any]]], report: Report | None) -> None:

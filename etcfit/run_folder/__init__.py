@@ -4,11 +4,13 @@ from __future__ import annotations
 
 from .diagnosis import diagnosis_json
 from .files import plain, whole, write_json
-from .fit import GEAR_RATIO, effects_of, fit_json, parameters_json, readings_of
+from .fit import GEAR_RATIO, effects_of, fit_json, hashes, parameters_json, readings_of, versions
 from .state import (
     DIAGNOSIS_STATE,
     FIT_STATE,
     State,
+    final_rig,
+    final_state,
     fitted_values,
     read_state,
     rig_of,
@@ -23,13 +25,17 @@ __all__ = [
     "State",
     "diagnosis_json",
     "effects_of",
+    "final_rig",
+    "final_state",
     "fit_json",
     "fitted_values",
+    "hashes",
     "parameters_json",
     "plain",
     "read_state",
     "readings_of",
     "rig_of",
+    "versions",
     "whole",
     "write_diagnosis_state",
     "write_json",

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import os
 import zipfile
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 
 from ..diagnose.findings import Diagnosis
+from ..effects import PAPER
 from ..errors import UsageError
 from ..fit import FitResult
 from ..rig.base import Rig
@@ -112,17 +113,51 @@ def rig_of(state: State) -> Rig:
         UsageError: it is gone, or its rig.toml asks for another model than the one that was fitted.
         MeasurementError: it is wrong.
     """
-    again = f"Run `etcfit fit {state.folder} --out {state.run}` again."
+    rig = _folder_of(state)
+    layout = unknowns(rig.config).layout
+    if layout.free != state.symbols or tuple(effect.name for effect in layout.types) != state.effects:
+        raise _changed(state, {*layout.free} ^ {*state.symbols})
+    return rig
+
+
+def final_state(run: Path) -> State:
+    """The final model of the diagnosis where RUN holds one, else the fit.
+
+    Raises:
+        UsageError: neither is there.
+    """
+    return read_state(run, DIAGNOSIS_STATE if (run / DIAGNOSIS_STATE).is_file() else FIT_STATE)
+
+
+def final_rig(state: State) -> tuple[Rig, np.ndarray]:
+    """The measurement folder as if rig.toml named every effect of a model, and the model's coordinates in that order.
+
+    Raises:
+        UsageError: the folder is gone, or its rig.toml asks for another model by now.
+        MeasurementError: it is wrong.
+    """
+    rig = _folder_of(state)
+    paper = {effect.name for effect in PAPER}
+    effects = tuple(name for name in state.effects if name not in paper)
+    known = replace(rig, config=replace(rig.config, effects=effects))
+    layout = unknowns(known.config).layout
+    if {*layout.free} != {*state.symbols} or not {*rig.config.effects} <= {*effects}:
+        raise _changed(state, {*layout.free} ^ {*state.symbols})
+    at = dict(zip(state.symbols, state.x.tolist(), strict=True))
+    return known, np.array([at[s] for s in layout.free])
+
+
+def _folder_of(state: State) -> Rig:
     if not state.folder.is_dir():
         raise UsageError(f"{state.folder}, which {state.run} was fitted to, is no longer there. Put it back, or run "
                          f"`etcfit fit FOLDER --out {state.run}` again.")  # fmt: skip
-    rig = read_folder(state.folder)
-    layout = unknowns(rig.config).layout
-    if layout.free != state.symbols or tuple(effect.name for effect in layout.types) != state.effects:
-        differs = ", ".join(sorted({*layout.free} ^ {*state.symbols})) or "their order"
-        raise UsageError(f"{state.folder / 'rig.toml'} has changed since {state.run} was fitted: other parameters are "
-                         f"free now ({differs}). {again}")  # fmt: skip
-    return rig
+    return read_folder(state.folder)
+
+
+def _changed(state: State, symbols: set[str]) -> UsageError:
+    differs = ", ".join(sorted(symbols)) or "their order"
+    return UsageError(f"{state.folder / 'rig.toml'} has changed since {state.run} was fitted: other parameters are "
+                      f"free now ({differs}). Run `etcfit fit {state.folder} --out {state.run}` again.")  # fmt: skip
 
 
 def fitted_values(run: Path, rig: Rig) -> np.ndarray:

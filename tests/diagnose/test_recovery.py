@@ -15,11 +15,11 @@ from independent import MEDIUM, NONE, STRENGTHS, Effects, Truth, combine, draw_t
 from numpy.testing import assert_allclose, assert_array_equal
 
 from etcfit.bench import _linearise, _simulated
+from etcfit.chi2 import _chi2_of, chi2_of
 from etcfit.descent import _minimise
 from etcfit.diagnose import Diagnosis, diagnose, loop
 from etcfit.diagnose.loop import start, turn
 from etcfit.diagnose.screen import screen
-from etcfit.explore import _chi2_of, chi2_of
 from etcfit.fit import FitResult, fit, freed, quiet, resume, rounds
 from etcfit.rig.reader import read_folder
 from etcfit.score import pooled

@@ -1,0 +1,88 @@
+"""How sure: emcee samples the posterior of a fit, until the chain is long enough to be called one.
+
+Only here is emcee imported.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+
+import numpy as np
+
+from ..fit import FitResult, Report, quiet
+from ..intervals import intervals, lumped
+from .chain import Chain
+from .convergence import Convergence
+from .run import run
+from .summary import Marginal, described, marginals, values
+from .target import Target
+
+__all__ = ["CHAIN", "Posterior", "sample"]
+
+CHAIN = "posterior_chain.npz"
+MOST = 20_000  # steps after which sampling ends all the same
+_SEEDS = (20230701, 20230702)  # one independent ensemble each
+
+
+@dataclass(frozen=True, eq=False)
+class Posterior:
+    """What was sampled.
+
+    Args:
+        fit: the fit it belongs to.
+        target: the density.
+        chain: every step.
+        convergence: how far it came; where it is not `converged`, this is no posterior yet.
+    """
+
+    fit: FitResult
+    target: Target
+    chain: Chain
+    convergence: Convergence
+
+    @cached_property
+    def points(self) -> np.ndarray:
+        """Coordinates after the burn-in, shape (E, N, W, P)."""
+        return self.chain.coordinates(self.convergence.burn)
+
+    @cached_property
+    def draws(self) -> dict[str, np.ndarray]:
+        """Parameters and combinations, SI by symbol, shape (E, N, W) each."""
+        electric = any(trace.circuit for trace in self.fit.bench.tape.traces)
+        return values(self.fit.unknowns, self.fit.rig.config.gear_ratio, electric, self.points)
+
+    @cached_property
+    def marginals(self) -> dict[str, Marginal]:
+        """By symbol, of all that moves."""
+        return marginals(self.draws, intervals(self.fit) | lumped(self.fit))
+
+    @property
+    def described(self) -> dict[str, tuple[str, str]]:
+        """Unit and meaning by symbol."""
+        return described({p.symbol: p for p in self.fit.unknowns.layout.parameters})
+
+    def some(self, count: int) -> np.ndarray:
+        """So many points spread evenly over all that was sampled, shape (count, P)."""
+        flat = self.points.reshape(-1, self.points.shape[-1])
+        return flat[np.linspace(0, len(flat) - 1, count).astype(int)]
+
+
+def sample(result: FitResult, run_dir: Path | str, most: int = MOST, report: Report = quiet) -> Posterior:
+    """Sample the posterior of a fit; what was sampled before in the same folder is taken up.
+
+    Args:
+        result: a fit.
+        run_dir: keeps the chain between blocks of steps.
+        most: steps of each ensemble after which to stop all the same.
+        report: called with what is going on and the share done.
+    """
+    report("finding the mode", 0.0)
+    target = Target.of(result)
+
+    def begin() -> Chain:
+        return Chain.begin(target.log_probability, target.symbols, target.mode, target.covariance, _SEEDS)
+
+    chain, convergence = run(target.log_probability, begin, Path(run_dir) / CHAIN, most, report)
+    return Posterior(result, target, chain, convergence)

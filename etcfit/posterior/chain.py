@@ -1,0 +1,110 @@
+"""Several ensembles that know nothing of each other, and the file that keeps them between blocks.
+
+The file is written whole after each block. It holds the random state too: a chain taken up again goes on exactly as if
+it had never been interrupted.
+"""
+
+from __future__ import annotations
+
+import zipfile
+from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ..run_folder import whole
+from .ensemble import Ensemble, LogProbability
+
+_SAME = 1e-6  # by which a log-probability may differ when it is computed again, absolute and relative
+
+
+@dataclass(frozen=True, eq=False)
+class Chain:
+    """All that was sampled of a target so far.
+
+    Args:
+        symbols: of the coordinates.
+        mode: x = mode + root u, coordinates, shape (P,).
+        root: square root of the covariance at the mode, shape (P, P).
+        ensembles: equally long.
+    """
+
+    symbols: tuple[str, ...]
+    mode: np.ndarray
+    root: np.ndarray
+    ensembles: tuple[Ensemble, ...]
+
+    @classmethod
+    def begin(
+        cls,
+        target: LogProbability,
+        symbols: tuple[str, ...],
+        mode: np.ndarray,
+        covariance: np.ndarray,
+        seeds: Sequence[int],
+    ) -> Chain:
+        """One ensemble a seed, about the mode.
+
+        Args:
+            target: log-probability of coordinates, shape (K, P) -> (K,).
+        """
+        variance, axes = np.linalg.eigh(covariance)
+        root = axes * np.sqrt(np.maximum(variance, 0.0))
+        bare = cls(symbols, mode, root, ())
+        standard = bare.standard(target)
+        return replace(bare, ensembles=tuple(Ensemble.begin(standard, mode.size, seed) for seed in seeds))
+
+    def standard(self, target: LogProbability) -> LogProbability:
+        """The same density over standard coordinates, which differs by a constant."""
+        return lambda u: target(self.mode + u @ self.root.T)
+
+    def advanced(self, target: LogProbability, steps: int) -> Chain:
+        """The same some steps later, ensembles side by side: a log-probability in JAX keeps one core busy."""
+        standard = self.standard(target)
+        with ThreadPoolExecutor(len(self.ensembles)) as pool:
+            later = pool.map(lambda e: e.advanced(standard, steps), self.ensembles)
+        return replace(self, ensembles=tuple(later))
+
+    def coordinates(self, burn: int, thin: int = 1) -> np.ndarray:
+        """What was sampled after `burn` steps, every `thin`-th step, shape (E, N, W, P)."""
+        kept = np.stack([e.points[burn::thin] for e in self.ensembles])
+        return self.mode + kept @ self.root.T
+
+    def belongs_to(self, target: LogProbability, symbols: tuple[str, ...]) -> bool:
+        """False where the data, the model or its fit have changed since the chain was begun."""
+        if symbols != self.symbols:
+            return False
+        e = self.ensembles[0]
+        again = self.standard(target)(e.points[-1])
+        return bool(np.allclose(again, e.log_probability[-1], rtol=_SAME, atol=_SAME))
+
+
+def save(path: Path, chain: Chain) -> None:
+    """Write a chain whole or not at all."""
+    arrays: dict[str, Any] = {"symbols": np.array(chain.symbols, dtype=str), "mode": chain.mode, "root": chain.root}
+    for k, e in enumerate(chain.ensembles):
+        _, keys, position, has_gauss, gauss = e.random
+        arrays |= {f"points{k}": e.points, f"log_probability{k}": e.log_probability, f"accepted{k}": e.accepted,
+                   f"keys{k}": keys, f"random{k}": np.array([position, has_gauss, gauss])}  # fmt: skip
+    with whole(path) as draft:
+        np.savez(draft, **arrays)
+
+
+def load(path: Path) -> Chain | None:
+    """The chain that was kept there; None where there is none that can be read."""
+    try:
+        with np.load(path, allow_pickle=False) as kept:
+            count = sum(name.startswith("points") for name in kept.files)
+            ensembles = tuple(_ensemble(kept, k) for k in range(count))
+            return Chain(tuple(map(str, kept["symbols"])), kept["mode"], kept["root"], ensembles)
+    except (OSError, KeyError, ValueError, EOFError, zipfile.BadZipFile):
+        return None
+
+
+def _ensemble(kept: Any, k: int) -> Ensemble:
+    position, has_gauss, gauss = kept[f"random{k}"].tolist()
+    random = ("MT19937", kept[f"keys{k}"], int(position), int(has_gauss), gauss)
+    return Ensemble(kept[f"points{k}"], kept[f"log_probability{k}"], kept[f"accepted{k}"], random)

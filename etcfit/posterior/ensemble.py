@@ -1,0 +1,87 @@
+"""An ensemble of walkers: its whole history, its random state, and how it goes on. Nothing else runs emcee's sampler.
+
+Walkers live in standard coordinates u, x = mode + root u, in which the posterior is about standard normal.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import Any
+
+import emcee
+import numpy as np
+
+from .moves import moves
+
+LogProbability = Callable[[np.ndarray], np.ndarray]
+
+PER_DIMENSION = 4  # walkers
+_LEAST = 8  # walkers, so that a snooker finds three others in each half
+_HALVINGS = 30
+_TYPICAL = 6.0  # standard deviations of chi2 beyond its mean at which a walker is no start
+
+
+@dataclass(frozen=True, eq=False)
+class Ensemble:
+    """Walkers after N steps.
+
+    Args:
+        points: standard coordinates, the start first, shape (N + 1, W, P).
+        log_probability: shape (N + 1, W).
+        accepted: moves accepted by each walker, shape (W,).
+        random: state of the random numbers, as numpy's RandomState has it.
+    """
+
+    points: np.ndarray
+    log_probability: np.ndarray
+    accepted: np.ndarray
+    random: Any
+
+    @classmethod
+    def begin(cls, target: LogProbability, size: int, seed: int) -> Ensemble:
+        """Walkers drawn from a standard normal.
+
+        One that is drawn where the density is far below what a normal one would have there, since what held at the
+        mode does not hold so far out, is drawn halfway to the mode, and again.
+
+        Args:
+            target: log-probability of standard coordinates, shape (K, P) -> (K,).
+            size: P.
+            seed: of the random numbers.
+        """
+        random = np.random.RandomState(seed)
+        points = random.standard_normal((max(_LEAST, PER_DIMENSION * size), size))
+        here = target(points)
+        least = float(target(np.zeros((len(points), size)))[0]) - 0.5 * (size + _TYPICAL * np.sqrt(2.0 * size))
+        for _ in range(_HALVINGS):
+            astray = here < least
+            if not astray.any():
+                break
+            points = np.where(astray[:, None], 0.5 * points, points)
+            here = target(points)
+        return cls(points[None], here[None], np.zeros(len(points)), random.get_state())
+
+    @property
+    def steps(self) -> int:
+        """N."""
+        return len(self.points) - 1
+
+    @property
+    def acceptance(self) -> float:
+        """Share of moves accepted."""
+        return float(np.mean(self.accepted)) / max(1, self.steps)
+
+    def advanced(self, target: LogProbability, steps: int) -> Ensemble:
+        """The same some steps later."""
+        walkers, size = self.points.shape[1:]
+        sampler = emcee.EnsembleSampler(walkers, size, target, moves=moves(), vectorize=True)
+        last = emcee.State(self.points[-1], log_prob=self.log_probability[-1], random_state=self.random)
+        sampler.run_mcmc(last, steps, skip_initial_state_check=True)
+        return replace(
+            self,
+            points=np.concatenate((self.points, np.asarray(sampler.get_chain()))),
+            log_probability=np.concatenate((self.log_probability, np.asarray(sampler.get_log_prob()))),
+            accepted=self.accepted + sampler.backend.accepted,
+            random=sampler.random_state,
+        )

@@ -1,0 +1,62 @@
+"""Posterior predictive bands: what each trace ought to have shown, and how much of it did.
+
+    y_k ~ N(mean_k, var over draws of y_hat_k + C P_k C^T + sigma^2)
+
+y_hat is the free-running simulation at draws of the posterior, P what the noise of the logged input and instants that
+nobody logged add up to along it (`whitening.free_run_variance`), sigma the sensor's noise; of a fit that is `far` from
+the data, the error left in each fitted channel.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..bench import Bench
+from ..fit import Report, quiet
+from ..intervals import Z_95
+from ..trace import Trace
+from . import Posterior
+
+_DRAWS = 32
+
+
+@dataclass(frozen=True, eq=False)
+class Band:
+    """The prediction of one trace, SI.
+
+    Args:
+        trace: as measured.
+        mean, sd: shape (n, M).
+    """
+
+    trace: Trace
+    mean: np.ndarray
+    sd: np.ndarray
+
+    @property
+    def inside(self) -> tuple[float, ...]:
+        """Share of each channel's samples inside its 95 % band."""
+        error = np.abs(self.trace.data - self.mean)
+        return tuple(float(np.mean(e[np.isfinite(e)] <= Z_95 * s[np.isfinite(e)]))
+                     for e, s in zip(error.T, self.sd.T, strict=True))  # fmt: skip
+
+
+def bands(posterior: Posterior, report: Report = quiet) -> tuple[Band, ...]:
+    """Of every trace, fitted ones first, then those held out."""
+    points = posterior.some(_DRAWS)
+    benches = [bench for bench in (posterior.fit.bench, posterior.fit.holdout) if bench is not None]
+    out: list[Band] = []
+    for k, bench in enumerate(benches):
+        report("predictive bands", k / len(benches))
+        out += _bands(bench, points, posterior.target.mode)
+    return tuple(out)
+
+
+def _bands(bench: Bench, points: np.ndarray, mode: np.ndarray) -> list[Band]:
+    runs = [bench.free_run(x) for x in points]
+    own = bench.free_run_variance(mode)
+    drawn = [(np.mean(y, axis=0), np.var(y, axis=0)) for y in zip(*runs, strict=True)]
+    return [Band(trace, mean, np.sqrt(spread + noise))
+            for trace, (mean, spread), noise in zip(bench.tape.traces, drawn, own, strict=True)]  # fmt: skip

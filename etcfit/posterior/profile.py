@@ -1,0 +1,164 @@
+"""Profile likelihood: how much chi2 rises as one parameter is held off its optimum and all others follow.
+
+    rise(q) = min over the others of chi2(x | q) - chi2(mode)
+
+A parameter is known, to 95 %, where the rise stays below 3.84 (Wilks 1938; Raue et al. 2009). Its profile is
+`bounded` where the rise crosses that on both sides, `one-sided` where on one, `flat` where on neither within the range
+that is believed possible (three reaches either way, about a factor of 20). What tempers the posterior tempers this too.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..bench import Bench
+from ..chi2 import chi2_of
+from ..descent import go
+from ..fit import Report, quiet
+from ..identifiability import WIDE
+from ..intervals import Z_95, intervals
+from ..residual import Problem
+from ..unknowns import Layout, Unknowns
+from . import Posterior
+from .target import Target
+
+RISE = 3.84  # 95 % quantile of chi2 with one degree of freedom
+_THERE = 1e-4  # relative change of chi2 that ends a refit
+_STEPS = (0.5, 1.0, 1.5, 2.0, 2.6)  # standard deviations from the mode at which a profile is looked at first
+_DOUBLINGS = 8  # of the last of them, until chi2 has risen enough or the range is at its end
+
+
+@dataclass(frozen=True, eq=False)
+class Profile:
+    """The profile of one parameter, SI.
+
+    Args:
+        symbol: which.
+        value: values at which it was held, rising, the mode's among them, shape (K,).
+        rise: of chi2 there, shape (K,).
+        low, high: where the rise is 3.84; None on a side where it never is.
+    """
+
+    symbol: str
+    value: np.ndarray
+    rise: np.ndarray
+    low: float | None
+    high: float | None
+
+    @property
+    def kind(self) -> str:
+        """ "bounded", "one-sided" or "flat"."""
+        return ("flat", "one-sided", "bounded")[(self.low is not None) + (self.high is not None)]
+
+    @property
+    def sd(self) -> float | None:
+        """Half the interval's width over 1.96; None where it is not bounded."""
+        if self.low is None or self.high is None:
+            return None
+        return (self.high - self.low) / (2.0 * Z_95)
+
+
+def weak(posterior: Posterior) -> tuple[str, ...]:
+    """Free parameters that the data do not determine, or hardly."""
+    verdict = posterior.fit.identifiability
+    known = intervals(posterior.fit)
+    named = {*verdict.lost, *(s for d in verdict.directions for s in d.symbols[:2])}
+    named |= {s for s in posterior.chain.symbols if known[s].status == "not identifiable"}
+    return tuple(s for s in posterior.chain.symbols if s in named)
+
+
+def profiles(posterior: Posterior, report: Report = quiet) -> dict[str, Profile]:
+    """Those of the weak parameters, by symbol."""
+    return profiles_of(posterior.target, weak(posterior), report)
+
+
+def profiles_of(target: Target, symbols: Iterable[str], report: Report = quiet) -> dict[str, Profile]:
+    """Profiles of some parameters, by symbol."""
+    symbols = tuple(symbols)
+    out = {}
+    for k, symbol in enumerate(symbols):
+        report(f"profile of {symbol}", k / len(symbols))
+        out[symbol] = profile(target, symbol)
+    return out
+
+
+def profile(target: Target, symbol: str) -> Profile:
+    """The profile of one parameter."""
+    k = target.symbols.index(symbol)
+    below, above = (_side(target, k, way) for way in (-1.0, 1.0))
+    q = np.array([*(x for x, _ in reversed(below)), target.mode[k], *(x for x, _ in above)])
+    rise = np.array([*(r for _, r in reversed(below)), 0.0, *(r for _, r in above)])
+    domain = target.bench.layout.parameter(symbol).domain
+    value = np.array([float(domain.value(x)) for x in q])
+    low = _crossing(value[: len(below) + 1][::-1], rise[: len(below) + 1][::-1])
+    high = _crossing(value[len(below) :], rise[len(below) :])
+    return Profile(symbol, value, rise, low, high)
+
+
+def _side(target: Target, k: int, way: float) -> list[tuple[float, float]]:
+    """Coordinates and rises on one side of the mode, outward, until the rise is large enough or the range ends."""
+    bench, mode = target.bench, target.mode
+    sd, last = float(np.sqrt(target.covariance[k, k])), WIDE * float(bench.layout.reach(mode)[k])
+    problem = target.problem if target.symbols[k] in bench.unknowns.priors else _unbelieved(target.problem, k)
+    least = float(chi2_of(bench, mode[None], problem)[0])
+    offsets = [s * sd for s in _STEPS] + [_STEPS[-1] * sd * 1.6**d for d in range(1, _DOUBLINGS + 1)]
+    out: list[tuple[float, float]] = []
+    x = mode
+    for offset in sorted({min(o, last) for o in offsets}):
+        # the others set out from where the linear model has them
+        x = _refitted(bench, problem, _guess(target, k, x, mode[k] + way * offset), k)
+        out.append((float(x[k]), float(chi2_of(bench, x[None], problem)[0]) - least))
+        if out[-1][1] > RISE:
+            break
+    return out
+
+
+def _guess(target: Target, k: int, x: np.ndarray, to: float) -> np.ndarray:
+    """x with coordinate k moved, and the others along with it as the covariance has them."""
+    return x + target.covariance[:, k] / target.covariance[k, k] * (to - x[k])
+
+
+def _unbelieved(problem: Problem, k: int) -> Problem:
+    """Without the belief about the coordinate that is profiled: a profile is of what was seen and what a user knows."""
+    sd = np.array(problem.prior_sd)
+    sd[k] = np.inf
+    return problem._replace(prior_sd=sd)
+
+
+def _refitted(bench: Bench, problem: Problem, x: np.ndarray, k: int) -> np.ndarray:
+    """The others at their best with coordinate k held; what is free is data, so nothing is compiled again."""
+    lean = _holding(bench, x, k)
+    others = np.delete(np.arange(x.size), k)
+    gone = problem._replace(
+        pick=lean.pick,
+        prior_mean=lean.layout.padded(np.asarray(problem.prior_mean)[others]),
+        prior_sd=lean.layout.padded(np.asarray(problem.prior_sd)[others], np.inf),
+    )
+    out = x.copy()
+    out[others] = go(lean, x[others], gone, _THERE)[0]
+    return out
+
+
+def _holding(bench: Bench, x: np.ndarray, k: int) -> Bench:
+    """The bench with one free parameter held where x has it."""
+    layout, unknowns = bench.layout, bench.unknowns
+    symbol, value = layout.free[k], layout.numbers(x)[0][k]
+    free = tuple(s for s in layout.free if s != symbol)
+    fewer = Layout(layout.types, layout.parameters, free, (*layout.held, symbol), layout.ties,
+                   max(layout.room, x.size))  # fmt: skip
+    held = np.append(unknowns.held, value)
+    return bench.told(Unknowns(fewer, held, {s: p for s, p in unknowns.priors.items() if s in free}, unknowns.start))
+
+
+def _crossing(value: np.ndarray, rise: np.ndarray) -> float | None:
+    """Where sqrt(rise), nearly straight, first reaches its threshold, going outward."""
+    root, threshold = np.sqrt(np.maximum(rise, 0.0)), np.sqrt(RISE)
+    beyond = np.flatnonzero(root >= threshold)
+    if not beyond.size:
+        return None
+    j = int(beyond[0])
+    share = (threshold - root[j - 1]) / (root[j] - root[j - 1])
+    return float(value[j - 1] + share * (value[j] - value[j - 1]))

@@ -1,0 +1,54 @@
+"""The loop: a block of steps, kept on disk, judged, until the chain is a posterior or as long as it may be."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+from .chain import Chain, load, save
+from .convergence import Convergence
+from .ensemble import LogProbability
+
+Report = Callable[[str, float], None]
+
+BLOCK = 50  # steps between two files
+
+
+def run(
+    target: LogProbability, begin: Callable[[], Chain], path: Path, most: int, report: Report
+) -> tuple[Chain, Convergence]:
+    """Sample until the chain has converged; go on from what is kept in `path` if that belongs to the target.
+
+    Args:
+        target: log-probability of coordinates, shape (K, P) -> (K,).
+        begin: a chain of no steps.
+        path: file of the chain.
+        most: steps after which to stop all the same.
+        report: called after each block with how it stands and the share done.
+    """
+    chain, kept = begin(), load(path)
+    if kept is not None and kept.belongs_to(target, chain.symbols):
+        chain = kept
+    here = Convergence.of(chain.ensembles)
+    began, first = time.monotonic(), here.steps
+    while not here.converged and here.steps < most:
+        chain = chain.advanced(target, min(BLOCK, most - here.steps))
+        save(path, chain)
+        here = Convergence.of(chain.ensembles)
+        pace = (time.monotonic() - began) / (here.steps - first)
+        report(_words(here, most, pace), here.steps / max(here.steps, min(here.needed, most)))
+    return chain, here
+
+
+def _words(here: Convergence, most: int, pace: float) -> str:
+    """Acceptance, tau, effective samples and time left; `pace` in seconds a step."""
+    text = f"step {here.steps}: {100.0 * here.acceptance:.0f} % accepted"
+    if here.longest != here.longest:
+        return f"{text}, {pace:.2g} s a step"
+    left = pace * (min(here.needed, most) - here.steps)
+    return f"{text}, tau {here.longest:.0f}, {here.effective:.0f} effective samples, about {_duration(left)} left"
+
+
+def _duration(seconds: float) -> str:
+    return f"{seconds:.0f} s" if seconds < 90.0 else f"{seconds / 60.0:.1f} min"

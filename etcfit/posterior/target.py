@@ -1,0 +1,115 @@
+"""The log-probability that is sampled: the fit's own residual and priors, in the fit's own coordinates.
+
+    log p(x) = -1/2 sum_s |r_s(x)|^2 / f_s  -  1/2 |(x - m) / w|^2  +  sum_j log |dq_j/dx_j|
+
+r_s is the whitened residual of one channel of one trace (the filter frozen at the optimum), m and w the user's prior.
+The last term is the Jacobian of the coordinates: the prior is flat in q, which is the logarithm of a parameter that is
+positive and the value itself of one that may be zero (dry and viscous friction, series resistance, amplitudes) or have
+either sign. A parameter without a prior of the user's is believed to lie within about a factor of 20 of the optimum
+(sd of 3 in its coordinate), as in the fit's covariance: a belief that weighs nothing beside data, and keeps what the
+data do not determine from wandering.
+
+f_s >= 1 tempers. Residuals that are larger than their noise, or not independent, carry less than their number says; f_s
+is the variance of their sum over that of independent standard normal ones, the factor by which the fit widens its own
+intervals (`correlation.inflation`). For a fit `far` from the data each channel was already weighed by the error left in
+it, so that chi2 per degree of freedom is about 1, and f_s is the autocorrelation time of its residual in samples. All
+f_s are 1 where the model is right.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from ..bench import Bench
+from ..chi2 import chi2_of
+from ..correlation import inflation
+from ..descent import go, local
+from ..fit import FitResult
+from ..identifiability import WIDE
+from ..parameters import log_flats
+from ..residual import Problem
+from ..score import columns
+
+_THERE = 3e-6  # relative change of chi2 that ends the descent to the mode
+
+
+@dataclass(frozen=True, eq=False)
+class Target:
+    """A posterior density over the coordinates of a fit.
+
+    Args:
+        bench: the data.
+        problem: of the residual, tempered, with the beliefs among its priors.
+        mode: where the tempered residual and the priors are least, coordinates, shape (P,).
+        covariance: of the coordinates, from the curvature there, shape (P, P).
+        factors: f_s by file and channel.
+    """
+
+    bench: Bench
+    problem: Problem
+    mode: np.ndarray
+    covariance: np.ndarray
+    factors: Mapping[tuple[str, str], float]
+
+    @classmethod
+    def of(cls, result: FitResult) -> Target:
+        """The posterior that belongs to a fit."""
+        bench, x = result.bench, result.x
+        factors = inflations(bench, x, result.problem)
+        problem = believed(tempered(bench, result.problem, factors), x, bench.layout.reach(x))
+        there, _ = go(bench, x, problem, _THERE)
+        before, after = chi2_of(bench, np.stack((x, there)), problem)
+        mode = there if after < before else x
+        return cls(bench, problem, mode, local(bench, mode, problem).covariance, factors)
+
+    @property
+    def symbols(self) -> tuple[str, ...]:
+        """Of the coordinates."""
+        return self.bench.layout.free
+
+    def log_probability(self, points: np.ndarray) -> np.ndarray:
+        """log p to a constant at K points, shape (K, P) -> (K,); -inf where the model cannot be computed."""
+        form, where = self.bench.layout.form, self.bench.layout.pick(self.bench.unknowns.held).where
+        jacobian = np.asarray(_log_jacobian(form.kinds[where[: points.shape[1]]], points))
+        log_p = -0.5 * chi2_of(self.bench, points, self.problem) + jacobian
+        return np.where(np.isfinite(log_p), log_p, -np.inf)
+
+
+@jax.jit
+def _log_jacobian(kinds: Any, points: Any) -> Any:
+    """sum_j log |dq_j/dx_j|, shape (K, P) -> (K,)."""
+    return jnp.sum(jax.vmap(lambda x: log_flats(kinds, x))(points), axis=1)
+
+
+def inflations(bench: Bench, x: np.ndarray, problem: Problem) -> dict[tuple[str, str], float]:
+    """f_s of each channel of each trace, by file and channel."""
+    r, _, _ = bench.linearise(x, problem)
+    out = {}
+    for trace, part in zip(bench.tape.traces, columns(bench.tape, r), strict=True):
+        for m, channel in enumerate(trace.channels):
+            seen = np.isfinite(trace.data[:, m])
+            out[trace.measurement.file, channel] = inflation(part[seen, m])
+    return out
+
+
+def tempered(bench: Bench, problem: Problem, factors: Mapping[tuple[str, str], float]) -> Problem:
+    """The same problem with each channel's squared residuals divided by its factor."""
+    weight = np.array(problem.whitening.weight)
+    for trace, (lane, _, marks) in zip(bench.tape.traces, bench.tape.places, strict=True):
+        for m, channel in enumerate(trace.channels):
+            weight[marks, lane, m] /= np.sqrt(factors[trace.measurement.file, channel])
+    return problem._replace(whitening=problem.whitening._replace(weight=weight))
+
+
+def believed(problem: Problem, x: np.ndarray, reach: np.ndarray) -> Problem:
+    """The same problem with a broad normal prior about x on each coordinate that has none."""
+    mean, sd = np.array(problem.prior_mean), np.array(problem.prior_sd)
+    bare = np.flatnonzero(~np.isfinite(sd[: x.size]))
+    mean[bare], sd[bare] = x[bare], WIDE * reach[bare]
+    return problem._replace(prior_mean=mean, prior_sd=sd)

@@ -1,0 +1,46 @@
+"""A posterior that is known: a linear model with normal noise, flat prior. No throttle, no JAX."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from etcfit.posterior.chain import Chain
+
+
+@dataclass(frozen=True, eq=False)
+class Linear:
+    """y = A x + noise of sd 1: the posterior is normal with covariance (A^T A)^-1 about the least squares solution.
+
+    Args:
+        design: A, shape (n, P).
+        data: y, shape (n,).
+    """
+
+    design: np.ndarray
+    data: np.ndarray
+
+    @classmethod
+    def make(cls, size: int = 3, samples: int = 40, seed: int = 5) -> Linear:
+        """Columns of very different size, two of them nearly alike."""
+        rng = np.random.default_rng(seed)
+        design = rng.standard_normal((samples, size)) * 10.0 ** np.arange(size)
+        design[:, 1] += 9.0 * design[:, 0]
+        return cls(design, design @ np.ones(size) + rng.standard_normal(samples))
+
+    @property
+    def covariance(self) -> np.ndarray:
+        return np.linalg.inv(self.design.T @ self.design)
+
+    @property
+    def mean(self) -> np.ndarray:
+        return self.covariance @ self.design.T @ self.data
+
+    def log_probability(self, points: np.ndarray) -> np.ndarray:
+        return -0.5 * np.sum((self.data - points @ self.design.T) ** 2, axis=1)
+
+    def begin(self, guess: float = 1.0) -> Chain:
+        """Two ensembles, from a covariance that is wrong by the factor `guess` in every standard deviation."""
+        symbols = tuple(f"x{k}" for k in range(self.mean.size))
+        return Chain.begin(self.log_probability, symbols, self.mean, guess**2 * self.covariance, (1, 2))

@@ -1,0 +1,45 @@
+"""Profile likelihood: bounded where the data see a parameter, flat where they do not."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from etcfit.bench import Bench
+from etcfit.descent import local
+from etcfit.posterior.profile import RISE, Profile, _crossing, profiles_of
+from etcfit.posterior.target import Target, believed
+from etcfit.residual import Problem
+
+
+def test_the_end_of_an_interval_lies_where_the_rise_reaches_its_threshold() -> None:
+    value = np.linspace(0.0, 3.0, 7)
+    assert _crossing(value, value**2) == pytest.approx(np.sqrt(RISE))
+    assert _crossing(value, 0.01 * value**2) is None
+
+
+@pytest.mark.parametrize(
+    ("low", "high", "kind"), [(1.0, 2.0, "bounded"), (None, 2.0, "one-sided"), (None, None, "flat")]
+)
+def test_profiles_are_classed_by_their_ends(low: float | None, high: float | None, kind: str) -> None:
+    profile = Profile("R_a", np.zeros(3), np.zeros(3), low, high)
+    assert profile.kind == kind
+    assert (profile.sd is None) == (kind != "bounded")
+
+
+@pytest.mark.slow  # compiles a descent
+def test_a_held_plate_knows_its_resistance_and_nothing_of_its_friction(held: tuple[Bench, Problem]) -> None:
+    bench, problem = held
+    x = bench.layout.coordinates({"R_a": 1.513, "T_f": 0.2})
+    told = believed(problem, x, bench.layout.reach(x))
+    for _ in range(6):  # Newton's steps to the mode: R_a alone is seen
+        r, prior, jacobian = bench.linearise(x, told)
+        flat = jacobian.reshape(-1, x.size)
+        sd = np.asarray(told.prior_sd)
+        x = x - np.linalg.solve(flat.T @ flat + np.diag(1 / sd**2), flat.T @ r.ravel() + prior / sd)
+    target = Target(bench, told, x, local(bench, x, told).covariance, {})
+    found = profiles_of(target, ("R_a", "T_f"))
+    assert (found["R_a"].kind, found["T_f"].kind) == ("bounded", "flat")
+    slope = float(bench.layout.numbers(x)[1][0])
+    assert found["R_a"].sd == pytest.approx(slope * np.sqrt(target.covariance[0, 0]), rel=0.02)
+    assert np.max(np.abs(found["T_f"].rise)) < 1e-6
