@@ -69,7 +69,7 @@ def diagnose_run(run: Path, report: Report) -> Done:
 
 
 def sample_run(run: Path, report: Report, steps: int = 20_000) -> Done:
-    """How sure: RUN/posterior.nc and RUN/posterior.json of the final model, pictures; takes up a chain that is there."""
+    """How sure: RUN/posterior.nc and RUN/posterior.json of the final model, pictures; goes on with a chain begun."""
     report("taking up the model", 0.0)
     keep_compiled()
     from .run_folder import final_rig, final_state

@@ -134,8 +134,7 @@ def test_the_jacobian_makes_the_prior_flat_in_what_is_documented(
     domain: AbstractDomain, flat: Callable[[np.ndarray], np.ndarray], low: float, high: float
 ) -> None:
     """The share of the prior below a value is that of the flat quantity, by numerical integration."""
-    ends = [domain.coordinate(SCALE * value) for value in (low, high)]
-    x = np.linspace(*ends, 100_001)
+    x = np.linspace(domain.coordinate(SCALE * low), domain.coordinate(SCALE * high), 100_001)
     density = np.exp(np.asarray(jax.vmap(domain.log_flat)(x)))
     below = np.concatenate(([0.0], np.cumsum(0.5 * (density[1:] + density[:-1]) * np.diff(x))))
     q = flat(values(domain, x) / SCALE)
