@@ -25,7 +25,7 @@ Report = Callable[[str, float], None]
 DRAWS = 200
 BEST = "optimal"
 _SUPPLY = 12.0  # V, where rig.toml gives none
-_SEED = 20230701
+SEED = 20230701
 
 
 @dataclass(frozen=True, eq=False)
@@ -116,7 +116,7 @@ def task_of(
         feed_forward: with the curve of holding voltages and the dry friction ahead of the PID.
     """
     if drawn is None:
-        drawn = fitted.laplace(DRAWS - 1, np.random.default_rng(_SEED))
+        drawn = fitted.laplace(DRAWS - 1, np.random.default_rng(SEED))
     body = Body(fitted.config.gear_ratio, *stops(fitted))
     throttles = fitted.throttles(np.vstack((fitted.x, drawn)))
     bias = bias_of(fitted.throttle, *body) if feed_forward else None

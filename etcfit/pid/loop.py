@@ -124,6 +124,12 @@ def _linear(throttles: Throttle, theta: Scalar, body: Body) -> Any:
     return jax.vmap(each)(throttles)
 
 
+@jax.jit
+def _late(throttles: Throttle) -> Any:
+    """Delay of each model's input, s, shape (D,)."""
+    return jax.vmap(lambda throttle: jnp.asarray(throttle.delays().input, dtype=float))(throttles)
+
+
 _PID_AT_REST = Memory(np.zeros(()), np.zeros(()), np.zeros(()))
 
 
@@ -201,10 +207,9 @@ class Loop:
     def judged(self, gains: Gains, setpoint: Setpoint) -> Judged:
         """Figures of the responses, shape (D, G) each."""
         path = self.respond(gains, setpoint)
-        return judge(setpoint, setpoint.instants(self.ecu.period), self.share(path.position))
+        return judge(setpoint, setpoint.instants(self.ecu.period), self.share(np.asarray(path.position)))
 
     def _room(self) -> int:
         """Ticks of delay to remember, in powers of two so that draws that differ little compile once."""
-        late = jax.vmap(lambda throttle: jnp.asarray(throttle.delays().input, dtype=float))(self.throttles)
-        ticks = float(np.max(np.asarray(late)) + self.ecu.delay) / self.ecu.period
+        ticks = (float(np.max(np.asarray(_late(self.throttles)))) + self.ecu.delay) / self.ecu.period
         return min(_LATEST, 1 << math.ceil(math.log2(ticks + 2.0))) if ticks > 0.0 else 1

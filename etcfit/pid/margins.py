@@ -20,10 +20,10 @@ COARSE = np.geomspace(2.0, 6e3, 120)  # the same within some tenths of a dB and 
 
 
 def margins(gains: Gains, plants: Any, ecu: Ecu, grid: np.ndarray = FINE) -> tuple[np.ndarray, np.ndarray]:
-    """Gain margin (dB) and phase margin (degrees), the smallest each.
+    """Gain margin (dB) and phase margin (degrees).
 
-    A gain margin counts where the phase passes -180 degrees from above, a phase margin where the magnitude passes 1; a
-    loop that is already beyond them has negative ones. Infinite where there is no such frequency.
+    The phase margin is the smallest where the magnitude passes 1. The gain margin is the smallest change of the gain,
+    up or down, that brings the loop to -180 degrees; below 0 where the phase margin is. Infinite where there is none.
 
     Args:
         gains: shape (...,) each.
@@ -32,8 +32,9 @@ def margins(gains: Gains, plants: Any, ecu: Ecu, grid: np.ndarray = FINE) -> tup
         grid: frequencies between which the crossings are found, rad/s.
     """
     log, phase = _loop(gains, plants, ecu, grid)
-    gain = _at_crossing(phase + np.pi, -log) * 20.0 / np.log(10.0)
-    return gain, np.degrees(_at_crossing(log, phase + np.pi))
+    phase_margin = _at_crossing(log, phase + np.pi)
+    gain = np.minimum(_at_crossing(phase + np.pi, np.abs(log)), _at_crossing(-phase - np.pi, np.abs(log)))
+    return np.sign(phase_margin) * gain * 20.0 / np.log(10.0), np.degrees(phase_margin)
 
 
 def _loop(gains: Gains, plants: TransferFunction, ecu: Ecu, grid: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -15,9 +15,9 @@ from .margins import COARSE, margins
 from .setpoint import Setpoint, trapezoid
 
 CERTAIN = 0.95  # share of the draws that must meet everything
-_FEW = 16  # draws during the search; all of them judge the end
-_POPULATION, _ELITE, _ROUNDS = 48, 10, 14  # gains tried at once, those that lead on, and how often
-_SWEEPS = 8  # populations scattered over all gains before
+_FEW = 12  # draws during the search; all of them judge the end
+_POPULATION, _ELITE, _ROUNDS = 48, 10, 12  # gains tried at once, those that lead on, and how often
+_SWEEPS = 6  # populations scattered over all gains before
 _SPARE = 0.03  # of each requirement kept in hand during the search, for draws that it did not see
 _LOW, _HIGH = np.log((0.3, 0.3, 3e-3)), np.log((300.0, 3e4, 12.0))  # Kp, Ki, Kd
 _NARROWEST = 0.01  # of the search in the logarithm of a gain

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from typing import Any, NamedTuple
 
-import jax.numpy as jnp
 import numpy as np
 
 from .setpoint import Level, Setpoint
@@ -22,31 +21,37 @@ class Judged(NamedTuple):
     rmse_pct: Any
 
 
-def judge(setpoint: Setpoint, time: np.ndarray, share: Any) -> Judged:
+def judge(setpoint: Setpoint, time: np.ndarray, share: np.ndarray) -> Judged:
     """Judge a response.
 
     Args:
         setpoint: what was asked for.
         time: s, shape (K,), from 0 with an even step.
-        share: of the travel, shape (..., K).
+        share: of the travel, shape (..., K); what is not finite counts as infinitely far off.
     """
+    share = np.where(np.isfinite(share), share, np.inf)
     each = [_level(level, time, share) for level in setpoint.levels]
-    worst = [jnp.max(jnp.stack(column), axis=0) for column in zip(*each, strict=True)]
-    seen = time >= setpoint.judged_from
-    error = share[..., seen] - setpoint.at(time[seen])
-    return Judged(*worst, 100.0 * jnp.sqrt(jnp.mean(jnp.square(error), axis=-1)))
+    worst = [np.max(np.stack(column), axis=0) for column in zip(*each, strict=True)]
+    begin = _index(time, setpoint.judged_from)
+    error = share[..., begin:] - setpoint.at(time[begin:])
+    return Judged(*worst, 100.0 * np.sqrt(np.mean(np.square(error), axis=-1)))
 
 
-def _level(level: Level, time: np.ndarray, share: Any) -> tuple[Any, Any, Any]:
+def _index(time: np.ndarray, instant: float) -> int:
+    """First tick at or after an instant (s)."""
+    return int(np.searchsorted(time, instant - 0.5 * (time[1] - time[0])))
+
+
+def _level(level: Level, time: np.ndarray, share: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Overshoot %, settling time s, steady-state error %."""
-    half = 0.5 * (time[1] - time[0])
-    seen = (time > level.begins - half) & (time < level.ends - half)
-    since = time[seen] - level.begins
-    beyond = (share[..., seen] - level.after) / (level.after - level.before)
-    overshoot = 100.0 * jnp.maximum(jnp.max(beyond, axis=-1), 0.0)
-    off = jnp.abs(beyond) > SETTLED
-    # it has settled at the first sample after the last one outside
-    after = jnp.asarray(np.append(since[1:], np.inf))
-    settling = jnp.max(jnp.where(off, after, 0.0), axis=-1)
-    tail = jnp.abs(beyond[..., since > (1.0 - TAIL) * (level.ends - level.begins)])
-    return overshoot, settling, 100.0 * jnp.max(tail, axis=-1)
+    begin, end = _index(time, level.begins), _index(time, level.ends)
+    beyond = (share[..., begin:end] - level.after) / (level.after - level.before)
+    overshoot = 100.0 * np.maximum(np.max(beyond, axis=-1), 0.0)
+    far = np.abs(beyond)
+    # it has settled at the first tick after the last one outside
+    since = np.append(time[begin:end] - level.begins, np.inf)
+    outside = far > SETTLED
+    last = outside.shape[-1] - np.argmax(outside[..., ::-1], axis=-1)
+    settling = np.where(outside.any(axis=-1), since[last], 0.0)
+    tail = round((1.0 - TAIL) * (end - begin))
+    return overshoot, settling, 100.0 * np.max(far[..., tail:], axis=-1)

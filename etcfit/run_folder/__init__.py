@@ -2,24 +2,33 @@
 
 from __future__ import annotations
 
+from .design import design_json, rusefi
 from .diagnosis import diagnosis_json
 from .files import plain, whole, write_json
 from .fit import GEAR_RATIO, effects_of, fit_json, parameters_json, readings_of
+from .fitted import POSTERIOR, read_draws, read_fitted
+from .reduction import reduction_json
 from .state import DIAGNOSIS_STATE, FIT_STATE, State, read_state, rig_of, write_diagnosis_state, write_state
 
 __all__ = [
     "DIAGNOSIS_STATE",
     "FIT_STATE",
     "GEAR_RATIO",
+    "POSTERIOR",
     "State",
+    "design_json",
     "diagnosis_json",
     "effects_of",
     "fit_json",
     "parameters_json",
     "plain",
+    "read_draws",
+    "read_fitted",
     "read_state",
     "readings_of",
+    "reduction_json",
     "rig_of",
+    "rusefi",
     "whole",
     "write_diagnosis_state",
     "write_json",
