@@ -22,7 +22,7 @@ def amigo(task: Task) -> Gains | Refusal:
     if not np.isfinite(plant.dc_gain) or not np.all(plant.poles.real < 0.0):
         return Refusal("the plant has no spring: its step response has no end")
     T, L = first_order(plant)
-    L += plant.delay + plant.lag + 0.5 * task.ecu.period + task.ecu.delay
+    L += plant.delay + plant.lag + task.ecu.late
     kp = (0.2 + 0.45 * T / L) / plant.dc_gain
     return Gains.standard(kp, L * (0.4 * L + 0.8 * T) / (L + 0.1 * T), 0.5 * L * T / (0.3 * L + T))
 

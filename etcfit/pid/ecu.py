@@ -31,6 +31,11 @@ class Ecu:
     pwm: float = 0.0
     resolution: float = 0.0
 
+    @property
+    def late(self) -> float:
+        """By how much the output lags what was read, s: its hold lasts half a period on average."""
+        return self.delay + 0.5 * self.period
+
     def native(self, gains: Gains) -> Gains:
         """The gains as an ECU that counts ticks has them: P, I T, D / T."""
         return Gains(gains.Kp, gains.Ki * self.period, gains.Kd / self.period)

@@ -27,11 +27,11 @@ def respond(plant: TransferFunction, gains: Gains, ecu: Ecu, setpoint: Setpoint)
     import control
 
     wanted = setpoint.at(setpoint.instants(ecu.period))
-    change = wanted - wanted[0]
+    rest = setpoint.shares[0]
     loop = controller(gains, ecu) * sampled(plant, ecu)
     with np.errstate(all="ignore"):
-        y = control.forced_response(control.feedback(loop, 1), inputs=change).outputs
-    return wanted[0] + np.where(np.maximum.accumulate(np.abs(y)) < _GONE, y, np.nan)
+        y = control.forced_response(control.feedback(loop, 1), inputs=wanted - rest).outputs
+    return rest + np.where(np.maximum.accumulate(np.abs(y)) < _GONE, y, np.nan)
 
 
 def controller(gains: Gains, ecu: Ecu) -> Any:

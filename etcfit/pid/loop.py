@@ -202,7 +202,7 @@ class Loop:
         ahead = self.bias.volts(wanted, self.ecu.period) if self.bias is not None else np.zeros_like(wanted)
         parts = max(1, math.ceil(self.ecu.period / _LONGEST - 1e-9))
         return _many(control, self.throttles, settings, first, self.ecu.numbers(), self.body, wanted, ahead,
-                     wanted[0], parts, self._room())  # fmt: skip
+                     self.angle(setpoint.shares[0]), parts, self._room())  # fmt: skip
 
     def judged(self, gains: Gains, setpoint: Setpoint) -> Judged:
         """Figures of the responses, shape (D, G) each."""

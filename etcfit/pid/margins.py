@@ -47,7 +47,7 @@ def _loop(gains: Gains, plants: TransferFunction, ecu: Ecu, grid: np.ndarray) ->
     )
     controller = p + i / s + d * s / (ecu.filter * s + 1.0)
     value = controller * b0 / (((s + a2) * s + a1) * s + a0) / (lag * s + 1.0)
-    late = grid * (delay + ecu.delay + 0.5 * ecu.period)
+    late = grid * (delay + ecu.late)
     return np.log(np.abs(value)), np.unwrap(np.angle(value), axis=-1) - late
 
 

@@ -22,5 +22,5 @@ def simc(task: Task) -> Gains | Refusal:
         return Refusal("the plant has no spring: SIMC's rule for a lag does not apply")
     T1, t2, t3, *rest = times
     T2 = t2 + 0.5 * t3
-    L = plant.delay + 0.5 * task.ecu.period + task.ecu.delay + 0.5 * t3 + sum(rest)
+    L = plant.delay + task.ecu.late + 0.5 * t3 + sum(rest)
     return Gains.series(T1 / (plant.dc_gain * 2.0 * L), min(T1, 8.0 * L), T2)
