@@ -20,6 +20,9 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests"))
+
 from independent import Truth, draw_truth
 from independent.control import Computer, Score, follow, score, trapezoids
 from independent.effects import Effects, LimpHomeSpring, StribeckFriction
@@ -151,9 +154,14 @@ def table(rigs: dict[int, dict[str, Any]]) -> str:
             f"{np.median([r['rmse'] for r in rows]) if rows else float('nan'):.3f} | "
             f"{'-' if better is None else better} |"
         )
+    far = sum(
+        rig["optimal"]["meets"]
+        and all(not r.get("meets") or rig["optimal"]["rmse"] < r["rmse"] for k, r in rig.items() if k != "optimal")
+        for rig in rigs.values()
+    )
     best = sum(all(_beats(rig["optimal"], rig[name]) for name in RULES if name != "optimal") for rig in rigs.values())
-    return "\n".join([*lines, "", f"{n} rigs; our optimum meets everything and no other rule that does has a smaller "
-                      f"RMSE: {best} of {n}."])  # fmt: skip
+    return "\n".join([*lines, "", f"{n} rigs. Our optimum meets requirements and margins, and no other rule that does "
+                      f"both tracks better: {best} of {n}. Rules without those margins counted as well: {far} of {n}."])  # fmt: skip
 
 
 def _beats(ours: dict[str, Any], theirs: dict[str, Any]) -> bool:

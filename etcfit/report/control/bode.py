@@ -51,7 +51,7 @@ class BodePicture:
 
 def draw(picture: BodePicture) -> Figure:
     """Magnitude above phase, over frequency in Hz."""
-    fig = style.figure(9.0, 6.2, picture.synthetic)
+    fig = style.figure(10.0, 6.2, picture.synthetic)
     top, bottom = fig.subplots(2, 1, sharex=True)
     fig.subplots_adjust(left=0.11, right=0.97, top=0.86, bottom=0.09, hspace=0.1)
     s = 2j * np.pi * _HERTZ
@@ -71,11 +71,11 @@ def draw(picture: BodePicture) -> Figure:
     bottom.set_xlabel("frequency [Hz]")
     bottom.set_xscale("log")
     bottom.set_xlim(_HERTZ[0], _HERTZ[-1])
-    bottom.set_ylim(-400.0, 10.0)
-    bottom.set_yticks(np.arange(-360.0, 1.0, 90.0))
+    bottom.set_ylim(-290.0, 10.0)
+    bottom.set_yticks(np.arange(-270.0, 1.0, 90.0))
     style.log_ticks(bottom.xaxis, (_HERTZ[0], _HERTZ[-1]))
     style.quiet_axis(top)
-    title = f"{picture.rig}  ·  transfer function at {100.0 * picture.share:.0f} % of the travel"
+    title = f"{picture.rig}  ·  transfer function about {100.0 * picture.share:.0f} %"
     fig.suptitle(title, x=0.11, y=0.985, ha="left", va="top", fontsize=13)
     style.legend(fig, [top, bottom], 0.11, 0.925, "upper left")
     return fig
@@ -83,4 +83,4 @@ def draw(picture: BodePicture) -> Figure:
 
 def _band(panel, values: np.ndarray) -> None:
     low, high = np.quantile(values, (0.025, 0.975), axis=0)
-    panel.fill_between(_HERTZ, low, high, color=style.SIMULATED, alpha=0.25, lw=0, label="95 % of the fit")
+    panel.fill_between(_HERTZ, low, high, color=style.SIMULATED, alpha=0.25, lw=0, label="95 % interval")

@@ -20,7 +20,7 @@ def draw(design: Design) -> Figure:
     tall = 1.35 + 2.25 * rows
     fig = style.figure(12.0, tall, design.fitted.config.synthetic)
     grid = fig.subplots(rows, _COLUMNS, sharex=True, sharey=True, squeeze=False)
-    fig.subplots_adjust(left=0.07, right=0.985, top=1.0 - 0.95 / tall, bottom=0.55 / tall, hspace=0.42, wspace=0.06)
+    fig.subplots_adjust(left=0.07, right=0.985, top=1.0 - 0.95 / tall, bottom=0.55 / tall, hspace=0.3, wspace=0.06)
     panels = list(grid.flat)
     for panel, tuned in zip(panels, shown, strict=False):
         _panel(panel, design, tuned)
@@ -38,11 +38,17 @@ def _panel(panel: Axes, design: Design, tuned: Tuned) -> None:
     time = design.setpoint.instants(design.task.ecu.period)
     low, middle, high = 100.0 * tuned.band
     panel.plot(time, 100.0 * design.setpoint.at(time), color=style.MEASURED, lw=1.2, label="setpoint")
-    panel.plot(time, 100.0 * np.clip(tuned.linear_path, -1.0, 2.0), color=style.READING, lw=1.1, ls="--",
+    panel.plot(time, 100.0 * _bounded(tuned.linear_path), color=style.READING, lw=1.1, ls="--",
                label="linear model")  # fmt: skip
     panel.fill_between(time, low, high, color=style.SIMULATED, alpha=0.35, lw=0, label="95 % of the draws")
     panel.plot(time, middle, color=style.SIMULATED, label="nonlinear model, median")
     panel.set_title(_title(design, tuned), loc="left", fontsize=10)
+
+
+def _bounded(path: np.ndarray) -> np.ndarray:
+    """A path up to where an unstable loop has left the travel; it would only fill the panel."""
+    gone = np.maximum.accumulate(~(np.abs(path - 0.5) < 1.0))
+    return np.where(gone, np.nan, path)
 
 
 def _title(design: Design, tuned: Tuned) -> str:
