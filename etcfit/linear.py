@@ -176,11 +176,13 @@ def holding_against(
 
 
 def _root(function: Any, start: Any) -> Any:
-    x = jnp.asarray(start, dtype=float)
-    for _ in range(_NEWTON):
+    """Newton's method, as a loop that is traced once."""
+
+    def better(_: int, x: Any) -> Any:
         value, slope = jax.jvp(function, (x,), (jnp.ones_like(x),))
-        x = x - value / jnp.where(slope == 0.0, 1.0, slope)
-    return x
+        return x - value / jnp.where(slope == 0.0, 1.0, slope)
+
+    return jax.lax.fori_loop(0, _NEWTON, better, jnp.asarray(start, dtype=float))
 
 
 def _inputs(volts: Scalar, gear_ratio: float, lower: float, upper: float) -> Inputs:

@@ -41,7 +41,7 @@ def designed(fitted: Fitted) -> Design:
 
 def test_the_reduction_is_the_closed_form_in_any_unit(fitted: Fitted) -> None:
     plain = reduce(fitted).plant
-    assert (*plain.num, *plain.den[1:]) == pytest.approx(tuple(closed_form(fitted.values, 20.68)), rel=1e-9)
+    assert (*plain.num, *plain.den[1:]) == pytest.approx(tuple(np.asarray(closed_form(fitted.values, 20.68)).tolist()), rel=1e-9)
     duty = reduce(fitted, "%", "%").plant
     assert duty.b0 == pytest.approx(plain.b0 * (12.0 / 100.0) * (100.0 / (np.pi / 2)))
     assert reduce(fitted, "V", "deg").plant.b0 == pytest.approx(np.degrees(plain.b0))

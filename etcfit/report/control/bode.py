@@ -75,7 +75,7 @@ def draw(picture: BodePicture) -> Figure:
     bottom.set_yticks(np.arange(-270.0, 1.0, 90.0))
     style.log_ticks(bottom.xaxis, (_HERTZ[0], _HERTZ[-1]))
     style.quiet_axis(top)
-    title = f"{picture.rig}  ·  transfer function about {100.0 * picture.share:.0f} %"
+    title = f"{picture.rig}  ·  transfer function at {100.0 * picture.share:.0f} % travel"
     fig.suptitle(title, x=0.11, y=0.985, ha="left", va="top", fontsize=13)
     style.legend(fig, [top, bottom], 0.11, 0.925, "upper left")
     return fig
