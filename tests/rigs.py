@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from bodies import N, OPEN, values
+from bodies import OPEN, N, values
 
 from etcfit.effects import PAPER, AbstractEffect
 from etcfit.linear import TransferFunction
@@ -19,7 +19,9 @@ WIDE = Body(N, -100.0, 100.0)
 QUARTER_TURN = Body(N, 0.0, OPEN)
 
 
-def loop(*types: type[AbstractEffect], ecu: Ecu, body: Body = QUARTER_TURN, draws: Any = None, **changes: float) -> Loop:
+def loop(
+    *types: type[AbstractEffect], ecu: Ecu, body: Body = QUARTER_TURN, draws: Any = None, **changes: float
+) -> Loop:
     """Eqs. 1-2 and further effects under an ECU; `draws` gives further values of some symbols, shape (D - 1,) each."""
     nominal = {p.symbol: p.nominal for t in types for p in parameters_of(t)} | values(**changes)
     draws = draws or {}

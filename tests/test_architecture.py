@@ -11,7 +11,20 @@ PACKAGE = Path(__file__).resolve().parents[1] / "etcfit"
 # a module may import those before it, and its own package
 ORDER = [
     *("errors", "fetch", "backend", "parameters", "effects", "unknown", "throttle", "linear"),
-    *("simulate", "delay", "pid", "rig", "drive", "trace", "tape", "score", "whitening", "unknowns", "fitted", "reduce"),
+    *(
+        "simulate",
+        "delay",
+        "pid",
+        "rig",
+        "drive",
+        "trace",
+        "tape",
+        "score",
+        "whitening",
+        "unknowns",
+        "fitted",
+        "reduce",
+    ),
     *("grid", "reading", "correlation", "residual", "bench", "explore", "identifiability", "cure"),
     *("descent", "outcome", "fit", "intervals", "posterior", "check", "diagnose", "design", "run_folder"),
     *("report", "cli"),

@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -15,7 +14,7 @@ from etcfit.design import Design, binding, design, ecu_of, task_of
 from etcfit.errors import UsageError
 from etcfit.fitted import Fitted
 from etcfit.linear import closed_form
-from etcfit.pid import RULES, Gains, Requirements
+from etcfit.pid import RULES, Requirements
 from etcfit.pid.setpoint import trapezoid
 from etcfit.reduce import reduce
 from etcfit.run_folder import design_json, read_draws, read_fitted, reduction_json, rusefi, write_state
@@ -41,7 +40,9 @@ def designed(fitted: Fitted) -> Design:
 
 def test_the_reduction_is_the_closed_form_in_any_unit(fitted: Fitted) -> None:
     plain = reduce(fitted).plant
-    assert (*plain.num, *plain.den[1:]) == pytest.approx(tuple(np.asarray(closed_form(fitted.values, 20.68)).tolist()), rel=1e-9)
+    assert (*plain.num, *plain.den[1:]) == pytest.approx(
+        tuple(np.asarray(closed_form(fitted.values, 20.68)).tolist()), rel=1e-9
+    )
     duty = reduce(fitted, "%", "%").plant
     assert duty.b0 == pytest.approx(plain.b0 * (12.0 / 100.0) * (100.0 / (np.pi / 2)))
     assert reduce(fitted, "V", "deg").plant.b0 == pytest.approx(np.degrees(plain.b0))
@@ -59,6 +60,7 @@ def test_standard_errors_are_those_of_many_draws(fitted: Fitted) -> None:
     assert np.allclose(found.stderr, rows.std(axis=1), rtol=0.06)
 
 
+@pytest.mark.slow
 def test_to_control_is_the_same_plant(fitted: Fitted, tmp_path: Path) -> None:
     result = results.result(results.rig(tmp_path))
     tf = result.to_control("V", "deg")
@@ -66,6 +68,7 @@ def test_to_control_is_the_same_plant(fitted: Fitted, tmp_path: Path) -> None:
     assert tf.den[0][0] == pytest.approx(reduce(fitted).plant.den)
 
 
+@pytest.mark.slow
 def test_the_json_is_the_contract(designed: Design, fitted: Fitted) -> None:
     found = json.loads(json.dumps(design_json(designed), allow_nan=False))
     gains, ecu = found["gains"], found["ecu"]
@@ -74,7 +77,14 @@ def test_the_json_is_the_contract(designed: Design, fitted: Fitted) -> None:
     assert ecu["P"] == gains["Kp"]
     assert ecu["I"] == pytest.approx(gains["Ki"] * ecu["period_s"])
     assert ecu["D"] == pytest.approx(gains["Kd"] / ecu["period_s"])
-    figures = {"overshoot_pct", "settling_s", "steady_state_error_pct", "rmse_pct", "gain_margin_db", "phase_margin_deg"}
+    figures = {
+        "overshoot_pct",
+        "settling_s",
+        "steady_state_error_pct",
+        "rmse_pct",
+        "gain_margin_db",
+        "phase_margin_deg",
+    }
     assert set(found["linear"]) == set(found["nonlinear"]) == figures
     assert found["requirements"] == {"overshoot_pct": 20.0, "settling_s": 0.2, "steady_state_error_pct": 0.5}
     assert set(found["met"]) == set(found["requirements"])
@@ -90,6 +100,7 @@ def test_the_json_is_the_contract(designed: Design, fitted: Fitted) -> None:
     assert tf["synthetic"] is True
 
 
+@pytest.mark.slow
 def test_rusefi_gains_drive_the_same_duty(designed: Design) -> None:
     his, gains, ecu = rusefi(designed), designed.chosen.gains, designed.task.ecu
     assert gains is not None
@@ -103,6 +114,7 @@ def test_rusefi_gains_drive_the_same_duty(designed: Design) -> None:
     assert his["etbBiasValues"][-1] == pytest.approx(100.0 * open_ / ecu.supply, abs=0.02)
 
 
+@pytest.mark.slow
 def test_requirements_nobody_could_meet_are_not_met(fitted: Fitted) -> None:
     impossible = Requirements(settling_s=1e-4)
     with pytest.MonkeyPatch.context() as patch:
@@ -133,6 +145,7 @@ def test_a_run_folder_gives_its_model_back(tmp_path: Path) -> None:
         read_fitted(tmp_path / "run")
 
 
+@pytest.mark.slow
 def test_a_posterior_of_the_same_model_is_drawn_from(tmp_path: Path, fitted: Fitted) -> None:
     xarray = pytest.importorskip("xarray", reason="comes with the posterior")
     rng = np.random.default_rng(0)
@@ -170,9 +183,8 @@ def test_the_optimum_meets_everything_and_tracks_better_than_the_safe_rules(fitt
 
 @pytest.mark.slow
 def test_a_flat_battery_is_named_as_what_binds(fitted: Fitted) -> None:
-    # 40 % of the travel in 0.1 s asks for 6.3 rad/s, hence 2.5 V of back-EMF beside 1.7 V of spring and 0.9 V of friction
+    # 40 % of the travel in 0.1 s asks for 6.3 rad/s, hence 2.5 V of back-EMF,
+    # beside 1.7 V of spring and 0.9 V of friction
     weak = replace(ecu_of(fitted), supply=3.2)
     task = task_of(fitted, weak, drawn=fitted.laplace(11, np.random.default_rng(0)))
     assert binding(task, trapezoid()) == ("the supply voltage",)
-
-

@@ -7,7 +7,7 @@ import control
 import jax
 import numpy as np
 import pytest
-from bodies import N, OPEN
+from bodies import OPEN, N
 
 from etcfit.effects import PAPER, AbstractEffect
 from etcfit.effects.actuation_delay import ActuationDelay

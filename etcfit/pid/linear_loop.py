@@ -28,9 +28,10 @@ def respond(plant: TransferFunction, gains: Gains, ecu: Ecu, setpoint: Setpoint)
 
     wanted = setpoint.at(setpoint.instants(ecu.period))
     rest = setpoint.shares[0]
+    change: Any = wanted - rest
     loop = controller(gains, ecu) * sampled(plant, ecu)
     with np.errstate(all="ignore"):
-        y = control.forced_response(control.feedback(loop, 1), inputs=wanted - rest).outputs
+        y = control.forced_response(control.feedback(loop, 1), inputs=change).outputs
     return rest + np.where(np.maximum.accumulate(np.abs(y)) < _GONE, y, np.nan)
 
 

@@ -65,9 +65,10 @@ def _acting(sent: Any, begin: Scalar, end: Scalar) -> Scalar:
     newest = jnp.floor(begin)
     share = jnp.clip((newest + 1.0 - begin) / (end - begin), 0.0, 1.0)
     back = -newest.astype(int)
-    return share * sent[jnp.clip(back, 0, sent.shape[0] - 1)] + (1.0 - share) * sent[
-        jnp.clip(back - 1, 0, sent.shape[0] - 1)
-    ]
+    return (
+        share * sent[jnp.clip(back, 0, sent.shape[0] - 1)]
+        + (1.0 - share) * sent[jnp.clip(back - 1, 0, sent.shape[0] - 1)]
+    )
 
 
 def _one(

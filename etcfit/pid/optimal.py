@@ -63,7 +63,7 @@ def optimal(task: Task) -> Gains | Refusal:
     spread is bounded from below, and the best so far is kept.
     """
     rng = np.random.default_rng(20230701)
-    swept = _LOW + (_HIGH - _LOW) * qmc.Halton(3, seed=rng).random(_SWEEPS * _POPULATION)
+    swept = _LOW + (_HIGH - _LOW) * qmc.Halton(3, rng=rng).random(_SWEEPS * _POPULATION)
     alone = _scorer(task, 1)
     cost = np.concatenate([alone(block).cost for block in np.split(swept, _SWEEPS)])
     best = _cross_entropy(alone, swept[np.argsort(cost)[:_POPULATION]], _ROUNDS, rng)

@@ -31,10 +31,10 @@ def judge(setpoint: Setpoint, time: np.ndarray, share: np.ndarray) -> Judged:
     """
     share = np.where(np.isfinite(share), share, np.inf)
     each = [_level(level, time, share) for level in setpoint.levels]
-    worst = [np.max(np.stack(column), axis=0) for column in zip(*each, strict=True)]
+    overshoot, settling, error = (np.max(np.stack(column), axis=0) for column in zip(*each, strict=True))
     begin = _index(time, setpoint.judged_from)
-    error = share[..., begin:] - setpoint.at(time[begin:])
-    return Judged(*worst, 100.0 * np.sqrt(np.mean(np.square(error), axis=-1)))
+    missed = share[..., begin:] - setpoint.at(time[begin:])
+    return Judged(overshoot, settling, error, 100.0 * np.sqrt(np.mean(np.square(missed), axis=-1)))
 
 
 def _index(time: np.ndarray, instant: float) -> int:

@@ -77,4 +77,5 @@ def score(angle: np.ndarray, wanted: np.ndarray, period: float, travel: float, l
         settling = float("inf") if late and late[-1] == half - 1 else (late[-1] + 1) * period if late else 0.0
         found.append((100.0 * max(part.max(), 0.0), settling, 100.0 * np.abs(part[-half // 4 :]).max()))
     rmse = 100.0 * float(np.sqrt(np.mean((angle[first:] - wanted[first:]) ** 2))) / travel
-    return Score(*(float(max(column)) for column in zip(*found, strict=True)), rmse)
+    overshoot, settled, error = (float(max(column)) for column in zip(*found, strict=True))
+    return Score(overshoot, settled, error, rmse)

@@ -40,12 +40,15 @@ def test_without_friction_and_limits_it_is_the_linear_loop(period: float) -> Non
     assert np.max(np.abs(here - there)) < 2e-3 * np.ptp(there)
 
 
+@pytest.mark.slow
 def test_delay_and_lag_of_the_model_are_those_of_the_linear_loop() -> None:
     late = {"t_a": 3e-3, "tau_p": 4e-3}
     loop = rigs.loop(PositionSensorLag, ActuationDelay, ecu=ENDLESS, body=rigs.WIDE,
                      draws={s: [v] for s, v in late.items()}, **SMOOTH)  # fmt: skip
     plants = loop.linear()
-    plant = replace(rigs.plant(loop), delay=float(np.asarray(plants.delay)[1, 0]), lag=float(np.asarray(plants.lag)[1, 0]))
+    plant = replace(
+        rigs.plant(loop), delay=float(np.asarray(plants.delay)[1, 0]), lag=float(np.asarray(plants.lag)[1, 0])
+    )
     assert (plant.delay, plant.lag) == pytest.approx((3e-3, 4e-3))
     ramp = trapezoid(0.5, 0.5004, lead=0.2)
     path = np.asarray(loop.share(loop.respond(rigs.one(10.0, 20.0, 0.05), ramp).position))[:, 0]
@@ -58,6 +61,7 @@ def test_delay_and_lag_of_the_model_are_those_of_the_linear_loop() -> None:
     assert np.max(np.abs(path[0] - path[1])) > 0.02 * np.ptp(there)
 
 
+@pytest.mark.slow
 def test_half_the_integration_step_changes_next_to_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
     loop = rigs.loop(ecu=Ecu())
     coarse = angle(loop, (120.0, 3000.0, 1.0))
@@ -106,6 +110,7 @@ def test_pwm_and_sensor_have_steps() -> None:
     assert np.max(np.abs(angle(coarse, GAINS) - angle(fine, GAINS))) > 5e-3
 
 
+@pytest.mark.slow
 def test_an_ecus_delay_acts_after_as_much_time() -> None:
     jump = step(0.25, 0.35, 0.05, lead=0.3)
     loops = [rigs.loop(ecu=Ecu(delay=d)) for d in (0.0, 2e-3, 2.5e-3)]

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import control
 import numpy as np
 import pytest
@@ -34,7 +36,9 @@ def test_the_worst_of_both_edges_counts_and_the_lead_does_not() -> None:
     share = setpoint.at(time)
     share[time < 0.4] = 0.9  # before the first edge nothing is judged
     exact = judge(setpoint, time, share)
-    assert (exact.overshoot_pct, exact.steady_state_error_pct, exact.rmse_pct) == pytest.approx((0.0, 0.0, 0.0), abs=1e-9)
+    assert (exact.overshoot_pct, exact.steady_state_error_pct, exact.rmse_pct) == pytest.approx(
+        (0.0, 0.0, 0.0), abs=1e-9
+    )
     closing = share.copy()
     closing[(time > 1.15) & (time < 1.2)] = 0.01  # 4 % of the travel below 5 %: a tenth of the change
     assert judge(setpoint, time, closing).overshoot_pct == pytest.approx(10.0, abs=1e-6)
@@ -54,7 +58,7 @@ def test_a_hunting_plate_does_not_settle_and_its_error_is_its_swing() -> None:
 @pytest.mark.parametrize(("damping", "swing"), [(0.2, 60.0), (0.5, 60.0), (0.7, 25.0)])
 def test_they_are_python_controls(damping: float, swing: float) -> None:
     plant = control.tf([swing**2], [1.0, 2.0 * damping * swing, swing**2])
-    info = control.step_info(plant, T=1e-4 * np.arange(10_000))
+    info: Any = control.step_info(plant, T=1e-4 * np.arange(10_000))
     fine = UNIT.instants(1e-4)
     found = judge(UNIT, fine, control.step_response(plant, T=fine).outputs)
     assert found.overshoot_pct == pytest.approx(info["Overshoot"], abs=0.05)
@@ -65,7 +69,7 @@ def test_they_are_python_controls(damping: float, swing: float) -> None:
 def test_margins_are_python_controls(gains: tuple[float, ...]) -> None:
     plant = TransferFunction(3.10e4, 113.8, 2941.0, 2.38e4)
     ecu = Ecu(period=1e-9, filter=1e-3)
-    s = control.tf([1.0, 0.0], [1.0])
+    s: Any = control.tf([1.0, 0.0], [1.0])
     loop = (gains[0] + gains[1] / s + gains[2] * s / (1e-3 * s + 1.0)) * plant.to_control()
     gm, pm = control.margin(loop)[:2]
     here = margins(Gains(*gains), plant, ecu)

@@ -103,7 +103,7 @@ def test_damping_optimum_places_the_double_ratios() -> None:
     ratios = [a[k] * a[k - 2] / a[k - 1] ** 2 for k in (2, 3, 4)]
     assert ratios[:2] == pytest.approx([0.5, 0.5])
     assert ratios[2] <= 0.5 + 1e-9
-    loop = control.feedback(control.tf([kd, kp, ki], [1.0, 0.0]) * plant.to_control(), 1)
+    loop: Any = control.feedback(control.tf([kd, kp, ki], [1.0, 0.0]) * plant.to_control(), 1)
     assert np.all(loop.poles().real < 0.0)
 
 

@@ -34,7 +34,8 @@ def draw(design: Design) -> Figure:
 
 
 def _panel(panel: Axes, design: Design, tuned: Tuned) -> None:
-    assert tuned.band is not None and tuned.linear_path is not None, "a rule with gains has been tried"
+    assert tuned.band is not None, "a rule with gains has been tried"
+    assert tuned.linear_path is not None, "a rule with gains has been tried"
     time = design.setpoint.instants(design.task.ecu.period)
     low, middle, high = 100.0 * tuned.band
     panel.plot(time, 100.0 * design.setpoint.at(time), color=style.MEASURED, lw=1.2, label="setpoint")
@@ -52,7 +53,8 @@ def _bounded(path: np.ndarray) -> np.ndarray:
 
 
 def _title(design: Design, tuned: Tuned) -> str:
-    assert tuned.gains is not None and tuned.nonlinear is not None, "a rule with gains has been tried"
+    assert tuned.gains is not None, "a rule that refused is not drawn"
+    assert tuned.nonlinear is not None, "a rule with gains has been tried"
     gains = " / ".join(short(g) for g in tuned.gains)
     name = tuned.rule.replace("_", " ") + (" (proposed)" if tuned is design.chosen else "")
     verdict = "meets all" if tuned.meets_all else "misses"

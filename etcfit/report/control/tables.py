@@ -18,7 +18,9 @@ def reduction_table(fitted: Fitted, reduction: Reduction, pade_order: int) -> Re
     """Coefficients with standard errors, poles, gain and operating point."""
     plant = reduction.plant
     table = plain_table("coefficient", "value", "stderr")
-    for name, value, stderr in zip(("b0", "a2", "a1", "a0"), (*plant.num, *plant.den[1:]), reduction.stderr, strict=True):
+    for name, value, stderr in zip(
+        ("b0", "a2", "a1", "a0"), (*plant.num, *plant.den[1:]), reduction.stderr, strict=True
+    ):
         digits = Digits.of(value, float(stderr))
         table.add_row(name, digits(value), digits(float(stderr)))
     unit = f"{reduction.output_unit}/{reduction.input_unit}"
@@ -56,10 +58,10 @@ def design_table(design: Design) -> RenderableType:
     asked = task.requirements
     source = "posterior" if design.origin == "posterior" else "the fit's Laplace approximation"
     words = [
-        "V/rad, V/(rad s), V s/rad; figures of the nonlinear model on the trapezoid of 5 to 45 % at 1 Hz, worst of both "
-        "edges",
+        "V/rad, V/(rad s), V s/rad; figures of the nonlinear model on the trapezoid of 5 to 45 % at 1 Hz, "
+        "worst of both edges",
         f"asked: overshoot < {asked.overshoot_pct:g} %, settling < {asked.settling_s:g} s, steady-state error < "
-        f"{asked.steady_state_error_pct:g} %; margins {asked.gain_margin_db:g} dB and {asked.phase_margin_deg:g} degrees",
+        f"{asked.steady_state_error_pct:g} %; margins {asked.gain_margin_db:g} dB, {asked.phase_margin_deg:g} degrees",
         f"P(met): share of {design.draws} models from {source} whose response meets all three",
     ]
     refused = [f"{t.rule}: {t.why}" for t in design.tuned.values() if t.gains is None]
@@ -69,7 +71,9 @@ def design_table(design: Design) -> RenderableType:
         sentences("How to read it", words),
         sentences("No gains", refused),
         _proposed(design),
-        sentences("Not met. What binds: eased alone, each of these would let the optimum meet everything", design.limits),
+        sentences(
+            "Not met. What binds: eased alone, each of these would let the optimum meet everything", design.limits
+        ),
     ]
     return Group(*(part for part in parts if part is not None))
 
