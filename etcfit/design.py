@@ -23,6 +23,7 @@ from .reduce import reduce, stops
 Report = Callable[[str, float], None]
 
 DRAWS = 200
+PAPERS = Requirements()  # section 4.1
 BEST = "optimal"
 _SUPPLY = 12.0  # V, where rig.toml gives none
 SEED = 20230701
@@ -102,7 +103,7 @@ def ecu_of(fitted: Fitted, **given: float) -> Ecu:
 def task_of(
     fitted: Fitted,
     ecu: Ecu,
-    requirements: Requirements = Requirements(),
+    requirements: Requirements = PAPERS,
     drawn: np.ndarray | None = None,
     feed_forward: bool = False,
 ) -> Task:
@@ -126,7 +127,7 @@ def task_of(
 def design(
     fitted: Fitted,
     ecu: Ecu,
-    requirements: Requirements = Requirements(),
+    requirements: Requirements = PAPERS,
     rule: str = BEST,
     drawn: np.ndarray | None = None,
     feed_forward: bool = False,
@@ -224,7 +225,7 @@ _EASED: dict[str, Callable[[Task], Task]] = {
 
 
 def binding(task: Task, setpoint: Setpoint) -> tuple[str, ...]:
-    """What, eased alone, would let our optimum meet every requirement on the nominal model; all of it if nothing does."""
+    """What, eased alone, would let our optimum meet every requirement on the nominal model."""
     eased = (name for name, ease in _EASED.items() if _meets(ease(task), setpoint))
     return tuple(eased) or ("no limit alone: several bind together, or the setpoint itself is too fast",)
 

@@ -1,8 +1,8 @@
 """Why gains that look good on a transfer function hunt on a rig with dry friction.
 
-Within e_f = V_f / Kp of its setpoint the plate sticks, whatever the proportional part asks for: V_f is the dry friction
-in volts at the terminals. There only the integral moves it, and to turn the plate round it must cross 2 V_f, which at an
-error e takes t_f = 2 V_f / (Ki e). A transfer function has V_f = 0 and knows of neither.
+Within e_f = V_f / Kp of its setpoint the plate sticks, whatever the proportional part asks for: V_f is the dry
+friction in volts at the terminals. There only the integral moves it, and to turn the plate round it must cross 2 V_f,
+which at an error e takes t_f = 2 V_f / (Ki e). A transfer function has V_f = 0 and knows of neither.
 """
 
 from __future__ import annotations

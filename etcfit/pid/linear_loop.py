@@ -21,8 +21,8 @@ def respond(plant: TransferFunction, gains: Gains, ecu: Ecu, setpoint: Setpoint)
 
         C(z) = Kp + Ki T z / (z - 1) + Kd (z - 1) / ((T_f + T) z - T_f)
 
-    The plant is sampled with a hold; its delay and the ECU's enter by a Pade approximation of order 3. It starts at rest
-    at the first value of the setpoint.
+    The plant is sampled with a hold; its delay and the ECU's enter by a Pade approximation of order 3. It starts at
+    rest at the first value of the setpoint.
     """
     import control
 
