@@ -9,6 +9,7 @@ import math
 from dataclasses import dataclass
 from typing import Any
 
+import jax
 import numpy as np
 
 from .errors import UsageError
@@ -72,14 +73,21 @@ def reduce(fitted: Fitted, input_unit: str = "V", output_unit: str = "rad", shar
         return coefficients(Throttle.build(types, values), theta, n, lower, upper)
 
     scale = np.array([factor, 1.0, 1.0, 1.0])
-    b0, a2, a1, a0 = (scale * np.asarray(of(fitted.values))).tolist()
+    row, (current, volts) = _about(fitted.throttle, theta, n, lower, upper)
+    b0, a2, a1, a0 = (scale * np.asarray(row)).tolist()
     gradient = scale[:, None] * fitted.gradient(of)
     covariance = gradient @ np.nan_to_num(fitted.covariance, posinf=0.0) @ gradient.T
-    current, volts = holding(fitted.throttle, theta, n, lower, upper)
     delay = float(np.asarray(fitted.throttle.delays().input))
     plant = TransferFunction(b0, a2, a1, a0, delay, float(np.asarray(sensor_lag(fitted.throttle))))
     stderr = np.sqrt(np.maximum(np.diag(covariance), 0.0))
     return Reduction(plant, stderr, covariance, input_unit, output_unit, theta, float(current), float(volts), share)
+
+
+@jax.jit
+def _about(throttle: Throttle, theta: float, gear_ratio: float, lower: float, upper: float) -> Any:
+    """Coefficients, and what holds the plate."""
+    body = (gear_ratio, lower, upper)
+    return coefficients(throttle, theta, *body), holding(throttle, theta, *body)
 
 
 def stops(fitted: Fitted) -> tuple[float, float]:

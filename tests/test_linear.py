@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from bodies import OPEN, N
 
-from etcfit.effects import PAPER, AbstractEffect
+from etcfit.effects import PAPER, AbstractEffect, Inputs, State
 from etcfit.effects.actuation_delay import ActuationDelay
 from etcfit.effects.airflow_torque import AirflowTorque
 from etcfit.effects.brush_voltage_drop import BrushVoltageDrop
@@ -25,6 +25,8 @@ TABLE_2 = {
     **{"B_L": 0.0, "K_s": 0.150, "T_PL": 0.362, "T_f": 0.239},
 }
 LIMP = {"T_lh": 0.6, "K_lh": 0.9, "theta_lh": 0.16, "d_lh": 0.02}
+_held = jax.jit(holding_against)
+_about = jax.jit(coefficients)
 _differentiated = jax.jit(lambda values, theta: coefficients(Throttle.build(PAPER, values), theta, N, 0.0, OPEN))
 
 
@@ -58,14 +60,14 @@ def body(*types: type[AbstractEffect], **values: float) -> Throttle:
 def test_a_limp_home_spring_stiffens_the_plate_where_it_acts_and_nowhere_else() -> None:
     spring = body(LimpHomeSpring, **LIMP)
     plain = np.asarray(closed_form(bodies.values(), N))
-    assert np.allclose(coefficients(spring, 1.2, N, 0.0, OPEN), plain, rtol=1e-9)
+    assert np.allclose(_about(spring, 1.2, N, 0.0, OPEN), plain, rtol=1e-9)
     # below the default angle d torque/d theta = -(T_lh S (1 - S)/d_lh + K_lh S), S the logistic curve
     theta = 0.12
     s = 1.0 / (1.0 + np.exp(-(LIMP["theta_lh"] - theta) / LIMP["d_lh"]))
     more = LIMP["T_lh"] * s * (1.0 - s) / LIMP["d_lh"] + LIMP["K_lh"] * s
     values = bodies.values()
     stiff = closed_form(values | {"K_s": values["K_s"] + more}, N)
-    assert np.allclose(coefficients(spring, theta, N, 0.0, OPEN), stiff, rtol=1e-9)
+    assert np.allclose(_about(spring, theta, N, 0.0, OPEN), stiff, rtol=1e-9)
 
 
 @pytest.mark.parametrize(
@@ -77,9 +79,7 @@ def test_a_limp_home_spring_stiffens_the_plate_where_it_acts_and_nowhere_else() 
 @pytest.mark.parametrize("share", [-1.0, 0.0, 1.0])
 def test_the_holding_voltage_holds(types: tuple, values: dict[str, float], theta: float, share: float) -> None:
     throttle = body(*types, **values)
-    current, volts = holding_against(throttle, theta, share, N, 0.0, OPEN)
-    from etcfit.effects import Inputs, State
-
+    current, volts = _held(throttle, theta, share, N, 0.0, OPEN)
     c = throttle(State(current, theta, 0.0), throttle.z0, Inputs(volts, 0.0, 0.0, 1.0, 0.0, N, 0.0, OPEN))
     assert abs(float(c.torque + c.drive - share * c.friction)) < 1e-9
     assert abs(float(volts + c.voltage)) < 1e-9
@@ -98,7 +98,7 @@ def test_delay_and_lag_stand_beside_it_and_are_appended_when_asked() -> None:
     throttle = body(PositionSensorLag, ActuationDelay, tau_p=4e-3, t_a=2e-3)
     assert float(sensor_lag(throttle)) == 4e-3
     assert float(throttle.delays().input) == 2e-3
-    rows = np.asarray(coefficients(throttle, 0.4, N, 0.0, OPEN))
+    rows = np.asarray(_about(throttle, 0.4, N, 0.0, OPEN))
     assert np.allclose(rows, closed_form(bodies.values(), N), rtol=1e-9)
     plant = TransferFunction(*rows.tolist(), delay=2e-3, lag=4e-3)
     assert len(plant.to_control().den[0][0]) == 4

@@ -56,8 +56,8 @@ def optimal(task: Task) -> Gains | Refusal:
     """min mean RMSE over draws, subject to requirements and margins met by at least 95 % of the draws.
 
     Tracking error of the trapezoid of 5 to 45 % at 1 Hz (Eq. 9) on the fitted nonlinear model under its ECU. A sweep of
-    scattered gains, then the cross-entropy method from the best of them, on the nominal model and then over draws; where
-    no gains meet everything, those that miss least.
+    scattered gains, then the cross-entropy method from the best of them, on the nominal model and then over draws;
+    where no gains meet everything, those that miss least.
 
     Source: this project; Rubinstein and Kroese 2004, The Cross-Entropy Method, for the search. Differs from source: the
     spread is bounded from below, and the best so far is kept.
