@@ -85,10 +85,10 @@ class TransferFunction:
         """
         import control
 
-        plant = control.tf(list(self.num), list(self.den))
+        plant: Any = control.tf(list(self.num), list(self.den))
         if not pade_order:
             return plant
-        late = control.tf(*control.pade(self.delay, pade_order)) if self.delay else control.tf([1.0], [1.0])
+        late: Any = control.tf(*control.pade(self.delay, pade_order)) if self.delay else control.tf([1.0], [1.0])
         return plant * late * control.tf([1.0], [self.lag, 1.0])
 
 
