@@ -16,6 +16,7 @@ __version__ = "0.1.0"
 os.environ.setdefault("JAX_ENABLE_X64", "1")
 
 if TYPE_CHECKING:
+    from .design import Design as Design
     from .diagnose import Diagnosis as Diagnosis
     from .effects import EFFECTS as EFFECTS
     from .effects import AbstractEffect as AbstractEffect
@@ -25,9 +26,16 @@ if TYPE_CHECKING:
     from .fetch import DATASETS as DATASETS
     from .fetch import Dataset as Dataset
     from .fit import FitResult as FitResult
+    from .fitted import Fitted as Fitted
+    from .linear import TransferFunction as TransferFunction
     from .parameters import Parameter as Parameter
     from .parameters import parameter as parameter
+    from .pid import RULES as RULES
+    from .pid import Gains as Gains
+    from .pid import Requirements as Requirements
+    from .report import write_design as write_design
     from .report import write_diagnosis as write_diagnosis
+    from .report import write_reduction as write_reduction
     from .report import write_run as write_run
     from .rig import TESTS as TESTS
     from .rig.base import AbstractRigTest as AbstractRigTest
@@ -47,28 +55,36 @@ _MODULE_OF = {
     "EFFECTS": "effects",
     "TESTS": "rig",
     "DATASETS": "fetch",
+    "RULES": "pid",
     "AbstractEffect": "effects",
     "AbstractRigTest": "rig.base",
     "Boundary": "rig.base",
     "Channel": "rig.base",
     "Contribution": "effects",
     "Dataset": "fetch",
+    "Design": "design",
     "Diagnosis": "diagnose",
     "FitResult": "fit",
+    "Fitted": "fitted",
     "Fixed": "rig.base",
+    "Gains": "pid",
     "Measurement": "rig.base",
     "MeasurementError": "errors",
     "Parameter": "parameters",
     "Prior": "rig.base",
     "Reading": "rig.base",
+    "Requirements": "pid",
     "Rig": "rig.base",
     "RigConfig": "rig.base",
     "Start": "rig.base",
     "Tied": "rig.base",
+    "TransferFunction": "linear",
     "UsageError": "errors",
     "parameter": "parameters",
     "read_folder": "rig.reader",
+    "write_design": "report",
     "write_diagnosis": "report",
+    "write_reduction": "report",
     "write_run": "report",
 }
 

@@ -279,6 +279,67 @@ def sample(
 
 @app.command()
 @_contract
+def reduce(
+    run: Run,
+    unit_in: Annotated[str, typer.Option("--input", help="V or % (of duty).", metavar="UNIT")] = "V",
+    unit_out: Annotated[str, typer.Option("--output", help="rad, deg or % (of travel).", metavar="UNIT")] = "rad",
+    at: Annotated[float, typer.Option(help="Operating point, % of the travel.", min=0.0, max=100.0)] = 25.0,
+    pade: Annotated[int, typer.Option(help="Append delay and sensor lag, to this Pade order.", min=0, max=10)] = 0,
+    quiet: Quiet = False,
+) -> None:
+    """The third-order transfer function of the model in RUN (after a diagnosis, the final one).
+
+    Eqs. 1-2 without dry friction and preload, about a plate held at the operating point. With the paper's Table 2 this
+    is 2.208e5 / (s^3 + 1033 s^2 + 9.370e4 s + 1.282e5), poles near -1.4, -102 and -930 1/s. The paper prints another
+    one, Eq. 8, 3.10e4 / (s^3 + 113.8 s^2 + 2941 s + 2.38e4), poles -81 and -16.3 +- 5.2j, which does not follow from
+    its own table: its static gain is 1.303 instead of 1.722 rad/V.
+    """
+    with _progress(quiet) as progress:
+        done = stages.reduce_run(run, progress, unit_in, unit_out, at / 100.0, pade)
+    _tell(done)
+
+
+@app.command()
+@_contract
+def design(
+    run: Run,
+    rule: Annotated[str, typer.Option(help="Whose gains are proposed.", metavar="NAME")] = "optimal",
+    ecu_period: Annotated[str, typer.Option(help="Of the ECU's clock, as 1ms.", metavar="TIME")] = "1ms",
+    ecu_delay: Annotated[str, typer.Option(help="From reading to acting, as 0.5ms.", metavar="TIME")] = "0ms",
+    adc_bits: Annotated[int, typer.Option(help="Of the position sensor, over its travel.", min=6, max=24)] = 12,
+    feed_forward: Annotated[bool, typer.Option("--feed-forward", help="The ECU has a bias curve.")] = False,
+    overshoot: Annotated[float, typer.Option(help="At most, %.", min=0.0)] = 20.0,
+    settling: Annotated[str, typer.Option(help="At most, as 0.2s.", metavar="TIME")] = "0.2s",
+    error: Annotated[float, typer.Option(help="Steady-state error at most, %.", min=0.0)] = 0.5,
+    quiet: Quiet = False,
+) -> None:
+    """PID gains for the model in RUN (after a diagnosis, the final one): every rule compared, one proposed."""
+    period, delay = _seconds("--ecu-period", ecu_period), _seconds("--ecu-delay", ecu_delay)
+    if not period > 0.0:
+        raise UsageError(f"--ecu-period {ecu_period}: the period must be longer than 0. Write, say, 1ms.")
+    limits = overshoot, _seconds("--settling", settling), error
+    with _progress(quiet) as progress:
+        done = stages.design_run(run, progress, rule, period, delay, adc_bits, feed_forward, limits)
+    _tell(done)
+
+
+_SECONDS = {"us": 1e-6, "ms": 1e-3, "s": 1.0}
+
+
+def _seconds(option: str, text: str) -> float:
+    """A time with its unit, s."""
+    number, unit = next(((text.removesuffix(u), u) for u in _SECONDS if text.endswith(u)), (text, ""))
+    try:
+        value = float(number) * _SECONDS[unit]
+    except (KeyError, ValueError):
+        raise UsageError(f"{option} {text}: a time needs a number and a unit, us, ms or s. Write, say, 1ms.") from None
+    if not 0.0 <= value < float("inf"):
+        raise UsageError(f"{option} {text}: a time cannot be negative or endless. Write, say, 1ms.")
+    return value
+
+
+@app.command()
+@_contract
 def fetch(
     name: Annotated[str, typer.Argument(help="kassel-throttle, emps or bam-xl330.", metavar="NAME")],
     to: Annotated[Path | None, typer.Option(help="Where; measurements/NAME if not given.", metavar="FOLDER")] = None,

@@ -4,14 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
 from .bench import Bench
 from .correlation import inflation, widen
 from .descent import information_of
+from .fitted import Fitted
 from .identifiability import Identifiability, analyse
 from .reading import Readings
+from .reduce import reduce
 from .residual import Problem
 from .rig.base import Rig
 from .score import Row, columns, rows
@@ -82,6 +85,20 @@ class FitResult:
     widening: Mapping[str, float]
     warnings: tuple[str, ...]
     far: bool = False
+
+    def fitted(self) -> Fitted:
+        """The model alone, for whoever goes on from it."""
+        return Fitted(self.rig.config, self.unknowns, self.x, self.covariance)
+
+    def to_control(self, input_unit: str = "V", output_unit: str = "rad", pade_order: int = 0) -> Any:
+        """The third-order transfer function as a python-control TransferFunction; see `reduce.reduce`.
+
+        Args:
+            input_unit: "V" or "%" (of duty).
+            output_unit: "rad", "deg" or "%" (of travel).
+            pade_order: 0 for G alone; else delay and sensor lag are appended, the delay approximated to this order.
+        """
+        return reduce(self.fitted(), input_unit, output_unit).to_control(pade_order)
 
 
 @dataclass(frozen=True)

@@ -90,6 +90,64 @@ def sample_run(run: Path, report: Report, steps: int = 20_000) -> Done:
     return Done(posterior_table(posterior, profiled), failure)
 
 
+def reduce_run(
+    run: Path, report: Report, unit_in: str = "V", unit_out: str = "rad", at: float = 0.25, pade: int = 0
+) -> Done:
+    """The linear plant about a plate held at a share of its travel: RUN/transfer_function.json, a Bode plot."""
+    report("taking up the fit", 0.0)
+    keep_compiled()
+    from .reduce import reduce
+    from .run_folder import read_fitted
+
+    fitted = read_fitted(run)
+    report("linearising", 0.3)
+    reduction = reduce(fitted, unit_in, unit_out, at)
+    from .report import write_reduction
+    from .report.control.tables import reduction_table
+
+    write_reduction(run, fitted, reduction, pade, report)
+    return Done(reduction_table(fitted, reduction, pade))
+
+
+def design_run(
+    run: Path,
+    report: Report,
+    rule: str = "optimal",
+    period: float = 1e-3,
+    delay: float = 0.0,
+    adc_bits: int = 12,
+    feed_forward: bool = False,
+    limits: tuple[float, float, float] = (20.0, 0.2, 0.5),
+) -> Done:
+    """Gains by every rule, one of them proposed: RUN/pid.json, the responses.
+
+    Args:
+        run, report: as everywhere.
+        rule: whose gains are proposed.
+        period, delay: of the ECU, s.
+        adc_bits: of the position sensor, over its travel.
+        feed_forward: the ECU has a bias curve.
+        limits: overshoot (%), settling time (s) and steady-state error (%) at most.
+    """
+    report("taking up the fit", 0.0)
+    keep_compiled()
+    from .design import DRAWS, SEED, design, ecu_of
+    from .pid import Requirements
+    from .reduce import stops
+    from .run_folder import read_draws, read_fitted
+
+    fitted = read_fitted(run)
+    lower, upper = stops(fitted)
+    ecu = ecu_of(fitted, period=period, delay=delay, filter=2.0 * period, resolution=(upper - lower) / 2**adc_bits)
+    drawn = read_draws(run, fitted, DRAWS - 1, SEED)
+    found = design(fitted, ecu, Requirements(*limits), rule, drawn, feed_forward, report)
+    from .report import write_design
+    from .report.control.tables import design_table
+
+    write_design(run, found, report)
+    return Done(design_table(found))
+
+
 def write_report(run: Path, report: Report) -> Done:
     """One page of everything that RUN holds: RUN/report.html."""
     report("writing the page", 0.0)
@@ -120,6 +178,7 @@ def _of_run(work: Callable[[Path, Report], Done]) -> Callable[[Path, Path, Repor
     return lambda folder, run, report: work(run, report)
 
 
+_MODEL = ("fit_state.npz", "diagnosis_state.npz")
 _RESULTS = ("fit.json", "diagnosis.json", "posterior.json", "transfer_function.json", "pid.json")
 
 # the one list of stages: a new command joins `etcfit run` by a line here, in the place where its results are needed
@@ -127,6 +186,8 @@ STAGES: tuple[Stage, ...] = (
     Stage("fit", ("fit.json", "fit_state.npz"), (), fit_folder),
     Stage("diagnose", ("diagnosis.json", "diagnosis_state.npz"), ("fit.json", "fit_state.npz"), _of_run(diagnose_run)),
     Stage("sample", ("posterior.json",), ("diagnosis.json", "diagnosis_state.npz"), _of_run(sample_run)),
+    Stage("reduce", ("transfer_function.json",), _MODEL, _of_run(reduce_run)),
+    Stage("design", ("pid.json",), (*_MODEL, "posterior.json"), _of_run(design_run)),
     Stage("report", ("report.html",), _RESULTS, _of_run(write_report)),
 )
 

@@ -10,11 +10,11 @@ import pytest
 PACKAGE = Path(__file__).resolve().parents[1] / "etcfit"
 # a module may import those before it, and its own package
 ORDER = [
-    *("errors", "fetch", "backend", "parameters", "effects", "unknown", "throttle", "linear", "pid"),
-    *("simulate", "delay", "rig", "drive_log", "drive", "trace", "tape", "score", "whitening", "unknowns"),
-    *("tangents", "grid", "reading", "correlation", "residual", "bench", "chi2", "explore", "identifiability", "cure"),
-    *("descent", "outcome", "fit", "intervals", "check", "advise", "diagnose", "run_folder"),
-    *("posterior", "report", "stages", "cli"),
+    *("errors", "fetch", "backend", "parameters", "effects", "unknown", "throttle", "linear"),
+    *("simulate", "delay", "pid", "rig", "drive_log", "drive", "trace", "tape", "score", "whitening", "unknowns"),
+    *("fitted", "reduce", "tangents", "grid", "reading", "correlation", "residual", "bench", "chi2", "explore"),
+    *("identifiability", "cure", "descent", "outcome", "fit", "intervals", "check", "advise", "diagnose", "design"),
+    *("run_folder", "posterior", "report", "stages", "cli"),
 ]
 ONLY_IN = {"optimistix": "descent", "emcee": "posterior", "matplotlib": "report", "pooch": "fetch", "typer": "cli"}
 REGISTRIES = {"effects": "AbstractEffect", "rig": "AbstractRigTest"}

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import json
+import shutil
 import subprocess
 import sys
 from collections.abc import Callable
@@ -316,3 +318,28 @@ finally:
     assert done.returncode == 0
     assert "fetch" in done.stdout
     assert done.stderr.strip() == "set()"
+
+
+@pytest.mark.parametrize("command", ["reduce", "design"])
+def test_reduce_and_design_without_a_fit_are_usage_errors(invoke, command: str) -> None:
+    done = invoke(command, "bench", "--quiet")
+    assert (done.exit_code, done.stdout) == (2, "")
+    assert "holds no fit" in done.stderr
+
+
+@pytest.mark.slow
+def test_reduce_writes_the_transfer_function_and_prints_it(tmp_path: Path, invoke) -> None:
+    run = Path(etcfit.__file__).parents[1] / "notebooks" / "bench_twin_run" / "fit_state.npz"
+    shutil.copytree(run.parents[2] / "measurements" / "bench_twin", "measurements/bench_twin")
+    Path("notebooks/run").mkdir(parents=True)
+    shutil.copy(run, "notebooks/run")
+    done = invoke("reduce", "notebooks/run", "--output", "deg", "--pade", "2", "--quiet")
+    assert (done.exit_code, done.stderr) == (0, "")
+    assert "SYNTHETIC DATA" in done.stdout
+    found = json.loads(Path("notebooks/run/transfer_function.json").read_text())
+    assert found["schema"] == "etcfit.transfer_function/1"
+    assert found["output"]["unit"] == "deg"
+    assert Path("notebooks/run/pictures/control/bode.png").stat().st_size > 10_000
+    wrong = invoke("design", "notebooks/run", "--ecu-period", "fast", "--quiet")
+    assert (wrong.exit_code, wrong.stdout) == (2, "")
+    assert "Write, say, 1ms" in wrong.stderr

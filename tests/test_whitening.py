@@ -179,7 +179,7 @@ def dense(trace: Trace, bench: Bench) -> np.ndarray:
     stated = np.outer(sd, sd) * np.exp(-np.abs(log[:, None] - log[None, :]))
     start = np.diag(np.square(trace.start.sd))
     noise = np.diag(np.tile(np.square(trace.sigma), trace.instants.size))
-    seen = np.isfinite(trace.data).ravel()
+    seen = np.flatnonzero(np.isfinite(trace.data))
     return (noise + to_input @ stated @ to_input.T + to_start @ start @ to_start.T)[np.ix_(seen, seen)]
 
 

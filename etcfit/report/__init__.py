@@ -9,13 +9,24 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+from ..design import Design
 from ..diagnose.findings import Diagnosis
 from ..fit import FitResult, quiet
+from ..fitted import Fitted
 from ..posterior import Posterior
 from ..posterior.files import posterior_json, write_netcdf
 from ..posterior.predictive import bands
 from ..posterior.profile import Profile
-from ..run_folder import diagnosis_json, fit_json, write_diagnosis_state, write_json, write_state
+from ..reduce import Reduction
+from ..run_folder import (
+    design_json,
+    diagnosis_json,
+    fit_json,
+    reduction_json,
+    write_diagnosis_state,
+    write_json,
+    write_state,
+)
 
 Report = Callable[[str, float], None]
 
@@ -70,6 +81,40 @@ def write_posterior(
     from .posterior.pictures import jobs
 
     _draw(run / "pictures" / "posterior", jobs(posterior, profiles, predicted), report)
+
+
+def write_reduction(
+    run_dir: Path | str, fitted: Fitted, reduction: Reduction, pade_order: int, report: Report | None = None
+) -> None:
+    """Write a transfer function to its run folder: transfer_function.json and its Bode plot.
+
+    Args:
+        run_dir: RUN; made if absent. A file of the same name is replaced, whole or not at all.
+        fitted, reduction: the model and its linear plant.
+        pade_order: see `run_folder.reduction_json`.
+        report: called with what is being written and the share done.
+    """
+    run = Path(run_dir)
+    write_json(run / "transfer_function.json", "transfer_function", reduction_json(fitted, reduction, pade_order))
+    from .control.bode import BodePicture, draw
+
+    picture = BodePicture.of(fitted, reduction)
+    _draw(run / "pictures" / "control", [(Path("bode.png"), lambda: draw(picture))], report)
+
+
+def write_design(run_dir: Path | str, design: Design, report: Report | None = None) -> None:
+    """Write gains to their run folder: pid.json and the responses of every rule.
+
+    Args:
+        run_dir: RUN; made if absent. A file of the same name is replaced, whole or not at all.
+        design: the gains.
+        report: called with what is being written and the share done.
+    """
+    run = Path(run_dir)
+    write_json(run / "pid.json", "pid", design_json(design))
+    from .control.responses import draw
+
+    _draw(run / "pictures" / "control", [(Path("responses.png"), lambda: draw(design))], report)
 
 
 def _draw(folder: Path, jobs: Sequence[tuple[Path, Callable[[], Any]]], report: Report | None) -> None:

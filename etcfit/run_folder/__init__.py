@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+from .design import design_json, rusefi
 from .diagnosis import diagnosis_json
 from .files import plain, whole, write_json
 from .fit import GEAR_RATIO, effects_of, fit_json, hashes, parameters_json, readings_of, versions
+from .fitted import POSTERIOR, read_draws, read_fitted
+from .reduction import reduction_json
 from .state import (
     DIAGNOSIS_STATE,
     FIT_STATE,
@@ -22,7 +25,9 @@ __all__ = [
     "DIAGNOSIS_STATE",
     "FIT_STATE",
     "GEAR_RATIO",
+    "POSTERIOR",
     "State",
+    "design_json",
     "diagnosis_json",
     "effects_of",
     "final_rig",
@@ -32,9 +37,13 @@ __all__ = [
     "hashes",
     "parameters_json",
     "plain",
+    "read_draws",
+    "read_fitted",
     "read_state",
     "readings_of",
+    "reduction_json",
     "rig_of",
+    "rusefi",
     "versions",
     "whole",
     "write_diagnosis_state",

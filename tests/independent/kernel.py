@@ -493,3 +493,45 @@ def run(p, knots, volts, instants, held_until, x, h_max):
                 _log(p, x, volts[k] + slope * (t - knots[k]), out[n])
                 n += 1
     return out
+
+
+@compiled
+def run_loop(p, wanted, period, parts, gains, slow, limit, late, grain, mode, x):
+    """The throttle body under a computer that samples, computes a PID and holds its output.
+
+    Args:
+        p: record of a Plant.
+        wanted: angle asked for at each sample, rad.
+        period: between samples, s.
+        parts: steps in a period.
+        gains: V/rad, V/(rad s), V s/rad.
+        slow: time constant of the derivative's filter, s.
+        limit: of the output, V.
+        late: parts of a period by which the output acts late.
+        grain: of the sensor, rad; 0 for none.
+        mode, x: at the start.
+    Returns:
+        angle and voltage at each sample, shape (n, 2).
+    """
+    out = np.empty((len(wanted), 2))
+    queue = np.zeros(late + 1)
+    area, smooth, h = 0.0, 0.0, period / parts
+    for n in range(len(wanted)):
+        seen = x.sensed if p.effects.position_sensor_lag.time != 0.0 else x.theta
+        if grain > 0.0:
+            seen = grain * np.rint(seen / grain)
+        miss = wanted[n] - seen
+        # the filtered error chases the error; the derivative is the speed of the chase
+        chase = (miss - smooth) / (slow + period)
+        smooth += period * chase
+        volts = gains[0] * miss + gains[1] * (area + period * miss) + gains[2] * chase
+        if abs(volts) <= limit or volts * miss < 0.0:
+            area += period * miss
+        volts = min(max(volts, -limit), limit)
+        out[n, 0], out[n, 1] = x.theta, volts
+        for _ in range(parts):
+            for k in range(late, 0, -1):
+                queue[k] = queue[k - 1]
+            queue[0] = volts
+            mode, x = step(p, queue[late], 0.0, mode, x, h)
+    return out

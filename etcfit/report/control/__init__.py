@@ -1,0 +1,1 @@
+"""Transfer function and gains, for the terminal and as pictures."""

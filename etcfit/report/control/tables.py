@@ -1,0 +1,107 @@
+"""Transfer function and gains for stdout."""
+
+from __future__ import annotations
+
+from rich.console import Group, RenderableType
+from rich.text import Text
+
+from ...design import Design, Tuned
+from ...fitted import Fitted
+from ...pid.base import Metrics, Requirements
+from ...reduce import Reduction
+from ...run_folder import rusefi
+from ..blocks import headed, plain_table, rig_title, sentences
+from ..numbers import Digits, short
+
+
+def reduction_table(fitted: Fitted, reduction: Reduction, pade_order: int) -> RenderableType:
+    """Coefficients with standard errors, poles, gain and operating point."""
+    plant = reduction.plant
+    table = plain_table("coefficient", "value", "stderr")
+    for name, value, stderr in zip(
+        ("b0", "a2", "a1", "a0"), (*plant.num, *plant.den[1:]), reduction.stderr, strict=True
+    ):
+        digits = Digits.of(value, float(stderr))
+        table.add_row(name, digits(value), digits(float(stderr)))
+    unit = f"{reduction.output_unit}/{reduction.input_unit}"
+    lines = [
+        f"G(s) = b0 / (s^3 + a2 s^2 + a1 s + a0), {unit}",
+        "poles, 1/s: " + ", ".join(_pole(p) for p in plant.poles),
+        f"static gain {short(plant.dc_gain, 4)} {unit}",
+        f"about {100.0 * reduction.share:.0f} % of the travel ({short(reduction.theta, 4)} rad), held by "
+        f"{short(reduction.volts)} V and {short(reduction.current)} A in the middle of the dry friction",
+        "dry friction and preload have no transfer function and are left out",
+        _extra(reduction, pade_order),
+    ]
+    return Group(rig_title(fitted.config, "transfer function"), *(Text("  " + line) for line in lines), table)
+
+
+def _pole(pole: complex) -> str:
+    return short(pole.real, 4) + (f" {'+' if pole.imag > 0 else '-'} {short(abs(pole.imag), 4)}j" if pole.imag else "")
+
+
+def _extra(reduction: Reduction, pade_order: int) -> str:
+    plant = reduction.plant
+    if not plant.delay and not plant.lag:
+        return "the model has neither delay nor sensor lag"
+    word = f"behind it a delay of {short(1e3 * plant.delay)} ms and a sensor lag of {short(1e3 * plant.lag)} ms"
+    return word + (f", appended with a Pade approximation of order {pade_order}" if pade_order else ", not appended")
+
+
+def design_table(design: Design) -> RenderableType:
+    """Every rule beside the others, then the proposed gains in the units of an ECU."""
+    task, config = design.task, design.fitted.config
+    table = plain_table("rule", "Kp", "Ki", "Kd", "overshoot %", "settling s", "error %", "RMSE %", "GM dB", "PM deg",
+                        "met", "margins", "P(met)")  # fmt: skip
+    for tuned in design.tuned.values():
+        table.add_row(*_row(tuned, task.requirements))
+    asked = task.requirements
+    source = "posterior" if design.origin == "posterior" else "the fit's Laplace approximation"
+    words = [
+        "V/rad, V/(rad s), V s/rad; figures of the nonlinear model on the trapezoid of 5 to 45 % at 1 Hz, "
+        "worst of both edges",
+        f"asked: overshoot < {asked.overshoot_pct:g} %, settling < {asked.settling_s:g} s, steady-state error < "
+        f"{asked.steady_state_error_pct:g} %; margins {asked.gain_margin_db:g} dB, {asked.phase_margin_deg:g} degrees",
+        f"P(met): share of {design.draws} models from {source} whose response meets all three",
+    ]
+    refused = [f"{t.rule}: {t.why}" for t in design.tuned.values() if t.gains is None]
+    parts = [
+        rig_title(config, "PID gains"),
+        table,
+        sentences("How to read it", words),
+        sentences("No gains", refused),
+        _proposed(design),
+        sentences(
+            "Not met. What binds: eased alone, each of these would let the optimum meet everything", design.limits
+        ),
+    ]
+    return Group(*(part for part in parts if part is not None))
+
+
+def _row(tuned: Tuned, asked: Requirements) -> tuple[str, ...]:
+    if tuned.gains is None or tuned.nonlinear is None:
+        return (tuned.rule, *["-"] * 12)
+    m = tuned.nonlinear
+    gains = (short(g) for g in tuned.gains)
+    return (tuned.rule, *gains, short(m.overshoot_pct), short(m.settling_s), short(m.steady_state_error_pct),
+            short(m.rmse_pct), short(m.gain_margin_db), short(m.phase_margin_deg), "yes" if tuned.meets_all else "no",
+            "yes" if _safe(m, asked) else "no", f"{tuned.probability_met:.2f}")  # fmt: skip
+
+
+def _safe(metrics: Metrics, asked: Requirements) -> bool:
+    return metrics.gain_margin_db >= asked.gain_margin_db and metrics.phase_margin_deg >= asked.phase_margin_deg
+
+
+def _proposed(design: Design) -> RenderableType:
+    gains, ecu = design.chosen.gains, design.task.ecu
+    assert gains is not None, "the proposed rule has gains"
+    native, his = ecu.native(gains), rusefi(design)
+    table = plain_table("proposed", "P", "I", "D", "unit")
+    table.add_row("continuous time", *(short(g, 5) for g in gains), "V/rad, s")
+    table.add_row(f"ticks of {short(1e3 * ecu.period)} ms", *(short(g, 5) for g in native), "V/rad, ticks")
+    table.add_row("rusEFI", *(short(his[k], 5) for k in ("pFactor", "iFactor", "dFactor")), "% duty / % travel, s")
+    curve = plain_table("rusEFI bias curve", *(f"{x:g}" for x in his["etbBiasBins"]), "% travel")
+    curve.add_row("holding duty", *(f"{y:g}" for y in his["etbBiasValues"]), "%")
+    word = "with" if his["gains_found_with_bias"] else "WITHOUT (leave the curve at 0, or design with --feed-forward)"
+    title = f"Gains of {design.chosen.rule}; found {word} the bias curve"
+    return headed(title, Group(table, Text(), curve))

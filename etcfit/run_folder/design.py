@@ -1,0 +1,103 @@
+"""pid.json."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from ..design import Design, Tuned
+from ..pid.base import REQUIRED, UNIT, Gains, Metrics
+from ..pid.ecu import Ecu
+from ..pid.feedforward import bias_of
+from .files import plain
+from .fit import versions
+
+
+def design_json(design: Design) -> dict[str, Any]:
+    """The object of pid.json (FORMAT.md), and what else a reader may want to know.
+
+    `ecu` has the gains as an ECU that counts ticks: P = Kp, I = Ki T, D = Kd / T, all V/rad. A settling time is null
+    where the response does not settle, a margin where the loop has none.
+    """
+    chosen, ecu, asked = design.chosen, design.task.ecu, design.task.requirements
+    assert chosen.gains is not None, "the proposed rule has gains"
+    return plain({
+        "rig": design.fitted.config.name,
+        "synthetic": design.fitted.config.synthetic,
+        "model": {"effects": [effect.name for effect in design.fitted.unknowns.layout.types]},
+        "rule": chosen.rule,
+        "gains": _gains(chosen.gains),
+        "ecu": _native(ecu, chosen.gains),
+        "linear": _metrics(chosen.linear),
+        "nonlinear": _metrics(chosen.nonlinear),
+        "requirements": {symbol: getattr(asked, symbol) for symbol in REQUIRED},
+        "margins_asked": {"gain_margin_db": asked.gain_margin_db, "phase_margin_deg": asked.phase_margin_deg},
+        "met": chosen.met,
+        "met_linear": chosen.met_linear,
+        "limits": list(design.limits),
+        "posterior": {
+            "probability_met": chosen.probability_met,
+            "probability_margins": chosen.probability_stable,
+            "draws": design.draws,
+            "origin": design.origin,
+        },
+        "setpoint": {"times_s": design.setpoint.times, "shares_of_travel": design.setpoint.shares},
+        "feed_forward": design.task.loop.bias is not None,
+        "rules": {name: _rule(tuned) for name, tuned in design.tuned.items()},
+        "rusefi": rusefi(design),
+        "versions": versions(),
+    })  # fmt: skip
+
+
+def _gains(gains: Gains) -> dict[str, Any]:
+    return {**gains._asdict(), "unit": UNIT}
+
+
+def _native(ecu: Ecu, gains: Gains) -> dict[str, Any]:
+    native = ecu.native(gains)
+    return {
+        "P": native.Kp, "I": native.Ki, "D": native.Kd, "period_s": ecu.period, "unit": UNIT, "supply_V": ecu.supply,
+        "derivative_filter_s": ecu.filter, "delay_s": ecu.delay, "pwm_V": ecu.pwm, "resolution_rad": ecu.resolution,
+    }  # fmt: skip
+
+
+def _metrics(metrics: Metrics | None) -> dict[str, Any] | None:
+    return None if metrics is None else metrics._asdict()
+
+
+def _rule(tuned: Tuned) -> dict[str, Any]:
+    return {
+        "gains": None if tuned.gains is None else _gains(tuned.gains),
+        "why_not": tuned.why or None,
+        "linear": _metrics(tuned.linear),
+        "nonlinear": _metrics(tuned.nonlinear),
+        "met": tuned.met,
+        "probability_met": tuned.probability_met,
+        "probability_margins": tuned.probability_stable,
+    }
+
+
+def rusefi(design: Design) -> dict[str, Any]:
+    """The gains as rusEFI has them: % of duty over % of travel, per s and times s, and the bias curve of 8 points.
+
+    Source: rusEFI, electronic_throttle.cpp and pid.cpp: iFactor and dFactor are of continuous time, and the bias table
+    is added whatever the gains, so leave it at 0 where they were found without feed-forward.
+    """
+    gains, ecu, body = design.chosen.gains, design.task.ecu, design.task.loop.body
+    assert gains is not None, "the proposed rule has gains"
+    factor = (body.upper - body.lower) / ecu.supply  # % of duty for % of travel, of V/rad
+    bias = bias_of(design.fitted.throttle, *body)
+    share = 100.0 * np.asarray(design.task.loop.share(bias.angles))
+    return {
+        "pFactor": gains.Kp * factor,
+        "iFactor": gains.Ki * factor,
+        "dFactor": gains.Kd * factor,
+        "periodMs": 1e3 * ecu.period,
+        "minValue": -100,
+        "maxValue": 100,
+        "etbBiasBins": np.round(share, 2),
+        "etbBiasValues": np.round(np.clip(100.0 * bias.hold / ecu.supply, -100.0, 100.0), 2),
+        "gains_found_with_bias": design.task.loop.bias is not None,
+        "unit": "% duty, % travel",
+    }

@@ -1,0 +1,81 @@
+"""A throttle body under an engine computer: setpoint in, what the plate really does out."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from .kernel import Plant, at_rest, mode_at_rest, record, run_loop
+from .simulate import H_MAX, longest_step
+
+
+@dataclass(frozen=True)
+class Computer:
+    """An engine computer that samples, computes and holds.
+
+    Args:
+        proportional, integral, derivative: V/rad, V/(rad s), V s/rad.
+        period: s.
+        supply: V.
+        filter: time constant of the derivative, s.
+        delay: s.
+        grain: of the position it reads, rad.
+    """
+
+    proportional: float
+    integral: float
+    derivative: float
+    period: float = 1e-3
+    supply: float = 12.0
+    filter: float = 2e-3
+    delay: float = 0.0
+    grain: float = 0.0
+
+
+def follow(plant: Plant, computer: Computer, wanted: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Angle (rad) and voltage (V) at each sample, from rest at the first angle asked for (rad, one a period)."""
+    parts = max(1, math.ceil(computer.period / longest_step(plant, H_MAX)))
+    p, x = record(plant), at_rest(plant, float(wanted[0]))
+    gains = np.array([computer.proportional, computer.integral, computer.derivative])
+    late = round((computer.delay + plant.effects.actuation_delay.delay) * parts / computer.period)
+    out = run_loop(p, np.asarray(wanted, dtype=float), computer.period, parts, gains, computer.filter, computer.supply,
+                   late, computer.grain, mode_at_rest(p, x), x)  # fmt: skip
+    return out[:, 0], out[:, 1]
+
+
+def trapezoids(low: float, high: float, period: float, edge: float = 0.1, lead: float = 0.5) -> np.ndarray:
+    """low for `lead` s, then up for half a second and down for another, with edges of `edge` s; one value a period."""
+    corners = [0.0, lead, lead + edge, lead + 0.5, lead + 0.5 + edge, lead + 1.0]
+    return np.interp(np.arange(round((lead + 1.0) / period)) * period, corners, [low, low, high, high, low, low])
+
+
+@dataclass(frozen=True)
+class Score:
+    """Worst of both edges: overshoot %, settling s, steady-state error %, each of the change; RMSE, % of the travel."""
+
+    overshoot: float
+    settling: float
+    error: float
+    rmse: float
+
+    @property
+    def meets_the_papers_requirements(self) -> bool:
+        """Overshoot below 20 %, settling below 0.2 s, steady-state error below 0.5 %."""
+        return self.overshoot < 20.0 and self.settling < 0.2 and self.error < 0.5
+
+
+def score(angle: np.ndarray, wanted: np.ndarray, period: float, travel: float, lead: float = 0.5) -> Score:
+    """Judge a response to `trapezoids`."""
+    first, half = round(lead / period), round(0.5 / period)
+    low, high = float(wanted[0]), float(wanted[first + half - 1])
+    found = []
+    for begin, level, change in ((first, high, high - low), (first + half, low, low - high)):
+        part = (angle[begin : begin + half] - level) / change
+        late = [k for k in range(half) if abs(part[k]) > 0.02]
+        settling = float("inf") if late and late[-1] == half - 1 else (late[-1] + 1) * period if late else 0.0
+        found.append((100.0 * max(part.max(), 0.0), settling, 100.0 * np.abs(part[-half // 4 :]).max()))
+    rmse = 100.0 * float(np.sqrt(np.mean((angle[first:] - wanted[first:]) ** 2))) / travel
+    overshoot, settled, error = (float(max(column)) for column in zip(*found, strict=True))
+    return Score(overshoot, settled, error, rmse)
