@@ -87,6 +87,7 @@ def many_held(request: pytest.FixtureRequest) -> tuple[Bench, np.ndarray]:
     return bench_of([held_trace(seed, request.param) for seed in range(60)], ("R_a", "L_a"), substeps=4)
 
 
+@pytest.mark.slow
 def test_residuals_of_a_held_plate_are_standard_normal(many_held: tuple[Bench, np.ndarray]) -> None:
     """60 seeds of 250 samples: the mean square is known to 1.2 %, each lag's correlation to 0.8 %."""
     bench, x = many_held
@@ -234,6 +235,7 @@ def after_another(memory: float) -> tuple[Bench, np.ndarray]:
     return bench, x
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("memory", [0.0, 0.8], ids=["white", "correlated"])
 def test_the_filter_is_dense_generalised_least_squares_on_a_sliding_plate(memory: float) -> None:
     assert_dense(*after_another(memory))
@@ -302,6 +304,7 @@ def releases() -> tuple[Bench, np.ndarray, np.ndarray]:
     return bench, x, np.array(hits)
 
 
+@pytest.mark.slow
 def test_a_release_at_an_instant_not_known_exactly(releases: tuple[Bench, np.ndarray, np.ndarray]) -> None:
     """At first the EMF is wrong by several times its noise; whitened nothing of it is left until the impact."""
     bench, x, hits = releases

@@ -266,6 +266,7 @@ def test_the_published_emps_figures_within_2_percent(measured: Path) -> None:
     assert dict(zip(LUMPED, plain, strict=True))["J_eq"] == pytest.approx(95.1089, rel=0.02)
 
 
+@pytest.mark.slow
 def test_a_folder_of_the_independent_generator_is_read_within_what_graphs_can_give(tmp_path: Path) -> None:
     pytest.importorskip("numba", reason="the independent generator needs numba: its folder is left unread")
     from independent import CONSISTENT, make_folder
