@@ -8,6 +8,7 @@ from ..cure import listed
 from ..fit import Report, freed, quiet
 from ..outcome import End, FitResult, outcome
 from .balance import motions
+from .composition import Effect
 from .evidence import evidence
 from .findings import Candidate, Diagnosis, RoundReport, Tie, Unexplained
 from .loop import ROUNDS, Round, pruned, settled, start, turn
@@ -32,6 +33,7 @@ def diagnose(result: FitResult, report: Report = quiet) -> Diagnosis:
     first = s = start(result)
     rounds: list[RoundReport] = []
     ties: list[Tie] = []
+    worth: dict[Effect, float] = {}
     while len(rounds) < ROUNDS:
         told = _in_stage(report, f"round {len(rounds) + 1}", len(rounds))
         turned = turn(s, told)
@@ -43,9 +45,11 @@ def diagnose(result: FitResult, report: Report = quiet) -> Diagnosis:
             group = (turned.added, *turned.ties)
             cures = "; ".join(f"{e.name}: {e.told_by}" for e in group)
             ties.append(Tie(tuple(e.name for e in group), cures))
-        s = settled(next(v.standing for v in turned.verdicts if v.effect is turned.added), told)
+        chosen = next(v for v in turned.verdicts if v.effect is turned.added)
+        worth[turned.added] = -chosen.bic_change
+        s = settled(chosen.standing, told)
     s, removed = pruned(s, report)
-    left = None if rounds[-1].evidence.white else unexplained(result, s, report)
+    left = None if rounds[-1].evidence.white else unexplained(result, s, worth, report)
     report("the fit of the final model", 0.95)
     after = _final(result, s, report)
     doubts = left.doubts if left else ()

@@ -132,8 +132,12 @@ def _crossed(s: Standing, verdicts: Sequence[Verdict]) -> list[Verdict]:
 def _promising(signatures: Sequence[Signature], before: Score, rival: float) -> list[Signature]:
     """Those that promise near enough to what BIC asks, and near enough to the best."""
     least = rival * max((g.gain for g in signatures), default=0.0)
-    worth = [g for g in signatures if g.gain * _per_chi2(before) > _PROMISE * _asked(g, before)]
-    return [g for g in worth if g.gain > least][:_REFITS]
+    return [g for g in signatures if promises(g, before) and g.gain > least][:_REFITS]
+
+
+def promises(g: Signature, before: Score) -> bool:
+    """Whether the screening comes near enough to what BIC asks for a refit to be worth its time."""
+    return g.gain * _per_chi2(before) > _PROMISE * _asked(g, before)
 
 
 def _refitted(s: Standing, promising: Sequence[Signature], before: Score, report: Report) -> list[Verdict]:

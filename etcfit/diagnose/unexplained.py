@@ -5,6 +5,8 @@ A named effect keeps its name only where it explains nearly as much as a curve t
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 import numpy as np
 
 from ..effects import fraction
@@ -14,21 +16,23 @@ from ..unknown import UNKNOWNS, AbstractSmooth
 from .balance import pull_of, signals
 from .composition import Effect, compose
 from .findings import Unexplained
-from .loop import STRONG, without
+from .loop import STRONG, promises, without
 from .screen import Signature, screen
 from .trial import Score, Standing, Verdict, compare, score
 
 _REFITS = 1
 _KEEPS = 0.9  # share of what a free curve explains, from which on a named effect keeps its name
+_SURE = _KEEPS / (1.0 - _KEEPS)  # an effect that explained so many times more than a curve beside it would add keeps it
 _POINTS = 60  # of the curve that is drawn
 
 
-def unexplained(result: FitResult, s: Standing, report: Report) -> Unexplained | None:
+def unexplained(result: FitResult, s: Standing, worth: Mapping[Effect, float], report: Report) -> Unexplained | None:
     """The smooth curve that the residual asks for most; None where it is not worth its parameters.
 
     Args:
         result: the first fit.
         s: the final model, at its optimum.
+        worth: by how much BIC fell when each effect was added.
         report: progress.
     """
     s = widened(result, s)
@@ -37,7 +41,9 @@ def unexplained(result: FitResult, s: Standing, report: Report) -> Unexplained |
     best = _best(s, before)
     if best is None:
         return None
-    doubts = tuple(e.name for e in s.added if _in_doubt(s, e, before))
+    # with the effect as well, a curve explains no less than alone: who explained nearly all of both is not in doubt
+    little = [e for e in s.added if worth[e] < -_SURE * best.bic_change]
+    doubts = tuple(e.name for e in little if _in_doubt(s, e, before))
     return _told(best, doubts)
 
 
@@ -56,7 +62,7 @@ def _smooth(s: Standing) -> list[Effect]:
 def _best(s: Standing, before: Score) -> Verdict | None:
     """The smooth unknown that helps most, if any is worth it."""
     _, signatures = screen(s.bench, s.x, s.problem, _smooth(s))
-    verdicts = [_tried(s, g, before) for g in signatures[:_REFITS]]
+    verdicts = [_tried(s, g, before) for g in signatures[:_REFITS] if promises(g, before)]
     worth = [v for v in verdicts if v.bic_change < STRONG and v.helps_elsewhere()]
     return min(worth, key=lambda v: v.bic_change, default=None)
 
