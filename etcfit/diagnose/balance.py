@@ -70,7 +70,8 @@ def _along(form: Form, circuits: tuple[str, ...], x: Any, pick: Pick, arrays: An
     resting = (state.omega == 0.0) | (steps.mobile < 0.5) | (steps.pull == 0.0)
     return {
         "time": steps.time,
-        "angle": state.theta,
+        # a motor that runs alone turns no plate
+        "angle": jnp.where(steps.plate > 0.5, state.theta, steps.lower),
         "speed": state.omega,
         "current": state.i,
         "load": zero + u._replace(motor=drive + u.torque, external=external).gear_load,

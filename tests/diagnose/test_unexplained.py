@@ -144,6 +144,7 @@ def test_only_curves_are_tried_and_the_best_that_helps_elsewhere_is_taken(monkey
         return SimpleNamespace(bic_change=bic, effect=g.effect, helps_elsewhere=lambda: helps)
 
     monkeypatch.setattr(module, "screen", screen)
+    monkeypatch.setattr(module, "promises", lambda g, before: True)
     monkeypatch.setattr(module, "_tried", tried)
     composition = SimpleNamespace(candidates=(LIMP, *UNKNOWNS, STRIBECK))
     s: Any = SimpleNamespace(composition=composition, bench=None, x=None, problem=None)
@@ -155,6 +156,32 @@ def test_only_curves_are_tried_and_the_best_that_helps_elsewhere_is_taken(monkey
 
 def test_a_curve_that_is_not_worth_its_parameters_is_none(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(module, "screen", lambda *a: (None, [SimpleNamespace(effect=TORQUE)]))
+    monkeypatch.setattr(module, "promises", lambda g, before: True)
     monkeypatch.setattr(module, "_tried", lambda *a: SimpleNamespace(bic_change=-9.0, helps_elsewhere=lambda: True))
     s: Any = SimpleNamespace(composition=SimpleNamespace(candidates=UNKNOWNS), bench=None, x=None, problem=None)
     assert module._best(s, None) is None
+
+
+def test_a_curve_that_promises_little_is_not_refitted(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(module, "screen", lambda *a: (None, [SimpleNamespace(effect=TORQUE)]))
+    monkeypatch.setattr(module, "promises", lambda g, before: False)
+    monkeypatch.setattr(module, "_tried", lambda *a: pytest.fail("it was refitted"))
+    s: Any = SimpleNamespace(composition=SimpleNamespace(candidates=UNKNOWNS), bench=None, x=None, problem=None)
+    assert module._best(s, None) is None
+
+
+@pytest.mark.parametrize(("worth", "asked"), [(9.1 * 50.0, False), (8.9 * 50.0, True)])
+def test_only_an_effect_that_explained_less_than_nine_times_what_a_curve_adds_is_put_in_doubt(
+    worth: float, asked: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The curve beside it lowers BIC by 50; what the effect keeps its name for is 90 % of what both explain."""
+    questioned: list[Any] = []
+    monkeypatch.setattr(module, "widened", lambda result, s: s)
+    monkeypatch.setattr(module, "score", lambda s: None)
+    monkeypatch.setattr(module, "_best", lambda s, before: SimpleNamespace(bic_change=-50.0))
+    monkeypatch.setattr(module, "_in_doubt", lambda s, e, before: questioned.append(e) or True)
+    monkeypatch.setattr(module, "_told", lambda best, doubts: doubts)
+    s: Any = SimpleNamespace(added=(LIMP,))
+    doubts: Any = module.unexplained(SimpleNamespace(), s, {LIMP: worth}, lambda text, share: None)
+    assert questioned == ([LIMP] if asked else [])
+    assert doubts == ((LIMP.name,) if asked else ())

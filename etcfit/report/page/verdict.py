@@ -37,7 +37,9 @@ def _fits(contents: Contents) -> Markup:
     if chi2 is None:
         return Markup("{} cannot be simulated over all of them.").format(head)
     if chi2 < _NOISE:
-        return Markup("{} leave nothing but noise {}.").format(head, left)
+        rounds = contents.get("diagnosis").get("rounds") or [{}]
+        what = "nothing but" if rounds[-1].get("white", True) else "hardly more than"
+        return Markup("{} leave {} noise {}.").format(head, what, left)
     if chi2 < MISFIT:
         return Markup("{} come near the data but leave more than noise {}.").format(head, left)
     return Markup(
@@ -93,7 +95,7 @@ def _gains(pid: Mapping[str, Any]) -> Markup:
         *(number(gains[key]) for key in ("Kp", "Ki", "Kd")),
         f"miss the requirement on {listed(dict.fromkeys(missed))}" if missed else "meet every requirement",
     )
-    return text + ("" if chance is None else f", with probability {number(chance, 2)} over the posterior")
+    return text + ("" if chance is None else f", with probability {number(chance, 2)} over draws of the parameters")
 
 
 def _flat(met: Mapping[str, Any]) -> Iterator[tuple[str, Any]]:
