@@ -28,7 +28,7 @@ from .composition import Composition, Effect, carried
 
 _TOLERANCE = 1e-3  # of a refit: relative change of chi2
 _SLACK = 0.02  # relative rise of a held-out free-running error that counts as none: a slip may fall elsewhere
-_DIVERGED = 0.5  # the same far from the data, where the free run is left to its own devices
+_DIVERGED = 2.0  # the same far from the data: that run begins from the optimum of a guided one and is not tuned itself
 
 
 @dataclass(frozen=True, eq=False)

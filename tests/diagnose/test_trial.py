@@ -135,8 +135,8 @@ def test_samples_that_repeat_one_another_are_fewer() -> None:
         (0.0, 0.9, NEAR, False),
         (-1.0, 1.01, NEAR, True),
         (-1.0, 1.03, NEAR, False),
-        (-1.0, 1.4, FAR, True),
-        (-1.0, 1.6, FAR, False),
+        (-1.0, 2.9, FAR, True),
+        (-1.0, 3.1, FAR, False),
         (-1.0, None, NEAR, True),
     ],
 )
