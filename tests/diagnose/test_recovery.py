@@ -37,7 +37,7 @@ class Case:
     diagnosis: Diagnosis
 
 
-# a folder takes minutes: run with -m benchmark
+# each folder takes minutes: run with -m benchmark
 by_hand = pytest.mark.benchmark
 
 
@@ -109,8 +109,9 @@ def test_every_trace_has_its_motion(clean: Case) -> None:
 # ---- one thing is missing
 
 
-@by_hand
-@pytest.mark.parametrize("name", ["stribeck", "limp_home", "offset"])
+@pytest.mark.parametrize(
+    "name", [pytest.param("stribeck", marks=by_hand), "limp_home", pytest.param("offset", marks=by_hand)]
+)
 def test_what_is_missing_is_found_first_and_predicts_what_was_held_out(
     name: str, request: pytest.FixtureRequest
 ) -> None:
@@ -125,7 +126,6 @@ def test_what_is_missing_is_found_first_and_predicts_what_was_held_out(
     assert all(effect in m.effects for m in found.motions)
 
 
-@by_hand
 def test_the_default_position_and_the_torque_of_its_spring_are_the_generators(limp_home: Case) -> None:
     """Below it the generator's plate feels -(preload + k d), the model's T_PL + K_s theta - T_lh - K_lh d, d how far
     below: T_lh = preload + T_PL + K_s theta_lh."""
