@@ -290,7 +290,7 @@ def reduce(
     """The third-order transfer function of the model in RUN (after a diagnosis, the final one).
 
     Eqs. 1-2 without dry friction and preload, about a plate held at the operating point. With the paper's Table 2 this
-    is 2.208e5 / (s^3 + 1033 s^2 + 9.370e4 s + 1.282e5), poles near -1.4, -102 and -930 1/s. The paper prints another
+    is 2.208e5 / (s^3 + 1033 s^2 + 9.370e4 s + 1.282e5), poles near -1.4, -99 and -932 1/s. The paper prints another
     one, Eq. 8, 3.10e4 / (s^3 + 113.8 s^2 + 2941 s + 2.38e4), poles -81 and -16.3 +- 5.2j, which does not follow from
     its own table: its static gain is 1.303 instead of 1.722 rad/V.
     """

@@ -94,7 +94,7 @@ class TransferFunction:
 
 PAPER_EQ_8 = TransferFunction(3.10e4, 113.8, 2941.0, 2.38e4)
 """The paper's Eq. 8, rad/V. It does not follow from the paper's own Table 2: Eqs. 1-2 give 2.208e5 / (s^3 + 1033 s^2 +
-9.370e4 s + 1.282e5), with poles near -1.4, -102 and -930 1/s where Eq. 8 has -81 and -16.3 +- 5.2j, and 1.722 rad/V
+9.370e4 s + 1.282e5), with poles near -1.4, -99 and -932 1/s where Eq. 8 has -81 and -16.3 +- 5.2j, and 1.722 rad/V
 instead of 1.303 rad/V."""
 
 
