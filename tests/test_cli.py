@@ -329,7 +329,7 @@ def test_reduce_and_design_without_a_fit_are_usage_errors(invoke, command: str) 
 
 @pytest.mark.slow
 def test_reduce_writes_the_transfer_function_and_prints_it(tmp_path: Path, invoke) -> None:
-    run = Path(etcfit.__file__).parents[1] / "notebooks" / "bench_twin_run" / "fit_state.npz"
+    run = Path(__file__).parents[1] / "notebooks" / "bench_twin_run" / "fit_state.npz"
     shutil.copytree(run.parents[2] / "measurements" / "bench_twin", "measurements/bench_twin")
     Path("notebooks/run").mkdir(parents=True)
     shutil.copy(run, "notebooks/run")
