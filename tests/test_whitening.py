@@ -181,7 +181,8 @@ def dense(trace: Trace, bench: Bench) -> np.ndarray:
     start = np.diag(np.square(trace.start.sd))
     noise = np.diag(np.tile(np.square(trace.sigma), trace.instants.size))
     seen = np.flatnonzero(np.isfinite(trace.data))
-    return (noise + to_input @ stated @ to_input.T + to_start @ start @ to_start.T)[np.ix_(seen, seen)]
+    whole = noise + to_input @ stated @ to_input.T + to_start @ start @ to_start.T
+    return whole[seen][:, seen]
 
 
 def sliding(memory: float) -> Trace:
