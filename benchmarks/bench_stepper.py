@@ -19,18 +19,18 @@ from typing import Any
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests"))
 
-import bodies
 import jax
 import jax.numpy as jnp
 import numpy as np
-from bodies import OPEN, N, tape
-from independent import CONSISTENT
-from independent.drives import random_steps
 from scipy.integrate import solve_ivp
 
+import bodies
+from bodies import OPEN, N, tape
 from etcfit.effects import PAPER
 from etcfit.simulate import simulate
 from etcfit.throttle import Throttle
+from independent import CONSISTENT
+from independent.drives import random_steps
 
 DURATION, RATE = 4.0, 1000.0
 SLIP = 0.01  # rad/s over which SciPy's friction changes sign

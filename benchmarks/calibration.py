@@ -33,11 +33,10 @@ _BINS = 10
 
 def one(seed: int, centre: str, size: Any, sampled: bool, folder: Path) -> dict[str, Any]:
     """Draw, simulate, fit, and sample where asked: ranks by symbol, None where a parameter is not identifiable."""
-    from independent import Bench, draw_truth, make_folder
-
     from etcfit.fit import fit
     from etcfit.intervals import intervals
     from etcfit.rig.reader import read_folder
+    from independent import Bench, draw_truth, make_folder
 
     truth = draw_truth(np.random.default_rng(seed), CENTRES[centre])
     make_folder(folder / "rig", truth, seed, size=size)

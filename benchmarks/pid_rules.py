@@ -23,11 +23,6 @@ import numpy as np
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests"))
 
-from independent import Truth, draw_truth
-from independent.control import Computer, Score, follow, score, trapezoids
-from independent.effects import Effects, LimpHomeSpring, StribeckFriction
-from independent.simulate import throttle as independent_throttle
-
 from etcfit.backend import use_compilation_cache
 from etcfit.design import judged
 from etcfit.effects import PAPER
@@ -39,6 +34,10 @@ from etcfit.pid.ecu import Ecu
 from etcfit.pid.loop import Body, Loop
 from etcfit.pid.setpoint import trapezoid
 from etcfit.throttle import Throttle
+from independent import Truth, draw_truth
+from independent.control import Computer, Score, follow, score, trapezoids
+from independent.effects import Effects, LimpHomeSpring, StribeckFriction
+from independent.simulate import throttle as independent_throttle
 
 TRAVEL = math.pi / 2
 DRAWS = 64

@@ -6,8 +6,8 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
-import results
 
+import results
 from etcfit.diagnose.findings import (
     Candidate,
     Diagnosis,

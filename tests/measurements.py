@@ -5,12 +5,12 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 import numpy as np
+
+from etcfit.rig.base import Channel, Measurement, RigConfig
 from independent import CONSISTENT, NONE
 from independent import simulate as independent
 from independent.drives import Drive, line
 from independent.simulate import Motion
-
-from etcfit.rig.base import Channel, Measurement, RigConfig
 
 N = CONSISTENT.N
 OPEN = float(np.pi / 2)

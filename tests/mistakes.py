@@ -7,10 +7,10 @@ from collections.abc import Mapping
 from pathlib import Path
 
 import pytest
-from folders import changed
 
 from etcfit.errors import MeasurementError
 from etcfit.rig.reader import read_folder
+from folders import changed
 
 
 def assert_refused(path: Path, changes: Mapping[str, str | bytes], message: str) -> None:

@@ -6,9 +6,9 @@ from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
-import folders
 import numpy as np
 
+import folders
 from etcfit.effects import EFFECT_BY_NAME
 from etcfit.fit import FitResult, StartSummary, ready
 from etcfit.identifiability import Direction, Identifiability

@@ -5,8 +5,8 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from bodies import OPEN, N, values
 
+from bodies import OPEN, N, values
 from etcfit.effects import PAPER, AbstractEffect
 from etcfit.linear import TransferFunction
 from etcfit.parameters import parameters_of

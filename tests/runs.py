@@ -7,9 +7,9 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import results
 from PIL import Image
 
+import results
 from etcfit.run_folder import fit_json, write_json
 
 LATER = ("diagnosis", "posterior", "transfer_function", "pid")

@@ -7,16 +7,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-import results
-from independent.drives import Drive
-from independent.effects import NONE
-from independent.folder import SIZES, write_folder, write_trace
-from independent.instruments import Bench
-from independent.protocols import Series, Session
-from independent.protocols import Trace as Written
-from independent.simulate import motor_alone
-from independent.truth import CONSISTENT
 
+import results
 from etcfit import TESTS, read_folder
 from etcfit.advise import advise
 from etcfit.advise.advice import Advice, Judge, Option, batched, separated
@@ -28,6 +20,14 @@ from etcfit.report.advice import advice_table
 from etcfit.report.blocks import render
 from etcfit.rig.base import Rig
 from etcfit.unknowns import unknowns
+from independent.drives import Drive
+from independent.effects import NONE
+from independent.folder import SIZES, write_folder, write_trace
+from independent.instruments import Bench
+from independent.protocols import Series, Session
+from independent.protocols import Trace as Written
+from independent.simulate import motor_alone
+from independent.truth import CONSISTENT
 
 VALUES = {"R_a": 1.5, "K_m": 0.019, "K_s": 0.15, "T_PL": 0.36, "T_f": 0.24}
 

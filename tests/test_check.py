@@ -5,10 +5,10 @@ from __future__ import annotations
 from dataclasses import replace
 from pathlib import Path
 
-import folders
 import numpy as np
 import pytest
 
+import folders
 from etcfit.check import channel_check, check, clipped, clock
 from etcfit.rig.base import Channel
 from etcfit.rig.reader import read_folder

@@ -6,9 +6,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-import results
 from numpy.testing import assert_allclose
 
+import results
 from etcfit.bench import Bench
 from etcfit.chi2 import chi2_of
 from etcfit.effects import EFFECT_BY_NAME

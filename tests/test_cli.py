@@ -12,10 +12,10 @@ from types import ModuleType, SimpleNamespace
 from typing import Any
 
 import pytest
-import runs
 from typer.testing import CliRunner, Result
 
 import etcfit
+import runs
 from etcfit.cli import app
 from etcfit.errors import MeasurementError, UsageError
 from etcfit.stages import Done

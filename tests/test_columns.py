@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from pathlib import Path
 
 import pytest
+
 from folders import TOML, back_emf, inductance, only_response, resistance, response
 from mistakes import assert_refused
 

@@ -8,9 +8,9 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from bodies import tape
 from numpy.testing import assert_allclose, assert_array_equal
 
+from bodies import tape
 from etcfit.delay import delayed, late_inputs
 from etcfit.simulate import Reset, Step
 

@@ -8,9 +8,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-import results
 import xarray
 
+import results
 from etcfit.design import Design, binding, design, ecu_of, task_of
 from etcfit.errors import UsageError
 from etcfit.fitted import Fitted

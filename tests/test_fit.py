@@ -8,7 +8,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from independent import Truth, draw_truth, make_folder
 from numpy.testing import assert_allclose, assert_array_equal
 
 from etcfit import fit as module
@@ -19,6 +18,7 @@ from etcfit.intervals import intervals
 from etcfit.rig.base import Fixed, Knowledge, Measurement, Prior, Rig, Start
 from etcfit.rig.reader import read_folder
 from etcfit.unknowns import unknowns
+from independent import Truth, draw_truth, make_folder
 
 SYMBOLS = ("R_a", "L_a", "K_b", "J_m", "J_L", "B_m", "B_L", "K_s", "T_PL", "T_f")
 SERIES = "series_ohm.inductance"

@@ -7,9 +7,6 @@ from dataclasses import replace
 import jax
 import numpy as np
 import pytest
-from independent import CONSISTENT, NONE
-from independent import simulate as independent
-from independent.drives import Drive, steps
 from numpy.testing import assert_allclose
 
 from etcfit.bench import Bench
@@ -18,6 +15,9 @@ from etcfit.parameters import Parameter, Positive
 from etcfit.rig.base import Start
 from etcfit.trace import prepare
 from etcfit.unknowns import Layout, unknowns
+from independent import CONSISTENT, NONE
+from independent import simulate as independent
+from independent.drives import Drive, steps
 from measurements import CONFIG, N, driven, measurement, noisy
 
 # ---- by hand: rows of a Jacobian in logarithms

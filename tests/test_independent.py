@@ -10,6 +10,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose
+from scipy.integrate import simpson, solve_ivp
+
 from independent import (
     CATALOGUE,
     CONSISTENT,
@@ -48,8 +51,6 @@ from independent.kernel import (
 from independent.protocols import PROTOCOLS, Series, Session, response
 from independent.simulate import NEVER, Motion, motor_alone, resting_angle, simulate, terminals_open, throttle
 from independent.truth import OPEN
-from numpy.testing import assert_allclose
-from scipy.integrate import simpson, solve_ivp
 
 PACKAGE = Path(__file__).parent / "independent"
 

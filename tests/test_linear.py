@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import bodies
 import control
 import jax
 import numpy as np
 import pytest
-from bodies import OPEN, N
 
+import bodies
+from bodies import OPEN, N
 from etcfit.effects import PAPER, AbstractEffect, Inputs, State
 from etcfit.effects.actuation_delay import ActuationDelay
 from etcfit.effects.airflow_torque import AirflowTorque

@@ -9,12 +9,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from folders import TOML, Sheet, changed, good, only_response, resistance, response, scaled, write
-from mistakes import assert_refused
 
 from etcfit.errors import MeasurementError
 from etcfit.rig.base import Rig
 from etcfit.rig.reader import read_folder
+from folders import TOML, Sheet, changed, good, only_response, resistance, response, scaled, write
+from mistakes import assert_refused
 
 RESPONSE = R = response()
 RESISTANCE = resistance()

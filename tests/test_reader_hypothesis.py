@@ -10,13 +10,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from folders import TOML, Sheet, back_emf, good, response, write
 from hypothesis import HealthCheck, Phase, given, note, settings
 from hypothesis import strategies as st
 
 from etcfit.errors import MeasurementError
 from etcfit.rig.base import Channel, Rig
 from etcfit.rig.reader import read_folder
+from folders import TOML, Sheet, back_emf, good, response, write
 
 SHEETS = {"response/1.csv": response(30), "back_emf/1.csv": back_emf(30)}
 FILES = {"rig.toml": TOML, **{name: sheet.text() for name, sheet in SHEETS.items()}}

@@ -7,11 +7,11 @@ import json
 from dataclasses import replace
 from pathlib import Path
 
-import diagnoses
 import numpy as np
 import pytest
-import results
 
+import diagnoses
+import results
 from etcfit.diagnose.findings import Diagnosis
 from etcfit.errors import UsageError
 from etcfit.fit import FitResult

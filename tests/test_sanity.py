@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+
 from folders import back_emf, constant, inductance, only_response, resistance, response, scaled
 from mistakes import assert_refused
 

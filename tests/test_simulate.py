@@ -4,17 +4,17 @@ from __future__ import annotations
 
 from typing import Any
 
-import bodies
 import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from bodies import FREE, OPEN, N, body, even, linear, path, run, tape
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose, assert_array_equal
 from scipy.linalg import expm
 
+import bodies
+from bodies import FREE, OPEN, N, body, even, linear, path, run, tape
 from etcfit.effects import EFFECT_BY_NAME, PAPER, AbstractEffect, Contribution, Inputs, State
 from etcfit.parameters import Positive, Real, Scalar, parameter, parameters_of
 from etcfit.simulate import simulate

@@ -2,18 +2,18 @@
 
 from __future__ import annotations
 
-import bodies
 import diffrax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose
+
+import bodies
 from bodies import FREE, OPEN, N, body, linear, path, tape
+from etcfit.parameters import Scalar
 from independent import CONSISTENT, NONE
 from independent import simulate as independent
 from independent.drives import Drive, line
-from numpy.testing import assert_allclose
-
-from etcfit.parameters import Scalar
 
 # ---- the event-located generator
 

@@ -7,10 +7,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from folders import back_emf, changed, inductance, only_response, resistance, response
-from mistakes import assert_refused
 
 from etcfit.rig.reader import read_folder
+from folders import back_emf, changed, inductance, only_response, resistance, response
+from mistakes import assert_refused
 
 R, BACK_EMF, RESISTANCE, INDUCTANCE = response(), back_emf(), resistance(), inductance()
 

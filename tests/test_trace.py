@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from independent.drives import line
 from numpy.testing import assert_allclose, assert_array_equal
 
 from etcfit.rig.base import Channel, Measurement
 from etcfit.trace import Trace, prepare
+from independent.drives import line
 from measurements import CONFIG, OPEN, SIGMA, N, channel, driven, measurement, noisy, released
 
 T = np.arange(500) * 1e-3

@@ -5,13 +5,13 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 
-import bodies
 import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
+import bodies
 from etcfit.bench import Bench
 from etcfit.correlation import autocorrelation
 from etcfit.drive import Drive

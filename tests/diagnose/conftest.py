@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import pytest
-import results
 
+import results
 from etcfit.fit import ready
 from etcfit.rig.base import Rig
 from etcfit.trace import Trace

@@ -6,13 +6,12 @@ from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any
 
-import bodies
 import numpy as np
 import pytest
-from bodies import OPEN, N, body, path, tape
-from independent import CONSISTENT, TABLE_2, Truth
 from numpy.testing import assert_allclose, assert_array_equal
 
+import bodies
+from bodies import OPEN, N, body, path, tape
 from etcfit.bench import Bench
 from etcfit.diagnose.balance import motions, pull_of
 from etcfit.diagnose.findings import Motion
@@ -22,6 +21,7 @@ from etcfit.outcome import End
 from etcfit.rig.base import Fixed, RigConfig
 from etcfit.trace import Trace, prepare
 from etcfit.unknowns import Unknowns, unknowns
+from independent import CONSISTENT, TABLE_2, Truth
 from measurements import CONFIG, measurement
 
 LACKED = 0.05  # N m that help the true plate open

@@ -6,12 +6,12 @@ from itertools import combinations
 from types import SimpleNamespace
 from typing import Any
 
-import folders
 import numpy as np
 import pytest
-import results
 from numpy.testing import assert_array_equal
 
+import folders
+import results
 from etcfit.bench import Bench
 from etcfit.diagnose import crossing as module
 from etcfit.diagnose.crossing import folds, left_out

@@ -11,7 +11,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-from independent import MEDIUM, NONE, STRENGTHS, Effects, Truth, combine, draw_truth, make_folder
 from numpy.testing import assert_allclose, assert_array_equal
 
 from etcfit.bench import _linearise, _simulated
@@ -23,6 +22,7 @@ from etcfit.diagnose.screen import screen
 from etcfit.fit import FitResult, fit, freed, quiet, resume, rounds
 from etcfit.rig.reader import read_folder
 from etcfit.score import pooled
+from independent import MEDIUM, NONE, STRENGTHS, Effects, Truth, combine, draw_truth, make_folder
 
 pytestmark = pytest.mark.slow
 

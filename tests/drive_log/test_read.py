@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from pathlib import Path
 
-import car_logs
 import numpy as np
 import pytest
 
+import car_logs
 from etcfit.drive_log import read_logs
 from etcfit.errors import MeasurementError
 from etcfit.rig.mlg import read_mlg

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from pathlib import Path
 
-import car_logs
 import numpy as np
 import pytest
 from typer.testing import CliRunner
 
+import car_logs
 from etcfit.cli import app
 from etcfit.drive_log import DriveLog, Series, spectrum, study, tracking, usage
 from etcfit.drive_log.study import verdict

@@ -7,9 +7,9 @@ from collections.abc import Mapping
 from typing import Any, NamedTuple
 
 import pytest
-from effect_samples import OPEN, N, inputs, made
 from numpy.testing import assert_allclose
 
+from effect_samples import OPEN, N, inputs, made
 from etcfit.effects import EFFECT_BY_NAME, Contribution, State
 
 SAME = {"the motor alone": "feels the same"}

@@ -8,9 +8,9 @@ from itertools import pairwise
 import numpy as np
 import pint
 import pytest
-from effect_samples import AXES, contribution, every_effect, rows, seen, table
 from numpy.testing import assert_allclose, assert_array_equal
 
+from effect_samples import AXES, contribution, every_effect, rows, seen, table
 from etcfit.effects import EFFECT_BY_NAME, EFFECTS, PAPER, AbstractEffect, Contribution, total
 from etcfit.parameters import Parameter, Positive, parameters_of
 

@@ -5,9 +5,9 @@ from __future__ import annotations
 import jax
 import numpy as np
 import pytest
-from effect_samples import PARTS, every_effect, names, parts, rows, table
 from numpy.testing import assert_allclose
 
+from effect_samples import PARTS, every_effect, names, parts, rows, table
 from etcfit.effects import EFFECTS, AbstractEffect
 from etcfit.parameters import parameters_of
 

@@ -8,8 +8,8 @@ from typing import Any
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from effect_samples import AXES, Path, every_effect, follow, inputs, made, rows, seen
 
+from effect_samples import AXES, Path, every_effect, follow, inputs, made, rows, seen
 from etcfit.effects import EFFECT_BY_NAME, EFFECTS, AbstractEffect, Inputs, State
 
 POTENTIALS = ["return_spring", "limp_home_spring", "gravity_load", "airflow_torque", "cogging_torque"]

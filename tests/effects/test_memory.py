@@ -7,9 +7,9 @@ from typing import Any
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from effect_samples import AXES, every_effect, follow, inputs, made, rows, table
 from numpy.testing import assert_allclose
 
+from effect_samples import AXES, every_effect, follow, inputs, made, rows, table
 from etcfit.effects import EFFECT_BY_NAME, EFFECTS, AbstractEffect, Inputs, State
 
 

@@ -9,8 +9,8 @@ from typing import Any
 
 import numpy as np
 import pytest
-import rigs
 
+import rigs
 from etcfit.effects.limp_home_spring import LimpHomeSpring
 from etcfit.effects.stribeck_friction import StribeckFriction
 from etcfit.linear import PAPER_EQ_8

@@ -7,8 +7,8 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-import rigs
 
+import rigs
 from etcfit.effects.actuation_delay import ActuationDelay
 from etcfit.effects.position_sensor_lag import PositionSensorLag
 from etcfit.pid import Gains

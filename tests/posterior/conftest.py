@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-import folders
 import numpy as np
 import pytest
 
+import folders
 from etcfit.bench import Bench
 from etcfit.fit import ready
 from etcfit.residual import Problem

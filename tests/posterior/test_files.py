@@ -11,9 +11,9 @@ from typing import Any
 
 import numpy as np
 import pytest
-import results
 import xarray
 
+import results
 from etcfit.posterior import Posterior
 from etcfit.posterior.chain import Chain
 from etcfit.posterior.convergence import Convergence

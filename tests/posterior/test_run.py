@@ -11,7 +11,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from gaussian import Linear
 from numpy.testing import assert_allclose, assert_array_equal
 
 from etcfit.fit import quiet
@@ -19,6 +18,7 @@ from etcfit.posterior.chain import Chain, load, save
 from etcfit.posterior.convergence import LENGTH, Convergence, split_rhat
 from etcfit.posterior.ensemble import Ensemble
 from etcfit.posterior.run import BLOCK, run
+from gaussian import Linear
 
 LINEAR = Linear.make()
 FILE = "chain.npz"

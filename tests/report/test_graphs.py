@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-import results
 
+import results
 from etcfit.fit import FitResult
 from etcfit.reading import known
 from etcfit.report import graphs

@@ -6,9 +6,9 @@ import json
 from pathlib import Path
 
 import pytest
-import results
 from matplotlib.image import imread
 
+import results
 from etcfit.report import write_run
 from etcfit.run_folder import read_state
 

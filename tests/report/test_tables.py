@@ -7,8 +7,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-import results
 
+import results
 from etcfit.check import ChannelCheck, CheckResult, Clock, TraceCheck
 from etcfit.fit import FitResult
 from etcfit.identifiability import Identifiability

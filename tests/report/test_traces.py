@@ -6,8 +6,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-import results
 
+import results
 from etcfit.fit import FitResult
 from etcfit.report import traces
 from etcfit.report.pictures import all_traces

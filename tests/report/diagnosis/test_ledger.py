@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-import diagnoses
 import numpy as np
 import pytest
-import results
 
+import diagnoses
+import results
 from etcfit.diagnose.findings import Diagnosis
 from etcfit.report.diagnosis.ledger import Entry, headline, ledger
 

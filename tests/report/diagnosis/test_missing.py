@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-import diagnoses
 import numpy as np
 import pytest
-import results
 
+import diagnoses
+import results
 from etcfit.diagnose.findings import Diagnosis, Motion, Share
 from etcfit.report.diagnosis import missing
 from etcfit.report.diagnosis.missing import MissingPicture

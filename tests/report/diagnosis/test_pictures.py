@@ -6,12 +6,12 @@ import json
 from dataclasses import replace
 from pathlib import Path
 
-import diagnoses
 import numpy as np
 import pytest
-import results
 from matplotlib.image import imread
 
+import diagnoses
+import results
 from etcfit.diagnose.findings import Diagnosis
 from etcfit.report import write_diagnosis
 from etcfit.report.diagnosis import chart, overlay, pictures, rounds, unexplained

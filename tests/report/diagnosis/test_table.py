@@ -5,10 +5,10 @@ from __future__ import annotations
 from dataclasses import replace
 from pathlib import Path
 
-import diagnoses
 import pytest
-import results
 
+import diagnoses
+import results
 from etcfit.diagnose.findings import Diagnosis
 from etcfit.report.blocks import render
 from etcfit.report.diagnosis.table import diagnosis_table

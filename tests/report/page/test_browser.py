@@ -9,8 +9,8 @@ from html import escape
 from pathlib import Path
 
 import pytest
-import runs
 
+import runs
 from etcfit.report.page import write_page
 
 CHROMIUM = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)

@@ -7,8 +7,8 @@ from html.parser import HTMLParser
 from pathlib import Path
 
 import pytest
-import runs
 
+import runs
 from etcfit.errors import UsageError
 from etcfit.report.page import write_page
 from etcfit.report.page.pictures import carried
