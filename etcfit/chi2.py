@@ -42,7 +42,7 @@ def _chi2_of(form: Form, circuits: tuple[str, ...], points: Any, problem: Proble
     """Shape (K, P) -> (K,)."""
     if any(effect.delays for effect in form.types):  # a late signal needs the path before it
         return jax.lax.map(lambda x: _of_paths(form, circuits, x, problem), points, batch_size=_AT_ONCE)
-    prior = (points - problem.prior_mean[None, :]) / problem.prior_sd[None, :]
+    prior = jax.vmap(lambda x: prior_residual(x, problem))(points)
     return _in_one_pass(form, circuits, points, problem) + jnp.sum(prior**2, axis=1)
 
 

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from .errors import UsageError
+from .fit import Report, quiet
 from .fitted import Fitted
 from .pid import RULES, Gains, Metrics, Refusal, Requirements, Task, linear_loop
 from .pid.base import REQUIRED
@@ -19,8 +20,6 @@ from .pid.margins import margins
 from .pid.response import Judged, judge
 from .pid.setpoint import Setpoint, trapezoid
 from .reduce import reduce, stops
-
-Report = Callable[[str, float], None]
 
 DRAWS = 200
 PAPERS = Requirements()  # section 4.1
@@ -89,10 +88,6 @@ class Design:
     origin: str
     bias: Bias
     limits: tuple[str, ...]
-
-
-def quiet(text: str, share: float) -> None:
-    """A progress report that says nothing."""
 
 
 def ecu_of(fitted: Fitted, **given: float) -> Ecu:

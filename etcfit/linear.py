@@ -25,6 +25,9 @@ if TYPE_CHECKING:
     import control
 
 
+MIDDLE = 0.25  # of the travel: the operating point where none is named, the middle of the paper's trapezoid, 5 to 45 %
+
+
 @dataclass(frozen=True)
 class TransferFunction:
     """G(s) = b0 / (s^3 + a2 s^2 + a1 s + a0), and behind it exp(-s delay) / (lag s + 1).
@@ -72,10 +75,6 @@ class TransferFunction:
     def bare(self) -> TransferFunction:
         """G alone."""
         return replace(self, delay=0.0, lag=0.0)
-
-    def scaled(self, factor: float) -> TransferFunction:
-        """In other units: the output times this factor."""
-        return replace(self, b0=self.b0 * factor)
 
     def to_control(self, pade_order: int = 0) -> control.TransferFunction:
         """For python-control, without delay and lag; with them where a Pade order is given.

@@ -14,12 +14,11 @@ import numpy as np
 
 from .errors import UsageError
 from .fitted import Fitted
-from .linear import TransferFunction, coefficients, holding, sensor_lag
+from .linear import MIDDLE, TransferFunction, coefficients, holding, sensor_lag
 from .throttle import Throttle
 
 INPUTS = {"V": "voltage", "%": "duty"}
 OUTPUTS = ("rad", "deg", "%")
-SHARE = 0.25  # of the travel: the middle of the paper's trapezoid, 5 to 45 %
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,7 +51,7 @@ class Reduction:
         return self.plant.to_control(pade_order)
 
 
-def reduce(fitted: Fitted, input_unit: str = "V", output_unit: str = "rad", share: float = SHARE) -> Reduction:
+def reduce(fitted: Fitted, input_unit: str = "V", output_unit: str = "rad", share: float = MIDDLE) -> Reduction:
     """Linearise a fitted model about a plate held at a share of its travel.
 
     The standard errors are the delta method's, sqrt(g C g) with g the gradient in coordinates.
@@ -91,7 +90,7 @@ def _about(throttle: Throttle, theta: float, gear_ratio: float, lower: float, up
 
 
 def stops(fitted: Fitted) -> tuple[float, float]:
-    """The rig's travel, rad; half a turn about nothing where it has no stops."""
+    """The rig's travel, rad; a quarter turn from zero where it has no stops."""
     lower, upper = fitted.config.travel
     lower = lower if math.isfinite(lower) else 0.0
     return lower, upper if math.isfinite(upper) else lower + math.pi / 2

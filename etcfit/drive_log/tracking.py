@@ -41,8 +41,8 @@ def tracking(position: Series, setpoint: Series) -> Tracking:
     """
     seen = (position.time >= setpoint.time[0]) & (position.time <= setpoint.time[-1])
     time, value = position.time[seen], position.value[seen]
-    error = value - np.interp(time, setpoint.time, setpoint.value)
     wanted = np.interp(time, setpoint.time, setpoint.value)
+    error = value - wanted
     rate = np.diff(wanted) / np.diff(time)
     lag = _lag(time, value, setpoint) if wanted.std() > _STILL else None
     left = None if lag is None else _left(time, value, setpoint, lag)

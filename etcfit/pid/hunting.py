@@ -11,8 +11,9 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ..linear import MIDDLE
 from .base import Gains
-from .loop import MIDDLE, Loop
+from .loop import Loop
 
 
 class Stuck(NamedTuple):

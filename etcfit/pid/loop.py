@@ -13,7 +13,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from ..effects import Inputs, State
-from ..linear import TransferFunction, coefficients, sensor_lag
+from ..linear import MIDDLE, TransferFunction, coefficients, sensor_lag
 from ..parameters import Scalar
 from ..simulate import Step, step
 from ..throttle import Throttle
@@ -24,7 +24,6 @@ from .response import Judged, judge
 from .setpoint import Setpoint
 
 _LONGEST = 5e-4  # s, integration step
-MIDDLE = 0.25  # of the travel: the middle of the paper's trapezoid
 _LATEST = 64  # ticks of delay that are remembered at most
 
 

@@ -8,13 +8,13 @@ from typing import Any, NamedTuple
 import jax.numpy as jnp
 import numpy as np
 
+from ..linear import MIDDLE
 from .base import Gains, Refusal, Task
 from .ecu import Numbers, quantised
 from .setpoint import step
 from .ultimate import Ultimate
 from .ziegler_nichols import from_ultimate
 
-SHARE = 0.25  # of the travel, about which the plate is made to swing: the middle of the paper's trapezoid
 HYSTERESIS = 0.005  # of the travel
 _SWINGS = np.geomspace(0.06, 0.9, 12)  # of the supply; the smallest at which the plate swings is taken
 _HOLD = 2.0  # s; the first half lets the swing settle
@@ -58,10 +58,10 @@ def experiment(task: Task) -> Ultimate | Refusal:
     nominal = task.loop.first(1)
     ecu, body = nominal.ecu, nominal.body
     span = HYSTERESIS * (body.upper - body.lower)
-    _, hold, _ = nominal.holds(np.array([nominal.angle(SHARE)]))
+    _, hold, _ = nominal.holds(np.array([nominal.angle(MIDDLE)]))
     swings = _SWINGS * ecu.supply
     relays = Relay(jnp.asarray(swings), jnp.full(swings.shape, float(hold[0])), jnp.full(swings.shape, span))
-    path = nominal.run(switch, relays, jnp.ones(()), step(SHARE, SHARE, _HOLD, lead=0.0))
+    path = nominal.run(switch, relays, jnp.ones(()), step(MIDDLE, MIDDLE, _HOLD, lead=0.0))
     for swing, angle in zip(swings, np.asarray(path.position)[0], strict=True):
         swung = _swing(angle[angle.size // 2 :], ecu.period)
         if swung is not None and swung[0] > 1.2 * span:

@@ -68,9 +68,9 @@ class Chain:
             later = pool.map(lambda e: e.advanced(standard, steps), self.ensembles)
         return replace(self, ensembles=tuple(later))
 
-    def coordinates(self, burn: int, thin: int = 1) -> np.ndarray:
-        """What was sampled after `burn` steps, every `thin`-th step, shape (E, N, W, P)."""
-        kept = np.stack([e.points[burn::thin] for e in self.ensembles])
+    def coordinates(self, burn: int) -> np.ndarray:
+        """What was sampled after `burn` steps, shape (E, N, W, P)."""
+        kept = np.stack([e.points[burn:] for e in self.ensembles])
         return self.mode + kept @ self.root.T
 
     def belongs_to(self, target: LogProbability, symbols: tuple[str, ...]) -> bool:

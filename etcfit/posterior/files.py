@@ -16,6 +16,7 @@ from . import Posterior
 from .predictive import Band
 from .profile import Profile
 from .summary import Marginal, apart
+from .target import tempering
 
 _PER_TAU = 4  # draws kept of each walker in so many steps
 
@@ -95,12 +96,8 @@ def _warnings(posterior: Posterior) -> list[str]:
     out = list(posterior.fit.warnings)
     if not posterior.convergence.converged:
         out.append(f"NO POSTERIOR YET: {posterior.convergence.reason}")
-    many = [f for f in posterior.target.factors.values() if f > 1.0]
-    if many:
-        out.append(
-            f"{len(many)} of {len(posterior.target.factors)} residuals are larger than their noise or not independent; "
-            f"their likelihood was tempered by that (up to {max(many):.0f} times)."
-        )
+    if words := tempering(posterior.target.factors):
+        out.append(f"{words}.")
     return out
 
 

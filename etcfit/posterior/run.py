@@ -6,11 +6,10 @@ import time
 from collections.abc import Callable
 from pathlib import Path
 
+from ..fit import Report
 from .chain import Chain, load, save
 from .convergence import Convergence
 from .ensemble import LogProbability
-
-Report = Callable[[str, float], None]
 
 BLOCK = 50  # steps between two files
 

@@ -89,13 +89,24 @@ def _log_jacobian(kinds: Any, points: Any) -> Any:
 
 def inflations(bench: Bench, x: np.ndarray, problem: Problem) -> dict[tuple[str, str], float]:
     """f_s of each channel of each trace, by file and channel."""
-    r, _, _ = bench.linearise(x, problem)
+    r = bench.residual(x, problem)
     out = {}
     for trace, part in zip(bench.tape.traces, columns(bench.tape, r), strict=True):
         for m, channel in enumerate(trace.channels):
             seen = np.isfinite(trace.data[:, m])
             out[trace.measurement.file, channel] = inflation(part[seen, m])
     return out
+
+
+def tempering(factors: Mapping[tuple[str, str], float]) -> str:
+    """What of the data counts for less than its number says, and by how much; "" where nothing does."""
+    many = [f for f in factors.values() if f > 1.0]
+    if not many:
+        return ""
+    return (
+        f"{len(many)} of {len(factors)} residuals are larger than their noise or not independent; their likelihood was "
+        f"tempered by that (up to {max(many):.0f} times)"
+    )
 
 
 def tempered(bench: Bench, problem: Problem, factors: Mapping[tuple[str, str], float]) -> Problem:

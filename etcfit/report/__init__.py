@@ -11,7 +11,7 @@ from typing import Any
 
 from ..design import Design
 from ..diagnose.findings import Diagnosis
-from ..fit import FitResult, quiet
+from ..fit import FitResult, Report, quiet
 from ..fitted import Fitted
 from ..posterior import Posterior
 from ..posterior.files import posterior_json, write_netcdf
@@ -27,8 +27,6 @@ from ..run_folder import (
     write_json,
     write_state,
 )
-
-Report = Callable[[str, float], None]
 
 
 def write_run(run_dir: Path | str, result: FitResult, report: Report | None = None) -> None:

@@ -16,7 +16,7 @@ from matplotlib.figure import Figure
 from ..rig.base import AbstractRigTest, Channel, Graph, Measurement, RigConfig
 from ..trace import Trace
 from . import style
-from .traces import source
+from .stack import source
 
 _MOST_GRAPHS = 6
 _MOST_TRACES = 12

@@ -9,11 +9,11 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
-from ..rig.base import Channel
 from ..score import Row
 from ..trace import Trace
 from . import style
 from .numbers import short
+from .stack import headed, name_of, signal, source, stack
 
 _FLOOR = 4.0  # sigma; a residual panel shows at least so much
 _SHOWN = 0.998  # of the residuals lie inside the panel; the few beyond are counted on its edge
@@ -44,36 +44,15 @@ def draw(picture: TracePicture) -> Figure:
     """The picture, panels one above the other on one time axis."""
     trace = picture.trace
     heights = [h for _ in trace.channels for h in (2.1, 1.0)] + ([1.1] if trace.drive is not None else [])
-    tall = min(9.0, 1.1 + 0.95 * sum(heights))
-    fig = style.figure(10.0, tall, picture.synthetic)
-    grid = fig.subplots(len(heights), 1, sharex=True, gridspec_kw={"height_ratios": heights}, squeeze=False)
-    panels: list[Axes] = list(grid[:, 0])
-    fig.subplots_adjust(left=0.105, right=0.985, top=1.0 - 0.72 / tall, bottom=0.55 / tall, hspace=0.16)
-    for m, name in enumerate(trace.channels):
-        _channel(panels[2 * m], picture, m, name)
+    fig, panels = stack(heights, picture.synthetic)
+    for m in range(len(trace.channels)):
+        _channel(panels[2 * m], picture, m)
         _residual(panels[2 * m + 1], picture, m)
     if trace.drive is not None:
         _drive(panels[-1], trace)
-    for panel in panels[:-1]:
-        style.quiet_axis(panel)
-    panels[-1].set_xlabel("time [s]")
-    fig.align_ylabels(panels)
     begin, end = trace.instants[[0, -1]]
     panels[-1].set_xlim(begin - 0.01 * (end - begin), end + 0.01 * (end - begin))
-    fig.suptitle(_title(picture), x=0.105, y=1.0 - 0.1 / tall, ha="left", va="top", fontsize=13)
-    fig.text(0.105, 1.0 - 0.4 / tall, _errors(picture.rows), ha="left", va="top", fontsize=10.5)
-    style.legend(fig, panels, 0.985, 1.0 - 0.4 / tall)
-    return fig
-
-
-def source(trace: Trace, name: str) -> Channel:
-    """The logged column that a channel of the model came from; with open terminals the voltage is the EMF."""
-    return trace.measurement.channels[name if name in trace.measurement.channels else "voltage"]
-
-
-def _title(picture: TracePicture) -> str:
-    role = "held out" if picture.trace.measurement.held_out else "fitted"
-    return f"{picture.trace.measurement.file}  ·  {role}"
+    return headed(fig, panels, name_of(trace), _errors(picture.rows))
 
 
 def _errors(rows: tuple[Row, ...]) -> str:
@@ -82,16 +61,13 @@ def _errors(rows: tuple[Row, ...]) -> str:
     return "rms error: " + ", ".join(each)
 
 
-def _channel(panel: Axes, picture: TracePicture, m: int, name: str) -> None:
-    trace, channel = picture.trace, source(picture.trace, name)
-    t = trace.instants
-    panel.plot(*style.thin(t, channel.logged(trace.data[:, m])), ".", ms=2.5, color=style.MEASURED, label="measured")
-    panel.plot(*style.thin(t, channel.logged(picture.predicted[:, m])), color=style.SIMULATED, label="simulated")
+def _channel(panel: Axes, picture: TracePicture, m: int) -> None:
+    trace, name = picture.trace, picture.trace.channels[m]
+    signal(panel, trace, m, picture.predicted[:, m], "simulated")
     if name == "position" and "setpoint" in trace.measurement.channels:
-        setpoint = trace.measurement.channels["setpoint"]
+        channel, setpoint = source(trace, name), trace.measurement.channels["setpoint"]
         panel.plot(*style.thin(setpoint.time, channel.logged(setpoint.value)), color=style.READING, lw=1.0,
                    ls="--", label="setpoint")  # fmt: skip
-    panel.set_ylabel(style.unit_label(name, channel.unit))
 
 
 def _residual(panel: Axes, picture: TracePicture, m: int) -> None:

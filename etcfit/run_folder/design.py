@@ -9,7 +9,6 @@ import numpy as np
 from ..design import Design, Tuned
 from ..pid.base import REQUIRED, UNIT, Gains, Metrics
 from ..pid.ecu import Ecu
-from ..pid.feedforward import bias_of
 from .files import plain
 from .fit import versions
 
@@ -87,7 +86,7 @@ def rusefi(design: Design) -> dict[str, Any]:
     gains, ecu, body = design.chosen.gains, design.task.ecu, design.task.loop.body
     assert gains is not None, "the proposed rule has gains"
     factor = (body.upper - body.lower) / ecu.supply  # % of duty for % of travel, of V/rad
-    bias = bias_of(design.fitted.throttle, *body)
+    bias = design.bias
     share = 100.0 * np.asarray(design.task.loop.share(bias.angles))
     return {
         "pFactor": gains.Kp * factor,

@@ -2,18 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
-from ..effects import EFFECT_BY_NAME, EFFECTS, PAPER
-from ..errors import UsageError
 from ..fitted import Fitted
-from ..rig.base import RigConfig
 from ..rig.config import read_config
 from ..unknowns import unknowns
-from .state import DIAGNOSIS_STATE, FIT_STATE, State, read_state
+from .state import final_config, final_state, missing
 
 POSTERIOR = "posterior.nc"
 
@@ -25,26 +21,13 @@ def read_fitted(run: Path) -> Fitted:
         UsageError: no fit, its measurement folder is gone, or its rig.toml asks for another model.
         MeasurementError: rig.toml is wrong.
     """
-    state = read_state(run, DIAGNOSIS_STATE if (run / DIAGNOSIS_STATE).is_file() else FIT_STATE)
-    if not (state.folder / "rig.toml").is_file():
-        raise UsageError(f"{state.folder}, which {run} was fitted to, is no longer there. Put it back, or run "
-                         f"`etcfit fit FOLDER --out {run}` again.")  # fmt: skip
-    config = read_config(state.folder / "rig.toml")
-    return _in_order(state, config)
-
-
-def _in_order(state: State, config: RigConfig) -> Fitted:
-    """The state's coordinates in the order of the model built anew."""
-    further = tuple(name for name in state.effects if EFFECT_BY_NAME.get(name) not in PAPER)
-    unknown = sorted(set(further) - set(EFFECT_BY_NAME))
-    names = tuple(effect.name for effect in EFFECTS if effect.name in further)
-    known = unknowns(replace(config, effects=names))
-    if unknown or set(known.layout.free) != set(state.symbols):
-        differs = ", ".join([*unknown, *sorted({*known.layout.free} ^ {*state.symbols})])
-        raise UsageError(f"{state.folder / 'rig.toml'} has changed since {state.run} was fitted: other parameters are "
-                         f"free now ({differs}). Run `etcfit fit {state.folder} --out {state.run}` again.")  # fmt: skip
-    place = [state.symbols.index(symbol) for symbol in known.layout.free]
-    return Fitted(config, known, state.x[place], state.covariance[np.ix_(place, place)])
+    state = final_state(run)
+    toml = state.folder / "rig.toml"
+    if not toml.is_file():
+        raise missing(state)
+    config = read_config(toml)
+    whole, place = final_config(state, config)
+    return Fitted(config, unknowns(whole), state.x[place], state.covariance[np.ix_(place, place)])
 
 
 def read_draws(run: Path, fitted: Fitted, count: int, seed: int) -> np.ndarray | None:

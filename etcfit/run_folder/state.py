@@ -10,10 +10,10 @@ from pathlib import Path
 import numpy as np
 
 from ..diagnose.findings import Diagnosis
-from ..effects import PAPER
+from ..effects import EFFECT_BY_NAME, PAPER
 from ..errors import UsageError
 from ..fit import FitResult
-from ..rig.base import Rig
+from ..rig.base import Rig, RigConfig
 from ..rig.reader import read_folder
 from ..unknowns import unknowns
 from .files import whole
@@ -116,7 +116,7 @@ def rig_of(state: State) -> Rig:
     rig = _folder_of(state)
     layout = unknowns(rig.config).layout
     if layout.free != state.symbols or tuple(effect.name for effect in layout.types) != state.effects:
-        raise _changed(state, {*layout.free} ^ {*state.symbols})
+        raise changed(state, {*layout.free} ^ {*state.symbols})
     return rig
 
 
@@ -129,6 +129,23 @@ def final_state(run: Path) -> State:
     return read_state(run, DIAGNOSIS_STATE if (run / DIAGNOSIS_STATE).is_file() else FIT_STATE)
 
 
+def final_config(state: State, config: RigConfig) -> tuple[RigConfig, list[int]]:
+    """rig.toml as if it named every effect of a model, and where the state has each of its free parameters, in order.
+
+    Raises:
+        UsageError: it asks for another model by now.
+    """
+    paper = {effect.name for effect in PAPER}
+    effects = tuple(name for name in state.effects if name not in paper)
+    if gone := {*effects} - {*EFFECT_BY_NAME}:
+        raise changed(state, gone)
+    whole = replace(config, effects=effects)
+    free = unknowns(whole).layout.free
+    if {*free} != {*state.symbols}:
+        raise changed(state, {*free} ^ {*state.symbols})
+    return whole, [state.symbols.index(symbol) for symbol in free]
+
+
 def final_rig(state: State) -> tuple[Rig, np.ndarray]:
     """The measurement folder as if rig.toml named every effect of a model, and the model's coordinates in that order.
 
@@ -137,25 +154,27 @@ def final_rig(state: State) -> tuple[Rig, np.ndarray]:
         MeasurementError: it is wrong.
     """
     rig = _folder_of(state)
-    paper = {effect.name for effect in PAPER}
-    effects = tuple(name for name in state.effects if name not in paper)
-    known = replace(rig, config=replace(rig.config, effects=effects))
-    layout = unknowns(known.config).layout
-    if {*layout.free} != {*state.symbols} or not {*rig.config.effects} <= {*effects}:
-        raise _changed(state, {*layout.free} ^ {*state.symbols})
-    at = dict(zip(state.symbols, state.x.tolist(), strict=True))
-    return known, np.array([at[s] for s in layout.free])
+    config, place = final_config(state, rig.config)
+    if not {*rig.config.effects} <= {*config.effects}:
+        raise changed(state, set())
+    return replace(rig, config=config), state.x[place]
 
 
 def _folder_of(state: State) -> Rig:
     if not state.folder.is_dir():
-        raise UsageError(f"{state.folder}, which {state.run} was fitted to, is no longer there. Put it back, or run "
-                         f"`etcfit fit FOLDER --out {state.run}` again.")  # fmt: skip
+        raise missing(state)
     return read_folder(state.folder)
 
 
-def _changed(state: State, symbols: set[str]) -> UsageError:
-    differs = ", ".join(sorted(symbols)) or "their order"
+def missing(state: State) -> UsageError:
+    """The measurements of a run were taken away."""
+    return UsageError(f"{state.folder}, which {state.run} was fitted to, is no longer there. Put it back, or run "
+                      f"`etcfit fit FOLDER --out {state.run}` again.")  # fmt: skip
+
+
+def changed(state: State, names: set[str]) -> UsageError:
+    """The measurements of a run ask for another model by now, which differs in these names."""
+    differs = ", ".join(sorted(names)) or "their order"
     return UsageError(f"{state.folder / 'rig.toml'} has changed since {state.run} was fitted: other parameters are "
                       f"free now ({differs}). Run `etcfit fit {state.folder} --out {state.run}` again.")  # fmt: skip
 

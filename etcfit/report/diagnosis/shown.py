@@ -11,7 +11,7 @@ from ...fit import FitResult
 from ...score import Row, logged_unit
 from ...trace import Trace
 from ..pictures import all_traces
-from ..traces import source
+from ..stack import source
 
 DEGREES = 180.0 / np.pi
 _SMALL = 0.2  # below which a thousandth is the better unit

@@ -9,7 +9,7 @@ from matplotlib.figure import Figure
 from ...intervals import Z_95
 from ...posterior.predictive import Band
 from .. import style
-from ..traces import source
+from ..stack import headed, name_of, signal, source, stack
 
 _BAND = "#f2c49b"
 _SHOWN = 0.998  # of the errors lie inside their panel
@@ -19,41 +19,17 @@ def draw(band: Band, synthetic: bool) -> Figure:
     """Two panels a channel: the signal, and measured - predicted with the band about zero."""
     trace = band.trace
     heights = [h for _ in trace.channels for h in (1.7, 1.3)]
-    tall = min(9.0, 1.1 + 0.95 * sum(heights))
-    fig = style.figure(10.0, tall, synthetic)
-    grid = fig.subplots(len(heights), 1, sharex=True, gridspec_kw={"height_ratios": heights}, squeeze=False)
-    panels: list[Axes] = list(grid[:, 0])
-    fig.subplots_adjust(left=0.105, right=0.985, top=1.0 - 0.72 / tall, bottom=0.55 / tall, hspace=0.16)
-    for m, name in enumerate(trace.channels):
-        _signal(panels[2 * m], band, m, name)
+    fig, panels = stack(heights, synthetic)
+    for m in range(len(trace.channels)):
+        signal(panels[2 * m], trace, m, band.mean[:, m], "posterior mean")
         _error(panels[2 * m + 1], band, m)
-    for panel in panels[:-1]:
-        style.quiet_axis(panel)
-    panels[-1].set_xlabel("time [s]")
-    fig.align_ylabels(panels)
-    fig.suptitle(_title(band), x=0.105, y=1.0 - 0.1 / tall, ha="left", va="top", fontsize=13)
-    fig.text(0.105, 1.0 - 0.4 / tall, _inside(band), ha="left", va="top", fontsize=10.5)
-    style.legend(fig, panels, 0.985, 1.0 - 0.4 / tall)
-    return fig
-
-
-def _title(band: Band) -> str:
-    role = "held out" if band.trace.measurement.held_out else "fitted"
-    return f"{band.trace.measurement.file}  ·  {role}, posterior predictive"
+    return headed(fig, panels, f"{name_of(trace)}, posterior predictive", _inside(band))
 
 
 def _inside(band: Band) -> str:
     each = (f"{name.replace('_', ' ')} {100.0 * share:.1f} %"
             for name, share in zip(band.trace.channels, band.inside, strict=True))  # fmt: skip
     return "inside the 95 % band: " + ", ".join(each)
-
-
-def _signal(panel: Axes, band: Band, m: int, name: str) -> None:
-    trace, channel = band.trace, source(band.trace, name)
-    t = trace.instants
-    panel.plot(*style.thin(t, channel.logged(trace.data[:, m])), ".", ms=2.5, color=style.MEASURED, label="measured")
-    panel.plot(*style.thin(t, channel.logged(band.mean[:, m])), color=style.SIMULATED, label="posterior mean")
-    panel.set_ylabel(style.unit_label(name, channel.unit))
 
 
 def _error(panel: Axes, band: Band, m: int) -> None:

@@ -11,6 +11,7 @@ from ...posterior import Posterior
 from ...posterior.files import disagree
 from ...posterior.profile import Profile
 from ...posterior.summary import Marginal
+from ...posterior.target import tempering
 from ..blocks import headed, plain_table, rig_title, sentences, spaced
 from ..numbers import Digits, short
 from ..tables import STATUS_STYLE
@@ -81,9 +82,5 @@ def _outcome(posterior: Posterior) -> RenderableType:
 
 
 def _tempering(posterior: Posterior) -> list[str]:
-    every = posterior.target.factors
-    many = [f for f in every.values() if f > 1.0]
-    if not many:
-        return []
-    return [f"{len(many)} of {len(every)} residuals are larger than their noise or not independent; their likelihood "
-            f"was tempered by that (up to {max(many):.0f} times), as the fit widens its intervals."]  # fmt: skip
+    words = tempering(posterior.target.factors)
+    return [f"{words}, as the fit widens its intervals."] if words else []
