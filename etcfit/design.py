@@ -214,7 +214,7 @@ _EASED: dict[str, Callable[[Task], Task]] = {
     "the stability margins asked for": lambda task: replace(
         task, requirements=replace(task.requirements, gain_margin_db=1e-3, phase_margin_deg=1e-3)
     ),
-    "dry friction": lambda task: replace(task, loop=replace(task.loop, throttles=_frictionless(task.loop.throttles))),
+    "dry friction": lambda task: replace(task, loop=replace(task.loop, throttles=frictionless(task.loop.throttles))),
     "the resolution of the position sensor": lambda task: _with_ecu(task, resolution=0.0),
 }
 
@@ -238,10 +238,10 @@ def _with_ecu(task: Task, **changes: float) -> Task:
     return replace(task, ecu=ecu, loop=task.loop.under(ecu))
 
 
-_FRICTION = ("T_f", "T_s", "mu_g", "T_z")
+_FRICTION = ("T_f", "T_s", "T_m", "mu_g", "T_z")
 
 
-def _frictionless(throttle: Any) -> Any:
+def frictionless(throttle: Any) -> Any:
     """The models with every dry friction at its off value."""
 
     def smooth(effect: Any) -> Any:

@@ -11,7 +11,9 @@ import pytest
 import xarray
 
 import results
-from etcfit.design import Design, binding, design, ecu_of, task_of
+from effect_samples import every_effect, made, rows, seen, typical
+from etcfit.design import Design, binding, design, ecu_of, frictionless, task_of
+from etcfit.effects import AbstractEffect
 from etcfit.errors import UsageError
 from etcfit.fitted import Fitted
 from etcfit.linear import closed_form
@@ -19,6 +21,7 @@ from etcfit.pid import RULES, Requirements
 from etcfit.pid.setpoint import trapezoid
 from etcfit.reduce import reduce
 from etcfit.run_folder import design_json, read_draws, read_fitted, reduction_json, rusefi, write_state
+from etcfit.throttle import Throttle
 
 
 @pytest.fixture(scope="module")
@@ -185,3 +188,10 @@ def test_a_flat_battery_is_named_as_what_binds(fitted: Fitted) -> None:
     weak = replace(ecu_of(fitted), supply=3.2)
     task = task_of(fitted, weak, drawn=fitted.laplace(11, np.random.default_rng(0)))
     assert binding(task, trapezoid()) == ("the supply voltage", "dry friction")
+
+
+@every_effect
+def test_no_dry_friction_of_the_registry_survives_being_taken_out(effect: type[AbstractEffect]) -> None:
+    (smooth,) = frictionless(Throttle((made(effect),))).effects
+    off = {symbol: getattr(smooth, symbol) for symbol in typical(effect)}
+    np.testing.assert_array_equal(seen(effect, rows(effect, **off))["friction"], 0.0)
