@@ -11,7 +11,7 @@ from .balance import motions
 from .composition import Effect
 from .evidence import evidence
 from .findings import Candidate, Diagnosis, RoundReport, Tie, Unexplained
-from .loop import ROUNDS, Round, pruned, settled, start, turn
+from .loop import ROUNDS, Round, blur, pruned, settled, start, turn
 from .trial import Standing
 from .unexplained import unexplained
 
@@ -36,7 +36,7 @@ def diagnose(result: FitResult, report: Report = quiet) -> Diagnosis:
     worth: dict[Effect, float] = {}
     while len(rounds) < ROUNDS:
         told = _in_stage(report, f"round {len(rounds) + 1}", len(rounds))
-        turned = turn(s, told)
+        turned = turn(s, told, blur(result, s))
         rounds.append(_reported(turned))
         report(f"round {len(rounds)}: {turned.why}", (len(rounds) - 0.5) / ROUNDS)
         if turned.added is None:
@@ -49,7 +49,8 @@ def diagnose(result: FitResult, report: Report = quiet) -> Diagnosis:
         worth[turned.added] = -chosen.bic_change
         s = settled(chosen.standing, told)
     s, removed = pruned(s, report)
-    left = None if rounds[-1].evidence.white else unexplained(result, s, worth, report)
+    looked = bool(rounds[-1].candidates) and not rounds[-1].evidence.white
+    left = unexplained(result, s, worth, report) if looked else None
     report("the fit of the final model", 0.95)
     after = _final(result, s, report)
     doubts = left.doubts if left else ()
@@ -58,7 +59,7 @@ def diagnose(result: FitResult, report: Report = quiet) -> Diagnosis:
     known = tuple(e.name for e in first.composition.known if e.off is not None)
     final = (*known, *(e.name for e in s.added))
     kept = tuple(tie for tie in ties if any(name in final for name in tie.effects))
-    verdict = _verdict(result, after, added, kept, left, rounds)
+    verdict = _verdict(added, kept, left, rounds)
     return Diagnosis(result, after, known, final, tuple(rounds), added, removed, kept, left, along, verdict)
 
 
@@ -93,12 +94,7 @@ def _final(result: FitResult, s: Standing, report: Report) -> FitResult:
 
 
 def _verdict(
-    before: FitResult,
-    after: FitResult,
-    added: tuple[str, ...],
-    ties: tuple[Tie, ...],
-    left: Unexplained | None,
-    rounds: list[RoundReport],
+    added: tuple[str, ...], ties: tuple[Tie, ...], left: Unexplained | None, rounds: list[RoundReport]
 ) -> tuple[str, ...]:
     """The whole in a few sentences."""
     words = []
@@ -111,6 +107,8 @@ def _verdict(
     words += [f"{' and '.join(tie.effects)} cannot be told apart by these data." for tie in ties]
     if left is not None:
         words.append(left.sentence)
+    elif not rounds[-1].candidates:
+        words.append(rounds[-1].why)
     elif not rounds[-1].evidence.white:
         words.append("The residual is not all noise, but nothing that was tried explains what is left.")
     return tuple(words)

@@ -30,6 +30,8 @@ _WHITENINGS = 10  # rounds of whitening after an effect was added
 _STILL = 0.2  # standard errors that a round of whitening may still move a parameter
 _RIVAL = 0.3  # share of the best candidate's promise that makes another a rival worth a refit
 _RIVAL_FAR = 0.1  # the same far from the data, where the linearised promise is rough
+_FORM = 0.02  # relative error that the formula of an effect may have: the literature's are conventions, not laws
+_CLEAR = 0.04  # share of the noise's own chi2 above which what is left is never put down to a formula
 _SAME = 6.0  # difference of two models' -2 log likelihood that these data cannot tell
 
 
@@ -39,7 +41,7 @@ class Round:
 
     Args:
         before: the model as it stood, and its score.
-        screened: every candidate's signature, the most promising first.
+        screened: every candidate's signature, the most promising first; none where what is left is not worth a look.
         verdicts: candidates refitted, the best first.
         added: the one that was added, or None.
         ties: others that explain these data as well as the one added.
@@ -105,19 +107,40 @@ def settled(s: Standing, report: Report) -> Standing:
     return whitened(s.composition, s.added, bench, held_out, x, end)
 
 
-def turn(s: Standing, report: Report) -> Round:
-    """One round."""
+def blur(first: FitResult, s: Standing) -> float:
+    """Chi2 that the effects added may leave because their formulas are not exact.
+
+        n min(0.02^2 (c - 1), 0.04),    c = chi2 per degree of freedom of the first fit, n samples
+
+    0 before any was added, and far from the data, where samples are weighed by what is left in them.
+    """
+    if not s.added or s.far:
+        return 0.0
+    return s.samples * min(_FORM**2 * max(0.0, first.chi2_per_dof - 1.0), _CLEAR)
+
+
+def turn(s: Standing, report: Report, least: float = 0.0) -> Round:
+    """One round; nothing is read into a chi2 of no more than `least` above the noise's."""
+    before = score(s)
+    if least > 0.0 and before.chi2 - s.samples < least:
+        return Round(s, before, (), (), None, (), _within(max(0.0, before.chi2 / s.samples - 1.0), s.added))
     whole = s.composed()
     candidates = [e for e in s.composition.candidates if not s.at_work(e)]
     report(f"screening {len(candidates)} effects", 0.1)
     _, signatures = screen(whole.bench, s.x, whole.problem, candidates)
-    before = score(s)
     promising = _promising(signatures, before, _RIVAL_FAR if s.far else _RIVAL)
     verdicts = _refitted(s, promising, before, report)
     if s.holdout is None:
         verdicts = _crossed(s, verdicts)
-    added, ties, why = choose(verdicts)
+    added, ties, why = choose(verdicts, before.chi2 - least)
     return Round(s, before, signatures, tuple(verdicts), added, ties, why)
+
+
+def _within(excess: float, added: Sequence[Effect]) -> str:
+    return (
+        f"What is left adds {100 * excess:.2g} % to the noise, no more than a formula of {_listed(added)} that is "
+        f"{100 * _FORM:.0f} % off would leave: nothing is read into it."
+    )
 
 
 def _crossed(s: Standing, verdicts: Sequence[Verdict]) -> list[Verdict]:
@@ -170,10 +193,11 @@ def _tried(s: Standing, g: Signature, before: Score) -> Verdict:
     return compare(effect, before, trial, more, len(variants(effect)), g.gain, g.own)
 
 
-def choose(verdicts: Sequence[Verdict]) -> tuple[Effect | None, tuple[Effect, ...], str]:
-    """Which effect to add, which others do as well, and why."""
+def choose(verdicts: Sequence[Verdict], most: float = np.inf) -> tuple[Effect | None, tuple[Effect, ...], str]:
+    """Which effect to add, which others do as well, and why; one that leaves a chi2 above `most` is not proven."""
     worth = [v for v in verdicts if v.bic_change < STRONG]
     good = [v for v in worth if v.helps_elsewhere()]
+    proven = [v for v in good if v.score.chi2 < most]
     if not verdicts:
         return None, (), "No effect of the catalogue promises to explain anything more."
     if not worth:
@@ -188,8 +212,13 @@ def choose(verdicts: Sequence[Verdict]) -> tuple[Effect | None, tuple[Effect, ..
         )
     if not good:
         return None, (), f"{worth[0].effect.name} helps on the fitted traces only, not on those held out."
-    best = good[0]
-    ties = tuple(v.effect for v in good[1:] if v.bic_change - best.bic_change < _SAME)
+    if not proven:
+        return None, (), (
+            f"{good[0].effect.name} would explain a little more (BIC {good[0].bic_change:+.0f}), but no more "
+            f"than a formula that is {100 * _FORM:.0f} % off, of an effect found before, would leave: not proven."
+        )  # fmt: skip
+    best = proven[0]
+    ties = tuple(v.effect for v in proven[1:] if v.bic_change - best.bic_change < _SAME)
     held = "" if best.holdout_rms_ratio is None else f", held-out error x {best.holdout_rms_ratio:.3f}"
     words = (
         f"{best.effect.name} explains most: fitted error x {best.fit_rms_ratio:.3f}{held}, BIC {best.bic_change:+.0f}."

@@ -57,6 +57,11 @@ class Standing:
         """Too far from the data to be whitened: samples are weighed by what is left in them."""
         return self.end.far
 
+    @property
+    def samples(self) -> float:
+        """How many are fitted."""
+        return float(np.sum(self.problem.slots.weight))
+
     def with_effects(self, added: tuple[Effect, ...], values: Mapping[str, float]) -> Standing:
         """The same data and whitening with other effects at work; new parameters start at `values` (SI)."""
         return self.within(self.composition, added, values)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from contextlib import nullcontext
 from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any
@@ -12,10 +13,12 @@ import pytest
 from numpy.testing import assert_array_equal
 
 from etcfit.bench import Bench
+from etcfit.diagnose import loop
 from etcfit.diagnose.composition import Composition, compose
-from etcfit.diagnose.loop import STRONG, choose
+from etcfit.diagnose.loop import STRONG, blur, choose
 from etcfit.diagnose.trial import Score, Standing, Verdict, bic_change, compare, independent
 from etcfit.effects import EFFECT_BY_NAME
+from etcfit.fit import quiet
 from etcfit.outcome import End
 from etcfit.rig.base import Rig
 from etcfit.score import Row, pooled
@@ -250,3 +253,51 @@ def test_an_effect_taken_away_again_leaves_the_model_as_it_was(standing: Standin
 def test_held_out_traces_are_those_beside(standing: Standing) -> None:
     assert [t.measurement.file for t in standing.held_out] == [standing.bench.tape.traces[0].measurement.file]
     assert replace(standing, holdout=None).held_out == ()
+
+
+def test_what_an_inexact_formula_could_have_left_is_not_proven() -> None:
+    """The verdicts of these tests leave a chi2 of 900."""
+    every = [verdict(LIMP, -500.0), verdict(GRAVITY, -499.0)]
+    assert choose(every, 900.1)[:2] == (LIMP, (GRAVITY,))
+    effect, ties, why = choose(every, 900.0)
+    assert (effect, ties) == (None, ())
+    assert why.startswith("limp_home_spring would explain a little more (BIC -500), but no more than")
+
+
+@pytest.mark.parametrize(("before", "share"), [(51.0, 0.02), (2.0, 0.0004), (1001.0, 0.04), (0.9, 0.0)])
+def test_an_effect_found_may_leave_two_percent_squared_of_what_it_explained(before: float, share: float) -> None:
+    """Of its chi2 above the noise's, and 4 % of the noise's at most."""
+    first: Any = SimpleNamespace(chi2_per_dof=before)
+    found: Any = SimpleNamespace(added=(LIMP,), far=False, samples=500.0)
+    assert blur(first, found) == pytest.approx(500.0 * share)
+
+
+def test_nothing_is_put_down_to_formulas_without_one_or_far_from_the_data() -> None:
+    first: Any = SimpleNamespace(chi2_per_dof=1001.0)
+    none: Any = SimpleNamespace(added=(), far=False, samples=500.0)
+    far: Any = SimpleNamespace(added=(LIMP,), far=True, samples=500.0)
+    assert blur(first, none) == 0.0
+    assert blur(first, far) == 0.0
+
+
+@pytest.mark.parametrize(("excess", "looks"), [(9.9, False), (10.1, True)])
+def test_a_round_looks_no_further_within_what_formulas_leave(
+    excess: float, looks: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Screening is what it costs to look."""
+    at: Any = SimpleNamespace(samples=1000.0, added=(LIMP,))
+
+    class Looked(Exception):
+        pass
+
+    def composed() -> Any:
+        raise Looked
+
+    at.composed = composed
+    monkeypatch.setattr(loop, "score", lambda s: scored(1000.0 + excess))
+    with pytest.raises(Looked) if looks else nullcontext():
+        turned = loop.turn(at, quiet, 10.0)
+        assert turned.added is None
+        assert turned.why.startswith(
+            "What is left adds 0.99 % to the noise, no more than a formula of limp_home_spring"
+        )
