@@ -9,6 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ..bench import Bench
+from ..cure import listed
 from ..descent import go
 from ..fit import MISFIT, Report, rounds
 from ..outcome import End, FitResult
@@ -137,8 +138,9 @@ def turn(s: Standing, report: Report, least: float = 0.0) -> Round:
 
 
 def _within(excess: float, added: Sequence[Effect]) -> str:
+    names = listed(e.name for e in added)
     return (
-        f"What is left adds {100 * excess:.2g} % to the noise, no more than a formula of {_listed(added)} that is "
+        f"What is left adds {100 * excess:.2g} % to the noise, no more than a formula of {names} that is "
         f"{100 * _FORM:.0f} % off would leave: nothing is read into it."
     )
 
@@ -224,12 +226,8 @@ def choose(verdicts: Sequence[Verdict], most: float = np.inf) -> tuple[Effect | 
         f"{best.effect.name} explains most: fitted error x {best.fit_rms_ratio:.3f}{held}, BIC {best.bic_change:+.0f}."
     )
     if ties:
-        words += f" {_listed(ties)} would do as well: these data cannot tell them apart."
+        words += f" {listed(e.name for e in ties)} would do as well: these data cannot tell them apart."
     return best.effect, ties, words
-
-
-def _listed(effects: Sequence[Effect]) -> str:
-    return " and ".join(e.name for e in effects)
 
 
 def without(s: Standing, effect: Effect) -> Standing:
