@@ -15,8 +15,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from etcfit.diagnose.loop import start
-from etcfit.diagnose.screen import screen
+from etcfit.diagnose.loop import screened, start
 from etcfit.fit import fit
 from etcfit.rig.reader import read_folder
 
@@ -35,8 +34,8 @@ def main() -> None:
     result, base = timed(lambda: fit(rig))
     standing, composed = timed(lambda: start(result).composed())
     candidates = standing.composition.candidates
-    (_, signatures), cold = timed(lambda: screen(standing.bench, standing.x, standing.problem, candidates))
-    _, warm = timed(lambda: screen(standing.bench, standing.x, standing.problem, candidates))
+    signatures, cold = timed(lambda: screened(standing, candidates))
+    _, warm = timed(lambda: screened(standing, candidates))
     print(f"fit of Eqs. 1-2 {base:.1f} s; model of all effects taken up {composed:.1f} s")
     print(f"screening {len(candidates)} effects: {cold:.1f} s with compilation, {warm:.1f} s without")
     chosen = [g for g in signatures if g.variant.effect.name in EFFECTS]

@@ -17,7 +17,7 @@ from ..residual import Problem
 from .balance import pull_of
 from .composition import Composition, Effect, compose, resting
 from .crossing import folds, left_out
-from .screen import Signature, screen, variants
+from .screen import Background, Signature, screen, variants
 from .trial import Score, Standing, Verdict, bic_change, compare, score
 
 _SIDE_BY_SIDE = 2  # refits at a time: they run outside the interpreter lock
@@ -125,16 +125,21 @@ def turn(s: Standing, report: Report, least: float = 0.0) -> Round:
     before = score(s)
     if least > 0.0 and before.chi2 - s.samples < least:
         return Round(s, before, (), (), None, (), _within(max(0.0, before.chi2 / s.samples - 1.0), s.added))
-    whole = s.composed()
     candidates = [e for e in s.composition.candidates if not s.at_work(e)]
     report(f"screening {len(candidates)} effects", 0.1)
-    _, signatures = screen(whole.bench, s.x, whole.problem, candidates)
+    signatures = screened(s, candidates)
     promising = _promising(signatures, before, _RIVAL_FAR if s.far else _RIVAL)
     verdicts = _refitted(s, promising, before, report)
     if s.holdout is None:
         verdicts = _crossed(s, verdicts)
     added, ties, why = choose(verdicts, before.chi2 - least)
     return Round(s, before, signatures, tuple(verdicts), added, ties, why)
+
+
+def screened(s: Standing, candidates: Sequence[Effect]) -> tuple[Signature, ...]:
+    """Every candidate's signature; what the fitted parameters can do is the same in a lean model, for less."""
+    whole, lean = s.composed(), s.lean()
+    return screen(Background.of(lean.bench, lean.x, lean.problem), whole.bench, whole.x, whole.problem, candidates)
 
 
 def _within(excess: float, added: Sequence[Effect]) -> str:

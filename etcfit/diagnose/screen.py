@@ -174,15 +174,15 @@ def _bounded(bench: Bench, variant: Variant, columns: np.ndarray, r: np.ndarray)
 
 
 def screen(
-    bench: Bench, x: np.ndarray, problem: Problem, candidates: Sequence[Effect]
-) -> tuple[Background, tuple[Signature, ...]]:
+    background: Background, bench: Bench, x: np.ndarray, problem: Problem, candidates: Sequence[Effect]
+) -> tuple[Signature, ...]:
     """Every candidate's best variant, the most promising first.
 
     Args:
+        background: of the same model and residual, lean or composed.
         bench, x, problem: the composed model at its optimum.
         candidates: effects at their off values.
     """
-    background = Background.of(bench, x, problem)
     every = [variant for effect in candidates for variant in variants(effect)]
     columns = tangents(bench, x, problem, every) if every else []
     signatures = [background.signature(bench, v, c) for v, c in zip(every, columns, strict=True)]
@@ -191,4 +191,4 @@ def screen(
         effect = signature.variant.effect
         if effect not in best or signature.gain > best[effect].gain:
             best[effect] = signature
-    return background, tuple(sorted(best.values(), key=lambda s: -s.gain))
+    return tuple(sorted(best.values(), key=lambda s: -s.gain))

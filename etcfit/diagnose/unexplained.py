@@ -16,8 +16,8 @@ from ..unknown import UNKNOWNS, AbstractSmooth
 from .balance import pull_of, signals
 from .composition import Effect, compose
 from .findings import Unexplained
-from .loop import STRONG, promises, without
-from .screen import Signature, screen
+from .loop import STRONG, promises, screened
+from .screen import Signature
 from .trial import Score, Standing, Verdict, compare, score
 
 _REFITS = 1
@@ -35,8 +35,8 @@ def unexplained(result: FitResult, s: Standing, worth: Mapping[Effect, float], r
         worth: by how much BIC fell when each effect was added.
         report: progress.
     """
-    s = widened(result, s)
     report("looking for structure without a name", 0.9)
+    s = widened(result, s)
     before = score(s)
     best = _best(s, before)
     if best is None:
@@ -48,8 +48,8 @@ def unexplained(result: FitResult, s: Standing, worth: Mapping[Effect, float], r
 
 
 def widened(result: FitResult, s: Standing) -> Standing:
-    """The same model in a composition of its own effects and the smooth unknowns: a small one, for it is run often."""
-    return s.within(compose(result.rig, s.bench.tape.traces, UNKNOWNS, s.added), s.added, {})
+    """The same model in a composition of its own effects and the smooth unknowns."""
+    return s.within(compose(result.rig, s.bench.tape.traces, UNKNOWNS, s.added), s.added, {}).lean()
 
 
 Smooth = type[AbstractSmooth]
@@ -61,27 +61,30 @@ def _smooth(s: Standing) -> list[Effect]:
 
 def _best(s: Standing, before: Score) -> Verdict | None:
     """The smooth unknown that helps most, if any is worth it."""
-    _, signatures = screen(s.bench, s.x, s.problem, _smooth(s))
-    verdicts = [_tried(s, g, before) for g in signatures[:_REFITS] if promises(g, before)]
+    verdicts = [_tried(s, g, before) for g in screened(s, _smooth(s))[:_REFITS] if promises(g, before)]
     worth = [v for v in verdicts if v.bic_change < STRONG and v.helps_elsewhere()]
     return min(worth, key=lambda v: v.bic_change, default=None)
 
 
 def _tried(s: Standing, g: Signature, before: Score) -> Verdict:
-    trial = s.with_effects((*s.added, g.variant.effect), g.values).optimised()
+    trial = s.with_effects((*s.added, g.variant.effect), g.values).lean().optimised()
     seen = sum(np.any(g.columns != 0.0, axis=0))
     return compare(g.variant.effect, before, trial, int(seen), len(UNKNOWNS), g.gain, g.own)
 
 
 def _in_doubt(s: Standing, effect: Effect, here: Score) -> bool:
     """True where a free curve explains clearly more than a named effect does."""
-    less = without(s, effect)
+    less = _without(s, effect)
     bare = score(less)
     curve = _best(less, bare)
     if curve is None:
         return False
     named, free = np.log(here.chi2 / bare.chi2), np.log(curve.score.chi2 / bare.chi2)
     return bool(named > _KEEPS * free)  # both are negative
+
+
+def _without(s: Standing, effect: Effect) -> Standing:
+    return s.with_effects(tuple(e for e in s.added if e is not effect), {}).lean().optimised()
 
 
 def _told(best: Verdict, doubts: tuple[str, ...]) -> Unexplained:

@@ -18,7 +18,6 @@ from etcfit.chi2 import _chi2_of, chi2_of
 from etcfit.descent import _minimise
 from etcfit.diagnose import Diagnosis, diagnose, loop
 from etcfit.diagnose.loop import start, turn
-from etcfit.diagnose.screen import screen
 from etcfit.fit import FitResult, fit, freed, quiet, resume, rounds
 from etcfit.rig.reader import read_folder
 from etcfit.score import pooled
@@ -183,8 +182,7 @@ def compiled() -> tuple[int, ...]:
 def test_going_from_one_candidate_to_the_next_compiles_nothing(clean: Case, monkeypatch: pytest.MonkeyPatch) -> None:
     """Effects of one to four parameters, with memory and without."""
     s = start(clean.result)
-    whole = s.composed()
-    _, every = screen(whole.bench, whole.x, whole.problem, s.composition.candidates)
+    every = loop.screened(s, s.composition.candidates)
     by_name = {g.variant.effect.name: g for g in every}
     tried, sizes, refitted = loop._tried, [], []
 

@@ -250,7 +250,8 @@ def test_each_candidate_is_its_best_variant_and_the_most_promising_comes_first(
         return [weak if v.effect is Bounded else better[right.items() <= v.shape.items()] for v in every]
 
     monkeypatch.setattr(module, "tangents", tangents)
-    background, signatures = screen(case.bench, np.zeros(P), case.problem, [Bounded, Either])
+    background = case.background()
+    signatures = screen(background, case.bench, np.zeros(P), case.problem, [Bounded, Either])
     assert len(tried) == 7
     assert [s.variant.effect for s in signatures] == [Either, Bounded]
     assert right.items() <= signatures[0].variant.shape.items()
@@ -259,7 +260,7 @@ def test_each_candidate_is_its_best_variant_and_the_most_promising_comes_first(
 
 
 def test_no_candidate_is_no_signature(case: Case) -> None:
-    assert screen(case.bench, np.zeros(P), case.problem, [])[1] == ()
+    assert screen(case.background(), case.bench, np.zeros(P), case.problem, []) == ()
 
 
 def test_the_names_used_here_are_not_those_of_the_catalogue() -> None:

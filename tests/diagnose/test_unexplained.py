@@ -100,7 +100,7 @@ def test_a_voltage_is_drawn_over_the_current_though_no_angle_was_logged(monkeypa
 def doubted(monkeypatch: pytest.MonkeyPatch, bare: float, named: float, curve: float | None) -> bool:
     """Is an effect in doubt that lowers chi2 from `bare` to `named` where the best curve lowers it to `curve`?"""
     less = SimpleNamespace()
-    monkeypatch.setattr(module, "without", lambda s, effect: less)
+    monkeypatch.setattr(module, "_without", lambda s, effect: less)
     monkeypatch.setattr(module, "score", lambda s: SimpleNamespace(chi2=bare))
     best = None if curve is None else SimpleNamespace(score=SimpleNamespace(chi2=curve))
     monkeypatch.setattr(module, "_best", lambda s, before: best)
@@ -133,9 +133,9 @@ def test_only_curves_are_tried_and_the_best_that_helps_elsewhere_is_taken(monkey
     asked: list[Any] = []
     signatures = [SimpleNamespace(effect=e) for e in UNKNOWNS]
 
-    def screen(bench: Any, x: Any, problem: Any, candidates: Any) -> Any:
+    def screened(s: Any, candidates: Any) -> Any:
         asked.extend(candidates)
-        return None, signatures
+        return signatures
 
     verdicts = iter([(-40.0, True), (-900.0, False), (-50.0, True)])
 
@@ -143,7 +143,7 @@ def test_only_curves_are_tried_and_the_best_that_helps_elsewhere_is_taken(monkey
         bic, helps = next(verdicts)
         return SimpleNamespace(bic_change=bic, effect=g.effect, helps_elsewhere=lambda: helps)
 
-    monkeypatch.setattr(module, "screen", screen)
+    monkeypatch.setattr(module, "screened", screened)
     monkeypatch.setattr(module, "promises", lambda g, before: True)
     monkeypatch.setattr(module, "_tried", tried)
     composition = SimpleNamespace(candidates=(LIMP, *UNKNOWNS, STRIBECK))
@@ -155,7 +155,7 @@ def test_only_curves_are_tried_and_the_best_that_helps_elsewhere_is_taken(monkey
 
 
 def test_a_curve_that_is_not_worth_its_parameters_is_none(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(module, "screen", lambda *a: (None, [SimpleNamespace(effect=TORQUE)]))
+    monkeypatch.setattr(module, "screened", lambda *a: [SimpleNamespace(effect=TORQUE)])
     monkeypatch.setattr(module, "promises", lambda g, before: True)
     monkeypatch.setattr(module, "_tried", lambda *a: SimpleNamespace(bic_change=-9.0, helps_elsewhere=lambda: True))
     s: Any = SimpleNamespace(composition=SimpleNamespace(candidates=UNKNOWNS), bench=None, x=None, problem=None)
@@ -163,7 +163,7 @@ def test_a_curve_that_is_not_worth_its_parameters_is_none(monkeypatch: pytest.Mo
 
 
 def test_a_curve_that_promises_little_is_not_refitted(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(module, "screen", lambda *a: (None, [SimpleNamespace(effect=TORQUE)]))
+    monkeypatch.setattr(module, "screened", lambda *a: [SimpleNamespace(effect=TORQUE)])
     monkeypatch.setattr(module, "promises", lambda g, before: False)
     monkeypatch.setattr(module, "_tried", lambda *a: pytest.fail("it was refitted"))
     s: Any = SimpleNamespace(composition=SimpleNamespace(candidates=UNKNOWNS), bench=None, x=None, problem=None)
