@@ -155,7 +155,7 @@ class Background:
         amplitude, gain = _bounded(bench, variant, own, self.r)
         values = {s: a * bench.layout.parameter(s).domain.scale
                   for s, a in zip(variant.amplitudes, amplitude.tolist(), strict=True)}  # fmt: skip
-        return Signature(variant, own, gain, {**variant.shape, **values}, share)
+        return Signature(variant, own, gain, {**values, **variant.shape}, share)  # from a scanned amplitude as it is
 
 
 def _bounded(bench: Bench, variant: Variant, columns: np.ndarray, r: np.ndarray) -> tuple[np.ndarray, float]:

@@ -92,10 +92,11 @@ class AbstractEffect(eqx.Module):
 
     `name` is what rig.toml and diagnosis.json call it. `off` gives the parameter values (SI) at which the effect
     contributes exactly nothing, one for each of its amplitudes; None for the effects of Eqs. 1-2, which are never off.
-    Its other parameters are its shape: `scan` lists values (SI) from which the diagnosis tries them. `z0` is the memory
-    with which a trace begins, each entry decaying or growing on its own. `loaded` effects are told what the gear
-    carries; those that `delays` shift the input or a channel in time. `needs` names what must have been logged for the
-    effect to be seen at all: "circuit", "current", "position", "gear". `told_by` says which measurement shows it best.
+    Its other parameters are its shape: `scan` lists values (SI) from which the diagnosis tries them, and those of an
+    amplitude that shows nothing while it is small. `z0` is the memory with which a trace begins, each entry decaying or
+    growing on its own. `loaded` effects are told what the gear carries; those that `delays` shift the input or a
+    channel in time. `needs` names what must have been logged for the effect to be seen at all: "circuit", "current",
+    "position", "gear". `told_by` says which measurement shows it best.
     """
 
     name: ClassVar[str]

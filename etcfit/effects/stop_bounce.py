@@ -22,6 +22,7 @@ class StopBounce(AbstractEffect):
     name = "stop_bounce"
     told_by = "fast strokes onto the stops, sampled at 1 kHz or more"
     off: ClassVar[Mapping[str, float] | None] = {"e_r": 0.0}
+    scan: ClassVar[Mapping[str, tuple[float, ...]]] = {"e_r": (0.1, 0.3)}  # a small rebound ends within its step
     e_r: Scalar = parameter(
         "1", NonNegative(0.3), 0.0, "restitution coefficient of the end stops", "Newton's law of impact"
     )
