@@ -4,7 +4,7 @@
 
 with a the amplitudes of an effect at its off value, bounded where they are, and Q an orthonormal basis of what the
 fitted parameters can do to the residual. The shape parameters of an effect that is off have no tangent: each of their
-`scan` values makes a variant of its own.
+`scan` values makes a variant of its own. An amplitude that is scanned has a secant, (r(a) - r(0))/a, in place of dr/da.
 
 Source: Rao 1948 (score test); Chernoff 1954 for amplitudes on a bound. Differs from source: no.
 """
@@ -39,7 +39,7 @@ class Variant:
 
     Args:
         effect: the candidate.
-        shape: shape parameters, SI by symbol.
+        shape: shape parameters, and amplitudes that are scanned, SI by symbol.
         amplitudes: symbols.
     """
 
@@ -77,7 +77,7 @@ def variants(effect: Effect) -> tuple[Variant, ...]:
 
 @partial(jax.jit, static_argnums=(0, 1))
 def _tangents(form: Form, circuits: tuple[str, ...], x: Any, problem: Problem, fulls: Any, ways: Any) -> Any:
-    """Derivative of the residual at K sets of values along K directions, (K, Q) each -> (K, T, L, M)."""
+    """Residual at K sets of values, and its derivative along K directions, (K, Q) each -> (K, T, L, M) each."""
 
     def one(at: tuple[Any, Any]) -> Any:
         full, way = at
@@ -86,7 +86,7 @@ def _tangents(form: Form, circuits: tuple[str, ...], x: Any, problem: Problem, f
             pick = problem.pick._replace(full=full + e * way)
             return residual(form, circuits, x, problem._replace(pick=pick))
 
-        return jax.jvp(shifted, (0.0,), (1.0,))[1]
+        return jax.jvp(shifted, (0.0,), (1.0,))
 
     return jax.lax.map(one, (fulls, ways), batch_size=_AT_ONCE)
 
@@ -94,26 +94,33 @@ def _tangents(form: Form, circuits: tuple[str, ...], x: Any, problem: Problem, f
 def tangents(bench: Bench, x: np.ndarray, problem: Problem, every: Sequence[Variant]) -> list[np.ndarray]:
     """For each variant the derivative of the fitted samples' residual in each amplitude over its scale, (n, k)."""
     layout, index = bench.layout, bench.layout.form.index
-    fulls, ways = [], []
+    rest = np.array(problem.pick.full, dtype=float)
+    fulls, ways = [rest], [np.zeros(rest.size)]
     for variant in every:
-        full = np.array(problem.pick.full, dtype=float)
+        full = rest.copy()
         for symbol, value in variant.shape.items():
             full[index[symbol]] = value
         for symbol in variant.amplitudes:
             domain, way = layout.parameter(symbol).domain, np.zeros(full.size)
             way[index[symbol]] = domain.scale
-            probe = full.copy()
-            probe[index[symbol]] += _PROBE * domain.scale * isinstance(domain, NonNegative)
-            fulls.append(probe)
+            fulls.append(full + _PROBE * way * (isinstance(domain, NonNegative) and symbol not in variant.shape))
             ways.append(way)
     padding = -len(fulls) % _AT_ONCE
     fulls += [fulls[-1]] * padding
     ways += [ways[-1]] * padding
     form, circuits = layout.form, bench.tape.circuits
-    every_tangent = _tangents(form, circuits, layout.padded(x), problem, np.stack(fulls), np.stack(ways))
+    at, along = _tangents(form, circuits, layout.padded(x), problem, np.stack(fulls), np.stack(ways))
     seen = np.asarray(problem.slots.weight) > 0.0
-    columns = iter([np.asarray(t)[seen] for t in every_tangent])
-    return [np.stack([next(columns) for _ in variant.amplitudes], axis=1) for variant in every]
+    base = np.asarray(at[0])[seen]
+    pairs = iter([(np.asarray(r)[seen], np.asarray(t)[seen]) for r, t in zip(at[1:], along[1:], strict=True)])
+
+    def column(variant: Variant, symbol: str) -> np.ndarray:
+        r, tangent = next(pairs)
+        if symbol not in variant.shape:
+            return tangent
+        return (r - base) * layout.parameter(symbol).domain.scale / variant.shape[symbol]
+
+    return [np.stack([column(v, symbol) for symbol in v.amplitudes], axis=1) for v in every]
 
 
 @dataclass(frozen=True, eq=False)

@@ -22,7 +22,8 @@ class StopBounce(AbstractEffect):
     name = "stop_bounce"
     told_by = "fast strokes onto the stops, sampled at 1 kHz or more"
     off: ClassVar[Mapping[str, float] | None] = {"e_r": 0.0}
-    scan: ClassVar[Mapping[str, tuple[float, ...]]] = {"e_r": (0.1, 0.3)}  # a small rebound ends within its step
+    # a small rebound ends within its step, and chi2 has as many valleys as there are rebounds
+    scan: ClassVar[Mapping[str, tuple[float, ...]]] = {"e_r": (0.1, 0.15, 0.2, 0.25, 0.3, 0.35, 0.4, 0.45, 0.5, 0.6)}
     e_r: Scalar = parameter(
         "1", NonNegative(0.3), 0.0, "restitution coefficient of the end stops", "Newton's law of impact"
     )
