@@ -25,6 +25,7 @@ class ParameterPicture:
 
     Args:
         rig: its name.
+        model: in words.
         intervals: by symbol.
         units: SI, by symbol.
         readings: SI, by symbol, where there is one.
@@ -32,6 +33,7 @@ class ParameterPicture:
     """
 
     rig: str
+    model: str
     intervals: Mapping[str, Interval]
     units: Mapping[str, str]
     readings: Mapping[str, float]
@@ -51,7 +53,7 @@ def draw(picture: ParameterPicture) -> Figure:
         text = _words(interval, picture.units[symbol])
         panel.text(1.02, row, text, transform=panel.get_yaxis_transform(), va="center", fontsize=10)
     _axes(panel, list(shown))
-    title = f"{picture.rig}  ·  parameters"
+    title = f"{picture.rig}  ·  parameters of {picture.model}"
     fig.suptitle(title, x=0.015, y=1.0 - 0.1 / tall, ha="left", va="top", fontsize=13)
     style.legend(fig, [panel], 0.2, 1.0 - 0.38 / tall, "upper left")
     return fig

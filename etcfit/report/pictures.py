@@ -17,6 +17,7 @@ from ..run_folder import readings_of
 from ..trace import Trace
 from . import graphs, overview, traces
 from .numbers import Digits, short
+from .tables import model_words
 
 Job = tuple[Path, Callable[[], Figure]]
 
@@ -90,4 +91,5 @@ def _units(result: FitResult) -> dict[str, str]:
 def parameter_picture(result: FitResult) -> overview.ParameterPicture:
     config = result.rig.config
     every = intervals(result) | lumped(result)
-    return overview.ParameterPicture(config.name, every, _units(result), readings_of(result), config.synthetic)
+    model, readings = model_words(result), readings_of(result)
+    return overview.ParameterPicture(config.name, model, every, _units(result), readings, config.synthetic)

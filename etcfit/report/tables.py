@@ -63,10 +63,11 @@ def _parameters(result: FitResult) -> RenderableType:
     for symbol, interval in (intervals(result) | lumped(result)).items():
         meaning, unit = declared[symbol]
         table.add_row(*_parameter(symbol, meaning, unit, read.get(symbol), interval))
-    return Group(rig_title(result.rig.config, f"{_effects(result)}, {len(result.bench.tape.traces)} traces"), table)
+    return Group(rig_title(result.rig.config, f"{model_words(result)}, {len(result.bench.tape.traces)} traces"), table)
 
 
-def _effects(result: FitResult) -> str:
+def model_words(result: FitResult) -> str:
+    """Eqs. 1-2 and what was added."""
     return " + ".join(["Eqs. 1-2", *(t.name for t in result.unknowns.layout.types if t not in PAPER)])
 
 

@@ -18,7 +18,7 @@ UNITS = {"R_a": "ohm", "B_L": "N*m*s/rad", "J_m": "kg*m2", "N": "1"}
 
 @pytest.fixture(scope="module")
 def panel():
-    picture = overview.ParameterPicture("bench", KNOWN, UNITS, {"R_a": 2.1, "B_L": 0.0}, True)
+    picture = overview.ParameterPicture("bench", "Eqs. 1-2", KNOWN, UNITS, {"R_a": 2.1, "B_L": 0.0}, True)
     return overview.draw(picture).axes[0]
 
 

@@ -13,7 +13,8 @@ from ...diagnose.findings import Diagnosis
 from ...fit import FitResult
 from ...score import Row
 from ...trace import Trace
-from ..pictures import Job, all_traces, file_name
+from .. import overview
+from ..pictures import Job, all_traces, file_name, parameter_picture
 from . import chart, missing, overlay, rounds, unexplained
 from .ledger import headline, ledger
 from .shown import in_degrees, scales
@@ -31,6 +32,8 @@ def _summaries(d: Diagnosis) -> Iterator[Job]:
     entries = ledger(d)
     if any(entry.known() for entry in entries):
         yield Path("ledger.png"), partial(chart.draw, entries, headline(d), synthetic)
+    if d.added:
+        yield Path("parameters.png"), lambda: overview.draw(parameter_picture(d.after))
     for enters in ("torque", "voltage"):
         picture = missing.MissingPicture.of(d, enters)
         if picture is not None:

@@ -13,8 +13,8 @@ _COLOURS = 64  # of a plot: enough for lines, bands and the grey of their edges
 
 # folder below RUN/pictures -> title of its group, in the order of interest; folders not named here follow
 GROUPS = {
-    "": "Parameters",
     "diagnosis": "What the model lacked",
+    "": "Parameters of the first fit",
     "posterior": "How sure",
     "control": "The linear model and the loop",
     "diagnosis/traces": "Before and after, trace by trace",

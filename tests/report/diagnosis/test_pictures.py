@@ -40,8 +40,8 @@ def names(d: Diagnosis) -> list[str]:
 
 def test_every_file_is_there(run: Path) -> None:
     drawn = {p.relative_to(run).as_posix() for p in run.rglob("*") if p.is_file()}
-    stories = ("ledger", "missing_torque", "missing_voltage", "unexplained", "rounds", "traces/response__2",
-               "traces/response__1")  # fmt: skip
+    stories = ("ledger", "parameters", "missing_torque", "missing_voltage", "unexplained", "rounds",
+               "traces/response__2", "traces/response__1")  # fmt: skip
     assert drawn == {
         "diagnosis.json", DIAGNOSIS_STATE, *(f"pictures/diagnosis/{story}.png" for story in stories)
     }  # fmt: skip
