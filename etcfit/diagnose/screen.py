@@ -4,7 +4,8 @@
 
 with a the amplitudes of an effect at its off value, bounded where they are, and Q an orthonormal basis of what the
 fitted parameters can do to the residual. The shape parameters of an effect that is off have no tangent: each of their
-`scan` values makes a variant of its own. An amplitude that is scanned has a secant, (r(a) - r(0))/a, in place of dr/da.
+`scan` values makes a variant of its own. An amplitude that is scanned stays at its value a, with (r(a) - r(0))/a in
+place of dr/da.
 
 Source: Rao 1948 (score test); Chernoff 1954 for amplitudes on a bound. Differs from source: no.
 """
@@ -159,10 +160,17 @@ class Background:
         share = float(np.sum(own**2) / max(float(power.sum()), 1e-300))
         if share == 0.0:
             return Signature(variant, own, 0.0, {**variant.shape, **(variant.effect.off or {})}, 0.0)
-        amplitude, gain = _bounded(bench, variant, own, self.r)
+        scanned = [s for s in variant.amplitudes if s in variant.shape]
+        amplitude, gain = (_at if scanned else _bounded)(bench, variant, own, self.r)
         values = {s: a * bench.layout.parameter(s).domain.scale
                   for s, a in zip(variant.amplitudes, amplitude.tolist(), strict=True)}  # fmt: skip
-        return Signature(variant, own, gain, {**values, **variant.shape}, share)  # from a scanned amplitude as it is
+        return Signature(variant, own, gain, {**variant.shape, **values}, share)
+
+
+def _at(bench: Bench, variant: Variant, columns: np.ndarray, r: np.ndarray) -> tuple[np.ndarray, float]:
+    """Scanned amplitudes as they are: a secant says what its own value does, and nothing of a smaller one."""
+    amplitudes = np.array([variant.shape[s] / bench.layout.parameter(s).domain.scale for s in variant.amplitudes])
+    return amplitudes, max(float(r @ r - np.sum((r + columns @ amplitudes) ** 2)), 0.0)
 
 
 def _bounded(bench: Bench, variant: Variant, columns: np.ndarray, r: np.ndarray) -> tuple[np.ndarray, float]:
