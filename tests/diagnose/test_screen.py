@@ -50,7 +50,19 @@ class Bounded(AbstractEffect):
         return Contribution(torque=self.c + self.d)
 
 
-PARAMETERS = {p.symbol: p for e in (Either, Bounded, *BEYOND) for p in parameters_of(e)}
+class Tried(AbstractEffect):
+    """An amplitude that shows nothing while it is small."""
+
+    name = "tried"
+    off: ClassVar[Mapping[str, float] | None] = {"e": 0.0}
+    scan: ClassVar[Mapping[str, tuple[float, ...]]] = {"e": (0.6,)}
+    e: Scalar = parameter("1", NonNegative(0.3), 0.0, "one", "a test")
+
+    def __call__(self, x: State, z: tuple[Scalar, ...], u: Inputs) -> Contribution:
+        return Contribution(restitution=self.e)
+
+
+PARAMETERS = {p.symbol: p for e in (Either, Bounded, Tried, *BEYOND) for p in parameters_of(e)}
 LAYOUT = SimpleNamespace(parameter=PARAMETERS.__getitem__)
 
 
@@ -266,3 +278,12 @@ def test_no_candidate_is_no_signature(case: Case) -> None:
 def test_the_names_used_here_are_not_those_of_the_catalogue() -> None:
     assert not {Either.name, Bounded.name} & set(EFFECT_BY_NAME)
     assert not {*resting(Either), *resting(Bounded)} & {p.symbol for e in EFFECTS for p in parameters_of(e)}
+
+
+@pytest.mark.parametrize("share", [0.4, -0.1, 3.0])
+def test_a_scanned_amplitude_promises_what_its_own_value_does_and_no_more(case: Case, share: float) -> None:
+    """At twice its scale the residual loses this share of itself; a smaller value of it promises nothing."""
+    r = case.background().r
+    signature = case.signature(Tried, -0.5 * share * r[:, None])
+    assert signature.values == {"e": pytest.approx(0.6)}
+    assert signature.gain == pytest.approx(max(0.0, 1.0 - (1.0 - share) ** 2) * float(r @ r))
