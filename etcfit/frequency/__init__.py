@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from .lag import Lag, Order
 from .point import Point
-from .response import FrequencyResponse, closed, frequency_response, phases
+from .response import FrequencyResponse, frequency_response, phases
 from .wave import Ratio
 
-__all__ = ["FrequencyResponse", "Lag", "Order", "Point", "Ratio", "closed", "frequency_response", "phases"]
+__all__ = ["FrequencyResponse", "Lag", "Order", "Point", "Ratio", "frequency_response", "phases"]

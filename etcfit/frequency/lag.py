@@ -99,7 +99,9 @@ def order_of(frequencies: np.ndarray, ratios: Sequence[Ratio]) -> Order:
         ratios: the response at each.
     """
     if len(ratios) < FEWEST_POINTS:
-        return Order(None, {}, (), f"{len(ratios)} frequencies cannot tell an order of lag: {FEWEST_POINTS} or more can.")
+        return Order(
+            None, {}, (), f"{len(ratios)} frequencies cannot tell an order of lag: {FEWEST_POINTS} or more can."
+        )
     problem = _Problem.of(frequencies, ratios)
     tried = (_best(problem, order, delayed) for order, delayed in product(range(1, HIGHEST + 1), (False, True)))
     candidates = tuple(sorted((lag for lag in tried if lag is not None), key=lambda lag: lag.aicc))
@@ -164,9 +166,7 @@ def _start(problem: _Problem, order: int, delayed: bool, size: float) -> np.ndar
     return np.array([gain, *([0.1] if delayed else []), *pairs, *([size] if order % 2 else [])])
 
 
-def _likeliest(
-    problem: _Problem, x: np.ndarray, order: int, delayed: bool
-) -> tuple[np.ndarray, float, float]:
+def _likeliest(problem: _Problem, x: np.ndarray, order: int, delayed: bool) -> tuple[np.ndarray, float, float]:
     """Least squares at a tau, the likeliest tau at these errors, and so on; coordinates, tau, -2 ln L."""
     low = np.array([-np.inf, *([0.0] * (x.size - 1))])
     tau, deviance = 0.1, np.inf

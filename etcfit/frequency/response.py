@@ -56,6 +56,27 @@ class FrequencyResponse:
         """Hz."""
         return np.array([point.frequency for point in self.points])
 
+    @property
+    def plants(self) -> tuple[Ratio | None, ...]:
+        """Position over drive as measured, rad/V; None where no drive was logged."""
+        return tuple(point.plant for point in self.points)
+
+    @property
+    def linear_plant(self) -> tuple[complex, ...]:
+        """The linear plant at each point, rad/V."""
+        return tuple(np.asarray(self.linear(2j * np.pi * self.frequencies), dtype=complex).tolist())
+
+    def loops_around(self, plants: Sequence[complex | None]) -> tuple[complex | None, ...]:
+        """Position over setpoint at each point, were this the plant under the ECU; None where its drive is not known.
+
+        C P / (1 + C P)
+        """
+        ecus = [point.controller for point in self.points]
+        return tuple(
+            None if ecu is None or plant is None else ecu.value * plant / (1.0 + ecu.value * plant)
+            for ecu, plant in zip(ecus, plants, strict=True)
+        )
+
 
 def frequency_response(fitted: Fitted, traces: Sequence[Measurement]) -> FrequencyResponse:
     """Fit every sine trace, and the same sine to the model's free run on it.
@@ -80,17 +101,15 @@ def frequency_response(fitted: Fitted, traces: Sequence[Measurement]) -> Frequen
     )
 
 
-def closed(controller: complex, plant: complex) -> complex:
-    """C P / (1 + C P)."""
-    return controller * plant / (1.0 + controller * plant)
+def phases(values: Sequence[complex | None]) -> np.ndarray:
+    """Phases in order of frequency, rad, nan for None.
 
-
-def phases(values: Sequence[complex]) -> np.ndarray:
-    """Phases in order of frequency, rad: the first lags or leads by less than 90 degrees, none leaps by more than 180."""
-    angles = np.unwrap(np.angle(np.asarray(values, dtype=complex)))
-    if angles.size and angles[0] > _LEAD:
-        angles -= 2.0 * np.pi
-    return angles
+    The first lies between -270 and 90 degrees, each of the others within 180 of the one before.
+    """
+    angles = np.array([np.nan if value is None else np.angle(value) for value in values])
+    there = np.flatnonzero(np.isfinite(angles))
+    angles[there] = np.unwrap(angles[there])
+    return angles - 2.0 * np.pi if there.size and angles[there[0]] > _LEAD else angles
 
 
 def _points(fitted: Fitted, traces: Sequence[Measurement]) -> tuple[tuple[Point, ...], tuple[str, ...]]:

@@ -17,6 +17,7 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
+from scipy import stats
 
 from ..correlation import inflation
 
@@ -98,12 +99,24 @@ class Waves:
 
         Of the two covariances the wider one counts: cycles that differ from each other are no independent rows.
         """
-        top = sum(factor * self.amplitudes[name][0] for name, factor in over.items())
-        bottom = sum(factor * self.amplitudes[name][0] for name, factor in under.items())
-        g = np.array([over.get(name, 0.0) / top - under.get(name, 0.0) / bottom for name in self.amplitudes])
-        rows = np.stack([np.stack([g.real, g.imag], 1).ravel(), np.stack([g.imag, -g.real], 1).ravel()])
+        top, bottom = self._sum(over), self._sum(under)
+        g = [over.get(name, 0.0) / top - under.get(name, 0.0) / bottom for name in self.amplitudes]
+        rows = np.array([[part for each in g for part in pair(each)] for pair in (_real_row, _imaginary_row)])
         spreads = [rows @ covariance @ rows.T for covariance in self.covariances]
-        return Ratio(complex(top / bottom), max(spreads, key=np.trace))
+        return Ratio(top / bottom, max(spreads, key=np.trace))
+
+    def _sum(self, factors: Mapping[str, float]) -> complex:
+        return sum((factor * complex(self.amplitudes[name][0]) for name, factor in factors.items()), 0j)
+
+
+def _real_row(g: complex) -> tuple[float, float]:
+    """Re (g (da - i db)) by da and db."""
+    return g.real, g.imag
+
+
+def _imaginary_row(g: complex) -> tuple[float, float]:
+    """Im (g (da - i db)) by da and db."""
+    return g.imag, -g.real
 
 
 @dataclass(frozen=True, eq=False)
@@ -223,7 +236,8 @@ def _covariances(
 
         (J^T J)^-1 (sum_g s_g s_g^T) (J^T J)^-1,    s_g = sum_(rows of g) sqrt(f) J r
 
-    over rows g, with f the inflation of each signal's correlated residuals, and over whole cycles g.
+    over rows g, with f the inflation of each signal's correlated residuals, and over whole cycles g, the latter as
+    much wider as Student's t of so many cycles is than a normal distribution.
 
     Source: White 1980 (rows), Liang and Zeger 1986 (groups), Geyer 1992 (f).
     """
@@ -249,7 +263,8 @@ def _covariances(
     cycle = np.floor((rows - rows[0]) * frequency).astype(int)
     groups = np.zeros((cycle[-1] + 1, width))
     np.add.at(groups, cycle, plain)
-    groups *= np.sqrt(len(groups) / max(len(groups) - 1, 1))
+    # few cycles: their scatter is itself known badly, which Student's t makes up for
+    groups *= np.sqrt(len(groups) / max(len(groups) - 1, 1)) * stats.t.ppf(0.975, max(len(groups) - 1, 1)) / _Z
     return place, (inverse @ (scores.T @ scores) @ inverse, inverse @ (groups.T @ groups) @ inverse)
 
 

@@ -32,7 +32,7 @@ def sine(
     cycles: float = 8.3,
     lead: float = 0.4,
 ) -> Trace:
-    """One trace: still for `lead` s, then a sine of so many shares of the travel about `middle`, begun at its middle."""
+    """One trace: still for `lead` s, then a sine about `middle` of `swing`, shares of the travel."""
     rate = 1.0 / computer.period
     duration = lead + max(cycles / frequency, 2.0)
     ticks = np.arange(round(duration * rate) + 2) / rate
