@@ -16,9 +16,10 @@ Source: Hurvich and Tsai 1989 (AICc); Burnham and Anderson 2002 (weights of mode
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import product
+from typing import Any, NamedTuple
 
 import numpy as np
 from scipy.optimize import approx_fprime, least_squares, minimize_scalar
@@ -27,12 +28,17 @@ from .wave import Ratio
 
 HIGHEST = 4
 FEWEST_POINTS = 4
-SURE = 0.95  # weight from which on an order is told
-_POOR = 0.1  # tau from which on the candidate is no description
+POOR = 0.1  # tau from which on a candidate is no description
+_EXCLUDED = 0.05  # weight of all lower orders together below which they are
+_LIKELY = 0.5  # least weight of the order itself: higher ones, which contain it, always keep some
 _STARTS = (0.3, 1.0, 3.0)  # of its time constants over that of the middle frequency
 _TAU = (-14.0, 1.0)  # ln tau
-_ROUNDS = 12
-_ON_BOUND = 1e-6
+_ROUGH = 0.1  # tau to begin with
+_ROUNDS = 20
+_EVALUATIONS = 60
+_SETTLED = 1e-3  # of -2 ln L
+_VANISHED = -12.0  # logarithm of a time over that of the middle frequency, or of its square
+_ENDLESS = 60.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,7 +52,7 @@ class Lag:
         corners: rad/s, of each factor of second order, then of that of first order.
         damping: zeta of each factor of second order.
         delay: s; 0 where it has none.
-        stderr: of (ln K, d, (ln w, zeta) for each factor of second order, ln w of the first); nan on a bound.
+        stderr: of (ln K, d, (ln w, zeta) for each factor of second order, ln w of the first); nan where one vanished.
         tau: what it fails to explain, relative (and rad).
         aicc: see the module's head.
     """
@@ -77,18 +83,28 @@ class Order:
         best: the candidate of lowest AICc; None with too few points for any.
         weights: of each order, with or without delay, the sum being 1.
         candidates: all that were tried, best first.
+        highest: frequency measured, rad/s.
         says: the answer in a sentence.
     """
 
     best: Lag | None
     weights: dict[int, float]
     candidates: tuple[Lag, ...]
+    highest: float
     says: str
 
     @property
     def told(self) -> bool:
-        """Whether these points tell the order."""
-        return self.best is not None and self.weights[self.best.order] >= SURE and self.best.tau < _POOR
+        """Whether lower orders are excluded, higher ones not called for, and every corner was seen."""
+        best = self.best
+        if best is None or best.tau >= POOR or max(best.corners) > self.highest:
+            return False
+        return _singled_out(best, self.weights)
+
+
+def _singled_out(best: Lag, weights: Mapping[int, float]) -> bool:
+    lower = sum(weight for order, weight in weights.items() if order < best.order)
+    return lower < _EXCLUDED and weights[best.order] > _LIKELY
 
 
 def order_of(frequencies: np.ndarray, ratios: Sequence[Ratio]) -> Order:
@@ -98,10 +114,10 @@ def order_of(frequencies: np.ndarray, ratios: Sequence[Ratio]) -> Order:
         frequencies: Hz, shape (N,).
         ratios: the response at each.
     """
+    highest = float(2.0 * np.pi * np.max(frequencies, initial=0.0))
     if len(ratios) < FEWEST_POINTS:
-        return Order(
-            None, {}, (), f"{len(ratios)} frequencies cannot tell an order of lag: {FEWEST_POINTS} or more can."
-        )
+        says = f"{len(ratios)} frequencies cannot tell an order of lag: {FEWEST_POINTS} or more can."
+        return Order(None, {}, (), highest, says)
     problem = _Problem.of(frequencies, ratios)
     tried = (_best(problem, order, delayed) for order, delayed in product(range(1, HIGHEST + 1), (False, True)))
     candidates = tuple(sorted((lag for lag in tried if lag is not None), key=lambda lag: lag.aicc))
@@ -109,7 +125,7 @@ def order_of(frequencies: np.ndarray, ratios: Sequence[Ratio]) -> Order:
     share /= share.sum()
     weights = {order: float(sum(w for w, lag in zip(share, candidates, strict=True) if lag.order == order))
                for order in sorted({lag.order for lag in candidates})}  # fmt: skip
-    return Order(candidates[0], weights, candidates, _says(candidates[0], weights, problem))
+    return Order(candidates[0], weights, candidates, highest, _says(candidates[0], weights, problem))
 
 
 @dataclass(frozen=True, eq=False)
@@ -132,53 +148,101 @@ class _Problem:
 
     def errors(self, x: np.ndarray, order: int, delayed: bool) -> np.ndarray:
         """ln (H_k / H) along the axes of each covariance, shape (N, 2)."""
-        departure = self.log - _log_value(x, self.s, order, delayed)
-        imag = np.angle(np.exp(1j * departure.imag))
-        return np.einsum("kji,kj->ki", self.axes, np.stack([departure.real, imag], axis=1))
+        departure = self.log - _Factors.of(x, order, delayed).log_value(self.s)
+        turned = np.angle(np.exp(1j * np.imag(departure)))
+        return np.einsum("kji,kj->ki", self.axes, np.stack([np.real(departure), turned], axis=1))
+
+    def slopes(self, x: np.ndarray, order: int, delayed: bool) -> np.ndarray:
+        """Derivatives of the errors by x, shape (N, 2, P)."""
+        columns = np.stack(_Factors.of(x, order, delayed).log_slopes(self.s, order, delayed), axis=1)
+        return -np.einsum("kji,kjp->kip", self.axes, np.stack([np.real(columns), np.imag(columns)], axis=1))
 
 
-def _log_value(x: np.ndarray, s: np.ndarray, order: int, delayed: bool) -> np.ndarray:
-    """ln H at x = (ln K, [d], (b1, b2) of each 1 + b1 s + b2 s^2, [T]); its phase unwrapped factor by factor."""
-    out = x[0] - (x[1] * s if delayed else 0.0)
-    first = 1 + delayed
-    for k in range(order // 2):
-        b1, b2 = x[first + 2 * k : first + 2 * k + 2]
-        out = out - np.log(1.0 + b1 * s + b2 * s**2)
-    return out - np.log(1.0 + x[-1] * s) if order % 2 else out
+class _Factors(NamedTuple):
+    """A candidate in units of the middle frequency: ln K, d, (b1, b2) of each 1 + b1 s + b2 s^2, T."""
+
+    gain: float
+    delay: float
+    pairs: np.ndarray  # (order // 2, 2)
+    last: float
+
+    @classmethod
+    def of(cls, x: np.ndarray, order: int, delayed: bool) -> _Factors:
+        """From ln K and the logarithms of the others, in this order; without a delay or an odd factor theirs is 0."""
+        rest = np.exp(np.clip(x[1:], -_ENDLESS, _ENDLESS))
+        pairs = rest[int(delayed) : int(delayed) + 2 * (order // 2)].reshape(-1, 2)
+        return cls(x[0], rest[0] if delayed else 0.0, pairs, rest[-1] if order % 2 else 0.0)
+
+    def log_value(self, s: np.ndarray) -> np.ndarray:
+        """ln H, its phase unwrapped factor by factor."""
+        out = self.gain - self.delay * s - np.log(1.0 + self.last * s)
+        for b1, b2 in self.pairs:
+            out = out - np.log(1.0 + b1 * s + b2 * s**2)
+        return out
+
+    def log_slopes(self, s: np.ndarray, order: int, delayed: bool) -> list[np.ndarray]:
+        """Derivatives of ln H by the coordinates, shape (N,) each."""
+        out = [np.ones(s.size, dtype=complex), *([-self.delay * s] if delayed else [])]
+        for b1, b2 in self.pairs:
+            factor = 1.0 + b1 * s + b2 * s**2
+            out += [-b1 * s / factor, -b2 * s**2 / factor]
+        return [*out, *([-self.last * s / (1.0 + self.last * s)] if order % 2 else [])]
+
+    def corners(self) -> np.ndarray:
+        """Of each factor, the one of first order last; all but endless where one has vanished."""
+        return 1.0 / np.maximum(np.append(np.sqrt(self.pairs[:, 1]), self.last), 1e-12)
+
+    def damping(self) -> np.ndarray:
+        """zeta of each factor of second order."""
+        return 0.5 * self.pairs[:, 0] / np.maximum(np.sqrt(self.pairs[:, 1]), 1e-12)
 
 
 def _best(problem: _Problem, order: int, delayed: bool) -> Lag | None:
-    """The candidate of highest likelihood; None where there are too few points for its parameters."""
+    """The candidate of highest likelihood; None where there are too few points for its parameters.
+
+    Least squares at a rough tau from several starts; from the best of them tau and least squares in turn.
+    """
     count, n = order + delayed + 1, 2 * problem.s.size
     p = count + 1  # and tau
     if n - p - 1 < 1:
         return None
-    fits = (_likeliest(problem, _start(problem, order, delayed, size), order, delayed) for size in _STARTS)
-    x, tau, deviance = min(fits, key=lambda fit: fit[2])
+    starts = (_start(problem, order, delayed, size) for size in _STARTS)
+    x, tau = min((_squares(problem, x, _ROUGH, order, delayed) for x in starts), key=lambda fit: fit[1])[0], _ROUGH
+    deviance = np.inf
+    for _ in range(_ROUNDS):
+        before = deviance
+        tau, deviance = _tau(problem.errors(x, order, delayed) ** 2, problem.variance)
+        if before - deviance < _SETTLED:
+            break
+        x = _squares(problem, x, tau, order, delayed)[0]
     aicc = deviance + 2.0 * p + 2.0 * p * (p + 1.0) / (n - p - 1.0)
     return _lag(problem, x, tau, aicc, order, delayed)
 
 
 def _start(problem: _Problem, order: int, delayed: bool, size: float) -> np.ndarray:
     """All of one time constant, damped by 0.7; a second factor twice as fast."""
-    gain = float(problem.log.real[int(np.argmin(np.abs(problem.s)))])
+    gain = float(np.real(problem.log[int(np.argmin(np.abs(problem.s)))]))
     pairs = [part for k in range(order // 2) for part in (1.4 * size / (k + 1.0), (size / (k + 1.0)) ** 2)]
-    return np.array([gain, *([0.1] if delayed else []), *pairs, *([size] if order % 2 else [])])
+    return np.array([gain, *np.log([*([0.1] if delayed else []), *pairs, *([size] if order % 2 else [])])])
 
 
-def _likeliest(problem: _Problem, x: np.ndarray, order: int, delayed: bool) -> tuple[np.ndarray, float, float]:
-    """Least squares at a tau, the likeliest tau at these errors, and so on; coordinates, tau, -2 ln L."""
-    low = np.array([-np.inf, *([0.0] * (x.size - 1))])
-    tau, deviance = 0.1, np.inf
-    for _ in range(_ROUNDS):
-        sd = np.sqrt(problem.variance + tau**2)
-        x = least_squares(lambda x: (problem.errors(x, order, delayed) / sd).ravel(), x, bounds=(low, np.inf)).x  # noqa: B023
-        squares = problem.errors(x, order, delayed) ** 2
-        found = minimize_scalar(_deviance, bounds=_TAU, args=(squares, problem.variance), method="bounded")
-        before, tau, deviance = deviance, float(np.exp(found.x)), float(found.fun)
-        if before - deviance < 1e-4:
-            break
-    return x, tau, deviance
+def _squares(problem: _Problem, x: np.ndarray, tau: float, order: int, delayed: bool) -> tuple[np.ndarray, float]:
+    """Least squares at a tau: coordinates, and half the sum."""
+    sd = np.sqrt(problem.variance + tau**2)
+    fit = least_squares(
+        lambda x: (problem.errors(x, order, delayed) / sd).ravel(),
+        x,
+        lambda x: (problem.slopes(x, order, delayed) / sd[..., None]).reshape(sd.size, -1),
+        method="lm",
+        max_nfev=_EVALUATIONS,
+    )
+    return fit.x, float(fit.cost)
+
+
+def _tau(squares: np.ndarray, variance: np.ndarray) -> tuple[float, float]:
+    """The likeliest at these errors, and -2 ln L there."""
+    found: Any = minimize_scalar(_deviance, bounds=_TAU, args=(squares, variance), method="bounded")
+    return float(np.exp(found.x)), float(found.fun)
 
 
 def _deviance(log_tau: float, squares: np.ndarray, variance: np.ndarray) -> float:
@@ -188,35 +252,30 @@ def _deviance(log_tau: float, squares: np.ndarray, variance: np.ndarray) -> floa
 
 
 def _lag(problem: _Problem, x: np.ndarray, tau: float, aicc: float, order: int, delayed: bool) -> Lag:
-    w0, first = problem.w0, 1 + delayed
-    pairs = x[first : first + 2 * (order // 2)].reshape(-1, 2)
-    root = np.sqrt(np.maximum(pairs[:, 1], 1e-24))
-    corners = [*(w0 / root).tolist(), *([w0 / max(float(x[-1]), 1e-12)] if order % 2 else [])]
-    damping = (0.5 * pairs[:, 0] / root).tolist()
+    """The candidate in SI."""
+    found = _Factors.of(x, order, delayed)
+    corners = problem.w0 * found.corners()[: (order + 1) // 2]
     stderr = _stderr(problem, x, tau, order, delayed)
-    return Lag(order, delayed, float(np.exp(x[0])), tuple(corners), tuple(damping),
-               float(x[1]) / w0 if delayed else 0.0, stderr, tau, aicc)  # fmt: skip
-
-
-def _shown(x: np.ndarray, w0: float, order: int, delayed: bool) -> np.ndarray:
-    """ln K, d, (ln w, zeta) of each second factor, ln w of the first."""
-    first = 1 + delayed
-    pairs = x[first : first + 2 * (order // 2)].reshape(-1, 2)
-    root = np.sqrt(pairs[:, 1])
-    inner = np.stack([np.log(w0 / root), 0.5 * pairs[:, 0] / root], axis=1).ravel()
-    return np.array([x[0], x[1] / w0 if delayed else 0.0, *inner, *([np.log(w0 / x[-1])] if order % 2 else [])])
+    return Lag(order, delayed, float(np.exp(found.gain)), tuple(corners.tolist()), tuple(found.damping().tolist()),
+               float(found.delay) / problem.w0, stderr, tau, aicc)  # fmt: skip
 
 
 def _stderr(problem: _Problem, x: np.ndarray, tau: float, order: int, delayed: bool) -> np.ndarray:
-    """By the delta method; nan where a parameter lies on its bound."""
-    blank = np.full(2 + order, np.nan)
-    if np.any(x[1:] < _ON_BOUND):
-        return blank
+    """By the delta method; nan where a factor or the delay has vanished."""
+    if np.any(x[1:] < _VANISHED):
+        return np.full(2 + order, np.nan)
     sd = np.sqrt(problem.variance + tau**2)
-    jacobian = approx_fprime(x, lambda x: (problem.errors(x, order, delayed) / sd).ravel())
-    shown = approx_fprime(x, lambda x: _shown(x, problem.w0, order, delayed))
-    covariance = shown @ np.linalg.pinv(jacobian.T @ jacobian) @ shown.T
-    return np.sqrt(np.diag(covariance))
+
+    def shown(x: np.ndarray) -> np.ndarray:
+        each = _Factors.of(x, order, delayed)
+        logs = np.log(each.corners())
+        pairs = np.stack([logs[: order // 2], each.damping()], axis=1).ravel()
+        return np.array([each.gain, each.delay / problem.w0, *pairs, *logs[order // 2 : (order + 1) // 2]])
+
+    jacobian = (problem.slopes(x, order, delayed) / sd[..., None]).reshape(sd.size, -1)
+    slopes = np.asarray(approx_fprime(x, shown))
+    covariance = slopes @ np.linalg.pinv(jacobian.T @ jacobian) @ slopes.T
+    return np.sqrt(np.maximum(np.diag(covariance), 0.0))
 
 
 _NAMES = {1: "first", 2: "second", 3: "third", 4: "fourth"}
@@ -224,17 +283,18 @@ _NAMES = {1: "first", 2: "second", 3: "third", 4: "fourth"}
 
 def _says(best: Lag, weights: dict[int, float], problem: _Problem) -> str:
     """The answer, and what stands against it."""
-    top, bottom = (float(np.abs(edge)) * problem.w0 / (2.0 * np.pi) for edge in (problem.s[-1], problem.s[0]))
+    bottom, top = (float(np.abs(edge)) * problem.w0 / (2.0 * np.pi) for edge in (problem.s[0], problem.s[-1]))
     name = f"a lag of {_NAMES[best.order]} order{' with a delay' if best.delayed else ''}"
-    ranked = ", ".join(f"{_NAMES[order]} {100.0 * weight:.0f} %" for order, weight in weights.items())
-    span = f"{problem.s.size} frequencies from {bottom:.3g} to {top:.3g} Hz"
-    if best.tau >= _POOR:
+    if best.tau >= POOR:
         return (f"No lag up to {_NAMES[HIGHEST]} order describes these points: the best, {name}, misses them by "
                 f"{100.0 * best.tau:.0f} %.")  # fmt: skip
-    left = f"; it leaves {100.0 * best.tau:.2g} % unexplained" if best.tau > 1e-3 else ""
-    if weights[best.order] < SURE:
-        return (f"{span} cannot tell the order of lag (weights: {ranked}). The best is {name}{left}. Faster sines, "
-                "or more of them, would tell.")  # fmt: skip
-    beyond = max(best.corners) / (2.0 * np.pi)
-    far = f" Its fastest corner, {beyond:.3g} Hz, lies above the highest frequency." if beyond > top else ""
-    return f"{name[0].upper()}{name[1:]} (weights: {ranked}; {span}){left}.{far}"
+    ranked = ", ".join(f"{_NAMES[order]} {100.0 * weight:.0f} %" for order, weight in weights.items())
+    span = f"{problem.s.size} frequencies from {bottom:.3g} to {top:.3g} Hz"
+    left = f" It leaves {100.0 * best.tau:.2g} % unexplained." if best.tau > 1e-3 else ""
+    fastest = max(best.corners) / (2.0 * np.pi)
+    if not _singled_out(best, weights):
+        return f"{span} cannot tell the order of lag (weights: {ranked}). The best is {name}.{left}"
+    if fastest > top:
+        return (f"{span} cannot tell the order of lag, only that it is at least the {_NAMES[best.order]}: the fastest "
+                f"corner seen, {fastest:.3g} Hz, lies beyond them. Faster sines would tell.{left}")  # fmt: skip
+    return f"{name[0].upper()}{name[1:]}: less does not describe them, more is not called for ({ranked}; {span}).{left}"
