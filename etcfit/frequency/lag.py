@@ -18,6 +18,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from itertools import product
 from typing import Any, NamedTuple
 
@@ -229,14 +230,17 @@ def _start(problem: _Problem, order: int, delayed: bool, size: float) -> np.ndar
 def _squares(problem: _Problem, x: np.ndarray, tau: float, order: int, delayed: bool) -> tuple[np.ndarray, float]:
     """Least squares at a tau: coordinates, and half the sum."""
     sd = np.sqrt(problem.variance + tau**2)
-    fit = least_squares(
-        lambda x: (problem.errors(x, order, delayed) / sd).ravel(),
-        x,
-        lambda x: (problem.slopes(x, order, delayed) / sd[..., None]).reshape(sd.size, -1),
-        method="lm",
-        max_nfev=_EVALUATIONS,
-    )
+
+    def errors(x: np.ndarray) -> np.ndarray:
+        return (problem.errors(x, order, delayed) / sd).ravel()
+
+    slopes: Any = partial(_whitened_slopes, problem, sd, order, delayed)
+    fit = least_squares(errors, x, slopes, method="lm", max_nfev=_EVALUATIONS)
     return fit.x, float(fit.cost)
+
+
+def _whitened_slopes(problem: _Problem, sd: np.ndarray, order: int, delayed: bool, x: np.ndarray) -> np.ndarray:
+    return (problem.slopes(x, order, delayed) / sd[..., None]).reshape(sd.size, -1)
 
 
 def _tau(squares: np.ndarray, variance: np.ndarray) -> tuple[float, float]:
@@ -272,7 +276,7 @@ def _stderr(problem: _Problem, x: np.ndarray, tau: float, order: int, delayed: b
         pairs = np.stack([logs[: order // 2], each.damping()], axis=1).ravel()
         return np.array([each.gain, each.delay / problem.w0, *pairs, *logs[order // 2 : (order + 1) // 2]])
 
-    jacobian = (problem.slopes(x, order, delayed) / sd[..., None]).reshape(sd.size, -1)
+    jacobian = _whitened_slopes(problem, sd, order, delayed, x)
     slopes = np.asarray(approx_fprime(x, shown))
     covariance = slopes @ np.linalg.pinv(jacobian.T @ jacobian) @ slopes.T
     return np.sqrt(np.maximum(np.diag(covariance), 0.0))
