@@ -55,7 +55,7 @@ def _loop(panels: Sequence[Axes], response: FrequencyResponse) -> None:
     _modelled(panels, response, response.loops_around(response.nonlinear), response.loops_around(response.linear_plant))
     _lag(panels, response.frequencies, response.order)
     _outside(panels[2], points, POSITION)
-    panels[0].set_title("loop: setpoint → position", loc="left")
+    panels[0].set_title("loop: setpoint → position; models under the ECU as measured", loc="left")
     panels[0].set_ylabel("magnitude [dB]")
     panels[2].set_ylabel("position: power\noutside sine [%]")
 
