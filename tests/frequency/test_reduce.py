@@ -13,14 +13,13 @@ from typer.testing import CliRunner
 
 from etcfit.cli import app
 from independent.bench_twin import TRUTH, UNDECLARED
-from independent.control import Computer, follow
+from independent.control import follow
 from independent.instruments import Bench
 from independent.simulate import throttle
-from independent.sines import write_sines
+from independent.sines import COMPUTER, write_sines
 from independent.truth import OPEN
 
 ROOT = Path(__file__).parents[2]
-COMPUTER = Computer(20.0, 300.0, 0.4)
 FREQUENCIES = (1.0, 2.0, 4.0, 7.0, 10.0)
 
 

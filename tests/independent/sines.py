@@ -1,12 +1,17 @@
-"""Sine setpoints under an engine computer, as its own logger writes them: setpoint, sensor volts, duty."""
+"""Sine setpoints under an engine computer, as its own logger writes them: setpoint, sensor volts, duty.
+
+`python -m tests.independent.sines measurements/bench_twin` adds them to the bench twin's folder.
+"""
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Iterable
 from pathlib import Path
 
 import numpy as np
 
+from .bench_twin import TRUTH, UNDECLARED
 from .control import Computer, follow
 from .effects import Effects
 from .folder import write_trace
@@ -16,6 +21,7 @@ from .simulate import throttle
 from .truth import OPEN, Truth
 
 FREQUENCIES = (0.5, 0.7, 1.0, 1.5, 2.0, 3.0, 4.0, 5.0, 6.5, 8.0, 10.0)  # Hz, the paper's range
+COMPUTER = Computer(20.0, 300.0, 0.4)
 STEP = 5e-5  # of the travel: of the setpoint
 
 
@@ -67,3 +73,7 @@ def write_sines(
     rng = np.random.default_rng(seed)
     for frequency in frequencies:
         write_trace(path, sine(rng, truth, effects, computer, bench, frequency), seed)
+
+
+if __name__ == "__main__":
+    write_sines(Path(sys.argv[1]), 1, TRUTH, UNDECLARED, COMPUTER, Bench())
