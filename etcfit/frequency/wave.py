@@ -23,6 +23,7 @@ from ..correlation import inflation
 
 _ROUNDS = 8
 _SETTLED = 1e-9  # of the frequency
+_TELLING = 3.5  # cycles that tell a drift from the waves well enough to go beyond them
 _EARNED = 3.0  # standard errors at which a drift is one
 _Z = 1.959963984540054  # 95 %, two sides
 
@@ -137,10 +138,14 @@ def fundamental(signal: Signal, frequency: float, middle: float, harmonics: int)
 
 
 def departure(signal: Signal, reference: Signal, frequency: float, harmonics: int) -> np.ndarray:
-    """A signal less the waves fitted to a part of it, without drift."""
-    middle = 0.5 * float(reference.time[0] + reference.time[-1])
-    part = _part(reference, frequency, middle, harmonics, drifts=False)
-    return signal.value - _columns(signal.time - middle, frequency, harmonics) @ part.coefficients
+    """A signal less the waves fitted to a part of it; with drift where that part has cycles enough to tell one."""
+    middle, span = 0.5 * float(reference.time[0] + reference.time[-1]), float(np.ptp(reference.time))
+    drifts = span * frequency > _TELLING
+    part = _part(reference, frequency, middle, harmonics, drifts)
+    columns = _columns(signal.time - middle, frequency, harmonics)
+    if drifts:
+        columns = _drifting(columns, signal.time - middle, span)
+    return signal.value - columns @ part.coefficients
 
 
 def fit_waves(signals: Mapping[str, Signal], frequency: float, harmonics: int = 1) -> Waves:
@@ -206,13 +211,18 @@ def _part(signal: Signal, frequency: float, middle: float, harmonics: int, drift
     columns = _columns(t, frequency, harmonics)
     rates = _rates(t, columns)
     if drifts:
-        columns = np.insert(columns, 1, 2.0 * t / np.ptp(t), axis=1)
+        columns = _drifting(columns, t, float(np.ptp(t)))
     coefficients = _least_squares(columns, signal.value)
     residual = signal.value - columns @ coefficients
     waves = coefficients[-2 * harmonics :]
     spread = np.sqrt(np.sum(residual**2) / max(t.size - columns.shape[1], 1))
     sd = max(float(spread), 1e-10 * float(np.ptp(signal.value)), 1e-300)  # made-up data may have no noise at all
     return _Part(columns, coefficients, residual, sd, rates @ waves, waves[::2] - 1j * waves[1::2])
+
+
+def _drifting(columns: np.ndarray, t: np.ndarray, span: float) -> np.ndarray:
+    """With the drift's column behind the offset's."""
+    return np.insert(columns, 1, 2.0 * t / span, axis=1)
 
 
 def _least_squares(columns: np.ndarray, y: np.ndarray) -> np.ndarray:

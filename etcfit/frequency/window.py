@@ -60,9 +60,9 @@ def common(setpoint: Signal, position: Signal) -> tuple[float, float]:
 def settled(setpoint: Signal, position: Signal, frequency: float, harmonics: int) -> Window:
     """Whole cycles counted back from the end, without the first ones that are not like the last half of them.
 
-    A cycle strays whose own fundamental differs from that of the last half by more than four times what the cycles of
-    that half differ by (root mean square). The very first one is left out wherever three others remain: what fades
-    within the noise of single samples does not within that of their mean.
+    A cycle strays whose own mean and fundamental differ from those of the last half by more than four times what the
+    cycles of that half differ by (root mean square). The very first one is left out wherever three others remain: what
+    fades within the noise of single samples does not within that of their mean.
 
     Args:
         setpoint, position: two cycles or more of both.
@@ -88,9 +88,9 @@ def _strays(signal: Signal, edges: np.ndarray, frequency: float, harmonics: int)
 
 
 def _size(cycle: Signal, frequency: float) -> float:
-    """Amplitude of the fundamental; 0 in a gap."""
+    """Mean and fundamental together; 0 in a gap."""
     if cycle.time.size < _FEWEST:
         return 0.0
     angle = 2.0 * np.pi * frequency * cycle.time
     columns = np.column_stack([np.ones(angle.size), np.cos(angle), np.sin(angle)])
-    return float(np.hypot(*np.linalg.lstsq(columns, cycle.value, rcond=None)[0][1:]))
+    return float(np.linalg.norm(np.linalg.lstsq(columns, cycle.value, rcond=None)[0]))

@@ -14,7 +14,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from ...frequency import FrequencyResponse, Order, Point, Ratio, phases
-from ...frequency.point import DRIVE, POSITION
+from ...frequency.point import DRIVE, POSITION, SETPOINT
 from ...rig.base import RigConfig
 from .. import style
 
@@ -26,7 +26,7 @@ def draw(config: RigConfig, response: FrequencyResponse) -> Figure:
     """The loop on the left; where a drive was logged the plant on the right."""
     driven = any(point.plant is not None for point in response.points)
     columns = 2 if driven else 1
-    wide, tall = 6.4 * columns + 0.4, 8.6
+    wide, tall = (13.2 if driven else 9.0), 8.6
     fig = style.figure(wide, tall, config.synthetic)
     grid = fig.subplots(3, columns, sharex=True, squeeze=False, gridspec_kw={"height_ratios": (1.0, 1.0, 0.45)})
     fig.subplots_adjust(left=0.95 / wide, right=1.0 - 0.15 / wide, top=1.0 - 1.5 / tall, bottom=0.55 / tall,
@@ -35,17 +35,13 @@ def draw(config: RigConfig, response: FrequencyResponse) -> Figure:
     if driven:
         _plant(list(grid[:, 1]), response)
     _axes(grid, response)
-    swings = np.degrees([abs(point.waves.amplitudes["setpoint"][0]) for point in response.points])
-    size = (
-        f"±{swings.min():.2g}°"
-        if np.ptp(swings) < 0.05 * swings.max()
-        else f"±{swings.min():.2g} … {swings.max():.2g}°"
-    )
-    title = f"{config.name}  ·  response to sines of {size} about {100.0 * response.share:.0f} % travel"
+    title = f"{config.name}  ·  response to sines"
     fig.suptitle(title, x=0.95 / wide, y=1.0 - 0.12 / tall, ha="left", va="top", fontsize=13)
     style.legend(fig, list(grid[0]), 0.95 / wide, 1.0 - 0.45 / tall, "upper left", most=2 * columns)
-    said = textwrap.fill(f"Order of lag of the loop: {response.order.says}", int(_LETTERS * wide))
-    fig.text(0.95 / wide, 1.0 - 0.72 / tall, said, ha="left", va="top", fontsize=10)
+    said = f"Order of lag of the loop: {response.order.says}" + (" " + _UNDER if driven else "")
+    fig.text(
+        0.95 / wide, 1.0 - 0.72 / tall, textwrap.fill(said, int(_LETTERS * wide)), ha="left", va="top", fontsize=10
+    )
     return fig
 
 
@@ -55,7 +51,11 @@ def _loop(panels: Sequence[Axes], response: FrequencyResponse) -> None:
     _modelled(panels, response, response.loops_around(response.nonlinear), response.loops_around(response.linear_plant))
     _lag(panels, response.frequencies, response.order)
     _outside(panels[2], points, POSITION)
-    panels[0].set_title("loop: setpoint → position; models under the ECU as measured", loc="left")
+    swings = np.degrees([abs(point.waves.amplitudes[SETPOINT][0]) for point in points])
+    even = np.ptp(swings) < 0.05 * swings.max()
+    size = f"±{swings.max():.2g}°" if even else f"±{swings.min():.2g} … {swings.max():.2g}°"
+    place = f"{size} about {100.0 * response.share:.0f} % travel"
+    panels[0].set_title(f"loop: setpoint ({place}) → position", loc="left")
     panels[0].set_ylabel("magnitude [dB]")
     panels[2].set_ylabel("position: power\noutside sine [%]")
 
@@ -73,6 +73,7 @@ def _plant(panels: Sequence[Axes], response: FrequencyResponse) -> None:
     panels[2].set_ylabel("voltage: power\noutside sine [%]")
 
 
+_UNDER = "Both models of the loop are under the ECU as these traces show it."
 _NONLINEAR = "fitted model, run free on the logged drive"
 _LINEAR = "linear third order, without dry friction"
 
