@@ -292,7 +292,8 @@ def reduce(
     Eqs. 1-2 without dry friction and preload, about a plate held at the operating point. With the paper's Table 2 this
     is 2.208e5 / (s^3 + 1033 s^2 + 9.370e4 s + 1.282e5), poles near -1.4, -99 and -932 1/s. The paper prints another
     one, Eq. 8, 3.10e4 / (s^3 + 113.8 s^2 + 2941 s + 2.38e4), poles -81 and -16.3 +- 5.2j, which does not follow from
-    its own table: its static gain is 1.303 instead of 1.722 rad/V.
+    its own table: its static gain is 1.303 instead of 1.722 rad/V. Where the rig has sine traces, their frequency
+    response is measured and set beside it.
     """
     with _progress(quiet) as progress:
         done = stages.reduce_run(run, progress, unit_in, unit_out, at / 100.0, pade)

@@ -93,20 +93,38 @@ def sample_run(run: Path, report: Report, steps: int = 20_000) -> Done:
 def reduce_run(
     run: Path, report: Report, unit_in: str = "V", unit_out: str = "rad", at: float = 0.25, pade: int = 0
 ) -> Done:
-    """The linear plant about a plate held at a share of its travel: RUN/transfer_function.json, a Bode plot."""
+    """The linear plant about a plate held at a share of its travel: RUN/transfer_function.json, a Bode plot.
+
+    Where the rig has sine traces, also what they say: RUN/frequency_response.json, a Bode plot of its own.
+    """
     report("taking up the fit", 0.0)
     keep_compiled()
     from .reduce import reduce
-    from .run_folder import read_fitted
+    from .run_folder import read_fitted, read_sines
 
-    fitted = read_fitted(run)
+    fitted, sines = read_fitted(run), read_sines(run)
     report("linearising", 0.3)
     reduction = reduce(fitted, unit_in, unit_out, at)
+    from rich.console import Group
+
     from .report import write_reduction
     from .report.control.tables import reduction_table
 
     write_reduction(run, fitted, reduction, pade, report)
-    return Done(reduction_table(fitted, reduction, pade))
+    table = reduction_table(fitted, reduction, pade)
+    return Done(table if not sines else Group(table, _sines(run, fitted, sines, report)))
+
+
+def _sines(run: Path, fitted: Any, traces: Any, report: Report) -> Any:
+    """What the sine traces say, written and as a table."""
+    report("fitting sines", 0.6)
+    from .frequency import frequency_response
+    from .report import write_frequency_response
+    from .report.control.tables import sine_table
+
+    response = frequency_response(fitted, traces)
+    write_frequency_response(run, fitted, response, report)
+    return sine_table(response)
 
 
 def design_run(
@@ -179,7 +197,8 @@ def _of_run(work: Callable[[Path, Report], Done]) -> Callable[[Path, Path, Repor
 
 
 _MODEL = ("fit_state.npz", "diagnosis_state.npz")
-_RESULTS = ("fit.json", "diagnosis.json", "posterior.json", "transfer_function.json", "pid.json")
+_RESULTS = ("fit.json", "diagnosis.json", "posterior.json", "transfer_function.json", "frequency_response.json",
+            "pid.json")  # fmt: skip
 
 # the one list of stages: a new command joins `etcfit run` by a line here, in the place where its results are needed
 STAGES: tuple[Stage, ...] = (

@@ -12,7 +12,7 @@ from PIL import Image
 import results
 from etcfit.run_folder import fit_json, write_json
 
-LATER = ("diagnosis", "posterior", "transfer_function", "pid")
+LATER = ("diagnosis", "posterior", "transfer_function", "frequency_response", "pid")
 
 
 def run_folder(path: Path, later: tuple[str, ...] = (), synthetic: bool = True, lost: tuple[str, ...] = ()) -> Path:
@@ -27,7 +27,8 @@ def run_folder(path: Path, later: tuple[str, ...] = (), synthetic: bool = True, 
     run = path / "run"
     fit = fit_json(results.result(results.rig(path / "rig", synthetic), lost))
     write_json(run / "fit.json", "fit", fit)
-    made = {"diagnosis": _diagnosis, "posterior": _posterior, "transfer_function": _plant, "pid": _pid}
+    made = {"diagnosis": _diagnosis, "posterior": _posterior, "transfer_function": _plant,
+            "frequency_response": _sines, "pid": _pid}  # fmt: skip
     for kind in later:
         write_json(run / f"{kind}.json", kind, made[kind](fit))
     for name in ("parameters", "tests/response", "traces/response__1", "diagnosis/ledger", "odd_things/one"):
@@ -90,6 +91,20 @@ def _plant(_: dict[str, Any]) -> dict[str, Any]:
         "stderr": {"num": [1e3], "den": [0.0, 2.0, 300.0, 900.0]},
         "open_loop_dc_gain": 1.722,
     }
+
+
+def _sines(_: dict[str, Any]) -> dict[str, Any]:
+    loop = {"magnitude": 1.1, "magnitude_ci95": [1.09, 1.11], "phase_rad": -0.5, "phase_ci95_rad": [-0.51, -0.49]}
+    return {
+        "points": [{
+            "file": "sine/2_Hz.csv", "frequency_Hz": 2.003, "cycles": 7,
+            "outside_fundamental": {"setpoint": 0.0, "position": 0.0123, "drive": None},
+            "measured": {"closed_loop": loop, "plant": None, "controller": None},
+            "modelled": {"nonlinear_plant": None, "linear_plant": {"magnitude": 0.1, "phase_rad": -1.6}},
+        }],
+        "order": {"closed_loop": {"told": False, "says": "1 frequencies cannot tell <the order>."}, "plant": None},
+        "warnings": ["sine/bad.csv: no setpoint among position."],
+    }  # fmt: skip
 
 
 def _pid(_: dict[str, Any]) -> dict[str, Any]:

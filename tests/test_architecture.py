@@ -12,7 +12,8 @@ PACKAGE = Path(__file__).resolve().parents[1] / "etcfit"
 ORDER = [
     *("errors", "fetch", "backend", "parameters", "effects", "unknown", "throttle", "linear"),
     *("simulate", "delay", "pid", "rig", "drive_log", "drive", "trace", "tape", "score", "whitening", "unknowns"),
-    *("fitted", "reduce", "tangents", "grid", "reading", "correlation", "residual", "bench", "chi2", "explore"),
+    *("fitted", "reduce", "tangents", "grid", "reading", "correlation", "residual", "bench"),
+    *("frequency", "chi2", "explore"),
     *("identifiability", "cure", "descent", "outcome", "fit", "intervals", "check", "advise", "diagnose", "design"),
     *("run_folder", "posterior", "report", "stages", "cli"),
 ]

@@ -13,6 +13,7 @@ from ..design import Design
 from ..diagnose.findings import Diagnosis
 from ..fit import FitResult, Report, quiet
 from ..fitted import Fitted
+from ..frequency import FrequencyResponse
 from ..posterior import Posterior
 from ..posterior.files import posterior_json, write_netcdf
 from ..posterior.predictive import bands
@@ -22,11 +23,14 @@ from ..run_folder import (
     design_json,
     diagnosis_json,
     fit_json,
+    frequency_json,
     reduction_json,
     write_diagnosis_state,
     write_json,
     write_state,
 )
+
+_FREQUENCY_RESPONSE, _FREQUENCY_PICTURE = "frequency_response.json", "sines.png"
 
 
 def write_run(run_dir: Path | str, result: FitResult, report: Report | None = None) -> None:
@@ -86,6 +90,8 @@ def write_reduction(
 ) -> None:
     """Write a transfer function to its run folder: transfer_function.json and its Bode plot.
 
+    A frequency response that lies there goes: it was compared with another one.
+
     Args:
         run_dir: RUN; made if absent. A file of the same name is replaced, whole or not at all.
         fitted, reduction: the model and its linear plant.
@@ -93,11 +99,31 @@ def write_reduction(
         report: called with what is being written and the share done.
     """
     run = Path(run_dir)
+    (run / _FREQUENCY_RESPONSE).unlink(missing_ok=True)
+    (run / "pictures" / "control" / _FREQUENCY_PICTURE).unlink(missing_ok=True)
     write_json(run / "transfer_function.json", "transfer_function", reduction_json(fitted, reduction, pade_order))
     from .control.bode import BodePicture, draw
 
     picture = BodePicture.of(fitted, reduction)
     _draw(run / "pictures" / "control", [(Path("bode.png"), lambda: draw(picture))], report)
+
+
+def write_frequency_response(
+    run_dir: Path | str, fitted: Fitted, response: FrequencyResponse, report: Report | None = None
+) -> None:
+    """Write what sine traces say to the run folder: frequency_response.json and, where any says something, a Bode plot.
+
+    Args:
+        run_dir: RUN; made if absent. A file of the same name is replaced, whole or not at all.
+        fitted, response: the model, and the response measured and modelled.
+        report: called with what is being written and the share done.
+    """
+    run = Path(run_dir)
+    write_json(run / _FREQUENCY_RESPONSE, "frequency_response", frequency_json(fitted, response))
+    from .control.sines import draw
+
+    jobs = [(Path(_FREQUENCY_PICTURE), lambda: draw(fitted.config, response))] if response.points else []
+    _draw(run / "pictures" / "control", jobs, report)
 
 
 def write_design(run_dir: Path | str, design: Design, report: Report | None = None) -> None:

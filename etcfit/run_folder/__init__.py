@@ -6,7 +6,8 @@ from .design import design_json, rusefi
 from .diagnosis import diagnosis_json
 from .files import plain, whole, write_json
 from .fit import GEAR_RATIO, effects_of, fit_json, hashes, parameters_json, readings_of, versions
-from .fitted import POSTERIOR, read_draws, read_fitted
+from .fitted import POSTERIOR, read_draws, read_fitted, read_sines
+from .frequency import frequency_json
 from .reduction import reduction_json
 from .state import (
     DIAGNOSIS_STATE,
@@ -34,11 +35,13 @@ __all__ = [
     "final_state",
     "fit_json",
     "fitted_values",
+    "frequency_json",
     "hashes",
     "parameters_json",
     "plain",
     "read_draws",
     "read_fitted",
+    "read_sines",
     "read_state",
     "readings_of",
     "reduction_json",

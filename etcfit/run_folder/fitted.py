@@ -7,9 +7,11 @@ from pathlib import Path
 import numpy as np
 
 from ..fitted import Fitted
+from ..rig.base import Measurement
 from ..rig.config import read_config
+from ..rig.sine import Sine
 from ..unknowns import unknowns
-from .state import final_config, final_state, missing
+from .state import final_config, final_rig, final_state, missing
 
 POSTERIOR = "posterior.nc"
 
@@ -28,6 +30,19 @@ def read_fitted(run: Path) -> Fitted:
     config = read_config(toml)
     whole, place = final_config(state, config)
     return Fitted(config, unknowns(whole), state.x[place], state.covariance[np.ix_(place, place)])
+
+
+def read_sines(run: Path) -> tuple[Measurement, ...]:
+    """The sine traces of the folder that RUN was fitted to; none, and nothing read, where it has no folder of them.
+
+    Raises:
+        UsageError, MeasurementError: as `final_rig`.
+    """
+    state = final_state(run)
+    if not any((state.folder / Sine.name).glob("*")):
+        return ()
+    rig, _ = final_rig(state)
+    return tuple(trace for trace in rig.measurements if trace.test == Sine.name)
 
 
 def read_draws(run: Path, fitted: Fitted, count: int, seed: int) -> np.ndarray | None:

@@ -23,6 +23,8 @@ UNITS: dict[str, tuple[float, int]] = {
     "rpm": (1.0, 0),
     "s": (1.0, 6),
     "ms": (1e3, 3),
+    "deg": (180 / math.pi, 4),
+    "%": (1e2, 3),
 }
 
 

@@ -2,11 +2,16 @@
 
 from __future__ import annotations
 
+from pathlib import PurePosixPath
+
+import numpy as np
 from rich.console import Group, RenderableType
 from rich.text import Text
 
 from ...design import Design, Tuned
 from ...fitted import Fitted
+from ...frequency import FrequencyResponse, Ratio, phases
+from ...frequency.point import POSITION
 from ...pid.base import Metrics, Requirements
 from ...reduce import Reduction
 from ...run_folder import rusefi
@@ -46,6 +51,55 @@ def _extra(reduction: Reduction, pade_order: int) -> str:
         return "the model has neither delay nor sensor lag"
     word = f"behind it a delay of {short(1e3 * plant.delay)} ms and a sensor lag of {short(1e3 * plant.lag)} ms"
     return word + (f", appended with a Pade approximation of order {pade_order}" if pade_order else ", not appended")
+
+
+def sine_table(response: FrequencyResponse) -> RenderableType:
+    """A row a sine trace: the loop and the plant as measured, how far from a sine, how far off the models are."""
+    table = plain_table("trace", "Hz", "cycles", "loop dB", "phase deg", "outside %", "plant dB", "phase deg",
+                        "fitted dB", "deg", "linear dB", "deg")  # fmt: skip
+    points = response.points
+    loops = phases([point.closed_loop.value for point in points])
+    plants = phases([plant and plant.value for plant in response.plants])
+    for k, (point, plant) in enumerate(zip(points, response.plants, strict=True)):
+        table.add_row(
+            PurePosixPath(point.measurement.file).stem,
+            short(point.frequency),
+            str(point.window.cycles),
+            *_with_margins(point.closed_loop, float(loops[k])),
+            short(100.0 * point.waves.outside[POSITION], 2),
+            *(("-", "-") if plant is None else _with_margins(plant, float(plants[k]))),
+            *_off(plant, response.nonlinear[k]),
+            *_off(plant, response.linear_plant[k]),
+        )
+    orders = [response.order.says]
+    if response.plant_order is not None:
+        orders.append(f"Of the plant alone: {response.plant_order.says}")
+    words = [
+        "loop: position over setpoint; plant: position over voltage, re 1 rad/V; +-: 95 %",
+        "outside: share of the position's power that is not in the sine: dry friction, limp-home spring, noise",
+        "fitted, linear: plant of the model run free on the logged drive, and of the third order about "
+        f"{100.0 * response.share:.0f} % travel, less the measured one; the linear one knows no dry friction",
+    ]
+    parts = [
+        headed("Response to sines", table) if points else None,
+        sentences("How to read it", words if points else ()),
+        sentences("Order of lag", orders),
+        sentences("Left out", response.warnings),
+    ]
+    return Group(*(part for part in parts if part is not None))
+
+
+def _with_margins(ratio: Ratio, phase: float) -> tuple[str, str]:
+    decibels, degrees = 20.0 * np.log10(ratio.magnitude), np.degrees(phase)
+    high, margin = 20.0 * np.log10(ratio.magnitude_ci95[1]) - decibels, np.degrees(ratio.phase_margin)
+    return f"{decibels:.2f} +- {short(high, 2)}", f"{degrees:.1f} +- {short(margin, 2)}"
+
+
+def _off(measured: Ratio | None, modelled: complex | None) -> tuple[str, str]:
+    if measured is None or modelled is None:
+        return "-", "-"
+    over = modelled / measured.value
+    return f"{20.0 * np.log10(abs(over)):+.2f}", f"{np.degrees(np.angle(over)):+.1f}"
 
 
 def design_table(design: Design) -> RenderableType:

@@ -12,7 +12,7 @@ from typing import Any
 from ...errors import UsageError
 from ...score import Row
 
-KINDS = ("fit", "diagnosis", "posterior", "transfer_function", "pid")
+KINDS = ("fit", "diagnosis", "posterior", "transfer_function", "frequency_response", "pid")
 _ROW = ("file", "test", "channel", "unit", "n", "rms", "sigma")
 
 

@@ -8,6 +8,7 @@ from typing import Any
 
 from .contents import Contents
 from .control import formula, gains_table, metrics_table, plant_table
+from .frequency import orders, sines_table
 from .ledger import ledger_table
 from .parameters import LOST, lumped_table, parameter_table, posterior_table
 from .pictures import groups
@@ -33,6 +34,7 @@ def render(contents: Contents) -> str:
 
 def _parts(contents: Contents) -> dict[str, Any]:
     fit, diagnosis, plant, pid = (contents.get(k) for k in ("fit", "diagnosis", "transfer_function", "pid"))
+    response = contents.get("frequency_response")
     return {
         "rig": fit["rig"],
         "synthetic": fit["synthetic"],
@@ -54,6 +56,8 @@ def _parts(contents: Contents) -> dict[str, Any]:
         "plant": plant,
         "formula": formula(plant),
         "plant_table": plant_table(plant),
+        "sines": sines_table(response),
+        "orders": orders(response),
         "gains": gains_table(pid),
         "metrics": metrics_table(pid),
         "warnings": [*stale(contents), *_warnings(contents)],
@@ -80,5 +84,7 @@ def _unexplained(diagnosis: Mapping[str, Any]) -> str | None:
 def _warnings(contents: Contents) -> Iterator[str]:
     """Of the final model, then of what was made from it; each once."""
     of_model = contents.final.get("warnings", contents.get("fit").get("warnings"))
-    later = (contents.get(kind).get("warnings") for kind in ("posterior", "transfer_function", "pid"))
+    later = (
+        contents.get(kind).get("warnings") for kind in ("posterior", "transfer_function", "frequency_response", "pid")
+    )
     yield from dict.fromkeys(chain.from_iterable(said or () for said in (of_model, *later)))

@@ -1,0 +1,304 @@
+"""The order of lag that a measured frequency response has, and whether it can tell it.
+
+    H(s) = K exp(-s d) / prod_j (1 + 2 zeta_j s / w_j + s^2 / w_j^2) / (1 + s T),   order 1 to 4, with and without d
+
+The factor 1 + s T is there where the order is odd. Each candidate is the one of highest likelihood,
+
+    ln (H_k / H(i w_k)) = e_k,    cov (Re e_k, Im e_k) = C_k + tau^2 I,
+
+with C_k the covariance of what was measured and tau what the candidate fails to explain, a parameter of its own: a loop
+with friction is no lag of any order, and its points are then no more telling than tau lets them be.
+
+    AICc = -2 ln L + 2 p + 2 p (p + 1) / (n - p - 1),    n = 2 x points,    weight ~ exp(-AICc / 2)
+
+Source: Hurvich and Tsai 1989 (AICc); Burnham and Anderson 2002 (weights of models).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import partial
+from itertools import product
+from typing import Any, NamedTuple
+
+import numpy as np
+from scipy.optimize import approx_fprime, least_squares, minimize_scalar
+
+from .wave import Ratio
+
+HIGHEST = 4
+FEWEST_POINTS = 4
+POOR = 0.1  # tau from which on a candidate is no description
+_EXCLUDED = 0.05  # weight of all lower orders together below which they are
+_LIKELY = 0.5  # least weight of the order itself: higher ones, which contain it, always keep some
+_STARTS = (0.3, 1.0, 3.0)  # of its time constants over that of the middle frequency
+_TAU = (-14.0, 1.0)  # ln tau
+_ROUGH = 0.1  # tau to begin with
+_ROUNDS = 20
+_EVALUATIONS = 60
+_SETTLED = 1e-3  # of -2 ln L
+_VANISHED = -12.0  # logarithm of a time over that of the middle frequency, or of its square
+_ENDLESS = 60.0
+
+
+@dataclass(frozen=True, eq=False)
+class Lag:
+    """One candidate at its best.
+
+    Args:
+        order: 1 to 4.
+        delayed: with a pure delay.
+        gain: K, in the unit of the response.
+        corners: rad/s, of each factor of second order, then of that of first order.
+        damping: zeta of each factor of second order.
+        delay: s; 0 where it has none.
+        stderr: of (ln K, d, (ln w, zeta) for each factor of second order, ln w of the first); nan where one vanished.
+        tau: what it fails to explain, relative (and rad).
+        aicc: see the module's head.
+    """
+
+    order: int
+    delayed: bool
+    gain: float
+    corners: tuple[float, ...]
+    damping: tuple[float, ...]
+    delay: float
+    stderr: np.ndarray
+    tau: float
+    aicc: float
+
+    def __call__(self, s: np.ndarray) -> np.ndarray:
+        """Value at complex frequencies, 1/s."""
+        out = self.gain * np.exp(-s * self.delay)
+        for corner, zeta in zip(self.corners, self.damping, strict=False):
+            out = out / (1.0 + 2.0 * zeta * s / corner + (s / corner) ** 2)
+        return out / (1.0 + s / self.corners[-1]) if self.order % 2 else out
+
+
+@dataclass(frozen=True, eq=False)
+class Order:
+    """What the points say of the order.
+
+    Args:
+        best: the candidate of lowest AICc; None with too few points for any.
+        weights: of each order, with or without delay, the sum being 1.
+        candidates: all that were tried, best first.
+        highest: frequency measured, rad/s.
+        says: the answer in a sentence.
+    """
+
+    best: Lag | None
+    weights: dict[int, float]
+    candidates: tuple[Lag, ...]
+    highest: float
+    says: str
+
+    @property
+    def told(self) -> bool:
+        """Whether lower orders are excluded, higher ones not called for, and every corner was seen."""
+        best = self.best
+        if best is None or best.tau >= POOR or max(best.corners) > self.highest:
+            return False
+        return _singled_out(best, self.weights)
+
+
+def _singled_out(best: Lag, weights: Mapping[int, float]) -> bool:
+    lower = sum(weight for order, weight in weights.items() if order < best.order)
+    return lower < _EXCLUDED and weights[best.order] > _LIKELY
+
+
+def order_of(frequencies: np.ndarray, ratios: Sequence[Ratio]) -> Order:
+    """Choose the order of lag.
+
+    Args:
+        frequencies: Hz, shape (N,).
+        ratios: the response at each.
+    """
+    highest = float(2.0 * np.pi * np.max(frequencies, initial=0.0))
+    if len(ratios) < FEWEST_POINTS:
+        says = f"{len(ratios)} frequencies cannot tell an order of lag: {FEWEST_POINTS} or more can."
+        return Order(None, {}, (), highest, says)
+    problem = _Problem.of(frequencies, ratios)
+    tried = (_best(problem, order, delayed) for order, delayed in product(range(1, HIGHEST + 1), (False, True)))
+    candidates = tuple(sorted((lag for lag in tried if lag is not None), key=lambda lag: lag.aicc))
+    share = np.exp(-0.5 * np.array([lag.aicc - candidates[0].aicc for lag in candidates]))
+    share /= share.sum()
+    weights = {order: float(sum(w for w, lag in zip(share, candidates, strict=True) if lag.order == order))
+               for order in sorted({lag.order for lag in candidates})}  # fmt: skip
+    return Order(candidates[0], weights, candidates, highest, _says(candidates[0], weights, problem))
+
+
+@dataclass(frozen=True, eq=False)
+class _Problem:
+    """Points in units of their middle frequency w0 (rad/s), with the eigenvectors and -values of their covariances."""
+
+    w0: float
+    s: np.ndarray
+    log: np.ndarray  # ln magnitude + i phase
+    axes: np.ndarray  # (N, 2, 2)
+    variance: np.ndarray  # (N, 2)
+
+    @classmethod
+    def of(cls, frequencies: np.ndarray, ratios: Sequence[Ratio]) -> _Problem:
+        w = 2.0 * np.pi * np.asarray(frequencies)
+        w0 = float(np.exp(np.mean(np.log(w))))
+        variance, axes = np.linalg.eigh(np.array([ratio.covariance for ratio in ratios]))
+        values = np.array([ratio.value for ratio in ratios])
+        return cls(w0, 1j * w / w0, np.log(values), axes, np.maximum(variance, 0.0))
+
+    def errors(self, x: np.ndarray, order: int, delayed: bool) -> np.ndarray:
+        """ln (H_k / H) along the axes of each covariance, shape (N, 2)."""
+        departure = self.log - _Factors.of(x, order, delayed).log_value(self.s)
+        turned = np.angle(np.exp(1j * np.imag(departure)))
+        return np.einsum("kji,kj->ki", self.axes, np.stack([np.real(departure), turned], axis=1))
+
+    def slopes(self, x: np.ndarray, order: int, delayed: bool) -> np.ndarray:
+        """Derivatives of the errors by x, shape (N, 2, P)."""
+        columns = np.stack(_Factors.of(x, order, delayed).log_slopes(self.s, order, delayed), axis=1)
+        return -np.einsum("kji,kjp->kip", self.axes, np.stack([np.real(columns), np.imag(columns)], axis=1))
+
+
+class _Factors(NamedTuple):
+    """A candidate in units of the middle frequency: ln K, d, (b1, b2) of each 1 + b1 s + b2 s^2, T."""
+
+    gain: float
+    delay: float
+    pairs: np.ndarray  # (order // 2, 2)
+    last: float
+
+    @classmethod
+    def of(cls, x: np.ndarray, order: int, delayed: bool) -> _Factors:
+        """From ln K and the logarithms of the others, in this order; without a delay or an odd factor theirs is 0."""
+        rest = np.exp(np.clip(x[1:], -_ENDLESS, _ENDLESS))
+        pairs = rest[int(delayed) : int(delayed) + 2 * (order // 2)].reshape(-1, 2)
+        return cls(x[0], rest[0] if delayed else 0.0, pairs, rest[-1] if order % 2 else 0.0)
+
+    def log_value(self, s: np.ndarray) -> np.ndarray:
+        """ln H, its phase unwrapped factor by factor."""
+        out = self.gain - self.delay * s - np.log(1.0 + self.last * s)
+        for b1, b2 in self.pairs:
+            out = out - np.log(1.0 + b1 * s + b2 * s**2)
+        return out
+
+    def log_slopes(self, s: np.ndarray, order: int, delayed: bool) -> list[np.ndarray]:
+        """Derivatives of ln H by the coordinates, shape (N,) each."""
+        out = [np.ones(s.size, dtype=complex), *([-self.delay * s] if delayed else [])]
+        for b1, b2 in self.pairs:
+            factor = 1.0 + b1 * s + b2 * s**2
+            out += [-b1 * s / factor, -b2 * s**2 / factor]
+        return [*out, *([-self.last * s / (1.0 + self.last * s)] if order % 2 else [])]
+
+    def corners(self) -> np.ndarray:
+        """Of each factor, the one of first order last; all but endless where one has vanished."""
+        return 1.0 / np.maximum(np.append(np.sqrt(self.pairs[:, 1]), self.last), 1e-12)
+
+    def damping(self) -> np.ndarray:
+        """zeta of each factor of second order."""
+        return 0.5 * self.pairs[:, 0] / np.maximum(np.sqrt(self.pairs[:, 1]), 1e-12)
+
+
+def _best(problem: _Problem, order: int, delayed: bool) -> Lag | None:
+    """The candidate of highest likelihood; None where there are too few points for its parameters.
+
+    Least squares at a rough tau from several starts; from the best of them tau and least squares in turn.
+    """
+    count, n = order + delayed + 1, 2 * problem.s.size
+    p = count + 1  # and tau
+    if n - p - 1 < 1:
+        return None
+    starts = (_start(problem, order, delayed, size) for size in _STARTS)
+    x, tau = min((_squares(problem, x, _ROUGH, order, delayed) for x in starts), key=lambda fit: fit[1])[0], _ROUGH
+    deviance = np.inf
+    for _ in range(_ROUNDS):
+        before = deviance
+        tau, deviance = _tau(problem.errors(x, order, delayed) ** 2, problem.variance)
+        if before - deviance < _SETTLED:
+            break
+        x = _squares(problem, x, tau, order, delayed)[0]
+    aicc = deviance + 2.0 * p + 2.0 * p * (p + 1.0) / (n - p - 1.0)
+    return _lag(problem, x, tau, aicc, order, delayed)
+
+
+def _start(problem: _Problem, order: int, delayed: bool, size: float) -> np.ndarray:
+    """All of one time constant, damped by 0.7; a second factor twice as fast."""
+    gain = float(np.real(problem.log[int(np.argmin(np.abs(problem.s)))]))
+    pairs = [part for k in range(order // 2) for part in (1.4 * size / (k + 1.0), (size / (k + 1.0)) ** 2)]
+    return np.array([gain, *np.log([*([0.1] if delayed else []), *pairs, *([size] if order % 2 else [])])])
+
+
+def _squares(problem: _Problem, x: np.ndarray, tau: float, order: int, delayed: bool) -> tuple[np.ndarray, float]:
+    """Least squares at a tau: coordinates, and half the sum."""
+    sd = np.sqrt(problem.variance + tau**2)
+
+    def errors(x: np.ndarray) -> np.ndarray:
+        return (problem.errors(x, order, delayed) / sd).ravel()
+
+    slopes: Any = partial(_whitened_slopes, problem, sd, order, delayed)
+    fit = least_squares(errors, x, slopes, method="lm", max_nfev=_EVALUATIONS)
+    return fit.x, float(fit.cost)
+
+
+def _whitened_slopes(problem: _Problem, sd: np.ndarray, order: int, delayed: bool, x: np.ndarray) -> np.ndarray:
+    return (problem.slopes(x, order, delayed) / sd[..., None]).reshape(sd.size, -1)
+
+
+def _tau(squares: np.ndarray, variance: np.ndarray) -> tuple[float, float]:
+    """The likeliest at these errors, and -2 ln L there."""
+    found: Any = minimize_scalar(_deviance, bounds=_TAU, args=(squares, variance), method="bounded")
+    return float(np.exp(found.x)), float(found.fun)
+
+
+def _deviance(log_tau: float, squares: np.ndarray, variance: np.ndarray) -> float:
+    """-2 ln L but for a constant."""
+    whole = variance + np.exp(2.0 * log_tau)
+    return float(np.sum(squares / whole + np.log(whole)))
+
+
+def _lag(problem: _Problem, x: np.ndarray, tau: float, aicc: float, order: int, delayed: bool) -> Lag:
+    """The candidate in SI."""
+    found = _Factors.of(x, order, delayed)
+    corners = problem.w0 * found.corners()[: (order + 1) // 2]
+    stderr = _stderr(problem, x, tau, order, delayed)
+    return Lag(order, delayed, float(np.exp(found.gain)), tuple(corners.tolist()), tuple(found.damping().tolist()),
+               float(found.delay) / problem.w0, stderr, tau, aicc)  # fmt: skip
+
+
+def _stderr(problem: _Problem, x: np.ndarray, tau: float, order: int, delayed: bool) -> np.ndarray:
+    """By the delta method; nan where a factor or the delay has vanished."""
+    if np.any(x[1:] < _VANISHED):
+        return np.full(2 + order, np.nan)
+    sd = np.sqrt(problem.variance + tau**2)
+
+    def shown(x: np.ndarray) -> np.ndarray:
+        each = _Factors.of(x, order, delayed)
+        logs = np.log(each.corners())
+        pairs = np.stack([logs[: order // 2], each.damping()], axis=1).ravel()
+        return np.array([each.gain, each.delay / problem.w0, *pairs, *logs[order // 2 : (order + 1) // 2]])
+
+    jacobian = _whitened_slopes(problem, sd, order, delayed, x)
+    slopes = np.asarray(approx_fprime(x, shown))
+    covariance = slopes @ np.linalg.pinv(jacobian.T @ jacobian) @ slopes.T
+    return np.sqrt(np.maximum(np.diag(covariance), 0.0))
+
+
+_NAMES = {1: "first", 2: "second", 3: "third", 4: "fourth"}
+
+
+def _says(best: Lag, weights: dict[int, float], problem: _Problem) -> str:
+    """The answer, and what stands against it."""
+    bottom, top = (float(np.abs(edge)) * problem.w0 / (2.0 * np.pi) for edge in (problem.s[0], problem.s[-1]))
+    name = f"a lag of {_NAMES[best.order]} order{' with a delay' if best.delayed else ''}"
+    if best.tau >= POOR:
+        return (f"No lag up to {_NAMES[HIGHEST]} order describes these points: the best, {name}, misses them by "
+                f"{100.0 * best.tau:.0f} %.")  # fmt: skip
+    ranked = ", ".join(f"{_NAMES[order]} {100.0 * weight:.0f} %" for order, weight in weights.items())
+    span = f"{problem.s.size} frequencies from {bottom:.3g} to {top:.3g} Hz"
+    left = f" It leaves {100.0 * best.tau:.2g} % unexplained." if best.tau > 1e-3 else ""
+    fastest = max(best.corners) / (2.0 * np.pi)
+    if not _singled_out(best, weights):
+        return f"{span} cannot tell the order of lag (weights: {ranked}). The best is {name}.{left}"
+    if fastest > top:
+        return (f"{span} cannot tell the order of lag, only that it is at least the {_NAMES[best.order]}: the fastest "
+                f"corner seen, {fastest:.3g} Hz, lies beyond them. Faster sines would tell.{left}")  # fmt: skip
+    return f"{name[0].upper()}{name[1:]}: less does not describe them, more is not called for ({ranked}; {span}).{left}"

@@ -1,0 +1,109 @@
+"""frequency_response.json."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from ..fitted import Fitted
+from ..frequency import FrequencyResponse, Lag, Order, Ratio, phases
+from ..frequency.point import DRIVE, POSITION, SETPOINT
+from .files import plain
+from .fit import versions
+
+
+def frequency_json(fitted: Fitted, response: FrequencyResponse) -> dict[str, Any]:
+    """The object of frequency_response.json.
+
+    Phases are unwrapped from one frequency to the next and negative where the first lags; null is what was not logged.
+    `measured` has position over setpoint, position over drive, and drive over setpoint - position; `modelled` the same
+    plant of the fitted model (run free on the logged drive, and linear) and the loops that the ECU would make of them.
+    """
+    points, linear = response.points, response.linear
+    measured = {
+        "closed_loop": [point.closed_loop for point in points],
+        "plant": response.plants,
+        "controller": [point.controller for point in points],
+    }
+    modelled = {
+        "nonlinear_plant": response.nonlinear,
+        "linear_plant": response.linear_plant,
+        "nonlinear_closed_loop": response.loops_around(response.nonlinear),
+        "linear_closed_loop": response.loops_around(response.linear_plant),
+    }
+    columns = {name: _measured(ratios) for name, ratios in measured.items()}
+    lines = {name: _modelled(values) for name, values in modelled.items()}
+    return plain({
+        "rig": fitted.config.name,
+        "synthetic": fitted.config.synthetic,
+        "model": {"effects": [effect.name for effect in fitted.unknowns.layout.types]},
+        "units": {"closed_loop": "1", "plant": "rad/V", "controller": "V/rad", "phase": "rad"},
+        "points": [
+            {
+                "file": point.measurement.file,
+                "held_out": point.measurement.held_out,
+                "frequency_Hz": point.frequency,
+                "cycles": point.window.cycles,
+                "cycles_left_out": point.window.skipped,
+                "position_mean_rad": point.waves.offsets[POSITION],
+                "position_amplitude_rad": point.amplitude,
+                "setpoint_amplitude_rad": abs(point.waves.amplitudes[SETPOINT][0]),
+                "outside_fundamental": {name: point.waves.outside.get(name) for name in (SETPOINT, POSITION, DRIVE)},
+                "position_harmonics": point.waves.in_harmonics[POSITION],
+                "position_noise": point.noise,
+                "measured": {name: column[k] for name, column in columns.items()},
+                "modelled": {name: line[k] for name, line in lines.items()},
+            }
+            for k, point in enumerate(points)
+        ],
+        "order": {"closed_loop": _order(response.order), "plant": _order(response.plant_order)},
+        "linear": {"num": list(linear.num), "den": list(linear.den), "delay_s": linear.delay,
+                   "sensor_lag_s": linear.lag, "position_pct": 100.0 * response.share},
+        "warnings": list(response.warnings),
+        "versions": versions(),
+    })  # fmt: skip
+
+
+def _measured(ratios: Sequence[Ratio | None]) -> list[dict[str, Any] | None]:
+    angles = phases([ratio and ratio.value for ratio in ratios])
+    return [ratio and {"magnitude": ratio.magnitude, "magnitude_ci95": ratio.magnitude_ci95, "phase_rad": angle,
+                       "phase_ci95_rad": [angle - ratio.phase_margin, angle + ratio.phase_margin]}
+            for ratio, angle in zip(ratios, angles, strict=True)]  # fmt: skip
+
+
+def _modelled(values: Sequence[complex | None]) -> list[dict[str, Any] | None]:
+    return [None if value is None else {"magnitude": abs(value), "phase_rad": angle}
+            for value, angle in zip(values, phases(values), strict=True)]  # fmt: skip
+
+
+def _order(order: Order | None) -> dict[str, Any] | None:
+    if order is None:
+        return None
+    return {
+        "told": order.told,
+        "says": order.says,
+        "order": order.best.order if order.best is not None and order.told else None,
+        "weights": {str(each): weight for each, weight in order.weights.items()},
+        "candidates": [_lag(lag) for lag in order.candidates],
+    }
+
+
+def _lag(lag: Lag) -> dict[str, Any]:
+    pairs = lag.order // 2
+    return {
+        "order": lag.order,
+        "gain": lag.gain,
+        "delay_s": lag.delay if lag.delayed else None,
+        "corners_Hz": np.array(lag.corners) / (2.0 * np.pi),
+        "damping": [*lag.damping, *([None] * (lag.order % 2))],
+        "stderr": {
+            "ln_gain": lag.stderr[0],
+            "delay_s": lag.stderr[1] if lag.delayed else None,
+            "ln_corners": [*lag.stderr[2 : 2 + 2 * pairs : 2], *lag.stderr[2 + 2 * pairs :]],
+            "damping": [*lag.stderr[3 : 2 + 2 * pairs : 2], *([None] * (lag.order % 2))],
+        },
+        "unexplained": lag.tau,
+        "aicc": lag.aicc,
+    }
