@@ -34,6 +34,8 @@ class Inputs(NamedTuple):
         lower, upper: end stops, rad.
         motor, external: what the gear carries: torque of the motor at the plate, and smooth torque on the plate, N m;
             only effects that are `loaded` see them, others 0.
+        controlled: 1 where an ECU that is part of the model drives the throttle.
+        setpoint, setpoint_rate: what is asked of it, as late as its output acts, rad, and rad/s at once.
     """
 
     voltage: Scalar
@@ -46,6 +48,9 @@ class Inputs(NamedTuple):
     upper: Scalar
     motor: Scalar = 0.0
     external: Scalar = 0.0
+    controlled: Scalar = 0.0
+    setpoint: Scalar = 0.0
+    setpoint_rate: Scalar = 0.0
 
     @property
     def gear_load(self) -> Scalar:
@@ -94,7 +99,8 @@ class AbstractEffect(eqx.Module):
     contributes exactly nothing, one for each of its amplitudes; None for the effects of Eqs. 1-2, which are never off.
     Its other parameters are its shape: `scan` lists values (SI) from which the diagnosis tries them. `z0` is the memory
     with which a trace begins, each entry decaying or growing on its own. `loaded` effects are told what the gear
-    carries; those that `delays` shift the input or a channel in time. `needs` names what must have been logged for the
+    carries; those that `delays` shift the input or a channel in time. One that `commands` drives the throttle by what its sensors show:
+    it sees the angle as read, and all others the voltage that it adds. `needs` names what must have been logged for the
     effect to be seen at all: "circuit", "current", "position", "gear". `told_by` says which measurement shows it best.
     """
 
@@ -105,6 +111,7 @@ class AbstractEffect(eqx.Module):
     z0: ClassVar[tuple[float, ...]] = ()
     loaded: ClassVar[bool] = False
     delays: ClassVar[bool] = False
+    commands: ClassVar[bool] = False
     needs: ClassVar[tuple[str, ...]] = ()
 
     @abc.abstractmethod
