@@ -72,6 +72,8 @@ class Trace:
         return replace(self, drive=replace(self.drive, value=np.full(self.instants.size, volts)))
 
 
+_LEAST_OHM = 1.0  # of a winding
+
 _NOWHERE = Start((0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
 
 
@@ -154,6 +156,8 @@ def _start(trace: Trace, config: RigConfig) -> Start:
     i, i_sd, theta, theta_sd, omega, omega_sd = (0.0,) * 6
     if (first := _first(trace, "current", 3)) is not None:
         i, i_sd = float(np.mean(first[1])), 3.0 * sigma["current"] + 0.1 * abs(float(np.mean(first[1])))
+    elif trace.controlled and trace.drive is not None:  # as little known as the voltage that makes it
+        i_sd = float(trace.drive.error[0]) / _LEAST_OHM
     if (first := _first(trace, "position", 10)) is not None:
         theta, omega, omega_sd = _still(*first, sigma["position"])
         theta_sd = 3.0 * sigma["position"]

@@ -155,9 +155,10 @@ def _state_space(
     """A, Q, C, each sample's own variance, and what a jitter of 1 would add to it."""
     before = before_steps(throttle, path, resets)
     inner, push = _linearise(throttle, before, steps)
-    transition, noise = _process(inner, push, disturbance)
     sense = slot_senses(throttle, path, steps, slots)
-    sense = jnp.pad(sense, ((0, 0), (0, 0), (0, 0), (0, noise.shape[-1] - ORDER)))  # nobody sees a memory
+    transition, noise = _process(inner, push, disturbance)
+    blind = jnp.zeros((*sense.shape[:-1], noise.shape[-1] - ORDER))  # nobody sees a memory
+    sense = jnp.concatenate((sense, blind), axis=-1) if blind.size else sense
     lost = impact_nearby(before[0], path[0], steps, slots)
     noise += _events(throttle, before, path, steps, disturbance, lost, noise.shape[-1])
     noise += _edge_covariance(throttle, before, path, steps, disturbance, noise.shape[-1])

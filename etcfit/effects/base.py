@@ -34,7 +34,7 @@ class Inputs(NamedTuple):
         lower, upper: end stops, rad.
         motor, external: what the gear carries: torque of the motor at the plate, and smooth torque on the plate, N m;
             only effects that are `loaded` see them, others 0.
-        controlled: 1 where an ECU that is part of the model drives the throttle.
+        controlled: 1 where an ECU that is part of the model drives the throttle; None where the model has none.
         setpoint, setpoint_rate: what is asked of it, as late as its output acts, rad, and rad/s at once.
     """
 
@@ -48,9 +48,9 @@ class Inputs(NamedTuple):
     upper: Scalar
     motor: Scalar = 0.0
     external: Scalar = 0.0
-    controlled: Scalar = 0.0
-    setpoint: Scalar = 0.0
-    setpoint_rate: Scalar = 0.0
+    controlled: Scalar | None = None
+    setpoint: Scalar | None = None
+    setpoint_rate: Scalar | None = None
 
     @property
     def gear_load(self) -> Scalar:

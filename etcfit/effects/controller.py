@@ -42,6 +42,8 @@ class Controller(AbstractEffect):
     V_e: Scalar = parameter("V", Positive(12.0), 12.0, "limit of the ECU's output", _SOURCE)
 
     def __call__(self, x: State, z: tuple[Scalar, ...], u: Inputs) -> Contribution:
+        if u.controlled is None:  # nothing was asked of it: another computer is simulated, or a constant voltage
+            return Contribution(dz=tuple(0.0 * each for each in z))
         integral, speed, rate = z
         late = self.t_l + 0.5 * self.t_e
         error = u.setpoint - (x.theta - late * speed)

@@ -2,9 +2,9 @@
 
     v = K_p e + K_i int e dt + K_d de/dt + v_0,    e = setpoint - position
 
-Gains known: v is computed from the log, and read as a logged one would be; the part v_0 that the integral held at the
-begin is not known and taken as 0. Gains not known but the plate read from other tests: v of the inverse model is
-regressed on the three terms and a constant for each trace.
+Plate read from other tests: v of the inverse model is regressed on those terms whose gains nobody told, and a constant
+for each trace. Else v is computed from the log and read as a logged one would be, at nominal gains where none are
+known; what the integral held at the begin, v_0, is taken as 0, so that no preload can be read.
 """
 
 from __future__ import annotations
@@ -23,6 +23,7 @@ from .signals import even_grid, on_times
 SYMBOLS = tuple(GAINS.values())
 PLATE = ("R_a", "K_b", "K_m", "J_m", "J_L", "B_m", "B_L", "K_s", "T_PL", "T_f")
 DRIVES = ("voltage", "duty", "torque")
+NOMINAL = {"K_p": 6.0, "K_i": 30.0, "K_d": 0.1}  # the paper's Ziegler-Nichols gains, roughly: a scale where there is none
 
 
 def read(title: str, traces: Sequence[Measurement], config: RigConfig, known: Mapping[str, float]) -> Reading:
@@ -35,12 +36,20 @@ def read(title: str, traces: Sequence[Measurement], config: RigConfig, known: Ma
     told = {s for s in SYMBOLS if isinstance(config.parameters.get(s), (Fixed, Prior))}
     if not {*SYMBOLS} <= told and {*PLATE} <= {*known}:
         return _gains(waiting, config.ecu, config, known, told)
-    if not {*SYMBOLS} <= {*known}:
-        return Reading({}, notes=("neither the ECU's gains nor the plate is known: nothing can be read",))
-    made = [replace(t, channels={**t.channels, "voltage": voltage(t, config.ecu, known)}) for t in waiting]
+    gains = {s: known.get(s, NOMINAL[s]) for s in SYMBOLS}
+    made = [replace(t, channels={**t.channels, "voltage": voltage(t, config.ecu, gains)}) for t in waiting]
     reading = driven.read(title, [*own, *made], config, known)
-    word = "voltage computed from setpoint, position and the ECU's gains; what its integral held at first taken as 0"
-    return replace(reading, notes=(word, *reading.notes), nominal=(*reading.nominal, "T_PL"))
+    values = {symbol: value for symbol, value in reading.values.items() if own or symbol != "T_PL"}
+    assumed = [f"{s} = {gains[s]:g}" for s in SYMBOLS if s not in told]
+    word = "voltage computed from setpoint, position and the ECU's gains" + (
+        f", of which {', '.join(assumed)} (SI) only nominal" if assumed else ""
+    )
+    return replace(
+        reading,
+        values=values,
+        notes=(word, *reading.notes),
+        nominal=tuple(values) if assumed else tuple(s for s in reading.nominal if s in values),
+    )
 
 
 def terms(trace: Measurement, ecu: Ecu) -> tuple[Channel, Channel, Channel]:

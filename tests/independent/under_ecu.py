@@ -27,16 +27,19 @@ class Log:
         duration: s.
         rate: Hz.
         lead: s that the computer ran before the log began.
+        low, high: between which it asks, shares of the travel.
     """
 
     duration: float = 3.0
     rate: float = 500.0
     lead: float = 0.7
+    low: float = 0.12
+    high: float = 0.85
 
 
-def setpoint(rng: np.random.Generator, kind: str, time: np.ndarray) -> np.ndarray:
-    """Angle asked for, rad: trapezoids of random levels and edges, a sum of sines, or pedal strokes (smoothed walk)."""
-    low, high = 0.12 * OPEN, 0.85 * OPEN
+def setpoint(rng: np.random.Generator, kind: str, time: np.ndarray, low: float, high: float) -> np.ndarray:
+    """Angle asked for between low and high, rad: trapezoids of random levels and edges, a sum of sines, or strokes of a
+    pedal."""
     if kind == "trapezoids":
         corners, levels = [0.0], [rng.uniform(low, high)]
         while corners[-1] < time[-1]:
@@ -62,7 +65,7 @@ def log(
 ) -> dict[str, np.ndarray]:
     """Columns of one trace: setpoint and sensor volts at ticks of the computer, stamped by a clock that jitters."""
     ticks = np.arange(0.0, how.lead + how.duration + 2.0 * computer.period, computer.period)
-    wanted = setpoint(rng, kind, ticks)
+    wanted = setpoint(rng, kind, ticks, how.low * OPEN, how.high * OPEN)
     instants = clock(rng, bench, how.rate, how.duration)
     true = how.lead + np.round((instants.true - instants.true[0]) / computer.period) * computer.period
     angle = watched(throttle(truth, effects), computer, wanted, true, rng)
