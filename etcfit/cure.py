@@ -42,7 +42,7 @@ _RAMP = "a slow voltage ramp up and down over the whole travel (static_load/) se
 
 RULES: tuple[Rule, ...] = (
     Rule("share one scale, for nobody logged what the ECU put out and none of its gains is known",
-         "a logged voltage or current, one known gain ([ecu] in rig.toml), or the plate measured by other tests fixes it",
+         "a logged voltage or current, one known gain ([ecu] in rig.toml), or tests that measure the plate fix it",
          every=frozenset({"K_p"}), some=frozenset({"K_p", "K_i", "K_d"}) | MECHANICAL, some_count=2),
     Rule("share one scale, for nothing measures a torque",
          "only K_m = K_b, a torque sensor, or one known torque or inertia fixes it",

@@ -141,7 +141,7 @@ class Case:
 
 
 def under_ecu(path: Path, seed: int, ecu: str, bench: bool) -> tuple[Truth, Rig]:
-    """Three logs, the last held out: trapezoids, a sum of sines, strokes of a pedal; with the bench's own tests or not."""
+    """Three logs, the last held out: trapezoids, a sum of sines, strokes of a pedal; beside the bench tests or not."""
     truth = draw_truth(np.random.default_rng(seed))
     if bench:
         make_folder(path, truth, seed, size="small")

@@ -96,12 +96,13 @@ class AbstractEffect(eqx.Module):
     """One physical effect. Its fields are its parameters (see `parameter`).
 
     `name` is what rig.toml and diagnosis.json call it. `off` gives the parameter values (SI) at which the effect
-    contributes exactly nothing, one for each of its amplitudes; None for the effects of Eqs. 1-2, which are never off.
-    Its other parameters are its shape: `scan` lists values (SI) from which the diagnosis tries them. `z0` is the memory
-    with which a trace begins, each entry decaying or growing on its own. `loaded` effects are told what the gear
-    carries; those that `delays` shift the input or a channel in time. One that `commands` drives the throttle by what its sensors show:
-    it sees the angle as read, and all others the voltage that it adds. `needs` names what must have been logged for the
-    effect to be seen at all: "circuit", "current", "position", "gear". `told_by` says which measurement shows it best.
+    contributes exactly nothing, one for each of its amplitudes; None for the effects of Eqs. 1-2, which are never
+    off. Its other parameters are its shape: `scan` lists values (SI) from which the diagnosis tries them. `z0` is the
+    memory with which a trace begins, each entry decaying or growing on its own. `loaded` effects are told what the
+    gear carries; those that `delays` shift the input or a channel in time. One that `commands` drives the throttle by
+    what its sensors show: it sees the angle as read, and all others the voltage that it adds. `needs` names what must
+    have been logged for the effect to be seen at all: "circuit", "current", "position", "gear". `told_by` says which
+    measurement shows it best.
     """
 
     name: ClassVar[str]

@@ -23,7 +23,7 @@ from .signals import even_grid, on_times
 SYMBOLS = tuple(GAINS.values())
 PLATE = ("R_a", "K_b", "K_m", "J_m", "J_L", "B_m", "B_L", "K_s", "T_PL", "T_f")
 DRIVES = ("voltage", "duty", "torque")
-NOMINAL = {"K_p": 6.0, "K_i": 30.0, "K_d": 0.1}  # the paper's Ziegler-Nichols gains, roughly: a scale where there is none
+NOMINAL = {"K_p": 6.0, "K_i": 30.0, "K_d": 0.1}  # of the order of the paper's: a scale where there is none
 
 
 def read(title: str, traces: Sequence[Measurement], config: RigConfig, known: Mapping[str, float]) -> Reading:

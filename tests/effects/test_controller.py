@@ -138,7 +138,7 @@ def test_it_reads_the_sensor_and_all_others_feel_its_voltage() -> None:
 
 
 def test_it_is_no_candidate_and_its_memories_are_followed() -> None:
-    assert COMMANDING == (Controller,)
+    assert [effect.name for effect in COMMANDING] == ["controller"]
     assert Controller not in EFFECTS
     assert Controller.name not in {e.name for e in EFFECTS}
     assert len(followed((*EFFECTS, *COMMANDING))) == len(Controller.z0)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -55,7 +56,7 @@ def setpoint(rng: np.random.Generator, kind: str, time: np.ndarray, low: float, 
         knots = np.arange(0.0, time[-1] + 0.6, 0.3)
         smooth = 0.5 - 0.5 * np.cos(np.pi * np.linspace(0.0, 1.0, 30))
         levels = rng.uniform(low, high, len(knots))
-        fine = np.concatenate([a + (b - a) * smooth for a, b in zip(levels[:-1], levels[1:], strict=True)])
+        fine = np.concatenate([a + (b - a) * smooth for a, b in pairwise(levels)])
         return np.interp(time, np.linspace(0.0, knots[-1], len(fine)), fine)
     raise ValueError(kind)
 
