@@ -70,6 +70,8 @@ def ready(rig: Rig) -> tuple[tuple[Trace, ...], tuple[Trace, ...], tuple[str, ..
             notes.append(_left_out(measurement))
         else:
             (held_out if measurement.held_out else fitted).append(trace)
+    if rig.config.ecu is not None and not any(trace.controlled for trace in (*fitted, *held_out)):
+        notes.append("rig.toml: no trace needs [ecu], for each logs its drive, or no setpoint")
     if not fitted:
         found = "has no trace that can be fitted."
         required = "At least one trace must log what drove it and what came of it, and not be held out."

@@ -71,6 +71,13 @@ def test_without_an_ecu_it_is_left_out_and_told_what_would_make_it_count() -> No
     assert "closed_loop/a.csv: no voltage" in notes[0]
 
 
+def test_an_ecu_that_no_trace_needs_is_named() -> None:
+    _, _, notes = ready(Rig("bench", CONFIG, (logged(voltage=np.linspace(0.0, 3.0, 40)),)))
+    assert len(notes) == 1
+    assert "no trace needs [ecu]" in notes[0]
+    assert ready(Rig("bench", CONFIG, (logged(),)))[2] == ()
+
+
 def test_the_tape_carries_the_setpoint_as_late_as_it_acts() -> None:
     trace = prepare(logged(), CONFIG)
     assert trace is not None

@@ -25,7 +25,8 @@ class Controller(AbstractEffect):
     period early: hence K_i t_e/2. First moments are those of the discrete PID, so errors are of the order of
     (t_e omega)^2 at angular frequency omega; what they amount to: tests/effects/test_controller.py.
 
-    Where `u.controlled` is 0 it contributes nothing. The angle is the one that the sensor shows.
+    Where `u.controlled` is 0 it contributes nothing. The angle is the one that the sensor shows. An `actuation_delay`
+    shifts logged inputs only: the ECU's own delay is t_l.
 
     Source: Astrom and Hagglund 2006, ch. 3 and 13. Differs from source: continuous; the derivative is of the error.
     """

@@ -34,8 +34,8 @@ def read_ecu(toml: Toml, travel: tuple[float, float]) -> tuple[Ecu | None, dict[
         raise toml.wrong("ecu", "no [rig] supply_V.", "An ECU's output is clamped at the supply.",
                          "Add supply_V = 12.0 below [rig].")  # fmt: skip
     period = _ms(toml, "period_ms", table["period_ms"], least=0.01)
-    others = (_ms(toml, key, table.get(key, value)) for key, value in (("filter_ms", 2.0), ("delay_ms", 0.0)))
-    ecu = Ecu(period, *others, toml.positive("rig.supply_V", supply))
+    slow, delay = _ms(toml, "filter_ms", table.get("filter_ms", 2.0)), _ms(toml, "delay_ms", table.get("delay_ms", 0.0))
+    ecu = Ecu(period, slow, delay, toml.positive("rig.supply_V", supply))
     gains = _gains(toml, table, _scales(toml, table, ecu, travel))
     for symbol in (*GAINS.values(), *ecu.constants):
         if symbol in toml.table("parameters"):
