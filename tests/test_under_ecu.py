@@ -9,11 +9,13 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
+from etcfit import pid
 from etcfit.check import check
 from etcfit.diagnose.composition import compose
 from etcfit.effects import COMMANDING
 from etcfit.fit import FitResult, fit, ready
 from etcfit.intervals import intervals, lumped
+from etcfit.pid.setpoint import trapezoid
 from etcfit.reading import read_graphs
 from etcfit.rig import controlled
 from etcfit.rig.base import Ecu, Fixed, Measurement, Prior, Reading, Rig, RigConfig, Start
@@ -26,6 +28,7 @@ from independent.control import Computer
 from independent.folder import rig_toml
 from independent.under_ecu import Log, add_logs
 from measurements import channel
+from rigs import loop, one
 
 GAINS = {"K_p": 6.0, "K_i": 40.0, "K_d": 0.12}
 COMPUTER = Computer(*GAINS.values())
@@ -133,6 +136,16 @@ def test_the_model_of_all_effects_carries_the_controller_along() -> None:
     assert not set(COMMANDING) & set(composition.candidates)
     assert "K_p" in composition.unknowns(()).layout.free
     assert set(COMMANDING) <= set(composition.lean(()).layout.types)
+
+
+def test_a_computer_that_is_designed_meets_nothing_of_the_one_that_was_fitted() -> None:
+    """Transfer function and simulated loop of a fitted model are those of the plate alone."""
+    designed = pid.ecu.Ecu(period=5e-3)
+    bare, fitted = (loop(*more, ecu=designed) for more in ((), COMMANDING))
+    assert_array_equal(np.asarray(bare.linear().a0), np.asarray(fitted.linear().a0))
+    paths = [np.asarray(each.respond(one(6.0, 40.0, 0.1), trapezoid()).position) for each in (bare, fitted)]
+    assert_allclose(paths[1], paths[0], atol=1e-12)
+    assert np.ptp(paths[0]) > 0.3
 
 
 # ---- folders of the independent generator
