@@ -15,12 +15,17 @@ from .rig.base import RigConfig
 from .score import columns
 from .tangents import jacobian
 from .tape import Slots, Tape, lay
+from .throttle import followed
 from .trace import Trace, prepare
 from .unknowns import Form, Layout, Pick, Unknowns
 from .whitening import Whitening
 
 _TELLING = 1e4  # sum of q^2 below which nothing is said about the clock
 _MOST_JITTER = 0.3
+_SPANS = (3.0, 1.5, 0.7, 0.3, 0.15, 0.07, 0.03, 0.015)  # V, of the search for what an integral holds
+_SHARES = (0.0, -1.0, 1.0)  # of them; the first is kept where none is better
+_FORGOTTEN = 1.0  # s after which a loop has forgotten with what it began
+_STIRS = 8.0  # standard deviations of a sample that are a motion
 _OUTLIER = 5.0  # robust standard deviations beyond which a sample is weighed down
 
 
@@ -140,7 +145,7 @@ class Bench:
 
     def free_running(self) -> Whitening:
         """Each sample by its own noise: least squares of the free-running simulation."""
-        return whitening.plain(self.slots)
+        return whitening.plain(self.slots, self._order)
 
     def forgiving(self) -> Whitening:
         """Each sample by its own noise, and by what an instant not known exactly does to it where it changes fast."""
@@ -149,7 +154,11 @@ class Bench:
         for trace, (lane, _, marks) in zip(self.tape.traces, self.tape.places, strict=True):
             step = np.abs(np.diff(trace.data, axis=0, prepend=trace.data[:1]))
             bend[marks, lane, : len(trace.channels)] = 0.5 * np.nan_to_num(np.maximum(step, np.roll(step, -1, axis=0)))
-        return whitening.plain(slots._replace(sigma=np.hypot(slots.sigma, bend)))
+        return whitening.plain(slots._replace(sigma=np.hypot(slots.sigma, bend)), self._order)
+
+    @property
+    def _order(self) -> int:
+        return whitening.ORDER + len(followed(self.layout.types))
 
     def kalman(self, x: np.ndarray) -> Whitening:
         """The whitening filter along the path at x."""
@@ -203,7 +212,7 @@ class Bench:
         """The same measurements as they were logged, with the steps that x needs and the releases read off them again:
         those that a poorer model saw would draw a better one back to it."""
         traces = tuple(t for t in (prepare(t.measurement, self.config) for t in self.tape.traces) if t is not None)
-        bench = Bench.of(self.config, self.unknowns, traces, None, self.shape).refined(x)
+        bench = Bench.of(self.config, self.unknowns, traces, None, self.shape).refined(x).poised(x)
         return replace(bench, jitter=self.jitter)
 
     @property
@@ -213,7 +222,7 @@ class Bench:
 
     def beside(self, traces: tuple[Trace, ...], x: np.ndarray) -> Bench:
         """Other traces of the same rig, on a tape of the same shape where they fit: what is compiled serves again."""
-        other = Bench.of(self.config, self.unknowns, traces, None, self.shape).refined(x).released(x)
+        other = Bench.of(self.config, self.unknowns, traces, None, self.shape).refined(x).released(x).poised(x)
         return replace(other, jitter=self.jitter, pull=self.pull)
 
     def guided(self, pull: float) -> Bench:
@@ -231,6 +240,20 @@ class Bench:
         predicted = self.free_run(x)
         traces = tuple(_better_release(t, y) for t, y in zip(self.tape.traces, predicted, strict=True))
         return replace(Bench.of(self.config, self.unknowns, traces, self.substeps, self.shape), jitter=self.jitter)
+
+    def poised(self, x: np.ndarray) -> Bench:
+        """The same with what each ECU in the model holds in its integral at the begin of its trace moved to where the
+        model at x sees it: a search by halves, for a plate that rests answers to nothing and one that slips jumps."""
+        controlled = np.array([trace.controlled for trace in self.tape.traces])
+        if not controlled.any():
+            return self
+        volts = np.array([t.drive.value[0] if t.controlled and t.drive else 0.0 for t in self.tape.traces])
+        weight = [_beginning(trace) for trace in self.tape.traces]
+        for span in _SPANS:
+            tried = [volts + controlled * share * span for share in _SHARES]
+            misfit = [_misfits(replace(self, tape=self.tape.holding(v)).free_run(x), weight) for v in tried]
+            volts = np.choose(np.argmin(misfit, axis=0), tried)
+        return replace(self, tape=self.tape.holding(volts))
 
     def outliers_weighed(self, whitened: list[np.ndarray]) -> tuple[Bench, int]:
         """The same with samples far outside their trace's residuals, (n, M) each, weighed down, and how many."""
@@ -262,6 +285,24 @@ class Bench:
                 mean[k] = domain.coordinate(value)
                 sd[k] = width / float(jax.grad(domain.value)(mean[k]))
         return mean, sd
+
+
+def _beginning(trace: Trace) -> tuple[np.ndarray, np.ndarray]:
+    """Samples of a trace and their weights, (n, M) each: those up to a second after the plate first moves."""
+    seen = np.isfinite(trace.data)
+    if "position" not in trace.channels:
+        return np.zeros(seen.shape), np.zeros(seen.shape)
+    m = trace.channels.index("position")
+    moved = np.abs(trace.data[:, m] - trace.data[seen[:, m], m][0]) > _STIRS * trace.sigma[m]
+    first = trace.instants[np.argmax(moved)] if moved.any() else trace.instants[0]
+    early = (trace.instants < first + _FORGOTTEN)[:, None] & seen
+    return np.nan_to_num(trace.data), early / trace.sigma
+
+
+def _misfits(predicted: list[np.ndarray], wanted: list[tuple[np.ndarray, np.ndarray]]) -> np.ndarray:
+    """Sum of squared weighted errors of each trace."""
+    each = zip(predicted, wanted, strict=True)
+    return np.array([np.nan_to_num(np.sum(((data - model) * w) ** 2), nan=np.inf) for model, (data, w) in each])
 
 
 def _better_release(trace: Trace, predicted: np.ndarray) -> Trace:

@@ -6,19 +6,22 @@ The verdict is that of the Fisher information of the start model, at the values 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
 from .bench import Bench
-from .cure import sentence
+from .cure import listed, sentence
 from .descent import information_of
 from .errors import MeasurementError
 from .fit import ready, start_values
 from .identifiability import Identifiability, analyse
 from .reading import Readings, read_graphs
 from .rig.base import Channel, Measurement, Rig
-from .unknowns import unknowns
+from .rig.ecu import GAINS
+from .unknowns import Layout, unknowns
 
+_SURE = 1e8  # information on a relative change of what is taken as known
 _GAP = 3.0  # median sampling intervals
 _REPEATS = 0.25  # of neighbouring samples that are equal: a livelier channel does not rest on one value by chance
 _RUN = 5  # equal samples in a row at the extreme, at least; and
@@ -91,6 +94,7 @@ class CheckResult:
         traces: each trace.
         identifiability: of the start model; None where nothing can be fitted.
         directions: each null or weak direction in a sentence, worst first.
+        gains: what knowing a gain of the ECU would tell besides, a sentence each; () where no such gain is sought.
         readings: the paper's graphs; None where they could not be read either.
         warnings: what a reader must know, `why_not` included.
         why_not: why there is no verdict, or "".
@@ -103,6 +107,7 @@ class CheckResult:
     readings: Readings | None
     warnings: tuple[str, ...]
     why_not: str = ""
+    gains: tuple[str, ...] = ()
 
 
 def check(rig: Rig) -> CheckResult:
@@ -113,15 +118,60 @@ def check(rig: Rig) -> CheckResult:
     """
     traces = tuple(_trace(m) for m in rig.measurements)
     try:
-        identifiability, readings, notes = verdict(rig)
+        judged = verdict(rig)
     except MeasurementError as error:
         return CheckResult(rig, traces, None, (), None, rig.warnings, str(error))
-    words = tuple(sentence(d) for d in identifiability.directions)
-    return CheckResult(rig, traces, identifiability, words, readings, (*rig.warnings, *notes))
+    found = judged.identifiability
+    words = tuple(sentence(d) for d in found.directions)
+    warnings = (*rig.warnings, *judged.notes)
+    return CheckResult(rig, traces, found, words, judged.readings, warnings, gains=_were_gains_known(judged))
 
 
-def verdict(rig: Rig) -> tuple[Identifiability, Readings, tuple[str, ...]]:
-    """What the traces to be fitted can identify, the readings it was judged at, and notes on traces left out.
+@dataclass(frozen=True, eq=False)
+class Verdict:
+    """What the traces to be fitted can identify.
+
+    Args:
+        layout: of the start model.
+        x: coordinates of the readings at which it was judged, shape (P,).
+        information: of the traces and the user's priors, shape (P, P).
+        readings: the paper's graphs.
+        notes: on traces left out.
+    """
+
+    layout: Layout
+    x: np.ndarray
+    information: np.ndarray
+    readings: Readings
+    notes: tuple[str, ...]
+
+    @cached_property
+    def identifiability(self) -> Identifiability:
+        return analyse(self.layout, self.x, self.information)
+
+    def knowing(self, symbols: tuple[str, ...]) -> tuple[str, ...]:
+        """Symbols, others than these, that would become identifiable were these known."""
+        known = np.array([s in symbols for s in self.layout.free])
+        sure = np.diag(known * _SURE / self.layout.reach(self.x) ** 2)
+        lost = analyse(self.layout, self.x, self.information + sure).lost
+        return tuple(s for s in self.identifiability.lost if s not in lost and s not in symbols)
+
+
+def _were_gains_known(verdict: Verdict) -> tuple[str, ...]:
+    """What each gain of the ECU that is sought in vain would tell were it known, and what all of them would."""
+    unknown = tuple(s for s in GAINS.values() if s in verdict.identifiability.lost)
+    keys = {symbol: key for key, symbol in GAINS.items()}
+    out = []
+    for group in dict.fromkeys((*((s,) for s in unknown), *((unknown,) if unknown else ()))):
+        told = verdict.knowing(group)
+        names = " and ".join(f"{s} ([ecu] {keys[s]})" for s in group)
+        if told:
+            out.append(f"Were {names} known, {listed(told)} would be identifiable too.")
+    return tuple(out)
+
+
+def verdict(rig: Rig) -> Verdict:
+    """What the traces to be fitted can identify, at the values that the paper's graphs read.
 
     Raises:
         MeasurementError: nothing to fit.
@@ -130,12 +180,12 @@ def verdict(rig: Rig) -> tuple[Identifiability, Readings, tuple[str, ...]]:
     fitted, _, notes = ready(rig)
     readings = read_graphs(rig)
     x = known.layout.coordinates(start_values(known, readings))
-    bench = Bench.of(rig.config, known, fitted).refined(x)
+    bench = Bench.of(rig.config, known, fitted).refined(x).poised(x)
     problem = bench.problem(bench.kalman(x))
     _, _, jacobian = bench.linearise(x, problem)
     rows = jacobian.reshape(-1, x.size)
     rows = rows[np.isfinite(rows).all(axis=1)]
-    return analyse(known.layout, x, information_of(problem.prior_sd, rows)), readings, notes
+    return Verdict(known.layout, x, information_of(problem.prior_sd[: x.size], rows), readings, notes)
 
 
 def _trace(measurement: Measurement) -> TraceCheck:

@@ -20,7 +20,7 @@ from .residual import Problem, equipped, predict, prior_residual, residual
 from .simulate import begun, step
 from .throttle import Throttle
 from .unknowns import Form
-from .whitening import ORDER, innovate
+from .whitening import innovate
 
 _MOST = 128  # points in one pass; more fall out of the processor's caches
 _AT_ONCE = 16  # the same where whole paths must be kept
@@ -68,12 +68,12 @@ def _in_one_pass(form: Form, circuits: tuple[str, ...], points: Any, problem: Pr
     each = jax.vmap(jax.vmap(one, in_axes=(0, 0, None)), in_axes=(None, 0, 0))
     p = problem
     tape = p.steps, p.resets, p.slots, p.circuit_of, p.whitening
-    start = _start(form, values, (p.steps.dt.shape[1], points.shape[0]))
+    start = _start(form, values, (p.steps.dt.shape[1], points.shape[0]), p.whitening.transition.shape[-1])
     return jnp.sum(jax.lax.scan(lambda carry, entry: (each(values, carry, entry), None), start, tape)[0][-1], axis=0)
 
 
-def _start(form: Form, values: Any, shape: tuple[int, int]) -> Any:
+def _start(form: Form, values: Any, shape: tuple[int, int], order: int) -> Any:
     """State, memories, error states and chi2 of every lane and point, shape (L, K) each."""
     zero = jnp.zeros(shape)
     memories = Throttle.build(form.types, values).z0
-    return State(zero, zero, zero), tuple(jnp.full(shape, z) for z in memories), (zero,) * ORDER, zero
+    return State(zero, zero, zero), tuple(jnp.full(shape, z) for z in memories), (zero,) * order, zero

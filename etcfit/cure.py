@@ -41,6 +41,9 @@ _ALONE = "a motor-alone test (viscous/, gear apart) separates them"
 _RAMP = "a slow voltage ramp up and down over the whole travel (static_load/) separates them"
 
 RULES: tuple[Rule, ...] = (
+    Rule("share one scale, for nobody logged what the ECU put out and none of its gains is known",
+         "a logged voltage or current, one known gain ([ecu] in rig.toml), or tests that measure the plate fix it",
+         every=frozenset({"K_p"}), some=frozenset({"K_p", "K_i", "K_d"}) | MECHANICAL, some_count=2),
     Rule("share one scale, for nothing measures a torque",
          "only K_m = K_b, a torque sensor, or one known torque or inertia fixes it",
          every=frozenset({"K_m"}), some_count=2),
@@ -79,6 +82,13 @@ TOLD_BY: dict[str, str] = {
     "T_f": "a slow voltage ramp up and down (static_load/)",
 }
 
+# the gain of the ECU that multiplies what motion
+EXCITED_BY: dict[str, str] = {
+    "K_p": "any motion of the setpoint",
+    "K_i": "an error that lasts",
+    "K_d": "a quick change of the setpoint",
+}
+
 
 def sentence(direction: Direction) -> str:
     """A null or weak direction in words, with its cure.
@@ -108,6 +118,8 @@ def _verdict(symbols: tuple[str, ...]) -> tuple[str, str]:
 def _told(symbol: str) -> str:
     if symbol in TOLD_BY:
         return f"{TOLD_BY[symbol]} tells {symbol}"
+    if symbol in EXCITED_BY:
+        return f"{EXCITED_BY[symbol]} beside tests that log a voltage, or a number in [ecu], tells {symbol}"
     return f"fix {symbol} in rig.toml if it is known, or log what depends on it"
 
 

@@ -145,6 +145,16 @@ def _duty(measurement: Measurement, config: RigConfig, instants: np.ndarray) -> 
     return Drive(duty.value[latest] * level, zero, zero, zero[1:] > 0.0, held=True)
 
 
+def commanded(instants: np.ndarray, supply: float) -> Drive:
+    """What an ECU that is part of the model adds its terms to: what its integral held where the trace began.
+
+    It is one number for the whole trace, which nobody logged: 0 until the model has seen it, and as uncertain as a
+    quarter of the supply.
+    """
+    level, error = np.zeros(instants.size), np.full(instants.size, 0.25 * supply)
+    return Drive(level, error, np.ones(instants.size), np.zeros(instants.size - 1, dtype=bool))
+
+
 def drive_of(measurement: Measurement, config: RigConfig, instants: np.ndarray) -> Drive | None:
     """The input of a trace: voltage, or duty times supply, or torque; None where it has none.
 

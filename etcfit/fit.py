@@ -17,9 +17,9 @@ from .outcome import FitResult as FitResult
 from .outcome import StartSummary as StartSummary
 from .reading import Readings, read_graphs
 from .residual import Problem
-from .rig.base import Rig
+from .rig.base import Measurement, Rig
 from .score import columns
-from .trace import Trace, prepare
+from .trace import Trace, follows_setpoint, prepare
 from .unknowns import Unknowns, unknowns
 
 Report = Callable[[str, float], None]
@@ -49,6 +49,14 @@ def start_values(unknowns: Unknowns, readings: Readings) -> dict[str, float]:
     return values | read
 
 
+def _left_out(measurement: Measurement) -> str:
+    """Why a trace is not fitted, and what would make it count."""
+    why = f"{measurement.file}: no voltage, duty or torque was logged with it; it is not fitted"
+    if not follows_setpoint(measurement):
+        return why
+    return f'{why}. A table [ecu] in rig.toml, with the ECU\'s gains or P, I, D = "free", puts the ECU into the model'
+
+
 def ready(rig: Rig) -> tuple[tuple[Trace, ...], tuple[Trace, ...], tuple[str, ...]]:
     """Traces to fit, traces held out, and a word on those the model cannot predict.
 
@@ -59,9 +67,11 @@ def ready(rig: Rig) -> tuple[tuple[Trace, ...], tuple[Trace, ...], tuple[str, ..
     for measurement in rig.measurements:
         trace = prepare(measurement, rig.config)
         if trace is None:
-            notes.append(f"{measurement.file}: no voltage, duty or torque was logged with it; it is not fitted")
+            notes.append(_left_out(measurement))
         else:
             (held_out if measurement.held_out else fitted).append(trace)
+    if rig.config.ecu is not None and not any(trace.controlled for trace in (*fitted, *held_out)):
+        notes.append("rig.toml: no trace needs [ecu], for each logs its drive, or no setpoint")
     if not fitted:
         found = "has no trace that can be fitted."
         required = "At least one trace must log what drove it and what came of it, and not be held out."
@@ -84,9 +94,9 @@ def fit(rig: Rig, report: Report = quiet) -> FitResult:
     readings = read_graphs(rig)
     start = known.layout.off_bounds(known.layout.coordinates(start_values(known, readings)))
     report("choosing integration steps", 0.05)
-    bench = Bench.of(rig.config, known, fitted).refined(start)
+    bench = Bench.of(rig.config, known, fitted).refined(start).poised(start)
     x, starts, unit = _from_several_starts(bench, start, report)
-    bench = bench.released(x)
+    bench = bench.released(x).poised(x)
     bench, problem, x, state = _whitened(bench, x, report) if unit < MISFIT else _free_running(bench, x, report)
     return outcome(rig, readings, bench, held_out, problem, x, starts, state, notes)
 
@@ -104,7 +114,7 @@ def resume(rig: Rig, x: np.ndarray, far: bool, report: Report = quiet) -> FitRes
     fitted, held_out, notes = ready(rig)
     readings = read_graphs(rig)
     report("taking up the fit", 0.1)
-    bench = Bench.of(rig.config, known, fitted).refined(x).released(x)
+    bench = Bench.of(rig.config, known, fitted).refined(x).released(x).poised(x)
     if not far:
         bench, problem, x, end = _whitened(bench, x, report)
     else:
@@ -166,7 +176,7 @@ def rounds(
         about = x if early else 0.5 * (about + x)
         whitened = columns(bench.tape, here.r)
         bench = bench.timed(x, here.r) if early else bench
-        bench, outliers = bench.released(about).outliers_weighed(whitened)
+        bench, outliers = bench.released(about).poised(about).outliers_weighed(whitened)
     return bench, problem, x, replace(_verdict(moved, here.gain, outliers), wander=x - about, gain=here.gain)
 
 

@@ -19,13 +19,6 @@ _MOST = 24  # steps in one interval
 _LASTING = 0.03  # s, for how long an error in speed moves the angle
 
 
-def _halves(s: Step) -> tuple[Step, Step]:
-    middle = s.inputs(0.5)
-    half = 0.5 * s.dt
-    early = s._replace(dt=half, voltage1=middle.voltage, torque1=middle.torque, time=s.time - half)
-    return early, s._replace(dt=half, voltage0=middle.voltage, torque0=middle.torque)
-
-
 def local_error(throttle: Throttle, path: Any, tape_steps: Step, tape: tuple[Any, ...]) -> Any:
     """Error of each step by step doubling, in standard deviations of the samples, shape (T, L).
 
@@ -39,7 +32,7 @@ def local_error(throttle: Throttle, path: Any, tape_steps: Step, tape: tuple[Any
     x, z = before_steps(throttle, path, resets)
 
     def difference(x: State, z: Any, s: Step) -> Any:
-        early, late = _halves(s)
+        early, late = s.halves()
         whole, _ = step(throttle, x, z, s)
         half, _ = step(throttle, *step(throttle, x, z, early), late)
         return jnp.stack(whole) - jnp.stack(half)

@@ -25,6 +25,25 @@ GAMMA = 1.0 - 1.0 / math.sqrt(2.0)
 _OVERSHOOT = (1.0 - GAMMA) / GAMMA
 
 
+class Command(NamedTuple):
+    """What is asked of an ECU that is part of the model during one step.
+
+    Args:
+        active: 1 where it drives the throttle.
+        begin, end: setpoint at begin and end, as late as its output acts, rad; linear in between.
+        rate: slope of the setpoint at once, rad/s.
+    """
+
+    active: Scalar
+    begin: Scalar
+    end: Scalar
+    rate: Scalar
+
+    def at(self, fraction: Scalar) -> Scalar:
+        """Setpoint at a fraction of the step, rad."""
+        return self.begin + fraction * (self.end - self.begin)
+
+
 class Step(NamedTuple):
     """Everything one step needs besides parameters and state; on a tape each entry has shape (T, L).
 
@@ -41,6 +60,7 @@ class Step(NamedTuple):
         pull, target0, target1: a guide, 0 in a free run: it draws the plate to the angle measured at the step's begin
             and end (rad) by `pull` V/rad at the terminals;
         lever: and where there is no circuit by this torque for each of its volts, N m/V.
+        command: None where the model has no ECU in it: then there is nothing to compile of it.
     """
 
     dt: Scalar
@@ -60,6 +80,7 @@ class Step(NamedTuple):
     target0: Scalar
     target1: Scalar
     lever: Scalar
+    command: Command | None = None
 
     def guide(self, fraction: float, theta: Scalar) -> Scalar:
         """What the guide asks for, V."""
@@ -67,7 +88,10 @@ class Step(NamedTuple):
 
     def inputs(self, fraction: float) -> Inputs:
         """The inputs at a fraction of the step."""
+        c = self.command
+        asked = {} if c is None else {"controlled": c.active, "setpoint": c.at(fraction), "setpoint_rate": c.rate}
         return Inputs(
+            **asked,
             voltage=self.voltage0 + fraction * (self.voltage1 - self.voltage0),
             torque=self.torque0 + fraction * (self.torque1 - self.torque0),
             time=self.time - (1.0 - fraction) * self.dt,
@@ -77,6 +101,15 @@ class Step(NamedTuple):
             lower=self.lower,
             upper=self.upper,
         )
+
+    def halves(self) -> tuple[Step, Step]:
+        """The step in two of half its length."""
+        middle, half, c = self.inputs(0.5), 0.5 * self.dt, self.command
+        early = self._replace(dt=half, voltage1=middle.voltage, torque1=middle.torque, time=self.time - half)
+        late = self._replace(dt=half, voltage0=middle.voltage, torque0=middle.torque)
+        if c is None:
+            return early, late
+        return early._replace(command=c._replace(end=c.at(0.5))), late._replace(command=c._replace(begin=c.at(0.5)))
 
 
 class _Line(NamedTuple):

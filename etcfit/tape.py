@@ -8,13 +8,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from .rig.base import RigConfig
-from .simulate import Reset, Step
+from .simulate import Command, Reset, Step
 from .trace import Trace
 
 KINDS = ("current", "position", "emf", "motor_speed")  # what a slot may observe
@@ -83,6 +83,17 @@ class Tape:
     circuit_of: Any
     traces: tuple[Trace, ...]
     places: tuple[tuple[int, int, np.ndarray], ...]
+
+    def holding(self, volts: np.ndarray) -> Tape:
+        """The same with what each trace's ECU holds in its integral at the begin, V, one for each trace."""
+        traces = tuple(t.holding(float(v)) for t, v in zip(self.traces, volts, strict=True))
+        level = np.array(self.steps.voltage0)
+        for trace, (lane, row, marks) in zip(traces, self.places, strict=True):
+            if trace.controlled and trace.drive is not None:
+                level[row : marks[-1] + 1, lane] = trace.drive.value[0]
+        active = np.asarray(self.steps.command.active) > 0.5 if self.steps.command is not None else False
+        steps = self.steps._replace(voltage0=level, voltage1=np.where(active, level, self.steps.voltage1))
+        return replace(self, steps=steps, traces=traces)
 
     def guided(self, pull: float) -> Step:
         """The steps with a guide of `pull`, V/rad, or N m/rad where torque drives; 0 is a free run."""
@@ -239,8 +250,21 @@ def _strip(
     for name, value, sd in zip(("i", "theta", "omega"), trace.start.state, trace.start.sd, strict=True):
         columns[name] = first * value
         columns[f"start_{name}"] = first * sd**2
-    columns |= _error(trace, interval) | _edges(trace, marks, n)
+    columns |= _error(trace, interval) | _edges(trace, marks, n) | _asked(trace, ends, dt, config)
     return columns | _samples(trace, n, marks), marks
+
+
+def _asked(trace: Trace, ends: np.ndarray, dt: np.ndarray, config: RigConfig) -> dict[str, np.ndarray]:
+    """What is asked of an ECU that is part of the model, see `Command`; nothing where the rig has none."""
+    if config.ecu is None:
+        return {}
+    if not trace.controlled:
+        return {name: np.zeros(ends.size) for name in Command._fields}
+    channel = trace.measurement.channels["setpoint"]
+    asked, late = (np.interp(ends - by, channel.time, channel.value) for by in (0.0, config.ecu.late))
+    change, begin = np.diff(asked, prepend=asked[0]), np.concatenate((late[:1], late[:-1]))
+    rate = np.divide(change, dt, out=np.zeros(ends.size), where=dt > 0.0)
+    return {"active": np.ones(ends.size), "begin": begin, "end": late, "rate": rate}
 
 
 def _target(trace: Trace, ends: np.ndarray) -> np.ndarray:
@@ -266,6 +290,7 @@ def _samples(trace: Trace, n: int, marks: np.ndarray) -> dict[str, np.ndarray]:
 def _blank(length: int, lanes: int, slots: int, config: RigConfig) -> dict[str, np.ndarray]:
     """A tape with nothing on it: steps of no length, nothing moves, nothing observed."""
     names = (*Step._fields, *Reset._fields, *Disturbance._fields, "circuit_of", "guidable")
+    names += () if config.ecu is None else Command._fields
     table = {name: np.zeros((length, lanes)) for name in names}
     table |= {name: np.zeros((length, lanes, slots)) for name in ("value", "weight", "kind")}
     table["sigma"] = np.ones((length, lanes, slots))
@@ -278,5 +303,6 @@ def _assemble(table: dict[str, np.ndarray], circuits: tuple[str, ...], traces: A
     def part(kind: Any) -> Any:
         return kind(*(table[name] for name in kind._fields))
 
-    parts = part(Step), part(Reset), part(Slots), part(Disturbance)
+    command = part(Command) if "active" in table else None
+    parts = part(Step)._replace(command=command), part(Reset), part(Slots), part(Disturbance)
     return Tape(*parts, table["guidable"], circuits, table["circuit_of"], traces, places)

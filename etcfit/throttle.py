@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from itertools import accumulate
 from typing import NamedTuple
 
@@ -17,6 +17,12 @@ class Delays(NamedTuple):
 
     input: Scalar
     channels: Mapping[str, Scalar]
+
+
+def followed(effects: Sequence[AbstractEffect | type[AbstractEffect]]) -> tuple[int, ...]:
+    """Places of the memories through which what disturbs the state comes back to it: those of an ECU."""
+    places = iter(range(sum(len(effect.z0) for effect in effects)))
+    return tuple(k for effect in effects for k in [next(places) for _ in effect.z0] if effect.commands)
 
 
 class Throttle(eqx.Module):
@@ -42,14 +48,25 @@ class Throttle(eqx.Module):
         return total(self.parts(x, z, u))
 
     def parts(self, x: State, z: tuple[Scalar, ...], u: Inputs) -> list[Contribution]:
-        """Each effect's contribution; those that need not know what the gear carries are asked first."""
+        """Each effect's contribution; what commands is asked first, and what is told of the gear's load last."""
         memories = self._memories(z)
-        parts = {k: e(x, memories[k], u) for k, e in enumerate(self.effects) if not e.loaded}
+        parts = self._commands(x, memories, u)
+        u = u._replace(voltage=u.voltage + total(list(parts.values())).voltage) if parts else u
+        parts |= {k: e(x, memories[k], u) for k, e in enumerate(self.effects) if not e.loaded and k not in parts}
         if len(parts) < len(self.effects):
             first = total(list(parts.values()))
             carrying = u._replace(motor=first.drive + u.torque, external=first.torque)
             parts |= {k: e(x, memories[k], carrying) for k, e in enumerate(self.effects) if e.loaded}
         return [parts[k] for k in range(len(self.effects))]
+
+    def _commands(self, x: State, memories: list[tuple[Scalar, ...]], u: Inputs) -> dict[int, Contribution]:
+        """Contributions of effects that drive the throttle by the angle that its sensor shows; {} without any."""
+        commanding = [k for k, e in enumerate(self.effects) if e.commands]
+        if not commanding:
+            return {}
+        sensed = total([e(x, z, u) for e, z in zip(self.effects, memories, strict=True) if not e.commands])
+        seen = x._replace(theta=x.theta + sensed.position)
+        return {k: self.effects[k](seen, memories[k], u) for k in commanding}
 
     def _memories(self, z: tuple[Scalar, ...]) -> list[tuple[Scalar, ...]]:
         """Each effect's own share of the memories."""

@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from .drive import Drive, drive_of
+from .drive import Drive, commanded, drive_of
 from .rig import TEST_BY_NAME
 from .rig.base import AbstractRigTest, Measurement, RigConfig
 
@@ -38,6 +38,7 @@ class Trace:
         sigma: noise of one sample, shape (M,).
         start: initial state.
         release: instant at which the held plate was let go and its standard deviation, s; None: free from the start.
+        controlled: True where the ECU of rig.toml drives the plate inside the model.
     """
 
     measurement: Measurement
@@ -49,6 +50,7 @@ class Trace:
     sigma: np.ndarray
     start: Start
     release: tuple[float, float] | None
+    controlled: bool = False
 
     @property
     def torque_driven(self) -> bool:
@@ -63,6 +65,14 @@ class Trace:
         """The same trace with a better release instant."""
         return replace(self, release=(instant, sd))
 
+    def holding(self, volts: float) -> Trace:
+        """The same trace with another voltage in the ECU's integral where it begins."""
+        if self.drive is None or not self.controlled:
+            return self
+        return replace(self, drive=replace(self.drive, value=np.full(self.instants.size, volts)))
+
+
+_LEAST_OHM = 1.0  # of a winding
 
 _NOWHERE = Start((0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
 
@@ -72,17 +82,25 @@ def prepare(measurement: Measurement, config: RigConfig) -> Trace | None:
     test = TEST_BY_NAME[measurement.test]
     instants = measurement.time
     drive = None if test.boundary.terminals_open else drive_of(measurement, config, instants)
+    controlled = drive is None and follows_setpoint(measurement) and config.ecu is not None
+    drive = commanded(instants, config.ecu.supply) if controlled and config.ecu is not None else drive
     channels = _observed(measurement, test, drive)
     if not channels or (drive is None and not test.boundary.terminals_open):
         return None
     data = np.stack([_at(instants, measurement, name) for name in channels], axis=1)
     sigma = np.array([_sigma(measurement, name) for name in channels])
-    trace = Trace(measurement, test, instants, drive, channels, data, sigma, _NOWHERE, None)
+    trace = Trace(measurement, test, instants, drive, channels, data, sigma, _NOWHERE, None, controlled)
     start = _start(trace, config)
     release = _release(trace) if test.boundary.released else None
     if release is not None:
         start = Start((0.0, start.state[1], 0.0), (0.0, start.sd[1], 0.0))
     return replace(trace, start=start, release=release)
+
+
+def follows_setpoint(measurement: Measurement) -> bool:
+    """True where a setpoint and the angle that came of it were logged, at closed terminals."""
+    logged = {"setpoint", "position"} <= set(measurement.channels)
+    return logged and not TEST_BY_NAME[measurement.test].boundary.terminals_open
 
 
 def _source(measurement: Measurement, name: str) -> str:
@@ -138,6 +156,8 @@ def _start(trace: Trace, config: RigConfig) -> Start:
     i, i_sd, theta, theta_sd, omega, omega_sd = (0.0,) * 6
     if (first := _first(trace, "current", 3)) is not None:
         i, i_sd = float(np.mean(first[1])), 3.0 * sigma["current"] + 0.1 * abs(float(np.mean(first[1])))
+    elif trace.controlled and trace.drive is not None:  # as little known as the voltage that makes it
+        i_sd = float(trace.drive.error[0]) / _LEAST_OHM
     if (first := _first(trace, "position", 10)) is not None:
         theta, omega, omega_sd = _still(*first, sigma["position"])
         theta_sd = 3.0 * sigma["position"]

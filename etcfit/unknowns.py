@@ -11,7 +11,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from .effects import EFFECT_BY_NAME, PAPER, AbstractEffect
+from .effects import COMMANDING, EFFECT_BY_NAME, PAPER, AbstractEffect
 from .errors import MeasurementError
 from .parameters import DOMAINS, NonNegative, Parameter, Positive, Real, Scalar, curves
 from .rig.base import Fixed, Prior, RigConfig, Start, Tied
@@ -190,7 +190,8 @@ def unknowns(config: RigConfig, further: tuple[type[AbstractEffect], ...] = ()) 
     Raises:
         MeasurementError: an effect or a symbol that nobody knows, or a tie to nothing.
     """
-    types = (*PAPER, *(_effect(name) for name in config.effects if EFFECT_BY_NAME.get(name) not in PAPER), *further)
+    named = (_effect(name) for name in config.effects if EFFECT_BY_NAME.get(name) not in PAPER)
+    types = (*PAPER, *named, *(COMMANDING if config.ecu is not None else ()), *further)
     parameters = dict(catalogue(types))
     fixed: dict[str, float] = {}
     for test, ohm in config.series_ohm.items():

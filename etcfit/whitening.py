@@ -25,15 +25,15 @@ import jax.numpy as jnp
 from .effects import State
 from .simulate import Reset, Step, step
 from .tape import Disturbance, Slots
-from .throttle import Throttle
+from .throttle import Throttle, followed
 
 _SHARES, _WEIGHTS = (0.5 - 0.15**0.5, 0.5, 0.5 + 0.15**0.5), (5 / 18, 8 / 18, 5 / 18)  # Gauss-Legendre on [0, 1]
-ORDER = 4  # error states: current, angle, speed, and the input's error
+ORDER = 4  # error states: current, angle, speed, and the input's error; before it memories that are followed
 _AROUND = 5  # samples either side of an impact that are discounted
 
 
 class Whitening(NamedTuple):
-    """A linear filter along the tape over n = `ORDER` error states (current, angle, speed, input error).
+    """A linear filter along the tape over n error states (current, angle, speed, followed memories, input error).
 
     Args:
         transition: A, shape (T, L, n, n); 0 at the first entry of a trace.
@@ -48,15 +48,16 @@ class Whitening(NamedTuple):
     weight: Any
 
 
-def plain(slots: Slots) -> Whitening:
+def plain(slots: Slots, order: int = ORDER) -> Whitening:
     """Whitening by each sample's own noise alone; for starts still far from the truth.
 
     Args:
         slots: samples, shape (T, L, M).
+        order: error states that the filter of the same model has, for one compiled program to serve both.
     """
     steps, lanes, count = slots.value.shape
-    empty = jnp.zeros((steps, lanes, count, ORDER))
-    return Whitening(jnp.zeros((steps, lanes, ORDER, ORDER)), empty, empty, slots.weight / slots.sigma)
+    empty = jnp.zeros((steps, lanes, count, order))
+    return Whitening(jnp.zeros((steps, lanes, order, order)), empty, empty, slots.weight / slots.sigma)
 
 
 def whiten(filter_: Whitening, error: Any, begins: Any) -> Any:
@@ -69,7 +70,7 @@ def whiten(filter_: Whitening, error: Any, begins: Any) -> Any:
     Returns:
         shape (T, L, M), dimensionless.
     """
-    start = tuple(jnp.zeros(error.shape[1]) for _ in range(ORDER))
+    start = tuple(jnp.zeros(error.shape[1]) for _ in range(filter_.transition.shape[-1]))
     return jax.lax.scan(lambda state, entry: innovate(state, *entry), start, (filter_, error))[1]
 
 
@@ -77,7 +78,7 @@ def innovate(state: tuple[Any, ...], filter_: Whitening, error: Any) -> tuple[tu
     """One entry of the tape through the filter.
 
     Args:
-        state: the `ORDER` error states before it, any shape, (L,) say.
+        state: the n error states before it, any shape, (L,) say.
         filter_: the whitening of that entry; leading axes as those of the state.
         error: measured - simulated, shape (..., M).
     Returns:
@@ -156,9 +157,11 @@ def _state_space(
     inner, push = _linearise(throttle, before, steps)
     sense = slot_senses(throttle, path, steps, slots)
     transition, noise = _process(inner, push, disturbance)
+    blind = jnp.zeros((*sense.shape[:-1], noise.shape[-1] - ORDER))  # nobody sees a memory
+    sense = jnp.concatenate((sense, blind), axis=-1) if blind.size else sense
     lost = impact_nearby(before[0], path[0], steps, slots)
     noise += _events(throttle, before, path, steps, disturbance, lost, noise.shape[-1])
-    noise += _edge_covariance(throttle, before, path, steps, disturbance)
+    noise += _edge_covariance(throttle, before, path, steps, disturbance, noise.shape[-1])
     begins = resets.begins[..., None, None] > 0.5
     transition = jnp.where(begins, 0.0, transition)
     noise = jnp.where(begins, _start_covariance(disturbance, noise.shape[-1]), noise)
@@ -179,22 +182,27 @@ def before_steps(throttle: Throttle, path: Any, resets: Reset) -> tuple[State, t
 
 
 def _linearise(throttle: Throttle, before: Any, steps: Step) -> tuple[Any, Any]:
-    """Sensitivity of each step's end to its begin, (T, L, 3, 3), and to a shift of its input, (T, L, 3).
+    """Sensitivity of each step's end to its begin, (T, L, n - 1, n - 1), and to a shift of its input, (T, L, n - 1).
 
-    Memories of effects are taken as they are along the path: what noise does through them is small beside what it does
-    to the state itself.
+    Memories of effects are taken as they are along the path, since what noise does through them is small beside what
+    it does to the state itself; those of an ECU are not, and belong to what is disturbed.
     """
+    memories = followed(throttle.effects)
 
     def end(vector: Any, z: Any, shift: Any, s: Step) -> Any:
+        known = {k: vector[3 + n] for n, k in enumerate(memories)}
+        z = tuple(known.get(k, each) for k, each in enumerate(z))
         pushed = s._replace(
             voltage0=s.voltage0 + s.circuit * shift,
             voltage1=s.voltage1 + s.circuit * shift,
             torque0=s.torque0 + (1.0 - s.circuit) * shift,
             torque1=s.torque1 + (1.0 - s.circuit) * shift,
         )
-        return jnp.stack(step(throttle, State(*vector), z, pushed)[0])
+        x, z = step(throttle, State(*vector[:3]), z, pushed)
+        return jnp.stack((*x, *(z[k] for k in memories)))
 
     x, z = before
+    x = (*x, *(z[k] for k in memories))
     both = jax.vmap(jax.vmap(jax.jacfwd(end, argnums=(0, 2)), in_axes=(0, 0, None, 0)), in_axes=(0, 0, None, 0))
     return both(jnp.stack(x, axis=-1), z, 0.0, steps)
 
@@ -265,7 +273,9 @@ def _events(
     return jax.vmap(jax.vmap(jnp.diag))(jnp.stack((impact, zero, release, *[zero] * (order - 3)), axis=-1))
 
 
-def _edge_covariance(throttle: Throttle, before: Any, path: Any, steps: Step, disturbance: Disturbance) -> Any:
+def _edge_covariance(
+    throttle: Throttle, before: Any, path: Any, steps: Step, disturbance: Disturbance, order: int
+) -> Any:
     """Q of a jump of the input somewhere within an interval, shape (T, L, n, n), at the interval's last step:
 
         E[(x(s) - x) (x(s) - x)^T],    s uniform in [0, 1], by three-point Gauss-Legendre quadrature
@@ -293,7 +303,8 @@ def _edge_covariance(throttle: Throttle, before: Any, path: Any, steps: Step, di
     vector = each(jnp.array(_SHARES), x_began, z_began, steps, disturbance, path[0])
     vector = jnp.where(disturbance.edge[..., None, None] > 0.0, vector, 0.0)
     moment = jnp.einsum("k,tlkp,tlkq->tlpq", jnp.array(_WEIGHTS), vector, vector)
-    return jnp.pad(moment, ((0, 0), (0, 0), (0, 1), (0, 1)))  # the input's own error knows nothing of its edges
+    rest = order - 3  # the input's own error knows nothing of its edges, and no ECU sees them
+    return jnp.pad(moment, ((0, 0), (0, 0), (0, rest), (0, rest)))
 
 
 def _impact_variance(lost: Any, disturbance: Disturbance, sense: Any) -> Any:

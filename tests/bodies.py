@@ -52,7 +52,7 @@ def tape(
     steps = Step(dt=dt, time=np.cumsum(dt), **columns)
     first = (np.arange(n + 1) == 0) * 1.0
     resets = Reset(first, *(first * s for s in start))
-    return Step(*(c[:, None] for c in steps)), Reset(*(c[:, None] for c in resets))
+    return jax.tree.map(lambda c: c[:, None], (steps, resets))
 
 
 def even(duration: float, n: int) -> np.ndarray:

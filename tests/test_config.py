@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from etcfit.errors import MeasurementError
-from etcfit.rig.base import Fixed, Prior, RigConfig, Start, Tied, TpsCalibration
+from etcfit.rig.base import Ecu, Fixed, Prior, RigConfig, Start, Tied, TpsCalibration
 from etcfit.rig.config import read_config
 
 FULL = """[rig]
@@ -116,6 +116,39 @@ def test_any_encoding_of_an_editor(tmp_path: Path, encoding: str, newline: str) 
     assert read(tmp_path, text.encode(encoding)).name == "Bosch 0280750148, Prüfstand"
 
 
+ECU = """[rig]
+supply_V = 12.5
+[ecu]
+P = 4.0
+I = 'free'
+D = { value = 30, scale = 'free' }
+unit = '%/%'
+form = 'ticks'
+period_ms = 2.0
+"""
+
+
+def test_gains_of_an_ecu_arrive_in_volts_radians_and_seconds(tmp_path: Path) -> None:
+    """Duty % for a % of the travel: 0.125 V for 0.9 deg; 30 ticks of 2 ms."""
+    config = read(tmp_path, ECU)
+    assert config.ecu == Ecu(period=2e-3, filter=2e-3, delay=0.0, supply=12.5)
+    assert config.ecu.late == pytest.approx(1e-3)
+    p, d = config.parameters["K_p"], config.parameters["K_d"]
+    assert p == Fixed(pytest.approx(4.0 * 0.125 / np.radians(0.9)))
+    assert d == Start(pytest.approx(30.0 * 2e-3 * 0.125 / np.radians(0.9)))
+    assert "K_i" not in config.parameters
+    assert config.parameters["t_e"] == Fixed(2e-3)
+    assert config.parameters["V_e"] == Fixed(12.5)
+
+
+def test_an_integral_gain_in_ticks_grows_with_their_rate(tmp_path: Path) -> None:
+    """I per tick, twice as many a second: the paper's 0.137 is 68.5 per s at 2 ms."""
+    ticks = read(tmp_path, ECU.replace("I = 'free'", "I = { value = 0.137, sd = 0.01 }").replace("%/%", "V/rad"))
+    assert ticks.parameters["K_i"] == Prior(pytest.approx(68.5), pytest.approx(5.0))
+    seconds = read(tmp_path, ECU.replace("form = 'ticks'", "").replace("%/%", "V/deg").replace("'free'\nD", "7\nD"))
+    assert seconds.parameters["K_i"] == Fixed(pytest.approx(7.0 * 180.0 / np.pi))
+
+
 WRONG = {
     "broken TOML": ("[rig]\nname = bench", r"rig\.toml:2: .*valid TOML"),
     "unclosed": ("[rig]\nname = 'x", r"rig\.toml:2: "),
@@ -158,6 +191,19 @@ WRONG = {
     "effects": ("[model]\neffects = 'stribeck'", r"list of texts"),
     "holdout": ("[holdout]\nfiles = [1]", r"list of texts"),
     "huge integer": ("[rig]\nsupply_V = 1" + 400 * "0", r"finite"),
+    "ecu without a gain": (ECU.replace("P = 4.0\n", ""), r"rig\.toml:3: ecu\.P: missing.*P = \"free\""),
+    "ecu without a period": (ECU.replace("period_ms = 2.0", ""), r"ecu\.period_ms: missing"),
+    "ecu unknown key": (ECU + "gain = 1", r"rig\.toml:10: ecu\.gain: unknown key"),
+    "ecu without supply": (ECU.replace("supply_V = 12.5", ""), r"rig\.toml:3: ecu: no \[rig\] supply_V"),
+    "ecu gain": (ECU.replace("4.0", "-4.0"), r"rig\.toml:4: ecu\.P: found -4\.0\..*scale = \"free\""),
+    "ecu gain of zero to a scale": (ECU.replace("value = 30", "value = 0"), r"rig\.toml:6: ecu\.D: .*above 0"),
+    "ecu gain with a known scale": (ECU.replace("scale = 'free'", "scale = 2"), r"ecu\.D: .*one of these forms"),
+    "ecu unit": (ECU.replace("%/%", "V per deg"), r"rig\.toml:7: ecu\.unit: found 'V per deg'\..*V/deg"),
+    "ecu without unit": (ECU.replace("unit = '%/%'", ""), r"ecu\.unit: missing"),
+    "ecu form": (ECU.replace("'ticks'", "'tick'"), r"rig\.toml:8: ecu\.form: found 'tick'"),
+    "ecu period": (ECU.replace("= 2.0", "= 2000"), r"rig\.toml:9: ecu\.period_ms: found 2000"),
+    "ecu without stops": (ECU.replace("[ecu]", "travel_deg = [-inf, inf]\n[ecu]"), r"ecu\.unit: .*end stops"),
+    "ecu gain twice": (ECU + "[parameters]\nK_p = 4", r"rig\.toml:11: parameters\.K_p: .*\[ecu\] already"),
     "nested too deep": ("a = " + 5000 * "[", r"valid TOML"),
 }
 

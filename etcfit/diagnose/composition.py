@@ -66,7 +66,7 @@ def compose(
     fitting = [e for e in EFFECTS if e.name in rig.config.effects or (e in only and set(e.needs) <= seen)]
     names = tuple(e.name for e in fitting if e not in PAPER)
     whole = unknowns(replace(rig.config, effects=names), tuple(e for e in further if set(e.needs) <= seen))
-    known = tuple(e for e in whole.layout.types if e in PAPER or e.name in rig.config.effects)
+    known = tuple(e for e in whole.layout.types if e in PAPER or e.commands or e.name in rig.config.effects)
     return Composition(whole, known, tuple(e for e in whole.layout.types if e not in known))
 
 

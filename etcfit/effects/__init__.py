@@ -11,6 +11,7 @@ from .base import AbstractEffect, Contribution, Inputs, State, fraction, total
 from .brush_voltage_drop import BrushVoltageDrop
 from .channel_delay import ChannelDelay
 from .cogging_torque import CoggingTorque
+from .controller import Controller
 from .coulomb_friction import CoulombFriction
 from .current_sensor_offset import CurrentSensorOffset
 from .driver_dead_zone import DriverDeadZone
@@ -70,9 +71,13 @@ EFFECTS: tuple[type[AbstractEffect], ...] = (
     ChannelDelay,
 )
 
+# what drives the throttle in traces that log a setpoint and no voltage, where rig.toml has [ecu]; no candidate
+COMMANDING: tuple[type[AbstractEffect], ...] = (Controller,)
+
 EFFECT_BY_NAME: dict[str, type[AbstractEffect]] = {effect.name: effect for effect in EFFECTS}
 
 __all__ = [
+    "COMMANDING",
     "EFFECTS",
     "EFFECT_BY_NAME",
     "PAPER",

@@ -34,6 +34,8 @@ class Inputs(NamedTuple):
         lower, upper: end stops, rad.
         motor, external: what the gear carries: torque of the motor at the plate, and smooth torque on the plate, N m;
             only effects that are `loaded` see them, others 0.
+        controlled: 1 where an ECU that is part of the model drives the throttle; None where the model has none.
+        setpoint, setpoint_rate: what is asked of it, as late as its output acts, rad, and rad/s at once.
     """
 
     voltage: Scalar
@@ -46,6 +48,9 @@ class Inputs(NamedTuple):
     upper: Scalar
     motor: Scalar = 0.0
     external: Scalar = 0.0
+    controlled: Scalar | None = None
+    setpoint: Scalar | None = None
+    setpoint_rate: Scalar | None = None
 
     @property
     def gear_load(self) -> Scalar:
@@ -95,8 +100,9 @@ class AbstractEffect(eqx.Module):
     Its other parameters are its shape: `scan` lists values (SI) from which the diagnosis tries them, and those of an
     amplitude that shows nothing while it is small. `z0` is the memory with which a trace begins, each entry decaying or
     growing on its own. `loaded` effects are told what the gear carries; those that `delays` shift the input or a
-    channel in time. `needs` names what must have been logged for the effect to be seen at all: "circuit", "current",
-    "position", "gear". `told_by` says which measurement shows it best.
+    channel in time. One that `commands` drives the throttle by what its sensors show: it sees the angle as read, and
+    all others the voltage that it adds. `needs` names what must have been logged for the effect to be seen at all:
+    "circuit", "current", "position", "gear". `told_by` says which measurement shows it best.
     """
 
     name: ClassVar[str]
@@ -106,6 +112,7 @@ class AbstractEffect(eqx.Module):
     z0: ClassVar[tuple[float, ...]] = ()
     loaded: ClassVar[bool] = False
     delays: ClassVar[bool] = False
+    commands: ClassVar[bool] = False
     needs: ClassVar[tuple[str, ...]] = ()
 
     @abc.abstractmethod

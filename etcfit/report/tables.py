@@ -164,6 +164,6 @@ def _identifiability(result: CheckResult) -> RenderableType:
     lines = [
         Text(f"  singular values of the scaled Jacobian, 1/standard error of each direction: {values}"),
         Text(f"  not identifiable: {lost or 'none'}", style="bold red" if lost else ""),
-        *(Padding(Text(f"- {text}"), (0, 0, 0, 2)) for text in result.directions),
+        *(Padding(Text(f"- {text}"), (0, 0, 0, 2)) for text in (*result.directions, *result.gains)),
     ]
     return spaced(Group(head, *lines))

@@ -116,6 +116,33 @@ Knowledge = Fixed | Prior | Start | Tied
 
 
 @dataclass(frozen=True)
+class Ecu:
+    """The computer that drives traces which log a setpoint and no voltage.
+
+    Args:
+        period: of its clock, s.
+        filter: time constant of the derivative's low-pass, s.
+        delay: from its reading to its output, s.
+        supply: its output stays within -supply and supply, V.
+    """
+
+    period: float
+    filter: float
+    delay: float
+    supply: float
+
+    @property
+    def late(self) -> float:
+        """By how much the output lags what was read, s: its hold lasts half a period on average."""
+        return self.delay + 0.5 * self.period
+
+    @property
+    def constants(self) -> dict[str, float]:
+        """Values of those parameters of the model that are never fitted, SI by symbol."""
+        return {"t_e": self.period, "tau_e": self.filter, "t_l": self.delay, "V_e": self.supply}
+
+
+@dataclass(frozen=True)
 class RigConfig:
     """rig.toml, validated and in SI."""
 
@@ -132,6 +159,7 @@ class RigConfig:
     parameters: Mapping[str, Knowledge] = field(default_factory=dict)
     effects: tuple[str, ...] = ()
     holdout: tuple[str, ...] = ()
+    ecu: Ecu | None = None
 
 
 @dataclass(frozen=True, eq=False)

@@ -9,11 +9,12 @@ from pathlib import Path, PurePosixPath
 from typing import Any
 
 from .base import CHANNELS, Fixed, Knowledge, Prior, RigConfig, Start, Tied, TpsCalibration
+from .ecu import read_ecu
 from .header import DROP, HeaderError, parse_header
 from .toml import Toml, closest, parse, read_text, shown
 from .units import EXAMPLES, UnitError, to_channel
 
-TABLES = ("rig", "tps", "columns", "noise", "tests", "parameters", "model", "holdout")
+TABLES = ("rig", "tps", "columns", "noise", "tests", "parameters", "model", "holdout", "ecu")
 RIG_KEYS = ("name", "synthetic", "gear_ratio", "supply_V", "travel_deg")
 TPS_KEYS = ("closed_V", "open_V", "travel_deg")
 LEAST_TPS_VOLTS, MOST_TPS_DEGREES = 0.01, 3600.0
@@ -37,6 +38,7 @@ def parse_config(text: str, path: str) -> RigConfig:
     rig = toml.table("rig", RIG_KEYS)
     travel, tps = _travel(toml, rig), _tps(toml)
     gear_ratio, parameters = _gear_ratio(toml, rig), _parameters(toml)
+    ecu, gains = read_ecu(toml, travel)
     synthetic = rig.get("synthetic", False)
     if not isinstance(synthetic, bool):
         raise toml.wrong("rig.synthetic", f"found {shown(synthetic)}.", "It must be true or false.", "Correct it.")
@@ -51,9 +53,10 @@ def parse_config(text: str, path: str) -> RigConfig:
         columns=_columns(toml),
         noise=_noise(toml, travel, tps),
         series_ohm=_series_ohm(toml),
-        parameters=parameters,
+        parameters=parameters | gains,
         effects=toml.strings("model", "effects"),
         holdout=tuple(PurePosixPath(f.replace("\\", "/")).as_posix() for f in toml.strings("holdout", "files")),
+        ecu=ecu,
     )
 
 

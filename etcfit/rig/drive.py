@@ -5,13 +5,13 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import final
 
-from . import driven
+from . import controlled
 from .base import AbstractRigTest, Boundary, Measurement, Reading, RigConfig
 
 
 @final
 class Drive(AbstractRigTest):
-    """The plate under its ECU; without a logged drive the trace waits for the ECU's gains and is not fitted."""
+    """The plate under its ECU; without a logged drive it is simulated with the ECU of [ecu], and not fitted without."""
 
     name = "drive"
     title = "Log from the car"
@@ -21,5 +21,5 @@ class Drive(AbstractRigTest):
     needs = (("position", "motor_speed", "current", "emf"),)
 
     def reading(self, traces: Sequence[Measurement], config: RigConfig, known: Mapping[str, float]) -> Reading:
-        """The inverse model on every trace with a drive."""
-        return driven.read(self.title, traces, config, known)
+        """The inverse model on every trace whose voltage is known, or the gains of the ECU that drives it."""
+        return controlled.read(self.title, traces, config, known)

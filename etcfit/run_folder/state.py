@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from ..diagnose.findings import Diagnosis
-from ..effects import EFFECT_BY_NAME, PAPER
+from ..effects import COMMANDING, EFFECT_BY_NAME, PAPER
 from ..errors import UsageError
 from ..fit import FitResult
 from ..rig.base import Rig, RigConfig
@@ -135,8 +135,8 @@ def final_config(state: State, config: RigConfig) -> tuple[RigConfig, list[int]]
     Raises:
         UsageError: it asks for another model by now.
     """
-    paper = {effect.name for effect in PAPER}
-    effects = tuple(name for name in state.effects if name not in paper)
+    unnamed = {effect.name for effect in (*PAPER, *COMMANDING)}  # those that are there without being asked for
+    effects = tuple(name for name in state.effects if name not in unnamed)
     if gone := {*effects} - {*EFFECT_BY_NAME}:
         raise changed(state, gone)
     whole = replace(config, effects=effects)

@@ -22,6 +22,7 @@ class Computer:
         filter: time constant of the derivative, s.
         delay: s.
         grain: of the position it reads, rad.
+        noise: of the position it reads, rad, a standard deviation.
     """
 
     proportional: float
@@ -32,17 +33,31 @@ class Computer:
     filter: float = 2e-3
     delay: float = 0.0
     grain: float = 0.0
+    noise: float = 0.0
 
 
 def follow(plant: Plant, computer: Computer, wanted: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Angle (rad) and voltage (V) at each sample, from rest at the first angle asked for (rad, one a period)."""
+    out, _ = _run(plant, computer, np.asarray(wanted, dtype=float), np.zeros(len(wanted)))
+    return out[:, 0], out[:, 1]
+
+
+def watched(
+    plant: Plant, computer: Computer, wanted: np.ndarray, instants: np.ndarray, rng: np.random.Generator
+) -> np.ndarray:
+    """Angle that the sensor shows at any instants within the run (s), from the same start, rad."""
+    misread = computer.noise * rng.standard_normal(len(wanted))
+    _, path = _run(plant, computer, np.asarray(wanted, dtype=float), misread)
+    return np.interp(instants, np.arange(len(path)) * len(wanted) * computer.period / len(path), path)
+
+
+def _run(plant: Plant, computer: Computer, wanted: np.ndarray, misread: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     parts = max(1, math.ceil(computer.period / longest_step(plant, H_MAX)))
     p, x = record(plant), at_rest(plant, float(wanted[0]))
     gains = np.array([computer.proportional, computer.integral, computer.derivative])
     late = round((computer.delay + plant.effects.actuation_delay.delay) * parts / computer.period)
-    out = run_loop(p, np.asarray(wanted, dtype=float), computer.period, parts, gains, computer.filter, computer.supply,
-                   late, computer.grain, mode_at_rest(p, x), x)  # fmt: skip
-    return out[:, 0], out[:, 1]
+    return run_loop(p, wanted, misread, computer.period, parts, gains, computer.filter, computer.supply,
+                    late, computer.grain, mode_at_rest(p, x), x)  # fmt: skip
 
 
 def trapezoids(low: float, high: float, period: float, edge: float = 0.1, lead: float = 0.5) -> np.ndarray:

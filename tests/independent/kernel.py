@@ -496,12 +496,13 @@ def run(p, knots, volts, instants, held_until, x, h_max):
 
 
 @compiled
-def run_loop(p, wanted, period, parts, gains, slow, limit, late, grain, mode, x):
+def run_loop(p, wanted, misread, period, parts, gains, slow, limit, late, grain, mode, x):
     """The throttle body under a computer that samples, computes a PID and holds its output.
 
     Args:
         p: record of a Plant.
         wanted: angle asked for at each sample, rad.
+        misread: noise of each reading, rad.
         period: between samples, s.
         parts: steps in a period.
         gains: V/rad, V/(rad s), V s/rad.
@@ -511,13 +512,15 @@ def run_loop(p, wanted, period, parts, gains, slow, limit, late, grain, mode, x)
         grain: of the sensor, rad; 0 for none.
         mode, x: at the start.
     Returns:
-        angle and voltage at each sample, shape (n, 2).
+        angle and voltage at each sample, shape (n, 2), and the angle that the sensor shows at each step, (n parts,).
     """
+    path = np.empty(len(wanted) * parts)
     out = np.empty((len(wanted), 2))
     queue = np.zeros(late + 1)
     area, smooth, h = 0.0, 0.0, period / parts
     for n in range(len(wanted)):
         seen = x.sensed if p.effects.position_sensor_lag.time != 0.0 else x.theta
+        seen += misread[n]
         if grain > 0.0:
             seen = grain * np.rint(seen / grain)
         miss = wanted[n] - seen
@@ -529,9 +532,10 @@ def run_loop(p, wanted, period, parts, gains, slow, limit, late, grain, mode, x)
             area += period * miss
         volts = min(max(volts, -limit), limit)
         out[n, 0], out[n, 1] = x.theta, volts
-        for _ in range(parts):
+        for j in range(parts):
+            path[n * parts + j] = x.sensed if p.effects.position_sensor_lag.time != 0.0 else x.theta
             for k in range(late, 0, -1):
                 queue[k] = queue[k - 1]
             queue[0] = volts
             mode, x = step(p, queue[late], 0.0, mode, x, h)
-    return out
+    return out, path

@@ -1,0 +1,104 @@
+"""[ecu] of rig.toml: the controller of traces that log a setpoint and no voltage, its gains known or not."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from typing import Any
+
+from .base import Ecu, Fixed, Knowledge, Prior, Start
+from .toml import Toml, shown
+
+KEYS = ("P", "I", "D", "unit", "form", "period_ms", "filter_ms", "delay_ms")
+GAINS = {"P": "K_p", "I": "K_i", "D": "K_d"}
+OUTPUTS, ERRORS, FORMS = ("V", "%"), ("rad", "deg", "%"), ("seconds", "ticks")
+MOST_MS = 1000.0  # of any time in it
+
+
+def read_ecu(toml: Toml, travel: tuple[float, float]) -> tuple[Ecu | None, dict[str, Knowledge]]:
+    """What [ecu] says: the ECU's own limits, and its parameters of the model, SI; (None, {}) where there is none.
+
+    Raises:
+        MeasurementError: a key unknown, missing or of the wrong kind; no supply to clamp at; a gain given twice.
+    """
+    table = toml.table("ecu", KEYS)
+    if "ecu" not in toml.tables:
+        return None, {}
+    for key in (*GAINS, "period_ms"):
+        if key not in table:
+            raise toml.wrong(f"ecu.{key}", "missing.", "[ecu] needs P, I, D and period_ms.",
+                             f'Add {key} = ..., or {key} = "free".' if key in GAINS else
+                             "Add the period of its clock, as period_ms = 1.0.")  # fmt: skip
+    supply = toml.table("rig").get("supply_V")
+    if supply is None:
+        raise toml.wrong("ecu", "no [rig] supply_V.", "An ECU's output is clamped at the supply.",
+                         "Add supply_V = 12.0 below [rig].")  # fmt: skip
+    period = _ms(toml, "period_ms", table["period_ms"], least=0.01)
+    slow, delay = _ms(toml, "filter_ms", table.get("filter_ms", 2.0)), _ms(toml, "delay_ms", table.get("delay_ms", 0.0))
+    ecu = Ecu(period, slow, delay, toml.positive("rig.supply_V", supply))
+    gains = _gains(toml, table, _scales(toml, table, ecu, travel))
+    for symbol in (*GAINS.values(), *ecu.constants):
+        if symbol in toml.table("parameters"):
+            raise toml.wrong(f"parameters.{symbol}", "is told by [ecu] already.", "One quantity has one place.",
+                             "Delete it here.")  # fmt: skip
+    return ecu, gains | {symbol: Fixed(value) for symbol, value in ecu.constants.items()}
+
+
+def _ms(toml: Toml, key: str, value: Any, least: float = 0.0) -> float:
+    """A time, ms in the file, s here."""
+    number = toml.finite(f"ecu.{key}", value)
+    if not least <= number <= MOST_MS:
+        raise toml.wrong(f"ecu.{key}", f"found {shown(value)}.", f"It must lie within {least:g} and {MOST_MS:g} ms.",
+                         "Correct it; an ECU's clock ticks every 1 to 10 ms.")  # fmt: skip
+    return 1e-3 * number
+
+
+def _scales(toml: Toml, table: Mapping[str, Any], ecu: Ecu, travel: tuple[float, float]) -> dict[str, float]:
+    """One unit of each gain in SI."""
+    unit, form = table.get("unit"), toml.string("ecu.form", table.get("form", "seconds"))
+    if form not in FORMS:
+        raise toml.wrong("ecu.form", f"found {shown(form)}.", 'It must be "seconds" (I per s, D in s) or "ticks" '
+                         "(I per tick, D in ticks).", "Correct it, or leave it out for seconds.")  # fmt: skip
+    output, error = _unit(toml, unit, any(table[key] != "free" for key in GAINS))
+    if "%" in error and not math.isfinite(travel[1] - travel[0]):
+        raise toml.wrong("ecu.unit", f"found {shown(unit)}.", "A % of the travel needs end stops.",
+                         "Give [rig] travel_deg, or the unit in deg.")  # fmt: skip
+    volts = {"V": 1.0, "%": ecu.supply / 100.0}[output]
+    angle = {"rad": 1.0, "deg": math.pi / 180.0, "%": (travel[1] - travel[0]) / 100.0}[error]
+    tick = ecu.period if form == "ticks" else 1.0
+    return {"P": volts / angle, "I": volts / angle / tick, "D": volts / angle * tick}
+
+
+def _unit(toml: Toml, unit: Any, needed: bool) -> tuple[str, str]:
+    """Units of output and error: "%/deg" is % of duty for a degree."""
+    if unit is None and not needed:
+        return "V", "rad"
+    output, slash, error = unit.partition("/") if isinstance(unit, str) else ("", "", "")
+    if slash and output.strip() in OUTPUTS and error.strip() in ERRORS:
+        return output.strip(), error.strip()
+    listed = ", ".join(f"{o}/{e}" for o in OUTPUTS for e in ERRORS)
+    raise toml.wrong("ecu.unit", "missing." if unit is None else f"found {shown(unit)}.",
+                     f"Output for an error of one, of: {listed} (output % is duty, error % is travel).",
+                     'Write unit = "%/%", say, or all gains as "free".')  # fmt: skip
+
+
+def _gains(toml: Toml, table: Mapping[str, Any], scales: Mapping[str, float]) -> dict[str, Knowledge]:
+    """By symbol, SI; one that is "free" is left out."""
+    found = {symbol: _gain(toml, key, table[key], scales[key]) for key, symbol in GAINS.items()}
+    return {symbol: knowledge for symbol, knowledge in found.items() if knowledge is not None}
+
+
+def _gain(toml: Toml, key: str, value: Any, scale: float) -> Knowledge | None:
+    where = f"ecu.{key}"
+    if value == "free":
+        return None
+    if isinstance(value, dict):
+        if set(value) == {"value", "scale"} and value["scale"] == "free":
+            return Start(scale * toml.positive(where, value["value"]))
+        if set(value) == {"value", "sd"}:
+            return Prior(scale * toml.positive(where, value["value"]), scale * toml.positive(where, value["sd"]))
+    elif isinstance(value, (int, float)) and not isinstance(value, bool) and toml.finite(where, value) >= 0.0:
+        return Fixed(scale * value)
+    raise toml.wrong(where, f"found {shown(value)}.",
+                     'It must be a number of 0 or more, "free", {value = 4.0, scale = "free"} or '
+                     "{value = 4.0, sd = 0.4}.", "Write it in one of these forms.")  # fmt: skip
