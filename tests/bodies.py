@@ -45,7 +45,7 @@ def tape(
     fields |= {"torque0": 0.0, "torque1": 0.0, "voltage0": early, "voltage1": late}
     fields |= {"pull": 0.0, "target0": 0.0, "target1": 0.0, "lever": 0.0}
     fields |= how
-    columns = {name: np.concatenate(([0.0], np.broadcast_to(v, n))) for name, v in fields.items()}
+    columns: dict[str, Any] = {name: np.concatenate(([0.0], np.broadcast_to(v, n))) for name, v in fields.items()}
     for name in ("mobile", "circuit", "plate", "series", "gear_ratio", "lower", "upper"):
         columns[name][0] = columns[name][1]
     dt = np.concatenate(([0.0], dt))

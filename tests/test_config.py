@@ -131,11 +131,14 @@ period_ms = 2.0
 def test_gains_of_an_ecu_arrive_in_volts_radians_and_seconds(tmp_path: Path) -> None:
     """Duty % for a % of the travel: 0.125 V for 0.9 deg; 30 ticks of 2 ms."""
     config = read(tmp_path, ECU)
+    assert config.ecu is not None
     assert config.ecu == Ecu(period=2e-3, filter=2e-3, delay=0.0, supply=12.5)
     assert config.ecu.late == pytest.approx(1e-3)
     p, d = config.parameters["K_p"], config.parameters["K_d"]
-    assert p == Fixed(pytest.approx(4.0 * 0.125 / np.radians(0.9)))
-    assert d == Start(pytest.approx(30.0 * 2e-3 * 0.125 / np.radians(0.9)))
+    assert isinstance(p, Fixed)
+    assert p.value == pytest.approx(4.0 * 0.125 / np.radians(0.9))
+    assert isinstance(d, Start)
+    assert d.value == pytest.approx(30.0 * 2e-3 * 0.125 / np.radians(0.9))
     assert "K_i" not in config.parameters
     assert config.parameters["t_e"] == Fixed(2e-3)
     assert config.parameters["V_e"] == Fixed(12.5)
@@ -144,9 +147,13 @@ def test_gains_of_an_ecu_arrive_in_volts_radians_and_seconds(tmp_path: Path) -> 
 def test_an_integral_gain_in_ticks_grows_with_their_rate(tmp_path: Path) -> None:
     """I per tick, twice as many a second: the paper's 0.137 is 68.5 per s at 2 ms."""
     ticks = read(tmp_path, ECU.replace("I = 'free'", "I = { value = 0.137, sd = 0.01 }").replace("%/%", "V/rad"))
-    assert ticks.parameters["K_i"] == Prior(pytest.approx(68.5), pytest.approx(5.0))
+    known = ticks.parameters["K_i"]
+    assert isinstance(known, Prior)
+    assert (known.value, known.sd) == (pytest.approx(68.5), pytest.approx(5.0))
     seconds = read(tmp_path, ECU.replace("form = 'ticks'", "").replace("%/%", "V/deg").replace("'free'\nD", "7\nD"))
-    assert seconds.parameters["K_i"] == Fixed(pytest.approx(7.0 * 180.0 / np.pi))
+    given = seconds.parameters["K_i"]
+    assert isinstance(given, Fixed)
+    assert given.value == pytest.approx(7.0 * 180.0 / np.pi)
 
 
 WRONG = {

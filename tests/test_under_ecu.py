@@ -9,12 +9,12 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
-from etcfit import pid
 from etcfit.check import check
 from etcfit.diagnose.composition import compose
 from etcfit.effects import COMMANDING
 from etcfit.fit import FitResult, fit, ready
 from etcfit.intervals import intervals, lumped
+from etcfit.pid.ecu import Ecu as Discrete
 from etcfit.pid.setpoint import trapezoid
 from etcfit.reading import read_graphs
 from etcfit.rig import controlled
@@ -140,7 +140,7 @@ def test_the_model_of_all_effects_carries_the_controller_along() -> None:
 
 def test_a_computer_that_is_designed_meets_nothing_of_the_one_that_was_fitted() -> None:
     """Transfer function and simulated loop of a fitted model are those of the plate alone."""
-    designed = pid.ecu.Ecu(period=5e-3)
+    designed = Discrete(period=5e-3)
     bare, fitted = (loop(*more, ecu=designed) for more in ((), COMMANDING))
     assert_array_equal(np.asarray(bare.linear().a0), np.asarray(fitted.linear().a0))
     paths = [np.asarray(each.respond(one(6.0, 40.0, 0.1), trapezoid()).position) for each in (bare, fitted)]

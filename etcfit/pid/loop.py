@@ -54,9 +54,9 @@ Controller = Callable[[Any, Numbers, Any, Scalar, Scalar, Scalar], Any]
 
 
 def _step(ecu: Numbers, body: Body, dt: Scalar, volts: Scalar, time: Scalar) -> Step:
-    still = {"torque0": 0.0, "torque1": 0.0, "pull": 0.0, "target0": 0.0, "target1": 0.0, "lever": 0.0}
-    return Step(dt=dt, voltage0=volts, voltage1=volts, time=time, mobile=1.0, circuit=1.0, plate=1.0, series=0.0,
-                gear_ratio=body.gear_ratio, lower=body.lower, upper=body.upper, **still)  # fmt: skip
+    return Step(dt=dt, voltage0=volts, voltage1=volts, torque0=0.0, torque1=0.0, time=time, mobile=1.0, circuit=1.0,
+                plate=1.0, series=0.0, gear_ratio=body.gear_ratio, lower=body.lower, upper=body.upper, pull=0.0,
+                target0=0.0, target1=0.0, lever=0.0)  # fmt: skip
 
 
 def _acting(sent: Any, begin: Scalar, end: Scalar) -> Scalar:
