@@ -45,6 +45,7 @@ from independent import (
 TEST = range(9000, 9200)
 PARAMETERS = ("R_a", "L_a", "K_b", "J_m", "J_L", "B_m", "B_L", "K_s", "T_PL", "T_f")
 LEVELS = ("low", "medium", "high")
+_A_PROCESS = 8  # folders: what each compiles stays mapped, and a system has a limit to that
 NEAR = 1.2  # held-out error over noise within which a model predicts what it has not seen
 
 # forty cases in a row, five times over; the levels of the five times
@@ -161,7 +162,7 @@ def run(seeds: Sequence[int], processes: int) -> Iterator[dict[str, Any]]:
     if processes == 1:
         yield from map(one, seeds)
         return
-    with ProcessPoolExecutor(processes, mp_context=get_context("spawn")) as pool:
+    with ProcessPoolExecutor(processes, get_context("spawn"), max_tasks_per_child=_A_PROCESS) as pool:
         for done in as_completed([pool.submit(one, seed) for seed in seeds]):
             yield done.result()
 
