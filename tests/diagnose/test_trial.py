@@ -285,15 +285,15 @@ def test_a_round_looks_no_further_within_what_formulas_leave(
     excess: float, looks: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Screening is what it costs to look."""
-    at: Any = SimpleNamespace(samples=1000.0, added=(LIMP,))
+    at: Any = SimpleNamespace(samples=1000.0, added=(LIMP,), composition=SimpleNamespace(candidates=()))
 
     class Looked(Exception):
         pass
 
-    def composed() -> Any:
+    def screened(*at: Any) -> Any:
         raise Looked
 
-    at.composed = composed
+    monkeypatch.setattr(loop, "screened", screened)
     monkeypatch.setattr(loop, "score", lambda s: scored(1000.0 + excess))
     with pytest.raises(Looked) if looks else nullcontext():
         turned = loop.turn(at, quiet, 10.0)
