@@ -138,6 +138,7 @@ def test_the_model_of_all_effects_carries_the_controller_along() -> None:
     assert set(COMMANDING) <= set(composition.lean(()).layout.types)
 
 
+@pytest.mark.slow
 def test_a_computer_that_is_designed_meets_nothing_of_the_one_that_was_fitted() -> None:
     """Transfer function and simulated loop of a fitted model are those of the plate alone."""
     designed = Discrete(period=5e-3)
