@@ -21,6 +21,7 @@ from etcfit.diagnose.findings import (
 )
 from etcfit.fit import FitResult
 from etcfit.rig.base import Rig
+from etcfit.score import pooled
 
 FOUND = "limp_home_spring"
 
@@ -50,7 +51,9 @@ def explained(rig: Rig) -> Diagnosis:
     """The start model already explains the data."""
     same = results.result(rig)
     fine = Evidence((whiteness(1.0, True),), True, (Share("torque", "angle", 0.001),), ("All residuals are white.",))
-    nothing = RoundReport((), fine, (), None, (), "No effect of the catalogue promises to explain anything more.")
+    nothing = RoundReport(
+        (), fine, 1.0, 1.0, (), None, (), "No effect of the catalogue promises to explain anything more."
+    )
     motions = tuple(replace(m, effects={}) for m in (motion("response/1.csv", False, 0),))
     return diagnosis(rig, before=same, after=same, final=(), rounds=(nothing,), added=(), removed=(), ties=(),
                      unexplained=None, motions=motions, verdict=("Nothing is missing.",))  # fmt: skip
@@ -73,9 +76,14 @@ def rounds(before: FitResult) -> tuple[RoundReport, ...]:
         Candidate(name, 50.0 - k, 0.1, False) for k, name in enumerate(("backlash", "gravity_load", "cogging_torque"))
     )
     small = Candidate("cogging_torque", 12.0, 0.9, True, 0.999, 1.001, 3.0, 8.1)
+    fit, held = pooled(before.score_fit), pooled(before.score_holdout)
     return (
-        RoundReport((), first, (best, other, third, *rest), FOUND, ("airflow_torque",), f"{FOUND} explains most."),
-        RoundReport((FOUND,), last, (small,), None, (), "cogging_torque is not worth its parameters."),
+        RoundReport(
+            (), first, fit, held, (best, other, third, *rest), FOUND, ("airflow_torque",), f"{FOUND} explains most."
+        ),
+        RoundReport(
+            (FOUND,), last, 0.06 * fit, 0.05 * held, (small,), None, (), "cogging_torque is not worth its parameters."
+        ),
     )
 
 

@@ -78,7 +78,8 @@ def _reported(turned: Round) -> RoundReport:
             holdout_chi2_change=v.holdout_chi2_change, bic_change=v.bic_change))  # fmt: skip
     candidates.sort(key=lambda c: (c.bic_change is None, c.bic_change or -c.screened))
     return RoundReport(
-        tuple(e.name for e in turned.before.added), evidence(turned.before), tuple(candidates),
+        tuple(e.name for e in turned.before.added), evidence(turned.before), turned.score.fit_rms,
+        turned.score.holdout_rms, tuple(candidates),
         turned.added.name if turned.added else None, tuple(e.name for e in turned.ties), turned.why,
     )  # fmt: skip
 

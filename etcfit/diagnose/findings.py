@@ -100,6 +100,8 @@ class RoundReport:
     Args:
         effects: at work beyond Eqs. 1-2.
         evidence: of the residual.
+        fit_rms, holdout_rms: free-running error of that model, sigma; what the candidates' ratios are of. The latter
+            None without a holdout.
         candidates: the most promising first.
         added: the effect found, or None.
         ties: effects that would have done as well.
@@ -108,6 +110,8 @@ class RoundReport:
 
     effects: tuple[str, ...]
     evidence: Evidence
+    fit_rms: float
+    holdout_rms: float | None
     candidates: tuple[Candidate, ...]
     added: str | None
     ties: tuple[str, ...]

@@ -58,6 +58,8 @@ def _round(each: RoundReport, known: tuple[str, ...]) -> dict[str, Any]:
         "effects": list(dict.fromkeys((*known, *each.effects))),
         "white": each.evidence.white,
         **_evidence(each.evidence),
+        "fit_rms": plain(each.fit_rms),
+        "holdout_rms": plain(each.holdout_rms),
         "candidates": plain(each.candidates),
         "added": each.added,
         "ties": list(each.ties),

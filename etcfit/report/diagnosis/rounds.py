@@ -9,7 +9,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from ...cure import listed
-from ...diagnose.findings import Candidate, Diagnosis
+from ...diagnose.findings import Candidate, Diagnosis, RoundReport
 from .. import style
 from ..numbers import short
 from ..pool import Pool
@@ -34,15 +34,13 @@ class Step:
 
 
 def steps(diagnosis: Diagnosis) -> list[Step]:
-    """Errors from the first fit to the final one; between them each is the one before times the trial's ratio."""
+    """Errors from the first fit to the final one; between them those of the trials, before the full refit."""
     before, after = diagnosis.before, diagnosis.after
-    fit, holdout = Pool.of(before.score_fit).ratio, _ratio(before.score_holdout)
-    out = [Step("start", fit, holdout)]
+    out = [Step("start", Pool.of(before.score_fit).ratio, _ratio(before.score_holdout))]
     for each in diagnosis.rounds:
-        others = tuple(
-            (c.effect, e) for c in each.candidates if (e := _left(c, fit, holdout)) and c.effect != each.added
-        )
+        others = tuple((c.effect, e) for c in each.candidates if (e := _left(c, each)) and c.effect != each.added)
         taken = next((c for c in each.candidates if c.effect == each.added), None)
+        fit, holdout = each.fit_rms, each.holdout_rms
         if taken is not None:
             fit *= taken.fit_rms_ratio or 1.0
             holdout = None if holdout is None else holdout * (taken.holdout_rms_ratio or 1.0)
@@ -57,11 +55,11 @@ def _ratio(rows: tuple) -> float | None:
     return Pool.of(rows).ratio if rows else None
 
 
-def _left(candidate: Candidate, fit: float, holdout: float | None) -> float | None:
+def _left(candidate: Candidate, each: RoundReport) -> float | None:
     """The error that a candidate would have left: held out, or fitted where nothing is held out."""
-    if holdout is None:
-        return None if candidate.fit_rms_ratio is None else fit * candidate.fit_rms_ratio
-    return None if candidate.holdout_rms_ratio is None else holdout * candidate.holdout_rms_ratio
+    if each.holdout_rms is None:
+        return None if candidate.fit_rms_ratio is None else each.fit_rms * candidate.fit_rms_ratio
+    return None if candidate.holdout_rms_ratio is None else each.holdout_rms * candidate.holdout_rms_ratio
 
 
 def draw(every: list[Step], added: tuple[str, ...], synthetic: bool) -> Figure:

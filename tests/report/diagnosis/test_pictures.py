@@ -70,7 +70,9 @@ def test_what_is_not_there_is_not_drawn(found: Diagnosis) -> None:
 def test_without_held_out_traces(found: Diagnosis) -> None:
     alone = [replace(result, holdout=None, score_holdout=()) for result in (found.before, found.after)]
     assert found.unexplained is not None
-    d = replace(found, before=alone[0], after=alone[1], unexplained=replace(found.unexplained, holdout=()))
+    turns = tuple(replace(each, holdout_rms=None) for each in found.rounds)
+    left = replace(found.unexplained, holdout=())
+    d = replace(found, before=alone[0], after=alone[1], rounds=turns, unexplained=left)
     assert not [name for name in names(d) if "response__2" in name]
     steps = rounds.steps(d)
     assert [step.holdout for step in steps] == [None, None, None]
@@ -150,3 +152,11 @@ def test_a_long_trace_is_shown_where_the_first_model_is_worst(found: Diagnosis) 
     assert len(fig.axes) == 8
     begin, end = fig.axes[1].get_xlim()
     assert begin < 6.71 < 7.29 < end < begin + 1.0
+
+
+def test_a_trials_error_is_of_the_model_that_it_began_with(found: Diagnosis) -> None:
+    """Far from the data that one is guided along them, and its free run is not the first fit's."""
+    far = replace(found.rounds[0], fit_rms=1000.0, holdout_rms=500.0)
+    _, added, _ = rounds.steps(replace(found, rounds=(far, *found.rounds[1:])))
+    assert (added.fit, added.holdout) == (pytest.approx(60.0), pytest.approx(25.0))
+    assert dict(added.others)["airflow_torque"] == pytest.approx(0.47 * 500.0)
