@@ -27,6 +27,7 @@ from ..unknowns import Unknowns
 from .composition import Composition, Effect, carried
 
 _TOLERANCE = 1e-3  # of a refit: relative change of chi2
+_SPARED = 0.01  # share of what is gained on the fitted traces that may be lost on those held out: they may not show it
 _SLACK = 0.02  # relative rise of a held-out free-running error that counts as none: a slip may fall elsewhere
 _DIVERGED = 2.0  # the same far from the data: that run begins from the optimum of a guided one and is not tuned itself
 
@@ -168,6 +169,7 @@ class Verdict:
         bic_change: below 0 where it is worth its parameters.
         screened: by how much the screening thought it would lower chi2.
         own: share of its signature that no fitted parameter can imitate.
+        gain: by how much it lowers chi2 of the fitted residual.
     """
 
     effect: Effect
@@ -179,12 +181,13 @@ class Verdict:
     bic_change: float
     screened: float
     own: float
+    gain: float
 
     def helps_elsewhere(self) -> bool:
-        """Held-out traces do not contradict it."""
-        better = self.holdout_chi2_change is None or self.holdout_chi2_change < 0.0
+        """Held-out traces do not contradict it; a rebound says nothing of traces without an impact."""
+        spared = self.holdout_chi2_change is None or self.holdout_chi2_change < _SPARED * self.gain
         worst = _SLACK if not self.standing.far else _DIVERGED
-        return better and (self.holdout_rms_ratio is None or self.holdout_rms_ratio < 1.0 + worst)
+        return spared and (self.holdout_rms_ratio is None or self.holdout_rms_ratio < 1.0 + worst)
 
 
 def bic_change(before: Score, after: Score, parameters: int, tried: int) -> float:
@@ -205,4 +208,5 @@ def compare(effect: Effect, before: Score, s: Standing, parameters: int, tried: 
         ratio = after.holdout_rms / before.holdout_rms
     change = bic_change(before, after, parameters, tried)
     fit_ratio = after.fit_rms / before.fit_rms
-    return Verdict(effect, s, after, fit_ratio, ratio, held_out, change, screened, own)
+    gain = before.chi2 - after.chi2
+    return Verdict(effect, s, after, fit_ratio, ratio, held_out, change, screened, own, gain)

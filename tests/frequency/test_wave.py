@@ -110,6 +110,7 @@ def wandering(rng: np.random.Generator, time: np.ndarray, signals: dict[str, Sig
     return signals | {"position": Signal(time, 0.5 + swing)}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("cycles", "wide"), [(3.0, 3.0), (10.0, 1.5)])
 @pytest.mark.parametrize("spoil", [white, correlated, quantised, jittered, wandering])
 def test_intervals_cover_the_truth(spoil: Spoilt, cycles: float, wide: float) -> None:
