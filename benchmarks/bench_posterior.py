@@ -87,7 +87,7 @@ def by_scipy(result: Any, evaluations: int) -> Timed:
 
 def by_nuts(target: Any, root: np.ndarray, draws: int) -> tuple[Timed, float]:
     """Of one draw, and the gradients it took."""
-    import blackjax
+    import blackjax  # pyright: ignore[reportMissingImports]  # of the extra "benchmark"
     import jax
     import jax.numpy as jnp
 

@@ -101,6 +101,7 @@ def test_residuals_of_a_held_plate_are_standard_normal(many_held: tuple[Bench, n
     assert np.max(np.abs(correlation)) < 0.04
 
 
+@pytest.mark.slow
 def test_without_the_filter_they_are_not(many_held: tuple[Bench, np.ndarray]) -> None:
     """The same data, each sample by its own noise: the input's noise shows."""
     bench, x = many_held
@@ -122,6 +123,7 @@ def scatter(bench: Bench, x: np.ndarray) -> float:
     return float(np.mean(out))
 
 
+@pytest.mark.slow
 def test_estimates_scatter_as_their_covariance_says(many_held: tuple[Bench, np.ndarray]) -> None:
     """chi2 of 2 degrees over 60 seeds: 2 +- 0.26."""
     assert 1.2 < scatter(*many_held) < 2.8
