@@ -91,7 +91,7 @@ def go(bench: Bench, x: np.ndarray, problem: Problem, tolerance: float) -> tuple
     if not np.isfinite(r).all() or not np.isfinite(jacobian).all():
         return x, 0
     layout = bench.layout
-    scale = _scale(information_of(problem.prior_sd[: x.size], jacobian), float(np.sum(problem.slots.weight)))
+    scale = _scale(information_of(problem.prior_sd[: x.size], jacobian), problem.samples)
     anchor = WIDE * layout.reach(x)
     stretch = layout.padded(np.minimum(scale, 1e4 * anchor), 1.0)
     start, held_to = layout.padded(x), layout.padded(anchor, 1.0)
@@ -118,7 +118,7 @@ class Local:
 
 def local(bench: Bench, x: np.ndarray, problem: Problem) -> Local:
     r, prior, jacobian = bench.linearise(x, problem)
-    unit = max(1.0, float(np.sum(r**2)) / max(1.0, float(np.sum(problem.slots.weight)) - x.size))
+    unit = max(1.0, float(np.sum(r**2)) / max(1.0, problem.samples - x.size))
     reach = bench.layout.reach(x)
     information = information_of(problem.prior_sd[: x.size], jacobian) + np.diag(1.0 / (WIDE * reach) ** 2)
     prior_sd = np.asarray(problem.prior_sd)[: x.size]

@@ -140,7 +140,7 @@ def _from_several_starts(
         summaries.append(StartSummary("reading" if k == 0 else f"scattered {k}", before, after, steps))
         if after < lowest:
             best, lowest = end, after
-    return best, tuple(summaries), lowest / max(1.0, float(np.sum(problem.slots.weight)) - start.size)
+    return best, tuple(summaries), lowest / max(1.0, problem.samples - start.size)
 
 
 def _whitened(bench: Bench, x: np.ndarray, report: Report) -> tuple[Bench, Problem, np.ndarray, End]:

@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from typing import Any, NamedTuple
 
 import jax.numpy as jnp
+import numpy as np
 
 from .delay import delayed, late_inputs
 from .effects import State
@@ -35,6 +36,11 @@ class Problem(NamedTuple):
     pick: Pick
     prior_mean: Any
     prior_sd: Any
+
+    @property
+    def samples(self) -> float:
+        """How many are fitted."""
+        return float(np.sum(self.slots.weight))
 
 
 def with_circuits(steps: Step, circuit_of: Any, tape_circuits: tuple[str, ...], values: Mapping[str, Scalar]) -> Step:

@@ -59,7 +59,7 @@ class Round:
 
 
 def start(result: FitResult) -> Standing:
-    """A fit, taken up in the composed model."""
+    """A fit, taken up as the model of the first round."""
     bench = result.bench
     composition = compose(result.rig, bench.tape.traces)
     unknowns = composition.lean(())
@@ -101,7 +101,7 @@ def settled(s: Standing, report: Report) -> Standing:
     problem = bench.problem(bench.forgiving())
     x, _ = go(bench, bench.layout.off_bounds(s.x), problem, _TOLERANCE)
     r = bench.residual(x, problem)
-    if float(np.sum(r**2)) / max(1.0, float(np.sum(problem.slots.weight)) - x.size) > MISFIT:
+    if float(np.sum(r**2)) / max(1.0, problem.samples - x.size) > MISFIT:
         end = End(True, "optimum of the guided residual", far=True)
         return _weighed(whitened(s.composition, s.added, bench, held_out, s.x, end), held_out)
     bench, _, x, end = rounds(bench.released(x), x, report, _STILL, _WHITENINGS)
@@ -117,14 +117,14 @@ def blur(first: FitResult, s: Standing) -> float:
     """
     if not s.added or s.far:
         return 0.0
-    return s.samples * min(_FORM**2 * max(0.0, first.chi2_per_dof - 1.0), _CLEAR)
+    return s.problem.samples * min(_FORM**2 * max(0.0, first.chi2_per_dof - 1.0), _CLEAR)
 
 
 def turn(s: Standing, report: Report, least: float = 0.0) -> Round:
     """One round; nothing is read into a chi2 of no more than `least` above the noise's."""
     before = score(s)
-    if least > 0.0 and before.chi2 - s.samples < least:
-        return Round(s, before, (), (), None, (), _within(max(0.0, before.chi2 / s.samples - 1.0), s.added))
+    if least > 0.0 and before.chi2 - s.problem.samples < least:
+        return Round(s, before, (), (), None, (), _within(max(0.0, before.chi2 / s.problem.samples - 1.0), s.added))
     candidates = [e for e in s.composition.candidates if not s.at_work(e)]
     report(f"screening {len(candidates)} effects", 0.1)
     signatures = screened(s, candidates)
@@ -235,17 +235,12 @@ def choose(verdicts: Sequence[Verdict], most: float = np.inf) -> tuple[Effect | 
     return best.effect, ties, words
 
 
-def without(s: Standing, effect: Effect) -> Standing:
-    """The model refitted without one of the effects added."""
-    return s.with_effects(tuple(e for e in s.added if e is not effect), {}).optimised()
-
-
 def pruned(s: Standing, report: Report) -> tuple[Standing, tuple[str, ...]]:
     """Try to take each added effect away again; what is taken, and a sentence for each."""
     words = []
     for effect in s.added[:-1]:
         report(f"trying without {effect.name}", 0.9)
-        less, here = without(s, effect), score(s)
+        less, here = s.without(effect).optimised(), score(s)
         change = -bic_change(score(less), here, len(resting(effect)), 1)
         if change < 0.0:
             words.append(f"{effect.name} was taken away again: what came after explains it (BIC {change:+.1f}).")

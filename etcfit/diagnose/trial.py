@@ -58,14 +58,13 @@ class Standing:
         """Too far from the data to be whitened: samples are weighed by what is left in them."""
         return self.end.far
 
-    @property
-    def samples(self) -> float:
-        """How many are fitted."""
-        return float(np.sum(self.problem.slots.weight))
-
     def with_effects(self, added: tuple[Effect, ...], values: Mapping[str, float]) -> Standing:
         """The same data and whitening with other effects at work; new parameters start at `values` (SI)."""
         return self.within(self.composition, added, values)
+
+    def without(self, effect: Effect) -> Standing:
+        """The same data and whitening with one of the effects added taken away again."""
+        return self.with_effects(tuple(e for e in self.added if e is not effect), {})
 
     def within(self, composition: Composition, added: tuple[Effect, ...], values: Mapping[str, float]) -> Standing:
         """The same as a part of another composition."""

@@ -74,17 +74,13 @@ def _tried(s: Standing, g: Signature, before: Score) -> Verdict:
 
 def _in_doubt(s: Standing, effect: Effect, here: Score) -> bool:
     """True where a free curve explains clearly more than a named effect does."""
-    less = _without(s, effect)
+    less = s.without(effect).lean().optimised()
     bare = score(less)
     curve = _best(less, bare)
     if curve is None:
         return False
     named, free = np.log(here.chi2 / bare.chi2), np.log(curve.score.chi2 / bare.chi2)
     return bool(named > _KEEPS * free)  # both are negative
-
-
-def _without(s: Standing, effect: Effect) -> Standing:
-    return s.with_effects(tuple(e for e in s.added if e is not effect), {}).lean().optimised()
 
 
 def _told(best: Verdict, doubts: tuple[str, ...]) -> Unexplained:
@@ -129,7 +125,7 @@ def _sd(s: Standing, effect: Smooth, where: np.ndarray) -> np.ndarray:
     """Standard deviation of the curve: its hats are linear in the amplitudes."""
     r, _, jacobian = s.bench.linearise(s.x, s.problem)
     flat = jacobian.reshape(-1, s.x.size)
-    unit = max(1.0, float(np.sum(r**2)) / float(np.sum(s.problem.slots.weight)))
+    unit = max(1.0, float(np.sum(r**2)) / s.problem.samples)
     covariance = unit * np.linalg.pinv(flat.T @ flat, rcond=1e-12, hermitian=True)
     free, scale = s.bench.layout.free, [s.bench.layout.parameter(c).domain.scale for c in effect.symbols]
     rows = [free.index(c) for c in effect.symbols]

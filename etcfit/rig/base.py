@@ -22,6 +22,7 @@ CHANNELS: dict[str, str] = {
     "torque": "N*m",
     "temperature": "degC",
 }
+DRIVES = ("voltage", "duty", "torque")  # any of them drives the plate
 
 
 @dataclass(frozen=True, eq=False)

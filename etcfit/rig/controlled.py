@@ -15,14 +15,13 @@ from dataclasses import replace
 import numpy as np
 
 from . import driven
-from .base import Channel, Ecu, Fixed, Measurement, Prior, Reading, RigConfig
+from .base import DRIVES, Channel, Ecu, Fixed, Measurement, Prior, Reading, RigConfig
 from .ecu import GAINS
 from .inverse_model import LUMPED, Equations, equations, filter_for
 from .signals import even_grid, on_times
 
 SYMBOLS = tuple(GAINS.values())
 PLATE = ("R_a", "K_b", "K_m", "J_m", "J_L", "B_m", "B_L", "K_s", "T_PL", "T_f")
-DRIVES = ("voltage", "duty", "torque")
 NOMINAL = {"K_p": 6.0, "K_i": 30.0, "K_d": 0.1}  # of the order of the paper's: a scale where there is none
 
 

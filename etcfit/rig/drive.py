@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from typing import final
 
 from . import controlled
-from .base import AbstractRigTest, Boundary, Measurement, Reading, RigConfig
+from .base import DRIVES, AbstractRigTest, Boundary, Measurement, Reading, RigConfig
 
 
 @final
@@ -16,7 +16,7 @@ class Drive(AbstractRigTest):
     name = "drive"
     title = "Log from the car"
     boundary = Boundary()
-    drives = ("voltage", "duty", "torque")
+    drives = DRIVES
     observes = ("current", "position", "motor_speed", "emf")
     needs = (("position", "motor_speed", "current", "emf"),)
 

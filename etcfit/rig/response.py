@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from typing import final
 
 from . import driven
-from .base import AbstractRigTest, Boundary, Measurement, Reading, RigConfig
+from .base import DRIVES, AbstractRigTest, Boundary, Measurement, Reading, RigConfig
 
 
 @final
@@ -16,9 +16,9 @@ class Response(AbstractRigTest):
     name = "response"
     title = "Driven response"
     boundary = Boundary()
-    drives = ("voltage", "duty", "torque")
+    drives = DRIVES
     observes = ("current", "position", "motor_speed", "emf")
-    needs = (("voltage", "duty", "torque"), ("position", "motor_speed", "current", "emf"))
+    needs = (DRIVES, ("position", "motor_speed", "current", "emf"))
 
     def reading(self, traces: Sequence[Measurement], config: RigConfig, known: Mapping[str, float]) -> Reading:
         """The inverse model on every trace with a drive."""

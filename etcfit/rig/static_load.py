@@ -7,7 +7,7 @@ from typing import final
 
 import numpy as np
 
-from .base import AbstractRigTest, Boundary, Graph, Measurement, Reading, RigConfig
+from .base import DRIVES, AbstractRigTest, Boundary, Graph, Measurement, Reading, RigConfig
 from .signals import motion, off_stops, robust_fit
 
 
@@ -43,9 +43,9 @@ class StaticLoad(AbstractRigTest):
     name = "static_load"
     title = "Static load test"
     boundary = Boundary()
-    drives = ("voltage", "duty", "torque")
+    drives = DRIVES
     observes = ("current", "position", "motor_speed", "emf")
-    needs = (("voltage", "duty", "torque"), ("position",))
+    needs = (DRIVES, ("position",))
 
     def reading(self, traces: Sequence[Measurement], config: RigConfig, known: Mapping[str, float]) -> Reading:
         """Parallel lines T = K_s theta + T_PL +- T_f through the two branches (Eq. 5, Fig. 14)."""

@@ -268,14 +268,14 @@ def test_what_an_inexact_formula_could_have_left_is_not_proven() -> None:
 def test_an_effect_found_may_leave_two_percent_squared_of_what_it_explained(before: float, share: float) -> None:
     """Of its chi2 above the noise's, and 4 % of the noise's at most."""
     first: Any = SimpleNamespace(chi2_per_dof=before)
-    found: Any = SimpleNamespace(added=(LIMP,), far=False, samples=500.0)
+    found: Any = SimpleNamespace(added=(LIMP,), far=False, problem=SimpleNamespace(samples=500.0))
     assert blur(first, found) == pytest.approx(500.0 * share)
 
 
 def test_nothing_is_put_down_to_formulas_without_one_or_far_from_the_data() -> None:
     first: Any = SimpleNamespace(chi2_per_dof=1001.0)
-    none: Any = SimpleNamespace(added=(), far=False, samples=500.0)
-    far: Any = SimpleNamespace(added=(LIMP,), far=True, samples=500.0)
+    none: Any = SimpleNamespace(added=(), far=False, problem=SimpleNamespace(samples=500.0))
+    far: Any = SimpleNamespace(added=(LIMP,), far=True, problem=SimpleNamespace(samples=500.0))
     assert blur(first, none) == 0.0
     assert blur(first, far) == 0.0
 
@@ -285,7 +285,8 @@ def test_a_round_looks_no_further_within_what_formulas_leave(
     excess: float, looks: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Screening is what it costs to look."""
-    at: Any = SimpleNamespace(samples=1000.0, added=(LIMP,), composition=SimpleNamespace(candidates=()))
+    problem, composition = SimpleNamespace(samples=1000.0), SimpleNamespace(candidates=())
+    at: Any = SimpleNamespace(problem=problem, added=(LIMP,), composition=composition)
 
     class Looked(Exception):
         pass

@@ -39,7 +39,7 @@ def linear(seen: int, size: float, entries: int = 4000) -> tuple[Any, np.ndarray
     parameters: dict[str, Parameter] = {p.symbol: p for p in parameters_of(TORQUE)}
     layout = SimpleNamespace(free=TORQUE.symbols, parameter=parameters.__getitem__)
     bench = SimpleNamespace(layout=layout, linearise=lambda x, problem: (r, np.zeros(K), J))
-    problem = SimpleNamespace(slots=SimpleNamespace(weight=full * 1.0), prior_sd=np.full(K, np.inf))
+    problem = SimpleNamespace(samples=float(seen), prior_sd=np.full(K, np.inf))
     flat = J.reshape(-1, K)
     return SimpleNamespace(bench=bench, x=np.zeros(K), problem=problem), flat.T @ flat
 
@@ -99,14 +99,16 @@ def test_a_voltage_is_drawn_over_the_current_though_no_angle_was_logged(monkeypa
 
 def doubted(monkeypatch: pytest.MonkeyPatch, bare: float, named: float, curve: float | None) -> bool:
     """Is an effect in doubt that lowers chi2 from `bare` to `named` where the best curve lowers it to `curve`?"""
-    less = SimpleNamespace()
-    monkeypatch.setattr(module, "_without", lambda s, effect: less)
+    less = SimpleNamespace(lean=lambda: SimpleNamespace(optimised=lambda: SimpleNamespace()))
+    asked: list[Any] = []
     monkeypatch.setattr(module, "score", lambda s: SimpleNamespace(chi2=bare))
     best = None if curve is None else SimpleNamespace(score=SimpleNamespace(chi2=curve))
     monkeypatch.setattr(module, "_best", lambda s, before: best)
-    nothing: Any = None
+    s: Any = SimpleNamespace(without=lambda effect: asked.append(effect) or less)
     here: Any = SimpleNamespace(chi2=named)
-    return module._in_doubt(nothing, STRIBECK, here)
+    doubt = module._in_doubt(s, STRIBECK, here)
+    assert asked == [STRIBECK]
+    return doubt
 
 
 @pytest.mark.parametrize(
