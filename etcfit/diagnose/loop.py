@@ -195,7 +195,7 @@ def _asked(g: Signature, before: Score) -> float:
 
 def _tried(s: Standing, g: Signature, before: Score) -> Verdict:
     effect = g.variant.effect
-    trial = s.with_effects((*s.added, effect), g.values).optimised()
+    trial = s.trying(effect, g.values).optimised()
     more = len(resting(effect))
     return compare(effect, before, trial, more, len(variants(effect)), g.gain, g.own)
 

@@ -32,6 +32,7 @@ _PROBE = 1e-3  # amplitude, in units of its scale, at which a tangent is taken: 
 _AT_ONCE = 8  # tangents side by side, which bounds the memory
 _IMITATED = 1e-6  # share of an amplitude's signature below which it is one that fitted parameters have already
 _TINY = 1e-10  # relative: singular values below it count as zero
+_SHY = 1e-3  # ridge on amplitudes, their columns of length 1: what only sums to a fitted parameter stays at rest
 
 
 @dataclass(frozen=True, eq=False)
@@ -181,7 +182,8 @@ def _bounded(bench: Bench, variant: Variant, columns: np.ndarray, r: np.ndarray)
     low = np.array([0.0 if isinstance(bench.layout.parameter(s).domain, NonNegative) else -np.inf
                     for s in variant.amplitudes])[own]  # fmt: skip
     target = -(q.T @ r)
-    solution = lsq_linear(upper + _TINY * np.eye(low.size), target, bounds=(low, np.inf)).x
+    rows, right = np.vstack((upper, _SHY * np.eye(low.size))), np.concatenate((target, np.zeros(low.size)))
+    solution = lsq_linear(rows, right, bounds=(low, np.inf)).x
     gain = float(target @ target - np.sum((upper @ solution - target) ** 2))
     amplitudes = np.zeros(own.size)
     amplitudes[own] = solution / size[own]

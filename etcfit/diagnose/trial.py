@@ -27,6 +27,8 @@ from ..unknowns import Unknowns
 from .composition import Composition, Effect, carried
 
 _TOLERANCE = 1e-3  # of a refit: relative change of chi2
+_STEEP = 3.0  # times chi2 that a trial may begin with
+_HALVINGS = 8  # of the amplitudes it begins with, until it does
 _SPARED = 0.01  # share of what is gained on the fitted traces that may be lost on those held out: they may not show it
 _SLACK = 0.02  # relative rise of a held-out free-running error that counts as none: a slip may fall elsewhere
 _DIVERGED = 2.0  # the same far from the data: that run begins from the optimum of a guided one and is not tuned itself
@@ -84,6 +86,22 @@ class Standing:
         bench, problem = _told(self.bench, self.problem, unknowns)
         holdout = None if self.holdout is None else _told(*self.holdout, unknowns)
         return replace(self, bench=bench, problem=problem, holdout=holdout)
+
+    def trying(self, effect: Effect, values: Mapping[str, float]) -> Standing:
+        """With one effect more, at `values` (SI) or nearer to its off values: a promise is linear, the model is not."""
+        most, at = _STEEP * self.chi2, dict(values)
+        trial = self.with_effects((*self.added, effect), at)
+        for _ in range(_HALVINGS):
+            if trial.chi2 < most:
+                break
+            at |= {s: 0.5 * (at[s] + v) for s, v in (effect.off or {}).items()}
+            trial = self.with_effects((*self.added, effect), at)
+        return trial
+
+    @property
+    def chi2(self) -> float:
+        """Of the fitted residual."""
+        return float(np.sum(self.bench.residual(self.x, self.problem) ** 2))
 
     def optimised(self) -> Standing:
         """At the nearest optimum of the same residual."""

@@ -67,7 +67,7 @@ def _best(s: Standing, before: Score) -> Verdict | None:
 
 
 def _tried(s: Standing, g: Signature, before: Score) -> Verdict:
-    trial = s.with_effects((*s.added, g.variant.effect), g.values).lean().optimised()
+    trial = s.trying(g.variant.effect, g.values).lean().optimised()
     seen = sum(np.any(g.columns != 0.0, axis=0))
     return compare(g.variant.effect, before, trial, int(seen), len(UNKNOWNS), g.gain, g.own)
 
