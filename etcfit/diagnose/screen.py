@@ -32,7 +32,7 @@ _PROBE = 1e-3  # amplitude, in units of its scale, at which a tangent is taken: 
 _AT_ONCE = 8  # tangents side by side, which bounds the memory
 _IMITATED = 1e-6  # share of an amplitude's signature below which it is one that fitted parameters have already
 _TINY = 1e-10  # relative: singular values below it count as zero
-_SHY = 1e-3  # ridge on amplitudes, their columns of length 1: what only sums to a fitted parameter stays at rest
+_SHY = 1e-5  # ridge on amplitudes, their columns of length 1: what only sums to a fitted parameter stays at rest
 
 
 @dataclass(frozen=True, eq=False)
