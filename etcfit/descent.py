@@ -99,6 +99,16 @@ def go(bench: Bench, x: np.ndarray, problem: Problem, tolerance: float) -> tuple
     return np.asarray(end)[: x.size], int(steps)
 
 
+def descend(bench: Bench, x: np.ndarray, problem: Problem, tolerance: float) -> tuple[np.ndarray, int]:
+    """Minimise from x moved off its bounds, on which the gradient vanishes; from x itself where that leads astray."""
+    start = bench.layout.off_bounds(x)
+    end, steps = go(bench, start, problem, tolerance)
+    if np.array_equal(start, x):
+        return end, steps
+    here, there = (float(np.sum(bench.residual(at, problem) ** 2)) for at in (x, end))
+    return (end, steps) if there < here else go(bench, x, problem, tolerance)
+
+
 @dataclass(frozen=True, eq=False)
 class Local:
     """The problem linearised at a point.

@@ -9,7 +9,7 @@ import numpy as np
 
 from .bench import Bench
 from .chi2 import chi2_of
-from .descent import Local, go, local
+from .descent import Local, descend, go, local
 from .errors import MeasurementError
 from .explore import evolve, settle
 from .outcome import End, outcome
@@ -135,7 +135,7 @@ def _from_several_starts(
     best, lowest, summaries = start, np.inf, []
     for k, first in enumerate([start, *others]):
         report(f"start {k + 1} of {_STARTS + 1}", 0.1 + 0.1 * k)
-        end, steps = go(bench, bench.layout.off_bounds(first), problem, _NEAR)
+        end, steps = descend(bench, first, problem, _NEAR)
         before, after = chi2_of(bench, np.stack((first, end)), problem).tolist()
         summaries.append(StartSummary("reading" if k == 0 else f"scattered {k}", before, after, steps))
         if after < lowest:
@@ -166,7 +166,7 @@ def rounds(
     for k in range(most):
         report(f"whitening {k + 1}: moved {moved:.2g} standard errors", 0.5 + 0.4 * k / most)
         problem = bench.problem(bench.kalman(about))
-        x, _ = go(bench, bench.layout.off_bounds(x) if k < 2 else x, problem, _THERE)
+        x, _ = (descend if k < 2 else go)(bench, x, problem, _THERE)
         here = local(bench, x, problem)
         moved = float(np.max(np.abs(x - about) / np.sqrt(np.diag(here.covariance))))
         if (moved < still and k > 0) or k == most - 1:

@@ -10,7 +10,7 @@ import numpy as np
 
 from ..bench import Bench
 from ..cure import listed
-from ..descent import go
+from ..descent import descend
 from ..fit import MISFIT, Report, rounds
 from ..outcome import End, FitResult
 from ..residual import Problem
@@ -99,7 +99,7 @@ def settled(s: Standing, report: Report) -> Standing:
     s, held_out = s.lean(), s.held_out
     bench = s.bench.afresh(s.x)
     problem = bench.problem(bench.forgiving())
-    x, _ = go(bench, bench.layout.off_bounds(s.x), problem, _TOLERANCE)
+    x, _ = descend(bench, s.x, problem, _TOLERANCE)
     r = bench.residual(x, problem)
     if float(np.sum(r**2)) / max(1.0, problem.samples - x.size) > MISFIT:
         end = End(True, "optimum of the guided residual", far=True)

@@ -18,7 +18,7 @@ import numpy as np
 from ..bench import Bench
 from ..chi2 import chi2_of
 from ..correlation import inflation
-from ..descent import go
+from ..descent import descend
 from ..outcome import End
 from ..residual import Problem
 from ..score import Row, columns, pooled, rows
@@ -105,8 +105,7 @@ class Standing:
 
     def optimised(self) -> Standing:
         """At the nearest optimum of the same residual."""
-        start = self.bench.layout.off_bounds(self.x)
-        return replace(self, x=go(self.bench, start, self.problem, _TOLERANCE)[0])
+        return replace(self, x=descend(self.bench, self.x, self.problem, _TOLERANCE)[0])
 
     @property
     def held_out(self) -> tuple[Trace, ...]:
