@@ -11,7 +11,8 @@ from .balance import motions
 from .composition import Effect
 from .evidence import evidence
 from .findings import Candidate, Diagnosis, RoundReport, Tie, Unexplained
-from .loop import ROUNDS, Round, blur, pruned, settled, start, turn
+from .form import blur, spread
+from .loop import ROUNDS, Round, pruned, settled, start, turn
 from .trial import Standing
 from .unexplained import unexplained
 
@@ -91,7 +92,16 @@ def _final(result: FitResult, s: Standing, report: Report) -> FitResult:
         report("letting the final model run free", 0.95)
         bench, problem, x = freed(bench.guided(0.0), x, _SPREAD)
         end = End(True, "best free run found from the optimum of the guided residual", far=True)
-    return outcome(result.rig, result.readings, bench, s.held_out, problem, x, (), end, ())
+    after = outcome(result.rig, result.readings, bench, s.held_out, problem, x, (), end, ())
+    if not s.added or s.far:
+        return after
+    remark = f"Intervals allow for formulas of {listed(e.name for e in s.added)} that are {_percent(s)} off."
+    return replace(after, covariance=after.covariance + spread(s), warnings=(*after.warnings, remark))
+
+
+def _percent(s: Standing) -> str:
+    """How far off the formulas of the effects added may be, in words."""
+    return listed(dict.fromkeys(f"{100.0 * e.inexact:.0f} %" for e in s.added))
 
 
 def _verdict(

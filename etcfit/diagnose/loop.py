@@ -17,6 +17,7 @@ from ..residual import Problem
 from .balance import pull_of
 from .composition import Composition, Effect, compose, resting
 from .crossing import folds, left_out
+from .form import inexact
 from .screen import Background, Signature, screen, variants
 from .trial import Score, Standing, Verdict, bic_change, compare, score
 
@@ -31,8 +32,6 @@ _WHITENINGS = 10  # rounds of whitening after an effect was added
 _STILL = 0.2  # standard errors that a round of whitening may still move a parameter
 _RIVAL = 0.3  # share of the best candidate's promise that makes another a rival worth a refit
 _RIVAL_FAR = 0.1  # the same far from the data, where the linearised promise is rough
-_FORM = 0.02  # relative error that the formula of an effect may have: the literature's are conventions, not laws
-_CLEAR = 0.04  # share of the noise's own chi2 above which what is left is never put down to a formula
 _SAME = 6.0  # difference of two models' -2 log likelihood that these data cannot tell
 
 
@@ -108,23 +107,11 @@ def settled(s: Standing, report: Report) -> Standing:
     return whitened(s.composition, s.added, bench, held_out, x, end)
 
 
-def blur(first: FitResult, s: Standing) -> float:
-    """Chi2 that the effects added may leave because their formulas are not exact.
-
-        n min(0.02^2 (c - 1), 0.04),    c = chi2 per degree of freedom of the first fit, n samples
-
-    0 before any was added, and far from the data, where samples are weighed by what is left in them.
-    """
-    if not s.added or s.far:
-        return 0.0
-    return s.problem.samples * min(_FORM**2 * max(0.0, first.chi2_per_dof - 1.0), _CLEAR)
-
-
 def turn(s: Standing, report: Report, least: float = 0.0) -> Round:
     """One round; nothing is read into a chi2 of no more than `least` above the noise's."""
     before = score(s)
     if least > 0.0 and before.chi2 - s.problem.samples < least:
-        return Round(s, before, (), (), None, (), _within(max(0.0, before.chi2 / s.problem.samples - 1.0), s.added))
+        return Round(s, before, (), (), None, (), _within(s, max(0.0, before.chi2 / s.problem.samples - 1.0)))
     candidates = [e for e in s.composition.candidates if not s.at_work(e)]
     report(f"screening {len(candidates)} effects", 0.1)
     signatures = screened(s, candidates)
@@ -142,11 +129,11 @@ def screened(s: Standing, candidates: Sequence[Effect]) -> tuple[Signature, ...]
     return screen(Background.of(lean.bench, lean.x, lean.problem), whole.bench, whole.x, whole.problem, candidates)
 
 
-def _within(excess: float, added: Sequence[Effect]) -> str:
-    names = listed(e.name for e in added)
+def _within(s: Standing, excess: float) -> str:
+    names = listed(e.name for e in s.added)
     return (
         f"What is left adds {100 * excess:.2g} % to the noise, no more than a formula of {names} that is "
-        f"{100 * _FORM:.0f} % off would leave: nothing is read into it."
+        f"{100 * inexact(s):.0f} % off would leave: nothing is read into it."
     )
 
 
@@ -222,7 +209,7 @@ def choose(verdicts: Sequence[Verdict], most: float = np.inf) -> tuple[Effect | 
     if not proven:
         return None, (), (
             f"{good[0].effect.name} would explain a little more (BIC {good[0].bic_change:+.0f}), but no more "
-            f"than a formula that is {100 * _FORM:.0f} % off, of an effect found before, would leave: not proven."
+            "than the inexact formula of an effect found before would leave: not proven."
         )  # fmt: skip
     best = proven[0]
     ties = tuple(v.effect for v in proven[1:] if v.bic_change - best.bic_change < _SAME)

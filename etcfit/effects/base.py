@@ -102,7 +102,8 @@ class AbstractEffect(eqx.Module):
     growing on its own. `loaded` effects are told what the gear carries; those that `delays` shift the input or a
     channel in time. One that `commands` drives the throttle by what its sensors show: it sees the angle as read, and
     all others the voltage that it adds. `needs` names what must have been logged for the effect to be seen at all:
-    "circuit", "current", "position", "gear". `told_by` says which measurement shows it best.
+    "circuit", "current", "position", "gear". `told_by` says which measurement shows it best. `inexact` is the relative
+    error that its formula may have: the literature's are conventions, those of dry friction more than others.
     """
 
     name: ClassVar[str]
@@ -114,6 +115,7 @@ class AbstractEffect(eqx.Module):
     delays: ClassVar[bool] = False
     commands: ClassVar[bool] = False
     needs: ClassVar[tuple[str, ...]] = ()
+    inexact: ClassVar[float] = 0.02
 
     @abc.abstractmethod
     def __call__(self, x: State, z: tuple[Scalar, ...], u: Inputs) -> Contribution:

@@ -22,6 +22,7 @@ class LoadDependentFriction(AbstractEffect):
     name = "load_dependent_friction"
     told_by = "the same motion at different spring loads, or with a weight on the lever"
     off: ClassVar[Mapping[str, float] | None] = {"mu_g": 0.0}
+    inexact: ClassVar[float] = 0.1
     loaded: ClassVar[bool] = True
     mu_g: Scalar = parameter(
         "1", NonNegative(0.1), 0.0, "dry friction per torque through the gear", "Duclusaud et al. 2024"

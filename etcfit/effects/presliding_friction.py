@@ -24,6 +24,7 @@ class PreslidingFriction(AbstractEffect):
     name = "presliding_friction"
     told_by = "small slow reversals that stay within a degree"
     off: ClassVar[Mapping[str, float] | None] = {"T_z": 0.0}
+    inexact: ClassVar[float] = 0.1
     scan: ClassVar[Mapping[str, tuple[float, ...]]] = {"delta_z": (0.001, 0.004, 0.016)}
     z0: ClassVar[tuple[float, ...]] = (0.0,)
     T_z: Scalar = parameter("N*m", NonNegative(0.1), 0.0, "friction torque of the yielding contact", "Dahl 1968")

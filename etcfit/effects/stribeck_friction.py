@@ -30,6 +30,7 @@ class StribeckFriction(AbstractEffect):
     name = "stribeck_friction"
     told_by = "slow ramps at several speeds: friction just above standstill against friction in motion"
     off: ClassVar[Mapping[str, float] | None] = {"T_s": 0.0}
+    inexact: ClassVar[float] = 0.1
     scan: ClassVar[Mapping[str, tuple[float, ...]]] = {"omega_s": (0.1, 0.4, 1.5, 6.0)}
     T_s: Scalar = parameter("N*m", NonNegative(0.1), 0.0, "friction at rest in excess of sliding", "Olsson et al. 1998")
     omega_s: Scalar = parameter("rad/s", Positive(0.5), 0.5, "Stribeck speed of the plate", "Olsson et al. 1998")
