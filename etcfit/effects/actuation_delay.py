@@ -20,6 +20,7 @@ class ActuationDelay(AbstractEffect):
     name = "actuation_delay"
     told_by = "steps of the command with the terminal voltage or the current logged fast"
     off: ClassVar[Mapping[str, float] | None] = {"t_a": 0.0}
+    inexact: ClassVar[float] = 0.1
     delays: ClassVar[bool] = True
     t_a: Scalar = parameter("s", NonNegative(0.005), 0.0, "delay of the input", "Astrom and Wittenmark 1997")
 

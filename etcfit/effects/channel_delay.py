@@ -18,6 +18,7 @@ class ChannelDelay(AbstractEffect):
     name = "channel_delay"
     told_by = "a voltage step with voltage and current on one trigger"
     off: ClassVar[Mapping[str, float] | None] = {"t_c": 0.0}
+    inexact: ClassVar[float] = 0.1
     delays: ClassVar[bool] = True
     needs: ClassVar[tuple[str, ...]] = ("current", "circuit")
     t_c: Scalar = parameter("s", NonNegative(0.002), 0.0, "delay of the logged current", "Kester 2005")
