@@ -37,7 +37,7 @@ def diagnose(result: FitResult, report: Report = quiet) -> Diagnosis:
     worth: dict[Effect, float] = {}
     while len(rounds) < ROUNDS:
         told = _in_stage(report, f"round {len(rounds) + 1}", len(rounds))
-        turned = turn(s, told, blur(result, s))
+        turned, new = _settled(turn(s, told, blur(result, s)), told)
         rounds.append(_reported(turned))
         report(f"round {len(rounds)}: {turned.why}", (len(rounds) - 0.5) / ROUNDS)
         if turned.added is None:
@@ -46,9 +46,8 @@ def diagnose(result: FitResult, report: Report = quiet) -> Diagnosis:
             group = (turned.added, *turned.ties)
             cures = "; ".join(f"{e.name}: {e.told_by}" for e in group)
             ties.append(Tie(tuple(e.name for e in group), cures))
-        chosen = next(v for v in turned.verdicts if v.effect is turned.added)
-        worth[turned.added] = -chosen.bic_change
-        s = settled(chosen.standing, told)
+        worth[turned.added] = -turned.best.bic_change
+        s = new
     s, removed = pruned(s, report)
     looked = bool(rounds[-1].candidates) and not rounds[-1].evidence.white
     left = unexplained(result, s, worth, report) if looked else None
@@ -62,6 +61,17 @@ def diagnose(result: FitResult, report: Report = quiet) -> Diagnosis:
     kept = tuple(tie for tie in ties if any(name in final for name in tie.effects))
     verdict = _verdict(added, kept, left, rounds)
     return Diagnosis(result, after, known, final, tuple(rounds), added, removed, kept, left, along, verdict)
+
+
+def _settled(turned: Round, report: Report) -> tuple[Round, Standing]:
+    """The model that a round leaves behind, refitted in full; one that ends further from the data takes nothing in."""
+    if turned.added is None:
+        return turned, turned.before
+    new = settled(turned.best.standing, report)
+    if not new.spoilt(turned.before):
+        return turned, new
+    why = f"{turned.why} Refitted in full with it the model is further from the data: it is not added."
+    return replace(turned, added=None, ties=(), why=why), turned.before
 
 
 def _in_stage(report: Report, stage: str, turn: int) -> Report:

@@ -56,6 +56,11 @@ class Round:
     ties: tuple[Effect, ...]
     why: str
 
+    @property
+    def best(self) -> Verdict:
+        """The verdict on the one that was added."""
+        return next(v for v in self.verdicts if v.effect is self.added)
+
 
 def start(result: FitResult) -> Standing:
     """A fit, taken up as the model of the first round."""
@@ -103,8 +108,14 @@ def settled(s: Standing, report: Report) -> Standing:
     if float(np.sum(r**2)) / max(1.0, problem.samples - x.size) > MISFIT:
         end = End(True, "optimum of the guided residual", far=True)
         return _weighed(whitened(s.composition, s.added, bench, held_out, s.x, end), held_out)
+    new = _in_rounds(s, bench, x, report)
+    return _in_rounds(s, bench, s.x, report) if new.spoilt(s) else new
+
+
+def _in_rounds(s: Standing, bench: Bench, x: np.ndarray, report: Report) -> Standing:
+    """The model refitted from x, whitened anew until nothing moves."""
     bench, _, x, end = rounds(bench.released(x), x, report, _STILL, _WHITENINGS)
-    return whitened(s.composition, s.added, bench, held_out, x, end)
+    return whitened(s.composition, s.added, bench, s.held_out, x, end)
 
 
 def turn(s: Standing, report: Report, least: float = 0.0) -> Round:
@@ -229,7 +240,8 @@ def pruned(s: Standing, report: Report) -> tuple[Standing, tuple[str, ...]]:
         report(f"trying without {effect.name}", 0.9)
         less, here = s.without(effect).optimised(), score(s)
         change = -bic_change(score(less), here, len(resting(effect)), 1)
-        if change < 0.0:
+        new = settled(less, report) if change < 0.0 else s
+        if new is not s and not new.spoilt(s):
             words.append(f"{effect.name} was taken away again: what came after explains it (BIC {change:+.1f}).")
-            s = settled(less, report)
+            s = new
     return s, tuple(words)

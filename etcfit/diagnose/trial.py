@@ -29,6 +29,7 @@ from .composition import Composition, Effect, carried
 _TOLERANCE = 1e-3  # of a refit: relative change of chi2
 _STEEP = 3.0  # times chi2 that a trial may begin with
 _HALVINGS = 8  # of the amplitudes it begins with, until it does
+_SPOILT = 1.5  # times chi2 per sample, each model's by its own whitening, by which one is worse than another
 _SPARED = 0.01  # share of what is gained on the fitted traces that may be lost on those held out: they may not show it
 _SLACK = 0.02  # relative rise of a held-out free-running error that counts as none: a slip may fall elsewhere
 _DIVERGED = 2.0  # the same far from the data: that run begins from the optimum of a guided one and is not tuned itself
@@ -102,6 +103,15 @@ class Standing:
     def chi2(self) -> float:
         """Of the fitted residual."""
         return float(np.sum(self.bench.residual(self.x, self.problem) ** 2))
+
+    @property
+    def left(self) -> float:
+        """Chi2 per fitted sample: 1 where nothing but noise is left."""
+        return self.chi2 / self.problem.samples
+
+    def spoilt(self, before: Standing) -> bool:
+        """A refit in full ended further from the data than the model it began with."""
+        return not before.far and (self.far or not self.left < _SPOILT * before.left)
 
     def optimised(self) -> Standing:
         """At the nearest optimum of the same residual."""

@@ -6,12 +6,13 @@ import math
 from contextlib import nullcontext
 from dataclasses import replace
 from types import SimpleNamespace
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
+import etcfit.diagnose as diagnosis
 from etcfit.bench import Bench
 from etcfit.diagnose import loop
 from etcfit.diagnose.composition import Composition, compose
@@ -250,6 +251,53 @@ def test_an_effect_taken_away_again_leaves_the_model_as_it_was(standing: Standin
     assert_array_equal(back.x, standing.x)
     assert back.bench.layout == standing.bench.layout
     assert_array_equal(back.problem.pick.full, standing.problem.pick.full)
+
+
+@pytest.mark.parametrize(
+    ("far", "left", "before_far", "before_left", "spoilt"),
+    [
+        (False, 1.49, False, 1.0, False),
+        (False, 1.51, False, 1.0, True),
+        (False, np.nan, False, 1.0, True),
+        (True, 1.0, False, 1.0, True),
+        (False, 30.0, True, 1.0, False),
+        (True, 1.0, True, 1.0, False),
+    ],
+)
+def test_a_refit_that_ends_further_from_the_data_is_spoilt(
+    far: bool, left: float, before_far: bool, before_left: float, spoilt: bool
+) -> None:
+    """Far from the data chi2 is by construction 1 a sample, and compares with nothing."""
+    new, before = (SimpleNamespace(far=f, left=n) for f, n in ((far, left), (before_far, before_left)))
+    assert Standing.spoilt(cast(Any, new), cast(Any, before)) is spoilt
+
+
+def test_an_effect_that_spoils_the_refit_is_not_added(monkeypatch: pytest.MonkeyPatch) -> None:
+    at: Any = SimpleNamespace(far=False, left=1.0)
+    refitted: Any = SimpleNamespace(far=False, left=20.0, spoilt=lambda before: before is at)
+    found = replace(verdict(LIMP, -500.0), standing=refitted)
+    turned = loop.Round(at, scored(1000.0), (), (found,), LIMP, (GRAVITY,), "limp_home_spring explains most.")
+    monkeypatch.setattr(diagnosis, "settled", lambda standing, report: standing)
+    after, stands = diagnosis._settled(turned, quiet)
+    assert stands is at
+    assert (after.added, after.ties) == (None, ())
+    assert after.why.endswith("it is not added.")
+    refitted.spoilt = lambda before: False
+    assert diagnosis._settled(turned, quiet) == (turned, refitted)
+
+
+def test_a_steep_beginning_is_halved_until_the_model_holds(standing: Standing) -> None:
+    """A spring torque of some N m carries the plate into its stops; the off value does nothing at all."""
+    rest = replace(
+        standing, x=standing.bench.layout.coordinates({p.symbol: p.nominal for p in standing.bench.layout.parameters})
+    )
+    assert rest.trying(GRAVITY, {"T_g": 0.0}).chi2 == pytest.approx(rest.chi2, rel=1e-9)
+    wild = rest.with_effects((GRAVITY,), {"T_g": 400.0})
+    assert wild.chi2 > 3.0 * rest.chi2
+    begun = rest.trying(GRAVITY, {"T_g": 400.0})
+    assert begun.chi2 < 3.0 * rest.chi2
+    halvings = np.log2(400.0 / float(begun.bench.layout.values(begun.x, begun.bench.unknowns.held)["T_g"]))
+    assert halvings == pytest.approx(round(halvings), abs=1e-6)
 
 
 def test_held_out_traces_are_those_beside(standing: Standing) -> None:
