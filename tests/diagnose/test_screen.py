@@ -160,6 +160,16 @@ def test_its_amplitudes_are_those_of_least_squares_in_si_and_its_shape_is_the_va
     assert values == pytest.approx({"a": 0.5 * a, "b": 20.0 * b, "p": 1.0, "q": 10.0, "r": 7.0}, rel=1e-8)
 
 
+def test_amplitudes_whose_sum_is_a_fitted_parameter_keep_their_gain_and_stay_small(case: Case) -> None:
+    """Friction over angle, raised at every angle alike, is dry friction: that direction is nobody's."""
+    one = case.columns(1)
+    other = case.J[:, :1] - one
+    found = case.signature(Either, np.hstack((one, other)))
+    assert found.gain == pytest.approx(case.chi2(case.J) - case.chi2(case.J, one), rel=1e-6)
+    assert abs(found.values["a"] / 0.5) < 1.0
+    assert abs(found.values["b"] / 20.0) < 1.0
+
+
 def test_what_is_its_own_is_what_is_left_of_it_beside_the_fitted_parameters(case: Case) -> None:
     alone = case.columns(1)
     alone -= case.J @ np.linalg.lstsq(case.J, alone, rcond=None)[0]
