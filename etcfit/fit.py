@@ -213,7 +213,11 @@ def _verdict(moved: float, gain: float, outliers: int) -> End:
         return End(False, "the model cannot be computed at the point reached", outliers)
     if moved > _WANDERING:
         return End(False, f"the last round still moved a parameter by {moved:.2g} standard errors", outliers)
-    return End(True, f"gradient zero to {gain:.1e} of chi2, last round moved {moved:.2g} standard errors", outliers)
+    still = f"gradient zero to {gain:.1e} of chi2"
+    if moved > 1.0:
+        alternates = f"the rounds alternate by {moved:.2g} standard errors, which the intervals include"
+        return End(True, f"{still}; {alternates}", outliers)
+    return End(True, f"{still}, last round moved {moved:.2g} standard errors", outliers)
 
 
 def _searched(
