@@ -25,12 +25,12 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests"))
 
 from etcfit.backend import use_compilation_cache
 from etcfit.design import judged
+from etcfit.ecu import Ecu
 from etcfit.effects import PAPER
 from etcfit.effects.limp_home_spring import LimpHomeSpring as OurLimpHome
 from etcfit.effects.stribeck_friction import StribeckFriction as OurStribeck
 from etcfit.linear import TransferFunction
 from etcfit.pid import RULES, Gains, Refusal, Requirements, Task
-from etcfit.pid.ecu import Ecu
 from etcfit.pid.loop import Body, Loop
 from etcfit.pid.setpoint import trapezoid
 from etcfit.throttle import Throttle

@@ -11,14 +11,14 @@ from numpy.testing import assert_allclose, assert_array_equal
 
 from etcfit.check import check
 from etcfit.diagnose.composition import compose
+from etcfit.ecu import Ecu
 from etcfit.effects import COMMANDING
 from etcfit.fit import FitResult, fit, ready
 from etcfit.intervals import intervals, lumped
-from etcfit.pid.ecu import Ecu as Discrete
 from etcfit.pid.setpoint import trapezoid
 from etcfit.reading import read_graphs
 from etcfit.rig import controlled
-from etcfit.rig.base import Ecu, Fixed, Measurement, Prior, Reading, Rig, RigConfig, Start
+from etcfit.rig.base import Fixed, Measurement, Prior, Reading, Rig, RigConfig, Start
 from etcfit.rig.reader import read_folder
 from etcfit.tape import lay
 from etcfit.trace import prepare
@@ -32,7 +32,7 @@ from rigs import loop, one
 
 GAINS = {"K_p": 6.0, "K_i": 40.0, "K_d": 0.12}
 COMPUTER = Computer(*GAINS.values())
-ECU = Ecu(1e-3, 2e-3, 0.0, 12.0)
+ECU = Ecu()
 CONFIG = RigConfig(
     "bench", gear_ratio=20.68, supply_V=12.0, ecu=ECU, parameters={s: Fixed(v) for s, v in ECU.constants.items()}
 )
@@ -141,7 +141,7 @@ def test_the_model_of_all_effects_carries_the_controller_along() -> None:
 @pytest.mark.slow
 def test_a_computer_that_is_designed_meets_nothing_of_the_one_that_was_fitted() -> None:
     """Transfer function and simulated loop of a fitted model are those of the plate alone."""
-    designed = Discrete(period=5e-3)
+    designed = Ecu(period=5e-3)
     bare, fitted = (loop(*more, ecu=designed) for more in ((), COMMANDING))
     assert_array_equal(np.asarray(bare.linear().a0), np.asarray(fitted.linear().a0))
     paths = [np.asarray(each.respond(one(6.0, 40.0, 0.1), trapezoid()).position) for each in (bare, fitted)]

@@ -149,7 +149,7 @@ def _safe(metrics: Metrics, asked: Requirements) -> bool:
 def _proposed(design: Design) -> RenderableType:
     gains, ecu = design.chosen.gains, design.task.ecu
     assert gains is not None, "the proposed rule has gains"
-    native, his = ecu.native(gains), rusefi(design)
+    native, his = gains.in_ticks(ecu.period), rusefi(design)
     table = plain_table("proposed", "P", "I", "D", "unit")
     table.add_row("continuous time", *(short(g, 5) for g in gains), "V/rad, s")
     table.add_row(f"ticks of {short(1e3 * ecu.period)} ms", *(short(g, 5) for g in native), "V/rad, ticks")
