@@ -31,7 +31,7 @@ def angle(loop, gains: tuple[float, ...], setpoint=RAMP) -> np.ndarray:
 @pytest.mark.parametrize("period", [5e-4, 1e-3, 4e-3])
 def test_without_friction_and_limits_it_is_the_linear_loop(period: float) -> None:
     # begins at angle 0 without a spring torque, so that both begin at rest
-    ecu = replace(ENDLESS, period=period, filter=2.0 * period)
+    ecu = ENDLESS._replace(period=period, filter=2.0 * period)
     loop = rigs.loop(ecu=ecu, body=rigs.WIDE, **SMOOTH)
     ramp = trapezoid(0.0, 0.4, lead=0.2)
     wide = replace(ramp, shares=tuple(0.5 + 1e-3 * s for s in ramp.shares))  # share 0.5 of the travel is angle 0
