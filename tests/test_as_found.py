@@ -10,12 +10,16 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from etcfit.design import ecu_of, gains_as_found, judged, task_of
+from etcfit.design import Design, ecu_of, gains_as_found, judged, task_of
 from etcfit.ecu import Ecu
 from etcfit.fitted import Fitted
 from etcfit.pid import RULES, Gains, Refusal
+from etcfit.pid.feedforward import Bias
 from etcfit.pid.setpoint import trapezoid
+from etcfit.report.blocks import render
+from etcfit.report.control.tables import design_table
 from etcfit.rig.base import Fixed, RigConfig
+from etcfit.run_folder import design_json
 from etcfit.throttle import catalogue
 from etcfit.unknowns import unknowns
 from independent import draw_truth
@@ -94,19 +98,49 @@ def test_without_an_ecu_there_are_none_and_it_says_where_to_describe_one() -> No
     assert "[ecu]" in found.why
 
 
-def test_they_are_judged_like_any_rules_and_respond_as_the_rig_itself_would() -> None:
+def tried(**changes: float) -> Design:
+    """The gains as found and nothing else, judged and proposed."""
+    model, setpoint = fitted(**changes), trapezoid()
+    task = task_of(model, ecu_of(model), drawn=np.empty((0, model.x.size)))
+    tuned = judged(task, {"as_found": RULES["as_found"](task)}, setpoint)
+    bias = Bias(np.linspace(0.0, np.pi / 2, 8), np.linspace(0.0, 3.0, 8))
+    return Design(model, task, setpoint, tuned["as_found"], tuned, 1, "laplace", bias, ())
+
+
+@pytest.fixture(scope="module")
+def present() -> Design:
+    return tried()
+
+
+def rmse(of: Design) -> float:
+    assert of.chosen.nonlinear is not None
+    return float(of.chosen.nonlinear.rmse_pct)
+
+
+def test_they_are_judged_like_any_rules_and_respond_as_the_rig_itself_would(present: Design) -> None:
     """Tracking error on the paper's trapezoid, whose low level lies below the default position of the spring."""
-    setpoint, tracked = trapezoid(), []
-    for changes in ({}, {"T_lh": 1e-6, "K_lh": 1e-6}):
-        model = fitted(**changes)
-        task = task_of(model, ecu_of(model), drawn=np.empty((0, model.x.size)))
-        found = RULES["as_found"](task)
-        tuned = judged(task, {"as_found": found}, setpoint)["as_found"]
-        assert tuned.gains == pytest.approx(tuple(GAINS.values()))
-        assert tuned.nonlinear is not None
-        tracked.append(float(tuned.nonlinear.rmse_pct))
+    assert present.chosen.gains == pytest.approx(tuple(GAINS.values()))
     wanted = trapezoids(0.05 * np.pi / 2, 0.45 * np.pi / 2, LOGGED.period)
     computer = Computer(*GAINS.values(), LOGGED.period, LOGGED.supply, LOGGED.filter, LOGGED.delay)
     real = score(follow(throttle(TRUTH, SPRING), computer, wanted)[0], wanted, LOGGED.period, np.pi / 2).rmse
-    assert tracked[0] == pytest.approx(real, rel=0.05)
-    assert tracked[1] != pytest.approx(real, rel=0.05)
+    assert rmse(present) == pytest.approx(real, rel=0.05)
+    assert rmse(tried(T_lh=1e-6, K_lh=1e-6)) != pytest.approx(real, rel=0.05)
+
+
+def test_the_table_shows_them_and_says_whose_ecu_it_is(present: Design) -> None:
+    shown = render(design_table(present))
+    assert "as_found" in shown
+    assert "ticks of 2.00 ms, delay 1.00 ms, derivative filter 3.00 ms, output within 11.0 V; " in " ".join(
+        shown.split()
+    )
+    assert "[ecu]" in shown
+
+
+def test_pid_json_has_the_same_keys_with_them(present: Design) -> None:
+    found = design_json(present)
+    assert found["rule"] == "as_found"
+    assert set(found["gains"]) == {"Kp", "Ki", "Kd", "unit"}
+    assert found["ecu"]["period_s"] == LOGGED.period
+    assert found["ecu"]["I"] == pytest.approx(GAINS["K_i"] * LOGGED.period)
+    plain = {"gains", "why_not", "linear", "nonlinear", "met", "probability_met", "probability_margins"}
+    assert set(found["rules"]["as_found"]) == plain
