@@ -5,7 +5,9 @@ The rig has a limp-home spring; its responses are also simulated by the independ
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import replace
+from types import MappingProxyType
 
 import numpy as np
 import pytest
@@ -42,13 +44,13 @@ LIMP_HOME = {
 }
 
 
-def fitted(ecu: Ecu | None = LOGGED, **changes: float) -> Fitted:
+def fitted(ecu: Ecu | None = LOGGED, changes: Mapping[str, float] = MappingProxyType({})) -> Fitted:
     """The rig as it is, each coordinate known to 0.01; of its ECU the derivative's gain was told, the others fitted."""
     told = {} if ecu is None else {symbol: Fixed(value) for symbol, value in ecu.constants.items()}
     told |= {} if ecu is None else {"K_d": Fixed(GAINS["K_d"])}
     config = RigConfig("synthetic", True, TRUTH.N, True, 12.0, parameters=told, effects=("limp_home_spring",), ecu=ecu)
     known = unknowns(config)
-    values = {s: p.nominal for s, p in catalogue(known.layout.types).items()} | PLATE | LIMP_HOME | GAINS | changes
+    values = {s: p.nominal for s, p in catalogue(known.layout.types).items()} | PLATE | LIMP_HOME | GAINS | {**changes}
     x = known.layout.coordinates(values)
     return Fitted(config, known, x, 1e-4 * np.eye(x.size))
 
@@ -100,7 +102,7 @@ def test_without_an_ecu_there_are_none_and_it_says_where_to_describe_one() -> No
 
 def tried(**changes: float) -> Design:
     """The gains as found and nothing else, judged and proposed."""
-    model, setpoint = fitted(**changes), trapezoid()
+    model, setpoint = fitted(changes=changes), trapezoid()
     task = task_of(model, ecu_of(model), drawn=np.empty((0, model.x.size)))
     tuned = judged(task, {"as_found": RULES["as_found"](task)}, setpoint)
     bias = Bias(np.linspace(0.0, np.pi / 2, 8), np.linspace(0.0, 3.0, 8))
@@ -121,8 +123,13 @@ def test_they_are_judged_like_any_rules_and_respond_as_the_rig_itself_would(pres
     """Tracking error on the paper's trapezoid, whose low level lies below the default position of the spring."""
     assert present.chosen.gains == pytest.approx(tuple(GAINS.values()))
     wanted = trapezoids(0.05 * np.pi / 2, 0.45 * np.pi / 2, LOGGED.period)
-    computer = Computer(*GAINS.values(), LOGGED.period, LOGGED.supply, LOGGED.filter, LOGGED.delay)
-    real = score(follow(throttle(TRUTH, SPRING), computer, wanted)[0], wanted, LOGGED.period, np.pi / 2).rmse
+    limits = {name: getattr(LOGGED, name) for name in ("period", "supply", "filter", "delay")}
+    real = score(
+        follow(throttle(TRUTH, SPRING), Computer(*GAINS.values(), **limits), wanted)[0],
+        wanted,
+        LOGGED.period,
+        np.pi / 2,
+    ).rmse
     assert rmse(present) == pytest.approx(real, rel=0.05)
     assert rmse(tried(T_lh=1e-6, K_lh=1e-6)) != pytest.approx(real, rel=0.05)
 
