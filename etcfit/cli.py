@@ -305,8 +305,12 @@ def reduce(
 def design(
     run: Run,
     rule: Annotated[str, typer.Option(help="Whose gains are proposed.", metavar="NAME")] = "optimal",
-    ecu_period: Annotated[str, typer.Option(help="Of the ECU's clock, as 1ms.", metavar="TIME")] = "1ms",
-    ecu_delay: Annotated[str, typer.Option(help="From reading to acting, as 0.5ms.", metavar="TIME")] = "0ms",
+    ecu_period: Annotated[
+        str | None, typer.Option(help="Of the ECU's clock; else [ecu]'s in rig.toml, else 1ms.", metavar="TIME")
+    ] = None,
+    ecu_delay: Annotated[
+        str | None, typer.Option(help="From reading to acting; else [ecu]'s in rig.toml, else 0ms.", metavar="TIME")
+    ] = None,
     adc_bits: Annotated[int, typer.Option(help="Of the position sensor, over its travel.", min=6, max=24)] = 12,
     feed_forward: Annotated[bool, typer.Option("--feed-forward", help="The ECU has a bias curve.")] = False,
     overshoot: Annotated[float, typer.Option(help="At most, %.", min=0.0)] = 20.0,
@@ -315,12 +319,13 @@ def design(
     quiet: Quiet = False,
 ) -> None:
     """PID gains for the model in RUN (after a diagnosis, the final one): every rule compared, one proposed."""
-    period, delay = _seconds("--ecu-period", ecu_period), _seconds("--ecu-delay", ecu_delay)
-    if not period > 0.0:
+    times = {"period": ("--ecu-period", ecu_period), "delay": ("--ecu-delay", ecu_delay)}
+    ecu = {field: _seconds(option, text) for field, (option, text) in times.items() if text is not None}
+    if ecu.get("period") == 0.0:
         raise UsageError(f"--ecu-period {ecu_period}: the period must be longer than 0. Write, say, 1ms.")
     limits = overshoot, _seconds("--settling", settling), error
     with _progress(quiet) as progress:
-        done = stages.design_run(run, progress, rule, period, delay, adc_bits, feed_forward, limits)
+        done = stages.design_run(run, progress, rule, adc_bits, feed_forward, limits, **ecu)
     _tell(done)
 
 

@@ -8,23 +8,24 @@ from typing import Any
 
 import numpy as np
 
+from .ecu import Ecu
 from .errors import UsageError
 from .fit import Report, quiet
 from .fitted import Fitted
+from .identifiability import UNKNOWN
 from .pid import RULES, Gains, Metrics, Refusal, Requirements, Task, linear_loop
 from .pid.base import REQUIRED
-from .pid.ecu import Ecu
 from .pid.feedforward import Bias, bias_of
 from .pid.loop import Body, Loop
 from .pid.margins import margins
 from .pid.response import Judged, judge
 from .pid.setpoint import Setpoint, trapezoid
 from .reduce import reduce, stops
+from .rig.ecu import GAINS
 
 DRAWS = 200
 PAPERS = Requirements()  # section 4.1
 BEST = "optimal"
-_SUPPLY = 12.0  # V, where rig.toml gives none
 SEED = 20230701
 
 
@@ -91,8 +92,24 @@ class Design:
 
 
 def ecu_of(fitted: Fitted, **given: float) -> Ecu:
-    """The rig's ECU: its supply from rig.toml, everything else as given or by default."""
-    return Ecu(**({"supply": fitted.config.supply_V or _SUPPLY} | given))
+    """The ECU that gains are sought for: as given, the rest as [ecu] of rig.toml describes the one that drove the logs.
+
+    Without [ecu] the rest is by default, the supply rig.toml's and the derivative's filter two periods.
+    """
+    described = fitted.config.ecu
+    if described is None:
+        period = given.get("period", Ecu().period)
+        described = Ecu(period, fitted.config.supply_V or Ecu().supply, filter=2.0 * period)
+    return described._replace(**given)
+
+
+def gains_as_found(fitted: Fitted) -> Gains | Refusal:
+    """Those of the ECU that [ecu] of rig.toml describes, known or fitted."""
+    if fitted.config.ecu is None:
+        return Refusal("rig.toml describes no ECU, see [ecu]")
+    if lost := [symbol for symbol in GAINS.values() if fitted.doubt(symbol) > UNKNOWN]:
+        return Refusal(f"the data do not tell {', '.join(lost)}")
+    return Gains(*(fitted.values[symbol] for symbol in GAINS.values()))
 
 
 def task_of(
@@ -116,7 +133,7 @@ def task_of(
     body = Body(fitted.config.gear_ratio, *stops(fitted))
     throttles = fitted.throttles(np.vstack((fitted.x, drawn)))
     bias = bias_of(fitted.throttle, *body) if feed_forward else None
-    return Task(reduce(fitted).plant, ecu, requirements, Loop(throttles, body, ecu, bias))
+    return Task(reduce(fitted).plant, ecu, requirements, Loop(throttles, body, ecu, bias), gains_as_found(fitted))
 
 
 def design(
@@ -234,7 +251,7 @@ def _meets(task: Task, setpoint: Setpoint) -> bool:
 
 
 def _with_ecu(task: Task, **changes: float) -> Task:
-    ecu = replace(task.ecu, **changes)
+    ecu = task.ecu._replace(**changes)
     return replace(task, ecu=ecu, loop=task.loop.under(ecu))
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
@@ -40,6 +41,15 @@ class Fitted:
     def throttle(self) -> Throttle:
         """The model."""
         return Throttle.build(self.unknowns.layout.types, self.values)
+
+    def doubt(self, symbol: str) -> float:
+        """Standard deviation of a parameter's coordinate over its reach, about its relative error; 0 if not free."""
+        layout = self.unknowns.layout
+        if symbol not in layout.free:
+            return 0.0
+        k = layout.free.index(symbol)
+        variance = float(self.covariance[k, k])
+        return math.sqrt(variance) / float(layout.reach(self.x)[k]) if variance >= 0.0 else math.inf
 
     def throttles(self, x: np.ndarray) -> Throttle:
         """Many at once, of coordinates of shape (D, P): parameters of shape (D,)."""

@@ -9,7 +9,7 @@ import numpy as np
 from .unknowns import Layout
 
 WIDE = 3.0  # relative change: what is believed of a parameter beforehand, about a factor of 20 either way
-_UNKNOWN = 0.3  # what is known no better than to 30 % counts as not identifiable
+UNKNOWN = 0.3  # what is known no better than to 30 % counts as not identifiable
 _WEAK = 0.1  # a direction less well known than to 10 %
 _SHARE = 0.1  # a symbol with a smaller share in a direction is not named
 
@@ -30,7 +30,7 @@ class Direction:
 
     @property
     def null(self) -> bool:
-        return self.sd > _UNKNOWN
+        return self.sd > UNKNOWN
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,13 +64,13 @@ def analyse(layout: Layout, x: np.ndarray, information: np.ndarray) -> Identifia
     values, vectors = np.linalg.eigh(information * np.outer(reach, reach))  # relative changes
     values = np.maximum(values, 0.0)
     sd = 1.0 / np.sqrt(np.maximum(values, 1e-300))
-    null = sd > _UNKNOWN
+    null = sd > UNKNOWN
     directions = [*_readable(layout.free, vectors[:, null], sd[null])]
     for k in np.flatnonzero(~null & (sd > _WEAK)):
         directions.append(_direction(layout.free, vectors[:, k], sd[k]))
     # by eigenvectors: an inverse would drown the null directions in rounding
     relative = (vectors / (values + 1.0 / WIDE**2)) @ vectors.T
-    lost = tuple(s for s, c in zip(layout.free, np.diag(relative), strict=True) if c**0.5 > _UNKNOWN)
+    lost = tuple(s for s, c in zip(layout.free, np.diag(relative), strict=True) if c**0.5 > UNKNOWN)
     covariance = relative * np.outer(reach, reach)
     return Identifiability(layout.free, np.sqrt(values[::-1]), tuple(directions), covariance, lost)
 

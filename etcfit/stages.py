@@ -131,21 +131,20 @@ def design_run(
     run: Path,
     report: Report,
     rule: str = "optimal",
-    period: float = 1e-3,
-    delay: float = 0.0,
     adc_bits: int = 12,
     feed_forward: bool = False,
     limits: tuple[float, float, float] = (20.0, 0.2, 0.5),
+    **ecu: float,
 ) -> Done:
     """Gains by every rule, one of them proposed: RUN/pid.json, the responses.
 
     Args:
         run, report: as everywhere.
         rule: whose gains are proposed.
-        period, delay: of the ECU, s.
         adc_bits: of the position sensor, over its travel.
         feed_forward: the ECU has a bias curve.
         limits: overshoot (%), settling time (s) and steady-state error (%) at most.
+        ecu: what is given of the ECU, by field; see `design.ecu_of` for the rest.
     """
     report("taking up the fit", 0.0)
     keep_compiled()
@@ -156,9 +155,9 @@ def design_run(
 
     fitted = read_fitted(run)
     lower, upper = stops(fitted)
-    ecu = ecu_of(fitted, period=period, delay=delay, filter=2.0 * period, resolution=(upper - lower) / 2**adc_bits)
+    computer = ecu_of(fitted, resolution=(upper - lower) / 2**adc_bits, **ecu)
     drawn = read_draws(run, fitted, DRAWS - 1, SEED)
-    found = design(fitted, ecu, Requirements(*limits), rule, drawn, feed_forward, report)
+    found = design(fitted, computer, Requirements(*limits), rule, drawn, feed_forward, report)
     from .report import write_design
     from .report.control.tables import design_table
 

@@ -7,11 +7,11 @@ from typing import Any
 import numpy as np
 
 from bodies import OPEN, N, values
+from etcfit.ecu import Ecu
 from etcfit.effects import PAPER, AbstractEffect
 from etcfit.linear import TransferFunction
 from etcfit.parameters import parameters_of
 from etcfit.pid import Gains
-from etcfit.pid.ecu import Ecu
 from etcfit.pid.loop import Body, Loop
 from etcfit.throttle import Throttle
 

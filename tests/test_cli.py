@@ -327,6 +327,26 @@ def test_reduce_and_design_without_a_fit_are_usage_errors(invoke, command: str) 
     assert "holds no fit" in done.stderr
 
 
+@pytest.mark.parametrize(
+    ("words", "given"),
+    [((), {}), (("--ecu-period", "2ms"), {"period": 2e-3}),
+     (("--ecu-delay", "0ms", "--ecu-period", "5ms"), {"period": 5e-3, "delay": 0.0})],
+)  # fmt: skip
+def test_design_passes_on_what_is_given_of_the_ecu_and_no_more(
+    invoke, monkeypatch: pytest.MonkeyPatch, words: tuple[str, ...], given: dict[str, float]
+) -> None:
+    asked: list[dict[str, float]] = []
+    monkeypatch.setattr("etcfit.stages.design_run", lambda *_, **ecu: asked.append(ecu) or Done("done"))
+    assert invoke("design", "bench", "--quiet", *words).exit_code == 0
+    assert asked == [given]
+
+
+def test_an_ecu_without_a_clock_is_a_usage_error(invoke) -> None:
+    done = invoke("design", "bench", "--ecu-period", "0ms", "--quiet")
+    assert done.exit_code == 2
+    assert "longer than 0" in done.stderr
+
+
 @pytest.mark.slow
 def test_reduce_writes_the_transfer_function_and_prints_it(tmp_path: Path, invoke) -> None:
     run = Path(__file__).parents[1] / "notebooks" / "bench_twin_run" / "fit_state.npz"

@@ -8,8 +8,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from etcfit.ecu import Ecu
 from etcfit.errors import MeasurementError
-from etcfit.rig.base import Ecu, Fixed, Prior, RigConfig, Start, Tied, TpsCalibration
+from etcfit.rig.base import Fixed, Prior, RigConfig, Start, Tied, TpsCalibration
 from etcfit.rig.config import read_config
 
 FULL = """[rig]

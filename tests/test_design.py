@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -185,7 +184,7 @@ def test_the_optimum_meets_everything_and_tracks_better_than_the_safe_rules(fitt
 def test_a_flat_battery_is_named_as_what_binds(fitted: Fitted) -> None:
     # 40 % of the travel in 0.2 s: 1.3 V of back-EMF, up to 1.7 V of spring and 0.9 V of friction are more than 3.2 V;
     # without the friction they are not
-    weak = replace(ecu_of(fitted), supply=3.2)
+    weak = ecu_of(fitted, supply=3.2)
     task = task_of(fitted, weak, drawn=fitted.laplace(11, np.random.default_rng(0)))
     assert binding(task, trapezoid()) == ("the supply voltage", "dry friction")
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from .amigo import amigo
+from .as_found import as_found
 from .base import Gains, Metrics, Refusal, Requirements, Rule, Task
 from .damping_optimum import damping_optimum
 from .manual import manual
@@ -21,6 +22,7 @@ RULES: dict[str, Rule] = {
     "damping_optimum": damping_optimum,
     "relay": relay,
     "manual": manual,
+    "as_found": as_found,
 }
 
 __all__ = ["RULES", "Gains", "Metrics", "Refusal", "Requirements", "Rule", "Task"]

@@ -6,11 +6,11 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, NamedTuple
 
+from ..ecu import Ecu
 from ..linear import TransferFunction
 from ..parameters import Scalar
 
 if TYPE_CHECKING:
-    from .ecu import Ecu
     from .loop import Loop
 
 UNIT = "V/rad"  # of Kp; Ki is per s, Kd times s
@@ -38,6 +38,10 @@ class Gains(NamedTuple):
     def series(cls, Kc: float, Ti: float, Td: float) -> Gains:
         """Of the form Kc (1 + 1/(Ti s)) (1 + Td s), times in s."""
         return cls(Kc * (1.0 + Td / Ti), Kc / Ti, Kc * Td)
+
+    def in_ticks(self, period: Scalar) -> Gains:
+        """As an ECU that counts ticks of a period (s) has them: P, I T, D / T."""
+        return Gains(self.Kp, self.Ki * period, self.Kd / period)
 
 
 @dataclass(frozen=True)
@@ -96,12 +100,14 @@ class Task:
         ecu: the controller's own limits.
         requirements: what is asked for.
         loop: the fitted nonlinear plant under its ECU, nominal model first, then draws.
+        as_found: gains of the ECU that drove the logs, or why nobody knows them.
     """
 
     plant: TransferFunction
     ecu: Ecu
     requirements: Requirements
     loop: Loop
+    as_found: Gains | Refusal = Refusal("no ECU is described")
 
 
 Rule = Callable[[Task], Gains | Refusal]

@@ -2,58 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import jax.numpy as jnp
 
+from ..ecu import Ecu
 from ..parameters import Scalar
 from .base import Gains
-
-
-@dataclass(frozen=True)
-class Ecu:
-    """A controller's own limits.
-
-    Args:
-        period: of its clock, s.
-        supply: its output stays within -supply and supply, V.
-        filter: time constant of the derivative's low-pass, s; 0 for none.
-        delay: from a tick to where its output acts, s.
-        pwm: resolution of the output, V; 0 for none.
-        resolution: of the position it reads, rad; 0 for none.
-    """
-
-    period: float = 1e-3
-    supply: float = 12.0
-    filter: float = 2e-3
-    delay: float = 0.0
-    pwm: float = 0.0
-    resolution: float = 0.0
-
-    @property
-    def late(self) -> float:
-        """By how much the output lags what was read, s: its hold lasts half a period on average."""
-        return self.delay + 0.5 * self.period
-
-    def native(self, gains: Gains) -> Gains:
-        """The gains as an ECU that counts ticks has them: P, I T, D / T."""
-        return Gains(gains.Kp, gains.Ki * self.period, gains.Kd / self.period)
-
-    def numbers(self) -> Numbers:
-        """As compiled functions take them."""
-        return Numbers(self.period, self.supply, self.filter, self.delay, self.pwm, self.resolution)
-
-
-class Numbers(NamedTuple):
-    """An `Ecu` as data: another one compiles nothing."""
-
-    period: Scalar
-    supply: Scalar
-    filter: Scalar
-    delay: Scalar
-    pwm: Scalar
-    resolution: Scalar
 
 
 class Memory(NamedTuple):
@@ -64,7 +19,7 @@ class Memory(NamedTuple):
     error: Scalar
 
 
-def tick(gains: Gains, ecu: Numbers, memory: Memory, setpoint: Scalar, position: Scalar, bias: Scalar) -> Any:
+def tick(gains: Gains, ecu: Ecu, memory: Memory, setpoint: Scalar, position: Scalar, bias: Scalar) -> Any:
     """One tick: v = clip(Kp e + I + Kd d + bias), rounded to the PWM's resolution.
 
         I <- I + Ki T e,    d <- (T_f d + e - e_last) / (T_f + T)

@@ -7,9 +7,9 @@ from typing import Any
 
 import numpy as np
 
+from ..ecu import Ecu
 from ..linear import TransferFunction
 from .base import Gains
-from .ecu import Ecu
 from .setpoint import Setpoint
 
 PADE_ORDER = 3

@@ -12,13 +12,14 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from ..ecu import Ecu
 from ..effects import Inputs, State
 from ..linear import MIDDLE, TransferFunction, coefficients, sensor_lag
 from ..parameters import Scalar
 from ..simulate import Step, step
 from ..throttle import Throttle
 from .base import Gains
-from .ecu import Ecu, Memory, Numbers, tick
+from .ecu import Memory, tick
 from .feedforward import Bias, hold_curve
 from .response import Judged, judge
 from .setpoint import Setpoint
@@ -50,10 +51,10 @@ class _Carry(NamedTuple):
     sent: Any  # voltages of the last ticks, newest first, V
 
 
-Controller = Callable[[Any, Numbers, Any, Scalar, Scalar, Scalar], Any]
+Controller = Callable[[Any, Ecu, Any, Scalar, Scalar, Scalar], Any]
 
 
-def _step(ecu: Numbers, body: Body, dt: Scalar, volts: Scalar, time: Scalar) -> Step:
+def _step(ecu: Ecu, body: Body, dt: Scalar, volts: Scalar, time: Scalar) -> Step:
     return Step(dt=dt, voltage0=volts, voltage1=volts, torque0=0.0, torque1=0.0, time=time, mobile=1.0, circuit=1.0,
                 plate=1.0, series=0.0, gear_ratio=body.gear_ratio, lower=body.lower, upper=body.upper, pull=0.0,
                 target0=0.0, target1=0.0, lever=0.0)  # fmt: skip
@@ -71,7 +72,7 @@ def _acting(sent: Any, begin: Scalar, end: Scalar) -> Scalar:
 
 
 def _one(
-    control: Controller, throttle: Throttle, settings: Any, first: Any, ecu: Numbers, body: Body, setpoint: Any,
+    control: Controller, throttle: Throttle, settings: Any, first: Any, ecu: Ecu, body: Body, setpoint: Any,
     bias: Any, start: Scalar, parts: int, room: int,
 ) -> Path:  # fmt: skip
     """One plant under one controller."""
@@ -102,7 +103,7 @@ def _one(
 
 @partial(jax.jit, static_argnums=(0, 9, 10))
 def _many(
-    control: Controller, throttles: Throttle, settings: Any, first: Any, ecu: Numbers, body: Body, setpoint: Any,
+    control: Controller, throttles: Throttle, settings: Any, first: Any, ecu: Ecu, body: Body, setpoint: Any,
     bias: Any, start: Any, parts: int, room: int,
 ) -> Path:  # fmt: skip
     """Every plant (D) under every controller (G): shape (D, G, K)."""
@@ -201,7 +202,7 @@ class Loop:
         wanted = self.angle(setpoint.at(setpoint.instants(self.ecu.period)))
         ahead = self.bias.volts(wanted, self.ecu.period) if self.bias is not None else np.zeros_like(wanted)
         parts = max(1, math.ceil(self.ecu.period / _LONGEST - 1e-9))
-        return _many(control, self.throttles, settings, first, self.ecu.numbers(), self.body, wanted, ahead,
+        return _many(control, self.throttles, settings, first, self.ecu, self.body, wanted, ahead,
                      self.angle(setpoint.shares[0]), parts, self._room())  # fmt: skip
 
     def judged(self, gains: Gains, setpoint: Setpoint) -> Judged:

@@ -11,9 +11,9 @@ from typing import Any
 
 import numpy as np
 
+from ..ecu import Ecu
 from ..linear import TransferFunction
 from .base import Gains
-from .ecu import Ecu
 
 FINE = np.geomspace(0.05, 2e4, 4000)  # rad/s
 COARSE = np.geomspace(2.0, 6e3, 120)  # the same within some tenths of a dB and of a degree

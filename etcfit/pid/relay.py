@@ -8,9 +8,10 @@ from typing import Any, NamedTuple
 import jax.numpy as jnp
 import numpy as np
 
+from ..ecu import Ecu
 from ..linear import MIDDLE
 from .base import Gains, Refusal, Task
-from .ecu import Numbers, quantised
+from .ecu import quantised
 from .setpoint import step
 from .ultimate import Ultimate
 from .ziegler_nichols import from_ultimate
@@ -35,7 +36,7 @@ class Relay(NamedTuple):
     hysteresis: Any
 
 
-def switch(relay: Relay, ecu: Numbers, side: Any, setpoint: Any, position: Any, bias: Any) -> Any:
+def switch(relay: Relay, ecu: Ecu, side: Any, setpoint: Any, position: Any, bias: Any) -> Any:
     """One tick of the relay: it turns over where the error has passed its hysteresis."""
     error = setpoint - quantised(position, ecu.resolution)
     side = jnp.where(error > relay.hysteresis, 1.0, jnp.where(error < -relay.hysteresis, -1.0, side))

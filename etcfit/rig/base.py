@@ -9,6 +9,8 @@ from typing import ClassVar
 
 import numpy as np
 
+from ..ecu import Ecu
+
 # quantity -> the SI unit it is kept in; the units of `torque` are those at the plate
 CHANNELS: dict[str, str] = {
     "voltage": "V",
@@ -114,33 +116,6 @@ class Tied:
 
 
 Knowledge = Fixed | Prior | Start | Tied
-
-
-@dataclass(frozen=True)
-class Ecu:
-    """The computer that drives traces which log a setpoint and no voltage.
-
-    Args:
-        period: of its clock, s.
-        filter: time constant of the derivative's low-pass, s.
-        delay: from its reading to its output, s.
-        supply: its output stays within -supply and supply, V.
-    """
-
-    period: float
-    filter: float
-    delay: float
-    supply: float
-
-    @property
-    def late(self) -> float:
-        """By how much the output lags what was read, s: its hold lasts half a period on average."""
-        return self.delay + 0.5 * self.period
-
-    @property
-    def constants(self) -> dict[str, float]:
-        """Values of those parameters of the model that are never fitted, SI by symbol."""
-        return {"t_e": self.period, "tau_e": self.filter, "t_l": self.delay, "V_e": self.supply}
 
 
 @dataclass(frozen=True)

@@ -14,8 +14,9 @@ from dataclasses import replace
 
 import numpy as np
 
+from ..ecu import Ecu
 from . import driven
-from .base import DRIVES, Channel, Ecu, Fixed, Measurement, Prior, Reading, RigConfig
+from .base import DRIVES, Channel, Fixed, Measurement, Prior, Reading, RigConfig
 from .ecu import GAINS
 from .inverse_model import LUMPED, Equations, equations, filter_for
 from .signals import even_grid, on_times

@@ -6,11 +6,13 @@ import math
 from collections.abc import Mapping
 from typing import Any
 
-from .base import Ecu, Fixed, Knowledge, Prior, Start
+from ..ecu import Ecu
+from .base import Fixed, Knowledge, Prior, Start
 from .toml import Toml, shown
 
 KEYS = ("P", "I", "D", "unit", "form", "period_ms", "filter_ms", "delay_ms")
 GAINS = {"P": "K_p", "I": "K_i", "D": "K_d"}
+TIMES = {"filter_ms": "filter", "delay_ms": "delay"}  # those with a default, and what `Ecu` calls them
 OUTPUTS, ERRORS, FORMS = ("V", "%"), ("rad", "deg", "%"), ("seconds", "ticks")
 MOST_MS = 1000.0  # of any time in it
 
@@ -34,8 +36,8 @@ def read_ecu(toml: Toml, travel: tuple[float, float]) -> tuple[Ecu | None, dict[
         raise toml.wrong("ecu", "no [rig] supply_V.", "An ECU's output is clamped at the supply.",
                          "Add supply_V = 12.0 below [rig].")  # fmt: skip
     period = _ms(toml, "period_ms", table["period_ms"], least=0.01)
-    slow, delay = _ms(toml, "filter_ms", table.get("filter_ms", 2.0)), _ms(toml, "delay_ms", table.get("delay_ms", 0.0))
-    ecu = Ecu(period, slow, delay, toml.positive("rig.supply_V", supply))
+    given = {field: _ms(toml, key, table[key]) for key, field in TIMES.items() if key in table}
+    ecu = Ecu(period, toml.positive("rig.supply_V", supply), **given)
     gains = _gains(toml, table, _scales(toml, table, ecu, travel))
     for symbol in (*GAINS.values(), *ecu.constants):
         if symbol in toml.table("parameters"):

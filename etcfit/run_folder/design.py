@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 
 from ..design import Design, Tuned
+from ..ecu import Ecu
 from ..pid.base import REQUIRED, UNIT, Gains, Metrics
-from ..pid.ecu import Ecu
 from .files import plain
 from .fit import versions
 
@@ -54,7 +54,7 @@ def _gains(gains: Gains) -> dict[str, Any]:
 
 
 def _native(ecu: Ecu, gains: Gains) -> dict[str, Any]:
-    native = ecu.native(gains)
+    native = gains.in_ticks(ecu.period)
     return {
         "P": native.Kp, "I": native.Ki, "D": native.Kd, "period_s": ecu.period, "unit": UNIT, "supply_V": ecu.supply,
         "derivative_filter_s": ecu.filter, "delay_s": ecu.delay, "pwm_V": ecu.pwm, "resolution_rad": ecu.resolution,

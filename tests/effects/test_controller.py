@@ -11,10 +11,10 @@ import pytest
 from numpy.testing import assert_allclose
 
 from effect_samples import inputs
+from etcfit.ecu import Ecu
 from etcfit.effects import COMMANDING, EFFECTS, State
 from etcfit.effects.controller import Controller
 from etcfit.parameters import parameters_of
-from etcfit.rig.base import Ecu
 from etcfit.rig.controlled import NOMINAL
 from etcfit.rig.ecu import GAINS
 from etcfit.throttle import Throttle, followed
@@ -147,5 +147,5 @@ def test_it_is_no_candidate_and_its_memories_are_followed() -> None:
 
 def test_every_parameter_is_a_gain_or_a_constant_of_the_ecu() -> None:
     symbols = {p.symbol for p in parameters_of(Controller)}
-    assert symbols == {*GAINS.values(), *Ecu(1e-3, 2e-3, 0.0, 12.0).constants}
+    assert symbols == {*GAINS.values(), *Ecu().constants}
     assert set(NOMINAL) == set(GAINS.values())

@@ -11,11 +11,11 @@ import numpy as np
 import pytest
 
 import rigs
+from etcfit.ecu import Ecu
 from etcfit.effects.limp_home_spring import LimpHomeSpring
 from etcfit.effects.stribeck_friction import StribeckFriction
 from etcfit.linear import PAPER_EQ_8
 from etcfit.pid import Gains
-from etcfit.pid.ecu import Ecu
 from etcfit.pid.hunting import stuck
 from etcfit.pid.linear_loop import respond
 from etcfit.pid.loop import Loop
@@ -84,7 +84,7 @@ def test_put_into_an_ecu_that_counts_ticks_they_oscillate() -> None:
 
 
 def test_in_ticks_they_are_what_the_paper_found_by_hand_within_three_times() -> None:
-    native = Ecu().native(ZIEGLER_NICHOLS)
+    native = ZIEGLER_NICHOLS.in_ticks(Ecu().period)
     ratios = np.array(native) / np.array(BY_HAND)
     assert np.all((ratios > 1 / 3) & (ratios < 3))
 

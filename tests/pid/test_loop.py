@@ -9,10 +9,11 @@ import numpy as np
 import pytest
 
 import rigs
+from etcfit.ecu import Ecu
 from etcfit.effects.actuation_delay import ActuationDelay
 from etcfit.effects.position_sensor_lag import PositionSensorLag
 from etcfit.pid import Gains
-from etcfit.pid.ecu import Ecu, Memory, tick
+from etcfit.pid.ecu import Memory, tick
 from etcfit.pid.feedforward import bias_of, hold_curve
 from etcfit.pid.linear_loop import respond
 from etcfit.pid.setpoint import step, trapezoid
@@ -30,7 +31,7 @@ def angle(loop, gains: tuple[float, ...], setpoint=RAMP) -> np.ndarray:
 @pytest.mark.parametrize("period", [5e-4, 1e-3, 4e-3])
 def test_without_friction_and_limits_it_is_the_linear_loop(period: float) -> None:
     # begins at angle 0 without a spring torque, so that both begin at rest
-    ecu = replace(ENDLESS, period=period, filter=2.0 * period)
+    ecu = ENDLESS._replace(period=period, filter=2.0 * period)
     loop = rigs.loop(ecu=ecu, body=rigs.WIDE, **SMOOTH)
     ramp = trapezoid(0.0, 0.4, lead=0.2)
     wide = replace(ramp, shares=tuple(0.5 + 1e-3 * s for s in ramp.shares))  # share 0.5 of the travel is angle 0
@@ -84,7 +85,7 @@ def test_draws_and_gains_side_by_side_are_each_what_they_are_alone() -> None:
 def ticked(ecu: Ecu, errors: list[float], gains: tuple[float, ...] = (2.0, 50.0, 0.01)) -> list[float]:
     memory, out = Memory(0.0, 0.0, 0.0), []
     for error in errors:
-        volts, memory = tick(Gains(*gains), ecu.numbers(), memory, error, 0.0, 0.0)
+        volts, memory = tick(Gains(*gains), ecu, memory, error, 0.0, 0.0)
         out.append(float(volts))
     return out
 

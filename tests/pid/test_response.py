@@ -8,9 +8,9 @@ import control
 import numpy as np
 import pytest
 
+from etcfit.ecu import Ecu
 from etcfit.linear import TransferFunction
 from etcfit.pid import Gains
-from etcfit.pid.ecu import Ecu
 from etcfit.pid.linear_loop import respond
 from etcfit.pid.margins import margins
 from etcfit.pid.response import judge

@@ -12,11 +12,11 @@ import numpy as np
 import pytest
 
 import etcfit.pid
+from etcfit.ecu import Ecu
 from etcfit.linear import PAPER_EQ_8, TransferFunction
 from etcfit.pid import RULES, Gains, Refusal, Requirements, Task
 from etcfit.pid.amigo import amigo, first_order
 from etcfit.pid.damping_optimum import damping_optimum
-from etcfit.pid.ecu import Ecu
 from etcfit.pid.linear_loop import respond
 from etcfit.pid.response import judge
 from etcfit.pid.setpoint import Setpoint, step, trapezoid

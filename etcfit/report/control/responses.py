@@ -26,7 +26,7 @@ def draw(design: Design) -> Figure:
         _panel(panel, design, tuned)
     for panel in panels[len(shown) :]:
         panel.set_visible(False)
-    _axes(panels, design)
+    _axes(panels[: len(shown)], design)
     title = f"{design.fitted.config.name}  ·  every rule on the paper's trapezoid"
     fig.suptitle(title, x=0.07, y=1.0 - 0.1 / tall, ha="left", va="top", fontsize=13)
     style.legend(fig, panels[:1], 0.07, 1.0 - 0.4 / tall, "upper left")
@@ -71,3 +71,4 @@ def _axes(panels: list[Axes], design: Design) -> None:
             panel.set_ylabel("position [% travel]")
         if k >= len(panels) - _COLUMNS:
             panel.set_xlabel("time [s]")
+            panel.tick_params(labelbottom=True)  # also where the panel below it is left out

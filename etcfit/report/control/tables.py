@@ -117,6 +117,7 @@ def design_table(design: Design) -> RenderableType:
         f"asked: overshoot < {asked.overshoot_pct:g} %, settling < {asked.settling_s:g} s, steady-state error < "
         f"{asked.steady_state_error_pct:g} %; margins {asked.gain_margin_db:g} dB, {asked.phase_margin_deg:g} degrees",
         f"P(met): share of {design.draws} models from {source} whose response meets all three",
+        *_computer(design),
     ]
     refused = [f"{t.rule}: {t.why}" for t in design.tuned.values() if t.gains is None]
     parts = [
@@ -130,6 +131,17 @@ def design_table(design: Design) -> RenderableType:
         ),
     ]
     return Group(*(part for part in parts if part is not None))
+
+
+def _computer(design: Design) -> list[str]:
+    """The ECU that all gains are tried in, and which of them it has now."""
+    ecu = design.task.ecu
+    clock, late, slow = (f"{short(1e3 * each)} ms" for each in (ecu.period, ecu.delay, ecu.filter))
+    limits = f"ECU: ticks of {clock}, delay {late}, derivative filter {slow}, output within {short(ecu.supply)} V"
+    if design.fitted.config.ecu is None:
+        return [limits]
+    return [f"{limits}; what the command does not give is [ecu]'s of rig.toml",
+            "as_found: the gains that the ECU of the logs has, as rig.toml or the fit tells them"]  # fmt: skip
 
 
 def _row(tuned: Tuned, asked: Requirements) -> tuple[str, ...]:
@@ -149,7 +161,7 @@ def _safe(metrics: Metrics, asked: Requirements) -> bool:
 def _proposed(design: Design) -> RenderableType:
     gains, ecu = design.chosen.gains, design.task.ecu
     assert gains is not None, "the proposed rule has gains"
-    native, his = ecu.native(gains), rusefi(design)
+    native, his = gains.in_ticks(ecu.period), rusefi(design)
     table = plain_table("proposed", "P", "I", "D", "unit")
     table.add_row("continuous time", *(short(g, 5) for g in gains), "V/rad, s")
     table.add_row(f"ticks of {short(1e3 * ecu.period)} ms", *(short(g, 5) for g in native), "V/rad, ticks")
