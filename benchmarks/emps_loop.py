@@ -106,11 +106,9 @@ def records() -> tuple[Servo, tuple[Record, Record]]:
     """The servo, the training file and the one with pulses."""
     training, pulses = (obtain(source) for source in EMPS.sources)
     servo = Servo(*(float(v[0]) for v in read_vectors(training, "kp", "kv", "gtau")))
-    first = read_vectors(training, "qg", "qm", "vir")
-    return servo, (
-        Record(*first, np.zeros(first[0].size)),
-        Record(*read_vectors(pulses, "qg", "qm", "vir", "pulses_N")),
-    )
+    reference, position, drive = read_vectors(training, "qg", "qm", "vir")
+    undisturbed = Record(reference, position, drive, np.zeros(drive.size))
+    return servo, (undisturbed, Record(*read_vectors(pulses, "qg", "qm", "vir", "pulses_N")))
 
 
 def follow(throttle: Throttle, servo: Servo, record: Record) -> tuple[np.ndarray, np.ndarray]:
@@ -151,7 +149,7 @@ def closed_loop(models: Mapping[str, Mapping[str, float]]) -> RenderableType:
     servo, files = records()
     table = plain_table("model", *(f"{file}: {what}" for file in ("training", "pulses")
                                    for what in ("position", "rms", "force")))  # fmt: skip
-    for name, values in (PUBLISHED | models).items():
+    for name, values in {**PUBLISHED, **models}.items():
         throttle = _throttle(values, servo)
         found = [errors(record, *follow(throttle, servo, record)) for record in files]
         table.add_row(name, *(text for e in found for text in (f"{e[0]:.4f} %", f"{e[1]:.2f} um", f"{e[2]:.3f} %")))
