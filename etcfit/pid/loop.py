@@ -73,7 +73,7 @@ def _acting(sent: Any, begin: Scalar, end: Scalar) -> Scalar:
 
 def _one(
     control: Controller, throttle: Throttle, settings: Any, first: Any, ecu: Ecu, body: Body, setpoint: Any,
-    bias: Any, start: Scalar, parts: int, room: int,
+    bias: Any, start: State, parts: int, room: int,
 ) -> Path:  # fmt: skip
     """One plant under one controller."""
     late = (ecu.delay + throttle.delays().input) / ecu.period
@@ -94,7 +94,7 @@ def _one(
         (x, z), _ = jax.lax.scan(part, (carry.x, carry.z), jnp.arange(parts, dtype=float), unroll=True)
         return _Carry(x, z, memory, sent), Path(carry.x.theta, volts, carry.x.i)
 
-    x = State(jnp.zeros(()), jnp.asarray(start, dtype=float), jnp.zeros(()))
+    x = State(*(jnp.asarray(each, dtype=float) for each in start))
     z = tuple(jnp.asarray(each, dtype=float) for each in throttle.z0)
     time = ecu.period * jnp.arange(setpoint.shape[0])
     _, path = jax.lax.scan(advance, _Carry(x, z, first, jnp.zeros(room)), (setpoint, bias, time))
@@ -104,7 +104,7 @@ def _one(
 @partial(jax.jit, static_argnums=(0, 9, 10))
 def _many(
     control: Controller, throttles: Throttle, settings: Any, first: Any, ecu: Ecu, body: Body, setpoint: Any,
-    bias: Any, start: Any, parts: int, room: int,
+    bias: Any, start: State, parts: int, room: int,
 ) -> Path:  # fmt: skip
     """Every plant (D) under every controller (G): shape (D, G, K)."""
 
@@ -190,7 +190,9 @@ class Loop:
         """Responses to a setpoint, shape (D, G, K), of gains of shape (G,) each."""
         return self.run(tick, Gains(*(jnp.asarray(g, dtype=float) for g in gains)), _PID_AT_REST, setpoint)
 
-    def run(self, control: Controller, settings: Any, first: Any, setpoint: Setpoint) -> Path:
+    def run(
+        self, control: Controller, settings: Any, first: Any, setpoint: Setpoint, start: State | None = None
+    ) -> Path:
         """The same with any controller.
 
         Args:
@@ -198,12 +200,14 @@ class Loop:
             settings: of it, entries of shape (G,).
             first: memory with which it begins.
             setpoint: what it follows.
+            start: state of every plant at its begin; None: at rest where the setpoint begins.
         """
         wanted = self.angle(setpoint.at(setpoint.instants(self.ecu.period)))
         ahead = self.bias.volts(wanted, self.ecu.period) if self.bias is not None else np.zeros_like(wanted)
+        start = State(0.0, self.angle(setpoint.shares[0]), 0.0) if start is None else start
         parts = max(1, math.ceil(self.ecu.period / _LONGEST - 1e-9))
         return _many(control, self.throttles, settings, first, self.ecu, self.body, wanted, ahead,
-                     self.angle(setpoint.shares[0]), parts, self._room())  # fmt: skip
+                     start, parts, self._room())  # fmt: skip
 
     def judged(self, gains: Gains, setpoint: Setpoint) -> Judged:
         """Figures of the responses, shape (D, G) each."""

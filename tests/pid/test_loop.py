@@ -10,6 +10,7 @@ import pytest
 
 import rigs
 from etcfit.ecu import Ecu
+from etcfit.effects import State
 from etcfit.effects.actuation_delay import ActuationDelay
 from etcfit.effects.position_sensor_lag import PositionSensorLag
 from etcfit.pid import Gains
@@ -141,3 +142,13 @@ def test_feed_forward_tracks_better_with_the_same_gains() -> None:
     ahead = replace(loop, bias=bias_of(loop.nominal, *loop.body))
     alone, helped = (float(each.judged(rigs.one(*GAINS), RAMP).rmse_pct[0, 0]) for each in (loop, ahead))
     assert helped < 0.8 * alone
+
+
+def test_a_loop_begins_in_the_state_that_it_is_given() -> None:
+    # coasting without spring, friction, stops or voltage: theta = theta_0 + omega_0 tau (1 - exp(-t/tau))
+    free = {"K_s": 0.0, "B_m": 0.0, "B_L": 0.01, "K_b": 0.0, "J_m": 0.0, "J_L": 1e-3, **SMOOTH}
+    loop = rigs.loop(ecu=Ecu(), body=rigs.WIDE, **free)
+    still = Memory(np.zeros(()), np.zeros(()), np.zeros(()))
+    path = loop.run(tick, rigs.one(0.0, 0.0, 0.0), still, RAMP, State(0.0, 0.4, 3.0))
+    time = RAMP.instants(1e-3)
+    assert np.allclose(np.asarray(path.position)[0, 0], 0.4 + 0.3 * (1.0 - np.exp(-time / 0.1)), rtol=0.0, atol=1e-6)
