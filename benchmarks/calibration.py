@@ -95,11 +95,12 @@ def picture(outcomes: Sequence[Mapping[str, Any]], path: Path) -> None:
         panels = fig.subplots(down, across, squeeze=False).flat
         for panel, symbol in zip(panels, SYMBOLS, strict=False):
             _histogram(panel, symbol, outcomes)
-        for panel in list(fig.axes)[len(SYMBOLS) :]:
-            panel.set_visible(False)
+        empty = list(fig.axes)[len(SYMBOLS) :]
+        for panel in empty:
+            panel.set_axis_off()
         fig.suptitle(f"Rank of the truth, {len(outcomes)} folders", x=0.015, ha="left", fontsize=13)
+        empty[0].legend(*fig.axes[0].get_legend_handles_labels(), loc="center left", frameon=False)
         fig.tight_layout(rect=(0.0, 0.0, 1.0, 0.95))
-        style.legend(fig, fig.axes[:1], 0.985, 0.06)
         style.save(fig, path)
 
 
@@ -111,10 +112,12 @@ def _histogram(panel: Any, symbol: str, outcomes: Sequence[Mapping[str, Any]]) -
         u = ranks(outcomes, kind, symbol)
         if u.size:
             density = np.histogram(u, edges)[0] * _BINS / u.size
-            panel.stairs(density, edges, color=colour, lw=1.6, label=f"{kind}, {u.size} folders")
+            panel.stairs(
+                density, edges, baseline=None, color=colour, lw=1.6, zorder=3, label=f"{kind}, {u.size} folders"
+            )
     n = max(1, ranks(outcomes, "laplace", symbol).size)
     low, high = (stats.binom.ppf(p, n, 1 / _BINS) * _BINS / n for p in (0.025, 0.975))
-    panel.axhspan(low, high, color=style.BAND, lw=0, label="95 % of uniform ranks, Laplace")
+    panel.axhspan(low, high, color=style.BAND, lw=0, zorder=0, label="95 % of uniform ranks, Laplace")
     panel.set_title(symbol, loc="left")
     panel.set_xlabel("rank of the truth [1]")
     panel.set_ylabel("density [1]")
