@@ -268,7 +268,7 @@ def sample(
     run: Run,
     steps: Annotated[
         int, typer.Option(help="Steps of each ensemble after which to stop all the same.", min=1)
-    ] = 20_000,
+    ] = stages.MOST_STEPS,
     quiet: Quiet = False,
 ) -> None:
     """The posterior of the model in RUN (that of the diagnosis, else of the fit); stops by itself, can be resumed."""

@@ -17,6 +17,8 @@ from .errors import UsageError
 
 Report = Callable[[str, float], None]
 
+MOST_STEPS = 20_000  # of each ensemble, after which sampling ends all the same
+
 
 @dataclass(frozen=True)
 class Done:
@@ -68,7 +70,7 @@ def diagnose_run(run: Path, report: Report) -> Done:
     return Done(diagnosis_table(diagnosis), failure)
 
 
-def sample_run(run: Path, report: Report, steps: int = 20_000) -> Done:
+def sample_run(run: Path, report: Report, steps: int = MOST_STEPS) -> Done:
     """How sure: RUN/posterior.nc and RUN/posterior.json of the final model, pictures; goes on with a chain begun."""
     report("taking up the model", 0.0)
     keep_compiled()

@@ -76,7 +76,9 @@ def _diagnosis(fit: dict[str, Any]) -> dict[str, Any]:
 
 def _posterior(fit: dict[str, Any]) -> dict[str, Any]:
     known = {s: p for s, p in fit["parameters"].items() if p["stderr"] is not None and p["status"] == "estimated"}
-    return {"parameters": {s: {"mean": p["value"], "sd": p["stderr"], "ci95": p["ci95"], "ess": 2100.0, "r_hat": 1.002}
+    return {"parameters": {s: {"mean": p["value"], "sd": p["stderr"], "ci95": p["ci95"], "ess": 2100.0, "r_hat": 1.002,
+                               "unit": p["unit"], "meaning": p["meaning"], "laplace_sd": 1.3 * p["stderr"],
+                               "apart": True, "profile": {"kind": "one-sided"}}
                            for s, p in known.items()}}  # fmt: skip
 
 
@@ -84,7 +86,7 @@ def _plant(_: dict[str, Any]) -> dict[str, Any]:
     return {
         "input": {"name": "voltage", "unit": "V"},
         "output": {"name": "position", "unit": "rad"},
-        "operating_point": {"angle": 0.44},
+        "operating_point": {"angle_rad": 0.44, "angle_pct": 25.2},
         "num": [2.208e5],
         "den": [1.0, 1033.0, 9.370e4, 1.282e5],
         "poles": [[-1.4, 0.0], [-102.0, 3.0], [-102.0, -3.0]],

@@ -12,7 +12,7 @@ import results
 from etcfit import TESTS, read_folder
 from etcfit.advise import advise
 from etcfit.advise.advice import Advice, Judge, Option, batched, separated
-from etcfit.advise.plan import PLANS, Plan, channels, sweeps, trace_of
+from etcfit.advise.plan import PLANS, channels, sweeps, trace_of
 from etcfit.advise.plan import viscous as plan_viscous
 from etcfit.advise.setting import USUAL, Setting
 from etcfit.fit import fit
@@ -20,13 +20,11 @@ from etcfit.report.advice import advice_table
 from etcfit.report.blocks import render
 from etcfit.rig.base import Rig
 from etcfit.unknowns import unknowns
-from independent.drives import Drive
 from independent.effects import NONE
 from independent.folder import SIZES, write_folder, write_trace
 from independent.instruments import Bench
-from independent.protocols import Series, Session
-from independent.protocols import Trace as Written
-from independent.simulate import motor_alone
+from independent.planned import record
+from independent.protocols import Session
 from independent.truth import CONSISTENT
 
 VALUES = {"R_a": 1.5, "K_m": 0.019, "K_s": 0.15, "T_PL": 0.36, "T_f": 0.24}
@@ -125,7 +123,9 @@ def test_what_is_predicted_comes_about(tmp_path: Path) -> None:
     shutil.copytree(before, after)
     (after / "viscous").mkdir()
     setting = Setting.of(first.rig, first.values)
-    write_trace(after, _made(plan_viscous(setting)), 6)
+    plan = plan_viscous(setting)
+    session = Session(np.random.default_rng(6), CONSISTENT, NONE, Bench())
+    write_trace(after, record(session, plan.test, plan.time, plan.volts, plan.release), 6)
     second = fit(read_folder(after))
     assert first.converged
     assert second.converged
@@ -135,16 +135,3 @@ def test_what_is_predicted_comes_about(tmp_path: Path) -> None:
         # a factor, for the intervals of a fit are widened where two whitenings alternate
         assert 0.5 < actual / predicted < 2.0, symbol
     assert best.shrinks[advice.symbols.index("J_m")] < 0.01
-
-
-def _made(plan: Plan) -> Written:
-    """The planned motor-alone test as the independent bench makes and logs it."""
-    assert plan.volts is not None
-    session = Session(np.random.default_rng(6), CONSISTENT, NONE, Bench())
-    edge = int(np.argmax(plan.volts > 0.0))
-    level, end = plan.volts[edge], plan.time[-1] + 0.02
-    drive = Drive(np.array([0.0, plan.time[edge], plan.time[edge], end]), np.array([0.0, 0.0, level, level]))
-    rate = 1.0 / (plan.time[1] - plan.time[0])
-    headers = ("time [s]", "voltage [V]", "current [A]", "motor_speed [rpm]")
-    plant = motor_alone(CONSISTENT, NONE)
-    return Written("viscous/planned.csv", session.record(plant, drive, Series(1, plan.time[-1], rate), headers))

@@ -22,7 +22,6 @@ from .target import Target
 __all__ = ["CHAIN", "Posterior", "sample"]
 
 CHAIN = "posterior_chain.npz"
-MOST = 20_000  # steps after which sampling ends all the same
 _SEEDS = (20230701, 20230702)  # one independent ensemble each
 
 
@@ -69,7 +68,7 @@ class Posterior:
         return flat[np.linspace(0, len(flat) - 1, count).astype(int)]
 
 
-def sample(result: FitResult, run_dir: Path | str, most: int = MOST, report: Report = quiet) -> Posterior:
+def sample(result: FitResult, run_dir: Path | str, most: int, report: Report = quiet) -> Posterior:
     """Sample the posterior of a fit; what was sampled before in the same folder is taken up.
 
     Args:

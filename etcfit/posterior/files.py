@@ -93,7 +93,8 @@ def _moved(posterior: Posterior) -> np.ndarray:
 
 
 def _warnings(posterior: Posterior) -> list[str]:
-    out = list(posterior.fit.warnings)
+    """Of the chain alone: those of its model stand in the model's own file."""
+    out = []
     if not posterior.convergence.converged:
         out.append(f"NO POSTERIOR YET: {posterior.convergence.reason}")
     if words := tempering(posterior.target.factors):

@@ -25,7 +25,8 @@ class Digits:
         if size == 0.0 or not math.isfinite(size):
             return cls(3)
         top = math.floor(math.log10(size) + 1e-12)
-        last = math.floor(math.log10(spread)) - 1 if spread and math.isfinite(spread) else top - 3
+        # after rounding: 0.0996 has its two digits at 0.10
+        last = int(f"{spread:.1e}".partition("e")[2]) - 1 if spread and math.isfinite(spread) else top - 3
         last = min(last, top)
         exponent = 0 if -4 <= top <= 4 else top
         return cls(max(0, exponent - last), exponent)

@@ -19,6 +19,8 @@ _METRICS = {
     "phase_margin_deg": ("phase margin", "°"),
 }
 _ECU = {"P": "", "I": "", "D": "", "period_s": "s"}
+_GAINS = {"Kp": "{}", "Ki": "({})/s", "Kd": "({}) · s"}  # of the unit of the proportional one
+_POINT_UNITS = {"pct": "%", "deg": "°"}
 
 
 def formula(plant: Mapping[str, Any]) -> dict[str, Markup] | None:
@@ -26,6 +28,15 @@ def formula(plant: Mapping[str, Any]) -> dict[str, Markup] | None:
     if not plant:
         return None
     return {"num": polynomial(plant["num"]), "den": polynomial(plant["den"])}
+
+
+def operating_point(plant: Mapping[str, Any]) -> str:
+    """Where the plant is linear: each quantity with the unit that its key ends in."""
+    about = plant.get("operating_point")
+    if not isinstance(about, Mapping):
+        return "" if about is None else number(about)
+    parts = [(*name.partition("_"), value) for name, value in about.items()]
+    return ", ".join(f"{name} {number(value)} {_POINT_UNITS.get(of, of)}".strip() for name, _, of, value in parts)
 
 
 def plant_table(plant: Mapping[str, Any]) -> Table | None:
@@ -62,7 +73,10 @@ def gains_table(pid: Mapping[str, Any]) -> Table | None:
     if not pid:
         return None
     of = str(pid["gains"].get("unit") or "")
-    rows = [(symbol(f"{name[0]}_{name[1]}"), number(pid["gains"][name], 4), unit(of)) for name in ("Kp", "Ki", "Kd")]
+    rows = [
+        (symbol(f"{name[0]}_{name[1]}"), number(pid["gains"][name], 4), form.format(unit(of)) if of else "")
+        for name, form in _GAINS.items()
+    ]
     ecu = pid.get("ecu") or {}
     rows += [(f"ECU {name.removesuffix('_s')}", number(ecu[name], 4), of) for name, of in _ECU.items()
              if ecu.get(name) is not None]  # fmt: skip

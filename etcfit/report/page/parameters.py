@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import Any
 
 from .contents import Contents
@@ -15,12 +15,8 @@ LOST = "not identifiable"
 def parameter_table(contents: Contents) -> Table:
     """Every parameter of the final model; one that is not identifiable gets no number."""
     every = contents.final["parameters"]
-    draws = contents.get("posterior").get("parameters") or {}
-    sampled = ["posterior, 95 %"] if draws else []
-    head = ["", "value ± s.e.", "95 % interval", *sampled, "unit", "graph reading", "status", "meaning"]
-    rows = [_row(name, p, draws.get(name) if draws else None, bool(draws)) for name, p in every.items()]
-    marked = frozenset(k for k, p in enumerate(every.values()) if p["status"] == LOST)
-    return Table("Parameters of the final model", head, rows, 1, marked)
+    rows, marked = [_row(name, p) for name, p in every.items()], _lost(every)
+    return Table("Parameters of the final model", _HEAD, rows, 1, marked)
 
 
 def lumped_table(contents: Contents) -> Table | None:
@@ -28,36 +24,41 @@ def lumped_table(contents: Contents) -> Table | None:
     lumps = contents.files["fit"].get("lumped") or {}
     if not lumps or contents.added:
         return None
-    head = ["", "value ± s.e.", "95 % interval", "unit", "graph reading", "status", "meaning"]
-    marked = frozenset(k for k, p in enumerate(lumps.values()) if p["status"] == LOST)
-    return Table("Combinations", head, [_row(n, p, None, False) for n, p in lumps.items()], 1, marked)
+    return Table("Combinations", _HEAD, [_row(name, p) for name, p in lumps.items()], 1, _lost(lumps))
 
 
 def posterior_table(contents: Contents) -> Table | None:
-    """What the sampler says of its own chains."""
+    """What was sampled, beside the fit's standard error and the profile; what the sampler says of its own chains."""
     draws = contents.get("posterior").get("parameters") or {}
-    keys = {"ess": "effective samples", "r_hat": "R̂", "rhat": "R̂"}
-    shown = [key for key in keys if any(p.get(key) is not None for p in draws.values())]
     if not draws:
         return None
-    head = ["", "mean ± s.d.", "95 % interval", "unit", *(keys[key] for key in shown)]
-    rows = [
-        (symbol(name), measured(p.get("mean"), p.get("sd")), span(_interval(p), p.get("sd")), unit(p.get("unit")),
-         *(number(p.get(key), 4) for key in shown))
-        for name, p in draws.items()
-    ]  # fmt: skip
-    return Table("Posterior", head, rows)
+    apart = frozenset(k for k, p in enumerate(draws.values()) if p.get("apart"))
+    differ = "; in red where fit, profile and posterior differ by more than 20 % in width" if apart else ""
+    shown = [name for name, cell in _SAMPLED.items() if any(cell(p) for p in draws.values())]
+    rows = [(symbol(name), *(_SAMPLED[head](p) for head in shown)) for name, p in draws.items()]
+    return Table(f"Posterior{differ}", ["", *shown], rows, 1, apart)
 
 
-def _row(name: str, p: Mapping[str, Any], draw: Mapping[str, Any] | None, sampled: bool) -> tuple[Any, ...]:
+_HEAD = ["", "value ± s.e.", "95 % interval", "unit", "graph reading", "status", "meaning"]
+_SAMPLED: dict[str, Callable[[Mapping[str, Any]], Any]] = {
+    "mean ± s.d.": lambda p: measured(p.get("mean"), p.get("sd")),
+    "95 % interval": lambda p: span(p.get("ci95"), p.get("sd")),
+    "unit": lambda p: unit(p.get("unit")),
+    "s.d. / fit’s s.e.": lambda p: number(p["sd"] / p["laplace_sd"]) if p.get("sd") and p.get("laplace_sd") else "",
+    "profile": lambda p: (p.get("profile") or {}).get("kind", ""),
+    "effective samples": lambda p: number(p.get("ess"), 4),
+    "R̂": lambda p: number(p.get("r_hat"), 4),
+    "meaning": lambda p: p.get("meaning", ""),
+}
+
+
+def _lost(every: Mapping[str, Mapping[str, Any]]) -> frozenset[int]:
+    return frozenset(k for k, p in enumerate(every.values()) if p["status"] == LOST)
+
+
+def _row(name: str, p: Mapping[str, Any]) -> tuple[Any, ...]:
     lost = p["status"] == LOST
-    value = "–" if lost else measured(p["value"], p["stderr"])
+    value, interval = ("–", "–") if lost else (measured(p["value"], p["stderr"]), span(p["ci95"], p["stderr"]))
     remark = f" ({p['remark']})" if p.get("remark") else ""
-    posterior = (span(_interval(draw), draw.get("sd")) if draw else "–",) if sampled else ()
-    interval = "–" if lost else span(p["ci95"], p["stderr"])
-    return (symbol(name), value, interval, *posterior, unit(p["unit"]), number(p.get("reading"), 4),
-            p["status"] + remark, p["meaning"])  # fmt: skip
-
-
-def _interval(draw: Mapping[str, Any]) -> Any:
-    return draw.get("ci95") or draw.get("interval95") or draw.get("hdi95")
+    return (symbol(name), value, interval, unit(p["unit"]), number(p.get("reading"), 4), p["status"] + remark,
+            p["meaning"])  # fmt: skip

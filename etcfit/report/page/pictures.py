@@ -18,6 +18,7 @@ GROUPS = {
     "posterior": "How sure",
     "control": "The linear model and the loop",
     "diagnosis/traces": "Before and after, trace by trace",
+    "posterior/bands": "Posterior predictive bands, trace by trace",
     "tests": "Test by test, as the paper reads its graphs",
     "traces": "Trace by trace, measured and simulated by the fit",
 }

@@ -7,7 +7,7 @@ from itertools import chain
 from typing import Any
 
 from .contents import Contents
-from .control import formula, gains_table, metrics_table, plant_table
+from .control import formula, gains_table, metrics_table, operating_point, plant_table
 from .frequency import orders, sines_table
 from .ledger import ledger_table
 from .parameters import LOST, lumped_table, parameter_table, posterior_table
@@ -54,6 +54,7 @@ def _parts(contents: Contents) -> dict[str, Any]:
         "ties": _ties(diagnosis),
         "unexplained": _unexplained(diagnosis),
         "plant": plant,
+        "operating_point": operating_point(plant),
         "formula": formula(plant),
         "plant_table": plant_table(plant),
         "sines": sines_table(response),

@@ -19,7 +19,8 @@ class Table:
         marked: rows that stand out, by index.
     """
 
-    LEFT: ClassVar[tuple[str, ...]] = ("unit", "status", "met", "meaning")  # columns of words wherever they stand
+    # columns of words wherever they stand
+    LEFT: ClassVar[tuple[str, ...]] = ("unit", "profile", "status", "met", "meaning")
 
     caption: str
     head: Sequence[str]

@@ -12,11 +12,13 @@ from ..numbers import Digits, short
 
 _SUPERSCRIPT = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 _UNITS = {"ohm": "Ω", "1": "", "deg": "°"}
+_GREEK = {"delta": "δ", "mu": "μ", "omega": "ω", "tau": "τ", "theta": "θ"}
 
 
 def symbol(name: str) -> Markup:
-    """R_a as R with a subscript; what follows a point stays as it is written."""
+    """R_a as R with a subscript, theta_lh with its letter; what follows a point stays as it is written."""
     head, _, below = name.partition("_")
+    head = _GREEK.get(head, head)
     if "." in name or len(head) > 2:
         return Markup("<code>{}</code>").format(Markup(".<wbr>").join(name.split(".")))
     if not below:

@@ -52,7 +52,7 @@ def _predicts(contents: Contents) -> Markup:
     if after is None:
         return Markup("How well it predicts cannot be said: it could not be simulated.")
     where = "on traces that were never fitted" if contents.score.get("holdout") else "on the fitted traces"
-    text = f"Running free {where}, its error is {number(after)} σ of one sample"
+    text = f"Running free {where}, the error is {number(after)} σ of one sample"
     if contents.added and before is not None:
         return Markup("{}; it was {} σ before {} came in.").format(text, number(before), _found(contents))
     if contents.get("diagnosis"):

@@ -50,6 +50,8 @@ def draw(rig: str, spreads: Sequence[Spread], synthetic: bool) -> Figure:
     panel = fig.subplots(1, 1)
     fig.subplots_adjust(left=0.2, right=0.62, top=1.0 - 0.8 / tall, bottom=0.62 / tall)
     panel.axvline(0.0, color="black", lw=0.8)
+    if any(spread.reading is not None for spread in spreads):
+        panel.plot([], [], "o", color=style.MEASURED, label="graph reading")  # one beyond the edge is an arrow
     for row, spread in enumerate(spreads):
         _row(panel, row, spread)
         panel.text(1.02, row, _words(spread), transform=panel.get_yaxis_transform(), va="center", fontsize=10)
@@ -76,7 +78,7 @@ def _row(panel: Axes, row: int, spread: Spread) -> None:
     if spread.reading is not None:
         x = at(spread.reading)
         marker = "o" if abs(x) < _EDGE else ("<" if x < 0.0 else ">")
-        panel.plot(x, row, marker, color=style.MEASURED, ms=7, ls="none", label="graph reading", clip_on=False)
+        panel.plot(x, row, marker, color=style.MEASURED, ms=7, ls="none", clip_on=False)
     if spread.truth is not None:
         panel.plot(
             at(spread.truth), row, "D", color="black", mfc="white", ms=6, ls="none", label="truth", clip_on=False

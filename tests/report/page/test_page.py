@@ -79,7 +79,9 @@ def test_it_says_what_the_files_say(full: Path) -> None:
     for said in ("limp home spring", "limp home spring = backlash", "a slow ramp through the default angle",
                  "A torque that depends on angle", "explains most <of it>", "not identifiable", "ziegler nichols",
                  "103.9", "miss the requirement on settling s", "probability 0.040", "it was 40.0 σ",
-                 "open-loop static gain", "1.722", "sine/2_Hz.csv", "0.83 ± 0.079", "−28.6 ± 0.57", "−20.00",
+                 "about angle 0.440 rad, angle 25.2 %;", "(V/rad)/s", "(V/rad) · s", "in red where fit, profile and",
+                 "one-sided", "open-loop static gain", "1.722", "sine/2_Hz.csv", "0.83 ± 0.079", "−28.6 ± 0.57",
+                 "−20.00",
                  "Loop: 1 frequencies cannot tell <the order>.", "sine/bad.csv: no setpoint",
                  "something is odd"):  # fmt: skip
         assert said in text
