@@ -14,7 +14,7 @@ from .findings import Candidate, Diagnosis, RoundReport, Tie, Unexplained
 from .form import blur, spread
 from .loop import ROUNDS, Round, pruned, settled, start, turn
 from .trial import Standing
-from .unexplained import unexplained
+from .unexplained import outdone, unexplained
 
 __all__ = ["Diagnosis", "diagnose"]
 
@@ -49,8 +49,11 @@ def diagnose(result: FitResult, report: Report = quiet) -> Diagnosis:
         worth[turned.added] = -turned.best.bic_change
         s = new
     s, removed = pruned(s, report)
-    looked = bool(rounds[-1].candidates) and not rounds[-1].evidence.white
-    left = unexplained(result, s, worth, report) if looked else None
+    left = outdone(result, first, s, report)
+    if left is not None:
+        s = first
+    elif rounds[-1].candidates and not rounds[-1].evidence.white:
+        left = unexplained(result, s, worth, report)
     report("the fit of the final model", 0.95)
     after = _final(result, s, report)
     doubts = left.doubts if left else ()

@@ -23,6 +23,8 @@ from .trial import Score, Standing, Verdict, compare, score
 _REFITS = 1
 _KEEPS = 0.9  # share of what a free curve explains, from which on a named effect keeps its name
 _SURE = _KEEPS / (1.0 - _KEEPS)  # an effect that explained so many times more than a curve beside it would add keeps it
+_MUCH = 1.5  # chi2 per sample of the final model above which its effects are asked whether one curve does more
+_HOLDS = 0.8  # share of the log-likelihood that one curve gains, from which on all effects together keep their names
 _POINTS = 60  # of the curve that is drawn
 
 
@@ -45,6 +47,26 @@ def unexplained(result: FitResult, s: Standing, worth: Mapping[Effect, float], r
     little = [e for e in s.added if worth[e] < -_SURE * best.bic_change]
     doubts = tuple(e.name for e in little if _in_doubt(s, e, before))
     return _told(best, doubts)
+
+
+def outdone(result: FitResult, first: Standing, s: Standing, report: Report) -> Unexplained | None:
+    """One smooth curve that does more for the first model than all the effects found together; None where none does.
+
+    Names found one after the other may each imitate a part of something that has none. It is asked where much is left.
+    """
+    if not s.added or (not s.far and s.left < _MUCH):
+        return None
+    report("asking whether one curve explains more than all effects found", 0.88)
+    bare = widened(result, first)
+    before = score(bare)
+    curve = _best(bare, before)
+    if curve is None:
+        return None
+    found = s.bench.layout.values(s.x, s.bench.unknowns.held)
+    named = first.with_effects(s.added, found).lean().optimised()
+    if np.log(named.chi2 / before.chi2) < _HOLDS * np.log(curve.score.chi2 / before.chi2):  # both are negative
+        return None
+    return _told(curve, tuple(e.name for e in s.added))
 
 
 def widened(result: FitResult, s: Standing) -> Standing:

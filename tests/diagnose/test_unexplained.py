@@ -187,3 +187,47 @@ def test_only_an_effect_that_explained_less_than_nine_times_what_a_curve_adds_is
     doubts: Any = module.unexplained(SimpleNamespace(), s, {LIMP: worth}, lambda text, share: None)
     assert questioned == ([LIMP] if asked else [])
     assert doubts == ((LIMP.name,) if asked else ())
+
+
+# ---- one curve against all names together
+
+
+def chain(left: float, named: float, far: bool = False) -> tuple[Any, Any]:
+    """A first model whose chi2 is 1000, or `named` with the effects found; and the last one, that leaves `left`."""
+    refitted = SimpleNamespace(chi2=named)
+    refitted.lean = refitted.optimised = lambda: refitted
+    first = SimpleNamespace(with_effects=lambda added, values: refitted)
+    layout = SimpleNamespace(values=lambda x, held: {})
+    bench = SimpleNamespace(layout=layout, unknowns=SimpleNamespace(held=None))
+    return first, SimpleNamespace(added=(LIMP, STRIBECK), far=far, left=left, bench=bench, x=None)
+
+
+@pytest.mark.parametrize(
+    ("left", "far", "named", "kept"),
+    [
+        (1.4, False, 900.0, True),  # little is left: nobody asks
+        (1.6, False, 900.0, False),
+        (1.0, True, 900.0, False),  # far from the data chi2 says nothing of what is left
+        (1.6, False, 10.0 ** (3 - 0.81 * 2), True),  # 81 % of what the curve gains
+        (1.6, False, 10.0 ** (3 - 0.79 * 2), False),
+    ],
+)
+def test_names_that_do_less_together_than_one_curve_are_all_in_doubt(
+    left: float, far: bool, named: float, kept: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The curve brings a chi2 of 1000 to 10."""
+    first, last = chain(left, named, far)
+    monkeypatch.setattr(module, "widened", lambda result, s: s)
+    monkeypatch.setattr(module, "score", lambda s: SimpleNamespace(chi2=1000.0))
+    monkeypatch.setattr(module, "_best", lambda s, before: SimpleNamespace(score=SimpleNamespace(chi2=10.0)))
+    monkeypatch.setattr(module, "_told", lambda best, doubts: doubts)
+    doubts: Any = module.outdone(SimpleNamespace(), first, last, lambda text, share: None)
+    assert doubts == (None if kept else (LIMP.name, STRIBECK.name))
+
+
+def test_without_a_curve_worth_its_parameters_names_stand(monkeypatch: pytest.MonkeyPatch) -> None:
+    first, last = chain(50.0, 900.0)
+    monkeypatch.setattr(module, "widened", lambda result, s: s)
+    monkeypatch.setattr(module, "score", lambda s: SimpleNamespace(chi2=1000.0))
+    monkeypatch.setattr(module, "_best", lambda s, before: None)
+    assert module.outdone(SimpleNamespace(), first, last, lambda text, share: None) is None
