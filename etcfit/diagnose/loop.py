@@ -29,6 +29,7 @@ _PROMISE = 0.3  # share of what BIC asks that the screening must promise for a r
 _TOLERANCE = 1e-4  # relative change of chi2 that ends a descent on the way
 _WEIGHINGS = 2  # of a guided residual by what is left in it
 _WHITENINGS = 10  # rounds of whitening after an effect was added
+_NEARER = 10.0  # chi2 per degree of freedom below which a model that was far from the data comes near them
 _STILL = 0.2  # standard errors that a round of whitening may still move a parameter
 _RIVAL = 0.3  # share of the best candidate's promise that makes another a rival worth a refit
 _RIVAL_FAR = 0.1  # the same far from the data, where the linearised promise is rough
@@ -105,7 +106,7 @@ def settled(s: Standing, report: Report) -> Standing:
     problem = bench.problem(bench.forgiving())
     x, _ = descend(bench, s.x, problem, _TOLERANCE)
     r = bench.residual(x, problem)
-    if float(np.sum(r**2)) / max(1.0, problem.samples - x.size) > MISFIT:
+    if float(np.sum(r**2)) / max(1.0, problem.samples - x.size) > (_NEARER if s.far else MISFIT):
         end = End(True, "optimum of the guided residual", far=True)
         return _weighed(whitened(s.composition, s.added, bench, held_out, s.x, end), held_out)
     new = _in_rounds(s, bench, x, report)
