@@ -33,6 +33,7 @@ _NEARER = 10.0  # chi2 per degree of freedom below which a model that was far fr
 _STILL = 0.2  # standard errors that a round of whitening may still move a parameter
 _RIVAL = 0.3  # share of the best candidate's promise that makes another a rival worth a refit
 _RIVAL_FAR = 0.1  # the same far from the data, where the linearised promise is rough
+_PART = 0.2  # share of what an effect leaves that it must explain itself
 _SAME = 6.0  # difference of two models' -2 log likelihood that these data cannot tell
 
 
@@ -131,7 +132,8 @@ def turn(s: Standing, report: Report, least: float = 0.0) -> Round:
     verdicts = _refitted(s, promising, before, report)
     if s.holdout is None:
         verdicts = _crossed(s, verdicts)
-    added, ties, why = choose(verdicts, before.chi2 - least)
+    # far from the data every sample is weighed by what is left in it, so chi2 says nothing of noise
+    added, ties, why = choose(verdicts, before.chi2 - least, np.inf if s.far else s.problem.samples + least)
     return Round(s, before, signatures, tuple(verdicts), added, ties, why)
 
 
@@ -199,11 +201,18 @@ def _tried(s: Standing, g: Signature, before: Score) -> Verdict:
     return compare(effect, before, trial, more, len(variants(effect)), g.gain, g.own)
 
 
-def choose(verdicts: Sequence[Verdict], most: float = np.inf) -> tuple[Effect | None, tuple[Effect, ...], str]:
-    """Which effect to add, which others do as well, and why; one that leaves a chi2 above `most` is not proven."""
+def choose(
+    verdicts: Sequence[Verdict], most: float = np.inf, noise: float = np.inf
+) -> tuple[Effect | None, tuple[Effect, ...], str]:
+    """Which effect to add, which others do as well, and why.
+
+    One that leaves a chi2 above `most` is not proven. One that explains little beside what it leaves above `noise`
+    imitates a part of something else.
+    """
     worth = [v for v in verdicts if v.bic_change < STRONG]
     good = [v for v in worth if v.helps_elsewhere()]
-    proven = [v for v in good if v.score.chi2 < most]
+    main = [v for v in good if v.gain > _PART * (v.score.chi2 - noise)]
+    proven = [v for v in main if v.score.chi2 < most]
     if not verdicts:
         return None, (), "No effect of the catalogue promises to explain anything more."
     if not worth:
@@ -218,9 +227,14 @@ def choose(verdicts: Sequence[Verdict], most: float = np.inf) -> tuple[Effect | 
         )
     if not good:
         return None, (), f"{worth[0].effect.name} helps on the fitted traces only, not on those held out."
+    if not main:
+        return None, (), (
+            f"{good[0].effect.name} does best, but explains less than {100 * _PART:.0f} % of what it leaves: "
+            "what is missing is something else."
+        )  # fmt: skip
     if not proven:
         return None, (), (
-            f"{good[0].effect.name} would explain a little more (BIC {good[0].bic_change:+.0f}), but no more "
+            f"{main[0].effect.name} would explain a little more (BIC {main[0].bic_change:+.0f}), but no more "
             "than the inexact formula of an effect found before would leave: not proven."
         )  # fmt: skip
     best = proven[0]

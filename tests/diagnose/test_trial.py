@@ -314,6 +314,17 @@ def test_what_an_inexact_formula_could_have_left_is_not_proven() -> None:
     assert why.startswith("limp_home_spring would explain a little more (BIC -500), but no more than")
 
 
+@pytest.mark.parametrize(("noise", "added"), [(401.0, LIMP), (399.0, None)])
+def test_an_effect_that_explains_a_fifth_of_what_it_leaves_is_the_most_that_imitates(noise: float, added: Any) -> None:
+    """It gains 100 and leaves 900; another that gains more helps on the fitted traces only."""
+    every = [replace(verdict(GRAVITY, -600.0, held_out=500.0), gain=400.0), verdict(LIMP, -500.0)]
+    assert every[1].gain == 100.0
+    effect, ties, why = choose(every, noise=noise)
+    assert (effect, ties) == (added, ())
+    if added is None:
+        assert why.startswith("limp_home_spring does best, but explains less than 20 % of what it leaves")
+
+
 @pytest.mark.parametrize(("before", "share"), [(51.0, 0.02), (2.0, 0.0004), (1001.0, 0.04), (0.9, 0.0)])
 def test_an_effect_found_may_leave_its_inexactness_squared_of_what_it_explained(before: float, share: float) -> None:
     """Of its chi2 above the noise's, and 4 % of the noise's at most."""
