@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-import corner
+with warnings.catch_warnings():  # it loads ArviZ, which announces its next version once a day
+    warnings.simplefilter("ignore", FutureWarning)
+    import corner
 import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
