@@ -119,6 +119,7 @@ def rmse(of: Design) -> float:
     return float(of.chosen.nonlinear.rmse_pct)
 
 
+@pytest.mark.slow
 def test_they_are_judged_like_any_rules_and_respond_as_the_rig_itself_would(present: Design) -> None:
     """Tracking error on the paper's trapezoid, whose low level lies below the default position of the spring."""
     assert present.chosen.gains == pytest.approx(tuple(GAINS.values()))
@@ -134,6 +135,7 @@ def test_they_are_judged_like_any_rules_and_respond_as_the_rig_itself_would(pres
     assert rmse(tried(T_lh=1e-6, K_lh=1e-6)) != pytest.approx(real, rel=0.05)
 
 
+@pytest.mark.slow
 def test_the_table_shows_them_and_says_whose_ecu_it_is(present: Design) -> None:
     shown = render(design_table(present))
     assert "as_found" in shown
@@ -143,6 +145,7 @@ def test_the_table_shows_them_and_says_whose_ecu_it_is(present: Design) -> None:
     assert "[ecu]" in shown
 
 
+@pytest.mark.slow
 def test_pid_json_has_the_same_keys_with_them(present: Design) -> None:
     found = design_json(present)
     assert found["rule"] == "as_found"
