@@ -13,7 +13,7 @@ from .evidence import evidence
 from .findings import Candidate, Diagnosis, RoundReport, Tie, Unexplained
 from .form import blur, spread
 from .loop import ROUNDS, Round, pruned, settled, start, turn
-from .trial import Standing
+from .trial import Standing, score
 from .unexplained import outdone, unexplained
 
 __all__ = ["Diagnosis", "diagnose"]
@@ -71,7 +71,7 @@ def _settled(turned: Round, report: Report) -> tuple[Round, Standing]:
     if turned.added is None:
         return turned, turned.before
     new = settled(turned.best.standing, report)
-    if not new.spoilt(turned.before):
+    if not new.spoilt(turned.before) and not score(new).strays(turned.score, new.far):
         return turned, new
     why = f"{turned.why} Refitted in full with it the model is further from the data: it is not added."
     return replace(turned, added=None, ties=(), why=why), turned.before

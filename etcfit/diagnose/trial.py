@@ -32,6 +32,7 @@ _HALVINGS = 8  # of the amplitudes it begins with, until it does
 _SPOILT = 1.5  # times chi2 per sample, each model's by its own whitening, by which one is worse than another
 _SPARED = 0.01  # share of what is gained on the fitted traces that may be lost on those held out: they may not show it
 _SLACK = 0.02  # relative rise of a held-out free-running error that counts as none: a slip may fall elsewhere
+_ASTRAY = 0.2  # the same of a model refitted in full
 _DIVERGED = 2.0  # the same far from the data: that run begins from the optimum of a guided one and is not tuned itself
 
 
@@ -157,6 +158,12 @@ class Score:
     def holdout_rms(self) -> float | None:
         """Free-running error of the held-out traces, in sigma."""
         return pooled(self.holdout_rows) if self.holdout_rows else None
+
+    def strays(self, before: Score, far: bool) -> bool:
+        """Refitted in full it predicts what was held out clearly worse; far from the data that run is not tuned yet."""
+        if self.holdout_rms is None or before.holdout_rms is None:
+            return False
+        return not self.holdout_rms < (1.0 + (_DIVERGED if far else _ASTRAY)) * before.holdout_rms
 
 
 def score(s: Standing) -> Score:

@@ -278,12 +278,35 @@ def test_an_effect_that_spoils_the_refit_is_not_added(monkeypatch: pytest.Monkey
     found = replace(verdict(LIMP, -500.0), standing=refitted)
     turned = loop.Round(at, scored(1000.0), (), (found,), LIMP, (GRAVITY,), "limp_home_spring explains most.")
     monkeypatch.setattr(diagnosis, "settled", lambda standing, report: standing)
+    monkeypatch.setattr(diagnosis, "score", lambda s: scored(900.0))
     after, stands = diagnosis._settled(turned, quiet)
     assert stands is at
     assert (after.added, after.ties) == (None, ())
     assert after.why.endswith("it is not added.")
     refitted.spoilt = lambda before: False
     assert diagnosis._settled(turned, quiet) == (turned, refitted)
+
+
+@pytest.mark.parametrize(
+    ("rms", "before", "far", "strays"),
+    [
+        (1.19, 1.0, False, False),
+        (1.21, 1.0, False, True),
+        (np.nan, 1.0, False, True),
+        (2.9, 1.0, True, False),
+        (3.1, 1.0, True, True),
+        (None, 1.0, False, False),
+        (5.0, None, False, False),
+    ],
+)
+def test_a_refit_that_predicts_the_held_out_traces_clearly_worse_strays(
+    rms: float | None, before: float | None, far: bool, strays: bool
+) -> None:
+
+    def held_out(error: float | None) -> Score:
+        return scored(1.0) if error is None else scored(1.0, held_out=1.0, rms=error)
+
+    assert held_out(rms).strays(held_out(before), far) is strays
 
 
 def test_a_steep_beginning_is_halved_until_the_model_holds(standing: Standing) -> None:
