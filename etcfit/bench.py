@@ -199,6 +199,10 @@ class Bench:
         """Whitened residual alone, shape (T, L, M): a tenth of what its Jacobian costs."""
         return np.asarray(_residual(self.layout.form, self.tape.circuits, self.layout.padded(x), problem))
 
+    def chi2(self, x: np.ndarray, problem: Problem) -> float:
+        """Sum of squares of that residual, priors apart; `chi2.chi2_of` is for many points, with them."""
+        return float(np.sum(self.residual(x, problem) ** 2))
+
     def refined(self, x: np.ndarray) -> Bench:
         """The same with as many integration steps as the path at x needs."""
         bench = self

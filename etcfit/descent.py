@@ -105,8 +105,9 @@ def descend(bench: Bench, x: np.ndarray, problem: Problem, tolerance: float) -> 
     end, steps = go(bench, start, problem, tolerance)
     if np.array_equal(start, x):
         return end, steps
-    here, there = (float(np.sum(bench.residual(at, problem) ** 2)) for at in (x, end))
-    return (end, steps) if there < here else go(bench, x, problem, tolerance)
+    if bench.chi2(end, problem) < bench.chi2(x, problem):
+        return end, steps
+    return go(bench, x, problem, tolerance)
 
 
 @dataclass(frozen=True, eq=False)
@@ -115,12 +116,14 @@ class Local:
 
     Args:
         r: whitened residual, shape (T, L, M).
+        jacobian: of it in the coordinates, shape (T, L, M, P).
         unit: chi2 per degree of freedom, at least 1: what a difference in chi2 is measured by.
         covariance: of the coordinates, in that unit, shape (P, P).
         gain: chi2 that a full Gauss-Newton step would still gain, g^T F^-1 g, in that unit.
     """
 
     r: np.ndarray
+    jacobian: np.ndarray
     unit: float
     covariance: np.ndarray
     gain: float
@@ -136,4 +139,4 @@ def local(bench: Bench, x: np.ndarray, problem: Problem) -> Local:
     gain = float(gradient @ np.linalg.solve(information, gradient)) / unit
     values, vectors = np.linalg.eigh(information * np.outer(reach, reach))
     covariance = (vectors / np.maximum(values, 1.0 / WIDE**2)) @ vectors.T * np.outer(reach, reach)
-    return Local(r, unit, unit * covariance, gain)
+    return Local(r, jacobian, unit, unit * covariance, gain)

@@ -106,10 +106,11 @@ def _final(result: FitResult, s: Standing, report: Report) -> FitResult:
         bench, problem, x = freed(bench.guided(0.0), x, _SPREAD)
         end = End(True, "best free run found from the optimum of the guided residual", far=True)
     after = outcome(result.rig, result.readings, bench, s.held_out, problem, x, (), end, ())
-    if not s.added or s.far:
+    allowed = spread(s)
+    if not allowed.any():
         return after
     remark = f"Intervals allow for formulas of {listed(e.name for e in s.added)} that are {_percent(s)} off."
-    return replace(after, covariance=after.covariance + spread(s), warnings=(*after.warnings, remark))
+    return replace(after, covariance=after.covariance + allowed, warnings=(*after.warnings, remark))
 
 
 def _percent(s: Standing) -> str:

@@ -23,7 +23,7 @@ from ..outcome import FitResult
 from .composition import Effect
 from .trial import Standing
 
-CLEAR = 0.04  # share of the noise's own chi2 above which what is left is never put down to a formula
+_CLEAR = 0.04  # share of the noise's own chi2 above which what is left is never put down to a formula
 _STRETCHES = 6  # of a trace over which a formula is off by as much
 
 
@@ -39,7 +39,7 @@ def blur(first: FitResult, s: Standing) -> float:
     """
     if s.far:
         return 0.0
-    return s.problem.samples * min(inexact(s) ** 2 * max(0.0, first.chi2_per_dof - 1.0), CLEAR)
+    return s.problem.samples * min(inexact(s) ** 2 * max(0.0, first.chi2_per_dof - 1.0), _CLEAR)
 
 
 def spread(s: Standing) -> np.ndarray:
@@ -48,11 +48,10 @@ def spread(s: Standing) -> np.ndarray:
     if s.far or not s.added:
         return out
     s = s.lean()
-    _, _, jacobian = s.bench.linearise(s.x, s.problem)
     here = local(s.bench, s.x, s.problem)
     inverse = here.covariance / here.unit
     for effect in s.added:
-        for moved in _stretches(s, jacobian, jacobian @ _worth(s, effect)):
+        for moved in _stretches(s, here.jacobian, here.jacobian @ _worth(s, effect)):
             p = effect.inexact * (inverse @ moved)
             out += np.outer(p, p)
     return out

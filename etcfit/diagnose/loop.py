@@ -106,8 +106,7 @@ def settled(s: Standing, report: Report) -> Standing:
     bench = s.bench.afresh(s.x)
     problem = bench.problem(bench.forgiving())
     x, _ = descend(bench, s.x, problem, _TOLERANCE)
-    r = bench.residual(x, problem)
-    if float(np.sum(r**2)) / max(1.0, problem.samples - x.size) > (_NEARER if s.far else MISFIT):
+    if bench.chi2(x, problem) / max(1.0, problem.samples - x.size) > (_NEARER if s.far else MISFIT):
         end = End(True, "optimum of the guided residual", far=True)
         return _weighed(whitened(s.composition, s.added, bench, held_out, s.x, end), held_out)
     new = _in_rounds(s, bench, x, report)
@@ -255,8 +254,7 @@ def pruned(s: Standing, report: Report) -> tuple[Standing, tuple[str, ...]]:
         report(f"trying without {effect.name}", 0.9)
         less, here = s.without(effect).optimised(), score(s)
         change = -bic_change(score(less), here, len(resting(effect)), 1)
-        new = settled(less, report) if change < 0.0 else s
-        if new is not s and not new.spoilt(s):
+        if change < 0.0 and not (new := settled(less, report)).spoilt(s):
             words.append(f"{effect.name} was taken away again: what came after explains it (BIC {change:+.1f}).")
             s = new
     return s, tuple(words)

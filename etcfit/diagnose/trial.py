@@ -103,7 +103,7 @@ class Standing:
     @property
     def chi2(self) -> float:
         """Of the fitted residual."""
-        return float(np.sum(self.bench.residual(self.x, self.problem) ** 2))
+        return self.bench.chi2(self.x, self.problem)
 
     @property
     def left(self) -> float:
