@@ -33,13 +33,14 @@ def inexact(s: Standing) -> float:
 
 
 def blur(first: FitResult, s: Standing) -> float:
-    """Chi2 that the effects added may leave because their formulas are not exact.
+    """Chi2 that the effects added may leave: all of them together explained what the first fit left above the noise."""
+    n = s.problem.samples
+    return 0.0 if s.far else left_by(inexact(s), n * max(0.0, first.chi2_per_dof - 1.0), n)
 
-    n min(phi^2 (c - 1), 0.04),    c = chi2 per degree of freedom of the first fit, n samples
-    """
-    if s.far:
-        return 0.0
-    return s.problem.samples * min(inexact(s) ** 2 * max(0.0, first.chi2_per_dof - 1.0), _CLEAR)
+
+def left_by(phi: float, explained: float, n: float) -> float:
+    """Chi2 that an effect whose formula is phi off may leave of what it explained: min(phi^2 chi2, 0.04 n)."""
+    return min(phi**2 * explained, _CLEAR * n)
 
 
 def spread(s: Standing) -> np.ndarray:

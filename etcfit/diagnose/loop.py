@@ -17,7 +17,7 @@ from ..residual import Problem
 from .balance import pull_of
 from .composition import Composition, Effect, compose, resting
 from .crossing import folds, left_out
-from .form import inexact
+from .form import inexact, left_by
 from .screen import Background, Signature, screen, variants
 from .trial import Score, Standing, Verdict, bic_change, compare, score
 
@@ -237,7 +237,7 @@ def choose(
             "than the inexact formula of an effect found before would leave: not proven."
         )  # fmt: skip
     best = proven[0]
-    ties = tuple(v.effect for v in proven[1:] if v.bic_change - best.bic_change < _SAME)
+    ties = tuple(v.effect for v in proven[1:] if _alike(v, best))
     held = "" if best.holdout_rms_ratio is None else f", held-out error x {best.holdout_rms_ratio:.3f}"
     words = (
         f"{best.effect.name} explains most: fitted error x {best.fit_rms_ratio:.3f}{held}, BIC {best.bic_change:+.0f}."
@@ -245,6 +245,18 @@ def choose(
     if ties:
         words += f" {listed(e.name for e in ties)} would do as well: these data cannot tell them apart."
     return best.effect, ties, words
+
+
+def _alike(v: Verdict, best: Verdict) -> bool:
+    """Two effects explain the data equally well, or their difference is within what an inexact formula leaves.
+
+    (chi2_v - chi2_best) n / chi2_best < max(6, left n / chi2_best),    left by the less exact formula of the two
+
+    Parsimony chooses which of them stands in the model; it does not prove that one.
+    """
+    left = left_by(max(v.effect.inexact, best.effect.inexact), best.gain, best.standing.problem.samples)
+    apart = v.score.chi2 - best.score.chi2
+    return apart < left or apart * _per_chi2(best.score) < _SAME
 
 
 def pruned(s: Standing, report: Report) -> tuple[Standing, tuple[str, ...]]:

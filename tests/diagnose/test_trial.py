@@ -30,7 +30,7 @@ from etcfit.trace import Trace
 LIMP, STRIBECK, GRAVITY, DRAG = (
     EFFECT_BY_NAME[n] for n in ("limp_home_spring", "stribeck_friction", "gravity_load", "quadratic_drag")
 )
-NEAR: Any = SimpleNamespace(far=False)
+NEAR: Any = SimpleNamespace(far=False, problem=SimpleNamespace(samples=1000.0))
 FAR: Any = SimpleNamespace(far=True)
 
 
@@ -44,8 +44,9 @@ def scored(chi2: float, count: float = 1000.0, held_out: float | None = None, rm
     return Score(chi2, count, held_out, (row(10, rms),), holdout)
 
 
-def verdict(effect: type, bic: float, held_out: float | None = -50.0, ratio: float | None = 0.8, on: Any = NEAR) -> Any:
-    return Verdict(effect, on, scored(900.0), 0.7, ratio, held_out, bic, 500.0, 0.5, 100.0)
+def verdict(effect: type, bic: float, held_out: float | None = -50.0, ratio: float | None = 0.8, on: Any = NEAR,
+            chi2: float = 900.0, gain: float = 100.0) -> Any:  # fmt: skip
+    return Verdict(effect, on, scored(chi2), 0.7, ratio, held_out, bic, 500.0, 0.5, gain)
 
 
 # ---- errors of traces and channels together
@@ -170,26 +171,44 @@ def test_what_helps_the_fitted_traces_only_is_not_added() -> None:
 
 
 def test_the_best_by_bic_is_added_and_what_it_does_is_said() -> None:
-    effect, ties, why = choose([verdict(LIMP, -500.0), verdict(GRAVITY, -400.0), verdict(DRAG, 1.0)])
+    effect, ties, why = choose([verdict(LIMP, -500.0), verdict(GRAVITY, -400.0, chi2=950.0), verdict(DRAG, 1.0)])
     assert effect is LIMP
     assert ties == ()
     assert why == "limp_home_spring explains most: fitted error x 0.700, held-out error x 0.800, BIC -500."
 
 
 def test_the_best_of_those_that_help_elsewhere_is_added() -> None:
-    effect, ties, _ = choose([verdict(STRIBECK, -503.0, held_out=1.0), verdict(LIMP, -500.0), verdict(DRAG, -30.0)])
+    effect, ties, _ = choose(
+        [verdict(STRIBECK, -503.0, held_out=1.0), verdict(LIMP, -500.0), verdict(DRAG, -30.0, chi2=990.0)]
+    )
     assert effect is LIMP
     assert ties == ()
 
 
+def test_effects_whose_inexact_formulas_could_make_the_difference_are_ties() -> None:
+    """2 % of what was explained, squared, and never more than 4 % of the noise's."""
+    every = [
+        verdict(LIMP, -5000.0, gain=5e4),
+        verdict(GRAVITY, -4980.0, chi2=919.0),
+        verdict(DRAG, -4970.0, chi2=921.0),
+    ]
+    assert choose(every)[1] == (GRAVITY,)
+    every = [
+        verdict(LIMP, -5000.0, gain=5e6),
+        verdict(GRAVITY, -4960.0, chi2=939.0),
+        verdict(DRAG, -4950.0, chi2=941.0),
+    ]
+    assert choose(every)[1] == (GRAVITY,)
+
+
 def test_effects_that_do_as_well_are_ties() -> None:
-    """Within 6 of the best, worth their parameters, and not contradicted by held-out traces."""
+    """Within 6 of the best's -2 log likelihood, worth their parameters, and not contradicted by held-out traces."""
     every = [
         verdict(LIMP, -500.0),
-        verdict(GRAVITY, -499.0),
+        verdict(GRAVITY, -490.0),
         verdict(STRIBECK, -498.0, held_out=5.0),
-        verdict(EFFECT_BY_NAME["backlash"], -494.1),
-        verdict(DRAG, -493.9),
+        verdict(EFFECT_BY_NAME["backlash"], -494.1, chi2=905.3),
+        verdict(DRAG, -493.9, chi2=905.5),
     ]
     effect, ties, why = choose(every)
     assert effect is LIMP

@@ -76,7 +76,7 @@ CLOSED: Mapping[str, Case] = {
         {"A_c": 0.02, "A_s": 0.03, "n_c": 6.0}, {"torque": -0.02 * math.cos(3.0 * N) - 0.03 * math.sin(3.0 * N)}
     ),
     "quadratic_drag": Case({"D_q": 1e-3}, {"torque": 9e-3}),
-    "airflow_torque": Case({"T_air": 0.2}, {"torque": -0.2 * math.sin(1.0)}),
+    "airflow_torque": Case({"T_air": 0.2, "T_air2": -0.05}, {"torque": -0.2 * math.sin(1.0) + 0.05 * math.sin(2.0)}),
     "stop_bounce": Case({"e_r": 0.4}, {"restitution": 0.4}),
     "gravity_load": Case({"T_g": 0.6}, {"torque": -0.6 * math.sin(0.5)}),
     # sensors; a travel from 0.25 to 1.25 rad puts 0.5 rad at a quarter of it
