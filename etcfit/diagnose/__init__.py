@@ -8,11 +8,11 @@ from ..cure import listed
 from ..fit import Report, freed, quiet
 from ..outcome import End, FitResult, outcome
 from .balance import motions
-from .composition import Effect
 from .evidence import evidence
 from .findings import Candidate, Diagnosis, RoundReport, Tie, Unexplained
 from .form import blur, spread
-from .loop import ROUNDS, Round, pruned, settled, start, turn
+from .look_back import Found, exchanged, pruned
+from .loop import ROUNDS, Round, settled, start, turn
 from .trial import Standing, score
 from .unexplained import outdone, unexplained
 
@@ -31,29 +31,19 @@ def diagnose(result: FitResult, report: Report = quiet) -> Diagnosis:
         the rounds, the effects found, what no effect explains, and the fits before and after.
     """
     report("composing the model of all effects", 0.0)
-    first = s = start(result)
+    first = start(result)
     rounds: list[RoundReport] = []
-    ties: list[Tie] = []
-    worth: dict[Effect, float] = {}
-    while len(rounds) < ROUNDS:
-        told = _in_stage(report, f"round {len(rounds) + 1}", len(rounds))
-        turned, new = _settled(turn(s, told, blur(result, s)), told)
-        rounds.append(_reported(turned))
-        report(f"round {len(rounds)}: {turned.why}", (len(rounds) - 0.5) / ROUNDS)
-        if turned.added is None:
-            break
-        if turned.ties:
-            group = (turned.added, *turned.ties)
-            cures = "; ".join(f"{e.name}: {e.told_by}" for e in group)
-            ties.append(Tie(tuple(e.name for e in group), cures))
-        worth[turned.added] = -turned.best.bic_change
-        s = new
+    s, found = _forward(result, first, (), rounds, report)
+    s, found, instead = exchanged(s, found, report)
+    if instead:
+        s, found = _forward(result, s, found, rounds, report)
     s, removed = pruned(s, report)
+    found = tuple(each for each in found if s.at_work(each.effect))
     left = outdone(result, first, s, report)
     if left is not None:
         s = first
     elif rounds[-1].candidates and not rounds[-1].evidence.white:
-        left = unexplained(result, s, worth, report)
+        left = unexplained(result, s, {each.effect: each.worth for each in found}, report)
     report("the fit of the final model", 0.95)
     after = _final(result, s, report)
     doubts = left.doubts if left else ()
@@ -61,9 +51,30 @@ def diagnose(result: FitResult, report: Report = quiet) -> Diagnosis:
     along = (*motions(first, s, False), *(motions(first, s, True) if s.holdout else ()))
     known = tuple(e.name for e in first.composition.known if e.off is not None)
     final = (*known, *(e.name for e in s.added))
-    kept = tuple(tie for tie in ties if any(name in final for name in tie.effects))
-    verdict = _verdict(added, kept, left, rounds)
-    return Diagnosis(result, after, known, final, tuple(rounds), added, removed, kept, left, along, verdict)
+    ties = tuple(_tie(each) for each in found if each.ties and s.at_work(each.effect))
+    verdict = _verdict(added, ties, left, rounds)
+    changed = (*instead, *removed)
+    return Diagnosis(result, after, known, final, tuple(rounds), added, changed, ties, left, along, verdict)
+
+
+def _forward(
+    result: FitResult, s: Standing, found: tuple[Found, ...], rounds: list[RoundReport], report: Report
+) -> tuple[Standing, tuple[Found, ...]]:
+    """Round after round from s until one adds nothing; each is appended to `rounds`."""
+    while len(rounds) < ROUNDS:
+        told = _in_stage(report, f"round {len(rounds) + 1}", len(rounds))
+        turned, s = _settled(turn(s, told, blur(result, s)), told)
+        rounds.append(_reported(turned))
+        report(f"round {len(rounds)}: {turned.why}", (len(rounds) - 0.5) / ROUNDS)
+        if turned.added is None:
+            break
+        found = (*found, Found.of(turned))
+    return s, found
+
+
+def _tie(found: Found) -> Tie:
+    group = (found.effect, *found.ties)
+    return Tie(tuple(e.name for e in group), "; ".join(f"{e.name}: {e.told_by}" for e in group))
 
 
 def _settled(turned: Round, report: Report) -> tuple[Round, Standing]:

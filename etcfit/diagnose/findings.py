@@ -197,7 +197,7 @@ class Diagnosis:
         start, final: effects at work beyond Eqs. 1-2.
         rounds: each turn of the loop, the last of which adds nothing.
         added: effects in the order found; without those that were taken away again or are in doubt.
-        removed: a sentence for each effect that was taken away again.
+        removed: a sentence for each effect that gave way to another or was taken away again.
         ties: effects that cannot be told apart.
         unexplained: what no effect explains; None where the residual is noise.
         motions: missing torque and voltage along the measured motion.

@@ -1,8 +1,8 @@
-"""One turn of the loop: screen every effect, refit the best few, choose the one that helps most; and the look back."""
+"""One turn of the loop: screen every effect, refit the best few, choose the one that helps most."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 
@@ -19,7 +19,7 @@ from .composition import Composition, Effect, compose, resting
 from .crossing import folds, left_out
 from .form import inexact, left_by
 from .screen import Background, Signature, screen, variants
-from .trial import Score, Standing, Verdict, bic_change, compare, score
+from .trial import Score, Standing, Verdict, compare, score
 
 _SIDE_BY_SIDE = 2  # refits at a time: they run outside the interpreter lock
 _REFITS = 4  # candidates refitted in full in one round
@@ -194,10 +194,19 @@ def _asked(g: Signature, before: Score) -> float:
 
 
 def _tried(s: Standing, g: Signature, before: Score) -> Verdict:
-    effect = g.variant.effect
-    trial = s.trying(effect, g.values).optimised()
-    more = len(resting(effect))
-    return compare(effect, before, trial, more, len(variants(effect)), g.gain, g.own)
+    return tried(s, g.variant.effect, g.values, before, g.gain, g.own)
+
+
+def tried(
+    s: Standing, effect: Effect, values: Mapping[str, float], before: Score, screened: float, own: float
+) -> Verdict:
+    """The verdict on an effect that starts at `values` (SI), beside the model as it stands."""
+    return judged(effect, before, s.trying(effect, values).optimised(), screened, own)
+
+
+def judged(effect: Effect, before: Score, s: Standing, screened: float, own: float) -> Verdict:
+    """The verdict on a model that has one effect more than the one scored before."""
+    return compare(effect, before, s, len(resting(effect)), len(variants(effect)), screened, own)
 
 
 def choose(
@@ -237,7 +246,7 @@ def choose(
             "than the inexact formula of an effect found before would leave: not proven."
         )  # fmt: skip
     best = proven[0]
-    ties = tuple(v.effect for v in proven[1:] if _alike(v, best))
+    ties = tuple(v.effect for v in proven[1:] if alike(v, best))
     held = "" if best.holdout_rms_ratio is None else f", held-out error x {best.holdout_rms_ratio:.3f}"
     words = (
         f"{best.effect.name} explains most: fitted error x {best.fit_rms_ratio:.3f}{held}, BIC {best.bic_change:+.0f}."
@@ -247,7 +256,7 @@ def choose(
     return best.effect, ties, words
 
 
-def _alike(v: Verdict, best: Verdict) -> bool:
+def alike(v: Verdict, best: Verdict) -> bool:
     """Two effects explain the data equally well, or their difference is within what an inexact formula leaves.
 
     (chi2_v - chi2_best) n / chi2_best < max(6, left n / chi2_best),    left by the less exact formula of the two
@@ -257,16 +266,3 @@ def _alike(v: Verdict, best: Verdict) -> bool:
     left = left_by(max(v.effect.inexact, best.effect.inexact), best.gain, best.standing.problem.samples)
     apart = v.score.chi2 - best.score.chi2
     return apart < left or apart * _per_chi2(best.score) < _SAME
-
-
-def pruned(s: Standing, report: Report) -> tuple[Standing, tuple[str, ...]]:
-    """Try to take each added effect away again; what is taken, and a sentence for each."""
-    words = []
-    for effect in s.added[:-1]:
-        report(f"trying without {effect.name}", 0.9)
-        less, here = s.without(effect).optimised(), score(s)
-        change = -bic_change(score(less), here, len(resting(effect)), 1)
-        if change < 0.0 and not (new := settled(less, report)).spoilt(s):
-            words.append(f"{effect.name} was taken away again: what came after explains it (BIC {change:+.1f}).")
-            s = new
-    return s, tuple(words)

@@ -30,7 +30,7 @@ def diagnosis_table(diagnosis: Diagnosis) -> RenderableType:
         sentences("Effects that these data cannot tell apart", list(_ties(diagnosis))),
         _rounds(diagnosis.rounds),
         *(_candidates(k, each) for k, each in enumerate(diagnosis.rounds, start=1)),
-        sentences("Taken away again", diagnosis.removed),
+        sentences("Looking back", diagnosis.removed),
         _parameters(diagnosis.before, after),
         _outcome(after),
         sentences("Warnings", after.warnings),
