@@ -21,7 +21,7 @@ from .trial import Standing, Verdict, bic_change, score
 _RIVAL = 0.5  # share of what the effect explained in its round that another must have explained to be asked again
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True)
 class Found:
     """An effect at work, and what stood against it.
 

@@ -23,6 +23,7 @@ class CoggingTorque(AbstractEffect):
     name = "cogging_torque"
     told_by = "slow constant-speed strokes, read against the motor's angle"
     off: ClassVar[Mapping[str, float] | None] = {"A_c": 0.0, "A_s": 0.0}
+    inexact: ClassVar[float] = 0.1
     scan: ClassVar[Mapping[str, tuple[float, ...]]] = {
         "n_c": (1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0, 8.0, 9.0, 10.0, 12.0, 14.0, 15.0, 16.0, 18.0, 20.0, 24.0),
     }
