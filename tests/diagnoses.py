@@ -38,7 +38,11 @@ def diagnosis(rig: Rig, **changes: Any) -> Diagnosis:
         "added": (FOUND,),
         "removed": ("backlash was taken away again: what came after explains it (BIC -3.0).",),
         "ties": (
-            Tie((FOUND, "airflow_torque"), "limp_home_spring: a slow ramp; airflow_torque: the same without air"),
+            Tie(
+                (FOUND, "airflow_torque"),
+                (0.03,),
+                "limp_home_spring: a slow ramp; airflow_torque: the same without air",
+            ),
         ),
         "unexplained": unexplained(after),
         "motions": (motion("response/1.csv", False, 0), motion("response/2.csv", True, 1)),

@@ -230,6 +230,7 @@ def test_diagnosis_json_holds_what_the_contract_names(found: Diagnosis, tmp_path
     assert final == [*start, diagnoses.FOUND]
     assert written["added"] == [diagnoses.FOUND]
     assert written["ties"] == [[diagnoses.FOUND, "airflow_torque"]]
+    assert written["ties_apart"] == [list(found.ties[0].apart)]
     assert written["ties_told_by"] == [found.ties[0].told_by]
     assert written["parameters"].keys() == fit_json(found.after)["parameters"].keys() > {"T_lh", "N"}
     for which in ("before", "after", "after_with_unknown"):

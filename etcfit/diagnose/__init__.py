@@ -74,7 +74,8 @@ def _forward(
 
 def _tie(found: Found) -> Tie:
     group = (found.effect, *found.ties)
-    return Tie(tuple(e.name for e in group), "; ".join(f"{e.name}: {e.told_by}" for e in group))
+    told_by = "; ".join(f"{e.name}: {e.told_by}" for e in group)
+    return Tie(tuple(e.name for e in group), tuple(found.ties.values()), told_by)
 
 
 def _settled(turned: Round, report: Report) -> tuple[Round, Standing]:
@@ -140,7 +141,11 @@ def _verdict(
         words.append("The residual is noise: the model lacks nothing that these data show.")
     else:
         words.append("No effect of the catalogue is proven by these data.")
-    words += [f"{' and '.join(tie.effects)} cannot be told apart by these data." for tie in ties]
+    words += [
+        f"{' and '.join(tie.effects)} cannot be told apart by these data: their fits differ by at most "
+        f"{max(tie.apart):.2g} times the noise."
+        for tie in ties
+    ]
     if left is not None:
         words.append(left.sentence)
     elif not rounds[-1].candidates:

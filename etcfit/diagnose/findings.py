@@ -124,10 +124,13 @@ class Tie:
 
     Args:
         effects: names.
+        apart: how far the fit with each of the others is from that with the first: rms over samples, in units of the
+            noise.
         told_by: which measurement would separate them.
     """
 
     effects: tuple[str, ...]
+    apart: tuple[float, ...]
     told_by: str
 
 

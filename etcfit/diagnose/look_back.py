@@ -9,14 +9,14 @@ rivals of an effect are those that explained at least half as much in its round,
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 from ..fit import Report
 from .composition import Effect, resting
 from .crossing import folds, left_out
 from .loop import STRONG, Round, alike, judged, settled, tried
-from .trial import Standing, Verdict, bic_change, score
+from .trial import Standing, Verdict, apart, bic_change, score
 
 _RIVAL = 0.5  # share of what the effect explained in its round that another must have explained to be asked again
 
@@ -27,13 +27,13 @@ class Found:
 
     Args:
         effect: which.
-        ties: others that explain these data as well.
+        ties: others that explain these data as well, and how far their fits are from this one's, in units of the noise.
         worth: by how much it lowered BIC.
         rivals: others that explained a good part of it, and the values (SI) at which they did.
     """
 
     effect: Effect
-    ties: tuple[Effect, ...]
+    ties: Mapping[Effect, float]
     worth: float
     rivals: Mapping[Effect, Mapping[str, float]]
 
@@ -42,7 +42,12 @@ class Found:
         """What a round found."""
         best = turned.best
         rivals = {v.effect: _values(v) for v in turned.verdicts if v is not best and v.gain > _RIVAL * best.gain}
-        return cls(best.effect, turned.ties, -best.bic_change, rivals)
+        ties = [v for v in turned.verdicts if v.effect in turned.ties]
+        return cls(best.effect, _apart(best, ties), -best.bic_change, rivals)
+
+
+def _apart(best: Verdict, ties: Iterable[Verdict]) -> Mapping[Effect, float]:
+    return {v.effect: apart(v.standing, best.standing) for v in ties}
 
 
 def _values(v: Verdict) -> Mapping[str, float]:
@@ -71,7 +76,7 @@ def exchanged(
             more = best.bic_change - here.bic_change
             words.append(f"{each.effect.name} gave way to {best.effect.name}, which explains more (BIC {more:+.1f}).")
             s = replace(new, added=tuple(best.effect if e is each.effect else e for e in s.added))  # its place stays
-        ties = tuple(v.effect for v in (here, *others) if v is not best and alike(v, best))
+        ties = _apart(best, (v for v in (here, *others) if v is not best and alike(v, best)))
         now[k] = replace(each, effect=best.effect, ties=ties, worth=-best.bic_change)
     return s, tuple(now), tuple(words)
 

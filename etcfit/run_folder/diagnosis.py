@@ -30,6 +30,7 @@ def diagnosis_json(diagnosis: Diagnosis) -> dict[str, Any]:
         "added": list(diagnosis.added),
         "removed": list(diagnosis.removed),
         "ties": [list(tie.effects) for tie in diagnosis.ties],
+        "ties_apart": [list(tie.apart) for tie in diagnosis.ties],
         "ties_told_by": [tie.told_by for tie in diagnosis.ties],
         "unexplained": _unexplained(unknown) if unknown is not None else None,
         "before": _score(before),

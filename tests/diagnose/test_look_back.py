@@ -47,7 +47,7 @@ def verdict(
 
 
 def found(effect: type, *rivals: type) -> Found:
-    return Found(effect, (), 100.0, {rival: {} for rival in rivals})
+    return Found(effect, {}, 100.0, {rival: {} for rival in rivals})
 
 
 @pytest.fixture
@@ -55,6 +55,7 @@ def asked(monkeypatch: pytest.MonkeyPatch) -> dict[type, tuple[Any, tuple[Any, .
     """Verdicts by the effect asked again; refits in full leave a model as it is."""
     verdicts: dict[type, tuple[Any, tuple[Any, ...]]] = {}
     monkeypatch.setattr(look_back, "_beside", lambda s, effect, rivals: verdicts[effect])
+    monkeypatch.setattr(look_back, "apart", lambda a, b: 0.05)
     monkeypatch.setattr(look_back, "settled", lambda s, report: s)
     monkeypatch.setattr(look_back, "score", lambda s: SimpleNamespace(strays=lambda before, far: False))
     return verdicts
@@ -73,15 +74,15 @@ def test_a_rival_that_does_as_well_is_a_tie_and_nothing_is_exchanged(asked: dict
     asked[GRAVITY] = verdict(GRAVITY, -500.0, 1000.0), (verdict(AIR, -503.0, 996.0), verdict(LIMP, -400.0, 1100.0))
     s, now, words = exchanged(Stand((GRAVITY,)), (found(GRAVITY, AIR, LIMP),), quiet)
     assert s.added == (GRAVITY,)
-    assert now[0].ties == (AIR,)
+    assert now[0].ties == {AIR: 0.05}
     assert words == ()
 
 
 def test_a_tie_of_its_round_that_later_effects_resolve_is_a_tie_no_longer(asked: dict) -> None:
     asked[GRAVITY] = verdict(GRAVITY, -500.0, 1000.0), (verdict(AIR, -400.0, 1100.0),)
-    once = Found(GRAVITY, (AIR,), 100.0, {AIR: {}})
+    once = Found(GRAVITY, {AIR: 0.05}, 100.0, {AIR: {}})
     _, now, _ = exchanged(Stand((GRAVITY, HEAT)), (once,), quiet)
-    assert now[0].ties == ()
+    assert now[0].ties == {}
 
 
 @pytest.mark.parametrize(
@@ -102,15 +103,16 @@ def test_an_effect_stays_where_the_rival_spoils_the_model(
 def test_one_without_rivals_and_rivals_at_work_are_not_asked(asked: dict) -> None:
     s, now, words = exchanged(Stand((GRAVITY, AIR)), (found(GRAVITY, AIR), found(AIR)), quiet)
     assert (s.added, words) == ((GRAVITY, AIR), ())
-    assert [f.ties for f in now] == [(), ()]
+    assert [f.ties for f in now] == [{}, {}]
 
 
 def test_rivals_are_those_that_explained_half_as_much(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(look_back, "_values", lambda v: {"a": 1.0})
+    monkeypatch.setattr(look_back, "apart", lambda a, b: 0.05)
     best, near, weak = (
         verdict(LIMP, -500.0, 1.0, 100.0),
         verdict(AIR, -9.0, 1.0, 51.0),
         verdict(HEAT, -400.0, 1.0, 49.0),
     )
-    turned: Any = SimpleNamespace(best=best, ties=(GRAVITY,), verdicts=(best, near, weak))
-    assert Found.of(turned) == Found(LIMP, (GRAVITY,), 500.0, {AIR: {"a": 1.0}})
+    turned: Any = SimpleNamespace(best=best, ties=(AIR,), verdicts=(best, near, weak))
+    assert Found.of(turned) == Found(LIMP, {AIR: 0.05}, 500.0, {AIR: {"a": 1.0}})

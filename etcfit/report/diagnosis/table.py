@@ -70,7 +70,10 @@ def _unexplained(diagnosis: Diagnosis) -> list[str]:
 
 def _ties(diagnosis: Diagnosis) -> Iterator[str]:
     for tie in diagnosis.ties:
-        yield f"{' = '.join(tie.effects)}. Told apart by: {tie.told_by}"
+        yield (
+            f"{' = '.join(tie.effects)}: the fits differ by at most {max(tie.apart):.2g} times the noise. "
+            f"Told apart by: {tie.told_by}"
+        )
 
 
 def _rounds(rounds: Sequence[RoundReport]) -> RenderableType:
