@@ -7,13 +7,14 @@ from dataclasses import replace
 from ..cure import listed
 from ..fit import Report, freed, quiet
 from ..outcome import End, FitResult, outcome
+from ..score import pooled
 from .balance import motions
 from .evidence import evidence
 from .findings import Candidate, Diagnosis, RoundReport, Tie, Unexplained
 from .form import blur, spread
 from .look_back import Found, exchanged, pruned
 from .loop import ROUNDS, Round, settled, start, turn
-from .trial import Standing, score
+from .trial import ASTRAY, Standing, score
 from .unexplained import outdone, unexplained
 
 __all__ = ["Diagnosis", "diagnose"]
@@ -46,6 +47,14 @@ def diagnose(result: FitResult, report: Report = quiet) -> Diagnosis:
         left = unexplained(result, s, {each.effect: each.worth for each in found}, report)
     report("the fit of the final model", 0.95)
     after = _final(result, s, report)
+    if s.added and _astray(after, result):
+        removed = (
+            *removed,
+            f"{listed(e.name for e in s.added)}: taken away again, for run free the model is further off.",
+        )
+        s = first
+        left = unexplained(result, s, {}, report)
+        after = _final(result, s, report)
     doubts = left.doubts if left else ()
     added = tuple(e.name for e in s.added if e.name not in doubts)
     along = (*motions(first, s, False), *(motions(first, s, True) if s.holdout else ()))
@@ -55,6 +64,15 @@ def diagnose(result: FitResult, report: Report = quiet) -> Diagnosis:
     verdict = _verdict(added, ties, left, rounds)
     changed = (*instead, *removed)
     return Diagnosis(result, after, known, final, tuple(rounds), added, changed, ties, left, along, verdict)
+
+
+def _astray(after: FitResult, before: FitResult) -> bool:
+    """Run free, the final model predicts what was held out (what was fitted, where nothing was) worse than the first.
+
+    Far from the data effects are judged in a guided residual, which a wrong one may lower too.
+    """
+    end, beginning = (pooled(result.score_holdout or result.score_fit) for result in (after, before))
+    return not end < (1.0 + ASTRAY) * beginning
 
 
 def _forward(

@@ -32,7 +32,7 @@ _HALVINGS = 8  # of the amplitudes it begins with, until it does
 _SPOILT = 1.5  # times chi2 per sample, each model's by its own whitening, by which one is worse than another
 _SPARED = 0.01  # share of what is gained on the fitted traces that may be lost on those held out: they may not show it
 _SLACK = 0.02  # relative rise of a held-out free-running error that counts as none: a slip may fall elsewhere
-_ASTRAY = 0.2  # the same of a model refitted in full
+ASTRAY = 0.2  # the same of a model refitted in full
 _DIVERGED = 2.0  # the same far from the data: that run begins from the optimum of a guided one and is not tuned itself
 
 
@@ -163,7 +163,7 @@ class Score:
         """Refitted in full it predicts what was held out clearly worse; far from the data that run is not tuned yet."""
         if self.holdout_rms is None or before.holdout_rms is None:
             return False
-        return not self.holdout_rms < (1.0 + (_DIVERGED if far else _ASTRAY)) * before.holdout_rms
+        return not self.holdout_rms < (1.0 + (_DIVERGED if far else ASTRAY)) * before.holdout_rms
 
 
 def score(s: Standing) -> Score:

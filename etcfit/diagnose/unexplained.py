@@ -16,7 +16,7 @@ from ..unknown import UNKNOWNS, AbstractSmooth
 from .balance import pull_of, signals
 from .composition import Effect, compose
 from .findings import Unexplained
-from .loop import STRONG, promises, screened
+from .loop import STRONG, promises, screened, settled
 from .screen import Signature
 from .trial import Score, Standing, Verdict, compare, score
 
@@ -53,6 +53,8 @@ def outdone(result: FitResult, first: Standing, s: Standing, report: Report) -> 
     """One smooth curve that does more for the first model than all the effects found together; None where none does.
 
     Names found one after the other may each imitate a part of something that has none. It is asked where much is left.
+    Names that brought a model near its data give way only to a curve that does so too: far from them a guided residual
+    is no proof.
     """
     if not s.added or (not s.far and s.left < _MUCH):
         return None
@@ -65,6 +67,8 @@ def outdone(result: FitResult, first: Standing, s: Standing, report: Report) -> 
     found = s.bench.layout.values(s.x, s.bench.unknowns.held)
     named = first.with_effects(s.added, found).lean().optimised()
     if np.log(named.chi2 / before.chi2) < _HOLDS * np.log(curve.score.chi2 / before.chi2):  # both are negative
+        return None
+    if first.far and not s.far and settled(curve.standing, report).spoilt(s):
         return None
     return _told(curve, tuple(e.name for e in s.added))
 

@@ -196,7 +196,7 @@ def chain(left: float, named: float, far: bool = False) -> tuple[Any, Any]:
     """A first model whose chi2 is 1000, or `named` with the effects found; and the last one, that leaves `left`."""
     refitted = SimpleNamespace(chi2=named)
     refitted.lean = refitted.optimised = lambda: refitted
-    first = SimpleNamespace(with_effects=lambda added, values: refitted)
+    first = SimpleNamespace(with_effects=lambda added, values: refitted, far=False)
     layout = SimpleNamespace(values=lambda x, held: {})
     bench = SimpleNamespace(layout=layout, unknowns=SimpleNamespace(held=None))
     return first, SimpleNamespace(added=(LIMP, STRIBECK), far=far, left=left, bench=bench, x=None)
@@ -223,6 +223,22 @@ def test_names_that_do_less_together_than_one_curve_are_all_in_doubt(
     monkeypatch.setattr(module, "_told", lambda best, doubts: doubts)
     doubts: Any = module.outdone(SimpleNamespace(), first, last, lambda text, share: None)
     assert doubts == (None if kept else (LIMP.name, STRIBECK.name))
+
+
+@pytest.mark.parametrize("spoilt", [True, False])
+def test_names_that_came_near_the_data_give_way_only_to_a_curve_that_does_so_too(
+    monkeypatch: pytest.MonkeyPatch, spoilt: bool
+) -> None:
+    first, last = chain(50.0, 900.0)
+    first.far = True
+    monkeypatch.setattr(module, "widened", lambda result, s: s)
+    monkeypatch.setattr(module, "score", lambda s: SimpleNamespace(chi2=1000.0))
+    curve = SimpleNamespace(score=SimpleNamespace(chi2=10.0), standing=None)
+    monkeypatch.setattr(module, "_best", lambda s, before: curve)
+    monkeypatch.setattr(module, "settled", lambda s, report: SimpleNamespace(spoilt=lambda names: spoilt))
+    monkeypatch.setattr(module, "_told", lambda best, doubts: doubts)
+    doubts: Any = module.outdone(SimpleNamespace(), first, last, lambda text, share: None)
+    assert doubts == (None if spoilt else (LIMP.name, STRIBECK.name))
 
 
 def test_without_a_curve_worth_its_parameters_names_stand(monkeypatch: pytest.MonkeyPatch) -> None:
