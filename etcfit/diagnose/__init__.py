@@ -48,10 +48,8 @@ def diagnose(result: FitResult, report: Report = quiet) -> Diagnosis:
     report("the fit of the final model", 0.95)
     after = _final(result, s, report)
     if s.added and _astray(after, result):
-        removed = (
-            *removed,
-            f"{listed(e.name for e in s.added)}: taken away again, for run free the model is further off.",
-        )
+        names = listed(e.name for e in s.added)
+        removed = (*removed, f"Run free, the model with {names} is further from the data: all taken away again.")
         s = first
         left = unexplained(result, s, {}, report)
         after = _final(result, s, report)

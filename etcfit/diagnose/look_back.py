@@ -78,7 +78,12 @@ def exchanged(
             s = replace(new, added=tuple(best.effect if e is each.effect else e for e in s.added))  # its place stays
         ties = _apart(best, (v for v in (here, *others) if v is not best and alike(v, best)))
         now[k] = replace(each, effect=best.effect, ties=ties, worth=-best.bic_change)
-    return s, tuple(now), tuple(words)
+    return s, tuple(_apart_from(s, each) for each in now), tuple(words)
+
+
+def _apart_from(s: Standing, each: Found) -> Found:
+    """Two effects that are both at work were told apart."""
+    return replace(each, ties={effect: far for effect, far in each.ties.items() if not s.at_work(effect)})
 
 
 def _beside(

@@ -101,7 +101,8 @@ def test_an_effect_stays_where_the_rival_spoils_the_model(
 
 
 def test_one_without_rivals_and_rivals_at_work_are_not_asked(asked: dict) -> None:
-    s, now, words = exchanged(Stand((GRAVITY, AIR)), (found(GRAVITY, AIR), found(AIR)), quiet)
+    tied = Found(GRAVITY, {AIR: 0.05}, 100.0, {AIR: {}})  # in its round; now both are at work
+    s, now, words = exchanged(Stand((GRAVITY, AIR)), (tied, found(AIR)), quiet)
     assert (s.added, words) == ((GRAVITY, AIR), ())
     assert [f.ties for f in now] == [{}, {}]
 
