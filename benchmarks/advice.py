@@ -62,7 +62,8 @@ def one(seed: int, left_out: str, scratch: Path) -> Outcome:
     write_folder(before, f"seed {seed}", truth, seed, NONE, sizes, Bench(), holdout=False, noise=True)
     first = fit(read_folder(before))
     option = next(o for o in advise(first.rig, first.x).options if not o.again)
-    plan = plan_of(option, first)
+    plan = option.plan
+    assert plan is not None, "an option that is no repetition is planned"
 
     shutil.copytree(before, after)
     (after / plan.test).mkdir(exist_ok=True)
@@ -70,16 +71,6 @@ def one(seed: int, left_out: str, scratch: Path) -> Outcome:
     write_trace(after, record(session, plan.test, plan.time, plan.volts, plan.release), seed)
     second = fit(read_folder(after))
     return compared(seed, left_out, option, first, second)
-
-
-def plan_of(option: Any, result: Any) -> Any:
-    """The plan behind an option."""
-    from etcfit.advise.plan import PLANS, sweeps
-    from etcfit.advise.setting import Setting
-
-    setting = Setting.of(result.rig, result.values)
-    plans = [make(setting) for make in PLANS.values()] + sweeps(setting)
-    return next(plan for plan in plans if (plan.test, plan.says) == (option.test, option.says))
 
 
 def compared(seed: int, left_out: str, option: Any, first: Any, second: Any) -> Outcome:
