@@ -1,4 +1,4 @@
-"""One picture of all parameters: how well the fit is known, how far off graph reading is, how large another rig's are."""
+"""One picture of all parameters: how well each is known, how far off graph reading is, what another rig has."""
 
 from __future__ import annotations
 
@@ -31,7 +31,8 @@ class _Mark:
 
 
 _READING = _Mark("graph reading", "o", style.READING, style.READING, 8.0)
-_TABLE_2 = _Mark("the paper's Table 2: another rig", "s", style.MEASURED, "white", 9.5)  # an arrow shows behind a reading's
+# larger than a reading, so that an arrow shows behind another
+_TABLE_2 = _Mark("the paper's Table 2: another rig", "s", style.MEASURED, "white", 9.5)
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,7 +45,7 @@ class ParameterPicture:
         intervals: by symbol.
         units: SI, by symbol.
         readings: SI, by symbol, where there is one.
-        table_2: what the paper's table has, another rig's: neither a truth nor a measurement of this one; SI, by symbol.
+        table_2: what the paper's table has, of another rig: no truth and no measurement of this one; SI, by symbol.
         synthetic: the data were made up.
     """
 
