@@ -62,6 +62,7 @@ class FitResult:
         widening: factor by which correlated noise widened the intervals, by symbol.
         warnings: what a reader must know.
         far: the model is far from the data and was fitted free-running.
+        formulas: effects whose formulas the covariance allows to be off, each by its `inexact`.
     """
 
     rig: Rig
@@ -85,6 +86,7 @@ class FitResult:
     widening: Mapping[str, float]
     warnings: tuple[str, ...]
     far: bool = False
+    formulas: tuple[str, ...] = ()
 
     def fitted(self) -> Fitted:
         """The model alone, for whoever goes on from it."""

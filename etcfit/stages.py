@@ -84,7 +84,7 @@ def sample_run(run: Path, report: Report, steps: int = MOST_STEPS) -> Done:
     from .report import write_posterior
     from .report.posterior.table import posterior_table
 
-    posterior = sample(resume(rig, x, state.far, report), run, steps, report)
+    posterior = sample(resume(rig, x, state.far, report), run, steps, report, state.formulas)
     profiled = profiles(posterior, report)
     write_posterior(run, posterior, profiled, report)
     here = posterior.convergence

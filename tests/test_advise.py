@@ -92,10 +92,10 @@ def test_batches_leave_nothing_out() -> None:
     assert [len(part) for part in batched([None] * 7, 3)] == [3, 3, 1]  # pyright: ignore[reportArgumentType]
 
 
-def test_the_table_names_every_option_and_every_test_not_judged(rig: Rig) -> None:
+def test_the_table_names_every_option_and_every_test_not_judged(rig: Rig, setting: Setting) -> None:
     shrinks = np.array([0.5, 1.0])
-    options = (Option("viscous", False, "a step", "noise assumed", shrinks, None),
-               Option("response", True, "once more, as response/1.csv", "", shrinks**0.1, None))  # fmt: skip
+    options = (Option("viscous", "a step", "noise assumed", shrinks, None, plan_viscous(setting)),
+               Option("response", "once more, as response/1.csv", "", shrinks**0.1, None, None))  # fmt: skip
     advice = Advice(rig, ("R_a", "series_ohm.inductance"), np.array([0.01, 0.02]), options, (("sine", "no ECU"),))
     text = render(advice_table(advice))
     for said in ("SYNTHETIC DATA", "viscous, new", "response, again", "(noise assumed)", "R_s inductance", "0.50",
@@ -113,7 +113,9 @@ def test_what_is_predicted_comes_about(tmp_path: Path) -> None:
     advice = advise(read_folder(before), first.x)
 
     best = advice.options[0]
-    assert (best.test, best.again) == ("viscous", False)
+    plan = best.plan
+    assert plan is not None
+    assert best.test == plan.test == "viscous"
     assert best.separates is not None
     assert set(best.separates.symbols) in ({"J_m", "J_L"}, {"B_m", "B_L"})
     assert {option.test for option in advice.options} | {test for test, _ in advice.not_judged} == {
@@ -122,8 +124,6 @@ def test_what_is_predicted_comes_about(tmp_path: Path) -> None:
 
     shutil.copytree(before, after)
     (after / "viscous").mkdir()
-    setting = Setting.of(first.rig, first.values)
-    plan = plan_viscous(setting)
     session = Session(np.random.default_rng(6), CONSISTENT, NONE, Bench())
     write_trace(after, record(session, plan.test, plan.time, plan.volts, plan.release), 6)
     second = fit(read_folder(after))

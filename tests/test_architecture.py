@@ -10,7 +10,7 @@ import pytest
 PACKAGE = Path(__file__).resolve().parents[1] / "etcfit"
 # a module may import those before it, and its own package
 ORDER = [
-    *("errors", "fetch", "backend", "parameters", "ecu", "effects", "unknown", "throttle", "linear"),
+    *("errors", "paper", "fetch", "backend", "parameters", "ecu", "effects", "unknown", "throttle", "linear"),
     *("simulate", "delay", "pid", "rig", "drive_log", "drive", "trace", "tape", "score", "whitening", "unknowns"),
     *("fitted", "reduce", "tangents", "grid", "reading", "correlation", "residual", "bench"),
     *("frequency", "chi2", "explore"),

@@ -125,13 +125,15 @@ def test_a_fit_that_did_not_converge_writes_says_why_and_exits_3(invoke, library
 
 @pytest.fixture
 def sampler(library: Library, monkeypatch: pytest.MonkeyPatch) -> SimpleNamespace:
-    """Stands in for what `sample` asks; `asked` holds the folder and the steps."""
+    """Stands in for what `sample` asks; `asked` holds the fit, the folder, the steps and the inexact formulas."""
     convergence = SimpleNamespace(converged=True, reason="60 tau long")
     fake = SimpleNamespace(convergence=convergence, asked=None)
-    state = SimpleNamespace(far=False)
+    state = SimpleNamespace(far=False, formulas=("backlash",))
 
-    def sample(fit: Any, run: Path, steps: int, report: Callable[[str, float], None]) -> SimpleNamespace:
-        fake.asked = fit, run, steps
+    def sample(
+        fit: Any, run: Path, steps: int, report: Callable[[str, float], None], exact: tuple[str, ...]
+    ) -> SimpleNamespace:
+        fake.asked = fit, run, steps, exact
         return fake
 
     modules = {
@@ -150,7 +152,7 @@ def sampler(library: Library, monkeypatch: pytest.MonkeyPatch) -> SimpleNamespac
 def test_sample_writes_the_posterior_and_prints_its_table(invoke, library: Library, sampler: SimpleNamespace) -> None:
     done = invoke("sample", "bench", "--steps", "700")
     assert (done.exit_code, done.stdout) == (0, "the posterior's table\n")
-    assert sampler.asked == ((RIG, "x", False), Path("bench"), 700)
+    assert sampler.asked == ((RIG, "x", False), Path("bench"), 700, ("backlash",))
     assert library.written == [(Path("bench"), sampler)]
 
 

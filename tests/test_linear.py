@@ -17,13 +17,10 @@ from etcfit.effects.driver_dead_zone import DriverDeadZone
 from etcfit.effects.limp_home_spring import LimpHomeSpring
 from etcfit.effects.position_sensor_lag import PositionSensorLag
 from etcfit.linear import PAPER_EQ_8, TransferFunction, closed_form, coefficients, holding_against, sensor_lag
+from etcfit.paper import TABLE_2
 from etcfit.parameters import parameters_of
 from etcfit.throttle import Throttle
 
-TABLE_2 = {
-    **{"R_a": 1.513, "L_a": 1.475e-3, "K_b": 0.0189, "K_m": 0.0189, "J_m": 0.0, "J_L": 0.0012, "B_m": 2e-5},
-    **{"B_L": 0.0, "K_s": 0.150, "T_PL": 0.362, "T_f": 0.239},
-}
 LIMP = {"T_lh": 0.6, "K_lh": 0.9, "theta_lh": 0.16, "d_lh": 0.02}
 _held = jax.jit(holding_against)
 _about = jax.jit(coefficients)
@@ -43,7 +40,8 @@ def test_the_differentiated_model_is_the_closed_form(seed: int) -> None:
 
 
 def test_table_2_gives_what_eqs_1_2_say_and_not_eq_8() -> None:
-    plant = TransferFunction(*map(float, closed_form(TABLE_2, N)))
+    one_inertia = {**TABLE_2, "J_m": 0.0}  # with the J_m printed beside it J_eq would be another
+    plant = TransferFunction(*map(float, closed_form(one_inertia, N)))
     assert plant.num == pytest.approx((2.208e5,), rel=1e-3)
     assert plant.den == pytest.approx((1.0, 1033.0, 9.370e4, 1.282e5), rel=1e-3)
     assert plant.dc_gain == pytest.approx(1.722, rel=1e-3)

@@ -30,6 +30,7 @@ from etcfit.run_folder import (
     write_json,
     write_state,
 )
+from etcfit.run_folder.state import State
 from etcfit.unknowns import unknowns
 
 PARAMETERS = ("R_a", "L_a", "K_b", "K_m", "J_m", "J_L", "B_m", "B_L", "K_s", "T_PL", "T_f", "N")
@@ -190,6 +191,20 @@ def test_the_state_of_a_diagnosis_holds_the_final_model(found: Diagnosis, tmp_pa
     np.testing.assert_array_equal(final.x, found.after.x)
     np.testing.assert_array_equal(final.covariance, found.after.covariance)
     assert final.folder.samefile(found.after.rig.folder)
+    assert final.formulas == ()
+
+
+def test_the_state_says_which_formulas_its_intervals_allow_to_be_inexact(found: Diagnosis, tmp_path: Path) -> None:
+    write_diagnosis_state(tmp_path, replace(found, after=replace(found.after, formulas=(diagnoses.FOUND,))))
+    assert final_of(tmp_path).formulas == (diagnoses.FOUND,)
+    with np.load(tmp_path / DIAGNOSIS_STATE) as state:
+        older = {key: state[key] for key in state if key != "formulas"}
+    np.savez(tmp_path / DIAGNOSIS_STATE, **older)
+    assert final_of(tmp_path).formulas == ()
+
+
+def final_of(run: Path) -> State:
+    return read_state(run, DIAGNOSIS_STATE)
 
 
 def test_the_final_model_is_that_of_the_diagnosis_where_there_is_one(found: Diagnosis, tmp_path: Path) -> None:

@@ -26,20 +26,24 @@ from measurements import CONFIG, N, measurement, noisy, released
 
 VALUES = bodies.values(B_L=1e-3)
 DT = 1e-3
+SHAPE = (1024, 60, 2)  # of every tape here, as of the largest, and room for SLIDING: the model is compiled once for all
 SLIDING = ("R_a", "L_a", "K_b", "J_L", "B_L", "T_f", "T_PL")  # free where the plate slides
 
 
 def knowing(*free: str) -> Unknowns:
     """Only these are free, everything else is what it is."""
     fixed = {s: Fixed(v) for s, v in VALUES.items() if s not in free and s != "K_m"}
-    return unknowns(replace(CONFIG, parameters=fixed))
+    known = unknowns(replace(CONFIG, parameters=fixed))
+    return replace(known, layout=replace(known.layout, room=len(SLIDING)))
 
 
 def bench_of(traces: Sequence[Trace], free: tuple[str, ...], substeps: int = 1) -> tuple[Bench, np.ndarray]:
     """The bench and the coordinates of the truth."""
     known = knowing(*free)
     steps = [np.full(t.instants.size - 1, substeps) for t in traces]
-    return Bench.of(CONFIG, known, tuple(traces), steps), known.layout.coordinates(VALUES)
+    bench = Bench.of(CONFIG, known, tuple(traces), steps, SHAPE)
+    assert bench.shape == SHAPE
+    return bench, known.layout.coordinates(VALUES)
 
 
 # ---- a held plate, by its closed form

@@ -17,7 +17,7 @@ from ..rig import TESTS
 from ..rig.base import Rig
 from ..trace import Trace
 from ..unknowns import Layout, unknowns
-from .plan import PLANS, channels, sweeps, trace_of
+from .plan import PLANS, Plan, channels, sweeps, trace_of
 from .setting import Setting
 
 _ENTANGLED = 0.5  # squared correlation from which two parameters are said to be entangled
@@ -39,19 +39,24 @@ class Option:
 
     Args:
         test: rig test.
-        again: the same as one that is there.
         says: how it is made.
         remark: what was assumed, or "".
         shrinks: width of each interval after it as a share of what it is now, shape (P,).
         separates: the pair that it tells apart best; None where it tells none apart.
+        plan: what is driven and when; None where it is a trace that is there, made once more.
     """
 
     test: str
-    again: bool
     says: str
     remark: str
     shrinks: np.ndarray
     separates: Pair | None
+    plan: Plan | None
+
+    @property
+    def again(self) -> bool:
+        """The same as one that is there."""
+        return self.plan is None
 
     @property
     def mean(self) -> float:
@@ -167,7 +172,7 @@ def _informations(bench: Bench, x: np.ndarray) -> list[np.ndarray]:
 def _again(test: str, traces: Sequence[Trace], informations: Sequence[np.ndarray], judge: Judge) -> Option:
     """The trace of a test that tells most, made once more."""
     options = [
-        Option(test, True, f"once more, as {trace.measurement.file}", "", *judge.gain(more))
+        Option(test, f"once more, as {trace.measurement.file}", "", *judge.gain(more), None)
         for trace, more in zip(traces, informations, strict=True)
         if trace.test.name == test
     ]
@@ -184,7 +189,7 @@ def _planned(bench: Bench, x: np.ndarray, setting: Setting, judge: Judge) -> Ite
     plans = [*absent, *responses]
     traces = tuple(trace_of(plan, setting) for plan in plans)
     options = [
-        Option(plan.test, False, plan.says, _remark(channels(plan, setting), setting), *judge.gain(more))
+        Option(plan.test, plan.says, _remark(channels(plan, setting), setting), *judge.gain(more), plan)
         for plan, more in zip(plans, _beside(bench, traces, x), strict=True)
     ]
     yield from options[: len(absent)]

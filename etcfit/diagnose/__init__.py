@@ -11,7 +11,7 @@ from ..score import pooled
 from .balance import motions
 from .evidence import evidence
 from .findings import Candidate, Diagnosis, RoundReport, Tie, Unexplained
-from .form import blur, spread
+from .form import blur, percent_off, spread
 from .look_back import Found, exchanged, pruned
 from .loop import ROUNDS, Round, settled, start, turn
 from .trial import ASTRAY, Standing, score
@@ -137,13 +137,10 @@ def _final(result: FitResult, s: Standing, report: Report) -> FitResult:
     allowed = spread(s)
     if not allowed.any():
         return after
-    remark = f"Intervals allow for formulas of {listed(e.name for e in s.added)} that are {_percent(s)} off."
-    return replace(after, covariance=after.covariance + allowed, warnings=(*after.warnings, remark))
-
-
-def _percent(s: Standing) -> str:
-    """How far off the formulas of the effects added may be, in words."""
-    return listed(dict.fromkeys(f"{100.0 * e.inexact:.0f} %" for e in s.added))
+    formulas = tuple(e.name for e in s.added)
+    remark = f"Intervals allow for formulas of {listed(formulas)} that are {percent_off(formulas)} off."
+    warnings = (*after.warnings, remark)
+    return replace(after, covariance=after.covariance + allowed, formulas=formulas, warnings=warnings)
 
 
 def _verdict(

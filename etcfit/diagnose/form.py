@@ -14,11 +14,13 @@ by stretches rather than a Gaussian process, and its size is `inexact` of the ef
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 
+from ..cure import listed
 from ..descent import local
+from ..effects import EFFECT_BY_NAME
 from ..outcome import FitResult
 from .composition import Effect
 from .trial import Standing
@@ -30,6 +32,11 @@ _STRETCHES = 6  # of a trace over which a formula is off by as much
 def inexact(s: Standing) -> float:
     """Relative error of the least exact formula among the effects added."""
     return max((effect.inexact for effect in s.added), default=0.0)
+
+
+def percent_off(effects: Sequence[str]) -> str:
+    """How far off the formulas of these effects may be, in words."""
+    return listed(dict.fromkeys(f"{100.0 * EFFECT_BY_NAME[name].inexact:.0f} %" for name in effects))
 
 
 def blur(first: FitResult, s: Standing) -> float:

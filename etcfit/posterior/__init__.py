@@ -34,12 +34,14 @@ class Posterior:
         target: the density.
         chain: every step.
         convergence: how far it came; where it is not `converged`, this is no posterior yet.
+        exact: effects whose formulas are taken as exact here, while the final model's own intervals are not.
     """
 
     fit: FitResult
     target: Target
     chain: Chain
     convergence: Convergence
+    exact: tuple[str, ...] = ()
 
     @cached_property
     def points(self) -> np.ndarray:
@@ -68,7 +70,9 @@ class Posterior:
         return flat[np.linspace(0, len(flat) - 1, count).astype(int)]
 
 
-def sample(result: FitResult, run_dir: Path | str, most: int, report: Report = quiet) -> Posterior:
+def sample(
+    result: FitResult, run_dir: Path | str, most: int, report: Report = quiet, exact: tuple[str, ...] = ()
+) -> Posterior:
     """Sample the posterior of a fit; what was sampled before in the same folder is taken up.
 
     Args:
@@ -76,6 +80,7 @@ def sample(result: FitResult, run_dir: Path | str, most: int, report: Report = q
         run_dir: keeps the chain between blocks of steps.
         most: steps of each ensemble after which to stop all the same.
         report: called with what is going on and the share done.
+        exact: effects whose formulas the intervals of the model allow to be off; the posterior does not.
     """
     report("finding the mode", 0.0)
     target = Target.of(result)
@@ -84,4 +89,4 @@ def sample(result: FitResult, run_dir: Path | str, most: int, report: Report = q
         return Chain.begin(target.log_probability, target.symbols, target.mode, target.covariance, _SEEDS)
 
     chain, convergence = run(target.log_probability, begin, Path(run_dir) / CHAIN, most, report)
-    return Posterior(result, target, chain, convergence)
+    return Posterior(result, target, chain, convergence, exact)

@@ -11,6 +11,8 @@ from typing import Any
 
 import numpy as np
 
+from ..cure import listed
+from ..diagnose.form import percent_off
 from ..run_folder import effects_of, hashes, plain, versions, whole
 from . import Posterior
 from .predictive import Band
@@ -42,6 +44,7 @@ def posterior_json(posterior: Posterior, profiles: Mapping[str, Profile], bands:
         "effective_samples": here.effective,
         "tempering": [{"file": file, "channel": channel, "factor": f}
                       for (file, channel), f in posterior.target.factors.items() if f > 1.0],
+        "exact": list(posterior.exact),
         "mode_moved_sd": plain(dict(zip(chain.symbols, _moved(posterior).tolist(), strict=True))),
         "predictive": [_predicted(band) for band in bands],
         "warnings": list(_warnings(posterior)),
@@ -97,9 +100,21 @@ def _warnings(posterior: Posterior) -> list[str]:
     out = []
     if not posterior.convergence.converged:
         out.append(f"NO POSTERIOR YET: {posterior.convergence.reason}")
-    if words := tempering(posterior.target.factors):
-        out.append(f"{words}.")
-    return out
+    return [*out, *narrower(posterior)]
+
+
+def narrower(posterior: Posterior) -> list[str]:
+    """Why the posterior may be narrower than the intervals that stand beside it."""
+    return [words for words in (_as_exact(posterior.exact), tempering(posterior.target.factors)) if words]
+
+
+def _as_exact(effects: Sequence[str]) -> str:
+    if not effects:
+        return ""
+    return (
+        f"Posterior, profiles and the standard errors beside them take the formula of {listed(effects)} as exact; the "
+        f"intervals of the diagnosis, which are wider, allow for {percent_off(effects)}."
+    )
 
 
 def write_netcdf(path: Path, posterior: Posterior) -> None:

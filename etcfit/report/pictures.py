@@ -17,6 +17,7 @@ from ..run_folder import readings_of
 from ..trace import Trace
 from . import graphs, overview, traces
 from .numbers import Digits, short
+from .table_2 import beside
 from .tables import model_words
 
 Job = tuple[Path, Callable[[], Figure]]
@@ -91,5 +92,6 @@ def _units(result: FitResult) -> dict[str, str]:
 def parameter_picture(result: FitResult) -> overview.ParameterPicture:
     config = result.rig.config
     every = intervals(result) | lumped(result)
-    model, readings = model_words(result), readings_of(result)
-    return overview.ParameterPicture(config.name, model, every, _units(result), readings, config.synthetic)
+    read, table_2 = readings_of(result), beside(config)
+    model, units = model_words(result), _units(result)
+    return overview.ParameterPicture(config.name, model, every, units, read, table_2, config.synthetic)

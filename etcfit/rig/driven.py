@@ -7,11 +7,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from ..paper import TABLE_2
 from .base import Channel, Fixed, Graph, Measurement, Reading, RigConfig, Start
 from .inverse_model import LUMPED, Equations, equations, filter_for, held_values, solve
 from .signals import drive_voltage
 
-NOMINAL = {"R_a": 1.513, "K_b": 0.0189, "N": 20.68}  # paper, Table 2: the scale where the data have none
+NOMINAL = {symbol: TABLE_2[symbol] for symbol in ("R_a", "K_b", "N")}  # the scale where the data have none
 LOWEST_SHARE = 0.02  # of the whole: where a part that must be positive is put when it reads negative
 FEWEST_POSITIONS = 50
 FEWEST_ROWS = 20  # of a trace, for six unknowns at most

@@ -35,6 +35,7 @@ class State:
         x: coordinates, shape (P,).
         covariance: shape (P, P).
         far: the model is far from the data and was fitted free-running.
+        formulas: effects whose formulas the covariance allows to be off.
     """
 
     run: Path
@@ -44,6 +45,7 @@ class State:
     x: np.ndarray
     covariance: np.ndarray
     far: bool
+    formulas: tuple[str, ...]
 
 
 def write_state(run: Path, result: FitResult) -> None:
@@ -67,6 +69,7 @@ def _write(path: Path, result: FitResult) -> None:
             effects=np.array(effects_of(result), dtype=str),
             folder=np.array(_relative(Path(result.rig.folder), path.parent)),
             far=np.array(result.far),
+            formulas=np.array(result.formulas, dtype=str),
         )
 
 
@@ -103,6 +106,7 @@ def _read(path: Path) -> State:
             x=state["x"],
             covariance=state["covariance"],
             far=bool(state["far"]),
+            formulas=tuple(map(str, state.get("formulas", ()))),  # older files lack it
         )
 
 

@@ -85,6 +85,7 @@ def test_nothing_is_found_in_a_clean_folder(clean: Case) -> None:
 def test_the_fit_of_a_clean_folder_stays_what_it_was(clean: Case) -> None:
     before, after = clean.diagnosis.before, clean.diagnosis.after
     assert after.converged
+    assert after.formulas == ()
     assert after.unknowns.layout.free == before.unknowns.layout.free
     error = np.sqrt(np.diag(before.covariance))
     assert np.max(np.abs(after.x - before.x) / error) < 0.5
@@ -116,6 +117,7 @@ def test_what_is_missing_is_found_first_and_predicts_what_was_held_out(
     assert found.rounds[0].added == effect
     assert falls(found) < 0.9
     assert set(found.after.unknowns.layout.free) > set(found.before.unknowns.layout.free)
+    assert found.after.formulas == found.final  # no formula is taken as exact
     assert all(effect in m.effects for m in found.motions)
 
 

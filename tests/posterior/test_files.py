@@ -141,6 +141,23 @@ def test_the_table_sets_all_ways_of_asking_side_by_side(posterior: Posterior, pr
     assert all(word in text for word in ("Laplace", "profile", "posterior", "one-sided", "SYNTHETIC DATA", "tempered"))
 
 
+def test_it_says_where_formulas_are_exact_here_and_not_in_the_diagnosis(posterior: Posterior) -> None:
+    exact = replace(posterior, exact=("limp_home_spring", "stribeck_friction"))
+    said = "take the formula of limp_home_spring and stribeck_friction as exact"
+    allowed = "intervals of the diagnosis, which are wider, allow for 2 % and 10 %"
+    for text in (" ".join(posterior_json(exact, {}, [])["warnings"]), _flat(render(posterior_table(exact, {})))):
+        assert said in text
+        assert allowed in text
+    assert posterior_json(exact, {}, [])["exact"] == ["limp_home_spring", "stribeck_friction"]
+    assert posterior_json(posterior, {}, [])["exact"] == []
+    assert "as exact" not in " ".join(posterior_json(posterior, {}, [])["warnings"])
+    assert "as exact" not in _flat(render(posterior_table(posterior, {})))
+
+
+def _flat(text: str) -> str:
+    return " ".join(text.split())
+
+
 @pytest.mark.slow  # a hundred panels
 def test_every_picture_is_drawn(posterior: Posterior, profiles: dict[str, Profile], band: Band) -> None:
     drawn = {path.as_posix(): draw() for path, draw in pictures.jobs(posterior, profiles, [band])}

@@ -29,16 +29,19 @@ def lumped_table(contents: Contents) -> Table | None:
 
 def posterior_table(contents: Contents) -> Table | None:
     """What was sampled, beside the fit's standard error and the profile; what the sampler says of its own chains."""
-    draws = contents.get("posterior").get("parameters") or {}
+    posterior = contents.get("posterior")
+    draws = posterior.get("parameters") or {}
     if not draws:
         return None
+    exact = _AS_EXACT if posterior.get("exact") else ""
     apart = frozenset(k for k, p in enumerate(draws.values()) if p.get("apart"))
     differ = "; in red where fit, profile and posterior differ by more than 20 % in width" if apart else ""
     shown = [name for name, cell in _SAMPLED.items() if any(cell(p) for p in draws.values())]
     rows = [(symbol(name), *(_SAMPLED[head](p) for head in shown)) for name, p in draws.items()]
-    return Table(f"Posterior{differ}", ["", *shown], rows, 1, apart)
+    return Table(f"Posterior{exact}{differ}", ["", *shown], rows, 1, apart)
 
 
+_AS_EXACT = ", formulas of effects taken as exact (the intervals above allow for inexact ones)"
 _HEAD = ["", "value ± s.e.", "95 % interval", "unit", "graph reading", "status", "meaning"]
 _SAMPLED: dict[str, Callable[[Mapping[str, Any]], Any]] = {
     "mean ± s.d.": lambda p: measured(p.get("mean"), p.get("sd")),

@@ -8,10 +8,9 @@ from rich.console import Group, RenderableType
 from rich.text import Text
 
 from ...posterior import Posterior
-from ...posterior.files import disagree
+from ...posterior.files import disagree, narrower
 from ...posterior.profile import Profile
 from ...posterior.summary import Marginal
-from ...posterior.target import tempering
 from ..blocks import headed, plain_table, rig_title, sentences, spaced
 from ..numbers import Digits, short
 from ..tables import STATUS_STYLE
@@ -24,7 +23,7 @@ def posterior_table(posterior: Posterior, profiles: Mapping[str, Profile]) -> Re
         _parameters(posterior, profiles),
         _profiles(profiles, posterior.described),
         _outcome(posterior),
-        sentences("Warnings", _tempering(posterior)),
+        sentences("Warnings", narrower(posterior)),
     ]
     return Group(*(part for part in parts if part is not None))
 
@@ -79,8 +78,3 @@ def _outcome(posterior: Posterior) -> RenderableType:
     here = posterior.convergence
     style, word = ("bold green", "Converged") if here.converged else ("bold red", "NO POSTERIOR YET")
     return spaced(Text.assemble((word, style), f": {here.reason}; {100.0 * here.acceptance:.0f} % of moves accepted"))
-
-
-def _tempering(posterior: Posterior) -> list[str]:
-    words = tempering(posterior.target.factors)
-    return [f"{words}, as the fit widens its intervals."] if words else []

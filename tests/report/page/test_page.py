@@ -91,6 +91,12 @@ def test_it_says_what_the_files_say(full: Path) -> None:
     assert len(hashes) == 6 + 1 + len(runs.LATER)  # rig.toml, five traces; fit.json and what came after
 
 
+def test_a_posterior_that_takes_formulas_as_exact_says_so(full: Path) -> None:
+    assert "taken as exact" not in read(full).text
+    runs.changed(full, "posterior", exact=["limp_home_spring"])
+    assert "formulas of effects taken as exact (the intervals above allow for inexact ones)" in read(full).text
+
+
 def test_the_verdict_is_three_sentences_and_names_what_is_lost(full: Path) -> None:
     page = write_page(full).read_text(encoding="utf-8")
     verdict = page.partition('aria-label="Verdict"')[2].partition("</section>")[0]
