@@ -3,10 +3,10 @@
     python -m benchmarks.pid_rules --fit --rigs 20 --first-seed 700 --out rules.json
 
 Each rig is drawn from the independent generator: Eqs. 1-2 about the paper's rig +-40 %, a limp-home spring, Stribeck
-friction. The rules see only our model of it; the response is that of the generator, under a computer of its own; the
-limp-home corner and the Stribeck curve have another form than the generator's. With --fit the model is fitted to a small
-bench folder that the generator makes of the rig, both effects named in its rig.toml, and the draws are those of `etcfit
-design`. Without, every parameter is the truth's within an error of 2 % (standard deviation), and so are the draws.
+friction. The rules see only our model of it, whose limp-home corner and Stribeck curve have another form; the response
+is that of the generator, under a computer of its own. With --fit the model is fitted to a small bench folder that the
+generator makes of the rig, both effects named in its rig.toml, and the draws are those of `etcfit design`. Without,
+every parameter is the truth's within an error of 2 % (standard deviation), and so are the draws.
 
 `unbound` is our optimum asked for no margins: where a rule without margins tracks better than our optimum and `unbound`
 better still, the margins are what it costs, and not the search.
@@ -220,7 +220,7 @@ def summary(rigs: Mapping[int, dict[str, Any]]) -> str:
     foretold = max(abs(each["optimal"]["model_rmse"] / each["optimal"]["rmse"] - 1.0) for each in rules)
     lines = [
         f"{len(rules)} rigs. Our optimum meets requirements and margins, and no other rule that does both tracks "
-        f"better: {best} of {len(rules)}. Of rules that meet the requirements with whatever margins one tracks better in "
+        f"better: {best} of {len(rules)}. A rule that meets the requirements, whatever its margins, tracks better in "
         f"{sum(map(bool, ahead.values()))}:",
         *(_why(seed, rigs[seed]["rules"], names) for seed, names in ahead.items() if names),
         f"Our model foretells the generator's RMSE of its optimum within {100.0 * foretold:.1f} %.",
@@ -259,8 +259,10 @@ def _ahead(rules: Rules, name: str) -> bool:
 
 def each(seeds: Sequence[int], known: Callable[[Drawn, Ecu, int], Known]) -> Iterator[tuple[int, dict[str, Any]]]:
     """Seeds and what became of them, a fresh process after every few."""
-    with ProcessPoolExecutor(1, mp_context=get_context("spawn"), max_tasks_per_child=_A_PROCESS) as pool:
-        yield from zip(seeds, pool.map(run, seeds, [known] * len(seeds)), strict=True)
+    for k in range(0, len(seeds), _A_PROCESS):
+        few = seeds[k : k + _A_PROCESS]
+        with ProcessPoolExecutor(1, get_context("spawn")) as pool:  # its max_tasks_per_child may wait for ever
+            yield from zip(few, pool.map(run, few, [known] * len(few)), strict=True)
 
 
 def main() -> None:

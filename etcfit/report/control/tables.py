@@ -9,6 +9,7 @@ from rich.console import Group, RenderableType
 from rich.text import Text
 
 from ...design import Design, Tuned
+from ...ecu import Notation
 from ...fitted import Fitted
 from ...frequency import FrequencyResponse, Ratio, phases
 from ...frequency.point import POSITION
@@ -125,6 +126,7 @@ def design_table(design: Design) -> RenderableType:
         table,
         sentences("How to read it", words),
         sentences("No gains", refused),
+        _in_its_own_unit(design),
         _proposed(design),
         sentences(
             "Not met. What binds: eased alone, each of these would let the optimum meet everything", design.limits
@@ -158,10 +160,23 @@ def _safe(metrics: Metrics, asked: Requirements) -> bool:
     return metrics.gain_margin_db >= asked.gain_margin_db and metrics.phase_margin_deg >= asked.phase_margin_deg
 
 
+def _in_its_own_unit(design: Design) -> RenderableType | None:
+    """Every rule's gains as [ecu] of rig.toml writes them: numbers to type in."""
+    notation = design.fitted.config.notation
+    if notation is None:
+        return None
+    table = plain_table("rule", "P", "I", "D")
+    for tuned in design.tuned.values():
+        if tuned.gains is not None:
+            table.add_row(tuned.rule, *(short(g, 4) for g in design.written(tuned.gains, notation)))
+    clock = {"seconds": "I per s, D in s", "ticks": f"I and D by the tick of {short(1e3 * design.task.ecu.period)} ms"}
+    return headed(f"The same gains as [ecu] of rig.toml writes them: {notation.unit}, {clock[notation.form]}", table)
+
+
 def _proposed(design: Design) -> RenderableType:
     gains, ecu = design.chosen.gains, design.task.ecu
     assert gains is not None, "the proposed rule has gains"
-    native, his = gains.in_ticks(ecu.period), rusefi(design)
+    native, his = design.written(gains, Notation(form="ticks")), rusefi(design)
     table = plain_table("proposed", "P", "I", "D", "unit")
     table.add_row("continuous time", *(short(g, 5) for g in gains), "V/rad, s")
     table.add_row(f"ticks of {short(1e3 * ecu.period)} ms", *(short(g, 5) for g in native), "V/rad, ticks")
