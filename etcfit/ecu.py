@@ -75,6 +75,11 @@ class Notation:
         """As rig.toml has it: "%/%"."""
         return f"{self.output}/{self.error}"
 
+    @property
+    def title(self) -> str:
+        """Unit and form: "%/%, ticks"."""
+        return f"{self.unit}, {self.form}"
+
     def units(self, ecu: Ecu, travel: float) -> Terms:
         """One unit of each gain in SI, where the travel has so many rad."""
         volts = {"V": 1.0, "%": ecu.supply / 100.0}[self.output]

@@ -114,7 +114,7 @@ def design_table(design: Design) -> RenderableType:
     source = "posterior" if design.origin == "posterior" else "the fit's Laplace approximation"
     words = [
         "V/rad, V/(rad s), V s/rad; figures of the nonlinear model on the trapezoid of 5 to 45 % at 1 Hz, "
-        "worst of both edges",
+        "worst of both edges; a settling time of -: not settled before the setpoint changes again",
         f"asked: overshoot < {asked.overshoot_pct:g} %, settling < {asked.settling_s:g} s, steady-state error < "
         f"{asked.steady_state_error_pct:g} %; margins {asked.gain_margin_db:g} dB, {asked.phase_margin_deg:g} degrees",
         f"P(met): share of {design.draws} models from {source} whose response meets all three",
@@ -181,8 +181,11 @@ def _proposed(design: Design) -> RenderableType:
     table.add_row("continuous time", *(short(g, 5) for g in gains), "V/rad, s")
     table.add_row(f"ticks of {short(1e3 * ecu.period)} ms", *(short(g, 5) for g in native), "V/rad, ticks")
     table.add_row("rusEFI", *(short(his[k], 5) for k in ("pFactor", "iFactor", "dFactor")), "% duty / % travel, s")
+    if (own := design.fitted.config.notation) is not None:
+        table.add_row("[ecu] of rig.toml", *(short(g, 5) for g in design.written(gains, own)), own.title)
     curve = plain_table("rusEFI bias curve", *(f"{x:g}" for x in his["etbBiasBins"]), "% travel")
     curve.add_row("holding duty", *(f"{y:g}" for y in his["etbBiasValues"]), "%")
-    word = "with" if his["gains_found_with_bias"] else "WITHOUT (leave the curve at 0, or design with --feed-forward)"
-    title = f"Gains of {design.chosen.rule}; found {word} the bias curve"
-    return headed(title, Group(table, Text(), curve))
+    word = "with the bias curve"
+    if not his["gains_found_with_bias"]:
+        word = "WITHOUT the bias curve: leave it at 0, or design with --feed-forward"
+    return headed(f"Gains of {design.chosen.rule}, found {word}", Group(table, Text(), curve))
