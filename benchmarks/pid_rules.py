@@ -231,8 +231,8 @@ def summary(rigs: Mapping[int, dict[str, Any]]) -> str:
 
 def _fits(models: Sequence[Mapping[str, Any]]) -> str:
     size = [model["chi2_per_dof"] for model in models]
-    return (f"{sum(model['converged'] for model in models)} of {len(models)} fits converged, the others are counted all "
-            f"the same; chi2 per degree of freedom {min(size):.2f} to {max(size):.2f}.")  # fmt: skip
+    return (f"{sum(model['converged'] for model in models)} of {len(models)} fits converged; the others count as well. "
+            f"chi2 per degree of freedom {min(size):.2f} to {max(size):.2f}.")  # fmt: skip
 
 
 def _why(seed: int, rules: Rules, names: Sequence[str]) -> str:
