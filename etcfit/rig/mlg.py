@@ -84,7 +84,7 @@ def read_mlg(raw: bytes, where: str) -> Table:
     """Columns named `name [unit]`; NaN where a value is none.
 
     Records whose check sum is wrong are left out. A log without a time of its own gets that of its blocks, which cannot
-    tell a pause of more than 0.65 s.
+    tell a pause of more than 0.3 s.
 
     Args:
         raw: the file.
