@@ -176,4 +176,5 @@ def test_gains_stand_in_the_users_unit_and_form_where_rig_toml_names_them(presen
     text = " ".join(render(design_table(mine)).split())
     assert "as [ecu] of rig.toml writes them: %/deg, I and D by the tick of 2.00 ms" in text
     assert f"as_found {shown['P']:.4g}" in text
+    assert f"as in rig.toml {shown['P']:.5g}" in text
     assert "of rig.toml writes them" not in render(design_table(present))

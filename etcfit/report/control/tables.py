@@ -182,7 +182,7 @@ def _proposed(design: Design) -> RenderableType:
     table.add_row(f"ticks of {short(1e3 * ecu.period)} ms", *(short(g, 5) for g in native), "V/rad, ticks")
     table.add_row("rusEFI", *(short(his[k], 5) for k in ("pFactor", "iFactor", "dFactor")), "% duty / % travel, s")
     if (own := design.fitted.config.notation) is not None:
-        table.add_row("[ecu] of rig.toml", *(short(g, 5) for g in design.written(gains, own)), own.title)
+        table.add_row("as in rig.toml", *(short(g, 5) for g in design.written(gains, own)), own.title)
     curve = plain_table("rusEFI bias curve", *(f"{x:g}" for x in his["etbBiasBins"]), "% travel")
     curve.add_row("holding duty", *(f"{y:g}" for y in his["etbBiasValues"]), "%")
     word = "with the bias curve"
