@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from .ecu import Ecu
+from .ecu import Ecu, Notation, Terms
 from .errors import UsageError
 from .fit import Report, quiet
 from .fitted import Fitted
@@ -89,6 +89,11 @@ class Design:
     origin: str
     bias: Bias
     limits: tuple[str, ...]
+
+    def written(self, gains: Gains, notation: Notation) -> Terms:
+        """Gains as the ECU that they were sought for would write them."""
+        body = self.task.loop.body
+        return notation.written(gains, self.task.ecu, body.upper - body.lower)
 
 
 def ecu_of(fitted: Fitted, **given: float) -> Ecu:

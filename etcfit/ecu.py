@@ -1,8 +1,14 @@
-"""What an engine computer is, its gains apart: the one that drove the logs, and the one that gains are sought for."""
+"""What an engine computer is, its gains apart: the one that drove the logs, and the one that gains are sought for; and
+how such a computer writes its gains.
+"""
 
 from __future__ import annotations
 
+import math
+from dataclasses import dataclass
 from typing import NamedTuple
+
+from .parameters import Scalar
 
 
 class Ecu(NamedTuple):
@@ -33,3 +39,54 @@ class Ecu(NamedTuple):
     def constants(self) -> dict[str, float]:
         """Parameters of `effects.controller`, never fitted, SI by symbol; the steps of its converters are not in it."""
         return {"t_e": self.period, "tau_e": self.filter, "t_l": self.delay, "V_e": self.supply}
+
+
+OUTPUTS, ERRORS, FORMS = ("V", "%"), ("rad", "deg", "%"), ("seconds", "ticks")
+
+
+class Terms(NamedTuple):
+    """The three gains of an ECU in its own units, or one unit of each in SI: V/rad, V/(rad s), V s/rad."""
+
+    P: Scalar
+    I: Scalar  # noqa: E741  (the ECUs' own name)
+    D: Scalar
+
+
+@dataclass(frozen=True)
+class Notation:
+    """How an ECU writes its gains.
+
+        Kp = P u/e,   Ki = I u/(e t),   Kd = D u t/e
+
+    u is one unit of its output in V, e one of its error in rad, t its period where it counts ticks, else 1 s.
+
+    Args:
+        output: "V", or "%" of duty.
+        error: "rad", "deg", or "%" of the travel.
+        form: "ticks" (I per tick and D in ticks) or "seconds".
+    """
+
+    output: str = "V"
+    error: str = "rad"
+    form: str = "seconds"
+
+    @property
+    def unit(self) -> str:
+        """As rig.toml has it: "%/%"."""
+        return f"{self.output}/{self.error}"
+
+    @property
+    def title(self) -> str:
+        """Unit and form: "%/%, ticks"."""
+        return f"{self.unit}, {self.form}"
+
+    def units(self, ecu: Ecu, travel: float) -> Terms:
+        """One unit of each gain in SI, where the travel has so many rad."""
+        volts = {"V": 1.0, "%": ecu.supply / 100.0}[self.output]
+        angle = {"rad": 1.0, "deg": math.pi / 180.0, "%": travel / 100.0}[self.error]
+        tick = {"seconds": 1.0, "ticks": ecu.period}[self.form]
+        return Terms(volts / angle, volts / angle / tick, volts / angle * tick)
+
+    def written(self, gains: tuple[Scalar, Scalar, Scalar], ecu: Ecu, travel: float) -> Terms:
+        """Kp, Ki and Kd (V/rad, V/(rad s), V s/rad) as this ECU writes them."""
+        return Terms(*(gain / unit for gain, unit in zip(gains, self.units(ecu, travel), strict=True)))

@@ -116,6 +116,7 @@ def _pid(_: dict[str, Any]) -> dict[str, Any]:
         "rule": "ziegler_nichols",
         "gains": {"Kp": 6.017, "Ki": 103.87, "Kd": 0.0871, "unit": "V/rad"},
         "ecu": {"P": 4.0, "I": 0.137, "D": 30.0, "period_s": 0.001},
+        "as_written": {"P": 6.5, "I": 0.225, "D": 47.1, "unit": "%/%", "form": "ticks"},
         "linear": metrics,
         "nonlinear": metrics,
         "requirements": {"overshoot_pct": 20.0, "settling_s": 0.2, "steady_state_error_pct": 0.5},

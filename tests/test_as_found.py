@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 from etcfit.design import Design, ecu_of, gains_as_found, judged, task_of
-from etcfit.ecu import Ecu
+from etcfit.ecu import Ecu, Notation
 from etcfit.fitted import Fitted
 from etcfit.pid import RULES, Gains, Refusal
 from etcfit.pid.feedforward import Bias
@@ -114,6 +114,11 @@ def present() -> Design:
     return tried()
 
 
+def noted(of: Design, notation: Notation) -> Design:
+    """The same design of a rig whose [ecu] names a unit and a form."""
+    return replace(of, fitted=replace(of.fitted, config=replace(of.fitted.config, notation=notation)))
+
+
 def rmse(of: Design) -> float:
     assert of.chosen.nonlinear is not None
     return float(of.chosen.nonlinear.rmse_pct)
@@ -152,5 +157,24 @@ def test_pid_json_has_the_same_keys_with_them(present: Design) -> None:
     assert set(found["gains"]) == {"Kp", "Ki", "Kd", "unit"}
     assert found["ecu"]["period_s"] == LOGGED.period
     assert found["ecu"]["I"] == pytest.approx(GAINS["K_i"] * LOGGED.period)
-    plain = {"gains", "why_not", "linear", "nonlinear", "met", "probability_met", "probability_margins"}
+    assert found["as_written"] is None
+    plain = {"gains", "as_written", "why_not", "linear", "nonlinear", "met", "probability_met", "probability_margins"}
     assert set(found["rules"]["as_found"]) == plain
+
+
+@pytest.mark.slow
+def test_gains_stand_in_the_users_unit_and_form_where_rig_toml_names_them(present: Design) -> None:
+    """12 V over 11 V of the supply, 90 deg of travel; ticks of 2 ms."""
+    mine = noted(present, Notation("%", "deg", "ticks"))
+    per_degree = np.pi / 180.0 * 100.0 / LOGGED.supply  # % of duty for a degree, of V/rad
+    shown = design_json(mine)["as_written"]
+    assert shown == design_json(mine)["rules"]["as_found"]["as_written"]
+    assert (shown["unit"], shown["form"]) == ("%/deg", "ticks")
+    assert shown["P"] == pytest.approx(60.0 * per_degree)
+    assert shown["I"] == pytest.approx(400.0 * per_degree * 2e-3)
+    assert shown["D"] == pytest.approx(0.6 * per_degree / 2e-3)
+    text = " ".join(render(design_table(mine)).split())
+    assert "as [ecu] of rig.toml writes them: %/deg, I and D by the tick of 2.00 ms" in text
+    assert f"as_found {shown['P']:.4g}" in text
+    assert f"as in rig.toml {shown['P']:.5g}" in text
+    assert "of rig.toml writes them" not in render(design_table(present))

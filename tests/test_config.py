@@ -8,10 +8,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from etcfit.ecu import Ecu
+from etcfit.ecu import ERRORS, FORMS, OUTPUTS, Ecu, Notation
 from etcfit.errors import MeasurementError
 from etcfit.rig.base import Fixed, Prior, RigConfig, Start, Tied, TpsCalibration
 from etcfit.rig.config import read_config
+from etcfit.rig.ecu import GAINS
 
 FULL = """[rig]
 name = "Bosch 0280750148, bench"
@@ -143,6 +144,33 @@ def test_gains_of_an_ecu_arrive_in_volts_radians_and_seconds(tmp_path: Path) -> 
     assert "K_i" not in config.parameters
     assert config.parameters["t_e"] == Fixed(2e-3)
     assert config.parameters["V_e"] == Fixed(12.5)
+
+
+@pytest.mark.parametrize("unit", [f"{output}/{error}" for output in OUTPUTS for error in ERRORS])
+@pytest.mark.parametrize("form", FORMS)
+def test_gains_are_written_as_they_were_read(tmp_path: Path, unit: str, form: str) -> None:
+    typed = {"P": 4.0, "I": 0.137, "D": 30.0}
+    gains = "".join(f"{key} = {value}\n" for key, value in typed.items())
+    config = read(
+        tmp_path, f"[rig]\nsupply_V = 12.5\n[ecu]\n{gains}unit = '{unit}'\nform = '{form}'\nperiod_ms = 2.0\n"
+    )
+    output, error = unit.split("/")
+    assert config.ecu is not None
+    assert config.notation is not None
+    assert config.notation == Notation(output, error, form)
+    known = [config.parameters[symbol] for symbol in GAINS.values()]
+    si = [each.value for each in known if isinstance(each, Fixed)]
+    back = config.notation.written((si[0], si[1], si[2]), config.ecu, np.pi / 2)
+    assert back._asdict() == pytest.approx(typed)
+
+
+def test_a_notation_is_that_of_a_unit_that_was_named(tmp_path: Path) -> None:
+    assert read(tmp_path, ECU).notation == Notation("%", "%", "ticks")
+    free = (
+        ECU.replace("4.0", "'free'").replace("{ value = 30, scale = 'free' }", "'free'").replace("unit = '%/%'\n", "")
+    )
+    assert read(tmp_path, free).notation is None
+    assert read(tmp_path, "").notation is None
 
 
 def test_an_integral_gain_in_ticks_grows_with_their_rate(tmp_path: Path) -> None:

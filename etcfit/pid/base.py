@@ -39,10 +39,6 @@ class Gains(NamedTuple):
         """Of the form Kc (1 + 1/(Ti s)) (1 + Td s), times in s."""
         return cls(Kc * (1.0 + Td / Ti), Kc / Ti, Kc * Td)
 
-    def in_ticks(self, period: Scalar) -> Gains:
-        """As an ECU that counts ticks of a period (s) has them: P, I T, D / T."""
-        return Gains(self.Kp, self.Ki * period, self.Kd / period)
-
 
 @dataclass(frozen=True)
 class Requirements:

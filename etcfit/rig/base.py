@@ -9,7 +9,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from ..ecu import Ecu
+from ..ecu import Ecu, Notation
 
 # quantity -> the SI unit it is kept in; the units of `torque` are those at the plate
 CHANNELS: dict[str, str] = {
@@ -136,6 +136,7 @@ class RigConfig:
     effects: tuple[str, ...] = ()
     holdout: tuple[str, ...] = ()
     ecu: Ecu | None = None
+    notation: Notation | None = None  # of its gains; None: it names no unit
 
 
 @dataclass(frozen=True, eq=False)

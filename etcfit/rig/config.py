@@ -38,7 +38,7 @@ def parse_config(text: str, path: str) -> RigConfig:
     rig = toml.table("rig", RIG_KEYS)
     travel, tps = _travel(toml, rig), _tps(toml)
     gear_ratio, parameters = _gear_ratio(toml, rig), _parameters(toml)
-    ecu, gains = read_ecu(toml, travel)
+    ecu, notation, gains = read_ecu(toml, travel)
     synthetic = rig.get("synthetic", False)
     if not isinstance(synthetic, bool):
         raise toml.wrong("rig.synthetic", f"found {shown(synthetic)}.", "It must be true or false.", "Correct it.")
@@ -57,6 +57,7 @@ def parse_config(text: str, path: str) -> RigConfig:
         effects=toml.strings("model", "effects"),
         holdout=tuple(PurePosixPath(f.replace("\\", "/")).as_posix() for f in toml.strings("holdout", "files")),
         ecu=ecu,
+        notation=notation,
     )
 
 

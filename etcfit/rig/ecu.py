@@ -6,26 +6,27 @@ import math
 from collections.abc import Mapping
 from typing import Any
 
-from ..ecu import Ecu
+from ..ecu import ERRORS, FORMS, OUTPUTS, Ecu, Notation
 from .base import Fixed, Knowledge, Prior, Start
 from .toml import Toml, shown
 
 KEYS = ("P", "I", "D", "unit", "form", "period_ms", "filter_ms", "delay_ms")
 GAINS = {"P": "K_p", "I": "K_i", "D": "K_d"}
 TIMES = {"filter_ms": "filter", "delay_ms": "delay"}  # those with a default, and what `Ecu` calls them
-OUTPUTS, ERRORS, FORMS = ("V", "%"), ("rad", "deg", "%"), ("seconds", "ticks")
 MOST_MS = 1000.0  # of any time in it
 
 
-def read_ecu(toml: Toml, travel: tuple[float, float]) -> tuple[Ecu | None, dict[str, Knowledge]]:
-    """What [ecu] says: the ECU's own limits, and its parameters of the model, SI; (None, {}) where there is none.
+def read_ecu(toml: Toml, travel: tuple[float, float]) -> tuple[Ecu | None, Notation | None, dict[str, Knowledge]]:
+    """What [ecu] says: the ECU's own limits, how it writes its gains, and its parameters of the model, SI.
+
+    None, None and {} where there is no [ecu]; no notation where it names no unit, as all its gains are free.
 
     Raises:
         MeasurementError: a key unknown, missing or of the wrong kind; no supply to clamp at; a gain given twice.
     """
     table = toml.table("ecu", KEYS)
     if "ecu" not in toml.tables:
-        return None, {}
+        return None, None, {}
     for key in (*GAINS, "period_ms"):
         if key not in table:
             raise toml.wrong(f"ecu.{key}", "missing.", "[ecu] needs P, I, D and period_ms.",
@@ -38,12 +39,14 @@ def read_ecu(toml: Toml, travel: tuple[float, float]) -> tuple[Ecu | None, dict[
     period = _ms(toml, "period_ms", table["period_ms"], least=0.01)
     given = {field: _ms(toml, key, table[key]) for key, field in TIMES.items() if key in table}
     ecu = Ecu(period, toml.positive("rig.supply_V", supply), **given)
-    gains = _gains(toml, table, _scales(toml, table, ecu, travel))
+    notation = _notation(toml, table, travel)
+    scales = notation.units(ecu, travel[1] - travel[0])._asdict()
+    gains = _gains(toml, table, scales) | {symbol: Fixed(value) for symbol, value in ecu.constants.items()}
     for symbol in (*GAINS.values(), *ecu.constants):
         if symbol in toml.table("parameters"):
             raise toml.wrong(f"parameters.{symbol}", "is told by [ecu] already.", "One quantity has one place.",
                              "Delete it here.")  # fmt: skip
-    return ecu, gains | {symbol: Fixed(value) for symbol, value in ecu.constants.items()}
+    return ecu, notation if "unit" in table else None, gains
 
 
 def _ms(toml: Toml, key: str, value: Any, least: float = 0.0) -> float:
@@ -55,8 +58,8 @@ def _ms(toml: Toml, key: str, value: Any, least: float = 0.0) -> float:
     return 1e-3 * number
 
 
-def _scales(toml: Toml, table: Mapping[str, Any], ecu: Ecu, travel: tuple[float, float]) -> dict[str, float]:
-    """One unit of each gain in SI."""
+def _notation(toml: Toml, table: Mapping[str, Any], travel: tuple[float, float]) -> Notation:
+    """How it writes its gains; volts, radians and seconds where nothing is said."""
     unit, form = table.get("unit"), toml.string("ecu.form", table.get("form", "seconds"))
     if form not in FORMS:
         raise toml.wrong("ecu.form", f"found {shown(form)}.", 'It must be "seconds" (I per s, D in s) or "ticks" '
@@ -65,10 +68,7 @@ def _scales(toml: Toml, table: Mapping[str, Any], ecu: Ecu, travel: tuple[float,
     if "%" in error and not math.isfinite(travel[1] - travel[0]):
         raise toml.wrong("ecu.unit", f"found {shown(unit)}.", "A % of the travel needs end stops.",
                          "Give [rig] travel_deg, or the unit in deg.")  # fmt: skip
-    volts = {"V": 1.0, "%": ecu.supply / 100.0}[output]
-    angle = {"rad": 1.0, "deg": math.pi / 180.0, "%": (travel[1] - travel[0]) / 100.0}[error]
-    tick = ecu.period if form == "ticks" else 1.0
-    return {"P": volts / angle, "I": volts / angle / tick, "D": volts / angle * tick}
+    return Notation(output, error, form)
 
 
 def _unit(toml: Toml, unit: Any, needed: bool) -> tuple[str, str]:

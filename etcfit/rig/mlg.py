@@ -7,14 +7,17 @@
 
     value = (raw + transform) scale
 
-All big-endian. Source: EFI Analytics, MLG binary log format, versions 1 and 2; read as rusEFI and Speeduino write it.
-Differs from source: bit fields are skipped, as nothing here is a switch.
+All big-endian; start of info is 0 where there is none.
+
+Source: EFI Analytics, MLG binary log format, versions 1 and 2, as rusEFI quotes it (mlg_types.h), as its firmware and
+its console write it, and as mlg-converter and LibreTune read it. Differs from source: bit fields (types 10 to 12, which
+have a style, an index of names and a number of bits in place of scale, transform and digits) are skipped, as nothing
+here is a switch.
 """
 
 from __future__ import annotations
 
 import struct
-from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -30,8 +33,10 @@ _FIELD, _FIELD_BYTES = struct.Struct(">B34s10sBffb"), {1: 55, 2: 89}
 _TYPES = {0: "u1", 1: "i1", 2: ">u2", 3: ">i2", 4: ">u4", 5: ">i4", 6: ">i8", 7: ">f4",
           10: "u1", 11: ">u2", 12: ">u4"}  # fmt: skip
 _BITS = (10, 11, 12)
-_MESSAGE = 50  # bytes of a marker
+_RECORD, _MARKER = 0, 1  # types of block
+_MESSAGE = 50  # bytes of a marker's
 _TICK, _WRAP = 1e-5, 1 << 16  # s, ticks
+_FITTING = 0.5  # share of the check sums below which the writer's is not the sum of the bytes
 TIME = "Time [s]"
 
 
@@ -51,32 +56,61 @@ class Field:
     transform: float
 
 
-def read_mlg(raw: bytes, where: str) -> Table:
-    """Columns named `name [unit]`; records that were spoilt on the way to the card are left out.
+@dataclass(frozen=True, eq=False)
+class Records:
+    """What follows the header, markers left out.
 
-    A log without a time of its own gets that of its blocks.
+    Args:
+        at: where the values of each begin, shape (n,).
+        ticks: when each was logged, 10 us since the first block, shape (n,).
+        fits: true where the check sum is that of the values, shape (n,).
+    """
+
+    at: np.ndarray
+    ticks: np.ndarray
+    fits: np.ndarray
+
+    @property
+    def sound(self) -> Records:
+        """Without those that were spoilt on the way to the card.
+
+        All of them where hardly any fits: some writers sum otherwise, and no other reader minds.
+        """
+        keep = self.fits if np.sum(self.fits) >= _FITTING * self.fits.size else np.ones_like(self.fits)
+        return Records(self.at[keep], self.ticks[keep], self.fits[keep])
+
+
+def read_mlg(raw: bytes, where: str) -> Table:
+    """Columns named `name [unit]`; NaN where a value is none.
+
+    Records whose check sum is wrong are left out. A log without a time of its own gets that of its blocks, which cannot
+    tell a pause of more than 0.3 s.
 
     Args:
         raw: the file.
         where: its path, as the user gave it.
     Raises:
-        MeasurementError: another format or version, or cut off before the first record.
+        MeasurementError: another format or version, damaged, or cut off before the second record.
     """
     start, size, fields = _header(raw, where)
     layout = np.dtype([(f"f{k}", _TYPES[field.kind]) for k, field in enumerate(fields)])
     if layout.itemsize != size:
         found = f"its records have {size} bytes, its fields {layout.itemsize}."
         raise _unreadable(where, found)
-    blocks = list(_records(raw, start, size, where))
-    if len(blocks) < 2:
-        raise _unreadable(where, f"{len(blocks)} record in the file.")
-    records = np.frombuffer(b"".join(raw[at : at + size] for at, _ in blocks), dtype=layout)
+    kept = _records(raw, start, size, where).sound
+    if kept.at.size < 2:
+        raise _unreadable(where, f"sound records in the file: {kept.at.size}.")
+    records = np.frombuffer(b"".join(raw[at : at + size] for at in kept.at), dtype=layout)
     shown = [(field, records[f"f{k}"].astype(float)) for k, field in enumerate(fields) if field.kind not in _BITS]
     header = [field.header for field, _ in shown]
-    columns = [(values + field.transform) * field.scale for field, values in shown]
+    columns = [_finite((values + field.transform) * field.scale) for field, values in shown]
     if not any(name.partition(" [")[0].casefold() == "time" for name in header):
-        header, columns = [TIME, *header], [_unwrapped([tick for _, tick in blocks]), *columns]
-    return Table(tuple(header), 1, np.array([at for at, _ in blocks]), np.stack(columns, axis=1))
+        header, columns = [TIME, *header], [_TICK * (kept.ticks - kept.ticks[0]), *columns]
+    return Table(tuple(header), 1, kept.at, np.stack(columns, axis=1))
+
+
+def _finite(values: np.ndarray) -> np.ndarray:
+    return np.where(np.isfinite(values), values, np.nan)
 
 
 def _header(raw: bytes, where: str) -> tuple[int, int, list[Field]]:
@@ -103,28 +137,39 @@ def _field(raw: bytes, at: int, where: str) -> Field:
 
 
 def _text(padded: bytes) -> str:
-    return padded.partition(b"\0")[0].decode("utf-8", "replace").strip()
+    text = padded.partition(b"\0")[0]
+    try:
+        return text.decode("utf-8").strip()
+    except UnicodeDecodeError:  # a degree sign of an older writer
+        return text.decode("latin-1").strip()
 
 
-def _records(raw: bytes, at: int, size: int, where: str) -> Iterator[tuple[int, int]]:
-    """Where each sound record's values begin, and the ticks it was logged at."""
-    while at + _HEAD.size + min(size, _MESSAGE) <= len(raw):
+def _records(raw: bytes, at: int, size: int, where: str) -> Records:
+    """Every whole record; a clock that starts anew every 0.65536 s is unrolled over all blocks, markers too."""
+    found: list[tuple[int, int, bool]] = []
+    lengths = {_RECORD: size + 1, _MARKER: _MESSAGE}
+    written, clock, last = _written(raw), 0, None
+    while at < written and at + _HEAD.size <= len(raw):
         kind, _, tick = _HEAD.unpack_from(raw, at)
-        at += _HEAD.size
-        if kind == 1:
-            at += _MESSAGE
-        elif kind == 0:
-            if at + size < len(raw) and sum(raw[at : at + size]) % 256 == raw[at + size]:
-                yield at, tick
-            at += size + 1
-        else:
-            raise _unreadable(where, f"a block of unknown type {kind} at byte {at - _HEAD.size}.")
+        if kind not in lengths:
+            raise _unreadable(where, f"a block of unknown type {kind} at byte {at}.")
+        clock += 0 if last is None else _step(last, tick)
+        at, last = at + _HEAD.size, tick
+        if kind == _RECORD and at + size < len(raw) and (at + size < written or any(raw[at : at + size])):
+            found.append((at, clock, sum(raw[at : at + size]) % 256 == raw[at + size]))
+        at += lengths[kind]
+    places, ticks, fits = zip(*found, strict=True) if found else ((), (), ())
+    return Records(np.array(places, dtype=int), np.array(ticks, dtype=int), np.array(fits, dtype=bool))
 
 
-def _unwrapped(ticks: list[int]) -> np.ndarray:
-    """Seconds from the first record, of a clock that starts anew every 0.65536 s."""
-    steps = np.diff(np.array(ticks)) % _WRAP
-    return _TICK * np.concatenate(([0], np.cumsum(steps)))
+def _written(raw: bytes) -> int:
+    """Where a card's unwritten bytes begin, which follow the log where the power was cut."""
+    return min(len(raw.rstrip(b"\0")), len(raw.rstrip(b"\xff")))
+
+
+def _step(last: int, tick: int) -> int:
+    """Ticks from one block to the next; a step back by less than half the clock's range is no new start of it."""
+    return tick - last + (_WRAP if last - tick > _WRAP // 2 else 0)
 
 
 def _unreadable(where: str, found: str) -> MeasurementError:

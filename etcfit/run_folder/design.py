@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from ..design import Design, Tuned
-from ..ecu import Ecu
+from ..ecu import Notation
 from ..pid.base import REQUIRED, UNIT, Gains, Metrics
 from .files import plain
 from .fit import versions
@@ -16,10 +16,11 @@ from .fit import versions
 def design_json(design: Design) -> dict[str, Any]:
     """The object of pid.json (FORMAT.md), and what else a reader may want to know.
 
-    `ecu` has the gains as an ECU that counts ticks: P = Kp, I = Ki T, D = Kd / T, all V/rad. A settling time is null
+    `ecu` has the gains as an ECU that counts ticks: P = Kp, I = Ki T, D = Kd / T, all V/rad. `as_written` has them, and
+    those of every rule, in unit and form of [ecu] of rig.toml; null where it names no unit. A settling time is null
     where the response does not settle, a margin where the loop has none.
     """
-    chosen, ecu, asked = design.chosen, design.task.ecu, design.task.requirements
+    chosen, asked = design.chosen, design.task.requirements
     assert chosen.gains is not None, "the proposed rule has gains"
     return plain({
         "rig": design.fitted.config.name,
@@ -27,7 +28,8 @@ def design_json(design: Design) -> dict[str, Any]:
         "model": {"effects": [effect.name for effect in design.fitted.unknowns.layout.types]},
         "rule": chosen.rule,
         "gains": _gains(chosen.gains),
-        "ecu": _native(ecu, chosen.gains),
+        "ecu": _native(design, chosen.gains),
+        "as_written": _as_written(design, chosen.gains),
         "linear": _metrics(chosen.linear),
         "nonlinear": _metrics(chosen.nonlinear),
         "requirements": {symbol: getattr(asked, symbol) for symbol in REQUIRED},
@@ -43,7 +45,7 @@ def design_json(design: Design) -> dict[str, Any]:
         },
         "setpoint": {"times_s": design.setpoint.times, "shares_of_travel": design.setpoint.shares},
         "feed_forward": design.task.loop.bias is not None,
-        "rules": {name: _rule(tuned) for name, tuned in design.tuned.items()},
+        "rules": {name: _rule(design, tuned) for name, tuned in design.tuned.items()},
         "rusefi": rusefi(design),
         "versions": versions(),
     })  # fmt: skip
@@ -53,21 +55,31 @@ def _gains(gains: Gains) -> dict[str, Any]:
     return {**gains._asdict(), "unit": UNIT}
 
 
-def _native(ecu: Ecu, gains: Gains) -> dict[str, Any]:
-    native = gains.in_ticks(ecu.period)
+def _native(design: Design, gains: Gains) -> dict[str, Any]:
+    ecu = design.task.ecu
     return {
-        "P": native.Kp, "I": native.Ki, "D": native.Kd, "period_s": ecu.period, "unit": UNIT, "supply_V": ecu.supply,
+        **design.written(gains, Notation(form="ticks"))._asdict(),
+        "period_s": ecu.period, "unit": UNIT, "supply_V": ecu.supply,
         "derivative_filter_s": ecu.filter, "delay_s": ecu.delay, "pwm_V": ecu.pwm, "resolution_rad": ecu.resolution,
     }  # fmt: skip
+
+
+def _as_written(design: Design, gains: Gains | None) -> dict[str, Any] | None:
+    """In the user's own unit and form."""
+    notation = design.fitted.config.notation
+    if notation is None or gains is None:
+        return None
+    return {**design.written(gains, notation)._asdict(), "unit": notation.unit, "form": notation.form}
 
 
 def _metrics(metrics: Metrics | None) -> dict[str, Any] | None:
     return None if metrics is None else metrics._asdict()
 
 
-def _rule(tuned: Tuned) -> dict[str, Any]:
+def _rule(design: Design, tuned: Tuned) -> dict[str, Any]:
     return {
         "gains": None if tuned.gains is None else _gains(tuned.gains),
+        "as_written": _as_written(design, tuned.gains),
         "why_not": tuned.why or None,
         "linear": _metrics(tuned.linear),
         "nonlinear": _metrics(tuned.nonlinear),
@@ -83,15 +95,15 @@ def rusefi(design: Design) -> dict[str, Any]:
     Source: rusEFI, electronic_throttle.cpp and pid.cpp: iFactor and dFactor are of continuous time, and the bias table
     is added whatever the gains, so leave it at 0 where they were found without feed-forward.
     """
-    gains, ecu, body = design.chosen.gains, design.task.ecu, design.task.loop.body
+    gains, ecu = design.chosen.gains, design.task.ecu
     assert gains is not None, "the proposed rule has gains"
-    factor = (body.upper - body.lower) / ecu.supply  # % of duty for % of travel, of V/rad
+    his = design.written(gains, Notation("%", "%"))
     bias = design.bias
     share = 100.0 * np.asarray(design.task.loop.share(bias.angles))
     return {
-        "pFactor": gains.Kp * factor,
-        "iFactor": gains.Ki * factor,
-        "dFactor": gains.Kd * factor,
+        "pFactor": his.P,
+        "iFactor": his.I,
+        "dFactor": his.D,
         "periodMs": 1e3 * ecu.period,
         "minValue": -100,
         "maxValue": 100,

@@ -121,7 +121,7 @@ def test_an_ecu_that_writes_faster_than_its_clock_ticks(tmp_path: Path) -> None:
         (b"", "does not begin with MLVLG"),
         (b"MLVLG\0\0\7" + bytes(40), "version 7"),
         (car_logs.mlg(VALUES, TIMED, TICKS)[:60], "ends within its header"),
-        (car_logs.mlg(VALUES, TIMED, TICKS[:1]), "1 record in the file"),
+        (car_logs.mlg(VALUES, TIMED, TICKS[:1]), "sound records in the file: 1"),
         (car_logs.mlg(VALUES, TIMED, TICKS[:9]) + b"\5" + bytes(80), "unknown type 5"),
     ],
 )

@@ -11,7 +11,8 @@ import numpy as np
 import pytest
 
 import rigs
-from etcfit.ecu import Ecu
+from bodies import OPEN
+from etcfit.ecu import Ecu, Notation
 from etcfit.effects.limp_home_spring import LimpHomeSpring
 from etcfit.effects.stribeck_friction import StribeckFriction
 from etcfit.linear import PAPER_EQ_8
@@ -84,7 +85,7 @@ def test_put_into_an_ecu_that_counts_ticks_they_oscillate() -> None:
 
 
 def test_in_ticks_they_are_what_the_paper_found_by_hand_within_three_times() -> None:
-    native = ZIEGLER_NICHOLS.in_ticks(Ecu().period)
+    native = Notation(form="ticks").written(ZIEGLER_NICHOLS, Ecu(), OPEN)
     ratios = np.array(native) / np.array(BY_HAND)
     assert np.all((ratios > 1 / 3) & (ratios < 3))
 

@@ -27,7 +27,9 @@ def draw(design: Design) -> Figure:
     for panel in panels[len(shown) :]:
         panel.set_visible(False)
     _axes(panels[: len(shown)], design)
-    title = f"{design.fitted.config.name}  ·  every rule on the paper's trapezoid"
+    own = design.fitted.config.notation
+    unit = "Kp / Ki / Kd in V, rad, s" if own is None else f"P / I / D in {own.title}"
+    title = f"{design.fitted.config.name}  ·  every rule on the paper's trapezoid  ·  {unit}"
     fig.suptitle(title, x=0.07, y=1.0 - 0.1 / tall, ha="left", va="top", fontsize=13)
     style.legend(fig, panels[:1], 0.07, 1.0 - 0.4 / tall, "upper left")
     return fig
@@ -55,7 +57,8 @@ def _bounded(path: np.ndarray) -> np.ndarray:
 def _title(design: Design, tuned: Tuned) -> str:
     assert tuned.gains is not None, "a rule that refused is not drawn"
     assert tuned.nonlinear is not None, "a rule with gains has been tried"
-    gains = " / ".join(short(g) for g in tuned.gains)
+    own = design.fitted.config.notation
+    gains = " / ".join(short(g) for g in (tuned.gains if own is None else design.written(tuned.gains, own)))
     name = tuned.rule.replace("_", " ") + (" (proposed)" if tuned is design.chosen else "")
     verdict = "meets all" if tuned.meets_all else "misses"
     return f"{name}:  {gains}   RMSE {short(tuned.nonlinear.rmse_pct)} %, {verdict}, P = {tuned.probability_met:.2f}"

@@ -9,6 +9,7 @@ from rich.console import Group, RenderableType
 from rich.text import Text
 
 from ...design import Design, Tuned
+from ...ecu import Notation
 from ...fitted import Fitted
 from ...frequency import FrequencyResponse, Ratio, phases
 from ...frequency.point import POSITION
@@ -113,7 +114,7 @@ def design_table(design: Design) -> RenderableType:
     source = "posterior" if design.origin == "posterior" else "the fit's Laplace approximation"
     words = [
         "V/rad, V/(rad s), V s/rad; figures of the nonlinear model on the trapezoid of 5 to 45 % at 1 Hz, "
-        "worst of both edges",
+        "worst of both edges; a settling time of -: not settled before the setpoint changes again",
         f"asked: overshoot < {asked.overshoot_pct:g} %, settling < {asked.settling_s:g} s, steady-state error < "
         f"{asked.steady_state_error_pct:g} %; margins {asked.gain_margin_db:g} dB, {asked.phase_margin_deg:g} degrees",
         f"P(met): share of {design.draws} models from {source} whose response meets all three",
@@ -125,6 +126,7 @@ def design_table(design: Design) -> RenderableType:
         table,
         sentences("How to read it", words),
         sentences("No gains", refused),
+        _in_its_own_unit(design),
         _proposed(design),
         sentences(
             "Not met. What binds: eased alone, each of these would let the optimum meet everything", design.limits
@@ -158,16 +160,32 @@ def _safe(metrics: Metrics, asked: Requirements) -> bool:
     return metrics.gain_margin_db >= asked.gain_margin_db and metrics.phase_margin_deg >= asked.phase_margin_deg
 
 
+def _in_its_own_unit(design: Design) -> RenderableType | None:
+    """Every rule's gains as [ecu] of rig.toml writes them: numbers to type in."""
+    notation = design.fitted.config.notation
+    if notation is None:
+        return None
+    table = plain_table("rule", "P", "I", "D")
+    for tuned in design.tuned.values():
+        if tuned.gains is not None:
+            table.add_row(tuned.rule, *(short(g, 4) for g in design.written(tuned.gains, notation)))
+    clock = {"seconds": "I per s, D in s", "ticks": f"I and D by the tick of {short(1e3 * design.task.ecu.period)} ms"}
+    return headed(f"The same gains as [ecu] of rig.toml writes them: {notation.unit}, {clock[notation.form]}", table)
+
+
 def _proposed(design: Design) -> RenderableType:
     gains, ecu = design.chosen.gains, design.task.ecu
     assert gains is not None, "the proposed rule has gains"
-    native, his = gains.in_ticks(ecu.period), rusefi(design)
+    native, his = design.written(gains, Notation(form="ticks")), rusefi(design)
     table = plain_table("proposed", "P", "I", "D", "unit")
     table.add_row("continuous time", *(short(g, 5) for g in gains), "V/rad, s")
     table.add_row(f"ticks of {short(1e3 * ecu.period)} ms", *(short(g, 5) for g in native), "V/rad, ticks")
     table.add_row("rusEFI", *(short(his[k], 5) for k in ("pFactor", "iFactor", "dFactor")), "% duty / % travel, s")
+    if (own := design.fitted.config.notation) is not None:
+        table.add_row("as in rig.toml", *(short(g, 5) for g in design.written(gains, own)), own.title)
     curve = plain_table("rusEFI bias curve", *(f"{x:g}" for x in his["etbBiasBins"]), "% travel")
     curve.add_row("holding duty", *(f"{y:g}" for y in his["etbBiasValues"]), "%")
-    word = "with" if his["gains_found_with_bias"] else "WITHOUT (leave the curve at 0, or design with --feed-forward)"
-    title = f"Gains of {design.chosen.rule}; found {word} the bias curve"
-    return headed(title, Group(table, Text(), curve))
+    word = "with the bias curve"
+    if not his["gains_found_with_bias"]:
+        word = "WITHOUT the bias curve: leave it at 0, or design with --feed-forward"
+    return headed(f"Gains of {design.chosen.rule}, found {word}", Group(table, Text(), curve))

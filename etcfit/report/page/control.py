@@ -69,7 +69,7 @@ def pole(real: float, imaginary: float) -> str:
 
 
 def gains_table(pid: Mapping[str, Any]) -> Table | None:
-    """The gains, and as the ECU wants them."""
+    """The gains, and as the ECU wants them; also in the user's own unit and form where rig.toml names these."""
     if not pid:
         return None
     of = str(pid["gains"].get("unit") or "")
@@ -80,6 +80,9 @@ def gains_table(pid: Mapping[str, Any]) -> Table | None:
     ecu = pid.get("ecu") or {}
     rows += [(f"ECU {name.removesuffix('_s')}", number(ecu[name], 4), of) for name, of in _ECU.items()
              if ecu.get(name) is not None]  # fmt: skip
+    mine = pid.get("as_written") or {}
+    rows += [(f"{name}, as [ecu] of rig.toml writes it", number(mine[name], 4), f"{mine['unit']}, {mine['form']}")
+             for name in "PID" if mine]  # fmt: skip
     return Table(f"Gains by the rule “{pid.get('rule', '?').replace('_', ' ')}”", ["", "value", "unit"], rows)
 
 
