@@ -8,6 +8,7 @@ from typing import Any
 
 import jax
 import numpy as np
+from scipy.ndimage import maximum_filter1d, minimum_filter1d
 
 from . import grid, whitening
 from .residual import Problem, predict, prior_residual, residual, run
@@ -147,13 +148,17 @@ class Bench:
         """Each sample by its own noise: least squares of the free-running simulation."""
         return whitening.plain(self.slots, self._order)
 
-    def forgiving(self) -> Whitening:
-        """Each sample by its own noise, and by what an instant not known exactly does to it where it changes fast."""
+    def forgiving(self, late: float = 0.0) -> Whitening:
+        """Each sample by its own noise, and by what an instant that is off does to it where it changes fast.
+
+        Args:
+            late: s by which an instant may be off; a sample at least.
+        """
         slots = self.slots
         bend = np.zeros_like(slots.sigma)
         for trace, (lane, _, marks) in zip(self.tape.traces, self.tape.places, strict=True):
-            step = np.abs(np.diff(trace.data, axis=0, prepend=trace.data[:1]))
-            bend[marks, lane, : len(trace.channels)] = 0.5 * np.nan_to_num(np.maximum(step, np.roll(step, -1, axis=0)))
+            reach = max(1, round(late / float(np.median(np.diff(trace.instants)))))
+            bend[marks, lane, : len(trace.channels)] = 0.5 * _farthest(trace.data, reach)
         return whitening.plain(slots._replace(sigma=np.hypot(slots.sigma, bend)), self._order)
 
     @property
@@ -289,6 +294,14 @@ class Bench:
                 mean[k] = domain.coordinate(value)
                 sd[k] = width / float(jax.grad(domain.value)(mean[k]))
         return mean, sd
+
+
+def _farthest(data: np.ndarray, reach: int) -> np.ndarray:
+    """How far each sample, shape (n, M), lies from the farthest of its neighbours up to `reach` away; 0 for none."""
+    seen = np.isfinite(data)
+    high = maximum_filter1d(np.where(seen, data, -np.inf), 2 * reach + 1, axis=0, mode="nearest")
+    low = minimum_filter1d(np.where(seen, data, np.inf), 2 * reach + 1, axis=0, mode="nearest")
+    return np.where(seen, np.maximum(high - data, data - low), 0.0)
 
 
 def _beginning(trace: Trace) -> tuple[np.ndarray, np.ndarray]:
