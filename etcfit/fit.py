@@ -28,7 +28,7 @@ _NEAR, _THERE = 1e-2, 3e-6  # relative change of chi2 and absolute one of stretc
 _ROUNDS = 10
 _CLOCK_ROUNDS = 4  # of them in which the clock's jitter is estimated; the rest settle with it
 _STARTS = 3  # besides the reading
-_LATE = (0.064, 0.016, 0.004)  # s by which instants may be off, one stage after the other
+_LATE = (0.064, 0.016, 0.004, 0.0)  # s by which instants may be off, one stage after the other
 _SPREAD = 0.35  # of the other starts about the reading, in coordinates
 _SETTLED = 0.05  # a round that moves no parameter by more standard errors is the last
 _WANDERING = 10.0  # a last round that moves one by more is no end; one that moves less widens the intervals by it
@@ -128,11 +128,7 @@ def resume(rig: Rig, x: np.ndarray, far: bool, report: Report = quiet) -> FitRes
 def _from_several_starts(
     bench: Bench, start: np.ndarray, report: Report
 ) -> tuple[np.ndarray, tuple[StartSummary, ...], float]:
-    """The reading first, then points scattered about it; the deepest end wins. Its chi2 per degree of freedom last.
-
-    Where the plate of a start hits its stop a little early, all samples up to the true impact are wrong, by an amount
-    that no small step of a parameter changes. So the reading's instants are forgiven first coarsely, then ever finer.
-    """
+    """The reading first, then points scattered about it; the deepest end wins. Its chi2 per degree of freedom last."""
     rng = np.random.default_rng(20230701)
     reach = _SPREAD * bench.layout.reach(start)
     others = [start + reach * rng.standard_normal(start.size) for _ in range(_STARTS)]
@@ -140,16 +136,25 @@ def _from_several_starts(
     best, lowest, summaries = start, np.inf, []
     for k, first in enumerate([start, *others]):
         report(f"start {k + 1} of {_STARTS + 1}", 0.1 + 0.1 * k)
-        stages = [*(_LATE if k == 0 else ()), 0.0]
-        end, steps = first, 0
-        for late in stages:
-            end, more = descend(bench, end, bench.problem(bench.forgiving(late)), _NEAR)
-            steps += more
+        end, steps = approach(bench, first, _NEAR) if k == 0 else descend(bench, first, problem, _NEAR)
         before, after = chi2_of(bench, np.stack((first, end)), problem).tolist()
         summaries.append(StartSummary("reading" if k == 0 else f"scattered {k}", before, after, steps))
         if after < lowest:
             best, lowest = end, after
     return best, tuple(summaries), lowest / max(1.0, problem.samples - start.size)
+
+
+def approach(bench: Bench, x: np.ndarray, tolerance: float) -> tuple[np.ndarray, int]:
+    """Descend with all instants forgiven coarsely, then ever finer; where it ends, and after how many steps.
+
+    Where the simulated plate hits its stop a little early, all samples up to the true impact are wrong, by an amount
+    that no small step of a parameter changes.
+    """
+    steps = 0
+    for late in _LATE:
+        x, more = descend(bench, x, bench.problem(bench.forgiving(late)), tolerance)
+        steps += more
+    return x, steps
 
 
 def _whitened(bench: Bench, x: np.ndarray, report: Report) -> tuple[Bench, Problem, np.ndarray, End]:

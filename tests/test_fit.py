@@ -11,14 +11,16 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
 from etcfit import fit as module
-from etcfit.descent import information_of
+from etcfit.bench import Bench
+from etcfit.descent import descend, information_of
 from etcfit.errors import MeasurementError
-from etcfit.fit import FitResult, fit, start_values
+from etcfit.fit import FitResult, approach, fit, ready, start_values
 from etcfit.intervals import intervals
+from etcfit.reading import read_graphs
 from etcfit.rig.base import Fixed, Knowledge, Measurement, Prior, Rig, Start
 from etcfit.rig.reader import read_folder
 from etcfit.unknowns import unknowns
-from independent import Truth, draw_truth, make_folder
+from independent import CONSISTENT, STRENGTHS, Truth, draw_truth, make_folder
 
 SYMBOLS = ("R_a", "L_a", "K_b", "J_m", "J_L", "B_m", "B_L", "K_s", "T_PL", "T_f")
 SERIES = "series_ohm.inductance"
@@ -272,6 +274,26 @@ def test_nothing_to_fit_is_an_error_of_the_data(case: Case) -> None:
 
 
 # ---- more folders
+
+
+@pytest.mark.slow
+def test_an_impact_that_a_late_sensor_shows_late_is_no_wall(tmp_path: Path) -> None:
+    """A sensor that lags by 4 ms: forgiving a sample only, no start comes near, and J_m vanished."""
+    truth = draw_truth(np.random.default_rng(8031), CONSISTENT)
+    make_folder(tmp_path, truth, 8031, STRENGTHS["position_sensor_lag"][1], "small")
+    rig = read_folder(tmp_path)
+    fitted, _, _ = ready(rig)
+    known = unknowns(rig.config)
+    start = known.layout.coordinates(start_values(known, read_graphs(rig)))
+    bench = Bench.of(rig.config, known, fitted).refined(start).poised(start)
+    problem = bench.problem(bench.forgiving())
+    plain, _ = descend(bench, start, problem, 1e-2)
+    near, _ = approach(bench, start, 1e-2)
+    before, after = (bench.chi2(x, problem) / problem.samples for x in (plain, near))
+    assert before > 30.0
+    assert after < 3.0
+    values = known.layout.values(near, known.held)
+    assert all(abs(values[s] / getattr(truth, s) - 1.0) < 0.15 for s in ("K_b", "J_m", "J_L", "K_s", "T_PL", "T_f"))
 
 
 @pytest.mark.slow

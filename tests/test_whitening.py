@@ -9,10 +9,10 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from numpy.testing import assert_allclose
+from numpy.testing import assert_allclose, assert_array_equal
 
 import bodies
-from etcfit.bench import Bench
+from etcfit.bench import Bench, _farthest
 from etcfit.correlation import autocorrelation
 from etcfit.drive import Drive
 from etcfit.effects import PAPER
@@ -92,6 +92,13 @@ def many_held(request: pytest.FixtureRequest) -> tuple[Bench, np.ndarray]:
 
 
 @pytest.mark.slow
+def test_a_sample_is_forgiven_what_its_neighbours_are_away_from_it() -> None:
+    """By hand; where nothing was logged nothing is."""
+    data = np.array([0.0, 1.0, 3.0, np.nan, 7.0])[:, None]
+    assert_array_equal(_farthest(data, 1)[:, 0], [1.0, 2.0, 2.0, 0.0, 0.0])
+    assert_array_equal(_farthest(data, 2)[:, 0], [3.0, 2.0, 4.0, 0.0, 4.0])
+
+
 def test_residuals_of_a_held_plate_are_standard_normal(many_held: tuple[Bench, np.ndarray]) -> None:
     """60 seeds of 250 samples: the mean square is known to 1.2 %, each lag's correlation to 0.8 %."""
     bench, x = many_held

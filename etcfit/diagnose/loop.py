@@ -11,7 +11,7 @@ import numpy as np
 from ..bench import Bench
 from ..cure import listed
 from ..descent import descend
-from ..fit import MISFIT, Report, rounds
+from ..fit import MISFIT, Report, approach, rounds
 from ..outcome import End, FitResult
 from ..residual import Problem
 from .balance import pull_of
@@ -106,6 +106,8 @@ def settled(s: Standing, report: Report) -> Standing:
     bench = s.bench.afresh(s.x)
     problem = bench.problem(bench.forgiving())
     x, _ = descend(bench, s.x, problem, _TOLERANCE)
+    if s.far:
+        x = min(x, approach(bench, s.x, _TOLERANCE)[0], key=lambda end: bench.chi2(end, problem))
     if bench.chi2(x, problem) / max(1.0, problem.samples - x.size) > (_NEARER if s.far else MISFIT):
         end = End(True, "optimum of the guided residual", far=True)
         return _weighed(whitened(s.composition, s.added, bench, held_out, s.x, end), held_out)
