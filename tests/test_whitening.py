@@ -91,7 +91,6 @@ def many_held(request: pytest.FixtureRequest) -> tuple[Bench, np.ndarray]:
     return bench_of([held_trace(seed, request.param) for seed in range(60)], ("R_a", "L_a"), substeps=4)
 
 
-@pytest.mark.slow
 def test_a_sample_is_forgiven_what_its_neighbours_are_away_from_it() -> None:
     """By hand; where nothing was logged nothing is."""
     data = np.array([0.0, 1.0, 3.0, np.nan, 7.0])[:, None]
@@ -99,6 +98,7 @@ def test_a_sample_is_forgiven_what_its_neighbours_are_away_from_it() -> None:
     assert_array_equal(_farthest(data, 2)[:, 0], [3.0, 2.0, 4.0, 0.0, 4.0])
 
 
+@pytest.mark.slow
 def test_residuals_of_a_held_plate_are_standard_normal(many_held: tuple[Bench, np.ndarray]) -> None:
     """60 seeds of 250 samples: the mean square is known to 1.2 %, each lag's correlation to 0.8 %."""
     bench, x = many_held
