@@ -136,7 +136,7 @@ def _from_several_starts(
     best, lowest, summaries = start, np.inf, []
     for k, first in enumerate([start, *others]):
         report(f"start {k + 1} of {_STARTS + 1}", 0.1 + 0.1 * k)
-        end, steps = approach(bench, first, _NEAR) if k == 0 else descend(bench, first, problem, _NEAR)
+        end, steps = approach(bench, first, _NEAR)
         before, after = chi2_of(bench, np.stack((first, end)), problem).tolist()
         summaries.append(StartSummary("reading" if k == 0 else f"scattered {k}", before, after, steps))
         if after < lowest:
