@@ -63,7 +63,7 @@ def asked(monkeypatch: pytest.MonkeyPatch) -> dict[type, tuple[Any, tuple[Any, .
 
 def test_an_effect_gives_way_to_a_rival_that_explains_more_and_its_place_stays(asked: dict) -> None:
     asked[GRAVITY] = verdict(GRAVITY, -500.0, 1100.0), (verdict(AIR, -590.0, 1000.0, added=(HEAT,)),)
-    s, now, words = exchanged(Stand((GRAVITY, HEAT)), (found(GRAVITY, AIR), found(HEAT)), quiet)
+    s, now, words = exchanged(stand(GRAVITY, HEAT), (found(GRAVITY, AIR), found(HEAT)), quiet)
     assert s.added == (AIR, HEAT)
     assert [f.effect for f in now] == [AIR, HEAT]
     assert now[0].worth == 590.0
@@ -72,7 +72,7 @@ def test_an_effect_gives_way_to_a_rival_that_explains_more_and_its_place_stays(a
 
 def test_a_rival_that_does_as_well_is_a_tie_and_nothing_is_exchanged(asked: dict) -> None:
     asked[GRAVITY] = verdict(GRAVITY, -500.0, 1000.0), (verdict(AIR, -503.0, 996.0), verdict(LIMP, -400.0, 1100.0))
-    s, now, words = exchanged(Stand((GRAVITY,)), (found(GRAVITY, AIR, LIMP),), quiet)
+    s, now, words = exchanged(stand(GRAVITY), (found(GRAVITY, AIR, LIMP),), quiet)
     assert s.added == (GRAVITY,)
     assert now[0].ties == {AIR: 0.05}
     assert words == ()
@@ -81,7 +81,7 @@ def test_a_rival_that_does_as_well_is_a_tie_and_nothing_is_exchanged(asked: dict
 def test_a_tie_of_its_round_that_later_effects_resolve_is_a_tie_no_longer(asked: dict) -> None:
     asked[GRAVITY] = verdict(GRAVITY, -500.0, 1000.0), (verdict(AIR, -400.0, 1100.0),)
     once = Found(GRAVITY, {AIR: 0.05}, 100.0, {AIR: {}})
-    _, now, _ = exchanged(Stand((GRAVITY, HEAT)), (once,), quiet)
+    _, now, _ = exchanged(stand(GRAVITY, HEAT), (once,), quiet)
     assert now[0].ties == {}
 
 
@@ -94,7 +94,7 @@ def test_an_effect_stays_where_the_rival_spoils_the_model(
     monkeypatch.setattr(look_back, "folds", lambda s: (1, 2))
     monkeypatch.setattr(look_back, "left_out", lambda s: 50.0 if AIR in s.added else 40.0)
     asked[GRAVITY] = verdict(GRAVITY, -500.0, 1100.0), (verdict(AIR, -590.0, 1000.0, **more),)
-    s, now, words = exchanged(Stand((GRAVITY,)), (found(GRAVITY, AIR),), quiet)
+    s, now, words = exchanged(stand(GRAVITY), (found(GRAVITY, AIR),), quiet)
     assert s.added == (GRAVITY,)
     assert now[0].effect is GRAVITY
     assert words == ()
@@ -102,7 +102,7 @@ def test_an_effect_stays_where_the_rival_spoils_the_model(
 
 def test_one_without_rivals_and_rivals_at_work_are_not_asked(asked: dict) -> None:
     tied = Found(GRAVITY, {AIR: 0.05}, 100.0, {AIR: {}})  # in its round; now both are at work
-    s, now, words = exchanged(Stand((GRAVITY, AIR)), (tied, found(AIR)), quiet)
+    s, now, words = exchanged(stand(GRAVITY, AIR), (tied, found(AIR)), quiet)
     assert (s.added, words) == ((GRAVITY, AIR), ())
     assert [f.ties for f in now] == [{}, {}]
 
