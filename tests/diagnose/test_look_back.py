@@ -46,6 +46,10 @@ def verdict(
     return SimpleNamespace(effect=effect, bic_change=bic, score=score, gain=gain, standing=standing)
 
 
+def stand(*added: type) -> Any:
+    return Stand(added)
+
+
 def found(effect: type, *rivals: type) -> Found:
     return Found(effect, {}, 100.0, {rival: {} for rival in rivals})
 
