@@ -134,14 +134,16 @@ def _from_several_starts(
     others = [start + reach * rng.standard_normal(start.size) for _ in range(_STARTS)]
     problem = bench.problem(bench.forgiving())
     best, lowest, summaries = start, np.inf, []
+    freedom = max(1.0, problem.samples - start.size)
     for k, first in enumerate([start, *others]):
         report(f"start {k + 1} of {_STARTS + 1}", 0.1 + 0.1 * k)
-        end, steps = approach(bench, first, _NEAR)
+        near = lowest / freedom < MISFIT  # then another start is a check, and the plain way will do
+        end, steps = descend(bench, first, problem, _NEAR) if near else approach(bench, first, _NEAR)
         before, after = chi2_of(bench, np.stack((first, end)), problem).tolist()
         summaries.append(StartSummary("reading" if k == 0 else f"scattered {k}", before, after, steps))
         if after < lowest:
             best, lowest = end, after
-    return best, tuple(summaries), lowest / max(1.0, problem.samples - start.size)
+    return best, tuple(summaries), lowest / freedom
 
 
 def approach(bench: Bench, x: np.ndarray, tolerance: float) -> tuple[np.ndarray, int]:
