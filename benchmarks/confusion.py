@@ -19,9 +19,7 @@ import tempfile
 import time
 from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
-from concurrent.futures import ProcessPoolExecutor, as_completed
 from dataclasses import dataclass
-from multiprocessing import get_context
 from pathlib import Path
 from typing import Any
 
@@ -42,10 +40,12 @@ from independent import (
     make_folder,
 )
 
+from .processes import fresh
+
 TEST = range(9000, 9200)
 PARAMETERS = ("R_a", "L_a", "K_b", "J_m", "J_L", "B_m", "B_L", "K_s", "T_PL", "T_f")
 LEVELS = ("low", "medium", "high")
-_A_PROCESS = 8  # folders: what each compiles stays mapped, and a system has a limit to that
+_A_PROCESS = 8  # folders
 NEAR = 1.2  # held-out error over noise within which a model predicts what it has not seen
 
 # forty cases in a row, five times over; the levels of the five times
@@ -162,9 +162,8 @@ def run(seeds: Sequence[int], processes: int) -> Iterator[dict[str, Any]]:
     if processes == 1:
         yield from map(one, seeds)
         return
-    with ProcessPoolExecutor(processes, get_context("spawn"), max_tasks_per_child=_A_PROCESS) as pool:
-        for done in as_completed([pool.submit(one, seed) for seed in seeds]):
-            yield done.result()
+    for _, record in fresh(one, seeds, processes, _A_PROCESS):
+        yield record
 
 
 # ---- tables

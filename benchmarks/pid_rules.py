@@ -20,10 +20,9 @@ import math
 import sys
 import tempfile
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from concurrent.futures import ProcessPoolExecutor
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from multiprocessing import get_context
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -50,13 +49,15 @@ from independent.control import Computer, Score, follow, score, trapezoids
 from independent.effects import Effects, LimpHomeSpring, StribeckFriction
 from independent.simulate import throttle as independent_throttle
 
+from .processes import fresh
+
 TRAVEL = math.pi / 2
 DRAWS = 64
 UNSURE = 0.02  # standard deviation of what we know of a parameter
 TYPES = (*PAPER, OurLimpHome, OurStribeck)
 UNBOUND = "unbound"
 NO_MARGINS = {"gain_margin_db": 1e-3, "phase_margin_deg": 1e-3}
-_A_PROCESS = 4  # rigs: what each compiles stays mapped, and a system has a limit to that
+_A_PROCESS = 4  # rigs
 
 
 @dataclass(frozen=True)
@@ -258,14 +259,6 @@ def _ahead(rules: Rules, name: str) -> bool:
     return bool(theirs.get("meets")) and not (ours["meets"] and ours["rmse"] < theirs["rmse"])
 
 
-def finished(seeds: Sequence[int], known: Callable[[Drawn, Ecu, int], Known]) -> Iterator[tuple[int, dict[str, Any]]]:
-    """Seeds and what became of them, a fresh process after every few."""
-    for k in range(0, len(seeds), _A_PROCESS):
-        few = seeds[k : k + _A_PROCESS]
-        with ProcessPoolExecutor(1, get_context("spawn")) as pool:  # its max_tasks_per_child may wait for ever
-            yield from zip(few, pool.map(run, few, [known] * len(few)), strict=True)
-
-
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--rigs", type=int, default=24)
@@ -277,7 +270,7 @@ def main() -> None:
     if given.out and given.out.is_file():
         rigs = {int(seed): rig for seed, rig in json.loads(given.out.read_text()).items()}
     seeds = [s for s in range(given.first_seed, given.first_seed + given.rigs) if s not in rigs]
-    for seed, rig in finished(seeds, fitted if given.fit else supposed):
+    for seed, rig in fresh(partial(run, known=fitted if given.fit else supposed), seeds, 1, _A_PROCESS):
         rigs[seed] = rig
         if given.out:
             given.out.write_text(json.dumps(rigs, indent=1))

@@ -14,7 +14,7 @@ from .findings import Candidate, Diagnosis, RoundReport, Tie, Unexplained
 from .form import blur, percent_off, spread
 from .look_back import Found, exchanged, pruned
 from .loop import ROUNDS, Round, settled, start, turn
-from .trial import ASTRAY, Standing, score
+from .trial import Standing, clearly_worse
 from .unexplained import outdone, unexplained
 
 __all__ = ["Diagnosis", "diagnose"]
@@ -39,7 +39,6 @@ def diagnose(result: FitResult, report: Report = quiet) -> Diagnosis:
     if instead:
         s, found = _forward(result, s, found, rounds, report)
     s, removed = pruned(s, report)
-    found = tuple(each for each in found if s.at_work(each.effect))
     left = outdone(result, first, s, report)
     if left is not None:
         s = first
@@ -70,7 +69,7 @@ def _astray(after: FitResult, before: FitResult) -> bool:
     Far from the data effects are judged in a guided residual, which a wrong one may lower too.
     """
     end, beginning = (pooled(result.score_holdout or result.score_fit) for result in (after, before))
-    return not end < (1.0 + ASTRAY) * beginning
+    return clearly_worse(end, beginning)
 
 
 def _forward(
@@ -99,7 +98,7 @@ def _settled(turned: Round, report: Report) -> tuple[Round, Standing]:
     if turned.added is None:
         return turned, turned.before
     new = settled(turned.best.standing, report)
-    if not new.spoilt(turned.before) and not score(new).strays(turned.score, new.far):
+    if new.holds(turned.before, turned.score):
         return turned, new
     why = f"{turned.why} Refitted in full with it the model is further from the data: it is not added."
     return replace(turned, added=None, ties=(), why=why), turned.before

@@ -71,7 +71,7 @@ def exchanged(
         best = here if alike(here, best) else best
         if best is not here:
             new = settled(best.standing, report)
-            if new.spoilt(s) or score(new).strays(score(s), new.far) or _contradicted(best.standing, s):
+            if not new.holds(s, score(s)) or _contradicted(best.standing, s):
                 continue
             more = best.bic_change - here.bic_change
             words.append(f"{each.effect.name} gave way to {best.effect.name}, which explains more (BIC {more:+.1f}).")

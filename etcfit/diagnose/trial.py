@@ -32,7 +32,7 @@ _HALVINGS = 8  # of the amplitudes it begins with, until it does
 _SPOILT = 1.5  # times chi2 per sample, each model's by its own whitening, by which one is worse than another
 _SPARED = 0.01  # share of what is gained on the fitted traces that may be lost on those held out: they may not show it
 _SLACK = 0.02  # relative rise of a held-out free-running error that counts as none: a slip may fall elsewhere
-ASTRAY = 0.2  # the same of a model refitted in full
+_ASTRAY = 0.2  # the same of a model refitted in full
 _DIVERGED = 2.0  # the same far from the data: that run begins from the optimum of a guided one and is not tuned itself
 
 
@@ -114,6 +114,10 @@ class Standing:
         """A refit in full ended further from the data than the model it began with."""
         return not before.far and (self.far or not self.left < _SPOILT * before.left)
 
+    def holds(self, before: Standing, was: Score) -> bool:
+        """Refitted in full it is neither further from the data than the model it began with nor astray from others."""
+        return not self.spoilt(before) and not score(self).strays(was, self.far)
+
     def optimised(self) -> Standing:
         """At the nearest optimum of the same residual."""
         return replace(self, x=descend(self.bench, self.x, self.problem, _TOLERANCE)[0])
@@ -163,7 +167,12 @@ class Score:
         """Refitted in full it predicts what was held out clearly worse; far from the data that run is not tuned yet."""
         if self.holdout_rms is None or before.holdout_rms is None:
             return False
-        return not self.holdout_rms < (1.0 + (_DIVERGED if far else ASTRAY)) * before.holdout_rms
+        return clearly_worse(self.holdout_rms, before.holdout_rms, _DIVERGED if far else _ASTRAY)
+
+
+def clearly_worse(rms: float, before: float, rise: float = _ASTRAY) -> bool:
+    """A free-running error rose by more than a slip that falls elsewhere explains, or cannot be computed any more."""
+    return not rms < (1.0 + rise) * before
 
 
 def score(s: Standing) -> Score:

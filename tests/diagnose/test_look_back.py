@@ -34,8 +34,8 @@ class Stand:
     def at_work(self, effect: type) -> bool:
         return effect in self.added
 
-    def spoilt(self, before: Any) -> bool:
-        return self.worse
+    def holds(self, before: Any, was: Any) -> bool:
+        return not self.worse
 
 
 def verdict(
@@ -61,7 +61,7 @@ def asked(monkeypatch: pytest.MonkeyPatch) -> dict[type, tuple[Any, tuple[Any, .
     monkeypatch.setattr(look_back, "_beside", lambda s, effect, rivals: verdicts[effect])
     monkeypatch.setattr(look_back, "apart", lambda a, b: 0.05)
     monkeypatch.setattr(look_back, "settled", lambda s, report: s)
-    monkeypatch.setattr(look_back, "score", lambda s: SimpleNamespace(strays=lambda before, far: False))
+    monkeypatch.setattr(look_back, "score", lambda s: None)
     return verdicts
 
 

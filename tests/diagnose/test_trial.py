@@ -14,7 +14,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 
 import etcfit.diagnose as diagnosis
 from etcfit.bench import Bench
-from etcfit.diagnose import loop
+from etcfit.diagnose import loop, trial
 from etcfit.diagnose.composition import Composition, compose
 from etcfit.diagnose.form import blur, spread
 from etcfit.diagnose.loop import STRONG, choose
@@ -293,17 +293,28 @@ def test_a_refit_that_ends_further_from_the_data_is_spoilt(
 
 def test_an_effect_that_spoils_the_refit_is_not_added(monkeypatch: pytest.MonkeyPatch) -> None:
     at: Any = SimpleNamespace(far=False, left=1.0)
-    refitted: Any = SimpleNamespace(far=False, left=20.0, spoilt=lambda before: before is at)
+    refitted: Any = SimpleNamespace(far=False, left=20.0, holds=lambda before, was: before is not at)
     found = replace(verdict(LIMP, -500.0), standing=refitted)
     turned = loop.Round(at, scored(1000.0), (), (found,), LIMP, (GRAVITY,), "limp_home_spring explains most.")
     monkeypatch.setattr(diagnosis, "settled", lambda standing, report: standing)
-    monkeypatch.setattr(diagnosis, "score", lambda s: scored(900.0))
     after, stands = diagnosis._settled(turned, quiet)
     assert stands is at
     assert (after.added, after.ties) == (None, ())
     assert after.why.endswith("it is not added.")
-    refitted.spoilt = lambda before: False
+    refitted.holds = lambda before, was: True
     assert diagnosis._settled(turned, quiet) == (turned, refitted)
+
+
+@pytest.mark.parametrize(
+    ("left", "rms", "holds"), [(1.4, 1.1, True), (1.6, 1.1, False), (1.4, 1.3, False)]
+)  # further from the data than half as much again; a fifth further from what was held out
+def test_a_refit_holds_where_it_is_neither_spoilt_nor_astray(
+    left: float, rms: float, holds: bool, standing: Standing, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(Standing, "left", left)
+    monkeypatch.setattr(trial, "score", lambda s: scored(1.0, held_out=1.0, rms=rms))
+    before: Any = SimpleNamespace(far=False, left=1.0)
+    assert standing.holds(before, scored(1.0, held_out=1.0, rms=1.0)) is holds
 
 
 @pytest.mark.parametrize(
