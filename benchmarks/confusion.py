@@ -37,6 +37,7 @@ from independent import (
     Truth,
     combine,
     draw_truth,
+    left_by_itself,
     make_folder,
 )
 
@@ -107,6 +108,7 @@ def one(seed: int) -> dict[str, Any]:
     """Make, read, fit, diagnose; a record for the file, with `error` where that failed."""
     chosen = case(seed)
     record: dict[str, Any] = {k: getattr(chosen, k) for k in ("seed", "kind", "names", "strength")}
+    record |= {"by_itself": by_itself(chosen)}
     with tempfile.TemporaryDirectory() as scratch:
         make_folder(Path(scratch), chosen.truth, seed, chosen.effects, "small")
         begin = time.perf_counter()
@@ -115,6 +117,13 @@ def one(seed: int) -> dict[str, Any]:
         except Exception as error:
             found = {"error": f"{type(error).__name__}: {error}"}
     return record | {"seconds": time.perf_counter() - begin} | found
+
+
+def by_itself(chosen: Case) -> list[tuple[str, str, float]]:
+    """File, channel, error over noise of what the body itself, under the logged voltage, leaves of held-out traces."""
+    left = left_by_itself(chosen.truth, chosen.seed, chosen.effects, "small")
+    channels = {"current": "current", "tps": "position"}
+    return [(file, channels[of], ratio) for (file, of), ratio in left.items() if of in channels]
 
 
 def _found(folder: Path, chosen: Case) -> dict[str, Any]:
@@ -321,20 +330,31 @@ def by_parameter(records: Sequence[dict[str, Any]]) -> str:
 
 
 def held_out(records: Sequence[dict[str, Any]]) -> str:
-    """Free-running error on traces never fitted, over their noise.
+    """Free-running error on traces never fitted, over the sensors' noise, and over what the body itself leaves.
 
-    The clean folders show the least there can be: the noise of the logged voltage and the clock's jitter move a
-    free-running current at every jump, by more than the current's own noise.
+    The body itself: the generator's own plant under the voltage and at the times that were logged. The noise of that
+    voltage and the clock's jitter are in what it leaves as they are in what any model leaves.
     """
     body = []
     for kind in ("clean", "single", "pair", "outside"):
         chosen = of_kind(records, kind)
-        for key, channels in (("holdout", "all channels"), ("holdout_position", "position")):
+        for key, channels in (("holdout", ("current", "position")), ("holdout_position", ("position",))):
             if chosen:
                 cells = [cell for when in ("before", "after") for cell in _near([r[when][key] for r in chosen])]
-                body.append([kind, channels, *cells])
-    head = ["folders", "of", "before: median error / noise", f"within {NEAR}", "after: median", f"within {NEAR}"]
+                least = [_least(r, channels) for r in chosen]
+                over = _near([r["after"][key] / each for r, each in zip(chosen, least, strict=True)])
+                body.append([kind, " and ".join(channels), *cells, f"{np.median(least):.2f}", *over])
+    head = ["folders", "of", "before: median error / noise", f"within {NEAR}", "after: median", f"within {NEAR}",
+            "the body itself: median", "after / the body itself: median", f"within {NEAR}"]  # fmt: skip
     return markdown(head, body)
+
+
+def _least(record: dict[str, Any], channels: Sequence[str]) -> float:
+    """Error over noise that the body itself leaves of these channels of the held-out traces, pooled as a model's is."""
+    samples = {(file, channel): n for file, channel, n, _ in record["after"]["holdout_rows"]}
+    left = [(samples[file, channel], ratio) for file, channel, ratio in record["by_itself"] if channel in channels]
+    count, ratio = np.array(left).T
+    return float(np.sqrt(np.sum(count * ratio**2) / count.sum()))
 
 
 def _near(ratios: Sequence[float]) -> tuple[str, str]:
@@ -365,7 +385,9 @@ def saved(file: Path | None) -> list[dict[str, Any]]:
     if file is None or not file.exists():
         return []
     records = (json.loads(line) for line in file.read_text(encoding="utf-8").splitlines())
-    return list({record["seed"]: record for record in records}.values())
+    latest = {record["seed"]: record for record in records}
+    # those of an older program lack what the body itself leaves
+    return [r if "by_itself" in r else r | {"by_itself": by_itself(case(seed))} for seed, r in latest.items()]
 
 
 def chosen_seeds(choices: argparse.Namespace) -> list[int]:

@@ -27,6 +27,7 @@ from independent import (
     bench_twin,
     combine,
     draw_truth,
+    left_by_itself,
     make_folder,
 )
 from independent import effects as more
@@ -537,6 +538,20 @@ def test_a_folder_scatters_as_its_rig_toml_says(tmp_path: Path) -> None:
     assert_allclose(landed[-300:, 1:].std(axis=0), [noise["emf_V"], noise["tps_V"]], rtol=0.15)
     _, running = table(tmp_path / "viscous" / "volts_6.csv")
     assert_allclose(running[-600:, 3].std(), noise["motor_speed_rpm"], rtol=0.12)
+
+
+def test_what_the_body_itself_leaves_is_its_sensors_noise_and_what_a_noisy_voltage_adds() -> None:
+    """Under a voltage logged without noise and on time, only the noise of the channel itself is left."""
+    quiet = {"voltage": Sensor("voltage", "V", 0.0, 1e-9)}
+    exact = Bench(Bench().sensors | quiet, jitter=0.0)
+    wild = Bench(Bench().sensors | {"voltage": Sensor("voltage", "V", 0.2, 1e-9)}, jitter=0.0)
+    for name in ("presliding_friction", "actuation_delay", "channel_delay", "friction_drift"):
+        left, more_so = (left_by_itself(CONSISTENT, 3, MEDIUM[name], "small", bench) for bench in (exact, wild))
+        assert left.keys() == {(f"{f}.csv", of) for f in ("static_load/ramp_2", "response/drive_3")
+                               for of in ("voltage", "current", "tps")}  # fmt: skip
+        ramp = [("static_load/ramp_2.csv", of) for of in ("current", "tps")]  # without a jump between two samples
+        assert_allclose([left[of] for of in ramp], 1.0, rtol=0.06)
+        assert all(more_so[of] > 1.5 for of in ramp)
 
 
 def test_a_folder_holds_every_test_and_names_what_it_holds_out(tmp_path: Path) -> None:

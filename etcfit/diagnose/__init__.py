@@ -14,6 +14,7 @@ from .findings import Candidate, Diagnosis, RoundReport, Tie, Unexplained
 from .form import blur, percent_off, spread
 from .look_back import Found, exchanged, pruned
 from .loop import ROUNDS, Round, settled, start, turn
+from .tied import between
 from .trial import Standing, clearly_worse
 from .unexplained import outdone, unexplained
 
@@ -45,13 +46,13 @@ def diagnose(result: FitResult, report: Report = quiet) -> Diagnosis:
     elif rounds[-1].candidates and not rounds[-1].evidence.white:
         left = unexplained(result, s, {each.effect: each.worth for each in found}, report)
     report("the fit of the final model", 0.95)
-    after = _final(result, s, report)
+    after = _final(result, s, found, report)
     if s.added and _astray(after, result):
         names = listed(e.name for e in s.added)
         removed = (*removed, f"Run free, the model with {names} is further from the data: all taken away again.")
         s = first
         left = unexplained(result, s, {}, report)
-        after = _final(result, s, report)
+        after = _final(result, s, (), report)
     doubts = left.doubts if left else ()
     added = tuple(e.name for e in s.added if e.name not in doubts)
     along = (*motions(first, s, False), *(motions(first, s, True) if s.holdout else ()))
@@ -90,7 +91,7 @@ def _forward(
 def _tie(found: Found) -> Tie:
     group = (found.effect, *found.ties)
     told_by = "; ".join(f"{e.name}: {e.told_by}" for e in group)
-    return Tie(tuple(e.name for e in group), tuple(found.ties.values()), told_by)
+    return Tie(tuple(e.name for e in group), tuple(each.residual for each in found.ties.values()), told_by)
 
 
 def _settled(turned: Round, report: Report) -> tuple[Round, Standing]:
@@ -125,7 +126,7 @@ def _reported(turned: Round) -> RoundReport:
     )  # fmt: skip
 
 
-def _final(result: FitResult, s: Standing, report: Report) -> FitResult:
+def _final(result: FitResult, s: Standing, found: tuple[Found, ...], report: Report) -> FitResult:
     """The final model as a fit of its own; one that was guided along the data is let run free."""
     bench, problem, x, end = s.bench, s.problem, s.x, s.end
     if s.far:
@@ -133,13 +134,18 @@ def _final(result: FitResult, s: Standing, report: Report) -> FitResult:
         bench, problem, x = freed(bench.guided(0.0), x, _SPREAD)
         end = End(True, "best free run found from the optimum of the guided residual", far=True)
     after = outcome(result.rig, result.readings, bench, s.held_out, problem, x, (), end, ())
-    allowed = spread(s)
-    if not allowed.any():
-        return after
-    formulas = tuple(e.name for e in s.added)
-    remark = f"Intervals allow for formulas of {listed(formulas)} that are {percent_off(formulas)} off."
-    warnings = (*after.warnings, remark)
-    return replace(after, covariance=after.covariance + allowed, formulas=formulas, warnings=warnings)
+    tied = [each for each in found if s.at_work(each.effect) and each.ties]
+    unsure = between(s, (tie for each in tied for tie in each.ties.values()))
+    remarks = [
+        f"Intervals allow for {each.effect.name} being {listed(e.name for e in each.ties)} instead: a tie."
+        for each in tied
+    ]
+    formulas, allowed = (), spread(s)
+    if allowed.any():
+        formulas = tuple(e.name for e in s.added)
+        remarks.append(f"Intervals allow for formulas of {listed(formulas)} that are {percent_off(formulas)} off.")
+    covariance, warnings = after.covariance + allowed + unsure, (*after.warnings, *remarks)
+    return replace(after, covariance=covariance, formulas=formulas, warnings=warnings)
 
 
 def _verdict(

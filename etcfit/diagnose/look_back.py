@@ -16,7 +16,8 @@ from ..fit import Report
 from .composition import Effect, resting
 from .crossing import folds, left_out
 from .loop import STRONG, Round, alike, judged, settled, tried
-from .trial import Standing, Verdict, apart, bic_change, score
+from .tied import Apart, apart
+from .trial import Standing, Verdict, bic_change, score
 
 _RIVAL = 0.5  # share of what the effect explained in its round that another must have explained to be asked again
 
@@ -27,13 +28,13 @@ class Found:
 
     Args:
         effect: which.
-        ties: others that explain these data as well, and how far their fits are from this one's, in units of the noise.
+        ties: others that explain these data as well, and how far their fits are from this one's.
         worth: by how much it lowered BIC.
         rivals: others that explained a good part of it, and the values (SI) at which they did.
     """
 
     effect: Effect
-    ties: Mapping[Effect, float]
+    ties: Mapping[Effect, Apart]
     worth: float
     rivals: Mapping[Effect, Mapping[str, float]]
 
@@ -46,7 +47,7 @@ class Found:
         return cls(best.effect, _apart(best, ties), -best.bic_change, rivals)
 
 
-def _apart(best: Verdict, ties: Iterable[Verdict]) -> Mapping[Effect, float]:
+def _apart(best: Verdict, ties: Iterable[Verdict]) -> Mapping[Effect, Apart]:
     return {v.effect: apart(v.standing, best.standing) for v in ties}
 
 

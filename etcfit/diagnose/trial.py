@@ -232,12 +232,6 @@ class Verdict:
         return spared and (self.holdout_rms_ratio is None or self.holdout_rms_ratio < 1.0 + worst)
 
 
-def apart(a: Standing, b: Standing) -> float:
-    """How far two fits under the same whitening differ: rms over the samples, in units of the noise."""
-    difference = a.bench.residual(a.x, a.problem) - b.bench.residual(b.x, b.problem)
-    return float(np.sqrt(np.sum(difference**2) / a.problem.samples))
-
-
 def bic_change(before: Score, after: Score, parameters: int, tried: int) -> float:
     """See the module's head."""
     n = max(2.0, min(before.count, after.count))

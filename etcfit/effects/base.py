@@ -103,7 +103,7 @@ class AbstractEffect(eqx.Module):
     channel in time. One that `commands` drives the throttle by what its sensors show: it sees the angle as read, and
     all others the voltage that it adds. `needs` names what must have been logged for the effect to be seen at all:
     "circuit", "current", "position", "gear". `told_by` says which measurement shows it best. `inexact` is the relative
-    error that its formula may have: the literature's are conventions, those of dry friction and delays most.
+    error that its formula may have: the literature's are conventions, those of friction, contacts and delays most.
     """
 
     name: ClassVar[str]

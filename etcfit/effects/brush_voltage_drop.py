@@ -23,6 +23,7 @@ class BrushVoltageDrop(AbstractEffect):
     name = "brush_voltage_drop"
     told_by = "resistance tests at currents from a few mA up, in both directions"
     off: ClassVar[Mapping[str, float] | None] = {"V_b": 0.0}
+    inexact: ClassVar[float] = 0.1
     needs: ClassVar[tuple[str, ...]] = ("circuit",)
     V_b: Scalar = parameter("V", NonNegative(0.3), 0.0, "contact drop of the brushes", "Fitzgerald et al. 2003, ch. 7")
 

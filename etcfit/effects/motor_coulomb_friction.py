@@ -19,6 +19,7 @@ class MotorCoulombFriction(AbstractEffect):
     name = "motor_coulomb_friction"
     told_by = "a motor-alone test (viscous/, gear apart) at low speeds"
     off: ClassVar[Mapping[str, float] | None] = {"T_m": 0.0}
+    inexact: ClassVar[float] = 0.1
     needs: ClassVar[tuple[str, ...]] = ("gear",)
     T_m: Scalar = parameter(
         "N*m", NonNegative(0.005), 0.0, "dry friction torque at the motor", "Armstrong-Helouvry et al. 1994"

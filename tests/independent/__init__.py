@@ -5,6 +5,7 @@ from .effects import NONE as NONE
 from .effects import OUTSIDE as OUTSIDE
 from .effects import Effects as Effects
 from .effects import combine as combine
+from .folder import left_by_itself as left_by_itself
 from .folder import make_folder as make_folder
 from .instruments import Bench as Bench
 from .strengths import MEDIUM as MEDIUM

@@ -11,7 +11,7 @@ import numpy as np
 
 from .effects import NONE, Effects
 from .instruments import CLOSED_V, OPEN_V, UNITS, Bench
-from .protocols import PROTOCOLS, Series, Session, Trace
+from .protocols import PROTOCOLS, Series, Session, Trace, quantity
 from .truth import Truth
 
 SIZES: dict[str, dict[str, Series]] = {
@@ -87,6 +87,28 @@ def make_folder(
         "effects": {name: getattr(effects, name)._asdict() for name in effects.on},
     }
     (Path(path) / "truth.json").write_text(json.dumps(known, indent=2) + "\n", encoding="utf-8")
+
+
+def left_by_itself(
+    truth: Truth, seed: int, effects: Effects, size: str, bench: Bench | None = None
+) -> dict[tuple[str, str], float]:
+    """Of each driven trace that `make_folder` holds out, by file and quantity: how far off the body itself would be.
+
+    rms of what was logged less what the same body shows under the voltage and at the times that were logged, over the
+    sensor's declared noise: 1 where nothing but that sensor is noisy. No model can be expected to leave less.
+    """
+    bench = bench or Bench()
+    session = Session(np.random.default_rng(seed), truth, effects, bench, replays=[])
+    assert session.replays is not None
+    out = {}
+    for test, series in SIZES[size].items():
+        for n, trace in enumerate(PROTOCOLS[test](session, series)):
+            shown = session.replays.pop() if session.replays else {}
+            for header, true in shown.items() if n >= series.count - series.held else ():
+                sensor = bench.sensors[quantity(header)]
+                miss = (trace.columns[header] - true) / UNITS[header[header.index("[") + 1 : -1]][0]
+                out[trace.file, sensor.quantity] = float(np.sqrt(np.mean(miss**2))) / sensor.declared
+    return out
 
 
 def write_folder(

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field, replace
+from functools import partial
 
 import numpy as np
 
 from .drives import Drive, chirp, line, multisine, random_steps, steps, trapezoids
 from .effects import Effects
-from .instruments import UNITS, Bench, clock, current_channel, true_values
+from .instruments import UNITS, Bench, CurrentChannel, clock, current_channel, true_values
 from .kernel import Plant
 from .simulate import NEVER, REHEARSAL, motor_alone, resting_angle, simulate, terminals_open, throttle
 from .truth import OPEN, Truth
@@ -45,13 +46,23 @@ class Stopwatch:
 
 @dataclass(frozen=True)
 class Session:
-    """One throttle body on one bench."""
+    """One throttle body on one bench.
+
+    Args:
+        rng: of all that is random.
+        truth, effects: the body.
+        bench: the instruments.
+        stopwatch: what has been logged so far.
+        replays: where a list, each trace adds what the same body shows, without noise, under the voltage and at the
+            times that its log has; columns by header.
+    """
 
     rng: np.random.Generator
     truth: Truth
     effects: Effects
     bench: Bench
     stopwatch: Stopwatch = field(default_factory=Stopwatch)
+    replays: list[dict[str, np.ndarray]] | None = None
 
     def record(
         self,
@@ -67,17 +78,14 @@ class Session:
         drive = drive.slewed(self.bench.rise).limited(self.bench.supply)
         ticks = clock(self.rng, self.bench, series.rate, series.duration)
         plant, channel = self._aged(plant), current_channel(self.rng.spawn(1)[0], plant.effects)
-        motion = simulate(plant, drive, ticks.true, angle=angle, held_until=held_until)
-        if channel.late > 0.0:
-            earlier = channel.instants(ticks.true, drive.time[0])
-            late = simulate(plant, drive, earlier, angle=angle, held_until=held_until)
-            motion = replace(motion, current=late.current)
-        motion = replace(motion, current=motion.current + channel.offset)
+        shown = partial(_shown, plant, channel, headers[1:], angle, held_until)
         columns = {headers[0]: ticks.logged * UNITS[_unit(headers[0])][0]}
-        for header in headers[1:]:
-            quantity = header.partition(" ")[0]
-            true = true_values(quantity, motion, plant.k, plant.N, plant.effects)
-            columns[header] = self.bench.sensors[quantity].read(self.rng, true) * UNITS[_unit(header)][0]
+        for header, true in shown(drive, ticks.true).items():
+            columns[header] = self.bench.sensors[quantity(header)].read(self.rng, true) * UNITS[_unit(header)][0]
+        if self.replays is not None and "voltage [V]" in columns:
+            logged = Drive(ticks.logged, columns["voltage [V]"]).after(0.0, ticks.logged[-1] + GRACE)
+            again = shown(logged, ticks.logged)
+            self.replays.append({header: true * UNITS[_unit(header)][0] for header, true in again.items()})
         self.stopwatch.seconds += series.duration
         return columns
 
@@ -159,6 +167,29 @@ PROTOCOLS: dict[str, Callable[[Session, Series], Iterator[Trace]]] = {
     protocol.__name__: protocol
     for protocol in (resistance, inductance, back_emf, static_load, viscous, inertia, response)
 }
+
+
+def _shown(
+    plant: Plant,
+    channel: CurrentChannel,
+    headers: tuple[str, ...],
+    angle: float,
+    held_until: float,
+    drive: Drive,
+    instants: np.ndarray,
+) -> dict[str, np.ndarray]:
+    """What noiseless sensors read at the instants, by header, each in its sensor's unit."""
+    motion = simulate(plant, drive, instants, angle=angle, held_until=held_until)
+    if channel.late > 0.0:
+        earlier = channel.instants(instants, drive.time[0])
+        late = simulate(plant, drive, earlier, angle=angle, held_until=held_until)
+        motion = replace(motion, current=late.current)
+    motion = replace(motion, current=motion.current + channel.offset)
+    return {header: true_values(quantity(header), motion, plant.k, plant.N, plant.effects) for header in headers}
+
+
+def quantity(header: str) -> str:
+    return header.partition(" ")[0]
 
 
 def _unit(header: str) -> str:
