@@ -18,7 +18,7 @@ from etcfit.diagnose import loop, trial
 from etcfit.diagnose.composition import Composition, compose
 from etcfit.diagnose.form import blur, spread
 from etcfit.diagnose.loop import STRONG, choose
-from etcfit.diagnose.trial import Score, Standing, Verdict, apart, bic_change, compare, independent
+from etcfit.diagnose.trial import Score, Standing, Verdict, bic_change, compare, independent
 from etcfit.effects import EFFECT_BY_NAME
 from etcfit.fit import quiet
 from etcfit.identifiability import WIDE
@@ -443,11 +443,3 @@ def test_a_round_looks_no_further_within_what_formulas_leave(
         assert turned.why.startswith(
             "What is left adds 0.99 % to the noise, no more than a formula of limp_home_spring"
         )
-
-
-def test_two_fits_are_apart_by_the_rms_of_what_differs() -> None:
-    def stand(residual: list[float]) -> Any:
-        bench = SimpleNamespace(residual=lambda x, problem: np.array(residual))
-        return SimpleNamespace(bench=bench, x=None, problem=SimpleNamespace(samples=4.0))
-
-    assert apart(stand([1.0, 2.0, 0.0, 0.0]), stand([1.0, 0.0, 0.0, 2.0])) == pytest.approx(np.sqrt(2.0))
