@@ -128,6 +128,8 @@ def _reported(turned: Round) -> RoundReport:
 
 def _final(result: FitResult, s: Standing, found: tuple[Found, ...], report: Report) -> FitResult:
     """The final model as a fit of its own; one that was guided along the data is let run free."""
+    if not s.added:
+        return result  # a guided optimum let run free may end worse than the fit that began free
     bench, problem, x, end = s.bench, s.problem, s.x, s.end
     if s.far:
         report("letting the final model run free", 0.95)

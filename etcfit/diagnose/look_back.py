@@ -93,9 +93,9 @@ def _beside(
     """The effect, and those rivals that are worth their parameters and not contradicted, each over neither."""
     base = s.without(effect).optimised()
     before = score(base)
-    others = [tried(base, rival, values, before, 0.0, 1.0) for rival, values in rivals.items()]
+    others = [tried(base, rival, values, before) for rival, values in rivals.items()]
     good = tuple(v for v in others if v.bic_change < STRONG and v.helps_elsewhere())
-    return judged(effect, before, s, 0.0, 1.0), good
+    return judged(effect, before, s), good
 
 
 def _contradicted(new: Standing, old: Standing) -> bool:

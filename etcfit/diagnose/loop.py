@@ -196,19 +196,17 @@ def _asked(g: Signature, before: Score) -> float:
 
 
 def _tried(s: Standing, g: Signature, before: Score) -> Verdict:
-    return tried(s, g.variant.effect, g.values, before, g.gain, g.own)
+    return tried(s, g.variant.effect, g.values, before)
 
 
-def tried(
-    s: Standing, effect: Effect, values: Mapping[str, float], before: Score, screened: float, own: float
-) -> Verdict:
+def tried(s: Standing, effect: Effect, values: Mapping[str, float], before: Score) -> Verdict:
     """The verdict on an effect that starts at `values` (SI), beside the model as it stands."""
-    return judged(effect, before, s.trying(effect, values).optimised(), screened, own)
+    return judged(effect, before, s.trying(effect, values).optimised())
 
 
-def judged(effect: Effect, before: Score, s: Standing, screened: float, own: float) -> Verdict:
+def judged(effect: Effect, before: Score, s: Standing) -> Verdict:
     """The verdict on a model that has one effect more than the one scored before."""
-    return compare(effect, before, s, len(resting(effect)), len(variants(effect)), screened, own)
+    return compare(effect, before, s, len(resting(effect)), len(variants(effect)))
 
 
 def choose(

@@ -209,8 +209,6 @@ class Verdict:
         fit_rms_ratio, holdout_rms_ratio: free-running errors over those without it; the latter None without a holdout.
         holdout_chi2_change: of the held-out residual, or of traces left out in turn.
         bic_change: below 0 where it is worth its parameters.
-        screened: by how much the screening thought it would lower chi2.
-        own: share of its signature that no fitted parameter can imitate.
         gain: by how much it lowers chi2 of the fitted residual.
     """
 
@@ -221,8 +219,6 @@ class Verdict:
     holdout_rms_ratio: float | None
     holdout_chi2_change: float | None
     bic_change: float
-    screened: float
-    own: float
     gain: float
 
     def helps_elsewhere(self) -> bool:
@@ -239,7 +235,7 @@ def bic_change(before: Score, after: Score, parameters: int, tried: int) -> floa
     return float(likelihood + parameters * np.log(n) + 2.0 * np.log(max(tried, 1)))
 
 
-def compare(effect: Effect, before: Score, s: Standing, parameters: int, tried: int, screened: float, own: float):
+def compare(effect: Effect, before: Score, s: Standing, parameters: int, tried: int) -> Verdict:
     """The verdict on a refitted model."""
     after = score(s)
     held_out = None
@@ -251,4 +247,4 @@ def compare(effect: Effect, before: Score, s: Standing, parameters: int, tried: 
     change = bic_change(before, after, parameters, tried)
     fit_ratio = after.fit_rms / before.fit_rms
     gain = before.chi2 - after.chi2
-    return Verdict(effect, s, after, fit_ratio, ratio, held_out, change, screened, own, gain)
+    return Verdict(effect, s, after, fit_ratio, ratio, held_out, change, gain)

@@ -95,7 +95,7 @@ def _best(s: Standing, before: Score) -> Verdict | None:
 def _tried(s: Standing, g: Signature, before: Score) -> Verdict:
     trial = s.trying(g.variant.effect, g.values).lean().optimised()
     seen = sum(np.any(g.columns != 0.0, axis=0))
-    return compare(g.variant.effect, before, trial, int(seen), len(UNKNOWNS), g.gain, g.own)
+    return compare(g.variant.effect, before, trial, int(seen), len(UNKNOWNS))
 
 
 def _in_doubt(s: Standing, effect: Effect, here: Score) -> bool:

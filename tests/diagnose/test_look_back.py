@@ -10,12 +10,14 @@ import pytest
 
 from etcfit.diagnose import look_back
 from etcfit.diagnose.look_back import Found, exchanged
+from etcfit.diagnose.tied import Apart
 from etcfit.effects import EFFECT_BY_NAME
 from etcfit.fit import quiet
 
 LIMP, AIR, GRAVITY, HEAT = (
     EFFECT_BY_NAME[n] for n in ("limp_home_spring", "airflow_torque", "gravity_load", "winding_heating")
 )
+CLOSE = Apart(0.05, {})
 
 
 @dataclass(frozen=True)
@@ -59,7 +61,7 @@ def asked(monkeypatch: pytest.MonkeyPatch) -> dict[type, tuple[Any, tuple[Any, .
     """Verdicts by the effect asked again; refits in full leave a model as it is."""
     verdicts: dict[type, tuple[Any, tuple[Any, ...]]] = {}
     monkeypatch.setattr(look_back, "_beside", lambda s, effect, rivals: verdicts[effect])
-    monkeypatch.setattr(look_back, "apart", lambda a, b: 0.05)
+    monkeypatch.setattr(look_back, "apart", lambda a, b: CLOSE)
     monkeypatch.setattr(look_back, "settled", lambda s, report: s)
     monkeypatch.setattr(look_back, "score", lambda s: None)
     return verdicts
@@ -78,13 +80,13 @@ def test_a_rival_that_does_as_well_is_a_tie_and_nothing_is_exchanged(asked: dict
     asked[GRAVITY] = verdict(GRAVITY, -500.0, 1000.0), (verdict(AIR, -503.0, 996.0), verdict(LIMP, -400.0, 1100.0))
     s, now, words = exchanged(stand(GRAVITY), (found(GRAVITY, AIR, LIMP),), quiet)
     assert s.added == (GRAVITY,)
-    assert now[0].ties == {AIR: 0.05}
+    assert now[0].ties == {AIR: CLOSE}
     assert words == ()
 
 
 def test_a_tie_of_its_round_that_later_effects_resolve_is_a_tie_no_longer(asked: dict) -> None:
     asked[GRAVITY] = verdict(GRAVITY, -500.0, 1000.0), (verdict(AIR, -400.0, 1100.0),)
-    once = Found(GRAVITY, {AIR: 0.05}, 100.0, {AIR: {}})
+    once = Found(GRAVITY, {AIR: CLOSE}, 100.0, {AIR: {}})
     _, now, _ = exchanged(stand(GRAVITY, HEAT), (once,), quiet)
     assert now[0].ties == {}
 
@@ -105,7 +107,7 @@ def test_an_effect_stays_where_the_rival_spoils_the_model(
 
 
 def test_one_without_rivals_and_rivals_at_work_are_not_asked(asked: dict) -> None:
-    tied = Found(GRAVITY, {AIR: 0.05}, 100.0, {AIR: {}})  # in its round; now both are at work
+    tied = Found(GRAVITY, {AIR: CLOSE}, 100.0, {AIR: {}})  # in its round; now both are at work
     s, now, words = exchanged(stand(GRAVITY, AIR), (tied, found(AIR)), quiet)
     assert (s.added, words) == ((GRAVITY, AIR), ())
     assert [f.ties for f in now] == [{}, {}]
@@ -113,11 +115,11 @@ def test_one_without_rivals_and_rivals_at_work_are_not_asked(asked: dict) -> Non
 
 def test_rivals_are_those_that_explained_half_as_much(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(look_back, "_values", lambda v: {"a": 1.0})
-    monkeypatch.setattr(look_back, "apart", lambda a, b: 0.05)
+    monkeypatch.setattr(look_back, "apart", lambda a, b: CLOSE)
     best, near, weak = (
         verdict(LIMP, -500.0, 1.0, 100.0),
         verdict(AIR, -9.0, 1.0, 51.0),
         verdict(HEAT, -400.0, 1.0, 49.0),
     )
     turned: Any = SimpleNamespace(best=best, ties=(AIR,), verdicts=(best, near, weak))
-    assert Found.of(turned) == Found(LIMP, {AIR: 0.05}, 500.0, {AIR: {"a": 1.0}})
+    assert Found.of(turned) == Found(LIMP, {AIR: CLOSE}, 500.0, {AIR: {"a": 1.0}})

@@ -46,7 +46,7 @@ def scored(chi2: float, count: float = 1000.0, held_out: float | None = None, rm
 
 def verdict(effect: type, bic: float, held_out: float | None = -50.0, ratio: float | None = 0.8, on: Any = NEAR,
             chi2: float = 900.0, gain: float = 100.0) -> Any:  # fmt: skip
-    return Verdict(effect, on, scored(chi2), 0.7, ratio, held_out, bic, 500.0, 0.5, gain)
+    return Verdict(effect, on, scored(chi2), 0.7, ratio, held_out, bic, gain)
 
 
 # ---- errors of traces and channels together
@@ -93,12 +93,11 @@ def test_a_verdict_compares_what_both_models_have() -> None:
     stub = pytest.MonkeyPatch()
     with stub.context() as patch:
         patch.setattr("etcfit.diagnose.trial.score", lambda s: after)
-        found = compare(LIMP, before, NEAR, 4, 6, 1234.0, 0.7)
-        alone = compare(LIMP, scored(2000.0, rms=4.0), NEAR, 4, 6, 1234.0, 0.7)
+        found = compare(LIMP, before, NEAR, 4, 6)
+        alone = compare(LIMP, scored(2000.0, rms=4.0), NEAR, 4, 6)
     assert (found.fit_rms_ratio, found.holdout_rms_ratio) == (0.75, 0.75)
     assert found.holdout_chi2_change == -300.0
     assert found.bic_change == bic_change(before, after, 4, 6)
-    assert (found.screened, found.own) == (1234.0, 0.7)
     assert (alone.holdout_rms_ratio, alone.holdout_chi2_change) == (None, None)
 
 

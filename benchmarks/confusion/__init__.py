@@ -1,0 +1,17 @@
+"""What `etcfit diagnose` finds in folders whose missing physics is known, and what it takes for what.
+
+    python -m benchmarks.confusion --first-seed 1000 --folders 200 --save confusion.jsonl
+    python -m benchmarks.confusion --table confusion.jsonl --picture confusion.png
+
+Each folder comes from tests/independent, which shares no code with the model and whose effects differ in detail from
+those of the same name there. A seed is a case: of 200 in a row 30 have no effect, 105 one effect of the catalogue
+(every one at every strength), 35 two of them, and 30 one that is outside the catalogue.
+
+Seeds 9000 to 9199 are the TEST: run once, for the figures of the README; what was recorded of them lies in `test_set`,
+a file for each part. Any seed below 9000 is for tuning.
+"""
+
+from __future__ import annotations
+
+from .cases import case as case
+from .records import one as one

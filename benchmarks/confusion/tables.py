@@ -1,0 +1,231 @@
+"""The tables of README and docs/confusion.md."""
+
+from __future__ import annotations
+
+import sys
+from collections import Counter
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from pathlib import Path
+
+import numpy as np
+from scipy.stats import binomtest
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "tests"))
+
+from independent import CATALOGUE, OUTSIDE
+
+from .cases import LEVELS, PARAMETERS
+from .verdicts import (
+    NEAR,
+    Record,
+    first,
+    has_no_other,
+    is_clear,
+    is_first,
+    is_found,
+    is_open,
+    is_silent,
+    least_left,
+    of_kind,
+    over_least,
+    said,
+    stated,
+    wholly_found,
+)
+
+
+def markdown(head: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
+    return "\n".join("| " + " | ".join(cells) + " |" for cells in (head, ["---"] * len(head), *rows))
+
+
+def share(flags: Sequence[bool]) -> str:
+    return f"{sum(flags)} of {len(flags)} ({100 * sum(flags) / len(flags):.0f} %)" if flags else "-"
+
+
+KINDS = ("clean", "single", "outside")
+
+
+def confusion(records: Sequence[Record]) -> str:
+    """Rows: what was in the folder; columns, by number of a row: what was named first."""
+    rows = ("clean", *CATALOGUE, *OUTSIDE)
+    columns = ("-", *(name for name in CATALOGUE if any(first(r) == name for r in of_kind(records, *KINDS))))
+    counts = Counter((r["names"][0] if r["names"] else "clean", first(r)) for r in of_kind(records, *KINDS))
+    body = [
+        [f"{n} {name}" if n else name, *(str(counts[name, column] or "") for column in columns)]
+        for n, name in enumerate(rows)
+        if any(counts[name, column] for column in columns)
+    ]
+    numbers = ["nothing" if column == "-" else str(rows.index(column)) for column in columns]
+    return markdown(["in the folder", *numbers], body)
+
+
+def found(records: Sequence[Record]) -> str:
+    """Rates by strength: named first by its own name, first or tied with the first, found at all."""
+    body = []
+    for label, levels in (*((level, (level,)) for level in LEVELS), ("medium and high", LEVELS[1:])):
+        chosen = [r for r in of_kind(records, "single") if r["strength"][0] in levels]
+        exact = [first(r) == r["names"][0] for r in chosen]
+        alone = [r["added"] == r["names"] for r in chosen]
+        anywhere = [is_found(r, r["names"][0]) for r in chosen]
+        body.append([label, share(exact), share([is_first(r) for r in chosen]), share(anywhere), share(alone)])
+    return markdown(["strength", "named first", "first, or tied with it", "found at all", "and nothing else"], body)
+
+
+def by_effect(records: Sequence[Record]) -> str:
+    """For each effect alone, a strength a column: what was named."""
+    body = []
+    for name in (*CATALOGUE, *OUTSIDE):
+        chosen = [r for r in of_kind(records, "single", "outside") if r["names"] == [name]]
+        if chosen:
+            body.append([name, *("; ".join(said(r) for r in chosen if r["strength"] == [level]) for level in LEVELS)])
+    return markdown(["in the folder", *LEVELS], body)
+
+
+def others(records: Sequence[Record]) -> str:
+    """Clean folders, pairs, and what is outside the catalogue."""
+    clean, pairs, outside = (of_kind(records, kind) for kind in ("clean", "pair", "outside"))
+    lines = [
+        ["clean: nothing added", share([r["added"] == [] for r in clean])],
+        ["clean: nothing added, nothing unexplained", share([is_silent(r) for r in clean])],
+        ["pair: both found", share([wholly_found(r) for r in pairs])],
+        ["pair: at least one found", share([any(is_found(r, name) for name in r["names"]) for r in pairs])],
+        ["pair: nothing found that is not there", share([has_no_other(r) for r in pairs])],
+        ["outside: no name given", share([r["added"] == [] for r in outside])],
+        ["outside: no name given, called unexplained", share([is_open(r) for r in outside])],
+        ["outside, medium and high: no name, unexplained", share([is_open(r) for r in outside if is_clear(r)])],
+    ]
+    return markdown(["folders", "share"], lines)
+
+
+def coverage(records: Sequence[Record]) -> str:
+    """How many 95 % intervals hold the truth, before and after, by kind of folder."""
+    groups = [
+        ("clean", of_kind(records, "clean")),
+        ("one effect, low", [r for r in of_kind(records, "single") if not is_clear(r)]),
+        ("one effect, medium and high", [r for r in of_kind(records, "single") if is_clear(r)]),
+        ("... found alone", [r for r in of_kind(records, "single") if is_clear(r) and r["added"] == r["names"]]),
+        ("two effects", of_kind(records, "pair")),
+        ("... both found", [r for r in of_kind(records, "pair") if wholly_found(r)]),
+        ("outside the catalogue", of_kind(records, "outside")),
+        ("all", list(records)),
+    ]
+    body = []
+    for label, chosen in groups:
+        if chosen:
+            body.append([label, *_intervals(chosen, "before"), *_intervals(chosen, "after")])
+    head = ["folders", "before: inside %", "worst z", "no interval", "after: inside %", "worst z", "no interval"]
+    return markdown(head, body)
+
+
+def _intervals(records: Sequence[Record], when: str) -> list[str]:
+    every = [p for r in records for p in r[when]["parameters"].values()]
+    sure = [p for p in every if p["low"] is not None and p["stderr"]]
+    inside = stated(records, when)
+    z = max((abs(p["value"] - p["truth"]) / p["stderr"] for p in sure), default=float("nan"))
+    return [f"{100 * np.mean(inside):.1f}" if inside else "-", f"{z:.1f}", str(len(every) - len(sure))]
+
+
+def by_parameter(records: Sequence[Record]) -> str:
+    """Of every parameter over all folders: median relative error and coverage, before and after."""
+    body = []
+    for s in PARAMETERS:
+        cells = [s]
+        for when in ("before", "after"):
+            each = [r[when]["parameters"][s] for r in records]
+            sure = [p for p in each if p["low"] is not None]
+            error = [100 * abs(p["value"] / p["truth"] - 1) for p in sure]
+            inside = [p["low"] <= p["truth"] <= p["high"] for p in sure]
+            cells += [f"{np.median(error):.3f}", f"{100 * np.mean(inside):.1f}"] if sure else ["-", "-"]
+        body.append(cells)
+    return markdown(["parameter", "before: median error %", "inside %", "after: median error %", "inside %"], body)
+
+
+def held_out(records: Sequence[Record]) -> str:
+    """Free-running error on traces never fitted, over the sensors' noise, and over what the body itself leaves.
+
+    The body itself: the generator's own plant under the voltage and at the times that were logged. The noise of that
+    voltage and the clock's jitter are in what it leaves as they are in what any model leaves.
+    """
+    body = []
+    for kind in ("clean", "single", "pair", "outside"):
+        chosen = of_kind(records, kind)
+        for key, channels in (("holdout", ("current", "position")), ("holdout_position", ("position",))):
+            if chosen:
+                cells = [cell for when in ("before", "after") for cell in _near([r[when][key] for r in chosen])]
+                least = [least_left(r, channels) for r in chosen]
+                over = _near([r["after"][key] / each for r, each in zip(chosen, least, strict=True)])
+                body.append([kind, " and ".join(channels), *cells, f"{np.median(least):.2f}", *over])
+    head = ["folders", "of", "before: median error / noise", f"within {NEAR}", "after: median", f"within {NEAR}",
+            "the body itself: median", "after / the body itself: median", f"within {NEAR}"]  # fmt: skip
+    return markdown(head, body)
+
+
+def _near(ratios: Sequence[float]) -> tuple[str, str]:
+    return f"{np.median(ratios):.2f}", share([ratio <= NEAR for ratio in ratios])
+
+
+# what is asked for, and how it is judged: words, share, records it is asked of, what is true of each of them
+ASKED: tuple[tuple[str, str, Callable[[Sequence[Record]], list[bool]]], ...] = (
+    ("clean: nothing added", "95 %", lambda R: [r["added"] == [] for r in of_kind(R, "clean")]),
+    ("one effect, medium or high: found first", "90 %", lambda R: [is_first(r) for r in _single(R)]),
+    ("... found at all", "95 %", lambda R: [is_found(r, r["names"][0]) for r in _single(R)]),
+    (
+        "... position held out within 1.2 of the sensor's noise",
+        "",
+        lambda R: [r["after"]["holdout_position"] <= NEAR for r in _single(R)],
+    ),
+    ("... within 1.2 of what the body itself leaves", "", lambda R: [over_least(r) <= NEAR for r in _single(R)]),
+    ("clean: within 1.2 of the sensor's noise", "",
+     lambda R: [r["after"]["holdout_position"] <= NEAR for r in of_kind(R, "clean")]),
+    ("... of what the body itself leaves", "", lambda R: [over_least(r) <= NEAR for r in of_kind(R, "clean")]),
+    ("one effect, low: found", "", lambda R: [is_found(r, r["names"][0]) for r in _single(R, faint=True)]),
+    ("... nothing named that is not there", "", lambda R: [has_no_other(r) for r in _single(R, faint=True)]),
+    ("pairs: both found", "75 %", lambda R: [wholly_found(r) for r in of_kind(R, "pair")]),
+    ("... nothing named that is not there", "", lambda R: [has_no_other(r) for r in of_kind(R, "pair")]),
+    ("outside the catalogue: no wrong name", "80 %", lambda R: [r["added"] == [] for r in of_kind(R, "outside")]),
+    ("... medium or high: no name, called unexplained", "",
+     lambda R: [is_open(r) for r in of_kind(R, "outside") if is_clear(r)]),
+    ("95 % intervals that hold the truth: one effect", "90 to 98 %", lambda R: stated(_single(R), "after")),
+    ("... the same before the loop", "", lambda R: stated(_single(R), "before")),
+    ("... clean", "90 to 98 %", lambda R: stated(of_kind(R, "clean"), "after")),
+    ("... all folders", "90 to 98 %", lambda R: stated(R, "after")),
+    ("... the same before the loop", "", lambda R: stated(R, "before")),
+)  # fmt: skip
+
+
+def _single(records: Sequence[Record], faint: bool = False) -> list[Record]:
+    return [r for r in of_kind(records, "single") if is_clear(r) is not faint]
+
+
+def asked(parts: Mapping[str, Sequence[Record]]) -> str:
+    """A row for each thing asked for, a column a part; the last with a 95 % interval of the rate (Wilson)."""
+    *some, last = parts
+    body = []
+    for words, wanted, judged in ASKED:
+        flags = judged(parts[last])
+        cells = [share(judged(parts[part])) for part in some]
+        body.append([words, wanted, *cells, f"{share(flags)}{_rate(flags)}"])
+    return markdown(["", "asked", *some, f"{last}, and the rate's 95 % interval"], body)
+
+
+def _rate(flags: Sequence[bool]) -> str:
+    if not flags:
+        return ""
+    low, high = binomtest(sum(flags), len(flags)).proportion_ci(method="wilson")
+    return f", {100 * low:.0f} to {100 * high:.0f} %"
+
+
+def tables(records: Sequence[Record]) -> str:
+    """All of the README's."""
+    failed = [r for r in records if "error" in r]
+    good = [r for r in records if "error" not in r]
+    seconds = [r["seconds"] for r in good]
+    converged = sum(r["after"]["converged"] for r in good)
+    summary = (
+        f"{len(records)} folders, seeds {min(r['seed'] for r in records)} to {max(r['seed'] for r in records)}; "
+        f"{converged} converged, {len(failed)} failed; {np.median(seconds):.0f} s a folder (median), "
+        f"{max(seconds):.0f} s at most"
+    )
+    parts = [confusion, found, others, coverage, by_parameter, held_out, by_effect]
+    failures = [f"seed {r['seed']} ({' + '.join(r['names'])}): {r['error']}" for r in failed]
+    return "\n\n".join([summary, *(part(good) for part in parts), *failures])

@@ -1,0 +1,86 @@
+"""What one record says."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+NEAR = 1.2  # held-out error over noise within which a model predicts what it has not seen
+Record = dict[str, Any]
+
+
+def tied(record: Record, name: str) -> set[str]:
+    """A name found, and what these data cannot tell from it."""
+    return {name}.union(*(tie for tie in record["ties"] if name in tie))
+
+
+def first(record: Record) -> str:
+    """What was named first, "-" for nothing."""
+    return record["added"][0] if record["added"] else "-"
+
+
+def is_first(record: Record) -> bool:
+    """What is there was named first, or is tied with what was."""
+    return bool(record["added"]) and record["names"][0] in tied(record, record["added"][0])
+
+
+def is_found(record: Record, name: str) -> bool:
+    """By its name, or in a tie."""
+    return any(name in tied(record, added) for added in record["added"])
+
+
+def of_kind(records: Sequence[Record], *kinds: str) -> list[Record]:
+    return [r for r in records if r["kind"] in kinds]
+
+
+def said(record: Record) -> str:
+    """What was named, with its ties, and what stayed unexplained."""
+    named = " + ".join("=".join((name, *sorted(tied(record, name) - {name}))) for name in record["added"]) or "nothing"
+    left = record["unexplained"]
+    return named if left is None else f"{named}, and {left['enters']} over {left['depends_on']}"
+
+
+def wholly_found(record: Record) -> bool:
+    """Everything that is in the folder."""
+    return all(is_found(record, name) for name in record["names"])
+
+
+def is_silent(record: Record) -> bool:
+    """Nothing named, nothing unexplained."""
+    return record["added"] == [] and record["unexplained"] is None
+
+
+def is_open(record: Record) -> bool:
+    """Nothing named, but a curve without a name."""
+    return record["added"] == [] and record["unexplained"] is not None
+
+
+def is_clear(record: Record) -> bool:
+    """What is in the folder is of medium or high strength."""
+    return "low" not in record["strength"]
+
+
+def has_no_other(record: Record) -> bool:
+    """Nothing named that is not there."""
+    return all(tied(record, name) & set(record["names"]) for name in record["added"])
+
+
+def stated(records: Sequence[Record], when: str) -> list[bool]:
+    """Of every 95 % interval whether it holds the truth; `when` is "before" or "after"."""
+    each = [p for r in records for p in r[when]["parameters"].values()]
+    return [p["low"] <= p["truth"] <= p["high"] for p in each if p["low"] is not None and p["stderr"]]
+
+
+def over_least(record: Record) -> float:
+    """Held-out error of the position after the loop over what the body itself leaves."""
+    return record["after"]["holdout_position"] / least_left(record, ("position",))
+
+
+def least_left(record: Record, channels: Sequence[str]) -> float:
+    """Error over noise that the body itself leaves of these channels of the held-out traces, pooled as a model's is."""
+    samples = {(file, channel): n for file, channel, n, _ in record["after"]["holdout_rows"]}
+    left = [(samples[file, channel], ratio) for file, channel, ratio in record["by_itself"] if channel in channels]
+    count, ratio = np.array(left).T
+    return float(np.sqrt(np.sum(count * ratio**2) / count.sum()))
