@@ -19,7 +19,7 @@ from .composition import Composition, Effect, compose, resting
 from .crossing import folds, left_out
 from .form import inexact, left_by
 from .screen import Background, Signature, screen, variants
-from .trial import Score, Standing, Verdict, compare, score
+from .trial import ASTRAY, Score, Standing, Verdict, compare, score
 
 _SIDE_BY_SIDE = 2  # refits at a time: they run outside the interpreter lock
 _REFITS = 4  # candidates refitted in full in one round
@@ -33,6 +33,7 @@ _NEARER = 10.0  # chi2 per degree of freedom below which a model that was far fr
 _STILL = 0.2  # standard errors that a round of whitening may still move a parameter
 _RIVAL = 0.3  # share of the best candidate's promise that makes another a rival worth a refit
 _RIVAL_FAR = 0.1  # the same far from the data, where the linearised promise is rough
+_MAIN = 0.5  # share of the chi2 above the noise from which on an effect explains most of what is left
 _PART = 0.2  # share of what an effect leaves that it must explain itself
 _SAME = 6.0  # difference of two models' -2 log likelihood that these data cannot tell
 
@@ -130,7 +131,7 @@ def turn(s: Standing, report: Report, least: float = 0.0) -> Round:
     report(f"screening {len(candidates)} effects", 0.1)
     signatures = screened(s, candidates)
     promising = _promising(signatures, before, _RIVAL_FAR if s.far else _RIVAL)
-    verdicts = _refitted(s, promising, before, report)
+    verdicts = [_asked_again(s, v, before, report) for v in _refitted(s, promising, before, report)]
     if s.holdout is None:
         verdicts = _crossed(s, verdicts)
     # far from the data every sample is weighed by what is left in it, so chi2 says nothing of noise
@@ -184,6 +185,18 @@ def _refitted(s: Standing, promising: Sequence[Signature], before: Score, report
             report(f"refitting with {signature.variant.effect.name}", 0.2 + 0.6 * k / len(promising))
             verdicts.append(job.result())
     return sorted(verdicts, key=lambda v: v.bic_change)
+
+
+def _asked_again(s: Standing, v: Verdict, before: Score, report: Report) -> Verdict:
+    """The verdict; one that explains most of what is left and yet is contradicted by the traces held out may stand in a
+    valley of its own, or where the old whitening draws it: it is judged once more where a refit in full ends."""
+    main = not s.far and v.gain > _MAIN * (before.chi2 - s.problem.samples)
+    if not main or v.bic_change > STRONG or v.helps_elsewhere():
+        return v
+    report(f"refitting with {v.effect.name} in full", 0.8)
+    there = replace(v.standing, x=settled(v.standing, report).x)
+    again = replace(judged(v.effect, before, there), slack=ASTRAY)
+    return again if again.bic_change < STRONG and again.helps_elsewhere() else v
 
 
 def _per_chi2(before: Score) -> float:

@@ -32,7 +32,7 @@ _HALVINGS = 8  # of the amplitudes it begins with, until it does
 _SPOILT = 1.5  # times chi2 per sample, each model's by its own whitening, by which one is worse than another
 _SPARED = 0.01  # share of what is gained on the fitted traces that may be lost on those held out: they may not show it
 _SLACK = 0.02  # relative rise of a held-out free-running error that counts as none: a slip may fall elsewhere
-_ASTRAY = 0.2  # the same of a model refitted in full
+ASTRAY = 0.2  # the same of a model refitted in full
 _DIVERGED = 2.0  # the same far from the data: that run begins from the optimum of a guided one and is not tuned itself
 
 
@@ -167,10 +167,10 @@ class Score:
         """Refitted in full it predicts what was held out clearly worse; far from the data that run is not tuned yet."""
         if self.holdout_rms is None or before.holdout_rms is None:
             return False
-        return clearly_worse(self.holdout_rms, before.holdout_rms, _DIVERGED if far else _ASTRAY)
+        return clearly_worse(self.holdout_rms, before.holdout_rms, _DIVERGED if far else ASTRAY)
 
 
-def clearly_worse(rms: float, before: float, rise: float = _ASTRAY) -> bool:
+def clearly_worse(rms: float, before: float, rise: float = ASTRAY) -> bool:
     """A free-running error rose by more than a slip that falls elsewhere explains, or cannot be computed any more."""
     return not rms < (1.0 + rise) * before
 
@@ -210,6 +210,7 @@ class Verdict:
         holdout_chi2_change: of the held-out residual, or of traces left out in turn.
         bic_change: below 0 where it is worth its parameters.
         gain: by how much it lowers chi2 of the fitted residual.
+        slack: relative rise of the held-out free-running error that counts as none.
     """
 
     effect: Effect
@@ -220,12 +221,17 @@ class Verdict:
     holdout_chi2_change: float | None
     bic_change: float
     gain: float
+    slack: float
 
     def helps_elsewhere(self) -> bool:
         """Held-out traces do not contradict it; a rebound says nothing of traces without an impact."""
         spared = self.holdout_chi2_change is None or self.holdout_chi2_change < _SPARED * self.gain
-        worst = _SLACK if not self.standing.far else _DIVERGED
-        return spared and (self.holdout_rms_ratio is None or self.holdout_rms_ratio < 1.0 + worst)
+        return spared and (self.holdout_rms_ratio is None or self.holdout_rms_ratio < 1.0 + self.slack)
+
+
+def slack_of(s: Standing) -> float:
+    """Relative rise of the held-out free-running error that counts as none for a trial."""
+    return _DIVERGED if s.far else _SLACK
 
 
 def bic_change(before: Score, after: Score, parameters: int, tried: int) -> float:
@@ -247,4 +253,4 @@ def compare(effect: Effect, before: Score, s: Standing, parameters: int, tried: 
     change = bic_change(before, after, parameters, tried)
     fit_ratio = after.fit_rms / before.fit_rms
     gain = before.chi2 - after.chi2
-    return Verdict(effect, s, after, fit_ratio, ratio, held_out, change, gain)
+    return Verdict(effect, s, after, fit_ratio, ratio, held_out, change, gain, slack_of(s))
