@@ -131,7 +131,7 @@ def turn(s: Standing, report: Report, least: float = 0.0) -> Round:
     report(f"screening {len(candidates)} effects", 0.1)
     signatures = screened(s, candidates)
     promising = _promising(signatures, before, _RIVAL_FAR if s.far else _RIVAL)
-    verdicts = [_asked_again(s, v, before, report) for v in _refitted(s, promising, before, report)]
+    verdicts = _refitted(s, promising, before, report)
     if s.holdout is None:
         verdicts = _crossed(s, verdicts)
     # far from the data every sample is weighed by what is left in it, so chi2 says nothing of noise
@@ -184,7 +184,7 @@ def _refitted(s: Standing, promising: Sequence[Signature], before: Score, report
         for k, (signature, job) in enumerate(zip(promising[1:], jobs, strict=True), 1):
             report(f"refitting with {signature.variant.effect.name}", 0.2 + 0.6 * k / len(promising))
             verdicts.append(job.result())
-    return sorted(verdicts, key=lambda v: v.bic_change)
+    return sorted((_asked_again(s, v, before, report) for v in verdicts), key=lambda v: v.bic_change)
 
 
 def _asked_again(s: Standing, v: Verdict, before: Score, report: Report) -> Verdict:
