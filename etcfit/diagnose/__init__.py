@@ -12,6 +12,7 @@ from .balance import motions
 from .evidence import evidence
 from .findings import Candidate, Diagnosis, RoundReport, Tie, Unexplained
 from .form import blur, percent_off, spread
+from .hidden import hidden
 from .look_back import Found, exchanged, pruned
 from .loop import ROUNDS, Round, settled, start, turn
 from .tied import between
@@ -79,7 +80,10 @@ def _forward(
     """Round after round from s until one adds nothing; each is appended to `rounds`."""
     while len(rounds) < ROUNDS:
         told = _in_stage(report, f"round {len(rounds) + 1}", len(rounds))
-        turned, s = _settled(turn(s, told, blur(result, s)), told)
+        turned, new = _settled(turn(s, told, blur(result, s)), told)
+        if not rounds and new.far:
+            turned, new = hidden(result, s, told) or (turned, new)
+        s = new
         rounds.append(_reported(turned))
         report(f"round {len(rounds)}: {turned.why}", (len(rounds) - 0.5) / ROUNDS)
         if turned.added is None:

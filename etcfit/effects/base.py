@@ -99,7 +99,8 @@ class AbstractEffect(eqx.Module):
     contributes exactly nothing, one for each of its amplitudes; None for the effects of Eqs. 1-2, which are never off.
     Its other parameters are its shape: `scan` lists values (SI) from which the diagnosis tries them, and those of an
     amplitude that shows nothing while it is small. `z0` is the memory with which a trace begins, each entry decaying or
-    growing on its own. `loaded` effects are told what the gear carries; those that `delays` shift the input or a
+    growing on its own. `hidden` effects move the reading off a moving plate, so that a run drawn along the measured
+    angle does not show them. `loaded` effects are told what the gear carries; those that `delays` shift the input or a
     channel in time. One that `commands` drives the throttle by what its sensors show: it sees the angle as read, and
     all others the voltage that it adds. `needs` names what must have been logged for the effect to be seen at all:
     "circuit", "current", "position", "gear". `told_by` says which measurement shows it best. `inexact` is the relative
@@ -111,6 +112,7 @@ class AbstractEffect(eqx.Module):
     told_by: ClassVar[str] = ""
     scan: ClassVar[Mapping[str, tuple[float, ...]]] = {}
     z0: ClassVar[tuple[float, ...]] = ()
+    hidden: ClassVar[bool] = False
     loaded: ClassVar[bool] = False
     delays: ClassVar[bool] = False
     commands: ClassVar[bool] = False

@@ -27,6 +27,7 @@ class PositionSensorLag(AbstractEffect):
     told_by = "fast motion with an EMF or a motor speed logged beside the position"
     off: ClassVar[Mapping[str, float] | None] = {"tau_p": 0.0}
     z0: ClassVar[tuple[float, ...]] = (0.0,)
+    hidden: ClassVar[bool] = True
     needs: ClassVar[tuple[str, ...]] = ("position",)
     tau_p: Scalar = parameter(
         "s", NonNegative(0.005), 0.0, "time constant of the position sensor", "Doebelin 2003, ch. 3"

@@ -17,6 +17,7 @@ from etcfit.bench import _linearise, _simulated
 from etcfit.chi2 import _chi2_of, chi2_of
 from etcfit.descent import _minimise
 from etcfit.diagnose import Diagnosis, diagnose, loop
+from etcfit.diagnose.hidden import hidden
 from etcfit.diagnose.loop import start, turn
 from etcfit.fit import FitResult, fit, freed, quiet, resume, rounds
 from etcfit.rig.reader import read_folder
@@ -149,6 +150,25 @@ def test_a_rebound_is_found_though_a_small_one_ends_within_its_step(tmp_path: Pa
     found = turn(start(fit(read_folder(tmp_path))), quiet)
     assert found.added is not None
     assert found.added.name == "stop_bounce"
+
+
+def test_a_slow_sensor_is_found_though_a_run_along_its_reading_hides_it(tmp_path: Path) -> None:
+    """15 ms, and a second filter of 2 ms behind it: the first fit ends far off, with 40 % more inertia."""
+    truth = draw_truth(np.random.default_rng(8111))
+    make_folder(tmp_path, truth, 8111, STRENGTHS["position_sensor_lag"][2], size="small")
+    result = fit(read_folder(tmp_path))
+    assert result.far
+    assert abs(result.values["J_L"] / truth.J_L - 1.0) > 0.3
+    shown = hidden(result, start(result), quiet)
+    assert shown is not None
+    turned, s = shown
+    assert turned.added is not None
+    assert turned.added.name == "position_sensor_lag"
+    assert not s.far
+    assert s.left < 1.5
+    values = s.bench.layout.values(s.x, s.bench.unknowns.held)
+    assert float(values["tau_p"]) == pytest.approx(0.01725, rel=0.1)
+    assert float(values["J_L"]) == pytest.approx(truth.J_L, rel=0.1)
 
 
 # ---- more than one, and what nobody has named
