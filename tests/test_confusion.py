@@ -33,7 +33,7 @@ def record(kind: str, names: list[str], strength: list[str], added: list[str], *
     }  # fmt: skip
     return {
         "seed": 1, "kind": kind, "names": names, "strength": strength, "added": added, "ties": [], "unexplained": None,
-        "by_itself": [["a.csv", "position", 0.5], ["b.csv", "position", 1.412445], ["a.csv", "current", 7.0]],
+        "by_itself": [["a.csv", "position", 0.5], ["b.csv", "position", 1.41421356], ["a.csv", "current", 7.0]],
         "before": model, "after": model,
     } | changes  # fmt: skip
 
