@@ -61,10 +61,12 @@ class ParameterPicture:
 def draw(picture: ParameterPicture) -> Figure:
     """A row a parameter that was free: its 95 % interval, and how far reading and Table 2 lie from the fitted value."""
     shown = {s: i for s, i in picture.intervals.items() if i.status in ("estimated", "not identifiable")}
-    tall = 1.5 + 0.42 * max(1, len(shown))
+    title = style.wrapped(f"{picture.rig}  ·  parameters of {picture.model}", 11.0, 13)
+    head = 0.75 + 0.24 * title.count("\n")
+    tall = 0.75 + head + 0.42 * max(1, len(shown))
     fig = style.figure(11.0, tall, picture.synthetic)
     panel = fig.subplots(1, 1)
-    fig.subplots_adjust(left=0.2, right=0.64, top=1.0 - 0.75 / tall, bottom=0.62 / tall)
+    fig.subplots_adjust(left=0.2, right=0.64, top=1.0 - head / tall, bottom=0.62 / tall)
     panel.axvline(0.0, color="black", lw=0.8)
     others = [(picture.table_2, _TABLE_2), (picture.readings, _READING)]
     for row, (symbol, interval) in enumerate(shown.items()):
@@ -74,13 +76,12 @@ def draw(picture: ParameterPicture) -> Figure:
         text = _words(interval, picture.units[symbol])
         panel.text(1.02, row, text, transform=panel.get_yaxis_transform(), va="center", fontsize=10)
     _axes(panel, list(shown))
-    title = f"{picture.rig}  ·  parameters of {picture.model}"
     fig.suptitle(title, x=0.015, y=1.0 - 0.1 / tall, ha="left", va="top", fontsize=13)
     known = {symbol for symbol, interval in shown.items() if interval.low is not None}
     for values, mark in reversed(others):
         if values.keys() & known:
             panel.plot([], [], ls="none", **vars(mark))
-    style.legend(fig, [panel], 0.2, 1.0 - 0.38 / tall, "upper left")
+    style.legend(fig, [panel], 0.2, 1.0 - (head - 0.37) / tall, "upper left")
     return fig
 
 

@@ -15,6 +15,7 @@ from ..numbers import short
 from ..pool import Pool
 
 _NAMED = 3  # rejected candidates named in a round
+_APART = 1.35  # ratio of errors above which two names do not touch
 
 
 @dataclass(frozen=True)
@@ -97,12 +98,24 @@ def _title(every: list[Step], added: tuple[str, ...]) -> str:
 
 def _others(panel: Axes, every: list[Step]) -> None:
     for k, step in enumerate(every):
-        for n, (name, error) in enumerate(sorted(step.others, key=lambda other: other[1])):
+        others = sorted(step.others, key=lambda other: other[1])
+        for n, (_, error) in enumerate(others):
             panel.plot(k, error, "D", ms=6, mfc="white", color="#8c8c8c", ls="none",
                        label="refitted, not taken" if n == 0 else "_")  # fmt: skip
-            if n < _NAMED:
-                panel.annotate(name, (k, error), xytext=(7, 3), textcoords="offset points", va="bottom", fontsize=9,
-                               color="#6b6b6b")  # fmt: skip
+        for error, names in _lines(others[:_NAMED]):
+            panel.annotate(", ".join(names), (k, error), xytext=(7, 3), textcoords="offset points", va="bottom",
+                           fontsize=9, color="#6b6b6b")  # fmt: skip
+
+
+def _lines(others: list[tuple[str, float]]) -> list[tuple[float, list[str]]]:
+    """Names by their errors, ascending; those whose letters would lie on each other share a line."""
+    lines: list[tuple[float, list[str]]] = []
+    for name, error in others:
+        if lines and error < _APART * lines[-1][0]:
+            lines[-1][1].append(name)
+        else:
+            lines.append((error, [name]))
+    return lines
 
 
 def _axes(panel: Axes, every: list[Step]) -> None:
