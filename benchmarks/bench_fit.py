@@ -29,8 +29,6 @@ from . import scipy_twin
 from .stages import BEGIN, STAGES
 
 ROOT = Path(__file__).resolve().parents[1]
-sys.path.insert(0, str(ROOT / "tests"))
-
 SEED = 1
 AIMS = {"cold": "40 s", "warm": "12 s", "memory": "2048 MiB", "ratio": "30"}
 COMPARABLE = 1.2  # the twin's rms error over etcfit's, at the same parameters

@@ -14,7 +14,6 @@ from __future__ import annotations
 
 import argparse
 import os
-import sys
 import tempfile
 import time
 from collections.abc import Callable
@@ -26,8 +25,6 @@ from typing import Any
 import numpy as np
 
 from . import scipy_twin
-
-sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests"))
 
 SEED = 1
 _REPEATS = 5

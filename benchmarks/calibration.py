@@ -13,7 +13,6 @@ from __future__ import annotations
 import argparse
 import json
 import math
-import sys
 import tempfile
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
@@ -23,8 +22,6 @@ import numpy as np
 from scipy import stats
 
 from .recovery import CENTRES, PAPER, SERIES
-
-sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests"))
 
 SYMBOLS = (*PAPER, SERIES)
 LEVELS = (0.5, 0.8, 0.95)

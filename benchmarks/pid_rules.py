@@ -28,8 +28,6 @@ from typing import Any
 
 import numpy as np
 
-sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests"))
-
 from etcfit.backend import use_compilation_cache
 from etcfit.design import Tuned, judged
 from etcfit.design import task_of as designed

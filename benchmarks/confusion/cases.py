@@ -2,13 +2,9 @@
 
 from __future__ import annotations
 
-import sys
 from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
-
-sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "tests"))
 
 from independent import CATALOGUE, CONSISTENT, NONE, OUTSIDE, STRENGTHS, Effects, Truth, combine, draw_truth
 

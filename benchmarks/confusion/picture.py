@@ -2,19 +2,15 @@
 
 from __future__ import annotations
 
-import sys
-from collections import Counter
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "tests"))
-
 from independent import CATALOGUE, OUTSIDE
 
-from .verdicts import NEAR, Record, first, is_clear, least_left, of_kind
+from .verdicts import NEAR, Record, counted, is_clear, least_left, of_kind
 
 _KINDS = ("clean", "single", "pair", "outside")
 _SPREAD = 0.32  # half width of a kind's cloud of points
@@ -38,10 +34,8 @@ def picture(records: Sequence[Record], path: Path) -> None:
 def _matrix(panel: Any, records: Sequence[Record]) -> None:
     from etcfit.report import style
 
-    clear = [r for r in of_kind(records, "clean", "single", "outside") if is_clear(r)]
     rows, columns = ("clean", *CATALOGUE, *OUTSIDE), ("-", *CATALOGUE)
-    counts = Counter((r["names"][0] if r["names"] else "clean", first(r)) for r in clear)
-    for (row, column), count in counts.items():
+    for (row, column), count in counted([r for r in records if is_clear(r)]).items():
         right = row == column or (column == "-" and row in ("clean", *OUTSIDE))
         missed = column == "-" and row in CATALOGUE
         colour = style.DRIVE if right else style.BAND if missed else style.SIMULATED

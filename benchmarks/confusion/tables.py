@@ -2,15 +2,10 @@
 
 from __future__ import annotations
 
-import sys
-from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from pathlib import Path
 
 import numpy as np
 from scipy.stats import binomtest
-
-sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "tests"))
 
 from independent import CATALOGUE, OUTSIDE
 
@@ -18,6 +13,7 @@ from .cases import LEVELS, PARAMETERS
 from .verdicts import (
     NEAR,
     Record,
+    counted,
     first,
     has_no_other,
     is_clear,
@@ -30,6 +26,7 @@ from .verdicts import (
     over_least,
     said,
     stated,
+    sure,
     wholly_found,
 )
 
@@ -42,14 +39,12 @@ def share(flags: Sequence[bool]) -> str:
     return f"{sum(flags)} of {len(flags)} ({100 * sum(flags) / len(flags):.0f} %)" if flags else "-"
 
 
-KINDS = ("clean", "single", "outside")
-
-
 def confusion(records: Sequence[Record]) -> str:
     """Rows: what was in the folder; columns, by number of a row: what was named first."""
     rows = ("clean", *CATALOGUE, *OUTSIDE)
-    columns = ("-", *(name for name in CATALOGUE if any(first(r) == name for r in of_kind(records, *KINDS))))
-    counts = Counter((r["names"][0] if r["names"] else "clean", first(r)) for r in of_kind(records, *KINDS))
+    counts = counted(records)
+    named = {column for _, column in counts}
+    columns = ("-", *(name for name in CATALOGUE if name in named))
     body = [
         [f"{n} {name}" if n else name, *(str(counts[name, column] or "") for column in columns)]
         for n, name in enumerate(rows)
@@ -118,11 +113,10 @@ def coverage(records: Sequence[Record]) -> str:
 
 
 def _intervals(records: Sequence[Record], when: str) -> list[str]:
-    every = [p for r in records for p in r[when]["parameters"].values()]
-    sure = [p for p in every if p["low"] is not None and p["stderr"]]
-    inside = stated(records, when)
-    z = max((abs(p["value"] - p["truth"]) / p["stderr"] for p in sure), default=float("nan"))
-    return [f"{100 * np.mean(inside):.1f}" if inside else "-", f"{z:.1f}", str(len(every) - len(sure))]
+    known, inside = sure(records, when), stated(records, when)
+    z = max((abs(p["value"] - p["truth"]) / p["stderr"] for p in known), default=float("nan"))
+    without = sum(len(r[when]["parameters"]) for r in records) - len(known)
+    return [f"{100 * np.mean(inside):.1f}" if inside else "-", f"{z:.1f}", str(without)]
 
 
 def by_parameter(records: Sequence[Record]) -> str:

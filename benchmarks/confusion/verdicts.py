@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Sequence
 from typing import Any
 
@@ -24,6 +25,12 @@ def first(record: Record) -> str:
 def is_first(record: Record) -> bool:
     """What is there was named first, or is tied with what was."""
     return bool(record["added"]) and record["names"][0] in tied(record, record["added"][0])
+
+
+def counted(records: Sequence[Record]) -> Counter[tuple[str, str]]:
+    """How often which was named first where which was there, "clean" for nothing; pairs are left out."""
+    alone = of_kind(records, "clean", "single", "outside")
+    return Counter((r["names"][0] if r["names"] else "clean", first(r)) for r in alone)
 
 
 def is_found(record: Record, name: str) -> bool:
@@ -67,10 +74,15 @@ def has_no_other(record: Record) -> bool:
     return all(tied(record, name) & set(record["names"]) for name in record["added"])
 
 
+def sure(records: Sequence[Record], when: str) -> list[Record]:
+    """Every parameter that was given a 95 % interval; `when` is "before" or "after"."""
+    each = (p for r in records for p in r[when]["parameters"].values())
+    return [p for p in each if p["low"] is not None and p["stderr"]]
+
+
 def stated(records: Sequence[Record], when: str) -> list[bool]:
-    """Of every 95 % interval whether it holds the truth; `when` is "before" or "after"."""
-    each = [p for r in records for p in r[when]["parameters"].values()]
-    return [p["low"] <= p["truth"] <= p["high"] for p in each if p["low"] is not None and p["stderr"]]
+    """Of every 95 % interval whether it holds the truth."""
+    return [p["low"] <= p["truth"] <= p["high"] for p in sure(records, when)]
 
 
 def over_least(record: Record) -> float:

@@ -82,7 +82,7 @@ def _forward(
         told = _in_stage(report, f"round {len(rounds) + 1}", len(rounds))
         turned, new = _settled(turn(s, told, blur(result, s)), told)
         if not rounds and new.far:
-            turned, new = hidden(result, s, told) or (turned, new)
+            turned, new = hidden(result, turned, told) or (turned, new)
         s = new
         rounds.append(_reported(turned))
         report(f"round {len(rounds)}: {turned.why}", (len(rounds) - 0.5) / ROUNDS)

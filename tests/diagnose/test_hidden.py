@@ -21,17 +21,17 @@ def tried(monkeypatch: pytest.MonkeyPatch) -> dict[type, Any]:
     """Models by the effect tried; the keys are those asked for."""
     asked: dict[type, Any] = {}
 
-    def anew(result: Any, first: Any, effect: type, report: Any) -> Any:
+    def anew(result: Any, turned: Any, effect: type, report: Any) -> Any:
         asked[effect] = result
         return result
 
     monkeypatch.setattr(module, "_with", anew)
-    monkeypatch.setattr(module, "_round", lambda first, s, effect: effect)
+    monkeypatch.setattr(module, "_round", lambda turned, s, effect: effect)
     return asked
 
 
 def first(*candidates: type) -> Any:
-    return SimpleNamespace(composition=SimpleNamespace(candidates=candidates))
+    return SimpleNamespace(before=SimpleNamespace(composition=SimpleNamespace(candidates=candidates)))
 
 
 def test_only_a_sensor_that_follows_late_is_hidden() -> None:

@@ -18,7 +18,8 @@ from etcfit.chi2 import _chi2_of, chi2_of
 from etcfit.descent import _minimise
 from etcfit.diagnose import Diagnosis, diagnose, loop
 from etcfit.diagnose.hidden import hidden
-from etcfit.diagnose.loop import start, turn
+from etcfit.diagnose.loop import Round, start, turn
+from etcfit.diagnose.trial import score
 from etcfit.fit import FitResult, fit, freed, quiet, resume, rounds
 from etcfit.rig.reader import read_folder
 from etcfit.score import pooled
@@ -159,7 +160,9 @@ def test_a_slow_sensor_is_found_though_a_run_along_its_reading_hides_it(tmp_path
     result = fit(read_folder(tmp_path))
     assert result.far
     assert abs(result.values["J_L"] / truth.J_L - 1.0) > 0.3
-    shown = hidden(result, start(result), quiet)
+    s = start(result)
+    lag = [e for e in s.composition.candidates if e.hidden]
+    shown = hidden(result, Round(s, score(s), loop.screened(s, lag), (), None, (), ""), quiet)
     assert shown is not None
     turned, s = shown
     assert turned.added is not None

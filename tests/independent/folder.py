@@ -11,7 +11,7 @@ import numpy as np
 
 from .effects import NONE, Effects
 from .instruments import CLOSED_V, OPEN_V, UNITS, Bench
-from .protocols import PROTOCOLS, Series, Session, Trace, quantity
+from .protocols import PROTOCOLS, Series, Session, Trace, quantity, unit
 from .truth import Truth
 
 SIZES: dict[str, dict[str, Series]] = {
@@ -106,7 +106,7 @@ def left_by_itself(
             shown = session.replays.pop() if session.replays else {}
             for header, true in shown.items() if n >= series.count - series.held else ():
                 sensor = bench.sensors[quantity(header)]
-                miss = (trace.columns[header] - true) / UNITS[header[header.index("[") + 1 : -1]][0]
+                miss = trace.columns[header] / UNITS[unit(header)][0] - true
                 out[trace.file, sensor.quantity] = float(np.sqrt(np.mean(miss**2))) / sensor.declared
     return out
 
@@ -139,7 +139,7 @@ def write_folder(
 
 def write_trace(path: Path, trace: Trace, seed: int) -> None:
     """The CSV, each column with its unit's decimals."""
-    row = ",".join(f"%.{UNITS[header[header.index('[') + 1 : -1]][1]}f" for header in trace.columns)
+    row = ",".join(f"%.{UNITS[unit(header)][1]}f" for header in trace.columns)
     rows = np.column_stack(list(trace.columns.values())) + 0.0  # no negative zeros
     body = "\n".join([row] * len(rows)) % tuple(rows.ravel())
     text = f"# SYNTHETIC: made by tests/independent, seed {seed}\n{','.join(trace.columns)}\n{body}\n"

@@ -54,7 +54,7 @@ class Session:
         bench: the instruments.
         stopwatch: what has been logged so far.
         replays: where a list, each trace adds what the same body shows, without noise, under the voltage and at the
-            times that its log has; columns by header.
+            times that its log has; by header, each in its sensor's unit.
     """
 
     rng: np.random.Generator
@@ -79,13 +79,12 @@ class Session:
         ticks = clock(self.rng, self.bench, series.rate, series.duration)
         plant, channel = self._aged(plant), current_channel(self.rng.spawn(1)[0], plant.effects)
         shown = partial(_shown, plant, channel, headers[1:], angle, held_until)
-        columns = {headers[0]: ticks.logged * UNITS[_unit(headers[0])][0]}
+        columns = {headers[0]: ticks.logged * UNITS[unit(headers[0])][0]}
         for header, true in shown(drive, ticks.true).items():
-            columns[header] = self.bench.sensors[quantity(header)].read(self.rng, true) * UNITS[_unit(header)][0]
+            columns[header] = self.bench.sensors[quantity(header)].read(self.rng, true) * UNITS[unit(header)][0]
         if self.replays is not None and "voltage [V]" in columns:
             logged = Drive(ticks.logged, columns["voltage [V]"]).after(0.0, ticks.logged[-1] + GRACE)
-            again = shown(logged, ticks.logged)
-            self.replays.append({header: true * UNITS[_unit(header)][0] for header, true in again.items()})
+            self.replays.append(shown(logged, ticks.logged))
         self.stopwatch.seconds += series.duration
         return columns
 
@@ -192,7 +191,7 @@ def quantity(header: str) -> str:
     return header.partition(" ")[0]
 
 
-def _unit(header: str) -> str:
+def unit(header: str) -> str:
     return header[header.index("[") + 1 : -1]
 
 
