@@ -2,7 +2,7 @@
 
     python -m benchmarks.advice --folders 20 --first-seed 100
 
-Each folder comes from tests/independent, which shares no code with the model: the paper's rig with its parameters drawn
+Each folder comes from independent, which shares no code with the model: the paper's rig with its parameters drawn
 +-40 %, one rig test left out, another from folder to folder. It is fitted; `etcfit check --advise --at RUN` is asked
 there, the best trace that is no repetition is made as planned by the independent generator, and all is fitted again.
 Predicted and found are sd after / sd before of each coordinate. A parameter that was not determined before (no better
@@ -50,8 +50,8 @@ class Outcome:
 
 def one(seed: int, left_out: str, scratch: Path) -> Outcome:
     """Draw, fit, ask, make what was advised, fit again."""
-    from etcfit.advise import advise
-    from etcfit.fit import fit
+    from etcfit.estimation.joint_fit import fit
+    from etcfit.experiment.advice import advise
     from etcfit.rig.reader import read_folder
 
     before, after = scratch / "before", scratch / "after"

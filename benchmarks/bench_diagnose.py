@@ -15,8 +15,8 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from etcfit.diagnose.loop import screened, start
-from etcfit.fit import fit
+from etcfit.diagnosis.loop import screened, start
+from etcfit.estimation.joint_fit import fit
 from etcfit.rig.reader import read_folder
 
 EFFECTS = ("quadratic_drag", "stribeck_friction")

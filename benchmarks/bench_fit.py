@@ -130,12 +130,12 @@ class Twin:
 
 def twin(folder: Path, fitted_run: Path, trials: int) -> Twin:
     """Check that SciPy simulates what etcfit does, then time its least squares from etcfit's own start."""
-    from etcfit.bench import Bench
-    from etcfit.fit import ready, start_values
-    from etcfit.reading import read_graphs
+    from etcfit.estimation.joint_fit import ready, start_values
+    from etcfit.problem.free_parameters import unknowns
+    from etcfit.problem.problem import Bench
+    from etcfit.rig.paper_readings import read_graphs
     from etcfit.rig.reader import read_folder
     from etcfit.run_folder import read_state
-    from etcfit.unknowns import unknowns
 
     rig = read_folder(folder)
     known, x = unknowns(rig.config), read_state(fitted_run).x

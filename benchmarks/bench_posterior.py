@@ -47,7 +47,7 @@ def timed(job: Callable[[], Any]) -> Timed:
 
 def fitted(run: Path | None, scratch: Path) -> Any:
     """The fit of the 30-trace folder, or that in RUN."""
-    from etcfit.fit import fit, resume
+    from etcfit.estimation.joint_fit import fit, resume
     from etcfit.rig.reader import read_folder
     from etcfit.run_folder import final_rig, final_state
 
@@ -88,8 +88,8 @@ def by_nuts(target: Any, root: np.ndarray, draws: int) -> tuple[Timed, float]:
     import jax
     import jax.numpy as jnp
 
-    from etcfit.parameters import log_flats
-    from etcfit.residual import prior_residual, residual
+    from etcfit.model.parameters import log_flats
+    from etcfit.problem.residual import prior_residual, residual
 
     bench, problem = target.bench, target.problem
     form, circuits = bench.layout.form, bench.tape.circuits

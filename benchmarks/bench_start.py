@@ -21,7 +21,7 @@ STARTS = {
     "bare Python": ("-c", "pass"),
     "import jax": ("-c", "import jax"),
     "import etcfit": ("-c", "import etcfit"),
-    "import etcfit.fit, what a fit needs": ("-c", "import etcfit.fit"),
+    "import etcfit.estimation.joint_fit, what a fit needs": ("-c", "import etcfit.estimation.joint_fit"),
     "etcfit --help": ("-m", "etcfit.cli", "--help"),
 }
 AIMS = {"import etcfit": "1.5 s", "etcfit --help": "0.5 s"}

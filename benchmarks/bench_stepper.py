@@ -22,9 +22,9 @@ from scipy.integrate import solve_ivp
 
 import bodies
 from bodies import OPEN, N, tape
-from etcfit.effects import PAPER
-from etcfit.simulate import simulate
-from etcfit.throttle import Throttle
+from etcfit.model.effects import PAPER
+from etcfit.model.stepper import simulate
+from etcfit.model.throttle import Throttle
 from independent import CONSISTENT
 from independent.drives import random_steps
 

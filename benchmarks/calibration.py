@@ -2,7 +2,7 @@
 
     python -m benchmarks.calibration --folders 200 --posterior 40 --save calibration.jsonl --picture calibration.png
 
-Each folder comes from tests/independent, which shares no code with the model, with true parameters drawn +-40 % around
+Each folder comes from independent, which shares no code with the model, with true parameters drawn +-40 % around
 the centre. The rank of the truth is the probability that the fit (Laplace: a normal distribution in coordinates) or the
 posterior gives to values below it: uniform on [0, 1] where uncertainty is stated right. An interval of probability q
 covers where |rank - 1/2| <= q/2. What was done is kept, one line of JSON a folder, and not done again.
@@ -30,8 +30,8 @@ _BINS = 10
 
 def one(seed: int, centre: str, size: Any, sampled: bool, folder: Path) -> dict[str, Any]:
     """Draw, simulate, fit, and sample where asked: ranks by symbol, None where a parameter is not identifiable."""
-    from etcfit.fit import fit
-    from etcfit.intervals import intervals
+    from etcfit.estimation.intervals import intervals
+    from etcfit.estimation.joint_fit import fit
     from etcfit.rig.reader import read_folder
     from independent import Bench, draw_truth, make_folder
 
@@ -84,7 +84,7 @@ def table(outcomes: Sequence[Mapping[str, Any]], kind: str) -> str:
 
 def picture(outcomes: Sequence[Mapping[str, Any]], path: Path) -> None:
     """Rank histograms, a panel a parameter."""
-    from etcfit.report import style
+    from etcfit.reporting import style
 
     across = 4
     down = -(-len(SYMBOLS) // across)
@@ -103,7 +103,7 @@ def picture(outcomes: Sequence[Mapping[str, Any]], path: Path) -> None:
 
 
 def _histogram(panel: Any, symbol: str, outcomes: Sequence[Mapping[str, Any]]) -> None:
-    from etcfit.report import style
+    from etcfit.reporting import style
 
     edges = np.linspace(0.0, 1.0, _BINS + 1)
     for kind, colour in (("laplace", style.SIMULATED), ("posterior", style.READING)):

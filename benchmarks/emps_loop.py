@@ -34,18 +34,18 @@ from rich.console import RenderableType
 from scipy.signal import butter, sosfiltfilt
 
 from etcfit.backend import use_compilation_cache
-from etcfit.ecu import Ecu
-from etcfit.effects import PAPER, State
-from etcfit.effects.asymmetric_friction import AsymmetricFriction
-from etcfit.fetch.emps import EMPS
-from etcfit.fetch.matlab import read_vectors
-from etcfit.fetch.obtain import obtain
-from etcfit.parameters import Scalar
-from etcfit.pid.loop import Body, Loop
-from etcfit.pid.setpoint import Setpoint
-from etcfit.report.blocks import plain_table, render
-from etcfit.run_folder.fitted import read_fitted
-from etcfit.throttle import Throttle, catalogue
+from etcfit.control.pid.loop import Body, Loop
+from etcfit.control.pid.setpoint import Setpoint
+from etcfit.datasets.emps import EMPS
+from etcfit.datasets.matlab import read_vectors
+from etcfit.datasets.obtain import obtain
+from etcfit.model.ecu import Ecu
+from etcfit.model.effects import PAPER, State
+from etcfit.model.effects.asymmetric_friction import AsymmetricFriction
+from etcfit.model.parameters import Scalar
+from etcfit.model.throttle import Throttle, catalogue
+from etcfit.reporting.blocks import plain_table, render
+from etcfit.run_folder.model import read_fitted
 
 _TICK = 1e-3  # s
 _LIMIT = 10.0  # V

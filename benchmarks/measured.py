@@ -20,15 +20,15 @@ from rich.console import RenderableType
 
 from benchmarks.emps_loop import closed_loop
 from etcfit.backend import use_compilation_cache
-from etcfit.diagnose import Diagnosis, diagnose
-from etcfit.fetch import fetch
-from etcfit.fit import FitResult, fit
-from etcfit.report.blocks import headed, plain_table, render
-from etcfit.report.diagnosis.table import diagnosis_table
+from etcfit.datasets import fetch
+from etcfit.diagnosis import Diagnosis, diagnose
+from etcfit.estimation.joint_fit import FitResult, fit
+from etcfit.problem.prediction_error import logged_unit
+from etcfit.reporting.blocks import headed, plain_table, render
+from etcfit.reporting.diagnosis.table import diagnosis_table
 from etcfit.rig.base import Measurement, Rig
 from etcfit.rig.inverse_model import equations
 from etcfit.rig.reader import read_folder
-from etcfit.score import logged_unit
 
 # unit in which the position's error is stated, and how many of it make the unit logged
 UNITS = {"kassel-throttle": ("mV", 1e3), "emps": ("mm", 1e3), "bam-xl330": ("deg", 180.0 / np.pi)}

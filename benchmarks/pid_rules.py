@@ -29,19 +29,19 @@ from typing import Any
 import numpy as np
 
 from etcfit.backend import use_compilation_cache
-from etcfit.design import Tuned, judged
-from etcfit.design import task_of as designed
-from etcfit.ecu import Ecu
-from etcfit.effects import PAPER
-from etcfit.effects.limp_home_spring import LimpHomeSpring as OurLimpHome
-from etcfit.effects.stribeck_friction import StribeckFriction as OurStribeck
-from etcfit.fit import fit
-from etcfit.linear import TransferFunction
-from etcfit.pid import RULES, Gains, Refusal, Requirements, Task
-from etcfit.pid.loop import Body, Loop
-from etcfit.pid.setpoint import trapezoid
+from etcfit.control.design import Tuned, judged
+from etcfit.control.design import task_of as designed
+from etcfit.control.pid import RULES, Gains, Refusal, Requirements, Task
+from etcfit.control.pid.loop import Body, Loop
+from etcfit.control.pid.setpoint import trapezoid
+from etcfit.estimation.joint_fit import fit
+from etcfit.model.ecu import Ecu
+from etcfit.model.effects import PAPER
+from etcfit.model.effects.limp_home_spring import LimpHomeSpring as OurLimpHome
+from etcfit.model.effects.stribeck_friction import StribeckFriction as OurStribeck
+from etcfit.model.linear import TransferFunction
+from etcfit.model.throttle import Throttle
 from etcfit.rig.reader import read_folder
-from etcfit.throttle import Throttle
 from independent import Truth, draw_truth, make_folder
 from independent.control import Computer, Score, follow, score, trapezoids
 from independent.effects import Effects, LimpHomeSpring, StribeckFriction

@@ -2,7 +2,7 @@
 
     python -m benchmarks.recovery --centre consistent --folders 40 --first-seed 1000
 
-Each folder comes from tests/independent, which shares no code with the model, with true parameters drawn +-40 % around
+Each folder comes from independent, which shares no code with the model, with true parameters drawn +-40 % around
 a centre: CONSISTENT (the paper's own J_eq = 0.0012 kg m2) or TABLE_2 (as printed, J_m = 1e-4, hence J_eq = 0.044).
 """
 
@@ -44,8 +44,8 @@ class Outcome:
 
 def one(seed: int, centre: str, folder: Path) -> Outcome:
     """Draw, simulate, fit."""
-    from etcfit.fit import fit
-    from etcfit.intervals import intervals
+    from etcfit.estimation.intervals import intervals
+    from etcfit.estimation.joint_fit import fit
     from etcfit.rig.reader import read_folder
 
     truth = draw_truth(np.random.default_rng(seed), CENTRES[centre])

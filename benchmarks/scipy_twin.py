@@ -19,7 +19,7 @@ import numpy as np
 from scipy.integrate import solve_ivp
 from scipy.optimize import OptimizeResult, least_squares
 
-from etcfit.trace import Trace
+from etcfit.problem.trace import Trace
 
 SMOOTH = 1e-3  # rad/s, width e of the friction's bend: a plate that sticks must not creep by what its sensor sees
 STIFF = 1e5  # N m/rad, so that a plate rests within 0.01 mrad of its stop

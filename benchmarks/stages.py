@@ -86,18 +86,19 @@ def measure(command: list[str], begin: float) -> dict[str, Any]:
     """Run the command line; what it took by stage since `begin`, s since the epoch."""
     import jax
 
-    import etcfit.fit
-    import etcfit.report.pictures  # so that importing it counts as such
-    from etcfit import bench, report
+    import etcfit.estimation.joint_fit
+    import etcfit.reporting.pictures  # so that importing it counts as such
+    from etcfit import reporting as report
     from etcfit.cli import app
+    from etcfit.problem import problem as bench
     from etcfit.rig import reader
 
     clock = Clock()
     jax.monitoring.register_event_duration_secs_listener(clock.heard)
     clock.around(reader, "read_folder", "read")
-    clock.around(etcfit.fit, "fit", "run")
+    clock.around(etcfit.estimation.joint_fit, "fit", "run")
     clock.around(report, "write_run", "pictures")
-    clock.count(etcfit.fit, bench)
+    clock.count(etcfit.estimation.joint_fit, bench)
     app(command, standalone_mode=False)
     seconds = shares(clock.spans, begin, time.time())
     largest = sorted(clock.programs.items(), key=lambda item: -item[1])[:12]

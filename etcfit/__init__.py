@@ -16,27 +16,27 @@ __version__ = "0.1.0"
 os.environ.setdefault("JAX_ENABLE_X64", "1")
 
 if TYPE_CHECKING:
-    from .design import Design as Design
-    from .diagnose import Diagnosis as Diagnosis
-    from .effects import EFFECTS as EFFECTS
-    from .effects import AbstractEffect as AbstractEffect
-    from .effects import Contribution as Contribution
+    from .control.design import Design as Design
+    from .control.pid import RULES as RULES
+    from .control.pid import Gains as Gains
+    from .control.pid import Requirements as Requirements
+    from .datasets import DATASETS as DATASETS
+    from .datasets import Dataset as Dataset
+    from .diagnosis import Diagnosis as Diagnosis
     from .errors import MeasurementError as MeasurementError
     from .errors import UsageError as UsageError
-    from .fetch import DATASETS as DATASETS
-    from .fetch import Dataset as Dataset
-    from .fit import FitResult as FitResult
-    from .fitted import Fitted as Fitted
-    from .linear import TransferFunction as TransferFunction
-    from .parameters import Parameter as Parameter
-    from .parameters import parameter as parameter
-    from .pid import RULES as RULES
-    from .pid import Gains as Gains
-    from .pid import Requirements as Requirements
-    from .report import write_design as write_design
-    from .report import write_diagnosis as write_diagnosis
-    from .report import write_reduction as write_reduction
-    from .report import write_run as write_run
+    from .estimation.fitted_model import Fitted as Fitted
+    from .estimation.joint_fit import FitResult as FitResult
+    from .model.effects import EFFECTS as EFFECTS
+    from .model.effects import AbstractEffect as AbstractEffect
+    from .model.effects import Contribution as Contribution
+    from .model.linear import TransferFunction as TransferFunction
+    from .model.parameters import Parameter as Parameter
+    from .model.parameters import parameter as parameter
+    from .reporting import write_design as write_design
+    from .reporting import write_diagnosis as write_diagnosis
+    from .reporting import write_reduction as write_reduction
+    from .reporting import write_run as write_run
     from .rig import TESTS as TESTS
     from .rig.base import AbstractRigTest as AbstractRigTest
     from .rig.base import Boundary as Boundary
@@ -52,40 +52,40 @@ if TYPE_CHECKING:
     from .rig.reader import read_folder as read_folder
 
 _MODULE_OF = {
-    "EFFECTS": "effects",
+    "EFFECTS": "model.effects",
     "TESTS": "rig",
-    "DATASETS": "fetch",
-    "RULES": "pid",
-    "AbstractEffect": "effects",
+    "DATASETS": "datasets",
+    "RULES": "control.pid",
+    "AbstractEffect": "model.effects",
     "AbstractRigTest": "rig.base",
     "Boundary": "rig.base",
     "Channel": "rig.base",
-    "Contribution": "effects",
-    "Dataset": "fetch",
-    "Design": "design",
-    "Diagnosis": "diagnose",
-    "FitResult": "fit",
-    "Fitted": "fitted",
+    "Contribution": "model.effects",
+    "Dataset": "datasets",
+    "Design": "control.design",
+    "Diagnosis": "diagnosis",
+    "FitResult": "estimation.joint_fit",
+    "Fitted": "estimation.fitted_model",
     "Fixed": "rig.base",
-    "Gains": "pid",
+    "Gains": "control.pid",
     "Measurement": "rig.base",
     "MeasurementError": "errors",
-    "Parameter": "parameters",
+    "Parameter": "model.parameters",
     "Prior": "rig.base",
     "Reading": "rig.base",
-    "Requirements": "pid",
+    "Requirements": "control.pid",
     "Rig": "rig.base",
     "RigConfig": "rig.base",
     "Start": "rig.base",
     "Tied": "rig.base",
-    "TransferFunction": "linear",
+    "TransferFunction": "model.linear",
     "UsageError": "errors",
-    "parameter": "parameters",
+    "parameter": "model.parameters",
     "read_folder": "rig.reader",
-    "write_design": "report",
-    "write_diagnosis": "report",
-    "write_reduction": "report",
-    "write_run": "report",
+    "write_design": "reporting",
+    "write_diagnosis": "reporting",
+    "write_reduction": "reporting",
+    "write_run": "reporting",
 }
 
 __all__ = ["__version__", *_MODULE_OF]  # pyright: ignore[reportUnsupportedDunderAll]

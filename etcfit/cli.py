@@ -157,8 +157,8 @@ def check(folder: Folder, advise: Advise = False, at: At = None, quiet: Quiet = 
         rig = read_folder(folder)
         report("working out what these data can identify", 0.3)
         stages.keep_compiled()
-        from .check import check as check_rig
-        from .report.tables import check_table
+        from .experiment.check import check as check_rig
+        from .reporting.tables import check_table
 
         result = check_rig(rig)
     _stdout().print(check_table(result))
@@ -172,8 +172,8 @@ def _advise(folder: Path, at: Path | None, quiet: bool) -> None:
         rig = read_folder(folder)
         report("working out what one more trace would tell", 0.3)
         stages.keep_compiled()
-        from .advise import advise
-        from .report.advice import advice_table
+        from .experiment.advice import advise
+        from .reporting.advice import advice_table
         from .run_folder import fitted_values
 
         advice = advise(rig, None if at is None else fitted_values(at, rig))
@@ -251,9 +251,9 @@ def drive(
     """Logs from the car (CSV, .msl, .mlg): operating range, spectrum, how closely the plate follows; two compared."""
     with _progress(quiet) as progress:
         progress("reading the logs", 0.0)
-        from .drive_log import read_logs, study
-        from .drive_log.study import chosen
-        from .report.drive_log import drive_table, write_drive
+        from .car_log import read_logs, study
+        from .car_log.study import chosen
+        from .reporting.car_log import drive_table, write_drive
 
         config, logs = read_logs(folder)
         studies = [study(log, between) for log in (logs if compare is None else chosen(logs, compare))]
@@ -355,7 +355,7 @@ def fetch(
     """A public measured data set as a measurement folder; local copies (also $ETCFIT_DATA) before a download."""
     with _progress(quiet) as report:
         report(f"fetching {name}", 0.0)
-        from .fetch import fetch as fetch_dataset
+        from .datasets import fetch as fetch_dataset
 
         folder = fetch_dataset(name, to or Path("measurements") / name, data)
     typer.echo(folder)

@@ -41,9 +41,9 @@ def fit_folder(folder: Path, run: Path, report: Report) -> Done:
     rig = read_folder(folder)
     report("loading the model", 0.0)
     keep_compiled()
-    from .fit import fit
-    from .report import write_run
-    from .report.tables import fit_table
+    from .estimation.joint_fit import fit
+    from .reporting import write_run
+    from .reporting.tables import fit_table
 
     result = fit(rig, report)
     write_run(run, result, report)
@@ -58,10 +58,10 @@ def diagnose_run(run: Path, report: Report) -> Done:
 
     state = read_state(run)
     rig = rig_of(state)
-    from .diagnose import diagnose
-    from .fit import resume
-    from .report import write_diagnosis
-    from .report.diagnosis.table import diagnosis_table
+    from .diagnosis import diagnose
+    from .estimation.joint_fit import resume
+    from .reporting import write_diagnosis
+    from .reporting.diagnosis.table import diagnosis_table
 
     diagnosis = diagnose(resume(rig, state.x, state.far, report), report)
     write_diagnosis(run, diagnosis, report)
@@ -78,11 +78,11 @@ def sample_run(run: Path, report: Report, steps: int = MOST_STEPS) -> Done:
 
     state = final_state(run)
     rig, x = final_rig(state)
-    from .fit import resume
+    from .estimation.joint_fit import resume
     from .posterior import sample
     from .posterior.profile import profiles
-    from .report import write_posterior
-    from .report.posterior.table import posterior_table
+    from .reporting import write_posterior
+    from .reporting.posterior.table import posterior_table
 
     posterior = sample(resume(rig, x, state.far, report), run, steps, report, state.formulas)
     profiled = profiles(posterior, report)
@@ -101,7 +101,7 @@ def reduce_run(
     """
     report("taking up the fit", 0.0)
     keep_compiled()
-    from .reduce import reduce
+    from .control.linearise import reduce
     from .run_folder import read_fitted, read_sines
 
     fitted, sines = read_fitted(run), read_sines(run)
@@ -109,8 +109,8 @@ def reduce_run(
     reduction = reduce(fitted, unit_in, unit_out, at)
     from rich.console import Group
 
-    from .report import write_reduction
-    from .report.control.tables import reduction_table
+    from .reporting import write_reduction
+    from .reporting.control.tables import reduction_table
 
     write_reduction(run, fitted, reduction, pade, report)
     table = reduction_table(fitted, reduction, pade)
@@ -120,9 +120,9 @@ def reduce_run(
 def _sines(run: Path, fitted: Any, traces: Any, report: Report) -> Any:
     """What the sine traces say, written and as a table."""
     report("fitting sines", 0.6)
-    from .frequency import frequency_response
-    from .report import write_frequency_response
-    from .report.control.tables import sine_table
+    from .control.frequency import frequency_response
+    from .reporting import write_frequency_response
+    from .reporting.control.tables import sine_table
 
     response = frequency_response(fitted, traces)
     write_frequency_response(run, fitted, response, report)
@@ -150,9 +150,9 @@ def design_run(
     """
     report("taking up the fit", 0.0)
     keep_compiled()
-    from .design import DRAWS, SEED, design, ecu_of
-    from .pid import Requirements
-    from .reduce import stops
+    from .control.design import DRAWS, SEED, design, ecu_of
+    from .control.linearise import stops
+    from .control.pid import Requirements
     from .run_folder import read_draws, read_fitted
 
     fitted = read_fitted(run)
@@ -160,8 +160,8 @@ def design_run(
     computer = ecu_of(fitted, resolution=(upper - lower) / 2**adc_bits, **ecu)
     drawn = read_draws(run, fitted, DRAWS - 1, SEED)
     found = design(fitted, computer, Requirements(*limits), rule, drawn, feed_forward, report)
-    from .report import write_design
-    from .report.control.tables import design_table
+    from .reporting import write_design
+    from .reporting.control.tables import design_table
 
     write_design(run, found, report)
     return Done(design_table(found))
@@ -170,7 +170,7 @@ def design_run(
 def write_report(run: Path, report: Report) -> Done:
     """One page of everything that RUN holds: RUN/report.html."""
     report("writing the page", 0.0)
-    from .report.page import write_page
+    from .reporting.page import write_page
 
     return Done(str(write_page(run)))
 

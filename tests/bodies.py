@@ -7,10 +7,10 @@ from typing import Any
 import jax
 import numpy as np
 
-from etcfit.effects import PAPER, AbstractEffect, State
-from etcfit.parameters import parameters_of
-from etcfit.simulate import Reset, Step, simulate
-from etcfit.throttle import Throttle
+from etcfit.model.effects import PAPER, AbstractEffect, State
+from etcfit.model.parameters import parameters_of
+from etcfit.model.stepper import Reset, Step, simulate
+from etcfit.model.throttle import Throttle
 
 N = 20.68
 OPEN = float(np.pi / 2)

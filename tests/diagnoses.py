@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 import results
-from etcfit.diagnose.findings import (
+from etcfit.diagnosis.findings import (
     Candidate,
     Diagnosis,
     Evidence,
@@ -19,9 +19,9 @@ from etcfit.diagnose.findings import (
     Unexplained,
     Whiteness,
 )
-from etcfit.fit import FitResult
+from etcfit.estimation.joint_fit import FitResult
+from etcfit.problem.prediction_error import pooled
 from etcfit.rig.base import Rig
-from etcfit.score import pooled
 
 FOUND = "limp_home_spring"
 

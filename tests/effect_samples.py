@@ -12,8 +12,8 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from etcfit.effects import EFFECTS, AbstractEffect, Contribution, Inputs, State
-from etcfit.parameters import parameters_of
+from etcfit.model.effects import EFFECTS, AbstractEffect, Contribution, Inputs, State
+from etcfit.model.parameters import parameters_of
 
 N = 20.68
 OPEN = math.pi / 2

@@ -9,14 +9,14 @@ from typing import Any
 import numpy as np
 
 import folders
-from etcfit.effects import EFFECT_BY_NAME
-from etcfit.fit import FitResult, StartSummary, ready
-from etcfit.identifiability import Direction, Identifiability
-from etcfit.reading import Readings, read_graphs
+from etcfit.estimation.identifiability import Direction, Identifiability
+from etcfit.estimation.joint_fit import FitResult, StartSummary, ready
+from etcfit.model.effects import EFFECT_BY_NAME
+from etcfit.problem.free_parameters import unknowns
+from etcfit.problem.prediction_error import rows
 from etcfit.rig.base import Rig
+from etcfit.rig.paper_readings import Readings, read_graphs
 from etcfit.rig.reader import read_folder
-from etcfit.score import rows
-from etcfit.unknowns import unknowns
 
 EXTRA = """
 [parameters]

@@ -7,13 +7,13 @@ from typing import Any
 import numpy as np
 
 from bodies import OPEN, N, values
-from etcfit.ecu import Ecu
-from etcfit.effects import PAPER, AbstractEffect
-from etcfit.linear import TransferFunction
-from etcfit.parameters import parameters_of
-from etcfit.pid import Gains
-from etcfit.pid.loop import Body, Loop
-from etcfit.throttle import Throttle
+from etcfit.control.pid import Gains
+from etcfit.control.pid.loop import Body, Loop
+from etcfit.model.ecu import Ecu
+from etcfit.model.effects import PAPER, AbstractEffect
+from etcfit.model.linear import TransferFunction
+from etcfit.model.parameters import parameters_of
+from etcfit.model.throttle import Throttle
 
 WIDE = Body(N, -100.0, 100.0)
 QUARTER_TURN = Body(N, 0.0, OPEN)

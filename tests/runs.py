@@ -10,7 +10,8 @@ import numpy as np
 from PIL import Image
 
 import results
-from etcfit.run_folder import fit_json, write_json
+from etcfit.files import write_json
+from etcfit.run_folder import fit_json
 
 LATER = ("diagnosis", "posterior", "transfer_function", "frequency_response", "pid")
 

@@ -66,10 +66,13 @@ def library(monkeypatch: pytest.MonkeyPatch) -> Library:
     fake = Library()
     modules = {
         "etcfit.rig.reader": {"read_folder": fake.read_folder},
-        "etcfit.check": {"check": lambda rig: "what it can identify"},
-        "etcfit.fit": {"fit": fake.fit},
-        "etcfit.report": {"write_run": fake.write_run},
-        "etcfit.report.tables": {"fit_table": lambda result: "the fit's table", "check_table": lambda result: result},
+        "etcfit.experiment.check": {"check": lambda rig: "what it can identify"},
+        "etcfit.estimation.joint_fit": {"fit": fake.fit},
+        "etcfit.reporting": {"write_run": fake.write_run},
+        "etcfit.reporting.tables": {
+            "fit_table": lambda result: "the fit's table",
+            "check_table": lambda result: result,
+        },
     }
     for name, names in modules.items():
         monkeypatch.setitem(sys.modules, name, _module(name, **names))
@@ -138,11 +141,11 @@ def sampler(library: Library, monkeypatch: pytest.MonkeyPatch) -> SimpleNamespac
 
     modules = {
         "etcfit.run_folder": {"final_state": lambda run: state, "final_rig": lambda state: (RIG, "x")},
-        "etcfit.fit": {"resume": lambda rig, x, far, report: (rig, x, far)},
+        "etcfit.estimation.joint_fit": {"resume": lambda rig, x, far, report: (rig, x, far)},
         "etcfit.posterior": {"sample": sample},
         "etcfit.posterior.profile": {"profiles": lambda posterior, report: {}},
-        "etcfit.report": {"write_posterior": lambda run, posterior, *_: library.written.append((run, posterior))},
-        "etcfit.report.posterior.table": {"posterior_table": lambda posterior, profiled: "the posterior's table"},
+        "etcfit.reporting": {"write_posterior": lambda run, posterior, *_: library.written.append((run, posterior))},
+        "etcfit.reporting.posterior.table": {"posterior_table": lambda posterior, profiled: "the posterior's table"},
     }
     for name, names in modules.items():
         monkeypatch.setitem(sys.modules, name, _module(name, **names))
@@ -250,10 +253,10 @@ def diagnosed(monkeypatch: pytest.MonkeyPatch) -> SimpleNamespace:
 
     modules = {
         "etcfit.run_folder": {"read_state": read_state, "rig_of": lambda state: RIG},
-        "etcfit.fit": {"resume": resume},
-        "etcfit.diagnose": {"diagnose": diagnose},
-        "etcfit.report": {"write_diagnosis": lambda run, d, report: fake.written.append((run, d))},
-        "etcfit.report.diagnosis.table": {"diagnosis_table": lambda d: "the ledger"},
+        "etcfit.estimation.joint_fit": {"resume": resume},
+        "etcfit.diagnosis": {"diagnose": diagnose},
+        "etcfit.reporting": {"write_diagnosis": lambda run, d, report: fake.written.append((run, d))},
+        "etcfit.reporting.diagnosis.table": {"diagnosis_table": lambda d: "the ledger"},
     }
     for name, names in modules.items():
         monkeypatch.setitem(sys.modules, name, _module(name, **names))

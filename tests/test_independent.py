@@ -524,7 +524,7 @@ def test_a_slow_amplifier_turns_a_jump_into_a_slope() -> None:
 
 def table(file: Path) -> tuple[list[str], np.ndarray]:
     first, header, *_ = file.read_text(encoding="utf-8").split("\n", 2)
-    assert first.startswith("# SYNTHETIC: made by tests/independent, seed ")
+    assert first.startswith("# SYNTHETIC: made by independent, seed ")
     return header.split(","), np.loadtxt(file, delimiter=",", skiprows=2)
 
 

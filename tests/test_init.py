@@ -29,7 +29,7 @@ def test_type_checkers_see_the_same_names() -> None:
 
 
 def test_no_public_name_hides_a_module() -> None:
-    # importing etcfit.fit would put the module where the name had been
+    # importing etcfit.estimation.joint_fit would put the module where the name had been
     assert not [name for name in etcfit._MODULE_OF if importlib.util.find_spec(f"etcfit.{name}")]
 
 

@@ -3,7 +3,7 @@
     python -m benchmarks.confusion --first-seed 1000 --folders 200 --save confusion.jsonl
     python -m benchmarks.confusion --table confusion.jsonl --picture confusion.png
 
-Each folder comes from tests/independent, which shares no code with the model and whose effects differ in detail from
+Each folder comes from independent, which shares no code with the model and whose effects differ in detail from
 those of the same name there. A seed is a case: of 200 in a row 30 have no effect, 105 one effect of the catalogue
 (every one at every strength), 35 two of them, and 30 one that is outside the catalogue.
 

@@ -18,7 +18,7 @@ _SPREAD = 0.32  # half width of a kind's cloud of points
 
 def picture(records: Sequence[Record], path: Path) -> None:
     """Left the confusion matrix of what is clear to see, right the held-out error of every folder before and after."""
-    from etcfit.report import style
+    from etcfit.reporting import style
 
     with style.drawing():
         fig = style.figure(15.0, 8.6, synthetic=True)
@@ -32,7 +32,7 @@ def picture(records: Sequence[Record], path: Path) -> None:
 
 
 def _matrix(panel: Any, records: Sequence[Record]) -> None:
-    from etcfit.report import style
+    from etcfit.reporting import style
 
     rows, columns = ("clean", *CATALOGUE, *OUTSIDE), ("-", *CATALOGUE)
     for (row, column), count in counted([r for r in records if is_clear(r)]).items():
@@ -59,7 +59,7 @@ def _square(x: int, y: int, colour: str) -> Any:
 
 
 def _errors(panel: Any, records: Sequence[Record]) -> None:
-    from etcfit.report import style
+    from etcfit.reporting import style
 
     for k, kind in enumerate(_KINDS):
         chosen = of_kind(records, kind)

@@ -41,8 +41,8 @@ def by_itself(chosen: Case) -> list[tuple[str, str, float]]:
 
 def _found(folder: Path, chosen: Case) -> dict[str, Any]:
     from etcfit.backend import use_compilation_cache
-    from etcfit.diagnose import diagnose
-    from etcfit.fit import fit
+    from etcfit.diagnosis import diagnose
+    from etcfit.estimation.joint_fit import fit
     from etcfit.rig.reader import read_folder
 
     use_compilation_cache()
@@ -64,8 +64,8 @@ def _found(folder: Path, chosen: Case) -> dict[str, Any]:
 
 def _standing(result: Any, truth: dict[str, float]) -> dict[str, Any]:
     """How well a model predicts what it has not seen, and what it says of each parameter."""
-    from etcfit.intervals import intervals
-    from etcfit.score import pooled
+    from etcfit.estimation.intervals import intervals
+    from etcfit.problem.prediction_error import pooled
 
     stated = intervals(result)
     keys = ("value", "stderr", "low", "high", "status")

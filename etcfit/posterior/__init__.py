@@ -11,8 +11,8 @@ from pathlib import Path
 
 import numpy as np
 
-from ..fit import FitResult, Report, quiet
-from ..intervals import intervals, lumped
+from ..estimation.intervals import intervals, lumped
+from ..estimation.joint_fit import FitResult, Report, quiet
 from .chain import Chain
 from .convergence import Convergence
 from .run import run

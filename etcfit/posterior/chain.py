@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from ..run_folder import whole
+from ..files import whole
 from .ensemble import Ensemble, LogProbability
 
 _SAME = 1e-6  # by which a log-probability may differ when it is computed again, absolute and relative

@@ -13,10 +13,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..bench import Bench
-from ..fit import Report, quiet
-from ..intervals import Z_95
-from ..trace import Trace
+from ..estimation.intervals import Z_95
+from ..estimation.joint_fit import Report, quiet
+from ..problem.problem import Bench
+from ..problem.trace import Trace
 from . import Posterior
 
 _DRAWS = 32

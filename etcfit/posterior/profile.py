@@ -14,14 +14,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..bench import Bench
-from ..chi2 import chi2_of
-from ..descent import go
-from ..fit import Report, quiet
-from ..identifiability import WIDE
-from ..intervals import Z_95, intervals
-from ..residual import Problem
-from ..unknowns import Layout, Unknowns
+from ..estimation.identifiability import WIDE
+from ..estimation.intervals import Z_95, intervals
+from ..estimation.joint_fit import Report, quiet
+from ..estimation.levenberg_marquardt import go
+from ..problem.chi2 import chi2_of
+from ..problem.free_parameters import Layout, Unknowns
+from ..problem.problem import Bench
+from ..problem.residual import Problem
 from . import Posterior
 from .target import Target
 

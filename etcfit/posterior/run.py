@@ -6,7 +6,7 @@ import time
 from collections.abc import Callable
 from pathlib import Path
 
-from ..fit import Report
+from ..estimation.joint_fit import Report
 from .chain import Chain, load, save
 from .convergence import Convergence
 from .ensemble import LogProbability

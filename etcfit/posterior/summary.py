@@ -9,9 +9,9 @@ from typing import Any
 import jax
 import numpy as np
 
-from ..intervals import LUMPS, Interval
-from ..parameters import Parameter
-from ..unknowns import Unknowns
+from ..estimation.intervals import LUMPS, Interval
+from ..model.parameters import Parameter
+from ..problem.free_parameters import Unknowns
 from .convergence import autocorrelation_time, split_rhat
 
 APART = 0.2  # relative; standard deviations that differ by more are flagged

@@ -26,15 +26,15 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from ..bench import Bench
-from ..chi2 import chi2_of
-from ..correlation import inflation
-from ..descent import go, local
-from ..fit import FitResult
-from ..identifiability import WIDE
-from ..parameters import log_flats
-from ..residual import Problem
-from ..score import columns
+from ..estimation.autocorrelation import inflation
+from ..estimation.identifiability import WIDE
+from ..estimation.joint_fit import FitResult
+from ..estimation.levenberg_marquardt import go, local
+from ..model.parameters import log_flats
+from ..problem.chi2 import chi2_of
+from ..problem.prediction_error import columns
+from ..problem.problem import Bench
+from ..problem.residual import Problem
 
 _THERE = 3e-6  # relative change of chi2 that ends the descent to the mode
 

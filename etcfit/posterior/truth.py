@@ -5,8 +5,8 @@ from __future__ import annotations
 import json
 from pathlib import Path
 
+from ..problem.free_parameters import SERIES
 from ..rig.base import Rig
-from ..unknowns import SERIES
 
 _NOTE, _CIRCUIT = "truth.json", "inductance"
 

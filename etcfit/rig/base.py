@@ -9,7 +9,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from ..ecu import Ecu, Notation
+from ..model.ecu import Ecu, Notation
 
 # quantity -> the SI unit it is kept in; the units of `torque` are those at the plate
 CHANNELS: dict[str, str] = {

@@ -14,7 +14,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from ..ecu import Ecu
+from ..model.ecu import Ecu
 from . import driven
 from .base import DRIVES, Channel, Fixed, Measurement, Prior, Reading, RigConfig
 from .ecu import GAINS

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ..paper import TABLE_2
+from ..model.paper import TABLE_2
 from .base import Channel, Fixed, Graph, Measurement, Reading, RigConfig, Start
 from .inverse_model import LUMPED, Equations, equations, filter_for, held_values, solve
 from .signals import drive_voltage

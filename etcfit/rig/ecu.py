@@ -6,7 +6,7 @@ import math
 from collections.abc import Mapping
 from typing import Any
 
-from ..ecu import ERRORS, FORMS, OUTPUTS, Ecu, Notation
+from ..model.ecu import ERRORS, FORMS, OUTPUTS, Ecu, Notation
 from .base import Fixed, Knowledge, Prior, Start
 from .toml import Toml, shown
 

@@ -4,10 +4,9 @@ from __future__ import annotations
 
 from .design import design_json, rusefi
 from .diagnosis import diagnosis_json
-from .files import plain, whole, write_json
 from .fit import GEAR_RATIO, effects_of, fit_json, hashes, parameters_json, readings_of, versions
-from .fitted import POSTERIOR, read_draws, read_fitted, read_sines
 from .frequency import frequency_json
+from .model import POSTERIOR, read_draws, read_fitted, read_sines
 from .reduction import reduction_json
 from .state import (
     DIAGNOSIS_STATE,
@@ -38,7 +37,6 @@ __all__ = [
     "frequency_json",
     "hashes",
     "parameters_json",
-    "plain",
     "read_draws",
     "read_fitted",
     "read_sines",
@@ -48,8 +46,6 @@ __all__ = [
     "rig_of",
     "rusefi",
     "versions",
-    "whole",
     "write_diagnosis_state",
-    "write_json",
     "write_state",
 ]

@@ -6,10 +6,11 @@ from typing import Any
 
 import numpy as np
 
-from ..design import Design, Tuned
-from ..ecu import Notation
-from ..pid.base import REQUIRED, UNIT, Gains, Metrics
-from .files import plain
+from ..control.design import Design, Tuned
+from ..control.pid.gains import UNIT, Gains
+from ..control.pid.requirements import REQUIRED, Metrics
+from ..files import plain
+from ..model.ecu import Notation
 from .fit import versions
 
 

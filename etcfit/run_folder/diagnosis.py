@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from typing import Any
 
-from ..diagnose.findings import Diagnosis, Evidence, RoundReport, Unexplained
-from ..fit import FitResult
-from .files import plain
+from ..diagnosis.findings import Diagnosis, Evidence, RoundReport, Unexplained
+from ..estimation.joint_fit import FitResult
+from ..files import plain
 from .fit import effects_of, hashes, parameters_json, rows_json, versions
 
 

@@ -12,13 +12,13 @@ from typing import Any
 import numpy as np
 
 from .. import __version__
-from ..cure import sentence
-from ..fit import FitResult
-from ..intervals import LUMPS, Interval, intervals, lumped
-from ..parameters import Parameter
+from ..estimation.intervals import LUMPS, Interval, intervals, lumped
+from ..estimation.joint_fit import FitResult
+from ..estimation.remedies import sentence
+from ..files import plain
+from ..model.parameters import Parameter
+from ..problem.prediction_error import Row
 from ..rig.base import Rig
-from ..score import Row
-from .files import plain
 
 GEAR_RATIO = "gear ratio, motor turns per plate turn"
 

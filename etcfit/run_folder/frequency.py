@@ -7,10 +7,10 @@ from typing import Any
 
 import numpy as np
 
-from ..fitted import Fitted
-from ..frequency import FrequencyResponse, Lag, Order, Ratio, phases
-from ..frequency.point import DRIVE, POSITION, SETPOINT
-from .files import plain
+from ..control.frequency import FrequencyResponse, Lag, Order, Ratio, phases
+from ..control.frequency.point import DRIVE, POSITION, SETPOINT
+from ..estimation.fitted_model import Fitted
+from ..files import plain
 from .fit import versions
 
 

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from typing import Any
 
-from ..fitted import Fitted
-from ..reduce import INPUTS, Reduction
-from .files import plain
+from ..control.linearise import INPUTS, Reduction
+from ..estimation.fitted_model import Fitted
+from ..files import plain
 from .fit import versions
 
 

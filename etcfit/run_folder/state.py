@@ -9,14 +9,14 @@ from pathlib import Path
 
 import numpy as np
 
-from ..diagnose.findings import Diagnosis
-from ..effects import COMMANDING, EFFECT_BY_NAME, PAPER
+from ..diagnosis.findings import Diagnosis
 from ..errors import UsageError
-from ..fit import FitResult
+from ..estimation.joint_fit import FitResult
+from ..files import whole
+from ..model.effects import COMMANDING, EFFECT_BY_NAME, PAPER
+from ..problem.free_parameters import unknowns
 from ..rig.base import Rig, RigConfig
 from ..rig.reader import read_folder
-from ..unknowns import unknowns
-from .files import whole
 from .fit import effects_of
 
 FIT_STATE = "fit_state.npz"

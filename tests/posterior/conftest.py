@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 
 import folders
-from etcfit.bench import Bench
-from etcfit.fit import ready
-from etcfit.residual import Problem
+from etcfit.estimation.joint_fit import ready
+from etcfit.problem.free_parameters import unknowns
+from etcfit.problem.problem import Bench
+from etcfit.problem.residual import Problem
 from etcfit.rig.reader import read_folder
-from etcfit.unknowns import unknowns
 
 SIGMA, VOLTS, OHM = 0.01, 2.0, 1.513
 TOML = (

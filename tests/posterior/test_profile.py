@@ -5,11 +5,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from etcfit.bench import Bench
-from etcfit.descent import local
+from etcfit.estimation.levenberg_marquardt import local
 from etcfit.posterior.profile import RISE, Profile, _crossing, profiles_of
 from etcfit.posterior.target import Target, believed
-from etcfit.residual import Problem
+from etcfit.problem.problem import Bench
+from etcfit.problem.residual import Problem
 
 
 def test_the_end_of_an_interval_lies_where_the_rise_reaches_its_threshold() -> None:

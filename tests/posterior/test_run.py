@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
-from etcfit.fit import quiet
+from etcfit.estimation.joint_fit import quiet
 from etcfit.posterior.chain import Chain, load, save
 from etcfit.posterior.convergence import LENGTH, Convergence, split_rhat
 from etcfit.posterior.ensemble import Ensemble
@@ -143,7 +143,7 @@ CHILD = """
 import sys, time
 from pathlib import Path
 from gaussian import Linear
-from etcfit.fit import quiet
+from etcfit.estimation.joint_fit import quiet
 from etcfit.posterior.run import run
 linear = Linear.make()
 def slowly(points):

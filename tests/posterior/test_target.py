@@ -7,10 +7,10 @@ from dataclasses import replace
 import numpy as np
 from numpy.testing import assert_allclose
 
-from etcfit.bench import Bench
-from etcfit.identifiability import WIDE
+from etcfit.estimation.identifiability import WIDE
 from etcfit.posterior.target import Target, believed, tempered
-from etcfit.residual import Problem
+from etcfit.problem.problem import Bench
+from etcfit.problem.residual import Problem
 
 SIGMA, VOLTS = 0.01, 2.0  # as in conftest.py
 

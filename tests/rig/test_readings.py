@@ -10,10 +10,10 @@ import pytest
 from scipy.io import loadmat
 from scipy.linalg import expm
 
-from etcfit.reading import known, read_graphs
 from etcfit.rig import TEST_BY_NAME, TESTS, back_emf, inductance, inertia, resistance, static_load, viscous
 from etcfit.rig.base import Channel, Fixed, Measurement, Prior, Rig, RigConfig, Start, Tied
 from etcfit.rig.inverse_model import LUMPED, equations, relative_torque_error, solve
+from etcfit.rig.paper_readings import known, read_graphs
 from etcfit.rig.reader import read_folder
 from etcfit.rig.signals import plateaus, rise_time, robust_line
 

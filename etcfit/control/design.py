@@ -1,0 +1,273 @@
+"""From a fitted model to gains: every rule tried on the linear plant and on the nonlinear one, over many draws."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from ..errors import UsageError
+from ..estimation.fitted_model import Fitted
+from ..estimation.identifiability import UNKNOWN
+from ..estimation.joint_fit import Report, quiet
+from ..model.ecu import Ecu, Notation, Terms
+from ..rig.ecu import GAINS
+from .linearise import reduce, stops
+from .pid import RULES, Gains, Metrics, Refusal, Requirements, Task, linear_loop
+from .pid.feedforward import Bias, bias_of
+from .pid.loop import Body, Loop
+from .pid.margins import margins
+from .pid.requirements import REQUIRED
+from .pid.response import Judged, judge
+from .pid.setpoint import Setpoint, trapezoid
+
+DRAWS = 200
+PAPERS = Requirements()  # section 4.1
+BEST = "optimal"
+SEED = 20230701
+
+
+@dataclass(frozen=True, eq=False)
+class Tuned:
+    """What one rule came to.
+
+    Args:
+        rule: its name.
+        gains: SI, or None where the rule refused.
+        why: of a refusal.
+        linear, nonlinear: figures of the nominal model.
+        met: by requirement, on the nominal nonlinear model.
+        met_linear: the same on the linear one.
+        probability_met: share of the draws whose nonlinear response meets every requirement.
+        probability_stable: share of them whose gain and phase margins are what was asked for.
+        band: position of the draws at each tick, quantiles 2.5, 50 and 97.5 %, shares of the travel, shape (3, K).
+        linear_path: the linear plant's position, shape (K,).
+    """
+
+    rule: str
+    gains: Gains | None
+    why: str
+    linear: Metrics | None
+    nonlinear: Metrics | None
+    met: Mapping[str, bool]
+    met_linear: Mapping[str, bool]
+    probability_met: float | None
+    probability_stable: float | None
+    band: np.ndarray | None
+    linear_path: np.ndarray | None
+
+    @property
+    def meets_all(self) -> bool:
+        """Every requirement, on the nominal nonlinear model."""
+        return bool(self.met) and all(self.met.values())
+
+
+@dataclass(frozen=True, eq=False)
+class Design:
+    """Gains for a rig.
+
+    Args:
+        fitted: the model.
+        task: what the rules were given.
+        setpoint: on which they were judged.
+        chosen: the rule whose gains are proposed.
+        tuned: every rule, by name.
+        draws: how many models judged them, the nominal one among them.
+        origin: "posterior" or "laplace": where the draws came from.
+        bias: the voltage that holds each position, for an ECU that has such a curve.
+        limits: where the chosen gains miss a requirement, what keeps any gains from meeting it.
+    """
+
+    fitted: Fitted
+    task: Task
+    setpoint: Setpoint
+    chosen: Tuned
+    tuned: Mapping[str, Tuned]
+    draws: int
+    origin: str
+    bias: Bias
+    limits: tuple[str, ...]
+
+    def written(self, gains: Gains, notation: Notation) -> Terms:
+        """Gains as the ECU that they were sought for would write them."""
+        body = self.task.loop.body
+        return notation.written(gains, self.task.ecu, body.upper - body.lower)
+
+
+def ecu_of(fitted: Fitted, **given: float) -> Ecu:
+    """The ECU that gains are sought for: as given, the rest as [ecu] of rig.toml describes the one that drove the logs.
+
+    Without [ecu] the rest is by default, the supply rig.toml's and the derivative's filter two periods.
+    """
+    described = fitted.config.ecu
+    if described is None:
+        period = given.get("period", Ecu().period)
+        described = Ecu(period, fitted.config.supply_V or Ecu().supply, filter=2.0 * period)
+    return described._replace(**given)
+
+
+def gains_as_found(fitted: Fitted) -> Gains | Refusal:
+    """Those of the ECU that [ecu] of rig.toml describes, known or fitted."""
+    if fitted.config.ecu is None:
+        return Refusal("rig.toml describes no ECU, see [ecu]")
+    if lost := [symbol for symbol in GAINS.values() if fitted.doubt(symbol) > UNKNOWN]:
+        return Refusal(f"the data do not tell {', '.join(lost)}")
+    return Gains(*(fitted.values[symbol] for symbol in GAINS.values()))
+
+
+def task_of(
+    fitted: Fitted,
+    ecu: Ecu,
+    requirements: Requirements = PAPERS,
+    drawn: np.ndarray | None = None,
+    feed_forward: bool = False,
+) -> Task:
+    """What the rules are given.
+
+    Args:
+        fitted: the model.
+        ecu: the controller.
+        requirements: what is asked for.
+        drawn: coordinates of further models, shape (D, P); from the Laplace approximation where there are none.
+        feed_forward: with the curve of holding voltages and the dry friction ahead of the PID.
+    """
+    if drawn is None:
+        drawn = fitted.laplace(DRAWS - 1, np.random.default_rng(SEED))
+    body = Body(fitted.config.gear_ratio, *stops(fitted))
+    throttles = fitted.throttles(np.vstack((fitted.x, drawn)))
+    bias = bias_of(fitted.throttle, *body) if feed_forward else None
+    return Task(reduce(fitted).plant, ecu, requirements, Loop(throttles, body, ecu, bias), gains_as_found(fitted))
+
+
+def design(
+    fitted: Fitted,
+    ecu: Ecu,
+    requirements: Requirements = PAPERS,
+    rule: str = BEST,
+    drawn: np.ndarray | None = None,
+    feed_forward: bool = False,
+    report: Report = quiet,
+) -> Design:
+    """Tune by every rule, and propose the gains of one.
+
+    Args:
+        fitted, ecu, requirements, drawn, feed_forward: see `task_of`.
+        rule: whose gains are proposed.
+        report: called with what is going on and the share done.
+    Raises:
+        UsageError: no such rule, a model without an electrical side, or a rule that has no gains for this plant.
+    """
+    if rule not in RULES:
+        raise UsageError(f"no tuning rule is called {rule!r}. Known: {', '.join(RULES)}.")
+    task = task_of(fitted, ecu, requirements, drawn, feed_forward)
+    found: dict[str, Gains | Refusal] = {}
+    for k, (name, tune) in enumerate(RULES.items()):
+        report(f"tuning: {name.replace('_', ' ')}", 0.05 + 0.7 * k / len(RULES))
+        found[name] = tune(task)
+    refused = found[rule]
+    if isinstance(refused, Refusal):
+        raise UsageError(f"{rule} has no gains for this plant: {refused.why}. Choose another rule.")
+    report("judging every rule over the draws", 0.8)
+    setpoint = trapezoid()
+    tuned = judged(task, found, setpoint)
+    chosen = tuned[rule]
+    limits: tuple[str, ...] = ()
+    if not chosen.meets_all:
+        report("looking for what binds", 0.85)
+        limits = binding(task, setpoint)
+    bias = task.loop.bias or bias_of(fitted.throttle, *task.loop.body)
+    origin = "laplace" if drawn is None else "posterior"
+    return Design(fitted, task, setpoint, chosen, tuned, task.loop.draws, origin, bias, limits)
+
+
+def judged(task: Task, found: Mapping[str, Gains | Refusal], setpoint: Setpoint) -> dict[str, Tuned]:
+    """Figures of every rule's gains, on the linear plant and over the draws of the nonlinear one."""
+    have = {name: gains for name, gains in found.items() if isinstance(gains, Gains)}
+    gains = Gains(*(np.array(column, dtype=float) for column in zip(*have.values(), strict=True)))
+    path = np.asarray(task.loop.respond(gains, setpoint).position)
+    share = np.asarray(task.loop.share(path))
+    figures = judge(setpoint, setpoint.instants(task.ecu.period), share)
+    safe = margins(Gains(*(g[None] for g in gains)), task.loop.linear(), task.ecu)
+    out = {}
+    for name, refusal in found.items():
+        if isinstance(refusal, Refusal):
+            out[name] = Tuned(name, None, refusal.why, None, None, {}, {}, None, None, None, None)
+            continue
+        k = list(have).index(name)
+        column = Judged(*(np.asarray(figure)[:, k] for figure in figures))
+        out[name] = _tuned(task, name, refusal, setpoint, column, share[:, k], (safe[0][:, k], safe[1][:, k]))
+    return out
+
+
+def _tuned(
+    task: Task, name: str, gains: Gains, setpoint: Setpoint, column: Judged, share: np.ndarray, safe: Any
+) -> Tuned:
+    asked, time = task.requirements, setpoint.instants(task.ecu.period)
+    margin = [float(m) for m in margins(gains, task.plant, task.ecu)]
+    straight = linear_loop.respond(task.plant, gains, task.ecu, setpoint)
+    linear = Metrics(*(float(v) for v in judge(setpoint, time, straight)), *margin)
+    nonlinear = Metrics(*(float(v[0]) for v in column), *margin)
+    every = np.all([_below(column, asked, symbol) for symbol in REQUIRED], axis=0)
+    stable = (safe[0] >= asked.gain_margin_db) & (safe[1] >= asked.phase_margin_deg)
+    return Tuned(
+        rule=name,
+        gains=Gains(*(float(g) for g in gains)),
+        why="",
+        linear=linear,
+        nonlinear=nonlinear,
+        met={s: bool(_below(nonlinear, asked, s)) for s in REQUIRED},
+        met_linear={s: bool(_below(linear, asked, s)) for s in REQUIRED},
+        probability_met=float(np.mean(every)),
+        probability_stable=float(np.mean(stable)),
+        band=np.quantile(share, (0.025, 0.5, 0.975), axis=0),
+        linear_path=straight,
+    )
+
+
+def _below(figures: Any, asked: Requirements, symbol: str) -> Any:
+    return getattr(figures, symbol) < getattr(asked, symbol)
+
+
+_EASED: dict[str, Callable[[Task], Task]] = {
+    "the supply voltage": lambda task: _with_ecu(task, supply=4.0 * task.ecu.supply),
+    "the ECU's period and delay": lambda task: _with_ecu(task, period=min(task.ecu.period, 5e-4), delay=0.0),
+    "the stability margins asked for": lambda task: replace(
+        task, requirements=replace(task.requirements, gain_margin_db=1e-3, phase_margin_deg=1e-3)
+    ),
+    "dry friction": lambda task: replace(task, loop=replace(task.loop, throttles=frictionless(task.loop.throttles))),
+    "the resolution of the position sensor": lambda task: _with_ecu(task, resolution=0.0),
+}
+
+
+def binding(task: Task, setpoint: Setpoint) -> tuple[str, ...]:
+    """What, eased alone, would let our optimum meet every requirement on the nominal model."""
+    eased = (name for name, ease in _EASED.items() if _meets(ease(task), setpoint))
+    return tuple(eased) or ("no limit alone: several bind together, or the setpoint itself is too fast",)
+
+
+def _meets(task: Task, setpoint: Setpoint) -> bool:
+    gains = RULES[BEST](task)
+    if isinstance(gains, Refusal):
+        return False
+    figures = task.loop.first(1).judged(Gains(*(np.array([g]) for g in gains)), setpoint)
+    return all(bool(np.all(_below(figures, task.requirements, symbol))) for symbol in REQUIRED)
+
+
+def _with_ecu(task: Task, **changes: float) -> Task:
+    ecu = task.ecu._replace(**changes)
+    return replace(task, ecu=ecu, loop=task.loop.under(ecu))
+
+
+_FRICTION = ("T_f", "T_s", "T_m", "mu_g", "T_z")
+
+
+def frictionless(throttle: Any) -> Any:
+    """The models with every dry friction at its off value."""
+
+    def smooth(effect: Any) -> Any:
+        gone = {name: 0.0 * getattr(effect, name) for name in _FRICTION if hasattr(effect, name)}
+        return replace(effect, **gone) if gone else effect
+
+    return replace(throttle, effects=tuple(smooth(effect) for effect in throttle.effects))

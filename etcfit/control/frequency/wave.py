@@ -1,0 +1,287 @@
+"""One frequency in several signals at once: amplitude and phase of each, and how well they are known together.
+
+    y_c(t) = o_c + d_c x + Re sum_k A_ck exp(2 pi i k f (t - m)),    k = 1 ... H,    x = (t - m) / half the span
+
+f is common, m the middle of all. Harmonics are fitted beside the fundamental, so that those of dry friction are not
+taken for noise; the drift d is left out of a signal in which it cannot be told from zero.
+
+Source: IEEE Std 1057-2017, sine fits of three and four parameters. Differs from source: several signals share f,
+harmonics, drift, and a covariance that takes residuals as they are: of unequal size, correlated, alike in every signal
+where a row's time is wrong.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from scipy import stats
+
+from ...estimation.autocorrelation import inflation
+
+_ROUNDS = 8
+_SETTLED = 1e-9  # of the frequency
+_TELLING = 3.5  # cycles that tell a drift from the waves well enough to go beyond them
+_EARNED = 3.0  # standard errors at which a drift is one
+_Z = 1.959963984540054  # 95 %, two sides
+
+
+class Signal(NamedTuple):
+    """One quantity: time (s, rising), value, shape (n,) each."""
+
+    time: np.ndarray
+    value: np.ndarray
+
+    def between(self, begin: float, end: float) -> Signal:
+        """Its samples from begin to end, s, the end not included."""
+        inside = (self.time >= begin) & (self.time < end)
+        return Signal(self.time[inside], self.value[inside])
+
+
+@dataclass(frozen=True, eq=False)
+class Ratio:
+    """One complex amplitude over another.
+
+    Args:
+        value: complex.
+        covariance: of ln magnitude and phase (rad), shape (2, 2).
+    """
+
+    value: complex
+    covariance: np.ndarray
+
+    @property
+    def magnitude(self) -> float:
+        return abs(self.value)
+
+    @property
+    def magnitude_ci95(self) -> tuple[float, float]:
+        """Magnitude within these in 95 % of cases."""
+        factor = float(np.exp(_Z * np.sqrt(self.covariance[0, 0])))
+        return self.magnitude / factor, self.magnitude * factor
+
+    @property
+    def phase_margin(self) -> float:
+        """Half of the 95 % interval of the phase, rad; none is wider than the whole circle."""
+        return float(min(_Z * np.sqrt(self.covariance[1, 1]), np.pi))
+
+
+@dataclass(frozen=True, eq=False)
+class Waves:
+    """What was fitted.
+
+    Args:
+        frequency: Hz.
+        middle: time to which phases refer, s.
+        harmonics: H.
+        amplitudes: of each signal, complex, shape (H,), in its unit.
+        offsets: o of each signal.
+        outside: share of each signal's power about offset and drift that is not in the fundamental.
+        in_harmonics: share that is in the 2nd to the Hth.
+        covariances: of real part and minus imaginary part of the fundamentals, in the order of `amplitudes`, shape
+            (2 C, 2 C) each: from rows, and from whole cycles.
+    """
+
+    frequency: float
+    middle: float
+    harmonics: int
+    amplitudes: Mapping[str, np.ndarray]
+    offsets: Mapping[str, float]
+    outside: Mapping[str, float]
+    in_harmonics: Mapping[str, np.ndarray]
+    covariances: tuple[np.ndarray, np.ndarray]
+
+    def ratio(self, over: Mapping[str, float], under: Mapping[str, float]) -> Ratio:
+        """Sum of the fundamentals in `over` with these factors, over that in `under`.
+
+            d ln(sum p_c A_c / sum q_c A_c) = sum_c (p_c / P - q_c / Q) dA_c
+
+        Of the two covariances the wider one counts: cycles that differ from each other are no independent rows.
+        """
+        top, bottom = self._sum(over), self._sum(under)
+        g = [over.get(name, 0.0) / top - under.get(name, 0.0) / bottom for name in self.amplitudes]
+        rows = np.array([[part for each in g for part in pair(each)] for pair in (_real_row, _imaginary_row)])
+        spreads = [rows @ covariance @ rows.T for covariance in self.covariances]
+        return Ratio(top / bottom, max(spreads, key=np.trace))
+
+    def _sum(self, factors: Mapping[str, float]) -> complex:
+        return sum((factor * complex(self.amplitudes[name][0]) for name, factor in factors.items()), 0j)
+
+
+def _real_row(g: complex) -> tuple[float, float]:
+    """Re (g (da - i db)) by da and db."""
+    return g.real, g.imag
+
+
+def _imaginary_row(g: complex) -> tuple[float, float]:
+    """Im (g (da - i db)) by da and db."""
+    return g.imag, -g.real
+
+
+@dataclass(frozen=True, eq=False)
+class _Part:
+    """A signal's linear least squares at one frequency."""
+
+    columns: np.ndarray
+    coefficients: np.ndarray
+    residual: np.ndarray
+    sd: float
+    slope: np.ndarray  # dy/df
+    amplitudes: np.ndarray
+
+
+def fundamental(signal: Signal, frequency: float, middle: float, harmonics: int) -> complex:
+    """Amplitude of a signal at a frequency that is known; with offset, drift and harmonics beside it."""
+    return complex(_part(signal, frequency, middle, harmonics, drifts=True).amplitudes[0])
+
+
+def departure(signal: Signal, reference: Signal, frequency: float, harmonics: int) -> np.ndarray:
+    """A signal less the waves fitted to a part of it; with drift where that part has cycles enough to tell one."""
+    middle, span = 0.5 * float(reference.time[0] + reference.time[-1]), float(np.ptp(reference.time))
+    drifts = span * frequency > _TELLING
+    part = _part(reference, frequency, middle, harmonics, drifts)
+    columns = _columns(signal.time - middle, frequency, harmonics)
+    if drifts:
+        columns = _drifting(columns, signal.time - middle, span)
+    return signal.value - columns @ part.coefficients
+
+
+def fit_waves(signals: Mapping[str, Signal], frequency: float, harmonics: int = 1) -> Waves:
+    """Fit all signals with one frequency.
+
+    Args:
+        signals: by name, each of more samples than 2 H + 2 and of some two cycles or more.
+        frequency: Hz, a guess within a fraction of 1 / duration.
+        harmonics: H; the highest must be sampled twice a cycle.
+    """
+    every = frozenset(signals)
+    middle = 0.5 * (min(s.time[0] for s in signals.values()) + max(s.time[-1] for s in signals.values()))
+    frequency, parts = _settled(signals, frequency, middle, harmonics, every)
+    place, covariances = _covariances(signals, parts, frequency)
+    slope = {name: (parts[name].coefficients[1], place[name] + 1) for name in signals}
+    drifting = frozenset(n for n, (d, k) in slope.items() if abs(d) > _EARNED * np.sqrt(covariances[0][k, k]))
+    if drifting != every:
+        frequency, parts = _settled(signals, frequency, middle, harmonics, drifting)
+        place, covariances = _covariances(signals, parts, frequency)
+    first = [place[name] + 1 + (name in drifting) + k for name in signals for k in (0, 1)]
+    shares = {name: _shares(part) for name, part in parts.items()}
+    return Waves(
+        frequency,
+        middle,
+        harmonics,
+        {name: part.amplitudes for name, part in parts.items()},
+        {name: float(part.coefficients[0]) for name, part in parts.items()},
+        {name: outside for name, (outside, _) in shares.items()},
+        {name: each for name, (_, each) in shares.items()},
+        (covariances[0][np.ix_(first, first)], covariances[1][np.ix_(first, first)]),
+    )
+
+
+def _settled(
+    signals: Mapping[str, Signal], frequency: float, middle: float, harmonics: int, drifting: frozenset[str]
+) -> tuple[float, dict[str, _Part]]:
+    """Gauss-Newton in the frequency, all else eliminated (variable projection); each signal by its own residual."""
+    reach = 0.25 / max(np.ptp(signal.time) for signal in signals.values())
+    parts = {n: _part(s, frequency, middle, harmonics, n in drifting) for n, s in signals.items()}
+    for _ in range(_ROUNDS):
+        pull = power = 0.0
+        for part in parts.values():
+            own = part.slope - part.columns @ _least_squares(part.columns, part.slope)
+            pull += float(own @ part.residual) / part.sd**2
+            power += float(own @ own) / part.sd**2
+        step = float(np.clip(pull / power, -reach, reach)) if power > 0.0 else 0.0
+        frequency += step
+        parts = {n: _part(s, frequency, middle, harmonics, n in drifting) for n, s in signals.items()}
+        if abs(step) < _SETTLED * frequency:
+            break
+    return frequency, parts
+
+
+def _columns(t: np.ndarray, frequency: float, harmonics: int) -> np.ndarray:
+    """1, cos, sin, cos 2, sin 2 ..., shape (n, 1 + 2 H)."""
+    angle = 2.0 * np.pi * frequency * t[:, None] * np.arange(1, harmonics + 1)
+    waves = np.stack([np.cos(angle), np.sin(angle)], axis=2).reshape(t.size, -1)
+    return np.column_stack([np.ones(t.size), waves])
+
+
+def _part(signal: Signal, frequency: float, middle: float, harmonics: int, drifts: bool) -> _Part:
+    t = signal.time - middle
+    columns = _columns(t, frequency, harmonics)
+    rates = _rates(t, columns)
+    if drifts:
+        columns = _drifting(columns, t, float(np.ptp(t)))
+    coefficients = _least_squares(columns, signal.value)
+    residual = signal.value - columns @ coefficients
+    waves = coefficients[-2 * harmonics :]
+    spread = np.sqrt(np.sum(residual**2) / max(t.size - columns.shape[1], 1))
+    sd = max(float(spread), 1e-10 * float(np.ptp(signal.value)), 1e-300)  # made-up data may have no noise at all
+    return _Part(columns, coefficients, residual, sd, rates @ waves, waves[::2] - 1j * waves[1::2])
+
+
+def _drifting(columns: np.ndarray, t: np.ndarray, span: float) -> np.ndarray:
+    """With the drift's column behind the offset's."""
+    return np.insert(columns, 1, 2.0 * t / span, axis=1)
+
+
+def _least_squares(columns: np.ndarray, y: np.ndarray) -> np.ndarray:
+    """By the normal equations: over whole cycles the columns are all but orthogonal, and a log may be long."""
+    return np.linalg.solve(columns.T @ columns, columns.T @ y)
+
+
+def _rates(t: np.ndarray, columns: np.ndarray) -> np.ndarray:
+    """Derivative of the waves' columns by the frequency: of cos it is -2 pi k t sin, of sin 2 pi k t cos."""
+    order = np.arange(1, (columns.shape[1] + 1) // 2)
+    rates = np.empty((t.size, 2 * order.size))
+    rates[:, ::2] = -2.0 * np.pi * t[:, None] * order * columns[:, 2::2]
+    rates[:, 1::2] = 2.0 * np.pi * t[:, None] * order * columns[:, 1::2]
+    return rates
+
+
+def _covariances(
+    signals: Mapping[str, Signal], parts: Mapping[str, _Part], frequency: float
+) -> tuple[dict[str, int], tuple[np.ndarray, np.ndarray]]:
+    """Of frequency and all coefficients: where those of each signal begin, and the sandwiches
+
+        (J^T J)^-1 (sum_g s_g s_g^T) (J^T J)^-1,    s_g = sum_(rows of g) sqrt(f) J r
+
+    over rows g, with f the inflation of each signal's correlated residuals, and over whole cycles g, the latter as
+    much wider as Student's t of so many cycles is than a normal distribution.
+
+    Source: White 1980 (rows), Liang and Zeger 1986 (groups), Geyer 1992 (f).
+    """
+    rows = np.unique(np.concatenate([signal.time for signal in signals.values()]))
+    width = 1 + sum(part.columns.shape[1] for part in parts.values())
+    normal, scores, plain = np.zeros((width, width)), np.zeros((rows.size, width)), np.zeros((rows.size, width))
+    place, begin = {}, 1
+    for name, part in parts.items():
+        n, count = part.columns.shape
+        jacobian = np.zeros((n, width))
+        jacobian[:, 0] = part.slope
+        jacobian[:, begin : begin + count] = part.columns
+        jacobian /= part.sd
+        r = part.residual / part.sd
+        normal += jacobian.T @ jacobian
+        at = np.searchsorted(rows, signals[name].time)
+        each = jacobian * (r * np.sqrt(n / max(n - count, 1)))[:, None]
+        plain[at] += each
+        scores[at] += np.sqrt(inflation(r)) * each
+        place[name], begin = begin, begin + count
+    size = np.sqrt(np.diag(normal))
+    inverse = np.linalg.pinv(normal / np.outer(size, size), hermitian=True) / np.outer(size, size)
+    cycle = np.floor((rows - rows[0]) * frequency).astype(int)
+    groups = np.zeros((cycle[-1] + 1, width))
+    np.add.at(groups, cycle, plain)
+    # few cycles: their scatter is itself known badly, which Student's t makes up for
+    groups *= np.sqrt(len(groups) / max(len(groups) - 1, 1)) * stats.t.ppf(0.975, max(len(groups) - 1, 1)) / _Z
+    return place, (inverse @ (scores.T @ scores) @ inverse, inverse @ (groups.T @ groups) @ inverse)
+
+
+def _shares(part: _Part) -> tuple[float, np.ndarray]:
+    """Of the power about offset and drift: what is not in the fundamental, and what is in each higher harmonic."""
+    count = 2 * part.amplitudes.size
+    waves, coefficients = part.columns[:, -count:], part.coefficients[-count:]
+    rest = waves[:, 2:] @ coefficients[2:] + part.residual
+    power = max(float(np.var(waves[:, :2] @ coefficients[:2] + rest)), 1e-300)
+    return float(np.var(rest)) / power, 0.5 * np.abs(part.amplitudes[1:]) ** 2 / power

@@ -1,0 +1,110 @@
+"""From a fitted model to the third-order transfer function that the paper tunes by, with standard errors.
+
+What comes out follows from Eqs. 1-2; the paper's own Eq. 8 does not follow from its Table 2 (`linear.PAPER_EQ_8`).
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any
+
+import jax
+import numpy as np
+
+from ..errors import UsageError
+from ..estimation.fitted_model import Fitted
+from ..model.linear import MIDDLE, TransferFunction, coefficients, holding, sensor_lag
+from ..model.throttle import Throttle
+
+INPUTS = {"V": "voltage", "%": "duty"}
+OUTPUTS = ("rad", "deg", "%")
+
+
+@dataclass(frozen=True, eq=False)
+class Reduction:
+    """The linear plant of a fitted model.
+
+    Args:
+        plant: transfer function, with delay and sensor lag beside it.
+        stderr: of b0, a2, a1, a0, shape (4,).
+        covariance: of b0, a2, a1, a0, shape (4, 4).
+        input_unit: "V" or "%" (of duty).
+        output_unit: "rad", "deg" or "%" (of travel).
+        theta: operating point, rad.
+        current, volts: that hold the plate there in the middle of its dry friction.
+        share: of the travel at the operating point.
+    """
+
+    plant: TransferFunction
+    stderr: np.ndarray
+    covariance: np.ndarray
+    input_unit: str
+    output_unit: str
+    theta: float
+    current: float
+    volts: float
+    share: float
+
+    def to_control(self, pade_order: int = 0) -> Any:
+        """A python-control TransferFunction; with delay and sensor lag where a Pade order is given."""
+        return self.plant.to_control(pade_order)
+
+
+def reduce(fitted: Fitted, input_unit: str = "V", output_unit: str = "rad", share: float = MIDDLE) -> Reduction:
+    """Linearise a fitted model about a plate held at a share of its travel.
+
+    The standard errors are the delta method's, sqrt(g C g) with g the gradient in coordinates.
+
+    Args:
+        fitted: the model.
+        input_unit, output_unit: see `INPUTS` and `OUTPUTS`.
+        share: of the travel; without stops, of a quarter turn.
+    Raises:
+        UsageError: a unit that is not known, or duty asked for where rig.toml gives no supply.
+    """
+    factor = _factor(fitted, input_unit, output_unit)
+    lower, upper = stops(fitted)
+    theta, n = lower + share * (upper - lower), fitted.config.gear_ratio
+    types = fitted.unknowns.layout.types
+
+    def of(values: Any) -> Any:
+        return coefficients(Throttle.build(types, values), theta, n, lower, upper)
+
+    scale = np.array([factor, 1.0, 1.0, 1.0])
+    row, (current, volts) = _about(fitted.throttle, theta, n, lower, upper)
+    b0, a2, a1, a0 = (scale * np.asarray(row)).tolist()
+    gradient = scale[:, None] * fitted.gradient(of)
+    covariance = gradient @ np.nan_to_num(fitted.covariance, posinf=0.0) @ gradient.T
+    delay = float(np.asarray(fitted.throttle.delays().input))
+    plant = TransferFunction(b0, a2, a1, a0, delay, float(np.asarray(sensor_lag(fitted.throttle))))
+    stderr = np.sqrt(np.maximum(np.diag(covariance), 0.0))
+    return Reduction(plant, stderr, covariance, input_unit, output_unit, theta, float(current), float(volts), share)
+
+
+@jax.jit
+def _about(throttle: Throttle, theta: float, gear_ratio: float, lower: float, upper: float) -> Any:
+    """Coefficients, and what holds the plate."""
+    body = (gear_ratio, lower, upper)
+    return coefficients(throttle, theta, *body), holding(throttle, theta, *body)
+
+
+def stops(fitted: Fitted) -> tuple[float, float]:
+    """The rig's travel, rad; a quarter turn from zero where it has no stops."""
+    lower, upper = fitted.config.travel
+    lower = lower if math.isfinite(lower) else 0.0
+    return lower, upper if math.isfinite(upper) else lower + math.pi / 2
+
+
+def _factor(fitted: Fitted, input_unit: str, output_unit: str) -> float:
+    """From rad/V to output over input."""
+    if input_unit not in INPUTS:
+        raise UsageError(f"input in {input_unit!r} is not known. It must be V or % (of duty).")
+    if output_unit not in OUTPUTS:
+        raise UsageError(f"output in {output_unit!r} is not known. It must be rad, deg or % (of travel).")
+    lower, upper = stops(fitted)
+    supply = fitted.config.supply_V
+    if input_unit == "%" and supply is None:
+        raise UsageError("input in % of duty needs supply_V in [rig] of rig.toml. Add it, or ask for V.")
+    per_input = (supply or 0.0) / 100.0 if input_unit == "%" else 1.0
+    return per_input * {"rad": 1.0, "deg": 180.0 / math.pi, "%": 100.0 / (upper - lower)}[output_unit]

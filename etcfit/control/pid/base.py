@@ -1,0 +1,41 @@
+"""What a tuning rule is given, and what it gives back."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from ...model.ecu import Ecu
+from ...model.linear import TransferFunction
+from .gains import Gains
+from .loop import Loop
+from .requirements import Requirements
+
+
+@dataclass(frozen=True)
+class Refusal:
+    """Why a rule has no gains for this plant."""
+
+    why: str
+
+
+@dataclass(frozen=True, eq=False)
+class Task:
+    """What a rule may use.
+
+    Args:
+        plant: linear, rad/V, with what delays it.
+        ecu: the controller's own limits.
+        requirements: what is asked for.
+        loop: the fitted nonlinear plant under its ECU, nominal model first, then draws.
+        as_found: gains of the ECU that drove the logs, or why nobody knows them.
+    """
+
+    plant: TransferFunction
+    ecu: Ecu
+    requirements: Requirements
+    loop: Loop
+    as_found: Gains | Refusal = Refusal("no ECU is described")
+
+
+Rule = Callable[[Task], Gains | Refusal]

@@ -1,0 +1,48 @@
+"""What a response must stay below, and how well one does."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+from ...model.parameters import Scalar
+
+
+@dataclass(frozen=True)
+class Requirements:
+    """What a response must stay below; the defaults are the paper's, section 4.1.
+
+    Args:
+        overshoot_pct: of the change of the setpoint.
+        settling_s: from where the setpoint begins to change until the angle stays within 2 % of the change.
+        steady_state_error_pct: of the change.
+        gain_margin_db, phase_margin_deg: at least; asked of the optimum only, the paper has none.
+    """
+
+    overshoot_pct: float = 20.0
+    settling_s: float = 0.2
+    steady_state_error_pct: float = 0.5
+    gain_margin_db: float = 6.0
+    phase_margin_deg: float = 30.0
+
+
+class Metrics(NamedTuple):
+    """How well a loop follows its setpoint.
+
+    Args:
+        overshoot_pct: largest excess beyond a new level, of the change of the setpoint.
+        settling_s: see `Requirements`; infinite where it does not settle before the setpoint changes again.
+        steady_state_error_pct: largest error in the last quarter of a level, of the change.
+        rmse_pct: of the tracking error, of the travel (the paper's Eq. 9).
+        gain_margin_db, phase_margin_deg: of the linear loop; below 0 where it is unstable.
+    """
+
+    overshoot_pct: Scalar
+    settling_s: Scalar
+    steady_state_error_pct: Scalar
+    rmse_pct: Scalar
+    gain_margin_db: Scalar
+    phase_margin_deg: Scalar
+
+
+REQUIRED = ("overshoot_pct", "settling_s", "steady_state_error_pct")

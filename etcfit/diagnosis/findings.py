@@ -1,0 +1,220 @@
+"""What a diagnosis finds: plain data for the report, diagnosis.json and whoever reads them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from ..estimation.result import FitResult
+from ..problem.prediction_error import Row
+
+
+@dataclass(frozen=True)
+class Whiteness:
+    """Is one channel's whitened residual noise?
+
+    Args:
+        file, test, channel, n: where, and how many samples.
+        rms: of the whitened residual; 1 where nothing is missing.
+        ljung_box: p-value of no autocorrelation.
+        strongest: what it goes along with most: "input", "speed", "sign of speed", "angle", "current" or "time".
+        correlation: with that signal.
+        p: that signal's p-value, for the number of signals tried.
+        white: neither too large, nor correlated.
+    """
+
+    file: str
+    test: str
+    channel: str
+    n: int
+    rms: float
+    ljung_box: float
+    strongest: str
+    correlation: float
+    p: float
+    white: bool
+
+
+@dataclass(frozen=True)
+class Share:
+    """How much of what is missing is a function of one quantity.
+
+    Args:
+        enters: "torque" or "voltage".
+        axis: "angle", "speed", "current", "load" or "time".
+        share: of the variance of the missing torque or voltage that a smooth curve over the axis takes away.
+    """
+
+    enters: str
+    axis: str
+    share: float
+
+
+@dataclass(frozen=True, eq=False)
+class Evidence:
+    """The residual of one model.
+
+    Args:
+        rows: by trace and channel.
+        white: all of them are white.
+        shares: what the missing torque and voltage depend on, largest first.
+        sentences: the same in words.
+    """
+
+    rows: tuple[Whiteness, ...]
+    white: bool
+    shares: tuple[Share, ...]
+    sentences: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """One effect of the catalogue in one round.
+
+    Args:
+        effect: name.
+        screened: by how much the score test thought it would lower chi2.
+        own: share of its signature that no fitted parameter can imitate; 0: it IS a shift of those.
+        refitted: whether it was refitted in full; the ratios are None where not.
+        fit_rms_ratio, holdout_rms_ratio: free-running error, in sigma, over that without it.
+        holdout_chi2_change: of the held-out residual.
+        bic_change: below 0 where it is worth its parameters.
+    """
+
+    effect: str
+    screened: float
+    own: float
+    refitted: bool
+    fit_rms_ratio: float | None = None
+    holdout_rms_ratio: float | None = None
+    holdout_chi2_change: float | None = None
+    bic_change: float | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class RoundReport:
+    """One round: the model it began with, what was tried, what came of it.
+
+    Args:
+        effects: at work beyond Eqs. 1-2.
+        evidence: of the residual.
+        fit_rms, holdout_rms: free-running error of that model, sigma; what the candidates' ratios are of. The latter
+            None without a holdout.
+        candidates: the most promising first.
+        added: the effect found, or None.
+        ties: effects that would have done as well.
+        why: one sentence.
+    """
+
+    effects: tuple[str, ...]
+    evidence: Evidence
+    fit_rms: float
+    holdout_rms: float | None
+    candidates: tuple[Candidate, ...]
+    added: str | None
+    ties: tuple[str, ...]
+    why: str
+
+
+@dataclass(frozen=True)
+class Tie:
+    """Effects that these data cannot tell apart: the first stands in the model for all of them.
+
+    Args:
+        effects: names.
+        apart: how far the fit with each of the others is from that with the first: rms over samples, in units of the
+            noise.
+        told_by: which measurement would separate them.
+    """
+
+    effects: tuple[str, ...]
+    apart: tuple[float, ...]
+    told_by: str
+
+
+@dataclass(frozen=True, eq=False)
+class Unexplained:
+    """Structure that no effect of the catalogue explains, as a smooth curve.
+
+    Args:
+        enters: "torque", "friction", "voltage" or "position".
+        depends_on: "angle", "speed", "load", "current" or "time".
+        unit, axis_unit: of the curve and of its axis.
+        axis, curve, sd: the curve over the range that was measured, and its standard deviation, shape (n,) each.
+        size: rms of the contribution along the measured motion, in `unit`.
+        fit_rms_ratio, holdout_rms_ratio: free-running errors with it over those without.
+        bic_change: of adding it.
+        fit, holdout: free-running errors with it.
+        doubts: named effects that it replaces as well as they explain the data themselves: they are not proven.
+        sentence: all that in words.
+    """
+
+    enters: str
+    depends_on: str
+    unit: str
+    axis_unit: str
+    axis: np.ndarray
+    curve: np.ndarray
+    sd: np.ndarray
+    size: float
+    fit_rms_ratio: float
+    holdout_rms_ratio: float | None
+    bic_change: float
+    fit: tuple[Row, ...]
+    holdout: tuple[Row, ...]
+    doubts: tuple[str, ...]
+    sentence: str
+
+
+@dataclass(frozen=True, eq=False)
+class Motion:
+    """One trace drawn along its measured motion: what torque and voltage the model lacks there, shape (n,) each.
+
+    Args:
+        file, test, held_out: which trace.
+        axes: "time" (s), "angle" (rad), "speed" (rad/s), "current" (A), "load" (N m through the gear).
+        torque: missing, N m; NaN where the plate rests or presses on a stop, or no angle was logged.
+        voltage: missing, V; NaN where no current was logged.
+        after: missing torque and voltage of the final model, by name as above.
+        effects: for each added effect the torque (N m) and the voltage (V) it contributes there, by effect and name.
+    """
+
+    file: str
+    test: str
+    held_out: bool
+    axes: Mapping[str, np.ndarray]
+    torque: np.ndarray
+    voltage: np.ndarray
+    after: Mapping[str, np.ndarray]
+    effects: Mapping[str, Mapping[str, np.ndarray]]
+
+
+@dataclass(frozen=True, eq=False)
+class Diagnosis:
+    """What was missing, and how much better the model is with it.
+
+    Args:
+        before, after: the fits of the first and of the final model.
+        start, final: effects at work beyond Eqs. 1-2.
+        rounds: each turn of the loop, the last of which adds nothing.
+        added: effects in the order found; without those that were taken away again or are in doubt.
+        removed: a sentence for each effect that gave way to another or was taken away again.
+        ties: effects that cannot be told apart.
+        unexplained: what no effect explains; None where the residual is noise.
+        motions: missing torque and voltage along the measured motion.
+        verdict: the whole in a few sentences.
+    """
+
+    before: FitResult
+    after: FitResult
+    start: tuple[str, ...]
+    final: tuple[str, ...]
+    rounds: tuple[RoundReport, ...]
+    added: tuple[str, ...]
+    removed: tuple[str, ...]
+    ties: tuple[Tie, ...]
+    unexplained: Unexplained | None
+    motions: tuple[Motion, ...] = field(repr=False)
+    verdict: tuple[str, ...] = ()

@@ -1,0 +1,211 @@
+"""Every candidate's signature in the residual, for the price of one tangent each: the score test.
+
+    gain = max_a |r|^2 - |r + C' a|^2,    C' = (1 - Q Q^T) dr/da
+
+with a the amplitudes of an effect at its off value, bounded where they are, and Q an orthonormal basis of what the
+fitted parameters can do to the residual. The shape parameters of an effect that is off have no tangent: each of their
+`scan` values makes a variant of its own. An amplitude that is scanned stays at its value a, with (r(a) - r(0))/a in
+place of dr/da.
+
+Source: Rao 1948 (score test); Chernoff 1954 for amplitudes on a bound. Differs from source: no.
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import partial
+from typing import Any
+
+import jax
+import numpy as np
+from scipy.optimize import lsq_linear
+
+from ..model.parameters import NonNegative
+from ..problem.free_parameters import Form
+from ..problem.problem import Bench
+from ..problem.residual import Problem, residual
+from .composition import Effect, resting
+
+_PROBE = 1e-3  # amplitude, in units of its scale, at which a tangent is taken: off a bound, where it may not exist
+_AT_ONCE = 8  # tangents side by side, which bounds the memory
+_IMITATED = 1e-6  # share of an amplitude's signature below which it is one that fitted parameters have already
+_TINY = 1e-10  # relative: singular values below it count as zero
+_SHY = 1e-5  # ridge on amplitudes, their columns of length 1: what only sums to a fitted parameter stays at rest
+
+
+@dataclass(frozen=True, eq=False)
+class Variant:
+    """One candidate with one choice of its shape.
+
+    Args:
+        effect: the candidate.
+        shape: shape parameters, and amplitudes that are scanned, SI by symbol.
+        amplitudes: symbols.
+    """
+
+    effect: Effect
+    shape: Mapping[str, float]
+    amplitudes: tuple[str, ...]
+
+
+@dataclass(frozen=True, eq=False)
+class Signature:
+    """What a variant would do to the residual.
+
+    Args:
+        variant: of which candidate.
+        columns: d residual / d amplitude over its scale, free of what the fitted parameters can do, shape (n, k).
+        gain: by how much it would lower chi2, by the linearised model.
+        values: amplitudes (SI) at which it would, and its shape, by symbol.
+        own: share of the signature's power that no fitted parameter can imitate.
+    """
+
+    variant: Variant
+    columns: np.ndarray = field(repr=False)
+    gain: float
+    values: Mapping[str, float]
+    own: float
+
+
+def variants(effect: Effect) -> tuple[Variant, ...]:
+    """A candidate at every combination of its `scan` values; other shapes nominal."""
+    rest, off = resting(effect), effect.off or {}
+    shape = {s: v for s, v in rest.items() if s not in off}
+    grid = itertools.product(*effect.scan.values())
+    return tuple(Variant(effect, shape | dict(zip(effect.scan, point, strict=True)), tuple(off)) for point in grid)
+
+
+@partial(jax.jit, static_argnums=(0, 1))
+def _tangents(form: Form, circuits: tuple[str, ...], x: Any, problem: Problem, fulls: Any, ways: Any) -> Any:
+    """Residual at K sets of values, and its derivative along K directions, (K, Q) each -> (K, T, L, M) each."""
+
+    def one(at: tuple[Any, Any]) -> Any:
+        full, way = at
+
+        def shifted(e: Any) -> Any:
+            pick = problem.pick._replace(full=full + e * way)
+            return residual(form, circuits, x, problem._replace(pick=pick))
+
+        return jax.jvp(shifted, (0.0,), (1.0,))
+
+    return jax.lax.map(one, (fulls, ways), batch_size=_AT_ONCE)
+
+
+def tangents(bench: Bench, x: np.ndarray, problem: Problem, every: Sequence[Variant]) -> list[np.ndarray]:
+    """For each variant the derivative of the fitted samples' residual in each amplitude over its scale, (n, k)."""
+    layout, index = bench.layout, bench.layout.form.index
+    rest = np.array(problem.pick.full, dtype=float)
+    fulls, ways = [rest], [np.zeros(rest.size)]
+    for variant in every:
+        full = rest.copy()
+        for symbol, value in variant.shape.items():
+            full[index[symbol]] = value
+        for symbol in variant.amplitudes:
+            domain, way = layout.parameter(symbol).domain, np.zeros(full.size)
+            way[index[symbol]] = domain.scale
+            fulls.append(full + _PROBE * way * (isinstance(domain, NonNegative) and symbol not in variant.shape))
+            ways.append(way)
+    padding = -len(fulls) % _AT_ONCE
+    fulls += [fulls[-1]] * padding
+    ways += [ways[-1]] * padding
+    form, circuits = layout.form, bench.tape.circuits
+    at, along = _tangents(form, circuits, layout.padded(x), problem, np.stack(fulls), np.stack(ways))
+    seen = np.asarray(problem.slots.weight) > 0.0
+    base = np.asarray(at[0])[seen]
+    pairs = iter([(np.asarray(r)[seen], np.asarray(t)[seen]) for r, t in zip(at[1:], along[1:], strict=True)])
+
+    def column(variant: Variant, symbol: str) -> np.ndarray:
+        r, tangent = next(pairs)
+        if symbol not in variant.shape:
+            return tangent
+        return (r - base) * layout.parameter(symbol).domain.scale / variant.shape[symbol]
+
+    return [np.stack([column(v, symbol) for symbol in v.amplitudes], axis=1) for v in every]
+
+
+@dataclass(frozen=True, eq=False)
+class Background:
+    """The residual of the fitted model and all that its parameters can do to it.
+
+    Args:
+        r: residual of the fitted samples, shape (n,).
+        basis: orthonormal, shape (n, p).
+    """
+
+    r: np.ndarray
+    basis: np.ndarray
+
+    @classmethod
+    def of(cls, bench: Bench, x: np.ndarray, problem: Problem) -> Background:
+        r, _, jacobian = bench.linearise(x, problem)
+        seen = np.asarray(problem.slots.weight) > 0.0
+        columns = jacobian[seen]
+        columns = columns / np.maximum(np.linalg.norm(columns, axis=0), 1e-300)
+        values, vectors = np.linalg.eigh(columns.T @ columns)
+        keep = values > _TINY
+        basis = columns @ (vectors[:, keep] / np.sqrt(values[keep]))
+        return cls(cls.free_of(basis, r[seen]), basis)
+
+    @staticmethod
+    def free_of(basis: np.ndarray, columns: np.ndarray) -> np.ndarray:
+        return columns - basis @ (basis.T @ columns)
+
+    def signature(self, bench: Bench, variant: Variant, columns: np.ndarray) -> Signature:
+        """The score test of one variant."""
+        whole = np.where(np.isfinite(columns), columns, 0.0)
+        own = self.free_of(self.basis, whole)
+        power, kept = np.sum(whole**2, axis=0), np.sum(own**2, axis=0)
+        own = np.where(kept > _IMITATED * power, own, 0.0)
+        share = float(np.sum(own**2) / max(float(power.sum()), 1e-300))
+        if share == 0.0:
+            return Signature(variant, own, 0.0, {**variant.shape, **(variant.effect.off or {})}, 0.0)
+        scanned = [s for s in variant.amplitudes if s in variant.shape]
+        amplitude, gain = (_at if scanned else _bounded)(bench, variant, own, self.r)
+        values = {s: a * bench.layout.parameter(s).domain.scale
+                  for s, a in zip(variant.amplitudes, amplitude.tolist(), strict=True)}  # fmt: skip
+        return Signature(variant, own, gain, {**variant.shape, **values}, share)
+
+
+def _at(bench: Bench, variant: Variant, columns: np.ndarray, r: np.ndarray) -> tuple[np.ndarray, float]:
+    """Scanned amplitudes as they are: a secant says what its own value does, and nothing of a smaller one."""
+    amplitudes = np.array([variant.shape[s] / bench.layout.parameter(s).domain.scale for s in variant.amplitudes])
+    return amplitudes, max(float(r @ r - np.sum((r + columns @ amplitudes) ** 2)), 0.0)
+
+
+def _bounded(bench: Bench, variant: Variant, columns: np.ndarray, r: np.ndarray) -> tuple[np.ndarray, float]:
+    """Amplitudes over their scales that lower |r + C a|^2 the most, none beyond its bound, and by how much."""
+    size = np.linalg.norm(columns, axis=0)
+    own = size > 0.0  # an amplitude without a signature stays at its off value
+    q, upper = np.linalg.qr(columns[:, own] / size[own])
+    low = np.array([0.0 if isinstance(bench.layout.parameter(s).domain, NonNegative) else -np.inf
+                    for s in variant.amplitudes])[own]  # fmt: skip
+    target = -(q.T @ r)
+    rows, right = np.vstack((upper, _SHY * np.eye(low.size))), np.concatenate((target, np.zeros(low.size)))
+    solution = lsq_linear(rows, right, bounds=(low, np.inf)).x
+    gain = float(target @ target - np.sum((upper @ solution - target) ** 2))
+    amplitudes = np.zeros(own.size)
+    amplitudes[own] = solution / size[own]
+    return amplitudes, max(gain, 0.0)
+
+
+def screen(
+    background: Background, bench: Bench, x: np.ndarray, problem: Problem, candidates: Sequence[Effect]
+) -> tuple[Signature, ...]:
+    """Every candidate's best variant, the most promising first.
+
+    Args:
+        background: of the same model and residual, lean or composed.
+        bench, x, problem: the composed model at its optimum.
+        candidates: effects at their off values.
+    """
+    every = [variant for effect in candidates for variant in variants(effect)]
+    columns = tangents(bench, x, problem, every) if every else []
+    signatures = [background.signature(bench, v, c) for v, c in zip(every, columns, strict=True)]
+    best: dict[Effect, Signature] = {}
+    for signature in signatures:
+        effect = signature.variant.effect
+        if effect not in best or signature.gain > best[effect].gain:
+            best[effect] = signature
+    return tuple(sorted(best.values(), key=lambda s: -s.gain))

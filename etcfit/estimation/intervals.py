@@ -1,0 +1,180 @@
+"""Standard errors and 95 % intervals in SI, from the covariance of the coordinates. The only place that does this.
+
+    stderr = |dvalue/dx| sqrt(C_ss),    ci95 = value(x -+ 1.96 sqrt(C_ss))
+
+The interval is mapped from coordinates, where the fit is nearest to linear, so it never crosses a bound.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+from functools import partial
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from ..problem.free_parameters import Form, Pick
+from .joint_fit import FitResult
+
+Z_95 = 1.96  # half width of a 95 % interval, standard deviations
+_UNKNOWN = 0.5  # relative; a wider standard error says nothing worth a figure
+
+
+@dataclass(frozen=True)
+class Interval:
+    """A parameter and how well it is known, SI.
+
+    Args:
+        value: at the optimum.
+        stderr: standard error; None where it is not estimated or not identifiable.
+        low, high: 95 % interval, or None likewise.
+        status: "estimated", "fixed", "tied" or "not identifiable".
+        remark: what a reader must know besides, or None.
+    """
+
+    value: float
+    stderr: float | None
+    low: float | None
+    high: float | None
+    status: str
+    remark: str | None = None
+
+    @classmethod
+    def bare(cls, value: float, status: str, remark: str | None = None) -> Interval:
+        """A value without an interval."""
+        return cls(value, None, None, None, status, remark)
+
+
+def intervals(result: FitResult) -> dict[str, Interval]:
+    """Every parameter by symbol, in the model's order, and the gear ratio N last.
+
+    A tied parameter carries the interval of what it equals, and shares its loss where that is not identifiable.
+    """
+    layout = result.unknowns.layout
+    free = dict(zip(layout.free, _free(result), strict=True))
+    held = {symbol: Interval.bare(result.values[symbol], "fixed") for symbol in layout.held}
+    known = free | held
+    known |= {symbol: _tied(symbol, other, known[other]) for symbol, other in layout.ties}
+    return {p.symbol: known[p.symbol] for p in layout.parameters} | {"N": _gear_ratio(result)}
+
+
+@dataclass(frozen=True)
+class Lump:
+    """A combination of parameters that may be known where its parts are not.
+
+    Args:
+        unit: SI.
+        meaning: formula first.
+        of: the combination as a function of the values (SI, by symbol) and the gear ratio.
+        electric: True where it needs an electrical side.
+    """
+
+    unit: str
+    meaning: str
+    of: Callable[[Mapping[str, Any], float], Any]
+    electric: bool = False
+
+
+LUMPS: dict[str, Lump] = {
+    "J_eq": Lump("kg*m2", "N^2 J_m + J_L, at the plate", lambda v, n: n**2 * v["J_m"] + v["J_L"]),
+    "B_eq": Lump("N*m*s/rad", "N^2 B_m + B_L, at the plate", lambda v, n: n**2 * v["B_m"] + v["B_L"]),
+    "V_PL": Lump("V", "T_PL R_a/(N K_m): preload, in volts", lambda v, n: v["T_PL"] * _per_torque(v, n), True),
+    "V_f": Lump("V", "T_f R_a/(N K_m): dry friction, in volts", lambda v, n: v["T_f"] * _per_torque(v, n), True),
+    "V_s": Lump("V/rad", "K_s R_a/(N K_m): stiffness, in volts", lambda v, n: v["K_s"] * _per_torque(v, n), True),
+    "V_w": Lump(
+        "V*s/rad",
+        "B_eq R_a/(N K_m) + N K_b: speed, in volts",
+        lambda v, n: (n**2 * v["B_m"] + v["B_L"]) * _per_torque(v, n) + n * v["K_b"],
+        True,
+    ),
+}
+
+
+def _per_torque(values: Mapping[str, Any], gear_ratio: float) -> Any:
+    """R_a / (N K_m): volts that hold one N m at the plate."""
+    return values["R_a"] / (gear_ratio * values["K_m"])
+
+
+def lumped(result: FitResult) -> dict[str, Interval]:
+    """Combinations of parameters, by the delta method: stderr = sqrt(g^T C g), g the gradient in coordinates.
+
+    What the plate feels of motor and load together, and, in volts at the terminals, what holds and brakes the plate:
+    the latter are known even where no current was logged and hence no torque.
+    """
+    electric = any(trace.circuit for trace in result.bench.tape.traces)
+    n, unknowns = result.rig.config.gear_ratio, result.unknowns
+    layout = unknowns.layout
+    gradients = np.asarray(_gradients(layout.form, layout.padded(result.x), layout.pick(unknowns.held), n))[
+        :, : result.x.size
+    ]
+    return {
+        s: _combined(float(lump.of(result.values, n)), gradient, result.covariance)
+        for (s, lump), gradient in zip(LUMPS.items(), gradients, strict=True)
+        if electric or not lump.electric
+    }
+
+
+@partial(jax.jit, static_argnums=0)
+def _gradients(form: Form, x: Any, pick: Pick, n: Any) -> Any:
+    """Of every combination in coordinates, shape (len(LUMPS), P)."""
+
+    def every(x: Any) -> Any:
+        values = form.values(x, pick)
+        return jnp.array([lump.of(values, n) for lump in LUMPS.values()])
+
+    return jax.jacfwd(every)(x)
+
+
+def _free(result: FitResult) -> list[Interval]:
+    """Those of the free parameters, in the order of x."""
+    layout, x = result.unknowns.layout, result.x
+    sd = np.sqrt(np.maximum(np.diag(result.covariance), 0.0))
+    slope = layout.numbers(x)[1]
+    low, high = (layout.numbers(x + way * Z_95 * sd)[0] for way in (-1.0, 1.0))
+    value = [float(result.values[symbol]) for symbol in layout.free]
+    columns = zip(value, (np.abs(slope) * sd).tolist(), low.tolist(), high.tolist(), strict=True)
+    return [_judged(result, k, Interval(*row, status="estimated")) for k, row in enumerate(columns)]
+
+
+def _judged(result: FitResult, k: int, stated: Interval) -> Interval:
+    """What may be said of an interval: all of it, that a bound holds the value, or that nothing is known."""
+    layout, value = result.unknowns.layout, stated.value
+    domain = layout.parameter(layout.free[k]).domain
+    remark = "at its bound" if domain.at_bound(value) else None
+    if layout.free[k] in result.identifiability.lost:
+        return Interval.bare(value, "not identifiable", remark)
+    sd = _root(result.covariance[k, k])
+    if sd is None:
+        return Interval.bare(value, "estimated", "its standard error could not be computed")
+    if sd > _UNKNOWN * layout.reach(result.x)[k]:
+        return Interval.bare(value, "not identifiable", remark)  # where widening left nothing of what was known
+    return replace(stated, remark=remark)
+
+
+def _tied(symbol: str, other: str, equal: Interval) -> Interval:
+    if equal.status == "not identifiable":
+        return replace(equal, remark=f"{symbol} = {other}")
+    return replace(equal, status="tied", remark=f"{symbol} = {other}")
+
+
+def _gear_ratio(result: FitResult) -> Interval:
+    config = result.rig.config
+    remark = None if config.gear_ratio_given else "assumed: rig.toml does not give it"
+    return Interval.bare(float(config.gear_ratio), "fixed", remark)
+
+
+def _combined(value: float, gradient: np.ndarray, covariance: np.ndarray) -> Interval:
+    if not gradient.any():
+        return Interval.bare(value, "fixed")
+    stderr = _root(float(gradient @ covariance @ gradient))
+    if stderr is None or stderr > _UNKNOWN * abs(value):
+        return Interval.bare(value, "not identifiable")
+    return Interval(value, stderr, value - Z_95 * stderr, value + Z_95 * stderr, "estimated")
+
+
+def _root(variance: float) -> float | None:
+    return math.sqrt(variance) if math.isfinite(variance) and variance >= 0.0 else None

@@ -1,0 +1,232 @@
+"""What a fit leaves behind: parameters, how well they are known, how well they predict, and what to be told of it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..problem.free_parameters import Unknowns
+from ..problem.prediction_error import Row, columns, rows
+from ..problem.problem import Bench
+from ..problem.residual import Problem
+from ..problem.trace import Trace
+from ..rig.base import Rig
+from ..rig.paper_readings import Readings
+from .autocorrelation import inflation, widen
+from .fitted_model import Fitted
+from .identifiability import Identifiability, analyse
+from .levenberg_marquardt import information_of
+
+
+@dataclass(frozen=True)
+class StartSummary:
+    """Where one start of the fit began and ended.
+
+    Args:
+        name: "reading" or the number of a perturbed start.
+        chi2_before, chi2_after: sums of squared residuals, each whitened by its own noise alone.
+        steps: Levenberg-Marquardt steps.
+    """
+
+    name: str
+    chi2_before: float
+    chi2_after: float
+    steps: int
+
+
+@dataclass(frozen=True, eq=False)
+class FitResult:
+    """The joint fit of a rig.
+
+    Args:
+        rig: as read.
+        unknowns: what was free.
+        x: coordinates at the optimum, shape (P,).
+        values: SI by symbol, all parameters.
+        covariance: of the coordinates, widened where the noise is correlated, shape (P, P).
+        identifiability: what these data can tell.
+        readings: the paper's graph by graph reading.
+        bench: the data as fitted, for whoever goes on from here.
+        holdout: the traces that were not, or None.
+        problem: what the residual was minimised over.
+        whitened: residual of each fitted trace, shape (n, M) each.
+        predicted: free-run simulation of each fitted trace and each held-out one, by file, shape (n, M) each.
+        score_fit, score_holdout: free-run errors a trace and channel.
+        chi2_per_dof: of the whitened residual.
+        converged, reason: whether this is an optimum, and in words why (not).
+        starts: where each start ended.
+        widening: factor by which correlated noise widened the intervals, by symbol.
+        warnings: what a reader must know.
+        far: the model is far from the data and was fitted free-running.
+        formulas: effects whose formulas the covariance allows to be off, each by its `inexact`.
+    """
+
+    rig: Rig
+    unknowns: Unknowns
+    x: np.ndarray
+    values: Mapping[str, float]
+    covariance: np.ndarray
+    identifiability: Identifiability
+    readings: Readings
+    bench: Bench
+    holdout: Bench | None
+    problem: Problem
+    whitened: tuple[np.ndarray, ...]
+    predicted: Mapping[str, np.ndarray]
+    score_fit: tuple[Row, ...]
+    score_holdout: tuple[Row, ...]
+    chi2_per_dof: float
+    converged: bool
+    reason: str
+    starts: tuple[StartSummary, ...]
+    widening: Mapping[str, float]
+    warnings: tuple[str, ...]
+    far: bool = False
+    formulas: tuple[str, ...] = ()
+
+    def fitted(self) -> Fitted:
+        """The model alone, for whoever goes on from it."""
+        return Fitted(self.rig.config, self.unknowns, self.x, self.covariance)
+
+
+@dataclass(frozen=True)
+class End:
+    """How the fit ended.
+
+    Args:
+        converged, reason: whether at an optimum.
+        outliers: samples weighed down.
+        far: the model is far from the data and was fitted free-running.
+        wander: what the last round moved, coordinates, shape (P,): where an impact or a slip falls on either side of a
+            sample, two whitenings alternate, and neither is better; the intervals include the difference.
+        gain: chi2 that the gradient still promises, in units of chi2 per degree of freedom.
+    """
+
+    converged: bool
+    reason: str
+    outliers: int = 0
+    far: bool = False
+    wander: np.ndarray | None = None
+    gain: float = 0.0
+
+
+def outcome(
+    rig: Rig,
+    readings: Readings,
+    bench: Bench,
+    held_out: tuple[Trace, ...],
+    problem: Problem,
+    x: np.ndarray,
+    starts: tuple[StartSummary, ...],
+    end: End,
+    notes: tuple[str, ...],
+) -> FitResult:
+    r, _, jacobian = bench.linearise(x, problem)
+    pieces = _pieces(bench, r, jacobian)
+    certain = analyse(bench.layout, x, information_of(problem.prior_sd[: x.size], jacobian)).covariance
+    covariance, factor, count = widen(certain, pieces)
+    alternating: list[str] = []
+    if end.wander is not None:
+        far_off = np.abs(end.wander) > 0.5 * np.sqrt(np.diag(covariance))
+        alternating = [s for s, off in zip(bench.layout.free, far_off, strict=True) if off]
+        covariance = covariance + np.outer(end.wander, end.wander)
+    verdict = _verdict_on_parameters(bench, x, problem, pieces)
+    values = {s: float(v) for s, v in bench.layout.values(x, bench.unknowns.held).items()}
+    holdout = bench.beside(held_out, x) if held_out else None
+    predicted, score_holdout = {}, ()
+    for part in filter(None, (bench, holdout)):
+        model = part.free_run(x)
+        predicted |= {t.measurement.file: y for t, y in zip(part.tape.traces, model, strict=True)}
+    if holdout is not None:
+        score_holdout = rows(held_out, [predicted[t.measurement.file] for t in held_out])
+    score_fit = rows(bench.tape.traces, [predicted[t.measurement.file] for t in bench.tape.traces])
+    whitened = _in_sigma(bench, predicted) if end.far else tuple(columns(bench.tape, r))
+    samples = sum(row.n for row in score_fit)
+    chi2 = sum(float(np.nansum(part**2)) for part in whitened) / max(1.0, samples - x.size)
+    return FitResult(
+        rig=rig,
+        unknowns=bench.unknowns,
+        x=x,
+        values=values,
+        covariance=covariance,
+        identifiability=verdict,
+        readings=readings,
+        bench=bench,
+        holdout=holdout,
+        problem=problem,
+        whitened=whitened,
+        predicted=predicted,
+        score_fit=score_fit,
+        score_holdout=score_holdout,
+        chi2_per_dof=chi2,
+        converged=end.converged,
+        reason=end.reason,
+        starts=starts,
+        widening=dict(zip(bench.layout.free, map(float, factor), strict=True)),
+        warnings=(*rig.warnings, *notes, *_words(end, count, len(score_fit), chi2, factor), *_alternation(alternating)),
+        far=end.far,
+    )
+
+
+def _in_sigma(bench: Bench, predicted: Mapping[str, np.ndarray]) -> tuple[np.ndarray, ...]:
+    """Free-running error over each sample's own noise, for a model too far from the data to whiten."""
+    return tuple((t.data - predicted[t.measurement.file]) / t.sigma for t in bench.tape.traces)
+
+
+def _verdict_on_parameters(
+    bench: Bench, x: np.ndarray, problem: Problem, pieces: list[tuple[np.ndarray, np.ndarray]]
+) -> Identifiability:
+    """What the data can tell, each channel counting for no more than its residual's size and independence allow.
+
+    It is judged off the bounds: a parameter that lies on one would seem known, and so would what it hides behind.
+    """
+    inside = bench.layout.off_bounds(x)
+    if not np.array_equal(inside, x):
+        r, _, jacobian = bench.linearise(inside, problem)
+        pieces = [(j, own) for (j, _), (_, own) in zip(_pieces(bench, r, jacobian), pieces, strict=True)]
+    information = np.diag(1.0 / np.asarray(problem.prior_sd)[: x.size] ** 2)
+    for jacobian, own in pieces:
+        information = information + jacobian.T @ jacobian / inflation(own)
+    return analyse(bench.layout, inside, information)
+
+
+def _pieces(bench: Bench, r: np.ndarray, jacobian: np.ndarray) -> list[tuple[np.ndarray, np.ndarray]]:
+    """Jacobian and residual of each channel of each trace, where it was logged."""
+    out = []
+    for trace, part, (lane, _, marks) in zip(bench.tape.traces, columns(bench.tape, r), bench.tape.places, strict=True):
+        for m in range(len(trace.channels)):
+            seen = np.isfinite(trace.data[:, m])
+            out.append((jacobian[marks[seen], lane, m], part[seen, m]))
+    return out
+
+
+def _alternation(symbols: list[str]) -> list[str]:
+    if not symbols:
+        return []
+    names = ", ".join(symbols)
+    return [
+        f"The rounds of the fit alternate in {names}: an impact or a slip falls on either side of a sample, and "
+        "neither reading of it is better. Their intervals are widened by the difference."
+    ]
+
+
+def _words(end: End, correlated: int, pieces: int, chi2: float, factor: np.ndarray) -> list[str]:
+    out = []
+    if end.far:
+        out.append(
+            f"The model is far from the data (chi2/dof {chi2:.3g}): it lacks an effect. It was fitted free-running, "
+            "each channel weighed by the error left in it; parameters are a compromise, not measurements."
+        )
+    if correlated:
+        out.append(
+            f"{correlated} of {pieces} residuals are larger than their noise or not independent: the model lacks "
+            f"something there. Intervals are widened for it (up to {float(np.max(factor)):.1f} times), but widening "
+            "does not remove a bias; look at the residual pictures."
+        )
+    if end.outliers:
+        out.append(f"{end.outliers} samples lie far outside their trace's residuals and were weighed down.")
+    if not end.converged:
+        out.append(f"NOT CONVERGED: {end.reason}")
+    return out

@@ -1,0 +1,221 @@
+"""The next best test: what one more trace of each kind would do to the intervals, before anybody measures it.
+
+    F' = F + J_k^T J_k,    sd' / sd = sqrt((F'^-1)_ss / (F^-1)_ss)
+
+J_k is the whitened Jacobian of a trace that does not exist yet, simulated as planned with the rig's own noise, or that
+of a trace that is there, measured once more.
+Source: optimal experiment design by Fisher information, Ljung 1999, ch. 13. Differs from source: no.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from itertools import combinations
+
+import numpy as np
+
+from ..estimation.identifiability import analyse
+from ..estimation.joint_fit import ready, start_values
+from ..estimation.levenberg_marquardt import information_of
+from ..problem.free_parameters import Layout, unknowns
+from ..problem.problem import Bench
+from ..problem.trace import Trace
+from ..rig import TESTS
+from ..rig.base import Rig
+from ..rig.paper_readings import read_graphs
+from .plan import PLANS, Plan, channels, sweeps, trace_of
+from .setting import Setting
+
+_ENTANGLED = 0.5  # squared correlation from which two parameters are said to be entangled
+_APART = 0.9  # of 1/(1 - rho^2) that must go for them to be called separated
+
+
+@dataclass(frozen=True)
+class Pair:
+    """Two parameters and the correlation of their estimates, now and after one more trace."""
+
+    symbols: tuple[str, str]
+    before: float
+    after: float
+
+
+@dataclass(frozen=True, eq=False)
+class Option:
+    """One more trace.
+
+    Args:
+        test: rig test.
+        says: how it is made.
+        remark: what was assumed, or "".
+        shrinks: width of each interval after it as a share of what it is now, shape (P,).
+        separates: the pair that it tells apart best; None where it tells none apart.
+        plan: what is driven and when; None where it is a trace that is there, made once more.
+    """
+
+    test: str
+    says: str
+    remark: str
+    shrinks: np.ndarray
+    separates: Pair | None
+    plan: Plan | None
+
+    @property
+    def again(self) -> bool:
+        """The same as one that is there."""
+        return self.plan is None
+
+    @property
+    def mean(self) -> float:
+        """Geometric mean of the shares: the volume of what is not known, one dimension of it."""
+        return float(np.exp(np.mean(np.log(self.shrinks))))
+
+
+@dataclass(frozen=True, eq=False)
+class Advice:
+    """What to measure next.
+
+    Args:
+        rig: the measurements.
+        symbols: free parameters, P.
+        sd: standard errors now, relative (of a factor, where a parameter is positive), shape (P,).
+        options: best first.
+        not_judged: tests that no trace can be simulated of, with the reason.
+    """
+
+    rig: Rig
+    symbols: tuple[str, ...]
+    sd: np.ndarray
+    options: tuple[Option, ...]
+    not_judged: tuple[tuple[str, str], ...]
+
+
+def advise(rig: Rig, x: np.ndarray | None = None) -> Advice:
+    """Judge one more trace of each rig test, and of a driven response that is chosen for what it tells.
+
+    Args:
+        rig: a measurement folder.
+        x: coordinates to judge at, shape (P,), say those of a fit; the paper's graph readings where not given.
+    Raises:
+        MeasurementError: nothing can be fitted.
+    """
+    known = unknowns(rig.config)
+    fitted, _, _ = ready(rig)
+    if x is None:
+        x = known.layout.coordinates(start_values(known, read_graphs(rig)))
+    bench = Bench.of(rig.config, known, fitted).refined(x)
+    now = _informations(bench, x)
+    prior_sd = bench.problem(bench.free_running()).prior_sd[: x.size]
+    judge = Judge(known.layout, x, information_of(prior_sd, np.zeros((0, x.size))) + sum(now))
+    values = {s: float(v) for s, v in known.layout.values(x, known.held).items()}
+    again = [_again(test.name, fitted, now, judge) for test in TESTS if test.name in {t.test.name for t in fitted}]
+    planned = list(_planned(bench, x, Setting.of(rig, values), judge))
+    options = sorted((*again, *planned), key=lambda option: option.mean)
+    judged = {option.test for option in options}
+    return Advice(rig, known.layout.free, judge.sd, tuple(options), tuple(_not_judged(judged)))
+
+
+@dataclass(frozen=True, eq=False)
+class Judge:
+    """What is known now, and what would be known with more.
+
+    Args:
+        layout: which parameters x stands for.
+        x: coordinates, shape (P,).
+        information: Fisher information of all that is there, shape (P, P).
+    """
+
+    layout: Layout
+    x: np.ndarray
+    information: np.ndarray
+
+    def covariance(self, more: np.ndarray | float = 0.0) -> np.ndarray:
+        """Of the coordinates, with so much more information."""
+        return analyse(self.layout, self.x, self.information + more).covariance
+
+    @property
+    def sd(self) -> np.ndarray:
+        """Relative standard errors now."""
+        return np.sqrt(np.diag(self.covariance())) / self.layout.reach(self.x)
+
+    def gain(self, more: np.ndarray) -> tuple[np.ndarray, Pair | None]:
+        """What so much more information does to each interval, and the pair it tells apart."""
+        before, after = self.covariance(), self.covariance(more)
+        return np.sqrt(np.diag(after) / np.diag(before)), separated(self.layout.free, before, after)
+
+
+def separated(symbols: Sequence[str], before: np.ndarray, after: np.ndarray) -> Pair | None:
+    """The pair whose entanglement 1/(1 - rho^2) shrinks most, of those that are entangled now."""
+    was, then = _correlation(before), _correlation(after)
+    pairs = [(i, j) for i, j in combinations(range(len(symbols)), 2) if was[i, j] ** 2 > _ENTANGLED]
+    left = {(i, j): (1.0 - was[i, j] ** 2) / max(1.0 - then[i, j] ** 2, 1e-12) for i, j in pairs}
+    if not left or min(left.values()) > _APART:
+        return None
+    i, j = min(left, key=lambda pair: left[pair])
+    return Pair((symbols[i], symbols[j]), float(was[i, j]), float(then[i, j]))
+
+
+def _correlation(covariance: np.ndarray) -> np.ndarray:
+    sd = np.sqrt(np.diag(covariance))
+    return np.clip(covariance / np.outer(sd, sd), -1.0, 1.0)
+
+
+def batched(traces: Sequence[Trace], most: int) -> Iterator[tuple[Trace, ...]]:
+    """At most so many at a time."""
+    return (tuple(traces[k : k + most]) for k in range(0, len(traces), most))
+
+
+def _informations(bench: Bench, x: np.ndarray) -> list[np.ndarray]:
+    """J_k^T J_k of each trace of a bench, shape (P, P) each."""
+    _, _, jacobian = bench.linearise(x, bench.problem(bench.kalman(x)))
+    out = []
+    for trace, (lane, _, marks) in zip(bench.tape.traces, bench.tape.places, strict=True):
+        rows = jacobian[marks, lane, : len(trace.channels)].reshape(-1, x.size)
+        rows = rows[np.isfinite(rows).all(axis=1)]
+        out.append(rows.T @ rows)
+    return out
+
+
+def _again(test: str, traces: Sequence[Trace], informations: Sequence[np.ndarray], judge: Judge) -> Option:
+    """The trace of a test that tells most, made once more."""
+    options = [
+        Option(test, f"once more, as {trace.measurement.file}", "", *judge.gain(more), None)
+        for trace, more in zip(traces, informations, strict=True)
+        if trace.test.name == test
+    ]
+    return min(options, key=lambda option: option.mean)
+
+
+def _planned(bench: Bench, x: np.ndarray, setting: Setting, judge: Judge) -> Iterator[Option]:
+    """A trace of each test that was not made yet, and the best of the driven responses."""
+    if any(trace.torque_driven for trace in bench.tape.traces):
+        return  # no supply is known, and no amplifier to drive it with
+    made = {trace.test.name for trace in bench.tape.traces}
+    absent = [plan(setting) for name, plan in PLANS.items() if name not in made]
+    responses = sweeps(setting)
+    plans = [*absent, *responses]
+    traces = tuple(trace_of(plan, setting) for plan in plans)
+    options = [
+        Option(plan.test, plan.says, _remark(channels(plan, setting), setting), *judge.gain(more), plan)
+        for plan, more in zip(plans, _beside(bench, traces, x), strict=True)
+    ]
+    yield from options[: len(absent)]
+    yield min(options[len(absent) :], key=lambda option: option.mean)
+
+
+def _beside(bench: Bench, traces: Sequence[Trace], x: np.ndarray) -> Iterator[np.ndarray]:
+    """J_k^T J_k of other traces, as many at a time as there are lanes: what was compiled for the bench serves again."""
+    for some in batched(traces, bench.shape[1]):
+        yield from _informations(Bench.of(bench.config, bench.unknowns, some, None, bench.shape).refined(x), x)
+
+
+def _remark(needed: Sequence[str], setting: Setting) -> str:
+    new = [name.replace("_", " ") for name in needed if name in setting.assumed]
+    return f"{', '.join(new)} not logged so far: noise assumed" if new else ""
+
+
+def _not_judged(judged: set[str]) -> Iterator[tuple[str, str]]:
+    for test in TESTS:
+        if test.name not in judged:
+            why = "no plan for it" if test.name in PLANS else "what the ECU does is not known before it is logged"
+            yield test.name, why

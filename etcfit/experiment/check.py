@@ -1,0 +1,240 @@
+"""What a measurement folder holds, what is odd about it, and what its traces can identify. Fits nothing.
+
+The verdict is that of the Fisher information of the start model, at the values that the paper's graphs read.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from ..errors import MeasurementError
+from ..estimation.identifiability import Identifiability, analyse
+from ..estimation.joint_fit import ready, start_values
+from ..estimation.levenberg_marquardt import information_of
+from ..estimation.remedies import listed, sentence
+from ..problem.free_parameters import Layout, unknowns
+from ..problem.problem import Bench
+from ..rig.base import Channel, Measurement, Rig
+from ..rig.ecu import GAINS
+from ..rig.paper_readings import Readings, read_graphs
+
+_SURE = 1e8  # information on a relative change of what is taken as known
+_GAP = 3.0  # median sampling intervals
+_REPEATS = 0.25  # of neighbouring samples that are equal: a livelier channel does not rest on one value by chance
+_RUN = 5  # equal samples in a row at the extreme, at least; and
+_RUN_SHARE = 0.005  # of the trace
+
+
+@dataclass(frozen=True)
+class Clock:
+    """Time base of a trace.
+
+    Args:
+        samples, duration: rows; s.
+        rate: 1/median interval, Hz.
+        jitter: rms of interval/median - 1, gaps left out.
+        gaps: intervals longer than three medians.
+        longest: the longest interval, s.
+    """
+
+    samples: int
+    duration: float
+    rate: float
+    jitter: float
+    gaps: int
+    longest: float
+
+
+@dataclass(frozen=True)
+class ChannelCheck:
+    """One channel of a trace, in the unit that was logged.
+
+    Args:
+        name, unit: what, in what.
+        low, high: range.
+        sigma: noise of one sample; `estimated` where rig.toml does not give it.
+        quantum: resolution; 0 where none is seen.
+        empty: rows without a value.
+        clipped: samples that sit on one extreme value in long runs.
+        frozen: never changes.
+    """
+
+    name: str
+    unit: str
+    low: float
+    high: float
+    sigma: float
+    estimated: bool
+    quantum: float
+    empty: int
+    clipped: int
+    frozen: bool
+
+
+@dataclass(frozen=True)
+class TraceCheck:
+    """One trace."""
+
+    file: str
+    test: str
+    held_out: bool
+    clock: Clock
+    channels: tuple[ChannelCheck, ...]
+
+
+@dataclass(frozen=True, eq=False)
+class CheckResult:
+    """What `check` found.
+
+    Args:
+        rig: as read.
+        traces: each trace.
+        identifiability: of the start model; None where nothing can be fitted.
+        directions: each null or weak direction in a sentence, worst first.
+        gains: what knowing a gain of the ECU would tell besides, a sentence each; () where no such gain is sought.
+        readings: the paper's graphs; None where they could not be read either.
+        warnings: what a reader must know, `why_not` included.
+        why_not: why there is no verdict, or "".
+    """
+
+    rig: Rig
+    traces: tuple[TraceCheck, ...]
+    identifiability: Identifiability | None
+    directions: tuple[str, ...]
+    readings: Readings | None
+    warnings: tuple[str, ...]
+    why_not: str = ""
+    gains: tuple[str, ...] = ()
+
+
+def check(rig: Rig) -> CheckResult:
+    """Look at a rig without fitting it.
+
+    Args:
+        rig: a measurement folder.
+    """
+    traces = tuple(_trace(m) for m in rig.measurements)
+    try:
+        judged = verdict(rig)
+    except MeasurementError as error:
+        return CheckResult(rig, traces, None, (), None, rig.warnings, str(error))
+    found = judged.identifiability
+    words = tuple(sentence(d) for d in found.directions)
+    warnings = (*rig.warnings, *judged.notes)
+    return CheckResult(rig, traces, found, words, judged.readings, warnings, gains=_were_gains_known(judged))
+
+
+@dataclass(frozen=True, eq=False)
+class Verdict:
+    """What the traces to be fitted can identify.
+
+    Args:
+        layout: of the start model.
+        x: coordinates of the readings at which it was judged, shape (P,).
+        information: of the traces and the user's priors, shape (P, P).
+        readings: the paper's graphs.
+        notes: on traces left out.
+    """
+
+    layout: Layout
+    x: np.ndarray
+    information: np.ndarray
+    readings: Readings
+    notes: tuple[str, ...]
+
+    @cached_property
+    def identifiability(self) -> Identifiability:
+        return analyse(self.layout, self.x, self.information)
+
+    def knowing(self, symbols: tuple[str, ...]) -> tuple[str, ...]:
+        """Symbols, others than these, that would become identifiable were these known."""
+        known = np.array([s in symbols for s in self.layout.free])
+        sure = np.diag(known * _SURE / self.layout.reach(self.x) ** 2)
+        lost = analyse(self.layout, self.x, self.information + sure).lost
+        return tuple(s for s in self.identifiability.lost if s not in lost and s not in symbols)
+
+
+def _were_gains_known(verdict: Verdict) -> tuple[str, ...]:
+    """What each gain of the ECU that is sought in vain would tell were it known, and what all of them would."""
+    unknown = tuple(s for s in GAINS.values() if s in verdict.identifiability.lost)
+    keys = {symbol: key for key, symbol in GAINS.items()}
+    out = []
+    for group in dict.fromkeys((*((s,) for s in unknown), *((unknown,) if unknown else ()))):
+        told = verdict.knowing(group)
+        names = " and ".join(f"{s} ([ecu] {keys[s]})" for s in group)
+        if told:
+            out.append(f"Were {names} known, {listed(told)} would be identifiable too.")
+    return tuple(out)
+
+
+def verdict(rig: Rig) -> Verdict:
+    """What the traces to be fitted can identify, at the values that the paper's graphs read.
+
+    Raises:
+        MeasurementError: nothing to fit.
+    """
+    known = unknowns(rig.config)
+    fitted, _, notes = ready(rig)
+    readings = read_graphs(rig)
+    x = known.layout.coordinates(start_values(known, readings))
+    bench = Bench.of(rig.config, known, fitted).refined(x).poised(x)
+    problem = bench.problem(bench.kalman(x))
+    _, _, jacobian = bench.linearise(x, problem)
+    rows = jacobian.reshape(-1, x.size)
+    rows = rows[np.isfinite(rows).all(axis=1)]
+    return Verdict(known.layout, x, information_of(problem.prior_sd[: x.size], rows), readings, notes)
+
+
+def _trace(measurement: Measurement) -> TraceCheck:
+    channels = tuple(channel_check(name, c, measurement.time.size) for name, c in measurement.channels.items())
+    return TraceCheck(measurement.file, measurement.test, measurement.held_out, clock(measurement.time), channels)
+
+
+def clock(time: np.ndarray) -> Clock:
+    """Rate, jitter and gaps of a time base, s, shape (n,), n >= 2."""
+    dt = np.diff(time)
+    median = float(np.median(dt))
+    gap = dt > _GAP * median
+    jitter = float(np.sqrt(np.mean((dt[~gap] / median - 1.0) ** 2)))
+    return Clock(time.size, float(time[-1] - time[0]), 1.0 / median, jitter, int(gap.sum()), float(dt.max()))
+
+
+def channel_check(name: str, channel: Channel, rows: int) -> ChannelCheck:
+    """One channel of a trace of so many rows."""
+    size, logged = abs(channel.scale), channel.logged(channel.value)
+    return ChannelCheck(
+        name=name,
+        unit=channel.unit,
+        low=float(logged.min()),
+        high=float(logged.max()),
+        sigma=channel.sigma / size,
+        estimated=channel.sigma_estimated,
+        quantum=channel.quantum / size,
+        empty=rows - channel.value.size,
+        clipped=clipped(channel.value),
+        frozen=bool(np.ptp(channel.value) == 0.0),
+    )
+
+
+def clipped(value: np.ndarray) -> int:
+    """Samples that rest on the lowest or the highest value while the channel is lively everywhere else.
+
+    A commanded staircase, or a quantised signal without noise, rests on many values; that is no saturation.
+    """
+    low, high = value.min(), value.max()
+    extreme = (value == low) | (value == high)
+    same = np.diff(value) == 0.0
+    elsewhere = ~extreme[1:]
+    if low == high or elsewhere.sum() < 4 * _RUN or same[elsewhere].mean() > _REPEATS:
+        return 0
+    least = max(_RUN, round(_RUN_SHARE * value.size))
+    return sum(run for run in _runs(extreme & np.concatenate(([False], same))) if run >= least)
+
+
+def _runs(flags: np.ndarray) -> list[int]:
+    """Lengths of the stretches of True, the sample each begins at counted in."""
+    edges = np.flatnonzero(np.diff(np.concatenate(([False], flags, [False])).astype(int)))
+    return [int(stop - start) + 1 for start, stop in zip(edges[::2], edges[1::2], strict=True)]

@@ -1,0 +1,95 @@
+"""Signals shifted in time along a tape: an input that acts late, a channel that is logged late."""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+
+from .parameters import Scalar
+from .stepper import Reset, Step
+
+
+class _Earlier(NamedTuple):
+    """An instant before each entry of a tape, never before its trace began, shape (T, L) each.
+
+    Args:
+        row: the last entry at or before it.
+        share: of the step after that entry.
+        span: length of that step, s.
+    """
+
+    row: Any
+    share: Any
+    span: Any
+
+
+def _clock(steps: Step, resets: Reset) -> tuple[Any, Any]:
+    """Time along each lane, and that at which the trace at each entry began, s."""
+    clock = jnp.cumsum(steps.dt, axis=0)
+    return clock, jax.lax.cummax(jnp.where(resets.begins > 0.5, clock, 0.0), axis=0)
+
+
+def _earlier(clock: Any, began: Any, instant: Any) -> _Earlier:
+    instant = jnp.maximum(instant, began)
+    search = jax.vmap(lambda lane, wanted: jnp.searchsorted(lane, wanted, side="right"), in_axes=1, out_axes=1)
+    row = jnp.clip(search(clock, jax.lax.stop_gradient(instant)) - 1, 0, clock.shape[0] - 2)
+    early = jnp.take_along_axis(clock, row, axis=0)
+    span = jnp.take_along_axis(clock, row + 1, axis=0) - early
+    share = jnp.where(span > 0.0, (instant - early) / jnp.where(span > 0.0, span, 1.0), 0.0)
+    return _Earlier(row, share, span)
+
+
+def delayed(signal: Any, steps: Step, resets: Reset, delay: Scalar) -> Any:
+    """signal(t - delay), linear between entries; before a trace began its first value. Exactly the signal at 0.
+
+    Args:
+        signal: at the end of each step, shape (T, L).
+        steps, resets: the tape.
+        delay: s, >= 0.
+    """
+
+    def shifted(signal: Any) -> Any:
+        clock, began = _clock(steps, resets)
+        at = _earlier(clock, began, clock - delay)
+        first = jnp.take_along_axis(signal, at.row, axis=0)
+        then = jnp.take_along_axis(signal, at.row + 1, axis=0)
+        return first + at.share * (then - first)
+
+    # the search along the tape costs as much as simulating it
+    return jax.lax.cond(delay > 0.0, shifted, lambda signal: signal, signal)
+
+
+def late_inputs(steps: Step, resets: Reset, delay: Scalar) -> Step:
+    """The tape with voltage and torque acting late; each step keeps the mean of what acts in it, jumps included."""
+    as_logged = steps.voltage0, steps.voltage1, steps.torque0, steps.torque1
+    acting = jax.lax.cond(delay > 0.0, lambda _: _acting(steps, resets, delay), lambda logged: logged, as_logged)
+    return steps._replace(**dict(zip(("voltage0", "voltage1", "torque0", "torque1"), acting, strict=True)))
+
+
+def _acting(steps: Step, resets: Reset, delay: Scalar) -> tuple[Any, Any, Any, Any]:
+    """Voltage and torque at begin and end of each step, acting late."""
+    clock, began = _clock(steps, resets)
+    late, early = _earlier(clock, began, clock - delay), _earlier(clock, began, clock - steps.dt - delay)
+
+    def shifted(start: Any, end: Any) -> tuple[Any, Any]:
+        area = jnp.cumsum(0.5 * (start + end) * steps.dt, axis=0)
+        level0, area0 = _level(start, end, area, early)
+        level1, area1 = _level(start, end, area, late)
+        # before the trace began its first level acted
+        lead = jnp.maximum(began - (clock - steps.dt - delay), 0.0) - jnp.maximum(began - (clock - delay), 0.0)
+        mean = (area1 - area0 + lead * level0) / jnp.where(steps.dt > 0.0, steps.dt, 1.0)
+        slope = level1 - level0
+        acts = steps.dt > 0.0
+        return jnp.where(acts, mean - 0.5 * slope, start), jnp.where(acts, mean + 0.5 * slope, end)
+
+    return (*shifted(steps.voltage0, steps.voltage1), *shifted(steps.torque0, steps.torque1))
+
+
+def _level(start: Any, end: Any, area: Any, at: _Earlier) -> tuple[Any, Any]:
+    """A piecewise linear input and its integral from the lane's begin, at earlier instants."""
+    first, last = (jnp.take_along_axis(column, at.row + 1, axis=0) for column in (start, end))
+    level = first + at.share * (last - first)
+    done = jnp.take_along_axis(area, at.row, axis=0)
+    return level, done + 0.5 * (first + level) * at.share * at.span

@@ -1,0 +1,196 @@
+"""Parameters: what each symbol means, where it may lie, and the unconstrained coordinate it is fitted in."""
+
+from __future__ import annotations
+
+import abc
+import dataclasses
+import math
+from dataclasses import dataclass
+from typing import Any
+
+import jax.numpy as jnp
+
+from .. import backend as backend  # float64, before the first array
+
+Scalar = Any  # a float, or a traced float64 array of shape ()
+
+
+class AbstractDomain(abc.ABC):
+    """Where a parameter may lie: the map from an unconstrained coordinate x to its value, value = scale curve(x), and
+    back.
+
+    `scale` is a typical magnitude, SI.
+    """
+
+    scale: float
+
+    @staticmethod
+    @abc.abstractmethod
+    def curve(x: Scalar) -> Scalar:
+        """Value of the coordinate x, both dimensionless; of arrays entry by entry."""
+
+    def value(self, x: Scalar) -> Scalar:
+        """Value in SI of the coordinate x (dimensionless)."""
+        return self.scale * self.curve(x)
+
+    @staticmethod
+    @abc.abstractmethod
+    def log_flat(x: Scalar) -> Scalar:
+        """log |dq/dx|: the density of x, to a factor, that makes the quantity q flat in which nothing is believed."""
+
+    @abc.abstractmethod
+    def coordinate(self, value: float) -> float:
+        """The coordinate of a value in SI; a value on or beyond the bound is moved just inside."""
+
+    @abc.abstractmethod
+    def inside(self, value: float) -> float:
+        """The nearest value at which the coordinate still moves the value: a fit that starts on a bound stays there."""
+
+    @abc.abstractmethod
+    def at_bound(self, value: float) -> bool:
+        """True where the value lies so close to the bound that the bound, not the data, holds it."""
+
+
+_REACH = 12.0  # a positive parameter stays within exp(-12) and exp(12) of its scale
+
+
+@dataclass(frozen=True)
+class Positive(AbstractDomain):
+    """value = scale exp(c tanh(x / c)) > 0, c = 12: a logarithm that cannot run away where the data say nothing."""
+
+    scale: float
+
+    @staticmethod
+    def curve(x: Scalar) -> Scalar:
+        return jnp.exp(_REACH * jnp.tanh(x / _REACH))
+
+    @staticmethod
+    def log_flat(x: Scalar) -> Scalar:
+        """q = log value, since its order of magnitude is unknown: dq/dx = sech^2(x / c)."""
+        y = jnp.abs(x / _REACH)
+        return 2.0 * (jnp.log(2.0) - y - jnp.log1p(jnp.exp(-2.0 * y)))
+
+    def coordinate(self, value: float) -> float:
+        log = math.log(max(value, 1e-300) / self.scale) / _REACH
+        return _REACH * math.atanh(min(max(log, -0.99), 0.99))
+
+    def inside(self, value: float) -> float:
+        return max(value, 1e-3 * self.scale)
+
+    def at_bound(self, value: float) -> bool:
+        return value < 1e-4 * self.scale
+
+
+_SOFTNESS = 0.02  # width of the bend at zero, in units of `scale`
+
+
+@dataclass(frozen=True)
+class NonNegative(AbstractDomain):
+    """value = scale (x + sqrt(x^2 + e^2))/2 with e = 0.02: straight away from zero, and never below it.
+
+    A logarithm would run to minus infinity for a friction that is not there; here the coordinate stays finite
+    and the interval of a small but measurable value stays symmetric.
+    """
+
+    scale: float
+
+    @staticmethod
+    def curve(x: Scalar) -> Scalar:
+        # both branches are the same number; the second does not cancel for x << 0
+        root = jnp.sqrt(x * x + _SOFTNESS**2)
+        return 0.5 * jnp.where(x >= 0.0, x + root, _SOFTNESS**2 / (root + jnp.abs(x)))
+
+    @staticmethod
+    def log_flat(x: Scalar) -> Scalar:
+        """q = value / scale, since it may be zero: dq/dx = q / sqrt(x^2 + e^2)."""
+        return jnp.log(NonNegative.curve(x) / jnp.sqrt(x * x + _SOFTNESS**2))
+
+    def coordinate(self, value: float) -> float:
+        y = max(value / self.scale, 0.25 * _SOFTNESS)
+        return y - _SOFTNESS**2 / (4.0 * y)
+
+    def inside(self, value: float) -> float:
+        return max(value, 0.25 * self.scale)
+
+    def at_bound(self, value: float) -> bool:
+        # what `coordinate` makes of a bound counts, rounding included
+        return value < 0.26 * _SOFTNESS * self.scale
+
+
+@dataclass(frozen=True)
+class Real(AbstractDomain):
+    """value = scale x: either sign."""
+
+    scale: float
+
+    @staticmethod
+    def curve(x: Scalar) -> Scalar:
+        return x
+
+    @staticmethod
+    def log_flat(x: Scalar) -> Scalar:
+        """q = value / scale = x."""
+        return jnp.zeros_like(x)
+
+    def coordinate(self, value: float) -> float:
+        return value / self.scale
+
+    def inside(self, value: float) -> float:
+        return value
+
+    def at_bound(self, value: float) -> bool:
+        return False
+
+
+DOMAINS: tuple[type[AbstractDomain], ...] = (Positive, NonNegative, Real)
+
+
+def curves(kinds: Scalar, x: Scalar) -> Scalar:
+    """value / scale of many coordinates at once, shape (P,), each by the curve of its domain, an index into `DOMAINS`.
+
+    The kinds are data: another choice of free parameters runs through the same compiled program.
+    """
+    out = x
+    for k, domain in enumerate(DOMAINS):
+        out = jnp.where(kinds == k, domain.curve(x), out)
+    return out
+
+
+def log_flats(kinds: Scalar, x: Scalar) -> Scalar:
+    """log |dq/dx| of many coordinates at once, shape (P,), q being what is flat in each one's domain."""
+    out = jnp.zeros_like(x)
+    for k, domain in enumerate(DOMAINS):
+        out = jnp.where(kinds == k, domain.log_flat(x), out)
+    return out
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """A physical quantity of the model.
+
+    Args:
+        symbol: the paper's, in ASCII.
+        unit: SI.
+        domain: bounds and coordinate; its scale is a typical magnitude.
+        nominal: value assumed where nothing at all is known, SI.
+        meaning: one line.
+        source: paper and equation.
+    """
+
+    symbol: str
+    unit: str
+    domain: AbstractDomain
+    nominal: float
+    meaning: str
+    source: str
+
+
+def parameter(unit: str, domain: AbstractDomain, nominal: float, meaning: str, source: str) -> Any:
+    """Declare a field of an effect to be a parameter; its name is the symbol."""
+    return dataclasses.field(metadata={"parameter": (unit, domain, nominal, meaning, source)})
+
+
+def parameters_of(effect: type) -> tuple[Parameter, ...]:
+    """The parameters an effect declares, in the order of its fields."""
+    fields = dataclasses.fields(effect)
+    return tuple(Parameter(f.name, *f.metadata["parameter"]) for f in fields if "parameter" in f.metadata)

@@ -1,0 +1,308 @@
+"""Traces laid on a tape: rectangular arrays of integration steps for the stepper and the whitening.
+
+Short traces lie one after the other in a lane and long ones have a lane to themselves, so that one compiled model
+serves every folder of a like size and little of it is padding.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from ..model.stepper import Command, Reset, Step
+from ..rig.base import RigConfig
+from .trace import Trace
+
+KINDS = ("current", "position", "emf", "motor_speed")  # what a slot may observe
+
+
+class Slots(NamedTuple):
+    """Measured samples at the end of each step, shape (T, L, M) each.
+
+    Args:
+        value: SI; 0 where there is none.
+        weight: 1 where there is a sample to fit.
+        sigma: its noise; 1 where there is none.
+        kind: index into `KINDS`.
+    """
+
+    value: Any
+    weight: Any
+    sigma: Any
+    kind: Any
+
+
+class Disturbance(NamedTuple):
+    """What is uncertain about the input and the start, shape (T, L) each, start_* at the first entry of a trace.
+
+    Args:
+        keep: share of the input's error kept from the step before.
+        fresh: variance of what is added to it, (V or N m)^2.
+        edge: number of steps of an interval within which the input jumps, at that interval's last entry; else 0.
+        edge_from, edge_to, edge_span: input before and after that jump (V or N m), length of the interval (s).
+        spacing: time since the sample before, s.
+        start_i, start_theta, start_omega: variance of the initial state.
+        release: variance of the release instant, s^2, in the step that follows it.
+    """
+
+    keep: Any
+    fresh: Any
+    edge: Any
+    edge_from: Any
+    edge_to: Any
+    edge_span: Any
+    spacing: Any
+    start_i: Any
+    start_theta: Any
+    start_omega: Any
+    release: Any
+
+
+@dataclass(frozen=True, eq=False)
+class Tape:
+    """Everything the residual needs besides the parameters.
+
+    Args:
+        steps, resets, slots, disturbance: arrays over steps T, lanes L (and slots M).
+        guidable: 1 where an angle was logged that a guide could draw the plate to, shape (T, L).
+        circuits: tests whose own series resistance counts; `circuit_of` (T, L) is 1 + index into it, 0 for none.
+        traces: in the order given.
+        places: for each trace its lane, first entry, and the entry of each of its instants.
+    """
+
+    steps: Step
+    resets: Reset
+    slots: Slots
+    disturbance: Disturbance
+    guidable: Any
+    circuits: tuple[str, ...]
+    circuit_of: Any
+    traces: tuple[Trace, ...]
+    places: tuple[tuple[int, int, np.ndarray], ...]
+
+    def holding(self, volts: np.ndarray) -> Tape:
+        """The same with what each trace's ECU holds in its integral at the begin, V, one for each trace."""
+        traces = tuple(t.holding(float(v)) for t, v in zip(self.traces, volts, strict=True))
+        level = np.array(self.steps.voltage0)
+        for trace, (lane, row, marks) in zip(traces, self.places, strict=True):
+            if trace.controlled and trace.drive is not None:
+                level[row : marks[-1] + 1, lane] = trace.drive.value[0]
+        active = np.asarray(self.steps.command.active) > 0.5 if self.steps.command is not None else False
+        steps = self.steps._replace(voltage0=level, voltage1=np.where(active, level, self.steps.voltage1))
+        return replace(self, steps=steps, traces=traces)
+
+    def guided(self, pull: float) -> Step:
+        """The steps with a guide of `pull`, V/rad, or N m/rad where torque drives; 0 is a free run."""
+        return self.steps._replace(pull=pull * self.guidable)
+
+
+def lay(
+    traces: Sequence[Trace], config: RigConfig, substeps: Sequence[np.ndarray], least: tuple[int, ...] = (0, 0, 0)
+) -> Tape:
+    """Lay traces on a tape.
+
+    Args:
+        traces: ready traces.
+        config: their rig.
+        substeps: integration steps in each interval between instants, one array (n - 1,) a trace.
+        least: steps, lanes and slots that the tape has at least, for what was compiled for another.
+    """
+    circuits = tuple(config.series_ohm)
+    strips = [_strip(t, n, config, circuits) for t, n in zip(traces, substeps, strict=True)]
+    lanes, length = _pack([s["dt"].size for s, _ in strips], least[0])
+    lanes += [[] for _ in range(least[1] - len(lanes))]
+    slots = max(least[2], *(len(t.channels) for t in traces))
+    table = _blank(length, len(lanes), slots, config)
+    places: list[tuple[int, int, np.ndarray]] = [(0, 0, np.zeros(0, int))] * len(traces)
+    for lane, members in enumerate(lanes):
+        row = 0
+        for k in members:
+            strip, marks = strips[k]
+            for name, column in strip.items():
+                rows = slice(row, row + column.shape[0])
+                if column.ndim == 1:
+                    table[name][rows, lane] = column
+                else:  # a trace may observe fewer channels than the tape has slots
+                    table[name][rows, lane, : column.shape[1]] = column
+            places[k] = (lane, row, row + marks)
+            row += strip["dt"].size
+    return _assemble(table, circuits, tuple(traces), tuple(places))
+
+
+def _round(n: int) -> int:
+    """Up to two leading bits and a half, so that like folders share one compiled shape."""
+    unit = max(1, 2 ** max(0, math.floor(math.log2(max(n, 1))) - 3))
+    return unit * math.ceil(n / unit)
+
+
+def _pack(lengths: list[int], least: int) -> tuple[list[list[int]], int]:
+    """Longest first into the first lane with room; lane length is that of the longest trace, rounded up."""
+    length = max(least, _round(max(lengths)))
+    lanes: list[list[int]] = []
+    free: list[int] = []
+    for k in sorted(range(len(lengths)), key=lambda k: -lengths[k]):
+        lane = next((j for j, room in enumerate(free) if room >= lengths[k]), None)
+        if lane is None:
+            lanes.append([])
+            free.append(length)
+            lane = len(lanes) - 1
+        lanes[lane].append(k)
+        free[lane] -= lengths[k]
+    lanes += [[] for _ in range(_round(len(lanes)) - len(lanes))]
+    return lanes, length
+
+
+def _breaks(trace: Trace, substeps: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Ends of all steps (s), the interval each step lies in, and the entry of each instant."""
+    t = trace.instants
+    interval = np.repeat(np.arange(substeps.size), substeps)
+    place = np.arange(interval.size) - np.repeat(np.cumsum(substeps) - substeps, substeps) + 1
+    ends = t[interval] + (t[interval + 1] - t[interval]) * place / substeps[interval]
+    marks = np.concatenate(([0], np.cumsum(substeps)))
+    ends = np.concatenate((t[:1], ends))
+    interval = np.concatenate(([0], interval))
+    if trace.release is not None:  # the release always splits exactly one step, so shapes never depend on where
+        at = int(np.clip(np.searchsorted(ends, trace.release[0]), 1, ends.size - 1))
+        ends = np.insert(ends, at, np.clip(trace.release[0], ends[at - 1], ends[at]))
+        interval = np.insert(interval, at, interval[at])
+        marks = np.where(marks >= at, marks + 1, marks)
+    return ends, interval, marks
+
+
+def _levels(trace: Trace, ends: np.ndarray, interval: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """The drive at the begin and the end of each step."""
+    if trace.drive is None:
+        return np.zeros(ends.size), np.zeros(ends.size)
+    if trace.drive.held:
+        level = trace.drive.value[interval]
+        return level, level
+    late = np.interp(ends, trace.instants, trace.drive.value)
+    return np.concatenate((late[:1], late[:-1])), late
+
+
+def _error(trace: Trace, interval: np.ndarray) -> dict[str, np.ndarray]:
+    """How the input's error carries over into each step (share kept, variance added)."""
+    keep, fresh = np.ones(interval.size), np.zeros(interval.size)
+    drive = trace.drive
+    if drive is not None:
+        new = np.concatenate(([True], np.diff(interval) > 0))
+        new[1] = True  # entry 0 is the start itself; entry 1 begins the first interval
+        after_edge = np.concatenate(([True], drive.edge[:-1]))
+        memory = np.where(drive.edge | after_edge, 0.0, drive.memory[:-1])
+        variance = drive.error[:-1] ** 2 * (1.0 - memory**2)
+        keep[new], fresh[new] = memory[interval[new]], variance[interval[new]]
+        keep[0], fresh[0] = 0.0, 0.0
+    return {"keep": keep, "fresh": fresh}
+
+
+def _edges(trace: Trace, marks: np.ndarray, entries: int) -> dict[str, np.ndarray]:
+    """The jumps of the input, each at the last entry of its interval."""
+    out = {name: np.zeros(entries) for name in ("edge", "edge_from", "edge_to", "edge_span")}
+    if trace.drive is not None:
+        (jumps,) = np.nonzero(trace.drive.edge)
+        last = marks[jumps + 1]
+        out["edge"][last] = marks[jumps + 1] - marks[jumps]
+        out["edge_from"][last], out["edge_to"][last] = trace.drive.value[jumps], trace.drive.value[jumps + 1]
+        out["edge_span"][last] = trace.instants[jumps + 1] - trace.instants[jumps]
+    return out
+
+
+def _strip(
+    trace: Trace, substeps: np.ndarray, config: RigConfig, circuits: tuple[str, ...]
+) -> tuple[dict[str, np.ndarray], np.ndarray]:
+    """All columns of one trace, and the entries of its instants."""
+    ends, interval, marks = _breaks(trace, substeps)
+    n, zeros, ones = ends.size, np.zeros(ends.size), np.ones(ends.size)
+    early, late = _levels(trace, ends, interval)
+    boundary, first = trace.test.boundary, np.arange(n) == 0
+    dt = np.diff(ends, prepend=ends[0])
+    held = boundary.plate_held * ones
+    release = zeros.copy()
+    if trace.release is not None:
+        held = np.where(ends <= trace.release[0], 1.0, 0.0)
+        release[int(np.argmax(held < 0.5))] = trace.release[1] ** 2
+    electric = zeros if trace.torque_driven else ones
+    target = _target(trace, ends)
+    columns = {
+        "dt": dt,
+        "pull": zeros,
+        "voltage0": early * electric,
+        "voltage1": late * electric,
+        "torque0": early * (1.0 - electric),
+        "torque1": late * (1.0 - electric),
+        "time": ends - ends[0],
+        "mobile": 1.0 - held,
+        "circuit": ones * trace.circuit,
+        "plate": ones * (not boundary.gear_apart),
+        "circuit_of": ones * (1 + circuits.index(trace.test.name) if trace.test.name in circuits else 0),
+        "begins": first * 1.0,
+        "release": release,
+        "guidable": ones * ("position" in trace.channels and not boundary.plate_held),
+        "lever": ones * trace.torque_driven,
+        "target0": np.concatenate((target[:1], target[:-1])),
+        "target1": target,
+        "spacing": np.where(first, 0.0, np.diff(trace.instants)[np.minimum(interval, trace.instants.size - 2)]),
+    }
+    for name, value, sd in zip(("i", "theta", "omega"), trace.start.state, trace.start.sd, strict=True):
+        columns[name] = first * value
+        columns[f"start_{name}"] = first * sd**2
+    columns |= _error(trace, interval) | _edges(trace, marks, n) | _asked(trace, ends, dt, config)
+    return columns | _samples(trace, n, marks), marks
+
+
+def _asked(trace: Trace, ends: np.ndarray, dt: np.ndarray, config: RigConfig) -> dict[str, np.ndarray]:
+    """What is asked of an ECU that is part of the model, see `Command`; nothing where the rig has none."""
+    if config.ecu is None:
+        return {}
+    if not trace.controlled:
+        return {name: np.zeros(ends.size) for name in Command._fields}
+    channel = trace.measurement.channels["setpoint"]
+    asked, late = (np.interp(ends - by, channel.time, channel.value) for by in (0.0, config.ecu.late))
+    change, begin = np.diff(asked, prepend=asked[0]), np.concatenate((late[:1], late[:-1]))
+    rate = np.divide(change, dt, out=np.zeros(ends.size), where=dt > 0.0)
+    return {"active": np.ones(ends.size), "begin": begin, "end": late, "rate": rate}
+
+
+def _target(trace: Trace, ends: np.ndarray) -> np.ndarray:
+    """The measured angle at the end of each step, rad; 0 where none was logged."""
+    if "position" not in trace.channels:
+        return np.zeros(ends.size)
+    angle = trace.data[:, trace.channels.index("position")]
+    seen = np.isfinite(angle)
+    return np.interp(ends, trace.instants[seen], angle[seen])
+
+
+def _samples(trace: Trace, n: int, marks: np.ndarray) -> dict[str, np.ndarray]:
+    shape = (n, len(trace.channels))
+    value, weight, sigma = np.zeros(shape), np.zeros(shape), np.ones(shape)
+    seen = np.isfinite(trace.data)
+    value[marks] = np.where(seen, trace.data, 0.0)
+    weight[marks] = seen
+    sigma[:] = trace.sigma
+    kind = np.broadcast_to([float(KINDS.index(c)) for c in trace.channels], shape)
+    return {"value": value, "weight": weight, "sigma": sigma, "kind": kind}
+
+
+def _blank(length: int, lanes: int, slots: int, config: RigConfig) -> dict[str, np.ndarray]:
+    """A tape with nothing on it: steps of no length, nothing moves, nothing observed."""
+    names = (*Step._fields, *Reset._fields, *Disturbance._fields, "circuit_of", "guidable")
+    names += () if config.ecu is None else Command._fields
+    table = {name: np.zeros((length, lanes)) for name in names}
+    table |= {name: np.zeros((length, lanes, slots)) for name in ("value", "weight", "kind")}
+    table["sigma"] = np.ones((length, lanes, slots))
+    table["gear_ratio"][:] = config.gear_ratio
+    table["lower"][:], table["upper"][:] = config.travel
+    return table
+
+
+def _assemble(table: dict[str, np.ndarray], circuits: tuple[str, ...], traces: Any, places: Any) -> Tape:
+    def part(kind: Any) -> Any:
+        return kind(*(table[name] for name in kind._fields))
+
+    command = part(Command) if "active" in table else None
+    parts = part(Step)._replace(command=command), part(Reset), part(Slots), part(Disturbance)
+    return Tape(*parts, table["guidable"], circuits, table["circuit_of"], traces, places)

@@ -1,0 +1,236 @@
+"""Which parameters are free, fixed or tied, and the vector of coordinates that the fit moves."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from ..errors import MeasurementError
+from ..model.effects import COMMANDING, EFFECT_BY_NAME, PAPER, AbstractEffect
+from ..model.parameters import DOMAINS, NonNegative, Parameter, Positive, Real, Scalar, curves
+from ..model.throttle import catalogue
+from ..rig.base import Fixed, Prior, RigConfig, Start, Tied
+
+SERIES = "series_ohm."  # prefix of a rig test's own circuit resistance
+
+
+class Pick(NamedTuple):
+    """Which parameters a vector of coordinates stands for, and the values of the rest: data, not program.
+
+    Args:
+        full: value of every parameter of the form, SI, shape (Q,).
+        where: its place in `full` for each coordinate, shape (P,); Q for one that stands for nothing.
+    """
+
+    full: Any
+    where: Any
+
+
+@dataclass(frozen=True)
+class Form:
+    """What a compiled model depends on: hashable. What is free in it is chosen by a `Pick`, without compiling again.
+
+    Args:
+        types: effects of the model.
+        parameters: every parameter, those of the tests' circuits included; Q.
+        ties: (symbol, the symbol it equals).
+    """
+
+    types: tuple[type[AbstractEffect], ...]
+    parameters: tuple[Parameter, ...]
+    ties: tuple[tuple[str, str], ...]
+
+    @cached_property
+    def index(self) -> dict[str, int]:
+        """Place of each symbol among the parameters."""
+        return {p.symbol: k for k, p in enumerate(self.parameters)}
+
+    @cached_property
+    def kinds(self) -> np.ndarray:
+        """Domain of each parameter, an index into `DOMAINS`, shape (Q + 1,); the last stands for nothing."""
+        return np.array([*(DOMAINS.index(type(p.domain)) for p in self.parameters), DOMAINS.index(Real)])
+
+    @cached_property
+    def scales(self) -> np.ndarray:
+        """Scale of each parameter, SI, shape (Q + 1,)."""
+        return np.array([*(p.domain.scale for p in self.parameters), 1.0])
+
+    def mapped(self, x: Scalar, pick: Pick) -> Scalar:
+        """Values in SI of the free parameters, shape (P,)."""
+        return jnp.asarray(self.scales)[pick.where] * curves(jnp.asarray(self.kinds)[pick.where], x)
+
+    def live(self, pick: Pick) -> Any:
+        """Which coordinates stand for something, shape (P,)."""
+        return pick.where < len(self.parameters)
+
+    def values(self, x: Scalar, pick: Pick) -> dict[str, Scalar]:
+        """Values in SI by symbol at coordinates x, shape (P,)."""
+        full = jnp.append(pick.full, 0.0).at[pick.where].set(self.mapped(x, pick))
+        values = {symbol: full[k] for symbol, k in self.index.items()}
+        return values | {s: values[other] for s, other in self.ties}
+
+
+@dataclass(frozen=True)
+class Layout:
+    """Which parameter stands where in the vectors.
+
+    Args:
+        types: effects of the model.
+        parameters: every parameter, those of the tests' circuits included.
+        free: symbols that are fitted, in the order of x.
+        held: symbols with a fixed value, in the order of the vector of held values.
+        ties: (symbol, the free or held symbol it equals).
+        room: length to which compiled programs pad x, so that models with some more parameters need no other.
+    """
+
+    types: tuple[type[AbstractEffect], ...]
+    parameters: tuple[Parameter, ...]
+    free: tuple[str, ...]
+    held: tuple[str, ...]
+    ties: tuple[tuple[str, str], ...]
+    room: int = 0
+
+    @cached_property
+    def form(self) -> Form:
+        """What compiled programs depend on."""
+        return Form(self.types, self.parameters, self.ties)
+
+    @property
+    def spare(self) -> int:
+        """Coordinates that stand for nothing."""
+        return max(0, self.room - len(self.free))
+
+    def pick(self, held: np.ndarray) -> Pick:
+        """This choice of free parameters, with the others at their held values, shape (H,)."""
+        full, index = np.zeros(len(self.parameters)), self.form.index
+        full[[index[s] for s in self.held]] = held
+        return Pick(full, np.array([*(index[s] for s in self.free), *(len(index) for _ in range(self.spare))]))
+
+    def padded(self, x: np.ndarray, filler: float = 0.0) -> np.ndarray:
+        """A vector over the free parameters, its last axis filled up to `room`."""
+        return np.concatenate((x, np.full((*x.shape[:-1], self.spare), filler)), axis=-1)
+
+    def parameter(self, symbol: str) -> Parameter:
+        return self.parameters[self.form.index[symbol]]
+
+    def values(self, x: np.ndarray, held: np.ndarray) -> dict[str, Scalar]:
+        """Values in SI by symbol at coordinates x, shape (P,), and held values, shape (H,)."""
+        values = {s: held[k] for k, s in enumerate(self.held)} | dict(zip(self.free, self.numbers(x)[0], strict=True))
+        return values | {s: values[other] for s, other in self.ties}
+
+    def numbers(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Values in SI of the free parameters and their derivatives dvalue/dx, shape (P,) each."""
+        where = [self.form.index[s] for s in self.free]
+        value, slope = _numbers(self.form.kinds[where], self.form.scales[where], x)
+        return np.asarray(value), np.asarray(slope)
+
+    def coordinates(self, values: Mapping[str, float]) -> np.ndarray:
+        """Coordinates, shape (P,), of values in SI."""
+        return np.array([self.parameter(s).domain.coordinate(float(values[s])) for s in self.free])
+
+    def reach(self, x: np.ndarray) -> np.ndarray:
+        """What a change of a hundred percent is in each coordinate, shape (P,): 1 for a logarithm, |x| or 1 else."""
+        straight = [not isinstance(self.parameter(s).domain, Positive) for s in self.free]
+        return np.where(straight, np.maximum(1.0, np.abs(x)), 1.0)
+
+    def off_bounds(self, x: np.ndarray) -> np.ndarray:
+        """The same coordinates with those that lie on a bound moved off it."""
+        out = np.array(x, dtype=float)
+        for k, (symbol, value) in enumerate(zip(self.free, self.numbers(out)[0].tolist(), strict=True)):
+            domain = self.parameter(symbol).domain
+            if domain.at_bound(value):
+                out[k] = domain.coordinate(domain.inside(value))
+        return out
+
+    def status(self, symbol: str) -> str:
+        """ "estimated", "fixed" or "tied"."""
+        if symbol in dict(self.ties):
+            return "tied"
+        return "fixed" if symbol in self.held else "estimated"
+
+
+@jax.jit
+def _numbers(kinds: Any, scales: Any, x: Any) -> tuple[Any, Any]:
+    """Each value depends on its own coordinate alone, so that one tangent of ones gives every derivative.
+
+    One compiled program: operation by operation JAX would compile dozens.
+    """
+    return jax.jvp(lambda x: scales * curves(kinds, x), (x,), (jnp.ones_like(x),))
+
+
+@dataclass(frozen=True, eq=False)
+class Unknowns:
+    """The layout of a rig's parameters and everything that is known of their values.
+
+    Args:
+        layout: which are free.
+        held: fixed values, SI, shape (H,).
+        priors: symbol -> (mean, standard deviation), SI.
+        start: symbol -> value from rig.toml, SI.
+    """
+
+    layout: Layout
+    held: np.ndarray
+    priors: Mapping[str, tuple[float, float]]
+    start: Mapping[str, float]
+
+
+def unknowns(config: RigConfig, further: tuple[type[AbstractEffect], ...] = ()) -> Unknowns:
+    """Read off rig.toml what is free.
+
+    Args:
+        config: rig.toml.
+        further: effects besides those of Eqs. 1-2 and those that it names.
+    Raises:
+        MeasurementError: an effect or a symbol that nobody knows, or a tie to nothing.
+    """
+    named = (_effect(name) for name in config.effects if EFFECT_BY_NAME.get(name) not in PAPER)
+    types = (*PAPER, *named, *(COMMANDING if config.ecu is not None else ()), *further)
+    parameters = dict(catalogue(types))
+    fixed: dict[str, float] = {}
+    for test, ohm in config.series_ohm.items():
+        symbol = SERIES + test
+        meaning = f"extra circuit resistance of the {test} test"
+        parameters[symbol] = Parameter(symbol, "ohm", NonNegative(1.0), 0.5, meaning, "DESIGN, R_t of the paper")
+        if ohm is not None:
+            fixed[symbol] = ohm
+    known = {"K_m": Tied("K_b"), **config.parameters}
+    known.pop("N", None)
+    for symbol in known:
+        _must_exist(symbol, parameters)
+    fixed |= {s: k.value for s, k in known.items() if isinstance(k, Fixed)}
+    ties = {s: k.to for s, k in known.items() if isinstance(k, Tied)}
+    for symbol, other in ties.items():
+        _must_tie(symbol, other, ties, parameters)
+    free = tuple(s for s in parameters if s not in fixed and s not in ties)
+    priors = {s: (k.value, k.sd) for s, k in known.items() if isinstance(k, Prior)}
+    start = {s: k.value for s, k in known.items() if isinstance(k, (Prior, Start, Fixed))}
+    layout = Layout(types, tuple(parameters.values()), free, tuple(fixed), tuple(ties.items()))
+    return Unknowns(layout, np.array(list(fixed.values()), dtype=float), priors, start)
+
+
+def _effect(name: str) -> type[AbstractEffect]:
+    if name not in EFFECT_BY_NAME:
+        known = ", ".join(n for n, effect in EFFECT_BY_NAME.items() if effect not in PAPER)
+        raise MeasurementError("rig.toml: [model] effects", f"names {name!r}.", f"Known effects: {known}.", "Mend it.")
+    return EFFECT_BY_NAME[name]
+
+
+def _must_exist(symbol: str, parameters: Mapping[str, Parameter]) -> None:
+    if symbol not in parameters:
+        known = ", ".join(parameters)
+        where = "rig.toml: [parameters]"
+        raise MeasurementError(where, f"names {symbol!r}.", f"This model has: {known}.", "Correct the symbol.")
+
+
+def _must_tie(symbol: str, other: str, ties: Mapping[str, str], parameters: Mapping[str, Parameter]) -> None:
+    if other not in parameters or other in ties:
+        found = f"ties {symbol} to {other!r}."
+        required = "A tie must name a parameter that is not itself tied."
+        raise MeasurementError("rig.toml: [parameters]", found, required, "Name another, or give a number.")

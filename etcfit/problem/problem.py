@@ -1,0 +1,342 @@
+"""The bench: a rig's traces on a tape beside its unknowns, with everything the model can compute of them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import partial
+from typing import Any
+
+import jax
+import numpy as np
+from scipy.ndimage import maximum_filter1d, minimum_filter1d
+
+from ..model.throttle import followed
+from ..rig.base import RigConfig
+from . import innovations as whitening
+from . import substeps as grid
+from .batch import Slots, Tape, lay
+from .free_parameters import Form, Layout, Pick, Unknowns
+from .innovations import Whitening
+from .jacobian import jacobian
+from .prediction_error import columns
+from .residual import Problem, predict, prior_residual, residual, run
+from .trace import Trace, prepare
+
+_TELLING = 1e4  # sum of q^2 below which nothing is said about the clock
+_MOST_JITTER = 0.3
+_SPANS = (3.0, 1.5, 0.7, 0.3, 0.15, 0.07, 0.03, 0.015)  # V, of the search for what an integral holds
+_SHARES = (0.0, -1.0, 1.0)  # of them; the first is kept where none is better
+_FORGOTTEN = 1.0  # s after which a loop has forgotten with what it began
+_STIRS = 8.0  # standard deviations of a sample that are a motion
+_OUTLIER = 5.0  # robust standard deviations beyond which a sample is weighed down
+
+
+@partial(jax.jit, static_argnums=(0, 1))
+def _linearise(form: Form, circuits: tuple[str, ...], x: Any, problem: Problem) -> tuple[Any, Any, Any]:
+    """Whitened residual (T, L, M), that of the priors (P,), and the Jacobian of the former (T, L, M, P)."""
+
+    r, columns = jacobian(lambda x: residual(form, circuits, x, problem), x, form.live(problem.pick))
+    return r, prior_residual(x, problem), columns
+
+
+@partial(jax.jit, static_argnums=(0, 1))
+def _residual(form: Form, circuits: tuple[str, ...], x: Any, problem: Problem) -> Any:
+    """Whitened residual, shape (T, L, M)."""
+    return residual(form, circuits, x, problem)
+
+
+@partial(jax.jit, static_argnums=(0, 1))
+def _simulated(form: Form, circuits: tuple[str, ...], x: Any, pick: Pick, arrays: Any) -> Any:
+    """Simulated samples, shape (T, L, M)."""
+    steps, resets, slots, _, circuit_of = arrays
+    throttle, path, steps = run(form, circuits, x, pick, steps, resets, circuit_of)
+    return predict(throttle, path, steps, resets, slots)
+
+
+@partial(jax.jit, static_argnums=(0, 1))
+def _local_error(form: Form, circuits: tuple[str, ...], x: Any, pick: Pick, arrays: Any) -> Any:
+    """The local integration error of every step, shape (T, L)."""
+    steps, resets, slots, _, circuit_of = arrays
+    throttle, path, steps = run(form, circuits, x, pick, steps, resets, circuit_of)
+    return grid.local_error(throttle, path, steps, (resets, slots))
+
+
+@partial(jax.jit, static_argnums=(0, 1))
+def _kalman(form: Form, circuits: tuple[str, ...], x: Any, pick: Pick, arrays: Any, jitter: Any) -> Any:
+    steps, resets, slots, disturbance, circuit_of = arrays
+    throttle, path, steps = run(form, circuits, x, pick, steps, resets, circuit_of)
+    return whitening.kalman(throttle, path, steps, resets, slots, disturbance, jitter)
+
+
+@partial(jax.jit, static_argnums=(0, 1))
+def _free_run_variance(form: Form, circuits: tuple[str, ...], x: Any, pick: Pick, arrays: Any, jitter: Any) -> Any:
+    steps, resets, slots, disturbance, circuit_of = arrays
+    throttle, path, steps = run(form, circuits, x, pick, steps, resets, circuit_of)
+    return whitening.free_run_variance(throttle, path, steps, resets, slots, disturbance, jitter)
+
+
+@dataclass(frozen=True, eq=False)
+class Bench:
+    """Data and unknowns of a rig; each method returns something new.
+
+    Args:
+        config: the rig.
+        unknowns: its parameters.
+        tape: its traces.
+        substeps: integration steps in each interval between instants, one array a trace.
+        sigma: noise of each sample with outliers weighed down, shape (T, L, M).
+        jitter: standard deviation of the sampling instants, as a share of the time between samples.
+        pull: guide of the residual, V/rad, or N m/rad where torque drives; 0 where it is that of a free run.
+    """
+
+    config: RigConfig
+    unknowns: Unknowns
+    tape: Tape
+    substeps: tuple[np.ndarray, ...]
+    sigma: np.ndarray
+    jitter: float = 0.0
+    pull: float = 0.0
+
+    @classmethod
+    def of(
+        cls,
+        config: RigConfig,
+        unknowns: Unknowns,
+        traces: tuple[Trace, ...],
+        substeps: Any = None,
+        least: tuple[int, ...] = (0, 0, 0),
+    ) -> Bench:
+        """Lay traces on a tape of at least the shape `least`; one step in each interval if `substeps` says no more."""
+        substeps = substeps or tuple(np.ones(t.instants.size - 1, dtype=int) for t in traces)
+        tape = lay(traces, config, substeps, least)
+        return cls(config, unknowns, tape, tuple(substeps), tape.slots.sigma)
+
+    @property
+    def layout(self) -> Layout:
+        return self.unknowns.layout
+
+    @property
+    def slots(self) -> Slots:
+        return self.tape.slots._replace(sigma=self.sigma)
+
+    @property
+    def pick(self) -> Pick:
+        """Which parameters x stands for, and the values of the others."""
+        return self.layout.pick(self.unknowns.held)
+
+    def at(self, x: np.ndarray) -> tuple[Form, tuple[str, ...], np.ndarray, Pick]:
+        """What every compiled function of the model at x takes."""
+        return self.layout.form, self.tape.circuits, self.layout.padded(x), self.pick
+
+    def free_run(self, x: np.ndarray) -> list[np.ndarray]:
+        """Simulated samples of each trace, (n, M)."""
+        return columns(self.tape, self.simulated(x, 0.0))
+
+    def free_run_variance(self, x: np.ndarray) -> list[np.ndarray]:
+        """Variance of measured - free run of each trace, (n, M): sensor, noisy input, instants not known exactly."""
+        return columns(self.tape, _free_run_variance(*self.at(x), self.arrays(), self.jitter))
+
+    def simulated(self, x: np.ndarray, pull: float) -> Any:
+        """Simulated samples along the tape, (T, L, M), drawn along the measured angle by a guide of `pull`."""
+        return _simulated(*self.at(x), self.arrays(pull))
+
+    def arrays(self, pull: float = 0.0) -> Any:
+        """The tape, as compiled functions take it."""
+        tape = self.tape
+        return tape.guided(pull), tape.resets, self.slots, tape.disturbance, tape.circuit_of
+
+    def free_running(self) -> Whitening:
+        """Each sample by its own noise: least squares of the free-running simulation."""
+        return whitening.plain(self.slots, self._order)
+
+    def forgiving(self, late: float = 0.0) -> Whitening:
+        """Each sample by its own noise, and by what an instant that is off does to it where it changes fast.
+
+        Args:
+            late: s by which an instant may be off; a sample at least.
+        """
+        slots = self.slots
+        bend = np.zeros_like(slots.sigma)
+        for trace, (lane, _, marks) in zip(self.tape.traces, self.tape.places, strict=True):
+            reach = max(1, round(late / float(np.median(np.diff(trace.instants)))))
+            bend[marks, lane, : len(trace.channels)] = 0.5 * _farthest(trace.data, reach)
+        return whitening.plain(slots._replace(sigma=np.hypot(slots.sigma, bend)), self._order)
+
+    @property
+    def _order(self) -> int:
+        return whitening.ORDER + len(followed(self.layout.types))
+
+    def kalman(self, x: np.ndarray) -> Whitening:
+        """The whitening filter along the path at x."""
+        return self._filter(x)[0]
+
+    def timed(self, x: np.ndarray, r: np.ndarray) -> Bench:
+        """The same with the jitter that the residual r at x, shape (T, L, M), shows where samples change fast.
+
+            a <- a + 1/2 sum q (r^2 - 1) / sum q^2,    a = jitter^2,  q = (dy/dt dt)^2 / S
+
+        Fisher's scoring for one component of variance, by half steps since the fit follows; left alone where no sample
+        changes fast enough to tell.
+        """
+        share = np.asarray(self._filter(x)[1])
+        power = float(np.sum(share**2))
+        if power < _TELLING:
+            return self
+        excess = np.clip(r**2, 0.0, _OUTLIER**2) - (share > 0.0)
+        variance = self.jitter**2 + 0.5 * float(np.sum(share * excess)) / power
+        return replace(self, jitter=float(np.sqrt(np.clip(variance, 0.0, _MOST_JITTER**2))))
+
+    def _filter(self, x: np.ndarray) -> Any:
+        return _kalman(*self.at(x), self.arrays(), self.jitter)
+
+    def problem(self, filter_: Whitening) -> Problem:
+        """The data for the residual."""
+        tape, layout = self.tape, self.layout
+        mean, sd = self._priors()
+        priors = layout.padded(mean), layout.padded(sd, np.inf)
+        return Problem(tape.guided(self.pull), tape.resets, self.slots, tape.circuit_of, filter_, self.pick, *priors)
+
+    def linearise(self, x: np.ndarray, problem: Problem) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Residual (T, L, M), that of the priors (P,), Jacobian of the former (T, L, M, P)."""
+        r, prior, jacobian = _linearise(self.layout.form, self.tape.circuits, self.layout.padded(x), problem)
+        return np.asarray(r), np.asarray(prior)[: x.size], np.asarray(jacobian)[..., : x.size]
+
+    def residual(self, x: np.ndarray, problem: Problem) -> np.ndarray:
+        """Whitened residual alone, shape (T, L, M): a tenth of what its Jacobian costs."""
+        return np.asarray(_residual(self.layout.form, self.tape.circuits, self.layout.padded(x), problem))
+
+    def chi2(self, x: np.ndarray, problem: Problem) -> float:
+        """Sum of squares of that residual, priors apart; `chi2.chi2_of` is for many points, with them."""
+        return float(np.sum(self.residual(x, problem) ** 2))
+
+    def refined(self, x: np.ndarray) -> Bench:
+        """The same with as many integration steps as the path at x needs."""
+        bench = self
+        for _ in range(2):
+            error = np.asarray(_local_error(*bench.at(x), bench.arrays()))
+            steps = grid.substeps(bench.tape, error)
+            bench = Bench.of(self.config, self.unknowns, self.tape.traces, steps, self.shape)
+        return bench
+
+    def afresh(self, x: np.ndarray) -> Bench:
+        """The same measurements as they were logged, with the steps that x needs and the releases read off them again:
+        those that a poorer model saw would draw a better one back to it."""
+        traces = tuple(t for t in (prepare(t.measurement, self.config) for t in self.tape.traces) if t is not None)
+        bench = Bench.of(self.config, self.unknowns, traces, None, self.shape).refined(x).poised(x)
+        return replace(bench, jitter=self.jitter)
+
+    @property
+    def shape(self) -> tuple[int, ...]:
+        """Of the tape: steps, lanes, slots."""
+        return self.tape.slots.value.shape
+
+    def beside(self, traces: tuple[Trace, ...], x: np.ndarray) -> Bench:
+        """Other traces of the same rig, on a tape of the same shape where they fit: what is compiled serves again."""
+        other = Bench.of(self.config, self.unknowns, traces, None, self.shape).refined(x).released(x).poised(x)
+        return replace(other, jitter=self.jitter, pull=self.pull)
+
+    def guided(self, pull: float) -> Bench:
+        """The same with a residual whose simulation is drawn along the measured angle."""
+        return replace(self, pull=pull)
+
+    def told(self, unknowns: Unknowns) -> Bench:
+        """The same data with other unknowns."""
+        return replace(self, unknowns=unknowns)
+
+    def released(self, x: np.ndarray) -> Bench:
+        """The same with the releases of held plates moved to where the model at x sees them."""
+        if not any(trace.release for trace in self.tape.traces):
+            return self
+        predicted = self.free_run(x)
+        traces = tuple(_better_release(t, y) for t, y in zip(self.tape.traces, predicted, strict=True))
+        return replace(Bench.of(self.config, self.unknowns, traces, self.substeps, self.shape), jitter=self.jitter)
+
+    def poised(self, x: np.ndarray) -> Bench:
+        """The same with what each ECU in the model holds in its integral at the begin of its trace moved to where the
+        model at x sees it: a search by halves, for a plate that rests answers to nothing and one that slips jumps."""
+        controlled = np.array([trace.controlled for trace in self.tape.traces])
+        if not controlled.any():
+            return self
+        volts = np.array([t.drive.value[0] if t.controlled and t.drive else 0.0 for t in self.tape.traces])
+        weight = [_beginning(trace) for trace in self.tape.traces]
+        for span in _SPANS:
+            tried = [volts + controlled * share * span for share in _SHARES]
+            misfit = [_misfits(replace(self, tape=self.tape.holding(v)).free_run(x), weight) for v in tried]
+            volts = np.choose(np.argmin(misfit, axis=0), tried)
+        return replace(self, tape=self.tape.holding(volts))
+
+    def outliers_weighed(self, whitened: list[np.ndarray]) -> tuple[Bench, int]:
+        """The same with samples far outside their trace's residuals, (n, M) each, weighed down, and how many."""
+        sigma = self.tape.slots.sigma.copy()
+        count = 0
+        for trace, (lane, _, marks), part in zip(self.tape.traces, self.tape.places, whitened, strict=True):
+            spread = np.maximum(1.0, 1.4826 * np.median(np.abs(part), axis=0))
+            excess = np.maximum(1.0, np.abs(part) / (_OUTLIER * spread))
+            sigma[marks, lane, : len(trace.channels)] *= excess
+            count += int(np.sum(excess > 1.0))
+        return replace(self, sigma=sigma), count
+
+    def discounted(self, x: np.ndarray) -> Bench:
+        """The same with each channel of each trace counting for no more than its error at x allows, guided as it is."""
+        sigma = self.tape.slots.sigma.copy()
+        predicted = columns(self.tape, self.simulated(x, self.pull))
+        for trace, (lane, row, marks), model in zip(self.tape.traces, self.tape.places, predicted, strict=True):
+            rms = np.sqrt(np.nanmean((trace.data - model) ** 2, axis=0)) / trace.sigma
+            sigma[row : marks[-1] + 1, lane, : len(trace.channels)] *= np.maximum(1.0, rms)
+        return replace(self, sigma=sigma)
+
+    def _priors(self) -> tuple[np.ndarray, np.ndarray]:
+        free, priors = self.layout.free, self.unknowns.priors
+        mean, sd = np.zeros(len(free)), np.full(len(free), np.inf)
+        for k, symbol in enumerate(free):
+            if symbol in priors:
+                domain = self.layout.parameter(symbol).domain
+                value, width = priors[symbol]
+                mean[k] = domain.coordinate(value)
+                sd[k] = width / float(jax.grad(domain.value)(mean[k]))
+        return mean, sd
+
+
+def _farthest(data: np.ndarray, reach: int) -> np.ndarray:
+    """How far each sample, shape (n, M), lies from the farthest of its neighbours up to `reach` away; 0 for none."""
+    seen = np.isfinite(data)
+    high = maximum_filter1d(np.where(seen, data, -np.inf), 2 * reach + 1, axis=0, mode="nearest")
+    low = minimum_filter1d(np.where(seen, data, np.inf), 2 * reach + 1, axis=0, mode="nearest")
+    return np.where(seen, np.maximum(high - data, data - low), 0.0)
+
+
+def _beginning(trace: Trace) -> tuple[np.ndarray, np.ndarray]:
+    """Samples of a trace and their weights, (n, M) each: those up to a second after the plate first moves."""
+    seen = np.isfinite(trace.data)
+    if "position" not in trace.channels:
+        return np.zeros(seen.shape), np.zeros(seen.shape)
+    m = trace.channels.index("position")
+    moved = np.abs(trace.data[:, m] - trace.data[seen[:, m], m][0]) > _STIRS * trace.sigma[m]
+    first = trace.instants[np.argmax(moved)] if moved.any() else trace.instants[0]
+    early = (trace.instants < first + _FORGOTTEN)[:, None] & seen
+    return np.nan_to_num(trace.data), early / trace.sigma
+
+
+def _misfits(predicted: list[np.ndarray], wanted: list[tuple[np.ndarray, np.ndarray]]) -> np.ndarray:
+    """Sum of squared weighted errors of each trace."""
+    each = zip(predicted, wanted, strict=True)
+    return np.array([np.nan_to_num(np.sum(((data - model) * w) ** 2), nan=np.inf) for model, (data, w) in each])
+
+
+def _better_release(trace: Trace, predicted: np.ndarray) -> Trace:
+    """One Gauss-Newton step in the release instant: y(t - d) = y - d dy/dt, while the plate falls freely."""
+    if trace.release is None:
+        return trace
+    instant, sd = trace.release
+    falling = trace.instants > instant
+    lead = trace.channels.index("emf") if "emf" in trace.channels else 0
+    top = int(np.argmax(np.abs(predicted[:, lead] - predicted[0, lead])))
+    falling &= np.arange(falling.size) < 0.8 * top
+    slope = -np.gradient(predicted, trace.instants, axis=0)[falling] / trace.sigma
+    error = (trace.data - predicted)[falling] / trace.sigma
+    seen = np.isfinite(error)
+    if seen.sum() < 3:
+        return trace
+    power = float(np.sum(slope[seen] ** 2))
+    shift = float(np.sum(slope[seen] * error[seen])) / power if power > 0.0 else 0.0
+    return trace.released_at(float(instant + np.clip(shift, -3.0 * sd, 3.0 * sd)), sd)

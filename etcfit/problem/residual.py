@@ -1,0 +1,107 @@
+"""THE residual: measured minus simulated, whitened. Nobody else subtracts y - y_hat for a fit."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any, NamedTuple
+
+import jax.numpy as jnp
+import numpy as np
+
+from ..model.delay import delayed, late_inputs
+from ..model.effects import State
+from ..model.parameters import Scalar
+from ..model.stepper import Reset, Step, simulate
+from ..model.throttle import Throttle
+from .batch import KINDS, Slots
+from .free_parameters import SERIES, Form, Pick
+from .innovations import Whitening, whiten
+
+
+class Problem(NamedTuple):
+    """What the residual needs besides the coordinates: data, whitening and prior, all arrays.
+
+    Args:
+        steps, resets, slots, circuit_of: the tape.
+        whitening: frozen filter.
+        pick: which parameters the coordinates stand for, and the values of the others.
+        prior_mean, prior_sd: Gaussian priors on the coordinates, shape (P,); sd is inf where there is none.
+    """
+
+    steps: Step
+    resets: Reset
+    slots: Slots
+    circuit_of: Any
+    whitening: Whitening
+    pick: Pick
+    prior_mean: Any
+    prior_sd: Any
+
+    @property
+    def samples(self) -> float:
+        """How many are fitted."""
+        return float(np.sum(self.slots.weight))
+
+
+def with_circuits(steps: Step, circuit_of: Any, tape_circuits: tuple[str, ...], values: Mapping[str, Scalar]) -> Step:
+    """Put each test's own series resistance on the tape."""
+    series = jnp.zeros_like(steps.dt)
+    for k, name in enumerate(tape_circuits):
+        series = jnp.where(circuit_of == k + 1, values[SERIES + name], series)
+    return steps._replace(series=series)
+
+
+def equipped(steps: Step, circuit_of: Any, circuits: tuple[str, ...], values: Mapping[str, Scalar]) -> Step:
+    """The tape, or one entry of it, with all that depends on parameters: its circuits and the guide's lever."""
+    steps = with_circuits(steps, circuit_of, circuits, values)
+    # a guide in volts knows no scale of torque: where the data know none, none can run away from it
+    per_volt = steps.gear_ratio * values["K_m"] / (values["R_a"] + steps.series)
+    return steps._replace(lever=jnp.where(steps.lever > 0.5, 1.0, per_volt))
+
+
+def predict(throttle: Throttle, path: tuple[State, Any], steps: Step, resets: Reset, slots: Slots) -> Any:
+    """What each slot ought to show, SI, shape (T, L, M)."""
+    seen = throttle.observe(*path, steps.inputs(1.0))
+    delays = throttle.delays().channels if throttle.may_delay else {}
+    y = jnp.zeros_like(slots.value)
+    for k, name in enumerate(KINDS):
+        channel = delayed(seen[name], steps, resets, delays[name]) if name in delays else seen[name]
+        y = jnp.where(slots.kind == k, channel[..., None], y)
+    return y
+
+
+def run(
+    form: Form, circuits: tuple[str, ...], x: Any, pick: Pick, steps: Step, resets: Reset, circuit_of: Any
+) -> tuple[Throttle, tuple[State, Any], Step]:
+    """Simulate a tape at coordinates x: the model, its path, and the tape with its circuits and late inputs."""
+    values = form.values(x, pick)
+    throttle = Throttle.build(form.types, values)
+    steps = equipped(steps, circuit_of, circuits, values)
+    if throttle.may_delay:
+        steps = late_inputs(steps, resets, throttle.delays().input)
+    return throttle, simulate(throttle, steps, resets), steps
+
+
+def prior_residual(x: Any, problem: Problem) -> Any:
+    """That of the priors, (x - mean) / sd, shape (P,)."""
+    return (x - problem.prior_mean) / problem.prior_sd
+
+
+def residual(form: Form, circuits: tuple[str, ...], x: Any, problem: Problem) -> Any:
+    """Whitened residual of all traces.
+
+        r = W (y - y_hat(x))
+
+    Source: generalised least squares; see `whitening`.
+    Args:
+        form: the model.
+        circuits: tests with a series resistance of their own, as on the tape.
+        x: coordinates, shape (P,).
+        problem: data, and which parameters x stands for.
+    Returns:
+        shape (T, L, M), 0 where there is no sample, standard normal where the model is right.
+    """
+    throttle, path, steps = run(form, circuits, x, problem.pick, problem.steps, problem.resets, problem.circuit_of)
+    seen = predict(throttle, path, steps, problem.resets, problem.slots)
+    error = problem.slots.weight * (problem.slots.value - seen)
+    return whiten(problem.whitening, error, problem.resets.begins)

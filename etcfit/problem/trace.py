@@ -1,0 +1,211 @@
+"""A measurement made ready for the model: what drives it, what is observed, from where it starts."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ..rig import TEST_BY_NAME
+from ..rig.base import AbstractRigTest, Measurement, RigConfig
+from .input_signal import Drive, commanded, drive_of
+
+
+@dataclass(frozen=True, eq=False)
+class Start:
+    """State at the first instant and how well it is known.
+
+    Args:
+        state: current (A), angle (rad), speed (rad/s).
+        sd: their standard deviations; 0 where known exactly, as on a stop.
+    """
+
+    state: tuple[float, float, float]
+    sd: tuple[float, float, float]
+
+
+@dataclass(frozen=True, eq=False)
+class Trace:
+    """One measurement, ready.
+
+    Args:
+        measurement: as read.
+        test: its rig test.
+        instants: s, shape (n,).
+        drive: None with open terminals.
+        channels: what is observed, M names.
+        data: SI, shape (n, M); NaN where nothing was logged.
+        sigma: noise of one sample, shape (M,).
+        start: initial state.
+        release: instant at which the held plate was let go and its standard deviation, s; None: free from the start.
+        controlled: True where the ECU of rig.toml drives the plate inside the model.
+    """
+
+    measurement: Measurement
+    test: AbstractRigTest
+    instants: np.ndarray
+    drive: Drive | None
+    channels: tuple[str, ...]
+    data: np.ndarray
+    sigma: np.ndarray
+    start: Start
+    release: tuple[float, float] | None
+    controlled: bool = False
+
+    @property
+    def torque_driven(self) -> bool:
+        return self.drive is not None and "torque" in self.measurement.channels
+
+    @property
+    def circuit(self) -> bool:
+        """True where current can flow."""
+        return self.drive is not None and not self.torque_driven
+
+    def released_at(self, instant: float, sd: float) -> Trace:
+        """The same trace with a better release instant."""
+        return replace(self, release=(instant, sd))
+
+    def holding(self, volts: float) -> Trace:
+        """The same trace with another voltage in the ECU's integral where it begins."""
+        if self.drive is None or not self.controlled:
+            return self
+        return replace(self, drive=replace(self.drive, value=np.full(self.instants.size, volts)))
+
+
+_LEAST_OHM = 1.0  # of a winding
+
+_NOWHERE = Start((0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
+
+
+def prepare(measurement: Measurement, config: RigConfig) -> Trace | None:
+    """Make a trace ready; None where the model cannot predict it (no input logged, or nothing observed)."""
+    test = TEST_BY_NAME[measurement.test]
+    instants = measurement.time
+    drive = None if test.boundary.terminals_open else drive_of(measurement, config, instants)
+    controlled = drive is None and follows_setpoint(measurement) and config.ecu is not None
+    drive = commanded(instants, config.ecu.supply) if controlled and config.ecu is not None else drive
+    channels = _observed(measurement, test, drive)
+    if not channels or (drive is None and not test.boundary.terminals_open):
+        return None
+    data = np.stack([_at(instants, measurement, name) for name in channels], axis=1)
+    sigma = np.array([_sigma(measurement, name) for name in channels])
+    trace = Trace(measurement, test, instants, drive, channels, data, sigma, _NOWHERE, None, controlled)
+    start = _start(trace, config)
+    release = _release(trace) if test.boundary.released else None
+    if release is not None:
+        start = Start((0.0, start.state[1], 0.0), (0.0, start.sd[1], 0.0))
+    return replace(trace, start=start, release=release)
+
+
+def follows_setpoint(measurement: Measurement) -> bool:
+    """True where a setpoint and the angle that came of it were logged, at closed terminals."""
+    logged = {"setpoint", "position"} <= set(measurement.channels)
+    return logged and not TEST_BY_NAME[measurement.test].boundary.terminals_open
+
+
+def _source(measurement: Measurement, name: str) -> str:
+    """With open terminals the logged terminal voltage is the EMF."""
+    return "voltage" if name == "emf" and "emf" not in measurement.channels else name
+
+
+def _observed(measurement: Measurement, test: AbstractRigTest, drive: Drive | None) -> tuple[str, ...]:
+    names = [name for name in test.observes if name in measurement.channels]
+    if test.boundary.terminals_open and "voltage" in measurement.channels and "emf" not in names:
+        names.insert(0, "emf")
+    if not test.boundary.terminals_open and "torque" in measurement.channels:
+        names = [name for name in names if name in ("position", "motor_speed")]
+    return tuple(names)
+
+
+def _at(instants: np.ndarray, measurement: Measurement, name: str) -> np.ndarray:
+    channel = measurement.channels[_source(measurement, name)]
+    row = np.full(instants.size, np.nan)
+    row[np.searchsorted(instants, channel.time)] = channel.value
+    return row
+
+
+def _sigma(measurement: Measurement, name: str) -> float:
+    channel = measurement.channels[_source(measurement, name)]
+    # a declared noise is that of the logged samples, but none can be finer than the logger's steps
+    return float(max(channel.sigma, channel.quantum / np.sqrt(12.0)))
+
+
+def _first(trace: Trace, name: str, count: int) -> tuple[np.ndarray, np.ndarray] | None:
+    """Times and values of the first samples of a channel."""
+    if name not in trace.channels:
+        return None
+    column = trace.data[:, trace.channels.index(name)]
+    rows = np.flatnonzero(np.isfinite(column))[:count]
+    return trace.instants[rows] - trace.instants[0], column[rows]
+
+
+def _still(t: np.ndarray, y: np.ndarray, sigma: float) -> tuple[float, float, float]:
+    """Level, slope and the slope's standard deviation; slope 0 where it is not significant."""
+    if y.size < 3:
+        return float(y[0]), 0.0, 0.0
+    spread = float(np.sqrt(np.sum((t - t.mean()) ** 2)))
+    slope = float(np.sum((t - t.mean()) * (y - y.mean())) / spread**2)
+    sd = sigma / spread
+    if abs(slope) < 4.0 * sd:
+        return float(y.mean()), 0.0, 0.0
+    return float(y.mean() - slope * t.mean()), slope, sd
+
+
+def _start(trace: Trace, config: RigConfig) -> Start:
+    sigma = dict(zip(trace.channels, trace.sigma, strict=True))
+    i, i_sd, theta, theta_sd, omega, omega_sd = (0.0,) * 6
+    if (first := _first(trace, "current", 3)) is not None:
+        i, i_sd = float(np.mean(first[1])), 3.0 * sigma["current"] + 0.1 * abs(float(np.mean(first[1])))
+    elif trace.controlled and trace.drive is not None:  # as little known as the voltage that makes it
+        i_sd = float(trace.drive.error[0]) / _LEAST_OHM
+    if (first := _first(trace, "position", 10)) is not None:
+        theta, omega, omega_sd = _still(*first, sigma["position"])
+        theta_sd = 3.0 * sigma["position"]
+        for stop in config.travel:
+            if omega == 0.0 and abs(theta - stop) < 2.0 * sigma["position"]:
+                theta, theta_sd = float(stop), 0.0
+        theta = float(np.clip(theta, *config.travel))
+    if trace.test.boundary.gear_apart and (first := _first(trace, "motor_speed", 5)) is not None:
+        omega, omega_sd = float(np.mean(first[1])) / config.gear_ratio, sigma["motor_speed"] / config.gear_ratio
+    if trace.test.boundary.plate_held:
+        omega, omega_sd = 0.0, 0.0
+    if not trace.circuit:
+        i, i_sd = 0.0, 0.0
+    return Start((i, theta, omega), (i_sd, theta_sd, omega_sd))
+
+
+def _release(trace: Trace) -> tuple[float, float] | None:
+    """When the plate was let go: its speed grows in proportion to time, so the EMF's rise is read back to zero,
+    or, without an EMF, the root of the angle's fall. None where the plate moves from the first sample."""
+    if _moves_at_once(trace):
+        return None
+    rise, t = _rising(trace)
+    top = int(np.argmax(rise))
+    span = (rise > 0.1 * rise[top]) & (rise < 0.4 * rise[top]) & (np.arange(rise.size) < top)
+    if span.sum() < 3:
+        return None
+    slope, level = np.polyfit(t[span], rise[span], 1)
+    instant = -level / slope
+    dt = float(np.median(np.diff(t)))
+    if not slope > 0.0 or instant <= t[0] + dt:
+        return None
+    return float(instant), max(2.0 * dt, 1e-3)
+
+
+def _moves_at_once(trace: Trace) -> bool:
+    """True where the log begins after the release: an EMF from the start, or an angle that falls already."""
+    name = "emf" if "emf" in trace.channels else "position"
+    first, sigma = _first(trace, name, 10), float(trace.sigma[trace.channels.index(name)])
+    if first is None:
+        return False
+    return bool(abs(np.median(first[1])) > 4.0 * sigma if name == "emf" else _still(*first, sigma)[1] != 0.0)
+
+
+def _rising(trace: Trace) -> tuple[np.ndarray, np.ndarray]:
+    name = "emf" if "emf" in trace.channels else "position"
+    column = trace.data[:, trace.channels.index(name)]
+    rows = np.flatnonzero(np.isfinite(column))
+    signal = column[rows] - np.median(column[rows[:10]])
+    width = max(1, rows.size // 100)
+    signal = np.convolve(np.abs(signal), np.ones(width) / width, mode="same")
+    return (signal if name == "emf" else np.sqrt(signal)), trace.instants[rows]

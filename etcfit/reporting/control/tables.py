@@ -1,0 +1,191 @@
+"""Transfer function and gains for stdout."""
+
+from __future__ import annotations
+
+from pathlib import PurePosixPath
+
+import numpy as np
+from rich.console import Group, RenderableType
+from rich.text import Text
+
+from ...control.design import Design, Tuned
+from ...control.frequency import FrequencyResponse, Ratio, phases
+from ...control.frequency.point import POSITION
+from ...control.linearise import Reduction
+from ...control.pid.requirements import Metrics, Requirements
+from ...estimation.fitted_model import Fitted
+from ...model.ecu import Notation
+from ...run_folder import rusefi
+from ..blocks import headed, plain_table, rig_title, sentences
+from ..numbers import Digits, short
+
+
+def reduction_table(fitted: Fitted, reduction: Reduction, pade_order: int) -> RenderableType:
+    """Coefficients with standard errors, poles, gain and operating point."""
+    plant = reduction.plant
+    table = plain_table("coefficient", "value", "stderr")
+    for name, value, stderr in zip(
+        ("b0", "a2", "a1", "a0"), (*plant.num, *plant.den[1:]), reduction.stderr, strict=True
+    ):
+        digits = Digits.of(value, float(stderr))
+        table.add_row(name, digits(value), digits(float(stderr)))
+    unit = f"{reduction.output_unit}/{reduction.input_unit}"
+    lines = [
+        f"G(s) = b0 / (s^3 + a2 s^2 + a1 s + a0), {unit}",
+        "poles, 1/s: " + ", ".join(_pole(p) for p in plant.poles),
+        f"static gain {short(plant.dc_gain, 4)} {unit}",
+        f"about {100.0 * reduction.share:.0f} % of the travel ({short(reduction.theta, 4)} rad), held by "
+        f"{short(reduction.volts)} V and {short(reduction.current)} A in the middle of the dry friction",
+        "dry friction and preload have no transfer function and are left out",
+        _extra(reduction, pade_order),
+    ]
+    return Group(rig_title(fitted.config, "transfer function"), *(Text("  " + line) for line in lines), table)
+
+
+def _pole(pole: complex) -> str:
+    return short(pole.real, 4) + (f" {'+' if pole.imag > 0 else '-'} {short(abs(pole.imag), 4)}j" if pole.imag else "")
+
+
+def _extra(reduction: Reduction, pade_order: int) -> str:
+    plant = reduction.plant
+    if not plant.delay and not plant.lag:
+        return "the model has neither delay nor sensor lag"
+    word = f"behind it a delay of {short(1e3 * plant.delay)} ms and a sensor lag of {short(1e3 * plant.lag)} ms"
+    return word + (f", appended with a Pade approximation of order {pade_order}" if pade_order else ", not appended")
+
+
+def sine_table(response: FrequencyResponse) -> RenderableType:
+    """A row a sine trace: the loop and the plant as measured, how far from a sine, how far off the models are."""
+    table = plain_table("trace", "Hz", "cycles", "loop dB", "phase deg", "outside %", "plant dB", "phase deg",
+                        "fitted dB", "deg", "linear dB", "deg")  # fmt: skip
+    points = response.points
+    loops = phases([point.closed_loop.value for point in points])
+    plants = phases([plant and plant.value for plant in response.plants])
+    for k, (point, plant) in enumerate(zip(points, response.plants, strict=True)):
+        table.add_row(
+            PurePosixPath(point.measurement.file).stem,
+            short(point.frequency),
+            str(point.window.cycles),
+            *_with_margins(point.closed_loop, float(loops[k])),
+            short(100.0 * point.waves.outside[POSITION], 2),
+            *(("-", "-") if plant is None else _with_margins(plant, float(plants[k]))),
+            *_off(plant, response.nonlinear[k]),
+            *_off(plant, response.linear_plant[k]),
+        )
+    orders = [response.order.says]
+    if response.plant_order is not None:
+        orders.append(f"Of the plant alone: {response.plant_order.says}")
+    words = [
+        "loop: position over setpoint; plant: position over voltage, re 1 rad/V; +-: 95 %",
+        "outside: share of the position's power that is not in the sine: dry friction, limp-home spring, noise",
+        "fitted, linear: plant of the model run free on the logged drive, and of the third order about "
+        f"{100.0 * response.share:.0f} % travel, less the measured one; the linear one knows no dry friction",
+    ]
+    parts = [
+        headed("Response to sines", table) if points else None,
+        sentences("How to read it", words if points else ()),
+        sentences("Order of lag", orders),
+        sentences("Left out", response.warnings),
+    ]
+    return Group(*(part for part in parts if part is not None))
+
+
+def _with_margins(ratio: Ratio, phase: float) -> tuple[str, str]:
+    decibels, degrees = 20.0 * np.log10(ratio.magnitude), np.degrees(phase)
+    high, margin = 20.0 * np.log10(ratio.magnitude_ci95[1]) - decibels, np.degrees(ratio.phase_margin)
+    return f"{decibels:.2f} +- {short(high, 2)}", f"{degrees:.1f} +- {short(margin, 2)}"
+
+
+def _off(measured: Ratio | None, modelled: complex | None) -> tuple[str, str]:
+    if measured is None or modelled is None:
+        return "-", "-"
+    over = modelled / measured.value
+    return f"{20.0 * np.log10(abs(over)):+.2f}", f"{np.degrees(np.angle(over)):+.1f}"
+
+
+def design_table(design: Design) -> RenderableType:
+    """Every rule beside the others, then the proposed gains in the units of an ECU."""
+    task, config = design.task, design.fitted.config
+    table = plain_table("rule", "Kp", "Ki", "Kd", "overshoot %", "settling s", "error %", "RMSE %", "GM dB", "PM deg",
+                        "met", "margins", "P(met)")  # fmt: skip
+    for tuned in design.tuned.values():
+        table.add_row(*_row(tuned, task.requirements))
+    asked = task.requirements
+    source = "posterior" if design.origin == "posterior" else "the fit's Laplace approximation"
+    words = [
+        "V/rad, V/(rad s), V s/rad; figures of the nonlinear model on the trapezoid of 5 to 45 % at 1 Hz, "
+        "worst of both edges; a settling time of -: not settled before the setpoint changes again",
+        f"asked: overshoot < {asked.overshoot_pct:g} %, settling < {asked.settling_s:g} s, steady-state error < "
+        f"{asked.steady_state_error_pct:g} %; margins {asked.gain_margin_db:g} dB, {asked.phase_margin_deg:g} degrees",
+        f"P(met): share of {design.draws} models from {source} whose response meets all three",
+        *_computer(design),
+    ]
+    refused = [f"{t.rule}: {t.why}" for t in design.tuned.values() if t.gains is None]
+    parts = [
+        rig_title(config, "PID gains"),
+        table,
+        sentences("How to read it", words),
+        sentences("No gains", refused),
+        _in_its_own_unit(design),
+        _proposed(design),
+        sentences(
+            "Not met. What binds: eased alone, each of these would let the optimum meet everything", design.limits
+        ),
+    ]
+    return Group(*(part for part in parts if part is not None))
+
+
+def _computer(design: Design) -> list[str]:
+    """The ECU that all gains are tried in, and which of them it has now."""
+    ecu = design.task.ecu
+    clock, late, slow = (f"{short(1e3 * each)} ms" for each in (ecu.period, ecu.delay, ecu.filter))
+    limits = f"ECU: ticks of {clock}, delay {late}, derivative filter {slow}, output within {short(ecu.supply)} V"
+    if design.fitted.config.ecu is None:
+        return [limits]
+    return [f"{limits}; what the command does not give is [ecu]'s of rig.toml",
+            "as_found: the gains that the ECU of the logs has, as rig.toml or the fit tells them"]  # fmt: skip
+
+
+def _row(tuned: Tuned, asked: Requirements) -> tuple[str, ...]:
+    if tuned.gains is None or tuned.nonlinear is None:
+        return (tuned.rule, *["-"] * 12)
+    m = tuned.nonlinear
+    gains = (short(g) for g in tuned.gains)
+    return (tuned.rule, *gains, short(m.overshoot_pct), short(m.settling_s), short(m.steady_state_error_pct),
+            short(m.rmse_pct), short(m.gain_margin_db), short(m.phase_margin_deg), "yes" if tuned.meets_all else "no",
+            "yes" if _safe(m, asked) else "no", f"{tuned.probability_met:.2f}")  # fmt: skip
+
+
+def _safe(metrics: Metrics, asked: Requirements) -> bool:
+    return metrics.gain_margin_db >= asked.gain_margin_db and metrics.phase_margin_deg >= asked.phase_margin_deg
+
+
+def _in_its_own_unit(design: Design) -> RenderableType | None:
+    """Every rule's gains as [ecu] of rig.toml writes them: numbers to type in."""
+    notation = design.fitted.config.notation
+    if notation is None:
+        return None
+    table = plain_table("rule", "P", "I", "D")
+    for tuned in design.tuned.values():
+        if tuned.gains is not None:
+            table.add_row(tuned.rule, *(short(g, 4) for g in design.written(tuned.gains, notation)))
+    clock = {"seconds": "I per s, D in s", "ticks": f"I and D by the tick of {short(1e3 * design.task.ecu.period)} ms"}
+    return headed(f"The same gains as [ecu] of rig.toml writes them: {notation.unit}, {clock[notation.form]}", table)
+
+
+def _proposed(design: Design) -> RenderableType:
+    gains, ecu = design.chosen.gains, design.task.ecu
+    assert gains is not None, "the proposed rule has gains"
+    native, his = design.written(gains, Notation(form="ticks")), rusefi(design)
+    table = plain_table("proposed", "P", "I", "D", "unit")
+    table.add_row("continuous time", *(short(g, 5) for g in gains), "V/rad, s")
+    table.add_row(f"ticks of {short(1e3 * ecu.period)} ms", *(short(g, 5) for g in native), "V/rad, ticks")
+    table.add_row("rusEFI", *(short(his[k], 5) for k in ("pFactor", "iFactor", "dFactor")), "% duty / % travel, s")
+    if (own := design.fitted.config.notation) is not None:
+        table.add_row("as in rig.toml", *(short(g, 5) for g in design.written(gains, own)), own.title)
+    curve = plain_table("rusEFI bias curve", *(f"{x:g}" for x in his["etbBiasBins"]), "% travel")
+    curve.add_row("holding duty", *(f"{y:g}" for y in his["etbBiasValues"]), "%")
+    word = "with the bias curve"
+    if not his["gains_found_with_bias"]:
+        word = "WITHOUT the bias curve: leave it at 0, or design with --feed-forward"
+    return headed(f"Gains of {design.chosen.rule}, found {word}", Group(table, Text(), curve))

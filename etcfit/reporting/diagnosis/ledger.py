@@ -1,0 +1,93 @@
+"""THE LEDGER: free-running errors before and after, by test and channel, and what they come to in one sentence."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from ...diagnosis.findings import Diagnosis
+from ...estimation.remedies import listed
+from ...problem.prediction_error import Row
+from ..numbers import short
+from ..pool import Pool
+from .shown import in_degrees, scales
+
+_LESS = 0.95  # of an error that counts as smaller
+
+
+@dataclass(frozen=True)
+class Entry:
+    """One channel of one test, all its traces pooled.
+
+    Args:
+        test, channel, unit, held_out: which; the unit as shown: positions in degrees, all else as logged.
+        before, after: errors of the first and of the final model.
+        unknown: of the final model with what no effect explains added as a smooth curve; None where nothing is left.
+    """
+
+    test: str
+    channel: str
+    unit: str
+    held_out: bool
+    before: Pool
+    after: Pool
+    unknown: Pool | None
+
+    @property
+    def name(self) -> str:
+        return f"{self.test} · {self.channel.replace('_', ' ')}"
+
+    def change(self) -> str:
+        """ "2.10 → 0.340 deg"."""
+        return f"{short(self.before.rms)} → {short(self.after.rms)} {self.unit or '1'}"
+
+    def known(self) -> bool:
+        """True where both models could be simulated."""
+        return bool(np.isfinite(self.before.ratio) and np.isfinite(self.after.ratio))
+
+
+def ledger(diagnosis: Diagnosis) -> tuple[Entry, ...]:
+    """Held-out traces first, then the fitted ones, each in the order of the data."""
+    before, after, unknown = diagnosis.before, diagnosis.after, diagnosis.unexplained
+    degrees = scales(before)
+    held_out = before.score_holdout, after.score_holdout, unknown.holdout if unknown else ()
+    fitted = before.score_fit, after.score_fit, unknown.fit if unknown else ()
+    return (
+        *_entries(*(in_degrees(rows, degrees) for rows in held_out), held_out=True),
+        *_entries(*(in_degrees(rows, degrees) for rows in fitted), held_out=False),
+    )
+
+
+def _entries(before: Sequence[Row], after: Sequence[Row], unknown: Sequence[Row], held_out: bool) -> list[Entry]:
+    was, now, then = _grouped(before), _grouped(after), _grouped(unknown)
+    return [Entry(*key, held_out, Pool.of(was[key]), Pool.of(now[key]), Pool.of(then[key]) if key in then else None)
+            for key in was if key in now]  # fmt: skip
+
+
+def _grouped(rows: Sequence[Row]) -> dict[tuple[str, str, str], list[Row]]:
+    out: dict[tuple[str, str, str], list[Row]] = {}
+    for row in rows:
+        out.setdefault((row.test, row.channel, row.unit), []).append(row)
+    return out
+
+
+def headline(diagnosis: Diagnosis) -> str:
+    """The ledger in one sentence: the largest error on traces that were never fitted, before and after."""
+    entries = [entry for entry in ledger(diagnosis) if entry.known()]
+    if not entries:
+        return "The model cannot be simulated"
+    worst = max(entries, key=lambda entry: (entry.held_out, entry.before.ratio))
+    where = f"{'held-out ' if worst.held_out else ''}{worst.channel.replace('_', ' ')} error ({worst.test})"
+    was, now = (f"{short(pool.rms)} {worst.unit or '1'}" for pool in (worst.before, worst.after))
+    sigma = short(worst.before.ratio, 2), short(worst.after.ratio, 2)
+    if not diagnosis.added:
+        return f"{_nothing_added(diagnosis)}: largest {where} {now}, {sigma[1]} σ"
+    falls = "falls" if worst.after.ratio < _LESS * worst.before.ratio else "does not fall"
+    return f"With {listed(diagnosis.added)} the {where} {falls}: {was} → {now}, {sigma[0]} → {sigma[1]} σ"
+
+
+def _nothing_added(diagnosis: Diagnosis) -> str:
+    white = all(each.evidence.white for each in diagnosis.rounds)
+    return "The start model explains the data" if white else "No effect of the catalogue explains what is missing"

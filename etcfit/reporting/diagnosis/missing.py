@@ -1,0 +1,225 @@
+"""What the model lacks over what it depends on: missing torque (or voltage) before and after, and what took it away."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import cycle
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from ...diagnosis.findings import Diagnosis, Share
+from ...estimation.remedies import listed
+from .. import style
+from ..numbers import short
+from .samples import Bins, Samples, curve_rms, ways
+from .shown import DEGREES, prefixed
+
+_POINTS = 4000
+_FEWEST = 100  # samples worth a picture
+_PANELS = 3
+_TELLING = 0.05  # share of what is missing that is worth a panel
+_SHOWN = 0.99  # of the samples lie inside the panels
+
+
+@dataclass(frozen=True)
+class Scale:
+    """How a quantity is shown: shown = factor * SI."""
+
+    label: str
+    factor: float = 1.0
+
+
+AXES = {
+    "angle": Scale("plate angle [deg]", DEGREES),
+    "speed": Scale("plate speed [rad/s]"),
+    "current": Scale("current [A]"),
+    "load": Scale("torque through the gear [N m]"),
+    "time": Scale("time [s]"),
+}
+_UNITS = {"torque": "N m", "voltage": "V"}
+
+
+@dataclass(frozen=True, eq=False)
+class MissingPicture:
+    """What a picture of the missing torque or voltage shows.
+
+    Args:
+        enters: "torque" or "voltage".
+        samples: along the measured motion.
+        shares: what it depends on, largest first.
+        added: effects found.
+        white: nothing was missing in the first place.
+        synthetic: the data were made up.
+    """
+
+    enters: str
+    samples: Samples
+    shares: tuple[Share, ...]
+    added: tuple[str, ...]
+    white: bool
+    synthetic: bool
+
+    @classmethod
+    def of(cls, diagnosis: Diagnosis, enters: str) -> MissingPicture | None:
+        """None where too little is known of it."""
+        samples = Samples.of(diagnosis.motions, enters)
+        if samples.before.size < _FEWEST:
+            return None
+        first = diagnosis.rounds[0].evidence if diagnosis.rounds else None
+        shares = tuple(share for share in first.shares if share.enters == enters) if first else ()
+        shares = tuple(sorted(shares, key=lambda share: -share.share))
+        synthetic = diagnosis.after.rig.config.synthetic
+        picture = cls(enters, samples, shares, diagnosis.added, first is not None and first.white, synthetic)
+        return picture if picture.telling else None
+
+    @property
+    def telling(self) -> tuple[str, ...]:
+        """The axes worth a panel: those it depends on most, two at least."""
+        known = [s.axis for s in self.shares if s.share > _TELLING and s.axis in self.samples.axes]
+        rest = [s.axis for s in self.shares] + ["angle", "speed"]
+        more = [axis for axis in dict.fromkeys(rest) if axis not in known and axis in self.samples.axes]
+        varying = [axis for axis in (*known[:_PANELS], *more) if np.ptp(self.samples.axes[axis]) > 0.0]
+        return tuple(varying[: max(2, min(_PANELS, len(known)))])
+
+
+def draw(picture: MissingPicture) -> Figure:
+    """Above what was missing, below what is left; a column a quantity, all on one scale."""
+    axes = picture.telling
+    wide = 4.3 * len(axes) + (2.4 if len(axes) < 2 else 0.8)
+    fig = style.figure(wide, 7.2, picture.synthetic)
+    limits = _limits(picture.samples)
+    factor, unit = prefixed(max(-limits[0], limits[1]), _UNITS[picture.enters])
+    grid = fig.subplots(2, len(axes), sharex="col", sharey=True, squeeze=False)
+    for column, axis in enumerate(axes):
+        _column(grid[0, column], grid[1, column], picture, axis, factor)
+        grid[0, column].set_title(_share(picture, axis), loc="left", fontsize=11)
+    grid[0, 0].set_ylim(limits[0] * factor, limits[1] * factor)
+    grid[0, 0].set_ylabel(f"missing {picture.enters}, BEFORE [{unit}]")
+    grid[1, 0].set_ylabel(f"missing {picture.enters}, AFTER [{unit}]")
+    _head(fig, list(grid.ravel()), style.wrapped(finding(picture), wide, 14))
+    return fig
+
+
+def _head(fig: Figure, panels: list[Axes], title: str) -> None:
+    """Title, the legend below it in as many lines as it needs, and the panels below that."""
+    wide, tall = fig.get_size_inches()
+    most = int(wide / 3.2)
+    lines = -(-len(style.labels(panels)) // most)
+    top = 0.5 + 0.26 * title.count("\n")
+    fig.subplots_adjust(left=0.085, right=0.985, top=1.0 - (top + 0.45 + 0.2 * lines) / tall, bottom=0.08, wspace=0.08,
+                        hspace=0.12)  # fmt: skip
+    fig.suptitle(title, x=0.015, y=0.985, ha="left", va="top", fontsize=14, fontweight="bold")
+    style.legend(fig, panels, 0.085, 1.0 - top / tall, "upper left", most)
+
+
+def finding(picture: MissingPicture) -> str:
+    """The picture in one sentence."""
+    enters, samples = picture.enters, picture.samples
+    axis = picture.telling[0]
+    bins, curves = Bins.along(samples.axes[axis]), ways(samples, axis)
+    was, now = curve_rms(bins, samples.before, curves), curve_rms(bins, samples.after, curves)
+    if picture.white and not picture.added:
+        return f"No {enters} is missing: what is left is noise"
+    if not picture.shares or picture.shares[0].share < _TELLING:
+        return f"The missing {enters} follows nothing that was measured: nothing to take away"
+    lead = f"The missing {enters} depends on the {axis}"
+    if not picture.added:
+        return f"{lead}: no effect of the catalogue takes it away"
+    acting = [name for name in picture.added if name in samples.effects] or list(picture.added)
+    return f"{lead}: {listed(acting)} take{'s' if len(acting) == 1 else ''} {_taken(now / max(was, 1e-300))}"
+
+
+def _taken(left: float) -> str:
+    """Words for what is left of the median curve, as a share of what it was."""
+    if left < 0.2:
+        return "it away"
+    if left < 0.5:
+        return "most of it away"
+    return "part of it away" if left < 0.9 else "nothing of it away"
+
+
+def _share(picture: MissingPicture, axis: str) -> str:
+    share = next((s.share for s in picture.shares if s.axis == axis), None)
+    return "" if share is None else f"{100.0 * share:.0f} % of it is a curve over the {axis}"
+
+
+def _limits(samples: Samples) -> tuple[float, float]:
+    """Of the panels, SI: nearly all that was missing, zero, and the effects lie inside."""
+    out = 0.5 * (1.0 - _SHOWN)
+    every = (samples.before, samples.after, *samples.effects.values())
+    low = min(0.0, *(float(np.quantile(part, out)) for part in every))
+    high = max(0.0, *(float(np.quantile(part, 1.0 - out)) for part in every))
+    room = max(0.12 * (high - low), 1e-12)
+    return low - 1.5 * room, high + room  # below it stands the figure
+
+
+def _column(above: Axes, below: Axes, picture: MissingPicture, axis: str, factor: float) -> None:
+    samples, scale = picture.samples, AXES[axis]
+    bins = Bins.along(samples.axes[axis])
+    curves = ways(samples, axis)
+    drawn = [Way(rows, *look) for rows, look in zip(curves, _TWO if len(curves) > 1 else _ONE, strict=True)]
+    for panel, y in ((above, samples.before), (below, samples.after)):
+        panel.axhline(0.0, color="black", lw=0.8)
+        for way in drawn:
+            _cloud(panel, samples.axes[axis] * scale.factor, y * factor, way)
+            _median(panel, bins, y * factor, scale.factor, way)
+        text = f"median curve: {short(factor * curve_rms(bins, y, curves), 2)} rms"
+        panel.text(0.98, 0.03, text, transform=panel.transAxes, ha="right", va="bottom", fontsize=10,
+                   bbox={"facecolor": "white", "edgecolor": "none", "pad": 1.5, "alpha": 0.85})  # fmt: skip
+    _effects(above, picture, bins, axis, factor, drawn)
+    below.set_xlabel(scale.label)
+    below.set_xlim(bins.edges[0] * scale.factor, bins.edges[-1] * scale.factor)
+
+
+@dataclass(frozen=True, eq=False)
+class Way:
+    """Samples that make one curve.
+
+    Args:
+        rows: which, shape (n,).
+        points, line: colours.
+        dashes: of the effects' lines.
+        label: of the median.
+    """
+
+    rows: np.ndarray
+    points: str
+    line: str
+    dashes: str
+    label: str
+
+
+_ONE = (("#b8b8b8", "black", "-", "median, quartiles"),)
+_TWO = (
+    ("#a9c9e2", style.OPENING, "-", "opening: median, quartiles"),
+    ("#f3d9a6", style.CLOSING, "--", "closing: median, quartiles"),
+)
+
+
+def _cloud(panel: Axes, x: np.ndarray, y: np.ndarray, way: Way) -> None:
+    rows = np.flatnonzero(way.rows)
+    if rows.size > _POINTS // 2:
+        rows = rows[np.random.default_rng(0).permutation(rows.size)[: _POINTS // 2]]
+    panel.plot(x[rows], y[rows], ".", ms=3.5, color=way.points, alpha=0.7, mew=0, zorder=1)
+
+
+def _median(panel: Axes, bins: Bins, y: np.ndarray, stretch: float, way: Way) -> None:
+    low, middle, high = bins.quartiles(y, way.rows)
+    x = bins.centres * stretch
+    panel.fill_between(x, low, high, color=way.line, alpha=0.18, lw=0, zorder=2)
+    panel.plot(x, middle, color=way.line, lw=2.2, label=way.label, zorder=3)
+
+
+def _effects(panel: Axes, picture: MissingPicture, bins: Bins, axis: str, factor: float, drawn: Sequence[Way]) -> None:
+    """What each added effect contributes, and, where that makes one curve, what the whole new model does."""
+    samples, x = picture.samples, bins.centres * AXES[axis].factor
+    for color, (name, part) in zip(cycle(style.EFFECTS), samples.effects.items(), strict=False):
+        for way in drawn:
+            panel.plot(x, bins.quartiles(part * factor, way.rows)[1], way.dashes, color=color, lw=2.4, zorder=4,
+                       label=name if way.dashes == "-" else "_")  # fmt: skip
+    if samples.effects and len(drawn) == 1:
+        gained = bins.quartiles((samples.before - samples.after) * factor, drawn[0].rows)[1]
+        panel.plot(x, gained, ":", color=style.UNKNOWN, lw=2.4, zorder=5, label="all that the final model adds")

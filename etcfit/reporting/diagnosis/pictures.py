@@ -1,0 +1,72 @@
+"""All pictures of a diagnosis: where each goes in RUN/pictures/diagnosis and how it is drawn."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from ...diagnosis.findings import Diagnosis
+from ...estimation.joint_fit import FitResult
+from ...problem.prediction_error import Row
+from ...problem.trace import Trace
+from .. import overview
+from ..pictures import Job, all_traces, file_name, parameter_picture
+from . import chart, missing, overlay, rounds, unexplained
+from .ledger import headline, ledger
+from .shown import in_degrees, scales
+
+_FITTED = 3  # fitted traces that are drawn besides those held out
+
+
+def jobs(diagnosis: Diagnosis) -> list[Job]:
+    """Every picture: path below RUN/pictures/diagnosis, and the call that draws it."""
+    return [*_summaries(diagnosis), *_overlays(diagnosis)]
+
+
+def _summaries(d: Diagnosis) -> Iterator[Job]:
+    synthetic = d.after.rig.config.synthetic
+    entries = ledger(d)
+    if any(entry.known() for entry in entries):
+        yield Path("ledger.png"), partial(chart.draw, entries, headline(d), synthetic)
+    if d.added:
+        yield Path("parameters.png"), lambda: overview.draw(parameter_picture(d.after))
+    for enters in ("torque", "voltage"):
+        picture = missing.MissingPicture.of(d, enters)
+        if picture is not None:
+            yield Path(f"missing_{enters}.png"), partial(missing.draw, picture)
+    if d.unexplained is not None:
+        yield Path("unexplained.png"), partial(unexplained.draw, d.unexplained, d.after.rig.config.travel, synthetic)
+    steps = rounds.steps(d)
+    if d.added or any(step.others for step in steps):
+        yield Path("rounds.png"), partial(rounds.draw, steps, d.added, synthetic)
+
+
+def _overlays(d: Diagnosis) -> Iterator[Job]:
+    """Held-out traces, then the driven ones of those fitted that the first model predicts worst."""
+    every = all_traces(d.before)
+    shown = [t for t in every if t.measurement.held_out]
+    driven = [t for t in every if not t.measurement.held_out and t.drive and not t.test.boundary.plate_held]
+    driven.sort(key=lambda trace: -_worst(d, trace))
+    for trace in (*shown, *driven[:_FITTED]):
+        yield Path("traces") / file_name(trace), partial(_draw_overlay, d, trace)
+
+
+def _worst(d: Diagnosis, trace: Trace) -> float:
+    return max((row.rms / row.sigma for row in d.before.score_fit if row.file == trace.measurement.file), default=0.0)
+
+
+def _draw_overlay(d: Diagnosis, trace: Trace) -> Figure:
+    file = trace.measurement.file
+    before, after = (np.asarray(result.predicted[file]) for result in (d.before, d.after))
+    picture = overlay.Overlay(trace, before, after, _rows(d.before, file), _rows(d.after, file),
+                              d.after.rig.config.synthetic)  # fmt: skip
+    return overlay.draw(picture)
+
+
+def _rows(result: FitResult, file: str) -> tuple[Row, ...]:
+    rows = [row for row in (*result.score_fit, *result.score_holdout) if row.file == file]
+    return in_degrees(rows, scales(result))

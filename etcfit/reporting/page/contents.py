@@ -1,0 +1,87 @@
+"""What a run folder holds, read by the keys of FORMAT.md; keys beyond those are welcome and may be absent."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from ...errors import UsageError
+from ...problem.prediction_error import Row
+
+KINDS = ("fit", "diagnosis", "posterior", "transfer_function", "frequency_response", "pid")
+_ROW = ("file", "test", "channel", "unit", "n", "rms", "sigma")
+
+
+@dataclass(frozen=True)
+class Contents:
+    """A run folder.
+
+    Args:
+        run: the folder.
+        files: content of each JSON file by kind (see KINDS); absent ones are left out.
+        hashes: SHA-256 of those files by name.
+    """
+
+    run: Path
+    files: Mapping[str, Mapping[str, Any]]
+    hashes: Mapping[str, str]
+
+    def get(self, kind: str) -> Mapping[str, Any]:
+        """The object of a file; empty where there is none."""
+        return self.files.get(kind, {})
+
+    @property
+    def final(self) -> Mapping[str, Any]:
+        """The file whose model and parameters count: the diagnosis, or the fit where there is none."""
+        return self.files.get("diagnosis") or self.files["fit"]
+
+    @property
+    def added(self) -> tuple[str, ...]:
+        """Effects that the diagnosis found."""
+        return tuple(self.get("diagnosis").get("added") or ())
+
+    @property
+    def score(self) -> Mapping[str, Any]:
+        """Errors of the final model."""
+        return self.get("diagnosis").get("after") or self.files["fit"]["score"]
+
+
+def read_run(run: Path) -> Contents:
+    """Read every JSON file of a run folder.
+
+    Raises:
+        UsageError: no fit.json, or a file of the run is not what it should be.
+    """
+    if not (run / "fit.json").is_file():
+        raise UsageError(f"{run} holds no fit (fit.json is missing). Run `etcfit fit FOLDER --out {run}` first.")
+    files, hashes = {}, {}
+    for kind in KINDS:
+        path = run / f"{kind}.json"
+        if path.is_file():
+            raw = path.read_bytes()
+            files[kind], hashes[path.name] = _object(path, kind, raw), hashlib.sha256(raw).hexdigest()
+    return Contents(run, files, hashes)
+
+
+def rows_of(rows: Sequence[Mapping[str, Any]]) -> list[Row]:
+    """ROWs of FORMAT.md; those of a model that could not be simulated are left out."""
+    return [Row(**{key: row[key] for key in _ROW}) for row in rows if row["rms"] is not None and row["sigma"]]
+
+
+def _object(path: Path, kind: str, raw: bytes) -> Mapping[str, Any]:
+    try:
+        content = json.loads(raw)
+    except ValueError as error:
+        raise _unfit(path, f"is no JSON ({error})") from None
+    schema = content.get("schema") if isinstance(content, dict) else None
+    if schema != f"etcfit.{kind}/1":
+        raise _unfit(path, f"has schema {schema!r}, not 'etcfit.{kind}/1'")
+    return content
+
+
+def _unfit(path: Path, found: str) -> UsageError:
+    return UsageError(f"{path} {found}. Run the command that writes it again, or delete it.")

@@ -1,0 +1,91 @@
+"""The page's parts put into its template."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from itertools import chain
+from typing import Any
+
+from .contents import Contents
+from .control import formula, gains_table, metrics_table, operating_point, plant_table
+from .frequency import orders, sines_table
+from .ledger import ledger_table
+from .parameters import LOST, lumped_table, parameter_table, posterior_table
+from .pictures import groups
+from .provenance import files_table, stale, versions_table
+from .typeset import number, symbol, unit
+from .verdict import model, verdict
+
+
+def render(contents: Contents) -> str:
+    """The whole page, HTML."""
+    import jinja2
+
+    environment = jinja2.Environment(
+        loader=jinja2.PackageLoader("etcfit.reporting.page", "template"),
+        autoescape=True,
+        trim_blocks=True,
+        lstrip_blocks=True,
+        undefined=jinja2.StrictUndefined,
+    )
+    environment.filters |= {"number": number, "symbol": symbol, "unit": unit}
+    return environment.get_template("page.html").render(**_parts(contents))
+
+
+def _parts(contents: Contents) -> dict[str, Any]:
+    fit, diagnosis, plant, pid = (contents.get(k) for k in ("fit", "diagnosis", "transfer_function", "pid"))
+    response = contents.get("frequency_response")
+    return {
+        "rig": fit["rig"],
+        "synthetic": fit["synthetic"],
+        "folder": fit.get("folder"),
+        "model": model(contents),
+        "verdict": verdict(contents),
+        "converged": contents.final.get("converged", True),
+        "reason": contents.final.get("reason"),
+        "parameters": parameter_table(contents),
+        "lumped": lumped_table(contents),
+        "posterior": posterior_table(contents),
+        "lost": [s for s, p in contents.final["parameters"].items() if p["status"] == LOST],
+        "directions": [d["says"] for d in fit.get("not_identifiable") or ()],
+        "directions_of_start": bool(contents.added),
+        "ledger": ledger_table(contents),
+        "diagnosis": diagnosis,
+        "ties": _ties(diagnosis),
+        "unexplained": _unexplained(diagnosis),
+        "plant": plant,
+        "operating_point": operating_point(plant),
+        "formula": formula(plant),
+        "plant_table": plant_table(plant),
+        "sines": sines_table(response),
+        "orders": orders(response),
+        "gains": gains_table(pid),
+        "metrics": metrics_table(pid),
+        "warnings": [*stale(contents), *_warnings(contents)],
+        "groups": groups(contents.run),
+        "files": files_table(contents),
+        "versions": versions_table(contents),
+    }
+
+
+def _ties(diagnosis: Mapping[str, Any]) -> list[tuple[str, str]]:
+    """Effects that cannot be told apart, and what would tell them."""
+    told = diagnosis.get("ties_told_by") or []
+    ties = [" = ".join(name.replace("_", " ") for name in tie) for tie in diagnosis.get("ties") or ()]
+    return [(tie, told[k] if k < len(told) else "") for k, tie in enumerate(ties)]
+
+
+def _unexplained(diagnosis: Mapping[str, Any]) -> str | None:
+    left = diagnosis.get("unexplained")
+    if not left:
+        return None
+    return left.get("sentence") or f"A {left['enters']} that depends on {left['depends_on']}."
+
+
+def _warnings(contents: Contents) -> Iterator[str]:
+    """Of the final model, then of what was made from it; each once."""
+    of_model = contents.final.get("warnings", contents.get("fit").get("warnings"))
+    later = (
+        contents.get(kind).get("warnings") for kind in ("posterior", "transfer_function", "frequency_response", "pid")
+    )
+    yield from dict.fromkeys(chain.from_iterable(said or () for said in (of_model, *later)))

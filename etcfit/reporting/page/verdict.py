@@ -1,0 +1,106 @@
+"""A run in three sentences: how well the model fits, how well it predicts, what is known and to which gains it led."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from typing import Any
+
+from markupsafe import Markup
+
+from ...estimation.joint_fit import MISFIT
+from ...estimation.remedies import listed
+from ...problem.prediction_error import pooled
+from .contents import Contents, rows_of
+from .typeset import number, symbol, symbols
+
+_NOISE = 1.2  # chi2 per degree of freedom up to which nothing but noise is left
+
+
+def verdict(contents: Contents) -> tuple[Markup, Markup, Markup]:
+    """The sentences at the top of the page."""
+    return _fits(contents), _predicts(contents), _knows(contents) + _gains(contents.get("pid")) + Markup(".")
+
+
+def model(contents: Contents) -> str:
+    """Eqs. 1-2, and what they were given besides."""
+    return listed(["Eqs. 1–2", *(name.replace("_", " ") for name in contents.added)])
+
+
+def _fits(contents: Contents) -> Markup:
+    final = contents.final
+    count = len({row["file"] for row in contents.files["fit"]["score"]["fit"]})
+    head = f"{model(contents)}, fitted to all {count} traces at once,"
+    chi2 = contents.score.get("chi2_per_dof")
+    left = Markup("(χ²/dof {})").format(number(chi2))
+    if not final.get("converged", True):
+        return Markup("{} <strong>did not converge</strong>: the figures below are no results.").format(head)
+    if chi2 is None:
+        return Markup("{} cannot be simulated over all of them.").format(head)
+    if chi2 < _NOISE:
+        rounds = contents.get("diagnosis").get("rounds") or [{}]
+        what = "nothing but" if rounds[-1].get("white", True) else "hardly more than"
+        return Markup("{} leave {} noise {}.").format(head, what, left)
+    if chi2 < MISFIT:
+        return Markup("{} come near the data but leave more than noise {}.").format(head, left)
+    return Markup(
+        "{} stay <strong>far from the data</strong> {}: parameters are a compromise, not measurements."
+    ).format(head, left)
+
+
+def _predicts(contents: Contents) -> Markup:
+    after, before = _error(contents.score), _error(contents.get("diagnosis").get("before") or {})
+    if after is None:
+        return Markup("How well it predicts cannot be said: it could not be simulated.")
+    where = "on traces that were never fitted" if contents.score.get("holdout") else "on the fitted traces"
+    text = f"Running free {where}, the error is {number(after)} σ of one sample"
+    if contents.added and before is not None:
+        return Markup("{}; it was {} σ before {} came in.").format(text, number(before), _found(contents))
+    if contents.get("diagnosis"):
+        return Markup("{}; no further effect of the catalogue was found to improve on it.").format(text)
+    return Markup("{}; what the model may lack has not been looked for (<code>etcfit diagnose</code>).").format(text)
+
+
+def _found(contents: Contents) -> str:
+    return "the added effect" if len(contents.added) == 1 else f"the {len(contents.added)} added effects"
+
+
+def _error(score: Mapping[str, Any]) -> float | None:
+    rows = rows_of(score.get("holdout") or score.get("fit") or ())
+    return pooled(rows) if rows else None
+
+
+def _knows(contents: Contents) -> Markup:
+    free = dict(_free(contents.final["parameters"]))
+    known = {s: p["stderr"] / abs(p["value"]) for s, p in free.items() if p["stderr"] is not None and p["value"]}
+    lost = [s for s, p in free.items() if p["status"] == "not identifiable"]
+    if not known:
+        return Markup("No parameter is identifiable from these data")
+    worst = max(known, key=lambda s: known[s])
+    text = Markup("{} of {} free parameters are known, {} least well (± {} %)").format(
+        len(known), len(free), symbol(worst), number(100.0 * known[worst], 2)
+    )
+    return text + (Markup("; these data <strong>cannot tell</strong> {}").format(symbols(lost)) if lost else Markup(""))
+
+
+def _free(parameters: Mapping[str, Any]) -> Iterator[tuple[str, Any]]:
+    return ((s, p) for s, p in parameters.items() if p["status"] in ("estimated", "not identifiable"))
+
+
+def _gains(pid: Mapping[str, Any]) -> Markup:
+    if not pid:
+        return Markup("")
+    gains, chance = pid["gains"], (pid.get("posterior") or {}).get("probability_met")
+    missed = [name.replace("_", " ") for name, met in _flat(pid.get("met") or {}) if met is False]
+    text = Markup("; the gains <i>K</i><sub>p</sub> {}, <i>K</i><sub>i</sub> {}, <i>K</i><sub>d</sub> {} {}").format(
+        *(number(gains[key]) for key in ("Kp", "Ki", "Kd")),
+        f"miss the requirement on {listed(dict.fromkeys(missed))}" if missed else "meet every requirement",
+    )
+    return text + ("" if chance is None else f", with probability {number(chance, 2)} over draws of the parameters")
+
+
+def _flat(met: Mapping[str, Any]) -> Iterator[tuple[str, Any]]:
+    for name, value in met.items():
+        if isinstance(value, Mapping):
+            yield from _flat(value)
+        else:
+            yield name, value

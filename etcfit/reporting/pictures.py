@@ -1,0 +1,97 @@
+"""All pictures of a fit: where each goes in RUN/pictures and how it is drawn, in the order of interest."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import partial
+from pathlib import Path, PurePosixPath
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from ..estimation.intervals import LUMPS, Interval, intervals, lumped
+from ..estimation.joint_fit import FitResult
+from ..problem.trace import Trace
+from ..rig import TEST_BY_NAME
+from ..rig.paper_readings import known
+from ..run_folder import readings_of
+from . import graphs, overview, traces
+from .numbers import Digits, short
+from .table_2 import beside
+from .tables import model_words
+
+Job = tuple[Path, Callable[[], Figure]]
+
+
+def jobs(result: FitResult) -> list[Job]:
+    """Every picture: path below RUN/pictures, and the call that draws it."""
+    every = all_traces(result)
+    tests = dict.fromkeys(trace.test.name for trace in every)
+    return [
+        (Path("parameters.png"), lambda: overview.draw(parameter_picture(result))),
+        *((Path("tests") / f"{name}.png", partial(_draw_test, result, name)) for name in tests),
+        *((Path("traces") / file_name(t), partial(_draw_trace, result, k)) for k, t in enumerate(every)),
+    ]
+
+
+def all_traces(result: FitResult) -> tuple[Trace, ...]:
+    """Fitted traces, then those held out."""
+    held_out = result.holdout.tape.traces if result.holdout is not None else ()
+    return (*result.bench.tape.traces, *held_out)
+
+
+def file_name(trace: Trace) -> str:
+    """Of a trace's picture."""
+    return f"{trace.test.name}__{PurePosixPath(trace.measurement.file).stem}.png"
+
+
+def _draw_trace(result: FitResult, k: int) -> Figure:
+    trace = all_traces(result)[k]
+    file = trace.measurement.file
+    predicted = result.predicted[file]
+    if k < len(result.whitened):
+        residual, label = result.whitened[k], "whitened\nresidual [σ]"
+    else:
+        residual, label = (trace.data - predicted) / np.asarray(trace.sigma)[None, :], "error [σ]"
+    rows = tuple(row for row in (*result.score_fit, *result.score_holdout) if row.file == file)
+    synthetic = result.rig.config.synthetic
+    return traces.draw(traces.TracePicture(trace, predicted, residual, label, rows, synthetic))
+
+
+def _draw_test(result: FitResult, name: str) -> Figure:
+    test, config = TEST_BY_NAME[name], result.rig.config
+    every = tuple(trace for trace in all_traces(result) if trace.test.name == name)
+    read, scales = result.readings.graphs.get(name, ()), known(config, result.readings.values)
+    model = graphs.read_model(test, every, result.predicted, config, scales) if read else ()
+    lines = _lines(result, name)
+    return graphs.draw(graphs.TestPicture(test, read, model, every, result.predicted, lines, config.synthetic))
+
+
+def _lines(result: FitResult, test: str) -> tuple[str, ...]:
+    """What this test's graph said of its parameters, and what the fit says."""
+    known_, units, read = intervals(result) | lumped(result), _units(result), readings_of(result)
+    return tuple(
+        f"{symbol}: reading {short(read[symbol], 4)}, fit {_fitted(known_[symbol])} {units[symbol]}"
+        for symbol, origin in result.readings.source.items()
+        if origin == test and symbol in read and symbol in known_
+    )
+
+
+def _fitted(interval: Interval) -> str:
+    if interval.status == "not identifiable":
+        return "(not identifiable)"
+    digits = Digits.of(interval.value, interval.stderr)
+    return digits(interval.value) + ("" if interval.stderr is None else f" ± {digits(interval.stderr)}")
+
+
+def _units(result: FitResult) -> dict[str, str]:
+    declared = {p.symbol: p.unit for p in result.unknowns.layout.parameters}
+    return declared | {"N": "1"} | {symbol: lump.unit for symbol, lump in LUMPS.items()}
+
+
+def parameter_picture(result: FitResult) -> overview.ParameterPicture:
+    config = result.rig.config
+    every = intervals(result) | lumped(result)
+    read, table_2 = readings_of(result), beside(config)
+    model, units = model_words(result), _units(result)
+    return overview.ParameterPicture(config.name, model, every, units, read, table_2, config.synthetic)

@@ -1,0 +1,73 @@
+"""The paper's way: every rig test's graphs read one after the other; the baseline to beat and the fit's start."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+from . import TESTS
+from .base import Fixed, Graph, Reading, Rig, RigConfig, Tied
+
+DEFAULT_TIES = {"K_m": "K_b"}  # energy conservation, SI
+
+
+@dataclass(frozen=True, eq=False)
+class Readings:
+    """What all graphs say together.
+
+    Args:
+        values: SI, by symbol; the first test that reads a symbol has it. Also `J_eq`, `B_eq`, `series_ohm.<test>`.
+        source: the test each value comes from.
+        nominal: symbols whose scale or split is assumed, not read.
+        tests: each test's own reading, in order, for those tests that have traces.
+    """
+
+    values: Mapping[str, float]
+    source: Mapping[str, str]
+    nominal: frozenset[str]
+    tests: Mapping[str, Reading]
+
+    @property
+    def graphs(self) -> dict[str, tuple[Graph, ...]]:
+        """By test."""
+        return {name: reading.graphs for name, reading in self.tests.items()}
+
+    @property
+    def notes(self) -> dict[str, tuple[str, ...]]:
+        """By test."""
+        return {name: reading.notes for name, reading in self.tests.items()}
+
+
+def read_graphs(rig: Rig) -> Readings:
+    """Run all tests' readings, in order, over the traces that are not held out.
+
+    What one test reads is known to those after it; a value that rig.toml fixes stays what it is there, any other is
+    replaced by its reading.
+    """
+    values: dict[str, float] = {}
+    source: dict[str, str] = {}
+    nominal: set[str] = set()
+    tests: dict[str, Reading] = {}
+    for test in TESTS:
+        traces = [m for m in rig.measurements if m.test == test.name and not m.held_out]
+        if not traces:
+            continue
+        reading = tests[test.name] = test.reading(traces, rig.config, known(rig.config, values))
+        new = {symbol: value for symbol, value in reading.values.items() if symbol not in values}
+        values |= new
+        source |= dict.fromkeys(new, test.name)
+        nominal |= set(reading.nominal) & set(new)
+    return Readings(_with_ties(values, rig.config), source, frozenset(nominal), tests)
+
+
+def known(config: RigConfig, read: Mapping[str, float]) -> dict[str, float]:
+    """Values for the next reading, SI: those given in rig.toml, replaced by those read unless fixed, ties, and N."""
+    given = {symbol: k.value for symbol, k in config.parameters.items() if not isinstance(k, Tied)}
+    fixed = {symbol: k.value for symbol, k in config.parameters.items() if isinstance(k, Fixed)}
+    return _with_ties({**given, **read, **fixed, "N": config.gear_ratio}, config)
+
+
+def _with_ties(values: Mapping[str, float], config: RigConfig) -> dict[str, float]:
+    ties = {symbol: k.to for symbol, k in config.parameters.items() if isinstance(k, Tied)}
+    untold = {symbol: to for symbol, to in DEFAULT_TIES.items() if symbol not in config.parameters}
+    return {**values, **{symbol: values[to] for symbol, to in {**untold, **ties}.items() if to in values}}

@@ -1,0 +1,147 @@
+"""The same drive comes out of a CSV, an .msl and an .mlg."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import car_logs
+from etcfit.car_log import read_logs
+from etcfit.errors import MeasurementError
+from etcfit.rig.mlg import read_mlg
+from etcfit.rig.msl import read_msl
+
+LOG = car_logs.drive(5.0)
+COLUMNS = [("TPS", "%", "S16", 0.01, 0.0), ("Fan", "", "U08_BITS", 1.0, 0.0), ("RPM", "RPM", "U16", 1.0, 0.0),
+           ("ETB position target", "%", "F32", 1.0, 0.0), ("CLT", "C", "U08", 1.0, -40.0)]  # fmt: skip
+TIMED = [("Time", "sec", "U32", 0.001, 0.0), *COLUMNS]
+TICKS = 300 + np.round(1e5 * LOG["time"])
+VALUES = {"Time": LOG["time"], "TPS": LOG["position"], "ETB position target": LOG["setpoint"], "Fan": 0 * LOG["time"],
+          "RPM": 3000 + 0 * LOG["time"], "CLT": 60 + 0 * LOG["time"]}  # fmt: skip
+
+
+def written(folder: Path, **files: str | bytes) -> Path:
+    for name, content in files.items():
+        path = folder / name.replace("__", ".")
+        path.write_bytes(content if isinstance(content, bytes) else content.encode())
+    return folder
+
+
+def check(folder: Path, within: float) -> None:
+    """The one log of the folder is LOG, as far as its format resolves."""
+    (log,) = read_logs(folder)[1]
+    assert log.setpoint is not None
+    for series, name in ((log.position, "position"), (log.setpoint, "setpoint")):
+        assert series.time - series.time[0] == pytest.approx(LOG["time"], abs=6e-4)
+        assert series.value == pytest.approx(LOG[name], abs=within)
+
+
+def test_csv(tmp_path: Path) -> None:
+    check(
+        written(
+            tmp_path,
+            a__csv=car_logs.csv(LOG, {"time": "time [s]", "position": "position [%]", "setpoint": "setpoint [%]"}),
+        ),
+        1e-4,
+    )
+
+
+def test_msl_with_marks_and_a_switch_in_words(tmp_path: Path) -> None:
+    check(written(tmp_path, a__msl=car_logs.msl(LOG, [0, 7, 200])), 1e-4)
+
+
+@pytest.mark.parametrize("version", [1, 2])
+@pytest.mark.parametrize("columns", [TIMED, COLUMNS], ids=["own time", "time of the blocks"])
+def test_mlg(tmp_path: Path, version: int, columns: list[car_logs.Column]) -> None:
+    # the blocks' clock starts anew every 0.66 s
+    check(written(tmp_path, a__mlg=car_logs.mlg(VALUES, columns, TICKS, version, markers=[3, 100])), 0.006)
+
+
+def test_mlg_scales_as_the_format_has_it() -> None:
+    table = read_mlg(car_logs.mlg(VALUES, TIMED, TICKS), "a.mlg")
+    assert table.header == ("Time [sec]", "TPS [%]", "RPM [RPM]", "ETB position target [%]", "CLT [C]")
+    assert table.cells[:, 4] == pytest.approx(60.0)
+
+
+def test_spoilt_records_of_an_mlg_are_left_out() -> None:
+    whole = read_mlg(car_logs.mlg(VALUES, TIMED, TICKS), "a.mlg")
+    raw = car_logs.mlg(VALUES, TIMED, TICKS, spoilt=[5, 17])
+    assert read_mlg(raw, "a.mlg").cells == pytest.approx(np.delete(whole.cells, [5, 17], axis=0))
+    assert read_mlg(raw[:-3], "a.mlg").cells.shape[0] == TICKS.size - 3  # and a last one that was cut off
+
+
+def test_columns_of_rig_toml_come_first(tmp_path: Path) -> None:
+    toml = '[rig]\nname = "car"\ntravel_deg = [0.0, 90.0]\n[columns]\n"Blade (main)" = "position [deg]"\n'
+    log = LOG | {"other": np.zeros(LOG["time"].size), "position": 0.9 * LOG["position"]}
+    headers = {"time": "Time", "other": "TPS", "position": "Blade (main)", "setpoint": "ETB Target"}
+    check(
+        written(
+            tmp_path,
+            rig__toml=toml.replace("[columns]", '[columns]\n"TPS" = "ignore"'),
+            a__csv=car_logs.csv(log, headers),
+        ),
+        1e-3,
+    )
+
+
+def test_channels_with_a_time_base_of_their_own(tmp_path: Path) -> None:
+    """Position every 10 ms, setpoint every 50 ms in rows between: neither is made up where it was not logged."""
+    late = LOG["time"] + 0.003
+    time = np.sort(np.concatenate((LOG["time"], late[::5])))
+    merged = {"time": time}
+    for name, own, every in (("position", LOG["time"], 1), ("setpoint", late, 5)):
+        column = np.full(time.size, np.nan)
+        column[np.searchsorted(time, own[::every])] = LOG[name][::every]
+        merged[name] = column
+    written(tmp_path, a__csv=car_logs.csv(merged, {"time": "time [s]", "position": "TPS", "setpoint": "ETB Target"}))
+    (log,) = read_logs(tmp_path)[1]
+    assert log.setpoint is not None
+    assert log.position.time == pytest.approx(LOG["time"])
+    assert log.setpoint.time == pytest.approx(late[::5])
+    assert log.setpoint.value == pytest.approx(LOG["setpoint"][::5], abs=1e-4)
+
+
+def test_the_logs_of_a_measurement_folder_lie_in_drive(tmp_path: Path) -> None:
+    (tmp_path / "drive").mkdir()
+    written(tmp_path / "drive", b__msl=car_logs.msl(LOG), a__msl=car_logs.msl(LOG))
+    assert [log.name for log in read_logs(tmp_path)[1]] == ["a.msl", "b.msl"]
+
+
+def test_an_ecu_that_writes_faster_than_its_clock_ticks(tmp_path: Path) -> None:
+    log = LOG | {"time": np.round(LOG["time"] / 0.02) * 0.02}
+    written(tmp_path, a__msl=car_logs.msl(log))
+    assert np.all(np.diff(read_logs(tmp_path)[1][0].position.time) > 0.0)
+
+
+@pytest.mark.parametrize(
+    ("raw", "said"),
+    [
+        (b"", "does not begin with MLVLG"),
+        (b"MLVLG\0\0\7" + bytes(40), "version 7"),
+        (car_logs.mlg(VALUES, TIMED, TICKS)[:60], "ends within its header"),
+        (car_logs.mlg(VALUES, TIMED, TICKS[:1]), "sound records in the file: 1"),
+        (car_logs.mlg(VALUES, TIMED, TICKS[:9]) + b"\5" + bytes(80), "unknown type 5"),
+    ],
+)
+def test_an_mlg_that_cannot_be_read_says_why(raw: bytes, said: str) -> None:
+    with pytest.raises(MeasurementError, match=said):
+        read_mlg(raw, "a.mlg")
+
+
+@pytest.mark.parametrize("text", ["", "Time,TPS\n0,1\n", "Time\tTPS\ns\t%\n", "Time\tTPS\ns\t%\nOn\tOff\n"])
+def test_an_msl_that_is_none_says_so(text: str) -> None:
+    with pytest.raises(MeasurementError, match=r"a\.msl"):
+        read_msl(text.encode(), "a.msl")
+
+
+def test_a_log_without_a_position_says_how_to_name_it(tmp_path: Path) -> None:
+    written(tmp_path, a__csv=car_logs.csv(LOG, {"time": "time [s]", "position": "blade"}))
+    with pytest.raises(MeasurementError, match=r"\[columns\]"):
+        read_logs(tmp_path)
+
+
+def test_an_empty_folder_says_what_it_may_hold(tmp_path: Path) -> None:
+    with pytest.raises(MeasurementError, match=r"\.csv, \.msl, \.mlg"):
+        read_logs(tmp_path)

@@ -1,0 +1,141 @@
+"""Range, spectrum and tracking of drives whose answers are known."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+import car_logs
+from etcfit.car_log import DriveLog, Series, spectrum, study, tracking, usage
+from etcfit.car_log.study import verdict
+from etcfit.car_log.usage import shortest
+from etcfit.cli import app
+from etcfit.reporting.car_log import busiest, draw
+
+
+def log_of(name: str = "a.csv", **how: float) -> DriveLog:
+    log = car_logs.drive(**how)
+    return DriveLog(name, Series(log["time"], log["position"]), Series(log["time"], log["setpoint"]))
+
+
+def shaken(seed: int) -> DriveLog:
+    """A plate that follows the foot but for a slow wander of its own."""
+    log = log_of(lag=0.0)
+    assert log.setpoint is not None
+    noise = np.convolve(
+        np.random.default_rng(seed).standard_normal(log.position.time.size + 299), np.ones(300) / 10, "valid"
+    )
+    return DriveLog(log.name, Series(log.position.time, log.position.value + noise), log.setpoint)
+
+
+def test_a_slow_logger_and_a_fast_one_see_the_same_range() -> None:
+    """20 s at 10 %, logged at 100 Hz, then 60 s at 40 %, logged at 10 Hz: each sample counts for its time."""
+    time = np.concatenate((np.arange(0.0, 20.0, 0.01), np.arange(20.0, 80.0, 0.1)))
+    value = np.where(time < 20.0, 10.0, 40.0)
+    assert usage(Series(time, value), (30.0, 50.0)).between == pytest.approx(0.75, abs=0.002)
+
+
+def test_the_shares_are_of_the_time() -> None:
+    time = np.arange(0.0, 100.0, 0.1)
+    found = usage(Series(time, np.where(time < 77.0, 20.0 + 0.1 * time, 60.0 + time)), (20.0, 30.0))
+    assert found.between == pytest.approx(0.77, abs=0.002)
+    assert found.shares.sum() == pytest.approx(1.0)
+    assert found.shares[(found.edges[:-1] >= 20.0) & (found.edges[:-1] < 30.0)].sum() == pytest.approx(0.77, abs=0.002)
+    assert found.shortest == pytest.approx((20.0, 27.7), abs=0.2)
+
+
+def test_a_gap_in_the_log_is_no_time_spent_there() -> None:
+    time = np.concatenate((np.arange(0.0, 10.0, 0.1), np.arange(500.0, 510.0, 0.1)))
+    assert usage(Series(time, np.where(time < 10.0, 10.0, 40.0)), (0.0, 20.0)).between == pytest.approx(0.5, abs=0.01)
+
+
+@pytest.mark.parametrize("share", [0.1, 0.5, 0.77, 1.0])
+def test_the_shortest_interval_is_the_shortest(share: float) -> None:
+    value = np.random.default_rng(1).gamma(2.0, 10.0, 200)
+    low, high = shortest(value, np.full(200, 1 / 200), share)
+    count = round(200 * share)
+    rising = np.sort(value)
+    assert high - low == pytest.approx(min(rising[count - 1 :] - rising[: 201 - count]))
+    assert np.sum((value >= low) & (value <= high)) >= count
+
+
+@pytest.mark.parametrize("hertz", [0.5, 1.0, 1.37, 3.0])
+def test_the_dominant_frequency_is_that_of_the_foot(hertz: float) -> None:
+    found = spectrum(log_of(hertz=hertz).position)
+    assert found is not None
+    assert found.dominant == pytest.approx(hertz, abs=0.01)
+    assert found.half == pytest.approx(hertz, abs=0.1)
+    assert found.amplitude.max() == pytest.approx(12.0 / np.sqrt(2.0), rel=0.1)
+
+
+def test_a_log_of_three_seconds_has_no_spectrum() -> None:
+    assert spectrum(log_of(seconds=3.0).position) is None
+
+
+@pytest.mark.parametrize("lag", [-0.03, 0.0, 0.0234, 0.08, 0.3])
+def test_lag_and_rmse_of_a_delayed_sine(lag: float) -> None:
+    log = log_of(lag=lag)
+    assert log.setpoint is not None
+    found = tracking(log.position, log.setpoint)
+    assert found.lag == pytest.approx(lag, abs=5e-4)
+    # two sines a phase apart: each leaves 2 A sin(w d / 2) / sqrt 2
+    parts = [2.0 * a * np.sin(np.pi * f * lag) / np.sqrt(2.0) for a, f in ((12.0, 1.0), (4.0, 0.05))]
+    assert found.rmse == pytest.approx(np.hypot(*parts), rel=2e-3, abs=1e-9)
+    assert found.left == pytest.approx(0.0, abs=0.05)
+    assert found.demand == pytest.approx(12.0 * 2.0 * np.pi / np.sqrt(2.0), rel=0.01)
+
+
+def test_rmse_is_equation_9() -> None:
+    time = np.arange(5) / 10.0
+    position, setpoint = np.array([1.0, 2.0, 4.0, 4.0, 9.0]), np.array([1.0, 1.0, 2.0, 4.0, 5.0])
+    assert tracking(Series(time, position), Series(time, setpoint)).rmse == pytest.approx(np.sqrt((1 + 4 + 16) / 5))
+
+
+def test_the_error_of_the_rmse_is_what_it_scatters_by() -> None:
+    rng = np.random.default_rng(3)
+    time, found = np.arange(0.0, 60.0, 0.1), []
+    for _ in range(200):
+        noise = np.convolve(rng.standard_normal(time.size + 19), np.ones(20) / 20**0.5, "valid")
+        found.append(tracking(Series(time, 30.0 + noise), Series(time, np.full(time.size, 30.0))))
+    spread = np.std([each.rmse for each in found])
+    assert np.mean([each.stderr for each in found if each.stderr]) == pytest.approx(spread, rel=0.25)
+    assert found[0].lag is None  # a setpoint that stands still tells none
+
+
+def test_what_changed_is_said_with_how_sure_it_is() -> None:
+    said = verdict(study(log_of(lag=0.08)), study(log_of(lag=0.05)))
+    assert "lag 80 -> 50 ms" in said
+    assert "is clear" in said
+    assert "about as much" in said
+    assert "not of like drives" in verdict(study(log_of()), study(log_of(hertz=0.5)))
+    assert "within what it varies" in verdict(study(shaken(1)), study(shaken(2)))
+    bare = study(DriveLog("b", log_of().position, None))
+    assert "Without a setpoint" in verdict(bare, bare)
+
+
+def test_the_busiest_stretch() -> None:
+    time = np.arange(0.0, 100.0, 0.05)
+    value = 20.0 + np.where((time > 60.0) & (time < 68.0), 10.0 * np.sin(9.0 * time), 0.0)
+    assert busiest(DriveLog("a", Series(time, value), None)) == pytest.approx(60.0, abs=0.3)
+
+
+def test_the_command_prints_writes_and_compares(tmp_path: Path) -> None:
+    for name, lag in (("old.msl", 0.08), ("new.msl", 0.05)):
+        (tmp_path / name).write_text(car_logs.msl(car_logs.drive(lag=lag)), encoding="utf-8")
+    words = ["drive", str(tmp_path), "--compare", "old.msl", "new.msl", "--out", str(tmp_path / "run"), "--quiet"]
+    done = CliRunner().invoke(app, words)
+    assert done.exit_code == 0, done.output
+    assert "old.msl -> new.msl" in done.stdout
+    assert (tmp_path / "run" / "drive.json").is_file()
+    assert sorted(p.name for p in (tmp_path / "run" / "pictures" / "drive").iterdir()) == ["new.png", "old.png"]
+    wrong = CliRunner().invoke(app, ["drive", str(tmp_path), "--compare", "old.msl", "newer.msl"])
+    assert wrong.exit_code == 2
+    assert "There are: new.msl, old.msl" in wrong.stderr
+
+
+def test_a_log_without_setpoint_or_length_is_drawn_all_the_same() -> None:
+    log = log_of(seconds=3.0)
+    assert draw(study(DriveLog("a", log.position, None)), True).axes

@@ -1,0 +1,141 @@
+"""One sine trace: what of it counts, the response in it, and what a trace that says nothing is told."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+
+import control
+from etcfit.control.frequency.point import point_of
+from etcfit.errors import MeasurementError
+from etcfit.rig.base import Channel, Measurement, RigConfig
+
+CONFIG = RigConfig("bench", supply_V=12.0)
+POLES = (8.0, 25.0)  # 1/s
+DELAY = 0.01
+LEAD = 0.3  # s before the sine begins
+SIGMA = 1e-4
+
+
+def response(frequency: float) -> complex:
+    """Two lags and a delay."""
+    s = 2j * np.pi * frequency
+    return complex(np.exp(-DELAY * s) / np.prod([1.0 + s / p for p in POLES]))
+
+
+def trace(frequency: float, cycles: float = 7.6, rate: float = 500.0, seed: int = 0) -> Measurement:
+    """A loop of two lags and a delay, at rest until the sine begins, by python-control; with its transient."""
+    time = np.arange(int((LEAD + cycles / frequency) * rate)) / rate
+    setpoint = 0.6 + 0.2 * np.sin(2.0 * np.pi * frequency * np.maximum(time - LEAD, 0.0))
+    loop: Any = control.tf([1.0], np.poly([-p for p in POLES]) / np.prod(POLES))
+    late = 0.2 * np.sin(2.0 * np.pi * frequency * np.maximum(time - LEAD - DELAY, 0.0))
+    position = 0.6 + _outputs(loop, time, late)
+    noise = SIGMA * np.random.default_rng(seed).standard_normal(time.size)
+    return measurement(time, setpoint=setpoint, position=position + noise, duty=0.3 + 0.5 * (setpoint - position))
+
+
+def _outputs(loop: Any, time: np.ndarray, wanted: Any) -> np.ndarray:
+    return np.asarray(control.forced_response(loop, time, wanted).outputs)
+
+
+def measurement(time: np.ndarray, **values: np.ndarray) -> Measurement:
+    channels = {name: Channel(time, value, SIGMA, False, f"{name} [1]", "1", 1.0) for name, value in values.items()}
+    return Measurement("sine/2.csv", "sine", time, channels)
+
+
+def without(whole: Measurement, name: str) -> Measurement:
+    return replace(whole, channels={n: c for n, c in whole.channels.items() if n != name})
+
+
+def with_setpoint(whole: Measurement, value: np.ndarray) -> Measurement:
+    return replace(whole, channels={**whole.channels, "setpoint": replace(whole.channels["setpoint"], value=value)})
+
+
+def thinned(whole: Measurement, keep: np.ndarray) -> Measurement:
+    channels = {n: replace(c, time=c.time[keep], value=c.value[keep]) for n, c in whole.channels.items()}
+    return replace(whole, time=whole.time[keep], channels=channels)
+
+
+@pytest.mark.parametrize("frequency", [0.5, 2.0, 10.0])
+def test_the_settled_part_has_the_true_response(frequency: float) -> None:
+    point = point_of(trace(frequency, cycles=max(7.6, 3.0 * frequency), rate=max(200.0, 100.0 * frequency)), CONFIG)
+    assert point.frequency == pytest.approx(frequency, rel=1e-4)
+    low, high = point.closed_loop.magnitude_ci95
+    truth = response(frequency)
+    assert_allclose(point.closed_loop.value, truth, rtol=2e-3)
+    assert low < abs(truth) * 1.001
+    assert high > abs(truth) * 0.999
+    assert point.window.begin > LEAD
+    assert point.window.cycles >= 3
+    assert point.noise == pytest.approx(SIGMA**2 / (0.5 * abs(0.2 * truth) ** 2), rel=0.05)
+
+
+def test_the_ecu_and_the_plant_in_it_close_to_the_loop_that_was_measured() -> None:
+    point = point_of(trace(2.0), CONFIG)
+    plant, ecu = point.plant, point.controller
+    assert plant is not None
+    assert ecu is not None
+    assert_allclose(ecu.value * plant.value / (1.0 + ecu.value * plant.value), point.closed_loop.value, rtol=1e-9)
+    # duty acts half a sample later than logged: 0.5 V/V of 12 V, and that delay
+    assert_allclose(ecu.value, 0.5 * 12.0 * np.exp(-2j * np.pi * 2.0 * 0.001), rtol=1e-3)
+
+
+def test_without_a_drive_the_loop_alone_is_known() -> None:
+    point = point_of(without(trace(2.0), "duty"), CONFIG)
+    assert (point.plant, point.controller) == (None, None)
+    assert_allclose(point.closed_loop.value, response(2.0), rtol=2e-3)
+
+
+def test_jitter_and_gaps_are_borne() -> None:
+    whole, rng = trace(2.0, cycles=12.0), np.random.default_rng(1)
+    keep = (rng.uniform(size=whole.time.size) < 0.6) & ~((whole.time > 3.0) & (whole.time < 3.7))
+    assert_allclose(point_of(thinned(whole, keep), CONFIG).closed_loop.value, response(2.0), rtol=2e-3)
+
+
+SPOILT = {
+    "no setpoint": (lambda: without(trace(2.0), "setpoint"), r"no setpoint among position, duty.*'setpoint \[deg\]'"),
+    "no position": (lambda: without(trace(2.0), "position"), "no position among"),
+    "short": (lambda: trace(2.0, cycles=2.4), "2.4 cycles of 2 Hz.*Log it for 1.5 s or longer"),
+    "coarse": (lambda: thinned(trace(10.0), np.arange(530) % 13 == 0), "samples a cycle"),
+    "still": (lambda: with_setpoint(trace(2.0), np.full(trace(2.0).time.size, 0.6)), "moves in 0 samples"),
+}
+
+
+@pytest.mark.parametrize("name", SPOILT)
+def test_a_trace_that_says_nothing_is_told_why(name: str) -> None:
+    make, said = SPOILT[name]
+    with pytest.raises(MeasurementError, match=said) as caught:
+        point_of(make(), CONFIG)
+    assert str(caught.value).startswith("sine/2.csv: ")
+    assert "needs setpoint and position over 3 cycles or more" in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("shape", "least"), [("triangle", 1.0), ("square", 15.0), ("chirp", 20.0), ("three sines", 50.0)]
+)
+def test_a_setpoint_that_is_no_sine_is_told_how_far_it_is(shape: str, least: float) -> None:
+    whole = trace(2.0)
+    phase = 2.0 * 2.0 * np.pi * whole.time
+    shapes = {
+        "triangle": np.arcsin(np.sin(phase)),
+        "square": np.sign(np.sin(phase)),
+        "chirp": np.sin(phase * (1.0 + 0.4 * whole.time)),
+        "three sines": np.sin(phase) + np.sin(1.3 * phase) + np.sin(0.8 * phase),
+    }
+    with pytest.raises(MeasurementError, match="no sine") as caught:
+        point_of(with_setpoint(whole, 0.6 + 0.1 * shapes[shape]), CONFIG)
+    outside = float(caught.value.found.split("sine: ")[1].split(" %")[0])
+    assert least < outside <= 100.0
+
+
+def test_a_setpoint_in_steps_is_a_sine_still() -> None:
+    """An ECU that works out its setpoint ten times a cycle."""
+    whole = trace(2.0)
+    steps = np.floor(whole.time * 20.0 + 1e-9) / 20.0
+    stepped = 0.6 + 0.2 * np.sin(2.0 * np.pi * 2.0 * np.maximum(steps - LEAD, 0.0))
+    point = point_of(with_setpoint(whole, stepped), CONFIG)
+    assert point.waves.outside["setpoint"] == pytest.approx(1.0 - np.sinc(0.1) ** 2, rel=0.1)

@@ -1,0 +1,127 @@
+"""The rules: published figures, and that every rule's file is registered."""
+
+from __future__ import annotations
+
+import ast
+import math
+from pathlib import Path
+from typing import Any, cast
+
+import numpy as np
+import pytest
+
+import control
+import etcfit.control.pid
+from etcfit.control.pid import RULES, Gains, Refusal, Requirements, Task
+from etcfit.control.pid.amigo import amigo, first_order
+from etcfit.control.pid.damping_optimum import damping_optimum
+from etcfit.control.pid.linear_loop import respond
+from etcfit.control.pid.response import judge
+from etcfit.control.pid.setpoint import Setpoint, step, trapezoid
+from etcfit.control.pid.simc import simc
+from etcfit.control.pid.tyreus_luyben import tyreus_luyben
+from etcfit.control.pid.ultimate import Ultimate, ultimate
+from etcfit.control.pid.ziegler_nichols import ziegler_nichols
+from etcfit.model.ecu import Ecu
+from etcfit.model.linear import PAPER_EQ_8, TransferFunction
+
+CONTINUOUS = Ecu(period=2e-5, filter=0.0)
+AT_ONCE = Ecu(period=1e-12)
+
+
+def task(plant: TransferFunction, ecu: Ecu = CONTINUOUS) -> Task:
+    """What the rules on a transfer function alone need."""
+    return Task(plant, ecu, Requirements(), cast(Any, None))
+
+
+def gains(found: Gains | Refusal) -> Gains:
+    assert isinstance(found, Gains)
+    return found
+
+
+def test_ultimate_gain_and_period_of_eq_8_are_the_papers() -> None:
+    u = ultimate(PAPER_EQ_8)
+    assert isinstance(u, Ultimate)
+    assert u.gain == pytest.approx(10.029, abs=5e-4)
+    assert u.period == pytest.approx(0.1159, abs=5e-5)
+    a2, a1, a0 = PAPER_EQ_8.den[1:]
+    assert u.gain == pytest.approx((a2 * a1 - a0) / PAPER_EQ_8.b0, rel=1e-9)
+    assert u.period == pytest.approx(2.0 * math.pi / math.sqrt(a1), rel=1e-9)
+
+
+def test_ziegler_nichols_gains_of_eq_8_are_the_papers() -> None:
+    assert gains(ziegler_nichols(task(PAPER_EQ_8, AT_ONCE))) == pytest.approx((6.017, 103.87, 0.0871), rel=5e-4)
+
+
+def test_their_overshoot_is_the_papers_on_its_trapezoid_and_48_percent_on_a_step() -> None:
+    found = gains(ziegler_nichols(task(PAPER_EQ_8, AT_ONCE)))
+    ramps, jump = trapezoid(lead=0.0), step(0.0, 1.0, 0.4, lead=0.0)
+
+    def overshoot(setpoint: Setpoint) -> float:
+        time = setpoint.instants(CONTINUOUS.period)
+        return float(judge(setpoint, time, respond(PAPER_EQ_8, found, CONTINUOUS, setpoint)).overshoot_pct)
+
+    first = Setpoint(ramps.times[:4], ramps.shares[:4], ramps.levels[:1])
+    assert 17.7 < overshoot(first) < 19.9
+    assert overshoot(jump) == pytest.approx(48.0, abs=1.0)
+
+
+def test_tyreus_luyben() -> None:
+    u = ultimate(PAPER_EQ_8)
+    assert isinstance(u, Ultimate)
+    kp, ki, kd = gains(tyreus_luyben(task(PAPER_EQ_8, AT_ONCE)))
+    assert (kp, kp / ki, kd / kp) == pytest.approx((0.45 * u.gain, 2.2 * u.period, u.period / 6.3))
+
+
+def lags(gain: float, *times: float, delay: float = 0.0) -> TransferFunction:
+    """gain / ((T1 s + 1) (T2 s + 1) (T3 s + 1))."""
+    den = np.real(np.poly([-1.0 / t for t in times]))
+    return TransferFunction(gain * den[3], *den[1:].tolist(), delay=delay)
+
+
+def test_simc_halves_the_smallest_lag() -> None:
+    # k = 2, T = 1, 0.2 and 0.05: L = 0.025, T2 = 0.225, Kc = 1/(2 * 0.05) = 10, Ti = 8 * 0.025 = 0.2, by hand
+    found = gains(simc(task(lags(2.0, 1.0, 0.2, 0.05), AT_ONCE)))
+    assert found == pytest.approx(Gains.series(10.0, 0.2, 0.225), rel=1e-6)
+
+
+def test_amigo_reads_the_step_response() -> None:
+    T, L = first_order(lags(3.0, 1.0, 0.02, 0.01))
+    # the tangent rule on nearly one lag: T close to it, L close to the sum of the small ones
+    assert pytest.approx(1.0, rel=0.08) == T
+    assert 0.02 < L < 0.03
+    kp, ki, kd = gains(amigo(task(lags(3.0, 1.0, 0.02, 0.01), AT_ONCE)))
+    assert kp == pytest.approx((0.2 + 0.45 * T / L) / 3.0)
+    assert kp / ki == pytest.approx(L * (0.4 * L + 0.8 * T) / (L + 0.1 * T))
+    assert kd / kp == pytest.approx(0.5 * L * T / (0.3 * L + T))
+
+
+def test_damping_optimum_places_the_double_ratios() -> None:
+    plant = lags(1.3, 0.5, 0.05, 0.002)
+    kp, ki, kd = gains(damping_optimum(task(plant)))
+    a = [1.0, plant.a2, plant.a1 + plant.b0 * kd, plant.a0 + plant.b0 * kp, plant.b0 * ki][::-1]
+    ratios = [a[k] * a[k - 2] / a[k - 1] ** 2 for k in (2, 3, 4)]
+    assert ratios[:2] == pytest.approx([0.5, 0.5])
+    assert ratios[2] <= 0.5 + 1e-9
+    loop: Any = control.feedback(control.tf([kd, kp, ki], [1.0, 0.0]) * plant.to_control(), 1)
+    assert np.all(loop.poles().real < 0.0)
+
+
+def test_a_plant_without_ultimate_gain_is_refused_in_words() -> None:
+    second = lags(1.0, 1.0, 0.1, 1e-12)
+    refused = ziegler_nichols(task(second, AT_ONCE))
+    assert isinstance(refused, Refusal)
+    assert "ultimate gain" in refused.why
+
+
+def test_every_rules_file_is_registered() -> None:
+    folder = Path(etcfit.control.pid.__file__).parent
+    rules = {
+        node.name
+        for file in folder.glob("*.py")
+        for node in ast.parse(file.read_text(encoding="utf-8")).body
+        if isinstance(node, ast.FunctionDef) and node.name == file.stem and ast.unparse(node.args) == "task: Task"
+    }
+    assert len(rules) >= 8
+    assert rules == set(RULES)
+    assert all(rule.__name__ == name and "Source:" in (rule.__doc__ or "") for name, rule in RULES.items())

@@ -1,0 +1,198 @@
+"""What a model lacks along the measured motion, read off its guide: known torque, known voltage, and where none is."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose, assert_array_equal
+
+import bodies
+from bodies import OPEN, N, body, path, tape
+from etcfit.diagnosis.findings import Motion
+from etcfit.diagnosis.missing_torque import motions, pull_of
+from etcfit.diagnosis.trial import Standing
+from etcfit.estimation.result import End
+from etcfit.problem.free_parameters import Unknowns, unknowns
+from etcfit.problem.input_signal import Drive
+from etcfit.problem.problem import Bench
+from etcfit.problem.trace import Trace, prepare
+from etcfit.rig.base import Fixed, RigConfig
+from independent import CONSISTENT, TABLE_2, Truth
+from measurements import CONFIG, measurement
+
+LACKED = 0.05  # N m that help the true plate open
+OFFSET = 0.03  # A that its current sensor adds
+CIRCUITS = (0.0, 0.4)  # ohm of the test's own circuit
+DT, SAMPLES = 1e-3, 1200
+SLIDES = slice(600, 750)  # samples at which the plate has slid long enough, and is not yet open
+
+
+# ---- the guide's stiffness
+
+
+def model(truth: Truth, **fixed: float) -> tuple[Unknowns, np.ndarray]:
+    known_values = {symbol: Fixed(value) for symbol, value in fixed.items()}
+    config = RigConfig("bench", gear_ratio=N, gear_ratio_given=True, supply_V=12.0, parameters=known_values)
+    known = unknowns(config)
+    return known, known.layout.coordinates({p.symbol: getattr(truth, p.symbol) for p in known.layout.parameters})
+
+
+def stub(known: Unknowns, travel: float, rate: float = 1000.0, torque: bool = False, logged: str = "position") -> Any:
+    instants = np.arange(400) / rate
+    angle = 0.5 * travel * (1.0 - np.cos(2.0 * np.pi * np.arange(400) / 399))[:, None]
+    trace = SimpleNamespace(channels=(logged,), data=angle, instants=instants, torque_driven=torque)
+    config = RigConfig("bench", gear_ratio=N)
+    return SimpleNamespace(config=config, unknowns=known, layout=known.layout, tape=SimpleNamespace(traces=(trace,)))
+
+
+@pytest.mark.parametrize("travel", [OPEN, 0.1], ids=["whole travel", "a twentieth of it"])
+@pytest.mark.parametrize("truth", [CONSISTENT, TABLE_2], ids=["light", "heavy"])
+def test_a_guided_plate_is_stable(truth: Truth, travel: float) -> None:
+    """L J s^3 + (R J + L B) s^2 + ((N K)^2 + R B + L K_s) s + R K_s + N K pull has no root on the right."""
+    known, x = model(truth)
+    pull = pull_of(stub(known, travel), x)
+    coil = N * truth.K_b
+    roots = np.roots([
+        truth.L_a * truth.J_eq,
+        truth.R_a * truth.J_eq + truth.L_a * truth.B_eq,
+        coil**2 + truth.R_a * truth.B_eq + truth.L_a * truth.K_s,
+        truth.R_a * truth.K_s + coil * pull,
+    ])  # fmt: skip
+    assert pull > 0.0
+    assert np.max(roots.real) < 0.0
+
+
+def test_a_guide_in_volts_is_as_stiff_as_one_in_torque() -> None:
+    known, x = model(CONSISTENT)
+    volts, torque = pull_of(stub(known, OPEN), x), pull_of(stub(known, OPEN, torque=True), x)
+    assert volts * N * CONSISTENT.K_m / CONSISTENT.R_a == pytest.approx(torque, rel=1e-6)
+
+
+def test_a_guide_gives_way_to_dry_friction_by_a_hundredth_of_the_travel() -> None:
+    known, x = model(CONSISTENT)
+    for travel in (OPEN, 0.5):
+        assert CONSISTENT.T_f / pull_of(stub(known, travel, torque=True), x) == pytest.approx(0.01 * travel, rel=1e-3)
+
+
+@pytest.mark.parametrize(("rate", "hertz"), [(1000.0, 15.0), (30.0, 3.0)])
+def test_without_dry_friction_a_guide_has_a_share_of_its_bandwidths_stiffness(rate: float, hertz: float) -> None:
+    """0.003 J w^2, w of 15 Hz or a tenth of the sample rate."""
+    known, x = model(CONSISTENT, T_f=0.0)  # free, it would stop at its bound, 1e-3 N m
+    expected = 0.003 * CONSISTENT.J_eq * (2.0 * np.pi * hertz) ** 2
+    assert pull_of(stub(known, OPEN, rate, torque=True), x) == pytest.approx(expected, rel=1e-3)
+
+
+def test_where_no_angle_was_logged_nothing_is_guided() -> None:
+    known, x = model(CONSISTENT)
+    assert pull_of(stub(known, OPEN, logged="motor_speed"), x) == 0.0
+
+
+# ---- what is missing
+
+
+def volts(t: np.ndarray) -> np.ndarray:
+    """Not enough to open the plate, then enough to slide it open ever more slowly."""
+    return np.interp(t, [0.0, 0.2, 0.4, 1.2], [1.0, 1.0, 3.0, 3.6])
+
+
+def measured(series: float) -> Trace:
+    """A plate that is helped by LACKED, its current read OFFSET too high; no noise."""
+    t = np.arange(SAMPLES) * DT
+    v = volts(t)
+    truth = body(T_PL=bodies.NOMINAL["T_PL"] - LACKED)
+    at_rest = (float(v[0]) / (1.513 + series), 0.0, 0.0)
+    x = path(truth, *tape(np.full(SAMPLES - 1, DT), v[:-1], v[1:], at_rest, series=series))
+    m = measurement("response", t, {"voltage": v, "current": x[:, 0] + OFFSET, "position": x[:, 1]})
+    trace = prepare(m, CONFIG)
+    assert trace is not None
+    exact = Drive(v, np.full(SAMPLES, 0.01), np.zeros(SAMPLES), np.zeros(SAMPLES - 1, dtype=bool))
+    return replace(trace, drive=exact, start=replace(trace.start, state=at_rest))
+
+
+@pytest.fixture(scope="module", params=CIRCUITS, ids=["no series resistance", "a series resistance"])
+def series(request: pytest.FixtureRequest) -> float:
+    return request.param
+
+
+@pytest.fixture(scope="module")
+def trace(series: float) -> Trace:
+    return measured(series)
+
+
+def standing(trace: Trace, series: float, preload: float) -> Standing:
+    """Eqs. 1-2, all known but the friction of the plate."""
+    fixed = {s: Fixed(v) for s, v in bodies.values(T_PL=preload).items() if s not in ("T_f", "K_m")}
+    config = replace(CONFIG, parameters=fixed, series_ohm={"response": series})
+    known = unknowns(config)
+    bench = Bench.of(config, known, (trace,))
+    nothing: Any = None
+    x = known.layout.coordinates(bodies.NOMINAL)
+    return Standing(nothing, (), bench, nothing, None, x, End(True, "by hand"))
+
+
+@pytest.fixture(scope="module")
+def motion(trace: Trace, series: float) -> Motion:
+    """Before: the model without what helps the plate; after: with it."""
+    preload = bodies.NOMINAL["T_PL"]
+    (found,) = motions(standing(trace, series, preload), standing(trace, series, preload - LACKED), False)
+    return found
+
+
+def test_the_missing_torque_is_what_helps_the_plate(motion: Motion) -> None:
+    """But for what the guide gives way to: K_s over the guide's stiffness."""
+    assert_allclose(motion.torque[SLIDES], LACKED, rtol=0.03)
+
+
+def test_the_final_model_lacks_nothing(motion: Motion) -> None:
+    assert np.nanmax(np.abs(motion.after["torque"][SLIDES])) < 0.01 * LACKED
+
+
+def test_the_missing_voltage_is_the_resistance_times_the_missing_current(motion: Motion, series: float) -> None:
+    """Of armature and circuit: (R_a + R_series) I_0."""
+    assert_allclose(motion.after["voltage"][SLIDES], (1.513 + series) * OFFSET, rtol=0.01)
+
+
+def test_where_the_plate_rests_no_torque_is_read(motion: Motion, trace: Trace) -> None:
+    """There dry friction and the stop carry whatever is missing."""
+    position = trace.data[:, trace.channels.index("position")]
+    assert np.all(position[:200] == 0.0)
+    assert np.all(np.isnan(motion.torque[:200]))
+    assert np.all(np.isnan(motion.after["torque"][:200]))
+    assert np.all(np.isfinite(motion.torque[SLIDES]))
+    assert np.all(np.isfinite(motion.voltage))
+
+
+def test_the_axes_are_those_of_the_measured_motion(motion: Motion, trace: Trace) -> None:
+    position = trace.data[:, trace.channels.index("position")]
+    assert_allclose(motion.axes["time"], trace.instants, atol=1e-12)
+    assert np.max(np.abs(motion.axes["angle"] - position)) < 0.01 * np.ptp(position)
+    assert_allclose(motion.axes["speed"][SLIDES], np.gradient(position, DT)[SLIDES], rtol=0.02)
+    current = trace.data[:, trace.channels.index("current")]
+    assert_allclose(motion.axes["current"][SLIDES], current[SLIDES] - OFFSET, rtol=0.01)
+    # what the gear carries: half of the motor's torque and half of what the spring holds against it
+    spring = bodies.NOMINAL["T_PL"] - LACKED + 0.150 * motion.axes["angle"]
+    assert_allclose(
+        motion.axes["load"][SLIDES], 0.5 * (N * 0.0189 * motion.axes["current"] + spring)[SLIDES], rtol=0.05
+    )
+
+
+def test_a_motion_names_its_trace_and_no_effect_that_was_not_added(motion: Motion, trace: Trace) -> None:
+    assert (motion.file, motion.test, motion.held_out) == (trace.measurement.file, "response", False)
+    assert motion.effects == {}
+    assert {v.shape for v in (motion.torque, motion.voltage, *motion.axes.values(), *motion.after.values())} == {
+        (SAMPLES,)
+    }
+
+
+def test_where_no_current_was_logged_no_voltage_is_read() -> None:
+    trace = measured(0.0)
+    k = trace.channels.index("position")
+    blind = replace(trace, channels=("position",), data=trace.data[:, [k]], sigma=trace.sigma[[k]])
+    preload = bodies.NOMINAL["T_PL"]
+    (found,) = motions(standing(blind, 0.0, preload), standing(blind, 0.0, preload), False)
+    assert_array_equal(found.voltage, np.full(SAMPLES, np.nan))
+    assert_allclose(found.torque[SLIDES], LACKED, rtol=0.03)

@@ -1,0 +1,265 @@
+"""The whole diagnosis on folders from the independent generator: it names what is missing, and nothing where nothing
+is. One folder a fixture; every one of them a minute or more."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose, assert_array_equal
+
+from etcfit.diagnosis import Diagnosis, diagnose, loop
+from etcfit.diagnosis.loop import Round, start, turn
+from etcfit.diagnosis.masked_by_guide import hidden
+from etcfit.diagnosis.trial import score
+from etcfit.estimation.joint_fit import FitResult, fit, freed, quiet, resume, rounds
+from etcfit.estimation.levenberg_marquardt import _minimise
+from etcfit.problem.chi2 import _chi2_of, chi2_of
+from etcfit.problem.prediction_error import pooled
+from etcfit.problem.problem import _linearise, _simulated
+from etcfit.rig.reader import read_folder
+from independent import MEDIUM, NONE, STRENGTHS, Effects, Truth, combine, draw_truth, make_folder
+
+pytestmark = pytest.mark.slow
+
+
+@dataclass(frozen=True)
+class Case:
+    """A folder, what it was made from, its fit of Eqs. 1-2, and what was found missing in that."""
+
+    truth: Truth
+    effects: Effects
+    result: FitResult
+    diagnosis: Diagnosis
+
+
+def case(path: Path, seed: int, effects: Effects) -> Case:
+    truth = draw_truth(np.random.default_rng(seed))
+    make_folder(path, truth, seed, effects, size="small")
+    result = fit(read_folder(path))
+    return Case(truth, effects, result, diagnose(result))
+
+
+def folder(seed: int, effects: Effects) -> Callable[..., Case]:
+    @pytest.fixture(scope="module")
+    def made(tmp_path_factory: pytest.TempPathFactory) -> Case:
+        return case(tmp_path_factory.mktemp("rig"), seed, effects)
+
+    return made
+
+
+clean = folder(1, NONE)
+stribeck = folder(11, MEDIUM["stribeck_friction"])
+limp_home = folder(21, MEDIUM["limp_home_spring"])
+offset = folder(31, MEDIUM["current_sensor_offset"])
+pair = folder(41, combine(MEDIUM["limp_home_spring"], MEDIUM["winding_heating"]))
+spot = folder(51, STRENGTHS["friction_spot"][2])
+
+
+def is_found(diagnosis: Diagnosis, name: str) -> bool:
+    """By its name, or as one that these data cannot tell from a name."""
+    ties = [tie.effects for tie in diagnosis.ties if set(tie.effects) & set(diagnosis.added)]
+    return name in diagnosis.added or any(name in tie for tie in ties)
+
+
+def falls(diagnosis: Diagnosis) -> float:
+    """Held-out free-running error over that of Eqs. 1-2."""
+    return pooled(diagnosis.after.score_holdout) / pooled(diagnosis.before.score_holdout)
+
+
+# ---- nothing is missing
+
+
+def test_nothing_is_found_in_a_clean_folder(clean: Case) -> None:
+    found = clean.diagnosis
+    assert found.added == ()
+    assert found.final == ()
+    assert found.unexplained is None
+    assert found.ties == ()
+    assert [r.added for r in found.rounds] == [None]
+
+
+def test_the_fit_of_a_clean_folder_stays_what_it_was(clean: Case) -> None:
+    """Where nothing is added there is nothing to refit, nor to let run free."""
+    assert clean.diagnosis.after is clean.result
+    assert clean.result.converged
+    assert clean.result.formulas == ()
+
+
+def test_every_trace_has_its_motion(clean: Case) -> None:
+    motions = clean.diagnosis.motions
+    assert {m.file for m in motions if not m.held_out} == {row.file for row in clean.result.score_fit}
+    assert {m.file for m in motions if m.held_out} == {row.file for row in clean.result.score_holdout}
+    assert all(not m.effects for m in motions)
+    torque = np.concatenate([m.torque for m in motions])
+    assert np.isfinite(torque).mean() > 0.1
+    assert np.nanmedian(np.abs(torque)) < 0.05 * clean.truth.T_f
+
+
+# ---- one thing is missing
+
+
+@pytest.mark.parametrize("name", ["stribeck", "limp_home", "offset"])
+def test_what_is_missing_is_found_first_and_predicts_what_was_held_out(
+    name: str, request: pytest.FixtureRequest
+) -> None:
+    one: Case = request.getfixturevalue(name)
+    (effect,) = one.effects.on
+    found = one.diagnosis
+    assert found.added
+    assert found.added[0] == effect
+    assert found.rounds[0].added == effect
+    assert falls(found) < 0.9
+    assert set(found.after.unknowns.layout.free) > set(found.before.unknowns.layout.free)
+    assert found.after.formulas == found.final  # no formula is taken as exact
+    assert all(effect in m.effects for m in found.motions)
+
+
+def test_the_default_position_and_the_torque_of_its_spring_are_the_generators(limp_home: Case) -> None:
+    """Below it the generator's plate feels -(preload + k d), the model's T_PL + K_s theta - T_lh - K_lh d, d how far
+    below: T_lh = preload + T_PL + K_s theta_lh."""
+    made, values, truth = limp_home.effects.limp_home_spring, limp_home.diagnosis.after.values, limp_home.truth
+    assert values["theta_lh"] == pytest.approx(made.angle, rel=0.05)
+    assert values["T_lh"] == pytest.approx(made.preload + truth.T_PL + truth.K_s * made.angle, rel=0.1)
+
+
+def test_the_offset_is_the_generators(offset: Case) -> None:
+    """Each trace has its own, 2 % apart."""
+    assert offset.diagnosis.after.values["I_0"] == pytest.approx(offset.effects.current_sensor_offset.amps, rel=0.1)
+
+
+def test_friction_falls_with_speed_as_the_generators_does(stribeck: Case) -> None:
+    """From standstill to 2 rad/s, by T_s exp(-(w/w_s)^d) or by a Lorentzian; beyond, it is Coulomb's."""
+    made, values = stribeck.effects.stribeck_friction, stribeck.diagnosis.after.values
+
+    def model(speed: float) -> float:
+        return values["T_s"] * math.exp(-((speed / values["omega_s"]) ** values["delta_s"]))
+
+    fall = made.excess - made.excess / (1.0 + (2.0 / made.speed) ** 2)
+    assert model(0.0) - model(2.0) == pytest.approx(fall, rel=0.3)
+
+
+def test_a_rebound_is_found_though_a_small_one_ends_within_its_step(tmp_path: Path) -> None:
+    """A constant restitution here, one that falls with the speed of impact there."""
+    truth = draw_truth(np.random.default_rng(61))
+    make_folder(tmp_path, truth, 61, MEDIUM["stop_bounce"], size="small")
+    found = turn(start(fit(read_folder(tmp_path))), quiet)
+    assert found.added is not None
+    assert found.added.name == "stop_bounce"
+
+
+def test_a_slow_sensor_is_found_though_a_run_along_its_reading_hides_it(tmp_path: Path) -> None:
+    """15 ms, and a second filter of 2 ms behind it: the first fit ends far off, with 40 % more inertia."""
+    truth = draw_truth(np.random.default_rng(8111))
+    make_folder(tmp_path, truth, 8111, STRENGTHS["position_sensor_lag"][2], size="small")
+    result = fit(read_folder(tmp_path))
+    assert result.far
+    assert abs(result.values["J_L"] / truth.J_L - 1.0) > 0.3
+    s = start(result)
+    lag = [e for e in s.composition.candidates if e.hidden]
+    shown = hidden(result, Round(s, score(s), loop.screened(s, lag), (), None, (), ""), quiet)
+    assert shown is not None
+    turned, s = shown
+    assert turned.added is not None
+    assert turned.added.name == "position_sensor_lag"
+    assert not s.far
+    assert s.left < 1.5
+    values = s.bench.layout.values(s.x, s.bench.unknowns.held)
+    assert float(values["tau_p"]) == pytest.approx(0.01725, rel=0.1)
+    assert float(values["J_L"]) == pytest.approx(truth.J_L, rel=0.1)
+
+
+# ---- more than one, and what nobody has named
+
+
+def test_both_of_two_are_found(pair: Case) -> None:
+    for name in pair.effects.on:
+        assert is_found(pair.diagnosis, name), pair.diagnosis.verdict
+    assert falls(pair.diagnosis) < 0.9
+
+
+def test_what_is_outside_the_catalogue_is_given_no_name_and_traced_to_where_it_enters(spot: Case) -> None:
+    """A rough place on the shaft: extra friction within a narrow band of angle."""
+    found = spot.diagnosis
+    left = found.unexplained
+    assert found.added == (), found.verdict
+    assert left is not None
+    assert (left.enters, left.depends_on) == ("friction", "angle")
+
+
+# ---- one program for all candidates
+
+
+def compiled() -> tuple[int, ...]:
+    """How many programs there are of each kind."""
+    every: tuple[Any, ...] = (_minimise, _linearise, _chi2_of, _simulated)
+    return tuple(function._cache_size() for function in every)
+
+
+def test_going_from_one_candidate_to_the_next_compiles_nothing(clean: Case, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Effects of one to four parameters, with memory and without."""
+    s = start(clean.result)
+    every = loop.screened(s, s.composition.candidates)
+    by_name = {g.variant.effect.name: g for g in every}
+    tried, sizes, refitted = loop._tried, [], []
+
+    def counting(*args: Any) -> Any:
+        verdict = tried(*args)
+        sizes.append(compiled())
+        refitted.append(verdict.effect.name)
+        return verdict
+
+    monkeypatch.setattr(loop, "_tried", counting)
+    for names in (("gravity_load", "limp_home_spring"), ("winding_heating", "cogging_torque")):
+        chosen = [by_name[name] for name in names]
+        monkeypatch.setattr(loop, "_promising", lambda *_, chosen=chosen: chosen)
+        turn(s, quiet)
+    assert sorted(refitted) == ["cogging_torque", "gravity_load", "limp_home_spring", "winding_heating"]
+    assert min(sizes[0]) > 0
+    assert all(size == sizes[0] for size in sizes)
+
+
+# ---- a fit taken up again
+
+
+def test_a_fit_taken_up_where_it_ended_stays_there(clean: Case) -> None:
+    again = resume(clean.result.rig, clean.result.x, False)
+    assert again.converged, again.reason
+    assert not again.far
+    error = np.sqrt(np.diag(clean.result.covariance))
+    assert np.max(np.abs(again.x - clean.result.x) / error) < 0.3
+    assert {row.file for row in again.score_holdout} == {row.file for row in clean.result.score_holdout}
+    assert again.starts == ()
+
+
+def test_a_fit_far_from_the_data_is_taken_up_as_it_is(clean: Case) -> None:
+    """It was searched for at length; it is not searched for again."""
+    x = clean.result.x + 0.1
+    again = resume(clean.result.rig, x, True)
+    assert_array_equal(again.x, x)
+    assert again.far
+    assert again.chi2_per_dof > 10.0
+    assert any("far from the data" in warning for warning in again.warnings)
+
+
+def test_rounds_end_as_soon_as_nothing_moves_by_more_than_what_counts(clean: Case) -> None:
+    """The first may move from another whitening; the second is the first that can be the last."""
+    said: list[str] = []
+    bench, x = clean.result.bench, clean.result.x
+    _, _, there, end = rounds(bench, x, lambda text, share: said.append(text), still=1e9, most=10)
+    assert [text.split(":")[0] for text in said] == ["whitening 1", "whitening 2"]
+    assert end.converged
+    assert_allclose((there - x) / np.sqrt(np.diag(clean.result.covariance)), 0.0, atol=0.5)
+
+
+def test_a_free_run_that_was_searched_for_is_no_worse_than_where_the_search_began(clean: Case) -> None:
+    bench, x = replace(clean.result.bench, pull=0.0), clean.result.x + 0.05
+    weighed, problem, there = freed(bench, x, 0.05)
+    begun, ended = chi2_of(weighed, np.stack((x, there)), problem)
+    assert ended < 0.5 * begun
+    assert np.all(weighed.sigma >= bench.tape.slots.sigma)

@@ -1,0 +1,299 @@
+"""The score test on made-up linear problems whose answer least squares gives, and what is tried of each effect."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from types import SimpleNamespace
+from typing import Any, ClassVar
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose, assert_array_equal
+from scipy.optimize import nnls
+
+from etcfit.diagnosis import screen as module
+from etcfit.diagnosis.composition import resting
+from etcfit.diagnosis.screen import Background, Signature, Variant, screen, variants
+from etcfit.model.effects import EFFECT_BY_NAME, EFFECTS, PAPER, AbstractEffect, Contribution, Inputs, State
+from etcfit.model.parameters import NonNegative, Positive, Real, Scalar, parameter, parameters_of
+
+BEYOND = [e for e in EFFECTS if e not in PAPER]
+ROWS, LANES, KINDS, P = 60, 2, 2, 4
+
+
+class Either(AbstractEffect):
+    """Two amplitudes of either sign, two shapes tried and one that is not."""
+
+    name = "either"
+    off: ClassVar[Mapping[str, float] | None] = {"a": 0.0, "b": 0.0}
+    scan: ClassVar[Mapping[str, tuple[float, ...]]] = {"p": (1.0, 2.0, 3.0), "q": (10.0, 20.0)}
+    a: Scalar = parameter("N*m", Real(0.5), 0.0, "one", "a test")
+    b: Scalar = parameter("N*m", Real(20.0), 0.0, "another", "a test")
+    p: Scalar = parameter("1", Positive(1.0), 1.0, "shape", "a test")
+    q: Scalar = parameter("1", Positive(10.0), 10.0, "shape", "a test")
+    r: Scalar = parameter("1", Positive(7.0), 7.0, "shape", "a test")
+
+    def __call__(self, x: State, z: tuple[Scalar, ...], u: Inputs) -> Contribution:
+        return Contribution(torque=self.a + self.b)
+
+
+class Bounded(AbstractEffect):
+    """Two amplitudes that cannot be negative."""
+
+    name = "bounded"
+    off: ClassVar[Mapping[str, float] | None] = {"c": 0.0, "d": 0.0}
+    c: Scalar = parameter("N*m", NonNegative(0.1), 0.0, "one", "a test")
+    d: Scalar = parameter("N*m", NonNegative(3.0), 0.0, "another", "a test")
+
+    def __call__(self, x: State, z: tuple[Scalar, ...], u: Inputs) -> Contribution:
+        return Contribution(torque=self.c + self.d)
+
+
+class Tried(AbstractEffect):
+    """An amplitude that shows nothing while it is small."""
+
+    name = "tried"
+    off: ClassVar[Mapping[str, float] | None] = {"e": 0.0}
+    scan: ClassVar[Mapping[str, tuple[float, ...]]] = {"e": (0.6,)}
+    e: Scalar = parameter("1", NonNegative(0.3), 0.0, "one", "a test")
+
+    def __call__(self, x: State, z: tuple[Scalar, ...], u: Inputs) -> Contribution:
+        return Contribution(restitution=self.e)
+
+
+PARAMETERS = {p.symbol: p for e in (Either, Bounded, Tried, *BEYOND) for p in parameters_of(e)}
+LAYOUT = SimpleNamespace(parameter=PARAMETERS.__getitem__)
+
+
+class Case:
+    """A linear problem: residual and Jacobian along a tape on which every other sample is none."""
+
+    def __init__(self, seed: int = 0) -> None:
+        rng = np.random.default_rng(seed)
+        shape = (ROWS, LANES, KINDS)
+        self.weight = (rng.uniform(size=shape) < 0.5) * 1.0
+        self.seen = self.weight > 0.0
+        r, jacobian = rng.normal(size=shape), rng.normal(size=(*shape, P))
+        jacobian[..., 2] *= 1e-5  # parameters of all sizes
+        self.r, self.J = r[self.seen], jacobian[self.seen]
+        self.bench: Any = SimpleNamespace(layout=LAYOUT, linearise=lambda x, problem: (r, np.zeros(P), jacobian))
+        self.problem: Any = SimpleNamespace(slots=SimpleNamespace(weight=self.weight))
+        self.rng = rng
+
+    def background(self) -> Background:
+        return Background.of(self.bench, np.zeros(P), self.problem)
+
+    def columns(self, k: int) -> np.ndarray:
+        return self.rng.normal(size=(self.r.size, k))
+
+    def signature(self, effect: type[AbstractEffect], columns: np.ndarray) -> Signature:
+        return self.background().signature(self.bench, variants(effect)[0], columns)
+
+    def chi2(self, *columns: np.ndarray) -> float:
+        """Least |r + C a|^2."""
+        C = np.column_stack(columns)
+        return float(np.sum((self.r + C @ np.linalg.lstsq(C, -self.r, rcond=None)[0]) ** 2))
+
+
+@pytest.fixture
+def case() -> Case:
+    return Case()
+
+
+# ---- what is tried
+
+
+def test_a_variant_is_a_combination_of_the_shapes_to_be_tried() -> None:
+    every = variants(Either)
+    assert [(v.shape["p"], v.shape["q"]) for v in every] == [(p, q) for p in (1.0, 2.0, 3.0) for q in (10.0, 20.0)]
+    assert all(v.shape["r"] == 7.0 for v in every)
+    assert all(v.amplitudes == ("a", "b") for v in every)
+    assert all(set(v.shape) == {"p", "q", "r"} for v in every)
+
+
+@pytest.mark.parametrize("effect", BEYOND, ids=lambda effect: effect.name)
+def test_every_effect_is_tried_at_each_of_its_shapes(effect: type[AbstractEffect]) -> None:
+    every = variants(effect)
+    assert len(every) == math.prod(len(values) for values in effect.scan.values())
+    assert len({tuple(v.shape.items()) for v in every}) == len(every)
+    for v in every:
+        assert {*v.shape, *v.amplitudes} == set(resting(effect))
+        assert all(v.shape[s] in values for s, values in effect.scan.items())
+
+
+# ---- what fitted parameters can do
+
+
+def test_the_background_is_what_no_fitted_parameter_can_change(case: Case) -> None:
+    background = case.background()
+    assert background.r.shape == (case.r.size,)
+    assert_allclose(background.basis.T @ background.basis, np.eye(P), atol=1e-10)
+    assert_allclose(case.J.T @ background.r, 0.0, atol=1e-9)
+    assert np.sum(background.r**2) == pytest.approx(case.chi2(case.J), rel=1e-10)
+
+
+def test_parameters_that_do_the_same_count_once(case: Case) -> None:
+    r, _, jacobian = case.bench.linearise(None, None)
+    twice = np.concatenate((jacobian, jacobian[..., :1] - jacobian[..., 1:2], 0.0 * jacobian[..., :1]), axis=-1)
+    case.bench.linearise = lambda x, problem: (r, np.zeros(P + 2), twice)
+    background = case.background()
+    assert background.basis.shape[1] == P
+    assert np.sum(background.r**2) == pytest.approx(case.chi2(case.J), rel=1e-8)
+
+
+# ---- the gain
+
+
+def test_the_gain_is_what_least_squares_with_the_effect_gains_over_without(case: Case) -> None:
+    columns = case.columns(2)
+    signature = case.signature(Either, columns)
+    assert signature.gain == pytest.approx(case.chi2(case.J) - case.chi2(case.J, columns), rel=1e-9)
+    assert signature.gain > 0.1
+
+
+def test_its_amplitudes_are_those_of_least_squares_in_si_and_its_shape_is_the_variants(case: Case) -> None:
+    columns = case.columns(2)
+    whole = np.column_stack((case.J, columns))
+    a, b = np.linalg.lstsq(whole, -case.r, rcond=None)[0][-2:]
+    values = case.signature(Either, columns).values
+    assert values == pytest.approx({"a": 0.5 * a, "b": 20.0 * b, "p": 1.0, "q": 10.0, "r": 7.0}, rel=1e-8)
+
+
+def test_amplitudes_whose_sum_is_a_fitted_parameter_keep_their_gain_and_stay_small(case: Case) -> None:
+    """Friction over angle, raised at every angle alike, is dry friction: that direction is nobody's."""
+    one = case.columns(1)
+    other = case.J[:, :1] - one
+    found = case.signature(Either, np.hstack((one, other)))
+    assert found.gain == pytest.approx(case.chi2(case.J) - case.chi2(case.J, one), rel=1e-6)
+    assert abs(found.values["a"] / 0.5) < 1.0
+    assert abs(found.values["b"] / 20.0) < 1.0
+
+
+def test_what_is_its_own_is_what_is_left_of_it_beside_the_fitted_parameters(case: Case) -> None:
+    alone = case.columns(1)
+    alone -= case.J @ np.linalg.lstsq(case.J, alone, rcond=None)[0]
+    shared = case.J[:, :1] / np.linalg.norm(case.J[:, 0]) * np.linalg.norm(alone)
+    mixed = np.column_stack((alone + 2.0 * shared, 0.0 * alone))
+    assert case.signature(Either, mixed).own == pytest.approx(1.0 / 5.0, rel=1e-9)
+    assert_allclose(case.signature(Either, mixed).columns[:, :1], alone, atol=1e-9)
+
+
+def test_an_effect_that_is_a_shift_of_fitted_parameters_gains_nothing(case: Case) -> None:
+    twin = case.signature(Either, case.J @ case.rng.normal(size=(P, 2)))
+    assert (twin.own, twin.gain) == (0.0, 0.0)
+    assert twin.values == resting(Either)
+
+
+@pytest.mark.parametrize("effect", [Either, Bounded])
+@pytest.mark.parametrize("imitated", [0, 1])
+def test_an_amplitude_that_fitted_parameters_have_already_leaves_the_other_its_gain(
+    case: Case, effect: type[AbstractEffect], imitated: int
+) -> None:
+    """As the dry part of friction told apart by direction, which is a preload, beside its viscous part."""
+    columns = pushing(case, 1.0, 1.0)
+    columns[:, imitated] = case.J[:, 0]
+    own = columns[:, [1 - imitated]]
+    signature = case.signature(effect, columns)
+    first, second = signature.variant.amplitudes
+    gaining, none = (second, first) if imitated == 0 else (first, second)
+    best = np.linalg.lstsq(np.column_stack((case.J, own)), -case.r, rcond=None)[0][-1]
+    assert signature.gain == pytest.approx(case.chi2(case.J) - case.chi2(case.J, own), rel=1e-8)
+    assert signature.values[gaining] == pytest.approx(best * PARAMETERS[gaining].domain.scale, rel=1e-6)
+    assert signature.values[none] == 0.0
+
+
+def test_a_signature_that_cannot_be_computed_gains_nothing(case: Case) -> None:
+    columns = case.columns(2)
+    some = columns.copy()
+    some[:, 1] = np.nan
+    assert case.signature(Either, np.full_like(columns, np.inf)).gain == 0.0
+    assert case.signature(Either, some).gain == pytest.approx(
+        case.chi2(case.J) - case.chi2(case.J, columns[:, :1]), rel=1e-9
+    )
+
+
+# ---- amplitudes that cannot be negative
+
+
+def pushing(case: Case, *signs: float) -> np.ndarray:
+    """Columns along each of which the residual asks for an amplitude of this sign; orthogonal to one another."""
+    r = case.background().r
+    noise = case.columns(len(signs))
+    free = np.linalg.qr(np.column_stack((case.J / np.linalg.norm(case.J, axis=0), r, noise)))[0][:, P + 1 :]
+    return free - np.array(signs) * (r / np.linalg.norm(r))[:, None]
+
+
+def test_an_amplitude_that_would_have_to_be_negative_gains_exactly_nothing(case: Case) -> None:
+    signature = case.signature(Bounded, np.column_stack((pushing(case, -1.0), 0.0 * case.columns(1))))
+    assert signature.own > 0.9
+    assert signature.gain == 0.0
+    assert signature.values == pytest.approx({"c": 0.0, "d": 0.0}, abs=1e-12)
+
+
+def test_the_same_amplitude_gains_all_it_can_where_either_sign_is_allowed(case: Case) -> None:
+    columns = pushing(case, -1.0, -1.0)
+    two, one = case.signature(Either, columns), case.signature(Bounded, -columns)
+    assert two.gain == pytest.approx(case.chi2(case.J) - case.chi2(case.J, columns), rel=1e-9)
+    assert one.gain == pytest.approx(two.gain, rel=1e-9)
+    assert two.values["a"] < 0.0 < one.values["c"]
+
+
+@pytest.mark.parametrize("signs", [(1.0, -1.0), (-1.0, 1.0), (1.0, 1.0), (-1.0, -1.0)])
+@pytest.mark.parametrize("alike", [0.0, 0.9])
+def test_bounded_amplitudes_gain_what_non_negative_least_squares_does(signs: tuple, alike: float) -> None:
+    """Alike columns too, where the best amplitude of one alone has another sign than beside the other."""
+    case = Case(3)
+    columns = pushing(case, *signs)
+    columns[:, 1] += alike * columns[:, 0]
+    background = case.background()
+    own = Background.free_of(background.basis, columns)
+    amplitudes, left = nnls(own, -background.r)
+    signature = case.signature(Bounded, columns)
+    assert signature.gain == pytest.approx(float(np.sum(background.r**2)) - left**2, rel=1e-8, abs=1e-9)
+    found = [signature.values["c"] / 0.1, signature.values["d"] / 3.0]
+    assert_allclose(found, amplitudes, rtol=1e-6, atol=1e-7)
+    assert min(found) >= 0.0
+
+
+# ---- all candidates
+
+
+def test_each_candidate_is_its_best_variant_and_the_most_promising_comes_first(
+    case: Case, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    tried: list[Variant] = []
+    right = {"p": 2.0, "q": 20.0}
+    strong, weak = pushing(case, 1.0, 1.0), pushing(case, 0.3, 0.3)
+
+    def tangents(bench: Any, x: Any, problem: Any, every: list[Variant]) -> list[np.ndarray]:
+        tried.extend(every)
+        better = {True: strong, False: case.columns(2)}
+        return [weak if v.effect is Bounded else better[right.items() <= v.shape.items()] for v in every]
+
+    monkeypatch.setattr(module, "tangents", tangents)
+    background = case.background()
+    signatures = screen(background, case.bench, np.zeros(P), case.problem, [Bounded, Either])
+    assert len(tried) == 7
+    assert [s.variant.effect for s in signatures] == [Either, Bounded]
+    assert right.items() <= signatures[0].variant.shape.items()
+    assert signatures[0].gain > signatures[1].gain > 0.0
+    assert_array_equal(background.r, case.background().r)
+
+
+def test_no_candidate_is_no_signature(case: Case) -> None:
+    assert screen(case.background(), case.bench, np.zeros(P), case.problem, []) == ()
+
+
+def test_the_names_used_here_are_not_those_of_the_catalogue() -> None:
+    assert not {Either.name, Bounded.name} & set(EFFECT_BY_NAME)
+    assert not {*resting(Either), *resting(Bounded)} & {p.symbol for e in EFFECTS for p in parameters_of(e)}
+
+
+@pytest.mark.parametrize("share", [0.4, -0.1, 3.0])
+def test_a_scanned_amplitude_promises_what_its_own_value_does_and_no_more(case: Case, share: float) -> None:
+    """At twice its scale the residual loses this share of itself; a smaller value of it promises nothing."""
+    r = case.background().r
+    signature = case.signature(Tried, -0.5 * share * r[:, None])
+    assert signature.values == {"e": pytest.approx(0.6)}
+    assert signature.gain == pytest.approx(max(0.0, 1.0 - (1.0 - share) ** 2) * float(r @ r))

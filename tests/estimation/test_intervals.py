@@ -1,0 +1,106 @@
+"""Standard errors and intervals against closed forms, domain by domain."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import results
+from etcfit.estimation.intervals import intervals, lumped
+from etcfit.estimation.joint_fit import FitResult
+
+SD = 0.02
+
+
+@pytest.fixture(scope="module")
+def fitted(tmp_path_factory: pytest.TempPathFactory) -> FitResult:
+    return results.result(results.rig(tmp_path_factory.mktemp("rig")))
+
+
+def moved(result: FitResult, symbol: str, value: float) -> FitResult:
+    """The same with one parameter elsewhere."""
+    layout = result.unknowns.layout
+    x = result.x.copy()
+    x[layout.free.index(symbol)] = layout.parameter(symbol).domain.coordinate(value)
+    values = {s: float(v) for s, v in layout.values(x, result.unknowns.held).items()}
+    return replace(result, x=x, values=values)
+
+
+def test_log_domain_is_asymmetric_by_the_exponential(fitted: FitResult) -> None:
+    r = intervals(moved(fitted, "R_a", 1.5))["R_a"]
+    assert (r.value, r.stderr) == (pytest.approx(1.5), pytest.approx(1.5 * SD))
+    assert (r.low, r.high) == (pytest.approx(1.5 * np.exp(-1.96 * SD)), pytest.approx(1.5 * np.exp(1.96 * SD)))
+    assert r.high - r.value > r.value - r.low  # pyright: ignore
+    assert r.status == "estimated"
+
+
+def test_linear_domain_is_symmetric(fitted: FitResult) -> None:
+    layout = fitted.unknowns.layout
+    scale = layout.parameter("K_s").domain.scale  # pyright: ignore[reportAttributeAccessIssue]
+    k = intervals(moved(fitted, "K_s", 50.0 * scale))["K_s"]  # far from zero the bend of 0.02 is 4e-8
+    assert k.stderr == pytest.approx(scale * SD, rel=1e-6)
+    assert (k.low, k.high) == (pytest.approx(k.value - 1.96 * scale * SD), pytest.approx(k.value + 1.96 * scale * SD))
+
+
+def test_an_interval_never_crosses_zero_and_the_bound_is_named(fitted: FitResult) -> None:
+    k = fitted.unknowns.layout.free.index("T_f")
+    x, covariance = fitted.x.copy(), fitted.covariance.copy()
+    x[k], covariance[k, k] = -0.2, 0.3**2
+    value = float(fitted.unknowns.layout.parameter("T_f").domain.value(x[k]))
+    t = intervals(replace(fitted, x=x, values={**fitted.values, "T_f": value}, covariance=covariance))["T_f"]
+    assert t.remark == "at its bound"
+    assert 0.0 < t.low < t.value < t.high  # pyright: ignore
+
+
+def test_fixed_tied_and_the_gear_ratio(fitted: FitResult) -> None:
+    every = intervals(fitted)
+    assert (every["B_m"].value, every["B_m"].stderr, every["B_m"].low, every["B_m"].status) == (
+        2e-5,
+        None,
+        None,
+        "fixed",
+    )
+    assert every["K_m"].status == "tied"
+    assert (every["K_m"].stderr, every["K_m"].low) == (every["K_b"].stderr, every["K_b"].low)
+    assert (every["N"].value, every["N"].status, every["N"].remark) == (20.68, "fixed", None)
+
+
+def test_what_is_lost_has_no_interval_and_takes_its_ties_along(fitted: FitResult) -> None:
+    every = intervals(replace(fitted, identifiability=replace(fitted.identifiability, lost=("K_b",))))
+    for symbol in ("K_b", "K_m"):
+        assert (every[symbol].status, every[symbol].stderr, every[symbol].high) == ("not identifiable", None, None)
+    assert every["R_a"].status == "estimated"
+
+
+def test_a_widened_interval_that_says_nothing_is_no_interval(fitted: FitResult) -> None:
+    covariance = fitted.covariance.copy()
+    covariance[0, 0] = 3.0
+    symbol = fitted.unknowns.layout.free[0]
+    assert intervals(replace(fitted, covariance=covariance))[symbol].status == "not identifiable"
+
+
+def test_a_covariance_that_is_no_number_gives_none(fitted: FitResult) -> None:
+    broken = intervals(replace(fitted, covariance=np.full_like(fitted.covariance, np.nan)))
+    assert broken["R_a"].stderr is None
+    assert "could not be computed" in (broken["R_a"].remark or "")
+
+
+def test_lumped_inertia_by_the_delta_method(fitted: FitResult) -> None:
+    layout = fitted.unknowns.layout
+    m, load = layout.free.index("J_m"), layout.free.index("J_L")
+    covariance = fitted.covariance.copy()
+    covariance[m, load] = covariance[load, m] = -0.5 * SD**2
+    slope_motor, slope_load = 20.68**2 * _slope(fitted, "J_m"), _slope(fitted, "J_L")
+    variance = SD**2 * (slope_motor**2 + slope_load**2 - slope_motor * slope_load)
+    j = lumped(replace(fitted, covariance=covariance))["J_eq"]
+    assert j.value == pytest.approx(20.68**2 * fitted.values["J_m"] + fitted.values["J_L"])
+    assert j.stderr == pytest.approx(np.sqrt(variance), rel=1e-6)
+
+
+def _slope(result: FitResult, symbol: str, h: float = 1e-5) -> float:
+    """dvalue/dx by differences."""
+    layout = result.unknowns.layout
+    domain, x = layout.parameter(symbol).domain, float(result.x[layout.free.index(symbol)])
+    return float(domain.value(x + h) - domain.value(x - h)) / (2 * h)

@@ -1,0 +1,306 @@
+"""The joint fit on folders from the independent generator: it finds the truth, says how well, and says when not."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose, assert_array_equal
+
+from etcfit.errors import MeasurementError
+from etcfit.estimation import joint_fit as module
+from etcfit.estimation.intervals import intervals
+from etcfit.estimation.joint_fit import FitResult, approach, fit, ready, start_values
+from etcfit.estimation.levenberg_marquardt import descend, information_of
+from etcfit.problem.free_parameters import unknowns
+from etcfit.problem.problem import Bench
+from etcfit.rig.base import Fixed, Knowledge, Measurement, Prior, Rig, Start
+from etcfit.rig.paper_readings import read_graphs
+from etcfit.rig.reader import read_folder
+from independent import CONSISTENT, STRENGTHS, Truth, draw_truth, make_folder
+
+SYMBOLS = ("R_a", "L_a", "K_b", "J_m", "J_L", "B_m", "B_L", "K_s", "T_PL", "T_f")
+SERIES = "series_ohm.inductance"
+
+
+@dataclass(frozen=True)
+class Case:
+    """A folder, what it was made from, and its fit."""
+
+    truth: Truth
+    rig: Rig
+    result: FitResult
+
+
+def folder(path: Path, seed: int) -> tuple[Truth, Rig]:
+    truth = draw_truth(np.random.default_rng(seed))
+    make_folder(path, truth, seed, size="small")
+    return truth, read_folder(path)
+
+
+@pytest.fixture(scope="module")
+def case(tmp_path_factory: pytest.TempPathFactory) -> Case:
+    """One fit for all tests of this file: compiling the model takes ten times as long as a fit."""
+    truth, rig = folder(tmp_path_factory.mktemp("rig"), 4)
+    return Case(truth, rig, fit(rig))
+
+
+def knowing(rig: Rig, **parameters: Knowledge) -> Rig:
+    """The same rig with more in its rig.toml."""
+    return replace(rig, config=replace(rig.config, parameters={**rig.config.parameters, **parameters}))
+
+
+def off(truth: Truth, result: FitResult) -> Mapping[str, float]:
+    """Errors in stated standard errors."""
+    known = intervals(result)
+    out = {}
+    for symbol in SYMBOLS:
+        stderr = known[symbol].stderr
+        assert stderr, f"{symbol} has no standard error"
+        out[symbol] = (known[symbol].value - getattr(truth, symbol)) / stderr
+    return out
+
+
+# ---- recovery
+
+
+def test_the_truth_is_found_within_its_stated_errors(case: Case) -> None:
+    assert case.result.converged, case.result.reason
+    errors = off(case.truth, case.result)
+    assert all(abs(error) < 4.0 for error in errors.values()), errors
+    assert 0.8 < case.result.chi2_per_dof < 1.25
+
+
+def test_the_series_resistance_of_a_test_is_found_with_it(case: Case) -> None:
+    interval = intervals(case.result)[SERIES]
+    assert interval.stderr is not None
+    assert abs(interval.value - 1.218) < 4.0 * interval.stderr
+
+
+def test_the_start_was_far_off(case: Case) -> None:
+    """Else finding the truth would prove nothing: the reading misses the data by several standard deviations a sample,
+    a scattered start by tens; and the reading's own errors are many times those of the fit."""
+    samples = sum(row.n for row in case.result.score_fit)
+    reading, *others = case.result.starts
+    assert reading.chi2_before > 10.0 * samples
+    assert reading.chi2_before > 20.0 * reading.chi2_after
+    assert all(start.chi2_before > 10.0 * reading.chi2_before for start in others)
+    ratios = [
+        abs(case.result.readings.values[s] / getattr(case.truth, s) - 1.0)
+        / max(abs(case.result.values[s] / getattr(case.truth, s) - 1.0), 1e-5)
+        for s in SYMBOLS
+        if s in case.result.readings.values
+    ]
+    assert np.median(ratios) > 5.0
+
+
+def test_the_deepest_start_is_the_one_gone_on_from(case: Case) -> None:
+    ends = [start.chi2_after for start in case.result.starts]
+    assert case.result.starts[0].name == "reading"
+    assert len(ends) > 2
+    assert all(start.chi2_after <= start.chi2_before for start in case.result.starts)
+
+
+def test_everything_is_identifiable_with_all_six_tests_and_responses(case: Case) -> None:
+    verdict = case.result.identifiability
+    assert verdict.lost == ()
+    assert not any(direction.null for direction in verdict.directions)
+    assert verdict.symbols == case.result.unknowns.layout.free
+
+
+def test_k_m_is_tied_to_k_b_unless_told_otherwise(case: Case) -> None:
+    assert case.result.values["K_m"] == case.result.values["K_b"]
+    assert intervals(case.result)["K_m"].status == "tied"
+
+
+def test_residuals_are_standard_normal_trace_by_trace(case: Case) -> None:
+    for trace, r in zip(case.result.bench.tape.traces, case.result.whitened, strict=True):
+        assert r.shape == trace.data.shape
+        assert np.mean(r**2) < 2.0, trace.measurement.file
+
+
+def test_the_score_is_the_free_run_error_in_logged_units(case: Case) -> None:
+    row = next(row for row in case.result.score_fit if row.file == "response/drive_2.csv" and row.channel == "current")
+    trace = next(t for t in case.result.bench.tape.traces if t.measurement.file == row.file)
+    model = case.result.predicted[row.file][:, trace.channels.index("current")]
+    assert row.unit == "mA"
+    rms = 1e3 * np.sqrt(np.mean((trace.data[:, trace.channels.index("current")] - model) ** 2))
+    assert_allclose(row.rms, rms, rtol=1e-9)
+    assert 1.0 <= row.rms / row.sigma < 3.0
+
+
+@dataclass(frozen=True)
+class Again:
+    """The same fit once more, what is held out turned into something else, and what it reported on the way."""
+
+    result: FitResult
+    said: list[tuple[str, float]]
+
+
+@pytest.fixture(scope="module")
+def again(case: Case) -> Again:
+    said: list[tuple[str, float]] = []
+    other = replace(case.rig, measurements=tuple(spoilt(m) for m in case.rig.measurements))
+    return Again(fit(other, lambda text, share: said.append((text, share))), said)
+
+
+def test_the_same_data_give_the_same_fit_and_progress_is_reported(case: Case, again: Again) -> None:
+    assert again.result.values == case.result.values
+    shares = [share for _, share in again.said]
+    assert len(shares) > 5
+    assert shares == sorted(shares)
+    assert 0.0 <= shares[0] <= shares[-1] <= 1.0
+
+
+# ---- what is held out
+
+
+def spoilt(measurement: Measurement) -> Measurement:
+    """Held-out data turned into something else altogether."""
+    if not measurement.held_out:
+        return measurement
+    channels = {name: replace(c, value=c.value[::-1] * 0.7) for name, c in measurement.channels.items()}
+    return replace(measurement, channels=channels)
+
+
+def test_what_is_held_out_is_never_fitted(case: Case, again: Again) -> None:
+    held = {m.file for m in case.rig.measurements if m.held_out}
+    assert held == {"response/drive_3.csv", "static_load/ramp_2.csv"}
+    other = again.result
+    assert other.values == case.result.values
+    assert_array_equal(other.covariance, case.result.covariance)
+    assert {row.file for row in other.score_holdout} == held
+    assert {row.file for row in other.score_fit}.isdisjoint(held)
+    before = {(row.file, row.channel): row.rms for row in case.result.score_holdout}
+    assert all(row.rms > 3.0 * before[row.file, row.channel] for row in other.score_holdout)
+
+
+def test_what_is_held_out_is_predicted_as_well_as_what_was_fitted(case: Case) -> None:
+    assert all(row.rms < 3.0 * row.sigma for row in case.result.score_holdout)
+
+
+# ---- what is known beforehand
+
+
+@pytest.fixture
+def from_the_reading(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Without the scattered starts, which end where the reading does."""
+    monkeypatch.setattr(module, "_STARTS", 0)
+
+
+def test_a_prior_moves_the_answer_as_the_closed_form_says(case: Case, from_the_reading: None) -> None:
+    """x' = x + C_k (m - x_k)/(s^2 + C_kk), for a prior m +- s that disagrees by two standard errors."""
+    symbol, layout, x = "K_s", case.result.unknowns.layout, case.result.x
+    k = layout.free.index(symbol)
+    _, _, jacobian = case.result.bench.linearise(x, case.result.problem)
+    C = np.linalg.inv(information_of(case.result.problem.prior_sd, jacobian))
+    sd = 0.7 * np.sqrt(C[k, k])
+    domain = layout.parameter(symbol).domain
+    mean = x[k] + 2.0 * np.sqrt(C[k, k])
+    width = float(domain.value(mean + 0.5 * sd) - domain.value(mean - 0.5 * sd))
+    known = fit(knowing(case.rig, **{symbol: Prior(float(domain.value(mean)), width)}))
+    expected = C[:, k] * (mean - x[k]) / (sd**2 + C[k, k])
+    moved = (known.x - x) / np.sqrt(np.diag(C))
+    assert_allclose(moved, expected / np.sqrt(np.diag(C)), atol=0.25)
+    assert abs(moved[k]) > 1.2
+
+
+def test_the_start_is_the_reading_else_rig_toml_else_nominal(case: Case) -> None:
+    told = unknowns(knowing(case.rig, K_s=Start(0.9), B_L=Start(3e-3)).config)
+    readings = replace(case.result.readings, values={"K_s": 0.11, "R_a": 1.9, "J_eq": 1.0, "L_a": float("nan")})
+    start = start_values(told, readings)
+    assert (start["K_s"], start["R_a"], start["B_L"]) == (0.11, 1.9, 3e-3)
+    assert start["L_a"] == told.layout.parameter("L_a").nominal
+    assert "J_eq" not in start
+
+
+@pytest.mark.slow
+def test_what_is_fixed_stays_fixed(case: Case) -> None:
+    value = 1.03 * case.truth.K_s
+    result = fit(knowing(case.rig, K_s=Fixed(value)))
+    assert result.values["K_s"] == value
+    assert "K_s" not in result.unknowns.layout.free
+    known = intervals(result)["K_s"]
+    assert known.status == "fixed"
+    assert known.stderr is None
+
+
+@pytest.mark.slow
+def test_a_free_k_m_loses_the_scale_and_names_it(case: Case) -> None:
+    result = fit(knowing(case.rig, K_m=Start(0.0189)))
+    assert result.converged, result.reason
+    assert set(result.identifiability.lost) >= {"K_m", "J_m", "B_m", "K_s", "T_PL", "T_f"}
+    assert set(result.identifiability.lost).isdisjoint({"R_a", "L_a", "K_b"})
+    mixed = next(d for d in result.identifiability.directions if d.null and "K_m" in d.symbols)
+    assert set(mixed.symbols) >= {"K_m", "J_m", "B_m", "K_s", "T_PL", "T_f"}
+    known = intervals(result)
+    assert known["K_m"].status == "not identifiable"
+    assert known["K_m"].stderr is None
+    # the ratio is known as well as before
+    assert_allclose(result.values["K_s"] / result.values["K_m"], case.truth.K_s / case.truth.K_m, rtol=0.01)
+
+
+# ---- failures
+
+
+def test_a_fit_that_does_not_converge_says_so_and_returns(
+    case: Case, from_the_reading: None, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(module, "_ROUNDS", 1)
+    result = fit(case.rig)
+    assert not result.converged
+    assert "still moved" in result.reason
+    assert any("NOT CONVERGED" in warning for warning in result.warnings)
+    assert np.isfinite(list(result.values.values())).all()
+
+
+def test_a_symbol_that_nobody_knows_is_an_error_of_the_data(case: Case) -> None:
+    with pytest.raises(MeasurementError, match=r"names 'K_x'.*This model has: R_a"):
+        fit(knowing(case.rig, K_x=Fixed(1.0)))
+
+
+def test_an_effect_that_nobody_knows_is_an_error_of_the_data(case: Case) -> None:
+    with pytest.raises(MeasurementError, match=r"names 'flux_capacitor'.*Known effects: "):
+        fit(replace(case.rig, config=replace(case.rig.config, effects=("flux_capacitor",))))
+
+
+def test_nothing_to_fit_is_an_error_of_the_data(case: Case) -> None:
+    held = tuple(replace(m, held_out=True) for m in case.rig.measurements)
+    with pytest.raises(MeasurementError, match="no trace that can be fitted"):
+        fit(replace(case.rig, measurements=held))
+
+
+# ---- more folders
+
+
+@pytest.mark.slow
+def test_an_impact_that_a_late_sensor_shows_late_is_no_wall(tmp_path: Path) -> None:
+    """A sensor that lags by 4 ms: forgiving a sample only, no start comes near, and J_m vanished."""
+    truth = draw_truth(np.random.default_rng(8031), CONSISTENT)
+    make_folder(tmp_path, truth, 8031, STRENGTHS["position_sensor_lag"][1], "small")
+    rig = read_folder(tmp_path)
+    fitted, _, _ = ready(rig)
+    known = unknowns(rig.config)
+    start = known.layout.coordinates(start_values(known, read_graphs(rig)))
+    bench = Bench.of(rig.config, known, fitted).refined(start).poised(start)
+    problem = bench.problem(bench.forgiving())
+    plain, _ = descend(bench, start, problem, 1e-2)
+    near, _ = approach(bench, start, 1e-2)
+    before, after = (bench.chi2(x, problem) / problem.samples for x in (plain, near))
+    assert before > 30.0
+    assert after < 3.0
+    values = known.layout.values(near, known.held)
+    assert all(abs(values[s] / getattr(truth, s) - 1.0) < 0.15 for s in ("K_b", "J_m", "J_L", "K_s", "T_PL", "T_f"))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", range(20, 28))
+def test_recovery_over_folders(seed: int, tmp_path: Path) -> None:
+    truth, rig = folder(tmp_path, seed)
+    result = fit(rig)
+    assert result.converged, result.reason
+    errors = off(truth, result)
+    assert all(abs(error) < 4.0 for error in errors.values()), errors

@@ -1,0 +1,283 @@
+"""Traces that log setpoint and position alone: the ECU is part of the model, its gains known or sought."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose, assert_array_equal
+
+from etcfit.control.pid.setpoint import trapezoid
+from etcfit.diagnosis.composition import compose
+from etcfit.estimation.intervals import intervals, lumped
+from etcfit.estimation.joint_fit import FitResult, fit, ready
+from etcfit.experiment.check import check
+from etcfit.model.ecu import Ecu
+from etcfit.model.effects import COMMANDING
+from etcfit.problem.batch import lay
+from etcfit.problem.free_parameters import unknowns
+from etcfit.problem.trace import prepare
+from etcfit.rig import controlled
+from etcfit.rig.base import Fixed, Measurement, Prior, Reading, Rig, RigConfig, Start
+from etcfit.rig.paper_readings import read_graphs
+from etcfit.rig.reader import read_folder
+from independent import Bench, Truth, draw_truth, make_folder
+from independent.control import Computer
+from independent.effects import NONE, Effects
+from independent.folder import rig_toml
+from independent.strengths import MEDIUM
+from independent.under_ecu import Log, add_logs
+from measurements import channel
+from rigs import loop, one
+
+GAINS = {"K_p": 6.0, "K_i": 40.0, "K_d": 0.12}
+COMPUTER = Computer(*GAINS.values())
+ECU = Ecu()
+CONFIG = RigConfig(
+    "bench", gear_ratio=20.68, supply_V=12.0, ecu=ECU, parameters={s: Fixed(v) for s, v in ECU.constants.items()}
+)
+FREE = '\n[ecu]\nP = "free"\nI = "free"\nD = "free"\nperiod_ms = 1.0\n'
+KNOWN = '\n[ecu]\nP = 6.0\nI = 40.0\nD = 0.12\nunit = "V/rad"\nperiod_ms = 1.0\n'
+
+
+def logged(test: str = "closed_loop", n: int = 40, **more: np.ndarray) -> Measurement:
+    """Position and a setpoint that rises by 1 rad/s from 10 ms on."""
+    time = 2e-3 * np.arange(n)
+    values = {"position": np.full(n, 0.5), "setpoint": 0.5 + np.maximum(time - 0.01, 0.0), **more}
+    return Measurement(f"{test}/a.csv", test, time, {q: channel(time, v, 1e-3) for q, v in values.items()})
+
+
+# ---- what becomes of the trace
+
+
+@pytest.mark.parametrize("test", ["closed_loop", "sine", "drive"])
+def test_a_setpoint_makes_a_trace_that_the_ecu_drives(test: str) -> None:
+    trace = prepare(logged(test), CONFIG)
+    assert trace is not None
+    assert trace.controlled
+    assert trace.circuit
+    assert trace.channels == ("position",)
+
+
+def test_a_logged_voltage_is_believed_before_the_ecu() -> None:
+    trace = prepare(logged(voltage=np.full(40, 3.0)), CONFIG)
+    assert trace is not None
+    assert not trace.controlled
+
+
+def test_without_an_ecu_it_is_left_out_and_told_what_would_make_it_count() -> None:
+    rig = Rig("bench", replace(CONFIG, ecu=None), (logged(), logged(voltage=np.linspace(0.0, 3.0, 40))))
+    fitted, _, notes = ready(rig)
+    assert prepare(rig.measurements[0], rig.config) is None
+    assert len(fitted) == 1
+    assert "[ecu]" in notes[0]
+    assert "closed_loop/a.csv: no voltage" in notes[0]
+
+
+def test_an_ecu_that_no_trace_needs_is_named() -> None:
+    _, _, notes = ready(Rig("bench", CONFIG, (logged(voltage=np.linspace(0.0, 3.0, 40)),)))
+    assert len(notes) == 1
+    assert "no trace needs [ecu]" in notes[0]
+    assert ready(Rig("bench", CONFIG, (logged(),)))[2] == ()
+
+
+def test_the_tape_carries_the_setpoint_as_late_as_it_acts() -> None:
+    trace = prepare(logged(), CONFIG)
+    assert trace is not None
+    command = lay([trace], CONFIG, [np.full(39, 2)]).steps.command
+    assert command is not None
+    ends = 1e-3 * np.arange(79)
+    wanted = 0.5 + np.maximum(ends - ECU.late - 0.01, 0.0)
+    # the ramp begins at a sample, so that straight lines between samples are the ramp itself
+    assert_allclose(command.end[:79, 0], wanted, atol=1e-12)
+    assert_allclose(command.begin[1:79, 0], wanted[:-1], atol=1e-12)
+    assert_allclose(command.rate[1:79, 0], np.where(ends[1:] > 0.0101, 1.0, 0.0), atol=1e-9)
+    assert_array_equal(command.active[:79, 0], 1.0)
+
+
+def test_a_rig_without_an_ecu_has_nothing_of_it_on_its_tape_or_in_its_model() -> None:
+    """So that its compiled programs are those they always were."""
+    plain = replace(CONFIG, ecu=None, parameters={})
+    trace = prepare(logged(voltage=np.full(40, 3.0)), plain)
+    assert trace is not None
+    steps = lay([trace], plain, [np.ones(39, int)]).steps
+    assert steps.command is None
+    assert steps.inputs(0.5).controlled is None
+    assert not set(COMMANDING) & set(unknowns(plain).layout.types)
+
+
+def test_another_voltage_in_the_integral_is_one_on_the_tape_of_this_trace_alone() -> None:
+    traces = [prepare(logged(), CONFIG), prepare(logged(voltage=np.full(40, 3.0)), CONFIG)]
+    tape = lay([t for t in traces if t is not None], CONFIG, [np.ones(39, int)] * 2)
+    held = tape.holding(np.array([1.5, 9.0]))
+    (lane, row, marks), (other, begin, ends) = held.places
+    for column in (held.steps.voltage0, held.steps.voltage1):
+        assert_array_equal(column[row : marks[-1] + 1, lane], 1.5)
+        assert_allclose(column[begin : ends[-1] + 1, other], 3.0, atol=1e-9)
+    assert held.traces[0].drive is not None
+    assert_array_equal(held.traces[0].drive.value, 1.5)
+
+
+def test_gains_are_fixed_sought_or_believed_as_rig_toml_says() -> None:
+    told = {"K_p": Fixed(4.0), "K_i": Prior(30.0, 3.0), "K_d": Start(0.2)}
+    u = unknowns(replace(CONFIG, parameters={**CONFIG.parameters, **told}))
+    assert u.layout.status("K_p") == "fixed"
+    assert {"K_i", "K_d"} <= set(u.layout.free)
+    assert u.priors == {"K_i": (30.0, 3.0)}
+    assert u.start["K_d"] == 0.2
+    assert {"t_e", "tau_e", "t_l", "V_e"} <= set(u.layout.held)
+
+
+def test_the_model_of_all_effects_carries_the_controller_along() -> None:
+    trace = prepare(logged(), CONFIG)
+    assert trace is not None
+    composition = compose(Rig("bench", CONFIG, (logged(),)), (trace,))
+    assert set(COMMANDING) <= set(composition.known)
+    assert not set(COMMANDING) & set(composition.candidates)
+    assert "K_p" in composition.unknowns(()).layout.free
+    assert set(COMMANDING) <= set(composition.lean(()).layout.types)
+
+
+@pytest.mark.slow
+def test_a_computer_that_is_designed_meets_nothing_of_the_one_that_was_fitted() -> None:
+    """Transfer function and simulated loop of a fitted model are those of the plate alone."""
+    designed = Ecu(period=5e-3)
+    bare, fitted = (loop(*more, ecu=designed) for more in ((), COMMANDING))
+    assert_array_equal(np.asarray(bare.linear().a0), np.asarray(fitted.linear().a0))
+    paths = [np.asarray(each.respond(one(6.0, 40.0, 0.1), trapezoid()).position) for each in (bare, fitted)]
+    assert_allclose(paths[1], paths[0], atol=1e-12)
+    assert np.ptp(paths[0]) > 0.3
+
+
+# ---- folders of the independent generator
+
+
+@dataclass(frozen=True)
+class Case:
+    """A folder, what it was made from, and its fit."""
+
+    truth: Truth
+    rig: Rig
+    result: FitResult
+
+
+def under_ecu(
+    path: Path, seed: int, ecu: str, bench: bool, effects: Effects = NONE, how: Log | None = None
+) -> tuple[Truth, Rig]:
+    """Three logs, the last held out: trapezoids, a sum of sines, strokes of a pedal; beside the bench tests or not."""
+    truth = draw_truth(np.random.default_rng(seed))
+    if bench:
+        make_folder(path, truth, seed, effects, size="small")
+    else:
+        plain = rig_toml("synthetic, under its ECU", truth.N, Bench(), ["none"], noise=True)
+        path.mkdir(parents=True, exist_ok=True)
+        (path / "rig.toml").write_text(plain.replace('[tests.inductance]\nseries_ohm = "free"\n', ""), encoding="utf-8")
+    files = add_logs(path, truth, COMPUTER, seed, how=how, effects=effects)
+    text = (path / "rig.toml").read_text(encoding="utf-8").replace('"none"', "")
+    held = text.replace("files = [", f'files = ["{files[-1]}"' + (", " if bench else "")) + ecu
+    (path / "rig.toml").write_text(held, encoding="utf-8")
+    return truth, read_folder(path)
+
+
+def test_gains_are_read_where_the_bench_has_told_the_plate(tmp_path: Path) -> None:
+    _, rig = under_ecu(tmp_path, 4, FREE, bench=True)
+    read = read_graphs(rig)
+    for symbol, gain in GAINS.items():
+        assert read.source[symbol] == "closed_loop"
+        assert read.values[symbol] == pytest.approx(gain, rel=0.12)
+
+
+def test_known_gains_read_the_plate_but_for_what_the_integral_hides(tmp_path: Path) -> None:
+    truth, rig = under_ecu(tmp_path, 4, KNOWN, bench=False)
+    read = read_graphs(rig)
+    assert "T_PL" not in read.values
+    # the scale is nominal; friction in volts is not
+    volts = read.values["T_f"] * read.values["R_a"] / (truth.N * read.values["K_b"])
+    assert volts == pytest.approx(truth.volts_for(truth.T_f), rel=0.35)
+
+
+def from_afar(truth: Truth, rig: Rig) -> Case:
+    """Fitted with each gain begun 2.5 times off: the reading would begin within a few per cent."""
+    far = {"K_p": Start(15.0), "K_i": Start(15.0), "K_d": Start(0.3)}
+    rig = replace(rig, config=replace(rig.config, parameters={**rig.config.parameters, **far}))
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(controlled, "_gains", lambda *_: Reading({}))
+        return Case(truth, rig, fit(rig))
+
+
+@pytest.fixture(scope="module")
+def beside_the_bench(tmp_path_factory: pytest.TempPathFactory) -> Case:
+    return from_afar(*under_ecu(tmp_path_factory.mktemp("rig"), 4, FREE, bench=True))
+
+
+@pytest.mark.slow
+def test_unknown_gains_are_found_with_the_plate(beside_the_bench: Case) -> None:
+    """Within four stated standard errors, from a start at which each gain is 2.5 times off."""
+    must_be_found(beside_the_bench)
+
+
+@pytest.mark.slow
+def test_unknown_gains_are_found_beside_a_limp_home_spring(tmp_path: Path) -> None:
+    """Logs through the default position of a spring that rig.toml names; the generator's has another formula."""
+    named = FREE + '\n[model]\neffects = ["limp_home_spring"]\n'
+    case = from_afar(*under_ecu(tmp_path, 4, named, True, MEDIUM["limp_home_spring"], Log(low=0.03)))
+    must_be_found(case)
+    at, found = MEDIUM["limp_home_spring"].limp_home_spring.angle, intervals(case.result)["theta_lh"]
+    assert abs(found.value - at) < 0.02 * at
+
+
+def must_be_found(case: Case) -> None:
+    """Gains and plate within four stated standard errors, the gains within 1 %, from a start that was far off."""
+    assert case.result.converged, case.result.reason
+    first = case.result.starts[0]
+    assert first.chi2_before > 10.0 * sum(row.n for row in case.result.score_fit)
+    assert 0.8 < case.result.chi2_per_dof < 1.25
+    known = intervals(case.result)
+    plate = {s: getattr(case.truth, s) for s in ("R_a", "K_b", "J_m", "J_L", "B_m", "B_L", "K_s", "T_PL", "T_f")}
+    for symbol, value in {**GAINS, **plate}.items():
+        found = known[symbol]
+        assert found.stderr, f"{symbol} has no standard error"
+        assert abs(found.value - value) < 4.0 * found.stderr, symbol
+    for symbol, value in GAINS.items():
+        assert abs(known[symbol].value / value - 1.0) < 0.01
+
+
+@pytest.mark.slow
+def test_a_log_that_was_held_out_is_predicted(beside_the_bench: Case) -> None:
+    held = [row for row in beside_the_bench.result.score_holdout if row.test == "closed_loop"]
+    assert [row.channel for row in held] == ["position"]
+    assert held[0].rms < 1.2 * held[0].sigma
+
+
+@pytest.mark.slow
+def test_logs_alone_tell_what_they_can_and_name_what_they_cannot(tmp_path: Path) -> None:
+    """Known gains: friction, stiffness and drag in volts are found; no torque, no preload (the integral hides it)."""
+    truth, rig = under_ecu(tmp_path, 4, KNOWN, bench=False)
+    result = fit(rig)
+    assert result.converged, result.reason
+    assert {"R_a", "K_b", "K_s", "T_PL", "T_f", "J_m", "J_L"} <= set(result.identifiability.lost)
+    per_torque = truth.volts_for(1.0)
+    volts = {
+        "V_f": truth.T_f * per_torque,
+        "V_s": truth.K_s * per_torque,
+        "V_w": truth.B_eq * per_torque + truth.N * truth.K_b,
+    }
+    found = lumped(result)
+    for symbol, value in volts.items():
+        stderr = found[symbol].stderr
+        assert stderr, f"{symbol} has no standard error"
+        assert abs(found[symbol].value - value) < 4.0 * stderr, symbol
+        assert stderr < 0.02 * value, symbol
+    assert found["V_PL"].status == "not identifiable"
+
+
+@pytest.mark.slow
+def test_check_says_what_one_known_gain_would_tell(tmp_path: Path) -> None:
+    _, rig = under_ecu(tmp_path, 4, FREE, bench=False)
+    found = check(rig)
+    assert found.identifiability is not None
+    assert {"K_p", "K_i", "K_d", "T_PL", "K_s"} <= set(found.identifiability.lost)
+    assert any("none of its gains is known" in text for text in found.directions)
+    assert any(text.startswith("Were K_p ([ecu] P) known, ") and "K_i and K_d" in text for text in found.gains)

@@ -1,0 +1,76 @@
+"""What `check` notices of clocks and channels, and its verdict on what a folder can identify."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import folders
+from etcfit.experiment.check import channel_check, check, clipped, clock
+from etcfit.rig.base import Channel
+from etcfit.rig.reader import read_folder
+
+
+def channel(value: np.ndarray, **changes: object) -> Channel:
+    plain = Channel(np.arange(value.size) * 1e-3, value, 0.01, True, "tps [V]", "V", 1.0)
+    return replace(plain, **changes)  # pyright: ignore[reportArgumentType]
+
+
+def test_clock_tells_jitter_from_gaps() -> None:
+    steps = np.tile([0.9e-3, 1.0e-3, 1.1e-3], 30)
+    steps[45] = 0.05
+    found = clock(np.concatenate(([0.0], np.cumsum(steps))))
+    assert found.samples == 91
+    assert found.rate == pytest.approx(1000.0)
+    assert found.jitter == pytest.approx(0.1 * np.sqrt(2 / 3), rel=0.01)
+    assert (found.gaps, found.longest) == (1, pytest.approx(0.05))
+
+
+def test_saturation_is_seen_and_plateaus_are_not() -> None:
+    rng = np.random.default_rng(0)
+    wave = np.sin(np.linspace(0, 20, 2000)) + rng.normal(0, 0.01, 2000)
+    assert clipped(wave) == 0
+    cut = np.clip(wave, -2.0, 0.8)
+    assert clipped(cut) == pytest.approx(np.sum(cut == 0.8), rel=0.05)
+    assert clipped(np.repeat([0.0, 1.0, 2.0, 3.0], 500)) == 0  # commands
+    assert clipped(np.round(np.linspace(0.0, 5.0, 2000), 1)) == 0  # a coarse, slow ramp
+    assert clipped(np.zeros(100)) == 0
+
+
+def test_a_channel_is_reported_in_its_logged_unit() -> None:
+    # sensor volts: theta = (V - 0.5) 0.4
+    found = channel_check("position", channel(np.array([0.0, 0.4, 0.8]), scale=0.4, offset=-0.2, sigma=0.004), rows=5)
+    assert (found.low, found.high) == (pytest.approx(0.5), pytest.approx(2.5))
+    assert found.sigma == pytest.approx(0.01)
+    assert (found.empty, found.frozen) == (2, False)
+    assert channel_check("current", channel(np.ones(9)), rows=9).frozen
+
+
+def test_check_says_why_nothing_can_be_fitted(tmp_path: Path) -> None:
+    files = {
+        "rig.toml": folders.TOML + '\n[holdout]\nfiles = ["response/1.csv"]\n',
+        "response/1.csv": folders.response().text(),
+    }
+    found = check(read_folder(folders.write(tmp_path, files)))
+    assert found.identifiability is None
+    assert "no trace that can be fitted" in found.why_not
+    assert [t.file for t in found.traces] == ["response/1.csv"]
+    assert found.traces[0].held_out
+
+
+@pytest.fixture(scope="module")
+def verdict(tmp_path_factory: pytest.TempPathFactory):
+    """A driven plate with current and position, nothing else: motor and plate are one."""
+    files = {"rig.toml": folders.TOML, "response/1.csv": folders.response(200).text()}
+    return check(read_folder(folders.write(tmp_path_factory.mktemp("rig"), files)))
+
+
+def test_a_driven_plate_alone_cannot_tell_motor_from_load(verdict) -> None:
+    assert verdict.why_not == ""
+    assert "J_m" in {s for d in verdict.identifiability.directions for s in d.symbols}
+    assert any("J_m" in text and "motor-alone" in text for text in verdict.directions)
+    assert len(verdict.directions) == len(verdict.identifiability.directions) > 0
+    assert (np.diff(verdict.identifiability.singular_values) <= 0).all()

@@ -1,0 +1,215 @@
+"""Every registered effect, whoever wrote it: units, domains, an exact off value, and what it says of itself."""
+
+from __future__ import annotations
+
+import inspect
+from itertools import pairwise
+
+import numpy as np
+import pint
+import pytest
+from numpy.testing import assert_allclose, assert_array_equal
+
+from effect_samples import AXES, contribution, every_effect, rows, seen, table
+from etcfit.model.effects import EFFECT_BY_NAME, EFFECTS, PAPER, AbstractEffect, Contribution, total
+from etcfit.model.parameters import Parameter, Positive, parameters_of
+
+UNITS = pint.UnitRegistry()
+DECLARED = [(effect, p) for effect in EFFECTS for p in parameters_of(effect)]
+every_parameter = pytest.mark.parametrize(
+    ("effect", "parameter"), DECLARED, ids=[f"{e.name}-{p.symbol}" for e, p in DECLARED]
+)
+BEYOND = [effect for effect in EFFECTS if effect not in PAPER]
+every_addition = pytest.mark.parametrize("effect", BEYOND, ids=lambda effect: effect.name)
+every_amplitude = pytest.mark.parametrize(
+    ("effect", "symbol"), [pytest.param(e, s, id=f"{e.name}-{s}") for e in BEYOND for s in e.off or {}]
+)
+
+# the names of FORMAT.md: what users and other programs write in rig.toml and read in diagnosis.json
+PROMISED = [
+    *("brush_voltage_drop", "winding_heating", "driver_dead_zone", "actuation_delay", "torque_saturation"),
+    *("limp_home_spring", "stribeck_friction", "asymmetric_friction", "load_dependent_friction"),
+    *("motor_coulomb_friction", "presliding_friction", "backlash", "cogging_torque", "quadratic_drag"),
+    *("airflow_torque", "stop_bounce", "gravity_load"),
+    *("position_sensor_lag", "position_sensor_nonlinearity", "current_sensor_offset", "channel_delay"),
+]
+
+
+def off(effect: type[AbstractEffect]) -> dict[str, float]:
+    return dict(effect.off or {})
+
+
+def shape(effect: type[AbstractEffect]) -> list[str]:
+    """Its parameters that are not amplitudes."""
+    return [p.symbol for p in parameters_of(effect) if p.symbol not in off(effect)]
+
+
+def loudest(effect: type[AbstractEffect], at: np.ndarray) -> float:
+    """The largest thing it contributes at any of these rows, the rates of its memory left out."""
+    return max(float(np.max(np.abs(v))) for v in seen(effect, at).values())
+
+
+# ---- declarations
+
+
+@pytest.mark.parametrize("name", PROMISED)
+def test_a_promised_effect_is_registered(name: str) -> None:
+    assert EFFECT_BY_NAME[name] in BEYOND
+
+
+@every_effect
+def test_is_documented_with_its_source_and_named(effect: type[AbstractEffect]) -> None:
+    assert effect.name == effect.name.lower()
+    assert effect.__module__.rpartition(".")[2] == effect.name
+    assert EFFECT_BY_NAME[effect.name] is effect
+    text = inspect.getdoc(effect) or ""
+    assert "Source:" in text
+    assert "Differs from source:" in text
+
+
+def test_names_and_symbols_are_unique() -> None:
+    assert len({e.name for e in EFFECTS}) == len(EFFECTS)
+    symbols = [p.symbol for _, p in DECLARED]
+    assert len(set(symbols)) == len(symbols)
+
+
+@every_parameter
+def test_parameter_has_unit_meaning_and_source(effect: type[AbstractEffect], parameter: Parameter) -> None:
+    assert UNITS.parse_units(parameter.unit.replace("m2", "m**2")) is not None
+    assert parameter.meaning.strip()
+    assert parameter.source.strip()
+
+
+@every_parameter
+def test_parameter_survives_its_domain(effect: type[AbstractEffect], parameter: Parameter) -> None:
+    """value(coordinate(v)) = v from a hundredth of the scale to a hundredfold of it."""
+    domain = parameter.domain
+    scale = getattr(domain, "scale", 1.0)
+    for v in scale * np.geomspace(0.01, 100.0, 9):
+        assert_allclose(float(domain.value(domain.coordinate(float(v)))), v, rtol=1e-9)
+    inside = domain.inside(parameter.nominal)
+    assert_allclose(float(domain.value(domain.coordinate(inside))), inside, rtol=1e-9, atol=1e-12 * scale)
+
+
+@every_effect
+def test_needs_are_things_that_can_be_missing(effect: type[AbstractEffect]) -> None:
+    assert set(effect.needs) <= {"circuit", "current", "position", "gear"}
+
+
+# ---- off
+
+
+@every_effect
+def test_only_the_papers_effects_are_never_off(effect: type[AbstractEffect]) -> None:
+    assert (effect.off is None) == (effect in PAPER), "an effect beyond Eqs. 1-2 needs a value at which it vanishes"
+
+
+@every_addition
+def test_is_off_at_its_off_value(effect: type[AbstractEffect]) -> None:
+    """Exactly nothing in every part, whatever its shape and its memory, so that models nest."""
+    for stretch in (0.1, 1.0, 10.0):
+        shaped = {p.symbol: stretch * 0.5 * getattr(p.domain, "scale", 1.0) for p in parameters_of(effect)}
+        at = rows(effect, **(shaped | off(effect)))
+        for name, value in seen(effect, at).items():
+            assert_array_equal(value, 0.0, err_msg=name)
+        for row in at[:3]:
+            c = contribution(effect, row)
+            assert not np.isfinite(c.lower)
+            assert not np.isfinite(c.upper)
+
+
+@every_amplitude
+def test_each_off_symbol_is_an_amplitude(effect: type[AbstractEffect], symbol: str) -> None:
+    """On its own, with all others off, it makes the effect heard: a shape parameter could not."""
+    others = {s: v for s, v in off(effect).items() if s != symbol}
+    domain = next(p.domain for p in parameters_of(effect) if p.symbol == symbol)
+    assert off(effect)[symbol] == 0.0
+    assert not isinstance(domain, Positive), "zero is out of reach in this domain"
+    assert loudest(effect, rows(effect, **others)) > 0.0
+
+
+@every_addition
+def test_starts_at_its_off_value(effect: type[AbstractEffect]) -> None:
+    """The nominal value of an amplitude is its off value: an effect nobody measured is assumed away."""
+    nominal = {p.symbol: p.nominal for p in parameters_of(effect)}
+    assert {s: nominal[s] for s in off(effect)} == off(effect)
+
+
+# ---- scan
+
+
+@every_addition
+def test_scans_shapes_and_a_rebound_which_the_stepper_cuts_off_while_it_is_small(effect: type[AbstractEffect]) -> None:
+    rebounds = np.any(seen(effect, rows(effect))["restitution"] != 0.0)
+    assert set(effect.scan) <= set(shape(effect)) | (set(off(effect)) if rebounds else set())
+
+
+@pytest.mark.parametrize("effect", [e for e in BEYOND if e.scan], ids=lambda effect: effect.name)
+def test_a_scanned_value_is_allowed_and_makes_a_difference(effect: type[AbstractEffect]) -> None:
+    domains = {p.symbol: p.domain for p in parameters_of(effect)}
+    for symbol, values in effect.scan.items():
+        assert list(values) == sorted(set(values))
+        there = [domains[symbol].value(domains[symbol].coordinate(v)) for v in values]
+        assert_allclose(np.array(there, float), values, rtol=1e-9)
+        tables = [table(effect, rows(effect, **{symbol: v})) for v in values]
+        assert all(np.any(a != b) for a, b in pairwise(tables))
+
+
+# ---- what it says of itself
+
+
+@every_effect
+def test_memory_and_rates_match(effect: type[AbstractEffect]) -> None:
+    assert len(contribution(effect, rows(effect)[0]).dz) == len(effect.z0)
+
+
+@every_effect
+def test_friction_is_a_budget(effect: type[AbstractEffect]) -> None:
+    assert np.all(seen(effect, rows(effect))["friction"] >= 0.0)
+
+
+@every_effect
+def test_only_a_loaded_effect_depends_on_what_the_gear_carries(effect: type[AbstractEffect]) -> None:
+    at = rows(effect)
+    elsewhere = at.copy()
+    elsewhere[:, [AXES.index("motor"), AXES.index("external")]] = 0.01
+    changed = np.any(table(effect, at) != table(effect, elsewhere))
+    assert bool(changed) == effect.loaded
+
+
+@every_effect
+def test_only_an_effect_that_delays_shifts_in_time(effect: type[AbstractEffect]) -> None:
+    """And by a constant: a delay that depended on the state could not be taken out of the tape."""
+    late = [v for name, v in seen(effect, rows(effect)).items() if name.endswith("_delay")]
+    assert any(np.any(v != 0.0) for v in late) == effect.delays
+    assert all(np.ptp(v) == 0.0 and np.all(v >= 0.0) for v in late)
+
+
+@every_effect
+def test_a_stop_stays_where_it_is(effect: type[AbstractEffect]) -> None:
+    """`lower` and `upper` are the rig's, whatever the state and the parameters."""
+    limits = {(float(c.lower), float(c.upper)) for c in (contribution(effect, row) for row in rows(effect)[:6])}
+    stretched = contribution(effect, np.concatenate((rows(effect)[0][: len(AXES)], 3.0 * rows(effect)[0][len(AXES) :])))
+    assert limits == {(float(stretched.lower), float(stretched.upper))}
+
+
+@every_effect
+def test_a_motor_alone_feels_nothing_of_the_plate(effect: type[AbstractEffect]) -> None:
+    """With the gear apart the angle means nothing: no effect may depend on it, nor stop it."""
+    at = rows(effect)
+    elsewhere = at.copy()
+    elsewhere[:, AXES.index("theta")] += 0.7
+    here, there = seen(effect, at, plate=0.0), seen(effect, elsewhere, plate=0.0)
+    for name in here:
+        assert_allclose(here[name], there[name], rtol=1e-14, atol=0.0, err_msg=name)
+    assert_array_equal(here["position"], 0.0)
+    c = contribution(effect, at[0], plate=0.0)
+    assert not np.isfinite(c.lower)
+    assert not np.isfinite(c.upper)
+
+
+def test_total_adds_torques_and_takes_the_tightest_stop() -> None:
+    a = Contribution(torque=1.0, friction=0.1, voltage=2.0, lower=0.1, dz=(5.0,))
+    b = Contribution(torque=-3.0, drive=0.7, inertia=4.0, lower=-1.0, upper=2.0, current_delay=0.3, dz=(6.0, 7.0))
+    expected = Contribution(-2.0, 0.7, 0.1, 2.0, 4.0, lower=0.1, upper=2.0, current_delay=0.3, dz=(5.0, 6.0, 7.0))
+    assert total([a, b]) == expected

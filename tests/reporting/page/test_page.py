@@ -1,0 +1,156 @@
+"""The page of a run: self-contained, small, and it says what the files say."""
+
+from __future__ import annotations
+
+import re
+from html.parser import HTMLParser
+from pathlib import Path
+
+import pytest
+
+import runs
+from etcfit.errors import UsageError
+from etcfit.reporting.page import write_page
+from etcfit.reporting.page.pictures import carried
+
+LIMIT = 5_000_000
+VOID = {"meta", "link", "img", "br", "wbr", "hr"}
+
+
+class Reader(HTMLParser):
+    """Tags with their attributes, the text, and whether every tag is closed in turn."""
+
+    def __init__(self, page: str) -> None:
+        super().__init__()
+        self.tags: list[tuple[str, dict[str, str | None]]] = []
+        self.text, self.open = "", []
+        self.feed(page)
+        self.close()
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        self.tags.append((tag, dict(attrs)))
+        if tag not in VOID:
+            self.open.append(tag)
+
+    def handle_endtag(self, tag: str) -> None:
+        assert self.open.pop() == tag
+
+    def handle_data(self, data: str) -> None:
+        if self.open[-1:] != ["style"]:
+            self.text += f" {data}"
+
+    def of(self, tag: str) -> list[dict[str, str | None]]:
+        return [attributes for name, attributes in self.tags if name == tag]
+
+
+def read(run: Path) -> Reader:
+    return Reader(write_page(run).read_text(encoding="utf-8"))
+
+
+@pytest.fixture
+def full(tmp_path: Path) -> Path:
+    return runs.run_folder(tmp_path, runs.LATER, lost=("B_L",))
+
+
+def test_the_page_is_whole_and_asks_for_nothing(full: Path) -> None:
+    page = read(full)
+    assert page.open == []
+    assert page.of("script") == []
+    images = page.of("img")
+    assert len(images) == 5
+    assert all((image["src"] or "").startswith("data:image/png;base64,") and image["alt"] for image in images)
+    loaded = [link["href"] for link in page.of("link")] + [a["href"] for a in page.of("a")]
+    assert all(href and href.startswith(("data:", "#")) for href in loaded)
+    css = (full / "report.html").read_text(encoding="utf-8").partition("<style>")[2].partition("</style>")[0]
+    assert "url(" not in css
+    assert "@import" not in css
+    assert (full / "report.html").stat().st_size < LIMIT
+
+
+def test_every_anchor_has_its_place(full: Path) -> None:
+    page = read(full)
+    places = {attributes.get("id") for _, attributes in page.tags}
+    assert {(a["href"] or "")[1:] for a in page.of("a")} <= places
+
+
+def test_it_says_what_the_files_say(full: Path) -> None:
+    text = re.sub(r"\s+", " ", read(full).text)
+    assert "SYNTHETIC DATA" in text
+    for said in ("limp home spring", "limp home spring = backlash", "a slow ramp through the default angle",
+                 "A torque that depends on angle", "explains most <of it>", "not identifiable", "ziegler nichols",
+                 "103.9", "miss the requirement on settling s", "probability 0.040", "it was 40.0 σ",
+                 "about angle 0.440 rad, angle 25.2 %;", "(V/rad)/s", "(V/rad) · s", "in red where fit, profile and",
+                 "one-sided", "open-loop static gain", "1.722", "sine/2_Hz.csv", "0.83 ± 0.079", "−28.6 ± 0.57",
+                 "−20.00",
+                 "Loop: 1 frequencies cannot tell <the order>.", "sine/bad.csv: no setpoint",
+                 "something is odd"):  # fmt: skip
+        assert said in text
+    for kind in ("fit", *runs.LATER):
+        assert f"{kind}.json" in text
+    hashes = re.findall(r"\b[0-9a-f]{64}\b", text)
+    assert len(hashes) == 6 + 1 + len(runs.LATER)  # rig.toml, five traces; fit.json and what came after
+
+
+def test_a_posterior_that_takes_formulas_as_exact_says_so(full: Path) -> None:
+    assert "taken as exact" not in read(full).text
+    runs.changed(full, "posterior", exact=["limp_home_spring"])
+    assert "formulas of effects taken as exact (the intervals above allow for inexact ones)" in read(full).text
+
+
+def test_the_verdict_is_three_sentences_and_names_what_is_lost(full: Path) -> None:
+    page = write_page(full).read_text(encoding="utf-8")
+    verdict = page.partition('aria-label="Verdict"')[2].partition("</section>")[0]
+    assert verdict.count("<p>") == 3
+    assert "<i>B</i><sub>L</sub>" in verdict
+
+
+def test_a_fit_alone_is_enough(tmp_path: Path) -> None:
+    page = read(runs.run_folder(tmp_path, synthetic=False))
+    assert "SYNTHETIC" not in page.text
+    assert "has not been looked for" in page.text
+    assert {"plant", "gains", "diagnosis"} & {attributes.get("id") for _, attributes in page.tags} == set()
+
+
+def test_extra_keys_and_other_layouts_are_borne(full: Path) -> None:
+    met = {"linear": {"settling_s": True}, "nonlinear": {"settling_s": False}, "reason": "supply voltage binds"}
+    runs.changed(full, "pid", met=met, newcomer=[1])
+    runs.changed(full, "transfer_function", operating_point=None, stderr={"num": None, "den": [1.0, 2.0, 3.0]})
+    runs.changed(full, "posterior", parameters=None, draws=3)
+    assert "miss the requirement on settling s" in read(full).text
+
+
+def test_results_of_other_data_are_called_so(full: Path) -> None:
+    runs.changed(full, "diagnosis", files={"rig.toml": "0" * 64})
+    assert "diagnosis.json was made of other data than fit.json" in read(full).text
+
+
+def test_pictures_for_which_there_is_no_room_are_named(full: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("etcfit.reporting.page.pictures._BUDGET", 3000)
+    page = read(full)
+    assert 0 < len(page.of("img")) < 5
+    assert "Left out to keep this page small" in page.text
+
+
+def test_a_picture_keeps_its_size_and_loses_its_weight(tmp_path: Path) -> None:
+    runs.picture(tmp_path / "a__b_c.png", (1200, 800), 200)
+    picture = carried(tmp_path / "a__b_c.png")
+    assert (picture.name, picture.width, picture.height) == ("a · b c", 1200, 800)
+
+
+@pytest.mark.parametrize(
+    ("content", "said"),
+    [
+        ("{", "is no JSON"),
+        ('{"schema": "etcfit.fit/9"}', "etcfit.fit/9"),
+        ("[]", "None"),
+    ],
+)
+def test_a_spoilt_file_is_said_to_be(full: Path, content: str, said: str) -> None:
+    (full / "fit.json").write_text(content, encoding="utf-8")
+    with pytest.raises(UsageError, match=said):
+        write_page(full)
+
+
+def test_a_folder_without_a_fit_is_no_run(tmp_path: Path) -> None:
+    with pytest.raises(UsageError, match="etcfit fit FOLDER"):
+        write_page(tmp_path)

@@ -1,0 +1,72 @@
+"""A trace's picture: panels, units, what is said."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import results
+from etcfit.estimation.joint_fit import FitResult
+from etcfit.reporting import traces
+from etcfit.reporting.pictures import all_traces
+
+
+@pytest.fixture(scope="module")
+def fitted(tmp_path_factory: pytest.TempPathFactory) -> FitResult:
+    return results.result(results.rig(tmp_path_factory.mktemp("rig")))
+
+
+def picture(result: FitResult, file: str) -> traces.TracePicture:
+    trace = next(t for t in all_traces(result) if t.measurement.file == file)
+    every = (*result.score_fit, *result.score_holdout)
+    residual = np.random.default_rng(0).standard_normal(trace.data.shape)
+    rows = tuple(row for row in every if row.file == file)
+    return traces.TracePicture(trace, result.predicted[file], residual, "error [σ]", rows, True)
+
+
+def test_panels_have_the_logged_units(fitted: FitResult) -> None:
+    fig = traces.draw(picture(fitted, "response/2.csv"))
+    labels = [panel.get_ylabel() for panel in fig.axes]
+    assert labels == ["current [mA]", "error [σ]", "position [V]", "error [σ]", "voltage [V]"]
+    assert fig.axes[-1].get_xlabel() == "time [s]"
+    said = [text.get_text() for text in (*fig.texts, fig.axes[0].title)]
+    assert any("SYNTHETIC" in text for text in said)
+    assert "response/2.csv  ·  held out" in fig.get_suptitle()
+    assert any("rms error: current" in text and "mA" in text for text in said)
+
+
+def test_a_position_is_shown_in_sensor_volts(fitted: FitResult) -> None:
+    shown = traces.draw(picture(fitted, "response/1.csv")).axes[2].lines[0].get_ydata()
+    volts = [float(row.split(",")[3]) for row in _csv(fitted, "response/1.csv")]
+    np.testing.assert_allclose(np.asarray(shown), volts, atol=1e-9)
+
+
+def test_open_terminals_have_no_drive(fitted: FitResult) -> None:
+    fig = traces.draw(picture(fitted, "back_emf/1.csv"))
+    assert [panel.get_ylabel() for panel in fig.axes] == ["emf [V]", "error [σ]", "position [deg]", "error [σ]"]
+
+
+def test_a_few_wild_residuals_are_counted_not_shown_to_scale(fitted: FitResult) -> None:
+    plain = picture(fitted, "response/1.csv")
+    wild = plain.residual.copy()
+    wild[30, 0] = 500.0
+    panel = traces.draw(replace(plain, residual=wild)).axes[1]
+    assert panel.get_ylim()[1] < 100.0
+    assert [text.get_text() for text in panel.texts] == ["1 beyond, to 500 σ"]
+
+
+def test_a_sensor_that_falls_as_the_plate_opens_turns_its_residual(fitted: FitResult) -> None:
+    plain = picture(fitted, "response/1.csv")
+    channels = dict(plain.trace.measurement.channels)
+    channels["position"] = replace(channels["position"], scale=-channels["position"].scale)
+    trace = replace(plain.trace, measurement=replace(plain.trace.measurement, channels=channels))
+    up, down = (traces.draw(p).axes[3].lines[0].get_ydata() for p in (plain, replace(plain, trace=trace)))
+    np.testing.assert_allclose(np.asarray(up), -np.asarray(down))
+
+
+def _csv(result: FitResult, file: str) -> list[str]:
+    from pathlib import Path
+
+    return (Path(result.rig.folder) / file).read_text().splitlines()[1:]

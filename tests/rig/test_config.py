@@ -1,0 +1,271 @@
+"""rig.toml: what it may say, in SI, and what it says wrongly."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from etcfit.errors import MeasurementError
+from etcfit.model.ecu import ERRORS, FORMS, OUTPUTS, Ecu, Notation
+from etcfit.rig.base import Fixed, Prior, RigConfig, Start, Tied, TpsCalibration
+from etcfit.rig.config import read_config
+from etcfit.rig.ecu import GAINS
+
+FULL = """[rig]
+name = "Bosch 0280750148, bench"
+synthetic = true
+gear_ratio = 20.68
+supply_V = 12
+travel_deg = [-5.0, 90.0]
+
+[tps]
+closed_V = 0.45
+open_V = 4.73
+travel_deg = 90.0
+
+[columns]
+"TP (Main) (V)" = "tps [V]"
+"Lambda" = "ignore"
+
+[noise]
+current_mA = 10
+tps_V = 0.0428
+motor_speed_rpm = 60.0
+torque_Nm = 0.02
+duty = 0.01
+temperature_degC = 0.5
+setpoint_deg = 0.1
+
+[tests.inductance]
+series_ohm = "free"
+[tests.resistance]
+series_ohm = 0.2
+
+[parameters]
+K_m = "K_b"
+J_L = { value = 0.0011, sd = 0.0002 }
+B_L = { fixed = 0.0 }
+R_a = 1.5
+
+[model]
+effects = ["limp_home_spring"]
+
+[holdout]
+files = ["response/drive_4.csv", "static_load\\\\ramp_2.csv", "./sine/1.csv"]
+"""
+
+
+def read(tmp_path: Path, text: str | bytes) -> RigConfig:
+    path = tmp_path / "rig.toml"
+    path.write_bytes(text if isinstance(text, bytes) else text.encode())
+    return read_config(path)
+
+
+def test_every_key_arrives_in_si(tmp_path: Path) -> None:
+    config = read(tmp_path, FULL)
+    assert (config.name, config.synthetic, config.supply_V) == ("Bosch 0280750148, bench", True, 12.0)
+    assert (config.gear_ratio, config.gear_ratio_given) == (20.68, True)
+    assert config.travel == pytest.approx((np.radians(-5.0), np.pi / 2))
+    assert config.tps == TpsCalibration(0.45, 4.73, np.pi / 2)
+    assert config.columns == {"TP (Main) (V)": "tps [V]", "Lambda": "ignore"}
+    assert config.series_ohm == {"inductance": None, "resistance": 0.2}
+    assert config.parameters == {"K_m": Tied("K_b"), "J_L": Prior(0.0011, 0.0002), "B_L": Fixed(0.0), "R_a": Start(1.5)}
+    assert config.effects == ("limp_home_spring",)
+    assert config.holdout == ("response/drive_4.csv", "static_load/ramp_2.csv", "sine/1.csv")
+
+
+def test_noise_is_converted_by_channel(tmp_path: Path) -> None:
+    """tps volts become the angle they stand for: 0.0428 V of 4.28 V is a hundredth of the travel."""
+    expected = {
+        "current": 0.01, "position": np.pi / 200, "motor_speed": 2 * np.pi, "torque": 0.02, "duty": 0.01,
+        "temperature": 0.5, "setpoint": np.radians(0.1),
+    }  # fmt: skip
+    assert dict(read(tmp_path, FULL).noise) == pytest.approx(expected)
+
+
+@pytest.mark.parametrize(
+    ("key", "channel", "sigma"),
+    [("position_rad", "position", 0.5), ("position_percent", "position", np.pi / 400), ("emf_V", "emf", 0.5),
+     ("motor_speed_rad_s", "motor_speed", 0.5), ("torque_N_m", "torque", 0.5), ("voltage_mV", "voltage", 5e-4)],
+)  # fmt: skip
+def test_noise_keys_take_usual_units(tmp_path: Path, key: str, channel: str, sigma: float) -> None:
+    assert dict(read(tmp_path, f"[noise]\n{key} = 0.5").noise) == pytest.approx({channel: sigma})
+
+
+def test_defaults(tmp_path: Path) -> None:
+    config = read(tmp_path, "")
+    assert config == RigConfig(name=tmp_path.name)
+    assert not config.gear_ratio_given
+
+
+def test_endless_travel(tmp_path: Path) -> None:
+    assert read(tmp_path, "[rig]\ntravel_deg = [-inf, inf]").travel == (-np.inf, np.inf)
+
+
+@pytest.mark.parametrize("line", ["N = 20.68", "N = { fixed = 20.68 }"])
+def test_the_gear_ratio_may_stand_among_the_parameters(tmp_path: Path, line: str) -> None:
+    config = read(tmp_path, f"[parameters]\n{line}")
+    assert (config.gear_ratio, config.gear_ratio_given, dict(config.parameters)) == (20.68, True, {})
+
+
+@pytest.mark.parametrize("encoding", ["utf-8", "utf-8-sig", "utf-16", "cp1252"])
+@pytest.mark.parametrize("newline", ["\n", "\r\n"])
+def test_any_encoding_of_an_editor(tmp_path: Path, encoding: str, newline: str) -> None:
+    text = FULL.replace("bench", "Prüfstand").replace("\n", newline)
+    assert read(tmp_path, text.encode(encoding)).name == "Bosch 0280750148, Prüfstand"
+
+
+ECU = """[rig]
+supply_V = 12.5
+[ecu]
+P = 4.0
+I = 'free'
+D = { value = 30, scale = 'free' }
+unit = '%/%'
+form = 'ticks'
+period_ms = 2.0
+"""
+
+
+def test_gains_of_an_ecu_arrive_in_volts_radians_and_seconds(tmp_path: Path) -> None:
+    """Duty % for a % of the travel: 0.125 V for 0.9 deg; 30 ticks of 2 ms."""
+    config = read(tmp_path, ECU)
+    assert config.ecu is not None
+    assert config.ecu == Ecu(period=2e-3, filter=2e-3, delay=0.0, supply=12.5)
+    assert config.ecu.late == pytest.approx(1e-3)
+    p, d = config.parameters["K_p"], config.parameters["K_d"]
+    assert isinstance(p, Fixed)
+    assert p.value == pytest.approx(4.0 * 0.125 / np.radians(0.9))
+    assert isinstance(d, Start)
+    assert d.value == pytest.approx(30.0 * 2e-3 * 0.125 / np.radians(0.9))
+    assert "K_i" not in config.parameters
+    assert config.parameters["t_e"] == Fixed(2e-3)
+    assert config.parameters["V_e"] == Fixed(12.5)
+
+
+@pytest.mark.parametrize("unit", [f"{output}/{error}" for output in OUTPUTS for error in ERRORS])
+@pytest.mark.parametrize("form", FORMS)
+def test_gains_are_written_as_they_were_read(tmp_path: Path, unit: str, form: str) -> None:
+    typed = {"P": 4.0, "I": 0.137, "D": 30.0}
+    gains = "".join(f"{key} = {value}\n" for key, value in typed.items())
+    config = read(
+        tmp_path, f"[rig]\nsupply_V = 12.5\n[ecu]\n{gains}unit = '{unit}'\nform = '{form}'\nperiod_ms = 2.0\n"
+    )
+    output, error = unit.split("/")
+    assert config.ecu is not None
+    assert config.notation is not None
+    assert config.notation == Notation(output, error, form)
+    known = [config.parameters[symbol] for symbol in GAINS.values()]
+    si = [each.value for each in known if isinstance(each, Fixed)]
+    back = config.notation.written((si[0], si[1], si[2]), config.ecu, np.pi / 2)
+    assert back._asdict() == pytest.approx(typed)
+
+
+def test_a_notation_is_that_of_a_unit_that_was_named(tmp_path: Path) -> None:
+    assert read(tmp_path, ECU).notation == Notation("%", "%", "ticks")
+    free = (
+        ECU.replace("4.0", "'free'").replace("{ value = 30, scale = 'free' }", "'free'").replace("unit = '%/%'\n", "")
+    )
+    assert read(tmp_path, free).notation is None
+    assert read(tmp_path, "").notation is None
+
+
+def test_an_integral_gain_in_ticks_grows_with_their_rate(tmp_path: Path) -> None:
+    """I per tick, twice as many a second: the paper's 0.137 is 68.5 per s at 2 ms."""
+    ticks = read(tmp_path, ECU.replace("I = 'free'", "I = { value = 0.137, sd = 0.01 }").replace("%/%", "V/rad"))
+    known = ticks.parameters["K_i"]
+    assert isinstance(known, Prior)
+    assert (known.value, known.sd) == (pytest.approx(68.5), pytest.approx(5.0))
+    seconds = read(tmp_path, ECU.replace("form = 'ticks'", "").replace("%/%", "V/deg").replace("'free'\nD", "7\nD"))
+    given = seconds.parameters["K_i"]
+    assert isinstance(given, Fixed)
+    assert given.value == pytest.approx(7.0 * 180.0 / np.pi)
+
+
+WRONG = {
+    "broken TOML": ("[rig]\nname = bench", r"rig\.toml:2: .*valid TOML"),
+    "unclosed": ("[rig]\nname = 'x", r"rig\.toml:2: "),
+    "key twice": ("[rig]\nname = 'x'\nname = 'y'", r"rig\.toml:3: "),
+    "unknown table": ("[rigg]\n", r"rig\.toml:1: rigg: unknown key.*Did you mean 'rig'"),
+    "unknown key": ("[rig]\n\ngear_ration = 2", r"rig\.toml:3: rig\.gear_ration: unknown.*Did you mean 'gear_ratio'"),
+    "unknown nested key": ("[tests.sine]\nohm = 1", r"rig\.toml:2: .*unknown.*series_ohm"),
+    "table that is none": ("rig = 3", r"rig: found 3.*table"),
+    "text for number": ("[rig]\ngear_ratio = '20'", r"rig\.toml:2: rig\.gear_ratio: found '20'.*number"),
+    "bool for number": ("[rig]\nsupply_V = true", r"found True.*number"),
+    "nan": ("[rig]\nsupply_V = nan", r"found nan.*number"),
+    "inf": ("[rig]\nsupply_V = inf", r"found inf.*finite"),
+    "negative": ("[rig]\ngear_ratio = -1", r"above 0"),
+    "number for text": ("[rig]\nname = 3", r"rig\.toml:2: .*text"),
+    "text for bool": ("[rig]\nsynthetic = 'yes'", r"rig\.toml:2: .*true or false"),
+    "travel of one": ("[rig]\ntravel_deg = [90]", r"two numbers"),
+    "travel swapped": ("[rig]\ntravel_deg = [90, 0]", r"below the open stop"),
+    "tps incomplete": ("[tps]\nclosed_V = 0.45\ntravel_deg = 90", r"rig\.toml:1: tps\.open_V: missing"),
+    "tps flat": ("[tps]\nclosed_V = 1\nopen_V = 1\ntravel_deg = 90", r"must differ"),
+    "column of no unit": ("[columns]\n'A B' = 'voltage'", r"rig\.toml:2: columns\.A B: .*no unit"),
+    "column unknown": ("[columns]\nA = 'volts [V]'", r"columns\.A: column 'volts \[V\]' is not known"),
+    "column wrong unit": ("[columns]\nA = 'voltage [A]'", r"'A' is not one of voltage"),
+    "noise unknown": ("[noise]\ncurent_A = 1", r"rig\.toml:2: .*unknown channel.*'current'"),
+    "noise without unit": ("[noise]\ncurrent = 1", r"unit missing.*current_A"),
+    "noise wrong unit": ("[noise]\ncurrent_V = 1", r"'V' is not one of current"),
+    "noise zero": ("[noise]\ncurrent_A = 0.0", r"above 0"),
+    "noise twice": ("[noise]\ncurrent_A = 1.0\ncurrent_mA = 1.0", r"rig\.toml:3: .*second value for current"),
+    "noise of tps": ("[noise]\ntps_V = 0.1", r"no \[tps\]"),
+    "series": ("[tests.sine]\nseries_ohm = 'fre'", r'"free" or a number'),
+    "series negative": ("[tests.sine]\nseries_ohm = -1", r'"free" or a number'),
+    "tests no table": ("[tests]\nsine = 1", r"tests\.sine: found 1"),
+    "parameter list": ("[parameters]\nR_a = [1]", r"rig\.toml:2: parameters\.R_a: .*\{fixed"),
+    "parameter half a prior": ("[parameters]\nR_a = {value = 1}", r"\{value = 1\.0, sd"),
+    "parameter sd 0": ("[parameters]\nR_a = {value = 1, sd = 0}", r"above 0"),
+    "parameter symbol": ("[parameters]\n'R a' = 1", r"no symbol"),
+    "circle": ("[parameters]\nK_m = 'K_b'\nK_b = 'K_m'", r"circle: K_m = K_b = K_m"),
+    "itself": ("[parameters]\nK_m = 'K_m'", r"circle"),
+    "N tied": ("[parameters]\nN = 'K_m'", r"gear_ratio = 20"),
+    "N twice": ("[rig]\ngear_ratio = 20\n[parameters]\nN = 21", r"same quantity"),
+    "effects": ("[model]\neffects = 'stribeck'", r"list of texts"),
+    "holdout": ("[holdout]\nfiles = [1]", r"list of texts"),
+    "huge integer": ("[rig]\nsupply_V = 1" + 400 * "0", r"finite"),
+    "ecu without a gain": (ECU.replace("P = 4.0\n", ""), r"rig\.toml:3: ecu\.P: missing.*P = \"free\""),
+    "ecu without a period": (ECU.replace("period_ms = 2.0", ""), r"ecu\.period_ms: missing"),
+    "ecu unknown key": (ECU + "gain = 1", r"rig\.toml:10: ecu\.gain: unknown key"),
+    "ecu without supply": (ECU.replace("supply_V = 12.5", ""), r"rig\.toml:3: ecu: no \[rig\] supply_V"),
+    "ecu gain": (ECU.replace("4.0", "-4.0"), r"rig\.toml:4: ecu\.P: found -4\.0\..*scale = \"free\""),
+    "ecu gain of zero to a scale": (ECU.replace("value = 30", "value = 0"), r"rig\.toml:6: ecu\.D: .*above 0"),
+    "ecu gain with a known scale": (ECU.replace("scale = 'free'", "scale = 2"), r"ecu\.D: .*one of these forms"),
+    "ecu unit": (ECU.replace("%/%", "V per deg"), r"rig\.toml:7: ecu\.unit: found 'V per deg'\..*V/deg"),
+    "ecu without unit": (ECU.replace("unit = '%/%'", ""), r"ecu\.unit: missing"),
+    "ecu form": (ECU.replace("'ticks'", "'tick'"), r"rig\.toml:8: ecu\.form: found 'tick'"),
+    "ecu period": (ECU.replace("= 2.0", "= 2000"), r"rig\.toml:9: ecu\.period_ms: found 2000"),
+    "ecu without stops": (ECU.replace("[ecu]", "travel_deg = [-inf, inf]\n[ecu]"), r"ecu\.unit: .*end stops"),
+    "ecu gain twice": (ECU + "[parameters]\nK_p = 4", r"rig\.toml:11: parameters\.K_p: .*\[ecu\] already"),
+    "nested too deep": ("a = " + 5000 * "[", r"valid TOML"),
+}
+
+
+@pytest.mark.parametrize(("text", "message"), WRONG.values(), ids=WRONG.keys())
+def test_each_mistake_has_its_own_message(tmp_path: Path, text: str, message: str) -> None:
+    with pytest.raises(MeasurementError) as caught:
+        read(tmp_path, text)
+    assert re.search(message, str(caught.value)), str(caught.value)
+
+
+def test_no_two_mistakes_share_a_message(tmp_path: Path) -> None:
+    """Where the texts differ only in what was found, they name different keys."""
+    said = []
+    for text, _ in WRONG.values():
+        with pytest.raises(MeasurementError) as caught:
+            read(tmp_path, text)
+        said.append(str(caught.value))
+    assert len(set(said)) == len(said)
+
+
+def test_no_rig_toml(tmp_path: Path) -> None:
+    with pytest.raises(MeasurementError, match=r"rig\.toml: no rig\.toml can be read here .*Create it"):
+        read_config(tmp_path / "rig.toml")
+
+
+def test_binary_rig_toml(tmp_path: Path) -> None:
+    with pytest.raises(MeasurementError, match="text"):
+        read(tmp_path, b"PK\x03\x04\x00\x01\x02")

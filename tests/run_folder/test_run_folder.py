@@ -1,0 +1,292 @@
+"""What is written to a run folder: the contract's keys, null and not NaN, whole or not at all."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import diagnoses
+import results
+from etcfit.diagnosis.findings import Diagnosis
+from etcfit.errors import UsageError
+from etcfit.estimation.joint_fit import FitResult
+from etcfit.files import whole, write_json
+from etcfit.problem.free_parameters import unknowns
+from etcfit.run_folder import (
+    DIAGNOSIS_STATE,
+    FIT_STATE,
+    diagnosis_json,
+    final_rig,
+    final_state,
+    fit_json,
+    read_state,
+    readings_of,
+    rig_of,
+    write_diagnosis_state,
+    write_state,
+)
+from etcfit.run_folder.state import State
+
+PARAMETERS = ("R_a", "L_a", "K_b", "K_m", "J_m", "J_L", "B_m", "B_L", "K_s", "T_PL", "T_f", "N")
+
+
+@pytest.fixture(scope="module")
+def fitted(tmp_path_factory: pytest.TempPathFactory) -> FitResult:
+    return results.result(results.rig(tmp_path_factory.mktemp("rig")), lost=("J_m", "J_L"))
+
+
+@pytest.fixture(scope="module")
+def found(tmp_path_factory: pytest.TempPathFactory) -> Diagnosis:
+    return diagnoses.diagnosis(results.rig(tmp_path_factory.mktemp("rig")))
+
+
+def _half(draft: Path) -> None:
+    """Writes a part, then fails."""
+    with draft.open("w", encoding="ascii") as out:
+        out.write("a whole line\n")
+        out.flush()
+        out.write("Ω")
+
+
+def strict(path: Path) -> dict:
+    """Read JSON as a strict reader does: NaN and Infinity are no JSON."""
+
+    def refuse(word: str) -> None:
+        raise AssertionError(f"{word} is no JSON")
+
+    return json.loads(path.read_text(encoding="utf-8"), parse_constant=refuse)
+
+
+def test_json_has_its_schema_full_precision_and_null_for_the_unknown(tmp_path: Path) -> None:
+    third = 1.0 / 3.0
+    write_json(tmp_path / "a.json", "fit", {"x": third, "n": np.int64(3), "bad": [np.nan, np.float64("inf")], "u": "Ω"})
+    assert strict(tmp_path / "a.json") == {
+        "schema": "etcfit.fit/1", "x": third, "n": 3, "bad": [None, None], "u": "Ω"
+    }  # fmt: skip
+    assert "Ω" in (tmp_path / "a.json").read_text(encoding="utf-8")
+
+
+def test_a_failure_midway_leaves_the_old_file_and_no_litter(tmp_path: Path) -> None:
+    path = tmp_path / "a.json"
+    write_json(path, "fit", {"x": 1})
+    before = path.read_bytes()
+    with pytest.raises(TypeError):
+        write_json(path, "fit", {"x": object()})
+    with pytest.raises(UnicodeEncodeError), whole(path) as draft:
+        _half(draft)
+    assert path.read_bytes() == before
+    assert [p.name for p in tmp_path.iterdir()] == ["a.json"]
+
+
+def test_fit_json_holds_what_the_contract_names(fitted: FitResult, tmp_path: Path) -> None:
+    write_json(tmp_path / "fit.json", "fit", fit_json(fitted))
+    fit = strict(tmp_path / "fit.json")
+    assert fit["schema"] == "etcfit.fit/1"
+    assert {"rig", "synthetic", "converged", "reason", "model", "parameters", "score"} <= set(fit)
+    assert (fit["rig"], fit["synthetic"], fit["converged"]) == ("bench", True, True)
+    assert set(fit["score"]) == {"fit", "holdout", "chi2_per_dof"}
+    for row in (*fit["score"]["fit"], *fit["score"]["holdout"]):
+        assert set(row) == {"file", "test", "channel", "unit", "n", "rms", "sigma"}
+    assert {row["file"] for row in fit["score"]["holdout"]} == {"response/2.csv"}
+    assert {*PARAMETERS, "series_ohm.inductance"} == set(fit["parameters"])
+    for entry in fit["parameters"].values():
+        assert {"value", "unit", "stderr", "ci95", "status", "reading", "meaning"} <= set(entry)
+        assert entry["status"] in {"estimated", "fixed", "tied", "not identifiable"}
+        assert (entry["ci95"] is None) == (entry["stderr"] is None)
+    assert "armature" in fit["model"]["effects"]
+
+
+def test_fit_json_by_status(fitted: FitResult) -> None:
+    parameters = fit_json(fitted)["parameters"]
+    assert parameters["J_m"]["status"] == "not identifiable"
+    assert parameters["J_m"]["stderr"] is None
+    assert (parameters["N"]["value"], parameters["N"]["unit"], parameters["N"]["status"]) == (20.68, "1", "fixed")
+    low, high = parameters["R_a"]["ci95"]
+    assert low < parameters["R_a"]["value"] < high
+    assert parameters["R_a"]["reading"] == pytest.approx(1.513, rel=0.01)
+
+
+def test_fit_json_says_what_cannot_be_told_and_what_was_read(fitted: FitResult) -> None:
+    fit = fit_json(fitted)
+    assert fit["not_identifiable"][0]["symbols"] == ["J_m", "J_L"]
+    assert fit["not_identifiable"][0]["sd"] is None
+    assert "motor-alone" in fit["not_identifiable"][0]["says"]
+    assert fit["starts"][1]["chi2_before"] is None  # it was infinite
+    assert fit["lumped"]["J_eq"]["unit"] == "kg*m2"
+    assert {entry["origin"] for entry in fit["noise"]} == {"estimated"}
+    path = Path(fitted.rig.folder) / "response/1.csv"
+    assert fit["files"]["response/1.csv"] == hashlib.sha256(path.read_bytes()).hexdigest()
+    assert set(fit["versions"]) >= {"etcfit", "jax", "optimistix", "python"}
+
+
+def test_a_value_assumed_by_a_graph_is_not_a_reading(fitted: FitResult) -> None:
+    assert {"K_b", "K_m"} <= set(readings_of(fitted))
+    assumed = replace(fitted, readings=replace(fitted.readings, nominal=frozenset({"K_b"})))
+    assert {"K_b", "K_m"} & set(readings_of(assumed)) == set()
+
+
+def test_the_state_of_a_fit_comes_back(fitted: FitResult, tmp_path: Path) -> None:
+    write_state(tmp_path / "run", fitted)
+    state = read_state(tmp_path / "run")
+    assert state.folder.samefile(fitted.rig.folder)
+    assert state.symbols == fitted.unknowns.layout.free
+    np.testing.assert_array_equal(state.x, fitted.x)
+    np.testing.assert_array_equal(state.covariance, fitted.covariance)
+    assert state.effects == tuple(effect.name for effect in fitted.unknowns.layout.types)
+    assert state.far is False
+    write_state(tmp_path / "run", replace(fitted, far=True))
+    assert read_state(tmp_path / "run").far is True
+    rig = rig_of(read_state(tmp_path / "run"))
+    assert [trace.file for trace in rig.measurements] == [trace.file for trace in fitted.rig.measurements]
+
+
+def test_no_state_no_traceback(tmp_path: Path) -> None:
+    with pytest.raises(UsageError, match="holds no fit"):
+        read_state(tmp_path)
+
+
+def test_a_state_that_cannot_be_read_says_what_to_do(fitted: FitResult, tmp_path: Path) -> None:
+    (tmp_path / FIT_STATE).write_bytes(b"PK no state")
+    with pytest.raises(UsageError, match=r"etcfit fit FOLDER --out .* again"):
+        read_state(tmp_path)
+    np.savez(tmp_path / FIT_STATE, x=fitted.x, folder=np.array(fitted.rig.folder))  # of an older version
+    with pytest.raises(UsageError, match=r"etcfit fit FOLDER --out .* again"):
+        read_state(tmp_path)
+
+
+def test_a_folder_that_changed_since_the_fit_is_refused(tmp_path: Path) -> None:
+    rig = results.rig(tmp_path / "rig")
+    write_state(tmp_path / "run", results.result(rig))
+    toml = tmp_path / "rig" / "rig.toml"
+    was = toml.read_text()
+    toml.write_text(was.replace("B_m = { fixed = 2e-5 }", ""))
+    with pytest.raises(UsageError, match=r"other parameters .*\(B_m\).* Run `etcfit fit .*` again"):
+        rig_of(read_state(tmp_path / "run"))
+    toml.write_text(was + '\n[model]\neffects = ["limp_home_spring"]\n')
+    with pytest.raises(UsageError, match="T_lh"):
+        rig_of(read_state(tmp_path / "run"))
+    toml.write_text(was)
+    assert rig_of(read_state(tmp_path / "run")).config.name == "bench"
+
+
+def test_a_folder_that_is_gone_is_refused(tmp_path: Path) -> None:
+    write_state(tmp_path / "run", results.result(results.rig(tmp_path / "rig")))
+    (tmp_path / "rig").rename(tmp_path / "elsewhere")
+    with pytest.raises(UsageError, match=r"no longer there.*etcfit fit FOLDER"):
+        rig_of(read_state(tmp_path / "run"))
+
+
+def test_the_state_of_a_diagnosis_holds_the_final_model(found: Diagnosis, tmp_path: Path) -> None:
+    write_state(tmp_path, found.before)
+    write_diagnosis_state(tmp_path, found)
+    fit, final = read_state(tmp_path), read_state(tmp_path, DIAGNOSIS_STATE)
+    assert set(final.effects) - set(fit.effects) == {diagnoses.FOUND}
+    assert set(final.symbols) - set(fit.symbols) == {"T_lh", "K_lh", "theta_lh", "d_lh"}
+    np.testing.assert_array_equal(final.x, found.after.x)
+    np.testing.assert_array_equal(final.covariance, found.after.covariance)
+    assert final.folder.samefile(found.after.rig.folder)
+    assert final.formulas == ()
+
+
+def test_the_state_says_which_formulas_its_intervals_allow_to_be_inexact(found: Diagnosis, tmp_path: Path) -> None:
+    write_diagnosis_state(tmp_path, replace(found, after=replace(found.after, formulas=(diagnoses.FOUND,))))
+    assert final_of(tmp_path).formulas == (diagnoses.FOUND,)
+    with np.load(tmp_path / DIAGNOSIS_STATE) as state:
+        older = {key: state[key] for key in state if key != "formulas"}
+    np.savez(tmp_path / DIAGNOSIS_STATE, **older)
+    assert final_of(tmp_path).formulas == ()
+
+
+def final_of(run: Path) -> State:
+    return read_state(run, DIAGNOSIS_STATE)
+
+
+def test_the_final_model_is_that_of_the_diagnosis_where_there_is_one(found: Diagnosis, tmp_path: Path) -> None:
+    write_state(tmp_path, found.before)
+    assert final_state(tmp_path).effects == read_state(tmp_path).effects
+    write_diagnosis_state(tmp_path, found)
+    state = final_state(tmp_path)
+    assert diagnoses.FOUND in state.effects
+    rig, x = final_rig(state)
+    assert diagnoses.FOUND in rig.config.effects
+    layout = unknowns(rig.config).layout
+    assert set(layout.free) == set(state.symbols)
+    assert dict(zip(layout.free, x, strict=True)) == dict(zip(state.symbols, state.x, strict=True))
+
+
+def test_a_final_model_of_another_folder_is_refused(found: Diagnosis, tmp_path: Path) -> None:
+    write_state(tmp_path, found.before)
+    write_diagnosis_state(tmp_path, found)
+    state = final_state(tmp_path)
+    with pytest.raises(UsageError, match="has changed since"):
+        final_rig(replace(state, symbols=state.symbols[1:]))
+
+
+def test_a_new_fit_leaves_no_state_of_the_old_diagnosis(found: Diagnosis, tmp_path: Path) -> None:
+    write_diagnosis_state(tmp_path, found)
+    write_state(tmp_path, found.before)
+    with pytest.raises(UsageError, match=r"holds no diagnosis.*etcfit diagnose"):
+        read_state(tmp_path, DIAGNOSIS_STATE)
+
+
+def test_diagnosis_json_holds_what_the_contract_names(found: Diagnosis, tmp_path: Path) -> None:
+    write_json(tmp_path / "diagnosis.json", "diagnosis", diagnosis_json(found))
+    written = strict(tmp_path / "diagnosis.json")
+    assert written["schema"] == "etcfit.diagnosis/1"
+    assert {"start", "final", "rounds", "added", "ties", "unexplained", "before", "after", "parameters"} <= set(written)
+    start, final = written["start"]["effects"], written["final"]["effects"]
+    assert start == fit_json(found.before)["model"]["effects"]
+    assert final == [*start, diagnoses.FOUND]
+    assert written["added"] == [diagnoses.FOUND]
+    assert written["ties"] == [[diagnoses.FOUND, "airflow_torque"]]
+    assert written["ties_apart"] == [list(found.ties[0].apart)]
+    assert written["ties_told_by"] == [found.ties[0].told_by]
+    assert written["parameters"].keys() == fit_json(found.after)["parameters"].keys() > {"T_lh", "N"}
+    for which in ("before", "after", "after_with_unknown"):
+        for row in (*written[which]["fit"], *written[which]["holdout"]):
+            assert set(row) == {"file", "test", "channel", "unit", "n", "rms", "sigma"}
+        assert {row["file"] for row in written[which]["holdout"]} == {"response/2.csv"}
+    assert (written["synthetic"], written["rig"]) == (True, "bench")
+    assert written["verdict"] == list(found.verdict)
+
+
+def test_diagnosis_json_round_by_round(found: Diagnosis) -> None:
+    written = diagnosis_json(found)
+    first, last = written["rounds"]
+    for each in (first, last):
+        assert {"effects", "white", "evidence", "candidates", "added", "why", "ties"} <= set(each)
+    assert (first["effects"], first["added"], first["white"]) == (written["start"]["effects"], diagnoses.FOUND, False)
+    assert (last["effects"], last["added"], last["white"]) == (written["final"]["effects"], None, True)
+    assert {"effect", "fit_rms_ratio", "holdout_rms_ratio", "bic_change"} <= set(first["candidates"][0])
+    assert first["candidates"][-1]["bic_change"] is None  # not refitted
+    assert first["evidence"][0]["strongest"] == "angle"
+
+
+def test_effects_known_from_the_start_stand_in_every_round(found: Diagnosis) -> None:
+    bare = replace(found.rounds[1], effects=())
+    known = replace(found, before=found.after, start=found.final, rounds=(bare,))
+    assert diagnosis_json(known)["rounds"][0]["effects"] == diagnosis_json(known)["start"]["effects"]
+
+
+def test_diagnosis_json_shows_what_is_left_or_null(found: Diagnosis) -> None:
+    left = diagnosis_json(found)["unexplained"]
+    assert {"enters", "depends_on", "shape", "size"} <= set(left)
+    assert set(left["shape"]) == {"axis", "axis_unit", "curve", "unit", "sd"}
+    assert len(left["shape"]["axis"]) == len(left["shape"]["curve"]) == len(left["shape"]["sd"]) == 60
+    none = diagnosis_json(replace(found, unexplained=None))
+    assert none["unexplained"] is None
+    assert none["after_with_unknown"] is None
+
+
+def test_what_cannot_be_computed_is_null(found: Diagnosis, tmp_path: Path) -> None:
+    lost = tuple(replace(row, rms=float("nan")) for row in found.before.score_fit)
+    odd = replace(found, before=replace(found.before, score_fit=lost, chi2_per_dof=float("inf")))
+    write_json(tmp_path / "diagnosis.json", "diagnosis", diagnosis_json(odd))
+    before = strict(tmp_path / "diagnosis.json")["before"]
+    assert before["fit"][0]["rms"] is None
+    assert before["chi2_per_dof"] is None
