@@ -73,7 +73,7 @@ def one(seed: int, left_out: str, scratch: Path) -> Outcome:
 
 def compared(seed: int, left_out: str, option: Any, first: Any, second: Any) -> Outcome:
     """Of what was determined before."""
-    symbols, lost = first.unknowns.layout.free, first.identifiability.lost
+    symbols, lost = first.free_parameters.layout.free, first.identifiability.lost
     sd = [dict(zip(symbols, np.sqrt(np.diag(result.covariance)), strict=True)) for result in (first, second)]
     told = [s for s in symbols if s not in lost]
     predicted = dict(zip(symbols, option.shrinks, strict=True))

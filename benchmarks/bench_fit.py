@@ -131,16 +131,16 @@ class Twin:
 def twin(folder: Path, fitted_run: Path, trials: int) -> Twin:
     """Check that SciPy simulates what etcfit does, then time its least squares from etcfit's own start."""
     from etcfit.estimation.joint_fit import ready, start_values
-    from etcfit.problem.free_parameters import unknowns
-    from etcfit.problem.problem import Bench
+    from etcfit.problem.free_parameters import free_parameters
+    from etcfit.problem.problem import EstimationProblem
     from etcfit.rig.paper_readings import read_graphs
     from etcfit.rig.reader import read_folder
     from etcfit.run_folder import read_state
 
     rig = read_folder(folder)
-    known, x = unknowns(rig.config), read_state(fitted_run).x
-    bench = Bench.of(rig.config, known, ready(rig)[0]).refined(x).released(x)
-    traces, predicted = bench.tape.traces, bench.free_run(x)[0]
+    known, x = free_parameters(rig.config), read_state(fitted_run).x
+    problem = EstimationProblem.of(rig.config, known, ready(rig)[0]).refined(x).with_release_times(x)
+    traces, predicted = problem.batch.traces, problem.free_run(x)[0]
     values = {s: float(v) for s, v in known.layout.values(x, known.held).items()}
     body = scipy_twin.Rig(rig.config.gear_ratio, rig.config.travel)
     likeness = {

@@ -77,7 +77,7 @@ def by_scipy(result: Any, evaluations: int) -> Timed:
     """Of one likelihood through solve_ivp, one thread."""
     config = result.rig.config
     body = scipy_twin.Rig(config.gear_ratio, config.travel)
-    traces = result.bench.tape.traces
+    traces = result.problem.batch.traces
     took = timed(lambda: [scipy_twin.residual(traces, result.values, body) for _ in range(evaluations)])
     return Timed(took.wall / evaluations, took.cpu / evaluations)
 
@@ -91,13 +91,13 @@ def by_nuts(target: Any, root: np.ndarray, draws: int) -> tuple[Timed, float]:
     from etcfit.model.parameters import log_flats
     from etcfit.problem.residual import prior_residual, residual
 
-    bench, problem = target.bench, target.problem
-    form, circuits = bench.layout.form, bench.tape.circuits
-    kinds = form.kinds[bench.pick.where]
+    problem, weighted = target.problem, target.weighted
+    form, circuits = problem.layout.form, problem.batch.circuits
+    kinds = form.kinds[problem.pick.where]
 
     def density(u: Any) -> Any:
         x = target.mode + root @ u
-        r, prior = residual(form, circuits, x, problem), prior_residual(x, problem)
+        r, prior = residual(form, circuits, x, weighted), prior_residual(x, weighted)
         return -0.5 * (jnp.sum(r**2) + jnp.sum(prior**2)) + jnp.sum(log_flats(kinds, x))
 
     forward = jax.custom_vjp(density)
@@ -111,13 +111,13 @@ def by_nuts(target: Any, root: np.ndarray, draws: int) -> tuple[Timed, float]:
     state, _ = step(key, state)  # compiles
     gradients = 0
 
-    def go() -> None:
+    def minimise() -> None:
         nonlocal state, gradients
         for k in range(draws):
             state, info = step(jax.random.fold_in(key, k), state)
             gradients += int(info.num_integration_steps)
 
-    took = timed(go)
+    took = timed(minimise)
     return Timed(took.wall / draws, took.cpu / draws), gradients / draws
 
 
@@ -196,7 +196,7 @@ def main() -> None:
     use_compilation_cache()
     with tempfile.TemporaryDirectory() as name:
         result = fitted(choices.run, Path(name))
-        traces = result.bench.tape.traces
+        traces = result.problem.batch.traces
         samples = sum(t.data.shape[0] for t in traces)
         print(f"{len(traces)} traces fitted, {samples} samples, {result.x.size} parameters, "
               f"load {os.getloadavg()[0]:.1f} on {os.cpu_count()} cores\n\n| | measured |\n| --- | --- |")  # fmt: skip

@@ -21,7 +21,7 @@ import numpy as np
 from scipy.integrate import solve_ivp
 
 import bodies
-from bodies import OPEN, N, tape
+from bodies import OPEN, N, batch
 from etcfit.model.effects import PAPER
 from etcfit.model.stepper import simulate
 from etcfit.model.throttle import Throttle
@@ -58,7 +58,7 @@ def median_seconds(call: Callable[[], Any], repeats: int) -> float:
 
 def by_scan(t: np.ndarray, volts: np.ndarray) -> Callable[[Any], Any]:
     """Angles (T, lanes) at parameter vectors (P,) or (lanes, P)."""
-    steps, resets = jax.tree.map(jnp.asarray, tape(np.diff(t), volts[:-1], volts[1:]))
+    steps, resets = jax.tree.map(jnp.asarray, batch(np.diff(t), volts[:-1], volts[1:]))
 
     def angles(p: Any) -> Any:
         return simulate(Throttle.build(PAPER, dict(zip(SYMBOLS, p, strict=True))), steps, resets)[0].theta[:, 0]

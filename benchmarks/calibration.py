@@ -40,10 +40,10 @@ def one(seed: int, centre: str, size: Any, sampled: bool, folder: Path) -> dict[
     result = fit(read_folder(folder / "rig"))
     known = intervals(result)
     true = {s: getattr(truth, s) for s in PAPER} | {SERIES: Bench().series_ohm}
-    at = result.unknowns.layout.coordinates(true)
+    at = result.free_parameters.layout.coordinates(true)
     z = (at - result.x) / np.sqrt(np.diag(result.covariance))
     laplace = {s: float(stats.norm.cdf(v)) if known[s].stderr else None
-               for s, v in zip(result.unknowns.layout.free, z, strict=True)}  # fmt: skip
+               for s, v in zip(result.free_parameters.layout.free, z, strict=True)}  # fmt: skip
     out = {"seed": seed, "converged": result.converged, "laplace": laplace, "posterior": None, "chain": None}
     return out | (_sampled(result, true, folder) if sampled else {})
 
@@ -54,7 +54,7 @@ def _sampled(result: Any, true: Mapping[str, float], folder: Path) -> dict[str, 
 
     posterior = sample(result, folder, MOST_STEPS)
     ranks = {s: float(np.mean(posterior.draws[s] < true[s])) if posterior.marginals[s].status == "estimated" else None
-             for s in result.unknowns.layout.free}  # fmt: skip
+             for s in result.free_parameters.layout.free}  # fmt: skip
     return {"posterior": ranks, "chain": posterior.convergence.converged}
 
 

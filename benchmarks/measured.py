@@ -68,8 +68,8 @@ def free_run_errors(name: str, diagnosis: Diagnosis) -> RenderableType:
 def _misses(result: FitResult) -> dict[tuple[str, str], list[np.ndarray]]:
     """Measured - simulated position, free-running, in the unit logged; by test, and fitted or held out."""
     out: dict[tuple[str, str], list[np.ndarray]] = {}
-    for bench in filter(None, (result.bench, result.holdout)):
-        for trace in bench.tape.traces:
+    for problem in filter(None, (result.problem, result.holdout)):
+        for trace in problem.batch.traces:
             at = trace.channels.index("position")
             error = trace.data[:, at] - result.predicted[trace.measurement.file][:, at]
             which = "held out" if trace.measurement.held_out else "fitted"

@@ -81,11 +81,11 @@ def _bound(result: Any, truth: dict[str, float]) -> dict[str, float]:
     whitened along the true path, with every input sample, edge, release and start a nuisance of its own."""
     import jax
 
-    bench = result.bench
-    layout = bench.layout
+    problem = result.problem
+    layout = problem.layout
     x = layout.coordinates(truth)
-    problem = bench.problem(bench.kalman(x))
-    _, _, jacobian = bench.linearise(x, problem)
+    weighted = problem.weighted(problem.kalman(x))
+    _, _, jacobian = problem.linearise(x, weighted)
     flat = jacobian.reshape(-1, x.size)
     sd = np.sqrt(np.diag(np.linalg.inv(flat.T @ flat)))
     slope = [float(jax.grad(layout.parameter(s).domain.value)(x[k])) for k, s in enumerate(layout.free)]

@@ -28,7 +28,7 @@ def body(*more: type[AbstractEffect], **changes: float) -> Throttle:
     return Throttle.build((*PAPER, *more), values(**changes))
 
 
-def tape(
+def batch(
     dt: np.ndarray, early: Any = 0.0, late: Any = None, start: tuple[float, float, float] = (0.0, 0.0, 0.0), **how: Any
 ) -> tuple[Step, Reset]:
     """One trace on one lane: entry 0 is its start, then a step for each dt (s).
@@ -43,7 +43,7 @@ def tape(
     late = early if late is None else late
     fields = {"mobile": 1.0, "circuit": 1.0, "plate": 1.0, "series": 0.0, "gear_ratio": N, "lower": 0.0, "upper": OPEN}
     fields |= {"torque0": 0.0, "torque1": 0.0, "voltage0": early, "voltage1": late}
-    fields |= {"pull": 0.0, "target0": 0.0, "target1": 0.0, "lever": 0.0}
+    fields |= {"guide_stiffness": 0.0, "target0": 0.0, "target1": 0.0, "lever": 0.0}
     fields |= how
     columns: dict[str, Any] = {name: np.concatenate(([0.0], np.broadcast_to(v, n))) for name, v in fields.items()}
     for name in ("mobile", "circuit", "plate", "series", "gear_ratio", "lower", "upper"):

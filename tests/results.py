@@ -12,7 +12,7 @@ import folders
 from etcfit.estimation.identifiability import Direction, Identifiability
 from etcfit.estimation.joint_fit import FitResult, StartSummary, ready
 from etcfit.model.effects import EFFECT_BY_NAME
-from etcfit.problem.free_parameters import unknowns
+from etcfit.problem.free_parameters import free_parameters
 from etcfit.problem.prediction_error import rows
 from etcfit.rig.base import Rig
 from etcfit.rig.paper_readings import Readings, read_graphs
@@ -49,7 +49,7 @@ def result(
         off: by how many sigma the simulation is wrong besides the noise.
         changes: fields of the result.
     """
-    known = unknowns(rig.config, tuple(EFFECT_BY_NAME[name] for name in added))
+    known = free_parameters(rig.config, tuple(EFFECT_BY_NAME[name] for name in added))
     layout, (fitted, held_out, _) = known.layout, ready(rig)
     x = layout.coordinates({p.symbol: p.nominal for p in layout.parameters})
     rng = np.random.default_rng(0)
@@ -58,7 +58,7 @@ def result(
     direction = Direction(lost, (1.0,) * len(lost), np.inf)
     fields: dict[str, Any] = {
         "rig": rig,
-        "unknowns": known,
+        "free_parameters": known,
         "x": x,
         "values": {s: float(v) for s, v in layout.values(x, known.held).items()},
         "covariance": 0.02**2 * np.eye(x.size),
@@ -66,9 +66,9 @@ def result(
             layout.free, np.ones(x.size), (direction,) if lost else (), 0.02**2 * np.eye(x.size), lost
         ),
         "readings": read_graphs(rig),
-        "bench": _bench(fitted),
+        "problem": _bench(fitted),
         "holdout": _bench(held_out) if held_out else None,
-        "problem": None,
+        "weighted": None,
         "whitened": tuple(noise[: len(fitted)]),
         "predicted": predicted,
         "score_fit": rows(fitted, [predicted[t.measurement.file] for t in fitted]),
@@ -93,4 +93,4 @@ def _wave(instants: np.ndarray) -> np.ndarray:
 
 
 def _bench(traces: tuple[Any, ...]) -> Any:
-    return SimpleNamespace(tape=SimpleNamespace(traces=traces))
+    return SimpleNamespace(batch=SimpleNamespace(traces=traces))

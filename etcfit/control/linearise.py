@@ -66,7 +66,7 @@ def reduce(fitted: Fitted, input_unit: str = "V", output_unit: str = "rad", shar
     factor = _factor(fitted, input_unit, output_unit)
     lower, upper = stops(fitted)
     theta, n = lower + share * (upper - lower), fitted.config.gear_ratio
-    types = fitted.unknowns.layout.types
+    types = fitted.free_parameters.layout.types
 
     def of(values: Any) -> Any:
         return coefficients(Throttle.build(types, values), theta, n, lower, upper)

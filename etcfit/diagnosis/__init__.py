@@ -6,17 +6,17 @@ from dataclasses import replace
 
 from ..estimation.joint_fit import Report, freed, quiet
 from ..estimation.remedies import listed
-from ..estimation.result import End, FitResult, outcome
+from ..estimation.result import FitResult, Termination, outcome
 from ..problem.prediction_error import pooled
 from .ambiguity import between
 from .evidence import evidence
 from .exchange import Found, exchanged, pruned
 from .findings import Candidate, Diagnosis, RoundReport, Tie, Unexplained
-from .loop import ROUNDS, Round, settled, start, turn
+from .loop import ROUNDS, Round, refit_fully, start, turn
 from .masked_by_guide import hidden
 from .missing_torque import motions
 from .model_discrepancy import blur, percent_off, spread
-from .trial import Standing, clearly_worse
+from .trial import CandidateModel, clearly_worse
 from .unexplained import outdone, unexplained
 
 __all__ = ["Diagnosis", "diagnose"]
@@ -75,8 +75,8 @@ def _astray(after: FitResult, before: FitResult) -> bool:
 
 
 def _forward(
-    result: FitResult, s: Standing, found: tuple[Found, ...], rounds: list[RoundReport], report: Report
-) -> tuple[Standing, tuple[Found, ...]]:
+    result: FitResult, s: CandidateModel, found: tuple[Found, ...], rounds: list[RoundReport], report: Report
+) -> tuple[CandidateModel, tuple[Found, ...]]:
     """Round after round from s until one adds nothing; each is appended to `rounds`."""
     while len(rounds) < ROUNDS:
         told = _in_stage(report, f"round {len(rounds) + 1}", len(rounds))
@@ -98,11 +98,11 @@ def _tie(found: Found) -> Tie:
     return Tie(tuple(e.name for e in group), tuple(each.residual for each in found.ties.values()), told_by)
 
 
-def _settled(turned: Round, report: Report) -> tuple[Round, Standing]:
+def _settled(turned: Round, report: Report) -> tuple[Round, CandidateModel]:
     """The model that a round leaves behind, refitted in full; one that ends further from the data takes nothing in."""
     if turned.added is None:
         return turned, turned.before
-    new = settled(turned.best.standing, report)
+    new = refit_fully(turned.best.standing, report)
     if new.holds(turned.before, turned.score):
         return turned, new
     why = f"{turned.why} Refitted in full with it the model is further from the data: it is not added."
@@ -130,16 +130,16 @@ def _reported(turned: Round) -> RoundReport:
     )  # fmt: skip
 
 
-def _final(result: FitResult, s: Standing, found: tuple[Found, ...], report: Report) -> FitResult:
+def _final(result: FitResult, s: CandidateModel, found: tuple[Found, ...], report: Report) -> FitResult:
     """The final model as a fit of its own; one that was guided along the data is let run free."""
     if not s.added:
         return result  # a guided optimum let run free may end worse than the fit that began free
-    bench, problem, x, end = s.bench, s.problem, s.x, s.end
+    problem, weighted, x, end = s.problem, s.weighted, s.x, s.end
     if s.far:
         report("letting the final model run free", 0.95)
-        bench, problem, x = freed(bench.guided(0.0), x, _SPREAD)
-        end = End(True, "best free run found from the optimum of the guided residual", far=True)
-    after = outcome(result.rig, result.readings, bench, s.held_out, problem, x, (), end, ())
+        problem, weighted, x = freed(problem.guided(0.0), x, _SPREAD)
+        end = Termination(True, "best free run found from the optimum of the guided residual", far=True)
+    after = outcome(result.rig, result.readings, problem, s.held_out, weighted, x, (), end, ())
     tied = [each for each in found if s.at_work(each.effect) and each.ties]
     unsure = between(s, (tie for each in tied for tie in each.ties.values()))
     remarks = [

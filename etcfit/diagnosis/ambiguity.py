@@ -15,7 +15,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from .trial import Standing
+from .trial import CandidateModel
 
 
 @dataclass(frozen=True)
@@ -31,18 +31,18 @@ class Apart:
     moved: Mapping[str, float]
 
 
-def apart(other: Standing, best: Standing) -> Apart:
+def apart(other: CandidateModel, best: CandidateModel) -> Apart:
     """Two fits under the same whitening, side by side."""
-    difference = other.bench.residual(other.x, other.problem) - best.bench.residual(best.x, best.problem)
-    here, there = (dict(zip(s.bench.layout.free, s.x.tolist(), strict=True)) for s in (best, other))
+    difference = other.problem.residual(other.x, other.weighted) - best.problem.residual(best.x, best.weighted)
+    here, there = (dict(zip(s.problem.layout.free, s.x.tolist(), strict=True)) for s in (best, other))
     moved = {symbol: there[symbol] - here[symbol] for symbol in here.keys() & there.keys()}
-    return Apart(float(np.sqrt(np.sum(difference**2) / best.problem.samples)), moved)
+    return Apart(float(np.sqrt(np.sum(difference**2) / best.weighted.samples)), moved)
 
 
-def between(s: Standing, ties: Iterable[Apart]) -> np.ndarray:
+def between(s: CandidateModel, ties: Iterable[Apart]) -> np.ndarray:
     """What not knowing which of the tied effects it is adds to the covariance of the coordinates, shape (P, P)."""
     out = np.zeros((s.x.size, s.x.size))
     for tie in ties:
-        d = np.array([tie.moved.get(symbol, 0.0) for symbol in s.bench.layout.free])
+        d = np.array([tie.moved.get(symbol, 0.0) for symbol in s.problem.layout.free])
         out += np.outer(d, d)
     return out

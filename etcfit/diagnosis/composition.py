@@ -11,7 +11,7 @@ import numpy as np
 
 from ..model.effects import EFFECTS, PAPER, AbstractEffect
 from ..model.parameters import parameters_of
-from ..problem.free_parameters import Layout, Unknowns, unknowns
+from ..problem.free_parameters import FreeParameters, Layout, free_parameters
 from ..problem.jacobian import AT_ONCE
 from ..problem.trace import Trace
 from ..rig.base import Rig
@@ -31,11 +31,11 @@ class Composition:
         candidates: the others.
     """
 
-    whole: Unknowns
+    whole: FreeParameters
     known: tuple[Effect, ...]
     candidates: tuple[Effect, ...]
 
-    def unknowns(self, added: tuple[Effect, ...]) -> Unknowns:
+    def free_parameters(self, added: tuple[Effect, ...]) -> FreeParameters:
         """Those of the model with these candidates at work; the others are held at their off values."""
         whole = self.whole.layout
         asleep = {s: v for effect in self.candidates if effect not in added for s, v in resting(effect).items()}
@@ -45,17 +45,17 @@ class Composition:
         least = sum(1 for s in whole.free if not any(s in resting(e) for e in self.candidates)) + _MORE
         layout = Layout(whole.types, whole.parameters, free, tuple(held), whole.ties, room(max(least, len(free))))
         priors = {s: v for s, v in self.whole.priors.items() if s in free}
-        return Unknowns(layout, np.array(list(held.values())), priors, self.whole.start)
+        return FreeParameters(layout, np.array(list(held.values())), priors, self.whole.start)
 
-    def lean(self, added: tuple[Effect, ...]) -> Unknowns:
+    def lean(self, added: tuple[Effect, ...]) -> FreeParameters:
         """The same coordinates in a model that has no effects but those at work."""
-        full, types = self.unknowns(added), (*self.known, *added)
+        full, types = self.free_parameters(added), (*self.known, *added)
         types = tuple(t for t in self.whole.layout.types if t in types)
         gone = {s for effect in self.candidates if effect not in added for s in resting(effect)}
         parameters = tuple(p for p in full.layout.parameters if p.symbol not in gone)
         held = {s: v for s, v in zip(full.layout.held, full.held.tolist(), strict=True) if s not in gone}
         layout = Layout(types, parameters, full.layout.free, tuple(held), full.layout.ties)
-        return Unknowns(layout, np.array(list(held.values())), full.priors, full.start)
+        return FreeParameters(layout, np.array(list(held.values())), full.priors, full.start)
 
 
 def compose(
@@ -65,7 +65,7 @@ def compose(
     seen = logged(rig, traces)
     fitting = [e for e in EFFECTS if e.name in rig.config.effects or (e in only and set(e.needs) <= seen)]
     names = tuple(e.name for e in fitting if e not in PAPER)
-    whole = unknowns(replace(rig.config, effects=names), tuple(e for e in further if set(e.needs) <= seen))
+    whole = free_parameters(replace(rig.config, effects=names), tuple(e for e in further if set(e.needs) <= seen))
     known = tuple(e for e in whole.layout.types if e in PAPER or e.commands or e.name in rig.config.effects)
     return Composition(whole, known, tuple(e for e in whole.layout.types if e not in known))
 
@@ -92,7 +92,7 @@ def room(count: int) -> int:
     return AT_ONCE * math.ceil(count / AT_ONCE)
 
 
-def carried(x: np.ndarray, old: Layout, new: Unknowns, values: Mapping[str, Any]) -> np.ndarray:
+def carried(x: np.ndarray, old: Layout, new: FreeParameters, values: Mapping[str, Any]) -> np.ndarray:
     """Coordinates of another choice of free parameters: those shared as they are, the others from values in SI."""
     at = dict(zip(old.free, x.tolist(), strict=True))
     layout = new.layout

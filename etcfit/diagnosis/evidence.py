@@ -17,7 +17,7 @@ from ..problem.prediction_error import columns
 from ..problem.trace import Trace
 from .findings import Evidence, Share, Whiteness
 from .missing_torque import missing_voltage, pull_of, signals
-from .trial import Standing
+from .trial import CandidateModel
 
 _LEVEL = 1e-4  # p-value below which a channel is not white
 _LARGE = 0.03  # relative excess of a residual's rms that no estimate of the noise explains
@@ -27,22 +27,22 @@ _FEWEST = 200  # samples from which a share is read
 _WORTH = 0.05  # share worth a sentence
 
 
-def evidence(s: Standing) -> Evidence:
+def evidence(s: CandidateModel) -> Evidence:
     """Test the residual of the fitted traces."""
-    pull = pull_of(s.bench, s.x)
-    r = columns(s.bench.tape, s.bench.residual(s.x, s.problem) * (_weighed(s) if s.far else 1.0))
-    along = signals(s.bench, s.x, pull)
-    rows = [w for t, part, sig in zip(s.bench.tape.traces, r, along, strict=True) for w in _channels(t, part, sig)]
-    volts = missing_voltage(s.bench, s.x, pull)
+    guide_stiffness = pull_of(s.problem, s.x)
+    r = columns(s.problem.batch, s.problem.residual(s.x, s.weighted) * (_weighed(s) if s.far else 1.0))
+    along = signals(s.problem, s.x, guide_stiffness)
+    rows = [w for t, part, sig in zip(s.problem.batch.traces, r, along, strict=True) for w in _channels(t, part, sig)]
+    volts = missing_voltage(s.problem, s.x, guide_stiffness)
     shares = sorted((*_shares("torque", along, [a["torque"] for a in along]), *_shares("voltage", along, volts)),
                     key=lambda share: -share.share)  # fmt: skip
     white = all(row.white for row in rows)
     return Evidence(tuple(rows), white, tuple(shares), tuple(_sentences(rows, shares)))
 
 
-def _weighed(s: Standing) -> np.ndarray:
+def _weighed(s: CandidateModel) -> np.ndarray:
     """By how much each sample was weighed down, shape (T, L, M): a residual is judged by its noise."""
-    return s.bench.sigma / s.bench.tape.slots.sigma
+    return s.problem.sigma / s.problem.batch.slots.sigma
 
 
 def _channels(trace: Trace, r: np.ndarray, along: dict[str, np.ndarray]) -> list[Whiteness]:

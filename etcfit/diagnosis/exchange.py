@@ -16,8 +16,8 @@ from ..estimation.joint_fit import Report
 from .ambiguity import Apart, apart
 from .composition import Effect, resting
 from .cross_validation import folds, left_out
-from .loop import STRONG, Round, alike, judged, settled, tried
-from .trial import Standing, Verdict, bic_change, score
+from .loop import STRONG, Round, alike, judged, refit_fully, tried
+from .trial import CandidateModel, TrialVerdict, bic_change, score
 
 _RIVAL = 0.5  # share of what the effect explained in its round that another must have explained to be asked again
 
@@ -47,19 +47,19 @@ class Found:
         return cls(best.effect, _apart(best, ties), -best.bic_change, rivals)
 
 
-def _apart(best: Verdict, ties: Iterable[Verdict]) -> Mapping[Effect, Apart]:
+def _apart(best: TrialVerdict, ties: Iterable[TrialVerdict]) -> Mapping[Effect, Apart]:
     return {v.effect: apart(v.standing, best.standing) for v in ties}
 
 
-def _values(v: Verdict) -> Mapping[str, float]:
+def _values(v: TrialVerdict) -> Mapping[str, float]:
     """Values of its own parameters at its optimum, SI by symbol."""
-    values = v.standing.bench.layout.values(v.standing.x, v.standing.bench.unknowns.held)
+    values = v.standing.problem.layout.values(v.standing.x, v.standing.problem.free_parameters.held)
     return {symbol: float(values[symbol]) for symbol in resting(v.effect)}
 
 
 def exchanged(
-    s: Standing, found: Sequence[Found], report: Report
-) -> tuple[Standing, tuple[Found, ...], tuple[str, ...]]:
+    s: CandidateModel, found: Sequence[Found], report: Report
+) -> tuple[CandidateModel, tuple[Found, ...], tuple[str, ...]]:
     """Each effect beside its rivals, all others at work; the model, what was found, a sentence for each exchange."""
     now, words = list(found), []
     for k, each in enumerate(found):
@@ -71,7 +71,7 @@ def exchanged(
         best = min((here, *others), key=lambda v: v.bic_change)
         best = here if alike(here, best) else best
         if best is not here:
-            new = settled(best.standing, report)
+            new = refit_fully(best.standing, report)
             if not new.holds(s, score(s)) or _contradicted(best.standing, s):
                 continue
             more = best.bic_change - here.bic_change
@@ -82,14 +82,14 @@ def exchanged(
     return s, tuple(_apart_from(s, each) for each in now), tuple(words)
 
 
-def _apart_from(s: Standing, each: Found) -> Found:
+def _apart_from(s: CandidateModel, each: Found) -> Found:
     """Two effects that are both at work were told apart."""
     return replace(each, ties={effect: far for effect, far in each.ties.items() if not s.at_work(effect)})
 
 
 def _beside(
-    s: Standing, effect: Effect, rivals: Mapping[Effect, Mapping[str, float]]
-) -> tuple[Verdict, tuple[Verdict, ...]]:
+    s: CandidateModel, effect: Effect, rivals: Mapping[Effect, Mapping[str, float]]
+) -> tuple[TrialVerdict, tuple[TrialVerdict, ...]]:
     """The effect, and those rivals that are worth their parameters and not contradicted, each over neither."""
     base = s.without(effect).optimised()
     before = score(base)
@@ -98,19 +98,19 @@ def _beside(
     return judged(effect, before, s), good
 
 
-def _contradicted(new: Standing, old: Standing) -> bool:
+def _contradicted(new: CandidateModel, old: CandidateModel) -> bool:
     """Where no traces are declared as held out, those left out in turn are worse off with the new model."""
     return new.holdout is None and bool(folds(new)) and left_out(new) > left_out(old)
 
 
-def pruned(s: Standing, report: Report) -> tuple[Standing, tuple[str, ...]]:
+def pruned(s: CandidateModel, report: Report) -> tuple[CandidateModel, tuple[str, ...]]:
     """Try to take each added effect away again; what is taken, and a sentence for each."""
     words = []
     for effect in s.added[:-1]:
         report(f"trying without {effect.name}", 0.9)
         less, here = s.without(effect).optimised(), score(s)
         change = -bic_change(score(less), here, len(resting(effect)), 1)
-        if change < 0.0 and not (new := settled(less, report)).spoilt(s):
+        if change < 0.0 and not (new := refit_fully(less, report)).spoilt(s):
             words.append(f"{effect.name} was taken away again: what came after explains it (BIC {change:+.1f}).")
             s = new
     return s, tuple(words)

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from ..estimation.result import FitResult
-from ..problem.prediction_error import Row
+from ..problem.prediction_error import PredictionError
 
 
 @dataclass(frozen=True)
@@ -162,8 +162,8 @@ class Unexplained:
     fit_rms_ratio: float
     holdout_rms_ratio: float | None
     bic_change: float
-    fit: tuple[Row, ...]
-    holdout: tuple[Row, ...]
+    fit: tuple[PredictionError, ...]
+    holdout: tuple[PredictionError, ...]
     doubts: tuple[str, ...]
     sentence: str
 

@@ -11,15 +11,15 @@ import numpy as np
 from ..estimation.joint_fit import MISFIT, Report, approach, rounds
 from ..estimation.levenberg_marquardt import descend
 from ..estimation.remedies import listed
-from ..estimation.result import End, FitResult
-from ..problem.problem import Bench
-from ..problem.residual import Problem
+from ..estimation.result import FitResult, Termination
+from ..problem.problem import EstimationProblem
+from ..problem.residual import WeightedData
 from .composition import Composition, Effect, compose, resting
 from .cross_validation import folds, left_out
 from .missing_torque import pull_of
 from .model_discrepancy import inexact, left_by
 from .screen import Background, Signature, screen, variants
-from .trial import ASTRAY, Score, Standing, Verdict, compare, score
+from .trial import ASTRAY, CandidateModel, Score, TrialVerdict, compare, score
 
 _SIDE_BY_SIDE = 2  # refits at a time: they run outside the interpreter lock
 _REFITS = 4  # candidates refitted in full in one round
@@ -51,82 +51,87 @@ class Round:
         why: one sentence.
     """
 
-    before: Standing
+    before: CandidateModel
     score: Score
     screened: tuple[Signature, ...]
-    verdicts: tuple[Verdict, ...]
+    verdicts: tuple[TrialVerdict, ...]
     added: Effect | None
     ties: tuple[Effect, ...]
     why: str
 
     @property
-    def best(self) -> Verdict:
+    def best(self) -> TrialVerdict:
         """The verdict on the one that was added."""
         return next(v for v in self.verdicts if v.effect is self.added)
 
 
-def start(result: FitResult) -> Standing:
+def start(result: FitResult) -> CandidateModel:
     """A fit, taken up as the model of the first round."""
-    bench = result.bench
-    composition = compose(result.rig, bench.tape.traces)
-    unknowns = composition.lean(())
-    holdout = result.holdout.tape.traces if result.holdout is not None else ()
-    end = End(result.converged, result.reason, far=result.far)
-    standing = whitened(composition, (), bench.told(unknowns), holdout, result.x, end)
+    problem = result.problem
+    composition = compose(result.rig, problem.batch.traces)
+    free_parameters = composition.lean(())
+    holdout = result.holdout.batch.traces if result.holdout is not None else ()
+    end = Termination(result.converged, result.reason, far=result.far)
+    standing = whitened(composition, (), problem.with_parameters(free_parameters), holdout, result.x, end)
     return _weighed(standing, holdout) if result.far else standing
 
 
-def _weighed(s: Standing, held_out: tuple) -> Standing:
+def _weighed(s: CandidateModel, held_out: tuple) -> CandidateModel:
     """Far from the data: at the optimum of the guided residual, and weighed by what is left there."""
     for _ in range(_WEIGHINGS):
-        s = whitened(s.composition, s.added, s.bench, held_out, s.optimised().x, s.end)
+        s = whitened(s.composition, s.added, s.problem, held_out, s.optimised().x, s.end)
     return s
 
 
 def whitened(
-    composition: Composition, added: tuple[Effect, ...], bench: Bench, held_out: tuple, x: np.ndarray, end: End
-) -> Standing:
+    composition: Composition,
+    added: tuple[Effect, ...],
+    problem: EstimationProblem,
+    held_out: tuple,
+    x: np.ndarray,
+    end: Termination,
+) -> CandidateModel:
     """A standing whose residual is whitened at x; far from the data, guided along them and weighed by what is left."""
 
-    def made(b: Bench) -> tuple[Bench, Problem]:
+    def made(b: EstimationProblem) -> tuple[EstimationProblem, WeightedData]:
         if not end.far:
             b = b.guided(0.0)
-            return b, b.problem(b.kalman(x))
-        b = b.guided(pull).discounted(x)
-        return b, b.problem(b.free_running())
+            return b, b.weighted(b.kalman(x))
+        b = b.guided(guide_stiffness).discounted(x)
+        return b, b.weighted(b.free_running())
 
-    pull = pull_of(bench, x)
-    bench, problem = made(bench)
-    beside = made(bench.beside(held_out, x)) if held_out else None
-    return Standing(composition, added, bench, problem, beside, x, end)
+    guide_stiffness = pull_of(problem, x)
+    problem, weighted = made(problem)
+    beside = made(problem.beside(held_out, x)) if held_out else None
+    return CandidateModel(composition, added, problem, weighted, beside, x, end)
 
 
-def settled(s: Standing, report: Report) -> Standing:
+def refit_fully(s: CandidateModel, report: Report) -> CandidateModel:
     """The model refitted in full: through the rounds of the fit where it comes near the data."""
     s, held_out = s.lean(), s.held_out
-    bench = s.bench.afresh(s.x)
-    problem = bench.problem(bench.forgiving())
-    x, _ = descend(bench, s.x, problem, _TOLERANCE)
+    problem = s.problem.reprepared(s.x)
+    weighted = problem.weighted(problem.forgiving())
+    x, _ = descend(problem, s.x, weighted, _TOLERANCE)
     if s.far:
-        x = min(x, approach(bench, s.x, _TOLERANCE)[0], key=lambda end: bench.chi2(end, problem))
-    if bench.chi2(x, problem) / max(1.0, problem.samples - x.size) > (_NEARER if s.far else MISFIT):
-        end = End(True, "optimum of the guided residual", far=True)
-        return _weighed(whitened(s.composition, s.added, bench, held_out, s.x, end), held_out)
-    new = _in_rounds(s, bench, x, report)
-    return _in_rounds(s, bench, s.x, report) if new.spoilt(s) else new
+        x = min(x, approach(problem, s.x, _TOLERANCE)[0], key=lambda end: problem.chi2(end, weighted))
+    if problem.chi2(x, weighted) / max(1.0, weighted.samples - x.size) > (_NEARER if s.far else MISFIT):
+        end = Termination(True, "optimum of the guided residual", far=True)
+        return _weighed(whitened(s.composition, s.added, problem, held_out, s.x, end), held_out)
+    new = _in_rounds(s, problem, x, report)
+    return _in_rounds(s, problem, s.x, report) if new.spoilt(s) else new
 
 
-def _in_rounds(s: Standing, bench: Bench, x: np.ndarray, report: Report) -> Standing:
+def _in_rounds(s: CandidateModel, problem: EstimationProblem, x: np.ndarray, report: Report) -> CandidateModel:
     """The model refitted from x, whitened anew until nothing moves."""
-    bench, _, x, end = rounds(bench.released(x), x, report, _STILL, _WHITENINGS)
-    return whitened(s.composition, s.added, bench, s.held_out, x, end)
+    problem, _, x, end = rounds(problem.with_release_times(x), x, report, _STILL, _WHITENINGS)
+    return whitened(s.composition, s.added, problem, s.held_out, x, end)
 
 
-def turn(s: Standing, report: Report, least: float = 0.0) -> Round:
+def turn(s: CandidateModel, report: Report, least: float = 0.0) -> Round:
     """One round; nothing is read into a chi2 of no more than `least` above the noise's."""
     before = score(s)
-    if least > 0.0 and before.chi2 - s.problem.samples < least:
-        return Round(s, before, (), (), None, (), _within(s, max(0.0, before.chi2 / s.problem.samples - 1.0)))
+    if least > 0.0 and before.chi2 - s.weighted.samples < least:
+        return Round(s, before, (), (), None, (), _within(s, max(0.0, before.chi2 / s.weighted.samples - 1.0)))
     candidates = [e for e in s.composition.candidates if not s.at_work(e)]
     report(f"screening {len(candidates)} effects", 0.1)
     signatures = screened(s, candidates)
@@ -135,17 +140,19 @@ def turn(s: Standing, report: Report, least: float = 0.0) -> Round:
     if s.holdout is None:
         verdicts = _crossed(s, verdicts)
     # far from the data every sample is weighed by what is left in it, so chi2 says nothing of noise
-    added, ties, why = choose(verdicts, before.chi2 - least, np.inf if s.far else s.problem.samples + least)
+    added, ties, why = choose(verdicts, before.chi2 - least, np.inf if s.far else s.weighted.samples + least)
     return Round(s, before, signatures, tuple(verdicts), added, ties, why)
 
 
-def screened(s: Standing, candidates: Sequence[Effect]) -> tuple[Signature, ...]:
+def screened(s: CandidateModel, candidates: Sequence[Effect]) -> tuple[Signature, ...]:
     """Every candidate's signature; what the fitted parameters can do is the same in a lean model, for less."""
     whole, lean = s.composed(), s.lean()
-    return screen(Background.of(lean.bench, lean.x, lean.problem), whole.bench, whole.x, whole.problem, candidates)
+    return screen(
+        Background.of(lean.problem, lean.x, lean.weighted), whole.problem, whole.x, whole.weighted, candidates
+    )
 
 
-def _within(s: Standing, excess: float) -> str:
+def _within(s: CandidateModel, excess: float) -> str:
     names = listed(e.name for e in s.added)
     return (
         f"What is left adds {100 * excess:.2g} % to the noise, no more than a formula of {names} that is "
@@ -153,7 +160,7 @@ def _within(s: Standing, excess: float) -> str:
     )
 
 
-def _crossed(s: Standing, verdicts: Sequence[Verdict]) -> list[Verdict]:
+def _crossed(s: CandidateModel, verdicts: Sequence[TrialVerdict]) -> list[TrialVerdict]:
     """Those that BIC would have, with their change on traces left out in turn."""
     if not folds(s) or not any(v.bic_change < STRONG for v in verdicts):
         return list(verdicts)
@@ -173,7 +180,7 @@ def promises(g: Signature, before: Score) -> bool:
     return g.gain * _per_chi2(before) > _PROMISE * _asked(g, before)
 
 
-def _refitted(s: Standing, promising: Sequence[Signature], before: Score, report: Report) -> list[Verdict]:
+def _refitted(s: CandidateModel, promising: Sequence[Signature], before: Score, report: Report) -> list[TrialVerdict]:
     """Each candidate in full, the best first: the first alone, for it may have to compile, then side by side."""
     if not promising:
         return []
@@ -187,14 +194,14 @@ def _refitted(s: Standing, promising: Sequence[Signature], before: Score, report
     return sorted((_asked_again(s, v, before, report) for v in verdicts), key=lambda v: v.bic_change)
 
 
-def _asked_again(s: Standing, v: Verdict, before: Score, report: Report) -> Verdict:
+def _asked_again(s: CandidateModel, v: TrialVerdict, before: Score, report: Report) -> TrialVerdict:
     """The verdict; one that explains most of what is left and yet is contradicted by the traces held out may stand in a
     valley of its own, or where the old whitening draws it: it is judged once more where a refit in full ends."""
-    main = not s.far and v.gain > _MAIN * (before.chi2 - s.problem.samples)
+    main = not s.far and v.gain > _MAIN * (before.chi2 - s.weighted.samples)
     if not main or v.bic_change > STRONG or v.helps_elsewhere():
         return v
     report(f"refitting with {v.effect.name} in full", 0.8)
-    there = replace(v.standing, x=settled(v.standing, report).x)
+    there = replace(v.standing, x=refit_fully(v.standing, report).x)
     again = replace(judged(v.effect, before, there), slack=ASTRAY)
     return again if again.bic_change < STRONG and again.helps_elsewhere() else v
 
@@ -208,22 +215,22 @@ def _asked(g: Signature, before: Score) -> float:
     return len(g.variant.amplitudes) * np.log(before.count) - STRONG
 
 
-def _tried(s: Standing, g: Signature, before: Score) -> Verdict:
+def _tried(s: CandidateModel, g: Signature, before: Score) -> TrialVerdict:
     return tried(s, g.variant.effect, g.values, before)
 
 
-def tried(s: Standing, effect: Effect, values: Mapping[str, float], before: Score) -> Verdict:
+def tried(s: CandidateModel, effect: Effect, values: Mapping[str, float], before: Score) -> TrialVerdict:
     """The verdict on an effect that starts at `values` (SI), beside the model as it stands."""
     return judged(effect, before, s.trying(effect, values).optimised())
 
 
-def judged(effect: Effect, before: Score, s: Standing) -> Verdict:
+def judged(effect: Effect, before: Score, s: CandidateModel) -> TrialVerdict:
     """The verdict on a model that has one effect more than the one scored before."""
     return compare(effect, before, s, len(resting(effect)), len(variants(effect)))
 
 
 def choose(
-    verdicts: Sequence[Verdict], most: float = np.inf, noise: float = np.inf
+    verdicts: Sequence[TrialVerdict], most: float = np.inf, noise: float = np.inf
 ) -> tuple[Effect | None, tuple[Effect, ...], str]:
     """Which effect to add, which others do as well, and why.
 
@@ -269,13 +276,13 @@ def choose(
     return best.effect, ties, words
 
 
-def alike(v: Verdict, best: Verdict) -> bool:
+def alike(v: TrialVerdict, best: TrialVerdict) -> bool:
     """Two effects explain the data equally well, or their difference is within what an inexact formula leaves.
 
     (chi2_v - chi2_best) n / chi2_best < max(6, left n / chi2_best),    left by the less exact formula of the two
 
     Parsimony chooses which of them stands in the model; it does not prove that one.
     """
-    left = left_by(max(v.effect.inexact, best.effect.inexact), best.gain, best.standing.problem.samples)
+    left = left_by(max(v.effect.inexact, best.effect.inexact), best.gain, best.standing.weighted.samples)
     apart = v.score.chi2 - best.score.chi2
     return apart < left or apart * _per_chi2(best.score) < _SAME

@@ -12,11 +12,11 @@ from dataclasses import replace
 from ..estimation.joint_fit import Report, fit
 from ..estimation.result import FitResult
 from .composition import Effect, carried
-from .loop import Round, judged, settled
-from .trial import Standing, score
+from .loop import Round, judged, refit_fully
+from .trial import CandidateModel, score
 
 
-def hidden(result: FitResult, turned: Round, report: Report) -> tuple[Round, Standing] | None:
+def hidden(result: FitResult, turned: Round, report: Report) -> tuple[Round, CandidateModel] | None:
     """A round that adds the effect with which a fit comes near the data, and the model then; None where none does.
 
     Args:
@@ -33,20 +33,22 @@ def hidden(result: FitResult, turned: Round, report: Report) -> tuple[Round, Sta
     return None
 
 
-def _with(result: FitResult, turned: Round, effect: Effect, report: Report) -> Standing | None:
+def _with(result: FitResult, turned: Round, effect: Effect, report: Report) -> CandidateModel | None:
     config = result.rig.config
     again = fit(replace(result.rig, config=replace(config, effects=(*config.effects, effect.name))), report)
     if again.far:
         return None
     s = turned.before.with_effects((effect,), again.values)
-    s = settled(replace(s, x=carried(again.x, again.bench.layout, s.bench.unknowns, again.values)), report)
+    s = refit_fully(
+        replace(s, x=carried(again.x, again.problem.layout, s.problem.free_parameters, again.values)), report
+    )
     return None if s.far or not s.holds(turned.before, turned.score) else s
 
 
-def _round(turned: Round, s: Standing, effect: Effect) -> Round:
+def _round(turned: Round, s: CandidateModel, effect: Effect) -> Round:
     """Both models are compared as the better one whitens: drawn along the angle they would not differ."""
     first, less = turned.before, s.without(effect)
-    less = replace(less, x=carried(first.x, first.bench.layout, less.bench.unknowns, {}))
+    less = replace(less, x=carried(first.x, first.problem.layout, less.problem.free_parameters, {}))
     verdict = judged(effect, score(less), s)
     why = (
         f"Drawn along the measured angle no effect comes near the data at once. That hides {effect.name}, and a fit "

@@ -23,10 +23,10 @@ import numpy as np
 
 from ..problem.free_parameters import SERIES, Form, Pick
 from ..problem.prediction_error import columns
-from ..problem.problem import Bench
+from ..problem.problem import EstimationProblem
 from ..problem.residual import run
 from .findings import Motion
-from .trial import Standing
+from .trial import CandidateModel
 
 _BANDWIDTH = 15.0  # Hz, w above; no more than a tenth of the sample rate
 _STABLE = 0.3  # of the stiffness at which the current no longer follows the guide
@@ -34,14 +34,14 @@ _LEAST = 0.003  # of J w^2: where there is no dry friction to measure by
 _GIVE = 0.01  # of the travel that was measured: how far the guide gives way to a torque as large as dry friction
 
 
-def pull_of(bench: Bench, x: np.ndarray) -> float:
+def pull_of(problem: EstimationProblem, x: np.ndarray) -> float:
     """Stiffness of the guide: T_f over a hundredth of the travel; where there is hardly any, a share of J w^2.
 
     In V/rad, by the motor's torque per volt, or in N m/rad where torque drives.
     """
-    values = bench.layout.values(x, bench.unknowns.held)
-    inertia = bench.config.gear_ratio**2 * float(values["J_m"]) + float(values["J_L"])
-    guided = [t for t in bench.tape.traces if "position" in t.channels]
+    values = problem.layout.values(x, problem.free_parameters.held)
+    inertia = problem.config.gear_ratio**2 * float(values["J_m"]) + float(values["J_L"])
+    guided = [t for t in problem.batch.traces if "position" in t.channels]
     if not guided:
         return 0.0
     angles = [t.data[:, t.channels.index("position")] for t in guided]
@@ -51,7 +51,7 @@ def pull_of(bench: Bench, x: np.ndarray) -> float:
     torque = max(float(values["T_f"]) / max(_GIVE * span, 1e-9), _LEAST * stiff)
     if all(t.torque_driven for t in guided):
         return torque
-    gear, R_a = bench.config.gear_ratio, float(values["R_a"])
+    gear, R_a = problem.config.gear_ratio, float(values["R_a"])
     fastest = gear * float(values["K_b"]) * R_a / float(values["L_a"])  # V/rad: beyond it, guide and coil would swing
     return min(torque * R_a / (gear * float(values["K_m"])), _STABLE * fastest)
 
@@ -67,7 +67,7 @@ def _along(form: Form, circuits: tuple[str, ...], x: Any, pick: Pick, arrays: An
     direction = jnp.sign(state.omega)
     torque = [zero + part.torque + part.drive - part.friction * direction for part in parts]
     drive, external = sum(part.drive for part in parts), sum(part.torque for part in parts)
-    resting = (state.omega == 0.0) | (steps.mobile < 0.5) | (steps.pull == 0.0)
+    resting = (state.omega == 0.0) | (steps.mobile < 0.5) | (steps.guide_stiffness == 0.0)
     return {
         "time": steps.time,
         # a motor that runs alone turns no plate
@@ -82,23 +82,26 @@ def _along(form: Form, circuits: tuple[str, ...], x: Any, pick: Pick, arrays: An
     }
 
 
-def signals(bench: Bench, x: np.ndarray, pull: float) -> list[dict[str, np.ndarray]]:
+def signals(problem: EstimationProblem, x: np.ndarray, guide_stiffness: float) -> list[dict[str, np.ndarray]]:
     """For each trace its signals at the instants, see `_along`; effects first where there is one row for each."""
-    along = {k: np.asarray(v) for k, v in _along(*bench.at(x), bench.arrays(pull)).items()}
+    along = {k: np.asarray(v) for k, v in _along(*problem.at(x), problem.arrays(guide_stiffness)).items()}
     out = []
-    for lane, _, marks in bench.tape.places:
+    for lane, _, marks in problem.batch.places:
         out.append({name: column[..., marks, lane] for name, column in along.items()})
     return out
 
 
-def motions(before: Standing, after: Standing, held_out: bool) -> list[Motion]:
+def motions(before: CandidateModel, after: CandidateModel, held_out: bool) -> list[Motion]:
     """Missing torque and voltage of both models along the traces that were fitted, or along those held out."""
-    first, last = (s.holdout[0] if held_out and s.holdout is not None else s.bench for s in (before, after))
-    pull = pull_of(last, after.x)
-    lacked, left = signals(first, before.x, pull), signals(last, after.x, pull)
-    volts, volts_left = missing_voltage(first, before.x, pull), missing_voltage(last, after.x, pull)
+    first, last = (s.holdout[0] if held_out and s.holdout is not None else s.problem for s in (before, after))
+    guide_stiffness = pull_of(last, after.x)
+    lacked, left = signals(first, before.x, guide_stiffness), signals(last, after.x, guide_stiffness)
+    volts, volts_left = (
+        missing_voltage(first, before.x, guide_stiffness),
+        missing_voltage(last, after.x, guide_stiffness),
+    )
     out = []
-    for k, trace in enumerate(last.tape.traces):
+    for k, trace in enumerate(last.batch.traces):
         end = left[k]
         effects = {
             effect.name: {"torque": end["effect_torque"][n], "voltage": end["effect_voltage"][n]}
@@ -112,11 +115,13 @@ def motions(before: Standing, after: Standing, held_out: bool) -> list[Motion]:
     return out
 
 
-def missing_voltage(bench: Bench, x: np.ndarray, pull: float) -> list[np.ndarray]:
+def missing_voltage(problem: EstimationProblem, x: np.ndarray, guide_stiffness: float) -> list[np.ndarray]:
     """(R_a + R_series) (i_measured - i) of each trace, V, shape (n,); NaN where no current was logged."""
-    values: Mapping[str, Any] = bench.layout.values(x, bench.unknowns.held)
+    values: Mapping[str, Any] = problem.layout.values(x, problem.free_parameters.held)
     out = []
-    for trace, model in zip(bench.tape.traces, columns(bench.tape, bench.simulated(x, pull)), strict=True):
+    for trace, model in zip(
+        problem.batch.traces, columns(problem.batch, problem.simulated(x, guide_stiffness)), strict=True
+    ):
         if "current" not in trace.channels:
             out.append(np.full(trace.instants.size, np.nan))
             continue

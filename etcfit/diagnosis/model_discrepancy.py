@@ -23,13 +23,13 @@ from ..estimation.remedies import listed
 from ..estimation.result import FitResult
 from ..model.effects import EFFECT_BY_NAME
 from .composition import Effect
-from .trial import Standing
+from .trial import CandidateModel
 
 _CLEAR = 0.04  # share of the noise's own chi2 above which what is left is never put down to a formula
 _STRETCHES = 6  # of a trace over which a formula is off by as much
 
 
-def inexact(s: Standing) -> float:
+def inexact(s: CandidateModel) -> float:
     """Relative error of the least exact formula among the effects added."""
     return max((effect.inexact for effect in s.added), default=0.0)
 
@@ -39,9 +39,9 @@ def percent_off(effects: Sequence[str]) -> str:
     return listed(dict.fromkeys(f"{100.0 * EFFECT_BY_NAME[name].inexact:.0f} %" for name in effects))
 
 
-def blur(first: FitResult, s: Standing) -> float:
+def blur(first: FitResult, s: CandidateModel) -> float:
     """Chi2 that the effects added may leave: all of them together explained what the first fit left above the noise."""
-    n = s.problem.samples
+    n = s.weighted.samples
     return 0.0 if s.far else left_by(inexact(s), n * max(0.0, first.chi2_per_dof - 1.0), n)
 
 
@@ -50,13 +50,13 @@ def left_by(phi: float, explained: float, n: float) -> float:
     return min(phi**2 * explained, _CLEAR * n)
 
 
-def spread(s: Standing) -> np.ndarray:
+def spread(s: CandidateModel) -> np.ndarray:
     """What inexact formulas add to the covariance of the coordinates, shape (P, P)."""
     out = np.zeros((s.x.size, s.x.size))
     if s.far or not s.added:
         return out
     s = s.lean()
-    here = local(s.bench, s.x, s.problem)
+    here = local(s.problem, s.x, s.weighted)
     inverse = here.covariance / here.unit
     for effect in s.added:
         for moved in _stretches(s, here.jacobian, here.jacobian @ _worth(s, effect)):
@@ -65,9 +65,9 @@ def spread(s: Standing) -> np.ndarray:
     return out
 
 
-def _worth(s: Standing, effect: Effect) -> np.ndarray:
+def _worth(s: CandidateModel, effect: Effect) -> np.ndarray:
     """A step of the coordinates that does once more what the effect does: its amplitudes doubled, to first order."""
-    layout, out = s.bench.layout, np.zeros(s.x.size)
+    layout, out = s.problem.layout, np.zeros(s.x.size)
     value, slope = layout.numbers(s.x)
     for symbol, off in (effect.off or {}).items():
         k = layout.free.index(symbol)
@@ -75,8 +75,8 @@ def _worth(s: Standing, effect: Effect) -> np.ndarray:
     return out
 
 
-def _stretches(s: Standing, jacobian: np.ndarray, share: np.ndarray) -> Iterator[np.ndarray]:
+def _stretches(s: CandidateModel, jacobian: np.ndarray, share: np.ndarray) -> Iterator[np.ndarray]:
     """J^T c of every stretch of every trace, shape (P,) each."""
-    for lane, _, marks in s.bench.tape.places:
+    for lane, _, marks in s.problem.batch.places:
         for stretch in np.array_split(marks, _STRETCHES):
             yield np.einsum("tmp,tm->p", jacobian[stretch, lane], share[stretch, lane])

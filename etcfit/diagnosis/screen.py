@@ -24,8 +24,8 @@ from scipy.optimize import lsq_linear
 
 from ..model.parameters import NonNegative
 from ..problem.free_parameters import Form
-from ..problem.problem import Bench
-from ..problem.residual import Problem, residual
+from ..problem.problem import EstimationProblem
+from ..problem.residual import WeightedData, residual
 from .composition import Effect, resting
 
 _PROBE = 1e-3  # amplitude, in units of its scale, at which a tangent is taken: off a bound, where it may not exist
@@ -78,25 +78,27 @@ def variants(effect: Effect) -> tuple[Variant, ...]:
 
 
 @partial(jax.jit, static_argnums=(0, 1))
-def _tangents(form: Form, circuits: tuple[str, ...], x: Any, problem: Problem, fulls: Any, ways: Any) -> Any:
+def _tangents(form: Form, circuits: tuple[str, ...], x: Any, weighted: WeightedData, fulls: Any, ways: Any) -> Any:
     """Residual at K sets of values, and its derivative along K directions, (K, Q) each -> (K, T, L, M) each."""
 
     def one(at: tuple[Any, Any]) -> Any:
         full, way = at
 
         def shifted(e: Any) -> Any:
-            pick = problem.pick._replace(full=full + e * way)
-            return residual(form, circuits, x, problem._replace(pick=pick))
+            pick = weighted.pick._replace(full=full + e * way)
+            return residual(form, circuits, x, weighted._replace(pick=pick))
 
         return jax.jvp(shifted, (0.0,), (1.0,))
 
     return jax.lax.map(one, (fulls, ways), batch_size=_AT_ONCE)
 
 
-def tangents(bench: Bench, x: np.ndarray, problem: Problem, every: Sequence[Variant]) -> list[np.ndarray]:
+def tangents(
+    problem: EstimationProblem, x: np.ndarray, weighted: WeightedData, every: Sequence[Variant]
+) -> list[np.ndarray]:
     """For each variant the derivative of the fitted samples' residual in each amplitude over its scale, (n, k)."""
-    layout, index = bench.layout, bench.layout.form.index
-    rest = np.array(problem.pick.full, dtype=float)
+    layout, index = problem.layout, problem.layout.form.index
+    rest = np.array(weighted.pick.full, dtype=float)
     fulls, ways = [rest], [np.zeros(rest.size)]
     for variant in every:
         full = rest.copy()
@@ -110,9 +112,9 @@ def tangents(bench: Bench, x: np.ndarray, problem: Problem, every: Sequence[Vari
     padding = -len(fulls) % _AT_ONCE
     fulls += [fulls[-1]] * padding
     ways += [ways[-1]] * padding
-    form, circuits = layout.form, bench.tape.circuits
-    at, along = _tangents(form, circuits, layout.padded(x), problem, np.stack(fulls), np.stack(ways))
-    seen = np.asarray(problem.slots.weight) > 0.0
+    form, circuits = layout.form, problem.batch.circuits
+    at, along = _tangents(form, circuits, layout.padded(x), weighted, np.stack(fulls), np.stack(ways))
+    seen = np.asarray(weighted.slots.weight) > 0.0
     base = np.asarray(at[0])[seen]
     pairs = iter([(np.asarray(r)[seen], np.asarray(t)[seen]) for r, t in zip(at[1:], along[1:], strict=True)])
 
@@ -138,9 +140,9 @@ class Background:
     basis: np.ndarray
 
     @classmethod
-    def of(cls, bench: Bench, x: np.ndarray, problem: Problem) -> Background:
-        r, _, jacobian = bench.linearise(x, problem)
-        seen = np.asarray(problem.slots.weight) > 0.0
+    def of(cls, problem: EstimationProblem, x: np.ndarray, weighted: WeightedData) -> Background:
+        r, _, jacobian = problem.linearise(x, weighted)
+        seen = np.asarray(weighted.slots.weight) > 0.0
         columns = jacobian[seen]
         columns = columns / np.maximum(np.linalg.norm(columns, axis=0), 1e-300)
         values, vectors = np.linalg.eigh(columns.T @ columns)
@@ -152,7 +154,7 @@ class Background:
     def free_of(basis: np.ndarray, columns: np.ndarray) -> np.ndarray:
         return columns - basis @ (basis.T @ columns)
 
-    def signature(self, bench: Bench, variant: Variant, columns: np.ndarray) -> Signature:
+    def signature(self, problem: EstimationProblem, variant: Variant, columns: np.ndarray) -> Signature:
         """The score test of one variant."""
         whole = np.where(np.isfinite(columns), columns, 0.0)
         own = self.free_of(self.basis, whole)
@@ -162,24 +164,26 @@ class Background:
         if share == 0.0:
             return Signature(variant, own, 0.0, {**variant.shape, **(variant.effect.off or {})}, 0.0)
         scanned = [s for s in variant.amplitudes if s in variant.shape]
-        amplitude, gain = (_at if scanned else _bounded)(bench, variant, own, self.r)
-        values = {s: a * bench.layout.parameter(s).domain.scale
+        amplitude, gain = (_at if scanned else _bounded)(problem, variant, own, self.r)
+        values = {s: a * problem.layout.parameter(s).domain.scale
                   for s, a in zip(variant.amplitudes, amplitude.tolist(), strict=True)}  # fmt: skip
         return Signature(variant, own, gain, {**variant.shape, **values}, share)
 
 
-def _at(bench: Bench, variant: Variant, columns: np.ndarray, r: np.ndarray) -> tuple[np.ndarray, float]:
+def _at(problem: EstimationProblem, variant: Variant, columns: np.ndarray, r: np.ndarray) -> tuple[np.ndarray, float]:
     """Scanned amplitudes as they are: a secant says what its own value does, and nothing of a smaller one."""
-    amplitudes = np.array([variant.shape[s] / bench.layout.parameter(s).domain.scale for s in variant.amplitudes])
+    amplitudes = np.array([variant.shape[s] / problem.layout.parameter(s).domain.scale for s in variant.amplitudes])
     return amplitudes, max(float(r @ r - np.sum((r + columns @ amplitudes) ** 2)), 0.0)
 
 
-def _bounded(bench: Bench, variant: Variant, columns: np.ndarray, r: np.ndarray) -> tuple[np.ndarray, float]:
+def _bounded(
+    problem: EstimationProblem, variant: Variant, columns: np.ndarray, r: np.ndarray
+) -> tuple[np.ndarray, float]:
     """Amplitudes over their scales that lower |r + C a|^2 the most, none beyond its bound, and by how much."""
     size = np.linalg.norm(columns, axis=0)
     own = size > 0.0  # an amplitude without a signature stays at its off value
     q, upper = np.linalg.qr(columns[:, own] / size[own])
-    low = np.array([0.0 if isinstance(bench.layout.parameter(s).domain, NonNegative) else -np.inf
+    low = np.array([0.0 if isinstance(problem.layout.parameter(s).domain, NonNegative) else -np.inf
                     for s in variant.amplitudes])[own]  # fmt: skip
     target = -(q.T @ r)
     rows, right = np.vstack((upper, _SHY * np.eye(low.size))), np.concatenate((target, np.zeros(low.size)))
@@ -191,18 +195,22 @@ def _bounded(bench: Bench, variant: Variant, columns: np.ndarray, r: np.ndarray)
 
 
 def screen(
-    background: Background, bench: Bench, x: np.ndarray, problem: Problem, candidates: Sequence[Effect]
+    background: Background,
+    problem: EstimationProblem,
+    x: np.ndarray,
+    weighted: WeightedData,
+    candidates: Sequence[Effect],
 ) -> tuple[Signature, ...]:
     """Every candidate's best variant, the most promising first.
 
     Args:
         background: of the same model and residual, lean or composed.
-        bench, x, problem: the composed model at its optimum.
+        problem, x, weighted: the composed model at its optimum.
         candidates: effects at their off values.
     """
     every = [variant for effect in candidates for variant in variants(effect)]
-    columns = tangents(bench, x, problem, every) if every else []
-    signatures = [background.signature(bench, v, c) for v, c in zip(every, columns, strict=True)]
+    columns = tangents(problem, x, weighted, every) if every else []
+    signatures = [background.signature(problem, v, c) for v, c in zip(every, columns, strict=True)]
     best: dict[Effect, Signature] = {}
     for signature in signatures:
         effect = signature.variant.effect

@@ -17,12 +17,12 @@ import numpy as np
 
 from ..estimation.autocorrelation import inflation
 from ..estimation.levenberg_marquardt import descend
-from ..estimation.result import End
+from ..estimation.result import Termination
 from ..problem.chi2 import chi2_of
-from ..problem.free_parameters import Unknowns
-from ..problem.prediction_error import Row, columns, pooled, rows
-from ..problem.problem import Bench
-from ..problem.residual import Problem
+from ..problem.free_parameters import FreeParameters
+from ..problem.prediction_error import PredictionError, columns, pooled, rows
+from ..problem.problem import EstimationProblem
+from ..problem.residual import WeightedData
 from ..problem.trace import Trace
 from .composition import Composition, Effect, carried
 
@@ -37,13 +37,13 @@ _DIVERGED = 2.0  # the same far from the data: that run begins from the optimum 
 
 
 @dataclass(frozen=True, eq=False)
-class Standing:
+class CandidateModel:
     """The model as it stands, at its optimum.
 
     Args:
         composition: of which it is a part.
         added: effects at work beyond those known from the start, in the order found.
-        bench, problem: the fitted traces and how their residual is whitened.
+        problem, weighted: the fitted traces and how their residual is whitened.
         holdout: traces that are not fitted, and their whitening; None where there are none.
         x: coordinates.
         end: how the last full fit of it ended.
@@ -51,45 +51,47 @@ class Standing:
 
     composition: Composition
     added: tuple[Effect, ...]
-    bench: Bench
-    problem: Problem
-    holdout: tuple[Bench, Problem] | None
+    problem: EstimationProblem
+    weighted: WeightedData
+    holdout: tuple[EstimationProblem, WeightedData] | None
     x: np.ndarray
-    end: End
+    end: Termination
 
     @property
     def far(self) -> bool:
         """Too far from the data to be whitened: samples are weighed by what is left in them."""
         return self.end.far
 
-    def with_effects(self, added: tuple[Effect, ...], values: Mapping[str, float]) -> Standing:
+    def with_effects(self, added: tuple[Effect, ...], values: Mapping[str, float]) -> CandidateModel:
         """The same data and whitening with other effects at work; new parameters start at `values` (SI)."""
         return self.within(self.composition, added, values)
 
-    def without(self, effect: Effect) -> Standing:
+    def without(self, effect: Effect) -> CandidateModel:
         """The same data and whitening with one of the effects added taken away again."""
         return self.with_effects(tuple(e for e in self.added if e is not effect), {})
 
-    def within(self, composition: Composition, added: tuple[Effect, ...], values: Mapping[str, float]) -> Standing:
+    def within(
+        self, composition: Composition, added: tuple[Effect, ...], values: Mapping[str, float]
+    ) -> CandidateModel:
         """The same as a part of another composition."""
-        unknowns = composition.unknowns(added)
-        x = carried(self.x, self.bench.layout, unknowns, values)
-        return replace(self, composition=composition, added=added, x=x)._as(unknowns)
+        free_parameters = composition.free_parameters(added)
+        x = carried(self.x, self.problem.layout, free_parameters, values)
+        return replace(self, composition=composition, added=added, x=x)._as(free_parameters)
 
-    def lean(self) -> Standing:
+    def lean(self) -> CandidateModel:
         """The same in a model of the effects at work alone: many times faster, but to be compiled for itself."""
         return self._as(self.composition.lean(self.added))
 
-    def composed(self) -> Standing:
+    def composed(self) -> CandidateModel:
         """The same as a part of the model of all effects."""
-        return self._as(self.composition.unknowns(self.added))
+        return self._as(self.composition.free_parameters(self.added))
 
-    def _as(self, unknowns: Unknowns) -> Standing:
-        bench, problem = _told(self.bench, self.problem, unknowns)
-        holdout = None if self.holdout is None else _told(*self.holdout, unknowns)
-        return replace(self, bench=bench, problem=problem, holdout=holdout)
+    def _as(self, free_parameters: FreeParameters) -> CandidateModel:
+        problem, weighted = _told(self.problem, self.weighted, free_parameters)
+        holdout = None if self.holdout is None else _told(*self.holdout, free_parameters)
+        return replace(self, problem=problem, weighted=weighted, holdout=holdout)
 
-    def trying(self, effect: Effect, values: Mapping[str, float]) -> Standing:
+    def trying(self, effect: Effect, values: Mapping[str, float]) -> CandidateModel:
         """With one effect more, at `values` (SI) or nearer to its off values: a promise is linear, the model is not."""
         most, at = _STEEP * self.chi2, dict(values)
         trial = self.with_effects((*self.added, effect), at)
@@ -103,37 +105,39 @@ class Standing:
     @property
     def chi2(self) -> float:
         """Of the fitted residual."""
-        return self.bench.chi2(self.x, self.problem)
+        return self.problem.chi2(self.x, self.weighted)
 
     @property
     def left(self) -> float:
         """Chi2 per fitted sample: 1 where nothing but noise is left."""
-        return self.chi2 / self.problem.samples
+        return self.chi2 / self.weighted.samples
 
-    def spoilt(self, before: Standing) -> bool:
+    def spoilt(self, before: CandidateModel) -> bool:
         """A refit in full ended further from the data than the model it began with."""
         return not before.far and (self.far or not self.left < _SPOILT * before.left)
 
-    def holds(self, before: Standing, was: Score) -> bool:
+    def holds(self, before: CandidateModel, was: Score) -> bool:
         """Refitted in full it is neither further from the data than the model it began with nor astray from others."""
         return not self.spoilt(before) and not score(self).strays(was, self.far)
 
-    def optimised(self) -> Standing:
+    def optimised(self) -> CandidateModel:
         """At the nearest optimum of the same residual."""
-        return replace(self, x=descend(self.bench, self.x, self.problem, _TOLERANCE)[0])
+        return replace(self, x=descend(self.problem, self.x, self.weighted, _TOLERANCE)[0])
 
     @property
     def held_out(self) -> tuple[Trace, ...]:
         """Traces that are not fitted."""
-        return () if self.holdout is None else self.holdout[0].tape.traces
+        return () if self.holdout is None else self.holdout[0].batch.traces
 
     def at_work(self, effect: Effect) -> bool:
         return effect in self.added
 
 
-def _told(bench: Bench, problem: Problem, unknowns: Unknowns) -> tuple[Bench, Problem]:
-    new = bench.told(unknowns)
-    return new, new.problem(problem.whitening)
+def _told(
+    problem: EstimationProblem, weighted: WeightedData, free_parameters: FreeParameters
+) -> tuple[EstimationProblem, WeightedData]:
+    new = problem.with_parameters(free_parameters)
+    return new, new.weighted(weighted.whitening)
 
 
 @dataclass(frozen=True, eq=False)
@@ -150,8 +154,8 @@ class Score:
     chi2: float
     count: float
     held_out: float | None
-    fit_rows: tuple[Row, ...] = field(repr=False)
-    holdout_rows: tuple[Row, ...] = field(repr=False)
+    fit_rows: tuple[PredictionError, ...] = field(repr=False)
+    holdout_rows: tuple[PredictionError, ...] = field(repr=False)
 
     @property
     def fit_rms(self) -> float:
@@ -175,22 +179,22 @@ def clearly_worse(rms: float, before: float, rise: float = ASTRAY) -> bool:
     return not rms < (1.0 + rise) * before
 
 
-def score(s: Standing) -> Score:
+def score(s: CandidateModel) -> Score:
     """Judge a model where it stands."""
-    r = s.bench.residual(s.x, s.problem)
+    r = s.problem.residual(s.x, s.weighted)
     held_out, holdout_rows = None, ()
     if s.holdout is not None:
-        bench, problem = s.holdout
-        held_out = float(chi2_of(bench, s.x[None], problem)[0])
-        holdout_rows = rows(bench.tape.traces, bench.free_run(s.x))
-    fit_rows = rows(s.bench.tape.traces, s.bench.free_run(s.x))
-    return Score(float(np.sum(r**2)), independent(s.bench, r), held_out, fit_rows, holdout_rows)
+        problem, weighted = s.holdout
+        held_out = float(chi2_of(problem, s.x[None], weighted)[0])
+        holdout_rows = rows(problem.batch.traces, problem.free_run(s.x))
+    fit_rows = rows(s.problem.batch.traces, s.problem.free_run(s.x))
+    return Score(float(np.sum(r**2)), independent(s.problem, r), held_out, fit_rows, holdout_rows)
 
 
-def independent(bench: Bench, r: np.ndarray) -> float:
+def independent(problem: EstimationProblem, r: np.ndarray) -> float:
     """How many independent samples a residual, shape (T, L, M), is worth."""
     count = 0.0
-    for trace, part in zip(bench.tape.traces, columns(bench.tape, r), strict=True):
+    for trace, part in zip(problem.batch.traces, columns(problem.batch, r), strict=True):
         for m in range(len(trace.channels)):
             own = part[np.isfinite(trace.data[:, m]), m]
             spread = float(np.sqrt(np.mean(own**2))) if own.size else 1.0
@@ -199,7 +203,7 @@ def independent(bench: Bench, r: np.ndarray) -> float:
 
 
 @dataclass(frozen=True, eq=False)
-class Verdict:
+class TrialVerdict:
     """A candidate beside the model as it stands.
 
     Args:
@@ -214,7 +218,7 @@ class Verdict:
     """
 
     effect: Effect
-    standing: Standing
+    standing: CandidateModel
     score: Score
     fit_rms_ratio: float
     holdout_rms_ratio: float | None
@@ -229,7 +233,7 @@ class Verdict:
         return spared and (self.holdout_rms_ratio is None or self.holdout_rms_ratio < 1.0 + self.slack)
 
 
-def slack_of(s: Standing) -> float:
+def slack_of(s: CandidateModel) -> float:
     """Relative rise of the held-out free-running error that counts as none for a trial."""
     return _DIVERGED if s.far else _SLACK
 
@@ -241,7 +245,7 @@ def bic_change(before: Score, after: Score, parameters: int, tried: int) -> floa
     return float(likelihood + parameters * np.log(n) + 2.0 * np.log(max(tried, 1)))
 
 
-def compare(effect: Effect, before: Score, s: Standing, parameters: int, tried: int) -> Verdict:
+def compare(effect: Effect, before: Score, s: CandidateModel, parameters: int, tried: int) -> TrialVerdict:
     """The verdict on a refitted model."""
     after = score(s)
     held_out = None
@@ -253,4 +257,4 @@ def compare(effect: Effect, before: Score, s: Standing, parameters: int, tried: 
     change = bic_change(before, after, parameters, tried)
     fit_ratio = after.fit_rms / before.fit_rms
     gain = before.chi2 - after.chi2
-    return Verdict(effect, s, after, fit_ratio, ratio, held_out, change, gain, slack_of(s))
+    return TrialVerdict(effect, s, after, fit_ratio, ratio, held_out, change, gain, slack_of(s))

@@ -15,10 +15,10 @@ from ..model.effects import fraction
 from ..model.smooth import UNKNOWNS, AbstractSmooth
 from .composition import Effect, compose
 from .findings import Unexplained
-from .loop import STRONG, promises, screened, settled
+from .loop import STRONG, promises, refit_fully, screened
 from .missing_torque import pull_of, signals
 from .screen import Signature
-from .trial import Score, Standing, Verdict, compare, score
+from .trial import CandidateModel, Score, TrialVerdict, compare, score
 
 _REFITS = 1
 _KEEPS = 0.9  # share of what a free curve explains, from which on a named effect keeps its name
@@ -28,7 +28,9 @@ _HOLDS = 0.8  # share of the log-likelihood that one curve gains, from which on 
 _POINTS = 60  # of the curve that is drawn
 
 
-def unexplained(result: FitResult, s: Standing, worth: Mapping[Effect, float], report: Report) -> Unexplained | None:
+def unexplained(
+    result: FitResult, s: CandidateModel, worth: Mapping[Effect, float], report: Report
+) -> Unexplained | None:
     """The smooth curve that the residual asks for most; None where it is not worth its parameters.
 
     Args:
@@ -49,7 +51,7 @@ def unexplained(result: FitResult, s: Standing, worth: Mapping[Effect, float], r
     return _told(best, doubts)
 
 
-def outdone(result: FitResult, first: Standing, s: Standing, report: Report) -> Unexplained | None:
+def outdone(result: FitResult, first: CandidateModel, s: CandidateModel, report: Report) -> Unexplained | None:
     """One smooth curve that does more for the first model than all the effects found together; None where none does.
 
     Names found one after the other may each imitate a part of something that has none. It is asked where much is left.
@@ -64,41 +66,41 @@ def outdone(result: FitResult, first: Standing, s: Standing, report: Report) -> 
     curve = _best(bare, before)
     if curve is None:
         return None
-    found = s.bench.layout.values(s.x, s.bench.unknowns.held)
+    found = s.problem.layout.values(s.x, s.problem.free_parameters.held)
     named = first.with_effects(s.added, found).lean().optimised()
     if np.log(named.chi2 / before.chi2) < _HOLDS * np.log(curve.score.chi2 / before.chi2):  # both are negative
         return None
-    if first.far and not s.far and settled(curve.standing, report).spoilt(s):
+    if first.far and not s.far and refit_fully(curve.standing, report).spoilt(s):
         return None
     return _told(curve, tuple(e.name for e in s.added))
 
 
-def widened(result: FitResult, s: Standing) -> Standing:
+def widened(result: FitResult, s: CandidateModel) -> CandidateModel:
     """The same model in a composition of its own effects and the smooth unknowns."""
-    return s.within(compose(result.rig, s.bench.tape.traces, UNKNOWNS, s.added), s.added, {}).lean()
+    return s.within(compose(result.rig, s.problem.batch.traces, UNKNOWNS, s.added), s.added, {}).lean()
 
 
 Smooth = type[AbstractSmooth]
 
 
-def _smooth(s: Standing) -> list[Effect]:
+def _smooth(s: CandidateModel) -> list[Effect]:
     return [e for e in s.composition.candidates if issubclass(e, AbstractSmooth)]
 
 
-def _best(s: Standing, before: Score) -> Verdict | None:
+def _best(s: CandidateModel, before: Score) -> TrialVerdict | None:
     """The smooth unknown that helps most, if any is worth it."""
     verdicts = [_tried(s, g, before) for g in screened(s, _smooth(s))[:_REFITS] if promises(g, before)]
     worth = [v for v in verdicts if v.bic_change < STRONG and v.helps_elsewhere()]
     return min(worth, key=lambda v: v.bic_change, default=None)
 
 
-def _tried(s: Standing, g: Signature, before: Score) -> Verdict:
+def _tried(s: CandidateModel, g: Signature, before: Score) -> TrialVerdict:
     trial = s.trying(g.variant.effect, g.values).lean().optimised()
     seen = sum(np.any(g.columns != 0.0, axis=0))
     return compare(g.variant.effect, before, trial, int(seen), len(UNKNOWNS))
 
 
-def _in_doubt(s: Standing, effect: Effect, here: Score) -> bool:
+def _in_doubt(s: CandidateModel, effect: Effect, here: Score) -> bool:
     """True where a free curve explains clearly more than a named effect does."""
     less = s.without(effect).lean().optimised()
     bare = score(less)
@@ -109,12 +111,12 @@ def _in_doubt(s: Standing, effect: Effect, here: Score) -> bool:
     return bool(named > _KEEPS * free)  # both are negative
 
 
-def _told(best: Verdict, doubts: tuple[str, ...]) -> Unexplained:
+def _told(best: TrialVerdict, doubts: tuple[str, ...]) -> Unexplained:
     """The curve over the range that was measured, with its standard deviation."""
     s, effect = best.standing, best.effect
     assert issubclass(effect, AbstractSmooth)
-    bench, layout, axis = s.bench, s.bench.layout, effect.along
-    values = layout.values(s.x, bench.unknowns.held)
+    problem, layout, axis = s.problem, s.problem.layout, effect.along
+    values = layout.values(s.x, problem.free_parameters.held)
     curve = effect(**{symbol: float(values[symbol]) for symbol in effect.symbols})
     low, high = _range(s, effect)
     where = np.linspace(low, high, _POINTS)
@@ -134,26 +136,26 @@ def _told(best: Verdict, doubts: tuple[str, ...]) -> Unexplained:
     )  # fmt: skip
 
 
-def _range(s: Standing, effect: Smooth) -> tuple[float, float]:
+def _range(s: CandidateModel, effect: Smooth) -> tuple[float, float]:
     """What of the axis was measured."""
-    along = signals(s.bench, s.x, pull_of(s.bench, s.x))
+    along = signals(s.problem, s.x, pull_of(s.problem, s.x))
     name = effect.axis
     moving = np.concatenate([a[name][np.isfinite(a["torque"])] for a in along])
     values = moving if moving.size else np.concatenate([a[name] for a in along])
     if name == "angle":
-        values = np.asarray(fraction(values, *s.bench.config.travel))
+        values = np.asarray(fraction(values, *s.problem.config.travel))
     if effect.along.low >= 0.0:
         values = np.abs(values)
     return float(np.min(values)), float(np.max(values))
 
 
-def _sd(s: Standing, effect: Smooth, where: np.ndarray) -> np.ndarray:
+def _sd(s: CandidateModel, effect: Smooth, where: np.ndarray) -> np.ndarray:
     """Standard deviation of the curve: its hats are linear in the amplitudes."""
-    r, _, jacobian = s.bench.linearise(s.x, s.problem)
+    r, _, jacobian = s.problem.linearise(s.x, s.weighted)
     flat = jacobian.reshape(-1, s.x.size)
-    unit = max(1.0, float(np.sum(r**2)) / s.problem.samples)
+    unit = max(1.0, float(np.sum(r**2)) / s.weighted.samples)
     covariance = unit * np.linalg.pinv(flat.T @ flat, rcond=1e-12, hermitian=True)
-    free, scale = s.bench.layout.free, [s.bench.layout.parameter(c).domain.scale for c in effect.symbols]
+    free, scale = s.problem.layout.free, [s.problem.layout.parameter(c).domain.scale for c in effect.symbols]
     rows = [free.index(c) for c in effect.symbols]
     hats = np.stack([np.asarray(effect(**_one(effect, k)).shape(where)) for k in range(len(rows))], axis=1) * scale
     spread = hats @ covariance[np.ix_(rows, rows)] @ hats.T

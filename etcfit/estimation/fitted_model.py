@@ -12,7 +12,7 @@ import jax
 import numpy as np
 
 from ..model.throttle import Throttle
-from ..problem.free_parameters import Unknowns
+from ..problem.free_parameters import FreeParameters
 from ..rig.base import RigConfig
 
 
@@ -22,29 +22,29 @@ class Fitted:
 
     Args:
         config: of the rig.
-        unknowns: what was free in it.
+        free_parameters: what was free in it.
         x: coordinates at the optimum, shape (P,).
         covariance: of the coordinates, shape (P, P).
     """
 
     config: RigConfig
-    unknowns: Unknowns
+    free_parameters: FreeParameters
     x: np.ndarray
     covariance: np.ndarray
 
     @cached_property
     def values(self) -> dict[str, float]:
         """SI by symbol."""
-        return {s: float(v) for s, v in self.unknowns.layout.values(self.x, self.unknowns.held).items()}
+        return {s: float(v) for s, v in self.free_parameters.layout.values(self.x, self.free_parameters.held).items()}
 
     @property
     def throttle(self) -> Throttle:
         """The model."""
-        return Throttle.build(self.unknowns.layout.types, self.values)
+        return Throttle.build(self.free_parameters.layout.types, self.values)
 
     def doubt(self, symbol: str) -> float:
         """Standard deviation of a parameter's coordinate over its reach, about its relative error; 0 if not free."""
-        layout = self.unknowns.layout
+        layout = self.free_parameters.layout
         if symbol not in layout.free:
             return 0.0
         k = layout.free.index(symbol)
@@ -53,8 +53,8 @@ class Fitted:
 
     def throttles(self, x: np.ndarray) -> Throttle:
         """Many at once, of coordinates of shape (D, P): parameters of shape (D,)."""
-        layout = self.unknowns.layout
-        pick = layout.pick(self.unknowns.held)
+        layout = self.free_parameters.layout
+        pick = layout.pick(self.free_parameters.held)
         values = jax.jit(jax.vmap(lambda each: layout.form.values(each, pick)))(layout.padded(x))
         return Throttle.build(layout.types, values)
 
@@ -63,7 +63,7 @@ class Fitted:
 
         A direction that the data leave open is drawn no wider than a hundred percent.
         """
-        reach = self.unknowns.layout.reach(self.x)
+        reach = self.free_parameters.layout.reach(self.x)
         spread = np.nan_to_num(self.covariance / np.outer(reach, reach), posinf=1.0, neginf=0.0)
         variance, directions = np.linalg.eigh(0.5 * (spread + spread.T))
         sd = np.sqrt(np.clip(variance, 0.0, 1.0))
@@ -71,13 +71,13 @@ class Fitted:
 
     def coordinates(self, values: Mapping[str, np.ndarray]) -> np.ndarray:
         """Coordinates of many values in SI by symbol, shape (D,) each; shape (D, P)."""
-        rows = zip(*(np.asarray(values[s]).tolist() for s in self.unknowns.layout.free), strict=True)
-        return np.array([self.unknowns.layout.coordinates(dict(zip(self.unknowns.layout.free, row, strict=True)))
-                         for row in rows])  # fmt: skip
+        layout = self.free_parameters.layout
+        rows = zip(*(np.asarray(values[s]).tolist() for s in layout.free), strict=True)
+        return np.array([layout.coordinates(dict(zip(layout.free, row, strict=True))) for row in rows])
 
     def gradient(self, function: Any) -> np.ndarray:
         """Derivative in coordinates of a function of the values (SI, by symbol), shape (..., P)."""
-        layout = self.unknowns.layout
-        pick = layout.pick(self.unknowns.held)
+        layout = self.free_parameters.layout
+        pick = layout.pick(self.free_parameters.held)
         slope = jax.jit(jax.jacfwd(lambda x: function(layout.form.values(x, pick))))(layout.padded(self.x))
         return np.asarray(slope)[..., : self.x.size]

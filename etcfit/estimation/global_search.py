@@ -10,8 +10,8 @@ from __future__ import annotations
 import numpy as np
 
 from ..problem.chi2 import chi2_of
-from ..problem.problem import Bench
-from ..problem.residual import Problem
+from ..problem.problem import EstimationProblem
+from ..problem.residual import WeightedData
 
 _DRAWS = 64
 _GENERATIONS = 30
@@ -21,18 +21,18 @@ _GAIN = 0.01  # than this share of chi2 has found what it will
 _WORTH = 0.02  # chi2, in units of chi2 per degree of freedom, that makes a move worth it
 
 
-def evolve(bench: Bench, x: np.ndarray, problem: Problem, spread: np.ndarray) -> np.ndarray:
+def evolve(problem: EstimationProblem, x: np.ndarray, weighted: WeightedData, spread: np.ndarray) -> np.ndarray:
     """The best point of a population that starts about x and evolves (Storn and Price 1997, current-to-best and rand).
 
     Args:
-        bench, problem: the residual.
+        problem, weighted: the residual.
         x: coordinates, shape (P,); one of the population, so the end is never worse.
         spread: standard deviations of the first population, shape (P,).
     """
     rng = np.random.default_rng(11)
     crowd = x + spread * rng.standard_normal((_DRAWS, x.size))
     crowd[0] = x
-    cost = chi2_of(bench, crowd, problem)
+    cost = chi2_of(problem, crowd, weighted)
     history = [float(cost.min())]
     for epoch in range(_EPOCHS):
         if epoch >= _PATIENCE and history[-1] > (1.0 - _GAIN) * history[-_PATIENCE]:
@@ -42,7 +42,7 @@ def evolve(bench: Bench, x: np.ndarray, problem: Problem, spread: np.ndarray) ->
         greedy = crowd + step * (crowd[np.argmin(cost)] - crowd) + step * (a - b)
         young = np.where(rng.uniform(size=(_DRAWS, 1)) < 0.5, greedy, c + step * (a - b))
         young = np.where(rng.uniform(size=young.shape) < 0.9, young, crowd)
-        price = chi2_of(bench, young, problem)
+        price = chi2_of(problem, young, weighted)
         better = price < cost
         crowd[better], cost[better] = young[better], price[better]
         history.append(float(cost.min()))
@@ -50,12 +50,12 @@ def evolve(bench: Bench, x: np.ndarray, problem: Problem, spread: np.ndarray) ->
 
 
 def settle(
-    bench: Bench, x: np.ndarray, problem: Problem, covariance: np.ndarray, unit: float
+    problem: EstimationProblem, x: np.ndarray, weighted: WeightedData, covariance: np.ndarray, unit: float
 ) -> tuple[np.ndarray, float]:
     """Move to the best of the points drawn about x, again and again, until none is worth it.
 
     Args:
-        bench, problem: the residual.
+        problem, weighted: the residual.
         x: coordinates, shape (P,).
         covariance: of the coordinates, in which the points are drawn, shape (P, P).
         unit: chi2 per degree of freedom, the unit in which a gain counts.
@@ -66,11 +66,11 @@ def settle(
     spread, axes = np.linalg.eigh(covariance)
     root = axes * np.sqrt(np.maximum(spread, 0.0))
     radius = np.repeat([1.0, 0.3, 0.1, 0.03], _DRAWS // 4)[:, None]
-    here = float(chi2_of(bench, np.tile(x, (_DRAWS, 1)), problem)[0])
+    here = float(chi2_of(problem, np.tile(x, (_DRAWS, 1)), weighted)[0])
     gain = 0.0
     for _ in range(_GENERATIONS):
         points = x + radius * rng.standard_normal((_DRAWS, x.size)) @ root.T
-        chi2 = chi2_of(bench, points, problem)
+        chi2 = chi2_of(problem, points, weighted)
         best = int(np.argmin(chi2))
         gain = max(0.0, here - float(chi2[best])) / unit
         if gain < _WORTH:

@@ -54,7 +54,7 @@ def intervals(result: FitResult) -> dict[str, Interval]:
 
     A tied parameter carries the interval of what it equals, and shares its loss where that is not identifiable.
     """
-    layout = result.unknowns.layout
+    layout = result.free_parameters.layout
     free = dict(zip(layout.free, _free(result), strict=True))
     held = {symbol: Interval.bare(result.values[symbol], "fixed") for symbol in layout.held}
     known = free | held
@@ -105,10 +105,10 @@ def lumped(result: FitResult) -> dict[str, Interval]:
     What the plate feels of motor and load together, and, in volts at the terminals, what holds and brakes the plate:
     the latter are known even where no current was logged and hence no torque.
     """
-    electric = any(trace.circuit for trace in result.bench.tape.traces)
-    n, unknowns = result.rig.config.gear_ratio, result.unknowns
-    layout = unknowns.layout
-    gradients = np.asarray(_gradients(layout.form, layout.padded(result.x), layout.pick(unknowns.held), n))[
+    electric = any(trace.circuit for trace in result.problem.batch.traces)
+    n, free_parameters = result.rig.config.gear_ratio, result.free_parameters
+    layout = free_parameters.layout
+    gradients = np.asarray(_gradients(layout.form, layout.padded(result.x), layout.pick(free_parameters.held), n))[
         :, : result.x.size
     ]
     return {
@@ -131,7 +131,7 @@ def _gradients(form: Form, x: Any, pick: Pick, n: Any) -> Any:
 
 def _free(result: FitResult) -> list[Interval]:
     """Those of the free parameters, in the order of x."""
-    layout, x = result.unknowns.layout, result.x
+    layout, x = result.free_parameters.layout, result.x
     sd = np.sqrt(np.maximum(np.diag(result.covariance), 0.0))
     slope = layout.numbers(x)[1]
     low, high = (layout.numbers(x + way * Z_95 * sd)[0] for way in (-1.0, 1.0))
@@ -142,7 +142,7 @@ def _free(result: FitResult) -> list[Interval]:
 
 def _judged(result: FitResult, k: int, stated: Interval) -> Interval:
     """What may be said of an interval: all of it, that a bound holds the value, or that nothing is known."""
-    layout, value = result.unknowns.layout, stated.value
+    layout, value = result.free_parameters.layout, stated.value
     domain = layout.parameter(layout.free[k]).domain
     remark = "at its bound" if domain.at_bound(value) else None
     if layout.free[k] in result.identifiability.lost:

@@ -9,18 +9,18 @@ import numpy as np
 
 from ..errors import MeasurementError
 from ..problem.chi2 import chi2_of
-from ..problem.free_parameters import Unknowns, unknowns
+from ..problem.free_parameters import FreeParameters, free_parameters
 from ..problem.prediction_error import columns
-from ..problem.problem import Bench
-from ..problem.residual import Problem
+from ..problem.problem import EstimationProblem
+from ..problem.residual import WeightedData
 from ..problem.trace import Trace, follows_setpoint, prepare
 from ..rig.base import Measurement, Rig
 from ..rig.paper_readings import Readings, read_graphs
 from .global_search import evolve, settle
-from .levenberg_marquardt import Local, descend, go, local
-from .result import End, outcome
+from .levenberg_marquardt import Local, descend, local, minimise
 from .result import FitResult as FitResult
 from .result import StartSummary as StartSummary
+from .result import Termination, outcome
 
 Report = Callable[[str, float], None]
 
@@ -42,10 +42,10 @@ def quiet(text: str, share: float) -> None:
     """A progress report that says nothing."""
 
 
-def start_values(unknowns: Unknowns, readings: Readings) -> dict[str, float]:
+def start_values(free_parameters: FreeParameters, readings: Readings) -> dict[str, float]:
     """Where the fit starts: the reading; where it is silent rig.toml; where that is silent a nominal value."""
-    values = {p.symbol: p.nominal for p in unknowns.layout.parameters}
-    values |= unknowns.start
+    values = {p.symbol: p.nominal for p in free_parameters.layout.parameters}
+    values |= free_parameters.start
     read = {s: v for s, v in readings.values.items() if s in values and np.isfinite(v)}
     return values | read
 
@@ -89,17 +89,17 @@ def fit(rig: Rig, report: Report = quiet) -> FitResult:
     Raises:
         MeasurementError: nothing to fit, or rig.toml names what does not exist.
     """
-    known = unknowns(rig.config)
+    known = free_parameters(rig.config)
     fitted, held_out, notes = ready(rig)
     report("reading the paper's graphs", 0.02)
     readings = read_graphs(rig)
     start = known.layout.off_bounds(known.layout.coordinates(start_values(known, readings)))
     report("choosing integration steps", 0.05)
-    bench = Bench.of(rig.config, known, fitted).refined(start).poised(start)
-    x, starts, unit = _from_several_starts(bench, start, report)
-    bench = bench.released(x).poised(x)
-    bench, problem, x, state = _whitened(bench, x, report) if unit < MISFIT else _free_running(bench, x, report)
-    return outcome(rig, readings, bench, held_out, problem, x, starts, state, notes)
+    problem = EstimationProblem.of(rig.config, known, fitted).refined(start).with_integrator_states(start)
+    x, starts, unit = _from_several_starts(problem, start, report)
+    problem = problem.with_release_times(x).with_integrator_states(x)
+    problem, weighted, x, state = _whitened(problem, x, report) if unit < MISFIT else _free_running(problem, x, report)
+    return outcome(rig, readings, problem, held_out, weighted, x, starts, state, notes)
 
 
 def resume(rig: Rig, x: np.ndarray, far: bool, report: Report = quiet) -> FitResult:
@@ -111,42 +111,42 @@ def resume(rig: Rig, x: np.ndarray, far: bool, report: Report = quiet) -> FitRes
         far: whether it was fitted free-running.
         report: called with what is going on and the share done.
     """
-    known = unknowns(rig.config)
+    known = free_parameters(rig.config)
     fitted, held_out, notes = ready(rig)
     readings = read_graphs(rig)
     report("taking up the fit", 0.1)
-    bench = Bench.of(rig.config, known, fitted).refined(x).released(x).poised(x)
+    problem = EstimationProblem.of(rig.config, known, fitted).refined(x).with_release_times(x).with_integrator_states(x)
     if not far:
-        bench, problem, x, end = _whitened(bench, x, report)
+        problem, weighted, x, end = _whitened(problem, x, report)
     else:
-        bench = bench.discounted(x)
-        problem = bench.problem(bench.free_running())
-        end = End(True, "taken up from a fit that was searched for", far=True)
-    return outcome(rig, readings, bench, held_out, problem, x, (), end, notes)
+        problem = problem.discounted(x)
+        weighted = problem.weighted(problem.free_running())
+        end = Termination(True, "taken up from a fit that was searched for", far=True)
+    return outcome(rig, readings, problem, held_out, weighted, x, (), end, notes)
 
 
 def _from_several_starts(
-    bench: Bench, start: np.ndarray, report: Report
+    problem: EstimationProblem, start: np.ndarray, report: Report
 ) -> tuple[np.ndarray, tuple[StartSummary, ...], float]:
     """The reading first, then points scattered about it; the deepest end wins. Its chi2 per degree of freedom last."""
     rng = np.random.default_rng(20230701)
-    reach = _SPREAD * bench.layout.reach(start)
+    reach = _SPREAD * problem.layout.reach(start)
     others = [start + reach * rng.standard_normal(start.size) for _ in range(_STARTS)]
-    problem = bench.problem(bench.forgiving())
+    weighted = problem.weighted(problem.forgiving())
     best, lowest, summaries = start, np.inf, []
-    freedom = max(1.0, problem.samples - start.size)
+    freedom = max(1.0, weighted.samples - start.size)
     for k, first in enumerate([start, *others]):
         report(f"start {k + 1} of {_STARTS + 1}", 0.1 + 0.1 * k)
         near = lowest / freedom < MISFIT  # then another start is a check, and the plain way will do
-        end, steps = descend(bench, first, problem, _NEAR) if near else approach(bench, first, _NEAR)
-        before, after = chi2_of(bench, np.stack((first, end)), problem).tolist()
+        end, steps = descend(problem, first, weighted, _NEAR) if near else approach(problem, first, _NEAR)
+        before, after = chi2_of(problem, np.stack((first, end)), weighted).tolist()
         summaries.append(StartSummary("reading" if k == 0 else f"scattered {k}", before, after, steps))
         if after < lowest:
             best, lowest = end, after
     return best, tuple(summaries), lowest / freedom
 
 
-def approach(bench: Bench, x: np.ndarray, tolerance: float) -> tuple[np.ndarray, int]:
+def approach(problem: EstimationProblem, x: np.ndarray, tolerance: float) -> tuple[np.ndarray, int]:
     """Descend with all instants forgiven coarsely, then ever finer; where it ends, and after how many steps.
 
     Where the simulated plate hits its stop a little early, all samples up to the true impact are wrong, by an amount
@@ -154,26 +154,28 @@ def approach(bench: Bench, x: np.ndarray, tolerance: float) -> tuple[np.ndarray,
     """
     steps = 0
     for late in _LATE:
-        x, more = descend(bench, x, bench.problem(bench.forgiving(late)), tolerance)
+        x, more = descend(problem, x, problem.weighted(problem.forgiving(late)), tolerance)
         steps += more
     return x, steps
 
 
-def _whitened(bench: Bench, x: np.ndarray, report: Report) -> tuple[Bench, Problem, np.ndarray, End]:
+def _whitened(
+    problem: EstimationProblem, x: np.ndarray, report: Report
+) -> tuple[EstimationProblem, WeightedData, np.ndarray, Termination]:
     """The rounds, and a search from where they end short of an optimum."""
-    bench, problem, x, end = rounds(bench, x, report, _SETTLED, _ROUNDS)
+    problem, weighted, x, end = rounds(problem, x, report, _SETTLED, _ROUNDS)
     if end.gain > _DECREMENT:
-        return _searched(bench, x, problem, local(bench, x, problem), end.outliers, report)
-    return bench, problem, x, end
+        return _searched(problem, x, weighted, local(problem, x, weighted), end.outliers, report)
+    return problem, weighted, x, end
 
 
 def rounds(
-    bench: Bench, x: np.ndarray, report: Report, still: float, most: int
-) -> tuple[Bench, Problem, np.ndarray, End]:
+    problem: EstimationProblem, x: np.ndarray, report: Report, still: float, most: int
+) -> tuple[EstimationProblem, WeightedData, np.ndarray, Termination]:
     """Renew the whitening, the releases and the outliers at each optimum until nothing moves any more.
 
     Args:
-        bench, x: traces and coordinates near an optimum.
+        problem, x: traces and coordinates near an optimum.
         report: progress.
         still: what counts as not moving, standard errors.
         most: rounds.
@@ -181,22 +183,24 @@ def rounds(
     moved, outliers, about = np.inf, 0, x
     for k in range(most):
         report(f"whitening {k + 1}: moved {moved:.2g} standard errors", 0.5 + 0.4 * k / most)
-        problem = bench.problem(bench.kalman(about))
-        x, _ = (descend if k < 2 else go)(bench, x, problem, _THERE)
-        here = local(bench, x, problem)
+        weighted = problem.weighted(problem.kalman(about))
+        x, _ = (descend if k < 2 else minimise)(problem, x, weighted, _THERE)
+        here = local(problem, x, weighted)
         moved = float(np.max(np.abs(x - about) / np.sqrt(np.diag(here.covariance))))
         if (moved < still and k > 0) or k == most - 1:
             break
         # later rounds go half way: an impact or a slip that falls on either side of a sample makes two ends alternate
         early = k < _CLOCK_ROUNDS
         about = x if early else 0.5 * (about + x)
-        whitened = columns(bench.tape, here.r)
-        bench = bench.timed(x, here.r) if early else bench
-        bench, outliers = bench.released(about).poised(about).outliers_weighed(whitened)
-    return bench, problem, x, replace(_verdict(moved, here.gain, outliers), wander=x - about, gain=here.gain)
+        whitened = columns(problem.batch, here.r)
+        problem = problem.timed(x, here.r) if early else problem
+        problem, outliers = problem.with_release_times(about).with_integrator_states(about).outliers_weighed(whitened)
+    return problem, weighted, x, replace(_verdict(moved, here.gain, outliers), wander=x - about, gain=here.gain)
 
 
-def _free_running(bench: Bench, x: np.ndarray, report: Report) -> tuple[Bench, Problem, np.ndarray, End]:
+def _free_running(
+    problem: EstimationProblem, x: np.ndarray, report: Report
+) -> tuple[EstimationProblem, WeightedData, np.ndarray, Termination]:
     """Least squares of the free-running simulation, for a model far from the data.
 
     What such a model lacks is larger than all that the whitening knows of, so the whitening would only let it follow
@@ -205,45 +209,47 @@ def _free_running(bench: Bench, x: np.ndarray, report: Report) -> tuple[Bench, P
     """
     for k in range(_REWEIGHINGS):
         report("no start comes near the data: searching about the best", 0.5 + 0.1 * k)
-        bench, problem, x = freed(bench, x, _SPREAD / 2.0**k)
-    bench, problem, x, end = _searched(bench, x, problem, local(bench, x, problem), 0, report)
-    return bench, problem, x, replace(end, far=True)
+        problem, weighted, x = freed(problem, x, _SPREAD / 2.0**k)
+    problem, weighted, x, end = _searched(problem, x, weighted, local(problem, x, weighted), 0, report)
+    return problem, weighted, x, replace(end, far=True)
 
 
-def freed(bench: Bench, x: np.ndarray, spread: float) -> tuple[Bench, Problem, np.ndarray]:
+def freed(
+    problem: EstimationProblem, x: np.ndarray, spread: float
+) -> tuple[EstimationProblem, WeightedData, np.ndarray]:
     """The best free run about x: weighed by what is left in it, searched for, descended to.
 
     Args:
-        bench, x: traces and coordinates.
+        problem, x: traces and coordinates.
         spread: of the points searched, in units of each coordinate's reach.
     """
-    bench = bench.discounted(x)
-    problem = bench.problem(bench.free_running())
-    x = evolve(bench, x, problem, spread * bench.layout.reach(x))
-    x, _ = go(bench, x, problem, _THERE)
-    return bench, problem, x
+    problem = problem.discounted(x)
+    weighted = problem.weighted(problem.free_running())
+    x = evolve(problem, x, weighted, spread * problem.layout.reach(x))
+    x, _ = minimise(problem, x, weighted, _THERE)
+    return problem, weighted, x
 
 
-def _verdict(moved: float, gain: float, outliers: int) -> End:
+def _verdict(moved: float, gain: float, outliers: int) -> Termination:
     if not np.isfinite(gain):
-        return End(False, "the model cannot be computed at the point reached", outliers)
+        return Termination(False, "the model cannot be computed at the point reached", outliers)
     if moved > _WANDERING:
-        return End(False, f"the last round still moved a parameter by {moved:.2g} standard errors", outliers)
+        return Termination(False, f"the last round still moved a parameter by {moved:.2g} standard errors", outliers)
     still = f"gradient zero to {gain:.1e} of chi2"
     if moved > 1.0:
         alternates = f"the rounds alternate by {moved:.2g} standard errors, which the intervals include"
-        return End(True, f"{still}; {alternates}", outliers)
-    return End(True, f"{still}, last round moved {moved:.2g} standard errors", outliers)
+        return Termination(True, f"{still}; {alternates}", outliers)
+    return Termination(True, f"{still}, last round moved {moved:.2g} standard errors", outliers)
 
 
 def _searched(
-    bench: Bench, x: np.ndarray, problem: Problem, here: Local, outliers: int, report: Report
-) -> tuple[Bench, Problem, np.ndarray, End]:
+    problem: EstimationProblem, x: np.ndarray, weighted: WeightedData, here: Local, outliers: int, report: Report
+) -> tuple[EstimationProblem, WeightedData, np.ndarray, Termination]:
     """Go on without a gradient from where it leads no further."""
     report("the gradient does not vanish: searching without it", 0.9)
-    x, gain = settle(bench, x, problem, here.covariance, here.unit)
+    x, gain = settle(problem, x, weighted, here.covariance, here.unit)
     if gain > _ROUGH:
         text = f"points about the end still lower chi2, by {gain:.2g} of its own size per sample"
     else:
         text = f"chi2 is too rough for its gradient; no point drawn within a standard error lowers it by {_ROUGH}"
-    return bench, problem, x, End(gain <= _ROUGH, text, outliers)
+    return problem, weighted, x, Termination(gain <= _ROUGH, text, outliers)

@@ -15,8 +15,8 @@ import optimistix
 
 from ..problem.free_parameters import Form
 from ..problem.jacobian import jacobian
-from ..problem.problem import Bench
-from ..problem.residual import Problem, prior_residual, residual
+from ..problem.problem import EstimationProblem
+from ..problem.residual import WeightedData, prior_residual, residual
 from .identifiability import WIDE
 
 _STEPS = 40  # of Levenberg-Marquardt in one go
@@ -56,18 +56,18 @@ def _with_dense_jacobian(function: Callable[[Any], Any], live: Any) -> Callable[
 
 @partial(jax.jit, static_argnums=(0, 1))
 def _minimise(
-    form: Form, circuits: tuple[str, ...], x0: Any, scale: Any, anchor: Any, problem: Problem, tolerance: Any
+    form: Form, circuits: tuple[str, ...], x0: Any, scale: Any, anchor: Any, weighted: WeightedData, tolerance: Any
 ) -> tuple[Any, Any]:
     """Levenberg-Marquardt from x0, in coordinates stretched by `scale` so that its damping treats all alike."""
-    root = jnp.sqrt(jnp.sum(problem.slots.weight))
+    root = jnp.sqrt(jnp.sum(weighted.slots.weight))
 
     def stacked(y: Any) -> Any:
         x = x0 + scale * y
-        r = residual(form, circuits, x, problem)
+        r = residual(form, circuits, x, weighted)
         # the anchor keeps what the data do not determine from wandering; it weighs nothing beside any datum
-        return jnp.concatenate((r.ravel(), prior_residual(x, problem), (x - x0) / anchor)) / root
+        return jnp.concatenate((r.ravel(), prior_residual(x, weighted), (x - x0) / anchor)) / root
 
-    dense = _with_dense_jacobian(stacked, form.live(problem.pick))
+    dense = _with_dense_jacobian(stacked, form.live(weighted.pick))
     y0 = jnp.zeros_like(x0)
     solver = _LevenbergMarquardt(rtol=tolerance, atol=tolerance)
     solution = optimistix.least_squares(lambda y, _: dense(y), solver, y0, max_steps=_STEPS, throw=False)
@@ -85,29 +85,33 @@ def information_of(prior_sd: np.ndarray, jacobian: np.ndarray) -> np.ndarray:
     return flat.T @ flat + np.diag(1.0 / np.asarray(prior_sd) ** 2)
 
 
-def go(bench: Bench, x: np.ndarray, problem: Problem, tolerance: float) -> tuple[np.ndarray, int]:
+def minimise(
+    problem: EstimationProblem, x: np.ndarray, weighted: WeightedData, tolerance: float
+) -> tuple[np.ndarray, int]:
     """Minimise from x; a point where the model cannot be computed stays where it is."""
-    r, _, jacobian = bench.linearise(x, problem)
+    r, _, jacobian = problem.linearise(x, weighted)
     if not np.isfinite(r).all() or not np.isfinite(jacobian).all():
         return x, 0
-    layout = bench.layout
-    scale = _scale(information_of(problem.prior_sd[: x.size], jacobian), problem.samples)
+    layout = problem.layout
+    scale = _scale(information_of(weighted.prior_sd[: x.size], jacobian), weighted.samples)
     anchor = WIDE * layout.reach(x)
     stretch = layout.padded(np.minimum(scale, 1e4 * anchor), 1.0)
     start, held_to = layout.padded(x), layout.padded(anchor, 1.0)
-    end, steps = _minimise(layout.form, bench.tape.circuits, start, stretch, held_to, problem, tolerance)
+    end, steps = _minimise(layout.form, problem.batch.circuits, start, stretch, held_to, weighted, tolerance)
     return np.asarray(end)[: x.size], int(steps)
 
 
-def descend(bench: Bench, x: np.ndarray, problem: Problem, tolerance: float) -> tuple[np.ndarray, int]:
+def descend(
+    problem: EstimationProblem, x: np.ndarray, weighted: WeightedData, tolerance: float
+) -> tuple[np.ndarray, int]:
     """Minimise from x moved off its bounds, on which the gradient vanishes; from x itself where that leads astray."""
-    start = bench.layout.off_bounds(x)
-    end, steps = go(bench, start, problem, tolerance)
+    start = problem.layout.off_bounds(x)
+    end, steps = minimise(problem, start, weighted, tolerance)
     if np.array_equal(start, x):
         return end, steps
-    if bench.chi2(end, problem) < bench.chi2(x, problem):
+    if problem.chi2(end, weighted) < problem.chi2(x, weighted):
         return end, steps
-    return go(bench, x, problem, tolerance)
+    return minimise(problem, x, weighted, tolerance)
 
 
 @dataclass(frozen=True, eq=False)
@@ -129,12 +133,12 @@ class Local:
     gain: float
 
 
-def local(bench: Bench, x: np.ndarray, problem: Problem) -> Local:
-    r, prior, jacobian = bench.linearise(x, problem)
-    unit = max(1.0, float(np.sum(r**2)) / max(1.0, problem.samples - x.size))
-    reach = bench.layout.reach(x)
-    information = information_of(problem.prior_sd[: x.size], jacobian) + np.diag(1.0 / (WIDE * reach) ** 2)
-    prior_sd = np.asarray(problem.prior_sd)[: x.size]
+def local(problem: EstimationProblem, x: np.ndarray, weighted: WeightedData) -> Local:
+    r, prior, jacobian = problem.linearise(x, weighted)
+    unit = max(1.0, float(np.sum(r**2)) / max(1.0, weighted.samples - x.size))
+    reach = problem.layout.reach(x)
+    information = information_of(weighted.prior_sd[: x.size], jacobian) + np.diag(1.0 / (WIDE * reach) ** 2)
+    prior_sd = np.asarray(weighted.prior_sd)[: x.size]
     gradient = jacobian.reshape(-1, x.size).T @ r.ravel() + prior / prior_sd
     gain = float(gradient @ np.linalg.solve(information, gradient)) / unit
     values, vectors = np.linalg.eigh(information * np.outer(reach, reach))

@@ -7,10 +7,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..problem.free_parameters import Unknowns
-from ..problem.prediction_error import Row, columns, rows
-from ..problem.problem import Bench
-from ..problem.residual import Problem
+from ..problem.free_parameters import FreeParameters
+from ..problem.prediction_error import PredictionError, columns, rows
+from ..problem.problem import EstimationProblem
+from ..problem.residual import WeightedData
 from ..problem.trace import Trace
 from ..rig.base import Rig
 from ..rig.paper_readings import Readings
@@ -42,15 +42,15 @@ class FitResult:
 
     Args:
         rig: as read.
-        unknowns: what was free.
+        free_parameters: what was free.
         x: coordinates at the optimum, shape (P,).
         values: SI by symbol, all parameters.
         covariance: of the coordinates, widened where the noise is correlated, shape (P, P).
         identifiability: what these data can tell.
         readings: the paper's graph by graph reading.
-        bench: the data as fitted, for whoever goes on from here.
+        problem: the data as fitted, for whoever goes on from here.
         holdout: the traces that were not, or None.
-        problem: what the residual was minimised over.
+        weighted: what the residual was minimised over.
         whitened: residual of each fitted trace, shape (n, M) each.
         predicted: free-run simulation of each fitted trace and each held-out one, by file, shape (n, M) each.
         score_fit, score_holdout: free-run errors a trace and channel.
@@ -64,19 +64,19 @@ class FitResult:
     """
 
     rig: Rig
-    unknowns: Unknowns
+    free_parameters: FreeParameters
     x: np.ndarray
     values: Mapping[str, float]
     covariance: np.ndarray
     identifiability: Identifiability
     readings: Readings
-    bench: Bench
-    holdout: Bench | None
-    problem: Problem
+    problem: EstimationProblem
+    holdout: EstimationProblem | None
+    weighted: WeightedData
     whitened: tuple[np.ndarray, ...]
     predicted: Mapping[str, np.ndarray]
-    score_fit: tuple[Row, ...]
-    score_holdout: tuple[Row, ...]
+    score_fit: tuple[PredictionError, ...]
+    score_holdout: tuple[PredictionError, ...]
     chi2_per_dof: float
     converged: bool
     reason: str
@@ -88,11 +88,11 @@ class FitResult:
 
     def fitted(self) -> Fitted:
         """The model alone, for whoever goes on from it."""
-        return Fitted(self.rig.config, self.unknowns, self.x, self.covariance)
+        return Fitted(self.rig.config, self.free_parameters, self.x, self.covariance)
 
 
 @dataclass(frozen=True)
-class End:
+class Termination:
     """How the fit ended.
 
     Args:
@@ -115,47 +115,47 @@ class End:
 def outcome(
     rig: Rig,
     readings: Readings,
-    bench: Bench,
+    problem: EstimationProblem,
     held_out: tuple[Trace, ...],
-    problem: Problem,
+    weighted: WeightedData,
     x: np.ndarray,
     starts: tuple[StartSummary, ...],
-    end: End,
+    end: Termination,
     notes: tuple[str, ...],
 ) -> FitResult:
-    r, _, jacobian = bench.linearise(x, problem)
-    pieces = _pieces(bench, r, jacobian)
-    certain = analyse(bench.layout, x, information_of(problem.prior_sd[: x.size], jacobian)).covariance
+    r, _, jacobian = problem.linearise(x, weighted)
+    pieces = _pieces(problem, r, jacobian)
+    certain = analyse(problem.layout, x, information_of(weighted.prior_sd[: x.size], jacobian)).covariance
     covariance, factor, count = widen(certain, pieces)
     alternating: list[str] = []
     if end.wander is not None:
         far_off = np.abs(end.wander) > 0.5 * np.sqrt(np.diag(covariance))
-        alternating = [s for s, off in zip(bench.layout.free, far_off, strict=True) if off]
+        alternating = [s for s, off in zip(problem.layout.free, far_off, strict=True) if off]
         covariance = covariance + np.outer(end.wander, end.wander)
-    verdict = _verdict_on_parameters(bench, x, problem, pieces)
-    values = {s: float(v) for s, v in bench.layout.values(x, bench.unknowns.held).items()}
-    holdout = bench.beside(held_out, x) if held_out else None
+    verdict = _verdict_on_parameters(problem, x, weighted, pieces)
+    values = {s: float(v) for s, v in problem.layout.values(x, problem.free_parameters.held).items()}
+    holdout = problem.beside(held_out, x) if held_out else None
     predicted, score_holdout = {}, ()
-    for part in filter(None, (bench, holdout)):
+    for part in filter(None, (problem, holdout)):
         model = part.free_run(x)
-        predicted |= {t.measurement.file: y for t, y in zip(part.tape.traces, model, strict=True)}
+        predicted |= {t.measurement.file: y for t, y in zip(part.batch.traces, model, strict=True)}
     if holdout is not None:
         score_holdout = rows(held_out, [predicted[t.measurement.file] for t in held_out])
-    score_fit = rows(bench.tape.traces, [predicted[t.measurement.file] for t in bench.tape.traces])
-    whitened = _in_sigma(bench, predicted) if end.far else tuple(columns(bench.tape, r))
+    score_fit = rows(problem.batch.traces, [predicted[t.measurement.file] for t in problem.batch.traces])
+    whitened = _in_sigma(problem, predicted) if end.far else tuple(columns(problem.batch, r))
     samples = sum(row.n for row in score_fit)
     chi2 = sum(float(np.nansum(part**2)) for part in whitened) / max(1.0, samples - x.size)
     return FitResult(
         rig=rig,
-        unknowns=bench.unknowns,
+        free_parameters=problem.free_parameters,
         x=x,
         values=values,
         covariance=covariance,
         identifiability=verdict,
         readings=readings,
-        bench=bench,
-        holdout=holdout,
         problem=problem,
+        holdout=holdout,
+        weighted=weighted,
         whitened=whitened,
         predicted=predicted,
         score_fit=score_fit,
@@ -164,38 +164,40 @@ def outcome(
         converged=end.converged,
         reason=end.reason,
         starts=starts,
-        widening=dict(zip(bench.layout.free, map(float, factor), strict=True)),
+        widening=dict(zip(problem.layout.free, map(float, factor), strict=True)),
         warnings=(*rig.warnings, *notes, *_words(end, count, len(score_fit), chi2, factor), *_alternation(alternating)),
         far=end.far,
     )
 
 
-def _in_sigma(bench: Bench, predicted: Mapping[str, np.ndarray]) -> tuple[np.ndarray, ...]:
+def _in_sigma(problem: EstimationProblem, predicted: Mapping[str, np.ndarray]) -> tuple[np.ndarray, ...]:
     """Free-running error over each sample's own noise, for a model too far from the data to whiten."""
-    return tuple((t.data - predicted[t.measurement.file]) / t.sigma for t in bench.tape.traces)
+    return tuple((t.data - predicted[t.measurement.file]) / t.sigma for t in problem.batch.traces)
 
 
 def _verdict_on_parameters(
-    bench: Bench, x: np.ndarray, problem: Problem, pieces: list[tuple[np.ndarray, np.ndarray]]
+    problem: EstimationProblem, x: np.ndarray, weighted: WeightedData, pieces: list[tuple[np.ndarray, np.ndarray]]
 ) -> Identifiability:
     """What the data can tell, each channel counting for no more than its residual's size and independence allow.
 
     It is judged off the bounds: a parameter that lies on one would seem known, and so would what it hides behind.
     """
-    inside = bench.layout.off_bounds(x)
+    inside = problem.layout.off_bounds(x)
     if not np.array_equal(inside, x):
-        r, _, jacobian = bench.linearise(inside, problem)
-        pieces = [(j, own) for (j, _), (_, own) in zip(_pieces(bench, r, jacobian), pieces, strict=True)]
-    information = np.diag(1.0 / np.asarray(problem.prior_sd)[: x.size] ** 2)
+        r, _, jacobian = problem.linearise(inside, weighted)
+        pieces = [(j, own) for (j, _), (_, own) in zip(_pieces(problem, r, jacobian), pieces, strict=True)]
+    information = np.diag(1.0 / np.asarray(weighted.prior_sd)[: x.size] ** 2)
     for jacobian, own in pieces:
         information = information + jacobian.T @ jacobian / inflation(own)
-    return analyse(bench.layout, inside, information)
+    return analyse(problem.layout, inside, information)
 
 
-def _pieces(bench: Bench, r: np.ndarray, jacobian: np.ndarray) -> list[tuple[np.ndarray, np.ndarray]]:
+def _pieces(problem: EstimationProblem, r: np.ndarray, jacobian: np.ndarray) -> list[tuple[np.ndarray, np.ndarray]]:
     """Jacobian and residual of each channel of each trace, where it was logged."""
     out = []
-    for trace, part, (lane, _, marks) in zip(bench.tape.traces, columns(bench.tape, r), bench.tape.places, strict=True):
+    for trace, part, (lane, _, marks) in zip(
+        problem.batch.traces, columns(problem.batch, r), problem.batch.places, strict=True
+    ):
         for m in range(len(trace.channels)):
             seen = np.isfinite(trace.data[:, m])
             out.append((jacobian[marks[seen], lane, m], part[seen, m]))
@@ -212,7 +214,7 @@ def _alternation(symbols: list[str]) -> list[str]:
     ]
 
 
-def _words(end: End, correlated: int, pieces: int, chi2: float, factor: np.ndarray) -> list[str]:
+def _words(end: Termination, correlated: int, pieces: int, chi2: float, factor: np.ndarray) -> list[str]:
     out = []
     if end.far:
         out.append(

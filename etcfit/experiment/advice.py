@@ -18,8 +18,8 @@ import numpy as np
 from ..estimation.identifiability import analyse
 from ..estimation.joint_fit import ready, start_values
 from ..estimation.levenberg_marquardt import information_of
-from ..problem.free_parameters import Layout, unknowns
-from ..problem.problem import Bench
+from ..problem.free_parameters import Layout, free_parameters
+from ..problem.problem import EstimationProblem
 from ..problem.trace import Trace
 from ..rig import TESTS
 from ..rig.base import Rig
@@ -99,17 +99,17 @@ def advise(rig: Rig, x: np.ndarray | None = None) -> Advice:
     Raises:
         MeasurementError: nothing can be fitted.
     """
-    known = unknowns(rig.config)
+    known = free_parameters(rig.config)
     fitted, _, _ = ready(rig)
     if x is None:
         x = known.layout.coordinates(start_values(known, read_graphs(rig)))
-    bench = Bench.of(rig.config, known, fitted).refined(x)
-    now = _informations(bench, x)
-    prior_sd = bench.problem(bench.free_running()).prior_sd[: x.size]
+    problem = EstimationProblem.of(rig.config, known, fitted).refined(x)
+    now = _informations(problem, x)
+    prior_sd = problem.weighted(problem.free_running()).prior_sd[: x.size]
     judge = Judge(known.layout, x, information_of(prior_sd, np.zeros((0, x.size))) + sum(now))
     values = {s: float(v) for s, v in known.layout.values(x, known.held).items()}
     again = [_again(test.name, fitted, now, judge) for test in TESTS if test.name in {t.test.name for t in fitted}]
-    planned = list(_planned(bench, x, Setting.of(rig, values), judge))
+    planned = list(_planned(problem, x, Setting.of(rig, values), judge))
     options = sorted((*again, *planned), key=lambda option: option.mean)
     judged = {option.test for option in options}
     return Advice(rig, known.layout.free, judge.sd, tuple(options), tuple(_not_judged(judged)))
@@ -165,11 +165,11 @@ def batched(traces: Sequence[Trace], most: int) -> Iterator[tuple[Trace, ...]]:
     return (tuple(traces[k : k + most]) for k in range(0, len(traces), most))
 
 
-def _informations(bench: Bench, x: np.ndarray) -> list[np.ndarray]:
+def _informations(problem: EstimationProblem, x: np.ndarray) -> list[np.ndarray]:
     """J_k^T J_k of each trace of a bench, shape (P, P) each."""
-    _, _, jacobian = bench.linearise(x, bench.problem(bench.kalman(x)))
+    _, _, jacobian = problem.linearise(x, problem.weighted(problem.kalman(x)))
     out = []
-    for trace, (lane, _, marks) in zip(bench.tape.traces, bench.tape.places, strict=True):
+    for trace, (lane, _, marks) in zip(problem.batch.traces, problem.batch.places, strict=True):
         rows = jacobian[marks, lane, : len(trace.channels)].reshape(-1, x.size)
         rows = rows[np.isfinite(rows).all(axis=1)]
         out.append(rows.T @ rows)
@@ -186,27 +186,29 @@ def _again(test: str, traces: Sequence[Trace], informations: Sequence[np.ndarray
     return min(options, key=lambda option: option.mean)
 
 
-def _planned(bench: Bench, x: np.ndarray, setting: Setting, judge: Judge) -> Iterator[Option]:
+def _planned(problem: EstimationProblem, x: np.ndarray, setting: Setting, judge: Judge) -> Iterator[Option]:
     """A trace of each test that was not made yet, and the best of the driven responses."""
-    if any(trace.torque_driven for trace in bench.tape.traces):
+    if any(trace.torque_driven for trace in problem.batch.traces):
         return  # no supply is known, and no amplifier to drive it with
-    made = {trace.test.name for trace in bench.tape.traces}
+    made = {trace.test.name for trace in problem.batch.traces}
     absent = [plan(setting) for name, plan in PLANS.items() if name not in made]
     responses = sweeps(setting)
     plans = [*absent, *responses]
     traces = tuple(trace_of(plan, setting) for plan in plans)
     options = [
         Option(plan.test, plan.says, _remark(channels(plan, setting), setting), *judge.gain(more), plan)
-        for plan, more in zip(plans, _beside(bench, traces, x), strict=True)
+        for plan, more in zip(plans, _beside(problem, traces, x), strict=True)
     ]
     yield from options[: len(absent)]
     yield min(options[len(absent) :], key=lambda option: option.mean)
 
 
-def _beside(bench: Bench, traces: Sequence[Trace], x: np.ndarray) -> Iterator[np.ndarray]:
+def _beside(problem: EstimationProblem, traces: Sequence[Trace], x: np.ndarray) -> Iterator[np.ndarray]:
     """J_k^T J_k of other traces, as many at a time as there are lanes: what was compiled for the bench serves again."""
-    for some in batched(traces, bench.shape[1]):
-        yield from _informations(Bench.of(bench.config, bench.unknowns, some, None, bench.shape).refined(x), x)
+    for some in batched(traces, problem.shape[1]):
+        yield from _informations(
+            EstimationProblem.of(problem.config, problem.free_parameters, some, None, problem.shape).refined(x), x
+        )
 
 
 def _remark(needed: Sequence[str], setting: Setting) -> str:

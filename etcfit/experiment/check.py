@@ -15,8 +15,8 @@ from ..estimation.identifiability import Identifiability, analyse
 from ..estimation.joint_fit import ready, start_values
 from ..estimation.levenberg_marquardt import information_of
 from ..estimation.remedies import listed, sentence
-from ..problem.free_parameters import Layout, unknowns
-from ..problem.problem import Bench
+from ..problem.free_parameters import Layout, free_parameters
+from ..problem.problem import EstimationProblem
 from ..rig.base import Channel, Measurement, Rig
 from ..rig.ecu import GAINS
 from ..rig.paper_readings import Readings, read_graphs
@@ -128,7 +128,7 @@ def check(rig: Rig) -> CheckResult:
 
 
 @dataclass(frozen=True, eq=False)
-class Verdict:
+class Foresight:
     """What the traces to be fitted can identify.
 
     Args:
@@ -157,7 +157,7 @@ class Verdict:
         return tuple(s for s in self.identifiability.lost if s not in lost and s not in symbols)
 
 
-def _were_gains_known(verdict: Verdict) -> tuple[str, ...]:
+def _were_gains_known(verdict: Foresight) -> tuple[str, ...]:
     """What each gain of the ECU that is sought in vain would tell were it known, and what all of them would."""
     unknown = tuple(s for s in GAINS.values() if s in verdict.identifiability.lost)
     keys = {symbol: key for key, symbol in GAINS.items()}
@@ -170,22 +170,22 @@ def _were_gains_known(verdict: Verdict) -> tuple[str, ...]:
     return tuple(out)
 
 
-def verdict(rig: Rig) -> Verdict:
+def verdict(rig: Rig) -> Foresight:
     """What the traces to be fitted can identify, at the values that the paper's graphs read.
 
     Raises:
         MeasurementError: nothing to fit.
     """
-    known = unknowns(rig.config)
+    known = free_parameters(rig.config)
     fitted, _, notes = ready(rig)
     readings = read_graphs(rig)
     x = known.layout.coordinates(start_values(known, readings))
-    bench = Bench.of(rig.config, known, fitted).refined(x).poised(x)
-    problem = bench.problem(bench.kalman(x))
-    _, _, jacobian = bench.linearise(x, problem)
+    problem = EstimationProblem.of(rig.config, known, fitted).refined(x).with_integrator_states(x)
+    weighted = problem.weighted(problem.kalman(x))
+    _, _, jacobian = problem.linearise(x, weighted)
     rows = jacobian.reshape(-1, x.size)
     rows = rows[np.isfinite(rows).all(axis=1)]
-    return Verdict(known.layout, x, information_of(problem.prior_sd[: x.size], rows), readings, notes)
+    return Foresight(known.layout, x, information_of(weighted.prior_sd[: x.size], rows), readings, notes)
 
 
 def _trace(measurement: Measurement) -> TraceCheck:

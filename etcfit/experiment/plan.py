@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ..problem.trace import Start, Trace, prepare
+from ..problem.trace import InitialState, Trace, prepare
 from ..rig import TEST_BY_NAME
 from ..rig.base import AbstractRigTest, Channel, Measurement
 from .setting import Setting
@@ -127,7 +127,7 @@ def trace_of(plan: Plan, s: Setting) -> Trace:
     assert trace is not None, "a plan drives and observes"
     if plan.release is None:
         return trace
-    held = Start((0.0, plan.angle, 0.0), (0.0, trace.start.sd[1], 0.0))
+    held = InitialState((0.0, plan.angle, 0.0), (0.0, trace.start.sd[1], 0.0))
     return replace(trace, start=held, release=(plan.release, 1e-3))
 
 

@@ -1,4 +1,4 @@
-"""Signals shifted in time along a tape: an input that acts late, a channel that is logged late."""
+"""Signals shifted in time along a batch: an input that acts late, a channel that is logged late."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from .stepper import Reset, Step
 
 
 class _Earlier(NamedTuple):
-    """An instant before each entry of a tape, never before its trace began, shape (T, L) each.
+    """An instant before each entry of a batch, never before its trace began, shape (T, L) each.
 
     Args:
         row: the last entry at or before it.
@@ -46,7 +46,7 @@ def delayed(signal: Any, steps: Step, resets: Reset, delay: Scalar) -> Any:
 
     Args:
         signal: at the end of each step, shape (T, L).
-        steps, resets: the tape.
+        steps, resets: the batch.
         delay: s, >= 0.
     """
 
@@ -57,12 +57,12 @@ def delayed(signal: Any, steps: Step, resets: Reset, delay: Scalar) -> Any:
         then = jnp.take_along_axis(signal, at.row + 1, axis=0)
         return first + at.share * (then - first)
 
-    # the search along the tape costs as much as simulating it
+    # the search along the batch costs as much as simulating it
     return jax.lax.cond(delay > 0.0, shifted, lambda signal: signal, signal)
 
 
 def late_inputs(steps: Step, resets: Reset, delay: Scalar) -> Step:
-    """The tape with voltage and torque acting late; each step keeps the mean of what acts in it, jumps included."""
+    """The batch with voltage and torque acting late; each step keeps the mean of what acts in it, jumps included."""
     as_logged = steps.voltage0, steps.voltage1, steps.torque0, steps.torque1
     acting = jax.lax.cond(delay > 0.0, lambda _: _acting(steps, resets, delay), lambda logged: logged, as_logged)
     return steps._replace(**dict(zip(("voltage0", "voltage1", "torque0", "torque1"), acting, strict=True)))

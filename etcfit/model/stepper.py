@@ -45,7 +45,7 @@ class Command(NamedTuple):
 
 
 class Step(NamedTuple):
-    """Everything one step needs besides parameters and state; on a tape each entry has shape (T, L).
+    """Everything one step needs besides parameters and state; in a batch each entry has shape (T, L).
 
     Args:
         dt: length, s; 0 at the first entry of a trace.
@@ -57,8 +57,8 @@ class Step(NamedTuple):
         plate: 0 where the motor runs alone.
         series: extra circuit resistance, ohm.
         gear_ratio, lower, upper: of the rig; rad.
-        pull, target0, target1: a guide, 0 in a free run: it draws the plate to the angle measured at the step's begin
-            and end (rad) by `pull` V/rad at the terminals;
+        guide_stiffness, target0, target1: a guide, 0 in a free run: it draws the plate to the angle measured at
+            the step's begin and end (rad) by `guide_stiffness` V/rad at the terminals;
         lever: and where there is no circuit by this torque for each of its volts, N m/V.
         command: None where the model has no ECU in it: then there is nothing to compile of it.
     """
@@ -76,7 +76,7 @@ class Step(NamedTuple):
     gear_ratio: Scalar
     lower: Scalar
     upper: Scalar
-    pull: Scalar
+    guide_stiffness: Scalar
     target0: Scalar
     target1: Scalar
     lever: Scalar
@@ -84,7 +84,7 @@ class Step(NamedTuple):
 
     def guide(self, fraction: float, theta: Scalar) -> Scalar:
         """What the guide asks for, V."""
-        return self.pull * (self.target0 + fraction * (self.target1 - self.target0) - theta)
+        return self.guide_stiffness * (self.target0 + fraction * (self.target1 - self.target0) - theta)
 
     def inputs(self, fraction: float) -> Inputs:
         """The inputs at a fraction of the step."""
@@ -247,7 +247,7 @@ def step(throttle: Throttle, x: State, z: tuple[Scalar, ...], s: Step) -> tuple[
 
 
 class Reset(NamedTuple):
-    """Where a tape begins a new trace; entries of shape (T, L).
+    """Where a batch begins a new trace; entries of shape (T, L).
 
     Args:
         begins: 1 at the first entry of a trace, else 0.
@@ -272,7 +272,7 @@ def begun(throttle: Throttle, x: State, z: tuple[Scalar, ...], reset: Reset) -> 
 
 
 def simulate(throttle: Throttle, steps: Step, resets: Reset) -> tuple[State, tuple[Scalar, ...]]:
-    """Run a tape: L lanes side by side, each a sequence of traces one after the other.
+    """Run a batch: L lanes side by side, each a sequence of traces one after the other.
 
     Args:
         throttle: the model.

@@ -51,8 +51,8 @@ class Posterior:
     @cached_property
     def draws(self) -> dict[str, np.ndarray]:
         """Parameters and combinations, SI by symbol, shape (E, N, W) each."""
-        electric = any(trace.circuit for trace in self.fit.bench.tape.traces)
-        return values(self.fit.unknowns, self.fit.rig.config.gear_ratio, electric, self.points)
+        electric = any(trace.circuit for trace in self.fit.problem.batch.traces)
+        return values(self.fit.free_parameters, self.fit.rig.config.gear_ratio, electric, self.points)
 
     @cached_property
     def marginals(self) -> dict[str, Marginal]:
@@ -62,7 +62,7 @@ class Posterior:
     @property
     def described(self) -> dict[str, tuple[str, str]]:
         """Unit and meaning by symbol."""
-        return described({p.symbol: p for p in self.fit.unknowns.layout.parameters})
+        return described({p.symbol: p for p in self.fit.free_parameters.layout.parameters})
 
     def some(self, count: int) -> np.ndarray:
         """So many points spread evenly over all that was sampled, shape (count, P)."""

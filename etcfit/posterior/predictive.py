@@ -15,7 +15,7 @@ import numpy as np
 
 from ..estimation.intervals import Z_95
 from ..estimation.joint_fit import Report, quiet
-from ..problem.problem import Bench
+from ..problem.problem import EstimationProblem
 from ..problem.trace import Trace
 from . import Posterior
 
@@ -46,17 +46,17 @@ class Band:
 def bands(posterior: Posterior, report: Report = quiet) -> tuple[Band, ...]:
     """Of every trace, fitted ones first, then those held out."""
     points = posterior.some(_DRAWS)
-    benches = [bench for bench in (posterior.fit.bench, posterior.fit.holdout) if bench is not None]
+    benches = [problem for problem in (posterior.fit.problem, posterior.fit.holdout) if problem is not None]
     out: list[Band] = []
-    for k, bench in enumerate(benches):
+    for k, problem in enumerate(benches):
         report("predictive bands", k / len(benches))
-        out += _bands(bench, points, posterior.target.mode)
+        out += _bands(problem, points, posterior.target.mode)
     return tuple(out)
 
 
-def _bands(bench: Bench, points: np.ndarray, mode: np.ndarray) -> list[Band]:
-    runs = [bench.free_run(x) for x in points]
-    own = bench.free_run_variance(mode)
+def _bands(problem: EstimationProblem, points: np.ndarray, mode: np.ndarray) -> list[Band]:
+    runs = [problem.free_run(x) for x in points]
+    own = problem.free_run_variance(mode)
     drawn = [(np.mean(y, axis=0), np.var(y, axis=0)) for y in zip(*runs, strict=True)]
     return [Band(trace, mean, np.sqrt(spread + noise))
-            for trace, (mean, spread), noise in zip(bench.tape.traces, drawn, own, strict=True)]  # fmt: skip
+            for trace, (mean, spread), noise in zip(problem.batch.traces, drawn, own, strict=True)]  # fmt: skip

@@ -17,11 +17,11 @@ import numpy as np
 from ..estimation.identifiability import WIDE
 from ..estimation.intervals import Z_95, intervals
 from ..estimation.joint_fit import Report, quiet
-from ..estimation.levenberg_marquardt import go
+from ..estimation.levenberg_marquardt import minimise
 from ..problem.chi2 import chi2_of
-from ..problem.free_parameters import Layout, Unknowns
-from ..problem.problem import Bench
-from ..problem.residual import Problem
+from ..problem.free_parameters import FreeParameters, Layout
+from ..problem.problem import EstimationProblem
+from ..problem.residual import WeightedData
 from . import Posterior
 from .target import Target
 
@@ -91,7 +91,7 @@ def profile(target: Target, symbol: str) -> Profile:
     below, above = (_side(target, k, way) for way in (-1.0, 1.0))
     q = np.array([*(x for x, _ in reversed(below)), target.mode[k], *(x for x, _ in above)])
     rise = np.array([*(r for _, r in reversed(below)), 0.0, *(r for _, r in above)])
-    domain = target.bench.layout.parameter(symbol).domain
+    domain = target.problem.layout.parameter(symbol).domain
     value = np.array([float(domain.value(x)) for x in q])
     low = _crossing(value[: len(below) + 1][::-1], rise[: len(below) + 1][::-1])
     high = _crossing(value[len(below) :], rise[len(below) :])
@@ -100,17 +100,19 @@ def profile(target: Target, symbol: str) -> Profile:
 
 def _side(target: Target, k: int, way: float) -> list[tuple[float, float]]:
     """Coordinates and rises on one side of the mode, outward, until the rise is large enough or the range ends."""
-    bench, mode = target.bench, target.mode
-    sd, last = float(np.sqrt(target.covariance[k, k])), WIDE * float(bench.layout.reach(mode)[k])
-    problem = target.problem if target.symbols[k] in bench.unknowns.priors else _unbelieved(target.problem, k)
-    least = float(chi2_of(bench, mode[None], problem)[0])
+    problem, mode = target.problem, target.mode
+    sd, last = float(np.sqrt(target.covariance[k, k])), WIDE * float(problem.layout.reach(mode)[k])
+    weighted = (
+        target.weighted if target.symbols[k] in problem.free_parameters.priors else _unbelieved(target.weighted, k)
+    )
+    least = float(chi2_of(problem, mode[None], weighted)[0])
     offsets = [s * sd for s in _STEPS] + [_STEPS[-1] * sd * 1.6**d for d in range(1, _DOUBLINGS + 1)]
     out: list[tuple[float, float]] = []
     x = mode
     for offset in sorted({min(o, last) for o in offsets}):
         # the others set out from where the linear model has them
-        x = _refitted(bench, problem, _guess(target, k, x, mode[k] + way * offset), k)
-        out.append((float(x[k]), float(chi2_of(bench, x[None], problem)[0]) - least))
+        x = _refitted(problem, weighted, _guess(target, k, x, mode[k] + way * offset), k)
+        out.append((float(x[k]), float(chi2_of(problem, x[None], weighted)[0]) - least))
         if out[-1][1] > RISE:
             break
     return out
@@ -121,36 +123,40 @@ def _guess(target: Target, k: int, x: np.ndarray, to: float) -> np.ndarray:
     return x + target.covariance[:, k] / target.covariance[k, k] * (to - x[k])
 
 
-def _unbelieved(problem: Problem, k: int) -> Problem:
+def _unbelieved(weighted: WeightedData, k: int) -> WeightedData:
     """Without the belief about the coordinate that is profiled: a profile is of what was seen and what a user knows."""
-    sd = np.array(problem.prior_sd)
+    sd = np.array(weighted.prior_sd)
     sd[k] = np.inf
-    return problem._replace(prior_sd=sd)
+    return weighted._replace(prior_sd=sd)
 
 
-def _refitted(bench: Bench, problem: Problem, x: np.ndarray, k: int) -> np.ndarray:
+def _refitted(problem: EstimationProblem, weighted: WeightedData, x: np.ndarray, k: int) -> np.ndarray:
     """The others at their best with coordinate k held; what is free is data, so nothing is compiled again."""
-    lean = _holding(bench, x, k)
+    lean = _holding(problem, x, k)
     others = np.delete(np.arange(x.size), k)
-    gone = problem._replace(
+    gone = weighted._replace(
         pick=lean.pick,
-        prior_mean=lean.layout.padded(np.asarray(problem.prior_mean)[others]),
-        prior_sd=lean.layout.padded(np.asarray(problem.prior_sd)[others], np.inf),
+        prior_mean=lean.layout.padded(np.asarray(weighted.prior_mean)[others]),
+        prior_sd=lean.layout.padded(np.asarray(weighted.prior_sd)[others], np.inf),
     )
     out = x.copy()
-    out[others] = go(lean, x[others], gone, _THERE)[0]
+    out[others] = minimise(lean, x[others], gone, _THERE)[0]
     return out
 
 
-def _holding(bench: Bench, x: np.ndarray, k: int) -> Bench:
+def _holding(problem: EstimationProblem, x: np.ndarray, k: int) -> EstimationProblem:
     """The bench with one free parameter held where x has it."""
-    layout, unknowns = bench.layout, bench.unknowns
+    layout, free_parameters = problem.layout, problem.free_parameters
     symbol, value = layout.free[k], layout.numbers(x)[0][k]
     free = tuple(s for s in layout.free if s != symbol)
     fewer = Layout(layout.types, layout.parameters, free, (*layout.held, symbol), layout.ties,
                    max(layout.room, x.size))  # fmt: skip
-    held = np.append(unknowns.held, value)
-    return bench.told(Unknowns(fewer, held, {s: p for s, p in unknowns.priors.items() if s in free}, unknowns.start))
+    held = np.append(free_parameters.held, value)
+    return problem.with_parameters(
+        FreeParameters(
+            fewer, held, {s: p for s, p in free_parameters.priors.items() if s in free}, free_parameters.start
+        )
+    )
 
 
 def _crossing(value: np.ndarray, rise: np.ndarray) -> float | None:

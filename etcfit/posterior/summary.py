@@ -11,7 +11,7 @@ import numpy as np
 
 from ..estimation.intervals import LUMPS, Interval
 from ..model.parameters import Parameter
-from ..problem.free_parameters import Unknowns
+from ..problem.free_parameters import FreeParameters
 from .convergence import autocorrelation_time, split_rhat
 
 APART = 0.2  # relative; standard deviations that differ by more are flagged
@@ -47,14 +47,16 @@ def apart(*spreads: float | None) -> bool:
     return bool(known) and max(known) > (1.0 + APART) * min(known)
 
 
-def values(unknowns: Unknowns, gear_ratio: float, electric: bool, points: np.ndarray) -> dict[str, np.ndarray]:
+def values(
+    free_parameters: FreeParameters, gear_ratio: float, electric: bool, points: np.ndarray
+) -> dict[str, np.ndarray]:
     """Parameters and their combinations at coordinates of shape (..., P), SI by symbol, shape (...).
 
     Args:
         electric: False where the rig has no electrical side, and no combination that needs one.
     """
-    layout = unknowns.layout
-    pick, flat = layout.pick(unknowns.held), points.reshape(-1, points.shape[-1])
+    layout = free_parameters.layout
+    pick, flat = layout.pick(free_parameters.held), points.reshape(-1, points.shape[-1])
     every = jax.jit(jax.vmap(lambda x: layout.form.values(x, pick)))(layout.padded(flat))
     every = {p.symbol: np.asarray(every[p.symbol]).reshape(points.shape[:-1]) for p in layout.parameters}
     return every | {s: np.asarray(lump.of(every, gear_ratio))

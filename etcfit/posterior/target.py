@@ -29,12 +29,12 @@ import numpy as np
 from ..estimation.autocorrelation import inflation
 from ..estimation.identifiability import WIDE
 from ..estimation.joint_fit import FitResult
-from ..estimation.levenberg_marquardt import go, local
+from ..estimation.levenberg_marquardt import local, minimise
 from ..model.parameters import log_flats
 from ..problem.chi2 import chi2_of
 from ..problem.prediction_error import columns
-from ..problem.problem import Bench
-from ..problem.residual import Problem
+from ..problem.problem import EstimationProblem
+from ..problem.residual import WeightedData
 
 _THERE = 3e-6  # relative change of chi2 that ends the descent to the mode
 
@@ -44,15 +44,15 @@ class Target:
     """A posterior density over the coordinates of a fit.
 
     Args:
-        bench: the data.
-        problem: of the residual, tempered, with the beliefs among its priors.
+        problem: the data.
+        weighted: of the residual, tempered, with the beliefs among its priors.
         mode: where the tempered residual and the priors are least, coordinates, shape (P,).
         covariance: of the coordinates, from the curvature there, shape (P, P).
         factors: f_s by file and channel.
     """
 
-    bench: Bench
-    problem: Problem
+    problem: EstimationProblem
+    weighted: WeightedData
     mode: np.ndarray
     covariance: np.ndarray
     factors: Mapping[tuple[str, str], float]
@@ -60,24 +60,24 @@ class Target:
     @classmethod
     def of(cls, result: FitResult) -> Target:
         """The posterior that belongs to a fit."""
-        bench, x = result.bench, result.x
-        factors = inflations(bench, x, result.problem)
-        problem = believed(tempered(bench, result.problem, factors), x, bench.layout.reach(x))
-        there, _ = go(bench, x, problem, _THERE)
-        before, after = chi2_of(bench, np.stack((x, there)), problem)
+        problem, x = result.problem, result.x
+        factors = inflations(problem, x, result.weighted)
+        weighted = believed(tempered(problem, result.weighted, factors), x, problem.layout.reach(x))
+        there, _ = minimise(problem, x, weighted, _THERE)
+        before, after = chi2_of(problem, np.stack((x, there)), weighted)
         mode = there if after < before else x
-        return cls(bench, problem, mode, local(bench, mode, problem).covariance, factors)
+        return cls(problem, weighted, mode, local(problem, mode, weighted).covariance, factors)
 
     @property
     def symbols(self) -> tuple[str, ...]:
         """Of the coordinates."""
-        return self.bench.layout.free
+        return self.problem.layout.free
 
     def log_probability(self, points: np.ndarray) -> np.ndarray:
         """log p to a constant at K points, shape (K, P) -> (K,); -inf where the model cannot be computed."""
-        form, where = self.bench.layout.form, self.bench.layout.pick(self.bench.unknowns.held).where
+        form, where = self.problem.layout.form, self.problem.layout.pick(self.problem.free_parameters.held).where
         jacobian = np.asarray(_log_jacobian(form.kinds[where[: points.shape[1]]], points))
-        log_p = -0.5 * chi2_of(self.bench, points, self.problem) + jacobian
+        log_p = -0.5 * chi2_of(self.problem, points, self.weighted) + jacobian
         return np.where(np.isfinite(log_p), log_p, -np.inf)
 
 
@@ -87,11 +87,11 @@ def _log_jacobian(kinds: Any, points: Any) -> Any:
     return jnp.sum(jax.vmap(lambda x: log_flats(kinds, x))(points), axis=1)
 
 
-def inflations(bench: Bench, x: np.ndarray, problem: Problem) -> dict[tuple[str, str], float]:
+def inflations(problem: EstimationProblem, x: np.ndarray, weighted: WeightedData) -> dict[tuple[str, str], float]:
     """f_s of each channel of each trace, by file and channel."""
-    r = bench.residual(x, problem)
+    r = problem.residual(x, weighted)
     out = {}
-    for trace, part in zip(bench.tape.traces, columns(bench.tape, r), strict=True):
+    for trace, part in zip(problem.batch.traces, columns(problem.batch, r), strict=True):
         for m, channel in enumerate(trace.channels):
             seen = np.isfinite(trace.data[:, m])
             out[trace.measurement.file, channel] = inflation(part[seen, m])
@@ -110,18 +110,20 @@ def tempering(factors: Mapping[tuple[str, str], float]) -> str:
     )
 
 
-def tempered(bench: Bench, problem: Problem, factors: Mapping[tuple[str, str], float]) -> Problem:
+def tempered(
+    problem: EstimationProblem, weighted: WeightedData, factors: Mapping[tuple[str, str], float]
+) -> WeightedData:
     """The same problem with each channel's squared residuals divided by its factor."""
-    weight = np.array(problem.whitening.weight)
-    for trace, (lane, _, marks) in zip(bench.tape.traces, bench.tape.places, strict=True):
+    weight = np.array(weighted.whitening.weight)
+    for trace, (lane, _, marks) in zip(problem.batch.traces, problem.batch.places, strict=True):
         for m, channel in enumerate(trace.channels):
             weight[marks, lane, m] /= np.sqrt(factors[trace.measurement.file, channel])
-    return problem._replace(whitening=problem.whitening._replace(weight=weight))
+    return weighted._replace(whitening=weighted.whitening._replace(weight=weight))
 
 
-def believed(problem: Problem, x: np.ndarray, reach: np.ndarray) -> Problem:
+def believed(weighted: WeightedData, x: np.ndarray, reach: np.ndarray) -> WeightedData:
     """The same problem with a broad normal prior about x on each coordinate that has none."""
-    mean, sd = np.array(problem.prior_mean), np.array(problem.prior_sd)
+    mean, sd = np.array(weighted.prior_mean), np.array(weighted.prior_sd)
     bare = np.flatnonzero(~np.isfinite(sd[: x.size]))
     mean[bare], sd[bare] = x[bare], WIDE * reach[bare]
-    return problem._replace(prior_mean=mean, prior_sd=sd)
+    return weighted._replace(prior_mean=mean, prior_sd=sd)

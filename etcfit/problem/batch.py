@@ -1,4 +1,4 @@
-"""Traces laid on a tape: rectangular arrays of integration steps for the stepper and the whitening.
+"""Traces in a batch: rectangular arrays of integration steps for the stepper and the whitening.
 
 Short traces lie one after the other in a lane and long ones have a lane to themselves, so that one compiled model
 serves every folder of a like size and little of it is padding.
@@ -20,7 +20,7 @@ from .trace import Trace
 KINDS = ("current", "position", "emf", "motor_speed")  # what a slot may observe
 
 
-class Slots(NamedTuple):
+class SampleSlots(NamedTuple):
     """Measured samples at the end of each step, shape (T, L, M) each.
 
     Args:
@@ -63,7 +63,7 @@ class Disturbance(NamedTuple):
 
 
 @dataclass(frozen=True, eq=False)
-class Tape:
+class TraceBatch:
     """Everything the residual needs besides the parameters.
 
     Args:
@@ -76,7 +76,7 @@ class Tape:
 
     steps: Step
     resets: Reset
-    slots: Slots
+    slots: SampleSlots
     disturbance: Disturbance
     guidable: Any
     circuits: tuple[str, ...]
@@ -84,7 +84,7 @@ class Tape:
     traces: tuple[Trace, ...]
     places: tuple[tuple[int, int, np.ndarray], ...]
 
-    def holding(self, volts: np.ndarray) -> Tape:
+    def holding(self, volts: np.ndarray) -> TraceBatch:
         """The same with what each trace's ECU holds in its integral at the begin, V, one for each trace."""
         traces = tuple(t.holding(float(v)) for t, v in zip(self.traces, volts, strict=True))
         level = np.array(self.steps.voltage0)
@@ -95,21 +95,21 @@ class Tape:
         steps = self.steps._replace(voltage0=level, voltage1=np.where(active, level, self.steps.voltage1))
         return replace(self, steps=steps, traces=traces)
 
-    def guided(self, pull: float) -> Step:
-        """The steps with a guide of `pull`, V/rad, or N m/rad where torque drives; 0 is a free run."""
-        return self.steps._replace(pull=pull * self.guidable)
+    def guided(self, guide_stiffness: float) -> Step:
+        """The steps with a guide of `guide_stiffness`, V/rad, or N m/rad where torque drives; 0 is a free run."""
+        return self.steps._replace(guide_stiffness=guide_stiffness * self.guidable)
 
 
 def lay(
     traces: Sequence[Trace], config: RigConfig, substeps: Sequence[np.ndarray], least: tuple[int, ...] = (0, 0, 0)
-) -> Tape:
-    """Lay traces on a tape.
+) -> TraceBatch:
+    """Batch traces.
 
     Args:
         traces: ready traces.
         config: their rig.
         substeps: integration steps in each interval between instants, one array (n - 1,) a trace.
-        least: steps, lanes and slots that the tape has at least, for what was compiled for another.
+        least: steps, lanes and slots that the batch has at least, for what was compiled for another.
     """
     circuits = tuple(config.series_ohm)
     strips = [_strip(t, n, config, circuits) for t, n in zip(traces, substeps, strict=True)]
@@ -126,7 +126,7 @@ def lay(
                 rows = slice(row, row + column.shape[0])
                 if column.ndim == 1:
                     table[name][rows, lane] = column
-                else:  # a trace may observe fewer channels than the tape has slots
+                else:  # a trace may observe fewer channels than the batch has slots
                     table[name][rows, lane, : column.shape[1]] = column
             places[k] = (lane, row, row + marks)
             row += strip["dt"].size
@@ -229,7 +229,7 @@ def _strip(
     target = _target(trace, ends)
     columns = {
         "dt": dt,
-        "pull": zeros,
+        "guide_stiffness": zeros,
         "voltage0": early * electric,
         "voltage1": late * electric,
         "torque0": early * (1.0 - electric),
@@ -288,7 +288,7 @@ def _samples(trace: Trace, n: int, marks: np.ndarray) -> dict[str, np.ndarray]:
 
 
 def _blank(length: int, lanes: int, slots: int, config: RigConfig) -> dict[str, np.ndarray]:
-    """A tape with nothing on it: steps of no length, nothing moves, nothing observed."""
+    """A batch with nothing on it: steps of no length, nothing moves, nothing observed."""
     names = (*Step._fields, *Reset._fields, *Disturbance._fields, "circuit_of", "guidable")
     names += () if config.ecu is None else Command._fields
     table = {name: np.zeros((length, lanes)) for name in names}
@@ -299,10 +299,10 @@ def _blank(length: int, lanes: int, slots: int, config: RigConfig) -> dict[str, 
     return table
 
 
-def _assemble(table: dict[str, np.ndarray], circuits: tuple[str, ...], traces: Any, places: Any) -> Tape:
+def _assemble(table: dict[str, np.ndarray], circuits: tuple[str, ...], traces: Any, places: Any) -> TraceBatch:
     def part(kind: Any) -> Any:
         return kind(*(table[name] for name in kind._fields))
 
     command = part(Command) if "active" in table else None
-    parts = part(Step)._replace(command=command), part(Reset), part(Slots), part(Disturbance)
-    return Tape(*parts, table["guidable"], circuits, table["circuit_of"], traces, places)
+    parts = part(Step)._replace(command=command), part(Reset), part(SampleSlots), part(Disturbance)
+    return TraceBatch(*parts, table["guidable"], circuits, table["circuit_of"], traces, places)

@@ -165,7 +165,7 @@ def _numbers(kinds: Any, scales: Any, x: Any) -> tuple[Any, Any]:
 
 
 @dataclass(frozen=True, eq=False)
-class Unknowns:
+class FreeParameters:
     """The layout of a rig's parameters and everything that is known of their values.
 
     Args:
@@ -181,7 +181,7 @@ class Unknowns:
     start: Mapping[str, float]
 
 
-def unknowns(config: RigConfig, further: tuple[type[AbstractEffect], ...] = ()) -> Unknowns:
+def free_parameters(config: RigConfig, further: tuple[type[AbstractEffect], ...] = ()) -> FreeParameters:
     """Read off rig.toml what is free.
 
     Args:
@@ -212,7 +212,7 @@ def unknowns(config: RigConfig, further: tuple[type[AbstractEffect], ...] = ()) 
     priors = {s: (k.value, k.sd) for s, k in known.items() if isinstance(k, Prior)}
     start = {s: k.value for s, k in known.items() if isinstance(k, (Prior, Start, Fixed))}
     layout = Layout(types, tuple(parameters.values()), free, tuple(fixed), tuple(ties.items()))
-    return Unknowns(layout, np.array(list(fixed.values()), dtype=float), priors, start)
+    return FreeParameters(layout, np.array(list(fixed.values()), dtype=float), priors, start)
 
 
 def _effect(name: str) -> type[AbstractEffect]:

@@ -25,15 +25,15 @@ import jax.numpy as jnp
 from ..model.effects import State
 from ..model.stepper import Reset, Step, step
 from ..model.throttle import Throttle, followed
-from .batch import Disturbance, Slots
+from .batch import Disturbance, SampleSlots
 
 _SHARES, _WEIGHTS = (0.5 - 0.15**0.5, 0.5, 0.5 + 0.15**0.5), (5 / 18, 8 / 18, 5 / 18)  # Gauss-Legendre on [0, 1]
 ORDER = 4  # error states: current, angle, speed, and the input's error; before it memories that are followed
 _AROUND = 5  # samples either side of an impact that are discounted
 
 
-class Whitening(NamedTuple):
-    """A linear filter along the tape over n error states (current, angle, speed, followed memories, input error).
+class InnovationsFilter(NamedTuple):
+    """A linear filter along the batch over n error states (current, angle, speed, followed memories, input error).
 
     Args:
         transition: A, shape (T, L, n, n); 0 at the first entry of a trace.
@@ -48,7 +48,7 @@ class Whitening(NamedTuple):
     weight: Any
 
 
-def plain(slots: Slots, order: int = ORDER) -> Whitening:
+def plain(slots: SampleSlots, order: int = ORDER) -> InnovationsFilter:
     """Whitening by each sample's own noise alone; for starts still far from the truth.
 
     Args:
@@ -57,10 +57,10 @@ def plain(slots: Slots, order: int = ORDER) -> Whitening:
     """
     steps, lanes, count = slots.value.shape
     empty = jnp.zeros((steps, lanes, count, order))
-    return Whitening(jnp.zeros((steps, lanes, order, order)), empty, empty, slots.weight / slots.sigma)
+    return InnovationsFilter(jnp.zeros((steps, lanes, order, order)), empty, empty, slots.weight / slots.sigma)
 
 
-def whiten(filter_: Whitening, error: Any, begins: Any) -> Any:
+def whiten(filter_: InnovationsFilter, error: Any, begins: Any) -> Any:
     """Innovations over their standard deviations.
 
     Args:
@@ -74,8 +74,8 @@ def whiten(filter_: Whitening, error: Any, begins: Any) -> Any:
     return jax.lax.scan(lambda state, entry: innovate(state, *entry), start, (filter_, error))[1]
 
 
-def innovate(state: tuple[Any, ...], filter_: Whitening, error: Any) -> tuple[tuple[Any, ...], Any]:
-    """One entry of the tape through the filter.
+def innovate(state: tuple[Any, ...], filter_: InnovationsFilter, error: Any) -> tuple[tuple[Any, ...], Any]:
+    """One entry of the batch through the filter.
 
     Args:
         state: the n error states before it, any shape, (L,) say.
@@ -101,16 +101,16 @@ def kalman(
     path: tuple[State, tuple[Any, ...]],
     steps: Step,
     resets: Reset,
-    slots: Slots,
+    slots: SampleSlots,
     disturbance: Disturbance,
     jitter: Any,
-) -> tuple[Whitening, Any]:
+) -> tuple[InnovationsFilter, Any]:
     """The whitening filter along a simulated path.
 
     Args:
         throttle: the model at the parameters to linearise about.
         path: its states and memories at the end of each step, shape (T, L) each.
-        steps, resets, slots, disturbance: the tape.
+        steps, resets, slots, disturbance: the batch.
         jitter: standard deviation of the sampling instants, as a share of the time between samples.
     Returns:
         the filter, and the variance that a jitter of 1 would add to each sample, over S, shape (T, L, M).
@@ -118,7 +118,7 @@ def kalman(
     transition, noise, sense, quiet, timing = _state_space(throttle, path, steps, resets, slots, disturbance)
     variance = quiet + jitter**2 * timing
     gain, weight = _covariance(transition, noise, sense, variance, slots.weight)
-    return Whitening(transition, sense, gain, weight), timing * weight**2
+    return InnovationsFilter(transition, sense, gain, weight), timing * weight**2
 
 
 def free_run_variance(
@@ -126,7 +126,7 @@ def free_run_variance(
     path: tuple[State, tuple[Any, ...]],
     steps: Step,
     resets: Reset,
-    slots: Slots,
+    slots: SampleSlots,
     disturbance: Disturbance,
     jitter: Any,
 ) -> Any:
@@ -150,7 +150,7 @@ def free_run_variance(
 
 
 def _state_space(
-    throttle: Throttle, path: Any, steps: Step, resets: Reset, slots: Slots, disturbance: Disturbance
+    throttle: Throttle, path: Any, steps: Step, resets: Reset, slots: SampleSlots, disturbance: Disturbance
 ) -> tuple[Any, Any, Any, Any, Any]:
     """A, Q, C, each sample's own variance, and what a jitter of 1 would add to it."""
     before = before_steps(throttle, path, resets)
@@ -207,7 +207,7 @@ def _linearise(throttle: Throttle, before: Any, steps: Step) -> tuple[Any, Any]:
     return both(jnp.stack(x, axis=-1), z, 0.0, steps)
 
 
-def slot_senses(throttle: Throttle, path: Any, steps: Step, slots: Slots) -> Any:
+def slot_senses(throttle: Throttle, path: Any, steps: Step, slots: SampleSlots) -> Any:
     """C, shape (T, L, M, n): the slots' sensitivity to current, angle and speed."""
     lanes = slots.kind.shape
     speed = throttle.observe(State(0.0, 0.0, 1.0), throttle.z0, steps.inputs(1.0))
@@ -222,7 +222,7 @@ def slot_senses(throttle: Throttle, path: Any, steps: Step, slots: Slots) -> Any
     return jnp.stack([*columns, zero], axis=-1)
 
 
-def impact_nearby(before: State, after: State, steps: Step, slots: Slots) -> Any:
+def impact_nearby(before: State, after: State, steps: Step, slots: SampleSlots) -> Any:
     """Speed lost in an impact within some samples of each step, rad/s; 0 elsewhere.
 
     While the parameters move, the simulated impact moves by some samples; were only the step of the impact discounted,

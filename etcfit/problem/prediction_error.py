@@ -7,12 +7,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from .batch import Tape
+from .batch import TraceBatch
 from .trace import Trace
 
 
 @dataclass(frozen=True, eq=False)
-class Row:
+class PredictionError:
     """One channel of one trace: measured - simulated, free-running from the trace's start.
 
     Args:
@@ -32,19 +32,19 @@ class Row:
     sigma: float
 
 
-def pooled(every: Sequence[Row]) -> float:
+def pooled(every: Sequence[PredictionError]) -> float:
     """sqrt(sum n (rms/sigma)^2 / sum n): error over noise of many channels, each counting for its samples."""
     n = np.array([row.n for row in every], dtype=float)
     ratio = np.array([row.rms / row.sigma for row in every])
     return float(np.sqrt(np.sum(n * ratio**2) / n.sum()))
 
 
-def columns(tape: Tape, array: np.ndarray) -> list[np.ndarray]:
-    """Take from a tape's (T, L, M) array what belongs to each trace: its instants by its channels."""
+def columns(batch: TraceBatch, array: np.ndarray) -> list[np.ndarray]:
+    """Take from a batch's (T, L, M) array what belongs to each trace: its instants by its channels."""
     array = np.asarray(array)
     return [
         array[marks, lane, : len(trace.channels)]
-        for trace, (lane, _, marks) in zip(tape.traces, tape.places, strict=True)
+        for trace, (lane, _, marks) in zip(batch.traces, batch.places, strict=True)
     ]
 
 
@@ -55,7 +55,7 @@ def logged_unit(trace: Trace, channel: str) -> tuple[str, float]:
     return logged.unit, abs(logged.scale)
 
 
-def rows(traces: Sequence[Trace], predicted: Sequence[np.ndarray]) -> tuple[Row, ...]:
+def rows(traces: Sequence[Trace], predicted: Sequence[np.ndarray]) -> tuple[PredictionError, ...]:
     """Score traces.
 
     Args:
@@ -69,7 +69,7 @@ def rows(traces: Sequence[Trace], predicted: Sequence[np.ndarray]) -> tuple[Row,
             unit, size = logged_unit(trace, channel)
             rms = float(np.sqrt(np.mean((trace.data[seen, m] - model[seen, m]) ** 2))) / size
             out.append(
-                Row(
+                PredictionError(
                     trace.measurement.file,
                     trace.measurement.test,
                     channel,

@@ -1,4 +1,4 @@
-"""The bench: a rig's traces on a tape beside its unknowns, with everything the model can compute of them."""
+"""The estimation problem: a rig's traces in a batch, its free parameters, and all that the model computes of them."""
 
 from __future__ import annotations
 
@@ -12,14 +12,14 @@ from scipy.ndimage import maximum_filter1d, minimum_filter1d
 
 from ..model.throttle import followed
 from ..rig.base import RigConfig
-from . import innovations as whitening
-from . import substeps as grid
-from .batch import Slots, Tape, lay
-from .free_parameters import Form, Layout, Pick, Unknowns
-from .innovations import Whitening
+from . import innovations
+from .batch import SampleSlots, TraceBatch, lay
+from .free_parameters import Form, FreeParameters, Layout, Pick
+from .innovations import InnovationsFilter
 from .jacobian import jacobian
 from .prediction_error import columns
-from .residual import Problem, predict, prior_residual, residual, run
+from .residual import WeightedData, predict, prior_residual, residual, run
+from .substeps import local_error, substeps_needed
 from .trace import Trace, prepare
 
 _TELLING = 1e4  # sum of q^2 below which nothing is said about the clock
@@ -32,17 +32,17 @@ _OUTLIER = 5.0  # robust standard deviations beyond which a sample is weighed do
 
 
 @partial(jax.jit, static_argnums=(0, 1))
-def _linearise(form: Form, circuits: tuple[str, ...], x: Any, problem: Problem) -> tuple[Any, Any, Any]:
+def _linearise(form: Form, circuits: tuple[str, ...], x: Any, weighted: WeightedData) -> tuple[Any, Any, Any]:
     """Whitened residual (T, L, M), that of the priors (P,), and the Jacobian of the former (T, L, M, P)."""
 
-    r, columns = jacobian(lambda x: residual(form, circuits, x, problem), x, form.live(problem.pick))
-    return r, prior_residual(x, problem), columns
+    r, columns = jacobian(lambda x: residual(form, circuits, x, weighted), x, form.live(weighted.pick))
+    return r, prior_residual(x, weighted), columns
 
 
 @partial(jax.jit, static_argnums=(0, 1))
-def _residual(form: Form, circuits: tuple[str, ...], x: Any, problem: Problem) -> Any:
+def _residual(form: Form, circuits: tuple[str, ...], x: Any, weighted: WeightedData) -> Any:
     """Whitened residual, shape (T, L, M)."""
-    return residual(form, circuits, x, problem)
+    return residual(form, circuits, x, weighted)
 
 
 @partial(jax.jit, static_argnums=(0, 1))
@@ -58,98 +58,98 @@ def _local_error(form: Form, circuits: tuple[str, ...], x: Any, pick: Pick, arra
     """The local integration error of every step, shape (T, L)."""
     steps, resets, slots, _, circuit_of = arrays
     throttle, path, steps = run(form, circuits, x, pick, steps, resets, circuit_of)
-    return grid.local_error(throttle, path, steps, (resets, slots))
+    return local_error(throttle, path, steps, (resets, slots))
 
 
 @partial(jax.jit, static_argnums=(0, 1))
 def _kalman(form: Form, circuits: tuple[str, ...], x: Any, pick: Pick, arrays: Any, jitter: Any) -> Any:
     steps, resets, slots, disturbance, circuit_of = arrays
     throttle, path, steps = run(form, circuits, x, pick, steps, resets, circuit_of)
-    return whitening.kalman(throttle, path, steps, resets, slots, disturbance, jitter)
+    return innovations.kalman(throttle, path, steps, resets, slots, disturbance, jitter)
 
 
 @partial(jax.jit, static_argnums=(0, 1))
 def _free_run_variance(form: Form, circuits: tuple[str, ...], x: Any, pick: Pick, arrays: Any, jitter: Any) -> Any:
     steps, resets, slots, disturbance, circuit_of = arrays
     throttle, path, steps = run(form, circuits, x, pick, steps, resets, circuit_of)
-    return whitening.free_run_variance(throttle, path, steps, resets, slots, disturbance, jitter)
+    return innovations.free_run_variance(throttle, path, steps, resets, slots, disturbance, jitter)
 
 
 @dataclass(frozen=True, eq=False)
-class Bench:
+class EstimationProblem:
     """Data and unknowns of a rig; each method returns something new.
 
     Args:
         config: the rig.
-        unknowns: its parameters.
-        tape: its traces.
+        free_parameters: its parameters.
+        batch: its traces.
         substeps: integration steps in each interval between instants, one array a trace.
         sigma: noise of each sample with outliers weighed down, shape (T, L, M).
         jitter: standard deviation of the sampling instants, as a share of the time between samples.
-        pull: guide of the residual, V/rad, or N m/rad where torque drives; 0 where it is that of a free run.
+        guide_stiffness: guide of the residual, V/rad, or N m/rad where torque drives; 0 where it is that of a free run.
     """
 
     config: RigConfig
-    unknowns: Unknowns
-    tape: Tape
+    free_parameters: FreeParameters
+    batch: TraceBatch
     substeps: tuple[np.ndarray, ...]
     sigma: np.ndarray
     jitter: float = 0.0
-    pull: float = 0.0
+    guide_stiffness: float = 0.0
 
     @classmethod
     def of(
         cls,
         config: RigConfig,
-        unknowns: Unknowns,
+        free_parameters: FreeParameters,
         traces: tuple[Trace, ...],
         substeps: Any = None,
         least: tuple[int, ...] = (0, 0, 0),
-    ) -> Bench:
-        """Lay traces on a tape of at least the shape `least`; one step in each interval if `substeps` says no more."""
+    ) -> EstimationProblem:
+        """Batch traces of at least the shape `least`; one step in each interval if `substeps` says no more."""
         substeps = substeps or tuple(np.ones(t.instants.size - 1, dtype=int) for t in traces)
-        tape = lay(traces, config, substeps, least)
-        return cls(config, unknowns, tape, tuple(substeps), tape.slots.sigma)
+        batch = lay(traces, config, substeps, least)
+        return cls(config, free_parameters, batch, tuple(substeps), batch.slots.sigma)
 
     @property
     def layout(self) -> Layout:
-        return self.unknowns.layout
+        return self.free_parameters.layout
 
     @property
-    def slots(self) -> Slots:
-        return self.tape.slots._replace(sigma=self.sigma)
+    def slots(self) -> SampleSlots:
+        return self.batch.slots._replace(sigma=self.sigma)
 
     @property
     def pick(self) -> Pick:
         """Which parameters x stands for, and the values of the others."""
-        return self.layout.pick(self.unknowns.held)
+        return self.layout.pick(self.free_parameters.held)
 
     def at(self, x: np.ndarray) -> tuple[Form, tuple[str, ...], np.ndarray, Pick]:
         """What every compiled function of the model at x takes."""
-        return self.layout.form, self.tape.circuits, self.layout.padded(x), self.pick
+        return self.layout.form, self.batch.circuits, self.layout.padded(x), self.pick
 
     def free_run(self, x: np.ndarray) -> list[np.ndarray]:
         """Simulated samples of each trace, (n, M)."""
-        return columns(self.tape, self.simulated(x, 0.0))
+        return columns(self.batch, self.simulated(x, 0.0))
 
     def free_run_variance(self, x: np.ndarray) -> list[np.ndarray]:
         """Variance of measured - free run of each trace, (n, M): sensor, noisy input, instants not known exactly."""
-        return columns(self.tape, _free_run_variance(*self.at(x), self.arrays(), self.jitter))
+        return columns(self.batch, _free_run_variance(*self.at(x), self.arrays(), self.jitter))
 
-    def simulated(self, x: np.ndarray, pull: float) -> Any:
-        """Simulated samples along the tape, (T, L, M), drawn along the measured angle by a guide of `pull`."""
-        return _simulated(*self.at(x), self.arrays(pull))
+    def simulated(self, x: np.ndarray, guide_stiffness: float) -> Any:
+        """Simulated samples, (T, L, M), drawn along the measured angle by a guide of that stiffness."""
+        return _simulated(*self.at(x), self.arrays(guide_stiffness))
 
-    def arrays(self, pull: float = 0.0) -> Any:
-        """The tape, as compiled functions take it."""
-        tape = self.tape
-        return tape.guided(pull), tape.resets, self.slots, tape.disturbance, tape.circuit_of
+    def arrays(self, guide_stiffness: float = 0.0) -> Any:
+        """The batch, as compiled functions take it."""
+        batch = self.batch
+        return batch.guided(guide_stiffness), batch.resets, self.slots, batch.disturbance, batch.circuit_of
 
-    def free_running(self) -> Whitening:
+    def free_running(self) -> InnovationsFilter:
         """Each sample by its own noise: least squares of the free-running simulation."""
-        return whitening.plain(self.slots, self._order)
+        return innovations.plain(self.slots, self._order)
 
-    def forgiving(self, late: float = 0.0) -> Whitening:
+    def forgiving(self, late: float = 0.0) -> InnovationsFilter:
         """Each sample by its own noise, and by what an instant that is off does to it where it changes fast.
 
         Args:
@@ -157,20 +157,20 @@ class Bench:
         """
         slots = self.slots
         bend = np.zeros_like(slots.sigma)
-        for trace, (lane, _, marks) in zip(self.tape.traces, self.tape.places, strict=True):
+        for trace, (lane, _, marks) in zip(self.batch.traces, self.batch.places, strict=True):
             reach = max(1, round(late / float(np.median(np.diff(trace.instants)))))
             bend[marks, lane, : len(trace.channels)] = 0.5 * _farthest(trace.data, reach)
-        return whitening.plain(slots._replace(sigma=np.hypot(slots.sigma, bend)), self._order)
+        return innovations.plain(slots._replace(sigma=np.hypot(slots.sigma, bend)), self._order)
 
     @property
     def _order(self) -> int:
-        return whitening.ORDER + len(followed(self.layout.types))
+        return innovations.ORDER + len(followed(self.layout.types))
 
-    def kalman(self, x: np.ndarray) -> Whitening:
+    def kalman(self, x: np.ndarray) -> InnovationsFilter:
         """The whitening filter along the path at x."""
         return self._filter(x)[0]
 
-    def timed(self, x: np.ndarray, r: np.ndarray) -> Bench:
+    def timed(self, x: np.ndarray, r: np.ndarray) -> EstimationProblem:
         """The same with the jitter that the residual r at x, shape (T, L, M), shows where samples change fast.
 
             a <- a + 1/2 sum q (r^2 - 1) / sum q^2,    a = jitter^2,  q = (dy/dt dt)^2 / S
@@ -189,104 +189,112 @@ class Bench:
     def _filter(self, x: np.ndarray) -> Any:
         return _kalman(*self.at(x), self.arrays(), self.jitter)
 
-    def problem(self, filter_: Whitening) -> Problem:
+    def weighted(self, filter_: InnovationsFilter) -> WeightedData:
         """The data for the residual."""
-        tape, layout = self.tape, self.layout
+        batch, layout = self.batch, self.layout
         mean, sd = self._priors()
         priors = layout.padded(mean), layout.padded(sd, np.inf)
-        return Problem(tape.guided(self.pull), tape.resets, self.slots, tape.circuit_of, filter_, self.pick, *priors)
+        return WeightedData(
+            batch.guided(self.guide_stiffness), batch.resets, self.slots, batch.circuit_of, filter_, self.pick, *priors
+        )
 
-    def linearise(self, x: np.ndarray, problem: Problem) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    def linearise(self, x: np.ndarray, weighted: WeightedData) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Residual (T, L, M), that of the priors (P,), Jacobian of the former (T, L, M, P)."""
-        r, prior, jacobian = _linearise(self.layout.form, self.tape.circuits, self.layout.padded(x), problem)
+        r, prior, jacobian = _linearise(self.layout.form, self.batch.circuits, self.layout.padded(x), weighted)
         return np.asarray(r), np.asarray(prior)[: x.size], np.asarray(jacobian)[..., : x.size]
 
-    def residual(self, x: np.ndarray, problem: Problem) -> np.ndarray:
+    def residual(self, x: np.ndarray, weighted: WeightedData) -> np.ndarray:
         """Whitened residual alone, shape (T, L, M): a tenth of what its Jacobian costs."""
-        return np.asarray(_residual(self.layout.form, self.tape.circuits, self.layout.padded(x), problem))
+        return np.asarray(_residual(self.layout.form, self.batch.circuits, self.layout.padded(x), weighted))
 
-    def chi2(self, x: np.ndarray, problem: Problem) -> float:
+    def chi2(self, x: np.ndarray, weighted: WeightedData) -> float:
         """Sum of squares of that residual, priors apart; `chi2.chi2_of` is for many points, with them."""
-        return float(np.sum(self.residual(x, problem) ** 2))
+        return float(np.sum(self.residual(x, weighted) ** 2))
 
-    def refined(self, x: np.ndarray) -> Bench:
+    def refined(self, x: np.ndarray) -> EstimationProblem:
         """The same with as many integration steps as the path at x needs."""
-        bench = self
+        problem = self
         for _ in range(2):
-            error = np.asarray(_local_error(*bench.at(x), bench.arrays()))
-            steps = grid.substeps(bench.tape, error)
-            bench = Bench.of(self.config, self.unknowns, self.tape.traces, steps, self.shape)
-        return bench
+            error = np.asarray(_local_error(*problem.at(x), problem.arrays()))
+            steps = substeps_needed(problem.batch, error)
+            problem = EstimationProblem.of(self.config, self.free_parameters, self.batch.traces, steps, self.shape)
+        return problem
 
-    def afresh(self, x: np.ndarray) -> Bench:
+    def reprepared(self, x: np.ndarray) -> EstimationProblem:
         """The same measurements as they were logged, with the steps that x needs and the releases read off them again:
         those that a poorer model saw would draw a better one back to it."""
-        traces = tuple(t for t in (prepare(t.measurement, self.config) for t in self.tape.traces) if t is not None)
-        bench = Bench.of(self.config, self.unknowns, traces, None, self.shape).refined(x).poised(x)
-        return replace(bench, jitter=self.jitter)
+        traces = tuple(t for t in (prepare(t.measurement, self.config) for t in self.batch.traces) if t is not None)
+        problem = EstimationProblem.of(self.config, self.free_parameters, traces, None, self.shape)
+        return replace(problem.refined(x).with_integrator_states(x), jitter=self.jitter)
 
     @property
     def shape(self) -> tuple[int, ...]:
-        """Of the tape: steps, lanes, slots."""
-        return self.tape.slots.value.shape
+        """Of the batch: steps, lanes, slots."""
+        return self.batch.slots.value.shape
 
-    def beside(self, traces: tuple[Trace, ...], x: np.ndarray) -> Bench:
-        """Other traces of the same rig, on a tape of the same shape where they fit: what is compiled serves again."""
-        other = Bench.of(self.config, self.unknowns, traces, None, self.shape).refined(x).released(x).poised(x)
-        return replace(other, jitter=self.jitter, pull=self.pull)
+    def beside(self, traces: tuple[Trace, ...], x: np.ndarray) -> EstimationProblem:
+        """Other traces of the same rig, in a batch of the same shape where they fit: what is compiled serves again."""
+        other = (
+            EstimationProblem.of(self.config, self.free_parameters, traces, None, self.shape)
+            .refined(x)
+            .with_release_times(x)
+            .with_integrator_states(x)
+        )
+        return replace(other, jitter=self.jitter, guide_stiffness=self.guide_stiffness)
 
-    def guided(self, pull: float) -> Bench:
+    def guided(self, guide_stiffness: float) -> EstimationProblem:
         """The same with a residual whose simulation is drawn along the measured angle."""
-        return replace(self, pull=pull)
+        return replace(self, guide_stiffness=guide_stiffness)
 
-    def told(self, unknowns: Unknowns) -> Bench:
+    def with_parameters(self, free_parameters: FreeParameters) -> EstimationProblem:
         """The same data with other unknowns."""
-        return replace(self, unknowns=unknowns)
+        return replace(self, free_parameters=free_parameters)
 
-    def released(self, x: np.ndarray) -> Bench:
+    def with_release_times(self, x: np.ndarray) -> EstimationProblem:
         """The same with the releases of held plates moved to where the model at x sees them."""
-        if not any(trace.release for trace in self.tape.traces):
+        if not any(trace.release for trace in self.batch.traces):
             return self
         predicted = self.free_run(x)
-        traces = tuple(_better_release(t, y) for t, y in zip(self.tape.traces, predicted, strict=True))
-        return replace(Bench.of(self.config, self.unknowns, traces, self.substeps, self.shape), jitter=self.jitter)
+        traces = tuple(_better_release(t, y) for t, y in zip(self.batch.traces, predicted, strict=True))
+        moved = EstimationProblem.of(self.config, self.free_parameters, traces, self.substeps, self.shape)
+        return replace(moved, jitter=self.jitter)
 
-    def poised(self, x: np.ndarray) -> Bench:
+    def with_integrator_states(self, x: np.ndarray) -> EstimationProblem:
         """The same with what each ECU in the model holds in its integral at the begin of its trace moved to where the
         model at x sees it: a search by halves, for a plate that rests answers to nothing and one that slips jumps."""
-        controlled = np.array([trace.controlled for trace in self.tape.traces])
+        controlled = np.array([trace.controlled for trace in self.batch.traces])
         if not controlled.any():
             return self
-        volts = np.array([t.drive.value[0] if t.controlled and t.drive else 0.0 for t in self.tape.traces])
-        weight = [_beginning(trace) for trace in self.tape.traces]
+        volts = np.array([t.drive.value[0] if t.controlled and t.drive else 0.0 for t in self.batch.traces])
+        weight = [_beginning(trace) for trace in self.batch.traces]
         for span in _SPANS:
             tried = [volts + controlled * share * span for share in _SHARES]
-            misfit = [_misfits(replace(self, tape=self.tape.holding(v)).free_run(x), weight) for v in tried]
+            misfit = [_misfits(replace(self, batch=self.batch.holding(v)).free_run(x), weight) for v in tried]
             volts = np.choose(np.argmin(misfit, axis=0), tried)
-        return replace(self, tape=self.tape.holding(volts))
+        return replace(self, batch=self.batch.holding(volts))
 
-    def outliers_weighed(self, whitened: list[np.ndarray]) -> tuple[Bench, int]:
+    def outliers_weighed(self, whitened: list[np.ndarray]) -> tuple[EstimationProblem, int]:
         """The same with samples far outside their trace's residuals, (n, M) each, weighed down, and how many."""
-        sigma = self.tape.slots.sigma.copy()
+        sigma = self.batch.slots.sigma.copy()
         count = 0
-        for trace, (lane, _, marks), part in zip(self.tape.traces, self.tape.places, whitened, strict=True):
+        for trace, (lane, _, marks), part in zip(self.batch.traces, self.batch.places, whitened, strict=True):
             spread = np.maximum(1.0, 1.4826 * np.median(np.abs(part), axis=0))
             excess = np.maximum(1.0, np.abs(part) / (_OUTLIER * spread))
             sigma[marks, lane, : len(trace.channels)] *= excess
             count += int(np.sum(excess > 1.0))
         return replace(self, sigma=sigma), count
 
-    def discounted(self, x: np.ndarray) -> Bench:
+    def discounted(self, x: np.ndarray) -> EstimationProblem:
         """The same with each channel of each trace counting for no more than its error at x allows, guided as it is."""
-        sigma = self.tape.slots.sigma.copy()
-        predicted = columns(self.tape, self.simulated(x, self.pull))
-        for trace, (lane, row, marks), model in zip(self.tape.traces, self.tape.places, predicted, strict=True):
+        sigma = self.batch.slots.sigma.copy()
+        predicted = columns(self.batch, self.simulated(x, self.guide_stiffness))
+        for trace, (lane, row, marks), model in zip(self.batch.traces, self.batch.places, predicted, strict=True):
             rms = np.sqrt(np.nanmean((trace.data - model) ** 2, axis=0)) / trace.sigma
             sigma[row : marks[-1] + 1, lane, : len(trace.channels)] *= np.maximum(1.0, rms)
         return replace(self, sigma=sigma)
 
     def _priors(self) -> tuple[np.ndarray, np.ndarray]:
-        free, priors = self.layout.free, self.unknowns.priors
+        free, priors = self.layout.free, self.free_parameters.priors
         mean, sd = np.zeros(len(free)), np.full(len(free), np.inf)
         for k, symbol in enumerate(free):
             if symbol in priors:

@@ -13,16 +13,16 @@ from ..model.effects import State
 from ..model.parameters import Scalar
 from ..model.stepper import Reset, Step, simulate
 from ..model.throttle import Throttle
-from .batch import KINDS, Slots
+from .batch import KINDS, SampleSlots
 from .free_parameters import SERIES, Form, Pick
-from .innovations import Whitening, whiten
+from .innovations import InnovationsFilter, whiten
 
 
-class Problem(NamedTuple):
+class WeightedData(NamedTuple):
     """What the residual needs besides the coordinates: data, whitening and prior, all arrays.
 
     Args:
-        steps, resets, slots, circuit_of: the tape.
+        steps, resets, slots, circuit_of: the batch.
         whitening: frozen filter.
         pick: which parameters the coordinates stand for, and the values of the others.
         prior_mean, prior_sd: Gaussian priors on the coordinates, shape (P,); sd is inf where there is none.
@@ -30,9 +30,9 @@ class Problem(NamedTuple):
 
     steps: Step
     resets: Reset
-    slots: Slots
+    slots: SampleSlots
     circuit_of: Any
-    whitening: Whitening
+    whitening: InnovationsFilter
     pick: Pick
     prior_mean: Any
     prior_sd: Any
@@ -43,23 +43,23 @@ class Problem(NamedTuple):
         return float(np.sum(self.slots.weight))
 
 
-def with_circuits(steps: Step, circuit_of: Any, tape_circuits: tuple[str, ...], values: Mapping[str, Scalar]) -> Step:
-    """Put each test's own series resistance on the tape."""
+def with_circuits(steps: Step, circuit_of: Any, batch_circuits: tuple[str, ...], values: Mapping[str, Scalar]) -> Step:
+    """Put each test's own series resistance in the batch."""
     series = jnp.zeros_like(steps.dt)
-    for k, name in enumerate(tape_circuits):
+    for k, name in enumerate(batch_circuits):
         series = jnp.where(circuit_of == k + 1, values[SERIES + name], series)
     return steps._replace(series=series)
 
 
 def equipped(steps: Step, circuit_of: Any, circuits: tuple[str, ...], values: Mapping[str, Scalar]) -> Step:
-    """The tape, or one entry of it, with all that depends on parameters: its circuits and the guide's lever."""
+    """The batch, or one entry of it, with all that depends on parameters: its circuits and the guide's lever."""
     steps = with_circuits(steps, circuit_of, circuits, values)
     # a guide in volts knows no scale of torque: where the data know none, none can run away from it
     per_volt = steps.gear_ratio * values["K_m"] / (values["R_a"] + steps.series)
     return steps._replace(lever=jnp.where(steps.lever > 0.5, 1.0, per_volt))
 
 
-def predict(throttle: Throttle, path: tuple[State, Any], steps: Step, resets: Reset, slots: Slots) -> Any:
+def predict(throttle: Throttle, path: tuple[State, Any], steps: Step, resets: Reset, slots: SampleSlots) -> Any:
     """What each slot ought to show, SI, shape (T, L, M)."""
     seen = throttle.observe(*path, steps.inputs(1.0))
     delays = throttle.delays().channels if throttle.may_delay else {}
@@ -73,7 +73,7 @@ def predict(throttle: Throttle, path: tuple[State, Any], steps: Step, resets: Re
 def run(
     form: Form, circuits: tuple[str, ...], x: Any, pick: Pick, steps: Step, resets: Reset, circuit_of: Any
 ) -> tuple[Throttle, tuple[State, Any], Step]:
-    """Simulate a tape at coordinates x: the model, its path, and the tape with its circuits and late inputs."""
+    """Simulate a batch at coordinates x: the model, its path, and the batch with its circuits and late inputs."""
     values = form.values(x, pick)
     throttle = Throttle.build(form.types, values)
     steps = equipped(steps, circuit_of, circuits, values)
@@ -82,12 +82,12 @@ def run(
     return throttle, simulate(throttle, steps, resets), steps
 
 
-def prior_residual(x: Any, problem: Problem) -> Any:
+def prior_residual(x: Any, weighted: WeightedData) -> Any:
     """That of the priors, (x - mean) / sd, shape (P,)."""
-    return (x - problem.prior_mean) / problem.prior_sd
+    return (x - weighted.prior_mean) / weighted.prior_sd
 
 
-def residual(form: Form, circuits: tuple[str, ...], x: Any, problem: Problem) -> Any:
+def residual(form: Form, circuits: tuple[str, ...], x: Any, weighted: WeightedData) -> Any:
     """Whitened residual of all traces.
 
         r = W (y - y_hat(x))
@@ -95,13 +95,13 @@ def residual(form: Form, circuits: tuple[str, ...], x: Any, problem: Problem) ->
     Source: generalised least squares; see `whitening`.
     Args:
         form: the model.
-        circuits: tests with a series resistance of their own, as on the tape.
+        circuits: tests with a series resistance of their own, as in the batch.
         x: coordinates, shape (P,).
-        problem: data, and which parameters x stands for.
+        weighted: data, and which parameters x stands for.
     Returns:
         shape (T, L, M), 0 where there is no sample, standard normal where the model is right.
     """
-    throttle, path, steps = run(form, circuits, x, problem.pick, problem.steps, problem.resets, problem.circuit_of)
-    seen = predict(throttle, path, steps, problem.resets, problem.slots)
-    error = problem.slots.weight * (problem.slots.value - seen)
-    return whiten(problem.whitening, error, problem.resets.begins)
+    throttle, path, steps = run(form, circuits, x, weighted.pick, weighted.steps, weighted.resets, weighted.circuit_of)
+    seen = predict(throttle, path, steps, weighted.resets, weighted.slots)
+    error = weighted.slots.weight * (weighted.slots.value - seen)
+    return whiten(weighted.whitening, error, weighted.resets.begins)

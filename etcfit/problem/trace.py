@@ -12,7 +12,7 @@ from .input_signal import Drive, commanded, drive_of
 
 
 @dataclass(frozen=True, eq=False)
-class Start:
+class InitialState:
     """State at the first instant and how well it is known.
 
     Args:
@@ -48,7 +48,7 @@ class Trace:
     channels: tuple[str, ...]
     data: np.ndarray
     sigma: np.ndarray
-    start: Start
+    start: InitialState
     release: tuple[float, float] | None
     controlled: bool = False
 
@@ -74,7 +74,7 @@ class Trace:
 
 _LEAST_OHM = 1.0  # of a winding
 
-_NOWHERE = Start((0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
+_NOWHERE = InitialState((0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
 
 
 def prepare(measurement: Measurement, config: RigConfig) -> Trace | None:
@@ -93,7 +93,7 @@ def prepare(measurement: Measurement, config: RigConfig) -> Trace | None:
     start = _start(trace, config)
     release = _release(trace) if test.boundary.released else None
     if release is not None:
-        start = Start((0.0, start.state[1], 0.0), (0.0, start.sd[1], 0.0))
+        start = InitialState((0.0, start.state[1], 0.0), (0.0, start.sd[1], 0.0))
     return replace(trace, start=start, release=release)
 
 
@@ -151,7 +151,7 @@ def _still(t: np.ndarray, y: np.ndarray, sigma: float) -> tuple[float, float, fl
     return float(y.mean() - slope * t.mean()), slope, sd
 
 
-def _start(trace: Trace, config: RigConfig) -> Start:
+def _start(trace: Trace, config: RigConfig) -> InitialState:
     sigma = dict(zip(trace.channels, trace.sigma, strict=True))
     i, i_sd, theta, theta_sd, omega, omega_sd = (0.0,) * 6
     if (first := _first(trace, "current", 3)) is not None:
@@ -171,7 +171,7 @@ def _start(trace: Trace, config: RigConfig) -> Start:
         omega, omega_sd = 0.0, 0.0
     if not trace.circuit:
         i, i_sd = 0.0, 0.0
-    return Start((i, theta, omega), (i_sd, theta_sd, omega_sd))
+    return InitialState((i, theta, omega), (i_sd, theta_sd, omega_sd))
 
 
 def _release(trace: Trace) -> tuple[float, float] | None:

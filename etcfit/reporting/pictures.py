@@ -36,8 +36,8 @@ def jobs(result: FitResult) -> list[Job]:
 
 def all_traces(result: FitResult) -> tuple[Trace, ...]:
     """Fitted traces, then those held out."""
-    held_out = result.holdout.tape.traces if result.holdout is not None else ()
-    return (*result.bench.tape.traces, *held_out)
+    held_out = result.holdout.batch.traces if result.holdout is not None else ()
+    return (*result.problem.batch.traces, *held_out)
 
 
 def file_name(trace: Trace) -> str:
@@ -85,7 +85,7 @@ def _fitted(interval: Interval) -> str:
 
 
 def _units(result: FitResult) -> dict[str, str]:
-    declared = {p.symbol: p.unit for p in result.unknowns.layout.parameters}
+    declared = {p.symbol: p.unit for p in result.free_parameters.layout.parameters}
     return declared | {"N": "1"} | {symbol: lump.unit for symbol, lump in LUMPS.items()}
 
 

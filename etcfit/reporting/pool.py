@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..problem.prediction_error import Row, pooled
+from ..problem.prediction_error import PredictionError, pooled
 
 
 @dataclass(frozen=True)
@@ -29,7 +29,7 @@ class Pool:
     ratio: float
 
     @classmethod
-    def of(cls, rows: Sequence[Row]) -> Pool:
+    def of(cls, rows: Sequence[PredictionError]) -> Pool:
         """Rows of one unit; of several units only the ratio means anything."""
         n = np.array([row.n for row in rows], dtype=float)
 

@@ -16,7 +16,7 @@ from ..estimation.joint_fit import FitResult, StartSummary
 from ..estimation.remedies import sentence
 from ..experiment.check import ChannelCheck, CheckResult, TraceCheck
 from ..model.effects import PAPER
-from ..problem.prediction_error import Row
+from ..problem.prediction_error import PredictionError
 from ..run_folder import GEAR_RATIO, readings_of
 from .blocks import headed, plain_table, rig_title, sentences, spaced
 from .blocks import render as render
@@ -53,7 +53,7 @@ def check_table(result: CheckResult) -> RenderableType:
 
 
 def _parameters(result: FitResult) -> RenderableType:
-    layout, read = result.unknowns.layout, readings_of(result)
+    layout, read = result.free_parameters.layout, readings_of(result)
     declared = {p.symbol: (p.meaning, p.unit) for p in layout.parameters}
     declared |= {"N": (GEAR_RATIO.partition(",")[0], "1")} | {s: (lump.meaning, lump.unit) for s, lump in LUMPS.items()}
     table = plain_table("parameter", "meaning", "reading", "fit", "95 % interval", "unit", "status", left=2)
@@ -63,12 +63,14 @@ def _parameters(result: FitResult) -> RenderableType:
     for symbol, interval in (intervals(result) | lumped(result)).items():
         meaning, unit = declared[symbol]
         table.add_row(*_parameter(symbol, meaning, unit, read.get(symbol), interval))
-    return Group(rig_title(result.rig.config, f"{model_words(result)}, {len(result.bench.tape.traces)} traces"), table)
+    return Group(
+        rig_title(result.rig.config, f"{model_words(result)}, {len(result.problem.batch.traces)} traces"), table
+    )
 
 
 def model_words(result: FitResult) -> str:
     """Eqs. 1-2 and what was added."""
-    return " + ".join(["Eqs. 1-2", *(t.name for t in result.unknowns.layout.types if t not in PAPER)])
+    return " + ".join(["Eqs. 1-2", *(t.name for t in result.free_parameters.layout.types if t not in PAPER)])
 
 
 def _parameter(symbol: str, meaning: str, unit: str, read: float | None, i: Interval) -> Sequence[RenderableType]:
@@ -79,12 +81,12 @@ def _parameter(symbol: str, meaning: str, unit: str, read: float | None, i: Inte
     return symbol, Text(meaning), short(read, 4), value, digits.span(i.low, i.high), unit, status
 
 
-def _score(title: str, rows: Iterable[Row]) -> RenderableType | None:
+def _score(title: str, rows: Iterable[PredictionError]) -> RenderableType | None:
     """Pooled over the traces of a test: pictures and fit.json tell them apart."""
     table = plain_table("test", "channel", "traces", "samples", "rms", "sigma", "rms/sigma", "unit", left=2)
     table.columns[-1].justify = "left"
 
-    def key(row: Row) -> tuple[str, str, str]:
+    def key(row: PredictionError) -> tuple[str, str, str]:
         return row.test, row.channel, row.unit
 
     for (test, channel, unit), group in groupby(sorted(rows, key=key), key=key):
@@ -92,7 +94,7 @@ def _score(title: str, rows: Iterable[Row]) -> RenderableType | None:
     return headed(title, table) if table.row_count else None
 
 
-def _pooled(rows: list[Row]) -> tuple[str, ...]:
+def _pooled(rows: list[PredictionError]) -> tuple[str, ...]:
     pool = Pool.of(rows)
     return str(pool.traces), f"{pool.samples}", short(pool.rms), short(pool.sigma), short(pool.ratio)
 

@@ -9,7 +9,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
-from ..problem.prediction_error import Row
+from ..problem.prediction_error import PredictionError
 from ..problem.trace import Trace
 from . import style
 from .numbers import short
@@ -36,7 +36,7 @@ class TracePicture:
     predicted: np.ndarray
     residual: np.ndarray
     residual_label: str
-    rows: tuple[Row, ...]
+    rows: tuple[PredictionError, ...]
     synthetic: bool
 
 
@@ -55,7 +55,7 @@ def draw(picture: TracePicture) -> Figure:
     return headed(fig, panels, name_of(trace), _errors(picture.rows))
 
 
-def _errors(rows: tuple[Row, ...]) -> str:
+def _errors(rows: tuple[PredictionError, ...]) -> str:
     each = [f"{row.channel.replace('_', ' ')} {short(row.rms)} {row.unit} ({short(row.rms / row.sigma, 2)} σ)"
             for row in rows]  # fmt: skip
     return "rms error: " + ", ".join(each)

@@ -14,7 +14,7 @@ from .signals import Plateau, drive_voltage, plateaus, rise_time
 
 
 @dataclass(frozen=True)
-class Step:
+class VoltageStep:
     """One voltage step: its total resistance (ohm), time constant (s), instant and levels (A)."""
 
     R_t: float
@@ -35,7 +35,7 @@ def inductance(R_t: float, tau: float) -> float:
     return R_t * tau
 
 
-def steps(trace: Measurement, config: RigConfig) -> list[Step]:
+def steps(trace: Measurement, config: RigConfig) -> list[VoltageStep]:
     """Every voltage step of a trace.
 
     The step lies between two samples of the voltage; half way is its best guess. Differences across the step free
@@ -49,17 +49,17 @@ def steps(trace: Measurement, config: RigConfig) -> list[Step]:
     return [step for step in tried if step is not None]
 
 
-def _step(voltage: Channel, current: Channel, before: Plateau, after: Plateau) -> Step | None:
+def _step(voltage: Channel, current: Channel, before: Plateau, after: Plateau) -> VoltageStep | None:
     first, last = before.settled(current), after.settled(current)
     if not np.isfinite(last - first) or abs(last - first) < 5 * current.sigma:
         return None
     instant = (before.stop + after.start) / 2
     tau = rise_time(current, instant, first, last, after.stop)
     R_t = resistance(after.settled(voltage) - before.settled(voltage, 1.0), last - first)
-    return Step(R_t, tau, instant, first, last, after.stop) if tau > 0 and R_t > 0 else None
+    return VoltageStep(R_t, tau, instant, first, last, after.stop) if tau > 0 and R_t > 0 else None
 
 
-def profile(trace: Measurement, step: Step, R_t: float, tau: float) -> Graph:
+def profile(trace: Measurement, step: VoltageStep, R_t: float, tau: float) -> Graph:
     """Fig. 12: the current after the step and Eq. 3 through it, over ten time constants."""
     current = trace.channels["current"]
     shown = (current.time >= step.instant - tau) & (current.time <= min(step.instant + 10 * tau, step.stop))

@@ -26,7 +26,7 @@ def design_json(design: Design) -> dict[str, Any]:
     return plain({
         "rig": design.fitted.config.name,
         "synthetic": design.fitted.config.synthetic,
-        "model": {"effects": [effect.name for effect in design.fitted.unknowns.layout.types]},
+        "model": {"effects": [effect.name for effect in design.fitted.free_parameters.layout.types]},
         "rule": chosen.rule,
         "gains": _gains(chosen.gains),
         "ecu": _native(design, chosen.gains),

@@ -17,7 +17,7 @@ from ..estimation.joint_fit import FitResult
 from ..estimation.remedies import sentence
 from ..files import plain
 from ..model.parameters import Parameter
-from ..problem.prediction_error import Row
+from ..problem.prediction_error import PredictionError
 from ..rig.base import Rig
 
 GEAR_RATIO = "gear ratio, motor turns per plate turn"
@@ -53,7 +53,7 @@ def fit_json(result: FitResult) -> dict[str, Any]:
 
 def parameters_json(result: FitResult) -> dict[str, dict[str, Any]]:
     """Every parameter as FORMAT.md has it."""
-    declared = {p.symbol: p for p in result.unknowns.layout.parameters}
+    declared = {p.symbol: p for p in result.free_parameters.layout.parameters}
     read = readings_of(result)
     return {symbol: _parameter(declared.get(symbol), interval, read.get(symbol))
             for symbol, interval in intervals(result).items()}  # fmt: skip
@@ -61,10 +61,10 @@ def parameters_json(result: FitResult) -> dict[str, dict[str, Any]]:
 
 def effects_of(result: FitResult) -> tuple[str, ...]:
     """Names of all effects of a fit's model, those of Eqs. 1-2 among them."""
-    return tuple(effect.name for effect in result.unknowns.layout.types)
+    return tuple(effect.name for effect in result.free_parameters.layout.types)
 
 
-def rows_json(rows: Iterable[Row]) -> list[dict[str, Any]]:
+def rows_json(rows: Iterable[PredictionError]) -> list[dict[str, Any]]:
     """Free-running errors, a ROW of FORMAT.md each."""
     keys = ("file", "test", "channel", "unit", "n", "rms", "sigma")
     return [plain({key: getattr(row, key) for key in keys}) for row in rows]
@@ -73,7 +73,7 @@ def rows_json(rows: Iterable[Row]) -> list[dict[str, Any]]:
 def readings_of(result: FitResult) -> dict[str, float]:
     """What the paper's graphs say, SI: read, not merely assumed, and finite."""
     readings = result.readings
-    assumed = readings.nominal | {s for s, other in result.unknowns.layout.ties if other in readings.nominal}
+    assumed = readings.nominal | {s for s, other in result.free_parameters.layout.ties if other in readings.nominal}
     return {s: float(v) for s, v in readings.values.items() if s not in assumed and np.isfinite(v)}
 
 

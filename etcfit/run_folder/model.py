@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from ..estimation.fitted_model import Fitted
-from ..problem.free_parameters import unknowns
+from ..problem.free_parameters import free_parameters
 from ..rig.base import Measurement
 from ..rig.config import read_config
 from ..rig.sine import Sine
@@ -29,7 +29,7 @@ def read_fitted(run: Path) -> Fitted:
         raise missing(state)
     config = read_config(toml)
     whole, place = final_config(state, config)
-    return Fitted(config, unknowns(whole), state.x[place], state.covariance[np.ix_(place, place)])
+    return Fitted(config, free_parameters(whole), state.x[place], state.covariance[np.ix_(place, place)])
 
 
 def read_sines(run: Path) -> tuple[Measurement, ...]:
@@ -55,7 +55,7 @@ def read_draws(run: Path, fitted: Fitted, count: int, seed: int) -> np.ndarray |
         return None
     import xarray
 
-    free = fitted.unknowns.layout.free
+    free = fitted.free_parameters.layout.free
     with xarray.open_dataset(path, group="posterior", engine="h5netcdf") as data:
         if not set(free) <= set(data.data_vars):
             return None

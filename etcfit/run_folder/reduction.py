@@ -26,7 +26,7 @@ def reduction_json(fitted: Fitted, reduction: Reduction, pade_order: int) -> dic
     return plain({
         "rig": fitted.config.name,
         "synthetic": fitted.config.synthetic,
-        "model": {"effects": [effect.name for effect in fitted.unknowns.layout.types]},
+        "model": {"effects": [effect.name for effect in fitted.free_parameters.layout.types]},
         "input": {"name": INPUTS[reduction.input_unit], "unit": reduction.input_unit},
         "output": {"name": "position", "unit": unit},
         "operating_point": {

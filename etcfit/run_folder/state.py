@@ -14,7 +14,7 @@ from ..errors import UsageError
 from ..estimation.joint_fit import FitResult
 from ..files import whole
 from ..model.effects import COMMANDING, EFFECT_BY_NAME, PAPER
-from ..problem.free_parameters import unknowns
+from ..problem.free_parameters import free_parameters
 from ..rig.base import Rig, RigConfig
 from ..rig.reader import read_folder
 from .fit import effects_of
@@ -65,7 +65,7 @@ def _write(path: Path, result: FitResult) -> None:
             draft,
             x=result.x,
             covariance=result.covariance,
-            symbols=np.array(result.unknowns.layout.free, dtype=str),
+            symbols=np.array(result.free_parameters.layout.free, dtype=str),
             effects=np.array(effects_of(result), dtype=str),
             folder=np.array(_relative(Path(result.rig.folder), path.parent)),
             far=np.array(result.far),
@@ -118,7 +118,7 @@ def rig_of(state: State) -> Rig:
         MeasurementError: it is wrong.
     """
     rig = _folder_of(state)
-    layout = unknowns(rig.config).layout
+    layout = free_parameters(rig.config).layout
     if layout.free != state.symbols or tuple(effect.name for effect in layout.types) != state.effects:
         raise changed(state, {*layout.free} ^ {*state.symbols})
     return rig
@@ -144,7 +144,7 @@ def final_config(state: State, config: RigConfig) -> tuple[RigConfig, list[int]]
     if gone := {*effects} - {*EFFECT_BY_NAME}:
         raise changed(state, gone)
     whole = replace(config, effects=effects)
-    free = unknowns(whole).layout.free
+    free = free_parameters(whole).layout.free
     if {*free} != {*state.symbols}:
         raise changed(state, {*free} ^ {*state.symbols})
     return whole, [state.symbols.index(symbol) for symbol in free]

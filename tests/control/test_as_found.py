@@ -19,7 +19,7 @@ from etcfit.control.pid.setpoint import trapezoid
 from etcfit.estimation.fitted_model import Fitted
 from etcfit.model.ecu import Ecu, Notation
 from etcfit.model.throttle import catalogue
-from etcfit.problem.free_parameters import unknowns
+from etcfit.problem.free_parameters import free_parameters
 from etcfit.reporting.blocks import render
 from etcfit.reporting.control.tables import design_table
 from etcfit.rig.base import Fixed, RigConfig
@@ -49,7 +49,7 @@ def fitted(ecu: Ecu | None = LOGGED, changes: Mapping[str, float] = MappingProxy
     told = {} if ecu is None else {symbol: Fixed(value) for symbol, value in ecu.constants.items()}
     told |= {} if ecu is None else {"K_d": Fixed(GAINS["K_d"])}
     config = RigConfig("synthetic", True, TRUTH.N, True, 12.0, parameters=told, effects=("limp_home_spring",), ecu=ecu)
-    known = unknowns(config)
+    known = free_parameters(config)
     values = {s: p.nominal for s, p in catalogue(known.layout.types).items()} | PLATE | LIMP_HOME | GAINS | {**changes}
     x = known.layout.coordinates(values)
     return Fitted(config, known, x, 1e-4 * np.eye(x.size))
@@ -57,9 +57,9 @@ def fitted(ecu: Ecu | None = LOGGED, changes: Mapping[str, float] = MappingProxy
 
 def unsure(of: Fitted, symbol: str, sd: float) -> Fitted:
     """One coordinate known to so much of its reach."""
-    k = of.unknowns.layout.free.index(symbol)
+    k = of.free_parameters.layout.free.index(symbol)
     covariance = of.covariance.copy()
-    covariance[k, k] = (sd * of.unknowns.layout.reach(of.x)[k]) ** 2
+    covariance[k, k] = (sd * of.free_parameters.layout.reach(of.x)[k]) ** 2
     return replace(of, covariance=covariance)
 
 
@@ -90,7 +90,7 @@ def test_gains_that_the_data_do_not_tell_are_none() -> None:
 @pytest.mark.parametrize("variance", [np.nan, np.inf, -1.0])
 def test_nor_are_gains_whose_error_could_not_be_computed(variance: float) -> None:
     of = fitted()
-    of.covariance[of.unknowns.layout.free.index("K_p")] = variance
+    of.covariance[of.free_parameters.layout.free.index("K_p")] = variance
     assert gains_as_found(of) == Refusal("the data do not tell K_p")
 
 

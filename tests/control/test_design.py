@@ -151,7 +151,7 @@ def test_a_run_folder_gives_its_model_back(tmp_path: Path) -> None:
 def test_a_posterior_of_the_same_model_is_drawn_from(tmp_path: Path, fitted: Fitted) -> None:
     rng = np.random.default_rng(0)
     values = {s: np.asarray(fitted.values[s]) * np.exp(0.1 * rng.standard_normal((2, 50)))
-              for s in fitted.unknowns.layout.free}  # fmt: skip
+              for s in fitted.free_parameters.layout.free}  # fmt: skip
     made = xarray.Dataset({s: (("chain", "draw"), v) for s, v in values.items()})
     made.to_netcdf(tmp_path / "posterior.nc", group="posterior", engine="h5netcdf")
     drawn = read_draws(tmp_path, fitted, 400, 0)

@@ -13,8 +13,8 @@ from etcfit.diagnosis.ambiguity import Apart, apart, between
 def stand(**at: float) -> Any:
     """A model whose residual is the sum of its coordinates, up and down, at two of four samples; at the others 0."""
     shape = np.array([1.0, 0.0, -1.0, 0.0]).reshape(4, 1, 1)
-    bench = SimpleNamespace(layout=SimpleNamespace(free=tuple(at)), residual=lambda x, problem: np.sum(x) * shape)
-    return SimpleNamespace(bench=bench, x=np.array(list(at.values())), problem=SimpleNamespace(samples=4.0))
+    problem = SimpleNamespace(layout=SimpleNamespace(free=tuple(at)), residual=lambda x, weighted: np.sum(x) * shape)
+    return SimpleNamespace(problem=problem, x=np.array(list(at.values())), weighted=SimpleNamespace(samples=4.0))
 
 
 def test_fits_are_apart_by_their_residuals_and_by_what_both_fit() -> None:

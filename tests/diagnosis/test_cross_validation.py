@@ -14,11 +14,11 @@ import folders
 import results
 from etcfit.diagnosis import cross_validation as module
 from etcfit.diagnosis.cross_validation import folds, left_out
-from etcfit.diagnosis.trial import Standing
+from etcfit.diagnosis.trial import CandidateModel
 from etcfit.estimation.joint_fit import ready
-from etcfit.estimation.result import End
-from etcfit.problem.free_parameters import unknowns
-from etcfit.problem.problem import Bench
+from etcfit.estimation.result import Termination
+from etcfit.problem.free_parameters import free_parameters
+from etcfit.problem.problem import EstimationProblem
 from etcfit.problem.trace import Trace
 from etcfit.rig.base import Rig
 from etcfit.rig.reader import read_folder
@@ -37,30 +37,30 @@ def many(tmp_path_factory: pytest.TempPathFactory) -> Rig:
     return read_folder(folders.write(tmp_path_factory.mktemp("many"), files))
 
 
-def standing(rig: Rig, traces: tuple[Trace, ...]) -> Standing:
-    known = unknowns(rig.config)
-    bench = Bench.of(rig.config, known, traces)
+def standing(rig: Rig, traces: tuple[Trace, ...]) -> CandidateModel:
+    known = free_parameters(rig.config)
+    problem = EstimationProblem.of(rig.config, known, traces)
     composition: Any = None
-    problem, x = bench.problem(bench.free_running()), np.zeros(len(known.layout.free))
-    return Standing(composition, (), bench, problem, None, x, End(True, "by hand"))
+    weighted, x = problem.weighted(problem.free_running()), np.zeros(len(known.layout.free))
+    return CandidateModel(composition, (), problem, weighted, None, x, Termination(True, "by hand"))
 
 
-def entries(s: Standing, k: int) -> np.ndarray:
+def entries(s: CandidateModel, k: int) -> np.ndarray:
     """Where the k-th trace lies on the tape, shape (T, L)."""
-    lane, row, marks = s.bench.tape.places[k]
-    out = np.zeros(s.bench.tape.steps.dt.shape, dtype=bool)
+    lane, row, marks = s.problem.batch.places[k]
+    out = np.zeros(s.problem.batch.steps.dt.shape, dtype=bool)
     out[row : marks[-1] + 1, lane] = True
     return out
 
 
 @pytest.fixture(scope="module")
-def s(many: Rig) -> Standing:
+def s(many: Rig) -> CandidateModel:
     return standing(many, ready(many)[0])
 
 
-def test_every_moving_trace_is_left_out_exactly_once_and_a_held_one_never(s: Standing) -> None:
+def test_every_moving_trace_is_left_out_exactly_once_and_a_held_one_never(s: CandidateModel) -> None:
     times = sum(folds(s))
-    tests = [t.test.name for t in s.bench.tape.traces]
+    tests = [t.test.name for t in s.problem.batch.traces]
     assert tests.count("response") == 5
     assert set(tests) > HELD
     expected = np.zeros_like(times)
@@ -69,17 +69,17 @@ def test_every_moving_trace_is_left_out_exactly_once_and_a_held_one_never(s: Sta
     assert_array_equal(times, expected)
 
 
-def test_a_trace_is_left_out_as_a_whole(s: Standing) -> None:
+def test_a_trace_is_left_out_as_a_whole(s: CandidateModel) -> None:
     for mask in folds(s):
         assert set(np.unique(mask)) == {0.0, 1.0}
-        for k in range(len(s.bench.tape.traces)):
+        for k in range(len(s.problem.batch.traces)):
             assert np.unique(mask[entries(s, k)]).size == 1
 
 
-def test_three_turns_leave_out_two_traces_each(s: Standing) -> None:
+def test_three_turns_leave_out_two_traces_each(s: CandidateModel) -> None:
     masks = folds(s)
     assert len(masks) == 3
-    moving = [k for k, t in enumerate(s.bench.tape.traces) if t.test.name not in HELD]
+    moving = [k for k, t in enumerate(s.problem.batch.traces) if t.test.name not in HELD]
     for mask in masks:
         assert sum(bool(mask[entries(s, k)].all()) for k in moving) == 2
     assert all(not np.any(a * b) for a, b in combinations(masks, 2))
@@ -96,40 +96,40 @@ def test_with_fewer_traces_there_are_fewer_turns_and_with_one_there_is_none(many
         assert left_out(few) == 0.0
 
 
-def test_samples_outside_the_mask_are_unseen_and_the_others_as_they_were(s: Standing) -> None:
+def test_samples_outside_the_mask_are_unseen_and_the_others_as_they_were(s: CandidateModel) -> None:
     mask = folds(s)[0]
-    some, others = module._only(s.problem, mask), module._only(s.problem, 1.0 - mask)
+    some, others = module._only(s.weighted, mask), module._only(s.weighted, 1.0 - mask)
     for before, kept, left in (
-        (s.problem.slots.weight, some.slots.weight, others.slots.weight),
-        (s.problem.whitening.weight, some.whitening.weight, others.whitening.weight),
+        (s.weighted.slots.weight, some.slots.weight, others.slots.weight),
+        (s.weighted.whitening.weight, some.whitening.weight, others.whitening.weight),
     ):
         assert_array_equal(kept, np.asarray(before) * mask[..., None])
         assert_array_equal(np.asarray(kept) + left, before)
         assert np.any(np.asarray(kept) > 0.0)
         assert np.any(np.asarray(left) > 0.0)
-    assert some.steps is s.problem.steps
-    assert some.whitening.gain is s.problem.whitening.gain
+    assert some.steps is s.weighted.steps
+    assert some.whitening.gain is s.weighted.whitening.gain
 
 
 def test_each_model_is_refitted_without_and_scored_on_what_is_left_out(
-    s: Standing, monkeypatch: pytest.MonkeyPatch
+    s: CandidateModel, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """A model's chi2 of the traces in a mask is made up: their number, times 2 for the one and 3 for the other."""
     refitted = []
 
-    def go(bench: Any, x: Any, problem: Any, tolerance: float) -> tuple[Any, int]:
-        refitted.append(np.asarray(problem.slots.weight) > 0.0)
+    def minimise(problem: Any, x: Any, weighted: Any, tolerance: float) -> tuple[Any, int]:
+        refitted.append(np.asarray(weighted.slots.weight) > 0.0)
         return x + 1.0, 1
 
-    def chi2_of(bench: Any, points: Any, problem: Any) -> np.ndarray:
-        seen = np.asarray(problem.slots.weight) > 0.0
+    def chi2_of(problem: Any, points: Any, weighted: Any) -> np.ndarray:
+        seen = np.asarray(weighted.slots.weight) > 0.0
         assert not np.any(seen & refitted[-1])
         return points[:, 0] * seen.sum()
 
-    monkeypatch.setattr(module, "go", go)
+    monkeypatch.setattr(module, "minimise", minimise)
     monkeypatch.setattr(module, "chi2_of", chi2_of)
-    before, after = (Standing(**{**vars(s), "x": np.full(s.x.size, level)}) for level in (1.0, 2.0))
-    moving = sum(t.data.size for t in s.bench.tape.traces if t.test.name not in HELD)
+    before, after = (CandidateModel(**{**vars(s), "x": np.full(s.x.size, level)}) for level in (1.0, 2.0))
+    moving = sum(t.data.size for t in s.problem.batch.traces if t.test.name not in HELD)
     assert left_out(before) == 2.0 * moving
     assert left_out(after) == 3.0 * moving
     assert len(refitted) == 6
@@ -138,7 +138,7 @@ def test_each_model_is_refitted_without_and_scored_on_what_is_left_out(
 def test_what_a_plate_does_is_what_its_rig_test_says() -> None:
     """A motor that runs alone moves as well."""
     held: Any = [SimpleNamespace(test=SimpleNamespace(boundary=SimpleNamespace(plate_held=h))) for h in (1, 0, 0)]
-    tape = SimpleNamespace(traces=held, places=[(0, 4 * k, 4 * k + np.arange(4)) for k in range(3)],
+    batch = SimpleNamespace(traces=held, places=[(0, 4 * k, 4 * k + np.arange(4)) for k in range(3)],
                            steps=SimpleNamespace(dt=np.zeros((12, 1))))  # fmt: skip
-    stub: Any = SimpleNamespace(bench=SimpleNamespace(tape=tape))
+    stub: Any = SimpleNamespace(problem=SimpleNamespace(batch=batch))
     assert_array_equal(np.stack(folds(stub))[..., 0], np.repeat([[0, 1, 0], [0, 0, 1]], 4, axis=1))

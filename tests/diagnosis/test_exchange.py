@@ -30,7 +30,7 @@ class Stand:
     far: bool = False
 
     @property
-    def problem(self) -> Any:
+    def weighted(self) -> Any:
         return SimpleNamespace(samples=1000.0)
 
     def at_work(self, effect: type) -> bool:
@@ -62,7 +62,7 @@ def asked(monkeypatch: pytest.MonkeyPatch) -> dict[type, tuple[Any, tuple[Any, .
     verdicts: dict[type, tuple[Any, tuple[Any, ...]]] = {}
     monkeypatch.setattr(look_back, "_beside", lambda s, effect, rivals: verdicts[effect])
     monkeypatch.setattr(look_back, "apart", lambda a, b: CLOSE)
-    monkeypatch.setattr(look_back, "settled", lambda s, report: s)
+    monkeypatch.setattr(look_back, "refit_fully", lambda s, report: s)
     monkeypatch.setattr(look_back, "score", lambda s: None)
     return verdicts
 

@@ -11,14 +11,14 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
 import bodies
-from bodies import OPEN, N, body, path, tape
+from bodies import OPEN, N, batch, body, path
 from etcfit.diagnosis.findings import Motion
 from etcfit.diagnosis.missing_torque import motions, pull_of
-from etcfit.diagnosis.trial import Standing
-from etcfit.estimation.result import End
-from etcfit.problem.free_parameters import Unknowns, unknowns
+from etcfit.diagnosis.trial import CandidateModel
+from etcfit.estimation.result import Termination
+from etcfit.problem.free_parameters import FreeParameters, free_parameters
 from etcfit.problem.input_signal import Drive
-from etcfit.problem.problem import Bench
+from etcfit.problem.problem import EstimationProblem
 from etcfit.problem.trace import Trace, prepare
 from etcfit.rig.base import Fixed, RigConfig
 from independent import CONSISTENT, TABLE_2, Truth
@@ -34,19 +34,23 @@ SLIDES = slice(600, 750)  # samples at which the plate has slid long enough, and
 # ---- the guide's stiffness
 
 
-def model(truth: Truth, **fixed: float) -> tuple[Unknowns, np.ndarray]:
+def model(truth: Truth, **fixed: float) -> tuple[FreeParameters, np.ndarray]:
     known_values = {symbol: Fixed(value) for symbol, value in fixed.items()}
     config = RigConfig("bench", gear_ratio=N, gear_ratio_given=True, supply_V=12.0, parameters=known_values)
-    known = unknowns(config)
+    known = free_parameters(config)
     return known, known.layout.coordinates({p.symbol: getattr(truth, p.symbol) for p in known.layout.parameters})
 
 
-def stub(known: Unknowns, travel: float, rate: float = 1000.0, torque: bool = False, logged: str = "position") -> Any:
+def stub(
+    known: FreeParameters, travel: float, rate: float = 1000.0, torque: bool = False, logged: str = "position"
+) -> Any:
     instants = np.arange(400) / rate
     angle = 0.5 * travel * (1.0 - np.cos(2.0 * np.pi * np.arange(400) / 399))[:, None]
     trace = SimpleNamespace(channels=(logged,), data=angle, instants=instants, torque_driven=torque)
     config = RigConfig("bench", gear_ratio=N)
-    return SimpleNamespace(config=config, unknowns=known, layout=known.layout, tape=SimpleNamespace(traces=(trace,)))
+    return SimpleNamespace(
+        config=config, free_parameters=known, layout=known.layout, batch=SimpleNamespace(traces=(trace,))
+    )
 
 
 @pytest.mark.parametrize("travel", [OPEN, 0.1], ids=["whole travel", "a twentieth of it"])
@@ -54,15 +58,15 @@ def stub(known: Unknowns, travel: float, rate: float = 1000.0, torque: bool = Fa
 def test_a_guided_plate_is_stable(truth: Truth, travel: float) -> None:
     """L J s^3 + (R J + L B) s^2 + ((N K)^2 + R B + L K_s) s + R K_s + N K pull has no root on the right."""
     known, x = model(truth)
-    pull = pull_of(stub(known, travel), x)
+    guide_stiffness = pull_of(stub(known, travel), x)
     coil = N * truth.K_b
     roots = np.roots([
         truth.L_a * truth.J_eq,
         truth.R_a * truth.J_eq + truth.L_a * truth.B_eq,
         coil**2 + truth.R_a * truth.B_eq + truth.L_a * truth.K_s,
-        truth.R_a * truth.K_s + coil * pull,
+        truth.R_a * truth.K_s + coil * guide_stiffness,
     ])  # fmt: skip
-    assert pull > 0.0
+    assert guide_stiffness > 0.0
     assert np.max(roots.real) < 0.0
 
 
@@ -105,7 +109,7 @@ def measured(series: float) -> Trace:
     v = volts(t)
     truth = body(T_PL=bodies.NOMINAL["T_PL"] - LACKED)
     at_rest = (float(v[0]) / (1.513 + series), 0.0, 0.0)
-    x = path(truth, *tape(np.full(SAMPLES - 1, DT), v[:-1], v[1:], at_rest, series=series))
+    x = path(truth, *batch(np.full(SAMPLES - 1, DT), v[:-1], v[1:], at_rest, series=series))
     m = measurement("response", t, {"voltage": v, "current": x[:, 0] + OFFSET, "position": x[:, 1]})
     trace = prepare(m, CONFIG)
     assert trace is not None
@@ -123,15 +127,15 @@ def trace(series: float) -> Trace:
     return measured(series)
 
 
-def standing(trace: Trace, series: float, preload: float) -> Standing:
+def standing(trace: Trace, series: float, preload: float) -> CandidateModel:
     """Eqs. 1-2, all known but the friction of the plate."""
     fixed = {s: Fixed(v) for s, v in bodies.values(T_PL=preload).items() if s not in ("T_f", "K_m")}
     config = replace(CONFIG, parameters=fixed, series_ohm={"response": series})
-    known = unknowns(config)
-    bench = Bench.of(config, known, (trace,))
+    known = free_parameters(config)
+    problem = EstimationProblem.of(config, known, (trace,))
     nothing: Any = None
     x = known.layout.coordinates(bodies.NOMINAL)
-    return Standing(nothing, (), bench, nothing, None, x, End(True, "by hand"))
+    return CandidateModel(nothing, (), problem, nothing, None, x, Termination(True, "by hand"))
 
 
 @pytest.fixture(scope="module")

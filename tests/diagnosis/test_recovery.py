@@ -115,7 +115,7 @@ def test_what_is_missing_is_found_first_and_predicts_what_was_held_out(
     assert found.added[0] == effect
     assert found.rounds[0].added == effect
     assert falls(found) < 0.9
-    assert set(found.after.unknowns.layout.free) > set(found.before.unknowns.layout.free)
+    assert set(found.after.free_parameters.layout.free) > set(found.before.free_parameters.layout.free)
     assert found.after.formulas == found.final  # no formula is taken as exact
     assert all(effect in m.effects for m in found.motions)
 
@@ -169,7 +169,7 @@ def test_a_slow_sensor_is_found_though_a_run_along_its_reading_hides_it(tmp_path
     assert turned.added.name == "position_sensor_lag"
     assert not s.far
     assert s.left < 1.5
-    values = s.bench.layout.values(s.x, s.bench.unknowns.held)
+    values = s.problem.layout.values(s.x, s.problem.free_parameters.held)
     assert float(values["tau_p"]) == pytest.approx(0.01725, rel=0.1)
     assert float(values["J_L"]) == pytest.approx(truth.J_L, rel=0.1)
 
@@ -250,16 +250,16 @@ def test_a_fit_far_from_the_data_is_taken_up_as_it_is(clean: Case) -> None:
 def test_rounds_end_as_soon_as_nothing_moves_by_more_than_what_counts(clean: Case) -> None:
     """The first may move from another whitening; the second is the first that can be the last."""
     said: list[str] = []
-    bench, x = clean.result.bench, clean.result.x
-    _, _, there, end = rounds(bench, x, lambda text, share: said.append(text), still=1e9, most=10)
+    problem, x = clean.result.problem, clean.result.x
+    _, _, there, end = rounds(problem, x, lambda text, share: said.append(text), still=1e9, most=10)
     assert [text.split(":")[0] for text in said] == ["whitening 1", "whitening 2"]
     assert end.converged
     assert_allclose((there - x) / np.sqrt(np.diag(clean.result.covariance)), 0.0, atol=0.5)
 
 
 def test_a_free_run_that_was_searched_for_is_no_worse_than_where_the_search_began(clean: Case) -> None:
-    bench, x = replace(clean.result.bench, pull=0.0), clean.result.x + 0.05
-    weighed, problem, there = freed(bench, x, 0.05)
-    begun, ended = chi2_of(weighed, np.stack((x, there)), problem)
+    problem, x = replace(clean.result.problem, guide_stiffness=0.0), clean.result.x + 0.05
+    weighed, weighted, there = freed(problem, x, 0.05)
+    begun, ended = chi2_of(weighed, np.stack((x, there)), weighted)
     assert ended < 0.5 * begun
-    assert np.all(weighed.sigma >= bench.tape.slots.sigma)
+    assert np.all(weighed.sigma >= problem.batch.slots.sigma)

@@ -77,18 +77,18 @@ class Case:
         r, jacobian = rng.normal(size=shape), rng.normal(size=(*shape, P))
         jacobian[..., 2] *= 1e-5  # parameters of all sizes
         self.r, self.J = r[self.seen], jacobian[self.seen]
-        self.bench: Any = SimpleNamespace(layout=LAYOUT, linearise=lambda x, problem: (r, np.zeros(P), jacobian))
-        self.problem: Any = SimpleNamespace(slots=SimpleNamespace(weight=self.weight))
+        self.problem: Any = SimpleNamespace(layout=LAYOUT, linearise=lambda x, weighted: (r, np.zeros(P), jacobian))
+        self.weighted: Any = SimpleNamespace(slots=SimpleNamespace(weight=self.weight))
         self.rng = rng
 
     def background(self) -> Background:
-        return Background.of(self.bench, np.zeros(P), self.problem)
+        return Background.of(self.problem, np.zeros(P), self.weighted)
 
     def columns(self, k: int) -> np.ndarray:
         return self.rng.normal(size=(self.r.size, k))
 
     def signature(self, effect: type[AbstractEffect], columns: np.ndarray) -> Signature:
-        return self.background().signature(self.bench, variants(effect)[0], columns)
+        return self.background().signature(self.problem, variants(effect)[0], columns)
 
     def chi2(self, *columns: np.ndarray) -> float:
         """Least |r + C a|^2."""
@@ -134,9 +134,9 @@ def test_the_background_is_what_no_fitted_parameter_can_change(case: Case) -> No
 
 
 def test_parameters_that_do_the_same_count_once(case: Case) -> None:
-    r, _, jacobian = case.bench.linearise(None, None)
+    r, _, jacobian = case.problem.linearise(None, None)
     twice = np.concatenate((jacobian, jacobian[..., :1] - jacobian[..., 1:2], 0.0 * jacobian[..., :1]), axis=-1)
-    case.bench.linearise = lambda x, problem: (r, np.zeros(P + 2), twice)
+    case.problem.linearise = lambda x, weighted: (r, np.zeros(P + 2), twice)
     background = case.background()
     assert background.basis.shape[1] == P
     assert np.sum(background.r**2) == pytest.approx(case.chi2(case.J), rel=1e-8)
@@ -266,14 +266,14 @@ def test_each_candidate_is_its_best_variant_and_the_most_promising_comes_first(
     right = {"p": 2.0, "q": 20.0}
     strong, weak = pushing(case, 1.0, 1.0), pushing(case, 0.3, 0.3)
 
-    def tangents(bench: Any, x: Any, problem: Any, every: list[Variant]) -> list[np.ndarray]:
+    def tangents(problem: Any, x: Any, weighted: Any, every: list[Variant]) -> list[np.ndarray]:
         tried.extend(every)
         better = {True: strong, False: case.columns(2)}
         return [weak if v.effect is Bounded else better[right.items() <= v.shape.items()] for v in every]
 
     monkeypatch.setattr(module, "tangents", tangents)
     background = case.background()
-    signatures = screen(background, case.bench, np.zeros(P), case.problem, [Bounded, Either])
+    signatures = screen(background, case.problem, np.zeros(P), case.weighted, [Bounded, Either])
     assert len(tried) == 7
     assert [s.variant.effect for s in signatures] == [Either, Bounded]
     assert right.items() <= signatures[0].variant.shape.items()
@@ -282,7 +282,7 @@ def test_each_candidate_is_its_best_variant_and_the_most_promising_comes_first(
 
 
 def test_no_candidate_is_no_signature(case: Case) -> None:
-    assert screen(case.background(), case.bench, np.zeros(P), case.problem, []) == ()
+    assert screen(case.background(), case.problem, np.zeros(P), case.weighted, []) == ()
 
 
 def test_the_names_used_here_are_not_those_of_the_catalogue() -> None:

@@ -17,26 +17,26 @@ from etcfit.diagnosis import loop, trial
 from etcfit.diagnosis.composition import Composition, compose
 from etcfit.diagnosis.loop import STRONG, choose
 from etcfit.diagnosis.model_discrepancy import blur, spread
-from etcfit.diagnosis.trial import Score, Standing, Verdict, bic_change, compare, independent
+from etcfit.diagnosis.trial import CandidateModel, Score, TrialVerdict, bic_change, compare, independent
 from etcfit.estimation.identifiability import WIDE
 from etcfit.estimation.joint_fit import quiet
-from etcfit.estimation.result import End
+from etcfit.estimation.result import Termination
 from etcfit.model.effects import EFFECT_BY_NAME
-from etcfit.problem.prediction_error import Row, pooled
-from etcfit.problem.problem import Bench
+from etcfit.problem.prediction_error import PredictionError, pooled
+from etcfit.problem.problem import EstimationProblem
 from etcfit.problem.trace import Trace
 from etcfit.rig.base import Rig
 
 LIMP, STRIBECK, GRAVITY, DRAG = (
     EFFECT_BY_NAME[n] for n in ("limp_home_spring", "stribeck_friction", "gravity_load", "quadratic_drag")
 )
-NEAR: Any = SimpleNamespace(far=False, problem=SimpleNamespace(samples=1000.0))
+NEAR: Any = SimpleNamespace(far=False, weighted=SimpleNamespace(samples=1000.0))
 FAR: Any = SimpleNamespace(far=True)
 
 
-def row(n: int, ratio: float, sigma: float = 0.01) -> Row:
+def row(n: int, ratio: float, sigma: float = 0.01) -> PredictionError:
     """Free-running error of so many sigma."""
-    return Row("response/a.csv", "response", "position", "deg", n, ratio * sigma, sigma)
+    return PredictionError("response/a.csv", "response", "position", "deg", n, ratio * sigma, sigma)
 
 
 def scored(chi2: float, count: float = 1000.0, held_out: float | None = None, rms: float = 1.0) -> Score:
@@ -46,7 +46,7 @@ def scored(chi2: float, count: float = 1000.0, held_out: float | None = None, rm
 
 def verdict(effect: type, bic: float, held_out: float | None = -50.0, ratio: float | None = 0.8, on: Any = NEAR,
             chi2: float = 900.0, gain: float = 100.0) -> Any:  # fmt: skip
-    return Verdict(effect, on, scored(chi2), 0.7, ratio, held_out, bic, gain, trial.slack_of(on))
+    return TrialVerdict(effect, on, scored(chi2), 0.7, ratio, held_out, bic, gain, trial.slack_of(on))
 
 
 # ---- errors of traces and channels together
@@ -112,11 +112,11 @@ def counted(memory: float, n: int = 5_000, size: float = 1.0) -> float:
         r[k] = memory * r[k - 1] + math.sqrt(1.0 - memory**2) * w[k]
     data = np.where(np.arange(n) % 10 == 5, np.nan, 0.0)[:, None]
     trace = SimpleNamespace(channels=("position",), data=data)
-    tape = SimpleNamespace(traces=(trace,), places=((1, 0, np.arange(n)),))
+    batch = SimpleNamespace(traces=(trace,), places=((1, 0, np.arange(n)),))
     on_tape = np.zeros((n + 5, 2, 3))
     on_tape[:n, 1, 0] = size * np.where(np.isnan(data[:, 0]), 1e6, r)
-    bench: Any = SimpleNamespace(tape=tape)
-    return independent(bench, on_tape)
+    problem: Any = SimpleNamespace(batch=batch)
+    return independent(problem, on_tape)
 
 
 @pytest.mark.parametrize("size", [0.1, 1.0, 30.0])
@@ -190,7 +190,7 @@ class Stand:
 
     x: float = 0.0
     far: bool = False
-    problem: Any = field(default_factory=lambda: NEAR.problem)
+    weighted: Any = field(default_factory=lambda: NEAR.weighted)
 
 
 @pytest.mark.parametrize(
@@ -213,11 +213,11 @@ def test_what_explains_most_but_is_contradicted_is_asked_again_where_a_full_refi
     """50 000 of 51 000 are above the noise; in full a held-out error may rise by a fifth, as where one is added."""
     where: list[float] = []
 
-    def judged(effect: type, before: Score, s: Any) -> Verdict:
+    def judged(effect: type, before: Score, s: Any) -> TrialVerdict:
         where.append(s.x)
         return verdict(effect, -400.0, on=s, **({"gain": 40_000.0} | full))
 
-    monkeypatch.setattr(loop, "settled", lambda s, report: Stand(x=1.0))
+    monkeypatch.setattr(loop, "refit_fully", lambda s, report: Stand(x=1.0))
     monkeypatch.setattr(loop, "judged", judged)
     v = verdict(LIMP, -500.0, on=on, **({"gain": 49_000.0} | first))
     found = loop._asked_again(on, v, scored(51_000.0), quiet)
@@ -276,41 +276,41 @@ def composition(rig: Rig, traces: tuple[Trace, ...]) -> Composition:
 
 
 @pytest.fixture(scope="module")
-def standing(rig: Rig, traces: tuple[Trace, ...], composition: Composition) -> Standing:
+def standing(rig: Rig, traces: tuple[Trace, ...], composition: Composition) -> CandidateModel:
     """Eqs. 1-2 in the composed model, a held-out trace beside them; nothing is simulated."""
-    known = composition.unknowns(())
+    known = composition.free_parameters(())
     x = np.random.default_rng(0).normal(size=len(known.layout.free))
-    bench = Bench.of(rig.config, known, traces)
-    beside = Bench.of(rig.config, known, traces[:1])
-    problem, holdout = (b.problem(b.free_running()) for b in (bench, beside))
-    return Standing(composition, (), bench, problem, (beside, holdout), x, End(True, "by hand"))
+    problem = EstimationProblem.of(rig.config, known, traces)
+    beside = EstimationProblem.of(rig.config, known, traces[:1])
+    weighted, holdout = (b.weighted(b.free_running()) for b in (problem, beside))
+    return CandidateModel(composition, (), problem, weighted, (beside, holdout), x, Termination(True, "by hand"))
 
 
-def test_another_effect_changes_the_unknowns_and_neither_data_nor_whitening(standing: Standing) -> None:
+def test_another_effect_changes_the_unknowns_and_neither_data_nor_whitening(standing: CandidateModel) -> None:
     more = standing.with_effects((GRAVITY,), {"T_g": 0.2})
     assert more.added == (GRAVITY,)
     assert more.at_work(GRAVITY)
     assert not more.at_work(LIMP)
     assert standing.holdout is not None
     assert more.holdout is not None
-    pairs = [(standing.bench, standing.problem, more.bench, more.problem), (*standing.holdout, *more.holdout)]
-    for bench, problem, new_bench, new_problem in pairs:
-        assert new_problem.whitening is problem.whitening
-        assert new_bench.tape is bench.tape
-        assert new_bench.sigma is bench.sigma
-        assert tuple(s for s in new_bench.layout.free if s != "T_g") == bench.layout.free
-        assert new_problem.prior_sd.shape == problem.prior_sd.shape
-        assert new_problem.pick.where.shape == problem.pick.where.shape
-    shared = [more.bench.layout.free.index(s) for s in standing.bench.layout.free]
+    pairs = [(standing.problem, standing.weighted, more.problem, more.weighted), (*standing.holdout, *more.holdout)]
+    for problem, weighted, new_bench, new_problem in pairs:
+        assert new_problem.whitening is weighted.whitening
+        assert new_bench.batch is problem.batch
+        assert new_bench.sigma is problem.sigma
+        assert tuple(s for s in new_bench.layout.free if s != "T_g") == problem.layout.free
+        assert new_problem.prior_sd.shape == weighted.prior_sd.shape
+        assert new_problem.pick.where.shape == weighted.pick.where.shape
+    shared = [more.problem.layout.free.index(s) for s in standing.problem.layout.free]
     assert_array_equal(more.x[shared], standing.x)
-    assert float(more.bench.layout.values(more.x, more.bench.unknowns.held)["T_g"]) == pytest.approx(0.2)
+    assert float(more.problem.layout.values(more.x, more.problem.free_parameters.held)["T_g"]) == pytest.approx(0.2)
 
 
-def test_an_effect_taken_away_again_leaves_the_model_as_it_was(standing: Standing) -> None:
+def test_an_effect_taken_away_again_leaves_the_model_as_it_was(standing: CandidateModel) -> None:
     back = standing.with_effects((GRAVITY,), {"T_g": 0.2}).with_effects((), {})
     assert_array_equal(back.x, standing.x)
-    assert back.bench.layout == standing.bench.layout
-    assert_array_equal(back.problem.pick.full, standing.problem.pick.full)
+    assert back.problem.layout == standing.problem.layout
+    assert_array_equal(back.weighted.pick.full, standing.weighted.pick.full)
 
 
 @pytest.mark.parametrize(
@@ -329,7 +329,7 @@ def test_a_refit_that_ends_further_from_the_data_is_spoilt(
 ) -> None:
     """Far from the data chi2 is by construction 1 a sample, and compares with nothing."""
     new, before = (SimpleNamespace(far=f, left=n) for f, n in ((far, left), (before_far, before_left)))
-    assert Standing.spoilt(cast(Any, new), cast(Any, before)) is spoilt
+    assert CandidateModel.spoilt(cast(Any, new), cast(Any, before)) is spoilt
 
 
 def test_an_effect_that_spoils_the_refit_is_not_added(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -337,7 +337,7 @@ def test_an_effect_that_spoils_the_refit_is_not_added(monkeypatch: pytest.Monkey
     refitted: Any = SimpleNamespace(far=False, left=20.0, holds=lambda before, was: before is not at)
     found = replace(verdict(LIMP, -500.0), standing=refitted)
     turned = loop.Round(at, scored(1000.0), (), (found,), LIMP, (GRAVITY,), "limp_home_spring explains most.")
-    monkeypatch.setattr(diagnosis, "settled", lambda standing, report: standing)
+    monkeypatch.setattr(diagnosis, "refit_fully", lambda standing, report: standing)
     after, stands = diagnosis._settled(turned, quiet)
     assert stands is at
     assert (after.added, after.ties) == (None, ())
@@ -350,9 +350,9 @@ def test_an_effect_that_spoils_the_refit_is_not_added(monkeypatch: pytest.Monkey
     ("left", "rms", "holds"), [(1.4, 1.1, True), (1.6, 1.1, False), (1.4, 1.3, False)]
 )  # further from the data than half as much again; a fifth further from what was held out
 def test_a_refit_holds_where_it_is_neither_spoilt_nor_astray(
-    left: float, rms: float, holds: bool, standing: Standing, monkeypatch: pytest.MonkeyPatch
+    left: float, rms: float, holds: bool, standing: CandidateModel, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(Standing, "left", left)
+    monkeypatch.setattr(CandidateModel, "left", left)
     monkeypatch.setattr(trial, "score", lambda s: scored(1.0, held_out=1.0, rms=rms))
     before: Any = SimpleNamespace(far=False, left=1.0)
     assert standing.holds(before, scored(1.0, held_out=1.0, rms=1.0)) is holds
@@ -380,22 +380,23 @@ def test_a_refit_that_predicts_the_held_out_traces_clearly_worse_strays(
     assert held_out(rms).strays(held_out(before), far) is strays
 
 
-def test_a_steep_beginning_is_halved_until_the_model_holds(standing: Standing) -> None:
+def test_a_steep_beginning_is_halved_until_the_model_holds(standing: CandidateModel) -> None:
     """A spring torque of some N m carries the plate into its stops; the off value does nothing at all."""
     rest = replace(
-        standing, x=standing.bench.layout.coordinates({p.symbol: p.nominal for p in standing.bench.layout.parameters})
+        standing,
+        x=standing.problem.layout.coordinates({p.symbol: p.nominal for p in standing.problem.layout.parameters}),
     )
     assert rest.trying(GRAVITY, {"T_g": 0.0}).chi2 == pytest.approx(rest.chi2, rel=1e-9)
     wild = rest.with_effects((GRAVITY,), {"T_g": 400.0})
     assert wild.chi2 > 3.0 * rest.chi2
     begun = rest.trying(GRAVITY, {"T_g": 400.0})
     assert begun.chi2 < 3.0 * rest.chi2
-    halvings = np.log2(400.0 / float(begun.bench.layout.values(begun.x, begun.bench.unknowns.held)["T_g"]))
+    halvings = np.log2(400.0 / float(begun.problem.layout.values(begun.x, begun.problem.free_parameters.held)["T_g"]))
     assert halvings == pytest.approx(round(halvings), abs=1e-6)
 
 
-def test_held_out_traces_are_those_beside(standing: Standing) -> None:
-    assert [t.measurement.file for t in standing.held_out] == [standing.bench.tape.traces[0].measurement.file]
+def test_held_out_traces_are_those_beside(standing: CandidateModel) -> None:
+    assert [t.measurement.file for t in standing.held_out] == [standing.problem.batch.traces[0].measurement.file]
     assert replace(standing, holdout=None).held_out == ()
 
 
@@ -423,34 +424,34 @@ def test_an_effect_that_explains_a_fifth_of_what_it_leaves_is_the_most_that_imit
 def test_an_effect_found_may_leave_its_inexactness_squared_of_what_it_explained(before: float, share: float) -> None:
     """Of its chi2 above the noise's, and 4 % of the noise's at most."""
     first: Any = SimpleNamespace(chi2_per_dof=before)
-    found: Any = SimpleNamespace(added=(LIMP,), far=False, problem=SimpleNamespace(samples=500.0))
+    found: Any = SimpleNamespace(added=(LIMP,), far=False, weighted=SimpleNamespace(samples=500.0))
     assert blur(first, found) == pytest.approx(500.0 * share)
 
 
 def test_nothing_is_put_down_to_formulas_without_one_or_far_from_the_data() -> None:
     first: Any = SimpleNamespace(chi2_per_dof=1001.0)
-    none: Any = SimpleNamespace(added=(), far=False, problem=SimpleNamespace(samples=500.0))
-    far: Any = SimpleNamespace(added=(LIMP,), far=True, problem=SimpleNamespace(samples=500.0))
+    none: Any = SimpleNamespace(added=(), far=False, weighted=SimpleNamespace(samples=500.0))
+    far: Any = SimpleNamespace(added=(LIMP,), far=True, weighted=SimpleNamespace(samples=500.0))
     assert blur(first, none) == 0.0
     assert blur(first, far) == 0.0
 
 
 def test_a_formula_that_is_off_in_one_stretch_of_a_trace_moves_parameters_as_far_as_their_intervals_allow(
-    standing: Standing,
+    standing: CandidateModel,
 ) -> None:
     """Each stretch in turn is off by as much, and what least squares then make of it is found by least squares."""
     found = standing.with_effects((GRAVITY,), {"T_g": 0.2}).lean()
-    layout = found.bench.layout
+    layout = found.problem.layout
     nominal = {p.symbol: p.nominal for p in layout.parameters} | {"T_g": 0.2}
     found = replace(found, x=layout.coordinates(nominal))
     step = found.x.copy()
     step[layout.free.index("T_g")] = layout.parameter("T_g").domain.coordinate(1.001 * 0.2)
-    r, _, jacobian = found.bench.linearise(found.x, found.problem)
-    share = 1000.0 * (found.bench.residual(step, found.problem) - r)
+    r, _, jacobian = found.problem.linearise(found.x, found.weighted)
+    share = 1000.0 * (found.problem.residual(step, found.weighted) - r)
     held = np.diag(1.0 / (WIDE * layout.reach(found.x)))  # what the data do not tell is kept where it is
     rows = np.vstack((jacobian.reshape(r.size, -1), held))
     expected = np.zeros((found.x.size, found.x.size))
-    for lane, _, marks in found.bench.tape.places:
+    for lane, _, marks in found.problem.batch.places:
         for stretch in np.array_split(marks, 6):
             off = np.zeros_like(r)
             off[stretch, lane] = GRAVITY.inexact * share[stretch, lane]
@@ -467,8 +468,8 @@ def test_a_round_looks_no_further_within_what_formulas_leave(
     excess: float, looks: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Screening is what it costs to look."""
-    problem, composition = SimpleNamespace(samples=1000.0), SimpleNamespace(candidates=())
-    at: Any = SimpleNamespace(problem=problem, added=(LIMP,), composition=composition)
+    weighted, composition = SimpleNamespace(samples=1000.0), SimpleNamespace(candidates=())
+    at: Any = SimpleNamespace(weighted=weighted, added=(LIMP,), composition=composition)
 
     class Looked(Exception):
         pass

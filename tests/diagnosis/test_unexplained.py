@@ -38,10 +38,10 @@ def linear(seen: int, size: float, entries: int = 4000) -> tuple[Any, np.ndarray
     r = np.where(full, size * rng.normal(size=shape), 0.0)
     parameters: dict[str, Parameter] = {p.symbol: p for p in parameters_of(TORQUE)}
     layout = SimpleNamespace(free=TORQUE.symbols, parameter=parameters.__getitem__)
-    bench = SimpleNamespace(layout=layout, linearise=lambda x, problem: (r, np.zeros(K), J))
-    problem = SimpleNamespace(samples=float(seen), prior_sd=np.full(K, np.inf))
+    problem = SimpleNamespace(layout=layout, linearise=lambda x, weighted: (r, np.zeros(K), J))
+    weighted = SimpleNamespace(samples=float(seen), prior_sd=np.full(K, np.inf))
     flat = J.reshape(-1, K)
-    return SimpleNamespace(bench=bench, x=np.zeros(K), problem=problem), flat.T @ flat
+    return SimpleNamespace(problem=problem, x=np.zeros(K), weighted=weighted), flat.T @ flat
 
 
 @pytest.mark.parametrize(("size", "unit"), [(0.5, 1.0), (1.0, 1.0), (3.0, 9.0)])
@@ -68,9 +68,9 @@ def test_between_knots_both_amplitudes_count() -> None:
 
 
 def ranged(monkeypatch: pytest.MonkeyPatch, name: str, *along: dict[str, np.ndarray]) -> tuple[float, float]:
-    monkeypatch.setattr(module, "signals", lambda bench, x, pull: list(along))
-    monkeypatch.setattr(module, "pull_of", lambda bench, x: 1.0)
-    s: Any = SimpleNamespace(bench=SimpleNamespace(config=SimpleNamespace(travel=(0.0, 2.0))), x=None)
+    monkeypatch.setattr(module, "signals", lambda problem, x, guide_stiffness: list(along))
+    monkeypatch.setattr(module, "pull_of", lambda problem, x: 1.0)
+    s: Any = SimpleNamespace(problem=SimpleNamespace(config=SimpleNamespace(travel=(0.0, 2.0))), x=None)
     return module._range(s, BY_NAME[name])
 
 
@@ -149,7 +149,7 @@ def test_only_curves_are_tried_and_the_best_that_helps_elsewhere_is_taken(monkey
     monkeypatch.setattr(module, "promises", lambda g, before: True)
     monkeypatch.setattr(module, "_tried", tried)
     composition = SimpleNamespace(candidates=(LIMP, *UNKNOWNS, STRIBECK))
-    s: Any = SimpleNamespace(composition=composition, bench=None, x=None, problem=None)
+    s: Any = SimpleNamespace(composition=composition, problem=None, x=None, weighted=None)
     best = module._best(s, None)
     assert set(asked) == set(UNKNOWNS)
     assert best is not None
@@ -160,7 +160,7 @@ def test_a_curve_that_is_not_worth_its_parameters_is_none(monkeypatch: pytest.Mo
     monkeypatch.setattr(module, "screened", lambda *a: [SimpleNamespace(effect=TORQUE)])
     monkeypatch.setattr(module, "promises", lambda g, before: True)
     monkeypatch.setattr(module, "_tried", lambda *a: SimpleNamespace(bic_change=-9.0, helps_elsewhere=lambda: True))
-    s: Any = SimpleNamespace(composition=SimpleNamespace(candidates=UNKNOWNS), bench=None, x=None, problem=None)
+    s: Any = SimpleNamespace(composition=SimpleNamespace(candidates=UNKNOWNS), problem=None, x=None, weighted=None)
     assert module._best(s, None) is None
 
 
@@ -168,7 +168,7 @@ def test_a_curve_that_promises_little_is_not_refitted(monkeypatch: pytest.Monkey
     monkeypatch.setattr(module, "screened", lambda *a: [SimpleNamespace(effect=TORQUE)])
     monkeypatch.setattr(module, "promises", lambda g, before: False)
     monkeypatch.setattr(module, "_tried", lambda *a: pytest.fail("it was refitted"))
-    s: Any = SimpleNamespace(composition=SimpleNamespace(candidates=UNKNOWNS), bench=None, x=None, problem=None)
+    s: Any = SimpleNamespace(composition=SimpleNamespace(candidates=UNKNOWNS), problem=None, x=None, weighted=None)
     assert module._best(s, None) is None
 
 
@@ -198,8 +198,8 @@ def chain(left: float, named: float, far: bool = False) -> tuple[Any, Any]:
     refitted.lean = refitted.optimised = lambda: refitted
     first = SimpleNamespace(with_effects=lambda added, values: refitted, far=False)
     layout = SimpleNamespace(values=lambda x, held: {})
-    bench = SimpleNamespace(layout=layout, unknowns=SimpleNamespace(held=None))
-    return first, SimpleNamespace(added=(LIMP, STRIBECK), far=far, left=left, bench=bench, x=None)
+    problem = SimpleNamespace(layout=layout, free_parameters=SimpleNamespace(held=None))
+    return first, SimpleNamespace(added=(LIMP, STRIBECK), far=far, left=left, problem=problem, x=None)
 
 
 @pytest.mark.parametrize(
@@ -235,7 +235,7 @@ def test_names_that_came_near_the_data_give_way_only_to_a_curve_that_does_so_too
     monkeypatch.setattr(module, "score", lambda s: SimpleNamespace(chi2=1000.0))
     curve = SimpleNamespace(score=SimpleNamespace(chi2=10.0), standing=None)
     monkeypatch.setattr(module, "_best", lambda s, before: curve)
-    monkeypatch.setattr(module, "settled", lambda s, report: SimpleNamespace(spoilt=lambda names: spoilt))
+    monkeypatch.setattr(module, "refit_fully", lambda s, report: SimpleNamespace(spoilt=lambda names: spoilt))
     monkeypatch.setattr(module, "_told", lambda best, doubts: doubts)
     doubts: Any = module.outdone(SimpleNamespace(), first, last, lambda text, share: None)
     assert doubts == (None if spoilt else (LIMP.name, STRIBECK.name))

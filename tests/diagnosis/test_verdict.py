@@ -8,14 +8,14 @@ from typing import Any
 import pytest
 
 from etcfit.diagnosis import _astray
-from etcfit.problem.prediction_error import Row
+from etcfit.problem.prediction_error import PredictionError
 
 
 def result(fitted: float, held_out: float | None) -> Any:
     """A fit whose free-running errors are so many sigma."""
 
-    def rows(rms: float | None) -> tuple[Row, ...]:
-        return () if rms is None else (Row("response/a.csv", "response", "position", "deg", 100, rms, 1.0),)
+    def rows(rms: float | None) -> tuple[PredictionError, ...]:
+        return () if rms is None else (PredictionError("response/a.csv", "response", "position", "deg", 100, rms, 1.0),)
 
     return SimpleNamespace(score_fit=rows(fitted), score_holdout=rows(held_out))
 

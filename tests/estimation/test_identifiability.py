@@ -11,8 +11,8 @@ from numpy.testing import assert_allclose
 
 from etcfit.estimation.identifiability import analyse
 from etcfit.model.parameters import Parameter, Positive
-from etcfit.problem.free_parameters import Layout, unknowns
-from etcfit.problem.problem import Bench
+from etcfit.problem.free_parameters import Layout, free_parameters
+from etcfit.problem.problem import EstimationProblem
 from etcfit.problem.trace import prepare
 from etcfit.rig.base import Start
 from independent import CONSISTENT, NONE
@@ -100,10 +100,10 @@ def freed() -> tuple[Layout, np.ndarray, np.ndarray]:
     run_up = {"voltage": alone.voltage, "current": alone.current, "motor_speed": N * alone.speed}
     measured = measurement("response", motion.time, response), measurement("viscous", time, run_up)
     traces = [prepare(noisy(m, 0), CONFIG) for m in measured]
-    known = unknowns(replace(CONFIG, parameters={"K_m": Start(0.0189)}))
-    bench = Bench.of(CONFIG, known, tuple(t for t in traces if t))
+    known = free_parameters(replace(CONFIG, parameters={"K_m": Start(0.0189)}))
+    problem = EstimationProblem.of(CONFIG, known, tuple(t for t in traces if t))
     x = known.layout.coordinates({s: getattr(truth, s) for s in known.layout.free})
-    _, _, jacobian = bench.linearise(x, bench.problem(bench.free_running()))
+    _, _, jacobian = problem.linearise(x, problem.weighted(problem.free_running()))
     flat = jacobian.reshape(-1, x.size)
     return known.layout, x, flat.T @ flat
 

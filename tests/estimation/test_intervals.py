@@ -21,10 +21,10 @@ def fitted(tmp_path_factory: pytest.TempPathFactory) -> FitResult:
 
 def moved(result: FitResult, symbol: str, value: float) -> FitResult:
     """The same with one parameter elsewhere."""
-    layout = result.unknowns.layout
+    layout = result.free_parameters.layout
     x = result.x.copy()
     x[layout.free.index(symbol)] = layout.parameter(symbol).domain.coordinate(value)
-    values = {s: float(v) for s, v in layout.values(x, result.unknowns.held).items()}
+    values = {s: float(v) for s, v in layout.values(x, result.free_parameters.held).items()}
     return replace(result, x=x, values=values)
 
 
@@ -37,7 +37,7 @@ def test_log_domain_is_asymmetric_by_the_exponential(fitted: FitResult) -> None:
 
 
 def test_linear_domain_is_symmetric(fitted: FitResult) -> None:
-    layout = fitted.unknowns.layout
+    layout = fitted.free_parameters.layout
     scale = layout.parameter("K_s").domain.scale  # pyright: ignore[reportAttributeAccessIssue]
     k = intervals(moved(fitted, "K_s", 50.0 * scale))["K_s"]  # far from zero the bend of 0.02 is 4e-8
     assert k.stderr == pytest.approx(scale * SD, rel=1e-6)
@@ -45,10 +45,10 @@ def test_linear_domain_is_symmetric(fitted: FitResult) -> None:
 
 
 def test_an_interval_never_crosses_zero_and_the_bound_is_named(fitted: FitResult) -> None:
-    k = fitted.unknowns.layout.free.index("T_f")
+    k = fitted.free_parameters.layout.free.index("T_f")
     x, covariance = fitted.x.copy(), fitted.covariance.copy()
     x[k], covariance[k, k] = -0.2, 0.3**2
-    value = float(fitted.unknowns.layout.parameter("T_f").domain.value(x[k]))
+    value = float(fitted.free_parameters.layout.parameter("T_f").domain.value(x[k]))
     t = intervals(replace(fitted, x=x, values={**fitted.values, "T_f": value}, covariance=covariance))["T_f"]
     assert t.remark == "at its bound"
     assert 0.0 < t.low < t.value < t.high  # pyright: ignore
@@ -77,7 +77,7 @@ def test_what_is_lost_has_no_interval_and_takes_its_ties_along(fitted: FitResult
 def test_a_widened_interval_that_says_nothing_is_no_interval(fitted: FitResult) -> None:
     covariance = fitted.covariance.copy()
     covariance[0, 0] = 3.0
-    symbol = fitted.unknowns.layout.free[0]
+    symbol = fitted.free_parameters.layout.free[0]
     assert intervals(replace(fitted, covariance=covariance))[symbol].status == "not identifiable"
 
 
@@ -88,7 +88,7 @@ def test_a_covariance_that_is_no_number_gives_none(fitted: FitResult) -> None:
 
 
 def test_lumped_inertia_by_the_delta_method(fitted: FitResult) -> None:
-    layout = fitted.unknowns.layout
+    layout = fitted.free_parameters.layout
     m, load = layout.free.index("J_m"), layout.free.index("J_L")
     covariance = fitted.covariance.copy()
     covariance[m, load] = covariance[load, m] = -0.5 * SD**2
@@ -101,6 +101,6 @@ def test_lumped_inertia_by_the_delta_method(fitted: FitResult) -> None:
 
 def _slope(result: FitResult, symbol: str, h: float = 1e-5) -> float:
     """dvalue/dx by differences."""
-    layout = result.unknowns.layout
+    layout = result.free_parameters.layout
     domain, x = layout.parameter(symbol).domain, float(result.x[layout.free.index(symbol)])
     return float(domain.value(x + h) - domain.value(x - h)) / (2 * h)

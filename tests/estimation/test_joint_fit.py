@@ -15,8 +15,8 @@ from etcfit.estimation import joint_fit as module
 from etcfit.estimation.intervals import intervals
 from etcfit.estimation.joint_fit import FitResult, approach, fit, ready, start_values
 from etcfit.estimation.levenberg_marquardt import descend, information_of
-from etcfit.problem.free_parameters import unknowns
-from etcfit.problem.problem import Bench
+from etcfit.problem.free_parameters import free_parameters
+from etcfit.problem.problem import EstimationProblem
 from etcfit.rig.base import Fixed, Knowledge, Measurement, Prior, Rig, Start
 from etcfit.rig.paper_readings import read_graphs
 from etcfit.rig.reader import read_folder
@@ -108,7 +108,7 @@ def test_everything_is_identifiable_with_all_six_tests_and_responses(case: Case)
     verdict = case.result.identifiability
     assert verdict.lost == ()
     assert not any(direction.null for direction in verdict.directions)
-    assert verdict.symbols == case.result.unknowns.layout.free
+    assert verdict.symbols == case.result.free_parameters.layout.free
 
 
 def test_k_m_is_tied_to_k_b_unless_told_otherwise(case: Case) -> None:
@@ -117,14 +117,14 @@ def test_k_m_is_tied_to_k_b_unless_told_otherwise(case: Case) -> None:
 
 
 def test_residuals_are_standard_normal_trace_by_trace(case: Case) -> None:
-    for trace, r in zip(case.result.bench.tape.traces, case.result.whitened, strict=True):
+    for trace, r in zip(case.result.problem.batch.traces, case.result.whitened, strict=True):
         assert r.shape == trace.data.shape
         assert np.mean(r**2) < 2.0, trace.measurement.file
 
 
 def test_the_score_is_the_free_run_error_in_logged_units(case: Case) -> None:
     row = next(row for row in case.result.score_fit if row.file == "response/drive_2.csv" and row.channel == "current")
-    trace = next(t for t in case.result.bench.tape.traces if t.measurement.file == row.file)
+    trace = next(t for t in case.result.problem.batch.traces if t.measurement.file == row.file)
     model = case.result.predicted[row.file][:, trace.channels.index("current")]
     assert row.unit == "mA"
     rms = 1e3 * np.sqrt(np.mean((trace.data[:, trace.channels.index("current")] - model) ** 2))
@@ -193,10 +193,10 @@ def from_the_reading(monkeypatch: pytest.MonkeyPatch) -> None:
 
 def test_a_prior_moves_the_answer_as_the_closed_form_says(case: Case, from_the_reading: None) -> None:
     """x' = x + C_k (m - x_k)/(s^2 + C_kk), for a prior m +- s that disagrees by two standard errors."""
-    symbol, layout, x = "K_s", case.result.unknowns.layout, case.result.x
+    symbol, layout, x = "K_s", case.result.free_parameters.layout, case.result.x
     k = layout.free.index(symbol)
-    _, _, jacobian = case.result.bench.linearise(x, case.result.problem)
-    C = np.linalg.inv(information_of(case.result.problem.prior_sd, jacobian))
+    _, _, jacobian = case.result.problem.linearise(x, case.result.weighted)
+    C = np.linalg.inv(information_of(case.result.weighted.prior_sd, jacobian))
     sd = 0.7 * np.sqrt(C[k, k])
     domain = layout.parameter(symbol).domain
     mean = x[k] + 2.0 * np.sqrt(C[k, k])
@@ -209,7 +209,7 @@ def test_a_prior_moves_the_answer_as_the_closed_form_says(case: Case, from_the_r
 
 
 def test_the_start_is_the_reading_else_rig_toml_else_nominal(case: Case) -> None:
-    told = unknowns(knowing(case.rig, K_s=Start(0.9), B_L=Start(3e-3)).config)
+    told = free_parameters(knowing(case.rig, K_s=Start(0.9), B_L=Start(3e-3)).config)
     readings = replace(case.result.readings, values={"K_s": 0.11, "R_a": 1.9, "J_eq": 1.0, "L_a": float("nan")})
     start = start_values(told, readings)
     assert (start["K_s"], start["R_a"], start["B_L"]) == (0.11, 1.9, 3e-3)
@@ -222,7 +222,7 @@ def test_what_is_fixed_stays_fixed(case: Case) -> None:
     value = 1.03 * case.truth.K_s
     result = fit(knowing(case.rig, K_s=Fixed(value)))
     assert result.values["K_s"] == value
-    assert "K_s" not in result.unknowns.layout.free
+    assert "K_s" not in result.free_parameters.layout.free
     known = intervals(result)["K_s"]
     assert known.status == "fixed"
     assert known.stderr is None
@@ -283,13 +283,13 @@ def test_an_impact_that_a_late_sensor_shows_late_is_no_wall(tmp_path: Path) -> N
     make_folder(tmp_path, truth, 8031, STRENGTHS["position_sensor_lag"][1], "small")
     rig = read_folder(tmp_path)
     fitted, _, _ = ready(rig)
-    known = unknowns(rig.config)
+    known = free_parameters(rig.config)
     start = known.layout.coordinates(start_values(known, read_graphs(rig)))
-    bench = Bench.of(rig.config, known, fitted).refined(start).poised(start)
-    problem = bench.problem(bench.forgiving())
-    plain, _ = descend(bench, start, problem, 1e-2)
-    near, _ = approach(bench, start, 1e-2)
-    before, after = (bench.chi2(x, problem) / problem.samples for x in (plain, near))
+    problem = EstimationProblem.of(rig.config, known, fitted).refined(start).with_integrator_states(start)
+    weighted = problem.weighted(problem.forgiving())
+    plain, _ = descend(problem, start, weighted, 1e-2)
+    near, _ = approach(problem, start, 1e-2)
+    before, after = (problem.chi2(x, weighted) / weighted.samples for x in (plain, near))
     assert before > 30.0
     assert after < 3.0
     values = known.layout.values(near, known.held)

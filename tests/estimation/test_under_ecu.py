@@ -17,7 +17,7 @@ from etcfit.experiment.check import check
 from etcfit.model.ecu import Ecu
 from etcfit.model.effects import COMMANDING
 from etcfit.problem.batch import lay
-from etcfit.problem.free_parameters import unknowns
+from etcfit.problem.free_parameters import free_parameters
 from etcfit.problem.trace import prepare
 from etcfit.rig import controlled
 from etcfit.rig.base import Fixed, Measurement, Prior, Reading, Rig, RigConfig, Start
@@ -105,13 +105,13 @@ def test_a_rig_without_an_ecu_has_nothing_of_it_on_its_tape_or_in_its_model() ->
     steps = lay([trace], plain, [np.ones(39, int)]).steps
     assert steps.command is None
     assert steps.inputs(0.5).controlled is None
-    assert not set(COMMANDING) & set(unknowns(plain).layout.types)
+    assert not set(COMMANDING) & set(free_parameters(plain).layout.types)
 
 
 def test_another_voltage_in_the_integral_is_one_on_the_tape_of_this_trace_alone() -> None:
     traces = [prepare(logged(), CONFIG), prepare(logged(voltage=np.full(40, 3.0)), CONFIG)]
-    tape = lay([t for t in traces if t is not None], CONFIG, [np.ones(39, int)] * 2)
-    held = tape.holding(np.array([1.5, 9.0]))
+    batch = lay([t for t in traces if t is not None], CONFIG, [np.ones(39, int)] * 2)
+    held = batch.holding(np.array([1.5, 9.0]))
     (lane, row, marks), (other, begin, ends) = held.places
     for column in (held.steps.voltage0, held.steps.voltage1):
         assert_array_equal(column[row : marks[-1] + 1, lane], 1.5)
@@ -122,7 +122,7 @@ def test_another_voltage_in_the_integral_is_one_on_the_tape_of_this_trace_alone(
 
 def test_gains_are_fixed_sought_or_believed_as_rig_toml_says() -> None:
     told = {"K_p": Fixed(4.0), "K_i": Prior(30.0, 3.0), "K_d": Start(0.2)}
-    u = unknowns(replace(CONFIG, parameters={**CONFIG.parameters, **told}))
+    u = free_parameters(replace(CONFIG, parameters={**CONFIG.parameters, **told}))
     assert u.layout.status("K_p") == "fixed"
     assert {"K_i", "K_d"} <= set(u.layout.free)
     assert u.priors == {"K_i": (30.0, 3.0)}
@@ -136,7 +136,7 @@ def test_the_model_of_all_effects_carries_the_controller_along() -> None:
     composition = compose(Rig("bench", CONFIG, (logged(),)), (trace,))
     assert set(COMMANDING) <= set(composition.known)
     assert not set(COMMANDING) & set(composition.candidates)
-    assert "K_p" in composition.unknowns(()).layout.free
+    assert "K_p" in composition.free_parameters(()).layout.free
     assert set(COMMANDING) <= set(composition.lean(()).layout.types)
 
 
@@ -164,11 +164,11 @@ class Case:
 
 
 def under_ecu(
-    path: Path, seed: int, ecu: str, bench: bool, effects: Effects = NONE, how: Log | None = None
+    path: Path, seed: int, ecu: str, problem: bool, effects: Effects = NONE, how: Log | None = None
 ) -> tuple[Truth, Rig]:
     """Three logs, the last held out: trapezoids, a sum of sines, strokes of a pedal; beside the bench tests or not."""
     truth = draw_truth(np.random.default_rng(seed))
-    if bench:
+    if problem:
         make_folder(path, truth, seed, effects, size="small")
     else:
         plain = rig_toml("synthetic, under its ECU", truth.N, Bench(), ["none"], noise=True)
@@ -176,13 +176,13 @@ def under_ecu(
         (path / "rig.toml").write_text(plain.replace('[tests.inductance]\nseries_ohm = "free"\n', ""), encoding="utf-8")
     files = add_logs(path, truth, COMPUTER, seed, how=how, effects=effects)
     text = (path / "rig.toml").read_text(encoding="utf-8").replace('"none"', "")
-    held = text.replace("files = [", f'files = ["{files[-1]}"' + (", " if bench else "")) + ecu
+    held = text.replace("files = [", f'files = ["{files[-1]}"' + (", " if problem else "")) + ecu
     (path / "rig.toml").write_text(held, encoding="utf-8")
     return truth, read_folder(path)
 
 
 def test_gains_are_read_where_the_bench_has_told_the_plate(tmp_path: Path) -> None:
-    _, rig = under_ecu(tmp_path, 4, FREE, bench=True)
+    _, rig = under_ecu(tmp_path, 4, FREE, problem=True)
     read = read_graphs(rig)
     for symbol, gain in GAINS.items():
         assert read.source[symbol] == "closed_loop"
@@ -190,7 +190,7 @@ def test_gains_are_read_where_the_bench_has_told_the_plate(tmp_path: Path) -> No
 
 
 def test_known_gains_read_the_plate_but_for_what_the_integral_hides(tmp_path: Path) -> None:
-    truth, rig = under_ecu(tmp_path, 4, KNOWN, bench=False)
+    truth, rig = under_ecu(tmp_path, 4, KNOWN, problem=False)
     read = read_graphs(rig)
     assert "T_PL" not in read.values
     # the scale is nominal; friction in volts is not
@@ -209,7 +209,7 @@ def from_afar(truth: Truth, rig: Rig) -> Case:
 
 @pytest.fixture(scope="module")
 def beside_the_bench(tmp_path_factory: pytest.TempPathFactory) -> Case:
-    return from_afar(*under_ecu(tmp_path_factory.mktemp("rig"), 4, FREE, bench=True))
+    return from_afar(*under_ecu(tmp_path_factory.mktemp("rig"), 4, FREE, problem=True))
 
 
 @pytest.mark.slow
@@ -254,7 +254,7 @@ def test_a_log_that_was_held_out_is_predicted(beside_the_bench: Case) -> None:
 @pytest.mark.slow
 def test_logs_alone_tell_what_they_can_and_name_what_they_cannot(tmp_path: Path) -> None:
     """Known gains: friction, stiffness and drag in volts are found; no torque, no preload (the integral hides it)."""
-    truth, rig = under_ecu(tmp_path, 4, KNOWN, bench=False)
+    truth, rig = under_ecu(tmp_path, 4, KNOWN, problem=False)
     result = fit(rig)
     assert result.converged, result.reason
     assert {"R_a", "K_b", "K_s", "T_PL", "T_f", "J_m", "J_L"} <= set(result.identifiability.lost)
@@ -275,7 +275,7 @@ def test_logs_alone_tell_what_they_can_and_name_what_they_cannot(tmp_path: Path)
 
 @pytest.mark.slow
 def test_check_says_what_one_known_gain_would_tell(tmp_path: Path) -> None:
-    _, rig = under_ecu(tmp_path, 4, FREE, bench=False)
+    _, rig = under_ecu(tmp_path, 4, FREE, problem=False)
     found = check(rig)
     assert found.identifiability is not None
     assert {"K_p", "K_i", "K_d", "T_PL", "K_s"} <= set(found.identifiability.lost)

@@ -15,7 +15,7 @@ from etcfit.experiment.advice import Advice, Judge, Option, advise, batched, sep
 from etcfit.experiment.plan import PLANS, channels, sweeps, trace_of
 from etcfit.experiment.plan import viscous as plan_viscous
 from etcfit.experiment.setting import USUAL, Setting
-from etcfit.problem.free_parameters import unknowns
+from etcfit.problem.free_parameters import free_parameters
 from etcfit.reporting.advice import advice_table
 from etcfit.reporting.blocks import render
 from etcfit.rig.base import Rig
@@ -40,7 +40,7 @@ def setting(rig: Rig) -> Setting:
 
 
 def test_as_much_again_of_everything_shrinks_every_interval_by_root_two(rig: Rig) -> None:
-    layout = unknowns(rig.config).layout
+    layout = free_parameters(rig.config).layout
     rng = np.random.default_rng(1)
     root = rng.standard_normal((len(layout.free), len(layout.free))) * 1e3
     information = root @ root.T + 1e6 * np.eye(len(layout.free))

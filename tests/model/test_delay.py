@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
-from bodies import tape
+from bodies import batch
 from etcfit.model.delay import delayed, late_inputs
 from etcfit.model.stepper import Reset, Step
 
@@ -36,10 +36,10 @@ class Laid:
         for lane, lengths in enumerate(LENGTHS):
             pieces, row = [], 0
             for n in lengths:
-                pieces.append(tape(rng.uniform(0.5e-3, 1.5e-3, n)))
+                pieces.append(batch(rng.uniform(0.5e-3, 1.5e-3, n)))
                 self.places.append((lane, slice(row, row + n + 1)))
                 row += n + 1
-            blank, nothing = tape(np.zeros(ROWS - row - 1))
+            blank, nothing = batch(np.zeros(ROWS - row - 1))
             pieces.append((blank, nothing._replace(begins=np.zeros((ROWS - row, 1)))))
             lanes.append(jax.tree.map(lambda *c: np.concatenate(c), *pieces))
         self.steps: Step

@@ -87,7 +87,7 @@ def test_it_follows_the_simulated_body_without_friction() -> None:
     values = bodies.values(T_f=0.0, T_PL=0.0)
     plant = TransferFunction(*map(float, closed_form(values, N)))
     n, dt = 2000, 1e-4
-    angle = bodies.path(bodies.body(T_f=0.0, T_PL=0.0), *bodies.tape(np.full(n, dt), 0.5, **bodies.FREE))[:, 1]
+    angle = bodies.path(bodies.body(T_f=0.0, T_PL=0.0), *bodies.batch(np.full(n, dt), 0.5, **bodies.FREE))[:, 1]
     there = control.step_response(plant.to_control(), T=dt * np.arange(n + 1)).outputs
     assert np.max(np.abs(angle - 0.5 * there)) < 1e-4 * np.max(np.abs(angle))
 

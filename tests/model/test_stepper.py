@@ -14,7 +14,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 from scipy.linalg import expm
 
 import bodies
-from bodies import FREE, OPEN, N, body, even, linear, path, run, tape
+from bodies import FREE, OPEN, N, batch, body, even, linear, path, run
 from etcfit.model.effects import EFFECT_BY_NAME, PAPER, AbstractEffect, Contribution, Inputs, State
 from etcfit.model.parameters import Positive, Real, Scalar, parameter, parameters_of
 from etcfit.model.stepper import simulate
@@ -28,10 +28,10 @@ def order(throttle: Throttle, duration: float, counts: tuple[int, ...], exact: n
 
     Args:
         exact: current, angle, speed and memories at the end.
-        how: as for `tape`.
+        how: as for `batch`.
     """
     longest = max(counts)
-    lanes = [tape(np.concatenate((even(duration, n), np.zeros(longest - n))), **how) for n in counts]
+    lanes = [batch(np.concatenate((even(duration, n), np.zeros(longest - n))), **how) for n in counts]
     x, z = run(throttle, *jax.tree.map(lambda *c: np.concatenate(c, axis=1), *lanes))
     errors = np.linalg.norm(np.array([c[-1] for c in (*x, *z)]).T - exact, axis=1)
     assert np.all(errors > 1e-12)
@@ -69,14 +69,14 @@ def test_second_order_on_the_whole_linear_throttle() -> None:
 @pytest.mark.parametrize("n", [1, 7])
 def test_a_constant_voltage_ends_in_the_steady_state_whatever_the_step(n: int) -> None:
     """L-stable: one step of 10 s leaves nothing of the transient but what its damping of 1/z lets through."""
-    end = path(body(), *tape(even(10.0, n), 1.2, mobile=0.0))[-1]
+    end = path(body(), *batch(even(10.0, n), 1.2, mobile=0.0))[-1]
     assert_allclose(end[0], 1.2 / 1.513, rtol=2e-3)
 
 
 def test_the_motor_alone_feels_neither_plate_nor_stop() -> None:
     """Its speed runs to N omega = K_m v / (K_m K_b + R_a B_m), far beyond the plate's travel."""
     p = bodies.values()
-    end = path(body(), *tape(even(2.0, 2000), 6.0, plate=0.0))[-1]
+    end = path(body(), *batch(even(2.0, 2000), 6.0, plate=0.0))[-1]
     assert_allclose(N * end[2], p["K_m"] * 6.0 / (p["K_m"] * p["K_b"] + p["R_a"] * p["B_m"]), rtol=1e-9)
     assert end[1] > 10.0 * OPEN
 
@@ -84,7 +84,7 @@ def test_the_motor_alone_feels_neither_plate_nor_stop() -> None:
 def test_a_torque_drives_the_plate_without_an_electrical_side() -> None:
     """Constant net torque from rest: theta = (T - T_PL - T_f) t^2 / 2J while the rest is switched off."""
     throttle = body(K_s=0.0, B_m=0.0, B_L=0.0)
-    end = path(throttle, *tape(even(0.05, 50), circuit=0.0, torque0=0.8, torque1=0.8, **FREE))[-1]
+    end = path(throttle, *batch(even(0.05, 50), circuit=0.0, torque0=0.8, torque1=0.8, **FREE))[-1]
     assert_allclose(end[1], (0.8 - 0.362 - 0.239) * 0.05**2 / 2 / (N**2 * 1.4e-6 + 6e-4), rtol=1e-9)
     assert end[0] == 0.0
 
@@ -97,7 +97,7 @@ def test_stick_stays_stuck_for_a_million_steps() -> None:
     holding = 1.513 * (0.362 + 0.150 * theta) / (N * 0.0189)
     dither = holding + 0.8 * 0.239 * 1.513 / (N * 0.0189) * np.sin(np.arange(n + 1) * 0.037)
     start = (holding / 1.513, theta, 0.0)
-    x = path(body(), *tape(np.full(n, 1e-3), dither[:-1], dither[1:], start))
+    x = path(body(), *batch(np.full(n, 1e-3), dither[:-1], dither[1:], start))
     assert np.ptp(x[:, 0]) > 0.1  # the current did move
     assert_array_equal(x[:, 1], theta)
     assert_array_equal(x[:, 2], 0.0)
@@ -106,7 +106,7 @@ def test_stick_stays_stuck_for_a_million_steps() -> None:
 @pytest.mark.parametrize(("share", "moves"), [(0.999, False), (1.001, True)])
 def test_the_plate_breaks_away_at_t_f_and_not_before(share: float, moves: bool) -> None:
     torque = 0.362 + 0.150 * 0.5 + share * 0.239
-    x = path(body(), *tape(even(0.2, 200), start=(0.0, 0.5, 0.0), circuit=0.0, torque0=torque, torque1=torque))
+    x = path(body(), *batch(even(0.2, 200), start=(0.0, 0.5, 0.0), circuit=0.0, torque0=torque, torque1=torque))
     assert bool(x[-1, 1] > 0.5) is moves
     assert bool(x[-1, 2] > 0.0) is moves
 
@@ -118,15 +118,15 @@ def test_a_plate_resting_on_a_stop_does_not_leak_speed_into_the_current() -> Non
     """0.5 V cannot lift the plate off the closed stop: the current is that of a held one, bit by bit, at 5 ms steps."""
     for start, volts, end in ((0.0, 0.5, 0.0), (OPEN, 8.0, OPEN)):
         dt = np.full(40, 5e-3)
-        resting = path(body(), *tape(dt, volts, start=(0.0, start, 0.0)))
-        held = path(body(), *tape(dt, volts, start=(0.0, start, 0.0), mobile=0.0))
+        resting = path(body(), *batch(dt, volts, start=(0.0, start, 0.0)))
+        held = path(body(), *batch(dt, volts, start=(0.0, start, 0.0), mobile=0.0))
         assert_array_equal(resting[:, 1], end)
         assert_array_equal(resting[:, 2], 0.0)
         assert_array_equal(resting[:, 0], held[:, 0])
 
 
 def test_a_plate_leaves_the_stop_when_it_is_pulled_inward() -> None:
-    x = path(body(), *tape(even(0.1, 100), 4.0))
+    x = path(body(), *batch(even(0.1, 100), 4.0))
     assert x[-1, 1] > 0.1
 
 
@@ -137,7 +137,7 @@ def test_a_plate_leaves_the_stop_when_it_is_pulled_inward() -> None:
 def slide() -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """A plate that slides open in mid-travel all the while: its path (T, 3), and its sensitivity to each parameter of
     Eqs. 1-2 by forward mode and by central differences, (T, 3, P)."""
-    steps, resets = tape(even(0.06, 60), 2.6, start=(1.2, 0.3, 4.0))
+    steps, resets = batch(even(0.06, 60), 2.6, start=(1.2, 0.3, 4.0))
     at = np.array([bodies.values()[s] for s in EQS_1_2])
 
     @jax.jit
@@ -161,7 +161,7 @@ def test_forward_sensitivities_are_finite_differences(symbol: str, slide: tuple[
 
 
 def test_a_stuck_plate_is_sensitive_to_nothing() -> None:
-    steps, resets = tape(even(0.1, 100), 1.8, start=(1.8 / 1.513, 0.6, 0.0))
+    steps, resets = batch(even(0.1, 100), 1.8, start=(1.8 / 1.513, 0.6, 0.0))
 
     def angle(friction: Scalar) -> Scalar:
         return simulate(Throttle.build(PAPER, bodies.values() | {"T_f": friction}), steps, resets)[0].theta[:, 0]
@@ -194,7 +194,7 @@ def energy(p: dict[str, float], x: np.ndarray) -> np.ndarray:
 
 def rises(changes: dict[str, float], dt: float, **how: Any) -> tuple[np.ndarray, np.ndarray]:
     """Rise of the stored energy in each of 200 steps (J), and the path."""
-    x = path(body(**changes), *tape(np.full(200, dt), **how))
+    x = path(body(**changes), *batch(np.full(200, dt), **how))
     return np.diff(energy(bodies.values(**changes), x)), x
 
 
@@ -219,10 +219,10 @@ def test_a_shorted_throttle_is_passive(changes: dict[str, float], start: tuple[f
     stop, by no more than the spring makes of one step, has entered the current."""
     rise, x = rises(changes, dt, start=start)
     p = bodies.values(**changes)
-    pull = p["T_PL"] + p["K_s"] * OPEN
-    beyond = np.abs(x[:-1, 2]) * dt + pull / (N**2 * p["J_m"] + p["J_L"]) * dt**2
+    guide_stiffness = p["T_PL"] + p["K_s"] * OPEN
+    beyond = np.abs(x[:-1, 2]) * dt + guide_stiffness / (N**2 * p["J_m"] + p["J_L"]) * dt**2
     impact = (x[1:, 1] <= 0.0) & (x[:-1, 1] > 0.0)
-    assert np.all(rise < 1e-14 + impact * pull * beyond)
+    assert np.all(rise < 1e-14 + impact * guide_stiffness * beyond)
 
 
 # ---- memories of effects
@@ -279,7 +279,7 @@ def test_memories_are_second_order_and_keep_apart(drag_first: bool) -> None:
 
 
 def test_a_memory_begins_anew_with_each_trace() -> None:
-    steps, resets = tape(even(0.1, 20), start=(0.0, 1.0, 0.0), circuit=0.0, **FREE)
+    steps, resets = batch(even(0.1, 20), start=(0.0, 1.0, 0.0), circuit=0.0, **FREE)
     twice = jax.tree.map(lambda c: np.concatenate((c, c)), (steps, resets))
     _, z = run(body(Pursuers), *twice)
     assert_array_equal(z[0][:21], z[0][21:])
@@ -291,8 +291,8 @@ def test_a_memory_begins_anew_with_each_trace() -> None:
 
 
 def test_two_traces_in_a_lane_are_two_lanes() -> None:
-    first = tape(even(0.3, 300), 5.0, start=(0.1, 0.2, 3.0))
-    second = tape(even(0.3, 300), 0.2, start=(0.0, OPEN, 0.0))
+    first = batch(even(0.3, 300), 5.0, start=(0.1, 0.2, 3.0))
+    second = batch(even(0.3, 300), 0.2, start=(0.0, OPEN, 0.0))
     after = jax.tree.map(lambda a, b: np.concatenate((a, b)), first, second)
     beside = jax.tree.map(lambda a, b: np.concatenate((a, b), axis=1), first, second)
     (x, _), (y, _) = run(body(), *after), run(body(), *beside)
@@ -314,16 +314,16 @@ def sines(n: int, duration: float) -> tuple[np.ndarray, np.ndarray]:
     return angle[:-1], angle[1:]
 
 
-def guided(pull: float, target0: Any, target1: Any, **how: Any) -> dict[str, Any]:
-    return {"pull": pull, "target0": target0, "target1": target1, **how}
+def guided(guide_stiffness: float, target0: Any, target1: Any, **how: Any) -> dict[str, Any]:
+    return {"guide_stiffness": guide_stiffness, "target0": target0, "target1": target1, **how}
 
 
 def test_a_guide_that_does_not_pull_is_not_there_bit_by_bit() -> None:
     target0, target1 = sines(400, 1.0)
     driven: tuple[dict[str, Any], ...] = ({"early": 3.0}, {"circuit": 0.0, "torque0": 0.8, "torque1": 0.8})
     for how in driven:
-        free = path(body(), *tape(even(1.0, 400), **how))
-        led = path(body(), *tape(even(1.0, 400), **how, **guided(0.0, target0, target1, lever=7.0)))
+        free = path(body(), *batch(even(1.0, 400), **how))
+        led = path(body(), *batch(even(1.0, 400), **how, **guided(0.0, target0, target1, lever=7.0)))
         assert_array_equal(led, free)
         assert np.ptp(free[:, 1]) > 0.5
 
@@ -333,12 +333,14 @@ def test_a_plate_pulled_along_a_path_follows_it_the_closer_the_stronger_the_pull
     N K_b R_a / L_a = 400 V/rad would shake it: the current comes too late."""
     target0, target1 = sines(1000, 2.0)
     off = []
-    for pull in (50.0, 100.0, 200.0):
-        x = path(body(), *tape(even(2.0, 1000), 0.0, start=(0.0, 0.7, 4.7), **guided(pull, target0, target1)))
+    for guide_stiffness in (50.0, 100.0, 200.0):
+        x = path(
+            body(), *batch(even(2.0, 1000), 0.0, start=(0.0, 0.7, 4.7), **guided(guide_stiffness, target0, target1))
+        )
         off.append(float(np.max(np.abs(x[101:, 1] - target1[100:]))))
     assert off[-1] < 6.0 / 200.0
     assert_allclose(np.array(off[:-1]) / off[1:], 2.0, rtol=0.1)
-    without = path(body(), *tape(even(2.0, 1000), 0.0, start=(0.0, 0.7, 4.7)))
+    without = path(body(), *batch(even(2.0, 1000), 0.0, start=(0.0, 0.7, 4.7)))
     assert np.max(np.abs(without[101:, 1] - target1[100:])) > 1.0
 
 
@@ -347,11 +349,11 @@ def test_a_guide_in_torque_asks_for_what_a_slow_motion_takes(lever: float) -> No
     """lever pull (target - theta) = T_PL + T_f + K_s theta + B omega, at constant speed; no current is driven."""
     ends = 0.1 + 0.5 * np.linspace(0.0, 2.0, 401)
     how = guided(60.0 / lever, ends[:-1], ends[1:], lever=lever, circuit=0.0, start=(0.0, 0.1, 0.5))
-    steps, resets = tape(even(2.0, 400), **how)
+    steps, resets = batch(even(2.0, 400), **how)
     p = bodies.values(B_L=0.05)
     x = path(body(B_L=p["B_L"]), steps, resets)
     _, theta, omega = x[-1]
-    asked = steps.lever[-1, 0] * steps.pull[-1, 0] * (ends[-1] - theta)
+    asked = steps.lever[-1, 0] * steps.guide_stiffness[-1, 0] * (ends[-1] - theta)
     assert_allclose(omega, 0.5 * 60.0 / (60.0 + p["K_s"]), rtol=1e-6)  # the spring lets it fall behind
     damping = N**2 * p["B_m"] + p["B_L"]
     assert_allclose(asked, p["T_PL"] + p["T_f"] + p["K_s"] * theta + damping * omega, rtol=1e-6)
@@ -361,7 +363,7 @@ def test_a_guide_in_torque_asks_for_what_a_slow_motion_takes(lever: float) -> No
 def test_where_current_flows_the_guide_acts_at_the_terminals_and_its_lever_is_no_torque() -> None:
     target0, target1 = sines(400, 1.0)
     some, other = (
-        path(body(), *tape(even(1.0, 400), **guided(300.0, target0, target1, lever=lever))) for lever in (0.0, 5.0)
+        path(body(), *batch(even(1.0, 400), **guided(300.0, target0, target1, lever=lever))) for lever in (0.0, 5.0)
     )
     assert_array_equal(some, other)
     assert np.ptp(some[:, 0]) > 1.0
@@ -373,15 +375,15 @@ def test_what_the_guide_asks_for_is_the_torque_that_the_model_lacks(missing: flo
 
     lever pull e = T_missing lever pull / (lever pull + K_s), e = theta_measured - theta
     """
-    p, pull = bodies.values(), 40.0
-    true = path(body(T_PL=p["T_PL"] - missing), *tape(even(0.4, 400), **SLIDING))
+    p, guide_stiffness = bodies.values(), 40.0
+    true = path(body(T_PL=p["T_PL"] - missing), *batch(even(0.4, 400), **SLIDING))
     assert np.min(true[:, 2]) > 0.3  # it never rests
     measured = true[:, 1]
-    how = guided(pull, measured[:-1], measured[1:], lever=MOTOR)
-    steps, resets = tape(even(0.4, 400), **SLIDING, **how)
+    how = guided(guide_stiffness, measured[:-1], measured[1:], lever=MOTOR)
+    steps, resets = batch(even(0.4, 400), **SLIDING, **how)
     model = path(body(), steps, resets)
-    read = np.array([float(steps.lever[k, 0] * pull * (measured[k] - model[k, 1])) for k in range(200, 401)])
-    assert_allclose(read, missing * MOTOR * pull / (MOTOR * pull + p["K_s"]), rtol=2e-3)
+    read = np.array([float(steps.lever[k, 0] * guide_stiffness * (measured[k] - model[k, 1])) for k in range(200, 401)])
+    assert_allclose(read, missing * MOTOR * guide_stiffness / (MOTOR * guide_stiffness + p["K_s"]), rtol=2e-3)
     assert_allclose(read, missing, rtol=0.02)
     exact = path(body(T_PL=p["T_PL"] - missing), steps, resets)
     assert np.max(np.abs(exact[:, 1] - measured)) < 1e-3 * np.max(np.abs(model[:, 1] - measured))
@@ -396,7 +398,7 @@ FALL = 0.4  # s, in which it falls 0.3 rad and bounces
 
 def dropped(share: float, **how: Any) -> np.ndarray:
     """A plate let go at 0.3 rad with open terminals, (T, 3)."""
-    return path(body(BOUNCE, e_r=share, **DROPPED), *tape(even(FALL, 800), start=(0.0, 0.3, 0.0), circuit=0.0, **how))
+    return path(body(BOUNCE, e_r=share, **DROPPED), *batch(even(FALL, 800), start=(0.0, 0.3, 0.0), circuit=0.0, **how))
 
 
 @pytest.mark.parametrize("share", [0.3, 0.7])
@@ -414,7 +416,7 @@ def test_a_stop_gives_back_its_share_of_the_speed(share: float) -> None:
 
 def test_the_open_stop_gives_back_as_much_as_the_closed_one() -> None:
     up = path(body(BOUNCE, e_r=0.5, **DROPPED | {"T_PL": -0.362}),
-              *tape(even(FALL, 800), start=(0.0, OPEN - 0.3, 0.0), circuit=0.0))  # fmt: skip
+              *batch(even(FALL, 800), start=(0.0, OPEN - 0.3, 0.0), circuit=0.0))  # fmt: skip
     down = dropped(0.5)
     assert_allclose(OPEN - up[:, 1], down[:, 1], atol=1e-9)
     assert_allclose(up[:, 2], -down[:, 2], atol=1e-7)
@@ -422,7 +424,7 @@ def test_the_open_stop_gives_back_as_much_as_the_closed_one() -> None:
 
 
 def test_without_restitution_an_impact_ends_the_motion_as_before() -> None:
-    plain = path(body(**DROPPED), *tape(even(FALL, 800), start=(0.0, 0.3, 0.0), circuit=0.0))
+    plain = path(body(**DROPPED), *batch(even(FALL, 800), start=(0.0, 0.3, 0.0), circuit=0.0))
     assert_array_equal(dropped(0.0), plain)
     impact = int(np.argmax(plain[:, 1] <= 0.0))
     assert_array_equal(plain[impact:, 1:], 0.0)
@@ -431,14 +433,14 @@ def test_without_restitution_an_impact_ends_the_motion_as_before() -> None:
 @pytest.mark.parametrize(("start", "volts"), [(0.0, 0.5), (OPEN, 8.0)])
 def test_a_plate_that_rests_on_a_stop_does_not_bounce(start: float, volts: float) -> None:
     """Pressed against it by a voltage and by its spring, however springy the stop."""
-    x = path(body(BOUNCE, e_r=0.9), *tape(even(0.2, 200), volts, start=(0.0, start, 0.0)))
+    x = path(body(BOUNCE, e_r=0.9), *batch(even(0.2, 200), volts, start=(0.0, start, 0.0)))
     assert_array_equal(x[:, 1], start)
     assert_array_equal(x[:, 2], 0.0)
 
 
 def test_a_plate_lifted_off_its_stop_and_pulled_back_in_one_step_does_not_bounce() -> None:
     """No impact: it never left the stop by the end of a step."""
-    x = path(body(BOUNCE, e_r=0.9, **LIFTED), *tape(np.full(3, 3e-3), start=(0.0, 0.0, 0.4), circuit=0.0))
+    x = path(body(BOUNCE, e_r=0.9, **LIFTED), *batch(np.full(3, 3e-3), start=(0.0, 0.0, 0.4), circuit=0.0))
     assert_array_equal(x[1:, 1:], 0.0)
 
 
@@ -446,6 +448,6 @@ def test_a_plate_lifted_off_its_stop_and_pulled_back_in_one_step_does_not_bounce
 def test_a_bouncing_plate_comes_to_rest(share: float, friction: float) -> None:
     """Every bounce takes its share until one is shorter than a step; its motor is shorted. The current fades in L/R."""
     throttle = body(BOUNCE, e_r=share, T_f=friction)
-    x = path(throttle, *tape(even(2.0, 2000), start=(0.0, 0.3, 0.0)))
+    x = path(throttle, *batch(even(2.0, 2000), start=(0.0, 0.3, 0.0)))
     assert_array_equal(x[-100:, 1:], 0.0)
     assert np.max(np.abs(x[-100:, 0])) < 1e-12

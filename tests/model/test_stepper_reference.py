@@ -9,7 +9,7 @@ import pytest
 from numpy.testing import assert_allclose
 
 import bodies
-from bodies import FREE, OPEN, N, body, linear, path, tape
+from bodies import FREE, OPEN, N, batch, body, linear, path
 from etcfit.model.parameters import Scalar
 from independent import CONSISTENT, NONE
 from independent import simulate as independent
@@ -28,7 +28,7 @@ def both(drive: Drive, per_sample: int, angle: float) -> tuple[np.ndarray, np.nd
     early = np.interp(fine[:-1] + nudge, drive.time, drive.volts)
     late = np.interp(fine[1:] - nudge, drive.time, drive.volts)
     p = {s: getattr(CONSISTENT, s) for s in bodies.NOMINAL}
-    x = path(body(**p), *tape(np.diff(fine), early, late, (0.0, angle, 0.0)))[::per_sample]
+    x = path(body(**p), *batch(np.diff(fine), early, late, (0.0, angle, 0.0)))[::per_sample]
     return x, np.stack([motion.current, motion.angle, motion.speed], axis=-1)
 
 
@@ -93,7 +93,7 @@ def test_a_smooth_case_agrees_with_diffrax() -> None:
     for n in (2000, 4000):
         fine = np.linspace(0.0, 0.5, n + 1)
         volts = _sine(fine)
-        x = path(body(T_f=0.0), *tape(np.diff(fine), volts[:-1], volts[1:], (0.0, 0.5, 0.0), **FREE))
+        x = path(body(T_f=0.0), *batch(np.diff(fine), volts[:-1], volts[1:], (0.0, 0.5, 0.0), **FREE))
         wrong.append(np.max(np.abs(x[:: n // 50] - reference), axis=0))
     assert np.all(wrong[1] < [2e-5, 2e-6, 5e-5])
     assert_allclose(wrong[0] / wrong[1], 4.0, atol=0.4)

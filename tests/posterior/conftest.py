@@ -7,9 +7,9 @@ import pytest
 
 import folders
 from etcfit.estimation.joint_fit import ready
-from etcfit.problem.free_parameters import unknowns
-from etcfit.problem.problem import Bench
-from etcfit.problem.residual import Problem
+from etcfit.problem.free_parameters import free_parameters
+from etcfit.problem.problem import EstimationProblem
+from etcfit.problem.residual import WeightedData
 from etcfit.rig.reader import read_folder
 
 SIGMA, VOLTS, OHM = 0.01, 2.0, 1.513
@@ -35,7 +35,7 @@ T_PL = {{ fixed = 0.36 }}
 
 
 @pytest.fixture(scope="module")
-def held(tmp_path_factory: pytest.TempPathFactory) -> tuple[Bench, Problem]:
+def held(tmp_path_factory: pytest.TempPathFactory) -> tuple[EstimationProblem, WeightedData]:
     """A held plate at 2 V: the current is V/R_a whatever T_f, which is free too, may be."""
     rng = np.random.default_rng(2)
     time = 0.01 * np.arange(40)
@@ -43,5 +43,5 @@ def held(tmp_path_factory: pytest.TempPathFactory) -> tuple[Bench, Problem]:
     sheet = folders.sheet("time [s]", "voltage [V]", "current [A]", columns=(time, VOLTS + 0.0 * time, current))
     files = {"rig.toml": TOML, "resistance/1.csv": sheet.text()}
     rig = read_folder(folders.write(tmp_path_factory.mktemp("rig"), files))
-    bench = Bench.of(rig.config, unknowns(rig.config), ready(rig)[0])
-    return bench, bench.problem(bench.free_running())
+    problem = EstimationProblem.of(rig.config, free_parameters(rig.config), ready(rig)[0])
+    return problem, problem.weighted(problem.free_running())

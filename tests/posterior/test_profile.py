@@ -8,8 +8,8 @@ import pytest
 from etcfit.estimation.levenberg_marquardt import local
 from etcfit.posterior.profile import RISE, Profile, _crossing, profiles_of
 from etcfit.posterior.target import Target, believed
-from etcfit.problem.problem import Bench
-from etcfit.problem.residual import Problem
+from etcfit.problem.problem import EstimationProblem
+from etcfit.problem.residual import WeightedData
 
 
 def test_the_end_of_an_interval_lies_where_the_rise_reaches_its_threshold() -> None:
@@ -28,18 +28,20 @@ def test_profiles_are_classed_by_their_ends(low: float | None, high: float | Non
 
 
 @pytest.mark.slow  # compiles a descent
-def test_a_held_plate_knows_its_resistance_and_nothing_of_its_friction(held: tuple[Bench, Problem]) -> None:
-    bench, problem = held
-    x = bench.layout.coordinates({"R_a": 1.513, "T_f": 0.2})
-    told = believed(problem, x, bench.layout.reach(x))
+def test_a_held_plate_knows_its_resistance_and_nothing_of_its_friction(
+    held: tuple[EstimationProblem, WeightedData],
+) -> None:
+    problem, weighted = held
+    x = problem.layout.coordinates({"R_a": 1.513, "T_f": 0.2})
+    told = believed(weighted, x, problem.layout.reach(x))
     for _ in range(6):  # Newton's steps to the mode: R_a alone is seen
-        r, prior, jacobian = bench.linearise(x, told)
+        r, prior, jacobian = problem.linearise(x, told)
         flat = jacobian.reshape(-1, x.size)
         sd = np.asarray(told.prior_sd)
         x = x - np.linalg.solve(flat.T @ flat + np.diag(1 / sd**2), flat.T @ r.ravel() + prior / sd)
-    target = Target(bench, told, x, local(bench, x, told).covariance, {})
+    target = Target(problem, told, x, local(problem, x, told).covariance, {})
     found = profiles_of(target, ("R_a", "T_f"))
     assert (found["R_a"].kind, found["T_f"].kind) == ("bounded", "flat")
-    slope = float(bench.layout.numbers(x)[1][0])
+    slope = float(problem.layout.numbers(x)[1][0])
     assert found["R_a"].sd == pytest.approx(slope * np.sqrt(target.covariance[0, 0]), rel=0.02)
     assert np.max(np.abs(found["T_f"].rise)) < 1e-6

@@ -110,12 +110,12 @@ def test_a_chain_survives_its_file(tmp_path: Path) -> None:
 def test_a_chain_of_other_data_or_a_broken_file_is_not_taken_up(tmp_path: Path) -> None:
     sampled(tmp_path, BLOCK)
     other = Linear.make(seed=6)
-    afresh, _ = sampled(tmp_path, BLOCK, other)
-    same(afresh, other.begin().advanced(other.log_probability, BLOCK))
+    reprepared, _ = sampled(tmp_path, BLOCK, other)
+    same(reprepared, other.begin().advanced(other.log_probability, BLOCK))
     (tmp_path / FILE).write_bytes(b"PK nothing")
     assert load(tmp_path / FILE) is None
     again, _ = sampled(tmp_path, BLOCK, other)
-    same(again, afresh)
+    same(again, reprepared)
 
 
 def test_an_interruption_between_blocks_loses_only_the_block(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose, assert_array_equal
 
-from etcfit.problem.batch import KINDS, Tape, _pack, lay
+from etcfit.problem.batch import KINDS, TraceBatch, _pack, lay
 from etcfit.problem.prediction_error import columns
 from etcfit.problem.trace import Trace, prepare
 from etcfit.rig.base import Measurement, RigConfig
@@ -43,20 +43,20 @@ def mixed() -> list[Trace]:
     ]
 
 
-def laid(traces: list[Trace], config: RigConfig = CONFIG, most: int = 4) -> tuple[Tape, list[np.ndarray]]:
+def laid(traces: list[Trace], config: RigConfig = CONFIG, most: int = 4) -> tuple[TraceBatch, list[np.ndarray]]:
     rng = np.random.default_rng(7)
     substeps = [rng.integers(1, most + 1, t.instants.size - 1) for t in traces]
     return lay(traces, config, substeps), substeps
 
 
 @pytest.fixture(scope="module")
-def tape() -> Tape:
+def batch() -> TraceBatch:
     return laid(mixed())[0]
 
 
-def rows(tape: Tape) -> list[tuple[int, int, int]]:
+def rows(batch: TraceBatch) -> list[tuple[int, int, int]]:
     """Lane, first and last entry of each trace."""
-    return [(lane, first, int(marks[-1])) for lane, first, marks in tape.places]
+    return [(lane, first, int(marks[-1])) for lane, first, marks in batch.places]
 
 
 # ---- packing
@@ -71,35 +71,35 @@ def test_packing_places_each_trace_once_and_none_too_far(lengths: list[int]) -> 
     assert length < 1.25 * max(lengths) + 8
 
 
-def test_lanes_never_overlap(tape: Tape) -> None:
-    by_lane = sorted(rows(tape))
+def test_lanes_never_overlap(batch: TraceBatch) -> None:
+    by_lane = sorted(rows(batch))
     for (lane, _, last), (other, first, _) in pairwise(by_lane):
         assert lane != other or last < first
 
 
-def test_each_trace_begins_once_where_it_is_placed(tape: Tape) -> None:
-    begins = sorted((int(lane), int(row)) for row, lane in np.argwhere(tape.resets.begins > 0.5))
-    assert begins == sorted((lane, first) for lane, first, _ in rows(tape))
+def test_each_trace_begins_once_where_it_is_placed(batch: TraceBatch) -> None:
+    begins = sorted((int(lane), int(row)) for row, lane in np.argwhere(batch.resets.begins > 0.5))
+    assert begins == sorted((lane, first) for lane, first, _ in rows(batch))
 
 
 def test_short_traces_share_a_lane() -> None:
-    tape, _ = laid([trace("resistance", 50, ("voltage", "current"), k) for k in range(8)] + mixed()[4:5], most=1)
-    used = {lane for lane, _, _ in tape.places}
+    batch, _ = laid([trace("resistance", 50, ("voltage", "current"), k) for k in range(8)] + mixed()[4:5], most=1)
+    used = {lane for lane, _, _ in batch.places}
     assert len(used) == 2
 
 
 # ---- samples
 
 
-def test_every_sample_appears_once_and_at_its_place(tape: Tape) -> None:
-    seen = np.zeros_like(tape.slots.weight)
-    for t, (lane, _, marks) in zip(tape.traces, tape.places, strict=True):
+def test_every_sample_appears_once_and_at_its_place(batch: TraceBatch) -> None:
+    seen = np.zeros_like(batch.slots.weight)
+    for t, (lane, _, marks) in zip(batch.traces, batch.places, strict=True):
         for m, name in enumerate(t.channels):
-            assert_array_equal(tape.slots.value[marks, lane, m], t.data[:, m])
-            assert_array_equal(tape.slots.sigma[marks, lane, m], t.sigma[m])
-            assert np.all(tape.slots.kind[marks, lane, m] == KINDS.index(name))
+            assert_array_equal(batch.slots.value[marks, lane, m], t.data[:, m])
+            assert_array_equal(batch.slots.sigma[marks, lane, m], t.sigma[m])
+            assert np.all(batch.slots.kind[marks, lane, m] == KINDS.index(name))
             seen[marks, lane, m] += 1.0
-    assert_array_equal(tape.slots.weight, seen)
+    assert_array_equal(batch.slots.weight, seen)
 
 
 def test_a_gap_has_no_weight() -> None:
@@ -113,45 +113,45 @@ def test_a_gap_has_no_weight() -> None:
     )
     gappy = prepare(m, CONFIG)
     assert gappy is not None
-    tape, _ = laid([gappy])
-    lane, _, marks = tape.places[0]
-    assert_array_equal(np.flatnonzero(tape.slots.weight[marks, lane, 0] == 0.0), [3, 4])
-    assert tape.slots.weight.sum() == 18.0
+    batch, _ = laid([gappy])
+    lane, _, marks = batch.places[0]
+    assert_array_equal(np.flatnonzero(batch.slots.weight[marks, lane, 0] == 0.0), [3, 4])
+    assert batch.slots.weight.sum() == 18.0
 
 
-def test_columns_take_back_what_lay_put_there(tape: Tape) -> None:
-    for t, part in zip(tape.traces, columns(tape, tape.slots.value), strict=True):
+def test_columns_take_back_what_lay_put_there(batch: TraceBatch) -> None:
+    for t, part in zip(batch.traces, columns(batch, batch.slots.value), strict=True):
         assert_array_equal(part, t.data)
 
 
 # ---- steps
 
 
-def test_substeps_preserve_the_instants(tape: Tape) -> None:
-    for t, (lane, first, marks) in zip(tape.traces, tape.places, strict=True):
-        clock = np.cumsum(tape.steps.dt[first : marks[-1] + 1, lane])
+def test_substeps_preserve_the_instants(batch: TraceBatch) -> None:
+    for t, (lane, first, marks) in zip(batch.traces, batch.places, strict=True):
+        clock = np.cumsum(batch.steps.dt[first : marks[-1] + 1, lane])
         assert_allclose(clock[marks - first], t.instants - t.instants[0], atol=1e-12)
-        assert_allclose(tape.steps.time[marks, lane], t.instants - t.instants[0], atol=1e-12)
-        assert tape.steps.dt[first, lane] == 0.0
-        assert np.all(tape.steps.dt[first + 1 : marks[-1] + 1, lane] >= 0.0)
+        assert_allclose(batch.steps.time[marks, lane], t.instants - t.instants[0], atol=1e-12)
+        assert batch.steps.dt[first, lane] == 0.0
+        assert np.all(batch.steps.dt[first + 1 : marks[-1] + 1, lane] >= 0.0)
 
 
 def test_each_interval_has_the_substeps_asked_for_and_a_release_one_more() -> None:
     traces = mixed()
-    tape, substeps = laid(traces)
-    for t, n, (_, _, marks) in zip(traces, substeps, tape.places, strict=True):
+    batch, substeps = laid(traces)
+    for t, n, (_, _, marks) in zip(traces, substeps, batch.places, strict=True):
         assert np.sum(np.diff(marks) - n) == (t.release is not None)
 
 
-def test_the_drive_is_linear_between_instants(tape: Tape) -> None:
-    t = tape.traces[0]
+def test_the_drive_is_linear_between_instants(batch: TraceBatch) -> None:
+    t = batch.traces[0]
     assert t.drive is not None
-    lane, first, marks = tape.places[0]
-    assert_allclose(tape.steps.voltage1[marks, lane], t.drive.value, atol=1e-12)
+    lane, first, marks = batch.places[0]
+    assert_allclose(batch.steps.voltage1[marks, lane], t.drive.value, atol=1e-12)
     inside = slice(first + 1, marks[-1] + 1)
-    assert_array_equal(tape.steps.voltage0[inside, lane], tape.steps.voltage1[first : marks[-1], lane])
-    bend = np.interp(np.arange(first, marks[-1] + 1), marks, tape.steps.voltage1[marks, lane])
-    assert_allclose(tape.steps.voltage1[first : marks[-1] + 1, lane], bend, atol=1e-12)
+    assert_array_equal(batch.steps.voltage0[inside, lane], batch.steps.voltage1[first : marks[-1], lane])
+    bend = np.interp(np.arange(first, marks[-1] + 1), marks, batch.steps.voltage1[marks, lane])
+    assert_allclose(batch.steps.voltage1[first : marks[-1] + 1, lane], bend, atol=1e-12)
 
 
 def test_a_duty_is_held() -> None:
@@ -165,31 +165,31 @@ def test_a_duty_is_held() -> None:
     )
     t = prepare(m, CONFIG)
     assert t is not None
-    tape, _ = laid([t], most=1)
-    lane, _, marks = tape.places[0]
-    assert_allclose(tape.steps.voltage0[marks[1:], lane], 12.0 * duty[:-1])
-    assert_allclose(tape.steps.voltage1[marks[1:], lane], 12.0 * duty[:-1])
+    batch, _ = laid([t], most=1)
+    lane, _, marks = batch.places[0]
+    assert_allclose(batch.steps.voltage0[marks[1:], lane], 12.0 * duty[:-1])
+    assert_allclose(batch.steps.voltage1[marks[1:], lane], 12.0 * duty[:-1])
 
 
-def test_a_plate_is_held_until_its_release_to_the_split_step(tape: Tape) -> None:
-    t, (lane, first, marks) = tape.traces[2], tape.places[2]
+def test_a_plate_is_held_until_its_release_to_the_split_step(batch: TraceBatch) -> None:
+    t, (lane, first, marks) = batch.traces[2], batch.places[2]
     assert t.release is not None
-    mobile = tape.steps.mobile[first : marks[-1] + 1, lane]
-    clock = t.instants[0] + tape.steps.time[first : marks[-1] + 1, lane]
+    mobile = batch.steps.mobile[first : marks[-1] + 1, lane]
+    clock = t.instants[0] + batch.steps.time[first : marks[-1] + 1, lane]
     assert_array_equal(mobile, clock > t.release[0])
     assert_allclose(clock[mobile < 0.5].max(), t.release[0], atol=1e-12)
-    variance = tape.disturbance.release[first : marks[-1] + 1, lane]
+    variance = batch.disturbance.release[first : marks[-1] + 1, lane]
     assert_array_equal(np.flatnonzero(variance), np.flatnonzero(mobile)[:1])
     assert_allclose(variance.max(), t.release[1] ** 2)
 
 
-def test_boundaries_are_those_of_the_rig_test(tape: Tape) -> None:
+def test_boundaries_are_those_of_the_rig_test(batch: TraceBatch) -> None:
     wanted = {"response": (1, 1, 1), "resistance": (0, 1, 1), "viscous": (1, 1, 0), "inductance": (0, 1, 1)}
-    for t, (lane, _, marks) in zip(tape.traces, tape.places, strict=True):
+    for t, (lane, _, marks) in zip(batch.traces, batch.places, strict=True):
         for name, value in zip(("mobile", "circuit", "plate"), wanted.get(t.test.name, ()), strict=False):
-            assert np.all(getattr(tape.steps, name)[marks, lane] == value)
+            assert np.all(getattr(batch.steps, name)[marks, lane] == value)
         if t.test.name == "back_emf":
-            assert np.all(tape.steps.circuit[marks, lane] == 0.0)
+            assert np.all(batch.steps.circuit[marks, lane] == 0.0)
 
 
 def test_a_torque_enters_at_the_plate() -> None:
@@ -198,29 +198,29 @@ def test_a_torque_enters_at_the_plate() -> None:
     m = Measurement("drive/a.csv", "drive", time, {"torque": torque, "position": channel(time, 0 * time, 1e-3)})
     t = prepare(m, CONFIG)
     assert t is not None
-    tape, _ = laid([t], most=1)
-    lane, _, marks = tape.places[0]
-    assert_allclose(tape.steps.torque1[marks, lane], torque.value, atol=1e-5)
-    assert np.all(tape.steps.voltage1 == 0.0)
-    assert np.all(tape.steps.circuit == 0.0)
+    batch, _ = laid([t], most=1)
+    lane, _, marks = batch.places[0]
+    assert_allclose(batch.steps.torque1[marks, lane], torque.value, atol=1e-5)
+    assert np.all(batch.steps.voltage1 == 0.0)
+    assert np.all(batch.steps.circuit == 0.0)
 
 
 def test_the_circuit_of_a_test_is_its_own() -> None:
     config = RigConfig("bench", gear_ratio=N, supply_V=12.0, series_ohm={"inductance": None, "sine": 0.1})
-    tape, _ = laid(mixed(), config)
-    assert tape.circuits == ("inductance", "sine")
-    for t, (lane, _, marks) in zip(tape.traces, tape.places, strict=True):
-        assert np.all(tape.circuit_of[marks, lane] == (1.0 if t.test.name == "inductance" else 0.0))
+    batch, _ = laid(mixed(), config)
+    assert batch.circuits == ("inductance", "sine")
+    for t, (lane, _, marks) in zip(batch.traces, batch.places, strict=True):
+        assert np.all(batch.circuit_of[marks, lane] == (1.0 if t.test.name == "inductance" else 0.0))
 
 
 # ---- what is uncertain
 
 
-def test_the_input_error_has_the_stated_variance_and_memory_at_each_instant(tape: Tape) -> None:
+def test_the_input_error_has_the_stated_variance_and_memory_at_each_instant(batch: TraceBatch) -> None:
     """e_k = keep e_(k-1) + w: where an error's size does not change, its variance stays that of the drive."""
-    t, (lane, first, marks) = tape.traces[1], tape.places[1]
+    t, (lane, first, marks) = batch.traces[1], batch.places[1]
     assert t.drive is not None
-    keep, fresh = tape.disturbance.keep[first:, lane], tape.disturbance.fresh[first:, lane]
+    keep, fresh = batch.disturbance.keep[first:, lane], batch.disturbance.fresh[first:, lane]
     variance, out = 0.0, []
     for k in range(int(marks[-1] - first) + 1):
         variance = keep[k] ** 2 * variance + fresh[k]
@@ -230,9 +230,9 @@ def test_the_input_error_has_the_stated_variance_and_memory_at_each_instant(tape
     assert np.all((ratio > 0.5) & (ratio < 2.0))
 
 
-def test_the_start_is_uncertain_at_the_first_entry_only(tape: Tape) -> None:
-    for t, (lane, first, marks) in zip(tape.traces, tape.places, strict=True):
+def test_the_start_is_uncertain_at_the_first_entry_only(batch: TraceBatch) -> None:
+    for t, (lane, first, marks) in zip(batch.traces, batch.places, strict=True):
         for name, sd in zip(("i", "theta", "omega"), t.start.sd, strict=True):
-            column = getattr(tape.disturbance, f"start_{name}")[first : marks[-1] + 1, lane]
+            column = getattr(batch.disturbance, f"start_{name}")[first : marks[-1] + 1, lane]
             assert_allclose(column[0], sd**2)
             assert np.all(column[1:] == 0.0)

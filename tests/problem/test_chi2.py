@@ -12,8 +12,8 @@ import results
 from etcfit.estimation.joint_fit import ready
 from etcfit.model.effects import EFFECT_BY_NAME
 from etcfit.problem.chi2 import chi2_of
-from etcfit.problem.free_parameters import unknowns
-from etcfit.problem.problem import Bench
+from etcfit.problem.free_parameters import free_parameters
+from etcfit.problem.problem import EstimationProblem
 
 
 @pytest.mark.slow  # compiles the model
@@ -24,11 +24,11 @@ from etcfit.problem.problem import Bench
 )
 def test_one_pass_gives_what_the_residual_gives(tmp_path: Path, added: tuple[str, ...]) -> None:
     rig = results.rig(tmp_path)
-    known = unknowns(rig.config, tuple(EFFECT_BY_NAME[name] for name in added))
-    bench = Bench.of(rig.config, known, ready(rig)[0])
+    known = free_parameters(rig.config, tuple(EFFECT_BY_NAME[name] for name in added))
+    problem = EstimationProblem.of(rig.config, known, ready(rig)[0])
     x = known.layout.off_bounds(known.layout.coordinates({p.symbol: p.nominal for p in known.layout.parameters}))
-    problem = bench.problem(bench.kalman(x))
+    weighted = problem.weighted(problem.kalman(x))
     points = x + 0.02 * np.random.default_rng(1).standard_normal((3, x.size))
-    each = [bench.linearise(point, problem)[:2] for point in points]
+    each = [problem.linearise(point, weighted)[:2] for point in points]
     expected = [float(np.sum(r**2) + np.sum(prior**2)) for r, prior in each]
-    assert_allclose(chi2_of(bench, points, problem), expected, rtol=1e-9)
+    assert_allclose(chi2_of(problem, points, weighted), expected, rtol=1e-9)

@@ -12,14 +12,14 @@ from numpy.testing import assert_allclose, assert_array_equal
 
 from etcfit.errors import MeasurementError
 from etcfit.model.effects import PAPER
-from etcfit.problem.free_parameters import SERIES, Form, Layout, Unknowns, unknowns
+from etcfit.problem.free_parameters import SERIES, Form, FreeParameters, Layout, free_parameters
 from etcfit.rig.base import Fixed, Knowledge, Prior, RigConfig, Start, Tied
 
 PAPER_SYMBOLS = ("R_a", "L_a", "K_b", "K_m", "J_m", "J_L", "B_m", "B_L", "K_s", "T_PL", "T_f")
 
 
-def known(parameters: Mapping[str, Knowledge] | None = None, **config: object) -> Unknowns:
-    return unknowns(RigConfig("bench", parameters=parameters or {}, **config))  # pyright: ignore[reportArgumentType]
+def known(parameters: Mapping[str, Knowledge] | None = None, **config: object) -> FreeParameters:
+    return free_parameters(RigConfig("bench", parameters=parameters or {}, **config))  # pyright: ignore[reportArgumentType]
 
 
 def test_a_bare_rig_has_the_papers_parameters_and_one_tie() -> None:
@@ -131,7 +131,7 @@ def typical(layout: Layout) -> np.ndarray:
     return layout.coordinates({p.symbol: p.nominal or 1e-3 for p in layout.parameters})
 
 
-def padded(u: Unknowns, room: int) -> Unknowns:
+def padded(u: FreeParameters, room: int) -> FreeParameters:
     return replace(u, layout=replace(u.layout, room=room))
 
 

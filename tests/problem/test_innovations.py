@@ -16,11 +16,11 @@ from etcfit.estimation.autocorrelation import autocorrelation
 from etcfit.model.effects import PAPER
 from etcfit.model.stepper import simulate
 from etcfit.model.throttle import Throttle
-from etcfit.problem.free_parameters import Unknowns, unknowns
+from etcfit.problem.free_parameters import FreeParameters, free_parameters
 from etcfit.problem.input_signal import Drive
 from etcfit.problem.prediction_error import columns
-from etcfit.problem.problem import Bench, _farthest
-from etcfit.problem.trace import Start, Trace, prepare
+from etcfit.problem.problem import EstimationProblem, _farthest
+from etcfit.problem.trace import InitialState, Trace, prepare
 from etcfit.rig.base import Fixed
 from measurements import CONFIG, N, measurement, noisy, released
 
@@ -30,20 +30,20 @@ SHAPE = (1024, 60, 2)  # of every tape here, as of the largest, and room for SLI
 SLIDING = ("R_a", "L_a", "K_b", "J_L", "B_L", "T_f", "T_PL")  # free where the plate slides
 
 
-def knowing(*free: str) -> Unknowns:
+def knowing(*free: str) -> FreeParameters:
     """Only these are free, everything else is what it is."""
     fixed = {s: Fixed(v) for s, v in VALUES.items() if s not in free and s != "K_m"}
-    known = unknowns(replace(CONFIG, parameters=fixed))
+    known = free_parameters(replace(CONFIG, parameters=fixed))
     return replace(known, layout=replace(known.layout, room=len(SLIDING)))
 
 
-def bench_of(traces: Sequence[Trace], free: tuple[str, ...], substeps: int = 1) -> tuple[Bench, np.ndarray]:
+def bench_of(traces: Sequence[Trace], free: tuple[str, ...], substeps: int = 1) -> tuple[EstimationProblem, np.ndarray]:
     """The bench and the coordinates of the truth."""
     known = knowing(*free)
     steps = [np.full(t.instants.size - 1, substeps) for t in traces]
-    bench = Bench.of(CONFIG, known, tuple(traces), steps, SHAPE)
-    assert bench.shape == SHAPE
-    return bench, known.layout.coordinates(VALUES)
+    problem = EstimationProblem.of(CONFIG, known, tuple(traces), steps, SHAPE)
+    assert problem.shape == SHAPE
+    return problem, known.layout.coordinates(VALUES)
 
 
 # ---- a held plate, by its closed form
@@ -83,11 +83,11 @@ def held_trace(seed: int, memory: float, n: int = 250, sd: float = 0.02) -> Trac
     trace = prepare(m, CONFIG)
     assert trace is not None
     drive = Drive(volts_at(t), np.full(n, sd), np.full(n, memory), np.zeros(n - 1, dtype=bool))
-    return replace(trace, drive=drive, start=Start((first, 0.0, 0.0), (spread, 0.0, 0.0)))
+    return replace(trace, drive=drive, start=InitialState((first, 0.0, 0.0), (spread, 0.0, 0.0)))
 
 
 @pytest.fixture(scope="module", params=[0.0, 0.9], ids=["white input noise", "correlated input noise"])
-def many_held(request: pytest.FixtureRequest) -> tuple[Bench, np.ndarray]:
+def many_held(request: pytest.FixtureRequest) -> tuple[EstimationProblem, np.ndarray]:
     return bench_of([held_trace(seed, request.param) for seed in range(60)], ("R_a", "L_a"), substeps=4)
 
 
@@ -99,11 +99,11 @@ def test_a_sample_is_forgiven_what_its_neighbours_are_away_from_it() -> None:
 
 
 @pytest.mark.slow
-def test_residuals_of_a_held_plate_are_standard_normal(many_held: tuple[Bench, np.ndarray]) -> None:
+def test_residuals_of_a_held_plate_are_standard_normal(many_held: tuple[EstimationProblem, np.ndarray]) -> None:
     """60 seeds of 250 samples: the mean square is known to 1.2 %, each lag's correlation to 0.8 %."""
-    bench, x = many_held
-    r, _, _ = bench.linearise(x, bench.problem(bench.kalman(x)))
-    each = np.stack([part[:, 0] for part in columns(bench.tape, r)])
+    problem, x = many_held
+    r, _, _ = problem.linearise(x, problem.weighted(problem.kalman(x)))
+    each = np.stack([part[:, 0] for part in columns(problem.batch, r)])
     assert abs(np.mean(each)) < 0.033
     assert abs(np.mean(each**2) - 1.0) < 0.05
     assert abs(np.mean(each[:, :10] ** 2) - 1.0) < 0.25  # right from the start, whose current is uncertain
@@ -113,21 +113,21 @@ def test_residuals_of_a_held_plate_are_standard_normal(many_held: tuple[Bench, n
 
 
 @pytest.mark.slow
-def test_without_the_filter_they_are_not(many_held: tuple[Bench, np.ndarray]) -> None:
+def test_without_the_filter_they_are_not(many_held: tuple[EstimationProblem, np.ndarray]) -> None:
     """The same data, each sample by its own noise: the input's noise shows."""
-    bench, x = many_held
-    r, _, _ = bench.linearise(x, bench.problem(bench.free_running()))
-    each = np.stack([part[:, 0] for part in columns(bench.tape, r)])
+    problem, x = many_held
+    r, _, _ = problem.linearise(x, problem.weighted(problem.free_running()))
+    each = np.stack([part[:, 0] for part in columns(problem.batch, r)])
     assert np.mean(each**2) > 1.3
     assert np.mean([autocorrelation(row, 1)[0] for row in each]) > 0.1
 
 
-def scatter(bench: Bench, x: np.ndarray) -> float:
+def scatter(problem: EstimationProblem, x: np.ndarray) -> float:
     """Mean over traces of d^T C^-1 d, d the error of a least squares step from the truth; P if C is honest."""
-    r, _, jacobian = bench.linearise(x, bench.problem(bench.kalman(x)))
+    r, _, jacobian = problem.linearise(x, problem.weighted(problem.kalman(x)))
     out = []
-    for k, part in enumerate(columns(bench.tape, r)):
-        lane, _, marks = bench.tape.places[k]
+    for k, part in enumerate(columns(problem.batch, r)):
+        lane, _, marks = problem.batch.places[k]
         J = jacobian[marks, lane, : part.shape[1]].reshape(-1, x.size)
         gradient = J.T @ part.ravel()
         out.append(gradient @ np.linalg.solve(J.T @ J, gradient))
@@ -135,7 +135,7 @@ def scatter(bench: Bench, x: np.ndarray) -> float:
 
 
 @pytest.mark.slow
-def test_estimates_scatter_as_their_covariance_says(many_held: tuple[Bench, np.ndarray]) -> None:
+def test_estimates_scatter_as_their_covariance_says(many_held: tuple[EstimationProblem, np.ndarray]) -> None:
     """chi2 of 2 degrees over 60 seeds: 2 +- 0.26."""
     assert 1.2 < scatter(*many_held) < 2.8
 
@@ -145,22 +145,24 @@ def test_they_also_do_when_the_input_was_logged_with_noise_and_denoised() -> Non
     t = np.arange(250) * DT
     clean = measurement("resistance", t, {"voltage": volts_at(t), "current": held(volts_at(t), 0 * t[1:], 0.0)})
     traces = [prepare(noisy(clean, seed), CONFIG) for seed in range(60)]
-    bench, x = bench_of([trace for trace in traces if trace], ("R_a", "L_a"), substeps=4)
-    r, _, _ = bench.linearise(x, bench.problem(bench.kalman(x)))
-    each = np.stack([part[:, 0] for part in columns(bench.tape, r)])
+    problem, x = bench_of([trace for trace in traces if trace], ("R_a", "L_a"), substeps=4)
+    r, _, _ = problem.linearise(x, problem.weighted(problem.kalman(x)))
+    each = np.stack([part[:, 0] for part in columns(problem.batch, r)])
     assert 0.85 < np.mean(each**2) < 1.2
     assert np.max(np.abs(np.mean([autocorrelation(row, 5) for row in each], axis=0))) < 0.1
-    assert 1.0 < scatter(bench, x) < 3.2
+    assert 1.0 < scatter(problem, x) < 3.2
 
 
 # ---- dense matrices
 
 
-def responses(trace: Trace, bench: Bench) -> tuple[np.ndarray, np.ndarray]:
+def responses(trace: Trace, problem: EstimationProblem) -> tuple[np.ndarray, np.ndarray]:
     """Of all samples, stacked (n M,): to a volt more in each interval, (n M, n - 1), and to the start, (n M, 3)."""
-    lane, first, marks = bench.tape.places[-1]
+    lane, first, marks = problem.batch.places[-1]
     part = slice(first, int(marks[-1]) + 1)
-    steps, resets = jax.tree.map(lambda c: jnp.asarray(c[part, lane : lane + 1]), (bench.tape.steps, bench.tape.resets))
+    steps, resets = jax.tree.map(
+        lambda c: jnp.asarray(c[part, lane : lane + 1]), (problem.batch.steps, problem.batch.resets)
+    )
     throttle = Throttle.build(PAPER, VALUES)
     interval = np.concatenate(([-1], np.repeat(np.arange(marks.size - 1), np.diff(marks))))
 
@@ -185,10 +187,10 @@ def responses(trace: Trace, bench: Bench) -> tuple[np.ndarray, np.ndarray]:
     return moved[:, :-3], moved[:, -3:]
 
 
-def dense(trace: Trace, bench: Bench) -> np.ndarray:
+def dense(trace: Trace, problem: EstimationProblem) -> np.ndarray:
     """Sigma = sigma_y^2 I + S E S^T + s0 P0 s0^T of the samples that were logged."""
     assert trace.drive is not None
-    to_input, to_start = responses(trace, bench)
+    to_input, to_start = responses(trace, problem)
     sd, log = trace.drive.error[:-1], np.cumsum(np.log(np.maximum(trace.drive.memory[:-1], 1e-300)))
     stated = np.outer(sd, sd) * np.exp(-np.abs(log[:, None] - log[None, :]))
     start = np.diag(np.square(trace.start.sd))
@@ -209,44 +211,46 @@ def sliding(memory: float) -> Trace:
     data = trace.data.copy()
     data[20:30, 1], data[::7, 0] = np.nan, np.nan
     drive = Drive(values["voltage"], 0.05 * (1 + t / t[-1] * (memory == 0.0)), 0 * t + memory, np.zeros(n - 1, bool))
-    start = Start((1.2, 0.3, 4.0), (0.1, 2e-3, 0.2))
+    start = InitialState((1.2, 0.3, 4.0), (0.1, 2e-3, 0.2))
     return replace(trace, drive=drive, start=start, data=data)
 
 
-def assert_dense(bench: Bench, x: np.ndarray) -> None:
+def assert_dense(problem: EstimationProblem, x: np.ndarray) -> None:
     """Of the bench's last trace: J^T Sigma^-1 J, e^T Sigma^-1 e and log det Sigma, each to 1e-6."""
-    trace, (lane, _, marks) = bench.tape.traces[-1], bench.tape.places[-1]
-    sigma = np.linalg.inv(dense(trace, bench))
+    trace, (lane, _, marks) = problem.batch.traces[-1], problem.batch.places[-1]
+    sigma = np.linalg.inv(dense(trace, problem))
     seen = np.isfinite(trace.data).ravel()
     channels = slice(0, len(trace.channels))
 
-    plain_r, _, plain_j = bench.linearise(x, bench.problem(bench.free_running()))
+    plain_r, _, plain_j = problem.linearise(x, problem.weighted(problem.free_running()))
     scale = np.tile(trace.sigma, trace.instants.size)[seen]
     error = plain_r[marks, lane, channels].ravel()[seen] * scale
     slope = plain_j[marks, lane, channels].reshape(-1, x.size)[seen] * scale[:, None]
-    problem = bench.problem(bench.kalman(x))
-    r, _, J = bench.linearise(x, problem)
+    weighted = problem.weighted(problem.kalman(x))
+    r, _, J = problem.linearise(x, weighted)
     r, J = r[marks, lane, channels], J[marks, lane, channels].reshape(-1, x.size)
 
     wanted = slope.T @ sigma @ slope
     size = np.sqrt(np.diag(wanted))
     assert_allclose(J.T @ J / np.outer(size, size), wanted / np.outer(size, size), atol=1e-6)
     assert_allclose(np.sum(r**2), error @ sigma @ error, rtol=1e-6)
-    weight = np.asarray(problem.whitening.weight)[marks, lane, channels]
+    weight = np.asarray(weighted.whitening.weight)[marks, lane, channels]
     assert_allclose(-2.0 * np.sum(np.log(weight[weight > 0.0])), -np.linalg.slogdet(sigma)[1], rtol=1e-6)
 
 
-def test_the_filter_is_dense_generalised_least_squares_on_a_held_plate(many_held: tuple[Bench, np.ndarray]) -> None:
+def test_the_filter_is_dense_generalised_least_squares_on_a_held_plate(
+    many_held: tuple[EstimationProblem, np.ndarray],
+) -> None:
     assert_dense(*many_held)
 
 
-def after_another(memory: float) -> tuple[Bench, np.ndarray]:
+def after_another(memory: float) -> tuple[EstimationProblem, np.ndarray]:
     """A sliding plate, second in its lane: it must know nothing of the trace before."""
     others = held_trace(7, 0.5, n=130), held_trace(8, 0.5, n=60)
-    bench, x = bench_of([*others, sliding(memory)], SLIDING, substeps=2)
-    _, (before, _, _), (lane, _, _) = bench.tape.places
+    problem, x = bench_of([*others, sliding(memory)], SLIDING, substeps=2)
+    _, (before, _, _), (lane, _, _) = problem.batch.places
     assert before == lane
-    return bench, x
+    return problem, x
 
 
 @pytest.mark.slow
@@ -256,10 +260,10 @@ def test_the_filter_is_dense_generalised_least_squares_on_a_sliding_plate(memory
 
 
 def test_a_sample_that_is_missing_changes_nothing() -> None:
-    bench, x = after_another(0.0)
-    r, _, J = bench.linearise(x, bench.problem(bench.kalman(x)))
-    lane, _, marks = bench.tape.places[-1]
-    missing = ~np.isfinite(bench.tape.traces[-1].data)
+    problem, x = after_another(0.0)
+    r, _, J = problem.linearise(x, problem.weighted(problem.kalman(x)))
+    lane, _, marks = problem.batch.places[-1]
+    missing = ~np.isfinite(problem.batch.traces[-1].data)
     assert missing.any()
     assert np.all(r[marks, lane][missing] == 0.0)
     assert np.all(J[marks, lane][missing] == 0.0)
@@ -289,10 +293,10 @@ def stepped(seed: int, rise: float = 2.0) -> Trace:
 def test_a_jump_at_an_unknown_instant_is_neither_believed_nor_thrown_away() -> None:
     """The first sample after it scatters by 0.3 A, forty times its noise; whitened it is standard, in mean and square,
     and so are all samples after it. 360 jumps: a mean is known to 0.05, a mean square to 0.08."""
-    bench, x = bench_of([stepped(seed) for seed in range(60)], ("R_a", "L_a"), substeps=4)
-    free, _, _ = bench.linearise(x, bench.problem(bench.free_running()))
-    r, _, _ = bench.linearise(x, bench.problem(bench.kalman(x)))
-    raw, each = (np.stack([part[:, 0] for part in columns(bench.tape, a)]) for a in (free, r))
+    problem, x = bench_of([stepped(seed) for seed in range(60)], ("R_a", "L_a"), substeps=4)
+    free, _, _ = problem.linearise(x, problem.weighted(problem.free_running()))
+    r, _, _ = problem.linearise(x, problem.weighted(problem.kalman(x)))
+    raw, each = (np.stack([part[:, 0] for part in columns(problem.batch, a)]) for a in (free, r))
     sign = (-1.0) ** np.arange(BEFORE.size)
     assert np.sqrt(np.mean(raw[:, BEFORE + 1] ** 2)) > 10.0
     for later in range(1, 8):
@@ -303,7 +307,7 @@ def test_a_jump_at_an_unknown_instant_is_neither_believed_nor_thrown_away() -> N
 
 
 @pytest.fixture(scope="module")
-def releases() -> tuple[Bench, np.ndarray, np.ndarray]:
+def releases() -> tuple[EstimationProblem, np.ndarray, np.ndarray]:
     """40 plates let go 0.5 ms rms off the stated instant, and the sample at which each meets the closed stop."""
     rng = np.random.default_rng(0)
     traces, hits = [], []
@@ -314,35 +318,37 @@ def releases() -> tuple[Bench, np.ndarray, np.ndarray]:
         assert trace is not None
         traces.append(trace.released_at(0.05, 5e-4))
         hits.append(np.flatnonzero((motion.speed[1:] == 0.0) & (motion.speed[:-1] < -1.0))[0] + 1)
-    bench, x = bench_of(traces, ("K_b", "B_L", "T_PL"))
-    return bench, x, np.array(hits)
+    problem, x = bench_of(traces, ("K_b", "B_L", "T_PL"))
+    return problem, x, np.array(hits)
 
 
 @pytest.mark.slow
-def test_a_release_at_an_instant_not_known_exactly(releases: tuple[Bench, np.ndarray, np.ndarray]) -> None:
+def test_a_release_at_an_instant_not_known_exactly(releases: tuple[EstimationProblem, np.ndarray, np.ndarray]) -> None:
     """At first the EMF is wrong by several times its noise; whitened nothing of it is left until the impact."""
-    bench, x, hits = releases
-    free, _, _ = bench.linearise(x, bench.problem(bench.free_running()))
-    r, _, _ = bench.linearise(x, bench.problem(bench.kalman(x)))
+    problem, x, hits = releases
+    free, _, _ = problem.linearise(x, problem.weighted(problem.free_running()))
+    r, _, _ = problem.linearise(x, problem.weighted(problem.kalman(x)))
     falls = slice(0, int(hits.min()) - 10)
-    raw, each = (np.concatenate([part[falls] for part in columns(bench.tape, a)]) for a in (free, r))
+    raw, each = (np.concatenate([part[falls] for part in columns(problem.batch, a)]) for a in (free, r))
     assert np.mean(raw**2) > 2.0
     assert np.mean(each**2) == pytest.approx(1.0, abs=0.1)
 
 
 @pytest.mark.parametrize("preload", [0.97, 1.0, 1.03])
-def test_an_impact_does_not_steer_the_fit(releases: tuple[Bench, np.ndarray, np.ndarray], preload: float) -> None:
+def test_an_impact_does_not_steer_the_fit(
+    releases: tuple[EstimationProblem, np.ndarray, np.ndarray], preload: float
+) -> None:
     """There the EMF drops by volts within a sample: wrong by a sample is wrong by hundreds of standard deviations. Its
     weight is frozen before the parameters move, and must still be small where 3 % of preload move the impact to."""
-    bench, x, hits = releases
-    there = bench.layout.coordinates(VALUES | {"T_PL": preload * VALUES["T_PL"]})
+    problem, x, hits = releases
+    there = problem.layout.coordinates(VALUES | {"T_PL": preload * VALUES["T_PL"]})
     around = [np.arange(hit - 2, hit + 3) for hit in hits]
 
     def worst(r: np.ndarray) -> float:
-        parts = zip(columns(bench.tape, r), around, strict=True)
+        parts = zip(columns(problem.batch, r), around, strict=True)
         return float(np.max([np.abs(part[rows, 0]) for part, rows in parts]))
 
-    free, _, _ = bench.linearise(there, bench.problem(bench.free_running()))
-    r, _, _ = bench.linearise(there, bench.problem(bench.kalman(x)))
+    free, _, _ = problem.linearise(there, problem.weighted(problem.free_running()))
+    r, _, _ = problem.linearise(there, problem.weighted(problem.kalman(x)))
     assert worst(free) > 300.0
     assert worst(r) < 5.0

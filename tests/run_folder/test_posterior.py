@@ -34,15 +34,17 @@ STEPS = 150
 def posterior(tmp_path_factory: pytest.TempPathFactory) -> Posterior:
     """A normal one, sampled by our own sampler, of a fit made by hand in which J_L is lost."""
     fit = results.result(results.rig(tmp_path_factory.mktemp("rig")), lost=("J_L",))
-    bench = SimpleNamespace(layout=fit.unknowns.layout, unknowns=fit.unknowns, tape=fit.bench.tape)
+    problem = SimpleNamespace(
+        layout=fit.free_parameters.layout, free_parameters=fit.free_parameters, batch=fit.problem.batch
+    )
     precision = np.linalg.inv(fit.covariance)
 
     def target(x: np.ndarray) -> np.ndarray:
         return -0.5 * np.einsum("kp,pq,kq->k", x - fit.x, precision, x - fit.x)
 
-    chain = Chain.begin(target, fit.unknowns.layout.free, fit.x, fit.covariance, (1, 2)).advanced(target, STEPS)
+    chain = Chain.begin(target, fit.free_parameters.layout.free, fit.x, fit.covariance, (1, 2)).advanced(target, STEPS)
     factors = {("response/1.csv", "current"): 3.0, ("response/1.csv", "position"): 1.0}
-    told: Any = SimpleNamespace(mode=fit.x, covariance=fit.covariance, factors=factors, bench=bench)
+    told: Any = SimpleNamespace(mode=fit.x, covariance=fit.covariance, factors=factors, problem=problem)
     return Posterior(fit, told, chain, Convergence.of(chain.ensembles))
 
 
@@ -54,7 +56,7 @@ def profiles(posterior: Posterior) -> dict[str, Profile]:
 
 @pytest.fixture
 def band(posterior: Posterior) -> Band:
-    trace = posterior.fit.bench.tape.traces[0]
+    trace = posterior.fit.problem.batch.traces[0]
     return Band(trace, trace.data - 1.0 * trace.sigma, np.broadcast_to(trace.sigma, trace.data.shape))
 
 

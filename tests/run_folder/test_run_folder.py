@@ -16,7 +16,7 @@ from etcfit.diagnosis.findings import Diagnosis
 from etcfit.errors import UsageError
 from etcfit.estimation.joint_fit import FitResult
 from etcfit.files import whole, write_json
-from etcfit.problem.free_parameters import unknowns
+from etcfit.problem.free_parameters import free_parameters
 from etcfit.run_folder import (
     DIAGNOSIS_STATE,
     FIT_STATE,
@@ -134,10 +134,10 @@ def test_the_state_of_a_fit_comes_back(fitted: FitResult, tmp_path: Path) -> Non
     write_state(tmp_path / "run", fitted)
     state = read_state(tmp_path / "run")
     assert state.folder.samefile(fitted.rig.folder)
-    assert state.symbols == fitted.unknowns.layout.free
+    assert state.symbols == fitted.free_parameters.layout.free
     np.testing.assert_array_equal(state.x, fitted.x)
     np.testing.assert_array_equal(state.covariance, fitted.covariance)
-    assert state.effects == tuple(effect.name for effect in fitted.unknowns.layout.types)
+    assert state.effects == tuple(effect.name for effect in fitted.free_parameters.layout.types)
     assert state.far is False
     write_state(tmp_path / "run", replace(fitted, far=True))
     assert read_state(tmp_path / "run").far is True
@@ -214,7 +214,7 @@ def test_the_final_model_is_that_of_the_diagnosis_where_there_is_one(found: Diag
     assert diagnoses.FOUND in state.effects
     rig, x = final_rig(state)
     assert diagnoses.FOUND in rig.config.effects
-    layout = unknowns(rig.config).layout
+    layout = free_parameters(rig.config).layout
     assert set(layout.free) == set(state.symbols)
     assert dict(zip(layout.free, x, strict=True)) == dict(zip(state.symbols, state.x, strict=True))
 

@@ -18,7 +18,7 @@ import numpy as np
 from ...errors import MeasurementError
 from ...estimation.fitted_model import Fitted
 from ...model.linear import TransferFunction
-from ...problem.problem import Bench
+from ...problem.problem import EstimationProblem
 from ...problem.trace import prepare
 from ...rig.base import Measurement
 from ..linearise import reduce, stops
@@ -133,7 +133,7 @@ def _free_runs(fitted: Fitted, points: Sequence[Point]) -> tuple[complex | None,
     traces = tuple(trace for trace in ready if trace is not None)
     if not traces:
         return (None,) * len(points)
-    runs = Bench.of(fitted.config, fitted.unknowns, traces).refined(fitted.x).free_run(fitted.x)
+    runs = EstimationProblem.of(fitted.config, fitted.free_parameters, traces).refined(fitted.x).free_run(fitted.x)
     of_file = {
         trace.measurement.file: Signal(trace.instants, run[:, trace.channels.index(POSITION)])
         for trace, run in zip(traces, runs, strict=True)

@@ -186,12 +186,12 @@ def _settled(
     reach = 0.25 / max(np.ptp(signal.time) for signal in signals.values())
     parts = {n: _part(s, frequency, middle, harmonics, n in drifting) for n, s in signals.items()}
     for _ in range(_ROUNDS):
-        pull = power = 0.0
+        guide_stiffness = power = 0.0
         for part in parts.values():
             own = part.slope - part.columns @ _least_squares(part.columns, part.slope)
-            pull += float(own @ part.residual) / part.sd**2
+            guide_stiffness += float(own @ part.residual) / part.sd**2
             power += float(own @ own) / part.sd**2
-        step = float(np.clip(pull / power, -reach, reach)) if power > 0.0 else 0.0
+        step = float(np.clip(guide_stiffness / power, -reach, reach)) if power > 0.0 else 0.0
         frequency += step
         parts = {n: _part(s, frequency, middle, harmonics, n in drifting) for n, s in signals.items()}
         if abs(step) < _SETTLED * frequency:

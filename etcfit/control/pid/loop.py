@@ -56,8 +56,8 @@ Controller = Callable[[Any, Ecu, Any, Scalar, Scalar, Scalar], Any]
 
 def _step(ecu: Ecu, body: Body, dt: Scalar, volts: Scalar, time: Scalar) -> Step:
     return Step(dt=dt, voltage0=volts, voltage1=volts, torque0=0.0, torque1=0.0, time=time, mobile=1.0, circuit=1.0,
-                plate=1.0, series=0.0, gear_ratio=body.gear_ratio, lower=body.lower, upper=body.upper, pull=0.0,
-                target0=0.0, target1=0.0, lever=0.0)  # fmt: skip
+                plate=1.0, series=0.0, gear_ratio=body.gear_ratio, lower=body.lower, upper=body.upper,
+                guide_stiffness=0.0, target0=0.0, target1=0.0, lever=0.0)  # fmt: skip
 
 
 def _acting(sent: Any, begin: Scalar, end: Scalar) -> Scalar:

@@ -9,7 +9,7 @@ import numpy as np
 
 from ...diagnosis.findings import Diagnosis
 from ...estimation.remedies import listed
-from ...problem.prediction_error import Row
+from ...problem.prediction_error import PredictionError
 from ..numbers import short
 from ..pool import Pool
 from .shown import in_degrees, scales
@@ -60,14 +60,19 @@ def ledger(diagnosis: Diagnosis) -> tuple[Entry, ...]:
     )
 
 
-def _entries(before: Sequence[Row], after: Sequence[Row], unknown: Sequence[Row], held_out: bool) -> list[Entry]:
+def _entries(
+    before: Sequence[PredictionError],
+    after: Sequence[PredictionError],
+    unknown: Sequence[PredictionError],
+    held_out: bool,
+) -> list[Entry]:
     was, now, then = _grouped(before), _grouped(after), _grouped(unknown)
     return [Entry(*key, held_out, Pool.of(was[key]), Pool.of(now[key]), Pool.of(then[key]) if key in then else None)
             for key in was if key in now]  # fmt: skip
 
 
-def _grouped(rows: Sequence[Row]) -> dict[tuple[str, str, str], list[Row]]:
-    out: dict[tuple[str, str, str], list[Row]] = {}
+def _grouped(rows: Sequence[PredictionError]) -> dict[tuple[str, str, str], list[PredictionError]]:
+    out: dict[tuple[str, str, str], list[PredictionError]] = {}
     for row in rows:
         out.setdefault((row.test, row.channel, row.unit), []).append(row)
     return out

@@ -8,7 +8,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from ...problem.prediction_error import Row
+from ...problem.prediction_error import PredictionError
 from ...problem.trace import Trace
 from .. import style
 from ..numbers import short
@@ -33,8 +33,8 @@ class Overlay:
     trace: Trace
     before: np.ndarray
     after: np.ndarray
-    rows_before: tuple[Row, ...]
-    rows_after: tuple[Row, ...]
+    rows_before: tuple[PredictionError, ...]
+    rows_after: tuple[PredictionError, ...]
     synthetic: bool
 
     @property

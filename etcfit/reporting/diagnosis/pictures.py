@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 
 from ...diagnosis.findings import Diagnosis
 from ...estimation.joint_fit import FitResult
-from ...problem.prediction_error import Row
+from ...problem.prediction_error import PredictionError
 from ...problem.trace import Trace
 from .. import overview
 from ..pictures import Job, all_traces, file_name, parameter_picture
@@ -67,6 +67,6 @@ def _draw_overlay(d: Diagnosis, trace: Trace) -> Figure:
     return overlay.draw(picture)
 
 
-def _rows(result: FitResult, file: str) -> tuple[Row, ...]:
+def _rows(result: FitResult, file: str) -> tuple[PredictionError, ...]:
     rows = [row for row in (*result.score_fit, *result.score_holdout) if row.file == file]
     return in_degrees(rows, scales(result))

@@ -19,7 +19,7 @@ _APART = 1.35  # ratio of errors above which two names do not touch
 
 
 @dataclass(frozen=True)
-class Step:
+class RoundPoint:
     """One turn of the loop.
 
     Args:
@@ -34,10 +34,10 @@ class Step:
     others: tuple[tuple[str, float], ...] = ()
 
 
-def steps(diagnosis: Diagnosis) -> list[Step]:
+def steps(diagnosis: Diagnosis) -> list[RoundPoint]:
     """Errors from the first fit to the final one; between them those of the trials, before the full refit."""
     before, after = diagnosis.before, diagnosis.after
-    out = [Step("start", Pool.of(before.score_fit).ratio, _ratio(before.score_holdout))]
+    out = [RoundPoint("start", Pool.of(before.score_fit).ratio, _ratio(before.score_holdout))]
     for each in diagnosis.rounds:
         others = tuple((c.effect, e) for c in each.candidates if (e := _left(c, each)) and c.effect != each.added)
         taken = next((c for c in each.candidates if c.effect == each.added), None)
@@ -45,8 +45,8 @@ def steps(diagnosis: Diagnosis) -> list[Step]:
         if taken is not None:
             fit *= taken.fit_rms_ratio or 1.0
             holdout = None if holdout is None else holdout * (taken.holdout_rms_ratio or 1.0)
-        out.append(Step(f"+ {each.added}" if each.added else "nothing more", fit, holdout, others))
-    end = Step("final fit", Pool.of(after.score_fit).ratio, _ratio(after.score_holdout))
+        out.append(RoundPoint(f"+ {each.added}" if each.added else "nothing more", fit, holdout, others))
+    end = RoundPoint("final fit", Pool.of(after.score_fit).ratio, _ratio(after.score_holdout))
     if out[-1].label == "nothing more":  # one place for both
         end = replace(end, label="nothing more:\nfinal fit", others=out.pop().others)
     return [*out, end]
@@ -63,7 +63,7 @@ def _left(candidate: Candidate, each: RoundReport) -> float | None:
     return None if candidate.holdout_rms_ratio is None else each.holdout_rms * candidate.holdout_rms_ratio
 
 
-def draw(every: list[Step], added: tuple[str, ...], synthetic: bool) -> Figure:
+def draw(every: list[RoundPoint], added: tuple[str, ...], synthetic: bool) -> Figure:
     """Error over rounds."""
     title = style.wrapped(_title(every, added), 11.0, 13)
     fig = style.figure(11.0, 5.6, synthetic)
@@ -87,7 +87,7 @@ def draw(every: list[Step], added: tuple[str, ...], synthetic: bool) -> Figure:
     return fig
 
 
-def _title(every: list[Step], added: tuple[str, ...]) -> str:
+def _title(every: list[RoundPoint], added: tuple[str, ...]) -> str:
     first, last = every[0], every[-1]
     which = "Held-out" if last.holdout is not None else "Fitted"
     was, now = (first.holdout, last.holdout) if last.holdout is not None else (first.fit, last.fit)
@@ -96,7 +96,7 @@ def _title(every: list[Step], added: tuple[str, ...]) -> str:
     return f"{which} error {short(was)} → {short(now)} σ with {listed(added)}"
 
 
-def _others(panel: Axes, every: list[Step]) -> None:
+def _others(panel: Axes, every: list[RoundPoint]) -> None:
     for k, step in enumerate(every):
         others = sorted(step.others, key=lambda other: other[1])
         for n, (_, error) in enumerate(others):
@@ -118,7 +118,7 @@ def _lines(others: list[tuple[str, float]]) -> list[tuple[float, list[str]]]:
     return lines
 
 
-def _axes(panel: Axes, every: list[Step]) -> None:
+def _axes(panel: Axes, every: list[RoundPoint]) -> None:
     panel.set_yscale("log")
     panel.set_xticks(range(len(every)), [step.label for step in every])
     panel.set_xlim(-0.4, len(every) - 0.3)

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ...estimation.joint_fit import FitResult
-from ...problem.prediction_error import Row, logged_unit
+from ...problem.prediction_error import PredictionError, logged_unit
 from ...problem.trace import Trace
 from ..pictures import all_traces
 from ..stack import source
@@ -58,7 +58,7 @@ def scales(result: FitResult) -> dict[str, float]:
             for t in all_traces(result) if "position" in t.channels}  # fmt: skip
 
 
-def in_degrees(rows: Sequence[Row], scales: Mapping[str, float]) -> tuple[Row, ...]:
+def in_degrees(rows: Sequence[PredictionError], scales: Mapping[str, float]) -> tuple[PredictionError, ...]:
     """Errors of the position in degrees; the other rows as they are."""
     return tuple(
         replace(r, unit="deg", rms=r.rms * scales[r.file], sigma=r.sigma * scales[r.file])

@@ -108,7 +108,9 @@ def _candidate(candidate: Candidate, each: RoundReport) -> tuple[str, ...]:
 def _parameters(before: FitResult, after: FitResult) -> RenderableType:
     """The gear ratio is left out: nothing changes it."""
     was, now = intervals(before), intervals(after)
-    units = {p.symbol: p.unit for p in (*before.unknowns.layout.parameters, *after.unknowns.layout.parameters)}
+    units = {
+        p.symbol: p.unit for p in (*before.free_parameters.layout.parameters, *after.free_parameters.layout.parameters)
+    }
     table = plain_table("parameter", "before", "95 % interval", "after", "95 % interval", "unit", "status")
     table.columns[5].justify = table.columns[6].justify = "left"
     for symbol in dict.fromkeys((*was, *now)):

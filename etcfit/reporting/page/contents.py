@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from ...errors import UsageError
-from ...problem.prediction_error import Row
+from ...problem.prediction_error import PredictionError
 
 KINDS = ("fit", "diagnosis", "posterior", "transfer_function", "frequency_response", "pid")
 _ROW = ("file", "test", "channel", "unit", "n", "rms", "sigma")
@@ -67,9 +67,11 @@ def read_run(run: Path) -> Contents:
     return Contents(run, files, hashes)
 
 
-def rows_of(rows: Sequence[Mapping[str, Any]]) -> list[Row]:
+def rows_of(rows: Sequence[Mapping[str, Any]]) -> list[PredictionError]:
     """ROWs of FORMAT.md; those of a model that could not be simulated are left out."""
-    return [Row(**{key: row[key] for key in _ROW}) for row in rows if row["rms"] is not None and row["sigma"]]
+    return [
+        PredictionError(**{key: row[key] for key in _ROW}) for row in rows if row["rms"] is not None and row["sigma"]
+    ]
 
 
 def _object(path: Path, kind: str, raw: bytes) -> Mapping[str, Any]:

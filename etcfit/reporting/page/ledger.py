@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 from typing import Any
 
-from ...problem.prediction_error import Row
+from ...problem.prediction_error import PredictionError
 from ..pool import Pool
 from .contents import Contents, rows_of
 from .table import Table
@@ -45,7 +45,7 @@ def _pairs(before: Any, after: Any) -> Iterable[tuple[Key, Pool, Pool]]:
 
 
 def _pools(rows: Any) -> dict[Key, Pool]:
-    groups: dict[Key, list[Row]] = {}
+    groups: dict[Key, list[PredictionError]] = {}
     for row in rows_of(rows):
         groups.setdefault((row.test, row.channel, row.unit), []).append(row)
     return {key: Pool.of(group) for key, group in groups.items()}
