@@ -42,11 +42,16 @@ def catalogue() -> str:
         "",
         "| effect | its amplitude is 0 when it is off | shown best by |",
         "| --- | --- | --- |",
-        *(f"| [`{e.name}`](#{e.name}) | {', '.join(f'`{s}`' for s in e.off or ())} | {e.told_by} |" for e in candidates),
+        *(f"| [`{e.name}`](#{e.name}) | {off_names(e)} | {e.told_by} |" for e in candidates),
         "",
         *(section(effect) for effect in candidates),
     ]
     return "\n".join(parts)
+
+
+def off_names(effect: Any) -> str:
+    """Its amplitudes: what is 0 where the effect is off."""
+    return ", ".join(f"`{symbol}`" for symbol in effect.off or ())
 
 
 def section(effect: Any) -> str:
