@@ -92,7 +92,7 @@ def formula(paragraph: str) -> str:
 def plain(text: str) -> str:
     """Text in which no character is markup."""
     pieces = text.split("`")  # every second one is code already
-    pieces[::2] = [re.sub(r"([_*|<>\[\]])", r"\\\1", piece) for piece in pieces[::2]]
+    pieces[::2] = [re.sub(r"([_*|\[\]])", r"\\\1", piece.replace("<", "&lt;")) for piece in pieces[::2]]
     return "`".join(pieces)
 
 
