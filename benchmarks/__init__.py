@@ -1,4 +1,4 @@
-"""Figures of docs/validation, a module each (`--help` says how). They see the tests' independent generator."""
+"""Figures of the README, a module each: `python -m benchmarks.NAME --help`. They see the tests' independent generator."""
 
 from __future__ import annotations
 
