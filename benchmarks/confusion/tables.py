@@ -1,4 +1,4 @@
-"""The tables of README and docs/confusion.md."""
+"""The tables of docs/validation/confusion.md."""
 
 from __future__ import annotations
 

@@ -1,0 +1,64 @@
+"""Hook of MkDocs: `<!-- options: COMMAND -->` becomes usage, arguments and options, as the command line declares them.
+
+They are read off the signatures, so neither the parser behind the command line nor its version matters.
+"""
+
+from __future__ import annotations
+
+import inspect
+import re
+from pathlib import Path
+from typing import Any, get_args, get_type_hints
+
+MARKER = re.compile(r"<!-- options: (\w+) -->")
+METAVARS = {int: "N", float: "X", str: "TEXT", Path: "FOLDER"}
+
+
+def on_page_markdown(markdown: str, **_: Any) -> str:
+    """Fill in every marker."""
+    return MARKER.sub(lambda match: options(match[1]), markdown)
+
+
+def options(name: str) -> str:
+    """A table of one command's arguments and options."""
+    function = inspect.unwrap(commands()[name])
+    hints = get_type_hints(function, include_extras=True)
+    rows = ["| argument or option | default | meaning |", "| --- | --- | --- |"]
+    rows += [row(each, hints[each.name]) for each in inspect.signature(function).parameters.values()]
+    return "\n".join([*rows, "| `-h`, `--help` |  | Show this and stop. |"])
+
+
+def commands() -> dict[str, Any]:
+    """The function of each command, by name."""
+    from etcfit.cli import app
+
+    return {c.name or c.callback.__name__: c.callback for c in app.registered_commands if c.callback}
+
+
+def row(parameter: inspect.Parameter, hint: Any) -> str:
+    kinds, info = described(hint)
+    help_ = (info.help or "").replace("|", "\\|")
+    if type(info).__name__ == "ArgumentInfo":
+        return f"| `{info.metavar or parameter.name.upper()}` | required | {help_} |"
+    value = "" if kinds == (bool,) else " " + (info.metavar or " ".join(METAVARS[kind] for kind in kinds))
+    # inside Annotated the first name stands where a default would
+    names = [name for name in (info.default, *(info.param_decls or ())) if isinstance(name, str)]
+    shown = ", ".join(f"`{name}{value}`" for name in names or [f"--{parameter.name.replace('_', '-')}"])
+    return f"| {shown} | {default_of(parameter)} | {help_} |"
+
+
+def described(hint: Any) -> tuple[tuple[Any, ...], Any]:
+    """Types and option of Annotated[type, option]; `X | None` counts as X, a tuple as its entries."""
+    annotated, info = get_args(hint)[:2]
+    kinds = [kind for kind in get_args(annotated) if kind is not type(None)] or [annotated]
+    return tuple(inner for kind in kinds for inner in (get_args(kind) or (kind,))), info
+
+
+def default_of(parameter: inspect.Parameter) -> str:
+    """Empty where there is none: the option's text then says what happens without it."""
+    value = parameter.default
+    if value is inspect.Parameter.empty:
+        return "required"
+    if value is None or isinstance(value, bool):
+        return ""
+    return f"`{' '.join(map(str, value)) if isinstance(value, tuple) else value}`"

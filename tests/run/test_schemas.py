@@ -1,0 +1,134 @@
+"""The JSON schemas: each is one, asks for what the contract asks for, fits what is written, and is in the docs."""
+
+from __future__ import annotations
+
+import importlib.util
+import json
+import re
+from copy import deepcopy
+from pathlib import Path
+from typing import Any
+
+import pytest
+from jsonschema import Draft202012Validator, ValidationError
+
+import runs
+
+ROOT = Path(__file__).resolve().parents[2]
+FOLDER = ROOT / "etcfit" / "run" / "schemas"
+KINDS = tuple(sorted(file.name.removesuffix(".schema.json") for file in FOLDER.glob("*.schema.json")))
+# keys of the contract (FORMAT.md) that are always there; those that later versions add are optional
+CONTRACT = {
+    "fit": "schema rig synthetic converged reason model parameters score",
+    "diagnosis": "schema start final rounds added ties unexplained before after parameters",
+    "posterior": "schema parameters",
+    "transfer_function": "schema input output operating_point num den poles stderr open_loop_dc_gain",
+    "frequency_response": "schema points order",
+    "pid": "schema rule gains ecu linear nonlinear requirements met posterior",
+    "run": "schema version stages",
+    "drive": "schema logs",
+}
+LATER = {"fit": {"influence"}, "diagnosis": {"rig", "probabilities"}}
+
+
+def schema(kind: str) -> dict[str, Any]:
+    return json.loads((FOLDER / f"{kind}.schema.json").read_text(encoding="utf-8"))
+
+
+def parts(node: Any) -> list[dict[str, Any]]:
+    """Every sub-schema that a key of a file has, depth first."""
+    if isinstance(node, list):
+        return [part for each in node for part in parts(each)]
+    if not isinstance(node, dict):
+        return []
+    own = list(node["properties"].values()) if isinstance(node.get("properties"), dict) else []
+    return own + [part for each in node.values() for part in parts(each)]
+
+
+def hook() -> Any:
+    """The hook of MkDocs that makes the tables of docs/formats.md."""
+    spec = importlib.util.spec_from_file_location("schema_tables", ROOT / "docs" / "_hooks" / "schemas.py")
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+def manifest() -> dict[str, Any]:
+    """A run.json as the contract has it."""
+    fit = {"at": "2026-11-22T17:00:00+00:00", "settings": {}, "inputs": {"rig.toml": "0" * 64},
+           "outputs": {"fit.json": "f" * 64}, "exit": 0}  # fmt: skip
+    return {"schema": "etcfit.run/1", "version": "0.2.0", "stages": {"fit": fit}}
+
+
+def test_every_kind_of_the_contract_has_a_schema() -> None:
+    assert set(KINDS) == set(CONTRACT)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_a_schema_is_one(kind: str) -> None:
+    Draft202012Validator.check_schema(schema(kind))
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_a_schema_asks_for_what_the_contract_asks_for_and_welcomes_more(kind: str) -> None:
+    found = schema(kind)
+    assert set(CONTRACT[kind].split()) <= set(found["required"])
+    assert set(found["required"]) <= set(found["properties"])
+    assert LATER.get(kind, set()) <= set(found["properties"])
+    assert found["properties"]["schema"]["const"] == f"etcfit.{kind}/1"
+    assert found["additionalProperties"] is True
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_every_key_is_described(kind: str) -> None:
+    described = parts(schema(kind))
+    assert described
+    assert all(part.get("description") or "$ref" in part for part in described)
+
+
+def test_what_a_fit_writes_fits_its_schema(tmp_path: Path) -> None:
+    written = json.loads((runs.run_folder(tmp_path) / "fit.json").read_text(encoding="utf-8"))
+    validator = Draft202012Validator(schema("fit"))
+    validator.validate(written)
+    influence = {"test": "viscous", "file": None, "parameter": "J_m", "pull": -2.5}
+    validator.validate(written | {"influence": [influence], "a_key_of_tomorrow": 1})
+    for wrong in (written | {"converged": "yes"}, written | {"influence": [{"test": "viscous"}]}, {"schema": "x"}):
+        with pytest.raises(ValidationError):
+            validator.validate(wrong)
+    odd = deepcopy(written)
+    next(iter(odd["parameters"].values()))["status"] = "perhaps"
+    with pytest.raises(ValidationError):
+        validator.validate(odd)
+
+
+def test_the_manifest_is_what_the_contract_says() -> None:
+    validator = Draft202012Validator(schema("run"))
+    validator.validate(manifest())
+    unhashed = deepcopy(manifest())
+    unhashed["stages"]["fit"]["inputs"]["rig.toml"] = "new"
+    without = deepcopy(manifest())
+    del without["stages"]["fit"]["exit"]
+    for wrong in (unhashed, without):
+        with pytest.raises(ValidationError):
+            validator.validate(wrong)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_the_docs_name_every_key(kind: str) -> None:
+    page = (ROOT / "docs" / "formats.md").read_text(encoding="utf-8")
+    assert f"<!-- schema: {kind} -->" in page
+    shown = hook().on_page_markdown(page)
+    section = shown.split(f"## {kind}.json", 1)[1].split("\n## ", 1)[0]
+    named = re.findall(r"^\| `([^`]+)` \|", section, re.MULTILINE)
+    assert set(schema(kind)["properties"]) <= set(named)
+    assert len(named) == len(set(named))
+
+
+def test_the_tables_follow_references_lists_and_mappings() -> None:
+    shown = hook().table("fit")
+    for path in ("parameters.NAME.ci95", "score.fit[].rms", "influence[].pull", "score.chi2_per_dof"):
+        assert f"| `{path}` |" in shown
+    assert "influence` | array | " in shown
+    assert shown.count("*(optional)*") == 3  # influence, and the remark of a parameter and of a combination
