@@ -12,18 +12,19 @@ import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import chain
+from typing import NamedTuple
 
 import numpy as np
 
 from ..errors import MeasurementError
+from .fast_table import GROUPED, LINES_TO_LOOK_AT, WORTH, fast_cells
 
 SEPARATORS = (",", ";", "\t")
 HUGE = 1e100  # no reading is larger, and no unit turns a smaller one into infinity
 NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?", re.ASCII)
 PLAIN = frozenset("0123456789+-.eE,; \t")  # nothing that float() would take and a reader would not
-LINES_TO_LOOK_AT = 20
+LINES_OF_A_TOP = 200  # comments and header; a file with more above its rows is read the careful way
 EXCEL_ERROR = re.compile(r"#(N/A|NV|[A-ZÜ0-9/]+[!?])\s*([,;\t]|$)")  # a failed formula in the first cell is no comment
-_GROUPED = {mark: re.compile(rf"[+-]?[1-9]\d{{0,2}}{re.escape(mark)}\d{{3}}", re.ASCII) for mark in ".,"}
 _BOMS = (  # UTF-32 before UTF-16: its little-endian mark begins with UTF-16's
     (codecs.BOM_UTF8, "utf-8-sig"),
     (codecs.BOM_UTF32_LE, "utf-32"),
@@ -70,23 +71,68 @@ def decode(raw: bytes, where: str) -> str:
 def parse(text: str, where: str) -> Table:
     """The table in this text.
 
+    A long one is read by pandas where it is plain, else with care; the table is the same, and so are the messages.
+
     Raises:
         MeasurementError: empty, header only, rows of unequal length, or anything but numbers below the header.
     """
+    table = parse_plain(text, where) if len(text) >= WORTH else None
+    return parse_with_care(text, where) if table is None else table
+
+
+def parse_plain(text: str, where: str) -> Table | None:
+    """The table in this text where a fast reader is sure of it; else None, and no message.
+
+    Raises:
+        MeasurementError: numbers in a column without a name.
+    """
+    try:
+        top, body = _top("\n".join(text.split("\n", LINES_OF_A_TOP)[:LINES_OF_A_TOP]), where)
+    except MeasurementError:
+        return None
+    if len(body) < LINES_TO_LOOK_AT:
+        return None
+    cells = fast_cells(text.split("\n", top.line)[top.line], top.separator, len(top.header), HUGE)
+    if cells is None:
+        return None
+    lines = np.arange(top.line + 1, top.line + 1 + len(cells))
+    return _without_blanks(Table(tuple(top.header), top.line, lines, cells), where)
+
+
+def parse_with_care(text: str, where: str) -> Table:
+    """The table in this text, line by line: takes all that is unambiguous, and says what is wrong with the rest.
+
+    Raises:
+        MeasurementError: as `parse`.
+    """
+    top, body = _top(text, where)
+    rows = _rows(body, top.separator, len(top.header), where)
+    lines = np.array([line for line, _ in body])
+    cells = _numbers(rows, lines, top.header, top.separator, where)
+    return _without_blanks(Table(tuple(top.header), top.line, lines, cells), where)
+
+
+class Top(NamedTuple):
+    """The header, the line it stands in, and what separates the cells."""
+
+    line: int
+    header: list[str]
+    separator: str
+
+
+def _top(text: str, where: str) -> tuple[Top, list[tuple[int, str]]]:
+    """What the rows below it need to be read, and those rows, numbered."""
     numbered = _content(text, where)
     separator, numbered = _announced_separator(numbered)
-    (header_line, header_text), body = numbered[0], numbered[1:]
-    at = f"{where}:{header_line}"
+    (line, header_text), body = numbered[0], numbered[1:]
+    at = f"{where}:{line}"
     if not body:
         raise MeasurementError(at, "header only, no row of numbers.", "A trace needs two rows.",
                                "Log it again, or delete the file.")  # fmt: skip
     separator = separator or _separator(header_text, [row for _, row in body[:LINES_TO_LOOK_AT]], at)
     header = [cell.strip() for cell in _split(header_text, separator, at)]
     _refuse_numbers_as_header(header, at)
-    rows = _rows(body, separator, len(header), where)
-    lines = np.array([line for line, _ in body])
-    cells = _numbers(rows, lines, header, separator, where)
-    return _without_blanks(Table(tuple(header), header_line, lines, cells), where)
+    return Top(line, header, separator), body
 
 
 def _encoding(raw: bytes) -> str:
@@ -228,7 +274,7 @@ def _decimal_mark(cells: list[str], separator: str, lines: np.ndarray, width: in
                                "Export it again without thousands separators.")  # fmt: skip
     mark = "." if comma is None else ","
     marked = [c.strip() for c in cells if mark in c]
-    if all(_GROUPED[mark].fullmatch(c) for c in marked):
+    if all(GROUPED[mark].fullmatch(c) for c in marked):
         raise MeasurementError(at, f"'{cells[k].strip()[:40]}': the '{mark}' may be a decimal mark or part thousands.",
                                "The decimal mark must be unambiguous.",
                                "Separate cells by ',' and write decimals with a point.")  # fmt: skip
