@@ -84,7 +84,7 @@ def _read(rows: bytes, separator: str) -> np.ndarray | None:
         )
     except (ValueError, OverflowError):  # a cell that is no number, a row too long (pandas' ParserError is one)
         return None
-    return np.ascontiguousarray(frame.to_numpy())
+    return frame.to_numpy()
 
 
 def _exact(version: str) -> dict[str, Any]:

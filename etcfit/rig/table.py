@@ -24,6 +24,7 @@ HUGE = 1e100  # no reading is larger, and no unit turns a smaller one into infin
 NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?", re.ASCII)
 PLAIN = frozenset("0123456789+-.eE,; \t")  # nothing that float() would take and a reader would not
 LINES_OF_A_TOP = 200  # comments and header; a file with more above its rows is read the careful way
+CONTROL = bytes((*range(0x09), *range(0x0E, 0x20), 0x7F))  # all but tab and line ends
 EXCEL_ERROR = re.compile(r"#(N/A|NV|[A-ZÜ0-9/]+[!?])\s*([,;\t]|$)")  # a failed formula in the first cell is no comment
 _BOMS = (  # UTF-32 before UTF-16: its little-endian mark begins with UTF-16's
     (codecs.BOM_UTF8, "utf-8-sig"),
@@ -62,7 +63,7 @@ def decode(raw: bytes, where: str) -> str:
     except UnicodeDecodeError as err:
         raise _not_text(where, f"the bytes at offset {err.start} are no {err.encoding} text.") from err
     text = text.replace("\r\n", "\n").replace("\r", "\n")
-    if control := re.search(r"[\x00-\x08\x0e-\x1f\x7f]", text):
+    if control := _control(text):
         line = text.count("\n", 0, control.start()) + 1
         raise _not_text(f"{where}:{line}", f"control character {control[0]!r} found.")
     return text
@@ -135,6 +136,14 @@ def _top(text: str, where: str) -> tuple[Top, list[tuple[int, str]]]:
     return Top(line, header, separator), body
 
 
+def _control(text: str) -> re.Match[str] | None:
+    """The first control character that no text has; a long text without any is not searched letter by letter."""
+    raw = text.encode("utf-8") if text.isascii() else b""
+    if raw and len(raw.translate(None, CONTROL)) == len(raw):
+        return None
+    return re.search(rf"[{CONTROL.decode('ascii')}]", text)
+
+
 def _encoding(raw: bytes) -> str:
     for mark, name in _BOMS:
         if raw.startswith(mark):
@@ -144,7 +153,7 @@ def _encoding(raw: bytes) -> str:
     if max(even, odd) > 0.45 * len(head) and min(even, odd) == 0:
         return "utf-16-le" if odd > even else "utf-16-be"
     try:
-        raw.decode("utf-8")
+        _ = raw.isascii() or raw.decode("utf-8")
     except UnicodeDecodeError:
         return "cp1252"  # what Excel writes in western Europe; digits are the same in it
     return "utf-8"
@@ -291,5 +300,7 @@ def _without_blanks(table: Table, where: str) -> Table:
                                    "Every column needs a header 'quantity [unit]'.",
                                    f"Name it in line {table.header_line}, or delete the column.")  # fmt: skip
     rows, columns = filled.any(axis=1), np.array([bool(name) for name in table.header])
+    if rows.all() and columns.all():
+        return table  # a long one is not copied
     header = tuple(name for name in table.header if name)
     return Table(header, table.header_line, table.lines[rows], table.cells[rows][:, columns])
