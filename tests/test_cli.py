@@ -66,10 +66,13 @@ def library(monkeypatch: pytest.MonkeyPatch) -> Library:
     fake = Library()
     modules = {
         "etcfit.rig.reader": {"read_folder": fake.read_folder},
-        "etcfit.check": {"check": lambda rig: "what it can identify"},
+        "etcfit.check": {"check": lambda rig: SimpleNamespace(why_not="")},
         "etcfit.fit": {"fit": fake.fit},
         "etcfit.report": {"write_run": fake.write_run},
-        "etcfit.report.tables": {"fit_table": lambda result: "the fit's table", "check_table": lambda result: result},
+        "etcfit.report.tables": {
+            "fit_table": lambda result: "the fit's table",
+            "check_table": lambda result: "what it can identify",
+        },
     }
     for name, names in modules.items():
         monkeypatch.setitem(sys.modules, name, _module(name, **names))

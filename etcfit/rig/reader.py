@@ -13,6 +13,7 @@ from . import TESTS
 from .base import Channel, Measurement, Rig, RigConfig
 from .columns import Log, read_columns
 from .config import parse_config
+from .names import refuse_foreign_names
 from .noise import Texture, pooled, texture
 from .sanity import check_log, check_peaks
 from .table import decode, parse
@@ -32,6 +33,8 @@ def read_folder(folder: str | Path) -> Rig:
         MeasurementError: anything in it is wrong.
     """
     base = str(folder).rstrip("/\\") or str(folder)
+    refuse_foreign_names(base)
+    refuse_foreign_names(Path(folder).absolute().name)  # what a rig without a name is called
     if not Path(folder).is_dir():
         raise MeasurementError(base, "no such folder.", "A measurement folder with a rig.toml is required.",
                                "Check the path.")  # fmt: skip
@@ -60,6 +63,7 @@ def _csv_files(folder: Path, base: str) -> tuple[list[str], list[str]]:
     odd: list[str] = []
     for place in sorted(p for p in folder.iterdir() if p.is_dir() and not p.name.startswith(".")):
         inside = sorted(p.name for p in place.iterdir() if _is_csv(p))
+        refuse_foreign_names(base, place.name, *(f"{place.name}/{name}" for name in inside))
         if place.name in KNOWN_TESTS:
             files += [f"{place.name}/{name}" for name in inside]
             odd += [] if inside else [f"{base}/{place.name}: no CSV in it. Nothing was read; add traces or delete it."]
@@ -67,6 +71,7 @@ def _csv_files(folder: Path, base: str) -> tuple[list[str], list[str]]:
             odd.append(f"{base}/{place.name}: no known rig test, its {len(inside)} CSV are not read. "
                        f"{closest(place.name, KNOWN_TESTS, 'Known: ' + ', '.join(KNOWN_TESTS) + '.')}")  # fmt: skip
     loose = sorted(p.name for p in folder.iterdir() if _is_csv(p))
+    refuse_foreign_names(base, *loose)
     odd += [f"{base}/{name}: not in a folder of a rig test, not read." for name in loose]
     if not files:
         raise MeasurementError(base, "no CSV of a known rig test in it.", f"Known: {', '.join(KNOWN_TESTS)}.",
