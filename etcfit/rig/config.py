@@ -34,7 +34,19 @@ def read_config(path: str | Path) -> RigConfig:
 
 def parse_config(text: str, path: str) -> RigConfig:
     """As `read_config`, from the text itself."""
-    toml = Toml(path, text, parse(text, path))
+    return config_of(Toml(path, text, parse(text, path)), Path(path).absolute().parent.name)
+
+
+def config_of(toml: Toml, name: str) -> RigConfig:
+    """As `read_config`, from the tables.
+
+    Args:
+        toml: the tables, and what messages call them.
+        name: of a rig that has none.
+
+    Raises:
+        MeasurementError: as `read_config`.
+    """
     toml.only(toml.tables, TABLES)
     rig = toml.table("rig", RIG_KEYS)
     travel, tps = _travel(toml, rig), _tps(toml)
@@ -44,7 +56,7 @@ def parse_config(text: str, path: str) -> RigConfig:
     if not isinstance(synthetic, bool):
         raise toml.wrong("rig.synthetic", f"found {shown(synthetic)}.", "It must be true or false.", "Correct it.")
     return RigConfig(
-        name=toml.string("rig.name", rig.get("name", Path(path).absolute().parent.name)),
+        name=toml.string("rig.name", rig.get("name", name)),
         synthetic=synthetic,
         gear_ratio=1.0 if gear_ratio is None else gear_ratio,
         gear_ratio_given=gear_ratio is not None,

@@ -25,7 +25,10 @@ def refuse_foreign_names(folder: str, *names: str) -> None:
 
 def escaped(path: str) -> str:
     """The path with every byte that is no UTF-8 written out."""
-    return os.fsencode(path).decode("utf-8", "backslashreplace")
+    try:
+        return os.fsencode(path).decode("utf-8", "backslashreplace")
+    except UnicodeEncodeError:  # half a character that no file system made
+        return path.encode("utf-8", "backslashreplace").decode("utf-8")
 
 
 def _is_utf8(path: str) -> bool:

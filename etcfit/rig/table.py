@@ -10,7 +10,7 @@ import codecs
 import csv
 import re
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import chain
 from typing import NamedTuple
 
@@ -41,15 +41,25 @@ class Table:
 
     Args:
         header: shape (m,).
-        header_line: where the header stands in the file, counted from 1.
+        header_line: where the header stands in the file, counted from 1; 0 where there is no file.
         lines: where each row stands in the file, shape (n,).
         cells: shape (n, m); NaN where the cell is empty, finite elsewhere.
+        row_mark: what a message puts between the table's name and the number of a row.
     """
 
     header: tuple[str, ...]
     header_line: int
     lines: np.ndarray
     cells: np.ndarray
+    row_mark: str = ":"
+
+    def head(self, where: str) -> str:
+        """Where the header stands, for a message."""
+        return f"{where}:{self.header_line}" if self.header_line else where
+
+    def at(self, where: str, row: int) -> str:
+        """Where a row stands, for a message."""
+        return f"{where}{self.row_mark}{self.lines[row]}"
 
 
 def decode(raw: bytes, where: str) -> str:
@@ -97,7 +107,7 @@ def parse_plain(text: str, where: str) -> Table | None:
     if cells is None:
         return None
     lines = np.arange(top.line + 1, top.line + 1 + len(cells))
-    return _without_blanks(Table(tuple(top.header), top.line, lines, cells), where)
+    return without_blanks(Table(tuple(top.header), top.line, lines, cells), where)
 
 
 def parse_with_care(text: str, where: str) -> Table:
@@ -110,7 +120,7 @@ def parse_with_care(text: str, where: str) -> Table:
     rows = _rows(body, top.separator, len(top.header), where)
     lines = np.array([line for line, _ in body])
     cells = _numbers(rows, lines, top.header, top.separator, where)
-    return _without_blanks(Table(tuple(top.header), top.line, lines, cells), where)
+    return without_blanks(Table(tuple(top.header), top.line, lines, cells), where)
 
 
 class Top(NamedTuple):
@@ -258,15 +268,26 @@ def _finite(values: np.ndarray, cells: list[str]) -> np.ndarray:
 
 
 def _number(cell: str, k: int, lines: np.ndarray, header: list[str], where: str) -> float:
+    number = number_in(cell)
+    if number is None:
+        row, column = divmod(k, len(header))
+        raise no_number(cell, header[column], f"{where}:{lines[row]}")
+    return number
+
+
+def number_in(cell: str) -> float | None:
+    """The number that a cell holds, NaN where it is empty; None where it holds anything else."""
     text = cell.strip()
     if not text:
         return np.nan
-    if NUMBER.fullmatch(text) and abs(float(text)) <= HUGE:
-        return float(text)
-    row, column = divmod(k, len(header))
-    raise MeasurementError(f"{where}:{lines[row]}", f"'{text[:40]}' in column '{header[column]}'.",
-                           "Below the header every cell must be a finite number or empty.",
-                           "Correct the cell, or leave it empty for a gap.")  # fmt: skip
+    return float(text) if NUMBER.fullmatch(text) and abs(float(text)) <= HUGE else None
+
+
+def no_number(cell: str, column: str, place: str) -> MeasurementError:
+    """The message on a cell that is neither number nor empty."""
+    return MeasurementError(place, f"'{cell.strip()[:40]}' in column '{column}'.",
+                            "Below the header every cell must be a finite number or empty.",
+                            "Correct the cell, or leave it empty for a gap.")  # fmt: skip
 
 
 def _decimal_mark(cells: list[str], separator: str, lines: np.ndarray, width: int, where: str) -> str:
@@ -290,17 +311,18 @@ def _decimal_mark(cells: list[str], separator: str, lines: np.ndarray, width: in
     return mark
 
 
-def _without_blanks(table: Table, where: str) -> Table:
+def without_blanks(table: Table, where: str) -> Table:
     """Drop what spreadsheets add: rows without any number, and columns with neither name nor number."""
     filled = np.isfinite(table.cells)
     for k, name in enumerate(table.header):
         if not name and filled[:, k].any():
-            line = table.lines[np.argmax(filled[:, k])]
-            raise MeasurementError(f"{where}:{line}", f"column {k + 1} holds numbers but has no name.",
+            line = f" in line {table.header_line}" if table.header_line else ""
+            at = table.at(where, int(np.argmax(filled[:, k])))
+            raise MeasurementError(at, f"column {k + 1} holds numbers but has no name.",
                                    "Every column needs a header 'quantity [unit]'.",
-                                   f"Name it in line {table.header_line}, or delete the column.")  # fmt: skip
+                                   f"Name it{line}, or delete the column.")  # fmt: skip
     rows, columns = filled.any(axis=1), np.array([bool(name) for name in table.header])
     if rows.all() and columns.all():
         return table  # a long one is not copied
     header = tuple(name for name in table.header if name)
-    return Table(header, table.header_line, table.lines[rows], table.cells[rows][:, columns])
+    return replace(table, header=header, lines=table.lines[rows], cells=table.cells[rows][:, columns])
