@@ -162,6 +162,8 @@ def check(folder: Folder, advise: Advise = False, at: At = None, quiet: Quiet = 
 
         result = check_rig(rig)
     _stdout().print(check_table(result))
+    if result.why_not:  # `fit` would refuse it
+        raise _stop(Status.DATA, result.why_not)
 
 
 def _advise(folder: Path, at: Path | None, quiet: bool) -> None:

@@ -66,12 +66,12 @@ def library(monkeypatch: pytest.MonkeyPatch) -> Library:
     fake = Library()
     modules = {
         "etcfit.rig.reader": {"read_folder": fake.read_folder},
-        "etcfit.experiment.check": {"check": lambda rig: "what it can identify"},
+        "etcfit.experiment.check": {"check": lambda rig: SimpleNamespace(why_not="")},
         "etcfit.estimation.joint_fit": {"fit": fake.fit},
         "etcfit.reporting": {"write_run": fake.write_run},
         "etcfit.reporting.tables": {
             "fit_table": lambda result: "the fit's table",
-            "check_table": lambda result: result,
+            "check_table": lambda result: "what it can identify",
         },
     }
     for name, names in modules.items():

@@ -8,7 +8,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-FOLDER = Path(__file__).resolve().parents[2] / "etcfit" / "run" / "schemas"
+FOLDER = Path(__file__).resolve().parents[2] / "etcfit" / "run_folder" / "schemas"
 MARKER = re.compile(r"<!-- schema: (\w+) -->")
 
 

@@ -15,6 +15,7 @@ from ..rig.config import read_config
 from ..rig.header import HeaderError, parse_header
 from ..rig.mlg import read_mlg
 from ..rig.msl import read_msl
+from ..rig.names import refuse_foreign_names
 from ..rig.table import Table, decode, parse
 from .log import DriveLog, Series
 
@@ -48,6 +49,7 @@ def read_logs(folder: Path | str) -> tuple[RigConfig, tuple[DriveLog, ...]]:
     config = read_config(toml) if toml.is_file() else RigConfig(name=base.absolute().name)
     place = base / "drive" if (base / "drive").is_dir() else base
     files = sorted(p for p in place.iterdir() if p.suffix.casefold() in READERS and not p.name.startswith("."))
+    refuse_foreign_names(str(place), *(path.name for path in files))
     if not files:
         raise MeasurementError(str(place), "no log in it.", f"Known: {', '.join(READERS)}.", "Put the logs there.")
     return config, tuple(read_log(path, config, str(toml)) for path in files)

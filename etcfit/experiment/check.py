@@ -115,7 +115,10 @@ def check(rig: Rig) -> CheckResult:
 
     Args:
         rig: a measurement folder.
+    Raises:
+        MeasurementError: rig.toml asks for what no fit can do.
     """
+    free_parameters(rig.config)  # refuses what `fit` refuses; traces that cannot be fitted are shown all the same
     traces = tuple(_trace(m) for m in rig.measurements)
     try:
         judged = verdict(rig)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, NamedTuple
@@ -17,6 +17,7 @@ from ..model.parameters import DOMAINS, NonNegative, Parameter, Positive, Real, 
 from ..model.throttle import catalogue
 from ..rig.base import Fixed, Prior, RigConfig, Start, Tied
 
+_FARTHEST = 1e9  # of a known value from the usual size, either way
 SERIES = "series_ohm."  # prefix of a rig test's own circuit resistance
 
 
@@ -188,8 +189,10 @@ def free_parameters(config: RigConfig, further: tuple[type[AbstractEffect], ...]
         config: rig.toml.
         further: effects besides those of Eqs. 1-2 and those that it names.
     Raises:
-        MeasurementError: an effect or a symbol that nobody knows, or a tie to nothing.
+        MeasurementError: an effect or a symbol that nobody knows, an effect named twice, a tie to nothing, a value that
+            no such parameter can have, or nothing left to fit.
     """
+    _each_once(config.effects)
     named = (_effect(name) for name in config.effects if EFFECT_BY_NAME.get(name) not in PAPER)
     types = (*PAPER, *named, *(COMMANDING if config.ecu is not None else ()), *further)
     parameters = dict(catalogue(types))
@@ -208,11 +211,25 @@ def free_parameters(config: RigConfig, further: tuple[type[AbstractEffect], ...]
     ties = {s: k.to for s, k in known.items() if isinstance(k, Tied)}
     for symbol, other in ties.items():
         _must_tie(symbol, other, ties, parameters)
+    for symbol, knowledge in known.items():
+        if not isinstance(knowledge, Tied):
+            _must_lie(parameters[symbol], knowledge.value)
     free = tuple(s for s in parameters if s not in fixed and s not in ties)
+    if not free:
+        raise MeasurementError("rig.toml: [parameters]", "nothing is left to fit: every parameter is fixed or tied.",
+                               "At least one must be free.",
+                               "Take out the line of one, or write it as { value = 1.0, sd = 0.1 }.")  # fmt: skip
     priors = {s: (k.value, k.sd) for s, k in known.items() if isinstance(k, Prior)}
     start = {s: k.value for s, k in known.items() if isinstance(k, (Prior, Start, Fixed))}
     layout = Layout(types, tuple(parameters.values()), free, tuple(fixed), tuple(ties.items()))
     return FreeParameters(layout, np.array(list(fixed.values()), dtype=float), priors, start)
+
+
+def _each_once(names: Sequence[str]) -> None:
+    for name in names:
+        if names.count(name) > 1:
+            found = f"names {name!r} {names.count(name)} times."
+            raise MeasurementError("rig.toml: [model] effects", found, "An effect acts once.", "Delete the others.")
 
 
 def _effect(name: str) -> type[AbstractEffect]:
@@ -227,6 +244,16 @@ def _must_exist(symbol: str, parameters: Mapping[str, Parameter]) -> None:
         known = ", ".join(parameters)
         where = "rig.toml: [parameters]"
         raise MeasurementError(where, f"names {symbol!r}.", f"This model has: {known}.", "Correct the symbol.")
+
+
+def _must_lie(parameter: Parameter, value: float) -> None:
+    """Of the sign that it has, and of no size that only a slip of units explains."""
+    domain, most = parameter.domain, _FARTHEST * parameter.domain.scale
+    least = most / _FARTHEST**2 if isinstance(domain, Positive) else 0.0 if isinstance(domain, NonNegative) else -most
+    if not least <= value <= most:
+        found = f"{parameter.symbol} is {value:g} {parameter.unit}."
+        required = f"It must lie between {least:.3g} and {most:.3g}; a usual size is {domain.scale:g}."
+        raise MeasurementError("rig.toml: [parameters]", found, required, "Correct the number; it is in SI.")
 
 
 def _must_tie(symbol: str, other: str, ties: Mapping[str, str], parameters: Mapping[str, Parameter]) -> None:

@@ -3,13 +3,19 @@
 from __future__ import annotations
 
 import abc
+import importlib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 
 from ..model.ecu import Ecu, Notation
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+FRAMES = "<frames>"  # the folder of a rig that lies in none; no folder can be called so by accident
 
 # quantity -> the SI unit it is kept in; the units of `torque` are those at the plate
 CHANNELS: dict[str, str] = {
@@ -141,13 +147,34 @@ class RigConfig:
 
 @dataclass(frozen=True, eq=False)
 class Rig:
-    """A measurement folder: its rig.toml, its traces in order of file name, and what is odd about them."""
+    """A measurement folder: its rig.toml, its traces in order of file name, and what is odd about them.
+
+    Args:
+        folder: as the user gave it; `FRAMES` where the traces came as data frames.
+        toml: text of the rig.toml; "" where there is none.
+        digests: SHA-256, by file, of what never was a file.
+    """
 
     folder: str
     config: RigConfig
     measurements: tuple[Measurement, ...]
     warnings: tuple[str, ...] = ()
     toml: str = ""
+    digests: Mapping[str, str] = field(default_factory=dict)
+
+    @classmethod
+    def from_frames(cls, frames: Mapping[str, pd.DataFrame], config: Mapping[str, Any] | RigConfig) -> Rig:
+        """The rig that these data frames hold, checked as a folder of CSV is; for notebooks.
+
+        Args:
+            frames: `<test>/<name>` -> columns `quantity [unit]` as in a CSV; NaN is a gap.
+            config: the tables of a rig.toml as a dictionary, or what `read_folder` made of one.
+
+        Raises:
+            MeasurementError: anything in them is wrong; rows are counted from 0, as `iloc` does.
+        """
+        # by name, as the package's own facade does: the module builds rigs and so imports this one
+        return importlib.import_module("etcfit.rig.frames").rig_from_frames(frames, config)
 
 
 @dataclass(frozen=True)

@@ -53,6 +53,7 @@ class Log:
         test: the rig test.
         lines: where each row stands in the file, shape (n,).
         columns: by quantity, `time` among them.
+        row_mark: as in `Table`.
     """
 
     where: str
@@ -60,6 +61,11 @@ class Log:
     test: str
     lines: np.ndarray
     columns: Mapping[str, Column]
+    row_mark: str = ":"
+
+    def at(self, row: int) -> str:
+        """Where a row stands, for a message."""
+        return f"{self.where}{self.row_mark}{self.lines[row]}"
 
     @property
     def time(self) -> np.ndarray:
@@ -87,7 +93,7 @@ def read_columns(table: Table, config: RigConfig, where: str, toml: str) -> dict
         ours = config.columns.get(" ".join(header.split()), header)
         if ours.casefold() in DROP:
             continue
-        place = _place(header, config.columns, f"{where}:{table.header_line}", toml)
+        place = _place(header, config.columns, table.head(where), toml)
         column = _column(header, ours, table.cells[:, k], config, place)
         if other := columns.get(column.quantity):
             raise MeasurementError(place, f"columns '{other.header}' and '{header}' are both {column.quantity}.",
@@ -95,7 +101,7 @@ def read_columns(table: Table, config: RigConfig, where: str, toml: str) -> dict
                                    f"Delete one, or set \"{header}\" = \"ignore\" under [columns].")  # fmt: skip
         columns[column.quantity] = column
     if "time" not in columns:
-        raise MeasurementError(f"{where}:{table.header_line}", f"no time column among '{', '.join(table.header)}'.",
+        raise MeasurementError(table.head(where), f"no time column among '{', '.join(table.header)}'.",
                                "Every trace needs one.",
                                "Add 'time [s]', or map its name under [columns].")  # fmt: skip
     return columns

@@ -11,13 +11,14 @@ from typing import Any
 from .base import CHANNELS, Fixed, Knowledge, Prior, RigConfig, Start, Tied, TpsCalibration
 from .ecu import read_ecu
 from .header import DROP, HeaderError, parse_header
+from .nameplate import GEAR_RATIO, LEAST_TRAVEL, SENSOR, SENSOR_TRAVEL, SERIES, STOP, SUPPLY, within
 from .toml import Toml, closest, parse, read_text, shown
 from .units import EXAMPLES, UnitError, to_channel
 
 TABLES = ("rig", "tps", "columns", "noise", "tests", "parameters", "model", "holdout", "ecu")
 RIG_KEYS = ("name", "synthetic", "gear_ratio", "supply_V", "travel_deg")
 TPS_KEYS = ("closed_V", "open_V", "travel_deg")
-LEAST_TPS_VOLTS, MOST_TPS_DEGREES = 0.01, 3600.0
+LEAST_TPS_VOLTS = 0.01
 POSSIBLE_NOISE = 1e-12, 1e4  # SI, any channel
 UNIT_SLUGS = {"rad_s": "rad/s", "deg_s": "deg/s", "N_m": "N*m", "mN_m": "mN*m", "N_cm": "N*cm", "": "1"}
 
@@ -33,7 +34,19 @@ def read_config(path: str | Path) -> RigConfig:
 
 def parse_config(text: str, path: str) -> RigConfig:
     """As `read_config`, from the text itself."""
-    toml = Toml(path, text, parse(text, path))
+    return config_of(Toml(path, text, parse(text, path)), Path(path).absolute().parent.name)
+
+
+def config_of(toml: Toml, name: str) -> RigConfig:
+    """As `read_config`, from the tables.
+
+    Args:
+        toml: the tables, and what messages call them.
+        name: of a rig that has none.
+
+    Raises:
+        MeasurementError: as `read_config`.
+    """
     toml.only(toml.tables, TABLES)
     rig = toml.table("rig", RIG_KEYS)
     travel, tps = _travel(toml, rig), _tps(toml)
@@ -43,11 +56,11 @@ def parse_config(text: str, path: str) -> RigConfig:
     if not isinstance(synthetic, bool):
         raise toml.wrong("rig.synthetic", f"found {shown(synthetic)}.", "It must be true or false.", "Correct it.")
     return RigConfig(
-        name=toml.string("rig.name", rig.get("name", Path(path).absolute().parent.name)),
+        name=toml.string("rig.name", rig.get("name", name)),
         synthetic=synthetic,
         gear_ratio=1.0 if gear_ratio is None else gear_ratio,
         gear_ratio_given=gear_ratio is not None,
-        supply_V=toml.positive("rig.supply_V", rig["supply_V"]) if "supply_V" in rig else None,
+        supply_V=within(toml, "rig.supply_V", rig["supply_V"], SUPPLY) if "supply_V" in rig else None,
         travel=travel,
         tps=tps,
         columns=_columns(toml),
@@ -65,7 +78,7 @@ def _gear_ratio(toml: Toml, rig: Mapping[str, Any]) -> float | None:
     """N, given as [rig] gear_ratio or as a parameter; None where it is not."""
     given = {}
     if "gear_ratio" in rig:
-        given["rig.gear_ratio"] = toml.positive("rig.gear_ratio", rig["gear_ratio"])
+        given["rig.gear_ratio"] = within(toml, "rig.gear_ratio", rig["gear_ratio"], GEAR_RATIO)
     if "N" in (parameters := toml.table("parameters")):
         value = parameters["N"]
         inner = value["fixed"] if isinstance(value, dict) and set(value) == {"fixed"} else value
@@ -73,7 +86,7 @@ def _gear_ratio(toml: Toml, rig: Mapping[str, Any]) -> float | None:
             raise toml.wrong("parameters.N", f"found {shown(value)}.",
                              "The gear ratio is counted in teeth, never fitted.",
                              "Write [rig] gear_ratio = 20.68.")  # fmt: skip
-        given["parameters.N"] = toml.positive("parameters.N", inner)
+        given["parameters.N"] = within(toml, "parameters.N", inner, GEAR_RATIO)
     if len(set(given.values())) > 1:
         raise toml.wrong("parameters.N", f"found {given['parameters.N']:g}, but [rig] gear_ratio is "
                          f"{given['rig.gear_ratio']:g}.", "They are the same quantity.", "Delete one.")  # fmt: skip
@@ -90,6 +103,12 @@ def _travel(toml: Toml, rig: Mapping[str, Any]) -> tuple[float, float]:
     if not closed < opened or math.inf in (closed, -opened):
         raise toml.wrong("rig.travel_deg", f"found {shown(value)}.", "The closed stop must lie below the open stop.",
                          "Swap them, or correct them.")  # fmt: skip
+    for stop in (closed, opened):
+        if math.isfinite(stop):
+            within(toml, "rig.travel_deg", stop, STOP)
+    if opened - closed < LEAST_TRAVEL:
+        raise toml.wrong("rig.travel_deg", f"found {shown(value)}.",
+                         f"The stops must lie {LEAST_TRAVEL:g} degrees apart, or more.", STOP.mend)  # fmt: skip
     return math.radians(closed), math.radians(opened)
 
 
@@ -100,15 +119,12 @@ def _tps(toml: Toml) -> TpsCalibration | None:
     for key in TPS_KEYS:
         if key not in table:
             raise toml.wrong(f"tps.{key}", "missing.", f"[tps] needs {', '.join(TPS_KEYS)}.", f"Add {key} = ...")
-    closed, opened = (toml.finite(f"tps.{key}", table[key]) for key in TPS_KEYS[:2])
+    # a sensor that falls while the plate opens is the second track of many throttles; closed_V > open_V says so
+    closed, opened = (within(toml, f"tps.{key}", table[key], SENSOR) for key in TPS_KEYS[:2])
     if abs(opened - closed) < LEAST_TPS_VOLTS:
         raise toml.wrong("tps.open_V", f"found {shown(opened)}, the same as closed_V.", "The two ends must differ.",
                          "Measure the sensor at both stops.")  # fmt: skip
-    travel = toml.positive("tps.travel_deg", table["travel_deg"])
-    if travel > MOST_TPS_DEGREES:
-        raise toml.wrong(
-            "tps.travel_deg", f"found {travel:g}.", f"At most {MOST_TPS_DEGREES:g} degrees.", "Correct it."
-        )
+    travel = within(toml, "tps.travel_deg", table["travel_deg"], SENSOR_TRAVEL)
     return TpsCalibration(closed, opened, math.radians(travel))
 
 
@@ -179,7 +195,7 @@ def _ohm(toml: Toml, key: str, value: Any) -> float | None:
         raise toml.wrong(
             key, f"found {shown(value)}.", 'It must be "free" or a number of ohms, 0 or more.', "Correct it."
         )
-    return number
+    return within(toml, key, number, SERIES)
 
 
 def _parameters(toml: Toml) -> dict[str, Knowledge]:

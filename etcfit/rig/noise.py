@@ -27,6 +27,7 @@ FINE = 0.02  # of the rig's range of the channel; what so few levels show is a r
 MANY_LEVELS = 40  # and enough of them to see it through decimals that round the converter's own steps
 REVISITED = 0.4  # levels per sample at most; a smooth noise-free ramp is evenly spaced too, but meets each level once
 STEPS = 16  # rises or falls by one level that a quantised ramp shows and a staircase of commands does not
+BLOCK = 1 << 13  # samples at a time: what stays in the processor's cache is done in a third of the time
 FLOOR = 1e-6  # of the range: noise-free (simulated) data must still have a noise
 
 
@@ -107,6 +108,12 @@ def _median(values: list[float]) -> float:
 
 
 def _divided_difference(time: np.ndarray, value: np.ndarray, order: int) -> np.ndarray:
+    starts = range(0, len(time) - order, BLOCK)
+    blocks = (slice(start, start + BLOCK + order) for start in starts)
+    return np.concatenate([_divided_block(time[block], value[block], order) for block in blocks])
+
+
+def _divided_block(time: np.ndarray, value: np.ndarray, order: int) -> np.ndarray:
     n = len(time) - order
     t = np.stack([time[j : j + n] for j in range(order + 1)])
     y = np.stack([value[j : j + n] for j in range(order + 1)])

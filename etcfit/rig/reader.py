@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path, PurePosixPath
 
@@ -13,9 +13,10 @@ from . import TESTS
 from .base import Channel, Measurement, Rig, RigConfig
 from .columns import Log, read_columns
 from .config import parse_config
+from .names import refuse_foreign_names
 from .noise import Texture, pooled, texture
 from .sanity import check_log, check_peaks
-from .table import decode, parse
+from .table import Table, decode, parse
 from .toml import closest, read_text
 
 # rig test -> groups of channels; a trace must hold one of each group
@@ -32,19 +33,54 @@ def read_folder(folder: str | Path) -> Rig:
         MeasurementError: anything in it is wrong.
     """
     base = str(folder).rstrip("/\\") or str(folder)
+    refuse_foreign_names(base)
+    refuse_foreign_names(Path(folder).absolute().name)  # what a rig without a name is called
     if not Path(folder).is_dir():
         raise MeasurementError(base, "no such folder.", "A measurement folder with a rig.toml is required.",
                                "Check the path.")  # fmt: skip
-    toml = read_text(f"{base}/rig.toml")
-    config = parse_config(toml, f"{base}/rig.toml")
-    _check_tests(config, f"{base}/rig.toml")
+    toml = f"{base}/rig.toml"
+    text = read_text(toml)
+    config = parse_config(text, toml)
     files, odd = _csv_files(Path(folder), base)
-    config = _with_holdout(config, files, f"{base}/rig.toml")
-    logs, gaps = zip(*(_read_log(base, file, config) for file in files), strict=True)
+    config = checked(config, files, toml)
+    return assembled(base, config, [_read_log(base, file, config) for file in files], odd, toml, text)
+
+
+def checked(config: RigConfig, files: Iterable[str], toml: str) -> RigConfig:
+    """The config, once it names only tests and traces that are there.
+
+    Args:
+        config: as read.
+        files: every trace, as `Measurement.file` will have it.
+        toml: what messages call the config.
+
+    Raises:
+        MeasurementError: a test nobody knows, or a held-out trace that is not there.
+    """
+    _check_tests(config, toml)
+    return _with_holdout(config, files, toml)
+
+
+def assembled(
+    folder: str, config: RigConfig, read: Sequence[tuple[Log, list[str]]], odd: Iterable[str], toml: str, text: str = ""
+) -> Rig:
+    """The rig that these logs make.
+
+    Args:
+        folder, config: of the rig.
+        read: each log, and warnings about it.
+        odd: further warnings.
+        toml: what messages call the config.
+        text: of the rig.toml.
+
+    Raises:
+        MeasurementError: all logs of a test together cannot be.
+    """
+    logs = tuple(log for log, _ in read)
     for test in KNOWN_TESTS:
         check_peaks(test, [log for log in logs if log.test == test])
-    warnings = [*odd, *(w for ws in gaps for w in ws), *_unused_columns(config, logs, f"{base}/rig.toml")]
-    return Rig(base, config, _measurements(logs, config), tuple(warnings), toml)
+    warnings = [*odd, *(w for _, ws in read for w in ws), *_unused_columns(config, logs, toml)]
+    return Rig(folder, config, _measurements(logs, config), tuple(warnings), text)
 
 
 def _check_tests(config: RigConfig, toml: str) -> None:
@@ -60,6 +96,7 @@ def _csv_files(folder: Path, base: str) -> tuple[list[str], list[str]]:
     odd: list[str] = []
     for place in sorted(p for p in folder.iterdir() if p.is_dir() and not p.name.startswith(".")):
         inside = sorted(p.name for p in place.iterdir() if _is_csv(p))
+        refuse_foreign_names(base, place.name, *(f"{place.name}/{name}" for name in inside))
         if place.name in KNOWN_TESTS:
             files += [f"{place.name}/{name}" for name in inside]
             odd += [] if inside else [f"{base}/{place.name}: no CSV in it. Nothing was read; add traces or delete it."]
@@ -67,6 +104,7 @@ def _csv_files(folder: Path, base: str) -> tuple[list[str], list[str]]:
             odd.append(f"{base}/{place.name}: no known rig test, its {len(inside)} CSV are not read. "
                        f"{closest(place.name, KNOWN_TESTS, 'Known: ' + ', '.join(KNOWN_TESTS) + '.')}")  # fmt: skip
     loose = sorted(p.name for p in folder.iterdir() if _is_csv(p))
+    refuse_foreign_names(base, *loose)
     odd += [f"{base}/{name}: not in a folder of a rig test, not read." for name in loose]
     if not files:
         raise MeasurementError(base, "no CSV of a known rig test in it.", f"Known: {', '.join(KNOWN_TESTS)}.",
@@ -97,11 +135,25 @@ def _read_log(base: str, file: str, config: RigConfig) -> tuple[Log, list[str]]:
     except OSError as err:
         raise MeasurementError(where, f"cannot be read ({err.strerror}).", "It must be a readable file.",
                                "Check its permissions.") from err  # fmt: skip
-    table = parse(decode(raw, where), where)
+    return log_of(parse(decode(raw, where), where), where, file, config, toml)
+
+
+def log_of(table: Table, where: str, file: str, config: RigConfig, toml: str) -> tuple[Log, list[str]]:
+    """A table as the log of a rig test, checked; and warnings about columns without any number.
+
+    Args:
+        table: as written.
+        where, toml: what messages call the table and the config.
+        file: `<test>/<name>`.
+        config: of the rig.
+
+    Raises:
+        MeasurementError: a column, a row or the trace as a whole cannot be.
+    """
     columns = read_columns(table, config, where, toml)
     empty = [name for name, column in columns.items() if np.isnan(column.logged).all() and name != "time"]
     log = Log(where, file, PurePosixPath(file).parts[0], table.lines,
-              {name: column for name, column in columns.items() if name not in empty})  # fmt: skip
+              {name: column for name, column in columns.items() if name not in empty}, table.row_mark)  # fmt: skip
     _check_rows(log)
     _check_required(log, config)
     check_log(log, config)
@@ -116,14 +168,14 @@ def _check_rows(log: Log) -> None:
                                "Log it again, or delete the file.")  # fmt: skip
     missing = np.isnan(column.logged)
     if missing.any():
-        raise MeasurementError(f"{log.where}:{log.lines[np.argmax(missing)]}", "time is empty.",
+        raise MeasurementError(log.at(int(np.argmax(missing))), "time is empty.",
                                "Every row needs its time.", "Fill it in, or delete the row.")  # fmt: skip
     falls = np.diff(column.value) <= 0
     if falls.any():
         k = int(np.argmax(falls))
         before, after = (f"{t:.12g}" for t in column.logged[k : k + 2])
         found = f"time stays at {before}" if before == after else f"time falls from {before} to {after}"
-        raise MeasurementError(f"{log.where}:{log.lines[k + 1]}", f"{found} {column.unit}.",
+        raise MeasurementError(log.at(k + 1), f"{found} {column.unit}.",
                                "Time must rise strictly;", "sort the log or split it.")  # fmt: skip
 
 

@@ -121,7 +121,7 @@ def _check_time(log: Log, test: Plausible) -> None:
                                f"A {log.test} trace must last {test.shortest:g} s to a day.",
                                _cure(unit, table))  # fmt: skip
     if steps.min() < FINEST * (1 - 1e-6):
-        raise MeasurementError(f"{log.where}:{log.lines[1 + np.argmin(steps)]}",
+        raise MeasurementError(log.at(1 + int(np.argmin(steps))),
                                f"this sample is {steps.min():.3g} s after the one before.",
                                f"At least {FINEST:g} s is required.", _cure(unit, TOO_SMALL))  # fmt: skip
     if np.median(steps) > test.coarsest:
@@ -144,7 +144,7 @@ def _check_range(log: Log, column: Column, config: RigConfig) -> None:
         required += ", the travel and a little more"
         mend = ("Correct [tps] or [rig] travel_deg in rig.toml, or empty the cell if the sensor failed."
                 if column.unit.endswith("V") else f"{mend} Or correct [rig] travel_deg.")  # fmt: skip
-    raise MeasurementError(f"{log.where}:{log.lines[k]}", found, f"{required}.", mend)
+    raise MeasurementError(log.at(k), found, f"{required}.", mend)
 
 
 def _limits(quantity: str, config: RigConfig) -> tuple[float, float]:

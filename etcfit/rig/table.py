@@ -10,20 +10,22 @@ import codecs
 import csv
 import re
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import chain
+from typing import NamedTuple
 
 import numpy as np
 
 from ..errors import MeasurementError
+from .fast_table import GROUPED, LINES_TO_LOOK_AT, WORTH, fast_cells
 
 SEPARATORS = (",", ";", "\t")
 HUGE = 1e100  # no reading is larger, and no unit turns a smaller one into infinity
 NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?", re.ASCII)
 PLAIN = frozenset("0123456789+-.eE,; \t")  # nothing that float() would take and a reader would not
-LINES_TO_LOOK_AT = 20
+LINES_OF_A_TOP = 200  # comments and header; a file with more above its rows is read the careful way
+CONTROL = bytes((*range(0x09), *range(0x0E, 0x20), 0x7F))  # all but tab and line ends
 EXCEL_ERROR = re.compile(r"#(N/A|NV|[A-ZÜ0-9/]+[!?])\s*([,;\t]|$)")  # a failed formula in the first cell is no comment
-_GROUPED = {mark: re.compile(rf"[+-]?[1-9]\d{{0,2}}{re.escape(mark)}\d{{3}}", re.ASCII) for mark in ".,"}
 _BOMS = (  # UTF-32 before UTF-16: its little-endian mark begins with UTF-16's
     (codecs.BOM_UTF8, "utf-8-sig"),
     (codecs.BOM_UTF32_LE, "utf-32"),
@@ -39,15 +41,25 @@ class Table:
 
     Args:
         header: shape (m,).
-        header_line: where the header stands in the file, counted from 1.
+        header_line: where the header stands in the file, counted from 1; 0 where there is no file.
         lines: where each row stands in the file, shape (n,).
         cells: shape (n, m); NaN where the cell is empty, finite elsewhere.
+        row_mark: what a message puts between the table's name and the number of a row.
     """
 
     header: tuple[str, ...]
     header_line: int
     lines: np.ndarray
     cells: np.ndarray
+    row_mark: str = ":"
+
+    def head(self, where: str) -> str:
+        """Where the header stands, for a message."""
+        return f"{where}:{self.header_line}" if self.header_line else where
+
+    def at(self, where: str, row: int) -> str:
+        """Where a row stands, for a message."""
+        return f"{where}{self.row_mark}{self.lines[row]}"
 
 
 def decode(raw: bytes, where: str) -> str:
@@ -61,7 +73,7 @@ def decode(raw: bytes, where: str) -> str:
     except UnicodeDecodeError as err:
         raise _not_text(where, f"the bytes at offset {err.start} are no {err.encoding} text.") from err
     text = text.replace("\r\n", "\n").replace("\r", "\n")
-    if control := re.search(r"[\x00-\x08\x0e-\x1f\x7f]", text):
+    if control := _control(text):
         line = text.count("\n", 0, control.start()) + 1
         raise _not_text(f"{where}:{line}", f"control character {control[0]!r} found.")
     return text
@@ -70,23 +82,76 @@ def decode(raw: bytes, where: str) -> str:
 def parse(text: str, where: str) -> Table:
     """The table in this text.
 
+    A long one is read by pandas where it is plain, else with care; the table is the same, and so are the messages.
+
     Raises:
         MeasurementError: empty, header only, rows of unequal length, or anything but numbers below the header.
     """
+    table = parse_plain(text, where) if len(text) >= WORTH else None
+    return parse_with_care(text, where) if table is None else table
+
+
+def parse_plain(text: str, where: str) -> Table | None:
+    """The table in this text where a fast reader is sure of it; else None, and no message.
+
+    Raises:
+        MeasurementError: numbers in a column without a name.
+    """
+    try:
+        top, body = _top("\n".join(text.split("\n", LINES_OF_A_TOP)[:LINES_OF_A_TOP]), where)
+    except MeasurementError:
+        return None
+    if len(body) < LINES_TO_LOOK_AT:
+        return None
+    cells = fast_cells(text.split("\n", top.line)[top.line], top.separator, len(top.header), HUGE)
+    if cells is None:
+        return None
+    lines = np.arange(top.line + 1, top.line + 1 + len(cells))
+    return without_blanks(Table(tuple(top.header), top.line, lines, cells), where)
+
+
+def parse_with_care(text: str, where: str) -> Table:
+    """The table in this text, line by line: takes all that is unambiguous, and says what is wrong with the rest.
+
+    Raises:
+        MeasurementError: as `parse`.
+    """
+    top, body = _top(text, where)
+    rows = _rows(body, top.separator, len(top.header), where)
+    lines = np.array([line for line, _ in body])
+    cells = _numbers(rows, lines, top.header, top.separator, where)
+    return without_blanks(Table(tuple(top.header), top.line, lines, cells), where)
+
+
+class Top(NamedTuple):
+    """The header, the line it stands in, and what separates the cells."""
+
+    line: int
+    header: list[str]
+    separator: str
+
+
+def _top(text: str, where: str) -> tuple[Top, list[tuple[int, str]]]:
+    """What the rows below it need to be read, and those rows, numbered."""
     numbered = _content(text, where)
     separator, numbered = _announced_separator(numbered)
-    (header_line, header_text), body = numbered[0], numbered[1:]
-    at = f"{where}:{header_line}"
+    (line, header_text), body = numbered[0], numbered[1:]
+    at = f"{where}:{line}"
     if not body:
         raise MeasurementError(at, "header only, no row of numbers.", "A trace needs two rows.",
                                "Log it again, or delete the file.")  # fmt: skip
     separator = separator or _separator(header_text, [row for _, row in body[:LINES_TO_LOOK_AT]], at)
     header = [cell.strip() for cell in _split(header_text, separator, at)]
     _refuse_numbers_as_header(header, at)
-    rows = _rows(body, separator, len(header), where)
-    lines = np.array([line for line, _ in body])
-    cells = _numbers(rows, lines, header, separator, where)
-    return _without_blanks(Table(tuple(header), header_line, lines, cells), where)
+    return Top(line, header, separator), body
+
+
+def _control(text: str) -> re.Match[str] | None:
+    """The first control character that no text has; a long text without any is not searched letter by letter."""
+    raw = text.encode("utf-8") if text.isascii() else b""
+    if raw and len(raw.translate(None, CONTROL)) == len(raw):
+        return None
+    return re.search(rf"[{CONTROL.decode('ascii')}]", text)
 
 
 def _encoding(raw: bytes) -> str:
@@ -98,7 +163,7 @@ def _encoding(raw: bytes) -> str:
     if max(even, odd) > 0.45 * len(head) and min(even, odd) == 0:
         return "utf-16-le" if odd > even else "utf-16-be"
     try:
-        raw.decode("utf-8")
+        _ = raw.isascii() or raw.decode("utf-8")
     except UnicodeDecodeError:
         return "cp1252"  # what Excel writes in western Europe; digits are the same in it
     return "utf-8"
@@ -203,15 +268,26 @@ def _finite(values: np.ndarray, cells: list[str]) -> np.ndarray:
 
 
 def _number(cell: str, k: int, lines: np.ndarray, header: list[str], where: str) -> float:
+    number = number_in(cell)
+    if number is None:
+        row, column = divmod(k, len(header))
+        raise no_number(cell, header[column], f"{where}:{lines[row]}")
+    return number
+
+
+def number_in(cell: str) -> float | None:
+    """The number that a cell holds, NaN where it is empty; None where it holds anything else."""
     text = cell.strip()
     if not text:
         return np.nan
-    if NUMBER.fullmatch(text) and abs(float(text)) <= HUGE:
-        return float(text)
-    row, column = divmod(k, len(header))
-    raise MeasurementError(f"{where}:{lines[row]}", f"'{text[:40]}' in column '{header[column]}'.",
-                           "Below the header every cell must be a finite number or empty.",
-                           "Correct the cell, or leave it empty for a gap.")  # fmt: skip
+    return float(text) if NUMBER.fullmatch(text) and abs(float(text)) <= HUGE else None
+
+
+def no_number(cell: str, column: str, place: str) -> MeasurementError:
+    """The message on a cell that is neither number nor empty."""
+    return MeasurementError(place, f"'{cell.strip()[:40]}' in column '{column}'.",
+                            "Below the header every cell must be a finite number or empty.",
+                            "Correct the cell, or leave it empty for a gap.")  # fmt: skip
 
 
 def _decimal_mark(cells: list[str], separator: str, lines: np.ndarray, width: int, where: str) -> str:
@@ -228,22 +304,25 @@ def _decimal_mark(cells: list[str], separator: str, lines: np.ndarray, width: in
                                "Export it again without thousands separators.")  # fmt: skip
     mark = "." if comma is None else ","
     marked = [c.strip() for c in cells if mark in c]
-    if all(_GROUPED[mark].fullmatch(c) for c in marked):
+    if all(GROUPED[mark].fullmatch(c) for c in marked):
         raise MeasurementError(at, f"'{cells[k].strip()[:40]}': the '{mark}' may be a decimal mark or part thousands.",
                                "The decimal mark must be unambiguous.",
                                "Separate cells by ',' and write decimals with a point.")  # fmt: skip
     return mark
 
 
-def _without_blanks(table: Table, where: str) -> Table:
+def without_blanks(table: Table, where: str) -> Table:
     """Drop what spreadsheets add: rows without any number, and columns with neither name nor number."""
     filled = np.isfinite(table.cells)
     for k, name in enumerate(table.header):
         if not name and filled[:, k].any():
-            line = table.lines[np.argmax(filled[:, k])]
-            raise MeasurementError(f"{where}:{line}", f"column {k + 1} holds numbers but has no name.",
+            line = f" in line {table.header_line}" if table.header_line else ""
+            at = table.at(where, int(np.argmax(filled[:, k])))
+            raise MeasurementError(at, f"column {k + 1} holds numbers but has no name.",
                                    "Every column needs a header 'quantity [unit]'.",
-                                   f"Name it in line {table.header_line}, or delete the column.")  # fmt: skip
+                                   f"Name it{line}, or delete the column.")  # fmt: skip
     rows, columns = filled.any(axis=1), np.array([bool(name) for name in table.header])
+    if rows.all() and columns.all():
+        return table  # a long one is not copied
     header = tuple(name for name in table.header if name)
-    return Table(header, table.header_line, table.lines[rows], table.cells[rows][:, columns])
+    return replace(table, header=header, lines=table.lines[rows], cells=table.cells[rows][:, columns])

@@ -76,12 +76,12 @@ class Toml:
         return value
 
     def strings(self, table: str, key: str) -> tuple[str, ...]:
-        """A list of texts, each once; empty where absent."""
+        """A list of texts; empty where absent."""
         values = self.table(table, (key,)).get(key, [])
         if not isinstance(values, list) or not all(isinstance(v, str) for v in values):
             raise self.wrong(f"{table}.{key}", f"found {shown(values)}.", "It must be a list of texts.",
                              f'Write {key} = ["...", "..."].')  # fmt: skip
-        return tuple(dict.fromkeys(values))
+        return tuple(values)
 
 
 def read_text(path: str | Path) -> str:

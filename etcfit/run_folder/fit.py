@@ -123,9 +123,9 @@ def _noise(rig: Rig) -> list[dict[str, Any]]:
 
 
 def hashes(rig: Rig) -> dict[str, str | None]:
-    """SHA-256 of every file that was read; null for one that is no longer there."""
+    """SHA-256 of every file (or data frame) that was read; null for one that is no longer there."""
     files = ["rig.toml", *(trace.file for trace in rig.measurements)]
-    return {file: _sha256(Path(rig.folder) / file) for file in files}
+    return {file: rig.digests.get(file) or _sha256(Path(rig.folder) / file) for file in files}
 
 
 def _sha256(path: Path) -> str | None:

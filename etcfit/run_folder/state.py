@@ -15,7 +15,7 @@ from ..estimation.joint_fit import FitResult
 from ..files import whole
 from ..model.effects import COMMANDING, EFFECT_BY_NAME, PAPER
 from ..problem.free_parameters import free_parameters
-from ..rig.base import Rig, RigConfig
+from ..rig.base import FRAMES, Rig, RigConfig
 from ..rig.reader import read_folder
 from .fit import effects_of
 
@@ -171,7 +171,10 @@ def _folder_of(state: State) -> Rig:
 
 
 def missing(state: State) -> UsageError:
-    """The measurements of a run were taken away."""
+    """The measurements of a run were taken away, or never lay in a folder."""
+    if state.folder.name == FRAMES:
+        return UsageError(f"{state.run} was fitted to data frames, which no folder holds. Go on in Python, or write "
+                          f"them as CSV and run `etcfit fit FOLDER --out {state.run}`.")  # fmt: skip
     return UsageError(f"{state.folder}, which {state.run} was fitted to, is no longer there. Put it back, or run "
                       f"`etcfit fit FOLDER --out {state.run}` again.")  # fmt: skip
 

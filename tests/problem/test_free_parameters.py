@@ -103,6 +103,12 @@ def test_reach_is_a_change_of_a_hundred_percent() -> None:
         ({"K_m": Tied("K_x")}, "ties K_m to 'K_x'"),
         ({"K_s": Tied("K_m")}, "ties K_s to 'K_m'"),
         ({"K_m": Tied("K_m")}, "ties K_m to 'K_m'"),
+        ({"R_a": Fixed(-1.5)}, "R_a is -1.5 ohm"),
+        ({"R_a": Fixed(0.0)}, "R_a is 0 ohm"),
+        ({"K_s": Prior(-0.1, 0.1)}, "K_s is -0.1 "),
+        ({"J_L": Start(1e90)}, r"J_L is 1e\+90 kg"),
+        ({s: Fixed(1e-3) for s in PAPER_SYMBOLS}, "nothing is left to fit"),
+        ({s: Fixed(1e-3) if s == "R_a" else Tied("R_a") for s in PAPER_SYMBOLS}, "nothing is left to fit"),
     ],
 )
 def test_what_cannot_be_is_an_error_with_its_cure(parameters: Mapping[str, Knowledge], message: str) -> None:
@@ -115,6 +121,16 @@ def test_what_cannot_be_is_an_error_with_its_cure(parameters: Mapping[str, Knowl
 def test_an_unknown_effect_is_an_error_that_names_the_known_ones() -> None:
     with pytest.raises(MeasurementError, match="gravity_load"):
         known(effects=("gravity_lode",))
+
+
+def test_an_effect_named_twice_is_an_error_and_not_an_effect_of_twice_the_size() -> None:
+    for name in ("gravity_load", "return_spring"):
+        with pytest.raises(MeasurementError, match=f"names '{name}' 2 times. An effect acts once."):
+            known(effects=(name, "limp_home_spring", name))
+
+
+def test_one_free_parameter_is_enough_to_fit() -> None:
+    assert known({s: Fixed(1e-3) for s in PAPER_SYMBOLS if s != "T_f"}).layout.free == ("T_f",)
 
 
 def test_the_gear_ratio_is_no_parameter_of_the_fit() -> None:

@@ -13,6 +13,7 @@ from etcfit.model.ecu import ERRORS, FORMS, OUTPUTS, Ecu, Notation
 from etcfit.rig.base import Fixed, Prior, RigConfig, Start, Tied, TpsCalibration
 from etcfit.rig.config import read_config
 from etcfit.rig.ecu import GAINS
+from etcfit.rig.units import to_channel
 
 FULL = """[rig]
 name = "Bosch 0280750148, bench"
@@ -103,6 +104,23 @@ def test_defaults(tmp_path: Path) -> None:
 
 def test_endless_travel(tmp_path: Path) -> None:
     assert read(tmp_path, "[rig]\ntravel_deg = [-inf, inf]").travel == (-np.inf, np.inf)
+
+
+def test_the_second_track_of_a_sensor_falls_while_the_plate_opens(tmp_path: Path) -> None:
+    """closed_V above open_V is no mistake: 4.55 V closed and 0.35 V open, so 4.55 V is angle 0 and 2.45 V half way."""
+    config = read(tmp_path, "[tps]\nclosed_V = 4.55\nopen_V = 0.35\ntravel_deg = 90")
+    assert config.tps is not None
+    _, volts = to_channel("tps", "V", config.travel, config.tps)
+    angles = [volts.scale * v + volts.offset for v in (4.55, 2.45, 0.35)]
+    assert angles == pytest.approx([0.0, np.pi / 4, np.pi / 2], abs=1e-12)
+
+
+def test_unusual_nameplates_are_taken(tmp_path: Path) -> None:
+    """A direct drive, a robot's gearbox, 48 V, a plate of many turns."""
+    for ratio, supply, travel in ((0.05, 1.5, [-900.0, 900.0]), (5000.0, 48.0, [-0.5, 0.5])):
+        config = read(tmp_path, f"[rig]\ngear_ratio = {ratio}\nsupply_V = {supply}\ntravel_deg = {travel}")
+        assert (config.gear_ratio, config.supply_V) == (ratio, supply)
+        assert config.travel == pytest.approx(np.radians(travel))
 
 
 @pytest.mark.parametrize("line", ["N = 20.68", "N = { fixed = 20.68 }"])
@@ -200,6 +218,18 @@ WRONG = {
     "negative": ("[rig]\ngear_ratio = -1", r"above 0"),
     "number for text": ("[rig]\nname = 3", r"rig\.toml:2: .*text"),
     "text for bool": ("[rig]\nsynthetic = 'yes'", r"rig\.toml:2: .*true or false"),
+    "gear ratio too large": ("[rig]\ngear_ratio = 1e90", r"rig\.toml:2: .*found 1e\+90\. .*0\.01 and 10000\. Count"),
+    "gear ratio too small": ("[rig]\ngear_ratio = 1e-3", r"found 0\.001\. .*between 0\.01 and 10000"),
+    "gear ratio endless": ("[rig]\ngear_ratio = inf", r"rig\.gear_ratio: found inf\. It must be finite"),
+    "gear ratio none": ("[rig]\ngear_ratio = nan", r"rig\.gear_ratio: found nan.*number"),
+    "N too large": ("[parameters]\nN = 1e5", r"rig\.toml:2: parameters\.N: found 100000\.0\. .*10000"),
+    "supply in mV": ("[rig]\nsupply_V = 12000", r"rig\.toml:2: .*found 12000\. .*between 1 and 100 V\. .*volts"),
+    "travel too large": ("[rig]\ntravel_deg = [0, 1e5]", r"rig\.toml:2: .*found 100000\.0\. .*3600 degrees"),
+    "travel in nothing": ("[rig]\ntravel_deg = [0, 1e-6]", r"found \[0, 1e-06\]\. .*0\.1 degrees apart"),
+    "tps backwards": ("[tps]\nclosed_V = 1\nopen_V = 4\ntravel_deg = -90", r"rig\.toml:4: .*found -90\. .*above 0"),
+    "tps travel": ("[tps]\nclosed_V = 1\nopen_V = 4\ntravel_deg = 1e9", r"rig\.toml:4: .*between 0\.1 and 3600"),
+    "tps in mV": ("[tps]\nclosed_V = 450\nopen_V = 4.7\ntravel_deg = 90", r"rig\.toml:2: .*found 450\. .*-100 and 100"),
+    "series of megohms": ("[tests.sine]\nseries_ohm = 1e6", r"rig\.toml:2: .*between 0 and 10000 ohm"),
     "travel of one": ("[rig]\ntravel_deg = [90]", r"two numbers"),
     "travel swapped": ("[rig]\ntravel_deg = [90, 0]", r"below the open stop"),
     "tps incomplete": ("[tps]\nclosed_V = 0.45\ntravel_deg = 90", r"rig\.toml:1: tps\.open_V: missing"),

@@ -7,6 +7,7 @@ import math
 import numpy as np
 import pytest
 
+from etcfit.rig import noise as module
 from etcfit.rig.noise import FLOOR, noise, pooled, quantum, texture
 
 N = 4000
@@ -88,3 +89,11 @@ def test_traces_are_pooled_robustly() -> None:
     scope = [texture(TIME, rng.normal(0, 10 * SIGMA, N)) for _ in range(2)]
     assert pooled(scope, [*same, *scope])[0] == pytest.approx(10 * SIGMA, rel=0.05)
     assert pooled(same, [*same, *scope])[0] == pytest.approx(SIGMA, rel=0.05)
+
+
+def test_a_long_trace_in_blocks_is_the_trace_as_a_whole(monkeypatch: pytest.MonkeyPatch) -> None:
+    value = np.random.default_rng(5).normal(0, SIGMA, N)
+    whole = noise(TIME, value)
+    for block in (7, N - 2, N):
+        monkeypatch.setattr(module, "BLOCK", block)
+        assert noise(TIME, value) == whole

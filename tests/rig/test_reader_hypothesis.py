@@ -16,6 +16,7 @@ from hypothesis import strategies as st
 from etcfit.errors import MeasurementError
 from etcfit.rig.base import Channel, Rig
 from etcfit.rig.reader import read_folder
+from etcfit.rig.table import Table, decode, parse_plain, parse_with_care
 from folders import TOML, Sheet, back_emf, good, response, write
 
 SHEETS = {"response/1.csv": response(30), "back_emf/1.csv": back_emf(30)}
@@ -251,11 +252,62 @@ def garbled(name: str, edits: list[tuple[str, float, bytes]]) -> None:
         assert_sound(found)
 
 
+def careful(text: str) -> Table | None:
+    """None where the careful reader refuses the text."""
+    try:
+        return parse_with_care(text, "a.csv")
+    except MeasurementError:
+        return None
+
+
+def assert_both_read_the_same(text: str) -> Table | None:
+    """What the fast reader made of it, if anything."""
+    note(text)
+    try:
+        fast = parse_plain(text, "a.csv")
+    except MeasurementError:
+        assert careful(text) is None
+        return None
+    if fast is not None:
+        slow = careful(text)
+        assert slow is not None, "the fast reader took what the careful one refuses"
+        assert (fast.header, fast.header_line) == (slow.header, slow.header_line)
+        np.testing.assert_array_equal(fast.lines, slow.lines)
+        np.testing.assert_array_equal(fast.cells.view(np.int64), slow.cells.view(np.int64))
+    return fast
+
+
+def fast_or_careful(
+    name: str, style: Style, gaps: set[tuple[int, int]], edits: list[tuple[float, str]], word: str
+) -> None:
+    """One text in any style, with gaps, is read alike; and so it is when some of its letters are spoilt."""
+    sheet = SHEETS[name]
+    for row, k in gaps:
+        sheet = sheet.with_cell(row, k % len(sheet.header), "")
+    text = decode(style.raw(sheet), "a.csv")
+    fast = assert_both_read_the_same(text)
+    assert fast is not None or style.comments, "plain text was not read fast"
+    for where, new in edits:
+        k = int(where * len(text))
+        text = text[:k] + new + text[k + 1 :]
+    assert_both_read_the_same(text)
+    spoilt = replace(style, encoding="utf-8").raw(SHEETS[name].with_cell(5, 1, word))
+    assert_both_read_the_same(decode(spoilt, "a.csv"))
+
+
 NAMES = st.sampled_from(sorted(SHEETS))
 ROWS = st.integers(1, 28)
 NEUTRAL = given(rewritten())
 HARMFUL = given(st.sampled_from(DAMAGES), NAMES, styles(), ROWS, st.integers(0, 3), WORDS)
 LOSSY = given(NAMES, styles(), st.sets(ROWS, max_size=6), st.sets(st.tuples(ROWS, st.integers(0, 3)), max_size=6))
+LETTERS = st.text(',;.\t\n "#+-eE0123456789', max_size=3)
+SPEED = given(
+    NAMES,
+    styles(),
+    st.sets(st.tuples(ROWS, st.integers(0, 3)), max_size=6),
+    st.lists(st.tuples(st.floats(0, 1), LETTERS), max_size=5),
+    WORDS,
+)
 PIECES = st.one_of(
     st.binary(min_size=1, max_size=4),
     st.sampled_from(
@@ -314,6 +366,14 @@ def test_gaps_move_nothing_else(name: str, style: Style, dropped: set[int], gaps
 
 
 @BARE
+@SPEED
+def test_the_fast_reader_reads_what_the_careful_one_reads(
+    name: str, style: Style, gaps: set[tuple[int, int]], edits: list[tuple[float, str]], word: str
+) -> None:
+    fast_or_careful(name, style, gaps, edits, word)
+
+
+@BARE
 @GARBLED
 def test_any_bytes_end_in_an_error_or_a_sound_rig(name: str, edits: list[tuple[str, float, bytes]]) -> None:
     garbled(name, edits)
@@ -322,8 +382,8 @@ def test_any_bytes_end_in_an_error_or_a_sound_rig(name: str, edits: list[tuple[s
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("strategy", "check"),
-    [(NEUTRAL, neutral), (HARMFUL, harmful), (LOSSY, lossy), (GARBLED, garbled)],
-    ids=["neutral", "harmful", "lossy", "garbled"],
+    [(NEUTRAL, neutral), (HARMFUL, harmful), (LOSSY, lossy), (GARBLED, garbled), (SPEED, fast_or_careful)],
+    ids=["neutral", "harmful", "lossy", "garbled", "fast or careful"],
 )
 def test_thoroughly(strategy: Callable, check: Callable) -> None:
     THOROUGH(strategy(check))()

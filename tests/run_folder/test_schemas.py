@@ -15,7 +15,7 @@ from jsonschema import Draft202012Validator, ValidationError
 import runs
 
 ROOT = Path(__file__).resolve().parents[2]
-FOLDER = ROOT / "etcfit" / "run" / "schemas"
+FOLDER = ROOT / "etcfit" / "run_folder" / "schemas"
 KINDS = tuple(sorted(file.name.removesuffix(".schema.json") for file in FOLDER.glob("*.schema.json")))
 # keys of the contract (FORMAT.md) that are always there; those that later versions add are optional
 CONTRACT = {

@@ -1,0 +1,127 @@
+"""Data frames -> Rig: what a notebook holds, checked by the same code and in the same words as a folder of CSV."""
+
+from __future__ import annotations
+
+import hashlib
+import math
+import numbers
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from ..errors import MeasurementError
+from .base import FRAMES, Rig, RigConfig
+from .config import config_of
+from .names import refuse_foreign_names
+from .reader import KNOWN_TESTS, assembled, checked, log_of
+from .table import HUGE, Table, no_number, number_in, without_blanks
+from .toml import Toml, closest, shown
+
+CONFIG = "config"  # what messages call it
+NAMELESS = "frames"  # a rig whose config gives no name
+
+
+def rig_from_frames(frames: Mapping[str, pd.DataFrame], config: Mapping[str, Any] | RigConfig) -> Rig:
+    """As `Rig.from_frames`, which see.
+
+    Each frame and the config leave their SHA-256 in `Rig.digests`, under the name that a file would have there.
+    """
+    if not frames:
+        raise MeasurementError("frames", "none given.", "A rig needs one trace or more.",
+                               'Give {"response/1": DataFrame}.')  # fmt: skip
+    config = config if isinstance(config, RigConfig) else config_of(Toml(CONFIG, "", _tables(config)), NAMELESS)
+    for key in frames:
+        _check_key(key)
+    tables = {key: _table(frames[key], f"frame {key}") for key in sorted(frames)}
+    config = checked(config, tables, CONFIG)
+    read = [log_of(table, f"frame {key}", key, config, CONFIG) for key, table in tables.items()]
+    digests = {"rig.toml": _sha256(repr(config).encode()), **{key: _digest(table) for key, table in tables.items()}}
+    return replace(assembled(FRAMES, config, read, (), CONFIG), digests=digests)
+
+
+def _tables(config: Any, key: str = CONFIG) -> Any:
+    """A dictionary as TOML would have it: texts for keys, lists for tuples and arrays, plain numbers for NumPy's."""
+    if isinstance(config, Mapping):
+        for name in config:
+            if not isinstance(name, str):
+                raise MeasurementError(key, f"key {shown(name)}.", "Keys must be texts, as in rig.toml.",
+                                       "Put it in quotes.")  # fmt: skip
+        return {name: _tables(value, name) for name, value in config.items()}
+    if key == CONFIG:
+        raise MeasurementError(key, f"found {shown(config)}.", "The tables of a rig.toml are required, or a RigConfig.",
+                               'Give {"rig": {"gear_ratio": 20.68}}.')  # fmt: skip
+    if isinstance(config, (list, tuple, np.ndarray)):
+        return [_tables(value, key) for value in config]
+    return config.item() if isinstance(config, np.generic) else config
+
+
+def _check_key(key: Any) -> None:
+    if isinstance(key, str):
+        refuse_foreign_names(key)
+    test, slash, name = key.partition("/") if isinstance(key, str) else ("", "", "")
+    if not (slash and name) or "/" in name:
+        raise MeasurementError("frames", f"key {shown(key)}.", "A frame's key is '<test>/<name>'.",
+                               "Write, say, 'response/1'.")  # fmt: skip
+    if test not in KNOWN_TESTS:
+        raise MeasurementError(f"frame {key}", f"'{test}' is no known rig test.", f"Known: {', '.join(KNOWN_TESTS)}.",
+                               closest(test, KNOWN_TESTS, "Correct the key."))  # fmt: skip
+
+
+def _table(frame: Any, where: str) -> Table:
+    """The frame's columns as text and its cells as numbers."""
+    if not isinstance(frame, pd.DataFrame):
+        raise MeasurementError(where, f"found a {type(frame).__name__}.", "It must be a pandas DataFrame.",
+                               "Write pandas.DataFrame({'time [s]': ..., 'voltage [V]': ...}).")  # fmt: skip
+    header = tuple(_name(name, where) for name in frame.columns)
+    if not frame.size:
+        raise MeasurementError(where, "no row of numbers.", "A trace needs two rows.", "Leave the frame out.")
+    bare = Table(header, 0, np.arange(len(frame)), np.empty((len(frame), 0)), ", row ")
+    cells = np.array([_cells(frame.iloc[:, k], name, bare, where) for k, name in enumerate(header)]).T
+    return without_blanks(replace(bare, cells=cells), where)
+
+
+def _name(name: Any, where: str) -> str:
+    if not isinstance(name, str):
+        raise MeasurementError(where, f"column {shown(name)}.", "A column's name is the text 'quantity [unit]'.",
+                               "Rename it, as in frame.rename(columns={0: 'time [s]'}).")  # fmt: skip
+    return name.strip()
+
+
+def _cells(column: pd.Series, name: str, table: Table, where: str) -> np.ndarray:
+    """The numbers of one column, NaN where there is none."""
+    if column.dtype.kind in "iuf":  # also pandas' own types with gaps
+        values = column.to_numpy(dtype=float, na_value=np.nan)
+        beyond = np.abs(values) > HUGE
+        if beyond.any():
+            row = int(np.argmax(beyond))
+            raise no_number(str(values[row]), name, table.at(where, row))
+        return values
+    return np.array([_number(cell, name, table.at(where, row)) for row, cell in enumerate(column)])
+
+
+def _number(cell: Any, column: str, place: str) -> float:
+    """A cell of a column that holds other things than numbers too: texts are read as a CSV's are."""
+    if cell is None or cell is pd.NA:
+        return np.nan
+    if isinstance(cell, numbers.Real) and not isinstance(cell, (bool, np.bool_)):
+        number = float(cell)
+        number = number if math.isnan(number) or abs(number) <= HUGE else None
+    else:
+        number = number_in(cell) if isinstance(cell, str) else None
+    if number is None:
+        raise no_number(str(cell), column, place)
+    return number
+
+
+def _digest(table: Table) -> str:
+    """Of the header and the numbers row by row, eight bytes each, the lowest first."""
+    cells = np.where(np.isnan(table.cells), np.nan, table.cells)  # one NaN for all
+    names = "\n".join(table.header).encode("utf-8", "backslashreplace")
+    return _sha256(names + b"\0" + np.ascontiguousarray(cells, dtype="<f8").tobytes())
+
+
+def _sha256(raw: bytes) -> str:
+    return hashlib.sha256(raw).hexdigest()
