@@ -33,10 +33,6 @@ if TYPE_CHECKING:
     from .model.linear import TransferFunction as TransferFunction
     from .model.parameters import Parameter as Parameter
     from .model.parameters import parameter as parameter
-    from .reporting import write_design as write_design
-    from .reporting import write_diagnosis as write_diagnosis
-    from .reporting import write_reduction as write_reduction
-    from .reporting import write_run as write_run
     from .rig import TESTS as TESTS
     from .rig.base import AbstractRigTest as AbstractRigTest
     from .rig.base import Boundary as Boundary
@@ -82,10 +78,6 @@ _MODULE_OF = {
     "UsageError": "errors",
     "parameter": "model.parameters",
     "read_folder": "rig.reader",
-    "write_design": "reporting",
-    "write_diagnosis": "reporting",
-    "write_reduction": "reporting",
-    "write_run": "reporting",
 }
 
 __all__ = ["__version__", *_MODULE_OF]  # pyright: ignore[reportUnsupportedDunderAll]

@@ -176,9 +176,9 @@ def _advise(folder: Path, at: Path | None, quiet: bool) -> None:
         stages.keep_compiled()
         from .experiment.advice import advise
         from .reporting.advice import advice_table
-        from .run_folder import fitted_values
+        from .run_folder import fitted_to
 
-        advice = advise(rig, None if at is None else fitted_values(at, rig))
+        advice = advise(rig, None if at is None else fitted_to(at, rig).x)
     _stdout().print(advice_table(advice))
 
 
@@ -187,7 +187,7 @@ def _advise(folder: Path, at: Path | None, quiet: bool) -> None:
 def fit(folder: Folder, out: Out, quiet: Quiet = False) -> None:
     """The joint fit of all traces in FOLDER: RUN/fit.json, a table and pictures."""
     with _progress(quiet) as progress:
-        done = stages.fit_folder(folder, out, progress)
+        done = stages.fit_folder(folder, stages.opened(out), progress)
     _tell(done)
 
 
@@ -196,7 +196,7 @@ def fit(folder: Folder, out: Out, quiet: Quiet = False) -> None:
 def diagnose(run: Run, quiet: Quiet = False) -> None:
     """What the model fitted in RUN lacks: residual, missing effect, refit, until nothing is left; before and after."""
     with _progress(quiet) as progress:
-        done = stages.diagnose_run(run, progress)
+        done = stages.diagnose_run(stages.opened(run), progress)
     _tell(done)
 
 
@@ -205,7 +205,7 @@ def diagnose(run: Run, quiet: Quiet = False) -> None:
 def report(run: Run, quiet: Quiet = False) -> None:
     """One self-contained HTML page of everything that RUN holds: RUN/report.html."""
     with _progress(quiet) as progress:
-        done = stages.write_report(run, progress)
+        done = stages.write_report(stages.opened(run), progress)
     _tell(done)
 
 
@@ -218,7 +218,7 @@ def run_(folder: Folder, out: Out, quiet: Quiet = False) -> None:
         if done is not None:
             _show(done.shown)
         elif not quiet:
-            _stderr().print(f"{name}: done before, and nothing it is made from is newer")
+            _stderr().print(f"{name}: done before, from what lies there now")
 
     if failure := stages.run_all(folder, out, lambda: _progress(quiet), show):
         raise _stop(Status.NOT_CONVERGED, failure)
@@ -275,7 +275,7 @@ def sample(
 ) -> None:
     """The posterior of the model in RUN (that of the diagnosis, else of the fit); stops by itself, can be resumed."""
     with _progress(quiet) as progress:
-        done = stages.sample_run(run, progress, steps)
+        done = stages.sample_run(stages.opened(run), progress, steps)
     _tell(done)
 
 
@@ -298,7 +298,7 @@ def reduce(
     response is measured and set beside it.
     """
     with _progress(quiet) as progress:
-        done = stages.reduce_run(run, progress, unit_in, unit_out, at / 100.0, pade)
+        done = stages.reduce_run(stages.opened(run), progress, unit_in, unit_out, at / 100.0, pade)
     _tell(done)
 
 
@@ -327,7 +327,7 @@ def design(
         raise UsageError(f"--ecu-period {ecu_period}: the period must be longer than 0. Write, say, 1ms.")
     limits = overshoot, _seconds("--settling", settling), error
     with _progress(quiet) as progress:
-        done = stages.design_run(run, progress, rule, adc_bits, feed_forward, limits, **ecu)
+        done = stages.design_run(stages.opened(run), progress, rule, adc_bits, feed_forward, limits, **ecu)
     _tell(done)
 
 

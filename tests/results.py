@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from pathlib import Path
-from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -14,6 +13,7 @@ from etcfit.estimation.joint_fit import FitResult, StartSummary, ready
 from etcfit.model.effects import EFFECT_BY_NAME
 from etcfit.problem.free_parameters import free_parameters
 from etcfit.problem.prediction_error import rows
+from etcfit.problem.problem import EstimationProblem
 from etcfit.rig.base import Rig
 from etcfit.rig.paper_readings import Readings, read_graphs
 from etcfit.rig.reader import read_folder
@@ -55,6 +55,7 @@ def result(
     rng = np.random.default_rng(0)
     noise = [rng.standard_normal(t.data.shape) + off * _wave(t.instants) for t in (*fitted, *held_out)]
     predicted = {t.measurement.file: t.data - t.sigma * r for t, r in zip((*fitted, *held_out), noise, strict=True)}
+    problem = EstimationProblem.of(rig.config, known, fitted)
     direction = Direction(lost, (1.0,) * len(lost), np.inf)
     fields: dict[str, Any] = {
         "rig": rig,
@@ -66,9 +67,9 @@ def result(
             layout.free, np.ones(x.size), (direction,) if lost else (), 0.02**2 * np.eye(x.size), lost
         ),
         "readings": read_graphs(rig),
-        "problem": _bench(fitted),
-        "holdout": _bench(held_out) if held_out else None,
-        "weighted": None,
+        "problem": problem,
+        "holdout": EstimationProblem.of(rig.config, known, held_out) if held_out else None,
+        "weighted": problem.weighted(problem.free_running()),
         "whitened": tuple(noise[: len(fitted)]),
         "predicted": predicted,
         "score_fit": rows(fitted, [predicted[t.measurement.file] for t in fitted]),
@@ -90,7 +91,3 @@ def without_readings() -> Readings:
 def _wave(instants: np.ndarray) -> np.ndarray:
     """Three periods of rms 1, shape (n, 1)."""
     return np.sqrt(2.0) * np.sin(6.0 * np.pi * (instants - instants[0]) / np.ptp(instants))[:, None]
-
-
-def _bench(traces: tuple[Any, ...]) -> Any:
-    return SimpleNamespace(batch=SimpleNamespace(traces=traces))

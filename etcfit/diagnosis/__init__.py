@@ -151,7 +151,9 @@ def _final(result: FitResult, s: CandidateModel, found: tuple[Found, ...], repor
         formulas = tuple(e.name for e in s.added)
         remarks.append(f"Intervals allow for formulas of {listed(formulas)} that are {percent_off(formulas)} off.")
     covariance, warnings = after.covariance + allowed + unsure, (*after.warnings, *remarks)
-    return replace(after, covariance=covariance, formulas=formulas, warnings=warnings)
+    return replace(
+        after, covariance=covariance, exact_covariance=after.covariance, formulas=formulas, warnings=warnings
+    )
 
 
 def _verdict(

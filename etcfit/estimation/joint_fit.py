@@ -102,29 +102,6 @@ def fit(rig: Rig, report: Report = quiet) -> FitResult:
     return outcome(rig, readings, problem, held_out, weighted, x, starts, state, notes)
 
 
-def resume(rig: Rig, x: np.ndarray, far: bool, report: Report = quiet) -> FitResult:
-    """Take up a fit where it ended.
-
-    Args:
-        rig: its measurement folder.
-        x: coordinates at its optimum, shape (P,).
-        far: whether it was fitted free-running.
-        report: called with what is going on and the share done.
-    """
-    known = free_parameters(rig.config)
-    fitted, held_out, notes = ready(rig)
-    readings = read_graphs(rig)
-    report("taking up the fit", 0.1)
-    problem = EstimationProblem.of(rig.config, known, fitted).refined(x).with_release_times(x).with_integrator_states(x)
-    if not far:
-        problem, weighted, x, end = _whitened(problem, x, report)
-    else:
-        problem = problem.discounted(x)
-        weighted = problem.weighted(problem.free_running())
-        end = Termination(True, "taken up from a fit that was searched for", far=True)
-    return outcome(rig, readings, problem, held_out, weighted, x, (), end, notes)
-
-
 def _from_several_starts(
     problem: EstimationProblem, start: np.ndarray, report: Report
 ) -> tuple[np.ndarray, tuple[StartSummary, ...], float]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -61,6 +61,7 @@ class FitResult:
         warnings: what a reader must know.
         far: the model is far from the data and was fitted free-running.
         formulas: effects whose formulas the covariance allows to be off, each by its `inexact`.
+        exact_covariance: what the covariance is where these formulas are taken as exact; None where it is no other.
     """
 
     rig: Rig
@@ -85,6 +86,13 @@ class FitResult:
     warnings: tuple[str, ...]
     far: bool = False
     formulas: tuple[str, ...] = ()
+    exact_covariance: np.ndarray | None = None
+
+    def taken_as_exact(self) -> FitResult:
+        """The fit with the intervals that it has if its formulas are exact, as the posterior takes them."""
+        if self.exact_covariance is None:
+            return self
+        return replace(self, covariance=self.exact_covariance, formulas=(), exact_covariance=None)
 
     def fitted(self) -> Fitted:
         """The model alone, for whoever goes on from it."""

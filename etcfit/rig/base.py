@@ -152,7 +152,7 @@ class Rig:
     Args:
         folder: as the user gave it; `FRAMES` where the traces came as data frames.
         toml: text of the rig.toml; "" where there is none.
-        digests: SHA-256, by file, of what never was a file.
+        digests: SHA-256 of every file, or data frame, that was read.
     """
 
     folder: str

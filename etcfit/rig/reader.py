@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path, PurePosixPath
@@ -43,7 +44,24 @@ def read_folder(folder: str | Path) -> Rig:
     config = parse_config(text, toml)
     files, odd = _csv_files(Path(folder), base)
     config = checked(config, files, toml)
-    return assembled(base, config, [_read_log(base, file, config) for file in files], odd, toml, text)
+    digests = {file: _digest(Path(folder) / file) for file in ("rig.toml", *files)}
+    rig = assembled(base, config, [_read_log(base, file, config) for file in files], odd, toml, text)
+    return replace(rig, digests=digests)
+
+
+def digests_of(folder: Path) -> dict[str, str]:
+    """SHA-256 of every file of a measurement folder that `read_folder` would read, as it lies there now.
+
+    Raises:
+        MeasurementError: there is no trace in it.
+    """
+    files, _ = _csv_files(folder, str(folder))
+    return {file: _digest(folder / file) for file in ("rig.toml", *files) if (folder / file).is_file()}
+
+
+def _digest(path: Path) -> str:
+    with path.open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()
 
 
 def checked(config: RigConfig, files: Iterable[str], toml: str) -> RigConfig:

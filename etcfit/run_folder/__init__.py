@@ -1,51 +1,85 @@
-"""RUN/: its JSON files and the states that later commands start from, each written whole or not at all."""
+"""RUN/: its JSON files, the models that later stages load, and the manifest that says what was made from what."""
 
 from __future__ import annotations
 
 from .design import design_json, rusefi
 from .diagnosis import diagnosis_json
 from .fit import GEAR_RATIO, effects_of, fit_json, hashes, parameters_json, readings_of, versions
+from .folder import RunFolder
 from .frequency import frequency_json
-from .model import POSTERIOR, read_draws, read_fitted, read_sines
-from .reduction import reduction_json
-from .state import (
+from .manifest import (
+    CONVERGED,
     DIAGNOSIS_STATE,
     FIT_STATE,
-    State,
-    final_rig,
-    final_state,
-    fitted_values,
-    read_state,
-    rig_of,
-    write_diagnosis_state,
-    write_state,
+    MANIFEST,
+    NOT_CONVERGED,
+    POSTERIOR,
+    STAGE_FILES,
+    SUPERSEDED,
+    begin,
+    finish,
+    is_current,
+    read_records,
+    require,
+)
+from .model import read_draws, sines_of
+from .reduction import reduction_json
+from .results import save_design, save_posterior, save_reduction
+from .state import (
+    exit_of,
+    fitted_to,
+    has_diagnosis,
+    is_done,
+    last_failure,
+    load_diagnosis,
+    load_final,
+    load_fit,
+    must_belong,
+    save_diagnosis,
+    save_fit,
 )
 
 __all__ = [
+    "CONVERGED",
     "DIAGNOSIS_STATE",
     "FIT_STATE",
     "GEAR_RATIO",
+    "MANIFEST",
+    "NOT_CONVERGED",
     "POSTERIOR",
-    "State",
+    "STAGE_FILES",
+    "SUPERSEDED",
+    "RunFolder",
+    "begin",
     "design_json",
     "diagnosis_json",
     "effects_of",
-    "final_rig",
-    "final_state",
+    "exit_of",
+    "finish",
     "fit_json",
-    "fitted_values",
+    "fitted_to",
     "frequency_json",
+    "has_diagnosis",
     "hashes",
+    "is_current",
+    "is_done",
+    "last_failure",
+    "load_diagnosis",
+    "load_final",
+    "load_fit",
+    "must_belong",
     "parameters_json",
     "read_draws",
-    "read_fitted",
-    "read_sines",
-    "read_state",
+    "read_records",
     "readings_of",
     "reduction_json",
-    "rig_of",
+    "require",
     "rusefi",
+    "save_design",
+    "save_diagnosis",
+    "save_fit",
+    "save_posterior",
+    "save_reduction",
+    "sines_of",
     "versions",
-    "write_diagnosis_state",
-    "write_state",
 ]

@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-import hashlib
 import platform
 from collections.abc import Iterable
 from importlib import metadata
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -122,14 +120,9 @@ def _noise(rig: Rig) -> list[dict[str, Any]]:
     return plain(list(seen.values()))
 
 
-def hashes(rig: Rig) -> dict[str, str | None]:
-    """SHA-256 of every file (or data frame) that was read; null for one that is no longer there."""
-    files = ["rig.toml", *(trace.file for trace in rig.measurements)]
-    return {file: rig.digests.get(file) or _sha256(Path(rig.folder) / file) for file in files}
-
-
-def _sha256(path: Path) -> str | None:
-    return hashlib.sha256(path.read_bytes()).hexdigest() if path.is_file() else None
+def hashes(rig: Rig) -> dict[str, str]:
+    """SHA-256 of every file (or data frame) that was read, by its name."""
+    return dict(rig.digests)
 
 
 def versions() -> dict[str, str]:

@@ -1,4 +1,4 @@
-"""The best model that a run folder holds, and what is known of its parameters."""
+"""What a run folder knows beyond its models: draws of the posterior, sine traces of the rig."""
 
 from __future__ import annotations
 
@@ -7,42 +7,15 @@ from pathlib import Path
 import numpy as np
 
 from ..estimation.fitted_model import Fitted
-from ..problem.free_parameters import free_parameters
+from ..estimation.result import FitResult
 from ..rig.base import Measurement
-from ..rig.config import read_config
 from ..rig.sine import Sine
-from .state import final_config, final_rig, final_state, missing
-
-POSTERIOR = "posterior.nc"
+from .manifest import POSTERIOR, is_current, read_records
 
 
-def read_fitted(run: Path) -> Fitted:
-    """The final model of the diagnosis, or that of the fit where none was made.
-
-    Raises:
-        UsageError: no fit, its measurement folder is gone, or its rig.toml asks for another model.
-        MeasurementError: rig.toml is wrong.
-    """
-    state = final_state(run)
-    toml = state.folder / "rig.toml"
-    if not toml.is_file():
-        raise missing(state)
-    config = read_config(toml)
-    whole, place = final_config(state, config)
-    return Fitted(config, free_parameters(whole), state.x[place], state.covariance[np.ix_(place, place)])
-
-
-def read_sines(run: Path) -> tuple[Measurement, ...]:
-    """The sine traces of the folder that RUN was fitted to; none, and nothing read, where it has no folder of them.
-
-    Raises:
-        UsageError, MeasurementError: as `final_rig`.
-    """
-    state = final_state(run)
-    if not any((state.folder / Sine.name).glob("*")):
-        return ()
-    rig, _ = final_rig(state)
-    return tuple(trace for trace in rig.measurements if trace.test == Sine.name)
+def sines_of(result: FitResult) -> tuple[Measurement, ...]:
+    """The sine traces of the rig that was fitted."""
+    return tuple(trace for trace in result.rig.measurements if trace.test == Sine.name)
 
 
 def read_draws(run: Path, fitted: Fitted, count: int, seed: int) -> np.ndarray | None:
@@ -51,7 +24,7 @@ def read_draws(run: Path, fitted: Fitted, count: int, seed: int) -> np.ndarray |
     The file's group `posterior` has a variable for each free symbol, SI, over chain and draw.
     """
     path = run / POSTERIOR
-    if not path.is_file():
+    if not is_current(run, "sample", read_records(run)):
         return None
     import xarray
 

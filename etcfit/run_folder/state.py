@@ -1,206 +1,203 @@
-"""Where a fit or a diagnosis ended, for the command that goes on from there."""
+"""What a fit and a diagnosis know at their end, saved whole and loaded whole: no stage re-derives it."""
 
 from __future__ import annotations
 
+import json
 import os
-import zipfile
-from dataclasses import dataclass, replace
+from collections.abc import Callable
 from pathlib import Path
-
-import numpy as np
+from typing import Any
 
 from ..diagnosis.findings import Diagnosis
 from ..errors import UsageError
-from ..estimation.joint_fit import FitResult
-from ..files import whole
-from ..model.effects import COMMANDING, EFFECT_BY_NAME, PAPER
-from ..problem.free_parameters import free_parameters
-from ..rig.base import FRAMES, Rig, RigConfig
-from ..rig.reader import read_folder
-from .fit import effects_of
-
-FIT_STATE = "fit_state.npz"
-DIAGNOSIS_STATE = "diagnosis_state.npz"
-
-
-@dataclass(frozen=True, eq=False)
-class State:
-    """A model at its optimum.
-
-    Args:
-        run: the run folder it was read from.
-        folder: the measurement folder.
-        effects: names of all effects of the model.
-        symbols: free parameters, P.
-        x: coordinates, shape (P,).
-        covariance: shape (P, P).
-        far: the model is far from the data and was fitted free-running.
-        formulas: effects whose formulas the covariance allows to be off.
-    """
-
-    run: Path
-    folder: Path
-    effects: tuple[str, ...]
-    symbols: tuple[str, ...]
-    x: np.ndarray
-    covariance: np.ndarray
-    far: bool
-    formulas: tuple[str, ...]
+from ..estimation.result import FitResult
+from ..files import write_json
+from ..rig.base import FRAMES, Rig
+from ..rig.reader import digests_of
+from . import codec
+from .diagnosis import diagnosis_json
+from .fit import fit_json
+from .manifest import (
+    CONVERGED,
+    DIAGNOSIS_STATE,
+    FIT_STATE,
+    NOT_CONVERGED,
+    Record,
+    begin,
+    finish,
+    is_latest,
+    read_records,
+    require,
+)
 
 
-def write_state(run: Path, result: FitResult) -> None:
-    """RUN/fit_state.npz. The state of a diagnosis that began from another fit goes: nothing may start from it."""
-    (run / DIAGNOSIS_STATE).unlink(missing_ok=True)
-    _write(run / FIT_STATE, result)
+def nothing_beside() -> None:
+    """No pictures."""
 
 
-def write_diagnosis_state(run: Path, diagnosis: Diagnosis) -> None:
-    """RUN/diagnosis_state.npz: the final model."""
-    _write(run / DIAGNOSIS_STATE, diagnosis.after)
+def exit_of(result: FitResult) -> int:
+    """Exit status of a stage that shows this model."""
+    return CONVERGED if result.converged else NOT_CONVERGED
 
 
-def _write(path: Path, result: FitResult) -> None:
-    with whole(path) as draft:
-        np.savez(
-            draft,
-            x=result.x,
-            covariance=result.covariance,
-            symbols=np.array(result.free_parameters.layout.free, dtype=str),
-            effects=np.array(effects_of(result), dtype=str),
-            folder=np.array(_relative(Path(result.rig.folder), path.parent)),
-            far=np.array(result.far),
-            formulas=np.array(result.formulas, dtype=str),
-        )
-
-
-def read_state(run: Path, name: str = FIT_STATE) -> State:
-    """Take up a model where `write_state` or `write_diagnosis_state` left it.
+def save_fit(run: Path, result: FitResult, beside: Callable[[], None] = nothing_beside) -> None:
+    """RUN/fit.json and RUN/fit_state.npz, and a word on them in RUN/run.json.
 
     Args:
-        run: the run folder.
-        name: FIT_STATE or DIAGNOSIS_STATE.
+        run: the run folder; made if absent. What later stages made from another fit is moved to RUN/superseded.
+        result: a fit, converged or not.
+        beside: draws what goes along with it, before the stage counts as done.
     Raises:
-        UsageError: it is not there, or not one that this version wrote.
+        UsageError: RUN was written by another version.
     """
-    path = run / name
-    if not path.is_file():
-        raise UsageError(f"{run} holds no {_KIND[name]} ({name} is missing). Run `{_COMMAND[name].format(run)}` first.")
-    try:
-        return _read(path)
-    except (OSError, KeyError, ValueError, EOFError, zipfile.BadZipFile) as error:
-        found = f"{path} cannot be read as the state of a {_KIND[name]} ({error})."
-        raise UsageError(f"{found} Run `{_COMMAND[name].format(run)}` again.") from None
+    begin(run, "fit")
+    codec.save(run / FIT_STATE, result)
+    write_json(run / "fit.json", "fit", fit_json(result))
+    beside()
+    finish(run, "fit", exit_of(result), {}, result.rig.digests, _relative(Path(result.rig.folder), run))
 
 
-_KIND = {FIT_STATE: "fit", DIAGNOSIS_STATE: "diagnosis"}
-_COMMAND = {FIT_STATE: "etcfit fit FOLDER --out {}", DIAGNOSIS_STATE: "etcfit diagnose {}"}
+def save_diagnosis(run: Path, diagnosis: Diagnosis, beside: Callable[[], None] = nothing_beside) -> None:
+    """RUN/diagnosis.json and RUN/diagnosis_state.npz; the fit it began from is saved first where RUN holds another.
+
+    Args:
+        run: the run folder; made if absent. What later stages made from another model is moved to RUN/superseded.
+        diagnosis: converged or not.
+        beside: draws what goes along with it, before the stage counts as done.
+    Raises:
+        UsageError: RUN was written by another version.
+    """
+    if not _is_saved(run, diagnosis.before):
+        save_fit(run, diagnosis.before)
+    begin(run, "diagnose")
+    codec.save(run / DIAGNOSIS_STATE, diagnosis, {FIT_STATE: diagnosis.before})
+    write_json(run / "diagnosis.json", "diagnosis", diagnosis_json(diagnosis))
+    beside()
+    finish(run, "diagnose", exit_of(diagnosis.after), {})
 
 
-def _read(path: Path) -> State:
-    with np.load(path, allow_pickle=False) as state:
-        return State(
-            run=path.parent,
-            folder=Path(os.path.normpath(path.parent / str(state["folder"]))),
-            effects=tuple(map(str, state["effects"])),
-            symbols=tuple(map(str, state["symbols"])),
-            x=state["x"],
-            covariance=state["covariance"],
-            far=bool(state["far"]),
-            formulas=tuple(map(str, state.get("formulas", ()))),  # older files lack it
-        )
-
-
-def rig_of(state: State) -> Rig:
-    """The measurement folder of a fit, as it lies there now.
+def load_fit(run: Path) -> FitResult:
+    """The fit that `save_fit` wrote, bit for bit.
 
     Raises:
-        UsageError: it is gone, or its rig.toml asks for another model than the one that was fitted.
-        MeasurementError: it is wrong.
+        UsageError: there is none, it is not the one that was written, or its measurements have changed since.
     """
-    rig = _folder_of(state)
-    layout = free_parameters(rig.config).layout
-    if layout.free != state.symbols or tuple(effect.name for effect in layout.types) != state.effects:
-        raise changed(state, {*layout.free} ^ {*state.symbols})
-    return rig
+    record = require(run, "fit")
+    _must_be_measured_so(run, record)
+    return _loaded(run / FIT_STATE, "etcfit fit FOLDER --out {}")
 
 
-def final_state(run: Path) -> State:
+def load_diagnosis(run: Path) -> Diagnosis:
+    """The diagnosis that `save_diagnosis` wrote, bit for bit, with the fit that it began from.
+
+    Raises:
+        UsageError: as `load_fit`, and where it was made from another fit.
+    """
+    require(run, "diagnose")
+    return _loaded(run / DIAGNOSIS_STATE, "etcfit diagnose {}", load_fit(run))
+
+
+def load_final(run: Path) -> FitResult:
     """The final model of the diagnosis where RUN holds one, else the fit.
 
     Raises:
-        UsageError: neither is there.
+        UsageError: as `load_fit` and `load_diagnosis`.
     """
-    return read_state(run, DIAGNOSIS_STATE if (run / DIAGNOSIS_STATE).is_file() else FIT_STATE)
+    return load_diagnosis(run).after if has_diagnosis(run) else load_fit(run)
 
 
-def final_config(state: State, config: RigConfig) -> tuple[RigConfig, list[int]]:
-    """rig.toml as if it named every effect of a model, and where the state has each of its free parameters, in order.
+def has_diagnosis(run: Path) -> bool:
+    """Whether a diagnosis lies in RUN, on its manifest or not: one that is not must be refused, not passed over."""
+    return "diagnose" in read_records(run) or (run / DIAGNOSIS_STATE).is_file()
+
+
+def _loaded(path: Path, command: str, fit: FitResult | None = None) -> Any:
+    try:
+        return codec.load(path, {} if fit is None else {FIT_STATE: fit})
+    except codec.Unreadable as error:
+        raise UsageError(f"{path} was not written by this version of etcfit, or not whole ({error}). "
+                         f"Run `{command.format(path.parent)}` again.") from None  # fmt: skip
+
+
+def _is_saved(run: Path, result: FitResult) -> bool:
+    """Whether the fit in RUN is this very one: its file would be the same byte for byte."""
+    if not (run / FIT_STATE).is_file() or "fit" not in read_records(run):
+        return False
+    return codec.same(run / FIT_STATE, result)
+
+
+def _must_be_measured_so(run: Path, record: Record) -> None:
+    """Refuse a fit whose measurements have changed since; where they were taken away what was saved will do."""
+    folder = measurements_of(run, record)
+    if folder is None or not folder.is_dir():
+        return
+    if changed := changes_of(folder, record):
+        raise UsageError(f"{folder} has changed since {run} was fitted to it ({', '.join(changed)}). "
+                         f"Run `etcfit fit {folder} --out {run}` again.")  # fmt: skip
+
+
+def measurements_of(run: Path, record: Record) -> Path | None:
+    """The measurement folder of a fit; None where its traces were data frames."""
+    if not record.folder or record.folder == FRAMES:
+        return None
+    return Path(os.path.normpath(run / record.folder))
+
+
+def changes_of(folder: Path, record: Record) -> list[str]:
+    """Files of a measurement folder that are not what the fit read, new ones and lost ones among them."""
+    now = digests_of(folder)
+    return sorted(file for file in {*now, *record.inputs} if now.get(file) != record.inputs.get(file))
+
+
+def is_done(run: Path, stage: str, folder: Path) -> bool:
+    """Whether a stage need not run again: its files are those it wrote, from what lies in RUN and in FOLDER now.
 
     Raises:
-        UsageError: it asks for another model by now.
+        UsageError: another version wrote RUN.
     """
-    unnamed = {effect.name for effect in (*PAPER, *COMMANDING)}  # those that are there without being asked for
-    effects = tuple(name for name in state.effects if name not in unnamed)
-    if gone := {*effects} - {*EFFECT_BY_NAME}:
-        raise changed(state, gone)
-    whole = replace(config, effects=effects)
-    free = free_parameters(whole).layout.free
-    if {*free} != {*state.symbols}:
-        raise changed(state, {*free} ^ {*state.symbols})
-    return whole, [state.symbols.index(symbol) for symbol in free]
+    records = read_records(run)
+    if not is_latest(run, stage, records):
+        return False
+    return stage != "fit" or not changes_of(folder, records["fit"])
 
 
-def final_rig(state: State) -> tuple[Rig, np.ndarray]:
-    """The measurement folder as if rig.toml named every effect of a model, and the model's coordinates in that order.
+def last_failure(run: Path) -> str:
+    """Why the last model in RUN did not converge, or ""."""
+    records = read_records(run)
+    for stage, name in (("diagnose", "diagnosis.json"), ("fit", "fit.json")):
+        if stage in records:
+            content = json.loads((run / name).read_text(encoding="utf-8"))
+            return "" if content["converged"] else f"the fit of the final model did not converge: {content['reason']}"
+    return ""
+
+
+def must_belong(run: Path, folder: Path) -> None:
+    """Refuse a run folder that was made from other measurements.
 
     Raises:
-        UsageError: the folder is gone, or its rig.toml asks for another model by now.
-        MeasurementError: it is wrong.
+        UsageError: so it was, or another version wrote it.
     """
-    rig = _folder_of(state)
-    config, place = final_config(state, rig.config)
-    if not {*rig.config.effects} <= {*config.effects}:
-        raise changed(state, set())
-    return replace(rig, config=config), state.x[place]
+    record = read_records(run).get("fit")
+    made_from = None if record is None else measurements_of(run, record)
+    if record is not None and (made_from is None or made_from.resolve() != folder.resolve()):
+        raise UsageError(f"{run} was made from {made_from or 'data frames'}, not from {folder}. Name another run "
+                         "folder with --out, or delete this one.")  # fmt: skip
 
 
-def _folder_of(state: State) -> Rig:
-    if not state.folder.is_dir():
-        raise missing(state)
-    return read_folder(state.folder)
-
-
-def missing(state: State) -> UsageError:
-    """The measurements of a run were taken away, or never lay in a folder."""
-    if state.folder.name == FRAMES:
-        return UsageError(f"{state.run} was fitted to data frames, which no folder holds. Go on in Python, or write "
-                          f"them as CSV and run `etcfit fit FOLDER --out {state.run}`.")  # fmt: skip
-    return UsageError(f"{state.folder}, which {state.run} was fitted to, is no longer there. Put it back, or run "
-                      f"`etcfit fit FOLDER --out {state.run}` again.")  # fmt: skip
-
-
-def changed(state: State, names: set[str]) -> UsageError:
-    """The measurements of a run ask for another model by now, which differs in these names."""
-    differs = ", ".join(sorted(names)) or "their order"
-    return UsageError(f"{state.folder / 'rig.toml'} has changed since {state.run} was fitted: other parameters are "
-                      f"free now ({differs}). Run `etcfit fit {state.folder} --out {state.run}` again.")  # fmt: skip
-
-
-def fitted_values(run: Path, rig: Rig) -> np.ndarray:
-    """Coordinates at which the fit in a run folder ended, for whoever looks at its measurements once more.
+def fitted_to(run: Path, rig: Rig) -> FitResult:
+    """The fit in RUN, for whoever looks at its measurements once more.
 
     Raises:
-        UsageError: no fit there, or of another folder or model.
+        UsageError: no fit there, or of other measurements.
     """
-    state = read_state(run)
-    if state.folder.resolve() != Path(rig.folder).resolve():
-        raise UsageError(f"{run} was fitted to {state.folder}, not to {rig.folder}. Name a run of these measurements.")
-    rig_of(state)
-    return state.x
+    must_belong(run, Path(rig.folder))
+    return load_fit(run)
 
 
 def _relative(folder: Path, run: Path) -> str:
     """The folder as seen from the run, so that both can be moved together."""
+    if str(folder) == FRAMES:
+        return FRAMES
     try:
         return Path(os.path.relpath(folder, run)).as_posix()
     except ValueError:  # another drive

@@ -5,25 +5,40 @@ It is made from the folder's files alone (FORMAT.md), so that it can be made aga
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from pathlib import Path
 
 from ...files import whole
+from ...run_folder.manifest import CONVERGED, NOT_CONVERGED, begin, finish
 from .contents import read_run
 from .render import render
 
 
-def write_page(run_dir: Path | str) -> Path:
+@dataclass(frozen=True)
+class Page:
+    """Where the page is, and why the model that it shows did not converge, or ""."""
+
+    path: Path
+    failure: str
+
+
+def write_page(run_dir: Path | str) -> Page:
     """Write RUN/report.html, whole or not at all.
 
     Args:
         run_dir: a run folder with a fit.json; what else it holds becomes a section each.
     Returns:
-        Where the page is.
+        Where the page is, and whether its model converged.
     Raises:
         UsageError: no fit.json, or a file of the run is not what it should be.
     """
     run = Path(run_dir)
-    page = render(read_run(run))
+    contents = read_run(run)
+    page = render(contents)
+    begin(run, "report")
     with whole(run / "report.html") as draft:
         draft.write_text(page, encoding="utf-8")
-    return run / "report.html"
+    final = contents.final
+    finish(run, "report", CONVERGED if final["converged"] else NOT_CONVERGED, {})
+    why = "" if final["converged"] else f"the fit of the model that is shown did not converge: {final['reason']}"
+    return Page(run / "report.html", why)

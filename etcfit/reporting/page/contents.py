@@ -11,8 +11,11 @@ from typing import Any
 
 from ...errors import UsageError
 from ...problem.prediction_error import PredictionError
+from ...run_folder import require
 
-KINDS = ("fit", "diagnosis", "posterior", "transfer_function", "frequency_response", "pid")
+_STAGE = {"fit": "fit", "diagnosis": "diagnose", "posterior": "sample", "transfer_function": "reduce",
+          "frequency_response": "reduce", "pid": "design"}  # fmt: skip
+KINDS = tuple(_STAGE)
 _ROW = ("file", "test", "channel", "unit", "n", "rms", "sigma")
 
 
@@ -54,14 +57,14 @@ def read_run(run: Path) -> Contents:
     """Read every JSON file of a run folder.
 
     Raises:
-        UsageError: no fit.json, or a file of the run is not what it should be.
+        UsageError: no fit, or a file of the run is not what it should be, or was made from another model.
     """
-    if not (run / "fit.json").is_file():
-        raise UsageError(f"{run} holds no fit (fit.json is missing). Run `etcfit fit FOLDER --out {run}` first.")
+    require(run, "fit")
     files, hashes = {}, {}
     for kind in KINDS:
         path = run / f"{kind}.json"
         if path.is_file():
+            require(run, _STAGE[kind])
             raw = path.read_bytes()
             files[kind], hashes[path.name] = _object(path, kind, raw), hashlib.sha256(raw).hexdigest()
     return Contents(run, files, hashes)

@@ -1,0 +1,62 @@
+"""A run folder as one process knows it: what one stage leaves is handed to the next in memory."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+from ..diagnosis.findings import Diagnosis
+from ..estimation.result import FitResult
+from .state import has_diagnosis, load_diagnosis, load_fit, nothing_beside, save_diagnosis, save_fit
+
+
+class RunFolder:
+    """RUN and the models in it; each is loaded once, or never where it was made here.
+
+    Args:
+        path: of the folder, which need not be there yet.
+    """
+
+    def __init__(self, path: Path | str) -> None:
+        self.path = Path(path)
+        self._fit: FitResult | None = None
+        self._diagnosis: Diagnosis | None = None
+
+    def fit(self) -> FitResult:
+        """The fit in it.
+
+        Raises:
+            UsageError: see `load_fit`.
+        """
+        self._fit = self._fit or load_fit(self.path)
+        return self._fit
+
+    def diagnosis(self) -> Diagnosis | None:
+        """The diagnosis in it; None where none was made.
+
+        Raises:
+            UsageError: see `load_diagnosis`.
+        """
+        if self._diagnosis is None and has_diagnosis(self.path):
+            self._diagnosis = load_diagnosis(self.path)
+            self._fit = self._diagnosis.before
+        return self._diagnosis
+
+    def final(self) -> FitResult:
+        """The final model of the diagnosis, or the fit where none was made.
+
+        Raises:
+            UsageError: see `load_final`.
+        """
+        diagnosis = self.diagnosis()
+        return self.fit() if diagnosis is None else diagnosis.after
+
+    def keep_fit(self, result: FitResult, beside: Callable[[], None] = nothing_beside) -> None:
+        """Save a fit; see `save_fit`."""
+        save_fit(self.path, result, beside)
+        self._fit, self._diagnosis = result, None
+
+    def keep_diagnosis(self, diagnosis: Diagnosis, beside: Callable[[], None] = nothing_beside) -> None:
+        """Save a diagnosis; see `save_diagnosis`."""
+        save_diagnosis(self.path, diagnosis, beside)
+        self._fit, self._diagnosis = diagnosis.before, diagnosis

@@ -1,0 +1,237 @@
+"""RUN/run.json: which stage made what, from what; a stage is stale when a hash says so, never by a file's time.
+
+    stages: {NAME: {at, settings, inputs: {FILE: sha256}, outputs: {FILE: sha256}, exit}}
+
+Inputs of the fit are files of the measurement folder, those of every other stage files of RUN; null stands for one that
+was not there. A stage that ends replaces its outputs; what later stages made from the old ones is moved to
+RUN/superseded/, so that nothing is lost and no two models are ever mixed.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import shutil
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+
+from .. import __version__
+from ..errors import UsageError
+from ..files import plain, write_json
+
+MANIFEST = "run.json"
+SUPERSEDED = "superseded"
+FIT_STATE, DIAGNOSIS_STATE = "fit_state.npz", "diagnosis_state.npz"
+POSTERIOR = "posterior.nc"
+CONVERGED, NOT_CONVERGED = 0, 3  # exit statuses of a stage, by the model that it shows
+
+
+@dataclass(frozen=True)
+class StageFiles:
+    """What a stage makes, and from what.
+
+    Args:
+        makes: files below RUN that it leaves there; the first always, another may have nothing to say.
+        needs: the models below RUN that it is made from, where they are there: its files are of no use once these are
+            others. Those of the fit are the measurements.
+        uses: what it takes in besides where it is there: its files are true without, and better made again.
+        beside: pictures that go along with its files.
+        command: what writes them.
+    """
+
+    makes: tuple[str, ...]
+    needs: tuple[str, ...] = ()
+    uses: tuple[str, ...] = ()
+    beside: tuple[str, ...] = ()
+    command: str = ""
+
+
+_MODEL = (FIT_STATE, DIAGNOSIS_STATE)
+_RESULTS = ("fit.json", "diagnosis.json", "posterior.json", "transfer_function.json", "frequency_response.json",
+            "pid.json")  # fmt: skip
+_CONTROL = "pictures/control"
+# in order: a stage needs only what stages before it make
+STAGE_FILES: Mapping[str, StageFiles] = {
+    "fit": StageFiles(("fit.json", FIT_STATE), command="etcfit fit FOLDER --out {run}"),
+    "diagnose": StageFiles(
+        ("diagnosis.json", DIAGNOSIS_STATE), (FIT_STATE,), (), ("pictures/diagnosis",), "etcfit diagnose {run}"
+    ),
+    "sample": StageFiles(("posterior.json", POSTERIOR), _MODEL, (), ("pictures/posterior",), "etcfit sample {run}"),
+    "reduce": StageFiles(
+        ("transfer_function.json", "frequency_response.json"), _MODEL, (),
+        (f"{_CONTROL}/bode.png", f"{_CONTROL}/sines.png"), "etcfit reduce {run}",
+    ),
+    "design": StageFiles(
+        ("pid.json",), _MODEL, (POSTERIOR,), (f"{_CONTROL}/responses.png",), "etcfit design {run}"
+    ),
+    "report": StageFiles(("report.html",), _MODEL, _RESULTS, (), "etcfit report {run}"),
+}  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Record:
+    """The last time a stage ran.
+
+    Args:
+        at: when it ended, ISO 8601.
+        settings: what it ran with.
+        inputs, outputs: SHA-256 by file; null for one that was not there.
+        exit: its exit status.
+        folder: where the measurements lie, as seen from RUN; of the fit only.
+    """
+
+    at: str
+    settings: Mapping[str, Any]
+    inputs: Mapping[str, str | None]
+    outputs: Mapping[str, str | None]
+    exit: int
+    folder: str | None = None
+
+
+def digest(path: Path) -> str | None:
+    """SHA-256 of a file; None where there is none."""
+    if not path.is_file():
+        return None
+    with path.open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()
+
+
+def read_records(run: Path) -> dict[str, Record]:
+    """The stages that ran, by name.
+
+    Raises:
+        UsageError: RUN was written by another version, or its manifest is not one.
+    """
+    path = run / MANIFEST
+    if not path.is_file():
+        if found := [name for files in STAGE_FILES.values() for name in files.makes if (run / name).is_file()]:
+            raise _foreign(run, f"holds {found[0]} but no {MANIFEST}: an older version of etcfit (0.1) wrote it")
+        return {}
+    try:
+        content = json.loads(path.read_text(encoding="utf-8"))
+        version, stages = str(content["version"]), content["stages"]
+        if content["schema"] != "etcfit.run/1" or _series(version) != _series(__version__):
+            raise _foreign(run, f"was written by etcfit {version}, and this is {__version__}")
+        return {name: Record(**{key: record.get(key) for key in Record.__annotations__})
+                for name, record in stages.items()}  # fmt: skip
+    except (OSError, KeyError, ValueError, TypeError, AttributeError) as error:
+        raise UsageError(f"{path} cannot be read as the manifest of a run ({error}). "
+                         "Name another run folder, or delete this one.") from None  # fmt: skip
+
+
+def _series(version: str) -> list[str]:
+    """Major and minor number: within them, files are read by each other's programs."""
+    return version.split(".")[:2]
+
+
+def _foreign(run: Path, why: str) -> UsageError:
+    return UsageError(f"{run} {why}. Nothing in it was changed. Name another run folder with --out and fit again, "
+                      f"or delete {run}.")  # fmt: skip
+
+
+def begin(run: Path, stage: str) -> None:
+    """Take a stage off the manifest while its files are written: one that is interrupted then is not done.
+
+    Raises:
+        UsageError: RUN was written by another version.
+    """
+    records = read_records(run)
+    records.pop(stage, None)
+    _write(run, records)
+
+
+def finish(
+    run: Path,
+    stage: str,
+    exit: int,
+    settings: Mapping[str, Any],
+    inputs: Mapping[str, str | None] | None = None,
+    folder: str | None = None,
+) -> None:
+    """Put a stage on the manifest, and aside what later stages had made from what it replaced.
+
+    Args:
+        run, stage: which.
+        exit: its exit status.
+        settings: what it ran with.
+        inputs: SHA-256 by file; those of RUN where not given.
+        folder: of the measurements.
+    """
+    records = read_records(run)
+    now = datetime.now(UTC).isoformat(timespec="seconds")
+    outputs = {name: digest(run / name) for name in STAGE_FILES[stage].makes}
+    inputs = inputs_of(run, stage) if inputs is None else inputs
+    records[stage] = Record(now, plain(settings), dict(inputs), outputs, exit, folder)
+    _write(run, _superseded(run, stage, records))
+
+
+def inputs_of(run: Path, stage: str) -> dict[str, str | None]:
+    """SHA-256 of the files of RUN that a stage is made from, as they lie there now."""
+    files = STAGE_FILES[stage]
+    return {name: digest(run / name) for name in (*files.needs, *files.uses)}
+
+
+def is_current(run: Path, stage: str, records: Mapping[str, Record]) -> bool:
+    """Whether a stage's files are those it wrote, of the model that lies in RUN now (or, of a fit, any folder's)."""
+    record = records.get(stage)
+    if record is None or any(digest(run / name) != sha for name, sha in record.outputs.items()):
+        return False
+    return all(record.inputs.get(name) == digest(run / name) for name in STAGE_FILES[stage].needs)
+
+
+def is_latest(run: Path, stage: str, records: Mapping[str, Record]) -> bool:
+    """Whether a stage is current and nothing that it uses besides has changed."""
+    return is_current(run, stage, records) and (stage == "fit" or dict(records[stage].inputs) == inputs_of(run, stage))
+
+
+def require(run: Path, stage: str) -> Record:
+    """The record of a stage whose files can be trusted.
+
+    Raises:
+        UsageError: it has not run, its files are not those it wrote, or they were made from something else.
+    """
+    records, command = read_records(run), STAGE_FILES[stage].command.format(run=run)
+    record = records.get(stage)
+    if record is None:
+        made = STAGE_FILES[stage].makes[0]
+        raise UsageError(f"{run} holds no finished `etcfit {stage}` ({made} is not there, or not on {MANIFEST}). "
+                         f"Run `{command}` first.")  # fmt: skip
+    for name, sha in record.outputs.items():
+        if digest(run / name) != sha:
+            raise UsageError(f"{run / name} is not the file that `etcfit {stage}` wrote there: it was changed, "
+                             f"replaced or taken away. Run `{command}` again.")  # fmt: skip
+    if not is_current(run, stage, records):
+        raise UsageError(f"What `etcfit {stage}` wrote to {run} was made from another model than the one that lies "
+                         f"there now. Run `{command}` again.")  # fmt: skip
+    return record
+
+
+def _superseded(run: Path, stage: str, records: Mapping[str, Record]) -> dict[str, Record]:
+    """The records that still hold; files of the others are moved out of the way."""
+    kept, later = dict(records), False
+    for name, files in STAGE_FILES.items():
+        if later and not is_current(run, name, kept):
+            kept.pop(name, None)
+            for file in (*files.makes, *files.beside):
+                _put_aside(run, file)
+        later = later or name == stage
+    return kept
+
+
+def _put_aside(run: Path, name: str) -> None:
+    source, target = run / name, run / SUPERSEDED / name
+    if not source.exists():
+        return
+    if target.is_dir():
+        shutil.rmtree(target)
+    target.parent.mkdir(parents=True, exist_ok=True)
+    source.replace(target)
+
+
+def _write(run: Path, records: Mapping[str, Record]) -> None:
+    stages = {name: {key: value for key, value in asdict(records[name]).items() if key != "folder" or value is not None}
+              for name in STAGE_FILES if name in records}  # fmt: skip
+    write_json(run / MANIFEST, "run", {"version": __version__, "stages": stages})
