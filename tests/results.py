@@ -84,6 +84,17 @@ def result(
     return FitResult(**(fields | changes))
 
 
+def bench_twin(folder: Path) -> FitResult:
+    """Where a joint fit of the bench twin ended (tests/bench_twin_fit.npz), beside a copy of its measurements."""
+    rig = read_folder(folder)
+    layout = free_parameters(rig.config).layout
+    with np.load(Path(__file__).parent / "bench_twin_fit.npz", allow_pickle=False) as end:
+        assert tuple(map(str, end["symbols"])) == layout.free
+        x, covariance = end["x"], end["covariance"]
+    values = {s: float(v) for s, v in layout.values(x, free_parameters(rig.config).held).items()}
+    return result(rig, x=x, covariance=covariance, values=values)
+
+
 def without_readings() -> Readings:
     return Readings({}, {}, frozenset(), {})
 

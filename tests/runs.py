@@ -11,9 +11,11 @@ from PIL import Image
 
 import results
 from etcfit.files import write_json
-from etcfit.run_folder import fit_json
+from etcfit.run_folder import finish, fit_json, save_fit
 
-LATER = ("diagnosis", "posterior", "transfer_function", "frequency_response", "pid")
+STAGES = {"diagnosis": "diagnose", "posterior": "sample", "transfer_function": "reduce",
+          "frequency_response": "reduce", "pid": "design"}  # fmt: skip
+LATER = tuple(STAGES)
 
 
 def run_folder(path: Path, later: tuple[str, ...] = (), synthetic: bool = True, lost: tuple[str, ...] = ()) -> Path:
@@ -26,12 +28,14 @@ def run_folder(path: Path, later: tuple[str, ...] = (), synthetic: bool = True, 
         lost: symbols that are not identifiable.
     """
     run = path / "run"
-    fit = fit_json(results.result(results.rig(path / "rig", synthetic), lost))
-    write_json(run / "fit.json", "fit", fit)
+    result = results.result(results.rig(path / "rig", synthetic), lost)
+    save_fit(run, result)
+    fit = fit_json(result)
     made = {"diagnosis": _diagnosis, "posterior": _posterior, "transfer_function": _plant,
             "frequency_response": _sines, "pid": _pid}  # fmt: skip
     for kind in later:
         write_json(run / f"{kind}.json", kind, made[kind](fit))
+        finish(run, STAGES[kind], 0, {})
     for name in ("parameters", "tests/response", "traces/response__1", "diagnosis/ledger", "odd_things/one"):
         picture(run / "pictures" / f"{name}.png")
     return run
@@ -49,6 +53,7 @@ def changed(run: Path, kind: str, **changes: Any) -> None:
     path = run / f"{kind}.json"
     content = json.loads(path.read_text(encoding="utf-8")) | changes
     path.write_text(json.dumps(content), encoding="utf-8")
+    finish(run, {"fit": "fit", **STAGES}[kind], 0, {}, {} if kind == "fit" else None)
 
 
 def _diagnosis(fit: dict[str, Any]) -> dict[str, Any]:

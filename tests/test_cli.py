@@ -8,19 +8,18 @@ import subprocess
 import sys
 from collections.abc import Callable
 from pathlib import Path
-from types import ModuleType, SimpleNamespace
 from typing import Any
 
 import pytest
 from typer.testing import CliRunner, Result
 
 import etcfit
+import results
 import runs
 from etcfit.cli import app
 from etcfit.errors import MeasurementError, UsageError
+from etcfit.run_folder import RunFolder, save_fit
 from etcfit.stages import Done
-
-RIG = SimpleNamespace(folder="bench")
 
 
 @pytest.fixture
@@ -32,63 +31,87 @@ def invoke(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Callable[..., Res
     return lambda *words: CliRunner().invoke(app, [str(word) for word in words])
 
 
-class Library:
-    """Stands in for the modules behind the commands and notes what they are asked."""
+class Stages:
+    """Stands in for the stages behind the commands and notes what they are asked; `done` is what they leave."""
 
     def __init__(self) -> None:
-        self.written: list[tuple[Path, Any]] = []
-        self.result = SimpleNamespace(converged=True, reason="gradient below tolerance")
+        self.asked: list[tuple[Any, ...]] = []
+        self.done = Done("a table")
         self.raises: BaseException | None = None
 
-    def read_folder(self, folder: Path) -> SimpleNamespace:
+    def work(self, *asked: Any, **more: Any) -> Done:
+        paths = tuple(each.path if isinstance(each, RunFolder) else each for each in asked)
+        report = next(each for each in paths if callable(each))
+        report("working", 0.5)
         if self.raises:
             raise self.raises
-        assert folder == Path("bench")
-        return RIG
-
-    def fit(self, rig: SimpleNamespace, report: Callable[[str, float], None]) -> SimpleNamespace:
-        assert rig is RIG
-        report("fitting", 0.5)
-        return self.result
-
-    def write_run(self, run: Path, result: SimpleNamespace, report: Callable[[str, float], None]) -> None:
-        self.written.append((run, result))
-
-
-def _module(name: str, **names: Any) -> ModuleType:
-    module = ModuleType(name)
-    vars(module).update(names)
-    return module
+        self.asked.append((*(each for each in paths if each is not report), *([more] if more else [])))
+        return self.done
 
 
 @pytest.fixture
-def library(monkeypatch: pytest.MonkeyPatch) -> Library:
-    fake = Library()
-    modules = {
-        "etcfit.rig.reader": {"read_folder": fake.read_folder},
-        "etcfit.experiment.check": {"check": lambda rig: SimpleNamespace(why_not="")},
-        "etcfit.estimation.joint_fit": {"fit": fake.fit},
-        "etcfit.reporting": {"write_run": fake.write_run},
-        "etcfit.reporting.tables": {
-            "fit_table": lambda result: "the fit's table",
-            "check_table": lambda result: "what it can identify",
-        },
-    }
-    for name, names in modules.items():
-        monkeypatch.setitem(sys.modules, name, _module(name, **names))
+def stages(monkeypatch: pytest.MonkeyPatch) -> Stages:
+    fake = Stages()
+    for name in ("fit_folder", "diagnose_run", "sample_run", "reduce_run", "design_run", "write_report"):
+        monkeypatch.setattr(f"etcfit.stages.{name}", fake.work)
     return fake
 
 
-def test_check_prints_its_verdict(invoke, library: Library) -> None:
-    done = invoke("check", "bench")
-    assert (done.exit_code, done.stdout) == (0, "what it can identify\n")
+COMMANDS = {
+    "fit": (("fit", "bench", "--out", "runs/a"), (Path("bench"), Path("runs/a"))),
+    "diagnose": (("diagnose", "bench"), (Path("bench"),)),
+    "sample": (("sample", "bench", "--steps", "700"), (Path("bench"), 700)),
+    "reduce": (("reduce", "bench", "--output", "deg", "--at", "30", "--pade", "2"),
+               (Path("bench"), "V", "deg", 0.3, 2)),
+    "design": (("design", "bench", "--rule", "simc"), (Path("bench"), "simc", 12, False, (20.0, 0.2, 0.5))),
+    "report": (("report", "bench"), (Path("bench"),)),
+}  # fmt: skip
 
 
-def test_fit_writes_the_run_and_prints_its_table(invoke, library: Library) -> None:
-    done = invoke("fit", "bench", "--out", "runs/a")
-    assert (done.exit_code, done.stdout) == (0, "the fit's table\n")
-    assert "fitting" in done.stderr
-    assert library.written == [(Path("runs/a"), library.result)]
+@pytest.mark.parametrize(("words", "asked"), COMMANDS.values(), ids=COMMANDS)
+def test_a_command_is_one_call_and_its_table(
+    invoke, stages: Stages, words: tuple[str, ...], asked: tuple[Any, ...]
+) -> None:
+    done = invoke(*words)
+    assert (done.exit_code, done.stdout) == (0, "a table\n")
+    assert "working" in done.stderr
+    assert stages.asked == [asked]
+    assert invoke(*words, "--quiet").stderr == ""
+
+
+@pytest.mark.parametrize("words", [words for words, _ in COMMANDS.values()], ids=COMMANDS)
+def test_a_model_that_did_not_converge_is_shown_and_exits_3(invoke, stages: Stages, words: tuple[str, ...]) -> None:
+    stages.done = Done("a table", "gradient still 12 [of tolerance]")
+    done = invoke(*words, "--quiet")
+    assert (done.exit_code, done.stdout) == (3, "a table\n")
+    assert "gradient still 12 [of tolerance]" in done.stderr
+
+
+@pytest.mark.parametrize(
+    ("error", "status"),
+    [
+        (MeasurementError("a.csv:3", "found", "required", "mend"), 1),
+        (UsageError("other"), 2),
+        (OSError(28, "No space left on device", "runs"), 2),
+        (KeyboardInterrupt(), 130),
+    ],
+)
+@pytest.mark.parametrize("words", [words for words, _ in COMMANDS.values()], ids=COMMANDS)
+def test_an_error_is_a_message_and_a_status(
+    invoke, stages: Stages, words: tuple[str, ...], error: BaseException, status: int
+) -> None:
+    stages.raises = error
+    done = invoke(*words, "--quiet")
+    assert (done.exit_code, done.stdout) == (status, "")
+    assert done.stderr.startswith("etcfit:")
+    assert "Traceback" not in done.output
+
+
+def test_check_prints_its_verdict(invoke, tmp_path: Path) -> None:
+    results.rig(tmp_path / "rig")
+    done = invoke("check", "rig", "--quiet")
+    assert (done.exit_code, done.stderr) == (0, "")
+    assert "response/1.csv" in done.stdout
 
 
 def test_report_prints_where_the_page_is(invoke, tmp_path: Path) -> None:
@@ -110,86 +133,6 @@ def test_run_goes_through_the_stages_and_says_what_was_done_before(invoke, monke
     done = invoke("run", "bench", "--out", "a")
     assert (done.exit_code, done.stdout) == (3, "the diagnosis\n")
     assert [line.split(":")[0] for line in done.stderr.splitlines()] == ["fit", "finding out", "etcfit"]
-
-
-def test_quiet_silences_progress(invoke, library: Library) -> None:
-    done = invoke("fit", "bench", "--out", "a", "--quiet")
-    assert (done.exit_code, done.stdout, done.stderr) == (0, "the fit's table\n", "")
-
-
-def test_a_fit_that_did_not_converge_writes_says_why_and_exits_3(invoke, library: Library) -> None:
-    library.result = SimpleNamespace(converged=False, reason="gradient still 12 [of tolerance]")
-    done = invoke("fit", "bench", "--out", "a")
-    assert done.exit_code == 3
-    assert done.stdout == "the fit's table\n"
-    assert "gradient still 12 [of tolerance]" in done.stderr
-    assert library.written
-
-
-@pytest.fixture
-def sampler(library: Library, monkeypatch: pytest.MonkeyPatch) -> SimpleNamespace:
-    """Stands in for what `sample` asks; `asked` holds the fit, the folder, the steps and the inexact formulas."""
-    convergence = SimpleNamespace(converged=True, reason="60 tau long")
-    fake = SimpleNamespace(convergence=convergence, asked=None)
-    state = SimpleNamespace(far=False, formulas=("backlash",))
-
-    def sample(
-        fit: Any, run: Path, steps: int, report: Callable[[str, float], None], exact: tuple[str, ...]
-    ) -> SimpleNamespace:
-        fake.asked = fit, run, steps, exact
-        return fake
-
-    modules = {
-        "etcfit.run_folder": {"final_state": lambda run: state, "final_rig": lambda state: (RIG, "x")},
-        "etcfit.estimation.joint_fit": {"resume": lambda rig, x, far, report: (rig, x, far)},
-        "etcfit.posterior": {"sample": sample},
-        "etcfit.posterior.profile": {"profiles": lambda posterior, report: {}},
-        "etcfit.reporting": {"write_posterior": lambda run, posterior, *_: library.written.append((run, posterior))},
-        "etcfit.reporting.posterior.table": {"posterior_table": lambda posterior, profiled: "the posterior's table"},
-    }
-    for name, names in modules.items():
-        monkeypatch.setitem(sys.modules, name, _module(name, **names))
-    return fake
-
-
-def test_sample_writes_the_posterior_and_prints_its_table(invoke, library: Library, sampler: SimpleNamespace) -> None:
-    done = invoke("sample", "bench", "--steps", "700")
-    assert (done.exit_code, done.stdout) == (0, "the posterior's table\n")
-    assert sampler.asked == ((RIG, "x", False), Path("bench"), 700, ("backlash",))
-    assert library.written == [(Path("bench"), sampler)]
-
-
-def test_a_chain_that_is_too_short_is_written_says_so_and_exits_3(
-    invoke, library: Library, sampler: SimpleNamespace
-) -> None:
-    sampler.convergence = SimpleNamespace(converged=False, reason="About 900 more steps are needed.")
-    done = invoke("sample", "bench")
-    assert (done.exit_code, done.stdout) == (3, "the posterior's table\n")
-    assert "no posterior yet: About 900 more steps are needed." in done.stderr
-    assert library.written
-
-
-@pytest.mark.parametrize("command", [("check", "bench"), ("fit", "bench", "--out", "a")])
-@pytest.mark.parametrize(
-    ("error", "status", "message"),
-    [
-        (MeasurementError("response/3.csv:118", "time falls.", "It must rise.", "Sort the log."), 1, "3.csv:118: time"),
-        (UsageError("no such thing"), 2, "no such thing"),
-        (PermissionError(13, "Permission denied", "runs/a"), 2, "runs/a: Permission denied"),
-        (KeyboardInterrupt(), 130, "interrupted"),
-    ],
-    ids=["data", "usage", "disk", "interrupt"],
-)
-def test_an_error_is_a_message_and_a_status(
-    invoke, library: Library, command: tuple[str, ...], error: BaseException, status: int, message: str
-) -> None:
-    library.raises = error
-    done = invoke(*command, "--quiet")
-    assert done.exit_code == status
-    assert message in done.stderr
-    assert "Traceback" not in done.output
-    assert done.stdout == ""
-    assert library.written == []
 
 
 @pytest.mark.parametrize(
@@ -230,76 +173,10 @@ def test_fetch_writes_below_measurements_and_prints_where(invoke, measured: Path
     assert Path("measurements/kassel-throttle/rig.toml").is_file()
 
 
-@pytest.fixture
-def diagnosed(monkeypatch: pytest.MonkeyPatch) -> SimpleNamespace:
-    """Stands in for the modules behind `diagnose`: a fit in RUN that is taken up, diagnosed and written."""
-    state = SimpleNamespace(x=[1.0], far=True)
-    diagnosis = SimpleNamespace(after=SimpleNamespace(converged=True, reason="gradient zero"))
-    fake = SimpleNamespace(diagnosis=diagnosis, written=[], raises=None)
-
-    def read_state(run: Path) -> SimpleNamespace:
-        if fake.raises:
-            raise fake.raises
-        return state
-
-    def resume(rig: Any, x: list[float], far: bool, report: Callable[[str, float], None]) -> str:
-        assert (rig, x, far) == (RIG, state.x, True)
-        return "the fit"
-
-    def diagnose(result: str, report: Callable[[str, float], None]) -> SimpleNamespace:
-        assert result == "the fit"
-        report("screening", 0.5)
-        return diagnosis
-
-    modules = {
-        "etcfit.run_folder": {"read_state": read_state, "rig_of": lambda state: RIG},
-        "etcfit.estimation.joint_fit": {"resume": resume},
-        "etcfit.diagnosis": {"diagnose": diagnose},
-        "etcfit.reporting": {"write_diagnosis": lambda run, d, report: fake.written.append((run, d))},
-        "etcfit.reporting.diagnosis.table": {"diagnosis_table": lambda d: "the ledger"},
-    }
-    for name, names in modules.items():
-        monkeypatch.setitem(sys.modules, name, _module(name, **names))
-    return fake
-
-
-def test_diagnose_writes_and_prints_the_ledger(invoke, diagnosed: SimpleNamespace) -> None:
-    done = invoke("diagnose", "bench")
-    assert (done.exit_code, done.stdout) == (0, "the ledger\n")
-    assert "screening" in done.stderr
-    assert diagnosed.written == [(Path("bench"), diagnosed.diagnosis)]
-    assert invoke("diagnose", "bench", "--quiet").stderr == ""
-
-
-def test_a_diagnosis_whose_final_fit_did_not_converge_exits_3(invoke, diagnosed: SimpleNamespace) -> None:
-    diagnosed.diagnosis.after = SimpleNamespace(converged=False, reason="gradient still 12 [of tolerance]")
-    done = invoke("diagnose", "bench", "--quiet")
-    assert (done.exit_code, done.stdout) == (3, "the ledger\n")
-    assert "gradient still 12 [of tolerance]" in done.stderr
-    assert diagnosed.written
-
-
-@pytest.mark.parametrize(
-    ("error", "status"),
-    [
-        (MeasurementError("a.csv:3", "found", "required", "mend"), 1),
-        (UsageError("other"), 2),
-        (KeyboardInterrupt(), 130),
-    ],
-)
-def test_a_diagnosis_that_fails_writes_nothing(
-    invoke, diagnosed: SimpleNamespace, error: BaseException, status: int
-) -> None:
-    diagnosed.raises = error
-    done = invoke("diagnose", "bench", "--quiet")
-    assert (done.exit_code, done.stdout, diagnosed.written) == (status, "", [])
-    assert "Traceback" not in done.output
-
-
 def test_diagnose_without_a_fit_is_a_usage_error(invoke) -> None:
     done = invoke("diagnose", "bench", "--quiet")
     assert (done.exit_code, done.stdout) == (2, "")
-    assert "holds no fit" in done.stderr
+    assert "holds no finished `etcfit fit`" in done.stderr
     assert "etcfit fit" in done.stderr
 
 
@@ -329,7 +206,7 @@ finally:
 def test_reduce_and_design_without_a_fit_are_usage_errors(invoke, command: str) -> None:
     done = invoke(command, "bench", "--quiet")
     assert (done.exit_code, done.stdout) == (2, "")
-    assert "holds no fit" in done.stderr
+    assert "holds no finished `etcfit fit`" in done.stderr
 
 
 @pytest.mark.parametrize(
@@ -354,17 +231,12 @@ def test_an_ecu_without_a_clock_is_a_usage_error(invoke) -> None:
 
 @pytest.mark.slow
 def test_reduce_writes_the_transfer_function_and_prints_it(tmp_path: Path, invoke) -> None:
-    run = Path(__file__).parents[1] / "notebooks" / "bench_twin_run" / "fit_state.npz"
-    shutil.copytree(run.parents[2] / "measurements" / "bench_twin", "measurements/bench_twin")
-    Path("notebooks/run").mkdir(parents=True)
-    shutil.copy(run, "notebooks/run")
-    done = invoke("reduce", "notebooks/run", "--output", "deg", "--pade", "2", "--quiet")
+    shutil.copytree(Path(__file__).parents[1] / "measurements" / "bench_twin", "measurements/bench_twin")
+    save_fit(Path("runs/twin"), results.bench_twin(Path("measurements/bench_twin")))
+    done = invoke("reduce", "runs/twin", "--output", "deg", "--pade", "2", "--quiet")
     assert (done.exit_code, done.stderr) == (0, "")
     assert "SYNTHETIC DATA" in done.stdout
-    found = json.loads(Path("notebooks/run/transfer_function.json").read_text())
+    found = json.loads(Path("runs/twin/transfer_function.json").read_text())
     assert found["schema"] == "etcfit.transfer_function/1"
     assert found["output"]["unit"] == "deg"
-    assert Path("notebooks/run/pictures/control/bode.png").stat().st_size > 10_000
-    wrong = invoke("design", "notebooks/run", "--ecu-period", "fast", "--quiet")
-    assert (wrong.exit_code, wrong.stdout) == (2, "")
-    assert "Write, say, 1ms" in wrong.stderr
+    assert Path("runs/twin/pictures/control/bode.png").stat().st_size > 10_000

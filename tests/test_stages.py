@@ -1,128 +1,99 @@
-"""`etcfit run` does what is not done, in order, and begins again what was interrupted."""
+"""The list of stages and the files of a run folder go together."""
 
 from __future__ import annotations
 
-import os
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import pytest
 
-from etcfit.stages import STAGES, Done, Report, Stage, is_done, run_all
+import diagnoses
+import results
+from equality import equal
+from etcfit.diagnosis.findings import Diagnosis
+from etcfit.estimation.result import FitResult
+from etcfit.run_folder import STAGE_FILES, read_records, save_diagnosis
+from etcfit.stages import STAGES, diagnose_run, fit_folder, opened, sample_run
 
 
-class Bench:
-    """A measurement folder, a run folder, and three stages that only write their files."""
+def test_every_stage_has_its_files_in_the_same_order() -> None:
+    assert [stage.name for stage in STAGES] == list(STAGE_FILES)
 
-    def __init__(self, base: Path) -> None:
-        self.folder, self.run, self.said = base / "rig", base / "run", []
-        (self.folder / "response").mkdir(parents=True)
-        for name in ("rig.toml", "response/1.csv", "response/2.csv"):
-            (self.folder / name).write_text("a", encoding="utf-8")
-        self.interrupt = ""
-        self.stages = (
-            self.stage("one", ("fit.json",), ()),
-            self.stage("two", ("two.json", "two.npz"), ("fit.json",)),
-            self.stage("three", ("three.html",), ("fit.json", "two.json", "never.json")),
-        )
-        self.clock = 1_000_000_000
-        for path in self.folder.rglob("*"):
-            self.touch(path)
 
-    def touch(self, path: Path) -> None:
-        """Files written one after the other are a second apart, whatever the disk's clock resolves."""
-        self.clock += 1
-        os.utime(path, (self.clock, self.clock))
+def test_a_stage_is_made_from_what_those_before_it_make() -> None:
+    made: set[str] = set()
+    for files in STAGE_FILES.values():
+        assert {*files.needs, *files.uses} <= made
+        made |= set(files.makes)
 
-    def stage(self, name: str, makes: tuple[str, ...], needs: tuple[str, ...]) -> Stage:
-        def work(folder: Path, run: Path, report: Report) -> Done:
-            assert folder == self.folder
-            report(name, 0.5)
-            for file in makes:
-                (run / file).write_text('{"converged": true}', encoding="utf-8")
-                self.touch(run / file)
-                if self.interrupt == file:
-                    raise KeyboardInterrupt
-            return Done(f"{name} done")
 
-        return Stage(name, makes, needs, work)
+def test_the_report_shows_every_result() -> None:
+    results = {name for files in STAGE_FILES.values() for name in files.makes if name.endswith(".json")}
+    assert results == set(STAGE_FILES["report"].uses)
 
-    def go(self) -> list[str]:
-        """Names of the stages that were run."""
-        self.said = []
-        run_all(self.folder, self.run, self.progress, self.show, self.stages)
-        return self.said
 
-    @contextmanager
-    def progress(self) -> Iterator[Report]:
-        yield lambda stage, done: None
+def test_no_two_stages_make_one_file() -> None:
+    made = [name for files in STAGE_FILES.values() for name in (*files.makes, *files.beside)]
+    assert len(made) == len(set(made))
 
-    def show(self, name: str, done: Done | None) -> None:
-        if done is not None:
-            assert done.shown == f"{name} done"
-            self.said.append(name)
+
+class Enough(Exception):
+    """What was to be seen was seen."""
+
+
+def silent(text: str, share: float) -> None:
+    """No progress."""
 
 
 @pytest.fixture
-def bench(tmp_path: Path) -> Bench:
-    return Bench(tmp_path)
+def found(tmp_path: Path) -> Diagnosis:
+    return diagnoses.diagnosis(results.rig(tmp_path / "rig"))
 
 
-def test_a_second_time_there_is_nothing_to_do(bench: Bench) -> None:
-    assert bench.go() == ["one", "two", "three"]
-    assert bench.go() == []
-    assert sorted(p.name for p in bench.run.iterdir()) == ["fit.json", "three.html", "two.json", "two.npz"]
-
-
-CHANGES: dict[str, tuple[Callable[[Bench], object], list[str]]] = {
-    "a trace is measured again": (lambda b: b.touch(b.folder / "response/1.csv"), ["one", "two", "three"]),
-    "rig.toml is edited": (lambda b: b.touch(b.folder / "rig.toml"), ["one", "two", "three"]),
-    "a trace is taken away": (lambda b: (b.folder / "response/2.csv").unlink(), ["one", "two", "three"]),
-    "one result is gone": (lambda b: (b.run / "two.npz").unlink(), ["two", "three"]),
-    "the fit was made again by hand": (lambda b: b.touch(b.run / "fit.json"), ["two", "three"]),
-    "the page is gone": (lambda b: (b.run / "three.html").unlink(), ["three"]),
-    "a picture is opened": (lambda b: (b.run / "other.txt").write_text(""), []),
-}
-
-
-@pytest.mark.parametrize(("change", "again"), CHANGES.values(), ids=CHANGES)
-def test_what_is_older_than_what_it_is_made_from_is_made_again(
-    bench: Bench, change: Callable[[Bench], object], again: list[str]
+def test_the_fit_of_a_folder_is_kept_drawn_and_shown(
+    found: Diagnosis, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    bench.go()
-    change(bench)
-    assert bench.go() == again
+    monkeypatch.setattr("etcfit.estimation.joint_fit.fit", lambda rig, report: found.before)
+    run = opened(tmp_path / "run")
+    done = fit_folder(tmp_path / "rig", run, silent)
+    assert done.failure == ""
+    assert run.fit() is found.before
+    assert (run.path / "pictures" / "parameters.png").is_file()
+    assert read_records(run.path)["fit"].exit == 0
 
 
-@pytest.mark.parametrize(("file", "again"), [("fit.json", ["one", "two", "three"]), ("two.npz", ["two", "three"])])
-def test_an_interrupted_stage_is_begun_again(bench: Bench, file: str, again: list[str]) -> None:
-    # even where all its files are there: pictures may be missing
-    bench.interrupt = file
-    with pytest.raises(KeyboardInterrupt):
-        bench.go()
-    bench.interrupt = ""
-    assert bench.go() == again
-    assert bench.go() == []
+def test_a_diagnosis_starts_from_the_fit_as_it_was(
+    found: Diagnosis, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    taken: list[FitResult] = []
+
+    def diagnose(result: FitResult, report: Any) -> Diagnosis:
+        taken.append(result)
+        raise Enough
+
+    monkeypatch.setattr("etcfit.diagnosis.diagnose", diagnose)
+    opened(tmp_path / "run").keep_fit(found.before)
+    with pytest.raises(Enough):
+        diagnose_run(opened(tmp_path / "run"), silent)  # as another process would
+    assert equal(taken[0], found.before)
 
 
-def test_a_fit_that_did_not_converge_is_told_also_where_it_was_skipped(bench: Bench) -> None:
-    bench.go()
-    (bench.run / "fit.json").write_text('{"converged": false, "reason": "too rough"}', encoding="utf-8")
-    failure = run_all(bench.folder, bench.run, bench.progress, bench.show, ())
-    assert failure == "the fit of the final model did not converge: too rough"
+def test_the_posterior_is_that_of_the_final_model_with_its_formulas_taken_as_exact(
+    found: Diagnosis, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    asked: list[tuple[Any, ...]] = []
 
+    def sample(*words: Any) -> None:
+        asked.append(words)
+        raise Enough
 
-def test_the_list_is_in_order() -> None:
-    """What a stage needs is made by those before it, and the report comes last and needs them all."""
-    made: set[str] = set()
-    for stage in STAGES[:-1]:
-        assert set(stage.needs) <= made
-        made |= set(stage.makes)
-    assert STAGES[-1].name == "report"
-    assert {name for name in made if name.endswith(".json")} <= set(STAGES[-1].needs)
-
-
-def test_without_files_nothing_is_done(bench: Bench) -> None:
-    bench.run.mkdir()
-    assert not any(is_done(stage, bench.folder, bench.run) for stage in bench.stages)
+    monkeypatch.setattr("etcfit.posterior.sample", sample)
+    wide = replace(found.after, formulas=(diagnoses.FOUND,), exact_covariance=0.5 * found.after.covariance)
+    save_diagnosis(tmp_path / "run", replace(found, after=wide))
+    with pytest.raises(Enough):
+        sample_run(opened(tmp_path / "run"), silent, 700)
+    (result, folder, steps, _, exact) = asked[0]
+    assert (folder, steps, exact) == (tmp_path / "run", 700, (diagnoses.FOUND,))
+    assert equal(result, wide.taken_as_exact())
+    assert result.covariance[0, 0] < wide.covariance[0, 0]

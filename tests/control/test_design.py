@@ -20,7 +20,7 @@ from etcfit.estimation.fitted_model import Fitted
 from etcfit.model.effects import AbstractEffect
 from etcfit.model.linear import closed_form
 from etcfit.model.throttle import Throttle
-from etcfit.run_folder import design_json, read_draws, read_fitted, reduction_json, rusefi, write_state
+from etcfit.run_folder import begin, design_json, finish, load_final, read_draws, reduction_json, rusefi, save_fit
 
 
 @pytest.fixture(scope="module")
@@ -137,15 +137,14 @@ def test_an_unknown_rule_is_a_usage_error(fitted: Fitted) -> None:
 
 def test_a_run_folder_gives_its_model_back(tmp_path: Path) -> None:
     result = results.result(results.rig(tmp_path / "rig"))
-    (tmp_path / "run").mkdir()
-    write_state(tmp_path / "run", result)
-    back = read_fitted(tmp_path / "run")
-    assert back.values == pytest.approx(result.values)
+    save_fit(tmp_path / "run", result)
+    back = load_final(tmp_path / "run").fitted()
+    assert back.values == result.values
     assert read_draws(tmp_path / "run", back, 10, 0) is None
     toml = tmp_path / "rig" / "rig.toml"
     toml.write_text(toml.read_text().replace("B_m = { fixed = 2e-5 }", "R_a = { fixed = 1.5 }"))
     with pytest.raises(UsageError, match="has changed since"):
-        read_fitted(tmp_path / "run")
+        load_final(tmp_path / "run")
 
 
 def test_a_posterior_of_the_same_model_is_drawn_from(tmp_path: Path, fitted: Fitted) -> None:
@@ -153,7 +152,9 @@ def test_a_posterior_of_the_same_model_is_drawn_from(tmp_path: Path, fitted: Fit
     values = {s: np.asarray(fitted.values[s]) * np.exp(0.1 * rng.standard_normal((2, 50)))
               for s in fitted.free_parameters.layout.free}  # fmt: skip
     made = xarray.Dataset({s: (("chain", "draw"), v) for s, v in values.items()})
+    begin(tmp_path, "sample")
     made.to_netcdf(tmp_path / "posterior.nc", group="posterior", engine="h5netcdf")
+    finish(tmp_path, "sample", 0, {})
     drawn = read_draws(tmp_path, fitted, 400, 0)
     assert drawn is not None
     spread = np.asarray(fitted.throttles(drawn).parameter("R_a"))

@@ -1,4 +1,4 @@
-"""A whole run folder: what `write_run` leaves behind."""
+"""A whole run folder: what a fit leaves behind."""
 
 from __future__ import annotations
 
@@ -9,8 +9,8 @@ import pytest
 from matplotlib.image import imread
 
 import results
-from etcfit.reporting import write_run
-from etcfit.run_folder import read_state
+from etcfit.reporting import draw_fit
+from etcfit.run_folder import load_fit, save_fit
 
 
 @pytest.fixture(scope="module")
@@ -18,7 +18,7 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
     said: list[tuple[str, float]] = []
     result = results.result(results.rig(tmp_path_factory.mktemp("rig")))
     run = tmp_path_factory.mktemp("run") / "new"
-    write_run(run, result, lambda text, share: said.append((text, share)))
+    save_fit(run, result, lambda: draw_fit(run, result, lambda text, share: said.append((text, share))))
     assert len(said) == len(list((run / "pictures").rglob("*.png")))
     assert [share for _, share in said] == sorted(share for _, share in said)
     return run
@@ -42,4 +42,13 @@ def test_pictures_show_something(run: Path) -> None:
 def test_fit_and_state_can_be_read_again(run: Path) -> None:
     fit = json.loads((run / "fit.json").read_text(encoding="utf-8"))
     assert fit["schema"] == "etcfit.fit/1"
-    assert set(read_state(run).symbols) <= set(fit["parameters"])
+    assert set(load_fit(run).free_parameters.layout.free) <= set(fit["parameters"])
+
+
+def test_pictures_of_another_fit_are_not_left_behind(run: Path, tmp_path: Path) -> None:
+    stale = run / "pictures" / "traces" / "response__99.png"
+    stale.write_bytes(b"a trace that is no longer there")
+    (run / "pictures" / "notes.txt").write_text("somebody's own", "utf-8")
+    draw_fit(run, results.result(results.rig(tmp_path)))
+    assert not stale.exists()
+    assert (run / "pictures" / "notes.txt").exists()

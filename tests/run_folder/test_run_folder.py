@@ -13,24 +13,9 @@ import pytest
 import diagnoses
 import results
 from etcfit.diagnosis.findings import Diagnosis
-from etcfit.errors import UsageError
 from etcfit.estimation.joint_fit import FitResult
 from etcfit.files import whole, write_json
-from etcfit.problem.free_parameters import free_parameters
-from etcfit.run_folder import (
-    DIAGNOSIS_STATE,
-    FIT_STATE,
-    diagnosis_json,
-    final_rig,
-    final_state,
-    fit_json,
-    read_state,
-    readings_of,
-    rig_of,
-    write_diagnosis_state,
-    write_state,
-)
-from etcfit.run_folder.state import State
+from etcfit.run_folder import diagnosis_json, fit_json, readings_of
 
 PARAMETERS = ("R_a", "L_a", "K_b", "K_m", "J_m", "J_L", "B_m", "B_L", "K_s", "T_PL", "T_f", "N")
 
@@ -128,110 +113,6 @@ def test_a_value_assumed_by_a_graph_is_not_a_reading(fitted: FitResult) -> None:
     assert {"K_b", "K_m"} <= set(readings_of(fitted))
     assumed = replace(fitted, readings=replace(fitted.readings, nominal=frozenset({"K_b"})))
     assert {"K_b", "K_m"} & set(readings_of(assumed)) == set()
-
-
-def test_the_state_of_a_fit_comes_back(fitted: FitResult, tmp_path: Path) -> None:
-    write_state(tmp_path / "run", fitted)
-    state = read_state(tmp_path / "run")
-    assert state.folder.samefile(fitted.rig.folder)
-    assert state.symbols == fitted.free_parameters.layout.free
-    np.testing.assert_array_equal(state.x, fitted.x)
-    np.testing.assert_array_equal(state.covariance, fitted.covariance)
-    assert state.effects == tuple(effect.name for effect in fitted.free_parameters.layout.types)
-    assert state.far is False
-    write_state(tmp_path / "run", replace(fitted, far=True))
-    assert read_state(tmp_path / "run").far is True
-    rig = rig_of(read_state(tmp_path / "run"))
-    assert [trace.file for trace in rig.measurements] == [trace.file for trace in fitted.rig.measurements]
-
-
-def test_no_state_no_traceback(tmp_path: Path) -> None:
-    with pytest.raises(UsageError, match="holds no fit"):
-        read_state(tmp_path)
-
-
-def test_a_state_that_cannot_be_read_says_what_to_do(fitted: FitResult, tmp_path: Path) -> None:
-    (tmp_path / FIT_STATE).write_bytes(b"PK no state")
-    with pytest.raises(UsageError, match=r"etcfit fit FOLDER --out .* again"):
-        read_state(tmp_path)
-    np.savez(tmp_path / FIT_STATE, x=fitted.x, folder=np.array(fitted.rig.folder))  # of an older version
-    with pytest.raises(UsageError, match=r"etcfit fit FOLDER --out .* again"):
-        read_state(tmp_path)
-
-
-def test_a_folder_that_changed_since_the_fit_is_refused(tmp_path: Path) -> None:
-    rig = results.rig(tmp_path / "rig")
-    write_state(tmp_path / "run", results.result(rig))
-    toml = tmp_path / "rig" / "rig.toml"
-    was = toml.read_text()
-    toml.write_text(was.replace("B_m = { fixed = 2e-5 }", ""))
-    with pytest.raises(UsageError, match=r"other parameters .*\(B_m\).* Run `etcfit fit .*` again"):
-        rig_of(read_state(tmp_path / "run"))
-    toml.write_text(was + '\n[model]\neffects = ["limp_home_spring"]\n')
-    with pytest.raises(UsageError, match="T_lh"):
-        rig_of(read_state(tmp_path / "run"))
-    toml.write_text(was)
-    assert rig_of(read_state(tmp_path / "run")).config.name == "bench"
-
-
-def test_a_folder_that_is_gone_is_refused(tmp_path: Path) -> None:
-    write_state(tmp_path / "run", results.result(results.rig(tmp_path / "rig")))
-    (tmp_path / "rig").rename(tmp_path / "elsewhere")
-    with pytest.raises(UsageError, match=r"no longer there.*etcfit fit FOLDER"):
-        rig_of(read_state(tmp_path / "run"))
-
-
-def test_the_state_of_a_diagnosis_holds_the_final_model(found: Diagnosis, tmp_path: Path) -> None:
-    write_state(tmp_path, found.before)
-    write_diagnosis_state(tmp_path, found)
-    fit, final = read_state(tmp_path), read_state(tmp_path, DIAGNOSIS_STATE)
-    assert set(final.effects) - set(fit.effects) == {diagnoses.FOUND}
-    assert set(final.symbols) - set(fit.symbols) == {"T_lh", "K_lh", "theta_lh", "d_lh"}
-    np.testing.assert_array_equal(final.x, found.after.x)
-    np.testing.assert_array_equal(final.covariance, found.after.covariance)
-    assert final.folder.samefile(found.after.rig.folder)
-    assert final.formulas == ()
-
-
-def test_the_state_says_which_formulas_its_intervals_allow_to_be_inexact(found: Diagnosis, tmp_path: Path) -> None:
-    write_diagnosis_state(tmp_path, replace(found, after=replace(found.after, formulas=(diagnoses.FOUND,))))
-    assert final_of(tmp_path).formulas == (diagnoses.FOUND,)
-    with np.load(tmp_path / DIAGNOSIS_STATE) as state:
-        older = {key: state[key] for key in state if key != "formulas"}
-    np.savez(tmp_path / DIAGNOSIS_STATE, **older)
-    assert final_of(tmp_path).formulas == ()
-
-
-def final_of(run: Path) -> State:
-    return read_state(run, DIAGNOSIS_STATE)
-
-
-def test_the_final_model_is_that_of_the_diagnosis_where_there_is_one(found: Diagnosis, tmp_path: Path) -> None:
-    write_state(tmp_path, found.before)
-    assert final_state(tmp_path).effects == read_state(tmp_path).effects
-    write_diagnosis_state(tmp_path, found)
-    state = final_state(tmp_path)
-    assert diagnoses.FOUND in state.effects
-    rig, x = final_rig(state)
-    assert diagnoses.FOUND in rig.config.effects
-    layout = free_parameters(rig.config).layout
-    assert set(layout.free) == set(state.symbols)
-    assert dict(zip(layout.free, x, strict=True)) == dict(zip(state.symbols, state.x, strict=True))
-
-
-def test_a_final_model_of_another_folder_is_refused(found: Diagnosis, tmp_path: Path) -> None:
-    write_state(tmp_path, found.before)
-    write_diagnosis_state(tmp_path, found)
-    state = final_state(tmp_path)
-    with pytest.raises(UsageError, match="has changed since"):
-        final_rig(replace(state, symbols=state.symbols[1:]))
-
-
-def test_a_new_fit_leaves_no_state_of_the_old_diagnosis(found: Diagnosis, tmp_path: Path) -> None:
-    write_diagnosis_state(tmp_path, found)
-    write_state(tmp_path, found.before)
-    with pytest.raises(UsageError, match=r"holds no diagnosis.*etcfit diagnose"):
-        read_state(tmp_path, DIAGNOSIS_STATE)
 
 
 def test_diagnosis_json_holds_what_the_contract_names(found: Diagnosis, tmp_path: Path) -> None:

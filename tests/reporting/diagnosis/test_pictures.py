@@ -13,11 +13,11 @@ from matplotlib.image import imread
 import diagnoses
 import results
 from etcfit.diagnosis.findings import Diagnosis
-from etcfit.reporting import write_diagnosis
+from etcfit.reporting import draw_diagnosis
 from etcfit.reporting.diagnosis import chart, overlay, pictures, rounds, unexplained
 from etcfit.reporting.diagnosis.ledger import headline, ledger
 from etcfit.reporting.pictures import all_traces
-from etcfit.run_folder import DIAGNOSIS_STATE, read_state
+from etcfit.run_folder import load_diagnosis, save_diagnosis
 
 
 @pytest.fixture(scope="module")
@@ -29,7 +29,7 @@ def found(tmp_path_factory: pytest.TempPathFactory) -> Diagnosis:
 def run(found: Diagnosis, tmp_path_factory: pytest.TempPathFactory) -> Path:
     run = tmp_path_factory.mktemp("run") / "new"
     said: list[float] = []
-    write_diagnosis(run, found, lambda text, share: said.append(share))
+    save_diagnosis(run, found, lambda: draw_diagnosis(run, found, lambda text, share: said.append(share)))
     assert len(said) == len(list(run.rglob("*.png")))
     return run
 
@@ -43,7 +43,8 @@ def test_every_file_is_there(run: Path) -> None:
     stories = ("ledger", "parameters", "missing_torque", "missing_voltage", "unexplained", "rounds",
                "traces/response__2", "traces/response__1")  # fmt: skip
     assert drawn == {
-        "diagnosis.json", DIAGNOSIS_STATE, *(f"pictures/diagnosis/{story}.png" for story in stories)
+        "run.json", "fit.json", "fit_state.npz", "diagnosis.json", "diagnosis_state.npz",
+        *(f"pictures/diagnosis/{story}.png" for story in stories)
     }  # fmt: skip
 
 
@@ -56,9 +57,9 @@ def test_pictures_show_something(run: Path) -> None:
 
 def test_diagnosis_and_state_agree(run: Path) -> None:
     written = json.loads((run / "diagnosis.json").read_text(encoding="utf-8"))
-    state = read_state(run, DIAGNOSIS_STATE)
-    assert list(state.effects) == written["final"]["effects"]
-    assert {"T_lh", "theta_lh"} < set(state.symbols) < set(written["parameters"])
+    layout = load_diagnosis(run).after.free_parameters.layout
+    assert [effect.name for effect in layout.types] == written["final"]["effects"]
+    assert {"T_lh", "theta_lh"} < set(layout.free) < set(written["parameters"])
 
 
 def test_what_is_not_there_is_not_drawn(found: Diagnosis) -> None:

@@ -30,7 +30,7 @@ PROBE = """<!doctype html><title></title><iframe style="border:0;width:{width}px
 @pytest.mark.slow
 @pytest.mark.parametrize("width", [1280, 390])
 def test_a_browser_shows_it_all_without_complaint(tmp_path: Path, width: int) -> None:
-    page = write_page(runs.run_folder(tmp_path, runs.LATER, lost=("B_L",)))
+    page = write_page(runs.run_folder(tmp_path, runs.LATER, lost=("B_L",))).path
     assert "CONSOLE" not in _visit(page, tmp_path / "first").stderr
     probe = tmp_path / "probe.html"
     probe.write_text(PROBE.format(width=width, page=escape(page.read_text(encoding="utf-8"))), encoding="utf-8")

@@ -12,6 +12,7 @@ import runs
 from etcfit.errors import UsageError
 from etcfit.reporting.page import write_page
 from etcfit.reporting.page.pictures import carried
+from etcfit.run_folder import finish
 
 LIMIT = 5_000_000
 VOID = {"meta", "link", "img", "br", "wbr", "hr"}
@@ -44,7 +45,7 @@ class Reader(HTMLParser):
 
 
 def read(run: Path) -> Reader:
-    return Reader(write_page(run).read_text(encoding="utf-8"))
+    return Reader(write_page(run).path.read_text(encoding="utf-8"))
 
 
 @pytest.fixture
@@ -98,7 +99,7 @@ def test_a_posterior_that_takes_formulas_as_exact_says_so(full: Path) -> None:
 
 
 def test_the_verdict_is_three_sentences_and_names_what_is_lost(full: Path) -> None:
-    page = write_page(full).read_text(encoding="utf-8")
+    page = write_page(full).path.read_text(encoding="utf-8")
     verdict = page.partition('aria-label="Verdict"')[2].partition("</section>")[0]
     assert verdict.count("<p>") == 3
     assert "<i>B</i><sub>L</sub>" in verdict
@@ -141,12 +142,13 @@ def test_a_picture_keeps_its_size_and_loses_its_weight(tmp_path: Path) -> None:
     ("content", "said"),
     [
         ("{", "is no JSON"),
-        ('{"schema": "etcfit.fit/9"}', "etcfit.fit/9"),
+        ('{"schema": "etcfit.pid/9"}', "etcfit.pid/9"),
         ("[]", "None"),
     ],
 )
 def test_a_spoilt_file_is_said_to_be(full: Path, content: str, said: str) -> None:
-    (full / "fit.json").write_text(content, encoding="utf-8")
+    (full / "pid.json").write_text(content, encoding="utf-8")
+    finish(full, "design", 0, {})
     with pytest.raises(UsageError, match=said):
         write_page(full)
 

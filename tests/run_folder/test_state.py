@@ -1,0 +1,354 @@
+"""Stages hand over whole: what was saved is loaded, and nothing that was made from something else is mixed in."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+import diagnoses
+import results
+from equality import equal
+from etcfit.cli import app
+from etcfit.diagnosis.findings import Diagnosis
+from etcfit.errors import UsageError
+from etcfit.estimation.intervals import intervals
+from etcfit.estimation.result import FitResult
+from etcfit.reporting.page import write_page
+from etcfit.run_folder import (
+    MANIFEST,
+    SUPERSEDED,
+    RunFolder,
+    finish,
+    fitted_to,
+    is_done,
+    load_diagnosis,
+    load_final,
+    load_fit,
+    read_records,
+    save_diagnosis,
+    save_fit,
+)
+from etcfit.stages import STAGES, Done, Report, Stage, run_all
+
+
+@pytest.fixture
+def fit(tmp_path: Path) -> FitResult:
+    return results.result(results.rig(tmp_path / "rig"))
+
+
+@pytest.fixture
+def found(tmp_path: Path) -> Diagnosis:
+    return diagnoses.diagnosis(results.rig(tmp_path / "rig"))
+
+
+@pytest.fixture
+def run(tmp_path: Path) -> Path:
+    return tmp_path / "run"
+
+
+def test_a_fit_is_loaded_as_it_was_saved(fit: FitResult, run: Path) -> None:
+    save_fit(run, fit)
+    assert equal(load_fit(run), fit)
+    assert equal(load_final(run), fit)
+
+
+def test_a_fit_that_did_not_converge_far_from_its_data_stays_one(fit: FitResult, run: Path) -> None:
+    odd = replace(fit, converged=False, reason="points about the end still lower chi2", far=True)
+    save_fit(run, odd)
+    again = load_fit(run)
+    assert (again.converged, again.reason, again.far) == (False, odd.reason, True)
+    assert read_records(run)["fit"].exit == 3
+
+
+def test_weights_jitter_and_standard_errors_are_those_of_the_fit(fit: FitResult, run: Path) -> None:
+    problem = replace(fit.problem, jitter=0.07, sigma=1.3 * fit.problem.sigma, guide_stiffness=0.0)
+    save_fit(run, replace(fit, problem=problem, weighted=problem.weighted(problem.forgiving(0.004))))
+    again = load_fit(run)
+    assert again.problem.jitter == 0.07
+    np.testing.assert_array_equal(again.problem.sigma, 1.3 * fit.problem.sigma)
+    assert intervals(again) == intervals(fit)
+
+
+def test_a_diagnosis_is_loaded_as_it_was_saved(found: Diagnosis, run: Path) -> None:
+    after = replace(found.after, formulas=(diagnoses.FOUND,), exact_covariance=0.5 * found.after.covariance)
+    found = replace(found, after=after)
+    save_diagnosis(run, found)  # its fit with it
+    again = load_diagnosis(run)
+    assert equal(again, found)
+    assert equal(load_final(run), found.after)
+    assert equal(load_fit(run), found.before)
+    exact = again.after.taken_as_exact()
+    assert (exact.formulas, exact.covariance[0, 0]) == ((), 0.5 * after.covariance[0, 0])
+
+
+def test_where_nothing_was_added_the_final_model_is_the_fit_itself(tmp_path: Path, run: Path) -> None:
+    save_diagnosis(run, diagnoses.explained(results.rig(tmp_path / "rig")))
+    again = load_diagnosis(run)
+    assert again.after is again.before
+    assert intervals(again.after) == intervals(load_fit(run))
+
+
+def test_within_a_process_nothing_is_loaded(found: Diagnosis, run: Path) -> None:
+    folder = RunFolder(run)
+    folder.keep_fit(found.before)
+    assert folder.fit() is folder.final() is found.before
+    folder.keep_diagnosis(found)
+    assert folder.final() is found.after
+    other = replace(found.before, chi2_per_dof=7.0)
+    folder.keep_fit(other)
+    assert folder.final() is other
+
+
+def test_a_new_fit_leaves_nothing_of_the_old_one_in_the_way(found: Diagnosis, run: Path) -> None:
+    save_fit(run, found.before)
+    save_diagnosis(run, found)
+    write_page(run)
+    assert diagnoses.FOUND in (run / "report.html").read_text("utf-8")
+    save_fit(run, replace(found.before, chi2_per_dof=7.0))
+    for name in ("diagnosis.json", "diagnosis_state.npz", "report.html"):
+        assert not (run / name).exists()
+        assert (run / SUPERSEDED / name).is_file(), "nothing is lost"
+    assert set(read_records(run)) == {"fit"}
+    assert load_final(run).chi2_per_dof == 7.0
+    write_page(run)
+    assert f"+ {diagnoses.FOUND}" not in (run / "report.html").read_text("utf-8")
+
+
+def test_the_same_fit_made_again_keeps_what_was_made_from_it(found: Diagnosis, run: Path) -> None:
+    save_diagnosis(run, found)
+    save_fit(run, found.before)
+    assert equal(load_diagnosis(run), found)
+
+
+def test_a_diagnosis_sets_aside_what_was_made_from_the_fit_alone(found: Diagnosis, run: Path) -> None:
+    save_fit(run, found.before)
+    (run / "pid.json").write_text("{}", "utf-8")
+    finish(run, "design", 0, {})
+    save_diagnosis(run, found)
+    assert not (run / "pid.json").exists()
+    assert (run / SUPERSEDED / "pid.json").is_file()
+
+
+def test_files_of_another_run_are_refused(found: Diagnosis, run: Path, tmp_path: Path) -> None:
+    save_diagnosis(run, found)
+    other = tmp_path / "other"
+    save_fit(other, replace(found.before, chi2_per_dof=7.0))
+    for name in ("diagnosis.json", "diagnosis_state.npz"):
+        (other / name).write_bytes((run / name).read_bytes())
+    with pytest.raises(UsageError, match=r"holds no finished .*diagnose"):
+        load_final(other)
+    with pytest.raises(UsageError, match=r"holds no finished .*diagnose"):
+        write_page(other)
+    (run / "fit_state.npz").write_bytes((other / "fit_state.npz").read_bytes())
+    with pytest.raises(UsageError, match=r"another model|not the file that"):
+        load_final(run)
+
+
+def test_a_file_that_was_edited_is_refused(fit: FitResult, run: Path) -> None:
+    save_fit(run, fit)
+    (run / "fit.json").write_text((run / "fit.json").read_text("utf-8").replace("1.02", "1.03"), "utf-8")
+    with pytest.raises(UsageError, match=r"fit\.json is not the file that .* Run `etcfit fit FOLDER"):
+        write_page(run)
+
+
+def test_measurements_that_changed_since_are_named(fit: FitResult, run: Path, tmp_path: Path) -> None:
+    save_fit(run, fit)
+    toml = tmp_path / "rig" / "rig.toml"
+    was = toml.read_text("utf-8")
+    toml.write_text(was + "\n# warmer today\n", "utf-8")
+    with pytest.raises(UsageError, match=r"has changed since .*rig\.toml.* Run `etcfit fit"):
+        load_fit(run)
+    toml.write_text(was, "utf-8")
+    assert equal(load_fit(run), fit)  # a touched file has not changed
+    (tmp_path / "rig" / "response" / "1.csv").rename(tmp_path / "rig" / "response" / "3.csv")
+    with pytest.raises(UsageError, match=r"response/1\.csv, response/3\.csv"):
+        load_fit(run)
+
+
+def test_where_the_measurements_were_taken_away_what_was_saved_will_do(
+    fit: FitResult, run: Path, tmp_path: Path
+) -> None:
+    save_fit(run, fit)
+    (tmp_path / "rig").rename(tmp_path / "elsewhere")
+    assert equal(load_fit(run), fit)
+
+
+def test_a_run_of_other_measurements_is_refused(fit: FitResult, run: Path, tmp_path: Path) -> None:
+    save_fit(run, fit)
+    assert equal(fitted_to(run, fit.rig), fit)
+    with pytest.raises(UsageError, match=r"was made from .*rig, not from .*other"):
+        fitted_to(run, results.rig(tmp_path / "other"))
+
+
+def test_no_fit_no_traceback(tmp_path: Path) -> None:
+    with pytest.raises(UsageError, match=r"holds no finished `etcfit fit`.*Run `etcfit fit FOLDER"):
+        load_fit(tmp_path)
+
+
+def _older(run: Path) -> dict[str, bytes]:
+    """What version 0.1.0 left in its run folders; its files by name."""
+    run.mkdir()
+    np.savez(run / "fit_state.npz", x=np.zeros(3), covariance=np.eye(3))
+    (run / "fit.json").write_text('{"schema": "etcfit.fit/1", "converged": true, "reason": ""}', "utf-8")
+    return {path.name: path.read_bytes() for path in run.iterdir()}
+
+
+COMMANDS = [("fit", "rig", "--out", "run"), ("run", "rig", "--out", "run"),
+            *((name, "run") for name in ("diagnose", "sample", "reduce", "design", "report"))]  # fmt: skip
+
+
+@pytest.mark.parametrize("words", COMMANDS, ids=lambda words: words[0])
+@pytest.mark.parametrize("version", ["none", "0.3.1"])
+def test_a_run_of_another_version_is_left_alone(
+    words: tuple[str, ...], version: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    results.rig(tmp_path / "rig")
+    run = tmp_path / "run"
+    _older(run)
+    if version != "none":
+        (run / MANIFEST).write_text(json.dumps({"schema": "etcfit.run/1", "version": version, "stages": {}}), "utf-8")
+    there = {path.name: path.read_bytes() for path in run.iterdir()}
+    done = CliRunner().invoke(app, [*words, "--quiet"])
+    assert (done.exit_code, done.stdout) == (2, "")
+    assert "version of etcfit (0.1)" in done.stderr or f"etcfit {version}" in done.stderr
+    assert "Nothing in it was changed" in done.stderr
+    assert {path.name: path.read_bytes() for path in run.iterdir()} == there
+
+
+def test_a_manifest_that_cannot_be_read_is_a_usage_error(fit: FitResult, run: Path) -> None:
+    save_fit(run, fit)
+    (run / MANIFEST).write_text("{", "utf-8")
+    with pytest.raises(UsageError, match=r"run\.json cannot be read"):
+        load_fit(run)
+
+
+def test_the_manifest_is_the_contract(fit: FitResult, run: Path) -> None:
+    save_fit(run, fit)
+    content = json.loads((run / MANIFEST).read_text("utf-8"))
+    assert set(content) == {"schema", "version", "stages"}
+    stage = content["stages"]["fit"]
+    assert {"at", "settings", "inputs", "outputs", "exit"} <= set(stage)
+    assert set(stage["outputs"]) == {"fit.json", "fit_state.npz"}
+    assert {"rig.toml", "response/1.csv", "response/2.csv"} <= set(stage["inputs"])
+
+
+class Interrupted(Exception):
+    """Somebody pulled the plug."""
+
+
+class Runs:
+    """`etcfit run` over models made by hand; `ran` names the stages that were run."""
+
+    def __init__(self, tmp_path: Path) -> None:
+        self.folder, self.run = tmp_path / "rig", tmp_path / "run"
+        self.found = diagnoses.diagnosis(results.rig(self.folder))
+        self.ran: list[str] = []
+        self.interrupt = ""
+        self.stages = tuple(Stage(name, work) for name, work in
+                            (("fit", self.fit), ("diagnose", self.diagnose), ("report", self.report)))  # fmt: skip
+
+    def beside(self, name: str) -> None:
+        self.ran.append(name)
+        if self.interrupt == name:
+            raise Interrupted
+
+    def fit(self, folder: Path, run: RunFolder, report: Report) -> Done:
+        self.found = diagnoses.diagnosis(results.read_folder(folder))
+        run.keep_fit(self.found.before, lambda: self.beside("fit"))
+        return Done("a fit")
+
+    def diagnose(self, folder: Path, run: RunFolder, report: Report) -> Done:
+        run.keep_diagnosis(replace(self.found, before=run.fit()), lambda: self.beside("diagnose"))
+        return Done("a diagnosis")
+
+    def report(self, folder: Path, run: RunFolder, report: Report) -> Done:
+        self.beside("report")
+        return Done(str(write_page(run.path).path))
+
+    def go(self) -> list[str]:
+        self.ran = []
+        run_all(self.folder, self.run, _silently, lambda name, done: None, self.stages)
+        return self.ran
+
+
+@contextmanager
+def _silently() -> Iterator[Report]:
+    yield lambda text, share: None
+
+
+@pytest.fixture
+def runs(tmp_path: Path) -> Runs:
+    return Runs(tmp_path)
+
+
+def test_a_second_time_there_is_nothing_to_do(runs: Runs) -> None:
+    assert runs.go() == ["fit", "diagnose", "report"]
+    assert runs.go() == []
+
+
+CHANGES = {
+    "a trace is measured again": (lambda r: _append(r.folder / "response/1.csv"), ["fit", "diagnose", "report"]),
+    "rig.toml is edited": (lambda r: _append(r.folder / "rig.toml"), ["fit", "diagnose", "report"]),
+    "a file is touched": (lambda r: (r.folder / "rig.toml").touch(), []),
+    "the page is gone": (lambda r: (r.run / "report.html").unlink(), ["report"]),
+    "a result is gone": (lambda r: (r.run / "diagnosis.json").unlink(), ["diagnose"]),
+    "another fit was made by hand": (
+        lambda r: save_fit(r.run, replace(r.found.before, chi2_per_dof=7.0)), ["diagnose", "report"],
+    ),
+    "somebody left a note": (lambda r: (r.run / "other.txt").write_text(""), []),
+}  # fmt: skip
+
+
+def _append(path: Path) -> None:
+    path.write_text(path.read_text("utf-8") + "\n# again\n", "utf-8")
+
+
+@pytest.mark.parametrize("name", CHANGES)
+def test_what_is_not_made_from_what_lies_there_is_made_again(runs: Runs, name: str) -> None:
+    change, again = CHANGES[name]
+    runs.go()
+    change(runs)
+    assert runs.go() == again
+    assert runs.go() == []
+
+
+AFTER = [("fit", ["fit", "diagnose", "report"]), ("diagnose", ["diagnose", "report"])]
+
+
+@pytest.mark.parametrize(("stage", "again"), AFTER)
+def test_an_interrupted_stage_is_begun_again(runs: Runs, stage: str, again: list[str]) -> None:
+    runs.interrupt = stage  # while its pictures are drawn: all its files are there
+    with pytest.raises(Interrupted):
+        runs.go()
+    runs.interrupt = ""
+    assert runs.go() == again
+    assert runs.go() == []
+
+
+def test_a_model_that_did_not_converge_is_told_also_where_it_was_skipped(runs: Runs) -> None:
+    runs.go()
+    odd = replace(runs.found.after, converged=False, reason="too rough")
+    save_diagnosis(runs.run, replace(runs.found, after=odd))
+    assert write_page(runs.run).failure == "the fit of the model that is shown did not converge: too rough"
+    assert read_records(runs.run)["report"].exit == 3
+    failure = run_all(runs.folder, runs.run, _silently, lambda name, done: None, ())
+    assert failure == "the fit of the final model did not converge: too rough"
+
+
+def test_a_run_of_other_measurements_is_not_overwritten(runs: Runs, tmp_path: Path) -> None:
+    runs.go()
+    results.rig(tmp_path / "other")
+    with pytest.raises(UsageError, match="not from"):
+        run_all(tmp_path / "other", runs.run, _silently, lambda name, done: None, runs.stages)
+
+
+def test_without_files_nothing_is_done(runs: Runs) -> None:
+    assert not any(is_done(runs.run, stage.name, runs.folder) for stage in STAGES)
