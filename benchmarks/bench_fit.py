@@ -135,12 +135,12 @@ def twin(folder: Path, fitted_run: Path, trials: int) -> Twin:
     from etcfit.problem.problem import EstimationProblem
     from etcfit.rig.paper_readings import read_graphs
     from etcfit.rig.reader import read_folder
-    from etcfit.run_folder import read_state
+    from etcfit.run_folder import load_fit
 
     rig = read_folder(folder)
-    known, x = free_parameters(rig.config), read_state(fitted_run).x
+    known, x = free_parameters(rig.config), load_fit(fitted_run).x
     problem = EstimationProblem.of(rig.config, known, ready(rig)[0]).refined(x).with_release_times(x)
-    traces, predicted = problem.batch.traces, problem.free_run(x)[0]
+    traces, predicted = problem.batch.traces, problem.free_run(x)
     values = {s: float(v) for s, v in known.layout.values(x, known.held).items()}
     body = scipy_twin.Rig(rig.config.gear_ratio, rig.config.travel)
     likeness = {

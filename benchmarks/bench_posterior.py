@@ -47,14 +47,12 @@ def timed(job: Callable[[], Any]) -> Timed:
 
 def fitted(run: Path | None, scratch: Path) -> Any:
     """The fit of the 30-trace folder, or that in RUN."""
-    from etcfit.estimation.joint_fit import fit, resume
+    from etcfit.estimation.joint_fit import fit
     from etcfit.rig.reader import read_folder
-    from etcfit.run_folder import final_rig, final_state
+    from etcfit.run_folder import load_final
 
     if run is not None:
-        state = final_state(run)
-        rig, x = final_rig(state)
-        return resume(rig, x, state.far)
+        return load_final(run).taken_as_exact()
     from independent import CONSISTENT, draw_truth, make_folder
 
     make_folder(scratch / "folder", draw_truth(np.random.default_rng(SEED), CONSISTENT), SEED, size="bench")

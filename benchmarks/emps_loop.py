@@ -45,7 +45,7 @@ from etcfit.model.effects.asymmetric_friction import AsymmetricFriction
 from etcfit.model.parameters import Scalar
 from etcfit.model.throttle import Throttle, catalogue
 from etcfit.reporting.blocks import plain_table, render
-from etcfit.run_folder.model import read_fitted
+from etcfit.run_folder import load_final
 
 _TICK = 1e-3  # s
 _LIMIT = 10.0  # V
@@ -167,7 +167,7 @@ def main() -> None:
     parser.add_argument("runs", nargs="*", type=Path, metavar="RUN")
     runs = parser.parse_args().runs
     use_compilation_cache()
-    print(render(closed_loop({f"{run}": read_fitted(run).values for run in runs})))
+    print(render(closed_loop({f"{run}": load_final(run).values for run in runs})))
 
 
 if __name__ == "__main__":

@@ -56,12 +56,12 @@ class Clock:
             self.spans.append((EVENTS[event], now - duration_secs, now))
             self.programs[str(kwargs.get("fun_name", "?")).removeprefix("jit(").removesuffix(")")] += duration_secs
 
-    def count(self, fit: Any, bench: Any) -> None:
+    def count(self, descent: Any, problem: Any) -> None:
         """Have Jacobians counted: one a step of Levenberg-Marquardt, and one a linearisation."""
-        go, linearise = fit.go, bench.Bench.linearise
+        minimise, linearise = descent.minimise, problem.EstimationProblem.linearise
 
-        def gone(*args: Any) -> Any:
-            x, steps = go(*args)
+        def minimised(*args: Any) -> Any:
+            x, steps = minimise(*args)
             self.jacobians["steps"] += steps
             return x, steps
 
@@ -69,7 +69,7 @@ class Clock:
             self.jacobians["besides"] += 1
             return linearise(*args)
 
-        fit.go, bench.Bench.linearise = gone, linearised
+        descent.minimise, problem.EstimationProblem.linearise = minimised, linearised
 
 
 def shares(spans: list[Span], begin: float, end: float) -> dict[str, float]:
@@ -87,18 +87,19 @@ def measure(command: list[str], begin: float) -> dict[str, Any]:
     import jax
 
     import etcfit.estimation.joint_fit
+    import etcfit.estimation.levenberg_marquardt
     import etcfit.reporting.pictures  # so that importing it counts as such
-    from etcfit import reporting as report
+    from etcfit import reporting
     from etcfit.cli import app
-    from etcfit.problem import problem as bench
+    from etcfit.problem import problem
     from etcfit.rig import reader
 
     clock = Clock()
     jax.monitoring.register_event_duration_secs_listener(clock.heard)
     clock.around(reader, "read_folder", "read")
     clock.around(etcfit.estimation.joint_fit, "fit", "run")
-    clock.around(report, "write_run", "pictures")
-    clock.count(etcfit.estimation.joint_fit, bench)
+    clock.around(reporting, "draw_fit", "pictures")
+    clock.count(etcfit.estimation.levenberg_marquardt, problem)
     app(command, standalone_mode=False)
     seconds = shares(clock.spans, begin, time.time())
     largest = sorted(clock.programs.items(), key=lambda item: -item[1])[:12]

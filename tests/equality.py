@@ -24,6 +24,6 @@ def equal(a: Any, b: Any) -> bool:
         return list(a) == list(b) and all(equal(a[key], b[key]) for key in a)
     if isinstance(a, (tuple, list)):
         return len(a) == len(b) and all(map(equal, a, b))
-    if isinstance(a, float):
-        return a.hex() == b.hex()
+    if type(a) is float:
+        return a.hex() == float(b).hex()
     return a == b or vars(a) == vars(b) == {}

@@ -12,11 +12,11 @@ import numpy as np
 import pandas as pd
 import pytest
 
+import results
 from etcfit.errors import MeasurementError, UsageError
 from etcfit.rig.base import FRAMES, Rig, RigConfig
 from etcfit.rig.reader import read_folder
-from etcfit.run_folder import hashes
-from etcfit.run_folder.state import State, rig_of
+from etcfit.run_folder import hashes, load_fit, must_belong, save_fit
 from folders import TOML, Sheet, back_emf, inductance, resistance, response, write
 
 SHEETS = {
@@ -216,10 +216,14 @@ def test_a_run_records_the_frames_by_their_hash() -> None:
     assert hashes(Rig.from_frames(frames(), changed))["rig.toml"] != found["rig.toml"]
 
 
-def test_a_run_of_frames_says_that_no_folder_holds_them(tmp_path: Path) -> None:
-    state = State(tmp_path, Path.cwd() / FRAMES, (), (), np.zeros(0), np.zeros((0, 0)), False, ())
-    with pytest.raises(UsageError, match="was fitted to data frames, which no folder holds"):
-        rig_of(state)
+def test_a_fit_of_frames_is_saved_whole_though_no_folder_holds_them(tmp_path: Path) -> None:
+    rig = Rig.from_frames(frames(), config())
+    save_fit(tmp_path / "run", results.result(rig))
+    again = load_fit(tmp_path / "run")
+    assert again.rig.folder == FRAMES
+    assert hashes(again.rig) == hashes(rig)
+    with pytest.raises(UsageError, match="made from data frames"):
+        must_belong(tmp_path / "run", tmp_path)
 
 
 def test_a_bare_config_names_the_rig() -> None:
