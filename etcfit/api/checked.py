@@ -79,7 +79,7 @@ class Checked:
         return words.block(
             f"Check of {words.name_of(self.result.rig.config)}: {len(self.result.traces)} traces ({tests})",
             self._alarm or self._verdict,
-            f"{len(self.warnings)} warnings, see .warnings" if self.warnings else "",
+            words.count_of(self.warnings),
             *self.directions,
         )
 

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Hashable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pandas as pd
@@ -122,7 +123,7 @@ class Designed:
         )
 
     def _repr_html_(self) -> str:
-        rows = [_row(name, r) for name, r in self.rules.iterrows()]
+        rows = [_row(each) for each in self.rules.reset_index().to_dict("records")]
         return words.card(
             self.design.fitted.config,
             "PID gains",
@@ -132,9 +133,9 @@ class Designed:
         )
 
 
-def _row(name: object, r: pd.Series) -> tuple[str, ...]:
+def _row(r: dict[Hashable, Any]) -> tuple[str, ...]:
     if r["why"]:
-        return (str(name), *["-"] * 7, r["why"], "-")
+        return (r["rule"], *["-"] * 7, r["why"], "-")
     keys = (*Gains._fields, "overshoot_pct", "settling_s", "steady_state_error_pct", "rmse_pct")
-    figures = (short(float(r[key])) for key in keys)
-    return (str(name), *figures, "yes" if r["met"] else "no", short(float(r["probability_met"]), 2))
+    figures = (short(r[key]) for key in keys)
+    return (r["rule"], *figures, "yes" if r["met"] else "no", short(r["probability_met"], 2))

@@ -120,9 +120,10 @@ class Diagnosed:
         )
 
     def _repr_html_(self) -> str:
-        every = self.ledger.reset_index()
-        rows = [(r.file, r.channel, "held out" if r.held_out else "fitted", short(r.before), short(r.after), r.unit,
-                 short(r.before_in_sigma), short(r.after_in_sigma)) for r in every.itertuples()]  # fmt: skip
+        rows = [(r["file"], r["channel"], "held out" if r["held_out"] else "fitted",
+                 short(r["before"]), short(r["after"]), r["unit"],
+                 short(r["before_in_sigma"]), short(r["after_in_sigma"]))
+                for r in self.ledger.reset_index().to_dict("records")]  # fmt: skip
         rows.sort(key=lambda row: row[2] != "held out")
         head = ("file", "channel", "", "before", "after", "unit", "before/sigma", "after/sigma")
         more = f"... and {len(rows) - _SHOWN} more, see .ledger" if len(rows) > _SHOWN else ""

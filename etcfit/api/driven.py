@@ -81,8 +81,9 @@ class Driven:
         return words.block(f"Logs from the car, {words.name_of(self.config)}", self.verdict, *lines)
 
     def _rows(self) -> list[tuple[str, ...]]:
-        return [(str(name), f"{r.seconds:.0f}", short(r.share_between), short(r.dominant_hz), short(r.rmse_pct),
-                 short(1e3 * r.lag_s)) for name, r in self.table.iterrows()]  # fmt: skip
+        return [(r["log"], f"{r['seconds']:.0f}", short(r["share_between"]), short(r["dominant_hz"]),
+                 short(r["rmse_pct"]), short(1e3 * r["lag_s"]))
+                for r in self.table.reset_index().to_dict("records")]  # fmt: skip
 
     def _repr_html_(self) -> str:
         return words.card(

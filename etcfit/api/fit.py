@@ -228,7 +228,7 @@ class Fit:
             f"Fit of {words.name_of(self.result.rig.config)}: {self._model}; {count}",
             self._outcome,
             f"not identifiable: {', '.join(lost)}" if lost else "",
-            f"{len(self.warnings)} warnings, see .warnings" if self.warnings else "",
+            words.count_of(self.warnings),
             shown,
         )
 

@@ -11,6 +11,7 @@ import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator
 
 from ..errors import UsageError
 from ..problem.prediction_error import pooled
@@ -31,6 +32,7 @@ if TYPE_CHECKING:
     from .sampled import Sampled
 
 _ACROSS, _MOST = 4, 40  # panels of an overview
+_SHORT = 0.1  # s; a shorter trace is drawn over ms
 _INTEREST = ("position", "current", "motor_speed", "emf")  # which channel an overview shows, if it was logged
 
 
@@ -121,7 +123,7 @@ def _overview(fit: Fit) -> Figure:
     more = f", the worst {len(every)} of {len(fit.traces)}" if len(every) < len(fit.traces) else ""
     fig.suptitle(f"{fit.result.rig.config.name}  ·  every trace{more}", x=0.01, ha="left", fontsize=13)
     fig.tight_layout(rect=(0.0, 0.0, 1.0, 1.0 - 0.35 / tall), w_pad=0.6)
-    style.legend(fig, grid.flat[: len(every)], 0.99, 1.0 - 0.35 / tall)
+    style.legend(fig, list(grid.flat)[:1], 0.99, 1.0 - 0.35 / tall)
     return fig
 
 
@@ -134,13 +136,16 @@ def _glance(panel: Axes, each: FittedTrace, off: float) -> None:
     channel = min(each.channels, key=lambda name: _INTEREST.index(name) if name in _INTEREST else len(_INTEREST))
     frame, alone = each.to_frame(), len(each.channels) == 1
     measured, simulated = (what if alone else f"{channel}_{what}" for what in ("measured", "simulated"))
-    time = frame["time"].to_numpy()
+    time, unit = frame["time"].to_numpy(), "s"
+    if np.ptp(time) < _SHORT:
+        time, unit = 1e3 * time, "ms"
     panel.plot(*style.thin(time, frame[measured].to_numpy()), ".", ms=2.0, color=style.MEASURED, label="measured")
     panel.plot(*style.thin(time, frame[simulated].to_numpy()), color=style.SIMULATED, lw=1.2, label="simulated")
     role = ", held out" if each.held_out else ""
     panel.set_title(f"{each.file.removesuffix('.csv')}: {short(off, 2)} σ{role}", loc="left", fontsize=9)
     panel.set_ylabel(style.unit_label(channel, each.units[measured]), fontsize=9)
-    panel.set_xlabel("time [s]", fontsize=9, labelpad=1.0)
+    panel.set_xlabel(f"time [{unit}]", fontsize=9, labelpad=1.0)
+    panel.xaxis.set_major_locator(MaxNLocator(5))
     panel.tick_params(labelsize=8)
 
 

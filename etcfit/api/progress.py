@@ -83,9 +83,11 @@ def terminal_bar(console: Any = None) -> Iterator[Report]:
 @contextmanager
 def notebook_bar() -> Iterator[Report]:
     """A bar below the cell that is wiped away at the end: rich's own needs ipywidgets, this needs nothing."""
-    from IPython.display import HTML, display
+    from IPython.core.display import HTML
+    from IPython.display import DisplayHandle
 
-    handle = display(HTML(_bar("starting", 0.0)), display_id=True)
+    handle = DisplayHandle()
+    handle.display(HTML(_bar("starting", 0.0)))
     last = 0.0
 
     def report(stage: str, done: float) -> None:
@@ -112,5 +114,5 @@ def _keep_compiled() -> None:
 
     from ..backend import use_compilation_cache
 
-    if not jax.config.jax_compilation_cache_dir:
+    if not getattr(jax.config, "jax_compilation_cache_dir", None):
         use_compilation_cache()

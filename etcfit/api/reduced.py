@@ -59,7 +59,7 @@ class Reduced:
     @property
     def stderr(self) -> pd.Series:
         """Standard errors of b0, a2, a1, a0."""
-        return self.coefficients["stderr"]
+        return pd.Series(self.coefficients["stderr"])
 
     @property
     def poles(self) -> Any:
@@ -111,11 +111,11 @@ class Reduced:
         return "poles, 1/s: " + ", ".join(_pole(complex(pole)) for pole in self.poles)
 
     def _rows(self) -> list[tuple[str, str, str]]:
-        digits = [(name, Digits.of(r.value, r.stderr), r) for name, r in zip(_NAMES, self._each(), strict=True)]
-        return [(name, d(r.value), d(r.stderr)) for name, d, r in digits]
-
-    def _each(self) -> list[Any]:
-        return list(self.coefficients.itertuples())
+        """Coefficient, value and standard error."""
+        plant = self.reduction.plant
+        every = zip(_NAMES, (*plant.num, *plant.den[1:]), self.reduction.stderr.tolist(), strict=True)
+        return [(name, Digits.of(value, spread)(value), Digits.of(value, spread)(spread))
+                for name, value, spread in every]  # fmt: skip
 
     def __repr__(self) -> str:
         return words.block(

@@ -41,6 +41,12 @@ def block(*parts: str) -> str:
     return "\n".join(lines if len(lines) <= _LINES else [*lines[: _LINES - 1], "    ..."])
 
 
+def count_of(warnings: Sequence[str]) -> str:
+    """How many there are to be read; "" without any."""
+    many = len(warnings)
+    return f"{many} warning{'s' * (many > 1)}, see .warnings" if many else ""
+
+
 def value_text(interval: Interval) -> str:
     """ "1.637", with as many digits as are known; "-" where the data do not tell."""
     return "-" if interval.status == "not identifiable" else Digits.of(interval.value, interval.stderr)(interval.value)
