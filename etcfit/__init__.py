@@ -27,9 +27,9 @@ if TYPE_CHECKING:
     from .api.diagnosed import Diagnosed as Diagnosed
     from .api.driven import Driven as Driven
     from .api.fit import Fit as Fit
-    from .api.fit import FittedTrace as FittedTrace
     from .api.reduced import Reduced as Reduced
     from .api.sampled import Sampled as Sampled
+    from .api.trace import FittedTrace as FittedTrace
     from .api.verbs import check as check
     from .api.verbs import design as design
     from .api.verbs import diagnose as diagnose
@@ -97,7 +97,7 @@ _MODULE_OF = {
     "Diagnosed": "api.diagnosed",
     "Driven": "api.driven",
     "Fit": "api.fit",
-    "FittedTrace": "api.fit",
+    "FittedTrace": "api.trace",
     "Reduced": "api.reduced",
     "Sampled": "api.sampled",
     "AbstractEffect": "model.effects",

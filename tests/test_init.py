@@ -17,20 +17,7 @@ import pytest
 
 import etcfit
 
-VERBS = [
-    "check",
-    "design",
-    "diagnose",
-    "drive",
-    "fetch",
-    "fit",
-    "load",
-    "read_folder",
-    "reduce",
-    "report",
-    "run",
-    "sample",
-]
+VERBS = ["check", "design", "diagnose", "drive", "fetch", "fit", "load", "reduce", "report", "run", "sample"]
 
 
 @pytest.mark.parametrize("name", sorted(etcfit._MODULE_OF))

@@ -83,7 +83,7 @@ class Designed:
         """Pictures: `plot.responses()`."""
         from .plots import DesignPlots
 
-        return DesignPlots(self)
+        return DesignPlots(self.design)
 
     def summary(self, width: int = 140) -> str:
         """What `etcfit design` prints, for `print`."""

@@ -77,7 +77,7 @@ class Diagnosed:
         """Pictures: `plot.ledger()`, `plot.missing_torque()`, `plot.trace(file)`, ..."""
         from .plots import DiagnosisPlots
 
-        return DiagnosisPlots(self)
+        return DiagnosisPlots(self.diagnosis)
 
     def summary(self, width: int = 140) -> str:
         """What `etcfit diagnose` prints, for `print`."""

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import matplotlib.pyplot as plt
 import numpy as np
@@ -13,23 +12,25 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
+from ..car_log import Study
+from ..control.design import Design
+from ..control.frequency import FrequencyResponse
+from ..control.linearise import Reduction
+from ..diagnosis.findings import Diagnosis
 from ..errors import UsageError
-from ..problem.prediction_error import pooled
+from ..estimation.fitted_model import Fitted
+from ..estimation.result import FitResult
+from ..posterior import Posterior
+from ..problem.prediction_error import PredictionError, pooled
 from ..reporting import overview, pictures, style
 from ..reporting.control import bode, responses, sines
 from ..reporting.diagnosis import overlay
 from ..reporting.diagnosis import pictures as diagnosis_pictures
 from ..reporting.diagnosis.shown import in_degrees, scales
 from ..reporting.numbers import short
-
-if TYPE_CHECKING:
-    from ..car_log import Study
-    from ..rig.base import RigConfig
-    from .designed import Designed
-    from .diagnosed import Diagnosed
-    from .fit import Fit, FittedTrace
-    from .reduced import Reduced
-    from .sampled import Sampled
+from ..rig.base import RigConfig
+from .trace import FittedTrace, traces_of
+from .trace import named as trace_named
 
 _ACROSS, _MOST = 4, 40  # panels of an overview
 _SHORT = 0.1  # s; a shorter trace is drawn over ms
@@ -51,7 +52,7 @@ def panel_of(draw: Callable[[], Figure]) -> Axes:
     return panels_of(draw)[0]
 
 
-def named(jobs: Mapping[str, Callable[[], Figure]], name: str, why_not: str) -> Callable[[], Figure]:
+def picture_named(jobs: Mapping[str, Callable[[], Figure]], name: str, why_not: str) -> Callable[[], Figure]:
     """The call that draws one of several pictures.
 
     Raises:
@@ -71,10 +72,10 @@ class FitPlots:
     """Pictures of a fit.
 
     Args:
-        of: the fit.
+        result: the fit.
     """
 
-    of: Fit
+    result: FitResult
 
     def trace(self, file: str) -> np.ndarray:
         """Measured and simulated, the residual below each, and what drove it; Axes from the top, shape (K,).
@@ -82,12 +83,13 @@ class FitPlots:
         Args:
             file: as in `fit.traces`.
         """
-        name = pictures.file_name(self.of.trace(file).trace).removesuffix(".png")
-        return panels_of(_by_name(pictures.jobs(self.of.result))[f"traces/{name}"])
+        trace = trace_named(traces_of(self.result), file).trace
+        name = pictures.file_name(trace).removesuffix(".png")
+        return panels_of(_by_name(pictures.jobs(self.result))[f"traces/{name}"])
 
     def parameters(self) -> Axes:
         """How well each parameter is known, and how far off reading a graph with a ruler is."""
-        return panel_of(lambda: overview.draw(pictures.parameter_picture(self.of.result)))
+        return panel_of(lambda: overview.draw(pictures.parameter_picture(self.result)))
 
     def test(self, name: str) -> np.ndarray:
         """The graph that the paper reads of one rig test, with the fit drawn into it.
@@ -95,41 +97,44 @@ class FitPlots:
         Args:
             name: of the rig test, as `static_load`.
         """
-        jobs = _by_name(pictures.jobs(self.of.result))
+        jobs = _by_name(pictures.jobs(self.result))
         there = ", ".join(key.removeprefix("tests/") for key in jobs if key.startswith("tests/"))
-        return panels_of(named(jobs, f"tests/{name}", f"no trace is of a test called {name!r}. There are: {there}."))
+        return panels_of(
+            picture_named(jobs, f"tests/{name}", f"no trace is of a test called {name!r}. There are: {there}.")
+        )
 
     def overview(self) -> np.ndarray:
         """Every trace at a glance, measured and simulated, one channel each; Axes, shape (K,).
 
         Where there are very many, the worst are shown, those held out first.
         """
-        return panels_of(lambda: _overview(self.of))
+        return panels_of(lambda: _overview(self.result))
 
 
-def _overview(fit: Fit) -> Figure:
-    every = [fit.trace(file) for file in fit.traces]
+def _overview(result: FitResult) -> Figure:
+    every = list(traces_of(result).values())
+    count = len(every)
     every.sort(key=lambda each: (not each.held_out, each.trace.test.name))
-    if len(every) > _MOST:
-        every = sorted(every, key=lambda each: (not each.held_out, -_off(fit, each.file)))[:_MOST]
+    if count > _MOST:
+        every = sorted(every, key=lambda each: (not each.held_out, -pooled(_rows(result, each.file))))[:_MOST]
     down = -(-len(every) // _ACROSS)
     tall = 0.75 + 1.95 * down
-    fig = style.figure(13.0, tall, fit.result.rig.config.synthetic)
+    fig = style.figure(13.0, tall, result.rig.config.synthetic)
     grid = fig.subplots(down, _ACROSS, squeeze=False)
     for panel, each in zip(grid.flat, every, strict=False):
-        _glance(panel, each, _off(fit, each.file))
+        _glance(panel, each, pooled(_rows(result, each.file)))
     for panel in list(grid.flat)[len(every) :]:
         panel.remove()
-    more = f", the worst {len(every)} of {len(fit.traces)}" if len(every) < len(fit.traces) else ""
-    fig.suptitle(f"{fit.result.rig.config.name}  ·  every trace{more}", x=0.01, ha="left", fontsize=13)
+    more = f", the worst {len(every)} of {count}" if len(every) < count else ""
+    fig.suptitle(f"{result.rig.config.name}  ·  every trace{more}", x=0.01, ha="left", fontsize=13)
     fig.tight_layout(rect=(0.0, 0.0, 1.0, 1.0 - 0.35 / tall), w_pad=0.6)
     style.legend(fig, list(grid.flat)[:1], 0.99, 1.0 - 0.35 / tall)
     return fig
 
 
-def _off(fit: Fit, file: str) -> float:
-    """rms error of a trace, sigma."""
-    return pooled([row for row in (*fit.result.score_fit, *fit.result.score_holdout) if row.file == file])
+def _rows(result: FitResult, file: str) -> list[PredictionError]:
+    """Errors of one trace, a channel each."""
+    return [row for row in (*result.score_fit, *result.score_holdout) if row.file == file]
 
 
 def _glance(panel: Axes, each: FittedTrace, off: float) -> None:
@@ -154,10 +159,10 @@ class DiagnosisPlots:
     """Pictures of a diagnosis.
 
     Args:
-        of: the diagnosis.
+        diagnosis: what was found.
     """
 
-    of: Diagnosed
+    diagnosis: Diagnosis
 
     def ledger(self) -> Axes:
         """Errors before and after, by test and channel."""
@@ -181,7 +186,7 @@ class DiagnosisPlots:
 
     def parameters(self) -> Axes:
         """Those of the final model."""
-        return FitPlots(self.of.final).parameters()
+        return FitPlots(self.diagnosis.after).parameters()
 
     def trace(self, file: str) -> np.ndarray:
         """Measured, the first and the final model, and the errors of both; Axes, shape (K,).
@@ -189,18 +194,16 @@ class DiagnosisPlots:
         Args:
             file: as in `found.final.traces`.
         """
-        d = self.of.diagnosis
-        before, after = self.of.before.trace(file), self.of.final.trace(file)
-        rows = ([row for row in (*result.score_fit, *result.score_holdout) if row.file == file]
-                for result in (d.before, d.after))  # fmt: skip
-        was, now = (in_degrees(each, scales(d.before)) for each in rows)
+        d = self.diagnosis
+        before, after = (trace_named(traces_of(result), file) for result in (d.before, d.after))
+        was, now = (in_degrees(_rows(result, file), scales(d.before)) for result in (d.before, d.after))
         picture = overlay.Overlay(
             before.trace, before.predicted, after.predicted, was, now, d.after.rig.config.synthetic
         )
         return panels_of(lambda: overlay.draw(picture))
 
     def _named(self, name: str, why_not: str) -> np.ndarray:
-        return panels_of(named(_by_name(diagnosis_pictures.jobs(self.of.diagnosis)), name, why_not))
+        return panels_of(picture_named(_by_name(diagnosis_pictures.jobs(self.diagnosis)), name, why_not))
 
 
 @dataclass(frozen=True, eq=False)
@@ -208,14 +211,14 @@ class PosteriorPlots:
     """Pictures of a posterior.
 
     Args:
-        of: the posterior.
+        posterior: what was sampled.
     """
 
-    of: Sampled
+    posterior: Posterior
 
     def corner(self) -> np.ndarray:
         """Every free parameter against every other; Axes, shape (P, P)."""
-        size = len(self.of.posterior.chain.symbols)
+        size = len(self.posterior.chain.symbols)
         return self._drawn("corner")[: size * size].reshape(size, size)
 
     def intervals(self) -> Axes:
@@ -225,7 +228,7 @@ class PosteriorPlots:
     def _drawn(self, name: str) -> np.ndarray:
         from ..reporting.posterior.pictures import jobs
 
-        return panels_of(_by_name(jobs(self.of.posterior, {}, ()))[name])
+        return panels_of(_by_name(jobs(self.posterior, {}, ()))[name])
 
 
 @dataclass(frozen=True, eq=False)
@@ -233,23 +236,25 @@ class ReductionPlots:
     """Pictures of a linear plant.
 
     Args:
-        of: the plant.
+        fitted, reduction: the model and its linear plant.
+        response: what the rig's sine traces say, or None.
     """
 
-    of: Reduced
+    fitted: Fitted
+    reduction: Reduction
+    response: FrequencyResponse | None
 
     def bode(self) -> np.ndarray:
         """Magnitude above phase, with 95 % bands; Axes, shape (2,)."""
-        picture = bode.BodePicture.of(self.of.fit.result.fitted(), self.of.reduction)
+        picture = bode.BodePicture.of(self.fitted, self.reduction)
         return panels_of(lambda: bode.draw(picture))
 
     def sines(self) -> np.ndarray:
         """What the rig's sine traces say, beside the model."""
-        response = self.of.response
+        response = self.response
         if response is None or not response.points:
             raise UsageError("no sine trace of this rig says anything: there is no measured response to draw.")
-        config = self.of.fit.result.rig.config
-        return panels_of(lambda: sines.draw(config, response))
+        return panels_of(lambda: sines.draw(self.fitted.config, response))
 
 
 @dataclass(frozen=True, eq=False)
@@ -257,14 +262,14 @@ class DesignPlots:
     """Pictures of PID gains.
 
     Args:
-        of: the gains.
+        design: the gains.
     """
 
-    of: Designed
+    design: Design
 
     def responses(self) -> np.ndarray:
         """Setpoint and response by every rule, a panel a rule."""
-        return panels_of(lambda: responses.draw(self.of.design))
+        return panels_of(lambda: responses.draw(self.design))
 
 
 def log_panels(config: RigConfig, study: Study) -> np.ndarray:

@@ -76,7 +76,7 @@ class Reduced:
         """Pictures: `plot.bode()`, `plot.sines()`."""
         from .plots import ReductionPlots
 
-        return ReductionPlots(self)
+        return ReductionPlots(self.fit.result.fitted(), self.reduction, self.response)
 
     def summary(self, width: int = 140) -> str:
         """What `etcfit reduce` prints, for `print`."""

@@ -75,7 +75,7 @@ class Sampled:
         """Pictures: `plot.corner()`, `plot.intervals()`."""
         from .plots import PosteriorPlots
 
-        return PosteriorPlots(self)
+        return PosteriorPlots(self.posterior)
 
     def summary(self, width: int = 140) -> str:
         """What `etcfit sample` prints, for `print`; without the profiles."""

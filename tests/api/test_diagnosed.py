@@ -19,7 +19,7 @@ def test_the_ledger_has_before_and_after_for_every_file_and_channel(found: Diagn
     assert frame.index.names == ["file", "channel"]
     assert list(frame["before"]) == [r.rms for r in was]
     assert list(frame["after"]) == [now[key] for key in frame.index]
-    assert frame["held_out"].sum() == len(d.before.score_holdout) > 0
+    assert int(np.sum(frame["held_out"])) == len(d.before.score_holdout)
     np.testing.assert_allclose(frame["after_in_sigma"], frame["after"] / frame["sigma"])
     assert {name: str(kind) for name, kind in frame.dtypes.items()} == {
         "test": "str", "held_out": "bool", "unit": "str", "n": "int64", "sigma": "float64",

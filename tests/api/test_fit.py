@@ -69,7 +69,8 @@ def test_what_has_no_interval_has_none_in_the_table(fitted: Fit) -> None:
 
 
 def test_a_table_is_the_callers_own(fitted: Fit) -> None:
-    fitted.parameters.loc["R_a", "value"] = 0.0
+    frame = fitted.parameters
+    frame.loc["R_a", "value"] = 0.0
     assert fitted.parameters.loc["R_a", "value"] != 0.0
 
 
@@ -99,11 +100,11 @@ def test_a_trace_of_one_channel_needs_no_prefix(fitted: Fit) -> None:
 
 
 def test_the_residual_is_the_score(fitted: Fit) -> None:
-    for (file, channel), row in fitted.score.iterrows():  # pyright: ignore[reportGeneralTypeIssues]
-        trace = fitted.trace(str(file))
-        column = "residual" if len(trace.channels) == 1 else f"{channel}_residual"
+    for row in fitted.score.reset_index().to_dict("records"):
+        trace = fitted.trace(row["file"])
+        column = "residual" if len(trace.channels) == 1 else f"{row['channel']}_residual"
         rms = float(np.sqrt(np.nanmean(trace.to_frame()[column] ** 2)))
-        assert rms == pytest.approx(float(row["in_sigma"]), rel=1e-9)
+        assert rms == pytest.approx(row["in_sigma"], rel=1e-9)
 
 
 def test_a_trace_that_is_not_there_is_answered_with_those_that_are(fitted: Fit) -> None:
