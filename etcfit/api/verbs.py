@@ -173,8 +173,13 @@ def design(
         from ..control.design import PAPERS, ecu_of
         from ..control.design import design as design_gains
         from ..control.linearise import stops
+        from ..model.ecu import Ecu
         from .designed import Designed
 
+        if unknown := sorted(set(ecu) - set(Ecu._fields)):
+            raise TypeError(
+                f"etcfit.design knows no {', '.join(unknown)}. Of the ECU there are {', '.join(Ecu._fields)}."
+            )
         fit = _fit_of("design", model)
         fitted = fit.result.fitted()
         lower, upper = stops(fitted)

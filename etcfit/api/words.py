@@ -93,17 +93,22 @@ def paragraph(text: str) -> str:
 
 
 def table(head: Sequence[str], rows: Iterable[Sequence[Cell | str]]) -> str:
-    """The first column on the left, as Jupyter shows a DataFrame."""
-    top = "".join(f"<th>{escape(name)}</th>" for name in head)
-    body = "".join(f"<tr>{''.join(_cell(k, each) for k, each in enumerate(row))}</tr>" for row in rows)
+    """Looks as Jupyter shows a DataFrame, but columns of words begin on the left."""
+    cells = [[each if isinstance(each, Cell) else Cell(each) for each in row] for row in rows]
+    left = [any(row[k].text[:1].isalpha() for row in cells) for k in range(len(head))]
+    top = "".join(_cell("th", Cell(name), side) for name, side in zip(head, left, strict=True))
+    body = "".join(f"<tr>{_row_of(row, left)}</tr>" for row in cells)
     return f'<table class="dataframe"><thead><tr>{top}</tr></thead><tbody>{body}</tbody></table>'
 
 
-def _cell(column: int, cell: Cell | str) -> str:
-    text, alarm = cell if isinstance(cell, Cell) else (cell, False)
-    colour = f' style="color:{_RED}"' if alarm else ""
-    kind = "th" if column == 0 else "td"
-    return f"<{kind}{colour}>{escape(text)}</{kind}>"
+def _row_of(row: Sequence[Cell], left: Sequence[bool]) -> str:
+    kinds = ("th", *["td"] * (len(row) - 1))
+    return "".join(_cell(kind, cell, side) for kind, cell, side in zip(kinds, row, left, strict=True))
+
+
+def _cell(kind: str, cell: Cell, left: bool) -> str:
+    colour = f"; color: {_RED}" if cell.alarm else ""
+    return f'<{kind} style="text-align: {"left" if left else "right"}{colour}">{escape(cell.text)}</{kind}>'
 
 
 def folded(title: str, sentences: Sequence[str]) -> str:

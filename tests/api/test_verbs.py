@@ -97,6 +97,8 @@ def test_what_a_verb_cannot_use_is_refused_in_words(rig: Rig, found: Diagnosed) 
             verb(wrong)
     with pytest.raises(UsageError, match="run folder"):
         etcfit.report(found)
+    with pytest.raises(TypeError, match=r"knows no perod.*period"):
+        etcfit.design(found, perod=1e-3)
 
 
 def test_settings_reach_the_stage(rig: Rig, monkeypatch: pytest.MonkeyPatch) -> None:
