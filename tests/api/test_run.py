@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -13,16 +14,25 @@ from etcfit.api import verbs
 from etcfit.control.pid import RULES
 
 
+class Unsampled:
+    """Stands for a posterior, which takes minutes; it remembers where it was saved."""
+
+    def __init__(self) -> None:
+        self.saved: list[Any] = []
+
+    def save(self, run: Any, quiet: bool = False) -> None:
+        self.saved.append(run)
+
+
 def test_run_leaves_every_file_and_a_page(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(verbs, "sample", partial(verbs.sample, steps=60))
+    posterior = Unsampled()
+    monkeypatch.setattr(verbs, "sample", lambda found, keep, quiet: posterior)
     monkeypatch.setattr("etcfit.control.design.RULES", {"manual": RULES["manual"]})
     monkeypatch.setattr("etcfit.control.design.binding", lambda task, setpoint: ("stub",))
     monkeypatch.setattr(verbs, "design", partial(verbs.design, rule="manual"))
-    monkeypatch.setattr("etcfit.posterior.profile.profiles", lambda posterior, report: {})
-    files = {name: text for name, text in folders.good().items() if not name.startswith(("response", "back_emf"))}
-    files["rig.toml"] = folders.TOML + '[tests.inductance]\nseries_ohm = "free"\n'
     run = tmp_path / "new" / "run"
-    found = etcfit.run(folders.write(tmp_path / "rig", files), run)
-    made = {"fit.json", "diagnosis.json", "posterior.json", "posterior.nc", "transfer_function.json", "pid.json"}
-    assert made | {"report.html"} <= {path.name for path in run.iterdir()}
+    found = etcfit.run(folders.write(tmp_path / "rig", folders.held()), run)
+    made = {"fit.json", "diagnosis.json", "transfer_function.json", "pid.json", "report.html"}
+    assert made <= {path.name for path in run.iterdir()}
+    assert posterior.saved == [run]
     assert found.final.parameters.loc["R_a", "status"] == "estimated"

@@ -22,9 +22,7 @@ pytestmark = pytest.mark.skipif(not hasattr(run_folder, "load_fit"), reason="run
 @pytest.fixture(scope="module")
 def fit(tmp_path_factory: pytest.TempPathFactory) -> Fit:
     """Of the resistance and inductance tests: seconds."""
-    files = folders.good() | {"rig.toml": folders.TOML + '[tests.inductance]\nseries_ohm = "free"\n'}
-    kept = {name: text for name, text in files.items() if not name.startswith(("response", "back_emf"))}
-    return etcfit.fit(folders.write(tmp_path_factory.mktemp("rig"), kept))
+    return etcfit.fit(folders.write(tmp_path_factory.mktemp("rig"), folders.held()))
 
 
 def test_a_fit_comes_back_as_it_was(fit: Fit, tmp_path: Path) -> None:

@@ -12,6 +12,7 @@ import pytest
 import typer
 
 import etcfit
+import folders
 import results
 from etcfit.api import verbs
 from etcfit.api.checked import Checked
@@ -47,14 +48,15 @@ def test_every_command_is_a_verb() -> None:
     assert all(callable(getattr(etcfit, name)) for name in commands)
 
 
-def test_check_takes_a_rig_and_a_folder(rig: Rig) -> None:
-    checked = etcfit.check(rig)
+def test_check_takes_a_rig_and_a_folder(tmp_path: Path) -> None:
+    folder = folders.write(tmp_path / "rig", folders.held())
+    checked = etcfit.check(folder)
     assert isinstance(checked, Checked)
-    assert list(checked.traces.index) == [m.file for m in rig.measurements]
-    assert checked.traces.loc["response/2.csv", "held_out"]
+    assert list(checked.traces.index) == ["inductance/1.csv", "resistance/1.csv"]
+    assert checked.traces.loc["resistance/1.csv", "samples"] == 40
     assert "J_L" in checked.not_identifiable
-    assert etcfit.check(rig.folder).not_identifiable == checked.not_identifiable
-    assert "not identifiable: J_m" in checked._repr_html_()
+    assert etcfit.check(etcfit.read_folder(folder)).not_identifiable == checked.not_identifiable
+    assert "not identifiable: " in checked._repr_html_()
     assert len(repr(checked)) < 1500
     with pytest.raises(MeasurementError, match="no such folder"):
         etcfit.check("nowhere")
