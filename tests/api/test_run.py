@@ -24,6 +24,7 @@ class Unsampled:
         self.saved.append(run)
 
 
+@pytest.mark.slow  # a diagnosis compiles for minutes
 def test_run_leaves_every_file_and_a_page(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     posterior = Unsampled()
     monkeypatch.setattr(verbs, "sample", lambda found, keep, quiet: posterior)

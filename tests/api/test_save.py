@@ -39,6 +39,7 @@ def test_a_fit_comes_back_as_it_was(fit: Fit, tmp_path: Path) -> None:
     assert repr(back) == repr(fit)
 
 
+@pytest.mark.slow  # it compiles for minutes
 def test_a_diagnosis_comes_back_as_it_was_and_goes_with_the_next_fit(fit: Fit, tmp_path: Path) -> None:
     found = etcfit.diagnose(fit)
     found.save(tmp_path)
