@@ -1,7 +1,13 @@
 """Parameters, missing physics and PID gains of an electronic throttle body, from a folder of rig measurements.
 
-Names are imported when they are first used, so that `import etcfit` costs nothing and `etcfit --help` answers at once.
-Functions that share their name with a module are imported from that module: `from etcfit.fit import fit`.
+    rig = etcfit.read_folder("measurements/bench_twin")
+    fit = etcfit.fit(rig)                   fit.parameters, fit.trace(file).to_frame(), fit.plot.overview()
+    found = etcfit.diagnose(fit)            found.verdict, found.ledger, found.final
+    etcfit.sample(found), etcfit.reduce(found), etcfit.design(found)
+    found.save("runs/x");  etcfit.load("runs/x");  etcfit.report("runs/x")
+
+The verbs are those of the command line, one to one. Names are imported when they are first used, so that `import
+etcfit` costs nothing and `etcfit --help` answers at once.
 """
 
 from __future__ import annotations
@@ -16,6 +22,25 @@ __version__ = "0.1.0"
 os.environ.setdefault("JAX_ENABLE_X64", "1")
 
 if TYPE_CHECKING:
+    from .api.checked import Checked as Checked
+    from .api.designed import Designed as Designed
+    from .api.diagnosed import Diagnosed as Diagnosed
+    from .api.driven import Driven as Driven
+    from .api.fit import Fit as Fit
+    from .api.reduced import Reduced as Reduced
+    from .api.sampled import Sampled as Sampled
+    from .api.trace import FittedTrace as FittedTrace
+    from .api.verbs import check as check
+    from .api.verbs import design as design
+    from .api.verbs import diagnose as diagnose
+    from .api.verbs import drive as drive
+    from .api.verbs import fetch as fetch
+    from .api.verbs import fit as fit
+    from .api.verbs import load as load
+    from .api.verbs import reduce as reduce
+    from .api.verbs import report as report
+    from .api.verbs import run as run
+    from .api.verbs import sample as sample
     from .control.design import Design as Design
     from .control.pid import RULES as RULES
     from .control.pid import Gains as Gains
@@ -52,6 +77,25 @@ _MODULE_OF = {
     "TESTS": "rig",
     "DATASETS": "datasets",
     "RULES": "control.pid",
+    "check": "api.verbs",
+    "design": "api.verbs",
+    "diagnose": "api.verbs",
+    "drive": "api.verbs",
+    "fetch": "api.verbs",
+    "fit": "api.verbs",
+    "load": "api.verbs",
+    "reduce": "api.verbs",
+    "report": "api.verbs",
+    "run": "api.verbs",
+    "sample": "api.verbs",
+    "Checked": "api.checked",
+    "Designed": "api.designed",
+    "Diagnosed": "api.diagnosed",
+    "Driven": "api.driven",
+    "Fit": "api.fit",
+    "FittedTrace": "api.trace",
+    "Reduced": "api.reduced",
+    "Sampled": "api.sampled",
     "AbstractEffect": "model.effects",
     "AbstractRigTest": "rig.base",
     "Boundary": "rig.base",

@@ -102,6 +102,12 @@ def good() -> dict[str, str | bytes]:
     }
 
 
+def held() -> dict[str, str | bytes]:
+    """Only the two tests of a held plate: fitted in seconds, and nothing of the mechanics is identifiable."""
+    toml = TOML + '[tests.inductance]\nseries_ohm = "free"\n'
+    return {"rig.toml": toml, "resistance/1.csv": resistance().text(), "inductance/1.csv": inductance().text()}
+
+
 def write(folder: Path, files: Mapping[str, str | bytes]) -> Path:
     for name, content in files.items():
         path = folder / name

@@ -5,14 +5,19 @@ from __future__ import annotations
 import ast
 import importlib
 import importlib.util
+import inspect
 import os
+import pkgutil
 import subprocess
 import sys
+import tomllib
 from pathlib import Path
 
 import pytest
 
 import etcfit
+
+VERBS = ["check", "design", "diagnose", "drive", "fetch", "fit", "load", "reduce", "report", "run", "sample"]
 
 
 @pytest.mark.parametrize("name", sorted(etcfit._MODULE_OF))
@@ -33,14 +38,57 @@ def test_no_public_name_hides_a_module() -> None:
     assert not [name for name in etcfit._MODULE_OF if importlib.util.find_spec(f"etcfit.{name}")]
 
 
+@pytest.mark.parametrize("verb", VERBS)
+def test_a_verb_stays_a_function_whatever_is_imported(verb: str) -> None:
+    for module in pkgutil.walk_packages(etcfit.__path__, "etcfit."):
+        if not module.name.endswith("__main__"):
+            importlib.import_module(module.name)
+    assert inspect.isfunction(getattr(etcfit, verb))
+    assert verb in dir(etcfit)
+
+
 def test_unknown_name() -> None:
     with pytest.raises(AttributeError, match="throtle"):
         _ = etcfit.throtle
 
 
-def test_importing_the_package_asks_for_float64_and_leaves_jax_alone() -> None:
-    program = "import etcfit, os, sys; print(os.environ['JAX_ENABLE_X64'], 'jax' in sys.modules)"
-    environment = {name: value for name, value in os.environ.items() if name != "JAX_ENABLE_X64"}
-    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True, env=environment)
-    assert done.stdout.split() == ["1", "False"]
+def fresh(program: str, **environment: str) -> str:
+    """What a program prints in a process of its own."""
+    ours = {name: value for name, value in os.environ.items() if name != "JAX_ENABLE_X64"} | environment
+    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True, env=ours)
     assert done.stderr == ""
+    return done.stdout.strip()
+
+
+HEAVY = "print(sorted({'jax', 'pandas', 'matplotlib', 'numpy', 'rich', 'IPython'} & set(sys.modules)))"
+
+
+def test_importing_the_package_asks_for_float64_and_leaves_jax_alone() -> None:
+    assert fresh("import etcfit, os; print(os.environ['JAX_ENABLE_X64'])") == "1"
+    assert fresh(f"import etcfit, sys; {HEAVY}") == "[]"
+
+
+def test_looking_at_the_verbs_imports_nothing_heavy() -> None:
+    assert fresh(f"import etcfit, sys; [getattr(etcfit, v) for v in {VERBS}]; dir(etcfit); {HEAVY}") == "[]"
+
+
+def test_a_fit_needs_no_matplotlib_until_a_picture_is_asked_for() -> None:
+    told = fresh(f"import etcfit, sys; etcfit.Fit; etcfit.Diagnosed; etcfit.Sampled; {HEAVY}")
+    assert "jax" in told
+    assert "matplotlib" not in told
+
+
+def test_compiled_models_are_kept_once_something_is_computed_and_not_before(tmp_path: Path) -> None:
+    show = "print(jax.config.jax_compilation_cache_dir)"
+    begin = "import jax, etcfit; from etcfit.api.progress import working; "
+    work = "working().__enter__(); "
+    assert fresh(f"{begin}{show}", ETCFIT_CACHE=str(tmp_path)) == "None"
+    assert fresh(f"{begin}{work}{show}", ETCFIT_CACHE=str(tmp_path)) == str(tmp_path / "jax")
+    own = f"jax.config.update('jax_compilation_cache_dir', '{tmp_path}/own'); "
+    assert fresh(f"{begin}{own}{work}{show}", ETCFIT_CACHE=str(tmp_path)) == f"{tmp_path}/own"
+
+
+def test_type_checkers_are_told_that_the_package_is_typed() -> None:
+    assert (Path(etcfit.__file__).parent / "py.typed").is_file()
+    project = tomllib.loads((Path(__file__).parents[1] / "pyproject.toml").read_text(encoding="utf-8"))
+    assert project["tool"]["hatch"]["build"]["targets"]["wheel"]["packages"] == ["etcfit"]

@@ -36,7 +36,7 @@ class StartSummary:
     steps: int
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class FitResult:
     """The joint fit of a rig.
 
@@ -93,6 +93,9 @@ class FitResult:
         if self.exact_covariance is None:
             return self
         return replace(self, covariance=self.exact_covariance, formulas=(), exact_covariance=None)
+
+    def __repr__(self) -> str:
+        return f"FitResult({self.rig.config.name!r}, chi2_per_dof={self.chi2_per_dof:.4g}, converged={self.converged})"
 
     def fitted(self) -> Fitted:
         """The model alone, for whoever goes on from it."""

@@ -51,7 +51,7 @@ def render(part: RenderableType, width: int = 140) -> str:
     """A renderable as plain text, for logs, notebooks and tests."""
     from rich.console import Console
 
-    console: Any = Console(width=width, color_system=None, force_terminal=False)
+    console: Any = Console(width=width, color_system=None, force_terminal=False, force_jupyter=False)
     with console.capture() as capture:
         console.print(part)
     return capture.get()

@@ -1,0 +1,141 @@
+"""PID gains as a notebook holds them."""
+
+from __future__ import annotations
+
+from collections.abc import Hashable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pandas as pd
+
+from ..control.design import Design
+from ..control.pid import Gains
+from ..control.pid.gains import UNIT
+from ..control.pid.requirements import Metrics
+from ..reporting.numbers import short
+from . import words
+from .fit import Fit
+from .frames import indexed, numbers
+
+if TYPE_CHECKING:
+    from .plots import DesignPlots
+
+_HEAD = ("rule", *Gains._fields, "overshoot %", "settling s", "error %", "RMSE %", "meets all", "P(met)")
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Designed:
+    """Gains for a rig: `etcfit.design(fit)`.
+
+    Args:
+        fit: the model.
+        design: in full.
+    """
+
+    fit: Fit
+    design: Design
+
+    @property
+    def gains(self) -> Gains:
+        """The proposed gains, Kp (V/rad), Ki (V/(rad s)), Kd (V s/rad)."""
+        gains = self.design.chosen.gains
+        assert gains is not None, "the proposed rule has gains"
+        return gains
+
+    @property
+    def rule(self) -> str:
+        """Whose gains are proposed."""
+        return self.design.chosen.rule
+
+    @property
+    def meets_all(self) -> bool:
+        """Whether the nominal nonlinear model meets every requirement with them."""
+        return self.design.chosen.meets_all
+
+    @property
+    def rules(self) -> pd.DataFrame:
+        """Every rule, indexed by name: its gains, figures of the nonlinear model, whether it meets every requirement
+        (`met`), the share of the draws that do (`probability_met`), and why a rule that refused has none (`why`).
+
+        `settling_s` is infinite where the response does not settle. NaN where a rule refused.
+        """
+        every = self.design.tuned.values()
+        gains = {k: numbers(None if t.gains is None else float(getattr(t.gains, k)) for t in every)
+                 for k in Gains._fields}  # fmt: skip
+        figures = {k: numbers(None if t.nonlinear is None else float(getattr(t.nonlinear, k)) for t in every)
+                   for k in Metrics._fields}  # fmt: skip
+        verdict = {
+            "met": np.array([t.meets_all for t in every], dtype=bool),
+            "probability_met": numbers(t.probability_met for t in every),
+            "why": pd.Series([t.why for t in every], dtype="str"),
+        }
+        return indexed(gains | figures | verdict, list(self.design.tuned), "rule")
+
+    @property
+    def limits(self) -> tuple[str, ...]:
+        """Where the proposed gains miss a requirement, what keeps any gains from meeting it."""
+        return self.design.limits
+
+    @property
+    def plot(self) -> DesignPlots:
+        """Pictures: `plot.responses()`."""
+        from .plots import DesignPlots
+
+        return DesignPlots(self.design)
+
+    def summary(self, width: int = 140) -> str:
+        """What `etcfit design` prints, for `print`."""
+        from ..reporting.blocks import render
+        from ..reporting.control.tables import design_table
+
+        return render(design_table(self.design), width)
+
+    def save(self, run: str | Path) -> Path:
+        """Write pid.json and the responses to a run folder.
+
+        Args:
+            run: made if absent.
+        """
+        from ..reporting import write_design
+
+        write_design(Path(run), self.design)
+        return Path(run)
+
+    @property
+    def _proposed(self) -> str:
+        gains = ", ".join(f"{k} {short(float(v), 4)}" for k, v in self.gains._asdict().items())
+        met = "meets every requirement" if self.meets_all else f"misses a requirement; {'; '.join(self.limits)}"
+        return f"{self.rule}: {gains} ({UNIT}, s); {met}"
+
+    @property
+    def _alarm(self) -> str:
+        return "" if self.fit.converged else f"for a fit that did NOT CONVERGE: {self.fit.reason}"
+
+    def __repr__(self) -> str:
+        met = [name for name, t in self.design.tuned.items() if t.meets_all]
+        return words.block(
+            f"PID gains of {words.name_of(self.design.fitted.config)}: {len(self.design.tuned)} rules tried",
+            self._alarm,
+            self._proposed,
+            f"every requirement is met by: {', '.join(met) or 'none'}; see .rules",
+        )
+
+    def _repr_html_(self) -> str:
+        rows = [_row(each) for each in self.rules.reset_index().to_dict("records")]
+        return words.card(
+            self.design.fitted.config,
+            "PID gains",
+            words.paragraph(self._proposed),
+            words.table(_HEAD, rows),
+            alarm=self._alarm,
+        )
+
+
+def _row(r: dict[Hashable, Any]) -> tuple[str, ...]:
+    if r["why"]:
+        return (r["rule"], *["-"] * 7, r["why"], "-")
+    keys = (*Gains._fields, "overshoot_pct", "settling_s", "steady_state_error_pct", "rmse_pct")
+    figures = (short(r[key]) for key in keys)
+    return (r["rule"], *figures, "yes" if r["met"] else "no", short(r["probability_met"], 2))

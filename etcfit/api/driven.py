@@ -1,0 +1,91 @@
+"""Logs from the car as a notebook holds them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+import pandas as pd
+
+from ..car_log import Study
+from ..car_log.study import verdict
+from ..errors import UsageError
+from ..reporting.numbers import short
+from ..rig.base import RigConfig
+from . import words
+from .frames import indexed, numbers
+
+_HEAD = ("log", "seconds", "share between", "dominant Hz", "RMSE %", "lag ms")
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Driven:
+    """Operating range, spectrum and tracking of logs from the car: `etcfit.drive(folder)`.
+
+    Args:
+        config: of the rig, or what stands for it where no rig.toml lies beside the logs.
+        studies: a log each.
+    """
+
+    config: RigConfig
+    studies: tuple[Study, ...]
+
+    @property
+    def table(self) -> pd.DataFrame:
+        """Indexed by log: seconds, share_between (of the time, 0 to 1), dominant_hz, half_hz, rmse_pct, rmse_stderr,
+        lag_s, demand_pct_s; NaN where a log does not tell.
+        """
+        every = self.studies
+        columns = {
+            "seconds": numbers(float(np.ptp(s.log.position.time)) for s in every),
+            "share_between": numbers(s.usage.between for s in every),
+            "dominant_hz": numbers(None if s.spectrum is None else s.spectrum.dominant for s in every),
+            "half_hz": numbers(None if s.spectrum is None else s.spectrum.half for s in every),
+            "rmse_pct": numbers(None if s.tracking is None else s.tracking.rmse for s in every),
+            "rmse_stderr": numbers(None if s.tracking is None else s.tracking.stderr for s in every),
+            "lag_s": numbers(None if s.tracking is None else s.tracking.lag for s in every),
+            "demand_pct_s": numbers(None if s.tracking is None else s.tracking.demand for s in every),
+        }
+        return indexed(columns, [s.log.name for s in every], "log")
+
+    @cached_property
+    def verdict(self) -> str:
+        """What changed from the first log to the second, where there are two; else ""."""
+        return verdict(*self.studies) if len(self.studies) == 2 else ""
+
+    def plot(self, name: str) -> np.ndarray:
+        """Operating range, spectrum and the busiest seconds of one log; Axes, shape (3,).
+
+        Args:
+            name: of the log, as in `table`.
+        Raises:
+            UsageError: there is no such log.
+        """
+        from .plots import log_panels
+
+        known = {study.log.name: study for study in self.studies}
+        if name not in known:
+            raise UsageError(f"no log is called {name!r}. There are: {', '.join(known)}.")
+        return log_panels(self.config, known[name])
+
+    def summary(self, width: int = 140) -> str:
+        """What `etcfit drive` prints, for `print`."""
+        from ..reporting.blocks import render
+        from ..reporting.car_log import drive_table
+
+        return render(drive_table(self.config, self.studies), width)
+
+    def __repr__(self) -> str:
+        lines = [f"{r[0]}: {r[1]} s, RMSE {r[4]} %, lag {r[5]} ms" for r in self._rows()]
+        return words.block(f"Logs from the car, {words.name_of(self.config)}", self.verdict, *lines)
+
+    def _rows(self) -> list[tuple[str, ...]]:
+        return [(r["log"], f"{r['seconds']:.0f}", short(r["share_between"]), short(r["dominant_hz"]),
+                 short(r["rmse_pct"]), short(1e3 * r["lag_s"]))
+                for r in self.table.reset_index().to_dict("records")]  # fmt: skip
+
+    def _repr_html_(self) -> str:
+        return words.card(
+            self.config, "logs from the car", words.table(_HEAD, self._rows()), words.paragraph(self.verdict)
+        )

@@ -1,0 +1,172 @@
+"""A fit as a notebook holds it."""
+
+from __future__ import annotations
+
+import textwrap
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import pandas as pd
+
+from ..estimation.intervals import Interval, intervals, lumped
+from ..estimation.result import FitResult
+from ..model.effects import PAPER
+from ..problem.prediction_error import pooled
+from ..reporting.numbers import short
+from . import words
+from .frames import interval_frame, score_frame, units_of
+from .trace import FittedTrace, named, traces_of
+
+if TYPE_CHECKING:
+    from .plots import FitPlots
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Fit:
+    """The joint fit of a rig: `etcfit.fit(rig)`.
+
+    Args:
+        result: the fit in full.
+    """
+
+    result: FitResult
+
+    @cached_property
+    def _known(self) -> dict[str, Interval]:
+        return intervals(self.result)
+
+    @cached_property
+    def _units(self) -> dict[str, str]:
+        return units_of(self.result)
+
+    @property
+    def parameters(self) -> pd.DataFrame:
+        """Every parameter, indexed by symbol: value, stderr, low, high (SI, 95 %), unit, status.
+
+        `stderr`, `low` and `high` are NaN where there is no interval: a value that was given, or one whose status is
+        "not identifiable", which these data do not determine whatever the number beside it.
+        """
+        return interval_frame(self._known, self._units)
+
+    @property
+    def combinations(self) -> pd.DataFrame:
+        """What the plate feels of several parameters together (J_eq, B_eq, ...): columns as in `parameters`."""
+        return interval_frame(lumped(self.result), self._units)
+
+    @property
+    def score(self) -> pd.DataFrame:
+        """Free-running error of the simulation, one row a file and channel, fitted and held out."""
+        return score_frame(self.result)
+
+    @property
+    def converged(self) -> bool:
+        """Whether this is an optimum; `reason` says why (not)."""
+        return self.result.converged
+
+    @property
+    def reason(self) -> str:
+        return self.result.reason
+
+    @property
+    def chi2_per_dof(self) -> float:
+        """1 where all that is left is noise."""
+        return self.result.chi2_per_dof
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """What a reader must know."""
+        return self.result.warnings
+
+    @property
+    def effects(self) -> tuple[str, ...]:
+        """Effects of the model beyond Eqs. 1-2."""
+        return tuple(effect.name for effect in self.result.free_parameters.layout.types if effect not in PAPER)
+
+    @property
+    def traces(self) -> tuple[str, ...]:
+        """Files of the traces, fitted ones first."""
+        return tuple(self._traces)
+
+    @cached_property
+    def _traces(self) -> dict[str, FittedTrace]:
+        return traces_of(self.result)
+
+    def trace(self, file: str) -> FittedTrace:
+        """One trace beside its simulation.
+
+        Args:
+            file: as in `traces`.
+        Raises:
+            UsageError: there is no such trace.
+        """
+        return named(self._traces, file)
+
+    @property
+    def plot(self) -> FitPlots:
+        """Pictures: `plot.trace(file)`, `plot.parameters()`, `plot.overview()`, `plot.test(name)`."""
+        from .plots import FitPlots
+
+        return FitPlots(self.result)
+
+    def summary(self, width: int = 140) -> str:
+        """What `etcfit fit` prints, for `print`."""
+        from ..reporting.blocks import render
+        from ..reporting.tables import fit_table
+
+        return render(fit_table(self.result), width)
+
+    def save(self, run: str | Path) -> Path:
+        """Write the fit to a run folder, whole; `etcfit.load` gives it back bit for bit.
+
+        Args:
+            run: made if absent.
+        """
+        from ..run_folder import save_fit  # pyright: ignore[reportAttributeAccessIssue]
+
+        save_fit(Path(run), self.result)
+        return Path(run)
+
+    @property
+    def _model(self) -> str:
+        return " + ".join(("Eqs. 1-2", *self.effects))
+
+    @property
+    def _outcome(self) -> str:
+        word = "converged" if self.converged else "NOT CONVERGED"
+        reason = textwrap.shorten(self.reason, 200, placeholder="...")
+        return f"{word}: {reason}; chi2/dof {short(self.chi2_per_dof, 4)}{_predicts(self.result)}"
+
+    def __repr__(self) -> str:
+        held_out = sum(each.held_out for each in self._traces.values())
+        count = f"{len(self._traces) - held_out} traces fitted, {held_out} held out"
+        lost = [s for s, i in self._known.items() if i.status == "not identifiable"]
+        shown = "; ".join(
+            words.known_text(s, i, self._units[s]) for s, i in self._known.items() if i.stderr is not None
+        )
+        return words.block(
+            f"Fit of {words.name_of(self.result.rig.config)}: {self._model}; {count}",
+            self._outcome,
+            f"not identifiable: {', '.join(lost)}" if lost else "",
+            words.count_of(self.warnings),
+            shown,
+        )
+
+    def _repr_html_(self) -> str:
+        alarm = "" if self.converged else f"NOT CONVERGED: {self.reason}"
+        return words.card(
+            self.result.rig.config,
+            self._model,
+            words.paragraph(f"{len(self._traces)} traces; chi2/dof {short(self.chi2_per_dof, 4)}"
+                            f"{_predicts(self.result)}"),
+            words.table(words.INTERVAL_HEAD, words.interval_rows(self._known, self._units)),
+            words.folded("Warnings", self.warnings),
+            alarm=alarm,
+        )  # fmt: skip
+
+
+def _predicts(result: FitResult) -> str:
+    """How far the simulation is off on average, in sigma."""
+    parts = {"fitted": result.score_fit, "held out": result.score_holdout}
+    return "".join(f"; {name} rms error {short(pooled(rows))} sigma" for name, rows in parts.items() if rows)

@@ -1,0 +1,279 @@
+"""Pictures as matplotlib Axes of figures that pyplot knows: a notebook shows them, a script may `plt.show()` them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+import matplotlib.pyplot as plt
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator
+
+from ..car_log import Study
+from ..control.design import Design
+from ..control.frequency import FrequencyResponse
+from ..control.linearise import Reduction
+from ..diagnosis.findings import Diagnosis
+from ..errors import UsageError
+from ..estimation.fitted_model import Fitted
+from ..estimation.result import FitResult
+from ..posterior import Posterior
+from ..problem.prediction_error import PredictionError, pooled
+from ..reporting import overview, pictures, style
+from ..reporting.control import bode, responses, sines
+from ..reporting.diagnosis import overlay
+from ..reporting.diagnosis import pictures as diagnosis_pictures
+from ..reporting.diagnosis.shown import in_degrees, scales
+from ..reporting.numbers import short
+from ..rig.base import RigConfig
+from .trace import FittedTrace, traces_of
+from .trace import named as trace_named
+
+_ACROSS, _MOST = 4, 40  # panels of an overview
+_SHORT = 0.1  # s; a shorter trace is drawn over ms
+_INTEREST = ("position", "current", "motor_speed", "emf")  # which channel an overview shows, if it was logged
+
+
+def panels_of(draw: Callable[[], Figure]) -> np.ndarray:
+    """Draw a figure in our style, hand it to pyplot, and give its panels, shape (K,)."""
+    with style.drawing():
+        figure = draw()
+    plt.figure(figure)
+    out = np.empty(len(figure.axes), dtype=object)
+    out[:] = figure.axes
+    return out
+
+
+def panel_of(draw: Callable[[], Figure]) -> Axes:
+    """The first panel of a figure, as `panels_of` draws it."""
+    return panels_of(draw)[0]
+
+
+def picture_named(jobs: Mapping[str, Callable[[], Figure]], name: str, why_not: str) -> Callable[[], Figure]:
+    """The call that draws one of several pictures.
+
+    Raises:
+        UsageError: this result has no such picture.
+    """
+    if name not in jobs:
+        raise UsageError(why_not)
+    return jobs[name]
+
+
+def _by_name(jobs: list[tuple[Path, Callable[[], Figure]]]) -> dict[str, Callable[[], Figure]]:
+    return {path.with_suffix("").as_posix(): draw for path, draw in jobs}
+
+
+@dataclass(frozen=True, eq=False)
+class FitPlots:
+    """Pictures of a fit.
+
+    Args:
+        result: the fit.
+    """
+
+    result: FitResult
+
+    def trace(self, file: str) -> np.ndarray:
+        """Measured and simulated, the residual below each, and what drove it; Axes from the top, shape (K,).
+
+        Args:
+            file: as in `fit.traces`.
+        """
+        trace = trace_named(traces_of(self.result), file).trace
+        name = pictures.file_name(trace).removesuffix(".png")
+        return panels_of(_by_name(pictures.jobs(self.result))[f"traces/{name}"])
+
+    def parameters(self) -> Axes:
+        """How well each parameter is known, and how far off reading a graph with a ruler is."""
+        return panel_of(lambda: overview.draw(pictures.parameter_picture(self.result)))
+
+    def test(self, name: str) -> np.ndarray:
+        """The graph that the paper reads of one rig test, with the fit drawn into it.
+
+        Args:
+            name: of the rig test, as `static_load`.
+        """
+        jobs = _by_name(pictures.jobs(self.result))
+        there = ", ".join(key.removeprefix("tests/") for key in jobs if key.startswith("tests/"))
+        return panels_of(
+            picture_named(jobs, f"tests/{name}", f"no trace is of a test called {name!r}. There are: {there}.")
+        )
+
+    def overview(self) -> np.ndarray:
+        """Every trace at a glance, measured and simulated, one channel each; Axes, shape (K,).
+
+        Where there are very many, the worst are shown, those held out first.
+        """
+        return panels_of(lambda: _overview(self.result))
+
+
+def _overview(result: FitResult) -> Figure:
+    every = list(traces_of(result).values())
+    count = len(every)
+    every.sort(key=lambda each: (not each.held_out, each.trace.test.name))
+    if count > _MOST:
+        every = sorted(every, key=lambda each: (not each.held_out, -pooled(_rows(result, each.file))))[:_MOST]
+    down = -(-len(every) // _ACROSS)
+    tall = 0.75 + 1.95 * down
+    fig = style.figure(13.0, tall, result.rig.config.synthetic)
+    grid = fig.subplots(down, _ACROSS, squeeze=False)
+    for panel, each in zip(grid.flat, every, strict=False):
+        _glance(panel, each, pooled(_rows(result, each.file)))
+    for panel in list(grid.flat)[len(every) :]:
+        panel.remove()
+    more = f", the worst {len(every)} of {count}" if len(every) < count else ""
+    fig.suptitle(f"{result.rig.config.name}  ·  every trace{more}", x=0.01, ha="left", fontsize=13)
+    fig.tight_layout(rect=(0.0, 0.0, 1.0, 1.0 - 0.35 / tall), w_pad=0.6)
+    style.legend(fig, list(grid.flat)[:1], 0.99, 1.0 - 0.35 / tall)
+    return fig
+
+
+def _rows(result: FitResult, file: str) -> list[PredictionError]:
+    """Errors of one trace, a channel each."""
+    return [row for row in (*result.score_fit, *result.score_holdout) if row.file == file]
+
+
+def _glance(panel: Axes, each: FittedTrace, off: float) -> None:
+    channel = min(each.channels, key=lambda name: _INTEREST.index(name) if name in _INTEREST else len(_INTEREST))
+    frame, alone = each.to_frame(), len(each.channels) == 1
+    measured, simulated = (what if alone else f"{channel}_{what}" for what in ("measured", "simulated"))
+    time, unit = frame["time"].to_numpy(), "s"
+    if np.ptp(time) < _SHORT:
+        time, unit = 1e3 * time, "ms"
+    panel.plot(*style.thin(time, frame[measured].to_numpy()), ".", ms=2.0, color=style.MEASURED, label="measured")
+    panel.plot(*style.thin(time, frame[simulated].to_numpy()), color=style.SIMULATED, lw=1.2, label="simulated")
+    role = ", held out" if each.held_out else ""
+    panel.set_title(f"{each.file.removesuffix('.csv')}: {short(off, 2)} σ{role}", loc="left", fontsize=9)
+    panel.set_ylabel(style.unit_label(channel, each.units[measured]), fontsize=9)
+    panel.set_xlabel(f"time [{unit}]", fontsize=9, labelpad=1.0)
+    panel.xaxis.set_major_locator(MaxNLocator(5))
+    panel.tick_params(labelsize=8)
+
+
+@dataclass(frozen=True, eq=False)
+class DiagnosisPlots:
+    """Pictures of a diagnosis.
+
+    Args:
+        diagnosis: what was found.
+    """
+
+    diagnosis: Diagnosis
+
+    def ledger(self) -> Axes:
+        """Errors before and after, by test and channel."""
+        return self._named("ledger", "the model cannot be simulated: there are no errors to draw.")[0]
+
+    def missing_torque(self) -> np.ndarray:
+        """The torque that the first model lacks along the measured motion, and what is left of it."""
+        return self._named("missing_torque", "no trace tells what torque the model lacks: none moves the plate.")
+
+    def missing_voltage(self) -> np.ndarray:
+        """The same of the voltage, where the current was logged."""
+        return self._named("missing_voltage", "no trace tells what voltage the model lacks: none logs the current.")
+
+    def rounds(self) -> np.ndarray:
+        """What each round tried, and what was left after it."""
+        return self._named("rounds", "nothing was tried: there are no rounds to draw.")
+
+    def unexplained(self) -> np.ndarray:
+        """What no effect explains, as a curve."""
+        return self._named("unexplained", "nothing is left unexplained: there is no curve to draw.")
+
+    def parameters(self) -> Axes:
+        """Those of the final model."""
+        return FitPlots(self.diagnosis.after).parameters()
+
+    def trace(self, file: str) -> np.ndarray:
+        """Measured, the first and the final model, and the errors of both; Axes, shape (K,).
+
+        Args:
+            file: as in `found.final.traces`.
+        """
+        d = self.diagnosis
+        before, after = (trace_named(traces_of(result), file) for result in (d.before, d.after))
+        was, now = (in_degrees(_rows(result, file), scales(d.before)) for result in (d.before, d.after))
+        picture = overlay.Overlay(
+            before.trace, before.predicted, after.predicted, was, now, d.after.rig.config.synthetic
+        )
+        return panels_of(lambda: overlay.draw(picture))
+
+    def _named(self, name: str, why_not: str) -> np.ndarray:
+        return panels_of(picture_named(_by_name(diagnosis_pictures.jobs(self.diagnosis)), name, why_not))
+
+
+@dataclass(frozen=True, eq=False)
+class PosteriorPlots:
+    """Pictures of a posterior.
+
+    Args:
+        posterior: what was sampled.
+    """
+
+    posterior: Posterior
+
+    def corner(self) -> np.ndarray:
+        """Every free parameter against every other; Axes, shape (P, P)."""
+        size = len(self.posterior.chain.symbols)
+        return self._drawn("corner")[: size * size].reshape(size, size)
+
+    def intervals(self) -> Axes:
+        """95 % intervals of the fit and of the posterior side by side."""
+        return self._drawn("intervals")[0]
+
+    def _drawn(self, name: str) -> np.ndarray:
+        from ..reporting.posterior.pictures import jobs
+
+        return panels_of(_by_name(jobs(self.posterior, {}, ()))[name])
+
+
+@dataclass(frozen=True, eq=False)
+class ReductionPlots:
+    """Pictures of a linear plant.
+
+    Args:
+        fitted, reduction: the model and its linear plant.
+        response: what the rig's sine traces say, or None.
+    """
+
+    fitted: Fitted
+    reduction: Reduction
+    response: FrequencyResponse | None
+
+    def bode(self) -> np.ndarray:
+        """Magnitude above phase, with 95 % bands; Axes, shape (2,)."""
+        picture = bode.BodePicture.of(self.fitted, self.reduction)
+        return panels_of(lambda: bode.draw(picture))
+
+    def sines(self) -> np.ndarray:
+        """What the rig's sine traces say, beside the model."""
+        response = self.response
+        if response is None or not response.points:
+            raise UsageError("no sine trace of this rig says anything: there is no measured response to draw.")
+        return panels_of(lambda: sines.draw(self.fitted.config, response))
+
+
+@dataclass(frozen=True, eq=False)
+class DesignPlots:
+    """Pictures of PID gains.
+
+    Args:
+        design: the gains.
+    """
+
+    design: Design
+
+    def responses(self) -> np.ndarray:
+        """Setpoint and response by every rule, a panel a rule."""
+        return panels_of(lambda: responses.draw(self.design))
+
+
+def log_panels(config: RigConfig, study: Study) -> np.ndarray:
+    """Operating range, spectrum and the busiest seconds of a log from the car."""
+    from ..reporting import car_log
+
+    return panels_of(lambda: car_log.draw(study, config.synthetic))

@@ -1,0 +1,369 @@
+"""The verbs of the command line as functions: each takes what the one before it returned, or a run folder.
+
+    rig = read_folder(FOLDER);  fit(rig) -> diagnose -> sample, reduce, design -> report
+
+They compute and return; only `save`, `report`, `run` and `fetch` write files. Whatever is heavy is imported when a verb
+is called.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import TYPE_CHECKING, Any
+
+from ..errors import UsageError
+from .progress import Report, working
+
+if TYPE_CHECKING:
+    import numpy as np
+
+    from ..control.pid import Requirements
+    from ..estimation.fitted_model import Fitted
+    from ..rig.base import Rig
+    from .checked import Checked
+    from .designed import Designed
+    from .diagnosed import Diagnosed
+    from .driven import Driven
+    from .fit import Fit
+    from .reduced import Reduced
+    from .sampled import Sampled
+
+    Folder = str | Path
+    Model = Fit | Diagnosed | Sampled | Reduced | Folder
+
+_STEPS = 20_000  # of each ensemble, after which sampling ends all the same
+
+
+def check(rig: Rig | Folder, *, quiet: bool = False) -> Checked:
+    """What is in a measurement folder, what it can identify, and what is wrong with it; fits nothing.
+
+    Args:
+        rig: as read, or its folder.
+        quiet: show no progress.
+    Raises:
+        MeasurementError: the folder is wrong.
+    """
+    with working(quiet) as report:
+        from ..experiment.check import check as check_rig
+        from .checked import Checked
+
+        rig = _rig_of(rig, report)
+        report("working out what these data can identify", 0.3)
+        return Checked(check_rig(rig))
+
+
+def fit(rig: Rig | Folder, settings: Any = None, *, quiet: bool = False) -> Fit:
+    """The joint fit of all traces that are not held out.
+
+    Args:
+        rig: as read, or its folder.
+        settings: FitSettings; the defaults where None.
+        quiet: show no progress.
+    Raises:
+        MeasurementError: the folder is wrong, or nothing in it can be fitted.
+    """
+    with working(quiet) as report:
+        from ..estimation.joint_fit import fit as fit_rig
+        from .fit import Fit
+
+        return Fit(fit_rig(_rig_of(rig, report), report, **_given(settings)))
+
+
+def diagnose(fit: Fit | Folder, settings: Any = None, *, quiet: bool = False) -> Diagnosed:
+    """What the fitted model lacks: residual, missing effect, refit, until nothing is left.
+
+    Args:
+        fit: what `fit` returned, or a run folder that holds one.
+        settings: DiagnosisSettings; the defaults where None.
+        quiet: show no progress.
+    Raises:
+        UsageError: the run folder holds no fit.
+    """
+    with working(quiet) as report:
+        from ..diagnosis import diagnose as diagnose_fit
+        from .diagnosed import Diagnosed
+        from .fit import Fit
+
+        if isinstance(fit, str | Path):
+            fit = _load_fit(Path(fit))
+        if not isinstance(fit, Fit):
+            raise _not_taken("diagnose", fit, "what etcfit.fit returned, or a run folder")
+        return Diagnosed(diagnose_fit(fit.result, report, **_given(settings)))
+
+
+def sample(model: Model, *, steps: int = _STEPS, keep: Folder | None = None, quiet: bool = False) -> Sampled:
+    """The posterior of a fitted model by emcee; stops by itself once the chain is long enough.
+
+    Args:
+        model: a fit, a diagnosis (its final model counts), or a run folder.
+        steps: of each ensemble after which to stop all the same.
+        keep: folder that keeps the chain between blocks of steps, so that an interrupted one is taken up again; the
+            run folder where `model` is one, else nothing is kept.
+        quiet: show no progress.
+    """
+    with working(quiet) as report:
+        from ..posterior import sample as sample_fit
+        from .sampled import Sampled
+
+        result = _fit_of("sample", model).result
+        keep = keep or (model if isinstance(model, str | Path) else None)
+        if keep is not None:
+            Path(keep).mkdir(parents=True, exist_ok=True)
+            return Sampled(sample_fit(result, keep, steps, report, result.formulas))
+        with TemporaryDirectory() as folder:
+            return Sampled(sample_fit(result, folder, steps, report, result.formulas))
+
+
+def reduce(
+    model: Model, input_unit: str = "V", output_unit: str = "rad", share: float = 0.25, *, quiet: bool = False
+) -> Reduced:
+    """The third-order transfer function about a plate held at a share of its travel.
+
+    Args:
+        model: a fit, a diagnosis (its final model counts), a posterior (its fit), or a run folder.
+        input_unit: "V" or "%" (of duty).
+        output_unit: "rad", "deg" or "%" (of travel).
+        share: of the travel, 0 to 1.
+        quiet: show no progress.
+    """
+    with working(quiet) as report:
+        from ..control.frequency import frequency_response
+        from ..control.linearise import reduce as reduce_fitted
+        from ..rig.sine import Sine
+        from .reduced import Reduced
+
+        fit = _fit_of("reduce", model)
+        report("linearising", 0.3)
+        fitted = fit.result.fitted()
+        reduction = reduce_fitted(fitted, input_unit, output_unit, share)
+        sines = tuple(trace for trace in fit.result.rig.measurements if trace.test == Sine.name)
+        if sines:
+            report("fitting sines", 0.6)
+        return Reduced(fit, reduction, frequency_response(fitted, sines) if sines else None)
+
+
+def design(
+    model: Model,
+    *,
+    rule: str = "optimal",
+    requirements: Requirements | None = None,
+    posterior: Sampled | None = None,
+    adc_bits: int = 12,
+    feed_forward: bool = False,
+    quiet: bool = False,
+    **ecu: float,
+) -> Designed:
+    """PID gains: every rule tried on the linear plant and on the nonlinear one, over many draws; one is proposed.
+
+    Args:
+        model: a fit, a diagnosis (its final model counts), a posterior, a transfer function, or a run folder.
+        rule: whose gains are proposed.
+        requirements: what a response must stay below; the paper's where None.
+        posterior: where the draws come from; where None, `model` if it is one, the posterior in the run folder, or the
+            fit's own normal approximation.
+        adc_bits: of the position sensor, over its travel.
+        feed_forward: the ECU has a bias curve.
+        quiet: show no progress.
+        ecu: what is known of the ECU, by field (`period=1e-3`, `delay=0.0`, ...); see `control.design.ecu_of`.
+    Raises:
+        UsageError: no such rule, or one that has no gains for this plant.
+    """
+    with working(quiet) as report:
+        from ..control.design import PAPERS, ecu_of
+        from ..control.design import design as design_gains
+        from ..control.linearise import stops
+        from ..model.ecu import Ecu
+        from .designed import Designed
+
+        if unknown := sorted(set(ecu) - set(Ecu._fields)):
+            raise TypeError(
+                f"etcfit.design knows no {', '.join(unknown)}. Of the ECU there are {', '.join(Ecu._fields)}."
+            )
+        fit = _fit_of("design", model)
+        fitted = fit.result.fitted()
+        lower, upper = stops(fitted)
+        computer = ecu_of(fitted, **({"resolution": (upper - lower) / 2**adc_bits} | ecu))
+        drawn = _draws(model if posterior is None else posterior, fitted)
+        found = design_gains(fitted, computer, requirements or PAPERS, rule, drawn, feed_forward, report)
+        return Designed(fit, found)
+
+
+def report(run: Folder | Fit | Diagnosed, to: Folder | None = None, *, quiet: bool = False) -> Path:
+    """One self-contained HTML page of everything that a run folder holds: RUN/report.html.
+
+    Args:
+        run: the run folder; or a fit or a diagnosis, which is written to `to` first, with its pictures.
+        to: the run folder where `run` is none.
+        quiet: show no progress.
+    Returns:
+        Where the page is.
+    """
+    with working(quiet) as told:
+        from ..reporting.page import write_page
+
+        if not isinstance(run, str | Path):
+            if to is None:
+                raise UsageError("a page is written into a run folder. Name one: etcfit.report(fit, 'runs/x').")
+            run = _illustrated(run, Path(to), told)
+        told("writing the page", 0.95)
+        return write_page(run)
+
+
+def run(folder: Rig | Folder, out: Folder, *, quiet: bool = False) -> Diagnosed:
+    """Everything from a measurement folder to RUN/report.html, one stage after the other, none left out.
+
+    Args:
+        folder: a rig as read, or its folder.
+        out: the run folder; made if absent.
+        quiet: show no progress.
+    Returns:
+        The diagnosis; `etcfit.load(out)` gives it back.
+    """
+    found = diagnose(fit(folder, quiet=quiet), quiet=quiet)
+    with working(quiet) as told:
+        _illustrated(found, Path(out), told)
+    posterior = sample(found, keep=out, quiet=quiet)
+    posterior.save(out, quiet=quiet)
+    reduce(found, quiet=quiet).save(out)
+    design(found, posterior=posterior, quiet=quiet).save(out)
+    report(out, quiet=quiet)
+    return found
+
+
+def drive(
+    folder: Folder,
+    *,
+    between: tuple[float, float] = (5.0, 45.0),
+    compare: tuple[str, str] | None = None,
+    quiet: bool = False,
+) -> Driven:
+    """Logs from the car (CSV, .msl, .mlg): operating range, spectrum, how closely the plate follows.
+
+    Args:
+        folder: of logs, or a measurement folder with logs in drive/.
+        between: the share of the time between these positions, %.
+        compare: only these two, before and after.
+        quiet: show no progress.
+    """
+    with working(quiet) as report:
+        report("reading the logs", 0.0)
+        from ..car_log import read_logs, study
+        from ..car_log.study import chosen
+        from .driven import Driven
+
+        config, logs = read_logs(folder)
+        return Driven(config, tuple(study(log, between) for log in (chosen(logs, compare) if compare else logs)))
+
+
+def fetch(name: str, to: Folder | None = None, data: Folder | None = None, *, quiet: bool = False) -> Path:
+    """A public measured data set as a measurement folder.
+
+    Args:
+        name: one of `etcfit.DATASETS`.
+        to: the folder to write; measurements/NAME where None.
+        data: folder of local copies; without it, the one that the environment variable ETCFIT_DATA names. A file that
+            is in neither is downloaded.
+        quiet: show no progress.
+    Returns:
+        The measurement folder.
+    """
+    with working(quiet) as report:
+        report(f"fetching {name}", 0.0)
+        from ..datasets import fetch as fetch_data_set
+
+        return fetch_data_set(name, Path(to or Path("measurements") / name), None if data is None else Path(data))
+
+
+def load(run: Folder) -> Fit | Diagnosed:
+    """The last model of a run folder, bit for bit as it was saved: the diagnosis where there is one, else the fit.
+
+    Args:
+        run: the run folder.
+    Raises:
+        UsageError: it holds no fit, or one of another version.
+    """
+    run = Path(run)
+    if not (run / "diagnosis.json").is_file():
+        return _load_fit(run)
+    from ..run_folder import load_diagnosis  # pyright: ignore[reportAttributeAccessIssue]
+    from .diagnosed import Diagnosed
+
+    return Diagnosed(load_diagnosis(run))
+
+
+def _load_fit(run: Path) -> Fit:
+    from ..run_folder import load_fit  # pyright: ignore[reportAttributeAccessIssue]
+    from .fit import Fit
+
+    return Fit(load_fit(run))
+
+
+def _rig_of(rig: Rig | Folder, report: Report) -> Rig:
+    if not isinstance(rig, str | Path):
+        return rig
+    from ..rig.reader import read_folder
+
+    report("reading the folder", 0.0)
+    return read_folder(rig)
+
+
+def _fit_of(verb: str, model: Any) -> Fit:
+    """The fit behind whatever a verb was given."""
+    from .diagnosed import Diagnosed
+    from .fit import Fit
+    from .reduced import Reduced
+    from .sampled import Sampled
+
+    if isinstance(model, str | Path):
+        model = load(model)
+    if isinstance(model, Fit):
+        return model
+    if isinstance(model, Diagnosed):
+        return model.final
+    if isinstance(model, Sampled | Reduced):
+        return model.fit
+    raise _not_taken(verb, model, "a fit, a diagnosis, a posterior, a transfer function or a run folder")
+
+
+def _not_taken(verb: str, given: object, wanted: str) -> TypeError:
+    return TypeError(f"etcfit.{verb} takes {wanted}, not {type(given).__name__}.")
+
+
+def _given(settings: Any) -> dict[str, Any]:
+    return {} if settings is None else {"settings": settings}
+
+
+def _draws(source: Any, fitted: Fitted) -> np.ndarray | None:
+    """Coordinates of further models from a posterior or a run folder that holds one, shape (D, P); None without."""
+    import numpy as np
+
+    from ..control.design import DRAWS, SEED
+    from ..run_folder import read_draws
+    from .sampled import Sampled
+
+    if isinstance(source, str | Path):
+        return read_draws(Path(source), fitted, DRAWS - 1, SEED)
+    if not isinstance(source, Sampled):
+        return None
+    points, symbols = source.posterior.points, source.posterior.chain.symbols
+    if symbols != fitted.free_parameters.layout.free:
+        raise UsageError("this posterior is of another model: other parameters are free in it. Sample the model first.")
+    flat = points.reshape(-1, points.shape[-1])
+    return flat[np.random.default_rng(SEED).integers(len(flat), size=DRAWS - 1)]
+
+
+def _illustrated(model: Any, run: Path, report: Report) -> Path:
+    """A fit or a diagnosis written to a run folder with its pictures."""
+    from ..reporting import write_diagnosis, write_run
+    from .diagnosed import Diagnosed
+    from .fit import Fit
+
+    if isinstance(model, Fit):
+        write_run(run, model.result, report)
+    elif isinstance(model, Diagnosed):
+        write_run(run, model.diagnosis.before, report)
+        write_diagnosis(run, model.diagnosis, report)
+    else:
+        raise _not_taken("report", model, "a fit, a diagnosis or a run folder")
+    return run

@@ -1,0 +1,68 @@
+"""What is saved comes back: needs save_fit, load_fit, save_diagnosis and load_diagnosis of run_folder.
+
+`problem` and `weighted` of results made by hand are stand-ins, so that fits here are real ones.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+import etcfit
+import folders
+from etcfit import run_folder
+from etcfit.api.diagnosed import Diagnosed
+from etcfit.api.fit import Fit
+from etcfit.errors import UsageError
+
+pytestmark = pytest.mark.skipif(not hasattr(run_folder, "load_fit"), reason="run_folder.load_fit is not there yet")
+
+
+@pytest.fixture(scope="module")
+def fit(tmp_path_factory: pytest.TempPathFactory) -> Fit:
+    """Of the resistance and inductance tests: seconds."""
+    return etcfit.fit(folders.write(tmp_path_factory.mktemp("rig"), folders.held()))
+
+
+def test_a_fit_comes_back_as_it_was(fit: Fit, tmp_path: Path) -> None:
+    run = tmp_path / "run"
+    assert fit.save(run) == run
+    back = etcfit.load(run)
+    assert isinstance(back, Fit)
+    assert back.parameters.equals(fit.parameters)
+    assert back.score.equals(fit.score)
+    assert (back.converged, back.reason, back.warnings) == (fit.converged, fit.reason, fit.warnings)
+    assert back.traces == fit.traces
+    for file in fit.traces:
+        assert back.trace(file).to_frame().equals(fit.trace(file).to_frame())
+    assert repr(back) == repr(fit)
+
+
+@pytest.mark.slow  # it compiles for minutes
+def test_a_diagnosis_comes_back_as_it_was_and_goes_with_the_next_fit(fit: Fit, tmp_path: Path) -> None:
+    found = etcfit.diagnose(fit)
+    found.save(tmp_path)
+    back = etcfit.load(str(tmp_path))
+    assert isinstance(back, Diagnosed)
+    assert back.ledger.equals(found.ledger)
+    assert back.verdict == found.verdict
+    assert back.final.parameters.equals(found.final.parameters)
+    assert etcfit.reduce(tmp_path).coefficients.equals(etcfit.reduce(found).coefficients)
+    fit.save(tmp_path)
+    assert isinstance(etcfit.load(tmp_path), Fit)
+
+
+def test_a_page_is_written_of_what_was_saved(fit: Fit, tmp_path: Path) -> None:
+    fit.save(tmp_path)
+    assert etcfit.report(tmp_path) == tmp_path / "report.html"
+    assert (tmp_path / "report.html").is_file()
+    page = etcfit.report(fit, tmp_path / "other")
+    assert page.is_file()
+    assert (tmp_path / "other" / "pictures").is_dir()
+
+
+def test_a_run_folder_without_a_fit_is_refused(tmp_path: Path) -> None:
+    for verb in (etcfit.load, etcfit.diagnose, etcfit.sample, etcfit.reduce, etcfit.design):
+        with pytest.raises(UsageError):
+            verb(tmp_path)

@@ -1,0 +1,125 @@
+"""The verbs: those of the command line, on results made by hand; what each takes and what it refuses."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+import pytest
+import typer
+
+import etcfit
+import folders
+import results
+from etcfit.api import verbs
+from etcfit.api.checked import Checked
+from etcfit.api.designed import Designed
+from etcfit.api.diagnosed import Diagnosed
+from etcfit.api.fit import Fit
+from etcfit.api.reduced import Reduced
+from etcfit.cli import app
+from etcfit.control.pid import RULES
+from etcfit.errors import MeasurementError, UsageError
+from etcfit.rig.base import Rig
+
+QUICK = {name: RULES[name] for name in ("manual", "damping_optimum", "as_found")}
+
+
+@pytest.fixture(scope="module")
+def reduced(fitted: Fit) -> Reduced:
+    return verbs.reduce(fitted)
+
+
+@pytest.fixture(scope="module")
+def designed(fitted: Fit) -> Iterator[Designed]:
+    """By three quick rules, one of which refuses."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("etcfit.control.design.RULES", QUICK)
+        patch.setattr("etcfit.control.design.binding", lambda task, setpoint: ("stub",))
+        yield verbs.design(fitted, rule="manual", period=1e-3)
+
+
+def test_every_command_is_a_verb() -> None:
+    commands = set(typer.main.get_command(app).commands)  # pyright: ignore[reportAttributeAccessIssue]
+    assert commands - set(dir(etcfit)) == set()
+    assert all(callable(getattr(etcfit, name)) for name in commands)
+
+
+def test_check_takes_a_rig_and_a_folder(tmp_path: Path) -> None:
+    folder = folders.write(tmp_path / "rig", folders.held())
+    checked = etcfit.check(folder)
+    assert isinstance(checked, Checked)
+    assert list(checked.traces.index) == ["inductance/1.csv", "resistance/1.csv"]
+    assert checked.traces.loc["resistance/1.csv", "samples"] == 40
+    assert "J_L" in checked.not_identifiable
+    assert etcfit.check(etcfit.read_folder(folder)).not_identifiable == checked.not_identifiable
+    assert "not identifiable: " in checked._repr_html_()
+    assert len(repr(checked)) < 1500
+    with pytest.raises(MeasurementError, match="no such folder"):
+        etcfit.check("nowhere")
+
+
+def test_a_reduction_is_a_transfer_function_with_errors(fitted: Fit, found: Diagnosed, reduced: Reduced) -> None:
+    plant = reduced.transfer_function
+    b0, a2, a1, a0 = reduced.coefficients["value"]
+    np.testing.assert_allclose(plant.num[0][0], [b0])
+    np.testing.assert_allclose(plant.den[0][0], [1.0, a2, a1, a0])
+    assert isinstance(reduced.stderr, pd.Series)
+    assert list(reduced.stderr) == reduced.reduction.stderr.tolist()
+    assert list(reduced.stderr.index) == ["b0", "a2", "a1", "a0"]
+    assert len(reduced.plot.bode()) == 2
+    assert "poles" in repr(reduced)
+    assert "rad/V" in reduced._repr_html_()
+    assert verbs.reduce(found).fit.result is found.diagnosis.after
+    assert verbs.reduce(reduced).coefficients.equals(reduced.coefficients)
+    assert verbs.reduce(fitted, output_unit="deg").unit == "deg/V"
+
+
+def test_a_design_has_every_rule_in_a_table(designed: Designed) -> None:
+    rules = designed.rules
+    assert list(rules.index) == list(QUICK)
+    assert designed.gains.Kp == rules.loc["manual", "Kp"]
+    assert rules.loc["as_found", "why"]
+    assert np.isnan(rules.loc["as_found", "Kp"])
+    assert rules["met"].dtype == bool
+    assert str(rules["Kp"].dtype) == "float64"
+    assert designed.rule == "manual"
+    assert len(repr(designed)) < 1500
+    assert "manual" in designed._repr_html_()
+    assert designed.plot.responses()[0].get_ylabel() == "position [% travel]"
+
+
+def test_what_a_verb_cannot_use_is_refused_in_words(rig: Rig, found: Diagnosed) -> None:
+    wrong: Any = rig
+    for verb in (verbs.diagnose, verbs.sample, verbs.reduce, verbs.design):
+        with pytest.raises(TypeError, match=f"etcfit.{verb.__name__} takes .* not Rig"):
+            verb(wrong)
+    with pytest.raises(UsageError, match="run folder"):
+        etcfit.report(found)
+    with pytest.raises(TypeError, match=r"knows no perod.*period"):
+        etcfit.design(found, perod=1e-3)
+
+
+def test_settings_reach_the_stage(rig: Rig, monkeypatch: pytest.MonkeyPatch) -> None:
+    seen: list[tuple[Any, ...]] = []
+
+    def stub(rig: Rig, report: Any, **given: Any) -> Any:
+        seen.append((rig, given))
+        return results.result(rig)
+
+    monkeypatch.setattr("etcfit.estimation.joint_fit.fit", stub)
+    assert isinstance(etcfit.fit(rig), Fit)
+    etcfit.fit(rig.folder, settings="mine")
+    assert seen[0] == (rig, {})
+    assert seen[1][0].config == rig.config
+    assert seen[1][1] == {"settings": "mine"}
+
+
+def test_fetch_writes_a_measurement_folder(measured: Path, tmp_path: Path) -> None:
+    folder = etcfit.fetch("kassel-throttle", tmp_path / "kassel", measured)
+    assert etcfit.read_folder(folder).measurements
+    with pytest.raises(UsageError, match="kassel-throttle"):
+        etcfit.fetch("no-such-set", tmp_path / "x")
