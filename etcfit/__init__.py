@@ -39,7 +39,6 @@ if TYPE_CHECKING:
     from .api.verbs import load as load
     from .api.verbs import reduce as reduce
     from .api.verbs import report as report
-    from .api.verbs import run as run
     from .api.verbs import sample as sample
     from .control.design import Design as Design
     from .control.pid import RULES as RULES
@@ -71,6 +70,7 @@ if TYPE_CHECKING:
     from .rig.base import Start as Start
     from .rig.base import Tied as Tied
     from .rig.reader import read_folder as read_folder
+    from .stages import run as run
 
 _MODULE_OF = {
     "EFFECTS": "model.effects",
@@ -86,7 +86,7 @@ _MODULE_OF = {
     "load": "api.verbs",
     "reduce": "api.verbs",
     "report": "api.verbs",
-    "run": "api.verbs",
+    "run": "stages",
     "sample": "api.verbs",
     "Checked": "api.checked",
     "Designed": "api.designed",

@@ -14,6 +14,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from .api.diagnosed import Diagnosed
+    from .api.fit import Fit
     from .estimation.result import FitResult
     from .run_folder import RunFolder
 
@@ -55,12 +57,12 @@ def fit_folder(folder: Path, run: RunFolder, report: Report) -> Done:
     rig = read_folder(folder)
     report("loading the model", 0.0)
     keep_compiled()
+    from .api.saving import keep_fit
     from .estimation.joint_fit import fit
-    from .reporting import draw_fit
     from .reporting.tables import fit_table
 
     result = fit(rig, report)
-    run.keep_fit(result, lambda: draw_fit(run.path, result, report))
+    keep_fit(run, result, report)
     return Done(fit_table(result), failure(result))
 
 
@@ -69,12 +71,12 @@ def diagnose_run(run: RunFolder, report: Report) -> Done:
     report("taking up the fit", 0.0)
     keep_compiled()
     result = run.fit()
+    from .api.saving import keep_diagnosis
     from .diagnosis import diagnose
-    from .reporting import draw_diagnosis
     from .reporting.diagnosis.table import diagnosis_table
 
     found = diagnose(result, report)
-    run.keep_diagnosis(found, lambda: draw_diagnosis(run.path, found, report))
+    keep_diagnosis(run, found, report)
     return Done(diagnosis_table(found), failure(found.after))
 
 
@@ -83,21 +85,15 @@ def sample_run(run: RunFolder, report: Report, steps: int = MOST_STEPS) -> Done:
     report("taking up the model", 0.0)
     keep_compiled()
     result = run.final()
+    from .api.saving import keep_posterior
     from .posterior import sample
-    from .posterior.predictive import bands
     from .posterior.profile import profiles
-    from .reporting import draw_posterior
     from .reporting.posterior.table import posterior_table
-    from .run_folder import NOT_CONVERGED, exit_of, save_posterior
 
     posterior = sample(result.taken_as_exact(), run.path, steps, report, result.formulas)
     profiled = profiles(posterior, report)
-    predicted = bands(posterior, report)
+    keep_posterior(run, posterior, profiled, {"steps": steps}, report)
     here = posterior.convergence
-    status = exit_of(result) if here.converged else NOT_CONVERGED
-    settings = {"steps": steps}
-    save_posterior(run.path, posterior, profiled, predicted, status, settings,
-                   lambda: draw_posterior(run.path, posterior, profiled, predicted, report))  # fmt: skip
     why = "" if here.converged else f"this is no posterior yet: {here.reason} `etcfit sample` goes on from here."
     return Done(posterior_table(posterior, profiled), why or failure(result))
 
@@ -114,11 +110,11 @@ def reduce_run(
     result = run.final()
     from rich.console import Group
 
+    from .api.saving import keep_reduction
     from .control.frequency import frequency_response
     from .control.linearise import reduce
-    from .reporting import draw_frequency_response, draw_reduction
     from .reporting.control.tables import reduction_table, sine_table
-    from .run_folder import exit_of, save_reduction, sines_of
+    from .run_folder import sines_of
 
     fitted, sines = result.fitted(), sines_of(result)
     report("linearising", 0.3)
@@ -126,14 +122,7 @@ def reduce_run(
     if sines:
         report("fitting sines", 0.6)
     response = frequency_response(fitted, sines) if sines else None
-
-    def beside() -> None:
-        draw_reduction(run.path, fitted, reduction, report)
-        if response is not None:
-            draw_frequency_response(run.path, fitted, response, report)
-
-    settings = {"input": unit_in, "output": unit_out, "at": at, "pade_order": pade}
-    save_reduction(run.path, fitted, reduction, response, exit_of(result), settings, beside)
+    keep_reduction(run, result, reduction, response, pade, report)
     table = reduction_table(fitted, reduction, pade)
     return Done(table if response is None else Group(table, sine_table(response)), failure(result))
 
@@ -160,12 +149,12 @@ def design_run(
     report("taking up the fit", 0.0)
     keep_compiled()
     result = run.final()
+    from .api.saving import keep_design
     from .control.design import DRAWS, SEED, design, ecu_of
     from .control.linearise import stops
     from .control.pid import Requirements
-    from .reporting import draw_design
     from .reporting.control.tables import design_table
-    from .run_folder import exit_of, read_draws, save_design
+    from .run_folder import read_draws
 
     fitted = result.fitted()
     lower, upper = stops(fitted)
@@ -173,7 +162,7 @@ def design_run(
     drawn = read_draws(run.path, fitted, DRAWS - 1, SEED)
     found = design(fitted, computer, Requirements(*limits), rule, drawn, feed_forward, report)
     settings = {"rule": rule, "adc_bits": adc_bits, "feed_forward": feed_forward, "limits": limits, "ecu": ecu}
-    save_design(run.path, found, exit_of(result), settings, lambda: draw_design(run.path, found, report))
+    keep_design(run, result, found, settings, report)
     return Done(design_table(found), failure(result))
 
 
@@ -252,6 +241,23 @@ def run_all(
             done = stage.work(folder, run, report)
         show(stage.name, done)
     return last_failure(path)
+
+
+def run(folder: Path | str, out: Path | str, *, quiet: bool = False) -> Fit | Diagnosed:
+    """Everything from a measurement folder to RUN/report.html, in order; what is done already is not done again.
+
+    Args:
+        folder: the measurements.
+        out: the run folder; made if absent.
+        quiet: show no progress.
+    Returns:
+        The last model in it, as `etcfit.load` gives it.
+    """
+    from .api.progress import working
+    from .api.verbs import load
+
+    run_all(Path(folder), Path(out), lambda: working(quiet), lambda name, done: None)
+    return load(out)
 
 
 def keep_compiled() -> None:

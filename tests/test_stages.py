@@ -9,8 +9,10 @@ from typing import Any
 import pytest
 
 import diagnoses
+import etcfit
 import results
 from equality import equal
+from etcfit.api.diagnosed import Diagnosed
 from etcfit.diagnosis.findings import Diagnosis
 from etcfit.estimation.result import FitResult
 from etcfit.run_folder import STAGE_FILES, read_records, save_diagnosis
@@ -97,3 +99,15 @@ def test_the_posterior_is_that_of_the_final_model_with_its_formulas_taken_as_exa
     assert (folder, steps, exact) == (tmp_path / "run", 700, (diagnoses.FOUND,))
     assert equal(result, wide.taken_as_exact())
     assert result.covariance[0, 0] < wide.covariance[0, 0]
+
+
+def test_run_gives_the_last_model_back(found: Diagnosis, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def run_all(folder: Path, path: Path, *_: Any) -> str:
+        assert folder == tmp_path / "rig"
+        save_diagnosis(path, found)
+        return ""
+
+    monkeypatch.setattr("etcfit.stages.run_all", run_all)
+    last = etcfit.run(str(tmp_path / "rig"), str(tmp_path / "run"), quiet=True)
+    assert isinstance(last, Diagnosed)
+    assert equal(last.diagnosis, found)

@@ -98,9 +98,10 @@ class Designed:
         Args:
             run: made if absent.
         """
-        from ..reporting import write_design
+        from ..run_folder import RunFolder
+        from .saving import keep_design
 
-        write_design(Path(run), self.design)
+        keep_design(RunFolder(run), self.fit.result, self.design, {"rule": self.rule})
         return Path(run)
 
     @property

@@ -92,10 +92,12 @@ class Diagnosed:
         Args:
             run: made if absent.
         """
-        from ..run_folder import save_diagnosis, save_fit  # pyright: ignore[reportAttributeAccessIssue]
+        from ..run_folder import RunFolder
+        from .saving import keep_diagnosis, keep_fit
 
-        save_fit(Path(run), self.diagnosis.before)
-        save_diagnosis(Path(run), self.diagnosis)
+        folder = RunFolder(run)
+        keep_fit(folder, self.diagnosis.before)
+        keep_diagnosis(folder, self.diagnosis)
         return Path(run)
 
     @property

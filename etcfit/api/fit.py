@@ -118,14 +118,15 @@ class Fit:
         return render(fit_table(self.result), width)
 
     def save(self, run: str | Path) -> Path:
-        """Write the fit to a run folder, whole; `etcfit.load` gives it back bit for bit.
+        """Write the fit to a run folder, whole, with its pictures; `etcfit.load` gives it back bit for bit.
 
         Args:
             run: made if absent.
         """
-        from ..run_folder import save_fit  # pyright: ignore[reportAttributeAccessIssue]
+        from ..run_folder import RunFolder
+        from .saving import keep_fit
 
-        save_fit(Path(run), self.result)
+        keep_fit(RunFolder(run), self.result)
         return Path(run)
 
     @property

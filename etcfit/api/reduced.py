@@ -93,12 +93,10 @@ class Reduced:
             run: made if absent.
             pade_order: of the delay in `with_delay_and_lag` of the file; 0 leaves that out.
         """
-        from ..reporting import write_frequency_response, write_reduction
+        from ..run_folder import RunFolder
+        from .saving import keep_reduction
 
-        fitted = self.fit.result.fitted()
-        write_reduction(Path(run), fitted, self.reduction, pade_order)
-        if self.response is not None:
-            write_frequency_response(Path(run), fitted, self.response)
+        keep_reduction(RunFolder(run), self.fit.result, self.reduction, self.response, pade_order)
         return Path(run)
 
     @property

@@ -92,11 +92,12 @@ class Sampled:
             quiet: show no progress.
         """
         from ..posterior.profile import profiles
-        from ..reporting import write_posterior
+        from ..run_folder import RunFolder
         from .progress import working
+        from .saving import keep_posterior
 
         with working(quiet) as report:
-            write_posterior(Path(run), self.posterior, profiles(self.posterior, report), report)
+            keep_posterior(RunFolder(run), self.posterior, profiles(self.posterior, report), {}, report)
         return Path(run)
 
     @property

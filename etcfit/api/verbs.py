@@ -2,7 +2,7 @@
 
     rig = read_folder(FOLDER);  fit(rig) -> diagnose -> sample, reduce, design -> report
 
-They compute and return; only `save`, `report`, `run` and `fetch` write files. Whatever is heavy is imported when a verb
+They compute and return; only `save`, `report` and `fetch` write files. Whatever is heavy is imported when a verb
 is called.
 """
 
@@ -110,9 +110,9 @@ def sample(model: Model, *, steps: int = _STEPS, keep: Folder | None = None, qui
         keep = keep or (model if isinstance(model, str | Path) else None)
         if keep is not None:
             Path(keep).mkdir(parents=True, exist_ok=True)
-            return Sampled(sample_fit(result, keep, steps, report, result.formulas))
+            return Sampled(sample_fit(result.taken_as_exact(), keep, steps, report, result.formulas))
         with TemporaryDirectory() as folder:
-            return Sampled(sample_fit(result, folder, steps, report, result.formulas))
+            return Sampled(sample_fit(result.taken_as_exact(), folder, steps, report, result.formulas))
 
 
 def reduce(
@@ -205,30 +205,10 @@ def report(run: Folder | Fit | Diagnosed, to: Folder | None = None, *, quiet: bo
         if not isinstance(run, str | Path):
             if to is None:
                 raise UsageError("a page is written into a run folder. Name one: etcfit.report(fit, 'runs/x').")
-            run = _illustrated(run, Path(to), told)
+            told("drawing", 0.1)
+            run = run.save(to)
         told("writing the page", 0.95)
-        return write_page(run)
-
-
-def run(folder: Rig | Folder, out: Folder, *, quiet: bool = False) -> Diagnosed:
-    """Everything from a measurement folder to RUN/report.html, one stage after the other, none left out.
-
-    Args:
-        folder: a rig as read, or its folder.
-        out: the run folder; made if absent.
-        quiet: show no progress.
-    Returns:
-        The diagnosis; `etcfit.load(out)` gives it back.
-    """
-    found = diagnose(fit(folder, quiet=quiet), quiet=quiet)
-    with working(quiet) as told:
-        _illustrated(found, Path(out), told)
-    posterior = sample(found, keep=out, quiet=quiet)
-    posterior.save(out, quiet=quiet)
-    reduce(found, quiet=quiet).save(out)
-    design(found, posterior=posterior, quiet=quiet).save(out)
-    report(out, quiet=quiet)
-    return found
+        return write_page(run).path
 
 
 def drive(
@@ -283,17 +263,15 @@ def load(run: Folder) -> Fit | Diagnosed:
     Raises:
         UsageError: it holds no fit, or one of another version.
     """
-    run = Path(run)
-    if not (run / "diagnosis.json").is_file():
-        return _load_fit(run)
-    from ..run_folder import load_diagnosis  # pyright: ignore[reportAttributeAccessIssue]
+    from ..run_folder import RunFolder
     from .diagnosed import Diagnosed
 
-    return Diagnosed(load_diagnosis(run))
+    found = RunFolder(run).diagnosis()
+    return _load_fit(Path(run)) if found is None else Diagnosed(found)
 
 
 def _load_fit(run: Path) -> Fit:
-    from ..run_folder import load_fit  # pyright: ignore[reportAttributeAccessIssue]
+    from ..run_folder import load_fit
     from .fit import Fit
 
     return Fit(load_fit(run))
@@ -351,19 +329,3 @@ def _draws(source: Any, fitted: Fitted) -> np.ndarray | None:
         raise UsageError("this posterior is of another model: other parameters are free in it. Sample the model first.")
     flat = points.reshape(-1, points.shape[-1])
     return flat[np.random.default_rng(SEED).integers(len(flat), size=DRAWS - 1)]
-
-
-def _illustrated(model: Any, run: Path, report: Report) -> Path:
-    """A fit or a diagnosis written to a run folder with its pictures."""
-    from ..reporting import write_diagnosis, write_run
-    from .diagnosed import Diagnosed
-    from .fit import Fit
-
-    if isinstance(model, Fit):
-        write_run(run, model.result, report)
-    elif isinstance(model, Diagnosed):
-        write_run(run, model.diagnosis.before, report)
-        write_diagnosis(run, model.diagnosis, report)
-    else:
-        raise _not_taken("report", model, "a fit, a diagnosis or a run folder")
-    return run

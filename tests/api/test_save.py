@@ -1,7 +1,4 @@
-"""What is saved comes back: needs save_fit, load_fit, save_diagnosis and load_diagnosis of run_folder.
-
-`problem` and `weighted` of results made by hand are stand-ins, so that fits here are real ones.
-"""
+"""What is saved comes back, and verbs take the folder it was saved to."""
 
 from __future__ import annotations
 
@@ -11,12 +8,9 @@ import pytest
 
 import etcfit
 import folders
-from etcfit import run_folder
 from etcfit.api.diagnosed import Diagnosed
 from etcfit.api.fit import Fit
 from etcfit.errors import UsageError
-
-pytestmark = pytest.mark.skipif(not hasattr(run_folder, "load_fit"), reason="run_folder.load_fit is not there yet")
 
 
 @pytest.fixture(scope="module")
