@@ -10,8 +10,8 @@ import numpy as np
 
 from ..errors import UsageError
 from ..estimation.fitted_model import Fitted
-from ..estimation.identifiability import UNKNOWN
 from ..estimation.joint_fit import Report, quiet
+from ..estimation.settings import IdentifiabilitySettings
 from ..model.ecu import Ecu, Notation, Terms
 from ..rig.ecu import GAINS
 from .linearise import reduce, stops
@@ -112,7 +112,7 @@ def gains_as_found(fitted: Fitted) -> Gains | Refusal:
     """Those of the ECU that [ecu] of rig.toml describes, known or fitted."""
     if fitted.config.ecu is None:
         return Refusal("rig.toml describes no ECU, see [ecu]")
-    if lost := [symbol for symbol in GAINS.values() if fitted.doubt(symbol) > UNKNOWN]:
+    if lost := [symbol for symbol in GAINS.values() if fitted.doubt(symbol) > IdentifiabilitySettings().unknown]:
         return Refusal(f"the data do not tell {', '.join(lost)}")
     return Gains(*(fitted.values[symbol] for symbol in GAINS.values()))
 

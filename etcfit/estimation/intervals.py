@@ -21,7 +21,6 @@ from ..problem.free_parameters import Form, Pick
 from .joint_fit import FitResult
 
 Z_95 = 1.96  # half width of a 95 % interval, standard deviations
-_UNKNOWN = 0.5  # relative; a wider standard error says nothing worth a figure
 
 
 @dataclass(frozen=True)
@@ -111,8 +110,9 @@ def lumped(result: FitResult) -> dict[str, Interval]:
     gradients = np.asarray(_gradients(layout.form, layout.padded(result.x), layout.pick(free_parameters.held), n))[
         :, : result.x.size
     ]
+    unknown = result.settings.identifiability.unknown_widened
     return {
-        s: _combined(float(lump.of(result.values, n)), gradient, result.covariance)
+        s: _combined(float(lump.of(result.values, n)), gradient, result.covariance, unknown)
         for (s, lump), gradient in zip(LUMPS.items(), gradients, strict=True)
         if electric or not lump.electric
     }
@@ -150,7 +150,7 @@ def _judged(result: FitResult, k: int, stated: Interval) -> Interval:
     sd = _root(result.covariance[k, k])
     if sd is None:
         return Interval.bare(value, "estimated", "its standard error could not be computed")
-    if sd > _UNKNOWN * layout.reach(result.x)[k]:
+    if sd > result.settings.identifiability.unknown_widened * layout.reach(result.x)[k]:
         return Interval.bare(value, "not identifiable", remark)  # where widening left nothing of what was known
     return replace(stated, remark=remark)
 
@@ -167,11 +167,12 @@ def _gear_ratio(result: FitResult) -> Interval:
     return Interval.bare(float(config.gear_ratio), "fixed", remark)
 
 
-def _combined(value: float, gradient: np.ndarray, covariance: np.ndarray) -> Interval:
+def _combined(value: float, gradient: np.ndarray, covariance: np.ndarray, unknown: float) -> Interval:
+    """The interval of a combination by the delta method; none where its relative standard error exceeds `unknown`."""
     if not gradient.any():
         return Interval.bare(value, "fixed")
     stderr = _root(float(gradient @ covariance @ gradient))
-    if stderr is None or stderr > _UNKNOWN * abs(value):
+    if stderr is None or stderr > unknown * abs(value):
         return Interval.bare(value, "not identifiable")
     return Interval(value, stderr, value - Z_95 * stderr, value + Z_95 * stderr, "estimated")
 
