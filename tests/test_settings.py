@@ -17,8 +17,10 @@ from etcfit.estimation.settings import (
     WhitenessSettings,
 )
 from etcfit.files import plain
+from etcfit.posterior.settings import SamplingSettings
+from etcfit.stages import MOST_STEPS
 
-KINDS: list[Any] = [FitSettings, GlobalSearchSettings, IdentifiabilitySettings, WhitenessSettings]
+KINDS: list[Any] = [FitSettings, GlobalSearchSettings, IdentifiabilitySettings, WhitenessSettings, SamplingSettings]
 FIELDS = [(kind, each.name) for kind in KINDS for each in fields(kind)]
 
 
@@ -62,3 +64,7 @@ def test_changed_settings_within_settings_survive_json_too() -> None:
 def test_points_must_share_among_the_radii() -> None:
     with pytest.raises(ValueError, match="multiple of the number of radii, 4"):
         GlobalSearchSettings(points=30)
+
+
+def test_the_steps_that_the_command_line_shows_are_those_of_the_settings() -> None:
+    assert SamplingSettings().most_steps == MOST_STEPS

@@ -13,8 +13,9 @@ from ..estimation.intervals import LUMPS, Interval
 from ..model.parameters import Parameter
 from ..problem.free_parameters import FreeParameters
 from .convergence import autocorrelation_time, split_rhat
+from .settings import SamplingSettings
 
-APART = 0.2  # relative; standard deviations that differ by more are flagged
+APART = SamplingSettings().apart
 
 
 @dataclass(frozen=True)
@@ -41,10 +42,15 @@ class Marginal:
     laplace: float | None
 
 
-def apart(*spreads: float | None) -> bool:
-    """Whether standard deviations found in different ways, where they were found, differ by more than 20 %."""
+def apart(*spreads: float | None, allowed: float = APART) -> bool:
+    """Whether standard deviations found in different ways, where they were found, differ by more than is allowed.
+
+    Args:
+        spreads: in one unit; None where one was not found.
+        allowed: relative difference of the largest and the smallest.
+    """
     known = [s for s in spreads if s]
-    return bool(known) and max(known) > (1.0 + APART) * min(known)
+    return bool(known) and max(known) > (1.0 + allowed) * min(known)
 
 
 def values(
