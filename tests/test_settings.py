@@ -9,6 +9,7 @@ from typing import Any
 
 import pytest
 
+from etcfit.control.settings import DesignSettings, LoopSettings, ManualSettings, OptimumSettings, RelaySettings
 from etcfit.estimation.bounded import from_json
 from etcfit.estimation.settings import (
     FitSettings,
@@ -20,7 +21,8 @@ from etcfit.files import plain
 from etcfit.posterior.settings import SamplingSettings
 from etcfit.stages import MOST_STEPS
 
-KINDS: list[Any] = [FitSettings, GlobalSearchSettings, IdentifiabilitySettings, WhitenessSettings, SamplingSettings]
+KINDS: list[Any] = [FitSettings, GlobalSearchSettings, IdentifiabilitySettings, WhitenessSettings, SamplingSettings,
+                   DesignSettings, LoopSettings, ManualSettings, OptimumSettings, RelaySettings]  # fmt: skip
 FIELDS = [(kind, each.name) for kind in KINDS for each in fields(kind)]
 
 
@@ -68,3 +70,16 @@ def test_points_must_share_among_the_radii() -> None:
 
 def test_the_steps_that_the_command_line_shows_are_those_of_the_settings() -> None:
     assert SamplingSettings().most_steps == MOST_STEPS
+
+
+@pytest.mark.parametrize("kind", [OptimumSettings, ManualSettings])
+def test_bounds_of_gains_must_be_three_that_rise(kind: Any) -> None:
+    with pytest.raises(ValueError, match="three gains, Kp, Ki and Kd"):
+        kind(lowest=(1.0, 1.0), highest=(2.0, 2.0))
+    with pytest.raises(ValueError, match="must have an entry above each of lowest"):
+        kind(lowest=(0.3, 0.3, 50.0))
+
+
+def test_the_elite_is_part_of_the_population() -> None:
+    with pytest.raises(ValueError, match="at most the population, 8"):
+        OptimumSettings(population=8, elite=9)

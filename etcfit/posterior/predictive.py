@@ -3,8 +3,8 @@
     y_k ~ N(mean_k, var over draws of y_hat_k + C P_k C^T + sigma^2)
 
 y_hat is the free-running simulation at draws of the posterior, P what the noise of the logged input and instants that
-nobody logged add up to along it (`innovations.free_run_variance`), sigma the sensor's noise; of a fit that is `far` from
-the data, the error left in each fitted channel.
+nobody logged add up to along it (`innovations.free_run_variance`), sigma the sensor's noise; of a fit that is `far`
+from the data, the error left in each fitted channel.
 """
 
 from __future__ import annotations

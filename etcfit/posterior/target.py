@@ -11,9 +11,9 @@ data do not determine from wandering.
 
 f_s >= 1 tempers. Residuals that are larger than their noise, or not independent, carry less than their number says; f_s
 is the variance of their sum over that of independent standard normal ones, the factor by which the fit widens its own
-intervals (`autocorrelation.inflation`). For a fit `far` from the data each channel was already weighed by the error left in
-it, so that chi2 per degree of freedom is about 1, and f_s is the autocorrelation time of its residual in samples. All
-f_s are 1 where the model is right.
+intervals (`autocorrelation.inflation`). For a fit `far` from the data each channel was already weighed by the error
+left in it, so that chi2 per degree of freedom is about 1, and f_s is the autocorrelation time of its residual in
+samples. All f_s are 1 where the model is right.
 """
 
 from __future__ import annotations
