@@ -46,7 +46,7 @@ def test_the_best_so_far_is_never_lost() -> None:
 
 
 def test_the_search_keeps_within_its_bounds() -> None:
-    settings = OptimumSettings(highest=(10.0, 3e5, 40.0))
+    settings = OptimumSettings(highest=(6.0, 3e5, 40.0))
     rng = np.random.default_rng(2)
     asked = []
 
@@ -56,9 +56,9 @@ def test_the_search_keeps_within_its_bounds() -> None:
 
     begin = np.minimum(begun(rng) + 2.0, np.log((5.0, 1e9, 1e9)))
     found, _ = cross_entropy(noted, begin, 30, rng, settings)
-    assert np.log(5.0) < found[0] <= np.log(10.0)
+    assert np.log(5.0) < found[0] <= np.log(6.0)
     tried = np.concatenate(asked[1:])[:, 0]
-    assert tried.max() == np.log(10.0)  # where a draw beyond it was clipped to: the bottom of the bowl lies beyond
+    assert tried.max() == np.log(6.0)  # where a draw beyond it was clipped to: the bottom of the bowl lies beyond
 
 
 def test_a_missed_requirement_costs_more_than_any_tracking_error() -> None:
