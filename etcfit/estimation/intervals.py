@@ -141,7 +141,7 @@ def _free(result: FitResult) -> list[Interval]:
 
 
 def _judged(result: FitResult, k: int, stated: Interval) -> Interval:
-    """What may be said of an interval: all of it, that a bound holds the value, or that nothing is known."""
+    """The interval of the k-th free parameter, with a remark at a bound, or without numbers where it is unknown."""
     layout, value = result.free_parameters.layout, stated.value
     domain = layout.parameter(layout.free[k]).domain
     remark = "at its bound" if domain.at_bound(value) else None
@@ -156,12 +156,14 @@ def _judged(result: FitResult, k: int, stated: Interval) -> Interval:
 
 
 def _tied(symbol: str, other: str, equal: Interval) -> Interval:
+    """The interval of a parameter that equals another one."""
     if equal.status == "not identifiable":
         return replace(equal, remark=f"{symbol} = {other}")
     return replace(equal, status="tied", remark=f"{symbol} = {other}")
 
 
 def _gear_ratio(result: FitResult) -> Interval:
+    """N, with a remark where rig.toml does not give it."""
     config = result.rig.config
     remark = None if config.gear_ratio_given else "assumed: rig.toml does not give it"
     return Interval.bare(float(config.gear_ratio), "fixed", remark)
@@ -178,4 +180,5 @@ def _combined(value: float, gradient: np.ndarray, covariance: np.ndarray, unknow
 
 
 def _root(variance: float) -> float | None:
+    """Standard deviation; None where the variance is negative or not finite."""
     return math.sqrt(variance) if math.isfinite(variance) and variance >= 0.0 else None

@@ -1,4 +1,4 @@
-"""One descent: Levenberg-Marquardt on the whitened residual, and the residual linearised where it ends."""
+"""One descent by Levenberg-Marquardt on the whitened residual, and the residual linearised where it ends."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ _STRETCH = 30.0  # Optimistix damps with the identity: this makes its first damp
 
 
 def _silent(**_: Any) -> None:
-    """Optimistix reports every step; the rounds report enough."""
+    """No report of single steps."""
 
 
 class _LevenbergMarquardt(optimistix.AbstractGaussNewton):
@@ -114,7 +114,7 @@ def least_squares(function: Callable[[Any], Any], y0: Any, live: Any, tolerance:
 
 
 def _scale(information: np.ndarray, count: float) -> np.ndarray:
-    """Stretch of the coordinates that makes all columns of the Jacobian alike."""
+    """Stretch of each coordinate, shape (P,): every column of the Jacobian gets the norm `_STRETCH` sqrt(count)."""
     return _STRETCH / np.sqrt(np.maximum(np.diag(information) / count, 1e-12))
 
 

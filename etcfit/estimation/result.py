@@ -1,4 +1,4 @@
-"""What a fit leaves behind: parameters, how well they are known, how well they predict, and what to be told of it."""
+"""What a fit leaves behind: parameters, how well they are known, how well they predict, and warnings."""
 
 from __future__ import annotations
 
@@ -104,7 +104,7 @@ class FitResult:
     reason_code: Reason | None = None
 
     def fitted(self) -> Fitted:
-        """The model alone, for whoever goes on from it."""
+        """The model alone, without the data."""
         return Fitted(self.rig.config, self.free_parameters, self.x, self.covariance)
 
 

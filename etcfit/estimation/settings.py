@@ -25,7 +25,8 @@ class IdentifiabilitySettings:
     Args:
         unknown: standard deviation over reach (about the relative error) above which a parameter or direction is "not
             identifiable", and a fitted gain of the ECU is not used by a design; dimensionless.
-        unknown_widened: the same for the widened covariance, that is for the interval that is printed; dimensionless.
+        unknown_widened: standard deviation over reach, or relative standard error of a combination, above which the
+            widened covariance gives no interval but "not identifiable"; dimensionless.
         weak: standard deviation over reach from which on a direction is reported as badly known; dimensionless.
         named_share: a symbol is named in a direction where its component is more than this share of the largest one.
     """
@@ -100,7 +101,8 @@ class FitSettings:
             meets its stop a little early is forgiven at first, and less and less.
         rough_tolerance: a descent from a start ends where neither chi2 (relative) nor any stretched coordinate
             (absolute) changes by more.
-        tolerance: the same for a descent in the rounds.
+        tolerance: relative change of chi2, and absolute one of the stretched coordinates, that ends a descent in the
+            rounds.
         steps: Levenberg-Marquardt steps of one descent at most.
         misfit: chi2 per degree of freedom of the best start. At or above it the model is "far" from the data: it lacks
             something, and the simulation is fitted free-running instead of through the whitening filter.
@@ -114,7 +116,8 @@ class FitSettings:
         wandering: a last round that moves one by more is no optimum: the fit has not converged, standard errors.
         decrement: chi2 that the gradient still promises, in units of chi2 per degree of freedom, above which the end of
             the rounds is searched about for a deeper one.
-        rough: fall of chi2, in the same unit, that such a search may still find where the fit counts as converged.
+        rough: largest fall of chi2, in units of chi2 per degree of freedom, that the last draws of such a search may
+            find if the fit is to count as converged.
         reweighings: times that each channel's weight is renewed from the error left in it, for a model that is far.
         search: budgets of the searches without a gradient.
         whiteness: when residuals widen the intervals.

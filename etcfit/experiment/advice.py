@@ -62,7 +62,7 @@ class Option:
 
     @property
     def again(self) -> bool:
-        """The same as one that is there."""
+        """Whether it repeats a trace that was measured already."""
         return self.plan is None
 
     @property
@@ -130,7 +130,7 @@ class Judge:
     information: np.ndarray
 
     def covariance(self, more: np.ndarray | float = 0.0) -> np.ndarray:
-        """Of the coordinates, with so much more information."""
+        """Covariance of the coordinates once further information, shape (P, P), is there."""
         return analyse(self.layout, self.x, self.information + more).covariance
 
     @property
@@ -139,7 +139,11 @@ class Judge:
         return np.sqrt(np.diag(self.covariance())) / self.layout.reach(self.x)
 
     def gain(self, more: np.ndarray) -> tuple[np.ndarray, Pair | None]:
-        """What so much more information does to each interval, and the pair it tells apart."""
+        """What further information, shape (P, P), does.
+
+        Returns:
+            width of each interval as a share of what it is now, shape (P,), and the pair it tells apart, or None.
+        """
         before, after = self.covariance(), self.covariance(more)
         return np.sqrt(np.diag(after) / np.diag(before)), separated(self.layout.free, before, after)
 
@@ -161,12 +165,12 @@ def _correlation(covariance: np.ndarray) -> np.ndarray:
 
 
 def batched(traces: Sequence[Trace], most: int) -> Iterator[tuple[Trace, ...]]:
-    """At most so many at a time."""
+    """The traces in order, at most `most` at a time."""
     return (tuple(traces[k : k + most]) for k in range(0, len(traces), most))
 
 
 def _informations(problem: EstimationProblem, x: np.ndarray) -> list[np.ndarray]:
-    """J_k^T J_k of each trace of a bench, shape (P, P) each."""
+    """J_k^T J_k of each trace of a problem at coordinates x, shape (P, P) each."""
     _, _, jacobian = problem.linearise(x, problem.weighted(problem.kalman(x)))
     out = []
     for trace, (lane, _, marks) in zip(problem.batch.traces, problem.batch.places, strict=True):
@@ -204,7 +208,7 @@ def _planned(problem: EstimationProblem, x: np.ndarray, setting: Setting, judge:
 
 
 def _beside(problem: EstimationProblem, traces: Sequence[Trace], x: np.ndarray) -> Iterator[np.ndarray]:
-    """J_k^T J_k of other traces, as many at a time as there are lanes: what was compiled for the bench serves again."""
+    """J_k^T J_k of other traces, batched in the shape of the problem so that what was compiled for it serves again."""
     for some in batched(traces, problem.shape[1]):
         yield from _informations(
             EstimationProblem.of(problem.config, problem.free_parameters, some, None, problem.shape).refined(x), x

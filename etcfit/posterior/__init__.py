@@ -58,7 +58,7 @@ class Posterior:
 
     @cached_property
     def marginals(self) -> dict[str, Marginal]:
-        """By symbol, of all that moves."""
+        """Posterior of every parameter and combination whose draws differ, by symbol."""
         return marginals(self.draws, intervals(self.fit) | lumped(self.fit))
 
     @property
@@ -67,7 +67,7 @@ class Posterior:
         return described({p.symbol: p for p in self.fit.free_parameters.layout.parameters})
 
     def some(self, count: int) -> np.ndarray:
-        """So many points spread evenly over all that was sampled, shape (count, P)."""
+        """`count` points spread evenly over all that was sampled after the burn-in, coordinates, shape (count, P)."""
         flat = self.points.reshape(-1, self.points.shape[-1])
         return flat[np.linspace(0, len(flat) - 1, count).astype(int)]
 

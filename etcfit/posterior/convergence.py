@@ -1,4 +1,4 @@
-"""Is a chain long enough to be called a posterior, and if not, how much longer must it be?
+"""Whether a chain is long enough to be called a posterior, and if not, how much longer it must be.
 
 tau is the integrated autocorrelation time of an ensemble (Goodman and Weare 2010; Sokal's window, as in emcee): N steps
 of W walkers hold N W / tau independent draws. It is itself only known from a chain of many tau, hence N > 50 tau.
@@ -106,6 +106,7 @@ def autocorrelation_time(points: np.ndarray) -> np.ndarray:
 
 
 def _longest(chains: Sequence[np.ndarray]) -> np.ndarray:
+    """tau of each coordinate in the ensemble where it is longest, steps; chains of shape (N, W, P) -> (P,)."""
     return np.max([autocorrelation_time(points) for points in chains], axis=0)
 
 
@@ -123,5 +124,6 @@ def split_rhat(chains: Sequence[np.ndarray]) -> np.ndarray:
 
 
 def _halves(points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """First and second half of a chain, shape (N, W, P), equally long."""
     middle = len(points) // 2
     return points[:middle], points[middle : 2 * middle]

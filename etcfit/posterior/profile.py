@@ -4,7 +4,8 @@
 
 A parameter is known, to 95 %, where the rise stays below 3.84 (Wilks 1938; Raue et al. 2009). Its profile is
 `bounded` where the rise crosses that on both sides, `one-sided` where on one, `flat` where on neither within the range
-that is believed possible (three reaches either way, about a factor of 20). What tempers the posterior tempers this too.
+that is believed possible (three reaches either way, about a factor of 20). The factors f_s that temper the posterior
+(`target`) divide chi2 here too.
 """
 
 from __future__ import annotations
@@ -130,12 +131,12 @@ def _side(target: Target, k: int, way: float, settings: SamplingSettings) -> lis
 
 
 def _guess(target: Target, k: int, x: np.ndarray, to: float) -> np.ndarray:
-    """x with coordinate k moved, and the others along with it as the covariance has them."""
+    """x with coordinate k moved, and the others by their regression on it: x + C_k (to - x_k) / C_kk."""
     return x + target.covariance[:, k] / target.covariance[k, k] * (to - x[k])
 
 
 def _unbelieved(weighted: WeightedData, k: int) -> WeightedData:
-    """Without the belief about the coordinate that is profiled: a profile is of what was seen and what a user knows."""
+    """Data without the broad prior on the k-th coordinate, so that its profile shows data and the user's own priors."""
     sd = np.array(weighted.prior_sd)
     sd[k] = np.inf
     return weighted._replace(prior_sd=sd)
@@ -144,7 +145,10 @@ def _unbelieved(weighted: WeightedData, k: int) -> WeightedData:
 def _refitted(
     problem: EstimationProblem, weighted: WeightedData, x: np.ndarray, k: int, tolerance: float
 ) -> np.ndarray:
-    """The others at their best with coordinate k held; what is free is data, so nothing is compiled again."""
+    """Coordinates with the k-th held and the others at their optimum, shape (P,).
+
+    Which parameters are free is data to the compiled functions, so nothing is compiled again.
+    """
     lean = _holding(problem, x, k)
     others = np.delete(np.arange(x.size), k)
     gone = weighted._replace(

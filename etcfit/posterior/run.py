@@ -1,4 +1,4 @@
-"""The loop: a block of steps, kept on disk, judged, until the chain is a posterior or as long as it may be."""
+"""Sampling in blocks of steps, each kept on disk and judged, until the chain has converged or the budget is spent."""
 
 from __future__ import annotations
 
@@ -29,9 +29,11 @@ def run(
         target: log-probability of coordinates, shape (K, P) -> (K,).
         begin: a chain of no steps.
         path: file of the chain.
-        most: steps after which to stop all the same.
+        most: steps after which to stop whether the chain has converged or not.
         report: called after each block with acceptance, tau, effective samples and time left, and the share done.
         settings: steps of a block, and when a chain has converged.
+    Returns:
+        the whole chain, and the verdict on it.
     """
     chain, kept = begin(), load(path)
     if kept is not None and kept.belongs_to(target, chain.symbols):

@@ -70,7 +70,7 @@ def values(
 
 
 def marginal(draws: np.ndarray, fitted: Interval) -> Marginal:
-    """Of draws of shape (E, N, W)."""
+    """The posterior of one parameter from its draws, SI, shape (E, N, W), beside the fit's own interval."""
     chains = [e[:, :, None] for e in draws]
     tau = max(float(autocorrelation_time(e)[0]) for e in chains)
     low, median, high = np.quantile(draws, (0.025, 0.5, 0.975)).tolist()
@@ -79,7 +79,7 @@ def marginal(draws: np.ndarray, fitted: Interval) -> Marginal:
 
 
 def marginals(draws: Mapping[str, np.ndarray], fitted: Mapping[str, Interval]) -> dict[str, Marginal]:
-    """Of every parameter and combination that moves, by symbol."""
+    """Of every parameter and combination whose draws differ, by symbol."""
     return {s: marginal(d, fitted[s]) for s, d in draws.items() if np.ptp(d) > 0.0}
 
 

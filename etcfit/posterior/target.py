@@ -70,7 +70,7 @@ class Target:
 
     @property
     def symbols(self) -> tuple[str, ...]:
-        """Of the coordinates."""
+        """Symbols of the coordinates, P."""
         return self.problem.layout.free
 
     def log_probability(self, points: np.ndarray) -> np.ndarray:

@@ -35,7 +35,7 @@ class Body(NamedTuple):
 
 
 class Path(NamedTuple):
-    """A response at each tick, shape (..., K): position (rad), voltage (V), current (A)."""
+    """A response at each tick of the ECU, shape (..., K): position (rad), voltage (V), current (A)."""
 
     position: Any
     voltage: Any
@@ -43,6 +43,8 @@ class Path(NamedTuple):
 
 
 class _Carry(NamedTuple):
+    """What the simulation hands from tick to tick: the plant, memories of its effects and of the controller."""
+
     x: State
     z: tuple[Scalar, ...]
     memory: Any
@@ -53,6 +55,7 @@ Controller = Callable[[Any, Ecu, Any, Scalar, Scalar, Scalar], Any]
 
 
 def _step(ecu: Ecu, body: Body, dt: Scalar, volts: Scalar, time: Scalar) -> Step:
+    """One integration step of dt (s) under a constant voltage (V), the plate free between its stops."""
     return Step(dt=dt, voltage0=volts, voltage1=volts, torque0=0.0, torque1=0.0, time=time, mobile=1.0, circuit=1.0,
                 plate=1.0, series=0.0, gear_ratio=body.gear_ratio, lower=body.lower, upper=body.upper,
                 guide_stiffness=0.0, target0=0.0, target1=0.0, lever=0.0)  # fmt: skip
@@ -181,11 +184,11 @@ class Loop:
         return int(np.shape(jax.tree.leaves(self.throttles)[0])[0])
 
     def first(self, count: int) -> Loop:
-        """The nominal model and the draws after it, so many in all."""
+        """The loop around the first `count` models only, the nominal one first."""
         return replace(self, throttles=jax.tree.map(lambda leaf: leaf[:count], self.throttles))
 
     def under(self, ecu: Ecu) -> Loop:
-        """The same plants with another ECU."""
+        """The loop with another ECU around its plants."""
         return replace(self, ecu=ecu)
 
     def angle(self, share: Any) -> Any:
@@ -240,6 +243,6 @@ class Loop:
         return judge(setpoint, setpoint.instants(self.ecu.period), self.share(np.asarray(path.position)))
 
     def _room(self) -> int:
-        """Ticks of delay to remember, in powers of two so that draws that differ little compile once."""
+        """Ticks of delay to remember: a power of two, so that loops of slightly different delays compile once."""
         ticks = (float(np.max(np.asarray(_late(self.throttles)))) + self.ecu.delay) / self.ecu.period
         return min(self.settings.latest, 1 << math.ceil(math.log2(ticks + 2.0))) if ticks > 0.0 else 1
