@@ -17,12 +17,24 @@ from etcfit.estimation.settings import (
     IdentifiabilitySettings,
     WhitenessSettings,
 )
+from etcfit.experiment.settings import AdviceSettings
 from etcfit.files import plain
 from etcfit.posterior.settings import SamplingSettings
 from etcfit.stages import MOST_STEPS
 
-KINDS: list[Any] = [FitSettings, GlobalSearchSettings, IdentifiabilitySettings, WhitenessSettings, SamplingSettings,
-                   DesignSettings, LoopSettings, ManualSettings, OptimumSettings, RelaySettings]  # fmt: skip
+KINDS: list[Any] = [
+    AdviceSettings,
+    FitSettings,
+    GlobalSearchSettings,
+    IdentifiabilitySettings,
+    WhitenessSettings,
+    SamplingSettings,
+    DesignSettings,
+    LoopSettings,
+    ManualSettings,
+    OptimumSettings,
+    RelaySettings,
+]
 FIELDS = [(kind, each.name) for kind in KINDS for each in fields(kind)]
 
 

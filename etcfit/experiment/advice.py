@@ -26,9 +26,7 @@ from ..rig.base import Rig
 from ..rig.paper_readings import read_graphs
 from .plan import PLANS, Plan, channels, sweeps, trace_of
 from .setting import Setting
-
-_ENTANGLED = 0.5  # squared correlation from which two parameters are said to be entangled
-_APART = 0.9  # of 1/(1 - rho^2) that must go for them to be called separated
+from .settings import AdviceSettings
 
 
 @dataclass(frozen=True)
@@ -90,12 +88,13 @@ class Advice:
     not_judged: tuple[tuple[str, str], ...]
 
 
-def advise(rig: Rig, x: np.ndarray | None = None) -> Advice:
+def advise(rig: Rig, x: np.ndarray | None = None, settings: AdviceSettings = AdviceSettings()) -> Advice:
     """Judge one more trace of each rig test, and of a driven response that is chosen for what it tells.
 
     Args:
         rig: a measurement folder.
         x: coordinates to judge at, shape (P,), say those of a fit; the paper's graph readings where not given.
+        settings: when a trace is said to tell two parameters apart.
     Raises:
         MeasurementError: nothing can be fitted.
     """
@@ -106,7 +105,8 @@ def advise(rig: Rig, x: np.ndarray | None = None) -> Advice:
     problem = EstimationProblem.of(rig.config, known, fitted).refined(x)
     now = _informations(problem, x)
     prior_sd = problem.weighted(problem.free_running()).prior_sd[: x.size]
-    judge = Judge(known.layout, x, information_of(prior_sd, np.zeros((0, x.size))) + sum(now))
+    information = information_of(prior_sd, np.zeros((0, x.size))) + sum(now)
+    judge = Judge(known.layout, x, information, settings)
     values = {s: float(v) for s, v in known.layout.values(x, known.held).items()}
     again = [_again(test.name, fitted, now, judge) for test in TESTS if test.name in {t.test.name for t in fitted}]
     planned = list(_planned(problem, x, Setting.of(rig, values), judge))
@@ -123,11 +123,13 @@ class Judge:
         layout: which parameters x stands for.
         x: coordinates, shape (P,).
         information: Fisher information of all that is there, shape (P, P).
+        settings: see `separated`.
     """
 
     layout: Layout
     x: np.ndarray
     information: np.ndarray
+    settings: AdviceSettings = AdviceSettings()
 
     def covariance(self, more: np.ndarray | float = 0.0) -> np.ndarray:
         """Covariance of the coordinates once further information, shape (P, P), is there."""
@@ -145,15 +147,23 @@ class Judge:
             width of each interval as a share of what it is now, shape (P,), and the pair it tells apart, or None.
         """
         before, after = self.covariance(), self.covariance(more)
-        return np.sqrt(np.diag(after) / np.diag(before)), separated(self.layout.free, before, after)
+        return np.sqrt(np.diag(after) / np.diag(before)), separated(self.layout.free, before, after, self.settings)
 
 
-def separated(symbols: Sequence[str], before: np.ndarray, after: np.ndarray) -> Pair | None:
-    """The pair whose entanglement 1/(1 - rho^2) shrinks most, of those that are entangled now."""
+def separated(
+    symbols: Sequence[str], before: np.ndarray, after: np.ndarray, settings: AdviceSettings = AdviceSettings()
+) -> Pair | None:
+    """The pair whose entanglement 1 / (1 - rho^2) shrinks most, of those that are entangled now; None if none does.
+
+    Args:
+        symbols: free parameters, P.
+        before, after: covariances of their coordinates now and with one more trace, shape (P, P).
+        settings: what counts as entangled, and as apart.
+    """
     was, then = _correlation(before), _correlation(after)
-    pairs = [(i, j) for i, j in combinations(range(len(symbols)), 2) if was[i, j] ** 2 > _ENTANGLED]
+    pairs = [(i, j) for i, j in combinations(range(len(symbols)), 2) if was[i, j] ** 2 > settings.entangled]
     left = {(i, j): (1.0 - was[i, j] ** 2) / max(1.0 - then[i, j] ** 2, 1e-12) for i, j in pairs}
-    if not left or min(left.values()) > _APART:
+    if not left or min(left.values()) > settings.apart:
         return None
     i, j = min(left, key=lambda pair: left[pair])
     return Pair((symbols[i], symbols[j]), float(was[i, j]), float(then[i, j]))
