@@ -7,6 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from etcfit.posterior.chain import Chain
+from etcfit.posterior.settings import SamplingSettings
+
+SEEDS = SamplingSettings(seeds=(1, 2))
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,4 +46,4 @@ class Linear:
     def begin(self, guess: float = 1.0) -> Chain:
         """Two ensembles, from a covariance that is wrong by the factor `guess` in every standard deviation."""
         symbols = tuple(f"x{k}" for k in range(self.mean.size))
-        return Chain.begin(self.log_probability, symbols, self.mean, guess**2 * self.covariance, (1, 2))
+        return Chain.begin(self.log_probability, symbols, self.mean, guess**2 * self.covariance, SEEDS)

@@ -4,29 +4,29 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from ..errors import UsageError
 from ..estimation.fitted_model import Fitted
-from ..estimation.identifiability import UNKNOWN
 from ..estimation.joint_fit import Report, quiet
+from ..estimation.settings import IdentifiabilitySettings
 from ..model.ecu import Ecu, Notation, Terms
 from ..rig.ecu import GAINS
 from .linearise import reduce, stops
-from .pid import RULES, Gains, Metrics, Refusal, Requirements, Task, linear_loop
+from .pid import RULES, Gains, Metrics, Refusal, Requirements, Rule, Task, linear_loop
 from .pid.feedforward import Bias, bias_of
 from .pid.loop import Body, Loop
 from .pid.margins import margins
 from .pid.requirements import REQUIRED
 from .pid.response import Judged, judge
 from .pid.setpoint import Setpoint, trapezoid
+from .settings import DesignSettings
 
-DRAWS = 200
+DRAWS, SEED = DesignSettings().draws, DesignSettings().seed
 PAPERS = Requirements()  # section 4.1
 BEST = "optimal"
-SEED = 20230701
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,7 +39,7 @@ class Tuned:
         why: of a refusal.
         linear, nonlinear: figures of the nominal model.
         met: by requirement, on the nominal nonlinear model.
-        met_linear: the same on the linear one.
+        met_linear: by requirement, on the linear plant.
         probability_met: share of the draws whose nonlinear response meets every requirement.
         probability_stable: share of them whose gain and phase margins are what was asked for.
         band: position of the draws at each tick, quantiles 2.5, 50 and 97.5 %, shares of the travel, shape (3, K).
@@ -90,6 +90,11 @@ class Design:
     bias: Bias
     limits: tuple[str, ...]
 
+    @property
+    def settings(self) -> DesignSettings:
+        """What it was decided by."""
+        return self.task.settings
+
     def written(self, gains: Gains, notation: Notation) -> Terms:
         """Gains as the ECU that they were sought for would write them."""
         body = self.task.loop.body
@@ -108,11 +113,16 @@ def ecu_of(fitted: Fitted, **given: float) -> Ecu:
     return described._replace(**given)
 
 
-def gains_as_found(fitted: Fitted) -> Gains | Refusal:
-    """Those of the ECU that [ecu] of rig.toml describes, known or fitted."""
+def gains_as_found(fitted: Fitted, settings: IdentifiabilitySettings = IdentifiabilitySettings()) -> Gains | Refusal:
+    """Those of the ECU that [ecu] of rig.toml describes, known or fitted.
+
+    Args:
+        fitted: the model.
+        settings: `unknown`, the relative error above which a fitted gain is none.
+    """
     if fitted.config.ecu is None:
         return Refusal("rig.toml describes no ECU, see [ecu]")
-    if lost := [symbol for symbol in GAINS.values() if fitted.doubt(symbol) > UNKNOWN]:
+    if lost := [symbol for symbol in GAINS.values() if fitted.doubt(symbol) > settings.unknown]:
         return Refusal(f"the data do not tell {', '.join(lost)}")
     return Gains(*(fitted.values[symbol] for symbol in GAINS.values()))
 
@@ -123,6 +133,7 @@ def task_of(
     requirements: Requirements = PAPERS,
     drawn: np.ndarray | None = None,
     feed_forward: bool = False,
+    settings: DesignSettings = DesignSettings(),
 ) -> Task:
     """What the rules are given.
 
@@ -132,13 +143,15 @@ def task_of(
         requirements: what is asked for.
         drawn: coordinates of further models, shape (D, P); from the Laplace approximation where there are none.
         feed_forward: with the curve of holding voltages and the dry friction ahead of the PID.
+        settings: how many draws, and the budgets of simulation and rules.
     """
     if drawn is None:
-        drawn = fitted.laplace(DRAWS - 1, np.random.default_rng(SEED))
+        drawn = fitted.laplace(settings.draws - 1, np.random.default_rng(settings.seed))
     body = Body(fitted.config.gear_ratio, *stops(fitted))
     throttles = fitted.throttles(np.vstack((fitted.x, drawn)))
     bias = bias_of(fitted.throttle, *body) if feed_forward else None
-    return Task(reduce(fitted).plant, ecu, requirements, Loop(throttles, body, ecu, bias), gains_as_found(fitted))
+    loop = Loop(throttles, body, ecu, bias, settings.loop)
+    return Task(reduce(fitted).plant, ecu, requirements, loop, gains_as_found(fitted), settings)
 
 
 def design(
@@ -149,11 +162,12 @@ def design(
     drawn: np.ndarray | None = None,
     feed_forward: bool = False,
     report: Report = quiet,
+    settings: DesignSettings = DesignSettings(),
 ) -> Design:
     """Tune by every rule, and propose the gains of one.
 
     Args:
-        fitted, ecu, requirements, drawn, feed_forward: see `task_of`.
+        fitted, ecu, requirements, drawn, feed_forward, settings: see `task_of`.
         rule: whose gains are proposed.
         report: called with what is going on and the share done.
     Raises:
@@ -161,10 +175,28 @@ def design(
     """
     if rule not in RULES:
         raise UsageError(f"no tuning rule is called {rule!r}. Known: {', '.join(RULES)}.")
-    task = task_of(fitted, ecu, requirements, drawn, feed_forward)
+    task = task_of(fitted, ecu, requirements, drawn, feed_forward, settings)
+    return propose(fitted, task, rule, RULES, "laplace" if drawn is None else "posterior", report)
+
+
+def propose(
+    fitted: Fitted, task: Task, rule: str, rules: Mapping[str, Rule], origin: str, report: Report = quiet
+) -> Design:
+    """Tune a task by some rules, and propose the gains of one of them.
+
+    Args:
+        fitted: the model.
+        task: what the rules are given.
+        rule: whose gains are proposed.
+        rules: by name, `rule` among them.
+        origin: where the draws came from, "posterior" or "laplace".
+        report: called with what is going on and the share done.
+    Raises:
+        UsageError: the rule has no gains for this plant.
+    """
     found: dict[str, Gains | Refusal] = {}
-    for k, (name, tune) in enumerate(RULES.items()):
-        report(f"tuning: {name.replace('_', ' ')}", 0.05 + 0.7 * k / len(RULES))
+    for k, (name, tune) in enumerate(rules.items()):
+        report(f"tuning: {name.replace('_', ' ')}", 0.05 + 0.7 * k / len(rules))
         found[name] = tune(task)
     refused = found[rule]
     if isinstance(refused, Refusal):
@@ -178,7 +210,6 @@ def design(
         report("looking for what binds", 0.85)
         limits = binding(task, setpoint)
     bias = task.loop.bias or bias_of(fitted.throttle, *task.loop.body)
-    origin = "laplace" if drawn is None else "posterior"
     return Design(fitted, task, setpoint, chosen, tuned, task.loop.draws, origin, bias, limits)
 
 
@@ -197,20 +228,36 @@ def judged(task: Task, found: Mapping[str, Gains | Refusal], setpoint: Setpoint)
             continue
         k = list(have).index(name)
         column = Judged(*(np.asarray(figure)[:, k] for figure in figures))
-        out[name] = _tuned(task, name, refusal, setpoint, column, share[:, k], (safe[0][:, k], safe[1][:, k]))
+        over_draws = _OverDraws(column, share[:, k], safe[0][:, k], safe[1][:, k])
+        out[name] = _tuned(task, name, refusal, setpoint, over_draws)
     return out
 
 
-def _tuned(
-    task: Task, name: str, gains: Gains, setpoint: Setpoint, column: Judged, share: np.ndarray, safe: Any
-) -> Tuned:
+class _OverDraws(NamedTuple):
+    """How one rule's gains fare over the draws.
+
+    Args:
+        figures: of the responses, shape (D,) each.
+        share: position at each tick, share of the travel, shape (D, K).
+        gain_margin, phase_margin: of the linear loops, dB and degrees, shape (D,).
+    """
+
+    figures: Judged
+    share: np.ndarray
+    gain_margin: np.ndarray
+    phase_margin: np.ndarray
+
+
+def _tuned(task: Task, name: str, gains: Gains, setpoint: Setpoint, over_draws: _OverDraws) -> Tuned:
+    """What one rule came to."""
+    column, share, gain_margin, phase_margin = over_draws
     asked, time = task.requirements, setpoint.instants(task.ecu.period)
     margin = [float(m) for m in margins(gains, task.plant, task.ecu)]
     straight = linear_loop.respond(task.plant, gains, task.ecu, setpoint)
     linear = Metrics(*(float(v) for v in judge(setpoint, time, straight)), *margin)
     nonlinear = Metrics(*(float(v[0]) for v in column), *margin)
     every = np.all([_below(column, asked, symbol) for symbol in REQUIRED], axis=0)
-    stable = (safe[0] >= asked.gain_margin_db) & (safe[1] >= asked.phase_margin_deg)
+    stable = (gain_margin >= asked.gain_margin_db) & (phase_margin >= asked.phase_margin_deg)
     return Tuned(
         rule=name,
         gains=Gains(*(float(g) for g in gains)),
@@ -231,10 +278,17 @@ def _below(figures: Any, asked: Requirements, symbol: str) -> Any:
 
 
 _EASED: dict[str, Callable[[Task], Task]] = {
-    "the supply voltage": lambda task: _with_ecu(task, supply=4.0 * task.ecu.supply),
-    "the ECU's period and delay": lambda task: _with_ecu(task, period=min(task.ecu.period, 5e-4), delay=0.0),
+    "the supply voltage": lambda task: _with_ecu(task, supply=task.settings.eased_supply * task.ecu.supply),
+    "the ECU's period and delay": lambda task: _with_ecu(
+        task, period=min(task.ecu.period, task.settings.eased_period), delay=0.0
+    ),
     "the stability margins asked for": lambda task: replace(
-        task, requirements=replace(task.requirements, gain_margin_db=1e-3, phase_margin_deg=1e-3)
+        task,
+        requirements=replace(
+            task.requirements,
+            gain_margin_db=task.settings.eased_margin,
+            phase_margin_deg=task.settings.eased_margin,
+        ),
     ),
     "dry friction": lambda task: replace(task, loop=replace(task.loop, throttles=frictionless(task.loop.throttles))),
     "the resolution of the position sensor": lambda task: _with_ecu(task, resolution=0.0),

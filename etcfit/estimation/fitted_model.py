@@ -1,4 +1,4 @@
-"""A fitted model as others go on from it: what was free, where it ended, how well it is known."""
+"""A fitted model for design, reduction and sampling: what was free, where the fit ended, how well that is known."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ class Fitted:
 
     @cached_property
     def values(self) -> dict[str, float]:
-        """SI by symbol."""
+        """Of every parameter, SI, by symbol."""
         return {s: float(v) for s, v in self.free_parameters.layout.values(self.x, self.free_parameters.held).items()}
 
     @property
@@ -52,7 +52,7 @@ class Fitted:
         return math.sqrt(variance) / float(layout.reach(self.x)[k]) if variance >= 0.0 else math.inf
 
     def throttles(self, x: np.ndarray) -> Throttle:
-        """Many at once, of coordinates of shape (D, P): parameters of shape (D,)."""
+        """Models at many coordinates, shape (D, P): one whose parameters have shape (D,)."""
         layout = self.free_parameters.layout
         pick = layout.pick(self.free_parameters.held)
         values = jax.jit(jax.vmap(lambda each: layout.form.values(each, pick)))(layout.padded(x))
@@ -76,7 +76,7 @@ class Fitted:
         return np.array([layout.coordinates(dict(zip(layout.free, row, strict=True))) for row in rows])
 
     def gradient(self, function: Any) -> np.ndarray:
-        """Derivative in coordinates of a function of the values (SI, by symbol), shape (..., P)."""
+        """Derivative of `function(values)`, values in SI by symbol, by the coordinates at x, shape (..., P)."""
         layout = self.free_parameters.layout
         pick = layout.pick(self.free_parameters.held)
         slope = jax.jit(jax.jacfwd(lambda x: function(layout.form.values(x, pick))))(layout.padded(self.x))

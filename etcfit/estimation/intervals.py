@@ -21,7 +21,6 @@ from ..problem.free_parameters import Form, Pick
 from .joint_fit import FitResult
 
 Z_95 = 1.96  # half width of a 95 % interval, standard deviations
-_UNKNOWN = 0.5  # relative; a wider standard error says nothing worth a figure
 
 
 @dataclass(frozen=True)
@@ -111,8 +110,9 @@ def lumped(result: FitResult) -> dict[str, Interval]:
     gradients = np.asarray(_gradients(layout.form, layout.padded(result.x), layout.pick(free_parameters.held), n))[
         :, : result.x.size
     ]
+    unknown = result.settings.identifiability.unknown_widened
     return {
-        s: _combined(float(lump.of(result.values, n)), gradient, result.covariance)
+        s: _combined(float(lump.of(result.values, n)), gradient, result.covariance, unknown)
         for (s, lump), gradient in zip(LUMPS.items(), gradients, strict=True)
         if electric or not lump.electric
     }
@@ -141,7 +141,7 @@ def _free(result: FitResult) -> list[Interval]:
 
 
 def _judged(result: FitResult, k: int, stated: Interval) -> Interval:
-    """What may be said of an interval: all of it, that a bound holds the value, or that nothing is known."""
+    """The interval of the k-th free parameter, with a remark at a bound, or without numbers where it is unknown."""
     layout, value = result.free_parameters.layout, stated.value
     domain = layout.parameter(layout.free[k]).domain
     remark = "at its bound" if domain.at_bound(value) else None
@@ -150,31 +150,35 @@ def _judged(result: FitResult, k: int, stated: Interval) -> Interval:
     sd = _root(result.covariance[k, k])
     if sd is None:
         return Interval.bare(value, "estimated", "its standard error could not be computed")
-    if sd > _UNKNOWN * layout.reach(result.x)[k]:
+    if sd > result.settings.identifiability.unknown_widened * layout.reach(result.x)[k]:
         return Interval.bare(value, "not identifiable", remark)  # where widening left nothing of what was known
     return replace(stated, remark=remark)
 
 
 def _tied(symbol: str, other: str, equal: Interval) -> Interval:
+    """The interval of a parameter that equals another one."""
     if equal.status == "not identifiable":
         return replace(equal, remark=f"{symbol} = {other}")
     return replace(equal, status="tied", remark=f"{symbol} = {other}")
 
 
 def _gear_ratio(result: FitResult) -> Interval:
+    """N, with a remark where rig.toml does not give it."""
     config = result.rig.config
     remark = None if config.gear_ratio_given else "assumed: rig.toml does not give it"
     return Interval.bare(float(config.gear_ratio), "fixed", remark)
 
 
-def _combined(value: float, gradient: np.ndarray, covariance: np.ndarray) -> Interval:
+def _combined(value: float, gradient: np.ndarray, covariance: np.ndarray, unknown: float) -> Interval:
+    """The interval of a combination by the delta method; none where its relative standard error exceeds `unknown`."""
     if not gradient.any():
         return Interval.bare(value, "fixed")
     stderr = _root(float(gradient @ covariance @ gradient))
-    if stderr is None or stderr > _UNKNOWN * abs(value):
+    if stderr is None or stderr > unknown * abs(value):
         return Interval.bare(value, "not identifiable")
     return Interval(value, stderr, value - Z_95 * stderr, value + Z_95 * stderr, "estimated")
 
 
 def _root(variance: float) -> float | None:
+    """Standard deviation; None where the variance is negative or not finite."""
     return math.sqrt(variance) if math.isfinite(variance) and variance >= 0.0 else None

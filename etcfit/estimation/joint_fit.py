@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -17,25 +18,15 @@ from ..problem.trace import Trace, follows_setpoint, prepare
 from ..rig.base import Measurement, Rig
 from ..rig.paper_readings import Readings, read_graphs
 from .global_search import evolve, settle
-from .levenberg_marquardt import Local, descend, local, minimise
+from .levenberg_marquardt import descend, local, minimise
 from .result import FitResult as FitResult
+from .result import Reason, Termination, outcome
 from .result import StartSummary as StartSummary
-from .result import Termination, outcome
+from .settings import FitSettings
 
-Report = Callable[[str, float], None]
+Report = Callable[[str, float], None]  # called with what is going on and the share of the work done, 0 to 1
 
-_NEAR, _THERE = 1e-2, 3e-6  # relative change of chi2 and absolute one of stretched coordinates that end a descent
-_ROUNDS = 10
-_CLOCK_ROUNDS = 4  # of them in which the clock's jitter is estimated; the rest settle with it
-_STARTS = 3  # besides the reading
-_LATE = (0.064, 0.016, 0.004, 0.0)  # s by which instants may be off, one stage after the other
-_SPREAD = 0.35  # of the other starts about the reading, in coordinates
-_SETTLED = 0.05  # a round that moves no parameter by more standard errors is the last
-_WANDERING = 10.0  # a last round that moves one by more is no end; one that moves less widens the intervals by it
-_DECREMENT = 1e-2  # chi2 still to be gained, by the gradient, at a point called converged
-MISFIT = 30.0  # chi2 per degree of freedom of the best start above which the model lacks something and may be trapped
-_REWEIGHINGS = 3  # of the channels by what is left in them, where the model lacks something
-_ROUGH = 0.1  # the same where the gradient is no guide and points drawn about the end are
+MISFIT = FitSettings().misfit  # see there; the default, for whoever judges a fit by its JSON file alone
 
 
 def quiet(text: str, share: float) -> None:
@@ -58,8 +49,22 @@ def _left_out(measurement: Measurement) -> str:
     return f'{why}. A table [ecu] in rig.toml, with the ECU\'s gains or P, I, D = "free", puts the ECU into the model'
 
 
-def ready(rig: Rig) -> tuple[tuple[Trace, ...], tuple[Trace, ...], tuple[str, ...]]:
-    """Traces to fit, traces held out, and a word on those the model cannot predict.
+class Prepared(NamedTuple):
+    """The traces of a rig, ready for the model.
+
+    Args:
+        fitted: to be fitted; at least one.
+        held_out: to be predicted only.
+        notes: a sentence on each trace that the model cannot predict, and why.
+    """
+
+    fitted: tuple[Trace, ...]
+    held_out: tuple[Trace, ...]
+    notes: tuple[str, ...]
+
+
+def ready(rig: Rig) -> Prepared:
+    """Sort the traces of a rig into those to fit and those held out.
 
     Raises:
         MeasurementError: nothing is left to fit.
@@ -77,15 +82,19 @@ def ready(rig: Rig) -> tuple[tuple[Trace, ...], tuple[Trace, ...], tuple[str, ..
         found = "has no trace that can be fitted."
         required = "At least one trace must log what drove it and what came of it, and not be held out."
         raise MeasurementError(rig.folder, found, required, "Add one, or take it out of [holdout].")
-    return tuple(fitted), tuple(held_out), tuple(notes)
+    return Prepared(tuple(fitted), tuple(held_out), tuple(notes))
 
 
-def fit(rig: Rig, report: Report = quiet) -> FitResult:
+def fit(rig: Rig, report: Report = quiet, settings: FitSettings = FitSettings()) -> FitResult:
     """Fit Eqs. 1-2 (and the effects that rig.toml names) jointly to all traces that are not held out.
+
+    Several starts are descended from; from the deepest end the whitening filter and the least squares are renewed in
+    turn until neither moves. A model that is far from the data is fitted free-running instead.
 
     Args:
         rig: a measurement folder.
         report: called with what is going on and the share done.
+        settings: every threshold, budget and seed; written into the result.
     Raises:
         MeasurementError: nothing to fit, or rig.toml names what does not exist.
     """
@@ -96,137 +105,261 @@ def fit(rig: Rig, report: Report = quiet) -> FitResult:
     start = known.layout.off_bounds(known.layout.coordinates(start_values(known, readings)))
     report("choosing integration steps", 0.05)
     problem = EstimationProblem.of(rig.config, known, fitted).refined(start).with_integrator_states(start)
-    x, starts, unit = _from_several_starts(problem, start, report)
+    x, starts, misfit = _from_several_starts(problem, start, report, settings)
     problem = problem.with_release_times(x).with_integrator_states(x)
-    problem, weighted, x, state = _whitened(problem, x, report) if unit < MISFIT else _free_running(problem, x, report)
-    return outcome(rig, readings, problem, held_out, weighted, x, starts, state, notes)
+    finish = _whitened if misfit < settings.misfit else _free_running
+    problem, weighted, x, end = finish(problem, x, report, settings)
+    return outcome(rig, readings, problem, held_out, weighted, x, starts, end, notes, settings)
 
 
-def _from_several_starts(
-    problem: EstimationProblem, start: np.ndarray, report: Report
-) -> tuple[np.ndarray, tuple[StartSummary, ...], float]:
-    """The reading first, then points scattered about it; the deepest end wins. Its chi2 per degree of freedom last."""
-    rng = np.random.default_rng(20230701)
-    reach = _SPREAD * problem.layout.reach(start)
-    others = [start + reach * rng.standard_normal(start.size) for _ in range(_STARTS)]
-    weighted = problem.weighted(problem.forgiving())
-    best, lowest, summaries = start, np.inf, []
-    freedom = max(1.0, weighted.samples - start.size)
-    for k, first in enumerate([start, *others]):
-        report(f"start {k + 1} of {_STARTS + 1}", 0.1 + 0.1 * k)
-        near = lowest / freedom < MISFIT  # then another start is a check, and the plain way will do
-        end, steps = descend(problem, first, weighted, _NEAR) if near else approach(problem, first, _NEAR)
-        before, after = chi2_of(problem, np.stack((first, end)), weighted).tolist()
+class Descent(NamedTuple):
+    """One descent from a starting point.
+
+    Args:
+        end: coordinates where it ended, shape (P,).
+        before, after: chi2 at its start and its end.
+        steps: Levenberg-Marquardt steps.
+    """
+
+    end: np.ndarray
+    before: float
+    after: float
+    steps: int
+
+
+class Deepest(NamedTuple):
+    """The lowest end of all descents.
+
+    Args:
+        x: coordinates there, shape (P,).
+        starts: every descent, in the order of the starting points.
+        misfit: chi2 per degree of freedom there.
+    """
+
+    x: np.ndarray
+    starts: tuple[StartSummary, ...]
+    misfit: float
+
+
+def deepest(
+    points: Sequence[np.ndarray],
+    descend_from: Callable[[int, np.ndarray, bool], Descent],
+    freedom: float,
+    settings: FitSettings = FitSettings(),
+) -> Deepest:
+    """Descend from every starting point and keep the lowest end; of equal ones the first.
+
+    Args:
+        points: where to start, shape (P,) each; the first is the reading of the paper's graphs.
+        descend_from: descends from the k-th point. Its last argument is True once some end is near the data: then a
+            further start is only a check, and a plain descent will do.
+        freedom: degrees of freedom, samples less parameters.
+        settings: `misfit` says what is near.
+    """
+    best, lowest, summaries = points[0], np.inf, []
+    for k, first in enumerate(points):
+        end, before, after, steps = descend_from(k, first, lowest / freedom < settings.misfit)
         summaries.append(StartSummary("reading" if k == 0 else f"scattered {k}", before, after, steps))
         if after < lowest:
             best, lowest = end, after
-    return best, tuple(summaries), lowest / freedom
+    return Deepest(best, tuple(summaries), lowest / freedom)
 
 
-def approach(problem: EstimationProblem, x: np.ndarray, tolerance: float) -> tuple[np.ndarray, int]:
-    """Descend with all instants forgiven coarsely, then ever finer; where it ends, and after how many steps.
+def _from_several_starts(
+    problem: EstimationProblem, start: np.ndarray, report: Report, settings: FitSettings
+) -> Deepest:
+    """From the reading first, then from points scattered about it."""
+    rng = np.random.default_rng(settings.seed)
+    reach = settings.spread * problem.layout.reach(start)
+    others = [start + reach * rng.standard_normal(start.size) for _ in range(settings.starts)]
+    weighted = problem.weighted(problem.forgiving())
+    tolerance, count = settings.rough_tolerance, settings.starts + 1
+
+    def descend_from(k: int, first: np.ndarray, near: bool) -> Descent:
+        report(f"start {k + 1} of {count}", 0.1 + 0.4 * k / count)
+        if near:
+            end, steps = descend(problem, first, weighted, tolerance, settings.steps)
+        else:
+            end, steps = approach(problem, first, tolerance, settings)
+        before, after = chi2_of(problem, np.stack((first, end)), weighted).tolist()
+        return Descent(end, before, after, steps)
+
+    return deepest([start, *others], descend_from, max(1.0, weighted.samples - start.size), settings)
+
+
+def approach(
+    problem: EstimationProblem, x: np.ndarray, tolerance: float, settings: FitSettings = FitSettings()
+) -> tuple[np.ndarray, int]:
+    """Descend with all sampling instants forgiven coarsely, then ever finer.
 
     Where the simulated plate hits its stop a little early, all samples up to the true impact are wrong, by an amount
     that no small step of a parameter changes.
+
+    Args:
+        problem: the data.
+        x: coordinates to start from, shape (P,).
+        tolerance: relative change of chi2 that ends each descent.
+        settings: `late`, by how much instants are forgiven, and `steps`.
+    Returns:
+        coordinates where it ended, shape (P,), and the number of Levenberg-Marquardt steps.
     """
     steps = 0
-    for late in _LATE:
-        x, more = descend(problem, x, problem.weighted(problem.forgiving(late)), tolerance)
+    for late in settings.late:
+        x, more = descend(problem, x, problem.weighted(problem.forgiving(late)), tolerance, settings.steps)
         steps += more
     return x, steps
 
 
+class Reached(NamedTuple):
+    """Where a part of the fit ended.
+
+    Args:
+        problem: the data with releases, integrator states, jitter and outliers as last renewed.
+        weighted: what the residual was minimised over.
+        x: coordinates, shape (P,).
+        end: why it ended.
+    """
+
+    problem: EstimationProblem
+    weighted: WeightedData
+    x: np.ndarray
+    end: Termination
+
+
 def _whitened(
-    problem: EstimationProblem, x: np.ndarray, report: Report
-) -> tuple[EstimationProblem, WeightedData, np.ndarray, Termination]:
+    problem: EstimationProblem, x: np.ndarray, report: Report, settings: FitSettings = FitSettings()
+) -> Reached:
     """The rounds, and a search from where they end short of an optimum."""
-    problem, weighted, x, end = rounds(problem, x, report, _SETTLED, _ROUNDS)
-    if end.gain > _DECREMENT:
-        return _searched(problem, x, weighted, local(problem, x, weighted), end.outliers, report)
-    return problem, weighted, x, end
+    reached = rounds(problem, x, report, settings.settled, settings.rounds, settings)
+    if reached.end.gain > settings.decrement:
+        return _searched(reached, report, settings)
+    return reached
 
 
 def rounds(
-    problem: EstimationProblem, x: np.ndarray, report: Report, still: float, most: int
-) -> tuple[EstimationProblem, WeightedData, np.ndarray, Termination]:
-    """Renew the whitening, the releases and the outliers at each optimum until nothing moves any more.
+    problem: EstimationProblem,
+    x: np.ndarray,
+    report: Report,
+    still: float,
+    most: int,
+    settings: FitSettings = FitSettings(),
+) -> Reached:
+    """Renew the whitening filter, the releases and the outliers at each optimum until nothing moves any more.
 
     Args:
-        problem, x: traces and coordinates near an optimum.
+        problem: the traces.
+        x: coordinates near an optimum, shape (P,).
         report: progress.
         still: what counts as not moving, standard errors.
         most: rounds.
+        settings: thresholds of the verdict, tolerance and budget of each descent.
     """
     moved, outliers, about = np.inf, 0, x
     for k in range(most):
         report(f"whitening {k + 1}: moved {moved:.2g} standard errors", 0.5 + 0.4 * k / most)
         weighted = problem.weighted(problem.kalman(about))
-        x, _ = (descend if k < 2 else minimise)(problem, x, weighted, _THERE)
+        down = descend if k < settings.off_bound_rounds else minimise
+        x, _ = down(problem, x, weighted, settings.tolerance, settings.steps)
         here = local(problem, x, weighted)
         moved = float(np.max(np.abs(x - about) / np.sqrt(np.diag(here.covariance))))
         if (moved < still and k > 0) or k == most - 1:
             break
-        # later rounds go half way: an impact or a slip that falls on either side of a sample makes two ends alternate
-        early = k < _CLOCK_ROUNDS
+        # later rounds linearise half way: an impact that crosses a sampling instant makes two optima alternate
+        early = k < settings.clock_rounds
         about = x if early else 0.5 * (about + x)
         whitened = columns(problem.batch, here.r)
         problem = problem.timed(x, here.r) if early else problem
         problem, outliers = problem.with_release_times(about).with_integrator_states(about).outliers_weighed(whitened)
-    return problem, weighted, x, replace(_verdict(moved, here.gain, outliers), wander=x - about, gain=here.gain)
+    end = after_rounds(moved, here.gain, outliers, settings)
+    return Reached(problem, weighted, x, replace(end, wander=x - about, gain=here.gain))
 
 
-def _free_running(
-    problem: EstimationProblem, x: np.ndarray, report: Report
-) -> tuple[EstimationProblem, WeightedData, np.ndarray, Termination]:
+def _free_running(problem: EstimationProblem, x: np.ndarray, report: Report, settings: FitSettings) -> Reached:
     """Least squares of the free-running simulation, for a model far from the data.
 
     What such a model lacks is larger than all that the whitening knows of, so the whitening would only let it follow
     the data; and there a fit may be trapped, so it is searched for as well as descended to. Each channel of each trace
     is weighed by the error that is left in it: what the model cannot explain must not spoil what it can.
     """
-    for k in range(_REWEIGHINGS):
+    for k in range(settings.reweighings):
         report("no start comes near the data: searching about the best", 0.5 + 0.1 * k)
-        problem, weighted, x = freed(problem, x, _SPREAD / 2.0**k)
-    problem, weighted, x, end = _searched(problem, x, weighted, local(problem, x, weighted), 0, report)
-    return problem, weighted, x, replace(end, far=True)
+        problem, weighted, x = freed(problem, x, settings.spread / 2.0**k, settings)
+    reached = _searched(Reached(problem, weighted, x, Termination(False, "")), report, settings)
+    return reached._replace(end=replace(reached.end, far=True))
 
 
-def freed(
-    problem: EstimationProblem, x: np.ndarray, spread: float
-) -> tuple[EstimationProblem, WeightedData, np.ndarray]:
-    """The best free run about x: weighed by what is left in it, searched for, descended to.
+class FreeRun(NamedTuple):
+    """The best free-running simulation that was found.
 
     Args:
-        problem, x: traces and coordinates.
+        problem: the data, each channel of each trace weighed by the error left in it.
+        weighted: what the residual was minimised over.
+        x: coordinates, shape (P,).
+    """
+
+    problem: EstimationProblem
+    weighted: WeightedData
+    x: np.ndarray
+
+
+def freed(problem: EstimationProblem, x: np.ndarray, spread: float, settings: FitSettings = FitSettings()) -> FreeRun:
+    """The best free run about x: weighed by the error left in each channel, searched for, descended to.
+
+    Args:
+        problem: the traces.
+        x: coordinates, shape (P,).
         spread: of the points searched, in units of each coordinate's reach.
+        settings: budgets of search and descent.
     """
     problem = problem.discounted(x)
     weighted = problem.weighted(problem.free_running())
-    x = evolve(problem, x, weighted, spread * problem.layout.reach(x))
-    x, _ = minimise(problem, x, weighted, _THERE)
-    return problem, weighted, x
+    x = evolve(problem, x, weighted, spread * problem.layout.reach(x), settings.search)
+    x, _ = minimise(problem, x, weighted, settings.tolerance, settings.steps)
+    return FreeRun(problem, weighted, x)
 
 
-def _verdict(moved: float, gain: float, outliers: int) -> Termination:
+def after_rounds(moved: float, gain: float, outliers: int = 0, settings: FitSettings = FitSettings()) -> Termination:
+    """Whether the end of the rounds is an optimum.
+
+    Args:
+        moved: by how much the last round moved the parameter that it moved most, standard errors.
+        gain: chi2 that the gradient still promises, in units of chi2 per degree of freedom.
+        outliers: samples weighed down.
+        settings: `wandering` and `alternating`, the limits of `moved`.
+    """
     if not np.isfinite(gain):
-        return Termination(False, "the model cannot be computed at the point reached", outliers)
-    if moved > _WANDERING:
-        return Termination(False, f"the last round still moved a parameter by {moved:.2g} standard errors", outliers)
+        text = "the model cannot be computed at the point reached"
+        return Termination(False, text, outliers, reason_code=Reason.NOT_COMPUTABLE)
+    if moved > settings.wandering:
+        text = f"the last round still moved a parameter by {moved:.2g} standard errors"
+        return Termination(False, text, outliers, reason_code=Reason.WANDERING)
     still = f"gradient zero to {gain:.1e} of chi2"
-    if moved > 1.0:
-        alternates = f"the rounds alternate by {moved:.2g} standard errors, which the intervals include"
-        return Termination(True, f"{still}; {alternates}", outliers)
-    return Termination(True, f"{still}, last round moved {moved:.2g} standard errors", outliers)
+    if moved > settings.alternating:
+        text = f"{still}; the rounds alternate by {moved:.2g} standard errors, which the intervals include"
+        return Termination(True, text, outliers, reason_code=Reason.ALTERNATING)
+    text = f"{still}, last round moved {moved:.2g} standard errors"
+    return Termination(True, text, outliers, reason_code=Reason.OPTIMUM)
 
 
-def _searched(
-    problem: EstimationProblem, x: np.ndarray, weighted: WeightedData, here: Local, outliers: int, report: Report
-) -> tuple[EstimationProblem, WeightedData, np.ndarray, Termination]:
-    """Go on without a gradient from where it leads no further."""
-    report("the gradient does not vanish: searching without it", 0.9)
-    x, gain = settle(problem, x, weighted, here.covariance, here.unit)
-    if gain > _ROUGH:
+def after_search(gain: float, outliers: int = 0, settings: FitSettings = FitSettings()) -> Termination:
+    """Whether the end of a search without a gradient is an optimum.
+
+    Args:
+        gain: chi2 that the last points drawn still gained, in units of chi2 per degree of freedom.
+        outliers: samples weighed down.
+        settings: `rough`, the limit of `gain`.
+    """
+    if gain > settings.rough:
         text = f"points about the end still lower chi2, by {gain:.2g} of its own size per sample"
-    else:
-        text = f"chi2 is too rough for its gradient; no point drawn within a standard error lowers it by {_ROUGH}"
-    return problem, weighted, x, Termination(gain <= _ROUGH, text, outliers)
+        return Termination(False, text, outliers, reason_code=Reason.ROUGH)
+    text = f"chi2 is too rough for its gradient; no point drawn within a standard error lowers it by {settings.rough}"
+    return Termination(True, text, outliers, reason_code=Reason.SEARCHED)
+
+
+def _searched(reached: Reached, report: Report, settings: FitSettings) -> Reached:
+    """Go on without a gradient from where it leads no further."""
+    problem, weighted, x, end = reached
+    here = local(problem, x, weighted)
+    report("the gradient does not vanish: searching without it", 0.9)
+    x, gain = settle(problem, x, weighted, here.covariance, here.unit, settings.search)
+    return Reached(problem, weighted, x, after_search(gain, end.outliers, settings))

@@ -1,11 +1,11 @@
-"""One descent: Levenberg-Marquardt on the whitened residual, and the residual linearised where it ends."""
+"""One descent by Levenberg-Marquardt on the whitened residual, and the residual linearised where it ends."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
-from typing import Any
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -18,13 +18,14 @@ from ..problem.jacobian import jacobian
 from ..problem.problem import EstimationProblem
 from ..problem.residual import WeightedData, prior_residual, residual
 from .identifiability import WIDE
+from .settings import FitSettings
 
-_STEPS = 40  # of Levenberg-Marquardt in one go
+STEPS = FitSettings().steps
 _STRETCH = 30.0  # Optimistix damps with the identity: this makes its first damping 1e-3 of the curvature
 
 
 def _silent(**_: Any) -> None:
-    """Optimistix reports every step; the rounds report enough."""
+    """No report of single steps."""
 
 
 class _LevenbergMarquardt(optimistix.AbstractGaussNewton):
@@ -41,8 +42,14 @@ class _LevenbergMarquardt(optimistix.AbstractGaussNewton):
 
 
 def _with_dense_jacobian(function: Callable[[Any], Any], live: Any) -> Callable[[Any], Any]:
-    """The same function, its Jacobian computed once a point by forward mode and then a matrix: a long loop's tangents
-    are dear, and Optimistix asks for many products at one point."""
+    """A function whose Jacobian is computed once a point, by forward mode, and is a matrix from then on.
+
+    Optimistix asks for many products with the Jacobian at one point; tangents of a long simulation are expensive.
+
+    Args:
+        function: residual of coordinates, shape (P,) -> (n,).
+        live: which coordinates stand for a parameter, shape (P,); the others are padding.
+    """
     wrapped = jax.custom_jvp(function)
 
     @wrapped.defjvp
@@ -54,11 +61,28 @@ def _with_dense_jacobian(function: Callable[[Any], Any], live: Any) -> Callable[
     return wrapped
 
 
-@partial(jax.jit, static_argnums=(0, 1))
-def _minimise(
-    form: Form, circuits: tuple[str, ...], x0: Any, scale: Any, anchor: Any, weighted: WeightedData, tolerance: Any
-) -> tuple[Any, Any]:
-    """Levenberg-Marquardt from x0, in coordinates stretched by `scale` so that its damping treats all alike."""
+class _Task(NamedTuple):
+    """One descent, as arrays.
+
+    Args:
+        x0: coordinates to start from, shape (P,).
+        scale: by which each is stretched, x = x0 + scale y, so that the damping treats all alike, shape (P,).
+        anchor: standard deviation of the weak pull back to x0, coordinates, shape (P,).
+        weighted: the data.
+        tolerance: relative change of chi2, and absolute one of y, that ends the descent.
+    """
+
+    x0: Any
+    scale: Any
+    anchor: Any
+    weighted: WeightedData
+    tolerance: Any
+
+
+@partial(jax.jit, static_argnums=(0, 1, 3))
+def _minimise(form: Form, circuits: tuple[str, ...], task: _Task, steps: int) -> tuple[Any, Any]:
+    """Levenberg-Marquardt in stretched coordinates: the end x, shape (P,), and the number of steps."""
+    x0, scale, anchor, weighted, tolerance = task
     root = jnp.sqrt(jnp.sum(weighted.slots.weight))
 
     def stacked(y: Any) -> Any:
@@ -67,15 +91,30 @@ def _minimise(
         # the anchor keeps what the data do not determine from wandering; it weighs nothing beside any datum
         return jnp.concatenate((r.ravel(), prior_residual(x, weighted), (x - x0) / anchor)) / root
 
-    dense = _with_dense_jacobian(stacked, form.live(weighted.pick))
-    y0 = jnp.zeros_like(x0)
+    y, taken = least_squares(stacked, jnp.zeros_like(x0), form.live(weighted.pick), tolerance, steps)
+    return x0 + scale * y, taken
+
+
+def least_squares(function: Callable[[Any], Any], y0: Any, live: Any, tolerance: Any, steps: int) -> tuple[Any, Any]:
+    """Levenberg-Marquardt on the sum of squares of a function, damped at first by the identity.
+
+    Args:
+        function: residual, shape (P,) -> (n,); its columns should have a size of some tens.
+        y0: where to start, shape (P,).
+        live: which entries of y are not padding, shape (P,).
+        tolerance: relative change of the sum, and absolute one of y, that ends it.
+        steps: at most.
+    Returns:
+        where it ended, shape (P,), and the number of steps. A step that raises the sum is never taken.
+    """
+    dense = _with_dense_jacobian(function, live)
     solver = _LevenbergMarquardt(rtol=tolerance, atol=tolerance)
-    solution = optimistix.least_squares(lambda y, _: dense(y), solver, y0, max_steps=_STEPS, throw=False)
-    return x0 + scale * solution.value, solution.stats["num_steps"]
+    solution = optimistix.least_squares(lambda y, _: dense(y), solver, y0, max_steps=steps, throw=False)
+    return solution.value, solution.stats["num_steps"]
 
 
 def _scale(information: np.ndarray, count: float) -> np.ndarray:
-    """Stretch of the coordinates that makes all columns of the Jacobian alike."""
+    """Stretch of each coordinate, shape (P,): every column of the Jacobian gets the norm `_STRETCH` sqrt(count)."""
     return _STRETCH / np.sqrt(np.maximum(np.diag(information) / count, 1e-12))
 
 
@@ -86,9 +125,18 @@ def information_of(prior_sd: np.ndarray, jacobian: np.ndarray) -> np.ndarray:
 
 
 def minimise(
-    problem: EstimationProblem, x: np.ndarray, weighted: WeightedData, tolerance: float
+    problem: EstimationProblem, x: np.ndarray, weighted: WeightedData, tolerance: float, steps: int = STEPS
 ) -> tuple[np.ndarray, int]:
-    """Minimise from x; a point where the model cannot be computed stays where it is."""
+    """Minimise chi2 from x.
+
+    Args:
+        problem, weighted: the residual.
+        x: coordinates, shape (P,). Where residual or Jacobian are not finite there, nothing is done.
+        tolerance: relative change of chi2, and absolute one of the stretched coordinates, that ends the descent.
+        steps: at most.
+    Returns:
+        coordinates of the end, shape (P,), and the number of steps; x itself and 0 where nothing was done.
+    """
     r, _, jacobian = problem.linearise(x, weighted)
     if not np.isfinite(r).all() or not np.isfinite(jacobian).all():
         return x, 0
@@ -97,21 +145,26 @@ def minimise(
     anchor = WIDE * layout.reach(x)
     stretch = layout.padded(np.minimum(scale, 1e4 * anchor), 1.0)
     start, held_to = layout.padded(x), layout.padded(anchor, 1.0)
-    end, steps = _minimise(layout.form, problem.batch.circuits, start, stretch, held_to, weighted, tolerance)
-    return np.asarray(end)[: x.size], int(steps)
+    task = _Task(start, stretch, held_to, weighted, tolerance)
+    end, taken = _minimise(layout.form, problem.batch.circuits, task, steps)
+    return np.asarray(end)[: x.size], int(taken)
 
 
 def descend(
-    problem: EstimationProblem, x: np.ndarray, weighted: WeightedData, tolerance: float
+    problem: EstimationProblem, x: np.ndarray, weighted: WeightedData, tolerance: float, steps: int = STEPS
 ) -> tuple[np.ndarray, int]:
-    """Minimise from x moved off its bounds, on which the gradient vanishes; from x itself where that leads astray."""
+    """Minimise from x moved off the bounds of its parameters, on which the gradient vanishes.
+
+    An end that is not lower than x is not believed: the descent is made once more from x itself. Arguments and what is
+    returned are those of `minimise`.
+    """
     start = problem.layout.off_bounds(x)
-    end, steps = minimise(problem, start, weighted, tolerance)
+    end, taken = minimise(problem, start, weighted, tolerance, steps)
     if np.array_equal(start, x):
-        return end, steps
+        return end, taken
     if problem.chi2(end, weighted) < problem.chi2(x, weighted):
-        return end, steps
-    return minimise(problem, x, weighted, tolerance)
+        return end, taken
+    return minimise(problem, x, weighted, tolerance, steps)
 
 
 @dataclass(frozen=True, eq=False)
@@ -134,6 +187,7 @@ class Local:
 
 
 def local(problem: EstimationProblem, x: np.ndarray, weighted: WeightedData) -> Local:
+    """Linearise at coordinates x, shape (P,). What the data leave open counts as known to `WIDE` reaches."""
     r, prior, jacobian = problem.linearise(x, weighted)
     unit = max(1.0, float(np.sum(r**2)) / max(1.0, weighted.samples - x.size))
     reach = problem.layout.reach(x)

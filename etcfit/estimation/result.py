@@ -1,9 +1,10 @@
-"""What a fit leaves behind: parameters, how well they are known, how well they predict, and what to be told of it."""
+"""What a fit leaves behind: parameters, how well they are known, how well they predict, and warnings."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from enum import StrEnum
 
 import numpy as np
 
@@ -18,6 +19,18 @@ from .autocorrelation import inflation, widen
 from .fitted_model import Fitted
 from .identifiability import Identifiability, analyse
 from .levenberg_marquardt import information_of
+from .settings import FitSettings
+
+
+class Reason(StrEnum):
+    """Why a fit ended, for programs; `Termination.reason` says it to people, with numbers."""
+
+    OPTIMUM = "optimum"  # the gradient vanishes and the last round moved next to nothing
+    ALTERNATING = "alternating"  # two optima alternate, nearer to each other than the intervals are wide
+    SEARCHED = "searched"  # chi2 is too rough for a gradient, and a search found nothing lower
+    ROUGH = "rough"  # not converged: points drawn about the end still lower chi2
+    WANDERING = "wandering"  # not converged: the last round still moved a parameter far
+    NOT_COMPUTABLE = "not computable"  # not converged: the model has no finite value at the end
 
 
 @dataclass(frozen=True)
@@ -62,6 +75,8 @@ class FitResult:
         far: the model is far from the data and was fitted free-running.
         formulas: effects whose formulas the covariance allows to be off, each by its `inexact`.
         exact_covariance: what the covariance is where these formulas are taken as exact; None where it is no other.
+        settings: what the fit decided by.
+        reason_code: `reason` for programs; None where the end was not judged by the joint fit.
     """
 
     rig: Rig
@@ -86,6 +101,8 @@ class FitResult:
     warnings: tuple[str, ...]
     far: bool = False
     formulas: tuple[str, ...] = ()
+    settings: FitSettings = FitSettings()
+    reason_code: Reason | None = None
     exact_covariance: np.ndarray | None = None
 
     def taken_as_exact(self) -> FitResult:
@@ -98,7 +115,7 @@ class FitResult:
         return f"FitResult({self.rig.config.name!r}, chi2_per_dof={self.chi2_per_dof:.4g}, converged={self.converged})"
 
     def fitted(self) -> Fitted:
-        """The model alone, for whoever goes on from it."""
+        """The model alone, without the data."""
         return Fitted(self.rig.config, self.free_parameters, self.x, self.covariance)
 
 
@@ -113,6 +130,7 @@ class Termination:
         wander: what the last round moved, coordinates, shape (P,): where an impact or a slip falls on either side of a
             sample, two whitenings alternate, and neither is better; the intervals include the difference.
         gain: chi2 that the gradient still promises, in units of chi2 per degree of freedom.
+        reason_code: `reason` for programs; None where the end was not judged by the joint fit.
     """
 
     converged: bool
@@ -121,6 +139,7 @@ class Termination:
     far: bool = False
     wander: np.ndarray | None = None
     gain: float = 0.0
+    reason_code: Reason | None = None
 
 
 def outcome(
@@ -133,17 +152,33 @@ def outcome(
     starts: tuple[StartSummary, ...],
     end: Termination,
     notes: tuple[str, ...],
+    settings: FitSettings = FitSettings(),
 ) -> FitResult:
+    """What a fit leaves behind, computed at its end: intervals, verdict on the parameters, errors, warnings.
+
+    Args:
+        rig: as read.
+        readings: of the paper's graphs.
+        problem: the data as fitted.
+        held_out: traces to be predicted only.
+        weighted: what the residual was minimised over.
+        x: coordinates of the end, shape (P,).
+        starts: where each start ended.
+        end: why the fit ended.
+        notes: warnings besides the rig's own.
+        settings: what the fit decided by.
+    """
     r, _, jacobian = problem.linearise(x, weighted)
     pieces = _pieces(problem, r, jacobian)
-    certain = analyse(problem.layout, x, information_of(weighted.prior_sd[: x.size], jacobian)).covariance
-    covariance, factor, count = widen(certain, pieces)
+    information = information_of(weighted.prior_sd[: x.size], jacobian)
+    certain = analyse(problem.layout, x, information, settings.identifiability).covariance
+    covariance, factor, count = widen(certain, pieces, settings.whiteness)
     alternating: list[str] = []
     if end.wander is not None:
         far_off = np.abs(end.wander) > 0.5 * np.sqrt(np.diag(covariance))
         alternating = [s for s, off in zip(problem.layout.free, far_off, strict=True) if off]
         covariance = covariance + np.outer(end.wander, end.wander)
-    verdict = _verdict_on_parameters(problem, x, weighted, pieces)
+    verdict = _verdict_on_parameters(problem, x, weighted, pieces, settings)
     values = {s: float(v) for s, v in problem.layout.values(x, problem.free_parameters.held).items()}
     holdout = problem.beside(held_out, x) if held_out else None
     predicted, score_holdout = {}, ()
@@ -178,6 +213,8 @@ def outcome(
         widening=dict(zip(problem.layout.free, map(float, factor), strict=True)),
         warnings=(*rig.warnings, *notes, *_words(end, count, len(score_fit), chi2, factor), *_alternation(alternating)),
         far=end.far,
+        settings=settings,
+        reason_code=end.reason_code,
     )
 
 
@@ -187,7 +224,11 @@ def _in_sigma(problem: EstimationProblem, predicted: Mapping[str, np.ndarray]) -
 
 
 def _verdict_on_parameters(
-    problem: EstimationProblem, x: np.ndarray, weighted: WeightedData, pieces: list[tuple[np.ndarray, np.ndarray]]
+    problem: EstimationProblem,
+    x: np.ndarray,
+    weighted: WeightedData,
+    pieces: list[tuple[np.ndarray, np.ndarray]],
+    settings: FitSettings,
 ) -> Identifiability:
     """What the data can tell, each channel counting for no more than its residual's size and independence allow.
 
@@ -199,8 +240,8 @@ def _verdict_on_parameters(
         pieces = [(j, own) for (j, _), (_, own) in zip(_pieces(problem, r, jacobian), pieces, strict=True)]
     information = np.diag(1.0 / np.asarray(weighted.prior_sd)[: x.size] ** 2)
     for jacobian, own in pieces:
-        information = information + jacobian.T @ jacobian / inflation(own)
-    return analyse(problem.layout, inside, information)
+        information = information + jacobian.T @ jacobian / inflation(own, settings.whiteness)
+    return analyse(problem.layout, inside, information, settings.identifiability)
 
 
 def _pieces(problem: EstimationProblem, r: np.ndarray, jacobian: np.ndarray) -> list[tuple[np.ndarray, np.ndarray]]:

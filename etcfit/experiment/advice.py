@@ -26,9 +26,7 @@ from ..rig.base import Rig
 from ..rig.paper_readings import read_graphs
 from .plan import PLANS, Plan, channels, sweeps, trace_of
 from .setting import Setting
-
-_ENTANGLED = 0.5  # squared correlation from which two parameters are said to be entangled
-_APART = 0.9  # of 1/(1 - rho^2) that must go for them to be called separated
+from .settings import AdviceSettings
 
 
 @dataclass(frozen=True)
@@ -62,7 +60,7 @@ class Option:
 
     @property
     def again(self) -> bool:
-        """The same as one that is there."""
+        """Whether it repeats a trace that was measured already."""
         return self.plan is None
 
     @property
@@ -90,12 +88,13 @@ class Advice:
     not_judged: tuple[tuple[str, str], ...]
 
 
-def advise(rig: Rig, x: np.ndarray | None = None) -> Advice:
+def advise(rig: Rig, x: np.ndarray | None = None, settings: AdviceSettings = AdviceSettings()) -> Advice:
     """Judge one more trace of each rig test, and of a driven response that is chosen for what it tells.
 
     Args:
         rig: a measurement folder.
         x: coordinates to judge at, shape (P,), say those of a fit; the paper's graph readings where not given.
+        settings: when a trace is said to tell two parameters apart.
     Raises:
         MeasurementError: nothing can be fitted.
     """
@@ -106,7 +105,8 @@ def advise(rig: Rig, x: np.ndarray | None = None) -> Advice:
     problem = EstimationProblem.of(rig.config, known, fitted).refined(x)
     now = _informations(problem, x)
     prior_sd = problem.weighted(problem.free_running()).prior_sd[: x.size]
-    judge = Judge(known.layout, x, information_of(prior_sd, np.zeros((0, x.size))) + sum(now))
+    information = information_of(prior_sd, np.zeros((0, x.size))) + sum(now)
+    judge = Judge(known.layout, x, information, settings)
     values = {s: float(v) for s, v in known.layout.values(x, known.held).items()}
     again = [_again(test.name, fitted, now, judge) for test in TESTS if test.name in {t.test.name for t in fitted}]
     planned = list(_planned(problem, x, Setting.of(rig, values), judge))
@@ -123,14 +123,16 @@ class Judge:
         layout: which parameters x stands for.
         x: coordinates, shape (P,).
         information: Fisher information of all that is there, shape (P, P).
+        settings: see `separated`.
     """
 
     layout: Layout
     x: np.ndarray
     information: np.ndarray
+    settings: AdviceSettings = AdviceSettings()
 
     def covariance(self, more: np.ndarray | float = 0.0) -> np.ndarray:
-        """Of the coordinates, with so much more information."""
+        """Covariance of the coordinates once further information, shape (P, P), is there."""
         return analyse(self.layout, self.x, self.information + more).covariance
 
     @property
@@ -139,17 +141,29 @@ class Judge:
         return np.sqrt(np.diag(self.covariance())) / self.layout.reach(self.x)
 
     def gain(self, more: np.ndarray) -> tuple[np.ndarray, Pair | None]:
-        """What so much more information does to each interval, and the pair it tells apart."""
+        """What further information, shape (P, P), does.
+
+        Returns:
+            width of each interval as a share of what it is now, shape (P,), and the pair it tells apart, or None.
+        """
         before, after = self.covariance(), self.covariance(more)
-        return np.sqrt(np.diag(after) / np.diag(before)), separated(self.layout.free, before, after)
+        return np.sqrt(np.diag(after) / np.diag(before)), separated(self.layout.free, before, after, self.settings)
 
 
-def separated(symbols: Sequence[str], before: np.ndarray, after: np.ndarray) -> Pair | None:
-    """The pair whose entanglement 1/(1 - rho^2) shrinks most, of those that are entangled now."""
+def separated(
+    symbols: Sequence[str], before: np.ndarray, after: np.ndarray, settings: AdviceSettings = AdviceSettings()
+) -> Pair | None:
+    """The pair whose entanglement 1 / (1 - rho^2) shrinks most, of those that are entangled now; None if none does.
+
+    Args:
+        symbols: free parameters, P.
+        before, after: covariances of their coordinates now and with one more trace, shape (P, P).
+        settings: what counts as entangled, and as apart.
+    """
     was, then = _correlation(before), _correlation(after)
-    pairs = [(i, j) for i, j in combinations(range(len(symbols)), 2) if was[i, j] ** 2 > _ENTANGLED]
+    pairs = [(i, j) for i, j in combinations(range(len(symbols)), 2) if was[i, j] ** 2 > settings.entangled]
     left = {(i, j): (1.0 - was[i, j] ** 2) / max(1.0 - then[i, j] ** 2, 1e-12) for i, j in pairs}
-    if not left or min(left.values()) > _APART:
+    if not left or min(left.values()) > settings.apart:
         return None
     i, j = min(left, key=lambda pair: left[pair])
     return Pair((symbols[i], symbols[j]), float(was[i, j]), float(then[i, j]))
@@ -161,12 +175,12 @@ def _correlation(covariance: np.ndarray) -> np.ndarray:
 
 
 def batched(traces: Sequence[Trace], most: int) -> Iterator[tuple[Trace, ...]]:
-    """At most so many at a time."""
+    """The traces in order, at most `most` at a time."""
     return (tuple(traces[k : k + most]) for k in range(0, len(traces), most))
 
 
 def _informations(problem: EstimationProblem, x: np.ndarray) -> list[np.ndarray]:
-    """J_k^T J_k of each trace of a bench, shape (P, P) each."""
+    """J_k^T J_k of each trace of a problem at coordinates x, shape (P, P) each."""
     _, _, jacobian = problem.linearise(x, problem.weighted(problem.kalman(x)))
     out = []
     for trace, (lane, _, marks) in zip(problem.batch.traces, problem.batch.places, strict=True):
@@ -204,7 +218,7 @@ def _planned(problem: EstimationProblem, x: np.ndarray, setting: Setting, judge:
 
 
 def _beside(problem: EstimationProblem, traces: Sequence[Trace], x: np.ndarray) -> Iterator[np.ndarray]:
-    """J_k^T J_k of other traces, as many at a time as there are lanes: what was compiled for the bench serves again."""
+    """J_k^T J_k of other traces, batched in the shape of the problem so that what was compiled for it serves again."""
     for some in batched(traces, problem.shape[1]):
         yield from _informations(
             EstimationProblem.of(problem.config, problem.free_parameters, some, None, problem.shape).refined(x), x

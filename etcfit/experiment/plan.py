@@ -1,6 +1,6 @@
 """One trace of each rig test as it would be made: what is driven, for how long, from where.
 
-A test of a newcomer needs no plan: once it was made, making it again can be judged all the same.
+A new rig test needs no plan of its own: without one it can be judged once a trace of it was measured.
 """
 
 from __future__ import annotations

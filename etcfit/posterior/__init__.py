@@ -5,7 +5,7 @@ Only here is emcee imported.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 
@@ -16,13 +16,13 @@ from ..estimation.joint_fit import FitResult, Report, quiet
 from .chain import Chain
 from .convergence import Convergence
 from .run import run
+from .settings import SamplingSettings as SamplingSettings
 from .summary import Marginal, described, marginals, values
 from .target import Target
 
-__all__ = ["CHAIN", "Posterior", "sample"]
+__all__ = ["CHAIN", "Posterior", "SamplingSettings", "sample"]
 
 CHAIN = "posterior_chain.npz"
-_SEEDS = (20230701, 20230702)  # one independent ensemble each
 
 
 @dataclass(frozen=True, eq=False)
@@ -35,6 +35,7 @@ class Posterior:
         chain: every step.
         convergence: how far it came; where it is not `converged`, this is no posterior yet.
         exact: effects whose formulas are taken as exact here, while the final model's own intervals are not.
+        settings: what the sampling decided by.
     """
 
     fit: FitResult
@@ -42,6 +43,7 @@ class Posterior:
     chain: Chain
     convergence: Convergence
     exact: tuple[str, ...] = ()
+    settings: SamplingSettings = SamplingSettings()
 
     @cached_property
     def points(self) -> np.ndarray:
@@ -56,7 +58,7 @@ class Posterior:
 
     @cached_property
     def marginals(self) -> dict[str, Marginal]:
-        """By symbol, of all that moves."""
+        """Posterior of every parameter and combination whose draws differ, by symbol."""
         return marginals(self.draws, intervals(self.fit) | lumped(self.fit))
 
     @property
@@ -65,28 +67,36 @@ class Posterior:
         return described({p.symbol: p for p in self.fit.free_parameters.layout.parameters})
 
     def some(self, count: int) -> np.ndarray:
-        """So many points spread evenly over all that was sampled, shape (count, P)."""
+        """`count` points spread evenly over all that was sampled after the burn-in, coordinates, shape (count, P)."""
         flat = self.points.reshape(-1, self.points.shape[-1])
         return flat[np.linspace(0, len(flat) - 1, count).astype(int)]
 
 
 def sample(
-    result: FitResult, run_dir: Path | str, most: int, report: Report = quiet, exact: tuple[str, ...] = ()
+    result: FitResult,
+    run_dir: Path | str,
+    most: int | None = None,
+    report: Report = quiet,
+    exact: tuple[str, ...] = (),
+    settings: SamplingSettings = SamplingSettings(),
 ) -> Posterior:
     """Sample the posterior of a fit; what was sampled before in the same folder is taken up.
 
     Args:
         result: a fit.
         run_dir: keeps the chain between blocks of steps.
-        most: steps of each ensemble after which to stop all the same.
+        most: steps of each ensemble after which to stop whether it has converged or not; None: `settings.most_steps`.
         report: called with what is going on and the share done.
         exact: effects whose formulas the intervals of the model allow to be off; the posterior does not.
+        settings: ensembles, budgets and thresholds; kept in what is returned.
     """
+    settings = settings if most is None else replace(settings, most_steps=most)
     report("finding the mode", 0.0)
-    target = Target.of(result)
+    target = Target.of(result, settings)
 
     def begin() -> Chain:
-        return Chain.begin(target.log_probability, target.symbols, target.mode, target.covariance, _SEEDS)
+        return Chain.begin(target.log_probability, target.symbols, target.mode, target.covariance, settings)
 
-    chain, convergence = run(target.log_probability, begin, Path(run_dir) / CHAIN, most, report)
-    return Posterior(result, target, chain, convergence, exact)
+    path = Path(run_dir) / CHAIN
+    chain, convergence = run(target.log_probability, begin, path, settings.most_steps, report, settings)
+    return Posterior(result, target, chain, convergence, exact, settings)

@@ -7,7 +7,6 @@ it had never been interrupted.
 from __future__ import annotations
 
 import zipfile
-from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -17,6 +16,7 @@ import numpy as np
 
 from ..files import whole
 from .ensemble import Ensemble, LogProbability
+from .settings import SamplingSettings
 
 _SAME = 1e-6  # by which a log-probability may differ when it is computed again, absolute and relative
 
@@ -44,25 +44,31 @@ class Chain:
         symbols: tuple[str, ...],
         mode: np.ndarray,
         covariance: np.ndarray,
-        seeds: Sequence[int],
+        settings: SamplingSettings = SamplingSettings(),
     ) -> Chain:
         """One ensemble a seed, about the mode.
 
         Args:
             target: log-probability of coordinates, shape (K, P) -> (K,).
+            symbols: of the coordinates, P.
+            mode: coordinates, shape (P,).
+            covariance: of the coordinates there, shape (P, P).
+            settings: seeds and walkers.
         """
         variance, axes = np.linalg.eigh(covariance)
         root = axes * np.sqrt(np.maximum(variance, 0.0))
         bare = cls(symbols, mode, root, ())
         standard = bare.standard(target)
-        return replace(bare, ensembles=tuple(Ensemble.begin(standard, mode.size, seed) for seed in seeds))
+        return replace(
+            bare, ensembles=tuple(Ensemble.begin(standard, mode.size, seed, settings) for seed in settings.seeds)
+        )
 
     def standard(self, target: LogProbability) -> LogProbability:
-        """The same density over standard coordinates, which differs by a constant."""
+        """The density over standard coordinates u, x = mode + root u; it differs by a constant factor."""
         return lambda u: target(self.mode + u @ self.root.T)
 
     def advanced(self, target: LogProbability, steps: int) -> Chain:
-        """The same some steps later, ensembles side by side: a log-probability in JAX keeps one core busy."""
+        """The chain after some more steps. Ensembles run side by side: a log-probability in JAX keeps one core busy."""
         standard = self.standard(target)
         with ThreadPoolExecutor(len(self.ensembles)) as pool:
             later = pool.map(lambda e: e.advanced(standard, steps), self.ensembles)

@@ -1,4 +1,4 @@
-"""Is a chain long enough to be called a posterior, and if not, how much longer must it be?
+"""Whether a chain is long enough to be called a posterior, and if not, how much longer it must be.
 
 tau is the integrated autocorrelation time of an ensemble (Goodman and Weare 2010; Sokal's window, as in emcee): N steps
 of W walkers hold N W / tau independent draws. It is itself only known from a chain of many tau, hence N > 50 tau.
@@ -13,13 +13,9 @@ import emcee
 import numpy as np
 
 from .ensemble import Ensemble
+from .settings import SamplingSettings
 
-LENGTH = 50.0  # tau that a chain must be long
-_BURN = 5.0  # tau that are thrown away first
-_EARLIER, _STILL = 0.8, 0.05  # since the chain was this share as long, tau may have changed by this share of itself
-_ALIKE = 1.01  # R-hat
-_FEWEST = 100  # steps before which nothing is said
-_MARGIN = 1.1  # on what is still needed: tau grows with the chain that it is estimated from
+LENGTH = SamplingSettings().length
 
 
 @dataclass(frozen=True, eq=False)
@@ -30,10 +26,11 @@ class Convergence:
         steps: of each ensemble.
         burn: steps thrown away.
         tau: of each coordinate, the longest of the ensembles, steps, shape (P,).
-        earlier: the same for the first four fifths of the chain.
+        earlier: tau of the first part of the chain (four fifths), steps, shape (P,).
         rhat: of each coordinate, shape (P,).
         acceptance: share of moves accepted.
         effective: independent draws of the coordinate that has fewest.
+        settings: what it is judged by.
     """
 
     steps: int
@@ -43,22 +40,23 @@ class Convergence:
     rhat: np.ndarray
     acceptance: float
     effective: float
+    settings: SamplingSettings = SamplingSettings()
 
     @classmethod
-    def of(cls, ensembles: Sequence[Ensemble]) -> Convergence:
+    def of(cls, ensembles: Sequence[Ensemble], settings: SamplingSettings = SamplingSettings()) -> Convergence:
         """Judge ensembles that are equally long."""
         steps, size = ensembles[0].steps, ensembles[0].points.shape[2]
         acceptance = float(np.mean([e.acceptance for e in ensembles]))
-        if steps < _FEWEST:
+        if steps < settings.fewest:
             unknown = np.full(size, np.nan)
-            return cls(steps, steps // 2, unknown, unknown, unknown, acceptance, 0.0)
+            return cls(steps, steps // 2, unknown, unknown, unknown, acceptance, 0.0, settings)
         rough = _longest([e.points for e in ensembles])
-        burn = int(min(_BURN * np.max(rough), steps // 2)) + 1
+        burn = int(min(settings.burn * np.max(rough), steps // 2)) + 1
         kept = [e.points[burn:] for e in ensembles]
         tau = _longest(kept)
-        earlier = _longest([points[: int(_EARLIER * len(points))] for points in kept])
+        earlier = _longest([points[: int(settings.earlier * len(points))] for points in kept])
         effective = sum(points.shape[0] * points.shape[1] for points in kept) / float(np.max(tau))
-        return cls(steps, burn, tau, earlier, split_rhat(kept), acceptance, effective)
+        return cls(steps, burn, tau, earlier, split_rhat(kept), acceptance, effective, settings)
 
     @property
     def longest(self) -> float:
@@ -69,8 +67,8 @@ class Convergence:
     def needed(self) -> int:
         """Steps that each ensemble must have in all, as far as can be told now."""
         if not np.isfinite(self.longest):
-            return 2 * _FEWEST
-        lacking = LENGTH * self.longest * _MARGIN + self.burn
+            return 2 * self.settings.fewest
+        lacking = self.settings.length * self.longest * self.settings.margin + self.burn
         return max(int(lacking), int(1.25 * self.steps)) if self.faults else self.steps
 
     @property
@@ -78,15 +76,15 @@ class Convergence:
         """What keeps the chain from being a posterior; none where it is one."""
         if not np.isfinite(self.longest):
             return (f"{self.steps} steps are too few to say anything",)
-        length, out = (self.steps - self.burn) / self.longest, []
-        if length <= LENGTH:
+        asked, length, out = self.settings, (self.steps - self.burn) / self.longest, []
+        if length <= asked.length:
             tau = f"tau {self.longest:.0f} steps"
-            out.append(f"the chain is {length:.0f} tau long where {LENGTH:.0f} are needed ({tau})")
+            out.append(f"the chain is {length:.0f} tau long where {asked.length:.0f} are needed ({tau})")
         drift = abs(self.longest / float(np.max(self.earlier)) - 1.0)
-        if drift > _STILL:
+        if drift > asked.still:
             out.append(f"tau still changes, by {100.0 * drift:.0f} % over the last fifth of the chain")
-        if np.max(self.rhat) > _ALIKE:
-            out.append(f"the ensembles disagree (R-hat {float(np.max(self.rhat)):.3f}, {_ALIKE} allowed)")
+        if np.max(self.rhat) > asked.alike:
+            out.append(f"the ensembles disagree (R-hat {float(np.max(self.rhat)):.3f}, {asked.alike} allowed)")
         return tuple(out)
 
     @property
@@ -108,6 +106,7 @@ def autocorrelation_time(points: np.ndarray) -> np.ndarray:
 
 
 def _longest(chains: Sequence[np.ndarray]) -> np.ndarray:
+    """tau of each coordinate in the ensemble where it is longest, steps; chains of shape (N, W, P) -> (P,)."""
     return np.max([autocorrelation_time(points) for points in chains], axis=0)
 
 
@@ -125,5 +124,6 @@ def split_rhat(chains: Sequence[np.ndarray]) -> np.ndarray:
 
 
 def _halves(points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """First and second half of a chain, shape (N, W, P), equally long."""
     middle = len(points) // 2
     return points[:middle], points[middle : 2 * middle]

@@ -13,13 +13,9 @@ import emcee
 import numpy as np
 
 from .moves import moves
+from .settings import SamplingSettings
 
 LogProbability = Callable[[np.ndarray], np.ndarray]
-
-PER_DIMENSION = 4  # walkers
-_LEAST = 8  # walkers, so that a snooker finds three others in each half
-_HALVINGS = 30
-_TYPICAL = 6.0  # standard deviations of chi2 beyond its mean at which a walker is no start
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,22 +35,25 @@ class Ensemble:
     random: Any
 
     @classmethod
-    def begin(cls, target: LogProbability, size: int, seed: int) -> Ensemble:
+    def begin(
+        cls, target: LogProbability, size: int, seed: int, settings: SamplingSettings = SamplingSettings()
+    ) -> Ensemble:
         """Walkers drawn from a standard normal.
 
-        One that is drawn where the density is far below what a normal one would have there, since what held at the
-        mode does not hold so far out, is drawn halfway to the mode, and again.
+        Far from the mode the density may lie far below the normal one that describes it near the mode. A walker drawn
+        there is moved halfway to the mode, again and again until it no longer is.
 
         Args:
             target: log-probability of standard coordinates, shape (K, P) -> (K,).
             size: P.
             seed: of the random numbers.
+            settings: how many walkers, and which are no start.
         """
         random = np.random.RandomState(seed)
-        points = random.standard_normal((max(_LEAST, PER_DIMENSION * size), size))
+        points = random.standard_normal((max(settings.least_walkers, settings.walkers_per_coordinate * size), size))
         here = target(points)
-        least = float(target(np.zeros((len(points), size)))[0]) - 0.5 * (size + _TYPICAL * np.sqrt(2.0 * size))
-        for _ in range(_HALVINGS):
+        least = float(target(np.zeros((len(points), size)))[0]) - 0.5 * (size + settings.typical * np.sqrt(2.0 * size))
+        for _ in range(settings.halvings):
             astray = here < least
             if not astray.any():
                 break
@@ -73,7 +72,7 @@ class Ensemble:
         return float(np.mean(self.accepted)) / max(1, self.steps)
 
     def advanced(self, target: LogProbability, steps: int) -> Ensemble:
-        """The same some steps later."""
+        """The ensemble after some more steps."""
         walkers, size = self.points.shape[1:]
         sampler = emcee.EnsembleSampler(walkers, size, target, moves=moves(), vectorize=True)
         last = emcee.State(self.points[-1], log_prob=self.log_probability[-1], random_state=self.random)

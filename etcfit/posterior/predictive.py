@@ -3,8 +3,8 @@
     y_k ~ N(mean_k, var over draws of y_hat_k + C P_k C^T + sigma^2)
 
 y_hat is the free-running simulation at draws of the posterior, P what the noise of the logged input and instants that
-nobody logged add up to along it (`whitening.free_run_variance`), sigma the sensor's noise; of a fit that is `far` from
-the data, the error left in each fitted channel.
+nobody logged add up to along it (`innovations.free_run_variance`), sigma the sensor's noise; of a fit that is `far`
+from the data, the error left in each fitted channel.
 """
 
 from __future__ import annotations
@@ -18,8 +18,6 @@ from ..estimation.joint_fit import Report, quiet
 from ..problem.problem import EstimationProblem
 from ..problem.trace import Trace
 from . import Posterior
-
-_DRAWS = 32
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,11 +43,11 @@ class Band:
 
 def bands(posterior: Posterior, report: Report = quiet) -> tuple[Band, ...]:
     """Of every trace, fitted ones first, then those held out."""
-    points = posterior.some(_DRAWS)
-    benches = [problem for problem in (posterior.fit.problem, posterior.fit.holdout) if problem is not None]
+    points = posterior.some(posterior.settings.predictive_draws)
+    problems = [problem for problem in (posterior.fit.problem, posterior.fit.holdout) if problem is not None]
     out: list[Band] = []
-    for k, problem in enumerate(benches):
-        report("predictive bands", k / len(benches))
+    for k, problem in enumerate(problems):
+        report("predictive bands", k / len(problems))
         out += _bands(problem, points, posterior.target.mode)
     return tuple(out)
 

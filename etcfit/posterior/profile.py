@@ -4,7 +4,8 @@
 
 A parameter is known, to 95 %, where the rise stays below 3.84 (Wilks 1938; Raue et al. 2009). Its profile is
 `bounded` where the rise crosses that on both sides, `one-sided` where on one, `flat` where on neither within the range
-that is believed possible (three reaches either way, about a factor of 20). What tempers the posterior tempers this too.
+that is believed possible (three reaches either way, about a factor of 20). The factors f_s that temper the posterior
+(`target`) divide chi2 here too.
 """
 
 from __future__ import annotations
@@ -23,12 +24,10 @@ from ..problem.free_parameters import FreeParameters, Layout
 from ..problem.problem import EstimationProblem
 from ..problem.residual import WeightedData
 from . import Posterior
+from .settings import SamplingSettings
 from .target import Target
 
 RISE = 3.84  # 95 % quantile of chi2 with one degree of freedom
-_THERE = 1e-4  # relative change of chi2 that ends a refit
-_STEPS = (0.5, 1.0, 1.5, 2.0, 2.6)  # standard deviations from the mode at which a profile is looked at first
-_DOUBLINGS = 8  # of the last of them, until chi2 has risen enough or the range is at its end
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,33 +71,44 @@ def weak(posterior: Posterior) -> tuple[str, ...]:
 
 def profiles(posterior: Posterior, report: Report = quiet) -> dict[str, Profile]:
     """Those of the weak parameters, by symbol."""
-    return profiles_of(posterior.target, weak(posterior), report)
+    return profiles_of(posterior.target, weak(posterior), report, posterior.settings)
 
 
-def profiles_of(target: Target, symbols: Iterable[str], report: Report = quiet) -> dict[str, Profile]:
+def profiles_of(
+    target: Target,
+    symbols: Iterable[str],
+    report: Report = quiet,
+    settings: SamplingSettings = SamplingSettings(),
+) -> dict[str, Profile]:
     """Profiles of some parameters, by symbol."""
     symbols = tuple(symbols)
     out = {}
     for k, symbol in enumerate(symbols):
         report(f"profile of {symbol}", k / len(symbols))
-        out[symbol] = profile(target, symbol)
+        out[symbol] = profile(target, symbol, settings)
     return out
 
 
-def profile(target: Target, symbol: str) -> Profile:
-    """The profile of one parameter."""
+def profile(target: Target, symbol: str, settings: SamplingSettings = SamplingSettings()) -> Profile:
+    """The profile of one parameter.
+
+    Args:
+        target: the density, with its mode.
+        symbol: of a free parameter.
+        settings: at which distances it is looked at (`profile_...`).
+    """
     k = target.symbols.index(symbol)
-    below, above = (_side(target, k, way) for way in (-1.0, 1.0))
+    below, above = (_side(target, k, way, settings) for way in (-1.0, 1.0))
     q = np.array([*(x for x, _ in reversed(below)), target.mode[k], *(x for x, _ in above)])
     rise = np.array([*(r for _, r in reversed(below)), 0.0, *(r for _, r in above)])
     domain = target.problem.layout.parameter(symbol).domain
     value = np.array([float(domain.value(x)) for x in q])
-    low = _crossing(value[: len(below) + 1][::-1], rise[: len(below) + 1][::-1])
-    high = _crossing(value[len(below) :], rise[len(below) :])
+    low = crossing(value[: len(below) + 1][::-1], rise[: len(below) + 1][::-1])
+    high = crossing(value[len(below) :], rise[len(below) :])
     return Profile(symbol, value, rise, low, high)
 
 
-def _side(target: Target, k: int, way: float) -> list[tuple[float, float]]:
+def _side(target: Target, k: int, way: float, settings: SamplingSettings) -> list[tuple[float, float]]:
     """Coordinates and rises on one side of the mode, outward, until the rise is large enough or the range ends."""
     problem, mode = target.problem, target.mode
     sd, last = float(np.sqrt(target.covariance[k, k])), WIDE * float(problem.layout.reach(mode)[k])
@@ -106,12 +116,14 @@ def _side(target: Target, k: int, way: float) -> list[tuple[float, float]]:
         target.weighted if target.symbols[k] in problem.free_parameters.priors else _unbelieved(target.weighted, k)
     )
     least = float(chi2_of(problem, mode[None], weighted)[0])
-    offsets = [s * sd for s in _STEPS] + [_STEPS[-1] * sd * 1.6**d for d in range(1, _DOUBLINGS + 1)]
+    near, factor = settings.profile_offsets, settings.profile_factor
+    offsets = [s * sd for s in near] + [near[-1] * sd * factor**d for d in range(1, settings.profile_widenings + 1)]
     out: list[tuple[float, float]] = []
     x = mode
     for offset in sorted({min(o, last) for o in offsets}):
         # the others set out from where the linear model has them
-        x = _refitted(problem, weighted, _guess(target, k, x, mode[k] + way * offset), k)
+        guess = _guess(target, k, x, mode[k] + way * offset)
+        x = _refitted(problem, weighted, guess, k, settings.profile_tolerance)
         out.append((float(x[k]), float(chi2_of(problem, x[None], weighted)[0]) - least))
         if out[-1][1] > RISE:
             break
@@ -119,19 +131,24 @@ def _side(target: Target, k: int, way: float) -> list[tuple[float, float]]:
 
 
 def _guess(target: Target, k: int, x: np.ndarray, to: float) -> np.ndarray:
-    """x with coordinate k moved, and the others along with it as the covariance has them."""
+    """x with coordinate k moved, and the others by their regression on it: x + C_k (to - x_k) / C_kk."""
     return x + target.covariance[:, k] / target.covariance[k, k] * (to - x[k])
 
 
 def _unbelieved(weighted: WeightedData, k: int) -> WeightedData:
-    """Without the belief about the coordinate that is profiled: a profile is of what was seen and what a user knows."""
+    """Data without the broad prior on the k-th coordinate, so that its profile shows data and the user's own priors."""
     sd = np.array(weighted.prior_sd)
     sd[k] = np.inf
     return weighted._replace(prior_sd=sd)
 
 
-def _refitted(problem: EstimationProblem, weighted: WeightedData, x: np.ndarray, k: int) -> np.ndarray:
-    """The others at their best with coordinate k held; what is free is data, so nothing is compiled again."""
+def _refitted(
+    problem: EstimationProblem, weighted: WeightedData, x: np.ndarray, k: int, tolerance: float
+) -> np.ndarray:
+    """Coordinates with the k-th held and the others at their optimum, shape (P,).
+
+    Which parameters are free is data to the compiled functions, so nothing is compiled again.
+    """
     lean = _holding(problem, x, k)
     others = np.delete(np.arange(x.size), k)
     gone = weighted._replace(
@@ -140,12 +157,12 @@ def _refitted(problem: EstimationProblem, weighted: WeightedData, x: np.ndarray,
         prior_sd=lean.layout.padded(np.asarray(weighted.prior_sd)[others], np.inf),
     )
     out = x.copy()
-    out[others] = minimise(lean, x[others], gone, _THERE)[0]
+    out[others] = minimise(lean, x[others], gone, tolerance)[0]
     return out
 
 
 def _holding(problem: EstimationProblem, x: np.ndarray, k: int) -> EstimationProblem:
-    """The bench with one free parameter held where x has it."""
+    """The problem with its k-th free parameter held at its value at x."""
     layout, free_parameters = problem.layout, problem.free_parameters
     symbol, value = layout.free[k], layout.numbers(x)[0][k]
     free = tuple(s for s in layout.free if s != symbol)
@@ -159,8 +176,15 @@ def _holding(problem: EstimationProblem, x: np.ndarray, k: int) -> EstimationPro
     )
 
 
-def _crossing(value: np.ndarray, rise: np.ndarray) -> float | None:
-    """Where sqrt(rise), nearly straight, first reaches its threshold, going outward."""
+def crossing(value: np.ndarray, rise: np.ndarray) -> float | None:
+    """Where the rise of chi2 first reaches 3.84, going outward; None where it never does.
+
+    Between two points sqrt(rise) is taken as a straight line, which it is where chi2 is a parabola.
+
+    Args:
+        value: at which the parameter was held, the mode's first, shape (K,).
+        rise: of chi2 there, shape (K,).
+    """
     root, threshold = np.sqrt(np.maximum(rise, 0.0)), np.sqrt(RISE)
     beyond = np.flatnonzero(root >= threshold)
     if not beyond.size:

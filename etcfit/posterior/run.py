@@ -1,4 +1,4 @@
-"""The loop: a block of steps, kept on disk, judged, until the chain is a posterior or as long as it may be."""
+"""Sampling in blocks of steps, each kept on disk and judged, until the chain has converged or the budget is spent."""
 
 from __future__ import annotations
 
@@ -10,12 +10,18 @@ from ..estimation.joint_fit import Report
 from .chain import Chain, load, save
 from .convergence import Convergence
 from .ensemble import LogProbability
+from .settings import SamplingSettings
 
-BLOCK = 50  # steps between two files
+BLOCK = SamplingSettings().block
 
 
 def run(
-    target: LogProbability, begin: Callable[[], Chain], path: Path, most: int, report: Report
+    target: LogProbability,
+    begin: Callable[[], Chain],
+    path: Path,
+    most: int,
+    report: Report,
+    settings: SamplingSettings = SamplingSettings(),
 ) -> tuple[Chain, Convergence]:
     """Sample until the chain has converged; go on from what is kept in `path` if that belongs to the target.
 
@@ -23,18 +29,21 @@ def run(
         target: log-probability of coordinates, shape (K, P) -> (K,).
         begin: a chain of no steps.
         path: file of the chain.
-        most: steps after which to stop all the same.
-        report: called after each block with how it stands and the share done.
+        most: steps after which to stop whether the chain has converged or not.
+        report: called after each block with acceptance, tau, effective samples and time left, and the share done.
+        settings: steps of a block, and when a chain has converged.
+    Returns:
+        the whole chain, and the verdict on it.
     """
     chain, kept = begin(), load(path)
     if kept is not None and kept.belongs_to(target, chain.symbols):
         chain = kept
-    here = Convergence.of(chain.ensembles)
+    here = Convergence.of(chain.ensembles, settings)
     began, first = time.monotonic(), here.steps
     while not here.converged and here.steps < most:
-        chain = chain.advanced(target, min(BLOCK, most - here.steps))
+        chain = chain.advanced(target, min(settings.block, most - here.steps))
         save(path, chain)
-        here = Convergence.of(chain.ensembles)
+        here = Convergence.of(chain.ensembles, settings)
         pace = (time.monotonic() - began) / (here.steps - first)
         report(_words(here, most, pace), here.steps / max(here.steps, min(here.needed, most)))
     return chain, here

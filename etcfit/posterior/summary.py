@@ -13,8 +13,9 @@ from ..estimation.intervals import LUMPS, Interval
 from ..model.parameters import Parameter
 from ..problem.free_parameters import FreeParameters
 from .convergence import autocorrelation_time, split_rhat
+from .settings import SamplingSettings
 
-APART = 0.2  # relative; standard deviations that differ by more are flagged
+APART = SamplingSettings().apart
 
 
 @dataclass(frozen=True)
@@ -41,10 +42,15 @@ class Marginal:
     laplace: float | None
 
 
-def apart(*spreads: float | None) -> bool:
-    """Whether standard deviations found in different ways, where they were found, differ by more than 20 %."""
+def apart(*spreads: float | None, allowed: float = APART) -> bool:
+    """Whether standard deviations found in different ways, where they were found, differ by more than is allowed.
+
+    Args:
+        spreads: in one unit; None where one was not found.
+        allowed: relative difference of the largest and the smallest.
+    """
     known = [s for s in spreads if s]
-    return bool(known) and max(known) > (1.0 + APART) * min(known)
+    return bool(known) and max(known) > (1.0 + allowed) * min(known)
 
 
 def values(
@@ -64,7 +70,7 @@ def values(
 
 
 def marginal(draws: np.ndarray, fitted: Interval) -> Marginal:
-    """Of draws of shape (E, N, W)."""
+    """The posterior of one parameter from its draws, SI, shape (E, N, W), beside the fit's own interval."""
     chains = [e[:, :, None] for e in draws]
     tau = max(float(autocorrelation_time(e)[0]) for e in chains)
     low, median, high = np.quantile(draws, (0.025, 0.5, 0.975)).tolist()
@@ -73,7 +79,7 @@ def marginal(draws: np.ndarray, fitted: Interval) -> Marginal:
 
 
 def marginals(draws: Mapping[str, np.ndarray], fitted: Mapping[str, Interval]) -> dict[str, Marginal]:
-    """Of every parameter and combination that moves, by symbol."""
+    """Of every parameter and combination whose draws differ, by symbol."""
     return {s: marginal(d, fitted[s]) for s, d in draws.items() if np.ptp(d) > 0.0}
 
 

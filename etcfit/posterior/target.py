@@ -11,9 +11,9 @@ data do not determine from wandering.
 
 f_s >= 1 tempers. Residuals that are larger than their noise, or not independent, carry less than their number says; f_s
 is the variance of their sum over that of independent standard normal ones, the factor by which the fit widens its own
-intervals (`correlation.inflation`). For a fit `far` from the data each channel was already weighed by the error left in
-it, so that chi2 per degree of freedom is about 1, and f_s is the autocorrelation time of its residual in samples. All
-f_s are 1 where the model is right.
+intervals (`autocorrelation.inflation`). For a fit `far` from the data each channel was already weighed by the error
+left in it, so that chi2 per degree of freedom is about 1, and f_s is the autocorrelation time of its residual in
+samples. All f_s are 1 where the model is right.
 """
 
 from __future__ import annotations
@@ -30,13 +30,13 @@ from ..estimation.autocorrelation import inflation
 from ..estimation.identifiability import WIDE
 from ..estimation.joint_fit import FitResult
 from ..estimation.levenberg_marquardt import local, minimise
+from ..estimation.settings import WhitenessSettings
 from ..model.parameters import log_flats
 from ..problem.chi2 import chi2_of
 from ..problem.prediction_error import columns
 from ..problem.problem import EstimationProblem
 from ..problem.residual import WeightedData
-
-_THERE = 3e-6  # relative change of chi2 that ends the descent to the mode
+from .settings import SamplingSettings
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,19 +58,19 @@ class Target:
     factors: Mapping[tuple[str, str], float]
 
     @classmethod
-    def of(cls, result: FitResult) -> Target:
-        """The posterior that belongs to a fit."""
+    def of(cls, result: FitResult, settings: SamplingSettings = SamplingSettings()) -> Target:
+        """The posterior that belongs to a fit; `settings.tolerance` ends the descent to its mode."""
         problem, x = result.problem, result.x
-        factors = inflations(problem, x, result.weighted)
+        factors = inflations(problem, x, result.weighted, result.settings.whiteness)
         weighted = believed(tempered(problem, result.weighted, factors), x, problem.layout.reach(x))
-        there, _ = minimise(problem, x, weighted, _THERE)
+        there, _ = minimise(problem, x, weighted, settings.tolerance, result.settings.steps)
         before, after = chi2_of(problem, np.stack((x, there)), weighted)
         mode = there if after < before else x
         return cls(problem, weighted, mode, local(problem, mode, weighted).covariance, factors)
 
     @property
     def symbols(self) -> tuple[str, ...]:
-        """Of the coordinates."""
+        """Symbols of the coordinates, P."""
         return self.problem.layout.free
 
     def log_probability(self, points: np.ndarray) -> np.ndarray:
@@ -87,14 +87,19 @@ def _log_jacobian(kinds: Any, points: Any) -> Any:
     return jnp.sum(jax.vmap(lambda x: log_flats(kinds, x))(points), axis=1)
 
 
-def inflations(problem: EstimationProblem, x: np.ndarray, weighted: WeightedData) -> dict[tuple[str, str], float]:
-    """f_s of each channel of each trace, by file and channel."""
+def inflations(
+    problem: EstimationProblem,
+    x: np.ndarray,
+    weighted: WeightedData,
+    settings: WhitenessSettings = WhitenessSettings(),
+) -> dict[tuple[str, str], float]:
+    """f_s of each channel of each trace at coordinates x, shape (P,), by file and channel."""
     r = problem.residual(x, weighted)
     out = {}
     for trace, part in zip(problem.batch.traces, columns(problem.batch, r), strict=True):
         for m, channel in enumerate(trace.channels):
             seen = np.isfinite(trace.data[:, m])
-            out[trace.measurement.file, channel] = inflation(part[seen, m])
+            out[trace.measurement.file, channel] = inflation(part[seen, m], settings)
     return out
 
 
@@ -113,7 +118,7 @@ def tempering(factors: Mapping[tuple[str, str], float]) -> str:
 def tempered(
     problem: EstimationProblem, weighted: WeightedData, factors: Mapping[tuple[str, str], float]
 ) -> WeightedData:
-    """The same problem with each channel's squared residuals divided by its factor."""
+    """Data in which each channel's squared residuals are divided by its factor, given by file and channel."""
     weight = np.array(weighted.whitening.weight)
     for trace, (lane, _, marks) in zip(problem.batch.traces, problem.batch.places, strict=True):
         for m, channel in enumerate(trace.channels):
@@ -122,7 +127,7 @@ def tempered(
 
 
 def believed(weighted: WeightedData, x: np.ndarray, reach: np.ndarray) -> WeightedData:
-    """The same problem with a broad normal prior about x on each coordinate that has none."""
+    """Data with a normal prior of `WIDE` reaches about x on each coordinate that has no prior; shapes (P,)."""
     mean, sd = np.array(weighted.prior_mean), np.array(weighted.prior_sd)
     bare = np.flatnonzero(~np.isfinite(sd[: x.size]))
     mean[bare], sd[bare] = x[bare], WIDE * reach[bare]

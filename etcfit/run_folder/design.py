@@ -48,6 +48,7 @@ def design_json(design: Design) -> dict[str, Any]:
         "feed_forward": design.task.loop.bias is not None,
         "rules": {name: _rule(design, tuned) for name, tuned in design.tuned.items()},
         "rusefi": rusefi(design),
+        "settings": design.settings,
         "versions": versions(),
     })  # fmt: skip
 

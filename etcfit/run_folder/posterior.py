@@ -21,8 +21,6 @@ from ..posterior.summary import Marginal, apart
 from ..posterior.target import tempering
 from .fit import effects_of, hashes, versions
 
-_PER_TAU = 4  # draws kept of each walker in so many steps
-
 
 def posterior_json(posterior: Posterior, profiles: Mapping[str, Profile], bands: Sequence[Band]) -> dict[str, Any]:
     """The object of posterior.json: every parameter that moves, in SI, and how far the chain came."""
@@ -48,6 +46,7 @@ def posterior_json(posterior: Posterior, profiles: Mapping[str, Profile], bands:
         "exact": list(posterior.exact),
         "mode_moved_sd": plain(dict(zip(chain.symbols, _moved(posterior).tolist(), strict=True))),
         "predictive": [_predicted(band) for band in bands],
+        "settings": plain(posterior.settings),
         "warnings": list(_warnings(posterior)),
         "folder": fit.rig.folder,
         "files": hashes(fit.rig),
@@ -128,7 +127,7 @@ def write_netcdf(path: Path, posterior: Posterior) -> None:
     """
     import xarray
 
-    thin = max(1, int(np.nan_to_num(posterior.convergence.longest, nan=1.0) / _PER_TAU))
+    thin = max(1, int(np.nan_to_num(posterior.convergence.longest, nan=1.0) / posterior.settings.draws_per_tau))
     described = posterior.described
     draws = {s: (d[:, ::thin], dict(zip(("unit", "meaning"), described[s], strict=True)))
              for s, d in posterior.draws.items()}  # fmt: skip

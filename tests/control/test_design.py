@@ -11,10 +11,11 @@ import xarray
 
 import results
 from effect_samples import every_effect, made, rows, seen, typical
-from etcfit.control.design import Design, binding, design, ecu_of, frictionless, task_of
+from etcfit.control.design import PAPERS, Design, binding, design, ecu_of, frictionless, propose, task_of
 from etcfit.control.linearise import reduce
 from etcfit.control.pid import RULES, Requirements
 from etcfit.control.pid.setpoint import trapezoid
+from etcfit.control.settings import DesignSettings, OptimumSettings
 from etcfit.errors import UsageError
 from etcfit.estimation.fitted_model import Fitted
 from etcfit.model.effects import AbstractEffect
@@ -32,13 +33,19 @@ def fitted(tmp_path_factory: pytest.TempPathFactory) -> Fitted:
 QUICK = {"manual": RULES["manual"], "damping_optimum": RULES["damping_optimum"], "amigo": RULES["amigo"]}
 
 
+# a search of the optimum that ends at once: what binds is then a guess, and named all the same
+BRIEF = DesignSettings(optimum=OptimumSettings(searches=1, sweeps=1, population=8, elite=4, rounds=1, last_rounds=1))
+
+
+def by_quick_rules(fitted: Fitted, requirements: Requirements = PAPERS) -> Design:
+    task = task_of(fitted, ecu_of(fitted), requirements, settings=BRIEF)
+    return propose(fitted, task, "manual", QUICK, "laplace")
+
+
 @pytest.fixture(scope="module")
 def designed(fitted: Fitted) -> Design:
     """By three quick rules."""
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("etcfit.control.design.RULES", QUICK)
-        patch.setattr("etcfit.control.design.binding", lambda task, setpoint: ("stub",))
-        return design(fitted, ecu_of(fitted), rule="manual", drawn=None)
+    return by_quick_rules(fitted)
 
 
 def test_the_reduction_is_the_closed_form_in_any_unit(fitted: Fitted) -> None:
@@ -92,7 +99,8 @@ def test_the_json_is_the_contract(designed: Design, fitted: Fitted) -> None:
     assert found["requirements"] == {"overshoot_pct": 20.0, "settling_s": 0.2, "steady_state_error_pct": 0.5}
     assert set(found["met"]) == set(found["requirements"])
     assert 0.0 <= found["posterior"]["probability_met"] <= 1.0
-    assert found["posterior"]["draws"] == 200
+    assert found["posterior"]["draws"] == found["settings"]["draws"] == 200
+    assert found["settings"]["optimum"]["population"] == 8
     assert found["posterior"]["origin"] == "laplace"
     assert set(found["rules"]) == set(QUICK)
     tf = json.loads(json.dumps(reduction_json(fitted, reduce(fitted), 2), allow_nan=False))
@@ -120,14 +128,11 @@ def test_rusefi_gains_drive_the_same_duty(designed: Design) -> None:
 @pytest.mark.slow
 def test_requirements_nobody_could_meet_are_not_met(fitted: Fitted) -> None:
     impossible = Requirements(settling_s=1e-4)
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("etcfit.control.design.RULES", QUICK)
-        patch.setattr("etcfit.control.design.binding", lambda task, setpoint: ("the supply voltage",))
-        found = design(fitted, ecu_of(fitted), impossible, "manual")
+    found = by_quick_rules(fitted, impossible)
     assert found.chosen.met["settling_s"] is False
     assert not found.chosen.meets_all
     assert found.chosen.probability_met == 0.0
-    assert found.limits == ("the supply voltage",)
+    assert found.limits == ("no limit alone: several bind together, or the setpoint itself is too fast",)
 
 
 def test_an_unknown_rule_is_a_usage_error(fitted: Fitted) -> None:

@@ -11,10 +11,21 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
 from etcfit.errors import MeasurementError
-from etcfit.estimation import joint_fit as module
 from etcfit.estimation.intervals import intervals
-from etcfit.estimation.joint_fit import FitResult, approach, fit, ready, start_values
+from etcfit.estimation.joint_fit import (
+    Descent,
+    FitResult,
+    after_rounds,
+    after_search,
+    approach,
+    deepest,
+    fit,
+    ready,
+    start_values,
+)
 from etcfit.estimation.levenberg_marquardt import descend, information_of
+from etcfit.estimation.result import Reason
+from etcfit.estimation.settings import FitSettings
 from etcfit.problem.free_parameters import free_parameters
 from etcfit.problem.problem import EstimationProblem
 from etcfit.rig.base import Fixed, Knowledge, Measurement, Prior, Rig, Start
@@ -69,6 +80,7 @@ def off(truth: Truth, result: FitResult) -> Mapping[str, float]:
 
 def test_the_truth_is_found_within_its_stated_errors(case: Case) -> None:
     assert case.result.converged, case.result.reason
+    assert case.result.reason_code is Reason.OPTIMUM
     errors = off(case.truth, case.result)
     assert all(abs(error) < 4.0 for error in errors.values()), errors
     assert 0.8 < case.result.chi2_per_dof < 1.25
@@ -97,11 +109,69 @@ def test_the_start_was_far_off(case: Case) -> None:
     assert np.median(ratios) > 5.0
 
 
-def test_the_deepest_start_is_the_one_gone_on_from(case: Case) -> None:
-    ends = [start.chi2_after for start in case.result.starts]
-    assert case.result.starts[0].name == "reading"
-    assert len(ends) > 2
-    assert all(start.chi2_after <= start.chi2_before for start in case.result.starts)
+def test_every_start_descends_and_the_reading_is_the_first(case: Case) -> None:
+    assert [start.name for start in case.result.starts] == ["reading", "scattered 1", "scattered 2", "scattered 3"]
+    assert all(start.chi2_after < 0.1 * start.chi2_before for start in case.result.starts)
+    assert all(start.steps > 0 for start in case.result.starts)
+
+
+# ---- decisions, as functions of numbers
+
+
+@pytest.mark.parametrize("order", [(0, 1, 2), (1, 2, 0), (2, 0, 1)])
+def test_the_deepest_start_is_the_one_gone_on_from(order: tuple[int, ...]) -> None:
+    """Three valleys, of depth 900, 20 and 50 a degree of freedom, met in any order."""
+    points = [np.array([10.0, 0.0]), np.array([0.0, 10.0]), np.array([5.0, 5.0])]
+    ends = [np.array([9.0, 0.0]), np.array([0.0, 9.0]), np.array([4.0, 4.0])]
+    depths = (9000.0, 200.0, 500.0)
+    near_before = []
+
+    def descend_from(k: int, first: np.ndarray, near: bool) -> Descent:
+        assert first is points[order[k]]
+        near_before.append(near)
+        return Descent(ends[order[k]], 1e6, depths[order[k]], 7 + k)
+
+    found = deepest([points[k] for k in order], descend_from, freedom=10.0)
+    assert found.x is ends[1]
+    assert found.misfit == 20.0
+    assert [(s.name, s.chi2_before, s.steps) for s in found.starts] == [
+        ("reading", 1e6, 7), ("scattered 1", 1e6, 8), ("scattered 2", 1e6, 9)
+    ]  # fmt: skip
+    assert [s.chi2_after for s in found.starts] == [depths[k] for k in order]
+    # near the data (chi2 below 30 a degree of freedom) from the second valley on, and not before
+    assert near_before == [k > order.index(1) for k in range(3)]
+
+
+def test_of_equal_ends_the_first_is_gone_on_from_and_one_without_a_value_never_is() -> None:
+    ends = [np.array([np.nan]), np.array([1.0]), np.array([2.0])]
+    chi2 = [np.inf, 5.0, 5.0]
+    found = deepest(ends, lambda k, first, near: Descent(ends[k], np.inf, chi2[k], 0), freedom=1.0)
+    assert found.x is ends[1]
+
+
+def test_the_end_of_the_rounds_is_judged_by_what_the_last_one_moved() -> None:
+    judged = {moved: after_rounds(moved, 1e-9) for moved in (0.02, 0.99, 1.01, 9.9, 10.1)}
+    assert [end.reason_code for end in judged.values()] == [
+        Reason.OPTIMUM, Reason.OPTIMUM, Reason.ALTERNATING, Reason.ALTERNATING, Reason.WANDERING
+    ]  # fmt: skip
+    assert [end.converged for end in judged.values()] == [True, True, True, True, False]
+    assert judged[0.02].reason == "gradient zero to 1.0e-09 of chi2, last round moved 0.02 standard errors"
+    assert "alternate by 1" in judged[1.01].reason
+    assert judged[10.1].reason == "the last round still moved a parameter by 10 standard errors"
+    nowhere = after_rounds(0.0, np.nan, outliers=3)
+    assert (nowhere.converged, nowhere.reason_code, nowhere.outliers) == (False, Reason.NOT_COMPUTABLE, 3)
+    strict = FitSettings(alternating=0.01, wandering=0.5)
+    assert after_rounds(0.02, 1e-9, settings=strict).reason_code is Reason.ALTERNATING
+    assert after_rounds(0.99, 1e-9, settings=strict).reason_code is Reason.WANDERING
+
+
+def test_the_end_of_a_search_is_judged_by_what_it_still_gained() -> None:
+    done, cut = after_search(0.09), after_search(0.11, outliers=2)
+    assert (done.converged, done.reason_code) == (True, Reason.SEARCHED)
+    assert done.reason.endswith("lowers it by 0.1")
+    assert (cut.converged, cut.reason_code, cut.outliers) == (False, Reason.ROUGH, 2)
+    assert "by 0.11 of its own size" in cut.reason
+    assert after_search(0.11, settings=FitSettings(rough=0.2)).converged
 
 
 def test_everything_is_identifiable_with_all_six_tests_and_responses(case: Case) -> None:
@@ -185,13 +255,10 @@ def test_what_is_held_out_is_predicted_as_well_as_what_was_fitted(case: Case) ->
 # ---- what is known beforehand
 
 
-@pytest.fixture
-def from_the_reading(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Without the scattered starts, which end where the reading does."""
-    monkeypatch.setattr(module, "_STARTS", 0)
+FROM_THE_READING = FitSettings(starts=0)  # the scattered starts end where the reading does
 
 
-def test_a_prior_moves_the_answer_as_the_closed_form_says(case: Case, from_the_reading: None) -> None:
+def test_a_prior_moves_the_answer_as_the_closed_form_says(case: Case) -> None:
     """x' = x + C_k (m - x_k)/(s^2 + C_kk), for a prior m +- s that disagrees by two standard errors."""
     symbol, layout, x = "K_s", case.result.free_parameters.layout, case.result.x
     k = layout.free.index(symbol)
@@ -201,7 +268,7 @@ def test_a_prior_moves_the_answer_as_the_closed_form_says(case: Case, from_the_r
     domain = layout.parameter(symbol).domain
     mean = x[k] + 2.0 * np.sqrt(C[k, k])
     width = float(domain.value(mean + 0.5 * sd) - domain.value(mean - 0.5 * sd))
-    known = fit(knowing(case.rig, **{symbol: Prior(float(domain.value(mean)), width)}))
+    known = fit(knowing(case.rig, **{symbol: Prior(float(domain.value(mean)), width)}), settings=FROM_THE_READING)
     expected = C[:, k] * (mean - x[k]) / (sd**2 + C[k, k])
     moved = (known.x - x) / np.sqrt(np.diag(C))
     assert_allclose(moved, expected / np.sqrt(np.diag(C)), atol=0.25)
@@ -246,12 +313,12 @@ def test_a_free_k_m_loses_the_scale_and_names_it(case: Case) -> None:
 # ---- failures
 
 
-def test_a_fit_that_does_not_converge_says_so_and_returns(
-    case: Case, from_the_reading: None, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(module, "_ROUNDS", 1)
-    result = fit(case.rig)
+def test_a_fit_that_does_not_converge_says_so_and_returns(case: Case) -> None:
+    once = FitSettings(starts=0, rounds=1)
+    result = fit(case.rig, settings=once)
     assert not result.converged
+    assert result.reason_code is Reason.WANDERING
+    assert result.settings == once
     assert "still moved" in result.reason
     assert any("NOT CONVERGED" in warning for warning in result.warnings)
     assert np.isfinite(list(result.values.values())).all()

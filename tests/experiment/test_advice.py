@@ -15,6 +15,7 @@ from etcfit.experiment.advice import Advice, Judge, Option, advise, batched, sep
 from etcfit.experiment.plan import PLANS, channels, sweeps, trace_of
 from etcfit.experiment.plan import viscous as plan_viscous
 from etcfit.experiment.setting import USUAL, Setting
+from etcfit.experiment.settings import AdviceSettings
 from etcfit.problem.free_parameters import free_parameters
 from etcfit.reporting.advice import advice_table
 from etcfit.reporting.blocks import render
@@ -57,6 +58,10 @@ def test_the_pair_that_comes_apart_is_named() -> None:
     assert pair is not None
     assert (pair.symbols, pair.before, pair.after) == (("a", "b"), pytest.approx(0.99), pytest.approx(0.5))
     assert separated(("a", "b", "c"), before, before) is None
+    assert separated(("a", "b", "c"), before, after, AdviceSettings(entangled=0.99)) is None
+    little = np.array([[1.0, 0.988, 0.0], [0.988, 1.0, 0.0], [0.0, 0.0, 1.0]])  # 0.83 of the entanglement is left
+    assert separated(("a", "b", "c"), before, little) is not None
+    assert separated(("a", "b", "c"), before, little, AdviceSettings(apart=0.8)) is None
 
 
 def test_a_plan_keeps_within_the_supply_and_the_travel(setting: Setting) -> None:

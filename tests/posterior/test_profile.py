@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from etcfit.estimation.levenberg_marquardt import local
-from etcfit.posterior.profile import RISE, Profile, _crossing, profiles_of
+from etcfit.posterior.profile import RISE, Profile, crossing, profiles_of
 from etcfit.posterior.target import Target, believed
 from etcfit.problem.problem import EstimationProblem
 from etcfit.problem.residual import WeightedData
@@ -14,8 +14,8 @@ from etcfit.problem.residual import WeightedData
 
 def test_the_end_of_an_interval_lies_where_the_rise_reaches_its_threshold() -> None:
     value = np.linspace(0.0, 3.0, 7)
-    assert _crossing(value, value**2) == pytest.approx(np.sqrt(RISE))
-    assert _crossing(value, 0.01 * value**2) is None
+    assert crossing(value, value**2) == pytest.approx(np.sqrt(RISE))
+    assert crossing(value, 0.01 * value**2) is None
 
 
 @pytest.mark.parametrize(

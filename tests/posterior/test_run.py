@@ -7,7 +7,9 @@ import signal
 import subprocess
 import sys
 import time
+from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -18,6 +20,7 @@ from etcfit.posterior.chain import Chain, load, save
 from etcfit.posterior.convergence import LENGTH, Convergence, split_rhat
 from etcfit.posterior.ensemble import Ensemble
 from etcfit.posterior.run import BLOCK, run
+from etcfit.posterior.settings import SamplingSettings
 from gaussian import Linear
 
 LINEAR = Linear.make()
@@ -71,6 +74,63 @@ def test_a_short_chain_is_no_posterior_and_says_how_much_longer_it_must_be(tmp_p
     assert later.converged, later.reason
 
 
+def verdict(**changes: Any) -> Convergence:
+    """Of a chain of 1000 steps after a burn-in of 100, tau 10 steps, whose ensembles agree."""
+    plain = Convergence(1100, 100, np.array([10.0, 4.0]), np.array([10.0, 4.0]), np.array([1.0, 1.0]), 0.4, 800.0)
+    return replace(plain, **changes)
+
+
+@pytest.mark.parametrize(
+    ("changes", "fault"),
+    [
+        ({}, None),
+        ({"tau": np.array([4.0, 20.5]), "earlier": np.array([4.0, 20.5])}, "49 tau long where 50 are needed"),
+        ({"earlier": np.array([9.5, 4.0])}, "tau still changes, by 5 %"),
+        ({"earlier": np.array([9.6, 4.0])}, None),
+        ({"rhat": np.array([1.0, 1.011])}, "the ensembles disagree (R-hat 1.011, 1.01 allowed)"),
+        ({"rhat": np.array([1.0, 1.009])}, None),
+        ({"tau": np.full(2, np.nan)}, "1100 steps are too few to say anything"),
+    ],
+)
+def test_a_verdict_is_a_function_of_length_drift_and_agreement(changes: dict[str, Any], fault: str | None) -> None:
+    here = verdict(**changes)
+    assert here.converged == (fault is None)
+    assert all(fault in found for found in here.faults) if fault else here.faults == ()
+    assert (here.needed > here.steps) == (fault is not None and "too few" not in fault)
+
+
+def test_thresholds_of_the_verdict_are_settings() -> None:
+    assert not verdict(settings=SamplingSettings(length=101.0)).converged
+    assert verdict(rhat=np.array([1.0, 1.05]), settings=SamplingSettings(alike=1.1)).converged
+    assert verdict(earlier=np.array([5.0, 4.0]), settings=SamplingSettings(still=1.1)).converged
+    assert verdict(settings=SamplingSettings(length=200.0, margin=2.0)).needed == 200 * 10 * 2 + 100
+
+
+def test_walkers_and_seeds_are_settings() -> None:
+    def begun(**changes: Any) -> Chain:
+        settings = SamplingSettings(**changes)
+        return Chain.begin(LINEAR.log_probability, ("a", "b", "c"), LINEAR.mean, LINEAR.covariance, settings)
+
+    assert [e.points.shape for e in begun(seeds=(1, 2, 3)).ensembles] == [(1, 12, 3)] * 3
+    assert begun(walkers_per_coordinate=6, seeds=(1,)).ensembles[0].points.shape[1] == 18
+    assert begun(least_walkers=30, seeds=(1,)).ensembles[0].points.shape[1] == 30
+    one, other = begun(seeds=(1, 2)).ensembles
+    assert not np.array_equal(one.points, other.points)
+    same(begun(seeds=(1,)), begun(seeds=(1,)))
+
+
+def test_a_walker_drawn_where_there_is_no_density_is_moved_towards_the_mode() -> None:
+    """Uniform within 0.5 of the mode: a standard normal in two dimensions hardly ever falls into it."""
+
+    def boxed(u: np.ndarray) -> np.ndarray:
+        return np.where(np.max(np.abs(u), axis=1) < 0.5, 0.0, -np.inf)
+
+    begun = Ensemble.begin(boxed, 2, seed=1)
+    assert np.isfinite(begun.log_probability).all()
+    left_alone = Ensemble.begin(boxed, 2, seed=1, settings=SamplingSettings(halvings=0))
+    assert not np.isfinite(left_alone.log_probability).all()
+
+
 def test_very_few_steps_say_nothing_at_all(tmp_path: Path) -> None:
     _, here = sampled(tmp_path, 10)
     assert not here.converged
@@ -82,8 +142,6 @@ def test_ensembles_that_disagree_are_no_posterior() -> None:
     chains = [rng.standard_normal((400, 12, 2)), rng.standard_normal((400, 12, 2)) + np.array([0.0, 0.5])]
     alike, apart = split_rhat(chains)
     assert alike < 1.01 < apart
-    chain = Chain.begin(LINEAR.log_probability, ("a", "b"), np.zeros(2), np.eye(2), ()).ensembles
-    assert chain == ()
     ensembles = [Ensemble(points, points[:, :, 0], np.zeros(12), None) for points in chains]
     here = Convergence.of(ensembles)
     assert here.longest < 2.0
@@ -118,7 +176,7 @@ def test_a_chain_of_other_data_or_a_broken_file_is_not_taken_up(tmp_path: Path) 
     same(again, reprepared)
 
 
-def test_an_interruption_between_blocks_loses_only_the_block(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_an_interruption_between_blocks_loses_only_the_block(tmp_path: Path) -> None:
     def interrupt(text: str, share: float) -> None:
         if f"step {2 * BLOCK}" in text:
             raise KeyboardInterrupt

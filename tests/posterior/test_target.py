@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 from numpy.testing import assert_allclose
 
@@ -79,4 +77,4 @@ def test_the_chunks_of_a_large_ensemble_are_put_together_again(held: tuple[Estim
     points = np.array([0.03, 0.2]) + 0.01 * np.random.default_rng(0).standard_normal((300, 2))
     alone = np.concatenate([whole.log_probability(points[k : k + 1]) for k in (0, 150, 299)])
     assert_allclose(whole.log_probability(points)[[0, 150, 299]], alone, rtol=1e-12)
-    assert replace(whole, factors={}).symbols == ("R_a", "T_f")
+    assert len(set(alone)) == 3

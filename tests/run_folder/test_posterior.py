@@ -26,6 +26,7 @@ from etcfit.reporting.posterior import pictures
 from etcfit.reporting.posterior.table import posterior_table
 from etcfit.reporting.tables import render
 from etcfit.run_folder.posterior import disagree, posterior_json, write_netcdf
+from gaussian import SEEDS
 
 STEPS = 150
 
@@ -42,7 +43,7 @@ def posterior(tmp_path_factory: pytest.TempPathFactory) -> Posterior:
     def target(x: np.ndarray) -> np.ndarray:
         return -0.5 * np.einsum("kp,pq,kq->k", x - fit.x, precision, x - fit.x)
 
-    chain = Chain.begin(target, fit.free_parameters.layout.free, fit.x, fit.covariance, (1, 2)).advanced(target, STEPS)
+    chain = Chain.begin(target, fit.free_parameters.layout.free, fit.x, fit.covariance, SEEDS).advanced(target, STEPS)
     factors = {("response/1.csv", "current"): 3.0, ("response/1.csv", "position"): 1.0}
     told: Any = SimpleNamespace(mode=fit.x, covariance=fit.covariance, factors=factors, problem=problem)
     return Posterior(fit, told, chain, Convergence.of(chain.ensembles))

@@ -286,7 +286,7 @@ _NAMES = {1: "first", 2: "second", 3: "third", 4: "fourth"}
 
 
 def _says(best: Lag, weights: dict[int, float], problem: _Problem) -> str:
-    """The answer, and what stands against it."""
+    """The answer in a sentence, with the weights of the other orders."""
     bottom, top = (float(np.abs(edge)) * problem.w0 / (2.0 * np.pi) for edge in (problem.s[0], problem.s[-1]))
     name = f"a lag of {_NAMES[best.order]} order{' with a delay' if best.delayed else ''}"
     if best.tau >= POOR:

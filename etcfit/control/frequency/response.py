@@ -79,7 +79,7 @@ class FrequencyResponse:
 
 
 def frequency_response(fitted: Fitted, traces: Sequence[Measurement]) -> FrequencyResponse:
-    """Fit every sine trace, and the same sine to the model's free run on it.
+    """Fit a sine to every trace, and one of its frequency to the model's free run on that trace's drive.
 
     Args:
         fitted: the model.

@@ -14,7 +14,7 @@ _PADDED = 8  # times its length that a setpoint is transformed in, to see its fr
 _NEARLY = 0.05  # of a cycle that may be missing from a whole one
 _STRAYS = 4.0  # times the settled cycles' own scatter at which an earlier one has not settled
 _FEWEST = 4  # samples that a cycle is fitted to
-_SAME = 1e-3  # of the swing: what differs by less is the same in any case
+_SAME = 1e-3  # of the swing: cycles that differ by less never count as different
 
 
 class Window(NamedTuple):

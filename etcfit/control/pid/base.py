@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 from ...model.ecu import Ecu
 from ...model.linear import TransferFunction
+from ..settings import DesignSettings
 from .gains import Gains
 from .loop import Loop
 from .requirements import Requirements
@@ -29,6 +30,7 @@ class Task:
         requirements: what is asked for.
         loop: the fitted nonlinear plant under its ECU, nominal model first, then draws.
         as_found: gains of the ECU that drove the logs, or why nobody knows them.
+        settings: budgets of the rules that experiment.
     """
 
     plant: TransferFunction
@@ -36,6 +38,7 @@ class Task:
     requirements: Requirements
     loop: Loop
     as_found: Gains | Refusal = Refusal("no ECU is described")
+    settings: DesignSettings = DesignSettings()
 
 
 Rule = Callable[[Task], Gains | Refusal]

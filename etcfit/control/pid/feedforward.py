@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -44,13 +45,27 @@ def _holds(throttle: Throttle, angles: np.ndarray, share: float, gear_ratio: flo
     return jax.vmap(lambda theta: holding_against(throttle, theta, share, gear_ratio, lower, upper)[1])(angles)
 
 
+class HoldingVoltages(NamedTuple):
+    """Voltages that hold a plate at some angles, V, shape (K,) each.
+
+    Args:
+        down: at which it is about to close.
+        middle: in the middle of its dry friction.
+        up: at which it is about to open.
+    """
+
+    down: np.ndarray
+    middle: np.ndarray
+    up: np.ndarray
+
+
 def hold_curve(
     throttle: Throttle, angles: np.ndarray, gear_ratio: float, lower: float, upper: float
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Voltage at which the plate is about to close, rests in the middle of its friction, and is about to open, V."""
+) -> HoldingVoltages:
+    """Voltages that hold a plate at these angles (rad), shape (K,), between stops (rad)."""
     down, middle, up = (np.asarray(_holds(throttle, jnp.asarray(angles), share, gear_ratio, lower, upper))
                         for share in (-1.0, 0.0, 1.0))  # fmt: skip
-    return down, middle, up
+    return HoldingVoltages(down, middle, up)
 
 
 def bias_of(throttle: Throttle, gear_ratio: float, lower: float, upper: float, points: int = POINTS) -> Bias:

@@ -18,14 +18,12 @@ from ...model.linear import MIDDLE, TransferFunction, coefficients, sensor_lag
 from ...model.parameters import Scalar
 from ...model.stepper import Step, step
 from ...model.throttle import Throttle
+from ..settings import LoopSettings
 from .ecu import Memory, tick
-from .feedforward import Bias, hold_curve
+from .feedforward import Bias, HoldingVoltages, hold_curve
 from .gains import Gains
 from .response import Judged, judge
 from .setpoint import Setpoint
-
-_LONGEST = 5e-4  # s, integration step
-_LATEST = 64  # ticks of delay that are remembered at most
 
 
 class Body(NamedTuple):
@@ -37,7 +35,7 @@ class Body(NamedTuple):
 
 
 class Path(NamedTuple):
-    """A response at each tick, shape (..., K): position (rad), voltage (V), current (A)."""
+    """A response at each tick of the ECU, shape (..., K): position (rad), voltage (V), current (A)."""
 
     position: Any
     voltage: Any
@@ -45,6 +43,8 @@ class Path(NamedTuple):
 
 
 class _Carry(NamedTuple):
+    """What the simulation hands from tick to tick: the plant, memories of its effects and of the controller."""
+
     x: State
     z: tuple[Scalar, ...]
     memory: Any
@@ -55,6 +55,7 @@ Controller = Callable[[Any, Ecu, Any, Scalar, Scalar, Scalar], Any]
 
 
 def _step(ecu: Ecu, body: Body, dt: Scalar, volts: Scalar, time: Scalar) -> Step:
+    """One integration step of dt (s) under a constant voltage (V), the plate free between its stops."""
     return Step(dt=dt, voltage0=volts, voltage1=volts, torque0=0.0, torque1=0.0, time=time, mobile=1.0, circuit=1.0,
                 plate=1.0, series=0.0, gear_ratio=body.gear_ratio, lower=body.lower, upper=body.upper,
                 guide_stiffness=0.0, target0=0.0, target1=0.0, lever=0.0)  # fmt: skip
@@ -71,11 +72,39 @@ def _acting(sent: Any, begin: Scalar, end: Scalar) -> Scalar:
     )
 
 
-def _one(
-    control: Controller, throttle: Throttle, settings: Any, first: Any, ecu: Ecu, body: Body, setpoint: Any,
-    bias: Any, start: State, parts: int, room: int,
-) -> Path:  # fmt: skip
-    """One plant under one controller."""
+class _Run(NamedTuple):
+    """What every plant is simulated with.
+
+    Args:
+        settings: of the controller.
+        first: memory with which it begins.
+        ecu: limits and clock.
+        body: gear ratio and stops.
+        setpoint: rad at each tick, shape (K,).
+        bias: feed-forward at each tick, V, shape (K,).
+        start: state at the begin.
+    """
+
+    settings: Any
+    first: Any
+    ecu: Ecu
+    body: Body
+    setpoint: Any
+    bias: Any
+    start: State
+
+
+def _one(control: Controller, throttle: Throttle, run: _Run, parts: int, room: int) -> Path:
+    """One plant under one controller.
+
+    Args:
+        control: see `Loop.run`.
+        throttle: the plant.
+        run: all else that is data.
+        parts: integration steps in a tick.
+        room: ticks of delay that are remembered.
+    """
+    settings, first, ecu, body, setpoint, bias, start = run
     late = (ecu.delay + throttle.delays().input) / ecu.period
     seen_with = Inputs(0.0, 0.0, 0.0, 1.0, 0.0, body.gear_ratio, body.lower, body.upper)
 
@@ -101,17 +130,14 @@ def _one(
     return path
 
 
-@partial(jax.jit, static_argnums=(0, 9, 10))
-def _many(
-    control: Controller, throttles: Throttle, settings: Any, first: Any, ecu: Ecu, body: Body, setpoint: Any,
-    bias: Any, start: State, parts: int, room: int,
-) -> Path:  # fmt: skip
-    """Every plant (D) under every controller (G): shape (D, G, K)."""
+@partial(jax.jit, static_argnums=(0, 3, 4))
+def _many(control: Controller, throttles: Throttle, run: _Run, parts: int, room: int) -> Path:
+    """Every plant (D) under every controller (G), whose settings have shape (G,): shape (D, G, K)."""
 
     def each(throttle: Throttle, settings: Any) -> Path:
-        return _one(control, throttle, settings, first, ecu, body, setpoint, bias, start, parts, room)
+        return _one(control, throttle, run._replace(settings=settings), parts, room)
 
-    return jax.vmap(jax.vmap(each, in_axes=(None, 0)), in_axes=(0, None))(throttles, settings)
+    return jax.vmap(jax.vmap(each, in_axes=(None, 0)), in_axes=(0, None))(throttles, run.settings)
 
 
 @jax.jit
@@ -143,12 +169,14 @@ class Loop:
         body: of the rig.
         ecu: the controller.
         bias: feed-forward; None for none.
+        settings: of the simulation.
     """
 
     throttles: Throttle
     body: Body
     ecu: Ecu
     bias: Bias | None = None
+    settings: LoopSettings = LoopSettings()
 
     @property
     def draws(self) -> int:
@@ -156,11 +184,11 @@ class Loop:
         return int(np.shape(jax.tree.leaves(self.throttles)[0])[0])
 
     def first(self, count: int) -> Loop:
-        """The nominal model and the draws after it, so many in all."""
+        """The loop around the first `count` models only, the nominal one first."""
         return replace(self, throttles=jax.tree.map(lambda leaf: leaf[:count], self.throttles))
 
     def under(self, ecu: Ecu) -> Loop:
-        """The same plants with another ECU."""
+        """The loop with another ECU around its plants."""
         return replace(self, ecu=ecu)
 
     def angle(self, share: Any) -> Any:
@@ -171,8 +199,8 @@ class Loop:
         """Of the travel, of an angle in rad."""
         return (angle - self.body.lower) / (self.body.upper - self.body.lower)
 
-    def holds(self, angles: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Voltages that hold the nominal plate at these angles (rad); see `feedforward.hold_curve`."""
+    def holds(self, angles: np.ndarray) -> HoldingVoltages:
+        """Voltages that hold the nominal plate at these angles (rad), shape (K,)."""
         return hold_curve(self.nominal, angles, *self.body)
 
     @property
@@ -193,7 +221,7 @@ class Loop:
     def run(
         self, control: Controller, settings: Any, first: Any, setpoint: Setpoint, start: State | None = None
     ) -> Path:
-        """The same with any controller.
+        """Responses to a setpoint, shape (D, G, K), of any controller.
 
         Args:
             control: as `ecu.tick`: settings, ECU, memory, setpoint, position, bias -> voltage, memory.
@@ -205,9 +233,9 @@ class Loop:
         wanted = self.angle(setpoint.at(setpoint.instants(self.ecu.period)))
         ahead = self.bias.volts(wanted, self.ecu.period) if self.bias is not None else np.zeros_like(wanted)
         start = State(0.0, self.angle(setpoint.shares[0]), 0.0) if start is None else start
-        parts = max(1, math.ceil(self.ecu.period / _LONGEST - 1e-9))
-        return _many(control, self.throttles, settings, first, self.ecu, self.body, wanted, ahead,
-                     start, parts, self._room())  # fmt: skip
+        parts = max(1, math.ceil(self.ecu.period / self.settings.longest_step - 1e-9))
+        run = _Run(settings, first, self.ecu, self.body, wanted, ahead, start)
+        return _many(control, self.throttles, run, parts, self._room())
 
     def judged(self, gains: Gains, setpoint: Setpoint) -> Judged:
         """Figures of the responses, shape (D, G) each."""
@@ -215,6 +243,6 @@ class Loop:
         return judge(setpoint, setpoint.instants(self.ecu.period), self.share(np.asarray(path.position)))
 
     def _room(self) -> int:
-        """Ticks of delay to remember, in powers of two so that draws that differ little compile once."""
+        """Ticks of delay to remember: a power of two, so that loops of slightly different delays compile once."""
         ticks = (float(np.max(np.asarray(_late(self.throttles)))) + self.ecu.delay) / self.ecu.period
-        return min(_LATEST, 1 << math.ceil(math.log2(ticks + 2.0))) if ticks > 0.0 else 1
+        return min(self.settings.latest, 1 << math.ceil(math.log2(ticks + 2.0))) if ticks > 0.0 else 1

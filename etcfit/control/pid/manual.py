@@ -4,15 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 
+from ..settings import ManualSettings
 from .base import Refusal, Task
 from .gains import Gains
 from .response import Judged
 from .setpoint import trapezoid
-
-_P = np.geomspace(0.2, 120.0, 48)  # V/rad
-_D = np.concatenate(([0.0], np.geomspace(1e-3, 3.0, 47)))  # V s/rad
-_I = np.concatenate(([0.0], np.geomspace(0.1, 5000.0, 47)))  # V/(rad s)
-_QUICK = 1.05  # RMSE over the least that proportional gain alone reaches
 
 
 def manual(task: Task) -> Gains | Refusal:
@@ -26,20 +22,32 @@ def manual(task: Task) -> Gains | Refusal:
     Source: the paper, section 4.2. Differs from source: "quick" and "calm" are given numbers; the paper judged by eye.
     """
     loop, asked, setpoint = task.loop.first(1), task.requirements, trapezoid()
+    settings = task.settings.manual
+    proportional, integral, derivative = grids(settings)
 
     def tried(p: np.ndarray, i: np.ndarray, d: np.ndarray) -> Judged:
         p, i, d = np.broadcast_arrays(p, i, d)
         return Judged(*(np.asarray(each)[0] for each in loop.judged(Gains(p, i, d), setpoint)))
 
-    quick = tried(_P, np.zeros(1), np.zeros(1)).rmse_pct
-    kp = _P[np.argmax(quick <= _QUICK * quick.min())]
-    calm = tried(kp, np.zeros(1), _D).overshoot_pct
-    below = calm < 0.25 * asked.overshoot_pct
-    kd = _D[np.argmax(below)] if below.any() else _D[np.argmin(calm)]
-    end = tried(kp, _I, kd)
+    quick = tried(proportional, np.zeros(1), np.zeros(1)).rmse_pct
+    kp = proportional[np.argmax(quick <= settings.quick * quick.min())]
+    calm = tried(kp, np.zeros(1), derivative).overshoot_pct
+    below = calm < settings.calm * asked.overshoot_pct
+    kd = derivative[np.argmax(below)] if below.any() else derivative[np.argmin(calm)]
+    end = tried(kp, integral, kd)
     keeps = end.overshoot_pct < asked.overshoot_pct
     exact = keeps & (end.steady_state_error_pct < asked.steady_state_error_pct)
     if exact.any():
-        return Gains(float(kp), float(_I[np.argmax(exact)]), float(kd))
+        return Gains(float(kp), float(integral[np.argmax(exact)]), float(kd))
     error = np.where(keeps, end.steady_state_error_pct, np.inf)
-    return Gains(float(kp), float(_I[np.argmin(error)]) if keeps.any() else 0.0, float(kd))
+    return Gains(float(kp), float(integral[np.argmin(error)]) if keeps.any() else 0.0, float(kd))
+
+
+def grids(settings: ManualSettings) -> Gains:
+    """Values of each gain that are tried, rising, shape (count,) each: V/rad, V/(rad s) and V s/rad."""
+    (p, i, d), (p_end, i_end, d_end), n = settings.lowest, settings.highest, settings.count
+    return Gains(
+        np.geomspace(p, p_end, n),
+        np.concatenate(([0.0], np.geomspace(i, i_end, n - 1))),
+        np.concatenate(([0.0], np.geomspace(d, d_end, n - 1))),
+    )

@@ -16,7 +16,7 @@ from ...model.linear import TransferFunction
 from .gains import Gains
 
 FINE = np.geomspace(0.05, 2e4, 4000)  # rad/s
-COARSE = np.geomspace(2.0, 6e3, 120)  # the same within some tenths of a dB and of a degree
+COARSE = np.geomspace(2.0, 6e3, 120)  # rad/s; margins differ from those of FINE by some tenths of a dB and degree
 
 
 def margins(gains: Gains, plants: Any, ecu: Ecu, grid: np.ndarray = FINE) -> tuple[np.ndarray, np.ndarray]:

@@ -17,11 +17,6 @@ from .setpoint import step
 from .ultimate import Ultimate
 from .ziegler_nichols import from_ultimate
 
-HYSTERESIS = 0.005  # of the travel
-_SWINGS = np.geomspace(0.06, 0.9, 12)  # of the supply; the smallest at which the plate swings is taken
-_HOLD = 2.0  # s; the first half lets the swing settle
-_FEWEST = 4  # turns of the swing
-
 
 class Relay(NamedTuple):
     """v = bias + d or bias - d.
@@ -57,25 +52,31 @@ def relay(task: Task) -> Gains | Refusal:
 
 def experiment(task: Task) -> Ultimate | Refusal:
     """The relay's swing on the nominal plant."""
-    nominal = task.loop.first(1)
+    nominal, settings = task.loop.first(1), task.settings.relay
     ecu, body = nominal.ecu, nominal.body
-    span = HYSTERESIS * (body.upper - body.lower)
+    span = settings.hysteresis * (body.upper - body.lower)
     _, hold, _ = nominal.holds(np.array([nominal.angle(MIDDLE)]))
-    swings = _SWINGS * ecu.supply
+    swings = np.geomspace(settings.smallest, settings.largest, settings.count) * ecu.supply
     relays = Relay(jnp.asarray(swings), jnp.full(swings.shape, float(hold[0])), jnp.full(swings.shape, span))
-    path = nominal.run(switch, relays, jnp.ones(()), step(MIDDLE, MIDDLE, _HOLD, lead=0.0))
+    path = nominal.run(switch, relays, jnp.ones(()), step(MIDDLE, MIDDLE, settings.hold, lead=0.0))
     for swing, angle in zip(swings, np.asarray(path.position)[0], strict=True):
-        swung = _swing(angle[angle.size // 2 :], ecu.period)
-        if swung is not None and swung[0] > 1.2 * span:
+        swung = swing_of(angle[angle.size // 2 :], ecu.period, settings.turns)
+        if swung is not None and swung[0] > settings.clear * span:
             amplitude, period = swung
             return Ultimate(4.0 * swing / (math.pi * math.sqrt(amplitude**2 - span**2)), period)
     return Refusal("no relay within the supply keeps the plate swinging")
 
 
-def _swing(angle: np.ndarray, period: float) -> tuple[float, float] | None:
-    """Amplitude (rad) and period (s) of an oscillation, None where there is none."""
+def swing_of(angle: np.ndarray, period: float, turns: int) -> tuple[float, float] | None:
+    """Amplitude (rad) and period (s) of an oscillation, None where it turns less often.
+
+    Args:
+        angle: rad, at even instants, shape (K,).
+        period: between them, s.
+        turns: rises through the middle at least.
+    """
     middle = angle - 0.5 * (angle.max() + angle.min())
     rises = np.flatnonzero((middle[:-1] < 0.0) & (middle[1:] >= 0.0))
-    if rises.size < _FEWEST:
+    if rises.size < turns:
         return None
     return 0.5 * float(np.ptp(angle)), float(np.mean(np.diff(rises))) * period

@@ -42,8 +42,15 @@ def _index(time: np.ndarray, instant: float) -> int:
     return int(np.searchsorted(time, instant - 0.5 * (time[1] - time[0])))
 
 
-def _level(level: Level, time: np.ndarray, share: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Overshoot %, settling time s, steady-state error %."""
+class _LevelFigures(NamedTuple):
+    """Of one level, shape (...,) each."""
+
+    overshoot_pct: np.ndarray
+    settling_s: np.ndarray
+    steady_state_error_pct: np.ndarray
+
+
+def _level(level: Level, time: np.ndarray, share: np.ndarray) -> _LevelFigures:
     begin, end = _index(time, level.begins), _index(time, level.ends)
     beyond = (share[..., begin:end] - level.after) / (level.after - level.before)
     overshoot = 100.0 * np.maximum(np.max(beyond, axis=-1), 0.0)
@@ -54,4 +61,4 @@ def _level(level: Level, time: np.ndarray, share: np.ndarray) -> tuple[np.ndarra
     last = outside.shape[-1] - np.argmax(outside[..., ::-1], axis=-1)
     settling = np.where(outside.any(axis=-1), since[last], 0.0)
     tail = round((1.0 - TAIL) * (end - begin))
-    return overshoot, settling, 100.0 * np.max(far[..., tail:], axis=-1)
+    return _LevelFigures(overshoot, settling, 100.0 * np.max(far[..., tail:], axis=-1))

@@ -14,6 +14,7 @@ from etcfit.control.pid.ecu import Memory, tick
 from etcfit.control.pid.feedforward import bias_of, hold_curve
 from etcfit.control.pid.linear_loop import respond
 from etcfit.control.pid.setpoint import step, trapezoid
+from etcfit.control.settings import LoopSettings
 from etcfit.model.ecu import Ecu
 from etcfit.model.effects import State
 from etcfit.model.effects.actuation_delay import ActuationDelay
@@ -64,11 +65,11 @@ def test_delay_and_lag_of_the_model_are_those_of_the_linear_loop() -> None:
 
 
 @pytest.mark.slow
-def test_half_the_integration_step_changes_next_to_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_quarter_of_the_integration_step_changes_next_to_nothing() -> None:
     loop = rigs.loop(ecu=Ecu())
     coarse = angle(loop, (120.0, 3000.0, 1.0))
-    monkeypatch.setattr("etcfit.control.pid.loop._LONGEST", 1.25e-4)
-    fine = angle(loop, (120.0, 3000.0, 1.0))
+    fine = angle(replace(loop, settings=LoopSettings(longest_step=1.25e-4)), (120.0, 3000.0, 1.0))
+    assert np.max(np.abs(coarse - fine)) > 0.0
     assert np.max(np.abs(coarse - fine)) < 2e-3
     assert np.sqrt(np.mean((coarse - fine) ** 2)) < 3e-4
 

@@ -1,0 +1,160 @@
+"""What a design decides by: draws of the model, the simulated loop, and the budgets of the rules that experiment."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from ..estimation.bounded import check_ranges, real, reals, whole
+
+
+def _rising(settings: object, low: str, high: str) -> None:
+    """Refuse bounds that do not rise, entry by entry."""
+    begin, end = getattr(settings, low), getattr(settings, high)
+    if len(begin) != len(end) or not all(a < b for a, b in zip(begin, end, strict=True)):
+        raise ValueError(f"{type(settings).__name__}.{high} = {end!r}: it must have an entry above each of {low}, "
+                         f"{begin!r}.")  # fmt: skip
+
+
+@dataclass(frozen=True)
+class OptimumSettings:
+    """The search of the rule `optimal`: scattered gains, then the cross-entropy method.
+
+    Args:
+        certain: share of the draws that must meet every requirement.
+        few: draws during the second part of the search, the nominal model among them; all of them judge its end.
+        searches: searches of which the best end counts, each with its own scatter: dry friction makes valleys whose
+            floors differ by a few per cent.
+        sweeps: populations that are scattered over all gains first.
+        population: gains tried at once.
+        elite: of them, those that the next population is drawn about.
+        rounds: populations on the nominal model.
+        last_rounds: populations on the few draws, from where the former ended.
+        about: standard deviation of the gains with which the latter begin, in their logarithm.
+        spare: share of each requirement kept in hand during the search, for draws that it did not see.
+        lowest: least gains, Kp (V/rad), Ki (V/(rad s)) and Kd (V s/rad).
+        highest: largest gains, likewise.
+        narrowest: least standard deviation of a population in the logarithm of a gain.
+        wider: factor on the covariance of the elite, lest the search narrows before it has arrived.
+        weight: cost of missing a requirement by its own size, in units of the tracking error.
+        seed: of the random numbers.
+    """
+
+    certain: float = real(0.95, 0.0, 1.0)
+    few: int = whole(12, 1, 100_000)
+    searches: int = whole(3, 1, 1000)
+    sweeps: int = whole(6, 1, 1000)
+    population: int = whole(48, 4, 100_000)
+    elite: int = whole(10, 2, 100_000)
+    rounds: int = whole(36, 0, 100_000)
+    last_rounds: int = whole(12, 0, 100_000)
+    about: float = real(0.15, 0.0, 10.0)
+    spare: float = real(0.03, 0.0, 1.0)
+    lowest: tuple[float, ...] = reals((0.3, 0.3, 3e-3), 1e-12, 1e12)
+    highest: tuple[float, ...] = reals((1e3, 3e5, 40.0), 1e-12, 1e12)
+    narrowest: float = real(0.01, 1e-9, 10.0)
+    wider: float = real(1.5, 0.1, 100.0)
+    weight: float = real(50.0, 0.0, 1e9)
+    seed: int = whole(20230701, 0, 2**32 - 1)
+
+    def __post_init__(self) -> None:
+        check_ranges(self)
+        if len(self.lowest) != 3:
+            raise ValueError(f"OptimumSettings.lowest = {self.lowest!r}: it must have three gains, Kp, Ki and Kd.")
+        _rising(self, "lowest", "highest")
+        if self.elite > self.population:
+            raise ValueError(f"OptimumSettings.elite = {self.elite}: it must be at most the population, "
+                             f"{self.population}.")  # fmt: skip
+
+
+@dataclass(frozen=True)
+class ManualSettings:
+    """The gains that the paper's manual procedure tries, and what it calls quick and calm.
+
+    Args:
+        lowest: least gains tried besides 0, Kp (V/rad), Ki (V/(rad s)) and Kd (V s/rad).
+        highest: largest ones, likewise.
+        count: of each gain, evenly spaced in the logarithm; Ki and Kd have 0 among them.
+        quick: tracking error over the least that proportional gain alone reaches, up to which a gain is quick.
+        calm: overshoot over the one allowed, below which a response is calm.
+    """
+
+    lowest: tuple[float, ...] = reals((0.2, 0.1, 1e-3), 1e-12, 1e12)
+    highest: tuple[float, ...] = reals((120.0, 5000.0, 3.0), 1e-12, 1e12)
+    count: int = whole(48, 2, 10_000)
+    quick: float = real(1.05, 1.0, 100.0)
+    calm: float = real(0.25, 0.0, 1.0)
+
+    def __post_init__(self) -> None:
+        check_ranges(self)
+        if len(self.lowest) != 3:
+            raise ValueError(f"ManualSettings.lowest = {self.lowest!r}: it must have three gains, Kp, Ki and Kd.")
+        _rising(self, "lowest", "highest")
+
+
+@dataclass(frozen=True)
+class RelaySettings:
+    """The relay experiment.
+
+    Args:
+        hysteresis: error at which the relay turns over, share of the travel.
+        smallest: smallest amplitude tried, share of the supply voltage.
+        largest: largest one, likewise; the smallest of all that keeps the plate swinging is taken.
+        count: amplitudes tried, evenly spaced in the logarithm.
+        hold: duration of each experiment, s; the first half lets the swing settle.
+        turns: of the swing in the second half at least.
+        clear: swing over the hysteresis above which it counts.
+    """
+
+    hysteresis: float = real(0.005, 0.0, 0.5)
+    smallest: float = real(0.06, 1e-6, 1.0)
+    largest: float = real(0.9, 1e-6, 1.0)
+    count: int = whole(12, 1, 10_000)
+    hold: float = real(2.0, 1e-3, 1e3)
+    turns: int = whole(4, 2, 1000)
+    clear: float = real(1.2, 1.0, 100.0)
+
+    __post_init__ = check_ranges
+
+
+@dataclass(frozen=True)
+class LoopSettings:
+    """The simulation of the nonlinear loop.
+
+    Args:
+        longest_step: of the integration, s; a tick of the ECU is divided into equal steps no longer than this.
+        latest: ticks of delay that are remembered at most.
+    """
+
+    longest_step: float = real(5e-4, 1e-7, 1.0)
+    latest: int = whole(64, 1, 2**20)
+
+    __post_init__ = check_ranges
+
+
+@dataclass(frozen=True)
+class DesignSettings:
+    """The plan of a design.
+
+    Args:
+        draws: models that judge every rule, the nominal one among them; further ones are drawn from posterior or fit.
+        seed: of the random numbers that draw them.
+        eased_supply: factor on the supply voltage when it is asked whether the supply is what binds.
+        eased_period: period of the ECU when it is asked whether its clock is, s.
+        eased_margin: gain margin (dB) and phase margin (degrees) asked for when it is asked whether they are.
+        loop: the simulation.
+        optimum: the search of the rule `optimal`.
+        manual: the rule `manual`.
+        relay: the rule `relay`.
+    """
+
+    draws: int = whole(200, 1, 10**6)
+    seed: int = whole(20230701, 0, 2**32 - 1)
+    eased_supply: float = real(4.0, 1.0, 1000.0)
+    eased_period: float = real(5e-4, 1e-6, 1.0)
+    eased_margin: float = real(1e-3, 1e-9, 100.0)
+    loop: LoopSettings = LoopSettings()
+    optimum: OptimumSettings = OptimumSettings()
+    manual: ManualSettings = ManualSettings()
+    relay: RelaySettings = RelaySettings()
+
+    __post_init__ = check_ranges

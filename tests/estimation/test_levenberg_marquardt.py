@@ -1,0 +1,130 @@
+"""One descent: known answers, points that cannot be computed, ends that are not believed."""
+
+from __future__ import annotations
+
+from functools import partial
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose, assert_array_equal
+
+from etcfit.estimation.levenberg_marquardt import descend, least_squares, local, minimise
+from etcfit.problem.problem import EstimationProblem
+from etcfit.problem.residual import WeightedData
+from held_plate import OHM, SIGMA, VOLTS, current, held_plate, problem_of
+
+Held = tuple[EstimationProblem, WeightedData]
+
+
+# ---- the solver by itself
+
+
+@partial(jax.jit, static_argnums=(0, 3))
+def solved(function: Any, y0: Any, tolerance: Any, steps: int = 40) -> Any:
+    return least_squares(function, y0, jnp.ones(y0.size, dtype=bool), tolerance, steps)
+
+
+def rosenbrock(y: Any) -> Any:
+    """(1 - a)^2 + 100 (b - a^2)^2 is 0 at (1, 1) only."""
+    return jnp.stack((1.0 - y[0], 10.0 * (y[1] - y[0] ** 2)))
+
+
+def test_a_linear_problem_is_solved_in_a_few_steps() -> None:
+    """argmin |A y - b|^2 = (A^T A)^-1 A^T b; columns of size 30 make the first damping 1e-3 of the curvature."""
+    rng = np.random.default_rng(0)
+    A, b = 30.0 * np.linalg.qr(rng.standard_normal((20, 3)))[0], rng.standard_normal(20)
+    y, steps = solved(lambda y: jnp.asarray(A) @ y - jnp.asarray(b), jnp.zeros(3), 1e-6)
+    assert_allclose(np.asarray(y), np.linalg.lstsq(A, b, rcond=None)[0], atol=1e-8)
+    assert int(steps) <= 4
+
+
+def test_a_curved_valley_is_followed_to_its_end_unless_the_steps_run_out() -> None:
+    begin = jnp.array([-1.2, 1.0])
+    y, steps = solved(rosenbrock, begin, 1e-12)
+    assert_allclose(np.asarray(y), 1.0, atol=1e-6)
+    assert int(steps) > 4
+    short, taken = solved(rosenbrock, begin, 1e-12, 3)
+    assert int(taken) == 3
+    assert np.sum(np.square(rosenbrock(short))) < np.sum(np.square(rosenbrock(begin)))
+    assert np.max(np.abs(np.asarray(short) - 1.0)) > 0.1
+
+
+# ---- on a rig whose optimum is known
+
+
+@pytest.fixture(scope="module")
+def held(tmp_path_factory: pytest.TempPathFactory) -> Held:
+    """Nothing is believed of R_a beforehand."""
+    problem = problem_of(held_plate(tmp_path_factory.mktemp("rig"), "1.6"))
+    return problem, problem.weighted(problem.free_running())
+
+
+@pytest.fixture(scope="module")
+def believed(tmp_path_factory: pytest.TempPathFactory) -> Held:
+    """R_a is believed to be 1.6 +- 0.2 ohm."""
+    problem = problem_of(held_plate(tmp_path_factory.mktemp("rig")))
+    return problem, problem.weighted(problem.free_running())
+
+
+def least_squares_ohm() -> float:
+    """V over the mean current but for the first sample, at which the simulation begins at what was measured."""
+    return VOLTS / float(np.mean(current()[1:]))
+
+
+def test_the_optimum_is_the_closed_form_from_a_start_at_twice_the_value(held: Held) -> None:
+    problem, weighted = held
+    start = problem.layout.coordinates({"R_a": 2.0 * OHM, "T_f": 0.2})
+    end, steps = minimise(problem, start, weighted, 1e-8)
+    assert problem.chi2(start, weighted) > 1e3 * problem.chi2(end, weighted)
+    assert problem.layout.numbers(end)[0][0] == pytest.approx(least_squares_ohm(), rel=1e-6)
+    assert 2 <= steps <= 15
+    # what the data do not see stays where it was
+    assert problem.layout.numbers(end)[0][1] == pytest.approx(0.2, rel=1e-6)
+
+
+def test_a_point_where_the_model_has_no_value_stays_where_it_is(held: Held) -> None:
+    problem, weighted = held
+    nowhere = np.array([np.nan, 0.1])
+    end, steps = minimise(problem, nowhere, weighted, 1e-6)
+    assert_array_equal(end, nowhere)
+    assert steps == 0
+
+
+def test_an_end_that_is_not_lower_is_not_believed(believed: Held) -> None:
+    """At the least squares of the data alone every end is higher in chi2, since the prior draws R_a away.
+
+    T_f lies on its bound and is moved off it first; that descent is thrown away, and T_f with it.
+    """
+    problem, weighted = believed
+    x = problem.layout.coordinates({"R_a": least_squares_ohm(), "T_f": 0.0})
+    off = problem.layout.off_bounds(x)
+    assert off[1] != x[1]
+    astray, _ = minimise(problem, off, weighted, 1e-8)
+    assert problem.chi2(astray, weighted) > problem.chi2(x, weighted)
+    assert astray[1] == pytest.approx(off[1], abs=1e-6)
+    end, _ = descend(problem, x, weighted, 1e-8)
+    assert end[1] == pytest.approx(x[1], abs=1e-6)
+
+
+def test_a_lower_end_off_a_bound_is_believed(held: Held) -> None:
+    problem, weighted = held
+    x = problem.layout.coordinates({"R_a": 2.0 * OHM, "T_f": 0.0})
+    end, _ = descend(problem, x, weighted, 1e-8)
+    assert problem.layout.numbers(end)[0][0] == pytest.approx(least_squares_ohm(), rel=1e-6)
+    assert end[1] == pytest.approx(problem.layout.off_bounds(x)[1], abs=1e-6)
+
+
+def test_the_covariance_is_that_of_a_mean_of_currents(held: Held) -> None:
+    """sd(R) / R = sd(i) / i = sigma / (i sqrt(n)); no gain is left at the optimum."""
+    problem, weighted = held
+    x = problem.layout.coordinates({"R_a": least_squares_ohm(), "T_f": 0.2})
+    here = local(problem, x, weighted)
+    relative = SIGMA / (VOLTS / OHM) / np.sqrt(39.0)
+    slope = problem.layout.numbers(x)[1][0] / least_squares_ohm()
+    assert slope * np.sqrt(here.covariance[0, 0] / here.unit) == pytest.approx(relative, rel=1e-3)
+    assert here.gain < 1e-9
+    off = local(problem, x + np.array([3.0 * np.sqrt(here.covariance[0, 0]), 0.0]), weighted)
+    assert off.gain == pytest.approx(9.0 * here.unit / off.unit, rel=0.05)
