@@ -1,11 +1,17 @@
-"""A small rig whose traces nobody simulated: what stands before the first compiled program needs no more."""
+"""A small rig whose traces nobody simulated: what comes before the first compiled program needs no more."""
 
 from __future__ import annotations
 
+import numpy as np
 import pytest
 
 import results
+from etcfit.diagnosis.candidate_model import CandidateModel
+from etcfit.diagnosis.composition import Composition, compose
+from etcfit.diagnosis.settings import DiagnosisSettings
 from etcfit.estimation.joint_fit import ready
+from etcfit.estimation.result import Termination
+from etcfit.problem.problem import EstimationProblem
 from etcfit.problem.trace import Trace
 from etcfit.rig.base import Rig
 
@@ -20,3 +26,21 @@ def rig(tmp_path_factory: pytest.TempPathFactory) -> Rig:
 def traces(rig: Rig) -> tuple[Trace, ...]:
     """Those that are fitted."""
     return ready(rig)[0]
+
+
+@pytest.fixture(scope="session")
+def composition(rig: Rig, traces: tuple[Trace, ...]) -> Composition:
+    """The model of all effects."""
+    return compose(rig, traces)
+
+
+@pytest.fixture(scope="session")
+def model(rig: Rig, traces: tuple[Trace, ...], composition: Composition) -> CandidateModel:
+    """Eqs. 1-2 in the composed model at random coordinates, a held-out trace beside them; nothing is simulated."""
+    known = composition.free_parameters(())
+    x = np.random.default_rng(0).normal(size=len(known.layout.free))
+    problem = EstimationProblem.of(rig.config, known, traces)
+    beside = EstimationProblem.of(rig.config, known, traces[:1])
+    weighted, holdout = (b.weighted(b.free_running()) for b in (problem, beside))
+    end = Termination(True, "by hand")
+    return CandidateModel(composition, (), problem, weighted, (beside, holdout), x, end, DiagnosisSettings())
