@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -11,9 +13,13 @@ from etcfit.diagnosis.composition import Composition, compose
 from etcfit.diagnosis.settings import DiagnosisSettings
 from etcfit.estimation.joint_fit import ready
 from etcfit.estimation.result import Termination
+from etcfit.model.effects import EFFECT_BY_NAME
+from etcfit.problem.free_parameters import free_parameters
 from etcfit.problem.problem import EstimationProblem
 from etcfit.problem.trace import Trace
-from etcfit.rig.base import Rig
+from etcfit.rig.base import Fixed, Rig
+
+GRAVITY = EFFECT_BY_NAME["gravity_load"]
 
 
 @pytest.fixture(scope="session")
@@ -32,6 +38,22 @@ def traces(rig: Rig) -> tuple[Trace, ...]:
 def composition(rig: Rig, traces: tuple[Trace, ...]) -> Composition:
     """The model of all effects."""
     return compose(rig, traces)
+
+
+@pytest.fixture(scope="session")
+def small(rig: Rig, traces: tuple[Trace, ...]) -> CandidateModel:
+    """One response, gravity the only candidate, nothing free but the spring and dry friction: quick to compile."""
+    free = {"K_s", "T_f"}
+    known = free_parameters(rig.config).layout.parameters
+    held = {p.symbol: Fixed(p.nominal) for p in known if p.symbol not in free}
+    little = replace(rig, config=replace(rig.config, parameters=held))
+    response = tuple(t for t in traces if t.test.name == "response")
+    composition = compose(little, response, only=(GRAVITY,))
+    bare = composition.free_parameters(())
+    x = bare.layout.coordinates({p.symbol: p.nominal for p in bare.layout.parameters})
+    problem = EstimationProblem.of(little.config, bare, response)
+    weighted, end = problem.weighted(problem.free_running()), Termination(True, "by hand")
+    return CandidateModel(composition, (), problem, weighted, (problem, weighted), x, end, DiagnosisSettings())
 
 
 @pytest.fixture(scope="session")

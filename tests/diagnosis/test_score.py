@@ -89,19 +89,15 @@ def test_channels_add_up_and_one_without_a_sample_adds_nothing() -> None:
 # ---- a model judged
 
 
-def test_a_model_is_scored_on_every_sample_that_was_logged_and_on_the_trace_held_out(model: CandidateModel) -> None:
-    parameters = model.problem.layout.parameters
-    s = placed(model, {p.symbol: p.nominal for p in parameters})
-    found = score_of(s)
-    logged = sum(int(np.isfinite(t.data).sum()) for t in s.problem.batch.traces)
+def test_a_model_is_scored_on_every_sample_that_was_logged_and_on_the_trace_held_out(small: CandidateModel) -> None:
+    found = score_of(small)
+    logged = sum(int(np.isfinite(t.data).sum()) for t in small.problem.batch.traces)
     assert sum(row.n for row in found.fit_rows) == logged
     assert 0.0 < found.count <= logged
     # weighed by the declared noise alone, chi2 is that of the free run, sample by sample
     assert found.chi2 == pytest.approx(sum(row.n * (row.rms / row.sigma) ** 2 for row in found.fit_rows), rel=1e-6)
-    assert found.held_out is not None
-    assert found.held_out < found.chi2
-    assert {row.file for row in found.holdout_rows} == {t.measurement.file for t in s.held_out}
-
-
-def placed(model: CandidateModel, values: dict[str, float]) -> CandidateModel:
-    return replace(model, x=model.problem.layout.coordinates(values))
+    assert found.held_out == pytest.approx(found.chi2)
+    assert found.holdout_rms == pytest.approx(found.fit_rms)
+    alone = score_of(replace(small, holdout=None))
+    assert (alone.held_out, alone.holdout_rms) == (None, None)
+    assert alone.chi2 == found.chi2

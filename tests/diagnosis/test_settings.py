@@ -8,6 +8,7 @@ import json
 import math
 from collections.abc import Callable
 from dataclasses import FrozenInstanceError, fields, replace
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -65,7 +66,7 @@ def test_every_setting_is_explained() -> None:
                if isinstance(n, ast.ClassDef) and n.name == "DiagnosisSettings")  # fmt: skip
     told = {
         here.target.id: after.value.value
-        for here, after in zip(body, body[1:], strict=False)
+        for here, after in pairwise(body)
         if isinstance(here, ast.AnnAssign) and isinstance(here.target, ast.Name)
         and isinstance(after, ast.Expr) and isinstance(after.value, ast.Constant)
     }  # fmt: skip
@@ -135,7 +136,9 @@ def is_white(size: float, **changes: Any) -> bool:
     along = {name: rng.normal(size=2000) for name in ("input", "speed", "angle", "current", "time")}
     r = rng.normal(size=2000)
     r *= size / np.sqrt(np.mean(r**2))
-    return whiteness(Place("a.csv", "response", "position"), r, np.ones(2000, dtype=bool), along, with_(**changes)).white
+    return whiteness(
+        Place("a.csv", "response", "position"), r, np.ones(2000, dtype=bool), along, with_(**changes)
+    ).white
 
 
 def stiffness(rate: float = 1000.0, friction: float = 0.1, torque: bool = True, **changes: Any) -> float:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -43,7 +42,7 @@ def test_the_scale_of_the_noise_is_not_trusted() -> None:
 
 
 def test_an_effect_costs_its_parameters_and_its_variants() -> None:
-    """Four parameters, of which two shapes; two angles and two widths or whatever `scan` lists."""
+    """Four parameters, and as many variants as `scan` lists."""
     assert Cost.of(LIMP).parameters == 4
     assert Cost.of(LIMP).variants == math.prod(len(values) for values in LIMP.scan.values())
     assert Cost.of(GRAVITY) == Cost(1, 1)
@@ -95,29 +94,22 @@ def test_only_a_bic_that_falls_by_more_than_ten_is_strong(bic: float, strong: bo
 # ---- a real trial
 
 
-@pytest.fixture(scope="module")
-def rest(model: CandidateModel) -> CandidateModel:
-    """At nominal values; its traces were drawn by hand, so a great deal is left."""
-    layout = model.problem.layout
-    return replace(model, x=layout.coordinates({p.symbol: p.nominal for p in layout.parameters}))
-
-
-def test_an_effect_is_refitted_and_compared_with_the_model_without_it(rest: CandidateModel) -> None:
-    before = score_of(rest)
-    trial = tried(rest, GRAVITY, {"T_g": 0.01}, before)
+def test_an_effect_is_refitted_and_compared_with_the_model_without_it(small: CandidateModel) -> None:
+    before = score_of(small)
+    trial = tried(small, GRAVITY, {"T_g": 0.01}, before)
     v = trial.verdict
     assert trial.model.at_work(GRAVITY)
     assert set(trial.own_values) == {"T_g"}
     assert v.effect is GRAVITY
-    assert v.gain == pytest.approx(rest.chi2 - trial.model.chi2)
+    assert v.gain == pytest.approx(small.chi2 - trial.model.chi2)
     assert v.gain > 0.0
     assert v.bic_change == bic_change(before, v.score, Cost(1, 1))
-    assert (v.samples, v.slack) == (rest.weighted.samples, SETTINGS.trial_rise)
+    assert (v.samples, v.slack) == (small.weighted.samples, SETTINGS.trial_rise)
     assert v.holdout_rms_ratio is not None
     assert before.holdout_rms is not None
     assert v.holdout_rms_ratio == pytest.approx(np.divide(v.score.holdout_rms or np.nan, before.holdout_rms))
     # at the coordinates of another refit the whitening stays, and the held-out error may rise by a fifth
-    again = second_trial(trial.model, rest.with_effects((GRAVITY,), {"T_g": 0.01}), before, GRAVITY)
+    again = second_trial(trial.model, small.with_effects((GRAVITY,), {"T_g": 0.01}), before, GRAVITY)
     assert again.model.weighted is trial.model.weighted
     assert again.own_values["T_g"] == pytest.approx(0.01)
     assert again.verdict.gain < v.gain
