@@ -131,39 +131,53 @@ def choose(
         most: chi2 that an effect must get below to be proven.
         noise: chi2 of noise alone; an effect that explains little of what it leaves above it imitates something else.
     """
-    worth = [v for v in verdicts if v.is_strong(settings)]
-    good = [v for v in worth if v.helps_elsewhere(settings)]
+    strong = [v for v in verdicts if v.is_strong(settings)]
+    good = [v for v in strong if v.helps_elsewhere(settings)]
     main = [v for v in good if v.gain > settings.least_part * (v.score.chi2 - noise)]
     proven = [v for v in main if v.score.chi2 < most]
-    if not verdicts:
-        return _none(Outcome.NO_PROMISE, "No effect of the catalogue promises to explain anything more.")
-    if not worth:
-        return _none(
-            Outcome.NOT_WORTH_IT,
-            f"{verdicts[0].effect.name} does best, but is not worth its parameters "
-            f"(BIC {verdicts[0].bic_change:+.1f}, {settings.strong_bic_change:.0f} asked).",
-        )
-    if not good:
-        return _none(
-            Outcome.CONTRADICTED, f"{worth[0].effect.name} helps on the fitted traces only, not on those held out."
-        )
-    if not main:
-        return _none(
-            Outcome.SMALL_PART,
-            f"{good[0].effect.name} does best, but explains less than {100 * settings.least_part:.0f} % of what it "
-            "leaves: what is missing is something else.",
-        )
-    if not proven:
-        return _none(
-            Outcome.NOT_PROVEN,
-            f"{main[0].effect.name} would explain a little more (BIC {main[0].bic_change:+.0f}), but no more "
-            "than the inexact formula of an effect found before would leave: not proven.",
-        )
-    return _added(proven, settings)
+    if proven:
+        return _added(proven, settings)
+    # the best of those that came furthest is spoken of
+    if main:
+        return _not_proven(main[0])
+    if good:
+        return _small_part(good[0], settings)
+    if strong:
+        return _contradicted(strong[0])
+    return _not_worth_it(verdicts[0], settings) if verdicts else _no_promise()
 
 
-def _none(outcome: Outcome, why: str) -> Choice:
-    return Choice(outcome, None, (), why)
+def _no_promise() -> Choice:
+    return Choice(Outcome.NO_PROMISE, None, (), "No effect of the catalogue promises to explain anything more.")
+
+
+def _not_worth_it(v: TrialVerdict, settings: DiagnosisSettings) -> Choice:
+    why = (
+        f"{v.effect.name} does best, but is not worth its parameters "
+        f"(BIC {v.bic_change:+.1f}, {settings.strong_bic_change:.0f} asked)."
+    )
+    return Choice(Outcome.NOT_WORTH_IT, None, (), why)
+
+
+def _contradicted(v: TrialVerdict) -> Choice:
+    why = f"{v.effect.name} helps on the fitted traces only, not on those held out."
+    return Choice(Outcome.CONTRADICTED, None, (), why)
+
+
+def _small_part(v: TrialVerdict, settings: DiagnosisSettings) -> Choice:
+    why = (
+        f"{v.effect.name} does best, but explains less than {100 * settings.least_part:.0f} % of what it leaves: "
+        "what is missing is something else."
+    )
+    return Choice(Outcome.SMALL_PART, None, (), why)
+
+
+def _not_proven(v: TrialVerdict) -> Choice:
+    why = (
+        f"{v.effect.name} would explain a little more (BIC {v.bic_change:+.0f}), but no more than the inexact formula "
+        "of an effect found before would leave: not proven."
+    )
+    return Choice(Outcome.NOT_PROVEN, None, (), why)
 
 
 def _added(proven: Sequence[TrialVerdict], settings: DiagnosisSettings) -> Choice:

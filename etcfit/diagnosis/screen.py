@@ -98,23 +98,9 @@ def tangents(
     problem: EstimationProblem, x: np.ndarray, weighted: WeightedData, every: Sequence[Variant]
 ) -> list[np.ndarray]:
     """For each variant the derivative of the fitted samples' residual in each amplitude over its scale, (n, k)."""
-    layout, index = problem.layout, problem.layout.form.index
-    rest = np.array(weighted.pick.full, dtype=float)
-    fulls, ways = [rest], [np.zeros(rest.size)]
-    for variant in every:
-        full = rest.copy()
-        for symbol, value in variant.shape.items():
-            full[index[symbol]] = value
-        for symbol in variant.amplitudes:
-            domain, way = layout.parameter(symbol).domain, np.zeros(full.size)
-            way[index[symbol]] = domain.scale
-            fulls.append(full + _PROBE * way * (isinstance(domain, NonNegative) and symbol not in variant.shape))
-            ways.append(way)
-    padding = -len(fulls) % _AT_ONCE
-    fulls += [fulls[-1]] * padding
-    ways += [ways[-1]] * padding
-    form, circuits = layout.form, problem.batch.circuits
-    at, along = _tangents(form, circuits, layout.padded(x), weighted, np.stack(fulls), np.stack(ways))
+    layout = problem.layout
+    fulls, ways = _directions(problem, np.array(weighted.pick.full, dtype=float), every)
+    at, along = _tangents(layout.form, problem.batch.circuits, layout.padded(x), weighted, fulls, ways)
     seen = np.asarray(weighted.slots.weight) > 0.0
     base = np.asarray(at[0])[seen]
     pairs = iter([(np.asarray(r)[seen], np.asarray(t)[seen]) for r, t in zip(at[1:], along[1:], strict=True)])
@@ -126,6 +112,36 @@ def tangents(
         return (r - base) * layout.parameter(symbol).domain.scale / variant.shape[symbol]
 
     return [np.stack([column(v, symbol) for symbol in v.amplitudes], axis=1) for v in every]
+
+
+class _Directions(NamedTuple):
+    """Sets of all values and directions in which the residual is differentiated there, shape (K, Q) each."""
+
+    fulls: np.ndarray
+    ways: np.ndarray
+
+
+def _directions(problem: EstimationProblem, rest: np.ndarray, every: Sequence[Variant]) -> _Directions:
+    """The model at rest first, then one row for each amplitude of each variant; padded to whole batches.
+
+    Args:
+        problem: of the composed model.
+        rest: all its values with every candidate off, shape (Q,).
+        every: variants.
+    """
+    layout, index = problem.layout, problem.layout.form.index
+    fulls, ways = [rest], [np.zeros(rest.size)]
+    for variant in every:
+        full = rest.copy()
+        for symbol, value in variant.shape.items():
+            full[index[symbol]] = value
+        for symbol in variant.amplitudes:
+            domain, way = layout.parameter(symbol).domain, np.zeros(full.size)
+            way[index[symbol]] = domain.scale
+            fulls.append(full + _PROBE * way * (isinstance(domain, NonNegative) and symbol not in variant.shape))
+            ways.append(way)
+    padding = -len(fulls) % _AT_ONCE
+    return _Directions(np.stack(fulls + [fulls[-1]] * padding), np.stack(ways + [ways[-1]] * padding))
 
 
 @dataclass(frozen=True, eq=False)
@@ -149,7 +165,7 @@ class Background:
 
     @classmethod
     def spanned(cls, r: np.ndarray, jacobian: np.ndarray) -> Background:
-        """That of a residual, shape (n,), and its Jacobian, shape (n, P); parameters that do the same count once."""
+        """That of a residual, shape (n,), and its Jacobian, shape (n, P); columns that depend on others add nothing."""
         columns = jacobian / np.maximum(np.linalg.norm(jacobian, axis=0), 1e-300)
         values, vectors = np.linalg.eigh(columns.T @ columns)
         keep = values > _TINY

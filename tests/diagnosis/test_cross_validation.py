@@ -38,7 +38,7 @@ def many(tmp_path_factory: pytest.TempPathFactory) -> Rig:
     return read_folder(folders.write(tmp_path_factory.mktemp("many"), files))
 
 
-def standing(rig: Rig, traces: tuple[Trace, ...]) -> CandidateModel:
+def candidate(rig: Rig, traces: tuple[Trace, ...]) -> CandidateModel:
     known = free_parameters(rig.config)
     problem = EstimationProblem.of(rig.config, known, traces)
     weighted, layout = problem.weighted(problem.free_running()), known.layout
@@ -57,7 +57,7 @@ def entries(s: CandidateModel, k: int) -> np.ndarray:
 
 @pytest.fixture(scope="module")
 def s(many: Rig) -> CandidateModel:
-    return standing(many, ready(many)[0])
+    return candidate(many, ready(many)[0])
 
 
 def test_every_moving_trace_is_left_out_exactly_once_and_a_held_one_never(s: CandidateModel) -> None:
@@ -92,7 +92,7 @@ def test_with_fewer_traces_there_are_fewer_turns_and_with_one_there_is_none(many
     """What is left to fit must move too."""
     every = ready(many)[0]
     moving = [t for t in every if t.test.name not in HELD][:count]
-    few = standing(many, (*moving, *(t for t in every if t.test.name in HELD)))
+    few = candidate(many, (*moving, *(t for t in every if t.test.name in HELD)))
     assert len(folds(few)) == turns
     if not turns:
         assert left_out(few) == 0.0
@@ -119,9 +119,10 @@ def pair(many: Rig) -> CandidateModel:
     free = {"K_s", "T_f"}
     held = {p.symbol: Fixed(p.nominal) for p in free_parameters(many.config).layout.parameters if p.symbol not in free}
     little = replace(many, config=replace(many.config, parameters=held))
-    return standing(little, tuple(t for t in ready(many)[0] if t.test.name == "response")[:2])
+    return candidate(little, tuple(t for t in ready(many)[0] if t.test.name == "response")[:2])
 
 
+@pytest.mark.slow
 def test_a_model_is_refitted_without_what_is_left_out(pair: CandidateModel) -> None:
     """Whatever the trace left out says, the refit does not hear it; and it does hear the other one."""
     first, second = folds(pair)
@@ -131,6 +132,7 @@ def test_a_model_is_refitted_without_what_is_left_out(pair: CandidateModel) -> N
     assert np.max(np.abs(refitted_without(pair, first) - pair.x)) > 1e-3
 
 
+@pytest.mark.slow
 def test_each_model_is_scored_on_what_is_left_out_alone(pair: CandidateModel) -> None:
     first, second = folds(pair)
     x = pair.x

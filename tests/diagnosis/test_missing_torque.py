@@ -105,7 +105,7 @@ def trace(series: float) -> Trace:
     return measured(series)
 
 
-def standing(trace: Trace, series: float, preload: float) -> CandidateModel:
+def candidate(trace: Trace, series: float, preload: float) -> CandidateModel:
     """Eqs. 1-2, all known but the friction of the plate."""
     fixed = {s: Fixed(v) for s, v in bodies.values(T_PL=preload).items() if s not in ("T_f", "K_m")}
     config = replace(CONFIG, parameters=fixed, series_ohm={"response": series})
@@ -120,7 +120,7 @@ def standing(trace: Trace, series: float, preload: float) -> CandidateModel:
 def motion(trace: Trace, series: float) -> Motion:
     """Before: the model without what helps the plate; after: with it."""
     preload = bodies.NOMINAL["T_PL"]
-    (found,) = motions(standing(trace, series, preload), standing(trace, series, preload - LACKED), False)
+    (found,) = motions(candidate(trace, series, preload), candidate(trace, series, preload - LACKED), False)
     return found
 
 
@@ -175,7 +175,7 @@ def test_where_no_current_was_logged_no_voltage_is_read() -> None:
     k = trace.channels.index("position")
     blind = replace(trace, channels=("position",), data=trace.data[:, [k]], sigma=trace.sigma[[k]])
     preload = bodies.NOMINAL["T_PL"]
-    (found,) = motions(standing(blind, 0.0, preload), standing(blind, 0.0, preload), False)
+    (found,) = motions(candidate(blind, 0.0, preload), candidate(blind, 0.0, preload), False)
     assert_array_equal(found.voltage, np.full(SAMPLES, np.nan))
     assert_allclose(found.torque[SLIDES], LACKED, rtol=0.03)
 
@@ -185,7 +185,7 @@ def test_where_no_current_was_logged_no_voltage_is_read() -> None:
 
 def test_a_guide_is_as_stiff_as_the_logged_angle_asks(trace: Trace, series: float) -> None:
     """Largest travel and median rate of the trace."""
-    s = standing(trace, series, bodies.NOMINAL["T_PL"])
+    s = candidate(trace, series, bodies.NOMINAL["T_PL"])
     position = trace.data[:, trace.channels.index("position")]
     record = Guided(float(np.ptp(position)), 1.0 / DT, False)
     expected = guide_stiffness(s.values, N, record, s.settings)
@@ -196,5 +196,5 @@ def test_where_no_angle_was_logged_nothing_is_guided() -> None:
     trace = measured(0.0)
     k = trace.channels.index("current")
     blind = replace(trace, channels=("current",), data=trace.data[:, [k]], sigma=trace.sigma[[k]])
-    s = standing(blind, 0.0, bodies.NOMINAL["T_PL"])
+    s = candidate(blind, 0.0, bodies.NOMINAL["T_PL"])
     assert guide_stiffness_of(s.problem, s.x, s.settings) == 0.0

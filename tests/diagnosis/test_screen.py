@@ -267,6 +267,7 @@ def test_no_candidate_is_no_signature(case: Case, small: CandidateModel) -> None
     assert screen(case.background(), small.problem, small.x, small.weighted, []) == ()
 
 
+@pytest.mark.slow
 def test_a_real_signature_is_what_a_little_of_the_effect_does_beyond_the_fitted_parameters(
     small: CandidateModel,
 ) -> None:
