@@ -114,7 +114,17 @@ def _along(form: Form, circuits: tuple[str, ...], x: Any, pick: Pick, arrays: An
 
 
 def signals(problem: EstimationProblem, x: np.ndarray, guide_stiffness: float) -> list[dict[str, np.ndarray]]:
-    """For each trace its signals at the instants, see `_along`; effects first where there is one row for each."""
+    """Signals of each trace along a run drawn along its measured angle.
+
+    Args:
+        problem: the traces.
+        x: coordinates, shape (P,).
+        guide_stiffness: V/rad, or N m/rad where torque drives.
+    Returns:
+        for each trace, by name, shape (n,): "time" (s), "angle" (rad), "speed" (rad/s), "current" (A), "load" (N m
+        through the gear), "input" (V or N m), "torque" (missing, N m; NaN where the plate rests); and of each effect,
+        shape (effects, n): "effect_torque" (N m) and "effect_voltage" (V).
+    """
     along = {k: np.asarray(v) for k, v in _along(*problem.at(x), problem.arrays(guide_stiffness)).items()}
     out = []
     for lane, _, marks in problem.batch.places:
@@ -123,7 +133,12 @@ def signals(problem: EstimationProblem, x: np.ndarray, guide_stiffness: float) -
 
 
 def motions(before: CandidateModel, after: CandidateModel, held_out: bool) -> list[Motion]:
-    """Missing torque and voltage of both models along the traces that were fitted, or along those held out."""
+    """Missing torque and voltage of both models along the measured motion.
+
+    Args:
+        before, after: the first and the final model.
+        held_out: of the traces held out rather than those fitted.
+    """
     first, last = (s.holdout[0] if held_out and s.holdout is not None else s.problem for s in (before, after))
     stiffness = guide_stiffness_of(last, after.x, after.settings)
     lacked, left = signals(first, before.x, stiffness), signals(last, after.x, stiffness)
@@ -144,7 +159,10 @@ def motions(before: CandidateModel, after: CandidateModel, held_out: bool) -> li
 
 
 def missing_voltage(problem: EstimationProblem, x: np.ndarray, guide_stiffness: float) -> list[np.ndarray]:
-    """(R_a + R_series) (i_measured - i) of each trace, V, shape (n,); NaN where no current was logged."""
+    """(R_a + R_series) (i_measured - i) of each trace, V, shape (n,); NaN where no current was logged.
+
+    Args: as of `signals`.
+    """
     values: Mapping[str, Any] = problem.layout.values(x, problem.free_parameters.held)
     out = []
     for trace, model in zip(
