@@ -15,7 +15,9 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from etcfit.diagnosis.loop import screened, start
+from etcfit.diagnosis import DiagnosisSettings
+from etcfit.diagnosis.loop import screened
+from etcfit.diagnosis.refit import start
 from etcfit.estimation.joint_fit import fit
 from etcfit.rig.reader import read_folder
 
@@ -32,7 +34,7 @@ def main() -> None:
     parser.add_argument("folder", nargs="?", type=Path, default=Path("measurements/bench_twin"))
     rig = read_folder(parser.parse_args().folder)
     result, base = timed(lambda: fit(rig))
-    standing, composed = timed(lambda: start(result).composed())
+    standing, composed = timed(lambda: start(result, DiagnosisSettings()).composed())
     candidates = standing.composition.candidates
     signatures, cold = timed(lambda: screened(standing, candidates))
     _, warm = timed(lambda: screened(standing, candidates))

@@ -1,4 +1,4 @@
-"""A Diagnosis made by hand: a limp-home spring that Eqs. 1-2 lack, and a little left unexplained."""
+"""A Diagnosis made by hand: a limp-home spring that Eqs. 1-2 lack, and a little left unexplained; and verdicts."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 import results
+from etcfit.diagnosis.composition import Effect
 from etcfit.diagnosis.findings import (
     Candidate,
     Diagnosis,
@@ -19,8 +20,10 @@ from etcfit.diagnosis.findings import (
     Unexplained,
     Whiteness,
 )
+from etcfit.diagnosis.score import Score
+from etcfit.diagnosis.trial import TrialVerdict
 from etcfit.estimation.joint_fit import FitResult
-from etcfit.problem.prediction_error import pooled
+from etcfit.problem.prediction_error import PredictionError, pooled
 from etcfit.rig.base import Rig
 
 FOUND = "limp_home_spring"
@@ -89,6 +92,30 @@ def rounds(before: FitResult) -> tuple[RoundReport, ...]:
             (FOUND,), last, 0.06 * fit, 0.05 * held, (small,), None, (), "cogging_torque is not worth its parameters."
         ),
     )
+
+
+def error(ratio: float, n: int = 10, sigma: float = 0.01) -> PredictionError:
+    """Free-run error of so many sigma."""
+    return PredictionError("response/a.csv", "response", "position", "deg", n, ratio * sigma, sigma)
+
+
+def score(chi2: float, count: float = 1000.0, held_out: float | None = None, rms: float = 1.0) -> Score:
+    """Free-run errors of `rms` sigma; nothing is held out without `held_out`."""
+    return Score(chi2, count, held_out, (error(rms),), () if held_out is None else (error(rms),))
+
+
+def verdict(effect: Effect, bic: float, **changes: Any) -> TrialVerdict:
+    """Of an effect that lowers chi2 of 1000 samples from 1000 to 900 and helps on the traces held out."""
+    fields: dict[str, Any] = {
+        "score": score(changes.pop("chi2", 900.0)),
+        "samples": 1000.0,
+        "fit_rms_ratio": 0.7,
+        "holdout_rms_ratio": 0.8,
+        "holdout_chi2_change": -50.0,
+        "gain": 100.0,
+        "slack": 0.02,
+    }
+    return TrialVerdict(effect=effect, bic_change=bic, **(fields | changes))
 
 
 def whiteness(rms: float, white: bool) -> Whiteness:

@@ -1,4 +1,7 @@
-"""One composed model of every effect that a rig could show: which of them are at work is data, so it compiles once."""
+"""One composed model of every effect that a rig could show: which of them are at work is data, so it compiles once.
+
+An effect is taken out of the model by holding its parameters at their off values, at which it contributes exactly zero.
+"""
 
 from __future__ import annotations
 
@@ -36,7 +39,7 @@ class Composition:
     candidates: tuple[Effect, ...]
 
     def free_parameters(self, added: tuple[Effect, ...]) -> FreeParameters:
-        """Those of the model with these candidates at work; the others are held at their off values."""
+        """Free parameters of the model with these candidates at work; the others are held at their off values."""
         whole = self.whole.layout
         asleep = {s: v for effect in self.candidates if effect not in added for s, v in resting(effect).items()}
         free = tuple(s for s in whole.free if s not in asleep)
@@ -48,7 +51,7 @@ class Composition:
         return FreeParameters(layout, np.array(list(held.values())), priors, self.whole.start)
 
     def lean(self, added: tuple[Effect, ...]) -> FreeParameters:
-        """The same coordinates in a model that has no effects but those at work."""
+        """As `free_parameters`, with equal coordinates, of a model that has no effects but those at work."""
         full, types = self.free_parameters(added), (*self.known, *added)
         types = tuple(t for t in self.whole.layout.types if t in types)
         gone = {s for effect in self.candidates if effect not in added for s in resting(effect)}
@@ -61,7 +64,14 @@ class Composition:
 def compose(
     rig: Rig, traces: tuple[Trace, ...], further: tuple[Effect, ...] = (), only: tuple[Effect, ...] = EFFECTS
 ) -> Composition:
-    """Every effect of the catalogue, or only some, and `further` ones, that these traces could show."""
+    """The model of every effect that these traces could show.
+
+    Args:
+        rig: whose rig.toml says what is fixed and which effects are known.
+        traces: what was logged decides which effects could show (`needs` of an effect).
+        further: effects beside the catalogue.
+        only: effects of the catalogue that are considered besides those that rig.toml names.
+    """
     seen = logged(rig, traces)
     fitting = [e for e in EFFECTS if e.name in rig.config.effects or (e in only and set(e.needs) <= seen)]
     names = tuple(e.name for e in fitting if e not in PAPER)
@@ -93,7 +103,16 @@ def room(count: int) -> int:
 
 
 def carried(x: np.ndarray, old: Layout, new: FreeParameters, values: Mapping[str, Any]) -> np.ndarray:
-    """Coordinates of another choice of free parameters: those shared as they are, the others from values in SI."""
+    """Coordinates of another choice of free parameters, shape (P_new,).
+
+    Args:
+        x: coordinates, shape (P_old,); parameters free in both choices keep theirs.
+        old: layout of those.
+        new: the other choice.
+        values: SI by symbol, for the parameters that become free.
+    Raises:
+        KeyError: a parameter that becomes free has no value.
+    """
     at = dict(zip(old.free, x.tolist(), strict=True))
     layout = new.layout
     out = [at[s] if s in at else layout.parameter(s).domain.coordinate(float(values[s])) for s in layout.free]

@@ -7,45 +7,74 @@ and its input did. Over all traces: how much of the missing torque and voltage i
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from typing import NamedTuple
 
 import numpy as np
 from scipy import stats
 
 from ..estimation.autocorrelation import ljung_box
 from ..problem.prediction_error import columns
-from ..problem.trace import Trace
+from .candidate_model import CandidateModel
 from .findings import Evidence, Share, Whiteness
-from .missing_torque import missing_voltage, pull_of, signals
-from .trial import CandidateModel
+from .missing_torque import guide_stiffness_of, missing_voltage, signals
+from .settings import DiagnosisSettings
 
-_LEVEL = 1e-4  # p-value below which a channel is not white
-_LARGE = 0.03  # relative excess of a residual's rms that no estimate of the noise explains
-_BINS = 24
 _AXES = {"torque": ("angle", "speed", "current", "load", "time"), "voltage": ("current", "speed", "angle", "time")}
-_FEWEST = 200  # samples from which a share is read
-_WORTH = 0.05  # share worth a sentence
+
+Signals = Mapping[str, np.ndarray]
+
+
+class Place(NamedTuple):
+    """Of a residual: file, rig test and channel."""
+
+    file: str
+    test: str
+    channel: str
 
 
 def evidence(s: CandidateModel) -> Evidence:
     """Test the residual of the fitted traces."""
-    guide_stiffness = pull_of(s.problem, s.x)
-    r = columns(s.problem.batch, s.problem.residual(s.x, s.weighted) * (_weighed(s) if s.far else 1.0))
-    along = signals(s.problem, s.x, guide_stiffness)
-    rows = [w for t, part, sig in zip(s.problem.batch.traces, r, along, strict=True) for w in _channels(t, part, sig)]
-    volts = missing_voltage(s.problem, s.x, guide_stiffness)
-    shares = sorted((*_shares("torque", along, [a["torque"] for a in along]), *_shares("voltage", along, volts)),
-                    key=lambda share: -share.share)  # fmt: skip
-    white = all(row.white for row in rows)
-    return Evidence(tuple(rows), white, tuple(shares), tuple(_sentences(rows, shares)))
+    stiffness = guide_stiffness_of(s.problem, s.x, s.settings)
+    r = columns(s.problem.batch, s.problem.residual(s.x, s.weighted) * (_weighed_down(s) if s.far else 1.0))
+    along = signals(s.problem, s.x, stiffness)
+    rows = _rows(s, r, along)
+    volts = missing_voltage(s.problem, s.x, stiffness)
+    found = (*shares("torque", along, [a["torque"] for a in along], s.settings),
+             *shares("voltage", along, volts, s.settings))  # fmt: skip
+    found = tuple(sorted(found, key=lambda share: -share.share))
+    return Evidence(tuple(rows), all(row.white for row in rows), found, tuple(sentences(rows, found, s.settings)))
 
 
-def _weighed(s: CandidateModel) -> np.ndarray:
-    """By how much each sample was weighed down, shape (T, L, M): a residual is judged by its noise."""
+def _weighed_down(s: CandidateModel) -> np.ndarray:
+    """Factor by which each sample was weighed down, shape (T, L, M): a residual is judged by its noise alone."""
     return s.problem.sigma / s.problem.batch.slots.sigma
 
 
-def _channels(trace: Trace, r: np.ndarray, along: dict[str, np.ndarray]) -> list[Whiteness]:
+def _rows(s: CandidateModel, r: Sequence[np.ndarray], along: Sequence[Signals]) -> list[Whiteness]:
+    """Each channel of each trace, r of shape (n, M) each."""
+    out = []
+    for trace, part, signal in zip(s.problem.batch.traces, r, along, strict=True):
+        for m, channel in enumerate(trace.channels):
+            place = Place(trace.measurement.file, trace.measurement.test, channel)
+            out.append(whiteness(place, part[:, m], np.isfinite(trace.data[:, m]), signal, s.settings))
+    return out
+
+
+def whiteness(
+    place: Place, r: np.ndarray, logged: np.ndarray, along: Signals, settings: DiagnosisSettings
+) -> Whiteness:
+    """Whether one channel's residual is noise: no larger than its noise, not autocorrelated, correlated with nothing.
+
+        rms < 1 + 0.03 + 5 / sqrt(2 n),    p-values > 1e-4, that of the correlation times the number of signals tried
+
+    Args:
+        place: whose residual it is.
+        r: whitened residual, shape (n,).
+        logged: where the channel has a sample, shape (n,).
+        along: "input", "speed", "angle", "current" and "time" at the instants, shape (n,) each.
+        settings: what decides; the numbers above are `large_rms`, `large_rms_deviations` and `white_p`.
+    """
     regressors = {
         "input": along["input"],
         "speed": along["speed"],
@@ -54,44 +83,65 @@ def _channels(trace: Trace, r: np.ndarray, along: dict[str, np.ndarray]) -> list
         "current": along["current"],
         "time": along["time"],
     }
-    out = []
-    for m, channel in enumerate(trace.channels):
-        seen = np.isfinite(trace.data[:, m])
-        own = r[seen, m]
-        name, rho = _strongest(own, {k: v[seen] for k, v in regressors.items()})
-        p = min(1.0, len(regressors) * 2.0 * float(stats.norm.sf(abs(rho) * math.sqrt(own.size))))
-        size, box = float(np.sqrt(np.mean(own**2))), ljung_box(own)
-        fair = size < 1.0 + _LARGE + 5.0 / math.sqrt(2.0 * own.size)
-        white = fair and box > _LEVEL and p > _LEVEL
-        file, test = trace.measurement.file, trace.measurement.test
-        out.append(Whiteness(file, test, channel, own.size, size, box, name, rho, p, white))
-    return out
+    own = r[logged]
+    name, rho = strongest(own, {k: v[logged] for k, v in regressors.items()})
+    p = min(1.0, len(regressors) * 2.0 * float(stats.norm.sf(abs(rho) * math.sqrt(own.size))))
+    size, box = float(np.sqrt(np.mean(own**2))), ljung_box(own)
+    fair = size < 1.0 + settings.large_rms + settings.large_rms_deviations / math.sqrt(2.0 * own.size)
+    white = fair and box > settings.white_p and p > settings.white_p
+    return Whiteness(*place, own.size, size, box, name, rho, p, white)
 
 
-def _strongest(r: np.ndarray, regressors: dict[str, np.ndarray]) -> tuple[str, float]:
-    every = {name: _correlation(r, signal) for name, signal in regressors.items()}
+class Correlated(NamedTuple):
+    """A signal and a residual's correlation coefficient with it."""
+
+    name: str
+    rho: float
+
+
+def strongest(r: np.ndarray, regressors: Signals) -> Correlated:
+    """The signal with which a residual correlates most, whatever the sign; all of shape (n,)."""
+    every = {name: correlation(r, signal) for name, signal in regressors.items()}
     name = max(every, key=lambda key: abs(every[key]))
-    return name, every[name]
+    return Correlated(name, every[name])
 
 
-def _correlation(a: np.ndarray, b: np.ndarray) -> float:
+def correlation(a: np.ndarray, b: np.ndarray) -> float:
+    """Pearson's coefficient; 0 where either does not vary."""
     a, b = a - a.mean(), b - b.mean()
     power = float(np.sqrt((a @ a) * (b @ b)))
     return float(a @ b) / power if power > 0.0 else 0.0
 
 
-def _shares(enters: str, along: Sequence[dict[str, np.ndarray]], missing: Sequence[np.ndarray]) -> list[Share]:
+def shares(
+    enters: str, along: Sequence[Signals], missing: Sequence[np.ndarray], settings: DiagnosisSettings
+) -> list[Share]:
+    """How much of a missing torque or voltage each quantity explains; none where too few samples know it.
+
+    Args:
+        enters: "torque" or "voltage".
+        along: signals of each trace by name, shape (n,) each.
+        missing: of each trace, N m or V, shape (n,); NaN where it is not known.
+        settings: `share_samples` and `share_bins`.
+    """
     y = np.concatenate(missing)
     seen = np.isfinite(y)
-    if seen.sum() < _FEWEST:
+    if seen.sum() < settings.share_samples:
         return []
-    return [Share(enters, axis, explained(np.concatenate([a[axis] for a in along])[seen], y[seen]))
-            for axis in _AXES[enters]]  # fmt: skip
+    axes = {axis: np.concatenate([a[axis] for a in along])[seen] for axis in _AXES[enters]}
+    return [Share(enters, axis, explained(values, y[seen], settings.share_bins)) for axis, values in axes.items()]
 
 
-def explained(axis: np.ndarray, y: np.ndarray) -> float:
-    """Share of the variance of y that its mean in bins of equal count along the axis takes away, chance subtracted."""
-    edges = np.unique(np.quantile(axis, np.linspace(0.0, 1.0, _BINS + 1)[1:-1]))
+def explained(axis: np.ndarray, y: np.ndarray, bins: int) -> float:
+    """Share of the variance of y that its mean in bins of equal count along the axis takes away, chance subtracted.
+
+        1 - sum (y - mean of its bin)^2 / sum (y - mean)^2 (n - 1) / (n - bins),    from 0 to 1
+
+    Args:
+        axis, y: shape (n,).
+        bins: fewer where many samples share one value of the axis.
+    """
+    edges = np.unique(np.quantile(axis, np.linspace(0.0, 1.0, bins + 1)[1:-1]))
     place = np.digitize(axis, edges)
     count = np.bincount(place, minlength=edges.size + 1)
     mean = np.bincount(place, y, minlength=edges.size + 1) / np.maximum(count, 1)
@@ -103,7 +153,8 @@ def explained(axis: np.ndarray, y: np.ndarray) -> float:
     return float(np.clip(1.0 - within / total * fair, 0.0, 1.0))
 
 
-def _sentences(rows: Sequence[Whiteness], shares: Sequence[Share]) -> list[str]:
+def sentences(rows: Sequence[Whiteness], found: Sequence[Share], settings: DiagnosisSettings) -> list[str]:
+    """The evidence in words: the largest residual that is not white, and the shares of at least `share_told`."""
     odd = [row for row in rows if not row.white]
     if not odd:
         return [f"All {len(rows)} residuals are white: noise, as far as these tests see."]
@@ -113,7 +164,7 @@ def _sentences(rows: Sequence[Whiteness], shares: Sequence[Share]) -> list[str]:
         f"{worst.rms:.3g} times its noise and goes along with {worst.strongest} (correlation {worst.correlation:+.2f})."
     ]
     for enters in ("torque", "voltage"):
-        mine = [share for share in shares if share.enters == enters and share.share > _WORTH]
+        mine = [share for share in found if share.enters == enters and share.share > settings.share_told]
         if mine:
             words = ", ".join(f"{share.axis} {100 * share.share:.0f} %" for share in mine)
             out.append(f"Of the missing {enters}, a curve over one quantity takes away: {words}.")

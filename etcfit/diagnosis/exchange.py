@@ -1,4 +1,4 @@
-"""The look back: effects found one after the other, each asked again beside all that came after it.
+"""Looking back: each effect found is compared again with its rivals, now that all later effects are in the model.
 
 What was missing together with others may have been taken for something like it. So each effect is compared once more
 with the rivals of its round, in its place in the final model; and each but the last is tried to be taken away.
@@ -11,26 +11,30 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 from ..estimation.joint_fit import Report
 from .ambiguity import Apart, apart
+from .candidate_model import CandidateModel
+from .choice import alike, stands
 from .composition import Effect, resting
 from .cross_validation import folds, left_out
-from .loop import STRONG, Round, alike, judged, refit_fully, tried
-from .trial import CandidateModel, TrialVerdict, bic_change, score
-
-_RIVAL = 0.5  # share of what the effect explained in its round that another must have explained to be asked again
+from .loop import Round
+from .refit import holds, refit_fully, spoilt
+from .score import score
+from .settings import DiagnosisSettings
+from .trial import Cost, Trial, TrialVerdict, bic_change, judged, tried
 
 
 @dataclass(frozen=True)
 class Found:
-    """An effect at work, and what stood against it.
+    """An effect that was added, and the others that it was chosen from.
 
     Args:
         effect: which.
         ties: others that explain these data as well, and how far their fits are from this one's.
         worth: by how much it lowered BIC.
-        rivals: others that explained a good part of it, and the values (SI) at which they did.
+        rivals: others that explained a good part of it, with their own parameters' values (SI by symbol).
     """
 
     effect: Effect
@@ -40,77 +44,118 @@ class Found:
 
     @classmethod
     def of(cls, turned: Round) -> Found:
-        """What a round found."""
-        best = turned.best
-        rivals = {v.effect: _values(v) for v in turned.verdicts if v is not best and v.gain > _RIVAL * best.gain}
-        ties = [v for v in turned.verdicts if v.effect in turned.ties]
-        return cls(best.effect, _apart(best, ties), -best.bic_change, rivals)
+        """What a round added."""
+        best, settings = turned.best, turned.before.settings
+        rivals = {t.verdict.effect: t.own_values for t in turned.trials if is_rival(t.verdict, best.verdict, settings)}
+        ties = _apart(best, (t for t in turned.trials if t.verdict.effect in turned.choice.ties))
+        return cls(best.verdict.effect, ties, -best.verdict.bic_change, rivals)
+
+    def told_apart_from(self, at_work: Iterable[Effect]) -> Found:
+        """Without ties to effects at work: two that are both in the model were told apart."""
+        at_work = set(at_work)
+        return replace(self, ties={effect: far for effect, far in self.ties.items() if effect not in at_work})
 
 
-def _apart(best: TrialVerdict, ties: Iterable[TrialVerdict]) -> Mapping[Effect, Apart]:
-    return {v.effect: apart(v.standing, best.standing) for v in ties}
+def is_rival(v: TrialVerdict, best: TrialVerdict, settings: DiagnosisSettings) -> bool:
+    """Whether another effect explained more than the share `exchange_rival` of what the one added did."""
+    return v.effect is not best.effect and v.gain > settings.exchange_rival * best.gain
 
 
-def _values(v: TrialVerdict) -> Mapping[str, float]:
-    """Values of its own parameters at its optimum, SI by symbol."""
-    values = v.standing.problem.layout.values(v.standing.x, v.standing.problem.free_parameters.held)
-    return {symbol: float(values[symbol]) for symbol in resting(v.effect)}
+def _apart(best: Trial, ties: Iterable[Trial]) -> dict[Effect, Apart]:
+    return {t.verdict.effect: apart(t.model, best.model) for t in ties}
 
 
-def exchanged(
-    s: CandidateModel, found: Sequence[Found], report: Report
-) -> tuple[CandidateModel, tuple[Found, ...], tuple[str, ...]]:
-    """Each effect beside its rivals, all others at work; the model, what was found, a sentence for each exchange."""
+# ---- one effect given up for another
+
+
+class Preference(NamedTuple):
+    """Of an effect (number 0) and its rivals (1, 2, ...): the one preferred, and those tied to it."""
+
+    best: int
+    ties: tuple[int, ...]
+
+
+def preference(here: TrialVerdict, others: Sequence[TrialVerdict], settings: DiagnosisSettings) -> Preference:
+    """Which of an effect and its rivals explains most; the effect itself where the best is a tie with it."""
+    every = (here, *others)
+    best = min(every, key=lambda v: v.bic_change)
+    best = here if alike(here, best, settings) else best
+    ties = (k for k, v in enumerate(every) if v is not best and alike(v, best, settings))
+    return Preference(next(k for k, v in enumerate(every) if v is best), tuple(ties))
+
+
+def in_place(added: Sequence[Effect], old: Effect, new: Effect) -> tuple[Effect, ...]:
+    """The effects added with one exchanged for another: the order in which they were found stays."""
+    return tuple(new if e is old else e for e in added)
+
+
+def gave_way(old: TrialVerdict, new: TrialVerdict) -> str:
+    """One sentence for an exchange."""
+    more = new.bic_change - old.bic_change
+    return f"{old.effect.name} gave way to {new.effect.name}, which explains more (BIC {more:+.1f})."
+
+
+class LookBack(NamedTuple):
+    """The model after looking back, the effects in it, and a sentence for each exchange."""
+
+    model: CandidateModel
+    found: tuple[Found, ...]
+    sentences: tuple[str, ...]
+
+
+def exchanged(s: CandidateModel, found: Sequence[Found], report: Report) -> LookBack:
+    """Compare each effect with its rivals, all other effects at work, and exchange it for one that explains more."""
     now, words = list(found), []
     for k, each in enumerate(found):
         rivals = {e: v for e, v in each.rivals.items() if not s.at_work(e)}
         if not rivals:
             continue
         report(f"asking again whether it is {each.effect.name}", 0.88)
-        here, others = _beside(s, each.effect, rivals)
-        best = min((here, *others), key=lambda v: v.bic_change)
-        best = here if alike(here, best) else best
-        if best is not here:
-            new = refit_fully(best.standing, report)
-            if not new.holds(s, score(s)) or _contradicted(best.standing, s):
+        every = _beside(s, each.effect, rivals)
+        liked = preference(every[0].verdict, [t.verdict for t in every[1:]], s.settings)
+        best = every[liked.best]
+        if liked.best:
+            new = refit_fully(best.model, report)
+            if not holds(new, s, score(s)) or _contradicted(best.model, s):
                 continue
-            more = best.bic_change - here.bic_change
-            words.append(f"{each.effect.name} gave way to {best.effect.name}, which explains more (BIC {more:+.1f}).")
-            s = replace(new, added=tuple(best.effect if e is each.effect else e for e in s.added))  # its place stays
-        ties = _apart(best, (v for v in (here, *others) if v is not best and alike(v, best)))
-        now[k] = replace(each, effect=best.effect, ties=ties, worth=-best.bic_change)
-    return s, tuple(_apart_from(s, each) for each in now), tuple(words)
+            words.append(gave_way(every[0].verdict, best.verdict))
+            s = replace(new, added=in_place(s.added, each.effect, best.verdict.effect))
+        ties = _apart(best, (every[tie] for tie in liked.ties))
+        now[k] = replace(each, effect=best.verdict.effect, ties=ties, worth=-best.verdict.bic_change)
+    return LookBack(s, tuple(each.told_apart_from(s.added) for each in now), tuple(words))
 
 
-def _apart_from(s: CandidateModel, each: Found) -> Found:
-    """Two effects that are both at work were told apart."""
-    return replace(each, ties={effect: far for effect, far in each.ties.items() if not s.at_work(effect)})
-
-
-def _beside(
-    s: CandidateModel, effect: Effect, rivals: Mapping[Effect, Mapping[str, float]]
-) -> tuple[TrialVerdict, tuple[TrialVerdict, ...]]:
-    """The effect, and those rivals that are worth their parameters and not contradicted, each over neither."""
+def _beside(s: CandidateModel, effect: Effect, rivals: Mapping[Effect, Mapping[str, float]]) -> tuple[Trial, ...]:
+    """Trials of the effect and, after it, of the rivals that stand, each over the model with none of them."""
     base = s.without(effect).optimised()
     before = score(base)
     others = [tried(base, rival, values, before) for rival, values in rivals.items()]
-    good = tuple(v for v in others if v.bic_change < STRONG and v.helps_elsewhere())
-    return judged(effect, before, s), good
+    return judged(effect, before, s), *(t for t in others if stands(t.verdict, s.settings))
 
 
 def _contradicted(new: CandidateModel, old: CandidateModel) -> bool:
-    """Where no traces are declared as held out, those left out in turn are worse off with the new model."""
+    """Where no traces are declared as held out: those left out in turn are worse off with the new model."""
     return new.holdout is None and bool(folds(new)) and left_out(new) > left_out(old)
 
 
-def pruned(s: CandidateModel, report: Report) -> tuple[CandidateModel, tuple[str, ...]]:
-    """Try to take each added effect away again; what is taken, and a sentence for each."""
+# ---- one effect taken away
+
+
+class Pruned(NamedTuple):
+    """The model after pruning, and a sentence for each effect taken away."""
+
+    model: CandidateModel
+    sentences: tuple[str, ...]
+
+
+def pruned(s: CandidateModel, report: Report) -> Pruned:
+    """Take away each added effect but the last whose parameters are no longer worth it, later effects at work."""
     words = []
     for effect in s.added[:-1]:
         report(f"trying without {effect.name}", 0.9)
         less, here = s.without(effect).optimised(), score(s)
-        change = -bic_change(score(less), here, len(resting(effect)), 1)
-        if change < 0.0 and not (new := refit_fully(less, report)).spoilt(s):
+        change = -bic_change(score(less), here, Cost(len(resting(effect)), 1))
+        if change < 0.0 and not spoilt(new := refit_fully(less, report), s):
             words.append(f"{effect.name} was taken away again: what came after explains it (BIC {change:+.1f}).")
             s = new
-    return s, tuple(words)
+    return Pruned(s, tuple(words))

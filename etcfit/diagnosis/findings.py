@@ -9,6 +9,7 @@ import numpy as np
 
 from ..estimation.result import FitResult
 from ..problem.prediction_error import PredictionError
+from .settings import DEFAULT, DiagnosisSettings
 
 
 @dataclass(frozen=True)
@@ -60,7 +61,7 @@ class Evidence:
         rows: by trace and channel.
         white: all of them are white.
         shares: what the missing torque and voltage depend on, largest first.
-        sentences: the same in words.
+        sentences: rows and shares in words.
     """
 
     rows: tuple[Whiteness, ...]
@@ -76,9 +77,9 @@ class Candidate:
     Args:
         effect: name.
         screened: by how much the score test thought it would lower chi2.
-        own: share of its signature that no fitted parameter can imitate; 0: it IS a shift of those.
-        refitted: whether it was refitted in full; the ratios are None where not.
-        fit_rms_ratio, holdout_rms_ratio: free-running error, in sigma, over that without it.
+        own: share of its signature that no fitted parameter can imitate; 0: it does no more than they do.
+        refitted: whether it was tried in a refit; the ratios are None where not.
+        fit_rms_ratio, holdout_rms_ratio: free-run RMS over that without the effect.
         holdout_chi2_change: of the held-out residual.
         bic_change: below 0 where it is worth its parameters.
     """
@@ -100,11 +101,11 @@ class RoundReport:
     Args:
         effects: at work beyond Eqs. 1-2.
         evidence: of the residual.
-        fit_rms, holdout_rms: free-running error of that model, sigma; what the candidates' ratios are of. The latter
+        fit_rms, holdout_rms: free-run RMS of that model, sigma, by which the candidates' ratios are divided. The latter
             None without a holdout.
         candidates: the most promising first.
         added: the effect found, or None.
-        ties: effects that would have done as well.
+        ties: effects that explain these data as well as the one added.
         why: one sentence.
     """
 
@@ -120,7 +121,7 @@ class RoundReport:
 
 @dataclass(frozen=True)
 class Tie:
-    """Effects that these data cannot tell apart: the first stands in the model for all of them.
+    """Effects that these data cannot tell apart: the first of them is the one in the model.
 
     Args:
         effects: names.
@@ -144,9 +145,9 @@ class Unexplained:
         unit, axis_unit: of the curve and of its axis.
         axis, curve, sd: the curve over the range that was measured, and its standard deviation, shape (n,) each.
         size: rms of the contribution along the measured motion, in `unit`.
-        fit_rms_ratio, holdout_rms_ratio: free-running errors with it over those without.
+        fit_rms_ratio, holdout_rms_ratio: free-run errors with it over those without.
         bic_change: of adding it.
-        fit, holdout: free-running errors with it.
+        fit, holdout: free-run errors with it.
         doubts: named effects that it replaces as well as they explain the data themselves: they are not proven.
         sentence: all that in words.
     """
@@ -205,6 +206,7 @@ class Diagnosis:
         unexplained: what no effect explains; None where the residual is noise.
         motions: missing torque and voltage along the measured motion.
         verdict: the whole in a few sentences.
+        settings: what it was decided by.
     """
 
     before: FitResult
@@ -218,3 +220,4 @@ class Diagnosis:
     unexplained: Unexplained | None
     motions: tuple[Motion, ...] = field(repr=False)
     verdict: tuple[str, ...] = ()
+    settings: DiagnosisSettings = DEFAULT

@@ -7,52 +7,69 @@ does not bring the model near its data, the joint fit is made once more with suc
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import replace
+from typing import NamedTuple
 
 from ..estimation.joint_fit import Report, fit
 from ..estimation.result import FitResult
+from .candidate_model import CandidateModel
+from .choice import Choice, Outcome
 from .composition import Effect, carried
-from .loop import Round, judged, refit_fully
-from .trial import CandidateModel, score
+from .loop import Round
+from .refit import holds, refit_fully
+from .score import score
+from .trial import judged
 
 
-def hidden(result: FitResult, turned: Round, report: Report) -> tuple[Round, CandidateModel] | None:
-    """A round that adds the effect with which a fit comes near the data, and the model then; None where none does.
+class Unmasked(NamedTuple):
+    """A round that adds an effect hidden by the guide, and the model after it."""
+
+    turned: Round
+    model: CandidateModel
+
+
+def maskable(candidates: Iterable[Effect]) -> tuple[Effect, ...]:
+    """The candidates that a run drawn along the measured angle does not show."""
+    return tuple(effect for effect in candidates if effect.hidden)
+
+
+def hidden(result: FitResult, turned: Round, report: Report) -> Unmasked | None:
+    """The first effect hidden by the guide with which a fit comes near the data; None where none does.
 
     Args:
         result: the first fit.
         turned: the first round as it went, after which the model is still far from the data.
         report: progress.
     """
-    for effect in turned.before.composition.candidates:
-        if effect.hidden:
-            report(f"fitting anew with {effect.name}", 0.9)
-            s = _with(result, turned, effect, report)
-            if s is not None:
-                return _round(turned, s, effect), s
+    for effect in maskable(turned.before.composition.candidates):
+        report(f"fitting anew with {effect.name}", 0.9)
+        s = _fitted_with(effect, result, turned, report)
+        if s is not None:
+            return Unmasked(_round(turned, s, effect), s)
     return None
 
 
-def _with(result: FitResult, turned: Round, effect: Effect, report: Report) -> CandidateModel | None:
+def _fitted_with(effect: Effect, result: FitResult, turned: Round, report: Report) -> CandidateModel | None:
+    """The model after a joint fit with the effect; None where it stays far from the data or is worse."""
     config = result.rig.config
     again = fit(replace(result.rig, config=replace(config, effects=(*config.effects, effect.name))), report)
     if again.far:
         return None
     s = turned.before.with_effects((effect,), again.values)
-    s = refit_fully(
-        replace(s, x=carried(again.x, again.problem.layout, s.problem.free_parameters, again.values)), report
-    )
-    return None if s.far or not s.holds(turned.before, turned.score) else s
+    s = replace(s, x=carried(again.x, again.problem.layout, s.problem.free_parameters, again.values))
+    s = refit_fully(s, report)
+    return None if s.far or not holds(s, turned.before, turned.score) else s
 
 
 def _round(turned: Round, s: CandidateModel, effect: Effect) -> Round:
-    """Both models are compared as the better one whitens: drawn along the angle they would not differ."""
+    """Both models are compared under the whitening of the new one: drawn along the angle they would not differ."""
     first, less = turned.before, s.without(effect)
     less = replace(less, x=carried(first.x, first.problem.layout, less.problem.free_parameters, {}))
-    verdict = judged(effect, score(less), s)
+    trial = judged(effect, score(less), s)
     why = (
         f"Drawn along the measured angle no effect comes near the data at once. That hides {effect.name}, and a fit "
-        f"with it comes near them: fitted error x {verdict.fit_rms_ratio:.3f}."
+        f"with it comes near them: fitted error x {trial.verdict.fit_rms_ratio:.3f}."
     )
     seen = tuple(g for g in turned.screened if g.variant.effect is effect)
-    return replace(turned, screened=seen, verdicts=(verdict,), added=effect, ties=(), why=why)
+    return replace(turned, screened=seen, trials=(trial,), choice=Choice(Outcome.ADDED, effect, (), why))

@@ -3,10 +3,10 @@
 The plate of the simulation is drawn along the measured angle by a guide at its terminals; what this guide needs is
 what the model lacks,
 
-    T_missing = N K_m / R_a pull (theta_measured - theta),        V_missing = (R_a + R_series) (i_measured - i)
+    T_missing = N K_m / R_a stiffness (theta_measured - theta),        V_missing = (R_a + R_series) (i_measured - i)
 
-so that friction that sticks, stops, memories and the electrical side need no second formula: it is the same stepper.
-The second holds for what changes slower than L_a/R_a.
+so that sticking friction, stops, effects with memory and the electrical side need no inverse formula: the stepper that
+simulates the fit does it all. The second holds for what changes slower than L_a/R_a.
 
 Source: synchronisation by a coupling (Abarbanel 2009); the guide as inverse dynamics with a finite bandwidth.
 """
@@ -15,7 +15,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from functools import partial
-from typing import Any
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -25,35 +25,66 @@ from ..problem.free_parameters import SERIES, Form, Pick
 from ..problem.prediction_error import columns
 from ..problem.problem import EstimationProblem
 from ..problem.residual import run
+from .candidate_model import CandidateModel
 from .findings import Motion
-from .trial import CandidateModel
-
-_BANDWIDTH = 15.0  # Hz, w above; no more than a tenth of the sample rate
-_STABLE = 0.3  # of the stiffness at which the current no longer follows the guide
-_LEAST = 0.003  # of J w^2: where there is no dry friction to measure by
-_GIVE = 0.01  # of the travel that was measured: how far the guide gives way to a torque as large as dry friction
+from .settings import DiagnosisSettings
 
 
-def pull_of(problem: EstimationProblem, x: np.ndarray) -> float:
-    """Stiffness of the guide: T_f over a hundredth of the travel; where there is hardly any, a share of J w^2.
-
-    In V/rad, by the motor's torque per volt, or in N m/rad where torque drives.
-    """
-    values = problem.layout.values(x, problem.free_parameters.held)
-    inertia = problem.config.gear_ratio**2 * float(values["J_m"]) + float(values["J_L"])
+def guide_stiffness_of(problem: EstimationProblem, x: np.ndarray, settings: DiagnosisSettings) -> float:
+    """Stiffness of the guide for these traces; 0 where no angle was logged. Arguments and units: `guide_stiffness`."""
     guided = [t for t in problem.batch.traces if "position" in t.channels]
     if not guided:
         return 0.0
     angles = [t.data[:, t.channels.index("position")] for t in guided]
-    span = max(float(np.nanmax(a) - np.nanmin(a)) for a in angles)
-    rate = 1.0 / float(np.median(np.concatenate([np.diff(t.instants) for t in guided])))
-    stiff = inertia * (2.0 * np.pi * min(_BANDWIDTH, 0.1 * rate)) ** 2
-    torque = max(float(values["T_f"]) / max(_GIVE * span, 1e-9), _LEAST * stiff)
-    if all(t.torque_driven for t in guided):
+    record = Guided(
+        span=max(float(np.nanmax(a) - np.nanmin(a)) for a in angles),
+        rate=1.0 / float(np.median(np.concatenate([np.diff(t.instants) for t in guided]))),
+        torque_driven=all(t.torque_driven for t in guided),
+    )
+    values = problem.layout.values(x, problem.free_parameters.held)
+    return guide_stiffness(values, problem.config.gear_ratio, record, settings)
+
+
+class Guided(NamedTuple):
+    """The measured angle along which a plate is drawn.
+
+    Args:
+        span: largest travel within a trace, rad.
+        rate: samples a second, Hz.
+        torque_driven: the guide acts as a torque, not as a voltage.
+    """
+
+    span: float
+    rate: float
+    torque_driven: bool
+
+
+def guide_stiffness(values: Mapping[str, Any], gear: float, record: Guided, settings: DiagnosisSettings) -> float:
+    """Stiffness with which a guide draws the plate along its measured angle.
+
+        torque = max(T_f / (0.01 span), 0.003 J w^2),    w = 2 pi min(15 Hz, rate / 10),    J = N^2 J_m + J_L
+        volts  = min(torque R_a / (N K_m), 0.3 N K_b R_a / L_a)
+
+    Beyond the last bound guide and coil would swing. The numbers are `guide_give`, `guide_least`, `guide_bandwidth`,
+    `guide_bandwidth_of_rate` and `guide_stable`.
+
+    Args:
+        values: parameters, SI by symbol.
+        gear: N.
+        record: of the measured angle.
+        settings: what decides.
+    Returns:
+        V/rad, or N m/rad where torque drives.
+    """
+    inertia = gear**2 * float(values["J_m"]) + float(values["J_L"])
+    hertz = min(settings.guide_bandwidth, settings.guide_bandwidth_of_rate * record.rate)
+    stiff = inertia * (2.0 * np.pi * hertz) ** 2
+    torque = max(float(values["T_f"]) / max(settings.guide_give * record.span, 1e-9), settings.guide_least * stiff)
+    if record.torque_driven:
         return torque
-    gear, R_a = problem.config.gear_ratio, float(values["R_a"])
-    fastest = gear * float(values["K_b"]) * R_a / float(values["L_a"])  # V/rad: beyond it, guide and coil would swing
-    return min(torque * R_a / (gear * float(values["K_m"])), _STABLE * fastest)
+    R_a = float(values["R_a"])
+    fastest = gear * float(values["K_b"]) * R_a / float(values["L_a"])  # V/rad
+    return min(torque * R_a / (gear * float(values["K_m"])), settings.guide_stable * fastest)
 
 
 @partial(jax.jit, static_argnums=(0, 1))
@@ -83,7 +114,17 @@ def _along(form: Form, circuits: tuple[str, ...], x: Any, pick: Pick, arrays: An
 
 
 def signals(problem: EstimationProblem, x: np.ndarray, guide_stiffness: float) -> list[dict[str, np.ndarray]]:
-    """For each trace its signals at the instants, see `_along`; effects first where there is one row for each."""
+    """Signals of each trace along a run drawn along its measured angle.
+
+    Args:
+        problem: the traces.
+        x: coordinates, shape (P,).
+        guide_stiffness: V/rad, or N m/rad where torque drives.
+    Returns:
+        for each trace, by name, shape (n,): "time" (s), "angle" (rad), "speed" (rad/s), "current" (A), "load" (N m
+        through the gear), "input" (V or N m), "torque" (missing, N m; NaN where the plate rests); and of each effect,
+        shape (effects, n): "effect_torque" (N m) and "effect_voltage" (V).
+    """
     along = {k: np.asarray(v) for k, v in _along(*problem.at(x), problem.arrays(guide_stiffness)).items()}
     out = []
     for lane, _, marks in problem.batch.places:
@@ -92,14 +133,16 @@ def signals(problem: EstimationProblem, x: np.ndarray, guide_stiffness: float) -
 
 
 def motions(before: CandidateModel, after: CandidateModel, held_out: bool) -> list[Motion]:
-    """Missing torque and voltage of both models along the traces that were fitted, or along those held out."""
+    """Missing torque and voltage of both models along the measured motion.
+
+    Args:
+        before, after: the first and the final model.
+        held_out: of the traces held out rather than those fitted.
+    """
     first, last = (s.holdout[0] if held_out and s.holdout is not None else s.problem for s in (before, after))
-    guide_stiffness = pull_of(last, after.x)
-    lacked, left = signals(first, before.x, guide_stiffness), signals(last, after.x, guide_stiffness)
-    volts, volts_left = (
-        missing_voltage(first, before.x, guide_stiffness),
-        missing_voltage(last, after.x, guide_stiffness),
-    )
+    stiffness = guide_stiffness_of(last, after.x, after.settings)
+    lacked, left = signals(first, before.x, stiffness), signals(last, after.x, stiffness)
+    volts, volts_left = missing_voltage(first, before.x, stiffness), missing_voltage(last, after.x, stiffness)
     out = []
     for k, trace in enumerate(last.batch.traces):
         end = left[k]
@@ -116,7 +159,10 @@ def motions(before: CandidateModel, after: CandidateModel, held_out: bool) -> li
 
 
 def missing_voltage(problem: EstimationProblem, x: np.ndarray, guide_stiffness: float) -> list[np.ndarray]:
-    """(R_a + R_series) (i_measured - i) of each trace, V, shape (n,); NaN where no current was logged."""
+    """(R_a + R_series) (i_measured - i) of each trace, V, shape (n,); NaN where no current was logged.
+
+    Args: as of `signals`.
+    """
     values: Mapping[str, Any] = problem.layout.values(x, problem.free_parameters.held)
     out = []
     for trace, model in zip(

@@ -20,38 +20,48 @@ import numpy as np
 
 from ..estimation.levenberg_marquardt import local
 from ..estimation.remedies import listed
-from ..estimation.result import FitResult
 from ..model.effects import EFFECT_BY_NAME
+from .candidate_model import CandidateModel
 from .composition import Effect
-from .trial import CandidateModel
-
-_CLEAR = 0.04  # share of the noise's own chi2 above which what is left is never put down to a formula
-_STRETCHES = 6  # of a trace over which a formula is off by as much
+from .settings import DiagnosisSettings
 
 
-def inexact(s: CandidateModel) -> float:
-    """Relative error of the least exact formula among the effects added."""
-    return max((effect.inexact for effect in s.added), default=0.0)
+def inexact(effects: Sequence[Effect]) -> float:
+    """Relative error of the least exact formula among these effects; 0 for none."""
+    return max((effect.inexact for effect in effects), default=0.0)
 
 
 def percent_off(effects: Sequence[str]) -> str:
-    """How far off the formulas of these effects may be, in words."""
+    """Relative errors of the formulas of these effects, by name, in words: "2 % and 10 %"."""
     return listed(dict.fromkeys(f"{100.0 * EFFECT_BY_NAME[name].inexact:.0f} %" for name in effects))
 
 
-def blur(first: FitResult, s: CandidateModel) -> float:
-    """Chi2 that the effects added may leave: all of them together explained what the first fit left above the noise."""
+def blur(first_chi2_per_dof: float, s: CandidateModel) -> float:
+    """Chi2 that inexact formulas of the effects added may leave; 0 far from the data.
+
+    Args:
+        first_chi2_per_dof: of the first fit; the effects added explained what it left above 1.
+        s: the model with them.
+    """
     n = s.weighted.samples
-    return 0.0 if s.far else left_by(inexact(s), n * max(0.0, first.chi2_per_dof - 1.0), n)
+    explained = n * max(0.0, first_chi2_per_dof - 1.0)
+    return 0.0 if s.far else left_by(inexact(s.added), explained, n, s.settings)
 
 
-def left_by(phi: float, explained: float, n: float) -> float:
-    """Chi2 that an effect whose formula is phi off may leave of what it explained: min(phi^2 chi2, 0.04 n)."""
-    return min(phi**2 * explained, _CLEAR * n)
+def left_by(phi: float, explained: float, n: float, settings: DiagnosisSettings) -> float:
+    """min(phi^2 chi2, 0.04 n): chi2 that an effect whose formula is off may leave of what it explained.
+
+    Args:
+        phi: relative error of the formula.
+        explained: chi2 that the effect explained.
+        n: fitted samples; 0.04 is `formula_ceiling`.
+        settings: what decides.
+    """
+    return min(phi**2 * explained, settings.formula_ceiling * n)
 
 
 def spread(s: CandidateModel) -> np.ndarray:
-    """What inexact formulas add to the covariance of the coordinates, shape (P, P)."""
+    """What inexact formulas of the effects added do to the covariance of the coordinates, shape (P, P), to be added."""
     out = np.zeros((s.x.size, s.x.size))
     if s.far or not s.added:
         return out
@@ -59,14 +69,14 @@ def spread(s: CandidateModel) -> np.ndarray:
     here = local(s.problem, s.x, s.weighted)
     inverse = here.covariance / here.unit
     for effect in s.added:
-        for moved in _stretches(s, here.jacobian, here.jacobian @ _worth(s, effect)):
+        for moved in _stretches(s, here.jacobian, here.jacobian @ _doubled(s, effect)):
             p = effect.inexact * (inverse @ moved)
             out += np.outer(p, p)
     return out
 
 
-def _worth(s: CandidateModel, effect: Effect) -> np.ndarray:
-    """A step of the coordinates that does once more what the effect does: its amplitudes doubled, to first order."""
+def _doubled(s: CandidateModel, effect: Effect) -> np.ndarray:
+    """Step of the coordinates, shape (P,), that doubles the effect's amplitudes to first order."""
     layout, out = s.problem.layout, np.zeros(s.x.size)
     value, slope = layout.numbers(s.x)
     for symbol, off in (effect.off or {}).items():
@@ -75,8 +85,14 @@ def _worth(s: CandidateModel, effect: Effect) -> np.ndarray:
     return out
 
 
-def _stretches(s: CandidateModel, jacobian: np.ndarray, share: np.ndarray) -> Iterator[np.ndarray]:
-    """J^T c of every stretch of every trace, shape (P,) each."""
+def _stretches(s: CandidateModel, jacobian: np.ndarray, effect: np.ndarray) -> Iterator[np.ndarray]:
+    """J^T c_b of every stretch of every trace, shape (P,) each.
+
+    Args:
+        s: the model.
+        jacobian: of the residual, shape (T, L, M, P).
+        effect: c, what the effect does to the residual, shape (T, L, M).
+    """
     for lane, _, marks in s.problem.batch.places:
-        for stretch in np.array_split(marks, _STRETCHES):
-            yield np.einsum("tmp,tm->p", jacobian[stretch, lane], share[stretch, lane])
+        for stretch in np.array_split(marks, s.settings.formula_stretches):
+            yield np.einsum("tmp,tm->p", jacobian[stretch, lane], effect[stretch, lane])

@@ -16,23 +16,24 @@ import itertools
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import partial
-from typing import Any
+from typing import Any, NamedTuple
 
 import jax
 import numpy as np
 from scipy.optimize import lsq_linear
 
-from ..model.parameters import NonNegative
+from ..model.parameters import NonNegative, Parameter
 from ..problem.free_parameters import Form
 from ..problem.problem import EstimationProblem
 from ..problem.residual import WeightedData, residual
 from .composition import Effect, resting
 
-_PROBE = 1e-3  # amplitude, in units of its scale, at which a tangent is taken: off a bound, where it may not exist
-_AT_ONCE = 8  # tangents side by side, which bounds the memory
-_IMITATED = 1e-6  # share of an amplitude's signature below which it is one that fitted parameters have already
-_TINY = 1e-10  # relative: singular values below it count as zero
-_SHY = 1e-5  # ridge on amplitudes, their columns of length 1: what only sums to a fitted parameter stays at rest
+# numerics, no policy: a step, a memory bound, and what counts as zero in double precision
+_PROBE = 1e-3  # amplitude over its scale at which a tangent is taken: on a bound of 0 it may not exist
+_AT_ONCE = 8  # tangents side by side
+_IMITATED = 1e-6  # share of a signature's power below which fitted parameters do all of it
+_TINY = 1e-10  # singular values below this share of 1 count as zero
+_SHY = 1e-5  # ridge on amplitudes, their columns of length 1: keeps one that only adds to a fitted parameter at rest
 
 
 @dataclass(frozen=True, eq=False)
@@ -97,23 +98,9 @@ def tangents(
     problem: EstimationProblem, x: np.ndarray, weighted: WeightedData, every: Sequence[Variant]
 ) -> list[np.ndarray]:
     """For each variant the derivative of the fitted samples' residual in each amplitude over its scale, (n, k)."""
-    layout, index = problem.layout, problem.layout.form.index
-    rest = np.array(weighted.pick.full, dtype=float)
-    fulls, ways = [rest], [np.zeros(rest.size)]
-    for variant in every:
-        full = rest.copy()
-        for symbol, value in variant.shape.items():
-            full[index[symbol]] = value
-        for symbol in variant.amplitudes:
-            domain, way = layout.parameter(symbol).domain, np.zeros(full.size)
-            way[index[symbol]] = domain.scale
-            fulls.append(full + _PROBE * way * (isinstance(domain, NonNegative) and symbol not in variant.shape))
-            ways.append(way)
-    padding = -len(fulls) % _AT_ONCE
-    fulls += [fulls[-1]] * padding
-    ways += [ways[-1]] * padding
-    form, circuits = layout.form, problem.batch.circuits
-    at, along = _tangents(form, circuits, layout.padded(x), weighted, np.stack(fulls), np.stack(ways))
+    layout = problem.layout
+    fulls, ways = _directions(problem, np.array(weighted.pick.full, dtype=float), every)
+    at, along = _tangents(layout.form, problem.batch.circuits, layout.padded(x), weighted, fulls, ways)
     seen = np.asarray(weighted.slots.weight) > 0.0
     base = np.asarray(at[0])[seen]
     pairs = iter([(np.asarray(r)[seen], np.asarray(t)[seen]) for r, t in zip(at[1:], along[1:], strict=True)])
@@ -127,13 +114,43 @@ def tangents(
     return [np.stack([column(v, symbol) for symbol in v.amplitudes], axis=1) for v in every]
 
 
+class _Directions(NamedTuple):
+    """Sets of all values and directions in which the residual is differentiated there, shape (K, Q) each."""
+
+    fulls: np.ndarray
+    ways: np.ndarray
+
+
+def _directions(problem: EstimationProblem, rest: np.ndarray, every: Sequence[Variant]) -> _Directions:
+    """The model at rest first, then one row for each amplitude of each variant; padded to whole batches.
+
+    Args:
+        problem: of the composed model.
+        rest: all its values with every candidate off, shape (Q,).
+        every: variants.
+    """
+    layout, index = problem.layout, problem.layout.form.index
+    fulls, ways = [rest], [np.zeros(rest.size)]
+    for variant in every:
+        full = rest.copy()
+        for symbol, value in variant.shape.items():
+            full[index[symbol]] = value
+        for symbol in variant.amplitudes:
+            domain, way = layout.parameter(symbol).domain, np.zeros(full.size)
+            way[index[symbol]] = domain.scale
+            fulls.append(full + _PROBE * way * (isinstance(domain, NonNegative) and symbol not in variant.shape))
+            ways.append(way)
+    padding = -len(fulls) % _AT_ONCE
+    return _Directions(np.stack(fulls + [fulls[-1]] * padding), np.stack(ways + [ways[-1]] * padding))
+
+
 @dataclass(frozen=True, eq=False)
 class Background:
     """The residual of the fitted model and all that its parameters can do to it.
 
     Args:
-        r: residual of the fitted samples, shape (n,).
-        basis: orthonormal, shape (n, p).
+        r: residual of the fitted samples, free of what the parameters can do, shape (n,).
+        basis: of what they can do, orthonormal, shape (n, p), p <= P.
     """
 
     r: np.ndarray
@@ -141,21 +158,33 @@ class Background:
 
     @classmethod
     def of(cls, problem: EstimationProblem, x: np.ndarray, weighted: WeightedData) -> Background:
+        """That of a model at coordinates x, shape (P,)."""
         r, _, jacobian = problem.linearise(x, weighted)
         seen = np.asarray(weighted.slots.weight) > 0.0
-        columns = jacobian[seen]
-        columns = columns / np.maximum(np.linalg.norm(columns, axis=0), 1e-300)
+        return cls.spanned(r[seen], jacobian[seen])
+
+    @classmethod
+    def spanned(cls, r: np.ndarray, jacobian: np.ndarray) -> Background:
+        """That of a residual, shape (n,), and its Jacobian, shape (n, P); columns that depend on others add nothing."""
+        columns = jacobian / np.maximum(np.linalg.norm(jacobian, axis=0), 1e-300)
         values, vectors = np.linalg.eigh(columns.T @ columns)
         keep = values > _TINY
         basis = columns @ (vectors[:, keep] / np.sqrt(values[keep]))
-        return cls(cls.free_of(basis, r[seen]), basis)
+        return cls(cls.free_of(basis, r), basis)
 
     @staticmethod
     def free_of(basis: np.ndarray, columns: np.ndarray) -> np.ndarray:
+        """(1 - Q Q^T) C of columns of shape (n,) or (n, k)."""
         return columns - basis @ (basis.T @ columns)
 
-    def signature(self, problem: EstimationProblem, variant: Variant, columns: np.ndarray) -> Signature:
-        """The score test of one variant."""
+    def signature(self, variant: Variant, columns: np.ndarray, parameters: Mapping[str, Parameter]) -> Signature:
+        """The score test of one variant.
+
+        Args:
+            variant: of a candidate.
+            columns: d residual / d amplitude over its scale, shape (n, k); what is not finite counts as 0.
+            parameters: of the candidate, by symbol.
+        """
         whole = np.where(np.isfinite(columns), columns, 0.0)
         own = self.free_of(self.basis, whole)
         power, kept = np.sum(whole**2, axis=0), np.sum(own**2, axis=0)
@@ -163,35 +192,39 @@ class Background:
         share = float(np.sum(own**2) / max(float(power.sum()), 1e-300))
         if share == 0.0:
             return Signature(variant, own, 0.0, {**variant.shape, **(variant.effect.off or {})}, 0.0)
-        scanned = [s for s in variant.amplitudes if s in variant.shape]
-        amplitude, gain = (_at if scanned else _bounded)(problem, variant, own, self.r)
-        values = {s: a * problem.layout.parameter(s).domain.scale
-                  for s, a in zip(variant.amplitudes, amplitude.tolist(), strict=True)}  # fmt: skip
-        return Signature(variant, own, gain, {**variant.shape, **values}, share)
+        mine = [parameters[s] for s in variant.amplitudes]
+        scanned = any(s in variant.shape for s in variant.amplitudes)
+        best = _at_scanned(variant, mine, own, self.r) if scanned else _bounded(mine, own, self.r)
+        values = {p.symbol: a * p.domain.scale for p, a in zip(mine, best.amplitudes.tolist(), strict=True)}
+        return Signature(variant, own, best.gain, {**variant.shape, **values}, share)
 
 
-def _at(problem: EstimationProblem, variant: Variant, columns: np.ndarray, r: np.ndarray) -> tuple[np.ndarray, float]:
-    """Scanned amplitudes as they are: a secant says what its own value does, and nothing of a smaller one."""
-    amplitudes = np.array([variant.shape[s] / problem.layout.parameter(s).domain.scale for s in variant.amplitudes])
-    return amplitudes, max(float(r @ r - np.sum((r + columns @ amplitudes) ** 2)), 0.0)
+class Best(NamedTuple):
+    """Amplitudes over their scales, shape (k,), and by how much they lower chi2."""
+
+    amplitudes: np.ndarray
+    gain: float
 
 
-def _bounded(
-    problem: EstimationProblem, variant: Variant, columns: np.ndarray, r: np.ndarray
-) -> tuple[np.ndarray, float]:
-    """Amplitudes over their scales that lower |r + C a|^2 the most, none beyond its bound, and by how much."""
+def _at_scanned(variant: Variant, mine: Sequence[Parameter], columns: np.ndarray, r: np.ndarray) -> Best:
+    """Scanned amplitudes at their scanned values: a secant says what that value does, and nothing of a smaller one."""
+    amplitudes = np.array([variant.shape[p.symbol] / p.domain.scale for p in mine])
+    return Best(amplitudes, max(float(r @ r - np.sum((r + columns @ amplitudes) ** 2)), 0.0))
+
+
+def _bounded(mine: Sequence[Parameter], columns: np.ndarray, r: np.ndarray) -> Best:
+    """Amplitudes over their scales that lower |r + C a|^2 the most, none beyond its bound."""
     size = np.linalg.norm(columns, axis=0)
     own = size > 0.0  # an amplitude without a signature stays at its off value
     q, upper = np.linalg.qr(columns[:, own] / size[own])
-    low = np.array([0.0 if isinstance(problem.layout.parameter(s).domain, NonNegative) else -np.inf
-                    for s in variant.amplitudes])[own]  # fmt: skip
+    low = np.array([0.0 if isinstance(p.domain, NonNegative) else -np.inf for p in mine])[own]
     target = -(q.T @ r)
     rows, right = np.vstack((upper, _SHY * np.eye(low.size))), np.concatenate((target, np.zeros(low.size)))
     solution = lsq_linear(rows, right, bounds=(low, np.inf)).x
     gain = float(target @ target - np.sum((upper @ solution - target) ** 2))
     amplitudes = np.zeros(own.size)
     amplitudes[own] = solution / size[own]
-    return amplitudes, max(gain, 0.0)
+    return Best(amplitudes, max(gain, 0.0))
 
 
 def screen(
@@ -204,13 +237,18 @@ def screen(
     """Every candidate's best variant, the most promising first.
 
     Args:
-        background: of the same model and residual, lean or composed.
+        background: of that model and residual, lean or composed.
         problem, x, weighted: the composed model at its optimum.
         candidates: effects at their off values.
     """
     every = [variant for effect in candidates for variant in variants(effect)]
     columns = tangents(problem, x, weighted, every) if every else []
-    signatures = [background.signature(problem, v, c) for v, c in zip(every, columns, strict=True)]
+    parameters = {p.symbol: p for p in problem.layout.parameters}
+    return ranked([background.signature(v, c, parameters) for v, c in zip(every, columns, strict=True)])
+
+
+def ranked(signatures: Sequence[Signature]) -> tuple[Signature, ...]:
+    """The best variant of each effect, the largest gain first."""
     best: dict[Effect, Signature] = {}
     for signature in signatures:
         effect = signature.variant.effect

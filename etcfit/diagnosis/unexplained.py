@@ -1,11 +1,12 @@
-"""What no effect of the catalogue explains: a smooth unknown in its place, and the names it puts in doubt.
+"""What no effect of the catalogue explains: a smooth curve in its place, and the names that it puts in doubt.
 
 A named effect keeps its name only where it explains nearly as much as a curve that is free to take any shape.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping, Sequence
+from typing import NamedTuple
 
 import numpy as np
 
@@ -13,19 +14,21 @@ from ..estimation.joint_fit import Report
 from ..estimation.result import FitResult
 from ..model.effects import fraction
 from ..model.smooth import UNKNOWNS, AbstractSmooth
+from .candidate_model import CandidateModel
+from .choice import promises, stands
 from .composition import Effect, compose
 from .findings import Unexplained
-from .loop import STRONG, promises, refit_fully, screened
-from .missing_torque import pull_of, signals
+from .loop import screened
+from .missing_torque import guide_stiffness_of, signals
+from .refit import refit_fully, spoilt
+from .score import Score, score
 from .screen import Signature
-from .trial import CandidateModel, Score, TrialVerdict, compare, score
+from .settings import DiagnosisSettings
+from .trial import Cost, Trial, TrialVerdict, judged
 
-_REFITS = 1
-_KEEPS = 0.9  # share of what a free curve explains, from which on a named effect keeps its name
-_SURE = _KEEPS / (1.0 - _KEEPS)  # an effect that explained so many times more than a curve beside it would add keeps it
-_MUCH = 1.5  # chi2 per sample of the final model above which its effects are asked whether one curve does more
-_HOLDS = 0.8  # share of the log-likelihood that one curve gains, from which on all effects together keep their names
 _POINTS = 60  # of the curve that is drawn
+
+Smooth = type[AbstractSmooth]
 
 
 def unexplained(
@@ -45,20 +48,23 @@ def unexplained(
     best = _best(s, before)
     if best is None:
         return None
-    # with the effect as well, a curve explains no less than alone: who explained nearly all of both is not in doubt
-    little = [e for e in s.added if worth[e] < -_SURE * best.bic_change]
-    doubts = tuple(e.name for e in little if _in_doubt(s, e, before))
-    return _told(best, doubts)
+    asked = questioned(s.added, worth, best.verdict.bic_change, s.settings)
+    return _finding(best, tuple(e.name for e in asked if _in_doubt(s, e, before)))
 
 
 def outdone(result: FitResult, first: CandidateModel, s: CandidateModel, report: Report) -> Unexplained | None:
     """One smooth curve that does more for the first model than all the effects found together; None where none does.
 
-    Names found one after the other may each imitate a part of something that has none. It is asked where much is left.
-    Names that brought a model near its data give way only to a curve that does so too: far from them a guided residual
-    is no proof.
+    Names found one after the other may each imitate a part of something that has none. Names that brought a model near
+    its data give way only to a curve that does so too: far from the data a guided residual is no proof.
+
+    Args:
+        result: the first fit.
+        first: the model of the first round.
+        s: the final model, at its optimum.
+        report: progress.
     """
-    if not s.added or (not s.far and s.left < _MUCH):
+    if not s.added or not much_is_left(None if s.far else s.chi2_per_sample, s.settings):
         return None
     report("asking whether one curve explains more than all effects found", 0.88)
     bare = widened(result, first)
@@ -66,99 +72,201 @@ def outdone(result: FitResult, first: CandidateModel, s: CandidateModel, report:
     curve = _best(bare, before)
     if curve is None:
         return None
-    found = s.problem.layout.values(s.x, s.problem.free_parameters.held)
-    named = first.with_effects(s.added, found).lean().optimised()
-    if np.log(named.chi2 / before.chi2) < _HOLDS * np.log(curve.score.chi2 / before.chi2):  # both are negative
+    named = first.with_effects(s.added, s.values).lean().optimised()
+    if not one_curve_does_more(before.chi2, named.chi2, curve.verdict.score.chi2, s.settings):
         return None
-    if first.far and not s.far and refit_fully(curve.standing, report).spoilt(s):
+    if first.far and not s.far and spoilt(refit_fully(curve.model, report), s):
         return None
-    return _told(curve, tuple(e.name for e in s.added))
+    return _finding(curve, tuple(e.name for e in s.added))
+
+
+# ---- decisions
+
+
+def curves(candidates: Iterable[Effect]) -> list[Smooth]:
+    """The smooth curves among the candidates."""
+    return [e for e in candidates if issubclass(e, AbstractSmooth)]
+
+
+def best_curve(verdicts: Sequence[TrialVerdict], settings: DiagnosisSettings) -> int | None:
+    """Number of the verdict with the lowest BIC among those that stand; None where none does."""
+    good = [k for k, v in enumerate(verdicts) if stands(v, settings)]
+    return min(good, key=lambda k: verdicts[k].bic_change, default=None)
+
+
+def questioned(
+    added: Iterable[Effect], worth: Mapping[Effect, float], curve_bic_change: float, settings: DiagnosisSettings
+) -> list[Effect]:
+    """Effects that a curve may put in doubt: those whose BIC fell less than `surely_named` times what it adds.
+
+    With the effect a curve explains no less than alone, so one that explained nearly all of both is not in doubt.
+
+    Args:
+        added: the effects.
+        worth: by how much BIC fell when each was added.
+        curve_bic_change: of the curve beside them all; below 0.
+        settings: what decides.
+    """
+    return [e for e in added if worth[e] < -settings.surely_named * curve_bic_change]
+
+
+def in_doubt(bare: float, named: float, curve: float | None, settings: DiagnosisSettings) -> bool:
+    """Whether a curve explains clearly more than a named effect: ln(named/bare) > 0.9 ln(curve/bare), both negative.
+
+    Args:
+        bare, named, curve: chi2 without the effect, with it, and with the best curve in its place; None: there is none.
+        settings: what decides; 0.9 is `name_keeps`.
+    """
+    if curve is None:
+        return False
+    return bool(np.log(named / bare) > settings.name_keeps * np.log(curve / bare))
+
+
+def much_is_left(chi2_per_sample: float | None, settings: DiagnosisSettings) -> bool:
+    """Whether it is worth asking if one curve does more than all names; None: far from the data, where it always is."""
+    return chi2_per_sample is None or not chi2_per_sample < settings.curve_asked
+
+
+def one_curve_does_more(bare: float, named: float, curve: float, settings: DiagnosisSettings) -> bool:
+    """Whether all effects together do clearly less than one curve: not ln(named/bare) < 0.8 ln(curve/bare).
+
+    Args:
+        bare, named, curve: chi2 of the first model, of that with all effects, and of that with the curve instead.
+        settings: what decides; 0.8 is `names_hold`.
+    """
+    return not np.log(named / bare) < settings.names_hold * np.log(curve / bare)  # both are negative
+
+
+# ---- models with a curve
 
 
 def widened(result: FitResult, s: CandidateModel) -> CandidateModel:
-    """The same model in a composition of its own effects and the smooth unknowns."""
+    """The model, lean, in a composition of its own effects and the smooth curves."""
     return s.within(compose(result.rig, s.problem.batch.traces, UNKNOWNS, s.added), s.added, {}).lean()
 
 
-Smooth = type[AbstractSmooth]
+def _best(s: CandidateModel, before: Score) -> Trial | None:
+    """The smooth curve that helps most, if any is worth it."""
+    likely = screened(s, curves(s.composition.candidates))[: s.settings.curve_refits]
+    trials = [_tried(s, g, before) for g in likely if promises(g, before, s.settings)]
+    best = best_curve([t.verdict for t in trials], s.settings)
+    return None if best is None else trials[best]
 
 
-def _smooth(s: CandidateModel) -> list[Effect]:
-    return [e for e in s.composition.candidates if issubclass(e, AbstractSmooth)]
-
-
-def _best(s: CandidateModel, before: Score) -> TrialVerdict | None:
-    """The smooth unknown that helps most, if any is worth it."""
-    verdicts = [_tried(s, g, before) for g in screened(s, _smooth(s))[:_REFITS] if promises(g, before)]
-    worth = [v for v in verdicts if v.bic_change < STRONG and v.helps_elsewhere()]
-    return min(worth, key=lambda v: v.bic_change, default=None)
-
-
-def _tried(s: CandidateModel, g: Signature, before: Score) -> TrialVerdict:
+def _tried(s: CandidateModel, g: Signature, before: Score) -> Trial:
+    """The trial of a curve; amplitudes that these data do not show cost nothing."""
     trial = s.trying(g.variant.effect, g.values).lean().optimised()
     seen = sum(np.any(g.columns != 0.0, axis=0))
-    return compare(g.variant.effect, before, trial, int(seen), len(UNKNOWNS))
+    return judged(g.variant.effect, before, trial, Cost(int(seen), len(UNKNOWNS)))
 
 
 def _in_doubt(s: CandidateModel, effect: Effect, here: Score) -> bool:
-    """True where a free curve explains clearly more than a named effect does."""
+    """`in_doubt` of one effect of a model with this score."""
     less = s.without(effect).lean().optimised()
     bare = score(less)
     curve = _best(less, bare)
-    if curve is None:
-        return False
-    named, free = np.log(here.chi2 / bare.chi2), np.log(curve.score.chi2 / bare.chi2)
-    return bool(named > _KEEPS * free)  # both are negative
+    return in_doubt(bare.chi2, here.chi2, None if curve is None else curve.verdict.score.chi2, s.settings)
 
 
-def _told(best: TrialVerdict, doubts: tuple[str, ...]) -> Unexplained:
+# ---- the finding
+
+
+def _finding(best: Trial, doubts: tuple[str, ...]) -> Unexplained:
     """The curve over the range that was measured, with its standard deviation."""
-    s, effect = best.standing, best.effect
+    s, v, effect = best.model, best.verdict, best.verdict.effect
     assert issubclass(effect, AbstractSmooth)
-    problem, layout, axis = s.problem, s.problem.layout, effect.along
-    values = layout.values(s.x, problem.free_parameters.held)
-    curve = effect(**{symbol: float(values[symbol]) for symbol in effect.symbols})
-    low, high = _range(s, effect)
-    where = np.linspace(low, high, _POINTS)
+    curve = effect(**{symbol: s.values[symbol] for symbol in effect.symbols})
+    along = signals(s.problem, s.x, guide_stiffness_of(s.problem, s.x, s.settings))
+    where = np.linspace(*measured_range(effect, along, s.problem.config.travel), _POINTS)
     shape = np.asarray(curve.shape(where))
-    sd = _sd(s, effect, where)
     size = float(np.sqrt(np.mean((shape - shape.mean()) ** 2)))
-    rows = best.score
-    held = "" if best.holdout_rms_ratio is None else f", held-out error x {best.holdout_rms_ratio:.3f}"
-    doubt = f" It explains the data better than {' and '.join(doubts)}, which are not proven." if doubts else ""
-    sentence = (
-        f"What is left enters as {effect.enters} and depends on {effect.axis}: a curve of {size:.3g} {effect.unit} rms "
-        f"(fitted error x {best.fit_rms_ratio:.3f}{held}, BIC {best.bic_change:+.0f}).{doubt}"
-    )
     return Unexplained(
-        effect.enters, effect.axis, effect.unit, axis.unit, where, shape, sd, size, best.fit_rms_ratio,
-        best.holdout_rms_ratio, best.bic_change, rows.fit_rows, rows.holdout_rows, doubts, sentence,
-    )  # fmt: skip
+        enters=effect.enters,
+        depends_on=effect.axis,
+        unit=effect.unit,
+        axis_unit=effect.along.unit,
+        axis=where,
+        curve=shape,
+        sd=_sd(s, effect, where),
+        size=size,
+        fit_rms_ratio=v.fit_rms_ratio,
+        holdout_rms_ratio=v.holdout_rms_ratio,
+        bic_change=v.bic_change,
+        fit=v.score.fit_rows,
+        holdout=v.score.holdout_rows,
+        doubts=doubts,
+        sentence=_sentence(v, effect, size, doubts),
+    )
 
 
-def _range(s: CandidateModel, effect: Smooth) -> tuple[float, float]:
-    """What of the axis was measured."""
-    along = signals(s.problem, s.x, pull_of(s.problem, s.x))
+def _sentence(v: TrialVerdict, effect: Smooth, size: float, doubts: Sequence[str]) -> str:
+    held = "" if v.holdout_rms_ratio is None else f", held-out error x {v.holdout_rms_ratio:.3f}"
+    doubt = f" It explains the data better than {' and '.join(doubts)}, which are not proven." if doubts else ""
+    return (
+        f"What is left enters as {effect.enters} and depends on {effect.axis}: a curve of {size:.3g} {effect.unit} rms "
+        f"(fitted error x {v.fit_rms_ratio:.3f}{held}, BIC {v.bic_change:+.0f}).{doubt}"
+    )
+
+
+class Range(NamedTuple):
+    """Least and largest value of an axis, in its unit."""
+
+    low: float
+    high: float
+
+
+def measured_range(effect: Smooth, along: Sequence[Mapping[str, np.ndarray]], travel: tuple[float, float]) -> Range:
+    """What of a curve's axis was measured while the plate moved; everywhere, where no torque is read at all.
+
+    Args:
+        effect: the curve.
+        along: signals of each trace by name, shape (n,) each; "torque" is NaN where the plate rests.
+        travel: closed and open, rad.
+    """
     name = effect.axis
     moving = np.concatenate([a[name][np.isfinite(a["torque"])] for a in along])
     values = moving if moving.size else np.concatenate([a[name] for a in along])
     if name == "angle":
-        values = np.asarray(fraction(values, *s.problem.config.travel))
+        values = np.asarray(fraction(values, *travel))
     if effect.along.low >= 0.0:
         values = np.abs(values)
-    return float(np.min(values)), float(np.max(values))
+    return Range(float(np.min(values)), float(np.max(values)))
 
 
 def _sd(s: CandidateModel, effect: Smooth, where: np.ndarray) -> np.ndarray:
-    """Standard deviation of the curve: its hats are linear in the amplitudes."""
     r, _, jacobian = s.problem.linearise(s.x, s.weighted)
-    flat = jacobian.reshape(-1, s.x.size)
-    unit = max(1.0, float(np.sum(r**2)) / s.weighted.samples)
-    covariance = unit * np.linalg.pinv(flat.T @ flat, rcond=1e-12, hermitian=True)
-    free, scale = s.problem.layout.free, [s.problem.layout.parameter(c).domain.scale for c in effect.symbols]
-    rows = [free.index(c) for c in effect.symbols]
-    hats = np.stack([np.asarray(effect(**_one(effect, k)).shape(where)) for k in range(len(rows))], axis=1) * scale
-    spread = hats @ covariance[np.ix_(rows, rows)] @ hats.T
+    covariance = covariance_of(r, jacobian, s.weighted.samples)
+    rows = [s.problem.layout.free.index(symbol) for symbol in effect.symbols]
+    scale = [s.problem.layout.parameter(symbol).domain.scale for symbol in effect.symbols]
+    return curve_sd(effect, where, covariance[np.ix_(rows, rows)], np.array(scale))
+
+
+def covariance_of(r: np.ndarray, jacobian: np.ndarray, samples: float) -> np.ndarray:
+    """max(1, chi2 / n) (J^T J)^+, shape (P, P).
+
+    Args:
+        r: whitened residual, shape (T, L, M).
+        jacobian: of it, shape (T, L, M, P).
+        samples: n, how many entries hold a sample; the others are 0.
+    """
+    flat = jacobian.reshape(-1, jacobian.shape[-1])
+    unit = max(1.0, float(np.sum(r**2)) / samples)
+    return unit * np.linalg.pinv(flat.T @ flat, rcond=1e-12, hermitian=True)
+
+
+def curve_sd(effect: Smooth, where: np.ndarray, covariance: np.ndarray, scale: np.ndarray) -> np.ndarray:
+    """sqrt(diag(H C H^T)), H_jk = scale_k hat_k(a_j): the curve is linear in its K amplitudes.
+
+    Args:
+        effect: the curve.
+        where: a, values of its axis, shape (n,).
+        covariance: C, of the amplitudes' coordinates, shape (K, K).
+        scale: amplitude over coordinate, shape (K,).
+    Returns:
+        shape (n,), in the curve's unit.
+    """
+    hats = np.stack([np.asarray(effect(**_one(effect, k)).shape(where)) for k in range(len(scale))], axis=1) * scale
+    spread = hats @ covariance @ hats.T
     return np.sqrt(np.maximum(np.diag(spread), 0.0))
 
 

@@ -39,6 +39,7 @@ def diagnosis_json(diagnosis: Diagnosis) -> dict[str, Any]:
             "fit": rows_json(unknown.fit), "holdout": rows_json(unknown.holdout)
         },
         "parameters": parameters_json(after),
+        "settings": plain(diagnosis.settings),
         "warnings": list(after.warnings),
         "folder": after.rig.folder,
         "files": hashes(after.rig),

@@ -21,11 +21,6 @@ BEYOND = [e for e in EFFECTS if e not in PAPER]
 every_candidate = pytest.mark.parametrize("effect", BEYOND, ids=lambda effect: effect.name)
 
 
-@pytest.fixture(scope="module")
-def composition(rig: Rig, traces: tuple[Trace, ...]) -> Composition:
-    return compose(rig, traces)
-
-
 def knowing(rig: Rig, **config: object) -> Rig:
     return replace(rig, config=replace(rig.config, **config))  # pyright: ignore[reportArgumentType]
 

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from itertools import combinations
-from types import SimpleNamespace
-from typing import Any
 
 import numpy as np
 import pytest
@@ -12,15 +11,17 @@ from numpy.testing import assert_array_equal
 
 import folders
 import results
-from etcfit.diagnosis import cross_validation as module
-from etcfit.diagnosis.cross_validation import folds, left_out
-from etcfit.diagnosis.trial import CandidateModel
+from etcfit.diagnosis.candidate_model import CandidateModel
+from etcfit.diagnosis.composition import compose
+from etcfit.diagnosis.cross_validation import chi2_within, folds, groups_of, left_out, only, refitted_without
+from etcfit.diagnosis.settings import DiagnosisSettings
 from etcfit.estimation.joint_fit import ready
 from etcfit.estimation.result import Termination
 from etcfit.problem.free_parameters import free_parameters
 from etcfit.problem.problem import EstimationProblem
 from etcfit.problem.trace import Trace
-from etcfit.rig.base import Rig
+from etcfit.rig import TESTS
+from etcfit.rig.base import Fixed, Rig
 from etcfit.rig.reader import read_folder
 
 HELD = {"resistance", "inductance"}
@@ -37,12 +38,13 @@ def many(tmp_path_factory: pytest.TempPathFactory) -> Rig:
     return read_folder(folders.write(tmp_path_factory.mktemp("many"), files))
 
 
-def standing(rig: Rig, traces: tuple[Trace, ...]) -> CandidateModel:
+def candidate(rig: Rig, traces: tuple[Trace, ...]) -> CandidateModel:
     known = free_parameters(rig.config)
     problem = EstimationProblem.of(rig.config, known, traces)
-    composition: Any = None
-    weighted, x = problem.weighted(problem.free_running()), np.zeros(len(known.layout.free))
-    return CandidateModel(composition, (), problem, weighted, None, x, Termination(True, "by hand"))
+    weighted, layout = problem.weighted(problem.free_running()), known.layout
+    x = layout.coordinates({p.symbol: p.nominal for p in layout.parameters})
+    composition, end = compose(rig, traces, only=()), Termination(True, "by hand")
+    return CandidateModel(composition, (), problem, weighted, None, x, end, DiagnosisSettings())
 
 
 def entries(s: CandidateModel, k: int) -> np.ndarray:
@@ -55,7 +57,7 @@ def entries(s: CandidateModel, k: int) -> np.ndarray:
 
 @pytest.fixture(scope="module")
 def s(many: Rig) -> CandidateModel:
-    return standing(many, ready(many)[0])
+    return candidate(many, ready(many)[0])
 
 
 def test_every_moving_trace_is_left_out_exactly_once_and_a_held_one_never(s: CandidateModel) -> None:
@@ -90,7 +92,7 @@ def test_with_fewer_traces_there_are_fewer_turns_and_with_one_there_is_none(many
     """What is left to fit must move too."""
     every = ready(many)[0]
     moving = [t for t in every if t.test.name not in HELD][:count]
-    few = standing(many, (*moving, *(t for t in every if t.test.name in HELD)))
+    few = candidate(many, (*moving, *(t for t in every if t.test.name in HELD)))
     assert len(folds(few)) == turns
     if not turns:
         assert left_out(few) == 0.0
@@ -98,7 +100,7 @@ def test_with_fewer_traces_there_are_fewer_turns_and_with_one_there_is_none(many
 
 def test_samples_outside_the_mask_are_unseen_and_the_others_as_they_were(s: CandidateModel) -> None:
     mask = folds(s)[0]
-    some, others = module._only(s.weighted, mask), module._only(s.weighted, 1.0 - mask)
+    some, others = only(s.weighted, mask), only(s.weighted, 1.0 - mask)
     for before, kept, left in (
         (s.weighted.slots.weight, some.slots.weight, others.slots.weight),
         (s.weighted.whitening.weight, some.whitening.weight, others.whitening.weight),
@@ -111,34 +113,50 @@ def test_samples_outside_the_mask_are_unseen_and_the_others_as_they_were(s: Cand
     assert some.whitening.gain is s.weighted.whitening.gain
 
 
-def test_each_model_is_refitted_without_and_scored_on_what_is_left_out(
-    s: CandidateModel, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """A model's chi2 of the traces in a mask is made up: their number, times 2 for the one and 3 for the other."""
-    refitted = []
-
-    def minimise(problem: Any, x: Any, weighted: Any, tolerance: float) -> tuple[Any, int]:
-        refitted.append(np.asarray(weighted.slots.weight) > 0.0)
-        return x + 1.0, 1
-
-    def chi2_of(problem: Any, points: Any, weighted: Any) -> np.ndarray:
-        seen = np.asarray(weighted.slots.weight) > 0.0
-        assert not np.any(seen & refitted[-1])
-        return points[:, 0] * seen.sum()
-
-    monkeypatch.setattr(module, "minimise", minimise)
-    monkeypatch.setattr(module, "chi2_of", chi2_of)
-    before, after = (CandidateModel(**{**vars(s), "x": np.full(s.x.size, level)}) for level in (1.0, 2.0))
-    moving = sum(t.data.size for t in s.problem.batch.traces if t.test.name not in HELD)
-    assert left_out(before) == 2.0 * moving
-    assert left_out(after) == 3.0 * moving
-    assert len(refitted) == 6
+@pytest.fixture(scope="module")
+def pair(many: Rig) -> CandidateModel:
+    """Two responses; nothing is free but the spring and dry friction."""
+    free = {"K_s", "T_f"}
+    held = {p.symbol: Fixed(p.nominal) for p in free_parameters(many.config).layout.parameters if p.symbol not in free}
+    little = replace(many, config=replace(many.config, parameters=held))
+    return candidate(little, tuple(t for t in ready(many)[0] if t.test.name == "response")[:2])
 
 
-def test_what_a_plate_does_is_what_its_rig_test_says() -> None:
+@pytest.mark.slow
+def test_a_model_is_refitted_without_what_is_left_out(pair: CandidateModel) -> None:
+    """Whatever the trace left out says, the refit does not hear it; and it does hear the other one."""
+    first, second = folds(pair)
+    spoilt = with_values(pair, 0, 1.5)
+    assert_array_equal(refitted_without(spoilt, first), refitted_without(pair, first))
+    assert np.max(np.abs(refitted_without(spoilt, second) - refitted_without(pair, second))) > 1e-3
+    assert np.max(np.abs(refitted_without(pair, first) - pair.x)) > 1e-3
+
+
+@pytest.mark.slow
+def test_each_model_is_scored_on_what_is_left_out_alone(pair: CandidateModel) -> None:
+    first, second = folds(pair)
+    x = pair.x
+    assert chi2_within(pair, x, first) + chi2_within(pair, x, second) == pytest.approx(pair.chi2)
+    assert chi2_within(with_values(pair, 1, 1.5), x, first) == chi2_within(pair, x, first) > 0.0
+    each = [chi2_within(pair, refitted_without(pair, mask), mask) for mask in (first, second)]
+    assert left_out(pair) == pytest.approx(sum(each))
+
+
+def with_values(s: CandidateModel, k: int, factor: float) -> CandidateModel:
+    """The k-th trace with values so many times as large."""
+    lane, row, marks = s.problem.batch.places[k]
+    slots = s.weighted.slots
+    value = np.array(slots.value)
+    value[row : marks[-1] + 1, lane] *= factor
+    return replace(s, weighted=s.weighted._replace(slots=slots._replace(value=value)))
+
+
+def test_traces_are_dealt_out_one_by_one() -> None:
+    assert groups_of([3, 5, 8, 9], 3) == [[3, 9], [5], [8]]
+    assert groups_of([3, 5], 3) == [[3], [5]]
+    assert groups_of([3], 3) == groups_of([], 3) == []
+
+
+def test_only_traces_of_a_held_plate_are_never_left_out() -> None:
     """A motor that runs alone moves as well."""
-    held: Any = [SimpleNamespace(test=SimpleNamespace(boundary=SimpleNamespace(plate_held=h))) for h in (1, 0, 0)]
-    batch = SimpleNamespace(traces=held, places=[(0, 4 * k, 4 * k + np.arange(4)) for k in range(3)],
-                           steps=SimpleNamespace(dt=np.zeros((12, 1))))  # fmt: skip
-    stub: Any = SimpleNamespace(problem=SimpleNamespace(batch=batch))
-    assert_array_equal(np.stack(folds(stub))[..., 0], np.repeat([[0, 1, 0], [0, 0, 1]], 4, axis=1))
+    assert {test.name for test in TESTS if test.boundary.plate_held} == {"resistance", "inductance"}

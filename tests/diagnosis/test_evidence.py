@@ -2,16 +2,21 @@
 
 from __future__ import annotations
 
-from types import SimpleNamespace
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 import pytest
 
-from etcfit.diagnosis.evidence import _channels, _correlation, _sentences, _shares, _strongest, explained
+from etcfit.diagnosis.candidate_model import CandidateModel
+from etcfit.diagnosis.evidence import Place, correlation, evidence, explained, sentences, shares, strongest, whiteness
 from etcfit.diagnosis.findings import Share, Whiteness
+from etcfit.diagnosis.settings import DiagnosisSettings
+from etcfit.estimation.result import Termination
 
 N = 6000
+SETTINGS = DiagnosisSettings()
+BINS = SETTINGS.share_bins
 
 
 @pytest.fixture
@@ -25,16 +30,17 @@ def rng() -> np.random.Generator:
 @pytest.mark.parametrize("curve", [np.sin, np.sign, np.square, lambda a: np.exp(-((a / 0.3) ** 2))])
 def test_a_function_of_the_axis_is_explained_by_it(rng: np.random.Generator, curve: Any) -> None:
     axis = rng.uniform(-2.0, 2.0, N)
-    assert explained(axis, curve(axis)) > 0.95
-    assert explained(axis, 1e3 - 1e-4 * curve(axis)) == pytest.approx(explained(axis, curve(axis)), abs=1e-6)
+    assert explained(axis, curve(axis), BINS) > 0.95
+    assert explained(axis, 1e3 - 1e-4 * curve(axis), BINS) == pytest.approx(
+        explained(axis, curve(axis), BINS), abs=1e-6
+    )
 
 
 def test_noise_is_not(rng: np.random.Generator) -> None:
     """Nor does chance count: on average over many draws nothing is left of what 24 bins take."""
-    shares = [explained(rng.normal(size=500), rng.normal(size=500)) for _ in range(40)]
+    shares = [explained(rng.normal(size=500), rng.normal(size=500), BINS) for _ in range(40)]
     assert max(shares) < 0.08
     assert np.mean(shares) < 0.015
-    assert 24.0 / 500.0 > 0.04
 
 
 def test_a_share_is_that_of_the_variance(rng: np.random.Generator) -> None:
@@ -43,37 +49,37 @@ def test_a_share_is_that_of_the_variance(rng: np.random.Generator) -> None:
     size = float(np.std(curve))
     for level in (0.5, 1.0, 2.0):
         expected = size**2 / (size**2 + level**2)
-        assert explained(axis, curve + level * noise) == pytest.approx(expected, abs=0.03)
+        assert explained(axis, curve + level * noise, BINS) == pytest.approx(expected, abs=0.03)
 
 
 def test_a_function_of_another_quantity_is_not_explained(rng: np.random.Generator) -> None:
-    assert explained(rng.normal(size=N), np.sin(rng.normal(size=N))) < 0.01
+    assert explained(rng.normal(size=N), np.sin(rng.normal(size=N)), BINS) < 0.01
 
 
 @pytest.mark.parametrize("rest", [0.0, 0.5])
 def test_an_axis_that_rests_half_of_the_time_has_fewer_bins(rng: np.random.Generator, rest: float) -> None:
     """A plate lies on its stop: many samples share one angle."""
     axis = np.where(rng.uniform(size=N) < rest, 0.0, rng.uniform(0.0, 1.5, N))
-    assert explained(axis, np.cos(axis)) > 0.95
-    assert explained(axis, rng.normal(size=N)) < 0.01
+    assert explained(axis, np.cos(axis), BINS) > 0.95
+    assert explained(axis, rng.normal(size=N), BINS) < 0.01
 
 
 def test_what_does_not_vary_explains_nothing_and_is_not_explained(rng: np.random.Generator) -> None:
     noise = rng.normal(size=N)
-    assert explained(np.full(N, 0.3), noise) == 0.0
-    assert explained(noise, np.full(N, 0.3)) == 0.0
+    assert explained(np.full(N, 0.3), noise, BINS) == 0.0
+    assert explained(noise, np.full(N, 0.3), BINS) == 0.0
 
 
 def test_shares_are_of_all_traces_and_only_where_something_is_known(rng: np.random.Generator) -> None:
     along = [{name: rng.normal(size=N) for name in ("angle", "speed", "current", "load", "time")} for _ in range(2)]
     missing = [np.sin(a["speed"]) for a in along]
     missing[0][::2] = np.nan
-    shares = {s.axis: s for s in _shares("torque", along, missing)}
-    assert set(shares) == {"angle", "speed", "current", "load", "time"}
-    assert shares["speed"].share > 0.95
-    assert max(shares[a].share for a in ("angle", "current", "load", "time")) < 0.01
-    assert {s.axis for s in _shares("voltage", along, missing)} == {"current", "speed", "angle", "time"}
-    assert _shares("torque", along, [np.full(N, np.nan)] * 2) == []
+    found = {s.axis: s for s in shares("torque", along, missing, SETTINGS)}
+    assert set(found) == {"angle", "speed", "current", "load", "time"}
+    assert found["speed"].share > 0.95
+    assert max(found[a].share for a in ("angle", "current", "load", "time")) < 0.01
+    assert {s.axis for s in shares("voltage", along, missing, SETTINGS)} == {"current", "speed", "angle", "time"}
+    assert shares("torque", along, [np.full(N, np.nan)] * 2, SETTINGS) == []
 
 
 # ---- what a residual goes along with
@@ -82,15 +88,15 @@ def test_shares_are_of_all_traces_and_only_where_something_is_known(rng: np.rand
 def test_the_strongest_is_the_one_it_correlates_with_most_whatever_the_sign(rng: np.random.Generator) -> None:
     a, b = rng.normal(size=N), 50.0 + 7.0 * rng.normal(size=N)
     r = rng.normal(size=N) + 0.1 * a - 0.05 * (b - 50.0)
-    name, rho = _strongest(r, {"angle": a, "speed": b, "time": np.linspace(0.0, 1.0, N)})
+    name, rho = strongest(r, {"angle": a, "speed": b, "time": np.linspace(0.0, 1.0, N)})
     assert name == "speed"
     assert rho == pytest.approx(float(np.corrcoef(r, b)[0, 1]))
     assert rho < -0.2
 
 
 def test_a_signal_that_does_not_vary_correlates_with_nothing(rng: np.random.Generator) -> None:
-    assert _correlation(rng.normal(size=N), np.full(N, 3.0)) == 0.0
-    assert _correlation(np.zeros(N), rng.normal(size=N)) == 0.0
+    assert correlation(rng.normal(size=N), np.full(N, 3.0)) == 0.0
+    assert correlation(np.zeros(N), rng.normal(size=N)) == 0.0
 
 
 # ---- is it noise?
@@ -99,19 +105,12 @@ def test_a_signal_that_does_not_vary_correlates_with_nothing(rng: np.random.Gene
 def judged(r: np.ndarray, **signals: np.ndarray) -> Whiteness:
     """One channel of one trace, half of its instants without a sample."""
     n = r.size
-    data = np.full((2 * n, 1), np.nan)
-    data[::2, 0] = 0.0
-    whole = np.full((2 * n, 1), 1e9)
-    whole[::2, 0] = r
+    logged = np.arange(2 * n) % 2 == 0
+    whole = np.full(2 * n, 1e9)
+    whole[logged] = r
     still = {name: np.zeros(2 * n) for name in ("input", "speed", "angle", "current", "time")}
     along = still | {name: np.repeat(value, 2) for name, value in signals.items()}
-    trace: Any = SimpleNamespace(
-        channels=("position",),
-        data=data,
-        measurement=SimpleNamespace(file="response/a.csv", test="response"),
-    )
-    (row,) = _channels(trace, whole, along)
-    return row
+    return whiteness(Place("response/a.csv", "response", "position"), whole, logged, along, SETTINGS)
 
 
 def test_noise_is_called_white(rng: np.random.Generator) -> None:
@@ -155,14 +154,14 @@ def test_a_residual_that_goes_along_with_the_direction_says_so(rng: np.random.Ge
 # ---- in words
 
 
-def whiteness(rms: float, white: bool, channel: str = "position") -> Whiteness:
+def row(rms: float, white: bool, channel: str = "position") -> Whiteness:
     return Whiteness("response/a.csv", "response", channel, 100, rms, 0.5, "angle", -0.4, 0.5, white)
 
 
 def test_the_sentences_name_the_largest_residual_and_every_share_worth_it() -> None:
-    rows = [whiteness(1.0, True), whiteness(3.0, False), whiteness(20.0, False, "current")]
-    shares = [Share("torque", "angle", 0.62), Share("voltage", "current", 0.3), Share("torque", "speed", 0.04)]
-    assert _sentences(rows, shares) == [
+    rows = [row(1.0, True), row(3.0, False), row(20.0, False, "current")]
+    found = [Share("torque", "angle", 0.62), Share("voltage", "current", 0.3), Share("torque", "speed", 0.04)]
+    assert sentences(rows, found, SETTINGS) == [
         "2 of 3 residuals are not white; the largest, current in response/a.csv, is 20 times its noise and goes along "
         "with angle (correlation -0.40).",
         "Of the missing torque, a curve over one quantity takes away: angle 62 %.",
@@ -171,5 +170,29 @@ def test_the_sentences_name_the_largest_residual_and_every_share_worth_it() -> N
 
 
 def test_where_all_is_noise_nothing_else_is_said() -> None:
-    said = _sentences([whiteness(1.0, True)] * 4, [Share("torque", "angle", 0.9)])
+    said = sentences([row(1.0, True)] * 4, [Share("torque", "angle", 0.9)], SETTINGS)
     assert said == ["All 4 residuals are white: noise, as far as these tests see."]
+
+
+# ---- on a model
+
+
+def test_every_channel_of_every_trace_is_tested_where_it_was_logged(small: CandidateModel) -> None:
+    """Its trace was drawn by hand and is no throttle's."""
+    found = evidence(small)
+    (trace,) = small.problem.batch.traces
+    assert [(r.file, r.test, r.channel) for r in found.rows] == [
+        (trace.measurement.file, "response", channel) for channel in trace.channels
+    ]
+    assert [r.n for r in found.rows] == np.isfinite(trace.data).sum(axis=0).tolist()
+    assert not found.white
+    assert found.sentences[0].startswith(f"{sum(not r.white for r in found.rows)} of {len(found.rows)} residuals")
+    assert found.shares == ()  # 60 samples are too few
+
+
+def test_far_from_the_data_a_residual_is_judged_by_its_noise_not_by_its_weight(small: CandidateModel) -> None:
+    problem = small.problem.discounted(small.x)
+    far = replace(small, problem=problem, weighted=problem.weighted(problem.free_running()),
+                  end=Termination(True, "far", far=True))  # fmt: skip
+    assert far.chi2 < 0.5 * small.chi2
+    assert [r.rms for r in evidence(far).rows] == pytest.approx([r.rms for r in evidence(small).rows])

@@ -2,15 +2,19 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from types import SimpleNamespace
-from typing import Any
+import math
 
 import pytest
 
-from etcfit.diagnosis import exchange as look_back
+from diagnoses import score, verdict
 from etcfit.diagnosis.ambiguity import Apart
-from etcfit.diagnosis.exchange import Found, exchanged
+from etcfit.diagnosis.candidate_model import CandidateModel
+from etcfit.diagnosis.choice import Choice, Outcome
+from etcfit.diagnosis.composition import resting
+from etcfit.diagnosis.exchange import Found, exchanged, gave_way, in_place, is_rival, preference, pruned
+from etcfit.diagnosis.loop import Round
+from etcfit.diagnosis.settings import DiagnosisSettings
+from etcfit.diagnosis.trial import Trial
 from etcfit.estimation.joint_fit import quiet
 from etcfit.model.effects import EFFECT_BY_NAME
 
@@ -18,108 +22,99 @@ LIMP, AIR, GRAVITY, HEAT = (
     EFFECT_BY_NAME[n] for n in ("limp_home_spring", "airflow_torque", "gravity_load", "winding_heating")
 )
 CLOSE = Apart(0.05, {})
-
-
-@dataclass(frozen=True)
-class Stand:
-    """A model as the look back sees it."""
-
-    added: tuple[type, ...]
-    worse: bool = False
-    holdout: Any = "traces"
-    far: bool = False
-
-    @property
-    def weighted(self) -> Any:
-        return SimpleNamespace(samples=1000.0)
-
-    def at_work(self, effect: type) -> bool:
-        return effect in self.added
-
-    def holds(self, before: Any, was: Any) -> bool:
-        return not self.worse
-
-
-def verdict(
-    effect: type, bic: float, chi2: float, gain: float = 500.0, added: tuple[type, ...] = (), **more: Any
-) -> Any:
-    score = SimpleNamespace(chi2=chi2, count=1000.0)
-    standing = Stand((*added, effect), **more)
-    return SimpleNamespace(effect=effect, bic_change=bic, score=score, gain=gain, standing=standing)
-
-
-def stand(*added: type) -> Any:
-    return Stand(added)
+SETTINGS = DiagnosisSettings()
 
 
 def found(effect: type, *rivals: type) -> Found:
     return Found(effect, {}, 100.0, {rival: {} for rival in rivals})
 
 
-@pytest.fixture
-def asked(monkeypatch: pytest.MonkeyPatch) -> dict[type, tuple[Any, tuple[Any, ...]]]:
-    """Verdicts by the effect asked again; refits in full leave a model as it is."""
-    verdicts: dict[type, tuple[Any, tuple[Any, ...]]] = {}
-    monkeypatch.setattr(look_back, "_beside", lambda s, effect, rivals: verdicts[effect])
-    monkeypatch.setattr(look_back, "apart", lambda a, b: CLOSE)
-    monkeypatch.setattr(look_back, "refit_fully", lambda s, report: s)
-    monkeypatch.setattr(look_back, "score", lambda s: None)
-    return verdicts
+# ---- which of them is preferred
 
 
-def test_an_effect_gives_way_to_a_rival_that_explains_more_and_its_place_stays(asked: dict) -> None:
-    asked[GRAVITY] = verdict(GRAVITY, -500.0, 1100.0), (verdict(AIR, -590.0, 1000.0, added=(HEAT,)),)
-    s, now, words = exchanged(stand(GRAVITY, HEAT), (found(GRAVITY, AIR), found(HEAT)), quiet)
-    assert s.added == (AIR, HEAT)
-    assert [f.effect for f in now] == [AIR, HEAT]
-    assert now[0].worth == 590.0
-    assert words == ("gravity_load gave way to airflow_torque, which explains more (BIC -90.0).",)
+def test_a_rival_that_explains_more_is_preferred() -> None:
+    here, air = verdict(GRAVITY, -500.0, chi2=1100.0), verdict(AIR, -590.0, chi2=1000.0)
+    assert preference(here, [verdict(LIMP, -450.0, chi2=1150.0), air], SETTINGS) == (2, ())
+    assert gave_way(here, air) == "gravity_load gave way to airflow_torque, which explains more (BIC -90.0)."
 
 
-def test_a_rival_that_does_as_well_is_a_tie_and_nothing_is_exchanged(asked: dict) -> None:
-    asked[GRAVITY] = verdict(GRAVITY, -500.0, 1000.0), (verdict(AIR, -503.0, 996.0), verdict(LIMP, -400.0, 1100.0))
-    s, now, words = exchanged(stand(GRAVITY), (found(GRAVITY, AIR, LIMP),), quiet)
-    assert s.added == (GRAVITY,)
-    assert now[0].ties == {AIR: CLOSE}
-    assert words == ()
+def test_a_rival_that_does_as_well_is_a_tie_and_the_effect_stays() -> None:
+    here = verdict(GRAVITY, -500.0, chi2=1000.0)
+    others = [verdict(AIR, -503.0, chi2=996.0), verdict(LIMP, -400.0, chi2=1100.0)]
+    assert preference(here, others, SETTINGS) == (0, (1,))
 
 
-def test_a_tie_of_its_round_that_later_effects_resolve_is_a_tie_no_longer(asked: dict) -> None:
-    asked[GRAVITY] = verdict(GRAVITY, -500.0, 1000.0), (verdict(AIR, -400.0, 1100.0),)
-    once = Found(GRAVITY, {AIR: CLOSE}, 100.0, {AIR: {}})
-    _, now, _ = exchanged(stand(GRAVITY, HEAT), (once,), quiet)
-    assert now[0].ties == {}
+def test_an_effect_may_be_tied_to_the_rival_that_takes_its_place() -> None:
+    """Ties are those of the one preferred, whoever it was before."""
+    here = verdict(GRAVITY, -400.0, chi2=1100.0)
+    others = [verdict(AIR, -590.0, chi2=1000.0), verdict(LIMP, -588.0, chi2=1002.0)]
+    assert preference(here, others, SETTINGS) == (1, (2,))
 
 
-@pytest.mark.parametrize(
-    "more", [{"worse": True}, {"holdout": None}], ids=["it ends further from the data", "traces left out contradict it"]
-)
-def test_an_effect_stays_where_the_rival_spoils_the_model(
-    asked: dict, monkeypatch: pytest.MonkeyPatch, more: dict[str, Any]
-) -> None:
-    monkeypatch.setattr(look_back, "folds", lambda s: (1, 2))
-    monkeypatch.setattr(look_back, "left_out", lambda s: 50.0 if AIR in s.added else 40.0)
-    asked[GRAVITY] = verdict(GRAVITY, -500.0, 1100.0), (verdict(AIR, -590.0, 1000.0, **more),)
-    s, now, words = exchanged(stand(GRAVITY), (found(GRAVITY, AIR),), quiet)
-    assert s.added == (GRAVITY,)
-    assert now[0].effect is GRAVITY
-    assert words == ()
+def test_without_a_rival_that_stands_the_effect_stays() -> None:
+    assert preference(verdict(GRAVITY, -500.0), [], SETTINGS) == (0, ())
 
 
-def test_one_without_rivals_and_rivals_at_work_are_not_asked(asked: dict) -> None:
-    tied = Found(GRAVITY, {AIR: CLOSE}, 100.0, {AIR: {}})  # in its round; now both are at work
-    s, now, words = exchanged(stand(GRAVITY, AIR), (tied, found(AIR)), quiet)
-    assert (s.added, words) == ((GRAVITY, AIR), ())
-    assert [f.ties for f in now] == [{}, {}]
+def test_an_effect_that_takes_anothers_place_is_found_when_that_was() -> None:
+    assert in_place((GRAVITY, HEAT), GRAVITY, AIR) == (AIR, HEAT)
+    assert in_place((HEAT, GRAVITY), GRAVITY, AIR) == (HEAT, AIR)
 
 
-def test_rivals_are_those_that_explained_half_as_much(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(look_back, "_values", lambda v: {"a": 1.0})
-    monkeypatch.setattr(look_back, "apart", lambda a, b: CLOSE)
-    best, near, weak = (
-        verdict(LIMP, -500.0, 1.0, 100.0),
-        verdict(AIR, -9.0, 1.0, 51.0),
-        verdict(HEAT, -400.0, 1.0, 49.0),
-    )
-    turned: Any = SimpleNamespace(best=best, ties=(AIR,), verdicts=(best, near, weak))
-    assert Found.of(turned) == Found(LIMP, {AIR: CLOSE}, 500.0, {AIR: {"a": 1.0}})
+def test_a_tie_with_an_effect_at_work_is_a_tie_no_longer() -> None:
+    tied = Found(GRAVITY, {AIR: CLOSE, LIMP: CLOSE}, 100.0, {AIR: {}})
+    assert tied.told_apart_from([GRAVITY, AIR]).ties == {LIMP: CLOSE}
+    assert tied.told_apart_from([GRAVITY]) == tied
+
+
+# ---- rivals of a round
+
+
+@pytest.mark.parametrize(("gain", "rival"), [(51.0, True), (49.0, False), (math.nan, False)])
+def test_rivals_are_those_that_explained_half_as_much(gain: float, rival: bool) -> None:
+    best = verdict(LIMP, -500.0, gain=100.0)
+    assert is_rival(verdict(AIR, -9.0, gain=gain), best, SETTINGS) is rival
+    assert not is_rival(best, best, SETTINGS)
+
+
+def test_what_a_round_found_knows_its_ties_and_where_its_rivals_were(model: CandidateModel) -> None:
+    def trial(effect: type, gain: float, **values: float) -> Trial:
+        return Trial(model.with_effects((effect,), values), verdict(effect, -5.0 * gain, gain=gain))
+
+    spring = {"T_lh": 0.3, "K_lh": 0.7, "theta_lh": 0.2, "d_lh": 0.02}
+    best, rival = trial(LIMP, 100.0, **spring), trial(GRAVITY, 51.0, T_g=-0.4)
+    weak = trial(HEAT, 49.0, **resting(HEAT))
+    choice = Choice(Outcome.ADDED, LIMP, (), "Because.")
+    once = Found.of(Round(model, score(1000.0), (), (best, rival, weak), choice))
+    assert (once.effect, once.worth, once.ties) == (LIMP, 500.0, {})
+    assert once.rivals == {GRAVITY: {"T_g": pytest.approx(-0.4)}}
+
+
+def test_a_tie_of_a_round_knows_how_far_its_fit_is(small: CandidateModel) -> None:
+    """Two models of one effect stand for two effects: what counts is whose trial is named a tie."""
+    one, two = (small.with_effects((GRAVITY,), {"T_g": value}) for value in (0.1, 0.2))
+    trials = Trial(one, verdict(GRAVITY, -500.0)), Trial(two, verdict(AIR, -499.0, gain=1.0))
+    once = Found.of(Round(small, score(1000.0), (), trials, Choice(Outcome.ADDED, GRAVITY, (AIR,), "Because.")))
+    assert set(once.ties) == {AIR}
+    assert once.ties[AIR].moved["T_g"] == pytest.approx(two.x[-1] - one.x[-1])
+    assert once.ties[AIR].residual > 0.0
+
+
+# ---- on a model
+
+
+def test_one_without_rivals_and_rivals_at_work_are_not_asked(model: CandidateModel) -> None:
+    s = model.with_effects((GRAVITY, HEAT), resting(GRAVITY) | resting(HEAT))
+    tied = Found(GRAVITY, {HEAT: CLOSE}, 100.0, {HEAT: {}})  # in its round; now both are at work
+    said: list[str] = []
+    after = exchanged(s, (tied, found(HEAT)), lambda text, share: said.append(text))
+    assert said == []
+    assert after.model is s
+    assert [f.ties for f in after.found] == [{}, {}]
+    assert after.sentences == ()
+
+
+def test_the_effect_found_last_is_not_tried_without(small: CandidateModel) -> None:
+    """Nothing came after it that could explain what it does."""
+    s = small.with_effects((GRAVITY,), {"T_g": 0.01})
+    assert pruned(s, lambda text, share: pytest.fail(text)) == (s, ())
+    assert pruned(small, quiet).model is small

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from types import SimpleNamespace
-from typing import Any
 
 import numpy as np
 import pytest
@@ -12,15 +10,18 @@ from numpy.testing import assert_allclose, assert_array_equal
 
 import bodies
 from bodies import OPEN, N, batch, body, path
+from etcfit.diagnosis.candidate_model import CandidateModel
+from etcfit.diagnosis.composition import Composition
 from etcfit.diagnosis.findings import Motion
-from etcfit.diagnosis.missing_torque import motions, pull_of
-from etcfit.diagnosis.trial import CandidateModel
+from etcfit.diagnosis.missing_torque import Guided, guide_stiffness, guide_stiffness_of, motions
+from etcfit.diagnosis.settings import DiagnosisSettings
 from etcfit.estimation.result import Termination
-from etcfit.problem.free_parameters import FreeParameters, free_parameters
+from etcfit.model.effects import PAPER
+from etcfit.problem.free_parameters import free_parameters
 from etcfit.problem.input_signal import Drive
 from etcfit.problem.problem import EstimationProblem
 from etcfit.problem.trace import Trace, prepare
-from etcfit.rig.base import Fixed, RigConfig
+from etcfit.rig.base import Fixed
 from independent import CONSISTENT, TABLE_2, Truth
 from measurements import CONFIG, measurement
 
@@ -34,65 +35,42 @@ SLIDES = slice(600, 750)  # samples at which the plate has slid long enough, and
 # ---- the guide's stiffness
 
 
-def model(truth: Truth, **fixed: float) -> tuple[FreeParameters, np.ndarray]:
-    known_values = {symbol: Fixed(value) for symbol, value in fixed.items()}
-    config = RigConfig("bench", gear_ratio=N, gear_ratio_given=True, supply_V=12.0, parameters=known_values)
-    known = free_parameters(config)
-    return known, known.layout.coordinates({p.symbol: getattr(truth, p.symbol) for p in known.layout.parameters})
-
-
-def stub(
-    known: FreeParameters, travel: float, rate: float = 1000.0, torque: bool = False, logged: str = "position"
-) -> Any:
-    instants = np.arange(400) / rate
-    angle = 0.5 * travel * (1.0 - np.cos(2.0 * np.pi * np.arange(400) / 399))[:, None]
-    trace = SimpleNamespace(channels=(logged,), data=angle, instants=instants, torque_driven=torque)
-    config = RigConfig("bench", gear_ratio=N)
-    return SimpleNamespace(
-        config=config, free_parameters=known, layout=known.layout, batch=SimpleNamespace(traces=(trace,))
-    )
+def stiffness(truth: Truth, span: float, rate: float = 1000.0, torque: bool = False, **changes: float) -> float:
+    values = {s: getattr(truth, s) for s in ("J_m", "J_L", "T_f", "R_a", "L_a", "K_b", "K_m")}
+    return guide_stiffness(values | changes, N, Guided(span, rate, torque), DiagnosisSettings())
 
 
 @pytest.mark.parametrize("travel", [OPEN, 0.1], ids=["whole travel", "a twentieth of it"])
 @pytest.mark.parametrize("truth", [CONSISTENT, TABLE_2], ids=["light", "heavy"])
 def test_a_guided_plate_is_stable(truth: Truth, travel: float) -> None:
     """L J s^3 + (R J + L B) s^2 + ((N K)^2 + R B + L K_s) s + R K_s + N K pull has no root on the right."""
-    known, x = model(truth)
-    guide_stiffness = pull_of(stub(known, travel), x)
+    pull = stiffness(truth, travel)
     coil = N * truth.K_b
     roots = np.roots([
         truth.L_a * truth.J_eq,
         truth.R_a * truth.J_eq + truth.L_a * truth.B_eq,
         coil**2 + truth.R_a * truth.B_eq + truth.L_a * truth.K_s,
-        truth.R_a * truth.K_s + coil * guide_stiffness,
+        truth.R_a * truth.K_s + coil * pull,
     ])  # fmt: skip
-    assert guide_stiffness > 0.0
+    assert pull > 0.0
     assert np.max(roots.real) < 0.0
 
 
 def test_a_guide_in_volts_is_as_stiff_as_one_in_torque() -> None:
-    known, x = model(CONSISTENT)
-    volts, torque = pull_of(stub(known, OPEN), x), pull_of(stub(known, OPEN, torque=True), x)
+    volts, torque = stiffness(CONSISTENT, OPEN), stiffness(CONSISTENT, OPEN, torque=True)
     assert volts * N * CONSISTENT.K_m / CONSISTENT.R_a == pytest.approx(torque, rel=1e-6)
 
 
 def test_a_guide_gives_way_to_dry_friction_by_a_hundredth_of_the_travel() -> None:
-    known, x = model(CONSISTENT)
     for travel in (OPEN, 0.5):
-        assert CONSISTENT.T_f / pull_of(stub(known, travel, torque=True), x) == pytest.approx(0.01 * travel, rel=1e-3)
+        assert CONSISTENT.T_f / stiffness(CONSISTENT, travel, torque=True) == pytest.approx(0.01 * travel, rel=1e-3)
 
 
 @pytest.mark.parametrize(("rate", "hertz"), [(1000.0, 15.0), (30.0, 3.0)])
 def test_without_dry_friction_a_guide_has_a_share_of_its_bandwidths_stiffness(rate: float, hertz: float) -> None:
     """0.003 J w^2, w of 15 Hz or a tenth of the sample rate."""
-    known, x = model(CONSISTENT, T_f=0.0)  # free, it would stop at its bound, 1e-3 N m
     expected = 0.003 * CONSISTENT.J_eq * (2.0 * np.pi * hertz) ** 2
-    assert pull_of(stub(known, OPEN, rate, torque=True), x) == pytest.approx(expected, rel=1e-3)
-
-
-def test_where_no_angle_was_logged_nothing_is_guided() -> None:
-    known, x = model(CONSISTENT)
-    assert pull_of(stub(known, OPEN, logged="motor_speed"), x) == 0.0
+    assert stiffness(CONSISTENT, OPEN, rate, torque=True, T_f=0.0) == pytest.approx(expected, rel=1e-3)
 
 
 # ---- what is missing
@@ -127,22 +105,22 @@ def trace(series: float) -> Trace:
     return measured(series)
 
 
-def standing(trace: Trace, series: float, preload: float) -> CandidateModel:
+def candidate(trace: Trace, series: float, preload: float) -> CandidateModel:
     """Eqs. 1-2, all known but the friction of the plate."""
     fixed = {s: Fixed(v) for s, v in bodies.values(T_PL=preload).items() if s not in ("T_f", "K_m")}
     config = replace(CONFIG, parameters=fixed, series_ohm={"response": series})
     known = free_parameters(config)
     problem = EstimationProblem.of(config, known, (trace,))
-    nothing: Any = None
-    x = known.layout.coordinates(bodies.NOMINAL)
-    return CandidateModel(nothing, (), problem, nothing, None, x, Termination(True, "by hand"))
+    x, end = known.layout.coordinates(bodies.NOMINAL), Termination(True, "by hand")
+    weighted, composition = problem.weighted(problem.free_running()), Composition(known, PAPER, ())
+    return CandidateModel(composition, (), problem, weighted, None, x, end, DiagnosisSettings())
 
 
 @pytest.fixture(scope="module")
 def motion(trace: Trace, series: float) -> Motion:
     """Before: the model without what helps the plate; after: with it."""
     preload = bodies.NOMINAL["T_PL"]
-    (found,) = motions(standing(trace, series, preload), standing(trace, series, preload - LACKED), False)
+    (found,) = motions(candidate(trace, series, preload), candidate(trace, series, preload - LACKED), False)
     return found
 
 
@@ -197,6 +175,26 @@ def test_where_no_current_was_logged_no_voltage_is_read() -> None:
     k = trace.channels.index("position")
     blind = replace(trace, channels=("position",), data=trace.data[:, [k]], sigma=trace.sigma[[k]])
     preload = bodies.NOMINAL["T_PL"]
-    (found,) = motions(standing(blind, 0.0, preload), standing(blind, 0.0, preload), False)
+    (found,) = motions(candidate(blind, 0.0, preload), candidate(blind, 0.0, preload), False)
     assert_array_equal(found.voltage, np.full(SAMPLES, np.nan))
     assert_allclose(found.torque[SLIDES], LACKED, rtol=0.03)
+
+
+# ---- what a trace gives the guide
+
+
+def test_a_guide_is_as_stiff_as_the_logged_angle_asks(trace: Trace, series: float) -> None:
+    """Largest travel and median rate of the trace."""
+    s = candidate(trace, series, bodies.NOMINAL["T_PL"])
+    position = trace.data[:, trace.channels.index("position")]
+    record = Guided(float(np.ptp(position)), 1.0 / DT, False)
+    expected = guide_stiffness(s.values, N, record, s.settings)
+    assert guide_stiffness_of(s.problem, s.x, s.settings) == pytest.approx(expected, rel=1e-9)
+
+
+def test_where_no_angle_was_logged_nothing_is_guided() -> None:
+    trace = measured(0.0)
+    k = trace.channels.index("current")
+    blind = replace(trace, channels=("current",), data=trace.data[:, [k]], sigma=trace.sigma[[k]])
+    s = candidate(blind, 0.0, bodies.NOMINAL["T_PL"])
+    assert guide_stiffness_of(s.problem, s.x, s.settings) == 0.0

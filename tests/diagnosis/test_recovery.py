@@ -13,10 +13,13 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
-from etcfit.diagnosis import Diagnosis, diagnose, loop
-from etcfit.diagnosis.loop import Round, start, turn
+from etcfit.diagnosis import Diagnosis, DiagnosisSettings, diagnose
+from etcfit.diagnosis.choice import Choice, Outcome
+from etcfit.diagnosis.loop import Round, screened, turn
 from etcfit.diagnosis.masked_by_guide import hidden
-from etcfit.diagnosis.trial import score
+from etcfit.diagnosis.refit import start
+from etcfit.diagnosis.score import score
+from etcfit.diagnosis.trial import tried
 from etcfit.estimation.joint_fit import FitResult, fit, freed, quiet, resume, rounds
 from etcfit.estimation.levenberg_marquardt import _minimise
 from etcfit.problem.chi2 import _chi2_of, chi2_of
@@ -26,6 +29,7 @@ from etcfit.rig.reader import read_folder
 from independent import MEDIUM, NONE, STRENGTHS, Effects, Truth, combine, draw_truth, make_folder
 
 pytestmark = pytest.mark.slow
+SETTINGS = DiagnosisSettings()
 
 
 @dataclass(frozen=True)
@@ -148,7 +152,7 @@ def test_a_rebound_is_found_though_a_small_one_ends_within_its_step(tmp_path: Pa
     """A constant restitution here, one that falls with the speed of impact there."""
     truth = draw_truth(np.random.default_rng(61))
     make_folder(tmp_path, truth, 61, MEDIUM["stop_bounce"], size="small")
-    found = turn(start(fit(read_folder(tmp_path))), quiet)
+    found = turn(start(fit(read_folder(tmp_path)), SETTINGS), quiet)
     assert found.added is not None
     assert found.added.name == "stop_bounce"
 
@@ -160,15 +164,16 @@ def test_a_slow_sensor_is_found_though_a_run_along_its_reading_hides_it(tmp_path
     result = fit(read_folder(tmp_path))
     assert result.far
     assert abs(result.values["J_L"] / truth.J_L - 1.0) > 0.3
-    s = start(result)
+    s = start(result, SETTINGS)
     lag = [e for e in s.composition.candidates if e.hidden]
-    shown = hidden(result, Round(s, score(s), loop.screened(s, lag), (), None, (), ""), quiet)
+    far = Choice(Outcome.NO_PROMISE, None, (), "")
+    shown = hidden(result, Round(s, score(s), screened(s, lag), (), far), quiet)
     assert shown is not None
     turned, s = shown
     assert turned.added is not None
     assert turned.added.name == "position_sensor_lag"
     assert not s.far
-    assert s.left < 1.5
+    assert s.chi2_per_sample < 1.5
     values = s.problem.layout.values(s.x, s.problem.free_parameters.held)
     assert float(values["tau_p"]) == pytest.approx(0.01725, rel=0.1)
     assert float(values["J_L"]) == pytest.approx(truth.J_L, rel=0.1)
@@ -201,25 +206,15 @@ def compiled() -> tuple[int, ...]:
     return tuple(function._cache_size() for function in every)
 
 
-def test_going_from_one_candidate_to_the_next_compiles_nothing(clean: Case, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Effects of one to four parameters, with memory and without."""
-    s = start(clean.result)
-    every = loop.screened(s, s.composition.candidates)
-    by_name = {g.variant.effect.name: g for g in every}
-    tried, sizes, refitted = loop._tried, [], []
-
-    def counting(*args: Any) -> Any:
-        verdict = tried(*args)
+def test_going_from_one_candidate_to_the_next_compiles_nothing(clean: Case) -> None:
+    """Effects of one to four parameters, with memory and without; on each refit of `tried` that a round makes."""
+    s = start(clean.result, SETTINGS)
+    before, sizes = score(s), []
+    by_name = {g.variant.effect.name: g for g in screened(s, s.composition.candidates)}
+    for name in ("gravity_load", "limp_home_spring", "winding_heating", "cogging_torque"):
+        g = by_name[name]
+        assert tried(s, g.variant.effect, g.values, before).verdict.effect is g.variant.effect
         sizes.append(compiled())
-        refitted.append(verdict.effect.name)
-        return verdict
-
-    monkeypatch.setattr(loop, "_tried", counting)
-    for names in (("gravity_load", "limp_home_spring"), ("winding_heating", "cogging_torque")):
-        chosen = [by_name[name] for name in names]
-        monkeypatch.setattr(loop, "_promising", lambda *_, chosen=chosen: chosen)
-        turn(s, quiet)
-    assert sorted(refitted) == ["cogging_torque", "gravity_load", "limp_home_spring", "winding_heating"]
     assert min(sizes[0]) > 0
     assert all(size == sizes[0] for size in sizes)
 

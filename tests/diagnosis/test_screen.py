@@ -4,22 +4,21 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from types import SimpleNamespace
-from typing import Any, ClassVar
+from typing import ClassVar
 
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 from scipy.optimize import nnls
 
-from etcfit.diagnosis import screen as module
+from etcfit.diagnosis.candidate_model import CandidateModel
 from etcfit.diagnosis.composition import resting
-from etcfit.diagnosis.screen import Background, Signature, Variant, screen, variants
+from etcfit.diagnosis.screen import Background, Signature, ranked, screen, tangents, variants
 from etcfit.model.effects import EFFECT_BY_NAME, EFFECTS, PAPER, AbstractEffect, Contribution, Inputs, State
 from etcfit.model.parameters import NonNegative, Positive, Real, Scalar, parameter, parameters_of
 
 BEYOND = [e for e in EFFECTS if e not in PAPER]
-ROWS, LANES, KINDS, P = 60, 2, 2, 4
+N, P = 120, 4
 
 
 class Either(AbstractEffect):
@@ -63,32 +62,24 @@ class Tried(AbstractEffect):
 
 
 PARAMETERS = {p.symbol: p for e in (Either, Bounded, Tried, *BEYOND) for p in parameters_of(e)}
-LAYOUT = SimpleNamespace(parameter=PARAMETERS.__getitem__)
 
 
 class Case:
-    """A linear problem: residual and Jacobian along a tape on which every other sample is none."""
+    """A linear problem: residual, shape (N,), and Jacobian, shape (N, P)."""
 
     def __init__(self, seed: int = 0) -> None:
-        rng = np.random.default_rng(seed)
-        shape = (ROWS, LANES, KINDS)
-        self.weight = (rng.uniform(size=shape) < 0.5) * 1.0
-        self.seen = self.weight > 0.0
-        r, jacobian = rng.normal(size=shape), rng.normal(size=(*shape, P))
-        jacobian[..., 2] *= 1e-5  # parameters of all sizes
-        self.r, self.J = r[self.seen], jacobian[self.seen]
-        self.problem: Any = SimpleNamespace(layout=LAYOUT, linearise=lambda x, weighted: (r, np.zeros(P), jacobian))
-        self.weighted: Any = SimpleNamespace(slots=SimpleNamespace(weight=self.weight))
-        self.rng = rng
+        self.rng = np.random.default_rng(seed)
+        self.r, self.J = self.rng.normal(size=N), self.rng.normal(size=(N, P))
+        self.J[:, 2] *= 1e-5  # parameters of all sizes
 
     def background(self) -> Background:
-        return Background.of(self.problem, np.zeros(P), self.weighted)
+        return Background.spanned(self.r, self.J)
 
     def columns(self, k: int) -> np.ndarray:
         return self.rng.normal(size=(self.r.size, k))
 
     def signature(self, effect: type[AbstractEffect], columns: np.ndarray) -> Signature:
-        return self.background().signature(self.problem, variants(effect)[0], columns)
+        return self.background().signature(variants(effect)[0], columns, PARAMETERS)
 
     def chi2(self, *columns: np.ndarray) -> float:
         """Least |r + C a|^2."""
@@ -134,10 +125,8 @@ def test_the_background_is_what_no_fitted_parameter_can_change(case: Case) -> No
 
 
 def test_parameters_that_do_the_same_count_once(case: Case) -> None:
-    r, _, jacobian = case.problem.linearise(None, None)
-    twice = np.concatenate((jacobian, jacobian[..., :1] - jacobian[..., 1:2], 0.0 * jacobian[..., :1]), axis=-1)
-    case.problem.linearise = lambda x, weighted: (r, np.zeros(P + 2), twice)
-    background = case.background()
+    twice = np.column_stack((case.J, case.J[:, 0] - case.J[:, 1], 0.0 * case.J[:, 0]))
+    background = Background.spanned(case.r, twice)
     assert background.basis.shape[1] == P
     assert np.sum(background.r**2) == pytest.approx(case.chi2(case.J), rel=1e-8)
 
@@ -259,30 +248,43 @@ def test_bounded_amplitudes_gain_what_non_negative_least_squares_does(signs: tup
 # ---- all candidates
 
 
-def test_each_candidate_is_its_best_variant_and_the_most_promising_comes_first(
-    case: Case, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    tried: list[Variant] = []
+def test_each_candidate_is_its_best_variant_and_the_most_promising_comes_first(case: Case) -> None:
     right = {"p": 2.0, "q": 20.0}
     strong, weak = pushing(case, 1.0, 1.0), pushing(case, 0.3, 0.3)
-
-    def tangents(problem: Any, x: Any, weighted: Any, every: list[Variant]) -> list[np.ndarray]:
-        tried.extend(every)
-        better = {True: strong, False: case.columns(2)}
-        return [weak if v.effect is Bounded else better[right.items() <= v.shape.items()] for v in every]
-
-    monkeypatch.setattr(module, "tangents", tangents)
     background = case.background()
-    signatures = screen(background, case.problem, np.zeros(P), case.weighted, [Bounded, Either])
-    assert len(tried) == 7
+    either = [strong if right.items() <= v.shape.items() else case.columns(2) for v in variants(Either)]
+    every = [*zip(variants(Bounded), [weak], strict=True), *zip(variants(Either), either, strict=True)]
+    assert len(every) == 7
+    signatures = ranked([background.signature(v, columns, PARAMETERS) for v, columns in every])
     assert [s.variant.effect for s in signatures] == [Either, Bounded]
     assert right.items() <= signatures[0].variant.shape.items()
     assert signatures[0].gain > signatures[1].gain > 0.0
     assert_array_equal(background.r, case.background().r)
 
 
-def test_no_candidate_is_no_signature(case: Case) -> None:
-    assert screen(case.background(), case.problem, np.zeros(P), case.weighted, []) == ()
+def test_no_candidate_is_no_signature(case: Case, small: CandidateModel) -> None:
+    assert ranked([]) == ()
+    assert screen(case.background(), small.problem, small.x, small.weighted, []) == ()
+
+
+@pytest.mark.slow
+def test_a_real_signature_is_what_a_little_of_the_effect_does_beyond_the_fitted_parameters(
+    small: CandidateModel,
+) -> None:
+    """d residual / d amplitude by finite differences, one column of it, and its score test by least squares."""
+    s = small.composed()
+    gravity = s.composition.candidates
+    (found,) = screen(Background.of(s.problem, s.x, s.weighted), s.problem, s.x, s.weighted, gravity)
+    seen = np.asarray(s.weighted.slots.weight) > 0.0
+    scale, step = s.problem.layout.parameter("T_g").domain.scale, 1e-6
+    up, down = (s.with_effects(gravity, {"T_g": sign * step * scale}) for sign in (1.0, -1.0))
+    change = (up.problem.residual(up.x, up.weighted) - down.problem.residual(down.x, down.weighted)) / (2.0 * step)
+    (column,) = tangents(s.problem, s.x, s.weighted, variants(gravity[0]))
+    assert_allclose(column[:, 0], change[seen], atol=1e-3 * np.max(np.abs(change)))
+    r, _, jacobian = s.problem.linearise(s.x, s.weighted)
+    few, more = jacobian[seen], np.column_stack((jacobian[seen], column))
+    left = [np.sum((r[seen] + J @ np.linalg.lstsq(J, -r[seen], rcond=None)[0]) ** 2) for J in (few, more)]
+    assert found.gain == pytest.approx(left[0] - left[1], rel=1e-6)
 
 
 def test_the_names_used_here_are_not_those_of_the_catalogue() -> None:

@@ -1,0 +1,138 @@
+"""The model at one point of the diagnosis: effects at work, values of their parameters, and the data beside it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ..estimation.levenberg_marquardt import descend
+from ..estimation.result import Termination
+from ..problem.free_parameters import FreeParameters
+from ..problem.problem import EstimationProblem
+from ..problem.residual import WeightedData
+from ..problem.trace import Trace
+from .composition import Composition, Effect, carried
+from .settings import DiagnosisSettings
+
+
+@dataclass(frozen=True, eq=False)
+class CandidateModel:
+    """A choice of effects with values of their parameters, beside the data.
+
+    Args:
+        composition: the model of all effects, of which it is a part.
+        added: effects at work beyond those known from the start, in the order found.
+        problem, weighted: the fitted traces and how their residual is whitened.
+        holdout: traces that are not fitted, and their whitening; None where there are none.
+        x: coordinates of the free parameters, shape (P,).
+        end: how its last full refit ended.
+        settings: what the diagnosis decides by.
+    """
+
+    composition: Composition
+    added: tuple[Effect, ...]
+    problem: EstimationProblem
+    weighted: WeightedData
+    holdout: tuple[EstimationProblem, WeightedData] | None
+    x: np.ndarray
+    end: Termination
+    settings: DiagnosisSettings
+
+    @property
+    def far(self) -> bool:
+        """Too far from the data to be whitened: samples are weighed by what is left in them."""
+        return self.end.far
+
+    @property
+    def chi2(self) -> float:
+        """Sum of squares of the whitened residual of the fitted traces."""
+        return self.problem.chi2(self.x, self.weighted)
+
+    @property
+    def chi2_per_sample(self) -> float:
+        """1 where nothing but noise is left."""
+        return self.chi2 / self.weighted.samples
+
+    @property
+    def held_out(self) -> tuple[Trace, ...]:
+        """Traces that are not fitted."""
+        return () if self.holdout is None else self.holdout[0].batch.traces
+
+    @property
+    def values(self) -> dict[str, float]:
+        """All parameters, SI by symbol."""
+        values = self.problem.layout.values(self.x, self.problem.free_parameters.held)
+        return {symbol: float(value) for symbol, value in values.items()}
+
+    def at_work(self, effect: Effect) -> bool:
+        """Whether the effect was added."""
+        return effect in self.added
+
+    def with_effects(self, added: tuple[Effect, ...], values: Mapping[str, float]) -> CandidateModel:
+        """Other effects at work, data and whitening unchanged.
+
+        Args:
+            added: effects at work beyond those known from the start.
+            values: SI by symbol, for the parameters that become free; shared ones keep their coordinates.
+        Raises:
+            KeyError: a parameter that becomes free has no value.
+        """
+        return self.within(self.composition, added, values)
+
+    def without(self, effect: Effect) -> CandidateModel:
+        """One of the added effects taken away, data and whitening unchanged."""
+        return self.with_effects(tuple(e for e in self.added if e is not effect), {})
+
+    def within(
+        self, composition: Composition, added: tuple[Effect, ...], values: Mapping[str, float]
+    ) -> CandidateModel:
+        """As `with_effects`, as a part of another composition."""
+        free_parameters = composition.free_parameters(added)
+        x = carried(self.x, self.problem.layout, free_parameters, values)
+        return replace(self, composition=composition, added=added, x=x)._as(free_parameters)
+
+    def lean(self) -> CandidateModel:
+        """Equal in every number, simulated without the effects that are off: many times faster, compiled anew."""
+        return self._as(self.composition.lean(self.added))
+
+    def composed(self) -> CandidateModel:
+        """Equal in every number, simulated with all effects of the composition, so that no candidate compiles anew."""
+        return self._as(self.composition.free_parameters(self.added))
+
+    def _as(self, free_parameters: FreeParameters) -> CandidateModel:
+        problem, weighted = _with_parameters(self.problem, self.weighted, free_parameters)
+        holdout = None if self.holdout is None else _with_parameters(*self.holdout, free_parameters)
+        return replace(self, problem=problem, weighted=weighted, holdout=holdout)
+
+    def trying(self, effect: Effect, values: Mapping[str, float]) -> CandidateModel:
+        """One effect more, not yet refitted.
+
+        The values come from a linear model, so they may lead far off: amplitudes are halved towards their off values
+        until chi2 is no more than `steepest_start` times that without the effect, or `start_halvings` are spent.
+
+        Args:
+            effect: a candidate of the composition.
+            values: of its parameters, SI by symbol.
+        """
+        most, at = self.settings.steepest_start * self.chi2, dict(values)
+        trial = self.with_effects((*self.added, effect), at)
+        for _ in range(self.settings.start_halvings):
+            if trial.chi2 < most:
+                break
+            at |= {s: 0.5 * (at[s] + v) for s, v in (effect.off or {}).items()}
+            trial = self.with_effects((*self.added, effect), at)
+        return trial
+
+    def optimised(self) -> CandidateModel:
+        """At the nearest optimum under its whitening."""
+        x, _ = descend(self.problem, self.x, self.weighted, self.settings.trial_tolerance)
+        return replace(self, x=x)
+
+
+def _with_parameters(
+    problem: EstimationProblem, weighted: WeightedData, free_parameters: FreeParameters
+) -> tuple[EstimationProblem, WeightedData]:
+    new = problem.with_parameters(free_parameters)
+    return new, new.weighted(weighted.whitening)

@@ -1,0 +1,205 @@
+"""Which of the effects tried is added: decisions on the numbers of their trials, and nothing else."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from enum import Enum
+
+import numpy as np
+
+from ..estimation.remedies import listed
+from .composition import Effect
+from .model_discrepancy import left_by
+from .score import Score
+from .screen import Signature
+from .settings import DiagnosisSettings
+from .trial import TrialVerdict
+
+
+class Outcome(Enum):
+    """How a round ends."""
+
+    ADDED = "an effect was added"
+    NOTHING_TO_READ = "what is left is no more than inexact formulas leave"
+    NO_PROMISE = "no effect promises to explain anything more"
+    NOT_WORTH_IT = "none is worth its parameters"
+    CONTRADICTED = "none helps on the traces held out"
+    SMALL_PART = "none explains enough of what it leaves"
+    NOT_PROVEN = "none explains more than inexact formulas would leave"
+    SPOILT = "refitted in full the model is worse"
+
+
+@dataclass(frozen=True)
+class Choice:
+    """What a round adds.
+
+    Args:
+        outcome: how it ended.
+        effect: the one added, or None.
+        ties: others that explain these data as well.
+        why: one sentence.
+    """
+
+    outcome: Outcome
+    effect: Effect | None
+    ties: tuple[Effect, ...]
+    why: str
+
+    def spoilt(self) -> Choice:
+        """What becomes of it where the full refit is worse than the model before."""
+        why = f"{self.why} Refitted in full with it the model is further from the data: it is not added."
+        return replace(self, outcome=Outcome.SPOILT, effect=None, ties=(), why=why)
+
+
+# ---- before any refit
+
+
+def worth_a_look(chi2: float, samples: float, blur: float) -> bool:
+    """Whether chi2 exceeds the noise's, one a sample, by as much as inexact formulas may leave; always where blur is 0.
+
+    Args:
+        chi2: of the fitted traces.
+        samples: fitted samples.
+        blur: chi2 that inexact formulas of the effects added may leave.
+    """
+    return not (blur > 0.0 and chi2 - samples < blur)
+
+
+def nothing_to_read(names: Sequence[str], off: float, excess: float) -> Choice:
+    """The choice of a round that is not worth a look.
+
+    Args:
+        names: effects added so far.
+        off: relative error of the least exact formula among them.
+        excess: chi2 per sample above 1.
+    """
+    why = (
+        f"What is left adds {100 * excess:.2g} % to the noise, no more than a formula of {listed(names)} that is "
+        f"{100 * off:.0f} % off would leave: nothing is read into it."
+    )
+    return Choice(Outcome.NOTHING_TO_READ, None, (), why)
+
+
+def promises(g: Signature, before: Score, settings: DiagnosisSettings) -> bool:
+    """Whether the score test promises `least_promise` of the fall in -2 log likelihood that BIC asks."""
+    asked = len(g.variant.amplitudes) * np.log(before.count) - settings.strong_bic_change
+    return bool(g.gain * before.likelihood_per_chi2 > settings.least_promise * asked)
+
+
+def promising(
+    signatures: Sequence[Signature], before: Score, far: bool, settings: DiagnosisSettings
+) -> list[Signature]:
+    """The signatures worth a refit: those that promise enough, and enough beside the best; `refits` of them at most.
+
+    Args:
+        signatures: of all candidates, the most promising first.
+        before: score of the model without them.
+        far: whether that model is far from the data.
+        settings: what decides.
+    """
+    rival = settings.rival_promise_far if far else settings.rival_promise
+    least = rival * max((g.gain for g in signatures), default=0.0)
+    return [g for g in signatures if promises(g, before, settings) and g.gain > least][: settings.refits]
+
+
+# ---- after a trial
+
+
+def deserves_second_trial(v: TrialVerdict, before: Score, far: bool, settings: DiagnosisSettings) -> bool:
+    """Whether an effect is contradicted by the held-out traces and yet explains most of what is left.
+
+    It may have ended in another valley than the best, or be held there by the whitening of the model before.
+    """
+    main = not far and v.gain > settings.second_trial_share * (before.chi2 - v.samples)
+    return main and not v.bic_change > settings.strong_bic_change and not v.helps_elsewhere(settings)
+
+
+def stands(v: TrialVerdict, settings: DiagnosisSettings) -> bool:
+    """Whether an effect is worth its parameters and not contradicted by the held-out traces."""
+    return v.is_strong(settings) and v.helps_elsewhere(settings)
+
+
+def choose(
+    verdicts: Sequence[TrialVerdict], settings: DiagnosisSettings, most: float = np.inf, noise: float = np.inf
+) -> Choice:
+    """Which effect to add, which others do as well, and why.
+
+    Args:
+        verdicts: of the effects tried, the lowest BIC first.
+        settings: what decides.
+        most: chi2 that an effect must get below to be proven.
+        noise: chi2 of noise alone; an effect that explains little of what it leaves above it imitates something else.
+    """
+    strong = [v for v in verdicts if v.is_strong(settings)]
+    good = [v for v in strong if v.helps_elsewhere(settings)]
+    main = [v for v in good if v.gain > settings.least_part * (v.score.chi2 - noise)]
+    proven = [v for v in main if v.score.chi2 < most]
+    if proven:
+        return _added(proven, settings)
+    # the best of those that came furthest is spoken of
+    if main:
+        return _not_proven(main[0])
+    if good:
+        return _small_part(good[0], settings)
+    if strong:
+        return _contradicted(strong[0])
+    return _not_worth_it(verdicts[0], settings) if verdicts else _no_promise()
+
+
+def _no_promise() -> Choice:
+    return Choice(Outcome.NO_PROMISE, None, (), "No effect of the catalogue promises to explain anything more.")
+
+
+def _not_worth_it(v: TrialVerdict, settings: DiagnosisSettings) -> Choice:
+    why = (
+        f"{v.effect.name} does best, but is not worth its parameters "
+        f"(BIC {v.bic_change:+.1f}, {settings.strong_bic_change:.0f} asked)."
+    )
+    return Choice(Outcome.NOT_WORTH_IT, None, (), why)
+
+
+def _contradicted(v: TrialVerdict) -> Choice:
+    why = f"{v.effect.name} helps on the fitted traces only, not on those held out."
+    return Choice(Outcome.CONTRADICTED, None, (), why)
+
+
+def _small_part(v: TrialVerdict, settings: DiagnosisSettings) -> Choice:
+    why = (
+        f"{v.effect.name} does best, but explains less than {100 * settings.least_part:.0f} % of what it leaves: "
+        "what is missing is something else."
+    )
+    return Choice(Outcome.SMALL_PART, None, (), why)
+
+
+def _not_proven(v: TrialVerdict) -> Choice:
+    why = (
+        f"{v.effect.name} would explain a little more (BIC {v.bic_change:+.0f}), but no more than the inexact formula "
+        "of an effect found before would leave: not proven."
+    )
+    return Choice(Outcome.NOT_PROVEN, None, (), why)
+
+
+def _added(proven: Sequence[TrialVerdict], settings: DiagnosisSettings) -> Choice:
+    best = proven[0]
+    ties = tuple(v.effect for v in proven[1:] if alike(v, best, settings))
+    held = "" if best.holdout_rms_ratio is None else f", held-out error x {best.holdout_rms_ratio:.3f}"
+    words = (
+        f"{best.effect.name} explains most: fitted error x {best.fit_rms_ratio:.3f}{held}, BIC {best.bic_change:+.0f}."
+    )
+    if ties:
+        words += f" {listed(e.name for e in ties)} would do as well: these data cannot tell them apart."
+    return Choice(Outcome.ADDED, best.effect, ties, words)
+
+
+def alike(v: TrialVerdict, best: TrialVerdict, settings: DiagnosisSettings) -> bool:
+    """Whether two effects explain the data equally well: a tie.
+
+        chi2_v - chi2_best < max(6 chi2_best / n, left)
+
+    n: independent samples; 6: `tied_likelihood`; left: chi2 that the less exact formula of the two may leave. BIC
+    chooses which of them is put into the model; it does not prove that one.
+    """
+    left = left_by(max(v.effect.inexact, best.effect.inexact), best.gain, best.samples, settings)
+    apart = v.score.chi2 - best.score.chi2
+    return bool(apart < left or apart * best.score.likelihood_per_chi2 < settings.tied_likelihood)

@@ -1,0 +1,51 @@
+"""The final model as a fit of its own: run free, its intervals wide enough for ties and for inexact formulas."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+from ..estimation.joint_fit import Report, freed
+from ..estimation.remedies import listed
+from ..estimation.result import FitResult, Termination, outcome
+from .ambiguity import between
+from .candidate_model import CandidateModel
+from .exchange import Found
+from .model_discrepancy import percent_off, spread
+
+
+def final_fit(result: FitResult, s: CandidateModel, found: Sequence[Found], report: Report) -> FitResult:
+    """The final model as the result of a fit; the first fit itself where nothing was added.
+
+    Args:
+        result: the first fit.
+        s: the final model; one that was guided along the data is let run free.
+        found: what is known of its effects.
+        report: progress.
+    """
+    if not s.added:
+        return result  # a guided optimum let run free may end worse than the fit that began free
+    problem, weighted, x, end = s.problem, s.weighted, s.x, s.end
+    if s.far:
+        report("letting the final model run free", 0.95)
+        problem, weighted, x = freed(problem.guided(0.0), x, s.settings.free_spread)
+        end = Termination(True, "best free run found from the optimum of the guided residual", far=True)
+    after = outcome(result.rig, result.readings, problem, s.held_out, weighted, x, (), end, ())
+    return _widened(after, s, [each for each in found if s.at_work(each.effect) and each.ties])
+
+
+def _widened(after: FitResult, s: CandidateModel, tied: Sequence[Found]) -> FitResult:
+    """The fit with a covariance that allows for ties and for inexact formulas, and a remark on each."""
+    unsure = between(s.problem.layout.free, (tie for each in tied for tie in each.ties.values()))
+    remarks = [
+        f"Intervals allow for {each.effect.name} being {listed(e.name for e in each.ties)} instead: a tie."
+        for each in tied
+    ]
+    formulas, allowed = (), spread(s)
+    if allowed.any():
+        formulas = tuple(e.name for e in s.added)
+        remarks.append(f"Intervals allow for formulas of {listed(formulas)} that are {percent_off(formulas)} off.")
+    covariance, warnings = after.covariance + allowed + unsure, (*after.warnings, *remarks)
+    return replace(
+        after, covariance=covariance, exact_covariance=after.covariance, formulas=formulas, warnings=warnings
+    )

@@ -1,0 +1,136 @@
+"""A model refitted in full: descended, whitened anew until nothing moves, and compared with the model before."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+
+from ..estimation.joint_fit import MISFIT, Report, approach, rounds
+from ..estimation.levenberg_marquardt import descend
+from ..estimation.result import FitResult, Termination
+from ..problem.problem import EstimationProblem
+from ..problem.residual import WeightedData
+from ..problem.trace import Trace
+from .candidate_model import CandidateModel
+from .composition import compose
+from .missing_torque import guide_stiffness_of
+from .score import Score, score
+from .settings import DiagnosisSettings
+
+
+class Weighed(NamedTuple):
+    """Fitted and held-out traces with the weights of their residuals; no holdout where nothing is held out."""
+
+    problem: EstimationProblem
+    weighted: WeightedData
+    holdout: tuple[EstimationProblem, WeightedData] | None
+
+
+def _weigh(
+    problem: EstimationProblem, held_out: tuple[Trace, ...], x: np.ndarray, far: bool, settings: DiagnosisSettings
+) -> Weighed:
+    """Near the data the residual is whitened at x; far from them it is guided and weighed by what is left in it."""
+    stiffness = guide_stiffness_of(problem, x, settings)
+
+    def one(b: EstimationProblem) -> tuple[EstimationProblem, WeightedData]:
+        if not far:
+            b = b.guided(0.0)
+            return b, b.weighted(b.kalman(x))
+        b = b.guided(stiffness).discounted(x)
+        return b, b.weighted(b.free_running())
+
+    problem, weighted = one(problem)
+    return Weighed(problem, weighted, one(problem.beside(held_out, x)) if held_out else None)
+
+
+def start(result: FitResult, settings: DiagnosisSettings) -> CandidateModel:
+    """A fit as the model of the first round, no effect added."""
+    composition = compose(result.rig, result.problem.batch.traces)
+    problem = result.problem.with_parameters(composition.lean(()))
+    held_out = result.holdout.batch.traces if result.holdout is not None else ()
+    end = Termination(result.converged, result.reason, far=result.far)
+    first = _weigh(problem, held_out, result.x, result.far, settings)
+    s = CandidateModel(composition, (), *first, result.x, end, settings)
+    return _reweighed(s, held_out) if s.far else s
+
+
+def whitened(
+    s: CandidateModel, problem: EstimationProblem, held_out: tuple[Trace, ...], x: np.ndarray, end: Termination
+) -> CandidateModel:
+    """The model at other coordinates, its residual weighed there.
+
+    Args:
+        s: effects and settings.
+        problem: the fitted traces.
+        held_out: the others; releases of their plates are sought from where these traces have them.
+        x: coordinates, shape (P,).
+        end: how the refit that led there ended.
+    """
+    new = _weigh(problem, held_out, x, end.far, s.settings)
+    return replace(s, **new._asdict(), x=x, end=end)
+
+
+def _reweighed(s: CandidateModel, held_out: tuple[Trace, ...]) -> CandidateModel:
+    """Far from the data: at the optimum of the guided residual, weighed by what is left there."""
+    for _ in range(s.settings.reweighings):
+        s = whitened(s, s.problem, held_out, s.optimised().x, s.end)
+    return s
+
+
+def refit_fully(s: CandidateModel, report: Report) -> CandidateModel:
+    """The model refitted in full, lean: through the rounds of whitening where it comes near the data.
+
+    Where it does not, its guided residual is minimised; where those rounds spoil it, they begin anew from its x.
+    """
+    s = s.lean()
+    problem = s.problem.reprepared(s.x)
+    weighted = problem.weighted(problem.forgiving())
+    tolerance = s.settings.refit_tolerance
+    x, _ = descend(problem, s.x, weighted, tolerance)
+    if s.far:
+        x = min(x, approach(problem, s.x, tolerance)[0], key=lambda end: problem.chi2(end, weighted))
+    limit = s.settings.near_chi2_per_dof if s.far else MISFIT
+    if problem.chi2(x, weighted) / max(1.0, weighted.samples - x.size) > limit:
+        end = Termination(True, "optimum of the guided residual", far=True)
+        return _reweighed(whitened(s, problem, s.held_out, s.x, end), s.held_out)
+    new = _in_rounds(s, problem, x, report)
+    return _in_rounds(s, problem, s.x, report) if spoilt(new, s) else new
+
+
+def _in_rounds(s: CandidateModel, problem: EstimationProblem, x: np.ndarray, report: Report) -> CandidateModel:
+    """Refitted from x, whitened anew until nothing moves."""
+    still, most = s.settings.still, s.settings.whitening_rounds
+    problem, _, x, end = rounds(problem.with_release_times(x), x, report, still, most)
+    return whitened(s, problem, s.held_out, x, end)
+
+
+def further_from_data(after: float | None, before: float | None, settings: DiagnosisSettings) -> bool:
+    """Whether a full refit ended further from the data than the model it began with.
+
+    Args:
+        after, before: chi2 per sample, each by its own whitening; None far from the data, where it is 1 by construction
+            and compares with nothing.
+        settings: what decides.
+    """
+    if before is None:
+        return False
+    return after is None or not after < settings.worse_chi2 * before
+
+
+def spoilt(new: CandidateModel, before: CandidateModel) -> bool:
+    """`further_from_data` of two models."""
+    after, was = (None if s.far else s.chi2_per_sample for s in (new, before))
+    return further_from_data(after, was, new.settings)
+
+
+def holds(new: CandidateModel, before: CandidateModel, was: Score) -> bool:
+    """Whether a full refit is neither further from the data nor clearly worse on the traces held out.
+
+    Args:
+        new: refitted in full.
+        before: the model it is to take the place of.
+        was: score of that.
+    """
+    return not spoilt(new, before) and not score(new).strays(was, new.settings.rise_in_refit(new.far))

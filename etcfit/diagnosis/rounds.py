@@ -1,0 +1,98 @@
+"""Round after round until one adds nothing, and each of them as data for the report."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+from ..estimation.joint_fit import Report
+from ..estimation.remedies import listed
+from ..estimation.result import FitResult
+from .candidate_model import CandidateModel
+from .evidence import evidence
+from .exchange import Found
+from .findings import Candidate, RoundReport
+from .loop import Round, settled, turn
+from .masked_by_guide import hidden
+from .model_discrepancy import blur
+
+
+@dataclass(frozen=True, eq=False)
+class Progress:
+    """How far the diagnosis has come.
+
+    Args:
+        model: the model with all that was added.
+        found: the effects added, in the order found.
+        rounds: those made.
+        changed: a sentence for each effect that gave way to another or was taken away again.
+    """
+
+    model: CandidateModel
+    found: tuple[Found, ...] = ()
+    rounds: tuple[RoundReport, ...] = ()
+    changed: tuple[str, ...] = ()
+
+    def back_to(self, first: CandidateModel, *words: str) -> Progress:
+        """With the first model in place of the one reached."""
+        return replace(self, model=first, changed=(*self.changed, *words))
+
+
+def forward(result: FitResult, progress: Progress, report: Report) -> Progress:
+    """Rounds from here until one adds nothing or `rounds` of the settings are made.
+
+    Args:
+        result: the first fit.
+        progress: where to go on from.
+        report: progress in words.
+    """
+    s, found, made = progress.model, progress.found, progress.rounds
+    most = s.settings.rounds
+    while len(made) < most:
+        told = _in_stage(report, len(made), most)
+        turned, s = _round(result, s, told, first=not made)
+        made = (*made, reported(turned))
+        report(f"round {len(made)}: {turned.choice.why}", (len(made) - 0.5) / most)
+        if turned.added is None:
+            break
+        found = (*found, Found.of(turned))
+    return replace(progress, model=s, found=found, rounds=made)
+
+
+def _round(result: FitResult, s: CandidateModel, report: Report, first: bool) -> tuple[Round, CandidateModel]:
+    """One round and the model after it; a first one that stays far from the data is asked what the guide hides."""
+    turned, new = settled(turn(s, report, blur(result.chi2_per_dof, s)), report)
+    if first and new.far:
+        return hidden(result, turned, report) or (turned, new)
+    return turned, new
+
+
+def _in_stage(report: Report, made: int, most: int) -> Report:
+    return lambda text, share: report(f"round {made + 1}: {text}", (made + share) / most)
+
+
+def reported(turned: Round) -> RoundReport:
+    """A round as plain data: candidates that were tried first, the lowest BIC first of them."""
+    tried = {t.verdict.effect: t.verdict for t in turned.trials}
+    candidates = []
+    for g in turned.screened:
+        v = tried.get(g.variant.effect)
+        bare = Candidate(g.variant.effect.name, g.gain, g.own, v is not None)
+        candidates.append(bare if v is None else replace(
+            bare, fit_rms_ratio=v.fit_rms_ratio, holdout_rms_ratio=v.holdout_rms_ratio,
+            holdout_chi2_change=v.holdout_chi2_change, bic_change=v.bic_change))  # fmt: skip
+    candidates.sort(key=lambda c: (c.bic_change is None, c.bic_change or -c.screened))
+    return RoundReport(
+        effects=tuple(e.name for e in turned.before.added),
+        evidence=evidence(turned.before),
+        fit_rms=turned.score.fit_rms,
+        holdout_rms=turned.score.holdout_rms,
+        candidates=tuple(candidates),
+        added=turned.added.name if turned.added else None,
+        ties=tuple(e.name for e in turned.choice.ties),
+        why=turned.choice.why,
+    )
+
+
+def names(s: CandidateModel) -> str:
+    """The effects added, in words."""
+    return listed(e.name for e in s.added)

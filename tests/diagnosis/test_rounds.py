@@ -1,0 +1,85 @@
+"""Rounds as data for the report, and how far a diagnosis has come."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import results
+from diagnoses import rounds, score, verdict
+from etcfit.diagnosis.candidate_model import CandidateModel
+from etcfit.diagnosis.choice import Choice, Outcome
+from etcfit.diagnosis.final import final_fit
+from etcfit.diagnosis.loop import Round
+from etcfit.diagnosis.rounds import Progress, forward, names, reported
+from etcfit.diagnosis.screen import Signature, variants
+from etcfit.diagnosis.trial import Trial
+from etcfit.estimation.joint_fit import quiet
+from etcfit.model.effects import EFFECT_BY_NAME
+from etcfit.rig.base import Rig
+
+LIMP, GRAVITY, AIR, DRAG = (
+    EFFECT_BY_NAME[n] for n in ("limp_home_spring", "gravity_load", "airflow_torque", "quadratic_drag")
+)
+
+
+def refuse(text: str, share: float) -> None:
+    pytest.fail(f"there was nothing to do: {text}")
+
+
+def signature(effect: type, gain: float) -> Signature:
+    return Signature(variants(effect)[0], np.zeros((1, 1)), gain, {}, 0.5)
+
+
+@pytest.fixture(scope="module")
+def turned(small: CandidateModel) -> Round:
+    """Two effects tried of four; the one with the smaller promise has the lower BIC."""
+    screened = (signature(LIMP, 90.0), signature(GRAVITY, 80.0), signature(AIR, 20.0), signature(DRAG, 30.0))
+    trials = Trial(small, verdict(GRAVITY, -500.0)), Trial(small, verdict(LIMP, -498.0, holdout_rms_ratio=None))
+    choice = Choice(Outcome.ADDED, GRAVITY, (LIMP,), "gravity_load explains most.")
+    return Round(small, score(1000.0, held_out=5.0, rms=1.5), screened, trials, choice)
+
+
+def test_a_round_is_reported_with_every_candidate_the_tried_ones_first(turned: Round) -> None:
+    told = reported(turned)
+    assert [c.effect for c in told.candidates] == [GRAVITY.name, LIMP.name, DRAG.name, AIR.name]
+    first, second, third, _ = told.candidates
+    assert (first.refitted, first.bic_change, first.fit_rms_ratio, first.holdout_rms_ratio) == (True, -500.0, 0.7, 0.8)
+    assert (first.screened, first.own, first.holdout_chi2_change) == (80.0, 0.5, -50.0)
+    assert second.holdout_rms_ratio is None
+    assert (third.refitted, third.bic_change, third.fit_rms_ratio, third.screened) == (False, None, None, 30.0)
+
+
+def test_a_round_is_reported_with_its_choice_and_the_model_that_it_began_with(turned: Round) -> None:
+    told = reported(turned)
+    assert (told.added, told.ties, told.why) == (GRAVITY.name, (LIMP.name,), turned.choice.why)
+    assert (told.fit_rms, told.holdout_rms) == (pytest.approx(1.5), pytest.approx(1.5))
+    assert told.effects == ()
+    assert len(told.evidence.rows) == len(turned.before.problem.batch.traces[0].channels)
+    nothing = reported(replace(turned, choice=turned.choice.spoilt()))
+    assert (nothing.added, nothing.ties) == (None, ())
+
+
+def test_no_round_is_made_beyond_those_that_the_settings_allow(small: CandidateModel, rig: Rig) -> None:
+    result = results.result(rig)
+    made = rounds(result)
+    s = replace(small, settings=replace(small.settings, rounds=len(made)))
+    progress = Progress(s, rounds=made)
+    after = forward(result, progress, refuse)
+    assert (after.model, after.rounds, after.found) == (s, made, ())
+
+
+def test_going_back_to_the_first_model_keeps_what_was_learnt(small: CandidateModel) -> None:
+    more = small.with_effects((GRAVITY,), {"T_g": 0.1})
+    progress = Progress(more, changed=("One gave way.",))
+    back = progress.back_to(small, "All was taken away.")
+    assert back.model is small
+    assert back.changed == ("One gave way.", "All was taken away.")
+    assert names(more) == "gravity_load"
+
+
+def test_the_first_fit_is_the_final_one_where_nothing_was_added(small: CandidateModel, rig: Rig) -> None:
+    result = results.result(rig)
+    assert final_fit(result, small, (), quiet) is result
