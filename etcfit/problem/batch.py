@@ -89,8 +89,8 @@ class TraceBatch:
         traces = tuple(t.holding(float(v)) for t, v in zip(self.traces, volts, strict=True))
         level = np.array(self.steps.voltage0)
         for trace, (lane, row, marks) in zip(traces, self.places, strict=True):
-            if trace.controlled and trace.drive is not None:
-                level[row : marks[-1] + 1, lane] = trace.drive.value[0]
+            if trace.controlled and trace.input is not None:
+                level[row : marks[-1] + 1, lane] = trace.input.value[0]
         active = np.asarray(self.steps.command.active) > 0.5 if self.steps.command is not None else False
         steps = self.steps._replace(voltage0=level, voltage1=np.where(active, level, self.steps.voltage1))
         return replace(self, steps=steps, traces=traces)
@@ -100,7 +100,7 @@ class TraceBatch:
         return self.steps._replace(guide_stiffness=guide_stiffness * self.guidable)
 
 
-def lay(
+def batch_of(
     traces: Sequence[Trace], config: RigConfig, substeps: Sequence[np.ndarray], least: tuple[int, ...] = (0, 0, 0)
 ) -> TraceBatch:
     """Batch traces.
@@ -174,26 +174,26 @@ def _breaks(trace: Trace, substeps: np.ndarray) -> tuple[np.ndarray, np.ndarray,
 
 
 def _levels(trace: Trace, ends: np.ndarray, interval: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """The drive at the begin and the end of each step."""
-    if trace.drive is None:
+    """The input at the begin and the end of each step."""
+    if trace.input is None:
         return np.zeros(ends.size), np.zeros(ends.size)
-    if trace.drive.held:
-        level = trace.drive.value[interval]
+    if trace.input.held:
+        level = trace.input.value[interval]
         return level, level
-    late = np.interp(ends, trace.instants, trace.drive.value)
+    late = np.interp(ends, trace.instants, trace.input.value)
     return np.concatenate((late[:1], late[:-1])), late
 
 
 def _error(trace: Trace, interval: np.ndarray) -> dict[str, np.ndarray]:
     """How the input's error carries over into each step (share kept, variance added)."""
     keep, fresh = np.ones(interval.size), np.zeros(interval.size)
-    drive = trace.drive
-    if drive is not None:
+    signal = trace.input
+    if signal is not None:
         new = np.concatenate(([True], np.diff(interval) > 0))
         new[1] = True  # entry 0 is the start itself; entry 1 begins the first interval
-        after_edge = np.concatenate(([True], drive.edge[:-1]))
-        memory = np.where(drive.edge | after_edge, 0.0, drive.memory[:-1])
-        variance = drive.error[:-1] ** 2 * (1.0 - memory**2)
+        after_edge = np.concatenate(([True], signal.edge[:-1]))
+        memory = np.where(signal.edge | after_edge, 0.0, signal.memory[:-1])
+        variance = signal.error[:-1] ** 2 * (1.0 - memory**2)
         keep[new], fresh[new] = memory[interval[new]], variance[interval[new]]
         keep[0], fresh[0] = 0.0, 0.0
     return {"keep": keep, "fresh": fresh}
@@ -202,11 +202,11 @@ def _error(trace: Trace, interval: np.ndarray) -> dict[str, np.ndarray]:
 def _edges(trace: Trace, marks: np.ndarray, entries: int) -> dict[str, np.ndarray]:
     """The jumps of the input, each at the last entry of its interval."""
     out = {name: np.zeros(entries) for name in ("edge", "edge_from", "edge_to", "edge_span")}
-    if trace.drive is not None:
-        (jumps,) = np.nonzero(trace.drive.edge)
+    if trace.input is not None:
+        (jumps,) = np.nonzero(trace.input.edge)
         last = marks[jumps + 1]
         out["edge"][last] = marks[jumps + 1] - marks[jumps]
-        out["edge_from"][last], out["edge_to"][last] = trace.drive.value[jumps], trace.drive.value[jumps + 1]
+        out["edge_from"][last], out["edge_to"][last] = trace.input.value[jumps], trace.input.value[jumps + 1]
         out["edge_span"][last] = trace.instants[jumps + 1] - trace.instants[jumps]
     return out
 

@@ -24,7 +24,7 @@ _GAMMA = 1.0  # width of its confidence intervals; wider ones let bias pass that
 
 
 @dataclass(frozen=True, eq=False)
-class Drive:
+class InputSignal:
     """An input on the instants of a trace; linear in between, or held where `held`.
 
     Args:
@@ -117,7 +117,7 @@ def _corner(value: np.ndarray) -> int:
     return int(np.clip(np.argmax(np.abs(smooth - chord)) + width // 2, _STRETCH // 2, n - _STRETCH // 2))
 
 
-def denoise(value: np.ndarray, sigma: float) -> Drive:
+def denoise(value: np.ndarray, sigma: float) -> InputSignal:
     """Average between edges; see the module's head.
 
     Args:
@@ -129,33 +129,33 @@ def denoise(value: np.ndarray, sigma: float) -> Drive:
     parts = [_stretch(value[a:b], sigma) for a, b in pairwise(bounds)]
     estimate, variance, count = (np.concatenate(column) for column in zip(*parts, strict=True))
     memory = np.where(count > 1.0, np.exp(-2.0 / np.maximum(count, 1.0)), 0.0)
-    return Drive(estimate, sigma * np.sqrt(variance), memory, edge)
+    return InputSignal(estimate, sigma * np.sqrt(variance), memory, edge)
 
 
 def _on(instants: np.ndarray, channel: Channel) -> np.ndarray:
     return np.interp(instants, channel.time, channel.value)
 
 
-def _duty(measurement: Measurement, config: RigConfig, instants: np.ndarray) -> Drive:
+def _duty(measurement: Measurement, config: RigConfig, instants: np.ndarray) -> InputSignal:
     duty = measurement.channels["duty"]
     supply = measurement.channels.get("supply")
     level = _on(instants, supply) if supply is not None else np.full(instants.size, config.supply_V)
     latest = np.clip(np.searchsorted(duty.time, instants, side="right") - 1, 0, None)
     zero = np.zeros(instants.size)
-    return Drive(duty.value[latest] * level, zero, zero, zero[1:] > 0.0, held=True)
+    return InputSignal(duty.value[latest] * level, zero, zero, zero[1:] > 0.0, held=True)
 
 
-def commanded(instants: np.ndarray, supply: float) -> Drive:
+def commanded(instants: np.ndarray, supply: float) -> InputSignal:
     """What an ECU that is part of the model adds its terms to: what its integral held where the trace began.
 
     It is one number for the whole trace, which nobody logged: 0 until the model has seen it, and as uncertain as a
     quarter of the supply.
     """
     level, error = np.zeros(instants.size), np.full(instants.size, 0.25 * supply)
-    return Drive(level, error, np.ones(instants.size), np.zeros(instants.size - 1, dtype=bool))
+    return InputSignal(level, error, np.ones(instants.size), np.zeros(instants.size - 1, dtype=bool))
 
 
-def drive_of(measurement: Measurement, config: RigConfig, instants: np.ndarray) -> Drive | None:
+def input_of(measurement: Measurement, config: RigConfig, instants: np.ndarray) -> InputSignal | None:
     """The input of a trace: voltage, or duty times supply, or torque; None where it has none.
 
     Args:

@@ -13,7 +13,7 @@ from scipy.ndimage import maximum_filter1d, minimum_filter1d
 from ..model.throttle import followed
 from ..rig.base import RigConfig
 from . import innovations
-from .batch import SampleSlots, TraceBatch, lay
+from .batch import SampleSlots, TraceBatch, batch_of
 from .free_parameters import Form, FreeParameters, Layout, Pick
 from .innovations import InnovationsFilter
 from .jacobian import jacobian
@@ -108,7 +108,7 @@ class EstimationProblem:
     ) -> EstimationProblem:
         """Batch traces of at least the shape `least`; one step in each interval if `substeps` says no more."""
         substeps = substeps or tuple(np.ones(t.instants.size - 1, dtype=int) for t in traces)
-        batch = lay(traces, config, substeps, least)
+        batch = batch_of(traces, config, substeps, least)
         return cls(config, free_parameters, batch, tuple(substeps), batch.slots.sigma)
 
     @property
@@ -265,7 +265,7 @@ class EstimationProblem:
         controlled = np.array([trace.controlled for trace in self.batch.traces])
         if not controlled.any():
             return self
-        volts = np.array([t.drive.value[0] if t.controlled and t.drive else 0.0 for t in self.batch.traces])
+        volts = np.array([t.input.value[0] if t.controlled and t.input else 0.0 for t in self.batch.traces])
         weight = [_beginning(trace) for trace in self.batch.traces]
         for span in _SPANS:
             tried = [volts + controlled * share * span for share in _SHARES]

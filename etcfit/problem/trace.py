@@ -8,7 +8,7 @@ import numpy as np
 
 from ..rig import TEST_BY_NAME
 from ..rig.base import AbstractRigTest, Measurement, RigConfig
-from .input_signal import Drive, commanded, drive_of
+from .input_signal import InputSignal, commanded, input_of
 
 
 @dataclass(frozen=True, eq=False)
@@ -32,7 +32,7 @@ class Trace:
         measurement: as read.
         test: its rig test.
         instants: s, shape (n,).
-        drive: None with open terminals.
+        input: None with open terminals.
         channels: what is observed, M names.
         data: SI, shape (n, M); NaN where nothing was logged.
         sigma: noise of one sample, shape (M,).
@@ -44,7 +44,7 @@ class Trace:
     measurement: Measurement
     test: AbstractRigTest
     instants: np.ndarray
-    drive: Drive | None
+    input: InputSignal | None
     channels: tuple[str, ...]
     data: np.ndarray
     sigma: np.ndarray
@@ -54,12 +54,12 @@ class Trace:
 
     @property
     def torque_driven(self) -> bool:
-        return self.drive is not None and "torque" in self.measurement.channels
+        return self.input is not None and "torque" in self.measurement.channels
 
     @property
     def circuit(self) -> bool:
         """True where current can flow."""
-        return self.drive is not None and not self.torque_driven
+        return self.input is not None and not self.torque_driven
 
     def released_at(self, instant: float, sd: float) -> Trace:
         """The same trace with a better release instant."""
@@ -67,9 +67,9 @@ class Trace:
 
     def holding(self, volts: float) -> Trace:
         """The same trace with another voltage in the ECU's integral where it begins."""
-        if self.drive is None or not self.controlled:
+        if self.input is None or not self.controlled:
             return self
-        return replace(self, drive=replace(self.drive, value=np.full(self.instants.size, volts)))
+        return replace(self, input=replace(self.input, value=np.full(self.instants.size, volts)))
 
 
 _LEAST_OHM = 1.0  # of a winding
@@ -81,15 +81,15 @@ def prepare(measurement: Measurement, config: RigConfig) -> Trace | None:
     """Make a trace ready; None where the model cannot predict it (no input logged, or nothing observed)."""
     test = TEST_BY_NAME[measurement.test]
     instants = measurement.time
-    drive = None if test.boundary.terminals_open else drive_of(measurement, config, instants)
-    controlled = drive is None and follows_setpoint(measurement) and config.ecu is not None
-    drive = commanded(instants, config.ecu.supply) if controlled and config.ecu is not None else drive
-    channels = _observed(measurement, test, drive)
-    if not channels or (drive is None and not test.boundary.terminals_open):
+    signal = None if test.boundary.terminals_open else input_of(measurement, config, instants)
+    controlled = signal is None and follows_setpoint(measurement) and config.ecu is not None
+    signal = commanded(instants, config.ecu.supply) if controlled and config.ecu is not None else signal
+    channels = _observed(measurement, test, signal)
+    if not channels or (signal is None and not test.boundary.terminals_open):
         return None
     data = np.stack([_at(instants, measurement, name) for name in channels], axis=1)
     sigma = np.array([_sigma(measurement, name) for name in channels])
-    trace = Trace(measurement, test, instants, drive, channels, data, sigma, _NOWHERE, None, controlled)
+    trace = Trace(measurement, test, instants, signal, channels, data, sigma, _NOWHERE, None, controlled)
     start = _start(trace, config)
     release = _release(trace) if test.boundary.released else None
     if release is not None:
@@ -108,7 +108,7 @@ def _source(measurement: Measurement, name: str) -> str:
     return "voltage" if name == "emf" and "emf" not in measurement.channels else name
 
 
-def _observed(measurement: Measurement, test: AbstractRigTest, drive: Drive | None) -> tuple[str, ...]:
+def _observed(measurement: Measurement, test: AbstractRigTest, signal: InputSignal | None) -> tuple[str, ...]:
     names = [name for name in test.observes if name in measurement.channels]
     if test.boundary.terminals_open and "voltage" in measurement.channels and "emf" not in names:
         names.insert(0, "emf")
@@ -156,8 +156,8 @@ def _start(trace: Trace, config: RigConfig) -> InitialState:
     i, i_sd, theta, theta_sd, omega, omega_sd = (0.0,) * 6
     if (first := _first(trace, "current", 3)) is not None:
         i, i_sd = float(np.mean(first[1])), 3.0 * sigma["current"] + 0.1 * abs(float(np.mean(first[1])))
-    elif trace.controlled and trace.drive is not None:  # as little known as the voltage that makes it
-        i_sd = float(trace.drive.error[0]) / _LEAST_OHM
+    elif trace.controlled and trace.input is not None:  # as little known as the voltage that makes it
+        i_sd = float(trace.input.error[0]) / _LEAST_OHM
     if (first := _first(trace, "position", 10)) is not None:
         theta, omega, omega_sd = _still(*first, sigma["position"])
         theta_sd = 3.0 * sigma["position"]

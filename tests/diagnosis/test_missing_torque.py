@@ -17,7 +17,7 @@ from etcfit.diagnosis.missing_torque import motions, pull_of
 from etcfit.diagnosis.trial import CandidateModel
 from etcfit.estimation.result import Termination
 from etcfit.problem.free_parameters import FreeParameters, free_parameters
-from etcfit.problem.input_signal import Drive
+from etcfit.problem.input_signal import InputSignal
 from etcfit.problem.problem import EstimationProblem
 from etcfit.problem.trace import Trace, prepare
 from etcfit.rig.base import Fixed, RigConfig
@@ -113,8 +113,8 @@ def measured(series: float) -> Trace:
     m = measurement("response", t, {"voltage": v, "current": x[:, 0] + OFFSET, "position": x[:, 1]})
     trace = prepare(m, CONFIG)
     assert trace is not None
-    exact = Drive(v, np.full(SAMPLES, 0.01), np.zeros(SAMPLES), np.zeros(SAMPLES - 1, dtype=bool))
-    return replace(trace, drive=exact, start=replace(trace.start, state=at_rest))
+    exact = InputSignal(v, np.full(SAMPLES, 0.01), np.zeros(SAMPLES), np.zeros(SAMPLES - 1, dtype=bool))
+    return replace(trace, input=exact, start=replace(trace.start, state=at_rest))
 
 
 @pytest.fixture(scope="module", params=CIRCUITS, ids=["no series resistance", "a series resistance"])
