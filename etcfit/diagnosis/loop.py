@@ -14,6 +14,7 @@ from ..estimation.remedies import listed
 from ..estimation.result import FitResult, Termination
 from ..problem.problem import EstimationProblem
 from ..problem.residual import WeightedData
+from ..problem.weights import discounted, forgiving, free_running
 from .composition import Composition, Effect, compose, resting
 from .cross_validation import folds, left_out
 from .missing_torque import pull_of
@@ -97,8 +98,8 @@ def whitened(
         if not end.far:
             b = b.guided(0.0)
             return b, b.weighted(b.kalman(x))
-        b = b.guided(guide_stiffness).discounted(x)
-        return b, b.weighted(b.free_running())
+        b = discounted(b.guided(guide_stiffness), x)
+        return b, b.weighted(free_running(b))
 
     guide_stiffness = pull_of(problem, x)
     problem, weighted = made(problem)
@@ -110,7 +111,7 @@ def refit_fully(s: CandidateModel, report: Report) -> CandidateModel:
     """The model refitted in full: through the rounds of the fit where it comes near the data."""
     s, held_out = s.lean(), s.held_out
     problem = s.problem.reprepared(s.x)
-    weighted = problem.weighted(problem.forgiving())
+    weighted = problem.weighted(forgiving(problem))
     x, _ = descend(problem, s.x, weighted, _TOLERANCE)
     if s.far:
         x = min(x, approach(problem, s.x, _TOLERANCE)[0], key=lambda end: problem.chi2(end, weighted))

@@ -14,6 +14,7 @@ from ..problem.prediction_error import columns
 from ..problem.problem import EstimationProblem
 from ..problem.residual import WeightedData
 from ..problem.trace import Trace, follows_setpoint, prepare
+from ..problem.weights import discounted, forgiving, free_running, outliers_weighed, timed
 from ..rig.base import Measurement, Rig
 from ..rig.paper_readings import Readings, read_graphs
 from .global_search import evolve, settle
@@ -119,8 +120,8 @@ def resume(rig: Rig, x: np.ndarray, far: bool, report: Report = quiet) -> FitRes
     if not far:
         problem, weighted, x, end = _whitened(problem, x, report)
     else:
-        problem = problem.discounted(x)
-        weighted = problem.weighted(problem.free_running())
+        problem = discounted(problem, x)
+        weighted = problem.weighted(free_running(problem))
         end = Termination(True, "taken up from a fit that was searched for", far=True)
     return outcome(rig, readings, problem, held_out, weighted, x, (), end, notes)
 
@@ -132,7 +133,7 @@ def _from_several_starts(
     rng = np.random.default_rng(20230701)
     reach = _SPREAD * problem.layout.reach(start)
     others = [start + reach * rng.standard_normal(start.size) for _ in range(_STARTS)]
-    weighted = problem.weighted(problem.forgiving())
+    weighted = problem.weighted(forgiving(problem))
     best, lowest, summaries = start, np.inf, []
     freedom = max(1.0, weighted.samples - start.size)
     for k, first in enumerate([start, *others]):
@@ -154,7 +155,7 @@ def approach(problem: EstimationProblem, x: np.ndarray, tolerance: float) -> tup
     """
     steps = 0
     for late in _LATE:
-        x, more = descend(problem, x, problem.weighted(problem.forgiving(late)), tolerance)
+        x, more = descend(problem, x, problem.weighted(forgiving(problem, late)), tolerance)
         steps += more
     return x, steps
 
@@ -193,8 +194,9 @@ def rounds(
         early = k < _CLOCK_ROUNDS
         about = x if early else 0.5 * (about + x)
         whitened = columns(problem.batch, here.r)
-        problem = problem.timed(x, here.r) if early else problem
-        problem, outliers = problem.with_release_times(about).with_integrator_states(about).outliers_weighed(whitened)
+        problem = timed(problem, x, here.r) if early else problem
+        problem = problem.with_release_times(about).with_integrator_states(about)
+        problem, outliers = outliers_weighed(problem, whitened)
     return problem, weighted, x, replace(_verdict(moved, here.gain, outliers), wander=x - about, gain=here.gain)
 
 
@@ -223,8 +225,8 @@ def freed(
         problem, x: traces and coordinates.
         spread: of the points searched, in units of each coordinate's reach.
     """
-    problem = problem.discounted(x)
-    weighted = problem.weighted(problem.free_running())
+    problem = discounted(problem, x)
+    weighted = problem.weighted(free_running(problem))
     x = evolve(problem, x, weighted, spread * problem.layout.reach(x))
     x, _ = minimise(problem, x, weighted, _THERE)
     return problem, weighted, x

@@ -21,6 +21,7 @@ from ..estimation.levenberg_marquardt import information_of
 from ..problem.free_parameters import Layout, free_parameters
 from ..problem.problem import EstimationProblem
 from ..problem.trace import Trace
+from ..problem.weights import free_running
 from ..rig import TESTS
 from ..rig.base import Rig
 from ..rig.paper_readings import read_graphs
@@ -105,7 +106,7 @@ def advise(rig: Rig, x: np.ndarray | None = None) -> Advice:
         x = known.layout.coordinates(start_values(known, read_graphs(rig)))
     problem = EstimationProblem.of(rig.config, known, fitted).refined(x)
     now = _informations(problem, x)
-    prior_sd = problem.weighted(problem.free_running()).prior_sd[: x.size]
+    prior_sd = problem.weighted(free_running(problem)).prior_sd[: x.size]
     judge = Judge(known.layout, x, information_of(prior_sd, np.zeros((0, x.size))) + sum(now))
     values = {s: float(v) for s, v in known.layout.values(x, known.held).items()}
     again = [_again(test.name, fitted, now, judge) for test in TESTS if test.name in {t.test.name for t in fitted}]

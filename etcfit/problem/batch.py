@@ -62,6 +62,20 @@ class Disturbance(NamedTuple):
     release: Any
 
 
+class BatchArrays(NamedTuple):
+    """A batch as compiled functions take it: its arrays alone, over steps T, lanes L and sample slots M.
+
+    Args:
+        steps, resets, slots, disturbance, circuit_of: those of a `TraceBatch`.
+    """
+
+    steps: Step
+    resets: Reset
+    slots: SampleSlots
+    disturbance: Disturbance
+    circuit_of: Any
+
+
 @dataclass(frozen=True, eq=False)
 class TraceBatch:
     """Everything the residual needs besides the parameters.

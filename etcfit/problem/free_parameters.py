@@ -180,6 +180,21 @@ class FreeParameters:
     priors: Mapping[str, tuple[float, float]]
     start: Mapping[str, float]
 
+    def priors_on_coordinates(self) -> tuple[np.ndarray, np.ndarray]:
+        """Mean and standard deviation of the Gaussian prior on each coordinate, shape (P,) each; inf where none is.
+
+        mean_x = x(mean), sd_x = sd / (dvalue/dx): to first order in sd.
+        """
+        free = self.layout.free
+        mean, sd = np.zeros(len(free)), np.full(len(free), np.inf)
+        for k, symbol in enumerate(free):
+            if symbol in self.priors:
+                domain = self.layout.parameter(symbol).domain
+                value, width = self.priors[symbol]
+                mean[k] = domain.coordinate(value)
+                sd[k] = width / float(jax.grad(domain.value)(mean[k]))
+        return mean, sd
+
 
 def free_parameters(config: RigConfig, further: tuple[type[AbstractEffect], ...] = ()) -> FreeParameters:
     """Read off rig.toml what is free.

@@ -8,27 +8,22 @@ from typing import Any
 
 import jax
 import numpy as np
-from scipy.ndimage import maximum_filter1d, minimum_filter1d
 
-from ..model.throttle import followed
 from ..rig.base import RigConfig
-from . import innovations
-from .batch import SampleSlots, TraceBatch, batch_of
+from .batch import BatchArrays, SampleSlots, TraceBatch, batch_of
 from .free_parameters import Form, FreeParameters, Layout, Pick
-from .innovations import InnovationsFilter
+from .innovations import InnovationsFilter, kalman
 from .jacobian import jacobian
 from .prediction_error import columns
+from .process_noise import free_run_variance
 from .residual import WeightedData, predict, prior_residual, residual, run
 from .substeps import local_error, substeps_needed
 from .trace import Trace, prepare
 
-_TELLING = 1e4  # sum of q^2 below which nothing is said about the clock
-_MOST_JITTER = 0.3
 _SPANS = (3.0, 1.5, 0.7, 0.3, 0.15, 0.07, 0.03, 0.015)  # V, of the search for what an integral holds
 _SHARES = (0.0, -1.0, 1.0)  # of them; the first is kept where none is better
 _FORGOTTEN = 1.0  # s after which a loop has forgotten with what it began
 _STIRS = 8.0  # standard deviations of a sample that are a motion
-_OUTLIER = 5.0  # robust standard deviations beyond which a sample is weighed down
 
 
 @partial(jax.jit, static_argnums=(0, 1))
@@ -46,33 +41,35 @@ def _residual(form: Form, circuits: tuple[str, ...], x: Any, weighted: WeightedD
 
 
 @partial(jax.jit, static_argnums=(0, 1))
-def _simulated(form: Form, circuits: tuple[str, ...], x: Any, pick: Pick, arrays: Any) -> Any:
+def _simulated(form: Form, circuits: tuple[str, ...], x: Any, pick: Pick, arrays: BatchArrays) -> Any:
     """Simulated samples, shape (T, L, M)."""
-    steps, resets, slots, _, circuit_of = arrays
-    throttle, path, steps = run(form, circuits, x, pick, steps, resets, circuit_of)
-    return predict(throttle, path, steps, resets, slots)
+    throttle, path, steps = run(form, circuits, x, pick, arrays)
+    return predict(throttle, path, steps, arrays.resets, arrays.slots)
 
 
 @partial(jax.jit, static_argnums=(0, 1))
-def _local_error(form: Form, circuits: tuple[str, ...], x: Any, pick: Pick, arrays: Any) -> Any:
+def _local_error(form: Form, circuits: tuple[str, ...], x: Any, pick: Pick, arrays: BatchArrays) -> Any:
     """The local integration error of every step, shape (T, L)."""
-    steps, resets, slots, _, circuit_of = arrays
-    throttle, path, steps = run(form, circuits, x, pick, steps, resets, circuit_of)
-    return local_error(throttle, path, steps, (resets, slots))
+    throttle, path, steps = run(form, circuits, x, pick, arrays)
+    return local_error(throttle, path, steps, (arrays.resets, arrays.slots))
 
 
 @partial(jax.jit, static_argnums=(0, 1))
-def _kalman(form: Form, circuits: tuple[str, ...], x: Any, pick: Pick, arrays: Any, jitter: Any) -> Any:
-    steps, resets, slots, disturbance, circuit_of = arrays
-    throttle, path, steps = run(form, circuits, x, pick, steps, resets, circuit_of)
-    return innovations.kalman(throttle, path, steps, resets, slots, disturbance, jitter)
+def _kalman(
+    form: Form, circuits: tuple[str, ...], x: Any, pick: Pick, arrays: BatchArrays, jitter: Any
+) -> tuple[InnovationsFilter, Any]:
+    """The whitening filter, and the share of timing in each sample's variance, shape (T, L, M)."""
+    throttle, path, steps = run(form, circuits, x, pick, arrays)
+    return kalman(throttle, path, arrays._replace(steps=steps), jitter)
 
 
 @partial(jax.jit, static_argnums=(0, 1))
-def _free_run_variance(form: Form, circuits: tuple[str, ...], x: Any, pick: Pick, arrays: Any, jitter: Any) -> Any:
-    steps, resets, slots, disturbance, circuit_of = arrays
-    throttle, path, steps = run(form, circuits, x, pick, steps, resets, circuit_of)
-    return innovations.free_run_variance(throttle, path, steps, resets, slots, disturbance, jitter)
+def _free_run_variance(
+    form: Form, circuits: tuple[str, ...], x: Any, pick: Pick, arrays: BatchArrays, jitter: Any
+) -> Any:
+    """Variance of measured - free run, SI, shape (T, L, M)."""
+    throttle, path, steps = run(form, circuits, x, pick, arrays)
+    return free_run_variance(throttle, path, arrays._replace(steps=steps), jitter)
 
 
 @dataclass(frozen=True, eq=False)
@@ -140,59 +137,24 @@ class EstimationProblem:
         """Simulated samples, (T, L, M), drawn along the measured angle by a guide of that stiffness."""
         return _simulated(*self.at(x), self.arrays(guide_stiffness))
 
-    def arrays(self, guide_stiffness: float = 0.0) -> Any:
-        """The batch, as compiled functions take it."""
+    def arrays(self, guide_stiffness: float = 0.0) -> BatchArrays:
+        """The batch, as compiled functions take it, with a guide of that stiffness."""
         batch = self.batch
-        return batch.guided(guide_stiffness), batch.resets, self.slots, batch.disturbance, batch.circuit_of
-
-    def free_running(self) -> InnovationsFilter:
-        """Each sample by its own noise: least squares of the free-running simulation."""
-        return innovations.plain(self.slots, self._order)
-
-    def forgiving(self, late: float = 0.0) -> InnovationsFilter:
-        """Each sample by its own noise, and by what an instant that is off does to it where it changes fast.
-
-        Args:
-            late: s by which an instant may be off; a sample at least.
-        """
-        slots = self.slots
-        bend = np.zeros_like(slots.sigma)
-        for trace, (lane, _, marks) in zip(self.batch.traces, self.batch.places, strict=True):
-            reach = max(1, round(late / float(np.median(np.diff(trace.instants)))))
-            bend[marks, lane, : len(trace.channels)] = 0.5 * _farthest(trace.data, reach)
-        return innovations.plain(slots._replace(sigma=np.hypot(slots.sigma, bend)), self._order)
-
-    @property
-    def _order(self) -> int:
-        return innovations.ORDER + len(followed(self.layout.types))
+        return BatchArrays(batch.guided(guide_stiffness), batch.resets, self.slots, batch.disturbance, batch.circuit_of)
 
     def kalman(self, x: np.ndarray) -> InnovationsFilter:
         """The whitening filter along the path at x."""
-        return self._filter(x)[0]
+        return self.filter_and_timing(x)[0]
 
-    def timed(self, x: np.ndarray, r: np.ndarray) -> EstimationProblem:
-        """The same with the jitter that the residual r at x, shape (T, L, M), shows where samples change fast.
-
-            a <- a + 1/2 sum q (r^2 - 1) / sum q^2,    a = jitter^2,  q = (dy/dt dt)^2 / S
-
-        Fisher's scoring for one component of variance, by half steps since the fit follows; left alone where no sample
-        changes fast enough to tell.
-        """
-        share = np.asarray(self._filter(x)[1])
-        power = float(np.sum(share**2))
-        if power < _TELLING:
-            return self
-        excess = np.clip(r**2, 0.0, _OUTLIER**2) - (share > 0.0)
-        variance = self.jitter**2 + 0.5 * float(np.sum(share * excess)) / power
-        return replace(self, jitter=float(np.sqrt(np.clip(variance, 0.0, _MOST_JITTER**2))))
-
-    def _filter(self, x: np.ndarray) -> Any:
+    def filter_and_timing(self, x: np.ndarray) -> tuple[InnovationsFilter, Any]:
+        """That filter, and (dy/dt dt)^2 / S of each sample, shape (T, L, M): what a jitter of 1 would add to its
+        variance, over the variance it has."""
         return _kalman(*self.at(x), self.arrays(), self.jitter)
 
     def weighted(self, filter_: InnovationsFilter) -> WeightedData:
         """The data for the residual."""
         batch, layout = self.batch, self.layout
-        mean, sd = self._priors()
+        mean, sd = self.free_parameters.priors_on_coordinates()
         priors = layout.padded(mean), layout.padded(sd, np.inf)
         return WeightedData(
             batch.guided(self.guide_stiffness), batch.resets, self.slots, batch.circuit_of, filter_, self.pick, *priors
@@ -272,45 +234,6 @@ class EstimationProblem:
             misfit = [_misfits(replace(self, batch=self.batch.holding(v)).free_run(x), weight) for v in tried]
             volts = np.choose(np.argmin(misfit, axis=0), tried)
         return replace(self, batch=self.batch.holding(volts))
-
-    def outliers_weighed(self, whitened: list[np.ndarray]) -> tuple[EstimationProblem, int]:
-        """The same with samples far outside their trace's residuals, (n, M) each, weighed down, and how many."""
-        sigma = self.batch.slots.sigma.copy()
-        count = 0
-        for trace, (lane, _, marks), part in zip(self.batch.traces, self.batch.places, whitened, strict=True):
-            spread = np.maximum(1.0, 1.4826 * np.median(np.abs(part), axis=0))
-            excess = np.maximum(1.0, np.abs(part) / (_OUTLIER * spread))
-            sigma[marks, lane, : len(trace.channels)] *= excess
-            count += int(np.sum(excess > 1.0))
-        return replace(self, sigma=sigma), count
-
-    def discounted(self, x: np.ndarray) -> EstimationProblem:
-        """The same with each channel of each trace counting for no more than its error at x allows, guided as it is."""
-        sigma = self.batch.slots.sigma.copy()
-        predicted = columns(self.batch, self.simulated(x, self.guide_stiffness))
-        for trace, (lane, row, marks), model in zip(self.batch.traces, self.batch.places, predicted, strict=True):
-            rms = np.sqrt(np.nanmean((trace.data - model) ** 2, axis=0)) / trace.sigma
-            sigma[row : marks[-1] + 1, lane, : len(trace.channels)] *= np.maximum(1.0, rms)
-        return replace(self, sigma=sigma)
-
-    def _priors(self) -> tuple[np.ndarray, np.ndarray]:
-        free, priors = self.layout.free, self.free_parameters.priors
-        mean, sd = np.zeros(len(free)), np.full(len(free), np.inf)
-        for k, symbol in enumerate(free):
-            if symbol in priors:
-                domain = self.layout.parameter(symbol).domain
-                value, width = priors[symbol]
-                mean[k] = domain.coordinate(value)
-                sd[k] = width / float(jax.grad(domain.value)(mean[k]))
-        return mean, sd
-
-
-def _farthest(data: np.ndarray, reach: int) -> np.ndarray:
-    """How far each sample, shape (n, M), lies from the farthest of its neighbours up to `reach` away; 0 for none."""
-    seen = np.isfinite(data)
-    high = maximum_filter1d(np.where(seen, data, -np.inf), 2 * reach + 1, axis=0, mode="nearest")
-    low = minimum_filter1d(np.where(seen, data, np.inf), 2 * reach + 1, axis=0, mode="nearest")
-    return np.where(seen, np.maximum(high - data, data - low), 0.0)
 
 
 def _beginning(trace: Trace) -> tuple[np.ndarray, np.ndarray]:

@@ -13,7 +13,7 @@ from ..model.effects import State
 from ..model.parameters import Scalar
 from ..model.stepper import Reset, Step, simulate
 from ..model.throttle import Throttle
-from .batch import KINDS, SampleSlots
+from .batch import KINDS, BatchArrays, SampleSlots
 from .free_parameters import SERIES, Form, Pick
 from .innovations import InnovationsFilter, whiten
 
@@ -70,16 +70,36 @@ def predict(throttle: Throttle, path: tuple[State, Any], steps: Step, resets: Re
     return y
 
 
-def run(
-    form: Form, circuits: tuple[str, ...], x: Any, pick: Pick, steps: Step, resets: Reset, circuit_of: Any
-) -> tuple[Throttle, tuple[State, Any], Step]:
-    """Simulate a batch at coordinates x: the model, its path, and the batch with its circuits and late inputs."""
+class SimulatedRun(NamedTuple):
+    """A simulated batch.
+
+    Args:
+        throttle: the model.
+        path: its states and memories at the end of each step, shape (T, L) each.
+        steps: what it ran on: with its circuits, the guide's lever, and inputs as late as they act.
+    """
+
+    throttle: Throttle
+    path: tuple[State, Any]
+    steps: Step
+
+
+def run(form: Form, circuits: tuple[str, ...], x: Any, pick: Pick, batch: BatchArrays | WeightedData) -> SimulatedRun:
+    """Simulate a batch.
+
+    Args:
+        form: the model.
+        circuits: tests with a series resistance of their own, as in the batch.
+        x: coordinates, shape (P,).
+        pick: which parameters x stands for.
+        batch: steps, resets and circuits.
+    """
     values = form.values(x, pick)
     throttle = Throttle.build(form.types, values)
-    steps = equipped(steps, circuit_of, circuits, values)
+    steps = equipped(batch.steps, batch.circuit_of, circuits, values)
     if throttle.may_delay:
-        steps = late_inputs(steps, resets, throttle.delays().input)
-    return throttle, simulate(throttle, steps, resets), steps
+        steps = late_inputs(steps, batch.resets, throttle.delays().input)
+    return SimulatedRun(throttle, simulate(throttle, steps, batch.resets), steps)
 
 
 def prior_residual(x: Any, weighted: WeightedData) -> Any:
@@ -92,7 +112,7 @@ def residual(form: Form, circuits: tuple[str, ...], x: Any, weighted: WeightedDa
 
         r = W (y - y_hat(x))
 
-    Source: generalised least squares; see `whitening`.
+    Source: generalised least squares; see `innovations`.
     Args:
         form: the model.
         circuits: tests with a series resistance of their own, as in the batch.
@@ -101,7 +121,7 @@ def residual(form: Form, circuits: tuple[str, ...], x: Any, weighted: WeightedDa
     Returns:
         shape (T, L, M), 0 where there is no sample, standard normal where the model is right.
     """
-    throttle, path, steps = run(form, circuits, x, weighted.pick, weighted.steps, weighted.resets, weighted.circuit_of)
+    throttle, path, steps = run(form, circuits, x, weighted.pick, weighted)
     seen = predict(throttle, path, steps, weighted.resets, weighted.slots)
     error = weighted.slots.weight * (weighted.slots.value - seen)
     return whiten(weighted.whitening, error, weighted.resets.begins)

@@ -12,7 +12,7 @@ from ..model.effects import State
 from ..model.stepper import Step, step
 from ..model.throttle import Throttle
 from .batch import TraceBatch
-from .innovations import before_steps, impact_nearby, slot_senses
+from .process_noise import before_steps, impact_nearby, slot_senses
 
 TOLERANCE = 0.002  # local error of a step, in standard deviations of a sample
 _MOST = 24  # steps in one interval

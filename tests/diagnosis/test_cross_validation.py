@@ -20,6 +20,7 @@ from etcfit.estimation.result import Termination
 from etcfit.problem.free_parameters import free_parameters
 from etcfit.problem.problem import EstimationProblem
 from etcfit.problem.trace import Trace
+from etcfit.problem.weights import free_running
 from etcfit.rig.base import Rig
 from etcfit.rig.reader import read_folder
 
@@ -41,7 +42,7 @@ def standing(rig: Rig, traces: tuple[Trace, ...]) -> CandidateModel:
     known = free_parameters(rig.config)
     problem = EstimationProblem.of(rig.config, known, traces)
     composition: Any = None
-    weighted, x = problem.weighted(problem.free_running()), np.zeros(len(known.layout.free))
+    weighted, x = problem.weighted(free_running(problem)), np.zeros(len(known.layout.free))
     return CandidateModel(composition, (), problem, weighted, None, x, Termination(True, "by hand"))
 
 

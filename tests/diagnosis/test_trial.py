@@ -25,6 +25,7 @@ from etcfit.model.effects import EFFECT_BY_NAME
 from etcfit.problem.prediction_error import PredictionError, pooled
 from etcfit.problem.problem import EstimationProblem
 from etcfit.problem.trace import Trace
+from etcfit.problem.weights import free_running
 from etcfit.rig.base import Rig
 
 LIMP, STRIBECK, GRAVITY, DRAG = (
@@ -282,7 +283,7 @@ def standing(rig: Rig, traces: tuple[Trace, ...], composition: Composition) -> C
     x = np.random.default_rng(0).normal(size=len(known.layout.free))
     problem = EstimationProblem.of(rig.config, known, traces)
     beside = EstimationProblem.of(rig.config, known, traces[:1])
-    weighted, holdout = (b.weighted(b.free_running()) for b in (problem, beside))
+    weighted, holdout = (b.weighted(free_running(b)) for b in (problem, beside))
     return CandidateModel(composition, (), problem, weighted, (beside, holdout), x, Termination(True, "by hand"))
 
 

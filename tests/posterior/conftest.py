@@ -10,6 +10,7 @@ from etcfit.estimation.joint_fit import ready
 from etcfit.problem.free_parameters import free_parameters
 from etcfit.problem.problem import EstimationProblem
 from etcfit.problem.residual import WeightedData
+from etcfit.problem.weights import free_running
 from etcfit.rig.reader import read_folder
 
 SIGMA, VOLTS, OHM = 0.01, 2.0, 1.513
@@ -44,4 +45,4 @@ def held(tmp_path_factory: pytest.TempPathFactory) -> tuple[EstimationProblem, W
     files = {"rig.toml": TOML, "resistance/1.csv": sheet.text()}
     rig = read_folder(folders.write(tmp_path_factory.mktemp("rig"), files))
     problem = EstimationProblem.of(rig.config, free_parameters(rig.config), ready(rig)[0])
-    return problem, problem.weighted(problem.free_running())
+    return problem, problem.weighted(free_running(problem))

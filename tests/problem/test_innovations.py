@@ -19,8 +19,9 @@ from etcfit.model.throttle import Throttle
 from etcfit.problem.free_parameters import FreeParameters, free_parameters
 from etcfit.problem.input_signal import InputSignal
 from etcfit.problem.prediction_error import columns
-from etcfit.problem.problem import EstimationProblem, _farthest
+from etcfit.problem.problem import EstimationProblem
 from etcfit.problem.trace import InitialState, Trace, prepare
+from etcfit.problem.weights import farthest, free_running
 from etcfit.rig.base import Fixed
 from measurements import CONFIG, N, measurement, noisy, released
 
@@ -100,8 +101,8 @@ def many_held(request: pytest.FixtureRequest) -> tuple[EstimationProblem, np.nda
 def test_a_sample_is_forgiven_what_its_neighbours_are_away_from_it() -> None:
     """By hand; where nothing was logged nothing is."""
     data = np.array([0.0, 1.0, 3.0, np.nan, 7.0])[:, None]
-    assert_array_equal(_farthest(data, 1)[:, 0], [1.0, 2.0, 2.0, 0.0, 0.0])
-    assert_array_equal(_farthest(data, 2)[:, 0], [3.0, 2.0, 4.0, 0.0, 4.0])
+    assert_array_equal(farthest(data, 1)[:, 0], [1.0, 2.0, 2.0, 0.0, 0.0])
+    assert_array_equal(farthest(data, 2)[:, 0], [3.0, 2.0, 4.0, 0.0, 4.0])
 
 
 @pytest.mark.slow
@@ -122,7 +123,7 @@ def test_residuals_of_a_held_plate_are_standard_normal(many_held: tuple[Estimati
 def test_without_the_filter_they_are_not(many_held: tuple[EstimationProblem, np.ndarray]) -> None:
     """The same data, each sample by its own noise: the input's noise shows."""
     problem, x = many_held
-    r, _, _ = problem.linearise(x, problem.weighted(problem.free_running()))
+    r, _, _ = problem.linearise(x, problem.weighted(free_running(problem)))
     each = np.stack([part[:, 0] for part in columns(problem.batch, r)])
     assert np.mean(each**2) > 1.3
     assert np.mean([autocorrelation(row, 1)[0] for row in each]) > 0.1
@@ -230,7 +231,7 @@ def assert_dense(problem: EstimationProblem, x: np.ndarray) -> None:
     seen = np.isfinite(trace.data).ravel()
     channels = slice(0, len(trace.channels))
 
-    plain_r, _, plain_j = problem.linearise(x, problem.weighted(problem.free_running()))
+    plain_r, _, plain_j = problem.linearise(x, problem.weighted(free_running(problem)))
     scale = np.tile(trace.sigma, trace.instants.size)[seen]
     error = plain_r[marks, lane, channels].ravel()[seen] * scale
     slope = plain_j[marks, lane, channels].reshape(-1, x.size)[seen] * scale[:, None]
@@ -302,7 +303,7 @@ def test_a_jump_at_an_unknown_instant_is_neither_believed_nor_thrown_away() -> N
     """The first sample after it scatters by 0.3 A, forty times its noise; whitened it is standard, in mean and square,
     and so are all samples after it. 360 jumps: a mean is known to 0.05, a mean square to 0.08."""
     problem, x = problem_of([stepped(seed) for seed in range(60)], ("R_a", "L_a"), substeps=4)
-    free, _, _ = problem.linearise(x, problem.weighted(problem.free_running()))
+    free, _, _ = problem.linearise(x, problem.weighted(free_running(problem)))
     r, _, _ = problem.linearise(x, problem.weighted(problem.kalman(x)))
     raw, each = (np.stack([part[:, 0] for part in columns(problem.batch, a)]) for a in (free, r))
     sign = (-1.0) ** np.arange(BEFORE.size)
@@ -334,7 +335,7 @@ def releases() -> tuple[EstimationProblem, np.ndarray, np.ndarray]:
 def test_a_release_at_an_instant_not_known_exactly(releases: tuple[EstimationProblem, np.ndarray, np.ndarray]) -> None:
     """At first the EMF is wrong by several times its noise; whitened nothing of it is left until the impact."""
     problem, x, hits = releases
-    free, _, _ = problem.linearise(x, problem.weighted(problem.free_running()))
+    free, _, _ = problem.linearise(x, problem.weighted(free_running(problem)))
     r, _, _ = problem.linearise(x, problem.weighted(problem.kalman(x)))
     falls = slice(0, int(hits.min()) - 10)
     raw, each = (np.concatenate([part[falls] for part in columns(problem.batch, a)]) for a in (free, r))
@@ -356,7 +357,7 @@ def test_an_impact_does_not_steer_the_fit(
         parts = zip(columns(problem.batch, r), around, strict=True)
         return float(np.max([np.abs(part[rows, 0]) for part, rows in parts]))
 
-    free, _, _ = problem.linearise(there, problem.weighted(problem.free_running()))
+    free, _, _ = problem.linearise(there, problem.weighted(free_running(problem)))
     r, _, _ = problem.linearise(there, problem.weighted(problem.kalman(x)))
     assert worst(free) > 300.0
     assert worst(r) < 5.0
