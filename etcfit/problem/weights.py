@@ -78,8 +78,8 @@ def timed(problem: EstimationProblem, x: np.ndarray, r: np.ndarray) -> Estimatio
 def outliers_weighed(problem: EstimationProblem, whitened: Sequence[np.ndarray]) -> tuple[EstimationProblem, int]:
     """sigma <- sigma max(1, |r| / 5 s), s = max(1, 1.4826 median |r|) of each channel of each trace.
 
-    Source: Huber 1981, Robust statistics, ch. 7. Differs from source: the weight 5 s / |r| multiplies r, not r^2, so that
-    an outlier counts as if it lay 5 s away.
+    Source: Huber 1981, Robust statistics, ch. 7. Differs from source: the weight 5 s / |r| multiplies r, not r^2: an
+    outlier counts as if it lay 5 s away.
 
     Args:
         problem: the data; its sigma starts from the declared one.
