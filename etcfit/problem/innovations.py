@@ -20,8 +20,10 @@ from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
+from jaxtyping import Array, Float
 
-from ..model.effects import State
+from ..model.parameters import AnyArray, Scalar
+from ..model.stepper import StatePath
 from ..model.throttle import Throttle
 from .batch import BatchArrays, SampleSlots
 from .process_noise import ORDER, error_process
@@ -37,10 +39,10 @@ class InnovationsFilter(NamedTuple):
         weight: 1 / sqrt(S), shape (T, L, M); 0 where there is no sample.
     """
 
-    transition: Any
-    sense: Any
-    gain: Any
-    weight: Any
+    transition: Float[Array, "T L n n"]
+    sense: Float[Array, "T L M n"]
+    gain: Float[Array, "T L M n"]
+    weight: Float[AnyArray, "T L M"]
 
 
 def plain(slots: SampleSlots, order: int = ORDER) -> InnovationsFilter:
@@ -55,13 +57,12 @@ def plain(slots: SampleSlots, order: int = ORDER) -> InnovationsFilter:
     return InnovationsFilter(jnp.zeros((steps, lanes, order, order)), empty, empty, slots.weight / slots.sigma)
 
 
-def whiten(filter_: InnovationsFilter, error: Any, begins: Any) -> Any:
+def whiten(filter_: InnovationsFilter, error: Float[AnyArray, "T L M"]) -> Float[Array, "T L M"]:
     """Innovations over their standard deviations.
 
     Args:
         filter_: the whitening.
         error: measured - simulated, 0 where there is no sample, shape (T, L, M).
-        begins: 1 at the first entry of a trace, shape (T, L).
     Returns:
         shape (T, L, M), dimensionless.
     """
@@ -69,7 +70,9 @@ def whiten(filter_: InnovationsFilter, error: Any, begins: Any) -> Any:
     return jax.lax.scan(lambda state, entry: innovate(state, *entry), start, (filter_, error))[1]
 
 
-def innovate(state: tuple[Any, ...], filter_: InnovationsFilter, error: Any) -> tuple[tuple[Any, ...], Any]:
+def innovate(
+    state: tuple[Float[AnyArray, "*lanes"], ...], filter_: InnovationsFilter, error: Float[Array, "*lanes M"]
+) -> tuple[tuple[Float[AnyArray, "*lanes"], ...], Float[Array, "*lanes M"]]:
     """One entry of the batch through the filter.
 
     Args:
@@ -92,8 +95,8 @@ def innovate(state: tuple[Any, ...], filter_: InnovationsFilter, error: Any) -> 
 
 
 def kalman(
-    throttle: Throttle, path: tuple[State, tuple[Any, ...]], batch: BatchArrays, jitter: Any
-) -> tuple[InnovationsFilter, Any]:
+    throttle: Throttle, path: StatePath, batch: BatchArrays, jitter: Scalar
+) -> tuple[InnovationsFilter, Float[Array, "T L M"]]:
     """The whitening filter along a simulated path.
 
     Args:
@@ -110,7 +113,13 @@ def kalman(
     return InnovationsFilter(process.transition, process.sense, gain, weight), process.timing * weight**2
 
 
-def _covariance(transition: Any, noise: Any, sense: Any, variance: Any, present: Any) -> tuple[Any, Any]:
+def _covariance(
+    transition: Float[Array, "T L n n"],
+    noise: Float[Array, "T L n n"],
+    sense: Float[Array, "T L M n"],
+    variance: Float[Array, "T L M"],
+    present: Float[AnyArray, "T L M"],
+) -> tuple[Float[Array, "T L M n"], Float[Array, "T L M"]]:
     """Run the Riccati recursion, one slot after the other: gains (T, L, M, n) and 1 / sqrt(S) (T, L, M)."""
     lanes, count, order = sense.shape[1:]
 

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import Any
 
 import jax
 import numpy as np
+from jaxtyping import Array, Float, Int
 
+from ..model.parameters import Scalar
 from ..rig.base import RigConfig
 from .batch import BatchArrays, SampleSlots, TraceBatch, batch_of
 from .free_parameters import Form, FreeParameters, Layout, Pick
@@ -27,7 +29,9 @@ _STIRS = 8.0  # standard deviations of a sample that are a motion
 
 
 @partial(jax.jit, static_argnums=(0, 1))
-def _linearise(form: Form, circuits: tuple[str, ...], x: Any, weighted: WeightedData) -> tuple[Any, Any, Any]:
+def _linearise(
+    form: Form, circuits: tuple[str, ...], x: Float[Array, " P"], weighted: WeightedData
+) -> tuple[Float[Array, "T L M"], Float[Array, " P"], Float[Array, "T L M P"]]:
     """Whitened residual (T, L, M), that of the priors (P,), and the Jacobian of the former (T, L, M, P)."""
 
     r, columns = jacobian(lambda x: residual(form, circuits, x, weighted), x, form.live(weighted.pick))
@@ -35,29 +39,35 @@ def _linearise(form: Form, circuits: tuple[str, ...], x: Any, weighted: Weighted
 
 
 @partial(jax.jit, static_argnums=(0, 1))
-def _residual(form: Form, circuits: tuple[str, ...], x: Any, weighted: WeightedData) -> Any:
+def _residual(
+    form: Form, circuits: tuple[str, ...], x: Float[Array, " P"], weighted: WeightedData
+) -> Float[Array, "T L M"]:
     """Whitened residual, shape (T, L, M)."""
     return residual(form, circuits, x, weighted)
 
 
 @partial(jax.jit, static_argnums=(0, 1))
-def _simulated(form: Form, circuits: tuple[str, ...], x: Any, pick: Pick, arrays: BatchArrays) -> Any:
+def _simulated(
+    form: Form, circuits: tuple[str, ...], x: Float[Array, " P"], pick: Pick, arrays: BatchArrays
+) -> Float[Array, "T L M"]:
     """Simulated samples, shape (T, L, M)."""
     throttle, path, steps = run(form, circuits, x, pick, arrays)
     return predict(throttle, path, steps, arrays.resets, arrays.slots)
 
 
 @partial(jax.jit, static_argnums=(0, 1))
-def _local_error(form: Form, circuits: tuple[str, ...], x: Any, pick: Pick, arrays: BatchArrays) -> Any:
+def _local_error(
+    form: Form, circuits: tuple[str, ...], x: Float[Array, " P"], pick: Pick, arrays: BatchArrays
+) -> Float[Array, "T L"]:
     """The local integration error of every step, shape (T, L)."""
     throttle, path, steps = run(form, circuits, x, pick, arrays)
-    return local_error(throttle, path, steps, (arrays.resets, arrays.slots))
+    return local_error(throttle, path, arrays._replace(steps=steps))
 
 
 @partial(jax.jit, static_argnums=(0, 1))
 def _kalman(
-    form: Form, circuits: tuple[str, ...], x: Any, pick: Pick, arrays: BatchArrays, jitter: Any
-) -> tuple[InnovationsFilter, Any]:
+    form: Form, circuits: tuple[str, ...], x: Float[Array, " P"], pick: Pick, arrays: BatchArrays, jitter: Scalar
+) -> tuple[InnovationsFilter, Float[Array, "T L M"]]:
     """The whitening filter, and the share of timing in each sample's variance, shape (T, L, M)."""
     throttle, path, steps = run(form, circuits, x, pick, arrays)
     return kalman(throttle, path, arrays._replace(steps=steps), jitter)
@@ -65,8 +75,8 @@ def _kalman(
 
 @partial(jax.jit, static_argnums=(0, 1))
 def _free_run_variance(
-    form: Form, circuits: tuple[str, ...], x: Any, pick: Pick, arrays: BatchArrays, jitter: Any
-) -> Any:
+    form: Form, circuits: tuple[str, ...], x: Float[Array, " P"], pick: Pick, arrays: BatchArrays, jitter: Scalar
+) -> Float[Array, "T L M"]:
     """Variance of measured - free run, SI, shape (T, L, M)."""
     throttle, path, steps = run(form, circuits, x, pick, arrays)
     return free_run_variance(throttle, path, arrays._replace(steps=steps), jitter)
@@ -89,8 +99,8 @@ class EstimationProblem:
     config: RigConfig
     free_parameters: FreeParameters
     batch: TraceBatch
-    substeps: tuple[np.ndarray, ...]
-    sigma: np.ndarray
+    substeps: tuple[Int[np.ndarray, " _"], ...]
+    sigma: Float[np.ndarray, "T L M"]
     jitter: float = 0.0
     guide_stiffness: float = 0.0
 
@@ -100,7 +110,7 @@ class EstimationProblem:
         config: RigConfig,
         free_parameters: FreeParameters,
         traces: tuple[Trace, ...],
-        substeps: Any = None,
+        substeps: Sequence[Int[np.ndarray, " _"]] | None = None,
         least: tuple[int, ...] = (0, 0, 0),
     ) -> EstimationProblem:
         """Batch traces of at least the shape `least`; one step in each interval if `substeps` says no more."""
@@ -121,19 +131,19 @@ class EstimationProblem:
         """Which parameters x stands for, and the values of the others."""
         return self.layout.pick(self.free_parameters.held)
 
-    def at(self, x: np.ndarray) -> tuple[Form, tuple[str, ...], np.ndarray, Pick]:
+    def at(self, x: Float[np.ndarray, " P"]) -> tuple[Form, tuple[str, ...], Float[np.ndarray, " room"], Pick]:
         """What every compiled function of the model at x takes."""
         return self.layout.form, self.batch.circuits, self.layout.padded(x), self.pick
 
-    def free_run(self, x: np.ndarray) -> list[np.ndarray]:
+    def free_run(self, x: Float[np.ndarray, " P"]) -> list[Float[np.ndarray, "_ _"]]:
         """Simulated samples of each trace, (n, M)."""
         return columns(self.batch, self.simulated(x, 0.0))
 
-    def free_run_variance(self, x: np.ndarray) -> list[np.ndarray]:
+    def free_run_variance(self, x: Float[np.ndarray, " P"]) -> list[Float[np.ndarray, "_ _"]]:
         """Variance of measured - free run of each trace, (n, M): sensor, noisy input, instants not known exactly."""
         return columns(self.batch, _free_run_variance(*self.at(x), self.arrays(), self.jitter))
 
-    def simulated(self, x: np.ndarray, guide_stiffness: float) -> Any:
+    def simulated(self, x: Float[np.ndarray, " P"], guide_stiffness: float) -> Float[Array, "T L M"]:
         """Simulated samples, (T, L, M), drawn along the measured angle by a guide of that stiffness."""
         return _simulated(*self.at(x), self.arrays(guide_stiffness))
 
@@ -142,11 +152,11 @@ class EstimationProblem:
         batch = self.batch
         return BatchArrays(batch.guided(guide_stiffness), batch.resets, self.slots, batch.disturbance, batch.circuit_of)
 
-    def kalman(self, x: np.ndarray) -> InnovationsFilter:
+    def kalman(self, x: Float[np.ndarray, " P"]) -> InnovationsFilter:
         """The whitening filter along the path at x."""
         return self.filter_and_timing(x)[0]
 
-    def filter_and_timing(self, x: np.ndarray) -> tuple[InnovationsFilter, Any]:
+    def filter_and_timing(self, x: Float[np.ndarray, " P"]) -> tuple[InnovationsFilter, Float[Array, "T L M"]]:
         """That filter, and (dy/dt dt)^2 / S of each sample, shape (T, L, M): what a jitter of 1 would add to its
         variance, over the variance it has."""
         return _kalman(*self.at(x), self.arrays(), self.jitter)
@@ -160,20 +170,22 @@ class EstimationProblem:
             batch.guided(self.guide_stiffness), batch.resets, self.slots, batch.circuit_of, filter_, self.pick, *priors
         )
 
-    def linearise(self, x: np.ndarray, weighted: WeightedData) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    def linearise(
+        self, x: Float[np.ndarray, " P"], weighted: WeightedData
+    ) -> tuple[Float[np.ndarray, "T L M"], Float[np.ndarray, " P"], Float[np.ndarray, "T L M P"]]:
         """Residual (T, L, M), that of the priors (P,), Jacobian of the former (T, L, M, P)."""
         r, prior, jacobian = _linearise(self.layout.form, self.batch.circuits, self.layout.padded(x), weighted)
         return np.asarray(r), np.asarray(prior)[: x.size], np.asarray(jacobian)[..., : x.size]
 
-    def residual(self, x: np.ndarray, weighted: WeightedData) -> np.ndarray:
+    def residual(self, x: Float[np.ndarray, " P"], weighted: WeightedData) -> Float[np.ndarray, "T L M"]:
         """Whitened residual alone, shape (T, L, M): a tenth of what its Jacobian costs."""
         return np.asarray(_residual(self.layout.form, self.batch.circuits, self.layout.padded(x), weighted))
 
-    def chi2(self, x: np.ndarray, weighted: WeightedData) -> float:
+    def chi2(self, x: Float[np.ndarray, " P"], weighted: WeightedData) -> float:
         """Sum of squares of that residual, priors apart; `chi2.chi2_of` is for many points, with them."""
         return float(np.sum(self.residual(x, weighted) ** 2))
 
-    def refined(self, x: np.ndarray) -> EstimationProblem:
+    def refined(self, x: Float[np.ndarray, " P"]) -> EstimationProblem:
         """The same with as many integration steps as the path at x needs."""
         problem = self
         for _ in range(2):
@@ -182,7 +194,7 @@ class EstimationProblem:
             problem = EstimationProblem.of(self.config, self.free_parameters, self.batch.traces, steps, self.shape)
         return problem
 
-    def reprepared(self, x: np.ndarray) -> EstimationProblem:
+    def reprepared(self, x: Float[np.ndarray, " P"]) -> EstimationProblem:
         """The same measurements as they were logged, with the steps that x needs and the releases read off them again:
         those that a poorer model saw would draw a better one back to it."""
         traces = tuple(t for t in (prepare(t.measurement, self.config) for t in self.batch.traces) if t is not None)
@@ -194,7 +206,7 @@ class EstimationProblem:
         """Of the batch: steps, lanes, slots."""
         return self.batch.slots.value.shape
 
-    def beside(self, traces: tuple[Trace, ...], x: np.ndarray) -> EstimationProblem:
+    def beside(self, traces: tuple[Trace, ...], x: Float[np.ndarray, " P"]) -> EstimationProblem:
         """Other traces of the same rig, in a batch of the same shape where they fit: what is compiled serves again."""
         other = (
             EstimationProblem.of(self.config, self.free_parameters, traces, None, self.shape)
@@ -212,7 +224,7 @@ class EstimationProblem:
         """The same data with other unknowns."""
         return replace(self, free_parameters=free_parameters)
 
-    def with_release_times(self, x: np.ndarray) -> EstimationProblem:
+    def with_release_times(self, x: Float[np.ndarray, " P"]) -> EstimationProblem:
         """The same with the releases of held plates moved to where the model at x sees them."""
         if not any(trace.release for trace in self.batch.traces):
             return self
@@ -221,7 +233,7 @@ class EstimationProblem:
         moved = EstimationProblem.of(self.config, self.free_parameters, traces, self.substeps, self.shape)
         return replace(moved, jitter=self.jitter)
 
-    def with_integrator_states(self, x: np.ndarray) -> EstimationProblem:
+    def with_integrator_states(self, x: Float[np.ndarray, " P"]) -> EstimationProblem:
         """The same with what each ECU in the model holds in its integral at the begin of its trace moved to where the
         model at x sees it: a search by halves, for a plate that rests answers to nothing and one that slips jumps."""
         controlled = np.array([trace.controlled for trace in self.batch.traces])
@@ -236,7 +248,7 @@ class EstimationProblem:
         return replace(self, batch=self.batch.holding(volts))
 
 
-def _beginning(trace: Trace) -> tuple[np.ndarray, np.ndarray]:
+def _beginning(trace: Trace) -> tuple[Float[np.ndarray, "n M"], Float[np.ndarray, "n M"]]:
     """Samples of a trace and their weights, (n, M) each: those up to a second after the plate first moves."""
     seen = np.isfinite(trace.data)
     if "position" not in trace.channels:
@@ -248,13 +260,13 @@ def _beginning(trace: Trace) -> tuple[np.ndarray, np.ndarray]:
     return np.nan_to_num(trace.data), early / trace.sigma
 
 
-def _misfits(predicted: list[np.ndarray], wanted: list[tuple[np.ndarray, np.ndarray]]) -> np.ndarray:
+def _misfits(predicted: list[np.ndarray], wanted: list[tuple[np.ndarray, np.ndarray]]) -> Float[np.ndarray, " traces"]:
     """Sum of squared weighted errors of each trace."""
     each = zip(predicted, wanted, strict=True)
     return np.array([np.nan_to_num(np.sum(((data - model) * w) ** 2), nan=np.inf) for model, (data, w) in each])
 
 
-def _better_release(trace: Trace, predicted: np.ndarray) -> Trace:
+def _better_release(trace: Trace, predicted: Float[np.ndarray, "n M"]) -> Trace:
     """One Gauss-Newton step in the release instant: y(t - d) = y - d dy/dt, while the plate falls freely."""
     if trace.release is None:
         return trace

@@ -14,13 +14,16 @@ error is a state of its own, and instants that nobody logged add to Q.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
+from jaxtyping import Array, Float
 
-from ..model.effects import State
-from ..model.stepper import Reset, Step, step
+from ..model.effects import AbstractEffect, State
+from ..model.parameters import AnyArray, Scalar
+from ..model.stepper import Reset, StatePath, Step, step
 from ..model.throttle import Throttle, followed
 from .batch import BatchArrays, Disturbance, SampleSlots
 
@@ -41,13 +44,13 @@ class ErrorProcess(NamedTuple):
         timing: what a jitter of 1 would add to R, shape (T, L, M).
     """
 
-    transition: Any
-    noise: Any
-    sense: Any
-    variance: Any
-    timing: Any
+    transition: Float[Array, "T L n n"]
+    noise: Float[AnyArray, "T L n n"]
+    sense: Float[Array, "T L M n"]
+    variance: Float[AnyArray, "T L M"]
+    timing: Float[Array, "T L M"]
 
-    def sample_variance(self, jitter: Any) -> Any:
+    def sample_variance(self, jitter: Scalar) -> Float[AnyArray, "T L M"]:
         """R, shape (T, L, M), where sampling instants scatter by `jitter` times the time between samples."""
         return self.variance + jitter**2 * self.timing
 
@@ -56,18 +59,18 @@ class _Along(NamedTuple):
     """A model along its path: state and memories before and after each step, the steps, and what is uncertain."""
 
     throttle: Throttle
-    before: Any
-    after: Any
+    before: StatePath
+    after: StatePath
     steps: Step
     disturbance: Disturbance
 
 
-def order_of(effects: Any) -> int:
+def order_of(effects: Sequence[type[AbstractEffect]]) -> int:
     """Number n of error states of a model with these effects."""
     return ORDER + len(followed(effects))
 
 
-def error_process(throttle: Throttle, path: tuple[State, tuple[Any, ...]], batch: BatchArrays) -> ErrorProcess:
+def error_process(throttle: Throttle, path: StatePath, batch: BatchArrays) -> ErrorProcess:
     """Linearise a model along its path.
 
     Args:
@@ -94,7 +97,7 @@ def error_process(throttle: Throttle, path: tuple[State, tuple[Any, ...]], batch
     return ErrorProcess(transition, noise, sense, variance, timing)
 
 
-def free_run_variance(throttle: Throttle, path: tuple[State, tuple[Any, ...]], batch: BatchArrays, jitter: Any) -> Any:
+def free_run_variance(throttle: Throttle, path: StatePath, batch: BatchArrays, jitter: Scalar) -> Float[Array, "T L M"]:
     """Variance of measured - simulated where the simulation runs free, C P C^T + R, SI, shape (T, L, M):
 
         P_k = A_k P_{k-1} A_k^T + Q_k
@@ -117,10 +120,10 @@ def free_run_variance(throttle: Throttle, path: tuple[State, tuple[Any, ...]], b
     return spread + process.variance + jitter**2 * process.timing
 
 
-def before_steps(throttle: Throttle, path: Any, resets: Reset) -> tuple[State, tuple[Any, ...]]:
+def before_steps(throttle: Throttle, path: StatePath, resets: Reset) -> StatePath:
     """State at the begin of every step."""
 
-    def shift(column: Any, first: Any) -> Any:
+    def shift(column: Float[Array, "T L"], first: Scalar) -> Float[Array, "T L"]:
         late = jnp.concatenate((jnp.zeros_like(column[:1]), column[:-1]))
         return jnp.where(resets.begins > 0.5, first, late)
 
@@ -129,7 +132,9 @@ def before_steps(throttle: Throttle, path: Any, resets: Reset) -> tuple[State, t
     return state, tuple(shift(c, first) for c, first in zip(z, throttle.z0, strict=True))
 
 
-def _linearise(throttle: Throttle, before: Any, steps: Step) -> tuple[Any, Any]:
+def _linearise(
+    throttle: Throttle, before: StatePath, steps: Step
+) -> tuple[Float[Array, "T L m m"], Float[Array, "T L m"]]:
     """Sensitivity of each step's end to its begin, (T, L, n - 1, n - 1), and to a shift of its input, (T, L, n - 1).
 
     Memories of effects are taken as they are along the path, since what noise does through them is small beside what
@@ -155,7 +160,7 @@ def _linearise(throttle: Throttle, before: Any, steps: Step) -> tuple[Any, Any]:
     return both(jnp.stack(x, axis=-1), z, 0.0, steps)
 
 
-def slot_senses(throttle: Throttle, path: Any, steps: Step, slots: SampleSlots) -> Any:
+def slot_senses(throttle: Throttle, path: StatePath, steps: Step, slots: SampleSlots) -> Float[Array, "T L M 4"]:
     """C, shape (T, L, M, n): the slots' sensitivity to current, angle and speed."""
     lanes = slots.kind.shape
     speed = throttle.observe(State(0.0, 0.0, 1.0), throttle.z0, steps.inputs(1.0))
@@ -170,7 +175,7 @@ def slot_senses(throttle: Throttle, path: Any, steps: Step, slots: SampleSlots) 
     return jnp.stack([*columns, zero], axis=-1)
 
 
-def impact_nearby(before: State, after: State, steps: Step, slots: SampleSlots) -> Any:
+def impact_nearby(before: State, after: State, steps: Step, slots: SampleSlots) -> Float[Array, "T L"]:
     """Speed lost in an impact within some samples of each step, rad/s; 0 elsewhere.
 
     While the parameters move, the simulated impact moves by some samples; were only the step of the impact discounted,
@@ -191,11 +196,13 @@ def impact_nearby(before: State, after: State, steps: Step, slots: SampleSlots) 
     return jnp.maximum(*found)
 
 
-def _outer(vector: Any) -> Any:
+def _outer(vector: Float[Array, "T L n"]) -> Float[Array, "T L n n"]:
     return vector[..., :, None] * vector[..., None, :]
 
 
-def _process(inner: Any, push: Any, disturbance: Disturbance) -> tuple[Any, Any]:
+def _process(
+    inner: Float[Array, "T L m m"], push: Float[Array, "T L m"], disturbance: Disturbance
+) -> tuple[Float[Array, "T L n n"], Float[AnyArray, "T L n n"]]:
     """A and Q with the input's error e as the last state: e_k = keep e_{k-1} + w, and e_k acts through `push`."""
     carried = (push * disturbance.keep[..., None])[..., None]
     below = jnp.concatenate((jnp.zeros_like(push), disturbance.keep[..., None]), axis=-1)[..., None, :]
@@ -204,7 +211,7 @@ def _process(inner: Any, push: Any, disturbance: Disturbance) -> tuple[Any, Any]
     return transition, disturbance.fresh[..., None, None] * _outer(enters)
 
 
-def _events(along: _Along, lost: Any, order: int) -> Any:
+def _events(along: _Along, lost: Float[Array, "T L"], order: int) -> Float[Array, "T L {order} {order}"]:
     """Q of a release and of an impact whose instants are not known exactly, shape (T, L, n, n)."""
     throttle, (early, _), (late, _), steps, disturbance = along
     acceleration = jnp.where(steps.dt > 0.0, (late.omega - early.omega) / jnp.where(steps.dt > 0.0, steps.dt, 1.0), 0.0)
@@ -219,7 +226,7 @@ def _events(along: _Along, lost: Any, order: int) -> Any:
     return jax.vmap(jax.vmap(jnp.diag))(jnp.stack((impact, zero, release, *[zero] * (order - 3)), axis=-1))
 
 
-def _edge_covariance(along: _Along, order: int) -> Any:
+def _edge_covariance(along: _Along, order: int) -> Float[Array, "T L {order} {order}"]:
     """Q of a jump of the input somewhere within an interval, shape (T, L, n, n), at the interval's last step:
 
         E[(x(s) - x) (x(s) - x)^T],    s uniform in [0, 1], by three-point Gauss-Legendre quadrature
@@ -252,13 +259,17 @@ def _edge_covariance(along: _Along, order: int) -> Any:
     return jnp.pad(moment, ((0, 0), (0, 0), (0, rest), (0, rest)))
 
 
-def _impact_variance(lost: Any, disturbance: Disturbance, sense: Any) -> Any:
+def _impact_variance(
+    lost: Float[Array, "T L"], disturbance: Disturbance, sense: Float[Array, "T L M n"]
+) -> Float[Array, "T L M"]:
     """Extra variance of the samples at an impact, shape (T, L, M): a speed jumps, an angle bends."""
     bend = _AROUND * (lost * disturbance.spacing)[..., None]
     return (sense[..., 2] * lost[..., None]) ** 2 + (sense[..., 1] * bend) ** 2
 
 
-def _timing_variance(before: State, after: State, steps: Step, disturbance: Disturbance, sense: Any) -> Any:
+def _timing_variance(
+    before: State, after: State, steps: Step, disturbance: Disturbance, sense: Float[Array, "T L M n"]
+) -> Float[Array, "T L M"]:
     """(dy/dt times the time between samples)^2, shape (T, L, M): what a clock that jitters does to each sample."""
     span = jnp.where(steps.dt > 0.0, steps.dt, 1.0)
     rate = jnp.stack([(late - early) / span for early, late in zip(before, after, strict=True)])
@@ -266,7 +277,7 @@ def _timing_variance(before: State, after: State, steps: Step, disturbance: Dist
     return (seen * disturbance.spacing[..., None]) ** 2
 
 
-def _start_covariance(disturbance: Disturbance, order: int) -> Any:
+def _start_covariance(disturbance: Disturbance, order: int) -> Float[Array, "T L {order} {order}"]:
     """P at the first instant, shape (T, L, n, n)."""
     zero = jnp.zeros_like(disturbance.start_i)
     known = (disturbance.start_i, disturbance.start_theta, disturbance.start_omega)

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
+from jaxtyping import Float
 
 from ..rig import TEST_BY_NAME
 from ..rig.base import AbstractRigTest, Measurement, RigConfig
@@ -43,11 +45,11 @@ class Trace:
 
     measurement: Measurement
     test: AbstractRigTest
-    instants: np.ndarray
+    instants: Float[np.ndarray, " n"]
     input: InputSignal | None
     channels: tuple[str, ...]
-    data: np.ndarray
-    sigma: np.ndarray
+    data: Float[np.ndarray, "n M"]
+    sigma: Float[np.ndarray, " M"]
     start: InitialState
     release: tuple[float, float] | None
     controlled: bool = False
@@ -117,7 +119,7 @@ def _observed(measurement: Measurement, test: AbstractRigTest, signal: InputSign
     return tuple(names)
 
 
-def _at(instants: np.ndarray, measurement: Measurement, name: str) -> np.ndarray:
+def _at(instants: Float[np.ndarray, " n"], measurement: Measurement, name: str) -> Float[np.ndarray, " n"]:
     channel = measurement.channels[_source(measurement, name)]
     row = np.full(instants.size, np.nan)
     row[np.searchsorted(instants, channel.time)] = channel.value
@@ -130,7 +132,7 @@ def _sigma(measurement: Measurement, name: str) -> float:
     return float(max(channel.sigma, channel.quantum / np.sqrt(12.0)))
 
 
-def _first(trace: Trace, name: str, count: int) -> tuple[np.ndarray, np.ndarray] | None:
+def _first(trace: Trace, name: str, count: int) -> tuple[Float[np.ndarray, " k"], Float[np.ndarray, " k"]] | None:
     """Times and values of the first samples of a channel."""
     if name not in trace.channels:
         return None
@@ -139,16 +141,30 @@ def _first(trace: Trace, name: str, count: int) -> tuple[np.ndarray, np.ndarray]
     return trace.instants[rows] - trace.instants[0], column[rows]
 
 
-def _still(t: np.ndarray, y: np.ndarray, sigma: float) -> tuple[float, float, float]:
-    """Level, slope and the slope's standard deviation; slope 0 where it is not significant."""
+class _Line(NamedTuple):
+    """A straight line through the first samples, in the channel's SI unit (and per second).
+
+    Args:
+        level: at the first instant.
+        slope: 0 where it is not significant.
+        slope_sd: its standard deviation.
+    """
+
+    level: float
+    slope: float
+    slope_sd: float
+
+
+def _still(t: Float[np.ndarray, " k"], y: Float[np.ndarray, " k"], sigma: float) -> _Line:
+    """A line fitted to samples of noise sigma; a constant where its slope is within 4 standard deviations of 0."""
     if y.size < 3:
-        return float(y[0]), 0.0, 0.0
+        return _Line(float(y[0]), 0.0, 0.0)
     spread = float(np.sqrt(np.sum((t - t.mean()) ** 2)))
     slope = float(np.sum((t - t.mean()) * (y - y.mean())) / spread**2)
     sd = sigma / spread
     if abs(slope) < 4.0 * sd:
-        return float(y.mean()), 0.0, 0.0
-    return float(y.mean() - slope * t.mean()), slope, sd
+        return _Line(float(y.mean()), 0.0, 0.0)
+    return _Line(float(y.mean() - slope * t.mean()), slope, sd)
 
 
 def _start(trace: Trace, config: RigConfig) -> InitialState:
@@ -198,10 +214,10 @@ def _moves_at_once(trace: Trace) -> bool:
     first, sigma = _first(trace, name, 10), float(trace.sigma[trace.channels.index(name)])
     if first is None:
         return False
-    return bool(abs(np.median(first[1])) > 4.0 * sigma if name == "emf" else _still(*first, sigma)[1] != 0.0)
+    return bool(abs(np.median(first[1])) > 4.0 * sigma if name == "emf" else _still(*first, sigma).slope != 0.0)
 
 
-def _rising(trace: Trace) -> tuple[np.ndarray, np.ndarray]:
+def _rising(trace: Trace) -> tuple[Float[np.ndarray, " k"], Float[np.ndarray, " k"]]:
     name = "emf" if "emf" in trace.channels else "position"
     column = trace.data[:, trace.channels.index(name)]
     rows = np.flatnonzero(np.isfinite(column))

@@ -11,6 +11,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
+from jaxtyping import Float
 from scipy.ndimage import maximum_filter1d, minimum_filter1d
 
 from .innovations import InnovationsFilter, plain
@@ -45,7 +46,7 @@ def forgiving(problem: EstimationProblem, late: float = 0.0) -> InnovationsFilte
     return plain(slots._replace(sigma=np.hypot(slots.sigma, bend)), order_of(problem.layout.types))
 
 
-def farthest(data: np.ndarray, reach: int) -> np.ndarray:
+def farthest(data: Float[np.ndarray, "n M"], reach: int) -> Float[np.ndarray, "n M"]:
     """How far each sample lies from the farthest of its neighbours up to `reach` away, shape (n, M); 0 for NaN."""
     seen = np.isfinite(data)
     high = maximum_filter1d(np.where(seen, data, -np.inf), 2 * reach + 1, axis=0, mode="nearest")
@@ -53,7 +54,7 @@ def farthest(data: np.ndarray, reach: int) -> np.ndarray:
     return np.where(seen, np.maximum(high - data, data - low), 0.0)
 
 
-def timed(problem: EstimationProblem, x: np.ndarray, r: np.ndarray) -> EstimationProblem:
+def timed(problem: EstimationProblem, x: Float[np.ndarray, " P"], r: Float[np.ndarray, "T L M"]) -> EstimationProblem:
     """The problem with the jitter that its whitened residual shows where samples change fast.
 
         a <- a + 1/2 sum q (r^2 - 1) / sum q^2,    a = jitter^2,  q = (dy/dt dt)^2 / S
@@ -75,7 +76,9 @@ def timed(problem: EstimationProblem, x: np.ndarray, r: np.ndarray) -> Estimatio
     return replace(problem, jitter=float(np.sqrt(np.clip(variance, 0.0, _MOST_JITTER**2))))
 
 
-def outliers_weighed(problem: EstimationProblem, whitened: Sequence[np.ndarray]) -> tuple[EstimationProblem, int]:
+def outliers_weighed(
+    problem: EstimationProblem, whitened: Sequence[Float[np.ndarray, "_ _"]]
+) -> tuple[EstimationProblem, int]:
     """sigma <- sigma max(1, |r| / 5 s), s = max(1, 1.4826 median |r|) of each channel of each trace.
 
     Source: Huber 1981, Robust statistics, ch. 7. Differs from source: the weight 5 s / |r| multiplies r, not r^2: an
@@ -97,7 +100,7 @@ def outliers_weighed(problem: EstimationProblem, whitened: Sequence[np.ndarray])
     return replace(problem, sigma=sigma), count
 
 
-def discounted(problem: EstimationProblem, x: np.ndarray) -> EstimationProblem:
+def discounted(problem: EstimationProblem, x: Float[np.ndarray, " P"]) -> EstimationProblem:
     """sigma <- sigma max(1, rms((y - y_hat) / sigma)) of each channel of each trace, y_hat at x under the problem's
     guide: a channel that the model cannot explain must not spoil the others.
 
