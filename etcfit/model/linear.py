@@ -58,7 +58,7 @@ class TransferFunction:
         return (1.0, self.a2, self.a1, self.a0)
 
     @property
-    def poles(self) -> Complex[np.ndarray, 3]:
+    def poles(self) -> Any:
         """Of G alone, slowest first, 1/s, complex, shape (3,)."""
         roots = np.roots(self.den)
         return roots[np.lexsort((roots.imag, -roots.real))]
