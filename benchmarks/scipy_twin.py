@@ -125,9 +125,9 @@ def equations(trace: Trace, v: Values, rig: Rig) -> tuple[Rates, Rates]:
 
 def interpolated(trace: Trace) -> Callable[[float], float]:
     """The input between its samples; np.interp on a single number would cost more than all the rest of Eqs. 1-2."""
-    if trace.drive is None:
+    if trace.input is None:
         return lambda t: 0.0
-    times, levels, held = trace.instants.tolist(), trace.drive.value.tolist(), trace.drive.held
+    times, levels, held = trace.instants.tolist(), trace.input.value.tolist(), trace.input.held
     last = len(times) - 2
 
     def volts(t: float) -> float:

@@ -1,4 +1,4 @@
-"""Throttle bodies and tapes made by hand, for the tests of what steps and whitens them."""
+"""Throttle bodies and batches made by hand, for the tests of what steps and whitens them."""
 
 from __future__ import annotations
 

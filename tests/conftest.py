@@ -19,6 +19,12 @@ if importlib.util.find_spec("jax"):
     jax.config.update("jax_enable_x64", True)
     jax.config.update("jax_numpy_rank_promotion", "raise")
 
+if importlib.util.find_spec("jaxtyping") and importlib.util.find_spec("beartype"):
+    from jaxtyping import install_import_hook
+
+    # shapes and types of every call into these rooms are checked; users never pay for it
+    install_import_hook(["etcfit.problem", "etcfit.model"], "beartype.beartype")
+
 
 @pytest.fixture(scope="session")
 def measured() -> Path:

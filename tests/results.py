@@ -11,6 +11,7 @@ import folders
 from etcfit.estimation.identifiability import Direction, Identifiability
 from etcfit.estimation.joint_fit import FitResult, StartSummary, ready
 from etcfit.model.effects import EFFECT_BY_NAME
+from etcfit.problem import weights
 from etcfit.problem.free_parameters import free_parameters
 from etcfit.problem.prediction_error import rows
 from etcfit.problem.problem import EstimationProblem
@@ -69,7 +70,7 @@ def result(
         "readings": read_graphs(rig),
         "problem": problem,
         "holdout": EstimationProblem.of(rig.config, known, held_out) if held_out else None,
-        "weighted": problem.weighted(problem.free_running()),
+        "weighted": problem.weighted(weights.free_running(problem)),
         "whitened": tuple(noise[: len(fitted)]),
         "predicted": predicted,
         "score_fit": rows(fitted, [predicted[t.measurement.file] for t in fitted]),

@@ -90,8 +90,7 @@ def guide_stiffness(values: Mapping[str, Any], gear: float, record: Guided, sett
 @partial(jax.jit, static_argnums=(0, 1))
 def _along(form: Form, circuits: tuple[str, ...], x: Any, pick: Pick, arrays: Any) -> dict[str, Any]:
     """Signals along a guided run, (T, L) each, and what every effect contributes, (effects, T, L)."""
-    steps, resets, _, _, circuit_of = arrays
-    throttle, (state, z), steps = run(form, circuits, x, pick, steps, resets, circuit_of)
+    throttle, (state, z), steps = run(form, circuits, x, pick, arrays)
     u = steps.inputs(1.0)
     parts = throttle.parts(state, z, u)
     zero = jnp.zeros_like(state.omega)

@@ -10,6 +10,7 @@ import numpy as np
 from ..estimation.joint_fit import MISFIT, Report, approach, rounds
 from ..estimation.levenberg_marquardt import descend
 from ..estimation.result import FitResult, Termination
+from ..problem import weights
 from ..problem.problem import EstimationProblem
 from ..problem.residual import WeightedData
 from ..problem.trace import Trace
@@ -38,8 +39,8 @@ def _weigh(
         if not far:
             b = b.guided(0.0)
             return b, b.weighted(b.kalman(x))
-        b = b.guided(stiffness).discounted(x)
-        return b, b.weighted(b.free_running())
+        b = weights.discounted(b.guided(stiffness), x)
+        return b, b.weighted(weights.free_running(b))
 
     problem, weighted = one(problem)
     return Weighed(problem, weighted, one(problem.beside(held_out, x)) if held_out else None)
@@ -86,7 +87,7 @@ def refit_fully(s: CandidateModel, report: Report) -> CandidateModel:
     """
     s = s.lean()
     problem = s.problem.reprepared(s.x)
-    weighted = problem.weighted(problem.forgiving())
+    weighted = problem.weighted(weights.forgiving(problem))
     tolerance = s.settings.refit_tolerance
     x, _ = descend(problem, s.x, weighted, tolerance)
     if s.far:

@@ -9,6 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ..errors import MeasurementError
+from ..problem import weights
 from ..problem.chi2 import chi2_of
 from ..problem.free_parameters import FreeParameters, free_parameters
 from ..problem.prediction_error import columns
@@ -172,7 +173,7 @@ def _from_several_starts(
     rng = np.random.default_rng(settings.seed)
     reach = settings.spread * problem.layout.reach(start)
     others = [start + reach * rng.standard_normal(start.size) for _ in range(settings.starts)]
-    weighted = problem.weighted(problem.forgiving())
+    weighted = problem.weighted(weights.forgiving(problem))
     tolerance, count = settings.rough_tolerance, settings.starts + 1
 
     def descend_from(k: int, first: np.ndarray, near: bool) -> Descent:
@@ -205,7 +206,7 @@ def approach(
     """
     steps = 0
     for late in settings.late:
-        x, more = descend(problem, x, problem.weighted(problem.forgiving(late)), tolerance, settings.steps)
+        x, more = descend(problem, x, problem.weighted(weights.forgiving(problem, late)), tolerance, settings.steps)
         steps += more
     return x, steps
 
@@ -268,8 +269,9 @@ def rounds(
         early = k < settings.clock_rounds
         about = x if early else 0.5 * (about + x)
         whitened = columns(problem.batch, here.r)
-        problem = problem.timed(x, here.r) if early else problem
-        problem, outliers = problem.with_release_times(about).with_integrator_states(about).outliers_weighed(whitened)
+        problem = weights.timed(problem, x, here.r) if early else problem
+        problem = problem.with_release_times(about).with_integrator_states(about)
+        problem, outliers = weights.outliers_weighed(problem, whitened)
     end = after_rounds(moved, here.gain, outliers, settings)
     return Reached(problem, weighted, x, replace(end, wander=x - about, gain=here.gain))
 
@@ -311,8 +313,8 @@ def freed(problem: EstimationProblem, x: np.ndarray, spread: float, settings: Fi
         spread: of the points searched, in units of each coordinate's reach.
         settings: budgets of search and descent.
     """
-    problem = problem.discounted(x)
-    weighted = problem.weighted(problem.free_running())
+    problem = weights.discounted(problem, x)
+    weighted = problem.weighted(weights.free_running(problem))
     x = evolve(problem, x, weighted, spread * problem.layout.reach(x), settings.search)
     x, _ = minimise(problem, x, weighted, settings.tolerance, settings.steps)
     return FreeRun(problem, weighted, x)

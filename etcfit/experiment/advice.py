@@ -18,6 +18,7 @@ import numpy as np
 from ..estimation.identifiability import analyse
 from ..estimation.joint_fit import ready, start_values
 from ..estimation.levenberg_marquardt import information_of
+from ..problem import weights
 from ..problem.free_parameters import Layout, free_parameters
 from ..problem.problem import EstimationProblem
 from ..problem.trace import Trace
@@ -104,7 +105,7 @@ def advise(rig: Rig, x: np.ndarray | None = None, settings: AdviceSettings = Adv
         x = known.layout.coordinates(start_values(known, read_graphs(rig)))
     problem = EstimationProblem.of(rig.config, known, fitted).refined(x)
     now = _informations(problem, x)
-    prior_sd = problem.weighted(problem.free_running()).prior_sd[: x.size]
+    prior_sd = problem.weighted(weights.free_running(problem)).prior_sd[: x.size]
     information = information_of(prior_sd, np.zeros((0, x.size))) + sum(now)
     judge = Judge(known.layout, x, information, settings)
     values = {s: float(v) for s, v in known.layout.values(x, known.held).items()}

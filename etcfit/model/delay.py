@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
+from jaxtyping import Array, Float, Int
 
-from .parameters import Scalar
+from .parameters import AnyArray, Scalar
 from .stepper import Reset, Step
 
 
@@ -20,18 +21,18 @@ class _Earlier(NamedTuple):
         span: length of that step, s.
     """
 
-    row: Any
-    share: Any
-    span: Any
+    row: Int[Array, "T L"]
+    share: Float[Array, "T L"]
+    span: Float[Array, "T L"]
 
 
-def _clock(steps: Step, resets: Reset) -> tuple[Any, Any]:
+def _clock(steps: Step, resets: Reset) -> tuple[Float[Array, "T L"], Float[Array, "T L"]]:
     """Time along each lane, and that at which the trace at each entry began, s."""
     clock = jnp.cumsum(steps.dt, axis=0)
     return clock, jax.lax.cummax(jnp.where(resets.begins > 0.5, clock, 0.0), axis=0)
 
 
-def _earlier(clock: Any, began: Any, instant: Any) -> _Earlier:
+def _earlier(clock: Float[Array, "T L"], began: Float[Array, "T L"], instant: Float[Array, "T L"]) -> _Earlier:
     instant = jnp.maximum(instant, began)
     search = jax.vmap(lambda lane, wanted: jnp.searchsorted(lane, wanted, side="right"), in_axes=1, out_axes=1)
     row = jnp.clip(search(clock, jax.lax.stop_gradient(instant)) - 1, 0, clock.shape[0] - 2)
@@ -41,7 +42,7 @@ def _earlier(clock: Any, began: Any, instant: Any) -> _Earlier:
     return _Earlier(row, share, span)
 
 
-def delayed(signal: Any, steps: Step, resets: Reset, delay: Scalar) -> Any:
+def delayed(signal: Float[AnyArray, "T L"], steps: Step, resets: Reset, delay: Scalar) -> Float[Array, "T L"]:
     """signal(t - delay), linear between entries; before a trace began its first value. Exactly the signal at 0.
 
     Args:
@@ -50,7 +51,7 @@ def delayed(signal: Any, steps: Step, resets: Reset, delay: Scalar) -> Any:
         delay: s, >= 0.
     """
 
-    def shifted(signal: Any) -> Any:
+    def shifted(signal: Float[Array, "T L"]) -> Float[Array, "T L"]:
         clock, began = _clock(steps, resets)
         at = _earlier(clock, began, clock - delay)
         first = jnp.take_along_axis(signal, at.row, axis=0)
@@ -68,12 +69,14 @@ def late_inputs(steps: Step, resets: Reset, delay: Scalar) -> Step:
     return steps._replace(**dict(zip(("voltage0", "voltage1", "torque0", "torque1"), acting, strict=True)))
 
 
-def _acting(steps: Step, resets: Reset, delay: Scalar) -> tuple[Any, Any, Any, Any]:
+def _acting(steps: Step, resets: Reset, delay: Scalar) -> tuple[Float[Array, "T L"], ...]:
     """Voltage and torque at begin and end of each step, acting late."""
     clock, began = _clock(steps, resets)
     late, early = _earlier(clock, began, clock - delay), _earlier(clock, began, clock - steps.dt - delay)
 
-    def shifted(start: Any, end: Any) -> tuple[Any, Any]:
+    def shifted(
+        start: Float[Array, "T L"], end: Float[Array, "T L"]
+    ) -> tuple[Float[Array, "T L"], Float[Array, "T L"]]:
         area = jnp.cumsum(0.5 * (start + end) * steps.dt, axis=0)
         level0, area0 = _level(start, end, area, early)
         level1, area1 = _level(start, end, area, late)
@@ -87,7 +90,9 @@ def _acting(steps: Step, resets: Reset, delay: Scalar) -> tuple[Any, Any, Any, A
     return (*shifted(steps.voltage0, steps.voltage1), *shifted(steps.torque0, steps.torque1))
 
 
-def _level(start: Any, end: Any, area: Any, at: _Earlier) -> tuple[Any, Any]:
+def _level(
+    start: Float[Array, "T L"], end: Float[Array, "T L"], area: Float[Array, "T L"], at: _Earlier
+) -> tuple[Float[Array, "T L"], Float[Array, "T L"]]:
     """A piecewise linear input and its integral from the lane's begin, at earlier instants."""
     first, last = (jnp.take_along_axis(column, at.row + 1, axis=0) for column in (start, end))
     level = first + at.share * (last - first)

@@ -8,13 +8,14 @@ effects are held where a trace begins; what delays or filters the reading is kep
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jaxtyping import Array, Float
 
 from .effects import Inputs, State
 from .effects.position_sensor_lag import PositionSensorLag
@@ -97,7 +98,7 @@ PAPER_EQ_8 = TransferFunction(3.10e4, 113.8, 2941.0, 2.38e4)
 instead of 1.303 rad/V."""
 
 
-def closed_form(values: Mapping[str, Scalar], gear_ratio: float) -> Any:
+def closed_form(values: Mapping[str, Scalar], gear_ratio: float) -> Float[Array, " 4"]:
     """Coefficients b0, a2, a1, a0 of Eqs. 1-2 without dry friction and preload, rad/V, shape (4,).
 
         L J (b0, a2, a1, a0) = (N K_m, L B + R J, L K_s + R B + N^2 K_m K_b, R K_s)
@@ -114,7 +115,9 @@ def closed_form(values: Mapping[str, Scalar], gear_ratio: float) -> Any:
     return jnp.stack([jnp.asarray(part / (inductance * inertia)) for part in top])
 
 
-def coefficients(throttle: Throttle, theta: Scalar, gear_ratio: float, lower: float, upper: float) -> Any:
+def coefficients(
+    throttle: Throttle, theta: Scalar, gear_ratio: float, lower: float, upper: float
+) -> Float[Array, " 4"]:
     """The same by differentiating the model, effects beyond Eqs. 1-2 included, about a plate held at theta (rad).
 
     The characteristic polynomial of A is s^3 - tr A s^2 + (tr^2 A - tr A^2)/2 s - det A. The current is the one that
@@ -123,7 +126,7 @@ def coefficients(throttle: Throttle, theta: Scalar, gear_ratio: float, lower: fl
     current, volts = holding(throttle, theta, gear_ratio, lower, upper)
     u = _inputs(volts, gear_ratio, lower, upper)
 
-    def rates(x: Any, volts: Any) -> Any:
+    def rates(x: Float[Array, " 3"], volts: Float[Array, ""]) -> Float[Array, " 3"]:
         state = State(x[0], x[1], x[2])
         c = throttle(state, throttle.z0, u._replace(voltage=volts))
         return jnp.stack([(volts + c.voltage) / c.inductance, state.omega, (c.torque + c.drive) / c.inertia])
@@ -140,7 +143,9 @@ def sensor_lag(throttle: Throttle) -> Scalar:
     return next((effect.tau_p for effect in throttle.effects if isinstance(effect, PositionSensorLag)), 0.0)
 
 
-def holding(throttle: Throttle, theta: Scalar, gear_ratio: float, lower: float, upper: float) -> tuple[Any, Any]:
+def holding(
+    throttle: Throttle, theta: Scalar, gear_ratio: float, lower: float, upper: float
+) -> tuple[Float[Array, ""], Float[Array, ""]]:
     """Current (A) and voltage (V) that hold the plate at theta (rad) in the middle of its dry friction."""
     return holding_against(throttle, theta, 0.0, gear_ratio, lower, upper)
 
@@ -150,7 +155,7 @@ _NEWTON = 12
 
 def holding_against(
     throttle: Throttle, theta: Scalar, share: float, gear_ratio: float, lower: float, upper: float
-) -> tuple[Any, Any]:
+) -> tuple[Float[Array, ""], Float[Array, ""]]:
     """Current and voltage at which the motor carries the springs and this share of the dry friction.
 
     Args:
@@ -161,11 +166,11 @@ def holding_against(
     """
     u = _inputs(0.0, gear_ratio, lower, upper)
 
-    def torque(i: Any) -> Any:
+    def torque(i: Scalar) -> Scalar:
         c = throttle(State(i, theta, 0.0), throttle.z0, u)
         return c.torque + c.drive - share * c.friction
 
-    def voltage(volts: Any, i: Any) -> Any:
+    def voltage(volts: Scalar, i: Scalar) -> Scalar:
         return volts + throttle(State(i, theta, 0.0), throttle.z0, u._replace(voltage=volts)).voltage
 
     current = _root(torque, 0.0)
@@ -174,10 +179,10 @@ def holding_against(
     return current, _root(lambda volts: voltage(volts, current), start + jnp.sign(start))
 
 
-def _root(function: Any, start: Any) -> Any:
+def _root(function: Callable[[Scalar], Scalar], start: Scalar) -> Float[Array, ""]:
     """Newton's method, as a loop that is traced once."""
 
-    def better(_: int, x: Any) -> Any:
+    def better(_: Any, x: Float[Array, ""]) -> Float[Array, ""]:
         value, slope = jax.jvp(function, (x,), (jnp.ones_like(x),))
         return x - value / jnp.where(slope == 0.0, 1.0, slope)
 
@@ -188,5 +193,5 @@ def _inputs(volts: Scalar, gear_ratio: float, lower: float, upper: float) -> Inp
     return Inputs(volts, 0.0, 0.0, 1.0, 0.0, gear_ratio, lower, upper)
 
 
-def _determinant(a: Any) -> Any:
+def _determinant(a: Float[Array, "3 3"]) -> Float[Array, ""]:
     return jnp.dot(a[0], jnp.cross(a[1], a[2]))

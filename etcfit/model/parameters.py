@@ -6,13 +6,21 @@ import abc
 import dataclasses
 import math
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float, Int
 
 from .. import backend as backend  # float64, before the first array
 
-Scalar = Any  # a float, or a traced float64 array of shape ()
+if TYPE_CHECKING:
+    AnyArray = Scalar = Any  # arithmetic mixes all of the below, which a static union refuses
+else:
+    AnyArray = Array | np.ndarray
+    Scalar = float | Float[AnyArray, "..."]
+"""An array: of NumPy until a compiled function takes it, of JAX inside. A scalar: one number, or an array of any shape
+taken entry by entry, since what steps one throttle also steps a batch of them."""
 
 
 class AbstractDomain(abc.ABC):
@@ -145,7 +153,7 @@ class Real(AbstractDomain):
 DOMAINS: tuple[type[AbstractDomain], ...] = (Positive, NonNegative, Real)
 
 
-def curves(kinds: Scalar, x: Scalar) -> Scalar:
+def curves(kinds: Int[AnyArray, " P"], x: Float[AnyArray, " P"]) -> Float[Array, " P"]:
     """value / scale of many coordinates at once, shape (P,), each by the curve of its domain, an index into `DOMAINS`.
 
     The kinds are data: another choice of free parameters runs through the same compiled program.
@@ -156,7 +164,7 @@ def curves(kinds: Scalar, x: Scalar) -> Scalar:
     return out
 
 
-def log_flats(kinds: Scalar, x: Scalar) -> Scalar:
+def log_flats(kinds: Int[AnyArray, " P"], x: Float[AnyArray, " P"]) -> Float[Array, " P"]:
     """log |dq/dx| of many coordinates at once, shape (P,), q being what is flat in each one's domain."""
     out = jnp.zeros_like(x)
     for k, domain in enumerate(DOMAINS):

@@ -21,6 +21,8 @@ from .effects import Contribution, Inputs, State
 from .parameters import Scalar
 from .throttle import Throttle
 
+StatePath = tuple[State, tuple[Scalar, ...]]  # states and memories; along a batch of shape (T, L) each
+
 GAMMA = 1.0 - 1.0 / math.sqrt(2.0)
 _OVERSHOOT = (1.0 - GAMMA) / GAMMA
 
@@ -220,7 +222,7 @@ def _extrapolate(start: Scalar, stage: Scalar) -> Scalar:
     return start + _OVERSHOOT * (stage - start)
 
 
-def step(throttle: Throttle, x: State, z: tuple[Scalar, ...], s: Step) -> tuple[State, tuple[Scalar, ...]]:
+def step(throttle: Throttle, x: State, z: tuple[Scalar, ...], s: Step) -> StatePath:
     """One step of the throttle body.
 
     Args:
@@ -260,7 +262,7 @@ class Reset(NamedTuple):
     omega: Scalar
 
 
-def begun(throttle: Throttle, x: State, z: tuple[Scalar, ...], reset: Reset) -> tuple[State, tuple[Scalar, ...]]:
+def begun(throttle: Throttle, x: State, z: tuple[Scalar, ...], reset: Reset) -> StatePath:
     """State and memories from which a step sets out: where a trace begins, its own first ones."""
     begins = reset.begins > 0.5
     x = State(
@@ -271,7 +273,7 @@ def begun(throttle: Throttle, x: State, z: tuple[Scalar, ...], reset: Reset) -> 
     return x, tuple(jnp.where(begins, first, now) for first, now in zip(throttle.z0, z, strict=True))
 
 
-def simulate(throttle: Throttle, steps: Step, resets: Reset) -> tuple[State, tuple[Scalar, ...]]:
+def simulate(throttle: Throttle, steps: Step, resets: Reset) -> StatePath:
     """Run a batch: L lanes side by side, each a sequence of traces one after the other.
 
     Args:
@@ -285,7 +287,7 @@ def simulate(throttle: Throttle, steps: Step, resets: Reset) -> tuple[State, tup
     x0 = State(*(jnp.zeros(lanes) for _ in range(3)))
     z0 = tuple(jnp.full(lanes, z) for z in throttle.z0)
 
-    def advance(carry: tuple[State, tuple[Scalar, ...]], entry: tuple[Step, Reset]):
+    def advance(carry: StatePath, entry: tuple[Step, Reset]):
         s, reset = entry
         carry = jax.vmap(step, in_axes=(None, 0, 0, 0))(throttle, *begun(throttle, *carry, reset), s)
         return carry, carry

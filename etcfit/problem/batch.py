@@ -12,7 +12,9 @@ from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
 import numpy as np
+from jaxtyping import Float, Int
 
+from ..model.parameters import AnyArray
 from ..model.stepper import Command, Reset, Step
 from ..rig.base import RigConfig
 from .trace import Trace
@@ -30,10 +32,10 @@ class SampleSlots(NamedTuple):
         kind: index into `KINDS`.
     """
 
-    value: Any
-    weight: Any
-    sigma: Any
-    kind: Any
+    value: Float[AnyArray, "T L M"]
+    weight: Float[AnyArray, "T L M"]
+    sigma: Float[AnyArray, "T L M"]
+    kind: Float[AnyArray, "T L M"]
 
 
 class Disturbance(NamedTuple):
@@ -49,17 +51,31 @@ class Disturbance(NamedTuple):
         release: variance of the release instant, s^2, in the step that follows it.
     """
 
-    keep: Any
-    fresh: Any
-    edge: Any
-    edge_from: Any
-    edge_to: Any
-    edge_span: Any
-    spacing: Any
-    start_i: Any
-    start_theta: Any
-    start_omega: Any
-    release: Any
+    keep: Float[AnyArray, "T L"]
+    fresh: Float[AnyArray, "T L"]
+    edge: Float[AnyArray, "T L"]
+    edge_from: Float[AnyArray, "T L"]
+    edge_to: Float[AnyArray, "T L"]
+    edge_span: Float[AnyArray, "T L"]
+    spacing: Float[AnyArray, "T L"]
+    start_i: Float[AnyArray, "T L"]
+    start_theta: Float[AnyArray, "T L"]
+    start_omega: Float[AnyArray, "T L"]
+    release: Float[AnyArray, "T L"]
+
+
+class BatchArrays(NamedTuple):
+    """A batch as compiled functions take it: its arrays alone, over steps T, lanes L and sample slots M.
+
+    Args:
+        steps, resets, slots, disturbance, circuit_of: those of a `TraceBatch`.
+    """
+
+    steps: Step
+    resets: Reset
+    slots: SampleSlots
+    disturbance: Disturbance
+    circuit_of: Float[AnyArray, "T L"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -78,19 +94,19 @@ class TraceBatch:
     resets: Reset
     slots: SampleSlots
     disturbance: Disturbance
-    guidable: Any
+    guidable: Float[np.ndarray, "T L"]
     circuits: tuple[str, ...]
-    circuit_of: Any
+    circuit_of: Float[np.ndarray, "T L"]
     traces: tuple[Trace, ...]
-    places: tuple[tuple[int, int, np.ndarray], ...]
+    places: tuple[tuple[int, int, Int[np.ndarray, " _"]], ...]
 
-    def holding(self, volts: np.ndarray) -> TraceBatch:
+    def holding(self, volts: Float[np.ndarray, " traces"]) -> TraceBatch:
         """The same with what each trace's ECU holds in its integral at the begin, V, one for each trace."""
         traces = tuple(t.holding(float(v)) for t, v in zip(self.traces, volts, strict=True))
         level = np.array(self.steps.voltage0)
         for trace, (lane, row, marks) in zip(traces, self.places, strict=True):
-            if trace.controlled and trace.drive is not None:
-                level[row : marks[-1] + 1, lane] = trace.drive.value[0]
+            if trace.controlled and trace.input is not None:
+                level[row : marks[-1] + 1, lane] = trace.input.value[0]
         active = np.asarray(self.steps.command.active) > 0.5 if self.steps.command is not None else False
         steps = self.steps._replace(voltage0=level, voltage1=np.where(active, level, self.steps.voltage1))
         return replace(self, steps=steps, traces=traces)
@@ -100,8 +116,11 @@ class TraceBatch:
         return self.steps._replace(guide_stiffness=guide_stiffness * self.guidable)
 
 
-def lay(
-    traces: Sequence[Trace], config: RigConfig, substeps: Sequence[np.ndarray], least: tuple[int, ...] = (0, 0, 0)
+def batch_of(
+    traces: Sequence[Trace],
+    config: RigConfig,
+    substeps: Sequence[Int[np.ndarray, " _"]],
+    least: tuple[int, ...] = (0, 0, 0),
 ) -> TraceBatch:
     """Batch traces.
 
@@ -156,8 +175,22 @@ def _pack(lengths: list[int], least: int) -> tuple[list[list[int]], int]:
     return lanes, length
 
 
-def _breaks(trace: Trace, substeps: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Ends of all steps (s), the interval each step lies in, and the entry of each instant."""
+class _Breaks(NamedTuple):
+    """Where the steps of a trace end.
+
+    Args:
+        ends: of all steps, s; the first is the trace's first instant.
+        interval: the interval between instants in which each step lies.
+        marks: the step that ends at each instant, n of them.
+    """
+
+    ends: Float[np.ndarray, " rows"]
+    interval: Int[np.ndarray, " rows"]
+    marks: Int[np.ndarray, " n"]
+
+
+def _breaks(trace: Trace, substeps: Int[np.ndarray, " intervals"]) -> _Breaks:
+    """The steps of a trace, `substeps` of them in each interval and one more where the release splits one."""
     t = trace.instants
     interval = np.repeat(np.arange(substeps.size), substeps)
     place = np.arange(interval.size) - np.repeat(np.cumsum(substeps) - substeps, substeps) + 1
@@ -170,50 +203,52 @@ def _breaks(trace: Trace, substeps: np.ndarray) -> tuple[np.ndarray, np.ndarray,
         ends = np.insert(ends, at, np.clip(trace.release[0], ends[at - 1], ends[at]))
         interval = np.insert(interval, at, interval[at])
         marks = np.where(marks >= at, marks + 1, marks)
-    return ends, interval, marks
+    return _Breaks(ends, interval, marks)
 
 
-def _levels(trace: Trace, ends: np.ndarray, interval: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """The drive at the begin and the end of each step."""
-    if trace.drive is None:
+def _levels(
+    trace: Trace, ends: Float[np.ndarray, " rows"], interval: Int[np.ndarray, " rows"]
+) -> tuple[Float[np.ndarray, " rows"], Float[np.ndarray, " rows"]]:
+    """The input at the begin and the end of each step."""
+    if trace.input is None:
         return np.zeros(ends.size), np.zeros(ends.size)
-    if trace.drive.held:
-        level = trace.drive.value[interval]
+    if trace.input.held:
+        level = trace.input.value[interval]
         return level, level
-    late = np.interp(ends, trace.instants, trace.drive.value)
+    late = np.interp(ends, trace.instants, trace.input.value)
     return np.concatenate((late[:1], late[:-1])), late
 
 
-def _error(trace: Trace, interval: np.ndarray) -> dict[str, np.ndarray]:
+def _error(trace: Trace, interval: Int[np.ndarray, " rows"]) -> dict[str, Float[np.ndarray, " rows"]]:
     """How the input's error carries over into each step (share kept, variance added)."""
     keep, fresh = np.ones(interval.size), np.zeros(interval.size)
-    drive = trace.drive
-    if drive is not None:
+    signal = trace.input
+    if signal is not None:
         new = np.concatenate(([True], np.diff(interval) > 0))
         new[1] = True  # entry 0 is the start itself; entry 1 begins the first interval
-        after_edge = np.concatenate(([True], drive.edge[:-1]))
-        memory = np.where(drive.edge | after_edge, 0.0, drive.memory[:-1])
-        variance = drive.error[:-1] ** 2 * (1.0 - memory**2)
+        after_edge = np.concatenate(([True], signal.edge[:-1]))
+        memory = np.where(signal.edge | after_edge, 0.0, signal.memory[:-1])
+        variance = signal.error[:-1] ** 2 * (1.0 - memory**2)
         keep[new], fresh[new] = memory[interval[new]], variance[interval[new]]
         keep[0], fresh[0] = 0.0, 0.0
     return {"keep": keep, "fresh": fresh}
 
 
-def _edges(trace: Trace, marks: np.ndarray, entries: int) -> dict[str, np.ndarray]:
+def _edges(trace: Trace, marks: Int[np.ndarray, " n"], entries: int) -> dict[str, Float[np.ndarray, " {entries}"]]:
     """The jumps of the input, each at the last entry of its interval."""
     out = {name: np.zeros(entries) for name in ("edge", "edge_from", "edge_to", "edge_span")}
-    if trace.drive is not None:
-        (jumps,) = np.nonzero(trace.drive.edge)
+    if trace.input is not None:
+        (jumps,) = np.nonzero(trace.input.edge)
         last = marks[jumps + 1]
         out["edge"][last] = marks[jumps + 1] - marks[jumps]
-        out["edge_from"][last], out["edge_to"][last] = trace.drive.value[jumps], trace.drive.value[jumps + 1]
+        out["edge_from"][last], out["edge_to"][last] = trace.input.value[jumps], trace.input.value[jumps + 1]
         out["edge_span"][last] = trace.instants[jumps + 1] - trace.instants[jumps]
     return out
 
 
 def _strip(
-    trace: Trace, substeps: np.ndarray, config: RigConfig, circuits: tuple[str, ...]
-) -> tuple[dict[str, np.ndarray], np.ndarray]:
+    trace: Trace, substeps: Int[np.ndarray, " intervals"], config: RigConfig, circuits: tuple[str, ...]
+) -> tuple[dict[str, np.ndarray], Int[np.ndarray, " n"]]:
     """All columns of one trace, and the entries of its instants."""
     ends, interval, marks = _breaks(trace, substeps)
     n, zeros, ones = ends.size, np.zeros(ends.size), np.ones(ends.size)
@@ -254,7 +289,9 @@ def _strip(
     return columns | _samples(trace, n, marks), marks
 
 
-def _asked(trace: Trace, ends: np.ndarray, dt: np.ndarray, config: RigConfig) -> dict[str, np.ndarray]:
+def _asked(
+    trace: Trace, ends: Float[np.ndarray, " rows"], dt: Float[np.ndarray, " rows"], config: RigConfig
+) -> dict[str, Float[np.ndarray, " rows"]]:
     """What is asked of an ECU that is part of the model, see `Command`; nothing where the rig has none."""
     if config.ecu is None:
         return {}
@@ -267,7 +304,7 @@ def _asked(trace: Trace, ends: np.ndarray, dt: np.ndarray, config: RigConfig) ->
     return {"active": np.ones(ends.size), "begin": begin, "end": late, "rate": rate}
 
 
-def _target(trace: Trace, ends: np.ndarray) -> np.ndarray:
+def _target(trace: Trace, ends: Float[np.ndarray, " rows"]) -> Float[np.ndarray, " rows"]:
     """The measured angle at the end of each step, rad; 0 where none was logged."""
     if "position" not in trace.channels:
         return np.zeros(ends.size)
@@ -276,8 +313,8 @@ def _target(trace: Trace, ends: np.ndarray) -> np.ndarray:
     return np.interp(ends, trace.instants[seen], angle[seen])
 
 
-def _samples(trace: Trace, n: int, marks: np.ndarray) -> dict[str, np.ndarray]:
-    shape = (n, len(trace.channels))
+def _samples(trace: Trace, rows: int, marks: Int[np.ndarray, " n"]) -> dict[str, Float[np.ndarray, "{rows} M"]]:
+    shape = (rows, len(trace.channels))
     value, weight, sigma = np.zeros(shape), np.zeros(shape), np.ones(shape)
     seen = np.isfinite(trace.data)
     value[marks] = np.where(seen, trace.data, 0.0)
@@ -299,7 +336,12 @@ def _blank(length: int, lanes: int, slots: int, config: RigConfig) -> dict[str, 
     return table
 
 
-def _assemble(table: dict[str, np.ndarray], circuits: tuple[str, ...], traces: Any, places: Any) -> TraceBatch:
+def _assemble(
+    table: dict[str, np.ndarray],
+    circuits: tuple[str, ...],
+    traces: tuple[Trace, ...],
+    places: tuple[tuple[int, int, np.ndarray], ...],
+) -> TraceBatch:
     def part(kind: Any) -> Any:
         return kind(*(table[name] for name in kind._fields))
 

@@ -13,6 +13,7 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jaxtyping import Array, Float
 
 from ..model.effects import State
 from ..model.stepper import begun, step
@@ -26,7 +27,9 @@ _MOST = 128  # points in one pass; more fall out of the processor's caches
 _AT_ONCE = 16  # the same where whole paths must be kept
 
 
-def chi2_of(problem: EstimationProblem, points: np.ndarray, weighted: WeightedData) -> np.ndarray:
+def chi2_of(
+    problem: EstimationProblem, points: Float[np.ndarray, "K P"], weighted: WeightedData
+) -> Float[np.ndarray, " K"]:
     """Sum of squared residuals and prior terms at each of K points, shape (K, P) -> (K,); inf where none can be had."""
     passes = -(-len(points) // _MOST)
     size = -(-len(points) // passes)
@@ -38,7 +41,9 @@ def chi2_of(problem: EstimationProblem, points: np.ndarray, weighted: WeightedDa
 
 
 @partial(jax.jit, static_argnums=(0, 1))
-def _chi2_of(form: Form, circuits: tuple[str, ...], points: Any, weighted: WeightedData) -> Any:
+def _chi2_of(
+    form: Form, circuits: tuple[str, ...], points: Float[Array, "K P"], weighted: WeightedData
+) -> Float[Array, " K"]:
     """Shape (K, P) -> (K,)."""
     if any(effect.delays for effect in form.types):  # a late signal needs the path before it
         return jax.lax.map(lambda x: _of_paths(form, circuits, x, weighted), points, batch_size=_AT_ONCE)
@@ -46,11 +51,13 @@ def _chi2_of(form: Form, circuits: tuple[str, ...], points: Any, weighted: Weigh
     return _in_one_pass(form, circuits, points, weighted) + jnp.sum(prior**2, axis=1)
 
 
-def _of_paths(form: Form, circuits: tuple[str, ...], x: Any, weighted: WeightedData) -> Any:
+def _of_paths(form: Form, circuits: tuple[str, ...], x: Float[Array, " P"], weighted: WeightedData) -> Float[Array, ""]:
     return jnp.sum(residual(form, circuits, x, weighted) ** 2) + jnp.sum(prior_residual(x, weighted) ** 2)
 
 
-def _in_one_pass(form: Form, circuits: tuple[str, ...], points: Any, weighted: WeightedData) -> Any:
+def _in_one_pass(
+    form: Form, circuits: tuple[str, ...], points: Float[Array, "K P"], weighted: WeightedData
+) -> Float[Array, " K"]:
     """Sum of squared residuals, shape (K, P) -> (K,)."""
     values = jax.vmap(lambda x: form.values(x, weighted.pick))(points)
 

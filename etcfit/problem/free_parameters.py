@@ -5,15 +5,16 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jaxtyping import Array, Bool, Float, Int
 
 from ..errors import MeasurementError
 from ..model.effects import COMMANDING, EFFECT_BY_NAME, PAPER, AbstractEffect
-from ..model.parameters import DOMAINS, NonNegative, Parameter, Positive, Real, Scalar, curves
+from ..model.parameters import DOMAINS, AnyArray, NonNegative, Parameter, Positive, Real, Scalar, curves
 from ..model.throttle import catalogue
 from ..rig.base import Fixed, Prior, RigConfig, Start, Tied
 
@@ -29,8 +30,8 @@ class Pick(NamedTuple):
         where: its place in `full` for each coordinate, shape (P,); Q for one that stands for nothing.
     """
 
-    full: Any
-    where: Any
+    full: Float[AnyArray, " Q"]
+    where: Int[AnyArray, " P"]
 
 
 @dataclass(frozen=True)
@@ -53,24 +54,24 @@ class Form:
         return {p.symbol: k for k, p in enumerate(self.parameters)}
 
     @cached_property
-    def kinds(self) -> np.ndarray:
+    def kinds(self) -> Int[np.ndarray, " _"]:
         """Domain of each parameter, an index into `DOMAINS`, shape (Q + 1,); the last stands for nothing."""
         return np.array([*(DOMAINS.index(type(p.domain)) for p in self.parameters), DOMAINS.index(Real)])
 
     @cached_property
-    def scales(self) -> np.ndarray:
+    def scales(self) -> Float[np.ndarray, " _"]:
         """Scale of each parameter, SI, shape (Q + 1,)."""
         return np.array([*(p.domain.scale for p in self.parameters), 1.0])
 
-    def mapped(self, x: Scalar, pick: Pick) -> Scalar:
+    def mapped(self, x: Float[AnyArray, " P"], pick: Pick) -> Float[Array, " P"]:
         """Values in SI of the free parameters, shape (P,)."""
         return jnp.asarray(self.scales)[pick.where] * curves(jnp.asarray(self.kinds)[pick.where], x)
 
-    def live(self, pick: Pick) -> Any:
+    def live(self, pick: Pick) -> Bool[AnyArray, " P"]:
         """Which coordinates stand for something, shape (P,)."""
         return pick.where < len(self.parameters)
 
-    def values(self, x: Scalar, pick: Pick) -> dict[str, Scalar]:
+    def values(self, x: Float[AnyArray, " P"], pick: Pick) -> dict[str, Scalar]:
         """Values in SI by symbol at coordinates x, shape (P,)."""
         full = jnp.append(pick.full, 0.0).at[pick.where].set(self.mapped(x, pick))
         values = {symbol: full[k] for symbol, k in self.index.items()}
@@ -107,40 +108,40 @@ class Layout:
         """Coordinates that stand for nothing."""
         return max(0, self.room - len(self.free))
 
-    def pick(self, held: np.ndarray) -> Pick:
+    def pick(self, held: Float[np.ndarray, " H"]) -> Pick:
         """This choice of free parameters, with the others at their held values, shape (H,)."""
         full, index = np.zeros(len(self.parameters)), self.form.index
         full[[index[s] for s in self.held]] = held
         return Pick(full, np.array([*(index[s] for s in self.free), *(len(index) for _ in range(self.spare))]))
 
-    def padded(self, x: np.ndarray, filler: float = 0.0) -> np.ndarray:
+    def padded(self, x: Float[np.ndarray, "*K P"], filler: float = 0.0) -> Float[np.ndarray, "*K room"]:
         """A vector over the free parameters, its last axis filled up to `room`."""
         return np.concatenate((x, np.full((*x.shape[:-1], self.spare), filler)), axis=-1)
 
     def parameter(self, symbol: str) -> Parameter:
         return self.parameters[self.form.index[symbol]]
 
-    def values(self, x: np.ndarray, held: np.ndarray) -> dict[str, Scalar]:
+    def values(self, x: Float[np.ndarray, " P"], held: Float[np.ndarray, " H"]) -> dict[str, Scalar]:
         """Values in SI by symbol at coordinates x, shape (P,), and held values, shape (H,)."""
         values = {s: held[k] for k, s in enumerate(self.held)} | dict(zip(self.free, self.numbers(x)[0], strict=True))
         return values | {s: values[other] for s, other in self.ties}
 
-    def numbers(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def numbers(self, x: Float[np.ndarray, " P"]) -> tuple[Float[np.ndarray, " P"], Float[np.ndarray, " P"]]:
         """Values in SI of the free parameters and their derivatives dvalue/dx, shape (P,) each."""
         where = [self.form.index[s] for s in self.free]
         value, slope = _numbers(self.form.kinds[where], self.form.scales[where], x)
         return np.asarray(value), np.asarray(slope)
 
-    def coordinates(self, values: Mapping[str, float]) -> np.ndarray:
+    def coordinates(self, values: Mapping[str, float]) -> Float[np.ndarray, " P"]:
         """Coordinates, shape (P,), of values in SI."""
         return np.array([self.parameter(s).domain.coordinate(float(values[s])) for s in self.free])
 
-    def reach(self, x: np.ndarray) -> np.ndarray:
+    def reach(self, x: Float[np.ndarray, " P"]) -> Float[np.ndarray, " P"]:
         """What a change of a hundred percent is in each coordinate, shape (P,): 1 for a logarithm, |x| or 1 else."""
         straight = [not isinstance(self.parameter(s).domain, Positive) for s in self.free]
         return np.where(straight, np.maximum(1.0, np.abs(x)), 1.0)
 
-    def off_bounds(self, x: np.ndarray) -> np.ndarray:
+    def off_bounds(self, x: Float[np.ndarray, " P"]) -> Float[np.ndarray, " P"]:
         """The same coordinates with those that lie on a bound moved off it."""
         out = np.array(x, dtype=float)
         for k, (symbol, value) in enumerate(zip(self.free, self.numbers(out)[0].tolist(), strict=True)):
@@ -157,7 +158,9 @@ class Layout:
 
 
 @jax.jit
-def _numbers(kinds: Any, scales: Any, x: Any) -> tuple[Any, Any]:
+def _numbers(
+    kinds: Int[Array, " P"], scales: Float[Array, " P"], x: Float[Array, " P"]
+) -> tuple[Float[Array, " P"], Float[Array, " P"]]:
     """Each value depends on its own coordinate alone, so that one tangent of ones gives every derivative.
 
     One compiled program: operation by operation JAX would compile dozens.
@@ -177,9 +180,24 @@ class FreeParameters:
     """
 
     layout: Layout
-    held: np.ndarray
+    held: Float[np.ndarray, " H"]
     priors: Mapping[str, tuple[float, float]]
     start: Mapping[str, float]
+
+    def priors_on_coordinates(self) -> tuple[Float[np.ndarray, " P"], Float[np.ndarray, " P"]]:
+        """Mean and standard deviation of the Gaussian prior on each coordinate, shape (P,) each; inf where none is.
+
+        mean_x = x(mean), sd_x = sd / (dvalue/dx): to first order in sd.
+        """
+        free = self.layout.free
+        mean, sd = np.zeros(len(free)), np.full(len(free), np.inf)
+        for k, symbol in enumerate(free):
+            if symbol in self.priors:
+                domain = self.layout.parameter(symbol).domain
+                value, width = self.priors[symbol]
+                mean[k] = domain.coordinate(value)
+                sd[k] = width / float(jax.grad(domain.value)(mean[k]))
+        return mean, sd
 
 
 def free_parameters(config: RigConfig, further: tuple[type[AbstractEffect], ...] = ()) -> FreeParameters:

@@ -10,8 +10,10 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from itertools import pairwise
+from typing import NamedTuple
 
 import numpy as np
+from jaxtyping import Bool, Float, Int
 
 from ..rig.base import Channel, Measurement, RigConfig
 
@@ -24,7 +26,7 @@ _GAMMA = 1.0  # width of its confidence intervals; wider ones let bias pass that
 
 
 @dataclass(frozen=True, eq=False)
-class Drive:
+class InputSignal:
     """An input on the instants of a trace; linear in between, or held where `held`.
 
     Args:
@@ -35,14 +37,14 @@ class Drive:
         held: True for a duty, which an ECU holds from sample to sample.
     """
 
-    value: np.ndarray
-    error: np.ndarray
-    memory: np.ndarray
-    edge: np.ndarray
+    value: Float[np.ndarray, " n"]
+    error: Float[np.ndarray, " n"]
+    memory: Float[np.ndarray, " n"]
+    edge: Bool[np.ndarray, " n-1"]
     held: bool = False
 
 
-def _edges(value: np.ndarray, sigma: float) -> np.ndarray:
+def _edges(value: Float[np.ndarray, " n"], sigma: float) -> Bool[np.ndarray, " n-1"]:
     """Intervals in which the input jumps: far above the noise and above what goes on around them."""
     jump = np.abs(np.diff(value))
     if jump.size < 3:
@@ -52,7 +54,7 @@ def _edges(value: np.ndarray, sigma: float) -> np.ndarray:
     return (jump > _EDGE * np.sqrt(2.0) * sigma) & (jump > 4.0 * around)
 
 
-def _parabola(value: np.ndarray, sigma: float) -> tuple[np.ndarray, np.ndarray]:
+def _parabola(value: Float[np.ndarray, " n"], sigma: float) -> tuple[Float[np.ndarray, " n"], Float[np.ndarray, " n"]]:
     """A curved stretch: estimate and effective number of samples averaged, each of shape (n,)."""
     n = value.size
     index = np.arange(n, dtype=float)
@@ -75,7 +77,7 @@ def _parabola(value: np.ndarray, sigma: float) -> tuple[np.ndarray, np.ndarray]:
     return best, count
 
 
-def _savitzky_golay(reach: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _savitzky_golay(reach: Int[np.ndarray, " n"]) -> tuple[Float[np.ndarray, " n"], Float[np.ndarray, " n"]]:
     """Weights a + b j^2, |j| <= reach, that give the centre of a parabola; a is also their variance."""
     width = 2.0 * reach + 1.0
     m2 = reach * (reach + 1.0) * width / 3.0
@@ -84,31 +86,44 @@ def _savitzky_golay(reach: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return np.where(reach >= 2, m4 / determinant, 1.0), np.where(reach >= 2, -m2 / determinant, 0.0)
 
 
-def _is_white(rest: np.ndarray, sigma: float) -> bool:
+def _is_white(rest: Float[np.ndarray, " n"], sigma: float) -> bool:
     drift = np.max(np.abs(np.cumsum(rest))) / (sigma * np.sqrt(rest.size))
     return bool(drift < _DRIFT and rest.std() < 1.5 * sigma)
 
 
-def _stretch(value: np.ndarray, sigma: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """An edge-free stretch: estimate, variance of its error over sigma^2, and how many samples share an error."""
+class _Stretch(NamedTuple):
+    """An estimate of an edge-free stretch of n samples.
+
+    Args:
+        value: V or N m.
+        variance: of its error, over sigma^2.
+        shared: how many samples in a row have nearly one and the same error.
+    """
+
+    value: Float[np.ndarray, " n"]
+    variance: Float[np.ndarray, " n"]
+    shared: Float[np.ndarray, " n"]
+
+
+def _stretch(value: Float[np.ndarray, " n"], sigma: float) -> _Stretch:
+    """Estimate an edge-free stretch: by a line where it is straight within the noise, by parabolas elsewhere."""
     n = value.size
     if n >= _LEVEL:
         # also where it is level: a mean, taken wherever the slope is not seen, has a bias that its error does not state
         t = np.linspace(-1.0, 1.0, n)
         line = np.polynomial.polynomial.polyval(t, np.polynomial.polynomial.polyfit(t, value, 1))
         if _is_white(value - line, sigma):
-            return line, (1.0 + 3.0 * t**2) / n, np.full(n, float(n))
+            return _Stretch(line, (1.0 + 3.0 * t**2) / n, np.full(n, float(n)))
     if n >= 2 * _STRETCH:
         at = _corner(value)
         left, right = _stretch(value[:at], sigma), _stretch(value[at:], sigma)
-        joined = [np.concatenate(pair) for pair in zip(left, right, strict=True)]
-        return joined[0], joined[1], joined[2]
+        return _Stretch(*(np.concatenate(pair) for pair in zip(left, right, strict=True)))
     estimate, count = _parabola(value, sigma)
-    # what the choice of windows adds, measured on multisines, chirps and trapezoids (tests/test_drive.py)
-    return estimate, np.where(count > 1.0, 1.6, 1.0) / count, np.maximum(1.0, count / 1.5)
+    # what the choice of windows adds, measured on multisines, chirps and trapezoids (test_input_signal.py)
+    return _Stretch(estimate, np.where(count > 1.0, 1.6, 1.0) / count, np.maximum(1.0, count / 1.5))
 
 
-def _corner(value: np.ndarray) -> int:
+def _corner(value: Float[np.ndarray, " n"]) -> int:
     """Where a stretch that is not straight departs most from its chord, away from its ends."""
     n = value.size
     width = max(1, n // 50)
@@ -117,7 +132,7 @@ def _corner(value: np.ndarray) -> int:
     return int(np.clip(np.argmax(np.abs(smooth - chord)) + width // 2, _STRETCH // 2, n - _STRETCH // 2))
 
 
-def denoise(value: np.ndarray, sigma: float) -> Drive:
+def denoise(value: Float[np.ndarray, " n"], sigma: float) -> InputSignal:
     """Average between edges; see the module's head.
 
     Args:
@@ -129,33 +144,33 @@ def denoise(value: np.ndarray, sigma: float) -> Drive:
     parts = [_stretch(value[a:b], sigma) for a, b in pairwise(bounds)]
     estimate, variance, count = (np.concatenate(column) for column in zip(*parts, strict=True))
     memory = np.where(count > 1.0, np.exp(-2.0 / np.maximum(count, 1.0)), 0.0)
-    return Drive(estimate, sigma * np.sqrt(variance), memory, edge)
+    return InputSignal(estimate, sigma * np.sqrt(variance), memory, edge)
 
 
-def _on(instants: np.ndarray, channel: Channel) -> np.ndarray:
+def _on(instants: Float[np.ndarray, " n"], channel: Channel) -> Float[np.ndarray, " n"]:
     return np.interp(instants, channel.time, channel.value)
 
 
-def _duty(measurement: Measurement, config: RigConfig, instants: np.ndarray) -> Drive:
+def _duty(measurement: Measurement, config: RigConfig, instants: Float[np.ndarray, " n"]) -> InputSignal:
     duty = measurement.channels["duty"]
     supply = measurement.channels.get("supply")
     level = _on(instants, supply) if supply is not None else np.full(instants.size, config.supply_V)
     latest = np.clip(np.searchsorted(duty.time, instants, side="right") - 1, 0, None)
     zero = np.zeros(instants.size)
-    return Drive(duty.value[latest] * level, zero, zero, zero[1:] > 0.0, held=True)
+    return InputSignal(duty.value[latest] * level, zero, zero, zero[1:] > 0.0, held=True)
 
 
-def commanded(instants: np.ndarray, supply: float) -> Drive:
+def commanded(instants: Float[np.ndarray, " n"], supply: float) -> InputSignal:
     """What an ECU that is part of the model adds its terms to: what its integral held where the trace began.
 
     It is one number for the whole trace, which nobody logged: 0 until the model has seen it, and as uncertain as a
     quarter of the supply.
     """
     level, error = np.zeros(instants.size), np.full(instants.size, 0.25 * supply)
-    return Drive(level, error, np.ones(instants.size), np.zeros(instants.size - 1, dtype=bool))
+    return InputSignal(level, error, np.ones(instants.size), np.zeros(instants.size - 1, dtype=bool))
 
 
-def drive_of(measurement: Measurement, config: RigConfig, instants: np.ndarray) -> Drive | None:
+def input_of(measurement: Measurement, config: RigConfig, instants: Float[np.ndarray, " n"]) -> InputSignal | None:
     """The input of a trace: voltage, or duty times supply, or torque; None where it has none.
 
     Args:

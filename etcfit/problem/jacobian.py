@@ -12,11 +12,16 @@ from typing import Any
 
 import jax
 import jax.numpy as jnp
+from jaxtyping import Array, Bool, Float
+
+from ..model.parameters import AnyArray
 
 AT_ONCE = 8
 
 
-def jacobian(function: Callable[[Any], Any], x: Any, live: Any) -> tuple[Any, Any]:
+def jacobian(
+    function: Callable[[Float[Array, " P"]], Float[Array, "*shape"]], x: Float[Array, " P"], live: Bool[AnyArray, " P"]
+) -> tuple[Float[Array, "*shape"], Float[Array, "*shape P"]]:
     """Value and Jacobian.
 
     Args:

@@ -6,7 +6,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from jaxtyping import Float
 
+from ..model.parameters import AnyArray
 from .batch import TraceBatch
 from .trace import Trace
 
@@ -39,7 +41,7 @@ def pooled(every: Sequence[PredictionError]) -> float:
     return float(np.sqrt(np.sum(n * ratio**2) / n.sum()))
 
 
-def columns(batch: TraceBatch, array: np.ndarray) -> list[np.ndarray]:
+def columns(batch: TraceBatch, array: Float[AnyArray, "T L M"]) -> list[Float[np.ndarray, "_ _"]]:
     """Take from a batch's (T, L, M) array what belongs to each trace: its instants by its channels."""
     array = np.asarray(array)
     return [
@@ -55,7 +57,7 @@ def logged_unit(trace: Trace, channel: str) -> tuple[str, float]:
     return logged.unit, abs(logged.scale)
 
 
-def rows(traces: Sequence[Trace], predicted: Sequence[np.ndarray]) -> tuple[PredictionError, ...]:
+def rows(traces: Sequence[Trace], predicted: Sequence[Float[np.ndarray, "_ _"]]) -> tuple[PredictionError, ...]:
     """Score traces.
 
     Args:

@@ -2,37 +2,36 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import Any
 
 import jax
 import numpy as np
-from scipy.ndimage import maximum_filter1d, minimum_filter1d
+from jaxtyping import Array, Float, Int
 
-from ..model.throttle import followed
+from ..model.parameters import Scalar
 from ..rig.base import RigConfig
-from . import innovations
-from .batch import SampleSlots, TraceBatch, lay
+from .batch import BatchArrays, SampleSlots, TraceBatch, batch_of
 from .free_parameters import Form, FreeParameters, Layout, Pick
-from .innovations import InnovationsFilter
+from .innovations import InnovationsFilter, kalman
 from .jacobian import jacobian
 from .prediction_error import columns
+from .process_noise import free_run_variance
 from .residual import WeightedData, predict, prior_residual, residual, run
 from .substeps import local_error, substeps_needed
 from .trace import Trace, prepare
 
-_TELLING = 1e4  # sum of q^2 below which nothing is said about the clock
-_MOST_JITTER = 0.3
 _SPANS = (3.0, 1.5, 0.7, 0.3, 0.15, 0.07, 0.03, 0.015)  # V, of the search for what an integral holds
 _SHARES = (0.0, -1.0, 1.0)  # of them; the first is kept where none is better
 _FORGOTTEN = 1.0  # s after which a loop has forgotten with what it began
 _STIRS = 8.0  # standard deviations of a sample that are a motion
-_OUTLIER = 5.0  # robust standard deviations beyond which a sample is weighed down
 
 
 @partial(jax.jit, static_argnums=(0, 1))
-def _linearise(form: Form, circuits: tuple[str, ...], x: Any, weighted: WeightedData) -> tuple[Any, Any, Any]:
+def _linearise(
+    form: Form, circuits: tuple[str, ...], x: Float[Array, " P"], weighted: WeightedData
+) -> tuple[Float[Array, "T L M"], Float[Array, " P"], Float[Array, "T L M P"]]:
     """Whitened residual (T, L, M), that of the priors (P,), and the Jacobian of the former (T, L, M, P)."""
 
     r, columns = jacobian(lambda x: residual(form, circuits, x, weighted), x, form.live(weighted.pick))
@@ -40,39 +39,47 @@ def _linearise(form: Form, circuits: tuple[str, ...], x: Any, weighted: Weighted
 
 
 @partial(jax.jit, static_argnums=(0, 1))
-def _residual(form: Form, circuits: tuple[str, ...], x: Any, weighted: WeightedData) -> Any:
+def _residual(
+    form: Form, circuits: tuple[str, ...], x: Float[Array, " P"], weighted: WeightedData
+) -> Float[Array, "T L M"]:
     """Whitened residual, shape (T, L, M)."""
     return residual(form, circuits, x, weighted)
 
 
 @partial(jax.jit, static_argnums=(0, 1))
-def _simulated(form: Form, circuits: tuple[str, ...], x: Any, pick: Pick, arrays: Any) -> Any:
+def _simulated(
+    form: Form, circuits: tuple[str, ...], x: Float[Array, " P"], pick: Pick, arrays: BatchArrays
+) -> Float[Array, "T L M"]:
     """Simulated samples, shape (T, L, M)."""
-    steps, resets, slots, _, circuit_of = arrays
-    throttle, path, steps = run(form, circuits, x, pick, steps, resets, circuit_of)
-    return predict(throttle, path, steps, resets, slots)
+    throttle, path, steps = run(form, circuits, x, pick, arrays)
+    return predict(throttle, path, steps, arrays.resets, arrays.slots)
 
 
 @partial(jax.jit, static_argnums=(0, 1))
-def _local_error(form: Form, circuits: tuple[str, ...], x: Any, pick: Pick, arrays: Any) -> Any:
+def _local_error(
+    form: Form, circuits: tuple[str, ...], x: Float[Array, " P"], pick: Pick, arrays: BatchArrays
+) -> Float[Array, "T L"]:
     """The local integration error of every step, shape (T, L)."""
-    steps, resets, slots, _, circuit_of = arrays
-    throttle, path, steps = run(form, circuits, x, pick, steps, resets, circuit_of)
-    return local_error(throttle, path, steps, (resets, slots))
+    throttle, path, steps = run(form, circuits, x, pick, arrays)
+    return local_error(throttle, path, arrays._replace(steps=steps))
 
 
 @partial(jax.jit, static_argnums=(0, 1))
-def _kalman(form: Form, circuits: tuple[str, ...], x: Any, pick: Pick, arrays: Any, jitter: Any) -> Any:
-    steps, resets, slots, disturbance, circuit_of = arrays
-    throttle, path, steps = run(form, circuits, x, pick, steps, resets, circuit_of)
-    return innovations.kalman(throttle, path, steps, resets, slots, disturbance, jitter)
+def _kalman(
+    form: Form, circuits: tuple[str, ...], x: Float[Array, " P"], pick: Pick, arrays: BatchArrays, jitter: Scalar
+) -> tuple[InnovationsFilter, Float[Array, "T L M"]]:
+    """The whitening filter, and the share of timing in each sample's variance, shape (T, L, M)."""
+    throttle, path, steps = run(form, circuits, x, pick, arrays)
+    return kalman(throttle, path, arrays._replace(steps=steps), jitter)
 
 
 @partial(jax.jit, static_argnums=(0, 1))
-def _free_run_variance(form: Form, circuits: tuple[str, ...], x: Any, pick: Pick, arrays: Any, jitter: Any) -> Any:
-    steps, resets, slots, disturbance, circuit_of = arrays
-    throttle, path, steps = run(form, circuits, x, pick, steps, resets, circuit_of)
-    return innovations.free_run_variance(throttle, path, steps, resets, slots, disturbance, jitter)
+def _free_run_variance(
+    form: Form, circuits: tuple[str, ...], x: Float[Array, " P"], pick: Pick, arrays: BatchArrays, jitter: Scalar
+) -> Float[Array, "T L M"]:
+    """Variance of measured - free run, SI, shape (T, L, M)."""
+    throttle, path, steps = run(form, circuits, x, pick, arrays)
+    return free_run_variance(throttle, path, arrays._replace(steps=steps), jitter)
 
 
 @dataclass(frozen=True, eq=False)
@@ -92,8 +99,8 @@ class EstimationProblem:
     config: RigConfig
     free_parameters: FreeParameters
     batch: TraceBatch
-    substeps: tuple[np.ndarray, ...]
-    sigma: np.ndarray
+    substeps: tuple[Int[np.ndarray, " _"], ...]
+    sigma: Float[np.ndarray, "T L M"]
     jitter: float = 0.0
     guide_stiffness: float = 0.0
 
@@ -103,12 +110,12 @@ class EstimationProblem:
         config: RigConfig,
         free_parameters: FreeParameters,
         traces: tuple[Trace, ...],
-        substeps: Any = None,
+        substeps: Sequence[Int[np.ndarray, " _"]] | None = None,
         least: tuple[int, ...] = (0, 0, 0),
     ) -> EstimationProblem:
         """Batch traces of at least the shape `least`; one step in each interval if `substeps` says no more."""
         substeps = substeps or tuple(np.ones(t.instants.size - 1, dtype=int) for t in traces)
-        batch = lay(traces, config, substeps, least)
+        batch = batch_of(traces, config, substeps, least)
         return cls(config, free_parameters, batch, tuple(substeps), batch.slots.sigma)
 
     @property
@@ -124,94 +131,61 @@ class EstimationProblem:
         """Which parameters x stands for, and the values of the others."""
         return self.layout.pick(self.free_parameters.held)
 
-    def at(self, x: np.ndarray) -> tuple[Form, tuple[str, ...], np.ndarray, Pick]:
+    def at(self, x: Float[np.ndarray, " P"]) -> tuple[Form, tuple[str, ...], Float[np.ndarray, " room"], Pick]:
         """What every compiled function of the model at x takes."""
         return self.layout.form, self.batch.circuits, self.layout.padded(x), self.pick
 
-    def free_run(self, x: np.ndarray) -> list[np.ndarray]:
+    def free_run(self, x: Float[np.ndarray, " P"]) -> list[Float[np.ndarray, "_ _"]]:
         """Simulated samples of each trace, (n, M)."""
         return columns(self.batch, self.simulated(x, 0.0))
 
-    def free_run_variance(self, x: np.ndarray) -> list[np.ndarray]:
+    def free_run_variance(self, x: Float[np.ndarray, " P"]) -> list[Float[np.ndarray, "_ _"]]:
         """Variance of measured - free run of each trace, (n, M): sensor, noisy input, instants not known exactly."""
         return columns(self.batch, _free_run_variance(*self.at(x), self.arrays(), self.jitter))
 
-    def simulated(self, x: np.ndarray, guide_stiffness: float) -> Any:
+    def simulated(self, x: Float[np.ndarray, " P"], guide_stiffness: float) -> Float[Array, "T L M"]:
         """Simulated samples, (T, L, M), drawn along the measured angle by a guide of that stiffness."""
         return _simulated(*self.at(x), self.arrays(guide_stiffness))
 
-    def arrays(self, guide_stiffness: float = 0.0) -> Any:
-        """The batch, as compiled functions take it."""
+    def arrays(self, guide_stiffness: float = 0.0) -> BatchArrays:
+        """The batch, as compiled functions take it, with a guide of that stiffness."""
         batch = self.batch
-        return batch.guided(guide_stiffness), batch.resets, self.slots, batch.disturbance, batch.circuit_of
+        return BatchArrays(batch.guided(guide_stiffness), batch.resets, self.slots, batch.disturbance, batch.circuit_of)
 
-    def free_running(self) -> InnovationsFilter:
-        """Each sample by its own noise: least squares of the free-running simulation."""
-        return innovations.plain(self.slots, self._order)
-
-    def forgiving(self, late: float = 0.0) -> InnovationsFilter:
-        """Each sample by its own noise, and by what an instant that is off does to it where it changes fast.
-
-        Args:
-            late: s by which an instant may be off; a sample at least.
-        """
-        slots = self.slots
-        bend = np.zeros_like(slots.sigma)
-        for trace, (lane, _, marks) in zip(self.batch.traces, self.batch.places, strict=True):
-            reach = max(1, round(late / float(np.median(np.diff(trace.instants)))))
-            bend[marks, lane, : len(trace.channels)] = 0.5 * _farthest(trace.data, reach)
-        return innovations.plain(slots._replace(sigma=np.hypot(slots.sigma, bend)), self._order)
-
-    @property
-    def _order(self) -> int:
-        return innovations.ORDER + len(followed(self.layout.types))
-
-    def kalman(self, x: np.ndarray) -> InnovationsFilter:
+    def kalman(self, x: Float[np.ndarray, " P"]) -> InnovationsFilter:
         """The whitening filter along the path at x."""
-        return self._filter(x)[0]
+        return self.filter_and_timing(x)[0]
 
-    def timed(self, x: np.ndarray, r: np.ndarray) -> EstimationProblem:
-        """The same with the jitter that the residual r at x, shape (T, L, M), shows where samples change fast.
-
-            a <- a + 1/2 sum q (r^2 - 1) / sum q^2,    a = jitter^2,  q = (dy/dt dt)^2 / S
-
-        Fisher's scoring for one component of variance, by half steps since the fit follows; left alone where no sample
-        changes fast enough to tell.
-        """
-        share = np.asarray(self._filter(x)[1])
-        power = float(np.sum(share**2))
-        if power < _TELLING:
-            return self
-        excess = np.clip(r**2, 0.0, _OUTLIER**2) - (share > 0.0)
-        variance = self.jitter**2 + 0.5 * float(np.sum(share * excess)) / power
-        return replace(self, jitter=float(np.sqrt(np.clip(variance, 0.0, _MOST_JITTER**2))))
-
-    def _filter(self, x: np.ndarray) -> Any:
+    def filter_and_timing(self, x: Float[np.ndarray, " P"]) -> tuple[InnovationsFilter, Float[Array, "T L M"]]:
+        """That filter, and (dy/dt dt)^2 / S of each sample, shape (T, L, M): what a jitter of 1 would add to its
+        variance, over the variance it has."""
         return _kalman(*self.at(x), self.arrays(), self.jitter)
 
     def weighted(self, filter_: InnovationsFilter) -> WeightedData:
         """The data for the residual."""
         batch, layout = self.batch, self.layout
-        mean, sd = self._priors()
+        mean, sd = self.free_parameters.priors_on_coordinates()
         priors = layout.padded(mean), layout.padded(sd, np.inf)
         return WeightedData(
             batch.guided(self.guide_stiffness), batch.resets, self.slots, batch.circuit_of, filter_, self.pick, *priors
         )
 
-    def linearise(self, x: np.ndarray, weighted: WeightedData) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    def linearise(
+        self, x: Float[np.ndarray, " P"], weighted: WeightedData
+    ) -> tuple[Float[np.ndarray, "T L M"], Float[np.ndarray, " P"], Float[np.ndarray, "T L M P"]]:
         """Residual (T, L, M), that of the priors (P,), Jacobian of the former (T, L, M, P)."""
         r, prior, jacobian = _linearise(self.layout.form, self.batch.circuits, self.layout.padded(x), weighted)
         return np.asarray(r), np.asarray(prior)[: x.size], np.asarray(jacobian)[..., : x.size]
 
-    def residual(self, x: np.ndarray, weighted: WeightedData) -> np.ndarray:
+    def residual(self, x: Float[np.ndarray, " P"], weighted: WeightedData) -> Float[np.ndarray, "T L M"]:
         """Whitened residual alone, shape (T, L, M): a tenth of what its Jacobian costs."""
         return np.asarray(_residual(self.layout.form, self.batch.circuits, self.layout.padded(x), weighted))
 
-    def chi2(self, x: np.ndarray, weighted: WeightedData) -> float:
+    def chi2(self, x: Float[np.ndarray, " P"], weighted: WeightedData) -> float:
         """Sum of squares of that residual, priors apart; `chi2.chi2_of` is for many points, with them."""
         return float(np.sum(self.residual(x, weighted) ** 2))
 
-    def refined(self, x: np.ndarray) -> EstimationProblem:
+    def refined(self, x: Float[np.ndarray, " P"]) -> EstimationProblem:
         """The same with as many integration steps as the path at x needs."""
         problem = self
         for _ in range(2):
@@ -220,7 +194,7 @@ class EstimationProblem:
             problem = EstimationProblem.of(self.config, self.free_parameters, self.batch.traces, steps, self.shape)
         return problem
 
-    def reprepared(self, x: np.ndarray) -> EstimationProblem:
+    def reprepared(self, x: Float[np.ndarray, " P"]) -> EstimationProblem:
         """The same measurements as they were logged, with the steps that x needs and the releases read off them again:
         those that a poorer model saw would draw a better one back to it."""
         traces = tuple(t for t in (prepare(t.measurement, self.config) for t in self.batch.traces) if t is not None)
@@ -232,7 +206,7 @@ class EstimationProblem:
         """Of the batch: steps, lanes, slots."""
         return self.batch.slots.value.shape
 
-    def beside(self, traces: tuple[Trace, ...], x: np.ndarray) -> EstimationProblem:
+    def beside(self, traces: tuple[Trace, ...], x: Float[np.ndarray, " P"]) -> EstimationProblem:
         """Other traces of the same rig, in a batch of the same shape where they fit: what is compiled serves again."""
         other = (
             EstimationProblem.of(self.config, self.free_parameters, traces, None, self.shape)
@@ -250,7 +224,7 @@ class EstimationProblem:
         """The same data with other unknowns."""
         return replace(self, free_parameters=free_parameters)
 
-    def with_release_times(self, x: np.ndarray) -> EstimationProblem:
+    def with_release_times(self, x: Float[np.ndarray, " P"]) -> EstimationProblem:
         """The same with the releases of held plates moved to where the model at x sees them."""
         if not any(trace.release for trace in self.batch.traces):
             return self
@@ -259,13 +233,13 @@ class EstimationProblem:
         moved = EstimationProblem.of(self.config, self.free_parameters, traces, self.substeps, self.shape)
         return replace(moved, jitter=self.jitter)
 
-    def with_integrator_states(self, x: np.ndarray) -> EstimationProblem:
+    def with_integrator_states(self, x: Float[np.ndarray, " P"]) -> EstimationProblem:
         """The same with what each ECU in the model holds in its integral at the begin of its trace moved to where the
         model at x sees it: a search by halves, for a plate that rests answers to nothing and one that slips jumps."""
         controlled = np.array([trace.controlled for trace in self.batch.traces])
         if not controlled.any():
             return self
-        volts = np.array([t.drive.value[0] if t.controlled and t.drive else 0.0 for t in self.batch.traces])
+        volts = np.array([t.input.value[0] if t.controlled and t.input else 0.0 for t in self.batch.traces])
         weight = [_beginning(trace) for trace in self.batch.traces]
         for span in _SPANS:
             tried = [volts + controlled * share * span for share in _SHARES]
@@ -273,47 +247,8 @@ class EstimationProblem:
             volts = np.choose(np.argmin(misfit, axis=0), tried)
         return replace(self, batch=self.batch.holding(volts))
 
-    def outliers_weighed(self, whitened: list[np.ndarray]) -> tuple[EstimationProblem, int]:
-        """The same with samples far outside their trace's residuals, (n, M) each, weighed down, and how many."""
-        sigma = self.batch.slots.sigma.copy()
-        count = 0
-        for trace, (lane, _, marks), part in zip(self.batch.traces, self.batch.places, whitened, strict=True):
-            spread = np.maximum(1.0, 1.4826 * np.median(np.abs(part), axis=0))
-            excess = np.maximum(1.0, np.abs(part) / (_OUTLIER * spread))
-            sigma[marks, lane, : len(trace.channels)] *= excess
-            count += int(np.sum(excess > 1.0))
-        return replace(self, sigma=sigma), count
 
-    def discounted(self, x: np.ndarray) -> EstimationProblem:
-        """The same with each channel of each trace counting for no more than its error at x allows, guided as it is."""
-        sigma = self.batch.slots.sigma.copy()
-        predicted = columns(self.batch, self.simulated(x, self.guide_stiffness))
-        for trace, (lane, row, marks), model in zip(self.batch.traces, self.batch.places, predicted, strict=True):
-            rms = np.sqrt(np.nanmean((trace.data - model) ** 2, axis=0)) / trace.sigma
-            sigma[row : marks[-1] + 1, lane, : len(trace.channels)] *= np.maximum(1.0, rms)
-        return replace(self, sigma=sigma)
-
-    def _priors(self) -> tuple[np.ndarray, np.ndarray]:
-        free, priors = self.layout.free, self.free_parameters.priors
-        mean, sd = np.zeros(len(free)), np.full(len(free), np.inf)
-        for k, symbol in enumerate(free):
-            if symbol in priors:
-                domain = self.layout.parameter(symbol).domain
-                value, width = priors[symbol]
-                mean[k] = domain.coordinate(value)
-                sd[k] = width / float(jax.grad(domain.value)(mean[k]))
-        return mean, sd
-
-
-def _farthest(data: np.ndarray, reach: int) -> np.ndarray:
-    """How far each sample, shape (n, M), lies from the farthest of its neighbours up to `reach` away; 0 for none."""
-    seen = np.isfinite(data)
-    high = maximum_filter1d(np.where(seen, data, -np.inf), 2 * reach + 1, axis=0, mode="nearest")
-    low = minimum_filter1d(np.where(seen, data, np.inf), 2 * reach + 1, axis=0, mode="nearest")
-    return np.where(seen, np.maximum(high - data, data - low), 0.0)
-
-
-def _beginning(trace: Trace) -> tuple[np.ndarray, np.ndarray]:
+def _beginning(trace: Trace) -> tuple[Float[np.ndarray, "n M"], Float[np.ndarray, "n M"]]:
     """Samples of a trace and their weights, (n, M) each: those up to a second after the plate first moves."""
     seen = np.isfinite(trace.data)
     if "position" not in trace.channels:
@@ -325,13 +260,13 @@ def _beginning(trace: Trace) -> tuple[np.ndarray, np.ndarray]:
     return np.nan_to_num(trace.data), early / trace.sigma
 
 
-def _misfits(predicted: list[np.ndarray], wanted: list[tuple[np.ndarray, np.ndarray]]) -> np.ndarray:
+def _misfits(predicted: list[np.ndarray], wanted: list[tuple[np.ndarray, np.ndarray]]) -> Float[np.ndarray, " traces"]:
     """Sum of squared weighted errors of each trace."""
     each = zip(predicted, wanted, strict=True)
     return np.array([np.nan_to_num(np.sum(((data - model) * w) ** 2), nan=np.inf) for model, (data, w) in each])
 
 
-def _better_release(trace: Trace, predicted: np.ndarray) -> Trace:
+def _better_release(trace: Trace, predicted: Float[np.ndarray, "n M"]) -> Trace:
     """One Gauss-Newton step in the release instant: y(t - d) = y - d dy/dt, while the plate falls freely."""
     if trace.release is None:
         return trace

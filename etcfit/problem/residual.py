@@ -3,17 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import jax.numpy as jnp
 import numpy as np
+from jaxtyping import Array, Float
 
 from ..model.delay import delayed, late_inputs
-from ..model.effects import State
-from ..model.parameters import Scalar
-from ..model.stepper import Reset, Step, simulate
+from ..model.parameters import AnyArray, Scalar
+from ..model.stepper import Reset, StatePath, Step, simulate
 from ..model.throttle import Throttle
-from .batch import KINDS, SampleSlots
+from .batch import KINDS, BatchArrays, SampleSlots
 from .free_parameters import SERIES, Form, Pick
 from .innovations import InnovationsFilter, whiten
 
@@ -31,11 +31,11 @@ class WeightedData(NamedTuple):
     steps: Step
     resets: Reset
     slots: SampleSlots
-    circuit_of: Any
+    circuit_of: Float[AnyArray, "T L"]
     whitening: InnovationsFilter
     pick: Pick
-    prior_mean: Any
-    prior_sd: Any
+    prior_mean: Float[AnyArray, " P"]
+    prior_sd: Float[AnyArray, " P"]
 
     @property
     def samples(self) -> float:
@@ -43,7 +43,9 @@ class WeightedData(NamedTuple):
         return float(np.sum(self.slots.weight))
 
 
-def with_circuits(steps: Step, circuit_of: Any, batch_circuits: tuple[str, ...], values: Mapping[str, Scalar]) -> Step:
+def with_circuits(
+    steps: Step, circuit_of: Scalar, batch_circuits: tuple[str, ...], values: Mapping[str, Scalar]
+) -> Step:
     """Put each test's own series resistance in the batch."""
     series = jnp.zeros_like(steps.dt)
     for k, name in enumerate(batch_circuits):
@@ -51,7 +53,7 @@ def with_circuits(steps: Step, circuit_of: Any, batch_circuits: tuple[str, ...],
     return steps._replace(series=series)
 
 
-def equipped(steps: Step, circuit_of: Any, circuits: tuple[str, ...], values: Mapping[str, Scalar]) -> Step:
+def equipped(steps: Step, circuit_of: Scalar, circuits: tuple[str, ...], values: Mapping[str, Scalar]) -> Step:
     """The batch, or one entry of it, with all that depends on parameters: its circuits and the guide's lever."""
     steps = with_circuits(steps, circuit_of, circuits, values)
     # a guide in volts knows no scale of torque: where the data know none, none can run away from it
@@ -59,7 +61,9 @@ def equipped(steps: Step, circuit_of: Any, circuits: tuple[str, ...], values: Ma
     return steps._replace(lever=jnp.where(steps.lever > 0.5, 1.0, per_volt))
 
 
-def predict(throttle: Throttle, path: tuple[State, Any], steps: Step, resets: Reset, slots: SampleSlots) -> Any:
+def predict(
+    throttle: Throttle, path: StatePath, steps: Step, resets: Reset, slots: SampleSlots
+) -> Float[Array, "*batch M"]:
     """What each slot ought to show, SI, shape (T, L, M)."""
     seen = throttle.observe(*path, steps.inputs(1.0))
     delays = throttle.delays().channels if throttle.may_delay else {}
@@ -70,29 +74,53 @@ def predict(throttle: Throttle, path: tuple[State, Any], steps: Step, resets: Re
     return y
 
 
+class SimulatedRun(NamedTuple):
+    """A simulated batch.
+
+    Args:
+        throttle: the model.
+        path: its states and memories at the end of each step, shape (T, L) each.
+        steps: what it ran on: with its circuits, the guide's lever, and inputs as late as they act.
+    """
+
+    throttle: Throttle
+    path: StatePath
+    steps: Step
+
+
 def run(
-    form: Form, circuits: tuple[str, ...], x: Any, pick: Pick, steps: Step, resets: Reset, circuit_of: Any
-) -> tuple[Throttle, tuple[State, Any], Step]:
-    """Simulate a batch at coordinates x: the model, its path, and the batch with its circuits and late inputs."""
+    form: Form, circuits: tuple[str, ...], x: Float[Array, " P"], pick: Pick, batch: BatchArrays | WeightedData
+) -> SimulatedRun:
+    """Simulate a batch.
+
+    Args:
+        form: the model.
+        circuits: tests with a series resistance of their own, as in the batch.
+        x: coordinates, shape (P,).
+        pick: which parameters x stands for.
+        batch: steps, resets and circuits.
+    """
     values = form.values(x, pick)
     throttle = Throttle.build(form.types, values)
-    steps = equipped(steps, circuit_of, circuits, values)
+    steps = equipped(batch.steps, batch.circuit_of, circuits, values)
     if throttle.may_delay:
-        steps = late_inputs(steps, resets, throttle.delays().input)
-    return throttle, simulate(throttle, steps, resets), steps
+        steps = late_inputs(steps, batch.resets, throttle.delays().input)
+    return SimulatedRun(throttle, simulate(throttle, steps, batch.resets), steps)
 
 
-def prior_residual(x: Any, weighted: WeightedData) -> Any:
+def prior_residual(x: Float[Array, " P"], weighted: WeightedData) -> Float[Array, " P"]:
     """That of the priors, (x - mean) / sd, shape (P,)."""
     return (x - weighted.prior_mean) / weighted.prior_sd
 
 
-def residual(form: Form, circuits: tuple[str, ...], x: Any, weighted: WeightedData) -> Any:
+def residual(
+    form: Form, circuits: tuple[str, ...], x: Float[Array, " P"], weighted: WeightedData
+) -> Float[Array, "T L M"]:
     """Whitened residual of all traces.
 
         r = W (y - y_hat(x))
 
-    Source: generalised least squares; see `whitening`.
+    Source: generalised least squares; see `innovations`.
     Args:
         form: the model.
         circuits: tests with a series resistance of their own, as in the batch.
@@ -101,7 +129,7 @@ def residual(form: Form, circuits: tuple[str, ...], x: Any, weighted: WeightedDa
     Returns:
         shape (T, L, M), 0 where there is no sample, standard normal where the model is right.
     """
-    throttle, path, steps = run(form, circuits, x, weighted.pick, weighted.steps, weighted.resets, weighted.circuit_of)
+    throttle, path, steps = run(form, circuits, x, weighted.pick, weighted)
     seen = predict(throttle, path, steps, weighted.resets, weighted.slots)
     error = weighted.slots.weight * (weighted.slots.value - seen)
-    return whiten(weighted.whitening, error, weighted.resets.begins)
+    return whiten(weighted.whitening, error)

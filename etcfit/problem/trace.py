@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
+from jaxtyping import Float
 
 from ..rig import TEST_BY_NAME
 from ..rig.base import AbstractRigTest, Measurement, RigConfig
-from .input_signal import Drive, commanded, drive_of
+from .input_signal import InputSignal, commanded, input_of
 
 
 @dataclass(frozen=True, eq=False)
@@ -32,7 +34,7 @@ class Trace:
         measurement: as read.
         test: its rig test.
         instants: s, shape (n,).
-        drive: None with open terminals.
+        input: None with open terminals.
         channels: what is observed, M names.
         data: SI, shape (n, M); NaN where nothing was logged.
         sigma: noise of one sample, shape (M,).
@@ -43,23 +45,23 @@ class Trace:
 
     measurement: Measurement
     test: AbstractRigTest
-    instants: np.ndarray
-    drive: Drive | None
+    instants: Float[np.ndarray, " n"]
+    input: InputSignal | None
     channels: tuple[str, ...]
-    data: np.ndarray
-    sigma: np.ndarray
+    data: Float[np.ndarray, "n M"]
+    sigma: Float[np.ndarray, " M"]
     start: InitialState
     release: tuple[float, float] | None
     controlled: bool = False
 
     @property
     def torque_driven(self) -> bool:
-        return self.drive is not None and "torque" in self.measurement.channels
+        return self.input is not None and "torque" in self.measurement.channels
 
     @property
     def circuit(self) -> bool:
         """True where current can flow."""
-        return self.drive is not None and not self.torque_driven
+        return self.input is not None and not self.torque_driven
 
     def released_at(self, instant: float, sd: float) -> Trace:
         """The same trace with a better release instant."""
@@ -67,9 +69,9 @@ class Trace:
 
     def holding(self, volts: float) -> Trace:
         """The same trace with another voltage in the ECU's integral where it begins."""
-        if self.drive is None or not self.controlled:
+        if self.input is None or not self.controlled:
             return self
-        return replace(self, drive=replace(self.drive, value=np.full(self.instants.size, volts)))
+        return replace(self, input=replace(self.input, value=np.full(self.instants.size, volts)))
 
 
 _LEAST_OHM = 1.0  # of a winding
@@ -81,15 +83,15 @@ def prepare(measurement: Measurement, config: RigConfig) -> Trace | None:
     """Make a trace ready; None where the model cannot predict it (no input logged, or nothing observed)."""
     test = TEST_BY_NAME[measurement.test]
     instants = measurement.time
-    drive = None if test.boundary.terminals_open else drive_of(measurement, config, instants)
-    controlled = drive is None and follows_setpoint(measurement) and config.ecu is not None
-    drive = commanded(instants, config.ecu.supply) if controlled and config.ecu is not None else drive
-    channels = _observed(measurement, test, drive)
-    if not channels or (drive is None and not test.boundary.terminals_open):
+    signal = None if test.boundary.terminals_open else input_of(measurement, config, instants)
+    controlled = signal is None and follows_setpoint(measurement) and config.ecu is not None
+    signal = commanded(instants, config.ecu.supply) if controlled and config.ecu is not None else signal
+    channels = _observed(measurement, test, signal)
+    if not channels or (signal is None and not test.boundary.terminals_open):
         return None
     data = np.stack([_at(instants, measurement, name) for name in channels], axis=1)
     sigma = np.array([_sigma(measurement, name) for name in channels])
-    trace = Trace(measurement, test, instants, drive, channels, data, sigma, _NOWHERE, None, controlled)
+    trace = Trace(measurement, test, instants, signal, channels, data, sigma, _NOWHERE, None, controlled)
     start = _start(trace, config)
     release = _release(trace) if test.boundary.released else None
     if release is not None:
@@ -108,7 +110,7 @@ def _source(measurement: Measurement, name: str) -> str:
     return "voltage" if name == "emf" and "emf" not in measurement.channels else name
 
 
-def _observed(measurement: Measurement, test: AbstractRigTest, drive: Drive | None) -> tuple[str, ...]:
+def _observed(measurement: Measurement, test: AbstractRigTest, signal: InputSignal | None) -> tuple[str, ...]:
     names = [name for name in test.observes if name in measurement.channels]
     if test.boundary.terminals_open and "voltage" in measurement.channels and "emf" not in names:
         names.insert(0, "emf")
@@ -117,7 +119,7 @@ def _observed(measurement: Measurement, test: AbstractRigTest, drive: Drive | No
     return tuple(names)
 
 
-def _at(instants: np.ndarray, measurement: Measurement, name: str) -> np.ndarray:
+def _at(instants: Float[np.ndarray, " n"], measurement: Measurement, name: str) -> Float[np.ndarray, " n"]:
     channel = measurement.channels[_source(measurement, name)]
     row = np.full(instants.size, np.nan)
     row[np.searchsorted(instants, channel.time)] = channel.value
@@ -130,7 +132,7 @@ def _sigma(measurement: Measurement, name: str) -> float:
     return float(max(channel.sigma, channel.quantum / np.sqrt(12.0)))
 
 
-def _first(trace: Trace, name: str, count: int) -> tuple[np.ndarray, np.ndarray] | None:
+def _first(trace: Trace, name: str, count: int) -> tuple[Float[np.ndarray, " k"], Float[np.ndarray, " k"]] | None:
     """Times and values of the first samples of a channel."""
     if name not in trace.channels:
         return None
@@ -139,16 +141,30 @@ def _first(trace: Trace, name: str, count: int) -> tuple[np.ndarray, np.ndarray]
     return trace.instants[rows] - trace.instants[0], column[rows]
 
 
-def _still(t: np.ndarray, y: np.ndarray, sigma: float) -> tuple[float, float, float]:
-    """Level, slope and the slope's standard deviation; slope 0 where it is not significant."""
+class _Line(NamedTuple):
+    """A straight line through the first samples, in the channel's SI unit (and per second).
+
+    Args:
+        level: at the first instant.
+        slope: 0 where it is not significant.
+        slope_sd: its standard deviation.
+    """
+
+    level: float
+    slope: float
+    slope_sd: float
+
+
+def _still(t: Float[np.ndarray, " k"], y: Float[np.ndarray, " k"], sigma: float) -> _Line:
+    """A line fitted to samples of noise sigma; a constant where its slope is within 4 standard deviations of 0."""
     if y.size < 3:
-        return float(y[0]), 0.0, 0.0
+        return _Line(float(y[0]), 0.0, 0.0)
     spread = float(np.sqrt(np.sum((t - t.mean()) ** 2)))
     slope = float(np.sum((t - t.mean()) * (y - y.mean())) / spread**2)
     sd = sigma / spread
     if abs(slope) < 4.0 * sd:
-        return float(y.mean()), 0.0, 0.0
-    return float(y.mean() - slope * t.mean()), slope, sd
+        return _Line(float(y.mean()), 0.0, 0.0)
+    return _Line(float(y.mean() - slope * t.mean()), slope, sd)
 
 
 def _start(trace: Trace, config: RigConfig) -> InitialState:
@@ -156,8 +172,8 @@ def _start(trace: Trace, config: RigConfig) -> InitialState:
     i, i_sd, theta, theta_sd, omega, omega_sd = (0.0,) * 6
     if (first := _first(trace, "current", 3)) is not None:
         i, i_sd = float(np.mean(first[1])), 3.0 * sigma["current"] + 0.1 * abs(float(np.mean(first[1])))
-    elif trace.controlled and trace.drive is not None:  # as little known as the voltage that makes it
-        i_sd = float(trace.drive.error[0]) / _LEAST_OHM
+    elif trace.controlled and trace.input is not None:  # as little known as the voltage that makes it
+        i_sd = float(trace.input.error[0]) / _LEAST_OHM
     if (first := _first(trace, "position", 10)) is not None:
         theta, omega, omega_sd = _still(*first, sigma["position"])
         theta_sd = 3.0 * sigma["position"]
@@ -198,10 +214,10 @@ def _moves_at_once(trace: Trace) -> bool:
     first, sigma = _first(trace, name, 10), float(trace.sigma[trace.channels.index(name)])
     if first is None:
         return False
-    return bool(abs(np.median(first[1])) > 4.0 * sigma if name == "emf" else _still(*first, sigma)[1] != 0.0)
+    return bool(abs(np.median(first[1])) > 4.0 * sigma if name == "emf" else _still(*first, sigma).slope != 0.0)
 
 
-def _rising(trace: Trace) -> tuple[np.ndarray, np.ndarray]:
+def _rising(trace: Trace) -> tuple[Float[np.ndarray, " k"], Float[np.ndarray, " k"]]:
     name = "emf" if "emf" in trace.channels else "position"
     column = trace.data[:, trace.channels.index(name)]
     rows = np.flatnonzero(np.isfinite(column))

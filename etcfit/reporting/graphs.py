@@ -53,14 +53,14 @@ def simulated(trace: Trace, predicted: np.ndarray) -> Measurement:
         logged = name if name in channels else "voltage"
         seen = np.isfinite(trace.data[:, m])
         channels[logged] = replace(channels[logged], value=predicted[seen, m])
-    if trace.drive is not None and not trace.torque_driven and "voltage" in channels:
+    if trace.input is not None and not trace.torque_driven and "voltage" in channels:
         channels["voltage"] = _without_noise(channels["voltage"], trace)
     return replace(trace.measurement, channels=channels)
 
 
 def _without_noise(voltage: Channel, trace: Trace) -> Channel:
-    assert trace.drive is not None
-    return replace(voltage, value=np.interp(voltage.time, trace.instants, trace.drive.value))
+    assert trace.input is not None
+    return replace(voltage, value=np.interp(voltage.time, trace.instants, trace.input.value))
 
 
 def read_model(

@@ -43,13 +43,13 @@ class TracePicture:
 def draw(picture: TracePicture) -> Figure:
     """The picture, panels one above the other on one time axis."""
     trace = picture.trace
-    heights = [h for _ in trace.channels for h in (2.1, 1.0)] + ([1.1] if trace.drive is not None else [])
+    heights = [h for _ in trace.channels for h in (2.1, 1.0)] + ([1.1] if trace.input is not None else [])
     fig, panels = stack(heights, picture.synthetic)
     for m in range(len(trace.channels)):
         _channel(panels[2 * m], picture, m)
         _residual(panels[2 * m + 1], picture, m)
-    if trace.drive is not None:
-        _drive(panels[-1], trace)
+    if trace.input is not None:
+        _input(panels[-1], trace)
     begin, end = trace.instants[[0, -1]]
     panels[-1].set_xlim(begin - 0.01 * (end - begin), end + 0.01 * (end - begin))
     return headed(fig, panels, name_of(trace), _errors(picture.rows))
@@ -89,13 +89,13 @@ def _residual(panel: Axes, picture: TracePicture, m: int) -> None:
                    bbox={"facecolor": "white", "edgecolor": "none", "pad": 1.0, "alpha": 0.8})  # fmt: skip
 
 
-def _drive(panel: Axes, trace: Trace) -> None:
-    drive = trace.drive
-    assert drive is not None
+def _input(panel: Axes, trace: Trace) -> None:
+    signal = trace.input
+    assert signal is not None
     name, unit = ("torque", "N m") if trace.torque_driven else ("voltage", "V")
     logged = trace.measurement.channels.get(name)
     if logged is not None:
         panel.plot(*style.thin(logged.time, logged.value), ".", ms=2.0, color=style.MEASURED)
-    steps = "steps-post" if drive.held else "default"
-    panel.plot(*style.thin(trace.instants, drive.value), color=style.DRIVE, drawstyle=steps)
+    steps = "steps-post" if signal.held else "default"
+    panel.plot(*style.thin(trace.instants, signal.value), color=style.DRIVE, drawstyle=steps)
     panel.set_ylabel(style.unit_label(name, unit))

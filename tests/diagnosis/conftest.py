@@ -14,6 +14,7 @@ from etcfit.diagnosis.settings import DiagnosisSettings
 from etcfit.estimation.joint_fit import ready
 from etcfit.estimation.result import Termination
 from etcfit.model.effects import EFFECT_BY_NAME
+from etcfit.problem import weights
 from etcfit.problem.free_parameters import free_parameters
 from etcfit.problem.problem import EstimationProblem
 from etcfit.problem.trace import Trace
@@ -52,7 +53,7 @@ def small(rig: Rig, traces: tuple[Trace, ...]) -> CandidateModel:
     bare = composition.free_parameters(())
     x = bare.layout.coordinates({p.symbol: p.nominal for p in bare.layout.parameters})
     problem = EstimationProblem.of(little.config, bare, response)
-    weighted, end = problem.weighted(problem.free_running()), Termination(True, "by hand")
+    weighted, end = problem.weighted(weights.free_running(problem)), Termination(True, "by hand")
     return CandidateModel(composition, (), problem, weighted, (problem, weighted), x, end, DiagnosisSettings())
 
 
@@ -63,6 +64,6 @@ def model(rig: Rig, traces: tuple[Trace, ...], composition: Composition) -> Cand
     x = np.random.default_rng(0).normal(size=len(known.layout.free))
     problem = EstimationProblem.of(rig.config, known, traces)
     beside = EstimationProblem.of(rig.config, known, traces[:1])
-    weighted, holdout = (b.weighted(b.free_running()) for b in (problem, beside))
+    weighted, holdout = (b.weighted(weights.free_running(b)) for b in (problem, beside))
     end = Termination(True, "by hand")
     return CandidateModel(composition, (), problem, weighted, (beside, holdout), x, end, DiagnosisSettings())

@@ -17,6 +17,7 @@ from etcfit.diagnosis.cross_validation import chi2_within, folds, groups_of, lef
 from etcfit.diagnosis.settings import DiagnosisSettings
 from etcfit.estimation.joint_fit import ready
 from etcfit.estimation.result import Termination
+from etcfit.problem import weights
 from etcfit.problem.free_parameters import free_parameters
 from etcfit.problem.problem import EstimationProblem
 from etcfit.problem.trace import Trace
@@ -41,7 +42,7 @@ def many(tmp_path_factory: pytest.TempPathFactory) -> Rig:
 def candidate(rig: Rig, traces: tuple[Trace, ...]) -> CandidateModel:
     known = free_parameters(rig.config)
     problem = EstimationProblem.of(rig.config, known, traces)
-    weighted, layout = problem.weighted(problem.free_running()), known.layout
+    weighted, layout = problem.weighted(weights.free_running(problem)), known.layout
     x = layout.coordinates({p.symbol: p.nominal for p in layout.parameters})
     composition, end = compose(rig, traces, only=()), Termination(True, "by hand")
     return CandidateModel(composition, (), problem, weighted, None, x, end, DiagnosisSettings())

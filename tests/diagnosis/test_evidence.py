@@ -13,6 +13,7 @@ from etcfit.diagnosis.evidence import Place, correlation, evidence, explained, s
 from etcfit.diagnosis.findings import Share, Whiteness
 from etcfit.diagnosis.settings import DiagnosisSettings
 from etcfit.estimation.result import Termination
+from etcfit.problem import weights
 
 N = 6000
 SETTINGS = DiagnosisSettings()
@@ -191,8 +192,8 @@ def test_every_channel_of_every_trace_is_tested_where_it_was_logged(small: Candi
 
 
 def test_far_from_the_data_a_residual_is_judged_by_its_noise_not_by_its_weight(small: CandidateModel) -> None:
-    problem = small.problem.discounted(small.x)
-    far = replace(small, problem=problem, weighted=problem.weighted(problem.free_running()),
+    problem = weights.discounted(small.problem, small.x)
+    far = replace(small, problem=problem, weighted=problem.weighted(weights.free_running(problem)),
                   end=Termination(True, "far", far=True))  # fmt: skip
     assert far.chi2 < 0.5 * small.chi2
     assert [r.rms for r in evidence(far).rows] == pytest.approx([r.rms for r in evidence(small).rows])

@@ -17,8 +17,9 @@ from etcfit.diagnosis.missing_torque import Guided, guide_stiffness, guide_stiff
 from etcfit.diagnosis.settings import DiagnosisSettings
 from etcfit.estimation.result import Termination
 from etcfit.model.effects import PAPER
+from etcfit.problem import weights
 from etcfit.problem.free_parameters import free_parameters
-from etcfit.problem.input_signal import Drive
+from etcfit.problem.input_signal import InputSignal
 from etcfit.problem.problem import EstimationProblem
 from etcfit.problem.trace import Trace, prepare
 from etcfit.rig.base import Fixed
@@ -91,7 +92,7 @@ def measured(series: float) -> Trace:
     m = measurement("response", t, {"voltage": v, "current": x[:, 0] + OFFSET, "position": x[:, 1]})
     trace = prepare(m, CONFIG)
     assert trace is not None
-    exact = Drive(v, np.full(SAMPLES, 0.01), np.zeros(SAMPLES), np.zeros(SAMPLES - 1, dtype=bool))
+    exact = InputSignal(v, np.full(SAMPLES, 0.01), np.zeros(SAMPLES), np.zeros(SAMPLES - 1, dtype=bool))
     return replace(trace, drive=exact, start=replace(trace.start, state=at_rest))
 
 
@@ -112,7 +113,7 @@ def candidate(trace: Trace, series: float, preload: float) -> CandidateModel:
     known = free_parameters(config)
     problem = EstimationProblem.of(config, known, (trace,))
     x, end = known.layout.coordinates(bodies.NOMINAL), Termination(True, "by hand")
-    weighted, composition = problem.weighted(problem.free_running()), Composition(known, PAPER, ())
+    weighted, composition = problem.weighted(weights.free_running(problem)), Composition(known, PAPER, ())
     return CandidateModel(composition, (), problem, weighted, None, x, end, DiagnosisSettings())
 
 

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from numpy.testing import assert_allclose, assert_array_equal
+from numpy.testing import assert_allclose
 
 from etcfit.diagnosis import Diagnosis, DiagnosisSettings, diagnose
 from etcfit.diagnosis.choice import Choice, Outcome
@@ -20,7 +20,7 @@ from etcfit.diagnosis.masked_by_guide import hidden
 from etcfit.diagnosis.refit import start
 from etcfit.diagnosis.score import score
 from etcfit.diagnosis.trial import tried
-from etcfit.estimation.joint_fit import FitResult, fit, freed, quiet, resume, rounds
+from etcfit.estimation.joint_fit import FitResult, fit, freed, quiet, rounds
 from etcfit.estimation.levenberg_marquardt import _minimise
 from etcfit.problem.chi2 import _chi2_of, chi2_of
 from etcfit.problem.prediction_error import pooled
@@ -219,27 +219,7 @@ def test_going_from_one_candidate_to_the_next_compiles_nothing(clean: Case) -> N
     assert all(size == sizes[0] for size in sizes)
 
 
-# ---- a fit taken up again
-
-
-def test_a_fit_taken_up_where_it_ended_stays_there(clean: Case) -> None:
-    again = resume(clean.result.rig, clean.result.x, False)
-    assert again.converged, again.reason
-    assert not again.far
-    error = np.sqrt(np.diag(clean.result.covariance))
-    assert np.max(np.abs(again.x - clean.result.x) / error) < 0.3
-    assert {row.file for row in again.score_holdout} == {row.file for row in clean.result.score_holdout}
-    assert again.starts == ()
-
-
-def test_a_fit_far_from_the_data_is_taken_up_as_it_is(clean: Case) -> None:
-    """It was searched for at length; it is not searched for again."""
-    x = clean.result.x + 0.1
-    again = resume(clean.result.rig, x, True)
-    assert_array_equal(again.x, x)
-    assert again.far
-    assert again.chi2_per_dof > 10.0
-    assert any("far from the data" in warning for warning in again.warnings)
+# ---- rounds and searches
 
 
 def test_rounds_end_as_soon_as_nothing_moves_by_more_than_what_counts(clean: Case) -> None:

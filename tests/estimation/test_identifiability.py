@@ -14,6 +14,7 @@ from etcfit.model.parameters import Parameter, Positive
 from etcfit.problem.free_parameters import Layout, free_parameters
 from etcfit.problem.problem import EstimationProblem
 from etcfit.problem.trace import prepare
+from etcfit.problem.weights import free_running
 from etcfit.rig.base import Start
 from independent import CONSISTENT, NONE
 from independent import simulate as independent
@@ -103,7 +104,7 @@ def freed() -> tuple[Layout, np.ndarray, np.ndarray]:
     known = free_parameters(replace(CONFIG, parameters={"K_m": Start(0.0189)}))
     problem = EstimationProblem.of(CONFIG, known, tuple(t for t in traces if t))
     x = known.layout.coordinates({s: getattr(truth, s) for s in known.layout.free})
-    _, _, jacobian = problem.linearise(x, problem.weighted(problem.free_running()))
+    _, _, jacobian = problem.linearise(x, problem.weighted(free_running(problem)))
     flat = jacobian.reshape(-1, x.size)
     return known.layout, x, flat.T @ flat
 

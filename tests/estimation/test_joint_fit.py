@@ -28,6 +28,7 @@ from etcfit.estimation.result import Reason
 from etcfit.estimation.settings import FitSettings
 from etcfit.problem.free_parameters import free_parameters
 from etcfit.problem.problem import EstimationProblem
+from etcfit.problem.weights import forgiving
 from etcfit.rig.base import Fixed, Knowledge, Measurement, Prior, Rig, Start
 from etcfit.rig.paper_readings import read_graphs
 from etcfit.rig.reader import read_folder
@@ -353,7 +354,7 @@ def test_an_impact_that_a_late_sensor_shows_late_is_no_wall(tmp_path: Path) -> N
     known = free_parameters(rig.config)
     start = known.layout.coordinates(start_values(known, read_graphs(rig)))
     problem = EstimationProblem.of(rig.config, known, fitted).refined(start).with_integrator_states(start)
-    weighted = problem.weighted(problem.forgiving())
+    weighted = problem.weighted(forgiving(problem))
     plain, _ = descend(problem, start, weighted, 1e-2)
     near, _ = approach(problem, start, 1e-2)
     before, after = (problem.chi2(x, weighted) / weighted.samples for x in (plain, near))

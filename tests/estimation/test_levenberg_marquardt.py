@@ -12,6 +12,7 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
 from etcfit.estimation.levenberg_marquardt import descend, least_squares, local, minimise
+from etcfit.problem import weights
 from etcfit.problem.problem import EstimationProblem
 from etcfit.problem.residual import WeightedData
 from held_plate import OHM, SIGMA, VOLTS, current, held_plate, problem_of
@@ -59,14 +60,14 @@ def test_a_curved_valley_is_followed_to_its_end_unless_the_steps_run_out() -> No
 def held(tmp_path_factory: pytest.TempPathFactory) -> Held:
     """Nothing is believed of R_a beforehand."""
     problem = problem_of(held_plate(tmp_path_factory.mktemp("rig"), "1.6"))
-    return problem, problem.weighted(problem.free_running())
+    return problem, problem.weighted(weights.free_running(problem))
 
 
 @pytest.fixture(scope="module")
 def believed(tmp_path_factory: pytest.TempPathFactory) -> Held:
     """R_a is believed to be 1.6 +- 0.2 ohm."""
     problem = problem_of(held_plate(tmp_path_factory.mktemp("rig")))
-    return problem, problem.weighted(problem.free_running())
+    return problem, problem.weighted(weights.free_running(problem))
 
 
 def least_squares_ohm() -> float:

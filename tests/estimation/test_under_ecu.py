@@ -16,7 +16,7 @@ from etcfit.estimation.joint_fit import FitResult, fit, ready
 from etcfit.experiment.check import check
 from etcfit.model.ecu import Ecu
 from etcfit.model.effects import COMMANDING
-from etcfit.problem.batch import lay
+from etcfit.problem.batch import batch_of
 from etcfit.problem.free_parameters import free_parameters
 from etcfit.problem.trace import prepare
 from etcfit.rig import controlled
@@ -86,7 +86,7 @@ def test_an_ecu_that_no_trace_needs_is_named() -> None:
 def test_the_tape_carries_the_setpoint_as_late_as_it_acts() -> None:
     trace = prepare(logged(), CONFIG)
     assert trace is not None
-    command = lay([trace], CONFIG, [np.full(39, 2)]).steps.command
+    command = batch_of([trace], CONFIG, [np.full(39, 2)]).steps.command
     assert command is not None
     ends = 1e-3 * np.arange(79)
     wanted = 0.5 + np.maximum(ends - ECU.late - 0.01, 0.0)
@@ -102,7 +102,7 @@ def test_a_rig_without_an_ecu_has_nothing_of_it_on_its_tape_or_in_its_model() ->
     plain = replace(CONFIG, ecu=None, parameters={})
     trace = prepare(logged(voltage=np.full(40, 3.0)), plain)
     assert trace is not None
-    steps = lay([trace], plain, [np.ones(39, int)]).steps
+    steps = batch_of([trace], plain, [np.ones(39, int)]).steps
     assert steps.command is None
     assert steps.inputs(0.5).controlled is None
     assert not set(COMMANDING) & set(free_parameters(plain).layout.types)
@@ -110,14 +110,14 @@ def test_a_rig_without_an_ecu_has_nothing_of_it_on_its_tape_or_in_its_model() ->
 
 def test_another_voltage_in_the_integral_is_one_on_the_tape_of_this_trace_alone() -> None:
     traces = [prepare(logged(), CONFIG), prepare(logged(voltage=np.full(40, 3.0)), CONFIG)]
-    batch = lay([t for t in traces if t is not None], CONFIG, [np.ones(39, int)] * 2)
+    batch = batch_of([t for t in traces if t is not None], CONFIG, [np.ones(39, int)] * 2)
     held = batch.holding(np.array([1.5, 9.0]))
     (lane, row, marks), (other, begin, ends) = held.places
     for column in (held.steps.voltage0, held.steps.voltage1):
         assert_array_equal(column[row : marks[-1] + 1, lane], 1.5)
         assert_allclose(column[begin : ends[-1] + 1, other], 3.0, atol=1e-9)
-    assert held.traces[0].drive is not None
-    assert_array_equal(held.traces[0].drive.value, 1.5)
+    assert held.traces[0].input is not None
+    assert_array_equal(held.traces[0].input.value, 1.5)
 
 
 def test_gains_are_fixed_sought_or_believed_as_rig_toml_says() -> None:

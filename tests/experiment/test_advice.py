@@ -77,7 +77,7 @@ def test_every_plan_becomes_a_trace_of_its_test(name: str, setting: Setting) -> 
     trace = trace_of(plan, setting)
     assert trace.test.name == plan.test == name
     assert trace.channels
-    assert (trace.drive is None) == trace.test.boundary.terminals_open
+    assert (trace.input is None) == trace.test.boundary.terminals_open
     assert (trace.release is not None) == trace.test.boundary.released
 
 

@@ -26,7 +26,7 @@ class Laid:
     """Three traces of uneven steps on two lanes, the first lane shared by two, and room to spare at the end of both.
 
     Attributes:
-        steps, resets: the tape, entries of shape (ROWS, 2).
+        steps, resets: the batch, entries of shape (ROWS, 2).
         places: lane and rows of each trace.
     """
 
@@ -61,7 +61,7 @@ TRACES = range(len(LAID.places))
 
 
 def everywhere(function: Any) -> np.ndarray:
-    """A function of the time in each trace and of its number, along the tape; 99 where there is no trace."""
+    """A function of the time in each trace and of its number, along the batch; 99 where there is no trace."""
     out = np.full((ROWS, 2), 99.0)
     for k, (lane, rows) in enumerate(LAID.places):
         out[rows, lane] = function(LAID.clock(k), k)

@@ -1,4 +1,4 @@
-"""Traces on a tape: every sample once and at its place, lanes that never overlap, instants that substeps preserve."""
+"""Traces in a batch: every sample once and at its place, lanes that never overlap, instants that substeps preserve."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose, assert_array_equal
 
-from etcfit.problem.batch import KINDS, TraceBatch, _pack, lay
+from etcfit.problem.batch import KINDS, TraceBatch, _pack, batch_of
 from etcfit.problem.prediction_error import columns
 from etcfit.problem.trace import Trace, prepare
 from etcfit.rig.base import Measurement, RigConfig
@@ -46,7 +46,7 @@ def mixed() -> list[Trace]:
 def laid(traces: list[Trace], config: RigConfig = CONFIG, most: int = 4) -> tuple[TraceBatch, list[np.ndarray]]:
     rng = np.random.default_rng(7)
     substeps = [rng.integers(1, most + 1, t.instants.size - 1) for t in traces]
-    return lay(traces, config, substeps), substeps
+    return batch_of(traces, config, substeps), substeps
 
 
 @pytest.fixture(scope="module")
@@ -119,7 +119,7 @@ def test_a_gap_has_no_weight() -> None:
     assert batch.slots.weight.sum() == 18.0
 
 
-def test_columns_take_back_what_lay_put_there(batch: TraceBatch) -> None:
+def test_columns_take_back_what_the_batch_put_there(batch: TraceBatch) -> None:
     for t, part in zip(batch.traces, columns(batch, batch.slots.value), strict=True):
         assert_array_equal(part, t.data)
 
@@ -143,11 +143,11 @@ def test_each_interval_has_the_substeps_asked_for_and_a_release_one_more() -> No
         assert np.sum(np.diff(marks) - n) == (t.release is not None)
 
 
-def test_the_drive_is_linear_between_instants(batch: TraceBatch) -> None:
+def test_the_input_is_linear_between_instants(batch: TraceBatch) -> None:
     t = batch.traces[0]
-    assert t.drive is not None
+    assert t.input is not None
     lane, first, marks = batch.places[0]
-    assert_allclose(batch.steps.voltage1[marks, lane], t.drive.value, atol=1e-12)
+    assert_allclose(batch.steps.voltage1[marks, lane], t.input.value, atol=1e-12)
     inside = slice(first + 1, marks[-1] + 1)
     assert_array_equal(batch.steps.voltage0[inside, lane], batch.steps.voltage1[first : marks[-1], lane])
     bend = np.interp(np.arange(first, marks[-1] + 1), marks, batch.steps.voltage1[marks, lane])
@@ -217,16 +217,16 @@ def test_the_circuit_of_a_test_is_its_own() -> None:
 
 
 def test_the_input_error_has_the_stated_variance_and_memory_at_each_instant(batch: TraceBatch) -> None:
-    """e_k = keep e_(k-1) + w: where an error's size does not change, its variance stays that of the drive."""
+    """e_k = keep e_(k-1) + w: where an error's size does not change, its variance stays that of the input."""
     t, (lane, first, marks) = batch.traces[1], batch.places[1]
-    assert t.drive is not None
+    assert t.input is not None
     keep, fresh = batch.disturbance.keep[first:, lane], batch.disturbance.fresh[first:, lane]
     variance, out = 0.0, []
     for k in range(int(marks[-1] - first) + 1):
         variance = keep[k] ** 2 * variance + fresh[k]
         out.append(variance)
-    assert_allclose(out[1], t.drive.error[0] ** 2)
-    ratio = np.array(out)[marks[1:] - first] / t.drive.error[:-1] ** 2
+    assert_allclose(out[1], t.input.error[0] ** 2)
+    ratio = np.array(out)[marks[1:] - first] / t.input.error[:-1] ** 2
     assert np.all((ratio > 0.5) & (ratio < 2.0))
 
 

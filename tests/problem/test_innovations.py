@@ -17,16 +17,21 @@ from etcfit.model.effects import PAPER
 from etcfit.model.stepper import simulate
 from etcfit.model.throttle import Throttle
 from etcfit.problem.free_parameters import FreeParameters, free_parameters
-from etcfit.problem.input_signal import Drive
+from etcfit.problem.input_signal import InputSignal
 from etcfit.problem.prediction_error import columns
-from etcfit.problem.problem import EstimationProblem, _farthest
+from etcfit.problem.problem import EstimationProblem
 from etcfit.problem.trace import InitialState, Trace, prepare
+from etcfit.problem.weights import farthest, free_running
 from etcfit.rig.base import Fixed
 from measurements import CONFIG, N, measurement, noisy, released
 
 VALUES = bodies.values(B_L=1e-3)
 DT = 1e-3
-SHAPE = (1024, 60, 2)  # of every tape here, as of the largest, and room for SLIDING: the model is compiled once for all
+SHAPE = (
+    1024,
+    60,
+    2,
+)  # of every batch here, as of the largest, and room for SLIDING: the model is compiled once for all
 SLIDING = ("R_a", "L_a", "K_b", "J_L", "B_L", "T_f", "T_PL")  # free where the plate slides
 
 
@@ -37,8 +42,10 @@ def knowing(*free: str) -> FreeParameters:
     return replace(known, layout=replace(known.layout, room=len(SLIDING)))
 
 
-def bench_of(traces: Sequence[Trace], free: tuple[str, ...], substeps: int = 1) -> tuple[EstimationProblem, np.ndarray]:
-    """The bench and the coordinates of the truth."""
+def problem_of(
+    traces: Sequence[Trace], free: tuple[str, ...], substeps: int = 1
+) -> tuple[EstimationProblem, np.ndarray]:
+    """The problem and the coordinates of the truth."""
     known = knowing(*free)
     steps = [np.full(t.instants.size - 1, substeps) for t in traces]
     problem = EstimationProblem.of(CONFIG, known, tuple(traces), steps, SHAPE)
@@ -82,20 +89,20 @@ def held_trace(seed: int, memory: float, n: int = 250, sd: float = 0.02) -> Trac
     m = noisy(m, seed + 1000)
     trace = prepare(m, CONFIG)
     assert trace is not None
-    drive = Drive(volts_at(t), np.full(n, sd), np.full(n, memory), np.zeros(n - 1, dtype=bool))
-    return replace(trace, drive=drive, start=InitialState((first, 0.0, 0.0), (spread, 0.0, 0.0)))
+    signal = InputSignal(volts_at(t), np.full(n, sd), np.full(n, memory), np.zeros(n - 1, dtype=bool))
+    return replace(trace, input=signal, start=InitialState((first, 0.0, 0.0), (spread, 0.0, 0.0)))
 
 
 @pytest.fixture(scope="module", params=[0.0, 0.9], ids=["white input noise", "correlated input noise"])
 def many_held(request: pytest.FixtureRequest) -> tuple[EstimationProblem, np.ndarray]:
-    return bench_of([held_trace(seed, request.param) for seed in range(60)], ("R_a", "L_a"), substeps=4)
+    return problem_of([held_trace(seed, request.param) for seed in range(60)], ("R_a", "L_a"), substeps=4)
 
 
 def test_a_sample_is_forgiven_what_its_neighbours_are_away_from_it() -> None:
     """By hand; where nothing was logged nothing is."""
     data = np.array([0.0, 1.0, 3.0, np.nan, 7.0])[:, None]
-    assert_array_equal(_farthest(data, 1)[:, 0], [1.0, 2.0, 2.0, 0.0, 0.0])
-    assert_array_equal(_farthest(data, 2)[:, 0], [3.0, 2.0, 4.0, 0.0, 4.0])
+    assert_array_equal(farthest(data, 1)[:, 0], [1.0, 2.0, 2.0, 0.0, 0.0])
+    assert_array_equal(farthest(data, 2)[:, 0], [3.0, 2.0, 4.0, 0.0, 4.0])
 
 
 @pytest.mark.slow
@@ -116,7 +123,7 @@ def test_residuals_of_a_held_plate_are_standard_normal(many_held: tuple[Estimati
 def test_without_the_filter_they_are_not(many_held: tuple[EstimationProblem, np.ndarray]) -> None:
     """The same data, each sample by its own noise: the input's noise shows."""
     problem, x = many_held
-    r, _, _ = problem.linearise(x, problem.weighted(problem.free_running()))
+    r, _, _ = problem.linearise(x, problem.weighted(free_running(problem)))
     each = np.stack([part[:, 0] for part in columns(problem.batch, r)])
     assert np.mean(each**2) > 1.3
     assert np.mean([autocorrelation(row, 1)[0] for row in each]) > 0.1
@@ -145,7 +152,7 @@ def test_they_also_do_when_the_input_was_logged_with_noise_and_denoised() -> Non
     t = np.arange(250) * DT
     clean = measurement("resistance", t, {"voltage": volts_at(t), "current": held(volts_at(t), 0 * t[1:], 0.0)})
     traces = [prepare(noisy(clean, seed), CONFIG) for seed in range(60)]
-    problem, x = bench_of([trace for trace in traces if trace], ("R_a", "L_a"), substeps=4)
+    problem, x = problem_of([trace for trace in traces if trace], ("R_a", "L_a"), substeps=4)
     r, _, _ = problem.linearise(x, problem.weighted(problem.kalman(x)))
     each = np.stack([part[:, 0] for part in columns(problem.batch, r)])
     assert 0.85 < np.mean(each**2) < 1.2
@@ -189,9 +196,9 @@ def responses(trace: Trace, problem: EstimationProblem) -> tuple[np.ndarray, np.
 
 def dense(trace: Trace, problem: EstimationProblem) -> np.ndarray:
     """Sigma = sigma_y^2 I + S E S^T + s0 P0 s0^T of the samples that were logged."""
-    assert trace.drive is not None
+    assert trace.input is not None
     to_input, to_start = responses(trace, problem)
-    sd, log = trace.drive.error[:-1], np.cumsum(np.log(np.maximum(trace.drive.memory[:-1], 1e-300)))
+    sd, log = trace.input.error[:-1], np.cumsum(np.log(np.maximum(trace.input.memory[:-1], 1e-300)))
     stated = np.outer(sd, sd) * np.exp(-np.abs(log[:, None] - log[None, :]))
     start = np.diag(np.square(trace.start.sd))
     noise = np.diag(np.tile(np.square(trace.sigma), trace.instants.size))
@@ -210,19 +217,21 @@ def sliding(memory: float) -> Trace:
     assert trace is not None
     data = trace.data.copy()
     data[20:30, 1], data[::7, 0] = np.nan, np.nan
-    drive = Drive(values["voltage"], 0.05 * (1 + t / t[-1] * (memory == 0.0)), 0 * t + memory, np.zeros(n - 1, bool))
+    signal = InputSignal(
+        values["voltage"], 0.05 * (1 + t / t[-1] * (memory == 0.0)), 0 * t + memory, np.zeros(n - 1, bool)
+    )
     start = InitialState((1.2, 0.3, 4.0), (0.1, 2e-3, 0.2))
-    return replace(trace, drive=drive, start=start, data=data)
+    return replace(trace, input=signal, start=start, data=data)
 
 
 def assert_dense(problem: EstimationProblem, x: np.ndarray) -> None:
-    """Of the bench's last trace: J^T Sigma^-1 J, e^T Sigma^-1 e and log det Sigma, each to 1e-6."""
+    """Of the last trace: J^T Sigma^-1 J, e^T Sigma^-1 e and log det Sigma, each to 1e-6."""
     trace, (lane, _, marks) = problem.batch.traces[-1], problem.batch.places[-1]
     sigma = np.linalg.inv(dense(trace, problem))
     seen = np.isfinite(trace.data).ravel()
     channels = slice(0, len(trace.channels))
 
-    plain_r, _, plain_j = problem.linearise(x, problem.weighted(problem.free_running()))
+    plain_r, _, plain_j = problem.linearise(x, problem.weighted(free_running(problem)))
     scale = np.tile(trace.sigma, trace.instants.size)[seen]
     error = plain_r[marks, lane, channels].ravel()[seen] * scale
     slope = plain_j[marks, lane, channels].reshape(-1, x.size)[seen] * scale[:, None]
@@ -247,7 +256,7 @@ def test_the_filter_is_dense_generalised_least_squares_on_a_held_plate(
 def after_another(memory: float) -> tuple[EstimationProblem, np.ndarray]:
     """A sliding plate, second in its lane: it must know nothing of the trace before."""
     others = held_trace(7, 0.5, n=130), held_trace(8, 0.5, n=60)
-    problem, x = bench_of([*others, sliding(memory)], SLIDING, substeps=2)
+    problem, x = problem_of([*others, sliding(memory)], SLIDING, substeps=2)
     _, (before, _, _), (lane, _, _) = problem.batch.places
     assert before == lane
     return problem, x
@@ -293,8 +302,8 @@ def stepped(seed: int, rise: float = 2.0) -> Trace:
 def test_a_jump_at_an_unknown_instant_is_neither_believed_nor_thrown_away() -> None:
     """The first sample after it scatters by 0.3 A, forty times its noise; whitened it is standard, in mean and square,
     and so are all samples after it. 360 jumps: a mean is known to 0.05, a mean square to 0.08."""
-    problem, x = bench_of([stepped(seed) for seed in range(60)], ("R_a", "L_a"), substeps=4)
-    free, _, _ = problem.linearise(x, problem.weighted(problem.free_running()))
+    problem, x = problem_of([stepped(seed) for seed in range(60)], ("R_a", "L_a"), substeps=4)
+    free, _, _ = problem.linearise(x, problem.weighted(free_running(problem)))
     r, _, _ = problem.linearise(x, problem.weighted(problem.kalman(x)))
     raw, each = (np.stack([part[:, 0] for part in columns(problem.batch, a)]) for a in (free, r))
     sign = (-1.0) ** np.arange(BEFORE.size)
@@ -318,7 +327,7 @@ def releases() -> tuple[EstimationProblem, np.ndarray, np.ndarray]:
         assert trace is not None
         traces.append(trace.released_at(0.05, 5e-4))
         hits.append(np.flatnonzero((motion.speed[1:] == 0.0) & (motion.speed[:-1] < -1.0))[0] + 1)
-    problem, x = bench_of(traces, ("K_b", "B_L", "T_PL"))
+    problem, x = problem_of(traces, ("K_b", "B_L", "T_PL"))
     return problem, x, np.array(hits)
 
 
@@ -326,7 +335,7 @@ def releases() -> tuple[EstimationProblem, np.ndarray, np.ndarray]:
 def test_a_release_at_an_instant_not_known_exactly(releases: tuple[EstimationProblem, np.ndarray, np.ndarray]) -> None:
     """At first the EMF is wrong by several times its noise; whitened nothing of it is left until the impact."""
     problem, x, hits = releases
-    free, _, _ = problem.linearise(x, problem.weighted(problem.free_running()))
+    free, _, _ = problem.linearise(x, problem.weighted(free_running(problem)))
     r, _, _ = problem.linearise(x, problem.weighted(problem.kalman(x)))
     falls = slice(0, int(hits.min()) - 10)
     raw, each = (np.concatenate([part[falls] for part in columns(problem.batch, a)]) for a in (free, r))
@@ -348,7 +357,7 @@ def test_an_impact_does_not_steer_the_fit(
         parts = zip(columns(problem.batch, r), around, strict=True)
         return float(np.max([np.abs(part[rows, 0]) for part, rows in parts]))
 
-    free, _, _ = problem.linearise(there, problem.weighted(problem.free_running()))
+    free, _, _ = problem.linearise(there, problem.weighted(free_running(problem)))
     r, _, _ = problem.linearise(there, problem.weighted(problem.kalman(x)))
     assert worst(free) > 300.0
     assert worst(r) < 5.0

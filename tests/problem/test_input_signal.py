@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
-from etcfit.problem.input_signal import Drive, denoise, drive_of
+from etcfit.problem.input_signal import InputSignal, denoise, input_of
 from etcfit.rig.base import Channel, Measurement, RigConfig
 
 SIGMA = 0.01
@@ -52,8 +52,8 @@ def staircase(levels: list[float], each: int = 80) -> np.ndarray:
 
 @pytest.mark.parametrize("seed", range(10))
 def test_edges_are_found_where_they_are_and_only_there(seed: int) -> None:
-    drive = denoise(logged(staircase([0.0, 2.0, 1.7, 4.0, 1.9]), seed), SIGMA)
-    assert_array_equal(np.flatnonzero(drive.edge), [79, 159, 239, 319])
+    signal = denoise(logged(staircase([0.0, 2.0, 1.7, 4.0, 1.9]), seed), SIGMA)
+    assert_array_equal(np.flatnonzero(signal.edge), [79, 159, 239, 319])
 
 
 @every_signal
@@ -66,8 +66,8 @@ def test_a_level_reached_between_samples_is_one_edge_each_side() -> None:
     """An amplifier takes 1.5 samples for a jump: both intervals are uncertain."""
     value = staircase([1.0, 4.0])
     value[80] = 2.4
-    drive = denoise(logged(value, 0), SIGMA)
-    assert_array_equal(np.flatnonzero(drive.edge), [79, 80])
+    signal = denoise(logged(value, 0), SIGMA)
+    assert_array_equal(np.flatnonzero(signal.edge), [79, 80])
 
 
 def test_nothing_is_averaged_across_an_edge() -> None:
@@ -86,48 +86,48 @@ def test_a_level_between_edges_is_averaged_over_its_whole_length(each: int) -> N
 @pytest.mark.parametrize("n", [1, 2, 3, 4, 5, 9])
 def test_short_logs_are_taken_as_they_are(n: int) -> None:
     value = logged(np.linspace(0.0, 3.0, n), 0)
-    drive = denoise(value, SIGMA)
-    assert drive.value.shape == drive.error.shape == drive.memory.shape == (n,)
-    assert drive.edge.shape == (n - 1,)
-    assert np.all(drive.error > 0.0)
-    assert np.all(np.abs(drive.value - value) < 6.0 * SIGMA)
+    signal = denoise(value, SIGMA)
+    assert signal.value.shape == signal.error.shape == signal.memory.shape == (n,)
+    assert signal.edge.shape == (n - 1,)
+    assert np.all(signal.error > 0.0)
+    assert np.all(np.abs(signal.value - value) < 6.0 * SIGMA)
 
 
 # ---- honesty
 
 
-def errors(name: str) -> tuple[np.ndarray, list[Drive]]:
+def errors(name: str) -> tuple[np.ndarray, list[InputSignal]]:
     """Actual errors (seeds, n) and what was stated."""
     true = SIGNALS[name]
-    drives = [denoise(logged(true, seed), SIGMA) for seed in range(SEEDS[name])]
-    return np.stack([drive.value - true for drive in drives]), drives
+    signals = [denoise(logged(true, seed), SIGMA) for seed in range(SEEDS[name])]
+    return np.stack([signal.value - true for signal in signals]), signals
 
 
-def block_variance(drive: Drive) -> float:
+def block_variance(signal: InputSignal) -> float:
     """Mean variance of the sum over a block of the stated errors: cov_jk = s_j s_k prod of memories between."""
     total = 0.0
-    for start in range(0, drive.value.size, BLOCK):
+    for start in range(0, signal.value.size, BLOCK):
         part = slice(start, start + BLOCK)
-        decay = np.concatenate(([0.0], np.cumsum(np.log(np.maximum(drive.memory[part][1:], 1e-300)))))
+        decay = np.concatenate(([0.0], np.cumsum(np.log(np.maximum(signal.memory[part][1:], 1e-300)))))
         correlation = np.exp(-np.abs(decay[:, None] - decay[None, :]))
-        total += float(drive.error[part] @ correlation @ drive.error[part])
-    return total * BLOCK / drive.value.size
+        total += float(signal.error[part] @ correlation @ signal.error[part])
+    return total * BLOCK / signal.value.size
 
 
 @pytest.mark.parametrize("name", SIGNALS)
 def test_the_stated_error_is_the_actual_one(name: str) -> None:
     """Variance over many seeds: bias, and what the choice of windows adds, included."""
-    actual, drives = errors(name)
-    ratio = np.mean(actual**2) / np.mean([drive.error**2 for drive in drives])
+    actual, signals = errors(name)
+    ratio = np.mean(actual**2) / np.mean([signal.error**2 for signal in signals])
     assert 0.6 <= ratio <= 1.6
 
 
 @pytest.mark.parametrize("name", SIGNALS)
 def test_the_stated_memory_is_the_actual_one(name: str) -> None:
     """The plate feels 100-sample sums of the error (its time constants), not single samples."""
-    actual, drives = errors(name)
-    sums = actual.reshape(len(drives), -1, BLOCK).sum(axis=2)
-    ratio = np.mean(sums**2) / np.mean([block_variance(drive) for drive in drives])
+    actual, signals = errors(name)
+    sums = actual.reshape(len(signals), -1, BLOCK).sum(axis=2)
+    ratio = np.mean(sums**2) / np.mean([block_variance(signal) for signal in signals])
     assert 0.6 <= ratio <= 1.6
 
 
@@ -145,7 +145,7 @@ def test_a_noise_free_log_comes_back() -> None:
         assert np.max(np.abs(denoise(true, 1e-6).value - true)) < 3e-5
 
 
-# ---- from the log to the drive
+# ---- from the log to the input
 
 
 def measurement(**channels: np.ndarray) -> Measurement:
@@ -159,31 +159,31 @@ CONFIG = RigConfig("bench", supply_V=12.0)
 
 def test_voltage_comes_before_torque_and_duty() -> None:
     m = measurement(voltage=np.full(50, 3.0), duty=np.full(50, 0.5))
-    drive = drive_of(m, CONFIG, m.time)
-    assert drive is not None
-    assert_allclose(drive.value, 3.0)
-    assert not drive.held
+    signal = input_of(m, CONFIG, m.time)
+    assert signal is not None
+    assert_allclose(signal.value, 3.0)
+    assert not signal.held
 
 
 def test_a_duty_is_held_from_sample_to_sample_and_multiplies_the_supply() -> None:
     duty, supply = np.repeat([0.2, 0.5], 25), np.full(50, 13.5)
     for m, level in ((measurement(duty=duty, supply=supply), 13.5), (measurement(duty=duty), 12.0)):
-        drive = drive_of(m, CONFIG, m.time)
-        assert drive is not None
-        assert drive.held
-        assert_allclose(drive.value, duty * level)
-        assert not drive.edge.any()  # the ECU's own instants are logged
+        signal = input_of(m, CONFIG, m.time)
+        assert signal is not None
+        assert signal.held
+        assert_allclose(signal.value, duty * level)
+        assert not signal.edge.any()  # the ECU's own instants are logged
 
 
 def test_a_duty_on_a_time_base_of_its_own_is_the_latest_one() -> None:
     slow = Channel(np.array([0.0, 0.01, 0.02]), np.array([0.1, 0.2, 0.3]), SIGMA, False, "duty", "", 1.0)
     m = Measurement("response/a.csv", "response", np.arange(30) / RATE, {"duty": slow})
-    drive = drive_of(m, CONFIG, m.time)
-    assert drive is not None
-    assert_allclose(drive.value, 12.0 * np.repeat([0.1, 0.2, 0.3], 10))
+    signal = input_of(m, CONFIG, m.time)
+    assert signal is not None
+    assert_allclose(signal.value, 12.0 * np.repeat([0.1, 0.2, 0.3], 10))
 
 
-def test_without_an_input_there_is_no_drive() -> None:
+def test_without_an_input_there_is_no_signal() -> None:
     m = measurement(position=np.zeros(50))
-    assert drive_of(m, CONFIG, m.time) is None
-    assert drive_of(measurement(duty=np.zeros(50)), RigConfig("bench"), m.time) is None
+    assert input_of(m, CONFIG, m.time) is None
+    assert input_of(measurement(duty=np.zeros(50)), RigConfig("bench"), m.time) is None

@@ -123,7 +123,7 @@ def test_open_terminals_show_the_emf() -> None:
     m = measurement("back_emf", motion.time, {"voltage": N * 0.0189 * motion.speed, "position": motion.angle})
     trace = ready(m)
     assert trace.channels[0] == "emf"
-    assert trace.drive is None
+    assert trace.input is None
     assert not trace.circuit
     assert_array_equal(trace.data[:, 0], m.channels["voltage"].value)
 

@@ -27,7 +27,7 @@ def test_the_models_line_has_the_models_slope(fitted: FitResult) -> None:
     """Currents of a winding of twice the resistance, put through the resistance test's reading."""
     test, config = TEST_BY_NAME["resistance"], fitted.rig.config
     traces = [t for t in all_traces(fitted) if t.test.name == "resistance"]
-    predicted = {t.measurement.file: t.drive.value[:, None] / 3.0 for t in traces if t.drive is not None}
+    predicted = {t.measurement.file: t.input.value[:, None] / 3.0 for t in traces if t.input is not None}
     (graph,) = graphs.read_model(test, traces, predicted, config, known(config, fitted.readings.values))
     slope = np.ptp(graph.line_y) / np.ptp(graph.line_x)
     assert slope == pytest.approx(1.0 / 3.0, rel=1e-3)

@@ -20,6 +20,7 @@ from etcfit.diagnosis.findings import Diagnosis
 from etcfit.errors import UsageError
 from etcfit.estimation.intervals import intervals
 from etcfit.estimation.result import FitResult
+from etcfit.problem import weights
 from etcfit.reporting.page import write_page
 from etcfit.run_folder import (
     MANIFEST,
@@ -69,7 +70,7 @@ def test_a_fit_that_did_not_converge_far_from_its_data_stays_one(fit: FitResult,
 
 def test_weights_jitter_and_standard_errors_are_those_of_the_fit(fit: FitResult, run: Path) -> None:
     problem = replace(fit.problem, jitter=0.07, sigma=1.3 * fit.problem.sigma, guide_stiffness=0.0)
-    save_fit(run, replace(fit, problem=problem, weighted=problem.weighted(problem.forgiving(0.004))))
+    save_fit(run, replace(fit, problem=problem, weighted=problem.weighted(weights.forgiving(problem, 0.004))))
     again = load_fit(run)
     assert again.problem.jitter == 0.07
     np.testing.assert_array_equal(again.problem.sigma, 1.3 * fit.problem.sigma)

@@ -49,7 +49,7 @@ def _overlays(d: Diagnosis) -> Iterator[Job]:
     """Held-out traces, then the driven ones of those fitted that the first model predicts worst."""
     every = all_traces(d.before)
     shown = [t for t in every if t.measurement.held_out]
-    driven = [t for t in every if not t.measurement.held_out and t.drive and not t.test.boundary.plate_held]
+    driven = [t for t in every if not t.measurement.held_out and t.input and not t.test.boundary.plate_held]
     driven.sort(key=lambda trace: -_worst(d, trace))
     for trace in (*shown, *driven[:_FITTED]):
         yield Path("traces") / file_name(trace), partial(_draw_overlay, d, trace)

@@ -179,7 +179,7 @@ def test_only_a_loaded_effect_depends_on_what_the_gear_carries(effect: type[Abst
 
 @every_effect
 def test_only_an_effect_that_delays_shifts_in_time(effect: type[AbstractEffect]) -> None:
-    """And by a constant: a delay that depended on the state could not be taken out of the tape."""
+    """And by a constant: a delay that depended on the state could not be taken out of the batch."""
     late = [v for name, v in seen(effect, rows(effect)).items() if name.endswith("_delay")]
     assert any(np.any(v != 0.0) for v in late) == effect.delays
     assert all(np.ptp(v) == 0.0 and np.all(v >= 0.0) for v in late)

@@ -101,7 +101,7 @@ def test_at_its_limit_the_integral_stands_still_unless_the_error_leads_back() ->
     assert back.dz[0] == pytest.approx(-40.0 * 0.1)
 
 
-def test_what_the_integral_held_at_first_is_the_voltage_on_the_tape() -> None:
+def test_what_the_integral_held_at_first_is_the_voltage_in_the_batch() -> None:
     """So that an error of it is one of the input, which the whitening knows; it is not counted twice."""
     held = rates(controller(), 0.9, (0.0, 0.0, 0.0), voltage=2.0)
     plain = rates(controller(), 0.9, (0.0, 0.0, 0.0))

@@ -1,0 +1,284 @@
+"""How far a simulation may be off at each sample: the model's error as a linear Gaussian process along its path.
+
+The logged input is noisy, edges of it and the release of the plate come at instants nobody logged, and the initial
+state is not known exactly. All of these act through the model's own dynamics. With the model linearised along its path
+
+    dx_k = A_k dx_{k-1} + w_k,    w_k ~ N(0, Q_k),        y_k - y_hat_k = C_k dx_k + n_k,    n_k ~ N(0, R_k)
+
+An impact is clipped at the end of a step: what its instant is uncertain by enters Q and R there, so that the few
+samples around an impact do not steer the fit.
+
+Source: Anderson and Moore 1979, Optimal filtering, ch. 8 (linearisation along a path). Differs from source: the input's
+error is a state of its own, and instants that nobody logged add to Q.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+from ..model.effects import AbstractEffect, State
+from ..model.parameters import AnyArray, Scalar
+from ..model.stepper import Reset, StatePath, Step, step
+from ..model.throttle import Throttle, followed
+from .batch import BatchArrays, Disturbance, SampleSlots
+
+_SHARES, _WEIGHTS = (0.5 - 0.15**0.5, 0.5, 0.5 + 0.15**0.5), (5 / 18, 8 / 18, 5 / 18)  # Gauss-Legendre on [0, 1]
+ORDER = 4  # error states: current, angle, speed, and the input's error; before it memories that are followed
+_AROUND = 5  # samples either side of an impact that are discounted
+
+
+class ErrorProcess(NamedTuple):
+    """The error of a simulation as a linear Gaussian process of n states (current, angle, speed, followed memories,
+    input error), SI.
+
+    Args:
+        transition: A, shape (T, L, n, n); 0 at the first entry of a trace.
+        noise: Q, shape (T, L, n, n); at the first entry of a trace the covariance of its initial state.
+        sense: C, shape (T, L, M, n).
+        variance: R without jitter, shape (T, L, M).
+        timing: what a jitter of 1 would add to R, shape (T, L, M).
+    """
+
+    transition: Float[Array, "T L n n"]
+    noise: Float[AnyArray, "T L n n"]
+    sense: Float[Array, "T L M n"]
+    variance: Float[AnyArray, "T L M"]
+    timing: Float[Array, "T L M"]
+
+    def sample_variance(self, jitter: Scalar) -> Float[AnyArray, "T L M"]:
+        """R, shape (T, L, M), where sampling instants scatter by `jitter` times the time between samples."""
+        return self.variance + jitter**2 * self.timing
+
+
+class _Along(NamedTuple):
+    """A model along its path: state and memories before and after each step, the steps, and what is uncertain."""
+
+    throttle: Throttle
+    before: StatePath
+    after: StatePath
+    steps: Step
+    disturbance: Disturbance
+
+
+def order_of(effects: Sequence[type[AbstractEffect]]) -> int:
+    """Number n of error states of a model with these effects."""
+    return ORDER + len(followed(effects))
+
+
+def error_process(throttle: Throttle, path: StatePath, batch: BatchArrays) -> ErrorProcess:
+    """Linearise a model along its path.
+
+    Args:
+        throttle: the model at the parameters to linearise about.
+        path: its states and memories at the end of each step, shape (T, L) each.
+        batch: with its circuits and guide, see `residual.run`.
+    """
+    steps, resets, slots, disturbance, _ = batch
+    before = before_steps(throttle, path, resets)
+    inner, push = _linearise(throttle, before, steps)
+    sense = slot_senses(throttle, path, steps, slots)
+    transition, noise = _process(inner, push, disturbance)
+    blind = jnp.zeros((*sense.shape[:-1], noise.shape[-1] - ORDER))  # no sensor reads a memory
+    sense = jnp.concatenate((sense, blind), axis=-1) if blind.size else sense
+    lost = impact_nearby(before[0], path[0], steps, slots)
+    along = _Along(throttle, before, path, steps, disturbance)
+    noise += _events(along, lost, noise.shape[-1])
+    noise += _edge_covariance(along, noise.shape[-1])
+    begins = resets.begins[..., None, None] > 0.5
+    transition = jnp.where(begins, 0.0, transition)
+    noise = jnp.where(begins, _start_covariance(disturbance, noise.shape[-1]), noise)
+    timing = _timing_variance(before[0], path[0], steps, disturbance, sense)
+    variance = slots.sigma**2 + _impact_variance(lost, disturbance, sense)
+    return ErrorProcess(transition, noise, sense, variance, timing)
+
+
+def free_run_variance(throttle: Throttle, path: StatePath, batch: BatchArrays, jitter: Scalar) -> Float[Array, "T L M"]:
+    """Variance of measured - simulated where the simulation runs free, C P C^T + R, SI, shape (T, L, M):
+
+        P_k = A_k P_{k-1} A_k^T + Q_k
+
+    It grows along a trace, for no sample corrects it; the filter's covariance (`innovations.kalman`) does not.
+
+    Args:
+        throttle, path, batch: as in `error_process`.
+        jitter: standard deviation of the sampling instants, as a share of the time between samples.
+    """
+    process = error_process(throttle, path, batch)
+
+    def advance(covariance: Any, entry: Any) -> Any:
+        a, q, c = entry
+        covariance = jnp.einsum("lpq,lqs,lts->lpt", a, covariance, a) + q
+        return covariance, jnp.einsum("lmp,lpq,lmq->lm", c, covariance, c)
+
+    start = jnp.zeros_like(process.noise[0])
+    spread = jax.lax.scan(advance, start, (process.transition, process.noise, process.sense))[1]
+    return spread + process.variance + jitter**2 * process.timing
+
+
+def before_steps(throttle: Throttle, path: StatePath, resets: Reset) -> StatePath:
+    """State at the begin of every step."""
+
+    def shift(column: Float[Array, "T L"], first: Scalar) -> Float[Array, "T L"]:
+        late = jnp.concatenate((jnp.zeros_like(column[:1]), column[:-1]))
+        return jnp.where(resets.begins > 0.5, first, late)
+
+    x, z = path
+    state = State(shift(x.i, resets.i), shift(x.theta, resets.theta), shift(x.omega, resets.omega))
+    return state, tuple(shift(c, first) for c, first in zip(z, throttle.z0, strict=True))
+
+
+def _linearise(
+    throttle: Throttle, before: StatePath, steps: Step
+) -> tuple[Float[Array, "T L m m"], Float[Array, "T L m"]]:
+    """Sensitivity of each step's end to its begin, (T, L, n - 1, n - 1), and to a shift of its input, (T, L, n - 1).
+
+    Memories of effects are taken as they are along the path, since what noise does through them is small beside what
+    it does to the state itself; those of an ECU are not, and belong to what is disturbed.
+    """
+    memories = followed(throttle.effects)
+
+    def end(vector: Any, z: Any, shift: Any, s: Step) -> Any:
+        known = {k: vector[3 + n] for n, k in enumerate(memories)}
+        z = tuple(known.get(k, each) for k, each in enumerate(z))
+        pushed = s._replace(
+            voltage0=s.voltage0 + s.circuit * shift,
+            voltage1=s.voltage1 + s.circuit * shift,
+            torque0=s.torque0 + (1.0 - s.circuit) * shift,
+            torque1=s.torque1 + (1.0 - s.circuit) * shift,
+        )
+        x, z = step(throttle, State(*vector[:3]), z, pushed)
+        return jnp.stack((*x, *(z[k] for k in memories)))
+
+    x, z = before
+    x = (*x, *(z[k] for k in memories))
+    both = jax.vmap(jax.vmap(jax.jacfwd(end, argnums=(0, 2)), in_axes=(0, 0, None, 0)), in_axes=(0, 0, None, 0))
+    return both(jnp.stack(x, axis=-1), z, 0.0, steps)
+
+
+def slot_senses(throttle: Throttle, path: StatePath, steps: Step, slots: SampleSlots) -> Float[Array, "T L M 4"]:
+    """C, shape (T, L, M, n): the slots' sensitivity to current, angle and speed."""
+    lanes = slots.kind.shape
+    speed = throttle.observe(State(0.0, 0.0, 1.0), throttle.z0, steps.inputs(1.0))
+    zero = jnp.zeros(lanes)
+    emf = jnp.broadcast_to(jnp.asarray(speed["emf"])[..., None], lanes)
+    motor = jnp.broadcast_to(jnp.asarray(speed["motor_speed"])[..., None], lanes)
+    columns = [
+        jnp.where(slots.kind == 0, 1.0, 0.0),
+        jnp.where(slots.kind == 1, 1.0, 0.0),
+        jnp.where(slots.kind == 2, emf, jnp.where(slots.kind == 3, motor, 0.0)),
+    ]
+    return jnp.stack([*columns, zero], axis=-1)
+
+
+def impact_nearby(before: State, after: State, steps: Step, slots: SampleSlots) -> Float[Array, "T L"]:
+    """Speed lost in an impact within some samples of each step, rad/s; 0 elsewhere.
+
+    While the parameters move, the simulated impact moves by some samples; were only the step of the impact discounted,
+    a frozen weight would meet a jump in full.
+    """
+    stopped = (after.omega == 0.0) & (before.omega != 0.0) & (steps.mobile > 0.5) & (steps.plate > 0.5)
+    on_stop = (after.theta <= steps.lower) | (after.theta >= steps.upper)
+    lost = jnp.where(stopped & on_stop, jnp.abs(before.omega), 0.0)
+    here = jnp.cumsum(jnp.any(slots.weight > 0.0, axis=-1), axis=0)  # samples so far
+    last = lost.shape[0] - 1
+    rows = jnp.broadcast_to(jnp.arange(last + 1)[:, None], lost.shape)
+    earlier = jax.lax.cummax(jnp.where(lost > 0.0, rows, 0))
+    later = jax.lax.cummin(jnp.where(lost > 0.0, rows, last), reverse=True)
+    found = []
+    for row in (earlier, later):
+        near = jnp.abs(jnp.take_along_axis(here, row, axis=0) - here) <= _AROUND
+        found.append(jnp.where(near, jnp.take_along_axis(lost, row, axis=0), 0.0))
+    return jnp.maximum(*found)
+
+
+def _outer(vector: Float[Array, "T L n"]) -> Float[Array, "T L n n"]:
+    return vector[..., :, None] * vector[..., None, :]
+
+
+def _process(
+    inner: Float[Array, "T L m m"], push: Float[Array, "T L m"], disturbance: Disturbance
+) -> tuple[Float[Array, "T L n n"], Float[AnyArray, "T L n n"]]:
+    """A and Q with the input's error e as the last state: e_k = keep e_{k-1} + w, and e_k acts through `push`."""
+    carried = (push * disturbance.keep[..., None])[..., None]
+    below = jnp.concatenate((jnp.zeros_like(push), disturbance.keep[..., None]), axis=-1)[..., None, :]
+    transition = jnp.concatenate((jnp.concatenate((inner, carried), axis=-1), below), axis=-2)
+    enters = jnp.concatenate((push, jnp.ones_like(push[..., :1])), axis=-1)
+    return transition, disturbance.fresh[..., None, None] * _outer(enters)
+
+
+def _events(along: _Along, lost: Float[Array, "T L"], order: int) -> Float[Array, "T L {order} {order}"]:
+    """Q of a release and of an impact whose instants are not known exactly, shape (T, L, n, n)."""
+    throttle, (early, _), (late, _), steps, disturbance = along
+    acceleration = jnp.where(steps.dt > 0.0, (late.omega - early.omega) / jnp.where(steps.dt > 0.0, steps.dt, 1.0), 0.0)
+    release = disturbance.release * acceleration**2
+    inputs, z0 = steps.inputs(1.0), throttle.z0
+    emf = throttle.observe(State(0.0, 0.0, 1.0), z0, inputs)["emf"] * lost
+    still, flowing = (throttle(State(i, 0.0, 0.0), z0, inputs) for i in (0.0, 1.0))
+    resistance = jnp.maximum(still.voltage - flowing.voltage, 1e-12)
+    rise = jnp.minimum(steps.dt / still.inductance, 1.0 / resistance)
+    impact = steps.circuit * (emf * rise) ** 2
+    zero = jnp.zeros_like(release)
+    return jax.vmap(jax.vmap(jnp.diag))(jnp.stack((impact, zero, release, *[zero] * (order - 3)), axis=-1))
+
+
+def _edge_covariance(along: _Along, order: int) -> Float[Array, "T L {order} {order}"]:
+    """Q of a jump of the input somewhere within an interval, shape (T, L, n, n), at the interval's last step:
+
+        E[(x(s) - x) (x(s) - x)^T],    s uniform in [0, 1], by three-point Gauss-Legendre quadrature
+
+    where x is the path, for which the input rises linearly, which is its mean over s, and x(s) is reached when it jumps
+    at the share s of the interval.
+    """
+    throttle, before, path, steps, disturbance = along
+    rows = jnp.arange(steps.dt.shape[0])[:, None] - jnp.maximum(disturbance.edge - 1.0, 0.0).astype(int)
+    x_began, z_began = jax.tree.map(lambda column: jnp.take_along_axis(column, rows, axis=0), before)
+
+    def hold(x: State, z: tuple[Any, ...], s: Step, level: Any, span: Any) -> tuple[State, tuple[Any, ...]]:
+        electric = s.circuit * level
+        half = s._replace(dt=0.5 * span, voltage0=electric, voltage1=electric, torque0=level - electric)
+        half = half._replace(torque1=half.torque0)
+        return step(throttle, *step(throttle, x, z, half), half)
+
+    def missed(share: Any, x: State, z: tuple[Any, ...], s: Step, d: Disturbance, end: Any) -> Any:
+        x, z = hold(x, z, s, d.edge_from, share * d.edge_span)
+        x, z = hold(x, z, s, d.edge_to, (1.0 - share) * d.edge_span)
+        return jnp.stack(x) - jnp.stack(end)
+
+    # mapped over the shares rather than looped over them: one copy of the model to compile, not three
+    entry = jax.vmap(missed, in_axes=(0, None, None, None, None, None))
+    each = jax.vmap(jax.vmap(entry, in_axes=(None, 0, 0, 0, 0, 0)), in_axes=(None, 0, 0, 0, 0, 0))
+    vector = each(jnp.array(_SHARES), x_began, z_began, steps, disturbance, path[0])
+    vector = jnp.where(disturbance.edge[..., None, None] > 0.0, vector, 0.0)
+    moment = jnp.einsum("k,tlkp,tlkq->tlpq", jnp.array(_WEIGHTS), vector, vector)
+    rest = order - 3  # the input's own error knows nothing of its edges, and no ECU sees them
+    return jnp.pad(moment, ((0, 0), (0, 0), (0, rest), (0, rest)))
+
+
+def _impact_variance(
+    lost: Float[Array, "T L"], disturbance: Disturbance, sense: Float[Array, "T L M n"]
+) -> Float[Array, "T L M"]:
+    """Extra variance of the samples at an impact, shape (T, L, M): a speed jumps, an angle bends."""
+    bend = _AROUND * (lost * disturbance.spacing)[..., None]
+    return (sense[..., 2] * lost[..., None]) ** 2 + (sense[..., 1] * bend) ** 2
+
+
+def _timing_variance(
+    before: State, after: State, steps: Step, disturbance: Disturbance, sense: Float[Array, "T L M n"]
+) -> Float[Array, "T L M"]:
+    """(dy/dt times the time between samples)^2, shape (T, L, M): what a clock that jitters does to each sample."""
+    span = jnp.where(steps.dt > 0.0, steps.dt, 1.0)
+    rate = jnp.stack([(late - early) / span for early, late in zip(before, after, strict=True)])
+    seen = jnp.einsum("tlmn,ntl->tlm", sense[..., :3], rate)
+    return (seen * disturbance.spacing[..., None]) ** 2
+
+
+def _start_covariance(disturbance: Disturbance, order: int) -> Float[Array, "T L {order} {order}"]:
+    """P at the first instant, shape (T, L, n, n)."""
+    zero = jnp.zeros_like(disturbance.start_i)
+    known = (disturbance.start_i, disturbance.start_theta, disturbance.start_omega)
+    return jax.vmap(jax.vmap(jnp.diag))(jnp.stack((*known, *[zero] * (order - 3)), axis=-1))

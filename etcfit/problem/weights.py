@@ -1,0 +1,116 @@
+"""How much each sample of a problem counts: filters that know no dynamics, and noise that is not as declared.
+
+`free_running` and `forgiving` make filters for `EstimationProblem.weighted` where the Kalman filter would mislead: far
+from the data, what the model lacks is larger than all that the filter knows of. `timed`, `outliers_weighed` and
+`discounted` give problems whose noise is what the residuals show.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+from jaxtyping import Float
+from scipy.ndimage import maximum_filter1d, minimum_filter1d
+
+from .innovations import InnovationsFilter, plain
+from .prediction_error import columns
+from .problem import EstimationProblem
+from .process_noise import order_of
+
+_TELLING = 1e4  # sum of q^2 below which nothing is said about the clock
+_MOST_JITTER = 0.3
+_OUTLIER = 5.0  # robust standard deviations beyond which a sample is weighed down
+
+
+def free_running(problem: EstimationProblem) -> InnovationsFilter:
+    """r = (y - y_hat) / sigma: least squares of the free-running simulation, each sample by its own noise."""
+    return plain(problem.slots, order_of(problem.layout.types))
+
+
+def forgiving(problem: EstimationProblem, late: float = 0.0) -> InnovationsFilter:
+    """r = (y - y_hat) / sqrt(sigma^2 + (d/2)^2), d the largest distance of a sample from its neighbours in time.
+
+    A simulation that does the right thing a little early or late is wrong by about d there, and is forgiven it.
+
+    Args:
+        problem: the data.
+        late: s by which an instant may be off; a sample at least.
+    """
+    slots = problem.slots
+    bend = np.zeros_like(slots.sigma)
+    for trace, (lane, _, marks) in zip(problem.batch.traces, problem.batch.places, strict=True):
+        reach = max(1, round(late / float(np.median(np.diff(trace.instants)))))
+        bend[marks, lane, : len(trace.channels)] = 0.5 * farthest(trace.data, reach)
+    return plain(slots._replace(sigma=np.hypot(slots.sigma, bend)), order_of(problem.layout.types))
+
+
+def farthest(data: Float[np.ndarray, "n M"], reach: int) -> Float[np.ndarray, "n M"]:
+    """How far each sample lies from the farthest of its neighbours up to `reach` away, shape (n, M); 0 for NaN."""
+    seen = np.isfinite(data)
+    high = maximum_filter1d(np.where(seen, data, -np.inf), 2 * reach + 1, axis=0, mode="nearest")
+    low = minimum_filter1d(np.where(seen, data, np.inf), 2 * reach + 1, axis=0, mode="nearest")
+    return np.where(seen, np.maximum(high - data, data - low), 0.0)
+
+
+def timed(problem: EstimationProblem, x: Float[np.ndarray, " P"], r: Float[np.ndarray, "T L M"]) -> EstimationProblem:
+    """The problem with the jitter that its whitened residual shows where samples change fast.
+
+        a <- a + 1/2 sum q (r^2 - 1) / sum q^2,    a = jitter^2,  q = (dy/dt dt)^2 / S
+
+    Fisher's scoring for one component of variance, by half steps since the fit follows; left alone where no sample
+    changes fast enough to tell.
+
+    Args:
+        problem: the data.
+        x: coordinates, shape (P,).
+        r: whitened residual at x, shape (T, L, M).
+    """
+    share = np.asarray(problem.filter_and_timing(x)[1])
+    power = float(np.sum(share**2))
+    if power < _TELLING:
+        return problem
+    excess = np.clip(r**2, 0.0, _OUTLIER**2) - (share > 0.0)
+    variance = problem.jitter**2 + 0.5 * float(np.sum(share * excess)) / power
+    return replace(problem, jitter=float(np.sqrt(np.clip(variance, 0.0, _MOST_JITTER**2))))
+
+
+def outliers_weighed(
+    problem: EstimationProblem, whitened: Sequence[Float[np.ndarray, "_ _"]]
+) -> tuple[EstimationProblem, int]:
+    """sigma <- sigma max(1, |r| / 5 s), s = max(1, 1.4826 median |r|) of each channel of each trace.
+
+    Source: Huber 1981, Robust statistics, ch. 7. Differs from source: the weight 5 s / |r| multiplies r, not r^2: an
+    outlier counts as if it lay 5 s away.
+
+    Args:
+        problem: the data; its sigma starts from the declared one.
+        whitened: residuals r of each trace, shape (n, M) each.
+    Returns:
+        the problem, and how many samples count less.
+    """
+    sigma = problem.batch.slots.sigma.copy()
+    count = 0
+    for trace, (lane, _, marks), part in zip(problem.batch.traces, problem.batch.places, whitened, strict=True):
+        spread = np.maximum(1.0, 1.4826 * np.median(np.abs(part), axis=0))
+        excess = np.maximum(1.0, np.abs(part) / (_OUTLIER * spread))
+        sigma[marks, lane, : len(trace.channels)] *= excess
+        count += int(np.sum(excess > 1.0))
+    return replace(problem, sigma=sigma), count
+
+
+def discounted(problem: EstimationProblem, x: Float[np.ndarray, " P"]) -> EstimationProblem:
+    """sigma <- sigma max(1, rms((y - y_hat) / sigma)) of each channel of each trace, y_hat at x under the problem's
+    guide: a channel that the model cannot explain must not spoil the others.
+
+    Args:
+        problem: the data; its sigma starts from the declared one.
+        x: coordinates, shape (P,).
+    """
+    sigma = problem.batch.slots.sigma.copy()
+    predicted = columns(problem.batch, problem.simulated(x, problem.guide_stiffness))
+    for trace, (lane, row, marks), model in zip(problem.batch.traces, problem.batch.places, predicted, strict=True):
+        rms = np.sqrt(np.nanmean((trace.data - model) ** 2, axis=0)) / trace.sigma
+        sigma[row : marks[-1] + 1, lane, : len(trace.channels)] *= np.maximum(1.0, rms)
+    return replace(problem, sigma=sigma)

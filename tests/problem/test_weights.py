@@ -1,0 +1,80 @@
+"""What conditions weights: each function by hand on a small problem."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose, assert_array_equal
+
+from etcfit.problem import weights
+from etcfit.problem.free_parameters import free_parameters
+from etcfit.problem.problem import EstimationProblem
+from etcfit.problem.trace import prepare
+from measurements import CONFIG, measurement
+
+T = np.arange(6) * 1e-3
+ANGLE = np.array([0.1, 0.1, 0.3, 0.3, 0.3, 0.2])
+
+
+@pytest.fixture(scope="module")
+def problem() -> EstimationProblem:
+    trace = prepare(measurement("response", T, {"voltage": 0 * T, "position": ANGLE}), CONFIG)
+    assert trace is not None
+    return EstimationProblem.of(CONFIG, free_parameters(CONFIG), (trace,))
+
+
+def placed(problem: EstimationProblem, array: np.ndarray) -> np.ndarray:
+    """The samples of the only trace, shape (n,)."""
+    lane, _, marks = problem.batch.places[0]
+    return np.asarray(array)[marks, lane, 0]
+
+
+def test_free_running_weighs_each_sample_by_its_own_noise(problem: EstimationProblem) -> None:
+    filter_ = weights.free_running(problem)
+    assert_allclose(placed(problem, filter_.weight), 1.0 / placed(problem, problem.sigma))
+    assert np.count_nonzero(filter_.weight) == T.size
+    assert not np.any(filter_.gain)
+
+
+def test_forgiving_adds_half_the_distance_to_the_farthest_neighbour(problem: EstimationProblem) -> None:
+    sigma = placed(problem, problem.sigma)
+    near = np.array([0.0, 0.2, 0.2, 0.0, 0.1, 0.1])
+    assert_allclose(placed(problem, weights.forgiving(problem).weight), 1.0 / np.hypot(sigma, 0.5 * near))
+    wide = np.array([0.2, 0.2, 0.2, 0.2, 0.1, 0.1])  # two samples either way
+    assert_allclose(placed(problem, weights.forgiving(problem, 2e-3).weight), 1.0 / np.hypot(sigma, 0.5 * wide))
+
+
+def test_an_outlier_is_weighed_down_and_nothing_else(problem: EstimationProblem) -> None:
+    r = np.array([1.0, -1.0, 0.5, -0.5, 50.0, 0.8])[:, None]
+    weighed, count = weights.outliers_weighed(problem, [r])
+    spread = 1.4826 * 0.9
+    excess = placed(problem, weighed.sigma) / placed(problem, problem.sigma)
+    assert count == 1
+    assert_allclose(excess, [1.0, 1.0, 1.0, 1.0, 50.0 / (5.0 * spread), 1.0])
+    again, _ = weights.outliers_weighed(weighed, [r])
+    assert_array_equal(again.sigma, weighed.sigma)  # from the declared noise, however often
+
+
+def test_a_channel_counts_for_no_more_than_its_error_allows(
+    problem: EstimationProblem, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    off = np.array(problem.slots.value) + 7.0 * np.array(problem.sigma)
+    monkeypatch.setattr(EstimationProblem, "simulated", lambda *_: off)
+    discounted = weights.discounted(problem, np.zeros(1))
+    assert_allclose(placed(problem, discounted.sigma), 7.0 * placed(problem, problem.sigma))
+
+
+@pytest.mark.parametrize(("square", "jitter"), [(1.0, 0.1), (3.0, np.sqrt(0.01 + 1e-3)), (0.0, np.sqrt(0.01 - 5e-4))])
+def test_jitter_takes_half_a_step_of_scoring(
+    problem: EstimationProblem, monkeypatch: pytest.MonkeyPatch, square: float, jitter: float
+) -> None:
+    """a + sum q (r^2 - 1) / (2 sum q^2) with every q = 1000."""
+    share = 1e3 * np.array(problem.slots.weight)
+    monkeypatch.setattr(EstimationProblem, "filter_and_timing", lambda *_: (None, share))
+    before = replace(problem, jitter=0.1)
+    r = np.sqrt(square) * np.array(problem.slots.weight)
+    assert_allclose(weights.timed(before, np.zeros(1), r).jitter, jitter)
+    monkeypatch.setattr(EstimationProblem, "filter_and_timing", lambda *_: (None, 1e-3 * share))
+    assert weights.timed(before, np.zeros(1), r) is before  # nothing changes fast enough to tell
