@@ -69,13 +69,13 @@ def late_inputs(steps: Step, resets: Reset, delay: Scalar) -> Step:
     return steps._replace(**dict(zip(("voltage0", "voltage1", "torque0", "torque1"), acting, strict=True)))
 
 
-def _acting(steps: Step, resets: Reset, delay: Scalar) -> tuple[Float[Array, "T L"], ...]:
+def _acting(steps: Step, resets: Reset, delay: Scalar) -> tuple[Float[AnyArray, "T L"], ...]:
     """Voltage and torque at begin and end of each step, acting late."""
     clock, began = _clock(steps, resets)
     late, early = _earlier(clock, began, clock - delay), _earlier(clock, began, clock - steps.dt - delay)
 
     def shifted(
-        start: Float[Array, "T L"], end: Float[Array, "T L"]
+        start: Float[AnyArray, "T L"], end: Float[AnyArray, "T L"]
     ) -> tuple[Float[Array, "T L"], Float[Array, "T L"]]:
         area = jnp.cumsum(0.5 * (start + end) * steps.dt, axis=0)
         level0, area0 = _level(start, end, area, early)
@@ -91,7 +91,7 @@ def _acting(steps: Step, resets: Reset, delay: Scalar) -> tuple[Float[Array, "T 
 
 
 def _level(
-    start: Float[Array, "T L"], end: Float[Array, "T L"], area: Float[Array, "T L"], at: _Earlier
+    start: Float[AnyArray, "T L"], end: Float[AnyArray, "T L"], area: Float[Array, "T L"], at: _Earlier
 ) -> tuple[Float[Array, "T L"], Float[Array, "T L"]]:
     """A piecewise linear input and its integral from the lane's begin, at earlier instants."""
     first, last = (jnp.take_along_axis(column, at.row + 1, axis=0) for column in (start, end))

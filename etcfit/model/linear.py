@@ -98,7 +98,7 @@ PAPER_EQ_8 = TransferFunction(3.10e4, 113.8, 2941.0, 2.38e4)
 instead of 1.303 rad/V."""
 
 
-def closed_form(values: Mapping[str, Scalar], gear_ratio: float) -> Float[Array, " 4"]:
+def closed_form(values: Mapping[str, Scalar], gear_ratio: Scalar) -> Float[Array, " 4"]:
     """Coefficients b0, a2, a1, a0 of Eqs. 1-2 without dry friction and preload, rad/V, shape (4,).
 
         L J (b0, a2, a1, a0) = (N K_m, L B + R J, L K_s + R B + N^2 K_m K_b, R K_s)
@@ -116,7 +116,7 @@ def closed_form(values: Mapping[str, Scalar], gear_ratio: float) -> Float[Array,
 
 
 def coefficients(
-    throttle: Throttle, theta: Scalar, gear_ratio: float, lower: float, upper: float
+    throttle: Throttle, theta: Scalar, gear_ratio: Scalar, lower: Scalar, upper: Scalar
 ) -> Float[Array, " 4"]:
     """The same by differentiating the model, effects beyond Eqs. 1-2 included, about a plate held at theta (rad).
 
@@ -144,7 +144,7 @@ def sensor_lag(throttle: Throttle) -> Scalar:
 
 
 def holding(
-    throttle: Throttle, theta: Scalar, gear_ratio: float, lower: float, upper: float
+    throttle: Throttle, theta: Scalar, gear_ratio: Scalar, lower: Scalar, upper: Scalar
 ) -> tuple[Float[Array, ""], Float[Array, ""]]:
     """Current (A) and voltage (V) that hold the plate at theta (rad) in the middle of its dry friction."""
     return holding_against(throttle, theta, 0.0, gear_ratio, lower, upper)
@@ -154,7 +154,7 @@ _NEWTON = 12
 
 
 def holding_against(
-    throttle: Throttle, theta: Scalar, share: float, gear_ratio: float, lower: float, upper: float
+    throttle: Throttle, theta: Scalar, share: Scalar, gear_ratio: Scalar, lower: Scalar, upper: Scalar
 ) -> tuple[Float[Array, ""], Float[Array, ""]]:
     """Current and voltage at which the motor carries the springs and this share of the dry friction.
 
@@ -189,7 +189,7 @@ def _root(function: Callable[[Scalar], Scalar], start: Scalar) -> Float[Array, "
     return jax.lax.fori_loop(0, _NEWTON, better, jnp.asarray(start, dtype=float))
 
 
-def _inputs(volts: Scalar, gear_ratio: float, lower: float, upper: float) -> Inputs:
+def _inputs(volts: Scalar, gear_ratio: Scalar, lower: Scalar, upper: Scalar) -> Inputs:
     return Inputs(volts, 0.0, 0.0, 1.0, 0.0, gear_ratio, lower, upper)
 
 

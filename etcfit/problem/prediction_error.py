@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Protocol, runtime_checkable
 
 import numpy as np
 from jaxtyping import Float
 
 from ..model.parameters import AnyArray
-from .batch import TraceBatch
 from .trace import Trace
 
 
@@ -41,7 +41,18 @@ def pooled(every: Sequence[PredictionError]) -> float:
     return float(np.sqrt(np.sum(n * ratio**2) / n.sum()))
 
 
-def columns(batch: TraceBatch, array: Float[AnyArray, "T L M"]) -> list[Float[np.ndarray, "_ _"]]:
+@runtime_checkable
+class Placed(Protocol):
+    """A batch, as far as `columns` needs it: its traces and the entries of their instants, see `TraceBatch`."""
+
+    @property
+    def traces(self) -> tuple[Trace, ...]: ...
+
+    @property
+    def places(self) -> tuple[tuple[int, int, np.ndarray], ...]: ...
+
+
+def columns(batch: Placed, array: Float[AnyArray, "T L M"]) -> list[Float[np.ndarray, "_ _"]]:
     """Take from a batch's (T, L, M) array what belongs to each trace: its instants by its channels."""
     array = np.asarray(array)
     return [
