@@ -40,20 +40,20 @@ class TransferFunction:
         lag: time constant of the position sensor, s.
     """
 
-    b0: float
-    a2: float
-    a1: float
-    a0: float
-    delay: float = 0.0
-    lag: float = 0.0
+    b0: Scalar
+    a2: Scalar
+    a1: Scalar
+    a0: Scalar
+    delay: Scalar = 0.0
+    lag: Scalar = 0.0
 
     @property
-    def num(self) -> tuple[float, ...]:
+    def num(self) -> tuple[Scalar, ...]:
         """Of G alone."""
         return (self.b0,)
 
     @property
-    def den(self) -> tuple[float, ...]:
+    def den(self) -> tuple[Scalar, ...]:
         """Of G alone, highest power first."""
         return (1.0, self.a2, self.a1, self.a0)
 
@@ -64,7 +64,7 @@ class TransferFunction:
         return roots[np.lexsort((roots.imag, -roots.real))]
 
     @property
-    def dc_gain(self) -> float:
+    def dc_gain(self) -> Scalar:
         """G(0), output unit over input unit; infinite without a spring."""
         return self.b0 / self.a0 if self.a0 else float("inf")
 
@@ -98,7 +98,7 @@ PAPER_EQ_8 = TransferFunction(3.10e4, 113.8, 2941.0, 2.38e4)
 instead of 1.303 rad/V."""
 
 
-def closed_form(values: Mapping[str, Scalar], gear_ratio: Scalar) -> Float[Array, " 4"]:
+def closed_form(values: Mapping[str, Scalar], gear_ratio: Scalar) -> Float[Array, "4 ..."]:
     """Coefficients b0, a2, a1, a0 of Eqs. 1-2 without dry friction and preload, rad/V, shape (4,).
 
         L J (b0, a2, a1, a0) = (N K_m, L B + R J, L K_s + R B + N^2 K_m K_b, R K_s)

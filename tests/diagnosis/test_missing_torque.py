@@ -93,7 +93,7 @@ def measured(series: float) -> Trace:
     trace = prepare(m, CONFIG)
     assert trace is not None
     exact = InputSignal(v, np.full(SAMPLES, 0.01), np.zeros(SAMPLES), np.zeros(SAMPLES - 1, dtype=bool))
-    return replace(trace, drive=exact, start=replace(trace.start, state=at_rest))
+    return replace(trace, input=exact, start=replace(trace.start, state=at_rest))
 
 
 @pytest.fixture(scope="module", params=CIRCUITS, ids=["no series resistance", "a series resistance"])
