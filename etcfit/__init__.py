@@ -16,7 +16,7 @@ import importlib
 import os
 from typing import TYPE_CHECKING, Any
 
-__version__ = "0.1.0"
+__version__ = "0.2.0"
 
 # the model is stiff and the fit compares nested models: 32 bit is not enough. Read by JAX when it is first imported
 os.environ.setdefault("JAX_ENABLE_X64", "1")

@@ -206,7 +206,7 @@ COMMANDS = [("fit", "rig", "--out", "run"), ("run", "rig", "--out", "run"),
 
 
 @pytest.mark.parametrize("words", COMMANDS, ids=lambda words: words[0])
-@pytest.mark.parametrize("version", ["none", "0.3.1"])
+@pytest.mark.parametrize("version", ["none", "0.9.1"])
 def test_a_run_of_another_version_is_left_alone(
     words: tuple[str, ...], version: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
