@@ -20,13 +20,13 @@ import jax.numpy as jnp
 import numpy as np
 from scipy.integrate import solve_ivp
 
-import bodies
-from bodies import OPEN, N, batch
 from etcfit.model.effects import PAPER
 from etcfit.model.stepper import simulate
 from etcfit.model.throttle import Throttle
 from independent import CONSISTENT
 from independent.drives import random_steps
+from tests import bodies
+from tests.bodies import OPEN, N, batch
 
 DURATION, RATE = 4.0, 1000.0
 SLIP = 0.01  # rad/s over which SciPy's friction changes sign

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import asdict
 from typing import TYPE_CHECKING, Any
 
 from ..run_folder import (
@@ -52,7 +53,7 @@ def keep_posterior(
 
     predicted = bands(posterior, report)
     status = exit_of(posterior.fit) if posterior.convergence.converged else NOT_CONVERGED
-    save_posterior(run.path, posterior, profiles, predicted, status, settings,
+    save_posterior(run.path, posterior, profiles, predicted, status, {**asdict(posterior.settings), **settings},
                    lambda: draw_posterior(run.path, posterior, profiles, predicted, report))  # fmt: skip
 
 
@@ -85,4 +86,5 @@ def keep_design(
     """pid.json and the responses of every rule."""
     from ..reporting import draw_design
 
+    settings = {**asdict(design.settings), **settings}
     save_design(run.path, design, exit_of(result), settings, lambda: draw_design(run.path, design, report))

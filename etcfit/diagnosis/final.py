@@ -28,9 +28,9 @@ def final_fit(result: FitResult, s: CandidateModel, found: Sequence[Found], repo
     problem, weighted, x, end = s.problem, s.weighted, s.x, s.end
     if s.far:
         report("letting the final model run free", 0.95)
-        problem, weighted, x = freed(problem.guided(0.0), x, s.settings.free_spread)
+        problem, weighted, x = freed(problem.guided(0.0), x, s.settings.free_spread, result.settings)
         end = Termination(True, "best free run found from the optimum of the guided residual", far=True)
-    after = outcome(result.rig, result.readings, problem, s.held_out, weighted, x, (), end, ())
+    after = outcome(result.rig, result.readings, problem, s.held_out, weighted, x, (), end, (), result.settings)
     return _widened(after, s, [each for each in found if s.at_work(each.effect) and each.ties])
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import os
 from collections.abc import Callable
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -54,7 +55,8 @@ def save_fit(run: Path, result: FitResult, beside: Callable[[], None] = nothing_
     codec.save(run / FIT_STATE, result)
     write_json(run / "fit.json", "fit", fit_json(result))
     beside()
-    finish(run, "fit", exit_of(result), {}, result.rig.digests, _relative(Path(result.rig.folder), run))
+    folder = _relative(Path(result.rig.folder), run)
+    finish(run, "fit", exit_of(result), asdict(result.settings), result.rig.digests, folder)
 
 
 def save_diagnosis(run: Path, diagnosis: Diagnosis, beside: Callable[[], None] = nothing_beside) -> None:
@@ -73,7 +75,7 @@ def save_diagnosis(run: Path, diagnosis: Diagnosis, beside: Callable[[], None] =
     codec.save(run / DIAGNOSIS_STATE, diagnosis, {FIT_STATE: diagnosis.before})
     write_json(run / "diagnosis.json", "diagnosis", diagnosis_json(diagnosis))
     beside()
-    finish(run, "diagnose", exit_of(diagnosis.after), {})
+    finish(run, "diagnose", exit_of(diagnosis.after), asdict(diagnosis.settings))
 
 
 def load_fit(run: Path) -> FitResult:
