@@ -95,25 +95,10 @@ def _contract(command: Callable[..., None]) -> Callable[..., None]:
 @contextmanager
 def _progress(quiet: bool) -> Iterator[Callable[[str, float], None]]:
     """A bar on stderr: report(what is being done, fraction of it done). Where stderr is no terminal, a line a stage."""
-    if quiet:
-        yield lambda stage, done: None
-        return
-    console = _stderr()
-    if console.is_terminal:
-        with _bar(console) as report:
-            yield report
-    else:
-        yield _lines(console)
+    from .api.progress import progress
 
-
-@contextmanager
-def _bar(console: Any) -> Iterator[Callable[[str, float], None]]:
-    from rich.progress import BarColumn, Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
-
-    columns = SpinnerColumn(), TextColumn("{task.description}"), BarColumn(), TimeElapsedColumn()
-    with Progress(*columns, console=console, transient=True) as bar:
-        task = bar.add_task("starting", total=1.0)
-        yield lambda stage, done: bar.update(task, description=stage, completed=done)
+    with progress(quiet, lambda: _lines(_stderr())) as report:
+        yield report
 
 
 def _lines(console: Any) -> Callable[[str, float], None]:
