@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -44,6 +45,8 @@ def test_a_diagnosis_comes_back_as_it_was_and_goes_with_the_next_fit(fit: Fit, t
     assert back.final.parameters.equals(found.final.parameters)
     assert etcfit.reduce(tmp_path).coefficients.equals(etcfit.reduce(found).coefficients)
     fit.save(tmp_path)
+    assert isinstance(etcfit.load(tmp_path), Diagnosed), "the same fit: what was made from it still holds"
+    Fit(replace(fit.result, chi2_per_dof=7.0)).save(tmp_path)
     assert isinstance(etcfit.load(tmp_path), Fit)
 
 
