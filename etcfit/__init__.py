@@ -44,19 +44,23 @@ if TYPE_CHECKING:
     from .control.pid import RULES as RULES
     from .control.pid import Gains as Gains
     from .control.pid import Requirements as Requirements
+    from .control.settings import DesignSettings as DesignSettings
     from .datasets import DATASETS as DATASETS
     from .datasets import Dataset as Dataset
     from .diagnosis import Diagnosis as Diagnosis
+    from .diagnosis.settings import DiagnosisSettings as DiagnosisSettings
     from .errors import MeasurementError as MeasurementError
     from .errors import UsageError as UsageError
     from .estimation.fitted_model import Fitted as Fitted
     from .estimation.joint_fit import FitResult as FitResult
+    from .estimation.settings import FitSettings as FitSettings
     from .model.effects import EFFECTS as EFFECTS
     from .model.effects import AbstractEffect as AbstractEffect
     from .model.effects import Contribution as Contribution
     from .model.linear import TransferFunction as TransferFunction
     from .model.parameters import Parameter as Parameter
     from .model.parameters import parameter as parameter
+    from .posterior.settings import SamplingSettings as SamplingSettings
     from .rig import TESTS as TESTS
     from .rig.base import AbstractRigTest as AbstractRigTest
     from .rig.base import Boundary as Boundary
@@ -73,6 +77,10 @@ if TYPE_CHECKING:
     from .stages import run as run
 
 _MODULE_OF = {
+    "FitSettings": "estimation.settings",
+    "DiagnosisSettings": "diagnosis.settings",
+    "SamplingSettings": "posterior.settings",
+    "DesignSettings": "control.settings",
     "EFFECTS": "model.effects",
     "TESTS": "rig",
     "DATASETS": "datasets",

@@ -145,7 +145,7 @@ class RigConfig:
     notation: Notation | None = None  # of its gains; None: it names no unit
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Rig:
     """A measurement folder: its rig.toml, its traces in order of file name, and what is odd about them.
 
@@ -161,6 +161,11 @@ class Rig:
     warnings: tuple[str, ...] = ()
     toml: str = ""
     digests: Mapping[str, str] = field(default_factory=dict)
+
+    def __repr__(self) -> str:
+        tests = ", ".join(sorted({trace.test for trace in self.measurements}))
+        data = "SYNTHETIC, " if self.config.synthetic else ""
+        return f"Rig({self.config.name!r}, {data}{len(self.measurements)} traces: {tests})"
 
     @classmethod
     def from_frames(cls, frames: Mapping[str, pd.DataFrame], config: Mapping[str, Any] | RigConfig) -> Rig:

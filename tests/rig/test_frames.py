@@ -230,3 +230,9 @@ def test_a_bare_config_names_the_rig() -> None:
     table = {"response/1": R.drop(columns="tps [V]").assign(**{"position [deg]": np.linspace(1.0, 60.0, 60)})}
     made = Rig.from_frames(table, {})
     assert made.config == RigConfig(name="frames")
+
+
+def test_a_rig_is_shown_in_a_line() -> None:
+    shown = repr(Rig.from_frames(frames(), config()))
+    assert len(shown) < 200
+    assert "response" in shown
