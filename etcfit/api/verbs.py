@@ -130,14 +130,14 @@ def reduce(
     with working(quiet) as report:
         from ..control.frequency import frequency_response
         from ..control.linearise import reduce as reduce_fitted
-        from ..rig.sine import Sine
+        from ..run_folder import sines_of
         from .reduced import Reduced
 
         fit = _fit_of("reduce", model)
         report("linearising", 0.3)
         fitted = fit.result.fitted()
         reduction = reduce_fitted(fitted, input_unit, output_unit, share)
-        sines = tuple(trace for trace in fit.result.rig.measurements if trace.test == Sine.name)
+        sines = sines_of(fit.result)
         if sines:
             report("fitting sines", 0.6)
         return Reduced(fit, reduction, frequency_response(fitted, sines) if sines else None)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path, PurePosixPath
@@ -10,6 +9,7 @@ from pathlib import Path, PurePosixPath
 import numpy as np
 
 from ..errors import MeasurementError
+from ..files import digest
 from . import TESTS
 from .base import Channel, Measurement, Rig, RigConfig
 from .columns import Log, read_columns
@@ -44,7 +44,7 @@ def read_folder(folder: str | Path) -> Rig:
     config = parse_config(text, toml)
     files, odd = _csv_files(Path(folder), base)
     config = checked(config, files, toml)
-    digests = {file: _digest(Path(folder) / file) for file in ("rig.toml", *files)}
+    digests = {file: digest(Path(folder) / file) for file in ("rig.toml", *files)}
     rig = assembled(base, config, [_read_log(base, file, config) for file in files], odd, toml, text)
     return replace(rig, digests=digests)
 
@@ -56,12 +56,7 @@ def digests_of(folder: Path) -> dict[str, str]:
         MeasurementError: there is no trace in it.
     """
     files, _ = _csv_files(folder, str(folder))
-    return {file: _digest(folder / file) for file in ("rig.toml", *files) if (folder / file).is_file()}
-
-
-def _digest(path: Path) -> str:
-    with path.open("rb") as file:
-        return hashlib.file_digest(file, "sha256").hexdigest()
+    return {file: digest(folder / file) for file in ("rig.toml", *files) if (folder / file).is_file()}
 
 
 def checked(config: RigConfig, files: Iterable[str], toml: str) -> RigConfig:

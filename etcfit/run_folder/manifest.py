@@ -9,7 +9,6 @@ RUN/superseded/, so that nothing is lost and no two models are ever mixed.
 
 from __future__ import annotations
 
-import hashlib
 import json
 import shutil
 from collections.abc import Mapping
@@ -20,6 +19,7 @@ from typing import Any
 
 from .. import __version__
 from ..errors import UsageError
+from ..files import digest as sha256_of
 from ..files import plain, write_json
 
 MANIFEST = "run.json"
@@ -93,10 +93,7 @@ class Record:
 
 def digest(path: Path) -> str | None:
     """SHA-256 of a file; None where there is none."""
-    if not path.is_file():
-        return None
-    with path.open("rb") as file:
-        return hashlib.file_digest(file, "sha256").hexdigest()
+    return sha256_of(path) if path.is_file() else None
 
 
 def read_records(run: Path) -> dict[str, Record]:
