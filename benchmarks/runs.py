@@ -18,10 +18,15 @@ from typing import IO, Any
 from .stages import BEGIN
 
 ROOT = Path(__file__).resolve().parents[1]
+DATA = "ETCFIT_DATA"  # in the environment: where copies of public data sets lie
 
 
 class Failed(RuntimeError):
     """What could not be done, and why: a process that took too long, or ended with another status than it should."""
+
+
+class Skipped(Failed):
+    """What this machine has not got the means for."""
 
 
 @dataclass(frozen=True)
@@ -78,6 +83,8 @@ def run(
 
 def _environment(cache: Path, tree: Path, begin: float) -> dict[str, str]:
     own = {"ETCFIT_CACHE": str(cache), "PYTHONPATH": str(tree), BEGIN: str(begin)}
+    if data := os.environ.get(DATA):
+        own[DATA] = str(Path(data).resolve())  # seen from here, not from the tree
     return {k: v for k, v in os.environ.items() if k != "JAX_COMPILATION_CACHE_DIR"} | own
 
 

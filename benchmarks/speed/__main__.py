@@ -7,12 +7,13 @@ import os
 import platform
 import sys
 import tempfile
+import traceback
 from collections.abc import Iterator
 from datetime import date
 from importlib.metadata import version as installed
 from pathlib import Path
 
-from ..runs import ROOT, Failed
+from ..runs import ROOT, Failed, Skipped
 from . import __doc__ as usage
 from .rows import ROWS, Row
 from .table import Outcome, must_take, put, table, text
@@ -41,12 +42,16 @@ def measured(name: str, versions: tuple[Version, Version], repeats: int) -> Meas
 
 
 def measure(name: str, version: Version, outcome: Outcome) -> None:
-    """Once more, or why not."""
+    """Once more, or why not: whatever it is, other rows are measured all the same."""
     try:
         outcome.repeats.append(ROWS[name].measure(version))
-    except Failed as failed:
-        outcome.failure = str(failed)
-        print(*getattr(failed, "__notes__", ()), file=sys.stderr, sep="\n")
+    except Skipped as skipped:
+        outcome.failure = f"skipped: {skipped}"
+    except Exception as error:
+        traceback.print_exc()
+        outcome.failure = (
+            f"**failed** in repeat {len(outcome.repeats) + 1}: {error if isinstance(error, Failed) else repr(error)}"
+        )
 
 
 def say(what: str, outcome: Outcome) -> None:

@@ -25,7 +25,7 @@ MISSING = {  # 26 traces, 37,000 samples
     "static_load": Series(2, 16.0, 250, held=1),
     "viscous": Series(5, 0.8, 1000),
     "inertia": Series(3, 0.4, 2000),
-    "response": Series(5, 3.5, 1000, held=1),
+    "response": Series(5, 3.4, 1000, held=1),
 }
 MANY = {  # 200 traces of 20,000 samples
     "resistance": Series(10, 20.0, 1000),

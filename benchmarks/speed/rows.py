@@ -9,11 +9,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from ..runs import ROOT, Failed, Run, busy
+from ..runs import DATA, ROOT, Run, Skipped, busy
 from .versions import CONVERGED_OR_NOT, Version, core
 
 TWIN = ROOT / "measurements" / "bench_twin"
-DATA = "ETCFIT_DATA"  # where copies of public data sets lie
 STEPS = 200  # of a chain whose pace is measured
 
 Figures = Mapping[str, float]  # by unit; the first is what versions are compared by
@@ -180,7 +179,7 @@ def _gain(
 def public(version: Version, name: str) -> Lines:
     """The diagnosis of a public data set."""
     if not os.environ.get(DATA):
-        raise Failed(f"skipped: {DATA} names no folder of local copies")
+        raise Skipped(f"{DATA} names no folder of local copies")
     return diagnosed(version, version.folder(name), "cold")
 
 

@@ -32,8 +32,7 @@ class Outcome:
         """The figures of a line, or why there are none, or fewer than wanted."""
         found = self.medians()
         words = [text(found[line])] if line in found else []
-        count = f" after {len(self.repeats)}" if self.repeats else ""
-        return ": ".join((*words, f"**failed**{count}: {self.failure}") if self.failure else words)
+        return "; ".join((*words, self.failure) if self.failure else words)
 
 
 def text(figures: Figures) -> str:
@@ -54,7 +53,7 @@ def table(rows: Iterable[tuple[str, Row, Outcome, Outcome]]) -> str:
 def _lines(name: str, row: Row, old: Outcome, new: Outcome) -> list[str]:
     was, now = old.medians(), new.medians()
     out = []
-    for line in [*was, *(line for line in now if line not in was)] or [""]:
+    for line in dict.fromkeys((*was, *now, *row.aims)) or ("",):
         ratio = _ratio(was[line], now[line]) if line in was and line in now else ""
         aims = row.aims.get(line, ())
         cells = (name, row.what, line, old.cell(line), new.cell(line), ratio, _wanted(aims), _met(aims, now.get(line)))

@@ -16,7 +16,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from ..runs import ROOT, Failed, Run, run
+from ..runs import ROOT, Failed, Run, Skipped, run
 
 INSIDE = Path(__file__).with_name("inside.py")
 CONVERGED_OR_NOT = (0, 3)  # exit statuses of a command that did its work
@@ -141,9 +141,9 @@ def core() -> int:
     """One that this process may run on.
 
     Raises:
-        Failed: there is no other beside it.
+        Skipped: there is no other beside it.
     """
     cores = sorted(os.sched_getaffinity(0))
     if len(cores) < 2:
-        raise Failed("this machine has one core")
+        raise Skipped("this machine has one core")
     return cores[0]
