@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import os
 import platform
+import signal
 import sys
 import tempfile
 import traceback
@@ -49,9 +50,8 @@ def measure(name: str, version: Version, outcome: Outcome) -> None:
         outcome.failure = f"skipped: {skipped}"
     except Exception as error:
         traceback.print_exc()
-        outcome.failure = (
-            f"**failed** in repeat {len(outcome.repeats) + 1}: {error if isinstance(error, Failed) else repr(error)}"
-        )
+        why = str(error) if isinstance(error, Failed) else repr(error)
+        outcome.failure = f"**failed** in repeat {len(outcome.repeats) + 1}: {why}"
 
 
 def say(what: str, outcome: Outcome) -> None:
@@ -98,6 +98,7 @@ def arguments() -> argparse.Namespace:
 def main() -> None:
     """Measure row by row; the file holds what is known so far, should it not come to its end."""
     choices = arguments()
+    signal.signal(signal.SIGTERM, lambda *_: sys.exit("ended"))  # as an interrupt: no process is left behind
     if choices.markdown:
         must_take(choices.markdown)
     with tempfile.TemporaryDirectory(prefix="etcfit-speed-") as name:
