@@ -13,6 +13,7 @@ import statistics
 import sys
 import time
 from collections.abc import Callable
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
@@ -47,10 +48,10 @@ def fit_in(run: str) -> Any:
 
 def linearisation() -> Callable[[Any, Any, Any], Any]:
     """What a step of the fit is made from, of problem, coordinates and weighted data."""
-    try:
-        from etcfit.problem.normal_equations import normal_equations  # pyright: ignore[reportMissingImports]
-    except ModuleNotFoundError:
+    if find_spec("etcfit.problem.normal_equations") is None:
         return lambda problem, x, weighted: problem.linearise(x, weighted)
+    from etcfit.problem.normal_equations import normal_equations  # pyright: ignore[reportMissingImports]
+
     return normal_equations
 
 
