@@ -12,9 +12,7 @@ from __future__ import annotations
 
 import argparse
 import json
-import os
 import statistics
-import subprocess
 import sys
 import tempfile
 import time
@@ -26,44 +24,12 @@ from typing import Any
 import numpy as np
 
 from . import scipy_twin
-from .stages import BEGIN, STAGES
+from .runs import Run, run
+from .stages import STAGES
 
-ROOT = Path(__file__).resolve().parents[1]
 SEED = 1
 AIMS = {"cold": "40 s", "warm": "12 s", "memory": "2048 MiB", "ratio": "30"}
 COMPARABLE = 1.2  # the twin's rms error over etcfit's, at the same parameters
-
-
-@dataclass(frozen=True)
-class Run:
-    """One process: wall and CPU time (s), largest resident set (MiB), what it printed, the machine's load before."""
-
-    wall: float
-    cpu: float
-    peak: float
-    stdout: str
-    load: float
-
-    def __str__(self) -> str:
-        return f"{self.wall:6.1f} s wall {self.cpu:6.1f} s cpu {self.peak:6.0f} MiB   load before {self.load:.1f}"
-
-
-def run(module: str, arguments: Iterable[Any], cache: Path) -> Run:
-    """`python -m module arguments` with its compiled models in `cache`; it must succeed."""
-    load, begin = os.getloadavg()[0], time.time()
-    environment = {**os.environ, "ETCFIT_CACHE": str(cache), BEGIN: str(begin)}
-    environment.pop("JAX_COMPILATION_CACHE_DIR", None)
-    with tempfile.TemporaryFile("w+") as out:
-        command = [sys.executable, "-m", module, *map(str, arguments)]
-        process = subprocess.Popen(command, stdout=out, cwd=ROOT, env=environment)
-        _, status, usage = os.wait4(process.pid, 0)  # of this process alone, unlike RUSAGE_CHILDREN
-        wall = time.time() - begin
-        process.returncode = os.waitstatus_to_exitcode(status)
-        out.seek(0)
-        stdout = out.read()
-    if process.returncode:
-        raise subprocess.CalledProcessError(process.returncode, command)
-    return Run(wall, usage.ru_utime + usage.ru_stime, usage.ru_maxrss / 1024.0, stdout, load)
 
 
 @dataclass(frozen=True)
@@ -86,11 +52,11 @@ def timings(folder: Path, scratch: Path, repeats: int) -> Timings:
     for k in range(repeats):
         for name, kept in (("cold", out.cold), ("warm", out.warm), ("warm", out.warm)):
             where = scratch / f"run {k} {name} {len(kept)}"
-            kept.append(run("etcfit.cli", ["fit", folder, "--out", where, "--quiet"], scratch / f"cache {k}"))
+            kept.append(run(("-m", "etcfit.cli", "fit", folder, "--out", where, "--quiet"), scratch / f"cache {k}"))
             print(f"{name} {k + 1}: {kept[-1]}", flush=True)
         for name, stages in (("cold", out.cold_stages), ("warm", out.warm_stages)):
             where = scratch / f"stages {k} {name}"
-            told = run("benchmarks.stages", [folder, where], scratch / f"cache of stages {k}")
+            told = run(("-m", "benchmarks.stages", folder, where), scratch / f"cache of stages {k}")
             stages.append(json.loads(told.stdout.splitlines()[-1]))
             seconds = ", ".join(f"{stage} {stages[-1]['seconds'][stage]:.1f}" for stage in STAGES)
             print(f"{name} {k + 1} in stages: {told}   {seconds}", flush=True)
