@@ -20,6 +20,8 @@ __version__ = "0.2.0"
 
 # the model is stiff and the fit compares nested models: 32 bit is not enough. Read by JAX when it is first imported
 os.environ.setdefault("JAX_ENABLE_X64", "1")
+# XLA's log, such as its alarm about a slow compilation, is not for the terminal; what fails still is an exception
+os.environ.setdefault("TF_CPP_MIN_LOG_LEVEL", "3")
 
 if TYPE_CHECKING:
     from .api.checked import Checked as Checked

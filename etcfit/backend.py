@@ -1,7 +1,10 @@
-"""JAX as etcfit needs it: float64, and loops compiled as loops.
+"""JAX as etcfit needs it: float64, loops compiled as loops, and sums that are right.
 
 XLA's CPU backend runs each operation of a `while` body as a task of its own unless the loop is "small"; for a stepper
 of some hundred scalar operations that overhead is all. Calling every loop small makes a trace some ten times faster.
+
+jaxlib 0.10.2 hands fused reductions to a library that takes some samples of a long batch for others and says nothing
+(https://github.com/jax-ml/jax/issues/39103); its reductions stay with XLA.
 """
 
 from __future__ import annotations
@@ -9,12 +12,29 @@ from __future__ import annotations
 import os
 from pathlib import Path
 
+from jaxlib.version import __version__ as _jaxlib
+
 _LOOPS = "xla_cpu_small_while_loop_byte_threshold=1000000000"
+# XLA ends the process over a flag that it does not know, so only the releases are named that are known to have it
+_WRONG_SUMS = ("0.10.2", "0.11.0")
 
-if "xla_backend_extra_options" not in os.environ.get("XLA_FLAGS", ""):
-    os.environ["XLA_FLAGS"] = f"{os.environ.get('XLA_FLAGS', '')} --xla_backend_extra_options={_LOOPS}".strip()
 
-import jax  # noqa: E402  after the flags it reads
+def _flags(jaxlib: str) -> dict[str, str]:
+    """What to tell this release of XLA."""
+    guard = {"xla_cpu_experimental_ynn_fusion_type": "-reduce"} if jaxlib in _WRONG_SUMS else {}
+    return {"xla_backend_extra_options": _LOOPS, **guard}
+
+
+def _tell_xla(jaxlib: str) -> None:
+    """Before JAX reads them; what the user has set stands."""
+    given = os.environ.get("XLA_FLAGS", "")
+    ours = [f"--{flag}={value}" for flag, value in _flags(jaxlib).items() if flag not in given]
+    os.environ["XLA_FLAGS"] = " ".join([given, *ours]).strip()
+
+
+_tell_xla(_jaxlib)
+
+import jax  # noqa: E402  after what it reads
 
 jax.config.update("jax_enable_x64", True)
 

@@ -184,21 +184,24 @@ def test_version(invoke) -> None:
     assert invoke("--version").stdout == f"etcfit {etcfit.__version__}\n"
 
 
-def test_help_needs_nothing_heavy() -> None:
-    # what makes it answer at once: none of these is imported
-    program = """
+@pytest.mark.parametrize(
+    ("option", "shown", "needed"), [("--help", "fetch", {"rich"}), ("--version", etcfit.__version__, set())]
+)
+def test_help_and_version_need_nothing_heavy(option: str, shown: str, needed: set[str]) -> None:
+    # what makes them answer at once: none of these is imported
+    heavy = {"jax", "numpy", "scipy", "pandas", "matplotlib", "pint", "equinox", "pooch", "rich"} - needed
+    program = f"""
 import sys
 from etcfit.cli import main
-sys.argv = ["etcfit", "--help"]
+sys.argv = ["etcfit", "{option}"]
 try:
     main()
 finally:
-    heavy = {"jax", "numpy", "scipy", "pandas", "matplotlib", "pint", "equinox", "pooch"} & set(sys.modules)
-    print(heavy, file=sys.stderr)
+    print({heavy} & set(sys.modules), file=sys.stderr)
 """
     done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True)
     assert done.returncode == 0
-    assert "fetch" in done.stdout
+    assert shown in done.stdout
     assert done.stderr.strip() == "set()"
 
 

@@ -54,7 +54,8 @@ def test_unknown_name() -> None:
 
 def fresh(program: str, **environment: str) -> str:
     """What a program prints in a process of its own."""
-    ours = {name: value for name, value in os.environ.items() if name != "JAX_ENABLE_X64"} | environment
+    theirs = ("JAX_ENABLE_X64", "TF_CPP_MIN_LOG_LEVEL")  # set by whoever imported JAX here
+    ours = {name: value for name, value in os.environ.items() if name not in theirs} | environment
     done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True, env=ours)
     assert done.stderr == ""
     return done.stdout.strip()
@@ -66,6 +67,12 @@ HEAVY = "print(sorted({'jax', 'pandas', 'matplotlib', 'numpy', 'rich', 'IPython'
 def test_importing_the_package_asks_for_float64_and_leaves_jax_alone() -> None:
     assert fresh("import etcfit, os; print(os.environ['JAX_ENABLE_X64'])") == "1"
     assert fresh(f"import etcfit, sys; {HEAVY}") == "[]"
+
+
+def test_the_log_of_xla_is_not_for_the_terminal_unless_the_user_says_so() -> None:
+    show = "import etcfit, os; etcfit.Fit; print(os.environ['TF_CPP_MIN_LOG_LEVEL'])"
+    assert fresh(show) == "3"
+    assert fresh(show, TF_CPP_MIN_LOG_LEVEL="0") == "0"
 
 
 def test_looking_at_the_verbs_imports_nothing_heavy() -> None:

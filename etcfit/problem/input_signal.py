@@ -8,8 +8,9 @@ What error then remains is handed on to the whitening: the input stays a noisy o
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from itertools import pairwise
+from itertools import groupby, pairwise
 from typing import NamedTuple
 
 import numpy as np
@@ -19,9 +20,11 @@ from ..rig.base import Channel, Measurement, RigConfig
 
 _EDGE = 6.0  # a jump of so many standard deviations of a difference may be an edge
 _LEVEL = 8  # samples of one slope that count as a stretch
+_FEW = 64  # one sample in so many tells that a long stretch is plainly curved
 _STRETCH = 200  # samples of a curve in which to look for two
 _DRIFT = 1.0  # bound on max |cumulative residual| / (sigma sqrt n) of a straight stretch; its 1 % point
 _WINDOWS = (2, 3, 5, 8, 12, 18, 27, 40, 60, 90)  # half widths of the local parabola, samples
+_AT_ONCE = 8192  # samples of curves that are worked out together
 _GAMMA = 1.0  # width of its confidence intervals; wider ones let bias pass that friction would feel
 
 
@@ -47,34 +50,13 @@ class InputSignal:
 def _edges(value: Float[np.ndarray, " n"], sigma: float) -> Bool[np.ndarray, " n-1"]:
     """Intervals in which the input jumps: far above the noise and above what goes on around them."""
     jump = np.abs(np.diff(value))
-    if jump.size < 3:
-        return jump > _EDGE * np.sqrt(2.0) * sigma
+    edge = jump > _EDGE * np.sqrt(2.0) * sigma
+    if jump.size < 3 or not edge.any():
+        return edge
     padded = np.pad(jump, 4, mode="reflect" if jump.size > 4 else "edge")
-    around = np.median(np.lib.stride_tricks.sliding_window_view(padded, 9), axis=1)
-    return (jump > _EDGE * np.sqrt(2.0) * sigma) & (jump > 4.0 * around)
-
-
-def _parabola(value: Float[np.ndarray, " n"], sigma: float) -> tuple[Float[np.ndarray, " n"], Float[np.ndarray, " n"]]:
-    """A curved stretch: estimate and effective number of samples averaged, each of shape (n,)."""
-    n = value.size
-    index = np.arange(n, dtype=float)
-    moments = [np.concatenate(([0.0], np.cumsum((value - value[0]) * (index - n / 2) ** k))) for k in range(3)]
-    best, count = value.astype(float), np.ones(n)
-    low, high = value - _GAMMA * sigma, value + _GAMMA * sigma
-    growing = np.ones(n, dtype=bool)
-    for half in _WINDOWS:
-        reach = np.minimum(half, np.minimum(index, n - 1 - index)).astype(int)
-        s0, s1, s2 = (m[np.arange(n) + reach + 1] - m[np.arange(n) - reach] for m in moments)
-        centre = index - n / 2
-        a, b = _savitzky_golay(reach)
-        mean = value[0] + a * s0 + b * (s2 - 2.0 * centre * s1 + centre**2 * s0)
-        spread = _GAMMA * sigma * np.sqrt(a)
-        fits = reach >= 2
-        low = np.where(fits, np.maximum(low, mean - spread), low)
-        high = np.where(fits, np.minimum(high, mean + spread), high)
-        growing &= (low <= high) & fits
-        best, count = np.where(growing, mean, best), np.where(growing, 1.0 / a, count)
-    return best, count
+    around = np.median(np.lib.stride_tricks.sliding_window_view(padded, 9)[edge], axis=1)
+    edge[edge] = jump[edge] > 4.0 * around
+    return edge
 
 
 def _savitzky_golay(reach: Int[np.ndarray, " n"]) -> tuple[Float[np.ndarray, " n"], Float[np.ndarray, " n"]]:
@@ -86,13 +68,153 @@ def _savitzky_golay(reach: Int[np.ndarray, " n"]) -> tuple[Float[np.ndarray, " n
     return np.where(reach >= 2, m4 / determinant, 1.0), np.where(reach >= 2, -m2 / determinant, 0.0)
 
 
+_CENTRE, _CURVED = _savitzky_golay(np.arange(_WINDOWS[-1] + 1))  # a and b, by reach
+
+
+class _Curves(NamedTuple):
+    """Edge-free stretches that are not straight, side by side: N samples of K stretches.
+
+    Args:
+        value: as logged.
+        first: the first sample of the own stretch.
+        place: where a sample stands in `sums`.
+        inside: samples of the own stretch before or after it, whichever are fewer.
+        centre: place in the own stretch, from its middle.
+        sums: of the samples before, times place^0, place^1, place^2; from 0 for each stretch.
+    """
+
+    value: Float[np.ndarray, " N"]
+    first: Float[np.ndarray, " N"]
+    place: Int[np.ndarray, " N"]
+    inside: Int[np.ndarray, " N"]
+    centre: Float[np.ndarray, " N"]
+    sums: Float[np.ndarray, "3 N+K"]
+
+    @classmethod
+    def of(cls, stretches: Sequence[Float[np.ndarray, " _"]]) -> _Curves:
+        """Many at once: most stretches are so short that a call costs more than its numbers."""
+        size = np.array([stretch.size for stretch in stretches])
+        begin = np.cumsum(size) - size
+        value, n = np.concatenate(stretches), np.repeat(size, size)
+        index = np.arange(value.size) - np.repeat(begin, size)
+        first, centre = np.repeat(value[begin], size), index - n / 2
+        terms = (value - first) * np.stack([centre**k for k in range(3)])
+        sums = np.zeros((3, value.size + size.size))
+        for k, (a, b) in enumerate(zip(begin, begin + size, strict=True)):
+            np.cumsum(terms[:, a:b], axis=1, out=sums[:, a + k + 1 : b + k + 1])
+        place = np.arange(value.size) + np.repeat(np.arange(size.size), size)
+        return cls(value, first, place, np.minimum(index, n - 1 - index), centre, sums)
+
+    def at(self, rows: Int[np.ndarray, " R"]) -> _Curves:
+        """Some of the samples."""
+        own = (self.value, self.first, self.place, self.inside, self.centre)
+        value, first, place, inside, centre = (each[rows] for each in own)
+        return _Curves(value, first, place, inside, centre, self.sums)
+
+    def centres(self, reach: Int[np.ndarray, " N"]) -> Float[np.ndarray, " N"]:
+        """Of the parabolas through so many samples on either side."""
+        s0, s1, s2 = self.sums[:, self.place + reach + 1] - self.sums[:, self.place - reach]
+        c = self.centre
+        return self.first + _CENTRE[reach] * s0 + _CURVED[reach] * (s2 - 2.0 * c * s1 + c**2 * s0)
+
+
+def _parabolas(curves: _Curves, sigma: float) -> tuple[Float[np.ndarray, " N"], Float[np.ndarray, " N"]]:
+    """Estimate and effective number of samples averaged."""
+    best, count = curves.value.astype(float), np.ones(curves.value.size)
+    rows = np.flatnonzero(curves.inside >= _WINDOWS[0])  # those whose window still grows
+    here, low, high = curves.at(rows), best[rows] - _GAMMA * sigma, best[rows] + _GAMMA * sigma
+    for half in _WINDOWS:
+        reach = np.minimum(half, here.inside)
+        mean, spread = here.centres(reach), _GAMMA * sigma * np.sqrt(_CENTRE[reach])
+        low, high = np.maximum(low, mean - spread), np.minimum(high, mean + spread)
+        good = low <= high
+        best[rows[good]], count[rows[good]] = mean[good], 1.0 / _CENTRE[reach[good]]
+        on = np.flatnonzero(good & (here.inside > half))
+        rows, here, low, high = rows[on], here.at(on), low[on], high[on]
+    return best, count
+
+
+def _line(value: Float[np.ndarray, " n"], sigma: float) -> Float[np.ndarray, " n"] | None:
+    """The straight line through a stretch, also where it is level; None where the stretch is not straight.
+
+    A mean, taken wherever the slope is not seen, has a bias that its error does not state.
+    """
+    if value.size < _LEVEL or _is_plainly_curved(value, sigma):
+        return None
+    line = _least_squares(value)
+    return line if _is_white(value - line, sigma) else None
+
+
+def _is_plainly_curved(value: Float[np.ndarray, " n"], sigma: float) -> bool:
+    """True where the best line through a few samples of a long stretch misses these by more than it may miss all."""
+    few = value[::_FEW]
+    if few.size < _LEVEL:
+        return False
+    rest = few - _least_squares(few)
+    return bool(rest @ rest > _error_of_a_line(value.size, sigma))
+
+
+def _least_squares(value: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
+    t = _from_the_middle(value.size)
+    return value.mean() + (t @ value) / (t @ t) * t
+
+
+def _from_the_middle(n: int) -> Float[np.ndarray, " n"]:
+    """-1 to 1."""
+    return np.arange(1.0 - n, n, 2.0) / (n - 1.0)
+
+
 def _is_white(rest: Float[np.ndarray, " n"], sigma: float) -> bool:
-    drift = np.max(np.abs(np.cumsum(rest))) / (sigma * np.sqrt(rest.size))
-    return bool(drift < _DRIFT and rest.std() < 1.5 * sigma)
+    if rest @ rest >= _error_of_a_line(rest.size, sigma):
+        return False
+    return bool(np.max(np.abs(np.cumsum(rest))) < _DRIFT * sigma * np.sqrt(rest.size))
+
+
+def _error_of_a_line(n: int, sigma: float) -> float:
+    """The largest sum of squares that a straight stretch may leave."""
+    return n * (1.5 * sigma) ** 2
+
+
+def _corner(value: Float[np.ndarray, " n"]) -> int:
+    """Where a stretch that is not straight departs most from its chord, away from its ends."""
+    n = value.size
+    width = max(1, n // 50)
+    sums = np.concatenate(([0.0], np.cumsum(value - value[0])))
+    smooth = (sums[width:] - sums[:-width]) / width
+    chord = np.linspace(smooth[0], smooth[-1], smooth.size)
+    return int(np.clip(np.argmax(np.abs(smooth - chord)) + width // 2, _STRETCH // 2, n - _STRETCH // 2))
 
 
 class _Stretch(NamedTuple):
-    """An estimate of an edge-free stretch of n samples.
+    """An edge-free stretch, samples a to b; its line where it is straight within the noise, None where it is curved."""
+
+    a: int
+    b: int
+    line: Float[np.ndarray, " _"] | None
+
+
+def _stretches(value: Float[np.ndarray, " n"], sigma: float, edge: Bool[np.ndarray, " n-1"]) -> Iterator[_Stretch]:
+    """All of a trace, in no order; a long one that is not straight is cut in two and tried again."""
+    waiting = list(pairwise([0, *(np.flatnonzero(edge) + 1).tolist(), value.size]))
+    while waiting:
+        a, b = waiting.pop()
+        line = _line(value[a:b], sigma)
+        if line is None and b - a >= 2 * _STRETCH:
+            at = a + _corner(value[a:b])
+            waiting += [(a, at), (at, b)]
+        else:
+            yield _Stretch(a, b, line)
+
+
+def _batches(stretches: Sequence[_Stretch]) -> Iterator[list[_Stretch]]:
+    """As many at once as stay in the processor's cache."""
+    number = iter(np.cumsum([each.b - each.a for each in stretches]) // _AT_ONCE)
+    for _, batch in groupby(stretches, key=lambda _: next(number)):
+        yield list(batch)
+
+
+class _Estimate(NamedTuple):
+    """What is known of every sample.
 
     Args:
         value: V or N m.
@@ -105,31 +227,28 @@ class _Stretch(NamedTuple):
     shared: Float[np.ndarray, " n"]
 
 
-def _stretch(value: Float[np.ndarray, " n"], sigma: float) -> _Stretch:
-    """Estimate an edge-free stretch: by a line where it is straight within the noise, by parabolas elsewhere."""
-    n = value.size
-    if n >= _LEVEL:
-        # also where it is level: a mean, taken wherever the slope is not seen, has a bias that its error does not state
-        t = np.linspace(-1.0, 1.0, n)
-        line = np.polynomial.polynomial.polyval(t, np.polynomial.polynomial.polyfit(t, value, 1))
-        if _is_white(value - line, sigma):
-            return _Stretch(line, (1.0 + 3.0 * t**2) / n, np.full(n, float(n)))
-    if n >= 2 * _STRETCH:
-        at = _corner(value)
-        left, right = _stretch(value[:at], sigma), _stretch(value[at:], sigma)
-        return _Stretch(*(np.concatenate(pair) for pair in zip(left, right, strict=True)))
-    estimate, count = _parabola(value, sigma)
-    # what the choice of windows adds, measured on multisines, chirps and trapezoids (test_input_signal.py)
-    return _Stretch(estimate, np.where(count > 1.0, 1.6, 1.0) / count, np.maximum(1.0, count / 1.5))
+def _estimated(value: Float[np.ndarray, " n"], sigma: float, edge: Bool[np.ndarray, " n-1"]) -> _Estimate:
+    """Every stretch: by a line where it is straight within the noise, by parabolas elsewhere."""
+    known, curved = _Estimate(*np.empty((3, value.size))), list[_Stretch]()
+    for each in _stretches(value, sigma, edge):
+        if each.line is None:
+            curved.append(each)
+        else:
+            n, t = each.b - each.a, _from_the_middle(each.b - each.a)
+            _keep(known, [each], each.line, (1.0 + 3.0 * t**2) / n, np.full(n, float(n)))
+    for batch in _batches(curved):
+        estimate, count = _parabolas(_Curves.of([value[each.a : each.b] for each in batch]), sigma)
+        # what the choice of windows adds, measured on multisines, chirps and trapezoids (test_input_signal.py)
+        _keep(known, batch, estimate, np.where(count > 1.0, 1.6, 1.0) / count, np.maximum(1.0, count / 1.5))
+    return known
 
 
-def _corner(value: Float[np.ndarray, " n"]) -> int:
-    """Where a stretch that is not straight departs most from its chord, away from its ends."""
-    n = value.size
-    width = max(1, n // 50)
-    smooth = np.convolve(value, np.ones(width) / width, mode="valid")
-    chord = np.linspace(smooth[0], smooth[-1], smooth.size)
-    return int(np.clip(np.argmax(np.abs(smooth - chord)) + width // 2, _STRETCH // 2, n - _STRETCH // 2))
+def _keep(known: _Estimate, stretches: Sequence[_Stretch], *found: Float[np.ndarray, " _"]) -> None:
+    """What was found of these stretches, side by side, goes where they lie in the trace."""
+    stops = np.cumsum([each.b - each.a for each in stretches])[:-1]
+    for whole, part in zip(known, found, strict=True):
+        for each, own in zip(stretches, np.split(part, stops), strict=True):
+            whole[each.a : each.b] = own
 
 
 def denoise(value: Float[np.ndarray, " n"], sigma: float) -> InputSignal:
@@ -140,9 +259,7 @@ def denoise(value: Float[np.ndarray, " n"], sigma: float) -> InputSignal:
         sigma: standard deviation of its noise.
     """
     edge = _edges(value, sigma)
-    bounds = np.concatenate(([0], np.flatnonzero(edge) + 1, [value.size]))
-    parts = [_stretch(value[a:b], sigma) for a, b in pairwise(bounds)]
-    estimate, variance, count = (np.concatenate(column) for column in zip(*parts, strict=True))
+    estimate, variance, count = _estimated(value, sigma, edge)
     memory = np.where(count > 1.0, np.exp(-2.0 / np.maximum(count, 1.0)), 0.0)
     return InputSignal(estimate, sigma * np.sqrt(variance), memory, edge)
 

@@ -72,6 +72,9 @@ def figure(width: float, height: float, synthetic: bool) -> Figure:
 
 def save(fig: Figure, path: Path) -> None:
     """A PNG, written whole or not at all."""
+    if engine := fig.get_layout_engine():  # savefig would draw it all twice, once to find room for everything
+        engine.execute(fig)
+        fig.set_layout_engine(None)
     with whole(path) as draft:
         fig.savefig(draft, format="png", dpi=DPI, facecolor="white", pil_kwargs={"compress_level": 3})
 

@@ -15,6 +15,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import reduce
 from statistics import median
 
 import numpy as np
@@ -47,11 +48,19 @@ def texture(time: np.ndarray, value: np.ndarray) -> Texture:
         time: s, shape (n,), strictly rising.
         value: SI, shape (n,).
     """
+    return textures(time, [value])[0]
+
+
+def textures(time: np.ndarray, values: Sequence[np.ndarray]) -> list[Texture]:
+    """Those of several channels logged at the same instants: what depends on these alone is done once for all."""
+    quanta = [quantum(value) for value in values]
+    fine = _noises(time, values, [(ROBUST, COARSE) if q else (ROBUST,) for q in quanta])
+    return [_texture(*each) for each in zip(values, quanta, fine, strict=True)]
+
+
+def _texture(value: np.ndarray, q: float, sigmas: Sequence[float]) -> Texture:
     span = float(np.ptp(value)) if len(value) else 0.0
-    q = quantum(value)
-    sigma = noise(time, value)
-    if sigma < q / 2:
-        sigma = max(sigma, noise(time, value, COARSE))
+    sigma = max(sigmas) if sigmas[0] < q / 2 else sigmas[0]
     return Texture(sigma, q, span or float(np.max(np.abs(value), initial=0.0)) * 1e-3)
 
 
@@ -79,8 +88,18 @@ def pooled(own: Sequence[Texture], of_rig: Sequence[Texture]) -> tuple[float, fl
 
 def noise(time: np.ndarray, value: np.ndarray, clip: float = ROBUST) -> float:
     """Standard deviation of the white part of a trace; 0 where it is frozen or too short."""
-    orders = [p for p in ORDERS if len(value) >= 2 * (p + 1)]
-    return min((_spread(_divided_difference(time, value, p), clip) for p in orders), default=0.0)
+    return _noises(time, [value], [(clip,)])[0][0]
+
+
+def _noises(
+    time: np.ndarray, values: Sequence[np.ndarray], clips: Sequence[tuple[float, ...]]
+) -> list[tuple[float, ...]]:
+    """The noise of each channel, at each of its own clips."""
+    least = [[np.inf] * len(own) for own in clips]
+    for order in (p for p in ORDERS if len(time) >= 2 * (p + 1)):
+        for known, own, d in zip(least, clips, _divided_differences(time, values, order), strict=True):
+            known[:] = [min(before, _spread(d, clip)) for before, clip in zip(known, own, strict=True)]
+    return [tuple(s if np.isfinite(s) else 0.0 for s in known) for known in least]
 
 
 def quantum(value: np.ndarray) -> float:
@@ -107,29 +126,37 @@ def _median(values: list[float]) -> float:
     return median(seen) if seen else 0.0
 
 
-def _divided_difference(time: np.ndarray, value: np.ndarray, order: int) -> np.ndarray:
-    starts = range(0, len(time) - order, BLOCK)
-    blocks = (slice(start, start + BLOCK + order) for start in starts)
-    return np.concatenate([_divided_block(time[block], value[block], order) for block in blocks])
-
-
-def _divided_block(time: np.ndarray, value: np.ndarray, order: int) -> np.ndarray:
+def _divided_differences(time: np.ndarray, values: Sequence[np.ndarray], order: int) -> np.ndarray:
+    """d of every channel, shape (channels, n - order)."""
     n = len(time) - order
-    t = np.stack([time[j : j + n] for j in range(order + 1)])
-    y = np.stack([value[j : j + n] for j in range(order + 1)])
-    t = (t - t[0]) / (t[-1] - t[0])  # the scale of time drops out in d; this keeps the products finite
-    w = np.stack([1 / np.prod([t[j] - t[k] for k in range(order + 1) if k != j], axis=0) for j in range(order + 1)])
-    return np.sum(w * y, axis=0) / np.linalg.norm(w, axis=0)
+    d = np.empty((len(values), n))
+    for start in range(0, n, BLOCK):
+        stop = min(start + BLOCK, n)
+        weights, length = _weights(time[start : stop + order], order)
+        for row, value in zip(d, values, strict=True):
+            terms = (w * value[start + j : stop + j] for j, w in enumerate(weights))
+            np.divide(reduce(np.add, terms), length, out=row[start:stop])
+    return d
+
+
+def _weights(time: np.ndarray, order: int) -> tuple[list[np.ndarray], np.ndarray]:
+    """w_j and |w|, each of shape (n - order,)."""
+    n = len(time) - order
+    first, whole = time[:n], time[order:] - time[:n]
+    # the scale of time drops out in d; this keeps the products finite
+    t = [(time[j : j + n] - first) / whole for j in range(order + 1)]
+    w = [1 / reduce(np.multiply, [t[j] - t[k] for k in range(order + 1) if k != j]) for j in range(order + 1)]
+    return w, np.sqrt(reduce(np.add, [each * each for each in w]))
 
 
 def _spread(d: np.ndarray, c: float) -> float:
     """Huber's Proposal 2: s with mean(min(d^2, c^2 s^2)) = s^2 E min(z^2, c^2), z standard normal."""
     inside, density = math.erf(c / math.sqrt(2)), math.exp(-c * c / 2) / math.sqrt(2 * math.pi)
     clipped_variance = inside - 2 * c * density + c * c * (1 - inside)
-    square = d * d
+    square, clipped = d * d, np.empty_like(d)
     s2 = float(np.mean(square))
     for _ in range(60):
-        before, s2 = s2, float(np.mean(np.minimum(square, c * c * s2))) / clipped_variance
+        before, s2 = s2, float(np.mean(np.minimum(square, c * c * s2, out=clipped))) / clipped_variance
         if s2 > 0.999 * before:
             break
     return math.sqrt(s2)

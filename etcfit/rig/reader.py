@@ -12,10 +12,10 @@ from ..errors import MeasurementError
 from ..files import digest
 from . import TESTS
 from .base import Channel, Measurement, Rig, RigConfig
-from .columns import Log, read_columns
+from .columns import Column, Log, read_columns
 from .config import parse_config
 from .names import refuse_foreign_names
-from .noise import Texture, pooled, texture
+from .noise import Texture, pooled, textures
 from .sanity import check_log, check_peaks
 from .table import Table, decode, parse
 from .toml import closest, read_text
@@ -216,21 +216,38 @@ def _unused_columns(config: RigConfig, logs: Iterable[Log], toml: str) -> list[s
 
 def _measurements(logs: tuple[Log, ...], config: RigConfig) -> tuple[Measurement, ...]:
     bare = [_measurement(log, config.holdout) for log in logs]
-    textures = {(m.file, name): texture(c.time, c.value) for m in bare for name, c in m.channels.items()}
+    looks = {(m.file, name): look for m in bare for name, look in _textures(m).items()}
     return tuple(
-        replace(m, channels={name: _with_noise(c, name, m, bare, textures, config) for name, c in m.channels.items()})
+        replace(m, channels={name: _with_noise(c, name, m, bare, looks, config) for name, c in m.channels.items()})
         for m in bare
     )
 
 
+def _textures(trace: Measurement) -> dict[str, Texture]:
+    """Of every channel, those logged at the same instants together."""
+    together: dict[bytes, list[str]] = {}
+    for name, channel in trace.channels.items():
+        together.setdefault(channel.time.tobytes(), []).append(name)
+    found: dict[str, Texture] = {}
+    for names in together.values():
+        channels = [trace.channels[name] for name in names]
+        found |= zip(names, textures(channels[0].time, [each.value for each in channels]), strict=True)
+    return found
+
+
 def _measurement(log: Log, holdout: tuple[str, ...]) -> Measurement:
-    channels: dict[str, Channel] = {}
-    for name, column in log.channels.items():
-        there = ~np.isnan(column.logged)
-        channels[name] = Channel(_frozen(log.time[there]), _frozen(column.value[there]), np.nan, True,
-                                 column.header, column.unit, column.conversion.scale,
-                                 offset=column.conversion.offset)  # fmt: skip
-    return Measurement(log.file, log.test, _frozen(log.time), channels, log.file in holdout)
+    time = _frozen(log.time)
+    channels = {name: _channel(column, time) for name, column in log.channels.items()}
+    return Measurement(log.file, log.test, time, channels, log.file in holdout)
+
+
+def _channel(column: Column, time: np.ndarray) -> Channel:
+    """What a column holds; one without an empty cell has its time in common with the others."""
+    value, there = column.value, ~np.isnan(column.logged)
+    if not there.all():
+        time, value = _frozen(time[there]), value[there]
+    return Channel(time, _frozen(value), np.nan, True, column.header, column.unit, column.conversion.scale,
+                   offset=column.conversion.offset)  # fmt: skip
 
 
 def _frozen(array: np.ndarray) -> np.ndarray:
@@ -244,12 +261,12 @@ def _with_noise(
     name: str,
     trace: Measurement,
     traces: Iterable[Measurement],
-    textures: Mapping[tuple[str, str], Texture],
+    looks: Mapping[tuple[str, str], Texture],
     config: RigConfig,
 ) -> Channel:
     """The channel with its noise: given, or pooled over the traces logged under the same header."""
     same = [m for m in traces if name in m.channels and m.channels[name].header == channel.header]
-    own = [textures[m.file, name] for m in same if m.test == trace.test]
-    sigma, quantum = pooled(own, [textures[m.file, name] for m in same])
+    own = [looks[m.file, name] for m in same if m.test == trace.test]
+    sigma, quantum = pooled(own, [looks[m.file, name] for m in same])
     given = config.noise.get(name)
     return replace(channel, sigma=sigma if given is None else given, sigma_estimated=given is None, quantum=quantum)

@@ -93,6 +93,14 @@ def test_short_logs_are_taken_as_they_are(n: int) -> None:
     assert np.all(np.abs(signal.value - value) < 6.0 * SIGMA)
 
 
+def test_a_long_log_is_averaged_as_a_short_one_is() -> None:
+    """It is cut into stretches time and again, and these are estimated many at once."""
+    t = np.arange(200_000) / RATE
+    true = multisine(t)
+    signal = denoise(logged(true, 0), SIGMA)
+    assert np.mean((signal.value - true) ** 2) < SIGMA**2 / 3.0
+
+
 # ---- honesty
 
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
-from etcfit.problem.trace import Trace, prepare
+from etcfit.problem.trace import Trace, _smooth, prepare
 from etcfit.rig.base import Channel, Measurement
 from independent.drives import line
 from measurements import CONFIG, OPEN, SIGMA, N, channel, driven, measurement, noisy, released
@@ -162,3 +162,10 @@ def test_noise_is_never_finer_than_the_logger() -> None:
 @pytest.mark.parametrize("channels", [("position",), ("voltage",)], ids=["no input", "nothing observed"])
 def test_what_the_model_cannot_predict_is_left_out(channels: tuple[str, ...]) -> None:
     assert prepare(measurement("response", T, {name: 0 * T for name in channels}), CONFIG) is None
+
+
+@pytest.mark.parametrize("width", [1, 2, 7, 50])
+def test_the_smoothed_rise_is_a_moving_mean(width: int) -> None:
+    value = np.abs(np.random.default_rng(0).standard_normal(500))
+    expected = np.convolve(value, np.ones(width) / width, mode="same")
+    assert_allclose(_smooth(value, width), expected, atol=1e-12)

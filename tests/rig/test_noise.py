@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from etcfit.rig import noise as module
-from etcfit.rig.noise import FLOOR, noise, pooled, quantum, texture
+from etcfit.rig.noise import FLOOR, noise, pooled, quantum, texture, textures
 
 N = 4000
 SIGMA = 0.01
@@ -97,3 +97,11 @@ def test_a_long_trace_in_blocks_is_the_trace_as_a_whole(monkeypatch: pytest.Monk
     for block in (7, N - 2, N):
         monkeypatch.setattr(module, "BLOCK", block)
         assert noise(TIME, value) == whole
+
+
+def test_channels_look_the_same_alone_and_together() -> None:
+    rng = np.random.default_rng(8)
+    time = TIME + rng.uniform(-3e-4, 3e-4, N)
+    values = [signal + SIGMA * rng.standard_normal(N) for signal in SIGNALS.values()]
+    values.append(0.05 * np.round(values[2] / 0.05))
+    assert textures(time, values) == [texture(time, value) for value in values]
