@@ -9,6 +9,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float, Int
 
 from .parameters import AnyArray, Scalar
+from .running import running_max, running_sum
 from .stepper import Reset, Step
 
 
@@ -28,8 +29,8 @@ class _Earlier(NamedTuple):
 
 def _clock(steps: Step, resets: Reset) -> tuple[Float[Array, "T L"], Float[Array, "T L"]]:
     """Time along each lane, and that at which the trace at each entry began, s."""
-    clock = jnp.cumsum(steps.dt, axis=0)
-    return clock, jax.lax.cummax(jnp.where(resets.begins > 0.5, clock, 0.0), axis=0)
+    clock = running_sum(steps.dt)
+    return clock, running_max(jnp.where(resets.begins > 0.5, clock, 0.0))
 
 
 def _earlier(clock: Float[Array, "T L"], began: Float[Array, "T L"], instant: Float[Array, "T L"]) -> _Earlier:
@@ -77,7 +78,7 @@ def _acting(steps: Step, resets: Reset, delay: Scalar) -> tuple[Float[AnyArray, 
     def shifted(
         start: Float[AnyArray, "T L"], end: Float[AnyArray, "T L"]
     ) -> tuple[Float[Array, "T L"], Float[Array, "T L"]]:
-        area = jnp.cumsum(0.5 * (start + end) * steps.dt, axis=0)
+        area = running_sum(0.5 * (start + end) * steps.dt)
         level0, area0 = _level(start, end, area, early)
         level1, area1 = _level(start, end, area, late)
         # before the trace began its first level acted

@@ -44,7 +44,7 @@ class AbstractDomain(abc.ABC):
     @staticmethod
     @abc.abstractmethod
     def log_flat(x: Scalar) -> Scalar:
-        """log |dq/dx|: the density of x, to a factor, that makes the quantity q flat in which nothing is believed."""
+        """log |dq/dx| of the quantity q whose prior is flat: that prior's log density in x, to a constant."""
 
     @abc.abstractmethod
     def coordinate(self, value: float) -> float:

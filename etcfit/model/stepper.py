@@ -7,18 +7,24 @@ eliminated from the linearised stage, the speed obeys the inclusion
 
 (Acary and Brogliato 2008, ch. 1): sticking is exact, nothing is stiff, one to a few steps a sample are enough. The
 smooth part of Eqs. 1-2 is linear, so their stages are solved exactly; other effects get one Newton step.
+
+The tangent of a step is written out (`_step_and_tangent`): the equations of each stage are differentiated where they
+were solved, which is exact for the scheme as it is and a fraction of what differentiating the solution would compute.
 """
 
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
+from functools import partial
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
+from jaxtyping import Bool
 
 from .effects import Contribution, Inputs, State
-from .parameters import Scalar
+from .parameters import AnyArray, Scalar
+from .tangents import forward, instantiated, once
 from .throttle import Throttle
 
 StatePath = tuple[State, tuple[Scalar, ...]]  # states and memories; along a batch of shape (T, L) each
@@ -114,10 +120,20 @@ class Step(NamedTuple):
         return early._replace(command=c._replace(end=c.at(0.5))), late._replace(command=c._replace(begin=c.at(0.5)))
 
 
-class _Line(NamedTuple):
-    """A balance linearised about a guess: value = at + i * i + theta * theta + omega * omega."""
+class _Balances(NamedTuple):
+    """What acts on the plate and in the armature loop: smooth torque (N m) and voltage (V), the guide's included; dry
+    friction (N m), inertia (kg m2) and inductance (H)."""
 
-    at: Scalar
+    torque: Scalar
+    voltage: Scalar
+    friction: Scalar
+    inertia: Scalar
+    inductance: Scalar
+
+
+class _Slopes(NamedTuple):
+    """Derivatives of a balance in each state."""
+
     i: Scalar
     theta: Scalar
     omega: Scalar
@@ -134,26 +150,36 @@ def contributions(throttle: Throttle, x: State, z: tuple[Scalar, ...], u: Inputs
     return throttle(x, z, u)
 
 
-def _linearise(
-    throttle: Throttle, x: State, z: tuple[Scalar, ...], s: Step, fraction: float
-) -> tuple[_Line, _Line, Contribution]:
-    """Torque and voltage balances about the guess x, by forward-mode differentiation along each state."""
+def _balances(throttle: Throttle, x: State, z: tuple[Scalar, ...], s: Step, fraction: float) -> _Balances:
     u = s.inputs(fraction)
+    c = contributions(throttle, x, z, u)
+    guide = s.guide(fraction, x.theta)
+    torque = c.torque + c.drive + u.torque + (1.0 - s.circuit) * s.lever * guide
+    return _Balances(torque, c.voltage + u.voltage + s.circuit * guide, c.friction, c.inertia, c.inductance)
 
-    def balances(i: Scalar, theta: Scalar, omega: Scalar) -> tuple[tuple[Scalar, Scalar], Contribution]:
-        c = contributions(throttle, State(i, theta, omega), z, u)
-        guide = s.guide(fraction, theta)
-        torque = c.torque + c.drive + u.torque + (1.0 - s.circuit) * s.lever * guide
-        return (torque, c.voltage + u.voltage + s.circuit * guide), c
+
+def _slopes(
+    throttle: Throttle, x: State, z: tuple[Scalar, ...], s: Step, fraction: float
+) -> tuple[_Balances, _Slopes, _Slopes]:
+    """The balances at x, and how torque and voltage change with each state there."""
+
+    def smooth(i: Scalar, theta: Scalar, omega: Scalar) -> tuple[tuple[Scalar, Scalar], _Balances]:
+        b = _balances(throttle, State(i, theta, omega), z, s, fraction)
+        return (b.torque, b.voltage), b
 
     one = jnp.ones(())
-    (torque, voltage), here = balances(*x)
-    _, (torque_i, voltage_i) = jax.jvp(lambda i: balances(i, x.theta, x.omega)[0], (x.i,), (one,))
-    _, (torque_th, voltage_th) = jax.jvp(lambda theta: balances(x.i, theta, x.omega)[0], (x.theta,), (one,))
-    _, (torque_om, voltage_om) = jax.jvp(lambda omega: balances(x.i, x.theta, omega)[0], (x.omega,), (one,))
-    torque_at = torque - torque_i * x.i - torque_th * x.theta - torque_om * x.omega
-    voltage_at = voltage - voltage_i * x.i - voltage_th * x.theta - voltage_om * x.omega
-    return _Line(torque_at, torque_i, torque_th, torque_om), _Line(voltage_at, voltage_i, voltage_th, voltage_om), here
+    _, along_i, here = jax.jvp(lambda i: smooth(i, x.theta, x.omega), (x.i,), (one,), has_aux=True)
+    _, along_theta = jax.jvp(lambda theta: smooth(x.i, theta, x.omega)[0], (x.theta,), (one,))
+    _, along_omega = jax.jvp(lambda omega: smooth(x.i, x.theta, omega)[0], (x.omega,), (one,))
+    torque, voltage = (_Slopes(*each) for each in zip(along_i, along_theta, along_omega, strict=True))
+    return here, torque, voltage
+
+
+def _about(throttle: Throttle, guess: State, z: tuple[Scalar, ...], s: Step, fraction: float, x: State) -> _Balances:
+    """The balances at x as the stage sees them: torque and voltage linearised about its guess, the rest as there."""
+    way = State(*(to - start for to, start in zip(x, guess, strict=True)))
+    here, slope = jax.jvp(lambda x: _balances(throttle, x, z, s, fraction), (guess,), (way,))
+    return here._replace(torque=here.torque + slope.torque, voltage=here.voltage + slope.voltage)
 
 
 def _memory(throttle: Throttle, base: tuple[Scalar, ...], guess: tuple[Scalar, ...], x: State, u: Inputs, a: Scalar):
@@ -173,8 +199,8 @@ class _Contact(NamedTuple):
 
     lower: Scalar
     upper: Scalar
-    on_lower: Scalar
-    on_upper: Scalar
+    on_lower: Bool[AnyArray, ...]
+    on_upper: Bool[AnyArray, ...]
     restitution: Scalar
 
     @classmethod
@@ -187,10 +213,9 @@ class _Contact(NamedTuple):
         resting = self.on_lower & (x.theta <= self.lower), self.on_upper & (x.theta >= self.upper)
         return _Contact(self.lower, self.upper, *resting, self.restitution)
 
-    def restrain(self, omega: Scalar) -> Scalar:
+    def restrains(self, omega: Scalar) -> Bool[AnyArray, ...]:
         """A resting plate must not move outward inside a stage: its speed would leak into the current."""
-        omega = jnp.where(self.on_lower, jnp.maximum(omega, 0.0), omega)
-        return jnp.where(self.on_upper, jnp.minimum(omega, 0.0), omega)
+        return (self.on_lower & (omega < 0.0)) | (self.on_upper & (omega > 0.0))
 
     def clip(self, before: State, x: State) -> State:
         """A new impact: angle to the stop, speed to zero, or to the share that the stop gives back. Elsewhere in the
@@ -202,26 +227,113 @@ class _Contact(NamedTuple):
         return State(x.i, jnp.clip(x.theta, self.lower, self.upper), omega)
 
 
+class _Stage(NamedTuple):
+    """A stage solved, and what its tangents need.
+
+    Args:
+        x: its state.
+        free: 1 where the plate moves or may, 0 where it sticks, is held, or rests on a stop.
+        torque, voltage: slopes of the balances.
+        friction, inertia, inductance: at the guess.
+        per_speed: di/domega; mass, share: what the equations of speed and current are divided by.
+    """
+
+    x: State
+    free: Scalar
+    torque: _Slopes
+    voltage: _Slopes
+    friction: Scalar
+    inertia: Scalar
+    inductance: Scalar
+    per_speed: Scalar
+    mass: Scalar
+    share: Scalar
+
+
 def _stage(
     throttle: Throttle, base: State, guess: State, z: tuple[Scalar, ...], s: Step, fraction: float, contact: _Contact
-) -> State:
+) -> _Stage:
     """Solve x = base + gamma h f(x), dry friction and resting contact included."""
     a = GAMMA * s.dt
-    torque, voltage, c = _linearise(throttle, guess, z, s, fraction)
-    b = a / c.inductance
-    denominator = 1.0 - b * voltage.i
-    at = s.circuit * (base.i + b * (voltage.at + voltage.theta * base.theta)) / denominator
-    per_speed = s.circuit * b * (voltage.theta * a + voltage.omega) / denominator
-    mass = c.inertia - a * (torque.i * per_speed + torque.theta * a + torque.omega)
-    rhs = c.inertia * base.omega + a * (torque.at + torque.i * at + torque.theta * base.theta)
-    omega = contact.restrain(s.mobile * soft(rhs, a * c.friction) / mass)
-    return State(at + per_speed * omega, base.theta + a * omega, omega)
+    here, torque, voltage = _slopes(throttle, guess, z, s, fraction)
+    b = a / here.inductance
+    share = 1.0 - b * voltage.i
+    per_speed = s.circuit * b * (voltage.theta * a + voltage.omega) / share
+    mass = here.inertia - a * (torque.i * per_speed + torque.theta * a + torque.omega)
+    at_guess = State(*(-each for each in guess))
+    torque_at, voltage_at = here.torque + _along(torque, at_guess), here.voltage + _along(voltage, at_guess)
+    at = s.circuit * (base.i + b * (voltage_at + voltage.theta * base.theta)) / share
+    rhs = here.inertia * base.omega + a * (torque_at + torque.i * at + torque.theta * base.theta)
+    dry = a * here.friction
+    slips = (jnp.abs(rhs) > dry) | (dry == 0.0)
+    omega = s.mobile * soft(rhs, dry) / mass
+    held = contact.restrains(omega)
+    free = jnp.where(slips & ~held, s.mobile, 0.0)
+    omega = jnp.where(held, 0.0, omega)
+    x = once(State(at + per_speed * omega, base.theta + a * omega, omega))
+    return _Stage(x, free, torque, voltage, *here[2:], per_speed, mass, share)
+
+
+def _along(slopes: _Slopes, way: State) -> Scalar:
+    return sum(slope * each for slope, each in zip(slopes, way, strict=True))
+
+
+def _pushed(stage: _Stage, base: State, dbase: State, d: _Balances, s: Step) -> State:
+    """Tangent of a stage by the implicit function theorem.
+
+    Args:
+        stage: the stage solved.
+        base, dbase: what it set out from, and its tangent.
+        d: tangent of the balances at the stage's own state.
+        s: the step.
+    """
+    a, x, d = GAMMA * s.dt, stage.x, once(d)
+    b = a / stage.inductance
+    volts = d.voltage + stage.voltage.theta * dbase.theta
+    at = dbase.i + b * volts - d.inductance / stage.inductance * (x.i - base.i)
+    at = s.circuit * at / stage.share
+    torque = d.torque + stage.torque.i * at + stage.torque.theta * dbase.theta - jnp.sign(x.omega) * d.friction
+    impulse = stage.inertia * dbase.omega + a * torque - d.inertia * (x.omega - base.omega)
+    omega = once(stage.free * impulse / stage.mass)
+    at = once(at)
+    return State(at + stage.per_speed * omega, dbase.theta + a * omega, omega)
 
 
 def _extrapolate(start: Scalar, stage: Scalar) -> Scalar:
     return start + _OVERSHOOT * (stage - start)
 
 
+class _Stages(NamedTuple):
+    """A whole step: its two stages, and the memories that each was solved with and ended with."""
+
+    contact: _Contact
+    z_early: tuple[Scalar, ...]
+    first: _Stage
+    z1: tuple[Scalar, ...]
+    z_late: tuple[Scalar, ...]
+    second: _Stage
+    z2: tuple[Scalar, ...]
+
+
+def _between(x: Any, x1: Any) -> Any:
+    """What the second stage sets out from."""
+    return jax.tree.map(_extrapolate, x, x1)
+
+
+def _stages(throttle: Throttle, x: State, z: tuple[Scalar, ...], s: Step) -> _Stages:
+    a = GAMMA * s.dt
+    early, late = s.inputs(GAMMA), s.inputs(1.0)
+    contact = _Contact.at(throttle, x, z, early)
+    z_early = _memory(throttle, z, z, x, early, a)
+    first = _stage(throttle, x, x, z_early, s, GAMMA, contact)
+    z1 = _memory(throttle, z, z_early, first.x, early, a)
+    z_late = _memory(throttle, _between(z, z1), z1, first.x, late, a)
+    second = _stage(throttle, _between(x, first.x), first.x, z_late, s, 1.0, contact.after(first.x))
+    z2 = _memory(throttle, _between(z, z1), z_late, second.x, late, a)
+    return _Stages(contact, z_early, first, z1, z_late, second, z2)
+
+
+@jax.custom_jvp
 def step(throttle: Throttle, x: State, z: tuple[Scalar, ...], s: Step) -> StatePath:
     """One step of the throttle body.
 
@@ -233,19 +345,59 @@ def step(throttle: Throttle, x: State, z: tuple[Scalar, ...], s: Step) -> StateP
     Returns:
         state and memories at its end.
     """
-    a = GAMMA * s.dt
-    early, late = s.inputs(GAMMA), s.inputs(1.0)
-    contact = _Contact.at(throttle, x, z, early)
-    z_guess = _memory(throttle, z, z, x, early, a)
-    x1 = _stage(throttle, x, x, z_guess, s, GAMMA, contact)
-    z1 = _memory(throttle, z, z_guess, x1, early, a)
+    taken = _stages(throttle, x, z, s)
+    return taken.contact.clip(x, taken.second.x), taken.z2
 
-    base = State(*(_extrapolate(p, q) for p, q in zip(x, x1, strict=True)))
-    z_base = tuple(_extrapolate(p, q) for p, q in zip(z, z1, strict=True))
-    z_guess = _memory(throttle, z_base, z1, x1, late, a)
-    x2 = _stage(throttle, base, x1, z_guess, s, 1.0, contact.after(x1))
-    z2 = _memory(throttle, z_base, z_guess, x2, late, a)
-    return contact.clip(x, x2), z2
+
+def _step_and_tangent(primals: Any, tangents: Any) -> tuple[StatePath, StatePath]:
+    """The step and its tangent: each stage by the implicit function theorem, memories and stops as they are computed.
+
+    The grid is fixed: a tangent of a step's length is not asked for.
+    """
+    throttle, x, z, s = primals
+    dthrottle, dx, dz, ds = tangents
+    dx, dz = instantiated((x, z), (dx, dz))
+    taken = once(_stages(throttle, x, z, s))
+    first, second = taken.first, taken.second
+
+    def remembered(fraction: float, base: Any, guess: Any, at: State, dbase: Any, dguess: Any, dat: State) -> Any:
+        """Tangent of the memories of a stage."""
+
+        def memory(throttle: Throttle, base: Any, guess: Any, at: State, s: Step) -> Any:
+            return _memory(throttle, base, guess, at, s.inputs(fraction), GAMMA * s.dt)
+
+        return forward(memory, (throttle, base, guess, at, s), (dthrottle, dbase, dguess, dat, ds))[1] if base else ()
+
+    def balanced(fraction: float, guess: State, z: Any, at: State, dguess: State, dz: Any) -> _Balances:
+        """Tangent of the balances of a stage at its end `at`, which stays where it is."""
+        about = partial(_about, fraction=fraction, x=at)
+        return forward(about, (throttle, guess, z, s), (dthrottle, dguess, dz, ds))[1]
+
+    dz_early = remembered(GAMMA, z, z, x, dz, dz, dx)
+    d = balanced(GAMMA, x, taken.z_early, first.x, dx, dz_early)
+    dx1 = _pushed(first, x, dx, d, s)
+    dz1 = remembered(GAMMA, z, taken.z_early, first.x, dz, dz_early, dx1)
+
+    (base, z_base), (dbase, dz_base) = _between((x, z), (first.x, taken.z1)), _between((dx, dz), (dx1, dz1))
+    dz_late = remembered(1.0, z_base, taken.z1, first.x, dz_base, dz1, dx1)
+    d = balanced(1.0, first.x, taken.z_late, second.x, dx1, dz_late)
+    dx2 = _pushed(second, base, dbase, d, s)
+    dz2 = remembered(1.0, z_base, taken.z_late, second.x, dz_base, dz_late, dx2)
+
+    def limits(throttle: Throttle, s: Step) -> tuple[Scalar, Scalar, Scalar]:
+        c = contributions(throttle, x, z, s.inputs(GAMMA))
+        return c.lower, c.upper, c.restitution
+
+    def clipped(limits: Any, before: State, after: State) -> State:
+        lower, upper, restitution = limits
+        return taken.contact._replace(lower=lower, upper=upper, restitution=restitution).clip(before, after)
+
+    at, moved = forward(limits, (throttle, s), (dthrottle, ds))
+    end, dend = jax.jvp(clipped, (at, x, second.x), (moved, dx, dx2))
+    return (end, taken.z2), once((dend, dz2))
+
+
+step.defjvp(_step_and_tangent, symbolic_zeros=True)
 
 
 class Reset(NamedTuple):

@@ -24,6 +24,7 @@ from jaxtyping import Array, Float
 
 from ..model.parameters import AnyArray, Scalar
 from ..model.stepper import StatePath
+from ..model.tangents import once
 from ..model.throttle import Throttle
 from .batch import BatchArrays, SampleSlots
 from .process_noise import ORDER, error_process
@@ -84,11 +85,11 @@ def innovate(
     """
     transition, sense, gain, weight = filter_
     order = range(len(state))
-    state = tuple(sum(transition[..., p, q] * state[q] for q in order) for p in order)
+    state = once(tuple(sum(transition[..., p, q] * state[q] for q in order) for p in order))
     out = []
     for m in range(error.shape[-1]):
         here = weight[..., m]
-        nu = jnp.where(here > 0.0, error[..., m] - sum(sense[..., m, q] * state[q] for q in order), 0.0)
+        nu = once(jnp.where(here > 0.0, error[..., m] - sum(sense[..., m, q] * state[q] for q in order), 0.0))
         state = tuple(state[q] + gain[..., m, q] * nu for q in order)
         out.append(nu * here)
     return state, jnp.stack(out, axis=-1)

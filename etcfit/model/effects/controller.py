@@ -13,7 +13,7 @@ _SOURCE = "Astrom and Hagglund 2006, ch. 3 and 13"
 
 
 class Controller(AbstractEffect):
-    """v = clip(v_0 + (K_p + K_i t_e/2) e + I + K_d d, +-V_e), the discrete PID of `pid.ecu` with its delays made
+    """v = clip(v_0 + (K_p + K_i t_e/2) e + I + K_d d, +-V_e), the discrete PID of `model.ecu` with its delays made
     continuous.
 
         L = t_l + t_e/2                          computing, and a hold that lasts half a period on average

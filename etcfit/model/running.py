@@ -1,0 +1,31 @@
+"""Running sums and maxima along the first axis, by a loop.
+
+JAX's own (`jnp.cumsum`, `lax.cummax`) become trees of slices that take XLA's CPU backend seconds to compile, once for
+every length.
+"""
+
+from __future__ import annotations
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+from .parameters import AnyArray
+
+
+def running_sum(x: Float[AnyArray, "T ..."]) -> Float[Array, "T ..."]:
+    """sum_{j <= k} x_j."""
+
+    def add(total: Array, each: Array) -> tuple[Array, Array]:
+        return (total := total + each), total
+
+    return jax.lax.scan(add, jnp.zeros_like(x[0]), x)[1]
+
+
+def running_max(x: Float[AnyArray, "T ..."]) -> Float[Array, "T ..."]:
+    """max_{j <= k} x_j."""
+
+    def higher(most: Array, each: Array) -> tuple[Array, Array]:
+        return (most := jnp.maximum(most, each)), most
+
+    return jax.lax.scan(higher, jnp.full_like(x[0], -jnp.inf), x)[1]
