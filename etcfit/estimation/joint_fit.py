@@ -106,6 +106,7 @@ def fit(rig: Rig, report: Report = quiet, settings: FitSettings = FitSettings())
     start = known.layout.off_bounds(known.layout.coordinates(start_values(known, readings)))
     report("choosing integration steps", 0.05)
     problem = EstimationProblem.of(rig.config, known, fitted).refined(start).with_integrator_states(start)
+    problem.compile_ahead(start)
     x, starts, misfit = _from_several_starts(problem, start, report, settings)
     problem = problem.with_release_times(x).with_integrator_states(x)
     finish = _whitened if misfit < settings.misfit else _free_running

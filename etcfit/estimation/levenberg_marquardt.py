@@ -4,23 +4,27 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import partial
+from functools import cache
 from typing import Any, NamedTuple
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 import lineax
 import numpy as np
 import optimistix
+from jaxtyping import Float
 
-from ..problem.free_parameters import Form
-from ..problem.jacobian import jacobian
+from ..model.parameters import AnyArray
+from ..problem.normal_equations import NormalEquations, normal_equations, shared_out
 from ..problem.problem import EstimationProblem
-from ..problem.residual import WeightedData, prior_residual, residual
+from ..problem.residual import WeightedData
 from .identifiability import WIDE
 from .settings import FitSettings
 
 STEPS = FitSettings().steps
+_ROOM = 8  # parameters by which the solver's program grows, so that few are compiled
+_TINY = 1e-12  # singular values below this share of the largest count as zero
 _STRETCH = 30.0  # Optimistix damps with the identity: this makes its first damping 1e-3 of the curvature
 
 
@@ -31,8 +35,8 @@ def _silent(**_: Any) -> None:
 class _LevenbergMarquardt(optimistix.AbstractGaussNewton):
     """Optimistix's Levenberg-Marquardt with a trust region that grows on good steps, not on perfect ones only."""
 
-    rtol: float
-    atol: float
+    rtol: float = 1.0  # `least_squares` says itself when it is done
+    atol: float = 1.0
     norm: Callable[[Any], Any] = optimistix.max_norm
     descent: optimistix.DampedNewtonDescent = optimistix.DampedNewtonDescent(lineax.Normal(lineax.Cholesky()))
     search: optimistix.ClassicalTrustRegion = optimistix.ClassicalTrustRegion(
@@ -41,76 +45,99 @@ class _LevenbergMarquardt(optimistix.AbstractGaussNewton):
     verbose: Callable[..., None] = _silent
 
 
-def _with_dense_jacobian(function: Callable[[Any], Any], live: Any) -> Callable[[Any], Any]:
-    """A function whose Jacobian is computed once a point, by forward mode, and is a matrix from then on.
-
-    Optimistix asks for many products with the Jacobian at one point; tangents of a long simulation are expensive.
-
-    Args:
-        function: residual of coordinates, shape (P,) -> (n,).
-        live: which coordinates stand for a parameter, shape (P,); the others are padding.
-    """
-    wrapped = jax.custom_jvp(function)
-
-    @wrapped.defjvp
-    def _(primals: tuple[Any], tangents: tuple[Any]) -> tuple[Any, Any]:
-        (y,), (dy,) = primals, tangents
-        value, columns = jacobian(function, y, live)
-        return value, columns @ dy
-
-    return wrapped
+_SOLVER = _LevenbergMarquardt()
+_BACKWARD = {"jac": "bwd"}  # a Jacobian that is a plain matrix
 
 
-class _Task(NamedTuple):
-    """One descent, as arrays.
+class _Condensed(NamedTuple):
+    """A residual of P + 1 entries with the chi2, the gradient and the curvature of one of any length.
+
+        rho = [D^-1/2 V^T g, sqrt(chi2 - |D^-1/2 V^T g|^2)],    K = [D^1/2 V^T, 0],    J^T J = V D V^T,    g = J^T r
+
+    so that rho^T rho = chi2, K^T rho = g and K^T K = J^T J: every step of Gauss-Newton or Levenberg-Marquardt is the
+    same.
 
     Args:
-        x0: coordinates to start from, shape (P,).
-        scale: by which each is stretched, x = x0 + scale y, so that the damping treats all alike, shape (P,).
-        anchor: standard deviation of the weak pull back to x0, coordinates, shape (P,).
-        weighted: the data.
-        tolerance: relative change of chi2, and absolute one of y, that ends the descent.
+        residual: rho, shape (P + 1,).
+        jacobian: K, shape (P + 1, P).
     """
 
-    x0: Any
-    scale: Any
-    anchor: Any
-    weighted: WeightedData
-    tolerance: Any
+    residual: Float[AnyArray, " R"]
+    jacobian: Float[AnyArray, "R P"]
+
+    @classmethod
+    def of(cls, e: NormalEquations) -> _Condensed:
+        """Of normal equations; NaN where they are not finite, so that no step there is taken."""
+        size = e.gradient.size
+        if not e.finite:
+            return cls(np.full(size + 1, np.nan), np.full((size + 1, size), np.nan))
+        values, vectors = np.linalg.eigh(e.information)
+        root = np.sqrt(np.maximum(values, 0.0))
+        seen = root > _TINY * root[-1]
+        top = np.where(seen, vectors.T @ e.gradient / np.where(seen, root, 1.0), 0.0)
+        rest = np.sqrt(max(float(e.chi2) - float(top @ top), 0.0))
+        return cls(np.append(top, rest), np.vstack((root[:, None] * vectors.T, np.zeros(size))))
 
 
-@partial(jax.jit, static_argnums=(0, 1, 3))
-def _minimise(form: Form, circuits: tuple[str, ...], task: _Task, steps: int) -> tuple[Any, Any]:
-    """Levenberg-Marquardt in stretched coordinates: the end x, shape (P,), and the number of steps."""
-    x0, scale, anchor, weighted, tolerance = task
-    root = jnp.sqrt(jnp.sum(weighted.slots.weight))
-
-    def stacked(y: Any) -> Any:
-        x = x0 + scale * y
-        r = residual(form, circuits, x, weighted)
-        # the anchor keeps what the data do not determine from wandering; it weighs nothing beside any datum
-        return jnp.concatenate((r.ravel(), prior_residual(x, weighted), (x - x0) / anchor)) / root
-
-    y, taken = least_squares(stacked, jnp.zeros_like(x0), form.live(weighted.pick), tolerance, steps)
-    return x0 + scale * y, taken
+@jax.custom_vjp
+def _known(y: Any, at: _Condensed) -> Any:
+    """The residual at y, which was computed before."""
+    return at.residual
 
 
-def least_squares(function: Callable[[Any], Any], y0: Any, live: Any, tolerance: Any, steps: int) -> tuple[Any, Any]:
-    """Levenberg-Marquardt on the sum of squares of a function, damped at first by the identity.
+_known.defvjp(
+    lambda y, at: (at.residual, at), lambda at, cotangent: (at.jacobian.T @ cotangent, jax.tree.map(jnp.zeros_like, at))
+)
+
+
+@cache
+def _begun(room: int) -> Any:
+    """Optimistix's state before the first step at y = 0, of a problem of that size."""
+    y, at = np.zeros(room), _Condensed(np.zeros(room + 1), np.zeros((room + 1, room)))
+    shape = jax.eval_shape(_known, y, at)
+    return _SOLVER.init(lambda y, at: (_known(y, at), None), y, at, _BACKWARD, shape, None, frozenset())
+
+
+@jax.jit
+def _stepped(y: Any, state: Any, at: _Condensed) -> Any:
+    """One step: the lowest point so far, and the state with the next to look at."""
+    return _SOLVER.step(lambda y, at: (_known(y, at), None), y, at, _BACKWARD, state, frozenset())[:2]
+
+
+def least_squares(
+    equations: Callable[[np.ndarray], NormalEquations], y0: np.ndarray, tolerance: float, steps: int
+) -> tuple[np.ndarray, int]:
+    """Levenberg-Marquardt on a sum of squares known by its normal equations, damped at first by the identity.
 
     Args:
-        function: residual, shape (P,) -> (n,); its columns should have a size of some tens.
+        equations: of y, shape (P,); columns of the Jacobian should have a size of some tens.
         y0: where to start, shape (P,).
-        live: which entries of y are not padding, shape (P,).
         tolerance: relative change of the sum, and absolute one of y, that ends it.
         steps: at most.
     Returns:
         where it ended, shape (P,), and the number of steps. A step that raises the sum is never taken.
     """
-    dense = _with_dense_jacobian(function, live)
-    solver = _LevenbergMarquardt(rtol=tolerance, atol=tolerance)
-    solution = optimistix.least_squares(lambda y, _: dense(y), solver, y0, max_steps=steps, throw=False)
-    return solution.value, solution.stats["num_steps"]
+    size, room = y0.size, _ROOM * -(-y0.size // _ROOM)
+
+    def known(y: np.ndarray) -> _Condensed:
+        e = equations(y[:size])
+        gradient, information = np.zeros(room), np.zeros((room, room))
+        gradient[:size], information[:size, :size] = e.gradient, e.information
+        return _Condensed.of(NormalEquations(e.chi2, gradient, information))
+
+    y, lowest = np.append(y0, np.zeros(room - size)), np.inf
+    state = eqx.tree_at(lambda state: state.y_eval, _begun(room), y)
+    for taken in range(1, steps + 1):
+        here = np.asarray(state.y_eval)
+        at = known(here)
+        after, state = _stepped(y, state, at)
+        chi2, moved = float(np.sum(at.residual**2)), float(np.max(np.abs(here - y)))
+        accepted = bool(np.array_equal(np.asarray(after), here))
+        done = accepted and taken > 1 and moved < tolerance and lowest - chi2 < tolerance * lowest
+        y, lowest = np.asarray(after), chi2 if accepted else lowest
+        if done:
+            break
+    return y[:size], taken
 
 
 def _scale(information: np.ndarray, count: float) -> np.ndarray:
@@ -137,17 +164,34 @@ def minimise(
     Returns:
         coordinates of the end, shape (P,), and the number of steps; x itself and 0 where nothing was done.
     """
-    r, _, jacobian = problem.linearise(x, weighted)
-    if not np.isfinite(r).all() or not np.isfinite(jacobian).all():
+    layout, count = problem.layout, weighted.samples
+    room, pieces = layout.padded(x).size, shared_out(weighted, x.size + layout.spare)
+    prior_mean, prior_sd = (np.asarray(each)[: x.size] for each in (weighted.prior_mean, weighted.prior_sd))
+
+    @cache
+    def of_data(at: bytes) -> NormalEquations:
+        padded = layout.padded(np.frombuffer(at), 0.0)
+        e = normal_equations(layout.form, problem.batch.circuits, padded[:room], pieces)
+        return NormalEquations(e.chi2, e.gradient[: x.size], e.information[: x.size, : x.size])
+
+    first = of_data(x.tobytes())
+    if not first.finite:
         return x, 0
-    layout = problem.layout
-    scale = _scale(information_of(weighted.prior_sd[: x.size], jacobian), weighted.samples)
     anchor = WIDE * layout.reach(x)
-    stretch = layout.padded(np.minimum(scale, 1e4 * anchor), 1.0)
-    start, held_to = layout.padded(x), layout.padded(anchor, 1.0)
-    task = _Task(start, stretch, held_to, weighted, tolerance)
-    end, taken = _minimise(layout.form, problem.batch.circuits, task, steps)
-    return np.asarray(end)[: x.size], int(taken)
+    scale = np.minimum(_scale(first.information + np.diag(1.0 / prior_sd**2), count), 1e4 * anchor)
+
+    def equations(y: np.ndarray) -> NormalEquations:
+        """In stretched coordinates, over the number of samples, with the priors and the anchor: a weak pull back to x,
+        which keeps what the data do not determine from wandering and weighs nothing beside any datum."""
+        at = x + scale * y
+        e, prior, away = of_data(at.tobytes()), (at - prior_mean) / prior_sd, (at - x) / anchor
+        chi2 = e.chi2 + prior @ prior + away @ away
+        gradient = e.gradient + prior / prior_sd + away / anchor
+        information = e.information + np.diag(1.0 / prior_sd**2 + 1.0 / anchor**2)
+        return NormalEquations(chi2 / count, scale * gradient / count, scale * information * scale[:, None] / count)
+
+    y, taken = least_squares(equations, np.zeros(x.size), tolerance, steps)
+    return x + scale * y, taken
 
 
 def descend(

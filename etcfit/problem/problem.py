@@ -14,11 +14,12 @@ from ..model.parameters import Scalar
 from ..rig.base import RigConfig
 from .batch import BatchArrays, SampleSlots, TraceBatch, batch_of
 from .free_parameters import Form, FreeParameters, Layout, Pick
-from .innovations import InnovationsFilter, kalman
-from .jacobian import jacobian
+from .innovations import InnovationsFilter, kalman, plain
+from .normal_equations import linearised, linearised_ahead
 from .prediction_error import columns
-from .process_noise import free_run_variance
-from .residual import WeightedData, predict, prior_residual, residual, run
+from .process_noise import free_run_variance, order_of
+from .program import QUICK, Program
+from .residual import Compared, WeightedData, compared, run
 from .substeps import local_error, substeps_needed
 from .trace import Trace, prepare
 
@@ -28,34 +29,13 @@ _FORGOTTEN = 1.0  # s after which a loop has forgotten with what it began
 _STIRS = 8.0  # standard deviations of a sample that are a motion
 
 
-@partial(jax.jit, static_argnums=(0, 1))
-def _linearise(
-    form: Form, circuits: tuple[str, ...], x: Float[Array, " P"], weighted: WeightedData
-) -> tuple[Float[Array, "T L M"], Float[Array, " P"], Float[Array, "T L M P"]]:
-    """Whitened residual (T, L, M), that of the priors (P,), and the Jacobian of the former (T, L, M, P)."""
-
-    r, columns = jacobian(lambda x: residual(form, circuits, x, weighted), x, form.live(weighted.pick))
-    return r, prior_residual(x, weighted), columns
+@Program
+def _compared(form: Form, circuits: tuple[str, ...], x: Float[Array, " P"], weighted: WeightedData) -> Compared:
+    """What each slot ought to show, and the whitened residual, shape (T, L, M) each."""
+    return compared(form, circuits, x, weighted)
 
 
-@partial(jax.jit, static_argnums=(0, 1))
-def _residual(
-    form: Form, circuits: tuple[str, ...], x: Float[Array, " P"], weighted: WeightedData
-) -> Float[Array, "T L M"]:
-    """Whitened residual, shape (T, L, M)."""
-    return residual(form, circuits, x, weighted)
-
-
-@partial(jax.jit, static_argnums=(0, 1))
-def _simulated(
-    form: Form, circuits: tuple[str, ...], x: Float[Array, " P"], pick: Pick, arrays: BatchArrays
-) -> Float[Array, "T L M"]:
-    """Simulated samples, shape (T, L, M)."""
-    throttle, path, steps = run(form, circuits, x, pick, arrays)
-    return predict(throttle, path, steps, arrays.resets, arrays.slots)
-
-
-@partial(jax.jit, static_argnums=(0, 1))
+@partial(Program, options=QUICK)
 def _local_error(
     form: Form, circuits: tuple[str, ...], x: Float[Array, " P"], pick: Pick, arrays: BatchArrays
 ) -> Float[Array, "T L"]:
@@ -64,7 +44,7 @@ def _local_error(
     return local_error(throttle, path, arrays._replace(steps=steps))
 
 
-@partial(jax.jit, static_argnums=(0, 1))
+@Program
 def _kalman(
     form: Form, circuits: tuple[str, ...], x: Float[Array, " P"], pick: Pick, arrays: BatchArrays, jitter: Scalar
 ) -> tuple[InnovationsFilter, Float[Array, "T L M"]]:
@@ -73,7 +53,7 @@ def _kalman(
     return kalman(throttle, path, arrays._replace(steps=steps), jitter)
 
 
-@partial(jax.jit, static_argnums=(0, 1))
+@partial(Program, options=QUICK)
 def _free_run_variance(
     form: Form, circuits: tuple[str, ...], x: Float[Array, " P"], pick: Pick, arrays: BatchArrays, jitter: Scalar
 ) -> Float[Array, "T L M"]:
@@ -135,6 +115,14 @@ class EstimationProblem:
         """What every compiled function of the model at x takes."""
         return self.layout.form, self.batch.circuits, self.layout.padded(x), self.pick
 
+    def compile_ahead(self, x: Float[np.ndarray, " P"]) -> None:
+        """Begin to compile what will be asked for at x: Jacobian, whitening filter, residual."""
+        form, circuits, padded, pick = self.at(x)
+        weighted = self.weighted(plain(self.slots, order_of(self.layout.types)))
+        linearised_ahead(form, circuits, padded, weighted)
+        _kalman.ahead(form, circuits, padded, pick, self.arrays(), self.jitter)
+        _compared.ahead(form, circuits, padded, weighted)
+
     def free_run(self, x: Float[np.ndarray, " P"]) -> list[Float[np.ndarray, "_ _"]]:
         """Simulated samples of each trace, (n, M)."""
         return columns(self.batch, self.simulated(x, 0.0))
@@ -145,7 +133,9 @@ class EstimationProblem:
 
     def simulated(self, x: Float[np.ndarray, " P"], guide_stiffness: float) -> Float[Array, "T L M"]:
         """Simulated samples, (T, L, M), drawn along the measured angle by a guide of that stiffness."""
-        return _simulated(*self.at(x), self.arrays(guide_stiffness))
+        unwhitened = plain(self.slots, order_of(self.layout.types))
+        weighted = self.guided(guide_stiffness).weighted(unwhitened)
+        return _compared(self.layout.form, self.batch.circuits, self.layout.padded(x), weighted).seen
 
     def arrays(self, guide_stiffness: float = 0.0) -> BatchArrays:
         """The batch, as compiled functions take it, with a guide of that stiffness."""
@@ -166,20 +156,21 @@ class EstimationProblem:
         batch, layout = self.batch, self.layout
         mean, sd = self.free_parameters.priors_on_coordinates()
         priors = layout.padded(mean), layout.padded(sd, np.inf)
-        return WeightedData(
-            batch.guided(self.guide_stiffness), batch.resets, self.slots, batch.circuit_of, filter_, self.pick, *priors
-        )
+        steps = batch.guided(self.guide_stiffness)
+        weighted = WeightedData(steps, batch.resets, self.slots, batch.circuit_of, filter_, self.pick, *priors)
+        return jax.device_put(weighted)  # once, not at every call
 
     def linearise(
         self, x: Float[np.ndarray, " P"], weighted: WeightedData
     ) -> tuple[Float[np.ndarray, "T L M"], Float[np.ndarray, " P"], Float[np.ndarray, "T L M P"]]:
         """Residual (T, L, M), that of the priors (P,), Jacobian of the former (T, L, M, P)."""
-        r, prior, jacobian = _linearise(self.layout.form, self.batch.circuits, self.layout.padded(x), weighted)
-        return np.asarray(r), np.asarray(prior)[: x.size], np.asarray(jacobian)[..., : x.size]
+        r, columns = linearised(self.layout.form, self.batch.circuits, self.layout.padded(x), weighted)
+        prior = (x - np.asarray(weighted.prior_mean)[: x.size]) / np.asarray(weighted.prior_sd)[: x.size]
+        return r, prior, columns[..., : x.size]
 
     def residual(self, x: Float[np.ndarray, " P"], weighted: WeightedData) -> Float[np.ndarray, "T L M"]:
         """Whitened residual alone, shape (T, L, M): a tenth of what its Jacobian costs."""
-        return np.asarray(_residual(self.layout.form, self.batch.circuits, self.layout.padded(x), weighted))
+        return np.asarray(_compared(self.layout.form, self.batch.circuits, self.layout.padded(x), weighted).r)
 
     def chi2(self, x: Float[np.ndarray, " P"], weighted: WeightedData) -> float:
         """Sum of squares of that residual, priors apart; `chi2.chi2_of` is for many points, with them."""

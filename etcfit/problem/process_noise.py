@@ -23,6 +23,7 @@ from jaxtyping import Array, Float
 
 from ..model.effects import AbstractEffect, State
 from ..model.parameters import AnyArray, Scalar
+from ..model.running import running_sum
 from ..model.stepper import Reset, StatePath, Step, step
 from ..model.throttle import Throttle, followed
 from .batch import BatchArrays, Disturbance, SampleSlots
@@ -156,8 +157,9 @@ def _linearise(
 
     x, z = before
     x = (*x, *(z[k] for k in memories))
-    both = jax.vmap(jax.vmap(jax.jacfwd(end, argnums=(0, 2)), in_axes=(0, 0, None, 0)), in_axes=(0, 0, None, 0))
-    return both(jnp.stack(x, axis=-1), z, 0.0, steps)
+    both = jax.vmap(jax.jacfwd(end, argnums=(0, 2)), in_axes=(0, 0, None, 0))
+    # entry by entry, here and below: such a loop compiles in a fraction of the time that whole arrays take
+    return jax.lax.map(lambda entry: both(*entry[:2], 0.0, entry[2]), (jnp.stack(x, axis=-1), z, steps))
 
 
 def slot_senses(throttle: Throttle, path: StatePath, steps: Step, slots: SampleSlots) -> Float[Array, "T L M 4"]:
@@ -184,16 +186,17 @@ def impact_nearby(before: State, after: State, steps: Step, slots: SampleSlots) 
     stopped = (after.omega == 0.0) & (before.omega != 0.0) & (steps.mobile > 0.5) & (steps.plate > 0.5)
     on_stop = (after.theta <= steps.lower) | (after.theta >= steps.upper)
     lost = jnp.where(stopped & on_stop, jnp.abs(before.omega), 0.0)
-    here = jnp.cumsum(jnp.any(slots.weight > 0.0, axis=-1), axis=0)  # samples so far
-    last = lost.shape[0] - 1
-    rows = jnp.broadcast_to(jnp.arange(last + 1)[:, None], lost.shape)
-    earlier = jax.lax.cummax(jnp.where(lost > 0.0, rows, 0))
-    later = jax.lax.cummin(jnp.where(lost > 0.0, rows, last), reverse=True)
-    found = []
-    for row in (earlier, later):
-        near = jnp.abs(jnp.take_along_axis(here, row, axis=0) - here) <= _AROUND
-        found.append(jnp.where(near, jnp.take_along_axis(lost, row, axis=0), 0.0))
-    return jnp.maximum(*found)
+    here = running_sum(jnp.any(slots.weight > 0.0, axis=-1).astype(float))  # samples so far
+
+    def follow(last: Any, row: Any) -> Any:
+        """The last impact met, and what it counts for at this row."""
+        lost, here = row
+        last = tuple(jnp.where(lost > 0.0, new, old) for new, old in zip(row, last, strict=True))
+        return last, jnp.where(jnp.abs(last[1] - here) <= _AROUND, last[0], 0.0)
+
+    never = jnp.zeros_like(lost[0]), jnp.full_like(lost[0], -jnp.inf)
+    earlier, later = (jax.lax.scan(follow, never, (lost, here), reverse=back)[1] for back in (False, True))
+    return jnp.maximum(earlier, later)
 
 
 def _outer(vector: Float[Array, "T L n"]) -> Float[Array, "T L n n"]:
@@ -238,21 +241,27 @@ def _edge_covariance(along: _Along, order: int) -> Float[Array, "T L {order} {or
     rows = jnp.arange(steps.dt.shape[0])[:, None] - jnp.maximum(disturbance.edge - 1.0, 0.0).astype(int)
     x_began, z_began = jax.tree.map(lambda column: jnp.take_along_axis(column, rows, axis=0), before)
 
-    def hold(x: State, z: tuple[Any, ...], s: Step, level: Any, span: Any) -> tuple[State, tuple[Any, ...]]:
-        electric = s.circuit * level
-        half = s._replace(dt=0.5 * span, voltage0=electric, voltage1=electric, torque0=level - electric)
-        half = half._replace(torque1=half.torque0)
-        return step(throttle, *step(throttle, x, z, half), half)
+    def held(x: State, z: tuple[Any, ...], s: Step, level: Any, span: Any) -> StatePath:
+        """After four steps, each at its own level and of its own span."""
+
+        def hold(carry: StatePath, each: Any) -> Any:
+            level, span = each
+            electric = s.circuit * level
+            each = s._replace(dt=span, voltage0=electric, voltage1=electric, torque0=level - electric)
+            return step(throttle, *carry, each._replace(torque1=each.torque0)), None
+
+        return jax.lax.scan(hold, (x, z), (level, span))[0]
 
     def missed(share: Any, x: State, z: tuple[Any, ...], s: Step, d: Disturbance, end: Any) -> Any:
-        x, z = hold(x, z, s, d.edge_from, share * d.edge_span)
-        x, z = hold(x, z, s, d.edge_to, (1.0 - share) * d.edge_span)
-        return jnp.stack(x) - jnp.stack(end)
+        level = jnp.stack((d.edge_from, d.edge_from, d.edge_to, d.edge_to))
+        span = 0.5 * d.edge_span * jnp.stack((share, share, 1.0 - share, 1.0 - share))
+        return jnp.stack(held(x, z, s, level, span)[0]) - jnp.stack(end)
 
     # mapped over the shares rather than looped over them: one copy of the model to compile, not three
     entry = jax.vmap(missed, in_axes=(0, None, None, None, None, None))
-    each = jax.vmap(jax.vmap(entry, in_axes=(None, 0, 0, 0, 0, 0)), in_axes=(None, 0, 0, 0, 0, 0))
-    vector = each(jnp.array(_SHARES), x_began, z_began, steps, disturbance, path[0])
+    each = jax.vmap(entry, in_axes=(None, 0, 0, 0, 0, 0))
+    shares = jnp.array(_SHARES)
+    vector = jax.lax.map(lambda row: each(shares, *row), (x_began, z_began, steps, disturbance, path[0]))
     vector = jnp.where(disturbance.edge[..., None, None] > 0.0, vector, 0.0)
     moment = jnp.einsum("k,tlkp,tlkq->tlpq", jnp.array(_WEIGHTS), vector, vector)
     rest = order - 3  # the input's own error knows nothing of its edges, and no ECU sees them

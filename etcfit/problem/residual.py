@@ -113,10 +113,20 @@ def prior_residual(x: Float[Array, " P"], weighted: WeightedData) -> Float[Array
     return (x - weighted.prior_mean) / weighted.prior_sd
 
 
-def residual(
-    form: Form, circuits: tuple[str, ...], x: Float[Array, " P"], weighted: WeightedData
-) -> Float[Array, "T L M"]:
-    """Whitened residual of all traces.
+class Compared(NamedTuple):
+    """A simulation beside the data, shape (T, L, M) each.
+
+    Args:
+        seen: what each slot ought to show, SI.
+        r: whitened residual, 0 where there is no sample, standard normal where the model is right.
+    """
+
+    seen: Float[Array, "T L M"]
+    r: Float[Array, "T L M"]
+
+
+def compared(form: Form, circuits: tuple[str, ...], x: Float[Array, " P"], weighted: WeightedData) -> Compared:
+    """All traces simulated, and their whitened residual.
 
         r = W (y - y_hat(x))
 
@@ -126,10 +136,15 @@ def residual(
         circuits: tests with a series resistance of their own, as in the batch.
         x: coordinates, shape (P,).
         weighted: data, and which parameters x stands for.
-    Returns:
-        shape (T, L, M), 0 where there is no sample, standard normal where the model is right.
     """
     throttle, path, steps = run(form, circuits, x, weighted.pick, weighted)
     seen = predict(throttle, path, steps, weighted.resets, weighted.slots)
     error = weighted.slots.weight * (weighted.slots.value - seen)
-    return whiten(weighted.whitening, error)
+    return Compared(seen, whiten(weighted.whitening, error))
+
+
+def residual(
+    form: Form, circuits: tuple[str, ...], x: Float[Array, " P"], weighted: WeightedData
+) -> Float[Array, "T L M"]:
+    """The whitened residual alone, see `compared`."""
+    return compared(form, circuits, x, weighted).r

@@ -1,0 +1,159 @@
+"""The residual and its Jacobian, and what a least-squares step needs of them: J^T J and J^T r.
+
+A tangent for each parameter is carried along the batch beside the simulation it belongs to, through observation and
+whitening; nothing of the simulation is computed twice, and no path is kept. Lanes are shared out over the cores.
+
+Source: Griewank and Walther 2008, ch. 3 (vector forward mode). Differs from source: no.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from functools import partial
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from ..model.parameters import AnyArray
+from .free_parameters import Form
+from .jacobian import jacobian
+from .one_pass import Carried, advance, entries, has_single_pass, start
+from .program import CORES, Program, side_by_side
+from .residual import WeightedData, residual
+
+_LEAST_LANES = 4  # in one piece: fewer do not fill the processor's vectors
+_MOST_BYTES = 64 << 20  # of a piece's Jacobian
+
+
+class NormalEquations(NamedTuple):
+    """What least squares needs to know of a residual r and its Jacobian J at a point.
+
+    Args:
+        chi2: r^T r.
+        gradient: J^T r, shape (P,).
+        information: J^T J, shape (P, P).
+    """
+
+    chi2: Float[AnyArray, ""]
+    gradient: Float[AnyArray, " P"]
+    information: Float[AnyArray, "P P"]
+
+    @property
+    def finite(self) -> bool:
+        """False where residual or Jacobian cannot be computed."""
+        return bool(np.isfinite(self.chi2) and np.isfinite(self.information).all() and np.isfinite(self.gradient).all())
+
+
+class Linearised(NamedTuple):
+    """A residual and its Jacobian.
+
+    Args:
+        r: whitened residual, shape (T, L, M).
+        jacobian: its derivative in each coordinate, shape (T, P, L, M).
+        equations: of the normal equations.
+    """
+
+    r: Float[AnyArray, "T L M"]
+    jacobian: Float[AnyArray, "T P L M"]
+    equations: NormalEquations
+
+
+def shared_out(weighted: WeightedData, size: int) -> tuple[WeightedData, ...]:
+    """The data in pieces of some lanes each, all of one shape: for every core one, and none too large for the memory.
+
+    Args:
+        weighted: the data.
+        size: number of coordinates, by which the Jacobian grows.
+    """
+    steps, lanes, slots = weighted.slots.value.shape
+    fill = -(-lanes // _LEAST_LANES)
+    count = max(min(CORES, fill), -(-8 * steps * lanes * slots * size // _MOST_BYTES))
+    width = -(-lanes // min(count, lanes))
+
+    def lanes_of(leaf: Any, first: int) -> Any:
+        if np.ndim(leaf) < 2:  # a prior or a choice of parameters: the same for all
+            return leaf
+        part = np.asarray(leaf)[:, first : first + width]
+        return np.pad(part, [(0, 0), (0, width - part.shape[1])] + [(0, 0)] * (part.ndim - 2), mode="edge")
+
+    def piece(first: int) -> WeightedData:
+        part = jax.tree.map(partial(lanes_of, first=first), weighted)
+        if first + width > lanes:  # lanes that only fill up count for nothing
+            part.whitening.weight[:, lanes - first :] = 0.0
+        return jax.device_put(part)
+
+    if width == lanes:
+        return (jax.device_put(weighted),)
+    return tuple(piece(first) for first in range(0, lanes, width))
+
+
+def normal_equations(
+    form: Form, circuits: tuple[str, ...], x: Float[AnyArray, " P"], pieces: Sequence[WeightedData]
+) -> NormalEquations:
+    """The normal equations at x, priors apart.
+
+    Args:
+        form, circuits: the model, and its tests with a circuit of their own.
+        x: coordinates, shape (P,).
+        pieces: the data, see `shared_out`.
+    """
+    parts = side_by_side(lambda piece: _linearised(form, circuits, x, piece).equations, pieces)
+    return NormalEquations(
+        *(np.sum([np.asarray(term) for term in terms], axis=0) for terms in zip(*parts, strict=True))
+    )
+
+
+def linearised(
+    form: Form, circuits: tuple[str, ...], x: Float[AnyArray, " P"], weighted: WeightedData
+) -> tuple[Float[np.ndarray, "T L M"], Float[np.ndarray, "T L M P"]]:
+    """Whitened residual and its Jacobian at x, shape (P,)."""
+    parts = side_by_side(lambda piece: _linearised(form, circuits, x, piece), shared_out(weighted, x.size))
+    lanes = weighted.slots.value.shape[1]
+    r = np.concatenate([np.asarray(part.r) for part in parts], axis=1)[:, :lanes]
+    columns = np.concatenate([np.moveaxis(np.asarray(part.jacobian), 1, 3) for part in parts], axis=1)[:, :lanes]
+    return r, columns
+
+
+def linearised_ahead(form: Form, circuits: tuple[str, ...], x: Float[AnyArray, " P"], weighted: WeightedData) -> None:
+    """Begin to compile what `linearised` and `normal_equations` will ask for."""
+    _linearised.ahead(form, circuits, x, shared_out(weighted, x.size)[0])
+
+
+@Program
+def _linearised(form: Form, circuits: tuple[str, ...], x: Float[Array, " P"], weighted: WeightedData) -> Linearised:
+    if has_single_pass(form):
+        r, columns = _in_one_pass(form, circuits, x, weighted)
+    else:
+        r, last = jacobian(lambda x: residual(form, circuits, x, weighted), x, form.live(weighted.pick))
+        columns = jnp.moveaxis(last, 3, 1)
+    flat = jnp.moveaxis(columns, 1, 3).reshape(-1, x.size)
+    return Linearised(r, columns, NormalEquations(jnp.sum(r**2), flat.T @ r.ravel(), flat.T @ flat))
+
+
+def _in_one_pass(
+    form: Form, circuits: tuple[str, ...], x: Float[Array, " P"], weighted: WeightedData
+) -> tuple[Float[Array, "T L M"], Float[Array, "T P L M"]]:
+    """Residual and Jacobian."""
+
+    def valued(way: Any) -> Any:
+        return jax.jvp(lambda x: form.values(x, weighted.pick), (x,), (way,))
+
+    values, dvalues = jax.vmap(valued, out_axes=(None, 0))(jnp.eye(x.size))
+    lanes, order = weighted.steps.dt.shape[1], weighted.whitening.transition.shape[-1]
+    each = jax.vmap(partial(advance, form, circuits), in_axes=(None, 0, 0))
+
+    def add(state: tuple[Carried, Carried], entry: Any) -> Any:
+        carried, tangents = state
+
+        def pushed(dvalues: Any, tangent: Carried) -> Any:
+            return jax.jvp(lambda v, c: each(v, c, entry), (values, carried), (dvalues, tangent))
+
+        (carried, r), (tangents, dr) = jax.vmap(pushed, out_axes=(None, 0))(dvalues, tangents)
+        return (carried, tangents), (r, dr)
+
+    first = start(form, values, (lanes,), order)
+    still = jax.tree.map(lambda leaf: jnp.zeros((x.size, lanes)), first)
+    return jax.lax.scan(add, (first, still), entries(weighted))[1]

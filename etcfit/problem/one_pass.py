@@ -1,0 +1,75 @@
+"""A batch in one pass: each entry simulated, observed and whitened before the next, so that no path is kept.
+
+What is carried from entry to entry of a lane are the plate's state, the memories of effects and the error states of the
+whitening filter. The formulas are those of `residual`. A signal that acts or is logged late needs the path before it:
+models with such an effect have no single pass.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any, NamedTuple
+
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+from ..model.effects import State
+from ..model.parameters import Scalar
+from ..model.stepper import begun, step
+from ..model.throttle import Throttle
+from .free_parameters import Form
+from .innovations import innovate
+from .residual import WeightedData, equipped, predict
+
+
+class Carried(NamedTuple):
+    """What one entry hands to the next: state, memories of effects, error states of the whitening."""
+
+    x: State
+    z: tuple[Scalar, ...]
+    error: tuple[Scalar, ...]
+
+
+def has_single_pass(form: Form) -> bool:
+    """False where an effect delays a signal."""
+    return not any(effect.delays for effect in form.types)
+
+
+def entries(weighted: WeightedData) -> tuple[Any, ...]:
+    """The data entry by entry, as `advance` takes them: each leaf has the axes T and L first."""
+    return weighted.steps, weighted.resets, weighted.slots, weighted.circuit_of, weighted.whitening
+
+
+def start(form: Form, values: Mapping[str, Scalar], shape: tuple[int, ...], order: int) -> Carried:
+    """Before the first entry.
+
+    Args:
+        form: the model.
+        values: of its parameters, SI by symbol.
+        shape: of every entry of the state.
+        order: number of error states.
+    """
+    zero = jnp.zeros(shape)
+    memories = tuple(jnp.full(shape, z) for z in Throttle.build(form.types, dict(values)).z0)
+    return Carried(State(zero, zero, zero), memories, (zero,) * order)
+
+
+def advance(
+    form: Form, circuits: tuple[str, ...], values: Mapping[str, Scalar], carried: Carried, entry: tuple[Any, ...]
+) -> tuple[Carried, Float[Array, " M"]]:
+    """One entry of one lane: what is carried on, and the whitened residual of its slots, shape (M,).
+
+    Args:
+        form: the model.
+        circuits: tests with a series resistance of their own, as in the batch.
+        values: of the parameters, SI by symbol.
+        carried: from the entry before.
+        entry: one of `entries`.
+    """
+    s, reset, slots, circuit_of, filter_ = entry
+    throttle = Throttle.build(form.types, values)
+    s = equipped(s, circuit_of, circuits, values)
+    x, z = step(throttle, *begun(throttle, carried.x, carried.z, reset), s)
+    missed = slots.weight * (slots.value - predict(throttle, (x, z), s, reset, slots))
+    error, r = innovate(carried.error, filter_, missed)
+    return Carried(x, z, error), r

@@ -1,0 +1,87 @@
+"""Compiled programs: each compiled once, however many threads ask for it, and run on every core.
+
+A compiled loop runs on one core. Lanes of a batch and points of an ensemble are independent: shared out in pieces of
+one shape they run side by side, each in a thread of its own, since neither compiling nor running holds Python's lock.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Hashable, Sequence
+from concurrent.futures import Future, ThreadPoolExecutor
+from functools import cache
+from threading import Lock
+from typing import Any, TypeVar
+
+import jax
+import numpy as np
+
+QUICK = {"xla_backend_optimization_level": 0}  # for programs that run a few times: half the time to compile
+
+Piece = TypeVar("Piece")
+
+CORES = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
+@cache
+def _pool(purpose: str) -> ThreadPoolExecutor:
+    """Threads for one purpose, so that what runs does not queue behind what is compiled."""
+    return ThreadPoolExecutor(CORES, f"etcfit {purpose}")
+
+
+def side_by_side(work: Callable[[Piece], Any], pieces: Sequence[Piece]) -> list[Any]:
+    """What `work` makes of each piece, computed to its end, in their order."""
+    if len(pieces) == 1:
+        return [jax.block_until_ready(work(pieces[0]))]
+    return list(_pool("running").map(lambda piece: jax.block_until_ready(work(piece)), pieces))
+
+
+class Program:
+    """A function of arrays, compiled for each model and for each shape of its arguments when it is first asked for.
+
+    Args:
+        function: takes `static` hashable arguments, then arrays in any tree.
+        static: how many.
+        options: of XLA's compiler, for this program alone.
+    """
+
+    def __init__(self, function: Callable[..., Any], static: int = 2, options: dict[str, Any] | None = None) -> None:
+        self.__doc__ = function.__doc__
+        self._jit = jax.jit(function, static_argnums=tuple(range(static)), compiler_options=options)
+        self._static = static
+        self._lock = Lock()
+        self._compiled: dict[Hashable, Future[Any]] = {}
+
+    def __call__(self, *args: Any) -> Any:
+        return self._of(args)(*args[self._static :])
+
+    @property
+    def compiled(self) -> int:
+        """How often it was compiled."""
+        return len(self._compiled)
+
+    def ahead(self, *args: Any) -> None:
+        """Compile for these arguments in the background: who calls with such a little later waits less, or not at all.
+
+        An error is met by that call, not here.
+        """
+        _pool("compiling").submit(self._of, args)
+
+    def _of(self, args: tuple[Any, ...]) -> Any:
+        leaves, tree = jax.tree.flatten(args[self._static :])
+        key = (
+            args[: self._static],
+            tree,
+            tuple((np.shape(leaf), getattr(leaf, "dtype", type(leaf))) for leaf in leaves),
+        )
+        with self._lock:
+            mine = key not in self._compiled
+            future = self._compiled.setdefault(key, Future())
+        if mine:
+            try:
+                future.set_result(self._jit.lower(*args).compile())
+            except BaseException as error:
+                with self._lock:
+                    del self._compiled[key]
+                future.set_exception(error)
+        return future.result()

@@ -1,0 +1,118 @@
+"""Normal equations in one pass, against the residual differentiated by JAX as a whole."""
+
+from __future__ import annotations
+
+import re
+from functools import partial
+from pathlib import Path
+from typing import NamedTuple
+
+import jax
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose, assert_array_equal
+
+import results
+from etcfit.estimation.joint_fit import ready
+from etcfit.model.effects import EFFECT_BY_NAME
+from etcfit.problem import normal_equations as module
+from etcfit.problem.free_parameters import free_parameters
+from etcfit.problem.normal_equations import NormalEquations, linearised, normal_equations, shared_out
+from etcfit.problem.problem import EstimationProblem
+from etcfit.problem.residual import WeightedData, residual
+
+
+class Case(NamedTuple):
+    problem: EstimationProblem
+    x: np.ndarray
+    weighted: WeightedData
+
+
+def case(folder: Path, added: tuple[str, ...] = ()) -> Case:
+    """Eqs. 1-2 and some effects off their bounds, whitened by the Kalman filter."""
+    rig = results.rig(folder)
+    known = free_parameters(rig.config, tuple(EFFECT_BY_NAME[name] for name in added))
+    problem = EstimationProblem.of(rig.config, known, ready(rig)[0])
+    x = known.layout.off_bounds(known.layout.coordinates({p.symbol: p.nominal for p in known.layout.parameters}))
+    return Case(problem, x, problem.weighted(problem.kalman(x)))
+
+
+@pytest.mark.slow  # compiles the model, and its residual as a whole
+@pytest.mark.parametrize(
+    "added",
+    [(), ("winding_heating", "limp_home_spring", "stop_bounce"), ("channel_delay", "actuation_delay")],
+    ids=["Eqs. 1-2", "with memories", "with delays"],
+)
+def test_residual_jacobian_and_equations_are_those_of_the_residual(tmp_path: Path, added: tuple[str, ...]) -> None:
+    problem, x, weighted = case(tmp_path, added)
+    whole = jax.jit(partial(residual, problem.layout.form, problem.batch.circuits, weighted=weighted))
+    J = np.asarray(jax.jit(jax.jacfwd(lambda x: whole(x)))(x))
+    r, columns = linearised(problem.layout.form, problem.batch.circuits, x, weighted)
+    size = np.linalg.norm(J.reshape(-1, x.size), axis=0)
+    assert_allclose(r, whole(x), rtol=1e-9, atol=1e-9)
+    assert np.max(np.linalg.norm((columns - J).reshape(-1, x.size), axis=0) / np.maximum(size, 1e-9)) < 1e-8
+    e = normal_equations(problem.layout.form, problem.batch.circuits, x, shared_out(weighted, x.size))
+    flat = J.reshape(-1, x.size)
+    assert e.chi2 == pytest.approx(float(np.sum(np.asarray(r) ** 2)), rel=1e-9)
+    assert_allclose(e.gradient, flat.T @ np.asarray(r).ravel(), rtol=1e-7, atol=1e-7 * float(size.max()))
+    assert_allclose(e.information, flat.T @ flat, rtol=1e-7, atol=1e-7 * float(size.max()) ** 2)
+
+
+@pytest.mark.parametrize("cores", [1, 2, 3, 64])
+def test_pieces_hold_every_lane_once_and_what_fills_them_up_counts_for_nothing(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, cores: int
+) -> None:
+    problem, x, weighted = _unwhitened(tmp_path)
+    monkeypatch.setattr(module, "CORES", cores)
+    monkeypatch.setattr(module, "_LEAST_LANES", 1)
+    pieces = shared_out(weighted, x.size)
+    lanes = problem.slots.value.shape[1]
+    assert len({piece.slots.value.shape for piece in pieces}) == 1
+    assert min(cores, lanes) // 2 < len(pieces) <= max(cores, 1)
+    joined = np.concatenate([np.asarray(piece.whitening.weight) for piece in pieces], axis=1)
+    assert_array_equal(joined[:, :lanes], weighted.whitening.weight)
+    assert_array_equal(joined[:, lanes:], 0.0)
+
+
+def test_a_large_batch_is_cut_so_that_no_piece_of_its_jacobian_is_large(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    _, x, weighted = _unwhitened(tmp_path)
+    steps, lanes, slots = weighted.slots.value.shape
+    assert lanes > 2
+    monkeypatch.setattr(module, "CORES", 1)
+    monkeypatch.setattr(module, "_MOST_BYTES", 8 * steps * slots * x.size)  # of one lane
+    assert [piece.slots.value.shape[1] for piece in shared_out(weighted, x.size)] == [1] * lanes
+
+
+def test_equations_with_a_number_that_is_none_are_not_finite() -> None:
+    good = NormalEquations(np.float64(1.0), np.zeros(2), np.eye(2))
+    assert good.finite
+    assert not good._replace(chi2=np.float64(np.inf)).finite
+    assert not good._replace(gradient=np.array([0.0, np.nan])).finite
+
+
+def _unwhitened(folder: Path) -> Case:
+    from etcfit.problem.weights import free_running
+
+    rig = results.rig(folder)
+    known = free_parameters(rig.config)
+    problem = EstimationProblem.of(rig.config, known, ready(rig)[0])
+    x = known.layout.coordinates({p.symbol: p.nominal for p in known.layout.parameters})
+    return Case(problem, x, problem.weighted(free_running(problem)))
+
+
+def test_what_no_step_changes_is_computed_before_the_loop(tmp_path: Path) -> None:
+    """XLA refuses to move anything out of a loop that holds a scatter, a sort, an FFT or a custom call: the map from
+    coordinates to values, which scatters and has exponentials, must not be in it, nor any of those."""
+    problem, x, weighted = _unwhitened(tmp_path)
+    program = module._linearised._jit.lower(problem.layout.form, problem.batch.circuits, x, weighted).compile()
+    text = program.as_text() or ""
+    parts = {part.split()[0].lstrip("%"): part for part in re.split(r"\n(?=%|ENTRY)", text)}
+    inside = set(re.findall(r"body=%([\w.-]+)", text))
+    assert inside
+    while more := {name for k in inside for name in re.findall(r"calls=%([\w.-]+)", parts[k])} - inside:
+        inside |= more
+    assert len(inside) > 10  # the loop and what it calls
+    for name in inside:
+        assert not re.search(r" (scatter|sort|fft|custom-call|exponential|tanh)\(", parts[name])

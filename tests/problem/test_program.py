@@ -1,0 +1,71 @@
+"""Programs are compiled once, and pieces run side by side."""
+
+from __future__ import annotations
+
+import threading
+from typing import Any
+
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from etcfit.problem.program import CORES, Program, side_by_side
+
+
+def scaled(factor: float, kind: str, x: Any) -> Any:
+    """factor x."""
+    if kind == "wrong":
+        raise ValueError("no such kind")
+    return factor * jnp.asarray(x)
+
+
+def test_it_is_compiled_for_each_model_and_each_shape_and_for_nothing_else() -> None:
+    program = Program(scaled)
+    assert program.__doc__ == "factor x."
+    for factor, size, count in ((2.0, 3, 1), (2.0, 3, 1), (3.0, 3, 2), (3.0, 4, 3), (2.0, 3, 3)):
+        assert np.all(np.asarray(program(factor, "right", np.ones(size))) == factor)
+        assert program.compiled == count
+
+
+def test_threads_that_ask_at_once_wait_for_the_one_that_compiles() -> None:
+    traced, gate = [], threading.Barrier(4)
+
+    def slow(name: str, x: Any) -> Any:
+        traced.append(name)
+        return x + 1.0
+
+    program = Program(slow, static=1)
+
+    def ask(_: int) -> float:
+        gate.wait()
+        return float(program("one", np.float64(1.0)))
+
+    threads = [threading.Thread(target=ask, args=(k,)) for k in range(4)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    assert (traced, program.compiled) == (["one"], 1)
+
+
+def test_an_error_is_told_to_who_calls_and_not_kept() -> None:
+    program = Program(scaled)
+    program.ahead(1.0, "wrong", np.ones(2))
+    for _ in range(2):
+        with pytest.raises(ValueError, match="no such kind"):
+            program(1.0, "wrong", np.ones(2))
+    assert program.compiled == 0
+
+
+def test_what_is_compiled_ahead_is_there_when_it_is_asked_for() -> None:
+    program = Program(scaled)
+    program.ahead(2.0, "right", np.ones(2))
+    assert np.all(np.asarray(program(2.0, "right", np.ones(2))) == 2.0)
+    assert program.compiled == 1
+
+
+def test_pieces_come_back_in_their_order_and_an_error_of_one_is_raised() -> None:
+    assert side_by_side(lambda k: k**2, range(3 * CORES)) == [k**2 for k in range(3 * CORES)]
+    assert side_by_side(lambda k: k, []) == []
+    with pytest.raises(ZeroDivisionError):
+        side_by_side(lambda k: 1 / k, [1, 0])
