@@ -106,14 +106,11 @@ def _with_change(trial: Trial, change: float) -> Trial:
 
 
 def _refitted(s: CandidateModel, chosen: Sequence[Signature], before: Score, report: Report) -> list[Trial]:
-    """A trial of each, the lowest BIC first: one alone, for it may have to compile, then some side by side."""
-    if not chosen:
-        return []
-    report(f"refitting with {chosen[0].variant.effect.name}", 0.2)
-    trials = [_tried(s, chosen[0], before)]
+    """A trial of each, the lowest BIC first: some side by side, for each compiles a model of its own."""
+    trials = []
     with ThreadPoolExecutor(s.settings.refits_side_by_side) as pool:
-        jobs = [pool.submit(_tried, s, signature, before) for signature in chosen[1:]]
-        for k, (signature, job) in enumerate(zip(chosen[1:], jobs, strict=True), 1):
+        jobs = [pool.submit(_tried, s, signature, before) for signature in chosen]
+        for k, (signature, job) in enumerate(zip(chosen, jobs, strict=True)):
             report(f"refitting with {signature.variant.effect.name}", 0.2 + 0.6 * k / len(chosen))
             trials.append(job.result())
     return sorted((_asked_again(s, t, before, report) for t in trials), key=lambda t: t.verdict.bic_change)

@@ -15,7 +15,6 @@ from __future__ import annotations
 import itertools
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from functools import partial
 from typing import Any, NamedTuple
 
 import jax
@@ -25,6 +24,7 @@ from scipy.optimize import lsq_linear
 from ..model.parameters import NonNegative, Parameter
 from ..problem.free_parameters import Form
 from ..problem.problem import EstimationProblem
+from ..problem.program import Program, side_by_side
 from ..problem.residual import WeightedData, residual
 from .composition import Effect, resting
 
@@ -78,20 +78,18 @@ def variants(effect: Effect) -> tuple[Variant, ...]:
     return tuple(Variant(effect, shape | dict(zip(effect.scan, point, strict=True)), tuple(off)) for point in grid)
 
 
-@partial(jax.jit, static_argnums=(0, 1))
+@Program
 def _tangents(form: Form, circuits: tuple[str, ...], x: Any, weighted: WeightedData, fulls: Any, ways: Any) -> Any:
     """Residual at K sets of values, and its derivative along K directions, (K, Q) each -> (K, T, L, M) each."""
 
-    def one(at: tuple[Any, Any]) -> Any:
-        full, way = at
-
+    def one(full: Any, way: Any) -> Any:
         def shifted(e: Any) -> Any:
             pick = weighted.pick._replace(full=full + e * way)
             return residual(form, circuits, x, weighted._replace(pick=pick))
 
         return jax.jvp(shifted, (0.0,), (1.0,))
 
-    return jax.lax.map(one, (fulls, ways), batch_size=_AT_ONCE)
+    return jax.vmap(one)(fulls, ways)
 
 
 def tangents(
@@ -100,10 +98,16 @@ def tangents(
     """For each variant the derivative of the fitted samples' residual in each amplitude over its scale, (n, k)."""
     layout = problem.layout
     fulls, ways = _directions(problem, np.array(weighted.pick.full, dtype=float), every)
-    at, along = _tangents(layout.form, problem.batch.circuits, layout.padded(x), weighted, fulls, ways)
-    seen = np.asarray(weighted.slots.weight) > 0.0
-    base = np.asarray(at[0])[seen]
-    pairs = iter([(np.asarray(r)[seen], np.asarray(t)[seen]) for r, t in zip(at[1:], along[1:], strict=True)])
+    seen, padded = np.asarray(weighted.slots.weight) > 0.0, layout.padded(x)
+
+    def some(k: int) -> list[tuple[np.ndarray, np.ndarray]]:
+        few = slice(k, k + _AT_ONCE)
+        both = _tangents(layout.form, problem.batch.circuits, padded, weighted, fulls[few], ways[few])
+        at, along = (np.asarray(each) for each in both)
+        return [(r[seen], t[seen]) for r, t in zip(at, along, strict=True)]
+
+    each = [pair for few in side_by_side(some, range(0, len(fulls), _AT_ONCE)) for pair in few]
+    (base, _), pairs = each[0], iter(each[1:])
 
     def column(variant: Variant, symbol: str) -> np.ndarray:
         r, tangent = next(pairs)

@@ -50,7 +50,7 @@ def small(rig: Rig, traces: tuple[Trace, ...]) -> CandidateModel:
     little = replace(rig, config=replace(rig.config, parameters=held))
     response = tuple(t for t in traces if t.test.name == "response")
     composition = compose(little, response, only=(GRAVITY,))
-    bare = composition.free_parameters(())
+    bare = composition.lean(())
     x = bare.layout.coordinates({p.symbol: p.nominal for p in bare.layout.parameters})
     problem = EstimationProblem.of(little.config, bare, response)
     weighted, end = problem.weighted(weights.free_running(problem)), Termination(True, "by hand")
@@ -60,7 +60,7 @@ def small(rig: Rig, traces: tuple[Trace, ...]) -> CandidateModel:
 @pytest.fixture(scope="session")
 def model(rig: Rig, traces: tuple[Trace, ...], composition: Composition) -> CandidateModel:
     """Eqs. 1-2 in the composed model at random coordinates, a held-out trace beside them; nothing is simulated."""
-    known = composition.free_parameters(())
+    known = composition.lean(())
     x = np.random.default_rng(0).normal(size=len(known.layout.free))
     problem = EstimationProblem.of(rig.config, known, traces)
     beside = EstimationProblem.of(rig.config, known, traces[:1])
