@@ -46,13 +46,15 @@ def fit_in(run: str) -> Any:
     return load_fit(Path(run))
 
 
-def linearisation() -> Callable[[Any, Any, Any], Any]:
-    """What a step of the fit is made from, of problem, coordinates and weighted data."""
-    if find_spec("etcfit.problem.normal_equations") is None:
-        return lambda problem, x, weighted: problem.linearise(x, weighted)
-    from etcfit.problem.normal_equations import normal_equations  # pyright: ignore[reportMissingImports]
+def linearisation(fit: Any) -> Callable[[], Any]:
+    """Residual and Jacobian of a fit's data at its end, as a step of least squares asks for them."""
+    if find_spec("etcfit.problem.normal_equations") is None:  # an older version keeps the whole Jacobian
+        return lambda: fit.problem.linearise(fit.x, fit.weighted)
+    from etcfit.problem.normal_equations import normal_equations, shared_out
 
-    return normal_equations
+    form, circuits = fit.problem.layout.form, fit.problem.batch.circuits
+    x, pieces = fit.problem.layout.padded(fit.x), shared_out(fit.weighted, fit.x.size)
+    return lambda: normal_equations(form, circuits, x, pieces)
 
 
 def jacobian(run: str) -> dict[str, float]:
@@ -63,8 +65,7 @@ def jacobian(run: str) -> dict[str, float]:
 
     fit = fit_in(run)
     points = fit.x + SCATTER * np.random.default_rng(0).standard_normal((POINTS, fit.x.size))
-    linearise = linearisation()
-    one = seconds(lambda: linearise(fit.problem, fit.x, fit.weighted))
+    one = seconds(linearisation(fit))
     each = seconds(lambda: chi2_of(fit.problem, points, fit.weighted)) / POINTS
     return {"x": one / each, "ms": 1e3 * one, "ms chi2": 1e3 * each, "columns": fit.x.size}
 
