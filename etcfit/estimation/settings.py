@@ -77,7 +77,7 @@ class GlobalSearchSettings:
     patience: int = whole(25, 1, 100_000)
     least_gain: float = real(0.01, 0.0, 1.0)
     population_seed: int = whole(11, 0, 2**32 - 1)
-    draws: int = whole(30, 1, 100_000)
+    draws: int = whole(100, 1, 100_000)
     radii: tuple[float, ...] = reals((1.0, 0.3, 0.1, 0.03), 0.0, 100.0)
     worth: float = real(0.02, 0.0, 1e6)
     draws_seed: int = whole(7, 0, 2**32 - 1)
