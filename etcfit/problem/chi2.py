@@ -22,6 +22,7 @@ from .program import CORES, Program, side_by_side
 from .residual import WeightedData, prior_residual, residual
 
 _MOST = 64  # points in one pass; more fall out of the processor's caches
+_LEAST = 32  # the same where there are points enough for every core: fewer cost more each
 _FEW = 8  # points below which each is simulated by itself
 _AT_ONCE = 16  # the same where whole paths must be kept
 
@@ -32,7 +33,7 @@ def chi2_of(
     """Sum of squared residuals and prior terms at each of K points, shape (K, P) -> (K,); inf where none can be had."""
     if len(points) < _FEW:  # what is compiled for one residual serves, whatever their number
         return np.array([_of_one(problem, x, weighted) for x in points])
-    passes = max(CORES, -(-len(points) // _MOST))
+    passes = max(-(-len(points) // _MOST), min(CORES, len(points) // _LEAST))
     size = -(-len(points) // passes)
     full = problem.layout.padded(np.pad(points, ((0, passes * size - len(points)), (0, 0)), mode="edge"))
     form, circuits = problem.layout.form, problem.batch.circuits
