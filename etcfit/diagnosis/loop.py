@@ -86,10 +86,8 @@ def screened(s: CandidateModel, candidates: Sequence[Effect]) -> tuple[Signature
 
     What the fitted parameters can do is taken from the lean model, which costs less and gives equal numbers.
     """
-    whole, lean = s.composed(), s.lean()
-    return screen(
-        Background.of(lean.problem, lean.x, lean.weighted), whole.problem, whole.x, whole.weighted, candidates
-    )
+    whole, background = s.composed(), Background.of(s.problem, s.x, s.weighted)
+    return screen(background, whole.problem, whole.x, whole.weighted, candidates)
 
 
 def _cross_validated(s: CandidateModel, trials: Sequence[Trial]) -> list[Trial]:

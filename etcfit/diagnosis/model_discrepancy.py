@@ -65,7 +65,6 @@ def spread(s: CandidateModel) -> np.ndarray:
     out = np.zeros((s.x.size, s.x.size))
     if s.far or not s.added:
         return out
-    s = s.lean()
     here = local(s.problem, s.x, s.weighted)
     inverse = here.covariance / here.unit
     for effect in s.added:

@@ -81,11 +81,10 @@ def _reweighed(s: CandidateModel, held_out: tuple[Trace, ...]) -> CandidateModel
 
 
 def refit_fully(s: CandidateModel, report: Report) -> CandidateModel:
-    """The model refitted in full, lean: through the rounds of whitening where it comes near the data.
+    """The model refitted in full: through the rounds of whitening where it comes near the data.
 
     Where it does not, its guided residual is minimised; where those rounds spoil it, they begin anew from its x.
     """
-    s = s.lean()
     problem = s.problem.reprepared(s.x)
     weighted = problem.weighted(weights.forgiving(problem))
     tolerance = s.settings.refit_tolerance

@@ -72,7 +72,7 @@ def outdone(result: FitResult, first: CandidateModel, s: CandidateModel, report:
     curve = _best(bare, before)
     if curve is None:
         return None
-    named = first.with_effects(s.added, s.values).lean().optimised()
+    named = first.with_effects(s.added, s.values).optimised()
     if not one_curve_does_more(before.chi2, named.chi2, curve.verdict.score.chi2, s.settings):
         return None
     if first.far and not s.far and spoilt(refit_fully(curve.model, report), s):
@@ -142,7 +142,7 @@ def one_curve_does_more(bare: float, named: float, curve: float, settings: Diagn
 
 def widened(result: FitResult, s: CandidateModel) -> CandidateModel:
     """The model, lean, in a composition of its own effects and the smooth curves."""
-    return s.within(compose(result.rig, s.problem.batch.traces, UNKNOWNS, s.added), s.added, {}).lean()
+    return s.within(compose(result.rig, s.problem.batch.traces, UNKNOWNS, s.added), s.added, {})
 
 
 def _best(s: CandidateModel, before: Score) -> Trial | None:
@@ -155,14 +155,14 @@ def _best(s: CandidateModel, before: Score) -> Trial | None:
 
 def _tried(s: CandidateModel, g: Signature, before: Score) -> Trial:
     """The trial of a curve; amplitudes that these data do not show cost nothing."""
-    trial = s.trying(g.variant.effect, g.values).lean().optimised()
+    trial = s.trying(g.variant.effect, g.values).optimised()
     seen = sum(np.any(g.columns != 0.0, axis=0))
     return judged(g.variant.effect, before, trial, Cost(int(seen), len(UNKNOWNS)))
 
 
 def _in_doubt(s: CandidateModel, effect: Effect, here: Score) -> bool:
     """`in_doubt` of one effect of a model with this score."""
-    less = s.without(effect).lean().optimised()
+    less = s.without(effect).optimised()
     bare = score(less)
     curve = _best(less, bare)
     return in_doubt(bare.chi2, here.chi2, None if curve is None else curve.verdict.score.chi2, s.settings)

@@ -43,8 +43,8 @@ def chi2_of(
 
 
 def _of_one(problem: EstimationProblem, x: Float[np.ndarray, " P"], weighted: WeightedData) -> float:
-    mean, sd = (np.asarray(each)[: x.size] for each in (weighted.prior_mean, weighted.prior_sd))
-    chi2 = problem.chi2(x, weighted) + float(np.sum(((x - mean) / sd) ** 2))
+    prior = prior_residual(problem.layout.padded(x), weighted)
+    chi2 = problem.chi2(x, weighted) + float(jnp.sum(prior**2))
     return chi2 if np.isfinite(chi2) else np.inf
 
 

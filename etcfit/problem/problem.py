@@ -19,7 +19,7 @@ from .normal_equations import linearised, linearised_ahead
 from .prediction_error import columns
 from .process_noise import free_run_variance, order_of
 from .program import QUICK, Program
-from .residual import Compared, WeightedData, compared, run
+from .residual import Compared, WeightedData, compared, prior_residual, run
 from .substeps import local_error, substeps_needed
 from .trace import Trace, prepare
 
@@ -164,9 +164,9 @@ class EstimationProblem:
         self, x: Float[np.ndarray, " P"], weighted: WeightedData
     ) -> tuple[Float[np.ndarray, "T L M"], Float[np.ndarray, " P"], Float[np.ndarray, "T L M P"]]:
         """Residual (T, L, M), that of the priors (P,), Jacobian of the former (T, L, M, P)."""
-        r, columns = linearised(self.layout.form, self.batch.circuits, self.layout.padded(x), weighted)
-        prior = (x - np.asarray(weighted.prior_mean)[: x.size]) / np.asarray(weighted.prior_sd)[: x.size]
-        return r, prior, columns[..., : x.size]
+        padded = self.layout.padded(x)
+        r, columns = linearised(self.layout.form, self.batch.circuits, padded, weighted)
+        return r, np.asarray(prior_residual(padded, weighted))[: x.size], columns[..., : x.size]
 
     def residual(self, x: Float[np.ndarray, " P"], weighted: WeightedData) -> Float[np.ndarray, "T L M"]:
         """Whitened residual alone, shape (T, L, M): a tenth of what its Jacobian costs."""
