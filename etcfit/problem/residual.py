@@ -108,7 +108,7 @@ def run(
     return SimulatedRun(throttle, simulate(throttle, steps, batch.resets), steps)
 
 
-def prior_residual(x: Float[AnyArray, " P"], weighted: WeightedData) -> Float[Array, " P"]:
+def prior_residual(x: Float[AnyArray, " P"], weighted: WeightedData) -> Float[AnyArray, " P"]:
     """That of the priors, (x - mean) / sd, shape (P,)."""
     return (x - weighted.prior_mean) / weighted.prior_sd
 
