@@ -90,12 +90,12 @@ def by_nuts(target: Any, root: np.ndarray, draws: int) -> tuple[Timed, float]:
     from etcfit.problem.residual import prior_residual, residual
 
     problem, weighted = target.problem, target.weighted
-    form, circuits = problem.layout.form, problem.batch.circuits
+    form = problem.layout.form
     kinds = form.kinds[problem.pick.where]
 
     def density(u: Any) -> Any:
         x = target.mode + root @ u
-        r, prior = residual(form, circuits, x, weighted), prior_residual(x, weighted)
+        r, prior = residual(form, x, weighted), prior_residual(x, weighted)
         return -0.5 * (jnp.sum(r**2) + jnp.sum(prior**2)) + jnp.sum(log_flats(kinds, x))
 
     forward = jax.custom_vjp(density)

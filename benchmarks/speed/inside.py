@@ -52,9 +52,9 @@ def linearisation(fit: Any) -> Callable[[], Any]:
         return lambda: fit.problem.linearise(fit.x, fit.weighted)
     from etcfit.problem.normal_equations import normal_equations, shared_out
 
-    form, circuits = fit.problem.layout.form, fit.problem.batch.circuits
+    form = fit.problem.layout.form
     x, pieces = fit.problem.layout.padded(fit.x), shared_out(fit.weighted, fit.x.size)
-    return lambda: normal_equations(form, circuits, x, pieces)
+    return lambda: normal_equations(form, x, pieces)
 
 
 def jacobian(run: str) -> dict[str, float]:

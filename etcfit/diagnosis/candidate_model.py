@@ -13,7 +13,7 @@ from ..problem.free_parameters import FreeParameters
 from ..problem.problem import EstimationProblem
 from ..problem.residual import WeightedData
 from ..problem.trace import Trace
-from .composition import Composition, Effect, carried
+from .composition import Composition, Effect, carried, resting
 from .settings import DiagnosisSettings
 
 
@@ -89,7 +89,7 @@ class CandidateModel:
         self, composition: Composition, added: tuple[Effect, ...], values: Mapping[str, float]
     ) -> CandidateModel:
         """As `with_effects`, as a part of another composition."""
-        free_parameters = composition.lean(added)
+        free_parameters = composition.on_trial(added)
         x = carried(self.x, self.problem.layout, free_parameters, values)
         return replace(self, composition=composition, added=added, x=x)._as(free_parameters)
 
@@ -100,6 +100,13 @@ class CandidateModel:
     def composed(self) -> CandidateModel:
         """Equal in every number, simulated with all effects of the composition, for all to be screened at once."""
         return self._as(self.composition.free_parameters(self.added))
+
+    def with_the_rig(self) -> CandidateModel:
+        """With every candidate of the rig at work, at its off value: what the residual does along each of them."""
+        off = {s: v for e in self.composition.of_the_rig if not self.at_work(e) for s, v in resting(e).items()}
+        free_parameters = self.composition.with_the_rig(self.added)
+        x = carried(self.x, self.problem.layout, free_parameters, off)
+        return replace(self, x=x)._as(free_parameters)
 
     def _as(self, free_parameters: FreeParameters) -> CandidateModel:
         problem, weighted = _with_parameters(self.problem, self.weighted, free_parameters)

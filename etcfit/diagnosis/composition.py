@@ -1,6 +1,8 @@
 """One composed model of every effect that a rig could show: which of them are at work is data, so it compiles once.
 
 An effect is taken out of the model by holding its parameters at their off values, at which it contributes exactly zero.
+Effects of the rig itself act around the throttle, not in it: dozens of them cost little, and all are tried by one
+program.
 """
 
 from __future__ import annotations
@@ -14,6 +16,7 @@ import numpy as np
 
 from ..model.effects import EFFECTS, PAPER, AbstractEffect
 from ..model.parameters import parameters_of
+from ..model.rig_effects import AbstractRigEffect, at_places
 from ..problem.free_parameters import FreeParameters, Layout, free_parameters
 from ..problem.jacobian import AT_ONCE
 from ..problem.trace import Trace
@@ -38,31 +41,50 @@ class Composition:
     known: tuple[Effect, ...]
     candidates: tuple[Effect, ...]
 
+    @property
+    def of_the_rig(self) -> tuple[Effect, ...]:
+        """The candidates that act around the throttle."""
+        return tuple(e for e in self.candidates if is_of_the_rig(e))
+
     def free_parameters(self, added: tuple[Effect, ...]) -> FreeParameters:
-        """Free parameters of the model with these candidates at work; the others are held at their off values."""
-        whole = self.whole.layout
-        asleep = {s: v for effect in self.candidates if effect not in added for s, v in resting(effect).items()}
-        free = tuple(s for s in whole.free if s not in asleep)
-        fixed = dict(zip(whole.held, self.whole.held.tolist(), strict=True))
-        held = fixed | {s: v for s, v in asleep.items() if s in whole.free}
-        least = sum(1 for s in whole.free if not any(s in resting(e) for e in self.candidates)) + _MORE
-        layout = Layout(whole.types, whole.parameters, free, tuple(held), whole.ties, room(max(least, len(free))))
-        priors = {s: v for s, v in self.whole.priors.items() if s in free}
-        return FreeParameters(layout, np.array(list(held.values())), priors, self.whole.start)
+        """Free parameters of the model with these candidates at work; others that act in the throttle are held at
+        their off values."""
+        base = sum(1 for s in self.whole.layout.free if not any(s in resting(e) for e in self.candidates)) + _MORE
+        inside = tuple(e for e in self.candidates if not is_of_the_rig(e))
+        whole = self._of((*inside, *added), added)
+        return replace(whole, layout=replace(whole.layout, room=room(max(base, len(whole.layout.free)))))
 
     def lean(self, added: tuple[Effect, ...]) -> FreeParameters:
         """As `free_parameters`, with equal coordinates, of a model that has no effects but those at work."""
-        full, types = self.free_parameters(added), (*self.known, *added)
-        types = tuple(t for t in self.whole.layout.types if t in types)
-        gone = {s for effect in self.candidates if effect not in added for s in resting(effect)}
-        parameters = tuple(p for p in full.layout.parameters if p.symbol not in gone)
-        held = {s: v for s, v in zip(full.layout.held, full.held.tolist(), strict=True) if s not in gone}
-        layout = Layout(types, parameters, full.layout.free, tuple(held), full.layout.ties)
-        return FreeParameters(layout, np.array(list(held.values())), full.priors, full.start)
+        return self._of(added, added)
+
+    def on_trial(self, added: tuple[Effect, ...]) -> FreeParameters:
+        """As `lean`; where an effect is the rig's, its others lie asleep beside it: one program serves all of them."""
+        aside = self.of_the_rig if any(is_of_the_rig(e) for e in added) else ()
+        return self._of((*added, *aside), added)
+
+    def with_the_rig(self, added: tuple[Effect, ...]) -> FreeParameters:
+        """The lean model with every candidate of the rig at work besides these."""
+        every = tuple(dict.fromkeys((*added, *self.of_the_rig)))
+        return self._of(every, every)
+
+    def _of(self, present: tuple[Effect, ...], at_work: tuple[Effect, ...]) -> FreeParameters:
+        """Unknowns of a model with some candidates in it; those of them not at work are held at their off values."""
+        whole = self.whole.layout
+        gone = {s for e in self.candidates if e not in present for s in resting(e)}
+        asleep = {s: v for e in present if e not in at_work for s, v in resting(e).items()}
+        free = tuple(s for s in whole.free if s not in gone and s not in asleep)
+        fixed = dict(zip(whole.held, self.whole.held.tolist(), strict=True))
+        held = {s: v for s, v in fixed.items() if s not in gone} | {s: v for s, v in asleep.items() if s in whole.free}
+        types = tuple(t for t in whole.types if t in self.known or t in present)
+        parameters = tuple(p for p in whole.parameters if p.symbol not in gone)
+        layout = Layout(types, parameters, free, tuple(held), whole.ties)
+        priors = {s: v for s, v in self.whole.priors.items() if s in free}
+        return FreeParameters(layout, np.array(list(held.values())), priors, self.whole.start)
 
 
 def compose(
-    rig: Rig, traces: tuple[Trace, ...], further: tuple[Effect, ...] = (), only: tuple[Effect, ...] = EFFECTS
+    rig: Rig, traces: tuple[Trace, ...], further: tuple[Effect, ...] = (), only: tuple[Effect, ...] | None = None
 ) -> Composition:
     """The model of every effect that these traces could show.
 
@@ -70,13 +92,17 @@ def compose(
         rig: whose rig.toml says what is fixed and which effects are known.
         traces: what was logged decides which effects could show (`needs` of an effect).
         further: effects beside the catalogue.
-        only: effects of the catalogue that are considered besides those that rig.toml names.
+        only: effects of both catalogues that are considered besides those that rig.toml names; None: all of them.
     """
     seen = logged(rig, traces)
-    fitting = [e for e in EFFECTS if e.name in rig.config.effects or (e in only and set(e.needs) <= seen)]
-    names = tuple(e.name for e in fitting if e not in PAPER)
-    whole = free_parameters(replace(rig.config, effects=names), tuple(e for e in further if set(e.needs) <= seen))
-    known = tuple(e for e in whole.layout.types if e in PAPER or e.commands or e.name in rig.config.effects)
+    catalogue = (*EFFECTS, *at_places(by_test(traces)))
+    fitting = [e for e in (catalogue if only is None else only) if e not in PAPER and set(e.needs) <= seen]
+    names = dict.fromkeys((*rig.config.effects, *(e.name for e in sorted(fitting, key=catalogue.index))))
+    whole = free_parameters(
+        replace(rig.config, effects=tuple(names)), tuple(e for e in further if set(e.needs) <= seen)
+    )
+    at_work = free_parameters(rig.config).layout.types
+    known = tuple(e for e in whole.layout.types if e in at_work)
     return Composition(whole, known, tuple(e for e in whole.layout.types if e not in known))
 
 
@@ -89,6 +115,20 @@ def logged(rig: Rig, traces: tuple[Trace, ...]) -> frozenset[str]:
         "gear": rig.config.gear_ratio_given,
     }
     return frozenset(word for word, true in words.items() if true)
+
+
+def by_test(traces: tuple[Trace, ...]) -> dict[str, frozenset[str]]:
+    """What the traces of each rig test logged: the channels that the model predicts, and "voltage" where one drove."""
+    found: dict[str, frozenset[str]] = {}
+    for trace in traces:
+        driven = {"voltage"} if trace.circuit and trace.input is not None else set()
+        found[trace.test.name] = found.get(trace.test.name, frozenset()) | set(trace.channels) | driven
+    return found
+
+
+def is_of_the_rig(effect: Effect) -> bool:
+    """Whether it acts around the throttle rather than in it."""
+    return issubclass(effect, AbstractRigEffect)
 
 
 def resting(effect: Effect) -> dict[str, float]:

@@ -25,6 +25,7 @@ def final_fit(result: FitResult, s: CandidateModel, found: Sequence[Found], repo
     """
     if not s.added:
         return result  # a guided optimum let run free may end worse than the fit that began free
+    s = s.lean()
     problem, weighted, x, end = s.problem, s.weighted, s.x, s.end
     if s.far:
         report("letting the final model run free", 0.95)
@@ -43,7 +44,7 @@ def _widened(after: FitResult, s: CandidateModel, tied: Sequence[Found]) -> FitR
     ]
     formulas, allowed = (), spread(s)
     if allowed.any():
-        formulas = tuple(e.name for e in s.added)
+        formulas = tuple(e.name for e in s.added if e.inexact)
         remarks.append(f"Intervals allow for formulas of {listed(formulas)} that are {percent_off(formulas)} off.")
     covariance, warnings = after.covariance + allowed + unsure, (*after.warnings, *remarks)
     return replace(

@@ -11,12 +11,12 @@ import numpy as np
 from ..estimation.joint_fit import Report
 from .candidate_model import CandidateModel
 from .choice import Choice, choose, deserves_second_trial, nothing_to_read, promising, stands, worth_a_look
-from .composition import Effect
+from .composition import Effect, is_of_the_rig
 from .cross_validation import folds, left_out
 from .model_discrepancy import inexact
 from .refit import holds, refit_fully
 from .score import Score, score
-from .screen import Background, Signature, screen
+from .screen import Background, Signature, screen, screen_of_the_rig
 from .trial import Trial, second_trial, tried
 
 
@@ -84,10 +84,19 @@ def turn(s: CandidateModel, report: Report, blur: float = 0.0) -> Round:
 def screened(s: CandidateModel, candidates: Sequence[Effect]) -> tuple[Signature, ...]:
     """Every candidate's signature, the most promising first.
 
-    What the fitted parameters can do is taken from the lean model, which costs less and gives equal numbers.
+    What the fitted parameters can do is taken from the lean model, which costs less and gives equal numbers; and with
+    them what the rig's effects would do, which act around the throttle and are cheap all at once.
     """
-    whole, background = s.composed(), Background.of(s.problem, s.x, s.weighted)
-    return screen(background, whole.problem, whole.x, whole.weighted, candidates)
+    inside, of_the_rig = ([e for e in candidates if is_of_the_rig(e) is rig] for rig in (False, True))
+    background = Background.of(s.problem, s.x, s.weighted)
+    found = []
+    if inside:
+        whole = s.composed()
+        found += screen(background, whole.problem, whole.x, whole.weighted, inside)
+    if of_the_rig:
+        rigged = s.with_the_rig()
+        found += screen_of_the_rig(background, rigged.problem, rigged.x, rigged.weighted, of_the_rig)
+    return tuple(sorted(found, key=lambda g: -g.gain))
 
 
 def _cross_validated(s: CandidateModel, trials: Sequence[Trial]) -> list[Trial]:

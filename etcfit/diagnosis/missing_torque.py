@@ -26,6 +26,7 @@ from ..problem.prediction_error import columns
 from ..problem.problem import EstimationProblem
 from ..problem.residual import run
 from .candidate_model import CandidateModel
+from .composition import is_of_the_rig
 from .findings import Motion
 from .settings import DiagnosisSettings
 
@@ -87,10 +88,10 @@ def guide_stiffness(values: Mapping[str, Any], gear: float, record: Guided, sett
     return min(torque * R_a / (gear * float(values["K_m"])), settings.guide_stable * fastest)
 
 
-@partial(jax.jit, static_argnums=(0, 1))
-def _along(form: Form, circuits: tuple[str, ...], x: Any, pick: Pick, arrays: Any) -> dict[str, Any]:
+@partial(jax.jit, static_argnums=0)
+def _along(form: Form, x: Any, pick: Pick, arrays: Any) -> dict[str, Any]:
     """Signals along a guided run, (T, L) each, and what every effect contributes, (effects, T, L)."""
-    throttle, (state, z), steps = run(form, circuits, x, pick, arrays)
+    throttle, (state, z), steps, _ = run(form, x, pick, arrays)
     u = steps.inputs(1.0)
     parts = throttle.parts(state, z, u)
     zero = jnp.zeros_like(state.omega)
@@ -147,7 +148,7 @@ def motions(before: CandidateModel, after: CandidateModel, held_out: bool) -> li
         end = left[k]
         effects = {
             effect.name: {"torque": end["effect_torque"][n], "voltage": end["effect_voltage"][n]}
-            for n, effect in enumerate(last.layout.types)
+            for n, effect in enumerate(e for e in last.layout.types if not is_of_the_rig(e))
             if effect in after.added
         }
         axes = {name: end[name] for name in ("time", "angle", "speed", "current", "load")}

@@ -20,7 +20,7 @@ import numpy as np
 
 from ..estimation.levenberg_marquardt import local
 from ..estimation.remedies import listed
-from ..model.effects import EFFECT_BY_NAME
+from ..problem.free_parameters import effect_named
 from .candidate_model import CandidateModel
 from .composition import Effect
 from .settings import DiagnosisSettings
@@ -33,7 +33,7 @@ def inexact(effects: Sequence[Effect]) -> float:
 
 def percent_off(effects: Sequence[str]) -> str:
     """Relative errors of the formulas of these effects, by name, in words: "2 % and 10 %"."""
-    return listed(dict.fromkeys(f"{100.0 * EFFECT_BY_NAME[name].inexact:.0f} %" for name in effects))
+    return listed(dict.fromkeys(f"{100.0 * effect_named(name).inexact:.0f} %" for name in effects))
 
 
 def blur(first_chi2_per_dof: float, s: CandidateModel) -> float:
@@ -67,7 +67,7 @@ def spread(s: CandidateModel) -> np.ndarray:
         return out
     here = local(s.problem, s.x, s.weighted)
     inverse = here.covariance / here.unit
-    for effect in s.added:
+    for effect in (e for e in s.added if e.inexact):
         for moved in _stretches(s, here.jacobian, here.jacobian @ _doubled(s, effect)):
             p = effect.inexact * (inverse @ moved)
             out += np.outer(p, p)

@@ -79,13 +79,13 @@ def variants(effect: Effect) -> tuple[Variant, ...]:
 
 
 @Program
-def _tangents(form: Form, circuits: tuple[str, ...], x: Any, weighted: WeightedData, fulls: Any, ways: Any) -> Any:
+def _tangents(form: Form, x: Any, weighted: WeightedData, fulls: Any, ways: Any) -> Any:
     """Residual at K sets of values, and its derivative along K directions, (K, Q) each -> (K, T, L, M) each."""
 
     def one(full: Any, way: Any) -> Any:
         def shifted(e: Any) -> Any:
             pick = weighted.pick._replace(full=full + e * way)
-            return residual(form, circuits, x, weighted._replace(pick=pick))
+            return residual(form, x, weighted._replace(pick=pick))
 
         return jax.jvp(shifted, (0.0,), (1.0,))
 
@@ -102,7 +102,7 @@ def tangents(
 
     def some(k: int) -> list[tuple[np.ndarray, np.ndarray]]:
         few = slice(k, k + _AT_ONCE)
-        both = _tangents(layout.form, problem.batch.circuits, padded, weighted, fulls[few], ways[few])
+        both = _tangents(layout.form, padded, weighted, fulls[few], ways[few])
         at, along = (np.asarray(each) for each in both)
         return [(r[seen], t[seen]) for r, t in zip(at, along, strict=True)]
 
@@ -249,6 +249,40 @@ def screen(
     columns = tangents(problem, x, weighted, every) if every else []
     parameters = {p.symbol: p for p in problem.layout.parameters}
     return ranked([background.signature(v, c, parameters) for v, c in zip(every, columns, strict=True)])
+
+
+def screen_of_the_rig(
+    background: Background,
+    problem: EstimationProblem,
+    x: np.ndarray,
+    weighted: WeightedData,
+    candidates: Sequence[Effect],
+) -> tuple[Signature, ...]:
+    """The signature of every candidate that acts around the throttle, the most promising first.
+
+    Their tangents are columns of ONE Jacobian, that of the lean model with all of them free.
+
+    Args:
+        background: of the model and residual without them.
+        problem, x, weighted: the model with all of them at work, at their off values.
+        candidates: effects of the rig.
+    """
+    layout, seen = problem.layout, np.asarray(weighted.slots.weight) > 0.0
+    jacobian, slope = problem.linearise(x, weighted)[2][seen], layout.numbers(x)[1]
+    parameters = {p.symbol: p for p in layout.parameters}
+
+    def column(symbol: str) -> np.ndarray:
+        k = layout.free.index(symbol)
+        return jacobian[:, k] * parameters[symbol].domain.scale / slope[k]
+
+    every = [Variant(e, {}, tuple(s for s in resting(e) if s in layout.free)) for e in candidates]
+    return ranked(
+        [
+            background.signature(v, np.stack([column(s) for s in v.amplitudes], axis=1), parameters)
+            for v in every
+            if v.amplitudes
+        ]
+    )
 
 
 def ranked(signatures: Sequence[Signature]) -> tuple[Signature, ...]:

@@ -171,7 +171,7 @@ def minimise(
     @cache
     def of_data(at: bytes) -> NormalEquations:
         padded = layout.padded(np.frombuffer(at), 0.0)
-        e = normal_equations(layout.form, problem.batch.circuits, padded[:room], pieces)
+        e = normal_equations(layout.form, padded[:room], pieces)
         return NormalEquations(e.chi2, e.gradient[: x.size], e.information[: x.size, : x.size])
 
     first = of_data(x.tobytes())

@@ -194,11 +194,16 @@ class Parameter:
 
 
 def parameter(unit: str, domain: AbstractDomain, nominal: float, meaning: str, source: str) -> Any:
-    """Declare a field of an effect to be a parameter; its name is the symbol."""
+    """Declare a field of an effect to be a parameter; its name is the symbol, unless the effect names it otherwise."""
     return dataclasses.field(metadata={"parameter": (unit, domain, nominal, meaning, source)})
 
 
-def parameters_of(effect: type) -> tuple[Parameter, ...]:
-    """The parameters an effect declares, in the order of its fields."""
-    fields = dataclasses.fields(effect)
-    return tuple(Parameter(f.name, *f.metadata["parameter"]) for f in fields if "parameter" in f.metadata)
+def declared(effect: Any) -> dict[str, Parameter]:
+    """The parameters that an effect declares, by the names of its fields, in their order."""
+    found = (f for f in dataclasses.fields(effect) if "parameter" in f.metadata)
+    return {f.name: effect.named(Parameter(f.name, *f.metadata["parameter"])) for f in found}
+
+
+def parameters_of(effect: Any) -> tuple[Parameter, ...]:
+    """The parameters that an effect declares, in the order of its fields."""
+    return tuple(declared(effect).values())

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from itertools import accumulate
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import equinox as eqx
 
 from .effects import AbstractEffect, Contribution, Inputs, State, total
-from .parameters import Parameter, Scalar, parameters_of
+from .parameters import Parameter, Scalar, declared, parameters_of
+from .rig_effects import AbstractRigEffect
 
 
 class Delays(NamedTuple):
@@ -29,14 +30,19 @@ class Throttle(eqx.Module):
     """Eqs. 1-2 of the paper and whatever effects were added to them.
 
     L di/dt = v + sum voltage,    J domega/dt + Sgn(omega) sum friction = sum torque,    dtheta/dt = omega
+
+    `rig` is what stands between it and the log: it changes what drives the throttle and what is read, in some traces.
     """
 
     effects: tuple[AbstractEffect, ...]
+    rig: tuple[AbstractRigEffect, ...] = ()
 
     @classmethod
     def build(cls, types: tuple[type[AbstractEffect], ...], values: Mapping[str, Scalar]) -> Throttle:
         """Compose effects from values in SI by symbol."""
-        return cls(tuple(t(**{p.symbol: values[p.symbol] for p in parameters_of(t)}) for t in types))
+        every = [t(**{field: values[p.symbol] for field, p in declared(t).items()}) for t in types]
+        inside = tuple(e for e in every if not isinstance(e, AbstractRigEffect))
+        return cls(inside, tuple(e for e in every if isinstance(e, AbstractRigEffect)))
 
     @property
     def z0(self) -> tuple[float, ...]:
@@ -87,6 +93,29 @@ class Throttle(eqx.Module):
             "emf": self.parameter("K_b") * motor_speed,
             "motor_speed": motor_speed,
         }
+
+    def driven(self, steps: Any, test_of: Scalar) -> Any:
+        """The steps of a batch as they act on the throttle rather than as they were logged.
+
+        Args:
+            steps: a `Step`.
+            test_of: `number_of` the rig test of each entry, of the steps' shape.
+        """
+        for effect in self.rig:
+            steps = effect.driven(steps, test_of)
+        return steps
+
+    def begun(self, resets: Any, test_of: Scalar) -> Any:
+        """The states in which traces begin, a `Reset`, as they are rather than as they were logged."""
+        for effect in self.rig:
+            resets = effect.begun(resets, test_of)
+        return resets
+
+    def read(self, seen: dict[str, Scalar], test_of: Scalar) -> dict[str, Scalar]:
+        """What is logged where the sensors show `seen`, by channel, SI."""
+        for effect in self.rig:
+            seen = effect.read(seen, test_of)
+        return seen
 
     def delays(self) -> Delays:
         """How late the input acts and the channels are logged, s: constants of the model, whatever its state."""

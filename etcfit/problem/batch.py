@@ -15,6 +15,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from ..model.parameters import AnyArray
+from ..model.rig_effects import number_of
 from ..model.stepper import Command, Reset, Step
 from ..rig.base import RigConfig
 from .trace import Trace
@@ -68,14 +69,14 @@ class BatchArrays(NamedTuple):
     """A batch as compiled functions take it: its arrays alone, over steps T, lanes L and sample slots M.
 
     Args:
-        steps, resets, slots, disturbance, circuit_of: those of a `TraceBatch`.
+        steps, resets, slots, disturbance, test_of: those of a `TraceBatch`.
     """
 
     steps: Step
     resets: Reset
     slots: SampleSlots
     disturbance: Disturbance
-    circuit_of: Float[AnyArray, "T L"]
+    test_of: Float[AnyArray, "T L"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -85,7 +86,7 @@ class TraceBatch:
     Args:
         steps, resets, slots, disturbance: arrays over steps T, lanes L (and slots M).
         guidable: 1 where an angle was logged that a guide could draw the plate to, shape (T, L).
-        circuits: tests whose own series resistance counts; `circuit_of` (T, L) is 1 + index into it, 0 for none.
+        test_of: `number_of` the rig test of each entry's trace, shape (T, L); 0 where there is none.
         traces: in the order given.
         places: for each trace its lane, first entry, and the entry of each of its instants.
     """
@@ -95,8 +96,7 @@ class TraceBatch:
     slots: SampleSlots
     disturbance: Disturbance
     guidable: Float[np.ndarray, "T L"]
-    circuits: tuple[str, ...]
-    circuit_of: Float[np.ndarray, "T L"]
+    test_of: Float[np.ndarray, "T L"]
     traces: tuple[Trace, ...]
     places: tuple[tuple[int, int, Int[np.ndarray, " _"]], ...]
 
@@ -130,8 +130,7 @@ def batch_of(
         substeps: integration steps in each interval between instants, one array (n - 1,) a trace.
         least: steps, lanes and slots that the batch has at least, for what was compiled for another.
     """
-    circuits = tuple(config.series_ohm)
-    strips = [_strip(t, n, config, circuits) for t, n in zip(traces, substeps, strict=True)]
+    strips = [_strip(t, n, config) for t, n in zip(traces, substeps, strict=True)]
     lanes, length = _pack([s["dt"].size for s, _ in strips], least[0])
     lanes += [[] for _ in range(least[1] - len(lanes))]
     slots = max(least[2], *(len(t.channels) for t in traces))
@@ -149,7 +148,7 @@ def batch_of(
                     table[name][rows, lane, : column.shape[1]] = column
             places[k] = (lane, row, row + marks)
             row += strip["dt"].size
-    return _assemble(table, circuits, tuple(traces), tuple(places))
+    return _assemble(table, tuple(traces), tuple(places))
 
 
 def _round(n: int) -> int:
@@ -247,7 +246,7 @@ def _edges(trace: Trace, marks: Int[np.ndarray, " n"], entries: int) -> dict[str
 
 
 def _strip(
-    trace: Trace, substeps: Int[np.ndarray, " intervals"], config: RigConfig, circuits: tuple[str, ...]
+    trace: Trace, substeps: Int[np.ndarray, " intervals"], config: RigConfig
 ) -> tuple[dict[str, np.ndarray], Int[np.ndarray, " n"]]:
     """All columns of one trace, and the entries of its instants."""
     ends, interval, marks = _breaks(trace, substeps)
@@ -273,7 +272,7 @@ def _strip(
         "mobile": 1.0 - held,
         "circuit": ones * trace.circuit,
         "plate": ones * (not boundary.gear_apart),
-        "circuit_of": ones * (1 + circuits.index(trace.test.name) if trace.test.name in circuits else 0),
+        "test_of": ones * number_of(trace.test.name),
         "begins": first * 1.0,
         "release": release,
         "guidable": ones * ("position" in trace.channels and not boundary.plate_held),
@@ -326,7 +325,7 @@ def _samples(trace: Trace, rows: int, marks: Int[np.ndarray, " n"]) -> dict[str,
 
 def _blank(length: int, lanes: int, slots: int, config: RigConfig) -> dict[str, np.ndarray]:
     """A batch with nothing on it: steps of no length, nothing moves, nothing observed."""
-    names = (*Step._fields, *Reset._fields, *Disturbance._fields, "circuit_of", "guidable")
+    names = (*Step._fields, *Reset._fields, *Disturbance._fields, "test_of", "guidable")
     names += () if config.ecu is None else Command._fields
     table = {name: np.zeros((length, lanes)) for name in names}
     table |= {name: np.zeros((length, lanes, slots)) for name in ("value", "weight", "kind")}
@@ -338,7 +337,6 @@ def _blank(length: int, lanes: int, slots: int, config: RigConfig) -> dict[str, 
 
 def _assemble(
     table: dict[str, np.ndarray],
-    circuits: tuple[str, ...],
     traces: tuple[Trace, ...],
     places: tuple[tuple[int, int, np.ndarray], ...],
 ) -> TraceBatch:
@@ -347,4 +345,4 @@ def _assemble(
 
     command = part(Command) if "active" in table else None
     parts = part(Step)._replace(command=command), part(Reset), part(SampleSlots), part(Disturbance)
-    return TraceBatch(*parts, table["guidable"], circuits, table["circuit_of"], traces, places)
+    return TraceBatch(*parts, table["guidable"], table["test_of"], traces, places)

@@ -36,8 +36,8 @@ def chi2_of(
     passes = max(-(-len(points) // _MOST), min(CORES, len(points) // _LEAST))
     size = -(-len(points) // passes)
     full = problem.layout.padded(np.pad(points, ((0, passes * size - len(points)), (0, 0)), mode="edge"))
-    form, circuits = problem.layout.form, problem.batch.circuits
-    parts = side_by_side(lambda some: _chi2(form, circuits, some, weighted), np.split(full, passes))
+    form = problem.layout.form
+    parts = side_by_side(lambda some: _chi2(form, some, weighted), np.split(full, passes))
     chi2 = np.concatenate([np.asarray(part) for part in parts])[: len(points)]
     return np.where(np.isfinite(chi2), chi2, np.inf)
 
@@ -49,27 +49,23 @@ def _of_one(problem: EstimationProblem, x: Float[np.ndarray, " P"], weighted: We
 
 
 @Program
-def _chi2(
-    form: Form, circuits: tuple[str, ...], points: Float[Array, "K P"], weighted: WeightedData
-) -> Float[Array, " K"]:
+def _chi2(form: Form, points: Float[Array, "K P"], weighted: WeightedData) -> Float[Array, " K"]:
     """Shape (K, P) -> (K,)."""
     if not has_single_pass(form):
-        return jax.lax.map(lambda x: _of_paths(form, circuits, x, weighted), points, batch_size=_AT_ONCE)
+        return jax.lax.map(lambda x: _of_paths(form, x, weighted), points, batch_size=_AT_ONCE)
     prior = jax.vmap(lambda x: prior_residual(x, weighted))(points)
-    return _in_one_pass(form, circuits, points, weighted) + jnp.sum(prior**2, axis=1)
+    return _in_one_pass(form, points, weighted) + jnp.sum(prior**2, axis=1)
 
 
-def _of_paths(form: Form, circuits: tuple[str, ...], x: Float[Array, " P"], weighted: WeightedData) -> Float[Array, ""]:
-    return jnp.sum(residual(form, circuits, x, weighted) ** 2) + jnp.sum(prior_residual(x, weighted) ** 2)
+def _of_paths(form: Form, x: Float[Array, " P"], weighted: WeightedData) -> Float[Array, ""]:
+    return jnp.sum(residual(form, x, weighted) ** 2) + jnp.sum(prior_residual(x, weighted) ** 2)
 
 
-def _in_one_pass(
-    form: Form, circuits: tuple[str, ...], points: Float[Array, "K P"], weighted: WeightedData
-) -> Float[Array, " K"]:
+def _in_one_pass(form: Form, points: Float[Array, "K P"], weighted: WeightedData) -> Float[Array, " K"]:
     """Sum of squared residuals, shape (K, P) -> (K,)."""
     values = jax.vmap(lambda x: form.values(x, weighted.pick))(points)
     shape, order = (weighted.steps.dt.shape[1], points.shape[0]), weighted.whitening.transition.shape[-1]
-    step = partial(advance, form, circuits)
+    step = partial(advance, form)
     each = jax.vmap(jax.vmap(step, in_axes=(0, 0, None)), in_axes=(None, 0, 0))
 
     def add(state: Any, entry: Any) -> Any:

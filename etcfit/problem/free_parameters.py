@@ -15,6 +15,7 @@ from jaxtyping import Array, Bool, Float, Int
 from ..errors import MeasurementError
 from ..model.effects import COMMANDING, EFFECT_BY_NAME, PAPER, AbstractEffect
 from ..model.parameters import DOMAINS, AnyArray, NonNegative, Parameter, Positive, Real, Scalar, curves
+from ..model.rig_effects import Place, SeriesResistance, rig_effect
 from ..model.throttle import catalogue
 from ..rig.base import Fixed, Prior, RigConfig, Start, Tied
 
@@ -211,16 +212,13 @@ def free_parameters(config: RigConfig, further: tuple[type[AbstractEffect], ...]
             no such parameter can have, or nothing left to fit.
     """
     _each_once(config.effects)
-    named = (_effect(name) for name in config.effects if EFFECT_BY_NAME.get(name) not in PAPER)
-    types = (*PAPER, *named, *(COMMANDING if config.ecu is not None else ()), *further)
+    named = (effect_named(name) for name in config.effects if EFFECT_BY_NAME.get(name) not in PAPER)
+    series = (SeriesResistance.at(Place(test)) for test in config.series_ohm)
+    every = (*PAPER, *named, *(COMMANDING if config.ecu is not None else ()), *further, *series)
+    types = tuple(dict.fromkeys(every))
     parameters = dict(catalogue(types))
     fixed: dict[str, float] = {}
-    for test, ohm in config.series_ohm.items():
-        symbol = SERIES + test
-        meaning = f"extra circuit resistance of the {test} test"
-        parameters[symbol] = Parameter(symbol, "ohm", NonNegative(1.0), 0.5, meaning, "DESIGN, R_t of the paper")
-        if ohm is not None:
-            fixed[symbol] = ohm
+    fixed |= {SERIES + test: ohm for test, ohm in config.series_ohm.items() if ohm is not None}
     known = {"K_m": Tied("K_b"), **config.parameters}
     known.pop("N", None)
     for symbol in known:
@@ -250,11 +248,17 @@ def _each_once(names: Sequence[str]) -> None:
             raise MeasurementError("rig.toml: [model] effects", found, "An effect acts once.", "Delete the others.")
 
 
-def _effect(name: str) -> type[AbstractEffect]:
-    if name not in EFFECT_BY_NAME:
+def effect_named(name: str) -> type[AbstractEffect]:
+    """The effect that rig.toml and diagnosis.json call so, one of the rig included.
+
+    Raises:
+        MeasurementError: there is none.
+    """
+    found = EFFECT_BY_NAME.get(name) or rig_effect(name)
+    if found is None:
         known = ", ".join(n for n, effect in EFFECT_BY_NAME.items() if effect not in PAPER)
         raise MeasurementError("rig.toml: [model] effects", f"names {name!r}.", f"Known effects: {known}.", "Mend it.")
-    return EFFECT_BY_NAME[name]
+    return found
 
 
 def _must_exist(symbol: str, parameters: Mapping[str, Parameter]) -> None:

@@ -90,51 +90,49 @@ def shared_out(weighted: WeightedData, size: int) -> tuple[WeightedData, ...]:
     return tuple(piece(first) for first in range(0, lanes, width))
 
 
-def normal_equations(
-    form: Form, circuits: tuple[str, ...], x: Float[AnyArray, " P"], pieces: Sequence[WeightedData]
-) -> NormalEquations:
+def normal_equations(form: Form, x: Float[AnyArray, " P"], pieces: Sequence[WeightedData]) -> NormalEquations:
     """The normal equations at x, priors apart.
 
     Args:
-        form, circuits: the model, and its tests with a circuit of their own.
+        form: the model.
         x: coordinates, shape (P,).
         pieces: the data, see `shared_out`.
     """
-    parts = side_by_side(lambda piece: _linearised(form, circuits, x, piece).equations, pieces)
+    parts = side_by_side(lambda piece: _linearised(form, x, piece).equations, pieces)
     return NormalEquations(
         *(np.sum([np.asarray(term) for term in terms], axis=0) for terms in zip(*parts, strict=True))
     )
 
 
 def linearised(
-    form: Form, circuits: tuple[str, ...], x: Float[AnyArray, " P"], weighted: WeightedData
+    form: Form, x: Float[AnyArray, " P"], weighted: WeightedData
 ) -> tuple[Float[np.ndarray, "T L M"], Float[np.ndarray, "T L M P"]]:
     """Whitened residual and its Jacobian at x, shape (P,)."""
-    parts = side_by_side(lambda piece: _linearised(form, circuits, x, piece), shared_out(weighted, x.size))
+    parts = side_by_side(lambda piece: _linearised(form, x, piece), shared_out(weighted, x.size))
     lanes = weighted.slots.value.shape[1]
     r = np.concatenate([np.asarray(part.r) for part in parts], axis=1)[:, :lanes]
     columns = np.concatenate([np.moveaxis(np.asarray(part.jacobian), 1, 3) for part in parts], axis=1)[:, :lanes]
     return r, columns
 
 
-def linearised_ahead(form: Form, circuits: tuple[str, ...], x: Float[AnyArray, " P"], weighted: WeightedData) -> None:
+def linearised_ahead(form: Form, x: Float[AnyArray, " P"], weighted: WeightedData) -> None:
     """Begin to compile what `linearised` and `normal_equations` will ask for."""
-    _linearised.ahead(form, circuits, x, shared_out(weighted, x.size)[0])
+    _linearised.ahead(form, x, shared_out(weighted, x.size)[0])
 
 
 @Program
-def _linearised(form: Form, circuits: tuple[str, ...], x: Float[Array, " P"], weighted: WeightedData) -> Linearised:
+def _linearised(form: Form, x: Float[Array, " P"], weighted: WeightedData) -> Linearised:
     if has_single_pass(form):
-        r, columns = _in_one_pass(form, circuits, x, weighted)
+        r, columns = _in_one_pass(form, x, weighted)
     else:
-        r, last = jacobian(lambda x: residual(form, circuits, x, weighted), x, form.live(weighted.pick))
+        r, last = jacobian(lambda x: residual(form, x, weighted), x, form.live(weighted.pick))
         columns = jnp.moveaxis(last, 3, 1)
     flat = jnp.moveaxis(columns, 1, 3).reshape(-1, x.size)
     return Linearised(r, columns, NormalEquations(jnp.sum(r**2), flat.T @ r.ravel(), flat.T @ flat))
 
 
 def _in_one_pass(
-    form: Form, circuits: tuple[str, ...], x: Float[Array, " P"], weighted: WeightedData
+    form: Form, x: Float[Array, " P"], weighted: WeightedData
 ) -> tuple[Float[Array, "T L M"], Float[Array, "T P L M"]]:
     """Residual and Jacobian."""
 
@@ -143,7 +141,7 @@ def _in_one_pass(
 
     values, dvalues = jax.vmap(valued, out_axes=(None, 0))(jnp.eye(x.size))
     lanes, order = weighted.steps.dt.shape[1], weighted.whitening.transition.shape[-1]
-    each = jax.vmap(partial(advance, form, circuits), in_axes=(None, 0, 0))
+    each = jax.vmap(partial(advance, form), in_axes=(None, 0, 0))
 
     def add(state: tuple[Carried, Carried], entry: Any) -> Any:
         carried, tangents = state

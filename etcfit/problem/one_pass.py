@@ -37,7 +37,7 @@ def has_single_pass(form: Form) -> bool:
 
 def entries(weighted: WeightedData) -> tuple[Any, ...]:
     """The data entry by entry, as `advance` takes them: each leaf has the axes T and L first."""
-    return weighted.steps, weighted.resets, weighted.slots, weighted.circuit_of, weighted.whitening
+    return weighted.steps, weighted.resets, weighted.slots, weighted.test_of, weighted.whitening
 
 
 def start(form: Form, values: Mapping[str, Scalar], shape: tuple[int, ...], order: int) -> Carried:
@@ -55,21 +55,20 @@ def start(form: Form, values: Mapping[str, Scalar], shape: tuple[int, ...], orde
 
 
 def advance(
-    form: Form, circuits: tuple[str, ...], values: Mapping[str, Scalar], carried: Carried, entry: tuple[Any, ...]
+    form: Form, values: Mapping[str, Scalar], carried: Carried, entry: tuple[Any, ...]
 ) -> tuple[Carried, Float[Array, " M"]]:
     """One entry of one lane: what is carried on, and the whitened residual of its slots, shape (M,).
 
     Args:
         form: the model.
-        circuits: tests with a series resistance of their own, as in the batch.
         values: of the parameters, SI by symbol.
         carried: from the entry before.
         entry: one of `entries`.
     """
-    s, reset, slots, circuit_of, filter_ = entry
+    s, reset, slots, test_of, filter_ = entry
     throttle = Throttle.build(form.types, values)
-    s = equipped(s, circuit_of, circuits, values)
+    s, reset = equipped(throttle, s, reset, test_of, values)
     x, z = step(throttle, *begun(throttle, carried.x, carried.z, reset), s)
-    missed = slots.weight * (slots.value - predict(throttle, (x, z), s, reset, slots))
+    missed = slots.weight * (slots.value - predict(throttle, (x, z), s, reset, slots, test_of))
     error, r = innovate(carried.error, filter_, missed)
     return Carried(x, z, error), r

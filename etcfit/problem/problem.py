@@ -30,36 +30,34 @@ _STIRS = 8.0  # standard deviations of a sample that are a motion
 
 
 @Program
-def _compared(form: Form, circuits: tuple[str, ...], x: Float[Array, " P"], weighted: WeightedData) -> Compared:
+def _compared(form: Form, x: Float[Array, " P"], weighted: WeightedData) -> Compared:
     """What each slot ought to show, and the whitened residual, shape (T, L, M) each."""
-    return compared(form, circuits, x, weighted)
+    return compared(form, x, weighted)
 
 
 @partial(Program, options=QUICK)
-def _local_error(
-    form: Form, circuits: tuple[str, ...], x: Float[Array, " P"], pick: Pick, arrays: BatchArrays
-) -> Float[Array, "T L"]:
+def _local_error(form: Form, x: Float[Array, " P"], pick: Pick, arrays: BatchArrays) -> Float[Array, "T L"]:
     """The local integration error of every step, shape (T, L)."""
-    throttle, path, steps = run(form, circuits, x, pick, arrays)
-    return local_error(throttle, path, arrays._replace(steps=steps))
+    throttle, path, steps, resets = run(form, x, pick, arrays)
+    return local_error(throttle, path, arrays._replace(steps=steps, resets=resets))
 
 
 @Program
 def _kalman(
-    form: Form, circuits: tuple[str, ...], x: Float[Array, " P"], pick: Pick, arrays: BatchArrays, jitter: Scalar
+    form: Form, x: Float[Array, " P"], pick: Pick, arrays: BatchArrays, jitter: Scalar
 ) -> tuple[InnovationsFilter, Float[Array, "T L M"]]:
     """The whitening filter, and the share of timing in each sample's variance, shape (T, L, M)."""
-    throttle, path, steps = run(form, circuits, x, pick, arrays)
-    return kalman(throttle, path, arrays._replace(steps=steps), jitter)
+    throttle, path, steps, resets = run(form, x, pick, arrays)
+    return kalman(throttle, path, arrays._replace(steps=steps, resets=resets), jitter)
 
 
 @partial(Program, options=QUICK)
 def _free_run_variance(
-    form: Form, circuits: tuple[str, ...], x: Float[Array, " P"], pick: Pick, arrays: BatchArrays, jitter: Scalar
+    form: Form, x: Float[Array, " P"], pick: Pick, arrays: BatchArrays, jitter: Scalar
 ) -> Float[Array, "T L M"]:
     """Variance of measured - free run, SI, shape (T, L, M)."""
-    throttle, path, steps = run(form, circuits, x, pick, arrays)
-    return free_run_variance(throttle, path, arrays._replace(steps=steps), jitter)
+    throttle, path, steps, resets = run(form, x, pick, arrays)
+    return free_run_variance(throttle, path, arrays._replace(steps=steps, resets=resets), jitter)
 
 
 @dataclass(frozen=True, eq=False)
@@ -111,17 +109,17 @@ class EstimationProblem:
         """Which parameters x stands for, and the values of the others."""
         return self.layout.pick(self.free_parameters.held)
 
-    def at(self, x: Float[np.ndarray, " P"]) -> tuple[Form, tuple[str, ...], Float[np.ndarray, " room"], Pick]:
+    def at(self, x: Float[np.ndarray, " P"]) -> tuple[Form, Float[np.ndarray, " room"], Pick]:
         """What every compiled function of the model at x takes."""
-        return self.layout.form, self.batch.circuits, self.layout.padded(x), self.pick
+        return self.layout.form, self.layout.padded(x), self.pick
 
     def compile_ahead(self, x: Float[np.ndarray, " P"]) -> None:
         """Begin to compile what will be asked for at x: Jacobian, whitening filter, residual."""
-        form, circuits, padded, pick = self.at(x)
+        form, padded, pick = self.at(x)
         weighted = self.weighted(plain(self.slots, order_of(self.layout.types)))
-        linearised_ahead(form, circuits, padded, weighted)
-        _kalman.ahead(form, circuits, padded, pick, self.arrays(), self.jitter)
-        _compared.ahead(form, circuits, padded, weighted)
+        linearised_ahead(form, padded, weighted)
+        _kalman.ahead(form, padded, pick, self.arrays(), self.jitter)
+        _compared.ahead(form, padded, weighted)
 
     def free_run(self, x: Float[np.ndarray, " P"]) -> list[Float[np.ndarray, "_ _"]]:
         """Simulated samples of each trace, (n, M)."""
@@ -135,12 +133,12 @@ class EstimationProblem:
         """Simulated samples, (T, L, M), drawn along the measured angle by a guide of that stiffness."""
         unwhitened = plain(self.slots, order_of(self.layout.types))
         weighted = self.guided(guide_stiffness).weighted(unwhitened)
-        return _compared(self.layout.form, self.batch.circuits, self.layout.padded(x), weighted).seen
+        return _compared(self.layout.form, self.layout.padded(x), weighted).seen
 
     def arrays(self, guide_stiffness: float = 0.0) -> BatchArrays:
         """The batch, as compiled functions take it, with a guide of that stiffness."""
         batch = self.batch
-        return BatchArrays(batch.guided(guide_stiffness), batch.resets, self.slots, batch.disturbance, batch.circuit_of)
+        return BatchArrays(batch.guided(guide_stiffness), batch.resets, self.slots, batch.disturbance, batch.test_of)
 
     def kalman(self, x: Float[np.ndarray, " P"]) -> InnovationsFilter:
         """The whitening filter along the path at x."""
@@ -157,7 +155,7 @@ class EstimationProblem:
         mean, sd = self.free_parameters.priors_on_coordinates()
         priors = layout.padded(mean), layout.padded(sd, np.inf)
         steps = batch.guided(self.guide_stiffness)
-        weighted = WeightedData(steps, batch.resets, self.slots, batch.circuit_of, filter_, self.pick, *priors)
+        weighted = WeightedData(steps, batch.resets, self.slots, batch.test_of, filter_, self.pick, *priors)
         return jax.device_put(weighted)  # once, not at every call
 
     def linearise(
@@ -165,12 +163,12 @@ class EstimationProblem:
     ) -> tuple[Float[np.ndarray, "T L M"], Float[np.ndarray, " P"], Float[np.ndarray, "T L M P"]]:
         """Residual (T, L, M), that of the priors (P,), Jacobian of the former (T, L, M, P)."""
         padded = self.layout.padded(x)
-        r, columns = linearised(self.layout.form, self.batch.circuits, padded, weighted)
+        r, columns = linearised(self.layout.form, padded, weighted)
         return r, np.asarray(prior_residual(padded, weighted))[: x.size], columns[..., : x.size]
 
     def residual(self, x: Float[np.ndarray, " P"], weighted: WeightedData) -> Float[np.ndarray, "T L M"]:
         """Whitened residual alone, shape (T, L, M): a tenth of what its Jacobian costs."""
-        return np.asarray(_compared(self.layout.form, self.batch.circuits, self.layout.padded(x), weighted).r)
+        return np.asarray(_compared(self.layout.form, self.layout.padded(x), weighted).r)
 
     def chi2(self, x: Float[np.ndarray, " P"], weighted: WeightedData) -> float:
         """Sum of squares of that residual, priors apart; `chi2.chi2_of` is for many points, with them."""

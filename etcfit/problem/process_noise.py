@@ -79,10 +79,10 @@ def error_process(throttle: Throttle, path: StatePath, batch: BatchArrays) -> Er
         path: its states and memories at the end of each step, shape (T, L) each.
         batch: with its circuits and guide, see `residual.run`.
     """
-    steps, resets, slots, disturbance, _ = batch
+    steps, resets, slots, disturbance, test_of = batch
     before = before_steps(throttle, path, resets)
     inner, push = _linearise(throttle, before, steps)
-    sense = slot_senses(throttle, path, steps, slots)
+    sense = slot_senses(throttle, steps, slots, test_of)
     transition, noise = _process(inner, push, disturbance)
     blind = jnp.zeros((*sense.shape[:-1], noise.shape[-1] - ORDER))  # no sensor reads a memory
     sense = jnp.concatenate((sense, blind), axis=-1) if blind.size else sense
@@ -162,17 +162,23 @@ def _linearise(
     return jax.lax.map(lambda entry: both(*entry[:2], 0.0, entry[2]), (jnp.stack(x, axis=-1), z, steps))
 
 
-def slot_senses(throttle: Throttle, path: StatePath, steps: Step, slots: SampleSlots) -> Float[Array, "T L M 4"]:
+def slot_senses(
+    throttle: Throttle, steps: Step, slots: SampleSlots, test_of: Float[AnyArray, "T L"]
+) -> Float[Array, "T L M 4"]:
     """C, shape (T, L, M, n): the slots' sensitivity to current, angle and speed."""
     lanes = slots.kind.shape
     speed = throttle.observe(State(0.0, 0.0, 1.0), throttle.z0, steps.inputs(1.0))
+    shown = {"current": 1.0, "position": 1.0, "emf": speed["emf"], "motor_speed": speed["motor_speed"]}
+    nothing = throttle.read(dict.fromkeys(shown, 0.0), test_of)
+    gain = {
+        name: jnp.broadcast_to(jnp.asarray(value - nothing[name])[..., None], lanes)
+        for name, value in throttle.read(dict(shown), test_of).items()
+    }
     zero = jnp.zeros(lanes)
-    emf = jnp.broadcast_to(jnp.asarray(speed["emf"])[..., None], lanes)
-    motor = jnp.broadcast_to(jnp.asarray(speed["motor_speed"])[..., None], lanes)
     columns = [
-        jnp.where(slots.kind == 0, 1.0, 0.0),
-        jnp.where(slots.kind == 1, 1.0, 0.0),
-        jnp.where(slots.kind == 2, emf, jnp.where(slots.kind == 3, motor, 0.0)),
+        jnp.where(slots.kind == 0, gain["current"], 0.0),
+        jnp.where(slots.kind == 1, gain["position"], 0.0),
+        jnp.where(slots.kind == 2, gain["emf"], jnp.where(slots.kind == 3, gain["motor_speed"], 0.0)),
     ]
     return jnp.stack([*columns, zero], axis=-1)
 

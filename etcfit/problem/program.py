@@ -45,7 +45,7 @@ class Program:
         options: of XLA's compiler, for this program alone.
     """
 
-    def __init__(self, function: Callable[..., Any], static: int = 2, options: dict[str, Any] | None = None) -> None:
+    def __init__(self, function: Callable[..., Any], static: int = 1, options: dict[str, Any] | None = None) -> None:
         self.__doc__ = function.__doc__
         self._jit = jax.jit(function, static_argnums=tuple(range(static)), compiler_options=options)
         self._static = static

@@ -14,7 +14,7 @@ from ..model.parameters import AnyArray, Scalar
 from ..model.stepper import Reset, StatePath, Step, simulate
 from ..model.throttle import Throttle
 from .batch import KINDS, BatchArrays, SampleSlots
-from .free_parameters import SERIES, Form, Pick
+from .free_parameters import Form, Pick
 from .innovations import InnovationsFilter, whiten
 
 
@@ -22,7 +22,7 @@ class WeightedData(NamedTuple):
     """What the residual needs besides the coordinates: data, whitening and prior, all arrays.
 
     Args:
-        steps, resets, slots, circuit_of: the batch.
+        steps, resets, slots, test_of: the batch.
         whitening: frozen filter.
         pick: which parameters the coordinates stand for, and the values of the others.
         prior_mean, prior_sd: Gaussian priors on the coordinates, shape (P,); sd is inf where there is none.
@@ -31,7 +31,7 @@ class WeightedData(NamedTuple):
     steps: Step
     resets: Reset
     slots: SampleSlots
-    circuit_of: Float[AnyArray, "T L"]
+    test_of: Float[AnyArray, "T L"]
     whitening: InnovationsFilter
     pick: Pick
     prior_mean: Float[AnyArray, " P"]
@@ -43,29 +43,27 @@ class WeightedData(NamedTuple):
         return float(np.sum(self.slots.weight))
 
 
-def with_circuits(
-    steps: Step, circuit_of: Scalar, batch_circuits: tuple[str, ...], values: Mapping[str, Scalar]
-) -> Step:
-    """Put each test's own series resistance in the batch."""
-    series = jnp.zeros_like(steps.dt)
-    for k, name in enumerate(batch_circuits):
-        series = jnp.where(circuit_of == k + 1, values[SERIES + name], series)
-    return steps._replace(series=series)
+def equipped(
+    throttle: Throttle, steps: Step, resets: Reset, test_of: Scalar, values: Mapping[str, Scalar]
+) -> tuple[Step, Reset]:
+    """The batch, or one entry of it, with all that depends on parameters: as the rig drives it, and the guide's lever.
 
-
-def equipped(steps: Step, circuit_of: Scalar, circuits: tuple[str, ...], values: Mapping[str, Scalar]) -> Step:
-    """The batch, or one entry of it, with all that depends on parameters: its circuits and the guide's lever."""
-    steps = with_circuits(steps, circuit_of, circuits, values)
+    Args:
+        throttle: the model.
+        steps, resets, test_of: of the batch.
+        values: of its parameters, SI by symbol.
+    """
+    steps = throttle.driven(steps, test_of)
     # a guide in volts knows no scale of torque: where the data know none, none can run away from it
     per_volt = steps.gear_ratio * values["K_m"] / (values["R_a"] + steps.series)
-    return steps._replace(lever=jnp.where(steps.lever > 0.5, 1.0, per_volt))
+    return steps._replace(lever=jnp.where(steps.lever > 0.5, 1.0, per_volt)), throttle.begun(resets, test_of)
 
 
 def predict(
-    throttle: Throttle, path: StatePath, steps: Step, resets: Reset, slots: SampleSlots
+    throttle: Throttle, path: StatePath, steps: Step, resets: Reset, slots: SampleSlots, test_of: Scalar
 ) -> Float[Array, "*batch M"]:
     """What each slot ought to show, SI, shape (T, L, M)."""
-    seen = throttle.observe(*path, steps.inputs(1.0))
+    seen = throttle.read(throttle.observe(*path, steps.inputs(1.0)), test_of)
     delays = throttle.delays().channels if throttle.may_delay else {}
     y = jnp.zeros_like(slots.value)
     for k, name in enumerate(KINDS):
@@ -80,32 +78,31 @@ class SimulatedRun(NamedTuple):
     Args:
         throttle: the model.
         path: its states and memories at the end of each step, shape (T, L) each.
-        steps: what it ran on: with its circuits, the guide's lever, and inputs as late as they act.
+        steps: what it ran on: as the rig drives it, with the guide's lever, and inputs as late as they act.
+        resets: states in which its traces began, as they are rather than as they were logged.
     """
 
     throttle: Throttle
     path: StatePath
     steps: Step
+    resets: Reset
 
 
-def run(
-    form: Form, circuits: tuple[str, ...], x: Float[Array, " P"], pick: Pick, batch: BatchArrays | WeightedData
-) -> SimulatedRun:
+def run(form: Form, x: Float[Array, " P"], pick: Pick, batch: BatchArrays | WeightedData) -> SimulatedRun:
     """Simulate a batch.
 
     Args:
         form: the model.
-        circuits: tests with a series resistance of their own, as in the batch.
         x: coordinates, shape (P,).
         pick: which parameters x stands for.
-        batch: steps, resets and circuits.
+        batch: its steps and resets as they were logged, and whose test each entry is.
     """
     values = form.values(x, pick)
     throttle = Throttle.build(form.types, values)
-    steps = equipped(batch.steps, batch.circuit_of, circuits, values)
+    steps, resets = equipped(throttle, batch.steps, batch.resets, batch.test_of, values)
     if throttle.may_delay:
-        steps = late_inputs(steps, batch.resets, throttle.delays().input)
-    return SimulatedRun(throttle, simulate(throttle, steps, batch.resets), steps)
+        steps = late_inputs(steps, resets, throttle.delays().input)
+    return SimulatedRun(throttle, simulate(throttle, steps, resets), steps, resets)
 
 
 def prior_residual(x: Float[AnyArray, " P"], weighted: WeightedData) -> Float[AnyArray, " P"]:
@@ -125,7 +122,7 @@ class Compared(NamedTuple):
     r: Float[Array, "T L M"]
 
 
-def compared(form: Form, circuits: tuple[str, ...], x: Float[Array, " P"], weighted: WeightedData) -> Compared:
+def compared(form: Form, x: Float[Array, " P"], weighted: WeightedData) -> Compared:
     """All traces simulated, and their whitened residual.
 
         r = W (y - y_hat(x))
@@ -133,18 +130,15 @@ def compared(form: Form, circuits: tuple[str, ...], x: Float[Array, " P"], weigh
     Source: generalised least squares; see `innovations`.
     Args:
         form: the model.
-        circuits: tests with a series resistance of their own, as in the batch.
         x: coordinates, shape (P,).
         weighted: data, and which parameters x stands for.
     """
-    throttle, path, steps = run(form, circuits, x, weighted.pick, weighted)
-    seen = predict(throttle, path, steps, weighted.resets, weighted.slots)
+    throttle, path, steps, resets = run(form, x, weighted.pick, weighted)
+    seen = predict(throttle, path, steps, resets, weighted.slots, weighted.test_of)
     error = weighted.slots.weight * (weighted.slots.value - seen)
     return Compared(seen, whiten(weighted.whitening, error))
 
 
-def residual(
-    form: Form, circuits: tuple[str, ...], x: Float[Array, " P"], weighted: WeightedData
-) -> Float[Array, "T L M"]:
+def residual(form: Form, x: Float[Array, " P"], weighted: WeightedData) -> Float[Array, "T L M"]:
     """The whitened residual alone, see `compared`."""
-    return compared(form, circuits, x, weighted).r
+    return compared(form, x, weighted).r

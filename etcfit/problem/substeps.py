@@ -40,7 +40,7 @@ def local_error(throttle: Throttle, path: StatePath, batch: BatchArrays) -> Floa
     wrong = jax.lax.map(lambda entry: jax.vmap(difference)(*entry), (x, z, batch.steps))
     # an error in speed goes on to move the angle
     wrong = wrong.at[..., 1].add(_LASTING * wrong[..., 2])
-    seen = slot_senses(throttle, path, batch.steps, slots)[..., :3]
+    seen = slot_senses(throttle, batch.steps, slots, batch.test_of)[..., :3]
     present = jnp.any(slots.weight > 0.0, axis=0)  # a slot that is used anywhere in the lane
     each = jnp.abs(jnp.einsum("tlmn,tln->tlm", seen, wrong)) / slots.sigma
     # around an impact the samples are discounted, and no number of steps makes a clipped impact smooth

@@ -26,6 +26,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from ..files import whole
+from ..model.rig_effects import AbstractRigEffect, Place
 
 FORMAT = 1  # of these files; one of another is refused
 _TREE = "tree.json"
@@ -106,12 +107,14 @@ def _name(kind: type) -> str:
     """`module:qualified name` of a class of this package."""
     if kind.__module__.partition(".")[0] != _PACKAGE or "<locals>" in kind.__qualname__:
         raise TypeError(f"{kind.__module__}.{kind.__qualname__} cannot be saved: it is no class of {_PACKAGE}.")
-    return f"{kind.__module__}:{kind.__qualname__}"
+    place = f"@{kind.place}" if issubclass(kind, AbstractRigEffect) and str(kind.place) else ""
+    return f"{kind.__module__}:{kind.__qualname__}{place}"
 
 
 def _class(name: str) -> type:
     """The class of this package that `_name` calls so."""
-    module, _, path = name.partition(":")
+    module, _, rest = name.partition(":")
+    path, _, place = rest.partition("@")
     if module.partition(".")[0] != _PACKAGE:
         raise Unreadable(f"it names {name}, which is not part of {_PACKAGE}")
     found: Any = importlib.import_module(module)
@@ -119,6 +122,8 @@ def _class(name: str) -> type:
         found = getattr(found, part)
     if not isinstance(found, type):
         raise Unreadable(f"it names {name}, which is no class")
+    if place and issubclass(found, AbstractRigEffect):
+        return found.at(Place(*place.split(".", 1)))
     return found
 
 

@@ -13,7 +13,7 @@ from etcfit.diagnosis.composition import Composition, compose
 from etcfit.diagnosis.settings import DiagnosisSettings
 from etcfit.estimation.joint_fit import ready
 from etcfit.estimation.result import Termination
-from etcfit.model.effects import EFFECT_BY_NAME
+from etcfit.model.effects import EFFECT_BY_NAME, EFFECTS
 from etcfit.problem import weights
 from etcfit.problem.free_parameters import free_parameters
 from etcfit.problem.problem import EstimationProblem
@@ -38,7 +38,7 @@ def traces(rig: Rig) -> tuple[Trace, ...]:
 @pytest.fixture(scope="session")
 def composition(rig: Rig, traces: tuple[Trace, ...]) -> Composition:
     """The model of all effects."""
-    return compose(rig, traces)
+    return compose(rig, traces, only=EFFECTS)
 
 
 @pytest.fixture(scope="session")

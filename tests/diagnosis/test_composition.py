@@ -8,15 +8,17 @@ import numpy as np
 import pytest
 from numpy.testing import assert_array_equal
 
-from etcfit.diagnosis.composition import Composition, carried, compose, logged, resting, room
+from etcfit.diagnosis.composition import Composition, by_test, carried, compose, is_of_the_rig, logged, resting, room
 from etcfit.model.effects import EFFECT_BY_NAME, EFFECTS, PAPER
 from etcfit.model.parameters import parameters_of
+from etcfit.model.rig_effects import Place, SeriesResistance, at_places
 from etcfit.model.smooth import UNKNOWNS
 from etcfit.problem.free_parameters import FreeParameters, free_parameters
 from etcfit.problem.trace import Trace
 from etcfit.rig.base import Fixed, Prior, Rig
 
 LIMP, STRIBECK, GRAVITY = (EFFECT_BY_NAME[n] for n in ("limp_home_spring", "stribeck_friction", "gravity_load"))
+OF_RIG_TOML = (SeriesResistance.at(Place("inductance")),)  # its circuit is free there
 BEYOND = [e for e in EFFECTS if e not in PAPER]
 every_candidate = pytest.mark.parametrize("effect", BEYOND, ids=lambda effect: effect.name)
 
@@ -39,9 +41,9 @@ def typical(u: FreeParameters) -> np.ndarray:
 
 
 def test_a_rig_that_logs_everything_has_every_effect_as_a_candidate(composition: Composition) -> None:
-    assert composition.known == PAPER
+    assert composition.known == (*PAPER, *OF_RIG_TOML)
     assert set(composition.candidates) == set(BEYOND)
-    assert set(composition.whole.layout.types) == set(EFFECTS)
+    assert set(composition.whole.layout.types) == {*EFFECTS, *OF_RIG_TOML}
 
 
 def test_what_was_logged_is_read_off_the_traces(rig: Rig, traces: tuple[Trace, ...]) -> None:
@@ -59,7 +61,7 @@ def test_an_effect_that_these_traces_cannot_show_is_no_candidate(
 ) -> None:
     only = tuple(t for t in traces if t.test.name == test)
     seen = logged(rig, only)
-    candidates = compose(rig, only).candidates
+    candidates = compose(rig, only, only=EFFECTS).candidates
     assert set(candidates) == {e for e in BEYOND if set(e.needs) <= seen}
     assert 0 < len(candidates) < len(BEYOND)
 
@@ -72,7 +74,7 @@ def test_an_effect_that_rig_toml_names_is_at_work_from_the_start(rig: Rig, trace
 
 
 def test_further_effects_are_candidates_beside_the_catalogue(rig: Rig, traces: tuple[Trace, ...]) -> None:
-    more = compose(rig, traces, UNKNOWNS)
+    more = compose(rig, traces, UNKNOWNS, EFFECTS)
     assert set(more.candidates) == {*BEYOND, *UNKNOWNS}
     assert set(more.free_parameters((UNKNOWNS[0],)).layout.free) >= set(UNKNOWNS[0].symbols)
 
@@ -129,14 +131,35 @@ def test_room_is_the_next_multiple_of_eight() -> None:
     assert [room(n) for n in (1, 7, 8, 9, 16, 17)] == [8, 8, 8, 16, 16, 24]
 
 
+def test_a_rig_has_effects_of_its_own_where_tests_can_be_compared(rig: Rig, traces: tuple[Trace, ...]) -> None:
+    both = compose(rig, traces)
+    names = {e.name for e in both.of_the_rig}
+    assert names == {e.name for e in at_places(by_test(traces))} - {e.name for e in OF_RIG_TOML}
+    assert {"series_resistance[resistance]", "channel_gain[response.current]", "time_scale[inductance]"} <= names
+    assert set(both.candidates) - set(both.of_the_rig) == set(BEYOND)
+    alone = compose(rig, tuple(t for t in traces if t.test.name == "response"))
+    assert {e.kind for e in alone.of_the_rig} == {"sensor_end_points"}
+
+
+def test_effects_of_the_rig_lie_in_a_lean_model_only_beside_one_of_them(rig: Rig, traces: tuple[Trace, ...]) -> None:
+    both = compose(rig, traces)
+    one, other = both.of_the_rig[:2]
+    assert not any(is_of_the_rig(t) for t in both.lean((GRAVITY,)).layout.types if t not in OF_RIG_TOML)
+    assert both.on_trial((one,)).layout.form == both.on_trial((other,)).layout.form
+    assert both.on_trial((GRAVITY,)).layout.form == both.lean((GRAVITY,)).layout.form
+    assert [t for t in both.lean((one,)).layout.types if is_of_the_rig(t)] == [*OF_RIG_TOML, one]
+    free = both.with_the_rig(()).layout.free
+    assert set(free) - set(both.lean(()).layout.free) == {s for e in both.of_the_rig for s in resting(e)}
+
+
 def test_priors_are_those_of_what_is_free(rig: Rig, traces: tuple[Trace, ...]) -> None:
-    told = compose(knowing(rig, parameters={"K_s": Prior(0.15, 0.01), "T_g": Prior(0.0, 0.1)}), traces)
+    told = compose(knowing(rig, parameters={"K_s": Prior(0.15, 0.01), "T_g": Prior(0.0, 0.1)}), traces, only=EFFECTS)
     assert set(told.free_parameters(()).priors) == {"K_s"}
     assert set(told.free_parameters((GRAVITY,)).priors) == {"K_s", "T_g"}
 
 
 def test_what_rig_toml_fixes_stays_fixed_in_an_effect_that_is_added(rig: Rig, traces: tuple[Trace, ...]) -> None:
-    told = compose(knowing(rig, parameters={"theta_lh": Fixed(0.2)}), traces)
+    told = compose(knowing(rig, parameters={"theta_lh": Fixed(0.2)}), traces, only=EFFECTS)
     u = told.free_parameters((LIMP,))
     assert "theta_lh" not in u.layout.free
     assert read(u, typical(u))["theta_lh"] == 0.2
@@ -170,7 +193,7 @@ def test_a_parameter_that_is_new_must_be_given_a_value(composition: Composition)
 def test_a_lean_model_has_the_same_coordinates_in_the_same_order(composition: Composition, added: tuple) -> None:
     full, lean = composition.free_parameters(added), composition.lean(added)
     assert lean.layout.free == full.layout.free
-    assert set(lean.layout.types) == {*PAPER, *added}
+    assert set(lean.layout.types) == {*PAPER, *OF_RIG_TOML, *added}
     order = [composition.whole.layout.types.index(t) for t in lean.layout.types]
     assert order == sorted(order)
     assert {p.symbol for p in lean.layout.parameters} == {p.symbol for p in full.layout.parameters} - {

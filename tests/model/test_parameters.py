@@ -112,6 +112,10 @@ def test_parameters_are_read_off_the_fields_in_their_order() -> None:
         a: float = parameter("V", Real(1.0), 0.5, "first", "here")
         b: float = parameter("A", Positive(2.0), 0.7, "second", "there")
 
+        @classmethod
+        def named(cls, p: Parameter) -> Parameter:
+            return p
+
     assert parameters_of(Effect) == (
         Parameter("a", "V", Real(1.0), 0.5, "first", "here"),
         Parameter("b", "A", Positive(2.0), 0.7, "second", "there"),

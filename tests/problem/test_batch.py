@@ -10,6 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose, assert_array_equal
 
+from etcfit.model.rig_effects import number_of
 from etcfit.problem.batch import KINDS, TraceBatch, _pack, batch_of
 from etcfit.problem.prediction_error import columns
 from etcfit.problem.trace import Trace, prepare
@@ -205,12 +206,10 @@ def test_a_torque_enters_at_the_plate() -> None:
     assert np.all(batch.steps.circuit == 0.0)
 
 
-def test_the_circuit_of_a_test_is_its_own() -> None:
-    config = RigConfig("bench", gear_ratio=N, supply_V=12.0, series_ohm={"inductance": None, "sine": 0.1})
-    batch, _ = laid(mixed(), config)
-    assert batch.circuits == ("inductance", "sine")
+def test_each_entry_knows_its_rig_test(batch: TraceBatch) -> None:
+    assert len({t.test.name for t in batch.traces}) > 2
     for t, (lane, _, marks) in zip(batch.traces, batch.places, strict=True):
-        assert np.all(batch.circuit_of[marks, lane] == (1.0 if t.test.name == "inductance" else 0.0))
+        assert np.all(batch.test_of[marks, lane] == number_of(t.test.name))
 
 
 # ---- what is uncertain

@@ -45,13 +45,13 @@ def case(folder: Path, added: tuple[str, ...] = ()) -> Case:
 )
 def test_residual_jacobian_and_equations_are_those_of_the_residual(tmp_path: Path, added: tuple[str, ...]) -> None:
     problem, x, weighted = case(tmp_path, added)
-    whole = jax.jit(partial(residual, problem.layout.form, problem.batch.circuits, weighted=weighted))
+    whole = jax.jit(partial(residual, problem.layout.form, weighted=weighted))
     J = np.asarray(jax.jit(jax.jacfwd(lambda x: whole(x)))(x))
-    r, columns = linearised(problem.layout.form, problem.batch.circuits, x, weighted)
+    r, columns = linearised(problem.layout.form, x, weighted)
     size = np.linalg.norm(J.reshape(-1, x.size), axis=0)
     assert_allclose(r, whole(x), rtol=1e-9, atol=1e-9)
     assert np.max(np.linalg.norm((columns - J).reshape(-1, x.size), axis=0) / np.maximum(size, 1e-9)) < 1e-8
-    e = normal_equations(problem.layout.form, problem.batch.circuits, x, shared_out(weighted, x.size))
+    e = normal_equations(problem.layout.form, x, shared_out(weighted, x.size))
     flat = J.reshape(-1, x.size)
     assert e.chi2 == pytest.approx(float(np.sum(np.asarray(r) ** 2)), rel=1e-9)
     assert_allclose(e.gradient, flat.T @ np.asarray(r).ravel(), rtol=1e-7, atol=1e-7 * float(size.max()))
@@ -106,7 +106,7 @@ def test_what_no_step_changes_is_computed_before_the_loop(tmp_path: Path) -> Non
     """XLA refuses to move anything out of a loop that holds a scatter, a sort, an FFT or a custom call: the map from
     coordinates to values, which scatters and has exponentials, must not be in it, nor any of those."""
     problem, x, weighted = _unwhitened(tmp_path)
-    program = module._linearised._jit.lower(problem.layout.form, problem.batch.circuits, x, weighted).compile()
+    program = module._linearised._jit.lower(problem.layout.form, x, weighted).compile()
     text = program.as_text() or ""
     parts = {part.split()[0].lstrip("%"): part for part in re.split(r"\n(?=%|ENTRY)", text)}
     inside = set(re.findall(r"body=%([\w.-]+)", text))

@@ -20,7 +20,7 @@ def scaled(factor: float, kind: str, x: Any) -> Any:
 
 
 def test_it_is_compiled_for_each_model_and_each_shape_and_for_nothing_else() -> None:
-    program = Program(scaled)
+    program = Program(scaled, static=2)
     assert program.__doc__ == "factor x."
     for factor, size, count in ((2.0, 3, 1), (2.0, 3, 1), (3.0, 3, 2), (3.0, 4, 3), (2.0, 3, 3)):
         assert np.all(np.asarray(program(factor, "right", np.ones(size))) == factor)
@@ -49,7 +49,7 @@ def test_threads_that_ask_at_once_wait_for_the_one_that_compiles() -> None:
 
 
 def test_an_error_is_told_to_who_calls_and_not_kept() -> None:
-    program = Program(scaled)
+    program = Program(scaled, static=2)
     program.ahead(1.0, "wrong", np.ones(2))
     for _ in range(2):
         with pytest.raises(ValueError, match="no such kind"):
@@ -58,7 +58,7 @@ def test_an_error_is_told_to_who_calls_and_not_kept() -> None:
 
 
 def test_what_is_compiled_ahead_is_there_when_it_is_asked_for() -> None:
-    program = Program(scaled)
+    program = Program(scaled, static=2)
     program.ahead(2.0, "right", np.ones(2))
     assert np.all(np.asarray(program(2.0, "right", np.ones(2))) == 2.0)
     assert program.compiled == 1

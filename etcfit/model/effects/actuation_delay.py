@@ -18,6 +18,7 @@ class ActuationDelay(AbstractEffect):
     """
 
     name = "actuation_delay"
+    scope = "driver"
     told_by = "steps of the command with the terminal voltage or the current logged fast"
     off: ClassVar[Mapping[str, float] | None] = {"t_a": 0.0}
     inexact: ClassVar[float] = 0.1

@@ -10,7 +10,7 @@ from typing import Any, ClassVar, NamedTuple
 import equinox as eqx
 import jax.numpy as jnp
 
-from ..parameters import Scalar
+from ..parameters import Parameter, Scalar
 
 
 class State(NamedTuple):
@@ -105,6 +105,7 @@ class AbstractEffect(eqx.Module):
     all others the voltage that it adds. `needs` names what must have been logged for the effect to be seen at all:
     "circuit", "current", "position", "gear". `told_by` says which measurement shows it best. `inexact` is the relative
     error that its formula may have: the literature's are conventions, those of friction, contacts and delays most.
+    `scope` says where it sits: "plate", "motor", "driver" or "channel"; rig effects have "test" or "rig".
     """
 
     name: ClassVar[str]
@@ -118,6 +119,12 @@ class AbstractEffect(eqx.Module):
     commands: ClassVar[bool] = False
     needs: ClassVar[tuple[str, ...]] = ()
     inexact: ClassVar[float] = 0.02
+    scope: ClassVar[str] = "plate"
+
+    @classmethod
+    def named(cls, p: Parameter) -> Parameter:
+        """A parameter as the model knows it: by the name of its field, unless a family of effects says otherwise."""
+        return p
 
     @abc.abstractmethod
     def __call__(self, x: State, z: tuple[Scalar, ...], u: Inputs) -> Contribution:

@@ -21,6 +21,7 @@ class BrushVoltageDrop(AbstractEffect):
     """
 
     name = "brush_voltage_drop"
+    scope = "motor"
     told_by = "resistance tests at currents from a few mA up, in both directions"
     off: ClassVar[Mapping[str, float] | None] = {"V_b": 0.0}
     inexact: ClassVar[float] = 0.1

@@ -16,6 +16,7 @@ class ChannelDelay(AbstractEffect):
     """
 
     name = "channel_delay"
+    scope = "channel"
     told_by = "a voltage step with voltage and current on one trigger"
     off: ClassVar[Mapping[str, float] | None] = {"t_c": 0.0}
     inexact: ClassVar[float] = 0.1

@@ -21,6 +21,7 @@ class CoggingTorque(AbstractEffect):
     """
 
     name = "cogging_torque"
+    scope = "motor"
     told_by = "slow constant-speed strokes, read against the motor's angle"
     off: ClassVar[Mapping[str, float] | None] = {"A_c": 0.0, "A_s": 0.0}
     inexact: ClassVar[float] = 0.1

@@ -16,6 +16,7 @@ class CurrentSensorOffset(AbstractEffect):
     """
 
     name = "current_sensor_offset"
+    scope = "channel"
     told_by = "a log with the terminals open"
     off: ClassVar[Mapping[str, float] | None] = {"I_0": 0.0}
     needs: ClassVar[tuple[str, ...]] = ("current",)

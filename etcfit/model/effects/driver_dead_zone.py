@@ -21,6 +21,7 @@ class DriverDeadZone(AbstractEffect):
     """
 
     name = "driver_dead_zone"
+    scope = "driver"
     told_by = "small voltages of either sign, or the plate driven against its motor"
     off: ClassVar[Mapping[str, float] | None] = {"V_d": 0.0}
     needs: ClassVar[tuple[str, ...]] = ("circuit",)

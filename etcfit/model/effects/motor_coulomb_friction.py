@@ -17,6 +17,7 @@ class MotorCoulombFriction(AbstractEffect):
     """
 
     name = "motor_coulomb_friction"
+    scope = "motor"
     told_by = "a motor-alone test (viscous/, gear apart) at low speeds"
     off: ClassVar[Mapping[str, float] | None] = {"T_m": 0.0}
     inexact: ClassVar[float] = 0.1

@@ -24,6 +24,7 @@ class PositionSensorLag(AbstractEffect):
     """
 
     name = "position_sensor_lag"
+    scope = "channel"
     told_by = "fast motion with an EMF or a motor speed logged beside the position"
     off: ClassVar[Mapping[str, float] | None] = {"tau_p": 0.0}
     z0: ClassVar[tuple[float, ...]] = (0.0,)

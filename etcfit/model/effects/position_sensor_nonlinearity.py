@@ -22,6 +22,7 @@ class PositionSensorNonlinearity(AbstractEffect):
     """
 
     name = "position_sensor_nonlinearity"
+    scope = "channel"
     told_by = "a slow ramp with a second, trusted angle sensor"
     off: ClassVar[Mapping[str, float] | None] = {"E_2": 0.0, "E_3": 0.0}
     needs: ClassVar[tuple[str, ...]] = ("position",)

@@ -21,6 +21,7 @@ class TorqueSaturation(AbstractEffect):
     """
 
     name = "torque_saturation"
+    scope = "motor"
     told_by = "static loads at large currents, or a torque sensor"
     off: ClassVar[Mapping[str, float] | None] = {"S_T": 0.0}
     loaded: ClassVar[bool] = True

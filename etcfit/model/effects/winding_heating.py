@@ -21,6 +21,7 @@ class WindingHeating(AbstractEffect):
     """
 
     name = "winding_heating"
+    scope = "motor"
     told_by = "a resistance test held for several times the winding's time constant"
     off: ClassVar[Mapping[str, float] | None] = {"r_h": 0.0}
     scan: ClassVar[Mapping[str, tuple[float, ...]]] = {"tau_h": (0.5, 2.0, 8.0, 30.0)}

@@ -1,0 +1,49 @@
+"""The catalogue of rig effects, mistakes and habits of a rig: one file each, registered here and nowhere else."""
+
+from __future__ import annotations
+
+from .base import AbstractRigEffect, Logged, Place, number_of
+from .channel_gain import ChannelGain
+from .channel_offset import ChannelOffset
+from .gear_ratio import GearRatio
+from .sensor_end_points import SensorEndPoints
+from .series_resistance import SeriesResistance
+from .time_scale import TimeScale
+
+# families; `at` makes the effect of one place
+RIG_EFFECTS: tuple[type[AbstractRigEffect], ...] = (
+    SeriesResistance,
+    ChannelGain,
+    ChannelOffset,
+    TimeScale,
+    GearRatio,
+    SensorEndPoints,
+)
+FAMILY_BY_KIND: dict[str, type[AbstractRigEffect]] = {family.kind: family for family in RIG_EFFECTS}
+
+
+def at_places(logged: Logged) -> tuple[type[AbstractRigEffect], ...]:
+    """Every rig effect that traces which logged these channels could show."""
+    return tuple(family.at(place) for family in RIG_EFFECTS for place in family.places(logged))
+
+
+def rig_effect(name: str) -> type[AbstractRigEffect] | None:
+    """The one called `kind[test.channel]`, or None where no family is called so."""
+    kind, _, rest = name.partition("[")
+    family = FAMILY_BY_KIND.get(kind)
+    if family is None or (rest and not rest.endswith("]")):
+        return None
+    return family.at(Place(*rest.removesuffix("]").split(".", 1)) if rest else Place())
+
+
+__all__ = [
+    "FAMILY_BY_KIND",
+    "RIG_EFFECTS",
+    "AbstractRigEffect",
+    "Logged",
+    "Place",
+    "SeriesResistance",
+    "at_places",
+    "number_of",
+    "rig_effect",
+]

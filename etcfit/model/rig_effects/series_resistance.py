@@ -1,0 +1,34 @@
+"""A resistance in the circuit of one test: a shunt, a harness, a warm winding."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any, ClassVar
+
+from ..parameters import NonNegative, Scalar, parameter
+from .base import AbstractRigEffect, Logged, Place
+
+
+class SeriesResistance(AbstractRigEffect):
+    """v = ... - R_t i in the circuit of one test.
+
+    Source: the paper's R_t of the inductance test. Differs from source: any test may have one.
+    """
+
+    kind = "series_resistance"
+    told_by = "an ohmmeter at the terminals of that test's circuit, its winding cold"
+    off: ClassVar[Mapping[str, float] | None] = {"series_ohm": 0.0}
+    series_ohm: Scalar = parameter("ohm", NonNegative(1.0), 0.5, "extra circuit resistance", "DESIGN, R_t of the paper")
+
+    @classmethod
+    def places(cls, logged: Logged) -> tuple[Place, ...]:
+        """Each test whose winding is driven, where another one tells R_a."""
+        driven = [test for test, channels in logged.items() if "voltage" in channels and "current" in channels]
+        return tuple(Place(test) for test in driven) if len(driven) > 1 else ()
+
+    @classmethod
+    def mend(cls, value: float) -> str:
+        return f'[tests.{cls.place.test}] series_ohm = "free"'
+
+    def driven(self, steps: Any, test_of: Scalar) -> Any:
+        return steps._replace(series=steps.series + self.here(test_of) * self.series_ohm)

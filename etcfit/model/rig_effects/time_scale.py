@@ -1,0 +1,35 @@
+"""A clock that is slow or fast in one test."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any, ClassVar
+
+from ..parameters import Real, Scalar, parameter
+from .base import AbstractRigEffect, Logged, Place
+
+
+class TimeScale(AbstractRigEffect):
+    """dt = (1 + s) dt_logged, in the traces of one test.
+
+    Source: GUM (JCGM 100:2008), 4.3: a systematic error of a scale. Differs from source: one test alone has it.
+    """
+
+    kind = "time_scale"
+    told_by = "a signal of known frequency logged in that test"
+    off: ClassVar[Mapping[str, float] | None] = {"stretch": 0.0}
+    stretch: Scalar = parameter("", Real(0.02), 0.0, "relative error of a clock", "JCGM 100:2008, 4.3")
+
+    @classmethod
+    def places(cls, logged: Logged) -> tuple[Place, ...]:
+        """Each test, where there is another; in a resistance test nothing depends on time."""
+        tests = [test for test in logged if test != "resistance"]
+        return tuple(Place(test) for test in tests) if len(tests) > 1 else ()
+
+    @classmethod
+    def mend(cls, value: float) -> str:
+        return f'[model] effects = ["{cls.name}"]'
+
+    def driven(self, steps: Any, test_of: Scalar) -> Any:
+        factor = 1.0 + self.here(test_of) * self.stretch
+        return steps._replace(dt=factor * steps.dt, time=factor * steps.time)
