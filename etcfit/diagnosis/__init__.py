@@ -12,6 +12,7 @@ from .final import final_fit
 from .findings import Diagnosis, Unexplained
 from .missing_torque import motions
 from .refit import start
+from .rig_mistakes import rig_mistakes
 from .rounds import Progress, forward, names
 from .settings import DEFAULT, DiagnosisSettings
 from .unexplained import outdone, unexplained
@@ -68,6 +69,7 @@ def _told(
     s, doubts = progress.model, left.doubts if left else ()
     added = tuple(e.name for e in s.added if e.name not in doubts)
     ties = tuple(tie(each) for each in progress.found if each.ties and s.at_work(each.effect))
+    rig = rig_mistakes([e for e in s.added if e.name in added], after.values)
     known = tuple(e.name for e in first.composition.known if e.off is not None)
     return Diagnosis(
         before=result,
@@ -80,6 +82,7 @@ def _told(
         ties=ties,
         unexplained=left,
         motions=(*motions(first, s, False), *(motions(first, s, True) if s.holdout else ())),
-        verdict=verdict(added, ties, left, progress.rounds),
+        rig=rig,
+        verdict=verdict(added, ties, left, progress.rounds, rig),
         settings=first.settings,
     )

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 
+from ..estimation.accuracy import with_accuracy
 from ..estimation.joint_fit import Report, freed
 from ..estimation.remedies import listed
 from ..estimation.result import FitResult, Termination, outcome
@@ -32,7 +33,7 @@ def final_fit(result: FitResult, s: CandidateModel, found: Sequence[Found], repo
         problem, weighted, x = freed(problem.guided(0.0), x, s.settings.free_spread, result.settings)
         end = Termination(True, "best free run found from the optimum of the guided residual", far=True)
     after = outcome(result.rig, result.readings, problem, s.held_out, weighted, x, (), end, (), result.settings)
-    return _widened(after, s, [each for each in found if s.at_work(each.effect) and each.ties])
+    return with_accuracy(_widened(after, s, [each for each in found if s.at_work(each.effect) and each.ties]))
 
 
 def _widened(after: FitResult, s: CandidateModel, tied: Sequence[Found]) -> FitResult:

@@ -135,6 +135,29 @@ class Tie:
     told_by: str
 
 
+@dataclass(frozen=True)
+class RigMistake:
+    """Something wrong with the rig, or a habit of it, that was found in its traces.
+
+    Args:
+        effect: name of the effect that takes it into account.
+        kind: of mistake, see FORMAT.md.
+        test, channel: where; None where it is everywhere.
+        size, unit: of it, SI; a share where the unit is "".
+        mend: the line of rig.toml that takes it into account.
+        sentence: all that in words.
+    """
+
+    effect: str
+    kind: str
+    test: str | None
+    channel: str | None
+    size: float
+    unit: str
+    mend: str
+    sentence: str
+
+
 @dataclass(frozen=True, eq=False)
 class Unexplained:
     """Structure that no effect of the catalogue explains, as a smooth curve.
@@ -205,6 +228,7 @@ class Diagnosis:
         ties: effects that cannot be told apart.
         unexplained: what no effect explains; None where the residual is noise.
         motions: missing torque and voltage along the measured motion.
+        rig: what of the effects added is wrong with the rig itself.
         verdict: the whole in a few sentences.
         settings: what it was decided by.
     """
@@ -219,5 +243,6 @@ class Diagnosis:
     ties: tuple[Tie, ...]
     unexplained: Unexplained | None
     motions: tuple[Motion, ...] = field(repr=False)
+    rig: tuple[RigMistake, ...] = ()
     verdict: tuple[str, ...] = ()
     settings: DiagnosisSettings = DEFAULT

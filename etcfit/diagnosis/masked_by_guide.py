@@ -1,8 +1,9 @@
-"""What a guide hides: a sensor whose reading is not where the plate is.
+"""What a guide hides: a sensor whose reading is not where the plate is, or a mistake of the rig.
 
 Far from the data candidates are compared in runs that are drawn along the measured angle. A plate drawn to where a slow
-sensor has it has no lag left to show, and the parameters have bent to make up for it. So where the first effect found
-does not bring the model near its data, the joint fit is made once more with such an effect in it.
+sensor has it has no lag left to show, a clock that is slow leaves it where it was measured, and the parameters have
+bent to make up for it. So where the first effect found does not bring the model near its data, the joint fit is made
+once more with such an effect in it; of the rig's, with those that promise most in a run that is not drawn.
 """
 
 from __future__ import annotations
@@ -19,6 +20,7 @@ from .composition import Effect, carried
 from .loop import Round
 from .refit import holds, refit_fully
 from .score import score
+from .screen import Background, screen_of_the_rig
 from .trial import judged
 
 
@@ -42,12 +44,22 @@ def hidden(result: FitResult, turned: Round, report: Report) -> Unmasked | None:
         turned: the first round as it went, after which the model is still far from the data.
         report: progress.
     """
-    for effect in maskable(turned.before.composition.candidates):
+    for effect in (*maskable(turned.before.composition.candidates), *_of_the_rig(result, turned.before)):
         report(f"fitting anew with {effect.name}", 0.9)
         s = _fitted_with(effect, result, turned, report)
         if s is not None:
             return Unmasked(_round(turned, s, effect), s)
     return None
+
+
+def _of_the_rig(result: FitResult, s: CandidateModel) -> tuple[Effect, ...]:
+    """The effects of the rig that promise most in the free run of the first fit, at most `rig_refits` of them."""
+    free = replace(s, problem=result.problem, weighted=result.weighted, x=result.x).lean()
+    candidates = [e for e in s.composition.of_the_rig if not s.at_work(e)]
+    rig = free.with_the_rig()
+    background = Background.of(free.problem, free.x, free.weighted)
+    likely = screen_of_the_rig(background, rig.problem, rig.x, rig.weighted, candidates) if candidates else ()
+    return tuple(g.variant.effect for g in likely[: s.settings.rig_refits])
 
 
 def _fitted_with(effect: Effect, result: FitResult, turned: Round, report: Report) -> CandidateModel | None:

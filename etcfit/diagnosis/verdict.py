@@ -8,9 +8,11 @@ from ..estimation.remedies import listed
 from ..estimation.result import FitResult
 from ..problem.prediction_error import pooled
 from .exchange import Found
-from .findings import RoundReport, Tie, Unexplained
+from .findings import RigMistake, RoundReport, Tie, Unexplained
 from .score import clearly_worse
 from .settings import DiagnosisSettings
+
+_NOTHING = "The residual is noise: the model lacks nothing that these data show."
 
 
 def runs_free_worse(after: FitResult, before: FitResult, settings: DiagnosisSettings) -> bool:
@@ -31,7 +33,11 @@ def tie(found: Found) -> Tie:
 
 
 def verdict(
-    added: Sequence[str], ties: Sequence[Tie], left: Unexplained | None, rounds: Sequence[RoundReport]
+    added: Sequence[str],
+    ties: Sequence[Tie],
+    left: Unexplained | None,
+    rounds: Sequence[RoundReport],
+    rig: Sequence[RigMistake] = (),
 ) -> tuple[str, ...]:
     """The whole in a few sentences: what was lacking, what cannot be told apart, what is left.
 
@@ -40,14 +46,15 @@ def verdict(
         ties: of those.
         left: the curve without a name, if there is one.
         rounds: all of them, the last of which adds nothing unless they ran out.
+        rig: what of those added is wrong with the rig.
     """
-    words = []
-    if added:
-        words.append(f"The model lacked {listed(added)}.")
-    elif rounds[0].evidence.white:
-        words.append("The residual is noise: the model lacks nothing that these data show.")
-    else:
-        words.append("No effect of the catalogue is proven by these data.")
+    words = [f"A mistake of the rig: {mistake.sentence}" for mistake in rig]
+    lacked = [name for name in added if name not in {mistake.effect for mistake in rig}]
+    if lacked:
+        words.append(f"The model lacked {listed(lacked)}.")
+    elif not rig:
+        white = rounds[0].evidence.white
+        words.append(_NOTHING if white else "No effect of the catalogue is proven by these data.")
     words += [
         f"{' and '.join(tie.effects)} cannot be told apart by these data: their fits differ by at most "
         f"{max(tie.apart):.2g} times the noise."

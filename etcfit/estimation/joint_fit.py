@@ -18,6 +18,7 @@ from ..problem.residual import WeightedData
 from ..problem.trace import Trace, follows_setpoint, prepare
 from ..rig.base import Measurement, Rig
 from ..rig.paper_readings import Readings, read_graphs
+from .accuracy import with_accuracy
 from .global_search import evolve, settle
 from .levenberg_marquardt import descend, local, minimise
 from .result import FitResult as FitResult
@@ -111,7 +112,7 @@ def fit(rig: Rig, report: Report = quiet, settings: FitSettings = FitSettings())
     problem = problem.with_release_times(x).with_integrator_states(x)
     finish = _whitened if misfit < settings.misfit else _free_running
     problem, weighted, x, end = finish(problem, x, report, settings)
-    return outcome(rig, readings, problem, held_out, weighted, x, starts, end, notes, settings)
+    return with_accuracy(outcome(rig, readings, problem, held_out, weighted, x, starts, end, notes, settings))
 
 
 class Descent(NamedTuple):

@@ -16,6 +16,7 @@ from ..problem.trace import Trace
 from ..rig.base import Rig
 from ..rig.paper_readings import Readings
 from .autocorrelation import inflation, widen
+from .budget import Budget
 from .fitted_model import Fitted
 from .identifiability import Identifiability, analyse
 from .levenberg_marquardt import information_of
@@ -74,6 +75,8 @@ class FitResult:
         warnings: what a reader must know.
         far: the model is far from the data and was fitted free-running.
         formulas: effects whose formulas the covariance allows to be off, each by its `inexact`.
+        budget: what [accuracy] of rig.toml adds to the covariance; None where it states none: intervals are then
+            statistical only.
         exact_covariance: what the covariance is where these formulas are taken as exact; None where it is no other.
         settings: what the fit decided by.
         reason_code: `reason` for programs; None where the end was not judged by the joint fit.
@@ -104,12 +107,13 @@ class FitResult:
     settings: FitSettings = FitSettings()
     reason_code: Reason | None = None
     exact_covariance: np.ndarray | None = None
+    budget: Budget | None = None
 
     def taken_as_exact(self) -> FitResult:
-        """The fit with the intervals that it has if its formulas are exact, as the posterior takes them."""
-        if self.exact_covariance is None:
-            return self
-        return replace(self, covariance=self.exact_covariance, formulas=(), exact_covariance=None)
+        """The fit with the intervals that it has if formulas and instruments are exact, as the posterior takes them."""
+        if self.exact_covariance is not None:
+            return replace(self, covariance=self.exact_covariance, formulas=(), exact_covariance=None, budget=None)
+        return self if self.budget is None else replace(self, covariance=self.budget.statistical, budget=None)
 
     def __repr__(self) -> str:
         return f"FitResult({self.rig.config.name!r}, chi2_per_dof={self.chi2_per_dof:.4g}, converged={self.converged})"

@@ -125,6 +125,14 @@ Knowledge = Fixed | Prior | Start | Tied
 
 
 @dataclass(frozen=True)
+class Accuracy:
+    """How far a channel may be off, the same in every trace: limits of its scale (a share) and of its zero (SI)."""
+
+    relative: float
+    absolute: float
+
+
+@dataclass(frozen=True)
 class RigConfig:
     """rig.toml, validated and in SI."""
 
@@ -137,6 +145,7 @@ class RigConfig:
     tps: TpsCalibration | None = None
     columns: Mapping[str, str] = field(default_factory=dict)
     noise: Mapping[str, float] = field(default_factory=dict)
+    accuracy: Mapping[str, Accuracy] = field(default_factory=dict)  # channel, or "gear" -> limits
     series_ohm: Mapping[str, float | None] = field(default_factory=dict)  # test -> ohm; None: free
     parameters: Mapping[str, Knowledge] = field(default_factory=dict)
     effects: tuple[str, ...] = ()

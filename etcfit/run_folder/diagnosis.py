@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from ..diagnosis.findings import Diagnosis, Evidence, RoundReport, Unexplained
+from ..diagnosis.findings import Diagnosis, Evidence, RigMistake, RoundReport, Unexplained
 from ..estimation.joint_fit import FitResult
 from ..files import plain
 from .fit import effects_of, hashes, parameters_json, rows_json, versions
@@ -19,7 +19,7 @@ def diagnosis_json(diagnosis: Diagnosis) -> dict[str, Any]:
     before, after, unknown = diagnosis.before, diagnosis.after, diagnosis.unexplained
     return {
         "schema": "etcfit.diagnosis/1",
-        "rig": after.rig.config.name,
+        "name": after.rig.config.name,
         "synthetic": after.rig.config.synthetic,
         "converged": after.converged,
         "reason": after.reason,
@@ -32,6 +32,7 @@ def diagnosis_json(diagnosis: Diagnosis) -> dict[str, Any]:
         "ties": [list(tie.effects) for tie in diagnosis.ties],
         "ties_apart": [list(tie.apart) for tie in diagnosis.ties],
         "ties_told_by": [tie.told_by for tie in diagnosis.ties],
+        "rig": [_mistake(each) for each in diagnosis.rig],
         "unexplained": _unexplained(unknown) if unknown is not None else None,
         "before": _score(before),
         "after": _score(after),
@@ -45,6 +46,11 @@ def diagnosis_json(diagnosis: Diagnosis) -> dict[str, Any]:
         "files": hashes(after.rig),
         "versions": versions(),
     }  # fmt: skip
+
+
+def _mistake(mistake: RigMistake) -> dict[str, Any]:
+    """Its probability is not calibrated yet, hence not stated."""
+    return {**plain(mistake), "file": None, "probability": None}
 
 
 def _score(result: FitResult) -> dict[str, Any]:

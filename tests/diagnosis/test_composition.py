@@ -138,7 +138,7 @@ def test_a_rig_has_effects_of_its_own_where_tests_can_be_compared(rig: Rig, trac
     assert {"series_resistance[resistance]", "channel_gain[response.current]", "time_scale[inductance]"} <= names
     assert set(both.candidates) - set(both.of_the_rig) == set(BEYOND)
     alone = compose(rig, tuple(t for t in traces if t.test.name == "response"))
-    assert {e.kind for e in alone.of_the_rig} == {"sensor_end_points"}
+    assert {e.name for e in alone.of_the_rig} == {"sensor_end_points"}
 
 
 def test_effects_of_the_rig_lie_in_a_lean_model_only_beside_one_of_them(rig: Rig, traces: tuple[Trace, ...]) -> None:
