@@ -58,8 +58,9 @@ def _scale(toml: Toml, key: str, unit: str, travel: tuple[float, float], tps: Tp
         quantity = "tps" if key == "position" and tps is not None and unit.endswith("V") else key
         return abs(to_channel(quantity, unit, travel, tps)[1].scale)
     except UnitError as err:
+        known = EXAMPLES[key].replace(" or ", ", ").split(", ")
         raise toml.wrong(f"accuracy.{key}", str(err), f"Accepted: %, and {key} in {EXAMPLES[key]}.",
-                         closest(unit, EXAMPLES[key].replace(" or ", ", ").split(", "), "Correct the unit.")) from err  # fmt: skip
+                         closest(unit, known, "Correct the unit.")) from err  # fmt: skip
 
 
 def _example(key: str) -> str:
