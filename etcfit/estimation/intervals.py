@@ -43,6 +43,16 @@ class Interval:
     status: str
     remark: str | None = None
 
+    @property
+    def spread(self) -> float | None:
+        """Standard error, or of a range without one what would make it a 95 % interval; None without either.
+
+        It says how many digits are worth printing, and no more.
+        """
+        if self.stderr is not None or self.low is None or self.high is None:
+            return self.stderr
+        return (self.high - self.low) / (2.0 * Z_95)
+
     @classmethod
     def bare(cls, value: float, status: str, remark: str | None = None) -> Interval:
         """A value without an interval."""

@@ -64,14 +64,14 @@ class ContradictionSettings:
         scatter: p-value below which traces, or tests, scatter by more than their noise, so that intervals are widened.
         level: probability that a rig test is accused although none contradicts the others.
         share: of the misfit that must be gone when a test may differ from the others, for it to be named.
-        named: tests that may be named.
+        named: tests that may be named, one after the other; where one is mended the next shows by itself.
         compromise: chi2 per degree of freedom from which on no parameter is called estimated.
     """
 
     scatter: float = real(0.05, 0.0, 1.0)
     level: float = real(1e-3, 0.0, 1.0)
     share: float = real(0.3, 0.0, 1.0)
-    named: int = whole(2, 0, 100)
+    named: int = whole(1, 0, 100)
     compromise: float = real(3.0, 0.0, 1e12)
 
     __post_init__ = check_ranges
