@@ -119,7 +119,8 @@ def agreement(
     tests = [said for (_, file), said in parts(traces).items() if file is None]
     every = (clusters.scatter(each, believed, asked.reach, asked.unknown) for each in ([*traces.values()], tests))
     wide = clusters.widened(covariance, every, settings.contradiction.scatter)
-    accused = _court(asked).accused(asked.everything)
+    # far from the data each channel is weighed by its own error: there, whoever errs has hardly a voice to contradict
+    accused = () if misfit[0] else _court(asked).accused(asked.everything)
     named = tuple(_named(asked, each) for each in accused)
     why = compromise.reason(*misfit, (each.test for each in accused), settings)
     return Agreement(found, wide, named, None if why is None else _compromise(asked, why, accused, misfit))
@@ -182,5 +183,5 @@ def _accusation(each: Contradiction, unit: str) -> str:
     return (
         f"{each.test} contradicts the other tests: without it {each.parameter} is {each.without:.3g} {unit} instead of "
         f"{each.value:.3g} ({each.pull:+.2g} standard errors of noise alone). Look for what differs there: series "
-        "resistance, a sensor, wiring, temperature."
+        "resistance, a sensor, wiring, temperature, or an effect that the model lacks."
     )

@@ -97,7 +97,7 @@ class Court:
 
     def _worst(self, here: Subset) -> Accused | None:
         bound = np.log(self.settings.level / len(here.tests))
-        together = float(sum(np.sum(piece.r**2) for piece in here.pieces if piece.test in here.tests))
+        together = sum(piece.misfit() for piece in here.pieces if piece.test in here.tests)
         suspects = [test for test in here.tests if self._suspect(here, test) < bound]
         tried = (self._tried(here, test, together) for test in suspects)
         guilty = [each for each in tried if np.log(max(each.p, 1e-300)) < bound and each.share >= self.settings.share]

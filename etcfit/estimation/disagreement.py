@@ -33,7 +33,7 @@ class Parted:
 
     Args:
         split: the two sides.
-        misfit: sum of squared residuals of both sides together.
+        misfit: sum of squared residuals of both sides together, over the noise itself.
         samples: of both.
     """
 
@@ -89,7 +89,7 @@ def parted(
     sides = [
         testimony(side, inflations_of(side, step, whiteness)) for side, step in zip((own, others), steps, strict=True)
     ]
-    misfit = sum(_squares(side, step) for side, step in zip((own, others), steps, strict=True))
+    misfit = sum(piece.misfit(step) for side, step in zip((own, others), steps, strict=True) for piece in side)
     count = sum(piece.r.size for piece in (*own, *others))
     return Parted(Split(sides[0], sides[1] + believed, reach, unknown), misfit, count)
 
@@ -103,7 +103,3 @@ def sides_of(here: Subset, test: str) -> tuple[list[Piece], list[Piece]]:
 def undisputed(pieces: Sequence[Piece]) -> Testimony:
     """What channels say whose noise is as declared."""
     return testimony(pieces, [1.0] * len(pieces))
-
-
-def _squares(pieces: Sequence[Piece], step: np.ndarray) -> float:
-    return float(sum(np.sum(piece.moved(step) ** 2) for piece in pieces))

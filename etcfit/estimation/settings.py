@@ -70,7 +70,7 @@ class ContradictionSettings:
 
     scatter: float = real(0.05, 0.0, 1.0)
     level: float = real(1e-3, 0.0, 1.0)
-    share: float = real(0.3, 0.0, 1.0)
+    share: float = real(0.5, 0.0, 1.0)
     named: int = whole(1, 0, 100)
     compromise: float = real(3.0, 0.0, 1e12)
 
