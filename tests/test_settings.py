@@ -12,6 +12,7 @@ import pytest
 from etcfit.control.settings import DesignSettings, LoopSettings, ManualSettings, OptimumSettings, RelaySettings
 from etcfit.estimation.bounded import from_json
 from etcfit.estimation.settings import (
+    ContradictionSettings,
     FitSettings,
     GlobalSearchSettings,
     IdentifiabilitySettings,
@@ -24,6 +25,7 @@ from etcfit.stages import MOST_STEPS
 
 KINDS: list[Any] = [
     AdviceSettings,
+    ContradictionSettings,
     FitSettings,
     GlobalSearchSettings,
     IdentifiabilitySettings,

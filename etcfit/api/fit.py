@@ -16,7 +16,7 @@ from ..model.effects import PAPER
 from ..problem.prediction_error import pooled
 from ..reporting.numbers import short
 from . import words
-from .frames import interval_frame, score_frame, units_of
+from .frames import contradiction_frame, influence_frame, interval_frame, score_frame, units_of
 from .trace import FittedTrace, named, traces_of
 
 if TYPE_CHECKING:
@@ -46,7 +46,8 @@ class Fit:
         """Every parameter, indexed by symbol: value, stderr, low, high (SI, 95 %), unit, status.
 
         `stderr`, `low` and `high` are NaN where there is no interval: a value that was given, or one whose status is
-        "not identifiable", which these data do not determine whatever the number beside it.
+        "not identifiable", which these data do not determine whatever the number beside it. A "compromise" has no
+        `stderr`; its `low` and `high` are the range that subsets of the data give.
         """
         return interval_frame(self._known, self._units)
 
@@ -54,6 +55,19 @@ class Fit:
     def combinations(self) -> pd.DataFrame:
         """What the plate feels of several parameters together (J_eq, B_eq, ...): columns as in `parameters`."""
         return interval_frame(lumped(self.result), self._units)
+
+    @property
+    def influence(self) -> pd.DataFrame:
+        """What leaving out each test, and each trace, would move: columns test, file, parameter, pull; largest first.
+
+        `pull` is in standard errors of noise alone. A parameter that one test alone tells has no row for it.
+        """
+        return influence_frame(self.result)
+
+    @property
+    def contradictions(self) -> pd.DataFrame:
+        """Tests that the others contradict, worst first, indexed by test: parameter, pull, value, without, p, share."""
+        return contradiction_frame(self.result)
 
     @property
     def score(self) -> pd.DataFrame:
@@ -143,13 +157,12 @@ class Fit:
         held_out = sum(each.held_out for each in self._traces.values())
         count = f"{len(self._traces) - held_out} traces fitted, {held_out} held out"
         lost = [s for s, i in self._known.items() if i.status == "not identifiable"]
-        shown = "; ".join(
-            words.known_text(s, i, self._units[s]) for s, i in self._known.items() if i.stderr is not None
-        )
+        shown = "; ".join(words.known_text(s, i, self._units[s]) for s, i in self._known.items() if i.low is not None)
         return words.block(
             f"Fit of {words.name_of(self.result.rig.config)}: {self._model}; {count}",
             self._outcome,
             f"not identifiable: {', '.join(lost)}" if lost else "",
+            f"compromise: {self.result.compromise.why}" if self.result.compromise is not None else "",
             words.count_of(self.warnings),
             shown,
         )

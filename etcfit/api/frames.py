@@ -38,6 +38,25 @@ def interval_frame(known: Mapping[str, Interval], units: Mapping[str, str]) -> p
     return indexed(columns | {key: words(text) for key, text in texts.items()}, list(known))
 
 
+def influence_frame(result: FitResult) -> pd.DataFrame:
+    """A row a test and a trace left out, and a parameter: pull (standard errors of noise alone), the largest first.
+
+    Columns: test, file (None where the whole test is left out), parameter, pull.
+    """
+    pulls = result.influence.pulls
+    texts = {"test": words(p.test for p in pulls), "file": pd.Series([p.file for p in pulls], dtype="object")}
+    return pd.DataFrame(
+        texts | {"parameter": words(p.parameter for p in pulls), "pull": numbers(p.pull for p in pulls)}
+    )
+
+
+def contradiction_frame(result: FitResult) -> pd.DataFrame:
+    """A row a test that the others contradict, worst first: parameter that it pulls most, pull, value, without (SI)."""
+    every = result.contradictions
+    figures = {key: numbers(getattr(c, key) for c in every) for key in ("pull", "value", "without", "p", "share")}
+    return indexed({"parameter": words(c.parameter for c in every)} | figures, [c.test for c in every], "test")
+
+
 def indexed(columns: Mapping[str, Any], names: Sequence[str], index: str = "symbol") -> pd.DataFrame:
     """Columns under names for their rows."""
     frame = pd.DataFrame(dict(columns))

@@ -49,12 +49,12 @@ def count_of(warnings: Sequence[str]) -> str:
 
 def value_text(interval: Interval) -> str:
     """ "1.637", with as many digits as are known; "-" where the data do not tell."""
-    return "-" if interval.status == "not identifiable" else Digits.of(interval.value, interval.stderr)(interval.value)
+    return "-" if interval.status == "not identifiable" else Digits.of(interval.value, interval.spread)(interval.value)
 
 
 def known_text(symbol: str, interval: Interval, unit: str) -> str:
     """ "R_a 1.637 ± 0.002 ohm"."""
-    spread = "" if interval.stderr is None else f" ± {Digits.of(interval.value, interval.stderr)(interval.stderr)}"
+    spread = "" if interval.stderr is None else f" ± {Digits.of(interval.value, interval.spread)(interval.stderr)}"
     return f"{symbol} {value_text(interval)}{spread} {unit}"
 
 
@@ -65,7 +65,7 @@ def interval_rows(known: dict[str, Interval], units: dict[str, str]) -> list[lis
 
 
 def _row(symbol: str, i: Interval, unit: str) -> tuple[str, ...]:
-    digits = Digits.of(i.value, i.stderr)
+    digits = Digits.of(i.value, i.spread)
     status = f"{i.status} ({i.remark})" if i.remark else i.status
     spread = "-" if i.stderr is None else digits(i.stderr)
     return symbol, value_text(i), spread, digits.span(i.low, i.high), unit, status

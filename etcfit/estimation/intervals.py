@@ -2,7 +2,8 @@
 
     stderr = |dvalue/dx| sqrt(C_ss),    ci95 = value(x -+ 1.96 sqrt(C_ss))
 
-The interval is mapped from coordinates, where the fit is nearest to linear, so it never crosses a bound.
+The interval is mapped from coordinates, where the fit is nearest to linear, so it never crosses a bound. Parameters of
+a model that is far from its data are a `compromise`: no standard error, and the range that subsets of the data give.
 """
 
 from __future__ import annotations
@@ -30,8 +31,8 @@ class Interval:
     Args:
         value: at the optimum.
         stderr: standard error; None where it is not estimated or not identifiable.
-        low, high: 95 % interval, or None likewise.
-        status: "estimated", "fixed", "tied" or "not identifiable".
+        low, high: 95 % interval, or None likewise; of a compromise the range that subsets of the data give.
+        status: "estimated", "fixed", "tied", "not identifiable" or "compromise".
         remark: what a reader must know besides, or None.
     """
 
@@ -42,6 +43,16 @@ class Interval:
     status: str
     remark: str | None = None
 
+    @property
+    def spread(self) -> float | None:
+        """Standard error, or of a range without one what would make it a 95 % interval; None without either.
+
+        It says how many digits are worth printing, and no more.
+        """
+        if self.stderr is not None or self.low is None or self.high is None:
+            return self.stderr
+        return (self.high - self.low) / (2.0 * Z_95)
+
     @classmethod
     def bare(cls, value: float, status: str, remark: str | None = None) -> Interval:
         """A value without an interval."""
@@ -51,7 +62,7 @@ class Interval:
 def intervals(result: FitResult) -> dict[str, Interval]:
     """Every parameter by symbol, in the model's order, and the gear ratio N last.
 
-    A tied parameter carries the interval of what it equals, and shares its loss where that is not identifiable.
+    A tied parameter carries the interval of what it equals, and shares its status where that is no estimate.
     """
     layout = result.free_parameters.layout
     free = dict(zip(layout.free, _free(result), strict=True))
@@ -111,11 +122,33 @@ def lumped(result: FitResult) -> dict[str, Interval]:
         :, : result.x.size
     ]
     unknown = result.settings.identifiability.unknown_widened
-    return {
+    stated = {
         s: _combined(float(lump.of(result.values, n)), gradient, result.covariance, unknown)
         for (s, lump), gradient in zip(LUMPS.items(), gradients, strict=True)
         if electric or not lump.electric
     }
+    if result.compromise is None:
+        return stated
+    return {s: _ranged(result, LUMPS[s], g, stated[s]) for s, g in zip(LUMPS, gradients, strict=True) if s in stated}
+
+
+def _ranged(result: FitResult, lump: Lump, gradient: np.ndarray, stated: Interval) -> Interval:
+    """A combination of what is a compromise: its values over the subsets that know it, its gradient that of all."""
+    compromise, n, layout = result.compromise, result.rig.config.gear_ratio, result.free_parameters.layout
+    if compromise is None or stated.low is None or stated.high is None:
+        return stated
+    values = [float(lump.of(layout.values(x, result.free_parameters.held), n)) for x in compromise.points]
+    sd = [math.sqrt(max(float(gradient @ c @ gradient), 0.0)) for c in compromise.covariances]
+    weak = result.settings.identifiability.weak
+    told = [(v, Z_95 * s) for v, s in zip(values, sd, strict=True) if s < weak * abs(v)]
+    low, high = (
+        min([stated.low, *(v - half for v, half in told)]),
+        max([stated.high, *(v + half for v, half in told)]),
+    )
+    moved = [v for v, a in zip(values, compromise.accused, strict=True) if a and not stated.low <= v <= stated.high]
+    if not compromise.everything and not moved:
+        return stated
+    return replace(stated, stderr=None, low=low, high=high, status="compromise")
 
 
 @partial(jax.jit, static_argnums=0)
@@ -134,10 +167,16 @@ def _free(result: FitResult) -> list[Interval]:
     layout, x = result.free_parameters.layout, result.x
     sd = np.sqrt(np.maximum(np.diag(result.covariance), 0.0))
     slope = layout.numbers(x)[1]
-    low, high = (layout.numbers(x + way * Z_95 * sd)[0] for way in (-1.0, 1.0))
+    low, high, unsure = x - Z_95 * sd, x + Z_95 * sd, np.zeros(x.size, dtype=bool)
+    if result.compromise is not None:
+        unsure = result.compromise.concerns(low, high)
+        most = result.settings.identifiability.weak * layout.reach(x)
+        low, high = np.where(unsure, result.compromise.ends(Z_95, low, high, most), (low, high))
     value = [float(result.values[symbol]) for symbol in layout.free]
-    columns = zip(value, (np.abs(slope) * sd).tolist(), low.tolist(), high.tolist(), strict=True)
-    return [_judged(result, k, Interval(*row, status="estimated")) for k, row in enumerate(columns)]
+    ends = (layout.numbers(end)[0].tolist() for end in (low, high))
+    columns = zip(value, (np.abs(slope) * sd).tolist(), *ends, strict=True)
+    statuses = ["compromise" if each else "estimated" for each in unsure]
+    return [_judged(result, k, Interval(*row, status=statuses[k])) for k, row in enumerate(columns)]
 
 
 def _judged(result: FitResult, k: int, stated: Interval) -> Interval:
@@ -152,12 +191,12 @@ def _judged(result: FitResult, k: int, stated: Interval) -> Interval:
         return Interval.bare(value, "estimated", "its standard error could not be computed")
     if sd > result.settings.identifiability.unknown_widened * layout.reach(result.x)[k]:
         return Interval.bare(value, "not identifiable", remark)  # where widening left nothing of what was known
-    return replace(stated, remark=remark)
+    return replace(stated, remark=remark, stderr=stated.stderr if stated.status == "estimated" else None)
 
 
 def _tied(symbol: str, other: str, equal: Interval) -> Interval:
     """The interval of a parameter that equals another one."""
-    if equal.status == "not identifiable":
+    if equal.status in ("not identifiable", "compromise"):
         return replace(equal, remark=f"{symbol} = {other}")
     return replace(equal, status="tied", remark=f"{symbol} = {other}")
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from enum import StrEnum
 
 import numpy as np
@@ -15,11 +15,16 @@ from ..problem.residual import WeightedData
 from ..problem.trace import Trace
 from ..rig.base import Rig
 from ..rig.paper_readings import Readings
+from .agreement import agreement
 from .autocorrelation import inflation, widen
 from .budget import Budget
+from .compromise import Compromise
+from .contradiction import Contradiction
 from .fitted_model import Fitted
 from .identifiability import Identifiability, analyse
+from .influence import Influence
 from .levenberg_marquardt import information_of
+from .pieces import Piece, pieces_of
 from .settings import FitSettings
 
 
@@ -59,7 +64,8 @@ class FitResult:
         free_parameters: what was free.
         x: coordinates at the optimum, shape (P,).
         values: SI by symbol, all parameters.
-        covariance: of the coordinates, widened where the noise is correlated, shape (P, P).
+        covariance: of the coordinates, widened where the noise is correlated and where traces or tests scatter by more
+            than their noise, shape (P, P).
         identifiability: what these data can tell.
         readings: the paper's graph by graph reading.
         problem: the data as fitted, for whoever goes on from here.
@@ -71,7 +77,7 @@ class FitResult:
         chi2_per_dof: of the whitened residual.
         converged, reason: whether this is an optimum, and in words why (not).
         starts: where each start ended.
-        widening: factor by which correlated noise widened the intervals, by symbol.
+        widening: factor by which correlated noise and the scatter of traces and tests widened the intervals, by symbol.
         warnings: what a reader must know.
         far: the model is far from the data and was fitted free-running.
         formulas: effects whose formulas the covariance allows to be off, each by its `inexact`.
@@ -80,6 +86,9 @@ class FitResult:
         exact_covariance: what the covariance is where these formulas are taken as exact; None where it is no other.
         settings: what the fit decided by.
         reason_code: `reason` for programs; None where the end was not judged by the joint fit.
+        influence: which test and trace pulls which parameter.
+        contradictions: rig tests that contradict the others, worst first.
+        compromise: what subsets of the data give, where parameters are no estimates; None where they are.
     """
 
     rig: Rig
@@ -108,6 +117,9 @@ class FitResult:
     reason_code: Reason | None = None
     exact_covariance: np.ndarray | None = None
     budget: Budget | None = None
+    influence: Influence = field(default_factory=Influence)
+    contradictions: tuple[Contradiction, ...] = ()
+    compromise: Compromise | None = None
 
     def taken_as_exact(self) -> FitResult:
         """The fit with the intervals that it has if formulas and instruments are exact, as the posterior takes them."""
@@ -173,10 +185,10 @@ def outcome(
         settings: what the fit decided by.
     """
     r, _, jacobian = problem.linearise(x, weighted)
-    pieces = _pieces(problem, r, jacobian)
+    pieces = pieces_of(problem, r, jacobian)
     information = information_of(weighted.prior_sd[: x.size], jacobian)
     certain = analyse(problem.layout, x, information, settings.identifiability).covariance
-    covariance, factor, count = widen(certain, pieces, settings.whiteness)
+    covariance, _, count = widen(certain, [(p.jacobian, p.r) for p in pieces], settings.whiteness)
     alternating: list[str] = []
     if end.wander is not None:
         far_off = np.abs(end.wander) > 0.5 * np.sqrt(np.diag(covariance))
@@ -195,12 +207,14 @@ def outcome(
     whitened = _in_sigma(problem, predicted) if end.far else tuple(columns(problem.batch, r))
     samples = sum(row.n for row in score_fit)
     chi2 = sum(float(np.nansum(part**2)) for part in whitened) / max(1.0, samples - x.size)
+    agreed = agreement(problem, weighted, x, pieces, covariance, (end.far, chi2), settings)
+    factor = np.sqrt(np.diag(agreed.covariance) / np.maximum(np.diag(certain), 1e-300))
     return FitResult(
         rig=rig,
         free_parameters=problem.free_parameters,
         x=x,
         values=values,
-        covariance=covariance,
+        covariance=agreed.covariance,
         identifiability=verdict,
         readings=readings,
         problem=problem,
@@ -215,10 +229,19 @@ def outcome(
         reason=end.reason,
         starts=starts,
         widening=dict(zip(problem.layout.free, map(float, factor), strict=True)),
-        warnings=(*rig.warnings, *notes, *_words(end, count, len(score_fit), chi2, factor), *_alternation(alternating)),
+        warnings=(
+            *rig.warnings,
+            *notes,
+            *_words(end, count, len(score_fit), chi2, factor),
+            *_alternation(alternating),
+            *agreed.words(lambda s: problem.layout.parameter(s).unit),
+        ),
         far=end.far,
         settings=settings,
         reason_code=end.reason_code,
+        influence=agreed.influence,
+        contradictions=agreed.contradictions,
+        compromise=agreed.compromise,
     )
 
 
@@ -231,7 +254,7 @@ def _verdict_on_parameters(
     problem: EstimationProblem,
     x: np.ndarray,
     weighted: WeightedData,
-    pieces: list[tuple[np.ndarray, np.ndarray]],
+    pieces: tuple[Piece, ...],
     settings: FitSettings,
 ) -> Identifiability:
     """What the data can tell, each channel counting for no more than its residual's size and independence allow.
@@ -241,23 +264,12 @@ def _verdict_on_parameters(
     inside = problem.layout.off_bounds(x)
     if not np.array_equal(inside, x):
         r, _, jacobian = problem.linearise(inside, weighted)
-        pieces = [(j, own) for (j, _), (_, own) in zip(_pieces(problem, r, jacobian), pieces, strict=True)]
+        there = pieces_of(problem, r, jacobian)
+        pieces = tuple(new._replace(r=piece.r) for new, piece in zip(there, pieces, strict=True))
     information = np.diag(1.0 / np.asarray(weighted.prior_sd)[: x.size] ** 2)
-    for jacobian, own in pieces:
-        information = information + jacobian.T @ jacobian / inflation(own, settings.whiteness)
+    for piece in pieces:
+        information = information + piece.jacobian.T @ piece.jacobian / inflation(piece.r, settings.whiteness)
     return analyse(problem.layout, inside, information, settings.identifiability)
-
-
-def _pieces(problem: EstimationProblem, r: np.ndarray, jacobian: np.ndarray) -> list[tuple[np.ndarray, np.ndarray]]:
-    """Jacobian and residual of each channel of each trace, where it was logged."""
-    out = []
-    for trace, part, (lane, _, marks) in zip(
-        problem.batch.traces, columns(problem.batch, r), problem.batch.places, strict=True
-    ):
-        for m in range(len(trace.channels)):
-            seen = np.isfinite(trace.data[:, m])
-            out.append((jacobian[marks[seen], lane, m], part[seen, m]))
-    return out
 
 
 def _alternation(symbols: list[str]) -> list[str]:

@@ -57,6 +57,27 @@ class WhitenessSettings:
 
 
 @dataclass(frozen=True)
+class ContradictionSettings:
+    """When traces and rig tests count as disagreeing, and parameters as a compromise between them.
+
+    Args:
+        scatter: p-value below which traces, or tests, scatter by more than their noise, so that intervals are widened.
+        level: probability that a rig test is accused although none contradicts the others.
+        share: of the misfit that must be gone when a test may differ from the others, for it to be named.
+        named: tests that may be named, one after the other; where one is mended the next shows by itself.
+        compromise: chi2 per degree of freedom from which on no parameter is called estimated.
+    """
+
+    scatter: float = real(0.05, 0.0, 1.0)
+    level: float = real(1e-3, 0.0, 1.0)
+    share: float = real(0.5, 0.0, 1.0)
+    named: int = whole(1, 0, 100)
+    compromise: float = real(3.0, 0.0, 1e12)
+
+    __post_init__ = check_ranges
+
+
+@dataclass(frozen=True)
 class GlobalSearchSettings:
     """Budgets of the two searches without a gradient: a population far from the data, draws about a rough optimum.
 
@@ -122,6 +143,7 @@ class FitSettings:
         search: budgets of the searches without a gradient.
         whiteness: when residuals widen the intervals.
         identifiability: from when on a parameter counts as not known.
+        contradiction: from when on traces and tests count as disagreeing.
     """
 
     starts: int = whole(3, 0, 1000)
@@ -144,5 +166,6 @@ class FitSettings:
     search: GlobalSearchSettings = GlobalSearchSettings()
     whiteness: WhitenessSettings = WhitenessSettings()
     identifiability: IdentifiabilitySettings = IdentifiabilitySettings()
+    contradiction: ContradictionSettings = ContradictionSettings()
 
     __post_init__ = check_ranges

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -34,6 +35,13 @@ _READING = _Mark("graph reading", "o", style.READING, style.READING, 8.0)
 # larger than a reading, so that an arrow shows behind another
 _TABLE_2 = _Mark("the paper's Table 2: another rig", "s", style.MEASURED, "white", 9.5)
 
+_INTERVAL: dict[str, Any] = {"color": style.SIMULATED, "label": "fit, 95 % interval"}
+_RANGE: dict[str, Any] = {
+    "color": style.SIMULATED,
+    "alpha": 0.35,
+    "label": "compromise: range that subsets of the data give",
+}
+
 
 @dataclass(frozen=True, eq=False)
 class ParameterPicture:
@@ -60,7 +68,7 @@ class ParameterPicture:
 
 def draw(picture: ParameterPicture) -> Figure:
     """A row a parameter that was free: its 95 % interval, and how far reading and Table 2 lie from the fitted value."""
-    shown = {s: i for s, i in picture.intervals.items() if i.status in ("estimated", "not identifiable")}
+    shown = {s: i for s, i in picture.intervals.items() if i.status in ("estimated", "not identifiable", "compromise")}
     title = style.wrapped(f"{picture.rig}  ·  parameters of {picture.model}", 11.0, 13)
     head = 0.75 + 0.24 * title.count("\n")
     tall = 0.75 + head + 0.42 * max(1, len(shown))
@@ -90,7 +98,8 @@ def _row(panel: Axes, row: int, interval: Interval) -> None:
         panel.axhspan(row - 0.4, row + 0.4, color=style.BAND, lw=0)
         return
     low, high = (_relative(end, interval.value) for end in (interval.low, interval.high))
-    panel.plot([low, high], [row, row], color=style.SIMULATED, lw=5, solid_capstyle="butt", label="fit, 95 % interval")
+    look = _RANGE if interval.status == "compromise" else _INTERVAL
+    panel.plot([low, high], [row, row], lw=5, solid_capstyle="butt", **look)
 
 
 def _mark(panel: Axes, row: int, interval: Interval, value: float | None, mark: _Mark) -> None:
@@ -110,10 +119,11 @@ def _relative(value: float, fitted: float) -> float:
 def _words(interval: Interval, unit: str) -> str:
     if interval.status == "not identifiable":
         return "not identifiable"
-    digits = Digits.of(interval.value, interval.stderr)
+    digits = Digits.of(interval.value, interval.spread)
     spread = "" if interval.stderr is None else f" ± {digits(interval.stderr)}"
-    remark = f", {interval.remark}" if interval.remark else ""
-    return f"{digits(interval.value)}{spread} {unit}{remark}"
+    remarks = [interval.remark] if interval.remark else []
+    remarks += ["compromise"] if interval.status == "compromise" else []
+    return ", ".join([f"{digits(interval.value)}{spread} {unit}", *remarks])
 
 
 def _axes(panel: Axes, symbols: list[str]) -> None:

@@ -80,7 +80,7 @@ def _lines(result: FitResult, test: str) -> tuple[str, ...]:
 def _fitted(interval: Interval) -> str:
     if interval.status == "not identifiable":
         return "(not identifiable)"
-    digits = Digits.of(interval.value, interval.stderr)
+    digits = Digits.of(interval.value, interval.spread)
     return digits(interval.value) + ("" if interval.stderr is None else f" ± {digits(interval.stderr)}")
 
 

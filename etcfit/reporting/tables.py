@@ -20,10 +20,17 @@ from ..problem.prediction_error import PredictionError
 from ..run_folder import GEAR_RATIO, readings_of
 from .blocks import headed, plain_table, rig_title, sentences, spaced
 from .blocks import render as render
+from .influence import influence_table
 from .numbers import Digits, short
 from .pool import Pool
 
-STATUS_STYLE = {"estimated": "", "fixed": "dim", "tied": "dim", "not identifiable": "bold red"}
+STATUS_STYLE = {
+    "estimated": "",
+    "fixed": "dim",
+    "tied": "dim",
+    "not identifiable": "bold red",
+    "compromise": "bold red",
+}
 
 
 def fit_table(result: FitResult) -> RenderableType:
@@ -33,6 +40,7 @@ def fit_table(result: FitResult) -> RenderableType:
         _score("Free-running error, fitted traces", result.score_fit),
         _score("Free-running error, held-out traces", result.score_holdout),
         sentences("What these data cannot tell, or hardly", [sentence(d) for d in result.identifiability.directions]),
+        influence_table(result),
         _starts(result.starts),
         _outcome(result),
         sentences("Warnings", result.warnings),
@@ -74,7 +82,7 @@ def model_words(result: FitResult) -> str:
 
 
 def _parameter(symbol: str, meaning: str, unit: str, read: float | None, i: Interval) -> Sequence[RenderableType]:
-    digits = Digits.of(i.value, i.stderr)
+    digits = Digits.of(i.value, i.spread)
     status = Text(i.status + (f" ({i.remark})" if i.remark else ""), style=STATUS_STYLE[i.status])
     lost = i.status == "not identifiable"
     value = "-" if lost else digits(i.value)

@@ -8,6 +8,7 @@ from ..diagnosis.findings import Diagnosis, Evidence, RigMistake, RoundReport, U
 from ..estimation.joint_fit import FitResult
 from ..files import plain
 from .fit import effects_of, hashes, parameters_json, rows_json, versions
+from .influence import influence_json
 
 
 def diagnosis_json(diagnosis: Diagnosis) -> dict[str, Any]:
@@ -40,6 +41,7 @@ def diagnosis_json(diagnosis: Diagnosis) -> dict[str, Any]:
             "fit": rows_json(unknown.fit), "holdout": rows_json(unknown.holdout)
         },
         "parameters": parameters_json(after),
+        **influence_json(after),
         "settings": plain(diagnosis.settings),
         "warnings": list(after.warnings),
         "folder": after.rig.folder,

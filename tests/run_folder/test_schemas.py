@@ -19,7 +19,7 @@ FOLDER = ROOT / "etcfit" / "run_folder" / "schemas"
 KINDS = tuple(sorted(file.name.removesuffix(".schema.json") for file in FOLDER.glob("*.schema.json")))
 # keys of the contract (FORMAT.md) that are always there; those that later versions add are optional
 CONTRACT = {
-    "fit": "schema rig synthetic converged reason model parameters score",
+    "fit": "schema rig synthetic converged reason model parameters influence score",
     "diagnosis": "schema start final rounds added ties unexplained before after parameters",
     "posterior": "schema parameters",
     "transfer_function": "schema input output operating_point num den poles stderr open_loop_dc_gain",
@@ -28,7 +28,7 @@ CONTRACT = {
     "run": "schema version stages",
     "drive": "schema logs",
 }
-LATER = {"fit": {"influence"}, "diagnosis": {"rig", "probabilities"}}
+LATER = {"diagnosis": {"rig", "probabilities"}}
 
 
 def schema(kind: str) -> dict[str, Any]:
@@ -131,4 +131,4 @@ def test_the_tables_follow_references_lists_and_mappings() -> None:
     for path in ("parameters.NAME.ci95", "score.fit[].rms", "influence[].pull", "score.chi2_per_dof"):
         assert f"| `{path}` |" in shown
     assert "influence` | array | " in shown
-    assert shown.count("*(optional)*") == 3  # influence, and the remark of a parameter and of a combination
+    assert shown.count("*(optional)*") == 2  # the remark of a parameter and of a combination

@@ -126,7 +126,7 @@ def _parameters(before: FitResult, after: FitResult) -> RenderableType:
 def _figures(i: Interval | None) -> tuple[str, str]:
     if i is None or i.status == "not identifiable":
         return "-", "-"
-    digits = Digits.of(i.value, i.stderr)
+    digits = Digits.of(i.value, i.spread)
     return digits(i.value), digits.span(i.low, i.high)
 
 

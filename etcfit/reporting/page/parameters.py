@@ -9,14 +9,28 @@ from .contents import Contents
 from .table import Table
 from .typeset import measured, number, span, symbol, unit
 
-LOST = "not identifiable"
+LOST, COMPROMISE = "not identifiable", "compromise"
 
 
 def parameter_table(contents: Contents) -> Table:
     """Every parameter of the final model; one that is not identifiable gets no number."""
     every = contents.final["parameters"]
     rows, marked = [_row(name, p) for name, p in every.items()], _lost(every)
-    return Table("Parameters of the final model", _HEAD, rows, 1, marked)
+    unsure = any(p["status"] == COMPROMISE for p in every.values())
+    return Table("Parameters of the final model" + (_RANGES if unsure else ""), _HEAD, rows, 1, marked)
+
+
+def influence_table(contents: Contents) -> Table | None:
+    """The largest pulls of whole tests and of single traces; of the final model."""
+    pulls = contents.final.get("influence") or ()
+    rows = [(p["test"].replace("_", " "), p["file"] or "all of it", symbol(p["parameter"]), number(p["pull"]))
+            for p in pulls[:_PULLS]]  # fmt: skip
+    head = ["test", "left out", "parameter", "moves by, standard errors"]
+    return Table("Influence: what leaving out a test or a trace would move most", head, rows, 3) if rows else None
+
+
+_PULLS = 10  # shown
+_RANGES = "; of a compromise the interval is the range that subsets of the data give, not a statistical one"
 
 
 def lumped_table(contents: Contents) -> Table | None:
@@ -56,7 +70,7 @@ _SAMPLED: dict[str, Callable[[Mapping[str, Any]], Any]] = {
 
 
 def _lost(every: Mapping[str, Mapping[str, Any]]) -> frozenset[int]:
-    return frozenset(k for k, p in enumerate(every.values()) if p["status"] == LOST)
+    return frozenset(k for k, p in enumerate(every.values()) if p["status"] in (LOST, COMPROMISE))
 
 
 def _row(name: str, p: Mapping[str, Any]) -> tuple[Any, ...]:

@@ -10,7 +10,7 @@ from .contents import Contents
 from .control import formula, gains_table, metrics_table, operating_point, plant_table
 from .frequency import orders, sines_table
 from .ledger import ledger_table
-from .parameters import LOST, lumped_table, parameter_table, posterior_table
+from .parameters import LOST, influence_table, lumped_table, parameter_table, posterior_table
 from .pictures import groups
 from .provenance import files_table, stale, versions_table
 from .typeset import number, symbol, unit
@@ -46,6 +46,7 @@ def _parts(contents: Contents) -> dict[str, Any]:
         "parameters": parameter_table(contents),
         "lumped": lumped_table(contents),
         "posterior": posterior_table(contents),
+        "influence": influence_table(contents),
         "lost": [s for s, p in contents.final["parameters"].items() if p["status"] == LOST],
         "directions": [d["says"] for d in fit.get("not_identifiable") or ()],
         "directions_of_start": bool(contents.added),

@@ -1,4 +1,4 @@
-"""A run in three sentences: how well the model fits, how well it predicts, what is known and to which gains it led."""
+"""A run in a few sentences: how well the model fits and predicts, who contradicts whom, what is known, which gains."""
 
 from __future__ import annotations
 
@@ -11,14 +11,24 @@ from ...estimation.joint_fit import MISFIT
 from ...estimation.remedies import listed
 from ...problem.prediction_error import pooled
 from .contents import Contents, rows_of
-from .typeset import number, symbol, symbols
+from .typeset import number, symbol, symbols, unit
 
 _NOISE = 1.2  # chi2 per degree of freedom up to which nothing but noise is left
 
 
-def verdict(contents: Contents) -> tuple[Markup, Markup, Markup]:
+def verdict(contents: Contents) -> tuple[Markup, ...]:
     """The sentences at the top of the page."""
-    return _fits(contents), _predicts(contents), _knows(contents) + _gains(contents.get("pid")) + Markup(".")
+    known = _knows(contents) + _gains(contents.get("pid")) + Markup(".")
+    return _fits(contents), _predicts(contents), *_contradicts(contents), known
+
+
+def _contradicts(contents: Contents) -> Iterator[Markup]:
+    """Each test that the others contradict, with what the parameter that it pulls most would be without it."""
+    for each in contents.final.get("contradictions") or ():
+        yield Markup("<strong>{} contradicts the other tests</strong>: without it {} is {} {} instead of {}.").format(
+            each["test"].replace("_", " "), symbol(each["parameter"]), number(each["without"]), unit(each["unit"]),
+            number(each["value"]),
+        )  # fmt: skip
 
 
 def model(contents: Contents) -> str:
@@ -73,17 +83,24 @@ def _knows(contents: Contents) -> Markup:
     free = dict(_free(contents.final["parameters"]))
     known = {s: p["stderr"] / abs(p["value"]) for s, p in free.items() if p["stderr"] is not None and p["value"]}
     lost = [s for s, p in free.items() if p["status"] == "not identifiable"]
+    unsure = [s for s, p in free.items() if p["status"] == "compromise"]
+    if unsure and not known:
+        text = (
+            "{} of {} free parameters are a <strong>compromise</strong>: subsets of the data give ranges, no estimates"
+        )
+        return Markup(text).format(len(unsure), len(free))
     if not known:
         return Markup("No parameter is identifiable from these data")
     worst = max(known, key=lambda s: known[s])
     text = Markup("{} of {} free parameters are known, {} least well (± {} %)").format(
         len(known), len(free), symbol(worst), number(100.0 * known[worst], 2)
     )
+    text += Markup("; a <strong>compromise</strong> are {}").format(symbols(unsure)) if unsure else ""
     return text + (Markup("; these data <strong>cannot tell</strong> {}").format(symbols(lost)) if lost else Markup(""))
 
 
 def _free(parameters: Mapping[str, Any]) -> Iterator[tuple[str, Any]]:
-    return ((s, p) for s, p in parameters.items() if p["status"] in ("estimated", "not identifiable"))
+    return ((s, p) for s, p in parameters.items() if p["status"] in ("estimated", "not identifiable", "compromise"))
 
 
 def _gains(pid: Mapping[str, Any]) -> Markup:

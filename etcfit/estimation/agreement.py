@@ -1,0 +1,187 @@
+"""Do the parts of the data agree? Who pulls what, how wide intervals must be, who contradicts whom."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from functools import reduce
+from operator import add
+
+import numpy as np
+
+from ..problem.problem import EstimationProblem
+from ..problem.residual import WeightedData
+from . import clusters, compromise
+from .compromise import Compromise
+from .contradiction import Accused, Contradiction, Court
+from .disagreement import sides_of, undisputed
+from .identifiability import WIDE
+from .influence import Influence, influence, parts
+from .levenberg_marquardt import information_of
+from .pieces import Piece
+from .settings import FitSettings
+from .subsets import Subset, belief, fitted_to, tests_of
+from .testimony import Split, Testimony, inflations_of, prior, testimony
+
+
+@dataclass(frozen=True, eq=False)
+class Agreement:
+    """What the parts of the data say of each other.
+
+    Args:
+        influence: who pulls what.
+        covariance: of the coordinates, wide enough for the scatter of traces and tests, shape (P, P).
+        contradictions: tests that contradict the others, worst first.
+        compromise: what subsets of the data give, where the parameters are no estimates; else None.
+    """
+
+    influence: Influence
+    covariance: np.ndarray
+    contradictions: tuple[Contradiction, ...] = ()
+    compromise: Compromise | None = None
+
+    def words(self, units: Callable[[str], str]) -> list[str]:
+        """Warnings.
+
+        Args:
+            units: of a symbol, SI.
+        """
+        return [_accusation(each, units(each.parameter)) for each in self.contradictions]
+
+
+@dataclass(frozen=True, eq=False)
+class _Hearing:
+    """All that the parts of the data are asked about: the problem at its optimum; see `agreement`."""
+
+    problem: EstimationProblem
+    weighted: WeightedData
+    x: np.ndarray
+    pieces: tuple[Piece, ...]
+    settings: FitSettings
+    made: dict[tuple[str, ...], Subset] = field(default_factory=dict)  # what was refitted to, by its tests
+
+    @property
+    def reach(self) -> np.ndarray:
+        return self.problem.layout.reach(self.x)
+
+    @property
+    def unknown(self) -> float:
+        return self.settings.identifiability.unknown
+
+    @property
+    def everything(self) -> Subset:
+        return Subset(tests_of(self.problem), self.x, self.pieces, belief(self.problem, self.weighted, self.x))
+
+    def believed(self, here: Subset) -> Testimony:
+        """The priors: those given, and `WIDE` about wherever the fit went."""
+        given = information_of(np.asarray(self.weighted.prior_sd)[: self.x.size], np.zeros((0, self.x.size)))
+        return prior(given + np.diag(1.0 / (WIDE * self.reach) ** 2), here.belief)
+
+    def refitted(self, x: np.ndarray, tests: tuple[str, ...]) -> Subset:
+        """The fit made again to some tests, from x, shape (P,), where that was not yet done."""
+        if tests not in self.made:
+            self.made[tests] = fitted_to(self.problem, self.weighted, x, tests, self.settings)
+        return self.made[tests]
+
+    def covariance(self, here: Subset) -> np.ndarray:
+        """Of the coordinates as a subset knows them, widened for what its own residual shows, shape (P, P)."""
+        counted = [piece for piece in here.pieces if piece.test in here.tests]
+        said = testimony(counted, inflations_of(counted, settings=self.settings.whiteness)) + self.believed(here)
+        inverse = np.linalg.inv(said.information)
+        return inverse @ said.spread @ inverse
+
+
+def agreement(
+    problem: EstimationProblem,
+    weighted: WeightedData,
+    x: np.ndarray,
+    pieces: tuple[Piece, ...],
+    covariance: np.ndarray,
+    misfit: tuple[bool, float],
+    settings: FitSettings,
+) -> Agreement:
+    """Ask every trace and every test of a fit.
+
+    Args:
+        problem, weighted: the data as fitted.
+        x: the optimum, shape (P,).
+        pieces: every channel of every trace, linearised there.
+        covariance: of the coordinates, widened channel by channel, shape (P, P).
+        misfit: whether the model is far from the data, and chi2 per degree of freedom.
+        settings: what decides.
+    """
+    if not all(np.isfinite(piece.jacobian).all() and np.isfinite(piece.r).all() for piece in pieces):
+        return Agreement(Influence(), covariance)
+    asked = _Hearing(problem, weighted, x, pieces, settings)
+    believed = asked.believed(asked.everything)
+    traces = _by_trace(pieces, settings)
+    found = influence(problem.layout.free, traces, believed, asked.reach, asked.unknown)
+    tests = [said for (_, file), said in parts(traces).items() if file is None]
+    every = (clusters.scatter(each, believed, asked.reach, asked.unknown) for each in ([*traces.values()], tests))
+    wide = clusters.widened(covariance, every, settings.contradiction.scatter)
+    # far from the data each channel is weighed by its own error: there, whoever errs has hardly a voice to contradict
+    accused = () if misfit[0] else _court(asked).accused(asked.everything)
+    named = tuple(_named(asked, each) for each in accused)
+    why = compromise.reason(*misfit, (each.test for each in accused), settings)
+    return Agreement(found, wide, named, None if why is None else _compromise(asked, why, accused, misfit))
+
+
+def _by_trace(pieces: Sequence[Piece], settings: FitSettings) -> dict[tuple[str, str], Testimony]:
+    out: dict[tuple[str, str], Testimony] = {}
+    for piece, f in zip(pieces, inflations_of(pieces, settings=settings.whiteness), strict=True):
+        said, key = testimony((piece,), (f,)), (piece.test, piece.file)
+        out[key] = out[key] + said if key in out else said
+    return out
+
+
+def _court(asked: _Hearing) -> Court:
+    decides = asked.settings.contradiction, asked.settings.whiteness
+    return Court(asked.refitted, asked.believed, asked.reach, asked.unknown, *decides)
+
+
+def _named(asked: _Hearing, each: Accused) -> Contradiction:
+    """The parameter that the test pulls most, of those that the others know."""
+    layout = asked.problem.layout
+    said = reduce(add, (testimony((piece,), (1.0,)) for piece in asked.pieces), asked.believed(asked.everything))
+    sd = np.sqrt(np.diag(np.linalg.inv(said.information)))
+    known = np.sqrt(np.diag(asked.covariance(each.without))) < asked.unknown * asked.reach
+    pulls = (each.without.x - each.together.x) / sd
+    k = int(np.argmax(np.where(known, np.abs(pulls), -1.0)))
+    with_it, without = (float(layout.numbers(here.x)[0][k]) for here in (each.together, each.without))
+    return Contradiction(each.test, layout.free[k], float(pulls[k]), with_it, without, each.p, each.share)
+
+
+def _compromise(asked: _Hearing, why: str, accused: Sequence[Accused], misfit: tuple[bool, float]) -> Compromise:
+    """The range that subsets give: the fit made again without each test, and one step to each test alone."""
+    everything, tests = compromise.reason(*misfit, (), asked.settings) is not None, tests_of(asked.problem)
+    left_out, size = tests if len(tests) > 1 else (), asked.x.size
+    without = [asked.refitted(asked.x, tuple(each for each in tests if each != test)) for test in left_out]
+    return Compromise(
+        why,
+        everything,
+        left_out,
+        np.array([here.x for here in without]).reshape(-1, size),
+        np.array([asked.covariance(here) for here in without]).reshape(-1, size, size),
+        np.isin(left_out, [each.test for each in accused]),
+        np.array([_alone(asked, test) for test in left_out]).reshape(-1, size),
+    )
+
+
+def _alone(asked: _Hearing, test: str) -> np.ndarray:
+    """Coordinates by one test alone, one step from the optimum, shape (P,); NaN where it does not know them, or lies so
+    far off that one step does not lead there."""
+    own, others = sides_of(asked.everything, test)
+    split = Split(undisputed(own), undisputed(others) + asked.believed(asked.everything), asked.reach, asked.unknown)
+    believed = asked.believed(asked.everything).information
+    sd = np.sqrt(np.diag(np.linalg.inv(split.own.information + believed)))
+    near = np.abs(split.own_step) < asked.unknown * asked.reach
+    known = sd < asked.settings.identifiability.weak * asked.reach
+    return np.where(known & near, asked.x + split.own_step, np.nan)
+
+
+def _accusation(each: Contradiction, unit: str) -> str:
+    return (
+        f"{each.test} contradicts the other tests: without it {each.parameter} is {each.without:.3g} {unit} instead of "
+        f"{each.value:.3g} ({each.pull:+.2g} standard errors of noise alone). Look for what differs there: series "
+        "resistance, a sensor, wiring, temperature, or an effect that the model lacks."
+    )

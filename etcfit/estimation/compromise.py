@@ -1,0 +1,77 @@
+"""Parameters of a model that is far from its data: a compromise between its errors, and the range that subsets give.
+
+    [min, max] over the fits to all tests but one of x_g -+ 1.96 sd_g, and over what one test alone says, x_g
+
+Only subsets that know a parameter speak of it; the interval stated for all the data is always inside. It is no
+statistical interval: errors that all tests share, a wrong angle scale say, move every subset alike.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+import numpy as np
+
+from .settings import FitSettings
+
+
+@dataclass(frozen=True, eq=False)
+class Compromise:
+    """What subsets of the data give.
+
+    Args:
+        why: in words.
+        everything: True where the model is far from the data; False where tests contradict each other, which concerns
+            the parameters alone that leaving one out moves beyond their intervals.
+        without: tests left out, G.
+        points: coordinates of the fits without them, shape (G, P).
+        covariances: of those coordinates, shape (G, P, P).
+        accused: which of these tests contradict the others, shape (G,) of bool.
+        alone: coordinates by one test alone, in one linearised step, NaN where it does not know them, shape (S, P).
+    """
+
+    why: str
+    everything: bool
+    without: tuple[str, ...]
+    points: np.ndarray
+    covariances: np.ndarray
+    accused: np.ndarray
+    alone: np.ndarray
+
+    def ends(self, half: float, low: np.ndarray, high: np.ndarray, most: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Range of each coordinate, shape (P,) each.
+
+        Args:
+            half: half width of an interval, standard deviations.
+            low, high: the interval stated for all the data, shape (P,).
+            most: standard deviation above which a subset does not know a coordinate, shape (P,).
+        """
+        sd = np.sqrt(np.maximum(np.diagonal(self.covariances, axis1=1, axis2=2), 0.0))
+        told = sd < most
+        lows = np.where(told, self.points - half * sd, np.inf)
+        highs = np.where(told, self.points + half * sd, -np.inf)
+        alone = np.where(np.isnan(self.alone), np.inf, self.alone), np.where(np.isnan(self.alone), -np.inf, self.alone)
+        return (np.min(np.vstack((low, lows, alone[0])), axis=0), np.max(np.vstack((high, highs, alone[1])), axis=0))
+
+    def concerns(self, low: np.ndarray, high: np.ndarray) -> np.ndarray:
+        """Coordinates that are a compromise, shape (P,) of bool: all, or those that an accused test moves out of the
+        interval stated, shape (P,) each."""
+        moved = (self.points < low) | (self.points > high)
+        return self.everything | np.any(moved & self.accused[:, None], axis=0)
+
+
+def reason(far: bool, chi2: float, accused: Iterable[str], settings: FitSettings) -> str | None:
+    """Why the parameters are a compromise; None where they are not.
+
+    Args:
+        far: the model is far from the data.
+        chi2: per degree of freedom.
+        accused: tests that contradict the others.
+        settings: what decides.
+    """
+    if far or chi2 >= settings.contradiction.compromise:
+        return f"the model is far from the data (chi2/dof {chi2:.3g})"
+    if names := tuple(accused):
+        return f"{' and '.join(names)} contradict{'s' if len(names) == 1 else ''} the other tests"
+    return None

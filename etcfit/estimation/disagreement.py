@@ -1,0 +1,105 @@
+"""How far two parts of the data disagree, each with parameters of its own.
+
+    T = z^T cov(z)^-1 z,    z_i = b_i^T F (x_own - x_others)
+
+in the directions b_i that both sides determine, see `testimony`. Each side's noise is what its own residual shows once
+it need not agree with the other (`inflation`), so that a model which fits neither side accuses nobody. T is compared
+with Hotelling's T^2 of the smaller side's independent samples.
+
+Source: Hausman 1978, Econometrica 46(6). Differs from source: the estimates compared are those of two disjoint parts of
+the data.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy import stats
+
+from .pieces import Piece
+from .settings import WhitenessSettings
+from .subsets import Subset
+from .testimony import Split, Testimony, inflations_of, testimony
+
+_LEAST = 0.01  # share of the information of a direction below which a side has no say in it
+_SURE = 3.0  # standard deviations by which noise alone may exceed its mean
+
+
+@dataclass(frozen=True, eq=False)
+class Parted:
+    """One test and the others, each with its own parameters.
+
+    Args:
+        split: the two sides.
+        misfit: sum of squared residuals of both sides together, over the noise itself.
+        samples: of both.
+    """
+
+    split: Split
+    misfit: float
+    samples: int
+
+    def share(self, together: float) -> float:
+        """Of the misfit, what is gone once they need not agree; what noise alone leaves counts as none.
+
+        Args:
+            together: sum of squared residuals where they must.
+        """
+        gain = max(0.0, together - self.misfit)
+        left = max(0.0, self.misfit - self.samples - _SURE * (2.0 * self.samples) ** 0.5)
+        return gain / (gain + left) if gain > 0.0 else 0.0
+
+
+def disagreement(split: Split) -> float:
+    """log p of T; 0 where no direction is determined by both sides, or a side has too few independent samples.
+
+    Args:
+        split: the two sides.
+    """
+    common = split.told_by_own & split.told_by_others & (split.share > _LEAST) & (split.share < 1.0 - _LEAST)
+    count = int(common.sum())
+    freedom = min(split.own.samples, split.others.samples) - count + 1.0
+    if not count or freedom < 1.0:
+        return 0.0
+    b, share = split.directions[:, common], split.share[common]
+    own, others = b / share, b / (1.0 - share)
+    z = others.T @ split.others.score - own.T @ split.own.score
+    spread = own.T @ split.own.spread @ own + others.T @ split.others.spread @ others
+    t2 = float(z @ np.linalg.solve(spread, z))
+    return float(stats.f.logsf(t2 * freedom / ((freedom + count - 1.0) * count), count, freedom))
+
+
+def parted(
+    here: Subset, test: str, believed: Testimony, reach: np.ndarray, unknown: float, whiteness: WhitenessSettings
+) -> Parted:
+    """One test against the others, linearised at the same point.
+
+    Args:
+        here: the others fitted, or all of them with the test among them.
+        test: which.
+        believed: the priors, at that point.
+        reach, unknown: see `Split`.
+        whiteness: see `inflation`.
+    """
+    own, others = sides_of(here, test)
+    first = Split(undisputed(own), undisputed(others) + believed, reach, unknown)
+    steps = first.own_step, first.others_step
+    sides = [
+        testimony(side, inflations_of(side, step, whiteness)) for side, step in zip((own, others), steps, strict=True)
+    ]
+    misfit = sum(piece.misfit(step) for side, step in zip((own, others), steps, strict=True) for piece in side)
+    count = sum(piece.r.size for piece in (*own, *others))
+    return Parted(Split(sides[0], sides[1] + believed, reach, unknown), misfit, count)
+
+
+def sides_of(here: Subset, test: str) -> tuple[list[Piece], list[Piece]]:
+    """The channels of a test, and those of the other tests that count."""
+    own = [piece for piece in here.pieces if piece.test == test]
+    return own, [piece for piece in here.pieces if piece.test in here.tests and piece.test != test]
+
+
+def undisputed(pieces: Sequence[Piece]) -> Testimony:
+    """What channels say whose noise is as declared."""
+    return testimony(pieces, [1.0] * len(pieces))

@@ -1,0 +1,75 @@
+"""The fit made again to some of its rig tests: same model, same whitening, same compiled programs, other weights."""
+
+from __future__ import annotations
+
+from collections.abc import Collection
+from dataclasses import dataclass
+
+import jax
+import numpy as np
+
+from ..problem.problem import EstimationProblem
+from ..problem.residual import WeightedData, prior_residual
+from .levenberg_marquardt import descend
+from .pieces import Piece, pieces_of
+from .settings import FitSettings
+
+_CLOSE = 1e-4  # relative change of chi2 that ends a descent: far less than parts that disagree differ by
+
+
+@dataclass(frozen=True, eq=False)
+class Subset:
+    """Where the fit goes on a part of the data.
+
+    Args:
+        tests: those that count.
+        x: coordinates, shape (P,).
+        pieces: every channel of every trace linearised there, those that do not count among them.
+        belief: score of the priors there, shape (P,).
+    """
+
+    tests: tuple[str, ...]
+    x: np.ndarray
+    pieces: tuple[Piece, ...]
+    belief: np.ndarray
+
+
+def tests_of(problem: EstimationProblem) -> tuple[str, ...]:
+    """Every rig test among the traces."""
+    return tuple(dict.fromkeys(trace.test.name for trace in problem.batch.traces))
+
+
+def fitted_to(
+    problem: EstimationProblem, weighted: WeightedData, x: np.ndarray, tests: Collection[str], settings: FitSettings
+) -> Subset:
+    """Descend from x with some tests alone.
+
+    Args:
+        problem, weighted: all the data, as they were fitted.
+        x: the optimum of all, shape (P,).
+        tests: those to count.
+        settings: `steps`, the budget of the descent.
+    """
+    end, _ = descend(problem, x, _muted(problem, weighted, tests), _CLOSE, settings.steps)
+    return at(problem, weighted, end, tests)
+
+
+def at(problem: EstimationProblem, weighted: WeightedData, x: np.ndarray, tests: Collection[str]) -> Subset:
+    """All data linearised at x, shape (P,), of which some tests count."""
+    r, _, jacobian = problem.linearise(x, weighted)
+    return Subset(tuple(tests), x, pieces_of(problem, r, jacobian), belief(problem, weighted, x))
+
+
+def belief(problem: EstimationProblem, weighted: WeightedData, x: np.ndarray) -> np.ndarray:
+    """Score of the priors at x, (x - mean) / sd^2, shape (P,)."""
+    own = prior_residual(problem.layout.padded(x), weighted) / np.asarray(weighted.prior_sd)
+    return np.asarray(own)[: x.size]
+
+
+def _muted(problem: EstimationProblem, weighted: WeightedData, tests: Collection[str]) -> WeightedData:
+    """The data with the weights of all other tests 0."""
+    weight = np.array(weighted.whitening.weight)
+    for trace, (lane, _, marks) in zip(problem.batch.traces, problem.batch.places, strict=True):
+        if trace.test.name not in tests:
+            weight[marks, lane] = 0.0
+    return jax.device_put(weighted._replace(whitening=weighted.whitening._replace(weight=weight)))

@@ -1,0 +1,188 @@
+"""What a part of the data says of the coordinates, and in which directions another part can say the same.
+
+    F = J^T J,    s = J^T r,    M = sum_c f_c J_c^T J_c,    f_c as in `autocorrelation.inflation`
+
+F and s are a part's share of the normal equations, M is the variance of s where residuals are larger than their noise
+or not independent. Two parts, own and others, are compared in directions b_i with
+
+    b_i^T (F_own + F_others) b_j = delta_ij,    b_i^T F_own b_j = lambda_i delta_ij
+
+in which each part's own estimate is one step: -sum_i b_i (b_i^T s_own) / lambda_i, and with 1 - lambda_i for the
+others.
+
+Source: Belsley, Kuh and Welsch 1980, Regression Diagnostics, ch. 2 (leaving out); Hausman 1978, Econometrica 46(6).
+Differs from source: groups of rows are left out, not single ones; what is determined is asked direction by direction.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from functools import cached_property, reduce
+from operator import add
+
+import numpy as np
+
+from .autocorrelation import inflation
+from .pieces import Piece
+from .settings import WhitenessSettings
+
+
+@dataclass(frozen=True, eq=False)
+class Testimony:
+    """What a part of the data says.
+
+    Args:
+        information: F, shape (P, P).
+        score: s, shape (P,).
+        spread: M, shape (P, P).
+        samples: independent ones, sum of n / f; 0 for a prior.
+    """
+
+    information: np.ndarray
+    score: np.ndarray
+    spread: np.ndarray
+    samples: float
+
+    def __add__(self, other: Testimony) -> Testimony:
+        return Testimony(
+            self.information + other.information,
+            self.score + other.score,
+            self.spread + other.spread,
+            self.samples + other.samples,
+        )
+
+    def __sub__(self, other: Testimony) -> Testimony:
+        return Testimony(
+            self.information - other.information,
+            self.score - other.score,
+            self.spread - other.spread,
+            self.samples - other.samples,
+        )
+
+
+def prior(information: np.ndarray, score: np.ndarray) -> Testimony:
+    """What is believed beforehand.
+
+    Args:
+        information: inverse of the priors' covariance, shape (P, P).
+        score: information times (x - mean), shape (P,).
+    """
+    return Testimony(information, score, information, 0.0)
+
+
+def testimony(pieces: Iterable[Piece], inflations: Iterable[float]) -> Testimony:
+    """What some channels say together; at least one.
+
+    Args:
+        pieces: the channels.
+        inflations: f of each.
+    """
+    return reduce(add, (_of_one(piece, f) for piece, f in zip(pieces, inflations, strict=True)))
+
+
+def _of_one(piece: Piece, f: float) -> Testimony:
+    information = piece.jacobian.T @ piece.jacobian
+    return Testimony(information, piece.jacobian.T @ piece.r, f * information, piece.r.size / f)
+
+
+def inflations_of(
+    pieces: Iterable[Piece], step: np.ndarray | None = None, settings: WhitenessSettings = WhitenessSettings()
+) -> list[float]:
+    """f of each channel, after a step of the coordinates, shape (P,), where one is given."""
+    return [inflation(p.r if step is None else p.moved(step), settings) for p in pieces]
+
+
+@dataclass(frozen=True, eq=False)
+class Split:
+    """Two parts of the data side by side.
+
+    Args:
+        own: what one part says.
+        others: what all else says, beliefs included.
+        reach: of each coordinate, shape (P,).
+        unknown: standard deviation above which a direction or a parameter counts as not determined, reaches.
+    """
+
+    own: Testimony
+    others: Testimony
+    reach: np.ndarray
+    unknown: float
+
+    @cached_property
+    def _decomposed(self) -> tuple[np.ndarray, np.ndarray]:
+        """lambda, shape (P,), rising, and the directions b as columns, shape (P, P)."""
+        F = self.own.information + self.others.information
+        scale = 1.0 / np.sqrt(np.diag(F))  # so that coordinates of any size round alike
+        root = np.linalg.inv(np.linalg.cholesky(F * np.outer(scale, scale)))
+        share, vectors = np.linalg.eigh(root @ (self.own.information * np.outer(scale, scale)) @ root.T)
+        return np.clip(share, 0.0, 1.0), scale[:, None] * (root.T @ vectors)
+
+    @property
+    def share(self) -> np.ndarray:
+        """lambda of each direction: the own part's share of the information, shape (P,)."""
+        return self._decomposed[0]
+
+    @property
+    def directions(self) -> np.ndarray:
+        """Columns b_i, shape (P, P)."""
+        return self._decomposed[1]
+
+    @cached_property
+    def _believed(self) -> np.ndarray:
+        """Information of the others in each direction, shape (P,): 1 - lambda, not rounded off where it is small."""
+        b = self.directions
+        return np.maximum(np.einsum("pi,pq,qi->i", b, self.others.information, b), 1e-300)
+
+    @cached_property
+    def told_by_own(self) -> np.ndarray:
+        """Directions that the own part determines, shape (P,) of bool."""
+        return self._width < self.unknown * np.sqrt(self.share)
+
+    @cached_property
+    def told_by_others(self) -> np.ndarray:
+        """Directions that the others determine, shape (P,) of bool."""
+        return self._width < self.unknown * np.sqrt(self._believed)
+
+    @property
+    def _width(self) -> np.ndarray:
+        """Standard deviation along each direction with all the data, reaches, shape (P,)."""
+        return np.max(np.abs(self.directions) / self.reach[:, None], axis=0)
+
+    @property
+    def own_inverse(self) -> np.ndarray:
+        """Inverse of the own information in the directions that it determines, shape (P, P)."""
+        return self._inverse(self.told_by_own, self.share)
+
+    @property
+    def others_inverse(self) -> np.ndarray:
+        """Inverse of the others' information in the directions that they determine, shape (P, P)."""
+        return self._inverse(self.told_by_others, self._believed)
+
+    def _inverse(self, told: np.ndarray, information: np.ndarray) -> np.ndarray:
+        b = self.directions[:, told]
+        return (b / information[told]) @ b.T
+
+    @property
+    def lost_without(self) -> np.ndarray:
+        """Parameters that are not known without the own part, shape (P,) of bool."""
+        variance = np.sum(self.directions**2 / self._believed, axis=1)
+        return np.sqrt(variance) > self.unknown * self.reach
+
+    @property
+    def own_step(self) -> np.ndarray:
+        """To the own part's estimate, shape (P,); 0 in directions that it does not determine."""
+        return -self.own_inverse @ self.own.score
+
+    @property
+    def others_step(self) -> np.ndarray:
+        """To the others' estimate, shape (P,); 0 in directions that they do not determine."""
+        return -self.others_inverse @ self.others.score
+
+    @property
+    def shift(self) -> np.ndarray:
+        """What leaving the own part out moves: the others' estimate less that of all, one step each, shape (P,); 0 in
+        directions that the others do not determine."""
+        b, told = self.directions, self.told_by_others
+        others, together = b.T @ self.others.score, b.T @ (self.own.score + self.others.score)
+        return b[:, told] @ (together - others / self._believed)[told]
