@@ -20,6 +20,7 @@ from ..problem.prediction_error import PredictionError
 from ..run_folder import GEAR_RATIO, readings_of
 from .blocks import headed, plain_table, rig_title, sentences, spaced
 from .blocks import render as render
+from .budget import budget_table
 from .influence import influence_table
 from .numbers import Digits, short
 from .pool import Pool
@@ -41,6 +42,7 @@ def fit_table(result: FitResult) -> RenderableType:
         _score("Free-running error, held-out traces", result.score_holdout),
         sentences("What these data cannot tell, or hardly", [sentence(d) for d in result.identifiability.directions]),
         influence_table(result),
+        budget_table(result),
         _starts(result.starts),
         _outcome(result),
         sentences("Warnings", result.warnings),

@@ -17,6 +17,7 @@ from ..files import plain
 from ..model.parameters import Parameter
 from ..problem.prediction_error import PredictionError
 from ..rig.base import Rig
+from .budget import budget_json
 from .influence import influence_json
 
 GEAR_RATIO = "gear ratio, motor turns per plate turn"
@@ -36,6 +37,7 @@ def fit_json(result: FitResult) -> dict[str, Any]:
         "parameters": parameters_json(result),
         "lumped": _lumped_json(result),
         **influence_json(result),
+        **budget_json(result),
         "score": {
             "fit": rows_json(result.score_fit),
             "holdout": rows_json(result.score_holdout),
