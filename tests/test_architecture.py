@@ -21,7 +21,11 @@ ONLY_IN: dict[str, str | tuple[str, ...]] = {
     "pooch": "datasets/",
     "typer": "cli.py",
 }
-REGISTRIES = {"model/effects": "AbstractEffect", "rig": "AbstractRigTest"}
+REGISTRIES = {
+    "model/effects": "AbstractEffect",
+    "model/rig_effects": "AbstractRigEffect",
+    "rig": "AbstractRigTest",
+}
 FILES = sorted(file for file in PACKAGE.rglob("*.py") if file != PACKAGE / "__init__.py")  # the facade is lazy
 
 

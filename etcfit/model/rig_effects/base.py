@@ -34,7 +34,7 @@ class Place(NamedTuple):
     channel: str = ""
 
     def __str__(self) -> str:
-        return ".".join(word for word in self if word)
+        return f"{self.test}.{self.channel}" if self.channel else self.test
 
     @property
     def words(self) -> str:

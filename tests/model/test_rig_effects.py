@@ -1,0 +1,124 @@
+"""The contract of rig effects: off they change nothing, on they do what they say, in their place alone."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose, assert_array_equal
+
+from etcfit.model.parameters import declared, parameters_of
+from etcfit.model.rig_effects import RIG_EFFECTS, AbstractRigEffect, Place, at_places, number_of, rig_effect
+from etcfit.model.stepper import Reset, Step
+from etcfit.rig import TESTS
+
+LOGGED = {
+    "resistance": frozenset({"voltage", "current"}),
+    "back_emf": frozenset({"emf", "position"}),
+    "viscous": frozenset({"voltage", "current", "motor_speed"}),
+    "response": frozenset({"voltage", "current", "position"}),
+    "inertia": frozenset({"emf", "position", "motor_speed"}),
+}
+EVERY = at_places(LOGGED)
+every_effect = pytest.mark.parametrize("effect", EVERY, ids=lambda e: e.name)
+SEEN = {"current": jnp.array([1.0, 2.0]), "position": jnp.array([0.3, 0.4]), "emf": jnp.array([0.5, 0.6]),
+        "motor_speed": jnp.array([7.0, 8.0])}  # fmt: skip
+
+
+def made(effect: type[AbstractRigEffect], value: float) -> Any:
+    """The effect, all its parameters at `value` times their usual size."""
+    return effect(**{field: value * p.domain.scale for field, p in declared(effect).items()})
+
+
+def steps() -> Step:
+    rng = np.random.default_rng(0)
+    return Step(*(jnp.asarray(rng.uniform(0.5, 1.5, 2)) for _ in Step._fields[:-1]))
+
+
+def begun() -> Reset:
+    return Reset(jnp.array([1.0, 0.0]), jnp.array([0.1, 0.0]), jnp.array([0.2, 0.0]), jnp.array([0.3, 0.0]))
+
+
+def all_of(effect: Any, test_of: Any) -> list[Any]:
+    """Everything that the effect makes of what is given."""
+    shown = effect.read(dict(SEEN), test_of)
+    return [*effect.driven(steps(), test_of)[:-1], *effect.begun(begun(), test_of), *(shown[name] for name in SEEN)]
+
+
+@every_effect
+def test_off_it_changes_nothing(effect: type[AbstractRigEffect]) -> None:
+    here = jnp.full(2, number_of(effect.place.test))
+    for now, given in zip(all_of(made(effect, 0.0), here), [*steps()[:-1], *begun(), *SEEN.values()], strict=True):
+        assert_array_equal(now, given)
+
+
+@every_effect
+def test_on_it_changes_something_in_its_place_and_nothing_elsewhere(effect: type[AbstractRigEffect]) -> None:
+    given = [*steps()[:-1], *begun(), *SEEN.values()]
+    here, there = (all_of(made(effect, 1.0), jnp.full(2, number_of(t))) for t in (effect.place.test, "elsewhere"))
+    assert any(np.any(np.asarray(a) != np.asarray(b)) for a, b in zip(here, given, strict=True))
+    if effect.place.test:
+        for now, was in zip(there, given, strict=True):
+            assert_array_equal(now, was)
+
+
+@every_effect
+def test_its_name_says_where_it_is_and_finds_it_again(effect: type[AbstractRigEffect]) -> None:
+    assert rig_effect(effect.name) is effect
+    assert effect.name.startswith(effect.kind)
+    assert str(effect.place) in effect.name
+    assert effect.off is not None
+    assert set(effect.off) <= {p.symbol for p in parameters_of(effect)}
+    assert all(p.symbol.endswith(str(effect.place)) for p in parameters_of(effect))
+    assert effect.mend(0.1)
+
+
+def test_every_family_has_a_place_in_a_rig_that_logs_everything() -> None:
+    assert {e.kind for e in EVERY} == {family.kind for family in RIG_EFFECTS}
+    assert len({e.name for e in EVERY}) == len(EVERY)
+    symbols = [p.symbol for e in EVERY for p in parameters_of(e)]
+    assert len(set(symbols)) == len(symbols)
+
+
+def test_a_rig_of_one_test_has_nothing_to_compare() -> None:
+    assert {e.kind for e in at_places({"response": LOGGED["response"]})} == {"sensor_end_points"}
+
+
+def test_a_name_that_is_none() -> None:
+    assert rig_effect("gravity_load") is None
+    assert rig_effect("channel_gain[response.current") is None
+
+
+def test_rig_tests_have_numbers_of_their_own() -> None:
+    numbers = [number_of(test.name) for test in TESTS]
+    assert len(set(numbers)) == len(numbers)
+    assert 0.0 not in numbers  # that of entries that belong to no trace
+
+
+def test_what_reads_too_much_was_less() -> None:
+    effect = rig_effect("channel_gain[response.voltage]")
+    assert effect is not None
+    here = jnp.full(2, number_of("response"))
+    driven = made(effect, 5.0).driven(steps(), here)  # 10 % too much
+    assert_allclose(1.1 * driven.voltage1, steps().voltage1)
+    current = rig_effect("channel_gain[response.current]")
+    assert current is not None
+    assert_allclose(made(current, 5.0).read(dict(SEEN), here)["current"], 1.1 * SEEN["current"])
+
+
+def test_a_position_reads_off_where_the_plate_is_and_begins_where_it_was() -> None:
+    effect = rig_effect("sensor_end_points")
+    assert effect is not None
+    off = made(effect, 1.0)
+    shown = off.read({"position": begun().theta}, 0.0)["position"]
+    back = off.begun(begun()._replace(theta=shown * begun().begins), 0.0)
+    assert_allclose(back.theta, begun().theta, atol=1e-15)
+
+
+@pytest.mark.parametrize(("gain", "kind"), [(0.05, "channel_gain"), (-2.0, "channel_sign"), (999.0, "unit_scale"),
+                                            (-0.999, "unit_scale"), (-1.9, "channel_sign")])  # fmt: skip
+def test_what_a_gain_is_called(gain: float, kind: str) -> None:
+    effect = RIG_EFFECTS[1].at(Place("response", "current"))
+    assert effect.called(gain) == kind
