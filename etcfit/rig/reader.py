@@ -12,6 +12,7 @@ from ..errors import MeasurementError
 from ..files import digest
 from . import TESTS
 from .base import Channel, Measurement, Rig, RigConfig
+from .checks import findings
 from .columns import Column, Log, read_columns
 from .config import parse_config
 from .duplicates import refuse_duplicates
@@ -95,7 +96,9 @@ def assembled(
         check_peaks(test, [log for log in logs if log.test == test])
     twice = refuse_duplicates(logs)
     warnings = [*odd, *(w for _, ws in read for w in ws), *_unused_columns(config, logs, toml), *twice]
-    return Rig(folder, config, _measurements(logs, config), tuple(warnings), text)
+    measurements = _measurements(logs, config)
+    found = findings(config, measurements)
+    return Rig(folder, config, measurements, (*warnings, *map(str, found)), text, findings=found)
 
 
 def _check_tests(config: RigConfig, toml: str) -> None:
