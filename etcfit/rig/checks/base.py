@@ -12,6 +12,9 @@ from ..base import Channel, Measurement, RigConfig
 from ..finding import Finding
 from ..units import NUMBER
 from .circuit import Circuit, read_circuit
+from .line import Spectrum, spectrum
+
+MAINS = 50.0  # Hz, the lower of the two
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,6 +53,17 @@ class Records:
         """The circuit by file, where it shows."""
         read = {t.file: read_circuit((t,), self.config) for t in self.traces if t.test not in self.blamed}
         return {file: circuit for file, circuit in read.items() if circuit is not None}
+
+    @cached_property
+    def _spectra(self) -> dict[tuple[str, str], Spectrum | None]:
+        return {}
+
+    def spectrum(self, trace: Measurement, channel: str) -> Spectrum | None:
+        """Of one channel about the frequencies of the mains, worked out once."""
+        key = trace.file, channel
+        if key not in self._spectra:
+            self._spectra[key] = spectrum(trace.channels[channel], MAINS)
+        return self._spectra[key]
 
     def signs(self, trace: Measurement, errors: float) -> Signs | None:
         """Signs of R, L and k in a trace; where it cannot tell one, that of all traces of its test."""

@@ -46,7 +46,9 @@ class GearRatio(AbstractDetector):
         if abs(off) < self.share or any(slips):
             return
         words = "is not given" if not records.config.gear_ratio_given else f"is {given:.6g}"
-        yield Finding(self.kind, found / given, "", 0.0,
-                      f"The back-EMF constants of plate and motor alone have the ratio {found:.4g}, "
-                      f"but gear_ratio {words} in rig.toml.",
-                      f"Count the teeth; where it is so, write [rig] gear_ratio = {found:.4g} in rig.toml.")  # fmt: skip
+        yield Finding(
+            self.kind, found / given, "", 0.0,
+            f"The back-EMF constants of plate and motor alone have the ratio {found:.4g}, but gear_ratio {words} in "
+            "rig.toml.",
+            f"Count the teeth; where it is so, write [rig] gear_ratio = {found:.4g} in rig.toml.",
+        )  # fmt: skip

@@ -20,7 +20,7 @@ from .. import TEST_BY_NAME
 from ..base import Measurement, RigConfig
 from ..finding import Finding
 from .base import AbstractDetector, Records, scaled_unit
-from .hum import Mains, mains_in
+from .hum import SILENT, Mains, mains_in
 
 
 @dataclass(frozen=True)
@@ -49,13 +49,13 @@ class TimeScale(AbstractDetector):
     kind: ClassVar[str] = "time_scale"
 
     def find(self, records: Records) -> Iterator[Finding]:
-        hummed = [f for test, traces in records.tests.items() for f in self._by_mains(test, traces)]
+        hummed = [f for test, traces in records.tests.items() for f in self._by_mains(test, traces, records)]
         yield from hummed
         yield from (f for f in self._by_falls(records) if f.test not in [h.test for h in hummed])
 
-    def _by_mains(self, test: str, traces: tuple[Measurement, ...]) -> Iterator[Finding]:
-        names = dict.fromkeys(n for t in traces for n in t.channels if n not in ("setpoint", "duty"))
-        clocks = [m for name in names if (m := mains_in(traces, name, self.band)) and m.chance < self.chance]
+    def _by_mains(self, test: str, traces: tuple[Measurement, ...], records: Records) -> Iterator[Finding]:
+        names = dict.fromkeys(n for t in traces for n in t.channels if n not in SILENT)
+        clocks = [m for name in names if (m := mains_in(records, test, name, self.band)) and m.clear(self.chance)]
         clock = min(clocks, key=lambda m: m.error, default=None)
         if clock is not None and self._off(clock):
             s = clock.nominal / clock.frequency
