@@ -26,6 +26,13 @@ class Drive:
         jumped = np.concatenate(([False], np.diff(self.time) == 0.0))
         return Drive(self.time + rise * jumped, self.volts)
 
+    def in_step(self, rate: float, phase: float) -> Drive:
+        """The same with each jump moved on to `phase` sample periods before the next sample of a clock of `rate` Hz."""
+        jumps = np.concatenate(([False], np.diff(self.time) == 0.0))
+        jumps[:-1] |= jumps[1:]
+        moved = (np.ceil(self.time * rate + phase) - phase) / rate
+        return Drive(np.where(jumps, moved, self.time), self.volts)
+
     def delayed(self, delay: float, period: float) -> Drive:
         """The same at the next whole period (s) after a delay (s); what stood at the first knot stood before."""
         late = period * np.ceil((self.time + delay) / period)

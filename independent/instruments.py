@@ -76,6 +76,8 @@ class Bench:
         rise: time the amplifier takes for a voltage jump, s.
         series_ohm: harness and shunt in the inductance test, ohm (the paper's R_t - R_a is 1.218).
         supply: V.
+        edge_phase: None: the voltage jumps at any instant; else so many sample periods before the first sample that
+            shows it, one clock driving output and logger.
     """
 
     sensors: dict[str, Sensor] = field(default_factory=_sensors)
@@ -84,6 +86,7 @@ class Bench:
     rise: float = 0.0
     series_ohm: float = 1.218
     supply: float = 12.0
+    edge_phase: float | None = None
 
 
 PERFECT = Bench(

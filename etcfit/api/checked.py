@@ -40,6 +40,19 @@ class Checked:
         return indexed(columns, [t.file for t in every], "file")
 
     @property
+    def findings(self) -> pd.DataFrame:
+        """Mistakes and habits of the rig itself, indexed by kind: test, file, channel ("" where it is none in
+        particular), size, unit, chance, found, mend, and sure: physics rules the data out, and `fit` refuses them.
+        """
+        every = self.result.rig.findings
+        columns = {key: texts(getattr(f, key) or "" for f in every) for key in ("test", "file", "channel")}
+        columns |= {key: numbers(getattr(f, key) for f in every) for key in ("size", "chance")}
+        columns |= {key: texts(getattr(f, key) for f in every) for key in ("unit", "found", "mend")}
+        columns |= {"sure": np.array([f.sure for f in every], dtype=bool)}
+        order = ("test", "file", "channel", "size", "unit", "chance", "found", "mend", "sure")
+        return indexed({key: columns[key] for key in order}, [f.kind for f in every], "kind")
+
+    @property
     def not_identifiable(self) -> tuple[str, ...]:
         """Symbols that these data cannot determine; () where nothing can be fitted, see `why_not`."""
         return () if self.result.identifiability is None else self.result.identifiability.lost
@@ -92,7 +105,8 @@ class Checked:
             "what these traces can identify",
             "" if self._alarm else words.paragraph(self._verdict),
             words.table(("file", "samples", "duration s", "rate Hz", "channels", ""), rows),
+            words.folded("Mistakes and habits of the rig", [str(f) for f in self.result.rig.findings]),
             words.folded("What these data cannot tell, or hardly", self.directions),
-            words.folded("Warnings", self.warnings),
+            words.folded("Warnings", [w for w in self.warnings if w not in map(str, self.result.rig.findings)]),
             alarm=self._alarm,
         )

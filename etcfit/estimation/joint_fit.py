@@ -17,6 +17,7 @@ from ..problem.problem import EstimationProblem
 from ..problem.residual import WeightedData
 from ..problem.trace import Trace, follows_setpoint, prepare
 from ..rig.base import Measurement, Rig
+from ..rig.checks import refuse
 from ..rig.paper_readings import Readings, read_graphs
 from .accuracy import with_accuracy
 from .global_search import evolve, settle
@@ -69,8 +70,9 @@ def ready(rig: Rig) -> Prepared:
     """Sort the traces of a rig into those to fit and those held out.
 
     Raises:
-        MeasurementError: nothing is left to fit.
+        MeasurementError: nothing is left to fit, or physics rules the data out.
     """
+    refuse(rig.folder, rig.findings)
     fitted, held_out, notes = [], [], []
     for measurement in rig.measurements:
         trace = prepare(measurement, rig.config)

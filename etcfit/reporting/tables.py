@@ -17,6 +17,7 @@ from ..estimation.remedies import sentence
 from ..experiment.check import ChannelCheck, CheckResult, TraceCheck
 from ..model.effects import PAPER
 from ..problem.prediction_error import PredictionError
+from ..rig.finding import Finding
 from ..run_folder import GEAR_RATIO, readings_of
 from .blocks import headed, plain_table, rig_title, sentences, spaced
 from .blocks import render as render
@@ -56,7 +57,8 @@ def check_table(result: CheckResult) -> RenderableType:
         rig_title(result.rig.config, result.rig.folder),
         _clocks(result.traces),
         _channels(result.traces),
-        sentences("Odd", [*_oddities(result.traces), *result.warnings]),
+        findings_table(result.rig.findings),
+        sentences("Odd", [*_oddities(result), *(w for w in result.warnings if w not in map(str, result.rig.findings))]),
         _identifiability(result),
     ]
     return Group(*(part for part in parts if part is not None))
@@ -152,13 +154,26 @@ def _channels(traces: Iterable[TraceCheck]) -> RenderableType:
     return headed("Channels", table)
 
 
-def _oddities(traces: Iterable[TraceCheck]) -> list[str]:
+def findings_table(findings: Sequence[Finding]) -> RenderableType | None:
+    """Mistakes and habits of the rig itself, and the line that mends each; None where none was found."""
+    table = plain_table("kind", "where", "size", "unit", "", left=2)
+    table.columns[3].justify = "left"
+    for finding in findings:
+        word = Text("no fit takes it", style="bold red") if finding.sure else Text("")
+        table.add_row(finding.kind, finding.where, short(finding.size, 4), escape(finding.unit), word)
+    texts = [line for f in findings for line in (Padding(Text(f"- {f.found}"), (0, 0, 0, 2)),
+                                                 Padding(Text(f.mend), (0, 0, 0, 4)))]  # fmt: skip
+    return headed("Mistakes and habits of the rig, and what mends them", Group(table, *texts)) if findings else None
+
+
+def _oddities(result: CheckResult) -> list[str]:
+    told = {(f.test, f.channel) for f in result.rig.findings if f.kind == "saturation"}
     out = []
-    for trace in traces:
+    for trace in result.traces:
         for c in trace.channels:
             if c.frozen:
                 out.append(f"{trace.file}: {c.name} never changes ({short(c.low, 4)} {c.unit}).")
-            if c.clipped:
+            if c.clipped and (trace.test, c.name) not in told:
                 out.append(f"{trace.file}: {c.name} rests on its lowest or highest value for {c.clipped} samples: "
                            "saturated or clipped.")  # fmt: skip
             if c.empty:

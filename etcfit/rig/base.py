@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 import numpy as np
 
 from ..model.ecu import Ecu, Notation
+from .finding import Finding
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -162,6 +163,7 @@ class Rig:
         folder: as the user gave it; `FRAMES` where the traces came as data frames.
         toml: text of the rig.toml; "" where there is none.
         digests: SHA-256 of every file, or data frame, that was read.
+        findings: mistakes and habits of the rig itself that its records show before any fit; in the warnings too.
     """
 
     folder: str
@@ -170,6 +172,7 @@ class Rig:
     warnings: tuple[str, ...] = ()
     toml: str = ""
     digests: Mapping[str, str] = field(default_factory=dict)
+    findings: tuple[Finding, ...] = ()
 
     def __repr__(self) -> str:
         tests = ", ".join(sorted({trace.test for trace in self.measurements}))

@@ -35,7 +35,11 @@ class Column:
     @property
     def value(self) -> np.ndarray:
         """SI, shape (n,)."""
-        return self.conversion.scale * self.logged + self.conversion.offset
+        return self.values(slice(None))
+
+    def values(self, rows: slice) -> np.ndarray:
+        """SI, of some rows."""
+        return self.conversion.scale * self.logged[rows] + self.conversion.offset
 
     @property
     def is_angle(self) -> bool:

@@ -12,8 +12,10 @@ from ..errors import MeasurementError
 from ..files import digest
 from . import TESTS
 from .base import Channel, Measurement, Rig, RigConfig
+from .checks import findings
 from .columns import Column, Log, read_columns
 from .config import parse_config
+from .duplicates import refuse_duplicates
 from .names import refuse_foreign_names
 from .noise import Texture, pooled, textures
 from .sanity import check_log, check_peaks
@@ -87,13 +89,16 @@ def assembled(
         text: of the rig.toml.
 
     Raises:
-        MeasurementError: all logs of a test together cannot be.
+        MeasurementError: all logs of a test together cannot be, or one record lies there twice.
     """
     logs = tuple(log for log, _ in read)
     for test in KNOWN_TESTS:
         check_peaks(test, [log for log in logs if log.test == test])
-    warnings = [*odd, *(w for _, ws in read for w in ws), *_unused_columns(config, logs, toml)]
-    return Rig(folder, config, _measurements(logs, config), tuple(warnings), text)
+    twice = refuse_duplicates(logs)
+    warnings = [*odd, *(w for _, ws in read for w in ws), *_unused_columns(config, logs, toml), *twice]
+    measurements = _measurements(logs, config)
+    found = findings(config, measurements)
+    return Rig(folder, config, measurements, (*warnings, *map(str, found)), text, findings=found)
 
 
 def _check_tests(config: RigConfig, toml: str) -> None:

@@ -56,6 +56,9 @@ _GRAMMAR = re.compile(rf"(?:{_NAME})(?:\^-?\d|\*\*-?\d|[²³])?(?:\s*[*/·.]\s*(
 _NEWTON_METRE = re.compile(r"([mkµμ]?N)[-·. ]?([cm]?m)")
 
 
+NUMBER = re.compile(r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?")  # before a unit, as in `-1 A` or `1.02 s`
+
+
 class UnitError(ValueError):
     """A unit that is none, or of the wrong dimension; the text is what was found."""
 
@@ -77,11 +80,19 @@ def is_percent(unit: str) -> bool:
 def conversion(quantity: str, unit: str) -> Conversion:
     """How a column of this quantity, logged in this unit, becomes SI.
 
+    A number may stand before the unit, as in `-1 A` or `1.02 s`, for a channel with the wrong sign or scale.
+
     Angles and their rates must name an angle: pint takes 1/min for 0.017 rad/s where a German log means rpm.
 
     Raises:
         UnitError: not a unit, or not one of this quantity.
     """
+    factor, _, rest = unit.strip().partition(" ")
+    if rest and NUMBER.fullmatch(factor):
+        if not 1e-12 <= abs(float(factor)) <= 1e12:
+            raise UnitError(f"the number in '{unit}' is no scale.")
+        whole = conversion(quantity, rest.strip())
+        return Conversion(float(factor) * whole.scale, whole.offset)
     si, logged = SI_UNIT[quantity], _pint_spelling(unit)
     try:
         same = _root(logged) == _root(si)

@@ -1,0 +1,73 @@
+"""A channel with the wrong sign: current against voltage, EMF and motor speed against the motion.
+
+    R < 0:  voltage or current is turned round     k < 0:  EMF, motor speed, or both leads of the motor
+
+in `circuit.py`'s equation, whose R, L and k are positive. Voltage, current and motor speed open the plate where they
+are positive, and the EMF is negative while it falls.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+
+from .. import TEST_BY_NAME
+from ..base import Measurement
+from ..finding import Finding
+from .base import AbstractDetector, Records, Signs, column, everywhere, in_files
+
+
+@dataclass(frozen=True)
+class ChannelSign(AbstractDetector):
+    """See the module.
+
+    Args:
+        errors: standard errors by which a reading must lie below zero.
+    """
+
+    errors: float = 5.0
+    kind: ClassVar[str] = "channel_sign"
+    explains: ClassVar[bool] = True
+
+    def find(self, records: Records) -> Iterator[Finding]:
+        for test, traces in records.tests.items():
+            turned: dict[str, list[Measurement]] = {}
+            for trace in traces:
+                signs = records.signs(trace, self.errors)
+                for name in _turned(trace, signs) if signs else ():
+                    turned.setdefault(name, []).append(trace)
+            for name, having in turned.items():
+                yield _finding(name, test, having, traces)
+
+
+def _turned(trace: Measurement, signs: Signs) -> tuple[str, ...]:
+    """Channels with the wrong sign."""
+    boundary = TEST_BY_NAME[trace.test].boundary
+    if boundary.terminals_open:
+        return ("emf" if "emf" in trace.channels else "voltage",) if signs.k < 0 else ()
+    if signs.R < 0 or (boundary.gear_apart and signs.L < 0 and signs.R == 0):
+        return (_driver(trace, signs),)
+    if signs.k < 0:
+        return ("motor_speed",) if boundary.gear_apart else ("voltage", "current")
+    return ()
+
+
+def _driver(trace: Measurement, signs: Signs) -> str:
+    """Of voltage and current the one that the motion is against; with the plate held the one below zero."""
+    if signs.k:
+        return "current" if signs.k > 0 else "voltage"
+    return "current" if float(np.mean(trace.channels["current"].value)) < 0.0 else "voltage"
+
+
+def _finding(name: str, test: str, having: list[Measurement], traces: tuple[Measurement, ...]) -> Finding:
+    files = [trace.file for trace in having]
+    channel = having[0].channels.get(name) or having[0].channels["voltage"]
+    against = {"emf": "the plate's motion", "motor_speed": "voltage and current", "current": "the voltage",
+               "voltage": "the current" if len(having[0].channels) < 3 else "the motion"}[name]  # fmt: skip
+    found = f"{in_files(test, files, traces)} {name.replace('_', ' ')} has the opposite sign of {against}."
+    return Finding("channel_sign", -1.0, "", 0.0, found[0].upper() + found[1:],
+                   f"Head its column '{column(channel, -1.0)}' there, or turn the leads and log again.",
+                   test, everywhere(files, traces), name, sure=True)  # fmt: skip

@@ -1,0 +1,219 @@
+"""The circuit's equation, read off windows of a trace without a fit of the motion.
+
+    integral v dt = R integral i dt + L [i] + k [theta] + V_b integral sgn i dt
+
+over windows of some samples, [x] being what x gained over the window. Nothing is differentiated, so noise hardly
+matters, and it holds whatever torque acts on the plate: with the plate held [theta] = 0, with open terminals i = 0,
+with the gear apart theta is the motor's angle and k its K_b; at the plate k = N K_b. Robust least squares: L over all
+windows, all else over those without a jump of the voltage, whose instant within a sample nobody knows.
+
+Source: integral of the paper's Eq. 1, with a voltage drop V_b of the brushes.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, fields, replace
+from typing import NamedTuple
+
+import numpy as np
+
+from .. import TEST_BY_NAME
+from ..base import Channel, Measurement, RigConfig
+from ..signals import BISQUARE, MAD_TO_SIGMA, drive_voltage, on_times, robust_fit
+
+SAMPLES, LEAST_SAMPLES, WINDOWS = 20, 5, 20  # in a window, at least, and how many windows a short trace is cut into
+FEWEST = 12  # windows that carry a reading
+SEEN = 5.0  # noises that a gain over a window must reach, rms, to say anything
+JUMP, JUMP_SHARE = 8.0, 0.02  # noises, and of the span: a change from sample to sample that is a jump
+ALIKE = 0.97  # correlation at which brushes and resistance cannot be told apart
+
+
+class Value(NamedTuple):
+    """A reading and its standard error, SI."""
+
+    value: float
+    error: float
+
+    def sign(self, errors: float) -> int:
+        """-1 or 1; 0 where it lies within so many standard errors of zero."""
+        return 0 if abs(self.value) <= errors * self.error else (1 if self.value > 0.0 else -1)
+
+
+@dataclass(frozen=True, eq=False)
+class Windows:
+    """Integrals and gains over each window, SI, shape (n,) each.
+
+    Args:
+        volts: integral of the voltage, V s; with open terminals of the EMF.
+        amperes: integral of the current, A s.
+        rise: gain of the current, A.
+        turn: gain of the angle, rad: of the plate, or of the motor where the gear is apart; 0 with the plate held.
+        brushes: integral of the current's sign, s.
+        seconds: length of the window, s.
+        calm: 1 where the voltage does not jump within the window, else 0.
+        heard: noises of rise and turn, to tell a gain from noise.
+    """
+
+    volts: np.ndarray
+    amperes: np.ndarray
+    rise: np.ndarray
+    turn: np.ndarray
+    brushes: np.ndarray
+    seconds: np.ndarray
+    calm: np.ndarray
+    heard: tuple[float, float]
+
+    def where(self, rows: np.ndarray) -> Windows:
+        return replace(self, **{f.name: getattr(self, f.name)[rows] for f in fields(self) if f.name != "heard"})
+
+    @classmethod
+    def joined(cls, parts: Sequence[Windows]) -> Windows:
+        arrays = {f.name: np.concatenate([getattr(p, f.name) for p in parts]) for f in fields(cls) if f.name != "heard"}
+        return cls(**arrays, heard=max(p.heard for p in parts))
+
+
+@dataclass(frozen=True)
+class Circuit:
+    """What the windows say; None where they say nothing of it.
+
+    Args:
+        R: ohm; of the whole circuit.
+        L: H.
+        k: V s/rad; N K_b at the plate, K_b where the gear is apart.
+        drop: V, at the brushes; 0 where it cannot be told from R.
+        amperes: typical current, rms, A.
+    """
+
+    R: Value | None
+    L: Value | None
+    k: Value | None
+    drop: float
+    amperes: float
+
+
+def read_circuit(traces: Sequence[Measurement], config: RigConfig) -> Circuit | None:
+    """The circuit that these traces of one rig test show together; None where voltage or motion were not logged."""
+    parts = [each for trace in traces if (each := windows_of(trace, config)) is not None]
+    return _solved(Windows.joined(parts)) if parts else None
+
+
+def windows_of(trace: Measurement, config: RigConfig) -> Windows | None:
+    """The trace cut into windows; None where it lacks what the equation needs, or is too short."""
+    boundary = TEST_BY_NAME[trace.test].boundary
+    emf = trace.channels.get("emf", trace.channels.get("voltage"))
+    volts = emf if boundary.terminals_open else drive_voltage(trace, config)
+    current = None if boundary.terminals_open else trace.channels.get("current")
+    angle = None if boundary.plate_held else _angle(trace, boundary.gear_apart)
+    if volts is None or (angle is None and not boundary.plate_held):
+        return None
+    if current is None and not boundary.terminals_open:
+        return None
+    return _cut(volts, current, angle)
+
+
+class _Angle(NamedTuple):
+    """Angle at the samples of a channel, rad, and the noise of one."""
+
+    time: np.ndarray
+    value: np.ndarray
+    sigma: float
+
+
+def _angle(trace: Measurement, gear_apart: bool) -> _Angle | None:
+    channel = trace.channels.get("motor_speed" if gear_apart else "position")
+    if channel is None:
+        return None
+    if not gear_apart:
+        return _Angle(channel.time, channel.value, channel.sigma)
+    step = float(np.median(np.diff(channel.time)))
+    return _Angle(channel.time, _integral(channel.time, channel.value), channel.sigma * step * np.sqrt(SAMPLES))
+
+
+def _cut(volts: Channel, current: Channel | None, angle: _Angle | None) -> Windows | None:
+    time = volts.time
+    count = (time.size - 1) // int(np.clip(time.size // WINDOWS, LEAST_SAMPLES, SAMPLES))
+    if count < 2:
+        return None
+    ends = np.linspace(0, time.size - 1, count + 1).astype(int)
+    amperes = np.zeros(time.size) if current is None else on_times(current, time)
+    turned = np.zeros(time.size) if angle is None else np.interp(time, angle.time, angle.value)
+    threshold = 0.0 if current is None else SEEN * current.sigma
+    sign = np.sign(amperes) * (np.abs(amperes) > threshold)
+    jumps = np.concatenate(([0.0], np.cumsum(_jumps(volts))))
+
+    def gain(of: np.ndarray) -> np.ndarray:
+        return np.diff(of[ends])
+
+    return Windows(
+        volts=gain(_integral(time, volts.value)),
+        amperes=gain(_integral(time, amperes)),
+        rise=gain(amperes),
+        turn=gain(turned),
+        brushes=gain(_integral(time, sign)),
+        seconds=gain(time),
+        calm=(gain(jumps) == 0.0).astype(float),
+        heard=(0.0 if current is None else current.sigma, 0.0 if angle is None else angle.sigma),
+    )
+
+
+def _integral(time: np.ndarray, value: np.ndarray) -> np.ndarray:
+    """By trapezoids, from the first sample, shape as `value`."""
+    return np.concatenate(([0.0], np.cumsum(0.5 * (value[1:] + value[:-1]) * np.diff(time))))
+
+
+def _jumps(volts: Channel) -> np.ndarray:
+    """1 where the voltage jumps from one sample to the next, shape (n - 1,)."""
+    change = np.abs(np.diff(volts.value))
+    return (change > max(JUMP * volts.sigma, JUMP_SHARE * float(np.ptp(volts.value)))).astype(float)
+
+
+def excess(traces: Sequence[Measurement], config: RigConfig, drop: float) -> Value | None:
+    """R of these traces' circuit, the brushes' drop (V) being known from another test; None where it cannot be told."""
+    parts = [each for trace in traces if (each := windows_of(trace, config)) is not None]
+    if not parts:
+        return None
+    w = Windows.joined(parts)
+    found = _solved(replace(w, volts=w.volts - drop * w.brushes, brushes=np.zeros_like(w.brushes)))
+    return found.R if found is not None else None
+
+
+def _solved(w: Windows) -> Circuit | None:
+    whole, calm = _read(w), _read(w.where(w.calm > 0.0))
+    if whole is None or calm is None:
+        return None
+    typical = float(np.sqrt(np.mean(w.amperes**2) / np.mean(w.seconds**2)))
+    drop = calm["drop"].value if "drop" in calm else 0.0
+    return Circuit(calm.get("R"), whole.get("L"), calm.get("k"), drop, typical)
+
+
+def _read(w: Windows) -> dict[str, Value] | None:
+    columns = {"R": w.amperes} if np.any(w.amperes) else {}
+    for name, gain, noise in (("L", w.rise, w.heard[0]), ("k", w.turn, w.heard[1])):
+        if gain.size and np.sqrt(np.mean(gain**2)) > SEEN * noise and np.any(gain):
+            columns[name] = gain
+    if "R" in columns and _told_apart(w.amperes, w.brushes):
+        columns["drop"] = w.brushes
+    if w.volts.size < max(FEWEST, 3 * len(columns)) or not columns:
+        return None
+    return _least_squares(columns, w.volts)
+
+
+def _told_apart(amperes: np.ndarray, brushes: np.ndarray) -> bool:
+    both = np.sqrt(np.sum(amperes**2) * np.sum(brushes**2))
+    return bool(both > 0.0 and abs(np.sum(amperes * brushes)) < ALIKE * both)
+
+
+def _least_squares(columns: dict[str, np.ndarray], right: np.ndarray) -> dict[str, Value]:
+    """Coefficients with standard errors from the scatter of the windows that were not thrown out."""
+    scale = np.array([np.sqrt(np.mean(c**2)) for c in columns.values()])
+    rows = np.column_stack(list(columns.values())) / scale
+    solution = robust_fit(rows, right)
+    residual = right - rows @ solution
+    spread = MAD_TO_SIGMA * float(np.median(np.abs(residual)))
+    kept = rows[np.abs(residual) <= max(BISQUARE * spread, 1e-300)]
+    covariance = spread**2 * np.linalg.pinv(kept.T @ kept)
+    errors = np.sqrt(np.diag(covariance))
+    return {
+        name: Value(float(x), float(e)) for name, x, e in zip(columns, solution / scale, errors / scale, strict=True)
+    }

@@ -1,0 +1,119 @@
+"""A sine of unknown frequency in a channel, against whatever else moves there.
+
+    F = (K - 1) |mu|^2 sum_k U_k^2 / sum_k |y_k - mu U_k|^2,   mu = sum_k U_k y_k / sum_k U_k^2
+    P(> F) = (1 + F/(K - 1))^(1 - K)
+
+y_k is the Fourier transform of the trace under the k-th of K sine tapers, U_k the taper's own sum. A line has the same
+phase and size under all tapers; a motion that has power there too has not. Before, the trace is differenced twice (slow
+motion goes), and what exceeds its noise is cut (steps and impacts go).
+
+Periodic motion makes lines too. They are no mains where they are as clear in the bands beside it, so `beside` says how
+clear the clearest of those is.
+
+Source: Thomson 1982, harmonic F-test; Riedel and Sidorenko 1995, sine tapers. Differs from source: differences first.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from ..base import Channel
+from ..signals import MAD_TO_SIGMA
+
+CUT = 5.0  # noises beyond which a second difference is no noise
+MOST, FEWEST = 9, 4  # tapers
+UNEVEN = 0.2  # rms of the intervals over their median; beyond it a Fourier transform sees no clock
+LONGEST = 1 << 16  # samples looked at
+RATE = 6.0  # times the frequency: a faster log is averaged down to that
+BESIDE = (0.75, 0.86, 1.14, 1.32)  # times the frequency: bands in which no mains hums
+
+
+class Line(NamedTuple):
+    """A sine in one channel.
+
+    Args:
+        frequency: Hz, by the log's own clock.
+        error: of the frequency, Hz.
+        amplitude: SI.
+        chance: probability that noise would show one as clear within the band that was searched.
+        beside: that of the clearest line in the bands beside it.
+    """
+
+    frequency: float
+    error: float
+    amplitude: float
+    chance: float
+    beside: float = 1.0
+
+
+class Spectrum(NamedTuple):
+    """A channel under each taper.
+
+    Args:
+        grid: Hz, shape (m,).
+        y: Fourier transforms, shape (K, m).
+        sums: of the tapers, shape (K,).
+        step, duration: s.
+    """
+
+    grid: np.ndarray
+    y: np.ndarray
+    sums: np.ndarray
+    step: float
+    duration: float
+
+
+def spectrum(channel: Channel, frequency: float) -> Spectrum | None:
+    """What is there about a frequency, Hz; None where the trace is too short, slow or uneven to tell."""
+    time, value = channel.time[:LONGEST], channel.value[:LONGEST]
+    steps = np.diff(time)
+    step = float(np.median(steps)) if steps.size else 0.0
+    if value.size < 64 or np.sqrt(np.mean((steps / step - 1.0) ** 2)) > UNEVEN or 2.8 * frequency * step > 1.0:
+        return None
+    tapers = min(MOST, int(0.6 * frequency * float(time[-1] - time[0])) - 1)  # (K + 1)/(2 T) well below the frequency
+    if tapers < FEWEST:
+        return None
+    even = np.interp(np.arange(time[0], time[-1], step), time, value)
+    block = max(1, int(1.0 / (RATE * frequency * step)))
+    x = _bare(even[: even.size // block * block].reshape(-1, block).mean(axis=1))
+    size, index = 1 << int(np.ceil(np.log2(4 * x.size))), np.arange(1, x.size + 1)
+    order = np.arange(1, tapers + 1)[:, None]
+    windows = np.sqrt(2.0 / (x.size + 1)) * np.sin(np.pi * order * index / (x.size + 1))
+    transform = np.fft.rfft(windows * x, size, axis=1)
+    return Spectrum(
+        np.fft.rfftfreq(size, block * step), transform, windows.sum(axis=1), block * step, x.size * block * step
+    )
+
+
+def line_near(s: Spectrum, frequency: float, band: float) -> Line:
+    """The clearest line within `frequency` (1 +- band), Hz."""
+    beside = min((_clearest(s, part * frequency, band).chance for part in BESIDE), default=1.0)
+    return _clearest(s, frequency, band)._replace(beside=beside)
+
+
+def _bare(value: np.ndarray) -> np.ndarray:
+    """Second differences without what exceeds their noise."""
+    second = np.diff(value, 2)
+    second = second - np.median(second)
+    spread = CUT * MAD_TO_SIGMA * float(np.median(np.abs(second)))
+    return np.clip(second, -spread, spread) if spread > 0.0 else second
+
+
+def _clearest(s: Spectrum, frequency: float, band: float) -> Line:
+    inside = np.flatnonzero(np.abs(s.grid - frequency) <= band * frequency)
+    tapers, y = s.sums.size, s.y[:, inside]
+    if not inside.size:
+        return Line(frequency, np.inf, 0.0, 1.0)
+    mu = s.sums @ y / np.sum(s.sums**2)
+    left = np.sum(np.abs(y - s.sums[:, None] * mu) ** 2, axis=0)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        f = np.nan_to_num((tapers - 1) * np.abs(mu) ** 2 * np.sum(s.sums**2) / left, nan=0.0, posinf=1e12)
+    k = int(np.argmax(f))
+    at, clear = float(s.grid[inside[k]]), float(f[k])
+    tried = 1.0 + 2.0 * band * frequency * s.duration
+    alone = (1.0 + clear / (tapers - 1)) ** (1 - tapers)
+    gain = abs(2.0 * np.sin(np.pi * at * s.step)) ** 2  # of two differences
+    error = np.sqrt(6.0 / max(clear, 1e-9)) / (np.pi * s.duration)
+    return Line(at, float(error), 2.0 * float(abs(mu[k])) / gain, float(min(1.0, tried * alone)))

@@ -1,0 +1,247 @@
+"""What people get wrong on a rig, done to a folder that `make_folder` wrote: its CSVs and its rig.toml, as text.
+
+Every mistake is a function of a folder and a random generator, which draws where and how large; it says what it did.
+Two are made where the data are: a resistor that nobody declared, and one clock for output and logger.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from .effects import NONE, Effects
+from .folder import make_folder
+from .instruments import UNITS, Bench
+from .truth import Truth
+
+
+@dataclass(frozen=True)
+class Mistake:
+    """What was done.
+
+    Args:
+        kind: its name.
+        test: where; None: to the whole rig.
+        channel: to which; None: none in particular.
+        size: how much, in the kind's own measure.
+    """
+
+    kind: str
+    test: str | None
+    channel: str | None
+    size: float
+
+
+@dataclass(frozen=True)
+class Sheet:
+    """A CSV: its comment, its header and its numbers, shape (n, columns)."""
+
+    comment: str
+    header: tuple[str, ...]
+    rows: np.ndarray
+
+    @classmethod
+    def read(cls, path: Path) -> Sheet:
+        comment, header, *lines = path.read_text(encoding="utf-8").splitlines()
+        return cls(comment, tuple(header.split(",")), np.array([line.split(",") for line in lines], dtype=float))
+
+    def write(self, path: Path) -> None:
+        decimals = [max(UNITS[name[name.index("[") + 1 : -1]][1], 5) for name in self.header]
+        lines = [",".join(f"{x:.{d}f}" for x, d in zip(row, decimals, strict=True)) for row in self.rows]
+        path.write_text("\n".join([self.comment, ",".join(self.header), *lines, ""]), encoding="utf-8", newline="\n")
+
+    def at(self, quantity: str) -> int:
+        """Which column holds a quantity."""
+        return next(k for k, name in enumerate(self.header) if name.startswith(f"{quantity} ["))
+
+    def scaled(self, quantity: str, factor: float, name: str | None = None) -> Sheet:
+        """A column times a factor, under its own or another header."""
+        k, rows = self.at(quantity), self.rows.copy()
+        rows[:, k] *= factor
+        return replace(self, rows=rows, header=(*self.header[:k], name or self.header[k], *self.header[k + 1 :]))
+
+
+def edited(folder: Path, test: str, change: Callable[[Sheet], Sheet]) -> None:
+    """Every trace of a test, changed."""
+    for path in sorted((folder / test).glob("*.csv")):
+        change(Sheet.read(path)).write(path)
+
+
+def swapped_columns(folder: Path, rng: np.random.Generator) -> Mistake:
+    """Voltage and current, both in V and A, under each other's header in one test."""
+    test = str(rng.choice(["resistance", "inductance", "static_load", "viscous", "response"]))
+
+    def change(sheet: Sheet) -> Sheet:
+        if "current [mA]" in sheet.header:
+            sheet = sheet.scaled("current", 1e-3, "current [A]")
+        names = {"voltage [V]": "current [A]", "current [A]": "voltage [V]"}
+        return replace(sheet, header=tuple(names.get(name, name) for name in sheet.header))
+
+    edited(folder, test, change)
+    return Mistake("swapped_columns", test, "voltage", 1.0)
+
+
+def channel_sign(folder: Path, rng: np.random.Generator) -> Mistake:
+    """One channel of one test turned round."""
+    test, channel = CHOICES_OF_SIGN[rng.integers(len(CHOICES_OF_SIGN))]
+    edited(folder, test, lambda sheet: sheet.scaled(channel, -1.0))
+    return Mistake("channel_sign", test, channel, -1.0)
+
+
+CHOICES_OF_SIGN = (
+    *((test, "current") for test in ("resistance", "inductance", "static_load", "viscous", "response")),
+    *(("back_emf", "emf"), ("inertia", "emf"), ("viscous", "motor_speed"), ("response", "voltage")),
+)
+
+
+def unit_scale(folder: Path, rng: np.random.Generator) -> Mistake:
+    """A header names a unit that the numbers are not in, and they stay plausible."""
+    choices = (("response", "current", 1e-3), ("inertia", "emf", 1e-3), ("viscous", "motor_speed", np.pi / 30))
+    test, channel, factor = choices[rng.integers(len(choices))]
+    edited(folder, test, lambda sheet: sheet.scaled(channel, factor))
+    return Mistake("unit_scale", test, channel, factor)
+
+
+def gear_ratio(folder: Path, rng: np.random.Generator) -> Mistake:
+    """rig.toml has half, twice, or the inverse of the ratio, or one miscounted by a third."""
+    factor = float(rng.choice([0.5, 2.0, 0.7, 1.3, 20.68**-2]))
+    toml = (folder / "rig.toml").read_text(encoding="utf-8")
+    changed = re.sub(r"gear_ratio = (\S+)", lambda m: f"gear_ratio = {float(m[1]) * factor:.6g}", toml)
+    (folder / "rig.toml").write_text(changed, encoding="utf-8", newline="\n")
+    return Mistake("gear_ratio", None, None, factor)
+
+
+def time_scale(folder: Path, rng: np.random.Generator) -> Mistake:
+    """The clock of one of the two releases runs 2 to 6 % fast or slow."""
+    test, factor = str(rng.choice(["back_emf", "inertia"])), 1.0 + float(rng.choice([-1, 1])) * rng.uniform(0.02, 0.06)
+    edited(folder, test, lambda sheet: sheet.scaled("time", factor))
+    return Mistake("time_scale", test, "time", factor)
+
+
+def time_scale_under_hum(folder: Path, rng: np.random.Generator) -> Mistake:
+    """The clock of the driven responses runs 1.5 to 5 % fast or slow, and the mains hums in their current."""
+    factor = 1.0 + float(rng.choice([-1, 1])) * rng.uniform(0.015, 0.05)
+    _hums(folder, rng, "response", "current", 0.012)
+    edited(folder, "response", lambda sheet: sheet.scaled("time", factor))
+    return Mistake("time_scale", "response", "time", factor)
+
+
+def hum(folder: Path, rng: np.random.Generator) -> Mistake:
+    """The mains in one channel of one test, amplitude once to three times its noise."""
+    choices = (("response", "current", 0.008), ("static_load", "current", 0.008), ("resistance", "voltage", 0.010),
+               ("back_emf", "emf", 0.010), ("viscous", "voltage", 0.010), ("response", "tps", 0.003))  # fmt: skip
+    test, channel, sigma = choices[rng.integers(len(choices))]
+    amplitude = sigma * rng.uniform(1.0, 3.0)
+    _hums(folder, rng, test, channel, amplitude)
+    return Mistake("hum", test, channel, amplitude)
+
+
+def _hums(folder: Path, rng: np.random.Generator, test: str, channel: str, amplitude: float) -> None:
+    frequency = float(rng.choice([50.0, 60.0])) * (1.0 + 5e-4 * rng.standard_normal())
+
+    def change(sheet: Sheet) -> Sheet:
+        k, rows = sheet.at(channel), sheet.rows.copy()
+        name, clock = sheet.header[k], 1e-3 if sheet.header[0].endswith("[ms]") else 1.0
+        wave = np.sin(2.0 * np.pi * frequency * clock * rows[:, 0] + rng.uniform(0.0, 2.0 * np.pi))
+        rows[:, k] += amplitude * UNITS[name[name.index("[") + 1 : -1]][0] * wave
+        return replace(sheet, rows=rows)
+
+    edited(folder, test, change)
+
+
+def channel_offset(folder: Path, rng: np.random.Generator) -> Mistake:
+    """Current or EMF of one test does not read zero at zero."""
+    choices = (("response", "current", 0.04), ("static_load", "current", 0.04), ("viscous", "current", 0.04),
+               ("back_emf", "emf", 0.04), ("inertia", "emf", 0.04))  # fmt: skip
+    test, channel, usual = choices[rng.integers(len(choices))]
+    size = float(rng.choice([-1, 1])) * usual * rng.uniform(0.5, 2.0)
+
+    def change(sheet: Sheet) -> Sheet:
+        k, rows = sheet.at(channel), sheet.rows.copy()
+        name = sheet.header[k]
+        rows[:, k] += size * UNITS[name[name.index("[") + 1 : -1]][0]
+        return replace(sheet, rows=rows)
+
+    edited(folder, test, change)
+    return Mistake("channel_offset", test, channel, size)
+
+
+def saturation(folder: Path, rng: np.random.Generator) -> Mistake:
+    """The current's ADC ends at 60 to 90 % of its peak in one test."""
+    test = str(rng.choice(["response", "static_load", "viscous"]))
+    share = rng.uniform(0.6, 0.9)
+    sheets = [Sheet.read(path) for path in sorted((folder / test).glob("*.csv"))]
+    rail = share * max(float(sheet.rows[:, sheet.at("current")].max()) for sheet in sheets)
+
+    def change(sheet: Sheet) -> Sheet:
+        k, rows = sheet.at("current"), sheet.rows.copy()
+        rows[:, k] = np.minimum(rows[:, k], rail)
+        return replace(sheet, rows=rows)
+
+    edited(folder, test, change)
+    return Mistake("saturation", test, "current", share)
+
+
+def lost_samples(folder: Path, rng: np.random.Generator) -> Mistake:
+    """One row in a hundred was never written, in one test."""
+    test = str(rng.choice(["response", "static_load", "viscous", "back_emf"]))
+
+    def change(sheet: Sheet) -> Sheet:
+        return replace(sheet, rows=sheet.rows[rng.uniform(size=len(sheet.rows)) > 0.01])
+
+    edited(folder, test, change)
+    return Mistake("lost_samples", test, "time", 0.01)
+
+
+def duplicate(folder: Path, rng: np.random.Generator) -> Mistake:
+    """One trace lies there a second time, whole or a third of it with its time begun anew."""
+    path = sorted(folder.glob("*/*.csv"))[rng.integers(len(sorted(folder.glob("*/*.csv"))))]
+    sheet = Sheet.read(path)
+    if rng.uniform() < 0.5:
+        count = len(sheet.rows)
+        rows = sheet.rows[count // 3 : 2 * count // 3].copy()
+        rows[:, 0] -= rows[0, 0]
+        sheet = replace(sheet, rows=rows)
+    replace(sheet, comment="# logged again").write(path.with_name("once_more.csv"))
+    return Mistake("duplicate", path.parent.name, None, float(len(sheet.rows)))
+
+
+AFTERWARDS: Mapping[str, Callable[[Path, np.random.Generator], Mistake]] = {
+    change.__name__: change
+    for change in (swapped_columns, channel_sign, unit_scale, gear_ratio, time_scale, time_scale_under_hum, hum,
+                   channel_offset, saturation, lost_samples, duplicate)
+}  # fmt: skip
+MISTAKES = ("series_resistance", "synchronous_edges", *AFTERWARDS)
+
+
+def make_mistaken(
+    path: Path, truth: Truth, seed: int, mistake: str, size: str = "small", effects: Effects = NONE
+) -> Mistake:
+    """A folder with one mistake in it.
+
+    Args:
+        path: the folder; made if absent.
+        truth, effects: the body.
+        seed: of everything random in it.
+        mistake: one of MISTAKES.
+        size: a key of SIZES.
+    """
+    rng = np.random.default_rng([seed, 1 + MISTAKES.index(mistake)])
+    bench = Bench()
+    done = Mistake(mistake, None, None, 0.0)
+    if mistake == "series_resistance":
+        done = Mistake(mistake, "inductance", None, float(rng.uniform(0.3, 2.0)))
+        bench = replace(bench, series_ohm=done.size)
+    elif mistake == "synchronous_edges":
+        done = Mistake(mistake, "response", "voltage", float(rng.uniform(0.05, 0.95)))
+        bench = replace(bench, edge_phase=done.size)
+    make_folder(path, truth, seed, effects, size, bench=bench)  # pyright: ignore[reportArgumentType]
+    if mistake == "series_resistance":
+        toml = (path / "rig.toml").read_text(encoding="utf-8")
+        text = toml.replace('[tests.inductance]\nseries_ohm = "free"\n', "")
+        (path / "rig.toml").write_text(text, encoding="utf-8", newline="\n")
+    return AFTERWARDS[mistake](path, rng) if mistake in AFTERWARDS else done
