@@ -170,6 +170,25 @@ def channel_offset(folder: Path, rng: np.random.Generator) -> Mistake:
     return Mistake("channel_offset", test, channel, size)
 
 
+def channel_gain(folder: Path, rng: np.random.Generator) -> Mistake:
+    """One channel of one test reads 2 to 10 % too much or too little."""
+    choices = (("response", "current"), ("static_load", "current"), ("viscous", "current"), ("static_load", "voltage"),
+               ("response", "voltage"), ("inertia", "emf"))  # fmt: skip
+    test, channel = choices[rng.integers(len(choices))]
+    factor = 1.0 + float(rng.choice([-1, 1])) * rng.uniform(0.02, 0.1)
+    edited(folder, test, lambda sheet: sheet.scaled(channel, factor))
+    return Mistake("channel_gain", test, channel, factor)
+
+
+def sensor_end_points(folder: Path, rng: np.random.Generator) -> Mistake:
+    """The open end of the position sensor was written down 2 to 10 % off."""
+    factor = 1.0 + float(rng.choice([-1, 1])) * rng.uniform(0.02, 0.1)
+    toml = (folder / "rig.toml").read_text(encoding="utf-8")
+    changed = re.sub(r"open_V = (\S+)", lambda m: f"open_V = {float(m[1]) * factor:.6g}", toml)
+    (folder / "rig.toml").write_text(changed, encoding="utf-8", newline="\n")
+    return Mistake("sensor_end_points", None, "position", factor)
+
+
 def saturation(folder: Path, rng: np.random.Generator) -> Mistake:
     """The current's ADC ends at 60 to 90 % of its peak in one test."""
     test = str(rng.choice(["response", "static_load", "viscous"]))
@@ -213,7 +232,7 @@ def duplicate(folder: Path, rng: np.random.Generator) -> Mistake:
 AFTERWARDS: Mapping[str, Callable[[Path, np.random.Generator], Mistake]] = {
     change.__name__: change
     for change in (swapped_columns, channel_sign, unit_scale, gear_ratio, time_scale, time_scale_under_hum, hum,
-                   channel_offset, saturation, lost_samples, duplicate)
+                   channel_offset, channel_gain, sensor_end_points, saturation, lost_samples, duplicate)
 }  # fmt: skip
 MISTAKES = ("series_resistance", "synchronous_edges", *AFTERWARDS)
 
