@@ -1,6 +1,6 @@
-"""Hook of MkDocs: the catalogue of effects and the table of symbols, made of the registry itself.
+"""Hook of MkDocs: the catalogues of effects and the table of symbols, made of the registries themselves.
 
-`<!-- effects -->` becomes one section an effect, `<!-- symbols -->` one row a parameter. Nothing is written by hand, so
+`<!-- effects -->` and `<!-- rig effects -->` become one section an effect, `<!-- symbols -->` one row a parameter. Nothing is written by hand, so
 the page cannot differ from the program.
 """
 
@@ -20,9 +20,11 @@ NEEDS = {
 
 
 def on_page_markdown(markdown: str, **_: Any) -> str:
-    """Fill in the two markers."""
+    """Fill in the markers."""
     if "<!-- effects -->" in markdown:
         markdown = markdown.replace("<!-- effects -->", catalogue())
+    if "<!-- rig effects -->" in markdown:
+        markdown = markdown.replace("<!-- rig effects -->", of_the_rig())
     if "<!-- symbols -->" in markdown:
         markdown = markdown.replace("<!-- symbols -->", symbols())
     return markdown
@@ -46,6 +48,26 @@ def catalogue() -> str:
         "",
         *(section(effect) for effect in candidates),
     ]
+    return "\n".join(parts)
+
+
+def of_the_rig() -> str:
+    """Every registered family of effects of the rig."""
+    from etcfit.model.rig_effects import RIG_EFFECTS, Place
+
+    place = {"series_resistance": Place("inductance"), "time_scale": Place("response")}
+    parts = []
+    for family in RIG_EFFECTS:
+        at = place.get(family.kind, Place() if family.scope == "rig" else Place("response", "current"))
+        parts += [
+            f"### `{family.kind}` {{ #{family.kind} }}",
+            "",
+            body(family),
+            "",
+            f"- **Written as:** `{family.at(at).name}`; parameters {off_names(family.at(at))}.",
+            f"- **Shown best by:** {plain(family.told_by)}.",
+            "",
+        ]
     return "\n".join(parts)
 
 

@@ -34,7 +34,8 @@ def made(effect: type[AbstractRigEffect], value: float) -> Any:
 
 def steps() -> Step:
     rng = np.random.default_rng(0)
-    return Step(**{name: jnp.asarray(rng.uniform(0.5, 1.5, 2)) for name in Step._fields if name != "command"})
+    values: dict[str, Any] = {name: jnp.asarray(rng.uniform(0.5, 1.5, 2)) for name in Step._fields if name != "command"}
+    return Step(**values)
 
 
 def begun() -> Reset:

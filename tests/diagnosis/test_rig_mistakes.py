@@ -1,0 +1,131 @@
+"""Mistakes of the rig, made in folders of the independent generator, are named, and what rig.toml is told mends them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+
+from etcfit.diagnosis import Diagnosis, diagnose
+from etcfit.diagnosis.candidate_model import CandidateModel
+from etcfit.diagnosis.composition import compose
+from etcfit.diagnosis.refit import start
+from etcfit.diagnosis.rig_mistakes import rig_mistakes
+from etcfit.diagnosis.settings import DEFAULT
+from etcfit.estimation.intervals import intervals
+from etcfit.estimation.joint_fit import FitResult, fit
+from etcfit.model.rig_effects import rig_effect
+from etcfit.rig.reader import read_folder
+from etcfit.run_folder.diagnosis import diagnosis_json
+from independent import CONSISTENT, Truth, draw_truth
+from independent.mistakes import Mistake, make_mistaken
+
+SYMBOLS = ("R_a", "L_a", "K_b", "J_m", "J_L", "B_m", "K_s", "T_PL", "T_f")
+
+
+@dataclass(frozen=True)
+class Case:
+    """A folder, what was done to it, its fit, and what was found."""
+
+    folder: Path
+    truth: Truth
+    made: Mistake
+    before: FitResult
+    found: Diagnosis
+
+
+def case(folder: Path, kind: str, seed: int) -> Case:
+    truth = draw_truth(np.random.default_rng(seed), CONSISTENT)
+    made = make_mistaken(folder, truth, seed, kind)
+    before = fit(read_folder(folder))
+    return Case(folder, truth, made, before, diagnose(before))
+
+
+@pytest.fixture(scope="module")
+def resistor(tmp_path_factory: pytest.TempPathFactory) -> Case:
+    return case(tmp_path_factory.mktemp("resistor"), "series_resistance", 7600)
+
+
+def scores(result: FitResult, truth: Truth) -> np.ndarray:
+    """(value - truth)/s.e. of what is estimated."""
+    found = {s: i for s, i in intervals(result).items() if s in SYMBOLS and i.stderr}
+    return np.array([(i.value - getattr(truth, s)) / (i.stderr or 1.0) for s, i in found.items()])
+
+
+@pytest.mark.slow
+def test_a_resistor_that_nobody_declared_is_named_with_its_size(resistor: Case) -> None:
+    assert resistor.found.added == ("series_resistance[inductance]",)
+    (mistake,) = resistor.found.rig
+    assert (mistake.kind, mistake.test, mistake.unit) == ("series_resistance", "inductance", "ohm")
+    assert mistake.size == pytest.approx(resistor.made.size, rel=0.01)
+    assert mistake.sentence in resistor.found.verdict[0]
+
+
+@pytest.mark.slow
+def test_with_it_the_parameters_are_right_and_before_they_were_not(resistor: Case) -> None:
+    off = abs(resistor.before.values["L_a"] / resistor.truth.L_a - 1.0)
+    assert off > 0.05  # what it would have cost
+    assert len(scores(resistor.found.after, resistor.truth)) == len(SYMBOLS)
+    assert np.abs(scores(resistor.found.after, resistor.truth)).max() < 4.0
+    assert resistor.found.after.chi2_per_dof < 1.1 < resistor.before.chi2_per_dof
+
+
+@pytest.mark.slow
+def test_before_nothing_is_called_estimated_that_the_mistake_moved_far(resistor: Case) -> None:
+    stated = intervals(resistor.before)["L_a"]
+    wrong = stated.low is not None and stated.high is not None and not stated.low <= resistor.truth.L_a <= stated.high
+    assert not (stated.status == "estimated" and wrong and not resistor.before.contradictions)
+
+
+@pytest.mark.slow
+def test_the_line_it_tells_mends_the_folder(resistor: Case) -> None:
+    (told,) = diagnosis_json(resistor.found)["rig"]
+    assert told["mend"] == '[tests.inductance] series_ohm = "free"'
+    table, line = told["mend"].split(" ", 1)
+    toml = resistor.folder / "rig.toml"
+    toml.write_text(f"{toml.read_text(encoding='utf-8')}\n{table}\n{line}\n", encoding="utf-8")
+    mended = fit(read_folder(resistor.folder))
+    assert mended.chi2_per_dof < 1.1
+    assert mended.values["series_ohm.inductance"] == pytest.approx(resistor.made.size, rel=0.01)
+
+
+@pytest.mark.slow
+def test_the_rigs_tangents_are_differences_of_the_residual(resistor: Case) -> None:
+    s = start(resistor.found.before, DEFAULT).with_the_rig()
+    jacobian = s.problem.linearise(s.x, s.weighted)[2]
+    for symbol in ("gain.response.current", "stretch.viscous", "gear_error", "offset.resistance.voltage"):
+        k, step = s.problem.layout.free.index(symbol), 1e-4
+        r = [s.problem.residual(s.x + way * step * np.eye(s.x.size)[k], s.weighted) for way in (-1.0, 1.0)]
+        assert_allclose(jacobian[..., k], (r[1] - r[0]) / (2.0 * step), atol=1e-3 * np.abs(jacobian[..., k]).max())
+
+
+def test_what_is_not_the_rigs_is_no_mistake_of_it(small: CandidateModel) -> None:
+    assert rig_mistakes(small.composition.candidates, small.values) == ()
+
+
+def test_a_mistake_is_told_by_its_size_and_the_line_that_mends_it() -> None:
+    sign = rig_effect("channel_gain[viscous.current]")
+    assert sign is not None
+    (mistake,) = rig_mistakes([sign], {"gain.viscous.current": -2.0})
+    assert mistake.kind == "channel_sign"
+    assert mistake.effect == "channel_gain[viscous.current]"
+    assert mistake.mend == '[model] effects = ["channel_gain[viscous.current]"]'
+    assert "current of the viscous test" in mistake.sentence
+
+
+@pytest.mark.slow
+def test_a_clean_folder_has_no_mistake(resistor: Case) -> None:
+    """The resistor declared as it is: every effect of the rig is a candidate, none is taken in."""
+    rig = read_folder(resistor.folder)  # mended by the test above, or here
+    if "inductance" not in rig.config.series_ohm:
+        toml = resistor.folder / "rig.toml"
+        toml.write_text(
+            toml.read_text(encoding="utf-8") + '\n[tests.inductance]\nseries_ohm = "free"\n', encoding="utf-8"
+        )
+        rig = read_folder(resistor.folder)
+    result = fit(rig)
+    assert len(compose(result.rig, result.problem.batch.traces).of_the_rig) > 30
+    assert diagnose(result).rig == ()
