@@ -1,7 +1,7 @@
 """Hook of MkDocs: the catalogues of effects and the table of symbols, made of the registries themselves.
 
-`<!-- effects -->` and `<!-- rig effects -->` become one section an effect, `<!-- symbols -->` one row a parameter. Nothing is written by hand, so
-the page cannot differ from the program.
+`<!-- effects -->` and `<!-- rig effects -->` become one section an effect, `<!-- symbols -->` one row a parameter.
+Nothing is written by hand, so the page cannot differ from the program.
 """
 
 from __future__ import annotations

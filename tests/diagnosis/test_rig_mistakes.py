@@ -1,4 +1,4 @@
-"""Mistakes of the rig, made in folders of the independent generator, are named, and what rig.toml is told mends them."""
+"""Mistakes of the rig, made in folders of the independent generator: named, and mended by the line that is told."""
 
 from __future__ import annotations
 
@@ -121,10 +121,8 @@ def test_a_clean_folder_has_no_mistake(resistor: Case) -> None:
     """The resistor declared as it is: every effect of the rig is a candidate, none is taken in."""
     rig = read_folder(resistor.folder)  # mended by the test above, or here
     if "inductance" not in rig.config.series_ohm:
-        toml = resistor.folder / "rig.toml"
-        toml.write_text(
-            toml.read_text(encoding="utf-8") + '\n[tests.inductance]\nseries_ohm = "free"\n', encoding="utf-8"
-        )
+        with (resistor.folder / "rig.toml").open("a", encoding="utf-8") as toml:
+            toml.write('\n[tests.inductance]\nseries_ohm = "free"\n')
         rig = read_folder(resistor.folder)
     result = fit(rig)
     assert len(compose(result.rig, result.problem.batch.traces).of_the_rig) > 30
