@@ -16,7 +16,7 @@ import numpy as np
 
 from ..model.effects import EFFECTS, PAPER, AbstractEffect
 from ..model.parameters import parameters_of
-from ..model.rig_effects import AbstractRigEffect, at_places
+from ..model.rig_effects import AbstractRigEffect, Place, SeriesResistance, at_places
 from ..problem.free_parameters import FreeParameters, Layout, free_parameters
 from ..problem.jacobian import AT_ONCE
 from ..problem.trace import Trace
@@ -101,8 +101,12 @@ def compose(
     whole = free_parameters(
         replace(rig.config, effects=tuple(names)), tuple(e for e in further if set(e.needs) <= seen)
     )
-    at_work = free_parameters(rig.config).layout.types
-    known = tuple(e for e in whole.layout.types if e in at_work)
+    declared = {SeriesResistance.at(Place(test)) for test in rig.config.series_ohm}
+
+    def at_work(effect: Effect) -> bool:
+        return effect in PAPER or effect.commands or effect.name in rig.config.effects or effect in declared
+
+    known = tuple(e for e in whole.layout.types if at_work(e))
     return Composition(whole, known, tuple(e for e in whole.layout.types if e not in known))
 
 

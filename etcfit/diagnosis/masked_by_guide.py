@@ -54,11 +54,13 @@ def hidden(result: FitResult, turned: Round, report: Report) -> Unmasked | None:
 
 def _of_the_rig(result: FitResult, s: CandidateModel) -> tuple[Effect, ...]:
     """The effects of the rig that promise most in the free run of the first fit, at most `rig_refits` of them."""
-    free = replace(s, problem=result.problem, weighted=result.weighted, x=result.x).lean()
     candidates = [e for e in s.composition.of_the_rig if not s.at_work(e)]
+    if not candidates:
+        return ()
+    free = replace(s, problem=result.problem, weighted=result.weighted, x=result.x).lean()
     rig = free.with_the_rig()
     background = Background.of(free.problem, free.x, free.weighted)
-    likely = screen_of_the_rig(background, rig.problem, rig.x, rig.weighted, candidates) if candidates else ()
+    likely = screen_of_the_rig(background, rig.problem, rig.x, rig.weighted, candidates)
     return tuple(g.variant.effect for g in likely[: s.settings.rig_refits])
 
 

@@ -47,7 +47,7 @@ def with_(**changes: Any) -> DiagnosisSettings:
 def test_the_defaults_are_those_of_the_recorded_folders() -> None:
     """Results of many folders are on record with these: a change of one makes them void."""
     assert plain(DEFAULT) == {
-        "rounds": 8, "refits": 4, "refits_side_by_side": 2,
+        "rounds": 8, "refits": 4, "rig_refits": 3, "refits_side_by_side": 2,
         "least_promise": 0.3, "rival_promise": 0.3, "rival_promise_far": 0.1,
         "strong_bic_change": -10.0, "least_part": 0.2, "tied_likelihood": 6.0,
         "trial_rise": 0.02, "refit_rise": 0.2, "far_rise": 2.0, "spared_gain": 0.01, "folds": 3, "fold_tolerance": 1e-3,
