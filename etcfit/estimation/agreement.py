@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import reduce
 from operator import add
 
@@ -21,7 +21,7 @@ from .levenberg_marquardt import information_of
 from .pieces import Piece
 from .settings import FitSettings
 from .statement import Split, Statement, inflations_of, prior, statement
-from .subsets import Subset, belief, fitted_to, tests_of
+from .subsets import Subset, belief, fitted_to, renewed, tests_of
 
 
 @dataclass(frozen=True, eq=False)
@@ -83,6 +83,12 @@ class _Hearing:
             self.made[tests] = fitted_to(self.problem, self.weighted, x, tests, self.settings)
         return self.made[tests]
 
+    def freed(self, each: Accused) -> Accused:
+        """An accused test, the others fitted with a whitening that it does not bend."""
+        rest = renewed(self.problem, each.without, self.settings)
+        self.made[rest.tests] = rest
+        return replace(each, without=rest)
+
     def covariance(self, here: Subset) -> np.ndarray:
         """Of the coordinates as a subset knows them, widened for what its own residual shows, shape (P, P)."""
         counted = [piece for piece in here.pieces if piece.test in here.tests]
@@ -120,7 +126,7 @@ def agreement(
     every = (clusters.scatter(each, believed, asked.reach, asked.unknown) for each in ([*traces.values()], tests))
     wide = clusters.widened(covariance, every, settings.contradiction.scatter)
     # far from the data each channel is weighed by its own error: there, whoever errs has hardly a voice to contradict
-    accused = () if misfit[0] else _court(asked).accused(asked.everything)
+    accused = () if misfit[0] else tuple(map(asked.freed, _court(asked).accused(asked.everything)))
     named = tuple(_named(asked, each) for each in accused)
     why = compromise.reason(*misfit, (each.test for each in accused), settings)
     return Agreement(found, wide, named, None if why is None else _compromise(asked, why))
