@@ -88,6 +88,7 @@ def sample_run(run: RunFolder, report: Report, steps: int = MOST_STEPS) -> Done:
     from .api.saving import keep_posterior
     from .posterior import sample
     from .posterior.profile import profiles
+    from .reporting.compromise import cautioned
     from .reporting.posterior.table import posterior_table
 
     posterior = sample(result.taken_as_exact(), run.path, steps, report, result.formulas)
@@ -95,7 +96,7 @@ def sample_run(run: RunFolder, report: Report, steps: int = MOST_STEPS) -> Done:
     keep_posterior(run, posterior, profiled, {"steps": steps}, report)
     here = posterior.convergence
     why = "" if here.converged else f"this is no posterior yet: {here.reason} `etcfit sample` goes on from here."
-    return Done(posterior_table(posterior, profiled), why or failure(result))
+    return Done(cautioned(posterior_table(posterior, profiled), result), why or failure(result))
 
 
 def reduce_run(
@@ -113,6 +114,7 @@ def reduce_run(
     from .api.saving import keep_reduction
     from .control.frequency import frequency_response
     from .control.linearise import reduce
+    from .reporting.compromise import cautioned
     from .reporting.control.tables import reduction_table, sine_table
     from .run_folder import sines_of
 
@@ -123,7 +125,7 @@ def reduce_run(
         report("fitting sines", 0.6)
     response = frequency_response(fitted, sines) if sines else None
     keep_reduction(run, result, reduction, response, pade, report)
-    table = reduction_table(fitted, reduction, pade)
+    table = cautioned(reduction_table(fitted, reduction, pade), result)
     return Done(table if response is None else Group(table, sine_table(response)), failure(result))
 
 
@@ -153,6 +155,7 @@ def design_run(
     from .control.design import DRAWS, SEED, design, ecu_of
     from .control.linearise import stops
     from .control.pid import Requirements
+    from .reporting.compromise import cautioned
     from .reporting.control.tables import design_table
     from .run_folder import read_draws
 
@@ -163,7 +166,7 @@ def design_run(
     found = design(fitted, computer, Requirements(*limits), rule, drawn, feed_forward, report)
     settings = {"rule": rule, "adc_bits": adc_bits, "feed_forward": feed_forward, "limits": limits, "ecu": ecu}
     keep_design(run, result, found, settings, report)
-    return Done(design_table(found), failure(result))
+    return Done(cautioned(design_table(found), result), failure(result))
 
 
 def write_report(run: RunFolder, report: Report) -> Done:

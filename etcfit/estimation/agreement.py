@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import reduce
 from operator import add
 
@@ -20,8 +20,8 @@ from .influence import Influence, influence, parts
 from .levenberg_marquardt import information_of
 from .pieces import Piece
 from .settings import FitSettings
-from .subsets import Subset, belief, fitted_to, tests_of
-from .testimony import Split, Testimony, inflations_of, prior, testimony
+from .statement import Split, Statement, inflations_of, prior, statement
+from .subsets import Subset, belief, fitted_to, renewed, tests_of
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,7 +72,7 @@ class _Hearing:
     def everything(self) -> Subset:
         return Subset(tests_of(self.problem), self.x, self.pieces, belief(self.problem, self.weighted, self.x))
 
-    def believed(self, here: Subset) -> Testimony:
+    def believed(self, here: Subset) -> Statement:
         """The priors: those given, and `WIDE` about wherever the fit went."""
         given = information_of(np.asarray(self.weighted.prior_sd)[: self.x.size], np.zeros((0, self.x.size)))
         return prior(given + np.diag(1.0 / (WIDE * self.reach) ** 2), here.belief)
@@ -83,10 +83,16 @@ class _Hearing:
             self.made[tests] = fitted_to(self.problem, self.weighted, x, tests, self.settings)
         return self.made[tests]
 
+    def freed(self, each: Accused) -> Accused:
+        """An accused test, the others fitted with a whitening that it does not bend."""
+        rest = renewed(self.problem, each.without, self.settings)
+        self.made[rest.tests] = rest
+        return replace(each, without=rest)
+
     def covariance(self, here: Subset) -> np.ndarray:
         """Of the coordinates as a subset knows them, widened for what its own residual shows, shape (P, P)."""
         counted = [piece for piece in here.pieces if piece.test in here.tests]
-        said = testimony(counted, inflations_of(counted, settings=self.settings.whiteness)) + self.believed(here)
+        said = statement(counted, inflations_of(counted, settings=self.settings.whiteness)) + self.believed(here)
         inverse = np.linalg.inv(said.information)
         return inverse @ said.spread @ inverse
 
@@ -120,16 +126,16 @@ def agreement(
     every = (clusters.scatter(each, believed, asked.reach, asked.unknown) for each in ([*traces.values()], tests))
     wide = clusters.widened(covariance, every, settings.contradiction.scatter)
     # far from the data each channel is weighed by its own error: there, whoever errs has hardly a voice to contradict
-    accused = () if misfit[0] else _court(asked).accused(asked.everything)
+    accused = () if misfit[0] else tuple(map(asked.freed, _court(asked).accused(asked.everything)))
     named = tuple(_named(asked, each) for each in accused)
     why = compromise.reason(*misfit, (each.test for each in accused), settings)
-    return Agreement(found, wide, named, None if why is None else _compromise(asked, why, accused, misfit))
+    return Agreement(found, wide, named, None if why is None else _compromise(asked, why))
 
 
-def _by_trace(pieces: Sequence[Piece], settings: FitSettings) -> dict[tuple[str, str], Testimony]:
-    out: dict[tuple[str, str], Testimony] = {}
+def _by_trace(pieces: Sequence[Piece], settings: FitSettings) -> dict[tuple[str, str], Statement]:
+    out: dict[tuple[str, str], Statement] = {}
     for piece, f in zip(pieces, inflations_of(pieces, settings=settings.whiteness), strict=True):
-        said, key = testimony((piece,), (f,)), (piece.test, piece.file)
+        said, key = statement((piece,), (f,)), (piece.test, piece.file)
         out[key] = out[key] + said if key in out else said
     return out
 
@@ -142,7 +148,7 @@ def _court(asked: _Hearing) -> Court:
 def _named(asked: _Hearing, each: Accused) -> Contradiction:
     """The parameter that the test pulls most, of those that the others know."""
     layout = asked.problem.layout
-    said = reduce(add, (testimony((piece,), (1.0,)) for piece in asked.pieces), asked.believed(asked.everything))
+    said = reduce(add, (statement((piece,), (1.0,)) for piece in asked.pieces), asked.believed(asked.everything))
     sd = np.sqrt(np.diag(np.linalg.inv(said.information)))
     known = np.sqrt(np.diag(asked.covariance(each.without))) < asked.unknown * asked.reach
     pulls = (each.without.x - each.together.x) / sd
@@ -151,18 +157,16 @@ def _named(asked: _Hearing, each: Accused) -> Contradiction:
     return Contradiction(each.test, layout.free[k], float(pulls[k]), with_it, without, each.p, each.share)
 
 
-def _compromise(asked: _Hearing, why: str, accused: Sequence[Accused], misfit: tuple[bool, float]) -> Compromise:
+def _compromise(asked: _Hearing, why: str) -> Compromise:
     """The range that subsets give: the fit made again without each test, and one step to each test alone."""
-    everything, tests = compromise.reason(*misfit, (), asked.settings) is not None, tests_of(asked.problem)
-    left_out, size = tests if len(tests) > 1 else (), asked.x.size
+    tests, size = tests_of(asked.problem), asked.x.size
+    left_out = tests if len(tests) > 1 else ()
     without = [asked.refitted(asked.x, tuple(each for each in tests if each != test)) for test in left_out]
     return Compromise(
         why,
-        everything,
         left_out,
         np.array([here.x for here in without]).reshape(-1, size),
         np.array([asked.covariance(here) for here in without]).reshape(-1, size, size),
-        np.isin(left_out, [each.test for each in accused]),
         np.array([_alone(asked, test) for test in left_out]).reshape(-1, size),
     )
 

@@ -27,7 +27,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy import stats
 
-from .testimony import Split, Testimony
+from .statement import Split, Statement
 
 _NORMAL = float(stats.norm.ppf(0.975))
 _BELIEVED = 1.0  # degrees of freedom
@@ -52,7 +52,7 @@ class Scatter(NamedTuple):
         return np.asarray(stats.chi2.sf(self.ratio * self.freedom, self.freedom))
 
 
-def scatter(clusters: Sequence[Testimony], believed: Testimony, reach: np.ndarray, unknown: float) -> Scatter:
+def scatter(clusters: Sequence[Statement], believed: Statement, reach: np.ndarray, unknown: float) -> Scatter:
     """Leave out every cluster once.
 
     Args:

@@ -1,4 +1,4 @@
-"""Parameters of a model that is far from its data: a compromise between its errors, and the range that subsets give.
+"""Parameters of a model that is far from its data, or of tests that contradict each other: the range that subsets give.
 
     [min, max] over the fits to all tests but one of x_g -+ 1.96 sd_g, and over what one test alone says, x_g
 
@@ -22,21 +22,16 @@ class Compromise:
 
     Args:
         why: in words.
-        everything: True where the model is far from the data; False where tests contradict each other, which concerns
-            the parameters alone that leaving one out moves beyond their intervals.
         without: tests left out, G.
         points: coordinates of the fits without them, shape (G, P).
         covariances: of those coordinates, shape (G, P, P).
-        accused: which of these tests contradict the others, shape (G,) of bool.
         alone: coordinates by one test alone, in one linearised step, NaN where it does not know them, shape (S, P).
     """
 
     why: str
-    everything: bool
     without: tuple[str, ...]
     points: np.ndarray
     covariances: np.ndarray
-    accused: np.ndarray
     alone: np.ndarray
 
     def ends(self, half: float, low: np.ndarray, high: np.ndarray, most: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -53,12 +48,6 @@ class Compromise:
         highs = np.where(told, self.points + half * sd, -np.inf)
         alone = np.where(np.isnan(self.alone), np.inf, self.alone), np.where(np.isnan(self.alone), -np.inf, self.alone)
         return (np.min(np.vstack((low, lows, alone[0])), axis=0), np.max(np.vstack((high, highs, alone[1])), axis=0))
-
-    def concerns(self, low: np.ndarray, high: np.ndarray) -> np.ndarray:
-        """Coordinates that are a compromise, shape (P,) of bool: all, or those that an accused test moves out of the
-        interval stated, shape (P,) each."""
-        moved = (self.points < low) | (self.points > high)
-        return self.everything | np.any(moved & self.accused[:, None], axis=0)
 
 
 def reason(far: bool, chi2: float, accused: Iterable[str], settings: FitSettings) -> str | None:

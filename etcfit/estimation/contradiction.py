@@ -17,8 +17,8 @@ import numpy as np
 
 from .disagreement import disagreement, parted, sides_of, undisputed
 from .settings import ContradictionSettings, WhitenessSettings
+from .statement import Split, Statement
 from .subsets import Subset
-from .testimony import Split, Testimony
 
 
 @dataclass(frozen=True)
@@ -51,6 +51,7 @@ class Accused:
         test: which.
         together, without: the fit with it and the one to the others.
         p, share: see `Contradiction`.
+        gain: sum of squared residuals, over the noise itself, that is gone if the test may differ.
     """
 
     test: str
@@ -58,6 +59,7 @@ class Accused:
     without: Subset
     p: float
     share: float
+    gain: float
 
 
 @dataclass(frozen=True)
@@ -74,7 +76,7 @@ class Court:
     """
 
     refitted: Callable[[np.ndarray, tuple[str, ...]], Subset]
-    believed: Callable[[Subset], Testimony]
+    believed: Callable[[Subset], Statement]
     reach: np.ndarray
     unknown: float
     settings: ContradictionSettings
@@ -101,7 +103,7 @@ class Court:
         suspects = [test for test in here.tests if self._suspect(here, test) < bound]
         tried = (self._tried(here, test, together) for test in suspects)
         guilty = [each for each in tried if np.log(max(each.p, 1e-300)) < bound and each.share >= self.settings.share]
-        return max(guilty, key=lambda each: each.share, default=None)
+        return max(guilty, key=lambda each: each.gain, default=None)
 
     def _suspect(self, here: Subset, test: str) -> float:
         """log p to first order, as if noise were as declared: cheap, and never too lenient."""
@@ -111,4 +113,5 @@ class Court:
     def _tried(self, here: Subset, test: str, together: float) -> Accused:
         without = self.refitted(here.x, tuple(each for each in here.tests if each != test))
         two = parted(without, test, self.believed(without), self.reach, self.unknown, self.whiteness)
-        return Accused(test, here, without, float(np.exp(disagreement(two.split))), two.share(together))
+        p = float(np.exp(disagreement(two.split)))
+        return Accused(test, here, without, p, two.share(together), together - two.misfit)

@@ -2,7 +2,7 @@
 
     T = z^T cov(z)^-1 z,    z_i = b_i^T F (x_own - x_others)
 
-in the directions b_i that both sides determine, see `testimony`. Each side's noise is what its own residual shows once
+in the directions b_i that both sides determine, see `statement`. Each side's noise is what its own residual shows once
 it need not agree with the other (`inflation`), so that a model which fits neither side accuses nobody. T is compared
 with Hotelling's T^2 of the smaller side's independent samples.
 
@@ -20,8 +20,8 @@ from scipy import stats
 
 from .pieces import Piece
 from .settings import WhitenessSettings
+from .statement import Split, Statement, inflations_of, statement
 from .subsets import Subset
-from .testimony import Split, Testimony, inflations_of, testimony
 
 _LEAST = 0.01  # share of the information of a direction below which a side has no say in it
 _SURE = 3.0  # standard deviations by which noise alone may exceed its mean
@@ -72,7 +72,7 @@ def disagreement(split: Split) -> float:
 
 
 def parted(
-    here: Subset, test: str, believed: Testimony, reach: np.ndarray, unknown: float, whiteness: WhitenessSettings
+    here: Subset, test: str, believed: Statement, reach: np.ndarray, unknown: float, whiteness: WhitenessSettings
 ) -> Parted:
     """One test against the others, linearised at the same point.
 
@@ -87,7 +87,7 @@ def parted(
     first = Split(undisputed(own), undisputed(others) + believed, reach, unknown)
     steps = first.own_step, first.others_step
     sides = [
-        testimony(side, inflations_of(side, step, whiteness)) for side, step in zip((own, others), steps, strict=True)
+        statement(side, inflations_of(side, step, whiteness)) for side, step in zip((own, others), steps, strict=True)
     ]
     misfit = sum(piece.misfit(step) for side, step in zip((own, others), steps, strict=True) for piece in side)
     count = sum(piece.r.size for piece in (*own, *others))
@@ -100,6 +100,6 @@ def sides_of(here: Subset, test: str) -> tuple[list[Piece], list[Piece]]:
     return own, [piece for piece in here.pieces if piece.test in here.tests and piece.test != test]
 
 
-def undisputed(pieces: Sequence[Piece]) -> Testimony:
+def undisputed(pieces: Sequence[Piece]) -> Statement:
     """What channels say whose noise is as declared."""
-    return testimony(pieces, [1.0] * len(pieces))
+    return statement(pieces, [1.0] * len(pieces))

@@ -2,7 +2,7 @@
 
     pull = (x_without - x) / sd,    x_without - x = -(F - F_g)^-1 (s - s_g) + F^-1 s
 
-F, s and sd are those of all data, F_g and s_g those of the part left out, see `testimony`; sd is what noise alone
+F, s and sd are those of all data, F_g and s_g those of the part left out, see `statement`; sd is what noise alone
 leaves, not widened. Exact where the model is linear. A parameter that the rest does not determine has no pull: `alone`
 names it.
 
@@ -19,7 +19,7 @@ from operator import add
 
 import numpy as np
 
-from .testimony import Split, Testimony
+from .statement import Split, Statement
 
 
 @dataclass(frozen=True)
@@ -65,8 +65,8 @@ class Influence:
 
 def influence(
     symbols: Sequence[str],
-    traces: Mapping[tuple[str, str], Testimony],
-    believed: Testimony,
+    traces: Mapping[tuple[str, str], Statement],
+    believed: Statement,
     reach: np.ndarray,
     unknown: float,
 ) -> Influence:
@@ -92,12 +92,12 @@ def influence(
     return Influence(tuple(sorted(pulls, key=lambda each: -abs(each.pull))), alone)
 
 
-def parts(traces: Mapping[tuple[str, str], Testimony]) -> dict[tuple[str, str | None], Testimony]:
+def parts(traces: Mapping[tuple[str, str], Statement]) -> dict[tuple[str, str | None], Statement]:
     """What every test says, with None for its file, and every trace of a test that has several."""
     tests: dict[str, list[str]] = {}
     for test, file in traces:
         tests.setdefault(test, []).append(file)
-    out: dict[tuple[str, str | None], Testimony] = {}
+    out: dict[tuple[str, str | None], Statement] = {}
     for test, files in tests.items():
         out[test, None] = reduce(add, (traces[test, f] for f in files))
         out |= {(test, f): traces[test, f] for f in files if len(files) > 1}

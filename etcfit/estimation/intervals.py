@@ -145,9 +145,6 @@ def _ranged(result: FitResult, lump: Lump, gradient: np.ndarray, stated: Interva
         min([stated.low, *(v - half for v, half in told)]),
         max([stated.high, *(v + half for v, half in told)]),
     )
-    moved = [v for v, a in zip(values, compromise.accused, strict=True) if a and not stated.low <= v <= stated.high]
-    if not compromise.everything and not moved:
-        return stated
     return replace(stated, stderr=None, low=low, high=high, status="compromise")
 
 
@@ -167,16 +164,14 @@ def _free(result: FitResult) -> list[Interval]:
     layout, x = result.free_parameters.layout, result.x
     sd = np.sqrt(np.maximum(np.diag(result.covariance), 0.0))
     slope = layout.numbers(x)[1]
-    low, high, unsure = x - Z_95 * sd, x + Z_95 * sd, np.zeros(x.size, dtype=bool)
+    low, high, status = x - Z_95 * sd, x + Z_95 * sd, "estimated"
     if result.compromise is not None:
-        unsure = result.compromise.concerns(low, high)
         most = result.settings.identifiability.weak * layout.reach(x)
-        low, high = np.where(unsure, result.compromise.ends(Z_95, low, high, most), (low, high))
+        (low, high), status = result.compromise.ends(Z_95, low, high, most), "compromise"
     value = [float(result.values[symbol]) for symbol in layout.free]
     ends = (layout.numbers(end)[0].tolist() for end in (low, high))
     columns = zip(value, (np.abs(slope) * sd).tolist(), *ends, strict=True)
-    statuses = ["compromise" if each else "estimated" for each in unsure]
-    return [_judged(result, k, Interval(*row, status=statuses[k])) for k, row in enumerate(columns)]
+    return [_judged(result, k, Interval(*row, status=status)) for k, row in enumerate(columns)]
 
 
 def _judged(result: FitResult, k: int, stated: Interval) -> Interval:

@@ -72,7 +72,7 @@ class ContradictionSettings:
     level: float = real(1e-3, 0.0, 1.0)
     share: float = real(0.5, 0.0, 1.0)
     named: int = whole(1, 0, 100)
-    compromise: float = real(3.0, 0.0, 1e12)
+    compromise: float = real(2.0, 0.0, 1e12)
 
     __post_init__ = check_ranges
 

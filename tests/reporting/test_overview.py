@@ -61,6 +61,15 @@ def test_the_legend_calls_table_2_another_rigs_and_names_only_what_is_drawn() ->
     assert words(table_2={"J_m": 1e-4}, readings={}) == ["fit, 95 % interval"]
 
 
+def test_a_compromise_is_a_range_and_called_so() -> None:
+    known = {"R_a": Interval(2.0, None, 1.5, 3.0, "compromise")}
+    picture = overview.ParameterPicture("bench", "Eqs. 1-2", known, UNITS, {}, {}, synthetic=True)
+    panel = overview.draw(picture).axes[0]
+    (bar,) = [line for line in panel.lines if str(line.get_label()).startswith("compromise")]
+    assert list(bar.get_xdata()) == pytest.approx([-25.0, 50.0])
+    assert [text.get_text() for text in panel.texts] == ["2.00 ohm, compromise"]
+
+
 def test_the_words_beside_the_rows(panel) -> None:
     words = [text.get_text() for text in panel.texts]
     assert words == ["2.000 ± 0.010 ohm", "0.00100 ± 0.00010 N*m*s/rad, at its bound", "not identifiable"]

@@ -29,7 +29,7 @@ from .settings import WhitenessSettings
 
 
 @dataclass(frozen=True, eq=False)
-class Testimony:
+class Statement:
     """What a part of the data says.
 
     Args:
@@ -44,16 +44,16 @@ class Testimony:
     spread: np.ndarray
     samples: float
 
-    def __add__(self, other: Testimony) -> Testimony:
-        return Testimony(
+    def __add__(self, other: Statement) -> Statement:
+        return Statement(
             self.information + other.information,
             self.score + other.score,
             self.spread + other.spread,
             self.samples + other.samples,
         )
 
-    def __sub__(self, other: Testimony) -> Testimony:
-        return Testimony(
+    def __sub__(self, other: Statement) -> Statement:
+        return Statement(
             self.information - other.information,
             self.score - other.score,
             self.spread - other.spread,
@@ -61,17 +61,17 @@ class Testimony:
         )
 
 
-def prior(information: np.ndarray, score: np.ndarray) -> Testimony:
+def prior(information: np.ndarray, score: np.ndarray) -> Statement:
     """What is believed beforehand.
 
     Args:
         information: inverse of the priors' covariance, shape (P, P).
         score: information times (x - mean), shape (P,).
     """
-    return Testimony(information, score, information, 0.0)
+    return Statement(information, score, information, 0.0)
 
 
-def testimony(pieces: Iterable[Piece], inflations: Iterable[float]) -> Testimony:
+def statement(pieces: Iterable[Piece], inflations: Iterable[float]) -> Statement:
     """What some channels say together; at least one.
 
     Args:
@@ -81,9 +81,9 @@ def testimony(pieces: Iterable[Piece], inflations: Iterable[float]) -> Testimony
     return reduce(add, (_of_one(piece, f) for piece, f in zip(pieces, inflations, strict=True)))
 
 
-def _of_one(piece: Piece, f: float) -> Testimony:
+def _of_one(piece: Piece, f: float) -> Statement:
     information = piece.jacobian.T @ piece.jacobian
-    return Testimony(information, piece.jacobian.T @ piece.r, f * information, piece.r.size / f)
+    return Statement(information, piece.jacobian.T @ piece.r, f * information, piece.r.size / f)
 
 
 def inflations_of(
@@ -104,8 +104,8 @@ class Split:
         unknown: standard deviation above which a direction or a parameter counts as not determined, reaches.
     """
 
-    own: Testimony
-    others: Testimony
+    own: Statement
+    others: Statement
     reach: np.ndarray
     unknown: float
 

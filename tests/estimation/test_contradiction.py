@@ -1,0 +1,104 @@
+"""A rig test that contradicts the others is named; where none does, or nothing fits, nobody is."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+import pytest
+
+import linear_parts as parts
+from etcfit.estimation.contradiction import Accused, Court
+from etcfit.estimation.disagreement import disagreement, parted
+from etcfit.estimation.settings import ContradictionSettings, WhitenessSettings
+from etcfit.estimation.subsets import Subset
+
+REACH = np.ones(parts.P)
+
+
+@dataclass
+class Bench:
+    """A linear problem that is fitted exactly, and counts how often."""
+
+    seed: int
+    off: dict[str, np.ndarray] = field(default_factory=dict)
+    hum: float = 0.0  # of every residual: waves, as the second coordinate makes, but of another length
+    fits: int = 0
+
+    def __post_init__(self) -> None:
+        rng = np.random.default_rng(self.seed)
+        self.every = parts.jacobians(rng, 200)
+        if self.hum:
+            for J in self.every.values():
+                J[:, 1] = np.sin(np.arange(200) / 15.0)
+        self.r = parts.residuals(rng, self.every, self.off)
+        for r in self.r.values():
+            r += self.hum * np.sin(np.arange(200) / 11.0 + rng.uniform(0.0, 2.0 * np.pi))
+
+    def fit(self, _: np.ndarray, tests: tuple[str, ...]) -> Subset:
+        self.fits += 1
+        x = parts.optimum({key: J for key, J in self.every.items() if key[0] in tests}, self.r)
+        return Subset(tests, x, parts.pieces(self.every, self.r, x), np.zeros(parts.P))
+
+    def accused(self, level: float = 1e-3) -> tuple[Accused, ...]:
+        settings = ContradictionSettings(level=level)
+        court = Court(self.fit, lambda _: parts.nothing_believed(), REACH, 0.3, settings, WhitenessSettings())
+        return court.accused(self.fit(np.zeros(parts.P), tuple(parts.TESTS)))
+
+
+def test_the_test_that_was_measured_elsewhere_is_named_and_what_the_others_say() -> None:
+    for name in parts.TESTS:
+        bench = Bench(1, {name: np.array([0.0, 0.4, 0.0])})
+        (found,) = bench.accused()
+        assert found.test == name
+        assert found.p < 1e-6
+        assert found.share > 0.9
+        assert found.without.tests == tuple(test for test in parts.TESTS if test != name)
+        assert abs(found.without.x[1]) < 0.1  # the others were measured at 0
+        assert abs(found.together.x[1]) > 0.05
+
+
+def test_where_all_agree_false_alarms_are_as_rare_as_stated() -> None:
+    named = [bool(Bench(seed).accused(level=0.1)) for seed in range(300)]
+    assert 0.03 < np.mean(named) < 0.15
+    assert sum(bool(Bench(seed).accused()) for seed in range(300)) <= 3
+
+
+def test_where_all_agree_nothing_is_fitted_again() -> None:
+    bench = Bench(2)
+    assert bench.accused() == ()
+    assert bench.fits == 1
+
+
+def test_a_model_that_fits_nowhere_accuses_nobody() -> None:
+    """The waves look like other coordinates to each test; their residuals show that they are not."""
+    benches = [Bench(seed, hum=3.0) for seed in range(20)]
+    assert sum(bool(bench.accused()) for bench in benches) <= 1
+    assert sum(bench.fits > 1 for bench in benches) > 15  # they were looked into
+
+
+def test_the_statistic_is_hausmans() -> None:
+    """Two tests, one coordinate each: z = (x_own - x_others) / sqrt(var + var)."""
+    rng = np.random.default_rng(0)
+    every = {("a", "a/1.csv"): rng.standard_normal((500, 1)), ("b", "b/1.csv"): 2.0 * rng.standard_normal((500, 1))}
+    r = parts.residuals(rng, every, {"a": np.array([0.2])})
+    x = parts.optimum(every, r)
+    here = Subset(("a", "b"), x, parts.pieces(every, r, x), np.zeros(1))
+    two = parted(here, "a", parts.nothing_believed(1), np.ones(1), 1.0, WhitenessSettings())
+    own, others = (parts.optimum({key: every[key]}, r)[0] for key in every)
+    variance = sum(1.0 / float(np.sum(J**2)) for J in every.values())
+    t2 = (own - others) ** 2 / variance
+    from scipy import stats
+
+    assert disagreement(two.split) == pytest.approx(stats.f.logsf(t2, 1, 500))
+    assert two.misfit < sum(piece.misfit() for piece in here.pieces)
+
+
+def test_sides_that_share_no_direction_cannot_disagree() -> None:
+    rng = np.random.default_rng(0)
+    every = {("a", "a/1.csv"): rng.standard_normal((100, 2)), ("b", "b/1.csv"): rng.standard_normal((100, 2))}
+    every["a", "a/1.csv"][:, 0] = every["b", "b/1.csv"][:, 1] = 0.0
+    r = parts.residuals(rng, every, {"a": np.array([0.0, 9.0])})
+    x = parts.optimum(every, r)
+    here = Subset(("a", "b"), x, parts.pieces(every, r, x), np.zeros(2))
+    assert disagreement(parted(here, "a", parts.nothing_believed(2), np.ones(2), 1.0, WhitenessSettings()).split) == 0.0
