@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import abc
 import importlib
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar, Literal
 
 import numpy as np
 
@@ -126,6 +127,35 @@ Knowledge = Fixed | Prior | Start | Tied
 
 
 @dataclass(frozen=True)
+class Accuracy:
+    """What may be off, of one channel, the gear or the clock.
+
+    Args:
+        relative: r, of the value; half-width or standard deviation, see `distribution`.
+        absolute: a, SI.
+        distribution: "rectangular": both are half-widths; "normal": both are standard deviations.
+    """
+
+    relative: float = 0.0
+    absolute: float = 0.0
+    distribution: Literal["rectangular", "normal"] = "rectangular"
+
+    @property
+    def gain_sd(self) -> float:
+        """Standard uncertainty of the gain, relative."""
+        return self.relative / self._width
+
+    @property
+    def offset_sd(self) -> float:
+        """Standard uncertainty of the offset, SI."""
+        return self.absolute / self._width
+
+    @property
+    def _width(self) -> float:
+        return math.sqrt(3.0) if self.distribution == "rectangular" else 1.0
+
+
+@dataclass(frozen=True)
 class RigConfig:
     """rig.toml, validated and in SI."""
 
@@ -144,6 +174,7 @@ class RigConfig:
     holdout: tuple[str, ...] = ()
     ecu: Ecu | None = None
     notation: Notation | None = None  # of its gains; None: it names no unit
+    accuracy: Mapping[str, Accuracy] = field(default_factory=dict)  # by channel, gear, time, sensor_end_points
 
 
 @dataclass(frozen=True, eq=False, repr=False)

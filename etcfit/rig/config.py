@@ -8,6 +8,7 @@ from collections.abc import Callable, Mapping
 from pathlib import Path, PurePosixPath
 from typing import Any
 
+from .accuracy import read_accuracy
 from .base import CHANNELS, Fixed, Knowledge, Prior, RigConfig, Start, Tied, TpsCalibration
 from .ecu import read_ecu
 from .header import DROP, HeaderError, parse_header
@@ -15,7 +16,7 @@ from .nameplate import GEAR_RATIO, LEAST_TRAVEL, SENSOR, SENSOR_TRAVEL, SERIES, 
 from .toml import Toml, closest, parse, read_text, shown
 from .units import EXAMPLES, UnitError, to_channel
 
-TABLES = ("rig", "tps", "columns", "noise", "tests", "parameters", "model", "holdout", "ecu")
+TABLES = ("rig", "tps", "columns", "noise", "tests", "parameters", "model", "holdout", "ecu", "accuracy")
 RIG_KEYS = ("name", "synthetic", "gear_ratio", "supply_V", "travel_deg")
 TPS_KEYS = ("closed_V", "open_V", "travel_deg")
 LEAST_TPS_VOLTS = 0.01
@@ -71,6 +72,7 @@ def config_of(toml: Toml, name: str) -> RigConfig:
         holdout=tuple(PurePosixPath(f.replace("\\", "/")).as_posix() for f in toml.strings("holdout", "files")),
         ecu=ecu,
         notation=notation,
+        accuracy=read_accuracy(toml, travel, tps),
     )
 
 

@@ -49,7 +49,7 @@ def _turned(trace: Measurement, signs: Signs) -> tuple[str, ...]:
     boundary = TEST_BY_NAME[trace.test].boundary
     if boundary.terminals_open:
         return ("emf" if "emf" in trace.channels else "voltage",) if signs.k < 0 else ()
-    if signs.R < 0 or (boundary.gear_apart and signs.R == 0 and _gives_energy(trace)):
+    if _gives_energy(trace) if boundary.gear_apart else signs.R < 0:  # R hides behind a motor that spins
         return (_driver(trace, signs),)
     if signs.k < 0:
         return ("motor_speed",) if boundary.gear_apart else ("voltage", "current")
