@@ -25,6 +25,7 @@ REGISTRIES = {
     "model/effects": "AbstractEffect",
     "model/rig_effects": "AbstractRigEffect",
     "rig": "AbstractRigTest",
+    "rig/checks": "AbstractDetector",
 }
 FILES = sorted(file for file in PACKAGE.rglob("*.py") if file != PACKAGE / "__init__.py")  # the facade is lazy
 
@@ -101,7 +102,7 @@ def test_no_modules_import_each_other_in_a_circle() -> None:
 
 
 @pytest.mark.parametrize(("package", "abstract"), REGISTRIES.items())
-def test_every_effect_and_rig_test_is_registered(package: str, abstract: str) -> None:
+def test_every_effect_rig_test_and_detector_is_registered(package: str, abstract: str) -> None:
     files = [file for file in FILES if place(file).startswith(f"{package}/")]
     defined = {name for file in files for name, bases in classes(file).items() if abstract in bases}
     registry = ast.parse((PACKAGE / package / "__init__.py").read_text(encoding="utf-8"))

@@ -18,28 +18,29 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ..model.parameters import parameters_of
-from ..model.rig_effects import AbstractRigEffect, ChannelGain, ChannelOffset, GearRatio, Place
+from ..model.rig_effects import AbstractRigEffect, ChannelGain, ChannelOffset, GearRatio, Place, TimeScale
 from ..problem.free_parameters import FreeParameters
-from ..rig.base import RigConfig
 from .budget import Budget
 from .identifiability import WIDE
 from .result import FitResult
 
-_RECTANGULAR = math.sqrt(3.0)  # limit over standard deviation
-
 
 @dataclass(frozen=True)
 class _Source:
-    """One thing that may be off: the effect that it is, and its standard deviation, SI."""
+    """One thing that may be off.
+
+    Args:
+        words: what it is called.
+        moves: by how much one standard deviation of it turns on effects of the rig, SI.
+    """
 
     words: str
-    effect: type[AbstractRigEffect]
-    sd: float
+    moves: tuple[tuple[type[AbstractRigEffect], float], ...]
 
 
 def with_accuracy(result: FitResult) -> FitResult:
     """The fit with intervals that allow for what rig.toml's [accuracy] states; the fit itself where it states none."""
-    sources = _sources(result.rig.config, result)
+    sources = _sources(result)
     if not sources:
         return result
     moves = _moves(result, sources)
@@ -47,43 +48,65 @@ def with_accuracy(result: FitResult) -> FitResult:
     return replace(result, covariance=result.covariance + moves.T @ moves, budget=budget)
 
 
-def _sources(config: RigConfig, result: FitResult) -> list[_Source]:
+def _sources(result: FitResult) -> list[_Source]:
     """Those that the traces fitted could feel."""
-    traces = result.problem.batch.traces
+    config, traces = result.rig.config, result.problem.batch.traces
     logged = {channel for trace in traces for channel in trace.channels}
-    logged |= {"voltage"} if any(t.circuit and t.input is not None for t in traces) else set()
+    driven = [trace for trace in traces if trace.input is not None]
+    logged |= {"torque" if trace.torque_driven else "voltage" for trace in driven}
+    lower, upper = config.travel
     found = []
-    for channel, accuracy in config.accuracy.items():
-        if channel == "gear":
-            found.append(_Source("gear ratio", GearRatio.at(Place()), accuracy.relative / _RECTANGULAR))
-        elif channel in logged:
-            kinds = (("scale", ChannelGain, accuracy.relative), ("zero", ChannelOffset, accuracy.absolute))
-            for words, family, limit in kinds:
-                effect = family.at(Place("", channel))
-                found.append(_Source(f"{words} of {channel}", effect, limit / _RECTANGULAR))
+    for key, accuracy in config.accuracy.items():
+        gain, offset = (family.at(Place("", key)) for family in (ChannelGain, ChannelOffset))
+        match key:
+            case "gear":
+                found.append(_Source("gear ratio", ((GearRatio.at(Place()), accuracy.gain_sd),)))
+            case "time":
+                found.append(_Source("clock", ((TimeScale.at(Place()), accuracy.gain_sd),)))
+            case "sensor_end_points":
+                if "position" in logged:
+                    found += _end_points(lower, upper, accuracy.offset_sd)
+            case _ if key in logged:
+                found += [_Source(f"scale of {key}", ((gain, accuracy.gain_sd),))]
+                found += [_Source(f"zero of {key}", ((offset, accuracy.offset_sd),))] if key != "torque" else []
     at_work = result.free_parameters.layout.types
-    return [source for source in found if source.sd > 0.0 and source.effect not in at_work]
+    return [s for s in found if all(sd != 0.0 and effect not in at_work for effect, sd in s.moves)]
+
+
+def _end_points(lower: float, upper: float, sd: float) -> list[_Source]:
+    """Each end of the position sensor by itself: position = theta + e (upper - theta)/(upper - lower), and so on."""
+    gain, offset = (family.at(Place("", "position")) for family in (ChannelGain, ChannelOffset))
+    span = upper - lower
+    if not math.isfinite(span):
+        return [_Source("zero of position", ((offset, sd),))]
+    return [
+        _Source("closed end of the sensor", ((offset, sd * upper / span), (gain, -sd / span))),
+        _Source("open end of the sensor", ((offset, -sd * lower / span), (gain, sd / span))),
+    ]
 
 
 def _moves(result: FitResult, sources: list[_Source]) -> np.ndarray:
     """p_b of every source, shape (S, P)."""
-    known = _with(result.free_parameters, sources)
-    problem = result.problem.with_parameters(known)
-    x = np.concatenate((result.x, np.zeros(len(sources))))
+    effects = tuple(dict.fromkeys(effect for source in sources for effect, _ in source.moves))
+    problem = result.problem.with_parameters(_with(result.free_parameters, effects))
+    x = np.concatenate((result.x, np.zeros(len(effects))))
     weighted = problem.weighted(result.weighted.whitening)
     jacobian = problem.linearise(x, weighted)[2]
     flat, size = jacobian.reshape(-1, x.size), result.x.size
     own, theirs = flat[:, :size], flat[:, size:]
     reach = result.free_parameters.layout.reach(result.x)
     prior = 1.0 / (WIDE * reach) ** 2 + 1.0 / np.asarray(weighted.prior_sd)[:size] ** 2
-    scale = [source.sd / parameters_of(source.effect)[0].domain.scale for source in sources]
-    return -np.linalg.solve(own.T @ own + np.diag(prior), own.T @ theirs).T * np.array(scale)[:, None]
+    by_effect = -np.linalg.solve(own.T @ own + np.diag(prior), own.T @ theirs)
+    turned_on = np.zeros((len(effects), len(sources)))
+    for k, source in enumerate(sources):
+        for effect, sd in source.moves:
+            turned_on[effects.index(effect), k] = sd / parameters_of(effect)[0].domain.scale
+    return (by_effect @ turned_on).T
 
 
-def _with(free_parameters: FreeParameters, sources: list[_Source]) -> FreeParameters:
-    """The sources' parameters free, after all others."""
+def _with(free_parameters: FreeParameters, effects: tuple[type[AbstractRigEffect], ...]) -> FreeParameters:
+    """The effects' parameters free, after all others."""
     layout = free_parameters.layout
-    effects = tuple(source.effect for source in sources)
     more = tuple(parameters_of(effect)[0] for effect in effects)
     extended = replace(
         layout,

@@ -56,7 +56,9 @@ def equipped(
     steps = throttle.driven(steps, test_of)
     # a guide in volts knows no scale of torque: where the data know none, none can run away from it
     per_volt = steps.gear_ratio * values["K_m"] / (values["R_a"] + steps.series)
-    return steps._replace(lever=jnp.where(steps.lever > 0.5, 1.0, per_volt)), throttle.begun(resets, test_of)
+    resets = throttle.begun(resets, test_of)
+    within = jnp.clip(resets.theta, steps.lower, steps.upper)  # a sensor may show a plate beyond its stop
+    return steps._replace(lever=jnp.where(steps.lever > 0.5, 1.0, per_volt)), resets._replace(theta=within)
 
 
 def predict(

@@ -180,7 +180,6 @@ def _start(trace: Trace, config: RigConfig) -> InitialState:
         for stop in config.travel:
             if omega == 0.0 and abs(theta - stop) < 2.0 * sigma["position"]:
                 theta, theta_sd = float(stop), 0.0
-        theta = float(np.clip(theta, *config.travel))
     if trace.test.boundary.gear_apart and (first := _first(trace, "motor_speed", 5)) is not None:
         omega, omega_sd = float(np.mean(first[1])) / config.gear_ratio, sigma["motor_speed"] / config.gear_ratio
     if trace.test.boundary.plate_held:

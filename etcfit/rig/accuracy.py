@@ -1,69 +1,99 @@
-"""[accuracy] of rig.toml: how far a channel's scale and zero may be off, the same in every trace.
+"""[accuracy] of rig.toml: how far each instrument's calibration may be off, which no trace can tell.
 
-    current = "1 % + 5 mA"        limits of a data sheet: a share of the reading, a fixed amount, or both
-    gear = "0.1 %"
+    |shown - true| <= r |true| + a,   standard uncertainties  u_gain = r / sqrt 3,  u_offset = a / sqrt 3
 
-A limit is the half width of a rectangular distribution, whose standard deviation is limit / sqrt 3.
+A text such as "1 % + 5 mA" is what a data sheet states: a bound, all errors within it equally likely, so r and a are
+half-widths of rectangular distributions. { sd = "0.5 % + 2 mA" } states standard uncertainties of normal ones, as a
+calibration certificate does (halve its expanded uncertainty at k = 2). One error a channel, shared by all its traces.
 
-Source: GUM (JCGM 100:2008), 4.3.7. Differs from source: no.
+Source: GUM (JCGM 100:2008) 4.3.3, 4.3.7, type B. Differs from source: no.
 """
 
 from __future__ import annotations
 
+import math
 import re
+from collections.abc import Mapping
 from typing import Any
 
 from .base import Accuracy, TpsCalibration
-from .toml import Toml, closest, shown
-from .units import EXAMPLES, UnitError, is_percent, to_channel
+from .toml import Toml, shown
+from .units import EXAMPLES, NUMBER, UnitError, conversion, is_percent, to_channel
 
-CHANNELS = ("current", "voltage", "position", "emf", "motor_speed")
-KEYS = (*CHANNELS, "gear")
-_FARTHEST = 0.5  # share of the reading: nothing that is further off is an instrument
-_TERM = re.compile(r"([0-9.]+(?:[eE][-+]?\d+)?)\s*(\S.*)")
+CHANNELS = ("voltage", "current", "position", "emf", "motor_speed", "torque")
+RELATIVE = ("gear", "time")  # a ratio and a clock: only a share of the value can be off
+END_POINTS = "sensor_end_points"  # each end of the position sensor by itself, V or an angle
+KEYS = (*CHANNELS, END_POINTS, *RELATIVE)
+SHARES = {"%": 1e-2, "percent": 1e-2, "ppm": 1e-6, "ppb": 1e-9}
+MOST = 1.0  # of the value: an instrument that may be off by more than all of it is none
+EXAMPLE = '"1 % + 5 mA"'
+_TERM = re.compile(rf"\s*({NUMBER.pattern.removeprefix('[-+]?')})\s*([^\s\d+.,][^+]*?)\s*(?:\+|$)")
 
 
 def read_accuracy(toml: Toml, travel: tuple[float, float], tps: TpsCalibration | None) -> dict[str, Accuracy]:
-    """The table, by channel ("gear" for the ratio).
+    """What [accuracy] says, by channel, `gear`, `time` and `sensor_end_points`; {} where it is absent.
 
     Raises:
-        MeasurementError: a channel or a unit that is not known, or a limit that no instrument has.
+        MeasurementError: an unknown key, no number, a unit of the wrong dimension, or nothing that could be off.
     """
-    return {key: _limits(toml, key, value, travel, tps) for key, value in toml.table("accuracy", KEYS).items()}
+    return {key: _entry(toml, key, value, travel, tps) for key, value in toml.table("accuracy", KEYS).items()}
 
 
-def _limits(toml: Toml, key: str, value: Any, travel: tuple[float, float], tps: TpsCalibration | None) -> Accuracy:
-    where, relative, absolute = f"accuracy.{key}", 0.0, 0.0
-    for term in toml.string(where, value).split("+"):
-        match = _TERM.fullmatch(term.strip())
-        if match is None:
-            raise toml.wrong(where, f"found {shown(value)}.", "It must be limits with units, joined by +.",
-                             f'Write, say, {key} = "{_example(key)}".')  # fmt: skip
-        number, unit = float(match[1]), match[2].strip()
-        if is_percent(unit):
-            relative += number / 100.0
-        elif key == "gear":
-            raise toml.wrong(where, f"found {shown(value)}.", "A ratio has no unit but %.", 'Write gear = "0.1 %".')
+def _entry(toml: Toml, key: str, value: Any, travel: tuple[float, float], tps: TpsCalibration | None) -> Accuracy:
+    where, text, distribution = f"accuracy.{key}", value, "rectangular"
+    if isinstance(value, dict) and set(value) == {"sd"}:
+        text, distribution = value["sd"], "normal"
+    if not isinstance(text, str):
+        raise toml.wrong(where, f"found {shown(value)}.", f"It must be a text as {EXAMPLE}, or {{ sd = {EXAMPLE} }}.",
+                         f"Write {key} = {_example(key)}.")  # fmt: skip
+    relative = absolute = 0.0
+    for number, unit in _terms(toml, where, key, text):
+        if (share := SHARES.get("%" if is_percent(unit) else unit)) is not None:
+            relative += number * share
         else:
-            absolute += number * _scale(toml, key, unit, travel, tps)
-    if not relative + absolute > 0.0 or relative > _FARTHEST:
-        raise toml.wrong(where, f"found {shown(value)}.", f"It must lie above 0 and below {100 * _FARTHEST:.0f} %.",
-                         "Correct it, or delete the line.")  # fmt: skip
-    return Accuracy(relative, absolute)
+            absolute += number * _scale(toml, where, key, unit, travel, tps)
+    if not 0.0 <= relative <= MOST or not 0.0 < relative + absolute < math.inf:
+        raise toml.wrong(where, f"found {shown(text)}.", "It must be above 0 and at most 100 % of the value.",
+                         "Correct it, or delete the line: what is not stated counts as exact.")  # fmt: skip
+    return Accuracy(relative, absolute, "normal" if distribution == "normal" else "rectangular")
 
 
-def _scale(toml: Toml, key: str, unit: str, travel: tuple[float, float], tps: TpsCalibration | None) -> float:
-    """One of that unit in SI; sensor volts count for a position."""
+def _terms(toml: Toml, where: str, key: str, text: str) -> list[tuple[float, str]]:
+    """Numbers and units of `1 % + 5 mA`; a sign of plus and minus before it is welcome."""
+    bare = re.sub(r"^\s*(±|\+\s*/?\s*-)\s*", "", text)
+    terms = list(_TERM.finditer(bare))
+    if not terms or "".join(term[0] for term in terms) != bare or bare.rstrip().endswith("+"):
+        raise toml.wrong(where, f"found {shown(text)}.", "It must be numbers with units, joined by +.",
+                         f"Write {key} = {_example(key)}.")  # fmt: skip
+    return [(float(term[1]), term[2].strip()) for term in terms]
+
+
+def _scale(
+    toml: Toml, where: str, key: str, unit: str, travel: tuple[float, float], tps: TpsCalibration | None
+) -> float:
+    """SI in one of the unit."""
+    if key in RELATIVE:
+        raise toml.wrong(where, f"found the unit '{unit}'.", "It must be a share of the value: %, ppm or ppb.",
+                         f"Write {key} = {_example(key)}.")  # fmt: skip
+    quantity = "position" if key == END_POINTS else key
     try:
-        quantity = "tps" if key == "position" and tps is not None and unit.endswith("V") else key
-        return abs(to_channel(quantity, unit, travel, tps)[1].scale)
+        if quantity == "position" and _is_volts(unit):
+            return abs(to_channel("tps", unit, travel, tps)[1].scale)
+        return abs(conversion(quantity, unit).scale)
     except UnitError as err:
-        known = EXAMPLES[key].replace(" or ", ", ").split(", ")
-        raise toml.wrong(f"accuracy.{key}", str(err), f"Accepted: %, and {key} in {EXAMPLES[key]}.",
-                         closest(unit, known, "Correct the unit.")) from err  # fmt: skip
+        raise toml.wrong(where, str(err), f"Accepted: a share (%, ppm), or {quantity} in {EXAMPLES[quantity]}.",
+                         f"Correct the unit, as in {key} = {_example(key)}.") from err  # fmt: skip
+
+
+def _is_volts(unit: str) -> bool:
+    try:
+        conversion("tps", unit)
+    except UnitError:
+        return False
+    return True
 
 
 def _example(key: str) -> str:
-    return {"current": "1 % + 5 mA", "position": "0.3 % + 0.1 deg", "motor_speed": "0.5 % + 2 rpm"}.get(
-        key, "0.1 %" if key == "gear" else "0.5 % + 10 mV"
-    )
+    shares: Mapping[str, str] = {"gear": '"0.5 %"', "time": '"50 ppm"', END_POINTS: '"0.5 deg"'}
+    units = {"position": "0.2 deg", "motor_speed": "5 rpm", "torque": "2 mN*m", "current": "5 mA"}
+    return shares.get(key, f'"1 % + {units.get(key, "10 mV")}"')

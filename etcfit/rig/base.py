@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import abc
 import importlib
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar, Literal
 
 import numpy as np
 
@@ -127,10 +128,31 @@ Knowledge = Fixed | Prior | Start | Tied
 
 @dataclass(frozen=True)
 class Accuracy:
-    """How far a channel may be off, the same in every trace: limits of its scale (a share) and of its zero (SI)."""
+    """What may be off, of one channel, the gear or the clock.
 
-    relative: float
-    absolute: float
+    Args:
+        relative: r, of the value; half-width or standard deviation, see `distribution`.
+        absolute: a, SI.
+        distribution: "rectangular": both are half-widths; "normal": both are standard deviations.
+    """
+
+    relative: float = 0.0
+    absolute: float = 0.0
+    distribution: Literal["rectangular", "normal"] = "rectangular"
+
+    @property
+    def gain_sd(self) -> float:
+        """Standard uncertainty of the gain, relative."""
+        return self.relative / self._width
+
+    @property
+    def offset_sd(self) -> float:
+        """Standard uncertainty of the offset, SI."""
+        return self.absolute / self._width
+
+    @property
+    def _width(self) -> float:
+        return math.sqrt(3.0) if self.distribution == "rectangular" else 1.0
 
 
 @dataclass(frozen=True)
@@ -146,13 +168,13 @@ class RigConfig:
     tps: TpsCalibration | None = None
     columns: Mapping[str, str] = field(default_factory=dict)
     noise: Mapping[str, float] = field(default_factory=dict)
-    accuracy: Mapping[str, Accuracy] = field(default_factory=dict)  # channel, or "gear" -> limits
     series_ohm: Mapping[str, float | None] = field(default_factory=dict)  # test -> ohm; None: free
     parameters: Mapping[str, Knowledge] = field(default_factory=dict)
     effects: tuple[str, ...] = ()
     holdout: tuple[str, ...] = ()
     ecu: Ecu | None = None
     notation: Notation | None = None  # of its gains; None: it names no unit
+    accuracy: Mapping[str, Accuracy] = field(default_factory=dict)  # by channel, gear, time, sensor_end_points
 
 
 @dataclass(frozen=True, eq=False, repr=False)

@@ -16,7 +16,7 @@ from .nameplate import GEAR_RATIO, LEAST_TRAVEL, SENSOR, SENSOR_TRAVEL, SERIES, 
 from .toml import Toml, closest, parse, read_text, shown
 from .units import EXAMPLES, UnitError, to_channel
 
-TABLES = ("rig", "tps", "columns", "noise", "accuracy", "tests", "parameters", "model", "holdout", "ecu")
+TABLES = ("rig", "tps", "columns", "noise", "tests", "parameters", "model", "holdout", "ecu", "accuracy")
 RIG_KEYS = ("name", "synthetic", "gear_ratio", "supply_V", "travel_deg")
 TPS_KEYS = ("closed_V", "open_V", "travel_deg")
 LEAST_TPS_VOLTS = 0.01
@@ -66,13 +66,13 @@ def config_of(toml: Toml, name: str) -> RigConfig:
         tps=tps,
         columns=_columns(toml),
         noise=_noise(toml, travel, tps),
-        accuracy=read_accuracy(toml, travel, tps),
         series_ohm=_series_ohm(toml),
         parameters=parameters | gains,
         effects=toml.strings("model", "effects"),
         holdout=tuple(PurePosixPath(f.replace("\\", "/")).as_posix() for f in toml.strings("holdout", "files")),
         ecu=ecu,
         notation=notation,
+        accuracy=read_accuracy(toml, travel, tps),
     )
 
 

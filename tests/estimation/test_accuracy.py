@@ -9,14 +9,10 @@ import numpy as np
 import pytest
 
 import folders
-from etcfit.errors import MeasurementError
 from etcfit.estimation.intervals import intervals
 from etcfit.estimation.joint_fit import fit
 from etcfit.estimation.result import FitResult
-from etcfit.rig.base import Accuracy, TpsCalibration
-from etcfit.rig.config import config_of
 from etcfit.rig.reader import read_folder
-from etcfit.rig.toml import Toml, parse
 
 VOLTS, OHM, SIGMA = 2.0, 1.513, 0.01
 FIXED = {"L_a": 1e-9, "K_b": 0.0189, "J_m": 1e-6, "J_L": 1e-3, "B_m": 1e-5, "B_L": 1e-3, "K_s": 0.15, "T_PL": 0.36}
@@ -77,38 +73,9 @@ def test_the_posterior_takes_instruments_as_exact(bare: FitResult, stated: FitRe
     np.testing.assert_allclose(stated.taken_as_exact().covariance, bare.covariance, rtol=1e-6)
 
 
-def read(text: str) -> dict[str, Accuracy]:
-    toml = Toml("rig.toml", text, parse(text, "rig.toml"))
-    return dict(config_of(toml, "bench").accuracy)
-
-
-def test_limits_are_read_in_any_unit() -> None:
-    found = read('[accuracy]\ncurrent = "1 % + 5 mA"\nposition = "0.5 deg"\ngear = "0.1 %"\nvoltage = "2%"')
-    assert found["current"] == Accuracy(pytest.approx(0.01), pytest.approx(0.005))
-    assert found["position"] == Accuracy(0.0, pytest.approx(math.radians(0.5)))
-    assert found["gear"] == Accuracy(pytest.approx(0.001), 0.0)
-    assert found["voltage"] == Accuracy(pytest.approx(0.02), 0.0)
-
-
-def test_sensor_volts_count_for_a_position() -> None:
-    tps = TpsCalibration(0.5, 4.5, math.pi / 2)
-    found = read('[tps]\nclosed_V = 0.5\nopen_V = 4.5\ntravel_deg = 90.0\n[accuracy]\nposition = "40 mV"')
-    assert found["position"].absolute == pytest.approx(0.04 * tps.travel / 4.0)
-
-
-@pytest.mark.parametrize(
-    ("line", "words"),
-    [
-        ('curent = "1 %"', "Did you mean 'current'"),
-        ("current = 0.01", "must be a text"),
-        ('current = "1"', "limits with units"),
-        ('current = "5 kg"', "not one of current"),
-        ('current = "0 %"', "above 0"),
-        ('current = "80 %"', "below 50 %"),
-        ('gear = "1 V"', "no unit but %"),
-    ],
-)
-def test_what_is_no_accuracy_is_refused(line: str, words: str) -> None:
-    with pytest.raises(MeasurementError, match=words) as found:
-        read(f"[accuracy]\n{line}")
-    assert str(found.value).startswith("rig.toml:2: ")
+def test_ends_of_the_sensor_and_the_clock_are_sources_of_their_own(tmp_path: Path) -> None:
+    """A resistance test feels neither."""
+    result = of_a_held_plate(tmp_path, '[accuracy]\nsensor_end_points = "1 deg"\ntime = "1 %"')
+    assert result.budget is not None
+    assert result.budget.sources == ("clock",)
+    np.testing.assert_allclose(result.budget.moves, 0.0, atol=1e-9)

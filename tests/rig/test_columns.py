@@ -5,8 +5,12 @@ from __future__ import annotations
 from collections.abc import Mapping
 from pathlib import Path
 
+import numpy as np
 import pytest
 
+import folders
+from etcfit.errors import MeasurementError
+from etcfit.rig.reader import read_folder
 from folders import TOML, back_emf, inductance, only_response, resistance, response
 from mistakes import assert_refused
 
@@ -56,3 +60,20 @@ WRONG: dict[str, tuple[Mapping[str, str | bytes], str]] = {
 @pytest.mark.parametrize(("changes", "message"), WRONG.values(), ids=WRONG.keys())
 def test_each_mistake_has_its_own_message(tmp_path: Path, changes: Mapping[str, str | bytes], message: str) -> None:
     assert_refused(tmp_path, changes, message)
+
+
+@pytest.mark.parametrize(
+    ("header", "factor"), [("current [-1 mA]", -1.0), ("current [1.03 mA]", 1.03), ("current [1e-3 A]", 1.0)]
+)
+def test_a_number_may_stand_before_the_unit(tmp_path: Path, header: str, factor: float) -> None:
+    plain = read_folder(folders.changed(tmp_path / "plain", folders.only_response(R)))
+    scaled = read_folder(folders.changed(tmp_path / "scaled", folders.only_response(R.with_header(2, header))))
+    one, other = (rig.measurements[-1].channels["current"] for rig in (plain, scaled))
+    np.testing.assert_allclose(other.value, factor * one.value, rtol=1e-12)
+    np.testing.assert_allclose(other.logged(other.value), R.column(2), rtol=1e-9)
+
+
+@pytest.mark.parametrize("header", ["current [0 mA]", "current [1e-30 A]", "current [-1]", "current [--1 A]"])
+def test_but_not_any(tmp_path: Path, header: str) -> None:
+    with pytest.raises(MeasurementError, match="current"):
+        read_folder(folders.changed(tmp_path, folders.only_response(R.with_header(2, header))))

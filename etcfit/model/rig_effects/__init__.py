@@ -46,6 +46,7 @@ __all__ = [
     "Logged",
     "Place",
     "SeriesResistance",
+    "TimeScale",
     "at_places",
     "number_of",
     "rig_effect",

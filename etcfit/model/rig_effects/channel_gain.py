@@ -43,6 +43,8 @@ class ChannelGain(AbstractRigEffect):
         factor = 1.0 + self.here(test_of) * self.gain
         if self.place.channel == "voltage":
             return steps._replace(voltage0=steps.voltage0 / factor, voltage1=steps.voltage1 / factor)
+        if self.place.channel == "torque":
+            return steps._replace(torque0=steps.torque0 / factor, torque1=steps.torque1 / factor)
         if self.place.channel == "position":  # the guide follows the true angle
             return steps._replace(target0=steps.target0 / factor, target1=steps.target1 / factor)
         return steps

@@ -2,8 +2,8 @@
 
     R < 0:  voltage or current is turned round     k < 0:  EMF, motor speed, or both leads of the motor
 
-in `circuit.py`'s equation, whose R, L and k are positive. Voltage, current and motor speed open the plate where they
-are positive, and the EMF is negative while it falls.
+in `circuit.py`'s equation, whose R and k are positive; and a motor alone takes energy, integral v i dt > 0. Voltage,
+current and motor speed open the plate where they are positive, and the EMF is negative while it falls.
 """
 
 from __future__ import annotations
@@ -17,6 +17,7 @@ import numpy as np
 from .. import TEST_BY_NAME
 from ..base import Measurement
 from ..finding import Finding
+from ..signals import on_times
 from .base import AbstractDetector, Records, Signs, column, everywhere, in_files
 
 
@@ -48,11 +49,20 @@ def _turned(trace: Measurement, signs: Signs) -> tuple[str, ...]:
     boundary = TEST_BY_NAME[trace.test].boundary
     if boundary.terminals_open:
         return ("emf" if "emf" in trace.channels else "voltage",) if signs.k < 0 else ()
-    if signs.R < 0 or (boundary.gear_apart and signs.L < 0 and signs.R == 0):
+    if _gives_energy(trace) if boundary.gear_apart else signs.R < 0:  # R hides behind a motor that spins
         return (_driver(trace, signs),)
     if signs.k < 0:
         return ("motor_speed",) if boundary.gear_apart else ("voltage", "current")
     return ()
+
+
+def _gives_energy(trace: Measurement, errors: float = 10.0) -> bool:
+    """Integral v i dt < 0 beyond the noise of the current: no motor that starts from rest does that."""
+    voltage, current = trace.channels.get("voltage"), trace.channels.get("current")
+    if voltage is None or current is None:
+        return False
+    volts = on_times(voltage, current.time)
+    return float(np.sum(volts * current.value)) < -errors * current.sigma * float(np.sqrt(np.sum(volts**2)))
 
 
 def _driver(trace: Measurement, signs: Signs) -> str:

@@ -78,7 +78,7 @@ class Hum(AbstractDetector):
         noises: of one sample, the least amplitude.
     """
 
-    chance: float = 1e-8
+    chance: float = 1e-6
     band: float = 0.01
     noises: float = 0.15
     kind: ClassVar[str] = "hum"

@@ -26,6 +26,7 @@ CUT = 5.0  # noises beyond which a second difference is no noise
 MOST, FEWEST = 9, 4  # tapers
 UNEVEN = 0.2  # rms of the intervals over their median; beyond it a Fourier transform sees no clock
 LONGEST = 1 << 16  # samples looked at
+TRIED = 8.0  # frequencies that count as tried, times the band over the resolution; 2 would be independent ones
 RATE = 6.0  # times the frequency: a faster log is averaged down to that
 BESIDE = (0.75, 0.86, 1.14, 1.32)  # times the frequency: bands in which no mains hums
 
@@ -112,7 +113,7 @@ def _clearest(s: Spectrum, frequency: float, band: float) -> Line:
         f = np.nan_to_num((tapers - 1) * np.abs(mu) ** 2 * np.sum(s.sums**2) / left, nan=0.0, posinf=1e12)
     k = int(np.argmax(f))
     at, clear = float(s.grid[inside[k]]), float(f[k])
-    tried = 1.0 + 2.0 * band * frequency * s.duration
+    tried = 1.0 + TRIED * band * frequency * s.duration
     alone = (1.0 + clear / (tapers - 1)) ** (1 - tapers)
     gain = abs(2.0 * np.sin(np.pi * at * s.step)) ** 2  # of two differences
     error = np.sqrt(6.0 / max(clear, 1e-9)) / (np.pi * s.duration)

@@ -40,6 +40,7 @@ class Saturation(AbstractDetector):
     repeats: float = 0.25
     at_limit: float = 0.03
     kind: ClassVar[str] = "saturation"
+    explains: ClassVar[bool] = True
 
     def find(self, records: Records) -> Iterator[Finding]:
         for test, traces in records.tests.items():

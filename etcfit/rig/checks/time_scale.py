@@ -42,7 +42,7 @@ class TimeScale(AbstractDetector):
     chance: float = 1e-10
     clear: float = 1e-3
     grid: float = 0.006
-    errors: float = 6.0
+    errors: float = 4.5
     share: float = 0.012
     alike: float = 0.25
     agree: float = 0.006
