@@ -98,12 +98,16 @@ class Court:
         return tuple(found)
 
     def _worst(self, here: Subset) -> Accused | None:
-        bound = np.log(self.settings.level / len(here.tests))
+        bound = self._bound(here)
         together = sum(piece.misfit() for piece in here.pieces if piece.test in here.tests)
         suspects = [test for test in here.tests if self._suspect(here, test) < bound]
         tried = (self._tried(here, test, together) for test in suspects)
         guilty = [each for each in tried if np.log(max(each.p, 1e-300)) < bound and each.share >= self.settings.share]
         return max(guilty, key=lambda each: each.gain, default=None)
+
+    def _bound(self, here: Subset) -> float:
+        """log p below which one of so many tests contradicts the others."""
+        return float(np.log(self.settings.level / len(here.tests)))
 
     def _suspect(self, here: Subset, test: str) -> float:
         """log p to first order, as if noise were as declared: cheap, and never too lenient."""
@@ -112,6 +116,9 @@ class Court:
 
     def _tried(self, here: Subset, test: str, together: float) -> Accused:
         without = self.refitted(here.x, tuple(each for each in here.tests if each != test))
-        two = parted(without, test, self.believed(without), self.reach, self.unknown, self.whiteness)
+        asked = without, test, self.believed(without), self.reach, self.unknown, self.whiteness
+        two = parted(*asked)
+        if two.share(together) >= self.settings.share and disagreement(two.split) > self._bound(here):
+            two = parted(*asked, self.refitted(without.x, (test,)))  # its own optimum may be more than a step away
         p = float(np.exp(disagreement(two.split)))
         return Accused(test, here, without, p, two.share(together), together - two.misfit)

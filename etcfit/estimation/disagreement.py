@@ -23,7 +23,7 @@ from .settings import WhitenessSettings
 from .statement import Split, Statement, inflations_of, statement
 from .subsets import Subset
 
-_LEAST = 0.01  # share of the information of a direction below which a side has no say in it
+_LEAST = 1e-4  # share of the information of a direction below which a side has no say in it
 _SURE = 3.0  # standard deviations by which noise alone may exceed its mean
 
 
@@ -58,13 +58,13 @@ def disagreement(split: Split) -> float:
     Args:
         split: the two sides.
     """
-    common = split.told_by_own & split.told_by_others & (split.share > _LEAST) & (split.share < 1.0 - _LEAST)
+    common = split.told_by_own & split.told_by_others & (split.share > _LEAST) & (split.others_share > _LEAST)
     count = int(common.sum())
     freedom = min(split.own.samples, split.others.samples) - count + 1.0
     if not count or freedom < 1.0:
         return 0.0
-    b, share = split.directions[:, common], split.share[common]
-    own, others = b / share, b / (1.0 - share)
+    b = split.directions[:, common]
+    own, others = b / split.share[common], b / split.others_share[common]
     z = others.T @ split.others.score - own.T @ split.own.score
     spread = own.T @ split.own.spread @ own + others.T @ split.others.spread @ others
     t2 = float(z @ np.linalg.solve(spread, z))
@@ -72,7 +72,13 @@ def disagreement(split: Split) -> float:
 
 
 def parted(
-    here: Subset, test: str, believed: Statement, reach: np.ndarray, unknown: float, whiteness: WhitenessSettings
+    here: Subset,
+    test: str,
+    believed: Statement,
+    reach: np.ndarray,
+    unknown: float,
+    whiteness: WhitenessSettings,
+    alone: Subset | None = None,
 ) -> Parted:
     """One test against the others, linearised at the same point.
 
@@ -82,8 +88,12 @@ def parted(
         believed: the priors, at that point.
         reach, unknown: see `Split`.
         whiteness: see `inflation`.
+        alone: the fit to this test alone, where its own optimum is more than one step away: linearised there.
     """
     own, others = sides_of(here, test)
+    if alone is not None:
+        away = here.x - alone.x
+        own = [piece._replace(r=piece.moved(away)) for piece in alone.pieces if piece.test == test]
     first = Split(undisputed(own), undisputed(others) + believed, reach, unknown)
     steps = first.own_step, first.others_step
     sides = [

@@ -129,8 +129,8 @@ class Split:
         return self._decomposed[1]
 
     @cached_property
-    def _believed(self) -> np.ndarray:
-        """Information of the others in each direction, shape (P,): 1 - lambda, not rounded off where it is small."""
+    def others_share(self) -> np.ndarray:
+        """1 - lambda, the others' share, shape (P,): not rounded off where it is small."""
         b = self.directions
         return np.maximum(np.einsum("pi,pq,qi->i", b, self.others.information, b), 1e-300)
 
@@ -142,7 +142,7 @@ class Split:
     @cached_property
     def told_by_others(self) -> np.ndarray:
         """Directions that the others determine, shape (P,) of bool."""
-        return self._width < self.unknown * np.sqrt(self._believed)
+        return self._width < self.unknown * np.sqrt(self.others_share)
 
     @property
     def _width(self) -> np.ndarray:
@@ -157,7 +157,7 @@ class Split:
     @property
     def others_inverse(self) -> np.ndarray:
         """Inverse of the others' information in the directions that they determine, shape (P, P)."""
-        return self._inverse(self.told_by_others, self._believed)
+        return self._inverse(self.told_by_others, self.others_share)
 
     def _inverse(self, told: np.ndarray, information: np.ndarray) -> np.ndarray:
         b = self.directions[:, told]
@@ -166,7 +166,7 @@ class Split:
     @property
     def lost_without(self) -> np.ndarray:
         """Parameters that are not known without the own part, shape (P,) of bool."""
-        variance = np.sum(self.directions**2 / self._believed, axis=1)
+        variance = np.sum(self.directions**2 / self.others_share, axis=1)
         return np.sqrt(variance) > self.unknown * self.reach
 
     @property
@@ -185,4 +185,4 @@ class Split:
         directions that the others do not determine."""
         b, told = self.directions, self.told_by_others
         others, together = b.T @ self.others.score, b.T @ (self.own.score + self.others.score)
-        return b[:, told] @ (together - others / self._believed)[told]
+        return b[:, told] @ (together - others / self.others_share)[told]

@@ -102,3 +102,14 @@ def test_sides_that_share_no_direction_cannot_disagree() -> None:
     x = parts.optimum(every, r)
     here = Subset(("a", "b"), x, parts.pieces(every, r, x), np.zeros(2))
     assert disagreement(parted(here, "a", parts.nothing_believed(2), np.ones(2), 1.0, WhitenessSettings()).split) == 0.0
+
+
+def test_a_test_linearised_at_its_own_optimum_says_the_same_where_all_is_linear() -> None:
+    bench = Bench(1, {"beta": np.array([0.0, 0.4, 0.0])})
+    start, rest = np.zeros(parts.P), ("alpha", "gamma")
+    there = bench.fit(start, rest)
+    asked = there, "beta", parts.nothing_believed(), REACH, 0.3, WhitenessSettings()
+    near, far = parted(*asked), parted(*asked, bench.fit(start, ("beta",)))
+    assert disagreement(far.split) == pytest.approx(disagreement(near.split), rel=1e-6)
+    assert disagreement(far.split) < -10.0
+    assert far.misfit == pytest.approx(near.misfit)
