@@ -28,6 +28,7 @@ UNEVEN = 0.2  # rms of the intervals over their median; beyond it a Fourier tran
 LONGEST = 1 << 16  # samples looked at
 TRIED = 8.0  # frequencies that count as tried, times the band over the resolution; 2 would be independent ones
 RATE = 6.0  # times the frequency: a faster log is averaged down to that
+UNCLEAR = 0.1  # chance above which no line beside it need be looked for
 BESIDE = (0.75, 0.86, 1.14, 1.32)  # times the frequency: bands in which no mains hums
 
 
@@ -90,8 +91,10 @@ def spectrum(channel: Channel, frequency: float) -> Spectrum | None:
 
 def line_near(s: Spectrum, frequency: float, band: float) -> Line:
     """The clearest line within `frequency` (1 +- band), Hz."""
-    beside = min((_clearest(s, part * frequency, band).chance for part in BESIDE), default=1.0)
-    return _clearest(s, frequency, band)._replace(beside=beside)
+    line = _clearest(s, frequency, band)
+    if line.chance > UNCLEAR:
+        return line
+    return line._replace(beside=min(_clearest(s, part * frequency, band).chance for part in BESIDE))
 
 
 def _bare(value: np.ndarray) -> np.ndarray:
@@ -103,16 +106,16 @@ def _bare(value: np.ndarray) -> np.ndarray:
 
 
 def _clearest(s: Spectrum, frequency: float, band: float) -> Line:
-    inside = np.flatnonzero(np.abs(s.grid - frequency) <= band * frequency)
-    tapers, y = s.sums.size, s.y[:, inside]
-    if not inside.size:
+    first, last = np.searchsorted(s.grid, [(1.0 - band) * frequency, (1.0 + band) * frequency])
+    tapers, y = s.sums.size, s.y[:, first:last]
+    if first == last:
         return Line(frequency, np.inf, 0.0, 1.0)
-    mu = s.sums @ y / np.sum(s.sums**2)
+    mu = np.sum(s.sums[:, None] * y, axis=0) / np.sum(s.sums**2)
     left = np.sum(np.abs(y - s.sums[:, None] * mu) ** 2, axis=0)
     with np.errstate(divide="ignore", invalid="ignore"):
         f = np.nan_to_num((tapers - 1) * np.abs(mu) ** 2 * np.sum(s.sums**2) / left, nan=0.0, posinf=1e12)
     k = int(np.argmax(f))
-    at, clear = float(s.grid[inside[k]]), float(f[k])
+    at, clear = float(s.grid[first + k]), float(f[k])
     tried = 1.0 + TRIED * band * frequency * s.duration
     alone = (1.0 + clear / (tapers - 1)) ** (1 - tapers)
     gain = abs(2.0 * np.sin(np.pi * at * s.step)) ** 2  # of two differences
