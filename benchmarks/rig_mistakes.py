@@ -23,6 +23,7 @@ from typing import Any
 import numpy as np
 
 from etcfit.diagnosis import Diagnosis, diagnose
+from etcfit.errors import MeasurementError
 from etcfit.estimation.intervals import intervals
 from etcfit.estimation.joint_fit import FitResult, fit
 from etcfit.model.rig_effects import rig_effect
@@ -43,7 +44,10 @@ def record(seed: int) -> dict[str, Any]:
     with tempfile.TemporaryDirectory() as folder:
         made = make_mistaken(Path(folder), truth, seed, kind)
         began = time.perf_counter()
-        before = fit(read_folder(folder))
+        try:
+            before = fit(read_folder(folder))
+        except MeasurementError as refused:  # physics rules it out: named before any fit
+            return _refused(seed, kind, made, str(refused))
         found = diagnose(before)
         seconds = time.perf_counter() - began
     true = {s: float(getattr(truth, s)) for s in PARAMETERS}
@@ -52,6 +56,16 @@ def record(seed: int) -> dict[str, Any]:
         "found": list(found.added), "ties": [list(tie.effects) for tie in found.ties],
         "named": named(made, found), "chi2": [before.chi2_per_dof, found.after.chi2_per_dof],
         "before": _held(before, true), "after": _held(found.after, true), "seconds": seconds,
+    }  # fmt: skip
+
+
+def _refused(seed: int, kind: str, made: Mistake, message: str) -> dict[str, Any]:
+    """The record of a folder that no fit takes."""
+    nothing = {"stated": 0, "holding": 0, "worst": 0.0, "compromise": 0}
+    return {
+        "seed": seed, "kind": kind, "test": made.test, "channel": made.channel, "size": made.size,
+        "found": ["refused"], "ties": [], "named": f"{kind}:" in message, "chi2": [0.0, 0.0],
+        "before": nothing, "after": nothing, "seconds": 0.0,
     }  # fmt: skip
 
 

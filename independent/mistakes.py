@@ -232,9 +232,10 @@ def duplicate(folder: Path, rng: np.random.Generator) -> Mistake:
 AFTERWARDS: Mapping[str, Callable[[Path, np.random.Generator], Mistake]] = {
     change.__name__: change
     for change in (swapped_columns, channel_sign, unit_scale, gear_ratio, time_scale, time_scale_under_hum, hum,
-                   channel_offset, channel_gain, sensor_end_points, saturation, lost_samples, duplicate)
+                   channel_offset, saturation, lost_samples, duplicate, channel_gain, sensor_end_points)
 }  # fmt: skip
 MISTAKES = ("series_resistance", "synchronous_edges", *AFTERWARDS)
+ONLY_BY_A_FIT = ("channel_gain", "sensor_end_points")  # a few per cent that no trace shows by itself
 
 
 def make_mistaken(

@@ -214,7 +214,7 @@ def free_parameters(config: RigConfig, further: tuple[type[AbstractEffect], ...]
     _each_once(config.effects)
     named = (effect_named(name) for name in config.effects if EFFECT_BY_NAME.get(name) not in PAPER)
     series = (SeriesResistance.at(Place(test)) for test in config.series_ohm)
-    every = (*PAPER, *named, *(COMMANDING if config.ecu is not None else ()), *further, *series)
+    every = (*PAPER, *series, *named, *(COMMANDING if config.ecu is not None else ()), *further)
     types = tuple(dict.fromkeys(every))
     parameters = dict(catalogue(types))
     fixed: dict[str, float] = {}

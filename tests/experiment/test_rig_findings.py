@@ -60,4 +60,4 @@ def test_the_api_has_them_as_a_frame(resistor: Path) -> None:
     assert list(found.index) == ["series_resistance"]
     assert found.loc["series_resistance", "test"] == "inductance"
     assert found["size"].dtype == np.float64
-    assert not found["sure"].any()
+    assert found["sure"].tolist() == [False]

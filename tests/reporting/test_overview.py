@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import numpy as np
 import pytest
 
 from etcfit.estimation.intervals import Interval
@@ -66,7 +67,7 @@ def test_a_compromise_is_a_range_and_called_so() -> None:
     picture = overview.ParameterPicture("bench", "Eqs. 1-2", known, UNITS, {}, {}, synthetic=True)
     panel = overview.draw(picture).axes[0]
     (bar,) = [line for line in panel.lines if str(line.get_label()).startswith("compromise")]
-    assert list(bar.get_xdata()) == pytest.approx([-25.0, 50.0])
+    assert np.asarray(bar.get_xdata()).tolist() == pytest.approx([-25.0, 50.0])
     assert [text.get_text() for text in panel.texts] == ["2.00 ohm, compromise"]
 
 

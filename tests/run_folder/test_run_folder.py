@@ -132,7 +132,7 @@ def test_diagnosis_json_holds_what_the_contract_names(found: Diagnosis, tmp_path
         for row in (*written[which]["fit"], *written[which]["holdout"]):
             assert set(row) == {"file", "test", "channel", "unit", "n", "rms", "sigma"}
         assert {row["file"] for row in written[which]["holdout"]} == {"response/2.csv"}
-    assert (written["synthetic"], written["rig"]) == (True, "bench")
+    assert (written["synthetic"], written["name"], written["rig"]) == (True, "bench", [])
     assert written["verdict"] == list(found.verdict)
 
 
