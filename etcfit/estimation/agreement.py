@@ -1,4 +1,4 @@
-"""Do the parts of the data agree? Who pulls what, how wide intervals must be, who contradicts whom."""
+"""Do the parts of the data agree? What each pulls, how wide intervals must be, which test contradicts the others."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from ..problem.problem import EstimationProblem
 from ..problem.residual import WeightedData
 from . import clusters, compromise
 from .compromise import Compromise
-from .contradiction import Accused, Contradiction, Court
+from .contradiction import Contradicting, Contradiction, Comparison
 from .disagreement import sides_of, undisputed
 from .identifiability import WIDE
 from .influence import Influence, influence, parts
@@ -29,7 +29,7 @@ class Agreement:
     """What the parts of the data say of each other.
 
     Args:
-        influence: who pulls what.
+        influence: by how much each part moves each parameter.
         covariance: of the coordinates, wide enough for the scatter of traces and tests, shape (P, P).
         contradictions: tests that contradict the others, worst first.
         compromise: what subsets of the data give, where the parameters are no estimates; else None.
@@ -46,12 +46,12 @@ class Agreement:
         Args:
             units: of a symbol, SI.
         """
-        return [_accusation(each, units(each.parameter)) for each in self.contradictions]
+        return [_sentence(each, units(each.parameter)) for each in self.contradictions]
 
 
 @dataclass(frozen=True, eq=False)
-class _Hearing:
-    """All that the parts of the data are asked about: the problem at its optimum; see `agreement`."""
+class _Asked:
+    """What is compared: the problem at its optimum; see `agreement`."""
 
     problem: EstimationProblem
     weighted: WeightedData
@@ -83,8 +83,8 @@ class _Hearing:
             self.made[tests] = fitted_to(self.problem, self.weighted, x, tests, self.settings)
         return self.made[tests]
 
-    def freed(self, each: Accused) -> Accused:
-        """An accused test, the others fitted with a whitening that it does not bend."""
+    def freed(self, each: Contradicting) -> Contradicting:
+        """A contradicting test, the others fitted with a whitening that it does not bend."""
         rest = renewed(self.problem, each.without, self.settings)
         self.made[rest.tests] = rest
         return replace(each, without=rest)
@@ -106,7 +106,7 @@ def agreement(
     misfit: tuple[bool, float],
     settings: FitSettings,
 ) -> Agreement:
-    """Ask every trace and every test of a fit.
+    """Compare every trace and every test of a fit with the others.
 
     Args:
         problem, weighted: the data as fitted.
@@ -118,17 +118,17 @@ def agreement(
     """
     if not all(np.isfinite(piece.jacobian).all() and np.isfinite(piece.r).all() for piece in pieces):
         return Agreement(Influence(), covariance)
-    asked = _Hearing(problem, weighted, x, pieces, settings)
+    asked = _Asked(problem, weighted, x, pieces, settings)
     believed = asked.believed(asked.everything)
     traces = _by_trace(pieces, settings)
     found = influence(problem.layout.free, traces, believed, asked.reach, asked.unknown)
     tests = [said for (_, file), said in parts(traces).items() if file is None]
     every = (clusters.scatter(each, believed, asked.reach, asked.unknown) for each in ([*traces.values()], tests))
     wide = clusters.widened(covariance, every, settings.contradiction.scatter)
-    # far from the data each channel is weighed by its own error: there, whoever errs has hardly a voice to contradict
-    accused = () if misfit[0] else tuple(map(asked.freed, _court(asked).accused(asked.everything)))
-    named = tuple(_named(asked, each) for each in accused)
-    why = compromise.reason(*misfit, (each.test for each in accused), settings)
+    # far from the data each channel is weighed by its own error: there, the test that errs hardly counts
+    contradicting = () if misfit[0] else tuple(map(asked.freed, _comparison(asked).contradicting(asked.everything)))
+    named = tuple(_named(asked, each) for each in contradicting)
+    why = compromise.reason(*misfit, (each.test for each in contradicting), settings)
     return Agreement(found, wide, named, None if why is None else _compromise(asked, why))
 
 
@@ -140,12 +140,12 @@ def _by_trace(pieces: Sequence[Piece], settings: FitSettings) -> dict[tuple[str,
     return out
 
 
-def _court(asked: _Hearing) -> Court:
+def _comparison(asked: _Asked) -> Comparison:
     decides = asked.settings.contradiction, asked.settings.whiteness
-    return Court(asked.refitted, asked.believed, asked.reach, asked.unknown, *decides)
+    return Comparison(asked.refitted, asked.believed, asked.reach, asked.unknown, *decides)
 
 
-def _named(asked: _Hearing, each: Accused) -> Contradiction:
+def _named(asked: _Asked, each: Contradicting) -> Contradiction:
     """The parameter that the test pulls most, of those that the others know."""
     layout = asked.problem.layout
     said = reduce(add, (statement((piece,), (1.0,)) for piece in asked.pieces), asked.believed(asked.everything))
@@ -157,7 +157,7 @@ def _named(asked: _Hearing, each: Accused) -> Contradiction:
     return Contradiction(each.test, layout.free[k], float(pulls[k]), with_it, without, each.p, each.share)
 
 
-def _compromise(asked: _Hearing, why: str) -> Compromise:
+def _compromise(asked: _Asked, why: str) -> Compromise:
     """The range that subsets give: the fit made again without each test, and one step to each test alone."""
     tests, size = tests_of(asked.problem), asked.x.size
     left_out = tests if len(tests) > 1 else ()
@@ -171,7 +171,7 @@ def _compromise(asked: _Hearing, why: str) -> Compromise:
     )
 
 
-def _alone(asked: _Hearing, test: str) -> np.ndarray:
+def _alone(asked: _Asked, test: str) -> np.ndarray:
     """Coordinates by one test alone, one step from the optimum, shape (P,); NaN where it does not know them, or lies so
     far off that one step does not lead there."""
     own, others = sides_of(asked.everything, test)
@@ -183,7 +183,7 @@ def _alone(asked: _Hearing, test: str) -> np.ndarray:
     return np.where(known & near, asked.x + split.own_step, np.nan)
 
 
-def _accusation(each: Contradiction, unit: str) -> str:
+def _sentence(each: Contradiction, unit: str) -> str:
     return (
         f"{each.test} contradicts the other tests: without it {each.parameter} is {each.without:.3g} {unit} instead of "
         f"{each.value:.3g} ({each.pull:+.2g} standard errors of noise alone). Look for what differs there: series "

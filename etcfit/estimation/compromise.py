@@ -50,17 +50,17 @@ class Compromise:
         return (np.min(np.vstack((low, lows, alone[0])), axis=0), np.max(np.vstack((high, highs, alone[1])), axis=0))
 
 
-def reason(far: bool, chi2: float, accused: Iterable[str], settings: FitSettings) -> str | None:
+def reason(far: bool, chi2: float, contradicting: Iterable[str], settings: FitSettings) -> str | None:
     """Why the parameters are a compromise; None where they are not.
 
     Args:
         far: the model is far from the data.
         chi2: per degree of freedom.
-        accused: tests that contradict the others.
+        contradicting: tests that contradict the others.
         settings: what decides.
     """
     if far or chi2 >= settings.contradiction.compromise:
         return f"the model is far from the data (chi2/dof {chi2:.3g})"
-    if names := tuple(accused):
+    if names := tuple(contradicting):
         return f"{' and '.join(names)} contradict{'s' if len(names) == 1 else ''} the other tests"
     return None

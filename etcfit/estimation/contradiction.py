@@ -44,7 +44,7 @@ class Contradiction:
 
 
 @dataclass(frozen=True, eq=False)
-class Accused:
+class Contradicting:
     """A test that contradicts the others.
 
     Args:
@@ -63,8 +63,8 @@ class Accused:
 
 
 @dataclass(frozen=True)
-class Court:
-    """Who judges.
+class Comparison:
+    """How tests are compared.
 
     Args:
         refitted: the fit made again to some tests, from coordinates of shape (P,).
@@ -82,7 +82,7 @@ class Court:
     settings: ContradictionSettings
     whiteness: WhitenessSettings
 
-    def accused(self, everything: Subset) -> tuple[Accused, ...]:
+    def contradicting(self, everything: Subset) -> tuple[Contradicting, ...]:
         """The tests that contradict the others, worst first.
 
         Args:
@@ -97,28 +97,28 @@ class Court:
             here = worst.without
         return tuple(found)
 
-    def _worst(self, here: Subset) -> Accused | None:
+    def _worst(self, here: Subset) -> Contradicting | None:
         bound = self._bound(here)
         together = sum(piece.misfit() for piece in here.pieces if piece.test in here.tests)
-        suspects = [test for test in here.tests if self._suspect(here, test) < bound]
-        tried = (self._tried(here, test, together) for test in suspects)
-        guilty = [each for each in tried if np.log(max(each.p, 1e-300)) < bound and each.share >= self.settings.share]
-        return max(guilty, key=lambda each: each.gain, default=None)
+        likely = [test for test in here.tests if self._screened(here, test) < bound]
+        tried = (self._tried(here, test, together) for test in likely)
+        proven = [each for each in tried if np.log(max(each.p, 1e-300)) < bound and each.share >= self.settings.share]
+        return max(proven, key=lambda each: each.gain, default=None)
 
     def _bound(self, here: Subset) -> float:
         """log p below which one of so many tests contradicts the others."""
         return float(np.log(self.settings.level / len(here.tests)))
 
-    def _suspect(self, here: Subset, test: str) -> float:
+    def _screened(self, here: Subset, test: str) -> float:
         """log p to first order, as if noise were as declared: cheap, and never too lenient."""
         own, others = sides_of(here, test)
         return disagreement(Split(undisputed(own), undisputed(others) + self.believed(here), self.reach, self.unknown))
 
-    def _tried(self, here: Subset, test: str, together: float) -> Accused:
+    def _tried(self, here: Subset, test: str, together: float) -> Contradicting:
         without = self.refitted(here.x, tuple(each for each in here.tests if each != test))
         asked = without, test, self.believed(without), self.reach, self.unknown, self.whiteness
         two = parted(*asked)
         if two.share(together) >= self.settings.share and disagreement(two.split) > self._bound(here):
             two = parted(*asked, self.refitted(without.x, (test,)))  # its own optimum may be more than a step away
         p = float(np.exp(disagreement(two.split)))
-        return Accused(test, here, without, p, two.share(together), together - two.misfit)
+        return Contradicting(test, here, without, p, two.share(together), together - two.misfit)

@@ -62,7 +62,7 @@ class ContradictionSettings:
 
     Args:
         scatter: p-value below which traces, or tests, scatter by more than their noise, so that intervals are widened.
-        level: probability that a rig test is accused although none contradicts the others.
+        level: probability that a rig test is named although none contradicts the others.
         share: of the misfit that must be gone when a test may differ from the others, for it to be named.
         named: tests that may be named, one after the other; where one is mended the next shows by itself.
         compromise: chi2 per degree of freedom from which on no parameter is called estimated.

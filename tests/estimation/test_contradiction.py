@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import linear_parts as parts
-from etcfit.estimation.contradiction import Accused, Court
+from etcfit.estimation.contradiction import Contradicting, Comparison
 from etcfit.estimation.disagreement import disagreement, parted
 from etcfit.estimation.settings import ContradictionSettings, WhitenessSettings
 from etcfit.estimation.subsets import Subset
@@ -40,16 +40,16 @@ class Bench:
         x = parts.optimum({key: J for key, J in self.every.items() if key[0] in tests}, self.r)
         return Subset(tests, x, parts.pieces(self.every, self.r, x), np.zeros(parts.P))
 
-    def accused(self, level: float = 1e-3) -> tuple[Accused, ...]:
+    def contradicting(self, level: float = 1e-3) -> tuple[Contradicting, ...]:
         settings = ContradictionSettings(level=level)
-        court = Court(self.fit, lambda _: parts.nothing_believed(), REACH, 0.3, settings, WhitenessSettings())
-        return court.accused(self.fit(np.zeros(parts.P), tuple(parts.TESTS)))
+        comparison = Comparison(self.fit, lambda _: parts.nothing_believed(), REACH, 0.3, settings, WhitenessSettings())
+        return comparison.contradicting(self.fit(np.zeros(parts.P), tuple(parts.TESTS)))
 
 
 def test_the_test_that_was_measured_elsewhere_is_named_and_what_the_others_say() -> None:
     for name in parts.TESTS:
         bench = Bench(1, {name: np.array([0.0, 0.4, 0.0])})
-        (found,) = bench.accused()
+        (found,) = bench.contradicting()
         assert found.test == name
         assert found.p < 1e-6
         assert found.share > 0.9
@@ -59,21 +59,21 @@ def test_the_test_that_was_measured_elsewhere_is_named_and_what_the_others_say()
 
 
 def test_where_all_agree_false_alarms_are_as_rare_as_stated() -> None:
-    named = [bool(Bench(seed).accused(level=0.1)) for seed in range(300)]
+    named = [bool(Bench(seed).contradicting(level=0.1)) for seed in range(300)]
     assert 0.03 < np.mean(named) < 0.15
-    assert sum(bool(Bench(seed).accused()) for seed in range(300)) <= 3
+    assert sum(bool(Bench(seed).contradicting()) for seed in range(300)) <= 3
 
 
 def test_where_all_agree_nothing_is_fitted_again() -> None:
     bench = Bench(2)
-    assert bench.accused() == ()
+    assert bench.contradicting() == ()
     assert bench.fits == 1
 
 
-def test_a_model_that_fits_nowhere_accuses_nobody() -> None:
+def test_a_model_that_fits_nowhere_names_no_test() -> None:
     """The waves look like other coordinates to each test; their residuals show that they are not."""
     benches = [Bench(seed, hum=3.0) for seed in range(20)]
-    assert sum(bool(bench.accused()) for bench in benches) <= 1
+    assert sum(bool(bench.contradicting()) for bench in benches) <= 1
     assert sum(bench.fits > 1 for bench in benches) > 15  # they were looked into
 
 
