@@ -13,7 +13,7 @@ from ..problem.problem import EstimationProblem
 from ..problem.residual import WeightedData
 from . import clusters, compromise
 from .compromise import Compromise
-from .contradiction import Contradicting, Contradiction, Comparison
+from .contradiction import Comparison, Contradicting, Contradiction
 from .disagreement import sides_of, undisputed
 from .identifiability import WIDE
 from .influence import Influence, influence, parts

@@ -3,7 +3,7 @@
     T = z^T cov(z)^-1 z,    z_i = b_i^T F (x_own - x_others)
 
 in the directions b_i that both sides determine, see `statement`. Each side's noise is what its own residual shows once
-it need not agree with the other (`inflation`), so that no test is named where the model fits neither side. T is compared
+it need not agree with the other (`inflation`), so that no test is named where the model fits neither. T is compared
 with Hotelling's T^2 of the smaller side's independent samples.
 
 Source: Hausman 1978, Econometrica 46(6). Differs from source: the estimates compared are those of two disjoint parts of

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import linear_parts as parts
-from etcfit.estimation.contradiction import Contradicting, Comparison
+from etcfit.estimation.contradiction import Comparison, Contradicting
 from etcfit.estimation.disagreement import disagreement, parted
 from etcfit.estimation.settings import ContradictionSettings, WhitenessSettings
 from etcfit.estimation.subsets import Subset
