@@ -7,6 +7,7 @@ from typing import Any
 from ..diagnosis.findings import Diagnosis, Evidence, RigMistake, RoundReport, Unexplained
 from ..estimation.joint_fit import FitResult
 from ..files import plain
+from ..rig.finding import Finding
 from .fit import effects_of, hashes, parameters_json, rows_json, versions
 from .influence import influence_json
 
@@ -33,7 +34,7 @@ def diagnosis_json(diagnosis: Diagnosis) -> dict[str, Any]:
         "ties": [list(tie.effects) for tie in diagnosis.ties],
         "ties_apart": [list(tie.apart) for tie in diagnosis.ties],
         "ties_told_by": [tie.told_by for tie in diagnosis.ties],
-        "rig": [_mistake(each) for each in diagnosis.rig],
+        "rig": [*map(_mistake, diagnosis.rig), *map(_found_before, after.rig.findings)],
         "unexplained": _unexplained(unknown) if unknown is not None else None,
         "before": _score(before),
         "after": _score(after),
@@ -52,7 +53,24 @@ def diagnosis_json(diagnosis: Diagnosis) -> dict[str, Any]:
 
 def _mistake(mistake: RigMistake) -> dict[str, Any]:
     """Its probability is not calibrated yet, hence not stated."""
-    return {**plain(mistake), "file": None, "probability": None}
+    return {**plain(mistake), "file": None, "probability": None, "chance": None}
+
+
+def _found_before(finding: Finding) -> dict[str, Any]:
+    """What the records show before any fit; `chance` is that of a rig without it, no probability of the mistake."""
+    return plain({
+        "effect": None,
+        "kind": finding.kind,
+        "test": finding.test,
+        "channel": finding.channel,
+        "size": finding.size,
+        "unit": finding.unit,
+        "mend": finding.mend,
+        "sentence": finding.found,
+        "file": finding.file,
+        "probability": None,
+        "chance": finding.chance,
+    })  # fmt: skip
 
 
 def _score(result: FitResult) -> dict[str, Any]:

@@ -5,16 +5,19 @@ from __future__ import annotations
 import hashlib
 import json
 from dataclasses import replace
+from importlib.resources import files
 from pathlib import Path
 
 import numpy as np
 import pytest
+from jsonschema import Draft202012Validator
 
 import diagnoses
 import results
-from etcfit.diagnosis.findings import Diagnosis
+from etcfit.diagnosis.findings import Diagnosis, RigMistake
 from etcfit.estimation.joint_fit import FitResult
 from etcfit.files import whole, write_json
+from etcfit.rig.finding import Finding
 from etcfit.run_folder import diagnosis_json, fit_json, readings_of
 
 PARAMETERS = ("R_a", "L_a", "K_b", "K_m", "J_m", "J_L", "B_m", "B_L", "K_s", "T_PL", "T_f", "N")
@@ -171,3 +174,18 @@ def test_what_cannot_be_computed_is_null(found: Diagnosis, tmp_path: Path) -> No
     before = strict(tmp_path / "diagnosis.json")["before"]
     assert before["fit"][0]["rms"] is None
     assert before["chi2_per_dof"] is None
+
+
+def test_what_is_wrong_with_the_rig_is_told_whoever_found_it(found: Diagnosis, tmp_path: Path) -> None:
+    hum = Finding("hum", 0.02, "A", 1e-9, "50 Hz in the current.", "Twist the leads.", "response", None, "current")
+    rig = replace(found.after.rig, findings=(hum,))
+    mistake = RigMistake("gear_ratio", "gear_ratio", None, None, 0.05, "", "[rig] gear_ratio: times 1.05", "It is.")
+    both = replace(found, after=replace(found.after, rig=rig), rig=(mistake,))
+    write_json(tmp_path / "diagnosis.json", "diagnosis", diagnosis_json(both))
+    written = strict(tmp_path / "diagnosis.json")
+    schema = files("etcfit.run_folder") / "schemas" / "diagnosis.schema.json"
+    Draft202012Validator(json.loads(schema.read_text(encoding="utf-8"))).validate(written)
+    fitted, before = written["rig"]
+    assert (fitted["effect"], fitted["kind"], fitted["chance"]) == ("gear_ratio", "gear_ratio", None)
+    assert (before["effect"], before["kind"], before["test"], before["chance"]) == (None, "hum", "response", 1e-9)
+    assert before["mend"] == "Twist the leads."
