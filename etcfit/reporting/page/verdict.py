@@ -1,4 +1,4 @@
-"""A run in a few sentences: how well the model fits and predicts, who contradicts whom, what is known, which gains."""
+"""A run in a few sentences: how well the model fits and predicts, what is wrong with the rig, what is known, gains."""
 
 from __future__ import annotations
 
@@ -19,7 +19,17 @@ _NOISE = 1.2  # chi2 per degree of freedom up to which nothing but noise is left
 def verdict(contents: Contents) -> tuple[Markup, ...]:
     """The sentences at the top of the page."""
     known = _knows(contents) + _gains(contents.get("pid")) + Markup(".")
-    return _fits(contents), _predicts(contents), *_contradicts(contents), known
+    return _fits(contents), _predicts(contents), *_mistakes(contents), *_contradicts(contents), known
+
+
+def _mistakes(contents: Contents) -> Iterator[Markup]:
+    """Each mistake of the rig, and the line that mends it."""
+    rig = contents.get("diagnosis").get("rig")
+    for each in rig if isinstance(rig, list) else ():  # the rig's name in files of before
+        what, where = each["kind"].replace("_", " "), (each["test"] or "every test").replace("_", " ")
+        channel = f"{each['channel']}, " if each["channel"] else ""
+        text = Markup("<strong>A mistake of the rig: {}</strong> ({}{}). Mend: <code>{}</code>")
+        yield text.format(what, channel, where, each["mend"])
 
 
 def _contradicts(contents: Contents) -> Iterator[Markup]:

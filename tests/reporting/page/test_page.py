@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import re
 from html.parser import HTMLParser
 from pathlib import Path
@@ -103,6 +104,15 @@ def test_the_verdict_is_three_sentences_and_names_what_is_lost(full: Path) -> No
     verdict = page.partition('aria-label="Verdict"')[2].partition("</section>")[0]
     assert verdict.count("<p>") == 3
     assert "<i>B</i><sub>L</sub>" in verdict
+
+
+def test_a_mistake_of_the_rig_stands_in_the_verdict_with_what_mends_it(full: Path) -> None:
+    written = json.loads((full / "diagnosis.json").read_text(encoding="utf-8"))
+    told = {"kind": "channel_gain", "test": "response", "channel": "current", "mend": '[model] effects = ["<b>"]'}
+    (full / "diagnosis.json").write_text(json.dumps(written | {"rig": [told]}), encoding="utf-8")
+    page = write_page(full).path.read_text(encoding="utf-8")
+    assert "A mistake of the rig: channel gain</strong> (current, response). Mend: <code>[model] effects" in page
+    assert "<b>" not in page  # what a file says is text
 
 
 def test_a_fit_alone_is_enough(tmp_path: Path) -> None:
