@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import re
 from html.parser import HTMLParser
 from pathlib import Path
@@ -107,9 +106,8 @@ def test_the_verdict_is_three_sentences_and_names_what_is_lost(full: Path) -> No
 
 
 def test_a_mistake_of_the_rig_stands_in_the_verdict_with_what_mends_it(full: Path) -> None:
-    written = json.loads((full / "diagnosis.json").read_text(encoding="utf-8"))
     told = {"kind": "channel_gain", "test": "response", "channel": "current", "mend": '[model] effects = ["<b>"]'}
-    (full / "diagnosis.json").write_text(json.dumps(written | {"rig": [told]}), encoding="utf-8")
+    runs.changed(full, "diagnosis", rig=[told])
     page = write_page(full).path.read_text(encoding="utf-8")
     assert "A mistake of the rig: channel gain</strong> (current, response). Mend: <code>[model] effects" in page
     assert "<b>" not in page  # what a file says is text
