@@ -70,7 +70,7 @@ def _told(
     added = tuple(e.name for e in s.added if e.name not in doubts)
     ties = tuple(tie(each) for each in progress.found if each.ties and s.at_work(each.effect))
     rig = rig_mistakes([e for e in s.added if e.name in added], after.values)
-    known = tuple(e.name for e in first.composition.known if e.off is not None)
+    known = tuple(e.name for e in first.composition.known if e.name in result.rig.config.effects)
     return Diagnosis(
         before=result,
         after=after,

@@ -25,6 +25,13 @@ ROOT = Path(__file__).parents[3]
 FREQUENCIES = (1.0, 2.0, 4.0, 7.0, 10.0)
 
 
+def another_sine(folder: Path, seed: int) -> list[str]:
+    """The lines of a sine of 2 Hz, logged once more."""
+    folder.mkdir()
+    write_sines(folder, seed, TRUTH, UNDECLARED, COMPUTER, Bench(), (2.0,))
+    return (folder / "sine" / "2_Hz.csv").read_text(encoding="utf-8").splitlines()
+
+
 @pytest.fixture(scope="module")
 def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The committed fit of the bench twin, beside its measurements and five sines; two more files say nothing."""
@@ -32,8 +39,10 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = base / "measurements" / "bench_twin"
     shutil.copytree(ROOT / "measurements" / "bench_twin", folder)
     write_sines(folder, 1, TRUTH, UNDECLARED, COMPUTER, Bench(), FREQUENCIES)
-    _, head, *rows = (folder / "sine" / "2_Hz.csv").read_text(encoding="utf-8").splitlines()
+    # records of their own: one record under two names is refused
+    _, head, *rows = another_sine(base / "second", 2)
     (folder / "sine" / "nameless.csv").write_text("\n".join([head.replace("setpoint [deg]", "ignore"), *rows]), "utf-8")
+    _, head, *rows = another_sine(base / "third", 3)
     (folder / "sine" / "short.csv").write_text("\n".join([head, *rows[: 400 + 900]]), "utf-8")
     with (folder / "rig.toml").open("a", encoding="utf-8") as toml:
         toml.write('\n[columns]\n"ignore" = "ignore"\n')
