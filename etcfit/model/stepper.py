@@ -20,6 +20,7 @@ from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
+from jax.custom_derivatives import SymbolicZero
 from jaxtyping import Bool
 
 from .effects import Contribution, Inputs, State
@@ -278,7 +279,7 @@ def _along(slopes: _Slopes, way: State) -> Scalar:
     return sum(slope * each for slope, each in zip(slopes, way, strict=True))
 
 
-def _pushed(stage: _Stage, base: State, dbase: State, d: _Balances, s: Step) -> State:
+def _pushed(stage: _Stage, base: State, dbase: State, d: _Balances, s: Step, longer: Scalar | None) -> State:
     """Tangent of a stage by the implicit function theorem.
 
     Args:
@@ -286,8 +287,15 @@ def _pushed(stage: _Stage, base: State, dbase: State, d: _Balances, s: Step) -> 
         base, dbase: what it set out from, and its tangent.
         d: tangent of the balances at the stage's own state.
         s: the step.
+        longer: tangent of its length over the length; None where that is fixed.
     """
     a, x, d = GAMMA * s.dt, stage.x, once(d)
+    if longer is not None:  # what a stage adds to what it set out from grows with its length
+        dbase = State(
+            dbase.i + longer * (x.i - base.i),
+            dbase.theta + longer * (x.theta - base.theta),
+            dbase.omega + longer * (x.omega - base.omega),
+        )
     b = a / stage.inductance
     volts = d.voltage + stage.voltage.theta * dbase.theta
     at = dbase.i + b * volts - d.inductance / stage.inductance * (x.i - base.i)
@@ -352,10 +360,12 @@ def step(throttle: Throttle, x: State, z: tuple[Scalar, ...], s: Step) -> StateP
 def _step_and_tangent(primals: Any, tangents: Any) -> tuple[StatePath, StatePath]:
     """The step and its tangent: each stage by the implicit function theorem, memories and stops as they are computed.
 
-    The grid is fixed: a tangent of a step's length is not asked for.
+    A step whose length moves is one of a clock that is not right.
     """
     throttle, x, z, s = primals
     dthrottle, dx, dz, ds = tangents
+    fixed = isinstance(ds.dt, SymbolicZero)
+    longer = None if fixed else jnp.where(s.dt > 0.0, ds.dt / jnp.where(s.dt > 0.0, s.dt, 1.0), 0.0)
     dx, dz = instantiated((x, z), (dx, dz))
     taken = once(_stages(throttle, x, z, s))
     first, second = taken.first, taken.second
@@ -375,13 +385,13 @@ def _step_and_tangent(primals: Any, tangents: Any) -> tuple[StatePath, StatePath
 
     dz_early = remembered(GAMMA, z, z, x, dz, dz, dx)
     d = balanced(GAMMA, x, taken.z_early, first.x, dx, dz_early)
-    dx1 = _pushed(first, x, dx, d, s)
+    dx1 = _pushed(first, x, dx, d, s, longer)
     dz1 = remembered(GAMMA, z, taken.z_early, first.x, dz, dz_early, dx1)
 
     (base, z_base), (dbase, dz_base) = _between((x, z), (first.x, taken.z1)), _between((dx, dz), (dx1, dz1))
     dz_late = remembered(1.0, z_base, taken.z1, first.x, dz_base, dz1, dx1)
     d = balanced(1.0, first.x, taken.z_late, second.x, dx1, dz_late)
-    dx2 = _pushed(second, base, dbase, d, s)
+    dx2 = _pushed(second, base, dbase, d, s, longer)
     dz2 = remembered(1.0, z_base, taken.z_late, second.x, dz_base, dz_late, dx2)
 
     def limits(throttle: Throttle, s: Step) -> tuple[Scalar, Scalar, Scalar]:

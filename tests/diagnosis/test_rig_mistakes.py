@@ -82,7 +82,7 @@ def test_before_nothing_is_called_estimated_that_the_mistake_moved_far(resistor:
 
 @pytest.mark.slow
 def test_the_line_it_tells_mends_the_folder(resistor: Case) -> None:
-    (told,) = diagnosis_json(resistor.found)["rig"]
+    told = next(each for each in diagnosis_json(resistor.found)["rig"] if each["effect"])
     assert told["mend"] == '[tests.inductance] series_ohm = "free"'
     table, line = told["mend"].split(" ", 1)
     toml = resistor.folder / "rig.toml"
