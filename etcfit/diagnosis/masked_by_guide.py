@@ -17,10 +17,9 @@ from ..estimation.result import FitResult
 from .candidate_model import CandidateModel
 from .choice import Choice, Outcome
 from .composition import Effect, carried
-from .loop import Round
+from .loop import Round, screened
 from .refit import holds, refit_fully
 from .score import score
-from .screen import Background, screen_of_the_rig
 from .trial import judged
 
 
@@ -58,10 +57,7 @@ def _of_the_rig(result: FitResult, s: CandidateModel) -> tuple[Effect, ...]:
     if not candidates:
         return ()
     free = replace(s, problem=result.problem, weighted=result.weighted, x=result.x).lean()
-    rig = free.with_the_rig()
-    background = Background.of(free.problem, free.x, free.weighted)
-    likely = screen_of_the_rig(background, rig.problem, rig.x, rig.weighted, candidates)
-    return tuple(g.variant.effect for g in likely[: s.settings.rig_refits])
+    return tuple(g.variant.effect for g in screened(free, candidates)[: s.settings.rig_refits])
 
 
 def _fitted_with(effect: Effect, result: FitResult, turned: Round, report: Report) -> CandidateModel | None:

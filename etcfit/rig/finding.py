@@ -36,13 +36,5 @@ class Finding:
         """File or test, and channel, for a table."""
         return " ".join(part for part in (self.file or self.test or "rig", self.channel) if part)
 
-    @property
-    def entry(self) -> dict[str, str | float | bool | None]:
-        """As JSON has it; of test, file and channel those that are known."""
-        place = {"test": self.test, "file": self.file, "channel": self.channel}
-        return {"kind": self.kind, **{key: value for key, value in place.items() if value is not None},
-                "size": self.size, "unit": self.unit, "chance": self.chance, "found": self.found, "mend": self.mend,
-                "sure": self.sure}  # fmt: skip
-
     def __str__(self) -> str:
         return f"{self.kind}: {self.found} {self.mend}"

@@ -29,10 +29,6 @@ class ChannelGain(AbstractRigEffect):
         return tuple(Place(test, channel) for test, channel in shared(logged))
 
     @classmethod
-    def mend(cls, value: float) -> str:
-        return f'[model] effects = ["{cls.name}"]'
-
-    @classmethod
     def called(cls, value: float) -> str:
         factor = 1.0 + value
         if abs(factor + 1.0) < _SIGN:

@@ -32,10 +32,6 @@ class ChannelOffset(AbstractRigEffect):
         return tuple(Place(test, channel) for test, channel in shared(logged) if channel in _USUAL)
 
     @classmethod
-    def mend(cls, value: float) -> str:
-        return f'[model] effects = ["{cls.name}"]'
-
-    @classmethod
     def named(cls, p: Parameter) -> Parameter:
         unit, size = _USUAL.get(cls.place.channel, (p.unit, 1.0))
         return replace(super().named(p), unit=unit, domain=Real(size))

@@ -26,10 +26,6 @@ class TimeScale(AbstractRigEffect):
         tests = [test for test in logged if test != "resistance"]
         return tuple(Place(test) for test in tests) if len(tests) > 1 else ()
 
-    @classmethod
-    def mend(cls, value: float) -> str:
-        return f'[model] effects = ["{cls.name}"]'
-
     def driven(self, steps: Any, test_of: Scalar) -> Any:
         factor = 1.0 + self.here(test_of) * self.stretch
         return steps._replace(dt=factor * steps.dt, time=factor * steps.time)

@@ -61,7 +61,7 @@ def test_each_mistake_is_named_where_it_is_and_nothing_else(tmp_path: Path, mist
         assert finding.mend
         assert finding.found.endswith(".")
         assert str(finding) in rig.warnings
-        assert json.loads(json.dumps(finding.entry))["kind"] == done.kind
+        assert json.loads(json.dumps(dataclasses.asdict(finding)))["kind"] == done.kind
 
 
 SIZES = {"series_resistance": 0.05, "gear_ratio": 0.05, "time_scale": 0.006, "channel_offset": 0.15, "hum": 0.3}
