@@ -20,6 +20,7 @@ from ..rig.base import Measurement, Rig
 from ..rig.checks import refuse
 from ..rig.paper_readings import Readings, read_graphs
 from .accuracy import with_accuracy
+from .edges_in_step import with_edges_in_step
 from .global_search import evolve, settle
 from .levenberg_marquardt import descend, local, minimise
 from .result import FitResult as FitResult
@@ -113,7 +114,13 @@ def fit(rig: Rig, report: Report = quiet, settings: FitSettings = FitSettings())
     x, starts, misfit = _from_several_starts(problem, start, report, settings)
     problem = problem.with_release_times(x).with_integrator_states(x)
     finish = _whitened if misfit < settings.misfit else _free_running
-    problem, weighted, x, end = finish(problem, x, report, settings)
+    reached = finish(problem, x, report, settings)
+    clocked = None if reached.end.far else with_edges_in_step(rig, reached.problem, reached.x)
+    if clocked is not None:  # instants of edges that were taken as independent share a phase
+        report("edges in step with the samples: fitting their phase", 0.9)
+        rig, (_, held_out, _) = clocked, ready(clocked)
+        reached = _fitted_again(clocked, reached, settings)
+    problem, weighted, x, end = reached
     return with_accuracy(outcome(rig, readings, problem, held_out, weighted, x, starts, end, notes, settings))
 
 
@@ -239,6 +246,16 @@ def _whitened(
     if reached.end.gain > settings.decrement:
         return _searched(reached, report, settings)
     return reached
+
+
+def _fitted_again(rig: Rig, reached: Reached, settings: FitSettings) -> Reached:
+    """The rounds once more, of a rig of which more is known, from where they ended."""
+    known, before = free_parameters(rig.config), reached.problem
+    fitted, _, _ = ready(rig)
+    found = before.layout.values(reached.x, before.free_parameters.held)
+    x = known.layout.coordinates({**known.start, **found})
+    problem = EstimationProblem.of(rig.config, known, fitted).refined(x)
+    return _whitened(problem.with_release_times(x).with_integrator_states(x), x, quiet, settings)
 
 
 def rounds(

@@ -53,6 +53,20 @@ class Command(NamedTuple):
         return self.begin + fraction * (self.end - self.begin)
 
 
+class Edge(NamedTuple):
+    """How the steps of an interval between samples follow the instant at which the input jumps, at a share s of it.
+
+    Args:
+        turn: what the phase of the rig test's edges is to be added to for s, 0 or 1.
+        span: d dt / ds of the step, s: > 0 before the jump, < 0 after it, 0 where nothing jumps.
+        moves: d time / ds of its end, s.
+    """
+
+    turn: Scalar
+    span: Scalar
+    moves: Scalar
+
+
 class Step(NamedTuple):
     """Everything one step needs besides parameters and state; in a batch each entry has shape (T, L).
 
@@ -70,6 +84,7 @@ class Step(NamedTuple):
             the step's begin and end (rad) by `guide_stiffness` V/rad at the terminals;
         lever: and where there is no circuit by this torque for each of its volts, N m/V.
         command: None where the model has no ECU in it: then there is nothing to compile of it.
+        edge: None where no edge of the input is in step with the samples.
     """
 
     dt: Scalar
@@ -90,6 +105,7 @@ class Step(NamedTuple):
     target1: Scalar
     lever: Scalar
     command: Command | None = None
+    edge: Edge | None = None
 
     def guide(self, fraction: float, theta: Scalar) -> Scalar:
         """What the guide asks for, V."""

@@ -16,10 +16,11 @@ from jaxtyping import Float, Int
 
 from ..model.parameters import AnyArray
 from ..model.rig_effects import number_of
-from ..model.stepper import Command, Reset, Step
+from ..model.stepper import Command, Edge, Reset, Step
 from ..rig.base import RigConfig
 from .trace import Trace
 
+_MIDDLE = 0.5 + 1e-9  # of an interval
 KINDS = ("current", "position", "emf", "motor_speed")  # what a slot may observe
 
 
@@ -174,6 +175,13 @@ def _pack(lengths: list[int], least: int) -> tuple[list[list[int]], int]:
     return lanes, length
 
 
+def _halved(trace: Trace, substeps: Int[np.ndarray, " intervals"]) -> Int[np.ndarray, " intervals"]:
+    """Substeps, an even number of them where the input jumps in step with the samples: half before and half after."""
+    if trace.input is None or trace.input.turn is None:
+        return substeps
+    return np.where(trace.input.in_step, 2 * ((substeps + 1) // 2), substeps)
+
+
 class _Breaks(NamedTuple):
     """Where the steps of a trace end.
 
@@ -215,7 +223,33 @@ def _levels(
         level = trace.input.value[interval]
         return level, level
     late = np.interp(ends, trace.instants, trace.input.value)
-    return np.concatenate((late[:1], late[:-1])), late
+    early = np.concatenate((late[:1], late[:-1]))
+    jumps = trace.input.in_step[interval]
+    level = trace.input.value[interval + (_along(trace, ends, interval) > _MIDDLE)]
+    return np.where(jumps, level, early), np.where(jumps, level, late)
+
+
+def _along(
+    trace: Trace, ends: Float[np.ndarray, " rows"], interval: Int[np.ndarray, " rows"]
+) -> Float[np.ndarray, " rows"]:
+    """Share of its interval at which each step ends."""
+    begin, end = trace.instants[interval], trace.instants[interval + 1]
+    return (ends - begin) / (end - begin)
+
+
+def _in_step(
+    trace: Trace, ends: Float[np.ndarray, " rows"], interval: Int[np.ndarray, " rows"]
+) -> dict[str, Float[np.ndarray, " rows"]]:
+    """How the steps of edges in step with the samples follow their phase, see `Edge`; as they are, it is 1/2."""
+    if trace.input is None or trace.input.turn is None:
+        return {}
+    jumps, along = trace.input.in_step[interval], _along(trace, ends, interval)
+    jumps[0] = False  # entry 0 is the start itself
+    before = along <= _MIDDLE
+    span = np.where(before, 2.0, -2.0) * np.diff(ends, prepend=ends[0])
+    moves = 2.0 * np.where(before, along, 1.0 - along) * np.diff(trace.instants)[interval]
+    return {name: np.where(jumps, column, 0.0) for name, column in
+            (("turn", trace.input.turn[interval]), ("span", span), ("moves", moves))}  # fmt: skip
 
 
 def _error(trace: Trace, interval: Int[np.ndarray, " rows"]) -> dict[str, Float[np.ndarray, " rows"]]:
@@ -234,10 +268,10 @@ def _error(trace: Trace, interval: Int[np.ndarray, " rows"]) -> dict[str, Float[
 
 
 def _edges(trace: Trace, marks: Int[np.ndarray, " n"], entries: int) -> dict[str, Float[np.ndarray, " {entries}"]]:
-    """The jumps of the input, each at the last entry of its interval."""
+    """The jumps of the input at instants that nobody knows, each at the last entry of its interval."""
     out = {name: np.zeros(entries) for name in ("edge", "edge_from", "edge_to", "edge_span")}
     if trace.input is not None:
-        (jumps,) = np.nonzero(trace.input.edge)
+        (jumps,) = np.nonzero(trace.input.edge & ~trace.input.in_step)
         last = marks[jumps + 1]
         out["edge"][last] = marks[jumps + 1] - marks[jumps]
         out["edge_from"][last], out["edge_to"][last] = trace.input.value[jumps], trace.input.value[jumps + 1]
@@ -249,7 +283,7 @@ def _strip(
     trace: Trace, substeps: Int[np.ndarray, " intervals"], config: RigConfig
 ) -> tuple[dict[str, np.ndarray], Int[np.ndarray, " n"]]:
     """All columns of one trace, and the entries of its instants."""
-    ends, interval, marks = _breaks(trace, substeps)
+    ends, interval, marks = _breaks(trace, _halved(trace, substeps))
     n, zeros, ones = ends.size, np.zeros(ends.size), np.ones(ends.size)
     early, late = _levels(trace, ends, interval)
     boundary, first = trace.test.boundary, np.arange(n) == 0
@@ -284,6 +318,7 @@ def _strip(
     for name, value, sd in zip(("i", "theta", "omega"), trace.start.state, trace.start.sd, strict=True):
         columns[name] = first * value
         columns[f"start_{name}"] = first * sd**2
+    columns |= _in_step(trace, ends, interval)
     columns |= _error(trace, interval) | _edges(trace, marks, n) | _asked(trace, ends, dt, config)
     return columns | _samples(trace, n, marks), marks
 
@@ -325,7 +360,7 @@ def _samples(trace: Trace, rows: int, marks: Int[np.ndarray, " n"]) -> dict[str,
 
 def _blank(length: int, lanes: int, slots: int, config: RigConfig) -> dict[str, np.ndarray]:
     """A batch with nothing on it: steps of no length, nothing moves, nothing observed."""
-    names = (*Step._fields, *Reset._fields, *Disturbance._fields, "test_of", "guidable")
+    names = (*Step._fields, *Edge._fields, *Reset._fields, *Disturbance._fields, "test_of", "guidable")
     names += () if config.ecu is None else Command._fields
     table = {name: np.zeros((length, lanes)) for name in names}
     table |= {name: np.zeros((length, lanes, slots)) for name in ("value", "weight", "kind")}
@@ -344,5 +379,6 @@ def _assemble(
         return kind(*(table[name] for name in kind._fields))
 
     command = part(Command) if "active" in table else None
-    parts = part(Step)._replace(command=command), part(Reset), part(SampleSlots), part(Disturbance)
+    edge = part(Edge) if np.any(table["span"]) else None
+    parts = part(Step)._replace(command=command, edge=edge), part(Reset), part(SampleSlots), part(Disturbance)
     return TraceBatch(*parts, table["guidable"], table["test_of"], traces, places)

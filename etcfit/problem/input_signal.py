@@ -9,13 +9,14 @@ What error then remains is handed on to the whitening: the input stays a noisy o
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import groupby, pairwise
 from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
+from ..model.rig_effects import EdgePhase, Place
 from ..rig.base import Channel, Measurement, RigConfig
 
 _EDGE = 6.0  # a jump of so many standard deviations of a difference may be an edge
@@ -38,6 +39,8 @@ class InputSignal:
         memory: correlation of that error from one instant to the next, shape (n,).
         edge: True for an interval in which the input jumps, at an instant nobody logged, shape (n - 1,).
         held: True for a duty, which an ECU holds from sample to sample.
+        turn: of edges that are in step with the samples, see `Measurement.edge_turn`, shape (n - 1,); NaN elsewhere.
+            None where there are none.
     """
 
     value: Float[np.ndarray, " n"]
@@ -45,6 +48,12 @@ class InputSignal:
     memory: Float[np.ndarray, " n"]
     edge: Bool[np.ndarray, " n-1"]
     held: bool = False
+    turn: Float[np.ndarray, " n-1"] | None = None
+
+    @property
+    def in_step(self) -> Bool[np.ndarray, " _"]:
+        """True for an interval in which an edge came in step with the samples."""
+        return np.zeros(self.edge.size, dtype=bool) if self.turn is None else np.isfinite(self.turn)
 
 
 def _edges(value: Float[np.ndarray, " n"], sigma: float) -> Bool[np.ndarray, " n-1"]:
@@ -298,7 +307,15 @@ def input_of(measurement: Measurement, config: RigConfig, instants: Float[np.nda
     for name in ("voltage", "torque"):
         if name in measurement.channels:
             channel = measurement.channels[name]
-            return denoise(_on(instants, channel), channel.sigma)
+            return _in_step(denoise(_on(instants, channel), channel.sigma), measurement, config)
     if "duty" in measurement.channels and ("supply" in measurement.channels or config.supply_V):
         return _duty(measurement, config, instants)
     return None
+
+
+def _in_step(signal: InputSignal, measurement: Measurement, config: RigConfig) -> InputSignal:
+    """Its edges in step with the samples where the config says so of the rig test; all of them if nobody looked."""
+    if EdgePhase.at(Place(measurement.test)).name not in config.effects or not signal.edge.any():
+        return signal
+    turn = np.zeros(signal.edge.size) if measurement.edge_turn is None else measurement.edge_turn
+    return replace(signal, turn=np.where(signal.edge, turn, np.nan))

@@ -58,7 +58,7 @@ def equipped(
     per_volt = steps.gear_ratio * values["K_m"] / (values["R_a"] + steps.series)
     resets = throttle.begun(resets, test_of)
     within = jnp.clip(resets.theta, steps.lower, steps.upper)  # a sensor may show a plate beyond its stop
-    return steps._replace(lever=jnp.where(steps.lever > 0.5, 1.0, per_volt)), resets._replace(theta=within)
+    return steps._replace(lever=jnp.where(steps.lever > 0.5, 1.0, per_volt), edge=None), resets._replace(theta=within)
 
 
 def predict(

@@ -76,6 +76,8 @@ class Measurement:
         time: the rows' times, s, shape (n,), strictly rising.
         channels: by quantity, see `CHANNELS`.
         held_out: named in [holdout]: scored, never fitted.
+        edge_turn: for each interval between two times 0 or 1, to be added to the phase of edges that are in step with
+            the samples, and NaN where no such edge came, shape (n - 1,); None where nobody looked.
     """
 
     file: str
@@ -83,6 +85,7 @@ class Measurement:
     time: np.ndarray
     channels: Mapping[str, Channel]
     held_out: bool = False
+    edge_turn: np.ndarray | None = None
 
 
 @dataclass(frozen=True)

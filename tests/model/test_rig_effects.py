@@ -4,14 +4,15 @@ from __future__ import annotations
 
 from typing import Any
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
 from etcfit.model.parameters import declared, parameters_of
-from etcfit.model.rig_effects import RIG_EFFECTS, AbstractRigEffect, Place, at_places, number_of, rig_effect
-from etcfit.model.stepper import Reset, Step
+from etcfit.model.rig_effects import RIG_EFFECTS, AbstractRigEffect, EdgePhase, Place, at_places, number_of, rig_effect
+from etcfit.model.stepper import Edge, Reset, Step
 from etcfit.rig import TESTS
 
 LOGGED = {
@@ -21,21 +22,23 @@ LOGGED = {
     "response": frozenset({"voltage", "current", "position"}),
     "inertia": frozenset({"emf", "position", "motor_speed"}),
 }
-EVERY = at_places(LOGGED)
+EVERY = (*at_places(LOGGED), EdgePhase.at(Place("response")))
 every_effect = pytest.mark.parametrize("effect", EVERY, ids=lambda e: e.name)
+PARTS = ("command", "edge")  # of a step that a batch may do without
 SEEN = {"current": jnp.array([1.0, 2.0]), "position": jnp.array([0.3, 0.4]), "emf": jnp.array([0.5, 0.6]),
         "motor_speed": jnp.array([7.0, 8.0])}  # fmt: skip
 
 
 def made(effect: type[AbstractRigEffect], value: float) -> Any:
-    """The effect, all its parameters at `value` times their usual size."""
-    return effect(**{field: value * p.domain.scale for field, p in declared(effect).items()})
+    """The effect, all its parameters off by `value` times their usual size."""
+    off = effect.off or {}
+    return effect(**{field: off[p.symbol] + value * p.domain.scale for field, p in declared(effect).items()})
 
 
 def steps() -> Step:
     rng = np.random.default_rng(0)
-    values: dict[str, Any] = {name: jnp.asarray(rng.uniform(0.5, 1.5, 2)) for name in Step._fields if name != "command"}
-    return Step(**values)
+    values: dict[str, Any] = {name: jnp.asarray(rng.uniform(0.5, 1.5, 2)) for name in Step._fields if name not in PARTS}
+    return Step(**values, edge=Edge(jnp.zeros(2), jnp.array([0.2, -0.2]), jnp.array([0.1, 0.3])))
 
 
 def begun() -> Reset:
@@ -45,19 +48,21 @@ def begun() -> Reset:
 def all_of(effect: Any, test_of: Any) -> list[Any]:
     """Everything that the effect makes of what is given."""
     shown = effect.read(dict(SEEN), test_of)
-    return [*effect.driven(steps(), test_of)[:-1], *effect.begun(begun(), test_of), *(shown[name] for name in SEEN)]
+    return [*jax.tree.leaves((effect.driven(steps(), test_of), effect.begun(begun(), test_of))), *shown.values()]
 
 
 @every_effect
 def test_off_it_changes_nothing(effect: type[AbstractRigEffect]) -> None:
     here = jnp.full(2, number_of(effect.place.test))
-    for now, given in zip(all_of(made(effect, 0.0), here), [*steps()[:-1], *begun(), *SEEN.values()], strict=True):
+    for now, given in zip(
+        all_of(made(effect, 0.0), here), [*jax.tree.leaves((steps(), begun())), *SEEN.values()], strict=True
+    ):
         assert_array_equal(now, given)
 
 
 @every_effect
 def test_on_it_changes_something_in_its_place_and_nothing_elsewhere(effect: type[AbstractRigEffect]) -> None:
-    given = [*steps()[:-1], *begun(), *SEEN.values()]
+    given = [*jax.tree.leaves((steps(), begun())), *SEEN.values()]
     here, there = (all_of(made(effect, 1.0), jnp.full(2, number_of(t))) for t in (effect.place.test, "elsewhere"))
     assert any(np.any(np.asarray(a) != np.asarray(b)) for a, b in zip(here, given, strict=True))
     if effect.place.test:
@@ -77,7 +82,8 @@ def test_its_name_says_where_it_is_and_finds_it_again(effect: type[AbstractRigEf
 
 
 def test_every_family_has_a_place_in_a_rig_that_logs_everything() -> None:
-    assert {e.kind for e in EVERY} == {family.kind for family in RIG_EFFECTS}
+    found_by_the_fit = {EdgePhase.kind}
+    assert {e.kind for e in at_places(LOGGED)} == {family.kind for family in RIG_EFFECTS} - found_by_the_fit
     assert len({e.name for e in EVERY}) == len(EVERY)
     symbols = [p.symbol for e in EVERY for p in parameters_of(e)]
     assert len(set(symbols)) == len(symbols)
@@ -123,3 +129,14 @@ def test_a_position_reads_off_where_the_plate_is_and_begins_where_it_was() -> No
 def test_what_a_gain_is_called(gain: float, kind: str) -> None:
     effect = RIG_EFFECTS[1].at(Place("response", "current"))
     assert effect.called(gain) == kind
+
+
+@pytest.mark.parametrize(("phase", "shares"), [(0.3, (0.3, 1.0)), (-0.1, (0.0, 0.9)), (0.5, (0.5, 1.0))])
+def test_an_edge_comes_its_phase_and_its_turn_after_the_sample_within_its_interval(
+    phase: float, shares: tuple[float, float]
+) -> None:
+    placed: Any = EdgePhase.at(Place("response"))
+    edge = Edge(jnp.array([0.0, 1.0]), jnp.array([0.2, -0.2]), jnp.array([0.1, 0.3]))
+    driven = placed(edge_phase=phase).driven(steps()._replace(edge=edge), jnp.full(2, number_of("response")))
+    assert_allclose(driven.dt - steps().dt, (np.array(shares) - 0.5) * edge.span)
+    assert_allclose(driven.time - steps().time, (np.array(shares) - 0.5) * edge.moves)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from .base import AbstractRigEffect, Logged, Place, number_of
 from .channel_gain import ChannelGain
 from .channel_offset import ChannelOffset
+from .edge_phase import EdgePhase
 from .gear_ratio import GearRatio
 from .sensor_end_points import SensorEndPoints
 from .series_resistance import SeriesResistance
@@ -18,6 +19,7 @@ RIG_EFFECTS: tuple[type[AbstractRigEffect], ...] = (
     TimeScale,
     GearRatio,
     SensorEndPoints,
+    EdgePhase,
 )
 FAMILY_BY_KIND: dict[str, type[AbstractRigEffect]] = {family.kind: family for family in RIG_EFFECTS}
 
@@ -42,6 +44,7 @@ __all__ = [
     "AbstractRigEffect",
     "ChannelGain",
     "ChannelOffset",
+    "EdgePhase",
     "GearRatio",
     "Logged",
     "Place",

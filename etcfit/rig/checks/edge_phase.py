@@ -73,13 +73,13 @@ def edge_phase(traces: Sequence[Measurement], settings: EdgeSettings = EdgeSetti
     mean = np.mean(np.exp(2j * np.pi * phases))
     length = min(float(abs(mean)), 1.0 - 1e-12)
     spread = float(np.sqrt(-2.0 * np.log(length)) / (2.0 * np.pi))
-    chance = min(1.0, 2.0 * min(float(np.exp(-phases.size * length**2)), _arc(phases)))
+    chance = min(1.0, 2.0 * min(float(np.exp(-phases.size * length**2)), arc_chance(phases)))
     if spread > settings.spread or chance > settings.chance:
         return None
     return EdgePhase(float(np.angle(mean) / (2.0 * np.pi) % 1.0), spread / phases.size**0.5, phases.size, chance)
 
 
-def _arc(phases: np.ndarray) -> float:
+def arc_chance(phases: np.ndarray) -> float:
     """P = n w^(n-1): n points at random on a circle lie within an arc of w <= 1/2 turns (Stevens 1939)."""
     on_circle = np.sort(phases % 1.0)
     gaps = np.diff(on_circle, append=on_circle[0] + 1.0)

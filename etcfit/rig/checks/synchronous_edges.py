@@ -33,5 +33,5 @@ class SynchronousEdges(AbstractDetector):
                               f"In {test} the voltage's edges are in step with the samples: all {found.edges} come "
                               f"{found.phase:.2f} +- {found.error:.2f} of an interval before the sample that first "
                               "shows them.",
-                              "Nothing in the files is wrong: the instants of one test share one phase, and are no "
-                              "independent ones.", test, channel="voltage")  # fmt: skip
+                              "Nothing in the files is wrong: the instants of one test share one phase, which the fit "
+                              "estimates.", test, channel="voltage")  # fmt: skip
