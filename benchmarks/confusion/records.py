@@ -56,10 +56,19 @@ def _found(folder: Path, chosen: Case) -> dict[str, Any]:
         "fit_seconds": fitted,
         "added": list(diagnosis.added),
         "ties": [list(tie.effects) for tie in diagnosis.ties],
-        "unexplained": None if left is None else {"enters": left.enters, "depends_on": left.depends_on},
+        "rounds": [_round(turn) for turn in diagnosis.rounds],
+        "unexplained": None
+        if left is None
+        else {"enters": left.enters, "depends_on": left.depends_on, "bic_change": left.bic_change},
         "before": _standing(result, known(chosen)),
         "after": _standing(diagnosis.after, known(chosen)),
     }
+
+
+def _round(turn: Any) -> dict[str, Any]:
+    """What was added, and what every effect that was refitted would have made of BIC and of the held-out error."""
+    tried = [[c.effect, c.bic_change, c.holdout_rms_ratio] for c in turn.candidates if c.refitted]
+    return {"added": turn.added, "ties": list(turn.ties), "tried": tried}
 
 
 def _standing(result: Any, truth: dict[str, float]) -> dict[str, Any]:
