@@ -11,6 +11,7 @@ from .exchange import exchanged, pruned
 from .final import final_fit
 from .findings import Diagnosis, Unexplained
 from .missing_torque import motions
+from .probabilities import probabilities
 from .refit import start
 from .rig_mistakes import rig_mistakes
 from .rounds import Progress, forward, names
@@ -83,6 +84,7 @@ def _told(
         unexplained=left,
         motions=(*motions(first, s, False), *(motions(first, s, True) if s.holdout else ())),
         rig=rig,
+        probabilities=probabilities(progress.rounds, added, left is not None, first.settings),
         verdict=verdict(added, ties, left, progress.rounds, rig),
         settings=first.settings,
     )

@@ -229,6 +229,7 @@ class Diagnosis:
         unexplained: what no effect explains; None where the residual is noise.
         motions: missing torque and voltage along the measured motion.
         rig: what of the effects added is wrong with the rig itself.
+        probabilities: of every effect refitted, of "nothing" and "unexplained", given the data.
         verdict: the whole in a few sentences.
         settings: what it was decided by.
     """
@@ -244,5 +245,6 @@ class Diagnosis:
     unexplained: Unexplained | None
     motions: tuple[Motion, ...] = field(repr=False)
     rig: tuple[RigMistake, ...] = ()
+    probabilities: Mapping[str, float] = field(default_factory=dict)
     verdict: tuple[str, ...] = ()
     settings: DiagnosisSettings = DEFAULT

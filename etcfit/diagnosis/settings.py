@@ -172,6 +172,15 @@ class DiagnosisSettings:
     curve_asked: float = _setting(1.5, NOT_NEGATIVE)
     """Chi2 per sample of the final model from which on it is asked whether one curve does more than all effects."""
 
+    # ---- probabilities
+
+    bic_temper: float = _setting(10.0, AT_LEAST_ONE)
+    """By how much a change of BIC overstates its evidence."""
+    lapse: float = _setting(0.1, PART)
+    """Probability that what was named is something else, however strong the evidence."""
+    missed: float = _setting(0.05, PART)
+    """Probability that something is there of which nothing was found."""
+
     # ---- the final model
 
     free_spread: float = _setting(0.1, POSITIVE)

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+ALLOWED_FOR = frozenset({"synchronous_edges"})  # kinds that are a habit: the fit estimates what it is, nobody mends it
+
 
 @dataclass(frozen=True)
 class Finding:

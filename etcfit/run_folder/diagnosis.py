@@ -34,7 +34,11 @@ def diagnosis_json(diagnosis: Diagnosis) -> dict[str, Any]:
         "ties": [list(tie.effects) for tie in diagnosis.ties],
         "ties_apart": [list(tie.apart) for tie in diagnosis.ties],
         "ties_told_by": [tie.told_by for tie in diagnosis.ties],
-        "rig": [*map(_mistake, diagnosis.rig), *map(_found_before, after.rig.findings)],
+        "rig": [
+            *(_mistake(mistake, diagnosis.probabilities.get(mistake.effect)) for mistake in diagnosis.rig),
+            *map(_found_before, after.rig.findings),
+        ],
+        "probabilities": plain(dict(diagnosis.probabilities)),
         "unexplained": _unexplained(unknown) if unknown is not None else None,
         "before": _score(before),
         "after": _score(after),
@@ -51,9 +55,8 @@ def diagnosis_json(diagnosis: Diagnosis) -> dict[str, Any]:
     }  # fmt: skip
 
 
-def _mistake(mistake: RigMistake) -> dict[str, Any]:
-    """Its probability is not calibrated yet, hence not stated."""
-    return {**plain(mistake), "file": None, "probability": None, "chance": None}
+def _mistake(mistake: RigMistake, probability: float | None) -> dict[str, Any]:
+    return {**plain(mistake), "file": None, "probability": plain(probability), "chance": None}
 
 
 def _found_before(finding: Finding) -> dict[str, Any]:

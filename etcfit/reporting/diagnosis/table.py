@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 
 from rich.console import Group, RenderableType
 from rich.text import Text
@@ -16,6 +16,7 @@ from ..tables import STATUS_STYLE
 from .ledger import Entry, ledger
 
 _SHOWN = 5  # candidates a round
+_LIKELY = 0.02  # probability from which on a hypothesis is spoken of
 
 
 def diagnosis_table(diagnosis: Diagnosis) -> RenderableType:
@@ -25,6 +26,7 @@ def diagnosis_table(diagnosis: Diagnosis) -> RenderableType:
     parts = [
         rig_title(after.rig.config, model),
         sentences("Verdict", diagnosis.verdict),
+        sentences("Given these data", _probable(diagnosis.probabilities)),
         _ledger(ledger(diagnosis)),
         sentences("What no effect explains", _unexplained(diagnosis)),
         sentences("Effects that these data cannot tell apart", list(_ties(diagnosis))),
@@ -58,6 +60,12 @@ def _ledger_row(entry: Entry) -> tuple[str, ...]:
 
 def _unknown(entry: Entry) -> tuple[str, str]:
     return ("-", "-") if entry.unknown is None else (short(entry.unknown.rms), short(entry.unknown.ratio))
+
+
+def _probable(probabilities: Mapping[str, float]) -> list[str]:
+    """What has a probability worth a word, the likeliest first, in one line."""
+    likely = sorted(((p, name) for name, p in probabilities.items() if p >= _LIKELY), reverse=True)
+    return ["P: " + ", ".join(f"{name} {p:.2f}" for p, name in likely) + "."] if likely else []
 
 
 def _unexplained(diagnosis: Diagnosis) -> list[str]:

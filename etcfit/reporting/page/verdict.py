@@ -10,6 +10,7 @@ from markupsafe import Markup
 from ...estimation.joint_fit import MISFIT
 from ...estimation.remedies import listed
 from ...problem.prediction_error import pooled
+from ...rig.finding import ALLOWED_FOR
 from .contents import Contents, rows_of
 from .typeset import number, symbol, symbols, unit
 
@@ -23,9 +24,11 @@ def verdict(contents: Contents) -> tuple[Markup, ...]:
 
 
 def _mistakes(contents: Contents) -> Iterator[Markup]:
-    """Each mistake of the rig, and the line that mends it."""
+    """Each mistake of the rig, and the line that mends it; a habit that the fit allows for is none."""
     rig = contents.get("diagnosis").get("rig")
     for each in rig if isinstance(rig, list) else ():  # the rig's name in files of before
+        if each["kind"] in ALLOWED_FOR:
+            continue
         what, where = each["kind"].replace("_", " "), (each["test"] or "every test").replace("_", " ")
         channel = f"{each['channel']}, " if each["channel"] else ""
         text = Markup("<strong>A mistake of the rig: {}</strong> ({}{}). Mend: <code>{}</code>")

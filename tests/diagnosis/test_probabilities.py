@@ -1,0 +1,72 @@
+"""Probabilities from numbers made by hand: what the evidence says, and what no evidence can."""
+
+from __future__ import annotations
+
+import pytest
+
+from etcfit.diagnosis.findings import Candidate, Evidence, RoundReport
+from etcfit.diagnosis.probabilities import NOTHING, UNEXPLAINED, probabilities
+from etcfit.diagnosis.settings import DEFAULT
+
+WHITE = Evidence((), True, (), ())
+LAPSE, MISSED, T = DEFAULT.lapse, DEFAULT.missed, DEFAULT.bic_temper
+
+
+def turn(added: str | None, ties: tuple[str, ...] = (), **changes: float) -> RoundReport:
+    candidates = tuple(Candidate(name, 1.0, 1.0, True, 0.9, 0.9, 0.0, change) for name, change in changes.items())
+    asleep = Candidate("never_refitted", 1.0, 1.0, False)
+    return RoundReport((), WHITE, 1.0, 1.0, (*candidates, asleep), added, ties, "")
+
+
+def test_strong_evidence_is_as_sure_as_the_lapse_allows() -> None:
+    p = probabilities([turn("a", a=-5000.0, b=-100.0), turn(None, b=20.0)], ["a"], False, DEFAULT)
+    assert p["a"] == pytest.approx(1.0 - LAPSE, abs=1e-6)
+    assert p["b"] < MISSED
+    assert p[NOTHING] < 0.02
+    assert p[UNEXPLAINED] == LAPSE
+    assert "never_refitted" not in p
+
+
+def test_effects_that_do_as_well_share_the_probability() -> None:
+    p = probabilities([turn("a", ("b",), a=-1000.0, b=-1000.0)], ["a"], False, DEFAULT)
+    assert p["a"] == pytest.approx(p["b"])
+    assert p["a"] + p["b"] == pytest.approx(1.0 - LAPSE, abs=1e-6)
+
+
+def test_weak_evidence_leaves_room_for_nothing() -> None:
+    weak, strong = (probabilities([turn("a", a=-b)], ["a"], False, DEFAULT) for b in (2.0 * T, 20.0 * T))
+    assert 0.5 < weak["a"] < strong["a"]
+    assert weak[NOTHING] > strong[NOTHING]
+
+
+def test_one_contradicted_by_what_was_held_out_has_no_share_though_its_bic_is_lower() -> None:
+    p = probabilities([turn("a", a=-1000.0, b=-3000.0)], ["a"], False, DEFAULT)
+    assert p["a"] > 0.8 * (1.0 - LAPSE)
+    assert p["b"] <= p["a"]
+
+
+def test_a_clean_folder_is_called_so() -> None:
+    p = probabilities([turn(None, a=15.0, b=30.0)], [], False, DEFAULT)
+    assert p[NOTHING] == 1.0 - MISSED
+    assert p["a"] < MISSED
+    assert p["b"] < p["a"]
+    assert p[UNEXPLAINED] == MISSED
+
+
+def test_a_curve_without_a_name_is_unexplained() -> None:
+    p = probabilities([turn(None, a=-15.0)], [], True, DEFAULT)
+    assert p[UNEXPLAINED] == 1.0 - LAPSE
+    assert p[NOTHING] < 0.2
+
+
+def test_an_effect_taken_away_again_is_not_believed() -> None:
+    kept, gone = (probabilities([turn("a", a=-900.0)], added, False, DEFAULT) for added in (["a"], []))
+    assert kept["a"] > 0.8
+    assert gone["a"] == MISSED
+
+
+def test_two_rounds_are_two_reasons() -> None:
+    once = probabilities([turn("b", a=-50.0, b=-60.0)], ["b"], False, DEFAULT)
+    twice = probabilities([turn("b", a=-50.0, b=-60.0), turn("a", a=-200.0)], ["b", "a"], False, DEFAULT)
+    assert twice["a"] > once["a"]
+    assert all(0.0 <= p <= 1.0 for p in twice.values())
