@@ -13,6 +13,7 @@ from etcfit.control.settings import DesignSettings, LoopSettings, ManualSettings
 from etcfit.estimation.bounded import from_json
 from etcfit.estimation.settings import (
     ContradictionSettings,
+    EdgeSettings,
     FitSettings,
     GlobalSearchSettings,
     IdentifiabilitySettings,
@@ -26,6 +27,7 @@ from etcfit.stages import MOST_STEPS
 KINDS: list[Any] = [
     AdviceSettings,
     ContradictionSettings,
+    EdgeSettings,
     FitSettings,
     GlobalSearchSettings,
     IdentifiabilitySettings,

@@ -9,7 +9,7 @@ tells where it came. Where those places agree within a test their phase becomes 
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -23,33 +23,12 @@ from ..problem.trace import Trace, prepare
 from ..rig.base import Measurement, Rig, Start
 from ..rig.checks.edge_phase import arc_chance
 from ..rig.checks.synchronous_edges import SynchronousEdges
+from .settings import EdgeSettings
 
 _SHARES = (0.0, 0.5, 1.0)  # of an interval, at which all edges are simulated
 _TRIED = np.linspace(-0.25, 1.25, 301)  # at which the parabola through them is searched
 _AFTER, _BEFORE = 60, 8  # samples of the current that may tell of an edge, at most
-_MOST = 0.8  # of a test's edges must be near their phase
 _FAINT = 0.1  # of what the instant of an edge changes at most, below which a sample tells nothing more of it
-
-
-@dataclass(frozen=True)
-class EdgeSettings:
-    """When the edges of a test count as in step.
-
-    Args:
-        error: of one edge's place, in sample intervals; less sure ones say nothing.
-        scatter: of places about their phase that a clock may have, in sample intervals.
-        far: standard deviations from the phase at which an edge keeps no step.
-        chance: probability that edges at any instants agree as closely, at most, in a test that proves one clock.
-        agreement: of edges in step scattering as widely, at least, in the other tests of a rig that has one.
-        border: phases so near a sample leave it open on which side of the sample an edge fell.
-    """
-
-    error: float = 0.3
-    scatter: float = 0.03
-    far: float = 4.0
-    chance: float = 1e-3
-    agreement: float = 0.01
-    border: float = 0.15
 
 
 class EdgePlace(NamedTuple):
@@ -67,7 +46,7 @@ class EdgePlace(NamedTuple):
 
 
 def with_edges_in_step(
-    rig: Rig, problem: EstimationProblem, x: Float[np.ndarray, " P"], settings: EdgeSettings = EdgeSettings()
+    rig: Rig, problem: EstimationProblem, x: Float[np.ndarray, " P"], settings: EdgeSettings
 ) -> Rig | None:
     """The rig with the tests named whose edges are in step with the samples, each edge's turn and where the phases
     start; None where its records do not show that output and logger share a clock, or the model does not bear it out.
@@ -81,37 +60,40 @@ def with_edges_in_step(
     if not any(finding.kind == SynchronousEdges.kind for finding in rig.findings):
         return None
     tests = tuple(dict.fromkeys(t.test.name for t in problem.batch.traces if _jumps(t)))
-    places = edge_places(_named(rig, tests), problem, x)
+    places = edge_places(rig, tests, problem, x)
     shared = {test: _common(list(_of(places, rig, test)), settings) for test in tests}
-    if not any(common is not None and common.chance <= settings.chance for common in shared.values()):
+    alike = {test: c for test, c in shared.items() if c is not None and c.agreement >= settings.agreement}
+    if not any(common.chance <= settings.chance for common in alike.values()):
         return None
-    phases = {test: c.phase for test, c in shared.items() if c is not None and c.agreement >= settings.agreement}
+    phases = {test: common.phase for test, common in alike.items()}
     turned = tuple(
         replace(m, edge_turn=_turns(m, places.get(m.file, ()), phases[m.test], settings)) if m.test in phases else m
         for m in rig.measurements
     )
     named = _named(replace(rig, measurements=turned), tuple(phases))
-    starts = {EdgePhase.at(Place(test)): phase for test, phase in phases.items()}
-    known = {next(iter(e.off or {})): Start(phase) for e, phase in starts.items()}
-    return replace(named, config=replace(named.config, parameters={**named.config.parameters, **known}))
+    starts = {symbol: Start(phase) for test, phase in phases.items() for symbol in _symbols(test)}
+    return replace(named, config=replace(named.config, parameters={**starts, **named.config.parameters}))
 
 
 def edge_places(
-    rig: Rig, problem: EstimationProblem, x: Float[np.ndarray, " P"]
+    rig: Rig, tests: Sequence[str], problem: EstimationProblem, x: Float[np.ndarray, " P"]
 ) -> Mapping[str, tuple[EdgePlace, ...]]:
-    """Every edge of every trace, held-out ones too, by file.
+    """Every edge of every trace of these tests, held-out ones too, by file.
 
     Args:
-        rig: one whose config names `EdgePhase` for the tests of interest.
-        problem: another problem of the same rig without it.
-        x: its coordinates near the optimum, shape (P,).
+        rig: as read.
+        tests: whose edges.
+        problem: of its fitted traces.
+        x: coordinates near the optimum, shape (P,).
     """
-    known = free_parameters(rig.config)
-    traces = tuple(t for t in (prepare(m, rig.config) for m in rig.measurements) if t is not None)
+    config = _named(rig, tests).config
+    known = free_parameters(config)
+    traces = tuple(t for t in (prepare(m, config) for m in rig.measurements) if t is not None)
     values = problem.layout.values(x, problem.free_parameters.held)
+    phases = [symbol for test in tests for symbol in _symbols(test)]
 
     def at(share: float) -> Float[np.ndarray, " P"]:
-        return known.layout.coordinates({**dict.fromkeys(known.layout.free, share), **values})
+        return known.layout.coordinates({**values, **dict.fromkeys(phases, share)})
 
     tried = EstimationProblem.of(rig.config, known, traces).refined(at(0.5))
     seen = [tried.free_run(at(share)) for share in _SHARES]
@@ -126,6 +108,11 @@ def _named(rig: Rig, tests: Sequence[str]) -> Rig:
     """The rig whose config names the effect for these tests."""
     names = dict.fromkeys((*rig.config.effects, *(EdgePhase.at(Place(test)).name for test in tests)))
     return replace(rig, config=replace(rig.config, effects=tuple(names)))
+
+
+def _symbols(test: str) -> tuple[str, ...]:
+    """That of the phase of a test's edges."""
+    return tuple(EdgePhase.at(Place(test)).off or ())
 
 
 def _of(places: Mapping[str, Sequence[EdgePlace]], rig: Rig, test: str) -> Iterator[EdgePlace]:
@@ -194,7 +181,7 @@ def _common(places: Sequence[EdgePlace], settings: EdgeSettings) -> _Common | No
     for _ in range(5):  # a few may be off: an edge that came between two others, say
         off = (share - phase + 0.5) % 1.0 - 0.5
         near = np.abs(off) < settings.far * sd
-        if near.sum() < max(2, _MOST * off.size):
+        if near.sum() < max(2, settings.near * off.size):
             return None
         phase += float(np.average(off[near], weights=1.0 / sd[near] ** 2))
     agreement = float(stats.chi2.sf(np.sum((off / sd)[near] ** 2), near.sum() - 1))

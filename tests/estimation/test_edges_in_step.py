@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 from numpy.testing import assert_array_equal
 
-from etcfit.estimation.edges_in_step import EdgePlace, EdgeSettings, _common, _turns, edge_places, with_edges_in_step
+from etcfit.estimation.edges_in_step import EdgePlace, _common, _turns, edge_places, with_edges_in_step
 from etcfit.estimation.joint_fit import fit, ready
-from etcfit.model.rig_effects import EdgePhase, Place
+from etcfit.estimation.settings import EdgeSettings
 from etcfit.problem.free_parameters import free_parameters
 from etcfit.problem.problem import EstimationProblem
 from etcfit.rig.base import Measurement, Rig
@@ -39,7 +39,7 @@ def at_the_truth(rig: Rig, truth: Truth) -> tuple[EstimationProblem, np.ndarray]
 @pytest.mark.parametrize(("before", "share"), [(0.7, 0.3), (0.0, 0.0)])
 def test_the_phase_of_each_test_and_the_turn_of_each_edge(tmp_path: Path, before: float, share: float) -> None:
     rig, truth = made(tmp_path, before)
-    clocked = with_edges_in_step(rig, *at_the_truth(rig, truth))
+    clocked = with_edges_in_step(rig, *at_the_truth(rig, truth), EdgeSettings())
     assert clocked is not None
     phases = {s: k for s, k in clocked.config.parameters.items() if s.startswith("edge_phase")}
     assert {s.removeprefix("edge_phase.") for s in phases} <= TESTS
@@ -57,9 +57,8 @@ def test_the_phase_of_each_test_and_the_turn_of_each_edge(tmp_path: Path, before
 def test_edges_at_any_instant_are_left_as_they_are(tmp_path: Path) -> None:
     rig, truth = made(tmp_path, None)
     problem, x = at_the_truth(rig, truth)
-    assert with_edges_in_step(rig, problem, x) is None
-    named = replace(rig, config=replace(rig.config, effects=(EdgePhase.at(Place("response")).name,)))
-    places = edge_places(named, problem, x)
+    assert with_edges_in_step(rig, problem, x, EdgeSettings()) is None
+    places = edge_places(rig, ["response"], problem, x)
     shares = [p.share for m in rig.measurements if m.test == "response" for p in places[m.file] if p.sd < 0.1]
     assert np.ptp(shares) > 0.7
     found = _common([p for m in rig.measurements if m.test == "response" for p in places[m.file]], EdgeSettings())
