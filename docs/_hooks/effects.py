@@ -55,7 +55,8 @@ def of_the_rig() -> str:
     """Every registered family of effects of the rig."""
     from etcfit.model.rig_effects import RIG_EFFECTS, Place
 
-    place = {"series_resistance": Place("inductance"), "time_scale": Place("response")}
+    place = {"series_resistance": Place("inductance"), "time_scale": Place("response"),
+             "channel_drift": Place("response", "torque")}  # fmt: skip
     parts = []
     for family in RIG_EFFECTS:
         at = place.get(family.kind, Place() if family.scope == "rig" else Place("response", "current"))

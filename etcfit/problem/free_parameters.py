@@ -20,7 +20,6 @@ from ..model.throttle import catalogue
 from ..rig.base import Fixed, Prior, RigConfig, Start, Tied
 
 _FARTHEST = 1e9  # of a known value from the usual size, either way
-_LUMPED = "J_m"  # may be fixed at 0: one inertia, J_L, then stands for motor and plate together
 SERIES = "series_ohm."  # prefix of a rig test's own circuit resistance
 
 
@@ -229,7 +228,7 @@ def free_parameters(config: RigConfig, further: tuple[type[AbstractEffect], ...]
     for symbol, other in ties.items():
         _must_tie(symbol, other, ties, parameters)
     for symbol, knowledge in known.items():
-        if not isinstance(knowledge, Tied) and not (symbol == _LUMPED and knowledge == Fixed(0.0)):
+        if not isinstance(knowledge, Tied):
             _must_lie(parameters[symbol], knowledge.value)
     free = tuple(s for s in parameters if s not in fixed and s not in ties)
     if not free:
