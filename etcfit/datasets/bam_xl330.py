@@ -43,7 +43,7 @@ duty = 0.0003                # a command, exact to one count of 885: 0.0011 over
 [parameters]
 K_s = { fixed = 0.0 }        # no spring
 T_PL = { fixed = 0.0 }
-J_m = { fixed = 0.0 }        # rotor and arm turn as one: all inertia is J_L
+J_m = { fixed = 1e-9 }       # rotor and arm turn as one: all inertia is J_L; a rotor has some
 B_m = { fixed = 0.0 }        # and all viscous friction is B_L
 T_g = 0.48                   # 0.49 kg * 9.81 m/s2 * 0.10 m; the arm's own mass, not logged, comes on top
 J_L = 0.005                  # 0.49 kg * (0.10 m)^2, without arm and rotor

@@ -35,7 +35,7 @@ torque_Nm = 0.001            # the controller's output as it was computed: a com
 
 [parameters]
 K_s = { fixed = 0.0 }        # no spring
-J_m = { fixed = 0.0 }        # motor and sled move as one: all inertia is J_L (the mass, kg)
+J_m = { fixed = 1e-9 }       # motor and sled move as one: all inertia is J_L (the mass, kg); a motor has some
 B_m = { fixed = 0.0 }        # and all viscous friction is B_L (N s/m)
 J_L = 100.0                  # orders of magnitude, only where the fit starts: a throttle's would be far off
 B_L = 200.0

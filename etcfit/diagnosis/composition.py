@@ -122,10 +122,11 @@ def logged(rig: Rig, traces: tuple[Trace, ...]) -> frozenset[str]:
 
 
 def by_test(traces: tuple[Trace, ...]) -> dict[str, frozenset[str]]:
-    """What the traces of each rig test logged: the channels that the model predicts, and "voltage" where one drove."""
+    """What the traces of each rig test logged: the channels that the model predicts, and "voltage" or "torque" where
+    one drove."""
     found: dict[str, frozenset[str]] = {}
     for trace in traces:
-        driven = {"voltage"} if trace.circuit and trace.input is not None else set()
+        driven = {"voltage"} if trace.circuit else {"torque"} if trace.torque_driven else set()
         found[trace.test.name] = found.get(trace.test.name, frozenset()) | set(trace.channels) | driven
     return found
 

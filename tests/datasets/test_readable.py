@@ -8,8 +8,14 @@ from typing import Any
 import pytest
 
 from etcfit.datasets import DATASETS
+from etcfit.problem.free_parameters import free_parameters
 from etcfit.rig.base import Fixed
 from etcfit.rig.reader import read_folder
+
+
+@pytest.mark.parametrize("name", DATASETS)
+def test_a_fit_takes_what_its_rig_toml_says_of_the_parameters(fetched: Callable[[str], Any], name: str) -> None:
+    assert free_parameters(read_folder(fetched(name).folder).config).layout.free
 
 
 @pytest.mark.parametrize("name", DATASETS)

@@ -2,22 +2,25 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 import pytest
 from numpy.testing import assert_allclose
 
 from etcfit.diagnosis import Diagnosis, diagnose
 from etcfit.diagnosis.candidate_model import CandidateModel
 from etcfit.diagnosis.composition import compose
+from etcfit.diagnosis.loop import screened
 from etcfit.diagnosis.refit import start
 from etcfit.diagnosis.rig_mistakes import rig_mistakes
 from etcfit.diagnosis.settings import DEFAULT
 from etcfit.estimation.intervals import intervals
 from etcfit.estimation.joint_fit import FitResult, fit
 from etcfit.model.rig_effects import rig_effect
+from etcfit.rig.base import Rig
 from etcfit.rig.reader import read_folder
 from etcfit.run_folder.diagnosis import diagnosis_json
 from independent import CONSISTENT, Truth, draw_truth
@@ -128,3 +131,41 @@ def test_a_clean_folder_has_no_mistake(resistor: Case) -> None:
     result = fit(rig)
     assert len(compose(result.rig, result.problem.batch.traces).of_the_rig) > 30
     assert diagnose(result).rig == ()
+
+
+def wandering(rate: float) -> Rig:
+    """A sled without a spring, 1 rad = 1 m, under a commanded force whose zero wanders by `rate` N/s."""
+    fine, every, rng = 2e-4, 25, np.random.default_rng(0)
+
+    def force(t: np.ndarray) -> np.ndarray:
+        return 60.0 * np.sin(2.0 * np.pi * t / 1.5) + 30.0 * np.sin(2.0 * np.pi * t / 0.41)
+
+    t = fine * np.arange(60_000)
+    middle = t[:-1] + 0.5 * fine
+    place, speed = np.zeros(t.size), 0.0
+    for k, push in enumerate(force(middle) - rate * middle):
+        moved = (100.0 - 100.0 * fine) * speed + fine * push  # the trapezoidal rule, 100 kg and 200 N s/m
+        now = np.sign(moved) * max(abs(moved) - fine * 20.0, 0.0) / (100.0 + 100.0 * fine)
+        place[k + 1] = place[k] + 0.5 * fine * (speed + now)
+        speed = now
+    logged = slice(None, None, every)
+    seen = place[logged] + 1e-6 * rng.standard_normal(t[logged].size)
+    frame = pd.DataFrame({"time [s]": t[logged], "torque [N*m]": force(t[logged]), "position [rad]": seen})
+    known = {symbol: {"fixed": value} for symbol, value in {"K_s": 0.0, "J_m": 1e-9, "B_m": 0.0}.items()}
+    known |= {"J_L": 80.0, "B_L": 150.0, "T_f": 15.0}
+    tables = {"rig": {"name": "sled", "travel_deg": [-np.inf, np.inf]}, "parameters": known,
+              "noise": {"position_rad": 1e-6, "torque_Nm": 0.001}}  # fmt: skip
+    return Rig.from_frames({"response/sled": frame}, tables)
+
+
+@pytest.mark.slow
+def test_a_zero_that_wanders_promises_most_and_a_fit_finds_its_rate() -> None:
+    rig, drift = wandering(0.05), rig_effect("channel_drift[response.torque]")
+    without = start(fit(rig), DEFAULT)
+    assert without.far
+    first = screened(without, without.composition.candidates)[0]
+    assert first.variant.effect is drift
+    found = fit(replace(rig, config=replace(rig.config, effects=("channel_drift[response.torque]",))))
+    assert not found.far
+    for symbol, truth in (("drift.response.torque", 0.05), ("J_L", 100.0), ("B_L", 200.0), ("T_f", 20.0)):
+        assert found.values[symbol] == pytest.approx(truth, rel=0.01)

@@ -21,6 +21,7 @@ LOGGED = {
     "viscous": frozenset({"voltage", "current", "motor_speed"}),
     "response": frozenset({"voltage", "current", "position"}),
     "inertia": frozenset({"emf", "position", "motor_speed"}),
+    "sine": frozenset({"torque", "position"}),
 }
 EVERY = (*at_places(LOGGED), EdgePhase.at(Place("response")))
 every_effect = pytest.mark.parametrize("effect", EVERY, ids=lambda e: e.name)
@@ -113,6 +114,15 @@ def test_what_reads_too_much_was_less() -> None:
     current = rig_effect("channel_gain[response.current]")
     assert current is not None
     assert_allclose(made(current, 5.0).read(dict(SEEN), here)["current"], 1.1 * SEEN["current"])
+
+
+def test_a_drift_is_none_where_a_trace_begins_and_grows_from_step_to_step_without_a_jump() -> None:
+    effect = rig_effect("channel_drift[response.torque]")
+    assert effect is not None
+    given = steps()._replace(dt=jnp.array([0.5, 0.5]), time=jnp.array([0.5, 1.0]))
+    driven = made(effect, 3.0).driven(given, jnp.full(2, number_of("response")))  # 0.03 N m/s
+    assert_allclose(given.torque0 - driven.torque0, [0.0, 0.015], atol=1e-15)
+    assert_allclose(given.torque1 - driven.torque1, [0.015, 0.03], atol=1e-15)
 
 
 def test_a_position_reads_off_where_the_plate_is_and_begins_where_it_was() -> None:

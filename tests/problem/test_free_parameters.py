@@ -107,6 +107,7 @@ def test_reach_is_a_change_of_a_hundred_percent() -> None:
         ({"R_a": Fixed(0.0)}, "R_a is 0 ohm"),
         ({"K_s": Prior(-0.1, 0.1)}, "K_s is -0.1 "),
         ({"J_L": Start(1e90)}, r"J_L is 1e\+90 kg"),
+        ({"J_m": Fixed(0.0)}, "J_m is 0 kg"),
         ({s: Fixed(1e-3) for s in PAPER_SYMBOLS}, "nothing is left to fit"),
         ({s: Fixed(1e-3) if s == "R_a" else Tied("R_a") for s in PAPER_SYMBOLS}, "nothing is left to fit"),
     ],

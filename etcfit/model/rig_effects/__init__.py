@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from .base import AbstractRigEffect, Logged, Place, number_of
+from .channel_drift import ChannelDrift
 from .channel_gain import ChannelGain
 from .channel_offset import ChannelOffset
 from .edge_phase import EdgePhase
@@ -16,6 +17,7 @@ RIG_EFFECTS: tuple[type[AbstractRigEffect], ...] = (
     SeriesResistance,
     ChannelGain,
     ChannelOffset,
+    ChannelDrift,
     TimeScale,
     GearRatio,
     SensorEndPoints,
@@ -42,6 +44,7 @@ __all__ = [
     "FAMILY_BY_KIND",
     "RIG_EFFECTS",
     "AbstractRigEffect",
+    "ChannelDrift",
     "ChannelGain",
     "ChannelOffset",
     "EdgePhase",

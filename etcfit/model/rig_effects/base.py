@@ -19,7 +19,7 @@ import jax.numpy as jnp
 from ..effects.base import AbstractEffect, Contribution, Inputs, State
 from ..parameters import Parameter, Scalar, declared
 
-Logged = Mapping[str, frozenset[str]]  # rig test -> channels that its traces logged, "voltage" where one drove them
+Logged = Mapping[str, frozenset[str]]  # rig test -> channels its traces logged, "voltage" or "torque" where one drove
 
 
 class Place(NamedTuple):
