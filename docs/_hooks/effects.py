@@ -56,7 +56,6 @@ def of_the_rig() -> str:
     from etcfit.model.rig_effects import RIG_EFFECTS, Place
 
     place = {"series_resistance": Place("inductance"), "time_scale": Place("response"),
-    place = {"series_resistance": Place("inductance"), "time_scale": Place("response"),
              "edge_phase": Place("response"), "channel_drift": Place("response", "torque")}  # fmt: skip
     parts = []
     for family in RIG_EFFECTS:
