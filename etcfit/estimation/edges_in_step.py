@@ -17,12 +17,10 @@ from jaxtyping import Float
 from scipy import stats
 
 from ..model.rig_effects import EdgePhase, Place
-from ..problem.free_parameters import free_parameters
 from ..problem.problem import EstimationProblem
-from ..problem.trace import Trace, prepare
+from ..problem.trace import Trace
 from ..rig.base import Measurement, Rig, Start
 from ..rig.checks.edge_phase import arc_chance
-from ..rig.checks.synchronous_edges import SynchronousEdges
 from .settings import EdgeSettings
 
 _SHARES = (0.0, 0.5, 1.0)  # of an interval, at which all edges are simulated
@@ -46,78 +44,60 @@ class EdgePlace(NamedTuple):
 
 
 def with_edges_in_step(
-    rig: Rig, problem: EstimationProblem, x: Float[np.ndarray, " P"], settings: EdgeSettings
+    rig: Rig, problem: EstimationProblem, held_out: Sequence[Trace], x: Float[np.ndarray, " P"], settings: EdgeSettings
 ) -> Rig | None:
     """The rig with the tests named whose edges are in step with the samples, each edge's turn and where the phases
-    start; None where its records do not show that output and logger share a clock, or the model does not bear it out.
+    start; None where the edges do not show that output and logger share a clock.
 
     Args:
-        rig: as read.
+        rig: as read; where rig.toml names the effect itself, nothing is looked for.
         problem: of its fitted traces.
+        held_out: its other traces: their edges have turns too, and say nothing of the phase.
         x: coordinates near the optimum, shape (P,).
         settings: what counts as in step.
     """
-    if not any(finding.kind == SynchronousEdges.kind for finding in rig.findings):
+    if any(effect.startswith(EdgePhase.kind) for effect in rig.config.effects):
         return None
-    tests = tuple(dict.fromkeys(t.test.name for t in problem.batch.traces if _jumps(t)))
-    places = edge_places(rig, tests, problem, x)
-    shared = {test: _common(list(_of(places, rig, test)), settings) for test in tests}
+    places = edge_places(problem, x)
+    tests = dict.fromkeys(t.test.name for t in problem.batch.traces if _jumps(t))
+    shared = {test: _common(list(_of(places, problem, test)), settings) for test in tests}
     alike = {test: c for test, c in shared.items() if c is not None and c.agreement >= settings.agreement}
     if not any(common.chance <= settings.chance for common in alike.values()):
         return None
-    phases = {test: common.phase for test, common in alike.items()}
+    places |= edge_places(problem.beside(tuple(held_out), x), x) if held_out else {}
     turned = tuple(
-        replace(m, edge_turn=_turns(m, places.get(m.file, ()), phases[m.test], settings)) if m.test in phases else m
+        replace(m, edge_turn=_turns(m, places.get(m.file, ()), alike[m.test].phase, settings)) if m.test in alike else m
         for m in rig.measurements
     )
-    named = _named(replace(rig, measurements=turned), tuple(phases))
-    starts = {symbol: Start(phase) for test, phase in phases.items() for symbol in _symbols(test)}
-    return replace(named, config=replace(named.config, parameters={**starts, **named.config.parameters}))
+    effects = [EdgePhase.at(Place(test)) for test in alike]
+    starts = {s: Start(c.phase) for effect, c in zip(effects, alike.values(), strict=True) for s in effect.off or ()}
+    config = replace(
+        rig.config,
+        effects=(*rig.config.effects, *(effect.name for effect in effects)),
+        parameters={**starts, **rig.config.parameters},
+    )
+    return replace(rig, config=config, measurements=turned)
 
 
-def edge_places(
-    rig: Rig, tests: Sequence[str], problem: EstimationProblem, x: Float[np.ndarray, " P"]
-) -> Mapping[str, tuple[EdgePlace, ...]]:
-    """Every edge of every trace of these tests, held-out ones too, by file.
+def edge_places(problem: EstimationProblem, x: Float[np.ndarray, " P"]) -> dict[str, tuple[EdgePlace, ...]]:
+    """Every edge of every trace, by file.
 
     Args:
-        rig: as read.
-        tests: whose edges.
-        problem: of its fitted traces.
+        problem: the traces.
         x: coordinates near the optimum, shape (P,).
     """
-    config = _named(rig, tests).config
-    known = free_parameters(config)
-    traces = tuple(t for t in (prepare(m, config) for m in rig.measurements) if t is not None)
-    values = problem.layout.values(x, problem.free_parameters.held)
-    phases = [symbol for test in tests for symbol in _symbols(test)]
-
-    def at(share: float) -> Float[np.ndarray, " P"]:
-        return known.layout.coordinates({**values, **dict.fromkeys(phases, share)})
-
-    tried = EstimationProblem.of(rig.config, known, traces).refined(at(0.5))
-    seen = [tried.free_run(at(share)) for share in _SHARES]
-    return {t.measurement.file: tuple(_read(t, paths)) for t, *paths in zip(tried.batch.traces, *seen, strict=True)}
+    seen = (replace(problem, batch=problem.batch.jumping(share)).free_run(x) for share in _SHARES)
+    traces = problem.batch.traces
+    return {t.measurement.file: tuple(_read(t, paths)) for t, *paths in zip(traces, *seen, strict=True)}
 
 
 def _jumps(trace: Trace) -> bool:
     return trace.circuit and trace.input is not None and bool(trace.input.edge.any()) and "current" in trace.channels
 
 
-def _named(rig: Rig, tests: Sequence[str]) -> Rig:
-    """The rig whose config names the effect for these tests."""
-    names = dict.fromkeys((*rig.config.effects, *(EdgePhase.at(Place(test)).name for test in tests)))
-    return replace(rig, config=replace(rig.config, effects=tuple(names)))
-
-
-def _symbols(test: str) -> tuple[str, ...]:
-    """That of the phase of a test's edges."""
-    return tuple(EdgePhase.at(Place(test)).off or ())
-
-
-def _of(places: Mapping[str, Sequence[EdgePlace]], rig: Rig, test: str) -> Iterator[EdgePlace]:
-    """Those of all of one test's fitted traces."""
-    yield from (p for m in rig.measurements if m.test == test and not m.held_out for p in places.get(m.file, ()))
+def _of(places: Mapping[str, Sequence[EdgePlace]], problem: EstimationProblem, test: str) -> Iterator[EdgePlace]:
+    """Those of all traces of one test."""
+    yield from (p for t in problem.batch.traces if t.test.name == test for p in places[t.measurement.file])
 
 
 def _read(trace: Trace, paths: Sequence[Float[np.ndarray, "n M"]]) -> Iterator[EdgePlace]:

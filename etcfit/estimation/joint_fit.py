@@ -115,7 +115,8 @@ def fit(rig: Rig, report: Report = quiet, settings: FitSettings = FitSettings())
     problem = problem.with_release_times(x).with_integrator_states(x)
     finish = _whitened if misfit < settings.misfit else _free_running
     reached = finish(problem, x, report, settings)
-    clocked = None if reached.end.far else with_edges_in_step(rig, reached.problem, reached.x, settings.edges)
+    near = not reached.end.far
+    clocked = with_edges_in_step(rig, reached.problem, held_out, reached.x, settings.edges) if near else None
     if clocked is not None:  # instants of edges that were taken as independent share a phase
         report("edges in step with the samples: fitting their phase", 0.9)
         rig, (_, held_out, _) = clocked, ready(clocked)

@@ -112,6 +112,21 @@ class TraceBatch:
         steps = self.steps._replace(voltage0=level, voltage1=np.where(active, level, self.steps.voltage1))
         return replace(self, steps=steps, traces=traces)
 
+    def jumping(self, share: float) -> TraceBatch:
+        """The same with every edge of the voltage at that share of its interval, as near as steps with a linear input
+        come to it: each keeps mean and first moment of what acts in it."""
+        early, late = np.array(self.steps.voltage0), np.array(self.steps.voltage1)
+        for trace, (lane, _, marks) in zip(self.traces, self.places, strict=True):
+            if trace.circuit and trace.input is not None:
+                for k in np.flatnonzero(trace.input.edge):
+                    rows = np.arange(marks[k] + 1, marks[k + 1] + 1)
+                    inside = np.clip(share * rows.size - np.arange(rows.size), 0.0, 1.0)  # share of each step
+                    before, after = trace.input.value[k : k + 2]
+                    mean = before + (after - before) * (1.0 - inside)
+                    swing = 3.0 * (after - before) * inside * (1.0 - inside)
+                    early[rows, lane], late[rows, lane] = mean - swing, mean + swing
+        return replace(self, steps=self.steps._replace(voltage0=early, voltage1=late))
+
     def guided(self, guide_stiffness: float) -> Step:
         """The steps with a guide of `guide_stiffness`, V/rad, or N m/rad where torque drives; 0 is a free run."""
         return self.steps._replace(guide_stiffness=guide_stiffness * self.guidable)
