@@ -184,9 +184,9 @@ def outcome(
         notes: warnings besides the rig's own.
         settings: what the fit decided by.
     """
-    r, _, jacobian = problem.linearise(x, weighted)
-    pieces = pieces_of(problem, r, jacobian)
-    information = information_of(weighted.prior_sd[: x.size], jacobian)
+    here = problem.linearise(x, weighted)
+    pieces = pieces_of(problem, here)
+    information = information_of(weighted.prior_sd[: x.size], here.jacobian)
     certain = analyse(problem.layout, x, information, settings.identifiability).covariance
     covariance, _, count = widen(certain, [(p.jacobian, p.r) for p in pieces], settings.whiteness)
     alternating: list[str] = []
@@ -204,7 +204,7 @@ def outcome(
     if holdout is not None:
         score_holdout = rows(held_out, [predicted[t.measurement.file] for t in held_out])
     score_fit = rows(problem.batch.traces, [predicted[t.measurement.file] for t in problem.batch.traces])
-    whitened = _in_sigma(problem, predicted) if end.far else tuple(columns(problem.batch, r))
+    whitened = _in_sigma(problem, predicted) if end.far else tuple(columns(problem.batch, here.r))
     samples = sum(row.n for row in score_fit)
     chi2 = sum(float(np.nansum(part**2)) for part in whitened) / max(1.0, samples - x.size)
     agreed = agreement(problem, weighted, x, pieces, covariance, (end.far, chi2), settings)
@@ -263,8 +263,7 @@ def _verdict_on_parameters(
     """
     inside = problem.layout.off_bounds(x)
     if not np.array_equal(inside, x):
-        r, _, jacobian = problem.linearise(inside, weighted)
-        there = pieces_of(problem, r, jacobian)
+        there = pieces_of(problem, problem.linearise(inside, weighted))
         pieces = tuple(new._replace(r=piece.r) for new, piece in zip(there, pieces, strict=True))
     information = np.diag(1.0 / np.asarray(weighted.prior_sd)[: x.size] ** 2)
     for piece in pieces:
