@@ -13,6 +13,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from .posterior.settings import SamplingSettings
+
 if TYPE_CHECKING:
     from .api.diagnosed import Diagnosed
     from .api.fit import Fit
@@ -20,8 +22,6 @@ if TYPE_CHECKING:
     from .run_folder import RunFolder
 
 Report = Callable[[str, float], None]
-
-MOST_STEPS = 20_000  # of each ensemble, after which sampling ends all the same
 
 
 @dataclass(frozen=True)
@@ -80,14 +80,14 @@ def diagnose_run(run: RunFolder, report: Report) -> Done:
     return Done(diagnosis_table(found), failure(found.after))
 
 
-def sample_run(run: RunFolder, report: Report, steps: int = MOST_STEPS) -> Done:
+def sample_run(run: RunFolder, report: Report, steps: int = SamplingSettings.most_steps) -> Done:
     """How sure: RUN/posterior.nc and RUN/posterior.json of the final model, pictures; goes on with a chain begun."""
     report("taking up the model", 0.0)
     keep_compiled()
     result = run.final()
     from .api.saving import keep_posterior
-    from .posterior import sample
     from .posterior.profile import profiles
+    from .posterior.sampling import sample
     from .reporting.compromise import cautioned
     from .reporting.posterior.table import posterior_table
 
