@@ -23,7 +23,7 @@ from .accuracy import with_accuracy
 from .global_search import evolve, settle
 from .levenberg_marquardt import descend, local, minimise
 from .result import FitResult as FitResult
-from .result import Reason, Termination, outcome
+from .result import Optimum, Reason, Termination, outcome
 from .result import StartSummary as StartSummary
 from .settings import FitSettings
 
@@ -114,7 +114,8 @@ def fit(rig: Rig, report: Report = quiet, settings: FitSettings = FitSettings())
     problem = problem.with_release_times(x).with_integrator_states(x)
     finish = _whitened if misfit < settings.misfit else _free_running
     problem, weighted, x, end = finish(problem, x, report, settings)
-    return with_accuracy(outcome(rig, readings, problem, held_out, weighted, x, starts, end, notes, settings))
+    optimum = Optimum(rig, readings, problem, held_out, weighted, x, end, starts, notes, settings)
+    return with_accuracy(outcome(optimum))
 
 
 class Descent(NamedTuple):
