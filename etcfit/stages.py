@@ -111,21 +111,14 @@ def reduce_run(
     result = run.final()
     from rich.console import Group
 
+    from .api.control import plant_of
     from .api.saving import keep_reduction
-    from .control.frequency import frequency_response
-    from .control.linearise import reduce
     from .reporting.compromise import cautioned
     from .reporting.control.tables import reduction_table, sine_table
-    from .run_folder import sines_of
 
-    fitted, sines = result.fitted(), sines_of(result)
-    report("linearising", 0.3)
-    reduction = reduce(fitted, unit_in, unit_out, at)
-    if sines:
-        report("fitting sines", 0.6)
-    response = frequency_response(fitted, sines) if sines else None
+    reduction, response = plant_of(result, unit_in, unit_out, at, report)
     keep_reduction(run, result, reduction, response, pade, report)
-    table = cautioned(reduction_table(fitted, reduction, pade), result)
+    table = cautioned(reduction_table(result.fitted(), reduction, pade), result)
     return Done(table if response is None else Group(table, sine_table(response)), failure(result))
 
 
@@ -151,19 +144,19 @@ def design_run(
     report("taking up the fit", 0.0)
     keep_compiled()
     result = run.final()
+    from .api.control import design_of
     from .api.saving import keep_design
-    from .control.design import DRAWS, SEED, design, ecu_of
-    from .control.linearise import stops
+    from .control.design import DRAWS, SEED
     from .control.pid import Requirements
     from .reporting.compromise import cautioned
     from .reporting.control.tables import design_table
     from .run_folder import read_draws
 
     fitted = result.fitted()
-    lower, upper = stops(fitted)
-    computer = ecu_of(fitted, resolution=(upper - lower) / 2**adc_bits, **ecu)
     drawn = read_draws(run.path, fitted, DRAWS - 1, SEED)
-    found = design(fitted, computer, Requirements(*limits), rule, drawn, feed_forward, report)
+    found = design_of(
+        fitted, rule, Requirements(*limits), drawn, report, adc_bits=adc_bits, feed_forward=feed_forward, **ecu
+    )
     settings = {"rule": rule, "adc_bits": adc_bits, "feed_forward": feed_forward, "limits": limits, "ecu": ecu}
     keep_design(run, result, found, settings, report)
     return Done(cautioned(design_table(found), result), failure(result))

@@ -131,19 +131,11 @@ def reduce(
         quiet: show no progress.
     """
     with working(quiet) as report:
-        from ..control.frequency import frequency_response
-        from ..control.linearise import reduce as reduce_fitted
-        from ..run_folder import sines_of
+        from .control import plant_of
         from .reduced import Reduced
 
         fit = _fit_of("reduce", model)
-        report("linearising", 0.3)
-        fitted = fit.result.fitted()
-        reduction = reduce_fitted(fitted, input_unit, output_unit, share)
-        sines = sines_of(fit.result)
-        if sines:
-            report("fitting sines", 0.6)
-        return Reduced(fit, reduction, frequency_response(fitted, sines) if sines else None)
+        return Reduced(fit, *plant_of(fit.result, input_unit, output_unit, share, report))
 
 
 def design(
@@ -173,10 +165,9 @@ def design(
         UsageError: no such rule, or one that has no gains for this plant.
     """
     with working(quiet) as report:
-        from ..control.design import PAPERS, ecu_of
-        from ..control.design import design as design_gains
-        from ..control.linearise import stops
+        from ..control.design import PAPERS
         from ..model.ecu import Ecu
+        from .control import design_of
         from .designed import Designed
 
         if unknown := sorted(set(ecu) - set(Ecu._fields)):
@@ -185,10 +176,9 @@ def design(
             )
         fit = _fit_of("design", model)
         fitted = fit.result.fitted()
-        lower, upper = stops(fitted)
-        computer = ecu_of(fitted, **({"resolution": (upper - lower) / 2**adc_bits} | ecu))
         drawn = _draws(model if posterior is None else posterior, fitted)
-        found = design_gains(fitted, computer, requirements or PAPERS, rule, drawn, feed_forward, report)
+        limits = requirements or PAPERS
+        found = design_of(fitted, rule, limits, drawn, report, adc_bits=adc_bits, feed_forward=feed_forward, **ecu)
         return Designed(fit, found)
 
 
