@@ -136,11 +136,10 @@ class Sampled:
 
 def sampled(result: Any, folder: Path) -> Sampled:
     """The posterior from its first step."""
-    from etcfit.posterior import sample
-    from etcfit.stages import MOST_STEPS
+    from etcfit.posterior.sampling import sample
 
     kept: list[Any] = []
-    took = timed(lambda: kept.append(sample(result, folder, MOST_STEPS)))
+    took = timed(lambda: kept.append(sample(result, folder)))
     posterior = kept[0]
     steps, walkers = posterior.convergence.steps, posterior.chain.ensembles[0].points.shape[1]
     ess = min(m.ess for m in posterior.marginals.values())

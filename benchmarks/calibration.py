@@ -49,10 +49,9 @@ def one(seed: int, centre: str, size: Any, sampled: bool, folder: Path) -> dict[
 
 
 def _sampled(result: Any, true: Mapping[str, float], folder: Path) -> dict[str, Any]:
-    from etcfit.posterior import sample
-    from etcfit.stages import MOST_STEPS
+    from etcfit.posterior.sampling import sample
 
-    posterior = sample(result, folder, MOST_STEPS)
+    posterior = sample(result, folder)
     ranks = {s: float(np.mean(posterior.draws[s] < true[s])) if posterior.marginals[s].status == "estimated" else None
              for s in result.free_parameters.layout.free}  # fmt: skip
     return {"posterior": ranks, "chain": posterior.convergence.converged}

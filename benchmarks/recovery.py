@@ -85,7 +85,7 @@ def _bound(result: Any, truth: dict[str, float]) -> dict[str, float]:
     layout = problem.layout
     x = layout.coordinates(truth)
     weighted = problem.weighted(problem.kalman(x))
-    _, _, jacobian = problem.linearise(x, weighted)
+    jacobian = problem.linearise(x, weighted).jacobian
     flat = jacobian.reshape(-1, x.size)
     sd = np.sqrt(np.diag(np.linalg.inv(flat.T @ flat)))
     slope = [float(jax.grad(layout.parameter(s).domain.value)(x[k])) for k, s in enumerate(layout.free)]

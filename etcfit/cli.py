@@ -19,6 +19,7 @@ import typer
 
 from . import __version__, stages
 from .errors import MeasurementError, UsageError
+from .posterior.settings import SamplingSettings
 
 app = typer.Typer(
     help="Parameters of an electronic throttle body, from a folder of rig measurements.",
@@ -255,7 +256,7 @@ def sample(
     run: Run,
     steps: Annotated[
         int, typer.Option(help="Steps of each ensemble after which to stop all the same.", min=1)
-    ] = stages.MOST_STEPS,
+    ] = SamplingSettings.most_steps,
     quiet: Quiet = False,
 ) -> None:
     """The posterior of the model in RUN (that of the diagnosis, else of the fit); stops by itself, can be resumed."""

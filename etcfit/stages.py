@@ -13,6 +13,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from .posterior.settings import SamplingSettings
+
 if TYPE_CHECKING:
     from .api.diagnosed import Diagnosed
     from .api.fit import Fit
@@ -20,8 +22,6 @@ if TYPE_CHECKING:
     from .run_folder import RunFolder
 
 Report = Callable[[str, float], None]
-
-MOST_STEPS = 20_000  # of each ensemble, after which sampling ends all the same
 
 
 @dataclass(frozen=True)
@@ -80,14 +80,14 @@ def diagnose_run(run: RunFolder, report: Report) -> Done:
     return Done(diagnosis_table(found), failure(found.after))
 
 
-def sample_run(run: RunFolder, report: Report, steps: int = MOST_STEPS) -> Done:
+def sample_run(run: RunFolder, report: Report, steps: int = SamplingSettings.most_steps) -> Done:
     """How sure: RUN/posterior.nc and RUN/posterior.json of the final model, pictures; goes on with a chain begun."""
     report("taking up the model", 0.0)
     keep_compiled()
     result = run.final()
     from .api.saving import keep_posterior
-    from .posterior import sample
     from .posterior.profile import profiles
+    from .posterior.sampling import sample
     from .reporting.compromise import cautioned
     from .reporting.posterior.table import posterior_table
 
@@ -111,21 +111,14 @@ def reduce_run(
     result = run.final()
     from rich.console import Group
 
+    from .api.control import plant_of
     from .api.saving import keep_reduction
-    from .control.frequency import frequency_response
-    from .control.linearise import reduce
     from .reporting.compromise import cautioned
     from .reporting.control.tables import reduction_table, sine_table
-    from .run_folder import sines_of
 
-    fitted, sines = result.fitted(), sines_of(result)
-    report("linearising", 0.3)
-    reduction = reduce(fitted, unit_in, unit_out, at)
-    if sines:
-        report("fitting sines", 0.6)
-    response = frequency_response(fitted, sines) if sines else None
+    reduction, response = plant_of(result, unit_in, unit_out, at, report)
     keep_reduction(run, result, reduction, response, pade, report)
-    table = cautioned(reduction_table(fitted, reduction, pade), result)
+    table = cautioned(reduction_table(result.fitted(), reduction, pade), result)
     return Done(table if response is None else Group(table, sine_table(response)), failure(result))
 
 
@@ -151,19 +144,19 @@ def design_run(
     report("taking up the fit", 0.0)
     keep_compiled()
     result = run.final()
+    from .api.control import design_of
     from .api.saving import keep_design
-    from .control.design import DRAWS, SEED, design, ecu_of
-    from .control.linearise import stops
+    from .control.design import DRAWS, SEED
     from .control.pid import Requirements
     from .reporting.compromise import cautioned
     from .reporting.control.tables import design_table
     from .run_folder import read_draws
 
     fitted = result.fitted()
-    lower, upper = stops(fitted)
-    computer = ecu_of(fitted, resolution=(upper - lower) / 2**adc_bits, **ecu)
     drawn = read_draws(run.path, fitted, DRAWS - 1, SEED)
-    found = design(fitted, computer, Requirements(*limits), rule, drawn, feed_forward, report)
+    found = design_of(
+        fitted, rule, Requirements(*limits), drawn, report, adc_bits=adc_bits, feed_forward=feed_forward, **ecu
+    )
     settings = {"rule": rule, "adc_bits": adc_bits, "feed_forward": feed_forward, "limits": limits, "ecu": ecu}
     keep_design(run, result, found, settings, report)
     return Done(cautioned(design_table(found), result), failure(result))

@@ -4,14 +4,11 @@ from __future__ import annotations
 
 import importlib.util
 import os
-import tempfile
 from pathlib import Path
 
 import pytest
 
 os.environ.setdefault("JAX_ENABLE_X64", "1")
-# what a test compiles goes neither into nor out of the user's own cache
-os.environ["ETCFIT_CACHE"] = tempfile.mkdtemp(prefix="etcfit-tests-")
 
 if importlib.util.find_spec("jax"):
     import jax
@@ -24,6 +21,18 @@ if importlib.util.find_spec("jaxtyping") and importlib.util.find_spec("beartype"
 
     # shapes and types of every call into these rooms are checked; users never pay for it
     install_import_hook(["etcfit.problem", "etcfit.model"], "beartype.beartype")
+
+
+def pytest_configure(config: pytest.Config) -> None:
+    """What a test compiles goes neither into nor out of the user's own cache; the other process and the next run find
+    it in pytest's (`--cache-clear` forgets it). JAX compares program, compiler and flags before it believes an entry.
+    """
+    assert config.cache is not None
+    os.environ["ETCFIT_CACHE"] = str(config.cache.mkdir("etcfit"))
+    if importlib.util.find_spec("jax"):
+        from etcfit.backend import use_compilation_cache
+
+        use_compilation_cache()
 
 
 @pytest.fixture(scope="session")

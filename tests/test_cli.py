@@ -14,6 +14,7 @@ import pytest
 from typer.testing import CliRunner, Result
 
 import etcfit
+import folders
 import results
 import runs
 from etcfit.cli import app
@@ -107,11 +108,21 @@ def test_an_error_is_a_message_and_a_status(
     assert "Traceback" not in done.output
 
 
+@pytest.mark.slow  # it compiles the model; tests/experiment/test_rig_findings.py has a quick one
 def test_check_prints_its_verdict(invoke, tmp_path: Path) -> None:
     results.rig(tmp_path / "rig")
     done = invoke("check", "rig", "--quiet")
     assert (done.exit_code, done.stderr) == (0, "")
     assert "response/1.csv" in done.stdout
+
+
+def test_check_of_a_folder_that_no_fit_would_take_shows_it_and_says_why(invoke, tmp_path: Path) -> None:
+    toml = folders.TOML + '\n[holdout]\nfiles = ["response/1.csv"]\n'
+    folders.write(tmp_path / "rig", {"rig.toml": toml, "response/1.csv": folders.response().text()})
+    done = invoke("check", "rig", "--quiet")
+    assert done.exit_code == 1
+    assert "response/1.csv" in done.stdout
+    assert "no trace that can be fitted" in done.stderr
 
 
 def test_report_prints_where_the_page_is(invoke, tmp_path: Path) -> None:

@@ -69,20 +69,28 @@ def test_importing_the_package_asks_for_float64_and_leaves_jax_alone() -> None:
     assert fresh(f"import etcfit, sys; {HEAVY}") == "[]"
 
 
-def test_the_log_of_xla_is_not_for_the_terminal_unless_the_user_says_so() -> None:
-    show = "import etcfit, os; etcfit.Fit; print(os.environ['TF_CPP_MIN_LOG_LEVEL'])"
-    assert fresh(show) == "3"
-    assert fresh(show, TF_CPP_MIN_LOG_LEVEL="0") == "0"
+LOGGED = "import os; print(os.environ['TF_CPP_MIN_LOG_LEVEL'])"
+
+
+@pytest.fixture(scope="module")
+def used() -> list[str]:
+    """Level of XLA's log, and what is heavy, in a process that has taken up what a fit, a diagnosis and a posterior
+    need: seconds."""
+    return fresh(f"import etcfit, sys; etcfit.Fit; etcfit.Diagnosed; etcfit.Sampled; {LOGGED}; {HEAVY}").splitlines()
+
+
+def test_the_log_of_xla_is_not_for_the_terminal_unless_the_user_says_so(used: list[str]) -> None:
+    assert used[0] == "3"
+    assert fresh(f"import etcfit; {LOGGED}", TF_CPP_MIN_LOG_LEVEL="0") == "0"
 
 
 def test_looking_at_the_verbs_imports_nothing_heavy() -> None:
     assert fresh(f"import etcfit, sys; [getattr(etcfit, v) for v in {VERBS}]; dir(etcfit); {HEAVY}") == "[]"
 
 
-def test_a_fit_needs_no_matplotlib_until_a_picture_is_asked_for() -> None:
-    told = fresh(f"import etcfit, sys; etcfit.Fit; etcfit.Diagnosed; etcfit.Sampled; {HEAVY}")
-    assert "jax" in told
-    assert "matplotlib" not in told
+def test_a_fit_needs_no_matplotlib_until_a_picture_is_asked_for(used: list[str]) -> None:
+    assert "jax" in used[1]
+    assert "matplotlib" not in used[1]
 
 
 def test_compiled_models_are_kept_once_something_is_computed_and_not_before(tmp_path: Path) -> None:

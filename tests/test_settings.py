@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+import inspect
 import json
 import re
+from collections.abc import Callable
 from dataclasses import fields, is_dataclass, replace
 from typing import Any
 
 import pytest
 
+from etcfit import cli, stages
+from etcfit.api import verbs
 from etcfit.control.settings import DesignSettings, LoopSettings, ManualSettings, OptimumSettings, RelaySettings
 from etcfit.estimation.bounded import from_json
 from etcfit.estimation.settings import (
@@ -22,7 +26,6 @@ from etcfit.estimation.settings import (
 from etcfit.experiment.settings import AdviceSettings
 from etcfit.files import plain
 from etcfit.posterior.settings import SamplingSettings
-from etcfit.stages import MOST_STEPS
 
 KINDS: list[Any] = [
     AdviceSettings,
@@ -84,8 +87,9 @@ def test_points_must_share_among_the_radii() -> None:
         GlobalSearchSettings(points=30)
 
 
-def test_the_steps_that_the_command_line_shows_are_those_of_the_settings() -> None:
-    assert SamplingSettings().most_steps == MOST_STEPS
+@pytest.mark.parametrize("sample", [cli.sample, stages.sample_run, verbs.sample], ids=lambda f: f.__module__)
+def test_the_steps_that_the_command_line_shows_are_those_of_the_settings(sample: Callable[..., Any]) -> None:
+    assert inspect.signature(sample).parameters["steps"].default == SamplingSettings().most_steps
 
 
 @pytest.mark.parametrize("kind", [OptimumSettings, ManualSettings])

@@ -90,7 +90,7 @@ def test_the_posterior_is_that_of_the_final_model_with_its_formulas_taken_as_exa
         asked.append(words)
         raise Enough
 
-    monkeypatch.setattr("etcfit.posterior.sample", sample)
+    monkeypatch.setattr("etcfit.posterior.sampling.sample", sample)
     wide = replace(found.after, formulas=(diagnoses.FOUND,), exact_covariance=0.5 * found.after.covariance)
     save_diagnosis(tmp_path / "run", replace(found, after=wide))
     with pytest.raises(Enough):

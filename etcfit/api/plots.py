@@ -20,7 +20,7 @@ from ..diagnosis.findings import Diagnosis
 from ..errors import UsageError
 from ..estimation.fitted_model import Fitted
 from ..estimation.result import FitResult
-from ..posterior import Posterior
+from ..posterior.sampling import Posterior
 from ..problem.prediction_error import PredictionError, pooled
 from ..reporting import overview, pictures, style
 from ..reporting.control import bode, responses, sines

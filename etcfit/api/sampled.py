@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pandas as pd
 
-from ..posterior import Posterior
+from ..posterior.sampling import Posterior
 from ..posterior.summary import Marginal
 from ..reporting.numbers import Digits, short
 from . import words

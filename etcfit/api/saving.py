@@ -22,8 +22,8 @@ if TYPE_CHECKING:
     from ..control.linearise import Reduction
     from ..diagnosis.findings import Diagnosis
     from ..estimation.result import FitResult
-    from ..posterior import Posterior
     from ..posterior.profile import Profile
+    from ..posterior.sampling import Posterior
 
 
 def keep_fit(run: RunFolder, result: FitResult, report: Report = silent) -> None:

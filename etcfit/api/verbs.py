@@ -13,13 +13,16 @@ from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any
 
 from ..errors import UsageError
+from ..posterior.settings import SamplingSettings
 from .progress import Report, working
 
 if TYPE_CHECKING:
     import numpy as np
 
     from ..control.pid import Requirements
+    from ..diagnosis.settings import DiagnosisSettings
     from ..estimation.fitted_model import Fitted
+    from ..estimation.settings import FitSettings
     from ..rig.base import Rig
     from .checked import Checked
     from .designed import Designed
@@ -31,8 +34,6 @@ if TYPE_CHECKING:
 
     Folder = str | Path
     Model = Fit | Diagnosed | Sampled | Reduced | Folder
-
-_STEPS = 20_000  # of each ensemble, after which sampling ends all the same
 
 
 def check(rig: Rig | Folder, *, quiet: bool = False) -> Checked:
@@ -53,12 +54,12 @@ def check(rig: Rig | Folder, *, quiet: bool = False) -> Checked:
         return Checked(check_rig(rig))
 
 
-def fit(rig: Rig | Folder, settings: Any = None, *, quiet: bool = False) -> Fit:
+def fit(rig: Rig | Folder, settings: FitSettings | None = None, *, quiet: bool = False) -> Fit:
     """The joint fit of all traces that are not held out.
 
     Args:
         rig: as read, or its folder.
-        settings: FitSettings; the defaults where None.
+        settings: every threshold, budget and seed; the defaults where None.
         quiet: show no progress.
     Raises:
         MeasurementError: the folder is wrong, or nothing in it can be fitted.
@@ -70,12 +71,12 @@ def fit(rig: Rig | Folder, settings: Any = None, *, quiet: bool = False) -> Fit:
         return Fit(fit_rig(_rig_of(rig, report), report, **_given(settings)))
 
 
-def diagnose(fit: Fit | Folder, settings: Any = None, *, quiet: bool = False) -> Diagnosed:
+def diagnose(fit: Fit | Folder, settings: DiagnosisSettings | None = None, *, quiet: bool = False) -> Diagnosed:
     """What the fitted model lacks: residual, missing effect, refit, until nothing is left.
 
     Args:
         fit: what `fit` returned, or a run folder that holds one.
-        settings: DiagnosisSettings; the defaults where None.
+        settings: what it decides by; the defaults where None.
         quiet: show no progress.
     Raises:
         UsageError: the run folder holds no fit.
@@ -92,7 +93,9 @@ def diagnose(fit: Fit | Folder, settings: Any = None, *, quiet: bool = False) ->
         return Diagnosed(diagnose_fit(fit.result, report, **_given(settings)))
 
 
-def sample(model: Model, *, steps: int = _STEPS, keep: Folder | None = None, quiet: bool = False) -> Sampled:
+def sample(
+    model: Model, *, steps: int = SamplingSettings.most_steps, keep: Folder | None = None, quiet: bool = False
+) -> Sampled:
     """The posterior of a fitted model by emcee; stops by itself once the chain is long enough.
 
     Args:
@@ -103,7 +106,7 @@ def sample(model: Model, *, steps: int = _STEPS, keep: Folder | None = None, qui
         quiet: show no progress.
     """
     with working(quiet) as report:
-        from ..posterior import sample as sample_fit
+        from ..posterior.sampling import sample as sample_fit
         from .sampled import Sampled
 
         result = _fit_of("sample", model).result
@@ -128,19 +131,11 @@ def reduce(
         quiet: show no progress.
     """
     with working(quiet) as report:
-        from ..control.frequency import frequency_response
-        from ..control.linearise import reduce as reduce_fitted
-        from ..run_folder import sines_of
+        from .control import plant_of
         from .reduced import Reduced
 
         fit = _fit_of("reduce", model)
-        report("linearising", 0.3)
-        fitted = fit.result.fitted()
-        reduction = reduce_fitted(fitted, input_unit, output_unit, share)
-        sines = sines_of(fit.result)
-        if sines:
-            report("fitting sines", 0.6)
-        return Reduced(fit, reduction, frequency_response(fitted, sines) if sines else None)
+        return Reduced(fit, *plant_of(fit.result, input_unit, output_unit, share, report))
 
 
 def design(
@@ -170,10 +165,9 @@ def design(
         UsageError: no such rule, or one that has no gains for this plant.
     """
     with working(quiet) as report:
-        from ..control.design import PAPERS, ecu_of
-        from ..control.design import design as design_gains
-        from ..control.linearise import stops
+        from ..control.design import PAPERS
         from ..model.ecu import Ecu
+        from .control import design_of
         from .designed import Designed
 
         if unknown := sorted(set(ecu) - set(Ecu._fields)):
@@ -182,10 +176,9 @@ def design(
             )
         fit = _fit_of("design", model)
         fitted = fit.result.fitted()
-        lower, upper = stops(fitted)
-        computer = ecu_of(fitted, **({"resolution": (upper - lower) / 2**adc_bits} | ecu))
         drawn = _draws(model if posterior is None else posterior, fitted)
-        found = design_gains(fitted, computer, requirements or PAPERS, rule, drawn, feed_forward, report)
+        limits = requirements or PAPERS
+        found = design_of(fitted, rule, limits, drawn, report, adc_bits=adc_bits, feed_forward=feed_forward, **ecu)
         return Designed(fit, found)
 
 
@@ -286,7 +279,7 @@ def _rig_of(rig: Rig | Folder, report: Report) -> Rig:
     return read_folder(rig)
 
 
-def _fit_of(verb: str, model: Any) -> Fit:
+def _fit_of(verb: str, model: Model) -> Fit:
     """The fit behind whatever a verb was given."""
     from .diagnosed import Diagnosed
     from .fit import Fit
@@ -308,11 +301,11 @@ def _not_taken(verb: str, given: object, wanted: str) -> TypeError:
     return TypeError(f"etcfit.{verb} takes {wanted}, not {type(given).__name__}.")
 
 
-def _given(settings: Any) -> dict[str, Any]:
+def _given(settings: FitSettings | DiagnosisSettings | None) -> dict[str, Any]:
     return {} if settings is None else {"settings": settings}
 
 
-def _draws(source: Any, fitted: Fitted) -> np.ndarray | None:
+def _draws(source: Model, fitted: Fitted) -> np.ndarray | None:
     """Coordinates of further models from a posterior or a run folder that holds one, shape (D, P); None without."""
     import numpy as np
 

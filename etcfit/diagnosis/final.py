@@ -8,7 +8,7 @@ from dataclasses import replace
 from ..estimation.accuracy import with_accuracy
 from ..estimation.joint_fit import Report, freed
 from ..estimation.remedies import listed
-from ..estimation.result import FitResult, Termination, outcome
+from ..estimation.result import FitResult, Optimum, Termination, outcome
 from .ambiguity import between
 from .candidate_model import CandidateModel
 from .exchange import Found
@@ -32,7 +32,8 @@ def final_fit(result: FitResult, s: CandidateModel, found: Sequence[Found], repo
         report("letting the final model run free", 0.95)
         problem, weighted, x = freed(problem.guided(0.0), x, s.settings.free_spread, result.settings)
         end = Termination(True, "best free run found from the optimum of the guided residual", far=True)
-    after = outcome(result.rig, result.readings, problem, s.held_out, weighted, x, (), end, (), result.settings)
+    optimum = Optimum(result.rig, result.readings, problem, s.held_out, weighted, x, end, settings=result.settings)
+    after = outcome(optimum)
     return with_accuracy(_widened(after, s, [each for each in found if s.at_work(each.effect) and each.ties]))
 
 

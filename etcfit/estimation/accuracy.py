@@ -91,7 +91,7 @@ def _moves(result: FitResult, sources: list[_Source]) -> np.ndarray:
     problem = result.problem.with_parameters(_with(result.free_parameters, effects))
     x = np.concatenate((result.x, np.zeros(len(effects))))
     weighted = problem.weighted(result.weighted.whitening)
-    jacobian = problem.linearise(x, weighted)[2]
+    jacobian = problem.linearise(x, weighted).jacobian
     flat, size = jacobian.reshape(-1, x.size), result.x.size
     own, theirs = flat[:, :size], flat[:, size:]
     reach = result.free_parameters.layout.reach(result.x)

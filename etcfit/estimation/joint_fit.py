@@ -24,7 +24,7 @@ from .edges_in_step import with_edges_in_step
 from .global_search import evolve, settle
 from .levenberg_marquardt import descend, local, minimise
 from .result import FitResult as FitResult
-from .result import Reason, Termination, outcome
+from .result import Optimum, Reason, Termination, outcome
 from .result import StartSummary as StartSummary
 from .settings import FitSettings
 
@@ -122,7 +122,8 @@ def fit(rig: Rig, report: Report = quiet, settings: FitSettings = FitSettings())
         rig, (_, held_out, _) = clocked, ready(clocked)
         reached = _fitted_again(clocked, reached, settings)
     problem, weighted, x, end = reached
-    return with_accuracy(outcome(rig, readings, problem, held_out, weighted, x, starts, end, notes, settings))
+    optimum = Optimum(rig, readings, problem, held_out, weighted, x, end, starts, notes, settings)
+    return with_accuracy(outcome(optimum))
 
 
 class Descent(NamedTuple):

@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ..problem.prediction_error import columns
-from ..problem.problem import EstimationProblem
+from ..problem.problem import EstimationProblem, Linearisation
 
 
 class Piece(NamedTuple):
@@ -35,21 +35,20 @@ class Piece(NamedTuple):
         return self.discount**2 * float(np.sum((self.r if step is None else self.moved(step)) ** 2))
 
 
-def pieces_of(problem: EstimationProblem, r: np.ndarray, jacobian: np.ndarray) -> tuple[Piece, ...]:
+def pieces_of(problem: EstimationProblem, here: Linearisation) -> tuple[Piece, ...]:
     """Every channel of every trace.
 
     Args:
         problem: the data.
-        r: whitened residual, shape (T, L, M).
-        jacobian: of it, shape (T, L, M, P).
+        here: their residual, linearised at some point.
     """
     out = []
     for trace, part, (lane, _, marks) in zip(
-        problem.batch.traces, columns(problem.batch, r), problem.batch.places, strict=True
+        problem.batch.traces, columns(problem.batch, here.r), problem.batch.places, strict=True
     ):
         for m in range(len(trace.channels)):
             seen = np.isfinite(trace.data[:, m])
             where = trace.test.name, trace.measurement.file
             discount = float(np.median(problem.sigma[marks[seen], lane, m])) / float(trace.sigma[m])
-            out.append(Piece(*where, jacobian[marks[seen], lane, m], part[seen, m], discount))
+            out.append(Piece(*where, here.jacobian[marks[seen], lane, m], part[seen, m], discount))
     return tuple(out)

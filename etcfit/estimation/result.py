@@ -5,12 +5,13 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from enum import StrEnum
+from typing import NamedTuple
 
 import numpy as np
 
 from ..problem.free_parameters import FreeParameters
 from ..problem.prediction_error import PredictionError, columns, rows
-from ..problem.problem import EstimationProblem
+from ..problem.problem import EstimationProblem, Linearisation
 from ..problem.residual import WeightedData
 from ..problem.trace import Trace
 from ..rig.base import Rig
@@ -158,19 +159,9 @@ class Termination:
     reason_code: Reason | None = None
 
 
-def outcome(
-    rig: Rig,
-    readings: Readings,
-    problem: EstimationProblem,
-    held_out: tuple[Trace, ...],
-    weighted: WeightedData,
-    x: np.ndarray,
-    starts: tuple[StartSummary, ...],
-    end: Termination,
-    notes: tuple[str, ...],
-    settings: FitSettings = FitSettings(),
-) -> FitResult:
-    """What a fit leaves behind, computed at its end: intervals, verdict on the parameters, errors, warnings.
+@dataclass(frozen=True, eq=False)
+class Optimum:
+    """Where a fit ended, and of what.
 
     Args:
         rig: as read.
@@ -179,70 +170,118 @@ def outcome(
         held_out: traces to be predicted only.
         weighted: what the residual was minimised over.
         x: coordinates of the end, shape (P,).
-        starts: where each start ended.
         end: why the fit ended.
+        starts: where each start ended.
         notes: warnings besides the rig's own.
         settings: what the fit decided by.
     """
-    r, _, jacobian = problem.linearise(x, weighted)
-    pieces = pieces_of(problem, r, jacobian)
-    information = information_of(weighted.prior_sd[: x.size], jacobian)
-    certain = analyse(problem.layout, x, information, settings.identifiability).covariance
-    covariance, _, count = widen(certain, [(p.jacobian, p.r) for p in pieces], settings.whiteness)
-    alternating: list[str] = []
-    if end.wander is not None:
-        far_off = np.abs(end.wander) > 0.5 * np.sqrt(np.diag(covariance))
-        alternating = [s for s, off in zip(problem.layout.free, far_off, strict=True) if off]
-        covariance = covariance + np.outer(end.wander, end.wander)
-    verdict = _verdict_on_parameters(problem, x, weighted, pieces, settings)
-    values = {s: float(v) for s, v in problem.layout.values(x, problem.free_parameters.held).items()}
-    holdout = problem.beside(held_out, x) if held_out else None
-    predicted, score_holdout = {}, ()
-    for part in filter(None, (problem, holdout)):
-        model = part.free_run(x)
-        predicted |= {t.measurement.file: y for t, y in zip(part.batch.traces, model, strict=True)}
-    if holdout is not None:
-        score_holdout = rows(held_out, [predicted[t.measurement.file] for t in held_out])
-    score_fit = rows(problem.batch.traces, [predicted[t.measurement.file] for t in problem.batch.traces])
-    whitened = _in_sigma(problem, predicted) if end.far else tuple(columns(problem.batch, r))
-    samples = sum(row.n for row in score_fit)
+
+    rig: Rig
+    readings: Readings
+    problem: EstimationProblem
+    held_out: tuple[Trace, ...]
+    weighted: WeightedData
+    x: np.ndarray
+    end: Termination
+    starts: tuple[StartSummary, ...] = ()
+    notes: tuple[str, ...] = ()
+    settings: FitSettings = FitSettings()
+
+
+def outcome(optimum: Optimum) -> FitResult:
+    """What a fit leaves behind, computed at its end: intervals, verdict on the parameters, errors, warnings."""
+    problem, weighted, x, end = optimum.problem, optimum.weighted, optimum.x, optimum.end
+    here = problem.linearise(x, weighted)
+    pieces = pieces_of(problem, here)
+    known = _spread(optimum, here, pieces)
+    told = _predictions(optimum)
+    whitened = _in_sigma(problem, told.predicted) if end.far else tuple(columns(problem.batch, here.r))
+    samples = sum(row.n for row in told.score_fit)
     chi2 = sum(float(np.nansum(part**2)) for part in whitened) / max(1.0, samples - x.size)
-    agreed = agreement(problem, weighted, x, pieces, covariance, (end.far, chi2), settings)
-    factor = np.sqrt(np.diag(agreed.covariance) / np.maximum(np.diag(certain), 1e-300))
+    agreed = agreement(problem, weighted, x, pieces, known.covariance, (end.far, chi2), optimum.settings)
+    factor = np.sqrt(np.diag(agreed.covariance) / np.maximum(np.diag(known.certain), 1e-300))
     return FitResult(
-        rig=rig,
+        rig=optimum.rig,
         free_parameters=problem.free_parameters,
         x=x,
-        values=values,
+        values={s: float(v) for s, v in problem.layout.values(x, problem.free_parameters.held).items()},
         covariance=agreed.covariance,
-        identifiability=verdict,
-        readings=readings,
+        identifiability=_verdict_on_parameters(problem, x, weighted, pieces, optimum.settings),
+        readings=optimum.readings,
         problem=problem,
-        holdout=holdout,
         weighted=weighted,
         whitened=whitened,
-        predicted=predicted,
-        score_fit=score_fit,
-        score_holdout=score_holdout,
+        **told._asdict(),
         chi2_per_dof=chi2,
         converged=end.converged,
         reason=end.reason,
-        starts=starts,
+        starts=optimum.starts,
         widening=dict(zip(problem.layout.free, map(float, factor), strict=True)),
         warnings=(
-            *rig.warnings,
-            *notes,
-            *_words(end, count, len(score_fit), chi2, factor),
-            *_alternation(alternating),
+            *optimum.rig.warnings,
+            *optimum.notes,
+            *_words(end, known.correlated, len(told.score_fit), chi2, factor),
+            *_alternation(known.alternating),
             *agreed.words(lambda s: problem.layout.parameter(s).unit),
         ),
         far=end.far,
-        settings=settings,
+        settings=optimum.settings,
         reason_code=end.reason_code,
         influence=agreed.influence,
         contradictions=agreed.contradictions,
         compromise=agreed.compromise,
     )
+
+
+class _Spread(NamedTuple):
+    """How well the coordinates are known, before the parts of the data are held against each other.
+
+    Args:
+        certain: covariance if the model and the noise are right, shape (P, P).
+        covariance: wider for what is left in each channel and for rounds that alternate, shape (P, P).
+        correlated: channels that it was widened for.
+        alternating: symbols in which the rounds alternate.
+    """
+
+    certain: np.ndarray
+    covariance: np.ndarray
+    correlated: int
+    alternating: tuple[str, ...]
+
+
+def _spread(optimum: Optimum, here: Linearisation, pieces: tuple[Piece, ...]) -> _Spread:
+    problem, x, wander, settings = optimum.problem, optimum.x, optimum.end.wander, optimum.settings
+    information = information_of(optimum.weighted.prior_sd[: x.size], here.jacobian)
+    certain = analyse(problem.layout, x, information, settings.identifiability).covariance
+    covariance, _, correlated = widen(certain, [(p.jacobian, p.r) for p in pieces], settings.whiteness)
+    if wander is None:
+        return _Spread(certain, covariance, correlated, ())
+    far_off = np.abs(wander) > 0.5 * np.sqrt(np.diag(covariance))
+    alternating = tuple(s for s, off in zip(problem.layout.free, far_off, strict=True) if off)
+    return _Spread(certain, covariance + np.outer(wander, wander), correlated, alternating)
+
+
+class _Predictions(NamedTuple):
+    """What the model run free says of every trace; the fields of `FitResult`."""
+
+    holdout: EstimationProblem | None
+    predicted: dict[str, np.ndarray]
+    score_fit: tuple[PredictionError, ...]
+    score_holdout: tuple[PredictionError, ...]
+
+
+def _predictions(optimum: Optimum) -> _Predictions:
+    problem, held_out, x = optimum.problem, optimum.held_out, optimum.x
+    holdout = problem.beside(held_out, x) if held_out else None
+    predicted: dict[str, np.ndarray] = {}
+    for part in filter(None, (problem, holdout)):
+        model = part.free_run(x)
+        predicted |= {t.measurement.file: y for t, y in zip(part.batch.traces, model, strict=True)}
+
+    def scored(traces: tuple[Trace, ...]) -> tuple[PredictionError, ...]:
+        return rows(traces, [predicted[t.measurement.file] for t in traces])
+
+    return _Predictions(holdout, predicted, scored(problem.batch.traces), scored(held_out))
 
 
 def _in_sigma(problem: EstimationProblem, predicted: Mapping[str, np.ndarray]) -> tuple[np.ndarray, ...]:
@@ -263,8 +302,7 @@ def _verdict_on_parameters(
     """
     inside = problem.layout.off_bounds(x)
     if not np.array_equal(inside, x):
-        r, _, jacobian = problem.linearise(inside, weighted)
-        there = pieces_of(problem, r, jacobian)
+        there = pieces_of(problem, problem.linearise(inside, weighted))
         pieces = tuple(new._replace(r=piece.r) for new, piece in zip(there, pieces, strict=True))
     information = np.diag(1.0 / np.asarray(weighted.prior_sd)[: x.size] ** 2)
     for piece in pieces:
@@ -272,7 +310,7 @@ def _verdict_on_parameters(
     return analyse(problem.layout, inside, information, settings.identifiability)
 
 
-def _alternation(symbols: list[str]) -> list[str]:
+def _alternation(symbols: tuple[str, ...]) -> list[str]:
     if not symbols:
         return []
     names = ", ".join(symbols)

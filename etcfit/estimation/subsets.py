@@ -75,8 +75,8 @@ def renewed(problem: EstimationProblem, here: Subset, settings: FitSettings) -> 
 
 def at(problem: EstimationProblem, weighted: WeightedData, x: np.ndarray, tests: Collection[str]) -> Subset:
     """All data linearised at x, shape (P,), of which some tests count."""
-    r, _, jacobian = problem.linearise(x, weighted)
-    return Subset(tuple(tests), x, pieces_of(problem, r, jacobian), belief(problem, weighted, x))
+    here = problem.linearise(x, weighted)
+    return Subset(tuple(tests), x, pieces_of(problem, here), belief(problem, weighted, x))
 
 
 def belief(problem: EstimationProblem, weighted: WeightedData, x: np.ndarray) -> np.ndarray:

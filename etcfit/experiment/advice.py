@@ -182,7 +182,7 @@ def batched(traces: Sequence[Trace], most: int) -> Iterator[tuple[Trace, ...]]:
 
 def _informations(problem: EstimationProblem, x: np.ndarray) -> list[np.ndarray]:
     """J_k^T J_k of each trace of a problem at coordinates x, shape (P, P) each."""
-    _, _, jacobian = problem.linearise(x, problem.weighted(problem.kalman(x)))
+    jacobian = problem.linearise(x, problem.weighted(problem.kalman(x))).jacobian
     out = []
     for trace, (lane, _, marks) in zip(problem.batch.traces, problem.batch.places, strict=True):
         rows = jacobian[marks, lane, : len(trace.channels)].reshape(-1, x.size)

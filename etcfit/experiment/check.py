@@ -187,7 +187,7 @@ def verdict(rig: Rig) -> Foresight:
     problem.compile_ahead(x)
     problem = problem.with_integrator_states(x)
     weighted = problem.weighted(problem.kalman(x))
-    _, _, jacobian = problem.linearise(x, weighted)
+    jacobian = problem.linearise(x, weighted).jacobian
     rows = jacobian.reshape(-1, x.size)
     rows = rows[np.isfinite(rows).all(axis=1)]
     return Foresight(known.layout, x, information_of(weighted.prior_sd[: x.size], rows), readings, notes)

@@ -17,7 +17,7 @@ from ..estimation.intervals import Z_95
 from ..estimation.joint_fit import Report, quiet
 from ..problem.problem import EstimationProblem
 from ..problem.trace import Trace
-from . import Posterior
+from .sampling import Posterior
 
 
 @dataclass(frozen=True, eq=False)

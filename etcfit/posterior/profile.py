@@ -23,7 +23,7 @@ from ..problem.chi2 import chi2_of
 from ..problem.free_parameters import FreeParameters, Layout
 from ..problem.problem import EstimationProblem
 from ..problem.residual import WeightedData
-from . import Posterior
+from .sampling import Posterior
 from .settings import SamplingSettings
 from .target import Target
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import partial
+from typing import NamedTuple
 
 import jax
 import numpy as np
@@ -58,6 +59,20 @@ def _free_run_variance(
     """Variance of measured - free run, SI, shape (T, L, M)."""
     throttle, path, steps, resets = run(form, x, pick, arrays)
     return free_run_variance(throttle, path, arrays._replace(steps=steps, resets=resets), jitter)
+
+
+class Linearisation(NamedTuple):
+    """The residual at x and its slope there: r(x + d) = r + jacobian d.
+
+    Args:
+        r: whitened residual of the samples, shape (T, L, M), dimensionless.
+        prior: residual of the priors, shape (P,), dimensionless; its own slope is 1 over each prior's sd.
+        jacobian: dr/dx, shape (T, L, M, P), over coordinates.
+    """
+
+    r: Float[np.ndarray, "T L M"]
+    prior: Float[np.ndarray, " P"]
+    jacobian: Float[np.ndarray, "T L M P"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -158,13 +173,12 @@ class EstimationProblem:
         weighted = WeightedData(steps, batch.resets, self.slots, batch.test_of, filter_, self.pick, *priors)
         return jax.device_put(weighted)  # once, not at every call
 
-    def linearise(
-        self, x: Float[np.ndarray, " P"], weighted: WeightedData
-    ) -> tuple[Float[np.ndarray, "T L M"], Float[np.ndarray, " P"], Float[np.ndarray, "T L M P"]]:
-        """Residual (T, L, M), that of the priors (P,), Jacobian of the former (T, L, M, P)."""
+    def linearise(self, x: Float[np.ndarray, " P"], weighted: WeightedData) -> Linearisation:
+        """Residual, that of the priors, and the Jacobian of the former at coordinates x, shape (P,)."""
         padded = self.layout.padded(x)
         r, columns = linearised(self.layout.form, padded, weighted)
-        return r, np.asarray(prior_residual(padded, weighted))[: x.size], columns[..., : x.size]
+        prior = np.asarray(prior_residual(padded, weighted))[: x.size]
+        return Linearisation(r, prior, columns[..., : x.size])
 
     def residual(self, x: Float[np.ndarray, " P"], weighted: WeightedData) -> Float[np.ndarray, "T L M"]:
         """Whitened residual alone, shape (T, L, M): a tenth of what its Jacobian costs."""

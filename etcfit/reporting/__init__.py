@@ -16,9 +16,9 @@ from ..diagnosis.findings import Diagnosis
 from ..estimation.fitted_model import Fitted
 from ..estimation.joint_fit import Report, quiet
 from ..estimation.result import FitResult
-from ..posterior import Posterior
 from ..posterior.predictive import Band
 from ..posterior.profile import Profile
+from ..posterior.sampling import Posterior
 
 # every function below draws into RUN/pictures; one file of the same name is replaced, whole or not at all
 

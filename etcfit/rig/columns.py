@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
 
 import numpy as np
 
@@ -11,6 +13,7 @@ from ..errors import MeasurementError
 from .base import RigConfig
 from .header import DROP, HeaderError, parse_header
 from .table import Table
+from .toml import place_of, read_text
 from .units import Conversion, UnitError, to_channel
 
 
@@ -97,10 +100,10 @@ def read_columns(table: Table, config: RigConfig, where: str, toml: str) -> dict
         ours = config.columns.get(" ".join(header.split()), header)
         if ours.casefold() in DROP:
             continue
-        place = _place(header, config.columns, table.head(where), toml)
+        place = partial(_place, header, config.columns, table.head(where), toml)
         column = _column(header, ours, table.cells[:, k], config, place)
         if other := columns.get(column.quantity):
-            raise MeasurementError(place, f"columns '{other.header}' and '{header}' are both {column.quantity}.",
+            raise MeasurementError(place(), f"columns '{other.header}' and '{header}' are both {column.quantity}.",
                                    "A trace has one column for each quantity.",
                                    f"Delete one, or set \"{header}\" = \"ignore\" under [columns].")  # fmt: skip
         columns[column.quantity] = column
@@ -112,18 +115,23 @@ def read_columns(table: Table, config: RigConfig, where: str, toml: str) -> dict
 
 
 def _place(header: str, mapped: Mapping[str, str], where: str, toml: str) -> str:
-    return f"{toml} [columns], for {where}" if " ".join(header.split()) in mapped else where
+    """The line of rig.toml that names the header, else the CSV; where the config was never a file, without a line."""
+    name = " ".join(header.split())
+    if name not in mapped:
+        return where
+    source = read_text(toml) if Path(toml).is_file() else ""
+    return f"{place_of(toml, source, f'columns.{name}')} [columns], for {where}"
 
 
-def _column(header: str, ours: str, cells: np.ndarray, config: RigConfig, place: str) -> Column:
+def _column(header: str, ours: str, cells: np.ndarray, config: RigConfig, place: Callable[[], str]) -> Column:
     try:
         quantity, unit = parse_header(ours)
     except HeaderError as err:
-        raise MeasurementError(place, err.found, err.required, err.mend) from err
+        raise MeasurementError(place(), err.found, err.required, err.mend) from err
     try:
         channel, conversion = to_channel(quantity, unit, config.travel, config.tps)
     except UnitError as err:
-        raise MeasurementError(place, f"column '{header}': {err}", "The rig.toml must say how to read it.",
+        raise MeasurementError(place(), f"column '{header}': {err}", "The rig.toml must say how to read it.",
                                "Add [tps] with closed_V, open_V, travel_deg." if quantity == "tps" else
                                "Log in degrees, or give both ends in [rig] travel_deg.") from err  # fmt: skip
     return Column(header, channel, unit, conversion, cells)

@@ -25,8 +25,7 @@ class Toml:
 
     def wrong(self, key: str, found: str, required: str, mend: str) -> MeasurementError:
         """The error for `table.key`, with its line where it can be found."""
-        line = _line_of(self.source, key)
-        return MeasurementError(f"{self.path}:{line}" if line else self.path, f"{key}: {found}", required, mend)
+        return MeasurementError(place_of(self.path, self.source, key), f"{key}: {found}", required, mend)
 
     def table(self, name: str, keys: Iterable[str] | None = None) -> Mapping[str, Any]:
         """The table of that name, {} where absent; only the given keys may stand in it."""
@@ -125,6 +124,12 @@ def shown(value: Any) -> str:
     except ValueError:  # Python refuses to print integers of thousands of digits
         text = "a huge number"
     return text if len(text) <= 60 else f"{text[:57]}..."
+
+
+def place_of(path: str, source: str, key: str) -> str:
+    """Where `table.key` stands, for a message: `path:line`, or the path alone where no line can be found."""
+    line = _line_of(source, key)
+    return f"{path}:{line}" if line else path
 
 
 def _line_of(text: str, key: str) -> int | None:

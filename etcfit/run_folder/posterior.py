@@ -14,9 +14,9 @@ import numpy as np
 from ..diagnosis.model_discrepancy import percent_off
 from ..estimation.remedies import listed
 from ..files import plain, whole
-from ..posterior import Posterior
 from ..posterior.predictive import Band
 from ..posterior.profile import Profile
+from ..posterior.sampling import Posterior
 from ..posterior.summary import Marginal, apart
 from ..posterior.target import tempering
 from .fit import effects_of, hashes, versions

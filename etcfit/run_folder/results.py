@@ -11,9 +11,9 @@ from ..control.frequency import FrequencyResponse
 from ..control.linearise import Reduction
 from ..estimation.fitted_model import Fitted
 from ..files import write_json
-from ..posterior import Posterior
 from ..posterior.predictive import Band
 from ..posterior.profile import Profile
+from ..posterior.sampling import Posterior
 from .design import design_json
 from .frequency import frequency_json
 from .manifest import POSTERIOR, begin, finish

@@ -20,7 +20,9 @@ def fit(tmp_path_factory: pytest.TempPathFactory) -> Fit:
     return etcfit.fit(folders.write(tmp_path_factory.mktemp("rig"), folders.held()))
 
 
-def test_a_fit_comes_back_as_it_was(fit: Fit, tmp_path: Path) -> None:
+@pytest.mark.parametrize("made", ["fitted", pytest.param("fit", marks=pytest.mark.slow)], ids=["by hand", "by a fit"])
+def test_a_fit_comes_back_as_it_was(made: str, tmp_path: Path, request: pytest.FixtureRequest) -> None:
+    fit: Fit = request.getfixturevalue(made)
     run = tmp_path / "run"
     assert fit.save(run) == run
     back = etcfit.load(run)
@@ -50,11 +52,11 @@ def test_a_diagnosis_comes_back_as_it_was_and_goes_with_the_next_fit(fit: Fit, t
     assert isinstance(etcfit.load(tmp_path), Fit)
 
 
-def test_a_page_is_written_of_what_was_saved(fit: Fit, tmp_path: Path) -> None:
-    fit.save(tmp_path)
+def test_a_page_is_written_of_what_was_saved(fitted: Fit, tmp_path: Path) -> None:
+    fitted.save(tmp_path)
     assert etcfit.report(tmp_path) == tmp_path / "report.html"
     assert (tmp_path / "report.html").is_file()
-    page = etcfit.report(fit, tmp_path / "other")
+    page = etcfit.report(fitted, tmp_path / "other")
     assert page.is_file()
     assert (tmp_path / "other" / "pictures").is_dir()
 

@@ -23,6 +23,7 @@ from etcfit.api.reduced import Reduced
 from etcfit.cli import app
 from etcfit.control.pid import RULES
 from etcfit.errors import MeasurementError, UsageError
+from etcfit.estimation.settings import FitSettings
 from etcfit.rig.base import Rig
 
 QUICK = {name: RULES[name] for name in ("manual", "damping_optimum", "as_found")}
@@ -112,10 +113,11 @@ def test_settings_reach_the_stage(rig: Rig, monkeypatch: pytest.MonkeyPatch) -> 
 
     monkeypatch.setattr("etcfit.estimation.joint_fit.fit", stub)
     assert isinstance(etcfit.fit(rig), Fit)
-    etcfit.fit(rig.folder, settings="mine")
+    mine = FitSettings(starts=1)
+    etcfit.fit(rig.folder, settings=mine)
     assert seen[0] == (rig, {})
     assert seen[1][0].config == rig.config
-    assert seen[1][1] == {"settings": "mine"}
+    assert seen[1][1] == {"settings": mine}
 
 
 def test_fetch_writes_a_measurement_folder(measured: Path, tmp_path: Path) -> None:

@@ -61,7 +61,8 @@ def test_a_formula_that_is_off_in_one_stretch_of_a_trace_moves_parameters_as_far
     found = replace(found, x=layout.coordinates(nominal))
     step = found.x.copy()
     step[layout.free.index("T_g")] = layout.parameter("T_g").domain.coordinate(1.001 * 0.2)
-    r, _, jacobian = found.problem.linearise(found.x, found.weighted)
+    here = found.problem.linearise(found.x, found.weighted)
+    r, jacobian = here.r, here.jacobian
     share = 1000.0 * (found.problem.residual(step, found.weighted) - r)
     held = np.diag(1.0 / (WIDE * layout.reach(found.x)))  # what the data do not tell is kept where it is
     rows = np.vstack((jacobian.reshape(r.size, -1), held))

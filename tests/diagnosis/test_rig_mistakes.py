@@ -99,7 +99,7 @@ def test_the_line_it_tells_mends_the_folder(resistor: Case) -> None:
 def test_the_rigs_tangents_are_differences_of_the_residual(resistor: Case) -> None:
     """Where nothing sticks: a difference across a slip is no derivative."""
     s = start(resistor.found.before, DEFAULT).with_the_rig()
-    jacobian = s.problem.linearise(s.x, s.weighted)[2]
+    jacobian = s.problem.linearise(s.x, s.weighted).jacobian
     for symbol in ("gain.response.current", "stretch.viscous", "offset.resistance.voltage"):
         k, step = s.problem.layout.free.index(symbol), 1e-4
         r = [s.problem.residual(s.x + way * step * np.eye(s.x.size)[k], s.weighted) for way in (-1.0, 1.0)]

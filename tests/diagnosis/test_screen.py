@@ -281,9 +281,10 @@ def test_a_real_signature_is_what_a_little_of_the_effect_does_beyond_the_fitted_
     change = (up.problem.residual(up.x, up.weighted) - down.problem.residual(down.x, down.weighted)) / (2.0 * step)
     (column,) = tangents(s.problem, s.x, s.weighted, variants(gravity[0]))
     assert_allclose(column[:, 0], change[seen], atol=1e-3 * np.max(np.abs(change)))
-    r, _, jacobian = s.problem.linearise(s.x, s.weighted)
-    few, more = jacobian[seen], np.column_stack((jacobian[seen], column))
-    left = [np.sum((r[seen] + J @ np.linalg.lstsq(J, -r[seen], rcond=None)[0]) ** 2) for J in (few, more)]
+    here = s.problem.linearise(s.x, s.weighted)
+    r, few = here.r[seen], here.jacobian[seen]
+    more = np.column_stack((few, column))
+    left = [np.sum((r + J @ np.linalg.lstsq(J, -r, rcond=None)[0]) ** 2) for J in (few, more)]
     assert found.gain == pytest.approx(left[0] - left[1], rel=1e-6)
 
 

@@ -104,7 +104,7 @@ def freed() -> tuple[Layout, np.ndarray, np.ndarray]:
     known = free_parameters(replace(CONFIG, parameters={"K_m": Start(0.0189)}))
     problem = EstimationProblem.of(CONFIG, known, tuple(t for t in traces if t))
     x = known.layout.coordinates({s: getattr(truth, s) for s in known.layout.free})
-    _, _, jacobian = problem.linearise(x, problem.weighted(free_running(problem)))
+    jacobian = problem.linearise(x, problem.weighted(free_running(problem))).jacobian
     flat = jacobian.reshape(-1, x.size)
     return known.layout, x, flat.T @ flat
 

@@ -263,7 +263,7 @@ def test_a_prior_moves_the_answer_as_the_closed_form_says(case: Case) -> None:
     """x' = x + C_k (m - x_k)/(s^2 + C_kk), for a prior m +- s that disagrees by two standard errors."""
     symbol, layout, x = "K_s", case.result.free_parameters.layout, case.result.x
     k = layout.free.index(symbol)
-    _, _, jacobian = case.result.problem.linearise(x, case.result.weighted)
+    jacobian = case.result.problem.linearise(x, case.result.weighted).jacobian
     C = np.linalg.inv(information_of(case.result.weighted.prior_sd, jacobian))
     sd = 0.7 * np.sqrt(C[k, k])
     domain = layout.parameter(symbol).domain

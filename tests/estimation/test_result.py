@@ -12,7 +12,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 
 from etcfit.estimation.intervals import intervals
 from etcfit.estimation.joint_fit import ready
-from etcfit.estimation.result import FitResult, Reason, StartSummary, Termination, outcome
+from etcfit.estimation.result import FitResult, Optimum, Reason, StartSummary, Termination, outcome
 from etcfit.estimation.settings import FitSettings, IdentifiabilitySettings, WhitenessSettings
 from etcfit.problem import weights
 from etcfit.problem.problem import EstimationProblem
@@ -34,7 +34,7 @@ def left(rig: Rig, end: Termination = DONE, ohm: float = OHM, settings: FitSetti
     problem = problem_of(rig)
     x = problem.layout.coordinates({"R_a": ohm, "T_f": 0.2})
     weighted = problem.weighted(weights.free_running(problem))
-    return outcome(rig, read_graphs(rig), problem, (), weighted, x, STARTS, end, ("a note",), settings)
+    return outcome(Optimum(rig, read_graphs(rig), problem, (), weighted, x, end, STARTS, ("a note",), settings))
 
 
 @pytest.fixture(scope="module")
@@ -134,7 +134,7 @@ def test_held_out_traces_are_predicted_and_scored_apart(tmp_path: Path) -> None:
     x = problem.layout.coordinates({"R_a": OHM, "T_f": 0.2})
     other = replace(traces[0], measurement=replace(traces[0].measurement, file="resistance/2.csv", held_out=True))
     weighted = problem.weighted(weights.free_running(problem))
-    result = outcome(rig, read_graphs(rig), problem, (other,), weighted, x, (), DONE, ())
+    result = outcome(Optimum(rig, read_graphs(rig), problem, (other,), weighted, x, DONE))
     assert isinstance(result.holdout, EstimationProblem)
     assert [row.file for row in result.score_holdout] == ["resistance/2.csv"]
     assert [row.file for row in result.score_fit] == ["resistance/1.csv"]

@@ -34,7 +34,9 @@ def turned(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 def test_check_shows_the_find_and_its_mend_once(resistor: Path) -> None:
     done = CliRunner().invoke(app, ["check", str(resistor), "--quiet"])
-    assert done.exit_code == 0
+    assert (done.exit_code, done.stderr) == (0, "")
+    assert "inductance/" in done.stdout
+    assert "What these traces can identify" in done.stdout
     assert "Mistakes and habits of the rig, and what mends them" in done.stdout
     assert done.stdout.count('[tests.inductance] series_ohm = "free"') == 1
 

@@ -23,12 +23,14 @@ COUNT = 40  # states at which a step is taken
 BEYOND = [effect for effect in (*EFFECTS, *COMMANDING) if effect not in PAPER]
 
 
-def throttle_with(effect: type[AbstractEffect]) -> Throttle:
-    """Eqs. 1-2 and one effect at half its scales: off every bound and off value."""
+def throttle_with(*effects: type[AbstractEffect]) -> Throttle:
+    """Eqs. 1-2 and further effects at half their scales: off every bound and off value."""
     own = {
-        p.symbol: p.nominal if isinstance(p.domain, Positive) else 0.5 * p.domain.scale for p in parameters_of(effect)
+        p.symbol: p.nominal if isinstance(p.domain, Positive) else 0.5 * p.domain.scale
+        for effect in effects
+        for p in parameters_of(effect)
     }
-    return Throttle.build((*PAPER, effect), bodies.values(**own))
+    return Throttle.build((*PAPER, *effects), bodies.values(**own))
 
 
 def places(throttle: Throttle) -> tuple[State, tuple[Any, ...], Step]:
@@ -48,10 +50,16 @@ def places(throttle: Throttle) -> tuple[State, tuple[Any, ...], Step]:
     return x, z, Step(**fields, command=command._replace(active=one))
 
 
-@pytest.mark.parametrize("effect", BEYOND, ids=lambda effect: effect.name)
-def test_it_is_the_derivative_of_the_scheme_for_every_effect(effect: type[AbstractEffect]) -> None:
+@pytest.mark.parametrize(
+    "effects",
+    [
+        pytest.param(BEYOND, id="all at once"),
+        *(pytest.param([effect], id=effect.name, marks=pytest.mark.slow) for effect in BEYOND),  # a compilation each
+    ],
+)
+def test_it_is_the_derivative_of_the_scheme_for_every_effect(effects: list[type[AbstractEffect]]) -> None:
     """`step.fun` is the step without its own rule: JAX differentiates every operation of it."""
-    throttle = throttle_with(effect)
+    throttle = throttle_with(*effects)
     x, z, s = places(throttle)
     rng = np.random.default_rng(4)
     way = jax.tree.map(lambda leaf: rng.standard_normal(np.shape(leaf)) * 0.1, (throttle, x, z))

@@ -29,6 +29,6 @@ def test_one_pass_gives_what_the_residual_gives(tmp_path: Path, added: tuple[str
     x = known.layout.off_bounds(known.layout.coordinates({p.symbol: p.nominal for p in known.layout.parameters}))
     weighted = problem.weighted(problem.kalman(x))
     points = x + 0.02 * np.random.default_rng(1).standard_normal((3, x.size))
-    each = [problem.linearise(point, weighted)[:2] for point in points]
-    expected = [float(np.sum(r**2) + np.sum(prior**2)) for r, prior in each]
+    each = [problem.linearise(point, weighted) for point in points]
+    expected = [float(np.sum(here.r**2) + np.sum(here.prior**2)) for here in each]
     assert_allclose(chi2_of(problem, points, weighted), expected, rtol=1e-9)

@@ -109,7 +109,7 @@ def test_a_sample_is_forgiven_what_its_neighbours_are_away_from_it() -> None:
 def test_residuals_of_a_held_plate_are_standard_normal(many_held: tuple[EstimationProblem, np.ndarray]) -> None:
     """60 seeds of 250 samples: the mean square is known to 1.2 %, each lag's correlation to 0.8 %."""
     problem, x = many_held
-    r, _, _ = problem.linearise(x, problem.weighted(problem.kalman(x)))
+    r = problem.linearise(x, problem.weighted(problem.kalman(x))).r
     each = np.stack([part[:, 0] for part in columns(problem.batch, r)])
     assert abs(np.mean(each)) < 0.033
     assert abs(np.mean(each**2) - 1.0) < 0.05
@@ -123,7 +123,7 @@ def test_residuals_of_a_held_plate_are_standard_normal(many_held: tuple[Estimati
 def test_without_the_filter_they_are_not(many_held: tuple[EstimationProblem, np.ndarray]) -> None:
     """The same data, each sample by its own noise: the input's noise shows."""
     problem, x = many_held
-    r, _, _ = problem.linearise(x, problem.weighted(free_running(problem)))
+    r = problem.linearise(x, problem.weighted(free_running(problem))).r
     each = np.stack([part[:, 0] for part in columns(problem.batch, r)])
     assert np.mean(each**2) > 1.3
     assert np.mean([autocorrelation(row, 1)[0] for row in each]) > 0.1
@@ -131,11 +131,11 @@ def test_without_the_filter_they_are_not(many_held: tuple[EstimationProblem, np.
 
 def scatter(problem: EstimationProblem, x: np.ndarray) -> float:
     """Mean over traces of d^T C^-1 d, d the error of a least squares step from the truth; P if C is honest."""
-    r, _, jacobian = problem.linearise(x, problem.weighted(problem.kalman(x)))
+    here = problem.linearise(x, problem.weighted(problem.kalman(x)))
     out = []
-    for k, part in enumerate(columns(problem.batch, r)):
+    for k, part in enumerate(columns(problem.batch, here.r)):
         lane, _, marks = problem.batch.places[k]
-        J = jacobian[marks, lane, : part.shape[1]].reshape(-1, x.size)
+        J = here.jacobian[marks, lane, : part.shape[1]].reshape(-1, x.size)
         gradient = J.T @ part.ravel()
         out.append(gradient @ np.linalg.solve(J.T @ J, gradient))
     return float(np.mean(out))
@@ -153,7 +153,7 @@ def test_they_also_do_when_the_input_was_logged_with_noise_and_denoised() -> Non
     clean = measurement("resistance", t, {"voltage": volts_at(t), "current": held(volts_at(t), 0 * t[1:], 0.0)})
     traces = [prepare(noisy(clean, seed), CONFIG) for seed in range(60)]
     problem, x = problem_of([trace for trace in traces if trace], ("R_a", "L_a"), substeps=4)
-    r, _, _ = problem.linearise(x, problem.weighted(problem.kalman(x)))
+    r = problem.linearise(x, problem.weighted(problem.kalman(x))).r
     each = np.stack([part[:, 0] for part in columns(problem.batch, r)])
     assert 0.85 < np.mean(each**2) < 1.2
     assert np.max(np.abs(np.mean([autocorrelation(row, 5) for row in each], axis=0))) < 0.1
@@ -231,13 +231,13 @@ def assert_dense(problem: EstimationProblem, x: np.ndarray) -> None:
     seen = np.isfinite(trace.data).ravel()
     channels = slice(0, len(trace.channels))
 
-    plain_r, _, plain_j = problem.linearise(x, problem.weighted(free_running(problem)))
+    plain = problem.linearise(x, problem.weighted(free_running(problem)))
     scale = np.tile(trace.sigma, trace.instants.size)[seen]
-    error = plain_r[marks, lane, channels].ravel()[seen] * scale
-    slope = plain_j[marks, lane, channels].reshape(-1, x.size)[seen] * scale[:, None]
+    error = plain.r[marks, lane, channels].ravel()[seen] * scale
+    slope = plain.jacobian[marks, lane, channels].reshape(-1, x.size)[seen] * scale[:, None]
     weighted = problem.weighted(problem.kalman(x))
-    r, _, J = problem.linearise(x, weighted)
-    r, J = r[marks, lane, channels], J[marks, lane, channels].reshape(-1, x.size)
+    here = problem.linearise(x, weighted)
+    r, J = here.r[marks, lane, channels], here.jacobian[marks, lane, channels].reshape(-1, x.size)
 
     wanted = slope.T @ sigma @ slope
     size = np.sqrt(np.diag(wanted))
@@ -270,12 +270,12 @@ def test_the_filter_is_dense_generalised_least_squares_on_a_sliding_plate(memory
 
 def test_a_sample_that_is_missing_changes_nothing() -> None:
     problem, x = after_another(0.0)
-    r, _, J = problem.linearise(x, problem.weighted(problem.kalman(x)))
+    here = problem.linearise(x, problem.weighted(problem.kalman(x)))
     lane, _, marks = problem.batch.places[-1]
     missing = ~np.isfinite(problem.batch.traces[-1].data)
     assert missing.any()
-    assert np.all(r[marks, lane][missing] == 0.0)
-    assert np.all(J[marks, lane][missing] == 0.0)
+    assert np.all(here.r[marks, lane][missing] == 0.0)
+    assert np.all(here.jacobian[marks, lane][missing] == 0.0)
 
 
 # ---- instants nobody logged
@@ -303,8 +303,8 @@ def test_a_jump_at_an_unknown_instant_is_neither_believed_nor_thrown_away() -> N
     """The first sample after it scatters by 0.3 A, forty times its noise; whitened it is standard, in mean and square,
     and so are all samples after it. 360 jumps: a mean is known to 0.05, a mean square to 0.08."""
     problem, x = problem_of([stepped(seed) for seed in range(60)], ("R_a", "L_a"), substeps=4)
-    free, _, _ = problem.linearise(x, problem.weighted(free_running(problem)))
-    r, _, _ = problem.linearise(x, problem.weighted(problem.kalman(x)))
+    free = problem.linearise(x, problem.weighted(free_running(problem))).r
+    r = problem.linearise(x, problem.weighted(problem.kalman(x))).r
     raw, each = (np.stack([part[:, 0] for part in columns(problem.batch, a)]) for a in (free, r))
     sign = (-1.0) ** np.arange(BEFORE.size)
     assert np.sqrt(np.mean(raw[:, BEFORE + 1] ** 2)) > 10.0
@@ -335,8 +335,8 @@ def releases() -> tuple[EstimationProblem, np.ndarray, np.ndarray]:
 def test_a_release_at_an_instant_not_known_exactly(releases: tuple[EstimationProblem, np.ndarray, np.ndarray]) -> None:
     """At first the EMF is wrong by several times its noise; whitened nothing of it is left until the impact."""
     problem, x, hits = releases
-    free, _, _ = problem.linearise(x, problem.weighted(free_running(problem)))
-    r, _, _ = problem.linearise(x, problem.weighted(problem.kalman(x)))
+    free = problem.linearise(x, problem.weighted(free_running(problem))).r
+    r = problem.linearise(x, problem.weighted(problem.kalman(x))).r
     falls = slice(0, int(hits.min()) - 10)
     raw, each = (np.concatenate([part[falls] for part in columns(problem.batch, a)]) for a in (free, r))
     assert np.mean(raw**2) > 2.0
@@ -357,7 +357,7 @@ def test_an_impact_does_not_steer_the_fit(
         parts = zip(columns(problem.batch, r), around, strict=True)
         return float(np.max([np.abs(part[rows, 0]) for part, rows in parts]))
 
-    free, _, _ = problem.linearise(there, problem.weighted(free_running(problem)))
-    r, _, _ = problem.linearise(there, problem.weighted(problem.kalman(x)))
+    free = problem.linearise(there, problem.weighted(free_running(problem))).r
+    r = problem.linearise(there, problem.weighted(problem.kalman(x))).r
     assert worst(free) > 300.0
     assert worst(r) < 5.0

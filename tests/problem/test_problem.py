@@ -6,14 +6,14 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from numpy.testing import assert_allclose
+from numpy.testing import assert_allclose, assert_array_equal
 
 from etcfit.problem.free_parameters import free_parameters
 from etcfit.problem.prediction_error import columns
 from etcfit.problem.problem import EstimationProblem
 from etcfit.problem.trace import prepare
 from etcfit.rig.base import Fixed, Prior
-from measurements import CONFIG, measurement
+from measurements import CONFIG, N, measurement, released
 
 T = np.arange(6) * 1e-3
 
@@ -60,3 +60,27 @@ def test_priors_become_priors_on_coordinates() -> None:
     scale = known.layout.parameter("T_PL").domain.scale
     assert_allclose([mean[k], sd[k]], [0.3 / scale, 0.02 / scale])
     assert np.isinf(np.delete(sd, k)).all()
+
+
+def test_prepared_again_it_is_as_it_was_logged_with_the_steps_that_x_needs() -> None:
+    """A poorer model moved the release by 20 ms, weighed samples down, drew the plate along and took three steps."""
+    motion = released(0.05)
+    values = {"emf": N * 0.0189 * motion.speed, "position": motion.angle}
+    logged = prepare(measurement("back_emf", motion.time, values), CONFIG)
+    assert logged is not None
+    assert logged.release is not None
+    known = free_parameters(CONFIG)
+    light = {"J_m": 0.03, "J_L": 0.03}  # times nominal: a plate so fast that one step is not enough
+    x = known.layout.coordinates({p.symbol: p.nominal * light.get(p.symbol, 1.0) for p in known.layout.parameters})
+    moved = logged.released_at(logged.release[0] + 0.02, 0.1 * logged.release[1])
+    poor = EstimationProblem.of(CONFIG, known, (moved,), [np.full(moved.instants.size - 1, 3)], (2048, 1, 2))
+    poor = replace(poor, jitter=0.1, guide_stiffness=3.0, sigma=2.0 * poor.sigma)
+    again = poor.reprepared(x)
+    (trace,) = again.batch.traces
+    assert trace.release == logged.release
+    assert (again.jitter, again.guide_stiffness) == (0.1, 0.0)
+    assert_allclose(columns(again.batch, again.sigma)[0], columns(poor.batch, poor.sigma)[0] / 2.0)
+    (needed,) = EstimationProblem.of(CONFIG, known, (logged,)).refined(x).substeps
+    assert set(needed.tolist()) > {1}
+    assert_array_equal(again.substeps[0], needed)
+    assert again.shape == poor.shape  # what is compiled serves again

@@ -48,6 +48,6 @@ def test_a_prior_is_a_row_of_its_own_in_standard_deviations(problem: EstimationP
     """R_a = scale exp(x): a prior of 10 % is one of 0.1 on x."""
     weighted = problem.weighted(weights.free_running(problem))
     x = problem.layout.coordinates(VALUES)
-    _, prior, _ = problem.linearise(x + 0.2, weighted)
+    prior = problem.linearise(x + 0.2, weighted).prior
     assert prior.shape == x.shape
     assert_allclose(prior, [2.0], rtol=1e-3)

@@ -44,7 +44,14 @@ WRONG: dict[str, tuple[Mapping[str, str | bytes], str]] = {
     ),
     "two mapped to one": (
         {"rig.toml": TOML + "[columns]\nA = 'voltage [V]'", **only_response(R.with_header(2, "A"))},
-        r"rig\.toml \[columns\], for .*1\.csv:1: columns 'voltage \[V\]' and 'A' are both voltage",
+        r"rig\.toml:11 \[columns\], for .*1\.csv:1: columns 'voltage \[V\]' and 'A' are both voltage",
+    ),
+    "mapped to what needs a calibration": (
+        {
+            "rig.toml": "[rig]\n\n[columns]\nB = 'ignore'\n'A  B' = 'tps [V]'\n",
+            **only_response(R.with_header(3, "A  B")),
+        },
+        r"rig\.toml:3 \[columns\], for .*1\.csv:1: column 'A  B': tps needs",
     ),
     "tps uncalibrated": ({"rig.toml": "[rig]\nsupply_V = 12"}, r"1\.csv:1: column 'tps \[V\]': tps needs.*Add \[tps\]"),
     "percent of endless": (

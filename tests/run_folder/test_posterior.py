@@ -15,11 +15,11 @@ import xarray
 
 import results
 from etcfit.files import write_json
-from etcfit.posterior import Posterior
 from etcfit.posterior.chain import Chain
 from etcfit.posterior.convergence import Convergence
 from etcfit.posterior.predictive import Band
 from etcfit.posterior.profile import Profile
+from etcfit.posterior.sampling import Posterior
 from etcfit.posterior.summary import apart
 from etcfit.reporting.pictures import file_name
 from etcfit.reporting.posterior import pictures

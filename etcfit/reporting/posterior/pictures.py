@@ -9,9 +9,9 @@ from pathlib import Path
 from matplotlib.figure import Figure
 
 from ...estimation.intervals import intervals, lumped
-from ...posterior import Posterior
 from ...posterior.predictive import Band
 from ...posterior.profile import Profile
+from ...posterior.sampling import Posterior
 from ...posterior.truth import truths
 from ...run_folder import readings_of
 from ...run_folder.posterior import disagree

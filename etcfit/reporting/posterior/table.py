@@ -7,8 +7,8 @@ from collections.abc import Mapping
 from rich.console import Group, RenderableType
 from rich.text import Text
 
-from ...posterior import Posterior
 from ...posterior.profile import Profile
+from ...posterior.sampling import Posterior
 from ...posterior.summary import Marginal
 from ...run_folder.posterior import disagree, narrower
 from ..blocks import headed, plain_table, rig_title, sentences, spaced

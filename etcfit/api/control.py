@@ -1,0 +1,80 @@
+"""From a fit to its linear plant and to gains: what verbs and stages do alike."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, NamedTuple
+
+if TYPE_CHECKING:
+    import numpy as np
+
+    from ..control.design import Design
+    from ..control.frequency import FrequencyResponse
+    from ..control.linearise import Reduction
+    from ..control.pid import Requirements
+    from ..estimation.fitted_model import Fitted
+    from ..estimation.result import FitResult
+    from .progress import Report
+
+
+class Plant(NamedTuple):
+    """The linear plant of a fit.
+
+    Args:
+        reduction: about a plate held at a share of its travel.
+        response: what the sine traces say; None where the rig has none.
+    """
+
+    reduction: Reduction
+    response: FrequencyResponse | None
+
+
+def plant_of(result: FitResult, input_unit: str, output_unit: str, share: float, report: Report) -> Plant:
+    """Linearise a fitted model, and fit the rig's sine traces where it has some.
+
+    Args:
+        result: the fit.
+        input_unit, output_unit, share: as `control.linearise.reduce` takes them.
+        report: progress.
+    """
+    from ..control.frequency import frequency_response
+    from ..control.linearise import reduce
+    from ..run_folder import sines_of
+
+    report("linearising", 0.3)
+    fitted, sines = result.fitted(), sines_of(result)
+    reduction = reduce(fitted, input_unit, output_unit, share)
+    if not sines:
+        return Plant(reduction, None)
+    report("fitting sines", 0.6)
+    return Plant(reduction, frequency_response(fitted, sines))
+
+
+def design_of(
+    fitted: Fitted,
+    rule: str,
+    requirements: Requirements,
+    drawn: np.ndarray | None,
+    report: Report,
+    *,
+    adc_bits: int,
+    feed_forward: bool,
+    **ecu: float,
+) -> Design:
+    """Gains by every rule for an ECU that reads the position by an ADC over its travel.
+
+    Args:
+        fitted: the model.
+        rule: whose gains are proposed.
+        requirements: what a response must stay below.
+        drawn: coordinates of further models, shape (D, P), or None.
+        report: progress.
+        adc_bits: of the position sensor, over its travel.
+        feed_forward: the ECU has a bias curve.
+        ecu: what is given of the ECU, by field; see `control.design.ecu_of` for the rest.
+    """
+    from ..control.design import design, ecu_of
+    from ..control.linearise import stops
+
+    lower, upper = stops(fitted)
+    computer = ecu_of(fitted, **({"resolution": (upper - lower) / 2**adc_bits} | ecu))
+    return design(fitted, computer, requirements, rule, drawn, feed_forward, report)
