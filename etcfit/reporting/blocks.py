@@ -13,9 +13,16 @@ from rich.text import Text
 from ..rig.base import RigConfig
 
 
-def plain_table(*columns: str, left: int = 1) -> Table:
+class PlainTable(Table):
+    """A table whose texts are what they say: `channel_gain[response]` is a name, and no style called "response"."""
+
+    def add_row(self, *cells: RenderableType | None, **how: Any) -> None:
+        super().add_row(*(Text(cell) if isinstance(cell, str) else cell for cell in cells), **how)
+
+
+def plain_table(*columns: str, left: int = 1) -> PlainTable:
     """A plain table; the first columns are words, the others figures."""
-    table = Table(box=None, pad_edge=False, padding=(0, 2, 0, 0), header_style="")
+    table = PlainTable(box=None, pad_edge=False, padding=(0, 2, 0, 0), header_style="")
     for k, name in enumerate(columns):
         table.add_column(name, justify="left" if k < left else "right", no_wrap=k > 0)
     return table

@@ -7,7 +7,6 @@ from itertools import groupby
 
 import numpy as np
 from rich.console import Group, RenderableType
-from rich.markup import escape
 from rich.padding import Padding
 from rich.text import Text
 
@@ -150,7 +149,7 @@ def _channels(traces: Iterable[TraceCheck]) -> RenderableType:
         origin = "estimated" if same[0].estimated else "given"
         sigma = float(np.median([c.sigma for c in same]))
         quantum = short(same[0].quantum) if same[0].quantum else "-"
-        table.add_row(test, name, short(low, 4), short(high, 4), short(sigma), origin, quantum, escape(unit) or "1")
+        table.add_row(test, name, short(low, 4), short(high, 4), short(sigma), origin, quantum, unit or "1")
     return headed("Channels", table)
 
 
@@ -160,7 +159,7 @@ def findings_table(findings: Sequence[Finding]) -> RenderableType | None:
     table.columns[3].justify = "left"
     for finding in findings:
         word = Text("no fit takes it", style="bold red") if finding.sure else Text("")
-        table.add_row(finding.kind, finding.where, short(finding.size, 4), escape(finding.unit), word)
+        table.add_row(finding.kind, finding.where, short(finding.size, 4), finding.unit, word)
     texts = [line for f in findings for line in (Padding(Text(f"- {f.found}"), (0, 0, 0, 2)),
                                                  Padding(Text(f.mend), (0, 0, 0, 4)))]  # fmt: skip
     return headed("Mistakes and habits of the rig, and what mends them", Group(table, *texts)) if findings else None

@@ -12,6 +12,7 @@ import results
 from etcfit.estimation.identifiability import Identifiability
 from etcfit.estimation.joint_fit import FitResult
 from etcfit.experiment.check import ChannelCheck, CheckResult, Clock, TraceCheck
+from etcfit.reporting.blocks import plain_table
 from etcfit.reporting.tables import check_table, fit_table, render
 
 
@@ -83,3 +84,9 @@ def test_check_table_says_that_nothing_can_be_fitted(fitted: FitResult) -> None:
     text = render(check_table(CheckResult(fitted.rig, (), None, (), None, (), "bench has no trace.")))
     assert "Nothing can be fitted" in text
     assert "bench has no trace." in text
+
+
+def test_a_name_with_its_place_in_brackets_is_no_style() -> None:
+    table = plain_table("effect", "BIC")
+    table.add_row("channel_gain[response.current]", "-12 [V]")
+    assert "channel_gain[response.current]  -12 [V]" in render(table)
