@@ -9,7 +9,7 @@ from enum import Enum
 import numpy as np
 
 from ..estimation.remedies import listed
-from .composition import Effect
+from .composition import Effect, is_of_the_rig
 from .model_discrepancy import left_by
 from .score import Score
 from .screen import Signature
@@ -90,7 +90,10 @@ def promises(g: Signature, before: Score, settings: DiagnosisSettings) -> bool:
 def promising(
     signatures: Sequence[Signature], before: Score, far: bool, settings: DiagnosisSettings
 ) -> list[Signature]:
-    """The signatures worth a refit: those that promise enough, and enough beside the best; `refits` of them at most.
+    """The signatures worth a refit: those that promise enough, and enough beside the best of their kind.
+
+    Effects of the rig have places of their own: there are so many of them, and so alike, that together they would
+    leave none to the throttle's.
 
     Args:
         signatures: of all candidates, the most promising first.
@@ -99,8 +102,12 @@ def promising(
         settings: what decides.
     """
     rival = settings.rival_promise_far if far else settings.rival_promise
-    least = rival * max((g.gain for g in signatures), default=0.0)
-    return [g for g in signatures if promises(g, before, settings) and g.gain > least][: settings.refits]
+    worth = []
+    for of_the_rig, most in ((False, settings.refits), (True, settings.rig_refits)):
+        kind = [g for g in signatures if is_of_the_rig(g.variant.effect) is of_the_rig]
+        least = rival * max((g.gain for g in kind), default=0.0)
+        worth += [g for g in kind if promises(g, before, settings) and g.gain > least][:most]
+    return sorted(worth, key=lambda g: -g.gain)
 
 
 # ---- after a trial

@@ -56,9 +56,10 @@ class DiagnosisSettings:
     rounds: int = _setting(8, AT_LEAST_ONE)
     """Most rounds; each adds one effect at most."""
     refits: int = _setting(4, AT_LEAST_ONE)
-    """Most candidates refitted in one round, the most promising first."""
+    """Most effects of the throttle refitted in one round, the most promising first."""
     rig_refits: int = _setting(3, AT_LEAST_ONE)
-    """Most effects of the rig with which the joint fit is made anew, where the model stays far from its data."""
+    """Most effects of the rig refitted in one round beside them; and of those with which the joint fit is made anew,
+    where the model stays far from its data."""
     refits_side_by_side: int = _setting(2, AT_LEAST_ONE)
     """Refits that run at a time, in threads; changes the time taken, never the result."""
 

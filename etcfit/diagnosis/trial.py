@@ -17,7 +17,7 @@ from typing import NamedTuple
 import numpy as np
 
 from .candidate_model import CandidateModel
-from .composition import Effect, resting
+from .composition import Composition, Effect, is_of_the_rig, resting
 from .score import Score, score
 from .screen import variants
 from .settings import DiagnosisSettings
@@ -79,8 +79,10 @@ class Cost(NamedTuple):
     variants: int
 
     @classmethod
-    def of(cls, effect: Effect) -> Cost:
-        return cls(len(resting(effect)), len(variants(effect)))
+    def of(cls, effect: Effect, composition: Composition) -> Cost:
+        """An effect of the rig is one of as many as there are places where a rig may be wrong."""
+        places = len(composition.of_the_rig) if is_of_the_rig(effect) else 1
+        return cls(len(resting(effect)), len(variants(effect)) * max(places, 1))
 
 
 def bic_change(before: Score, after: Score, cost: Cost) -> float:
@@ -108,7 +110,9 @@ def compare(
 def judged(effect: Effect, before: Score, s: CandidateModel, cost: Cost | None = None) -> Trial:
     """The trial of a refitted model that has one effect more than the one scored before."""
     slack = s.settings.rise_in_trial(s.far)
-    return Trial(s, compare(effect, before, score(s), cost or Cost.of(effect), s.weighted.samples, slack))
+    return Trial(
+        s, compare(effect, before, score(s), cost or Cost.of(effect, s.composition), s.weighted.samples, slack)
+    )
 
 
 def tried(s: CandidateModel, effect: Effect, values: Mapping[str, float], before: Score) -> Trial:

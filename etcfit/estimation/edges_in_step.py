@@ -161,9 +161,13 @@ def _common(places: Sequence[EdgePlace], settings: EdgeSettings) -> _Common | No
     for _ in range(5):  # a few may be off: an edge that came between two others, say
         off = (share - phase + 0.5) % 1.0 - 0.5
         near = np.abs(off) < settings.far * sd
-        if near.sum() < max(2, settings.near * off.size):
+        if near.sum() < 2:
             return None
         phase += float(np.average(off[near], weights=1.0 / sd[near] ** 2))
+    # what acts more than a sample late is no phase: that is a delay
+    within = (share > -settings.border - sd) & (share < 1.0 + settings.border + sd)
+    if np.sum(near & within) < settings.near * share.size:
+        return None
     agreement = float(stats.chi2.sf(np.sum((off / sd)[near] ** 2), near.sum() - 1))
     phase %= 1.0
     phase -= phase > 1.0 - settings.border

@@ -9,10 +9,15 @@ import pytest
 
 from diagnoses import score, verdict
 from etcfit.diagnosis.candidate_model import CandidateModel
+from etcfit.diagnosis.composition import Composition
 from etcfit.diagnosis.score import score as score_of
+from etcfit.diagnosis.screen import variants
 from etcfit.diagnosis.settings import DiagnosisSettings
 from etcfit.diagnosis.trial import Cost, bic_change, compare, second_trial, tried
 from etcfit.model.effects import EFFECT_BY_NAME
+from etcfit.model.rig_effects import rig_effect
+from etcfit.problem.free_parameters import free_parameters
+from etcfit.rig.base import RigConfig
 
 LIMP, GRAVITY = (EFFECT_BY_NAME[n] for n in ("limp_home_spring", "gravity_load"))
 SETTINGS = DiagnosisSettings()
@@ -43,9 +48,10 @@ def test_the_scale_of_the_noise_is_not_trusted() -> None:
 
 def test_an_effect_costs_its_parameters_and_its_variants() -> None:
     """Four parameters, and as many variants as `scan` lists."""
-    assert Cost.of(LIMP).parameters == 4
-    assert Cost.of(LIMP).variants == math.prod(len(values) for values in LIMP.scan.values())
-    assert Cost.of(GRAVITY) == Cost(1, 1)
+    alone = Composition(free_parameters(RigConfig("by hand")), (), (LIMP,))
+    assert Cost.of(LIMP, alone).parameters == 4
+    assert Cost.of(LIMP, alone).variants == math.prod(len(values) for values in LIMP.scan.values())
+    assert Cost.of(GRAVITY, alone) == Cost(1, 1)
 
 
 # ---- the verdict
@@ -114,3 +120,12 @@ def test_an_effect_is_refitted_and_compared_with_the_model_without_it(small: Can
     assert again.own_values["T_g"] == pytest.approx(0.01)
     assert again.verdict.gain < v.gain
     assert again.verdict.slack == SETTINGS.refit_rise
+
+
+def test_an_effect_of_the_rig_pays_for_all_the_places_where_it_could_have_been() -> None:
+    gain, resistor = (rig_effect(name) for name in ("channel_gain[response.current]", "series_resistance[viscous]"))
+    assert gain is not None
+    assert resistor is not None
+    composition = Composition(free_parameters(RigConfig("by hand")), (), (gain, resistor, LIMP))
+    assert Cost.of(gain, composition).variants == 2 * len(variants(gain))
+    assert Cost.of(LIMP, composition).variants == len(variants(LIMP))

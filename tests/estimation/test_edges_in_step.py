@@ -81,6 +81,11 @@ def test_a_few_edges_that_keep_no_step_do_not_hide_the_others(phase: float) -> N
     assert -0.15 <= found.phase <= 0.85
 
 
+def test_a_delay_of_more_than_a_sample_is_no_phase() -> None:
+    late = [EdgePlace(k, 1.25, 0.01) for k in range(20)]  # the last place that is looked at
+    assert _common(late, EdgeSettings()) is None
+
+
 def test_where_edges_come_with_the_samples_each_has_the_turn_nearest_to_where_it_came() -> None:
     measurement = Measurement("response/1.csv", "response", np.arange(6.0), {})
     places = [EdgePlace(0, 0.97, 0.02), EdgePlace(1, 0.03, 0.02), EdgePlace(2, 0.5, 0.02), EdgePlace(3, 0.6, 0.5)]

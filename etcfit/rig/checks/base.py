@@ -15,6 +15,7 @@ from .circuit import Circuit, read_circuit
 from .line import Spectrum, spectrum
 
 MAINS = 50.0  # Hz, the lower of the two
+_ALIKE = 2.0  # factor within which a reading of one trace is that of its test turned round
 
 
 @dataclass(frozen=True, eq=False)
@@ -66,14 +67,20 @@ class Records:
         return self._spectra[key]
 
     def signs(self, trace: Measurement, errors: float) -> Signs | None:
-        """Signs of R, L and k in a trace; where it cannot tell one, that of all traces of its test."""
+        """Signs of R, L and k in a trace; where it cannot tell one, that of all traces of its test.
+
+        One trace tells little apart: a sign of its own is believed against its test's only for a value about as large.
+        """
         both = [c for c in (self.circuit_of.get(trace.file), self.circuits.get(trace.test)) if c is not None]
         if not both:
             return None
 
         def first(name: str) -> int:
-            every = (value.sign(errors) for c in both if (value := getattr(c, name)) is not None)
-            return next((sign for sign in every if sign), 0)
+            own, whole = (getattr(c, name) for c in (both[0], both[-1]))
+            signs = [value.sign(errors) if value is not None else 0 for value in (own, whole)]
+            if signs[0] * signs[1] < 0 and not 1.0 / _ALIKE < -own.value / whole.value < _ALIKE:
+                return signs[1]
+            return signs[0] or signs[1]
 
         return Signs(first("R"), first("L"), first("k"))
 

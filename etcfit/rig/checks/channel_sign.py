@@ -2,8 +2,9 @@
 
     R < 0:  voltage or current is turned round     k < 0:  EMF, motor speed, or both leads of the motor
 
-in `circuit.py`'s equation, whose R and k are positive; and a motor alone takes energy, integral v i dt > 0. Voltage,
-current and motor speed open the plate where they are positive, and the EMF is negative while it falls.
+in `circuit.py`'s equation, whose R and k are positive; and a motor alone takes energy and turns with its voltage,
+integral v i dt > 0 and integral v omega dt > 0. Voltage, current and motor speed open the plate where they are
+positive, and the EMF is negative while it falls.
 """
 
 from __future__ import annotations
@@ -49,20 +50,23 @@ def _turned(trace: Measurement, signs: Signs) -> tuple[str, ...]:
     boundary = TEST_BY_NAME[trace.test].boundary
     if boundary.terminals_open:
         return ("emf" if "emf" in trace.channels else "voltage",) if signs.k < 0 else ()
-    if _gives_energy(trace) if boundary.gear_apart else signs.R < 0:  # R hides behind a motor that spins
+    if boundary.gear_apart:  # R hides behind a motor that spins, and k behind brushes where few windows tell
+        if _opposed(trace, "current"):
+            return (_driver(trace, signs),)
+        return ("motor_speed",) if _opposed(trace, "motor_speed") else ()
+    if signs.R < 0:
         return (_driver(trace, signs),)
-    if signs.k < 0:
-        return ("motor_speed",) if boundary.gear_apart else ("voltage", "current")
-    return ()
+    return ("voltage", "current") if signs.k < 0 else ()
 
 
-def _gives_energy(trace: Measurement, errors: float = 10.0) -> bool:
-    """Integral v i dt < 0 beyond the noise of the current: no motor that starts from rest does that."""
-    voltage, current = trace.channels.get("voltage"), trace.channels.get("current")
-    if voltage is None or current is None:
+def _opposed(trace: Measurement, name: str, errors: float = 10.0) -> bool:
+    """Integral v i dt < 0, or v omega dt < 0, beyond the channel's noise: no motor that starts from rest, and is driven
+    by nothing else, gives energy or runs against its voltage."""
+    voltage, channel = trace.channels.get("voltage"), trace.channels.get(name)
+    if voltage is None or channel is None:
         return False
-    volts = on_times(voltage, current.time)
-    return float(np.sum(volts * current.value)) < -errors * current.sigma * float(np.sqrt(np.sum(volts**2)))
+    volts = on_times(voltage, channel.time)
+    return float(np.sum(volts * channel.value)) < -errors * channel.sigma * float(np.sqrt(np.sum(volts**2)))
 
 
 def _driver(trace: Measurement, signs: Signs) -> str:

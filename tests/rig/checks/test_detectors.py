@@ -10,8 +10,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from benchmarks.confusion.cases import case
 from etcfit.errors import MeasurementError
 from etcfit.rig.checks import DETECTORS, AbstractDetector, findings, refuse
+from etcfit.rig.checks.base import Records
 from etcfit.rig.checks.series_resistance import SeriesResistance
 from etcfit.rig.finding import Finding
 from etcfit.rig.reader import read_folder
@@ -122,3 +124,15 @@ def test_what_physics_rules_out_is_refused() -> None:
         refuse("rig", [sure, sure])
     assert "1 more" in str(caught.value)
     refuse("rig", [dataclasses.replace(sure, sure=False)])
+
+
+def test_one_trace_in_which_little_is_told_apart_is_not_believed_against_its_test(tmp_path: Path) -> None:
+    """The motor alone at 2 V: brushes, resistance and EMF look alike in it, and its own k comes out negative."""
+    seed = 5220
+    chosen = case(seed)
+    make_folder(tmp_path, chosen.truth, seed, chosen.effects, "small")
+    rig = read_folder(tmp_path)
+    own = Records(rig.config, rig.measurements).circuit_of["viscous/volts_1.csv"].k
+    assert own is not None
+    assert own.sign(5.0) < 0  # the case is what it is said to be
+    assert rig.findings == ()
