@@ -11,7 +11,7 @@ from numpy.testing import assert_allclose
 from benchmarks.confusion.cases import case
 from benchmarks.confusion.picture import picture
 from benchmarks.confusion.records import saved
-from benchmarks.confusion.tables import ASKED, asked, confusion
+from benchmarks.confusion.tables import ASKED, asked, calibration, confusion
 from benchmarks.confusion.verdicts import is_first, is_found, least_left, over_least, stated
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -50,6 +50,15 @@ def test_errors_are_pooled_over_samples_and_set_beside_what_the_body_leaves() ->
     one = record("single", ["backlash"], ["high"], [])
     assert_allclose(least_left(one, ("position",)), 1.25, rtol=1e-5)
     assert_allclose(over_least(one), 1.5 / 1.25, rtol=1e-5)
+
+
+def test_stated_probabilities_beside_how_often_they_were_right() -> None:
+    said = {"backlash": 0.92, "gravity_load": 0.3, "unexplained": 0.1, "nothing": 0.01}
+    right = record("single", ["backlash"], ["high"], ["backlash"], probabilities=said)
+    wrong = record("outside", ["stiffening_spring"], ["high"], ["backlash"], probabilities=said)
+    rows = [[cell.strip() for cell in line.strip("| ").split("|")] for line in calibration([right, wrong]).splitlines()]
+    assert rows[2:] == [["0.05 to 0.2", "2", "10 %", "50 %"], ["0.2 to 0.5", "2", "30 %", "0 %"],
+                        ["0.9 to 1.01", "2", "92 %", "50 %"]]  # fmt: skip
 
 
 def test_a_parameter_without_an_interval_is_not_asked() -> None:

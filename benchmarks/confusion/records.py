@@ -57,6 +57,7 @@ def _found(folder: Path, chosen: Case) -> dict[str, Any]:
         "added": list(diagnosis.added),
         "ties": [list(tie.effects) for tie in diagnosis.ties],
         "rounds": [_round(turn) for turn in diagnosis.rounds],
+        "probabilities": dict(diagnosis.probabilities),
         "unexplained": None
         if left is None
         else {"enters": left.enters, "depends_on": left.depends_on, "bic_change": left.bic_change},

@@ -21,6 +21,7 @@ from .verdicts import (
     is_found,
     is_open,
     is_silent,
+    is_true,
     least_left,
     of_kind,
     over_least,
@@ -29,6 +30,8 @@ from .verdicts import (
     sure,
     wholly_found,
 )
+
+_STATED = ((0.05, 0.2), (0.2, 0.5), (0.5, 0.8), (0.8, 0.9), (0.9, 1.01))  # probabilities, in groups
 
 
 def markdown(head: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
@@ -215,6 +218,18 @@ def _rate(flags: Sequence[bool]) -> str:
     return f", {100 * low:.0f} to {100 * high:.0f} %"
 
 
+def calibration(records: Sequence[Record]) -> str:
+    """Stated probabilities and how often they were right; those that say hardly anything are left out."""
+    judged = [(p, is_true(r, name)) for r in records for name, p in r.get("probabilities", {}).items()]
+    body = []
+    for low, high in _STATED:
+        within = [(p, right) for p, right in judged if low <= p < high]
+        if within:
+            stated, right = np.mean(within, axis=0)
+            body.append([f"{low:g} to {high:g}", f"{len(within)}", f"{100 * stated:.0f} %", f"{100 * right:.0f} %"])
+    return markdown(["stated", "how often", "mean", "right"], body)
+
+
 def tables(records: Sequence[Record]) -> str:
     """All of the README's."""
     failed = [r for r in records if "error" in r]
@@ -227,5 +242,6 @@ def tables(records: Sequence[Record]) -> str:
         f"{max(seconds):.0f} s at most"
     )
     parts = [confusion, found, others, coverage, by_parameter, held_out, by_effect]
+    parts += [calibration] if any("probabilities" in r for r in good) else []
     failures = [f"seed {r['seed']} ({' + '.join(r['names'])}): {r['error']}" for r in failed]
     return "\n\n".join([summary, *(part(good) for part in parts), *failures])

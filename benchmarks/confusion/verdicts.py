@@ -74,6 +74,13 @@ def has_no_other(record: Record) -> bool:
     return all(tied(record, name) & set(record["names"]) for name in record["added"])
 
 
+def is_true(record: Record, hypothesis: str) -> bool:
+    """Whether an effect, "nothing" or "unexplained" (something outside the catalogue) is what is in the folder."""
+    if hypothesis == "nothing":
+        return record["kind"] == "clean"
+    return record["kind"] == "outside" if hypothesis == "unexplained" else hypothesis in record["names"]
+
+
 def sure(records: Sequence[Record], when: str) -> list[Record]:
     """Every parameter that was given a 95 % interval; `when` is "before" or "after"."""
     each = (p for r in records for p in r[when]["parameters"].values())
