@@ -20,7 +20,7 @@ from .names import refuse_foreign_names
 from .noise import Texture, pooled, textures
 from .sanity import check_log, check_peaks
 from .table import Table, decode, parse
-from .toml import closest, read_text
+from .toml import closest, place_of, read_text
 
 # rig test -> groups of channels; a trace must hold one of each group
 KNOWN_TESTS: dict[str, tuple[tuple[str, ...], ...]] = {test.name: test.needs for test in TESTS}
@@ -45,7 +45,7 @@ def read_folder(folder: str | Path) -> Rig:
     text = read_text(toml)
     config = parse_config(text, toml)
     files, odd = _csv_files(Path(folder), base)
-    config = checked(config, files, toml)
+    config = checked(config, files, toml, text)
     digests = {file: digest(Path(folder) / file) for file in ("rig.toml", *files)}
     rig = assembled(base, config, [_read_log(base, file, config) for file in files], odd, toml, text)
     return replace(rig, digests=digests)
@@ -61,19 +61,20 @@ def digests_of(folder: Path) -> dict[str, str]:
     return {file: digest(folder / file) for file in ("rig.toml", *files) if (folder / file).is_file()}
 
 
-def checked(config: RigConfig, files: Iterable[str], toml: str) -> RigConfig:
+def checked(config: RigConfig, files: Iterable[str], toml: str, text: str = "") -> RigConfig:
     """The config, once it names only tests and traces that are there.
 
     Args:
         config: as read.
         files: every trace, as `Measurement.file` will have it.
         toml: what messages call the config.
+        text: of the rig.toml, in which they find the line.
 
     Raises:
         MeasurementError: a test nobody knows, or a held-out trace that is not there.
     """
     _check_tests(config, toml)
-    return _with_holdout(config, files, toml)
+    return _with_holdout(config, files, place_of(toml, text, "holdout.files"))
 
 
 def assembled(
@@ -95,7 +96,7 @@ def assembled(
     for test in KNOWN_TESTS:
         check_peaks(test, [log for log in logs if log.test == test])
     twice = refuse_duplicates(logs)
-    warnings = [*odd, *(w for _, ws in read for w in ws), *_unused_columns(config, logs, toml), *twice]
+    warnings = [*odd, *(w for _, ws in read for w in ws), *_unused_columns(config, logs, toml, text), *twice]
     measurements = _measurements(logs, config)
     found = findings(config, measurements)
     return Rig(folder, config, measurements, (*warnings, *map(str, found)), text, findings=found)
@@ -134,12 +135,12 @@ def _is_csv(path: Path) -> bool:
     return path.suffix.casefold() == ".csv" and not path.name.startswith((".", "~")) and not path.is_dir()
 
 
-def _with_holdout(config: RigConfig, files: Iterable[str], toml: str) -> RigConfig:
-    """The held-out files, each checked to be there."""
+def _with_holdout(config: RigConfig, files: Iterable[str], place: str) -> RigConfig:
+    """The held-out files, each checked to be there; `place` is where they are named."""
     files = tuple(files)
     for name in config.holdout:
         if name not in files:
-            raise MeasurementError(toml, f"holdout.files names '{name}', which is not there.",
+            raise MeasurementError(place, f"holdout.files names '{name}', which is not there.",
                                    "Held-out files are given relative to the folder, as 'response/1.csv'.",
                                    closest(name, files, "Correct the name, or remove it."))  # fmt: skip
     return replace(config, holdout=tuple(dict.fromkeys(config.holdout)))
@@ -213,10 +214,12 @@ def _only_duty(log: Log) -> bool:
     return "duty" in log.channels and not {"voltage", "supply", "torque"} & set(log.channels)
 
 
-def _unused_columns(config: RigConfig, logs: Iterable[Log], toml: str) -> list[str]:
+def _unused_columns(config: RigConfig, logs: Iterable[Log], toml: str, text: str) -> list[str]:
     used = {" ".join(c.header.split()) for log in logs for c in log.columns.values()}
-    return [f'{toml}: [columns] names "{foreign}", which no CSV has.' for foreign, ours in config.columns.items()
-            if foreign not in used and ours.casefold() not in ("", "ignore")]  # fmt: skip
+    strange = [foreign for foreign, ours in config.columns.items()
+               if foreign not in used and ours.casefold() not in ("", "ignore")]  # fmt: skip
+    return [f'{place_of(toml, text, f"columns.{name}")}: [columns] names "{name}", which no CSV has.'
+            for name in strange]  # fmt: skip
 
 
 def _measurements(logs: tuple[Log, ...], config: RigConfig) -> tuple[Measurement, ...]:

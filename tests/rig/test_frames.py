@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import tomllib
 from collections.abc import Callable
 from dataclasses import fields, replace
@@ -69,7 +70,8 @@ def test_the_rig_is_that_of_the_same_data_as_csv(tmp_path: Path) -> None:
     for m, n in zip(made.measurements, read.measurements, strict=True):
         assert_equal_content(m, n)
     assert replace(made.config, holdout=read.config.holdout) == read.config
-    assert [w.replace("config: ", f"{tmp_path}/rig.toml: ") for w in made.warnings] == list(read.warnings)
+    said = [re.sub(r"rig\.toml:\d+: ", "rig.toml: ", w) for w in read.warnings]  # a dictionary has no lines
+    assert [w.replace("config: ", f"{tmp_path}/rig.toml: ") for w in made.warnings] == said
     assert len(read.warnings) == 1
     assert (made.folder, made.toml) == (FRAMES, "")
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import time
 from collections.abc import Mapping
 from dataclasses import replace
@@ -135,7 +136,8 @@ def test_foreign_headers(tmp_path: Path) -> None:
         "position": "TP (Main) (V)",
         "voltage": "U, motor",
     }
-    assert rig.warnings == (f'{tmp_path}/rig.toml: [columns] names "X", which no CSV has.',)
+    line = toml[: toml.index('"X"')].count("\n") + 1
+    assert rig.warnings == (f'{tmp_path}/rig.toml:{line}: [columns] names "X", which no CSV has.',)
 
 
 WRONG: dict[str, tuple[Mapping[str, str | bytes], str]] = {
@@ -259,3 +261,10 @@ def test_two_hundred_long_traces_read_in_seconds(tmp_path: Path) -> None:
     before = time.perf_counter()
     read_folder(tmp_path)
     assert time.perf_counter() - before < 6.0
+
+
+def test_a_held_out_trace_that_is_not_there_is_named_with_its_line(tmp_path: Path) -> None:
+    toml = TOML + '[holdout]\nfiles = ["response/2.csv"]\n'
+    line = toml[: toml.index("files =")].count("\n") + 1
+    with pytest.raises(MeasurementError, match=re.escape(f"{tmp_path}/rig.toml:{line}: holdout.files names")):
+        read(tmp_path, {"rig.toml": toml, "response/1.csv": RESPONSE.text()})
