@@ -75,10 +75,13 @@ def has_no_other(record: Record) -> bool:
 
 
 def is_true(record: Record, hypothesis: str) -> bool:
-    """Whether an effect, "nothing" or "unexplained" (something outside the catalogue) is what is in the folder."""
+    """Whether an effect is in the folder; "nothing": nothing but what is faint, "unexplained": from outside the
+    catalogue and not faint."""
     if hypothesis == "nothing":
-        return record["kind"] == "clean"
-    return record["kind"] == "outside" if hypothesis == "unexplained" else hypothesis in record["names"]
+        return set(record["strength"]) <= {"low"}
+    if hypothesis == "unexplained":
+        return record["kind"] == "outside" and is_clear(record)
+    return hypothesis in record["names"]
 
 
 def sure(records: Sequence[Record], when: str) -> list[Record]:

@@ -28,7 +28,8 @@ def probabilities(
 ) -> Mapping[str, float]:
     """Of every effect that was refitted, of "nothing" and of "unexplained", each from 0 to 1.
 
-    They are those of statements that do not exclude each other: two effects may both be there.
+    They are those of statements that do not exclude each other: two effects may both be there. "nothing" says that
+    nothing is missing which these data show: what is too faint for them is not denied.
 
     Args:
         rounds: of the diagnosis.
@@ -43,12 +44,21 @@ def probabilities(
     # what was taken away again, or is in doubt, is no more than what was never added
     withdrawn = {e.added for e in rounds if e.added is not None} - set(added)
     named |= {effect: min(named[effect], settings.missed) for effect in withdrawn}
-    told = bool(added) or curve
+    noise = rounds[-1].evidence.white
+    silent = not added and not curve and noise
     return {
         **dict(sorted(named.items(), key=lambda item: -item[1])),
-        NOTHING: math.prod(1.0 - p for p in named.values()) * settings.lapse if told else 1.0 - settings.missed,
-        UNEXPLAINED: 1.0 - settings.lapse if curve else settings.lapse if told else settings.missed,
+        NOTHING: 1.0 - settings.missed if silent else settings.lapse * math.prod(1.0 - p for p in named.values()),
+        UNEXPLAINED: settings.missed if silent else _left(bool(added), curve, noise, settings),
     }
+
+
+def _left(named: bool, curve: bool, noise: bool, settings: DiagnosisSettings) -> float:
+    """That something is left which has no name: as likely as not where names leave more than noise, for their formulas
+    are not exact."""
+    if curve or not (named or noise):
+        return 1.0 - settings.lapse
+    return settings.lapse if noise else 0.5
 
 
 def _in_round(each: RoundReport, settings: DiagnosisSettings) -> dict[str, float]:

@@ -179,7 +179,7 @@ class DiagnosisSettings:
     """By how much a change of BIC overstates its evidence."""
     lapse: float = _setting(0.1, PART)
     """Probability that what was named is something else, however strong the evidence."""
-    missed: float = _setting(0.05, PART)
+    missed: float = _setting(0.1, PART)
     """Probability that something is there of which nothing was found."""
 
     # ---- the final model

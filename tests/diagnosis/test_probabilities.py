@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import pytest
 
 from etcfit.diagnosis.findings import Candidate, Evidence, RoundReport
 from etcfit.diagnosis.probabilities import NOTHING, UNEXPLAINED, probabilities
 from etcfit.diagnosis.settings import DEFAULT
 
-WHITE = Evidence((), True, (), ())
+WHITE, COLOURED = (Evidence((), white, (), ()) for white in (True, False))
 LAPSE, MISSED, T = DEFAULT.lapse, DEFAULT.missed, DEFAULT.bic_temper
 
 
@@ -70,3 +72,12 @@ def test_two_rounds_are_two_reasons() -> None:
     twice = probabilities([turn("b", a=-50.0, b=-60.0), turn("a", a=-200.0)], ["b", "a"], False, DEFAULT)
     assert twice["a"] > once["a"]
     assert all(0.0 <= p <= 1.0 for p in twice.values())
+
+
+def test_where_more_than_noise_is_left_it_is_not_said_that_nothing_is_missing() -> None:
+    far = replace(turn(None, a=-9000.0), evidence=COLOURED)  # contradicted by what was held out, and a large residual
+    p = probabilities([far], [], False, DEFAULT)
+    assert p[NOTHING] <= LAPSE
+    assert p[UNEXPLAINED] == 1.0 - LAPSE
+    named = probabilities([turn("a", a=-9000.0), replace(turn(None), evidence=COLOURED)], ["a"], False, DEFAULT)
+    assert LAPSE < named[UNEXPLAINED] < 1.0 - LAPSE
