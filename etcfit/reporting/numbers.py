@@ -54,3 +54,9 @@ def short(value: float | None, digits: int = 3) -> str:
     if -4 <= top < 5:
         return f"{value:.{max(0, digits - 1 - top)}f}"
     return f"{value:.{digits - 1}e}"
+
+
+def is_share(symbol: str, unit: str) -> bool:
+    """Whether a parameter is a share that one place of the rig has of its own, such as a gain or a phase: no unit, and
+    the place in its symbol."""
+    return "." in symbol and not unit

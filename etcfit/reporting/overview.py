@@ -13,7 +13,7 @@ from matplotlib.ticker import FixedLocator, FuncFormatter
 
 from ..estimation.intervals import Interval
 from . import style
-from .numbers import Digits
+from .numbers import Digits, is_share
 
 _LINEAR = 0.1  # per cent of the fitted value about zero, beyond which the axis is logarithmic
 _EDGE = 100.0  # per cent
@@ -67,8 +67,13 @@ class ParameterPicture:
 
 
 def draw(picture: ParameterPicture) -> Figure:
-    """A row a parameter that was free: its 95 % interval, and how far reading and Table 2 lie from the fitted value."""
-    shown = {s: i for s, i in picture.intervals.items() if i.status in ("estimated", "not identifiable", "compromise")}
+    """A row a parameter that was free: its 95 % interval, and how far reading and Table 2 lie from the fitted value.
+
+    Shares that a rig test has of its own, such as a place between two samples, are left out: a per cent of one near 0
+    is no measure.
+    """
+    free = {s: i for s, i in picture.intervals.items() if i.status in ("estimated", "not identifiable", "compromise")}
+    shown = {s: i for s, i in free.items() if not is_share(s, picture.units[s])}
     title = style.wrapped(f"{picture.rig}  ·  parameters of {picture.model}", 11.0, 13)
     head = 0.75 + 0.24 * title.count("\n")
     tall = 0.75 + head + 0.42 * max(1, len(shown))

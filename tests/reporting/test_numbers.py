@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from etcfit.reporting.numbers import Digits, short
+from etcfit.reporting.numbers import Digits, is_share, short
 
 
 @pytest.mark.parametrize(
@@ -34,3 +34,9 @@ def test_both_ends_of_an_interval_have_the_same_digits() -> None:
 )
 def test_short_figures(value: float | None, text: str) -> None:
     assert short(value) == text
+
+
+def test_a_share_has_a_place_and_no_unit() -> None:
+    assert is_share("edge_phase.response", "")
+    assert not is_share("series_ohm.inductance", "ohm")
+    assert not is_share("mu", "")

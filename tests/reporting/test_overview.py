@@ -13,8 +13,9 @@ KNOWN = {
     "B_L": Interval(1e-3, 1e-4, 8e-4, 1.2e-3, "estimated", "at its bound"),
     "J_m": Interval.bare(1e-6, "not identifiable"),
     "N": Interval.bare(20.68, "fixed"),
+    "edge_phase.response": Interval(0.04, 0.01, 0.02, 0.06, "estimated"),  # a share: per cents of it mean nothing
 }
-UNITS = {"R_a": "ohm", "B_L": "N*m*s/rad", "J_m": "kg*m2", "N": "1"}
+UNITS = {"R_a": "ohm", "B_L": "N*m*s/rad", "J_m": "kg*m2", "N": "1", "edge_phase.response": ""}
 
 
 ELSEWHERE = {"R_a": 1.8, "B_L": 5e-3, "J_m": 1e-4}

@@ -11,6 +11,7 @@ from ...estimation.joint_fit import MISFIT
 from ...estimation.remedies import listed
 from ...problem.prediction_error import pooled
 from ...rig.finding import ALLOWED_FOR
+from ..numbers import is_share
 from .contents import Contents, rows_of
 from .typeset import number, symbol, symbols, unit
 
@@ -104,7 +105,9 @@ def _knows(contents: Contents) -> Markup:
         return Markup(text).format(len(unsure), len(free))
     if not known:
         return Markup("No parameter is identifiable from these data")
-    worst = max(known, key=lambda s: known[s])
+    # a share, such as a place between two samples, may be near 0: then its error over it says nothing
+    compared = [s for s in known if not is_share(s, free[s]["unit"])] or list(known)
+    worst = max(compared, key=lambda s: known[s])
     text = Markup("{} of {} free parameters are known, {} least well (± {} %)").format(
         len(known), len(free), symbol(worst), number(100.0 * known[worst], 2)
     )
