@@ -47,7 +47,7 @@ def places(throttle: Throttle) -> tuple[State, tuple[Any, ...], Step]:
     fields |= {"torque0": 0.1 * one, "torque1": -0.1 * one, "mobile": mobile, "circuit": circuit, "plate": one}
     fields |= {"series": 0.3 * one, "gear_ratio": N * one, "lower": 0.0 * one, "upper": bodies.OPEN * one}
     fields |= {"guide_stiffness": some(0.0, 30.0), "target0": some(0.0, 1.5), "target1": some(0.0, 1.5), "lever": one}
-    return x, z, Step(**fields, command=command._replace(active=one))
+    return x, z, Step(**fields, command=command._replace(active=one), edge=None)
 
 
 @pytest.mark.parametrize(
