@@ -17,7 +17,7 @@ from etcfit.control.settings import DesignSettings, LoopSettings, ManualSettings
 from etcfit.estimation.bounded import from_json
 from etcfit.estimation.settings import (
     ContradictionSettings,
-    EdgeSettings,
+    EdgesInStepSettings,
     FitSettings,
     GlobalSearchSettings,
     IdentifiabilitySettings,
@@ -30,7 +30,7 @@ from etcfit.posterior.settings import SamplingSettings
 KINDS: list[Any] = [
     AdviceSettings,
     ContradictionSettings,
-    EdgeSettings,
+    EdgesInStepSettings,
     FitSettings,
     GlobalSearchSettings,
     IdentifiabilitySettings,

@@ -21,7 +21,7 @@ from ..problem.problem import EstimationProblem
 from ..problem.trace import Trace
 from ..rig.base import Measurement, Rig, Start
 from ..rig.checks.edge_phase import arc_chance
-from .settings import EdgeSettings
+from .settings import EdgesInStepSettings
 
 _SHARES = (0.0, 0.5, 1.0)  # of an interval, at which all edges are simulated
 _TRIED = np.linspace(-0.25, 1.25, 301)  # at which the parabola through them is searched
@@ -44,7 +44,11 @@ class EdgePlace(NamedTuple):
 
 
 def with_edges_in_step(
-    rig: Rig, problem: EstimationProblem, held_out: Sequence[Trace], x: Float[np.ndarray, " P"], settings: EdgeSettings
+    rig: Rig,
+    problem: EstimationProblem,
+    held_out: Sequence[Trace],
+    x: Float[np.ndarray, " P"],
+    settings: EdgesInStepSettings,
 ) -> Rig | None:
     """The rig with the tests named whose edges are in step with the samples, each edge's turn and where the phases
     start; None where the edges do not show that output and logger share a clock.
@@ -151,7 +155,7 @@ class _Common(NamedTuple):
     agreement: float
 
 
-def _common(places: Sequence[EdgePlace], settings: EdgeSettings) -> _Common | None:
+def _common(places: Sequence[EdgePlace], settings: EdgesInStepSettings) -> _Common | None:
     """The phase nearest to all but a few; None where too few edges say anything, or they plainly differ."""
     sure = [p for p in places if p.sd < settings.error]
     if len(sure) < 2:
@@ -175,7 +179,7 @@ def _common(places: Sequence[EdgePlace], settings: EdgeSettings) -> _Common | No
 
 
 def _turns(
-    measurement: Measurement, places: Sequence[EdgePlace], phase: float, settings: EdgeSettings
+    measurement: Measurement, places: Sequence[EdgePlace], phase: float, settings: EdgesInStepSettings
 ) -> Float[np.ndarray, " n-1"]:
     """Of each edge of a trace the turn that brings the phase nearest to where it came; NaN where it keeps no step."""
     out = np.full(measurement.time.size - 1, np.nan)

@@ -119,8 +119,8 @@ def fit(rig: Rig, report: Report = quiet, settings: FitSettings = FitSettings())
     clocked = with_edges_in_step(rig, reached.problem, held_out, reached.x, settings.edges) if near else None
     if clocked is not None:  # instants of edges that were taken as independent share a phase
         report("edges in step with the samples: fitting their phase", 0.9)
-        rig, (_, held_out, _) = clocked, ready(clocked)
-        reached = _fitted_again(clocked, reached, settings)
+        rig, (fitted, held_out, _) = clocked, ready(clocked)
+        reached = _fitted_again(clocked, fitted, reached, settings)
     problem, weighted, x, end = reached
     optimum = Optimum(rig, readings, problem, held_out, weighted, x, end, starts, notes, settings)
     return with_accuracy(outcome(optimum))
@@ -250,10 +250,9 @@ def _whitened(
     return reached
 
 
-def _fitted_again(rig: Rig, reached: Reached, settings: FitSettings) -> Reached:
-    """The rounds once more, of a rig of which more is known, from where they ended."""
+def _fitted_again(rig: Rig, fitted: tuple[Trace, ...], reached: Reached, settings: FitSettings) -> Reached:
+    """The rounds once more, of a rig of which more is known and of its traces, from where they ended."""
     known, before = free_parameters(rig.config), reached.problem
-    fitted, _, _ = ready(rig)
     found = before.layout.values(reached.x, before.free_parameters.held)
     x = known.layout.coordinates({**known.start, **found})
     problem = EstimationProblem.of(rig.config, known, fitted).refined(x)

@@ -78,7 +78,7 @@ class ContradictionSettings:
 
 
 @dataclass(frozen=True)
-class EdgeSettings:
+class EdgesInStepSettings:
     """When the edges of a test's voltage count as in step with the samples.
 
     Args:
@@ -193,6 +193,6 @@ class FitSettings:
     whiteness: WhitenessSettings = WhitenessSettings()
     identifiability: IdentifiabilitySettings = IdentifiabilitySettings()
     contradiction: ContradictionSettings = ContradictionSettings()
-    edges: EdgeSettings = EdgeSettings()
+    edges: EdgesInStepSettings = EdgesInStepSettings()
 
     __post_init__ = check_ranges

@@ -239,6 +239,8 @@ def _levels(
         return level, level
     late = np.interp(ends, trace.instants, trace.input.value)
     early = np.concatenate((late[:1], late[:-1]))
+    if trace.input.turn is None:
+        return early, late
     jumps = trace.input.in_step[interval]
     level = trace.input.value[interval + (_along(trace, ends, interval) > _MIDDLE)]
     return np.where(jumps, level, early), np.where(jumps, level, late)
