@@ -202,11 +202,13 @@ def _added(proven: Sequence[TrialVerdict], settings: DiagnosisSettings) -> Choic
 def alike(v: TrialVerdict, best: TrialVerdict, settings: DiagnosisSettings) -> bool:
     """Whether two effects explain the data equally well: a tie.
 
-        chi2_v - chi2_best < max(6 chi2_best / n, left)
+        chi2_v - chi2_best < max(6 chi2_best / n, left)    or    BIC_v - BIC_best < 6
 
-    n: independent samples; 6: `tied_likelihood`; left: chi2 that the less exact formula of the two may leave. BIC
-    chooses which of them is put into the model; it does not prove that one.
+    n: independent samples; 6: `tied_likelihood`; left: chi2 that the less exact formula of the two may leave. One with
+    fewer parameters may fit a little worse and be as likely: then BIC alone is even. BIC chooses which of them is put
+    into the model; it does not prove that one.
     """
     left = left_by(max(v.effect.inexact, best.effect.inexact), best.gain, best.samples, settings)
     apart = v.score.chi2 - best.score.chi2
-    return bool(apart < left or apart * best.score.likelihood_per_chi2 < settings.tied_likelihood)
+    fits = apart < left or apart * best.score.likelihood_per_chi2 < settings.tied_likelihood
+    return bool(fits or v.bic_change - best.bic_change < settings.tied_likelihood)

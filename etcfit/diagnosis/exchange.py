@@ -76,10 +76,15 @@ class Preference(NamedTuple):
 
 
 def preference(here: TrialVerdict, others: Sequence[TrialVerdict], settings: DiagnosisSettings) -> Preference:
-    """Which of an effect and its rivals explains most; the effect itself where the best is a tie with it."""
+    """Which of an effect and its rivals explains most for its parameters, and which fit as well as that.
+
+    The effect itself stays where the best is a tie with it and BIC does not choose between the two either: a formula
+    with more parameters may fit as well as the right one.
+    """
     every = (here, *others)
     best = min(every, key=lambda v: v.bic_change)
-    best = here if alike(here, best, settings) else best
+    even = here.bic_change - best.bic_change < settings.tied_likelihood
+    best = here if even and alike(here, best, settings) else best
     ties = (k for k, v in enumerate(every) if v is not best and alike(v, best, settings))
     return Preference(next(k for k, v in enumerate(every) if v is best), tuple(ties))
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -16,7 +17,7 @@ from .cross_validation import folds, left_out
 from .model_discrepancy import inexact
 from .refit import holds, refit_fully
 from .score import Score, score
-from .screen import Background, Signature, screen, screen_of_the_rig
+from .screen import Background, Signature, ranked, screen, screen_of_the_rig
 from .trial import Trial, second_trial, tried
 
 
@@ -82,7 +83,19 @@ def turn(s: CandidateModel, report: Report, blur: float = 0.0) -> Round:
 
 
 def screened(s: CandidateModel, candidates: Sequence[Effect]) -> tuple[Signature, ...]:
-    """Every candidate's signature, the most promising first.
+    """Every candidate's best signature, the most promising first."""
+    return ranked(measured(s, candidates).signatures)
+
+
+class Measured(NamedTuple):
+    """Signatures of every variant of some candidates, and the residual's background that they were taken before."""
+
+    background: Background
+    signatures: Sequence[Signature]
+
+
+def measured(s: CandidateModel, candidates: Sequence[Effect]) -> Measured:
+    """What every variant of the candidates would do to the residual.
 
     What the fitted parameters can do is taken from the lean model, which costs less and gives equal numbers; and with
     them what the rig's effects would do, which act around the throttle and are cheap all at once.
@@ -96,7 +109,7 @@ def screened(s: CandidateModel, candidates: Sequence[Effect]) -> tuple[Signature
     if of_the_rig:
         rigged = s.with_the_rig()
         found += screen_of_the_rig(background, rigged.problem, rigged.x, rigged.weighted, of_the_rig)
-    return tuple(sorted(found, key=lambda g: -g.gain))
+    return Measured(background, found)
 
 
 def _cross_validated(s: CandidateModel, trials: Sequence[Trial]) -> list[Trial]:

@@ -127,6 +127,11 @@ class DiagnosisSettings:
     exchange_rival: float = _setting(0.5, SHARE)
     """Share of the fall of chi2 of the effect added that another must exceed to be asked again in the final model."""
 
+    # ---- sets of effects
+
+    pair_refits: int = _setting(2, NOT_NEGATIVE)
+    """Most pairs of effects refitted beside what the rounds found, the most promising first; 0: none."""
+
     # ---- formulas that are not exact
 
     formula_ceiling: float = _setting(0.04, NOT_NEGATIVE)

@@ -31,6 +31,7 @@ def diagnosis_json(diagnosis: Diagnosis) -> dict[str, Any]:
         "rounds": [_round(each, effects_of(before)) for each in diagnosis.rounds],
         "added": list(diagnosis.added),
         "removed": list(diagnosis.removed),
+        "sets": [plain(each) for each in diagnosis.sets],
         "ties": [list(tie.effects) for tie in diagnosis.ties],
         "ties_apart": [list(tie.apart) for tie in diagnosis.ties],
         "ties_told_by": [tie.told_by for tie in diagnosis.ties],

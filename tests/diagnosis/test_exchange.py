@@ -44,6 +44,12 @@ def test_a_rival_that_does_as_well_is_a_tie_and_the_effect_stays() -> None:
     assert preference(here, others, SETTINGS) == (0, (1,))
 
 
+def test_a_rival_that_fits_as_well_with_fewer_parameters_is_preferred_and_stays_tied() -> None:
+    """Two parameters less are worth 2 ln n of BIC; the likelihoods differ by hardly anything."""
+    here, air = verdict(LIMP, -500.0, chi2=998.0), verdict(AIR, -515.0, chi2=1000.0)
+    assert preference(here, [air], SETTINGS) == (1, (0,))
+
+
 def test_an_effect_may_be_tied_to_the_rival_that_takes_its_place() -> None:
     """Ties are those of the one preferred, whoever it was before."""
     here = verdict(GRAVITY, -400.0, chi2=1100.0)
