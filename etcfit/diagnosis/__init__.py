@@ -44,7 +44,7 @@ def diagnose(result: FitResult, report: Report = quiet, settings: DiagnosisSetti
         worth = {each.effect: each.worth for each in progress.found}
         left = unexplained(result, progress.model, worth, report)
     report("the fit of the final model", 0.95)
-    after = final_fit(result, progress.model, progress.found, report)
+    after = final_fit(result, progress, report)
     if progress.model.added and runs_free_worse(after, result, settings):
         worse = f"Run free, the model with {names(progress.model)} is further from the data: all taken away again."
         progress = progress.back_to(first, worse)

@@ -20,6 +20,7 @@ import numpy as np
 from ..estimation.joint_fit import Report
 from ..estimation.remedies import listed
 from ..estimation.result import FitResult
+from .ambiguity import Apart, apart
 from .candidate_model import CandidateModel
 from .choice import Choice, Outcome, stands
 from .composition import Composition, Effect, resting
@@ -68,10 +69,12 @@ def searched(result: FitResult, first: CandidateModel, progress: Progress, repor
             continue
         other = forward(result, begun, report)
         liked = compared_with(other.model, best.model)
-        compared.append(SetTried(tuple(e.name for e in other.model.added), *liked))
+        compared.append(SetTried(tuple(e.name for e in other.model.added), liked.bic_change, liked.better))
         if liked.better:
             words = f"{names(best.model) or 'Nothing'} gave way to {names(other.model)}, scored together."
             best = replace(other, changed=(*progress.changed, *other.changed, words))
+        elif liked.apart is not None:
+            best = replace(best, even={**best.even, frozenset(other.model.added): liked.apart})
     return Searched(best, tuple(compared))
 
 
@@ -137,25 +140,28 @@ def promising(
 
 
 class Comparison(NamedTuple):
-    """Of one model in place of another: the change of BIC, None where they do not compare, and whether it is better."""
+    """Of one model in place of another: the change of BIC, None where they do not compare; whether it is better; and
+    how far its fit is, where these data do not choose between the two."""
 
     bic_change: float | None
     better: bool
+    apart: Apart | None = None
 
 
 def compared_with(other: CandidateModel, s: CandidateModel) -> Comparison:
     """One model in place of another, both under the whitening of the latter.
 
-    A model near the data is better than one that is far from them; two of which either is far do not compare. Nor is
-    one better that predicts held-out traces clearly worse.
+    A model near the data is better than one that is far from them; two of which either is far do not compare. One that
+    predicts held-out traces clearly worse is neither better nor as good.
     """
     if other.far or s.far:
         return Comparison(None, s.far and not other.far)
     here, there = score(s), s.with_effects(other.added, other.values).optimised()
-    after = score(there)
+    after, asked = score(there), s.settings.tied_likelihood
     change = bic_change(here, after, Cost(there.x.size - s.x.size, 1))
-    better = change < -s.settings.tied_likelihood and not after.strays(here, s.settings.refit_rise)
-    return Comparison(change, better)
+    if after.strays(here, s.settings.refit_rise):
+        return Comparison(change, False)
+    return Comparison(change, change < -asked, apart(there, s) if abs(change) < asked else None)
 
 
 # ---- a pair taken in

@@ -98,9 +98,9 @@ def test_rivals_of_one_of_a_pair_explain_half_of_it_beside_the_other() -> None:
 
 def test_a_model_near_the_data_is_better_than_one_that_is_far(small: CandidateModel) -> None:
     far = replace(small, end=Termination(True, "by hand", far=True))
-    assert compared_with(small, far) == (None, True)
-    assert compared_with(far, small) == (None, False)
-    assert compared_with(far, far) == (None, False)
+    assert compared_with(small, far) == (None, True, None)
+    assert compared_with(far, small) == (None, False, None)
+    assert compared_with(far, far) == (None, False, None)
 
 
 @pytest.mark.slow
