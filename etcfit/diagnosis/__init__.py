@@ -61,7 +61,7 @@ def _looked_back(result: FitResult, progress: Progress, report: Report) -> Progr
     progress = replace(progress, model=s, found=found, changed=instead)
     if instead:
         progress = forward(result, progress, report)
-    s, removed = pruned(progress.model, report)
+    s, removed = pruned(progress.model, result.chi2_per_dof, report)
     return replace(progress, model=s, changed=(*progress.changed, *removed))
 
 
