@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from ..estimation.bounded import check_ranges, real
+from ..ranges import check_ranges, real
 
 
 @dataclass(frozen=True)
