@@ -47,6 +47,7 @@ if TYPE_CHECKING:
     from .control.pid import Gains as Gains
     from .control.pid import Requirements as Requirements
     from .control.settings import DesignSettings as DesignSettings
+    from .control.settings import FrequencySettings as FrequencySettings
     from .datasets import DATASETS as DATASETS
     from .datasets import Dataset as Dataset
     from .diagnosis import Diagnosis as Diagnosis
@@ -56,6 +57,8 @@ if TYPE_CHECKING:
     from .estimation.fitted_model import Fitted as Fitted
     from .estimation.joint_fit import FitResult as FitResult
     from .estimation.settings import FitSettings as FitSettings
+    from .experiment.settings import AdviceSettings as AdviceSettings
+    from .experiment.settings import CheckSettings as CheckSettings
     from .model.effects import EFFECTS as EFFECTS
     from .model.effects import AbstractEffect as AbstractEffect
     from .model.effects import Contribution as Contribution
@@ -83,6 +86,9 @@ _MODULE_OF = {
     "DiagnosisSettings": "diagnosis.settings",
     "SamplingSettings": "posterior.settings",
     "DesignSettings": "control.settings",
+    "FrequencySettings": "control.settings",
+    "AdviceSettings": "experiment.settings",
+    "CheckSettings": "experiment.settings",
     "EFFECTS": "model.effects",
     "TESTS": "rig",
     "DATASETS": "datasets",

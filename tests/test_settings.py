@@ -13,7 +13,15 @@ import pytest
 
 from etcfit import cli, stages
 from etcfit.api import verbs
-from etcfit.control.settings import DesignSettings, LoopSettings, ManualSettings, OptimumSettings, RelaySettings
+from etcfit.control.settings import (
+    DampingSettings,
+    DesignSettings,
+    FrequencySettings,
+    LoopSettings,
+    ManualSettings,
+    OptimumSettings,
+    RelaySettings,
+)
 from etcfit.diagnosis.settings import DiagnosisSettings
 from etcfit.estimation.settings import (
     ContradictionSettings,
@@ -23,13 +31,15 @@ from etcfit.estimation.settings import (
     IdentifiabilitySettings,
     WhitenessSettings,
 )
-from etcfit.experiment.settings import AdviceSettings
+from etcfit.experiment.settings import AdviceSettings, CheckSettings, PlanSettings
 from etcfit.files import plain
 from etcfit.posterior.settings import SamplingSettings
 from etcfit.ranges import Range, check_ranges, from_json, real, reals, whole
 
 KINDS: list[Any] = [
     AdviceSettings,
+    CheckSettings,
+    PlanSettings,
     ContradictionSettings,
     EdgesInStepSettings,
     FitSettings,
@@ -38,6 +48,8 @@ KINDS: list[Any] = [
     WhitenessSettings,
     SamplingSettings,
     DesignSettings,
+    DampingSettings,
+    FrequencySettings,
     LoopSettings,
     ManualSettings,
     OptimumSettings,
@@ -149,3 +161,8 @@ def test_bounds_of_gains_must_be_three_that_rise(kind: Any) -> None:
 def test_the_elite_is_part_of_the_population() -> None:
     with pytest.raises(ValueError, match="at most the population, 8"):
         OptimumSettings(population=8, elite=9)
+
+
+def test_a_sweep_rises_from_its_lowest_frequency() -> None:
+    with pytest.raises(ValueError, match=r"PlanSettings.bands = .*: each must be greater than lowest, 2"):
+        PlanSettings(lowest=2.0)

@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     import numpy as np
 
     from ..control.pid import Requirements
+    from ..control.settings import DesignSettings, FrequencySettings
     from ..diagnosis.settings import DiagnosisSettings
     from ..estimation.fitted_model import Fitted
     from ..estimation.settings import FitSettings
@@ -119,7 +120,13 @@ def sample(
 
 
 def reduce(
-    model: Model, input_unit: str = "V", output_unit: str = "rad", share: float = 0.25, *, quiet: bool = False
+    model: Model,
+    input_unit: str = "V",
+    output_unit: str = "rad",
+    share: float = 0.25,
+    settings: FrequencySettings | None = None,
+    *,
+    quiet: bool = False,
 ) -> Reduced:
     """The third-order transfer function about a plate held at a share of its travel.
 
@@ -128,6 +135,7 @@ def reduce(
         input_unit: "V" or "%" (of duty).
         output_unit: "rad", "deg" or "%" (of travel).
         share: of the travel, 0 to 1.
+        settings: which sine traces count, and when they tell an order of lag; the defaults where None.
         quiet: show no progress.
     """
     with working(quiet) as report:
@@ -135,7 +143,7 @@ def reduce(
         from .reduced import Reduced
 
         fit = _fit_of("reduce", model)
-        return Reduced(fit, *plant_of(fit.result, input_unit, output_unit, share, report))
+        return Reduced(fit, *plant_of(fit.result, input_unit, output_unit, share, report, settings))
 
 
 def design(
@@ -146,6 +154,7 @@ def design(
     posterior: Sampled | None = None,
     adc_bits: int = 12,
     feed_forward: bool = False,
+    settings: DesignSettings | None = None,
     quiet: bool = False,
     **ecu: float,
 ) -> Designed:
@@ -159,6 +168,7 @@ def design(
             fit's own normal approximation.
         adc_bits: of the position sensor, over its travel.
         feed_forward: the ECU has a bias curve.
+        settings: draws, and the budgets of simulation and rules; the defaults where None.
         quiet: show no progress.
         ecu: what is known of the ECU, by field (`period=1e-3`, `delay=0.0`, ...); see `control.design.ecu_of`.
     Raises:
@@ -166,6 +176,7 @@ def design(
     """
     with working(quiet) as report:
         from ..control.design import PAPERS
+        from ..control.settings import DesignSettings
         from ..model.ecu import Ecu
         from .control import design_of
         from .designed import Designed
@@ -176,9 +187,11 @@ def design(
             )
         fit = _fit_of("design", model)
         fitted = fit.result.fitted()
-        drawn = _draws(model if posterior is None else posterior, fitted)
-        limits = requirements or PAPERS
-        found = design_of(fitted, rule, limits, drawn, report, adc_bits=adc_bits, feed_forward=feed_forward, **ecu)
+        mine, limits = settings or DesignSettings(), requirements or PAPERS
+        drawn = _draws(model if posterior is None else posterior, fitted, mine)
+        found = design_of(
+            fitted, rule, limits, drawn, report, adc_bits=adc_bits, feed_forward=feed_forward, settings=mine, **ecu
+        )
         return Designed(fit, found)
 
 
@@ -305,20 +318,19 @@ def _given(settings: FitSettings | DiagnosisSettings | None) -> dict[str, Any]:
     return {} if settings is None else {"settings": settings}
 
 
-def _draws(source: Model, fitted: Fitted) -> np.ndarray | None:
+def _draws(source: Model, fitted: Fitted, settings: DesignSettings) -> np.ndarray | None:
     """Coordinates of further models from a posterior or a run folder that holds one, shape (D, P); None without."""
     import numpy as np
 
-    from ..control.design import DRAWS, SEED
     from ..run_folder import read_draws
     from .sampled import Sampled
 
     if isinstance(source, str | Path):
-        return read_draws(Path(source), fitted, DRAWS - 1, SEED)
+        return read_draws(Path(source), fitted, settings.draws - 1, settings.seed)
     if not isinstance(source, Sampled):
         return None
     points, symbols = source.posterior.points, source.posterior.chain.symbols
     if symbols != fitted.free_parameters.layout.free:
         raise UsageError("this posterior is of another model: other parameters are free in it. Sample the model first.")
     flat = points.reshape(-1, points.shape[-1])
-    return flat[np.random.default_rng(SEED).integers(len(flat), size=DRAWS - 1)]
+    return flat[np.random.default_rng(settings.seed).integers(len(flat), size=settings.draws - 1)]

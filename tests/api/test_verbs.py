@@ -22,6 +22,7 @@ from etcfit.api.fit import Fit
 from etcfit.api.reduced import Reduced
 from etcfit.cli import app
 from etcfit.control.pid import RULES
+from etcfit.control.settings import DesignSettings
 from etcfit.errors import MeasurementError, UsageError
 from etcfit.estimation.settings import FitSettings
 from etcfit.rig.base import Rig
@@ -40,7 +41,7 @@ def designed(fitted: Fit) -> Iterator[Designed]:
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("etcfit.control.design.RULES", QUICK)
         patch.setattr("etcfit.control.design.binding", lambda task, setpoint: ("stub",))
-        yield verbs.design(fitted, rule="manual", period=1e-3)
+        yield verbs.design(fitted, rule="manual", settings=DesignSettings(draws=30), period=1e-3)
 
 
 def test_every_command_is_a_verb() -> None:
@@ -88,6 +89,7 @@ def test_a_design_has_every_rule_in_a_table(designed: Designed) -> None:
     assert rules["met"].dtype == bool
     assert str(rules["Kp"].dtype) == "float64"
     assert designed.rule == "manual"
+    assert designed.design.draws == designed.design.settings.draws == 30
     assert len(repr(designed)) < 1500
     assert "manual" in designed._repr_html_()
     assert designed.plot.responses()[0].get_ylabel() == "position [% travel]"
