@@ -28,10 +28,10 @@ class SampleSlots(NamedTuple):
     """Measured samples at the end of each step, shape (T, L, M) each.
 
     Args:
-        value: SI; 0 where there is none.
-        weight: 1 where there is a sample to fit.
-        sigma: its noise; 1 where there is none.
-        kind: index into `KINDS`.
+        value: sample, SI unit of its channel; 0 where there is none.
+        weight: 1 where there is a sample to fit, else 0.
+        sigma: standard deviation of its noise, unit of the value; 1 where there is none.
+        kind: index into `KINDS`: which channel it is of.
     """
 
     value: Float[AnyArray, "T L M"]
@@ -41,16 +41,21 @@ class SampleSlots(NamedTuple):
 
 
 class Disturbance(NamedTuple):
-    """What is uncertain about the input and the start, shape (T, L) each, start_* at the first entry of a trace.
+    """What is uncertain about input and start, shape (T, L) each; start_* are 0 but at the first entry of a trace.
+
+    The error e of the input (V, or N m where torque drives) goes from step to step as
+
+        e_k = keep_k e_{k-1} + w_k,    var w_k = fresh_k
 
     Args:
-        keep: share of the input's error kept from the step before.
-        fresh: variance of what is added to it, (V or N m)^2.
-        edge: number of steps of an interval within which the input jumps, at that interval's last entry; else 0.
-        edge_from, edge_to, edge_span: input before and after that jump (V or N m), length of the interval (s).
+        keep: share of the input's error kept from the step before, dimensionless.
+        fresh: variance of what is added to it, V^2 or (N m)^2.
+        edge: at the last entry of an interval in which the input jumps, how many steps that interval has; else 0.
+        edge_from, edge_to: input before and after that jump, V or N m.
+        edge_span: length of that interval, s.
         spacing: time since the sample before, s.
-        start_i, start_theta, start_omega: variance of the initial state.
-        release: variance of the release instant, s^2, in the step that follows it.
+        start_i, start_theta, start_omega: variance of the initial state, A^2, rad^2 and (rad/s)^2.
+        release: variance of the release instant, s^2, at the entry of the step that follows it; else 0.
     """
 
     keep: Float[AnyArray, "T L"]
@@ -67,10 +72,10 @@ class Disturbance(NamedTuple):
 
 
 class BatchArrays(NamedTuple):
-    """A batch as compiled functions take it: its arrays alone, over steps T, lanes L and sample slots M.
+    """The arrays of a `TraceBatch` alone, as compiled functions take them; axes T, L and M.
 
     Args:
-        steps, resets, slots, disturbance, test_of: those of a `TraceBatch`.
+        steps, resets, slots, disturbance, test_of: see `TraceBatch`.
     """
 
     steps: Step
@@ -82,14 +87,17 @@ class BatchArrays(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class TraceBatch:
-    """Everything the residual needs besides the parameters.
+    """All traces of a problem as arrays over steps T, lanes L and sample slots M: the residual's data.
 
     Args:
-        steps, resets, slots, disturbance: arrays over steps T, lanes L (and slots M).
+        steps: integration steps: length, inputs, boundary conditions; (T, L).
+        resets: where a trace begins, and in which state; (T, L).
+        slots: samples; (T, L, M).
+        disturbance: what is uncertain about inputs and starts; (T, L).
         guidable: 1 where an angle was logged that a guide could draw the plate to, shape (T, L).
         test_of: `number_of` the rig test of each entry's trace, shape (T, L); 0 where there is none.
         traces: in the order given.
-        places: for each trace its lane, first entry, and the entry of each of its instants.
+        places: for each trace its lane, its first entry, and the entry of each of its n instants.
     """
 
     steps: Step
@@ -102,7 +110,11 @@ class TraceBatch:
     places: tuple[tuple[int, int, Int[np.ndarray, " _"]], ...]
 
     def holding(self, volts: Float[np.ndarray, " traces"]) -> TraceBatch:
-        """The same with what each trace's ECU holds in its integral at the begin, V, one for each trace."""
+        """The batch with other voltages in the integrals of ECUs that are part of the model, where their traces begin.
+
+        Args:
+            volts: for each trace, V; of no effect where no such ECU drives it.
+        """
         traces = tuple(t.holding(float(v)) for t, v in zip(self.traces, volts, strict=True))
         level = np.array(self.steps.voltage0)
         for trace, (lane, row, marks) in zip(traces, self.places, strict=True):
@@ -113,8 +125,11 @@ class TraceBatch:
         return replace(self, steps=steps, traces=traces)
 
     def jumping(self, share: float) -> TraceBatch:
-        """The same with every edge of the voltage at that share of its interval, as near as steps with a linear input
-        come to it: each keeps mean and first moment of what acts in it."""
+        """The batch with every edge of the voltage at one share of its interval, 0 at its begin to 1 at its end.
+
+        Steps have an input linear in time, so a jump inside a step is approximated: the step keeps mean and first
+        moment of the voltage that acts in it.
+        """
         early, late = np.array(self.steps.voltage0), np.array(self.steps.voltage1)
         for trace, (lane, _, marks) in zip(self.traces, self.places, strict=True):
             if trace.circuit and trace.input is not None:
@@ -128,7 +143,11 @@ class TraceBatch:
         return replace(self, steps=self.steps._replace(voltage0=early, voltage1=late))
 
     def guided(self, guide_stiffness: float) -> Step:
-        """The steps with a guide of `guide_stiffness`, V/rad, or N m/rad where torque drives; 0 is a free run."""
+        """The steps with a guide that draws the plate along the measured angle where one was logged.
+
+        Args:
+            guide_stiffness: V/rad, or N m/rad where torque drives; 0 for a free run.
+        """
         return self.steps._replace(guide_stiffness=guide_stiffness * self.guidable)
 
 
@@ -138,13 +157,14 @@ def batch_of(
     substeps: Sequence[Int[np.ndarray, " _"]],
     least: tuple[int, ...] = (0, 0, 0),
 ) -> TraceBatch:
-    """Batch traces.
+    """Put traces into a batch: long ones in lanes of their own, short ones behind each other.
 
     Args:
         traces: ready traces.
-        config: their rig.
-        substeps: integration steps in each interval between instants, one array (n - 1,) a trace.
-        least: steps, lanes and slots that the batch has at least, for what was compiled for another.
+        config: their rig, for gear ratio and stops.
+        substeps: integration steps in each interval between instants, shape (n - 1,) for each trace.
+        least: steps T, lanes L and slots M that the batch has at least, so that what was compiled for another batch
+            serves again.
     """
     strips = [_strip(t, n, config) for t, n in zip(traces, substeps, strict=True)]
     lanes, length = _pack([s["dt"].size for s, _ in strips], least[0])
