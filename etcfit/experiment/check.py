@@ -14,9 +14,10 @@ from ..errors import MeasurementError
 from ..estimation.identifiability import Identifiability, analyse
 from ..estimation.joint_fit import ready, start_values
 from ..estimation.levenberg_marquardt import information_of
-from ..estimation.remedies import listed, sentence
+from ..estimation.remedies import listed, sentences
 from ..problem.free_parameters import Layout, free_parameters
 from ..problem.problem import EstimationProblem
+from ..problem.trace import Trace
 from ..rig.base import Channel, Measurement, Rig
 from ..rig.ecu import GAINS
 from ..rig.paper_readings import Readings, read_graphs
@@ -125,7 +126,7 @@ def check(rig: Rig, settings: CheckSettings = CheckSettings()) -> CheckResult:
     except MeasurementError as error:
         return CheckResult(rig, traces, None, (), None, rig.warnings, str(error), settings=settings)
     found = judged.identifiability
-    words = tuple(sentence(d) for d in found.directions)
+    words = sentences(found.directions, judged.traces)
     warnings = (*rig.warnings, *judged.notes)
     gains = _were_gains_known(judged)
     return CheckResult(rig, traces, found, words, judged.readings, warnings, gains=gains, settings=settings)
@@ -141,6 +142,7 @@ class Foresight:
         information: of the traces and the user's priors, shape (P, P).
         readings: the paper's graphs.
         notes: on traces left out.
+        traces: those to be fitted.
     """
 
     layout: Layout
@@ -148,6 +150,7 @@ class Foresight:
     information: np.ndarray
     readings: Readings
     notes: tuple[str, ...]
+    traces: tuple[Trace, ...]
 
     @cached_property
     def identifiability(self) -> Identifiability:
@@ -191,7 +194,8 @@ def verdict(rig: Rig) -> Foresight:
     jacobian = problem.linearise(x, weighted).jacobian
     rows = jacobian.reshape(-1, x.size)
     rows = rows[np.isfinite(rows).all(axis=1)]
-    return Foresight(known.layout, x, information_of(weighted.prior_sd[: x.size], rows), readings, notes)
+    information = information_of(weighted.prior_sd[: x.size], rows)
+    return Foresight(known.layout, x, information, readings, notes, fitted)
 
 
 def _trace(measurement: Measurement, settings: CheckSettings) -> TraceCheck:

@@ -12,7 +12,7 @@ import numpy as np
 from .. import __version__
 from ..estimation.intervals import LUMPS, Interval, intervals, lumped
 from ..estimation.joint_fit import FitResult
-from ..estimation.remedies import sentence
+from ..estimation.remedies import sentences
 from ..files import plain
 from ..model.parameters import Parameter
 from ..problem.prediction_error import PredictionError
@@ -106,11 +106,11 @@ def _lumped_json(result: FitResult) -> dict[str, dict[str, Any]]:
 
 
 def _directions(result: FitResult) -> list[dict[str, Any]]:
+    directions = result.identifiability.directions
     return [
-        plain({"symbols": d.symbols, "shares": d.shares, "null": d.null, "sd": None if d.null else d.sd,
-               "says": sentence(d)})
-        for d in result.identifiability.directions
-    ]  # fmt: skip
+        plain({"symbols": d.symbols, "shares": d.shares, "null": d.null, "sd": None if d.null else d.sd, "says": says})
+        for d, says in zip(directions, sentences(directions, result.problem.batch.traces), strict=True)
+    ]
 
 
 def _noise(rig: Rig) -> list[dict[str, Any]]:
