@@ -6,7 +6,6 @@ serves every folder of a like size and little of it is padding.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
@@ -18,9 +17,10 @@ from ..model.parameters import AnyArray
 from ..model.rig_effects import number_of
 from ..model.stepper import Command, Edge, Reset, Step
 from ..rig.base import RigConfig
+from . import edges
+from .packing import pack
 from .trace import Trace
 
-_MIDDLE = 0.5 + 1e-9  # of an interval
 KINDS = ("current", "position", "emf", "motor_speed")  # what a slot may observe
 
 
@@ -167,7 +167,7 @@ def batch_of(
             serves again.
     """
     strips = [_strip(t, n, config) for t, n in zip(traces, substeps, strict=True)]
-    lanes, length = _pack([s["dt"].size for s, _ in strips], least[0])
+    lanes, length = pack([s["dt"].size for s, _ in strips], least[0])
     lanes += [[] for _ in range(least[1] - len(lanes))]
     slots = max(least[2], *(len(t.channels) for t in traces))
     table = _blank(length, len(lanes), slots, config)
@@ -185,36 +185,6 @@ def batch_of(
             places[k] = (lane, row, row + marks)
             row += strip["dt"].size
     return _assemble(table, tuple(traces), tuple(places))
-
-
-def _round(n: int) -> int:
-    """Up to two leading bits and a half, so that like folders share one compiled shape."""
-    unit = max(1, 2 ** max(0, math.floor(math.log2(max(n, 1))) - 3))
-    return unit * math.ceil(n / unit)
-
-
-def _pack(lengths: list[int], least: int) -> tuple[list[list[int]], int]:
-    """Longest first into the first lane with room; lane length is that of the longest trace, rounded up."""
-    length = max(least, _round(max(lengths)))
-    lanes: list[list[int]] = []
-    free: list[int] = []
-    for k in sorted(range(len(lengths)), key=lambda k: -lengths[k]):
-        lane = next((j for j, room in enumerate(free) if room >= lengths[k]), None)
-        if lane is None:
-            lanes.append([])
-            free.append(length)
-            lane = len(lanes) - 1
-        lanes[lane].append(k)
-        free[lane] -= lengths[k]
-    lanes += [[] for _ in range(_round(len(lanes)) - len(lanes))]
-    return lanes, length
-
-
-def _halved(trace: Trace, substeps: Int[np.ndarray, " intervals"]) -> Int[np.ndarray, " intervals"]:
-    """Substeps, an even number of them where the input jumps in step with the samples: half before and half after."""
-    if trace.input is None or trace.input.turn is None:
-        return substeps
-    return np.where(trace.input.in_step, 2 * ((substeps + 1) // 2), substeps)
 
 
 class _Breaks(NamedTuple):
@@ -248,47 +218,6 @@ def _breaks(trace: Trace, substeps: Int[np.ndarray, " intervals"]) -> _Breaks:
     return _Breaks(ends, interval, marks)
 
 
-def _levels(
-    trace: Trace, ends: Float[np.ndarray, " rows"], interval: Int[np.ndarray, " rows"]
-) -> tuple[Float[np.ndarray, " rows"], Float[np.ndarray, " rows"]]:
-    """The input at the begin and the end of each step."""
-    if trace.input is None:
-        return np.zeros(ends.size), np.zeros(ends.size)
-    if trace.input.held:
-        level = trace.input.value[interval]
-        return level, level
-    late = np.interp(ends, trace.instants, trace.input.value)
-    early = np.concatenate((late[:1], late[:-1]))
-    if trace.input.turn is None:
-        return early, late
-    jumps = trace.input.in_step[interval]
-    level = trace.input.value[interval + (_along(trace, ends, interval) > _MIDDLE)]
-    return np.where(jumps, level, early), np.where(jumps, level, late)
-
-
-def _along(
-    trace: Trace, ends: Float[np.ndarray, " rows"], interval: Int[np.ndarray, " rows"]
-) -> Float[np.ndarray, " rows"]:
-    """Share of its interval at which each step ends."""
-    begin, end = trace.instants[interval], trace.instants[interval + 1]
-    return (ends - begin) / (end - begin)
-
-
-def _in_step(
-    trace: Trace, ends: Float[np.ndarray, " rows"], interval: Int[np.ndarray, " rows"]
-) -> dict[str, Float[np.ndarray, " rows"]]:
-    """How the steps of edges in step with the samples follow their phase, see `Edge`; as they are, it is 1/2."""
-    if trace.input is None or trace.input.turn is None:
-        return {}
-    jumps, along = trace.input.in_step[interval], _along(trace, ends, interval)
-    jumps[0] = False  # entry 0 is the start itself
-    before = along <= _MIDDLE
-    span = np.where(before, 2.0, -2.0) * np.diff(ends, prepend=ends[0])
-    moves = 2.0 * np.where(before, along, 1.0 - along) * np.diff(trace.instants)[interval]
-    return {name: np.where(jumps, column, 0.0) for name, column in
-            (("turn", trace.input.turn[interval]), ("span", span), ("moves", moves))}  # fmt: skip
-
-
 def _error(trace: Trace, interval: Int[np.ndarray, " rows"]) -> dict[str, Float[np.ndarray, " rows"]]:
     """How the input's error carries over into each step (share kept, variance added)."""
     keep, fresh = np.ones(interval.size), np.zeros(interval.size)
@@ -304,25 +233,13 @@ def _error(trace: Trace, interval: Int[np.ndarray, " rows"]) -> dict[str, Float[
     return {"keep": keep, "fresh": fresh}
 
 
-def _edges(trace: Trace, marks: Int[np.ndarray, " n"], entries: int) -> dict[str, Float[np.ndarray, " {entries}"]]:
-    """The jumps of the input at instants that nobody knows, each at the last entry of its interval."""
-    out = {name: np.zeros(entries) for name in ("edge", "edge_from", "edge_to", "edge_span")}
-    if trace.input is not None:
-        (jumps,) = np.nonzero(trace.input.edge & ~trace.input.in_step)
-        last = marks[jumps + 1]
-        out["edge"][last] = marks[jumps + 1] - marks[jumps]
-        out["edge_from"][last], out["edge_to"][last] = trace.input.value[jumps], trace.input.value[jumps + 1]
-        out["edge_span"][last] = trace.instants[jumps + 1] - trace.instants[jumps]
-    return out
-
-
 def _strip(
     trace: Trace, substeps: Int[np.ndarray, " intervals"], config: RigConfig
 ) -> tuple[dict[str, np.ndarray], Int[np.ndarray, " n"]]:
     """All columns of one trace, and the entries of its instants."""
-    ends, interval, marks = _breaks(trace, _halved(trace, substeps))
+    ends, interval, marks = _breaks(trace, edges.halved(trace, substeps))
     n, zeros, ones = ends.size, np.zeros(ends.size), np.ones(ends.size)
-    early, late = _levels(trace, ends, interval)
+    early, late = edges.levels(trace, ends, interval)
     boundary, first = trace.test.boundary, np.arange(n) == 0
     dt = np.diff(ends, prepend=ends[0])
     held = boundary.plate_held * ones
@@ -355,8 +272,8 @@ def _strip(
     for name, value, sd in zip(("i", "theta", "omega"), trace.start.state, trace.start.sd, strict=True):
         columns[name] = first * value
         columns[f"start_{name}"] = first * sd**2
-    columns |= _in_step(trace, ends, interval)
-    columns |= _error(trace, interval) | _edges(trace, marks, n) | _asked(trace, ends, dt, config)
+    columns |= edges.in_step(trace, ends, interval)
+    columns |= _error(trace, interval) | edges.unplaced(trace, marks, n) | _asked(trace, ends, dt, config)
     return columns | _samples(trace, n, marks), marks
 
 
