@@ -24,7 +24,7 @@ GEAR_RATIO = "gear ratio, motor turns per plate turn"
 
 
 def fit_json(result: FitResult) -> dict[str, Any]:
-    """The object of fit.json (FORMAT.md), and what else a reader may want to know."""
+    """The object of fit.json (docs/formats.md), and what else a reader may want to know."""
     config = result.rig.config
     return {
         "schema": "etcfit.fit/1",
@@ -56,7 +56,7 @@ def fit_json(result: FitResult) -> dict[str, Any]:
 
 
 def parameters_json(result: FitResult) -> dict[str, dict[str, Any]]:
-    """Every parameter as FORMAT.md has it."""
+    """Every parameter as docs/formats.md has it."""
     declared = {p.symbol: p for p in result.free_parameters.layout.parameters}
     read = readings_of(result)
     return {symbol: _parameter(declared.get(symbol), interval, read.get(symbol))
@@ -69,7 +69,7 @@ def effects_of(result: FitResult) -> tuple[str, ...]:
 
 
 def rows_json(rows: Iterable[PredictionError]) -> list[dict[str, Any]]:
-    """Free-running errors, a ROW of FORMAT.md each."""
+    """Free-running errors, a row of `score` each, see docs/formats.md."""
     keys = ("file", "test", "channel", "unit", "n", "rms", "sigma")
     return [plain({key: getattr(row, key) for key in keys}) for row in rows]
 
