@@ -24,6 +24,7 @@ os.environ.setdefault("JAX_ENABLE_X64", "1")
 os.environ.setdefault("TF_CPP_MIN_LOG_LEVEL", "3")
 
 if TYPE_CHECKING:
+    from .api.advised import Advised as Advised
     from .api.checked import Checked as Checked
     from .api.designed import Designed as Designed
     from .api.diagnosed import Diagnosed as Diagnosed
@@ -32,6 +33,7 @@ if TYPE_CHECKING:
     from .api.reduced import Reduced as Reduced
     from .api.sampled import Sampled as Sampled
     from .api.trace import FittedTrace as FittedTrace
+    from .api.verbs import advise as advise
     from .api.verbs import check as check
     from .api.verbs import design as design
     from .api.verbs import diagnose as diagnose
@@ -93,6 +95,7 @@ _MODULE_OF = {
     "TESTS": "rig",
     "DATASETS": "datasets",
     "RULES": "control.pid",
+    "advise": "api.verbs",
     "check": "api.verbs",
     "design": "api.verbs",
     "diagnose": "api.verbs",
@@ -104,6 +107,7 @@ _MODULE_OF = {
     "report": "api.verbs",
     "run": "stages",
     "sample": "api.verbs",
+    "Advised": "api.advised",
     "Checked": "api.checked",
     "Designed": "api.designed",
     "Diagnosed": "api.diagnosed",

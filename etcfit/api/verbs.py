@@ -24,7 +24,9 @@ if TYPE_CHECKING:
     from ..diagnosis.settings import DiagnosisSettings
     from ..estimation.fitted_model import Fitted
     from ..estimation.settings import FitSettings
+    from ..experiment.settings import AdviceSettings, CheckSettings
     from ..rig.base import Rig
+    from .advised import Advised
     from .checked import Checked
     from .designed import Designed
     from .diagnosed import Diagnosed
@@ -37,11 +39,12 @@ if TYPE_CHECKING:
     Model = Fit | Diagnosed | Sampled | Reduced | Folder
 
 
-def check(rig: Rig | Folder, *, quiet: bool = False) -> Checked:
+def check(rig: Rig | Folder, settings: CheckSettings | None = None, *, quiet: bool = False) -> Checked:
     """What is in a measurement folder, what it can identify, and what is wrong with it; fits nothing.
 
     Args:
         rig: as read, or its folder.
+        settings: what is odd about a clock or a channel; the defaults where None.
         quiet: show no progress.
     Raises:
         MeasurementError: the folder is wrong.
@@ -52,7 +55,31 @@ def check(rig: Rig | Folder, *, quiet: bool = False) -> Checked:
 
         rig = _rig_of(rig, report)
         report("working out what these data can identify", 0.3)
-        return Checked(check_rig(rig))
+        return Checked(check_rig(rig, **_given(settings)))
+
+
+def advise(
+    rig: Rig | Folder, at: Fit | Folder | None = None, settings: AdviceSettings | None = None, *, quiet: bool = False
+) -> Advised:
+    """What one more trace of each rig test would do to each interval, before anybody measures it; fits nothing.
+
+    Args:
+        rig: as read, or its folder.
+        at: a fit of this rig, or its run folder: judge at the values fitted; at the graph readings where None.
+        settings: when two parameters are told apart, and how a trace would be made; the defaults where None.
+        quiet: show no progress.
+    Raises:
+        MeasurementError: the folder is wrong, or nothing in it can be fitted.
+        UsageError: `at` holds no fit, or one of other measurements.
+    """
+    with working(quiet) as report:
+        from ..experiment.advice import advise as advise_rig
+        from .advised import Advised
+
+        rig = _rig_of(rig, report)
+        x = None if at is None else _coordinates(at, rig)
+        report("working out what one more trace would tell", 0.3)
+        return Advised(advise_rig(rig, x, **_given(settings)))
 
 
 def fit(rig: Rig | Folder, settings: FitSettings | None = None, *, quiet: bool = False) -> Fit:
@@ -292,6 +319,24 @@ def _rig_of(rig: Rig | Folder, report: Report) -> Rig:
     return read_folder(rig)
 
 
+def _coordinates(at: Fit | Folder, rig: Rig) -> np.ndarray:
+    """Coordinates of a fit of this rig, shape (P,).
+
+    Raises:
+        UsageError: the run folder holds no fit, or the fit is of other free parameters.
+    """
+    from ..problem.free_parameters import free_parameters
+    from ..run_folder import fitted_to
+    from .fit import Fit
+
+    if not isinstance(at, str | Path | Fit):
+        raise _not_taken("advise", at, "for `at` what etcfit.fit returned, or a run folder")
+    result = at.result if isinstance(at, Fit) else fitted_to(Path(at), rig)
+    if result.free_parameters.layout.free != free_parameters(rig.config).layout.free:
+        raise UsageError("this fit is of another model: other parameters are free in it. Fit this rig first.")
+    return result.x
+
+
 def _fit_of(verb: str, model: Model) -> Fit:
     """The fit behind whatever a verb was given."""
     from .diagnosed import Diagnosed
@@ -314,7 +359,7 @@ def _not_taken(verb: str, given: object, wanted: str) -> TypeError:
     return TypeError(f"etcfit.{verb} takes {wanted}, not {type(given).__name__}.")
 
 
-def _given(settings: FitSettings | DiagnosisSettings | None) -> dict[str, Any]:
+def _given(settings: AdviceSettings | CheckSettings | FitSettings | DiagnosisSettings | None) -> dict[str, Any]:
     return {} if settings is None else {"settings": settings}
 
 
