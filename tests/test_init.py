@@ -17,7 +17,7 @@ import pytest
 
 import etcfit
 
-VERBS = ["check", "design", "diagnose", "drive", "fetch", "fit", "load", "reduce", "report", "run", "sample"]
+VERBS = ["advise", "check", "design", "diagnose", "drive", "fetch", "fit", "load", "reduce", "report", "run", "sample"]
 
 
 @pytest.mark.parametrize("name", sorted(etcfit._MODULE_OF))

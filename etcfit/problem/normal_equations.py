@@ -29,7 +29,7 @@ _MOST_BYTES = 64 << 20  # of a piece's Jacobian
 
 
 class NormalEquations(NamedTuple):
-    """What least squares needs to know of a residual r and its Jacobian J at a point.
+    """What a least-squares step needs of a residual r and its Jacobian J at a point: (J^T J) d = -J^T r. Dimensionless.
 
     Args:
         chi2: r^T r.
@@ -43,17 +43,17 @@ class NormalEquations(NamedTuple):
 
     @property
     def finite(self) -> bool:
-        """False where residual or Jacobian cannot be computed."""
+        """False where a simulation failed, so that residual or Jacobian is not finite."""
         return bool(np.isfinite(self.chi2) and np.isfinite(self.information).all() and np.isfinite(self.gradient).all())
 
 
 class Linearised(NamedTuple):
-    """A residual and its Jacobian.
+    """A residual and its Jacobian over coordinates, dimensionless.
 
     Args:
         r: whitened residual, shape (T, L, M).
-        jacobian: its derivative in each coordinate, shape (T, P, L, M).
-        equations: of the normal equations.
+        jacobian: dr/dx, shape (T, P, L, M).
+        equations: r^T r, J^T r and J^T J of both.
     """
 
     r: Float[AnyArray, "T L M"]
@@ -62,11 +62,13 @@ class Linearised(NamedTuple):
 
 
 def shared_out(weighted: WeightedData, size: int) -> tuple[WeightedData, ...]:
-    """The data in pieces of some lanes each, all of one shape: for every core one, and none too large for the memory.
+    """The data in pieces of some lanes each, all of one shape, for the cores to work on side by side.
 
     Args:
-        weighted: the data.
-        size: number of coordinates, by which the Jacobian grows.
+        weighted: data, whitening and priors of the whole batch.
+        size: number of coordinates P; the Jacobian of a piece must stay within a bound of memory.
+    Returns:
+        at least one piece; lanes that only fill up the last one have weight 0.
     """
     steps, lanes, slots = weighted.slots.value.shape
     fill = -(-lanes // _LEAST_LANES)
@@ -91,7 +93,7 @@ def shared_out(weighted: WeightedData, size: int) -> tuple[WeightedData, ...]:
 
 
 def normal_equations(form: Form, x: Float[AnyArray, " P"], pieces: Sequence[WeightedData]) -> NormalEquations:
-    """The normal equations at x, priors apart.
+    """r^T r, J^T r and J^T J of the samples at x; priors are not in them.
 
     Args:
         form: the model.
@@ -107,7 +109,15 @@ def normal_equations(form: Form, x: Float[AnyArray, " P"], pieces: Sequence[Weig
 def linearised(
     form: Form, x: Float[AnyArray, " P"], weighted: WeightedData
 ) -> tuple[Float[np.ndarray, "T L M"], Float[np.ndarray, "T L M P"]]:
-    """Whitened residual and its Jacobian at x, shape (P,)."""
+    """Whitened residual of the samples and its Jacobian.
+
+    Args:
+        form: the model.
+        x: coordinates, shape (P,).
+        weighted: data, whitening and priors of the whole batch.
+    Returns:
+        r, shape (T, L, M), and dr/dx, shape (T, L, M, P), dimensionless.
+    """
     parts = side_by_side(lambda piece: _linearised(form, x, piece), shared_out(weighted, x.size))
     lanes = weighted.slots.value.shape[1]
     r = np.concatenate([np.asarray(part.r) for part in parts], axis=1)[:, :lanes]
@@ -116,7 +126,7 @@ def linearised(
 
 
 def linearised_ahead(form: Form, x: Float[AnyArray, " P"], weighted: WeightedData) -> None:
-    """Begin to compile what `linearised` and `normal_equations` will ask for."""
+    """Begin to compile, in the background, what `linearised` and `normal_equations` will run."""
     _linearised.ahead(form, x, shared_out(weighted, x.size)[0])
 
 

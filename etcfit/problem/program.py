@@ -30,7 +30,7 @@ def _pool(purpose: str) -> ThreadPoolExecutor:
 
 
 def side_by_side(work: Callable[[Piece], Any], pieces: Sequence[Piece]) -> list[Any]:
-    """What `work` makes of each piece, computed to its end, in their order."""
+    """`work` on each piece, one thread each; results in their order, once all are computed."""
     if len(pieces) == 1:
         return [jax.block_until_ready(work(pieces[0]))]
     return list(_pool("running").map(lambda piece: jax.block_until_ready(work(piece)), pieces))
@@ -57,13 +57,13 @@ class Program:
 
     @property
     def compiled(self) -> int:
-        """How often it was compiled."""
+        """How many versions were compiled: one for each model and shape of arguments."""
         return len(self._compiled)
 
     def ahead(self, *args: Any) -> None:
-        """Compile for these arguments in the background: who calls with such a little later waits less, or not at all.
+        """Compile for these arguments in the background, so that a later call with such waits less.
 
-        An error is met by that call, not here.
+        An error of the compiler is raised by that call, not here.
         """
         _pool("compiling").submit(self._of, args)
 

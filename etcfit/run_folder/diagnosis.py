@@ -13,7 +13,7 @@ from .influence import influence_json
 
 
 def diagnosis_json(diagnosis: Diagnosis) -> dict[str, Any]:
-    """The object of diagnosis.json (FORMAT.md), and what else a reader may want to know.
+    """The object of diagnosis.json (docs/formats.md), and what else a reader may want to know.
 
     Effects are those of the whole model, Eqs. 1-2 among them, as in fit.json; numbers are in the unit that stands
     beside them.

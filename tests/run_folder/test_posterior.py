@@ -12,7 +12,9 @@ from typing import Any
 import numpy as np
 import pytest
 import xarray
+from jsonschema import Draft202012Validator
 
+import etcfit
 import results
 from etcfit.files import write_json
 from etcfit.posterior.chain import Chain
@@ -20,7 +22,9 @@ from etcfit.posterior.convergence import Convergence
 from etcfit.posterior.predictive import Band
 from etcfit.posterior.profile import Profile
 from etcfit.posterior.sampling import Posterior
+from etcfit.posterior.settings import SamplingSettings
 from etcfit.posterior.summary import apart
+from etcfit.ranges import from_json
 from etcfit.reporting.pictures import file_name
 from etcfit.reporting.posterior import pictures
 from etcfit.reporting.posterior.table import posterior_table
@@ -29,6 +33,7 @@ from etcfit.run_folder.posterior import disagree, posterior_json, write_netcdf
 from gaussian import SEEDS
 
 STEPS = 150
+SCHEMAS = Path(etcfit.__file__).parent / "run_folder" / "schemas"
 
 
 @pytest.fixture(scope="module")
@@ -66,6 +71,8 @@ def test_the_json_has_every_parameter_that_moves(
 ) -> None:
     write_json(tmp_path / "posterior.json", "posterior", posterior_json(posterior, profiles, [band]))
     found = json.loads((tmp_path / "posterior.json").read_text(encoding="utf-8"))
+    Draft202012Validator(json.loads((SCHEMAS / "posterior.schema.json").read_text(encoding="utf-8"))).validate(found)
+    assert from_json(SamplingSettings, found["settings"]) == posterior.settings
     assert found["schema"] == "etcfit.posterior/1"
     assert found["synthetic"] is True
     assert (found["converged"], found["reason"]) == (posterior.convergence.converged, posterior.convergence.reason)
@@ -97,7 +104,9 @@ def test_a_chain_that_is_too_short_says_so_everywhere(posterior: Posterior) -> N
     found = posterior_json(short, {}, [])
     assert found["converged"] is False
     assert any("NO POSTERIOR YET" in text for text in found["warnings"])
-    assert "NO POSTERIOR YET" in render(posterior_table(short, {}))
+    text = render(posterior_table(short, {}))
+    assert "NO POSTERIOR YET" in text
+    assert ".;" not in text
 
 
 def _shorter(e: Any) -> Any:

@@ -27,12 +27,12 @@ FAMILY_BY_KIND: dict[str, type[AbstractRigEffect]] = {family.kind: family for fa
 
 
 def at_places(logged: Logged) -> tuple[type[AbstractRigEffect], ...]:
-    """Every rig effect that traces which logged these channels could show."""
+    """Every rig effect that a rig could show whose tests logged these channels."""
     return tuple(family.at(place) for family in RIG_EFFECTS for place in family.places(logged))
 
 
 def rig_effect(name: str) -> type[AbstractRigEffect] | None:
-    """The one called `kind[test.channel]`, or None where no family is called so."""
+    """The effect that rig.toml calls `kind[test.channel]`; None where no family has that kind."""
     kind, _, rest = name.partition("[")
     family = FAMILY_BY_KIND.get(kind)
     if family is None or (rest and not rest.endswith("]")):

@@ -8,7 +8,7 @@ from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
-_BUDGET = 4_500_000  # bytes of the page that pictures may take; FORMAT.md allows 5 MB in all
+_BUDGET = 4_500_000  # bytes of the page that pictures may take; docs/commands/report.md promises less than 5 MB in all
 _COLOURS = 64  # of a plot: enough for lines, bands and the grey of their edges
 
 # folder below RUN/pictures -> title of its group, in the order of interest; folders not named here follow
