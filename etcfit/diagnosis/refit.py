@@ -83,9 +83,9 @@ def _reweighed(s: CandidateModel, held_out: tuple[Trace, ...]) -> CandidateModel
 def refit_fully(s: CandidateModel, report: Report) -> CandidateModel:
     """The model refitted in full: through the rounds of whitening where it comes near the data.
 
-    Where it does not, its guided residual is minimised; where those rounds spoil it, they begin anew from its x. A model
-    that was near is gone on with from its x before it is called far: one wrong stick spoils the rest of a free run,
-    which a whitened residual forgives.
+    Where it does not, its guided residual is minimised; where those rounds spoil it, they begin anew from its x. So
+    they do for a model that was near, before it is called far: one wrong stick spoils the rest of a free run, which a
+    whitened residual forgives.
     """
     problem = s.problem.reprepared(s.x)
     weighted = problem.weighted(weights.forgiving(problem))

@@ -102,7 +102,7 @@ class DiagnosisSettings:
 
     # ---- sets of effects
 
-    pair_refits: int = _setting(2, NOT_NEGATIVE)
+    pair_refits: int = whole(2, 0)
     """Most pairs of effects refitted beside what the rounds found, the most promising first; 0: none."""
 
     # ---- formulas that are not exact
