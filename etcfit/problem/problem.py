@@ -141,11 +141,18 @@ class EstimationProblem:
 
     def compile_ahead(self, x: Float[np.ndarray, " P"]) -> None:
         """Begin to compile, in the background, what a fit will run at x, shape (P,): Jacobian, filter, residual."""
+        self.compile_linearised_ahead(x)
+        _compared.ahead(*self._unweighted(x))
+
+    def compile_linearised_ahead(self, x: Float[np.ndarray, " P"]) -> None:
+        """As `compile_ahead`, without the residual: for whoever looks at the Jacobian only."""
+        linearised_ahead(*self._unweighted(x))
         form, padded, pick = self.at(x)
-        weighted = self.weighted(plain(self.slots, order_of(self.layout.types)))
-        linearised_ahead(form, padded, weighted)
         _kalman.ahead(form, padded, pick, self.arrays(), self.jitter)
-        _compared.ahead(form, padded, weighted)
+
+    def _unweighted(self, x: Float[np.ndarray, " P"]) -> tuple[Form, Float[np.ndarray, " room"], WeightedData]:
+        form, padded, _ = self.at(x)
+        return form, padded, self.weighted(plain(self.slots, order_of(self.layout.types)))
 
     def free_run(self, x: Float[np.ndarray, " P"]) -> list[Float[np.ndarray, "_ _"]]:
         """Simulated samples y_hat of each trace, shape (n, M), SI, at coordinates x, shape (P,): from the logged input
