@@ -29,7 +29,7 @@ from .findings import SetTried
 from .loop import Measured, Round, measured
 from .pairs import Pair, pairs
 from .refit import holds, refit_fully
-from .rounds import Progress, forward, names, reported
+from .rounds import Progress, forward, reported
 from .score import Score, score
 from .screen import ranked
 from .settings import DiagnosisSettings
@@ -71,7 +71,7 @@ def searched(result: FitResult, first: CandidateModel, progress: Progress, repor
         liked = compared_with(other.model, best.model)
         compared.append(SetTried(tuple(e.name for e in other.model.added), liked.bic_change, liked.better))
         if liked.better:
-            words = f"{names(best.model) or 'Nothing'} gave way to {names(other.model)}, scored together."
+            words = gave_way(best.model.added, other.model.added)
             best = replace(other, changed=(*progress.changed, *other.changed, words))
         elif liked.apart is not None:
             best = replace(best, even={**best.even, frozenset(other.model.added): liked.apart})
@@ -137,6 +137,12 @@ def promising(
         return not set(p.effects) <= set(added) and w > asked and second > -settings.strong_bic_change
 
     return [p for p, w in zip(every, worth, strict=True) if promises(p, w)][: settings.pair_refits]
+
+
+def gave_way(old: Sequence[Effect], new: Sequence[Effect]) -> str:
+    """One sentence for a set of effects, or none, in whose place another is taken."""
+    before = f"{listed(e.name for e in old)} gave way to" if old else "Nothing was found one by one; there is"
+    return f"{before} {listed(e.name for e in new)}, scored together."
 
 
 class Comparison(NamedTuple):

@@ -14,7 +14,7 @@ from etcfit.diagnosis.composition import resting
 from etcfit.diagnosis.loop import Measured
 from etcfit.diagnosis.pairs import Pair
 from etcfit.diagnosis.screen import Background, Signature, variants
-from etcfit.diagnosis.sets import Promise, compared_with, is_open, promising, rivals
+from etcfit.diagnosis.sets import Promise, compared_with, gave_way, is_open, promising, rivals
 from etcfit.diagnosis.settings import DiagnosisSettings
 from etcfit.estimation.result import Termination
 from etcfit.model.effects import EFFECT_BY_NAME
@@ -91,6 +91,13 @@ def test_rivals_of_one_of_a_pair_explain_half_of_it_beside_the_other() -> None:
     assert rivals(AIR, best, every, promise(), SETTINGS) == {LIMP: resting(LIMP)}
     assert rivals(HEAT, best, every, promise(), SETTINGS) == {LIMP: resting(LIMP)}
     assert rivals(AIR, best, every, promise(), DiagnosisSettings(exchange_rival=0.4)).keys() == {LIMP, GRAVITY}
+
+
+def test_what_gave_way_is_said_and_that_nothing_did() -> None:
+    assert gave_way((LIMP,), (AIR, HEAT)) == (
+        "limp_home_spring gave way to airflow_torque and winding_heating, scored together."
+    )
+    assert gave_way((), (AIR, HEAT)).startswith("Nothing was found one by one")
 
 
 # ---- of two models
