@@ -77,6 +77,10 @@ class Program:
         """
         _pool("compiling").submit(self._of, args)
 
+    def text(self, *args: Any) -> str:
+        """What these arguments are compiled to, as XLA prints it."""
+        return self._of(args).as_text() or ""
+
     def _of(self, args: tuple[Any, ...]) -> Any:
         leaves, tree = jax.tree.flatten(args[self._static :])
         key = (

@@ -201,7 +201,7 @@ def test_what_is_outside_the_catalogue_is_given_no_name_and_traced_to_where_it_e
 def compiled() -> tuple[int, ...]:
     """How many programs there are of each kind."""
     programs = compiled_so_far()
-    return tuple(programs[name] for name in ("normal_equations.linearised", "problem.compared", "chi2.chi2"))
+    return tuple(programs[name] for name in ("normal_equations.linearise", "problem.compared", "chi2.chi2"))
 
 
 def test_a_candidate_compiles_its_residual_and_its_jacobian_and_nothing_when_it_is_tried_again(clean: Case) -> None:
