@@ -83,7 +83,7 @@ if TYPE_CHECKING:
     from .rig.reader import read_folder as read_folder
     from .stages import run as run
 
-_MODULE_OF = {
+MODULE_OF = {
     "FitSettings": "estimation.settings",
     "DiagnosisSettings": "diagnosis.settings",
     "SamplingSettings": "posterior.settings",
@@ -144,13 +144,13 @@ _MODULE_OF = {
     "read_folder": "rig.reader",
 }
 
-__all__ = ["__version__", *_MODULE_OF]  # pyright: ignore[reportUnsupportedDunderAll]
+__all__ = ["__version__", *MODULE_OF]  # pyright: ignore[reportUnsupportedDunderAll]
 
 
 def __getattr__(name: str) -> Any:
-    if name not in _MODULE_OF:
+    if name not in MODULE_OF:
         raise AttributeError(f"module 'etcfit' has no attribute {name!r}")
-    value = getattr(importlib.import_module(f"etcfit.{_MODULE_OF[name]}"), name)
+    value = getattr(importlib.import_module(f"etcfit.{MODULE_OF[name]}"), name)
     globals()[name] = value
     return value
 

@@ -51,7 +51,7 @@ At = Annotated[
     typer.Option("--at", help="Advise at the values fitted in this run, not at the graph readings.", metavar="RUN",
                  exists=True, file_okay=False),
 ]  # fmt: skip
-AdviceOut = Annotated[Path | None, typer.Option("--out", help="Write advice.json there.", metavar="RUN",
+AdviceOut = Annotated[Path | None, typer.Option("--out", help="Write the advice there too, advice.json.", metavar="RUN",
                                                 file_okay=False)]  # fmt: skip
 
 _PIPE_WIDTH = 140  # columns; a pipe has no width, and a table cut to 80 loses figures

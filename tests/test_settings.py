@@ -35,6 +35,8 @@ from etcfit.experiment.settings import AdviceSettings, CheckSettings, PlanSettin
 from etcfit.files import plain
 from etcfit.posterior.settings import SamplingSettings
 from etcfit.ranges import Range, check_ranges, from_json, real, reals, whole
+from etcfit.rig.checks import DETECTORS, SynchronousEdges
+from etcfit.rig.checks.edge_phase import EdgeSettings
 
 KINDS: list[Any] = [
     AdviceSettings,
@@ -55,6 +57,8 @@ KINDS: list[Any] = [
     OptimumSettings,
     RelaySettings,
     DiagnosisSettings,
+    EdgeSettings,
+    *(type(detector) for detector in DETECTORS if not isinstance(detector, SynchronousEdges)),
 ]
 FIELDS = [(kind, each.name) for kind in KINDS for each in fields(kind)]
 IN_ARGS = [(kind, name) for kind, name in FIELDS if kind is not DiagnosisSettings]  # its fields are explained in place

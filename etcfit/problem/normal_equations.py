@@ -24,8 +24,8 @@ from .one_pass import Carried, advance, entries, has_single_pass, start
 from .program import CORES, Program, side_by_side
 from .residual import WeightedData, residual
 
-_LEAST_LANES = 4  # in one piece: fewer do not fill the processor's vectors
-_MOST_BYTES = 64 << 20  # of a piece's Jacobian
+LEAST_LANES = 4  # in one piece: fewer do not fill the processor's vectors
+MOST_BYTES = 64 << 20  # of a piece's Jacobian
 
 
 class NormalEquations(NamedTuple):
@@ -61,18 +61,27 @@ class Linearised(NamedTuple):
     equations: NormalEquations
 
 
-def shared_out(weighted: WeightedData, size: int) -> tuple[WeightedData, ...]:
+def shared_out(
+    weighted: WeightedData,
+    size: int,
+    cores: int = CORES,
+    least_lanes: int = LEAST_LANES,
+    most_bytes: int = MOST_BYTES,
+) -> tuple[WeightedData, ...]:
     """The data in pieces of some lanes each, all of one shape, for the cores to work on side by side.
 
     Args:
         weighted: data, whitening and priors of the whole batch.
-        size: number of coordinates P; the Jacobian of a piece must stay within a bound of memory.
+        size: number of coordinates P, by which the Jacobian grows.
+        cores: that work side by side.
+        least_lanes: of a piece.
+        most_bytes: of its Jacobian.
     Returns:
         at least one piece; lanes that only fill up the last one have weight 0.
     """
     steps, lanes, slots = weighted.slots.value.shape
-    fill = -(-lanes // _LEAST_LANES)
-    count = max(min(CORES, fill), -(-8 * steps * lanes * slots * size // _MOST_BYTES))
+    fill = -(-lanes // least_lanes)
+    count = max(min(cores, fill), -(-8 * steps * lanes * slots * size // most_bytes))
     width = -(-lanes // min(count, lanes))
 
     def lanes_of(leaf: Any, first: int) -> Any:
@@ -100,7 +109,7 @@ def normal_equations(form: Form, x: Float[AnyArray, " P"], pieces: Sequence[Weig
         x: coordinates, shape (P,).
         pieces: the data, see `shared_out`.
     """
-    parts = side_by_side(lambda piece: _linearised(form, x, piece).equations, pieces)
+    parts = side_by_side(lambda piece: linearise(form, x, piece).equations, pieces)
     return NormalEquations(
         *(np.sum([np.asarray(term) for term in terms], axis=0) for terms in zip(*parts, strict=True))
     )
@@ -118,7 +127,7 @@ def linearised(
     Returns:
         r, shape (T, L, M), and dr/dx, shape (T, L, M, P), dimensionless.
     """
-    parts = side_by_side(lambda piece: _linearised(form, x, piece), shared_out(weighted, x.size))
+    parts = side_by_side(lambda piece: linearise(form, x, piece), shared_out(weighted, x.size))
     lanes = weighted.slots.value.shape[1]
     r = np.concatenate([np.asarray(part.r) for part in parts], axis=1)[:, :lanes]
     columns = np.concatenate([np.moveaxis(np.asarray(part.jacobian), 1, 3) for part in parts], axis=1)[:, :lanes]
@@ -127,11 +136,18 @@ def linearised(
 
 def linearised_ahead(form: Form, x: Float[AnyArray, " P"], weighted: WeightedData) -> None:
     """Begin to compile, in the background, what `linearised` and `normal_equations` will run."""
-    _linearised.ahead(form, x, shared_out(weighted, x.size)[0])
+    linearise.ahead(form, x, shared_out(weighted, x.size)[0])
 
 
 @Program
-def _linearised(form: Form, x: Float[Array, " P"], weighted: WeightedData) -> Linearised:
+def linearise(form: Form, x: Float[Array, " P"], weighted: WeightedData) -> Linearised:
+    """Residual, Jacobian and normal equations of one piece of the data, compiled.
+
+    Args:
+        form: the model.
+        x: coordinates, shape (P,).
+        weighted: data, whitening and priors of some lanes.
+    """
     if has_single_pass(form):
         r, columns = _in_one_pass(form, x, weighted)
     else:

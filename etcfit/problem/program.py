@@ -36,6 +36,14 @@ def side_by_side(work: Callable[[Piece], Any], pieces: Sequence[Piece]) -> list[
     return list(_pool("running").map(lambda piece: jax.block_until_ready(work(piece)), pieces))
 
 
+_PROGRAMS: list[Program] = []
+
+
+def compiled_so_far() -> dict[str, int]:
+    """How many versions of each program this process has compiled, by module and function."""
+    return {program.name: program.compiled for program in _PROGRAMS}
+
+
 class Program:
     """A function of arrays, compiled for each model and for each shape of its arguments when it is first asked for.
 
@@ -47,10 +55,12 @@ class Program:
 
     def __init__(self, function: Callable[..., Any], static: int = 1, options: dict[str, Any] | None = None) -> None:
         self.__doc__ = function.__doc__
+        self.name = f"{function.__module__.rpartition('.')[-1]}.{function.__name__.lstrip('_')}"
         self._jit = jax.jit(function, static_argnums=tuple(range(static)), compiler_options=options)
         self._static = static
         self._lock = Lock()
         self._compiled: dict[Hashable, Future[Any]] = {}
+        _PROGRAMS.append(self)
 
     def __call__(self, *args: Any) -> Any:
         return self._of(args)(*args[self._static :])
@@ -66,6 +76,10 @@ class Program:
         An error of the compiler is raised by that call, not here.
         """
         _pool("compiling").submit(self._of, args)
+
+    def text(self, *args: Any) -> str:
+        """What these arguments are compiled to, as XLA prints it."""
+        return self._of(args).as_text() or ""
 
     def _of(self, args: tuple[Any, ...]) -> Any:
         leaves, tree = jax.tree.flatten(args[self._static :])

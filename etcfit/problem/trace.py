@@ -231,12 +231,15 @@ def _rising(trace: Trace) -> tuple[Float[np.ndarray, " k"], Float[np.ndarray, " 
     rows = np.flatnonzero(np.isfinite(column))
     signal = column[rows] - np.median(column[rows[:10]])
     width = max(1, rows.size // 100)
-    signal = _smooth(np.abs(signal), width)
+    signal = moving_mean(np.abs(signal), width)
     return (signal if name == "emf" else np.sqrt(signal)), trace.instants[rows]
 
 
-def _smooth(value: Float[np.ndarray, " k"], width: int) -> Float[np.ndarray, " k"]:
-    """Mean over `width` samples about each, zeros beyond the ends; by running sums, for a log may be very long."""
+def moving_mean(value: Float[np.ndarray, " k"], width: int) -> Float[np.ndarray, " k"]:
+    """Mean over `width` samples about each, unit and shape of the value; zeros beyond its ends.
+
+    By running sums, for a log may be very long.
+    """
     before = width // 2
     sums = np.cumsum(np.pad(value, (before + 1, width - 1 - before)))
     return (sums[width:] - sums[:-width]) / width

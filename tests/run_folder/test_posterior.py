@@ -6,7 +6,6 @@ import json
 import warnings
 from dataclasses import replace
 from pathlib import Path
-from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -24,6 +23,7 @@ from etcfit.posterior.profile import Profile
 from etcfit.posterior.sampling import Posterior
 from etcfit.posterior.settings import SamplingSettings
 from etcfit.posterior.summary import apart
+from etcfit.posterior.target import Target
 from etcfit.ranges import from_json
 from etcfit.reporting.pictures import file_name
 from etcfit.reporting.posterior import pictures
@@ -40,9 +40,6 @@ SCHEMAS = Path(etcfit.__file__).parent / "run_folder" / "schemas"
 def posterior(tmp_path_factory: pytest.TempPathFactory) -> Posterior:
     """A normal one, sampled by our own sampler, of a fit made by hand in which J_L is lost."""
     fit = results.result(results.rig(tmp_path_factory.mktemp("rig")), lost=("J_L",))
-    problem = SimpleNamespace(
-        layout=fit.free_parameters.layout, free_parameters=fit.free_parameters, batch=fit.problem.batch
-    )
     precision = np.linalg.inv(fit.covariance)
 
     def target(x: np.ndarray) -> np.ndarray:
@@ -50,8 +47,8 @@ def posterior(tmp_path_factory: pytest.TempPathFactory) -> Posterior:
 
     chain = Chain.begin(target, fit.free_parameters.layout.free, fit.x, fit.covariance, SEEDS).advanced(target, STEPS)
     factors = {("response/1.csv", "current"): 3.0, ("response/1.csv", "position"): 1.0}
-    told: Any = SimpleNamespace(mode=fit.x, covariance=fit.covariance, factors=factors, problem=problem)
-    return Posterior(fit, told, chain, Convergence.of(chain.ensembles))
+    known = Target(fit.problem, fit.weighted, fit.x, fit.covariance, factors)
+    return Posterior(fit, known, chain, Convergence.of(chain.ensembles))
 
 
 @pytest.fixture
