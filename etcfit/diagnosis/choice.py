@@ -154,6 +154,17 @@ def choose(
     return _not_worth_it(verdicts[0], settings) if verdicts else _no_promise()
 
 
+def in_turn(
+    verdicts: Sequence[TrialVerdict], settings: DiagnosisSettings, most: float = np.inf, noise: float = np.inf
+) -> tuple[Choice, ...]:
+    """`choose`, and what would be chosen were the one before it not there, as long as one is."""
+    choice = choose(verdicts, settings, most, noise)
+    if choice.effect is None:
+        return (choice,)
+    rest = [v for v in verdicts if v.effect is not choice.effect]
+    return (choice, *(c for c in in_turn(rest, settings, most, noise) if c.effect is not None))
+
+
 def _no_promise() -> Choice:
     return Choice(Outcome.NO_PROMISE, None, (), "No effect of the catalogue promises to explain anything more.")
 

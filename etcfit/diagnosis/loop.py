@@ -11,7 +11,7 @@ import numpy as np
 
 from ..estimation.joint_fit import Report
 from .candidate_model import CandidateModel
-from .choice import Choice, choose, deserves_second_trial, nothing_to_read, promising, stands, worth_a_look
+from .choice import Choice, deserves_second_trial, in_turn, nothing_to_read, promising, stands, worth_a_look
 from .composition import Effect, is_of_the_rig
 from .cross_validation import folds, left_out
 from .model_discrepancy import inexact
@@ -31,6 +31,7 @@ class Round:
         screened: every candidate's signature, the most promising first; none where what is left is not worth a look.
         trials: of the candidates refitted, the lowest BIC first.
         choice: what is added, and why.
+        instead: choices that would follow, were the effects before each of them not there.
     """
 
     before: CandidateModel
@@ -38,6 +39,7 @@ class Round:
     screened: tuple[Signature, ...]
     trials: tuple[Trial, ...]
     choice: Choice
+    instead: tuple[Choice, ...] = ()
 
     @property
     def added(self) -> Effect | None:
@@ -78,8 +80,8 @@ def turn(s: CandidateModel, report: Report, blur: float = 0.0) -> Round:
         trials = _cross_validated(s, trials)
     # far from the data every sample is weighed by what is left in it, so chi2 says nothing of noise
     noise = np.inf if s.far else samples + blur
-    choice = choose([t.verdict for t in trials], s.settings, before.chi2 - blur, noise)
-    return Round(s, before, signatures, tuple(trials), choice)
+    choices = in_turn([t.verdict for t in trials], s.settings, before.chi2 - blur, noise)
+    return Round(s, before, signatures, tuple(trials), choices[0], choices[1:])
 
 
 def screened(s: CandidateModel, candidates: Sequence[Effect]) -> tuple[Signature, ...]:
@@ -151,10 +153,15 @@ def _asked_again(s: CandidateModel, trial: Trial, before: Score, report: Report)
 
 
 def settled(turned: Round, report: Report) -> tuple[Round, CandidateModel]:
-    """The round and the model after it: refitted in full with the effect added, or the one before if that is worse."""
+    """The round and the model after it: refitted in full with the effect added, or with the next that stands where
+    that is worse than the model before; that model itself where all are."""
     if turned.added is None:
         return turned, turned.before
-    new = refit_fully(turned.best.model, report)
-    if holds(new, turned.before, turned.score):
-        return turned, new
-    return replace(turned, choice=turned.choice.spoilt()), turned.before
+    words = ""
+    for choice in (turned.choice, *turned.instead):
+        attempt = replace(turned, choice=replace(choice, why=f"{words}{choice.why}"), instead=())
+        new = refit_fully(attempt.best.model, report)
+        if holds(new, turned.before, turned.score):
+            return attempt, new
+        words = f"{attempt.choice.spoilt().why} "
+    return replace(turned, choice=turned.choice.spoilt(), instead=()), turned.before

@@ -15,6 +15,7 @@ from etcfit.diagnosis.choice import (
     alike,
     choose,
     deserves_second_trial,
+    in_turn,
     nothing_to_read,
     promises,
     promising,
@@ -148,6 +149,20 @@ def test_an_effect_that_spoils_the_full_refit_is_not_added() -> None:
     after = before.spoilt()
     assert (after.outcome, after.effect, after.ties) == (Outcome.SPOILT, None, ())
     assert after.why == (f"{before.why} Refitted in full with it the model is further from the data: it is not added.")
+
+
+def test_those_that_stand_are_chosen_in_turn() -> None:
+    """Were the best not there, the next that stands; the one contradicted elsewhere never."""
+    every = [verdict(LIMP, -500.0), verdict(STRIBECK, -400.0, holdout_rms_ratio=2.0), verdict(GRAVITY, -300.0)]
+    choices = in_turn(every, SETTINGS)
+    assert [c.effect for c in choices] == [LIMP, GRAVITY]
+    assert choices[0] == choose(every, SETTINGS)
+    assert choices[1] == choose(every[1:], SETTINGS)
+
+
+def test_where_none_stands_the_only_choice_says_so() -> None:
+    (choice,) = in_turn([verdict(LIMP, -9.0)], SETTINGS)
+    assert choice.outcome is Outcome.NOT_WORTH_IT
 
 
 # ---- ties
