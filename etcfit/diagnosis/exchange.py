@@ -1,7 +1,7 @@
 """Looking back: each effect found is compared again with its rivals, now that all later effects are in the model.
 
 What was missing together with others may have been taken for something like it. So each effect is compared once more
-with the rivals of its round, in its place in the final model; and each but the last is tried to be taken away.
+with the rivals of its round, in its place in the final model; and each is tried to be taken away.
 
 Source: stepwise selection with exchange (Miller 2002, Subset Selection in Regression, ch. 3). Differs from source: the
 rivals of an effect are those that explained at least half as much in its round, not all candidates.
@@ -155,8 +155,8 @@ class Pruned(NamedTuple):
 
 
 def pruned(s: CandidateModel, first_chi2_per_dof: float, report: Report) -> Pruned:
-    """Take away each added effect but the last that is no longer worth its parameters, later effects at work, or does
-    no more than inexact formulas of the others would leave.
+    """Take away each added effect that is no longer worth its parameters, the others at work, or does no more than
+    inexact formulas of the others would leave. One that was found alone stays.
 
     Args:
         s: the model.
@@ -164,7 +164,7 @@ def pruned(s: CandidateModel, first_chi2_per_dof: float, report: Report) -> Prun
         report: progress in words.
     """
     words = []
-    for effect in s.added[:-1]:
+    for effect in s.added if len(s.added) > 1 else ():
         report(f"trying without {effect.name}", 0.9)
         less, here = s.without(effect).optimised(), score(s)
         change = -bic_change(score(less), here, Cost(len(resting(effect)), 1))

@@ -119,8 +119,8 @@ def test_one_without_rivals_and_rivals_at_work_are_not_asked(model: CandidateMod
     assert after.sentences == ()
 
 
-def test_the_effect_found_last_is_not_tried_without(small: CandidateModel) -> None:
-    """Nothing came after it that could explain what it does."""
+def test_an_effect_found_alone_is_not_tried_without(small: CandidateModel) -> None:
+    """There is no other that could explain what it does."""
     s = small.with_effects((GRAVITY,), {"T_g": 0.01})
     assert pruned(s, 9.0, lambda text, share: pytest.fail(text)) == (s, ())
     assert pruned(small, 9.0, quiet).model is small
