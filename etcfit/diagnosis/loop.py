@@ -13,6 +13,7 @@ from .candidate_model import CandidateModel
 from .choice import Choice, choose, deserves_second_trial, nothing_to_read, promising, stands, worth_a_look
 from .composition import Effect, is_of_the_rig
 from .cross_validation import folds, left_out
+from .late import screen_of_late
 from .model_discrepancy import inexact
 from .refit import holds, refit_fully
 from .score import Score, score
@@ -87,7 +88,8 @@ def screened(s: CandidateModel, candidates: Sequence[Effect]) -> tuple[Signature
     What the fitted parameters can do is taken from the lean model, which costs less and gives equal numbers; and with
     them what the rig's effects would do, which act around the throttle and are cheap all at once.
     """
-    inside, of_the_rig = ([e for e in candidates if is_of_the_rig(e) is rig] for rig in (False, True))
+    inside, every = ([e for e in candidates if is_of_the_rig(e) is rig] for rig in (False, True))
+    of_the_rig, late = ([e for e in every if e.delays is delays] for delays in (False, True))
     background = Background.of(s.problem, s.x, s.weighted)
     found = []
     if inside:
@@ -96,6 +98,8 @@ def screened(s: CandidateModel, candidates: Sequence[Effect]) -> tuple[Signature
     if of_the_rig:
         rigged = s.with_the_rig()
         found += screen_of_the_rig(background, rigged.problem, rigged.x, rigged.weighted, of_the_rig)
+    if late:
+        found += screen_of_late(background, s.problem, s.x, s.weighted, late)
     return tuple(sorted(found, key=lambda g: -g.gain))
 
 

@@ -63,6 +63,42 @@ def delayed(signal: Float[AnyArray, "T L"], steps: Step, resets: Reset, delay: S
     return jax.lax.cond(delay > 0.0, shifted, lambda signal: signal, signal)
 
 
+def _ends(resets: Reset) -> tuple[Int[Array, "T L"], Int[Array, "T L"]]:
+    """The first and the last entry of the trace to which each entry belongs."""
+    begins = resets.begins > 0.5
+    rows = begins.shape[0]
+    entry = jnp.broadcast_to(jnp.arange(float(rows))[:, None], begins.shape)
+    first = running_max(jnp.where(begins, entry, 0.0))
+    next_begin = -running_max(jnp.where(begins, -entry, -float(rows))[::-1])[::-1]  # at or after an entry
+    last = jnp.concatenate((next_begin[1:], jnp.full_like(next_begin[:1], float(rows)))) - 1.0
+    return first.astype(int), last.astype(int)
+
+
+def logged_late(signal: Float[AnyArray, "T L"], steps: Step, resets: Reset, late: Scalar) -> Float[Array, "T L"]:
+    """signal(t - late), linear between entries, each trace by itself; beyond its ends its first or last value.
+
+    Unlike `delayed` it also goes forward, each entry by its own lateness, and has a derivative where that is 0: the
+    slope of the step before.
+
+    Args:
+        signal: at the end of each step, shape (T, L).
+        steps, resets: the batch.
+        late: s, of either sign; shape (T, L), or one for all.
+    """
+    clock, began = _clock(steps, resets)
+    first, last = _ends(resets)
+    ended = jnp.take_along_axis(clock, last, axis=0)
+    instant = jnp.clip(clock - late, began, ended)
+    search = jax.vmap(lambda lane, wanted: jnp.searchsorted(lane, wanted), in_axes=1, out_axes=1)
+    after = search(jax.lax.stop_gradient(clock), jax.lax.stop_gradient(instant))
+    after = jnp.clip(after, jnp.minimum(first + 1, last), last)
+    span = jnp.take_along_axis(steps.dt, after, axis=0)
+    back = (jnp.take_along_axis(clock, after, axis=0) - instant) / jnp.where(span > 0.0, span, 1.0)
+    then = jnp.take_along_axis(signal, after, axis=0)
+    before = jnp.take_along_axis(signal, jnp.maximum(after - 1, 0), axis=0)
+    return then - jnp.where(span > 0.0, back, 0.0) * (then - before)
+
+
 def late_inputs(steps: Step, resets: Reset, delay: Scalar) -> Step:
     """The batch with voltage and torque acting late; each step keeps the mean of what acts in it, jumps included."""
     as_logged = steps.voltage0, steps.voltage1, steps.torque0, steps.torque1

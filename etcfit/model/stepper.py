@@ -85,6 +85,8 @@ class Step(NamedTuple):
         lever: and where there is no circuit by this torque for each of its volts, N m/V.
         command: None where the model has no ECU in it: then there is nothing to compile of it.
         edge: None where no edge of the input is in step with the samples.
+        trace: `number_of` the file of the trace; None where no batch was made of traces.
+        duty: of a bridge whose supply was not logged, -1 to 1, 0 in other traces; None where there is none.
     """
 
     dt: Scalar
@@ -106,6 +108,8 @@ class Step(NamedTuple):
     lever: Scalar
     command: Command | None = None
     edge: Edge | None = None
+    trace: Scalar | None = None
+    duty: Scalar | None = None
 
     def guide(self, fraction: float, theta: Scalar) -> Scalar:
         """What the guide asks for, V."""

@@ -1,0 +1,46 @@
+"""A channel that is logged late against the others in one test."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any, ClassVar
+
+from ..parameters import Real, Scalar, parameter
+from .base import OBSERVED, STATIC, AbstractRigEffect, Logged, Place
+
+
+class ChannelLate(AbstractRigEffect):
+    """y_logged(t) = y(t - late), in the traces of one test; a late voltage makes every other channel early by as much.
+
+    Read off the simulated path itself, so it holds for any number of samples and for either sign; between integration
+    steps h the path is taken as straight, which errs by at most h^2/8 max |y''|. Before a trace begins and after it
+    ends its first and last values stand.
+
+    Source: Kester 2005 (multiplexed acquisition; group delay of a filter). Differs from source: a dead time alone, no
+    change of shape.
+    """
+
+    kind = "channel_late"
+    told_by = "a step, with that channel and another on one trigger"
+    off: ClassVar[Mapping[str, float] | None] = {"late": 0.0}
+    delays: ClassVar[bool] = True
+    late: Scalar = parameter("s", Real(1e-3), 0.0, "by how much a channel is logged late", "Kester 2005")
+
+    @classmethod
+    def places(cls, logged: Logged) -> tuple[Place, ...]:
+        """Each channel of each test that logged two signals at least, where there is another test. The voltage only
+        where two channels answer to it: with one, either of the two may be called late."""
+        if len(logged) < 2:
+            return ()
+        found = []
+        for test, channels in logged.items():
+            seen = [channel for channel in OBSERVED if channel in channels]
+            driven = bool({"voltage", "torque"} & channels)
+            if test != STATIC and len(seen) + driven > 1:
+                found += [Place(test, channel) for channel in seen]
+                found += [Place(test, "voltage")] if "voltage" in channels and len(seen) > 1 else []
+        return tuple(found)
+
+    def lateness(self, steps: Any, test_of: Scalar) -> dict[str, Scalar]:
+        late = self.here(test_of) * self.late
+        return dict.fromkeys(OBSERVED, -late) if self.place.channel == "voltage" else {self.place.channel: late}
