@@ -18,7 +18,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from ..model.parameters import AnyArray, parameters_of
-from ..model.rig_effects import OBSERVED, AbstractRigEffect
+from ..model.rig_effects import DRIVING, OBSERVED, AbstractRigEffect
 from ..problem.batch import KINDS
 from ..problem.innovations import InnovationsFilter, whiten
 from ..problem.prediction_error import columns
@@ -47,12 +47,9 @@ class _Change(NamedTuple):
     by_channel: Mapping[str, np.ndarray]
 
     def of(self, effect: RigEffect) -> np.ndarray:
-        """Of the channels that an effect makes late, in every trace; those besides a late input are early."""
+        """Of the channels that an effect moves, in every trace: of one, or of all."""
         channel = effect.place.channel
-        if channel in self.by_channel:
-            return self.by_channel[channel]
-        every = np.sum([*self.by_channel.values()], axis=0)
-        return every if effect.place.file else -every
+        return self.by_channel[channel] if channel in OBSERVED else np.sum([*self.by_channel.values()], axis=0)
 
 
 def screen_of_late(
@@ -78,8 +75,9 @@ def screen_of_late(
     for effect in (e for e in rigs if e not in alone or e in standing_out):
         (p,) = parameters_of(effect)
         here = np.isin(np.arange(background.r.size), np.concatenate(_of(effect, rows)))
+        way = -1.0 if effect.place.channel in DRIVING else 1.0  # beside a late input all others are early
         for change in changes:
-            by = intervals[effect.place.test] * (1.0 if change.shift is None else change.shift)
+            by = way * intervals[effect.place.test] * (1.0 if change.shift is None else change.shift)
             column = change.of(effect) * here * p.domain.scale / by
             shape = {} if change.shift is None else {p.symbol: by}
             found.append(background.signature(Variant(effect, shape, (p.symbol,)), column[:, None], {p.symbol: p}))
@@ -148,8 +146,9 @@ def _change(
     weight, kind = np.asarray(slots.weight), np.asarray(slots.kind)
     out = {}
     for channel in OBSERVED:
-        own = -weight * moved * (kind == KINDS.index(channel))
-        if own.any():
+        here = (kind == KINDS.index(channel)) & (weight > 0.0)
+        if here.any():
+            own = -moved * here
             out[channel] = np.asarray(_whitened(weighted.whitening, own))[weight > 0.0]
     return out
 

@@ -122,7 +122,7 @@ def linearised_ahead(form: Form, x: Float[AnyArray, " P"], weighted: WeightedDat
 
 @Program
 def _linearised(form: Form, x: Float[Array, " P"], weighted: WeightedData) -> Linearised:
-    if has_single_pass(form):
+    if has_single_pass(form, weighted):
         r, columns = _in_one_pass(form, x, weighted)
     else:
         r, last = jacobian(lambda x: residual(form, x, weighted), x, form.live(weighted.pick))

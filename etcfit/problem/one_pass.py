@@ -30,9 +30,9 @@ class Carried(NamedTuple):
     error: tuple[Scalar, ...]
 
 
-def has_single_pass(form: Form) -> bool:
-    """False where an effect delays a signal."""
-    return not any(effect.delays for effect in form.types)
+def has_single_pass(form: Form, weighted: WeightedData) -> bool:
+    """False where an effect delays a signal, or samples are filtered elsewhere than they were logged."""
+    return weighted.whitening.moved is None and not any(effect.delays for effect in form.types)
 
 
 def entries(weighted: WeightedData) -> tuple[Any, ...]:

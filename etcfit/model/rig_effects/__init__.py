@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from .base import OBSERVED, AbstractRigEffect, Logged, Place, number_of
+from .base import DRIVING, OBSERVED, AbstractRigEffect, Logged, Place, number_of
 from .channel_drift import ChannelDrift
 from .channel_gain import ChannelGain
 from .channel_late import ChannelLate
@@ -48,6 +48,7 @@ def rig_effect(name: str) -> type[AbstractRigEffect] | None:
 
 
 __all__ = [
+    "DRIVING",
     "FAMILY_BY_KIND",
     "OBSERVED",
     "RIG_EFFECTS",

@@ -22,6 +22,7 @@ from ..parameters import Parameter, Scalar, declared
 # rig test, or file of one trace -> channels logged there; "voltage", "duty" or "torque" where one drove
 Logged = Mapping[str, frozenset[str]]
 STATIC = "resistance"  # rig test in which nothing depends on time
+DRIVING = ("voltage", "torque")  # those that drive it
 OBSERVED = ("current", "position", "emf", "motor_speed")  # channels that a model predicts
 
 

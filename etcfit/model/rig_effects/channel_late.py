@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from typing import Any, ClassVar
 
 from ..parameters import Real, Scalar, parameter
-from .base import OBSERVED, STATIC, AbstractRigEffect, Logged, Place
+from .base import DRIVING, OBSERVED, STATIC, AbstractRigEffect, Logged, Place
 
 
 class ChannelLate(AbstractRigEffect):
@@ -28,19 +28,18 @@ class ChannelLate(AbstractRigEffect):
 
     @classmethod
     def places(cls, logged: Logged) -> tuple[Place, ...]:
-        """Each channel of each test that logged two signals at least, where there is another test. The voltage only
-        where two channels answer to it: with one, either of the two may be called late."""
+        """Each channel of each test that logged two signals at least, where there is another test. What drives it only
+        where two channels answer: with one, either of the two may be called late."""
         if len(logged) < 2:
             return ()
         found = []
         for test, channels in logged.items():
             seen = [channel for channel in OBSERVED if channel in channels]
-            driven = bool({"voltage", "torque"} & channels)
-            if test != STATIC and len(seen) + driven > 1:
-                found += [Place(test, channel) for channel in seen]
-                found += [Place(test, "voltage")] if "voltage" in channels and len(seen) > 1 else []
+            driving = [channel for channel in DRIVING if channel in channels]
+            if test != STATIC and len(seen) + len(driving) > 1:
+                found += [Place(test, channel) for channel in (*seen, *(driving if len(seen) > 1 else ()))]
         return tuple(found)
 
     def lateness(self, steps: Any, test_of: Scalar) -> dict[str, Scalar]:
         late = self.here(test_of) * self.late
-        return dict.fromkeys(OBSERVED, -late) if self.place.channel == "voltage" else {self.place.channel: late}
+        return dict.fromkeys(OBSERVED, -late) if self.place.channel in DRIVING else {self.place.channel: late}

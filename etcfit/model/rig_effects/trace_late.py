@@ -8,7 +8,7 @@ from typing import Any, ClassVar
 import jax.numpy as jnp
 
 from ..parameters import Real, Scalar, parameter
-from .base import OBSERVED, STATIC, AbstractRigEffect, Logged, Place, number_of
+from .base import DRIVING, OBSERVED, STATIC, AbstractRigEffect, Logged, Place, number_of
 
 
 class TraceLate(AbstractRigEffect):
@@ -35,7 +35,7 @@ class TraceLate(AbstractRigEffect):
     @classmethod
     def in_traces(cls, logged: Logged) -> tuple[Place, ...]:
         """Each trace that something drove, where there are others."""
-        driven = [Place.named(file) for file, channels in logged.items() if {"voltage", "torque"} & channels]
+        driven = [Place.named(file) for file, channels in logged.items() if channels & {*DRIVING}]
         timed = tuple(place for place in driven if place.test != STATIC)
         return timed if len(timed) > 1 else ()
 
