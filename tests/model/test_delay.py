@@ -254,12 +254,39 @@ def test_a_ramp_is_read_off_exactly_either_way_and_rests_beyond_its_ends(by: flo
         assert_allclose(moved[rows, lane], 3.0 + k + (2.0 - 5.0 * k) * then, rtol=1e-12)
 
 
-def test_between_entries_the_path_is_straight() -> None:
-    signal, by = noise(4), 0.0123
-    moved = np.asarray(read_late(signal, LAID.steps, LAID.resets, by))
-    for k, (lane, rows) in enumerate(LAID.places):
-        clock = LAID.clock(k)
-        assert_allclose(moved[rows, lane], np.interp(clock - by, clock, signal[rows, lane]), rtol=1e-10, atol=1e-12)
+@pytest.mark.parametrize("by", [0.0123, -0.0041])
+def test_a_parabola_is_read_off_exactly_and_a_wave_to_the_third_order(by: float) -> None:
+    parabola = everywhere(lambda t, k: 3.0 + t + 400.0 * t**2)
+    wave = everywhere(lambda t, k: np.sin(200.0 * t))
+    for signal, true, off in (
+        (parabola, lambda t: 3.0 + t + 400.0 * t**2, 1e-12),
+        (wave, lambda t: np.sin(200.0 * t), 2e-3),
+    ):
+        moved = np.asarray(read_late(signal, LAID.steps, LAID.resets, by))
+        for k, (lane, rows) in enumerate(LAID.places):
+            clock = LAID.clock(k)
+            then = clock - by
+            inside = (then > clock[2]) & (then < clock[-3])  # at an end the slope is that of the step there
+            assert_allclose(moved[rows, lane][inside], true(then[inside]), rtol=1e-10, atol=off)
+            straight = np.interp(then, clock, true(clock))[inside]
+            assert np.abs(straight - true(then[inside])).max() > 2.0 * off
+
+
+def test_at_a_bend_it_is_off_by_no_more_than_said() -> None:
+    """0.074 h times the jump of slope, for even steps."""
+    steps, resets = batch(np.full(40, 1e-3))
+    clock = np.cumsum(steps.dt[:, 0])
+    bent = np.maximum(clock - 0.02, 0.0)[:, None]
+    for by in np.linspace(0.0, 2e-3, 41):
+        moved = np.asarray(read_late(bent, steps, resets, by))[:, 0]
+        assert np.abs(moved - np.maximum(clock - by - 0.02, 0.0))[3:-3].max() < 0.075e-3
+
+
+def test_it_has_no_kink_where_a_lateness_is_a_whole_number_of_samples() -> None:
+    steps, resets = batch(np.full(40, 1e-3))
+    wave = np.sin(400.0 * np.cumsum(steps.dt[:, 0]))[:, None]
+    slopes = [jax.jvp(lambda by: logged_late(wave, steps, resets, by), (3e-3 + d,), (1.0,))[1] for d in (-1e-9, 1e-9)]
+    assert_allclose(slopes[0][6:-3], slopes[1][6:-3], atol=1e-2)
 
 
 def test_one_trace_is_late_and_the_others_are_not() -> None:

@@ -14,8 +14,8 @@ from .base import DRIVING, OBSERVED, STATIC, AbstractRigEffect, Logged, Place, n
 class TraceLate(AbstractRigEffect):
     """y_logged(t) = y(t - late), of every measured channel of one trace.
 
-    As far as `channel_late` holds, this holds: for either sign, the path taken as straight within integration steps,
-    its first and last values before it begins and after it ends.
+    It holds as far as `channel_late` does: for either sign and any number of samples, the path a cubic within
+    integration steps, its first and last values before it begins and after it ends.
 
     Source: Kester 2005 (acquisition on two clocks). Differs from source: a dead time alone.
     """
