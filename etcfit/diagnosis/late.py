@@ -25,6 +25,7 @@ from ..problem.prediction_error import columns
 from ..problem.problem import EstimationProblem
 from ..problem.program import QUICK, Program
 from ..problem.residual import WeightedData
+from .candidate_model import CandidateModel
 from .composition import Effect
 from .screen import Background, Signature, Variant, ranked
 
@@ -32,6 +33,7 @@ RigEffect = type[AbstractRigEffect]
 
 _SHIFTS = (1.0, 2.0, 4.0, 8.0, 16.0, 32.0)  # sample intervals that are tried, late and early
 _SHORT = 0.5  # sample intervals over which a shift is taken as linear
+_STRETCHES = 20  # of each trace, long beside what an edge stirs up, short beside the trace
 _FEW = 8  # single traces, those that stand out the most, of which signatures are kept
 
 
@@ -82,6 +84,26 @@ def screen_of_late(
             shape = {} if change.shift is None else {p.symbol: by}
             found.append(background.signature(Variant(effect, shape, (p.symbol,)), column[:, None], {p.symbol: p}))
     return ranked(found)
+
+
+def of_one_event(s: CandidateModel, effect: Effect) -> float:
+    """By how much an effect that is at work lowers chi2 in the one stretch of a trace, a part in `_STRETCHES`, where it
+    lowers it the most.
+
+    Args:
+        s: the model with it.
+        effect: one of those added.
+    """
+    without = s.without(effect)
+    with_it, before = (
+        columns(each.problem.batch, each.problem.residual(each.x, each.weighted)) for each in (s, without)
+    )
+    gains = [
+        np.sum(stretch)
+        for old, new in zip(before, with_it, strict=True)
+        for stretch in np.array_split(np.nansum(old**2 - new**2, axis=1), _STRETCHES)
+    ]
+    return max(0.0, float(max(gains)))
 
 
 def _of(effect: RigEffect, rows: Mapping[str, np.ndarray]) -> list[np.ndarray]:
