@@ -24,6 +24,7 @@ os.environ.setdefault("JAX_ENABLE_X64", "1")
 os.environ.setdefault("TF_CPP_MIN_LOG_LEVEL", "3")
 
 if TYPE_CHECKING:
+    from .api.advised import Advised as Advised
     from .api.checked import Checked as Checked
     from .api.designed import Designed as Designed
     from .api.diagnosed import Diagnosed as Diagnosed
@@ -32,6 +33,7 @@ if TYPE_CHECKING:
     from .api.reduced import Reduced as Reduced
     from .api.sampled import Sampled as Sampled
     from .api.trace import FittedTrace as FittedTrace
+    from .api.verbs import advise as advise
     from .api.verbs import check as check
     from .api.verbs import design as design
     from .api.verbs import diagnose as diagnose
@@ -47,6 +49,7 @@ if TYPE_CHECKING:
     from .control.pid import Gains as Gains
     from .control.pid import Requirements as Requirements
     from .control.settings import DesignSettings as DesignSettings
+    from .control.settings import FrequencySettings as FrequencySettings
     from .datasets import DATASETS as DATASETS
     from .datasets import Dataset as Dataset
     from .diagnosis import Diagnosis as Diagnosis
@@ -56,6 +59,8 @@ if TYPE_CHECKING:
     from .estimation.fitted_model import Fitted as Fitted
     from .estimation.joint_fit import FitResult as FitResult
     from .estimation.settings import FitSettings as FitSettings
+    from .experiment.settings import AdviceSettings as AdviceSettings
+    from .experiment.settings import CheckSettings as CheckSettings
     from .model.effects import EFFECTS as EFFECTS
     from .model.effects import AbstractEffect as AbstractEffect
     from .model.effects import Contribution as Contribution
@@ -78,15 +83,19 @@ if TYPE_CHECKING:
     from .rig.reader import read_folder as read_folder
     from .stages import run as run
 
-_MODULE_OF = {
+MODULE_OF = {
     "FitSettings": "estimation.settings",
     "DiagnosisSettings": "diagnosis.settings",
     "SamplingSettings": "posterior.settings",
     "DesignSettings": "control.settings",
+    "FrequencySettings": "control.settings",
+    "AdviceSettings": "experiment.settings",
+    "CheckSettings": "experiment.settings",
     "EFFECTS": "model.effects",
     "TESTS": "rig",
     "DATASETS": "datasets",
     "RULES": "control.pid",
+    "advise": "api.verbs",
     "check": "api.verbs",
     "design": "api.verbs",
     "diagnose": "api.verbs",
@@ -98,6 +107,7 @@ _MODULE_OF = {
     "report": "api.verbs",
     "run": "stages",
     "sample": "api.verbs",
+    "Advised": "api.advised",
     "Checked": "api.checked",
     "Designed": "api.designed",
     "Diagnosed": "api.diagnosed",
@@ -134,13 +144,13 @@ _MODULE_OF = {
     "read_folder": "rig.reader",
 }
 
-__all__ = ["__version__", *_MODULE_OF]  # pyright: ignore[reportUnsupportedDunderAll]
+__all__ = ["__version__", *MODULE_OF]  # pyright: ignore[reportUnsupportedDunderAll]
 
 
 def __getattr__(name: str) -> Any:
-    if name not in _MODULE_OF:
+    if name not in MODULE_OF:
         raise AttributeError(f"module 'etcfit' has no attribute {name!r}")
-    value = getattr(importlib.import_module(f"etcfit.{_MODULE_OF[name]}"), name)
+    value = getattr(importlib.import_module(f"etcfit.{MODULE_OF[name]}"), name)
     globals()[name] = value
     return value
 

@@ -25,14 +25,18 @@ def _flags(jaxlib: str) -> dict[str, str]:
     return {"xla_backend_extra_options": _LOOPS, **guard}
 
 
-def _tell_xla(jaxlib: str) -> None:
-    """Before JAX reads them; what the user has set stands."""
+def tell_xla(jaxlib: str) -> None:
+    """Put our flags into XLA_FLAGS, which JAX reads when it is first imported; what the user has set stands.
+
+    Args:
+        jaxlib: its release, "0.10.2" say.
+    """
     given = os.environ.get("XLA_FLAGS", "")
     ours = [f"--{flag}={value}" for flag, value in _flags(jaxlib).items() if flag not in given]
     os.environ["XLA_FLAGS"] = " ".join([given, *ours]).strip()
 
 
-_tell_xla(_jaxlib)
+tell_xla(_jaxlib)
 
 import jax  # noqa: E402  after what it reads
 

@@ -51,6 +51,8 @@ At = Annotated[
     typer.Option("--at", help="Advise at the values fitted in this run, not at the graph readings.", metavar="RUN",
                  exists=True, file_okay=False),
 ]  # fmt: skip
+AdviceOut = Annotated[Path | None, typer.Option("--out", help="Write the advice there too, advice.json.", metavar="RUN",
+                                                file_okay=False)]  # fmt: skip
 
 _PIPE_WIDTH = 140  # columns; a pipe has no width, and a table cut to 80 loses figures
 
@@ -130,12 +132,13 @@ def _global(
 
 @app.command()
 @_contract
-def check(folder: Folder, advise: Advise = False, at: At = None, quiet: Quiet = False) -> None:
+def check(folder: Folder, advise: Advise = False, at: At = None, out: AdviceOut = None, quiet: Quiet = False) -> None:
     """What is in FOLDER, what it can identify, and what is wrong with it; fits nothing."""
     if advise:
-        return _advise(folder, at, quiet)
-    if at is not None:
-        raise UsageError("--at goes with --advise.")
+        return _advise(folder, at, out, quiet)
+    for option, given in (("--at", at), ("--out", out)):
+        if given is not None:
+            raise UsageError(f"{option} goes with --advise.")
     with _progress(quiet) as report:
         report("reading the folder", 0.0)
         from .rig.reader import read_folder
@@ -152,7 +155,7 @@ def check(folder: Folder, advise: Advise = False, at: At = None, quiet: Quiet = 
         raise _stop(Status.DATA, result.why_not)
 
 
-def _advise(folder: Path, at: Path | None, quiet: bool) -> None:
+def _advise(folder: Path, at: Path | None, out: Path | None, quiet: bool) -> None:
     with _progress(quiet) as report:
         report("reading the folder", 0.0)
         from .rig.reader import read_folder
@@ -162,9 +165,11 @@ def _advise(folder: Path, at: Path | None, quiet: bool) -> None:
         stages.keep_compiled()
         from .experiment.advice import advise
         from .reporting.advice import advice_table
-        from .run_folder import fitted_to
+        from .run_folder import fitted_to, save_advice
 
         advice = advise(rig, None if at is None else fitted_to(at, rig).x)
+        if out is not None:
+            save_advice(out, advice)
     _stdout().print(advice_table(advice))
 
 

@@ -1,4 +1,4 @@
-"""Files of a run folder, each written whole or not at all; JSON as FORMAT.md has it."""
+"""Files of a run folder, each written whole or not at all; JSON as docs/formats.md has it."""
 
 from __future__ import annotations
 

@@ -155,7 +155,15 @@ def design_run(
     fitted = result.fitted()
     drawn = read_draws(run.path, fitted, DRAWS - 1, SEED)
     found = design_of(
-        fitted, rule, Requirements(*limits), drawn, report, adc_bits=adc_bits, feed_forward=feed_forward, **ecu
+        fitted,
+        rule,
+        Requirements(*limits),
+        drawn,
+        report,
+        adc_bits=adc_bits,
+        feed_forward=feed_forward,
+        settings=None,
+        **ecu,
     )
     settings = {"rule": rule, "adc_bits": adc_bits, "feed_forward": feed_forward, "limits": limits, "ecu": ecu}
     keep_design(run, result, found, settings, report)

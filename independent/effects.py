@@ -347,7 +347,7 @@ class ChannelDelay(NamedTuple):
 
 
 class Effects(NamedTuple):
-    """One of each; named as in FORMAT.md, and then those that FORMAT.md does not know."""
+    """One of each; named as in docs/effects.md, and at the end those that no catalogue has."""
 
     limp_home_spring: LimpHomeSpring = LimpHomeSpring()
     stribeck_friction: StribeckFriction = StribeckFriction()

@@ -81,7 +81,7 @@ class Session:
             drive = drive.in_step(series.rate, self.bench.edge_phase)
         drive = drive.slewed(self.bench.rise).limited(self.bench.supply)
         ticks = clock(self.rng, self.bench, series.rate, series.duration)
-        plant, channel = self._aged(plant), current_channel(self.rng.spawn(1)[0], plant.effects)
+        plant, channel = self.aged(plant), current_channel(self.rng.spawn(1)[0], plant.effects)
         shown = partial(_shown, plant, channel, headers[1:], angle, held_until)
         columns = {headers[0]: ticks.logged * UNITS[unit(headers[0])][0]}
         for header, true in shown(drive, ticks.true).items():
@@ -92,7 +92,7 @@ class Session:
         self.stopwatch.seconds += series.duration
         return columns
 
-    def _aged(self, plant: Plant) -> Plant:
+    def aged(self, plant: Plant) -> Plant:
         """The plant with the session's seconds behind it."""
         drift = plant.effects.friction_drift._replace(before=self.stopwatch.seconds)
         return plant._replace(effects=plant.effects._replace(friction_drift=drift))

@@ -15,6 +15,7 @@ from etcfit.diagnosis.findings import (
     Evidence,
     Motion,
     RoundReport,
+    SetTried,
     Share,
     Tie,
     Unexplained,
@@ -40,6 +41,7 @@ def diagnosis(rig: Rig, **changes: Any) -> Diagnosis:
         "rounds": rounds(before),
         "added": (FOUND,),
         "removed": ("backlash was taken away again: what came after explains it (BIC -3.0).",),
+        "sets": (SetTried((FOUND, "backlash"), 12.5, False), SetTried(("gravity_load", "backlash"), None, False)),
         "ties": (
             Tie(
                 (FOUND, "airflow_torque"),
@@ -62,7 +64,7 @@ def explained(rig: Rig) -> Diagnosis:
         (), fine, 1.0, 1.0, (), None, (), "No effect of the catalogue promises to explain anything more."
     )
     motions = tuple(replace(m, effects={}) for m in (motion("response/1.csv", False, 0),))
-    return diagnosis(rig, before=same, after=same, final=(), rounds=(nothing,), added=(), removed=(), ties=(),
+    return diagnosis(rig, before=same, after=same, final=(), rounds=(nothing,), added=(), removed=(), sets=(), ties=(),
                      unexplained=None, motions=motions, verdict=("Nothing is missing.",))  # fmt: skip
 
 

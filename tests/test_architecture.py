@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
@@ -10,8 +11,8 @@ import pytest
 PACKAGE = Path(__file__).resolve().parents[1] / "etcfit"
 # the rooms, from the ground up: a file may import from its own room and from those before it
 ROOMS = [
-    *("errors", "backend", "files", "model", "datasets", "rig", "problem", "car_log", "estimation", "experiment"),
-    *("control", "diagnosis", "posterior", "run_folder", "reporting", "api", "stages", "cli"),
+    *("errors", "ranges", "backend", "files", "model", "datasets", "rig", "problem", "car_log", "estimation"),
+    *("experiment", "control", "diagnosis", "posterior", "run_folder", "reporting", "api", "stages", "cli"),
 ]
 MOST_ROOMS = 22
 ONLY_IN: dict[str, str | tuple[str, ...]] = {
@@ -109,3 +110,26 @@ def test_every_effect_rig_test_and_detector_is_registered(package: str, abstract
     tuples = [node for node in ast.walk(registry) if isinstance(node, ast.Tuple)]
     assert defined, f"nothing in {package}/ derives from {abstract}: this test would see nothing"
     assert defined <= {name.id for entries in tuples for name in entries.elts if isinstance(name, ast.Name)}
+
+
+# of tuples, of notebooks, and of a function that the test itself compiled
+NOT_PRIVATE = {"_replace", "_asdict", "_fields", "_repr_html_", "_cache_size"}
+
+
+def reached(node: ast.AST) -> Iterator[str]:
+    """Private names of the package that an expression of a test imports, reads or patches."""
+    if isinstance(node, ast.ImportFrom) and (node.module or "").split(".")[0] in ("etcfit", "independent"):
+        yield from (alias.name for alias in node.names if alias.name.startswith("_"))
+    elif isinstance(node, ast.Attribute) and node.attr.startswith("_") and not node.attr.startswith("__"):
+        yield from {node.attr} - NOT_PRIVATE
+    elif isinstance(node, ast.Call) and getattr(node.func, "attr", "") == "setattr":
+        names = [each.value for each in node.args[:2] if isinstance(each, ast.Constant) and isinstance(each.value, str)]
+        yield from (name for name in names if name.rpartition(".")[2].startswith("_"))
+
+
+@pytest.mark.parametrize("file", sorted(Path(__file__).parent.rglob("*.py")), ids=lambda file: file.stem)
+def test_tests_reach_for_nothing_private(file: Path) -> None:
+    tree = ast.parse(file.read_text(encoding="utf-8"))
+    assert [name for node in ast.walk(tree) for name in reached(node)] == []
+    assert "SimpleNamespace" not in {alias.name for node in ast.walk(tree) if isinstance(node, ast.ImportFrom)
+                                     for alias in node.names}  # fmt: skip

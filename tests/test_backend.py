@@ -36,13 +36,13 @@ def test_only_a_release_that_knows_the_flag_is_given_it(
     jaxlib: str, guarded: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.delenv("XLA_FLAGS")
-    backend._tell_xla(jaxlib)
+    backend.tell_xla(jaxlib)
     assert (f"--{GUARD}=-reduce" in os.environ["XLA_FLAGS"].split()) is guarded
 
 
 def test_what_the_user_told_xla_stands(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("XLA_FLAGS", f"--{GUARD}=reduce")
-    backend._tell_xla("0.10.2")
+    backend.tell_xla("0.10.2")
     assert os.environ["XLA_FLAGS"].count(GUARD) == 1
 
 

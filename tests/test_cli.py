@@ -10,6 +10,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 from typer.testing import CliRunner, Result
 
@@ -19,6 +20,10 @@ import results
 import runs
 from etcfit.cli import app
 from etcfit.errors import MeasurementError, UsageError
+from etcfit.experiment.advice import Advice, Option
+from etcfit.experiment.settings import AdviceSettings
+from etcfit.files import plain
+from etcfit.rig.base import Rig
 from etcfit.run_folder import RunFolder, save_fit
 from etcfit.stages import Done
 
@@ -123,6 +128,41 @@ def test_check_of_a_folder_that_no_fit_would_take_shows_it_and_says_why(invoke, 
     assert done.exit_code == 1
     assert "response/1.csv" in done.stdout
     assert "no trace that can be fitted" in done.stderr
+
+
+@pytest.fixture
+def advised(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> list[Any]:
+    """Advice without working it out; notes at which coordinates it is asked for."""
+    asked: list[Any] = []
+
+    def advise(rig: Rig, x: Any = None) -> Advice:
+        asked.append(x)
+        options = (Option("viscous", "a step", "", np.array([0.5]), None, None),)
+        return Advice(rig, ("R_a",), np.array([0.01]), options, ())
+
+    monkeypatch.setattr("etcfit.experiment.advice.advise", advise)
+    return asked
+
+
+def test_advice_is_printed_and_written_where_it_is_asked_for(invoke, tmp_path: Path, advised: list[Any]) -> None:
+    result = results.result(results.rig(tmp_path / "rig"))
+    save_fit(tmp_path / "run", result)
+    done = invoke("check", "rig", "--advise", "--quiet")
+    assert (done.exit_code, done.stderr) == (0, "")
+    assert "viscous" in done.stdout
+    assert invoke("check", "rig", "--advise", "--at", "run", "--out", "there", "--quiet").stdout == done.stdout
+    assert advised[0] is None
+    assert advised[1].tolist() == result.x.tolist()
+    written = json.loads((tmp_path / "there" / "advice.json").read_text(encoding="utf-8"))
+    assert written["options"][0]["widths"] == {"R_a": 0.5}
+    assert written["settings"] == plain(AdviceSettings())
+
+
+@pytest.mark.parametrize("option", ["--at", "--out"])
+def test_what_goes_with_advice_alone_is_refused_without_it(invoke, option: str) -> None:
+    done = invoke("check", "bench", option, "bench")
+    assert done.exit_code == 2
+    assert f"{option} goes with --advise" in done.stderr
 
 
 def test_report_prints_where_the_page_is(invoke, tmp_path: Path) -> None:

@@ -434,7 +434,7 @@ def test_friction_drifts_on_from_trace_to_trace() -> None:
     session = Session(np.random.default_rng(0), CONSISTENT, MEDIUM["friction_drift"], PERFECT)
     assert [len(list(PROTOCOLS["resistance"](session, Series(2, 0.5, 1000))))] == [2]
     assert session.stopwatch.seconds == 1.0
-    worn = session._aged(throttle(CONSISTENT, session.effects)).effects.friction_drift
+    worn = session.aged(throttle(CONSISTENT, session.effects)).effects.friction_drift
     assert worn == MEDIUM["friction_drift"].friction_drift._replace(before=1.0)
 
 

@@ -17,12 +17,12 @@ import pytest
 
 import etcfit
 
-VERBS = ["check", "design", "diagnose", "drive", "fetch", "fit", "load", "reduce", "report", "run", "sample"]
+VERBS = ["advise", "check", "design", "diagnose", "drive", "fetch", "fit", "load", "reduce", "report", "run", "sample"]
 
 
-@pytest.mark.parametrize("name", sorted(etcfit._MODULE_OF))
+@pytest.mark.parametrize("name", sorted(etcfit.MODULE_OF))
 def test_public_name_is_its_modules_own(name: str) -> None:
-    module = importlib.import_module(f"etcfit.{etcfit._MODULE_OF[name]}")
+    module = importlib.import_module(f"etcfit.{etcfit.MODULE_OF[name]}")
     assert getattr(etcfit, name) is getattr(module, name)
 
 
@@ -30,12 +30,12 @@ def test_type_checkers_see_the_same_names() -> None:
     tree = ast.parse(Path(etcfit.__file__).read_text(encoding="utf-8"))
     guarded = next(node for node in tree.body if isinstance(node, ast.If))
     imports = [node for node in guarded.body if isinstance(node, ast.ImportFrom)]
-    assert {alias.asname: node.module for node in imports for alias in node.names} == etcfit._MODULE_OF
+    assert {alias.asname: node.module for node in imports for alias in node.names} == etcfit.MODULE_OF
 
 
 def test_no_public_name_hides_a_module() -> None:
     # importing etcfit.estimation.joint_fit would put the module where the name had been
-    assert not [name for name in etcfit._MODULE_OF if importlib.util.find_spec(f"etcfit.{name}")]
+    assert not [name for name in etcfit.MODULE_OF if importlib.util.find_spec(f"etcfit.{name}")]
 
 
 @pytest.mark.parametrize("verb", VERBS)

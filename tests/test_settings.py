@@ -6,15 +6,23 @@ import inspect
 import json
 import re
 from collections.abc import Callable
-from dataclasses import fields, is_dataclass, replace
+from dataclasses import dataclass, fields, is_dataclass, replace
 from typing import Any
 
 import pytest
 
 from etcfit import cli, stages
 from etcfit.api import verbs
-from etcfit.control.settings import DesignSettings, LoopSettings, ManualSettings, OptimumSettings, RelaySettings
-from etcfit.estimation.bounded import from_json
+from etcfit.control.settings import (
+    DampingSettings,
+    DesignSettings,
+    FrequencySettings,
+    LoopSettings,
+    ManualSettings,
+    OptimumSettings,
+    RelaySettings,
+)
+from etcfit.diagnosis.settings import DiagnosisSettings
 from etcfit.estimation.settings import (
     ContradictionSettings,
     EdgesInStepSettings,
@@ -23,12 +31,17 @@ from etcfit.estimation.settings import (
     IdentifiabilitySettings,
     WhitenessSettings,
 )
-from etcfit.experiment.settings import AdviceSettings
+from etcfit.experiment.settings import AdviceSettings, CheckSettings, PlanSettings
 from etcfit.files import plain
 from etcfit.posterior.settings import SamplingSettings
+from etcfit.ranges import Range, check_ranges, from_json, real, reals, whole
+from etcfit.rig.checks import DETECTORS, SynchronousEdges
+from etcfit.rig.checks.edge_phase import EdgeSettings
 
 KINDS: list[Any] = [
     AdviceSettings,
+    CheckSettings,
+    PlanSettings,
     ContradictionSettings,
     EdgesInStepSettings,
     FitSettings,
@@ -37,15 +50,21 @@ KINDS: list[Any] = [
     WhitenessSettings,
     SamplingSettings,
     DesignSettings,
+    DampingSettings,
+    FrequencySettings,
     LoopSettings,
     ManualSettings,
     OptimumSettings,
     RelaySettings,
+    DiagnosisSettings,
+    EdgeSettings,
+    *(type(detector) for detector in DETECTORS if not isinstance(detector, SynchronousEdges)),
 ]
 FIELDS = [(kind, each.name) for kind in KINDS for each in fields(kind)]
+IN_ARGS = [(kind, name) for kind, name in FIELDS if kind is not DiagnosisSettings]  # its fields are explained in place
 
 
-@pytest.mark.parametrize(("kind", "name"), FIELDS, ids=lambda v: getattr(v, "__name__", v))
+@pytest.mark.parametrize(("kind", "name"), IN_ARGS, ids=lambda v: getattr(v, "__name__", v))
 def test_every_field_is_documented_and_has_a_range(kind: Any, name: str) -> None:
     documented = re.findall(r"^ {8}([a-z_0-9, ]+): \S", kind.__doc__, flags=re.MULTILINE)
     assert name in ", ".join(documented).split(", ")
@@ -57,14 +76,57 @@ def test_every_field_is_documented_and_has_a_range(kind: Any, name: str) -> None
                          ids=lambda v: getattr(v, "__name__", v))  # fmt: skip
 def test_a_value_outside_the_range_is_refused_with_field_value_and_range(kind: Any, name: str) -> None:
     allowed = next(each for each in fields(kind) if each.name == name).metadata
-    for wrong in (allowed["high"] + 1, allowed["low"] - 1, float("nan"), "much", True):
-        value = (wrong,) if allowed.get("many") else wrong
-        with pytest.raises(ValueError, match=re.escape(f"{kind.__name__}.{name} = {value!r}: it must be ")):
+    inside = allowed["range"]
+    beyond = (inside.high + 1, inside.low - 1, *([inside.low] * inside.open_low), *([inside.high] * inside.open_high))
+    for wrong in (*beyond, float("nan"), "much", True):
+        value = (wrong,) if allowed["many"] else wrong
+        said = f"{kind.__name__}.{name} = {value!r}: it must be "
+        with pytest.raises(ValueError, match=f"^{re.escape(said)}.*{allowed['kind']}, {re.escape(str(inside))}\\.$"):
             replace(kind(), **{name: value})
-    if allowed.get("many"):
+    if allowed["many"]:
         for wrong in ((), 1.0):
             with pytest.raises(ValueError, match="one or more numbers"):
                 replace(kind(), **{name: wrong})
+
+
+@dataclass(frozen=True)
+class Example:
+    rounds: int = whole(3, 1, 100)
+    least: int = whole(3, 1)
+    share: float = real(0.5, above=0.0, below=1.0)
+    fall: float = real(-1.0, high=0.0)
+    tolerance: float = real(1e-3, above=0.0)
+    late: tuple[float, ...] = reals((1.0, 2.0), 0.0, 10.0)
+    any: float = real(0.0)
+
+    __post_init__ = check_ranges
+
+
+@pytest.mark.parametrize(
+    ("name", "value", "required"),
+    [
+        ("rounds", 0, "a whole number, from 1 to 100"),
+        ("rounds", 2.0, "a whole number, from 1 to 100"),
+        ("least", 0, "a whole number, 1 or more"),
+        ("share", 1.0, "a number, greater than 0 and less than 1"),
+        ("fall", 0.1, "a number, 0 or less"),
+        ("tolerance", 0.0, "a number, greater than 0"),
+        ("late", (1.0, 11.0), "a tuple of one or more numbers, each a number, from 0 to 10"),
+        ("any", float("inf"), "a number, finite"),
+    ],
+)
+def test_an_error_says_class_field_value_and_range_in_the_same_words_everywhere(
+    name: str, value: Any, required: str
+) -> None:
+    with pytest.raises(ValueError, match=f"^{re.escape(f'Example.{name} = {value!r}: it must be {required}.')}$"):
+        Example(**{name: value})
+
+
+def test_the_ends_of_a_range_are_in_it_unless_they_are_open() -> None:
+    assert all(value in Range(0.0, 1.0) for value in (0.0, 0.5, 1.0))
+    assert 0.5 in Range(0.0, 1.0, open_low=True, open_high=True)
+    assert not any(value in Range(0.0, 1.0, open_low=True, open_high=True) for value in (0.0, 1.0))
+    assert not any(value in Range() for value in (float("nan"), float("inf"), -float("inf")))
 
 
 @pytest.mark.parametrize("kind", KINDS)
@@ -103,3 +165,8 @@ def test_bounds_of_gains_must_be_three_that_rise(kind: Any) -> None:
 def test_the_elite_is_part_of_the_population() -> None:
     with pytest.raises(ValueError, match="at most the population, 8"):
         OptimumSettings(population=8, elite=9)
+
+
+def test_a_sweep_rises_from_its_lowest_frequency() -> None:
+    with pytest.raises(ValueError, match=r"PlanSettings.bands = .*: each must be greater than lowest, 2"):
+        PlanSettings(lowest=2.0)

@@ -11,6 +11,7 @@ if TYPE_CHECKING:
     from ..control.frequency import FrequencyResponse
     from ..control.linearise import Reduction
     from ..control.pid import Requirements
+    from ..control.settings import DesignSettings, FrequencySettings
     from ..estimation.fitted_model import Fitted
     from ..estimation.result import FitResult
     from .progress import Report
@@ -28,16 +29,25 @@ class Plant(NamedTuple):
     response: FrequencyResponse | None
 
 
-def plant_of(result: FitResult, input_unit: str, output_unit: str, share: float, report: Report) -> Plant:
+def plant_of(
+    result: FitResult,
+    input_unit: str,
+    output_unit: str,
+    share: float,
+    report: Report,
+    settings: FrequencySettings | None = None,
+) -> Plant:
     """Linearise a fitted model, and fit the rig's sine traces where it has some.
 
     Args:
         result: the fit.
         input_unit, output_unit, share: as `control.linearise.reduce` takes them.
         report: progress.
+        settings: which sine traces count; the defaults where None.
     """
     from ..control.frequency import frequency_response
     from ..control.linearise import reduce
+    from ..control.settings import FrequencySettings
     from ..run_folder import sines_of
 
     report("linearising", 0.3)
@@ -46,7 +56,7 @@ def plant_of(result: FitResult, input_unit: str, output_unit: str, share: float,
     if not sines:
         return Plant(reduction, None)
     report("fitting sines", 0.6)
-    return Plant(reduction, frequency_response(fitted, sines))
+    return Plant(reduction, frequency_response(fitted, sines, settings or FrequencySettings()))
 
 
 def design_of(
@@ -58,6 +68,7 @@ def design_of(
     *,
     adc_bits: int,
     feed_forward: bool,
+    settings: DesignSettings | None = None,
     **ecu: float,
 ) -> Design:
     """Gains by every rule for an ECU that reads the position by an ADC over its travel.
@@ -70,11 +81,14 @@ def design_of(
         report: progress.
         adc_bits: of the position sensor, over its travel.
         feed_forward: the ECU has a bias curve.
+        settings: draws, and the budgets of simulation and rules; the defaults where None.
         ecu: what is given of the ECU, by field; see `control.design.ecu_of` for the rest.
     """
     from ..control.design import design, ecu_of
     from ..control.linearise import stops
+    from ..control.settings import DesignSettings
 
     lower, upper = stops(fitted)
     computer = ecu_of(fitted, **({"resolution": (upper - lower) / 2**adc_bits} | ecu))
-    return design(fitted, computer, requirements, rule, drawn, feed_forward, report)
+    mine = settings or DesignSettings()
+    return design(fitted, computer, requirements, rule, drawn, feed_forward, report, mine)

@@ -32,7 +32,7 @@ from ..rig.base import RigConfig
 from .trace import FittedTrace, traces_of
 from .trace import named as trace_named
 
-_ACROSS, _MOST = 4, 40  # panels of an overview
+_ACROSS = 4  # panels of an overview
 _SHORT = 0.1  # s; a shorter trace is drawn over ms
 _INTEREST = ("position", "current", "motor_speed", "emf")  # which channel an overview shows, if it was logged
 
@@ -103,20 +103,21 @@ class FitPlots:
             picture_named(jobs, f"tests/{name}", f"no trace is of a test called {name!r}. There are: {there}.")
         )
 
-    def overview(self) -> np.ndarray:
+    def overview(self, most: int = 40) -> np.ndarray:
         """Every trace at a glance, measured and simulated, one channel each; Axes, shape (K,).
 
-        Where there are very many, the worst are shown, those held out first.
+        Args:
+            most: traces that are shown; where there are more, the worst, those held out first.
         """
-        return panels_of(lambda: _overview(self.result))
+        return panels_of(lambda: _overview(self.result, most))
 
 
-def _overview(result: FitResult) -> Figure:
+def _overview(result: FitResult, most: int) -> Figure:
     every = list(traces_of(result).values())
     count = len(every)
     every.sort(key=lambda each: (not each.held_out, each.trace.test.name))
-    if count > _MOST:
-        every = sorted(every, key=lambda each: (not each.held_out, -pooled(_rows(result, each.file))))[:_MOST]
+    if count > most:
+        every = sorted(every, key=lambda each: (not each.held_out, -pooled(_rows(result, each.file))))[:most]
     down = -(-len(every) // _ACROSS)
     tall = 0.75 + 1.95 * down
     fig = style.figure(13.0, tall, result.rig.config.synthetic)

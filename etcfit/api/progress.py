@@ -12,8 +12,6 @@ from typing import Any
 
 Report = Callable[[str, float], None]  # what is being done, and the share of it that is done, 0 to 1
 
-_EVERY = 0.2  # s between two updates of a notebook's bar
-
 
 def silent(stage: str, done: float) -> None:
     """A progress report that says nothing."""
@@ -81,8 +79,12 @@ def terminal_bar(console: Any = None) -> Iterator[Report]:
 
 
 @contextmanager
-def notebook_bar() -> Iterator[Report]:
-    """A bar below the cell that is wiped away at the end: rich's own needs ipywidgets, this needs nothing."""
+def notebook_bar(every: float = 0.2) -> Iterator[Report]:
+    """A bar below the cell that is wiped away at the end: rich's own needs ipywidgets, this needs nothing.
+
+    Args:
+        every: least time between two updates, s.
+    """
     from IPython.core.display import HTML
     from IPython.display import DisplayHandle
 
@@ -93,7 +95,7 @@ def notebook_bar() -> Iterator[Report]:
     def report(stage: str, done: float) -> None:
         nonlocal last
         now = time.monotonic()
-        if now - last > _EVERY:
+        if now - last > every:
             handle.update(HTML(_bar(stage, done)))
             last = now
 

@@ -75,8 +75,13 @@ def keep_reduction(
         if response is not None:
             draw_frequency_response(run.path, fitted, response, report)
 
-    settings = {"input": reduction.input_unit, "output": reduction.output_unit, "at": reduction.share,
-                "pade_order": pade_order}  # fmt: skip
+    settings = {
+        "input": reduction.input_unit,
+        "output": reduction.output_unit,
+        "at": reduction.share,
+        "pade_order": pade_order,
+        "frequency": None if response is None else asdict(response.settings),
+    }
     save_reduction(run.path, fitted, reduction, response, exit_of(result), settings, beside)
 
 

@@ -20,10 +20,13 @@ if TYPE_CHECKING:
     import numpy as np
 
     from ..control.pid import Requirements
+    from ..control.settings import DesignSettings, FrequencySettings
     from ..diagnosis.settings import DiagnosisSettings
     from ..estimation.fitted_model import Fitted
     from ..estimation.settings import FitSettings
+    from ..experiment.settings import AdviceSettings, CheckSettings
     from ..rig.base import Rig
+    from .advised import Advised
     from .checked import Checked
     from .designed import Designed
     from .diagnosed import Diagnosed
@@ -36,11 +39,12 @@ if TYPE_CHECKING:
     Model = Fit | Diagnosed | Sampled | Reduced | Folder
 
 
-def check(rig: Rig | Folder, *, quiet: bool = False) -> Checked:
+def check(rig: Rig | Folder, settings: CheckSettings | None = None, *, quiet: bool = False) -> Checked:
     """What is in a measurement folder, what it can identify, and what is wrong with it; fits nothing.
 
     Args:
         rig: as read, or its folder.
+        settings: what is odd about a clock or a channel; the defaults where None.
         quiet: show no progress.
     Raises:
         MeasurementError: the folder is wrong.
@@ -51,7 +55,31 @@ def check(rig: Rig | Folder, *, quiet: bool = False) -> Checked:
 
         rig = _rig_of(rig, report)
         report("working out what these data can identify", 0.3)
-        return Checked(check_rig(rig))
+        return Checked(check_rig(rig, **_given(settings)))
+
+
+def advise(
+    rig: Rig | Folder, at: Fit | Folder | None = None, settings: AdviceSettings | None = None, *, quiet: bool = False
+) -> Advised:
+    """What one more trace of each rig test would do to each interval, before anybody measures it; fits nothing.
+
+    Args:
+        rig: as read, or its folder.
+        at: a fit of this rig, or its run folder: judge at the values fitted; at the graph readings where None.
+        settings: when two parameters are told apart, and how a trace would be made; the defaults where None.
+        quiet: show no progress.
+    Raises:
+        MeasurementError: the folder is wrong, or nothing in it can be fitted.
+        UsageError: `at` holds no fit, or one of other measurements.
+    """
+    with working(quiet) as report:
+        from ..experiment.advice import advise as advise_rig
+        from .advised import Advised
+
+        rig = _rig_of(rig, report)
+        x = None if at is None else _coordinates(at, rig)
+        report("working out what one more trace would tell", 0.3)
+        return Advised(advise_rig(rig, x, **_given(settings)))
 
 
 def fit(rig: Rig | Folder, settings: FitSettings | None = None, *, quiet: bool = False) -> Fit:
@@ -119,7 +147,13 @@ def sample(
 
 
 def reduce(
-    model: Model, input_unit: str = "V", output_unit: str = "rad", share: float = 0.25, *, quiet: bool = False
+    model: Model,
+    input_unit: str = "V",
+    output_unit: str = "rad",
+    share: float = 0.25,
+    settings: FrequencySettings | None = None,
+    *,
+    quiet: bool = False,
 ) -> Reduced:
     """The third-order transfer function about a plate held at a share of its travel.
 
@@ -128,6 +162,7 @@ def reduce(
         input_unit: "V" or "%" (of duty).
         output_unit: "rad", "deg" or "%" (of travel).
         share: of the travel, 0 to 1.
+        settings: which sine traces count, and when they tell an order of lag; the defaults where None.
         quiet: show no progress.
     """
     with working(quiet) as report:
@@ -135,7 +170,7 @@ def reduce(
         from .reduced import Reduced
 
         fit = _fit_of("reduce", model)
-        return Reduced(fit, *plant_of(fit.result, input_unit, output_unit, share, report))
+        return Reduced(fit, *plant_of(fit.result, input_unit, output_unit, share, report, settings))
 
 
 def design(
@@ -146,6 +181,7 @@ def design(
     posterior: Sampled | None = None,
     adc_bits: int = 12,
     feed_forward: bool = False,
+    settings: DesignSettings | None = None,
     quiet: bool = False,
     **ecu: float,
 ) -> Designed:
@@ -159,6 +195,7 @@ def design(
             fit's own normal approximation.
         adc_bits: of the position sensor, over its travel.
         feed_forward: the ECU has a bias curve.
+        settings: draws, and the budgets of simulation and rules; the defaults where None.
         quiet: show no progress.
         ecu: what is known of the ECU, by field (`period=1e-3`, `delay=0.0`, ...); see `control.design.ecu_of`.
     Raises:
@@ -166,6 +203,7 @@ def design(
     """
     with working(quiet) as report:
         from ..control.design import PAPERS
+        from ..control.settings import DesignSettings
         from ..model.ecu import Ecu
         from .control import design_of
         from .designed import Designed
@@ -176,9 +214,11 @@ def design(
             )
         fit = _fit_of("design", model)
         fitted = fit.result.fitted()
-        drawn = _draws(model if posterior is None else posterior, fitted)
-        limits = requirements or PAPERS
-        found = design_of(fitted, rule, limits, drawn, report, adc_bits=adc_bits, feed_forward=feed_forward, **ecu)
+        mine, limits = settings or DesignSettings(), requirements or PAPERS
+        drawn = _draws(model if posterior is None else posterior, fitted, mine)
+        found = design_of(
+            fitted, rule, limits, drawn, report, adc_bits=adc_bits, feed_forward=feed_forward, settings=mine, **ecu
+        )
         return Designed(fit, found)
 
 
@@ -279,6 +319,24 @@ def _rig_of(rig: Rig | Folder, report: Report) -> Rig:
     return read_folder(rig)
 
 
+def _coordinates(at: Fit | Folder, rig: Rig) -> np.ndarray:
+    """Coordinates of a fit of this rig, shape (P,).
+
+    Raises:
+        UsageError: the run folder holds no fit, or the fit is of other free parameters.
+    """
+    from ..problem.free_parameters import free_parameters
+    from ..run_folder import fitted_to
+    from .fit import Fit
+
+    if not isinstance(at, str | Path | Fit):
+        raise _not_taken("advise", at, "for `at` what etcfit.fit returned, or a run folder")
+    result = at.result if isinstance(at, Fit) else fitted_to(Path(at), rig)
+    if result.free_parameters.layout.free != free_parameters(rig.config).layout.free:
+        raise UsageError("this fit is of another model: other parameters are free in it. Fit this rig first.")
+    return result.x
+
+
 def _fit_of(verb: str, model: Model) -> Fit:
     """The fit behind whatever a verb was given."""
     from .diagnosed import Diagnosed
@@ -301,24 +359,23 @@ def _not_taken(verb: str, given: object, wanted: str) -> TypeError:
     return TypeError(f"etcfit.{verb} takes {wanted}, not {type(given).__name__}.")
 
 
-def _given(settings: FitSettings | DiagnosisSettings | None) -> dict[str, Any]:
+def _given(settings: AdviceSettings | CheckSettings | FitSettings | DiagnosisSettings | None) -> dict[str, Any]:
     return {} if settings is None else {"settings": settings}
 
 
-def _draws(source: Model, fitted: Fitted) -> np.ndarray | None:
+def _draws(source: Model, fitted: Fitted, settings: DesignSettings) -> np.ndarray | None:
     """Coordinates of further models from a posterior or a run folder that holds one, shape (D, P); None without."""
     import numpy as np
 
-    from ..control.design import DRAWS, SEED
     from ..run_folder import read_draws
     from .sampled import Sampled
 
     if isinstance(source, str | Path):
-        return read_draws(Path(source), fitted, DRAWS - 1, SEED)
+        return read_draws(Path(source), fitted, settings.draws - 1, settings.seed)
     if not isinstance(source, Sampled):
         return None
     points, symbols = source.posterior.points, source.posterior.chain.symbols
     if symbols != fitted.free_parameters.layout.free:
         raise UsageError("this posterior is of another model: other parameters are free in it. Sample the model first.")
     flat = points.reshape(-1, points.shape[-1])
-    return flat[np.random.default_rng(SEED).integers(len(flat), size=DRAWS - 1)]
+    return flat[np.random.default_rng(settings.seed).integers(len(flat), size=settings.draws - 1)]

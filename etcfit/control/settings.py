@@ -1,10 +1,10 @@
-"""What a design decides by: draws of the model, the simulated loop, and the budgets of the rules that experiment."""
+"""What design and frequency response decide by: draws, the simulated loop, budgets of the rules, sines that count."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 
-from ..estimation.bounded import check_ranges, real, reals, whole
+from ..ranges import check_ranges, real, reals, whole
 
 
 def _rising(settings: object, low: str, high: str) -> None:
@@ -117,6 +117,62 @@ class RelaySettings:
 
 
 @dataclass(frozen=True)
+class DampingSettings:
+    """The time constant Te that the rule `damping_optimum` gives the closed loop.
+
+    Args:
+        settles: settling time asked for, over Te.
+        damped: Te at most, over the Te at which the back-EMF alone damps as much as is asked for and Kd would be 0.
+    """
+
+    settles: float = real(6.0, above=0.0, high=100.0)
+    damped: float = real(0.7, above=0.0, high=1.0)
+
+    __post_init__ = check_ranges
+
+
+@dataclass(frozen=True)
+class FrequencySettings:
+    """Which sine traces say something, and when the points that they give tell an order of lag.
+
+    Args:
+        fewest_cycles: that setpoint and position must have in common.
+        nearly: share of a cycle that may be missing from a whole one.
+        samples_a_cycle: of every signal at least.
+        harmonics: fitted at most, the fundamental among them.
+        samples_a_harmonic: in a cycle of the highest harmonic fitted, at least.
+        outside: share of the setpoint's power outside its fundamental, at most.
+        outside_low: share of it in the 2nd to 5th harmonic, at most.
+        strays: an early cycle that differs from the settled ones by more times their own scatter has not settled.
+        same: cycles that differ by less than this share of the swing never count as different.
+        drift_cycles: fewer are not used to tell a drift from the waves, where cycles outside them are compared.
+        drift_errors: standard errors at which a drift is told from zero.
+        fewest_points: frequencies from which on an order of lag is sought.
+        poor: share of the response that the best lag fails to explain, from which on it is no description.
+        excluded: weight of all lower orders together below which they are excluded.
+        likely: weight that the order itself must exceed; higher ones, which contain it, always keep some.
+    """
+
+    fewest_cycles: int = whole(3, 2, 1000)
+    nearly: float = real(0.05, 0.0, below=1.0)
+    samples_a_cycle: float = real(5.0, 4.0, 1e6)
+    harmonics: int = whole(7, 5, 100)
+    samples_a_harmonic: float = real(2.5, 2.0, 1e6)
+    outside: float = real(0.10, 0.0, 1.0)
+    outside_low: float = real(0.01, 0.0, 1.0)
+    strays: float = real(4.0, 0.0, 1e6)
+    same: float = real(1e-3, 0.0, 1.0)
+    drift_cycles: float = real(3.5, 0.0, 1000.0)
+    drift_errors: float = real(3.0, 0.0, 1000.0)
+    fewest_points: int = whole(4, 4, 1000)
+    poor: float = real(0.1, 0.0, 10.0)
+    excluded: float = real(0.05, 0.0, 1.0)
+    likely: float = real(0.5, 0.0, 1.0)
+
+    __post_init__ = check_ranges
+
+
+@dataclass(frozen=True)
 class LoopSettings:
     """The simulation of the nonlinear loop.
 
@@ -145,6 +201,7 @@ class DesignSettings:
         optimum: the search of the rule `optimal`.
         manual: the rule `manual`.
         relay: the rule `relay`.
+        damping: the rule `damping_optimum`.
     """
 
     draws: int = whole(200, 1, 10**6)
@@ -156,5 +213,6 @@ class DesignSettings:
     optimum: OptimumSettings = OptimumSettings()
     manual: ManualSettings = ManualSettings()
     relay: RelaySettings = RelaySettings()
+    damping: DampingSettings = DampingSettings()
 
     __post_init__ = check_ranges

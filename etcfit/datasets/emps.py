@@ -69,7 +69,15 @@ There is no spring and no current. Inertia and viscous friction of motor and sle
 """
 
 
-def _on_schedule(file: Path, time: np.ndarray) -> None:
+def on_schedule(file: Path, time: np.ndarray) -> None:
+    """Refuse a record whose samples are not a period apart.
+
+    Args:
+        file: named in the message.
+        time: s, shape (n,).
+    Raises:
+        MeasurementError: it is not the published file.
+    """
     steps = np.diff(time)
     if steps.min() < 0.999 * _PERIOD or steps.max() > 1.001 * _PERIOD:
         raise MeasurementError(
@@ -82,7 +90,7 @@ def _on_schedule(file: Path, time: np.ndarray) -> None:
 
 def _trace(file: Path) -> str:
     time, position, setpoint, volts, gain = read_vectors(file, "t", "qm", "qg", "vir", "gtau")
-    _on_schedule(file, time)
+    on_schedule(file, time)
     columns = {"time [s]": time, "torque [N*m]": gain * volts, "position [rad]": position, "setpoint [rad]": setpoint}
     return csv_text(f"EMPS, {file.name}; 1 rad = 1 m, 1 N m = 1 N", columns)
 

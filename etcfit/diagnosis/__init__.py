@@ -9,12 +9,13 @@ from ..estimation.result import FitResult
 from .candidate_model import CandidateModel
 from .exchange import exchanged, pruned
 from .final import final_fit
-from .findings import Diagnosis, Unexplained
+from .findings import Diagnosis, SetTried, Unexplained
 from .missing_torque import motions
 from .probabilities import probabilities
 from .refit import start
 from .rig_mistakes import rig_mistakes
 from .rounds import Progress, forward, names
+from .sets import searched
 from .settings import DEFAULT, DiagnosisSettings
 from .unexplained import outdone, unexplained
 from .verdict import runs_free_worse, tie, verdict
@@ -35,6 +36,7 @@ def diagnose(result: FitResult, report: Report = quiet, settings: DiagnosisSetti
     report("composing the model of all effects", 0.0)
     first = start(result, settings)
     progress = _looked_back(result, forward(result, Progress(first), report), report)
+    progress, sets = _of_sets(result, first, progress, report)
     left = outdone(result, first, progress.model, report)
     if left is not None:
         progress = progress.back_to(first)
@@ -42,12 +44,12 @@ def diagnose(result: FitResult, report: Report = quiet, settings: DiagnosisSetti
         worth = {each.effect: each.worth for each in progress.found}
         left = unexplained(result, progress.model, worth, report)
     report("the fit of the final model", 0.95)
-    after = final_fit(result, progress.model, progress.found, report)
+    after = final_fit(result, progress, report)
     if progress.model.added and runs_free_worse(after, result, settings):
         worse = f"Run free, the model with {names(progress.model)} is further from the data: all taken away again."
         progress = progress.back_to(first, worse)
         left, after = unexplained(result, first, {}, report), result
-    return _told(result, after, first, progress, left)
+    return _told(result, after, first, progress, left, sets)
 
 
 def _looked_back(result: FitResult, progress: Progress, report: Report) -> Progress:
@@ -59,12 +61,25 @@ def _looked_back(result: FitResult, progress: Progress, report: Report) -> Progr
     progress = replace(progress, model=s, found=found, changed=instead)
     if instead:
         progress = forward(result, progress, report)
-    s, removed = pruned(progress.model, report)
+    s, removed = pruned(progress.model, result.chi2_per_dof, report)
     return replace(progress, model=s, changed=(*progress.changed, *removed))
 
 
+def _of_sets(
+    result: FitResult, first: CandidateModel, progress: Progress, report: Report
+) -> tuple[Progress, tuple[SetTried, ...]]:
+    """The progress, or that of a set of effects which does better, looked back on as well; and the sets tried."""
+    better, tried = searched(result, first, progress, report)
+    return (progress if better is progress else _looked_back(result, better, report)), tried
+
+
 def _told(
-    result: FitResult, after: FitResult, first: CandidateModel, progress: Progress, left: Unexplained | None
+    result: FitResult,
+    after: FitResult,
+    first: CandidateModel,
+    progress: Progress,
+    left: Unexplained | None,
+    sets: tuple[SetTried, ...],
 ) -> Diagnosis:
     """All that was found as plain data."""
     s, doubts = progress.model, left.doubts if left else ()
@@ -80,6 +95,7 @@ def _told(
         rounds=progress.rounds,
         added=added,
         removed=progress.changed,
+        sets=sets,
         ties=ties,
         unexplained=left,
         motions=(*motions(first, s, False), *(motions(first, s, True) if s.holdout else ())),

@@ -113,23 +113,23 @@ class CandidateModel:
         holdout = None if self.holdout is None else _with_parameters(*self.holdout, free_parameters)
         return replace(self, problem=problem, weighted=weighted, holdout=holdout)
 
-    def trying(self, effect: Effect, values: Mapping[str, float]) -> CandidateModel:
-        """One effect more, not yet refitted.
+    def trying(self, effects: tuple[Effect, ...], values: Mapping[str, float]) -> CandidateModel:
+        """Effects more, not yet refitted.
 
         The values come from a linear model, so they may lead far off: amplitudes are halved towards their off values
-        until chi2 is no more than `steepest_start` times that without the effect, or `start_halvings` are spent.
+        until chi2 is no more than `steepest_start` times that without the effects, or `start_halvings` are spent.
 
         Args:
-            effect: a candidate of the composition.
-            values: of its parameters, SI by symbol.
+            effects: candidates of the composition.
+            values: of their parameters, SI by symbol.
         """
         most, at = self.settings.steepest_start * self.chi2, dict(values)
-        trial = self.with_effects((*self.added, effect), at)
+        trial = self.with_effects((*self.added, *effects), at)
         for _ in range(self.settings.start_halvings):
             if trial.chi2 < most:
                 break
-            at |= {s: 0.5 * (at[s] + v) for s, v in (effect.off or {}).items()}
-            trial = self.with_effects((*self.added, effect), at)
+            at |= {s: 0.5 * (at[s] + v) for effect in effects for s, v in (effect.off or {}).items()}
+            trial = self.with_effects((*self.added, *effects), at)
         return trial
 
     def optimised(self) -> CandidateModel:

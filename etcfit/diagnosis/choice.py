@@ -154,6 +154,17 @@ def choose(
     return _not_worth_it(verdicts[0], settings) if verdicts else _no_promise()
 
 
+def in_turn(
+    verdicts: Sequence[TrialVerdict], settings: DiagnosisSettings, most: float = np.inf, noise: float = np.inf
+) -> tuple[Choice, ...]:
+    """`choose`, and what would be chosen were the one before it not there, as long as one is."""
+    choice = choose(verdicts, settings, most, noise)
+    if choice.effect is None:
+        return (choice,)
+    rest = [v for v in verdicts if v.effect is not choice.effect]
+    return (choice, *(c for c in in_turn(rest, settings, most, noise) if c.effect is not None))
+
+
 def _no_promise() -> Choice:
     return Choice(Outcome.NO_PROMISE, None, (), "No effect of the catalogue promises to explain anything more.")
 
@@ -202,11 +213,13 @@ def _added(proven: Sequence[TrialVerdict], settings: DiagnosisSettings) -> Choic
 def alike(v: TrialVerdict, best: TrialVerdict, settings: DiagnosisSettings) -> bool:
     """Whether two effects explain the data equally well: a tie.
 
-        chi2_v - chi2_best < max(6 chi2_best / n, left)
+        chi2_v - chi2_best < max(6 chi2_best / n, left)    or    BIC_v - BIC_best < 6
 
-    n: independent samples; 6: `tied_likelihood`; left: chi2 that the less exact formula of the two may leave. BIC
-    chooses which of them is put into the model; it does not prove that one.
+    n: independent samples; 6: `tied_likelihood`; left: chi2 that the less exact formula of the two may leave. One with
+    fewer parameters may fit a little worse and be as likely: then BIC alone is even. BIC chooses which of them is put
+    into the model; it does not prove that one.
     """
     left = left_by(max(v.effect.inexact, best.effect.inexact), best.gain, best.samples, settings)
     apart = v.score.chi2 - best.score.chi2
-    return bool(apart < left or apart * best.score.likelihood_per_chi2 < settings.tied_likelihood)
+    fits = apart < left or apart * best.score.likelihood_per_chi2 < settings.tied_likelihood
+    return bool(fits or v.bic_change - best.bic_change < settings.tied_likelihood)

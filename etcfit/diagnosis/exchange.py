@@ -20,6 +20,7 @@ from .choice import alike, stands
 from .composition import Effect, resting
 from .cross_validation import folds, left_out
 from .loop import Round
+from .model_discrepancy import blur
 from .refit import holds, refit_fully, spoilt
 from .score import score
 from .settings import DiagnosisSettings
@@ -76,10 +77,15 @@ class Preference(NamedTuple):
 
 
 def preference(here: TrialVerdict, others: Sequence[TrialVerdict], settings: DiagnosisSettings) -> Preference:
-    """Which of an effect and its rivals explains most; the effect itself where the best is a tie with it."""
+    """Which of an effect and its rivals explains most for its parameters, and which fit as well as that.
+
+    The effect itself stays where the best is a tie with it and BIC does not choose between the two either: a formula
+    with more parameters may fit as well as the right one.
+    """
     every = (here, *others)
     best = min(every, key=lambda v: v.bic_change)
-    best = here if alike(here, best, settings) else best
+    even = here.bic_change - best.bic_change < settings.tied_likelihood
+    best = here if even and alike(here, best, settings) else best
     ties = (k for k, v in enumerate(every) if v is not best and alike(v, best, settings))
     return Preference(next(k for k, v in enumerate(every) if v is best), tuple(ties))
 
@@ -148,14 +154,34 @@ class Pruned(NamedTuple):
     sentences: tuple[str, ...]
 
 
-def pruned(s: CandidateModel, report: Report) -> Pruned:
-    """Take away each added effect but the last whose parameters are no longer worth it, later effects at work."""
+def pruned(s: CandidateModel, first_chi2_per_dof: float, report: Report) -> Pruned:
+    """Take away each added effect but the last that is no longer worth its parameters, later effects at work, or does
+    no more than inexact formulas of the others would leave.
+
+    Args:
+        s: the model.
+        first_chi2_per_dof: of the first fit.
+        report: progress in words.
+    """
     words = []
     for effect in s.added[:-1]:
         report(f"trying without {effect.name}", 0.9)
         less, here = s.without(effect).optimised(), score(s)
         change = -bic_change(score(less), here, Cost(len(resting(effect)), 1))
-        if change < 0.0 and not spoilt(new := refit_fully(less, report), s):
-            words.append(f"{effect.name} was taken away again: what came after explains it (BIC {change:+.1f}).")
+        gone = idle(change, less.chi2 - s.chi2, blur(first_chi2_per_dof, less))
+        if gone and not spoilt(new := refit_fully(less, report), s):
+            rest = "" if change < 0.0 else ", but for no more than inexact formulas leave"
+            words.append(f"{effect.name} was taken away again: what came after explains it{rest} (BIC {change:+.1f}).")
             s = new
     return Pruned(s, tuple(words))
+
+
+def idle(bic_change: float, lost: float, blurred: float) -> bool:
+    """Whether an effect may go: it is not worth its parameters, or does no more than inexact formulas may leave.
+
+    Args:
+        bic_change: of taking it away; below 0 where the model is better without.
+        lost: rise of chi2 without it.
+        blurred: chi2 that inexact formulas of the other effects may leave.
+    """
+    return bic_change < 0.0 or lost < blurred

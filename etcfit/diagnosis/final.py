@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import replace
 
 from ..estimation.accuracy import with_accuracy
@@ -11,19 +10,20 @@ from ..estimation.remedies import listed
 from ..estimation.result import FitResult, Optimum, Termination, outcome
 from .ambiguity import between
 from .candidate_model import CandidateModel
-from .exchange import Found
 from .model_discrepancy import percent_off, spread
+from .rounds import Progress
 
 
-def final_fit(result: FitResult, s: CandidateModel, found: Sequence[Found], report: Report) -> FitResult:
+def final_fit(result: FitResult, progress: Progress, report: Report) -> FitResult:
     """The final model as the result of a fit; the first fit itself where nothing was added.
 
     Args:
         result: the first fit.
-        s: the final model; one that was guided along the data is let run free.
-        found: what is known of its effects.
-        report: progress.
+        progress: the final model, where one that was guided along the data is let run free, and what is known of its
+            effects.
+        report: progress in words.
     """
+    s = progress.model
     if not s.added:
         return result  # a guided optimum let run free may end worse than the fit that began free
     s = s.lean()
@@ -34,15 +34,21 @@ def final_fit(result: FitResult, s: CandidateModel, found: Sequence[Found], repo
         end = Termination(True, "best free run found from the optimum of the guided residual", far=True)
     optimum = Optimum(result.rig, result.readings, problem, s.held_out, weighted, x, end, settings=result.settings)
     after = outcome(optimum)
-    return with_accuracy(_widened(after, s, [each for each in found if s.at_work(each.effect) and each.ties]))
+    return with_accuracy(_widened(after, s, progress))
 
 
-def _widened(after: FitResult, s: CandidateModel, tied: Sequence[Found]) -> FitResult:
+def _widened(after: FitResult, s: CandidateModel, progress: Progress) -> FitResult:
     """The fit with a covariance that allows for ties and for inexact formulas, and a remark on each."""
-    unsure = between(s.problem.layout.free, (tie for each in tied for tie in each.ties.values()))
+    tied = [each for each in progress.found if s.at_work(each.effect) and each.ties]
+    even = progress.beside_ties
+    unsure = between(s.problem.layout.free, [*(tie for each in tied for tie in each.ties.values()), *even.values()])
     remarks = [
         f"Intervals allow for {each.effect.name} being {listed(e.name for e in each.ties)} instead: a tie."
         for each in tied
+    ]
+    remarks += [
+        f"Intervals allow for {listed(sorted(e.name for e in effects))} being what is missing instead: BIC is even."
+        for effects in even
     ]
     formulas, allowed = (), spread(s)
     if allowed.any():

@@ -136,6 +136,22 @@ class Tie:
 
 
 @dataclass(frozen=True)
+class SetTried:
+    """A set of effects that was refitted beside the one that the rounds found.
+
+    Args:
+        effects: names.
+        bic_change: of taking it in place of the rounds' own set; None where they do not compare, for one of the two is
+            far from its data or has an effect that is not worth its parameters.
+        taken: whether it was.
+    """
+
+    effects: tuple[str, ...]
+    bic_change: float | None
+    taken: bool
+
+
+@dataclass(frozen=True)
 class RigMistake:
     """Something wrong with the rig, or a habit of it, that was found in its traces.
 
@@ -227,6 +243,7 @@ class Diagnosis:
         rounds: each turn of the loop, the last of which adds nothing.
         added: effects in the order found; without those that were taken away again or are in doubt.
         removed: a sentence for each effect that gave way to another or was taken away again.
+        sets: of effects, refitted beside what the rounds found.
         ties: effects that cannot be told apart.
         unexplained: what no effect explains; None where the residual is noise.
         motions: missing torque and voltage along the measured motion.
@@ -246,6 +263,7 @@ class Diagnosis:
     ties: tuple[Tie, ...]
     unexplained: Unexplained | None
     motions: tuple[Motion, ...] = field(repr=False)
+    sets: tuple[SetTried, ...] = ()
     rig: tuple[RigMistake, ...] = ()
     probabilities: Mapping[str, float] = field(default_factory=dict)
     verdict: tuple[str, ...] = ()

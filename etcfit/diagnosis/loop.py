@@ -5,19 +5,20 @@ from __future__ import annotations
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 
 from ..estimation.joint_fit import Report
 from .candidate_model import CandidateModel
-from .choice import Choice, choose, deserves_second_trial, nothing_to_read, promising, stands, worth_a_look
+from .choice import Choice, deserves_second_trial, in_turn, nothing_to_read, promising, stands, worth_a_look
 from .composition import Effect, is_of_the_rig
 from .cross_validation import folds, left_out
 from .late import screen_of_late
 from .model_discrepancy import inexact
 from .refit import holds, refit_fully
 from .score import Score, score
-from .screen import Background, Signature, screen, screen_of_the_rig
+from .screen import Background, Signature, ranked, screen, screen_of_the_rig
 from .trial import Trial, second_trial, tried
 
 
@@ -31,6 +32,7 @@ class Round:
         screened: every candidate's signature, the most promising first; none where what is left is not worth a look.
         trials: of the candidates refitted, the lowest BIC first.
         choice: what is added, and why.
+        instead: choices that would follow, were the effects before each of them not there.
     """
 
     before: CandidateModel
@@ -38,6 +40,7 @@ class Round:
     screened: tuple[Signature, ...]
     trials: tuple[Trial, ...]
     choice: Choice
+    instead: tuple[Choice, ...] = ()
 
     @property
     def added(self) -> Effect | None:
@@ -78,12 +81,24 @@ def turn(s: CandidateModel, report: Report, blur: float = 0.0) -> Round:
         trials = _cross_validated(s, trials)
     # far from the data every sample is weighed by what is left in it, so chi2 says nothing of noise
     noise = np.inf if s.far else samples + blur
-    choice = choose([t.verdict for t in trials], s.settings, before.chi2 - blur, noise)
-    return Round(s, before, signatures, tuple(trials), choice)
+    choices = in_turn([t.verdict for t in trials], s.settings, before.chi2 - blur, noise)
+    return Round(s, before, signatures, tuple(trials), choices[0], choices[1:])
 
 
 def screened(s: CandidateModel, candidates: Sequence[Effect]) -> tuple[Signature, ...]:
-    """Every candidate's signature, the most promising first.
+    """Every candidate's best signature, the most promising first."""
+    return ranked(measured(s, candidates).signatures)
+
+
+class Measured(NamedTuple):
+    """Signatures of every variant of some candidates, and the residual's background that they were taken before."""
+
+    background: Background
+    signatures: Sequence[Signature]
+
+
+def measured(s: CandidateModel, candidates: Sequence[Effect]) -> Measured:
+    """What every variant of the candidates would do to the residual.
 
     What the fitted parameters can do is taken from the lean model, which costs less and gives equal numbers; and with
     them what the rig's effects would do, which act around the throttle and are cheap all at once.
@@ -100,7 +115,7 @@ def screened(s: CandidateModel, candidates: Sequence[Effect]) -> tuple[Signature
         found += screen_of_the_rig(background, rigged.problem, rigged.x, rigged.weighted, of_the_rig)
     if late:
         found += screen_of_late(background, s.problem, s.x, s.weighted, late)
-    return tuple(sorted(found, key=lambda g: -g.gain))
+    return Measured(background, found)
 
 
 def _cross_validated(s: CandidateModel, trials: Sequence[Trial]) -> list[Trial]:
@@ -142,10 +157,15 @@ def _asked_again(s: CandidateModel, trial: Trial, before: Score, report: Report)
 
 
 def settled(turned: Round, report: Report) -> tuple[Round, CandidateModel]:
-    """The round and the model after it: refitted in full with the effect added, or the one before if that is worse."""
+    """The round and the model after it: refitted in full with the effect added, or with the next that stands where
+    that is worse than the model before; that model itself where all are."""
     if turned.added is None:
         return turned, turned.before
-    new = refit_fully(turned.best.model, report)
-    if holds(new, turned.before, turned.score):
-        return turned, new
-    return replace(turned, choice=turned.choice.spoilt()), turned.before
+    words = ""
+    for choice in (turned.choice, *turned.instead):
+        attempt = replace(turned, choice=replace(choice, why=f"{words}{choice.why}"), instead=())
+        new = refit_fully(attempt.best.model, report)
+        if holds(new, turned.before, turned.score):
+            return attempt, new
+        words = f"{attempt.choice.spoilt().why} "
+    return replace(turned, choice=turned.choice.spoilt(), instead=()), turned.before

@@ -54,11 +54,10 @@ def probabilities(
 
 
 def _left(named: bool, curve: bool, noise: bool, settings: DiagnosisSettings) -> float:
-    """That something is left which has no name: as likely as not where names leave more than noise, for their formulas
-    are not exact."""
+    """Probability that something is left which has no name."""
     if curve or not (named or noise):
         return 1.0 - settings.lapse
-    return settings.lapse if noise else 0.5
+    return settings.lapse if noise else settings.left_beside_names
 
 
 def _in_round(each: RoundReport, settings: DiagnosisSettings) -> dict[str, float]:

@@ -83,7 +83,9 @@ def _reweighed(s: CandidateModel, held_out: tuple[Trace, ...]) -> CandidateModel
 def refit_fully(s: CandidateModel, report: Report) -> CandidateModel:
     """The model refitted in full: through the rounds of whitening where it comes near the data.
 
-    Where it does not, its guided residual is minimised; where those rounds spoil it, they begin anew from its x.
+    Where it does not, its guided residual is minimised; where those rounds spoil it, they begin anew from its x. So
+    they do for a model that was near, before it is called far: one wrong stick spoils the rest of a free run, which a
+    whitened residual forgives.
     """
     problem = s.problem.reprepared(s.x)
     weighted = problem.weighted(weights.forgiving(problem))
@@ -93,6 +95,8 @@ def refit_fully(s: CandidateModel, report: Report) -> CandidateModel:
         x = min(x, approach(problem, s.x, tolerance)[0], key=lambda end: problem.chi2(end, weighted))
     limit = s.settings.near_chi2_per_dof if s.far else MISFIT
     if problem.chi2(x, weighted) / max(1.0, weighted.samples - x.size) > limit:
+        if not s.far and not spoilt(new := _in_rounds(s, problem, s.x, report), s):
+            return new
         end = Termination(True, "optimum of the guided residual", far=True)
         return _reweighed(whitened(s, problem, s.held_out, s.x, end), s.held_out)
     new = _in_rounds(s, problem, x, report)

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
 
 from ..estimation.joint_fit import Report
 from ..estimation.remedies import listed
 from ..estimation.result import FitResult
+from .ambiguity import Apart
 from .candidate_model import CandidateModel
+from .composition import Effect
 from .evidence import evidence
 from .exchange import Found
 from .findings import Candidate, RoundReport
@@ -25,16 +28,25 @@ class Progress:
         found: the effects added, in the order found.
         rounds: those made.
         changed: a sentence for each effect that gave way to another or was taken away again.
+        even: other sets of effects that these data do not choose against, and how far their fits are.
     """
 
     model: CandidateModel
     found: tuple[Found, ...] = ()
     rounds: tuple[RoundReport, ...] = ()
     changed: tuple[str, ...] = ()
+    even: Mapping[frozenset[Effect], Apart] = field(default_factory=dict)
+
+    @property
+    def beside_ties(self) -> dict[frozenset[Effect], Apart]:
+        """Of the even sets those that differ from the model's own by more than what is said to be a tie."""
+        here = frozenset(self.model.added)
+        tied = [frozenset((each.effect, *each.ties)) for each in self.found]
+        return {s: apart for s, apart in self.even.items() if not any(s ^ here <= group for group in tied)}
 
     def back_to(self, first: CandidateModel, *words: str) -> Progress:
         """With the first model in place of the one reached."""
-        return replace(self, model=first, changed=(*self.changed, *words))
+        return replace(self, model=first, changed=(*self.changed, *words), even={})
 
 
 def forward(result: FitResult, progress: Progress, report: Report) -> Progress:

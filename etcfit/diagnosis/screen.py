@@ -237,8 +237,8 @@ def screen(
     x: np.ndarray,
     weighted: WeightedData,
     candidates: Sequence[Effect],
-) -> tuple[Signature, ...]:
-    """Every candidate's best variant, the most promising first.
+) -> list[Signature]:
+    """The signature of every variant of every candidate.
 
     Args:
         background: of that model and residual, lean or composed.
@@ -248,7 +248,7 @@ def screen(
     every = [variant for effect in candidates for variant in variants(effect)]
     columns = tangents(problem, x, weighted, every) if every else []
     parameters = {p.symbol: p for p in problem.layout.parameters}
-    return ranked([background.signature(v, c, parameters) for v, c in zip(every, columns, strict=True)])
+    return [background.signature(v, c, parameters) for v, c in zip(every, columns, strict=True)]
 
 
 def screen_of_the_rig(
@@ -257,8 +257,8 @@ def screen_of_the_rig(
     x: np.ndarray,
     weighted: WeightedData,
     candidates: Sequence[Effect],
-) -> tuple[Signature, ...]:
-    """The signature of every candidate that acts around the throttle, the most promising first.
+) -> list[Signature]:
+    """The signature of every candidate that acts around the throttle.
 
     Their tangents are columns of ONE Jacobian, that of the lean model with all of them free.
 
@@ -276,13 +276,11 @@ def screen_of_the_rig(
         return jacobian[:, k] * parameters[symbol].domain.scale / slope[k]
 
     every = [Variant(e, {}, tuple(s for s in resting(e) if s in layout.free)) for e in candidates]
-    return ranked(
-        [
-            background.signature(v, np.stack([column(s) for s in v.amplitudes], axis=1), parameters)
-            for v in every
-            if v.amplitudes
-        ]
-    )
+    return [
+        background.signature(v, np.stack([column(s) for s in v.amplitudes], axis=1), parameters)
+        for v in every
+        if v.amplitudes
+    ]
 
 
 def ranked(signatures: Sequence[Signature]) -> tuple[Signature, ...]:

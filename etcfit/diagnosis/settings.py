@@ -5,36 +5,9 @@ Bounds of formulas, numerical ranks and sizes of memory are no policy: they are 
 
 from __future__ import annotations
 
-import math
-from collections.abc import Callable
-from dataclasses import dataclass, field, fields
-from typing import Any
+from dataclasses import dataclass
 
-
-@dataclass(frozen=True)
-class Allowed:
-    """The values that a setting may have.
-
-    Args:
-        words: the range, as an error message says it.
-        holds: whether a number lies in it; False for NaN.
-    """
-
-    words: str
-    holds: Callable[[float], bool]
-
-
-POSITIVE = Allowed("greater than 0", lambda value: 0.0 < value < math.inf)
-NOT_NEGATIVE = Allowed("0 or more", lambda value: 0.0 <= value < math.inf)
-NOT_POSITIVE = Allowed("0 or less", lambda value: -math.inf < value <= 0.0)
-AT_LEAST_ONE = Allowed("1 or more", lambda value: 1.0 <= value < math.inf)
-SHARE = Allowed("from 0 to 1", lambda value: 0.0 <= value <= 1.0)
-PART = Allowed("greater than 0 and less than 1", lambda value: 0.0 < value < 1.0)
-
-
-def _setting(default: float, allowed: Allowed) -> Any:
-    """A field of the settings; one whose default is an int takes whole numbers only."""
-    return field(default=default, metadata={"allowed": allowed})
+from ..ranges import check_ranges, real, whole
 
 
 @dataclass(frozen=True)
@@ -53,148 +26,149 @@ class DiagnosisSettings:
 
     # ---- the loop
 
-    rounds: int = _setting(8, AT_LEAST_ONE)
+    rounds: int = whole(8, 1)
     """Most rounds; each adds one effect at most."""
-    refits: int = _setting(4, AT_LEAST_ONE)
+    refits: int = whole(4, 1)
     """Most effects of the throttle refitted in one round, the most promising first."""
-    rig_refits: int = _setting(3, AT_LEAST_ONE)
+    rig_refits: int = whole(3, 1)
     """Most effects of the rig refitted in one round beside them; and of those with which the joint fit is made anew,
     where the model stays far from its data."""
-    refits_side_by_side: int = _setting(2, AT_LEAST_ONE)
+    refits_side_by_side: int = whole(2, 1)
     """Refits that run at a time, in threads; changes the time taken, never the result."""
 
     # ---- which candidates are worth a refit
 
-    least_promise: float = _setting(0.3, SHARE)
+    least_promise: float = real(0.3, 0.0, 1.0)
     """Share of the fall in -2 log likelihood that BIC would ask, which the score test must promise."""
-    rival_promise: float = _setting(0.3, SHARE)
+    rival_promise: float = real(0.3, 0.0, 1.0)
     """Share of the largest promise of the round that another candidate must exceed."""
-    rival_promise_far: float = _setting(0.1, SHARE)
+    rival_promise_far: float = real(0.1, 0.0, 1.0)
     """That share far from the data, where a linear promise is a rough one."""
 
     # ---- what is evidence
 
-    strong_bic_change: float = _setting(-10.0, NOT_POSITIVE)
+    strong_bic_change: float = real(-10.0, high=0.0)
     """Change of BIC below which an effect is worth its parameters (Kass and Raftery 1995: very strong evidence)."""
-    least_part: float = _setting(0.2, NOT_NEGATIVE)
+    least_part: float = real(0.2, 0.0)
     """Fall of chi2 over what the effect leaves above the noise; one that explains less imitates something else."""
-    tied_likelihood: float = _setting(6.0, NOT_NEGATIVE)
+    tied_likelihood: float = real(6.0, 0.0)
     """Difference in -2 log likelihood below which two effects explain the data equally well."""
 
     # ---- what the traces held out may lose
 
-    trial_rise: float = _setting(0.02, NOT_NEGATIVE)
+    trial_rise: float = real(0.02, 0.0)
     """Allowed relative rise of the held-out free-run RMS in a trial: 2 %, a slip that falls on another sample."""
-    refit_rise: float = _setting(0.2, NOT_NEGATIVE)
+    refit_rise: float = real(0.2, 0.0)
     """Allowed relative rise of the held-out free-run RMS after a full refit, and of the final model run free: 20 %."""
-    far_rise: float = _setting(2.0, NOT_NEGATIVE)
+    far_rise: float = real(2.0, 0.0)
     """Allowed relative rise far from the data: 200 %, for there the free run itself is not what was fitted."""
-    spared_gain: float = _setting(0.01, SHARE)
+    spared_gain: float = real(0.01, 0.0, 1.0)
     """Held-out chi2 may rise by this share of what chi2 of the fitted traces falls: they may not show the effect."""
-    folds: int = _setting(3, AT_LEAST_ONE)
+    folds: int = whole(3, 1)
     """Groups of traces left out in turn where rig.toml holds none out."""
-    fold_tolerance: float = _setting(1e-3, POSITIVE)
+    fold_tolerance: float = real(1e-3, above=0.0)
     """Relative change of chi2 that ends a refit without one group."""
 
     # ---- trials
 
-    trial_tolerance: float = _setting(1e-3, POSITIVE)
+    trial_tolerance: float = real(1e-3, above=0.0)
     """Relative change of chi2 that ends the refit of a trial."""
-    steepest_start: float = _setting(3.0, AT_LEAST_ONE)
+    steepest_start: float = real(3.0, 1.0)
     """Chi2 with which a trial may begin, over that of the model without the effect."""
-    start_halvings: int = _setting(8, NOT_NEGATIVE)
+    start_halvings: int = whole(8, 0)
     """How often the amplitudes are halved at most until a trial begins below that."""
-    second_trial_share: float = _setting(0.5, SHARE)
+    second_trial_share: float = real(0.5, 0.0, 1.0)
     """Share of chi2 above the noise which a contradicted effect must explain to be judged again after a full refit."""
 
     # ---- full refits
 
-    refit_tolerance: float = _setting(1e-4, POSITIVE)
+    refit_tolerance: float = real(1e-4, above=0.0)
     """Relative change of chi2 that ends the descent before the first whitening."""
-    near_chi2_per_dof: float = _setting(10.0, POSITIVE)
+    near_chi2_per_dof: float = real(10.0, above=0.0)
     """Chi2 per degree of freedom below which a model that was far from the data counts as near them."""
-    whitening_rounds: int = _setting(10, AT_LEAST_ONE)
+    whitening_rounds: int = whole(10, 1)
     """Most rounds of whitening and refitting."""
-    still: float = _setting(0.2, POSITIVE)
+    still: float = real(0.2, above=0.0)
     """A round of whitening that moves no parameter by more standard errors is the last."""
-    reweighings: int = _setting(2, AT_LEAST_ONE)
+    reweighings: int = whole(2, 1)
     """How often the samples are weighed by what is left in them, far from the data."""
-    worse_chi2: float = _setting(1.5, AT_LEAST_ONE)
+    worse_chi2: float = real(1.5, 1.0)
     """Chi2 per sample after a full refit over that before, from which on the refit is refused."""
 
     # ---- looking back
 
-    exchange_rival: float = _setting(0.5, SHARE)
+    exchange_rival: float = real(0.5, 0.0, 1.0)
     """Share of the fall of chi2 of the effect added that another must exceed to be asked again in the final model."""
+
+    # ---- sets of effects
+
+    pair_refits: int = whole(2, 0)
+    """Most pairs of effects refitted beside what the rounds found, the most promising first; 0: none."""
 
     # ---- formulas that are not exact
 
-    formula_ceiling: float = _setting(0.04, NOT_NEGATIVE)
+    formula_ceiling: float = real(0.04, 0.0)
     """Chi2 that may be put down to an inexact formula: at most this share of the number of samples."""
-    formula_stretches: int = _setting(6, AT_LEAST_ONE)
+    formula_stretches: int = whole(6, 1)
     """Equal parts of a trace, over each of which the error of a formula is taken to be constant."""
 
     # ---- evidence of the residual
 
-    white_p: float = _setting(1e-4, PART)
+    white_p: float = real(1e-4, above=0.0, below=1.0)
     """p-value of a test for autocorrelation or correlation below which a residual is not white."""
-    large_rms: float = _setting(0.03, NOT_NEGATIVE)
+    large_rms: float = real(0.03, 0.0)
     """Excess of a residual's RMS over 1 sigma that a wrong estimate of the noise may explain."""
-    large_rms_deviations: float = _setting(5.0, NOT_NEGATIVE)
+    large_rms_deviations: float = real(5.0, 0.0)
     """Standard deviations of the RMS of white noise, 1/sqrt(2 n), that are allowed beside that excess."""
-    share_bins: int = _setting(24, Allowed("2 or more", lambda value: 2 <= value < math.inf))
+    share_bins: int = whole(24, 2)
     """Bins of equal count along an axis, whose means are the curve that takes a share of the variance away."""
-    share_samples: int = _setting(200, AT_LEAST_ONE)
+    share_samples: int = whole(200, 1)
     """Fewest samples from which such a share is read."""
-    share_told: float = _setting(0.05, SHARE)
+    share_told: float = real(0.05, 0.0, 1.0)
     """Share of the variance from which on it is spoken of."""
 
     # ---- the guide that draws the plate along the measured angle
 
-    guide_give: float = _setting(0.01, PART)
+    guide_give: float = real(0.01, above=0.0, below=1.0)
     """How far the guide gives way to a torque as large as dry friction, over the travel that was measured."""
-    guide_bandwidth: float = _setting(15.0, POSITIVE)
+    guide_bandwidth: float = real(15.0, above=0.0)
     """Hz; bandwidth by which the guide's least stiffness is measured."""
-    guide_bandwidth_of_rate: float = _setting(0.1, PART)
+    guide_bandwidth_of_rate: float = real(0.1, above=0.0, below=1.0)
     """Most that this bandwidth may be, over the sample rate."""
-    guide_least: float = _setting(0.003, POSITIVE)
+    guide_least: float = real(0.003, above=0.0)
     """Least stiffness of the guide over J w^2, w its bandwidth: for plates with hardly any dry friction."""
-    guide_stable: float = _setting(0.3, PART)
+    guide_stable: float = real(0.3, above=0.0, below=1.0)
     """Most stiffness of the guide over that at which guide and coil would swing."""
 
     # ---- what has no name
 
-    curve_refits: int = _setting(1, AT_LEAST_ONE)
+    curve_refits: int = whole(1, 1)
     """Smooth curves refitted, the most promising first."""
-    name_keeps: float = _setting(0.9, PART)
+    name_keeps: float = real(0.9, above=0.0, below=1.0)
     """Share of the log-likelihood gained by a free curve which one effect must gain to keep its name."""
-    names_hold: float = _setting(0.8, SHARE)
+    names_hold: float = real(0.8, 0.0, 1.0)
     """Share of the log-likelihood gained by one curve which all effects together must gain to keep their names."""
-    curve_asked: float = _setting(1.5, NOT_NEGATIVE)
+    curve_asked: float = real(1.5, 0.0)
     """Chi2 per sample of the final model from which on it is asked whether one curve does more than all effects."""
 
     # ---- probabilities
 
-    bic_temper: float = _setting(10.0, AT_LEAST_ONE)
+    bic_temper: float = real(10.0, 1.0)
     """By how much a change of BIC overstates its evidence."""
-    lapse: float = _setting(0.1, PART)
+    lapse: float = real(0.1, above=0.0, below=1.0)
     """Probability that what was named is something else, however strong the evidence."""
-    missed: float = _setting(0.1, PART)
+    missed: float = real(0.1, above=0.0, below=1.0)
     """Probability that something is there of which nothing was found."""
+    left_beside_names: float = real(0.5, above=0.0, below=1.0)
+    """Probability that something without a name is left where the effects named leave more than noise: as likely as
+    not, for their formulas are not exact."""
 
     # ---- the final model
 
-    free_spread: float = _setting(0.1, POSITIVE)
+    free_spread: float = real(0.1, above=0.0)
     """Spread of the search for the best free run, in units of each coordinate's reach (1: a change of 100 %)."""
 
-    def __post_init__(self) -> None:
-        for each in fields(self):
-            value, allowed = getattr(self, each.name), each.metadata["allowed"]
-            whole = isinstance(each.default, int)
-            kind = int if whole else (int, float)
-            if isinstance(value, bool) or not isinstance(value, kind) or not allowed.holds(value):
-                number = "a whole number" if whole else "a number"
-                raise ValueError(f"DiagnosisSettings.{each.name} = {value!r}: it must be {number}, {allowed.words}.")
+    __post_init__ = check_ranges
 
     def rise_in_trial(self, far: bool) -> float:
         """Allowed relative rise of the held-out RMS in a trial."""

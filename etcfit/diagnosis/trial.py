@@ -124,7 +124,7 @@ def judged(effect: Effect, before: Score, s: CandidateModel, cost: Cost | None =
 
 def tried(s: CandidateModel, effect: Effect, values: Mapping[str, float], before: Score) -> Trial:
     """The trial of an effect that starts at `values` (SI by symbol), added to a model scored before."""
-    return judged(effect, before, s.trying(effect, values).optimised())
+    return judged(effect, before, s.trying((effect,), values).optimised())
 
 
 def second_trial(s: CandidateModel, full: CandidateModel, before: Score, effect: Effect) -> Trial:

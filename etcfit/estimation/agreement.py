@@ -13,7 +13,7 @@ from ..problem.problem import EstimationProblem
 from ..problem.residual import WeightedData
 from . import clusters, compromise
 from .compromise import Compromise
-from .contradiction import Comparison, Contradicting, Contradiction
+from .contradiction import Comparison, Contradicting, Contradiction, digits_apart
 from .disagreement import sides_of, undisputed
 from .identifiability import WIDE
 from .influence import Influence, influence, parts
@@ -184,8 +184,9 @@ def _alone(asked: _Asked, test: str) -> np.ndarray:
 
 
 def _sentence(each: Contradiction, unit: str) -> str:
+    digits = digits_apart(each.without, each.value)
     return (
-        f"{each.test} contradicts the other tests: without it {each.parameter} is {each.without:.3g} {unit} instead of "
-        f"{each.value:.3g} ({each.pull:+.2g} standard errors of noise alone). Look for what differs there: series "
-        "resistance, a sensor, wiring, temperature, or an effect that the model lacks."
+        f"{each.test} contradicts the other tests: without it {each.parameter} is {each.without:.{digits}g} {unit} "
+        f"instead of {each.value:.{digits}g} ({each.pull:+.2g} standard errors of noise alone). Look for what differs "
+        "there: series resistance, a sensor, wiring, temperature, or an effect that the model lacks."
     )

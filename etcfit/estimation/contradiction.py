@@ -10,6 +10,7 @@ rest tested anew.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
 
@@ -41,6 +42,19 @@ class Contradiction:
     without: float
     p: float
     share: float
+
+
+def digits_apart(one: float, other: float, least: int = 3, most: int = 8) -> int:
+    """Significant digits with which two numbers differ by more than their last one.
+
+    Args:
+        one, other: in one unit.
+        least, most: the digits are no fewer and no more.
+    """
+    gap, size = abs(one - other), max(abs(one), abs(other))
+    if not (math.isfinite(gap) and gap > 0.0):
+        return least
+    return min(max(least, 1 + math.ceil(math.log10(size / gap))), most)
 
 
 @dataclass(frozen=True, eq=False)

@@ -64,13 +64,13 @@ def with_edges_in_step(
         return None
     places = edge_places(problem, x)
     tests = dict.fromkeys(t.test.name for t in problem.batch.traces if _jumps(t))
-    shared = {test: _common(list(_of(places, problem, test)), settings) for test in tests}
+    shared = {test: common_phase(list(_of(places, problem, test)), settings) for test in tests}
     alike = {test: c for test, c in shared.items() if c is not None and c.agreement >= settings.agreement}
     if not any(common.chance <= settings.chance for common in alike.values()):
         return None
     places |= edge_places(problem.beside(tuple(held_out), x), x) if held_out else {}
     turned = tuple(
-        replace(m, edge_turn=_turns(m, places.get(m.file, ()), alike[m.test].phase, settings)) if m.test in alike else m
+        replace(m, edge_turn=turns(m, places.get(m.file, ()), alike[m.test].phase, settings)) if m.test in alike else m
         for m in rig.measurements
     )
     effects = [EdgePhase.at(Place(test)) for test in alike]
@@ -141,7 +141,7 @@ def _place(seen: Float[np.ndarray, " k"], paths: Sequence[Float[np.ndarray, " k"
     return share, float(np.sqrt(misfit * (power + np.sum(rate) ** 2 / before)) / power)
 
 
-class _Common(NamedTuple):
+class CommonPhase(NamedTuple):
     """What the edges of one test share.
 
     Args:
@@ -155,7 +155,7 @@ class _Common(NamedTuple):
     agreement: float
 
 
-def _common(places: Sequence[EdgePlace], settings: EdgesInStepSettings) -> _Common | None:
+def common_phase(places: Sequence[EdgePlace], settings: EdgesInStepSettings) -> CommonPhase | None:
     """The phase nearest to all but a few; None where too few edges say anything, or they plainly differ."""
     sure = [p for p in places if p.sd < settings.error]
     if len(sure) < 2:
@@ -175,10 +175,10 @@ def _common(places: Sequence[EdgePlace], settings: EdgesInStepSettings) -> _Comm
     agreement = float(stats.chi2.sf(np.sum((off / sd)[near] ** 2), near.sum() - 1))
     phase %= 1.0
     phase -= phase > 1.0 - settings.border
-    return _Common(phase, arc_chance(share[near]), agreement)
+    return CommonPhase(phase, arc_chance(share[near]), agreement)
 
 
-def _turns(
+def turns(
     measurement: Measurement, places: Sequence[EdgePlace], phase: float, settings: EdgesInStepSettings
 ) -> Float[np.ndarray, " n-1"]:
     """Of each edge of a trace the turn that brings the phase nearest to where it came; NaN where it keeps no step."""

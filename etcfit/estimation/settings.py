@@ -11,7 +11,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from .bounded import check_ranges, real, reals, whole
+from ..ranges import check_ranges, real, reals, whole
 
 
 @dataclass(frozen=True)

@@ -80,6 +80,7 @@ class Advice:
         sd: standard errors now, relative (of a factor, where a parameter is positive), shape (P,).
         options: best first.
         not_judged: tests that no trace can be simulated of, with the reason.
+        settings: what it was decided by.
     """
 
     rig: Rig
@@ -87,6 +88,7 @@ class Advice:
     sd: np.ndarray
     options: tuple[Option, ...]
     not_judged: tuple[tuple[str, str], ...]
+    settings: AdviceSettings = AdviceSettings()
 
 
 def advise(rig: Rig, x: np.ndarray | None = None, settings: AdviceSettings = AdviceSettings()) -> Advice:
@@ -95,7 +97,7 @@ def advise(rig: Rig, x: np.ndarray | None = None, settings: AdviceSettings = Adv
     Args:
         rig: a measurement folder.
         x: coordinates to judge at, shape (P,), say those of a fit; the paper's graph readings where not given.
-        settings: when a trace is said to tell two parameters apart.
+        settings: when a trace is said to tell two parameters apart, and how it would be made.
     Raises:
         MeasurementError: nothing can be fitted.
     """
@@ -110,10 +112,10 @@ def advise(rig: Rig, x: np.ndarray | None = None, settings: AdviceSettings = Adv
     judge = Judge(known.layout, x, information, settings)
     values = {s: float(v) for s, v in known.layout.values(x, known.held).items()}
     again = [_again(test.name, fitted, now, judge) for test in TESTS if test.name in {t.test.name for t in fitted}]
-    planned = list(_planned(problem, x, Setting.of(rig, values), judge))
+    planned = list(_planned(problem, x, Setting.of(rig, values, settings.plan), judge))
     options = sorted((*again, *planned), key=lambda option: option.mean)
     judged = {option.test for option in options}
-    return Advice(rig, known.layout.free, judge.sd, tuple(options), tuple(_not_judged(judged)))
+    return Advice(rig, known.layout.free, judge.sd, tuple(options), tuple(_not_judged(judged)), settings)
 
 
 @dataclass(frozen=True, eq=False)

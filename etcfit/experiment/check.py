@@ -14,18 +14,16 @@ from ..errors import MeasurementError
 from ..estimation.identifiability import Identifiability, analyse
 from ..estimation.joint_fit import ready, start_values
 from ..estimation.levenberg_marquardt import information_of
-from ..estimation.remedies import listed, sentence
+from ..estimation.remedies import listed, sentences
 from ..problem.free_parameters import Layout, free_parameters
 from ..problem.problem import EstimationProblem
+from ..problem.trace import Trace
 from ..rig.base import Channel, Measurement, Rig
 from ..rig.ecu import GAINS
 from ..rig.paper_readings import Readings, read_graphs
+from .settings import CheckSettings
 
-_SURE = 1e8  # information on a relative change of what is taken as known
-_GAP = 3.0  # median sampling intervals
-_REPEATS = 0.25  # of neighbouring samples that are equal: a livelier channel does not rest on one value by chance
-_RUN = 5  # equal samples in a row at the extreme, at least; and
-_RUN_SHARE = 0.005  # of the trace
+_SURE = 1e8  # information on a relative change of what is taken as known: far more than any data give
 
 
 @dataclass(frozen=True)
@@ -36,7 +34,7 @@ class Clock:
         samples, duration: rows; s.
         rate: 1/median interval, Hz.
         jitter: rms of interval/median - 1, gaps left out.
-        gaps: intervals longer than three medians.
+        gaps: intervals of more than `gap` medians.
         longest: the longest interval, s.
     """
 
@@ -98,6 +96,7 @@ class CheckResult:
         readings: the paper's graphs; None where they could not be read either.
         warnings: what a reader must know, `why_not` included.
         why_not: why there is no verdict, or "".
+        settings: what it was decided by.
     """
 
     rig: Rig
@@ -108,26 +107,29 @@ class CheckResult:
     warnings: tuple[str, ...]
     why_not: str = ""
     gains: tuple[str, ...] = ()
+    settings: CheckSettings = CheckSettings()
 
 
-def check(rig: Rig) -> CheckResult:
+def check(rig: Rig, settings: CheckSettings = CheckSettings()) -> CheckResult:
     """Look at a rig without fitting it.
 
     Args:
         rig: a measurement folder.
+        settings: what is odd about a clock or a channel.
     Raises:
         MeasurementError: rig.toml asks for what no fit can do.
     """
     free_parameters(rig.config)  # refuses what `fit` refuses; traces that cannot be fitted are shown all the same
-    traces = tuple(_trace(m) for m in rig.measurements)
+    traces = tuple(_trace(m, settings) for m in rig.measurements)
     try:
         judged = verdict(rig)
     except MeasurementError as error:
-        return CheckResult(rig, traces, None, (), None, rig.warnings, str(error))
+        return CheckResult(rig, traces, None, (), None, rig.warnings, str(error), settings=settings)
     found = judged.identifiability
-    words = tuple(sentence(d) for d in found.directions)
+    words = sentences(found.directions, judged.traces)
     warnings = (*rig.warnings, *judged.notes)
-    return CheckResult(rig, traces, found, words, judged.readings, warnings, gains=_were_gains_known(judged))
+    gains = _were_gains_known(judged)
+    return CheckResult(rig, traces, found, words, judged.readings, warnings, gains=gains, settings=settings)
 
 
 @dataclass(frozen=True, eq=False)
@@ -140,6 +142,7 @@ class Foresight:
         information: of the traces and the user's priors, shape (P, P).
         readings: the paper's graphs.
         notes: on traces left out.
+        traces: those to be fitted.
     """
 
     layout: Layout
@@ -147,6 +150,7 @@ class Foresight:
     information: np.ndarray
     readings: Readings
     notes: tuple[str, ...]
+    traces: tuple[Trace, ...]
 
     @cached_property
     def identifiability(self) -> Identifiability:
@@ -184,30 +188,33 @@ def verdict(rig: Rig) -> Foresight:
     readings = read_graphs(rig)
     x = known.layout.coordinates(start_values(known, readings))
     problem = EstimationProblem.of(rig.config, known, fitted).refined(x)
-    problem.compile_ahead(x)
+    problem.compile_linearised_ahead(x)
     problem = problem.with_integrator_states(x)
     weighted = problem.weighted(problem.kalman(x))
     jacobian = problem.linearise(x, weighted).jacobian
     rows = jacobian.reshape(-1, x.size)
     rows = rows[np.isfinite(rows).all(axis=1)]
-    return Foresight(known.layout, x, information_of(weighted.prior_sd[: x.size], rows), readings, notes)
+    information = information_of(weighted.prior_sd[: x.size], rows)
+    return Foresight(known.layout, x, information, readings, notes, fitted)
 
 
-def _trace(measurement: Measurement) -> TraceCheck:
-    channels = tuple(channel_check(name, c, measurement.time.size) for name, c in measurement.channels.items())
-    return TraceCheck(measurement.file, measurement.test, measurement.held_out, clock(measurement.time), channels)
+def _trace(measurement: Measurement, settings: CheckSettings) -> TraceCheck:
+    rows = measurement.time.size
+    channels = tuple(channel_check(name, c, rows, settings) for name, c in measurement.channels.items())
+    time = clock(measurement.time, settings)
+    return TraceCheck(measurement.file, measurement.test, measurement.held_out, time, channels)
 
 
-def clock(time: np.ndarray) -> Clock:
+def clock(time: np.ndarray, settings: CheckSettings = CheckSettings()) -> Clock:
     """Rate, jitter and gaps of a time base, s, shape (n,), n >= 2."""
     dt = np.diff(time)
     median = float(np.median(dt))
-    gap = dt > _GAP * median
+    gap = dt > settings.gap * median
     jitter = float(np.sqrt(np.mean((dt[~gap] / median - 1.0) ** 2)))
     return Clock(time.size, float(time[-1] - time[0]), 1.0 / median, jitter, int(gap.sum()), float(dt.max()))
 
 
-def channel_check(name: str, channel: Channel, rows: int) -> ChannelCheck:
+def channel_check(name: str, channel: Channel, rows: int, settings: CheckSettings = CheckSettings()) -> ChannelCheck:
     """One channel of a trace of so many rows."""
     size, logged = abs(channel.scale), channel.logged(channel.value)
     return ChannelCheck(
@@ -219,12 +226,12 @@ def channel_check(name: str, channel: Channel, rows: int) -> ChannelCheck:
         estimated=channel.sigma_estimated,
         quantum=channel.quantum / size,
         empty=rows - channel.value.size,
-        clipped=clipped(channel.value),
+        clipped=clipped(channel.value, settings),
         frozen=bool(np.ptp(channel.value) == 0.0),
     )
 
 
-def clipped(value: np.ndarray) -> int:
+def clipped(value: np.ndarray, settings: CheckSettings = CheckSettings()) -> int:
     """Samples that rest on the lowest or the highest value while the channel is lively everywhere else.
 
     A commanded staircase, or a quantised signal without noise, rests on many values; that is no saturation.
@@ -233,9 +240,9 @@ def clipped(value: np.ndarray) -> int:
     extreme = (value == low) | (value == high)
     same = np.diff(value) == 0.0
     elsewhere = ~extreme[1:]
-    if low == high or elsewhere.sum() < 4 * _RUN or same[elsewhere].mean() > _REPEATS:
+    if low == high or elsewhere.sum() < 4 * settings.run or same[elsewhere].mean() > settings.lively:
         return 0
-    least = max(_RUN, round(_RUN_SHARE * value.size))
+    least = max(settings.run, round(settings.run_share * value.size))
     return sum(run for run in _runs(extreme & np.concatenate(([False], same))) if run >= least)
 
 

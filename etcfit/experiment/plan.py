@@ -15,8 +15,6 @@ from ..rig import TEST_BY_NAME
 from ..rig.base import AbstractRigTest, Channel, Measurement
 from .setting import Setting
 
-_QUIET = 0.05  # s before anything happens
-
 
 @dataclass(frozen=True, eq=False)
 class Plan:
@@ -65,7 +63,7 @@ def viscous(s: Setting) -> Plan:
     """Gear apart, a jump to half the supply."""
     level, time = 0.5 * s.supply, _clock(1.0, 1000.0)
     says = f"motor alone, step to {level:.1f} V, 1 s at 1 kHz, speed logged"
-    return Plan("viscous", says, time, _step(time, _QUIET, level), s.rest)
+    return Plan("viscous", says, time, _step(time, s.settings.quiet, level), s.rest)
 
 
 def static_load(s: Setting) -> Plan:
@@ -79,9 +77,6 @@ PLANS: dict[str, Callable[[Setting], Plan]] = {
     plan.__name__: plan for plan in (resistance, inductance, back_emf, viscous, static_load, inertia)
 }
 
-_LOWEST, _BANDS = 0.3, (1.0, 4.0, 12.0)  # Hz
-_LEVELS = 3
-
 
 def sweeps(s: Setting) -> list[Plan]:
     """Driven responses to choose from: sine sweeps about half travel, of rising amplitude and band.
@@ -92,15 +87,16 @@ def sweeps(s: Setting) -> list[Plan]:
     middle = s.within(s.balance(0.5 * (s.rest + s.open)))
     most = min(s.friction + s.volts(s.values["K_s"] * 0.5 * (s.open - s.rest)), s.supply - abs(middle))
     least = min(1.2 * s.friction, 0.8 * most)
-    return [_sweep(s, middle, float(a), band) for a in np.geomspace(least, most, _LEVELS) for band in _BANDS]
+    amplitudes = np.geomspace(least, most, s.settings.levels)
+    return [_sweep(s, middle, float(a), band) for a in amplitudes for band in s.settings.bands]
 
 
 def _sweep(s: Setting, middle: float, amplitude: float, band: float) -> Plan:
     """middle + amplitude sin(phase), the frequency rising exponentially."""
-    time = _clock(s.duration, s.rate)
-    rate = np.log(band / _LOWEST) / s.duration
-    volts = middle + amplitude * np.sin(2.0 * np.pi * _LOWEST * np.expm1(rate * time) / rate)
-    says = f"sine sweep {_LOWEST:g} to {band:g} Hz in {s.duration:.1f} s, {middle:.2f} ± {amplitude:.2f} V"
+    time, lowest = _clock(s.duration, s.rate), s.settings.lowest
+    rate = np.log(band / lowest) / s.duration
+    volts = middle + amplitude * np.sin(2.0 * np.pi * lowest * np.expm1(rate * time) / rate)
+    says = f"sine sweep {lowest:g} to {band:g} Hz in {s.duration:.1f} s, {middle:.2f} ± {amplitude:.2f} V"
     return Plan("response", says, time, volts, s.rest)
 
 
@@ -132,9 +128,8 @@ def trace_of(plan: Plan, s: Setting) -> Trace:
 
 
 def _let_go(test: str, s: Setting) -> Plan:
-    return Plan(
-        test, "terminals open, plate let go from open, 0.5 s at 2 kHz", _clock(0.5, 2000.0), None, s.open, _QUIET
-    )
+    says, quiet = "terminals open, plate let go from open, 0.5 s at 2 kHz", s.settings.quiet
+    return Plan(test, says, _clock(0.5, 2000.0), None, s.open, quiet)
 
 
 def _clock(duration: float, rate: float) -> np.ndarray:

@@ -8,11 +8,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..rig.base import Rig, RigConfig
+from .settings import PlanSettings
 
-# noise of a sensor that this rig has not been seen with, SI: what a hobbyist's logger has
-USUAL = {"voltage": 0.01, "current": 0.01, "position": 0.002, "emf": 0.01, "motor_speed": 1.0}
-_SUPPLY = 12.0  # V
-_RATE, _DURATION = 1000.0, 4.0  # Hz, s
+# noise of a sensor that this rig has not been seen with, SI
+USUAL = PlanSettings().noise
 
 
 @dataclass(frozen=True, eq=False)
@@ -28,6 +27,7 @@ class Setting:
         rest: where the plate rests without a drive, rad.
         rate: at which driven plates are logged, Hz.
         duration: of such a log, s.
+        settings: of the plans.
     """
 
     config: RigConfig
@@ -38,10 +38,17 @@ class Setting:
     rest: float
     rate: float
     duration: float
+    settings: PlanSettings = PlanSettings()
 
     @classmethod
-    def of(cls, rig: Rig, values: Mapping[str, float]) -> Setting:
-        """From what was measured, as far as that tells."""
+    def of(cls, rig: Rig, values: Mapping[str, float], settings: PlanSettings = PlanSettings()) -> Setting:
+        """From what was measured, as far as that tells; the rest from the settings.
+
+        Args:
+            rig: a measurement folder.
+            values: of all parameters, SI, by symbol.
+            settings: what is taken for what was not measured.
+        """
         seen: dict[str, list[float]] = {}
         for trace in rig.measurements:
             for name, channel in trace.channels.items():
@@ -54,12 +61,13 @@ class Setting:
         return cls(
             config=rig.config,
             values=values,
-            supply=rig.config.supply_V or float(max(volts, default=_SUPPLY)),
-            noise=USUAL | own,
-            assumed=frozenset(USUAL) - frozenset(own),
+            supply=rig.config.supply_V or float(max(volts, default=settings.supply)),
+            noise=settings.noise | own,
+            assumed=frozenset(settings.noise) - frozenset(own),
             rest=float(np.clip(np.median(rests) if rests else 0.0, *rig.config.travel)),
-            rate=1.0 / float(np.median([np.median(np.diff(t)) for t in responses])) if responses else _RATE,
-            duration=float(np.median([np.ptp(t) for t in responses])) if responses else _DURATION,
+            rate=1.0 / float(np.median([np.median(np.diff(t)) for t in responses])) if responses else settings.rate,
+            duration=float(np.median([np.ptp(t) for t in responses])) if responses else settings.duration,
+            settings=settings,
         )
 
     @property

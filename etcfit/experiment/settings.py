@@ -1,10 +1,73 @@
-"""What the advice on the next measurement decides by."""
+"""What `check` and the advice on the next measurement decide by."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 
-from ..estimation.bounded import check_ranges, real
+from ..ranges import check_ranges, real, reals, whole
+
+
+@dataclass(frozen=True)
+class CheckSettings:
+    """What is odd about a clock or a channel.
+
+    Args:
+        gap: an interval of more median intervals than this is a gap.
+        lively: share of neighbouring samples that may be equal in a channel whose rest on one value means saturation.
+        run: samples in a row on the extreme value that count as clipped, at least.
+        run_share: such a run over the samples of the trace, at least.
+    """
+
+    gap: float = real(3.0, 1.0, 1e6)
+    lively: float = real(0.25, 0.0, 1.0)
+    run: int = whole(5, 1, 10**6)
+    run_share: float = real(0.005, 0.0, 1.0)
+
+    __post_init__ = check_ranges
+
+
+@dataclass(frozen=True)
+class PlanSettings:
+    """How a trace that does not exist yet would be made, as far as the rig's own traces do not tell.
+
+    Args:
+        quiet: before anything happens, s.
+        supply: where neither rig.toml nor a logged voltage tells it, V.
+        rate: at which a driven plate is logged where no response was, Hz.
+        duration: of such a log, s.
+        lowest: frequency at which a sine sweep begins, Hz.
+        bands: frequencies at which the sweeps to choose from end, Hz.
+        levels: amplitudes of the sweeps to choose from.
+        noise_voltage, noise_emf: standard deviation of one sample of a sensor that the rig has not been seen with, V;
+            what a hobbyist's logger has.
+        noise_current: likewise, A.
+        noise_position: likewise, rad.
+        noise_motor_speed: likewise, rad/s.
+    """
+
+    quiet: float = real(0.05, above=0.0, high=1.0)
+    supply: float = real(12.0, 0.1, 1e4)
+    rate: float = real(1000.0, 1.0, 1e6)
+    duration: float = real(4.0, 0.01, 1e4)
+    lowest: float = real(0.3, 1e-3, 1e3)
+    bands: tuple[float, ...] = reals((1.0, 4.0, 12.0), 1e-3, 1e4)
+    levels: int = whole(3, 1, 100)
+    noise_voltage: float = real(0.01, above=0.0, high=1e3)
+    noise_current: float = real(0.01, above=0.0, high=1e3)
+    noise_position: float = real(0.002, above=0.0, high=1.0)
+    noise_emf: float = real(0.01, above=0.0, high=1e3)
+    noise_motor_speed: float = real(1.0, above=0.0, high=1e4)
+
+    def __post_init__(self) -> None:
+        check_ranges(self)
+        if min(self.bands) <= self.lowest:
+            raise ValueError(f"PlanSettings.bands = {self.bands!r}: each must be greater than lowest, {self.lowest:g}.")
+
+    @property
+    def noise(self) -> dict[str, float]:
+        """Standard deviation of one sample by channel, SI."""
+        channels = ("voltage", "current", "position", "emf", "motor_speed")
+        return {channel: getattr(self, f"noise_{channel}") for channel in channels}
 
 
 @dataclass(frozen=True)
@@ -17,9 +80,11 @@ class AdviceSettings:
     Args:
         entangled: rho^2 above which two parameters are said to be entangled; dimensionless.
         apart: share of 1 / (1 - rho^2) that may be left if a trace is to be said to separate them; dimensionless.
+        plan: how the trace would be made.
     """
 
     entangled: float = real(0.5, 0.0, 1.0)
     apart: float = real(0.9, 0.0, 1.0)
+    plan: PlanSettings = PlanSettings()
 
     __post_init__ = check_ranges

@@ -126,7 +126,12 @@ def logged_late(signal: Float[AnyArray, "T L"], steps: Step, resets: Reset, late
 
 
 def late_inputs(steps: Step, resets: Reset, delay: Scalar) -> Step:
-    """The batch with voltage and torque acting late; each step keeps the mean of what acts in it, jumps included."""
+    """The batch with voltage and torque acting late; each step keeps the mean of what acts in it, jumps included.
+
+    Args:
+        steps, resets: the batch, shape (T, L) each.
+        delay: s, >= 0; before a trace began its first level acted.
+    """
     as_logged = steps.voltage0, steps.voltage1, steps.torque0, steps.torque1
     acting = jax.lax.cond(delay > 0.0, lambda _: _acting(steps, resets, delay), lambda logged: logged, as_logged)
     return steps._replace(**dict(zip(("voltage0", "voltage1", "torque0", "torque1"), acting, strict=True)))

@@ -12,7 +12,8 @@ from .parameters import Scalar
 
 
 class Ecu(NamedTuple):
-    """A controller's own limits; data to compiled functions, so that another one compiles nothing.
+    """What limits a discrete controller, its gains apart. An argument of compiled programs: another one compiles
+    nothing.
 
     Args:
         period: of its clock, s.
@@ -37,7 +38,8 @@ class Ecu(NamedTuple):
 
     @property
     def constants(self) -> dict[str, float]:
-        """Parameters of `effects.controller`, never fitted, SI by symbol; the steps of its converters are not in it."""
+        """Its limits as parameters of `effects.controller`, never fitted: SI by symbol; those of its converters are not
+        modelled there."""
         return {"t_e": self.period, "tau_e": self.filter, "t_l": self.delay, "V_e": self.supply}
 
 
@@ -81,12 +83,23 @@ class Notation:
         return f"{self.unit}, {self.form}"
 
     def units(self, ecu: Ecu, travel: float) -> Terms:
-        """One unit of each gain in SI, where the travel has so many rad."""
+        """One unit of each gain in SI.
+
+        Args:
+            ecu: its period and supply.
+            travel: of the plate, rad.
+        """
         volts = {"V": 1.0, "%": ecu.supply / 100.0}[self.output]
         angle = {"rad": 1.0, "deg": math.pi / 180.0, "%": travel / 100.0}[self.error]
         tick = {"seconds": 1.0, "ticks": ecu.period}[self.form]
         return Terms(volts / angle, volts / angle / tick, volts / angle * tick)
 
     def written(self, gains: tuple[Scalar, Scalar, Scalar], ecu: Ecu, travel: float) -> Terms:
-        """Kp, Ki and Kd (V/rad, V/(rad s), V s/rad) as this ECU writes them."""
+        """Gains as this ECU writes them.
+
+        Args:
+            gains: Kp (V/rad), Ki (V/(rad s)) and Kd (V s/rad).
+            ecu: its period and supply.
+            travel: of the plate, rad.
+        """
         return Terms(*(gain / unit for gain, unit in zip(gains, self.units(ecu, travel), strict=True)))

@@ -118,10 +118,14 @@ def closed_form(values: Mapping[str, Scalar], gear_ratio: Scalar) -> Float[Array
 def coefficients(
     throttle: Throttle, theta: Scalar, gear_ratio: Scalar, lower: Scalar, upper: Scalar
 ) -> Float[Array, " 4"]:
-    """The same by differentiating the model, effects beyond Eqs. 1-2 included, about a plate held at theta (rad).
+    """b0, a2, a1, a0 of a model with any effects, linearised about a plate held at theta, rad/V, shape (4,).
 
-    The characteristic polynomial of A is s^3 - tr A s^2 + (tr^2 A - tr A^2)/2 s - det A. The current is the one that
-    holds the plate against its springs; shape (4,).
+        dx/dt = A x + B v,    s^3 - tr A s^2 + (tr^2 A - tr A^2)/2 s - det A,    b0 = A[omega, i] B[i]
+
+    Args:
+        throttle: the model.
+        theta: rad; the current is the one that holds the plate there against its springs.
+        gear_ratio, lower, upper: of the rig; rad.
     """
     current, volts = holding(throttle, theta, gear_ratio, lower, upper)
     u = _inputs(volts, gear_ratio, lower, upper)
@@ -146,7 +150,13 @@ def sensor_lag(throttle: Throttle) -> Scalar:
 def holding(
     throttle: Throttle, theta: Scalar, gear_ratio: Scalar, lower: Scalar, upper: Scalar
 ) -> tuple[Float[Array, ""], Float[Array, ""]]:
-    """Current (A) and voltage (V) that hold the plate at theta (rad) in the middle of its dry friction."""
+    """Current (A) and voltage (V) that hold the plate at theta (rad) in the middle of its dry friction.
+
+    Args:
+        throttle: the model.
+        theta: rad.
+        gear_ratio, lower, upper: of the rig; rad.
+    """
     return holding_against(throttle, theta, 0.0, gear_ratio, lower, upper)
 
 
@@ -156,12 +166,12 @@ _NEWTON = 12
 def holding_against(
     throttle: Throttle, theta: Scalar, share: Scalar, gear_ratio: Scalar, lower: Scalar, upper: Scalar
 ) -> tuple[Float[Array, ""], Float[Array, ""]]:
-    """Current and voltage at which the motor carries the springs and this share of the dry friction.
+    """Current (A) and voltage (V) at which the motor carries the springs and a share of the dry friction.
 
     Args:
         throttle: the model.
         theta: rad.
-        share: 1 where the plate is about to open, -1 where it is about to close, 0 in the middle.
+        share: of the dry friction: 1 where the plate is about to open, -1 where it is about to close, 0 in the middle.
         gear_ratio, lower, upper: of the rig; rad.
     """
     u = _inputs(0.0, gear_ratio, lower, upper)

@@ -24,10 +24,10 @@ taken entry by entry, since what steps one throttle also steps a batch of them."
 
 
 class AbstractDomain(abc.ABC):
-    """Where a parameter may lie: the map from an unconstrained coordinate x to its value, value = scale curve(x), and
-    back.
+    """Where a parameter may lie: value = scale curve(x), with x the unbounded coordinate that a fit moves.
 
-    `scale` is a typical magnitude, SI.
+    Attributes:
+        scale: a typical magnitude of the value, SI.
     """
 
     scale: float
@@ -35,10 +35,10 @@ class AbstractDomain(abc.ABC):
     @staticmethod
     @abc.abstractmethod
     def curve(x: Scalar) -> Scalar:
-        """Value of the coordinate x, both dimensionless; of arrays entry by entry."""
+        """value / scale at coordinate x, both dimensionless; of arrays entry by entry."""
 
     def value(self, x: Scalar) -> Scalar:
-        """Value in SI of the coordinate x (dimensionless)."""
+        """Value in SI at coordinate x (dimensionless)."""
         return self.scale * self.curve(x)
 
     @staticmethod
@@ -52,7 +52,8 @@ class AbstractDomain(abc.ABC):
 
     @abc.abstractmethod
     def inside(self, value: float) -> float:
-        """The nearest value at which the coordinate still moves the value: a fit that starts on a bound stays there."""
+        """The nearest value, SI, at which a change of the coordinate still changes it: a fit that starts on a bound
+        stays there."""
 
     @abc.abstractmethod
     def at_bound(self, value: float) -> bool:
@@ -64,7 +65,8 @@ _REACH = 12.0  # a positive parameter stays within exp(-12) and exp(12) of its s
 
 @dataclass(frozen=True)
 class Positive(AbstractDomain):
-    """value = scale exp(c tanh(x / c)) > 0, c = 12: a logarithm that cannot run away where the data say nothing."""
+    """value = scale exp(c tanh(x / c)) > 0, c = 12: a logarithm that saturates, so that it stays finite where the data
+    say nothing."""
 
     scale: float
 
@@ -94,9 +96,9 @@ _SOFTNESS = 0.02  # width of the bend at zero, in units of `scale`
 
 @dataclass(frozen=True)
 class NonNegative(AbstractDomain):
-    """value = scale (x + sqrt(x^2 + e^2))/2 with e = 0.02: straight away from zero, and never below it.
+    """value = scale (x + sqrt(x^2 + e^2))/2 with e = 0.02: about scale x above zero, and never below it.
 
-    A logarithm would run to minus infinity for a friction that is not there; here the coordinate stays finite
+    With a logarithm the coordinate of a friction that is not there would go to minus infinity. Here it stays finite,
     and the interval of a small but measurable value stays symmetric.
     """
 
@@ -154,9 +156,14 @@ DOMAINS: tuple[type[AbstractDomain], ...] = (Positive, NonNegative, Real)
 
 
 def curves(kinds: Int[AnyArray, " P"], x: Float[AnyArray, " P"]) -> Float[Array, " P"]:
-    """value / scale of many coordinates at once, shape (P,), each by the curve of its domain, an index into `DOMAINS`.
+    """value / scale of many coordinates at once.
 
-    The kinds are data: another choice of free parameters runs through the same compiled program.
+    Args:
+        kinds: domain of each, an index into `DOMAINS`, shape (P,). Data: another choice of free parameters runs through
+            the same compiled program.
+        x: coordinates, shape (P,), dimensionless.
+    Returns:
+        shape (P,), dimensionless.
     """
     out = x
     for k, domain in enumerate(DOMAINS):
@@ -165,7 +172,14 @@ def curves(kinds: Int[AnyArray, " P"], x: Float[AnyArray, " P"]) -> Float[Array,
 
 
 def log_flats(kinds: Int[AnyArray, " P"], x: Float[AnyArray, " P"]) -> Float[Array, " P"]:
-    """log |dq/dx| of many coordinates at once, shape (P,), q being what is flat in each one's domain."""
+    """log |dq/dx| of many coordinates at once, q the quantity with a flat prior in the domain of each.
+
+    Args:
+        kinds: domain of each, an index into `DOMAINS`, shape (P,).
+        x: coordinates, shape (P,), dimensionless.
+    Returns:
+        shape (P,).
+    """
     out = jnp.zeros_like(x)
     for k, domain in enumerate(DOMAINS):
         out = jnp.where(kinds == k, domain.log_flat(x), out)
@@ -194,7 +208,12 @@ class Parameter:
 
 
 def parameter(unit: str, domain: AbstractDomain, nominal: float, meaning: str, source: str) -> Any:
-    """Declare a field of an effect to be a parameter; its name is the symbol, unless the effect names it otherwise."""
+    """Declare a field of an effect to be a parameter.
+
+    Args:
+        unit, domain, nominal, meaning, source: see `Parameter`. The symbol is the field's name, unless the effect names
+            it otherwise.
+    """
     return dataclasses.field(metadata={"parameter": (unit, domain, nominal, meaning, source)})
 
 

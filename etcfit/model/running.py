@@ -14,7 +14,7 @@ from .parameters import AnyArray
 
 
 def running_sum(x: Float[AnyArray, "T ..."]) -> Float[Array, "T ..."]:
-    """sum_{j <= k} x_j."""
+    """sum_{j <= k} x_j along the first axis, unit and shape of x."""
 
     def add(total: Array, each: Array) -> tuple[Array, Array]:
         return (total := total + each), total
@@ -23,7 +23,7 @@ def running_sum(x: Float[AnyArray, "T ..."]) -> Float[Array, "T ..."]:
 
 
 def running_max(x: Float[AnyArray, "T ..."]) -> Float[Array, "T ..."]:
-    """max_{j <= k} x_j."""
+    """max_{j <= k} x_j along the first axis, unit and shape of x."""
 
     def higher(most: Array, each: Array) -> tuple[Array, Array]:
         return (most := jnp.maximum(most, each)), most

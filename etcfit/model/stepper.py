@@ -35,12 +35,12 @@ _OVERSHOOT = (1.0 - GAMMA) / GAMMA
 
 
 class Command(NamedTuple):
-    """What is asked of an ECU that is part of the model during one step.
+    """What an ECU that is part of the model is asked for during one step.
 
     Args:
         active: 1 where it drives the throttle.
-        begin, end: setpoint at begin and end, as late as its output acts, rad; linear in between.
-        rate: slope of the setpoint at once, rad/s.
+        begin, end: setpoint at begin and end, rad, as late as its output acts; linear in between.
+        rate: slope of the setpoint, rad/s, without that delay.
     """
 
     active: Scalar
@@ -54,12 +54,13 @@ class Command(NamedTuple):
 
 
 class Edge(NamedTuple):
-    """How the steps of an interval between samples follow the instant at which the input jumps, at a share s of it.
+    """How the steps of an interval between samples follow the instant of a jump of the input, at a share s of the
+    interval.
 
     Args:
-        turn: what the phase of the rig test's edges is to be added to for s, 0 or 1.
+        turn: 0 or 1: s = turn + phase of the rig test's edges (`rig_effects.edge_phase`).
         span: d dt / ds of the step, s: > 0 before the jump, < 0 after it, 0 where nothing jumps.
-        moves: d time / ds of its end, s.
+        moves: d time / ds of the step's end, s.
     """
 
     turn: Scalar
@@ -75,15 +76,16 @@ class Step(NamedTuple):
         voltage0, voltage1: terminal voltage at its begin and end, V; linear in between.
         torque0, torque1: motor torque at the plate where there is no electrical side, N m.
         time: since the trace began, at the end of the step, s.
-        mobile: 0 while the plate is held.
-        circuit: 0 where the terminals are open or there is no electrical side.
-        plate: 0 where the motor runs alone.
+        mobile: 0 while the plate is held, else 1.
+        circuit: 0 where the terminals are open or there is no electrical side, else 1.
+        plate: 0 where the motor runs alone, else 1.
         series: extra circuit resistance, ohm.
-        gear_ratio, lower, upper: of the rig; rad.
-        guide_stiffness, target0, target1: a guide, 0 in a free run: it draws the plate to the angle measured at
-            the step's begin and end (rad) by `guide_stiffness` V/rad at the terminals;
-        lever: and where there is no circuit by this torque for each of its volts, N m/V.
-        command: None where the model has no ECU in it: then there is nothing to compile of it.
+        gear_ratio: N, motor angle over plate angle.
+        lower, upper: end stops, rad.
+        guide_stiffness: of a guide along the measured angle, V/rad at the terminals; 0 in a free run.
+        target0, target1: measured angle at the step's begin and end, rad.
+        lever: torque of the guide for each of its volts where there is no circuit, N m/V.
+        command: for an ECU in the model; None where it has none.
         edge: None where no edge of the input is in step with the samples.
         trace: `number_of` the file of the trace; None where no batch was made of traces.
         duty: of a bridge whose supply was not logged, -1 to 1, 0 in other traces; None where there is none.
@@ -112,11 +114,11 @@ class Step(NamedTuple):
     duty: Scalar | None = None
 
     def guide(self, fraction: float, theta: Scalar) -> Scalar:
-        """What the guide asks for, V."""
+        """Voltage of the guide at a fraction of the step for a plate at theta (rad), V."""
         return self.guide_stiffness * (self.target0 + fraction * (self.target1 - self.target0) - theta)
 
     def inputs(self, fraction: float) -> Inputs:
-        """The inputs at a fraction of the step."""
+        """The inputs at a fraction of the step, 0 at its begin and 1 at its end."""
         c = self.command
         asked = {} if c is None else {"controlled": c.active, "setpoint": c.at(fraction), "setpoint_rate": c.rate}
         return Inputs(
@@ -132,7 +134,7 @@ class Step(NamedTuple):
         )
 
     def halves(self) -> tuple[Step, Step]:
-        """The step in two of half its length."""
+        """The step as two of half its length, their inputs those of its halves."""
         middle, half, c = self.inputs(0.5), 0.5 * self.dt, self.command
         early = self._replace(dt=half, voltage1=middle.voltage, torque1=middle.torque, time=self.time - half)
         late = self._replace(dt=half, voltage0=middle.voltage, torque0=middle.torque)
@@ -167,7 +169,14 @@ def soft(value: Scalar, threshold: Scalar) -> Scalar:
 
 @jax.jit
 def contributions(throttle: Throttle, x: State, z: tuple[Scalar, ...], u: Inputs) -> Contribution:
-    """The sum of all effects; compiled into whatever calls it, but traced only once however often it is called."""
+    """The sum of all effects. Traced once however often it is called, and compiled into what calls it.
+
+    Args:
+        throttle: the model.
+        x: state, SI.
+        z: memories of its effects.
+        u: inputs.
+    """
     return throttle(x, z, u)
 
 
@@ -435,7 +444,7 @@ class Reset(NamedTuple):
 
     Args:
         begins: 1 at the first entry of a trace, else 0.
-        i, theta, omega: state from which it begins.
+        i, theta, omega: state from which it begins, A, rad and rad/s.
     """
 
     begins: Scalar
@@ -445,7 +454,14 @@ class Reset(NamedTuple):
 
 
 def begun(throttle: Throttle, x: State, z: tuple[Scalar, ...], reset: Reset) -> StatePath:
-    """State and memories from which a step sets out: where a trace begins, its own first ones."""
+    """State and memories from which a step sets out: those of the step before, or the trace's first ones where one
+    begins.
+
+    Args:
+        throttle: the model, for the first memories.
+        x, z: at the end of the step before.
+        reset: whether a trace begins here, and in which state.
+    """
     begins = reset.begins > 0.5
     x = State(
         jnp.where(begins, reset.i, x.i),

@@ -11,12 +11,14 @@ from jax.custom_derivatives import SymbolicZero
 
 
 def forward(function: Callable[..., Any], primals: tuple[Any, ...], tangents: tuple[Any, ...]) -> tuple[Any, Any]:
-    """`jax.jvp`, but what has a symbolic zero for a tangent is a constant: nothing is computed of it.
+    """`jax.jvp` that computes nothing of arguments whose tangent is a symbolic zero: those are constants.
 
     Args:
         function: of `primals`.
         primals: its arguments, in any tree.
         tangents: trees of the same structure; a `SymbolicZero` where nothing moves.
+    Returns:
+        the function's value and its tangent.
     """
     leaves, tree = jax.tree.flatten(primals)
     ways = tree.flatten_up_to(tangents)
@@ -30,15 +32,15 @@ def forward(function: Callable[..., Any], primals: tuple[Any, ...], tangents: tu
 
 
 def instantiated(primals: Any, tangents: Any) -> Any:
-    """The tangents, symbolic zeros made arrays of the shape of what they are tangents of."""
+    """The tangents with zeros in place of symbolic ones, of the shapes of the primals."""
     return jax.tree.map(lambda p, t: jnp.zeros_like(p) if isinstance(t, SymbolicZero) else t, primals, tangents)
 
 
 def once(tree: Any) -> Any:
     """The same numbers, computed once.
 
-    XLA's CPU backend fuses a value into every loop that reads it and computes it anew there, which for the tangents of
-    a step is the whole step many times over. The one operation that it never repeats is a division.
+    XLA's CPU backend fuses a value into every loop that reads it and computes it anew there; for the tangents of a step
+    that is the whole step many times over. It never repeats a division: so each value is divided by 1.
     """
     return jax.tree.map(_once, tree)
 

@@ -14,24 +14,28 @@ from .rig_effects import AbstractRigEffect
 
 
 class Delays(NamedTuple):
-    """Of the input, and of each channel that may be logged late, s."""
+    """How late the input acts, and each channel that may be late is logged, s."""
 
     input: Scalar
     channels: Mapping[str, Scalar]
 
 
 def followed(effects: Sequence[AbstractEffect | type[AbstractEffect]]) -> tuple[int, ...]:
-    """Places of the memories through which what disturbs the state comes back to it: those of an ECU."""
+    """Places, among all memories, of those of an ECU in the model: through them a disturbance of the state acts on it
+    again."""
     places = iter(range(sum(len(effect.z0) for effect in effects)))
     return tuple(k for effect in effects for k in [next(places) for _ in effect.z0] if effect.commands)
 
 
 class Throttle(eqx.Module):
-    """Eqs. 1-2 of the paper and whatever effects were added to them.
+    """Eqs. 1-2 of the paper with all effects that were added to them.
 
     L di/dt = v + sum voltage,    J domega/dt + Sgn(omega) sum friction = sum torque,    dtheta/dt = omega
 
-    `rig` is what stands between it and the log: it changes what drives the throttle and what is read, in some traces.
+    Args:
+        effects: inside the throttle; each adds to voltage, torque, friction, inertia ... (`Contribution`).
+        rig: what stands between throttle and log: it changes what drives the throttle, and what is read, in some
+            traces.
     """
 
     effects: tuple[AbstractEffect, ...]
@@ -39,22 +43,34 @@ class Throttle(eqx.Module):
 
     @classmethod
     def build(cls, types: tuple[type[AbstractEffect], ...], values: Mapping[str, Scalar]) -> Throttle:
-        """Compose effects from values in SI by symbol."""
+        """A throttle of these effects.
+
+        Args:
+            types: of the effects.
+            values: of all their parameters, SI by symbol.
+        """
         every = [t(**{field: values[p.symbol] for field, p in declared(t).items()}) for t in types]
         inside = tuple(e for e in every if not isinstance(e, AbstractRigEffect))
         return cls(inside, tuple(e for e in every if isinstance(e, AbstractRigEffect)))
 
     @property
     def z0(self) -> tuple[float, ...]:
-        """Memory of all effects at the start of a trace."""
+        """Memories of all effects where a trace begins, one after the other."""
         return tuple(z for effect in self.effects for z in effect.z0)
 
     def __call__(self, x: State, z: tuple[Scalar, ...], u: Inputs) -> Contribution:
-        """Sum of the contributions of all effects."""
+        """Sum of the contributions of all effects.
+
+        Args:
+            x: state, SI.
+            z: memories of all effects, see `z0`.
+            u: inputs.
+        """
         return total(self.parts(x, z, u))
 
     def parts(self, x: State, z: tuple[Scalar, ...], u: Inputs) -> list[Contribution]:
-        """Each effect's contribution; what commands is asked first, and what is told of the gear's load last."""
+        """Contribution of each effect, in their order. One that commands is asked first, one that must know the gear's
+        load last."""
         memories = self._memories(z)
         parts = self._commands(x, memories, u)
         u = u._replace(voltage=u.voltage + total(list(parts.values())).voltage) if parts else u
@@ -80,11 +96,17 @@ class Throttle(eqx.Module):
         return [z[end - len(effect.z0) : end] for effect, end in zip(self.effects, ends, strict=True)]
 
     def parameter(self, symbol: str) -> Scalar:
-        """Value of a parameter, SI."""
+        """Value of a parameter, SI, by its symbol."""
         return next(getattr(effect, symbol) for effect in self.effects if hasattr(effect, symbol))
 
     def observe(self, x: State, z: tuple[Scalar, ...], u: Inputs) -> dict[str, Scalar]:
-        """What the sensors see, by channel, SI; the EMF is that at the open terminals."""
+        """What the sensors see.
+
+        Args:
+            x, z, u: as of `__call__`.
+        Returns:
+            current (A), position (rad), emf at the open terminals (V) and motor_speed (rad/s), by channel.
+        """
         motor_speed = u.gear_ratio * x.omega
         seen = self(x, z, u)
         return {
@@ -95,7 +117,7 @@ class Throttle(eqx.Module):
         }
 
     def driven(self, steps: Any, test_of: Scalar) -> Any:
-        """The steps of a batch as they act on the throttle rather than as they were logged.
+        """The steps of a batch as they act on the throttle, from those logged.
 
         Args:
             steps: a `Step`.
@@ -106,7 +128,7 @@ class Throttle(eqx.Module):
         return steps
 
     def begun(self, resets: Any, test_of: Scalar) -> Any:
-        """The states in which traces begin, a `Reset`, as they are rather than as they were logged."""
+        """The true states in which traces begin, from those logged; arguments as of `driven`, with a `Reset`."""
         for effect in self.rig:
             resets = effect.begun(resets, test_of)
         return resets
@@ -118,7 +140,7 @@ class Throttle(eqx.Module):
         return seen
 
     def delays(self) -> Delays:
-        """How late the input acts and the channels are logged, s: constants of the model, whatever its state."""
+        """Delays of input and channels, s: they depend on parameters, never on the state."""
         zero = State(0.0, 0.0, 0.0)
         c = self(zero, self.z0, Inputs(0.0, 0.0, 0.0, 1.0, 0.0, 1.0, 0.0, 1.0))
         return Delays(c.input_delay, {"position": c.position_delay, "current": c.current_delay})
@@ -138,5 +160,5 @@ class Throttle(eqx.Module):
 
 
 def catalogue(types: tuple[type[AbstractEffect], ...]) -> dict[str, Parameter]:
-    """Every parameter of a composition by symbol, in order."""
+    """Every parameter of a model with these effects, by symbol, in their order."""
     return {p.symbol: p for t in types for p in parameters_of(t)}

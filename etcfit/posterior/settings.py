@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from ..estimation.bounded import check_ranges, real, reals, whole, wholes
+from ..ranges import check_ranges, real, reals, whole, wholes
 
 
 @dataclass(frozen=True)

@@ -1,5 +1,23 @@
 """The weighted least-squares problem: traces made ready and batched, what is free, the ONE residual, its Jacobian.
 
+    chi2(x) = sum r^2 + sum ((x - mean) / sd)^2,    r = W (y - y_hat(x))
+
+y are the samples, y_hat what the model simulates, W a whitening filter: r is standard normal where the model is right.
+x are coordinates: unbounded numbers, one for each free parameter (see `model.parameters`).
+
+Words:
+
+    trace       one measurement: samples at rising instants
+    interval    from one instant of a trace to the next; cut into one or more integration steps (substeps)
+    batch       many traces as rectangular arrays, so that one compiled program simulates them together
+    lane        a column of a batch: traces one after the other
+    entry       a row of a lane: one integration step, and the samples at its end; the first entry of a trace has
+                length 0 and is its first instant
+    slot        one channel at one entry; its weight is 0 where nothing was logged
+    edge        an interval in which the input jumps, at an instant that nobody logged
+    release     the instant at which a plate held by hand was let go
+    guide       a spring that draws the simulated plate along the measured angle; a free run has none
+
 Axes, as the types of all arrays here and in `model` name them (checked under pytest, see `tests/conftest.py`):
 
     T       steps of a batch, one after the other in time

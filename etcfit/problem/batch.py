@@ -6,7 +6,6 @@ serves every folder of a like size and little of it is padding.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
@@ -18,9 +17,10 @@ from ..model.parameters import AnyArray
 from ..model.rig_effects import number_of
 from ..model.stepper import Command, Edge, Reset, Step
 from ..rig.base import RigConfig
+from . import edges
+from .packing import pack
 from .trace import Trace
 
-_MIDDLE = 0.5 + 1e-9  # of an interval
 KINDS = ("current", "position", "emf", "motor_speed")  # what a slot may observe
 
 
@@ -28,10 +28,10 @@ class SampleSlots(NamedTuple):
     """Measured samples at the end of each step, shape (T, L, M) each.
 
     Args:
-        value: SI; 0 where there is none.
-        weight: 1 where there is a sample to fit.
-        sigma: its noise; 1 where there is none.
-        kind: index into `KINDS`.
+        value: sample, SI unit of its channel; 0 where there is none.
+        weight: 1 where there is a sample to fit, else 0.
+        sigma: standard deviation of its noise, unit of the value; 1 where there is none.
+        kind: index into `KINDS`: which channel it is of.
     """
 
     value: Float[AnyArray, "T L M"]
@@ -41,16 +41,21 @@ class SampleSlots(NamedTuple):
 
 
 class Disturbance(NamedTuple):
-    """What is uncertain about the input and the start, shape (T, L) each, start_* at the first entry of a trace.
+    """What is uncertain about input and start, shape (T, L) each; start_* are 0 but at the first entry of a trace.
+
+    The error e of the input (V, or N m where torque drives) goes from step to step as
+
+        e_k = keep_k e_{k-1} + w_k,    var w_k = fresh_k
 
     Args:
-        keep: share of the input's error kept from the step before.
-        fresh: variance of what is added to it, (V or N m)^2.
-        edge: number of steps of an interval within which the input jumps, at that interval's last entry; else 0.
-        edge_from, edge_to, edge_span: input before and after that jump (V or N m), length of the interval (s).
+        keep: share of the input's error kept from the step before, dimensionless.
+        fresh: variance of what is added to it, V^2 or (N m)^2.
+        edge: at the last entry of an interval in which the input jumps, how many steps that interval has; else 0.
+        edge_from, edge_to: input before and after that jump, V or N m.
+        edge_span: length of that interval, s.
         spacing: time since the sample before, s.
-        start_i, start_theta, start_omega: variance of the initial state.
-        release: variance of the release instant, s^2, in the step that follows it.
+        start_i, start_theta, start_omega: variance of the initial state, A^2, rad^2 and (rad/s)^2.
+        release: variance of the release instant, s^2, at the entry of the step that follows it; else 0.
     """
 
     keep: Float[AnyArray, "T L"]
@@ -67,10 +72,10 @@ class Disturbance(NamedTuple):
 
 
 class BatchArrays(NamedTuple):
-    """A batch as compiled functions take it: its arrays alone, over steps T, lanes L and sample slots M.
+    """The arrays of a `TraceBatch` alone, as compiled functions take them; axes T, L and M.
 
     Args:
-        steps, resets, slots, disturbance, test_of: those of a `TraceBatch`.
+        steps, resets, slots, disturbance, test_of: see `TraceBatch`.
     """
 
     steps: Step
@@ -82,14 +87,17 @@ class BatchArrays(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class TraceBatch:
-    """Everything the residual needs besides the parameters.
+    """All traces of a problem as arrays over steps T, lanes L and sample slots M: the residual's data.
 
     Args:
-        steps, resets, slots, disturbance: arrays over steps T, lanes L (and slots M).
+        steps: integration steps: length, inputs, boundary conditions; (T, L).
+        resets: where a trace begins, and in which state; (T, L).
+        slots: samples; (T, L, M).
+        disturbance: what is uncertain about inputs and starts; (T, L).
         guidable: 1 where an angle was logged that a guide could draw the plate to, shape (T, L).
         test_of: `number_of` the rig test of each entry's trace, shape (T, L); 0 where there is none.
         traces: in the order given.
-        places: for each trace its lane, first entry, and the entry of each of its instants.
+        places: for each trace its lane, its first entry, and the entry of each of its n instants.
     """
 
     steps: Step
@@ -102,7 +110,11 @@ class TraceBatch:
     places: tuple[tuple[int, int, Int[np.ndarray, " _"]], ...]
 
     def holding(self, volts: Float[np.ndarray, " traces"]) -> TraceBatch:
-        """The same with what each trace's ECU holds in its integral at the begin, V, one for each trace."""
+        """The batch with other voltages in the integrals of ECUs that are part of the model, where their traces begin.
+
+        Args:
+            volts: for each trace, V; of no effect where no such ECU drives it.
+        """
         traces = tuple(t.holding(float(v)) for t, v in zip(self.traces, volts, strict=True))
         level = np.array(self.steps.voltage0)
         for trace, (lane, row, marks) in zip(traces, self.places, strict=True):
@@ -113,8 +125,11 @@ class TraceBatch:
         return replace(self, steps=steps, traces=traces)
 
     def jumping(self, share: float) -> TraceBatch:
-        """The same with every edge of the voltage at that share of its interval, as near as steps with a linear input
-        come to it: each keeps mean and first moment of what acts in it."""
+        """The batch with every edge of the voltage at one share of its interval, 0 at its begin to 1 at its end.
+
+        Steps have an input linear in time, so a jump inside a step is approximated: the step keeps mean and first
+        moment of the voltage that acts in it.
+        """
         early, late = np.array(self.steps.voltage0), np.array(self.steps.voltage1)
         for trace, (lane, _, marks) in zip(self.traces, self.places, strict=True):
             if trace.circuit and trace.input is not None:
@@ -128,7 +143,11 @@ class TraceBatch:
         return replace(self, steps=self.steps._replace(voltage0=early, voltage1=late))
 
     def guided(self, guide_stiffness: float) -> Step:
-        """The steps with a guide of `guide_stiffness`, V/rad, or N m/rad where torque drives; 0 is a free run."""
+        """The steps with a guide that draws the plate along the measured angle where one was logged.
+
+        Args:
+            guide_stiffness: V/rad, or N m/rad where torque drives; 0 for a free run.
+        """
         return self.steps._replace(guide_stiffness=guide_stiffness * self.guidable)
 
 
@@ -138,16 +157,17 @@ def batch_of(
     substeps: Sequence[Int[np.ndarray, " _"]],
     least: tuple[int, ...] = (0, 0, 0),
 ) -> TraceBatch:
-    """Batch traces.
+    """Put traces into a batch: long ones in lanes of their own, short ones behind each other.
 
     Args:
         traces: ready traces.
-        config: their rig.
-        substeps: integration steps in each interval between instants, one array (n - 1,) a trace.
-        least: steps, lanes and slots that the batch has at least, for what was compiled for another.
+        config: their rig, for gear ratio and stops.
+        substeps: integration steps in each interval between instants, shape (n - 1,) for each trace.
+        least: steps T, lanes L and slots M that the batch has at least, so that what was compiled for another batch
+            serves again.
     """
     strips = [_strip(t, n, config) for t, n in zip(traces, substeps, strict=True)]
-    lanes, length = _pack([s["dt"].size for s, _ in strips], least[0])
+    lanes, length = pack([s["dt"].size for s, _ in strips], least[0])
     lanes += [[] for _ in range(least[1] - len(lanes))]
     slots = max(least[2], *(len(t.channels) for t in traces))
     table = _blank(length, len(lanes), slots, config)
@@ -165,36 +185,6 @@ def batch_of(
             places[k] = (lane, row, row + marks)
             row += strip["dt"].size
     return _assemble(table, tuple(traces), tuple(places))
-
-
-def _round(n: int) -> int:
-    """Up to two leading bits and a half, so that like folders share one compiled shape."""
-    unit = max(1, 2 ** max(0, math.floor(math.log2(max(n, 1))) - 3))
-    return unit * math.ceil(n / unit)
-
-
-def _pack(lengths: list[int], least: int) -> tuple[list[list[int]], int]:
-    """Longest first into the first lane with room; lane length is that of the longest trace, rounded up."""
-    length = max(least, _round(max(lengths)))
-    lanes: list[list[int]] = []
-    free: list[int] = []
-    for k in sorted(range(len(lengths)), key=lambda k: -lengths[k]):
-        lane = next((j for j, room in enumerate(free) if room >= lengths[k]), None)
-        if lane is None:
-            lanes.append([])
-            free.append(length)
-            lane = len(lanes) - 1
-        lanes[lane].append(k)
-        free[lane] -= lengths[k]
-    lanes += [[] for _ in range(_round(len(lanes)) - len(lanes))]
-    return lanes, length
-
-
-def _halved(trace: Trace, substeps: Int[np.ndarray, " intervals"]) -> Int[np.ndarray, " intervals"]:
-    """Substeps, an even number of them where the input jumps in step with the samples: half before and half after."""
-    if trace.input is None or trace.input.turn is None:
-        return substeps
-    return np.where(trace.input.in_step, 2 * ((substeps + 1) // 2), substeps)
 
 
 class _Breaks(NamedTuple):
@@ -228,47 +218,6 @@ def _breaks(trace: Trace, substeps: Int[np.ndarray, " intervals"]) -> _Breaks:
     return _Breaks(ends, interval, marks)
 
 
-def _levels(
-    trace: Trace, ends: Float[np.ndarray, " rows"], interval: Int[np.ndarray, " rows"]
-) -> tuple[Float[np.ndarray, " rows"], Float[np.ndarray, " rows"]]:
-    """The input at the begin and the end of each step."""
-    if trace.input is None:
-        return np.zeros(ends.size), np.zeros(ends.size)
-    if trace.input.held:
-        level = trace.input.value[interval]
-        return level, level
-    late = np.interp(ends, trace.instants, trace.input.value)
-    early = np.concatenate((late[:1], late[:-1]))
-    if trace.input.turn is None:
-        return early, late
-    jumps = trace.input.in_step[interval]
-    level = trace.input.value[interval + (_along(trace, ends, interval) > _MIDDLE)]
-    return np.where(jumps, level, early), np.where(jumps, level, late)
-
-
-def _along(
-    trace: Trace, ends: Float[np.ndarray, " rows"], interval: Int[np.ndarray, " rows"]
-) -> Float[np.ndarray, " rows"]:
-    """Share of its interval at which each step ends."""
-    begin, end = trace.instants[interval], trace.instants[interval + 1]
-    return (ends - begin) / (end - begin)
-
-
-def _in_step(
-    trace: Trace, ends: Float[np.ndarray, " rows"], interval: Int[np.ndarray, " rows"]
-) -> dict[str, Float[np.ndarray, " rows"]]:
-    """How the steps of edges in step with the samples follow their phase, see `Edge`; as they are, it is 1/2."""
-    if trace.input is None or trace.input.turn is None:
-        return {}
-    jumps, along = trace.input.in_step[interval], _along(trace, ends, interval)
-    jumps[0] = False  # entry 0 is the start itself
-    before = along <= _MIDDLE
-    span = np.where(before, 2.0, -2.0) * np.diff(ends, prepend=ends[0])
-    moves = 2.0 * np.where(before, along, 1.0 - along) * np.diff(trace.instants)[interval]
-    return {name: np.where(jumps, column, 0.0) for name, column in
-            (("turn", trace.input.turn[interval]), ("span", span), ("moves", moves))}  # fmt: skip
-
-
 def _error(trace: Trace, interval: Int[np.ndarray, " rows"]) -> dict[str, Float[np.ndarray, " rows"]]:
     """How the input's error carries over into each step (share kept, variance added)."""
     keep, fresh = np.ones(interval.size), np.zeros(interval.size)
@@ -284,25 +233,13 @@ def _error(trace: Trace, interval: Int[np.ndarray, " rows"]) -> dict[str, Float[
     return {"keep": keep, "fresh": fresh}
 
 
-def _edges(trace: Trace, marks: Int[np.ndarray, " n"], entries: int) -> dict[str, Float[np.ndarray, " {entries}"]]:
-    """The jumps of the input at instants that nobody knows, each at the last entry of its interval."""
-    out = {name: np.zeros(entries) for name in ("edge", "edge_from", "edge_to", "edge_span")}
-    if trace.input is not None:
-        (jumps,) = np.nonzero(trace.input.edge & ~trace.input.in_step)
-        last = marks[jumps + 1]
-        out["edge"][last] = marks[jumps + 1] - marks[jumps]
-        out["edge_from"][last], out["edge_to"][last] = trace.input.value[jumps], trace.input.value[jumps + 1]
-        out["edge_span"][last] = trace.instants[jumps + 1] - trace.instants[jumps]
-    return out
-
-
 def _strip(
     trace: Trace, substeps: Int[np.ndarray, " intervals"], config: RigConfig
 ) -> tuple[dict[str, np.ndarray], Int[np.ndarray, " n"]]:
     """All columns of one trace, and the entries of its instants."""
-    ends, interval, marks = _breaks(trace, _halved(trace, substeps))
+    ends, interval, marks = _breaks(trace, edges.halved(trace, substeps))
     n, zeros, ones = ends.size, np.zeros(ends.size), np.ones(ends.size)
-    early, late = _levels(trace, ends, interval)
+    early, late = edges.levels(trace, ends, interval)
     boundary, first = trace.test.boundary, np.arange(n) == 0
     dt = np.diff(ends, prepend=ends[0])
     held = boundary.plate_held * ones
@@ -337,8 +274,8 @@ def _strip(
     for name, value, sd in zip(("i", "theta", "omega"), trace.start.state, trace.start.sd, strict=True):
         columns[name] = first * value
         columns[f"start_{name}"] = first * sd**2
-    columns |= _in_step(trace, ends, interval)
-    columns |= _error(trace, interval) | _edges(trace, marks, n) | _asked(trace, ends, dt, config)
+    columns |= edges.in_step(trace, ends, interval)
+    columns |= _error(trace, interval) | edges.unplaced(trace, marks, n) | _asked(trace, ends, dt, config)
     return columns | _samples(trace, n, marks), marks
 
 

@@ -30,7 +30,15 @@ _AT_ONCE = 16  # the same where whole paths must be kept
 def chi2_of(
     problem: EstimationProblem, points: Float[np.ndarray, "K P"], weighted: WeightedData
 ) -> Float[np.ndarray, " K"]:
-    """Sum of squared residuals and prior terms at each of K points, shape (K, P) -> (K,); inf where none can be had."""
+    """chi2 = sum r^2 + sum ((x - mean) / sd)^2 at many points.
+
+    Args:
+        problem: model and data.
+        points: coordinates, shape (K, P).
+        weighted: data, whitening and priors, see `EstimationProblem.weighted`.
+    Returns:
+        shape (K,), dimensionless; inf where the simulation fails.
+    """
     if len(points) < _FEW:  # what is compiled for one residual serves, whatever their number
         return np.array([_of_one(problem, x, weighted) for x in points])
     passes = max(-(-len(points) // _MOST), min(CORES, len(points) // _LEAST))

@@ -24,11 +24,11 @@ SERIES = "series_ohm."  # prefix of a rig test's own circuit resistance
 
 
 class Pick(NamedTuple):
-    """Which parameters a vector of coordinates stands for, and the values of the rest: data, not program.
+    """Which parameters the coordinates stand for, and the values of all others; an argument of compiled programs.
 
     Args:
         full: value of every parameter of the form, SI, shape (Q,).
-        where: its place in `full` for each coordinate, shape (P,); Q for one that stands for nothing.
+        where: for each coordinate the place of its parameter in `full`, shape (P,); Q for one that only pads.
     """
 
     full: Float[AnyArray, " Q"]
@@ -37,7 +37,8 @@ class Pick(NamedTuple):
 
 @dataclass(frozen=True)
 class Form:
-    """What a compiled model depends on: hashable. What is free in it is chosen by a `Pick`, without compiling again.
+    """The part of a model that a program is compiled for; hashable. Which parameters are free is a `Pick`: data, so
+    that another choice needs no compilation.
 
     Args:
         types: effects of the model.
@@ -56,12 +57,12 @@ class Form:
 
     @cached_property
     def kinds(self) -> Int[np.ndarray, " _"]:
-        """Domain of each parameter, an index into `DOMAINS`, shape (Q + 1,); the last stands for nothing."""
+        """Domain of each parameter, as an index into `DOMAINS`, shape (Q + 1,); the last entry is for padding."""
         return np.array([*(DOMAINS.index(type(p.domain)) for p in self.parameters), DOMAINS.index(Real)])
 
     @cached_property
     def scales(self) -> Float[np.ndarray, " _"]:
-        """Scale of each parameter, SI, shape (Q + 1,)."""
+        """Scale of each parameter, SI, shape (Q + 1,); the last entry is for padding."""
         return np.array([*(p.domain.scale for p in self.parameters), 1.0])
 
     def mapped(self, x: Float[AnyArray, " P"], pick: Pick) -> Float[Array, " P"]:
@@ -69,11 +70,16 @@ class Form:
         return jnp.asarray(self.scales)[pick.where] * curves(jnp.asarray(self.kinds)[pick.where], x)
 
     def live(self, pick: Pick) -> Bool[AnyArray, " P"]:
-        """Which coordinates stand for something, shape (P,)."""
+        """False for the coordinates that only pad, shape (P,)."""
         return pick.where < len(self.parameters)
 
     def values(self, x: Float[AnyArray, " P"], pick: Pick) -> dict[str, Scalar]:
-        """Values in SI by symbol at coordinates x, shape (P,)."""
+        """Values in SI by symbol, ties included.
+
+        Args:
+            x: coordinates, shape (P,), dimensionless.
+            pick: which parameters they stand for, and the values of the others.
+        """
         full = jnp.append(pick.full, 0.0).at[pick.where].set(self.mapped(x, pick))
         values = {symbol: full[k] for symbol, k in self.index.items()}
         return values | {s: values[other] for s, other in self.ties}
@@ -81,15 +87,15 @@ class Form:
 
 @dataclass(frozen=True)
 class Layout:
-    """Which parameter stands where in the vectors.
+    """The order of the parameters in the vectors of coordinates x and of held values.
 
     Args:
         types: effects of the model.
         parameters: every parameter, those of the tests' circuits included.
-        free: symbols that are fitted, in the order of x.
-        held: symbols with a fixed value, in the order of the vector of held values.
+        free: symbols that are fitted, in the order of x; P of them.
+        held: symbols with a fixed value, in the order of the vector of held values; H of them.
         ties: (symbol, the free or held symbol it equals).
-        room: length to which compiled programs pad x, so that models with some more parameters need no other.
+        room: length to which x is padded for compiled programs, so that models with a few parameters more use the same.
     """
 
     types: tuple[type[AbstractEffect], ...]
@@ -106,44 +112,63 @@ class Layout:
 
     @property
     def spare(self) -> int:
-        """Coordinates that stand for nothing."""
+        """Coordinates that only pad: room - P."""
         return max(0, self.room - len(self.free))
 
     def pick(self, held: Float[np.ndarray, " H"]) -> Pick:
-        """This choice of free parameters, with the others at their held values, shape (H,)."""
+        """The choice of free parameters for compiled programs, the others at held values, SI, shape (H,)."""
         full, index = np.zeros(len(self.parameters)), self.form.index
         full[[index[s] for s in self.held]] = held
         return Pick(full, np.array([*(index[s] for s in self.free), *(len(index) for _ in range(self.spare))]))
 
     def padded(self, x: Float[np.ndarray, "*K P"], filler: float = 0.0) -> Float[np.ndarray, "*K room"]:
-        """A vector over the free parameters, its last axis filled up to `room`."""
+        """Coordinates filled up to `room` for a compiled program.
+
+        Args:
+            x: shape (..., P).
+            filler: value of what is added.
+        Returns:
+            shape (..., room).
+        """
         return np.concatenate((x, np.full((*x.shape[:-1], self.spare), filler)), axis=-1)
 
     def parameter(self, symbol: str) -> Parameter:
+        """Unit, domain and meaning of a symbol. KeyError where the model has none of that name."""
         return self.parameters[self.form.index[symbol]]
 
     def values(self, x: Float[np.ndarray, " P"], held: Float[np.ndarray, " H"]) -> dict[str, Scalar]:
-        """Values in SI by symbol at coordinates x, shape (P,), and held values, shape (H,)."""
+        """Values in SI by symbol, ties included.
+
+        Args:
+            x: coordinates, shape (P,), dimensionless.
+            held: values of what is not free, SI, shape (H,).
+        """
         values = {s: held[k] for k, s in enumerate(self.held)} | dict(zip(self.free, self.numbers(x)[0], strict=True))
         return values | {s: values[other] for s, other in self.ties}
 
     def numbers(self, x: Float[np.ndarray, " P"]) -> tuple[Float[np.ndarray, " P"], Float[np.ndarray, " P"]]:
-        """Values in SI of the free parameters and their derivatives dvalue/dx, shape (P,) each."""
+        """Values of the free parameters, SI, and their derivatives dvalue/dx, SI, at coordinates x; shape (P,) each."""
         where = [self.form.index[s] for s in self.free]
         value, slope = _numbers(self.form.kinds[where], self.form.scales[where], x)
         return np.asarray(value), np.asarray(slope)
 
     def coordinates(self, values: Mapping[str, float]) -> Float[np.ndarray, " P"]:
-        """Coordinates, shape (P,), of values in SI."""
+        """The coordinates x, shape (P,), of values in SI by symbol; a value on a bound is moved just inside it."""
         return np.array([self.parameter(s).domain.coordinate(float(values[s])) for s in self.free])
 
     def reach(self, x: Float[np.ndarray, " P"]) -> Float[np.ndarray, " P"]:
-        """What a change of a hundred percent is in each coordinate, shape (P,): 1 for a logarithm, |x| or 1 else."""
+        """By how much a coordinate changes where its value changes by about 100 %: 1 for a logarithm, else max(|x|, 1).
+
+        Args:
+            x: coordinates, shape (P,).
+        Returns:
+            shape (P,), dimensionless.
+        """
         straight = [not isinstance(self.parameter(s).domain, Positive) for s in self.free]
         return np.where(straight, np.maximum(1.0, np.abs(x)), 1.0)
 
     def off_bounds(self, x: Float[np.ndarray, " P"]) -> Float[np.ndarray, " P"]:
-        """The same coordinates with those that lie on a bound moved off it."""
+        """Coordinates, shape (P,), with those on a bound moved to where a change of them changes the value again."""
         out = np.array(x, dtype=float)
         for k, (symbol, value) in enumerate(zip(self.free, self.numbers(out)[0].tolist(), strict=True)):
             domain = self.parameter(symbol).domain
@@ -171,13 +196,13 @@ def _numbers(
 
 @dataclass(frozen=True, eq=False)
 class FreeParameters:
-    """The layout of a rig's parameters and everything that is known of their values.
+    """Which parameters of a rig are free, and what rig.toml says of the values of all of them.
 
     Args:
         layout: which are free.
-        held: fixed values, SI, shape (H,).
-        priors: symbol -> (mean, standard deviation), SI.
-        start: symbol -> value from rig.toml, SI.
+        held: values of those that are not, SI, shape (H,).
+        priors: symbol -> (mean, standard deviation) of a Gaussian prior, SI.
+        start: symbol -> value from which the fit starts, SI.
     """
 
     layout: Layout
@@ -186,9 +211,12 @@ class FreeParameters:
     start: Mapping[str, float]
 
     def priors_on_coordinates(self) -> tuple[Float[np.ndarray, " P"], Float[np.ndarray, " P"]]:
-        """Mean and standard deviation of the Gaussian prior on each coordinate, shape (P,) each; inf where none is.
+        """Gaussian priors on the coordinates, to first order in their standard deviation:
 
-        mean_x = x(mean), sd_x = sd / (dvalue/dx): to first order in sd.
+            mean_x = x(mean),    sd_x = sd / (dvalue/dx)
+
+        Returns:
+            mean and standard deviation, shape (P,) each, dimensionless; the latter inf where rig.toml gives no prior.
         """
         free = self.layout.free
         mean, sd = np.zeros(len(free)), np.full(len(free), np.inf)

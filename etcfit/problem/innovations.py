@@ -50,13 +50,14 @@ def moved(array: Float[AnyArray, "T L M"], rows: Int[AnyArray, "T L M"]) -> Floa
 
 
 class InnovationsFilter(NamedTuple):
-    """A linear filter along the batch over n error states (current, angle, speed, followed memories, input error).
+    """A linear filter along the batch with n error states: current (A), angle (rad), speed (rad/s), memories of an ECU
+    in the model, error of the input (V or N m). Formulas: head of this module.
 
     Args:
         transition: A, shape (T, L, n, n); 0 at the first entry of a trace.
         sense: C, shape (T, L, M, n).
-        gain: Kalman gains, shape (T, L, M, n).
-        weight: 1 / sqrt(S), shape (T, L, M); 0 where there is no sample.
+        gain: K, shape (T, L, M, n).
+        weight: 1 / sqrt(S), shape (T, L, M), 1 over the unit of the sample; 0 where there is no sample.
         moved: None where samples are filtered where they were logged.
     """
 
@@ -68,11 +69,13 @@ class InnovationsFilter(NamedTuple):
 
 
 def plain(slots: SampleSlots, order: int = ORDER) -> InnovationsFilter:
-    """Whitening by each sample's own noise alone; for starts still far from the truth.
+    """The filter r = (y - y_hat) / sigma, which treats samples as independent: for starts far from the truth, where
+    errors of the model are larger than all that the Kalman filter knows of.
 
     Args:
         slots: samples, shape (T, L, M).
-        order: error states that the filter of the same model has, for one compiled program to serve both.
+        order: number n of error states, all of them 0 here; that of the model's Kalman filter lets one compiled program
+            serve both.
     """
     steps, lanes, count = slots.value.shape
     empty = jnp.zeros((steps, lanes, count, order))
@@ -80,13 +83,13 @@ def plain(slots: SampleSlots, order: int = ORDER) -> InnovationsFilter:
 
 
 def whiten(filter_: InnovationsFilter, error: Float[AnyArray, "T L M"]) -> Float[Array, "T L M"]:
-    """Innovations over their standard deviations.
+    """r of a whole batch: innovations over their standard deviations.
 
     Args:
-        filter_: the whitening.
-        error: measured - simulated, 0 where there is no sample, shape (T, L, M).
+        filter_: the frozen filter.
+        error: measured - simulated, SI, 0 where there is no sample, shape (T, L, M).
     Returns:
-        shape (T, L, M), dimensionless.
+        shape (T, L, M), dimensionless; standard normal where the model is right.
     """
     if filter_.moved is not None:
         forth, back = filter_.moved
@@ -101,11 +104,11 @@ def innovate(
     """One entry of the batch through the filter.
 
     Args:
-        state: the n error states before it, any shape, (L,) say.
-        filter_: the whitening of that entry; leading axes as those of the state.
-        error: measured - simulated, shape (..., M).
+        state: the n error states before it, SI, each of any one shape, (L,) say.
+        filter_: the filter's matrices at that entry; leading axes as those of the state.
+        error: measured - simulated, SI, shape (..., M).
     Returns:
-        the error states after it; innovations over their standard deviations, shape (..., M).
+        the error states after it, and r, shape (..., M), dimensionless.
     """
     transition, sense, gain, weight, _ = filter_
     order = range(len(state))
@@ -122,15 +125,16 @@ def innovate(
 def kalman(
     throttle: Throttle, path: StatePath, batch: BatchArrays, jitter: Scalar
 ) -> tuple[InnovationsFilter, Float[Array, "T L M"]]:
-    """The whitening filter along a simulated path.
+    """The Kalman filter of the simulation's error, linearised along a simulated path.
 
     Args:
         throttle: the model at the parameters to linearise about.
         path: its states and memories at the end of each step, shape (T, L) each.
-        batch: with its circuits and guide, see `residual.run`.
+        batch: as the rig drives it and with the guide's lever, see `residual.run`.
         jitter: standard deviation of the sampling instants, as a share of the time between samples.
     Returns:
-        the filter, and the variance that a jitter of 1 would add to each sample, over S, shape (T, L, M).
+        the filter, and (dy/dt dt)^2 / S of each sample, shape (T, L, M): the variance that a jitter of 1 would add to
+        it, over the variance S that its innovation has.
     """
     process = error_process(throttle, path, batch)
     variance = process.sample_variance(jitter)

@@ -31,12 +31,12 @@ _GAMMA = 1.0  # width of its confidence intervals; wider ones let bias pass that
 
 @dataclass(frozen=True, eq=False)
 class InputSignal:
-    """An input on the instants of a trace; linear in between, or held where `held`.
+    """The input of a trace at its instants; linear in between, or constant where `held`.
 
     Args:
-        value: V or N m, shape (n,).
-        error: standard deviation of what is left of the measurement noise, shape (n,).
-        memory: correlation of that error from one instant to the next, shape (n,).
+        value: V, or N m where torque drives, shape (n,).
+        error: standard deviation of what is left of the measurement noise, unit of the value, shape (n,).
+        memory: correlation of that error from one instant to the next, 0 to 1, shape (n,).
         edge: True for an interval in which the input jumps, at an instant nobody logged, shape (n - 1,).
         held: True for a duty, which an ECU holds from sample to sample.
         turn: of edges that are in step with the samples, see `Measurement.edge_turn`, shape (n - 1,); NaN elsewhere.
@@ -52,7 +52,7 @@ class InputSignal:
 
     @property
     def in_step(self) -> Bool[np.ndarray, " _"]:
-        """True for an interval in which an edge came in step with the samples."""
+        """True for an interval in which an edge came in step with the samples, shape (n - 1,)."""
         return np.zeros(self.edge.size, dtype=bool) if self.turn is None else np.isfinite(self.turn)
 
 
@@ -261,11 +261,13 @@ def _keep(known: _Estimate, stretches: Sequence[_Stretch], *found: Float[np.ndar
 
 
 def denoise(value: Float[np.ndarray, " n"], sigma: float) -> InputSignal:
-    """Average between edges; see the module's head.
+    """A logged input averaged over what lies between its edges, where it is straight or smooth; see the module's head.
 
     Args:
-        value: logged input, shape (n,).
-        sigma: standard deviation of its noise.
+        value: logged input, V or N m, shape (n,).
+        sigma: standard deviation of its noise, unit of the value.
+    Returns:
+        the signal, its remaining error and its edges.
     """
     edge = _edges(value, sigma)
     estimate, variance, count = _estimated(value, sigma, edge)
@@ -287,22 +289,26 @@ def _duty(measurement: Measurement, config: RigConfig, instants: Float[np.ndarra
 
 
 def commanded(instants: Float[np.ndarray, " n"], supply: float) -> InputSignal:
-    """What an ECU that is part of the model adds its terms to: what its integral held where the trace began.
+    """What an ECU that is part of the model adds its terms to: the voltage in its integral where the trace began.
 
-    It is one number for the whole trace, which nobody logged: 0 until the model has seen it, and as uncertain as a
-    quarter of the supply.
+    It is one number for the whole trace, which nobody logged: taken as 0 until the model shows it, with a standard
+    deviation of a quarter of the supply.
+
+    Args:
+        instants: s, shape (n,).
+        supply: V.
     """
     level, error = np.zeros(instants.size), np.full(instants.size, 0.25 * supply)
     return InputSignal(level, error, np.ones(instants.size), np.zeros(instants.size - 1, dtype=bool))
 
 
 def input_of(measurement: Measurement, config: RigConfig, instants: Float[np.ndarray, " n"]) -> InputSignal | None:
-    """The input of a trace: voltage, or duty times supply, or torque; None where it has none.
+    """The input of a trace: voltage, or duty times supply, or torque; None where it logged none of them.
 
     Args:
         measurement: the trace.
-        config: its rig.
-        instants: s, shape (n,).
+        config: its rig, for supply and effects.
+        instants: at which it is wanted, s, shape (n,).
     """
     for name in ("voltage", "torque"):
         if name in measurement.channels:

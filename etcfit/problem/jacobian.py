@@ -22,14 +22,14 @@ AT_ONCE = 8
 def jacobian(
     function: Callable[[Float[Array, " P"]], Float[Array, "*shape"]], x: Float[Array, " P"], live: Bool[AnyArray, " P"]
 ) -> tuple[Float[Array, "*shape"], Float[Array, "*shape P"]]:
-    """Value and Jacobian.
+    """Value and Jacobian of a function of coordinates.
 
     Args:
-        function: of x, an array.
-        x: shape (P,); where P is a multiple of AT_ONCE, the columns are taken so many at a time.
-        live: False for coordinates that the function does not depend on, shape (P,).
+        function: of x, an array of any shape.
+        x: shape (P,); where P is a multiple of AT_ONCE, so many columns are computed together.
+        live: False for coordinates that the function does not depend on, shape (P,): their columns are 0 at no cost.
     Returns:
-        the value and the Jacobian, whose last axis is P.
+        the value, and the Jacobian, whose last axis is P.
     """
     width = AT_ONCE if x.size % AT_ONCE == 0 else x.size
     ways = jnp.eye(x.size).reshape(-1, width, x.size)

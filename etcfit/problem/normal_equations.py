@@ -24,12 +24,12 @@ from .one_pass import Carried, advance, entries, has_single_pass, start
 from .program import CORES, Program, side_by_side
 from .residual import WeightedData, residual
 
-_LEAST_LANES = 4  # in one piece: fewer do not fill the processor's vectors
-_MOST_BYTES = 64 << 20  # of a piece's Jacobian
+LEAST_LANES = 4  # in one piece: fewer do not fill the processor's vectors
+MOST_BYTES = 64 << 20  # of a piece's Jacobian
 
 
 class NormalEquations(NamedTuple):
-    """What least squares needs to know of a residual r and its Jacobian J at a point.
+    """What a least-squares step needs of a residual r and its Jacobian J at a point: (J^T J) d = -J^T r. Dimensionless.
 
     Args:
         chi2: r^T r.
@@ -43,17 +43,17 @@ class NormalEquations(NamedTuple):
 
     @property
     def finite(self) -> bool:
-        """False where residual or Jacobian cannot be computed."""
+        """False where a simulation failed, so that residual or Jacobian is not finite."""
         return bool(np.isfinite(self.chi2) and np.isfinite(self.information).all() and np.isfinite(self.gradient).all())
 
 
 class Linearised(NamedTuple):
-    """A residual and its Jacobian.
+    """A residual and its Jacobian over coordinates, dimensionless.
 
     Args:
         r: whitened residual, shape (T, L, M).
-        jacobian: its derivative in each coordinate, shape (T, P, L, M).
-        equations: of the normal equations.
+        jacobian: dr/dx, shape (T, P, L, M).
+        equations: r^T r, J^T r and J^T J of both.
     """
 
     r: Float[AnyArray, "T L M"]
@@ -61,16 +61,27 @@ class Linearised(NamedTuple):
     equations: NormalEquations
 
 
-def shared_out(weighted: WeightedData, size: int) -> tuple[WeightedData, ...]:
-    """The data in pieces of some lanes each, all of one shape: for every core one, and none too large for the memory.
+def shared_out(
+    weighted: WeightedData,
+    size: int,
+    cores: int = CORES,
+    least_lanes: int = LEAST_LANES,
+    most_bytes: int = MOST_BYTES,
+) -> tuple[WeightedData, ...]:
+    """The data in pieces of some lanes each, all of one shape, for the cores to work on side by side.
 
     Args:
-        weighted: the data.
-        size: number of coordinates, by which the Jacobian grows.
+        weighted: data, whitening and priors of the whole batch.
+        size: number of coordinates P, by which the Jacobian grows.
+        cores: that work side by side.
+        least_lanes: of a piece.
+        most_bytes: of its Jacobian.
+    Returns:
+        at least one piece; lanes that only fill up the last one have weight 0.
     """
     steps, lanes, slots = weighted.slots.value.shape
-    fill = -(-lanes // _LEAST_LANES)
-    count = max(min(CORES, fill), -(-8 * steps * lanes * slots * size // _MOST_BYTES))
+    fill = -(-lanes // least_lanes)
+    count = max(min(cores, fill), -(-8 * steps * lanes * slots * size // most_bytes))
     width = -(-lanes // min(count, lanes))
 
     def lanes_of(leaf: Any, first: int) -> Any:
@@ -91,14 +102,14 @@ def shared_out(weighted: WeightedData, size: int) -> tuple[WeightedData, ...]:
 
 
 def normal_equations(form: Form, x: Float[AnyArray, " P"], pieces: Sequence[WeightedData]) -> NormalEquations:
-    """The normal equations at x, priors apart.
+    """r^T r, J^T r and J^T J of the samples at x; priors are not in them.
 
     Args:
         form: the model.
         x: coordinates, shape (P,).
         pieces: the data, see `shared_out`.
     """
-    parts = side_by_side(lambda piece: _linearised(form, x, piece).equations, pieces)
+    parts = side_by_side(lambda piece: linearise(form, x, piece).equations, pieces)
     return NormalEquations(
         *(np.sum([np.asarray(term) for term in terms], axis=0) for terms in zip(*parts, strict=True))
     )
@@ -107,8 +118,16 @@ def normal_equations(form: Form, x: Float[AnyArray, " P"], pieces: Sequence[Weig
 def linearised(
     form: Form, x: Float[AnyArray, " P"], weighted: WeightedData
 ) -> tuple[Float[np.ndarray, "T L M"], Float[np.ndarray, "T L M P"]]:
-    """Whitened residual and its Jacobian at x, shape (P,)."""
-    parts = side_by_side(lambda piece: _linearised(form, x, piece), shared_out(weighted, x.size))
+    """Whitened residual of the samples and its Jacobian.
+
+    Args:
+        form: the model.
+        x: coordinates, shape (P,).
+        weighted: data, whitening and priors of the whole batch.
+    Returns:
+        r, shape (T, L, M), and dr/dx, shape (T, L, M, P), dimensionless.
+    """
+    parts = side_by_side(lambda piece: linearise(form, x, piece), shared_out(weighted, x.size))
     lanes = weighted.slots.value.shape[1]
     r = np.concatenate([np.asarray(part.r) for part in parts], axis=1)[:, :lanes]
     columns = np.concatenate([np.moveaxis(np.asarray(part.jacobian), 1, 3) for part in parts], axis=1)[:, :lanes]
@@ -116,12 +135,19 @@ def linearised(
 
 
 def linearised_ahead(form: Form, x: Float[AnyArray, " P"], weighted: WeightedData) -> None:
-    """Begin to compile what `linearised` and `normal_equations` will ask for."""
-    _linearised.ahead(form, x, shared_out(weighted, x.size)[0])
+    """Begin to compile, in the background, what `linearised` and `normal_equations` will run."""
+    linearise.ahead(form, x, shared_out(weighted, x.size)[0])
 
 
 @Program
-def _linearised(form: Form, x: Float[Array, " P"], weighted: WeightedData) -> Linearised:
+def linearise(form: Form, x: Float[Array, " P"], weighted: WeightedData) -> Linearised:
+    """Residual, Jacobian and normal equations of one piece of the data, compiled.
+
+    Args:
+        form: the model.
+        x: coordinates, shape (P,).
+        weighted: data, whitening and priors of some lanes.
+    """
     if has_single_pass(form, weighted):
         r, columns = _in_one_pass(form, x, weighted)
     else:

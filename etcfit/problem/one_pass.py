@@ -23,7 +23,13 @@ from .residual import WeightedData, equipped, predict
 
 
 class Carried(NamedTuple):
-    """What one entry hands to the next: state, memories of effects, error states of the whitening."""
+    """What one entry of a lane hands to the next.
+
+    Args:
+        x: state of the plate.
+        z: memories of the effects.
+        error: the n error states of the whitening filter, SI.
+    """
 
     x: State
     z: tuple[Scalar, ...]
@@ -31,23 +37,24 @@ class Carried(NamedTuple):
 
 
 def has_single_pass(form: Form, weighted: WeightedData) -> bool:
-    """False where an effect delays a signal, or samples are filtered elsewhere than they were logged."""
+    """True where no effect of the model delays a signal, and every sample is filtered where it was logged: only then is
+    the path before an entry not needed."""
     return weighted.whitening.moved is None and not any(effect.delays for effect in form.types)
 
 
 def entries(weighted: WeightedData) -> tuple[Any, ...]:
-    """The data entry by entry, as `advance` takes them: each leaf has the axes T and L first."""
+    """The data as `advance` takes them, a tuple whose leaves have the axes T and L first."""
     return weighted.steps, weighted.resets, weighted.slots, weighted.test_of, weighted.whitening
 
 
 def start(form: Form, values: Mapping[str, Scalar], shape: tuple[int, ...], order: int) -> Carried:
-    """Before the first entry.
+    """What is carried into the first entry: zeros, and the effects' own first memories.
 
     Args:
         form: the model.
         values: of its parameters, SI by symbol.
-        shape: of every entry of the state.
-        order: number of error states.
+        shape: of every entry of the state, (L,) say.
+        order: number n of error states.
     """
     zero = jnp.zeros(shape)
     memories = tuple(jnp.full(shape, z) for z in Throttle.build(form.types, dict(values)).z0)
@@ -57,13 +64,15 @@ def start(form: Form, values: Mapping[str, Scalar], shape: tuple[int, ...], orde
 def advance(
     form: Form, values: Mapping[str, Scalar], carried: Carried, entry: tuple[Any, ...]
 ) -> tuple[Carried, Float[Array, " M"]]:
-    """One entry of one lane: what is carried on, and the whitened residual of its slots, shape (M,).
+    """Simulate, observe and whiten one entry of one lane.
 
     Args:
         form: the model.
-        values: of the parameters, SI by symbol.
+        values: of its parameters, SI by symbol.
         carried: from the entry before.
-        entry: one of `entries`.
+        entry: steps, resets, slots, rig test and filter of this one, see `entries`.
+    Returns:
+        what is carried on, and the whitened residual of its slots, shape (M,), dimensionless.
     """
     s, reset, slots, test_of, filter_ = entry
     throttle = Throttle.build(form.types, values)

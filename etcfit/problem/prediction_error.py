@@ -15,14 +15,14 @@ from .trace import Trace
 
 @dataclass(frozen=True, eq=False)
 class PredictionError:
-    """One channel of one trace: measured - simulated, free-running from the trace's start.
+    """Error of a free run, measured - simulated, in one channel of one trace.
 
     Args:
         file, test, channel: where.
         unit: of rms and sigma, as logged.
         n: samples.
         rms: root mean square error.
-        sigma: noise of one sample.
+        sigma: standard deviation of the noise of one sample.
     """
 
     file: str
@@ -35,7 +35,7 @@ class PredictionError:
 
 
 def pooled(every: Sequence[PredictionError]) -> float:
-    """sqrt(sum n (rms/sigma)^2 / sum n): error over noise of many channels, each counting for its samples."""
+    """sqrt(sum n (rms/sigma)^2 / sum n): error over noise of many channels, dimensionless; 1 where it is noise."""
     n = np.array([row.n for row in every], dtype=float)
     ratio = np.array([row.rms / row.sigma for row in every])
     return float(np.sqrt(np.sum(n * ratio**2) / n.sum()))
@@ -43,17 +43,28 @@ def pooled(every: Sequence[PredictionError]) -> float:
 
 @runtime_checkable
 class Placed(Protocol):
-    """A batch, as far as `columns` needs it: its traces and the entries of their instants, see `TraceBatch`."""
+    """What `columns` needs of a batch, see `TraceBatch`."""
 
     @property
-    def traces(self) -> tuple[Trace, ...]: ...
+    def traces(self) -> tuple[Trace, ...]:
+        """In the order given."""
+        ...
 
     @property
-    def places(self) -> tuple[tuple[int, int, np.ndarray], ...]: ...
+    def places(self) -> tuple[tuple[int, int, np.ndarray], ...]:
+        """For each trace its lane, its first entry, and the entry of each of its instants."""
+        ...
 
 
 def columns(batch: Placed, array: Float[AnyArray, "T L M"]) -> list[Float[np.ndarray, "_ _"]]:
-    """Take from a batch's (T, L, M) array what belongs to each trace: its instants by its channels."""
+    """What belongs to each trace in an array over the batch.
+
+    Args:
+        batch: its traces and their places.
+        array: shape (T, L, M).
+    Returns:
+        for each trace shape (n, M) with its own instants n and channels M.
+    """
     array = np.asarray(array)
     return [
         array[marks, lane, : len(trace.channels)]
@@ -62,18 +73,18 @@ def columns(batch: Placed, array: Float[AnyArray, "T L M"]) -> list[Float[np.nda
 
 
 def logged_unit(trace: Trace, channel: str) -> tuple[str, float]:
-    """Unit in which a channel was logged and the size of that unit in SI."""
+    """Unit in which a channel was logged, and the size of one such unit in SI."""
     name = channel if channel in trace.measurement.channels else "voltage"
     logged = trace.measurement.channels[name]
     return logged.unit, abs(logged.scale)
 
 
 def rows(traces: Sequence[Trace], predicted: Sequence[Float[np.ndarray, "_ _"]]) -> tuple[PredictionError, ...]:
-    """Score traces.
+    """Errors of free runs, one row for each channel of each trace; samples that were not logged do not count.
 
     Args:
         traces: as measured.
-        predicted: free-run simulation of each, shape (n, M), SI.
+        predicted: free run of each, shape (n, M), SI.
     """
     out = []
     for trace, model in zip(traces, predicted, strict=True):

@@ -63,12 +63,12 @@ def _free_run_variance(
 
 
 class Linearisation(NamedTuple):
-    """The residual at x and its slope there: r(x + d) = r + jacobian d.
+    """The residual near coordinates x: r(x + d) = r + J d.
 
     Args:
         r: whitened residual of the samples, shape (T, L, M), dimensionless.
-        prior: residual of the priors, shape (P,), dimensionless; its own slope is 1 over each prior's sd.
-        jacobian: dr/dx, shape (T, L, M, P), over coordinates.
+        prior: (x - mean) / sd of the priors, shape (P,), dimensionless; its own slope is 1 / sd.
+        jacobian: J = dr/dx, shape (T, L, M, P), over coordinates.
     """
 
     r: Float[np.ndarray, "T L M"]
@@ -78,16 +78,17 @@ class Linearisation(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class EstimationProblem:
-    """Data and unknowns of a rig; each method returns something new.
+    """Data and free parameters of a rig, and all that is computed of both. Frozen: methods return something new.
 
     Args:
         config: the rig.
-        free_parameters: its parameters.
-        batch: its traces.
-        substeps: integration steps in each interval between instants, one array a trace.
-        sigma: noise of each sample with outliers weighed down, shape (T, L, M).
+        free_parameters: which of its parameters are free, and what is known of all.
+        batch: its traces as arrays.
+        substeps: integration steps in each interval between instants, shape (n - 1,) for each trace.
+        sigma: noise of each sample, unit of the sample, raised for outliers; shape (T, L, M).
         jitter: standard deviation of the sampling instants, as a share of the time between samples.
-        guide_stiffness: guide of the residual, V/rad, or N m/rad where torque drives; 0 where it is that of a free run.
+        guide_stiffness: of the guide under which the residual is simulated, V/rad, or N m/rad where torque drives; 0
+            for a free run.
     """
 
     config: RigConfig
@@ -107,17 +108,27 @@ class EstimationProblem:
         substeps: Sequence[Int[np.ndarray, " _"]] | None = None,
         least: tuple[int, ...] = (0, 0, 0),
     ) -> EstimationProblem:
-        """Batch traces of at least the shape `least`; one step in each interval if `substeps` says no more."""
+        """The problem of some traces.
+
+        Args:
+            config: the rig.
+            free_parameters: which of its parameters are free.
+            traces: made ready, see `trace.prepare`.
+            substeps: integration steps in each interval, shape (n - 1,) for each trace; one where None.
+            least: steps T, lanes L and slots M that the batch has at least.
+        """
         substeps = substeps or tuple(np.ones(t.instants.size - 1, dtype=int) for t in traces)
         batch = batch_of(traces, config, substeps, least)
         return cls(config, free_parameters, batch, tuple(substeps), batch.slots.sigma)
 
     @property
     def layout(self) -> Layout:
+        """Which parameters x stands for, and in which order."""
         return self.free_parameters.layout
 
     @property
     def slots(self) -> SampleSlots:
+        """The samples with `sigma` for their noise."""
         return self.batch.slots._replace(sigma=self.sigma)
 
     @property
@@ -126,45 +137,60 @@ class EstimationProblem:
         return self.layout.pick(self.free_parameters.held)
 
     def at(self, x: Float[np.ndarray, " P"]) -> tuple[Form, Float[np.ndarray, " room"], Pick]:
-        """What every compiled function of the model at x takes."""
+        """The arguments that compiled functions have in common: model, padded coordinates, choice of free ones."""
         return self.layout.form, self.layout.padded(x), self.pick
 
     def compile_ahead(self, x: Float[np.ndarray, " P"]) -> None:
-        """Begin to compile what will be asked for at x: Jacobian, whitening filter, residual."""
+        """Begin to compile, in the background, what a fit will run at x, shape (P,): Jacobian, filter, residual."""
+        self.compile_linearised_ahead(x)
+        _compared.ahead(*self._unweighted(x))
+
+    def compile_linearised_ahead(self, x: Float[np.ndarray, " P"]) -> None:
+        """As `compile_ahead`, without the residual: for whoever looks at the Jacobian only."""
+        linearised_ahead(*self._unweighted(x))
         form, padded, pick = self.at(x)
-        weighted = self.weighted(plain(self.slots, order_of(self.layout.types)))
-        linearised_ahead(form, padded, weighted)
         _kalman.ahead(form, padded, pick, self.arrays(), self.jitter)
-        _compared.ahead(form, padded, weighted)
+
+    def _unweighted(self, x: Float[np.ndarray, " P"]) -> tuple[Form, Float[np.ndarray, " room"], WeightedData]:
+        form, padded, _ = self.at(x)
+        return form, padded, self.weighted(plain(self.slots, order_of(self.layout.types)))
 
     def free_run(self, x: Float[np.ndarray, " P"]) -> list[Float[np.ndarray, "_ _"]]:
-        """Simulated samples of each trace, (n, M)."""
+        """Simulated samples y_hat of each trace, shape (n, M), SI, at coordinates x, shape (P,): from the logged input
+        alone."""
         return columns(self.batch, self.simulated(x, 0.0))
 
     def free_run_variance(self, x: Float[np.ndarray, " P"]) -> list[Float[np.ndarray, "_ _"]]:
-        """Variance of measured - free run of each trace, (n, M): sensor, noisy input, instants not known exactly."""
+        """Variance of measured - free run of each trace, shape (n, M), SI^2: sensor noise, noisy input, instants not
+        known."""
         arrays, where = self._where_they_belong(x)
         variance = _free_run_variance(*self.at(x), arrays, self.jitter)
         return columns(self.batch, variance if where is None else moved(variance, where.back))
 
     def simulated(self, x: Float[np.ndarray, " P"], guide_stiffness: float) -> Float[Array, "T L M"]:
-        """Simulated samples, (T, L, M), drawn along the measured angle by a guide of that stiffness."""
+        """Simulated samples of the whole batch, SI, shape (T, L, M).
+
+        Args:
+            x: coordinates, shape (P,).
+            guide_stiffness: of the guide along the measured angle, V/rad, or N m/rad where torque drives; 0: a free
+                run.
+        """
         unwhitened = plain(self.slots, order_of(self.layout.types))
         weighted = self.guided(guide_stiffness).weighted(unwhitened)
         return _compared(self.layout.form, self.layout.padded(x), weighted).seen
 
     def arrays(self, guide_stiffness: float = 0.0) -> BatchArrays:
-        """The batch, as compiled functions take it, with a guide of that stiffness."""
+        """The batch for compiled functions, under a guide of this stiffness, V/rad (N m/rad where torque drives)."""
         batch = self.batch
         return BatchArrays(batch.guided(guide_stiffness), batch.resets, self.slots, batch.disturbance, batch.test_of)
 
     def kalman(self, x: Float[np.ndarray, " P"]) -> InnovationsFilter:
-        """The whitening filter along the path at x."""
+        """The whitening filter, linearised along the free run at coordinates x, shape (P,)."""
         return self.filter_and_timing(x)[0]
 
     def filter_and_timing(self, x: Float[np.ndarray, " P"]) -> tuple[InnovationsFilter, Float[Array, "T L M"]]:
-        """That filter, and (dy/dt dt)^2 / S of each sample, shape (T, L, M): what a jitter of 1 would add to its
-        variance, over the variance it has."""
+        """The whitening filter at coordinates x, shape (P,), and (dy/dt dt)^2 / S of each sample, shape (T, L, M): the
+        variance that a jitter of 1 would add to it, over that which it has."""
         arrays, where = self._where_they_belong(x)
         filter_, timing = _kalman(*self.at(x), arrays, self.jitter)
         return (filter_, timing) if where is None else (filter_._replace(moved=where), moved(timing, where.back))
@@ -181,7 +207,7 @@ class EstimationProblem:
         return arrays._replace(slots=arrays.slots._replace(weight=present, sigma=sigma)), where
 
     def weighted(self, filter_: InnovationsFilter) -> WeightedData:
-        """The data for the residual."""
+        """Samples, inputs, priors and this filter, for the residual."""
         batch, layout = self.batch, self.layout
         mean, sd = self.free_parameters.priors_on_coordinates()
         priors = layout.padded(mean), layout.padded(sd, np.inf)
@@ -190,22 +216,29 @@ class EstimationProblem:
         return jax.device_put(weighted)  # once, not at every call
 
     def linearise(self, x: Float[np.ndarray, " P"], weighted: WeightedData) -> Linearisation:
-        """Residual, that of the priors, and the Jacobian of the former at coordinates x, shape (P,)."""
+        """Residual, that of the priors, and the Jacobian of the former.
+
+        Args:
+            x: coordinates, shape (P,).
+            weighted: data and frozen filter, see `weighted`.
+        """
         padded = self.layout.padded(x)
         r, columns = linearised(self.layout.form, padded, weighted)
         prior = np.asarray(prior_residual(padded, weighted))[: x.size]
         return Linearisation(r, prior, columns[..., : x.size])
 
     def residual(self, x: Float[np.ndarray, " P"], weighted: WeightedData) -> Float[np.ndarray, "T L M"]:
-        """Whitened residual alone, shape (T, L, M): a tenth of what its Jacobian costs."""
+        """Whitened residual alone, shape (T, L, M), dimensionless, at coordinates x, shape (P,): a tenth of the cost of
+        its Jacobian."""
         return np.asarray(_compared(self.layout.form, self.layout.padded(x), weighted).r)
 
     def chi2(self, x: Float[np.ndarray, " P"], weighted: WeightedData) -> float:
-        """Sum of squares of that residual, priors apart; `chi2.chi2_of` is for many points, with them."""
+        """Sum of squares of the whitened residual at coordinates x, shape (P,). Without the priors; `chi2.chi2_of`, for
+        many points, counts them."""
         return float(np.sum(self.residual(x, weighted) ** 2))
 
     def refined(self, x: Float[np.ndarray, " P"]) -> EstimationProblem:
-        """The same with as many integration steps as the path at x needs."""
+        """The problem with as many integration steps in each interval as the free run at x, shape (P,), needs."""
         problem = self
         for _ in range(2):
             error = np.asarray(_local_error(*problem.at(x), problem.arrays()))
@@ -214,19 +247,28 @@ class EstimationProblem:
         return problem
 
     def reprepared(self, x: Float[np.ndarray, " P"]) -> EstimationProblem:
-        """The same measurements as they were logged, with the steps that x needs and the releases read off them again:
-        those that a poorer model saw would draw a better one back to it."""
+        """The problem of the measurements as they were logged: release instants are read off the records again, and
+        integration steps chosen for x, shape (P,).
+
+        For a model with an effect more: release instants that a poorer model placed would pull it back to that one.
+        """
         traces = tuple(t for t in (prepare(t.measurement, self.config) for t in self.batch.traces) if t is not None)
         problem = EstimationProblem.of(self.config, self.free_parameters, traces, None, self.shape)
         return replace(problem.refined(x).with_integrator_states(x), jitter=self.jitter)
 
     @property
     def shape(self) -> tuple[int, ...]:
-        """Of the batch: steps, lanes, slots."""
+        """T, L and M of the batch."""
         return self.batch.slots.value.shape
 
     def beside(self, traces: tuple[Trace, ...], x: Float[np.ndarray, " P"]) -> EstimationProblem:
-        """Other traces of the same rig, in a batch of the same shape where they fit: what is compiled serves again."""
+        """The problem of other traces of the same rig, in a batch of the same shape where they fit, so that nothing is
+        compiled again.
+
+        Args:
+            traces: made ready.
+            x: coordinates, shape (P,), for which integration steps are chosen.
+        """
         other = (
             EstimationProblem.of(self.config, self.free_parameters, traces, None, self.shape)
             .refined(x)
@@ -236,15 +278,16 @@ class EstimationProblem:
         return replace(other, jitter=self.jitter, guide_stiffness=self.guide_stiffness)
 
     def guided(self, guide_stiffness: float) -> EstimationProblem:
-        """The same with a residual whose simulation is drawn along the measured angle."""
+        """The problem with a residual simulated under a guide of this stiffness, V/rad (N m/rad for torque)."""
         return replace(self, guide_stiffness=guide_stiffness)
 
     def with_parameters(self, free_parameters: FreeParameters) -> EstimationProblem:
-        """The same data with other unknowns."""
+        """The same data with other free parameters."""
         return replace(self, free_parameters=free_parameters)
 
     def with_release_times(self, x: Float[np.ndarray, " P"]) -> EstimationProblem:
-        """The same with the releases of held plates moved to where the model at x sees them."""
+        """The problem with the instants at which held plates were let go where the model at x, shape (P,), fits them
+        best."""
         if not any(trace.release for trace in self.batch.traces):
             return self
         predicted = self.free_run(x)
@@ -253,8 +296,12 @@ class EstimationProblem:
         return replace(moved, jitter=self.jitter)
 
     def with_integrator_states(self, x: Float[np.ndarray, " P"]) -> EstimationProblem:
-        """The same with what each ECU in the model holds in its integral at the begin of its trace moved to where the
-        model at x sees it: a search by halves, for a plate that rests answers to nothing and one that slips jumps."""
+        """The problem with the voltage in the integral of each ECU in the model, where its trace begins, that fits best
+        at x.
+
+        Searched by halves of an interval: a plate that rests does not answer to a small change, and one that slips
+        jumps.
+        """
         controlled = np.array([trace.controlled for trace in self.batch.traces])
         if not controlled.any():
             return self

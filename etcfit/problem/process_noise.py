@@ -34,15 +34,15 @@ _AROUND = 5  # samples either side of an impact that are discounted
 
 
 class ErrorProcess(NamedTuple):
-    """The error of a simulation as a linear Gaussian process of n states (current, angle, speed, followed memories,
-    input error), SI.
+    """The error of a simulation as a linear Gaussian process of n states: current (A), angle (rad), speed (rad/s),
+    memories of an ECU in the model, error of the input (V or N m). Formulas: head of this module.
 
     Args:
         transition: A, shape (T, L, n, n); 0 at the first entry of a trace.
         noise: Q, shape (T, L, n, n); at the first entry of a trace the covariance of its initial state.
         sense: C, shape (T, L, M, n).
-        variance: R without jitter, shape (T, L, M).
-        timing: what a jitter of 1 would add to R, shape (T, L, M).
+        variance: R without jitter, square of the sample's unit, shape (T, L, M).
+        timing: (dy/dt dt)^2, what a jitter of 1 would add to R, shape (T, L, M).
     """
 
     transition: Float[Array, "T L n n"]
@@ -52,7 +52,8 @@ class ErrorProcess(NamedTuple):
     timing: Float[Array, "T L M"]
 
     def sample_variance(self, jitter: Scalar) -> Float[AnyArray, "T L M"]:
-        """R, shape (T, L, M), where sampling instants scatter by `jitter` times the time between samples."""
+        """R = variance + jitter^2 timing, shape (T, L, M), where instants scatter by `jitter` times the time between
+        samples."""
         return self.variance + jitter**2 * self.timing
 
 
@@ -72,12 +73,12 @@ def order_of(effects: Sequence[type[AbstractEffect]]) -> int:
 
 
 def error_process(throttle: Throttle, path: StatePath, batch: BatchArrays) -> ErrorProcess:
-    """Linearise a model along its path.
+    """The error process of a model, linearised along a simulated path.
 
     Args:
         throttle: the model at the parameters to linearise about.
         path: its states and memories at the end of each step, shape (T, L) each.
-        batch: with its circuits and guide, see `residual.run`.
+        batch: as the rig drives it and with the guide's lever, see `residual.run`.
     """
     steps, resets, slots, disturbance, test_of = batch
     before = before_steps(throttle, path, resets)
@@ -122,7 +123,7 @@ def free_run_variance(throttle: Throttle, path: StatePath, batch: BatchArrays, j
 
 
 def before_steps(throttle: Throttle, path: StatePath, resets: Reset) -> StatePath:
-    """State at the begin of every step."""
+    """State and memories at the begin of every step, shape (T, L) each, from those at its end."""
 
     def shift(column: Float[Array, "T L"], first: Scalar) -> Float[Array, "T L"]:
         late = jnp.concatenate((jnp.zeros_like(column[:1]), column[:-1]))
@@ -165,7 +166,11 @@ def _linearise(
 def slot_senses(
     throttle: Throttle, steps: Step, slots: SampleSlots, test_of: Float[AnyArray, "T L"]
 ) -> Float[Array, "T L M 4"]:
-    """C, shape (T, L, M, n): the slots' sensitivity to current, angle and speed."""
+    """C: derivatives of what each slot shows, SI, by current, angle and speed; 0 by the input's error.
+
+    Returns:
+        shape (T, L, M, 4).
+    """
     lanes = slots.kind.shape
     speed = throttle.observe(State(0.0, 0.0, 1.0), throttle.z0, steps.inputs(1.0))
     shown = {"current": 1.0, "position": 1.0, "emf": speed["emf"], "motor_speed": speed["motor_speed"]}
@@ -184,10 +189,10 @@ def slot_senses(
 
 
 def impact_nearby(before: State, after: State, steps: Step, slots: SampleSlots) -> Float[Array, "T L"]:
-    """Speed lost in an impact within some samples of each step, rad/s; 0 elsewhere.
+    """Speed lost in an impact on a stop within some samples of each step, rad/s, shape (T, L); 0 elsewhere.
 
-    While the parameters move, the simulated impact moves by some samples; were only the step of the impact discounted,
-    a frozen weight would meet a jump in full.
+    While the parameters move, the simulated impact moves by some samples. Samples around it are discounted too, or else
+    one of full weight would meet the jump.
     """
     stopped = (after.omega == 0.0) & (before.omega != 0.0) & (steps.mobile > 0.5) & (steps.plate > 0.5)
     on_stop = (after.theta <= steps.lower) | (after.theta >= steps.upper)

@@ -30,10 +30,18 @@ def _pool(purpose: str) -> ThreadPoolExecutor:
 
 
 def side_by_side(work: Callable[[Piece], Any], pieces: Sequence[Piece]) -> list[Any]:
-    """What `work` makes of each piece, computed to its end, in their order."""
+    """`work` on each piece, one thread each; results in their order, once all are computed."""
     if len(pieces) == 1:
         return [jax.block_until_ready(work(pieces[0]))]
     return list(_pool("running").map(lambda piece: jax.block_until_ready(work(piece)), pieces))
+
+
+_PROGRAMS: list[Program] = []
+
+
+def compiled_so_far() -> dict[str, int]:
+    """How many versions of each program this process has compiled, by module and function."""
+    return {program.name: program.compiled for program in _PROGRAMS}
 
 
 class Program:
@@ -47,25 +55,31 @@ class Program:
 
     def __init__(self, function: Callable[..., Any], static: int = 1, options: dict[str, Any] | None = None) -> None:
         self.__doc__ = function.__doc__
+        self.name = f"{function.__module__.rpartition('.')[-1]}.{function.__name__.lstrip('_')}"
         self._jit = jax.jit(function, static_argnums=tuple(range(static)), compiler_options=options)
         self._static = static
         self._lock = Lock()
         self._compiled: dict[Hashable, Future[Any]] = {}
+        _PROGRAMS.append(self)
 
     def __call__(self, *args: Any) -> Any:
         return self._of(args)(*args[self._static :])
 
     @property
     def compiled(self) -> int:
-        """How often it was compiled."""
+        """How many versions were compiled: one for each model and shape of arguments."""
         return len(self._compiled)
 
     def ahead(self, *args: Any) -> None:
-        """Compile for these arguments in the background: who calls with such a little later waits less, or not at all.
+        """Compile for these arguments in the background, so that a later call with such waits less.
 
-        An error is met by that call, not here.
+        An error of the compiler is raised by that call, not here.
         """
         _pool("compiling").submit(self._of, args)
+
+    def text(self, *args: Any) -> str:
+        """What these arguments are compiled to, as XLA prints it."""
+        return self._of(args).as_text() or ""
 
     def _of(self, args: tuple[Any, ...]) -> Any:
         leaves, tree = jax.tree.flatten(args[self._static :])

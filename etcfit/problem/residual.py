@@ -19,13 +19,13 @@ from .innovations import InnovationsFilter, whiten
 
 
 class WeightedData(NamedTuple):
-    """What the residual needs besides the coordinates: data, whitening and prior, all arrays.
+    """All that the residual needs besides the coordinates, as arrays.
 
     Args:
-        steps, resets, slots, test_of: the batch.
-        whitening: frozen filter.
+        steps, resets, slots, test_of: the batch, see `TraceBatch`.
+        whitening: the frozen filter.
         pick: which parameters the coordinates stand for, and the values of the others.
-        prior_mean, prior_sd: Gaussian priors on the coordinates, shape (P,); sd is inf where there is none.
+        prior_mean, prior_sd: Gaussian priors on the coordinates, shape (P,), dimensionless; sd is inf without one.
     """
 
     steps: Step
@@ -39,19 +39,20 @@ class WeightedData(NamedTuple):
 
     @property
     def samples(self) -> float:
-        """How many are fitted."""
+        """Number of samples that are fitted."""
         return float(np.sum(self.slots.weight))
 
 
 def equipped(
     throttle: Throttle, steps: Step, resets: Reset, test_of: Scalar, values: Mapping[str, Scalar]
 ) -> tuple[Step, Reset]:
-    """The batch, or one entry of it, with all that depends on parameters: as the rig drives it, and the guide's lever.
+    """Steps and resets, of a batch or of one entry, with all in them that depends on parameters: effects of the rig on
+    input and start, and the torque by which a guide acts where there is no circuit.
 
     Args:
         throttle: the model.
-        steps, resets, test_of: of the batch.
-        values: of its parameters, SI by symbol.
+        steps, resets, test_of: as logged, see `TraceBatch`.
+        values: of the model's parameters, SI by symbol.
     """
     steps = throttle.driven(steps, test_of)
     # a guide in volts knows no scale of torque: where the data know none, none can run away from it
@@ -64,7 +65,15 @@ def equipped(
 def predict(
     throttle: Throttle, path: StatePath, steps: Step, resets: Reset, slots: SampleSlots, test_of: Scalar
 ) -> Float[Array, "*batch M"]:
-    """What each slot ought to show, SI, shape (T, L, M)."""
+    """y_hat: what each slot ought to show.
+
+    Args:
+        throttle: the model.
+        path: its states and memories at the end of each step, shape (T, L) each.
+        steps, resets, slots, test_of: the batch, see `TraceBatch`; of one entry without the axis T.
+    Returns:
+        shape (T, L, M), SI unit of each channel.
+    """
     seen = throttle.read(throttle.observe(*path, steps.inputs(1.0)), test_of)
     delays = throttle.delays().channels if throttle.may_delay else {}
     by_the_rig = throttle.lateness(steps, test_of)
@@ -82,8 +91,8 @@ class SimulatedRun(NamedTuple):
     Args:
         throttle: the model.
         path: its states and memories at the end of each step, shape (T, L) each.
-        steps: what it ran on: as the rig drives it, with the guide's lever, and inputs as late as they act.
-        resets: states in which its traces began, as they are rather than as they were logged.
+        steps: what it ran on: as the rig drives it, inputs as late as they act, with the guide's lever.
+        resets: true states in which its traces began, which a rig effect may set apart from the logged ones.
     """
 
     throttle: Throttle
@@ -110,7 +119,7 @@ def run(form: Form, x: Float[Array, " P"], pick: Pick, batch: BatchArrays | Weig
 
 
 def prior_residual(x: Float[AnyArray, " P"], weighted: WeightedData) -> Float[AnyArray, " P"]:
-    """That of the priors, (x - mean) / sd, shape (P,)."""
+    """(x - mean) / sd of the Gaussian priors, shape (P,), dimensionless; 0 where there is none."""
     return (x - weighted.prior_mean) / weighted.prior_sd
 
 
@@ -118,8 +127,8 @@ class Compared(NamedTuple):
     """A simulation beside the data, shape (T, L, M) each.
 
     Args:
-        seen: what each slot ought to show, SI.
-        r: whitened residual, 0 where there is no sample, standard normal where the model is right.
+        seen: y_hat, what each slot ought to show, SI.
+        r: whitened residual, dimensionless, 0 where there is no sample; standard normal where the model is right.
     """
 
     seen: Float[Array, "T L M"]
@@ -144,5 +153,5 @@ def compared(form: Form, x: Float[Array, " P"], weighted: WeightedData) -> Compa
 
 
 def residual(form: Form, x: Float[Array, " P"], weighted: WeightedData) -> Float[Array, "T L M"]:
-    """The whitened residual alone, see `compared`."""
+    """r = W (y - y_hat(x)) of all samples, shape (T, L, M), dimensionless; arguments as of `compared`."""
     return compared(form, x, weighted).r

@@ -20,12 +20,14 @@ _LASTING = 0.03  # s, for how long an error in speed moves the angle
 
 
 def local_error(throttle: Throttle, path: StatePath, batch: BatchArrays) -> Float[Array, "T L"]:
-    """Error of each step by step doubling, in standard deviations of the samples, shape (T, L).
+    """Integration error of each step, from one step against two of half its length.
 
     Args:
         throttle: the model.
-        path: its path along the batch.
-        batch: with its circuits and guide, see `residual.run`.
+        path: its states and memories at the end of each step, shape (T, L) each.
+        batch: as the rig drives it and with the guide's lever, see `residual.run`.
+    Returns:
+        shape (T, L), in standard deviations of the samples.
     """
     slots = batch.slots
     x, z = before_steps(throttle, path, batch.resets)

@@ -19,7 +19,7 @@ class InitialState:
 
     Args:
         state: current (A), angle (rad), speed (rad/s).
-        sd: their standard deviations; 0 where known exactly, as on a stop.
+        sd: their standard deviations, same units; 0 where known exactly, as on a stop.
     """
 
     state: tuple[float, float, float]
@@ -28,16 +28,16 @@ class InitialState:
 
 @dataclass(frozen=True, eq=False)
 class Trace:
-    """One measurement, ready.
+    """One measurement, ready for the model.
 
     Args:
         measurement: as read.
         test: its rig test.
-        instants: s, shape (n,).
-        input: None with open terminals.
+        instants: of its samples, s, shape (n,).
+        input: what drives it; None with open terminals.
         channels: what is observed, M names.
-        data: SI, shape (n, M); NaN where nothing was logged.
-        sigma: noise of one sample, shape (M,).
+        data: samples, SI, shape (n, M); NaN where nothing was logged.
+        sigma: standard deviation of the noise of one sample, SI, shape (M,).
         start: initial state.
         release: instant at which the held plate was let go and its standard deviation, s; None: free from the start.
         controlled: True where the ECU of rig.toml drives the plate inside the model.
@@ -56,6 +56,7 @@ class Trace:
 
     @property
     def torque_driven(self) -> bool:
+        """True where a torque was logged as the input: then there is no electrical side."""
         return self.input is not None and "torque" in self.measurement.channels
 
     @property
@@ -69,11 +70,12 @@ class Trace:
         return self.input is not None and not self.torque_driven
 
     def released_at(self, instant: float, sd: float) -> Trace:
-        """The same trace with a better release instant."""
+        """The trace with another release instant and its standard deviation, s."""
         return replace(self, release=(instant, sd))
 
     def holding(self, volts: float) -> Trace:
-        """The same trace with another voltage in the ECU's integral where it begins."""
+        """The trace with another voltage (V) in the integral of the ECU in the model where it begins; itself without
+        such one."""
         if self.input is None or not self.controlled:
             return self
         return replace(self, input=replace(self.input, value=np.full(self.instants.size, volts)))
@@ -85,7 +87,14 @@ _NOWHERE = InitialState((0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
 
 
 def prepare(measurement: Measurement, config: RigConfig) -> Trace | None:
-    """Make a trace ready; None where the model cannot predict it (no input logged, or nothing observed)."""
+    """Make a trace ready: input, samples, initial state, release.
+
+    Args:
+        measurement: as read.
+        config: its rig.
+    Returns:
+        None where the model cannot predict it: no input was logged, or nothing observed.
+    """
     test = TEST_BY_NAME[measurement.test]
     instants = measurement.time
     signal = None if test.boundary.terminals_open else input_of(measurement, config, instants)
@@ -227,12 +236,15 @@ def _rising(trace: Trace) -> tuple[Float[np.ndarray, " k"], Float[np.ndarray, " 
     rows = np.flatnonzero(np.isfinite(column))
     signal = column[rows] - np.median(column[rows[:10]])
     width = max(1, rows.size // 100)
-    signal = _smooth(np.abs(signal), width)
+    signal = moving_mean(np.abs(signal), width)
     return (signal if name == "emf" else np.sqrt(signal)), trace.instants[rows]
 
 
-def _smooth(value: Float[np.ndarray, " k"], width: int) -> Float[np.ndarray, " k"]:
-    """Mean over `width` samples about each, zeros beyond the ends; by running sums, for a log may be very long."""
+def moving_mean(value: Float[np.ndarray, " k"], width: int) -> Float[np.ndarray, " k"]:
+    """Mean over `width` samples about each, unit and shape of the value; zeros beyond its ends.
+
+    By running sums, for a log may be very long.
+    """
     before = width // 2
     sums = np.cumsum(np.pad(value, (before + 1, width - 1 - before)))
     return (sums[width:] - sums[:-width]) / width

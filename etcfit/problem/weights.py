@@ -25,18 +25,18 @@ _OUTLIER = 5.0  # robust standard deviations beyond which a sample is weighed do
 
 
 def free_running(problem: EstimationProblem) -> InnovationsFilter:
-    """r = (y - y_hat) / sigma: least squares of the free-running simulation, each sample by its own noise."""
+    """r = (y - y_hat) / sigma: least squares of the free run, each sample weighed by its own noise."""
     return plain(problem.slots, order_of(problem.layout.types))
 
 
 def forgiving(problem: EstimationProblem, late: float = 0.0) -> InnovationsFilter:
     """r = (y - y_hat) / sqrt(sigma^2 + (d/2)^2), d the largest distance of a sample from its neighbours in time.
 
-    A simulation that does the right thing a little early or late is wrong by about d there, and is forgiven it.
+    A simulation that reaches a value a little early or late differs by about d: so much is not held against it.
 
     Args:
         problem: the data.
-        late: s by which an instant may be off; a sample at least.
+        late: by how much an instant may be off, s; neighbours are at least one sample away.
     """
     slots = problem.slots
     bend = np.zeros_like(slots.sigma)
@@ -47,7 +47,8 @@ def forgiving(problem: EstimationProblem, late: float = 0.0) -> InnovationsFilte
 
 
 def farthest(data: Float[np.ndarray, "n M"], reach: int) -> Float[np.ndarray, "n M"]:
-    """How far each sample lies from the farthest of its neighbours up to `reach` away, shape (n, M); 0 for NaN."""
+    """Distance of each sample, shape (n, M), from the one among its neighbours up to `reach` samples away that differs
+    most, in the samples' unit; 0 for NaN."""
     seen = np.isfinite(data)
     high = maximum_filter1d(np.where(seen, data, -np.inf), 2 * reach + 1, axis=0, mode="nearest")
     low = minimum_filter1d(np.where(seen, data, np.inf), 2 * reach + 1, axis=0, mode="nearest")
@@ -55,17 +56,17 @@ def farthest(data: Float[np.ndarray, "n M"], reach: int) -> Float[np.ndarray, "n
 
 
 def timed(problem: EstimationProblem, x: Float[np.ndarray, " P"], r: Float[np.ndarray, "T L M"]) -> EstimationProblem:
-    """The problem with the jitter that its whitened residual shows where samples change fast.
+    """The problem with the jitter of the sampling instants that its residuals show where samples change fast.
 
         a <- a + 1/2 sum q (r^2 - 1) / sum q^2,    a = jitter^2,  q = (dy/dt dt)^2 / S
 
-    Fisher's scoring for one component of variance, by half steps since the fit follows; left alone where no sample
-    changes fast enough to tell.
+    One step of Fisher scoring for a component of variance, halved, for the parameters follow; none where samples change
+    too slowly to tell.
 
     Args:
         problem: the data.
         x: coordinates, shape (P,).
-        r: whitened residual at x, shape (T, L, M).
+        r: whitened residual at x, shape (T, L, M), dimensionless.
     """
     share = np.asarray(problem.filter_and_timing(x)[1])
     power = float(np.sum(share**2))
@@ -79,14 +80,15 @@ def timed(problem: EstimationProblem, x: Float[np.ndarray, " P"], r: Float[np.nd
 def outliers_weighed(
     problem: EstimationProblem, whitened: Sequence[Float[np.ndarray, "_ _"]]
 ) -> tuple[EstimationProblem, int]:
-    """sigma <- sigma max(1, |r| / 5 s), s = max(1, 1.4826 median |r|) of each channel of each trace.
+    """The problem with outliers weighed down, sigma <- sigma max(1, |r| / 5 s), s = max(1, 1.4826 median |r|) of a
+    channel.
 
     Source: Huber 1981, Robust statistics, ch. 7. Differs from source: the weight 5 s / |r| multiplies r, not r^2: an
     outlier counts as if it lay 5 s away.
 
     Args:
         problem: the data; its sigma starts from the declared one.
-        whitened: residuals r of each trace, shape (n, M) each.
+        whitened: residuals r of each trace, shape (n, M) each, dimensionless.
     Returns:
         the problem, and how many samples count less.
     """
@@ -101,8 +103,9 @@ def outliers_weighed(
 
 
 def discounted(problem: EstimationProblem, x: Float[np.ndarray, " P"]) -> EstimationProblem:
-    """sigma <- sigma max(1, rms((y - y_hat) / sigma)) of each channel of each trace, y_hat at x under the problem's
-    guide: a channel that the model cannot explain must not spoil the others.
+    """The problem with channels that the model cannot explain weighed down, so that they do not spoil the others:
+
+        sigma <- sigma max(1, rms((y - y_hat) / sigma)) of each channel of each trace, y_hat under the problem's guide
 
     Args:
         problem: the data; its sigma starts from the declared one.

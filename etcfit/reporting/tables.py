@@ -12,7 +12,7 @@ from rich.text import Text
 
 from ..estimation.intervals import LUMPS, Interval, intervals, lumped
 from ..estimation.joint_fit import FitResult, StartSummary
-from ..estimation.remedies import sentence
+from ..estimation.remedies import sentences as directions_in_words
 from ..experiment.check import ChannelCheck, CheckResult, TraceCheck
 from ..model.effects import PAPER
 from ..problem.prediction_error import PredictionError
@@ -40,7 +40,10 @@ def fit_table(result: FitResult) -> RenderableType:
         _parameters(result),
         _score("Free-running error, fitted traces", result.score_fit),
         _score("Free-running error, held-out traces", result.score_holdout),
-        sentences("What these data cannot tell, or hardly", [sentence(d) for d in result.identifiability.directions]),
+        sentences(
+            "What these data cannot tell, or hardly",
+            directions_in_words(result.identifiability.directions, result.problem.batch.traces),
+        ),
         influence_table(result),
         budget_table(result),
         _starts(result.starts),

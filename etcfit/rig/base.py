@@ -215,7 +215,8 @@ class Rig:
         Raises:
             MeasurementError: anything in them is wrong; rows are counted from 0, as `iloc` does.
         """
-        # by name, as the package's own facade does: the module builds rigs and so imports this one
+        # Late, and by name: that module makes rigs, so it imports this one, and an import here would be a circle. The
+        # constructor is on its class all the same, for that is where a notebook looks for it.
         return importlib.import_module("etcfit.rig.frames").rig_from_frames(frames, config)
 
 

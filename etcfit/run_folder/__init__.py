@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from .advice import advice_json, save_advice
 from .design import design_json, rusefi
 from .diagnosis import diagnosis_json
 from .fit import GEAR_RATIO, effects_of, fit_json, hashes, parameters_json, readings_of, versions
@@ -50,6 +51,7 @@ __all__ = [
     "STAGE_FILES",
     "SUPERSEDED",
     "RunFolder",
+    "advice_json",
     "begin",
     "design_json",
     "diagnosis_json",
@@ -75,6 +77,7 @@ __all__ = [
     "reduction_json",
     "require",
     "rusefi",
+    "save_advice",
     "save_design",
     "save_diagnosis",
     "save_fit",

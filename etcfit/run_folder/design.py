@@ -15,7 +15,7 @@ from .fit import versions
 
 
 def design_json(design: Design) -> dict[str, Any]:
-    """The object of pid.json (FORMAT.md), and what else a reader may want to know.
+    """The object of pid.json (docs/formats.md), and what else a reader may want to know.
 
     `ecu` has the gains as an ECU that counts ticks: P = Kp, I = Ki T, D = Kd / T, all V/rad. `as_written` has them, and
     those of every rule, in unit and form of [ecu] of rig.toml; null where it names no unit. A settling time is null

@@ -13,7 +13,7 @@ from .influence import influence_json
 
 
 def diagnosis_json(diagnosis: Diagnosis) -> dict[str, Any]:
-    """The object of diagnosis.json (FORMAT.md), and what else a reader may want to know.
+    """The object of diagnosis.json (docs/formats.md), and what else a reader may want to know.
 
     Effects are those of the whole model, Eqs. 1-2 among them, as in fit.json; numbers are in the unit that stands
     beside them.
@@ -31,6 +31,7 @@ def diagnosis_json(diagnosis: Diagnosis) -> dict[str, Any]:
         "rounds": [_round(each, effects_of(before)) for each in diagnosis.rounds],
         "added": list(diagnosis.added),
         "removed": list(diagnosis.removed),
+        "sets": [plain(each) for each in diagnosis.sets],
         "ties": [list(tie.effects) for tie in diagnosis.ties],
         "ties_apart": [list(tie.apart) for tie in diagnosis.ties],
         "ties_told_by": [tie.told_by for tie in diagnosis.ties],

@@ -12,7 +12,7 @@ import numpy as np
 from .. import __version__
 from ..estimation.intervals import LUMPS, Interval, intervals, lumped
 from ..estimation.joint_fit import FitResult
-from ..estimation.remedies import sentence
+from ..estimation.remedies import sentences
 from ..files import plain
 from ..model.parameters import Parameter
 from ..problem.prediction_error import PredictionError
@@ -24,7 +24,7 @@ GEAR_RATIO = "gear ratio, motor turns per plate turn"
 
 
 def fit_json(result: FitResult) -> dict[str, Any]:
-    """The object of fit.json (FORMAT.md), and what else a reader may want to know."""
+    """The object of fit.json (docs/formats.md), and what else a reader may want to know."""
     config = result.rig.config
     return {
         "schema": "etcfit.fit/1",
@@ -56,7 +56,7 @@ def fit_json(result: FitResult) -> dict[str, Any]:
 
 
 def parameters_json(result: FitResult) -> dict[str, dict[str, Any]]:
-    """Every parameter as FORMAT.md has it."""
+    """Every parameter as docs/formats.md has it."""
     declared = {p.symbol: p for p in result.free_parameters.layout.parameters}
     read = readings_of(result)
     return {symbol: _parameter(declared.get(symbol), interval, read.get(symbol))
@@ -69,7 +69,7 @@ def effects_of(result: FitResult) -> tuple[str, ...]:
 
 
 def rows_json(rows: Iterable[PredictionError]) -> list[dict[str, Any]]:
-    """Free-running errors, a ROW of FORMAT.md each."""
+    """Free-running errors, a row of `score` each, see docs/formats.md."""
     keys = ("file", "test", "channel", "unit", "n", "rms", "sigma")
     return [plain({key: getattr(row, key) for key in keys}) for row in rows]
 
@@ -106,11 +106,11 @@ def _lumped_json(result: FitResult) -> dict[str, dict[str, Any]]:
 
 
 def _directions(result: FitResult) -> list[dict[str, Any]]:
+    directions = result.identifiability.directions
     return [
-        plain({"symbols": d.symbols, "shares": d.shares, "null": d.null, "sd": None if d.null else d.sd,
-               "says": sentence(d)})
-        for d in result.identifiability.directions
-    ]  # fmt: skip
+        plain({"symbols": d.symbols, "shares": d.shares, "null": d.null, "sd": None if d.null else d.sd, "says": says})
+        for d, says in zip(directions, sentences(directions, result.problem.batch.traces), strict=True)
+    ]
 
 
 def _noise(rig: Rig) -> list[dict[str, Any]]:

@@ -62,6 +62,7 @@ def frequency_json(fitted: Fitted, response: FrequencyResponse) -> dict[str, Any
         "linear": {"num": list(linear.num), "den": list(linear.den), "delay_s": linear.delay,
                    "sensor_lag_s": linear.lag, "position_pct": 100.0 * response.share},
         "warnings": list(response.warnings),
+        "settings": response.settings,
         "versions": versions(),
     })  # fmt: skip
 

@@ -11,7 +11,7 @@ from .fit import versions
 
 
 def reduction_json(fitted: Fitted, reduction: Reduction, pade_order: int) -> dict[str, Any]:
-    """The object of transfer_function.json (FORMAT.md), and what else a reader may want to know.
+    """The object of transfer_function.json (docs/formats.md), and what else a reader may want to know.
 
     Args:
         fitted: the model.

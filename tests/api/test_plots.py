@@ -8,7 +8,6 @@ import matplotlib.pyplot as plt
 import pytest
 from matplotlib.axes import Axes
 
-from etcfit.api import plots
 from etcfit.api.diagnosed import Diagnosed
 from etcfit.api.fit import Fit
 from etcfit.errors import UsageError
@@ -36,9 +35,8 @@ def test_the_overview_shows_every_trace_with_units(fitted: Fit) -> None:
         assert panel.get_xlabel() in ("time [s]", "time [ms]")
 
 
-def test_an_overview_of_very_many_traces_shows_the_worst(fitted: Fit, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(plots, "_MOST", 2)
-    panels = fitted.plot.overview()
+def test_an_overview_of_very_many_traces_shows_the_worst(fitted: Fit) -> None:
+    panels = fitted.plot.overview(most=2)
     assert len(panels) == 2
     assert "held out" in panels[0].get_title(loc="left")
     assert "worst 2 of 5" in panels[0].figure.get_suptitle()

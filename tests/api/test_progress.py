@@ -58,8 +58,7 @@ def test_a_notebook_shows_a_bar_that_is_escaped_and_wiped_away(monkeypatch: pyte
         update = display
 
     monkeypatch.setattr("IPython.display.DisplayHandle", Handle)
-    monkeypatch.setattr(progress_, "_EVERY", 0.0)
-    with notebook_bar() as report:
+    with notebook_bar(every=0.0) as report:
         report("chi2 <b> & more", 0.25)
         report("beyond", 7.0)
     assert 'value="0.250"' in shown[1]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -22,10 +23,15 @@ from etcfit.api.fit import Fit
 from etcfit.api.reduced import Reduced
 from etcfit.cli import app
 from etcfit.control.pid import RULES
+from etcfit.control.settings import DesignSettings
 from etcfit.errors import MeasurementError, UsageError
 from etcfit.estimation.settings import FitSettings
+from etcfit.experiment.advice import Advice, Option, Pair
+from etcfit.experiment.plan import PLANS
+from etcfit.experiment.setting import Setting
 from etcfit.rig.base import Rig
 
+VALUES = {"R_a": 1.5, "K_m": 0.019, "K_s": 0.15, "T_PL": 0.36, "T_f": 0.24}
 QUICK = {name: RULES[name] for name in ("manual", "damping_optimum", "as_found")}
 
 
@@ -40,7 +46,7 @@ def designed(fitted: Fit) -> Iterator[Designed]:
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("etcfit.control.design.RULES", QUICK)
         patch.setattr("etcfit.control.design.binding", lambda task, setpoint: ("stub",))
-        yield verbs.design(fitted, rule="manual", period=1e-3)
+        yield verbs.design(fitted, rule="manual", settings=DesignSettings(draws=30), period=1e-3)
 
 
 def test_every_command_is_a_verb() -> None:
@@ -61,6 +67,57 @@ def test_check_takes_a_rig_and_a_folder(tmp_path: Path) -> None:
     assert len(repr(checked)) < 1500
     with pytest.raises(MeasurementError, match="no such folder"):
         etcfit.check("nowhere")
+
+
+@pytest.fixture
+def asked(monkeypatch: pytest.MonkeyPatch) -> list[dict[str, Any]]:
+    """Advice without working it out; notes what it is asked with."""
+    seen: list[dict[str, Any]] = []
+
+    def advise(rig: Rig, x: Any = None, **given: Any) -> Advice:
+        seen.append({"rig": rig, "x": x, **given})
+        once = Option("viscous", "a step", "noise assumed", np.array([0.25, 1.0]), Pair(("R_a", "K_b"), 0.9, 0.1), None)
+        new = Option(
+            "response", "a sweep", "", np.array([0.81, 1.0]), None, PLANS["resistance"](Setting.of(rig, VALUES))
+        )
+        return Advice(rig, ("R_a", "K_b"), np.array([0.01, 0.02]), (once, new), (("sine", "no ECU"),), **given)
+
+    monkeypatch.setattr("etcfit.experiment.advice.advise", advise)
+    return seen
+
+
+def test_advice_is_a_table_of_traces_and_one_of_widths(rig: Rig, asked: list[dict[str, Any]], tmp_path: Path) -> None:
+    mine = etcfit.AdviceSettings(apart=0.5)
+    found = etcfit.advise(rig, settings=mine)
+    assert asked == [{"rig": rig, "x": None, "settings": mine}]
+    assert list(found.options.index) == list(found.widths.index) == ["viscous", "response"]
+    assert found.options["again"].tolist() == [True, False]
+    assert found.options["mean"].tolist() == pytest.approx([0.5, 0.9])
+    assert found.options["separates"].tolist() == ["R_a and K_b", ""]
+    assert found.widths["R_a"].tolist() == [0.25, 0.81]
+    assert found.stderr.tolist() == [0.01, 0.02]
+    assert found.not_judged == {"sine": "no ECU"}
+    assert "viscous, a step: 0.50" in repr(found)
+    assert "a sweep" in found._repr_html_()
+    assert "sine: no ECU" in found.summary()
+    assert json.loads((found.save(tmp_path) / "advice.json").read_text(encoding="utf-8"))["settings"]["apart"] == 0.5
+
+
+def test_advice_is_given_at_a_fit_of_the_same_rig(
+    rig: Rig, fitted: Fit, asked: list[dict[str, Any]], tmp_path: Path
+) -> None:
+    fitted.save(tmp_path / "run")
+    etcfit.advise(rig, at=fitted)
+    etcfit.advise(rig.folder, at=tmp_path / "run")
+    assert [each["x"].tolist() for each in asked] == [fitted.result.x.tolist()] * 2
+    other = Fit(results.result(rig, added=("limp_home_spring",)))
+    with pytest.raises(UsageError, match="another model"):
+        etcfit.advise(rig, at=other)
+    wrong: Any = rig
+    with pytest.raises(TypeError, match=r"etcfit.advise takes for `at` .* not Rig"):
+        etcfit.advise(rig, at=wrong)
+    with pytest.raises(UsageError):
+        etcfit.advise(rig, at=tmp_path)
 
 
 def test_a_reduction_is_a_transfer_function_with_errors(fitted: Fit, found: Diagnosed, reduced: Reduced) -> None:
@@ -88,6 +145,7 @@ def test_a_design_has_every_rule_in_a_table(designed: Designed) -> None:
     assert rules["met"].dtype == bool
     assert str(rules["Kp"].dtype) == "float64"
     assert designed.rule == "manual"
+    assert designed.design.draws == designed.design.settings.draws == 30
     assert len(repr(designed)) < 1500
     assert "manual" in designed._repr_html_()
     assert designed.plot.responses()[0].get_ylabel() == "position [% travel]"

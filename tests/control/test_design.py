@@ -8,7 +8,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 import xarray
+from jsonschema import Draft202012Validator
 
+import etcfit
 import results
 from effect_samples import every_effect, made, rows, seen, typical
 from etcfit.control.design import PAPERS, Design, binding, design, ecu_of, frictionless, propose, task_of
@@ -18,9 +20,11 @@ from etcfit.control.pid.setpoint import trapezoid
 from etcfit.control.settings import DesignSettings, OptimumSettings
 from etcfit.errors import UsageError
 from etcfit.estimation.fitted_model import Fitted
+from etcfit.files import write_json
 from etcfit.model.effects import AbstractEffect
 from etcfit.model.linear import closed_form
 from etcfit.model.throttle import Throttle
+from etcfit.ranges import from_json
 from etcfit.run_folder import begin, design_json, finish, load_final, read_draws, reduction_json, rusefi, save_fit
 
 
@@ -30,6 +34,7 @@ def fitted(tmp_path_factory: pytest.TempPathFactory) -> Fitted:
     return results.result(results.rig(tmp_path_factory.mktemp("rig"))).fitted()
 
 
+SCHEMAS = Path(etcfit.__file__).parent / "run_folder" / "schemas"
 QUICK = {"manual": RULES["manual"], "damping_optimum": RULES["damping_optimum"], "amigo": RULES["amigo"]}
 
 
@@ -79,8 +84,11 @@ def test_to_control_is_the_same_plant(fitted: Fitted, tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
-def test_the_json_is_the_contract(designed: Design, fitted: Fitted) -> None:
-    found = json.loads(json.dumps(design_json(designed), allow_nan=False))
+def test_the_json_is_the_contract(designed: Design, fitted: Fitted, tmp_path: Path) -> None:
+    write_json(tmp_path / "pid.json", "pid", design_json(designed))
+    found = json.loads((tmp_path / "pid.json").read_text(encoding="utf-8"))
+    Draft202012Validator(json.loads((SCHEMAS / "pid.schema.json").read_text(encoding="utf-8"))).validate(found)
+    assert from_json(DesignSettings, found["settings"]) == BRIEF
     gains, ecu = found["gains"], found["ecu"]
     assert set(gains) == {"Kp", "Ki", "Kd", "unit"}
     assert {"P", "I", "D", "period_s"} <= set(ecu)

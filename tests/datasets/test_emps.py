@@ -10,7 +10,7 @@ import pandas as pd
 import pytest
 from scipy.signal import butter, cheby1, filtfilt
 
-from etcfit.datasets.emps import _on_schedule
+from etcfit.datasets.emps import on_schedule
 from etcfit.errors import MeasurementError
 
 
@@ -72,4 +72,4 @@ def test_only_the_sled_is_free(emps) -> None:
 
 def test_a_file_with_another_clock_is_refused() -> None:
     with pytest.raises(MeasurementError, match=r"0\.001 s apart"):
-        _on_schedule(Path("DATA_EMPS.mat"), np.array([0.0, 0.001, 0.003]))
+        on_schedule(Path("DATA_EMPS.mat"), np.array([0.0, 0.001, 0.003]))

@@ -70,10 +70,10 @@ def test_a_lean_model_has_the_residual_of_the_composed_one(model: CandidateModel
 def test_a_steep_beginning_is_halved_until_the_model_holds(model: CandidateModel) -> None:
     """A torque of some hundred N m carries the plate into its stops; the off value does nothing at all."""
     rest = nominal(model)
-    assert rest.trying(GRAVITY, {"T_g": 0.0}).chi2 == pytest.approx(rest.chi2, rel=1e-9)
+    assert rest.trying((GRAVITY,), {"T_g": 0.0}).chi2 == pytest.approx(rest.chi2, rel=1e-9)
     wild = rest.with_effects((GRAVITY,), {"T_g": 400.0})
     assert wild.chi2 > 3.0 * rest.chi2
-    begun = rest.trying(GRAVITY, {"T_g": 400.0})
+    begun = rest.trying((GRAVITY,), {"T_g": 400.0})
     assert begun.chi2 < 3.0 * rest.chi2
     assert begun.with_effects((GRAVITY,), {}).values["T_g"] < 400.0
     halvings = np.log2(400.0 / begun.values["T_g"])
@@ -84,4 +84,4 @@ def test_a_steep_beginning_is_halved_until_the_model_holds(model: CandidateModel
 
 def test_no_more_halvings_are_made_than_the_settings_allow(model: CandidateModel) -> None:
     rest = nominal(replace(model, settings=replace(model.settings, start_halvings=1)))
-    assert rest.trying(GRAVITY, {"T_g": 400.0}).values["T_g"] == pytest.approx(200.0)
+    assert rest.trying((GRAVITY,), {"T_g": 400.0}).values["T_g"] == pytest.approx(200.0)

@@ -15,6 +15,7 @@ from etcfit.diagnosis.choice import (
     alike,
     choose,
     deserves_second_trial,
+    in_turn,
     nothing_to_read,
     promises,
     promising,
@@ -150,6 +151,20 @@ def test_an_effect_that_spoils_the_full_refit_is_not_added() -> None:
     assert after.why == (f"{before.why} Refitted in full with it the model is further from the data: it is not added.")
 
 
+def test_those_that_stand_are_chosen_in_turn() -> None:
+    """Were the best not there, the next that stands; the one contradicted elsewhere never."""
+    every = [verdict(LIMP, -500.0), verdict(STRIBECK, -400.0, holdout_rms_ratio=2.0), verdict(GRAVITY, -300.0)]
+    choices = in_turn(every, SETTINGS)
+    assert [c.effect for c in choices] == [LIMP, GRAVITY]
+    assert choices[0] == choose(every, SETTINGS)
+    assert choices[1] == choose(every[1:], SETTINGS)
+
+
+def test_where_none_stands_the_only_choice_says_so() -> None:
+    (choice,) = in_turn([verdict(LIMP, -9.0)], SETTINGS)
+    assert choice.outcome is Outcome.NOT_WORTH_IT
+
+
 # ---- ties
 
 
@@ -190,9 +205,15 @@ def test_what_is_not_worth_it_is_no_tie() -> None:
 
 def test_what_a_formula_leaves_is_measured_by_what_the_better_one_explained() -> None:
     assert LIMP.inexact == GRAVITY.inexact == 0.02
-    best, apart = verdict(LIMP, -9.0, gain=3e4), 10.0  # 2 % squared of 3e4 is 12
+    best, apart = verdict(LIMP, -40.0, gain=3e4), 10.0  # 2 % squared of 3e4 is 12
     assert alike(verdict(GRAVITY, -9.0, chi2=900.0 + apart), best, SETTINGS)
-    assert not alike(verdict(GRAVITY, -9.0, chi2=900.0 + apart, gain=3e4), verdict(LIMP, -9.0, gain=2e4), SETTINGS)
+    assert not alike(verdict(GRAVITY, -9.0, chi2=900.0 + apart, gain=3e4), verdict(LIMP, -40.0, gain=2e4), SETTINGS)
+
+
+@pytest.mark.parametrize(("bic", "even"), [(-34.1, True), (-33.9, False)])
+def test_one_that_fits_worse_with_fewer_parameters_is_as_likely(bic: float, even: bool) -> None:
+    best = verdict(LIMP, -40.0, gain=100.0)
+    assert alike(verdict(GRAVITY, bic, chi2=910.0), best, SETTINGS) is even
 
 
 # ---- contradicted, and yet most of what is left

@@ -11,7 +11,7 @@ from etcfit.diagnosis.ambiguity import Apart
 from etcfit.diagnosis.candidate_model import CandidateModel
 from etcfit.diagnosis.choice import Choice, Outcome
 from etcfit.diagnosis.composition import resting
-from etcfit.diagnosis.exchange import Found, exchanged, gave_way, in_place, is_rival, preference, pruned
+from etcfit.diagnosis.exchange import Found, exchanged, gave_way, idle, in_place, is_rival, preference, pruned
 from etcfit.diagnosis.loop import Round
 from etcfit.diagnosis.settings import DiagnosisSettings
 from etcfit.diagnosis.trial import Trial
@@ -42,6 +42,12 @@ def test_a_rival_that_does_as_well_is_a_tie_and_the_effect_stays() -> None:
     here = verdict(GRAVITY, -500.0, chi2=1000.0)
     others = [verdict(AIR, -503.0, chi2=996.0), verdict(LIMP, -400.0, chi2=1100.0)]
     assert preference(here, others, SETTINGS) == (0, (1,))
+
+
+def test_a_rival_that_fits_as_well_with_fewer_parameters_is_preferred_and_stays_tied() -> None:
+    """Two parameters less are worth 2 ln n of BIC; the likelihoods differ by hardly anything."""
+    here, air = verdict(LIMP, -500.0, chi2=998.0), verdict(AIR, -515.0, chi2=1000.0)
+    assert preference(here, [air], SETTINGS) == (1, (0,))
 
 
 def test_an_effect_may_be_tied_to_the_rival_that_takes_its_place() -> None:
@@ -116,5 +122,16 @@ def test_one_without_rivals_and_rivals_at_work_are_not_asked(model: CandidateMod
 def test_the_effect_found_last_is_not_tried_without(small: CandidateModel) -> None:
     """Nothing came after it that could explain what it does."""
     s = small.with_effects((GRAVITY,), {"T_g": 0.01})
-    assert pruned(s, lambda text, share: pytest.fail(text)) == (s, ())
-    assert pruned(small, quiet).model is small
+    assert pruned(s, 9.0, lambda text, share: pytest.fail(text)) == (s, ())
+    assert pruned(small, 9.0, quiet).model is small
+
+
+@pytest.mark.parametrize(
+    ("change", "lost", "blurred", "gone"),
+    [(-1.0, 50.0, 0.0, True), (1.0, 50.0, 0.0, False), (120.0, 138.0, 458.0, True), (1800.0, 8600.0, 458.0, False)],
+    ids=["not worth it", "worth it", "no more than formulas leave", "more than that"],
+)
+def test_what_an_inexact_formula_of_another_may_leave_keeps_no_effect(
+    change: float, lost: float, blurred: float, gone: bool
+) -> None:
+    assert idle(change, lost, blurred) is gone

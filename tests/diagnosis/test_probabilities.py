@@ -81,3 +81,9 @@ def test_where_more_than_noise_is_left_it_is_not_said_that_nothing_is_missing() 
     assert p[UNEXPLAINED] == 1.0 - LAPSE
     named = probabilities([turn("a", a=-9000.0), replace(turn(None), evidence=COLOURED)], ["a"], False, DEFAULT)
     assert LAPSE < named[UNEXPLAINED] < 1.0 - LAPSE
+
+
+def test_what_is_left_beside_a_name_is_as_likely_as_the_settings_say() -> None:
+    beside = [replace(turn("a", a=-5000.0), evidence=COLOURED)]
+    assert probabilities(beside, ["a"], False, DEFAULT)[UNEXPLAINED] == DEFAULT.left_beside_names == 0.5
+    assert probabilities(beside, ["a"], False, replace(DEFAULT, left_beside_names=0.3))[UNEXPLAINED] == 0.3

@@ -20,10 +20,9 @@ from etcfit.diagnosis.refit import start
 from etcfit.diagnosis.score import score
 from etcfit.diagnosis.trial import tried
 from etcfit.estimation.joint_fit import FitResult, fit, freed, quiet, rounds
-from etcfit.problem.chi2 import _chi2, chi2_of
-from etcfit.problem.normal_equations import _linearised
+from etcfit.problem.chi2 import chi2_of
 from etcfit.problem.prediction_error import pooled
-from etcfit.problem.problem import _compared
+from etcfit.problem.program import compiled_so_far
 from etcfit.rig.reader import read_folder
 from independent import MEDIUM, NONE, STRENGTHS, Effects, Truth, combine, draw_truth, make_folder
 
@@ -201,7 +200,8 @@ def test_what_is_outside_the_catalogue_is_given_no_name_and_traced_to_where_it_e
 
 def compiled() -> tuple[int, ...]:
     """How many programs there are of each kind."""
-    return tuple(program.compiled for program in (_linearised, _compared, _chi2))
+    programs = compiled_so_far()
+    return tuple(programs[name] for name in ("normal_equations.linearise", "problem.compared", "chi2.chi2"))
 
 
 def test_a_candidate_compiles_its_residual_and_its_jacobian_and_nothing_when_it_is_tried_again(clean: Case) -> None:

@@ -9,8 +9,11 @@ import pytest
 
 import results
 from diagnoses import rounds, score, verdict
+from etcfit.diagnosis.ambiguity import Apart
 from etcfit.diagnosis.candidate_model import CandidateModel
 from etcfit.diagnosis.choice import Choice, Outcome
+from etcfit.diagnosis.composition import resting
+from etcfit.diagnosis.exchange import Found
 from etcfit.diagnosis.final import final_fit
 from etcfit.diagnosis.loop import Round
 from etcfit.diagnosis.rounds import Progress, forward, names, reported
@@ -82,4 +85,15 @@ def test_going_back_to_the_first_model_keeps_what_was_learnt(small: CandidateMod
 
 def test_the_first_fit_is_the_final_one_where_nothing_was_added(small: CandidateModel, rig: Rig) -> None:
     result = results.result(rig)
-    assert final_fit(result, small, (), quiet) is result
+    assert final_fit(result, Progress(small), quiet) is result
+
+
+def test_an_even_set_that_differs_by_a_tie_is_said_once(model: CandidateModel) -> None:
+    """What the tie already widens is not widened again."""
+    apart = Apart(0.1, {})
+    s = model.with_effects((GRAVITY, DRAG), resting(GRAVITY) | resting(DRAG))
+    found = (Found(GRAVITY, {AIR: apart}, 10.0, {}), Found(DRAG, {}, 10.0, {}))
+    swapped, other = frozenset((AIR, DRAG)), frozenset((LIMP, DRAG))
+    progress = Progress(s, found, even={swapped: apart, other: apart})
+    assert progress.beside_ties.keys() == {other}
+    assert progress.back_to(model).even == {}

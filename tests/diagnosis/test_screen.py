@@ -264,7 +264,7 @@ def test_each_candidate_is_its_best_variant_and_the_most_promising_comes_first(c
 
 def test_no_candidate_is_no_signature(case: Case, small: CandidateModel) -> None:
     assert ranked([]) == ()
-    assert screen(case.background(), small.problem, small.x, small.weighted, []) == ()
+    assert screen(case.background(), small.problem, small.x, small.weighted, []) == []
 
 
 @pytest.mark.slow

@@ -53,11 +53,12 @@ def test_the_defaults_are_those_of_the_recorded_folders() -> None:
         "trial_rise": 0.02, "refit_rise": 0.2, "far_rise": 2.0, "spared_gain": 0.01, "folds": 3, "fold_tolerance": 1e-3,
         "trial_tolerance": 1e-3, "steepest_start": 3.0, "start_halvings": 8, "second_trial_share": 0.5,
         "refit_tolerance": 1e-4, "near_chi2_per_dof": 10.0, "whitening_rounds": 10, "still": 0.2, "reweighings": 2,
-        "worse_chi2": 1.5, "exchange_rival": 0.5, "formula_ceiling": 0.04, "formula_stretches": 6,
+        "worse_chi2": 1.5, "exchange_rival": 0.5, "pair_refits": 2, "formula_ceiling": 0.04, "formula_stretches": 6,
         "white_p": 1e-4, "large_rms": 0.03, "large_rms_deviations": 5.0, "share_bins": 24, "share_samples": 200,
         "share_told": 0.05, "guide_give": 0.01, "guide_bandwidth": 15.0, "guide_bandwidth_of_rate": 0.1,
         "guide_least": 0.003, "guide_stable": 0.3, "curve_refits": 1, "name_keeps": 0.9, "names_hold": 0.8,
-        "curve_asked": 1.5, "bic_temper": 10.0, "lapse": 0.1, "missed": 0.1, "free_spread": 0.1,
+        "curve_asked": 1.5, "bic_temper": 10.0, "lapse": 0.1, "missed": 0.1, "left_beside_names": 0.5,
+        "free_spread": 0.1,
     }  # fmt: skip
 
 
@@ -155,7 +156,7 @@ CASES: dict[str, tuple[Callable[..., Any], Any, dict[str, float], Any]] = {
     "least_part": (lambda **c: added(with_(**c), chi2=1300.0), True, {"least_part": 0.3}, False),
     "spared_gain": (lambda **c: added(with_(**c), holdout_chi2_change=3.0), False, {"spared_gain": 0.05}, True),
     "tied_likelihood": (
-        lambda **c: alike(verdict(LIMP, -9.0, chi2=905.0), verdict(GRAVITY, -9.0), with_(**c)),
+        lambda **c: alike(verdict(LIMP, -9.0, chi2=905.0), verdict(GRAVITY, -40.0), with_(**c)),
         True, {"tied_likelihood": 5.0}, False,
     ),
     "formula_ceiling": (lambda **c: left_by(0.5, 1000.0, 1000.0, with_(**c)), 40.0, {"formula_ceiling": 0.1}, 100.0),

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import linear_parts as parts
-from etcfit.estimation.contradiction import Comparison, Contradicting
+from etcfit.estimation.contradiction import Comparison, Contradicting, digits_apart
 from etcfit.estimation.disagreement import disagreement, parted
 from etcfit.estimation.settings import ContradictionSettings, WhitenessSettings
 from etcfit.estimation.subsets import Subset
@@ -113,3 +113,20 @@ def test_a_test_linearised_at_its_own_optimum_says_the_same_where_all_is_linear(
     assert disagreement(far.split) == pytest.approx(disagreement(near.split), rel=1e-6)
     assert disagreement(far.split) < -10.0
     assert far.misfit == pytest.approx(near.misfit)
+
+
+@pytest.mark.parametrize(
+    ("one", "other", "shown"),
+    [
+        (0.1680903, 0.1679567, ("0.16809", "0.16796")),
+        (1.2e-3, 3.4e-3, ("0.0012", "0.0034")),
+        (-5.0, 5.0, ("-5", "5")),
+        (0.25, 0.25, ("0.25", "0.25")),
+        (float("nan"), 1.0, ("nan", "1")),
+    ],
+)
+def test_two_values_are_shown_with_the_digits_that_tell_them_apart(
+    one: float, other: float, shown: tuple[str, str]
+) -> None:
+    digits = digits_apart(one, other)
+    assert (f"{one:.{digits}g}", f"{other:.{digits}g}") == shown

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_array_equal
 
-from etcfit.estimation.edges_in_step import EdgePlace, _common, _turns, edge_places, with_edges_in_step
+from etcfit.estimation.edges_in_step import EdgePlace, common_phase, edge_places, turns, with_edges_in_step
 from etcfit.estimation.intervals import intervals
 from etcfit.estimation.joint_fit import fit, ready
 from etcfit.estimation.settings import EdgesInStepSettings
@@ -66,7 +66,7 @@ def test_edges_at_any_instant_are_left_as_they_are(tmp_path: Path) -> None:
     places = edge_places(*at_the_truth(rig, truth))
     edges = [p for file, each in places.items() if file.startswith("response/") for p in each]
     assert np.ptp([p.share for p in edges if p.sd < 0.1]) > 0.7
-    found = _common(edges, EdgesInStepSettings())
+    found = common_phase(edges, EdgesInStepSettings())
     assert found is None
 
 
@@ -74,7 +74,7 @@ def test_edges_at_any_instant_are_left_as_they_are(tmp_path: Path) -> None:
 def test_a_few_edges_that_keep_no_step_do_not_hide_the_others(phase: float) -> None:
     rng = np.random.default_rng(0)
     shares = np.concatenate((phase + 0.02 * rng.standard_normal(18), [0.2, 0.7]))
-    found = _common([EdgePlace(k, float(s), 0.02) for k, s in enumerate(shares)], EdgesInStepSettings())
+    found = common_phase([EdgePlace(k, float(s), 0.02) for k, s in enumerate(shares)], EdgesInStepSettings())
     assert found is not None
     assert (found.phase - phase + 0.5) % 1.0 - 0.5 == pytest.approx(0.0, abs=0.02)
     assert found.chance < 1e-6
@@ -83,19 +83,19 @@ def test_a_few_edges_that_keep_no_step_do_not_hide_the_others(phase: float) -> N
 
 def test_a_delay_of_more_than_a_sample_is_no_phase() -> None:
     late = [EdgePlace(k, 1.25, 0.01) for k in range(20)]  # the last place that is looked at
-    assert _common(late, EdgesInStepSettings()) is None
+    assert common_phase(late, EdgesInStepSettings()) is None
 
 
 def test_where_edges_come_with_the_samples_each_has_the_turn_nearest_to_where_it_came() -> None:
     measurement = Measurement("response/1.csv", "response", np.arange(6.0), {})
     places = [EdgePlace(0, 0.97, 0.02), EdgePlace(1, 0.03, 0.02), EdgePlace(2, 0.5, 0.02), EdgePlace(3, 0.6, 0.5)]
-    assert_array_equal(_turns(measurement, places, -0.02, EdgesInStepSettings()), [1.0, 0.0, np.nan, np.nan, np.nan])
+    assert_array_equal(turns(measurement, places, -0.02, EdgesInStepSettings()), [1.0, 0.0, np.nan, np.nan, np.nan])
 
 
 def test_amid_an_interval_an_edge_that_says_nothing_itself_has_the_phase_of_the_others() -> None:
     measurement = Measurement("response/1.csv", "response", np.arange(4.0), {})
     places = [EdgePlace(0, 0.41, 0.02), EdgePlace(1, 0.9, 0.5), EdgePlace(2, 0.9, 0.02)]
-    assert_array_equal(_turns(measurement, places, 0.4, EdgesInStepSettings()), [0.0, 0.0, np.nan])
+    assert_array_equal(turns(measurement, places, 0.4, EdgesInStepSettings()), [0.0, 0.0, np.nan])
 
 
 @pytest.mark.slow

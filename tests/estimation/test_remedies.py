@@ -3,18 +3,21 @@
 from __future__ import annotations
 
 from itertools import combinations
+from pathlib import Path
 
 import numpy as np
 import pytest
 
+import results
 from etcfit.estimation.identifiability import Direction
-from etcfit.estimation.remedies import EXCITED_BY, RULES, TOLD_BY, sentence
+from etcfit.estimation.remedies import EXCITED_BY, RULES, TOLD_BY, Cure, sentence, sentences
 from etcfit.model.effects import PAPER
 from etcfit.model.throttle import catalogue
+from etcfit.rig import TEST_BY_NAME
 
 
-def said(*symbols: str, sd: float = np.inf) -> str:
-    return sentence(Direction(symbols, (1.0,) * len(symbols), sd))
+def said(*symbols: str, sd: float = np.inf, made: tuple[str, ...] = ()) -> str:
+    return sentence(Direction(symbols, (1.0,) * len(symbols), sd), made)
 
 
 @pytest.mark.parametrize(
@@ -36,6 +39,42 @@ def said(*symbols: str, sd: float = np.inf) -> str:
 )
 def test_a_direction_names_its_parameters_and_its_cure(symbols: tuple[str, ...], words: str) -> None:
     assert words in said(*symbols)
+
+
+CURES: list[Cure] = [*(rule.cure for rule in RULES), *TOLD_BY.values()]
+
+
+@pytest.mark.parametrize("cure", [cure for cure in CURES if cure.tests], ids=lambda cure: cure.words(()))
+def test_a_test_that_was_made_is_not_advised_as_if_it_were_not(cure: Cure) -> None:
+    absent = cure.words(())
+    assert all(str(way) in absent for way in cure.tests)
+    made = cure.words([way.test for way in cure.tests])
+    assert not any(way.name in made for way in cure.tests)
+    assert all(f"{way.test}/" in made for way in cure.tests)
+    assert "there but tell" in made
+    assert "etcfit check --advise" in made
+    assert cure.besides in made
+
+
+def test_of_two_tests_the_one_that_is_missing_is_advised() -> None:
+    assert "a free fall of the plate (inertia/" in said("J_L")
+    found = said("J_L", made=("inertia", "response"))
+    assert found == (
+        "J_L is hardly seen in these data: a motor-alone test (viscous/: gear apart, voltage steps to several speeds) "
+        "tells J_L."
+    )
+
+
+def test_every_test_that_is_advised_is_one() -> None:
+    assert {way.test for cure in CURES for way in cure.tests} <= set(TEST_BY_NAME)
+
+
+def test_the_traces_that_were_fitted_are_known_to_be_there(tmp_path: Path) -> None:
+    problem = results.result(results.rig(tmp_path)).problem
+    (found,) = sentences([Direction(("L_a",), (1.0,), np.inf)], problem.batch.traces)
+    assert found.startswith(
+        "L_a is hardly seen in these data: inductance/ is there but tells too little: sampling faster"
+    )
 
 
 def test_a_weak_direction_says_how_weak() -> None:

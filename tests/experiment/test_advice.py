@@ -15,7 +15,7 @@ from etcfit.experiment.advice import Advice, Judge, Option, advise, batched, sep
 from etcfit.experiment.plan import PLANS, channels, sweeps, trace_of
 from etcfit.experiment.plan import viscous as plan_viscous
 from etcfit.experiment.setting import USUAL, Setting
-from etcfit.experiment.settings import AdviceSettings
+from etcfit.experiment.settings import AdviceSettings, PlanSettings
 from etcfit.problem.free_parameters import free_parameters
 from etcfit.reporting.advice import advice_table
 from etcfit.reporting.blocks import render
@@ -83,6 +83,17 @@ def test_every_plan_becomes_a_trace_of_its_test(name: str, setting: Setting) -> 
 
 def test_sweeps_differ_in_amplitude_and_band(setting: Setting) -> None:
     assert len({plan.says for plan in sweeps(setting)}) == 9
+
+
+def test_the_settings_say_what_was_not_measured(rig: Rig) -> None:
+    mine = PlanSettings(levels=2, bands=(5.0,), lowest=0.5, quiet=0.1, noise_motor_speed=3.0, supply=6.0, rate=10.0)
+    setting = Setting.of(rig, VALUES, mine)
+    first, second = sweeps(setting)
+    assert first.says.startswith("sine sweep 0.5 to 5 Hz")
+    assert first.says != second.says
+    assert PLANS["back_emf"](setting).release == 0.1
+    assert setting.noise["motor_speed"] == 3.0
+    assert (setting.supply, setting.rate) == (12.0, pytest.approx(Setting.of(rig, VALUES).rate))  # the rig tells both
 
 
 def test_a_sensor_the_rig_has_not_shown_is_assumed_and_said_to_be(setting: Setting) -> None:

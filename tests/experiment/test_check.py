@@ -10,6 +10,7 @@ import pytest
 
 import folders
 from etcfit.experiment.check import channel_check, check, clipped, clock
+from etcfit.experiment.settings import CheckSettings
 from etcfit.rig.base import Channel
 from etcfit.rig.reader import read_folder
 
@@ -27,6 +28,7 @@ def test_clock_tells_jitter_from_gaps() -> None:
     assert found.rate == pytest.approx(1000.0)
     assert found.jitter == pytest.approx(0.1 * np.sqrt(2 / 3), rel=0.01)
     assert (found.gaps, found.longest) == (1, pytest.approx(0.05))
+    assert clock(np.concatenate(([0.0], np.cumsum(steps))), CheckSettings(gap=100.0)).gaps == 0
 
 
 def test_saturation_is_seen_and_plateaus_are_not() -> None:
@@ -38,6 +40,8 @@ def test_saturation_is_seen_and_plateaus_are_not() -> None:
     assert clipped(np.repeat([0.0, 1.0, 2.0, 3.0], 500)) == 0  # commands
     assert clipped(np.round(np.linspace(0.0, 5.0, 2000), 1)) == 0  # a coarse, slow ramp
     assert clipped(np.zeros(100)) == 0
+    assert clipped(cut, CheckSettings(run=1000)) == 0
+    assert clipped(cut, CheckSettings(run_share=0.5)) == 0
 
 
 def test_a_channel_is_reported_in_its_logged_unit() -> None:

@@ -70,7 +70,7 @@ def test_a_limp_home_spring_stiffens_the_plate_where_it_acts_and_nowhere_else() 
 
 @pytest.mark.parametrize(
     ("types", "values"),
-    [((), {}), ((LimpHomeSpring,), LIMP), ((BrushVoltageDrop, DriverDeadZone), {"V_b": 0.3, "V_d": 0.2}),
+    [((), {}), ((LimpHomeSpring,), LIMP), ((BrushVoltageDrop, DriverDeadZone), {"V_b": 0.3, "i_b": 0.05, "V_d": 0.2}),
      ((AirflowTorque,), {"T_air": 0.05, "T_air2": -0.01})],
 )  # fmt: skip
 @pytest.mark.parametrize("theta", [0.05, 0.5, 1.5])

@@ -11,7 +11,8 @@ from hypothesis import strategies as st
 from numpy.testing import assert_allclose, assert_array_equal
 
 from etcfit.model.rig_effects import number_of, rig_effect
-from etcfit.problem.batch import KINDS, TraceBatch, _pack, batch_of
+from etcfit.problem.batch import KINDS, TraceBatch, batch_of
+from etcfit.problem.packing import pack, rounded
 from etcfit.problem.prediction_error import columns
 from etcfit.problem.trace import Trace, prepare
 from etcfit.rig.base import Measurement, RigConfig
@@ -66,10 +67,17 @@ def rows(batch: TraceBatch) -> list[tuple[int, int, int]]:
 @settings(max_examples=200, deadline=None)
 @given(st.lists(st.integers(1, 5000), min_size=1, max_size=40))
 def test_packing_places_each_trace_once_and_none_too_far(lengths: list[int]) -> None:
-    lanes, length = _pack(lengths, 0)
+    lanes, length = pack(lengths)
     assert sorted(k for lane in lanes for k in lane) == list(range(len(lengths)))
     assert all(sum(lengths[k] for k in lane) <= length for lane in lanes)
     assert length < 1.25 * max(lengths) + 8
+    assert pack(lengths, 2 * length).length == 2 * length
+
+
+def test_few_shapes_serve_many_folders() -> None:
+    sizes = [rounded(n) for n in range(1, 5001)]
+    assert all(n <= size < 1.125 * n + 1 for n, size in zip(range(1, 5001), sizes, strict=True))
+    assert len(set(sizes)) < 90
 
 
 def test_lanes_never_overlap(batch: TraceBatch) -> None:

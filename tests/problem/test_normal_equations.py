@@ -15,9 +15,8 @@ from numpy.testing import assert_allclose, assert_array_equal
 import results
 from etcfit.estimation.joint_fit import ready
 from etcfit.model.effects import EFFECT_BY_NAME
-from etcfit.problem import normal_equations as module
 from etcfit.problem.free_parameters import free_parameters
-from etcfit.problem.normal_equations import NormalEquations, linearised, normal_equations, shared_out
+from etcfit.problem.normal_equations import NormalEquations, linearise, linearised, normal_equations, shared_out
 from etcfit.problem.problem import EstimationProblem
 from etcfit.problem.residual import WeightedData, residual
 
@@ -59,13 +58,9 @@ def test_residual_jacobian_and_equations_are_those_of_the_residual(tmp_path: Pat
 
 
 @pytest.mark.parametrize("cores", [1, 2, 3, 64])
-def test_pieces_hold_every_lane_once_and_what_fills_them_up_counts_for_nothing(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, cores: int
-) -> None:
+def test_pieces_hold_every_lane_once_and_what_fills_them_up_counts_for_nothing(tmp_path: Path, cores: int) -> None:
     problem, x, weighted = _unwhitened(tmp_path)
-    monkeypatch.setattr(module, "CORES", cores)
-    monkeypatch.setattr(module, "_LEAST_LANES", 1)
-    pieces = shared_out(weighted, x.size)
+    pieces = shared_out(weighted, x.size, cores, least_lanes=1)
     lanes = problem.slots.value.shape[1]
     assert len({piece.slots.value.shape for piece in pieces}) == 1
     assert min(cores, lanes) // 2 < len(pieces) <= max(cores, 1)
@@ -74,15 +69,12 @@ def test_pieces_hold_every_lane_once_and_what_fills_them_up_counts_for_nothing(
     assert_array_equal(joined[:, lanes:], 0.0)
 
 
-def test_a_large_batch_is_cut_so_that_no_piece_of_its_jacobian_is_large(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_large_batch_is_cut_so_that_no_piece_of_its_jacobian_is_large(tmp_path: Path) -> None:
     _, x, weighted = _unwhitened(tmp_path)
     steps, lanes, slots = weighted.slots.value.shape
     assert lanes > 2
-    monkeypatch.setattr(module, "CORES", 1)
-    monkeypatch.setattr(module, "_MOST_BYTES", 8 * steps * slots * x.size)  # of one lane
-    assert [piece.slots.value.shape[1] for piece in shared_out(weighted, x.size)] == [1] * lanes
+    pieces = shared_out(weighted, x.size, cores=1, most_bytes=8 * steps * slots * x.size)  # of one lane
+    assert [piece.slots.value.shape[1] for piece in pieces] == [1] * lanes
 
 
 def test_equations_with_a_number_that_is_none_are_not_finite() -> None:
@@ -106,8 +98,7 @@ def test_what_no_step_changes_is_computed_before_the_loop(tmp_path: Path) -> Non
     """XLA refuses to move anything out of a loop that holds a scatter, a sort, an FFT or a custom call: the map from
     coordinates to values, which scatters and has exponentials, must not be in it, nor any of those."""
     problem, x, weighted = _unwhitened(tmp_path)
-    program = module._linearised._jit.lower(problem.layout.form, x, weighted).compile()
-    text = program.as_text() or ""
+    text = linearise.text(problem.layout.form, x, weighted)
     parts = {part.split()[0].lstrip("%"): part for part in re.split(r"\n(?=%|ENTRY)", text)}
     inside = set(re.findall(r"body=%([\w.-]+)", text))
     assert inside

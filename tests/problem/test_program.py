@@ -9,7 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from etcfit.problem.program import CORES, Program, side_by_side
+from etcfit.problem.program import CORES, Program, compiled_so_far, side_by_side
 
 
 def scaled(factor: float, kind: str, x: Any) -> Any:
@@ -25,6 +25,7 @@ def test_it_is_compiled_for_each_model_and_each_shape_and_for_nothing_else() -> 
     for factor, size, count in ((2.0, 3, 1), (2.0, 3, 1), (3.0, 3, 2), (3.0, 4, 3), (2.0, 3, 3)):
         assert np.all(np.asarray(program(factor, "right", np.ones(size))) == factor)
         assert program.compiled == count
+        assert compiled_so_far()["test_program.scaled"] == count
 
 
 def test_threads_that_ask_at_once_wait_for_the_one_that_compiles() -> None:

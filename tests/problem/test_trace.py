@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
-from etcfit.problem.trace import Trace, _smooth, prepare
+from etcfit.problem.trace import Trace, moving_mean, prepare
 from etcfit.rig.base import Channel, Measurement
 from independent.drives import line
 from measurements import CONFIG, OPEN, SIGMA, N, channel, driven, measurement, noisy, released
@@ -168,4 +168,4 @@ def test_what_the_model_cannot_predict_is_left_out(channels: tuple[str, ...]) ->
 def test_the_smoothed_rise_is_a_moving_mean(width: int) -> None:
     value = np.abs(np.random.default_rng(0).standard_normal(500))
     expected = np.convolve(value, np.ones(width) / width, mode="same")
-    assert_allclose(_smooth(value, width), expected, atol=1e-12)
+    assert_allclose(moving_mean(value, width), expected, atol=1e-12)

@@ -6,13 +6,14 @@ import json
 import warnings
 from dataclasses import replace
 from pathlib import Path
-from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pytest
 import xarray
+from jsonschema import Draft202012Validator
 
+import etcfit
 import results
 from etcfit.files import write_json
 from etcfit.posterior.chain import Chain
@@ -20,7 +21,10 @@ from etcfit.posterior.convergence import Convergence
 from etcfit.posterior.predictive import Band
 from etcfit.posterior.profile import Profile
 from etcfit.posterior.sampling import Posterior
+from etcfit.posterior.settings import SamplingSettings
 from etcfit.posterior.summary import apart
+from etcfit.posterior.target import Target
+from etcfit.ranges import from_json
 from etcfit.reporting.pictures import file_name
 from etcfit.reporting.posterior import pictures
 from etcfit.reporting.posterior.table import posterior_table
@@ -29,15 +33,13 @@ from etcfit.run_folder.posterior import disagree, posterior_json, write_netcdf
 from gaussian import SEEDS
 
 STEPS = 150
+SCHEMAS = Path(etcfit.__file__).parent / "run_folder" / "schemas"
 
 
 @pytest.fixture(scope="module")
 def posterior(tmp_path_factory: pytest.TempPathFactory) -> Posterior:
     """A normal one, sampled by our own sampler, of a fit made by hand in which J_L is lost."""
     fit = results.result(results.rig(tmp_path_factory.mktemp("rig")), lost=("J_L",))
-    problem = SimpleNamespace(
-        layout=fit.free_parameters.layout, free_parameters=fit.free_parameters, batch=fit.problem.batch
-    )
     precision = np.linalg.inv(fit.covariance)
 
     def target(x: np.ndarray) -> np.ndarray:
@@ -45,8 +47,8 @@ def posterior(tmp_path_factory: pytest.TempPathFactory) -> Posterior:
 
     chain = Chain.begin(target, fit.free_parameters.layout.free, fit.x, fit.covariance, SEEDS).advanced(target, STEPS)
     factors = {("response/1.csv", "current"): 3.0, ("response/1.csv", "position"): 1.0}
-    told: Any = SimpleNamespace(mode=fit.x, covariance=fit.covariance, factors=factors, problem=problem)
-    return Posterior(fit, told, chain, Convergence.of(chain.ensembles))
+    known = Target(fit.problem, fit.weighted, fit.x, fit.covariance, factors)
+    return Posterior(fit, known, chain, Convergence.of(chain.ensembles))
 
 
 @pytest.fixture
@@ -66,6 +68,8 @@ def test_the_json_has_every_parameter_that_moves(
 ) -> None:
     write_json(tmp_path / "posterior.json", "posterior", posterior_json(posterior, profiles, [band]))
     found = json.loads((tmp_path / "posterior.json").read_text(encoding="utf-8"))
+    Draft202012Validator(json.loads((SCHEMAS / "posterior.schema.json").read_text(encoding="utf-8"))).validate(found)
+    assert from_json(SamplingSettings, found["settings"]) == posterior.settings
     assert found["schema"] == "etcfit.posterior/1"
     assert found["synthetic"] is True
     assert (found["converged"], found["reason"]) == (posterior.convergence.converged, posterior.convergence.reason)
@@ -97,7 +101,9 @@ def test_a_chain_that_is_too_short_says_so_everywhere(posterior: Posterior) -> N
     found = posterior_json(short, {}, [])
     assert found["converged"] is False
     assert any("NO POSTERIOR YET" in text for text in found["warnings"])
-    assert "NO POSTERIOR YET" in render(posterior_table(short, {}))
+    text = render(posterior_table(short, {}))
+    assert "NO POSTERIOR YET" in text
+    assert ".;" not in text
 
 
 def _shorter(e: Any) -> Any:

@@ -5,28 +5,45 @@ from __future__ import annotations
 import importlib.util
 import json
 import re
+from collections.abc import Callable
 from copy import deepcopy
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 from jsonschema import Draft202012Validator, ValidationError
 
+import diagnoses
+import results
 import runs
+from etcfit.control.frequency import FrequencyResponse
+from etcfit.control.frequency.lag import order_of
+from etcfit.control.settings import FrequencySettings
+from etcfit.diagnosis.settings import DiagnosisSettings
+from etcfit.estimation.settings import FitSettings
+from etcfit.experiment.advice import Advice, Option, Pair
+from etcfit.experiment.settings import AdviceSettings, PlanSettings
+from etcfit.files import write_json
+from etcfit.model.linear import TransferFunction
+from etcfit.ranges import from_json
+from etcfit.rig.base import Rig
+from etcfit.run_folder import advice_json, diagnosis_json, fit_json, frequency_json
 
 ROOT = Path(__file__).resolve().parents[2]
 FOLDER = ROOT / "etcfit" / "run_folder" / "schemas"
 KINDS = tuple(sorted(file.name.removesuffix(".schema.json") for file in FOLDER.glob("*.schema.json")))
-# keys of the contract (FORMAT.md) that are always there; those that later versions add are optional
+# keys of the contract (docs/formats.md) that are always there; those that later versions add are optional
 CONTRACT = {
-    "fit": "schema rig synthetic converged reason model parameters influence score",
-    "diagnosis": "schema start final rounds added ties unexplained before after parameters",
-    "posterior": "schema parameters",
+    "fit": "schema rig synthetic converged reason model parameters influence score settings",
+    "diagnosis": "schema start final rounds added ties unexplained before after parameters settings",
+    "posterior": "schema parameters settings",
     "transfer_function": "schema input output operating_point num den poles stderr open_loop_dc_gain",
-    "frequency_response": "schema points order",
-    "pid": "schema rule gains ecu linear nonlinear requirements met posterior",
+    "frequency_response": "schema points order settings",
+    "pid": "schema rule gains ecu linear nonlinear requirements met posterior settings",
     "run": "schema version stages",
     "drive": "schema logs",
+    "advice": "schema rig synthetic stderr_now options not_judged settings",
 }
 LATER = {"diagnosis": {"rig", "probabilities"}}
 
@@ -101,6 +118,45 @@ def test_what_a_fit_writes_fits_its_schema(tmp_path: Path) -> None:
     next(iter(odd["parameters"].values()))["status"] = "perhaps"
     with pytest.raises(ValidationError):
         validator.validate(odd)
+
+
+@pytest.fixture(scope="module")
+def rig(tmp_path_factory: pytest.TempPathFactory) -> Rig:
+    return results.rig(tmp_path_factory.mktemp("rig"))
+
+
+def advice(rig: Rig, settings: AdviceSettings) -> dict[str, Any]:
+    again = Option("viscous", "once more", "noise assumed", np.array([0.5, 1.0]), Pair(("a", "b"), 0.9, 0.1), None)
+    apart = Option("response", "a sweep", "", np.array([0.9, 1.0]), None, None)
+    return advice_json(Advice(rig, ("a", "b"), np.array([0.1, 0.2]), (again, apart), (("sine", "no ECU"),), settings))
+
+
+def sines(rig: Rig, settings: FrequencySettings) -> dict[str, Any]:
+    """Of a rig whose sine traces say nothing at all."""
+    plant = TransferFunction(2e5, 1e3, 9e4, 1e5)
+    none = order_of(np.zeros(0), [], settings)
+    found = FrequencyResponse((), none, None, (), plant, 0.25, ("sine/1.csv: 1 cycle",), settings)
+    return frequency_json(results.result(rig).fitted(), found)
+
+
+MINE: dict[str, tuple[Any, Callable[[Rig, Any], dict[str, Any]]]] = {
+    "fit": (FitSettings(starts=1), lambda rig, mine: fit_json(results.result(rig, settings=mine))),
+    "diagnosis": (
+        DiagnosisSettings(rounds=3),
+        lambda rig, mine: diagnosis_json(diagnoses.diagnosis(rig, settings=mine)),
+    ),
+    "advice": (AdviceSettings(apart=0.7, plan=PlanSettings(levels=2)), advice),
+    "frequency_response": (FrequencySettings(poor=0.2), sines),
+}
+
+
+@pytest.mark.parametrize("kind", MINE)
+def test_what_is_written_fits_its_schema_and_records_what_was_decided_by(kind: str, rig: Rig, tmp_path: Path) -> None:
+    mine, make = MINE[kind]
+    write_json(tmp_path / "it.json", kind, make(rig, mine))
+    written = json.loads((tmp_path / "it.json").read_text(encoding="utf-8"))
+    Draft202012Validator(schema(kind)).validate(written)
+    assert from_json(type(mine), written["settings"]) == mine
 
 
 def test_the_manifest_is_what_the_contract_says() -> None:

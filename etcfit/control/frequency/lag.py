@@ -25,13 +25,10 @@ from typing import Any, NamedTuple
 import numpy as np
 from scipy.optimize import approx_fprime, least_squares, minimize_scalar
 
+from ..settings import FrequencySettings
 from .wave import Ratio
 
 HIGHEST = 4
-FEWEST_POINTS = 4
-POOR = 0.1  # tau from which on a candidate is no description
-_EXCLUDED = 0.05  # weight of all lower orders together below which they are
-_LIKELY = 0.5  # least weight of the order itself: higher ones, which contain it, always keep some
 _STARTS = (0.3, 1.0, 3.0)  # of its time constants over that of the middle frequency
 _TAU = (-14.0, 1.0)  # ln tau
 _ROUGH = 0.1  # tau to begin with
@@ -86,6 +83,7 @@ class Order:
         candidates: all that were tried, best first.
         highest: frequency measured, rad/s.
         says: the answer in a sentence.
+        settings: `poor`, `excluded` and `likely`.
     """
 
     best: Lag | None
@@ -93,32 +91,36 @@ class Order:
     candidates: tuple[Lag, ...]
     highest: float
     says: str
+    settings: FrequencySettings = FrequencySettings()
 
     @property
     def told(self) -> bool:
         """Whether lower orders are excluded, higher ones not called for, and every corner was seen."""
         best = self.best
-        if best is None or best.tau >= POOR or max(best.corners) > self.highest:
+        if best is None or best.tau >= self.settings.poor or max(best.corners) > self.highest:
             return False
-        return _singled_out(best, self.weights)
+        return _singled_out(best, self.weights, self.settings)
 
 
-def _singled_out(best: Lag, weights: Mapping[int, float]) -> bool:
+def _singled_out(best: Lag, weights: Mapping[int, float], settings: FrequencySettings) -> bool:
     lower = sum(weight for order, weight in weights.items() if order < best.order)
-    return lower < _EXCLUDED and weights[best.order] > _LIKELY
+    return lower < settings.excluded and weights[best.order] > settings.likely
 
 
-def order_of(frequencies: np.ndarray, ratios: Sequence[Ratio]) -> Order:
+def order_of(
+    frequencies: np.ndarray, ratios: Sequence[Ratio], settings: FrequencySettings = FrequencySettings()
+) -> Order:
     """Choose the order of lag.
 
     Args:
         frequencies: Hz, shape (N,).
         ratios: the response at each.
+        settings: how many points are asked for, and when they tell.
     """
     highest = float(2.0 * np.pi * np.max(frequencies, initial=0.0))
-    if len(ratios) < FEWEST_POINTS:
-        says = f"{len(ratios)} frequencies cannot tell an order of lag: {FEWEST_POINTS} or more can."
-        return Order(None, {}, (), highest, says)
+    if len(ratios) < settings.fewest_points:
+        says = f"{len(ratios)} frequencies cannot tell an order of lag: {settings.fewest_points} or more can."
+        return Order(None, {}, (), highest, says, settings)
     problem = _Problem.of(frequencies, ratios)
     tried = (_best(problem, order, delayed) for order, delayed in product(range(1, HIGHEST + 1), (False, True)))
     candidates = tuple(sorted((lag for lag in tried if lag is not None), key=lambda lag: lag.aicc))
@@ -126,7 +128,8 @@ def order_of(frequencies: np.ndarray, ratios: Sequence[Ratio]) -> Order:
     share /= share.sum()
     weights = {order: float(sum(w for w, lag in zip(share, candidates, strict=True) if lag.order == order))
                for order in sorted({lag.order for lag in candidates})}  # fmt: skip
-    return Order(candidates[0], weights, candidates, highest, _says(candidates[0], weights, problem))
+    says = _says(candidates[0], weights, problem, settings)
+    return Order(candidates[0], weights, candidates, highest, says, settings)
 
 
 @dataclass(frozen=True, eq=False)
@@ -285,18 +288,18 @@ def _stderr(problem: _Problem, x: np.ndarray, tau: float, order: int, delayed: b
 _NAMES = {1: "first", 2: "second", 3: "third", 4: "fourth"}
 
 
-def _says(best: Lag, weights: dict[int, float], problem: _Problem) -> str:
+def _says(best: Lag, weights: dict[int, float], problem: _Problem, settings: FrequencySettings) -> str:
     """The answer in a sentence, with the weights of the other orders."""
     bottom, top = (float(np.abs(edge)) * problem.w0 / (2.0 * np.pi) for edge in (problem.s[0], problem.s[-1]))
     name = f"a lag of {_NAMES[best.order]} order{' with a delay' if best.delayed else ''}"
-    if best.tau >= POOR:
+    if best.tau >= settings.poor:
         return (f"No lag up to {_NAMES[HIGHEST]} order describes these points: the best, {name}, misses them by "
                 f"{100.0 * best.tau:.0f} %.")  # fmt: skip
     ranked = ", ".join(f"{_NAMES[order]} {100.0 * weight:.0f} %" for order, weight in weights.items())
     span = f"{problem.s.size} frequencies from {bottom:.3g} to {top:.3g} Hz"
     left = f" It leaves {100.0 * best.tau:.2g} % unexplained." if best.tau > 1e-3 else ""
     fastest = max(best.corners) / (2.0 * np.pi)
-    if not _singled_out(best, weights):
+    if not _singled_out(best, weights, settings):
         return f"{span} cannot tell the order of lag (weights: {ranked}). The best is {name}.{left}"
     if fastest > top:
         return (f"{span} cannot tell the order of lag, only that it is at least the {_NAMES[best.order]}: the fastest "

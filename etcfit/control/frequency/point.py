@@ -11,14 +11,10 @@ import numpy as np
 from ...errors import MeasurementError
 from ...rig.base import Channel, Measurement, RigConfig
 from ...rig.signals import drive_voltage
+from ..settings import FrequencySettings
 from .wave import Ratio, Signal, Waves, fit_waves
 from .window import Window, common, frequency_of, moving, settled
 
-FEWEST_CYCLES = 3
-_DENSEST = 5.0  # samples a cycle at least
-_HARMONICS = 7
-_SAMPLED = 2.5  # samples a cycle of the highest harmonic
-_SHARE, _LOW_SHARE = 0.10, 0.01  # of a setpoint's power outside its fundamental: in all, and in harmonics 2 to 5
 SETPOINT, POSITION, DRIVE = "setpoint", "position", "drive"
 
 
@@ -66,33 +62,38 @@ class Point:
         return self.waves.ratio({DRIVE: 1.0}, {SETPOINT: 1.0, POSITION: -1.0})
 
 
-def point_of(trace: Measurement, config: RigConfig) -> Point:
+def point_of(trace: Measurement, config: RigConfig, settings: FrequencySettings = FrequencySettings()) -> Point:
     """Fit one sine to setpoint, position and drive of a trace.
 
+    Args:
+        trace: of the sine test.
+        config: of the rig, for the supply behind a duty.
+        settings: what a trace must have.
     Raises:
         MeasurementError: it has no setpoint or position, too few cycles or samples, or its setpoint is no sine.
     """
-    channels = _channels(trace, config)
+    channels = _channels(trace, config, settings)
     wanted = moving(channels[SETPOINT])
-    if wanted.time.size < 2 * FEWEST_CYCLES:
-        raise _unfit(trace, f"the setpoint moves in {wanted.time.size} samples only.", "Log the sine for longer.")
-    frequency = frequency_of(wanted)
-    _check_length(trace, wanted, channels[POSITION], frequency)
-    count = _harmonics(channels.values(), frequency)
-    window = settled(wanted, channels[POSITION], frequency, count)
+    if wanted.time.size < 2 * settings.fewest_cycles:
+        found = f"the setpoint moves in {wanted.time.size} samples only."
+        raise _unfit(trace, settings, found, "Log the sine for longer.")
+    frequency = frequency_of(wanted, settings)
+    _check_length(trace, wanted, channels[POSITION], frequency, settings)
+    count = _harmonics(channels.values(), frequency, settings)
+    window = settled(wanted, channels[POSITION], frequency, count, settings)
     parts = {name: signal.between(window.begin, window.end) for name, signal in channels.items()}
-    _check_density(trace, parts, window)
-    waves = fit_waves(parts, frequency, count)
-    _check_sine(trace, waves)
+    _check_density(trace, parts, window, settings)
+    waves = fit_waves(parts, frequency, count, settings)
+    _check_sine(trace, waves, settings)
     power = float(np.var(parts[POSITION].value))
     return Point(trace, window, waves, trace.channels["position"].sigma ** 2 / power if power else math.inf)
 
 
-def _channels(trace: Measurement, config: RigConfig) -> dict[str, Signal]:
+def _channels(trace: Measurement, config: RigConfig, settings: FrequencySettings) -> dict[str, Signal]:
     """Setpoint, position and drive; a duty, which an ECU holds until the next sample, half a step later than logged."""
     for name in (SETPOINT, POSITION):
         if name not in trace.channels:
-            raise _unfit(trace, f"no {name} among {', '.join(trace.channels)}.",
+            raise _unfit(trace, settings, f"no {name} among {', '.join(trace.channels)}.",
                          f"Add the column '{name} [deg]', or map its header under [columns].")  # fmt: skip
     signals = {name: _signal(trace.channels[name]) for name in (SETPOINT, POSITION)}
     drive = drive_voltage(trace, config)
@@ -106,37 +107,43 @@ def _signal(channel: Channel) -> Signal:
     return Signal(channel.time, channel.value)
 
 
-def _harmonics(signals: Iterable[Signal], frequency: float) -> int:
+def _harmonics(signals: Iterable[Signal], frequency: float, settings: FrequencySettings) -> int:
     """As many as the slowest logged signal can tell."""
     step = max(float(np.median(np.diff(signal.time))) for signal in signals)
-    return int(np.clip(1.0 / (_SAMPLED * frequency * step), 1, _HARMONICS))
+    return int(np.clip(1.0 / (settings.samples_a_harmonic * frequency * step), 1, settings.harmonics))
 
 
-def _check_length(trace: Measurement, wanted: Signal, position: Signal, frequency: float) -> None:
+def _check_length(
+    trace: Measurement, wanted: Signal, position: Signal, frequency: float, settings: FrequencySettings
+) -> None:
     begin, end = common(wanted, position)
     cycles = (end - begin) * frequency
-    if cycles < FEWEST_CYCLES - 0.05:
-        raise _unfit(trace, f"{max(cycles, 0.0):.2g} cycles of {frequency:.3g} Hz.",
-                     f"Log it for {FEWEST_CYCLES / frequency:.2g} s or longer.")  # fmt: skip
+    if cycles < settings.fewest_cycles - settings.nearly:
+        raise _unfit(trace, settings, f"{max(cycles, 0.0):.2g} cycles of {frequency:.3g} Hz.",
+                     f"Log it for {settings.fewest_cycles / frequency:.2g} s or longer.")  # fmt: skip
 
 
-def _check_density(trace: Measurement, parts: Mapping[str, Signal], window: Window) -> None:
+def _check_density(
+    trace: Measurement, parts: Mapping[str, Signal], window: Window, settings: FrequencySettings
+) -> None:
     for name, signal in parts.items():
         density = signal.time.size / window.cycles
-        if density < _DENSEST:
-            raise _unfit(trace, f"{density:.2g} samples a cycle of the {name}.", "Log it faster, or without gaps.")
+        if density < settings.samples_a_cycle:
+            found = f"{density:.2g} samples a cycle of the {name}."
+            raise _unfit(trace, settings, found, "Log it faster, or without gaps.")
 
 
-def _check_sine(trace: Measurement, waves: Waves) -> None:
+def _check_sine(trace: Measurement, waves: Waves, settings: FrequencySettings) -> None:
     outside, low = waves.outside[SETPOINT], float(np.sum(waves.in_harmonics[SETPOINT][:4]))
-    if outside > _SHARE or low > _LOW_SHARE:
-        raise _unfit(trace, f"the setpoint is no sine: {100.0 * outside:.2g} % of its power lies outside "
+    if outside > settings.outside or low > settings.outside_low:
+        raise _unfit(trace, settings, f"the setpoint is no sine: {100.0 * outside:.2g} % of its power lies outside "
                      f"{waves.frequency:.3g} Hz, {100.0 * low:.2g} % in the 2nd to 5th harmonic.",
                      "Log the response to a sine, or move the file to closed_loop/.")  # fmt: skip
 
 
-def _unfit(trace: Measurement, found: str, mend: str) -> MeasurementError:
-    required = (f"A frequency response needs setpoint and position over {FEWEST_CYCLES} cycles or more, "
-                f"{_DENSEST:g} samples a cycle, and a setpoint with at most {100.0 * _SHARE:g} % of its power outside "
-                f"one frequency ({100.0 * _LOW_SHARE:g} % in its 2nd to 5th harmonic).")  # fmt: skip
+def _unfit(trace: Measurement, settings: FrequencySettings, found: str, mend: str) -> MeasurementError:
+    required = (f"A frequency response needs setpoint and position over {settings.fewest_cycles} cycles or more, "
+                f"{settings.samples_a_cycle:g} samples a cycle, and a setpoint with at most "
+                f"{100.0 * settings.outside:g} % of its power outside one frequency ({100.0 * settings.outside_low:g} "
+                "% in its 2nd to 5th harmonic).")  # fmt: skip
     return MeasurementError(trace.file, found, required, mend)

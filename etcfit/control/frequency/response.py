@@ -22,6 +22,7 @@ from ...problem.problem import EstimationProblem
 from ...problem.trace import prepare
 from ...rig.base import Measurement
 from ..linearise import reduce, stops
+from ..settings import FrequencySettings
 from .lag import Order, order_of
 from .point import DRIVE, POSITION, Point, point_of
 from .wave import Ratio, Signal, fundamental
@@ -41,6 +42,7 @@ class FrequencyResponse:
         linear: the linear plant about the middle of the sines, rad/V.
         share: of the travel at that operating point.
         warnings: which traces say nothing, and why.
+        settings: what it was decided by.
     """
 
     points: tuple[Point, ...]
@@ -50,6 +52,7 @@ class FrequencyResponse:
     linear: TransferFunction
     share: float
     warnings: tuple[str, ...]
+    settings: FrequencySettings = FrequencySettings()
 
     @property
     def frequencies(self) -> np.ndarray:
@@ -78,26 +81,30 @@ class FrequencyResponse:
         )
 
 
-def frequency_response(fitted: Fitted, traces: Sequence[Measurement]) -> FrequencyResponse:
+def frequency_response(
+    fitted: Fitted, traces: Sequence[Measurement], settings: FrequencySettings = FrequencySettings()
+) -> FrequencyResponse:
     """Fit a sine to every trace, and one of its frequency to the model's free run on that trace's drive.
 
     Args:
         fitted: the model.
         traces: of the sine test.
+        settings: which traces count, and when their points tell an order of lag.
     """
-    points, warnings = _points(fitted, traces)
+    points, warnings = _points(fitted, traces, settings)
     lower, upper = stops(fitted)
     middle = float(np.median([point.waves.offsets[POSITION] for point in points])) if points else lower
     share = float(np.clip((middle - lower) / (upper - lower), 0.0, 1.0))
     driven = [(point.frequency, ratio) for point in points if (ratio := point.plant) is not None]
     return FrequencyResponse(
         points,
-        _order([(point.frequency, point.closed_loop) for point in points]),
-        _order(driven) if driven else None,
+        _order([(point.frequency, point.closed_loop) for point in points], settings),
+        _order(driven, settings) if driven else None,
         _free_runs(fitted, points),
         reduce(fitted, share=share).plant,
         share,
         warnings,
+        settings,
     )
 
 
@@ -112,18 +119,20 @@ def phases(values: Sequence[complex | None]) -> np.ndarray:
     return angles - 2.0 * np.pi if there.size and angles[there[0]] > _LEAD else angles
 
 
-def _points(fitted: Fitted, traces: Sequence[Measurement]) -> tuple[tuple[Point, ...], tuple[str, ...]]:
+def _points(
+    fitted: Fitted, traces: Sequence[Measurement], settings: FrequencySettings
+) -> tuple[tuple[Point, ...], tuple[str, ...]]:
     points, warnings = [], []
     for trace in traces:
         try:
-            points.append(point_of(trace, fitted.config))
+            points.append(point_of(trace, fitted.config, settings))
         except MeasurementError as error:
             warnings.append(str(error))
     return tuple(sorted(points, key=lambda point: point.frequency)), tuple(warnings)
 
 
-def _order(measured: Sequence[tuple[float, Ratio]]) -> Order:
-    return order_of(np.array([frequency for frequency, _ in measured]), [ratio for _, ratio in measured])
+def _order(measured: Sequence[tuple[float, Ratio]], settings: FrequencySettings) -> Order:
+    return order_of(np.array([frequency for frequency, _ in measured]), [ratio for _, ratio in measured], settings)
 
 
 def _free_runs(fitted: Fitted, points: Sequence[Point]) -> tuple[complex | None, ...]:

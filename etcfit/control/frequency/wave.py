@@ -20,11 +20,10 @@ import numpy as np
 from scipy import stats
 
 from ...estimation.autocorrelation import inflation
+from ..settings import FrequencySettings
 
 _ROUNDS = 8
 _SETTLED = 1e-9  # of the frequency
-_TELLING = 3.5  # cycles that tell a drift from the waves well enough to go beyond them
-_EARNED = 3.0  # standard errors at which a drift is one
 _Z = 1.959963984540054  # 95 %, two sides
 
 
@@ -137,10 +136,26 @@ def fundamental(signal: Signal, frequency: float, middle: float, harmonics: int)
     return complex(_part(signal, frequency, middle, harmonics, drifts=True).amplitudes[0])
 
 
-def departure(signal: Signal, reference: Signal, frequency: float, harmonics: int) -> np.ndarray:
-    """A signal less the waves fitted to a part of it; with drift where that part has cycles enough to tell one."""
+def departure(
+    signal: Signal,
+    reference: Signal,
+    frequency: float,
+    harmonics: int,
+    settings: FrequencySettings = FrequencySettings(),
+) -> np.ndarray:
+    """A signal less the waves fitted to a part of it; with drift where that part has cycles enough to tell one.
+
+    Args:
+        signal: N samples.
+        reference: the part of it that the waves are fitted to.
+        frequency: Hz.
+        harmonics: H.
+        settings: `drift_cycles`.
+    Returns:
+        shape (N,), unit of the signal.
+    """
     middle, span = 0.5 * float(reference.time[0] + reference.time[-1]), float(np.ptp(reference.time))
-    drifts = span * frequency > _TELLING
+    drifts = span * frequency > settings.drift_cycles
     part = _part(reference, frequency, middle, harmonics, drifts)
     columns = _columns(signal.time - middle, frequency, harmonics)
     if drifts:
@@ -148,20 +163,27 @@ def departure(signal: Signal, reference: Signal, frequency: float, harmonics: in
     return signal.value - columns @ part.coefficients
 
 
-def fit_waves(signals: Mapping[str, Signal], frequency: float, harmonics: int = 1) -> Waves:
+def fit_waves(
+    signals: Mapping[str, Signal],
+    frequency: float,
+    harmonics: int = 1,
+    settings: FrequencySettings = FrequencySettings(),
+) -> Waves:
     """Fit all signals with one frequency.
 
     Args:
         signals: by name, each of more samples than 2 H + 2 and of some two cycles or more.
         frequency: Hz, a guess within a fraction of 1 / duration.
         harmonics: H; the highest must be sampled twice a cycle.
+        settings: `drift_errors`.
     """
     every = frozenset(signals)
     middle = 0.5 * (min(s.time[0] for s in signals.values()) + max(s.time[-1] for s in signals.values()))
     frequency, parts = _settled(signals, frequency, middle, harmonics, every)
     place, covariances = _covariances(signals, parts, frequency)
     slope = {name: (parts[name].coefficients[1], place[name] + 1) for name in signals}
-    drifting = frozenset(n for n, (d, k) in slope.items() if abs(d) > _EARNED * np.sqrt(covariances[0][k, k]))
+    least = settings.drift_errors
+    drifting = frozenset(n for n, (d, k) in slope.items() if abs(d) > least * np.sqrt(covariances[0][k, k]))
     if drifting != every:
         frequency, parts = _settled(signals, frequency, middle, harmonics, drifting)
         place, covariances = _covariances(signals, parts, frequency)

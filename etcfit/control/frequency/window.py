@@ -8,13 +8,11 @@ from typing import NamedTuple
 import numpy as np
 
 from ...rig.signals import even_grid
+from ..settings import FrequencySettings
 from .wave import Signal, departure, fit_waves
 
 _PADDED = 8  # times its length that a setpoint is transformed in, to see its frequency between the bins
-_NEARLY = 0.05  # of a cycle that may be missing from a whole one
-_STRAYS = 4.0  # times the settled cycles' own scatter at which an earlier one has not settled
 _FEWEST = 4  # samples that a cycle is fitted to
-_SAME = 1e-3  # of the swing: cycles that differ by less never count as different
 
 
 class Window(NamedTuple):
@@ -42,13 +40,13 @@ def moving(setpoint: Signal) -> Signal:
     return Signal(setpoint.time[begin : end + 1], setpoint.value[begin : end + 1])
 
 
-def frequency_of(setpoint: Signal) -> float:
+def frequency_of(setpoint: Signal, settings: FrequencySettings = FrequencySettings()) -> float:
     """Where the setpoint's spectrum has its peak, then by least squares, Hz."""
     time, step = even_grid(setpoint.time)
     even = np.interp(time, setpoint.time, setpoint.value)
     spectrum = np.abs(np.fft.rfft((even - even.mean()) * np.hanning(even.size), _PADDED * even.size))
     rough = float(np.argmax(spectrum)) / (_PADDED * even.size * step)
-    return fit_waves({"setpoint": setpoint}, rough).frequency
+    return fit_waves({"setpoint": setpoint}, rough, settings=settings).frequency
 
 
 def common(setpoint: Signal, position: Signal) -> tuple[float, float]:
@@ -57,33 +55,41 @@ def common(setpoint: Signal, position: Signal) -> tuple[float, float]:
     return max(float(setpoint.time[0]), float(position.time[0])), last
 
 
-def settled(setpoint: Signal, position: Signal, frequency: float, harmonics: int) -> Window:
+def settled(
+    setpoint: Signal,
+    position: Signal,
+    frequency: float,
+    harmonics: int,
+    settings: FrequencySettings = FrequencySettings(),
+) -> Window:
     """Whole cycles counted back from the end, without the first ones that are not like the last half of them.
 
-    A cycle strays whose own mean and fundamental differ from those of the last half by more than four times what the
-    cycles of that half differ by (root mean square). The very first one is left out wherever three others remain: what
-    fades within the noise of single samples does not within that of their mean.
+    A cycle strays whose own mean and fundamental differ from those of the last half by more than `strays` times what
+    the cycles of that half differ by (root mean square). The very first one is left out wherever three others remain:
+    what fades within the noise of single samples does not within that of their mean.
 
     Args:
         setpoint, position: two cycles or more of both.
         frequency: Hz.
         harmonics: H of the waves that the last half is fitted with.
+        settings: `nearly`, `strays` and `same`.
     """
     begin, end = common(setpoint, position)
-    count = int((end - begin) * frequency + _NEARLY)
+    count = int((end - begin) * frequency + settings.nearly)
     edges = end - np.arange(count, -1, -1) / frequency
-    first = max(_strays(signal, edges, frequency, harmonics) for signal in (setpoint, position))
+    first = max(_strays(signal, edges, frequency, harmonics, settings) for signal in (setpoint, position))
     first = max(first, 1) if count > 3 else first
     return Window(float(edges[first]), end, count - first, (end - begin) * frequency - (count - first))
 
 
-def _strays(signal: Signal, edges: np.ndarray, frequency: float, harmonics: int) -> int:
+def _strays(signal: Signal, edges: np.ndarray, frequency: float, harmonics: int, settings: FrequencySettings) -> int:
     """How many cycles come before the first from which on none strays."""
     half = max((edges.size - 1) // 2, 2)
     reference = signal.between(edges[-1 - half], edges[-1])
-    residual = Signal(signal.time, departure(signal, reference, frequency, harmonics))
+    residual = Signal(signal.time, departure(signal, reference, frequency, harmonics, settings))
     sizes = np.array([_size(residual.between(a, b), frequency) for a, b in pairwise(edges)])
-    limit = max(_STRAYS * float(np.sqrt(np.mean(sizes[-half:] ** 2))), _SAME * float(np.ptp(reference.value)))
+    scatter, swing = float(np.sqrt(np.mean(sizes[-half:] ** 2))), float(np.ptp(reference.value))
+    limit = max(settings.strays * scatter, settings.same * swing)
     return int(np.max(np.flatnonzero(sizes[:-half] > limit) + 1, initial=0))
 
 

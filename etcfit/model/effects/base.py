@@ -33,9 +33,10 @@ class Inputs(NamedTuple):
         gear_ratio: N, motor angle over plate angle.
         lower, upper: end stops, rad.
         motor, external: what the gear carries: torque of the motor at the plate, and smooth torque on the plate, N m;
-            only effects that are `loaded` see them, others 0.
+            given to `loaded` effects only, 0 for all others.
         controlled: 1 where an ECU that is part of the model drives the throttle; None where the model has none.
-        setpoint, setpoint_rate: what is asked of it, as late as its output acts, rad, and rad/s at once.
+        setpoint: what that ECU follows, rad, as late as its output acts.
+        setpoint_rate: slope of the setpoint, rad/s, without that delay.
     """
 
     voltage: Scalar
@@ -93,19 +94,25 @@ class Contribution(NamedTuple):
 
 
 class AbstractEffect(eqx.Module):
-    """One physical effect. Its fields are its parameters (see `parameter`).
+    """One physical effect: a pure function of state, memories and inputs, whose fields are its parameters
+    (`parameter`).
 
-    `name` is what rig.toml and diagnosis.json call it. `off` gives the parameter values (SI) at which the effect
-    contributes exactly nothing, one for each of its amplitudes; None for the effects of Eqs. 1-2, which are never off.
-    Its other parameters are its shape: `scan` lists values (SI) from which the diagnosis tries them, and those of an
-    amplitude that shows nothing while it is small. `z0` is the memory with which a trace begins, each entry decaying or
-    growing on its own. `hidden` effects move the reading off a moving plate, so that a run drawn along the measured
-    angle does not show them. `loaded` effects are told what the gear carries; those that `delays` shift the input or a
-    channel in time. One that `commands` drives the throttle by what its sensors show: it sees the angle as read, and
-    all others the voltage that it adds. `needs` names what must have been logged for the effect to be seen at all:
-    "circuit", "current", "position", "gear". `told_by` says which measurement shows it best. `inexact` is the relative
-    error that its formula may have: the literature's are conventions, those of friction, contacts and delays most.
-    `scope` says where it sits: "plate", "motor", "driver" or "channel"; rig effects have "test" or "rig".
+    Attributes:
+        name: what rig.toml and diagnosis.json call it.
+        off: value (SI) of each of its amplitudes at which it contributes exactly nothing; None for the effects of Eqs.
+            1-2, which are always there. Its other parameters are its shape.
+        told_by: which measurement shows it best.
+        scan: values (SI) of shapes, and of amplitudes that show nothing while small, from which the diagnosis tries it.
+        z0: memories with which a trace begins; each entry decays or grows on its own.
+        hidden: True where it moves the reading off a moving plate: a run drawn along the measured angle shows nothing
+            of it.
+        loaded: True where it must be told what the gear carries (`Inputs.motor`, `Inputs.external`).
+        delays: True where it shifts the input or a channel in time.
+        commands: True where it drives the throttle by what its sensors show: it gets the angle as read, and its voltage
+            is added to that of the terminals before the other effects are asked.
+        needs: what must have been logged for it to be seen: "circuit", "current", "position", "gear".
+        inexact: relative error that its formula may have; largest for friction, contacts and delays.
+        scope: where it sits: "plate", "motor", "driver" or "channel"; rig effects have "test" or "rig".
     """
 
     name: ClassVar[str]
@@ -123,7 +130,7 @@ class AbstractEffect(eqx.Module):
 
     @classmethod
     def named(cls, p: Parameter) -> Parameter:
-        """A parameter as the model knows it: by the name of its field, unless a family of effects says otherwise."""
+        """A declared parameter as the model knows it; a family of effects may change its symbol or scale."""
         return p
 
     @abc.abstractmethod

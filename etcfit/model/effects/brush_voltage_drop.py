@@ -7,17 +7,16 @@ from typing import ClassVar
 
 import jax.numpy as jnp
 
-from ..parameters import NonNegative, Scalar, parameter
+from ..parameters import NonNegative, Positive, Scalar, parameter
 from .base import AbstractEffect, Contribution, Inputs, State
-
-_BEND = 0.05  # A; currents of a throttle are of the order of 1 A
 
 
 class BrushVoltageDrop(AbstractEffect):
-    """voltage = -V_b tanh(i / 0.05 A): both brushes together, a constant against the current but for a bend at zero.
+    """voltage = -V_b tanh(i / i_b): both brushes together, a constant against the current but for a bend at zero.
 
     Source: Fitzgerald, Kingsley and Umans 2003, ch. 7 (a constant drop); Holm 1967 (voltage over current of a carbon
-    contact). Differs from source: the bend, by which the drop has a slope at no current, is a tanh of fixed width.
+    contact, which depends on its film). Differs from source: the bend, by which the drop has a slope at no current, is
+    a tanh.
     """
 
     name = "brush_voltage_drop"
@@ -27,6 +26,7 @@ class BrushVoltageDrop(AbstractEffect):
     inexact: ClassVar[float] = 0.1
     needs: ClassVar[tuple[str, ...]] = ("circuit",)
     V_b: Scalar = parameter("V", NonNegative(0.3), 0.0, "contact drop of the brushes", "Fitzgerald et al. 2003, ch. 7")
+    i_b: Scalar = parameter("A", Positive(0.05), 0.05, "current that bends the contact drop", "Holm 1967")
 
     def __call__(self, x: State, z: tuple[Scalar, ...], u: Inputs) -> Contribution:
-        return Contribution(voltage=-self.V_b * jnp.tanh(x.i / _BEND))
+        return Contribution(voltage=-self.V_b * jnp.tanh(x.i / self.i_b))

@@ -33,13 +33,13 @@ FAMILY_BY_KIND: dict[str, type[AbstractRigEffect]] = {family.kind: family for fa
 
 
 def at_places(logged: Logged, traces: Logged | None = None) -> tuple[type[AbstractRigEffect], ...]:
-    """Every rig effect that could show where each test, and each trace, logged these channels."""
+    """Every rig effect that a rig could show whose tests, and whose single traces, logged these channels."""
     files = traces or {}
     return tuple(family.at(p) for family in RIG_EFFECTS for p in (*family.places(logged), *family.in_traces(files)))
 
 
 def rig_effect(name: str) -> type[AbstractRigEffect] | None:
-    """The one called `kind[test.channel]` or `kind[file]`, or None where no family is called so."""
+    """The effect that rig.toml calls `kind[test.channel]` or `kind[file]`; None where no family has that kind."""
     kind, _, rest = name.partition("[")
     family = FAMILY_BY_KIND.get(kind)
     if family is None or (rest and not rest.endswith("]")):

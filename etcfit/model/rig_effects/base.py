@@ -60,17 +60,22 @@ class Place(NamedTuple):
 
 
 def number_of(name: str) -> float:
-    """A number for a rig test or a file, by which arrays tell traces: the same in every process, no list to keep."""
+    """A number for a rig test or a file, CRC-32 of its name: by it arrays tell which test or trace an entry is of."""
     return float(zlib.crc32(name.encode()))
 
 
 class AbstractRigEffect(AbstractEffect):
-    """A mistake or a habit of the rig: an effect of the catalogue like any other, at one place.
+    """A mistake or a habit of the rig, at one place: an effect outside the throttle. At its off value it changes
+    nothing.
 
-    `kind` is its name in FORMAT.md; its fields are its parameters. A class is a family: `at` makes the effect of one
-    place, called `kind[place]`, whose parameters carry the place in their symbol (`series_ohm.inductance`). `places`
-    says where a rig could show it, `in_traces` where one trace by itself could. At its off value it changes nothing.
-    One that `delays` says by `lateness` how late channels are logged; what they read needs the path before it.
+    A class is a family of effects; `at` makes the one of a place, called `kind[place]`, whose parameters carry the
+    place in their symbol (`series_ohm.inductance`). `places` says where a rig could show it, `in_traces` where one
+    trace by itself could. One that `delays` says by `lateness` how late channels are logged: what they read needs the
+    path before it.
+
+    Attributes:
+        kind: its name in rig.toml and diagnosis.json, without the place.
+        place: where it is at work; of a family, everywhere.
     """
 
     kind: ClassVar[str]
@@ -103,19 +108,34 @@ class AbstractRigEffect(AbstractEffect):
 
     @classmethod
     def called(cls, value: float) -> str:
-        """Kind of mistake that a value of the first parameter (SI) is: a gain of -1 is a sign, say."""
+        """Kind of mistake that a value of its first parameter (SI) is: a gain of -1 is a wrong sign, say."""
         return cls.kind
 
     def driven(self, steps: Any, test_of: Scalar) -> Any:
-        """The steps as they act on the throttle; `test_of` (shape of an entry) holds `number_of` each one's test."""
+        """The steps as they act on the throttle, from those logged.
+
+        Args:
+            steps: a `Step`.
+            test_of: `number_of` the rig test of each entry, of the steps' shape.
+        """
         return steps
 
     def begun(self, resets: Any, test_of: Scalar) -> Any:
-        """The state in which traces begin, as it is rather than as it was read."""
+        """The true states in which traces begin, from those read.
+
+        Args:
+            resets: a `Reset`.
+            test_of: `number_of` the rig test of each entry, of the resets' shape.
+        """
         return resets
 
     def read(self, seen: dict[str, Scalar], test_of: Scalar) -> dict[str, Scalar]:
-        """What is logged, by channel, where the sensors ought to show `seen`, SI."""
+        """What is logged, from what the sensors show.
+
+        Args:
+            seen: by channel, SI.
+            test_of: `number_of` the rig test of each entry.
+        """
         return seen
 
     def lateness(self, steps: Any, test_of: Scalar) -> dict[str, Scalar]:
@@ -123,7 +143,7 @@ class AbstractRigEffect(AbstractEffect):
         return {}
 
     def here(self, test_of: Scalar) -> Scalar:
-        """1 in the traces where it is at work, else 0."""
+        """1 at entries of the test where it is at work, else 0."""
         return jnp.where(test_of == number_of(self.place.test), 1.0, 0.0) if self.place.test else 1.0
 
     @classmethod

@@ -17,14 +17,14 @@ K = 10  # knots of every axis
 
 @dataclass(frozen=True)
 class Axis:
-    """K knots, equally spaced in the value, or in asinh(value / bend): closer together about zero.
+    """K knots of a curve, equally spaced in the value a, or in asinh(a / bend): then closer together about zero.
 
     Args:
-        name: what it is.
+        name: of the quantity along it.
         unit: of its values, SI.
-        value: reads it off a state and its inputs.
-        low, high: the first and the last knot.
-        bend: where straight turns into logarithmic, in the axis' unit; None keeps the axis straight.
+        value: a as a function of state and inputs.
+        low, high: first and last knot, in that unit.
+        bend: where the spacing turns from even to logarithmic, in that unit; None for even spacing.
     """
 
     name: str
@@ -51,7 +51,7 @@ class Axis:
 
 
 def travelled(x: State, u: Inputs) -> Scalar:
-    """The angle as a share of the travel."""
+    """The angle as a share of the travel, 0 at the lower stop and 1 at the upper."""
     return fraction(x.theta, u.lower, u.upper)
 
 

@@ -102,12 +102,12 @@ def _others(panel: Axes, every: list[RoundPoint]) -> None:
         for n, (_, error) in enumerate(others):
             panel.plot(k, error, "D", ms=6, mfc="white", color="#8c8c8c", ls="none",
                        label="refitted, not taken" if n == 0 else "_")  # fmt: skip
-        for error, names in _lines(others[:_NAMED]):
+        for error, names in labels(others[:_NAMED]):
             panel.annotate(", ".join(names), (k, error), xytext=(7, 3), textcoords="offset points", va="bottom",
                            fontsize=9, color="#6b6b6b")  # fmt: skip
 
 
-def _lines(others: list[tuple[str, float]]) -> list[tuple[float, list[str]]]:
+def labels(others: list[tuple[str, float]]) -> list[tuple[float, list[str]]]:
     """Names by their errors, ascending; those whose letters would lie on each other share a line."""
     lines: list[tuple[float, list[str]]] = []
     for name, error in others:

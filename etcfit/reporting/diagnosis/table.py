@@ -7,7 +7,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from rich.console import Group, RenderableType
 from rich.text import Text
 
-from ...diagnosis.findings import Candidate, Diagnosis, RoundReport
+from ...diagnosis.findings import Candidate, Diagnosis, RoundReport, SetTried
 from ...estimation.intervals import Interval, intervals
 from ...estimation.joint_fit import FitResult
 from ..blocks import headed, plain_table, rig_title, sentences, spaced
@@ -32,7 +32,7 @@ def diagnosis_table(diagnosis: Diagnosis) -> RenderableType:
         sentences("Effects that these data cannot tell apart", list(_ties(diagnosis))),
         _rounds(diagnosis.rounds),
         *(_candidates(k, each) for k, each in enumerate(diagnosis.rounds, start=1)),
-        sentences("Looking back", diagnosis.removed),
+        sentences("Looking back", [*diagnosis.removed, *map(_set, diagnosis.sets)]),
         _parameters(diagnosis.before, after),
         _outcome(after),
         sentences("Warnings", after.warnings),
@@ -82,6 +82,12 @@ def _ties(diagnosis: Diagnosis) -> Iterator[str]:
             f"{' = '.join(tie.effects)}: the fits differ by at most {max(tie.apart):.2g} times the noise. "
             f"Told apart by: {tie.told_by}"
         )
+
+
+def _set(tried: SetTried) -> str:
+    """A set of effects that was refitted beside what the rounds found."""
+    change = "does not compare" if tried.bic_change is None else f"BIC {tried.bic_change:+.1f}"
+    return f"Also tried: {' + '.join(tried.effects)} ({change}), {'taken' if tried.taken else 'not taken'}."
 
 
 def _rounds(rounds: Sequence[RoundReport]) -> RenderableType:

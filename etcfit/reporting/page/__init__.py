@@ -1,6 +1,7 @@
 """RUN/report.html: one self-contained page of everything that a run folder holds.
 
-It is made from the folder's files alone (FORMAT.md), so that it can be made again, elsewhere and later, without a fit.
+It is made from the folder's files alone (docs/formats.md), so that it can be made again, elsewhere and later, without a
+fit.
 """
 
 from __future__ import annotations

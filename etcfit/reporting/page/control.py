@@ -105,7 +105,7 @@ def _most(value: float | None) -> str:
 
 
 def _met(met: Mapping[str, Any], key: str) -> str:
-    """FORMAT.md leaves open whether `met` says it of each requirement or of each model and requirement."""
+    """ "yes" or "NO", of one requirement; `met` has it for each requirement, or for each model and requirement."""
     said = [met[key]] if isinstance(met.get(key), bool) else [m[key] for m in met.values() if _says(m, key)]
     return "" if not said else ("yes" if all(said) else "NO")
 

@@ -8,7 +8,7 @@ from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
-_BUDGET = 4_500_000  # bytes of the page that pictures may take; FORMAT.md allows 5 MB in all
+BUDGET = 4_500_000  # bytes of the page that pictures may take; docs/commands/report.md promises less than 5 MB in all
 _COLOURS = 64  # of a plot: enough for lines, bands and the grey of their edges
 
 # folder below RUN/pictures -> title of its group, in the order of interest; folders not named here follow
@@ -63,9 +63,14 @@ class Group:
         return self.folder in OPEN or self.folder not in GROUPS
 
 
-def groups(run: Path) -> list[Group]:
-    """Every picture of a run folder, as many as there is room for, the ones of most interest first."""
-    base, room, out = run / "pictures", _BUDGET, []
+def groups(run: Path, budget: int = BUDGET) -> list[Group]:
+    """Every picture of a run folder, as many as there is room for, the ones of most interest first.
+
+    Args:
+        run: the run folder.
+        budget: bytes that they may take.
+    """
+    base, room, out = run / "pictures", budget, []
     for folder, title in _folders(base):
         taken, left_out = [], []
         for path in sorted((base / folder).glob("*.png")):

@@ -11,14 +11,19 @@ from .control import formula, gains_table, metrics_table, operating_point, plant
 from .frequency import orders, sines_table
 from .ledger import ledger_table
 from .parameters import LOST, influence_table, lumped_table, parameter_table, posterior_table
-from .pictures import groups
+from .pictures import BUDGET, groups
 from .provenance import files_table, stale, versions_table
 from .typeset import number, symbol, unit
 from .verdict import model, verdict
 
 
-def render(contents: Contents) -> str:
-    """The whole page, HTML."""
+def render(contents: Contents, budget: int = BUDGET) -> str:
+    """The whole page, HTML.
+
+    Args:
+        contents: of the run folder.
+        budget: bytes that its pictures may take.
+    """
     import jinja2
 
     environment = jinja2.Environment(
@@ -29,10 +34,10 @@ def render(contents: Contents) -> str:
         undefined=jinja2.StrictUndefined,
     )
     environment.filters |= {"number": number, "symbol": symbol, "unit": unit}
-    return environment.get_template("page.html").render(**_parts(contents))
+    return environment.get_template("page.html").render(**_parts(contents, budget))
 
 
-def _parts(contents: Contents) -> dict[str, Any]:
+def _parts(contents: Contents, budget: int) -> dict[str, Any]:
     fit, diagnosis, plant, pid = (contents.get(k) for k in ("fit", "diagnosis", "transfer_function", "pid"))
     response = contents.get("frequency_response")
     return {
@@ -63,7 +68,7 @@ def _parts(contents: Contents) -> dict[str, Any]:
         "gains": gains_table(pid),
         "metrics": metrics_table(pid),
         "warnings": [*stale(contents), *_warnings(contents)],
-        "groups": groups(contents.run),
+        "groups": groups(contents.run, budget),
         "files": files_table(contents),
         "versions": versions_table(contents),
     }

@@ -7,6 +7,7 @@ from typing import Any
 
 from markupsafe import Markup
 
+from ...estimation.contradiction import digits_apart
 from ...estimation.joint_fit import MISFIT
 from ...estimation.remedies import listed
 from ...problem.prediction_error import pooled
@@ -40,9 +41,16 @@ def _contradicts(contents: Contents) -> Iterator[Markup]:
     """Each test that the others contradict, with what the parameter that it pulls most would be without it."""
     for each in contents.final.get("contradictions") or ():
         yield Markup("<strong>{} contradicts the other tests</strong>: without it {} is {} {} instead of {}.").format(
-            each["test"].replace("_", " "), symbol(each["parameter"]), number(each["without"]), unit(each["unit"]),
-            number(each["value"]),
-        )  # fmt: skip
+            each["test"].replace("_", " "),
+            symbol(each["parameter"]),
+            *_apart(each["without"], each["unit"], each["value"]),
+        )
+
+
+def _apart(without: float | None, of: str, value: float | None) -> tuple[Any, Any, Any]:
+    """Two values and their unit between them, with as many digits as tell them apart."""
+    digits = 3 if without is None or value is None else digits_apart(without, value)
+    return number(without, digits), unit(of), number(value, digits)
 
 
 def model(contents: Contents) -> str:

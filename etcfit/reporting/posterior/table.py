@@ -77,4 +77,6 @@ def _profiles(profiles: Mapping[str, Profile], described: Mapping[str, tuple[str
 def _outcome(posterior: Posterior) -> RenderableType:
     here = posterior.convergence
     style, word = ("bold green", "Converged") if here.converged else ("bold red", "NO POSTERIOR YET")
-    return spaced(Text.assemble((word, style), f": {here.reason}; {100.0 * here.acceptance:.0f} % of moves accepted"))
+    return spaced(
+        Text.assemble((word, style), f": {here.reason.rstrip('.')}; {100.0 * here.acceptance:.0f} % of moves accepted")
+    )

@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import ClassVar, NamedTuple
 
+from ...ranges import check_ranges
 from ..base import Channel, Measurement, RigConfig
 from ..finding import Finding
 from ..units import NUMBER
@@ -96,12 +97,18 @@ class Signs(NamedTuple):
 class AbstractDetector(abc.ABC):
     """Finds one kind of mistake or habit of the rig before any fit.
 
-    A detector is a frozen dataclass: its thresholds are its fields, with defaults, and so a part of the policy that can
-    be read, changed and written down.
+    A detector is a frozen dataclass: its thresholds are its fields, with defaults and ranges (`ranges.py`), and so a
+    part of the policy that can be read, changed and written down.
+
+    Raises:
+        ValueError: a threshold lies outside its range.
     """
 
     kind: ClassVar[str]
     explains: ClassVar[bool] = False  # what is found makes the circuit of its test wrong: no later detector reads it
+
+    def __post_init__(self) -> None:
+        check_ranges(self)
 
     @abc.abstractmethod
     def find(self, records: Records) -> Iterator[Finding]:

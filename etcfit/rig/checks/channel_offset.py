@@ -12,6 +12,7 @@ from typing import ClassVar
 import numpy as np
 from scipy.special import erfc
 
+from ...ranges import real, whole
 from .. import TEST_BY_NAME
 from ..base import Channel, Measurement
 from ..finding import Finding
@@ -34,13 +35,13 @@ class ChannelOffset(AbstractDetector):
         share: of the traces of a test that must show it.
     """
 
-    errors: float = 8.0
-    noises: float = 0.7
-    steps: float = 0.75
-    fewest: int = 12
-    quiet: float = 6.0
-    creeps: float = 4.0
-    share: float = 0.8
+    errors: float = real(8.0, 0.0)
+    noises: float = real(0.7, 0.0)
+    steps: float = real(0.75, 0.0)
+    fewest: int = whole(12, 1)
+    quiet: float = real(6.0, 0.0)
+    creeps: float = real(4.0, 0.0)
+    share: float = real(0.8, 0.0, 1.0)
     kind: ClassVar[str] = "channel_offset"
     explains: ClassVar[bool] = True
 

@@ -15,6 +15,7 @@ from typing import ClassVar
 
 import numpy as np
 
+from ...ranges import real
 from .. import TEST_BY_NAME
 from ..base import Measurement
 from ..finding import Finding
@@ -30,7 +31,7 @@ class ChannelSign(AbstractDetector):
         errors: standard errors by which a reading must lie below zero.
     """
 
-    errors: float = 5.0
+    errors: float = real(5.0, 0.0)
     kind: ClassVar[str] = "channel_sign"
     explains: ClassVar[bool] = True
 

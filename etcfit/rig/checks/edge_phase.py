@@ -15,6 +15,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ...ranges import check_ranges, real, whole
 from ..base import Measurement
 
 MIN_RISE = 0.02  # part of its way that the current must go within one sample for a phase to be read
@@ -34,12 +35,14 @@ class EdgeSettings:
         error: of a phase; less sure ones are left out.
     """
 
-    jump: float = 12.0
-    share: float = 0.1
-    fewest: int = 5
-    chance: float = 1e-4
-    spread: float = 0.08
-    error: float = 0.1
+    jump: float = real(12.0, 0.0)
+    share: float = real(0.1, 0.0, 1.0)
+    fewest: int = whole(5, 2)
+    chance: float = real(1e-4, 0.0, 1.0)
+    spread: float = real(0.08, 0.0, 1.0)
+    error: float = real(0.1, 0.0, 1.0)
+
+    __post_init__ = check_ranges
 
 
 @dataclass(frozen=True)

@@ -13,6 +13,7 @@ from math import exp, log
 from statistics import median
 from typing import ClassVar
 
+from ...ranges import real
 from .. import TEST_BY_NAME
 from ..finding import Finding
 from .base import AbstractDetector, Records
@@ -29,9 +30,9 @@ class GearRatio(AbstractDetector):
         unit: relative deviation from a usual slip of units, which is then the likelier mistake.
     """
 
-    share: float = 0.1
-    errors: float = 8.0
-    unit: float = 0.03
+    share: float = real(0.1, 0.0, 1.0)
+    errors: float = real(8.0, 0.0)
+    unit: float = real(0.03, 0.0, 1.0)
     kind: ClassVar[str] = "gear_ratio"
 
     def find(self, records: Records) -> Iterator[Finding]:

@@ -14,6 +14,7 @@ from typing import ClassVar, NamedTuple
 import numpy as np
 from scipy.stats import chi2
 
+from ...ranges import real
 from ..finding import Finding
 from .base import AbstractDetector, Records
 from .line import Line, Spectrum, line_near
@@ -78,9 +79,9 @@ class Hum(AbstractDetector):
         noises: of one sample, the least amplitude.
     """
 
-    chance: float = 1e-6
-    band: float = 0.01
-    noises: float = 0.15
+    chance: float = real(1e-6, 0.0, 1.0)
+    band: float = real(0.01, 0.0, 1.0)
+    noises: float = real(0.15, 0.0)
     kind: ClassVar[str] = "hum"
 
     def find(self, records: Records) -> Iterator[Finding]:

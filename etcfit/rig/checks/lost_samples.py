@@ -8,6 +8,7 @@ from typing import ClassVar
 
 import numpy as np
 
+from ...ranges import real
 from ..finding import Finding
 from .base import AbstractDetector, Records, everywhere, in_files
 
@@ -22,9 +23,9 @@ class LostSamples(AbstractDetector):
         share: of the samples, the least that are lost.
     """
 
-    even: float = 0.9
-    near: float = 0.2
-    share: float = 1e-4
+    even: float = real(0.9, 0.0, 1.0)
+    near: float = real(0.2, 0.0, 1.0)
+    share: float = real(1e-4, 0.0, 1.0)
     kind: ClassVar[str] = "lost_samples"
 
     def find(self, records: Records) -> Iterator[Finding]:

@@ -11,6 +11,7 @@ from typing import ClassVar
 
 import numpy as np
 
+from ...ranges import real, whole
 from ..base import Channel, Measurement, RigConfig
 from ..finding import Finding
 from .base import AbstractDetector, Records, everywhere, in_files
@@ -32,13 +33,13 @@ class Saturation(AbstractDetector):
         at_limit: of the supply, or of the travel, within which the physics explains a rest.
     """
 
-    run: int = 4
-    share: float = 0.005
-    pile: int = 4
-    over: float = 8.0
-    levels: int = 10
-    repeats: float = 0.25
-    at_limit: float = 0.03
+    run: int = whole(4, 1)
+    share: float = real(0.005, 0.0, 1.0)
+    pile: int = whole(4, 1)
+    over: float = real(8.0, 0.0)
+    levels: int = whole(10, 1)
+    repeats: float = real(0.25, 0.0, 1.0)
+    at_limit: float = real(0.03, 0.0, 1.0)
     kind: ClassVar[str] = "saturation"
     explains: ClassVar[bool] = True
 

@@ -14,6 +14,7 @@ from typing import ClassVar
 
 from scipy.special import erfc
 
+from ...ranges import real
 from ..finding import Finding
 from .base import AbstractDetector, Records
 from .circuit import Circuit, Value, excess
@@ -32,10 +33,10 @@ class SeriesResistance(AbstractDetector):
         least: A, the least typical current that tells a resistance.
     """
 
-    errors: float = 8.0
-    share: float = 0.12
-    most: float = 5.0
-    least: float = 0.05
+    errors: float = real(8.0, 0.0)
+    share: float = real(0.12, 0.0, 1.0)
+    most: float = real(5.0, 1.0)
+    least: float = real(0.05, 0.0)
     kind: ClassVar[str] = "series_resistance"
 
     def find(self, records: Records) -> Iterator[Finding]:

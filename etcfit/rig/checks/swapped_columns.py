@@ -17,6 +17,7 @@ from typing import ClassVar
 
 import numpy as np
 
+from ...ranges import real
 from .. import TEST_BY_NAME
 from ..base import Channel, Measurement
 from ..finding import Finding
@@ -36,11 +37,11 @@ class SwappedColumns(AbstractDetector):
         better: correlation that the lead must gain over the lag.
     """
 
-    errors: float = 5.0
-    inverse: float = 0.15
-    apart: float = 1.5
-    leads: float = 0.1
-    better: float = 0.02
+    errors: float = real(5.0, 0.0)
+    inverse: float = real(0.15, 0.0, 1.0)
+    apart: float = real(1.5, 1.0)
+    leads: float = real(0.1, 0.0, 1.0)
+    better: float = real(0.02, 0.0, 1.0)
     kind: ClassVar[str] = "swapped_columns"
     explains: ClassVar[bool] = True
 

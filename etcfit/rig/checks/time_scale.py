@@ -16,6 +16,7 @@ from typing import ClassVar
 
 import numpy as np
 
+from ...ranges import real
 from .. import TEST_BY_NAME
 from ..base import Measurement, RigConfig
 from ..finding import Finding
@@ -38,14 +39,14 @@ class TimeScale(AbstractDetector):
         agree: absolute.
     """
 
-    band: float = 0.06
-    chance: float = 1e-10
-    clear: float = 1e-3
-    grid: float = 0.006
-    errors: float = 4.5
-    share: float = 0.012
-    alike: float = 0.25
-    agree: float = 0.006
+    band: float = real(0.06, 0.0, 1.0)
+    chance: float = real(1e-10, 0.0, 1.0)
+    clear: float = real(1e-3, 0.0, 1.0)
+    grid: float = real(0.006, 0.0, 1.0)
+    errors: float = real(4.5, 0.0)
+    share: float = real(0.012, 0.0, 1.0)
+    alike: float = real(0.25, 0.0, 1.0)
+    agree: float = real(0.006, 0.0, 1.0)
     kind: ClassVar[str] = "time_scale"
 
     def find(self, records: Records) -> Iterator[Finding]:

@@ -16,6 +16,7 @@ from math import exp, log, pi
 from statistics import median
 from typing import ClassVar
 
+from ...ranges import real
 from .. import TEST_BY_NAME
 from ..finding import Finding
 from .base import AbstractDetector, Records, scaled_unit
@@ -46,9 +47,9 @@ class UnitScale(AbstractDetector):
         errors: of a reading, in standard errors: one that is less sure says nothing.
     """
 
-    near: float = 0.2
-    surely: float = 100.0
-    errors: float = 8.0
+    near: float = real(0.2, 0.0, 1.0)
+    surely: float = real(100.0, 1.0)
+    errors: float = real(8.0, 0.0)
     kind: ClassVar[str] = "unit_scale"
     explains: ClassVar[bool] = True
 

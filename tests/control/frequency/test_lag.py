@@ -10,6 +10,7 @@ import pytest
 import control
 from etcfit.control.frequency.lag import Order, order_of
 from etcfit.control.frequency.wave import Ratio
+from etcfit.control.settings import FrequencySettings
 
 PAPER = np.arange(0.5, 10.01, 0.5)  # Hz, the paper's Fig. 8
 W = 2.0 * np.pi * 3.0  # rad/s
@@ -97,3 +98,10 @@ def test_a_model_error_keeps_small_intervals_from_telling_too_much() -> None:
     assert answer.best is not None
     assert answer.best.tau == pytest.approx(0.02, rel=0.4)
     assert answer.best.order == 2
+
+
+@pytest.mark.parametrize("stricter", [{"poor": 0.0}, {"excluded": 0.0}, {"likely": 1.0}, {"fewest_points": 30}])
+def test_the_settings_decide_when_an_order_is_told(stricter: dict[str, Any]) -> None:
+    points = ratios(LAGS[2], PAPER, 0.0, 0.003, 0)
+    assert order_of(PAPER, points).told
+    assert not order_of(PAPER, points, FrequencySettings(**stricter)).told

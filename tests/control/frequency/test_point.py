@@ -11,6 +11,7 @@ from numpy.testing import assert_allclose
 
 import control
 from etcfit.control.frequency.point import point_of
+from etcfit.control.settings import FrequencySettings
 from etcfit.errors import MeasurementError
 from etcfit.rig.base import Channel, Measurement, RigConfig
 
@@ -139,3 +140,25 @@ def test_a_setpoint_in_steps_is_a_sine_still() -> None:
     stepped = 0.6 + 0.2 * np.sin(2.0 * np.pi * 2.0 * np.maximum(steps - LEAD, 0.0))
     point = point_of(with_setpoint(whole, stepped), CONFIG)
     assert point.waves.outside["setpoint"] == pytest.approx(1.0 - np.sinc(0.1) ** 2, rel=0.1)
+
+
+STRICTER: dict[str, tuple[dict[str, Any], str]] = {
+    "cycles": ({"fewest_cycles": 9}, "7.6 cycles of 2 Hz.*over 9 cycles or more"),
+    "density": ({"samples_a_cycle": 300.0}, "samples a cycle of the setpoint.*300 samples a cycle"),
+    "power": ({"outside": 0.0}, "no sine.*at most 0 % of its power outside"),
+    "low harmonics": ({"outside_low": 0.0}, "no sine.*0 % in its 2nd to 5th"),
+}
+
+
+@pytest.mark.parametrize("name", STRICTER)
+def test_the_settings_decide_which_traces_count(name: str) -> None:
+    stricter, said = STRICTER[name]
+    with pytest.raises(MeasurementError, match=said):
+        point_of(trace(2.0), CONFIG, FrequencySettings(**stricter))
+
+
+def test_more_cycles_stray_where_they_must_be_more_alike() -> None:
+    whole = trace(2.0)
+    assert point_of(whole, CONFIG).window.cycles == 6
+    assert point_of(whole, CONFIG, FrequencySettings(strays=0.0, same=1e-5)).window.cycles < 6
+    assert point_of(whole, CONFIG, FrequencySettings(harmonics=5, samples_a_harmonic=100.0)).waves.harmonics == 2

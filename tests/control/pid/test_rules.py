@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ast
 import math
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, cast
 
@@ -22,6 +23,7 @@ from etcfit.control.pid.simc import simc
 from etcfit.control.pid.tyreus_luyben import tyreus_luyben
 from etcfit.control.pid.ultimate import Ultimate, ultimate
 from etcfit.control.pid.ziegler_nichols import ziegler_nichols
+from etcfit.control.settings import DampingSettings, DesignSettings
 from etcfit.model.ecu import Ecu
 from etcfit.model.linear import PAPER_EQ_8, TransferFunction
 
@@ -105,6 +107,18 @@ def test_damping_optimum_places_the_double_ratios() -> None:
     assert ratios[2] <= 0.5 + 1e-9
     loop: Any = control.feedback(control.tf([kd, kp, ki], [1.0, 0.0]) * plant.to_control(), 1)
     assert np.all(loop.poles().real < 0.0)
+
+
+@pytest.mark.parametrize(
+    ("damping", "te"),
+    [(DampingSettings(), 0.02), (DampingSettings(settles=3.0), 0.04), (DampingSettings(damped=0.1), 0.018913)],
+)
+def test_the_damping_optimum_is_as_quick_as_the_settings_say(damping: DampingSettings, te: float) -> None:
+    """Ki = a2 / (D^3 Te^3 b0) with Te = 0.12 s / settles, or damped a2 / (D^2 a1) where that is less."""
+    plant = lags(1.3, 0.5, 0.05, 0.002)  # a2 = 522, a1 = 11040
+    asked = replace(task(plant), requirements=Requirements(settling_s=0.12), settings=DesignSettings(damping=damping))
+    _, ki, _ = gains(damping_optimum(asked))
+    assert ki == pytest.approx(plant.a2 / (0.125 * te**3 * plant.b0), rel=1e-4)
 
 
 def test_a_plant_without_ultimate_gain_is_refused_in_words() -> None:

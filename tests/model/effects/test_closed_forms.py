@@ -46,7 +46,7 @@ CLOSED: Mapping[str, Case] = {
     "coulomb_friction": Case({"T_f": 0.25}, {"friction": 0.25}),
     "end_stops": Case({}, {"lower": 0.0, "upper": OPEN}),
     # electrical
-    "brush_voltage_drop": Case({"V_b": 0.4}, {"voltage": 0.4 * math.tanh(0.6)}, SAME, i=-0.03),
+    "brush_voltage_drop": Case({"V_b": 0.4, "i_b": 0.05}, {"voltage": 0.4 * math.tanh(0.6)}, SAME, i=-0.03),
     "winding_heating": Case({"r_h": 0.01, "tau_h": 4.0}, {"voltage": -0.06, "dz": (4.0 - 0.75,)}, SAME, z=(3.0,)),
     "driver_dead_zone": Case({"V_d": 0.3}, {"voltage": 0.3}, SAME, u={"voltage": -5.0}),
     "actuation_delay": Case({"t_a": 0.004}, {"input_delay": 0.004}, SAME),

@@ -165,4 +165,4 @@ def test_a_trials_error_is_of_the_model_that_it_began_with(found: Diagnosis) -> 
 
 def test_names_that_would_lie_on_each_other_share_a_line() -> None:
     others = [("a", 100.0), ("b", 110.0), ("c", 134.0), ("d", 136.0), ("e", 400.0)]
-    assert rounds._lines(others) == [(100.0, ["a", "b", "c"]), (136.0, ["d"]), (400.0, ["e"])]
+    assert rounds.labels(others) == [(100.0, ["a", "b", "c"]), (136.0, ["d"]), (400.0, ["e"])]

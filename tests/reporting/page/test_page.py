@@ -11,7 +11,9 @@ import pytest
 import runs
 from etcfit.errors import UsageError
 from etcfit.reporting.page import write_page
+from etcfit.reporting.page.contents import read_run
 from etcfit.reporting.page.pictures import carried
+from etcfit.reporting.page.render import render
 from etcfit.run_folder import finish
 
 LIMIT = 5_000_000
@@ -135,9 +137,8 @@ def test_results_of_other_data_are_called_so(full: Path) -> None:
     assert "diagnosis.json was made of other data than fit.json" in read(full).text
 
 
-def test_pictures_for_which_there_is_no_room_are_named(full: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("etcfit.reporting.page.pictures._BUDGET", 3000)
-    page = read(full)
+def test_pictures_for_which_there_is_no_room_are_named(full: Path) -> None:
+    page = Reader(render(read_run(full), budget=3000))
     assert 0 < len(page.of("img")) < 5
     assert "Left out to keep this page small" in page.text
 

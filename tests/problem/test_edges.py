@@ -1,4 +1,4 @@
-"""An edge in step with the samples acts where its phase says: against the exact current of an RL circuit."""
+"""Edges as columns of steps; one in step with the samples acts where its phase says, by the exact current of a coil."""
 
 from __future__ import annotations
 
@@ -9,9 +9,10 @@ import pytest
 from numpy.testing import assert_allclose
 
 from etcfit.model.rig_effects import EdgePhase, Place
+from etcfit.problem import edges
 from etcfit.problem.free_parameters import free_parameters
 from etcfit.problem.problem import EstimationProblem
-from etcfit.problem.trace import prepare
+from etcfit.problem.trace import Trace, prepare
 from etcfit.rig.base import Channel, Fixed, Measurement, RigConfig
 
 R, L, DT, ROWS, JUMP = 2.0, 1e-3, 2e-4, 60, 20  # ohm, H, s; the first sample that shows the jump
@@ -47,6 +48,72 @@ def exact(share: float) -> np.ndarray:
     """The current of a circuit whose voltage jumps that share of an interval after the last sample before it, A."""
     late = np.where(np.arange(ROWS) < JUMP, 0.0, DT * (np.arange(ROWS) - (JUMP - 1) - share))
     return 1.0 / R + 2.0 / R * (1.0 - np.exp(-late * R / L))
+
+
+# ---- columns of one trace, five steps in each interval unless halved
+
+
+def in_steps(trace: Trace, count: int = 5) -> tuple[np.ndarray, np.ndarray]:
+    """Ends of so many equal steps in each interval, and the interval of each, the first instant before them."""
+    fine = trace.instants[:-1, None] + DT * np.arange(1, count + 1) / count
+    ends = np.concatenate((trace.instants[:1], fine.ravel()))
+    return ends, np.concatenate(([0], np.repeat(np.arange(ROWS - 1), count)))
+
+
+def prepared(turn: float | None, config: RigConfig = CONFIG) -> Trace:
+    trace = prepare(held_plate(turn), config)
+    assert trace is not None
+    return trace
+
+
+def test_only_intervals_with_an_edge_in_step_get_an_even_number_of_steps() -> None:
+    odd = np.full(ROWS - 1, 5)
+    halved = edges.halved(prepared(0.0), odd)
+    assert halved[JUMP - 1] == 6
+    assert np.all(np.delete(halved, JUMP - 1) == 5)
+    assert edges.halved(prepared(None, replace(CONFIG, effects=())), odd) is odd
+
+
+def test_an_edge_in_step_is_a_jump_at_half_its_interval_and_another_one_a_ramp() -> None:
+    for turn, config, sharp in ((0.0, CONFIG, True), (None, replace(CONFIG, effects=()), False)):
+        trace = prepared(turn, config)
+        ends, interval = in_steps(trace, 6)
+        early, late = edges.levels(trace, ends, interval)
+        inside = interval == JUMP - 1
+        if sharp:
+            assert_allclose(early[inside], [1, 1, 1, 3, 3, 3], atol=1e-3)
+            assert_allclose(late[inside], early[inside])
+        else:
+            assert_allclose(late[inside], 1.0 + 2.0 * np.arange(1, 7) / 6.0, atol=1e-3)
+            assert_allclose(early[inside][1:], late[inside][:-1])
+
+
+def test_steps_follow_the_phase_and_their_interval_keeps_its_length() -> None:
+    trace = prepared(1.0)
+    ends, interval = in_steps(trace, 6)
+    columns = edges.in_step(trace, ends, interval)
+    inside = interval == JUMP - 1
+    assert np.all(columns["turn"][inside] == 1.0)
+    assert not np.any(columns["span"][~inside])
+    assert_allclose(np.sum(columns["span"]), 0.0, atol=1e-15)
+    # d time / ds is the sum of what came before, the whole interval at the jump itself, and 0 at the interval's end
+    assert_allclose(columns["moves"][inside], np.cumsum(columns["span"][inside]), atol=1e-15)
+    assert_allclose(columns["moves"][inside][2], DT)
+    assert edges.in_step(prepared(None, replace(CONFIG, effects=())), ends, interval) == {}
+
+
+def test_a_jump_at_an_unknown_instant_stands_at_the_last_entry_of_its_interval() -> None:
+    trace, marks = prepared(None, replace(CONFIG, effects=())), 5 * np.arange(ROWS)
+    columns = edges.unplaced(trace, marks, int(marks[-1]) + 1)
+    (at,) = np.flatnonzero(columns["edge"])
+    assert at == marks[JUMP]
+    assert columns["edge"][at] == 5.0
+    assert (columns["edge_from"][at], columns["edge_to"][at]) == (pytest.approx(1.0), pytest.approx(3.0))
+    assert columns["edge_span"][at] == pytest.approx(DT)
+    assert not np.any(edges.unplaced(prepared(0.0), marks, int(marks[-1]) + 1)["edge"])
+
+
+# ---- what comes of them
 
 
 CASES = [(0.2, None, 0.2), (0.85, 0.0, 0.85), (-0.1, 1.0, 0.9), (-0.1, 0.0, -0.1), (0.05, 1.0, 1.05), (0.5, None, 0.5)]

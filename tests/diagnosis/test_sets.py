@@ -1,0 +1,122 @@
+"""Sets of effects beside what the rounds found: which pairs are worth a refit, which of two models is better."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from diagnoses import score
+from etcfit.diagnosis.candidate_model import CandidateModel
+from etcfit.diagnosis.composition import resting
+from etcfit.diagnosis.loop import Measured
+from etcfit.diagnosis.pairs import Pair
+from etcfit.diagnosis.screen import Background, Signature, variants
+from etcfit.diagnosis.sets import Promise, compared_with, gave_way, is_open, promising, rivals
+from etcfit.diagnosis.settings import DiagnosisSettings
+from etcfit.estimation.result import Termination
+from etcfit.model.effects import EFFECT_BY_NAME
+
+LIMP, AIR, GRAVITY, HEAT, DRAG = (
+    EFFECT_BY_NAME[name]
+    for name in ("limp_home_spring", "airflow_torque", "gravity_load", "winding_heating", "quadratic_drag")
+)
+SETTINGS = DiagnosisSettings(pair_refits=2)
+ALONE = {LIMP: 900.0, AIR: 700.0, GRAVITY: 600.0, HEAT: 300.0, DRAG: 5.0}
+
+
+def pair(a: type, b: type, gain: float) -> Pair:
+    return Pair((a, b), gain, resting(a) | resting(b))
+
+
+def promise() -> Promise:
+    """Ten of BIC an effect, one for each unit of chi2."""
+    return Promise(1.0, dict.fromkeys(ALONE, 10.0), ALONE)
+
+
+def names(pairs: Sequence[Pair]) -> list[set[type]]:
+    return [set(p.effects) for p in pairs]
+
+
+@pytest.mark.parametrize(
+    ("added", "white", "expected"),
+    [(0, True, False), (1, True, False), (0, False, True), (1, False, True), (2, True, True)],
+)
+def test_other_sets_are_asked_for_where_more_than_noise_is_left_or_several_were_found(
+    added: int, white: bool, expected: bool
+) -> None:
+    assert is_open(added, white) is expected
+
+
+def test_pairs_that_promise_more_than_what_the_rounds_found_are_refitted() -> None:
+    every = [pair(AIR, HEAT, 1500.0), pair(GRAVITY, HEAT, 1300.0), pair(LIMP, HEAT, 1200.0), pair(LIMP, DRAG, 910.0)]
+    assert names(promising(every, promise(), (LIMP, HEAT), SETTINGS)) == [{AIR, HEAT}, {GRAVITY, HEAT}]
+
+
+def test_what_the_rounds_found_is_not_refitted_nor_what_promises_less() -> None:
+    every = [pair(LIMP, HEAT, 1500.0), pair(AIR, HEAT, 1490.0)]
+    assert promising(every, promise(), (LIMP, HEAT), SETTINGS) == []
+    assert promising(every[1:], promise(), (LIMP,), SETTINGS) == every[1:]
+
+
+def test_a_pair_whose_second_effect_is_not_worth_its_price_is_not_refitted() -> None:
+    """11 more than alone are worth 1 beyond their price; a second effect must promise 10."""
+    assert promising([pair(LIMP, DRAG, 911.0)], promise(), (), SETTINGS) == []
+    assert names(promising([pair(LIMP, DRAG, 921.0)], promise(), (), SETTINGS)) == [{LIMP, DRAG}]
+
+
+def test_no_more_pairs_are_refitted_than_the_settings_allow() -> None:
+    every = [pair(AIR, HEAT, 1500.0), pair(GRAVITY, HEAT, 1400.0), pair(GRAVITY, AIR, 1300.0)]
+    assert promising(every, promise(), (), DiagnosisSettings(pair_refits=1)) == every[:1]
+    assert promising(every, promise(), (), DiagnosisSettings(pair_refits=0)) == []
+
+
+def test_effects_cost_their_parameters_and_the_variants_they_were_chosen_from(model: CandidateModel) -> None:
+    signatures = [Signature(v, np.zeros((1, 1)), 5.0, {}, 0.5) for e in (LIMP, GRAVITY) for v in variants(e)]
+    data = Measured(Background(np.zeros(1), np.zeros((1, 0))), signatures)
+    before = score(1000.0)
+    told = Promise.of(before, data, model.composition)
+    assert told.price[GRAVITY] == pytest.approx(np.log(before.count))
+    several = len(resting(LIMP)) * np.log(before.count) + 2.0 * np.log(len(variants(LIMP)))
+    assert told.price[LIMP] == pytest.approx(several)
+    gain = 100.0 * before.count / before.chi2
+    assert told.worth((LIMP, GRAVITY), 100.0) == pytest.approx(gain - told.price[LIMP] - told.price[GRAVITY])
+
+
+def test_rivals_of_one_of_a_pair_explain_half_of_it_beside_the_other() -> None:
+    best = pair(AIR, HEAT, 1500.0)
+    every = [best, pair(LIMP, HEAT, 1400.0), pair(GRAVITY, HEAT, 850.0), pair(AIR, LIMP, 1450.0)]
+    assert rivals(AIR, best, every, promise(), SETTINGS) == {LIMP: resting(LIMP)}
+    assert rivals(HEAT, best, every, promise(), SETTINGS) == {LIMP: resting(LIMP)}
+    assert rivals(AIR, best, every, promise(), DiagnosisSettings(exchange_rival=0.4)).keys() == {LIMP, GRAVITY}
+
+
+def test_what_gave_way_is_said_and_that_nothing_did() -> None:
+    assert gave_way((LIMP,), (AIR, HEAT)) == (
+        "limp_home_spring gave way to airflow_torque and winding_heating, scored together."
+    )
+    assert gave_way((), (AIR, HEAT)).startswith("Nothing was found one by one")
+
+
+# ---- of two models
+
+
+def test_a_model_near_the_data_is_better_than_one_that_is_far(small: CandidateModel) -> None:
+    far = replace(small, end=Termination(True, "by hand", far=True))
+    assert compared_with(small, far) == (None, True, None)
+    assert compared_with(far, small) == (None, False, None)
+    assert compared_with(far, far) == (None, False, None)
+
+
+@pytest.mark.slow
+def test_of_two_models_near_the_data_bic_decides(small: CandidateModel) -> None:
+    """The made-up response knows no gravity; what is left of it is fitted better with one parameter more or not at
+    all, and BIC says by how much."""
+    bare, more = small.optimised(), small.with_effects((GRAVITY,), {"T_g": 0.05}).optimised()
+    there, back = compared_with(more, bare), compared_with(bare, more)
+    assert there.bic_change is not None
+    assert back.bic_change is not None
+    assert there.bic_change == pytest.approx(-back.bic_change, rel=0.05, abs=0.5)
+    assert there.better == (there.bic_change < -6.0)

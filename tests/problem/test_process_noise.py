@@ -1,0 +1,61 @@
+"""How far a simulation may be off, against what follows by hand for the coil of a held plate."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+
+from etcfit.model.effects import PAPER
+from etcfit.model.effects.controller import Controller
+from etcfit.problem.free_parameters import free_parameters
+from etcfit.problem.problem import EstimationProblem
+from etcfit.problem.process_noise import ORDER, order_of
+from etcfit.problem.trace import prepare
+from etcfit.rig.base import Channel, Fixed, Measurement, RigConfig
+
+R, L, DT, ROWS = 2.0, 1e-3, 1e-4, 80  # ohm, H, s
+SIGMA = 0.01  # A
+CONFIG = RigConfig("by hand", parameters={"R_a": Fixed(R), "L_a": Fixed(L), "K_b": Fixed(0.03)})
+
+
+def problem() -> EstimationProblem:
+    """1 V without noise from before the log begins; the current is logged with some."""
+    time, volts = DT * np.arange(ROWS), np.ones(ROWS)
+    channels = {
+        "voltage": Channel(time, volts, 1e-9, False, "voltage", "V", 1.0),
+        "current": Channel(time, volts / R, SIGMA, False, "current", "A", 1.0),
+    }
+    trace = prepare(Measurement("inductance/1.csv", "inductance", time, channels), CONFIG)
+    assert trace is not None
+    return EstimationProblem.of(CONFIG, free_parameters(CONFIG), (trace,), [np.full(ROWS - 1, 8)])
+
+
+def at(problem: EstimationProblem) -> np.ndarray:
+    layout = problem.layout
+    return layout.coordinates({s: layout.parameter(s).nominal for s in layout.free})
+
+
+def test_what_is_uncertain_of_the_start_fades_with_the_time_constant() -> None:
+    """var = sigma^2 + var_0 exp(-2 R t / L)."""
+    known = problem()
+    (trace,) = known.batch.traces
+    begun = trace.start.sd[0] ** 2
+    assert begun > SIGMA**2
+    (found,) = known.free_run_variance(at(known))
+    assert_allclose(found[:, 0], SIGMA**2 + begun * np.exp(-2.0 * R / L * trace.instants), rtol=2e-3)
+
+
+def test_the_filter_knows_the_current_better_the_more_samples_it_has_seen() -> None:
+    """1 / weight^2 = S, from sigma^2 + var_0 down to sigma^2."""
+    known = problem()
+    (trace,), ((lane, _, marks),) = known.batch.traces, known.batch.places
+    spread = 1.0 / np.asarray(known.kalman(at(known)).weight)[marks, lane, 0] ** 2
+    assert spread[0] == pytest.approx(SIGMA**2 + trace.start.sd[0] ** 2, rel=1e-6)
+    assert np.all(np.diff(spread) < 1e-12)
+    assert spread[-1] == pytest.approx(SIGMA**2, rel=1e-3)
+
+
+def test_an_engine_computer_adds_its_memories_to_the_error_states() -> None:
+    assert order_of(PAPER) == ORDER
+    assert order_of((*PAPER, Controller)) == ORDER + len(Controller.z0)
