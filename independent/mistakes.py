@@ -242,7 +242,7 @@ def channel_late(folder: Path, rng: np.random.Generator) -> Mistake:
     def change(sheet: Sheet) -> Sheet:
         nonlocal late
         late = by * _interval(sheet)
-        return _late(sheet, [sheet.at(quantity)], by)
+        return shifted(sheet, [sheet.at(quantity)], by)
 
     edited(folder, test, change)
     return Mistake("channel_late", test, "position" if quantity == "tps" else quantity, late)
@@ -256,7 +256,7 @@ def trace_late(folder: Path, rng: np.random.Generator) -> Mistake:
     path, by = files[rng.integers(len(files))], int(rng.integers(3, 16))
     sheet = Sheet.read(path)
     measured = [k for k in range(1, len(sheet.header)) if k != sheet.at("voltage")]
-    _late(sheet, measured, by).write(path)
+    shifted(sheet, measured, by).write(path)
     test = path.parent.name
     return Mistake("trace_late", test, None, by * _interval(sheet), f"{test}/{path.name}")
 
@@ -266,7 +266,7 @@ def _interval(sheet: Sheet) -> float:
     return float(np.median(np.diff(sheet.rows[:, 0]))) * (1e-3 if sheet.header[0].endswith("[ms]") else 1.0)
 
 
-def _late(sheet: Sheet, columns: list[int], by: int) -> Sheet:
+def shifted(sheet: Sheet, columns: list[int], by: int) -> Sheet:
     """Some columns so many rows later than the others; rows that then lack a value are gone."""
     rows = sheet.rows[by:].copy()
     rows[:, columns] = sheet.rows[:-by, columns]

@@ -50,7 +50,7 @@ from independent.kernel import (
     spring_torque,
     terminal_voltage,
 )
-from independent.mistakes import Sheet, _late
+from independent.mistakes import Sheet, shifted
 from independent.protocols import PROTOCOLS, Series, Session, response
 from independent.simulate import NEVER, Motion, motor_alone, resting_angle, simulate, terminals_open, throttle
 from independent.truth import OPEN
@@ -653,5 +653,5 @@ def test_a_bridge_gives_its_duty_of_what_its_supply_has_left(ohm: float) -> None
 
 def test_late_columns_are_rows_behind_the_others() -> None:
     rows = np.arange(8.0)[:, None] + np.array([0.0, 10.0, 20.0])
-    sheet = _late(Sheet("#", ("time [s]", "voltage [V]", "current [A]"), rows), [2], 3)
+    sheet = shifted(Sheet("#", ("time [s]", "voltage [V]", "current [A]"), rows), [2], 3)
     assert_allclose(sheet.rows, rows[3:] - np.array([0.0, 0.0, 3.0]))

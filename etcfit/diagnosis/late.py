@@ -28,13 +28,12 @@ from ..problem.residual import WeightedData
 from .candidate_model import CandidateModel
 from .composition import Effect
 from .screen import Background, Signature, Variant, ranked
+from .settings import DiagnosisSettings
 
 RigEffect = type[AbstractRigEffect]
 
 _SHIFTS = (1.0, 2.0, 4.0, 8.0, 16.0, 32.0)  # sample intervals that are tried, late and early
 _SHORT = 0.5  # sample intervals over which a shift is taken as linear
-_STRETCHES = 20  # of each trace, long beside what an edge stirs up, short beside the trace
-_FEW = 8  # single traces, those that stand out the most, of which signatures are kept
 
 
 class _Change(NamedTuple):
@@ -60,6 +59,7 @@ def screen_of_late(
     x: np.ndarray,
     weighted: WeightedData,
     candidates: Sequence[Effect],
+    settings: DiagnosisSettings,
 ) -> tuple[Signature, ...]:
     """The signature of every candidate that logs late, the most promising first; of those of single traces only the few
     that stand out the most.
@@ -68,11 +68,12 @@ def screen_of_late(
         background: of the model and residual without them.
         problem, x, weighted: that model.
         candidates: effects of the rig that delay.
+        settings: `late_traces`.
     """
     intervals, changes, rows = _intervals(problem), _changes(problem, x, weighted), _rows(problem, weighted)
     rigs = [e for e in candidates if issubclass(e, AbstractRigEffect)]
     alone = [e for e in rigs if e.place.file]
-    standing_out = _standing_out(alone, background, changes, rows)
+    standing_out = _standing_out(alone, background, changes, rows)[: settings.late_traces]
     found = []
     for effect in (e for e in rigs if e not in alone or e in standing_out):
         (p,) = parameters_of(effect)
@@ -87,8 +88,7 @@ def screen_of_late(
 
 
 def of_one_event(s: CandidateModel, effect: Effect) -> float:
-    """By how much an effect that is at work lowers chi2 in the one stretch of a trace, a part in `_STRETCHES`, where it
-    lowers it the most.
+    """By how much an effect that is at work lowers chi2 in one stretch of a trace, that where it lowers it the most.
 
     Args:
         s: the model with it.
@@ -101,7 +101,7 @@ def of_one_event(s: CandidateModel, effect: Effect) -> float:
     gains = [
         np.sum(stretch)
         for old, new in zip(before, with_it, strict=True)
-        for stretch in np.array_split(np.nansum(old**2 - new**2, axis=1), _STRETCHES)
+        for stretch in np.array_split(np.nansum(old**2 - new**2, axis=1), s.settings.late_stretches)
     ]
     return max(0.0, float(max(gains)))
 
@@ -115,7 +115,7 @@ def _of(effect: RigEffect, rows: Mapping[str, np.ndarray]) -> list[np.ndarray]:
 def _standing_out(
     alone: Sequence[RigEffect], background: Background, changes: Sequence[_Change], rows: Mapping[str, np.ndarray]
 ) -> list[RigEffect]:
-    """The few that would lower chi2 the most, from the samples of each trace alone."""
+    """Those of single traces, by how much they would lower chi2 from the samples of the trace alone, the most first."""
     gains = {effect: 0.0 for effect in alone}
     for effect in alone:
         own = np.concatenate(_of(effect, rows))
@@ -125,7 +125,7 @@ def _standing_out(
             power, way = column @ column - np.sum((basis.T @ column) ** 2), float(r @ column)
             gain = way**2 / max(power, 1e-300) if change.shift is None else -2.0 * way - power
             gains[effect] = max(gains[effect], float(gain))
-    return sorted(alone, key=lambda effect: -gains[effect])[:_FEW]
+    return sorted(alone, key=lambda effect: -gains[effect])
 
 
 def _intervals(problem: EstimationProblem) -> dict[str, float]:

@@ -114,7 +114,7 @@ def measured(s: CandidateModel, candidates: Sequence[Effect]) -> Measured:
         rigged = s.with_the_rig()
         found += screen_of_the_rig(background, rigged.problem, rigged.x, rigged.weighted, of_the_rig)
     if late:
-        found += screen_of_late(background, s.problem, s.x, s.weighted, late)
+        found += screen_of_late(background, s.problem, s.x, s.weighted, late, s.settings)
     return Measured(background, found)
 
 

@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from etcfit.diagnosis import late as module
 from etcfit.diagnosis.candidate_model import CandidateModel
 from etcfit.diagnosis.composition import Effect, compose
 from etcfit.diagnosis.late import of_one_event, screen_of_late
@@ -49,12 +48,13 @@ class Case:
         self.weighted = self.problem.weighted(weights.free_running(self.problem))
         self.late = {e.name: e for e in self.composition.of_the_rig if e.delays}
 
-    def screened(self, problem: EstimationProblem) -> tuple[Signature, ...]:
+    def screened(self, problem: EstimationProblem, **changes: int) -> tuple[Signature, ...]:
         """Signatures where the data are those of a problem of the same shape; no parameter can imitate anything."""
         weighted = problem.weighted(weights.free_running(problem))
         r = problem.residual(self.x, weighted)[np.asarray(weighted.slots.weight) > 0.0]
         background = Background(r, np.zeros((r.size, 0)))
-        return screen_of_late(background, problem, self.x, weighted, [*self.late.values()])
+        settings = DiagnosisSettings(**changes)
+        return screen_of_late(background, problem, self.x, weighted, [*self.late.values()], settings)
 
     def late_by(self, problem: EstimationProblem, effect: Effect, seconds: float) -> CandidateModel:
         """The model with an effect that is late by so much, beside a problem's data."""
@@ -118,7 +118,7 @@ def test_a_signature_is_the_change_of_the_residual(case: Case, name: str) -> Non
     effect = case.late[name]
     problem = case.logged(lambda t: moved(t, *({"position"} if "channel" in name else t.channels))
                           if t.test.name == "response" else t.data)  # fmt: skip
-    found = next(g for g in case.screened(problem) if g.variant.effect is effect)
+    found = next(g for g in case.screened(problem, late_traces=1) if g.variant.effect is effect)
     (p,) = parameters_of(effect)
     with_it = problem.with_parameters(case.composition.lean((effect,)))
     x = np.append(case.x, p.domain.coordinate(found.values[p.symbol]))
@@ -133,10 +133,11 @@ def test_a_signature_is_the_change_of_the_residual(case: Case, name: str) -> Non
     assert found.gain == pytest.approx(float(np.sum(without**2)), rel=1e-3)  # next to nothing is left
 
 
-def test_of_many_traces_only_those_that_stand_out_keep_a_signature(case: Case, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(module, "_FEW", 1)
+def test_of_many_traces_only_those_that_stand_out_keep_a_signature(case: Case) -> None:
     problem = case.logged(lambda t: moved(t, *t.channels) if t.test.name == "inductance" else t.data)
-    alone = [g.variant.effect.place.file for g in case.screened(problem) if g.variant.effect.scope == "trace"]
+    alone = [
+        g.variant.effect.place.file for g in case.screened(problem, late_traces=1) if g.variant.effect.scope == "trace"
+    ]
     assert alone == ["inductance/1.csv"]
 
 
