@@ -32,14 +32,14 @@ from independent import CONSISTENT, draw_truth
 from independent.mistakes import Mistake, make_mistaken
 
 KINDS = ("series_resistance", "channel_gain", "channel_offset", "sensor_end_points", "channel_sign", "time_scale",
-         "gear_ratio", "unit_scale")  # fmt: skip
+         "gear_ratio", "unit_scale", "channel_late", "trace_late", "supply_sag")  # fmt: skip
 ALSO = {"voltage": "current", "current": "voltage"}  # what reads one too large reads the other too small
 PARAMETERS = ("R_a", "L_a", "K_b", "J_m", "J_L", "B_m", "B_L", "K_s", "T_PL", "T_f")
 
 
-def record(seed: int) -> dict[str, Any]:
+def record(seed: int, kinds: tuple[str, ...] = KINDS) -> dict[str, Any]:
     """One folder: made, fitted, diagnosed, judged."""
-    kind = KINDS[seed % len(KINDS)]
+    kind = kinds[seed % len(kinds)]
     truth = draw_truth(np.random.default_rng(seed), CONSISTENT)
     with tempfile.TemporaryDirectory() as folder:
         made = make_mistaken(Path(folder), truth, seed, kind)
@@ -52,7 +52,8 @@ def record(seed: int) -> dict[str, Any]:
         seconds = time.perf_counter() - began
     true = {s: float(getattr(truth, s)) for s in PARAMETERS}
     return {
-        "seed": seed, "kind": kind, "test": made.test, "channel": made.channel, "size": made.size,
+        "seed": seed, "kind": kind, "test": made.file or made.test, "channel": made.channel, "size": made.size,
+        "sizes": [mistake.size for mistake in found.rig],
         "found": list(found.added), "ties": [list(tie.effects) for tie in found.ties],
         "named": named(made, found), "chi2": [before.chi2_per_dof, found.after.chi2_per_dof],
         "before": _held(before, true), "after": _held(found.after, true), "seconds": seconds,
@@ -64,7 +65,7 @@ def _refused(seed: int, kind: str, made: Mistake, message: str) -> dict[str, Any
     nothing = {"stated": 0, "holding": 0, "worst": 0.0, "compromise": 0}
     return {
         "seed": seed, "kind": kind, "test": made.test, "channel": made.channel, "size": made.size,
-        "found": ["refused"], "ties": [], "named": f"{kind}:" in message, "chi2": [0.0, 0.0],
+        "sizes": [], "found": ["refused"], "ties": [], "named": f"{kind}:" in message, "chi2": [0.0, 0.0],
         "before": nothing, "after": nothing, "seconds": 0.0,
     }  # fmt: skip
 
@@ -81,8 +82,9 @@ def _is(made: Mistake, name: str, found: Diagnosis) -> bool:
         return False
     size = next((mistake.size for mistake in found.rig if mistake.effect == name), 0.0)
     kinds = {effect.kind, effect.called(size)}
-    place = effect.place.test in ("", made.test or "")
-    channel = made.channel in (None, "time") or effect.place.channel in ("", made.channel, ALSO.get(made.channel or ""))
+    place = effect.place.test in ("", made.test or "") and effect.place.file == made.file
+    also = "" if made.kind == "channel_late" else ALSO.get(made.channel or "")
+    channel = made.channel in (None, "time") or effect.place.channel in ("", made.channel, also)
     return made.kind in kinds and place and channel
 
 
@@ -129,6 +131,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--folders", type=int, default=20)
     parser.add_argument("--first-seed", type=int, default=7400)
+    parser.add_argument("--only", nargs="+", choices=KINDS, default=KINDS, help="these mistakes, in turn")
     parser.add_argument("--save", type=Path, help="append each record to this file as a line of JSON")
     parser.add_argument("--table", type=Path, help="diagnose nothing: the table of what was saved")
     asked = parser.parse_args()
@@ -137,7 +140,7 @@ def main() -> None:
         return
     records = []
     for seed in range(asked.first_seed, asked.first_seed + asked.folders):
-        records.append(record(seed))
+        records.append(record(seed, tuple(asked.only)))
         print(line(records[-1]), flush=True)
         if asked.save:
             with asked.save.open("a", encoding="utf-8") as file:

@@ -78,6 +78,8 @@ class Bench:
         supply: V.
         edge_phase: None: the voltage jumps at any instant; else so many sample periods before the first sample that
             shows it, one clock driving output and logger.
+        supply_ohm: None: the responses' terminal voltage is logged; else the duty of a bridge in its place, fed by a
+            supply of that resistance, which nobody logs.
     """
 
     sensors: dict[str, Sensor] = field(default_factory=_sensors)
@@ -87,6 +89,7 @@ class Bench:
     series_ohm: float = 1.218
     supply: float = 12.0
     edge_phase: float | None = None
+    supply_ohm: float | None = None
 
 
 PERFECT = Bench(

@@ -1,7 +1,8 @@
 """What people get wrong on a rig, done to a folder that `make_folder` wrote: its CSVs and its rig.toml, as text.
 
 Every mistake is a function of a folder and a random generator, which draws where and how large; it says what it did.
-Two are made where the data are: a resistor that nobody declared, and one clock for output and logger.
+Three are made where the data are: a resistor that nobody declared, one clock for output and logger, and a supply that
+sags behind a bridge whose duty is all that was logged.
 """
 
 from __future__ import annotations
@@ -28,12 +29,14 @@ class Mistake:
         test: where; None: to the whole rig.
         channel: to which; None: none in particular.
         size: how much, in the kind's own measure.
+        file: of the one trace to which it was done; "": to more than one.
     """
 
     kind: str
     test: str | None
     channel: str | None
     size: float
+    file: str = ""
 
 
 @dataclass(frozen=True)
@@ -229,13 +232,57 @@ def duplicate(folder: Path, rng: np.random.Generator) -> Mistake:
     return Mistake("duplicate", path.parent.name, None, float(len(sheet.rows)))
 
 
+def channel_late(folder: Path, rng: np.random.Generator) -> Mistake:
+    """One channel of one test comes one to four samples late, s."""
+    choices = (("response", "current"), ("response", "tps"), ("response", "voltage"), ("viscous", "current"),
+               ("viscous", "motor_speed"), ("inductance", "current"))  # fmt: skip
+    test, quantity = choices[rng.integers(len(choices))]
+    by, late = int(rng.integers(1, 5)), 0.0
+
+    def change(sheet: Sheet) -> Sheet:
+        nonlocal late
+        late = by * _interval(sheet)
+        return shifted(sheet, [sheet.at(quantity)], by)
+
+    edited(folder, test, change)
+    return Mistake("channel_late", test, "position" if quantity == "tps" else quantity, late)
+
+
+def trace_late(folder: Path, rng: np.random.Generator) -> Mistake:
+    """All that was measured in one trace comes 3 to 15 samples later than the voltage that drove it, s."""
+    held_out = (folder / "rig.toml").read_text(encoding="utf-8").partition("[holdout]")[2]
+    files = [path for test in ("response", "viscous") for path in sorted((folder / test).glob("*.csv"))]
+    files = [path for path in files if f"{path.parent.name}/{path.name}" not in held_out]
+    path, by = files[rng.integers(len(files))], int(rng.integers(3, 16))
+    sheet = Sheet.read(path)
+    measured = [k for k in range(1, len(sheet.header)) if k != sheet.at("voltage")]
+    shifted(sheet, measured, by).write(path)
+    test = path.parent.name
+    return Mistake("trace_late", test, None, by * _interval(sheet), f"{test}/{path.name}")
+
+
+def _interval(sheet: Sheet) -> float:
+    """Between two samples, s."""
+    return float(np.median(np.diff(sheet.rows[:, 0]))) * (1e-3 if sheet.header[0].endswith("[ms]") else 1.0)
+
+
+def shifted(sheet: Sheet, columns: list[int], by: int) -> Sheet:
+    """Some columns so many rows later than the others; rows that then lack a value are gone."""
+    rows = sheet.rows[by:].copy()
+    rows[:, columns] = sheet.rows[:-by, columns]
+    return replace(sheet, rows=rows)
+
+
 AFTERWARDS: Mapping[str, Callable[[Path, np.random.Generator], Mistake]] = {
     change.__name__: change
     for change in (swapped_columns, channel_sign, unit_scale, gear_ratio, time_scale, time_scale_under_hum, hum,
-                   channel_offset, saturation, lost_samples, duplicate, channel_gain, sensor_end_points)
+                   channel_offset, saturation, lost_samples, duplicate, channel_gain, sensor_end_points, channel_late,
+                   trace_late)
 }  # fmt: skip
-MISTAKES = ("series_resistance", "synchronous_edges", *AFTERWARDS)
-ONLY_BY_A_FIT = ("channel_gain", "sensor_end_points")  # a few per cent that no trace shows by itself
+# each draws by its place here: a new one goes to the end
+MISTAKES = ("series_resistance", "synchronous_edges", *AFTERWARDS, "supply_sag")
+# a few per cent, or samples, that no trace shows by itself
+ONLY_BY_A_FIT = ("channel_gain", "sensor_end_points", "channel_late", "trace_late", "supply_sag")
 
 
 def make_mistaken(
@@ -259,6 +306,9 @@ def make_mistaken(
     elif mistake == "synchronous_edges":
         done = Mistake(mistake, "response", "voltage", float(rng.uniform(0.05, 0.95)))
         bench = replace(bench, edge_phase=done.size)
+    elif mistake == "supply_sag":
+        done = Mistake(mistake, None, None, float(rng.uniform(0.15, 0.6)))
+        bench = replace(bench, supply_ohm=done.size)
     make_folder(path, truth, seed, effects, size, bench=bench)  # pyright: ignore[reportArgumentType]
     if mistake == "series_resistance":
         toml = (path / "rig.toml").read_text(encoding="utf-8")

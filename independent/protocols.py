@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field, replace
 from functools import partial
 
 import numpy as np
 
+from .bridge import duty_of, fed
 from .drives import Drive, chirp, line, multisine, random_steps, steps, trapezoids
 from .effects import Effects
 from .instruments import UNITS, Bench, CurrentChannel, clock, current_channel, true_values
@@ -160,8 +162,21 @@ def response(session: Session, series: Series) -> Iterator[Trace]:
     for n in range(series.count):
         quiet = session.rng.uniform(0.02, 0.1)
         drive = _driven(session, n, series.duration - quiet).after(quiet, series.duration + GRACE)
-        columns = session.record(plant, drive, series, headers, angle=rest)
+        if session.bench.supply_ohm is None:
+            columns = session.record(plant, drive, series, headers, angle=rest)
+        else:
+            columns = _by_duty(session, plant, drive, series, rest)
         yield Trace(f"response/drive_{n + 1}.csv", columns)
+
+
+def _by_duty(session: Session, plant: Plant, drive: Drive, series: Series, rest: float) -> dict[str, np.ndarray]:
+    """The response to a bridge whose duty is logged, and neither its supply nor the voltage at the motor."""
+    bench, count = session.bench, math.ceil((series.duration + GRACE) * series.rate)
+    duty = duty_of(drive, series.rate, count, bench.supply)
+    applied = fed(plant, duty, series.rate, bench.supply, bench.supply_ohm or 0.0, rest)
+    shown = session.record(plant, applied, series, ("time [s]", "current [mA]", "tps [V]"), angle=rest)
+    time = shown.pop("time [s]")
+    return {"time [s]": time, "duty [%]": 100.0 * duty[: time.size], **shown}
 
 
 PROTOCOLS: dict[str, Callable[[Session, Series], Iterator[Trace]]] = {

@@ -31,6 +31,7 @@ from independent import (
     make_folder,
 )
 from independent import effects as more
+from independent.bridge import duty_of, fed
 from independent.drives import Drive, chirp, line, random_steps, steps
 from independent.folder import SIZES
 from independent.instruments import PERFECT, Sensor, clock, wiper
@@ -49,6 +50,7 @@ from independent.kernel import (
     spring_torque,
     terminal_voltage,
 )
+from independent.mistakes import Sheet, shifted
 from independent.protocols import PROTOCOLS, Series, Session, response
 from independent.simulate import NEVER, Motion, motor_alone, resting_angle, simulate, terminals_open, throttle
 from independent.truth import OPEN
@@ -635,3 +637,21 @@ def test_nothing_here_imports_the_package_under_test() -> None:
         names = [alias.name for node in nodes if isinstance(node, ast.Import) for alias in node.names]
         names += [node.module or "" for node in nodes if isinstance(node, ast.ImportFrom)]
         assert not [name for name in names if "etcfit" in name]
+
+
+@pytest.mark.parametrize("ohm", [0.0, 0.4])
+def test_a_bridge_gives_its_duty_of_what_its_supply_has_left(ohm: float) -> None:
+    plant, rate, supply = throttle(CONSISTENT, NONE), 1000.0, 12.0
+    duty = duty_of(line([0.0, 0.02, 0.0201, 0.06], [1.0, 4.0, -3.0, -2.0]), rate, 60, supply)
+    drive = fed(plant, duty, rate, supply, ohm, 0.5)
+    instants = np.arange(0.00025, 0.0595, 1e-3)  # within ticks
+    motion = simulate(plant, drive, instants, angle=0.5)
+    held = duty[(instants * rate).astype(int)]
+    assert np.ptp(motion.current) > 2.0
+    assert_allclose(motion.voltage, held * (supply - ohm * held * motion.current), atol=2e-3)
+
+
+def test_late_columns_are_rows_behind_the_others() -> None:
+    rows = np.arange(8.0)[:, None] + np.array([0.0, 10.0, 20.0])
+    sheet = shifted(Sheet("#", ("time [s]", "voltage [V]", "current [A]"), rows), [2], 3)
+    assert_allclose(sheet.rows, rows[3:] - np.array([0.0, 0.0, 3.0]))

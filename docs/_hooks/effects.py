@@ -56,7 +56,8 @@ def of_the_rig() -> str:
     from etcfit.model.rig_effects import RIG_EFFECTS, Place
 
     place = {"series_resistance": Place("inductance"), "time_scale": Place("response"),
-             "edge_phase": Place("response"), "channel_drift": Place("response", "torque")}  # fmt: skip
+             "edge_phase": Place("response"), "channel_drift": Place("response", "torque"),
+             "trace_late": Place("response", "", "response/3.csv")}  # fmt: skip
     parts = []
     for family in RIG_EFFECTS:
         at = place.get(family.kind, Place() if family.scope == "rig" else Place("response", "current"))

@@ -46,6 +46,11 @@ class Composition:
         """The candidates that act around the throttle."""
         return tuple(e for e in self.candidates if is_of_the_rig(e))
 
+    @property
+    def prompt(self) -> tuple[Effect, ...]:
+        """Those of them that need no path to be kept: one that delays makes all beside it dear."""
+        return tuple(e for e in self.of_the_rig if not e.delays)
+
     def free_parameters(self, added: tuple[Effect, ...]) -> FreeParameters:
         """Free parameters of the model with these candidates at work; others that act in the throttle are held at
         their off values."""
@@ -59,13 +64,17 @@ class Composition:
         return self._of(added, added)
 
     def on_trial(self, added: tuple[Effect, ...]) -> FreeParameters:
-        """As `lean`; where an effect is the rig's, its others lie asleep beside it: one program serves all of them."""
-        aside = self.of_the_rig if any(is_of_the_rig(e) for e in added) else ()
-        return self._of((*added, *aside), added)
+        """As `lean`; where an effect is the rig's, its others lie asleep beside it: one program serves all of them, and
+        another all that are late. What one trace alone may show is there by itself, for there may be hundreds."""
+        rigs = [e for e in added if is_of_the_rig(e)]
+        late = (
+            tuple(e for e in self.of_the_rig if e.delays and e.scope != "trace") if any(e.delays for e in rigs) else ()
+        )
+        return self._of((*added, *self.prompt, *late) if rigs else added, added)
 
     def with_the_rig(self, added: tuple[Effect, ...]) -> FreeParameters:
-        """The lean model with every candidate of the rig at work besides these."""
-        every = tuple(dict.fromkeys((*added, *self.of_the_rig)))
+        """The lean model with every candidate of the rig that is `prompt` at work besides these."""
+        every = tuple(dict.fromkeys((*added, *self.prompt)))
         return self._of(every, every)
 
     def _of(self, present: tuple[Effect, ...], at_work: tuple[Effect, ...]) -> FreeParameters:
@@ -95,7 +104,7 @@ def compose(
         only: effects of both catalogues that are considered besides those that rig.toml names; None: all of them.
     """
     seen = logged(rig, traces)
-    catalogue = (*EFFECTS, *at_places(by_test(traces)))
+    catalogue = (*EFFECTS, *at_places(by_test(traces), by_file(traces)))
     fitting = [e for e in (catalogue if only is None else only) if e not in PAPER and set(e.needs) <= seen]
     names = dict.fromkeys((*rig.config.effects, *(e.name for e in sorted(fitting, key=catalogue.index))))
     whole = free_parameters(
@@ -122,13 +131,24 @@ def logged(rig: Rig, traces: tuple[Trace, ...]) -> frozenset[str]:
 
 
 def by_test(traces: tuple[Trace, ...]) -> dict[str, frozenset[str]]:
-    """What the traces of each rig test logged: the channels that the model predicts, and "voltage" or "torque" where
-    one drove."""
+    """What the traces of each rig test logged: the channels that the model predicts, "voltage" or "torque" where one
+    drove, and "duty" where that came of a duty and a supply that nobody logged."""
     found: dict[str, frozenset[str]] = {}
     for trace in traces:
-        driven = {"voltage"} if trace.circuit else {"torque"} if trace.torque_driven else set()
-        found[trace.test.name] = found.get(trace.test.name, frozenset()) | set(trace.channels) | driven
+        found[trace.test.name] = found.get(trace.test.name, frozenset()) | _channels(trace)
     return found
+
+
+def by_file(traces: tuple[Trace, ...]) -> dict[str, frozenset[str]]:
+    """The same of each trace by itself; not of those that an ECU in the model drives, whose loop is closed over what is
+    late."""
+    return {trace.measurement.file: _channels(trace) for trace in traces if not trace.controlled}
+
+
+def _channels(trace: Trace) -> frozenset[str]:
+    driven = {"voltage"} if trace.circuit else {"torque"} if trace.torque_driven else set()
+    duty = {"duty"} if trace.sags else set()
+    return frozenset({*trace.channels, *driven, *duty})
 
 
 def is_of_the_rig(effect: Effect) -> bool:

@@ -162,6 +162,7 @@ class RigMistake:
         size, unit: of it, SI; a share where the unit is "".
         mend: the line of rig.toml that takes it into account.
         sentence: all that in words.
+        file: of the one trace that it is in; None: in every trace of the test.
     """
 
     effect: str
@@ -172,6 +173,7 @@ class RigMistake:
     unit: str
     mend: str
     sentence: str
+    file: str | None = None
 
 
 @dataclass(frozen=True, eq=False)

@@ -14,6 +14,7 @@ from .candidate_model import CandidateModel
 from .choice import Choice, deserves_second_trial, in_turn, nothing_to_read, promising, stands, worth_a_look
 from .composition import Effect, is_of_the_rig
 from .cross_validation import folds, left_out
+from .late import screen_of_late
 from .model_discrepancy import inexact
 from .refit import holds, refit_fully
 from .score import Score, score
@@ -102,7 +103,8 @@ def measured(s: CandidateModel, candidates: Sequence[Effect]) -> Measured:
     What the fitted parameters can do is taken from the lean model, which costs less and gives equal numbers; and with
     them what the rig's effects would do, which act around the throttle and are cheap all at once.
     """
-    inside, of_the_rig = ([e for e in candidates if is_of_the_rig(e) is rig] for rig in (False, True))
+    inside, every = ([e for e in candidates if is_of_the_rig(e) is rig] for rig in (False, True))
+    of_the_rig, late = ([e for e in every if e.delays is delays] for delays in (False, True))
     background = Background.of(s.problem, s.x, s.weighted)
     found = []
     if inside:
@@ -111,6 +113,8 @@ def measured(s: CandidateModel, candidates: Sequence[Effect]) -> Measured:
     if of_the_rig:
         rigged = s.with_the_rig()
         found += screen_of_the_rig(background, rigged.problem, rigged.x, rigged.weighted, of_the_rig)
+    if late:
+        found += screen_of_late(background, s.problem, s.x, s.weighted, late, s.settings)
     return Measured(background, found)
 
 

@@ -35,4 +35,5 @@ def _mistake(effect: type[AbstractRigEffect], values: Mapping[str, float]) -> Ri
         unit=first.unit,
         mend=mend,
         sentence=sentence,
+        file=place.file or None,
     )

@@ -6,6 +6,10 @@ chi2 differ by what they explain and by nothing else:
     BIC change = n ln(chi2_1 / chi2_0) + (k_1 - k_0) ln n + 2 ln(variants tried),    n = number of independent samples
 
 An amplitude that cannot be negative and is best at zero gains nothing: the test is one-sided by construction.
+
+Of an effect of the rig that is late, only what it explains outside of one event counts. A lateness is in all that a
+trace shows; but what follows a single edge, whose instant nobody logged, can often be told better a little later,
+and no other trace can speak against a trace that is late.
 """
 
 from __future__ import annotations
@@ -18,6 +22,7 @@ import numpy as np
 
 from .candidate_model import CandidateModel
 from .composition import Composition, Effect, is_of_the_rig, resting
+from .late import of_one_event
 from .score import Score, score
 from .screen import variants
 from .settings import DiagnosisSettings
@@ -109,10 +114,12 @@ def compare(
 
 def judged(effect: Effect, before: Score, s: CandidateModel, cost: Cost | None = None) -> Trial:
     """The trial of a refitted model that has one effect more than the one scored before."""
-    slack = s.settings.rise_in_trial(s.far)
-    return Trial(
-        s, compare(effect, before, score(s), cost or Cost.of(effect, s.composition), s.weighted.samples, slack)
-    )
+    slack, after = s.settings.rise_in_trial(s.far), score(s)
+    counted = after
+    if is_of_the_rig(effect) and effect.delays and s.at_work(effect):
+        counted = replace(after, chi2=after.chi2 + of_one_event(s, effect))
+    verdict = compare(effect, before, counted, cost or Cost.of(effect, s.composition), s.weighted.samples, slack)
+    return Trial(s, replace(verdict, score=after))
 
 
 def tried(s: CandidateModel, effect: Effect, values: Mapping[str, float], before: Score) -> Trial:

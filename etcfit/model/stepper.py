@@ -87,6 +87,8 @@ class Step(NamedTuple):
         lever: torque of the guide for each of its volts where there is no circuit, N m/V.
         command: for an ECU in the model; None where it has none.
         edge: None where no edge of the input is in step with the samples.
+        trace: `number_of` the file of the trace; None where no batch was made of traces.
+        duty: of a bridge whose supply was not logged, -1 to 1, 0 in other traces; None where there is none.
     """
 
     dt: Scalar
@@ -108,6 +110,8 @@ class Step(NamedTuple):
     lever: Scalar
     command: Command | None = None
     edge: Edge | None = None
+    trace: Scalar | None = None
+    duty: Scalar | None = None
 
     def guide(self, fraction: float, theta: Scalar) -> Scalar:
         """Voltage of the guide at a fraction of the step for a plate at theta (rad), V."""

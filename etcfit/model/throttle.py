@@ -145,6 +145,14 @@ class Throttle(eqx.Module):
         c = self(zero, self.z0, Inputs(0.0, 0.0, 0.0, 1.0, 0.0, 1.0, 0.0, 1.0))
         return Delays(c.input_delay, {"position": c.position_delay, "current": c.current_delay})
 
+    def lateness(self, steps: Any, test_of: Scalar) -> dict[str, Scalar]:
+        """How late the rig logs channels, s, of each entry; a channel that it cannot log late is left out."""
+        late: dict[str, Scalar] = {}
+        for effect in self.rig:
+            for channel, by in effect.lateness(steps, test_of).items():
+                late[channel] = late[channel] + by if channel in late else by
+        return late
+
     @property
     def may_delay(self) -> bool:
         """False where no effect can: then nothing need be shifted."""

@@ -261,6 +261,8 @@ def _strip(
         "circuit": ones * trace.circuit,
         "plate": ones * (not boundary.gear_apart),
         "test_of": ones * number_of(trace.test.name),
+        "trace": ones * number_of(trace.measurement.file),
+        "duty": early / config.supply_V if trace.sags and config.supply_V else zeros,
         "begins": first * 1.0,
         "release": release,
         "guidable": ones * ("position" in trace.channels and not boundary.plate_held),
@@ -334,5 +336,7 @@ def _assemble(
 
     command = part(Command) if "active" in table else None
     edge = part(Edge) if np.any(table["span"]) else None
-    parts = part(Step)._replace(command=command, edge=edge), part(Reset), part(SampleSlots), part(Disturbance)
+    duty = table["duty"] if np.any(table["duty"]) else None
+    steps = part(Step)._replace(command=command, edge=edge, duty=duty)
+    parts = steps, part(Reset), part(SampleSlots), part(Disturbance)
     return TraceBatch(*parts, table["guidable"], table["test_of"], traces, places)

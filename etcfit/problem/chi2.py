@@ -59,7 +59,7 @@ def _of_one(problem: EstimationProblem, x: Float[np.ndarray, " P"], weighted: We
 @Program
 def _chi2(form: Form, points: Float[Array, "K P"], weighted: WeightedData) -> Float[Array, " K"]:
     """Shape (K, P) -> (K,)."""
-    if not has_single_pass(form):
+    if not has_single_pass(form, weighted):
         return jax.lax.map(lambda x: _of_paths(form, x, weighted), points, batch_size=_AT_ONCE)
     prior = jax.vmap(lambda x: prior_residual(x, weighted))(points)
     return _in_one_pass(form, points, weighted) + jnp.sum(prior**2, axis=1)

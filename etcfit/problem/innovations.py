@@ -20,7 +20,7 @@ from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Float
+from jaxtyping import Array, Float, Int
 
 from ..model.parameters import AnyArray, Scalar
 from ..model.stepper import StatePath
@@ -28,6 +28,25 @@ from ..model.tangents import once
 from ..model.throttle import Throttle
 from .batch import BatchArrays, SampleSlots
 from .process_noise import ORDER, error_process
+
+
+class Moved(NamedTuple):
+    """Where in the batch samples belong that the rig logs late: at the instants that they show, shape (T, L, M) each.
+
+    Args:
+        forth: entry whose sample belongs at this one; T where there is none.
+        back: entry at which this one's sample belongs; T where that is not in its trace.
+    """
+
+    forth: Int[AnyArray, "T L M"]
+    back: Int[AnyArray, "T L M"]
+
+
+def moved(array: Float[AnyArray, "T L M"], rows: Int[AnyArray, "T L M"]) -> Float[Array, "T L M"]:
+    """What an array has at other entries, shape (T, L, M); 0 at entry T."""
+    array = jnp.asarray(array)
+    padded = jnp.concatenate((array, jnp.zeros_like(array[:1])))
+    return jnp.take_along_axis(padded, rows, axis=0)
 
 
 class InnovationsFilter(NamedTuple):
@@ -39,12 +58,14 @@ class InnovationsFilter(NamedTuple):
         sense: C, shape (T, L, M, n).
         gain: K, shape (T, L, M, n).
         weight: 1 / sqrt(S), shape (T, L, M), 1 over the unit of the sample; 0 where there is no sample.
+        moved: None where samples are filtered where they were logged.
     """
 
     transition: Float[Array, "T L n n"]
     sense: Float[Array, "T L M n"]
     gain: Float[Array, "T L M n"]
     weight: Float[AnyArray, "T L M"]
+    moved: Moved | None = None
 
 
 def plain(slots: SampleSlots, order: int = ORDER) -> InnovationsFilter:
@@ -70,6 +91,9 @@ def whiten(filter_: InnovationsFilter, error: Float[AnyArray, "T L M"]) -> Float
     Returns:
         shape (T, L, M), dimensionless; standard normal where the model is right.
     """
+    if filter_.moved is not None:
+        forth, back = filter_.moved
+        return moved(whiten(filter_._replace(moved=None), moved(error, forth)), back)
     start = tuple(jnp.zeros(error.shape[1]) for _ in range(filter_.transition.shape[-1]))
     return jax.lax.scan(lambda state, entry: innovate(state, *entry), start, (filter_, error))[1]
 
@@ -86,7 +110,7 @@ def innovate(
     Returns:
         the error states after it, and r, shape (..., M), dimensionless.
     """
-    transition, sense, gain, weight = filter_
+    transition, sense, gain, weight, _ = filter_
     order = range(len(state))
     state = once(tuple(sum(transition[..., p, q] * state[q] for q in order) for p in order))
     out = []

@@ -148,7 +148,7 @@ def linearise(form: Form, x: Float[Array, " P"], weighted: WeightedData) -> Line
         x: coordinates, shape (P,).
         weighted: data, whitening and priors of some lanes.
     """
-    if has_single_pass(form):
+    if has_single_pass(form, weighted):
         r, columns = _in_one_pass(form, x, weighted)
     else:
         r, last = jacobian(lambda x: residual(form, x, weighted), x, form.live(weighted.pick))

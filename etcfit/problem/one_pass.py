@@ -36,9 +36,10 @@ class Carried(NamedTuple):
     error: tuple[Scalar, ...]
 
 
-def has_single_pass(form: Form) -> bool:
-    """True where no effect of the model delays a signal: only then is the path before an entry not needed."""
-    return not any(effect.delays for effect in form.types)
+def has_single_pass(form: Form, weighted: WeightedData) -> bool:
+    """True where no effect of the model delays a signal, and every sample is filtered where it was logged: only then is
+    the path before an entry not needed."""
+    return weighted.whitening.moved is None and not any(effect.delays for effect in form.types)
 
 
 def entries(weighted: WeightedData) -> tuple[Any, ...]:

@@ -15,7 +15,8 @@ from ..model.parameters import Scalar
 from ..rig.base import RigConfig
 from .batch import BatchArrays, SampleSlots, TraceBatch, batch_of
 from .free_parameters import Form, FreeParameters, Layout, Pick
-from .innovations import InnovationsFilter, kalman, plain
+from .innovations import InnovationsFilter, Moved, kalman, moved, plain
+from .late_samples import moved_samples
 from .normal_equations import linearised, linearised_ahead
 from .prediction_error import columns
 from .process_noise import free_run_variance, order_of
@@ -162,7 +163,9 @@ class EstimationProblem:
     def free_run_variance(self, x: Float[np.ndarray, " P"]) -> list[Float[np.ndarray, "_ _"]]:
         """Variance of measured - free run of each trace, shape (n, M), SI^2: sensor noise, noisy input, instants not
         known."""
-        return columns(self.batch, _free_run_variance(*self.at(x), self.arrays(), self.jitter))
+        arrays, where = self._where_they_belong(x)
+        variance = _free_run_variance(*self.at(x), arrays, self.jitter)
+        return columns(self.batch, variance if where is None else moved(variance, where.back))
 
     def simulated(self, x: Float[np.ndarray, " P"], guide_stiffness: float) -> Float[Array, "T L M"]:
         """Simulated samples of the whole batch, SI, shape (T, L, M).
@@ -188,7 +191,20 @@ class EstimationProblem:
     def filter_and_timing(self, x: Float[np.ndarray, " P"]) -> tuple[InnovationsFilter, Float[Array, "T L M"]]:
         """The whitening filter at coordinates x, shape (P,), and (dy/dt dt)^2 / S of each sample, shape (T, L, M): the
         variance that a jitter of 1 would add to it, over that which it has."""
-        return _kalman(*self.at(x), self.arrays(), self.jitter)
+        arrays, where = self._where_they_belong(x)
+        filter_, timing = _kalman(*self.at(x), arrays, self.jitter)
+        return (filter_, timing) if where is None else (filter_._replace(moved=where), moved(timing, where.back))
+
+    def _where_they_belong(self, x: Float[np.ndarray, " P"]) -> tuple[BatchArrays, Moved | None]:
+        """The batch with the noise of samples that the rig logs late at the instants that they show, as far as whole
+        samples go: an edge that came at an instant nobody logged is uncertain there."""
+        arrays = self.arrays()
+        where = moved_samples(self.batch, self.layout.types, self.layout.values(x, self.free_parameters.held))
+        if where is None:
+            return arrays, None
+        present = np.asarray(moved(arrays.slots.weight, where.forth))
+        sigma = np.where(present > 0.0, np.asarray(moved(arrays.slots.sigma, where.forth)), 1.0)
+        return arrays._replace(slots=arrays.slots._replace(weight=present, sigma=sigma)), where
 
     def weighted(self, filter_: InnovationsFilter) -> WeightedData:
         """Samples, inputs, priors and this filter, for the residual."""

@@ -9,7 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from ..model.delay import delayed, late_inputs
+from ..model.delay import delayed, late_inputs, logged_late
 from ..model.parameters import AnyArray, Scalar
 from ..model.stepper import Reset, StatePath, Step, simulate
 from ..model.throttle import Throttle
@@ -76,9 +76,11 @@ def predict(
     """
     seen = throttle.read(throttle.observe(*path, steps.inputs(1.0)), test_of)
     delays = throttle.delays().channels if throttle.may_delay else {}
+    by_the_rig = throttle.lateness(steps, test_of)
     y = jnp.zeros_like(slots.value)
     for k, name in enumerate(KINDS):
         channel = delayed(seen[name], steps, resets, delays[name]) if name in delays else seen[name]
+        channel = logged_late(channel, steps, resets, by_the_rig[name]) if name in by_the_rig else channel
         y = jnp.where(slots.kind == k, channel[..., None], y)
     return y
 

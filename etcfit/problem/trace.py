@@ -60,6 +60,11 @@ class Trace:
         return self.input is not None and "torque" in self.measurement.channels
 
     @property
+    def sags(self) -> bool:
+        """True where a duty drives it from a supply that nobody logged."""
+        return self.input is not None and self.input.held and "supply" not in self.measurement.channels
+
+    @property
     def circuit(self) -> bool:
         """True where current can flow."""
         return self.input is not None and not self.torque_driven

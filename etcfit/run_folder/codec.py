@@ -123,7 +123,7 @@ def _class(name: str) -> type:
     if not isinstance(found, type):
         raise Unreadable(f"it names {name}, which is no class")
     if place and issubclass(found, AbstractRigEffect):
-        return found.at(Place(*place.split(".", 1)))
+        return found.at(Place.named(place))
     return found
 
 

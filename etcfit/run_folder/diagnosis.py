@@ -57,7 +57,7 @@ def diagnosis_json(diagnosis: Diagnosis) -> dict[str, Any]:
 
 
 def _mistake(mistake: RigMistake, probability: float | None) -> dict[str, Any]:
-    return {**plain(mistake), "file": None, "probability": plain(probability), "chance": None}
+    return {**plain(mistake), "probability": plain(probability), "chance": None}
 
 
 def _found_before(finding: Finding) -> dict[str, Any]:

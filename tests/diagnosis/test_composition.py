@@ -8,7 +8,17 @@ import numpy as np
 import pytest
 from numpy.testing import assert_array_equal
 
-from etcfit.diagnosis.composition import Composition, by_test, carried, compose, is_of_the_rig, logged, resting, room
+from etcfit.diagnosis.composition import (
+    Composition,
+    by_file,
+    by_test,
+    carried,
+    compose,
+    is_of_the_rig,
+    logged,
+    resting,
+    room,
+)
 from etcfit.model.effects import EFFECT_BY_NAME, EFFECTS, PAPER
 from etcfit.model.parameters import parameters_of
 from etcfit.model.rig_effects import Place, SeriesResistance, at_places
@@ -134,7 +144,8 @@ def test_room_is_the_next_multiple_of_eight() -> None:
 def test_a_rig_has_effects_of_its_own_where_tests_can_be_compared(rig: Rig, traces: tuple[Trace, ...]) -> None:
     both = compose(rig, traces)
     names = {e.name for e in both.of_the_rig}
-    assert names == {e.name for e in at_places(by_test(traces))} - {e.name for e in OF_RIG_TOML}
+    every = at_places(by_test(traces), by_file(traces))
+    assert names == {e.name for e in every} - {e.name for e in OF_RIG_TOML}
     assert {"series_resistance[resistance]", "channel_gain[response.current]", "time_scale[inductance]"} <= names
     assert set(both.candidates) - set(both.of_the_rig) == set(BEYOND)
     alone = compose(rig, tuple(t for t in traces if t.test.name == "response"))
@@ -149,7 +160,22 @@ def test_effects_of_the_rig_lie_in_a_lean_model_only_beside_one_of_them(rig: Rig
     assert both.on_trial((GRAVITY,)).layout.form == both.lean((GRAVITY,)).layout.form
     assert [t for t in both.lean((one,)).layout.types if is_of_the_rig(t)] == [*OF_RIG_TOML, one]
     free = both.with_the_rig(()).layout.free
-    assert set(free) - set(both.lean(()).layout.free) == {s for e in both.of_the_rig for s in resting(e)}
+    assert set(free) - set(both.lean(()).layout.free) == {s for e in both.prompt for s in resting(e)}
+
+
+def test_what_is_late_lies_beside_what_is_late_and_of_single_traces_the_one_on_trial(
+    rig: Rig, traces: tuple[Trace, ...]
+) -> None:
+    both = compose(rig, traces)
+    late = [e for e in both.of_the_rig if e.delays]
+    tests, files = ([e for e in late if bool(e.place.file) is single] for single in (False, True))
+    assert {e.kind for e in tests} == {"channel_late"}
+    assert {e.kind for e in files} == {"trace_late"}
+    assert {e.place.file for e in files} == {"inductance/1.csv", "response/1.csv"}  # a resistance does not tell time
+    assert set(late) | set(both.prompt) == set(both.of_the_rig)
+    assert both.on_trial(tuple(tests[:1])).layout.form == both.on_trial(tuple(tests[1:2])).layout.form
+    assert [e for e in both.on_trial((files[0],)).layout.types if e in files] == [files[0]]
+    assert not any(e.delays for e in both.on_trial((both.prompt[0],)).layout.types)
 
 
 def test_priors_are_those_of_what_is_free(rig: Rig, traces: tuple[Trace, ...]) -> None:

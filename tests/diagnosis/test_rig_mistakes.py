@@ -118,6 +118,17 @@ def test_a_mistake_is_told_by_its_size_and_the_line_that_mends_it() -> None:
     assert mistake.effect == "channel_gain[viscous.current]"
     assert mistake.mend == '[model] effects = ["channel_gain[viscous.current]"]'
     assert "current of the viscous test" in mistake.sentence
+    assert mistake.file is None
+
+
+def test_a_mistake_of_one_trace_names_its_file() -> None:
+    late = rig_effect("trace_late[response/drive_3.csv]")
+    assert late is not None
+    (mistake,) = rig_mistakes([late], {"late.response/drive_3.csv": 0.012})
+    assert (mistake.kind, mistake.test, mistake.channel) == ("trace_late", "response", None)
+    assert mistake.file == "response/drive_3.csv"
+    assert mistake.mend == '[model] effects = ["trace_late[response/drive_3.csv]"]'
+    assert "the trace response/drive_3.csv: 0.012 s" in mistake.sentence
 
 
 @pytest.mark.slow

@@ -11,7 +11,7 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
 from bodies import batch
-from etcfit.model.delay import delayed, late_inputs
+from etcfit.model.delay import delayed, late_inputs, logged_late
 from etcfit.model.stepper import Reset, Step
 
 DELAYS = (3e-4, 1e-3, 0.0123, 0.9)  # within a step, of about one, of many, longer than any trace
@@ -20,6 +20,7 @@ ROWS = 64
 
 shifted = jax.jit(delayed)
 late = jax.jit(late_inputs)
+read_late = jax.jit(logged_late)
 
 
 class Laid:
@@ -232,3 +233,73 @@ def test_the_derivative_in_the_delay_is_finite_differences(delay: float) -> None
     scale = max(1.0, float(np.max(np.abs(difference[:, inside]))))
     assert scale > 100.0 or delay > 0.06
     assert_allclose(slope[:, inside] / scale, difference[:, inside] / scale, atol=1e-6)
+
+
+# ---- a channel that the rig logs late, or early
+
+
+def test_a_channel_that_is_not_late_is_itself() -> None:
+    moved = np.asarray(read_late(noise(3), LAID.steps, LAID.resets, 0.0))
+    for lane, rows in LAID.places:
+        assert_allclose(moved[rows, lane], noise(3)[rows, lane], rtol=1e-12)
+
+
+@pytest.mark.parametrize("by", [*DELAYS, *(-delay for delay in DELAYS)])
+def test_a_ramp_is_read_off_exactly_either_way_and_rests_beyond_its_ends(by: float) -> None:
+    signal = everywhere(lambda t, k: 3.0 + k + (2.0 - 5.0 * k) * t)
+    moved = np.asarray(read_late(signal, LAID.steps, LAID.resets, by))
+    for k, (lane, rows) in enumerate(LAID.places):
+        clock = LAID.clock(k)
+        then = np.clip(clock - by, 0.0, clock[-1])
+        assert_allclose(moved[rows, lane], 3.0 + k + (2.0 - 5.0 * k) * then, rtol=1e-12)
+
+
+@pytest.mark.parametrize("by", [0.0123, -0.0041])
+def test_a_parabola_is_read_off_exactly_and_a_wave_to_the_third_order(by: float) -> None:
+    parabola = everywhere(lambda t, k: 3.0 + t + 400.0 * t**2)
+    wave = everywhere(lambda t, k: np.sin(200.0 * t))
+    for signal, true, off in (
+        (parabola, lambda t: 3.0 + t + 400.0 * t**2, 1e-12),
+        (wave, lambda t: np.sin(200.0 * t), 2e-3),
+    ):
+        moved = np.asarray(read_late(signal, LAID.steps, LAID.resets, by))
+        for k, (lane, rows) in enumerate(LAID.places):
+            clock = LAID.clock(k)
+            then = clock - by
+            inside = (then > clock[2]) & (then < clock[-3])  # at an end the slope is that of the step there
+            assert_allclose(moved[rows, lane][inside], true(then[inside]), rtol=1e-10, atol=off)
+            straight = np.interp(then, clock, true(clock))[inside]
+            assert np.abs(straight - true(then[inside])).max() > 2.0 * off
+
+
+def test_at_a_bend_it_is_off_by_no_more_than_said() -> None:
+    """0.074 h times the jump of slope, for even steps."""
+    steps, resets = batch(np.full(40, 1e-3))
+    clock = np.cumsum(steps.dt[:, 0])
+    bent = np.maximum(clock - 0.02, 0.0)[:, None]
+    for by in np.linspace(0.0, 2e-3, 41):
+        moved = np.asarray(read_late(bent, steps, resets, by))[:, 0]
+        assert np.abs(moved - np.maximum(clock - by - 0.02, 0.0))[3:-3].max() < 0.075e-3
+
+
+def test_it_has_no_kink_where_a_lateness_is_a_whole_number_of_samples() -> None:
+    steps, resets = batch(np.full(40, 1e-3))
+    wave = np.sin(400.0 * np.cumsum(steps.dt[:, 0]))[:, None]
+    slopes = [jax.jvp(lambda by: logged_late(wave, steps, resets, by), (3e-3 + d,), (1.0,))[1] for d in (-1e-9, 1e-9)]
+    assert_allclose(slopes[0][6:-3], slopes[1][6:-3], atol=1e-2)
+
+
+def test_one_trace_is_late_and_the_others_are_not() -> None:
+    by = everywhere(lambda t, k: (0.0, 0.004, -0.003)[k])
+    moved = np.asarray(read_late(noise(5), LAID.steps, LAID.resets, by))
+    for k, (lane, rows) in enumerate(LAID.places):
+        alone = np.asarray(read_late(noise(5), LAID.steps, LAID.resets, (0.0, 0.004, -0.003)[k]))
+        assert_allclose(moved[rows, lane], alone[rows, lane], rtol=1e-12)
+
+
+@pytest.mark.parametrize("by", [0.0, 0.0021, -0.0017])
+def test_its_derivative_is_minus_the_slope_where_it_is_read_off_also_where_nothing_is_late(by: float) -> None:
+    signal = everywhere(lambda t, k: 3.0 + k + (2.0 - 5.0 * k) * t)
+    _, slope = jax.jvp(lambda late: logged_late(signal, LAID.steps, LAID.resets, late), (by,), (1.0,))
+    for k, (lane, rows) in enumerate(LAID.places):
+        assert_allclose(np.asarray(slope)[rows, lane][6:-6], 5.0 * k - 2.0, rtol=1e-9)

@@ -11,7 +11,16 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
 from etcfit.model.parameters import declared, parameters_of
-from etcfit.model.rig_effects import RIG_EFFECTS, AbstractRigEffect, EdgePhase, Place, at_places, number_of, rig_effect
+from etcfit.model.rig_effects import (
+    OBSERVED,
+    RIG_EFFECTS,
+    AbstractRigEffect,
+    EdgePhase,
+    Place,
+    at_places,
+    number_of,
+    rig_effect,
+)
 from etcfit.model.stepper import Edge, Reset, Step
 from etcfit.rig import TESTS
 
@@ -22,8 +31,11 @@ LOGGED = {
     "response": frozenset({"voltage", "current", "position"}),
     "inertia": frozenset({"emf", "position", "motor_speed"}),
     "sine": frozenset({"torque", "position"}),
+    "closed_loop": frozenset({"voltage", "duty", "position"}),
 }
-EVERY = (*at_places(LOGGED), EdgePhase.at(Place("response")))
+FILES = {"response/1.csv": LOGGED["response"], "response/2.csv": LOGGED["response"],
+         "resistance/1.csv": LOGGED["resistance"], "inertia/1.csv": LOGGED["inertia"]}  # fmt: skip
+EVERY = (*at_places(LOGGED, FILES), EdgePhase.at(Place("response")))
 every_effect = pytest.mark.parametrize("effect", EVERY, ids=lambda e: e.name)
 PARTS = ("command", "edge")  # of a step that a batch may do without
 SEEN = {"current": jnp.array([1.0, 2.0]), "position": jnp.array([0.3, 0.4]), "emf": jnp.array([0.5, 0.6]),
@@ -36,9 +48,10 @@ def made(effect: type[AbstractRigEffect], value: float) -> Any:
     return effect(**{field: off[p.symbol] + value * p.domain.scale for field, p in declared(effect).items()})
 
 
-def steps() -> Step:
+def steps(file: str = "") -> Step:
     rng = np.random.default_rng(0)
     values: dict[str, Any] = {name: jnp.asarray(rng.uniform(0.5, 1.5, 2)) for name in Step._fields if name not in PARTS}
+    values["trace"] = jnp.full(2, number_of(file))
     return Step(**values, edge=Edge(jnp.zeros(2), jnp.array([0.2, -0.2]), jnp.array([0.1, 0.3])))
 
 
@@ -46,28 +59,35 @@ def begun() -> Reset:
     return Reset(jnp.array([1.0, 0.0]), jnp.array([0.1, 0.0]), jnp.array([0.2, 0.0]), jnp.array([0.3, 0.0]))
 
 
-def all_of(effect: Any, test_of: Any) -> list[Any]:
-    """Everything that the effect makes of what is given."""
-    shown = effect.read(dict(SEEN), test_of)
-    return [*jax.tree.leaves((effect.driven(steps(), test_of), effect.begun(begun(), test_of))), *shown.values()]
+def all_of(effect: Any, test_of: Any, file: str = "") -> list[Any]:
+    """Everything that the effect makes of what is given; lateness beside what is not late."""
+    given, shown = steps(file), effect.read(dict(SEEN), test_of)
+    late = {channel: jnp.zeros(2) for channel in OBSERVED} | effect.lateness(given, test_of)
+    driven, starts = effect.driven(given, test_of), effect.begun(begun(), test_of)
+    return [*jax.tree.leaves((driven, starts)), *shown.values(), *(late[channel] for channel in OBSERVED)]
+
+
+def as_given(file: str = "") -> list[Any]:
+    """What `all_of` gives of an effect that changes nothing."""
+    return [*jax.tree.leaves((steps(file), begun())), *SEEN.values(), *[jnp.zeros(2)] * len(OBSERVED)]
 
 
 @every_effect
 def test_off_it_changes_nothing(effect: type[AbstractRigEffect]) -> None:
-    here = jnp.full(2, number_of(effect.place.test))
-    for now, given in zip(
-        all_of(made(effect, 0.0), here), [*jax.tree.leaves((steps(), begun())), *SEEN.values()], strict=True
-    ):
+    here, file = jnp.full(2, number_of(effect.place.test)), effect.place.file
+    for now, given in zip(all_of(made(effect, 0.0), here, file), as_given(file), strict=True):
         assert_array_equal(now, given)
 
 
 @every_effect
 def test_on_it_changes_something_in_its_place_and_nothing_elsewhere(effect: type[AbstractRigEffect]) -> None:
-    given = [*jax.tree.leaves((steps(), begun())), *SEEN.values()]
-    here, there = (all_of(made(effect, 1.0), jnp.full(2, number_of(t))) for t in (effect.place.test, "elsewhere"))
-    assert any(np.any(np.asarray(a) != np.asarray(b)) for a, b in zip(here, given, strict=True))
-    if effect.place.test:
-        for now, was in zip(there, given, strict=True):
+    place = effect.place
+    here = all_of(made(effect, 1.0), jnp.full(2, number_of(place.test)), place.file)
+    assert any(np.any(np.asarray(a) != np.asarray(b)) for a, b in zip(here, as_given(place.file), strict=True))
+    elsewhere = [("elsewhere", "")] if place.test else []
+    elsewhere += [(place.test, f"{place.test}/elsewhere.csv")] if place.file else []
+    for test, file in elsewhere:
+        for now, was in zip(all_of(made(effect, 1.0), jnp.full(2, number_of(test)), file), as_given(file), strict=True):
             assert_array_equal(now, was)
 
 
@@ -84,7 +104,7 @@ def test_its_name_says_where_it_is_and_finds_it_again(effect: type[AbstractRigEf
 
 def test_every_family_has_a_place_in_a_rig_that_logs_everything() -> None:
     found_by_the_fit = {EdgePhase.kind}
-    assert {e.kind for e in at_places(LOGGED)} == {family.kind for family in RIG_EFFECTS} - found_by_the_fit
+    assert {e.kind for e in at_places(LOGGED, FILES)} == {family.kind for family in RIG_EFFECTS} - found_by_the_fit
     assert len({e.name for e in EVERY}) == len(EVERY)
     symbols = [p.symbol for e in EVERY for p in parameters_of(e)]
     assert len(set(symbols)) == len(symbols)

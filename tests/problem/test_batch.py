@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose, assert_array_equal
 
-from etcfit.model.rig_effects import number_of
+from etcfit.model.rig_effects import number_of, rig_effect
 from etcfit.problem.batch import KINDS, TraceBatch, batch_of
 from etcfit.problem.packing import pack, rounded
 from etcfit.problem.prediction_error import columns
@@ -214,10 +214,27 @@ def test_a_torque_enters_at_the_plate() -> None:
     assert np.all(batch.steps.circuit == 0.0)
 
 
-def test_each_entry_knows_its_rig_test(batch: TraceBatch) -> None:
+def test_each_entry_knows_its_rig_test_and_its_file(batch: TraceBatch) -> None:
     assert len({t.test.name for t in batch.traces}) > 2
     for t, (lane, _, marks) in zip(batch.traces, batch.places, strict=True):
         assert np.all(batch.test_of[marks, lane] == number_of(t.test.name))
+        assert np.all(np.asarray(batch.steps.trace)[marks, lane] == number_of(t.measurement.file))
+
+
+def test_a_supply_that_nobody_logged_sags_by_the_square_of_the_duty(batch: TraceBatch) -> None:
+    """R_s = 0.4 ohm: a duty of -0.5 is a resistance of 0.1 ohm; where the supply was logged, it has sagged already."""
+    time, sag = np.arange(10) * 1e-3, rig_effect("supply_sag")
+    assert sag is not None
+    assert batch.steps.duty is None  # driven by a voltage
+    drive = {"duty": channel(time, np.full(10, -0.5), 1e-3), "position": channel(time, 0 * time, 1e-3)}
+    supply = {"supply": channel(time, np.full(10, 12.0), 1e-3)}
+    for channels, ohm in ((drive, 0.1), (drive | supply, 0.0)):
+        t = prepare(Measurement("drive/a.csv", "drive", time, channels), CONFIG)
+        assert t is not None
+        driven, _ = laid([t], most=1)
+        lane, _, marks = driven.places[0]
+        series = np.broadcast_to(sag(supply_ohm=0.4).driven(driven.steps, 0.0).series, driven.steps.dt.shape)
+        assert_allclose(series[marks[1:], lane], ohm)
 
 
 # ---- what is uncertain

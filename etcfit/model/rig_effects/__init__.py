@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
-from .base import AbstractRigEffect, Logged, Place, number_of
+from .base import DRIVING, OBSERVED, AbstractRigEffect, Logged, Place, number_of
 from .channel_drift import ChannelDrift
 from .channel_gain import ChannelGain
+from .channel_late import ChannelLate
 from .channel_offset import ChannelOffset
 from .edge_phase import EdgePhase
 from .gear_ratio import GearRatio
 from .sensor_end_points import SensorEndPoints
 from .series_resistance import SeriesResistance
+from .supply_sag import SupplySag
 from .time_scale import TimeScale
+from .trace_late import TraceLate
 
 # families; `at` makes the effect of one place
 RIG_EFFECTS: tuple[type[AbstractRigEffect], ...] = (
@@ -22,37 +25,46 @@ RIG_EFFECTS: tuple[type[AbstractRigEffect], ...] = (
     GearRatio,
     SensorEndPoints,
     EdgePhase,
+    ChannelLate,
+    TraceLate,
+    SupplySag,
 )
 FAMILY_BY_KIND: dict[str, type[AbstractRigEffect]] = {family.kind: family for family in RIG_EFFECTS}
 
 
-def at_places(logged: Logged) -> tuple[type[AbstractRigEffect], ...]:
-    """Every rig effect that a rig could show whose tests logged these channels."""
-    return tuple(family.at(place) for family in RIG_EFFECTS for place in family.places(logged))
+def at_places(logged: Logged, traces: Logged | None = None) -> tuple[type[AbstractRigEffect], ...]:
+    """Every rig effect that a rig could show whose tests, and whose single traces, logged these channels."""
+    files = traces or {}
+    return tuple(family.at(p) for family in RIG_EFFECTS for p in (*family.places(logged), *family.in_traces(files)))
 
 
 def rig_effect(name: str) -> type[AbstractRigEffect] | None:
-    """The effect that rig.toml calls `kind[test.channel]`; None where no family has that kind."""
+    """The effect that rig.toml calls `kind[test.channel]` or `kind[file]`; None where no family has that kind."""
     kind, _, rest = name.partition("[")
     family = FAMILY_BY_KIND.get(kind)
     if family is None or (rest and not rest.endswith("]")):
         return None
-    return family.at(Place(*rest.removesuffix("]").split(".", 1)) if rest else Place())
+    return family.at(Place.named(rest.removesuffix("]")) if rest else Place())
 
 
 __all__ = [
+    "DRIVING",
     "FAMILY_BY_KIND",
+    "OBSERVED",
     "RIG_EFFECTS",
     "AbstractRigEffect",
     "ChannelDrift",
     "ChannelGain",
+    "ChannelLate",
     "ChannelOffset",
     "EdgePhase",
     "GearRatio",
     "Logged",
     "Place",
     "SeriesResistance",
+    "SupplySag",
     "TimeScale",
+    "TraceLate",
     "at_places",
     "number_of",
     "rig_effect",

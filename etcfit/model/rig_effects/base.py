@@ -19,7 +19,11 @@ import jax.numpy as jnp
 from ..effects.base import AbstractEffect, Contribution, Inputs, State
 from ..parameters import Parameter, Scalar, declared
 
-Logged = Mapping[str, frozenset[str]]  # rig test -> channels its traces logged, "voltage" or "torque" where one drove
+# rig test, or file of one trace -> channels logged there; "voltage", "duty" or "torque" where one drove
+Logged = Mapping[str, frozenset[str]]
+STATIC = "resistance"  # rig test in which nothing depends on time
+DRIVING = ("voltage", "torque")  # those that drive it
+OBSERVED = ("current", "position", "emf", "motor_speed")  # channels that a model predicts
 
 
 class Place(NamedTuple):
@@ -28,24 +32,36 @@ class Place(NamedTuple):
     Args:
         test: name of the rig test; "" for all of them.
         channel: "current", "position", ...; "" where none is meant.
+        file: of the one trace that is meant, as in `response/3.csv`; "" for every trace of the test.
     """
 
     test: str = ""
     channel: str = ""
+    file: str = ""
 
     def __str__(self) -> str:
+        if self.file:
+            return self.file
         return f"{self.test}.{self.channel}" if self.channel else self.test
+
+    @classmethod
+    def named(cls, text: str) -> Place:
+        """The one that is written so; what has a slash is a file."""
+        test, slash, _ = text.partition("/")
+        return cls(test, "", text) if slash else cls(*text.split(".", 1))
 
     @property
     def words(self) -> str:
         """As part of a sentence: "current of the response test"."""
+        if self.file:
+            return f"the trace {self.file}"
         test = f"the {self.test} test" if self.test else "every test"
         return f"{self.channel} of {test}" if self.channel else test
 
 
-def number_of(test: str) -> float:
-    """A number for a rig test, CRC-32 of its name: by it arrays tell which test an entry is of."""
-    return float(zlib.crc32(test.encode()))
+def number_of(name: str) -> float:
+    """A number for a rig test or a file, CRC-32 of its name: by it arrays tell which test or trace an entry is of."""
+    return float(zlib.crc32(name.encode()))
 
 
 class AbstractRigEffect(AbstractEffect):
@@ -53,7 +69,9 @@ class AbstractRigEffect(AbstractEffect):
     nothing.
 
     A class is a family of effects; `at` makes the one of a place, called `kind[place]`, whose parameters carry the
-    place in their symbol (`series_ohm.inductance`).
+    place in their symbol (`series_ohm.inductance`). `places` says where a rig could show it, `in_traces` where one
+    trace by itself could. One that `delays` says by `lateness` how late channels are logged: what they read needs the
+    path before it.
 
     Attributes:
         kind: its name in rig.toml and diagnosis.json, without the place.
@@ -73,6 +91,11 @@ class AbstractRigEffect(AbstractEffect):
     @abc.abstractmethod
     def places(cls, logged: Logged) -> tuple[Place, ...]:
         """Where it could be told from the throttle, by what each test logged."""
+
+    @classmethod
+    def in_traces(cls, logged: Logged) -> tuple[Place, ...]:
+        """Traces that could show it one by one, by what each file logged."""
+        return ()
 
     @classmethod
     def mend(cls, value: float) -> str:
@@ -114,6 +137,10 @@ class AbstractRigEffect(AbstractEffect):
             test_of: `number_of` the rig test of each entry.
         """
         return seen
+
+    def lateness(self, steps: Any, test_of: Scalar) -> dict[str, Scalar]:
+        """How late channels are logged, s; negative where they are early. {}: none is."""
+        return {}
 
     def here(self, test_of: Scalar) -> Scalar:
         """1 at entries of the test where it is at work, else 0."""

@@ -12,11 +12,15 @@ from .base import AbstractRigEffect, Logged, Place
 class SeriesResistance(AbstractRigEffect):
     """v = ... - R_t i in the circuit of one test.
 
+    A winding that is dT warmer there than in the other tests is the same, R_t = alpha R_a dT with alpha = 0.0039/K of
+    copper, and no data of that test tell the two apart: the magnets, which would weaken and lower K_b, warm up much
+    later than the winding. 40 K are 16 % of R_a.
+
     Source: the paper's R_t of the inductance test. Differs from source: any test may have one.
     """
 
     kind = "series_resistance"
-    told_by = "an ohmmeter at the terminals of that test's circuit, its winding cold"
+    told_by = "an ohmmeter at the terminals of that test's circuit, its winding cold, and once more while it is warm"
     off: ClassVar[Mapping[str, float] | None] = {"series_ohm": 0.0}
     series_ohm: Scalar = parameter("ohm", NonNegative(1.0), 0.5, "extra circuit resistance", "DESIGN, R_t of the paper")
 

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from typing import Any, ClassVar
 
 from ..parameters import Real, Scalar, parameter
-from .base import AbstractRigEffect, Logged, Place
+from .base import STATIC, AbstractRigEffect, Logged, Place
 
 
 class TimeScale(AbstractRigEffect):
@@ -22,8 +22,8 @@ class TimeScale(AbstractRigEffect):
 
     @classmethod
     def places(cls, logged: Logged) -> tuple[Place, ...]:
-        """Each test, where there is another; in a resistance test nothing depends on time."""
-        tests = [test for test in logged if test != "resistance"]
+        """Each test, where there is another."""
+        tests = [test for test in logged if test != STATIC]
         return tuple(Place(test) for test in tests) if len(tests) > 1 else ()
 
     def driven(self, steps: Any, test_of: Scalar) -> Any:
