@@ -64,7 +64,7 @@ def pairs(signatures: Sequence[Signature], r: np.ndarray, most: int) -> tuple[Pa
         return ()
     columns = np.concatenate([b.signature.columns for b in blocks], axis=1)
     length = np.maximum(np.linalg.norm(columns, axis=0), 1e-300)
-    triangle = np.linalg.qr(np.column_stack((columns / length, r)), mode="r")
+    triangle = np.asarray(np.linalg.qr(np.column_stack((columns / length, r)), mode="r"))
     system = _System(triangle[:, :-1], -triangle[:, -1], length)
     bounds, best = _without_bounds(blocks, system), dict[frozenset[Effect], Pair]()
     for gain, a, b in bounds:

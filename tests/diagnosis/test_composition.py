@@ -21,7 +21,7 @@ from etcfit.diagnosis.composition import (
 )
 from etcfit.model.effects import EFFECT_BY_NAME, EFFECTS, PAPER
 from etcfit.model.parameters import parameters_of
-from etcfit.model.rig_effects import Place, SeriesResistance, at_places
+from etcfit.model.rig_effects import AbstractRigEffect, Place, SeriesResistance, at_places
 from etcfit.model.smooth import UNKNOWNS
 from etcfit.problem.free_parameters import FreeParameters, free_parameters
 from etcfit.problem.trace import Trace
@@ -167,7 +167,7 @@ def test_what_is_late_lies_beside_what_is_late_and_of_single_traces_the_one_on_t
     rig: Rig, traces: tuple[Trace, ...]
 ) -> None:
     both = compose(rig, traces)
-    late = [e for e in both.of_the_rig if e.delays]
+    late = [e for e in both.of_the_rig if e.delays and issubclass(e, AbstractRigEffect)]
     tests, files = ([e for e in late if bool(e.place.file) is single] for single in (False, True))
     assert {e.kind for e in tests} == {"channel_late"}
     assert {e.kind for e in files} == {"trace_late"}

@@ -135,10 +135,8 @@ def test_a_signature_is_the_change_of_the_residual(case: Case, name: str) -> Non
 
 def test_of_many_traces_only_those_that_stand_out_keep_a_signature(case: Case) -> None:
     problem = case.logged(lambda t: moved(t, *t.channels) if t.test.name == "inductance" else t.data)
-    alone = [
-        g.variant.effect.place.file for g in case.screened(problem, late_traces=1) if g.variant.effect.scope == "trace"
-    ]
-    assert alone == ["inductance/1.csv"]
+    every = [g.variant.effect for g in case.screened(problem, late_traces=1)]
+    assert [e.name for e in every if e.scope == "trace"] == ["trace_late[inductance/1.csv]"]
 
 
 def test_nothing_is_late_where_nothing_is_left(case: Case) -> None:

@@ -233,7 +233,7 @@ def test_a_supply_that_nobody_logged_sags_by_the_square_of_the_duty(batch: Trace
         assert t is not None
         driven, _ = laid([t], most=1)
         lane, _, marks = driven.places[0]
-        series = np.broadcast_to(sag(supply_ohm=0.4).driven(driven.steps, 0.0).series, driven.steps.dt.shape)
+        series = np.broadcast_to(sag(**{"supply_ohm": 0.4}).driven(driven.steps, 0.0).series, driven.steps.dt.shape)
         assert_allclose(series[marks[1:], lane], ohm)
 
 
