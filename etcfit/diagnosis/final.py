@@ -4,7 +4,12 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+import numpy as np
+
 from ..estimation.accuracy import with_accuracy
+from ..estimation.agreement import in_words
+from ..estimation.compromise import reason
+from ..estimation.intervals import Z_95
 from ..estimation.joint_fit import Report, freed
 from ..estimation.remedies import listed
 from ..estimation.result import FitResult, Optimum, Termination, outcome
@@ -55,6 +60,45 @@ def _widened(after: FitResult, s: CandidateModel, progress: Progress) -> FitResu
         formulas = tuple(e.name for e in s.added if e.inexact)
         remarks.append(f"Intervals allow for formulas of {listed(formulas)} that are {percent_off(formulas)} off.")
     covariance, warnings = after.covariance + allowed + unsure, (*after.warnings, *remarks)
-    return replace(
+    wide = replace(
         after, covariance=covariance, exact_covariance=after.covariance, formulas=formulas, warnings=warnings
     )
+    return reconciled(wide)
+
+
+def reconciled(after: FitResult) -> FitResult:
+    """The fit, its parameters estimates again where intervals are wide enough for every test that contradicts others.
+
+    A contradiction is measured by noise alone. Where ties and inexact formulas widen the intervals, a fit without that
+    test may lie well within them: then it is said, and the parameters are no compromise.
+    """
+    subsets = after.compromise
+    if subsets is None or reason(after.far, after.chi2_per_dof, (), after.settings) is not None:
+        return after
+    sd = np.sqrt(np.diag(after.covariance))
+    for each in after.contradictions:
+        k = subsets.without.index(each.test)
+        if not covers(subsets.points[k] - after.x, sd, np.sqrt(np.diag(subsets.covariances[k]))):
+            return after
+    layout = after.free_parameters.layout
+    said = {in_words(each, layout.parameter(each.parameter).unit) for each in after.contradictions}
+    remarks = (
+        f"Without {each.test} {each.parameter} would move by {abs(each.pull):.2g} standard errors of noise alone; the "
+        "intervals, widened as said here, hold what it would become."
+        for each in after.contradictions
+    )
+    warnings = (*(words for words in after.warnings if words not in said), *remarks)
+    return replace(after, compromise=None, contradictions=(), warnings=warnings)
+
+
+def covers(moved: np.ndarray, sd: np.ndarray, sd_without: np.ndarray) -> bool:
+    """Whether 95 % intervals hold what each coordinate becomes without a part of the data, as far as that knows it.
+
+        |moved| <= 1.96 sqrt(sd^2 + sd_without^2)
+
+    Args:
+        moved: by how much each does, shape (P,).
+        sd: standard errors of all the data, widened, shape (P,).
+        sd_without: standard errors without the part, shape (P,).
+    """
+    return bool(np.all(np.abs(moved) <= Z_95 * np.hypot(sd, sd_without)))

@@ -46,7 +46,7 @@ class Agreement:
         Args:
             units: of a symbol, SI.
         """
-        return [_sentence(each, units(each.parameter)) for each in self.contradictions]
+        return [in_words(each, units(each.parameter)) for each in self.contradictions]
 
 
 @dataclass(frozen=True, eq=False)
@@ -183,7 +183,8 @@ def _alone(asked: _Asked, test: str) -> np.ndarray:
     return np.where(known & near, asked.x + split.own_step, np.nan)
 
 
-def _sentence(each: Contradiction, unit: str) -> str:
+def in_words(each: Contradiction, unit: str) -> str:
+    """The warning for a test that contradicts the others; unit: of the parameter it pulls, SI."""
     digits = digits_apart(each.without, each.value)
     return (
         f"{each.test} contradicts the other tests: without it {each.parameter} is {each.without:.{digits}g} {unit} "
