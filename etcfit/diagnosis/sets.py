@@ -63,7 +63,7 @@ def searched(result: FitResult, first: CandidateModel, progress: Progress, repor
     promise = Promise.of(before, data, first.composition)
     for pair in promising(every, promise, progress.model.added, first.settings):
         report(f"refitting with {listed(e.name for e in pair.effects)}", 0.87)
-        begun = _begun_with(first, pair, every, data, promise, report)
+        begun = _begun_with(first, before, pair, every, data, promise, report)
         if begun is None:
             compared.append(SetTried(tuple(e.name for e in pair.effects), None, False))
             continue
@@ -174,10 +174,15 @@ def compared_with(other: CandidateModel, s: CandidateModel) -> Comparison:
 
 
 def _begun_with(
-    first: CandidateModel, pair: Pair, every: Sequence[Pair], data: Measured, promise: Promise, report: Report
+    first: CandidateModel,
+    before: Score,
+    pair: Pair,
+    every: Sequence[Pair],
+    data: Measured,
+    promise: Promise,
+    report: Report,
 ) -> Progress | None:
     """The first model refitted with a pair; None where one of the two is not worth its parameters beside the other."""
-    before = score(first)
     new = refit_fully(first.trying(pair.effects, pair.values).optimised(), report)
     if not holds(new, first, before):
         return None
