@@ -12,6 +12,7 @@ from etcfit.diagnosis.composition import Effect
 from etcfit.diagnosis.findings import (
     Candidate,
     Diagnosis,
+    Discrepancy,
     Evidence,
     Motion,
     RoundReport,
@@ -50,6 +51,7 @@ def diagnosis(rig: Rig, **changes: Any) -> Diagnosis:
             ),
         ),
         "unexplained": unexplained(after),
+        "discrepancy": (Discrepancy("friction", "time", 0.0027, "N*m"),),
         "motions": (motion("response/1.csv", False, 0), motion("response/2.csv", True, 1)),
         "verdict": ("Eqs. 1-2 lack the limp-home spring.", "With it, the held-out error falls to the noise."),
     }
@@ -65,7 +67,7 @@ def explained(rig: Rig) -> Diagnosis:
     )
     motions = tuple(replace(m, effects={}) for m in (motion("response/1.csv", False, 0),))
     return diagnosis(rig, before=same, after=same, final=(), rounds=(nothing,), added=(), removed=(), sets=(), ties=(),
-                     unexplained=None, motions=motions, verdict=("Nothing is missing.",))  # fmt: skip
+                     discrepancy=(), unexplained=None, motions=motions, verdict=("Nothing is missing.",))  # fmt: skip
 
 
 def rounds(before: FitResult) -> tuple[RoundReport, ...]:

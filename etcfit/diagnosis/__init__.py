@@ -7,6 +7,7 @@ from dataclasses import replace
 from ..estimation.joint_fit import Report, quiet
 from ..estimation.result import FitResult
 from .candidate_model import CandidateModel
+from .discrepancy import Allowed, allowing_for_the_rest
 from .exchange import exchanged, pruned
 from .final import final_fit
 from .findings import Diagnosis, SetTried, Unexplained
@@ -49,7 +50,11 @@ def diagnose(result: FitResult, report: Report = quiet, settings: DiagnosisSetti
         worse = f"Run free, the model with {names(progress.model)} is further from the data: all taken away again."
         progress = progress.back_to(first, worse)
         left, after = unexplained(result, first, {}, report), result
-    return _told(result, after, first, progress, left, sets)
+    rest = Allowed(after)
+    if progress.rounds[-1].candidates and not progress.rounds[-1].evidence.white:
+        rest = allowing_for_the_rest(result, after, progress.model, report)
+    told = _told(result, rest.after, first, progress, left, sets)
+    return replace(told, discrepancy=rest.found)
 
 
 def _looked_back(result: FitResult, progress: Progress, report: Report) -> Progress:

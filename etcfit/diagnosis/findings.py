@@ -210,6 +210,23 @@ class Unexplained:
     sentence: str
 
 
+@dataclass(frozen=True)
+class Discrepancy:
+    """A random curve that what is left in the residual shows; intervals allow for it.
+
+    Args:
+        enters: "torque", "friction", "voltage" or "position".
+        depends_on: "angle", "speed", "load", "current" or "time".
+        size: its standard deviation at any value of the axis.
+        unit: of the size, SI.
+    """
+
+    enters: str
+    depends_on: str
+    size: float
+    unit: str
+
+
 @dataclass(frozen=True, eq=False)
 class Motion:
     """One trace drawn along its measured motion: what torque and voltage the model lacks there, shape (n,) each.
@@ -249,6 +266,7 @@ class Diagnosis:
         motions: missing torque and voltage along the measured motion.
         rig: what of the effects added is wrong with the rig itself.
         probabilities: of every effect refitted, of "nothing" and "unexplained", given the data.
+        discrepancy: curves that what is left shows; the intervals of `after` allow for them.
         verdict: the whole in a few sentences.
         settings: what it was decided by.
     """
@@ -266,5 +284,6 @@ class Diagnosis:
     sets: tuple[SetTried, ...] = ()
     rig: tuple[RigMistake, ...] = ()
     probabilities: Mapping[str, float] = field(default_factory=dict)
+    discrepancy: tuple[Discrepancy, ...] = ()
     verdict: tuple[str, ...] = ()
     settings: DiagnosisSettings = DEFAULT

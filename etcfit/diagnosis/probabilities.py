@@ -43,7 +43,7 @@ def probabilities(
             named[effect] = 1.0 - (1.0 - named.get(effect, 0.0)) * (1.0 - p)
     # what was taken away again, or is in doubt, is no more than what was never added
     withdrawn = {e.added for e in rounds if e.added is not None} - set(added)
-    named |= {effect: min(named[effect], settings.missed) for effect in withdrawn}
+    named |= {effect: min(named.get(effect, 1.0), settings.missed) for effect in withdrawn}
     noise = rounds[-1].evidence.white
     silent = not added and not curve and noise
     return {

@@ -71,7 +71,7 @@ def searched(result: FitResult, first: CandidateModel, progress: Progress, repor
         liked = compared_with(other.model, best.model)
         compared.append(SetTried(tuple(e.name for e in other.model.added), liked.bic_change, liked.better))
         if liked.better:
-            words = gave_way(best.model.added, other.model.added)
+            words = in_place_of(best.model.added, other.model.added)
             best = replace(other, changed=(*progress.changed, *other.changed, words))
         elif liked.apart is not None:
             best = replace(best, even={**best.even, frozenset(other.model.added): liked.apart})
@@ -139,7 +139,7 @@ def promising(
     return [p for p, w in zip(every, worth, strict=True) if promises(p, w)][: settings.pair_refits]
 
 
-def gave_way(old: Sequence[Effect], new: Sequence[Effect]) -> str:
+def in_place_of(old: Sequence[Effect], new: Sequence[Effect]) -> str:
     """One sentence for a set of effects, or none, in whose place another is taken."""
     before = f"{listed(e.name for e in old)} gave way to" if old else "Nothing was found one by one; there is"
     return f"{before} {listed(e.name for e in new)}, scored together."
@@ -196,9 +196,10 @@ def _begun_with(
     closing = Trial(new, given[b])
     why = f"Scored together, {a.name} and {b.name} explain more than what was found one after the other"
     signatures = ranked(data.signatures)
+    second = tuple(g for g in signatures if g.variant.effect is b)
     rounds = (
         Round(first, before, signatures, (opening,), Choice(Outcome.ADDED, a, (), f"{why}: the first of them.")),
-        Round(less[b], score(less[b]), (), (closing,), Choice(Outcome.ADDED, b, (), f"{why}: the second.")),
+        Round(less[b], score(less[b]), second, (closing,), Choice(Outcome.ADDED, b, (), f"{why}: the second.")),
     )
     found = tuple(Found(e, {}, -given[e].bic_change, rivals(e, pair, every, promise, first.settings)) for e in (a, b))
     return Progress(new, found, tuple(map(reported, rounds)))

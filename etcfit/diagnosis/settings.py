@@ -119,6 +119,17 @@ class DiagnosisSettings:
     formula_stretches: int = whole(6, 1)
     """Equal parts of a trace, over each of which the error of a formula is taken to be constant."""
 
+    # ---- what is left, and what it has done to the parameters
+
+    curve_length: float = real(3.0, above=0.0)
+    """Knots over which a random curve forgets what it was."""
+    curve_evidence: float = real(10.0, 0.0)
+    """Rise of -2 log likelihood without a random curve, one event left out, from which on it is taken to be there."""
+    large_curve: float = real(0.05, above=0.0, below=1.0)
+    """Probability that a random curve is larger than is typical of what it enters, before the data are asked."""
+    curve_stretches: int = whole(20, 1)
+    """Equal parts of a trace, one of which counts as one event."""
+
     # ---- evidence of the residual
 
     white_p: float = real(1e-4, above=0.0, below=1.0)

@@ -41,6 +41,7 @@ def diagnosis_json(diagnosis: Diagnosis) -> dict[str, Any]:
         ],
         "probabilities": plain(dict(diagnosis.probabilities)),
         "unexplained": _unexplained(unknown) if unknown is not None else None,
+        "discrepancy": [plain(each) for each in diagnosis.discrepancy],
         "before": _score(before),
         "after": _score(after),
         "after_with_unknown": None if unknown is None else {

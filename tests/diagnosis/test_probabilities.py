@@ -47,6 +47,12 @@ def test_one_contradicted_by_what_was_held_out_has_no_share_though_its_bic_is_lo
     assert p["b"] <= p["a"]
 
 
+def test_what_was_taken_in_untried_and_taken_away_again_is_as_likely_as_what_was_missed() -> None:
+    """The second of a pair that a held-out trace refuted later: no round ever gave it a BIC of its own."""
+    p = probabilities([turn("a", a=-100.0), turn("b"), turn(None, c=5.0)], ["a"], False, DEFAULT)
+    assert p["b"] == MISSED
+
+
 def test_a_clean_folder_is_called_so() -> None:
     p = probabilities([turn(None, a=15.0, b=30.0)], [], False, DEFAULT)
     assert p[NOTHING] == 1.0 - MISSED

@@ -14,7 +14,7 @@ from etcfit.diagnosis.composition import resting
 from etcfit.diagnosis.loop import Measured
 from etcfit.diagnosis.pairs import Pair
 from etcfit.diagnosis.screen import Background, Signature, variants
-from etcfit.diagnosis.sets import Promise, compared_with, gave_way, is_open, promising, rivals
+from etcfit.diagnosis.sets import Promise, compared_with, in_place_of, is_open, promising, rivals
 from etcfit.diagnosis.settings import DiagnosisSettings
 from etcfit.estimation.result import Termination
 from etcfit.model.effects import EFFECT_BY_NAME
@@ -94,10 +94,10 @@ def test_rivals_of_one_of_a_pair_explain_half_of_it_beside_the_other() -> None:
 
 
 def test_what_gave_way_is_said_and_that_nothing_did() -> None:
-    assert gave_way((LIMP,), (AIR, HEAT)) == (
+    assert in_place_of((LIMP,), (AIR, HEAT)) == (
         "limp_home_spring gave way to airflow_torque and winding_heating, scored together."
     )
-    assert gave_way((), (AIR, HEAT)).startswith("Nothing was found one by one")
+    assert in_place_of((), (AIR, HEAT)).startswith("Nothing was found one by one")
 
 
 # ---- of two models

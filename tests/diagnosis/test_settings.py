@@ -55,6 +55,7 @@ def test_the_defaults_are_those_of_the_recorded_folders() -> None:
         "refit_tolerance": 1e-4, "near_chi2_per_dof": 10.0, "whitening_rounds": 10, "still": 0.2, "reweighings": 2,
         "worse_chi2": 1.5, "exchange_rival": 0.5, "pair_refits": 2, "late_traces": 8, "late_stretches": 20,
         "formula_ceiling": 0.04, "formula_stretches": 6,
+        "curve_length": 3.0, "curve_evidence": 10.0, "large_curve": 0.05, "curve_stretches": 20,
         "white_p": 1e-4, "large_rms": 0.03, "large_rms_deviations": 5.0, "share_bins": 24, "share_samples": 200,
         "share_told": 0.05, "guide_give": 0.01, "guide_bandwidth": 15.0, "guide_bandwidth_of_rate": 0.1,
         "guide_least": 0.003, "guide_stable": 0.3, "curve_refits": 1, "name_keeps": 0.9, "names_hold": 0.8,

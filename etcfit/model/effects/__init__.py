@@ -26,6 +26,7 @@ from .position_sensor_nonlinearity import PositionSensorNonlinearity
 from .presliding_friction import PreslidingFriction
 from .quadratic_drag import QuadraticDrag
 from .return_spring import ReturnSpring
+from .stiffening_spring import StiffeningSpring
 from .stop_bounce import StopBounce
 from .stribeck_friction import StribeckFriction
 from .torque_saturation import TorqueSaturation
@@ -53,6 +54,7 @@ EFFECTS: tuple[type[AbstractEffect], ...] = (
     TorqueSaturation,
     # mechanical
     LimpHomeSpring,
+    StiffeningSpring,
     StribeckFriction,
     AsymmetricFriction,
     LoadDependentFriction,

@@ -58,6 +58,7 @@ CLOSED: Mapping[str, Case] = {
         {"T_lh": 0.4, "K_lh": 0.8, "theta_lh": 0.55, "d_lh": 0.02},
         {"torque": 0.4 / (1.0 + math.exp(-2.5)) + 0.8 * 0.02 * math.log1p(math.exp(2.5))},
     ),
+    "stiffening_spring": Case({"K_3": 0.08}, {"torque": -0.01}),
     "stribeck_friction": Case({"T_s": 0.2, "omega_s": 1.5, "delta_s": 2.0}, {"friction": 0.2 * math.exp(-4.0)}),
     "asymmetric_friction": Case({"T_a": 0.1, "B_a": 0.01}, {"torque": -0.13}),
     "load_dependent_friction": Case({"mu_g": 0.1}, {"friction": 0.08}, u={"motor": -1.0, "external": 0.6}),

@@ -28,7 +28,7 @@ every_amplitude = pytest.mark.parametrize(
 # the names of docs/effects.md: what users and other programs write in rig.toml and read in diagnosis.json
 PROMISED = [
     *("brush_voltage_drop", "winding_heating", "driver_dead_zone", "actuation_delay", "torque_saturation"),
-    *("limp_home_spring", "stribeck_friction", "asymmetric_friction", "load_dependent_friction"),
+    *("limp_home_spring", "stiffening_spring", "stribeck_friction", "asymmetric_friction", "load_dependent_friction"),
     *("motor_coulomb_friction", "presliding_friction", "backlash", "cogging_torque", "quadratic_drag"),
     *("airflow_torque", "stop_bounce", "gravity_load"),
     *("position_sensor_lag", "position_sensor_nonlinearity", "current_sensor_offset", "channel_delay"),
