@@ -51,7 +51,7 @@ def diagnose(result: FitResult, report: Report = quiet, settings: DiagnosisSetti
         progress = progress.back_to(first, worse)
         left, after = unexplained(result, first, {}, report), result
     rest = Allowed(after)
-    if progress.rounds[-1].candidates and not progress.rounds[-1].evidence.white:
+    if left is not None or not progress.rounds[-1].evidence.white:
         rest = allowing_for_the_rest(result, after, progress.model, report)
     told = _told(result, rest.after, first, progress, left, sets)
     return replace(told, discrepancy=rest.found)

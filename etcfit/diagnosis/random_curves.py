@@ -167,39 +167,25 @@ class _Left:
         power = np.maximum(np.linalg.eigvalsh(every.T @ every) / self.noise, 0.0)
         return float(np.sum(power / (power + 1.0)))
 
-    def by_event(self, tau: np.ndarray, which: int) -> np.ndarray:
-        """Fall of chi2 in each event that one of the curves at work makes, all at their likeliest amplitudes."""
-        own = tau[which] * self.ways[which]
-        all_of_them = np.concatenate([t * w for t, w in zip(tau, self.ways, strict=True) if t > 0.0], axis=1)
-        system = all_of_them.T @ all_of_them / self.noise + np.eye(all_of_them.shape[1])
-        amplitudes = -np.linalg.solve(system, all_of_them.T @ self.r / self.noise)
-        first = sum(w.shape[1] for t, w in zip(tau[:which], self.ways[:which], strict=True) if t > 0.0)
-        whole = self.r + all_of_them @ amplitudes
-        without = whole - own @ amplitudes[first : first + own.shape[1]]
-        return np.bincount(self.events, without**2 - whole**2) / self.noise
+    def by_event(self, tau: np.ndarray) -> np.ndarray:
+        """Fall of chi2 that all curves at their likeliest amplitudes make in each event."""
+        every = np.concatenate([t * w for t, w in zip(tau, self.ways, strict=True)], axis=1)
+        system = every.T @ every / self.noise + np.eye(every.shape[1])
+        with_them = self.r - every @ np.linalg.solve(system, every.T @ self.r / self.noise)
+        return np.bincount(self.events, self.r**2 - with_them**2) / self.noise
 
 
 def most_likely(left: _Left, settings: DiagnosisSettings) -> np.ndarray:
     """tau of each curve by restricted maximum likelihood, shape (C,).
 
-    A curve without which -2 ln L rises by less than `curve_evidence`, what it explains in one event left out, is none;
-    the least needed goes first.
+    All are 0 where without them -2 ln L rises by less than `curve_evidence`, what they explain in one event left out.
+    Which of them it is need not be decided: curves over related axes share what they can all do.
     """
     system = _Likelihood.of(left, -2.0 * np.log(settings.large_curve))
-    at_work = list(range(len(left.ways)))
-    tau, cost = system.fitted(at_work)
-    while at_work:
-        less = [system.fitted([k for k in at_work if k != gone]) for gone in at_work]
-        needed = [
-            each.cost - cost - max(0.0, float(np.max(left.by_event(tau, gone)))) if tau[gone] > 0.0 else 0.0
-            for gone, each in zip(at_work, less, strict=True)
-        ]
-        if min(needed) >= settings.curve_evidence:
-            break
-        weakest = int(np.argmin(needed))
-        tau, cost = less[weakest]
-        at_work.pop(weakest)
-    return tau
+    every = system.fitted()
+    one_event = max(0.0, float(np.max(left.by_event(every.tau), initial=0.0)))
+    needed = float(system.y @ system.y) - every.cost - one_event
+    return every.tau if needed > settings.curve_evidence else np.zeros_like(every.tau)
 
 
 class _Fitted(NamedTuple):
@@ -231,22 +217,18 @@ class _Likelihood:
         units = np.stack([w @ w.T / left.noise for w in each])
         return cls(left.basis.T @ left.r / np.sqrt(left.noise), units, price)
 
-    def fitted(self, at_work: Sequence[int]) -> _Fitted:
-        """With some of the curves, the others at 0."""
-        tau, few = np.zeros(len(self.units)), list(at_work)
-        if not few:
-            return _Fitted(tau, float(self.y @ self.y))
-        power = np.trace(self.units[few], axis1=1, axis2=2)
-        start = np.sqrt(max(float(self.y @ self.y), 1.0) / (len(few) * np.maximum(power, 1e-300)))
-        found = optimize.minimize(self._cost, np.minimum(start, 1.0), (self.units[few],), jac=True, method="L-BFGS-B",
-                                  bounds=[(0.0, _LARGEST)] * len(few))  # fmt: skip
-        tau[few] = found.x
-        return _Fitted(tau, float(found.fun))
+    def fitted(self) -> _Fitted:
+        """At the least cost."""
+        power = np.maximum(np.trace(self.units, axis1=1, axis2=2), 1e-300)
+        start = np.minimum(np.sqrt(max(float(self.y @ self.y), 1.0) / (len(power) * power)), 1.0)
+        bounds = [(0.0, _LARGEST)] * start.size
+        found = optimize.minimize(self._cost, start, jac=True, method="L-BFGS-B", bounds=bounds)
+        return _Fitted(found.x, float(found.fun))
 
-    def _cost(self, tau: np.ndarray, units: np.ndarray) -> tuple[float, np.ndarray]:
+    def _cost(self, tau: np.ndarray) -> tuple[float, np.ndarray]:
         """Value and gradient."""
-        factor = linalg.cho_factor(np.eye(self.y.size) + np.tensordot(tau**2, units, 1), lower=True)
+        factor = linalg.cho_factor(np.eye(self.y.size) + np.tensordot(tau**2, self.units, 1), lower=True)
         solved, inverse = linalg.cho_solve(factor, self.y), linalg.cho_solve(factor, np.eye(self.y.size))
         value = 2.0 * float(np.sum(np.log(np.diag(factor[0])))) + float(self.y @ solved)
-        slope = np.tensordot(units, inverse - np.outer(solved, solved), 2)
+        slope = np.tensordot(self.units, inverse - np.outer(solved, solved), 2)
         return value + self.price * float(tau.sum()), 2.0 * tau * slope + self.price

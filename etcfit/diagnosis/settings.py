@@ -124,7 +124,7 @@ class DiagnosisSettings:
     curve_length: float = real(3.0, above=0.0)
     """Knots over which a random curve forgets what it was."""
     curve_evidence: float = real(10.0, 0.0)
-    """Rise of -2 log likelihood without a random curve, one event left out, from which on it is taken to be there."""
+    """Rise of -2 log likelihood without random curves, one event left out, from which on they are taken to be there."""
     large_curve: float = real(0.05, above=0.0, below=1.0)
     """Probability that a random curve is larger than is typical of what it enters, before the data are asked."""
     curve_stretches: int = whole(20, 1)

@@ -84,7 +84,7 @@ def test_where_nothing_is_left_intervals_stay_as_they_are(line: Line) -> None:
 def test_the_axis_and_the_size_of_a_curve_are_found(line: Line) -> None:
     rng = np.random.default_rng(5)
     found = [fitted(line, rng.normal(size=SAMPLES) + line.curves[1].columns @ drawn(rng, 0.1))[1] for _ in range(20)]
-    assert sum(set(each.sizes) == {FRICTION} for each in found) >= 18
+    assert all(each.sizes.get(TORQUE, 0.0) < 0.1 * each.sizes[FRICTION] for each in found)
     scale = line.curves[1].scale
     assert_allclose(np.sqrt(np.mean([each.sizes[FRICTION] ** 2 for each in found])), 0.1 * scale, rtol=0.2)
 
