@@ -114,7 +114,9 @@ class Split:
         """lambda, shape (P,), rising, and the directions b as columns, shape (P, P)."""
         F = self.own.information + self.others.information
         scale = 1.0 / np.sqrt(np.diag(F))  # so that coordinates of any size round alike
-        root = np.linalg.inv(np.linalg.cholesky(F * np.outer(scale, scale)))
+        power, ways = np.linalg.eigh(F * np.outer(scale, scale))
+        # two coordinates that do the same leave nothing but rounding in one direction, of either sign
+        root = (ways / np.sqrt(np.maximum(power, scale.size * np.finfo(float).eps * power[-1]))).T
         share, vectors = np.linalg.eigh(root @ (self.own.information * np.outer(scale, scale)) @ root.T)
         return np.clip(share, 0.0, 1.0), scale[:, None] * (root.T @ vectors)
 
@@ -132,7 +134,7 @@ class Split:
     def others_share(self) -> np.ndarray:
         """1 - lambda, the others' share, shape (P,): not rounded off where it is small."""
         b = self.directions
-        return np.maximum(np.einsum("pi,pq,qi->i", b, self.others.information, b), 1e-300)
+        return np.maximum(np.einsum("pi,pq,qi->i", b, self.others.information, b), 1e-200)
 
     @cached_property
     def told_by_own(self) -> np.ndarray:

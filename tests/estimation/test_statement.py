@@ -6,7 +6,7 @@ import numpy as np
 from numpy.testing import assert_allclose
 
 import linear_parts as parts
-from etcfit.estimation.statement import Split, inflations_of, statement
+from etcfit.estimation.statement import Split, Statement, inflations_of, statement
 
 REACH = np.ones(parts.P)
 
@@ -62,3 +62,12 @@ def test_inflation_is_of_the_residual_after_the_step() -> None:
     piece = parts.pieces({("a", "a/1.csv"): J}, {("a", "a/1.csv"): rng.standard_normal(400) + 3.0}, np.zeros(1))
     assert inflations_of(piece)[0] > 5.0
     assert inflations_of(piece, np.array([-3.0])) == [1.0]
+
+
+def test_two_coordinates_that_do_the_same_leave_the_others_known() -> None:
+    """Two effects that imitate each other to the last digit: what remains of their difference is rounding."""
+    power = 200.0 * np.array([[4.0, 0.0, 4.0], [0.0, 1.0, 0.0], [4.0, 0.0, 4.0]])
+    side = Statement(power, np.zeros(3), power, 400.0)
+    both = Split(side, side, np.ones(3), 0.3)
+    assert both.told_by_own.sum() == both.told_by_others.sum() == 2
+    assert both.lost_without.tolist() == [True, False, True]
