@@ -130,8 +130,8 @@ def test_gains_are_made_anew_from_what_the_manifest_has_of_them(
     again = json.loads(json.dumps(kept[0]))
     assert set(again) == set(options_of("design"))
     design_run(run, silent, **again)
-    assert asked[0] == asked[1] == (("simc", Requirements(10.0, 0.1, 0.2)), {"adc_bits": 10, "feed_forward": True, "settings": None,
-                                                                            "period": 2e-3})  # fmt: skip
+    ecu = {"adc_bits": 10, "feed_forward": True, "settings": None, "period": 2e-3}
+    assert asked[0] == asked[1] == (("simc", Requirements(10.0, 0.1, 0.2)), ecu)
 
 
 def test_run_gives_the_last_model_back(found: Diagnosis, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
