@@ -113,22 +113,17 @@ VOLTS = {  # what holds and brakes the plate, at the terminals
 @pytest.mark.parametrize("symbol", VOLTS)
 def test_a_combination_and_its_error_are_those_of_its_formula(fitted: FitResult, symbol: str) -> None:
     lump, layout, held = VOLTS[symbol], fitted.free_parameters.layout, fitted.free_parameters.held
-    moved, h = moved_off_zero(fitted), 1e-5
+    braking, h = moved(fitted, "B_L", 2e-3), 1e-5
     slopes = [
-        (lump(layout.values(moved.x + h * e, held)) - lump(layout.values(moved.x - h * e, held))) / (2.0 * h)
-        for e in np.eye(moved.x.size)
+        (lump(layout.values(braking.x + h * e, held)) - lump(layout.values(braking.x - h * e, held))) / (2.0 * h)
+        for e in np.eye(braking.x.size)
     ]
-    found = lumped(moved)[symbol]
+    found = lumped(braking)[symbol]
     assert found.stderr is not None
-    assert found.value == pytest.approx(lump(moved.values))
+    assert found.value == pytest.approx(lump(braking.values))
     assert found.stderr == pytest.approx(SD * np.linalg.norm(slopes), rel=1e-6)
     assert (found.low, found.high) == (pytest.approx(found.value - 1.96 * found.stderr),
                                        pytest.approx(found.value + 1.96 * found.stderr))  # fmt: skip
-
-
-def moved_off_zero(result: FitResult) -> FitResult:
-    """The same with a plate that brakes."""
-    return moved(result, "B_L", 2e-3)
 
 
 def test_a_combination_that_is_not_known_has_no_range_in_a_compromise_either(fitted: FitResult) -> None:
