@@ -59,7 +59,7 @@ def one(seed: int, left_out: str, scratch: Path) -> Outcome:
     sizes = {name: series for name, series in SIZES["small"].items() if name != left_out}
     write_folder(before, f"seed {seed}", truth, seed, NONE, sizes, Bench(), holdout=False, noise=True)
     first = fit(read_folder(before))
-    option = next(o for o in advise(first.rig, first.x).options if not o.again)
+    option = next(o for o in advise(first.rig, first).options if not o.again)
     plan = option.plan
     assert plan is not None, "an option that is no repetition is planned"
 

@@ -48,7 +48,7 @@ Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="No progress on stder
 Advise = Annotated[bool, typer.Option("--advise", help="What one more trace of each test would tell instead.")]
 At = Annotated[
     Path | None,
-    typer.Option("--at", help="Advise at the values fitted in this run, not at the graph readings.", metavar="RUN",
+    typer.Option("--at", help="Advise at the final model of this run, not at the graph readings.", metavar="RUN",
                  exists=True, file_okay=False),
 ]  # fmt: skip
 AdviceOut = Annotated[Path | None, typer.Option("--out", help="Write the advice there too, advice.json.", metavar="RUN",
@@ -167,7 +167,7 @@ def _advise(folder: Path, at: Path | None, out: Path | None, quiet: bool) -> Non
         from .reporting.advice import advice_table
         from .run_folder import fitted_to, save_advice
 
-        advice = advise(rig, None if at is None else fitted_to(at, rig).x)
+        advice = advise(rig, None if at is None else fitted_to(at, rig))
         if out is not None:
             save_advice(out, advice)
     _stdout().print(advice_table(advice))
@@ -208,8 +208,9 @@ def run_(folder: Folder, out: Out, quiet: Quiet = False) -> None:
     def show(name: str, done: stages.Done | None) -> None:
         if done is not None:
             _show(done.shown)
-        elif not quiet:
-            _stderr().print(f"{name}: done before, from what lies there now")
+        remark = "done before, from what lies there now" if done is None else done.remark
+        if remark and not quiet:
+            _stderr().print(f"{name}: {remark}", markup=False)
 
     if failure := stages.run_all(folder, out, lambda: _progress(quiet), show):
         raise _stop(Status.NOT_CONVERGED, failure)
@@ -318,7 +319,7 @@ def design(
         raise UsageError(f"--ecu-period {ecu_period}: the period must be longer than 0. Write, say, 1ms.")
     limits = overshoot, _seconds("--settling", settling), error
     with _progress(quiet) as progress:
-        done = stages.design_run(stages.opened(run), progress, rule, adc_bits, feed_forward, limits, **ecu)
+        done = stages.design_run(stages.opened(run), progress, rule, adc_bits, feed_forward, limits, ecu)
     _tell(done)
 
 

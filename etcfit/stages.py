@@ -7,10 +7,13 @@ before a stage needs it.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import json
+import sys
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import AbstractContextManager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
+from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
 from .posterior.settings import SamplingSettings
@@ -31,10 +34,12 @@ class Done:
     Args:
         shown: what goes to stdout, a rich renderable.
         failure: why the model that is shown did not converge, or "".
+        remark: with what `etcfit run` made it anew, where it had been made before; or "".
     """
 
     shown: Any
     failure: str = ""
+    remark: str = ""
 
 
 def opened(run: Path) -> RunFolder:
@@ -100,7 +105,7 @@ def sample_run(run: RunFolder, report: Report, steps: int = SamplingSettings.mos
 
 
 def reduce_run(
-    run: RunFolder, report: Report, unit_in: str = "V", unit_out: str = "rad", at: float = 0.25, pade: int = 0
+    run: RunFolder, report: Report, input: str = "V", output: str = "rad", at: float = 0.25, pade_order: int = 0
 ) -> Done:
     """The linear plant about a plate held at a share of its travel: RUN/transfer_function.json, a Bode plot.
 
@@ -116,9 +121,9 @@ def reduce_run(
     from .reporting.compromise import cautioned
     from .reporting.control.tables import reduction_table, sine_table
 
-    reduction, response = plant_of(result, unit_in, unit_out, at, report)
-    keep_reduction(run, result, reduction, response, pade, report)
-    table = cautioned(reduction_table(result.fitted(), reduction, pade), result)
+    reduction, response = plant_of(result, input, output, at, report)
+    keep_reduction(run, result, reduction, response, pade_order, report)
+    table = cautioned(reduction_table(result.fitted(), reduction, pade_order), result)
     return Done(table if response is None else Group(table, sine_table(response)), failure(result))
 
 
@@ -128,8 +133,8 @@ def design_run(
     rule: str = "optimal",
     adc_bits: int = 12,
     feed_forward: bool = False,
-    limits: tuple[float, float, float] = (20.0, 0.2, 0.5),
-    **ecu: float,
+    limits: Sequence[float] = (20.0, 0.2, 0.5),
+    ecu: Mapping[str, float] = MappingProxyType({}),
 ) -> Done:
     """Gains by every rule, one of them proposed: RUN/pid.json, the responses.
 
@@ -138,7 +143,7 @@ def design_run(
         rule: whose gains are proposed.
         adc_bits: of the position sensor, over its travel.
         feed_forward: the ECU has a bias curve.
-        limits: overshoot (%), settling time (s) and steady-state error (%) at most.
+        limits: overshoot (%), settling time (s) and steady-state error (%) at most; margins, as in `Requirements`.
         ecu: what is given of the ECU, by field; see `design.ecu_of` for the rest.
     """
     report("taking up the fit", 0.0)
@@ -191,24 +196,26 @@ class Stage:
     Args:
         name: of its command, and on the manifest.
         work: what it does, from the measurement folder, the run folder and a progress report.
+        options: arguments of the work besides, under which the manifest keeps what the stage last ran with.
     """
 
     name: str
-    work: Callable[[Path, RunFolder, Report], Done]
+    work: Callable[..., Done]
+    options: tuple[str, ...] = ()
 
 
-def _of_run(work: Callable[[RunFolder, Report], Done]) -> Callable[[Path, RunFolder, Report], Done]:
+def _of_run(work: Callable[..., Done]) -> Callable[..., Done]:
     """Work that needs no more of the measurements than what the run says of them."""
-    return lambda folder, run, report: work(run, report)
+    return lambda folder, run, report, **options: work(run, report, **options)
 
 
 # the one list of stages: a new command joins `etcfit run` by a line here and one in run_folder.STAGE_FILES
 STAGES: tuple[Stage, ...] = (
     Stage("fit", fit_folder),
     Stage("diagnose", _of_run(diagnose_run)),
-    Stage("sample", _of_run(sample_run)),
-    Stage("reduce", _of_run(reduce_run)),
-    Stage("design", _of_run(design_run)),
+    Stage("sample", _of_run(sample_run), ("steps",)),
+    Stage("reduce", _of_run(reduce_run), ("input", "output", "at", "pade_order")),
+    Stage("design", _of_run(design_run), ("rule", "adc_bits", "feed_forward", "limits", "ecu")),
     Stage("report", _of_run(write_report)),
 )
 
@@ -220,7 +227,7 @@ def run_all(
     show: Callable[[str, Done | None], None],
     stages: tuple[Stage, ...] = STAGES,
 ) -> str:
-    """Run every stage that is not done yet, in order.
+    """Run every stage that is not done yet, in order; one that was made with options before, with the same ones.
 
     Args:
         folder: the measurements.
@@ -233,7 +240,7 @@ def run_all(
     Raises:
         UsageError: RUN was made from other measurements, or by another version.
     """
-    from .run_folder import is_done, last_failure, must_belong
+    from .run_folder import is_done, last_failure, must_belong, settings_before
 
     must_belong(path, folder)
     run = opened(path)
@@ -241,10 +248,30 @@ def run_all(
         if is_done(path, stage.name, folder):
             show(stage.name, None)
             continue
+        before = settings_before(path).get(stage.name, {})
+        options = {name: before[name] for name in stage.options if name in before}
         with progress() as report:
-            done = stage.work(folder, run, report)
-        show(stage.name, done)
+            done = stage.work(folder, run, report, **options)
+        show(stage.name, replace(done, remark=_made_anew(options, before, settings_before(path)[stage.name])))
     return last_failure(path)
+
+
+def _made_anew(options: Mapping[str, Any], before: Mapping[str, Any], now: Mapping[str, Any]) -> str:
+    """With what a stage was made that had been made before: no option of it is replaced without a word.
+
+    Args:
+        options: taken over.
+        before, now: what it ran with, as the manifest has it.
+    """
+    if not before:
+        return ""
+    others = {name: value for name, value in now.items() if before.get(name, value) != value}
+    taken = f", with {_listed(options)} as before" if options else ""
+    return f"made anew{taken}" + (f"; other than before: {_listed(others)}" if others else "")
+
+
+def _listed(options: Mapping[str, Any]) -> str:
+    return ", ".join(f"{name} {json.dumps(value)}" for name, value in options.items())
 
 
 def run(folder: Path | str, out: Path | str, *, quiet: bool = False) -> Fit | Diagnosed:
@@ -260,7 +287,11 @@ def run(folder: Path | str, out: Path | str, *, quiet: bool = False) -> Fit | Di
     from .api.progress import working
     from .api.verbs import load
 
-    run_all(Path(folder), Path(out), lambda: working(quiet), lambda name, done: None)
+    def show(name: str, done: Done | None) -> None:
+        if done is not None and done.remark and not quiet:
+            print(f"{name}: {done.remark}", file=sys.stderr)
+
+    run_all(Path(folder), Path(out), lambda: working(quiet), show)
     return load(out)
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import importlib.util
 import os
 from pathlib import Path
@@ -9,6 +10,7 @@ from pathlib import Path
 import pytest
 
 os.environ.setdefault("JAX_ENABLE_X64", "1")
+gc.set_threshold(100_000, 50, 50)  # as the command line: tracing makes many objects and no garbage, a sixth of the time
 
 if importlib.util.find_spec("jax"):
     import jax

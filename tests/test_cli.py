@@ -14,17 +14,19 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner, Result
 
+import diagnoses
 import etcfit
 import folders
 import results
 import runs
+from equality import equal
 from etcfit.cli import app
 from etcfit.errors import MeasurementError, UsageError
 from etcfit.experiment.advice import Advice, Option
 from etcfit.experiment.settings import AdviceSettings
 from etcfit.files import plain
 from etcfit.rig.base import Rig
-from etcfit.run_folder import RunFolder, save_fit
+from etcfit.run_folder import RunFolder, save_diagnosis, save_fit
 from etcfit.stages import Done
 
 
@@ -69,7 +71,7 @@ COMMANDS = {
     "sample": (("sample", "bench", "--steps", "700"), (Path("bench"), 700)),
     "reduce": (("reduce", "bench", "--output", "deg", "--at", "30", "--pade", "2"),
                (Path("bench"), "V", "deg", 0.3, 2)),
-    "design": (("design", "bench", "--rule", "simc"), (Path("bench"), "simc", 12, False, (20.0, 0.2, 0.5))),
+    "design": (("design", "bench", "--rule", "simc"), (Path("bench"), "simc", 12, False, (20.0, 0.2, 0.5), {})),
     "report": (("report", "bench"), (Path("bench"),)),
 }  # fmt: skip
 
@@ -132,11 +134,11 @@ def test_check_of_a_folder_that_no_fit_would_take_shows_it_and_says_why(invoke, 
 
 @pytest.fixture
 def advised(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> list[Any]:
-    """Advice without working it out; notes at which coordinates it is asked for."""
+    """Advice without working it out; notes at which model it is asked for."""
     asked: list[Any] = []
 
-    def advise(rig: Rig, x: Any = None) -> Advice:
-        asked.append(x)
+    def advise(rig: Rig, at: Any = None) -> Advice:
+        asked.append(at)
         options = (Option("viscous", "a step", "", np.array([0.5]), None, None),)
         return Advice(rig, ("R_a",), np.array([0.01]), options, ())
 
@@ -145,14 +147,16 @@ def advised(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> list[Any]:
 
 
 def test_advice_is_printed_and_written_where_it_is_asked_for(invoke, tmp_path: Path, advised: list[Any]) -> None:
-    result = results.result(results.rig(tmp_path / "rig"))
-    save_fit(tmp_path / "run", result)
+    found = diagnoses.diagnosis(results.rig(tmp_path / "rig"))
+    save_fit(tmp_path / "run", found.before)
     done = invoke("check", "rig", "--advise", "--quiet")
     assert (done.exit_code, done.stderr) == (0, "")
     assert "viscous" in done.stdout
     assert invoke("check", "rig", "--advise", "--at", "run", "--out", "there", "--quiet").stdout == done.stdout
+    save_diagnosis(tmp_path / "run", found)
+    assert invoke("check", "rig", "--advise", "--at", "run", "--quiet").stdout == done.stdout
     assert advised[0] is None
-    assert advised[1].tolist() == result.x.tolist()
+    assert equal(advised[1:], [found.before, found.after])  # the final model, once there is one
     written = json.loads((tmp_path / "there" / "advice.json").read_text(encoding="utf-8"))
     assert written["options"][0]["widths"] == {"R_a": 0.5}
     assert written["settings"] == plain(AdviceSettings())
@@ -177,13 +181,13 @@ def test_run_goes_through_the_stages_and_says_what_was_done_before(invoke, monke
         show("fit", None)
         with progress() as report:
             report("finding out", 0.5)
-        show("diagnose", Done("the diagnosis"))
+        show("diagnose", Done("the diagnosis", remark="made anew"))
         return "it did not converge"
 
     monkeypatch.setattr("etcfit.stages.run_all", run_all)
     done = invoke("run", "bench", "--out", "a")
     assert (done.exit_code, done.stdout) == (3, "the diagnosis\n")
-    assert [line.split(":")[0] for line in done.stderr.splitlines()] == ["fit", "finding out", "etcfit"]
+    assert [line.split(":")[0] for line in done.stderr.splitlines()] == ["fit", "finding out", "diagnose", "etcfit"]
 
 
 @pytest.mark.parametrize(
@@ -272,7 +276,7 @@ def test_design_passes_on_what_is_given_of_the_ecu_and_no_more(
     invoke, monkeypatch: pytest.MonkeyPatch, words: tuple[str, ...], given: dict[str, float]
 ) -> None:
     asked: list[dict[str, float]] = []
-    monkeypatch.setattr("etcfit.stages.design_run", lambda *_, **ecu: asked.append(ecu) or Done("done"))
+    monkeypatch.setattr("etcfit.stages.design_run", lambda *given: asked.append(given[-1]) or Done("done"))
     assert invoke("design", "bench", "--quiet", *words).exit_code == 0
     assert asked == [given]
 

@@ -55,7 +55,7 @@ from independent.protocols import PROTOCOLS, Series, Session, response
 from independent.simulate import NEVER, Motion, motor_alone, resting_angle, simulate, terminals_open, throttle
 from independent.truth import OPEN
 
-PACKAGE = Path(__file__).parent / "independent"
+PACKAGE = Path(__file__).parents[1] / "independent"
 
 
 def fine(duration: float, step: float = 2e-5) -> np.ndarray:
@@ -576,11 +576,14 @@ def test_every_protocol_makes_sense_of_the_truth_it_meets(tmp_path: Path, seed: 
     truth = draw_truth(np.random.default_rng(seed), (CONSISTENT, TABLE_2)[seed % 2])
     make_folder(tmp_path, truth, seed, size="small")
     closed, opened = 0.47, 4.71
-    for release in [*tmp_path.glob("back_emf/*.csv"), *tmp_path.glob("inertia/*.csv")]:
+    releases = [*tmp_path.glob("back_emf/*.csv"), *tmp_path.glob("inertia/*.csv")]
+    ramps = [*tmp_path.glob("static_load/*.csv")]
+    assert (len(releases), len(ramps)) == (2, 2)
+    for release in releases:
         tps = table(release)[1][:, 2]
         assert tps[:10].mean() > opened
         assert tps[-10:].mean() < closed
-    for ramp in tmp_path.glob("static_load/*.csv"):
+    for ramp in ramps:
         tps = table(ramp)[1][:, 3]
         assert tps[:10].mean() < closed
         assert tps.max() > opened
@@ -623,6 +626,9 @@ def test_the_twin_is_the_committed_one_and_keeps_its_secret_and_its_size(tmp_pat
     bench_twin.main(tmp_path)
     files = [file for file in tmp_path.rglob("*") if file.is_file()]
     committed = Path(__file__).parents[1] / "measurements" / "bench_twin"
+    assert {file.relative_to(tmp_path) for file in files} == {
+        file.relative_to(committed) for file in committed.rglob("*") if file.is_file()
+    }
     for file in files:
         assert file.read_bytes() == (committed / file.relative_to(tmp_path)).read_bytes(), file.name
     assert sum(file.stat().st_size for file in files) < 2_000_000
@@ -632,7 +638,9 @@ def test_the_twin_is_the_committed_one_and_keeps_its_secret_and_its_size(tmp_pat
 
 
 def test_nothing_here_imports_the_package_under_test() -> None:
-    for file in PACKAGE.glob("*.py"):
+    files = [*PACKAGE.rglob("*.py")]
+    assert PACKAGE / "simulate.py" in files
+    for file in files:
         nodes = list(ast.walk(ast.parse(file.read_text(encoding="utf-8"))))
         names = [alias.name for node in nodes if isinstance(node, ast.Import) for alias in node.names]
         names += [node.module or "" for node in nodes if isinstance(node, ast.ImportFrom)]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -13,10 +14,11 @@ import etcfit
 import results
 from equality import equal
 from etcfit.api.diagnosed import Diagnosed
+from etcfit.control.pid import Requirements
 from etcfit.diagnosis.findings import Diagnosis
 from etcfit.estimation.result import FitResult
 from etcfit.run_folder import STAGE_FILES, read_records, save_diagnosis
-from etcfit.stages import STAGES, diagnose_run, fit_folder, opened, sample_run
+from etcfit.stages import STAGES, design_run, diagnose_run, fit_folder, opened, reduce_run, sample_run
 
 
 def test_every_stage_has_its_files_in_the_same_order() -> None:
@@ -99,6 +101,37 @@ def test_the_posterior_is_that_of_the_final_model_with_its_formulas_taken_as_exa
     assert (folder, steps, exact) == (tmp_path / "run", 700, (diagnoses.FOUND,))
     assert equal(result, wide.taken_as_exact())
     assert result.covariance[0, 0] < wide.covariance[0, 0]
+
+
+def options_of(name: str) -> tuple[str, ...]:
+    return next(stage for stage in STAGES if stage.name == name).options
+
+
+def test_a_reduction_is_made_anew_from_what_the_manifest_has_of_it(found: Diagnosis, tmp_path: Path) -> None:
+    asked = {"input": "%", "output": "deg", "at": 0.5, "pade_order": 2}
+    run = opened(tmp_path / "run")
+    run.keep_fit(found.before)
+    reduce_run(run, silent, **asked)
+    settings = read_records(run.path)["reduce"].settings
+    assert {name: settings[name] for name in options_of("reduce")} == asked
+
+
+def test_gains_are_made_anew_from_what_the_manifest_has_of_them(
+    found: Diagnosis, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    asked: list[tuple[Any, ...]] = []
+    kept: list[dict[str, Any]] = []
+    monkeypatch.setattr("etcfit.api.control.design_of", lambda *given, **ecu: asked.append((given[1:3], ecu)))
+    monkeypatch.setattr("etcfit.api.saving.keep_design", lambda run, result, design, settings, _: kept.append(settings))
+    monkeypatch.setattr("etcfit.reporting.control.tables.design_table", lambda design: "a table")
+    run = opened(tmp_path / "run")
+    run.keep_fit(found.before)
+    design_run(run, silent, "simc", 10, True, (10.0, 0.1, 0.2), {"period": 2e-3})
+    again = json.loads(json.dumps(kept[0]))
+    assert set(again) == set(options_of("design"))
+    design_run(run, silent, **again)
+    ecu = {"adc_bits": 10, "feed_forward": True, "settings": None, "period": 2e-3}
+    assert asked[0] == asked[1] == (("simc", Requirements(10.0, 0.1, 0.2)), ecu)
 
 
 def test_run_gives_the_last_model_back(found: Diagnosis, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Hashable
-from dataclasses import dataclass
+from dataclasses import astuple, dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -101,8 +101,19 @@ class Designed:
         from ..run_folder import RunFolder
         from .saving import keep_design
 
-        keep_design(RunFolder(run), self.fit.result, self.design, {"rule": self.rule})
+        keep_design(RunFolder(run), self.fit.result, self.design, self._options)
         return Path(run)
+
+    @property
+    def _options(self) -> dict[str, Any]:
+        """With what `etcfit run` would make these gains anew."""
+        task = self.design.task
+        return {
+            "rule": self.rule,
+            "feed_forward": task.loop.bias is not None,
+            "limits": astuple(task.requirements),
+            "ecu": task.ecu._asdict(),
+        }
 
     @property
     def _proposed(self) -> str:

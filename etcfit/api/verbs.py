@@ -23,6 +23,7 @@ if TYPE_CHECKING:
     from ..control.settings import DesignSettings, FrequencySettings
     from ..diagnosis.settings import DiagnosisSettings
     from ..estimation.fitted_model import Fitted
+    from ..estimation.result import FitResult
     from ..estimation.settings import FitSettings
     from ..experiment.settings import AdviceSettings, CheckSettings
     from ..rig.base import Rig
@@ -59,13 +60,18 @@ def check(rig: Rig | Folder, settings: CheckSettings | None = None, *, quiet: bo
 
 
 def advise(
-    rig: Rig | Folder, at: Fit | Folder | None = None, settings: AdviceSettings | None = None, *, quiet: bool = False
+    rig: Rig | Folder,
+    at: Fit | Diagnosed | Folder | None = None,
+    settings: AdviceSettings | None = None,
+    *,
+    quiet: bool = False,
 ) -> Advised:
     """What one more trace of each rig test would do to each interval, before anybody measures it; fits nothing.
 
     Args:
         rig: as read, or its folder.
-        at: a fit of this rig, or its run folder: judge at the values fitted; at the graph readings where None.
+        at: a fit or a diagnosis of this rig (its final model counts), or its run folder: judge at the model fitted; at
+            the graph readings where None.
         settings: when two parameters are told apart, and how a trace would be made; the defaults where None.
         quiet: show no progress.
     Raises:
@@ -77,9 +83,9 @@ def advise(
         from .advised import Advised
 
         rig = _rig_of(rig, report)
-        x = None if at is None else _coordinates(at, rig)
+        model = None if at is None else _fitted_to(at, rig)
         report("working out what one more trace would tell", 0.3)
-        return Advised(advise_rig(rig, x, **_given(settings)))
+        return Advised(advise_rig(rig, model, **_given(settings)))
 
 
 def fit(rig: Rig | Folder, settings: FitSettings | None = None, *, quiet: bool = False) -> Fit:
@@ -319,22 +325,24 @@ def _rig_of(rig: Rig | Folder, report: Report) -> Rig:
     return read_folder(rig)
 
 
-def _coordinates(at: Fit | Folder, rig: Rig) -> np.ndarray:
-    """Coordinates of a fit of this rig, shape (P,).
+def _fitted_to(at: Fit | Diagnosed | Folder, rig: Rig) -> FitResult:
+    """A fit of this rig.
 
     Raises:
-        UsageError: the run folder holds no fit, or the fit is of other free parameters.
+        UsageError: the run folder holds no fit, or the fit is of other measurements.
     """
-    from ..problem.free_parameters import free_parameters
     from ..run_folder import fitted_to
+    from .diagnosed import Diagnosed
     from .fit import Fit
 
-    if not isinstance(at, str | Path | Fit):
-        raise _not_taken("advise", at, "for `at` what etcfit.fit returned, or a run folder")
-    result = at.result if isinstance(at, Fit) else fitted_to(Path(at), rig)
-    if result.free_parameters.layout.free != free_parameters(rig.config).layout.free:
-        raise UsageError("this fit is of another model: other parameters are free in it. Fit this rig first.")
-    return result.x
+    if isinstance(at, str | Path):
+        return fitted_to(Path(at), rig)
+    if not isinstance(at, Fit | Diagnosed):
+        raise _not_taken("advise", at, "for `at` a fit, a diagnosis or a run folder")
+    result = _fit_of("advise", at).result
+    if result.rig.digests != rig.digests:
+        raise UsageError("this fit is of other measurements. Fit this rig first.")
+    return result
 
 
 def _fit_of(verb: str, model: Model) -> Fit:

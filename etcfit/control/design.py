@@ -11,7 +11,6 @@ import numpy as np
 from ..errors import UsageError
 from ..estimation.fitted_model import Fitted
 from ..estimation.joint_fit import Report, quiet
-from ..estimation.settings import IdentifiabilitySettings
 from ..model.ecu import Ecu, Notation, Terms
 from ..rig.ecu import GAINS
 from .linearise import reduce, stops
@@ -113,16 +112,11 @@ def ecu_of(fitted: Fitted, **given: float) -> Ecu:
     return described._replace(**given)
 
 
-def gains_as_found(fitted: Fitted, settings: IdentifiabilitySettings = IdentifiabilitySettings()) -> Gains | Refusal:
-    """Those of the ECU that [ecu] of rig.toml describes, known or fitted.
-
-    Args:
-        fitted: the model.
-        settings: `unknown`, the relative error above which a fitted gain is none.
-    """
+def gains_as_found(fitted: Fitted) -> Gains | Refusal:
+    """Those of the ECU that [ecu] of rig.toml describes, known or fitted; one that the fit called not known is none."""
     if fitted.config.ecu is None:
         return Refusal("rig.toml describes no ECU, see [ecu]")
-    if lost := [symbol for symbol in GAINS.values() if fitted.doubt(symbol) > settings.unknown]:
+    if lost := [symbol for symbol in GAINS.values() if fitted.doubt(symbol) > fitted.identifiability.unknown]:
         return Refusal(f"the data do not tell {', '.join(lost)}")
     return Gains(*(fitted.values[symbol] for symbol in GAINS.values()))
 

@@ -20,7 +20,7 @@ from ..model.rig_effects import EdgePhase, Place
 from ..problem.problem import EstimationProblem
 from ..problem.trace import Trace
 from ..rig.base import Measurement, Rig, Start
-from ..rig.checks.edge_phase import arc_chance
+from ..rig.circle import apart, arc_chance, on_circle
 from .settings import EdgesInStepSettings
 
 _SHARES = (0.0, 0.5, 1.0)  # of an interval, at which all edges are simulated
@@ -161,9 +161,9 @@ def common_phase(places: Sequence[EdgePlace], settings: EdgesInStepSettings) -> 
     if len(sure) < 2:
         return None
     share, sd = np.array([p.share for p in sure]), np.hypot([p.sd for p in sure], settings.scatter)
-    phase = float(np.angle(np.sum(np.exp(2j * np.pi * share) / sd**2)) / (2.0 * np.pi))
+    phase = on_circle(share, 1.0 / sd**2).mean
     for _ in range(5):  # a few may be off: an edge that came between two others, say
-        off = (share - phase + 0.5) % 1.0 - 0.5
+        off = apart(share, phase)
         near = np.abs(off) < settings.far * sd
         if near.sum() < 2:
             return None

@@ -14,6 +14,7 @@ import numpy as np
 from ..model.throttle import Throttle
 from ..problem.free_parameters import FreeParameters
 from ..rig.base import RigConfig
+from .settings import IdentifiabilitySettings
 
 
 @dataclass(frozen=True, eq=False)
@@ -25,12 +26,14 @@ class Fitted:
         free_parameters: what was free in it.
         x: coordinates at the optimum, shape (P,).
         covariance: of the coordinates, shape (P, P).
+        identifiability: by what the fit called a parameter not known.
     """
 
     config: RigConfig
     free_parameters: FreeParameters
     x: np.ndarray
     covariance: np.ndarray
+    identifiability: IdentifiabilitySettings = IdentifiabilitySettings()
 
     @cached_property
     def values(self) -> dict[str, float]:

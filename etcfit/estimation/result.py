@@ -133,7 +133,7 @@ class FitResult:
 
     def fitted(self) -> Fitted:
         """The model alone, without the data."""
-        return Fitted(self.rig.config, self.free_parameters, self.x, self.covariance)
+        return Fitted(self.rig.config, self.free_parameters, self.x, self.covariance, self.settings.identifiability)
 
 
 @dataclass(frozen=True)

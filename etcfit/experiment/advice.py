@@ -18,8 +18,9 @@ import numpy as np
 from ..estimation.identifiability import analyse
 from ..estimation.joint_fit import ready, start_values
 from ..estimation.levenberg_marquardt import information_of
+from ..estimation.result import FitResult
 from ..problem import weights
-from ..problem.free_parameters import Layout, free_parameters
+from ..problem.free_parameters import FreeParameters, Layout, free_parameters
 from ..problem.problem import EstimationProblem
 from ..problem.trace import Trace
 from ..rig import TESTS
@@ -91,20 +92,19 @@ class Advice:
     settings: AdviceSettings = AdviceSettings()
 
 
-def advise(rig: Rig, x: np.ndarray | None = None, settings: AdviceSettings = AdviceSettings()) -> Advice:
+def advise(rig: Rig, at: FitResult | None = None, settings: AdviceSettings = AdviceSettings()) -> Advice:
     """Judge one more trace of each rig test, and of a driven response that is chosen for what it tells.
 
     Args:
         rig: a measurement folder.
-        x: coordinates to judge at, shape (P,), say those of a fit; the paper's graph readings where not given.
+        at: the fit to judge at, of this rig, with its effects; Eqs. 1-2 and what rig.toml names, at the paper's graph
+            readings, where not given.
         settings: when a trace is said to tell two parameters apart, and how it would be made.
     Raises:
         MeasurementError: nothing can be fitted.
     """
-    known = free_parameters(rig.config)
+    known, x = judged_at(rig, at)
     fitted, _, _ = ready(rig)
-    if x is None:
-        x = known.layout.coordinates(start_values(known, read_graphs(rig)))
     problem = EstimationProblem.of(rig.config, known, fitted).refined(x)
     now = _informations(problem, x)
     prior_sd = problem.weighted(weights.free_running(problem)).prior_sd[: x.size]
@@ -116,6 +116,14 @@ def advise(rig: Rig, x: np.ndarray | None = None, settings: AdviceSettings = Adv
     options = sorted((*again, *planned), key=lambda option: option.mean)
     judged = {option.test for option in options}
     return Advice(rig, known.layout.free, judge.sd, tuple(options), tuple(_not_judged(judged)), settings)
+
+
+def judged_at(rig: Rig, at: FitResult | None) -> tuple[FreeParameters, np.ndarray]:
+    """What is free in the model that is judged, and its coordinates, shape (P,)."""
+    if at is not None:
+        return at.free_parameters, at.x
+    known = free_parameters(rig.config)
+    return known, known.layout.coordinates(start_values(known, read_graphs(rig)))
 
 
 @dataclass(frozen=True, eq=False)

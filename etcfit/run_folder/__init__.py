@@ -22,6 +22,7 @@ from .manifest import (
     is_current,
     read_records,
     require,
+    settings_before,
 )
 from .model import read_draws, sines_of
 from .reduction import reduction_json
@@ -83,6 +84,7 @@ __all__ = [
     "save_fit",
     "save_posterior",
     "save_reduction",
+    "settings_before",
     "sines_of",
     "versions",
 ]

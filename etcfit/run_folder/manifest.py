@@ -1,6 +1,7 @@
 """RUN/run.json: which stage made what, from what; a stage is stale when a hash says so, never by a file's time.
 
     stages: {NAME: {at, settings, inputs: {FILE: sha256}, outputs: {FILE: sha256}, exit}}
+    aside: {NAME: settings}, of stages that ran once and whose files no longer hold
 
 Inputs of the fit are files of the measurement folder, those of every other stage files of RUN; null stands for one that
 was not there. A stage that ends replaces its outputs; what later stages made from the old ones is moved to
@@ -15,7 +16,7 @@ from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 from .. import __version__
 from ..errors import UsageError
@@ -102,18 +103,40 @@ def read_records(run: Path) -> dict[str, Record]:
     Raises:
         UsageError: RUN was written by another version, or its manifest is not one.
     """
+    return _read(run).stages
+
+
+def settings_before(run: Path) -> dict[str, Mapping[str, Any]]:
+    """What each stage last ran with, by name, whether its files still hold or not.
+
+    Raises:
+        UsageError: as `read_records`.
+    """
+    stages, aside = _read(run)
+    return aside | {name: record.settings for name, record in stages.items()}
+
+
+class _Manifest(NamedTuple):
+    """run.json as it lies there: see the head of this file."""
+
+    stages: dict[str, Record]
+    aside: dict[str, Mapping[str, Any]]
+
+
+def _read(run: Path) -> _Manifest:
     path = run / MANIFEST
     if not path.is_file():
         if found := [name for files in STAGE_FILES.values() for name in files.makes if (run / name).is_file()]:
             raise _foreign(run, f"holds {found[0]} but no {MANIFEST}: an older version of etcfit (0.1) wrote it")
-        return {}
+        return _Manifest({}, {})
     try:
         content = json.loads(path.read_text(encoding="utf-8"))
         version, stages = str(content["version"]), content["stages"]
         if content["schema"] != "etcfit.run/1" or _series(version) != _series(__version__):
             raise _foreign(run, f"was written by etcfit {version}, and this is {__version__}")
-        return {name: Record(**{key: record.get(key) for key in Record.__annotations__})
-                for name, record in stages.items()}  # fmt: skip
+        records = {name: Record(**{key: record.get(key) for key in Record.__annotations__})
+                   for name, record in stages.items()}  # fmt: skip
+        return _Manifest(records, dict(content.get("aside", {})))
     except (OSError, KeyError, ValueError, TypeError, AttributeError) as error:
         raise UsageError(f"{path} cannot be read as the manifest of a run ({error}). "
                          "Name another run folder, or delete this one.") from None  # fmt: skip
@@ -231,4 +254,5 @@ def _put_aside(run: Path, name: str) -> None:
 def _write(run: Path, records: Mapping[str, Record]) -> None:
     stages = {name: {key: value for key, value in asdict(records[name]).items() if key != "folder" or value is not None}
               for name in STAGE_FILES if name in records}  # fmt: skip
-    write_json(run / MANIFEST, "run", {"version": __version__, "stages": stages})
+    aside = {name: settings for name, settings in settings_before(run).items() if name not in records}
+    write_json(run / MANIFEST, "run", {"version": __version__, "stages": stages, "aside": aside})

@@ -187,13 +187,13 @@ def must_belong(run: Path, folder: Path) -> None:
 
 
 def fitted_to(run: Path, rig: Rig) -> FitResult:
-    """The fit in RUN, for whoever looks at its measurements once more.
+    """The last model in RUN, as `load_final`, for whoever looks at its measurements once more.
 
     Raises:
         UsageError: no fit there, or of other measurements.
     """
     must_belong(run, Path(rig.folder))
-    return load_fit(run)
+    return load_final(run)
 
 
 def _relative(folder: Path, run: Path) -> str:

@@ -52,7 +52,9 @@ def test_pictures_of_a_diagnosis(found: Diagnosed) -> None:
     for file in found.final.traces:
         assert len(found.plot.trace(file)) >= 2
     for draw in (found.plot.missing_torque, found.plot.missing_voltage, found.plot.rounds, found.plot.unexplained):
-        assert len(draw()) > 0
+        panels = draw()
+        assert len(panels) > 0
+        assert all(panel.has_data() for panel in panels)
 
 
 @pytest.mark.parametrize(

@@ -15,6 +15,7 @@ import typer
 import etcfit
 import folders
 import results
+from equality import equal
 from etcfit.api import verbs
 from etcfit.api.checked import Checked
 from etcfit.api.designed import Designed
@@ -22,14 +23,16 @@ from etcfit.api.diagnosed import Diagnosed
 from etcfit.api.fit import Fit
 from etcfit.api.reduced import Reduced
 from etcfit.cli import app
-from etcfit.control.pid import RULES
+from etcfit.control.pid import RULES, Requirements
 from etcfit.control.settings import DesignSettings
 from etcfit.errors import MeasurementError, UsageError
 from etcfit.estimation.settings import FitSettings
 from etcfit.experiment.advice import Advice, Option, Pair
 from etcfit.experiment.plan import PLANS
 from etcfit.experiment.setting import Setting
+from etcfit.model.ecu import Ecu
 from etcfit.rig.base import Rig
+from etcfit.run_folder import read_records
 
 VALUES = {"R_a": 1.5, "K_m": 0.019, "K_s": 0.15, "T_PL": 0.36, "T_f": 0.24}
 QUICK = {name: RULES[name] for name in ("manual", "damping_optimum", "as_found")}
@@ -74,8 +77,8 @@ def asked(monkeypatch: pytest.MonkeyPatch) -> list[dict[str, Any]]:
     """Advice without working it out; notes what it is asked with."""
     seen: list[dict[str, Any]] = []
 
-    def advise(rig: Rig, x: Any = None, **given: Any) -> Advice:
-        seen.append({"rig": rig, "x": x, **given})
+    def advise(rig: Rig, at: Any = None, **given: Any) -> Advice:
+        seen.append({"rig": rig, "at": at, **given})
         once = Option("viscous", "a step", "noise assumed", np.array([0.25, 1.0]), Pair(("R_a", "K_b"), 0.9, 0.1), None)
         new = Option(
             "response", "a sweep", "", np.array([0.81, 1.0]), None, PLANS["resistance"](Setting.of(rig, VALUES))
@@ -89,7 +92,7 @@ def asked(monkeypatch: pytest.MonkeyPatch) -> list[dict[str, Any]]:
 def test_advice_is_a_table_of_traces_and_one_of_widths(rig: Rig, asked: list[dict[str, Any]], tmp_path: Path) -> None:
     mine = etcfit.AdviceSettings(apart=0.5)
     found = etcfit.advise(rig, settings=mine)
-    assert asked == [{"rig": rig, "x": None, "settings": mine}]
+    assert asked == [{"rig": rig, "at": None, "settings": mine}]
     assert list(found.options.index) == list(found.widths.index) == ["viscous", "response"]
     assert found.options["again"].tolist() == [True, False]
     assert found.options["mean"].tolist() == pytest.approx([0.5, 0.9])
@@ -104,15 +107,16 @@ def test_advice_is_a_table_of_traces_and_one_of_widths(rig: Rig, asked: list[dic
 
 
 def test_advice_is_given_at_a_fit_of_the_same_rig(
-    rig: Rig, fitted: Fit, asked: list[dict[str, Any]], tmp_path: Path
+    rig: Rig, fitted: Fit, found: Diagnosed, asked: list[dict[str, Any]], tmp_path: Path
 ) -> None:
     fitted.save(tmp_path / "run")
     etcfit.advise(rig, at=fitted)
     etcfit.advise(rig.folder, at=tmp_path / "run")
-    assert [each["x"].tolist() for each in asked] == [fitted.result.x.tolist()] * 2
-    other = Fit(results.result(rig, added=("limp_home_spring",)))
-    with pytest.raises(UsageError, match="another model"):
-        etcfit.advise(rig, at=other)
+    etcfit.advise(rig, at=found)
+    final = found.final.result
+    assert equal([each["at"] for each in asked], [fitted.result, fitted.result, final])
+    with pytest.raises(UsageError, match="other measurements"):
+        etcfit.advise(results.rig(tmp_path / "other", synthetic=False), at=fitted)
     wrong: Any = rig
     with pytest.raises(TypeError, match=r"etcfit.advise takes for `at` .* not Rig"):
         etcfit.advise(rig, at=wrong)
@@ -149,6 +153,16 @@ def test_a_design_has_every_rule_in_a_table(designed: Designed) -> None:
     assert len(repr(designed)) < 1500
     assert "manual" in designed._repr_html_()
     assert designed.plot.responses()[0].get_ylabel() == "position [% travel]"
+
+
+def test_gains_that_are_saved_say_with_what_a_run_makes_them_anew(designed: Designed, tmp_path: Path) -> None:
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("etcfit.reporting.draw_design", lambda *_: None)
+        designed.save(tmp_path)
+    settings = read_records(tmp_path)["design"].settings
+    assert (settings["rule"], settings["feed_forward"]) == ("manual", False)
+    assert Requirements(*settings["limits"]) == designed.design.task.requirements
+    assert Ecu(**settings["ecu"]) == designed.design.task.ecu
 
 
 def test_what_a_verb_cannot_use_is_refused_in_words(rig: Rig, found: Diagnosed) -> None:

@@ -17,6 +17,7 @@ from etcfit.control.pid import RULES, Gains, Refusal
 from etcfit.control.pid.feedforward import Bias
 from etcfit.control.pid.setpoint import trapezoid
 from etcfit.estimation.fitted_model import Fitted
+from etcfit.estimation.settings import IdentifiabilitySettings
 from etcfit.model.ecu import Ecu, Notation
 from etcfit.model.throttle import catalogue
 from etcfit.problem.free_parameters import free_parameters
@@ -72,6 +73,13 @@ def test_what_is_not_given_of_an_ecu_is_that_of_the_one_that_drove_the_logs() ->
 def test_a_rig_that_describes_none_has_its_supply_and_a_filter_of_two_periods() -> None:
     assert ecu_of(fitted(None)) == Ecu(supply=12.0)
     assert ecu_of(fitted(None), period=5e-3) == Ecu(5e-3, 12.0, filter=10e-3)
+
+
+def test_what_counts_as_known_is_what_the_fit_decided_by() -> None:
+    hazy = unsure(fitted(), "K_i", 0.2)
+    assert isinstance(gains_as_found(hazy), Gains)
+    strict = replace(hazy, identifiability=IdentifiabilitySettings(unknown=0.1))
+    assert gains_as_found(strict) == Refusal("the data do not tell K_i")
 
 
 def test_gains_as_found_are_those_told_and_those_fitted() -> None:

@@ -227,11 +227,19 @@ BEFORE = score(51_000.0)  # 50 000 of them above the noise
     [
         (False, {"holdout_rms_ratio": 1.5}, True),
         (False, {"holdout_chi2_change": 600.0}, True),
-        (False, {"holdout_rms_ratio": 1.5, "gain": 24_000.0}, False),
+        (False, {"holdout_rms_ratio": 1.5, "gain": 25_500.0}, True),
+        (False, {"holdout_rms_ratio": 1.5, "gain": 24_500.0}, False),
         (False, {"holdout_rms_ratio": 1.01}, False),
         (True, {"holdout_rms_ratio": 1.5}, False),
     ],
-    ids=["worse elsewhere", "contradicted elsewhere", "not most of it", "never contradicted", "far from the data"],
+    ids=[
+        "worse elsewhere",
+        "contradicted elsewhere",
+        "just most of it",
+        "not most of it",
+        "never contradicted",
+        "far from the data",
+    ],
 )
 def test_what_explains_most_but_is_contradicted_is_judged_again(far: bool, first: Any, asked: bool) -> None:
     v = verdict(LIMP, -500.0, **(MAIN | first))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 
 import pytest
@@ -33,18 +34,21 @@ def test_effects_that_do_as_well_share_the_probability() -> None:
     p = probabilities([turn("a", ("b",), a=-1000.0, b=-1000.0)], ["a"], False, DEFAULT)
     assert p["a"] == pytest.approx(p["b"])
     assert p["a"] + p["b"] == pytest.approx(1.0 - LAPSE, abs=1e-6)
+    less = probabilities([turn("a", ("b",), a=-1000.0, b=-1000.0 + 2.0 * T)], ["a"], False, DEFAULT)
+    assert less["b"] == pytest.approx(less["a"] / math.e)
 
 
 def test_weak_evidence_leaves_room_for_nothing() -> None:
     weak, strong = (probabilities([turn("a", a=-b)], ["a"], False, DEFAULT) for b in (2.0 * T, 20.0 * T))
     assert 0.5 < weak["a"] < strong["a"]
+    assert weak["a"] == pytest.approx((1.0 - LAPSE) / (1.0 + math.exp(-1.0)))
     assert weak[NOTHING] > strong[NOTHING]
 
 
 def test_one_contradicted_by_what_was_held_out_has_no_share_though_its_bic_is_lower() -> None:
     p = probabilities([turn("a", a=-1000.0, b=-3000.0)], ["a"], False, DEFAULT)
     assert p["a"] > 0.8 * (1.0 - LAPSE)
-    assert p["b"] <= p["a"]
+    assert p["b"] == 0.0
 
 
 def test_what_was_taken_in_untried_and_taken_away_again_is_as_likely_as_what_was_missed() -> None:
@@ -57,7 +61,9 @@ def test_a_clean_folder_is_called_so() -> None:
     p = probabilities([turn(None, a=15.0, b=30.0)], [], False, DEFAULT)
     assert p[NOTHING] == 1.0 - MISSED
     assert p["a"] < MISSED
-    assert p["b"] < p["a"]
+    weight = {effect: math.exp(-0.5 * change / T) for effect, change in (("a", 15.0), ("b", 30.0))}
+    for effect, w in weight.items():
+        assert p[effect] == pytest.approx(MISSED * w / (sum(weight.values()) + 1.0))
     assert p[UNEXPLAINED] == MISSED
 
 
@@ -74,10 +80,11 @@ def test_an_effect_taken_away_again_is_not_believed() -> None:
 
 
 def test_two_rounds_are_two_reasons() -> None:
-    once = probabilities([turn("b", a=-50.0, b=-60.0)], ["b"], False, DEFAULT)
-    twice = probabilities([turn("b", a=-50.0, b=-60.0), turn("a", a=-200.0)], ["b", "a"], False, DEFAULT)
-    assert twice["a"] > once["a"]
-    assert all(0.0 <= p <= 1.0 for p in twice.values())
+    first, second = turn("b", ("a",), a=-50.0, b=-60.0), turn("a", a=-3.0 * T)
+    once, again = (probabilities([each], ["b", "a"], False, DEFAULT)["a"] for each in (first, second))
+    twice = probabilities([first, second], ["b", "a"], False, DEFAULT)
+    assert 0.01 < once < again < 0.9
+    assert twice["a"] == pytest.approx(1.0 - (1.0 - once) * (1.0 - again))
 
 
 def test_where_more_than_noise_is_left_it_is_not_said_that_nothing_is_missing() -> None:

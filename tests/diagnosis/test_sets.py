@@ -120,3 +120,4 @@ def test_of_two_models_near_the_data_bic_decides(small: CandidateModel) -> None:
     assert back.bic_change is not None
     assert there.bic_change == pytest.approx(-back.bic_change, rel=0.05, abs=0.5)
     assert there.better == (there.bic_change < -6.0)
+    assert (there.apart is not None) == (abs(there.bic_change) < 6.0)

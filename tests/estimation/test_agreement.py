@@ -15,6 +15,8 @@ from etcfit.estimation.result import FitResult
 from etcfit.rig.reader import read_folder
 from etcfit.run_folder import fit_json
 
+pytestmark = pytest.mark.slow  # real fits; what they are judged by has its own tests, on numbers
+
 
 @pytest.fixture(scope="module")
 def clean(tmp_path_factory: pytest.TempPathFactory) -> FitResult:
@@ -57,7 +59,6 @@ def test_what_is_written_has_the_keys_of_the_contract(clean: FitResult) -> None:
     assert (written["contradictions"], written["compromise"]) == ([], None)
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("seed", [7000, 7003])
 def test_an_undeclared_resistor_is_found_in_its_test(tmp_path: Path, seed: int) -> None:
     result = fit(read_folder(odd_rigs.undeclared_resistor(tmp_path, seed)))
@@ -76,7 +77,6 @@ def test_an_undeclared_resistor_is_found_in_its_test(tmp_path: Path, seed: int) 
         assert value == pytest.approx(getattr(truth, symbol), rel=0.1), symbol
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("seed", [7000, 7001])
 def test_a_hot_winding_in_one_test_is_found_there(tmp_path: Path, seed: int) -> None:
     result = fit(read_folder(odd_rigs.hot_winding(tmp_path, seed)))
@@ -92,7 +92,6 @@ def test_a_hot_winding_in_one_test_is_found_there(tmp_path: Path, seed: int) -> 
     assert r.low < true < r.high
 
 
-@pytest.mark.slow
 def test_a_wrong_angle_scale_leaves_no_estimate(tmp_path: Path) -> None:
     """All tests share it, so that no subset can tell; but nothing is called estimated."""
     result = fit(read_folder(odd_rigs.short_travel(tmp_path, 7000)))

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
+from scipy import stats
 from scipy.signal import lfilter
 
 from etcfit.estimation.autocorrelation import autocorrelation, inflation, ljung_box, widen
@@ -25,6 +26,20 @@ def test_autocorrelation_of_an_ar_1() -> None:
 def test_a_constant_has_no_correlation() -> None:
     assert_array_equal(autocorrelation(np.ones(50), 3), 0.0)
     assert inflation(np.zeros(500)) == 1.0
+
+
+def test_it_does_not_depend_on_the_size_of_the_residual() -> None:
+    r = coloured(0.6, 100, 0)
+    assert_allclose(autocorrelation(1e-6 * r, 4), autocorrelation(r, 4))
+
+
+def test_ljung_box_is_its_formula() -> None:
+    """Of few samples, where n + 2 and n - k are not n."""
+    r, n, lags = coloured(0.2, 30, 3), 30, 8
+    around = r - r.mean()
+    rho = [around[k:] @ around[:-k] / (around @ around) for k in range(1, lags + 1)]
+    q = n * (n + 2) * sum(rho[k - 1] ** 2 / (n - k) for k in range(1, lags + 1))
+    assert ljung_box(r, lags) == pytest.approx(stats.chi2.sf(q, lags))
 
 
 def test_ljung_box_is_uniform_for_white_residuals() -> None:

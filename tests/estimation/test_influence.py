@@ -11,9 +11,10 @@ from etcfit.estimation.influence import Influence, influence
 SYMBOLS = ("a", "b", "c")
 
 
-def asked(blind: bool = False) -> tuple[Influence, dict, dict, np.ndarray]:
+def asked(blind: bool = False, reach: float = 1.0) -> tuple[Influence, dict, dict, np.ndarray]:
+    """With coordinates so many times as large."""
     rng = np.random.default_rng(3)
-    every = parts.jacobians(rng)
+    every = {key: J / reach for key, J in parts.jacobians(rng).items()}
     if blind:
         for key, J in every.items():
             if key[0] != "beta":
@@ -21,7 +22,7 @@ def asked(blind: bool = False) -> tuple[Influence, dict, dict, np.ndarray]:
     r = parts.residuals(rng, every)
     x = parts.optimum(every, r)
     traces = parts.said(parts.pieces(every, r, x))
-    return influence(SYMBOLS, traces, parts.nothing_believed(), np.ones(parts.P), 0.3), every, r, x
+    return influence(SYMBOLS, traces, parts.nothing_believed(), np.full(parts.P, reach), 0.3), every, r, x
 
 
 def test_every_pull_is_what_a_refit_without_that_part_moves() -> None:
@@ -34,6 +35,17 @@ def test_every_pull_is_what_a_refit_without_that_part_moves() -> None:
         moved = parts.optimum(parts.without(every, pull.test, pull.file), r)[k] - x[k]
         assert pull.moved == pytest.approx(moved, rel=1e-6, abs=1e-10)
         assert pull.pull == pytest.approx(moved / sd[k], rel=1e-6, abs=1e-8)
+
+
+@pytest.mark.parametrize("reach", [1e-3, 1e3])
+def test_what_is_known_does_not_depend_on_the_size_of_a_coordinate(reach: float) -> None:
+    for blind in (False, True):
+        plain, scaled = asked(blind)[0], asked(blind, reach)[0]
+        assert scaled.alone == plain.alone
+        assert {(p.test, p.file, p.parameter) for p in scaled.pulls} == {
+            (p.test, p.file, p.parameter) for p in plain.pulls
+        }
+        assert [p.pull for p in scaled.pulls] == pytest.approx([p.pull for p in plain.pulls], rel=1e-5, abs=1e-6)
 
 
 def test_the_largest_come_first_and_small_ones_are_not_written() -> None:

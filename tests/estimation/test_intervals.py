@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 import results
+from etcfit.estimation.compromise import Compromise
 from etcfit.estimation.intervals import intervals, lumped
 from etcfit.estimation.joint_fit import FitResult
 
@@ -97,6 +98,40 @@ def test_lumped_inertia_by_the_delta_method(fitted: FitResult) -> None:
     j = lumped(replace(fitted, covariance=covariance))["J_eq"]
     assert j.value == pytest.approx(20.68**2 * fitted.values["J_m"] + fitted.values["J_L"])
     assert j.stderr == pytest.approx(np.sqrt(variance), rel=1e-6)
+
+
+N = 20.68
+VOLTS = {  # what holds and brakes the plate, at the terminals
+    "V_PL": lambda v: v["T_PL"] * v["R_a"] / (N * v["K_m"]),
+    "V_f": lambda v: v["T_f"] * v["R_a"] / (N * v["K_m"]),
+    "V_s": lambda v: v["K_s"] * v["R_a"] / (N * v["K_m"]),
+    "V_w": lambda v: (N**2 * v["B_m"] + v["B_L"]) * v["R_a"] / (N * v["K_m"]) + N * v["K_b"],
+    "B_eq": lambda v: N**2 * v["B_m"] + v["B_L"],
+}
+
+
+@pytest.mark.parametrize("symbol", VOLTS)
+def test_a_combination_and_its_error_are_those_of_its_formula(fitted: FitResult, symbol: str) -> None:
+    lump, layout, held = VOLTS[symbol], fitted.free_parameters.layout, fitted.free_parameters.held
+    braking, h = moved(fitted, "B_L", 2e-3), 1e-5
+    slopes = [
+        (lump(layout.values(braking.x + h * e, held)) - lump(layout.values(braking.x - h * e, held))) / (2.0 * h)
+        for e in np.eye(braking.x.size)
+    ]
+    found = lumped(braking)[symbol]
+    assert found.stderr is not None
+    assert found.value == pytest.approx(lump(braking.values))
+    assert found.stderr == pytest.approx(SD * np.linalg.norm(slopes), rel=1e-6)
+    assert (found.low, found.high) == (pytest.approx(found.value - 1.96 * found.stderr),
+                                       pytest.approx(found.value + 1.96 * found.stderr))  # fmt: skip
+
+
+def test_a_combination_that_is_not_known_has_no_range_in_a_compromise_either(fitted: FitResult) -> None:
+    none = replace(fitted, covariance=np.full_like(fitted.covariance, np.nan))
+    given = Compromise("why", ("one",), fitted.x[None], fitted.covariance[None], np.full((1, fitted.x.size), np.nan))
+    assert lumped(replace(none, compromise=given))["J_eq"].status == "not identifiable"
+    known = lumped(replace(fitted, compromise=given))["J_eq"]
+    assert (known.status, known.stderr) == ("compromise", None)
 
 
 def _slope(result: FitResult, symbol: str, h: float = 1e-5) -> float:

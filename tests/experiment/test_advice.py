@@ -11,7 +11,7 @@ import pytest
 import results
 from etcfit import TESTS, read_folder
 from etcfit.estimation.joint_fit import fit
-from etcfit.experiment.advice import Advice, Judge, Option, advise, batched, separated
+from etcfit.experiment.advice import Advice, Judge, Option, advise, batched, judged_at, separated
 from etcfit.experiment.plan import PLANS, channels, sweeps, trace_of
 from etcfit.experiment.plan import viscous as plan_viscous
 from etcfit.experiment.setting import USUAL, Setting
@@ -62,6 +62,15 @@ def test_the_pair_that_comes_apart_is_named() -> None:
     little = np.array([[1.0, 0.988, 0.0], [0.988, 1.0, 0.0], [0.0, 0.0, 1.0]])  # 0.83 of the entanglement is left
     assert separated(("a", "b", "c"), before, little) is not None
     assert separated(("a", "b", "c"), before, little, AdviceSettings(apart=0.8)) is None
+
+
+def test_it_is_judged_at_the_model_that_was_fitted_with_its_effects(rig: Rig) -> None:
+    final = results.result(rig, added=("limp_home_spring",))
+    known, x = judged_at(rig, final)
+    assert {"K_lh", "theta_lh"} <= set(known.layout.free)
+    assert x.tolist() == final.x.tolist()
+    bare, _ = judged_at(rig, None)
+    assert "K_lh" not in bare.layout.free
 
 
 def test_a_plan_keeps_within_the_supply_and_the_travel(setting: Setting) -> None:
@@ -125,7 +134,7 @@ def test_what_is_predicted_comes_about(tmp_path: Path) -> None:
     sizes = {name: series for name, series in SIZES["small"].items() if name != "viscous"}
     write_folder(before, "rig", CONSISTENT, 5, NONE, sizes, Bench(), holdout=False, noise=True)
     first = fit(read_folder(before))
-    advice = advise(read_folder(before), first.x)
+    advice = advise(read_folder(before), first)
 
     best = advice.options[0]
     plan = best.plan

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -20,12 +21,14 @@ from etcfit.diagnosis.findings import Diagnosis
 from etcfit.errors import UsageError
 from etcfit.estimation.intervals import intervals
 from etcfit.estimation.result import FitResult
+from etcfit.files import write_json
 from etcfit.problem import weights
 from etcfit.reporting.page import write_page
 from etcfit.run_folder import (
     MANIFEST,
     SUPERSEDED,
     RunFolder,
+    begin,
     finish,
     fitted_to,
     is_done,
@@ -37,6 +40,7 @@ from etcfit.run_folder import (
     save_fit,
 )
 from etcfit.stages import STAGES, Done, Report, Stage, run_all
+from runs import pid
 
 
 @pytest.fixture
@@ -188,6 +192,11 @@ def test_a_run_of_other_measurements_is_refused(fit: FitResult, run: Path, tmp_p
         fitted_to(run, results.rig(tmp_path / "other"))
 
 
+def test_what_a_run_fitted_is_the_final_model_once_there_is_a_diagnosis(runs: Runs) -> None:
+    save_diagnosis(runs.run, runs.found)
+    assert equal(fitted_to(runs.run, runs.found.before.rig), runs.found.after)
+
+
 def test_no_fit_no_traceback(tmp_path: Path) -> None:
     with pytest.raises(UsageError, match=r"holds no finished `etcfit fit`.*Run `etcfit fit FOLDER"):
         load_fit(tmp_path)
@@ -234,7 +243,7 @@ def test_a_manifest_that_cannot_be_read_is_a_usage_error(fit: FitResult, run: Pa
 def test_the_manifest_is_the_contract(fit: FitResult, run: Path) -> None:
     save_fit(run, fit)
     content = json.loads((run / MANIFEST).read_text("utf-8"))
-    assert set(content) == {"schema", "version", "stages"}
+    assert set(content) == {"schema", "version", "stages", "aside"}
     stage = content["stages"]["fit"]
     assert {"at", "settings", "inputs", "outputs", "exit"} <= set(stage)
     assert set(stage["outputs"]) == {"fit.json", "fit_state.npz"}
@@ -253,8 +262,13 @@ class Runs:
         self.found = diagnoses.diagnosis(results.rig(self.folder))
         self.ran: list[str] = []
         self.interrupt = ""
-        self.stages = tuple(Stage(name, work) for name, work in
-                            (("fit", self.fit), ("diagnose", self.diagnose), ("report", self.report)))  # fmt: skip
+        self.stages = (
+            Stage("fit", self.fit),
+            Stage("diagnose", self.diagnose),
+            Stage("design", self.design, ("rule",)),
+            Stage("report", self.report),
+        )
+        self.said: dict[str, str | None] = {}
 
     def beside(self, name: str) -> None:
         self.ran.append(name)
@@ -270,14 +284,34 @@ class Runs:
         run.keep_diagnosis(replace(self.found, before=run.fit()), lambda: self.beside("diagnose"))
         return Done("a diagnosis")
 
+    def design(self, folder: Path, run: RunFolder, report: Report, rule: str = "optimal", draws: int = 200) -> Done:
+        """What `save_design` does, of gains that say with which options they were made."""
+        begin(run.path, "design")
+        write_json(run.path / "pid.json", "pid", pid(rule))
+        self.beside("design")
+        finish(run.path, "design", 0, {"rule": rule, "draws": draws})
+        return Done("gains")
+
     def report(self, folder: Path, run: RunFolder, report: Report) -> Done:
         self.beside("report")
         return Done(str(write_page(run.path).path))
 
     def go(self) -> list[str]:
-        self.ran = []
-        run_all(self.folder, self.run, _silently, lambda name, done: None, self.stages)
+        self.ran, self.said = [], {}
+
+        def show(name: str, done: Done | None) -> None:
+            self.said[name] = None if done is None else done.remark
+
+        run_all(self.folder, self.run, _silently, show, self.stages)
         return self.ran
+
+    def by_hand(self, **options: Any) -> None:
+        """`etcfit design RUN` with options."""
+        self.design(self.folder, RunFolder(self.run), lambda text, share: None, **options)
+
+    @property
+    def rule(self) -> str:
+        return json.loads((self.run / "pid.json").read_text("utf-8"))["rule"]
 
 
 @contextmanager
@@ -291,18 +325,19 @@ def runs(tmp_path: Path) -> Runs:
 
 
 def test_a_second_time_there_is_nothing_to_do(runs: Runs) -> None:
-    assert runs.go() == ["fit", "diagnose", "report"]
+    assert runs.go() == ["fit", "diagnose", "design", "report"]
     assert runs.go() == []
 
 
+ALL = ["fit", "diagnose", "design", "report"]
 CHANGES = {
-    "a trace is measured again": (lambda r: _append(r.folder / "response/1.csv"), ["fit", "diagnose", "report"]),
-    "rig.toml is edited": (lambda r: _append(r.folder / "rig.toml"), ["fit", "diagnose", "report"]),
+    "a trace is measured again": (lambda r: _append(r.folder / "response/1.csv"), ALL),
+    "rig.toml is edited": (lambda r: _append(r.folder / "rig.toml"), ALL),
     "a file is touched": (lambda r: (r.folder / "rig.toml").touch(), []),
     "the page is gone": (lambda r: (r.run / "report.html").unlink(), ["report"]),
     "a result is gone": (lambda r: (r.run / "diagnosis.json").unlink(), ["diagnose"]),
     "another fit was made by hand": (
-        lambda r: save_fit(r.run, replace(r.found.before, chi2_per_dof=7.0)), ["diagnose", "report"],
+        lambda r: save_fit(r.run, replace(r.found.before, chi2_per_dof=7.0)), ALL[1:],
     ),
     "somebody left a note": (lambda r: (r.run / "other.txt").write_text(""), []),
 }  # fmt: skip
@@ -321,7 +356,7 @@ def test_what_is_not_made_from_what_lies_there_is_made_again(runs: Runs, name: s
     assert runs.go() == []
 
 
-AFTER = [("fit", ["fit", "diagnose", "report"]), ("diagnose", ["diagnose", "report"])]
+AFTER = [("fit", ALL), ("diagnose", ALL[1:])]
 
 
 @pytest.mark.parametrize(("stage", "again"), AFTER)
@@ -332,6 +367,39 @@ def test_an_interrupted_stage_is_begun_again(runs: Runs, stage: str, again: list
     runs.interrupt = ""
     assert runs.go() == again
     assert runs.go() == []
+
+
+def test_gains_made_with_options_are_kept_while_nothing_else_changes(runs: Runs) -> None:
+    runs.go()
+    runs.by_hand(rule="simc")
+    assert runs.go() == ["report"]
+    assert (runs.rule, runs.said["design"]) == ("simc", None)
+
+
+AFRESH: dict[str, Callable[[Runs], object]] = {
+    "a posterior came later": lambda r: (r.run / "posterior.nc").write_bytes(b"chain"),
+    "the measurements changed": lambda r: _append(r.folder / "rig.toml"),
+    "the fit was made again by hand": lambda r: save_fit(r.run, replace(r.found.before, chi2_per_dof=7.0)),
+    "it was interrupted": lambda r: begin(r.run, "design"),
+}
+
+
+@pytest.mark.parametrize("name", AFRESH)
+def test_gains_made_anew_are_made_with_the_options_that_they_had_and_said_to_be(runs: Runs, name: str) -> None:
+    runs.go()
+    runs.by_hand(rule="simc")
+    AFRESH[name](runs)
+    assert "design" in runs.go()
+    assert (runs.rule, runs.said["design"]) == ("simc", 'made anew, with rule "simc" as before')
+    assert runs.go() == []
+
+
+def test_what_no_option_of_a_command_says_is_not_replaced_without_a_word(runs: Runs) -> None:
+    runs.go()
+    runs.by_hand(rule="simc", draws=50)  # as Python may
+    AFRESH["a posterior came later"](runs)
+    runs.go()
+    assert runs.said["design"] == 'made anew, with rule "simc" as before; other than before: draws 200'
 
 
 def test_a_model_that_did_not_converge_is_told_also_where_it_was_skipped(runs: Runs) -> None:

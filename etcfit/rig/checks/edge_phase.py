@@ -17,6 +17,7 @@ import numpy as np
 
 from ...ranges import check_ranges, real, whole
 from ..base import Measurement
+from ..circle import arc_chance, on_circle, rayleigh_chance
 
 MIN_RISE = 0.02  # part of its way that the current must go within one sample for a phase to be read
 AFTER, BEFORE = 4, 3  # samples looked at
@@ -73,21 +74,11 @@ def edge_phase(traces: Sequence[Measurement], settings: EdgeSettings = EdgeSetti
     phases = edge_phases(traces, settings)
     if phases.size < settings.fewest:
         return None
-    mean = np.mean(np.exp(2j * np.pi * phases))
-    length = min(float(abs(mean)), 1.0 - 1e-12)
-    spread = float(np.sqrt(-2.0 * np.log(length)) / (2.0 * np.pi))
-    chance = min(1.0, 2.0 * min(float(np.exp(-phases.size * length**2)), arc_chance(phases)))
-    if spread > settings.spread or chance > settings.chance:
+    where = on_circle(phases)
+    chance = min(1.0, 2.0 * min(rayleigh_chance(phases), arc_chance(phases)))
+    if where.spread > settings.spread or chance > settings.chance:
         return None
-    return EdgePhase(float(np.angle(mean) / (2.0 * np.pi) % 1.0), spread / phases.size**0.5, phases.size, chance)
-
-
-def arc_chance(phases: np.ndarray) -> float:
-    """P = n w^(n-1): n points at random on a circle lie within an arc of w <= 1/2 turns (Stevens 1939)."""
-    on_circle = np.sort(phases % 1.0)
-    gaps = np.diff(on_circle, append=on_circle[0] + 1.0)
-    w = 1.0 - float(gaps.max())
-    return phases.size * w ** (phases.size - 1) if w <= 0.5 else 1.0
+    return EdgePhase(where.mean % 1.0, where.spread / phases.size**0.5, phases.size, chance)
 
 
 def edge_phases(traces: Sequence[Measurement], settings: EdgeSettings = EdgeSettings()) -> np.ndarray:

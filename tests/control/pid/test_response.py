@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -75,6 +76,18 @@ def test_margins_are_python_controls(gains: tuple[float, ...]) -> None:
     here = margins(Gains(*gains), plant, ecu)
     assert float(here[1]) == pytest.approx(pm, abs=0.05)
     assert float(here[0]) == pytest.approx(20.0 * np.log10(gm), abs=0.02)
+
+
+def test_a_lag_turns_and_shrinks_the_loop_and_delays_and_the_hold_turn_it() -> None:
+    bare = TransferFunction(3.10e4, 113.8, 2941.0, 2.38e4)
+    plant = replace(bare, delay=1e-3, lag=5e-3)
+    ecu = Ecu(period=2e-3, filter=1e-3, delay=0.5e-3)
+    s: Any = control.tf([1.0, 0.0], [1.0])
+    loop = (6.0 + 100.0 / s + 0.087 * s / (1e-3 * s + 1.0)) / (5e-3 * s + 1.0)
+    _, pm, _, crossing = control.margin(loop * bare.to_control())
+    late = 1e-3 + 0.5e-3 + 0.5 * 2e-3  # the plant's, the ECU's, half a period
+    found = margins(Gains(6.0, 100.0, 0.087), plant, ecu)[1]
+    assert float(found) == pytest.approx(pm - np.degrees(crossing * late), abs=0.05)
 
 
 def test_an_unstable_loop_has_negative_margins() -> None:

@@ -98,6 +98,24 @@ def test_amigo_reads_the_step_response() -> None:
     assert kd / kp == pytest.approx(0.5 * L * T / (0.3 * L + T))
 
 
+@pytest.mark.parametrize("small", [(0.02, 0.01), (1e-3, 4e-4)])
+def test_the_steepest_tangent_is_found_however_fast_the_small_lags_are(small: tuple[float, float]) -> None:
+    """Step response and slope in closed form: 1 - sum_k w_k exp(-t / tau_k), w_k = tau_k^2 / prod (tau_k - tau_j)."""
+    tau = np.array([1.0, *small])
+    w = np.array([t**2 / np.prod([t - other for other in tau if other != t]) for t in tau])
+    t = np.linspace(0.0, 2.0, 2_000_001)
+    y = 1.0 - np.exp(-t[:, None] / tau) @ w
+    slope = np.exp(-t[:, None] / tau) @ (w / tau)
+    k = int(np.argmax(slope))
+    L = t[k] - y[k] / slope[k]
+    reached = t[np.argmax(y >= 1.0 - math.exp(-1.0))]
+    assert first_order(lags(3.0, *tau)) == (pytest.approx(reached - L, rel=2e-3), pytest.approx(L, rel=2e-3))
+
+
+def test_amigo_refuses_a_plant_that_runs_away_though_its_gain_is_finite() -> None:
+    assert isinstance(amigo(task(TransferFunction(1.0, 10.0, 5.0, -2.0))), Refusal)
+
+
 def test_damping_optimum_places_the_double_ratios() -> None:
     plant = lags(1.3, 0.5, 0.05, 0.002)
     kp, ki, kd = gains(damping_optimum(task(plant)))

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from effect_samples import AXES, every_effect, follow, inputs, made, rows, table
+from effect_samples import AXES, follow, inputs, made, rows, table
 from etcfit.model.effects import EFFECT_BY_NAME, EFFECTS, AbstractEffect, Inputs, State
 
 
@@ -152,7 +152,7 @@ def test_a_gear_flips_when_its_load_changes_sign() -> None:
 # ---- all of them
 
 
-@every_effect
+@pytest.mark.parametrize("effect", [e for e in EFFECTS if e.z0], ids=lambda effect: effect.name)
 def test_a_memory_forgets(effect: type[AbstractEffect]) -> None:
     """d rate / d memory <= 0 at every state, each entry by itself: what the stepper's implicit solve relies on."""
     at = rows(effect)

@@ -49,7 +49,9 @@ def test_every_file_is_there(run: Path) -> None:
 
 
 def test_pictures_show_something(run: Path) -> None:
-    for path in run.rglob("*.png"):
+    pictures = [*run.rglob("*.png")]
+    assert pictures
+    for path in pictures:
         pixels = imread(path)
         assert pixels[..., :3].std() > 0.02, path
         assert min(pixels.shape[:2]) > 300, path
