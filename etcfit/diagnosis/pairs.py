@@ -17,13 +17,13 @@ from dataclasses import dataclass, field
 from typing import NamedTuple
 
 import numpy as np
-from scipy.optimize import lsq_linear
 
-from ..model.parameters import NonNegative, parameters_of
+from ..model.parameters import parameters_of
+from .bounded import bounded, lowest
 from .composition import Effect
 from .screen import Signature
 
-_RIDGE = 1e-5  # on amplitudes, their columns of length 1: one that only adds to another's stays at rest
+_NOTHING = 1e-5  # length of a column, once 1, below which another effect does all of it
 
 
 @dataclass(frozen=True, eq=False)
@@ -92,7 +92,7 @@ def _blocks(signatures: Sequence[Signature]) -> list[_Block]:
         mine = [domains[symbol] for symbol in s.variant.amplitudes]
         own = slice(start, start := start + len(mine))
         scale = np.array([d.scale for d in mine])
-        low = np.array([0.0 if isinstance(d, NonNegative) else -np.inf for d in mine])
+        low = lowest(mine)
         scanned = any(symbol in s.variant.shape for symbol in s.variant.amplitudes)
         fixed = np.array([s.variant.shape[symbol] for symbol in s.variant.amplitudes]) / scale if scanned else None
         found.append(_Block(s, own, scale, low, fixed))
@@ -114,7 +114,7 @@ def _without_bounds(blocks: Sequence[_Block], system: _System) -> list[tuple[flo
             if second.signature.variant.effect is first.signature.variant.effect:
                 continue
             mine = rest[:, second.own]
-            kept = mine[:, np.linalg.norm(mine, axis=0) > _RIDGE]
+            kept = mine[:, np.linalg.norm(mine, axis=0) > _NOTHING]
             more = np.linalg.qr(kept)[0].T @ target if kept.size else np.zeros(0)
             out.append((alone + float(more @ more), a, b))
     return sorted(out, reverse=True)
@@ -133,10 +133,7 @@ def _solved(first: _Block, second: _Block, system: _System) -> Pair:
     left = float(target @ target)
     if free:
         columns = np.concatenate([system.columns[:, b.own] for b in free], axis=1)
-        rows = np.vstack((columns, _RIDGE * np.eye(columns.shape[1])))
-        right = np.concatenate((target, np.zeros(columns.shape[1])))
-        low = np.concatenate([b.low for b in free])
-        solution = lsq_linear(rows, right, bounds=(low, np.inf), method="bvls").x
+        solution = bounded(columns, target, np.concatenate([b.low for b in free]))
         left = float(np.sum((columns @ solution - target) ** 2))
         for block in free:
             own, solution = np.split(solution, [len(block.scale)])

@@ -19,13 +19,13 @@ from typing import Any, NamedTuple
 
 import jax
 import numpy as np
-from scipy.optimize import lsq_linear
 
 from ..model.parameters import NonNegative, Parameter
 from ..problem.free_parameters import Form
 from ..problem.problem import EstimationProblem
 from ..problem.program import Program, side_by_side
 from ..problem.residual import WeightedData, residual
+from .bounded import bounded, lowest
 from .composition import Effect, resting
 
 # numerics, no policy: a step, a memory bound, and what counts as zero in double precision
@@ -33,7 +33,6 @@ _PROBE = 1e-3  # amplitude over its scale at which a tangent is taken: on a boun
 _AT_ONCE = 8  # tangents side by side
 _IMITATED = 1e-6  # share of a signature's power below which fitted parameters do all of it
 _TINY = 1e-10  # singular values below this share of 1 count as zero
-_SHY = 1e-5  # ridge on amplitudes, their columns of length 1: keeps one that only adds to a fitted parameter at rest
 
 
 @dataclass(frozen=True, eq=False)
@@ -221,10 +220,8 @@ def _bounded(mine: Sequence[Parameter], columns: np.ndarray, r: np.ndarray) -> B
     size = np.linalg.norm(columns, axis=0)
     own = size > 0.0  # an amplitude without a signature stays at its off value
     q, upper = np.linalg.qr(columns[:, own] / size[own])
-    low = np.array([0.0 if isinstance(p.domain, NonNegative) else -np.inf for p in mine])[own]
     target = -(q.T @ r)
-    rows, right = np.vstack((upper, _SHY * np.eye(low.size))), np.concatenate((target, np.zeros(low.size)))
-    solution = lsq_linear(rows, right, bounds=(low, np.inf)).x
+    solution = bounded(upper, target, lowest([p.domain for p in mine])[own])
     gain = float(target @ target - np.sum((upper @ solution - target) ** 2))
     amplitudes = np.zeros(own.size)
     amplitudes[own] = solution / size[own]
