@@ -228,7 +228,7 @@ def judged(task: Task, found: Mapping[str, Gains | Refusal], setpoint: Setpoint)
             continue
         k = list(have).index(name)
         column = Judged(*(np.asarray(figure)[:, k] for figure in figures))
-        over_draws = _OverDraws(column, share[:, k], safe[0][:, k], safe[1][:, k])
+        over_draws = _OverDraws(column, share[:, k], safe.gain_db[:, k], safe.phase_deg[:, k])
         out[name] = _tuned(task, name, refusal, setpoint, over_draws)
     return out
 
