@@ -37,6 +37,11 @@ class Ecu(NamedTuple):
         return self.delay + 0.5 * self.period
 
     @property
+    def derivative_late(self) -> float:
+        """By how much its derivative lags that of the error, s: its filter, and half a period of the difference."""
+        return self.filter + 0.5 * self.period
+
+    @property
     def constants(self) -> dict[str, float]:
         """Its limits as parameters of `effects.controller`, never fitted: SI by symbol; those of its converters are not
         modelled there."""

@@ -36,6 +36,7 @@ def design_json(design: Design) -> dict[str, Any]:
         "requirements": {symbol: getattr(asked, symbol) for symbol in REQUIRED},
         "margins_asked": {"gain_margin_db": asked.gain_margin_db, "phase_margin_deg": asked.phase_margin_deg},
         "met": chosen.met,
+        "stable": chosen.stable,
         "met_linear": chosen.met_linear,
         "limits": list(design.limits),
         "posterior": {
@@ -86,6 +87,7 @@ def _rule(design: Design, tuned: Tuned) -> dict[str, Any]:
         "linear": _metrics(tuned.linear),
         "nonlinear": _metrics(tuned.nonlinear),
         "met": tuned.met,
+        "stable": tuned.stable,
         "probability_met": tuned.probability_met,
         "probability_margins": tuned.probability_stable,
     }

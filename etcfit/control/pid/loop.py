@@ -51,6 +51,8 @@ class _Carry(NamedTuple):
     sent: Any  # voltages of the last ticks, newest first, V
 
 
+_UNROLLED = 4  # integration steps of a tick at most: quick to run, and quick to compile
+
 Controller = Callable[[Any, Ecu, Any, Scalar, Scalar, Scalar], Any]
 
 
@@ -120,7 +122,7 @@ def _one(control: Controller, throttle: Throttle, run: _Run, parts: int, room: i
             s = _step(ecu, body, ecu.period / parts, mean, time + (k + 1.0) * ecu.period / parts)
             return step(throttle, x, z, s), None
 
-        (x, z), _ = jax.lax.scan(part, (carry.x, carry.z), jnp.arange(parts, dtype=float), unroll=True)
+        (x, z), _ = jax.lax.scan(part, (carry.x, carry.z), jnp.arange(parts, dtype=float), unroll=min(parts, _UNROLLED))
         return _Carry(x, z, memory, sent), Path(carry.x.theta, volts, carry.x.i)
 
     x = State(*(jnp.asarray(each, dtype=float) for each in start))
@@ -190,6 +192,10 @@ class Loop:
     def under(self, ecu: Ecu) -> Loop:
         """The loop with another ECU around its plants."""
         return replace(self, ecu=ecu)
+
+    def in_steps_of(self, longest: float) -> Loop:
+        """The loop integrated in steps no longer than so many s."""
+        return replace(self, settings=replace(self.settings, longest_step=longest))
 
     def angle(self, share: Any) -> Any:
         """rad, of a share of the travel."""

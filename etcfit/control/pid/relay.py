@@ -52,7 +52,8 @@ def relay(task: Task) -> Gains | Refusal:
 
 def experiment(task: Task) -> Ultimate | Refusal:
     """The relay's swing on the nominal plant."""
-    nominal, settings = task.loop.first(1), task.settings.relay
+    settings = task.settings.relay
+    nominal = task.loop.first(1).in_steps_of(settings.longest_step)
     ecu, body = nominal.ecu, nominal.body
     span = settings.hysteresis * (body.upper - body.lower)
     _, hold, _ = nominal.holds(np.array([nominal.angle(MIDDLE)]))

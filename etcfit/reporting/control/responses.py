@@ -60,8 +60,13 @@ def _title(design: Design, tuned: Tuned) -> str:
     own = design.fitted.config.notation
     gains = " / ".join(short(g) for g in (tuned.gains if own is None else design.written(tuned.gains, own)))
     name = tuned.rule.replace("_", " ") + (" (proposed)" if tuned is design.chosen else "")
-    verdict = "meets all" if tuned.meets_all else "misses"
-    return f"{name}:  {gains}   RMSE {short(tuned.nonlinear.rmse_pct)} %, {verdict}, P = {tuned.probability_met:.2f}"
+    return f"{name}:  {gains}   RMSE {short(tuned.nonlinear.rmse_pct)} %, {_verdict(tuned)}"
+
+
+def _verdict(tuned: Tuned) -> str:
+    if not tuned.stable:
+        return "UNSTABLE"
+    return f"{'meets all' if tuned.meets_all else 'misses'}, P = {tuned.probability_met:.2f}"
 
 
 def _axes(panels: list[Axes], design: Design) -> None:

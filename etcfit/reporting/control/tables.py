@@ -117,7 +117,8 @@ def design_table(design: Design) -> RenderableType:
         "worst of both edges; a settling time of -: not settled before the setpoint changes again",
         f"asked: overshoot < {asked.overshoot_pct:g} %, settling < {asked.settling_s:g} s, steady-state error < "
         f"{asked.steady_state_error_pct:g} %; margins {asked.gain_margin_db:g} dB, {asked.phase_margin_deg:g} degrees",
-        f"P(met): share of {design.draws} models from {source} whose response meets all three",
+        f"P(met): share of {design.draws} models from {source} whose response meets all three "
+        "and whose linear loop is stable",
         *_computer(design),
     ]
     refused = [f"{t.rule}: {t.why}" for t in design.tuned.values() if t.gains is None]
@@ -152,8 +153,12 @@ def _row(tuned: Tuned, asked: Requirements) -> tuple[str, ...]:
     m = tuned.nonlinear
     gains = (short(g) for g in tuned.gains)
     return (tuned.rule, *gains, short(m.overshoot_pct), short(m.settling_s), short(m.steady_state_error_pct),
-            short(m.rmse_pct), short(m.gain_margin_db), short(m.phase_margin_deg), "yes" if tuned.meets_all else "no",
+            short(m.rmse_pct), short(m.gain_margin_db), short(m.phase_margin_deg), _met(tuned),
             "yes" if _safe(m, asked) else "no", f"{tuned.probability_met:.2f}")  # fmt: skip
+
+
+def _met(tuned: Tuned) -> str:
+    return ("yes" if tuned.meets_all else "no") if tuned.stable else "unstable"
 
 
 def _safe(metrics: Metrics, asked: Requirements) -> bool:
