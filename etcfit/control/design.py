@@ -147,7 +147,7 @@ def task_of(
         ecu: the controller.
         requirements: what is asked for.
         drawn: coordinates of further models, shape (D, P); from the Laplace approximation where there are none.
-        feed_forward: with the curve of holding voltages and the dry friction ahead of the PID.
+        feed_forward: with the curve of holding voltages ahead of the PID.
         settings: how many draws, and the budgets of simulation and rules.
     """
     if drawn is None:

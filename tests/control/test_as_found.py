@@ -106,7 +106,7 @@ def tried(**changes: float) -> Design:
     model, setpoint = fitted(changes=changes), trapezoid()
     task = task_of(model, ecu_of(model), drawn=np.empty((0, model.x.size)))
     tuned = judged(task, {"as_found": RULES["as_found"](task)}, setpoint)
-    bias = Bias(np.linspace(0.0, np.pi / 2, 8), np.linspace(0.0, 3.0, 8))
+    bias = Bias(*(np.linspace(0.0, end, 8) for end in (np.pi / 2, 3.0, 2.0, 4.0)))
     return Design(model, task, setpoint, tuned["as_found"], tuned, 1, "laplace", bias, ())
 
 

@@ -237,7 +237,7 @@ class Loop:
             start: state of every plant at its begin; None: at rest where the setpoint begins.
         """
         wanted = self.angle(setpoint.at(setpoint.instants(self.ecu.period)))
-        ahead = self.bias.volts(wanted, self.ecu.period) if self.bias is not None else np.zeros_like(wanted)
+        ahead = self.bias.volts(wanted) if self.bias is not None else np.zeros_like(wanted)
         start = State(0.0, self.angle(setpoint.shares[0]), 0.0) if start is None else start
         parts = max(1, math.ceil(self.ecu.period / self.settings.longest_step - 1e-9))
         run = _Run(settings, first, self.ecu, self.body, wanted, ahead, start)

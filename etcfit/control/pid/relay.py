@@ -36,7 +36,7 @@ def switch(relay: Relay, ecu: Ecu, side: Any, setpoint: Any, position: Any, bias
     """One tick of the relay: it turns over where the error has passed its hysteresis."""
     error = setpoint - quantised(position, ecu.resolution)
     side = jnp.where(error > relay.hysteresis, 1.0, jnp.where(error < -relay.hysteresis, -1.0, side))
-    volts = jnp.clip(relay.bias + side * relay.swing, -ecu.supply, ecu.supply)
+    volts = jnp.clip(relay.bias + side * relay.swing, -ecu.limit, ecu.limit)
     return quantised(volts, ecu.pwm), side
 
 

@@ -14,7 +14,9 @@ from ...control.frequency.point import POSITION
 from ...control.linearise import Reduction
 from ...control.pid.requirements import Metrics, Requirements
 from ...estimation.fitted_model import Fitted
-from ...model.ecu import Notation
+from ...estimation.remedies import listed
+from ...model.ecu import Ecu, Notation
+from ...model.ecus import RUSEFI, differences
 from ...run_folder import rusefi
 from ..blocks import headed, plain_table, rig_title, sentences
 from ..numbers import Digits, short
@@ -140,7 +142,8 @@ def _computer(design: Design) -> list[str]:
     """The ECU that all gains are tried in, and which of them it has now."""
     ecu = design.task.ecu
     clock, late, slow = (f"{short(1e3 * each)} ms" for each in (ecu.period, ecu.delay, ecu.filter))
-    limits = f"ECU: ticks of {clock}, delay {late}, derivative filter {slow}, output within {short(ecu.supply)} V"
+    limits = f"ECU: ticks of {clock}, delay {late}, derivative filter {slow}, output within {short(ecu.limit)} V"
+    limits += f", integral within {short(ecu.integral * ecu.supply)} V" if ecu.integral else ""
     if design.fitted.config.ecu is None:
         return [limits]
     return [f"{limits}; what the command does not give is [ecu]'s of rig.toml",
@@ -185,12 +188,31 @@ def _proposed(design: Design) -> RenderableType:
     table = plain_table("proposed", "P", "I", "D", "unit")
     table.add_row("continuous time", *(short(g, 5) for g in gains), "V/rad, s")
     table.add_row(f"ticks of {short(1e3 * ecu.period)} ms", *(short(g, 5) for g in native), "V/rad, ticks")
-    table.add_row("rusEFI", *(short(his[k], 5) for k in ("pFactor", "iFactor", "dFactor")), "% duty / % travel, s")
+    if his is not None:
+        table.add_row("rusEFI", *(short(his[k], 5) for k in ("pFactor", "iFactor", "dFactor")), "% duty / % travel, s")
     if (own := design.fitted.config.notation) is not None:
         table.add_row("as in rig.toml", *(short(g, 5) for g in design.written(gains, own)), own.title)
-    curve = plain_table("rusEFI bias curve", *(f"{x:g}" for x in his["etbBiasBins"]), "% travel")
-    curve.add_row("holding duty", *(f"{y:g}" for y in his["etbBiasValues"]), "%")
     word = "with the bias curve"
-    if not his["gains_found_with_bias"]:
+    if design.task.loop.bias is None:
         word = "WITHOUT the bias curve: leave it at 0, or design with --feed-forward"
-    return headed(f"Gains of {design.chosen.rule}, found {word}", Group(table, Text(), curve))
+    parts = [table, Text(), _curve(design), *(_not_for_rusefi(ecu) if his is None else [])]
+    return headed(f"Gains of {design.chosen.rule}, found {word}", Group(*parts))
+
+
+def _curve(design: Design) -> RenderableType:
+    """Duty that holds the plate, and at which it begins to move."""
+    bias, supply = design.bias, design.task.ecu.supply
+    table = plain_table("bias curve", *(short(100.0 * x, 4) for x in design.task.loop.share(bias.angles)), "% travel")
+    for name, volts in (("holding", bias.hold), ("opening", bias.opening), ("closing", bias.closing)):
+        table.add_row(f"{name} duty", *(short(100.0 * v / supply, 4) for v in volts), "%")
+    return table
+
+
+def _not_for_rusefi(ecu: Ecu) -> list[RenderableType]:
+    other = listed([_FIELDS[field] for field in differences(ecu, RUSEFI)])
+    said = f"None for rusEFI: it differs from the controller tried here in its {other}. Design with --ecu rusefi."
+    return [Text(), Text(said)]
+
+
+_FIELDS = {"period": "clock (2 ms)", "filter": "derivative (not filtered)", "duty": "duty (within +-90 %)",
+           "integral": "integral (within +-30 % of duty)"}  # fmt: skip
