@@ -14,6 +14,7 @@ import numpy as np
 from ..model.throttle import Throttle
 from ..problem.free_parameters import FreeParameters
 from ..rig.base import RigConfig
+from .fit_state import SOUND, FitState
 
 
 @dataclass(frozen=True, eq=False)
@@ -24,13 +25,15 @@ class Fitted:
         config: of the rig.
         free_parameters: what was free in it.
         x: coordinates at the optimum, shape (P,).
-        covariance: of the coordinates, shape (P, P).
+        covariance: of the coordinates, as wide as their intervals are stated, shape (P, P).
+        state: in which its fit ended.
     """
 
     config: RigConfig
     free_parameters: FreeParameters
     x: np.ndarray
     covariance: np.ndarray
+    state: FitState = SOUND
 
     @cached_property
     def values(self) -> dict[str, float]:

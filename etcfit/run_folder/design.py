@@ -28,6 +28,7 @@ def design_json(design: Design) -> dict[str, Any]:
         "rig": design.fitted.config.name,
         "synthetic": design.fitted.config.synthetic,
         "model": {"effects": [effect.name for effect in design.fitted.free_parameters.layout.types]},
+        "fit": design.fitted.state,
         "rule": chosen.rule,
         "gains": _gains(chosen.gains),
         "ecu": _native(design, chosen.gains),

@@ -43,6 +43,8 @@ class Scores:
         return rmse * (1.0 + np.where(missed > 0.0, 1.0 + self.settings.weight * missed, 0.0))
 
 
+_WORST = 180.0  # dB or degrees that an unstable loop misses a margin by where no change of gain or phase mends it
+
 Score = Callable[[np.ndarray], Scores]  # of logarithms of gains, shape (G, 3)
 
 
@@ -134,7 +136,7 @@ def scores(task: Task, gains: Gains, loop: Loop, linear: OpenLoop, setpoint: Set
     """Figures of gains of shape (G,) over the draws of a loop, whose linear plants have shape (D, 1)."""
     asked = task.requirements
     judged = loop.judged(gains, setpoint)
-    gain, phase = linear.margins(Gains(*(np.asarray(g)[None] for g in gains)))
+    gain, phase = (np.maximum(m, -_WORST) for m in linear.margins(Gains(*(np.asarray(g)[None] for g in gains))))
     longest = max(level.ends - level.begins for level in setpoint.levels)
     settling = np.minimum(np.asarray(judged.settling_s), 2.0 * longest)
     over = (

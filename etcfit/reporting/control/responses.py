@@ -32,6 +32,7 @@ def draw(design: Design) -> Figure:
     title = f"{design.fitted.config.name}  ·  every rule on the paper's trapezoid  ·  {unit}"
     fig.suptitle(title, x=0.07, y=1.0 - 0.1 / tall, ha="left", va="top", fontsize=13)
     style.legend(fig, panels[:1], 0.07, 1.0 - 0.4 / tall, "upper left")
+    style.caution(fig, design.fitted.state.cautions, 1.0 - 0.3 / tall)
     return fig
 
 

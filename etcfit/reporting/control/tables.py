@@ -19,6 +19,7 @@ from ...model.ecu import Ecu, Notation
 from ...model.ecus import RUSEFI, differences
 from ...run_folder import rusefi
 from ..blocks import headed, plain_table, rig_title, sentences
+from ..compromise import cautioned
 from ..numbers import Digits, short
 
 
@@ -41,7 +42,10 @@ def reduction_table(fitted: Fitted, reduction: Reduction, pade_order: int) -> Re
         "dry friction and preload have no transfer function and are left out",
         _extra(reduction, pade_order),
     ]
-    return Group(rig_title(fitted.config, "transfer function"), *(Text("  " + line) for line in lines), table)
+    if fitted.state.compromise is not None:
+        lines.append("stderr: 1.96 of them reach as far as the ranges that subsets of the data give; no standard error")
+    whole = Group(rig_title(fitted.config, "transfer function"), *(Text("  " + line) for line in lines), table)
+    return cautioned(whole, fitted.state)
 
 
 def _pole(pole: complex) -> str:
@@ -114,13 +118,17 @@ def design_table(design: Design) -> RenderableType:
         table.add_row(*_row(tuned, task.requirements))
     asked = task.requirements
     source = "posterior" if design.origin == "posterior" else "the fit's Laplace approximation"
+    if design.fitted.state.compromise is not None:
+        source += (
+            ", as wide as the ranges that subsets of the data give; no probability, for the model is not the plant"
+        )
     words = [
         "V/rad, V/(rad s), V s/rad; figures of the nonlinear model on the trapezoid of 5 to 45 % at 1 Hz, "
         "worst of both edges; a settling time of -: not settled before the setpoint changes again",
         f"asked: overshoot < {asked.overshoot_pct:g} %, settling < {asked.settling_s:g} s, steady-state error < "
         f"{asked.steady_state_error_pct:g} %; margins {asked.gain_margin_db:g} dB, {asked.phase_margin_deg:g} degrees",
-        f"P(met): share of {design.draws} models from {source} whose response meets all three "
-        "and whose linear loop is stable",
+        f"P(met): share of {design.draws} models whose response meets all three and whose linear loop is stable; drawn "
+        f"from {source}",
         *_computer(design),
     ]
     refused = [f"{t.rule}: {t.why}" for t in design.tuned.values() if t.gains is None]
@@ -135,7 +143,7 @@ def design_table(design: Design) -> RenderableType:
             "Not met. What binds: eased alone, each of these would let the optimum meet everything", design.limits
         ),
     ]
-    return Group(*(part for part in parts if part is not None))
+    return cautioned(Group(*(part for part in parts if part is not None)), design.fitted.state)
 
 
 def _computer(design: Design) -> list[str]:
