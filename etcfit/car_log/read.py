@@ -39,6 +39,7 @@ KNOWN: dict[str, tuple[str, ...]] = {
 }  # fmt: skip
 _TARGETS = ("target", "setpoint", "demand", "desired", "request")  # words of what may be a setpoint
 _PLATE = re.compile(r"(throttle|etb|dbw)\b.*\bpos", re.IGNORECASE)  # of what may be the plate's position
+_TPS = re.compile(r"tps1?\s*([\[(].*[\])])?", re.IGNORECASE)
 _UNITS = {"time": "s", "position": "%", "setpoint": "%"}
 _SECONDS = {"s", "sec", "secs", "seconds", ""}
 _UNIT = re.compile(r"(?P<bare>.+?)\s*[\[(](?P<unit>s|sec|secs|seconds|ms|%|deg|V|rad)[\])]\s*", re.IGNORECASE)
@@ -85,9 +86,13 @@ def read_log(path: Path, config: RigConfig, toml: str) -> DriveLog:
                     written, " ".join(filter(None, hints)))  # fmt: skip
 
 
+def _may_be_target(name: str) -> bool:
+    return any(word in name.casefold() for word in _TARGETS)
+
+
 def _of_setpoint(header: Sequence[str]) -> str:
     """How to name the setpoint among columns of which none is known to be it."""
-    like = [name for name in header if any(word in name.casefold() for word in _TARGETS)]
+    like = [name for name in header if _may_be_target(name)]
     there = f"Columns that may be it: {', '.join(like)}. " if like else "No column looks like it. "
     example = like[0] if like else "TP Target"
     return f'No setpoint was found. {there}Name it in rig.toml: [columns] "{example}" = "setpoint [%]".'
@@ -95,8 +100,8 @@ def _of_setpoint(header: Sequence[str]) -> str:
 
 def _of_position(taken: str, header: Sequence[str]) -> str:
     """How to name the plate where what was taken for it may be the pedal."""
-    like = [name for name in header if _PLATE.search(name) and name != taken]
-    if not (taken.casefold().startswith("tps") and like):
+    like = [name for name in header if _PLATE.search(name) and not _may_be_target(name)]
+    if not (_TPS.fullmatch(taken) and like):
         return ""
     return (f"'{taken}' was taken for the plate; in some ECUs (MaxxECU) it is the pedal. Columns that may be the "
             f'plate: {", ".join(like)}. Name it in rig.toml: [columns] "{like[0]}" = "position [%]".')  # fmt: skip

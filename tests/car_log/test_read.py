@@ -210,6 +210,11 @@ def test_a_pedal_that_may_pass_for_the_plate_is_told(tmp_path: Path) -> None:
     assert '"ETB pos actual" = "position [%]"' in hint
 
 
+def test_a_target_is_no_other_plate(tmp_path: Path) -> None:
+    headers = {"time": "Time", "position": "TPS", "setpoint": "DBW Throttle Target Position"}
+    assert one(written(tmp_path, a__csv=car_logs.csv(LOG, headers))).hint == ""
+
+
 def test_a_setpoint_by_an_unknown_name_is_asked_for(tmp_path: Path) -> None:
     headers = {"time": "Time", "position": "TP", "setpoint": "Blade demand"}
     log = one(written(tmp_path, a__csv=car_logs.csv(LOG, headers)))
