@@ -61,6 +61,7 @@ if TYPE_CHECKING:
     from .estimation.settings import FitSettings as FitSettings
     from .experiment.settings import AdviceSettings as AdviceSettings
     from .experiment.settings import CheckSettings as CheckSettings
+    from .model.ecus import ECUS as ECUS
     from .model.effects import EFFECTS as EFFECTS
     from .model.effects import AbstractEffect as AbstractEffect
     from .model.effects import Contribution as Contribution
@@ -94,6 +95,7 @@ MODULE_OF = {
     "EFFECTS": "model.effects",
     "TESTS": "rig",
     "DATASETS": "datasets",
+    "ECUS": "model.ecus",
     "RULES": "control.pid",
     "advise": "api.verbs",
     "check": "api.verbs",

@@ -9,7 +9,7 @@ from __future__ import annotations
 import functools
 import gc
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from enum import IntEnum
 from pathlib import Path
@@ -299,6 +299,9 @@ def reduce(
 def design(
     run: Run,
     rule: Annotated[str, typer.Option(help="Whose gains are proposed.", metavar="NAME")] = "optimal",
+    ecu: Annotated[
+        str | None, typer.Option(help="That they are for: rusefi; else as the options below say.", metavar="NAME")
+    ] = None,
     ecu_period: Annotated[
         str | None, typer.Option(help="Of the ECU's clock; else [ecu]'s in rig.toml, else 1ms.", metavar="TIME")
     ] = None,
@@ -314,13 +317,27 @@ def design(
 ) -> None:
     """PID gains for the model in RUN (after a diagnosis, the final one): every rule compared, one proposed."""
     times = {"period": ("--ecu-period", ecu_period), "delay": ("--ecu-delay", ecu_delay)}
-    ecu = {field: _seconds(option, text) for field, (option, text) in times.items() if text is not None}
-    if ecu.get("period") == 0.0:
+    given = {field: _seconds(option, text) for field, (option, text) in times.items() if text is not None}
+    if given.get("period") == 0.0:
         raise UsageError(f"--ecu-period {ecu_period}: the period must be longer than 0. Write, say, 1ms.")
+    fixed = _of_ecu(ecu)
+    if doubled := [option for field, (option, _) in times.items() if field in fixed and field in given]:
+        raise UsageError(f"{doubled[0]}: {ecu} fixes it. Leave it out.")
     limits = overshoot, _seconds("--settling", settling), error
     with _progress(quiet) as progress:
-        done = stages.design_run(stages.opened(run), progress, rule, adc_bits, feed_forward, limits, ecu)
+        done = stages.design_run(stages.opened(run), progress, rule, adc_bits, feed_forward, limits, {**given, **fixed})
     _tell(done)
+
+
+def _of_ecu(name: str | None) -> Mapping[str, float]:
+    """What the source of an engine computer fixes, by field of `Ecu`."""
+    from .model.ecus import ECUS
+
+    if name is None:
+        return {}
+    if name not in ECUS:
+        raise UsageError(f"--ecu {name}: no such engine computer. Known: {', '.join(ECUS)}.")
+    return ECUS[name]
 
 
 _SECONDS = {"us": 1e-6, "ms": 1e-3, "s": 1.0}

@@ -101,7 +101,7 @@ def sample_run(run: RunFolder, report: Report, steps: int = SamplingSettings.mos
     keep_posterior(run, posterior, profiled, {"steps": steps}, report)
     here = posterior.convergence
     why = "" if here.converged else f"this is no posterior yet: {here.reason} `etcfit sample` goes on from here."
-    return Done(cautioned(posterior_table(posterior, profiled), result), why or failure(result))
+    return Done(cautioned(posterior_table(posterior, profiled), result.state), why or failure(result))
 
 
 def reduce_run(
@@ -118,12 +118,11 @@ def reduce_run(
 
     from .api.control import plant_of
     from .api.saving import keep_reduction
-    from .reporting.compromise import cautioned
     from .reporting.control.tables import reduction_table, sine_table
 
     reduction, response = plant_of(result, input, output, at, report)
     keep_reduction(run, result, reduction, response, pade_order, report)
-    table = cautioned(reduction_table(result.fitted(), reduction, pade_order), result)
+    table = reduction_table(result.fitted(), reduction, pade_order)
     return Done(table if response is None else Group(table, sine_table(response)), failure(result))
 
 
@@ -153,7 +152,6 @@ def design_run(
     from .api.saving import keep_design
     from .control.design import DRAWS, SEED
     from .control.pid import Requirements
-    from .reporting.compromise import cautioned
     from .reporting.control.tables import design_table
     from .run_folder import read_draws
 
@@ -172,7 +170,7 @@ def design_run(
     )
     settings = {"rule": rule, "adc_bits": adc_bits, "feed_forward": feed_forward, "limits": limits, "ecu": ecu}
     keep_design(run, result, found, settings, report)
-    return Done(cautioned(design_table(found), result), failure(result))
+    return Done(design_table(found), failure(result))
 
 
 def write_report(run: RunFolder, report: Report) -> Done:

@@ -270,7 +270,9 @@ def test_reduce_and_design_without_a_fit_are_usage_errors(invoke, command: str) 
 @pytest.mark.parametrize(
     ("words", "given"),
     [((), {}), (("--ecu-period", "2ms"), {"period": 2e-3}),
-     (("--ecu-delay", "0ms", "--ecu-period", "5ms"), {"period": 5e-3, "delay": 0.0})],
+     (("--ecu-delay", "0ms", "--ecu-period", "5ms"), {"period": 5e-3, "delay": 0.0}),
+     (("--ecu", "rusefi", "--ecu-delay", "1ms"),
+      {"period": 2e-3, "filter": 0.0, "duty": 0.9, "integral": 0.3, "delay": 1e-3})],
 )  # fmt: skip
 def test_design_passes_on_what_is_given_of_the_ecu_and_no_more(
     invoke, monkeypatch: pytest.MonkeyPatch, words: tuple[str, ...], given: dict[str, float]
@@ -285,6 +287,16 @@ def test_an_ecu_without_a_clock_is_a_usage_error(invoke) -> None:
     done = invoke("design", "bench", "--ecu-period", "0ms", "--quiet")
     assert done.exit_code == 2
     assert "longer than 0" in done.stderr
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [(("--ecu", "motronic"), "Known: rusefi"), (("--ecu", "rusefi", "--ecu-period", "1ms"), "--ecu-period: rusefi")],
+)
+def test_an_engine_computer_unknown_or_contradicted_is_a_usage_error(invoke, words: tuple[str, ...], said: str) -> None:
+    done = invoke("design", "bench", *words, "--quiet")
+    assert done.exit_code == 2
+    assert said in done.stderr
 
 
 @pytest.mark.slow

@@ -123,7 +123,7 @@ class Designed:
 
     @property
     def _alarm(self) -> str:
-        return "" if self.fit.converged else f"for a fit that did NOT CONVERGE: {self.fit.reason}"
+        return " ".join(self.fit.result.state.cautions)
 
     def __repr__(self) -> str:
         met = [name for name, t in self.design.tuned.items() if t.meets_all]

@@ -34,7 +34,7 @@ class Driven:
     @property
     def table(self) -> pd.DataFrame:
         """Indexed by log: seconds, share_between (of the time, 0 to 1), dominant_hz, half_hz, rmse_pct, rmse_stderr,
-        lag_s, demand_pct_s; NaN where a log does not tell.
+        lag_s, lag_stderr, demand_pct_s; NaN where a log does not tell.
         """
         every = self.studies
         columns = {
@@ -45,6 +45,7 @@ class Driven:
             "rmse_pct": numbers(None if s.tracking is None else s.tracking.rmse for s in every),
             "rmse_stderr": numbers(None if s.tracking is None else s.tracking.stderr for s in every),
             "lag_s": numbers(None if s.tracking is None else s.tracking.lag for s in every),
+            "lag_stderr": numbers(None if s.tracking is None else s.tracking.lag_stderr for s in every),
             "demand_pct_s": numbers(None if s.tracking is None else s.tracking.demand for s in every),
         }
         return indexed(columns, [s.log.name for s in every], "log")

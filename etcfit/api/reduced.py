@@ -127,7 +127,7 @@ class Reduced:
 
     @property
     def _alarm(self) -> str:
-        return "" if self.fit.converged else f"of a fit that did NOT CONVERGE: {self.fit.reason}"
+        return " ".join(self.fit.result.state.cautions)
 
     def _repr_html_(self) -> str:
         return words.card(

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -30,7 +31,19 @@ class Series:
     def weight(self) -> np.ndarray:
         """Seconds that each sample stands for, shape (n,); a gap counts for one usual step."""
         ahead = np.append(np.diff(self.time), self.step)
-        return np.where(ahead > max(5.0 * self.step, _GAP), self.step, ahead)
+        return np.where(ahead > self._longest, self.step, ahead)
+
+    @property
+    def pieces(self) -> tuple[Series, ...]:
+        """The parts between its gaps."""
+        ends = np.flatnonzero(np.diff(self.time) > self._longest) + 1
+        parts = zip(np.split(self.time, ends), np.split(self.value, ends), strict=True)
+        return tuple(Series(time, value) for time, value in parts)
+
+    @property
+    def _longest(self) -> float:
+        """Step that is no gap, s."""
+        return max(5.0 * self.step, _GAP)
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,8 +54,12 @@ class DriveLog:
         name: of its file.
         position: of the plate.
         setpoint: what the ECU asks of it; None where it was not logged.
+        columns: header in the file of each quantity that was taken.
+        hint: what a reader may do where a quantity was not found.
     """
 
     name: str
     position: Series
     setpoint: Series | None
+    columns: Mapping[str, str] = field(default_factory=dict)
+    hint: str = ""

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import re
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -17,23 +18,31 @@ from ..rig.mlg import read_mlg
 from ..rig.msl import read_msl
 from ..rig.names import refuse_foreign_names
 from ..rig.table import Table, decode, parse
+from .ecu_csv import plain
 from .log import DriveLog, Series
 
 READERS: dict[str, Callable[[bytes, str], Table]] = {
-    ".csv": lambda raw, where: parse(decode(raw, where), where),
+    ".csv": lambda raw, where: parse(plain(decode(raw, where)), where),
     ".msl": read_msl,
     ".mlg": read_mlg,
 }
 
-# what ECUs call them, in small letters; [columns] of rig.toml comes first
+# what ECUs call them, in small letters, the surest first; [columns] of rig.toml comes before all
 KNOWN: dict[str, tuple[str, ...]] = {
     "time": ("time", "timestamp"),
-    "position": ("tps", "tp", "tp (main)", "throttle position", "throttle position sensor", "etb position", "tps1"),
-    "setpoint": ("etb: position target", "etb position target", "etb target", "etbtarget", "throttle target",
-                 "target throttle", "dbw target", "etb setpoint"),
+    # "TPS" last: beside a name of the plate's own it is the pedal (MaxxECU)
+    "position": ("etb position", "e-throttle position", "throttle position", "throttle position sensor",
+                 "tp (main)", "tps (main)", "tp", "tps1", "tps"),
+    "setpoint": ("etb: position target", "etb position target", "etb target", "etbtarget", "etb setpoint",
+                 "e-throttle target", "dbw throttle target position", "dbw target", "throttle target",
+                 "target throttle", "throttle position target", "tp target", "tps target"),
 }  # fmt: skip
+_TARGETS = ("target", "setpoint", "demand", "desired", "request")  # words of what may be a setpoint
+_PLATE = re.compile(r"(throttle|etb|dbw)\b.*\bpos", re.IGNORECASE)  # of what may be the plate's position
+_TPS = re.compile(r"tps1?\s*([\[(].*[\])])?", re.IGNORECASE)
 _UNITS = {"time": "s", "position": "%", "setpoint": "%"}
 _SECONDS = {"s", "sec", "secs", "seconds", ""}
+_UNIT = re.compile(r"(?P<bare>.+?)\s*[\[(](?P<unit>s|sec|secs|seconds|ms|%|deg|V|rad)[\])]\s*", re.IGNORECASE)
 
 
 def read_logs(folder: Path | str) -> tuple[RigConfig, tuple[DriveLog, ...]]:
@@ -61,42 +70,75 @@ def read_log(path: Path, config: RigConfig, toml: str) -> DriveLog:
     Raises:
         MeasurementError: it cannot be read, or has no time or position.
     """
-    table = READERS[path.suffix.casefold()](path.read_bytes(), str(path))
-    table = _named(table, config)
+    whole = READERS[path.suffix.casefold()](path.read_bytes(), str(path))
+    taken = _taken(whole, config)
+    table = replace(whole, header=tuple(taken.values()), cells=whole.cells[:, list(taken)])
     columns = read_columns(table, config, str(path), toml)
     if "position" not in columns:
         raise MeasurementError(str(path), "no position of the plate among its columns.",
                                "A log from the car needs it, in per cent, degrees or sensor volts.",
                                'Name its column in rig.toml: [columns] "TP (Main)" = "position [%]".')  # fmt: skip
     setpoint = columns.get("setpoint")
+    written = {str(_quantity(name)): whole.header[k] for k, name in taken.items()}
+    hints = (_of_position(written["position"], whole.header), "" if setpoint else _of_setpoint(whole.header))
     return DriveLog(path.name, _series(columns["time"], columns["position"], config, str(path)),
-                    None if setpoint is None else _series(columns["time"], setpoint, config, str(path)))  # fmt: skip
+                    None if setpoint is None else _series(columns["time"], setpoint, config, str(path)),
+                    written, " ".join(filter(None, hints)))  # fmt: skip
 
 
-def _named(table: Table, config: RigConfig) -> Table:
-    """The columns that matter here, by names that `read_columns` knows; an ECU logs hundreds of others."""
-    ours: dict[int, str] = {}
+def _may_be_target(name: str) -> bool:
+    return any(word in name.casefold() for word in _TARGETS)
+
+
+def _of_setpoint(header: Sequence[str]) -> str:
+    """How to name the setpoint among columns of which none is known to be it."""
+    like = [name for name in header if _may_be_target(name)]
+    there = f"Columns that may be it: {', '.join(like)}. " if like else "No column looks like it. "
+    example = like[0] if like else "TP Target"
+    return f'No setpoint was found. {there}Name it in rig.toml: [columns] "{example}" = "setpoint [%]".'
+
+
+def _of_position(taken: str, header: Sequence[str]) -> str:
+    """How to name the plate where what was taken for it may be the pedal."""
+    like = [name for name in header if _PLATE.search(name) and not _may_be_target(name)]
+    if not (_TPS.fullmatch(taken) and like):
+        return ""
+    return (f"'{taken}' was taken for the plate; in some ECUs (MaxxECU) it is the pedal. Columns that may be the "
+            f'plate: {", ".join(like)}. Name it in rig.toml: [columns] "{like[0]}" = "position [%]".')  # fmt: skip
+
+
+def _taken(table: Table, config: RigConfig) -> dict[int, str]:
+    """Places of the columns that matter here, and names that `read_columns` knows; an ECU logs hundreds of others.
+
+    Of several for one quantity the one by the surest name, then the first.
+    """
+    best: dict[str, tuple[int, int, str]] = {}
     for k, header in enumerate(table.header):
-        name = _ours(header, config)
-        if name is not None and _quantity(name) not in {_quantity(other) for other in ours.values()}:
-            ours[k] = name
-    return replace(table, header=tuple(ours.values()), cells=table.cells[:, list(ours)])
+        found = _ours(header, config)
+        if found is None:
+            continue
+        name, rank = found
+        quantity = str(_quantity(name))
+        best[quantity] = min(best.get(quantity, (rank, k, name)), (rank, k, name))
+    return {k: name for _, k, name in sorted(best.values(), key=lambda each: each[1])}
 
 
-def _ours(header: str, config: RigConfig) -> str | None:
-    """A header as we write it, where it is one of time, position or setpoint."""
-    bare = header.rpartition(" [")[0] or header
+def _ours(header: str, config: RigConfig) -> tuple[str, int] | None:
+    """A header as we write it, where it is one of time, position or setpoint, and how sure that is, 0 the surest."""
+    match = _UNIT.fullmatch(header)
+    bare = match["bare"] if match else header.rpartition(" [")[0] or header
     for foreign in (header, bare, header.replace("[", "(").replace("]", ")")):
         if foreign in config.columns:
             name = config.columns[foreign]
-            return name if _quantity(name) in KNOWN else None
+            return (name, 0) if _quantity(name) in KNOWN else None
     if _quantity(header) in KNOWN:
-        return header
+        return header, 0
     quantity = next((q for q, names in KNOWN.items() if bare.casefold() in names), None)
     if quantity is None:
         return None
-    unit = header[len(bare) :].strip(" []")
-    return f"{quantity} [{_UNITS[quantity] if unit.casefold() in _SECONDS else unit}]"
+    unit = match["unit"] if match else header[len(bare) :].strip(" []")
+    told = _UNITS[quantity] if unit.casefold() in _SECONDS else unit
+    return f"{quantity} [{told}]", 1 + KNOWN[quantity].index(bare.casefold())
 
 
 def _quantity(header: str) -> str | None:

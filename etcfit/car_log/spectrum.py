@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -34,20 +35,33 @@ class Spectrum:
 def spectrum(position: Series) -> Spectrum | None:
     """Welch's periodogram, Hann windows of 10 s that overlap by half; None of a log shorter than four seconds.
 
+    No window lies across a gap of the log, where a straight line would stand for what was not logged.
+
     Source: Welch 1967. Differs from source: the peak is read off a parabola through its three highest points, in log.
     """
     step = position.step
-    time = np.arange(position.time[0], position.time[-1], step)
-    even = np.interp(time, position.time, position.value)
-    samples = min(even.size, round(_SEGMENT / step))
+    evens = [_even(piece, step) for piece in position.pieces if piece.time.size > 1]
+    samples = min(max(even.size for even in evens), round(_SEGMENT / step))
     if samples * step < 1.0 / _SLOWEST:
         return None
-    frequency, power = welch(even, fs=1.0 / step, nperseg=samples, detrend="linear", scaling="spectrum")
+    frequency, power = _over_pieces([even for even in evens if even.size >= samples], samples, step)
     felt = (frequency >= _SLOWEST) & (frequency <= _MOST)
     frequency, power = frequency[felt], power[felt]
     grown = np.cumsum(power)
     half = float(np.interp(0.5 * grown[-1], grown, frequency))
     return Spectrum(frequency, np.sqrt(power), _peak(frequency, power), half)
+
+
+def _even(piece: Series, step: float) -> np.ndarray:
+    """Its values at even steps (s)."""
+    return np.interp(np.arange(piece.time[0], piece.time[-1], step), piece.time, piece.value)
+
+
+def _over_pieces(evens: Sequence[np.ndarray], samples: int, step: float) -> tuple[np.ndarray, np.ndarray]:
+    """Frequency and power, a piece weighing by its length."""
+    found = [welch(even, fs=1.0 / step, nperseg=samples, detrend="linear", scaling="spectrum") for even in evens]
+    powers = np.array([power for _, power in found])
+    return found[0][0], np.average(powers, axis=0, weights=[even.size for even in evens])
 
 
 def _peak(frequency: np.ndarray, power: np.ndarray) -> float:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -14,6 +14,7 @@ from .tracking import Tracking, tracking
 from .usage import BOUNDS, Usage, usage
 
 _CLEAR = 2.0  # standard errors by which two logs must differ
+_MANY = "more than 100"
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,16 +61,27 @@ def verdict(before: Study, after: Study) -> str:
     text = f"RMSE {was.rmse:.2f} -> {now.rmse:.2f} % of travel"
     if was.lag is not None and now.lag is not None:
         text += f", lag {1e3 * was.lag:.0f} -> {1e3 * now.lag:.0f} ms"
-    return f"{text}. {_clear(was, now)} {_alike(was, now)}"
+    return " ".join((f"{text}.", *_clear(was, now), _alike(was, now)))
 
 
-def _clear(was: Tracking, now: Tracking) -> str:
+def _clear(was: Tracking, now: Tracking) -> Iterator[str]:
+    """How sure the difference in RMSE is, and that in lag."""
     if was.stderr is None or now.stderr is None:
-        return "The logs are too short to say by how much the RMSE varies by itself."
+        yield "The logs are too short to say by how much the RMSE varies by itself."
+        return
     sd = float(np.hypot(was.stderr, now.stderr))
-    if abs(now.rmse - was.rmse) < _CLEAR * sd:
-        return f"The difference in RMSE is within what it varies by itself ({sd:.2f} %)."
-    return f"The difference in RMSE is clear ({abs(now.rmse - was.rmse) / sd:.1f} standard errors)."
+    yield _told("RMSE", now.rmse - was.rmse, sd, f"{sd:.2f} %")
+    if was.lag is None or now.lag is None or was.lag_stderr is None or now.lag_stderr is None:
+        return
+    sd = float(np.hypot(was.lag_stderr, now.lag_stderr))
+    yield _told("lag", now.lag - was.lag, sd, f"{1e3 * sd:.1f} ms")
+
+
+def _told(name: str, difference: float, sd: float, shown: str) -> str:
+    if abs(difference) <= _CLEAR * sd:
+        return f"The difference in {name} is within what it varies by itself ({shown})."
+    errors = abs(difference) / max(sd, 1e-300)
+    return f"The difference in {name} is clear ({_MANY if errors > 100.0 else format(errors, '.1f')} standard errors)."
 
 
 def _alike(was: Tracking, now: Tracking) -> str:

@@ -10,6 +10,7 @@ from .log import Series
 
 _LONGEST = 1.0  # s of lag that are looked for
 _BLOCK = 5.0  # s: further apart, errors know nothing of each other
+_FEWEST = 4  # blocks that tell how much a figure varies
 _STILL = 0.5  # per cent: a setpoint that varies by less tells no lag
 
 
@@ -21,6 +22,7 @@ class Tracking:
         rmse: Eq. 9, per cent of travel.
         stderr: of it, from blocks of 5 s; None of a log of fewer than four.
         lag: by which the position comes after the setpoint, s; None where the setpoint hardly moves.
+        lag_stderr: of it, from the same blocks.
         left: RMSE against the setpoint delayed by the lag: what is not delay.
         demand: root mean square of the setpoint's rate, per cent a second: a lazier drive is easier to follow.
     """
@@ -28,6 +30,7 @@ class Tracking:
     rmse: float
     stderr: float | None
     lag: float | None
+    lag_stderr: float | None
     left: float | None
     demand: float
 
@@ -44,28 +47,47 @@ def tracking(position: Series, setpoint: Series) -> Tracking:
     wanted = np.interp(time, setpoint.time, setpoint.value)
     error = value - wanted
     rate = np.diff(wanted) / np.diff(time)
-    lag = _lag(time, value, setpoint) if wanted.std() > _STILL else None
+    lag, lag_stderr = _lag(time, value, setpoint) if wanted.std() > _STILL else (None, None)
     left = None if lag is None else _left(time, value, setpoint, lag)
-    return Tracking(_rms(error), _stderr(time, error), lag, left, _rms(rate))
+    return Tracking(_rms(error), _stderr(time, error), lag, lag_stderr, left, _rms(rate))
 
 
 def _rms(values: np.ndarray) -> float:
     return float(np.sqrt(np.mean(values**2)))
 
 
-def _lag(time: np.ndarray, value: np.ndarray, setpoint: Series) -> float:
-    """The best of many delays, then the lowest point of a parabola through it and its neighbours."""
+def _lag(time: np.ndarray, value: np.ndarray, setpoint: Series) -> tuple[float, float | None]:
+    """The best of many delays, and its standard error: the jackknife over blocks, None of fewer than four.
+
+    Source: Miller 1974, Biometrika 61(1), for the jackknife. Differs from source: blocks of 5 s are left out.
+    """
     step = min(float(np.median(np.diff(time))), 0.01)
     delays = step * np.arange(-round(0.1 / step), round(_LONGEST / step) + 1)
     inside = (time - delays[0] <= setpoint.time[-1]) & (time - delays[-1] >= setpoint.time[0])
     t, y = time[inside], value[inside]
     if t.size < 2:
-        return 0.0
-    cost = np.array([np.mean((y - np.interp(t - d, setpoint.time, setpoint.value)) ** 2) for d in delays])
+        return 0.0, None
+    block = np.unique(_blocks(t), return_inverse=True)[1]
+    missed = ((y - np.interp(t - d, setpoint.time, setpoint.value)) ** 2 for d in delays)
+    costs = np.array([np.bincount(block, each) for each in missed])  # a row a delay, a column a block
+    lag, count = _lowest(delays, costs.sum(axis=1)), costs.shape[1]
+    if count < _FEWEST:
+        return lag, None
+    without = np.array([_lowest(delays, costs.sum(axis=1) - column) for column in costs.T])
+    return lag, float(np.sqrt((count - 1) * np.mean((without - without.mean()) ** 2)))
+
+
+def _blocks(time: np.ndarray) -> np.ndarray:
+    """Number of the block in which each instant (s) lies."""
+    return ((time - time[0]) // _BLOCK).astype(int)
+
+
+def _lowest(delays: np.ndarray, cost: np.ndarray) -> float:
+    """The delay of least cost, on a parabola through it and its neighbours; evenly spaced, s."""
     k = int(np.clip(np.argmin(cost), 1, delays.size - 2))
     bend = cost[k - 1] - 2.0 * cost[k] + cost[k + 1]
     shift = 0.5 * (cost[k - 1] - cost[k + 1]) / bend if bend > 0.0 else 0.0
-    return float(delays[k] + step * np.clip(shift, -1.0, 1.0))
+    return float(delays[k] + (delays[1] - delays[0]) * np.clip(shift, -1.0, 1.0))
 
 
 def _left(time: np.ndarray, value: np.ndarray, setpoint: Series, lag: float) -> float:
@@ -75,8 +97,8 @@ def _left(time: np.ndarray, value: np.ndarray, setpoint: Series, lag: float) -> 
 
 def _stderr(time: np.ndarray, error: np.ndarray) -> float | None:
     """Of the RMSE, by the delta method from the scatter of the blocks' mean squares."""
-    block = ((time - time[0]) // _BLOCK).astype(int)
+    block = _blocks(time)
     squares = np.array([np.mean(error[block == k] ** 2) for k in np.unique(block)])
-    if squares.size < 4:
+    if squares.size < _FEWEST:
         return None
     return float(squares.std(ddof=1) / np.sqrt(squares.size) / (2.0 * max(_rms(error), 1e-12)))

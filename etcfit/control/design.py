@@ -39,7 +39,7 @@ class Tuned:
         linear, nonlinear: figures of the nominal model.
         met: by requirement, on the nominal nonlinear model.
         met_linear: by requirement, on the linear plant.
-        probability_met: share of the draws whose nonlinear response meets every requirement.
+        probability_met: share of the draws whose nonlinear response meets every requirement, by a stable loop.
         probability_stable: share of them whose gain and phase margins are what was asked for.
         band: position of the draws at each tick, quantiles 2.5, 50 and 97.5 %, shares of the travel, shape (3, K).
         linear_path: the linear plant's position, shape (K,).
@@ -58,9 +58,14 @@ class Tuned:
     linear_path: np.ndarray | None
 
     @property
+    def stable(self) -> bool:
+        """Whether the nominal linear loop is; friction and clamps may hide for one response that it is not."""
+        return self.linear is not None and bool(self.linear.gain_margin_db > 0.0)
+
+    @property
     def meets_all(self) -> bool:
-        """Every requirement, on the nominal nonlinear model."""
-        return bool(self.met) and all(self.met.values())
+        """Every requirement, on the nominal nonlinear model, by a loop that is stable."""
+        return self.stable and all(self.met.values())
 
 
 @dataclass(frozen=True, eq=False)
@@ -136,7 +141,7 @@ def task_of(
         ecu: the controller.
         requirements: what is asked for.
         drawn: coordinates of further models, shape (D, P); from the Laplace approximation where there are none.
-        feed_forward: with the curve of holding voltages and the dry friction ahead of the PID.
+        feed_forward: with the curve of holding voltages ahead of the PID.
         settings: how many draws, and the budgets of simulation and rules.
     """
     if drawn is None:
@@ -222,7 +227,7 @@ def judged(task: Task, found: Mapping[str, Gains | Refusal], setpoint: Setpoint)
             continue
         k = list(have).index(name)
         column = Judged(*(np.asarray(figure)[:, k] for figure in figures))
-        over_draws = _OverDraws(column, share[:, k], safe[0][:, k], safe[1][:, k])
+        over_draws = _OverDraws(column, share[:, k], safe.gain_db[:, k], safe.phase_deg[:, k])
         out[name] = _tuned(task, name, refusal, setpoint, over_draws)
     return out
 
@@ -250,7 +255,7 @@ def _tuned(task: Task, name: str, gains: Gains, setpoint: Setpoint, over_draws: 
     straight = linear_loop.respond(task.plant, gains, task.ecu, setpoint)
     linear = Metrics(*(float(v) for v in judge(setpoint, time, straight)), *margin)
     nonlinear = Metrics(*(float(v[0]) for v in column), *margin)
-    every = np.all([_below(column, asked, symbol) for symbol in REQUIRED], axis=0)
+    every = np.all([_below(column, asked, symbol) for symbol in REQUIRED], axis=0) & (gain_margin > 0.0)
     stable = (gain_margin >= asked.gain_margin_db) & (phase_margin >= asked.phase_margin_deg)
     return Tuned(
         rule=name,

@@ -72,15 +72,15 @@ class ManualSettings:
 
     Args:
         lowest: least gains tried besides 0, Kp (V/rad), Ki (V/(rad s)) and Kd (V s/rad).
-        highest: largest ones, likewise.
+        highest: largest ones, likewise; the rule refuses where the best proportional gain is the largest.
         count: of each gain, evenly spaced in the logarithm; Ki and Kd have 0 among them.
         quick: tracking error over the least that proportional gain alone reaches, up to which a gain is quick.
         calm: overshoot over the one allowed, below which a response is calm.
     """
 
     lowest: tuple[float, ...] = reals((0.2, 0.1, 1e-3), 1e-12, 1e12)
-    highest: tuple[float, ...] = reals((120.0, 5000.0, 3.0), 1e-12, 1e12)
-    count: int = whole(48, 2, 10_000)
+    highest: tuple[float, ...] = reals((1e3, 3e5, 40.0), 1e-12, 1e12)
+    count: int = whole(64, 2, 10_000)
     quick: float = real(1.05, 1.0, 100.0)
     calm: float = real(0.25, 0.0, 1.0)
 
@@ -103,6 +103,7 @@ class RelaySettings:
         hold: duration of each experiment, s; the first half lets the swing settle.
         turns: of the swing in the second half at least.
         clear: swing over the hysteresis above which it counts.
+        longest_step: of the integration, s; each turn of the relay leaves an error of that order.
     """
 
     hysteresis: float = real(0.005, 0.0, 0.5)
@@ -112,6 +113,7 @@ class RelaySettings:
     hold: float = real(2.0, 1e-3, 1e3)
     turns: int = whole(4, 2, 1000)
     clear: float = real(1.2, 1.0, 100.0)
+    longest_step: float = real(2.5e-5, 1e-7, 1.0)
 
     __post_init__ = check_ranges
 

@@ -15,6 +15,8 @@ import numpy as np
 
 from .settings import FitSettings
 
+Z_95 = 1.96  # half width of a 95 % interval, standard deviations
+
 
 @dataclass(frozen=True, eq=False)
 class Compromise:
@@ -48,6 +50,22 @@ class Compromise:
         highs = np.where(told, self.points + half * sd, -np.inf)
         alone = np.where(np.isnan(self.alone), np.inf, self.alone), np.where(np.isnan(self.alone), -np.inf, self.alone)
         return (np.min(np.vstack((low, lows, alone[0])), axis=0), np.max(np.vstack((high, highs, alone[1])), axis=0))
+
+    def covariance(self, half: float, stated: np.ndarray, x: np.ndarray, most: np.ndarray) -> np.ndarray:
+        """The covariance whose intervals reach as far as the ranges, correlations kept, shape (P, P).
+
+        Args:
+            half: half width of an interval, standard deviations.
+            stated: covariance for all the data, shape (P, P).
+            x: coordinates, shape (P,).
+            most: as in `ends`.
+        """
+        variance = np.diag(stated)
+        known = np.isfinite(variance) & (variance > 0.0)
+        sd = np.sqrt(np.where(known, variance, 1.0))
+        low, high = self.ends(half, x - half * sd, x + half * sd, most)
+        wider = np.where(known, np.maximum(high - x, x - low) / (half * sd), 1.0)
+        return stated * np.outer(wider, wider)
 
 
 def reason(far: bool, chi2: float, contradicting: Iterable[str], settings: FitSettings) -> str | None:

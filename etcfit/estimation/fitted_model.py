@@ -14,6 +14,7 @@ import numpy as np
 from ..model.throttle import Throttle
 from ..problem.free_parameters import FreeParameters
 from ..rig.base import RigConfig
+from .fit_state import SOUND, FitState
 from .settings import IdentifiabilitySettings
 
 
@@ -25,8 +26,9 @@ class Fitted:
         config: of the rig.
         free_parameters: what was free in it.
         x: coordinates at the optimum, shape (P,).
-        covariance: of the coordinates, shape (P, P).
+        covariance: of the coordinates, as wide as their intervals are stated, shape (P, P).
         identifiability: by what the fit called a parameter not known.
+        state: in which its fit ended.
     """
 
     config: RigConfig
@@ -34,6 +36,7 @@ class Fitted:
     x: np.ndarray
     covariance: np.ndarray
     identifiability: IdentifiabilitySettings = IdentifiabilitySettings()
+    state: FitState = SOUND
 
     @cached_property
     def values(self) -> dict[str, float]:

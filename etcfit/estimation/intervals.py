@@ -19,9 +19,8 @@ import jax.numpy as jnp
 import numpy as np
 
 from ..problem.free_parameters import Form, Pick
+from .compromise import Z_95
 from .joint_fit import FitResult
-
-Z_95 = 1.96  # half width of a 95 % interval, standard deviations
 
 
 @dataclass(frozen=True)

@@ -19,8 +19,9 @@ from ..rig.paper_readings import Readings
 from .agreement import agreement
 from .autocorrelation import inflation, widen
 from .budget import Budget
-from .compromise import Compromise
+from .compromise import Z_95, Compromise
 from .contradiction import Contradiction
+from .fit_state import FitState
 from .fitted_model import Fitted
 from .identifiability import Identifiability, analyse
 from .influence import Influence
@@ -131,9 +132,23 @@ class FitResult:
     def __repr__(self) -> str:
         return f"FitResult({self.rig.config.name!r}, chi2_per_dof={self.chi2_per_dof:.4g}, converged={self.converged})"
 
+    @property
+    def state(self) -> FitState:
+        """What every later stage must know of it."""
+        why = None if self.compromise is None else self.compromise.why
+        return FitState(float(self.chi2_per_dof), self.converged, self.reason, why)
+
     def fitted(self) -> Fitted:
         """The model alone, without the data."""
-        return Fitted(self.rig.config, self.free_parameters, self.x, self.covariance, self.settings.identifiability)
+        asked = self.settings.identifiability
+        return Fitted(self.rig.config, self.free_parameters, self.x, self._stated_covariance(), asked, self.state)
+
+    def _stated_covariance(self) -> np.ndarray:
+        """Of a compromise one as wide as the ranges that subsets of the data give."""
+        if self.compromise is None:
+            return self.covariance
+        most = self.settings.identifiability.weak * self.free_parameters.layout.reach(self.x)
+        return self.compromise.covariance(Z_95, self.covariance, self.x, most)
 
 
 @dataclass(frozen=True)

@@ -17,11 +17,14 @@ class Ecu(NamedTuple):
 
     Args:
         period: of its clock, s.
-        supply: its output stays within -supply and supply, V.
+        supply: V at a duty of 100 %; what the PID asks for stays within it.
         filter: time constant of the derivative's low-pass, s; 0 for none.
         delay: from a tick, where it reads, to where its output acts, s.
         pwm: resolution of the output, V; 0 for none.
         resolution: of the position it reads, rad; 0 for none.
+        duty: largest that it puts out, a share of the supply.
+        integral: largest that its integral may hold, a share of the supply, running on while the output is at its
+            limit; 0 for none, and then it stands still there.
     """
 
     period: float = 1e-3
@@ -30,6 +33,13 @@ class Ecu(NamedTuple):
     delay: float = 0.0
     pwm: float = 0.0
     resolution: float = 0.0
+    duty: float = 1.0
+    integral: float = 0.0
+
+    @property
+    def limit(self) -> Scalar:
+        """Its output stays within this and its negative, V."""
+        return self.duty * self.supply
 
     @property
     def late(self) -> float:
@@ -37,10 +47,15 @@ class Ecu(NamedTuple):
         return self.delay + 0.5 * self.period
 
     @property
+    def derivative_late(self) -> float:
+        """By how much its derivative lags that of the error, s: its filter, and half a period of the difference."""
+        return self.filter + 0.5 * self.period
+
+    @property
     def constants(self) -> dict[str, float]:
         """Its limits as parameters of `effects.controller`, never fitted: SI by symbol; those of its converters are not
         modelled there."""
-        return {"t_e": self.period, "tau_e": self.filter, "t_l": self.delay, "V_e": self.supply}
+        return {"t_e": self.period, "tau_e": self.filter, "t_l": self.delay, "V_e": self.limit}
 
 
 OUTPUTS, ERRORS, FORMS = ("V", "%"), ("rad", "deg", "%"), ("seconds", "ticks")

@@ -15,7 +15,7 @@ from ..car_log.study import verdict
 from ..car_log.usage import SHARE
 from ..files import plain, write_json
 from ..rig.base import RigConfig
-from .blocks import headed, plain_table, rig_title, spaced
+from .blocks import headed, plain_table, rig_title, sentences, spaced
 from .numbers import short
 
 if TYPE_CHECKING:
@@ -31,14 +31,24 @@ def drive_table(config: RigConfig, studies: Sequence[Study]) -> RenderableType:
     table.columns[1].justify = "right"
     for each in studies:
         table.add_row(each.log.name, f"{np.ptp(each.log.position.time):.0f} s", *_cells(each))
-    parts = [rig_title(config, "logs from the car"), headed("In per cent of travel", table)]
-    if len(studies) == 2:
-        parts.append(spaced(Text(f"{studies[0].log.name} -> {studies[1].log.name}: {verdict(*studies)}")))
-    return Group(*parts)
+    logs = [each.log for each in studies]
+    parts = [
+        rig_title(config, "logs from the car"),
+        headed("In per cent of travel", table),
+        sentences("Columns that were taken", [_columns(log) for log in logs if log.columns]),
+        sentences("What to look at", [f"{log.name}: {log.hint}" for log in logs if log.hint]),
+        spaced(Text(f"{logs[0].name} -> {logs[1].name}: {verdict(*studies)}")) if len(studies) == 2 else None,
+    ]
+    return Group(*(part for part in parts if part is not None))
 
 
 _HEADS = ("between", "share %", f"{100 * SHARE:.0f} % within", "dominant Hz", "half below Hz", "RMSE %", "+-", "lag ms",
-          "RMSE less lag %", "setpoint rate %/s")  # fmt: skip
+          "+-", "less lag %", "setpoint %/s")  # fmt: skip
+
+
+def _columns(log: DriveLog) -> str:
+    """As the file names them: a pedal that passes for the plate shows here."""
+    return f"{log.name}: " + ", ".join(f"{quantity} '{header}'" for quantity, header in log.columns.items())
 
 
 def _cells(each: Study) -> tuple[str, ...]:
@@ -50,10 +60,18 @@ def _cells(each: Study) -> tuple[str, ...]:
     )
     speed = ("-", "-") if tones is None else (f"{tones.dominant:.2f}", f"{tones.half:.2f}")
     if follows is None:
-        return (*where, *speed, "-", "-", "-", "-", "-")
+        return (*where, *speed, "-", "-", "-", "-", "-", "-")
     lag = None if follows.lag is None else 1e3 * follows.lag
-    error = f"{follows.rmse:.2f}", short(follows.stderr, 2), "-" if lag is None else f"{lag:.0f}"
-    return (*where, *speed, *error, short(follows.left), short(follows.demand))
+    off = f"{follows.rmse:.2f}", _spread(follows.stderr, 0.01)
+    late = ("-", "-") if lag is None else (f"{lag:.0f}", _spread(follows.lag_stderr, 0.1, 1e3))
+    return (*where, *speed, *off, *late, short(follows.left), short(follows.demand))
+
+
+def _spread(stderr: float | None, least: float, scale: float = 1.0) -> str:
+    """A standard error, no finer than the figure that it belongs to."""
+    if stderr is None:
+        return "-"
+    return short(scale * stderr, 2) if scale * stderr >= 0.5 * least else f"<{least:g}"
 
 
 def write_drive(run: Path, config: RigConfig, studies: Sequence[Study], report: Callable[[str, float], None]) -> None:
@@ -71,7 +89,8 @@ def write_drive(run: Path, config: RigConfig, studies: Sequence[Study], report: 
 def _json(each: Study) -> dict[str, Any]:
     keys = ("usage", "spectrum", "tracking")
     return plain(
-        {"file": each.log.name, "seconds": np.ptp(each.log.position.time)} | {k: getattr(each, k) for k in keys}
+        {"file": each.log.name, "seconds": np.ptp(each.log.position.time), "columns": each.log.columns}
+        | {k: getattr(each, k) for k in keys}
     )
 
 

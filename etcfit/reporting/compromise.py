@@ -1,16 +1,15 @@
-"""What is made from a model whose parameters are a compromise says so."""
+"""What is made from a fit that is no estimate says so."""
 
 from __future__ import annotations
 
 from rich.console import Group, RenderableType
 
-from ..estimation.result import FitResult
+from ..estimation.fit_state import FitState
 from .blocks import sentences
 
 
-def cautioned(part: RenderableType, result: FitResult) -> RenderableType:
-    """A table, and below it a caution where the parameters of its model are a compromise."""
-    if result.compromise is None:
+def cautioned(part: RenderableType, state: FitState) -> RenderableType:
+    """A table, and below it what a reader must know of the fit behind it."""
+    if not state.cautions:
         return part
-    text = f"The parameters behind this are a compromise, not estimates: {result.compromise.why}."
-    return Group(part, sentences("Caution", [text]) or "")
+    return Group(part, sentences("Caution", state.cautions) or "")

@@ -70,6 +70,12 @@ def figure(width: float, height: float, synthetic: bool) -> Figure:
     return fig
 
 
+def caution(fig: Figure, said: Sequence[str], y: float) -> None:
+    """What a reader must know of the fit behind a picture, on the right below the tag of made-up data; y as a part."""
+    text = "\n".join(textwrap.fill(each, 62) for each in said)
+    fig.text(0.985, y, text, color=TAG, fontsize=8, fontweight="bold", ha="right", va="top")
+
+
 def save(fig: Figure, path: Path) -> None:
     """A PNG, written whole or not at all."""
     if engine := fig.get_layout_engine():  # savefig would draw it all twice, once to find room for everything

@@ -10,7 +10,8 @@ from ..control.design import Design, Tuned
 from ..control.pid.gains import UNIT, Gains
 from ..control.pid.requirements import REQUIRED, Metrics
 from ..files import plain
-from ..model.ecu import Notation
+from ..model.ecu import Ecu, Notation
+from ..model.ecus import RUSEFI, differences
 from .fit import versions
 
 
@@ -27,6 +28,7 @@ def design_json(design: Design) -> dict[str, Any]:
         "rig": design.fitted.config.name,
         "synthetic": design.fitted.config.synthetic,
         "model": {"effects": [effect.name for effect in design.fitted.free_parameters.layout.types]},
+        "fit": design.fitted.state,
         "rule": chosen.rule,
         "gains": _gains(chosen.gains),
         "ecu": _native(design, chosen.gains),
@@ -36,6 +38,7 @@ def design_json(design: Design) -> dict[str, Any]:
         "requirements": {symbol: getattr(asked, symbol) for symbol in REQUIRED},
         "margins_asked": {"gain_margin_db": asked.gain_margin_db, "phase_margin_deg": asked.phase_margin_deg},
         "met": chosen.met,
+        "stable": chosen.stable,
         "met_linear": chosen.met_linear,
         "limits": list(design.limits),
         "posterior": {
@@ -63,6 +66,7 @@ def _native(design: Design, gains: Gains) -> dict[str, Any]:
         **design.written(gains, Notation(form="ticks"))._asdict(),
         "period_s": ecu.period, "unit": UNIT, "supply_V": ecu.supply,
         "derivative_filter_s": ecu.filter, "delay_s": ecu.delay, "pwm_V": ecu.pwm, "resolution_rad": ecu.resolution,
+        "duty_limit": ecu.duty, "integral_limit": ecu.integral or None,
     }  # fmt: skip
 
 
@@ -86,17 +90,22 @@ def _rule(design: Design, tuned: Tuned) -> dict[str, Any]:
         "linear": _metrics(tuned.linear),
         "nonlinear": _metrics(tuned.nonlinear),
         "met": tuned.met,
+        "stable": tuned.stable,
         "probability_met": tuned.probability_met,
         "probability_margins": tuned.probability_stable,
     }
 
 
-def rusefi(design: Design) -> dict[str, Any]:
+def rusefi(design: Design) -> dict[str, Any] | None:
     """The gains as rusEFI has them: % of duty over % of travel, per s and times s, and the bias curve of 8 points.
 
-    Source: rusEFI, electronic_throttle.cpp and pid.cpp: iFactor and dFactor are of continuous time, and the bias table
-    is added whatever the gains, so leave it at 0 where they were found without feed-forward.
+    None where they were sought for another controller than rusEFI's: there they would do something else.
+
+    Source: rusEFI, electronic_throttle.cpp and efi_pid.cpp: iFactor and dFactor are of continuous time, and the bias
+    table is added whatever the gains, so leave it at 0 where they were found without feed-forward.
     """
+    if differences(design.task.ecu, RUSEFI):
+        return None
     gains, ecu = design.chosen.gains, design.task.ecu
     assert gains is not None, "the proposed rule has gains"
     his = design.written(gains, Notation("%", "%"))
@@ -109,8 +118,17 @@ def rusefi(design: Design) -> dict[str, Any]:
         "periodMs": 1e3 * ecu.period,
         "minValue": -100,
         "maxValue": 100,
-        "etbBiasBins": np.round(share, 2),
-        "etbBiasValues": np.round(np.clip(100.0 * bias.hold / ecu.supply, -100.0, 100.0), 2),
+        "etb_iTermMin": -100.0 * ecu.integral,
+        "etb_iTermMax": 100.0 * ecu.integral,
+        "etbBiasBins": np.round(share, 3),
+        "etbBiasValues": _duty(bias.hold, ecu),
+        "duty_closing": _duty(bias.closing, ecu),
+        "duty_opening": _duty(bias.opening, ecu),
         "gains_found_with_bias": design.task.loop.bias is not None,
         "unit": "% duty, % travel",
     }
+
+
+def _duty(volts: np.ndarray, ecu: Ecu) -> np.ndarray:
+    """%, to two places."""
+    return np.round(np.clip(100.0 * volts / ecu.supply, -100.0, 100.0), 2)

@@ -38,6 +38,7 @@ def frequency_json(fitted: Fitted, response: FrequencyResponse) -> dict[str, Any
     return plain({
         "rig": fitted.config.name,
         "synthetic": fitted.config.synthetic,
+        "fit": fitted.state,
         "model": {"effects": [effect.name for effect in fitted.free_parameters.layout.types]},
         "units": {"closed_loop": "1", "plant": "rad/V", "controller": "V/rad", "phase": "rad"},
         "points": [

@@ -32,6 +32,7 @@ def posterior_json(posterior: Posterior, profiles: Mapping[str, Profile], bands:
         "converged": here.converged,
         "reason": here.reason,
         "model": {"effects": list(effects_of(fit))},
+        "fit": plain(fit.state),
         "parameters": parameters_json(posterior, profiles),
         "draws": int(np.prod(posterior.points.shape[:3])),
         "ensembles": len(chain.ensembles),

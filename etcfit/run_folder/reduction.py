@@ -27,6 +27,7 @@ def reduction_json(fitted: Fitted, reduction: Reduction, pade_order: int) -> dic
         "rig": fitted.config.name,
         "synthetic": fitted.config.synthetic,
         "model": {"effects": [effect.name for effect in fitted.free_parameters.layout.types]},
+        "fit": fitted.state,
         "input": {"name": INPUTS[reduction.input_unit], "unit": reduction.input_unit},
         "output": {"name": "position", "unit": unit},
         "operating_point": {

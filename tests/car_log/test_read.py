@@ -8,8 +8,11 @@ import numpy as np
 import pytest
 
 import car_logs
-from etcfit.car_log import read_logs
+from etcfit.car_log import DriveLog, read_logs, study
 from etcfit.errors import MeasurementError
+from etcfit.reporting.blocks import render
+from etcfit.reporting.car_log import drive_table
+from etcfit.rig.base import RigConfig
 from etcfit.rig.mlg import read_mlg
 from etcfit.rig.msl import read_msl
 
@@ -145,3 +148,78 @@ def test_a_log_without_a_position_says_how_to_name_it(tmp_path: Path) -> None:
 def test_an_empty_folder_says_what_it_may_hold(tmp_path: Path) -> None:
     with pytest.raises(MeasurementError, match=r"\.csv, \.msl, \.mlg"):
         read_logs(tmp_path)
+
+
+def one(folder: Path) -> DriveLog:
+    (log,) = read_logs(folder)[1]
+    return log
+
+
+@pytest.mark.parametrize(
+    "target",
+    ["TP Target", "DBW Throttle Target Position", "E-Throttle Target", "E-Throttle Target [%]", "TP Target (%)",
+     "Throttle Position Target", "etb target"],
+)  # fmt: skip
+def test_setpoints_as_ecus_call_them(tmp_path: Path, target: str) -> None:
+    headers = {"time": "Time (s)", "position": "Throttle Position (%)", "setpoint": target}
+    check(written(tmp_path, a__csv=car_logs.csv(LOG, headers)), 1e-4)
+    assert one(tmp_path).columns == {"time": "Time (s)", "position": "Throttle Position (%)", "setpoint": target}
+    assert one(tmp_path).hint == ""
+
+
+def lined(text: str) -> list[str]:
+    return text.splitlines()
+
+
+@pytest.mark.parametrize("quoted", [True, False])
+def test_a_csv_of_motec_with_what_stands_above_it_and_its_units_below(tmp_path: Path, quoted: bool) -> None:
+    mark = '"' if quoted else ""
+    head, *rows = lined(car_logs.csv(LOG, {"time": "Time", "position": "Throttle Position", "setpoint": "TP Target"}))
+    top = ["Format,MoTeC CSV File,,,Workbook,", "Venue,Bira,,,Worksheet,", "Sample Rate,100.000,Hz,,Duration,5.000,s",
+           "Range,entire outing", "", ""]  # fmt: skip
+    below = [head, "s,%,%", "", *rows]
+    text = [",".join(f"{mark}{cell}{mark}" for cell in line.split(",")) if line else "" for line in (*top, *below)]
+    check(written(tmp_path, a__csv="\n".join(text)), 1e-4)
+
+
+def test_units_below_the_header_count(tmp_path: Path) -> None:
+    head, *rows = lined(car_logs.csv(LOG | {"time": 1e3 * LOG["time"], "position": 0.9 * LOG["position"]},
+                                     {"time": "Time", "position": "TPS", "setpoint": "ETB Target"}))  # fmt: skip
+    toml = '[rig]\nname = "car"\ntravel_deg = [0.0, 90.0]\n'
+    check(written(tmp_path, rig__toml=toml, a__csv="\n".join((head, "ms,deg,%", *rows))), 1e-3)
+
+
+def test_a_message_names_the_line_of_the_file(tmp_path: Path) -> None:
+    """A preamble of two lines, a header, units, two rows, and a word in the seventh line."""
+    text = "a,b\nc,d\nTime,TPS\ns,%\n0,1\n1,2\n2,wide\n"
+    with pytest.raises(MeasurementError, match=r"a\.csv:7"):
+        read_logs(written(tmp_path, a__csv=text))
+
+
+def test_the_plate_goes_before_the_pedal_that_is_called_tps(tmp_path: Path) -> None:
+    log = LOG | {"pedal": np.full(LOG["time"].size, 3.0)}
+    headers = {"time": "Time", "pedal": "TPS", "position": "E-Throttle Position", "setpoint": "E-Throttle Target"}
+    check(written(tmp_path, a__csv=car_logs.csv(log, headers)), 1e-4)
+
+
+def test_a_pedal_that_may_pass_for_the_plate_is_told(tmp_path: Path) -> None:
+    log = LOG | {"pedal": np.full(LOG["time"].size, 3.0)}
+    headers = {"time": "Time", "pedal": "TPS", "position": "ETB pos actual", "setpoint": "ETB target"}
+    hint = one(written(tmp_path, a__csv=car_logs.csv(log, headers))).hint
+    assert "MaxxECU" in hint
+    assert '"ETB pos actual" = "position [%]"' in hint
+
+
+def test_a_target_is_no_other_plate(tmp_path: Path) -> None:
+    headers = {"time": "Time", "position": "TPS", "setpoint": "DBW Throttle Target Position"}
+    assert one(written(tmp_path, a__csv=car_logs.csv(LOG, headers))).hint == ""
+
+
+def test_a_setpoint_by_an_unknown_name_is_asked_for(tmp_path: Path) -> None:
+    headers = {"time": "Time", "position": "TP", "setpoint": "Blade demand"}
+    log = one(written(tmp_path, a__csv=car_logs.csv(LOG, headers)))
+    assert log.setpoint is None
+    assert '"Blade demand" = "setpoint [%]"' in log.hint
+    shown = render(drive_table(RigConfig("car"), [study(log)]))
+    assert "Blade demand" in shown
+    assert "position 'TP'" in " ".join(shown.split())

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.signal import lfilter
 from typer.testing import CliRunner
 
 import car_logs
@@ -13,7 +14,9 @@ from etcfit.car_log import DriveLog, Series, spectrum, study, tracking, usage
 from etcfit.car_log.study import verdict
 from etcfit.car_log.usage import shortest
 from etcfit.cli import app
-from etcfit.reporting.car_log import busiest, draw
+from etcfit.reporting.blocks import render
+from etcfit.reporting.car_log import busiest, draw, drive_table
+from etcfit.rig.base import RigConfig
 
 
 def log_of(name: str = "a.csv", **how: float) -> DriveLog:
@@ -139,3 +142,50 @@ def test_the_command_prints_writes_and_compares(tmp_path: Path) -> None:
 def test_a_log_without_setpoint_or_length_is_drawn_all_the_same() -> None:
     log = log_of(seconds=3.0)
     assert draw(study(DriveLog("a", log.position, None)), True).axes
+
+
+@pytest.mark.parametrize("hertz", [0.7, 2.0])
+def test_a_gap_of_half_a_minute_is_not_in_the_spectrum(hertz: float) -> None:
+    """The plate rests elsewhere after it: across the gap a straight line would stand for half a minute of motion."""
+    whole = car_logs.drive(seconds=60.0, hertz=hertz)
+    late = whole["time"] >= 30.0
+    gapped = Series(whole["time"] + 30.0 * late, whole["position"] + 40.0 * late)
+    alone, found = spectrum(Series(whole["time"], whole["position"])), spectrum(gapped)
+    assert alone is not None
+    assert found is not None
+    assert found.dominant == pytest.approx(hertz, abs=0.01)
+    assert found.amplitude == pytest.approx(alone.amplitude, rel=0.1, abs=0.02)
+
+
+def shaken_by(seed: int, lag: float, size: float = 1.0) -> DriveLog:
+    """A plate that comes late and wanders by itself: an error of so many % that forgets itself within 0.3 s."""
+    late, keeps = log_of(lag=lag), np.exp(-0.01 / 0.3)
+    noise = np.sqrt(1.0 - keeps**2) * np.random.default_rng(seed).standard_normal(late.position.time.size)
+    wander = lfilter([1.0], [1.0, -keeps], noise)
+    return DriveLog("a", Series(late.position.time, late.position.value + size * wander), late.setpoint)
+
+
+def test_the_error_of_the_lag_is_what_it_scatters_by() -> None:
+    found = [study(shaken_by(seed, 0.04)).tracking for seed in range(60)]
+    lags = [each.lag for each in found if each is not None and each.lag is not None]
+    stated = [each.lag_stderr for each in found if each is not None and each.lag_stderr is not None]
+    assert len(lags) == len(stated) == 60
+    assert np.mean(lags) == pytest.approx(0.04, abs=5e-4)
+    assert np.sqrt(np.mean(np.square(stated))) == pytest.approx(np.std(lags), rel=0.3)
+
+
+def test_a_shorter_lag_is_told_though_the_rmse_is_within_what_it_varies() -> None:
+    """45 -> 31 ms under a wander of its own that hides it in the RMSE."""
+    said = verdict(study(shaken_by(1, 0.045, 3.0)), study(shaken_by(5, 0.031, 3.0)))
+    assert "The difference in RMSE is within what it varies by itself" in said
+    assert "The difference in lag is clear" in said
+    same = verdict(study(shaken_by(1, 0.045)), study(shaken_by(2, 0.045)))
+    assert "The difference in lag is within what it varies by itself" in same
+
+
+def test_an_error_that_is_next_to_none_is_not_written_out() -> None:
+    log = log_of(lag=0.0)
+    shown = render(drive_table(RigConfig("car"), [study(log), study(log_of(lag=0.08))]))
+    assert "e-1" not in shown
+    assert "<0.01" in shown
+    assert "more than 100 standard errors" in " ".join(shown.split())

@@ -22,6 +22,7 @@ from etcfit.model.ecu import Ecu, Notation
 from etcfit.model.throttle import catalogue
 from etcfit.problem.free_parameters import free_parameters
 from etcfit.reporting.blocks import render
+from etcfit.reporting.control.responses import draw
 from etcfit.reporting.control.tables import design_table
 from etcfit.rig.base import Fixed, RigConfig
 from etcfit.run_folder import design_json
@@ -113,7 +114,7 @@ def tried(**changes: float) -> Design:
     model, setpoint = fitted(changes=changes), trapezoid()
     task = task_of(model, ecu_of(model), drawn=np.empty((0, model.x.size)))
     tuned = judged(task, {"as_found": RULES["as_found"](task)}, setpoint)
-    bias = Bias(np.linspace(0.0, np.pi / 2, 8), np.linspace(0.0, 3.0, 8))
+    bias = Bias(*(np.linspace(0.0, end, 8) for end in (np.pi / 2, 3.0, 2.0, 4.0)))
     return Design(model, task, setpoint, tuned["as_found"], tuned, 1, "laplace", bias, ())
 
 
@@ -166,7 +167,8 @@ def test_pid_json_has_the_same_keys_with_them(present: Design) -> None:
     assert found["ecu"]["period_s"] == LOGGED.period
     assert found["ecu"]["I"] == pytest.approx(GAINS["K_i"] * LOGGED.period)
     assert found["as_written"] is None
-    plain = {"gains", "as_written", "why_not", "linear", "nonlinear", "met", "probability_met", "probability_margins"}
+    plain = {"gains", "as_written", "why_not", "linear", "nonlinear", "met", "stable", "probability_met",
+             "probability_margins"}  # fmt: skip
     assert set(found["rules"]["as_found"]) == plain
 
 
@@ -186,3 +188,21 @@ def test_gains_stand_in_the_users_unit_and_form_where_rig_toml_names_them(presen
     assert f"as_found {shown['P']:.4g}" in text
     assert f"as in rig.toml {shown['P']:.5g}" in text
     assert "of rig.toml writes them" not in render(design_table(present))
+
+
+@pytest.mark.slow
+def test_an_unstable_loop_meets_nothing_whatever_its_response_looks_like() -> None:
+    """Friction and clamps can hold it still: then one response alone looks well."""
+    wild = tried(K_p=2000.0)
+    assert wild.chosen.linear is not None
+    assert wild.chosen.linear.gain_margin_db < 0.0
+    assert not wild.chosen.stable
+    calm = replace(wild.chosen, met=dict.fromkeys(wild.chosen.met, True))
+    assert not calm.meets_all
+    assert calm.probability_met == 0.0
+    shown = replace(wild, chosen=calm, tuned={"as_found": calm})
+    titles = [panel.get_title(loc="left") for panel in draw(shown).axes]
+    assert "UNSTABLE" in titles[0]
+    assert "meets" not in titles[0]
+    assert "unstable" in render(design_table(shown))
+    assert design_json(shown)["stable"] is False

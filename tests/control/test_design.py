@@ -21,10 +21,13 @@ from etcfit.control.settings import DesignSettings, OptimumSettings
 from etcfit.errors import UsageError
 from etcfit.estimation.fitted_model import Fitted
 from etcfit.files import write_json
+from etcfit.model.ecus import RUSEFI
 from etcfit.model.effects import AbstractEffect
 from etcfit.model.linear import closed_form
 from etcfit.model.throttle import Throttle
 from etcfit.ranges import from_json
+from etcfit.reporting.blocks import render
+from etcfit.reporting.control.tables import design_table
 from etcfit.run_folder import begin, design_json, finish, load_final, read_draws, reduction_json, rusefi, save_fit
 
 
@@ -120,17 +123,38 @@ def test_the_json_is_the_contract(designed: Design, fitted: Fitted, tmp_path: Pa
 
 
 @pytest.mark.slow
-def test_rusefi_gains_drive_the_same_duty(designed: Design) -> None:
-    his, gains, ecu = rusefi(designed), designed.chosen.gains, designed.task.ecu
+def test_gains_for_another_controller_are_none_for_rusefi(designed: Design) -> None:
+    assert rusefi(designed) is None
+    assert design_json(designed)["rusefi"] is None
+    said = " ".join(render(design_table(designed)).split())
+    assert "None for rusEFI: it differs from the controller tried here in its clock (2 ms)" in said
+    assert "--ecu rusefi" in said
+
+
+@pytest.mark.slow
+def test_rusefi_gains_drive_the_same_duty(fitted: Fitted) -> None:
+    task = task_of(fitted, ecu_of(fitted, **RUSEFI), feed_forward=True, settings=BRIEF)
+    made = propose(fitted, task, "manual", QUICK, "laplace")
+    his, gains, ecu = rusefi(made), made.chosen.gains, made.task.ecu
     assert gains is not None
+    assert his is not None
+    assert (ecu.period, ecu.filter, ecu.limit) == (2e-3, 0.0, 0.9 * ecu.supply)
     error_pct = 3.0
     volts = gains.Kp * np.radians(90.0) * error_pct / 100.0
     assert his["pFactor"] * error_pct == pytest.approx(100.0 * volts / ecu.supply)
+    assert (his["periodMs"], his["etb_iTermMin"], his["etb_iTermMax"]) == (2.0, -30.0, 30.0)
     assert len(his["etbBiasBins"]) == len(his["etbBiasValues"]) == 8
     assert np.all(np.diff(his["etbBiasBins"]) > 0)
-    v = designed.fitted.values
-    open_ = v["R_a"] * (v["K_s"] * np.pi / 2 + v["T_PL"]) / (20.68 * v["K_m"])
+    v = made.fitted.values
+    per_torque = v["R_a"] / (20.68 * v["K_m"])
+    open_ = per_torque * (v["K_s"] * np.pi / 2 + v["T_PL"])
     assert his["etbBiasValues"][-1] == pytest.approx(100.0 * open_ / ecu.supply, abs=0.02)
+    friction = 100.0 * per_torque * v["T_f"] / ecu.supply
+    assert his["duty_opening"] - his["etbBiasValues"] == pytest.approx(np.full(8, friction), abs=0.02)
+    assert his["etbBiasValues"] - his["duty_closing"] == pytest.approx(np.full(8, friction), abs=0.02)
+    validator = Draft202012Validator(json.loads((SCHEMAS / "pid.schema.json").read_text(encoding="utf-8")))
+    validator.validate({"schema": "etcfit.pid/1"} | json.loads(json.dumps(design_json(made))))
+    assert "rusEFI" in render(design_table(made))
 
 
 @pytest.mark.slow

@@ -110,5 +110,5 @@ def test_the_frames_of_the_api(fitted: FitResult) -> None:
 
 
 def test_what_is_made_from_a_compromise_says_so(fitted: FitResult) -> None:
-    assert "a compromise, not estimates: inductance contradicts" in render(cautioned("table", fitted))
-    assert render(cautioned("table", replace(fitted, compromise=None))).strip() == "table"
+    assert "a compromise, not estimates: inductance contradicts" in render(cautioned("table", fitted.state))
+    assert render(cautioned("table", replace(fitted, compromise=None).state)).strip() == "table"

@@ -72,6 +72,7 @@ def test_the_json_has_every_parameter_that_moves(
     assert from_json(SamplingSettings, found["settings"]) == posterior.settings
     assert found["schema"] == "etcfit.posterior/1"
     assert found["synthetic"] is True
+    assert found["fit"] == {"chi2_per_dof": 1.02, "converged": True, "reason": posterior.fit.reason, "compromise": None}
     assert (found["converged"], found["reason"]) == (posterior.convergence.converged, posterior.convergence.reason)
     assert {"R_a", "K_m", "J_eq", "series_ohm.inductance"} <= set(found["parameters"])
     assert "B_m" not in found["parameters"]  # fixed

@@ -188,3 +188,7 @@ def test_the_tables_follow_references_lists_and_mappings() -> None:
         assert f"| `{path}` |" in shown
     assert "influence` | array | " in shown
     assert shown.count("*(optional)*") == 2  # the remark of a parameter and of a combination
+
+
+def test_the_response_to_sines_carries_the_state_of_the_fit(rig: Rig) -> None:
+    assert sines(rig, FrequencySettings())["fit"]["chi2_per_dof"] == 1.02

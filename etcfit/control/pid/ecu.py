@@ -20,11 +20,12 @@ class Memory(NamedTuple):
 
 
 def tick(gains: Gains, ecu: Ecu, memory: Memory, setpoint: Scalar, position: Scalar, bias: Scalar) -> Any:
-    """One tick: v = clip(Kp e + I + Kd d + bias), rounded to the PWM's resolution.
+    """One tick: v = clip(clip(Kp e + I + Kd d, V) + bias, limit), rounded to the PWM's resolution.
 
         I <- I + Ki T e,    d <- (T_f d + e - e_last) / (T_f + T)
 
-    The integral stands still while the output is at its limit and the error would drive it further (anti-windup).
+    The integral stands still while the output is at its limit and the error would drive it further (anti-windup), or
+    is clamped itself, where the ECU does that (`Ecu.integral`).
 
     Source: Astrom and Hagglund 2006, Advanced PID Control, ch. 3 and 13. Differs from source: the derivative is of the
     error, as in the ECUs that have but one setpoint weight, 1.
@@ -39,9 +40,11 @@ def tick(gains: Gains, ecu: Ecu, memory: Memory, setpoint: Scalar, position: Sca
     error = setpoint - quantised(position, ecu.resolution)
     derivative = (ecu.filter * memory.derivative + error - memory.error) / (ecu.filter + ecu.period)
     integral = memory.integral + gains.Ki * ecu.period * error
-    wanted = gains.Kp * error + integral + gains.Kd * derivative + bias
-    volts = jnp.clip(wanted, -ecu.supply, ecu.supply)
-    winding = (wanted - volts) * error > 0.0
+    clamped = jnp.clip(integral, -ecu.integral * ecu.supply, ecu.integral * ecu.supply)
+    integral = jnp.where(ecu.integral > 0.0, clamped, integral)
+    wanted = gains.Kp * error + integral + gains.Kd * derivative
+    volts = jnp.clip(jnp.clip(wanted, -ecu.supply, ecu.supply) + bias, -ecu.limit, ecu.limit)
+    winding = ((wanted + bias - volts) * error > 0.0) & (ecu.integral == 0.0)
     integral = jnp.where(winding, memory.integral, integral)
     return quantised(volts, ecu.pwm), Memory(integral, derivative, error)
 

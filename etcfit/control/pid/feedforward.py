@@ -1,4 +1,4 @@
-"""Feed-forward: the voltage that holds each position, and the dry friction of the way ahead."""
+"""Feed-forward: the voltage that holds each position."""
 
 from __future__ import annotations
 
@@ -13,31 +13,30 @@ from ...model.linear import holding_against
 from ...model.throttle import Throttle
 
 POINTS = 8  # of rusEFI's bias curve
-_STILL = 1e-3  # rad/s; a setpoint that moves more slowly stands
+_FINE = 20_001  # angles from which they are chosen
+_HALVINGS = 24
 
 
 @dataclass(frozen=True, eq=False)
 class Bias:
-    """bias(r) + V_f sgn(dr/dt): spring, preload and limp-home spring by the curve, dry friction by the sign.
+    """bias(r): spring, preload and limp-home spring by a curve over the setpoint, linear between its points.
 
-    Source: rusEFI, electronic_throttle.cpp (bias table over the target position); Deur et al. 2004 (friction). Differs
-    from source: the friction goes with the setpoint's motion, not with a relay on the error.
+    Source: rusEFI, electronic_throttle.cpp (bias table over the target position). Differs from source: no.
 
     Args:
-        angles: rad, shape (P,).
+        angles: rad, rising, shape (P,).
         hold: V that hold the plate there in the middle of its dry friction, shape (P,).
-        friction: V to either side, the mean over the angles.
+        closing, opening: V at which it is about to close and to open, shape (P,): what its dry friction leaves open.
     """
 
     angles: np.ndarray
     hold: np.ndarray
-    friction: float = 0.0
+    closing: np.ndarray
+    opening: np.ndarray
 
-    def volts(self, setpoint: np.ndarray, period: float) -> np.ndarray:
-        """Of a setpoint sampled at a period (s), rad, shape (K,); V."""
-        rate = np.diff(setpoint, append=setpoint[-1]) / period
-        way = np.where(np.abs(rate) > _STILL, np.sign(rate), 0.0)
-        return np.interp(setpoint, self.angles, self.hold) + self.friction * way
+    def volts(self, setpoint: np.ndarray) -> np.ndarray:
+        """At setpoints (rad), shape (K,); V."""
+        return np.interp(setpoint, self.angles, self.hold)
 
 
 @jax.jit
@@ -69,15 +68,40 @@ def hold_curve(
 
 
 def bias_of(throttle: Throttle, gear_ratio: float, lower: float, upper: float, points: int = POINTS) -> Bias:
-    """The curve of so many points that follows the holding voltage best.
+    """The curve of so many points that misses the holding voltage least, wherever it misses it most.
 
-    The points lie evenly along the curve, each half weighed by the angle and half by the voltage, so that the limp-home
-    spring's corner, where the voltage leaps, is not cut.
+    The least miss is bisected: within one, each straight piece reaches as far as it can (`polygon`). So the points come
+    to lie on the corners of the limp-home spring; what is left of them halves the longest pieces.
     """
-    fine = np.linspace(lower, upper, 721)
+    fine = np.linspace(lower, upper, _FINE)
     down, middle, up = hold_curve(throttle, fine, gear_ratio, lower, upper)
-    leap = np.abs(np.diff(middle))
-    along = np.diff(fine) / (upper - lower) + leap / max(float(leap.sum()), 1e-12)
-    place = np.concatenate(([0.0], np.cumsum(along)))
-    angles = np.interp(np.linspace(0.0, place[-1], points), place, fine)
-    return Bias(angles, np.interp(angles, fine, middle), float(np.mean(0.5 * (up - down))))
+    least, most = 0.0, float(np.ptp(middle)) + 1e-9
+    for _ in range(_HALVINGS):
+        within = 0.5 * (least + most)
+        least, most = (least, within) if len(polygon(middle, within)) <= points else (within, most)
+    chosen = polygon(middle, most)
+    while len(chosen) < points:
+        k = int(np.argmax(np.diff(chosen)))
+        chosen.insert(k + 1, (chosen[k] + chosen[k + 1]) // 2)
+    return Bias(fine[chosen], middle[chosen], down[chosen], up[chosen])
+
+
+def polygon(curve: np.ndarray, within: float) -> list[int]:
+    """Places on an evenly spaced curve, both ends among them, between which straight lines miss it by so much at most.
+
+    Source: Imai and Iri 1986, Computer Vision, Graphics, and Image Processing 36 (the longest reach first). Differs
+    from source: the miss is that of the value, and where it does not rise with the reach the latter may fall short.
+    """
+    places = [0]
+    while places[-1] < curve.size - 1:
+        reaches, fails = places[-1] + 1, curve.size
+        while fails - reaches > 1:
+            end = (reaches + fails) // 2
+            reaches, fails = (end, fails) if _miss(curve[places[-1] : end + 1]) <= within else (reaches, end)
+        places.append(reaches)
+    return places
+
+
+def _miss(piece: np.ndarray) -> float:
+    """Of the straight line between the ends of a piece."""
+    return float(np.max(np.abs(piece - np.linspace(piece[0], piece[-1], piece.size))))

@@ -51,6 +51,8 @@ class _Carry(NamedTuple):
     sent: Any  # voltages of the last ticks, newest first, V
 
 
+_UNROLLED = 4  # integration steps of a tick at most: quick to run, and quick to compile
+
 Controller = Callable[[Any, Ecu, Any, Scalar, Scalar, Scalar], Any]
 
 
@@ -120,7 +122,7 @@ def _one(control: Controller, throttle: Throttle, run: _Run, parts: int, room: i
             s = _step(ecu, body, ecu.period / parts, mean, time + (k + 1.0) * ecu.period / parts)
             return step(throttle, x, z, s), None
 
-        (x, z), _ = jax.lax.scan(part, (carry.x, carry.z), jnp.arange(parts, dtype=float), unroll=True)
+        (x, z), _ = jax.lax.scan(part, (carry.x, carry.z), jnp.arange(parts, dtype=float), unroll=min(parts, _UNROLLED))
         return _Carry(x, z, memory, sent), Path(carry.x.theta, volts, carry.x.i)
 
     x = State(*(jnp.asarray(each, dtype=float) for each in start))
@@ -191,6 +193,10 @@ class Loop:
         """The loop with another ECU around its plants."""
         return replace(self, ecu=ecu)
 
+    def in_steps_of(self, longest: float) -> Loop:
+        """The loop integrated in steps no longer than so many s."""
+        return replace(self, settings=replace(self.settings, longest_step=longest))
+
     def angle(self, share: Any) -> Any:
         """rad, of a share of the travel."""
         return self.body.lower + share * (self.body.upper - self.body.lower)
@@ -231,7 +237,7 @@ class Loop:
             start: state of every plant at its begin; None: at rest where the setpoint begins.
         """
         wanted = self.angle(setpoint.at(setpoint.instants(self.ecu.period)))
-        ahead = self.bias.volts(wanted, self.ecu.period) if self.bias is not None else np.zeros_like(wanted)
+        ahead = self.bias.volts(wanted) if self.bias is not None else np.zeros_like(wanted)
         start = State(0.0, self.angle(setpoint.shares[0]), 0.0) if start is None else start
         parts = max(1, math.ceil(self.ecu.period / self.settings.longest_step - 1e-9))
         run = _Run(settings, first, self.ecu, self.body, wanted, ahead, start)

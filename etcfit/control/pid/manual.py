@@ -31,6 +31,8 @@ def manual(task: Task) -> Gains | Refusal:
 
     quick = tried(proportional, np.zeros(1), np.zeros(1)).rmse_pct
     kp = proportional[np.argmax(quick <= settings.quick * quick.min())]
+    if kp == proportional[-1]:
+        return Refusal(f"P alone tracks best at the largest gain tried, {kp:g} V/rad: raise highest in ManualSettings")
     calm = tried(kp, np.zeros(1), derivative).overshoot_pct
     below = calm < settings.calm * asked.overshoot_pct
     kd = derivative[np.argmax(below)] if below.any() else derivative[np.argmin(calm)]

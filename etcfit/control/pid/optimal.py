@@ -8,12 +8,11 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.stats import qmc
 
-from ...model.linear import TransferFunction
 from ..settings import OptimumSettings
 from .base import Refusal, Task
 from .gains import Gains
 from .loop import Loop
-from .margins import COARSE, margins
+from .margins import COARSE, OpenLoop
 from .setpoint import Setpoint, trapezoid
 
 
@@ -43,6 +42,8 @@ class Scores:
         missed = np.nan_to_num(self.missed, nan=1e3, posinf=1e3)
         return rmse * (1.0 + np.where(missed > 0.0, 1.0 + self.settings.weight * missed, 0.0))
 
+
+_WORST = 180.0  # dB or degrees that an unstable loop misses a margin by where no change of gain or phase mends it
 
 Score = Callable[[np.ndarray], Scores]  # of logarithms of gains, shape (G, 3)
 
@@ -122,20 +123,20 @@ def cross_entropy(
 
 def _scorer(task: Task, draws: int) -> Score:
     loop = task.loop.first(draws)
-    plants = loop.linear()
+    linear = OpenLoop.of(loop.linear(), loop.ecu, COARSE)
     setpoint = trapezoid()
 
     def score(logs: np.ndarray) -> Scores:
-        return scores(task, Gains(*np.exp(logs).T), loop, plants, setpoint)
+        return scores(task, Gains(*np.exp(logs).T), loop, linear, setpoint)
 
     return score
 
 
-def scores(task: Task, gains: Gains, loop: Loop, plants: TransferFunction, setpoint: Setpoint) -> Scores:
+def scores(task: Task, gains: Gains, loop: Loop, linear: OpenLoop, setpoint: Setpoint) -> Scores:
     """Figures of gains of shape (G,) over the draws of a loop, whose linear plants have shape (D, 1)."""
     asked = task.requirements
     judged = loop.judged(gains, setpoint)
-    gain, phase = margins(Gains(*(np.asarray(g)[None] for g in gains)), plants, loop.ecu, COARSE)
+    gain, phase = (np.maximum(m, -_WORST) for m in linear.margins(Gains(*(np.asarray(g)[None] for g in gains))))
     longest = max(level.ends - level.begins for level in setpoint.levels)
     settling = np.minimum(np.asarray(judged.settling_s), 2.0 * longest)
     over = (

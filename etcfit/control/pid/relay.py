@@ -36,7 +36,7 @@ def switch(relay: Relay, ecu: Ecu, side: Any, setpoint: Any, position: Any, bias
     """One tick of the relay: it turns over where the error has passed its hysteresis."""
     error = setpoint - quantised(position, ecu.resolution)
     side = jnp.where(error > relay.hysteresis, 1.0, jnp.where(error < -relay.hysteresis, -1.0, side))
-    volts = jnp.clip(relay.bias + side * relay.swing, -ecu.supply, ecu.supply)
+    volts = jnp.clip(relay.bias + side * relay.swing, -ecu.limit, ecu.limit)
     return quantised(volts, ecu.pwm), side
 
 
@@ -52,7 +52,8 @@ def relay(task: Task) -> Gains | Refusal:
 
 def experiment(task: Task) -> Ultimate | Refusal:
     """The relay's swing on the nominal plant."""
-    nominal, settings = task.loop.first(1), task.settings.relay
+    settings = task.settings.relay
+    nominal = task.loop.first(1).in_steps_of(settings.longest_step)
     ecu, body = nominal.ecu, nominal.body
     span = settings.hysteresis * (body.upper - body.lower)
     _, hold, _ = nominal.holds(np.array([nominal.angle(MIDDLE)]))

@@ -8,6 +8,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from ...control.linearise import Reduction
+from ...estimation.fit_state import FitState
 from ...estimation.fitted_model import Fitted
 from ...model.linear import TransferFunction
 from .. import style
@@ -26,6 +27,7 @@ class BodePicture:
         draws: coefficients b0, a2, a1, a0 from their covariance, shape (D, 4).
         unit: output over input.
         share: of the travel at the operating point.
+        state: of the fit.
         synthetic: the data were made up.
     """
 
@@ -34,6 +36,7 @@ class BodePicture:
     draws: np.ndarray
     unit: str
     share: float
+    state: FitState
     synthetic: bool
 
     @classmethod
@@ -46,7 +49,8 @@ class BodePicture:
         sd = np.sqrt(np.maximum(variance, 0.0))
         draws = mean * np.exp((rng.standard_normal((_DRAWS, 4)) * sd) @ directions.T)
         unit = f"{reduction.output_unit}/{reduction.input_unit}"
-        return cls(fitted.config.name, reduction.plant, draws, unit, reduction.share, fitted.config.synthetic)
+        shown = fitted.config.name, reduction.plant, draws, unit, reduction.share
+        return cls(*shown, fitted.state, fitted.config.synthetic)
 
 
 def draw(picture: BodePicture) -> Figure:
@@ -56,8 +60,9 @@ def draw(picture: BodePicture) -> Figure:
     fig.subplots_adjust(left=0.11, right=0.97, top=0.86, bottom=0.09, hspace=0.1)
     s = 2j * np.pi * _HERTZ
     each = np.array([TransferFunction(*row)(s) for row in picture.draws.tolist()])
-    _band(top, 20.0 * np.log10(np.abs(each)))
-    _band(bottom, np.degrees(np.unwrap(np.angle(each), axis=1)))
+    known = "95 % interval" if picture.state.compromise is None else "range that subsets of the data give"
+    _band(top, 20.0 * np.log10(np.abs(each)), known)
+    _band(bottom, np.degrees(np.unwrap(np.angle(each), axis=1)), known)
     bare, whole = picture.plant.bare()(s), picture.plant(s)
     top.plot(_HERTZ, 20.0 * np.log10(np.abs(bare)), color=style.SIMULATED, label="third order")
     bottom.plot(_HERTZ, np.degrees(np.unwrap(np.angle(bare))), color=style.SIMULATED, label="third order")
@@ -78,9 +83,10 @@ def draw(picture: BodePicture) -> Figure:
     title = f"{picture.rig}  ·  transfer function at {100.0 * picture.share:.0f} % travel"
     fig.suptitle(title, x=0.11, y=0.985, ha="left", va="top", fontsize=13)
     style.legend(fig, [top, bottom], 0.11, 0.925, "upper left")
+    style.caution(fig, picture.state.cautions, 0.95)
     return fig
 
 
-def _band(panel, values: np.ndarray) -> None:
+def _band(panel, values: np.ndarray, known: str) -> None:
     low, high = np.quantile(values, (0.025, 0.975), axis=0)
-    panel.fill_between(_HERTZ, low, high, color=style.SIMULATED, alpha=0.25, lw=0, label="95 % interval")
+    panel.fill_between(_HERTZ, low, high, color=style.SIMULATED, alpha=0.25, lw=0, label=known)

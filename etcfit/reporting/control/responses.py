@@ -32,6 +32,7 @@ def draw(design: Design) -> Figure:
     title = f"{design.fitted.config.name}  ·  every rule on the paper's trapezoid  ·  {unit}"
     fig.suptitle(title, x=0.07, y=1.0 - 0.1 / tall, ha="left", va="top", fontsize=13)
     style.legend(fig, panels[:1], 0.07, 1.0 - 0.4 / tall, "upper left")
+    style.caution(fig, design.fitted.state.cautions, 1.0 - 0.3 / tall)
     return fig
 
 
@@ -60,8 +61,13 @@ def _title(design: Design, tuned: Tuned) -> str:
     own = design.fitted.config.notation
     gains = " / ".join(short(g) for g in (tuned.gains if own is None else design.written(tuned.gains, own)))
     name = tuned.rule.replace("_", " ") + (" (proposed)" if tuned is design.chosen else "")
-    verdict = "meets all" if tuned.meets_all else "misses"
-    return f"{name}:  {gains}   RMSE {short(tuned.nonlinear.rmse_pct)} %, {verdict}, P = {tuned.probability_met:.2f}"
+    return f"{name}:  {gains}   RMSE {short(tuned.nonlinear.rmse_pct)} %, {_verdict(tuned)}"
+
+
+def _verdict(tuned: Tuned) -> str:
+    if not tuned.stable:
+        return "UNSTABLE"
+    return f"{'meets all' if tuned.meets_all else 'misses'}, P = {tuned.probability_met:.2f}"
 
 
 def _axes(panels: list[Axes], design: Design) -> None:

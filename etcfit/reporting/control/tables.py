@@ -14,9 +14,12 @@ from ...control.frequency.point import POSITION
 from ...control.linearise import Reduction
 from ...control.pid.requirements import Metrics, Requirements
 from ...estimation.fitted_model import Fitted
-from ...model.ecu import Notation
+from ...estimation.remedies import listed
+from ...model.ecu import Ecu, Notation
+from ...model.ecus import RUSEFI, differences
 from ...run_folder import rusefi
 from ..blocks import headed, plain_table, rig_title, sentences
+from ..compromise import cautioned
 from ..numbers import Digits, short
 
 
@@ -39,7 +42,10 @@ def reduction_table(fitted: Fitted, reduction: Reduction, pade_order: int) -> Re
         "dry friction and preload have no transfer function and are left out",
         _extra(reduction, pade_order),
     ]
-    return Group(rig_title(fitted.config, "transfer function"), *(Text("  " + line) for line in lines), table)
+    if fitted.state.compromise is not None:
+        lines.append("stderr: 1.96 of them reach as far as the ranges that subsets of the data give; no standard error")
+    whole = Group(rig_title(fitted.config, "transfer function"), *(Text("  " + line) for line in lines), table)
+    return cautioned(whole, fitted.state)
 
 
 def _pole(pole: complex) -> str:
@@ -112,12 +118,17 @@ def design_table(design: Design) -> RenderableType:
         table.add_row(*_row(tuned, task.requirements))
     asked = task.requirements
     source = "posterior" if design.origin == "posterior" else "the fit's Laplace approximation"
+    if design.fitted.state.compromise is not None:
+        source += (
+            ", as wide as the ranges that subsets of the data give; no probability, for the model is not the plant"
+        )
     words = [
         "V/rad, V/(rad s), V s/rad; figures of the nonlinear model on the trapezoid of 5 to 45 % at 1 Hz, "
         "worst of both edges; a settling time of -: not settled before the setpoint changes again",
         f"asked: overshoot < {asked.overshoot_pct:g} %, settling < {asked.settling_s:g} s, steady-state error < "
         f"{asked.steady_state_error_pct:g} %; margins {asked.gain_margin_db:g} dB, {asked.phase_margin_deg:g} degrees",
-        f"P(met): share of {design.draws} models from {source} whose response meets all three",
+        f"P(met): share of {design.draws} models whose response meets all three and whose linear loop is stable; drawn "
+        f"from {source}",
         *_computer(design),
     ]
     refused = [f"{t.rule}: {t.why}" for t in design.tuned.values() if t.gains is None]
@@ -132,14 +143,15 @@ def design_table(design: Design) -> RenderableType:
             "Not met. What binds: eased alone, each of these would let the optimum meet everything", design.limits
         ),
     ]
-    return Group(*(part for part in parts if part is not None))
+    return cautioned(Group(*(part for part in parts if part is not None)), design.fitted.state)
 
 
 def _computer(design: Design) -> list[str]:
     """The ECU that all gains are tried in, and which of them it has now."""
     ecu = design.task.ecu
     clock, late, slow = (f"{short(1e3 * each)} ms" for each in (ecu.period, ecu.delay, ecu.filter))
-    limits = f"ECU: ticks of {clock}, delay {late}, derivative filter {slow}, output within {short(ecu.supply)} V"
+    limits = f"ECU: ticks of {clock}, delay {late}, derivative filter {slow}, output within {short(ecu.limit)} V"
+    limits += f", integral within {short(ecu.integral * ecu.supply)} V" if ecu.integral else ""
     if design.fitted.config.ecu is None:
         return [limits]
     return [f"{limits}; what the command does not give is [ecu]'s of rig.toml",
@@ -152,8 +164,12 @@ def _row(tuned: Tuned, asked: Requirements) -> tuple[str, ...]:
     m = tuned.nonlinear
     gains = (short(g) for g in tuned.gains)
     return (tuned.rule, *gains, short(m.overshoot_pct), short(m.settling_s), short(m.steady_state_error_pct),
-            short(m.rmse_pct), short(m.gain_margin_db), short(m.phase_margin_deg), "yes" if tuned.meets_all else "no",
+            short(m.rmse_pct), short(m.gain_margin_db), short(m.phase_margin_deg), _met(tuned),
             "yes" if _safe(m, asked) else "no", f"{tuned.probability_met:.2f}")  # fmt: skip
+
+
+def _met(tuned: Tuned) -> str:
+    return ("yes" if tuned.meets_all else "no") if tuned.stable else "unstable"
 
 
 def _safe(metrics: Metrics, asked: Requirements) -> bool:
@@ -180,12 +196,31 @@ def _proposed(design: Design) -> RenderableType:
     table = plain_table("proposed", "P", "I", "D", "unit")
     table.add_row("continuous time", *(short(g, 5) for g in gains), "V/rad, s")
     table.add_row(f"ticks of {short(1e3 * ecu.period)} ms", *(short(g, 5) for g in native), "V/rad, ticks")
-    table.add_row("rusEFI", *(short(his[k], 5) for k in ("pFactor", "iFactor", "dFactor")), "% duty / % travel, s")
+    if his is not None:
+        table.add_row("rusEFI", *(short(his[k], 5) for k in ("pFactor", "iFactor", "dFactor")), "% duty / % travel, s")
     if (own := design.fitted.config.notation) is not None:
         table.add_row("as in rig.toml", *(short(g, 5) for g in design.written(gains, own)), own.title)
-    curve = plain_table("rusEFI bias curve", *(f"{x:g}" for x in his["etbBiasBins"]), "% travel")
-    curve.add_row("holding duty", *(f"{y:g}" for y in his["etbBiasValues"]), "%")
     word = "with the bias curve"
-    if not his["gains_found_with_bias"]:
+    if design.task.loop.bias is None:
         word = "WITHOUT the bias curve: leave it at 0, or design with --feed-forward"
-    return headed(f"Gains of {design.chosen.rule}, found {word}", Group(table, Text(), curve))
+    parts = [table, Text(), _curve(design), *(_not_for_rusefi(ecu) if his is None else [])]
+    return headed(f"Gains of {design.chosen.rule}, found {word}", Group(*parts))
+
+
+def _curve(design: Design) -> RenderableType:
+    """Duty that holds the plate, and at which it begins to move."""
+    bias, supply = design.bias, design.task.ecu.supply
+    table = plain_table("bias curve", *(short(100.0 * x, 4) for x in design.task.loop.share(bias.angles)), "% travel")
+    for name, volts in (("holding", bias.hold), ("opening", bias.opening), ("closing", bias.closing)):
+        table.add_row(f"{name} duty", *(short(100.0 * v / supply, 4) for v in volts), "%")
+    return table
+
+
+def _not_for_rusefi(ecu: Ecu) -> list[RenderableType]:
+    other = listed([_FIELDS[field] for field in differences(ecu, RUSEFI)])
+    said = f"None for rusEFI: it differs from the controller tried here in its {other}. Design with --ecu rusefi."
+    return [Text(), Text(said)]
+
+
+_FIELDS = {"period": "clock (2 ms)", "filter": "derivative (not filtered)", "duty": "duty (within +-90 %)",
+           "integral": "integral (within +-30 % of duty)"}  # fmt: skip

@@ -7,6 +7,7 @@ from typing import Any
 
 from markupsafe import Markup
 
+from ...estimation.fit_state import FitState
 from .table import Table
 from .typeset import figure, measured, number, polynomial, symbol, unit
 
@@ -21,6 +22,14 @@ _METRICS = {
 _ECU = {"P": "", "I": "", "D": "", "period_s": "s"}
 _GAINS = {"Kp": "{}", "Ki": "({})/s", "Kd": "({}) · s"}  # of the unit of the proportional one
 _POINT_UNITS = {"pct": "%", "deg": "°"}
+
+
+def cautions(made: Mapping[str, Any]) -> tuple[str, ...]:
+    """What a reader must know of the fit behind a plant or gains; nothing where their file is older than that."""
+    state = made.get("fit")
+    if not state:
+        return ()
+    return FitState(state["chi2_per_dof"], state["converged"], state["reason"], state["compromise"]).cautions
 
 
 def formula(plant: Mapping[str, Any]) -> dict[str, Markup] | None:

@@ -7,7 +7,7 @@ from itertools import chain
 from typing import Any
 
 from .contents import Contents
-from .control import formula, gains_table, metrics_table, operating_point, plant_table
+from .control import cautions, formula, gains_table, metrics_table, operating_point, plant_table
 from .frequency import orders, sines_table
 from .ledger import ledger_table
 from .parameters import LOST, influence_table, lumped_table, parameter_table, posterior_table
@@ -63,10 +63,12 @@ def _parts(contents: Contents, budget: int) -> dict[str, Any]:
         "operating_point": operating_point(plant),
         "formula": formula(plant),
         "plant_table": plant_table(plant),
+        "plant_cautions": cautions(plant),
         "sines": sines_table(response),
         "orders": orders(response),
         "gains": gains_table(pid),
         "metrics": metrics_table(pid),
+        "gains_cautions": cautions(pid),
         "warnings": [*stale(contents), *_warnings(contents)],
         "groups": groups(contents.run, budget),
         "files": files_table(contents),

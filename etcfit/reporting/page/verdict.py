@@ -21,7 +21,7 @@ _NOISE = 1.2  # chi2 per degree of freedom up to which nothing but noise is left
 
 def verdict(contents: Contents) -> tuple[Markup, ...]:
     """The sentences at the top of the page."""
-    known = _knows(contents) + _gains(contents.get("pid")) + Markup(".")
+    known = _knows(contents) + gains_sentence(contents.get("pid")) + Markup(".")
     return _fits(contents), _predicts(contents), *_mistakes(contents), *_contradicts(contents), known
 
 
@@ -127,7 +127,7 @@ def _free(parameters: Mapping[str, Any]) -> Iterator[tuple[str, Any]]:
     return ((s, p) for s, p in parameters.items() if p["status"] in ("estimated", "not identifiable", "compromise"))
 
 
-def _gains(pid: Mapping[str, Any]) -> Markup:
+def gains_sentence(pid: Mapping[str, Any]) -> Markup:
     if not pid:
         return Markup("")
     gains, chance = pid["gains"], (pid.get("posterior") or {}).get("probability_met")
@@ -136,6 +136,10 @@ def _gains(pid: Mapping[str, Any]) -> Markup:
         *(number(gains[key]) for key in ("Kp", "Ki", "Kd")),
         f"miss the requirement on {listed(dict.fromkeys(missed))}" if missed else "meet every requirement",
     )
+    if (pid.get("fit") or {}).get("compromise"):
+        return text + Markup(
+            ", on a model whose parameters are a <strong>compromise</strong>; that says little of the plant"
+        )
     return text + ("" if chance is None else f", with probability {number(chance, 2)} over draws of the parameters")
 
 

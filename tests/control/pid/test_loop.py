@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 import rigs
+from bodies import OPEN
 from etcfit.control.pid import Gains
 from etcfit.control.pid.ecu import Memory, tick
 from etcfit.control.pid.feedforward import bias_of, hold_curve
@@ -135,14 +136,19 @@ def test_the_bias_curve_holds_the_plate_within_its_friction() -> None:
     per_torque = 1.513 / (20.68 * 0.0189)
     assert np.allclose(middle, per_torque * (0.15 * angles + 0.362), rtol=1e-6)
     assert np.allclose(up - middle, per_torque * 0.239, rtol=1e-6)
-    assert bias.friction == pytest.approx(per_torque * 0.239, rel=1e-6)
+    assert bias.opening - bias.hold == pytest.approx(np.full(8, per_torque * 0.239), rel=1e-6)
+    assert bias.hold - bias.closing == pytest.approx(np.full(8, per_torque * 0.239), rel=1e-6)
 
 
-def test_feed_forward_tracks_better_with_the_same_gains() -> None:
-    loop = rigs.loop(ecu=Ecu())
+def test_feed_forward_holds_the_plate_against_its_springs_without_an_integral() -> None:
+    """Alone P leaves the holding voltage over Kp: per_torque (K_s theta + T_PL) / 40, of a change of 0.4 pi/2 rad."""
+    loop = rigs.loop(ecu=Ecu(), T_f=0.0)
     ahead = replace(loop, bias=bias_of(loop.nominal, *loop.body))
-    alone, helped = (float(each.judged(rigs.one(*GAINS), RAMP).rmse_pct[0, 0]) for each in (loop, ahead))
-    assert helped < 0.8 * alone
+    gains = rigs.one(40.0, 0.0, 0.3)
+    alone, helped = (float(each.judged(gains, RAMP).steady_state_error_pct[0, 0]) for each in (loop, ahead))
+    left = 1.513 / (20.68 * 0.0189) * (0.15 * 0.45 * OPEN + 0.362) / 40.0
+    assert alone == pytest.approx(100.0 * left / (0.4 * OPEN), rel=0.1)
+    assert helped < 0.02 * alone
 
 
 def test_a_loop_begins_in_the_state_that_it_is_given() -> None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -11,7 +10,6 @@ import pytest
 import control
 from etcfit.control.pid import Gains
 from etcfit.control.pid.linear_loop import respond
-from etcfit.control.pid.margins import margins
 from etcfit.control.pid.response import judge
 from etcfit.control.pid.setpoint import Level, Setpoint, step, trapezoid
 from etcfit.model.ecu import Ecu
@@ -64,39 +62,6 @@ def test_they_are_python_controls(damping: float, swing: float) -> None:
     found = judge(UNIT, fine, control.step_response(plant, T=fine).outputs)
     assert found.overshoot_pct == pytest.approx(info["Overshoot"], abs=0.05)
     assert found.settling_s == pytest.approx(info["SettlingTime"], abs=3e-4)
-
-
-@pytest.mark.parametrize("gains", [(6.0, 100.0, 0.087), (20.0, 50.0, 0.3), (3.0, 2.0, 0.0)])
-def test_margins_are_python_controls(gains: tuple[float, ...]) -> None:
-    plant = TransferFunction(3.10e4, 113.8, 2941.0, 2.38e4)
-    ecu = Ecu(period=1e-9, filter=1e-3)
-    s: Any = control.tf([1.0, 0.0], [1.0])
-    loop = (gains[0] + gains[1] / s + gains[2] * s / (1e-3 * s + 1.0)) * plant.to_control()
-    gm, pm = control.margin(loop)[:2]
-    here = margins(Gains(*gains), plant, ecu)
-    assert float(here[1]) == pytest.approx(pm, abs=0.05)
-    assert float(here[0]) == pytest.approx(20.0 * np.log10(gm), abs=0.02)
-
-
-def test_a_lag_turns_and_shrinks_the_loop_and_delays_and_the_hold_turn_it() -> None:
-    bare = TransferFunction(3.10e4, 113.8, 2941.0, 2.38e4)
-    plant = replace(bare, delay=1e-3, lag=5e-3)
-    ecu = Ecu(period=2e-3, filter=1e-3, delay=0.5e-3)
-    s: Any = control.tf([1.0, 0.0], [1.0])
-    loop = (6.0 + 100.0 / s + 0.087 * s / (1e-3 * s + 1.0)) / (5e-3 * s + 1.0)
-    _, pm, _, crossing = control.margin(loop * bare.to_control())
-    late = 1e-3 + 0.5e-3 + 0.5 * 2e-3  # the plant's, the ECU's, half a period
-    found = margins(Gains(6.0, 100.0, 0.087), plant, ecu)[1]
-    assert float(found) == pytest.approx(pm - np.degrees(crossing * late), abs=0.05)
-
-
-def test_an_unstable_loop_has_negative_margins() -> None:
-    plant = TransferFunction(3.10e4, 113.8, 2941.0, 2.38e4)
-    gain, phase = margins(Gains(15.0, 0.0, 0.0), plant, Ecu(period=1e-9))
-    assert gain < 0.0
-    assert phase < 0.0
-    late = margins(Gains(6.0, 100.0, 0.087), plant, Ecu(period=20e-3))
-    assert late[1] < margins(Gains(6.0, 100.0, 0.087), plant, Ecu(period=1e-3))[1]
 
 
 def test_a_loop_that_has_gone_is_not_a_number() -> None:

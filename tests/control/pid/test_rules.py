@@ -17,6 +17,7 @@ from etcfit.control.pid import RULES, Gains, Refusal, Requirements, Task
 from etcfit.control.pid.amigo import amigo, first_order
 from etcfit.control.pid.damping_optimum import damping_optimum
 from etcfit.control.pid.linear_loop import respond
+from etcfit.control.pid.margins import margins
 from etcfit.control.pid.response import judge
 from etcfit.control.pid.setpoint import Setpoint, step, trapezoid
 from etcfit.control.pid.simc import simc
@@ -28,7 +29,7 @@ from etcfit.model.ecu import Ecu
 from etcfit.model.linear import PAPER_EQ_8, TransferFunction
 
 CONTINUOUS = Ecu(period=2e-5, filter=0.0)
-AT_ONCE = Ecu(period=1e-12)
+AT_ONCE = Ecu(period=1e-12, filter=0.0)
 
 
 def task(plant: TransferFunction, ecu: Ecu = CONTINUOUS) -> Task:
@@ -72,7 +73,7 @@ def test_tyreus_luyben() -> None:
     u = ultimate(PAPER_EQ_8)
     assert isinstance(u, Ultimate)
     kp, ki, kd = gains(tyreus_luyben(task(PAPER_EQ_8, AT_ONCE)))
-    assert (kp, kp / ki, kd / kp) == pytest.approx((0.45 * u.gain, 2.2 * u.period, u.period / 6.3))
+    assert (kp, kp / ki, kd / kp) == pytest.approx((u.gain / 2.2, 2.2 * u.period, u.period / 6.3))
 
 
 def lags(gain: float, *times: float, delay: float = 0.0) -> TransferFunction:
@@ -85,6 +86,22 @@ def test_simc_halves_the_smallest_lag() -> None:
     # k = 2, T = 1, 0.2 and 0.05: L = 0.025, T2 = 0.225, Kc = 1/(2 * 0.05) = 10, Ti = 8 * 0.025 = 0.2, by hand
     found = gains(simc(task(lags(2.0, 1.0, 0.2, 0.05), AT_ONCE)))
     assert found == pytest.approx(Gains.series(10.0, 0.2, 0.225), rel=1e-6)
+
+
+def test_simc_counts_all_that_the_ecu_delays() -> None:
+    # a period of 4 ms and a filter of 6 ms: 2 ms of hold, 2 ms of difference, 6 ms of filter; L = 0.035 by hand
+    found = gains(simc(task(lags(2.0, 1.0, 0.2, 0.05), Ecu(period=4e-3, filter=6e-3))))
+    assert found == pytest.approx(Gains.series(1.0 / (2.0 * 0.07), 8.0 * 0.035, 0.225), rel=1e-6)
+
+
+@pytest.mark.parametrize("period", [1e-3, 2e-3, 5e-3])
+def test_simc_is_stable_with_room_to_spare_under_any_clock(period: float) -> None:
+    """The paper's Table 2 in Eqs. 1-2; without the derivative's lag among the delays it is unstable at all three."""
+    ecu = Ecu(period=period, filter=2.0 * period)
+    plant = TransferFunction(2.208e5, 1033.0, 9.370e4, 1.282e5)
+    found = margins(gains(simc(task(plant, ecu))), plant, ecu)
+    assert found.gain_db > 6.0
+    assert found.phase_deg > 30.0
 
 
 def test_amigo_reads_the_step_response() -> None:

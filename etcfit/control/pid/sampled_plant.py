@@ -1,0 +1,78 @@
+"""The linear plant as an ECU's clock sees it: what its hold and any delay make of it, exactly, at each tick.
+
+    x[k+1] = Phi x[k] + sum_j Gamma_j u[k-j],    y[k] = x_0[k]
+
+with Phi = exp(A T), and Gamma_j the integral of exp(A (T - t)) B over the part of a tick in which u[k-j] acts.
+
+Source: Astrom and Wittenmark 1997, Computer-Controlled Systems, section 2.3. Differs from source: delays of any number
+of ticks share one form, so that plants of different delay stand side by side.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Complex, Float
+from scipy.linalg import expm
+
+from ...model.ecu import Ecu
+from ...model.linear import TransferFunction
+
+_QUICKEST = 1e-4  # ticks: the lag that a sensor without one is given beside plants whose sensor has one
+
+
+class SampledPlant(NamedTuple):
+    """See the module; its state is the output as the sensor shows it, its derivatives by the tick, and the sensor's.
+
+    Args:
+        phi: Phi, shape (..., n, n).
+        gamma: Gamma_j, newest voltage first, shape (..., M, n).
+        period: T, s.
+    """
+
+    phi: Float[np.ndarray, "*plants n n"]
+    gamma: Float[np.ndarray, "*plants M n"]
+    period: float
+
+    def __call__(self, z: Complex[np.ndarray, " W"]) -> Complex[np.ndarray, "*plants W"]:
+        """G(z) = e_0 (z - Phi)^-1 sum_j Gamma_j z^-j, rad/V."""
+        states = self.phi.shape[-1]
+        powers = z[:, None] ** -np.arange(self.gamma.shape[-2], dtype=float)
+        driven = (powers @ self.gamma.astype(complex))[..., None]
+        resolvent = z[:, None, None] * np.eye(states) - self.phi[..., None, :, :]
+        return np.linalg.solve(resolvent, driven)[..., 0, 0]
+
+
+def sampled(plants: TransferFunction, ecu: Ecu) -> SampledPlant:
+    """The plants under a clock, a hold, and the delays of plant and ECU together.
+
+    Args:
+        plants: rad/V, numbers of one shape (...).
+        ecu: its period and delay.
+    """
+    flow = _flow(plants, ecu.period)
+    late = np.asarray((plants.delay + ecu.delay) / ecu.period, dtype=float)
+    late = np.where(np.abs(late - np.round(late)) < 1e-9, np.round(late), late)
+    ticks = math.ceil(float(np.max(late))) + 1
+    # voltage j acts in a tick from late - j to late - j + 1
+    edges = np.clip(late[..., None] + 1.0 - np.arange(ticks + 1), 0.0, 1.0)
+    remains = expm((1.0 - edges)[..., None, None] * flow[..., None, :, :])[..., :-1, -1]
+    return SampledPlant(expm(flow)[..., :-1, :-1], np.diff(remains, axis=-2), ecu.period)
+
+
+def _flow(plants: TransferFunction, period: float) -> Float[np.ndarray, "*plants N N"]:
+    """((A, B), (0, 0)) with time in ticks; a sensor that lags comes first."""
+    b0, a2, a1, a0, lag, _ = np.broadcast_arrays(
+        plants.b0, plants.a2, plants.a1, plants.a0, plants.lag, np.asarray(plants.delay)
+    )
+    lags = bool(np.any(lag > 0.0))
+    n = 4 if lags else 3
+    flow = np.zeros((*b0.shape, n + 1, n + 1))
+    flow[..., n - 3, n - 2] = flow[..., n - 2, n - 1] = 1.0
+    flow[..., n - 1, n - 3 :] = np.stack((-a0 * period**3, -a1 * period**2, -a2 * period, b0 * period**3), axis=-1)
+    if lags:
+        quick = period / np.maximum(lag, _QUICKEST * period)
+        flow[..., 0, 0], flow[..., 0, 1] = -quick, quick
+    return flow

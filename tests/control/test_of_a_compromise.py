@@ -1,0 +1,125 @@
+"""What is made from a fit that is a compromise: as wide as its ranges, and said so in table, JSON, picture and page."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from jsonschema import Draft202012Validator
+
+import etcfit
+import results
+from etcfit.control.design import Design, design, ecu_of
+from etcfit.control.linearise import reduce
+from etcfit.control.settings import DesignSettings, OptimumSettings
+from etcfit.estimation.compromise import Compromise
+from etcfit.estimation.intervals import Z_95, intervals
+from etcfit.estimation.joint_fit import FitResult
+from etcfit.files import write_json
+from etcfit.reporting.blocks import render
+from etcfit.reporting.control import bode, responses
+from etcfit.reporting.control.tables import design_table, reduction_table
+from etcfit.reporting.page.control import cautions
+from etcfit.reporting.page.verdict import gains_sentence
+from etcfit.run_folder import design_json, reduction_json
+
+FAR = "the model is far from the data (chi2/dof 17)"
+SCHEMAS = Path(etcfit.__file__).parent / "run_folder" / "schemas"
+BRIEF = DesignSettings(
+    draws=40, optimum=OptimumSettings(searches=1, sweeps=1, population=8, elite=4, rounds=1, last_rounds=1)
+)
+
+
+@pytest.fixture(scope="module")
+def sound(tmp_path_factory: pytest.TempPathFactory) -> FitResult:
+    return results.result(results.rig(tmp_path_factory.mktemp("rig")))
+
+
+def compromised(sound: FitResult, moved: float = 0.2) -> FitResult:
+    """One subset that moves every coordinate by so much: ten times what noise alone allows."""
+    size = sound.x.size
+    points, covariances = sound.x[None] - moved, 1e-4 * np.eye(size)[None]
+    subsets = Compromise(FAR, ("inductance",), points, covariances, np.full((1, size), np.nan))
+    return replace(sound, chi2_per_dof=17.0, compromise=subsets)
+
+
+def test_the_model_is_known_as_well_as_its_ranges_say(sound: FitResult) -> None:
+    """In coordinates: the far end is 0.2 + 1.96 * 0.01 off, on one side."""
+    far = compromised(sound).fitted()
+    known = np.isfinite(np.diag(sound.covariance))
+    assert np.sqrt(np.diag(far.covariance))[known] == pytest.approx((0.2 + Z_95 * 0.01) / Z_95, rel=1e-9)
+    assert np.array_equal(sound.fitted().covariance, sound.covariance)
+    stated = intervals(compromised(sound))["K_s"]
+    drawn = np.asarray(far.throttles(far.laplace(4000, np.random.default_rng(0))).parameter("K_s"))
+    assert stated.low is not None
+    assert np.quantile(drawn, 0.025) == pytest.approx(stated.low, rel=0.05)
+
+
+def test_correlations_are_kept(sound: FitResult) -> None:
+    size = sound.x.size
+    tied = 0.02**2 * (0.5 * np.eye(size) + 0.5)
+    far = compromised(replace(sound, covariance=tied)).fitted().covariance
+    sd = np.sqrt(np.diag(far))
+    assert np.allclose(far / np.outer(sd, sd), tied / 0.02**2)
+
+
+def test_its_coefficients_have_wider_errors_and_the_table_the_picture_and_the_file_say_why(sound: FitResult) -> None:
+    fitted = compromised(sound).fitted()
+    known, wide = reduce(sound.fitted()), reduce(fitted)
+    assert np.all(wide.stderr > 4.0 * known.stderr)
+    shown = " ".join(render(reduction_table(fitted, wide, 0)).split())
+    assert FAR in shown
+    assert "no standard error" in shown
+    assert FAR not in render(reduction_table(sound.fitted(), known, 0))
+    made = json.loads(json.dumps(reduction_json(fitted, wide, 0)))
+    assert made["fit"] == {"chi2_per_dof": 17.0, "converged": True, "reason": sound.reason, "compromise": FAR}
+    drawn = bode.draw(bode.BodePicture.of(fitted, wide))
+    assert FAR in " ".join(" ".join(text.get_text() for text in drawn.texts).split())
+    labels = [handle.get_text() for legend in drawn.legends for handle in legend.get_texts()]
+    assert "range that subsets of the data give" in labels
+    assert "95 % interval" not in labels
+
+
+@pytest.fixture(scope="module")
+def designed(sound: FitResult) -> Design:
+    fitted = compromised(sound).fitted()
+    return design(fitted, ecu_of(fitted), rule="damping_optimum", settings=BRIEF)
+
+
+@pytest.mark.slow
+def test_so_do_its_gains(designed: Design, sound: FitResult, tmp_path: Path) -> None:
+    made = design_json(designed)
+    write_json(tmp_path / "pid.json", "pid", made)
+    found = json.loads((tmp_path / "pid.json").read_text(encoding="utf-8"))
+    Draft202012Validator(json.loads((SCHEMAS / "pid.schema.json").read_text(encoding="utf-8"))).validate(found)
+    assert found["fit"]["compromise"] == FAR
+    shown = " ".join(render(design_table(designed)).split())
+    assert f"a compromise, not estimates: {FAR}" in shown
+    assert "no probability, for the model is not the plant" in shown
+    drawn = responses.draw(designed)
+    assert FAR in " ".join(" ".join(text.get_text() for text in drawn.texts).split())
+    assert cautions(found) == compromised(sound).state.cautions
+    assert "says little of the plant" in gains_sentence(found)
+    assert "probability" not in gains_sentence(found)
+
+
+@pytest.mark.slow
+def test_their_share_of_models_that_meet_all_counts_the_whole_range(designed: Design, sound: FitResult) -> None:
+    fitted = sound.fitted()
+    narrow = design(fitted, ecu_of(fitted), rule="damping_optimum", settings=BRIEF)
+
+    def spread(of: Design) -> float:
+        band = of.chosen.band
+        assert band is not None
+        return float(np.mean(band[2] - band[0]))
+
+    assert spread(designed) > 3.0 * spread(narrow)
+    assert "compromise" not in render(design_table(narrow))
+
+
+def test_a_file_of_before_has_no_cautions() -> None:
+    assert cautions({}) == ()
+    assert cautions({"rule": "optimal"}) == ()
