@@ -161,7 +161,7 @@ def shaken_by(seed: int, lag: float, size: float = 1.0) -> DriveLog:
     """A plate that comes late and wanders by itself: an error of so many % that forgets itself within 0.3 s."""
     late, keeps = log_of(lag=lag), np.exp(-0.01 / 0.3)
     noise = np.sqrt(1.0 - keeps**2) * np.random.default_rng(seed).standard_normal(late.position.time.size)
-    wander = lfilter([1.0], [1.0, -keeps], noise)
+    wander = np.asarray(lfilter([1.0], [1.0, -keeps], noise))
     return DriveLog("a", Series(late.position.time, late.position.value + size * wander), late.setpoint)
 
 

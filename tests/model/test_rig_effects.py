@@ -31,7 +31,7 @@ LOGGED = {
     "response": frozenset({"voltage", "current", "position"}),
     "inertia": frozenset({"emf", "position", "motor_speed"}),
     "sine": frozenset({"torque", "position"}),
-    "closed_loop": frozenset({"voltage", "duty", "position"}),
+    "closed_loop": frozenset({"voltage", "duty", "position", "current"}),
 }
 FILES = {"response/1.csv": LOGGED["response"], "response/2.csv": LOGGED["response"],
          "resistance/1.csv": LOGGED["resistance"], "inertia/1.csv": LOGGED["inertia"]}  # fmt: skip
@@ -100,6 +100,13 @@ def test_its_name_says_where_it_is_and_finds_it_again(effect: type[AbstractRigEf
     assert set(effect.off) <= {p.symbol for p in parameters_of(effect)}
     assert all(p.symbol.endswith(str(effect.place)) for p in parameters_of(effect))
     assert effect.mend(0.1)
+
+
+def test_a_supply_sags_only_where_a_current_says_how_much_it_gave() -> None:
+    driven = {"response": frozenset({"voltage", "duty", "position"})}
+    assert "supply_sag" not in {e.kind for e in at_places(driven)}
+    logged = {"response": driven["response"] | {"current"}}
+    assert "supply_sag" in {e.kind for e in at_places(logged)}
 
 
 def test_every_family_has_a_place_in_a_rig_that_logs_everything() -> None:

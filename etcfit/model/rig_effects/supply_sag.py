@@ -28,8 +28,11 @@ class SupplySag(AbstractRigEffect):
 
     @classmethod
     def places(cls, logged: Logged) -> tuple[Place, ...]:
-        """The rig, where a duty drove from a supply that nobody logged."""
-        return (Place(),) if any("duty" in channels for channels in logged.values()) else ()
+        """The rig, where a duty drove from a supply that nobody logged, and a current says how much it gave.
+
+        By a plate's angle alone a resistance of the supply is told from nothing else that holds a fast plate back.
+        """
+        return (Place(),) if any({"duty", "current"} <= channels for channels in logged.values()) else ()
 
     @classmethod
     def mend(cls, value: float) -> str:
