@@ -102,6 +102,12 @@ def test_its_name_says_where_it_is_and_finds_it_again(effect: type[AbstractRigEf
     assert effect.mend(0.1)
 
 
+def test_a_scale_of_the_angle_is_asked_about_only_where_more_than_a_torque_drives() -> None:
+    for driving, told in (("torque", False), ("voltage", True), ("emf", True)):
+        found = at_places({"response": frozenset({driving, "position"})})
+        assert ("sensor_end_points" in {e.kind for e in found}) is told
+
+
 def test_a_supply_sags_only_where_a_current_says_how_much_it_gave() -> None:
     driven = {"response": frozenset({"voltage", "duty", "position"})}
     assert "supply_sag" not in {e.kind for e in at_places(driven)}

@@ -25,7 +25,14 @@ class SensorEndPoints(AbstractRigEffect):
 
     @classmethod
     def places(cls, logged: Logged) -> tuple[Place, ...]:
-        return (Place(),) if any("position" in channels for channels in logged.values()) else ()
+        """The rig, where an angle is logged beside what goes with a speed by the motor's own constant.
+
+        By a torque alone a scale of the angle is one of inertia, friction and spring.
+        """
+        told = any(
+            "position" in channels and channels & {"voltage", "emf", "motor_speed"} for channels in logged.values()
+        )
+        return (Place(),) if told else ()
 
     @classmethod
     def mend(cls, value: float) -> str:
