@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from ..estimation.identifiability import WIDE
 from ..estimation.joint_fit import Report
 from ..estimation.levenberg_marquardt import information_of
 from ..estimation.remedies import listed
@@ -66,7 +67,8 @@ def _words(found: Sequence[Discrepancy]) -> str:
 def _bent(s: CandidateModel, smooth: Sequence[type[AbstractSmooth]]) -> Bend:
     lean, whole = s.lean(), s.composed()
     here, seen = lean.problem.linearise(lean.x, lean.weighted), np.asarray(lean.weighted.slots.weight) > 0.0
-    believed = information_of(np.asarray(lean.weighted.prior_sd)[: lean.x.size], np.zeros((0, lean.x.size)))
+    given = information_of(np.asarray(lean.weighted.prior_sd)[: lean.x.size], np.zeros((0, lean.x.size)))
+    believed = given + np.diag(1.0 / (WIDE * lean.problem.layout.reach(lean.x)) ** 2)  # of what no sample tells
     every = tangents(whole.problem, whole.x, whole.weighted, [variants(e)[0] for e in smooth])
     each = [Curve(e, np.where(np.isfinite(c), c, 0.0)) for e, c in zip(smooth, every, strict=True)]
     events = np.zeros(seen.shape, dtype=int)

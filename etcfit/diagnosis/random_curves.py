@@ -84,7 +84,7 @@ def bend(
         settings: `curve_length` is l_K in knots; `curve_evidence` and `large_curve`.
     """
     none = Bend({}, np.zeros_like(believed))
-    if not curves:
+    if not any(c.columns.any() for c in curves):
         return none
     background = Background.spanned(r, jacobian)
     root = np.linalg.cholesky(kernel(curves[0].columns.shape[1], settings.curve_length))

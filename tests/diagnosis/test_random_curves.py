@@ -109,8 +109,19 @@ def test_what_a_curve_moved_is_what_the_joint_estimate_says(line: Line) -> None:
     assert_allclose(moved(r, j, BELIEVED, ways, 1.0), expected, rtol=1e-6)
 
 
-def test_without_curves_nothing_is_added(line: Line) -> None:
-    r = np.zeros(SAMPLES)
-    found = bend(r, line.jacobian, BELIEVED, (), EVENT, DEFAULT)
+@pytest.mark.parametrize("curves", [(), (Curve(TORQUE, np.zeros((SAMPLES, KNOTS))),)])
+def test_without_curves_that_any_sample_feels_nothing_is_added(line: Line, curves: tuple[Curve, ...]) -> None:
+    r = np.random.default_rng(0).normal(size=SAMPLES)
+    found = bend(r, line.jacobian, BELIEVED, curves, EVENT, DEFAULT)
     assert not found.sizes
     assert not found.covariance.any()
+
+
+def test_a_parameter_that_no_sample_feels_is_moved_by_none(line: Line) -> None:
+    rng = np.random.default_rng(2)
+    r = rng.normal(size=SAMPLES) + line.curves[1].columns @ drawn(rng, 0.1)
+    jacobian = np.column_stack((line.jacobian, np.zeros(SAMPLES)))
+    found = bend(r, jacobian, 1e-6 * np.eye(3), line.curves, EVENT, DEFAULT)
+    assert found.sizes
+    assert_allclose(found.covariance[2, 2], 0.0, atol=1e-6)
+    assert np.all(np.diag(found.covariance)[:2] > 0.0)
