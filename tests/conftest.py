@@ -10,6 +10,7 @@ from pathlib import Path
 import pytest
 
 os.environ.setdefault("JAX_ENABLE_X64", "1")
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # a worker a core: threads of small products only wait
 gc.set_threshold(100_000, 50, 50)  # as the command line: tracing makes many objects and no garbage, a sixth of the time
 
 if importlib.util.find_spec("jax"):
