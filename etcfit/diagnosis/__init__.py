@@ -53,8 +53,7 @@ def diagnose(result: FitResult, report: Report = quiet, settings: DiagnosisSetti
     rest = Allowed(after)
     if left is not None or not progress.rounds[-1].evidence.white:
         rest = allowing_for_the_rest(result, after, progress.model, report)
-    told = _told(result, rest.after, first, progress, left, sets)
-    return replace(told, discrepancy=rest.found)
+    return _told(result, rest, first, progress, left, sets)
 
 
 def _looked_back(result: FitResult, progress: Progress, report: Report) -> Progress:
@@ -80,14 +79,14 @@ def _of_sets(
 
 def _told(
     result: FitResult,
-    after: FitResult,
+    rest: Allowed,
     first: CandidateModel,
     progress: Progress,
     left: Unexplained | None,
     sets: tuple[SetTried, ...],
 ) -> Diagnosis:
     """All that was found as plain data."""
-    s, doubts = progress.model, left.doubts if left else ()
+    s, after, doubts = progress.model, rest.after, left.doubts if left else ()
     added = tuple(e.name for e in s.added if e.name not in doubts)
     ties = tuple(tie(each) for each in progress.found if each.ties and s.at_work(each.effect))
     rig = rig_mistakes([e for e in s.added if e.name in added], after.values)
@@ -106,6 +105,7 @@ def _told(
         motions=(*motions(first, s, False), *(motions(first, s, True) if s.holdout else ())),
         rig=rig,
         probabilities=probabilities(progress.rounds, added, left is not None, first.settings),
+        discrepancy=rest.found,
         verdict=verdict(added, ties, left, progress.rounds, rig),
         settings=first.settings,
     )

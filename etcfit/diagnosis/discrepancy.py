@@ -2,18 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ..estimation.identifiability import WIDE
 from ..estimation.joint_fit import Report
-from ..estimation.levenberg_marquardt import information_of
+from ..estimation.levenberg_marquardt import believed
 from ..estimation.remedies import listed
 from ..estimation.result import FitResult
 from ..model.smooth import AbstractSmooth
-from ..problem.batch import TraceBatch
 from .candidate_model import CandidateModel
 from .findings import Discrepancy
 from .random_curves import Bend, Curve, bend
@@ -67,18 +65,10 @@ def _words(found: Sequence[Discrepancy]) -> str:
 def _bent(s: CandidateModel, smooth: Sequence[type[AbstractSmooth]]) -> Bend:
     lean, whole = s.lean(), s.composed()
     here, seen = lean.problem.linearise(lean.x, lean.weighted), np.asarray(lean.weighted.slots.weight) > 0.0
-    given = information_of(np.asarray(lean.weighted.prior_sd)[: lean.x.size], np.zeros((0, lean.x.size)))
-    believed = given + np.diag(1.0 / (WIDE * lean.problem.layout.reach(lean.x)) ** 2)  # of what no sample tells
+    priors = believed(lean.problem.layout, lean.x, lean.weighted.prior_sd)
     every = tangents(whole.problem, whole.x, whole.weighted, [variants(e)[0] for e in smooth])
     each = [Curve(e, np.where(np.isfinite(c), c, 0.0)) for e, c in zip(smooth, every, strict=True)]
     events = np.zeros(seen.shape, dtype=int)
-    for number, (stretch, lane) in enumerate(_stretches(lean.problem.batch, s.settings.curve_stretches)):
+    for number, (lane, stretch) in enumerate(lean.problem.batch.stretches(s.settings.curve_stretches)):
         events[stretch, lane] = number
-    return bend(here.r[seen], here.jacobian[seen], believed, each, events[seen], s.settings)
-
-
-def _stretches(batch: TraceBatch, count: int) -> Iterator[tuple[np.ndarray, int]]:
-    """Marks and lane of every stretch of every trace."""
-    for lane, _, marks in batch.places:
-        for stretch in np.array_split(marks, count):
-            yield stretch, lane
+    return bend(here.r[seen], here.jacobian[seen], priors, each, events[seen], s.settings)

@@ -92,6 +92,5 @@ def _stretches(s: CandidateModel, jacobian: np.ndarray, effect: np.ndarray) -> I
         jacobian: of the residual, shape (T, L, M, P).
         effect: c, what the effect does to the residual, shape (T, L, M).
     """
-    for lane, _, marks in s.problem.batch.places:
-        for stretch in np.array_split(marks, s.settings.formula_stretches):
-            yield np.einsum("tmp,tm->p", jacobian[stretch, lane], effect[stretch, lane])
+    for lane, stretch in s.problem.batch.stretches(s.settings.formula_stretches):
+        yield np.einsum("tmp,tm->p", jacobian[stretch, lane], effect[stretch, lane])

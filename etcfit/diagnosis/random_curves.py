@@ -93,10 +93,14 @@ def bend(
     tau = most_likely(left, settings)
     if not tau.any():
         return none
-    at_work = np.concatenate([size * way for size, way in zip(tau, ways, strict=True) if size > 0.0], axis=1)
     sizes = {c.effect: float(t) * c.scale for c, t in zip(curves, tau, strict=True) if t > 0.0}
-    by = student(left.freedom(tau)) ** 2 * moved(r, jacobian, believed, at_work, left.noise)
+    by = student(left.freedom(tau)) ** 2 * moved(r, jacobian, believed, sized(tau, ways), left.noise)
     return Bend(sizes, by)
+
+
+def sized(tau: np.ndarray, ways: Sequence[np.ndarray]) -> np.ndarray:
+    """tau W of all curves side by side, shape (n, m)."""
+    return np.concatenate([t * w for t, w in zip(tau, ways, strict=True)], axis=1)
 
 
 def student(freedom: float) -> float:
@@ -163,13 +167,13 @@ class _Left:
 
     def freedom(self, tau: np.ndarray) -> float:
         """tr G (G + 1)^-1, G = tau^2 W^T W / s^2 of all curves: how many amplitudes of theirs noise lets through."""
-        every = np.concatenate([t * w for t, w in zip(tau, self.ways, strict=True)], axis=1)
+        every = sized(tau, self.ways)
         power = np.maximum(np.linalg.eigvalsh(every.T @ every) / self.noise, 0.0)
         return float(np.sum(power / (power + 1.0)))
 
     def by_event(self, tau: np.ndarray) -> np.ndarray:
         """Fall of chi2 that all curves at their likeliest amplitudes make in each event."""
-        every = np.concatenate([t * w for t, w in zip(tau, self.ways, strict=True)], axis=1)
+        every = sized(tau, self.ways)
         system = every.T @ every / self.noise + np.eye(every.shape[1])
         with_them = self.r - every @ np.linalg.solve(system, every.T @ self.r / self.noise)
         return np.bincount(self.events, self.r**2 - with_them**2) / self.noise

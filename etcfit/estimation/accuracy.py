@@ -21,7 +21,7 @@ from ..model.parameters import parameters_of
 from ..model.rig_effects import AbstractRigEffect, ChannelGain, ChannelOffset, GearRatio, Place, TimeScale
 from ..problem.free_parameters import FreeParameters
 from .budget import Budget
-from .identifiability import WIDE
+from .levenberg_marquardt import believed
 from .result import FitResult
 
 
@@ -94,9 +94,8 @@ def _moves(result: FitResult, sources: list[_Source]) -> np.ndarray:
     jacobian = problem.linearise(x, weighted).jacobian
     flat, size = jacobian.reshape(-1, x.size), result.x.size
     own, theirs = flat[:, :size], flat[:, size:]
-    reach = result.free_parameters.layout.reach(result.x)
-    prior = 1.0 / (WIDE * reach) ** 2 + 1.0 / np.asarray(weighted.prior_sd)[:size] ** 2
-    by_effect = -np.linalg.solve(own.T @ own + np.diag(prior), own.T @ theirs)
+    prior = believed(result.free_parameters.layout, result.x, weighted.prior_sd)
+    by_effect = -np.linalg.solve(own.T @ own + prior, own.T @ theirs)
     turned_on = np.zeros((len(effects), len(sources)))
     for k, source in enumerate(sources):
         for effect, sd in source.moves:

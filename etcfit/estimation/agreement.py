@@ -15,9 +15,8 @@ from . import clusters, compromise
 from .compromise import Compromise
 from .contradiction import Comparison, Contradicting, Contradiction, digits_apart
 from .disagreement import sides_of, undisputed
-from .identifiability import WIDE
 from .influence import Influence, influence, parts
-from .levenberg_marquardt import information_of
+from .levenberg_marquardt import believed
 from .pieces import Piece
 from .settings import FitSettings
 from .statement import Split, Statement, inflations_of, prior, statement
@@ -74,8 +73,7 @@ class _Asked:
 
     def believed(self, here: Subset) -> Statement:
         """The priors: those given, and `WIDE` about wherever the fit went."""
-        given = information_of(np.asarray(self.weighted.prior_sd)[: self.x.size], np.zeros((0, self.x.size)))
-        return prior(given + np.diag(1.0 / (WIDE * self.reach) ** 2), here.belief)
+        return prior(believed(self.problem.layout, self.x, self.weighted.prior_sd), here.belief)
 
     def refitted(self, x: np.ndarray, tests: tuple[str, ...]) -> Subset:
         """The fit made again to some tests, from x, shape (P,), where that was not yet done."""

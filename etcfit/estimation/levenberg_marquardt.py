@@ -16,6 +16,7 @@ import optimistix
 from jaxtyping import Float
 
 from ..model.parameters import AnyArray
+from ..problem.free_parameters import Layout
 from ..problem.normal_equations import NormalEquations, normal_equations, shared_out
 from ..problem.problem import EstimationProblem
 from ..problem.residual import WeightedData
@@ -149,6 +150,12 @@ def information_of(prior_sd: np.ndarray, jacobian: np.ndarray) -> np.ndarray:
     """Fisher information J^T J of a whitened Jacobian (..., P), and that of the user's priors, shape (P, P)."""
     flat = jacobian.reshape(-1, jacobian.shape[-1])
     return flat.T @ flat + np.diag(1.0 / np.asarray(prior_sd) ** 2)
+
+
+def believed(layout: Layout, x: np.ndarray, prior_sd: np.ndarray) -> np.ndarray:
+    """Information of the user's priors, and of `WIDE` reaches about x, shape (P,), for what no sample tells: (P, P)."""
+    given = 1.0 / np.asarray(prior_sd)[: x.size] ** 2
+    return np.diag(given + 1.0 / (WIDE * layout.reach(x)) ** 2)
 
 
 def minimise(

@@ -6,7 +6,7 @@ serves every folder of a like size and little of it is padding.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
@@ -108,6 +108,12 @@ class TraceBatch:
     test_of: Float[np.ndarray, "T L"]
     traces: tuple[Trace, ...]
     places: tuple[tuple[int, int, Int[np.ndarray, " _"]], ...]
+
+    def stretches(self, count: int) -> Iterator[tuple[int, np.ndarray]]:
+        """Lane and entries of each of so many equal parts of every trace."""
+        for lane, _, marks in self.places:
+            for stretch in np.array_split(marks, count):
+                yield lane, stretch
 
     def holding(self, volts: Float[np.ndarray, " traces"]) -> TraceBatch:
         """The batch with other voltages in the integrals of ECUs that are part of the model, where their traces begin.
