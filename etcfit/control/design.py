@@ -18,13 +18,15 @@ from .pid import RULES, Gains, Metrics, Refusal, Requirements, Rule, Task, linea
 from .pid.feedforward import Bias, bias_of
 from .pid.loop import Body, Loop
 from .pid.margins import margins
-from .pid.requirements import REQUIRED
-from .pid.response import Judged, judge
+from .pid.requirements import OF_THE_PAPER, REQUIRED
+from .pid.response import Figures, Judged, judge, judge_each
+from .pid.scenarios import course
 from .pid.setpoint import Setpoint, trapezoid
 from .settings import DesignSettings
 
 DRAWS, SEED = DesignSettings().draws, DesignSettings().seed
 PAPERS = Requirements()  # section 4.1
+PAPERS_SETPOINT = trapezoid()
 BEST = "optimal"
 
 
@@ -36,13 +38,15 @@ class Tuned:
         rule: its name.
         gains: SI, or None where the rule refused.
         why: of a refusal.
-        linear, nonlinear: figures of the nominal model.
-        met: by requirement, on the nominal nonlinear model.
-        met_linear: by requirement, on the linear plant.
+        linear: figures of the linear plant on the paper's trapezoid.
+        nonlinear: of the nominal model, the worst of all scenarios.
+        scenarios: of the nominal model, by scenario.
+        met: by requirement, on the nominal nonlinear model in every scenario.
+        met_linear: by requirement of the paper, on the linear plant.
         probability_met: share of the draws whose nonlinear response meets every requirement, by a stable loop.
         probability_stable: share of them whose gain and phase margins are what was asked for.
         band: position of the draws at each tick, quantiles 2.5, 50 and 97.5 %, shares of the travel, shape (3, K).
-        linear_path: the linear plant's position, shape (K,).
+        linear_path: the linear plant's position on the paper's trapezoid, which is the first scenario, shape (L,).
     """
 
     rule: str
@@ -50,6 +54,7 @@ class Tuned:
     why: str
     linear: Metrics | None
     nonlinear: Metrics | None
+    scenarios: Mapping[str, Judged]
     met: Mapping[str, bool]
     met_linear: Mapping[str, bool]
     probability_met: float | None
@@ -75,7 +80,6 @@ class Design:
     Args:
         fitted: the model.
         task: what the rules were given.
-        setpoint: on which they were judged.
         chosen: the rule whose gains are proposed.
         tuned: every rule, by name.
         draws: how many models judged them, the nominal one among them.
@@ -86,13 +90,17 @@ class Design:
 
     fitted: Fitted
     task: Task
-    setpoint: Setpoint
     chosen: Tuned
     tuned: Mapping[str, Tuned]
     draws: int
     origin: str
     bias: Bias
     limits: tuple[str, ...]
+
+    @property
+    def setpoint(self) -> Setpoint:
+        """Scenarios on which gains were judged."""
+        return self.task.setpoint
 
     @property
     def settings(self) -> DesignSettings:
@@ -150,7 +158,8 @@ def task_of(
     throttles = fitted.throttles(np.vstack((fitted.x, drawn)))
     bias = bias_of(fitted.throttle, *body) if feed_forward else None
     loop = Loop(throttles, body, ecu, bias, settings.loop)
-    return Task(reduce(fitted).plant, ecu, requirements, loop, gains_as_found(fitted), settings)
+    setpoint = course(loop.first(1), settings.scenarios)
+    return Task(reduce(fitted).plant, ecu, requirements, loop, setpoint, gains_as_found(fitted), settings)
 
 
 def design(
@@ -201,34 +210,31 @@ def propose(
     if isinstance(refused, Refusal):
         raise UsageError(f"{rule} has no gains for this plant: {refused.why}. Choose another rule.")
     report("judging every rule over the draws", 0.8)
-    setpoint = trapezoid()
-    tuned = judged(task, found, setpoint)
+    tuned = judged(task, found)
     chosen = tuned[rule]
     limits: tuple[str, ...] = ()
     if not chosen.meets_all:
         report("looking for what binds", 0.85)
-        limits = binding(task, setpoint)
+        limits = binding(task)
     bias = task.loop.bias or bias_of(fitted.throttle, *task.loop.body)
-    return Design(fitted, task, setpoint, chosen, tuned, task.loop.draws, origin, bias, limits)
+    return Design(fitted, task, chosen, tuned, task.loop.draws, origin, bias, limits)
 
 
-def judged(task: Task, found: Mapping[str, Gains | Refusal], setpoint: Setpoint) -> dict[str, Tuned]:
+def judged(task: Task, found: Mapping[str, Gains | Refusal]) -> dict[str, Tuned]:
     """Figures of every rule's gains, on the linear plant and over the draws of the nonlinear one."""
     have = {name: gains for name, gains in found.items() if isinstance(gains, Gains)}
     gains = Gains(*(np.array(column, dtype=float) for column in zip(*have.values(), strict=True)))
-    path = np.asarray(task.loop.respond(gains, setpoint).position)
-    share = np.asarray(task.loop.share(path))
-    figures = judge(setpoint, setpoint.instants(task.ecu.period), share)
+    share, figures = task.loop.tried(gains, task.setpoint)
     safe = margins(Gains(*(g[None] for g in gains)), task.loop.linear(), task.ecu)
     out = {}
     for name, refusal in found.items():
         if isinstance(refusal, Refusal):
-            out[name] = Tuned(name, None, refusal.why, None, None, {}, {}, None, None, None, None)
+            out[name] = refused(name, refusal)
             continue
         k = list(have).index(name)
-        column = Judged(*(np.asarray(figure)[:, k] for figure in figures))
+        column = Figures(*(figure[:, k] for figure in figures))
         over_draws = _OverDraws(column, share[:, k], safe.gain_db[:, k], safe.phase_deg[:, k])
-        out[name] = _tuned(task, name, refusal, setpoint, over_draws)
+        out[name] = _tuned(task, name, refusal, over_draws)
     return out
 
 
@@ -241,35 +247,43 @@ class _OverDraws(NamedTuple):
         gain_margin, phase_margin: of the linear loops, dB and degrees, shape (D,).
     """
 
-    figures: Judged
+    figures: Figures
     share: np.ndarray
     gain_margin: np.ndarray
     phase_margin: np.ndarray
 
 
-def _tuned(task: Task, name: str, gains: Gains, setpoint: Setpoint, over_draws: _OverDraws) -> Tuned:
+def _tuned(task: Task, name: str, gains: Gains, over_draws: _OverDraws) -> Tuned:
     """What one rule came to."""
     column, share, gain_margin, phase_margin = over_draws
-    asked, time = task.requirements, setpoint.instants(task.ecu.period)
+    asked, time = task.requirements, task.setpoint.instants(task.ecu.period)
     margin = [float(m) for m in margins(gains, task.plant, task.ecu)]
-    straight = linear_loop.respond(task.plant, gains, task.ecu, setpoint)
-    linear = Metrics(*(float(v) for v in judge(setpoint, time, straight)), *margin)
-    nonlinear = Metrics(*(float(v[0]) for v in column), *margin)
+    straight = linear_loop.respond(task.plant, gains, task.ecu, PAPERS_SETPOINT)
+    linear = Metrics(*map(float, judge(PAPERS_SETPOINT, PAPERS_SETPOINT.instants(task.ecu.period), straight)), *margin)
+    tracking, effort = column[:4], column[4:]
+    nonlinear = Metrics(*(float(v[0]) for v in tracking), *margin, *(float(v[0]) for v in effort))
     every = np.all([_below(column, asked, symbol) for symbol in REQUIRED], axis=0) & (gain_margin > 0.0)
     stable = (gain_margin >= asked.gain_margin_db) & (phase_margin >= asked.phase_margin_deg)
+    each = judge_each(task.setpoint, time, share[0])
     return Tuned(
         rule=name,
         gains=Gains(*(float(g) for g in gains)),
         why="",
         linear=linear,
         nonlinear=nonlinear,
+        scenarios={scenario: Judged(*map(float, figures)) for scenario, figures in each.items()},
         met={s: bool(_below(nonlinear, asked, s)) for s in REQUIRED},
-        met_linear={s: bool(_below(linear, asked, s)) for s in REQUIRED},
+        met_linear={s: bool(_below(linear, asked, s)) for s in OF_THE_PAPER},
         probability_met=float(np.mean(every)),
         probability_stable=float(np.mean(stable)),
         band=np.quantile(share, (0.025, 0.5, 0.975), axis=0),
         linear_path=straight,
     )
+
+
+def refused(name: str, refusal: Refusal) -> Tuned:
+    """A rule without gains."""
+    return Tuned(name, None, refusal.why, None, None, {}, {}, {}, None, None, None, None)
 
 
 def _below(figures: Any, asked: Requirements, symbol: str) -> Any:
@@ -291,20 +305,22 @@ _EASED: dict[str, Callable[[Task], Task]] = {
     ),
     "dry friction": lambda task: replace(task, loop=replace(task.loop, throttles=frictionless(task.loop.throttles))),
     "the resolution of the position sensor": lambda task: _with_ecu(task, resolution=0.0),
+    "the noise of the position sensor": lambda task: _with_ecu(task, noise=0.0),
+    "the filter ahead of the ECU": lambda task: _with_ecu(task, lag=0.0),
 }
 
 
-def binding(task: Task, setpoint: Setpoint) -> tuple[str, ...]:
+def binding(task: Task) -> tuple[str, ...]:
     """What, eased alone, would let our optimum meet every requirement on the nominal model."""
-    eased = (name for name, ease in _EASED.items() if _meets(ease(task), setpoint))
+    eased = (name for name, ease in _EASED.items() if _meets(ease(task)))
     return tuple(eased) or ("no limit alone: several bind together, or the setpoint itself is too fast",)
 
 
-def _meets(task: Task, setpoint: Setpoint) -> bool:
+def _meets(task: Task) -> bool:
     gains = RULES[BEST](task)
     if isinstance(gains, Refusal):
         return False
-    figures = task.loop.first(1).judged(Gains(*(np.array([g]) for g in gains)), setpoint)
+    figures = task.loop.first(1).tried(Gains(*(np.array([g]) for g in gains)), task.setpoint).figures
     return all(bool(np.all(_below(figures, task.requirements, symbol))) for symbol in REQUIRED)
 
 

@@ -22,8 +22,8 @@ class OptimumSettings:
     Args:
         certain: share of the draws that must meet every requirement.
         few: draws during the second part of the search, the nominal model among them; all of them judge its end.
-        searches: searches of which the best end counts, each with its own scatter: dry friction makes valleys whose
-            floors differ by a few per cent.
+        searches: searches on the nominal model, each with its own scatter, from whose best end the search over draws
+            begins: dry friction makes valleys whose floors differ by a few per cent.
         sweeps: populations that are scattered over all gains first.
         population: gains tried at once.
         elite: of them, those that the next population is drawn about.
@@ -181,12 +181,43 @@ class LoopSettings:
     Args:
         longest_step: of the integration, s; a tick of the ECU is divided into equal steps no longer than this.
         latest: ticks of delay that are remembered at most.
+        seed: of the sensor's noise, a sequence for each model, the same for all gains.
+        bridge_ohm: resistance of the bridge that drives the motor, both of its closed switches together.
     """
 
     longest_step: float = real(5e-4, 1e-7, 1.0)
     latest: int = whole(64, 1, 2**20)
+    seed: int = whole(20230701, 0, 2**32 - 1)
+    bridge_ohm: float = real(0.2, 0.0, 1e3)
 
     __post_init__ = check_ranges
+
+
+@dataclass(frozen=True)
+class ScenarioSettings:
+    """The scenarios that gains are judged on, besides the paper's trapezoid.
+
+    Args:
+        low, high: ends of the large steps, shares of the travel.
+        small: the small steps, up from a quarter of the travel and back, shares of the travel.
+        beyond_rest: how far beyond the limp-home position, either way, the steps across it go, share of the travel.
+        large_hold: s that each large step is held.
+        hold: s that each other step is held.
+        lead: s at the first level of a scenario, not judged.
+    """
+
+    low: float = real(0.1, 0.0, 1.0)
+    high: float = real(0.7, 0.0, 1.0)
+    small: tuple[float, ...] = reals((0.005, 0.01, 0.02), 1e-6, 0.5)
+    beyond_rest: float = real(0.02, 1e-6, 0.5)
+    large_hold: float = real(0.5, 1e-3, 100.0)
+    hold: float = real(0.4, 1e-3, 100.0)
+    lead: float = real(0.3, 0.0, 100.0)
+
+    def __post_init__(self) -> None:
+        check_ranges(self)
+        if self.low >= self.high:
+            raise ValueError(f"ScenarioSettings.high = {self.high!r}: it must be above low, {self.low!r}.")
 
 
 @dataclass(frozen=True)
@@ -200,6 +231,7 @@ class DesignSettings:
         eased_period: period of the ECU when it is asked whether its clock is, s.
         eased_margin: gain margin (dB) and phase margin (degrees) asked for when it is asked whether they are.
         loop: the simulation.
+        scenarios: what gains are judged on.
         optimum: the search of the rule `optimal`.
         manual: the rule `manual`.
         relay: the rule `relay`.
@@ -212,6 +244,7 @@ class DesignSettings:
     eased_period: float = real(5e-4, 1e-6, 1.0)
     eased_margin: float = real(1e-3, 1e-9, 100.0)
     loop: LoopSettings = LoopSettings()
+    scenarios: ScenarioSettings = ScenarioSettings()
     optimum: OptimumSettings = OptimumSettings()
     manual: ManualSettings = ManualSettings()
     relay: RelaySettings = RelaySettings()

@@ -25,6 +25,8 @@ class Ecu(NamedTuple):
         duty: largest that it puts out, a share of the supply.
         integral: largest that its integral may hold, a share of the supply, running on while the output is at its
             limit; 0 for none, and then it stands still there.
+        noise: of the position it reads, one tick's from the next one's independent, rad, a standard deviation.
+        lag: time constant of the filter ahead of its converter, s; 0 for none.
     """
 
     period: float = 1e-3
@@ -35,6 +37,8 @@ class Ecu(NamedTuple):
     resolution: float = 0.0
     duty: float = 1.0
     integral: float = 0.0
+    noise: float = 0.0
+    lag: float = 0.0
 
     @property
     def limit(self) -> Scalar:
@@ -43,8 +47,8 @@ class Ecu(NamedTuple):
 
     @property
     def late(self) -> float:
-        """By how much the output lags what was read, s: its hold lasts half a period on average."""
-        return self.delay + 0.5 * self.period
+        """By how much its output lags the plate, s: filter, delay, and a hold of half a period on average."""
+        return self.lag + self.delay + 0.5 * self.period
 
     @property
     def derivative_late(self) -> float:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 from ...model.ecu import Ecu
 from ...model.linear import TransferFunction
@@ -11,6 +11,7 @@ from ..settings import DesignSettings
 from .gains import Gains
 from .loop import Loop
 from .requirements import Requirements
+from .setpoint import Setpoint, trapezoid
 
 
 @dataclass(frozen=True)
@@ -29,6 +30,7 @@ class Task:
         ecu: the controller's own limits.
         requirements: what is asked for.
         loop: the fitted nonlinear plant under its ECU, nominal model first, then draws.
+        setpoint: on which gains are judged.
         as_found: gains of the ECU that drove the logs, or why nobody knows them.
         settings: budgets of the rules that experiment.
     """
@@ -37,6 +39,7 @@ class Task:
     ecu: Ecu
     requirements: Requirements
     loop: Loop
+    setpoint: Setpoint = field(default_factory=trapezoid)
     as_found: Gains | Refusal = Refusal("no ECU is described")
     settings: DesignSettings = DesignSettings()
 

@@ -17,12 +17,13 @@ from ...model.effects import Inputs, State
 from ...model.linear import MIDDLE, TransferFunction, coefficients, sensor_lag
 from ...model.parameters import Scalar
 from ...model.stepper import Step, step
+from ...model.tangents import once
 from ...model.throttle import Throttle
 from ..settings import LoopSettings
 from .ecu import Memory, tick
 from .feedforward import Bias, HoldingVoltages, hold_curve
 from .gains import Gains
-from .response import Judged, judge
+from .response import Figures, Judged, effort, judge
 from .setpoint import Setpoint
 
 
@@ -42,11 +43,24 @@ class Path(NamedTuple):
     current: Any
 
 
+class Tried(NamedTuple):
+    """Responses, and what they come to.
+
+    Args:
+        share: position at each tick, share of the travel, shape (D, G, K).
+        figures: shape (D, G) each.
+    """
+
+    share: np.ndarray
+    figures: Figures
+
+
 class _Carry(NamedTuple):
     """What the simulation hands from tick to tick: the plant, memories of its effects and of the controller."""
 
     x: State
     z: tuple[Scalar, ...]
+    shown: Scalar  # position at the ECU's converter, rad
     memory: Any
     sent: Any  # voltages of the last ticks, newest first, V
 
@@ -63,15 +77,19 @@ def _step(ecu: Ecu, body: Body, dt: Scalar, volts: Scalar, time: Scalar) -> Step
                 guide_stiffness=0.0, target0=0.0, target1=0.0, lever=0.0)  # fmt: skip
 
 
-def _acting(sent: Any, begin: Scalar, end: Scalar) -> Scalar:
-    """Mean voltage from begin to end, ticks since the newest was sent (at most one tick apart, none beyond 1), V."""
-    newest = jnp.floor(begin)
-    share = jnp.clip((newest + 1.0 - begin) / (end - begin), 0.0, 1.0)
-    back = -newest.astype(int)
-    return (
-        share * sent[jnp.clip(back, 0, sent.shape[0] - 1)]
-        + (1.0 - share) * sent[jnp.clip(back - 1, 0, sent.shape[0] - 1)]
-    )
+def _acting(late: Scalar, parts: int, room: int) -> Any:
+    """Share of each part of a tick in which each voltage acts, newest voltage first, shape (parts, room).
+
+    Args:
+        late: by how many ticks a voltage acts after it was computed; it then acts for a tick.
+        parts: of equal duration.
+        room: voltages that are remembered; the oldest acts for all before it.
+    """
+    begins = late - np.arange(room)
+    ends = begins + 1.0
+    begins = jnp.where(np.arange(room) == room - 1, -jnp.inf, begins)
+    k = np.arange(parts)[:, None] / parts
+    return parts * jnp.maximum(jnp.minimum(ends, k + 1.0 / parts) - jnp.maximum(begins, k), 0.0)
 
 
 class _Run(NamedTuple):
@@ -96,50 +114,86 @@ class _Run(NamedTuple):
     start: State
 
 
-def _one(control: Controller, throttle: Throttle, run: _Run, parts: int, room: int) -> Path:
+class _Plant(NamedTuple):
+    """What the ECU drives.
+
+    Args:
+        throttle: the model.
+        drive: voltage that it gets over the one that the ECU means to send.
+        misread: what the noise adds to each reading, rad, shape (K,).
+    """
+
+    throttle: Throttle
+    drive: Scalar
+    misread: Any
+
+
+def _lagging(shown: Scalar, before: Scalar, now: Scalar, steps: Scalar) -> Scalar:
+    """A first-order lag over a step in which its input goes straight from before to now.
+
+    Args:
+        shown: its output at the step's begin.
+        before, now: its input.
+        steps: duration of the step over its time constant; infinite for none.
+    """
+    behind = (now - before) / steps
+    return now - behind + (shown - before + behind) * jnp.exp(-steps)
+
+
+def _one(control: Controller, plant: _Plant, run: _Run, parts: int, room: int) -> Path:
     """One plant under one controller.
 
     Args:
         control: see `Loop.run`.
-        throttle: the plant.
+        plant: what it drives.
         run: all else that is data.
         parts: integration steps in a tick.
         room: ticks of delay that are remembered.
     """
     settings, first, ecu, body, setpoint, bias, start = run
+    throttle, drive, misread = plant
     late = (ecu.delay + throttle.delays().input) / ecu.period
     seen_with = Inputs(0.0, 0.0, 0.0, 1.0, 0.0, body.gear_ratio, body.lower, body.upper)
+    dt = ecu.period / parts
+    acting = _acting(late, parts, room)
+    steps = dt / jnp.where(ecu.lag > 0.0, ecu.lag, 0.0)
+
+    def seen(x: State, z: Any, volts: Scalar, time: Scalar) -> Scalar:
+        return throttle.observe(x, z, seen_with._replace(voltage=volts, time=time))["position"]
 
     def advance(carry: _Carry, entry: Any) -> tuple[_Carry, Path]:
-        wanted, ahead, time = entry
-        seen = throttle.observe(carry.x, carry.z, seen_with._replace(voltage=carry.sent[0], time=time))
-        volts, memory = control(settings, ecu, carry.memory, wanted, seen["position"], ahead)
+        wanted, ahead, error, time = entry
+        volts, memory = once(control(settings, ecu, carry.memory, wanted, once(carry.shown + error), ahead))
         sent = jnp.concatenate((volts[None], carry.sent[:-1]))
 
         def part(state: Any, k: Any) -> Any:
-            x, z = state
-            mean = _acting(sent, k / parts - late, (k + 1.0) / parts - late)
-            s = _step(ecu, body, ecu.period / parts, mean, time + (k + 1.0) * ecu.period / parts)
-            return step(throttle, x, z, s), None
+            x, z, shown = state
+            mean = drive * jnp.sum(acting[k] * sent)
+            end = time + (k + 1.0) * dt
+            before = seen(x, z, drive * volts, end - dt)
+            x, z = once(step(throttle, x, z, _step(ecu, body, dt, once(mean), end)))
+            return (x, z, _lagging(shown, before, seen(x, z, drive * volts, end), steps)), None
 
-        (x, z), _ = jax.lax.scan(part, (carry.x, carry.z), jnp.arange(parts, dtype=float), unroll=min(parts, _UNROLLED))
-        return _Carry(x, z, memory, sent), Path(carry.x.theta, volts, carry.x.i)
+        begin = (carry.x, carry.z, carry.shown)
+        (x, z, shown), _ = jax.lax.scan(part, begin, jnp.arange(parts), unroll=min(parts, _UNROLLED))
+        return _Carry(x, z, shown, memory, sent), Path(carry.x.theta, volts, carry.x.i)
 
     x = State(*(jnp.asarray(each, dtype=float) for each in start))
     z = tuple(jnp.asarray(each, dtype=float) for each in throttle.z0)
     time = ecu.period * jnp.arange(setpoint.shape[0])
-    _, path = jax.lax.scan(advance, _Carry(x, z, first, jnp.zeros(room)), (setpoint, bias, time))
+    begin = _Carry(x, z, seen(x, z, 0.0, 0.0), first, jnp.zeros(room))
+    _, path = jax.lax.scan(advance, begin, (setpoint, bias, misread, time))
     return path
 
 
 @partial(jax.jit, static_argnums=(0, 3, 4))
-def _many(control: Controller, throttles: Throttle, run: _Run, parts: int, room: int) -> Path:
+def _many(control: Controller, plants: _Plant, run: _Run, parts: int, room: int) -> Path:
     """Every plant (D) under every controller (G), whose settings have shape (G,): shape (D, G, K)."""
 
-    def each(throttle: Throttle, settings: Any) -> Path:
-        return _one(control, throttle, run._replace(settings=settings), parts, room)
+    def each(plant: _Plant, settings: Any) -> Path:
+        return _one(control, plant, run._replace(settings=settings), parts, room)
 
-    return jax.vmap(jax.vmap(each, in_axes=(None, 0)), in_axes=(0, None))(throttles, run.settings)
+    return jax.vmap(jax.vmap(each, in_axes=(None, 0)), in_axes=(0, None))(plants, run.settings)
 
 
 @jax.jit
@@ -172,6 +226,8 @@ class Loop:
         ecu: the controller.
         bias: feed-forward; None for none.
         settings: of the simulation.
+        drive: voltage that each plant gets over the one that the ECU means to send, shape (D,); None for 1: the supply
+            over the ECU's where its output is a duty.
     """
 
     throttles: Throttle
@@ -179,6 +235,7 @@ class Loop:
     ecu: Ecu
     bias: Bias | None = None
     settings: LoopSettings = LoopSettings()
+    drive: np.ndarray | None = None
 
     @property
     def draws(self) -> int:
@@ -187,7 +244,12 @@ class Loop:
 
     def first(self, count: int) -> Loop:
         """The loop around the first `count` models only, the nominal one first."""
-        return replace(self, throttles=jax.tree.map(lambda leaf: leaf[:count], self.throttles))
+        return self.taking(np.arange(min(count, self.draws)))
+
+    def taking(self, which: np.ndarray) -> Loop:
+        """The loop around some of the models, by their numbers, shape (C,)."""
+        drive = None if self.drive is None else self.drive[which]
+        return replace(self, throttles=jax.tree.map(lambda leaf: leaf[which], self.throttles), drive=drive)
 
     def under(self, ecu: Ecu) -> Loop:
         """The loop with another ECU around its plants."""
@@ -218,7 +280,7 @@ class Loop:
         """The plants linearised about a share of the travel, rad/V: numbers of shape (D, 1)."""
         rows, delay, lag = _linear(self.throttles, self.angle(share), self.body)
         b0, a2, a1, a0, delay, lag = (np.asarray(v)[:, None] for v in (*rows.T, delay, lag))
-        return TransferFunction(b0, a2, a1, a0, delay, lag)  # pyright: ignore[reportArgumentType]
+        return TransferFunction(b0 * self._driven[:, None], a2, a1, a0, delay, lag)  # pyright: ignore[reportArgumentType]
 
     def respond(self, gains: Gains, setpoint: Setpoint) -> Path:
         """Responses to a setpoint, shape (D, G, K), of gains of shape (G,) each."""
@@ -241,12 +303,27 @@ class Loop:
         start = State(0.0, self.angle(setpoint.shares[0]), 0.0) if start is None else start
         parts = max(1, math.ceil(self.ecu.period / self.settings.longest_step - 1e-9))
         run = _Run(settings, first, self.ecu, self.body, wanted, ahead, start)
-        return _many(control, self.throttles, run, parts, self._room())
+        rng = np.random.default_rng(self.settings.seed)
+        misread = self.ecu.noise * rng.standard_normal((self.draws, wanted.size))
+        return _many(control, _Plant(self.throttles, self._driven, misread), run, parts, self._room())
 
     def judged(self, gains: Gains, setpoint: Setpoint) -> Judged:
         """Figures of the responses, shape (D, G) each."""
         path = self.respond(gains, setpoint)
         return judge(setpoint, setpoint.instants(self.ecu.period), self.share(np.asarray(path.position)))
+
+    @property
+    def _driven(self) -> np.ndarray:
+        return np.ones(self.draws) if self.drive is None else self.drive
+
+    def tried(self, gains: Gains, setpoint: Setpoint) -> Tried:
+        """Responses to a setpoint, and all their figures."""
+        path = Path(*(np.asarray(each) for each in self.respond(gains, setpoint)))
+        time, share = setpoint.instants(self.ecu.period), self.share(path.position)
+        spent = effort(setpoint, time, path.voltage / self.ecu.supply, path.current)
+        resistance = np.asarray(self.throttles.parameter("R_a"))[:, None]
+        heat = [ohm * spent.current_rms_A**2 for ohm in (resistance, self.settings.bridge_ohm)]
+        return Tried(share, Figures(*judge(setpoint, time, share), *spent, *heat))
 
     def _room(self) -> int:
         """Ticks of delay to remember: a power of two, so that loops of slightly different delays compile once."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -14,9 +15,13 @@ class Requirements:
 
     Args:
         overshoot_pct: of the change of the setpoint.
-        settling_s: from where the setpoint begins to change until the angle stays within 2 % of the change.
-        steady_state_error_pct: of the change.
+        settling_s: from where the setpoint begins to change until the angle stays within 2 % of the change, or within
+            0.1 % of the travel where that is more.
+        steady_state_error_pct: of the change, or of a fifth of the travel where that is more.
         gain_margin_db, phase_margin_deg: at least; asked of the optimum only, the paper has none.
+        duty_activity_pct: standard deviation of the duty while the setpoint rests; the paper has none.
+        current_rms_A: over all scenarios; the paper has none.
+        winding_W, bridge_W: mean heat in winding and bridge; the paper has none.
     """
 
     overshoot_pct: float = 20.0
@@ -24,10 +29,14 @@ class Requirements:
     steady_state_error_pct: float = 0.5
     gain_margin_db: float = 6.0
     phase_margin_deg: float = 30.0
+    duty_activity_pct: float = 5.0
+    current_rms_A: float = math.inf
+    winding_W: float = math.inf
+    bridge_W: float = math.inf
 
 
 class Metrics(NamedTuple):
-    """How well a loop follows its setpoint.
+    """How well a loop follows its setpoint, and what that costs.
 
     Args:
         overshoot_pct: largest excess beyond a new level, of the change of the setpoint.
@@ -35,6 +44,9 @@ class Metrics(NamedTuple):
         steady_state_error_pct: largest error in the last quarter of a level, of the change.
         rmse_pct: of the tracking error, of the travel (the paper's Eq. 9).
         gain_margin_db, phase_margin_deg: of the linear loop; below 0 where it is unstable.
+        duty_activity_pct: standard deviation of the duty in the last quarter of a level, root mean square of all.
+        current_rms_A: rms of the current.
+        winding_W, bridge_W: mean heat of winding and bridge, R i^2.
     """
 
     overshoot_pct: Scalar
@@ -43,6 +55,11 @@ class Metrics(NamedTuple):
     rmse_pct: Scalar
     gain_margin_db: Scalar
     phase_margin_deg: Scalar
+    duty_activity_pct: Scalar = 0.0
+    current_rms_A: Scalar = 0.0
+    winding_W: Scalar = 0.0
+    bridge_W: Scalar = 0.0
 
 
-REQUIRED = ("overshoot_pct", "settling_s", "steady_state_error_pct")
+OF_THE_PAPER = ("overshoot_pct", "settling_s", "steady_state_error_pct")
+REQUIRED = (*OF_THE_PAPER, "duty_activity_pct", "current_rms_A", "winding_W", "bridge_W")

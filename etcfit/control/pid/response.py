@@ -6,19 +6,41 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from .setpoint import Level, Setpoint
+from .setpoint import Level, Setpoint, Stretch
 
 SETTLED = 0.02  # of the change of the setpoint
+SETTLED_AT_LEAST = 1e-3  # share of the travel: closer counts as settled, however small the change
 TAIL = 0.25  # of a level, at its end, over which the steady-state error is looked for
+LEAST_CHANGE = 0.2  # share of the travel: the steady-state error of a smaller change is given as a share of this
 
 
 class Judged(NamedTuple):
-    """A response's figures; the worst of all levels, and the RMSE over all of them. See `base.Metrics`."""
+    """A response's figures; the worst of all levels, and the worst RMSE of its stretches. See `base.Metrics`."""
 
     overshoot_pct: Any
     settling_s: Any
     steady_state_error_pct: Any
     rmse_pct: Any
+
+
+class Effort(NamedTuple):
+    """What a response costs. See `base.Metrics`."""
+
+    duty_activity_pct: Any
+    current_rms_A: Any
+
+
+class Figures(NamedTuple):
+    """Both, and the heat that the current makes, W. See `base.Metrics`."""
+
+    overshoot_pct: Any
+    settling_s: Any
+    steady_state_error_pct: Any
+    rmse_pct: Any
+    duty_activity_pct: Any
+    current_rms_A: Any
+    winding_W: Any
+    bridge_W: Any
 
 
 def judge(setpoint: Setpoint, time: np.ndarray, share: np.ndarray) -> Judged:
@@ -30,11 +52,45 @@ def judge(setpoint: Setpoint, time: np.ndarray, share: np.ndarray) -> Judged:
         share: of the travel, shape (..., K); what is not finite counts as infinitely far off.
     """
     share = np.where(np.isfinite(share), share, np.inf)
-    each = [_level(level, time, share) for level in setpoint.levels]
-    overshoot, settling, error = (np.max(np.stack(column), axis=0) for column in zip(*each, strict=True))
-    begin = _index(time, setpoint.judged_from)
-    missed = share[..., begin:] - setpoint.at(time[begin:])
-    return Judged(overshoot, settling, error, 100.0 * np.sqrt(np.mean(np.square(missed), axis=-1)))
+    missed = [_missed(setpoint, stretch, time, share) for stretch in setpoint.stretches]
+    return Judged(*_worst(setpoint.levels, time, share), np.max(np.stack(missed), axis=0))
+
+
+def judge_each(setpoint: Setpoint, time: np.ndarray, share: np.ndarray) -> dict[str, Judged]:
+    """The same scenario by scenario, each with the tracking error over all of its own."""
+    share = np.where(np.isfinite(share), share, np.inf)
+    out = {}
+    for name in setpoint.scenarios:
+        levels = setpoint.only(name)
+        whole = Stretch(levels[0].begins, levels[-1].ends)
+        out[name] = Judged(*_worst(levels, time, share), _missed(setpoint, whole, time, share))
+    return out
+
+
+def effort(setpoint: Setpoint, time: np.ndarray, duty: np.ndarray, current: np.ndarray) -> Effort:
+    """What a response costs.
+
+    Args:
+        setpoint: what was asked for.
+        time: s, shape (K,), from 0 with an even step.
+        duty: shares of the supply, shape (..., K).
+        current: A, shape (..., K).
+    """
+    tails = [duty[..., slice(*_tail(level, time))] for level in setpoint.levels]
+    moved = np.mean(np.stack([np.var(tail, axis=-1) for tail in tails]), axis=0)
+    spent = np.mean(np.square(current[..., _index(time, setpoint.judged_from) :]), axis=-1)
+    return Effort(100.0 * np.sqrt(moved), np.sqrt(spent))
+
+
+def _missed(setpoint: Setpoint, stretch: Stretch, time: np.ndarray, share: np.ndarray) -> np.ndarray:
+    """RMS of the tracking error over a stretch, % of the travel."""
+    part = slice(_index(time, stretch.begins), _index(time, stretch.ends))
+    return 100.0 * np.sqrt(np.mean(np.square(share[..., part] - setpoint.at(time[part])), axis=-1))
+
+
+def _worst(levels: tuple[Level, ...], time: np.ndarray, share: np.ndarray) -> _LevelFigures:
+    each = [_level(level, time, share) for level in levels]
+    return _LevelFigures(*(np.max(np.stack(column), axis=0) for column in zip(*each, strict=True)))
 
 
 def _index(time: np.ndarray, instant: float) -> int:
@@ -50,15 +106,22 @@ class _LevelFigures(NamedTuple):
     steady_state_error_pct: np.ndarray
 
 
+def _tail(level: Level, time: np.ndarray) -> tuple[int, int]:
+    """First tick of a level's tail, and the one after its last."""
+    begin, end = _index(time, level.begins), _index(time, level.ends)
+    return begin + round((1.0 - TAIL) * (end - begin)), end
+
+
 def _level(level: Level, time: np.ndarray, share: np.ndarray) -> _LevelFigures:
     begin, end = _index(time, level.begins), _index(time, level.ends)
-    beyond = (share[..., begin:end] - level.after) / (level.after - level.before)
+    beyond = (share[..., begin:end] - level.after) / level.change
     overshoot = 100.0 * np.maximum(np.max(beyond, axis=-1), 0.0)
     far = np.abs(beyond)
     # it has settled at the first tick after the last one outside
     since = np.append(time[begin:end] - level.begins, np.inf)
-    outside = far > SETTLED
+    outside = far > max(SETTLED, SETTLED_AT_LEAST / abs(level.change))
     last = outside.shape[-1] - np.argmax(outside[..., ::-1], axis=-1)
     settling = np.where(outside.any(axis=-1), since[last], 0.0)
-    tail = round((1.0 - TAIL) * (end - begin))
-    return _LevelFigures(overshoot, settling, 100.0 * np.max(far[..., tail:], axis=-1))
+    size = min(1.0, abs(level.change) / LEAST_CHANGE)
+    tail = slice(_tail(level, time)[0] - begin, None)
+    return _LevelFigures(overshoot, settling, 100.0 * size * np.max(far[..., tail], axis=-1))

@@ -24,7 +24,7 @@ _QUICKEST = 1e-4  # ticks: the lag that a sensor without one is given beside pla
 
 
 class SampledPlant(NamedTuple):
-    """See the module; its state is the output as the sensor shows it, its derivatives by the tick, and the sensor's.
+    """See the module; its state is the output as the ECU reads it, what lags behind it, its derivatives by the tick.
 
     Args:
         phi: Phi, shape (..., n, n).
@@ -46,13 +46,13 @@ class SampledPlant(NamedTuple):
 
 
 def sampled(plants: TransferFunction, ecu: Ecu) -> SampledPlant:
-    """The plants under a clock, a hold, and the delays of plant and ECU together.
+    """The plants under a clock, a hold, the lags of sensor and ECU, and the delays of plant and ECU together.
 
     Args:
         plants: rad/V, numbers of one shape (...).
-        ecu: its period and delay.
+        ecu: its period, its delay and what filters its input.
     """
-    flow = _flow(plants, ecu.period)
+    flow = _flow(plants, ecu)
     late = np.asarray((plants.delay + ecu.delay) / ecu.period, dtype=float)
     late = np.where(np.abs(late - np.round(late)) < 1e-9, np.round(late), late)
     ticks = math.ceil(float(np.max(late))) + 1
@@ -62,17 +62,17 @@ def sampled(plants: TransferFunction, ecu: Ecu) -> SampledPlant:
     return SampledPlant(expm(flow)[..., :-1, :-1], np.diff(remains, axis=-2), ecu.period)
 
 
-def _flow(plants: TransferFunction, period: float) -> Float[np.ndarray, "*plants N N"]:
-    """((A, B), (0, 0)) with time in ticks; a sensor that lags comes first."""
-    b0, a2, a1, a0, lag, _ = np.broadcast_arrays(
-        plants.b0, plants.a2, plants.a1, plants.a0, plants.lag, np.asarray(plants.delay)
+def _flow(plants: TransferFunction, ecu: Ecu) -> Float[np.ndarray, "*plants N N"]:
+    """((A, B), (0, 0)) with time in ticks; what lags comes first, the ECU's own filter before the sensor."""
+    b0, a2, a1, a0, sensor, own, _ = np.broadcast_arrays(
+        plants.b0, plants.a2, plants.a1, plants.a0, plants.lag, ecu.lag, np.asarray(plants.delay)
     )
-    lags = bool(np.any(lag > 0.0))
-    n = 4 if lags else 3
+    lags, period = [lag for lag in (own, sensor) if np.any(lag > 0.0)], ecu.period
+    n = 3 + len(lags)
     flow = np.zeros((*b0.shape, n + 1, n + 1))
     flow[..., n - 3, n - 2] = flow[..., n - 2, n - 1] = 1.0
     flow[..., n - 1, n - 3 :] = np.stack((-a0 * period**3, -a1 * period**2, -a2 * period, b0 * period**3), axis=-1)
-    if lags:
+    for k, lag in enumerate(lags):
         quick = period / np.maximum(lag, _QUICKEST * period)
-        flow[..., 0, 0], flow[..., 0, 1] = -quick, quick
+        flow[..., k, k], flow[..., k, k + 1] = -quick, quick
     return flow

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import Any
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from itertools import pairwise
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -16,12 +18,26 @@ class Level:
         begins: where the setpoint begins to change, s.
         ends: where it changes again, s.
         before, after: shares of the travel.
+        scenario: of which it is a part.
     """
 
     begins: float
     ends: float
     before: float
     after: float
+    scenario: str = ""
+
+    @property
+    def change(self) -> float:
+        """Share of the travel, either sign."""
+        return self.after - self.before
+
+
+class Stretch(NamedTuple):
+    """Part of a setpoint over which the tracking error is taken, s."""
+
+    begins: float
+    ends: float
 
 
 @dataclass(frozen=True)
@@ -32,11 +48,13 @@ class Setpoint:
         times: of its corners, s, from 0.
         shares: at its corners.
         levels: on which it is judged.
+        tracked: parts over which the tracking error is taken; none: all from the first change on.
     """
 
     times: tuple[float, ...]
     shares: tuple[float, ...]
     levels: tuple[Level, ...]
+    tracked: tuple[Stretch, ...] = ()
 
     @property
     def duration(self) -> float:
@@ -47,6 +65,20 @@ class Setpoint:
     def judged_from(self) -> float:
         """Where the first change begins, s; before it the loop finds its rest."""
         return self.levels[0].begins
+
+    @property
+    def stretches(self) -> tuple[Stretch, ...]:
+        """Over which the tracking error is taken."""
+        return self.tracked or (Stretch(self.judged_from, self.duration),)
+
+    @property
+    def scenarios(self) -> tuple[str, ...]:
+        """Names, in the order of their levels."""
+        return tuple(dict.fromkeys(level.scenario for level in self.levels))
+
+    def only(self, scenario: str) -> tuple[Level, ...]:
+        """Levels of a scenario."""
+        return tuple(level for level in self.levels if level.scenario == scenario)
 
     def at(self, time: Any) -> np.ndarray:
         """Shares of the travel at these instants (s)."""
@@ -77,11 +109,33 @@ def trapezoid(low: float = 0.05, high: float = 0.45, hertz: float = 1.0, edge: f
         begins = lead + k * half
         times += [begins, begins + edge]
         shares += [before, after]
-        levels.append(Level(begins, begins + half, before, after))
+        levels.append(Level(begins, begins + half, before, after, "trapezoid"))
     return Setpoint((*times, levels[-1].ends), (*shares, shares[-1]), tuple(levels))
 
 
 def step(low: float, high: float, hold: float, lead: float = 0.5) -> Setpoint:
     """One step from low to high after `lead` s, held for `hold` s."""
-    end = lead + hold
-    return Setpoint((0.0, lead, lead, end), (low, low, high, high), (Level(lead, end, low, high),))
+    return stairs("step", (low, high), hold, lead)
+
+
+def stairs(scenario: str, shares: Sequence[float], hold: float, lead: float) -> Setpoint:
+    """Steps from each share of the travel to the next, each held for `hold` s, the first for `lead` s."""
+    times, corners, levels = [0.0], [shares[0]], []
+    for k, (before, after) in enumerate(pairwise(shares)):
+        begins = lead + k * hold
+        times += [begins, begins]
+        corners += [before, after]
+        levels.append(Level(begins, begins + hold, before, after, scenario))
+    return Setpoint((*times, levels[-1].ends), (*corners, shares[-1]), tuple(levels))
+
+
+def in_turn(first: Setpoint, *others: Setpoint) -> Setpoint:
+    """Setpoints one after the other; the tracking error is that of the first, and of what others name as theirs."""
+    times, shares, levels, tracked = list(first.times), list(first.shares), list(first.levels), list(first.stretches)
+    for other in others:
+        since = times[-1]
+        times += [since + time for time in other.times]
+        shares += other.shares
+        levels += [replace(level, begins=since + level.begins, ends=since + level.ends) for level in other.levels]
+        tracked += [Stretch(since + begins, since + ends) for begins, ends in other.tracked]
+    return Setpoint(tuple(times), tuple(shares), tuple(levels), tuple(tracked))
