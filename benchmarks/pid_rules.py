@@ -29,8 +29,8 @@ from typing import Any
 import numpy as np
 
 from etcfit.backend import use_compilation_cache
-from etcfit.control.design import Tuned, judged
 from etcfit.control.design import task_of as designed
+from etcfit.control.judged import Tuned, judged
 from etcfit.control.pid import RULES, Gains, Refusal, Requirements, Task
 from etcfit.control.pid.loop import Body, Loop
 from etcfit.control.pid.setpoint import trapezoid

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
@@ -13,64 +13,21 @@ from ..estimation.fitted_model import Fitted
 from ..estimation.joint_fit import Report, quiet
 from ..model.ecu import Ecu, Notation, Terms
 from ..rig.ecu import GAINS
+from .judged import Tuned, below, judged
 from .linearise import reduce, stops
-from .pid import RULES, Gains, Metrics, Refusal, Requirements, Rule, Task, linear_loop
+from .pid import RULES, Gains, Refusal, Requirements, Rule, Task
+from .pid.conditions import DRY_FRICTION, scaled
 from .pid.feedforward import Bias, bias_of
+from .pid.front import FrontPoint, front
 from .pid.loop import Body, Loop
-from .pid.margins import margins
-from .pid.requirements import OF_THE_PAPER, REQUIRED
-from .pid.response import Figures, Judged, judge, judge_each
+from .pid.requirements import REQUIRED
 from .pid.scenarios import course
-from .pid.setpoint import Setpoint, trapezoid
+from .pid.setpoint import Setpoint
 from .settings import DesignSettings
 
 DRAWS, SEED = DesignSettings().draws, DesignSettings().seed
 PAPERS = Requirements()  # section 4.1
-PAPERS_SETPOINT = trapezoid()
 BEST = "optimal"
-
-
-@dataclass(frozen=True, eq=False)
-class Tuned:
-    """What one rule came to.
-
-    Args:
-        rule: its name.
-        gains: SI, or None where the rule refused.
-        why: of a refusal.
-        linear: figures of the linear plant on the paper's trapezoid.
-        nonlinear: of the nominal model, the worst of all scenarios.
-        scenarios: of the nominal model, by scenario.
-        met: by requirement, on the nominal nonlinear model in every scenario.
-        met_linear: by requirement of the paper, on the linear plant.
-        probability_met: share of the draws whose nonlinear response meets every requirement, by a stable loop.
-        probability_stable: share of them whose gain and phase margins are what was asked for.
-        band: position of the draws at each tick, quantiles 2.5, 50 and 97.5 %, shares of the travel, shape (3, K).
-        linear_path: the linear plant's position on the paper's trapezoid, which is the first scenario, shape (L,).
-    """
-
-    rule: str
-    gains: Gains | None
-    why: str
-    linear: Metrics | None
-    nonlinear: Metrics | None
-    scenarios: Mapping[str, Judged]
-    met: Mapping[str, bool]
-    met_linear: Mapping[str, bool]
-    probability_met: float | None
-    probability_stable: float | None
-    band: np.ndarray | None
-    linear_path: np.ndarray | None
-
-    @property
-    def stable(self) -> bool:
-        """Whether the nominal linear loop is; friction and clamps may hide for one response that it is not."""
-        return self.linear is not None and bool(self.linear.gain_margin_db > 0.0)
-
-    @property
-    def meets_all(self) -> bool:
-        """Every requirement, on the nominal nonlinear model, by a loop that is stable."""
-        return self.stable and all(self.met.values())
 
 
 @dataclass(frozen=True, eq=False)
@@ -85,6 +42,7 @@ class Design:
         draws: how many models judged them, the nominal one among them.
         origin: "posterior" or "laplace": where the draws came from.
         bias: the voltage that holds each position, for an ECU that has such a curve.
+        front: the least tracking error within each limit of the duty's activity.
         limits: where the chosen gains miss a requirement, what keeps any gains from meeting it.
     """
 
@@ -95,6 +53,7 @@ class Design:
     draws: int
     origin: str
     bias: Bias
+    front: tuple[FrontPoint, ...]
     limits: tuple[str, ...]
 
     @property
@@ -116,8 +75,10 @@ class Design:
 def ecu_of(fitted: Fitted, **given: float) -> Ecu:
     """The ECU that gains are sought for: as given, the rest as [ecu] of rig.toml describes the one that drove the logs.
 
-    Without [ecu] the rest is by default, the supply rig.toml's and the derivative's filter two periods.
+    Without [ecu] the rest is by default, the supply rig.toml's and the derivative's filter two periods. Its sensor has
+    the noise that the rig's has.
     """
+    given = {"noise": fitted.position_noise} | given
     described = fitted.config.ecu
     if described is None:
         period = given.get("period", Ecu().period)
@@ -216,78 +177,11 @@ def propose(
     if not chosen.meets_all:
         report("looking for what binds", 0.85)
         limits = binding(task)
+    report("tracking against effort", 0.95)
+    assert chosen.gains is not None, "a rule that refused is not proposed"
+    points = front(task, chosen.gains)
     bias = task.loop.bias or bias_of(fitted.throttle, *task.loop.body)
-    return Design(fitted, task, chosen, tuned, task.loop.draws, origin, bias, limits)
-
-
-def judged(task: Task, found: Mapping[str, Gains | Refusal]) -> dict[str, Tuned]:
-    """Figures of every rule's gains, on the linear plant and over the draws of the nonlinear one."""
-    have = {name: gains for name, gains in found.items() if isinstance(gains, Gains)}
-    gains = Gains(*(np.array(column, dtype=float) for column in zip(*have.values(), strict=True)))
-    share, figures = task.loop.tried(gains, task.setpoint)
-    safe = margins(Gains(*(g[None] for g in gains)), task.loop.linear(), task.ecu)
-    out = {}
-    for name, refusal in found.items():
-        if isinstance(refusal, Refusal):
-            out[name] = refused(name, refusal)
-            continue
-        k = list(have).index(name)
-        column = Figures(*(figure[:, k] for figure in figures))
-        over_draws = _OverDraws(column, share[:, k], safe.gain_db[:, k], safe.phase_deg[:, k])
-        out[name] = _tuned(task, name, refusal, over_draws)
-    return out
-
-
-class _OverDraws(NamedTuple):
-    """How one rule's gains fare over the draws.
-
-    Args:
-        figures: of the responses, shape (D,) each.
-        share: position at each tick, share of the travel, shape (D, K).
-        gain_margin, phase_margin: of the linear loops, dB and degrees, shape (D,).
-    """
-
-    figures: Figures
-    share: np.ndarray
-    gain_margin: np.ndarray
-    phase_margin: np.ndarray
-
-
-def _tuned(task: Task, name: str, gains: Gains, over_draws: _OverDraws) -> Tuned:
-    """What one rule came to."""
-    column, share, gain_margin, phase_margin = over_draws
-    asked, time = task.requirements, task.setpoint.instants(task.ecu.period)
-    margin = [float(m) for m in margins(gains, task.plant, task.ecu)]
-    straight = linear_loop.respond(task.plant, gains, task.ecu, PAPERS_SETPOINT)
-    linear = Metrics(*map(float, judge(PAPERS_SETPOINT, PAPERS_SETPOINT.instants(task.ecu.period), straight)), *margin)
-    tracking, effort = column[:4], column[4:]
-    nonlinear = Metrics(*(float(v[0]) for v in tracking), *margin, *(float(v[0]) for v in effort))
-    every = np.all([_below(column, asked, symbol) for symbol in REQUIRED], axis=0) & (gain_margin > 0.0)
-    stable = (gain_margin >= asked.gain_margin_db) & (phase_margin >= asked.phase_margin_deg)
-    each = judge_each(task.setpoint, time, share[0])
-    return Tuned(
-        rule=name,
-        gains=Gains(*(float(g) for g in gains)),
-        why="",
-        linear=linear,
-        nonlinear=nonlinear,
-        scenarios={scenario: Judged(*map(float, figures)) for scenario, figures in each.items()},
-        met={s: bool(_below(nonlinear, asked, s)) for s in REQUIRED},
-        met_linear={s: bool(_below(linear, asked, s)) for s in OF_THE_PAPER},
-        probability_met=float(np.mean(every)),
-        probability_stable=float(np.mean(stable)),
-        band=np.quantile(share, (0.025, 0.5, 0.975), axis=0),
-        linear_path=straight,
-    )
-
-
-def refused(name: str, refusal: Refusal) -> Tuned:
-    """A rule without gains."""
-    return Tuned(name, None, refusal.why, None, None, {}, {}, {}, None, None, None, None)
-
-
-def _below(figures: Any, asked: Requirements, symbol: str) -> Any:
-    return getattr(figures, symbol) < getattr(asked, symbol)
+    return Design(fitted, task, chosen, tuned, task.loop.draws, origin, bias, points, limits)
 
 
 _EASED: dict[str, Callable[[Task], Task]] = {
@@ -317,11 +211,12 @@ def binding(task: Task) -> tuple[str, ...]:
 
 
 def _meets(task: Task) -> bool:
-    gains = RULES[BEST](task)
+    settings = replace(task.settings, optimum=replace(task.settings.optimum, searches=1))
+    gains = RULES[BEST](replace(task, loop=task.loop.first(1), settings=settings))
     if isinstance(gains, Refusal):
         return False
     figures = task.loop.first(1).tried(Gains(*(np.array([g]) for g in gains)), task.setpoint).figures
-    return all(bool(np.all(_below(figures, task.requirements, symbol))) for symbol in REQUIRED)
+    return all(bool(np.all(below(figures, task.requirements, symbol))) for symbol in REQUIRED)
 
 
 def _with_ecu(task: Task, **changes: float) -> Task:
@@ -329,14 +224,6 @@ def _with_ecu(task: Task, **changes: float) -> Task:
     return replace(task, ecu=ecu, loop=task.loop.under(ecu))
 
 
-_FRICTION = ("T_f", "T_s", "T_m", "mu_g", "T_z")
-
-
 def frictionless(throttle: Any) -> Any:
     """The models with every dry friction at its off value."""
-
-    def smooth(effect: Any) -> Any:
-        gone = {name: 0.0 * getattr(effect, name) for name in _FRICTION if hasattr(effect, name)}
-        return replace(effect, **gone) if gone else effect
-
-    return replace(throttle, effects=tuple(smooth(effect) for effect in throttle.effects))
+    return scaled(throttle, dict.fromkeys(DRY_FRICTION, 0.0))

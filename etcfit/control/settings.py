@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import pairwise
 
 from ..ranges import check_ranges, real, reals, whole
 
@@ -40,7 +41,7 @@ class OptimumSettings:
     """
 
     certain: float = real(0.95, 0.0, 1.0)
-    few: int = whole(12, 1, 100_000)
+    few: int = whole(24, 1, 100_000)
     searches: int = whole(3, 1, 1000)
     sweeps: int = whole(6, 1, 1000)
     population: int = whole(48, 4, 100_000)
@@ -221,6 +222,52 @@ class ScenarioSettings:
 
 
 @dataclass(frozen=True)
+class ConditionSettings:
+    """The conditions of a car that gains are tried under, besides those of the bench.
+
+    Args:
+        supply: least and largest, V.
+        winding: coldest and hottest, degrees Celsius.
+        friction: least and largest, over that of the bench.
+        bench: temperature of the winding in the measurements, degrees Celsius.
+        copper: by how much its resistance grows, 1/K.
+        seed: of the random numbers that draw conditions.
+    """
+
+    supply: tuple[float, ...] = reals((9.0, 15.0), 0.1, 1e3)
+    winding: tuple[float, ...] = reals((-20.0, 130.0), -100.0, 400.0)
+    friction: tuple[float, ...] = reals((0.5, 1.5), 0.0, 100.0)
+    bench: float = real(23.0, -100.0, 400.0)
+    copper: float = real(0.00393, 0.0, 0.1)
+    seed: int = whole(20230702, 0, 2**32 - 1)
+
+    def __post_init__(self) -> None:
+        check_ranges(self)
+        for name in ("supply", "winding", "friction"):
+            ends = getattr(self, name)
+            if len(ends) != 2 or not ends[0] <= ends[1]:
+                raise ValueError(f"ConditionSettings.{name} = {ends!r}: it must be two numbers, the least first.")
+
+
+@dataclass(frozen=True)
+class FrontSettings:
+    """The front of tracking against effort.
+
+    Args:
+        shares: of the duty's activity that the best gains without a limit have, falling.
+        rounds: populations of the search for each.
+    """
+
+    shares: tuple[float, ...] = reals((0.85, 0.7, 0.55, 0.4, 0.25), 1e-6, 1.0)
+    rounds: int = whole(12, 0, 100_000)
+
+    def __post_init__(self) -> None:
+        check_ranges(self)
+        if any(a <= b for a, b in pairwise(self.shares)):
+            raise ValueError(f"FrontSettings.shares = {self.shares!r}: they must fall.")
+
+
+@dataclass(frozen=True)
 class DesignSettings:
     """The plan of a design.
 
@@ -232,6 +279,8 @@ class DesignSettings:
         eased_margin: gain margin (dB) and phase margin (degrees) asked for when it is asked whether they are.
         loop: the simulation.
         scenarios: what gains are judged on.
+        conditions: of a car, besides those of the bench.
+        front: of tracking against effort.
         optimum: the search of the rule `optimal`.
         manual: the rule `manual`.
         relay: the rule `relay`.
@@ -245,6 +294,8 @@ class DesignSettings:
     eased_margin: float = real(1e-3, 1e-9, 100.0)
     loop: LoopSettings = LoopSettings()
     scenarios: ScenarioSettings = ScenarioSettings()
+    conditions: ConditionSettings = ConditionSettings()
+    front: FrontSettings = FrontSettings()
     optimum: OptimumSettings = OptimumSettings()
     manual: ManualSettings = ManualSettings()
     relay: RelaySettings = RelaySettings()

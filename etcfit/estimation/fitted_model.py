@@ -29,6 +29,7 @@ class Fitted:
         covariance: of the coordinates, as wide as their intervals are stated, shape (P, P).
         identifiability: by what the fit called a parameter not known.
         state: in which its fit ended.
+        position_noise: standard deviation of one reading of the rig's position, rad, the median of its traces.
     """
 
     config: RigConfig
@@ -37,6 +38,7 @@ class Fitted:
     covariance: np.ndarray
     identifiability: IdentifiabilitySettings = IdentifiabilitySettings()
     state: FitState = SOUND
+    position_noise: float = 0.0
 
     @cached_property
     def values(self) -> dict[str, float]:

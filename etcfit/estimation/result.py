@@ -141,7 +141,14 @@ class FitResult:
     def fitted(self) -> Fitted:
         """The model alone, without the data."""
         asked = self.settings.identifiability
-        return Fitted(self.rig.config, self.free_parameters, self.x, self._stated_covariance(), asked, self.state)
+        covariance, noise = self._stated_covariance(), self._position_noise
+        return Fitted(self.rig.config, self.free_parameters, self.x, covariance, asked, self.state, noise)
+
+    @property
+    def _position_noise(self) -> float:
+        logged = (measurement.channels.get("position") for measurement in self.rig.measurements)
+        sigma = [channel.sigma for channel in logged if channel is not None]
+        return float(np.median(sigma)) if sigma else 0.0
 
     def _stated_covariance(self) -> np.ndarray:
         """Of a compromise one as wide as the ranges that subsets of the data give."""

@@ -6,7 +6,8 @@ from typing import Any
 
 import numpy as np
 
-from ..control.design import Design, Tuned
+from ..control.design import Design
+from ..control.judged import Tuned
 from ..control.pid.gains import UNIT, Gains
 from ..control.pid.requirements import REQUIRED, Metrics
 from ..files import plain

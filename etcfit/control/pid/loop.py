@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from functools import partial
 from typing import Any, NamedTuple
 
 import jax
@@ -19,6 +18,7 @@ from ...model.parameters import Scalar
 from ...model.stepper import Step, step
 from ...model.tangents import once
 from ...model.throttle import Throttle
+from ...problem.program import CORES, Program, side_by_side
 from ..settings import LoopSettings
 from .ecu import Memory, tick
 from .feedforward import Bias, HoldingVoltages, hold_curve
@@ -186,14 +186,16 @@ def _one(control: Controller, plant: _Plant, run: _Run, parts: int, room: int) -
     return path
 
 
-@partial(jax.jit, static_argnums=(0, 3, 4))
-def _many(control: Controller, plants: _Plant, run: _Run, parts: int, room: int) -> Path:
+def _each(control: Controller, parts: int, room: int, plants: _Plant, run: _Run) -> Path:
     """Every plant (D) under every controller (G), whose settings have shape (G,): shape (D, G, K)."""
 
     def each(plant: _Plant, settings: Any) -> Path:
         return _one(control, plant, run._replace(settings=settings), parts, room)
 
     return jax.vmap(jax.vmap(each, in_axes=(None, 0)), in_axes=(0, None))(plants, run.settings)
+
+
+_many = Program(_each, static=3)
 
 
 @jax.jit
@@ -305,7 +307,11 @@ class Loop:
         run = _Run(settings, first, self.ecu, self.body, wanted, ahead, start)
         rng = np.random.default_rng(self.settings.seed)
         misread = self.ecu.noise * rng.standard_normal((self.draws, wanted.size))
-        return _many(control, _Plant(self.throttles, self._driven, misread), run, parts, self._room())
+        plants, room = _Plant(self.throttles, self._driven, misread), self._room()
+        share = self.draws // CORES if self.draws % CORES == 0 else self.draws
+        pieces = [jax.tree.map(lambda leaf, k=k: leaf[k : k + share], plants) for k in range(0, self.draws, share)]
+        paths = side_by_side(lambda piece: _many(control, parts, room, piece, run), pieces)
+        return Path(*(np.concatenate(each) for each in zip(*paths, strict=True)))
 
     def judged(self, gains: Gains, setpoint: Setpoint) -> Judged:
         """Figures of the responses, shape (D, G) each."""

@@ -14,6 +14,7 @@ from .gains import Gains
 from .loop import Loop
 from .margins import COARSE, OpenLoop
 from .requirements import REQUIRED
+from .response import Figures
 
 
 @dataclass(frozen=True, eq=False)
@@ -32,8 +33,13 @@ class Scores:
 
     @property
     def missed(self) -> np.ndarray:
-        """Excess that the share `certain` of the draws stay below, shape (G,)."""
-        return np.quantile(self.excess, self.settings.certain, axis=0)
+        """Mean log(1 + excess) of the draws, 0 where the share `certain` of them meets everything; shape (G,).
+
+        A mean, so that where not enough draws can be pleased as many are as can be; its logarithm, so that one that
+        cannot be does not decide alone.
+        """
+        enough = np.quantile(self.excess, self.settings.certain, axis=0) <= 0.0
+        return np.where(enough, 0.0, np.mean(np.log1p(self.excess), axis=0))
 
     @property
     def cost(self) -> np.ndarray:
@@ -67,6 +73,24 @@ def optimal(task: Task) -> Gains | Refusal:
     begin, _ = min(ends, key=lambda end: end[1])
     best, _ = cross_entropy(few, _about(begin, rng, settings), settings.last_rounds, rng, settings)
     return Gains(*np.exp(best).tolist())
+
+
+def best_from(task: Task, begin: Gains, rounds: int) -> tuple[Gains, Figures, float]:
+    """The best gains near some, their figures on the nominal model, and by how much they miss what is asked.
+
+    Args:
+        task: its loop is searched over as it is.
+        begin: gains.
+        rounds: populations of the cross-entropy method.
+    """
+    settings = task.settings.optimum
+    rng = np.random.default_rng(settings.seed)
+    score = _scorer(task, task.loop.draws)
+    start = _about(np.log(np.maximum(begin, settings.lowest)), rng, settings)
+    best, _ = cross_entropy(score, start, rounds, rng, settings)
+    gains = Gains(*np.exp(best).tolist())
+    figures = task.loop.first(1).tried(Gains(*(np.array([g]) for g in gains)), task.setpoint).figures
+    return gains, Figures(*(float(figure[0, 0]) for figure in figures)), float(score(best[None]).missed[0])
 
 
 def _about(best: np.ndarray, rng: np.random.Generator, settings: OptimumSettings) -> np.ndarray:

@@ -6,7 +6,8 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from ...control.design import Design, Tuned
+from ...control.design import Design
+from ...control.judged import Tuned
 from .. import style
 from ..numbers import short
 

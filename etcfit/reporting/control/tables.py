@@ -8,9 +8,10 @@ import numpy as np
 from rich.console import Group, RenderableType
 from rich.text import Text
 
-from ...control.design import Design, Tuned
+from ...control.design import Design
 from ...control.frequency import FrequencyResponse, Ratio, phases
 from ...control.frequency.point import POSITION
+from ...control.judged import Tuned
 from ...control.linearise import Reduction
 from ...control.pid.requirements import Metrics, Requirements
 from ...estimation.fitted_model import Fitted

@@ -1,0 +1,193 @@
+"""How the gains of each rule fare: on the linear plant, on the nonlinear one, under the conditions of a car."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from .pid import Gains, Metrics, Refusal, Requirements, Task, linear_loop
+from .pid.conditions import Conditions, at_corners, corners, scattered, under
+from .pid.loop import Loop
+from .pid.margins import margins
+from .pid.requirements import OF_THE_PAPER, REQUIRED
+from .pid.response import Figures, Judged, judge, judge_each
+from .pid.setpoint import trapezoid
+
+PAPERS_SETPOINT = trapezoid()
+
+
+@dataclass(frozen=True, eq=False)
+class Robust:
+    """How gains fare where supply, winding and friction are not those of the bench.
+
+    Args:
+        worst: of the nominal model at the corners of the conditions, each figure at its worst.
+        corner: where what is asked for is missed by most, or met most narrowly.
+        met: by requirement, at every corner.
+        stable: at every corner.
+        probability_met: share of the draws, each under conditions drawn for it, that meet every requirement.
+    """
+
+    worst: Metrics
+    corner: Conditions
+    met: Mapping[str, bool]
+    stable: bool
+    probability_met: float
+
+    @property
+    def meets_all(self) -> bool:
+        """Every requirement at every corner, by stable loops."""
+        return self.stable and all(self.met.values())
+
+
+@dataclass(frozen=True, eq=False)
+class Tuned:
+    """What one rule came to.
+
+    Args:
+        rule: its name.
+        gains: SI, or None where the rule refused.
+        why: of a refusal.
+        linear: figures of the linear plant on the paper's trapezoid.
+        nonlinear: of the nominal model, the worst of all scenarios.
+        scenarios: of the nominal model, by scenario.
+        met: by requirement, on the nominal nonlinear model in every scenario.
+        met_linear: by requirement of the paper, on the linear plant.
+        probability_met: share of the draws whose nonlinear response meets every requirement, by a stable loop.
+        probability_stable: share of them whose gain and phase margins are what was asked for.
+        band: position of the draws at each tick, quantiles 2.5, 50 and 97.5 %, shares of the travel, shape (3, K).
+        robust: under the conditions of a car.
+        linear_path: the linear plant's position on the paper's trapezoid, which is the first scenario, shape (L,).
+    """
+
+    rule: str
+    gains: Gains | None
+    why: str
+    linear: Metrics | None
+    nonlinear: Metrics | None
+    scenarios: Mapping[str, Judged]
+    met: Mapping[str, bool]
+    met_linear: Mapping[str, bool]
+    probability_met: float | None
+    probability_stable: float | None
+    band: np.ndarray | None
+    robust: Robust | None
+    linear_path: np.ndarray | None
+
+    @property
+    def stable(self) -> bool:
+        """Whether the nominal linear loop is; friction and clamps may hide for one response that it is not."""
+        return self.linear is not None and bool(self.linear.gain_margin_db > 0.0)
+
+    @property
+    def meets_all(self) -> bool:
+        """Every requirement, on the nominal nonlinear model, by a loop that is stable."""
+        return self.stable and all(self.met.values())
+
+
+def judged(task: Task, found: Mapping[str, Gains | Refusal]) -> dict[str, Tuned]:
+    """Figures of every rule's gains, on the linear plant and over the draws of the nonlinear one."""
+    have = {name: gains for name, gains in found.items() if isinstance(gains, Gains)}
+    gains = Gains(*(np.array(column, dtype=float) for column in zip(*have.values(), strict=True)))
+    at_bench, outside = _over(task, task.loop, gains), _everywhere(task, gains)
+    out = {}
+    for name, refusal in found.items():
+        if isinstance(refusal, Refusal):
+            out[name] = _refused(name, refusal)
+            continue
+        k = list(have).index(name)
+        out[name] = _tuned(task, name, refusal, at_bench.of(k), [each.of(k) for each in outside])
+    return out
+
+
+def _everywhere(task: Task, gains: Gains) -> tuple[_OverDraws, _OverDraws]:
+    """Gains at the corners of the conditions, and over draws of models and conditions together."""
+    asked = task.settings.conditions
+    conditions = scattered(asked, task.loop.draws, np.random.default_rng(asked.seed))
+    loops = at_corners(task.loop, asked), under(task.loop, conditions, asked)
+    there, anywhere = (_over(task, loop, gains) for loop in loops)
+    return there, anywhere
+
+
+def _over(task: Task, loop: Loop, gains: Gains) -> _OverDraws:
+    """Gains of shape (G,) on every model of a loop."""
+    share, figures = loop.tried(gains, task.setpoint)
+    safe = margins(Gains(*(np.asarray(g)[None] for g in gains)), loop.linear(), task.ecu)
+    return _OverDraws(figures, share, safe.gain_db, safe.phase_deg)
+
+
+class _OverDraws(NamedTuple):
+    """How gains fare over models; of one rule's gains without the axis G.
+
+    Args:
+        figures: of the responses, shape (D, G) each.
+        share: position at each tick, share of the travel, shape (D, G, K).
+        gain_margin, phase_margin: of the linear loops, dB and degrees, shape (D, G).
+    """
+
+    figures: Figures
+    share: np.ndarray
+    gain_margin: np.ndarray
+    phase_margin: np.ndarray
+
+    def of(self, k: int) -> _OverDraws:
+        """Of one rule."""
+        figures = Figures(*(figure[:, k] for figure in self.figures))
+        return _OverDraws(figures, self.share[:, k], self.gain_margin[:, k], self.phase_margin[:, k])
+
+    def met(self, asked: Requirements) -> np.ndarray:
+        """Every requirement, by a stable loop, shape (D,)."""
+        return np.all([below(self.figures, asked, symbol) for symbol in REQUIRED], axis=0) & (self.gain_margin > 0.0)
+
+
+def _robust(task: Task, at_corners: _OverDraws, anywhere: _OverDraws) -> Robust:
+    asked = task.requirements
+    worst = [float(np.max(figure)) for figure in at_corners.figures]
+    margin = [float(np.min(each)) for each in (at_corners.gain_margin, at_corners.phase_margin)]
+    figures = Metrics(*worst[:4], *margin, *worst[4:])
+    met = {symbol: bool(below(figures, asked, symbol)) for symbol in REQUIRED}
+    over = [getattr(at_corners.figures, symbol) / getattr(asked, symbol) for symbol in REQUIRED]
+    k = int(np.argmax(np.max(over, axis=0)))
+    corner = Conditions(*(float(ends[k]) for ends in corners(task.settings.conditions)))
+    return Robust(figures, corner, met, margin[0] > 0.0, float(np.mean(anywhere.met(asked))))
+
+
+def _tuned(task: Task, name: str, gains: Gains, over_draws: _OverDraws, outside: Sequence[_OverDraws]) -> Tuned:
+    """What one rule came to."""
+    column, share, gain_margin, phase_margin = over_draws
+    asked, time = task.requirements, task.setpoint.instants(task.ecu.period)
+    margin = [float(m) for m in margins(gains, task.plant, task.ecu)]
+    straight = linear_loop.respond(task.plant, gains, task.ecu, PAPERS_SETPOINT)
+    linear = Metrics(*map(float, judge(PAPERS_SETPOINT, PAPERS_SETPOINT.instants(task.ecu.period), straight)), *margin)
+    tracking, effort = column[:4], column[4:]
+    nonlinear = Metrics(*(float(v[0]) for v in tracking), *margin, *(float(v[0]) for v in effort))
+    stable = (gain_margin >= asked.gain_margin_db) & (phase_margin >= asked.phase_margin_deg)
+    each = judge_each(task.setpoint, time, share[0])
+    return Tuned(
+        rule=name,
+        gains=Gains(*(float(g) for g in gains)),
+        why="",
+        linear=linear,
+        nonlinear=nonlinear,
+        scenarios={scenario: Judged(*map(float, figures)) for scenario, figures in each.items()},
+        met={s: bool(below(nonlinear, asked, s)) for s in REQUIRED},
+        met_linear={s: bool(below(linear, asked, s)) for s in OF_THE_PAPER},
+        probability_met=float(np.mean(over_draws.met(asked))),
+        probability_stable=float(np.mean(stable)),
+        band=np.quantile(share, (0.025, 0.5, 0.975), axis=0),
+        robust=_robust(task, *outside),
+        linear_path=straight,
+    )
+
+
+def _refused(name: str, refusal: Refusal) -> Tuned:
+    """A rule without gains."""
+    return Tuned(name, None, refusal.why, None, None, {}, {}, {}, None, None, None, None, None)
+
+
+def below(figures: Any, asked: Requirements, symbol: str) -> Any:
+    """Whether a figure, or each of many, is what is asked for."""
+    return getattr(figures, symbol) < getattr(asked, symbol)
