@@ -25,6 +25,10 @@ class Ecu(NamedTuple):
         duty: largest that it puts out, a share of the supply.
         integral: largest that its integral may hold, a share of the supply, running on while the output is at its
             limit; 0 for none, and then it stands still there.
+        slew: largest change of its output, V/s; 0 for none. The integral stands still there too.
+        dead_band: error within which the integral stands still, rad; 0 for none.
+        setpoint_weight: b of Kp (b r - y), 1 where the proportional part acts on the error, 0 on the position alone.
+        derivative_weight: c of Kd d(c r - y)/dt, 1 where the derivative is the error's, 0 the position's alone.
     """
 
     period: float = 1e-3
@@ -35,6 +39,10 @@ class Ecu(NamedTuple):
     resolution: float = 0.0
     duty: float = 1.0
     integral: float = 0.0
+    slew: float = 0.0
+    dead_band: float = 0.0
+    setpoint_weight: float = 1.0
+    derivative_weight: float = 1.0
 
     @property
     def limit(self) -> Scalar:

@@ -67,6 +67,8 @@ def _native(design: Design, gains: Gains) -> dict[str, Any]:
         "period_s": ecu.period, "unit": UNIT, "supply_V": ecu.supply,
         "derivative_filter_s": ecu.filter, "delay_s": ecu.delay, "pwm_V": ecu.pwm, "resolution_rad": ecu.resolution,
         "duty_limit": ecu.duty, "integral_limit": ecu.integral or None,
+        "slew_V_per_s": ecu.slew or None, "dead_band_rad": ecu.dead_band,
+        "setpoint_weight": ecu.setpoint_weight, "derivative_weight": ecu.derivative_weight,
     }  # fmt: skip
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from pathlib import PurePosixPath
 
 import numpy as np
@@ -151,11 +152,26 @@ def _computer(design: Design) -> list[str]:
     ecu = design.task.ecu
     clock, late, slow = (f"{short(1e3 * each)} ms" for each in (ecu.period, ecu.delay, ecu.filter))
     limits = f"ECU: ticks of {clock}, delay {late}, derivative filter {slow}, output within {short(ecu.limit)} V"
-    limits += f", integral within {short(ecu.integral * ecu.supply)} V" if ecu.integral else ""
+    limits += "".join(f", {habit}" for habit in _habits(ecu))
     if design.fitted.config.ecu is None:
         return [limits]
     return [f"{limits}; what the command does not give is [ecu]'s of rig.toml",
             "as_found: the gains that the ECU of the logs has, as rig.toml or the fit tells them"]  # fmt: skip
+
+
+def _habits(ecu: Ecu) -> Iterator[str]:
+    """What not every ECU has."""
+    if ecu.integral:
+        yield f"integral within {short(ecu.integral * ecu.supply)} V"
+    if ecu.dead_band:
+        yield f"integral still within {short(np.degrees(ecu.dead_band))} degrees"
+    if ecu.slew:
+        yield f"output no faster than {short(ecu.slew)} V/s"
+    if ecu.setpoint_weight != 1.0:
+        yield f"proportional part of {short(ecu.setpoint_weight)} setpoint - position"
+    if ecu.derivative_weight != 1.0:
+        yield "derivative of the position alone" if ecu.derivative_weight == 0.0 else (
+            f"derivative of {short(ecu.derivative_weight)} setpoint - position")  # fmt: skip
 
 
 def _row(tuned: Tuned, asked: Requirements) -> tuple[str, ...]:

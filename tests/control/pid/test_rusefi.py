@@ -49,7 +49,7 @@ def test_it_puts_out_what_rusefis_source_puts_out(biased: bool, supply: float) -
     rng = np.random.default_rng(1)
     targets = np.repeat(rng.uniform(0.0, 100.0, 12), 60)
     positions = np.clip(targets + 20.0 * np.cumsum(rng.standard_normal(targets.size)) / 30.0, 0.0, 100.0)
-    memory, ours, theirs = Memory(0.0, 0.0, 0.0), [], []
+    memory, ours, theirs = Memory.at_rest(gains, ecu, 0.0), [], []
     for target, position in zip(targets, positions, strict=True):
         bias = float(np.interp(target, BINS, VALUES)) * supply / 100.0 if biased else 0.0
         volts, memory = tick(gains, ecu, memory, target * TRAVEL / 100.0, position * TRAVEL / 100.0, bias)
