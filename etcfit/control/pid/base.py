@@ -6,6 +6,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 from ...model.ecu import Ecu
+from ...model.ecus import EcuProfile
 from ...model.linear import TransferFunction
 from ..settings import DesignSettings
 from .gains import Gains
@@ -31,6 +32,7 @@ class Task:
         loop: the fitted nonlinear plant under its ECU, nominal model first, then draws.
         as_found: gains of the ECU that drove the logs, or why nobody knows them.
         settings: budgets of the rules that experiment.
+        profile: the make of ECU that this controller is; None where none is named.
     """
 
     plant: TransferFunction
@@ -39,6 +41,7 @@ class Task:
     loop: Loop
     as_found: Gains | Refusal = Refusal("no ECU is described")
     settings: DesignSettings = DesignSettings()
+    profile: EcuProfile | None = None
 
 
 Rule = Callable[[Task], Gains | Refusal]
