@@ -300,7 +300,8 @@ def design(
     run: Run,
     rule: Annotated[str, typer.Option(help="Whose gains are proposed.", metavar="NAME")] = "optimal",
     ecu: Annotated[
-        str | None, typer.Option(help="That they are for: rusefi; else as the options below say.", metavar="NAME")
+        str | None,
+        typer.Option(help="That they are for, as rusefi; a wrong name lists all. Else as below.", metavar="NAME"),
     ] = None,
     ecu_period: Annotated[
         str | None, typer.Option(help="Of the ECU's clock; else [ecu]'s in rig.toml, else 1ms.", metavar="TIME")
@@ -320,24 +321,24 @@ def design(
     given = {field: _seconds(option, text) for field, (option, text) in times.items() if text is not None}
     if given.get("period") == 0.0:
         raise UsageError(f"--ecu-period {ecu_period}: the period must be longer than 0. Write, say, 1ms.")
-    fixed = _of_ecu(ecu)
-    if doubled := [option for field, (option, _) in times.items() if field in fixed and field in given]:
-        raise UsageError(f"{doubled[0]}: {ecu} fixes it. Leave it out.")
+    if clash := _clashes(ecu, given):
+        raise UsageError(f"{times[clash[0]][0]}: {ecu} fixes it. Leave it out.")
     limits = overshoot, _seconds("--settling", settling), error
     with _progress(quiet) as progress:
-        done = stages.design_run(stages.opened(run), progress, rule, adc_bits, feed_forward, limits, {**given, **fixed})
+        done = stages.design_run(stages.opened(run), progress, rule, adc_bits, feed_forward, limits, given, ecu)
     _tell(done)
 
 
-def _of_ecu(name: str | None) -> Mapping[str, float]:
-    """What the source of an engine computer fixes, by field of `Ecu`."""
-    from .model.ecus import ECUS
-
+def _clashes(name: str | None, given: Mapping[str, float]) -> tuple[str, ...]:
+    """Fields given that the make of ECU that is named fixes otherwise."""
     if name is None:
-        return {}
-    if name not in ECUS:
-        raise UsageError(f"--ecu {name}: no such engine computer. Known: {', '.join(ECUS)}.")
-    return ECUS[name]
+        return ()
+    from .model.ecus import named
+
+    try:
+        return named(name).clashes(given)
+    except UsageError as err:
+        raise UsageError(f"--ecu {err}") from None
 
 
 _SECONDS = {"us": 1e-6, "ms": 1e-3, "s": 1.0}

@@ -134,6 +134,7 @@ def design_run(
     feed_forward: bool = False,
     limits: Sequence[float] = (20.0, 0.2, 0.5),
     ecu: Mapping[str, float] = MappingProxyType({}),
+    profile: str | None = None,
 ) -> Done:
     """Gains by every rule, one of them proposed: RUN/pid.json, the responses.
 
@@ -144,6 +145,7 @@ def design_run(
         feed_forward: the ECU has a bias curve.
         limits: overshoot (%), settling time (s) and steady-state error (%) at most; margins, as in `Requirements`.
         ecu: what is given of the ECU, by field; see `design.ecu_of` for the rest.
+        profile: name of the make of ECU; None for none in particular.
     """
     report("taking up the fit", 0.0)
     keep_compiled()
@@ -166,9 +168,17 @@ def design_run(
         adc_bits=adc_bits,
         feed_forward=feed_forward,
         settings=None,
+        profile=profile,
         **ecu,
     )
-    settings = {"rule": rule, "adc_bits": adc_bits, "feed_forward": feed_forward, "limits": limits, "ecu": ecu}
+    settings = {
+        "rule": rule,
+        "adc_bits": adc_bits,
+        "feed_forward": feed_forward,
+        "limits": limits,
+        "ecu": ecu,
+        "profile": profile,
+    }
     keep_design(run, result, found, settings, report)
     return Done(design_table(found), failure(result))
 
@@ -213,7 +223,7 @@ STAGES: tuple[Stage, ...] = (
     Stage("diagnose", _of_run(diagnose_run)),
     Stage("sample", _of_run(sample_run), ("steps",)),
     Stage("reduce", _of_run(reduce_run), ("input", "output", "at", "pade_order")),
-    Stage("design", _of_run(design_run), ("rule", "adc_bits", "feed_forward", "limits", "ecu")),
+    Stage("design", _of_run(design_run), ("rule", "adc_bits", "feed_forward", "limits", "ecu", "profile")),
     Stage("report", _of_run(write_report)),
 )
 

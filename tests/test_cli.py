@@ -71,7 +71,7 @@ COMMANDS = {
     "sample": (("sample", "bench", "--steps", "700"), (Path("bench"), 700)),
     "reduce": (("reduce", "bench", "--output", "deg", "--at", "30", "--pade", "2"),
                (Path("bench"), "V", "deg", 0.3, 2)),
-    "design": (("design", "bench", "--rule", "simc"), (Path("bench"), "simc", 12, False, (20.0, 0.2, 0.5), {})),
+    "design": (("design", "bench", "--rule", "simc"), (Path("bench"), "simc", 12, False, (20.0, 0.2, 0.5), {}, None)),
     "report": (("report", "bench"), (Path("bench"),)),
 }  # fmt: skip
 
@@ -268,19 +268,19 @@ def test_reduce_and_design_without_a_fit_are_usage_errors(invoke, command: str) 
 
 
 @pytest.mark.parametrize(
-    ("words", "given"),
-    [((), {}), (("--ecu-period", "2ms"), {"period": 2e-3}),
-     (("--ecu-delay", "0ms", "--ecu-period", "5ms"), {"period": 5e-3, "delay": 0.0}),
-     (("--ecu", "rusefi", "--ecu-delay", "1ms"),
-      {"period": 2e-3, "filter": 0.0, "duty": 0.9, "integral": 0.3, "delay": 1e-3})],
+    ("words", "given", "make"),
+    [((), {}, None), (("--ecu-period", "2ms"), {"period": 2e-3}, None),
+     (("--ecu-delay", "0ms", "--ecu-period", "5ms"), {"period": 5e-3, "delay": 0.0}, None),
+     (("--ecu", "rusefi", "--ecu-delay", "1ms"), {"delay": 1e-3}, "rusefi"),
+     (("--ecu", "link", "--ecu-period", "1ms"), {"period": 1e-3}, "link")],
 )  # fmt: skip
 def test_design_passes_on_what_is_given_of_the_ecu_and_no_more(
-    invoke, monkeypatch: pytest.MonkeyPatch, words: tuple[str, ...], given: dict[str, float]
+    invoke, monkeypatch: pytest.MonkeyPatch, words: tuple[str, ...], given: dict[str, float], make: str | None
 ) -> None:
-    asked: list[dict[str, float]] = []
-    monkeypatch.setattr("etcfit.stages.design_run", lambda *given: asked.append(given[-1]) or Done("done"))
+    asked: list[Any] = []
+    monkeypatch.setattr("etcfit.stages.design_run", lambda *given: asked.append(given[-2:]) or Done("done"))
     assert invoke("design", "bench", "--quiet", *words).exit_code == 0
-    assert asked == [given]
+    assert asked == [(given, make)]
 
 
 def test_an_ecu_without_a_clock_is_a_usage_error(invoke) -> None:
@@ -291,7 +291,10 @@ def test_an_ecu_without_a_clock_is_a_usage_error(invoke) -> None:
 
 @pytest.mark.parametrize(
     ("words", "said"),
-    [(("--ecu", "motronic"), "Known: rusefi"), (("--ecu", "rusefi", "--ecu-period", "1ms"), "--ecu-period: rusefi")],
+    [
+        (("--ecu", "motronic"), "--ecu motronic: no such engine computer. Known: rusefi, fome,"),
+        (("--ecu", "rusefi", "--ecu-period", "1ms"), "--ecu-period: rusefi"),
+    ],
 )
 def test_an_engine_computer_unknown_or_contradicted_is_a_usage_error(invoke, words: tuple[str, ...], said: str) -> None:
     done = invoke("design", "bench", *words, "--quiet")

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, NamedTuple
 
+from ..errors import UsageError
+
 if TYPE_CHECKING:
     import numpy as np
 
@@ -69,6 +71,7 @@ def design_of(
     adc_bits: int,
     feed_forward: bool,
     settings: DesignSettings | None = None,
+    profile: str | None = None,
     **ecu: float,
 ) -> Design:
     """Gains by every rule for an ECU that reads the position by an ADC over its travel.
@@ -82,13 +85,22 @@ def design_of(
         adc_bits: of the position sensor, over its travel.
         feed_forward: the ECU has a bias curve.
         settings: draws, and the budgets of simulation and rules; the defaults where None.
+        profile: name of the make of ECU, see `model.ecus`; None for none in particular.
         ecu: what is given of the ECU, by field; see `control.design.ecu_of` for the rest.
+    Raises:
+        UsageError: no such make, or a field given that its source fixes otherwise.
     """
     from ..control.design import design, ecu_of
     from ..control.linearise import stops
     from ..control.settings import DesignSettings
+    from ..model.ecus import named
 
+    make = None if profile is None else named(profile)
+    if make is not None:
+        if clash := make.clashes(ecu):
+            raise UsageError(f"{clash[0]}: {make.title} fixes it at {make.fixes[clash[0]]:g}. Leave it out.")
+        ecu = make.completed(ecu)
     lower, upper = stops(fitted)
     computer = ecu_of(fitted, **({"resolution": (upper - lower) / 2**adc_bits} | ecu))
     mine = settings or DesignSettings()
-    return design(fitted, computer, requirements, rule, drawn, feed_forward, report, mine)
+    return design(fitted, computer, requirements, rule, drawn, feed_forward, report, mine, make)

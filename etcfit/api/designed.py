@@ -113,6 +113,7 @@ class Designed:
             "feed_forward": task.loop.bias is not None,
             "limits": astuple(task.requirements),
             "ecu": task.ecu._asdict(),
+            "profile": None if task.profile is None else task.profile.name,
         }
 
     @property

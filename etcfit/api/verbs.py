@@ -188,6 +188,7 @@ def design(
     adc_bits: int = 12,
     feed_forward: bool = False,
     settings: DesignSettings | None = None,
+    profile: str | None = None,
     quiet: bool = False,
     **ecu: float,
 ) -> Designed:
@@ -202,10 +203,12 @@ def design(
         adc_bits: of the position sensor, over its travel.
         feed_forward: the ECU has a bias curve.
         settings: draws, and the budgets of simulation and rules; the defaults where None.
+        profile: name of the make of ECU, a key of `etcfit.ECUS`; None for none in particular.
         quiet: show no progress.
         ecu: what is known of the ECU, by field (`period=1e-3`, `delay=0.0`, ...); see `control.design.ecu_of`.
     Raises:
-        UsageError: no such rule, or one that has no gains for this plant.
+        UsageError: no such rule, or one that has no gains for this plant; no such make of ECU, a field given that its
+            source fixes otherwise, or feed-forward where it has none.
     """
     with working(quiet) as report:
         from ..control.design import PAPERS
@@ -223,7 +226,16 @@ def design(
         mine, limits = settings or DesignSettings(), requirements or PAPERS
         drawn = _draws(model if posterior is None else posterior, fitted, mine)
         found = design_of(
-            fitted, rule, limits, drawn, report, adc_bits=adc_bits, feed_forward=feed_forward, settings=mine, **ecu
+            fitted,
+            rule,
+            limits,
+            drawn,
+            report,
+            adc_bits=adc_bits,
+            feed_forward=feed_forward,
+            settings=mine,
+            profile=profile,
+            **ecu,
         )
         return Designed(fit, found)
 

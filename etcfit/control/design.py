@@ -12,6 +12,8 @@ from ..errors import UsageError
 from ..estimation.fitted_model import Fitted
 from ..estimation.joint_fit import Report, quiet
 from ..model.ecu import Ecu, Notation, Terms
+from ..model.ecus import EcuProfile
+from ..model.throttle import Throttle
 from ..rig.ecu import GAINS
 from .judged import Tuned, below, judged
 from .linearise import reduce, stops
@@ -102,6 +104,7 @@ def task_of(
     drawn: np.ndarray | None = None,
     feed_forward: bool = False,
     settings: DesignSettings = DesignSettings(),
+    profile: EcuProfile | None = None,
 ) -> Task:
     """What the rules are given.
 
@@ -112,15 +115,26 @@ def task_of(
         drawn: coordinates of further models, shape (D, P); from the Laplace approximation where there are none.
         feed_forward: with the curve of holding voltages ahead of the PID.
         settings: how many draws, and the budgets of simulation and rules.
+        profile: the make of ECU that the controller is; None where none is named.
+    Raises:
+        UsageError: feed-forward for an ECU that has no table of it.
     """
+    if feed_forward and profile is not None and profile.bias is None:
+        raise UsageError(f"{profile.title} has no table of feed-forward. Leave --feed-forward out.")
     if drawn is None:
         drawn = fitted.laplace(settings.draws - 1, np.random.default_rng(settings.seed))
     body = Body(fitted.config.gear_ratio, *stops(fitted))
     throttles = fitted.throttles(np.vstack((fitted.x, drawn)))
-    bias = bias_of(fitted.throttle, *body) if feed_forward else None
+    bias = _curve(fitted.throttle, body, profile) if feed_forward else None
     loop = Loop(throttles, body, ecu, bias, settings.loop)
     setpoint = course(loop.first(1), settings.scenarios)
-    return Task(reduce(fitted).plant, ecu, requirements, loop, setpoint, gains_as_found(fitted), settings)
+    return Task(reduce(fitted).plant, ecu, requirements, loop, setpoint, gains_as_found(fitted), settings, profile)
+
+
+def _curve(throttle: Throttle, body: Body, profile: EcuProfile | None) -> Bias:
+    """The holding voltages as the ECU's own table can name them."""
+    table = None if profile is None else profile.bias
+    return bias_of(throttle, *body) if table is None else bias_of(throttle, *body, table.points, table.positions)
 
 
 def design(
@@ -132,11 +146,12 @@ def design(
     feed_forward: bool = False,
     report: Report = quiet,
     settings: DesignSettings = DesignSettings(),
+    profile: EcuProfile | None = None,
 ) -> Design:
     """Tune by every rule, and propose the gains of one.
 
     Args:
-        fitted, ecu, requirements, drawn, feed_forward, settings: see `task_of`.
+        fitted, ecu, requirements, drawn, feed_forward, settings, profile: see `task_of`.
         rule: whose gains are proposed.
         report: called with what is going on and the share done.
     Raises:
@@ -144,7 +159,7 @@ def design(
     """
     if rule not in RULES:
         raise UsageError(f"no tuning rule is called {rule!r}. Known: {', '.join(RULES)}.")
-    task = task_of(fitted, ecu, requirements, drawn, feed_forward, settings)
+    task = task_of(fitted, ecu, requirements, drawn, feed_forward, settings, profile)
     return propose(fitted, task, rule, RULES, "laplace" if drawn is None else "posterior", report)
 
 
@@ -180,7 +195,7 @@ def propose(
     report("tracking against effort", 0.95)
     assert chosen.gains is not None, "a rule that refused is not proposed"
     points = front(task, chosen.gains)
-    bias = task.loop.bias or bias_of(fitted.throttle, *task.loop.body)
+    bias = task.loop.bias or _curve(fitted.throttle, task.loop.body, task.profile)
     return Design(fitted, task, chosen, tuned, task.loop.draws, origin, bias, points, limits)
 
 

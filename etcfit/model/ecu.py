@@ -27,6 +27,10 @@ class Ecu(NamedTuple):
             limit; 0 for none, and then it stands still there.
         noise: of the position it reads, one tick's from the next one's independent, rad, a standard deviation.
         lag: time constant of the filter ahead of its converter, s; 0 for none.
+        slew: largest change of its output, V/s; 0 for none. The integral stands still there too.
+        dead_band: error within which the integral stands still, rad; 0 for none.
+        setpoint_weight: b of Kp (b r - y), 1 where the proportional part acts on the error, 0 on the position alone.
+        derivative_weight: c of Kd d(c r - y)/dt, 1 where the derivative is the error's, 0 the position's alone.
     """
 
     period: float = 1e-3
@@ -39,6 +43,10 @@ class Ecu(NamedTuple):
     integral: float = 0.0
     noise: float = 0.0
     lag: float = 0.0
+    slew: float = 0.0
+    dead_band: float = 0.0
+    setpoint_weight: float = 1.0
+    derivative_weight: float = 1.0
 
     @property
     def limit(self) -> Scalar:

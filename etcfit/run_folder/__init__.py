@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from .advice import advice_json, save_advice
-from .design import design_json, rusefi
+from .design import design_json, rusefi, written_for
 from .diagnosis import diagnosis_json
 from .fit import GEAR_RATIO, effects_of, fit_json, hashes, parameters_json, readings_of, versions
 from .folder import RunFolder
@@ -87,4 +87,5 @@ __all__ = [
     "settings_before",
     "sines_of",
     "versions",
+    "written_for",
 ]

@@ -12,7 +12,7 @@ from ..control.pid.gains import UNIT, Gains
 from ..control.pid.requirements import REQUIRED, Metrics
 from ..files import plain
 from ..model.ecu import Ecu, Notation
-from ..model.ecus import RUSEFI, differences
+from ..model.ecus import RUSEFI, BiasTable, differences
 from .fit import versions
 
 
@@ -52,6 +52,7 @@ def design_json(design: Design) -> dict[str, Any]:
         "feed_forward": design.task.loop.bias is not None,
         "rules": {name: _rule(design, tuned) for name, tuned in design.tuned.items()},
         "rusefi": rusefi(design),
+        "profile": written_for(design),
         "settings": design.settings,
         "versions": versions(),
     })  # fmt: skip
@@ -68,6 +69,8 @@ def _native(design: Design, gains: Gains) -> dict[str, Any]:
         "period_s": ecu.period, "unit": UNIT, "supply_V": ecu.supply,
         "derivative_filter_s": ecu.filter, "delay_s": ecu.delay, "pwm_V": ecu.pwm, "resolution_rad": ecu.resolution,
         "duty_limit": ecu.duty, "integral_limit": ecu.integral or None,
+        "slew_V_per_s": ecu.slew or None, "dead_band_rad": ecu.dead_band,
+        "setpoint_weight": ecu.setpoint_weight, "derivative_weight": ecu.derivative_weight,
     }  # fmt: skip
 
 
@@ -105,7 +108,7 @@ def rusefi(design: Design) -> dict[str, Any] | None:
     Source: rusEFI, electronic_throttle.cpp and efi_pid.cpp: iFactor and dFactor are of continuous time, and the bias
     table is added whatever the gains, so leave it at 0 where they were found without feed-forward.
     """
-    if differences(design.task.ecu, RUSEFI):
+    if differences(design.task.ecu, RUSEFI.fixes):
         return None
     gains, ecu = design.chosen.gains, design.task.ecu
     assert gains is not None, "the proposed rule has gains"
@@ -130,6 +133,47 @@ def rusefi(design: Design) -> dict[str, Any] | None:
     }
 
 
+def written_for(design: Design) -> dict[str, Any] | None:
+    """Gains and limits as the make of ECU writes them that they were sought for; None where none was named.
+
+    Pasted whole they make that ECU the controller that was designed: a table of feed-forward that the gains were found
+    without is all 0.
+    """
+    profile, ecu = design.task.profile, design.task.ecu
+    if profile is None:
+        return None
+    gains, body = design.chosen.gains, design.task.loop.body
+    assert gains is not None, "the proposed rule has gains"
+    return {
+        "name": profile.name,
+        "title": profile.title,
+        "unit": profile.notation.unit,
+        "form": profile.notation.form,
+        "gains": dict(zip(profile.gains, design.written(gains, profile.notation), strict=True)),
+        "limits": {
+            limit.name: {"value": limit.value(ecu, body.upper - body.lower), "unit": limit.unit}
+            for limit in profile.limits
+        },
+        "bias": None if profile.bias is None else _bias(design, profile.bias),
+        "source": profile.source,
+        "assumed": list(profile.assumed),
+    }
+
+
+def _bias(design: Design, table: BiasTable) -> dict[str, list[float]]:
+    share = 100.0 * np.asarray(design.task.loop.share(design.bias.angles))
+    duty = _percent(design.bias.hold, design.task.ecu) if design.task.loop.bias is not None else np.zeros(share.shape)
+    step = 100.0 / (table.positions - 1)
+    return {
+        table.bins: np.round(step * np.round(share / step), 6).tolist(),
+        table.values: np.round(duty, table.decimals).tolist(),
+    }
+
+
+def _percent(volts: np.ndarray, ecu: Ecu) -> np.ndarray:
+    return np.clip(100.0 * volts / ecu.supply, -100.0, 100.0)
+
+
 def _duty(volts: np.ndarray, ecu: Ecu) -> np.ndarray:
     """%, to two places."""
-    return np.round(np.clip(100.0 * volts / ecu.supply, -100.0, 100.0), 2)
+    return np.round(_percent(volts, ecu), 2)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from pathlib import Path
 
 import numpy as np
@@ -21,7 +22,7 @@ from etcfit.control.settings import DesignSettings, OptimumSettings
 from etcfit.errors import UsageError
 from etcfit.estimation.fitted_model import Fitted
 from etcfit.files import write_json
-from etcfit.model.ecus import RUSEFI
+from etcfit.model.ecus import ECUS, FOME, RUSEFI, EcuProfile
 from etcfit.model.effects import AbstractEffect
 from etcfit.model.linear import closed_form
 from etcfit.model.throttle import Throttle
@@ -122,19 +123,26 @@ def test_the_json_is_the_contract(designed: Design, fitted: Fitted, tmp_path: Pa
     assert tf["synthetic"] is True
 
 
+def made_for(fitted: Fitted, profile: EcuProfile, feed_forward: bool) -> Design:
+    ecu = ecu_of(fitted, **profile.completed({}))
+    return propose(fitted, task_of(fitted, ecu, PAPERS, None, feed_forward, BRIEF, profile), "manual", QUICK, "laplace")
+
+
 @pytest.mark.slow
 def test_gains_for_another_controller_are_none_for_rusefi(designed: Design) -> None:
+    found = design_json(designed)
     assert rusefi(designed) is None
-    assert design_json(designed)["rusefi"] is None
+    assert found["rusefi"] is None
+    assert found["profile"] is None
     said = " ".join(render(design_table(designed)).split())
-    assert "None for rusEFI: it differs from the controller tried here in its clock (2 ms)" in said
-    assert "--ecu rusefi" in said
+    assert "For no ECU in particular: --ecu NAME designs in its own controller" in said
+    assert all(name in said for name in ECUS)
+    assert "<constant" not in said
 
 
 @pytest.mark.slow
 def test_rusefi_gains_drive_the_same_duty(fitted: Fitted) -> None:
-    task = task_of(fitted, ecu_of(fitted, **RUSEFI), feed_forward=True, settings=BRIEF)
-    made = propose(fitted, task, "manual", QUICK, "laplace")
+    made = made_for(fitted, RUSEFI, feed_forward=True)
     his, gains, ecu = rusefi(made), made.chosen.gains, made.task.ecu
     assert gains is not None
     assert his is not None
@@ -154,7 +162,66 @@ def test_rusefi_gains_drive_the_same_duty(fitted: Fitted) -> None:
     assert his["etbBiasValues"] - his["duty_closing"] == pytest.approx(np.full(8, friction), abs=0.02)
     validator = Draft202012Validator(json.loads((SCHEMAS / "pid.schema.json").read_text(encoding="utf-8")))
     validator.validate({"schema": "etcfit.pid/1"} | json.loads(json.dumps(design_json(made))))
-    assert "rusEFI" in render(design_table(made))
+    pasted = render(design_table(made))
+    for name in ("pFactor", "iFactor", "dFactor"):
+        assert f'name="etb_{name}">{his[name]:.8g}</constant>' in pasted
+    assert '<constant digits="0" name="etb_iTermMax">30.0</constant>' in pasted
+    assert [float(v) for v in array(pasted, "etbBiasBins")] == pytest.approx(his["etbBiasBins"], abs=1e-3)
+    assert [float(v) for v in array(pasted, "etbBiasValues")] == pytest.approx(his["etbBiasValues"], abs=1e-9)
+
+
+def array(pasted: str, name: str) -> list[str]:
+    """Entries of a `<constant>` of several rows."""
+    return re.search(rf'name="{name}" rows="8">([^<]*)</constant>', pasted)[1].split()  # type: ignore[index]
+
+
+@pytest.mark.slow
+def test_a_curve_that_gains_were_found_without_is_pasted_as_zero(fitted: Fitted) -> None:
+    made = made_for(fitted, RUSEFI, feed_forward=False)
+    assert set(array(render(design_table(made)), "etbBiasValues")) == {"0.0"}
+    bias = design_json(made)["profile"]["bias"]
+    assert bias["etbBiasValues"] == [0.0] * 8
+    assert np.ptp(made.bias.hold) > 0.1
+
+
+@pytest.mark.slow
+def test_fomes_curve_is_one_that_its_table_holds(fitted: Fitted) -> None:
+    made = made_for(fitted, FOME, feed_forward=True)
+    bias = design_json(made)["profile"]["bias"]
+    bins, values = (np.array(bias[name]) for name in ("etbBiasBins", "etbBiasValues"))
+    assert 2.0 * bins == pytest.approx(np.round(2.0 * bins), abs=1e-9)
+    assert 10.0 * values == pytest.approx(np.round(10.0 * values), abs=1e-9)
+    # what was simulated is what is pasted, to the table's own step
+    ahead = made.task.loop.bias
+    assert ahead is not None
+    assert 100.0 * np.asarray(made.task.loop.share(ahead.angles)) == pytest.approx(bins, abs=1e-9)
+    assert 100.0 * ahead.hold / made.task.ecu.supply == pytest.approx(values, abs=0.05 + 1e-9)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("profile", ECUS.values(), ids=ECUS)
+def test_every_make_of_ecu_has_settings_that_give_the_same_controller(fitted: Fitted, profile: EcuProfile) -> None:
+    made = made_for(fitted, profile, feed_forward=False)
+    found = json.loads(json.dumps(design_json(made), allow_nan=False))
+    validator = Draft202012Validator(json.loads((SCHEMAS / "pid.schema.json").read_text(encoding="utf-8")))
+    validator.validate({"schema": "etcfit.pid/1"} | found)
+    written, ecu = found["profile"], made.task.ecu
+    assert (written["name"], written["source"]) == (profile.name, profile.source)
+    assert {field: getattr(ecu, field) for field in profile.fixes} == dict(profile.fixes)
+    # by hand: % of duty over % of travel, per s and times s
+    volts = ecu.supply / 100.0
+    travel = made.task.loop.body.upper - made.task.loop.body.lower
+    si = [float(g) for g in made.chosen.gains or ()]
+    assert list(written["gains"].values()) == pytest.approx([g * travel / 100.0 / volts for g in si])
+    assert tuple(written["gains"]) == profile.gains
+    said = " ".join(render(design_table(made)).split())
+    assert f"For {profile.title}: {profile.pasting.value}" in said
+    assert all(" ".join(f"assumed: {each}".split()) in said for each in profile.assumed)
+
+
+def test_feed_forward_for_an_ecu_without_a_table_is_refused(fitted: Fitted) -> None:
+    with pytest.raises(UsageError, match="Arduino PID library has no table of feed-forward"):
+        task_of(fitted, ecu_of(fitted), feed_forward=True, settings=BRIEF, profile=ECUS["arduino"])
 
 
 @pytest.mark.slow

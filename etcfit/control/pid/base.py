@@ -6,6 +6,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 
 from ...model.ecu import Ecu
+from ...model.ecus import EcuProfile
 from ...model.linear import TransferFunction
 from ..settings import DesignSettings
 from .gains import Gains
@@ -33,6 +34,7 @@ class Task:
         setpoint: on which gains are judged.
         as_found: gains of the ECU that drove the logs, or why nobody knows them.
         settings: budgets of the rules that experiment.
+        profile: the make of ECU that this controller is; None where none is named.
     """
 
     plant: TransferFunction
@@ -42,6 +44,7 @@ class Task:
     setpoint: Setpoint = field(default_factory=trapezoid)
     as_found: Gains | Refusal = Refusal("no ECU is described")
     settings: DesignSettings = DesignSettings()
+    profile: EcuProfile | None = None
 
 
 Rule = Callable[[Task], Gains | Refusal]

@@ -12,41 +12,66 @@ from .gains import Gains
 
 
 class Memory(NamedTuple):
-    """What a PID remembers from tick to tick: integral (V), filtered derivative (rad/s), last error (rad)."""
+    """What a PID remembers from tick to tick.
+
+    Args:
+        integral: V.
+        derivative: filtered, rad/s.
+        last: what is differenced, c r - y, rad.
+        output: before the steps of the PWM, V.
+    """
 
     integral: Scalar
     derivative: Scalar
-    error: Scalar
+    last: Scalar
+    output: Scalar
+
+    @classmethod
+    def at_rest(cls, gains: Gains, ecu: Ecu, angle: Scalar) -> Memory:
+        """Of a plate that stands at its setpoint (rad), where the PID puts out nothing."""
+        still = jnp.zeros_like(gains.Kp)
+        integral = (1.0 - ecu.setpoint_weight) * gains.Kp * angle
+        return cls(integral, still, (ecu.derivative_weight - 1.0) * angle + still, still)
 
 
 def tick(gains: Gains, ecu: Ecu, memory: Memory, setpoint: Scalar, position: Scalar, bias: Scalar) -> Any:
-    """One tick: v = clip(clip(Kp e + I + Kd d, V) + bias, limit), rounded to the PWM's resolution.
+    """One tick: v = clip(clip(Kp (b r - y) + I + Kd d, V) + bias, limit), slewed, and rounded to the PWM's resolution.
 
-        I <- I + Ki T e,    d <- (T_f d + e - e_last) / (T_f + T)
+        I <- I + Ki T e where |e| > dead band,    d <- (T_f d + (c r - y) - (c r - y)_last) / (T_f + T)
 
-    The integral stands still while the output is at its limit and the error would drive it further (anti-windup), or
-    is clamped itself, where the ECU does that (`Ecu.integral`).
+    with e = r - y, and b and c the weights of the setpoint. The integral stands still while the output is at its limit,
+    that of its slew included, and the error would drive it further (anti-windup), or is clamped itself, where the ECU
+    does that (`Ecu.integral`).
 
-    Source: Astrom and Hagglund 2006, Advanced PID Control, ch. 3 and 13. Differs from source: the derivative is of the
-    error, as in the ECUs that have but one setpoint weight, 1.
+    Source: Astrom and Hagglund 2006, Advanced PID Control, ch. 3 and 13. Differs from source: the integral has the
+    error of the tick itself in it, as those of the ECUs have.
 
     Args:
         gains, ecu, memory: see there.
-        setpoint, position: rad.
+        setpoint, position: r and y, rad.
         bias: feed-forward, V.
     Returns:
         voltage and the new memory.
     """
-    error = setpoint - quantised(position, ecu.resolution)
-    derivative = (ecu.filter * memory.derivative + error - memory.error) / (ecu.filter + ecu.period)
-    integral = memory.integral + gains.Ki * ecu.period * error
+    seen = quantised(position, ecu.resolution)
+    error, tracked = setpoint - seen, ecu.derivative_weight * setpoint - seen
+    derivative = (ecu.filter * memory.derivative + tracked - memory.last) / (ecu.filter + ecu.period)
+    grown = memory.integral + gains.Ki * ecu.period * error
+    integral = jnp.where(jnp.abs(error) > ecu.dead_band, grown, memory.integral)
     clamped = jnp.clip(integral, -ecu.integral * ecu.supply, ecu.integral * ecu.supply)
     integral = jnp.where(ecu.integral > 0.0, clamped, integral)
-    wanted = gains.Kp * error + integral + gains.Kd * derivative
+    wanted = gains.Kp * (ecu.setpoint_weight * setpoint - seen) + integral + gains.Kd * derivative
     volts = jnp.clip(jnp.clip(wanted, -ecu.supply, ecu.supply) + bias, -ecu.limit, ecu.limit)
+    volts = slewed(volts, memory.output, ecu)
     winding = ((wanted + bias - volts) * error > 0.0) & (ecu.integral == 0.0)
     integral = jnp.where(winding, memory.integral, integral)
-    return quantised(volts, ecu.pwm), Memory(integral, derivative, error)
+    return quantised(volts, ecu.pwm), Memory(integral, derivative, tracked, volts)
+
+
+def slewed(volts: Scalar, before: Scalar, ecu: Ecu) -> Scalar:
+    """What the output may become a tick after it was `before`, V."""
+    most = ecu.slew * ecu.period
+    return jnp.where(ecu.slew > 0.0, jnp.clip(volts, before - most, before + most), volts)
 
 
 def quantised(value: Scalar, step: Scalar) -> Scalar:

@@ -12,8 +12,8 @@ import numpy as np
 from ...model.linear import holding_against
 from ...model.throttle import Throttle
 
-POINTS = 8  # of rusEFI's bias curve
-_FINE = 20_001  # angles from which they are chosen
+POINTS = 8  # of a curve, where no ECU says
+PLACES = 20_001  # angles from which they are chosen, where no ECU says
 _HALVINGS = 24
 
 
@@ -67,13 +67,17 @@ def hold_curve(
     return HoldingVoltages(down, middle, up)
 
 
-def bias_of(throttle: Throttle, gear_ratio: float, lower: float, upper: float, points: int = POINTS) -> Bias:
+def bias_of(
+    throttle: Throttle, gear_ratio: float, lower: float, upper: float, points: int = POINTS, places: int = PLACES
+) -> Bias:
     """The curve of so many points that misses the holding voltage least, wherever it misses it most.
+
+    The points are chosen from so many places, evenly over the travel: as finely as an ECU's table can name them.
 
     The least miss is bisected: within one, each straight piece reaches as far as it can (`polygon`). So the points come
     to lie on the corners of the limp-home spring; what is left of them halves the longest pieces.
     """
-    fine = np.linspace(lower, upper, _FINE)
+    fine = np.linspace(lower, upper, places)
     down, middle, up = hold_curve(throttle, fine, gear_ratio, lower, upper)
     least, most = 0.0, float(np.ptp(middle)) + 1e-9
     for _ in range(_HALVINGS):

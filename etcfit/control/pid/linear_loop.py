@@ -1,4 +1,8 @@
-"""The ECU around the linear plant, tick by tick: no friction, no stops, no limit of the output."""
+"""The ECU around the linear plant, tick by tick: no friction, no stops, and of the ECU what is linear.
+
+It knows period, delay, derivative filter and the weights of the setpoint. Limits of the output, of its slew and of the
+integral, the dead band, and the steps of converters are not linear: `ecu.tick` alone knows them.
+"""
 
 from __future__ import annotations
 
@@ -17,7 +21,9 @@ _GONE = 1e6  # a response beyond this many travels has gone
 
 
 def controller(gains: Gains, ecu: Ecu, z: Complex[np.ndarray, " W"]) -> Complex[np.ndarray, "*gains W"]:
-    """C(z) = Kp + Ki T z / (z - 1) + Kd (z - 1) / ((T_f + T) z - T_f), V/rad: what `ecu.tick` computes.
+    """C(z) = Kp + Ki T z / (z - 1) + Kd (z - 1) / ((T_f + T) z - T_f), V/rad: what `ecu.tick` makes of -y.
+
+    The setpoint's weights are not in it: they change how the setpoint enters the loop, not what goes round in it.
 
     Args:
         gains: shape (...,) each.
@@ -33,7 +39,7 @@ class ClosedLoop(NamedTuple):
     """s[k+1] = F s[k] + g r[k],    y[k] = s_0[k].
 
     The state s holds that of the plant, the voltages still on their way, the integral (V), the filtered derivative
-    (rad/s) and the last error (rad).
+    (rad/s) and what it last differenced, c r - y (rad).
 
     Args:
         flow: F, shape (..., S, S).
@@ -70,10 +76,11 @@ def closed(gains: Gains, plants: SampledPlant, ecu: Ecu) -> ClosedLoop:
     size = n + late + 3
     # every signal is a row: its share of each state, and of the setpoint last
     state = np.eye(size + 1)[:size]
-    error = np.eye(size + 1)[size] - state[0]
+    setpoint, position = np.eye(size + 1)[size], state[0]
+    error, tracked = setpoint - position, ecu.derivative_weight * setpoint - position
     integral = (i != 0.0) * state[-3] + i * T * error  # without a gain it holds nothing, and is no mode of the loop
-    derivative = (ecu.filter * state[-2] + error - state[-1]) / (ecu.filter + T)
-    volts = p * error + integral + d * derivative
+    derivative = (ecu.filter * state[-2] + tracked - state[-1]) / (ecu.filter + T)
+    volts = p * (ecu.setpoint_weight * setpoint - position) + integral + d * derivative
     rows = np.zeros((*np.broadcast_shapes(volts.shape[:-1], plants.phi.shape[:-2]), size, size + 1))
     rows[..., :n, :n] = plants.phi
     rows[..., :n, n : n + late] = np.swapaxes(plants.gamma[..., 1:, :], -1, -2)
@@ -81,7 +88,7 @@ def closed(gains: Gains, plants: SampledPlant, ecu: Ecu) -> ClosedLoop:
     if late:
         rows[..., n, :] = volts
         rows[..., n + 1 : n + late, :] = state[n : n + late - 1]
-    rows[..., -3, :], rows[..., -2, :], rows[..., -1, :] = integral, derivative, error
+    rows[..., -3, :], rows[..., -2, :], rows[..., -1, :] = integral, derivative, tracked
     return ClosedLoop(rows[..., :size], rows[..., size])
 
 

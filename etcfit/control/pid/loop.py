@@ -97,7 +97,7 @@ class _Run(NamedTuple):
 
     Args:
         settings: of the controller.
-        first: memory with which it begins.
+        first: memory with which it begins, shape (G,).
         ecu: limits and clock.
         body: gear ratio and stops.
         setpoint: rad at each tick, shape (K,).
@@ -187,12 +187,13 @@ def _one(control: Controller, plant: _Plant, run: _Run, parts: int, room: int) -
 
 
 def _each(control: Controller, parts: int, room: int, plants: _Plant, run: _Run) -> Path:
-    """Every plant (D) under every controller (G), whose settings have shape (G,): shape (D, G, K)."""
+    """Every plant (D) under every controller (G), whose settings and memories have shape (G,): shape (D, G, K)."""
 
-    def each(plant: _Plant, settings: Any) -> Path:
-        return _one(control, plant, run._replace(settings=settings), parts, room)
+    def each(plant: _Plant, settings: Any, first: Any) -> Path:
+        return _one(control, plant, run._replace(settings=settings, first=first), parts, room)
 
-    return jax.vmap(jax.vmap(each, in_axes=(None, 0)), in_axes=(0, None))(plants, run.settings)
+    over_gains = jax.vmap(each, in_axes=(None, 0, 0))
+    return jax.vmap(over_gains, in_axes=(0, None, None))(plants, run.settings, run.first)
 
 
 _many = Program(_each, static=3)
@@ -215,7 +216,9 @@ def _late(throttles: Throttle) -> Any:
     return jax.vmap(lambda throttle: jnp.asarray(throttle.delays().input, dtype=float))(throttles)
 
 
-_PID_AT_REST = Memory(np.zeros(()), np.zeros(()), np.zeros(()))
+def _of_each(first: Any, shape: tuple[int, ...]) -> Any:
+    """A controller's memory for each of its settings."""
+    return jax.tree.map(lambda leaf: jnp.broadcast_to(jnp.asarray(leaf, dtype=float), shape), first)
 
 
 @dataclass(frozen=True, eq=False)
@@ -286,7 +289,8 @@ class Loop:
 
     def respond(self, gains: Gains, setpoint: Setpoint) -> Path:
         """Responses to a setpoint, shape (D, G, K), of gains of shape (G,) each."""
-        return self.run(tick, Gains(*(jnp.asarray(g, dtype=float) for g in gains)), _PID_AT_REST, setpoint)
+        gains = Gains(*(jnp.asarray(g, dtype=float) for g in gains))
+        return self.run(tick, gains, Memory.at_rest(gains, self.ecu, self.angle(setpoint.shares[0])), setpoint)
 
     def run(
         self, control: Controller, settings: Any, first: Any, setpoint: Setpoint, start: State | None = None
@@ -296,13 +300,14 @@ class Loop:
         Args:
             control: as `ecu.tick`: settings, ECU, memory, setpoint, position, bias -> voltage, memory.
             settings: of it, entries of shape (G,).
-            first: memory with which it begins.
+            first: memory with which it begins, entries of shape () or (G,).
             setpoint: what it follows.
             start: state of every plant at its begin; None: at rest where the setpoint begins.
         """
         wanted = self.angle(setpoint.at(setpoint.instants(self.ecu.period)))
         ahead = self.bias.volts(wanted) if self.bias is not None else np.zeros_like(wanted)
         start = State(0.0, self.angle(setpoint.shares[0]), 0.0) if start is None else start
+        first = _of_each(first, np.shape(jax.tree.leaves(settings)[0]))
         parts = max(1, math.ceil(self.ecu.period / self.settings.longest_step - 1e-9))
         run = _Run(settings, first, self.ecu, self.body, wanted, ahead, start)
         rng = np.random.default_rng(self.settings.seed)

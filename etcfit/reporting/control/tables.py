@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from pathlib import PurePosixPath
 
 import numpy as np
@@ -15,13 +16,13 @@ from ...control.judged import Tuned
 from ...control.linearise import Reduction
 from ...control.pid.requirements import Metrics, Requirements
 from ...estimation.fitted_model import Fitted
-from ...estimation.remedies import listed
 from ...model.ecu import Ecu, Notation
-from ...model.ecus import RUSEFI, differences
-from ...run_folder import rusefi
+from ...model.ecus import ECUS
+from ...run_folder import written_for
 from ..blocks import headed, plain_table, rig_title, sentences
 from ..compromise import cautioned
 from ..numbers import Digits, short
+from .snippet import snippet
 
 
 def reduction_table(fitted: Fitted, reduction: Reduction, pade_order: int) -> RenderableType:
@@ -152,11 +153,26 @@ def _computer(design: Design) -> list[str]:
     ecu = design.task.ecu
     clock, late, slow = (f"{short(1e3 * each)} ms" for each in (ecu.period, ecu.delay, ecu.filter))
     limits = f"ECU: ticks of {clock}, delay {late}, derivative filter {slow}, output within {short(ecu.limit)} V"
-    limits += f", integral within {short(ecu.integral * ecu.supply)} V" if ecu.integral else ""
+    limits += "".join(f", {habit}" for habit in _habits(ecu))
     if design.fitted.config.ecu is None:
         return [limits]
     return [f"{limits}; what the command does not give is [ecu]'s of rig.toml",
             "as_found: the gains that the ECU of the logs has, as rig.toml or the fit tells them"]  # fmt: skip
+
+
+def _habits(ecu: Ecu) -> Iterator[str]:
+    """What not every ECU has."""
+    if ecu.integral:
+        yield f"integral within {short(ecu.integral * ecu.supply)} V"
+    if ecu.dead_band:
+        yield f"integral still within {short(np.degrees(ecu.dead_band))} degrees"
+    if ecu.slew:
+        yield f"output no faster than {short(ecu.slew)} V/s"
+    if ecu.setpoint_weight != 1.0:
+        yield f"proportional part of {short(ecu.setpoint_weight)} setpoint - position"
+    if ecu.derivative_weight != 1.0:
+        yield "derivative of the position alone" if ecu.derivative_weight == 0.0 else (
+            f"derivative of {short(ecu.derivative_weight)} setpoint - position")  # fmt: skip
 
 
 def _row(tuned: Tuned, asked: Requirements) -> tuple[str, ...]:
@@ -193,18 +209,19 @@ def _in_its_own_unit(design: Design) -> RenderableType | None:
 def _proposed(design: Design) -> RenderableType:
     gains, ecu = design.chosen.gains, design.task.ecu
     assert gains is not None, "the proposed rule has gains"
-    native, his = design.written(gains, Notation(form="ticks")), rusefi(design)
+    native, written = design.written(gains, Notation(form="ticks")), written_for(design)
     table = plain_table("proposed", "P", "I", "D", "unit")
     table.add_row("continuous time", *(short(g, 5) for g in gains), "V/rad, s")
     table.add_row(f"ticks of {short(1e3 * ecu.period)} ms", *(short(g, 5) for g in native), "V/rad, ticks")
-    if his is not None:
-        table.add_row("rusEFI", *(short(his[k], 5) for k in ("pFactor", "iFactor", "dFactor")), "% duty / % travel, s")
+    if written is not None:
+        table.add_row(written["title"], *(short(g, 5) for g in written["gains"].values()),
+                      f"{written['unit']}, {written['form']}")  # fmt: skip
     if (own := design.fitted.config.notation) is not None:
         table.add_row("as in rig.toml", *(short(g, 5) for g in design.written(gains, own)), own.title)
     word = "with the bias curve"
     if design.task.loop.bias is None:
         word = "WITHOUT the bias curve: leave it at 0, or design with --feed-forward"
-    parts = [table, Text(), _curve(design), *(_not_for_rusefi(ecu) if his is None else [])]
+    parts = [table, Text(), _curve(design), _unnamed() if written is None else snippet(written)]
     return headed(f"Gains of {design.chosen.rule}, found {word}", Group(*parts))
 
 
@@ -217,11 +234,6 @@ def _curve(design: Design) -> RenderableType:
     return table
 
 
-def _not_for_rusefi(ecu: Ecu) -> list[RenderableType]:
-    other = listed([_FIELDS[field] for field in differences(ecu, RUSEFI)])
-    said = f"None for rusEFI: it differs from the controller tried here in its {other}. Design with --ecu rusefi."
-    return [Text(), Text(said)]
-
-
-_FIELDS = {"period": "clock (2 ms)", "filter": "derivative (not filtered)", "duty": "duty (within +-90 %)",
-           "integral": "integral (within +-30 % of duty)"}  # fmt: skip
+def _unnamed() -> RenderableType:
+    said = "For no ECU in particular: --ecu NAME designs in its own controller and writes what to paste. NAME is one of"
+    return Group(Text(), Text(f"{said} {', '.join(ECUS)}."))

@@ -86,7 +86,7 @@ def test_draws_and_gains_side_by_side_are_each_what_they_are_alone() -> None:
 
 
 def ticked(ecu: Ecu, errors: list[float], gains: tuple[float, ...] = (2.0, 50.0, 0.01)) -> list[float]:
-    memory, out = Memory(0.0, 0.0, 0.0), []
+    memory, out = Memory.at_rest(Gains(*gains), ecu, 0.0), []
     for error in errors:
         volts, memory = tick(Gains(*gains), ecu, memory, error, 0.0, 0.0)
         out.append(float(volts))
@@ -155,7 +155,7 @@ def test_a_loop_begins_in_the_state_that_it_is_given() -> None:
     # coasting without spring, friction, stops or voltage: theta = theta_0 + omega_0 tau (1 - exp(-t/tau))
     free = {"K_s": 0.0, "B_m": 0.0, "B_L": 0.01, "K_b": 0.0, "J_m": 0.0, "J_L": 1e-3, **SMOOTH}
     loop = rigs.loop(ecu=Ecu(), body=rigs.WIDE, **free)
-    still = Memory(np.zeros(()), np.zeros(()), np.zeros(()))
+    still = Memory(*(np.zeros(()) for _ in Memory._fields))
     path = loop.run(tick, rigs.one(0.0, 0.0, 0.0), still, RAMP, State(0.0, 0.4, 3.0))
     time = RAMP.instants(1e-3)
     assert np.allclose(np.asarray(path.position)[0, 0], 0.4 + 0.3 * (1.0 - np.exp(-time / 0.1)), rtol=0.0, atol=1e-6)

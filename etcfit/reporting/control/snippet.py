@@ -1,0 +1,57 @@
+"""What to paste into an ECU: lines of its tune file, or settings to type in."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Any
+
+from rich.console import Group, RenderableType
+from rich.text import Text
+
+from ...model.ecus import Pasting, named
+from ..blocks import headed, plain_table, sentences
+from ..numbers import short
+
+
+def snippet(written: Mapping[str, Any]) -> RenderableType:
+    """The settings of `profile` in pid.json, and what is assumed of that ECU."""
+    pasting = named(written["name"]).pasting
+    settings = {Pasting.TUNE_FILE: _tune_file, Pasting.BY_HAND: _by_hand}[pasting](written)
+    assumed = sentences("Assumed of it", [f"assumed: {each}" for each in written["assumed"]])
+    parts = (headed(f"For {written['title']}: {pasting.value}", settings), assumed)
+    return Group(*(part for part in parts if part is not None))
+
+
+def _tune_file(written: Mapping[str, Any]) -> RenderableType:
+    return Group(*(Text(line, no_wrap=True, overflow="ignore") for line in tune_file(written)))
+
+
+def tune_file(written: Mapping[str, Any]) -> Iterator[str]:
+    """A `<constant>` a setting, as TunerStudio writes them into a .msq.
+
+    Source: .msq files of rusEFI; `digits` is what TunerStudio shows of a value.
+    """
+    for name, value in written["gains"].items():
+        yield f'<constant digits="4" name="{name}">{value:.8g}</constant>'
+    for name, limit in written["limits"].items():
+        yield f'<constant digits="0" name="{name}">{limit["value"]:.1f}</constant>'
+    for name, row in (written["bias"] or {}).items():
+        yield from _array(name, row)
+
+
+def _array(name: str, row: Sequence[float]) -> Iterator[str]:
+    yield f'<constant cols="1" digits="2" name="{name}" rows="{len(row)}">'
+    yield from (f"  {value}" for value in row)
+    yield "</constant>"
+
+
+def _by_hand(written: Mapping[str, Any]) -> RenderableType:
+    table = plain_table("setting", "value", "unit")
+    form = {"seconds": ("", ", per s", ", times s"), "ticks": ("", ", per tick", ", times ticks")}[written["form"]]
+    for (name, value), suffix in zip(written["gains"].items(), form, strict=True):
+        table.add_row(name, short(value, 5), written["unit"] + suffix)
+    for name, limit in written["limits"].items():
+        table.add_row(name, short(limit["value"], 5), limit["unit"])
+    for name, row in (written["bias"] or {}).items():
+        table.add_row(name, " ".join(short(value, 4) for value in row), "%")
+    return table
