@@ -12,6 +12,7 @@ import sys
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from enum import IntEnum
+from math import inf, pi
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -309,23 +310,53 @@ def design(
     ecu_delay: Annotated[
         str | None, typer.Option(help="From reading to acting; else [ecu]'s in rig.toml, else 0ms.", metavar="TIME")
     ] = None,
+    ecu_filter: Annotated[
+        str | None, typer.Option(help="Time constant of the filter ahead of its converter; else 0ms.", metavar="TIME")
+    ] = None,
+    sensor_noise: Annotated[
+        str | None, typer.Option(help="Of a position reading, as 0.1deg; else that of the rig's logs.", metavar="ANGLE")
+    ] = None,
     adc_bits: Annotated[int, typer.Option(help="Of the position sensor, over its travel.", min=6, max=24)] = 12,
     feed_forward: Annotated[bool, typer.Option("--feed-forward", help="The ECU has a bias curve.")] = False,
     overshoot: Annotated[float, typer.Option(help="At most, %.", min=0.0)] = 20.0,
     settling: Annotated[str, typer.Option(help="At most, as 0.2s.", metavar="TIME")] = "0.2s",
     error: Annotated[float, typer.Option(help="Steady-state error at most, %.", min=0.0)] = 0.5,
+    duty_activity: Annotated[float, typer.Option(help="Duty's sd at rest at most, %.", min=0.0)] = 5.0,
+    rms_current: Annotated[float, typer.Option(help="At most, A; else no limit.", min=0.0)] = inf,
+    winding_heat: Annotated[float, typer.Option(help="At most, W; else no limit.", min=0.0)] = inf,
+    bridge_heat: Annotated[float, typer.Option(help="At most, W; else no limit.", min=0.0)] = inf,
+    log: Annotated[
+        Path | None, typer.Option(help="From the car: its setpoint is one scenario more.", exists=True, dir_okay=False)
+    ] = None,
     quiet: Quiet = False,
 ) -> None:
     """PID gains for the model in RUN (after a diagnosis, the final one): every rule compared, one proposed."""
-    times = {"period": ("--ecu-period", ecu_period), "delay": ("--ecu-delay", ecu_delay)}
+    times = {
+        "period": ("--ecu-period", ecu_period),
+        "delay": ("--ecu-delay", ecu_delay),
+        "lag": ("--ecu-filter", ecu_filter),
+    }
     given = {field: _seconds(option, text) for field, (option, text) in times.items() if text is not None}
     if given.get("period") == 0.0:
         raise UsageError(f"--ecu-period {ecu_period}: the period must be longer than 0. Write, say, 1ms.")
+    if sensor_noise is not None:
+        given["noise"] = _radians("--sensor-noise", sensor_noise)
     if clash := _clashes(ecu, given):
         raise UsageError(f"{times[clash[0]][0]}: {ecu} fixes it. Leave it out.")
-    limits = overshoot, _seconds("--settling", settling), error
+    limits = {
+        "overshoot_pct": overshoot,
+        "settling_s": _seconds("--settling", settling),
+        "steady_state_error_pct": error,
+        "duty_activity_pct": duty_activity,
+        "current_rms_A": rms_current,
+        "winding_W": winding_heat,
+        "bridge_W": bridge_heat,
+    }
+    if zero := [symbol for symbol, limit in limits.items() if limit == 0.0]:
+        raise UsageError(f"{zero[0]}: nothing stays below 0. Ask for more than that.")
     with _progress(quiet) as progress:
-        done = stages.design_run(stages.opened(run), progress, rule, adc_bits, feed_forward, limits, given, ecu)
+        asked = {symbol: limit for symbol, limit in limits.items() if limit != inf}
+        done = stages.design_run(stages.opened(run), progress, rule, adc_bits, feed_forward, asked, given, ecu, log)
     _tell(done)
 
 
@@ -342,17 +373,32 @@ def _clashes(name: str | None, given: Mapping[str, float]) -> tuple[str, ...]:
 
 
 _SECONDS = {"us": 1e-6, "ms": 1e-3, "s": 1.0}
+_RADIANS = {"deg": pi / 180.0, "rad": 1.0}
 
 
 def _seconds(option: str, text: str) -> float:
     """A time with its unit, s."""
-    number, unit = next(((text.removesuffix(u), u) for u in _SECONDS if text.endswith(u)), (text, ""))
+    return _with_unit(option, text, _SECONDS, "a time", "1ms")
+
+
+def _radians(option: str, text: str) -> float:
+    """An angle with its unit, rad."""
+    return _with_unit(option, text, _RADIANS, "an angle", "0.1deg")
+
+
+def _with_unit(option: str, text: str, units: Mapping[str, float], what: str, example: str) -> float:
+    """A number with its unit, in SI."""
+    number, unit = next(((text.removesuffix(u), u) for u in units if text.endswith(u)), (text, ""))
     try:
-        value = float(number) * _SECONDS[unit]
+        value = float(number) * units[unit]
     except (KeyError, ValueError):
-        raise UsageError(f"{option} {text}: a time needs a number and a unit, us, ms or s. Write, say, 1ms.") from None
-    if not 0.0 <= value < float("inf"):
-        raise UsageError(f"{option} {text}: a time cannot be negative or endless. Write, say, 1ms.")
+        *others, last = units
+        known = f"{', '.join(others)} or {last}"
+        raise UsageError(
+            f"{option} {text}: {what} needs a number and a unit, {known}. Write, say, {example}."
+        ) from None
+    if not 0.0 <= value < inf:
+        raise UsageError(f"{option} {text}: {what} cannot be negative or endless. Write, say, {example}.")
     return value
 
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import json
 import sys
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from contextlib import AbstractContextManager
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -132,9 +132,10 @@ def design_run(
     rule: str = "optimal",
     adc_bits: int = 12,
     feed_forward: bool = False,
-    limits: Sequence[float] = (20.0, 0.2, 0.5),
+    limits: Mapping[str, float] = MappingProxyType({}),
     ecu: Mapping[str, float] = MappingProxyType({}),
     profile: str | None = None,
+    log: Path | str | None = None,
 ) -> Done:
     """Gains by every rule, one of them proposed: RUN/pid.json, the responses.
 
@@ -143,9 +144,10 @@ def design_run(
         rule: whose gains are proposed.
         adc_bits: of the position sensor, over its travel.
         feed_forward: the ECU has a bias curve.
-        limits: overshoot (%), settling time (s) and steady-state error (%) at most; margins, as in `Requirements`.
+        limits: what a response must stay below, by field of `Requirements`; the rest as there.
         ecu: what is given of the ECU, by field; see `design.ecu_of` for the rest.
         profile: name of the make of ECU; None for none in particular.
+        log: from the car, whose setpoint is one scenario more; None for none.
     """
     report("taking up the fit", 0.0)
     keep_compiled()
@@ -162,13 +164,14 @@ def design_run(
     found = design_of(
         fitted,
         rule,
-        Requirements(*limits),
+        Requirements(**limits),
         drawn,
         report,
         adc_bits=adc_bits,
         feed_forward=feed_forward,
         settings=None,
         profile=profile,
+        log=log,
         **ecu,
     )
     settings = {
@@ -178,6 +181,7 @@ def design_run(
         "limits": limits,
         "ecu": ecu,
         "profile": profile,
+        "log": None if log is None else str(log),
     }
     keep_design(run, result, found, settings, report)
     return Done(design_table(found), failure(result))
@@ -223,7 +227,7 @@ STAGES: tuple[Stage, ...] = (
     Stage("diagnose", _of_run(diagnose_run)),
     Stage("sample", _of_run(sample_run), ("steps",)),
     Stage("reduce", _of_run(reduce_run), ("input", "output", "at", "pade_order")),
-    Stage("design", _of_run(design_run), ("rule", "adc_bits", "feed_forward", "limits", "ecu", "profile")),
+    Stage("design", _of_run(design_run), ("rule", "adc_bits", "feed_forward", "limits", "ecu", "profile", "log")),
     Stage("report", _of_run(write_report)),
 )
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
 from ..errors import UsageError
@@ -9,6 +10,7 @@ from ..errors import UsageError
 if TYPE_CHECKING:
     import numpy as np
 
+    from ..car_log.log import Series
     from ..control.design import Design
     from ..control.frequency import FrequencyResponse
     from ..control.linearise import Reduction
@@ -16,6 +18,7 @@ if TYPE_CHECKING:
     from ..control.settings import DesignSettings, FrequencySettings
     from ..estimation.fitted_model import Fitted
     from ..estimation.result import FitResult
+    from ..rig.base import RigConfig
     from .progress import Report
 
 
@@ -72,6 +75,7 @@ def design_of(
     feed_forward: bool,
     settings: DesignSettings | None = None,
     profile: str | None = None,
+    log: Path | str | None = None,
     **ecu: float,
 ) -> Design:
     """Gains by every rule for an ECU that reads the position by an ADC over its travel.
@@ -86,8 +90,10 @@ def design_of(
         feed_forward: the ECU has a bias curve.
         settings: draws, and the budgets of simulation and rules; the defaults where None.
         profile: name of the make of ECU, see `model.ecus`; None for none in particular.
+        log: from the car, whose setpoint is one scenario more.
         ecu: what is given of the ECU, by field; see `control.design.ecu_of` for the rest.
     Raises:
+        MeasurementError: the log cannot be read, or has no setpoint.
         UsageError: no such make, or a field given that its source fixes otherwise.
     """
     from ..control.design import design, ecu_of
@@ -103,4 +109,21 @@ def design_of(
     lower, upper = stops(fitted)
     computer = ecu_of(fitted, **({"resolution": (upper - lower) / 2**adc_bits} | ecu))
     mine = settings or DesignSettings()
-    return design(fitted, computer, requirements, rule, drawn, feed_forward, report, mine, make)
+    asked = None if log is None else setpoint_of(Path(log), fitted.config)
+    return design(fitted, computer, requirements, rule, drawn, feed_forward, report, mine, make, asked)
+
+
+def setpoint_of(path: Path, config: RigConfig) -> Series:
+    """What the ECU asked of the plate in a log from the car, per cent of the travel.
+
+    Raises:
+        MeasurementError: the log cannot be read, or has no setpoint.
+    """
+    from ..car_log.read import read_log
+    from ..errors import MeasurementError
+
+    log = read_log(path, config, "rig.toml")
+    if log.setpoint is None:
+        raise MeasurementError(str(path), "no setpoint among its columns.", "Gains are tried on what a log asks for.",
+                               log.hint)  # fmt: skip
+    return log.setpoint

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Hashable
-from dataclasses import astuple, dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -14,6 +15,7 @@ from ..control.design import Design
 from ..control.pid import Gains
 from ..control.pid.gains import UNIT
 from ..control.pid.requirements import Metrics
+from ..control.pid.response import Judged
 from ..reporting.numbers import short
 from . import words
 from .fit import Fit
@@ -32,10 +34,12 @@ class Designed:
     Args:
         fit: the model.
         design: in full.
+        log: file of the log among the scenarios, or None.
     """
 
     fit: Fit
     design: Design
+    log: str | None = None
 
     @property
     def gains(self) -> Gains:
@@ -74,13 +78,30 @@ class Designed:
         return indexed(gains | figures | verdict, list(self.design.tuned), "rule")
 
     @property
+    def scenarios(self) -> pd.DataFrame:
+        """The proposed gains on each scenario of the nominal nonlinear model, indexed by its name."""
+        each = self.design.chosen.scenarios
+        columns = {k: numbers(float(getattr(figures, k)) for figures in each.values()) for k in Judged._fields}
+        return indexed(columns, list(each), "scenario")
+
+    @property
+    def front(self) -> pd.DataFrame:
+        """Tracking against effort on the nominal model: the best gains within each limit of the duty's activity."""
+        points = self.design.front
+        gains = {k: numbers(float(getattr(point.gains, k)) for point in points) for k in Gains._fields}
+        figures = {"duty_activity_pct": numbers(point.activity for point in points),
+                   "rmse_pct": numbers(point.rmse for point in points),
+                   "met": np.array([point.meets for point in points], dtype=bool)}  # fmt: skip
+        return pd.DataFrame(gains | figures)
+
+    @property
     def limits(self) -> tuple[str, ...]:
         """Where the proposed gains miss a requirement, what keeps any gains from meeting it."""
         return self.design.limits
 
     @property
     def plot(self) -> DesignPlots:
-        """Pictures: `plot.responses()`."""
+        """Pictures: `plot.responses()`, `plot.scenarios()`, `plot.front()`."""
         from .plots import DesignPlots
 
         return DesignPlots(self.design)
@@ -111,9 +132,10 @@ class Designed:
         return {
             "rule": self.rule,
             "feed_forward": task.loop.bias is not None,
-            "limits": astuple(task.requirements),
+            "limits": {symbol: limit for symbol, limit in asdict(task.requirements).items() if math.isfinite(limit)},
             "ecu": task.ecu._asdict(),
             "profile": None if task.profile is None else task.profile.name,
+            "log": self.log,
         }
 
     @property

@@ -23,7 +23,7 @@ from ..estimation.result import FitResult
 from ..posterior.sampling import Posterior
 from ..problem.prediction_error import PredictionError, pooled
 from ..reporting import overview, pictures, style
-from ..reporting.control import bode, responses, sines
+from ..reporting.control import bode, front, responses, scenarios, sines
 from ..reporting.diagnosis import overlay
 from ..reporting.diagnosis import pictures as diagnosis_pictures
 from ..reporting.diagnosis.shown import in_degrees, scales
@@ -271,6 +271,14 @@ class DesignPlots:
     def responses(self) -> np.ndarray:
         """Setpoint and response by every rule, a panel a rule."""
         return panels_of(lambda: responses.draw(self.design))
+
+    def scenarios(self) -> np.ndarray:
+        """The proposed gains in every scenario, a panel each."""
+        return panels_of(lambda: scenarios.draw(self.design))
+
+    def front(self) -> Axes:
+        """Tracking error over the duty's activity: the best gains, and every rule."""
+        return panels_of(lambda: front.draw(self.design))[0]
 
 
 def log_panels(config: RigConfig, study: Study) -> np.ndarray:

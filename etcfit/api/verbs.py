@@ -189,6 +189,7 @@ def design(
     feed_forward: bool = False,
     settings: DesignSettings | None = None,
     profile: str | None = None,
+    log: Folder | None = None,
     quiet: bool = False,
     **ecu: float,
 ) -> Designed:
@@ -197,13 +198,15 @@ def design(
     Args:
         model: a fit, a diagnosis (its final model counts), a posterior, a transfer function, or a run folder.
         rule: whose gains are proposed.
-        requirements: what a response must stay below; the paper's where None.
+        requirements: what a response must stay below in every scenario; the paper's and 5 % of duty activity where
+            None.
         posterior: where the draws come from; where None, `model` if it is one, the posterior in the run folder, or the
             fit's own normal approximation.
         adc_bits: of the position sensor, over its travel.
         feed_forward: the ECU has a bias curve.
         settings: draws, and the budgets of simulation and rules; the defaults where None.
         profile: name of the make of ECU, a key of `etcfit.ECUS`; None for none in particular.
+        log: file of a log from the car: the stretch in which most is asked of the plate is one scenario more.
         quiet: show no progress.
         ecu: what is known of the ECU, by field (`period=1e-3`, `delay=0.0`, ...); see `control.design.ecu_of`.
     Raises:
@@ -235,9 +238,10 @@ def design(
             feed_forward=feed_forward,
             settings=mine,
             profile=profile,
+            log=log,
             **ecu,
         )
-        return Designed(fit, found)
+        return Designed(fit, found, None if log is None else str(log))
 
 
 def report(run: Folder | Fit | Diagnosed, to: Folder | None = None, *, quiet: bool = False) -> Path:

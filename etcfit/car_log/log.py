@@ -40,6 +40,12 @@ class Series:
         parts = zip(np.split(self.time, ends), np.split(self.value, ends), strict=True)
         return tuple(Series(time, value) for time, value in parts)
 
+    def busiest(self, duration: float) -> float:
+        """Where the stretch of a duration (s) begins in which it travels furthest, s."""
+        way = np.concatenate(([0.0], np.cumsum(np.abs(np.diff(self.value)))))
+        ends = np.interp(self.time + duration, self.time, way)
+        return float(self.time[int(np.argmax(ends - way))])
+
     @property
     def _longest(self) -> float:
         """Step that is no gap, s."""

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from ..car_log.log import Series
 from ..errors import UsageError
 from ..estimation.fitted_model import Fitted
 from ..estimation.joint_fit import Report, quiet
@@ -23,7 +24,7 @@ from .pid.feedforward import Bias, bias_of
 from .pid.front import FrontPoint, front
 from .pid.loop import Body, Loop
 from .pid.requirements import REQUIRED
-from .pid.scenarios import course
+from .pid.scenarios import course, of_log
 from .pid.setpoint import Setpoint
 from .settings import DesignSettings
 
@@ -105,6 +106,7 @@ def task_of(
     feed_forward: bool = False,
     settings: DesignSettings = DesignSettings(),
     profile: EcuProfile | None = None,
+    log: Series | None = None,
 ) -> Task:
     """What the rules are given.
 
@@ -116,6 +118,7 @@ def task_of(
         feed_forward: with the curve of holding voltages ahead of the PID.
         settings: how many draws, and the budgets of simulation and rules.
         profile: the make of ECU that the controller is; None where none is named.
+        log: setpoint of a log from the car, per cent of the travel; None for none.
     Raises:
         UsageError: feed-forward for an ECU that has no table of it.
     """
@@ -127,7 +130,8 @@ def task_of(
     throttles = fitted.throttles(np.vstack((fitted.x, drawn)))
     bias = _curve(fitted.throttle, body, profile) if feed_forward else None
     loop = Loop(throttles, body, ecu, bias, settings.loop)
-    setpoint = course(loop.first(1), settings.scenarios)
+    further = () if log is None else (of_log(log, settings.scenarios),)
+    setpoint = course(loop.first(1), settings.scenarios, *further)
     return Task(reduce(fitted).plant, ecu, requirements, loop, setpoint, gains_as_found(fitted), settings, profile)
 
 
@@ -147,11 +151,12 @@ def design(
     report: Report = quiet,
     settings: DesignSettings = DesignSettings(),
     profile: EcuProfile | None = None,
+    log: Series | None = None,
 ) -> Design:
     """Tune by every rule, and propose the gains of one.
 
     Args:
-        fitted, ecu, requirements, drawn, feed_forward, settings, profile: see `task_of`.
+        fitted, ecu, requirements, drawn, feed_forward, settings, profile, log: see `task_of`.
         rule: whose gains are proposed.
         report: called with what is going on and the share done.
     Raises:
@@ -159,7 +164,7 @@ def design(
     """
     if rule not in RULES:
         raise UsageError(f"no tuning rule is called {rule!r}. Known: {', '.join(RULES)}.")
-    task = task_of(fitted, ecu, requirements, drawn, feed_forward, settings, profile)
+    task = task_of(fitted, ecu, requirements, drawn, feed_forward, settings, profile, log)
     return propose(fitted, task, rule, RULES, "laplace" if drawn is None else "posterior", report)
 
 

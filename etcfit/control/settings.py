@@ -37,6 +37,7 @@ class OptimumSettings:
         narrowest: least standard deviation of a population in the logarithm of a gain.
         wider: factor on the covariance of the elite, lest the search narrows before it has arrived.
         weight: cost of missing a requirement by its own size, in units of the tracking error.
+        safety: a stability margin missed by its own size counts as a requirement missed by this many times its own.
         seed: of the random numbers.
     """
 
@@ -55,6 +56,7 @@ class OptimumSettings:
     narrowest: float = real(0.01, 1e-9, 10.0)
     wider: float = real(1.5, 0.1, 100.0)
     weight: float = real(50.0, 0.0, 1e9)
+    safety: float = real(10.0, 1.0, 1e9)
     seed: int = whole(20230701, 0, 2**32 - 1)
 
     def __post_init__(self) -> None:
@@ -205,6 +207,7 @@ class ScenarioSettings:
         large_hold: s that each large step is held.
         hold: s that each other step is held.
         lead: s at the first level of a scenario, not judged.
+        log: s of a log from the car that are taken.
     """
 
     low: float = real(0.1, 0.0, 1.0)
@@ -214,6 +217,7 @@ class ScenarioSettings:
     large_hold: float = real(0.5, 1e-3, 100.0)
     hold: float = real(0.4, 1e-3, 100.0)
     lead: float = real(0.3, 0.0, 100.0)
+    log: float = real(4.0, 0.1, 1000.0)
 
     def __post_init__(self) -> None:
         check_ranges(self)

@@ -68,10 +68,12 @@ def draw_frequency_response(run: Path, fitted: Fitted, response: FrequencyRespon
 
 
 def draw_design(run: Path, design: Design, report: Report = quiet) -> None:
-    """The responses of every rule: RUN/pictures/control/responses.png."""
-    from .control.responses import draw
+    """Responses of every rule, the proposed gains in every scenario, tracking against effort: RUN/pictures/control."""
+    from .control import front, responses, scenarios
 
-    _draw(run / "pictures" / "control", [(Path("responses.png"), lambda: draw(design))], report)
+    pictures = {"responses": responses.draw, "scenarios": scenarios.draw, "front": front.draw}
+    jobs = [(Path(f"{name}.png"), lambda draw=draw: draw(design)) for name, draw in pictures.items()]
+    _draw(run / "pictures" / "control", jobs, report)
 
 
 def _draw(folder: Path, jobs: Sequence[tuple[Path, Callable[[], Any]]], report: Report) -> None:

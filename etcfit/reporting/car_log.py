@@ -150,7 +150,7 @@ def _tones(panel: Axes, each: Study) -> None:
 def _stretch(panel: Axes, log: DriveLog) -> None:
     from . import style
 
-    begin = busiest(log)
+    begin = (log.setpoint or log.position).busiest(_SHOWN)
     for series, colour, name, width in ((log.setpoint, style.MEASURED, "setpoint", 1.4),
                                         (log.position, style.SIMULATED, "position", 1.6)):  # fmt: skip
         if series is not None:
@@ -159,11 +159,3 @@ def _stretch(panel: Axes, log: DriveLog) -> None:
     panel.set(xlabel="time [s]", ylabel="throttle [% of travel]", xlim=(begin, begin + _SHOWN))
     panel.set_title(f"the {_SHOWN:g} s in which most is asked of it", loc="left", fontsize=10)
     panel.legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=2, borderaxespad=0.2)
-
-
-def busiest(log: DriveLog) -> float:
-    """Where the stretch begins in which the setpoint, or the position, travels furthest; s."""
-    series = log.setpoint or log.position
-    way = np.concatenate(([0.0], np.cumsum(np.abs(np.diff(series.value)))))
-    ends = np.interp(series.time + _SHOWN, series.time, way)
-    return float(series.time[int(np.argmax(ends - way))])

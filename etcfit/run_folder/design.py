@@ -8,8 +8,10 @@ import numpy as np
 
 from ..control.design import Design
 from ..control.judged import Tuned
+from ..control.pid.front import FrontPoint
 from ..control.pid.gains import UNIT, Gains
 from ..control.pid.requirements import REQUIRED, Metrics
+from ..control.pid.setpoint import Setpoint
 from ..files import plain
 from ..model.ecu import Ecu, Notation
 from ..model.ecus import RUSEFI, BiasTable, differences
@@ -39,6 +41,9 @@ def design_json(design: Design) -> dict[str, Any]:
         "requirements": {symbol: getattr(asked, symbol) for symbol in REQUIRED},
         "margins_asked": {"gain_margin_db": asked.gain_margin_db, "phase_margin_deg": asked.phase_margin_deg},
         "met": chosen.met,
+        "scenarios": {name: figures._asdict() for name, figures in chosen.scenarios.items()},
+        "conditions": _conditions(design),
+        "front": [_point(point) for point in design.front],
         "stable": chosen.stable,
         "met_linear": chosen.met_linear,
         "limits": list(design.limits),
@@ -48,7 +53,7 @@ def design_json(design: Design) -> dict[str, Any]:
             "draws": design.draws,
             "origin": design.origin,
         },
-        "setpoint": {"times_s": design.setpoint.times, "shares_of_travel": design.setpoint.shares},
+        "setpoint": _setpoint(design.setpoint),
         "feed_forward": design.task.loop.bias is not None,
         "rules": {name: _rule(design, tuned) for name, tuned in design.tuned.items()},
         "rusefi": rusefi(design),
@@ -67,6 +72,7 @@ def _native(design: Design, gains: Gains) -> dict[str, Any]:
     return {
         **design.written(gains, Notation(form="ticks"))._asdict(),
         "period_s": ecu.period, "unit": UNIT, "supply_V": ecu.supply,
+        "noise_rad": ecu.noise, "input_filter_s": ecu.lag,
         "derivative_filter_s": ecu.filter, "delay_s": ecu.delay, "pwm_V": ecu.pwm, "resolution_rad": ecu.resolution,
         "duty_limit": ecu.duty, "integral_limit": ecu.integral or None,
         "slew_V_per_s": ecu.slew or None, "dead_band_rad": ecu.dead_band,
@@ -84,6 +90,37 @@ def _as_written(design: Design, gains: Gains | None) -> dict[str, Any] | None:
 
 def _metrics(metrics: Metrics | None) -> dict[str, Any] | None:
     return None if metrics is None else metrics._asdict()
+
+
+def _setpoint(setpoint: Setpoint) -> dict[str, Any]:
+    return {"scenarios": setpoint.scenarios, "times_s": setpoint.times, "shares_of_travel": setpoint.shares}
+
+
+def _conditions(design: Design) -> dict[str, Any]:
+    """How the proposed gains fare where supply, winding and friction are not those of the bench."""
+    robust, asked = design.chosen.robust, design.settings.conditions
+    assert robust is not None, "the proposed rule has gains"
+    supply, winding, friction = robust.corner
+    return {
+        "supply_V": asked.supply,
+        "winding_degC": asked.winding,
+        "friction_over_bench": asked.friction,
+        "worst": _metrics(robust.worst),
+        "hardest": {"supply_V": supply, "winding_degC": winding, "friction_over_bench": friction},
+        "met": robust.met,
+        "stable": robust.stable,
+        "probability_met": robust.probability_met,
+    }
+
+
+def _point(point: FrontPoint) -> dict[str, Any]:
+    return {
+        "gains": _gains(point.gains),
+        "duty_activity_limit_pct": point.limit,
+        "duty_activity_pct": point.activity,
+        "rmse_pct": point.rmse,
+        "met": point.meets,
+    }
 
 
 def _rule(design: Design, tuned: Tuned) -> dict[str, Any]:

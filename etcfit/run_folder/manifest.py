@@ -54,6 +54,7 @@ _MODEL = (FIT_STATE, DIAGNOSIS_STATE)
 _RESULTS = ("fit.json", "diagnosis.json", "posterior.json", "transfer_function.json", "frequency_response.json",
             "pid.json")  # fmt: skip
 _CONTROL = "pictures/control"
+_OF_DESIGN = tuple(f"{_CONTROL}/{name}.png" for name in ("responses", "scenarios", "front"))
 # in order: a stage needs only what stages before it make
 STAGE_FILES: Mapping[str, StageFiles] = {
     "fit": StageFiles(("fit.json", FIT_STATE), command="etcfit fit FOLDER --out {run}"),
@@ -66,7 +67,7 @@ STAGE_FILES: Mapping[str, StageFiles] = {
         (f"{_CONTROL}/bode.png", f"{_CONTROL}/sines.png"), "etcfit reduce {run}",
     ),
     "design": StageFiles(
-        ("pid.json",), _MODEL, (POSTERIOR,), (f"{_CONTROL}/responses.png",), "etcfit design {run}"
+        ("pid.json",), _MODEL, (POSTERIOR,), _OF_DESIGN, "etcfit design {run}"
     ),
     "report": StageFiles(("report.html",), _MODEL, _RESULTS, (), "etcfit report {run}"),
 }  # fmt: skip

@@ -15,7 +15,7 @@ from etcfit.car_log.study import verdict
 from etcfit.car_log.usage import shortest
 from etcfit.cli import app
 from etcfit.reporting.blocks import render
-from etcfit.reporting.car_log import busiest, draw, drive_table
+from etcfit.reporting.car_log import draw, drive_table
 from etcfit.rig.base import RigConfig
 
 
@@ -122,7 +122,7 @@ def test_what_changed_is_said_with_how_sure_it_is() -> None:
 def test_the_busiest_stretch() -> None:
     time = np.arange(0.0, 100.0, 0.05)
     value = 20.0 + np.where((time > 60.0) & (time < 68.0), 10.0 * np.sin(9.0 * time), 0.0)
-    assert busiest(DriveLog("a", Series(time, value), None)) == pytest.approx(60.0, abs=0.3)
+    assert Series(time, value).busiest(8.0) == pytest.approx(60.0, abs=0.3)
 
 
 def test_the_command_prints_writes_and_compares(tmp_path: Path) -> None:

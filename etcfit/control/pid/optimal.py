@@ -162,9 +162,10 @@ def scores(task: Task, gains: Gains, loop: Loop, linear: OpenLoop) -> Scores:
     gain, phase = (np.maximum(m, -_WORST) for m in linear.margins(Gains(*(np.asarray(g)[None] for g in gains))))
     longest = max(level.ends - level.begins for level in task.setpoint.levels)
     settled = figures._replace(settling_s=np.minimum(figures.settling_s, 2.0 * longest))
-    over = [getattr(settled, symbol) / getattr(asked, symbol) for symbol in REQUIRED]
-    over += [2.0 - gain / asked.gain_margin_db, 2.0 - phase / asked.phase_margin_deg]
-    worst = np.max(np.stack([np.broadcast_to(each, figures.rmse_pct.shape) for each in over]), axis=0)
     settings = task.settings.optimum
+    over = [getattr(settled, symbol) / getattr(asked, symbol) - 1.0 for symbol in REQUIRED]
+    short = (1.0 - gain / asked.gain_margin_db, 1.0 - phase / asked.phase_margin_deg)
+    over += [each + (settings.safety - 1.0) * np.maximum(each, 0.0) for each in short]
+    worst = np.max(np.stack([np.broadcast_to(each, figures.rmse_pct.shape) for each in over]), axis=0)
     rmse = np.mean(figures.rmse_pct, axis=0)
-    return Scores(rmse, np.maximum(worst - 1.0 + settings.spare, 0.0), settings)
+    return Scores(rmse, np.maximum(worst + settings.spare, 0.0), settings)

@@ -57,13 +57,19 @@ def judge(setpoint: Setpoint, time: np.ndarray, share: np.ndarray) -> Judged:
 
 
 def judge_each(setpoint: Setpoint, time: np.ndarray, share: np.ndarray) -> dict[str, Judged]:
-    """The same scenario by scenario, each with the tracking error over all of its own."""
+    """The same scenario by scenario, each with the tracking error over all of its own.
+
+    Of a log, which has no levels, there is nothing but the tracking error; the others are NaN.
+    """
     share = np.where(np.isfinite(share), share, np.inf)
     out = {}
     for name in setpoint.scenarios:
         levels = setpoint.only(name)
-        whole = Stretch(levels[0].begins, levels[-1].ends)
-        out[name] = Judged(*_worst(levels, time, share), _missed(setpoint, whole, time, share))
+        parts = [part for part in (*levels, *setpoint.stretches) if part.scenario == name]
+        whole = Stretch(min(part.begins for part in parts), max(part.ends for part in parts))
+        nothing = np.full(share.shape[:-1], np.nan)
+        worst = _worst(levels, time, share) if levels else _LevelFigures(nothing, nothing, nothing)
+        out[name] = Judged(*worst, _missed(setpoint, whole, time, share))
     return out
 
 

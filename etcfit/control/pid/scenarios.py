@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 
+from ...car_log.log import Series
 from ...model.linear import MIDDLE
 from ..settings import ScenarioSettings
 from .loop import Loop
-from .setpoint import Setpoint, in_turn, stairs, trapezoid
+from .setpoint import Setpoint, Stretch, in_turn, stairs, trapezoid
 
 _FINE = 2001  # angles between which the default position is found
 
@@ -34,6 +35,21 @@ def course(loop: Loop, settings: ScenarioSettings, *further: Setpoint) -> Setpoi
 def _there_and_back(sizes: tuple[float, ...]) -> list[float]:
     """From the middle up by each size and down again, shares of the travel."""
     return [MIDDLE, *(share for size in sizes for share in (MIDDLE + size, MIDDLE))]
+
+
+def of_log(setpoint: Series, settings: ScenarioSettings) -> Setpoint:
+    """The stretch of a log's setpoint in which most is asked, straight between its samples, followed but not judged.
+
+    Args:
+        setpoint: per cent of the travel; beyond the stops it is at them.
+        settings: how long.
+    """
+    begin = setpoint.busiest(settings.log)
+    inside = (setpoint.time > begin) & (setpoint.time < begin + settings.log)
+    times = np.concatenate(([begin], setpoint.time[inside], [begin + settings.log])) - begin + settings.lead
+    shares = np.clip(0.01 * np.interp(times - settings.lead + begin, setpoint.time, setpoint.value), 0.0, 1.0)
+    tracked = Stretch(settings.lead, settings.lead + settings.log, "log")
+    return Setpoint((0.0, *times.tolist()), (float(shares[0]), *shares.tolist()), (), (tracked,))
 
 
 def default_position(loop: Loop) -> float | None:

@@ -34,10 +34,16 @@ class Level:
 
 
 class Stretch(NamedTuple):
-    """Part of a setpoint over which the tracking error is taken, s."""
+    """Part of a setpoint over which the tracking error is taken.
+
+    Args:
+        begins, ends: s.
+        scenario: of which it is a part.
+    """
 
     begins: float
     ends: float
+    scenario: str = ""
 
 
 @dataclass(frozen=True)
@@ -69,12 +75,13 @@ class Setpoint:
     @property
     def stretches(self) -> tuple[Stretch, ...]:
         """Over which the tracking error is taken."""
-        return self.tracked or (Stretch(self.judged_from, self.duration),)
+        return self.tracked or (Stretch(self.judged_from, self.duration, self.levels[0].scenario),)
 
     @property
     def scenarios(self) -> tuple[str, ...]:
-        """Names, in the order of their levels."""
-        return tuple(dict.fromkeys(level.scenario for level in self.levels))
+        """Names, in their order."""
+        parts = sorted((*self.levels, *self.stretches), key=lambda part: part.begins)
+        return tuple(dict.fromkeys(part.scenario for part in parts))
 
     def only(self, scenario: str) -> tuple[Level, ...]:
         """Levels of a scenario."""
@@ -137,5 +144,5 @@ def in_turn(first: Setpoint, *others: Setpoint) -> Setpoint:
         times += [since + time for time in other.times]
         shares += other.shares
         levels += [replace(level, begins=since + level.begins, ends=since + level.ends) for level in other.levels]
-        tracked += [Stretch(since + begins, since + ends) for begins, ends in other.tracked]
+        tracked += [Stretch(since + begins, since + ends, name) for begins, ends, name in other.tracked]
     return Setpoint(tuple(times), tuple(shares), tuple(levels), tuple(tracked))

@@ -7,7 +7,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from ...control.design import Design
-from ...control.judged import Tuned
+from ...control.judged import PAPERS_SETPOINT, Tuned
 from .. import style
 from ..numbers import short
 
@@ -27,7 +27,7 @@ def draw(design: Design) -> Figure:
         _panel(panel, design, tuned)
     for panel in panels[len(shown) :]:
         panel.set_visible(False)
-    _axes(panels[: len(shown)], design)
+    _axes(panels[: len(shown)])
     own = design.fitted.config.notation
     unit = "Kp / Ki / Kd in V, rad, s" if own is None else f"P / I / D in {own.title}"
     title = f"{design.fitted.config.name}  ·  every rule on the paper's trapezoid  ·  {unit}"
@@ -40,9 +40,9 @@ def draw(design: Design) -> Figure:
 def _panel(panel: Axes, design: Design, tuned: Tuned) -> None:
     assert tuned.band is not None, "a rule with gains has been tried"
     assert tuned.linear_path is not None, "a rule with gains has been tried"
-    time = design.setpoint.instants(design.task.ecu.period)
-    low, middle, high = 100.0 * tuned.band
-    panel.plot(time, 100.0 * design.setpoint.at(time), color=style.MEASURED, lw=1.2, label="setpoint")
+    time = PAPERS_SETPOINT.instants(design.task.ecu.period)  # the first of the scenarios
+    low, middle, high = 100.0 * tuned.band[:, : time.size]
+    panel.plot(time, 100.0 * PAPERS_SETPOINT.at(time), color=style.MEASURED, lw=1.2, label="setpoint")
     panel.plot(time, 100.0 * _bounded(tuned.linear_path), color=style.READING, lw=1.1, ls="--",
                label="linear model")  # fmt: skip
     panel.fill_between(time, low, high, color=style.SIMULATED, alpha=0.35, lw=0, label="95 % of the draws")
@@ -71,11 +71,11 @@ def _verdict(tuned: Tuned) -> str:
     return f"{'meets all' if tuned.meets_all else 'misses'}, P = {tuned.probability_met:.2f}"
 
 
-def _axes(panels: list[Axes], design: Design) -> None:
-    shares = 100.0 * np.array(design.setpoint.shares)
+def _axes(panels: list[Axes]) -> None:
+    shares = 100.0 * np.array(PAPERS_SETPOINT.shares)
     span = float(np.ptp(shares))
     panels[0].set_ylim(shares.min() - 0.3 * span, shares.max() + 0.5 * span)
-    panels[0].set_xlim(design.setpoint.judged_from - 0.1, design.setpoint.duration)
+    panels[0].set_xlim(PAPERS_SETPOINT.judged_from - 0.1, PAPERS_SETPOINT.duration)
     for k, panel in enumerate(panels):
         if k % _COLUMNS == 0:
             panel.set_ylabel("position [% travel]")

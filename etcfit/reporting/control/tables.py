@@ -23,6 +23,7 @@ from ..blocks import headed, plain_table, rig_title, sentences
 from ..compromise import cautioned
 from ..numbers import Digits, short
 from .snippet import snippet
+from .verdicts import against_effort, outside_the_bench, scenario_table, what_is_asked
 
 
 def reduction_table(fitted: Fitted, reduction: Reduction, pade_order: int) -> RenderableType:
@@ -114,8 +115,8 @@ def _off(measured: Ratio | None, modelled: complex | None) -> tuple[str, str]:
 def design_table(design: Design) -> RenderableType:
     """Every rule beside the others, then the proposed gains in the units of an ECU."""
     task, config = design.task, design.fitted.config
-    table = plain_table("rule", "Kp", "Ki", "Kd", "overshoot %", "settling s", "error %", "RMSE %", "GM dB", "PM deg",
-                        "met", "margins", "P(met)")  # fmt: skip
+    table = plain_table("rule", "Kp", "Ki", "Kd", "overshoot %", "settling s", "error %", "RMSE %", "duty %", "GM dB",
+                        "PM deg", "met", "margins", "P(met)")  # fmt: skip
     for tuned in design.tuned.values():
         table.add_row(*_row(tuned, task.requirements))
     asked = task.requirements
@@ -125,11 +126,11 @@ def design_table(design: Design) -> RenderableType:
             ", as wide as the ranges that subsets of the data give; no probability, for the model is not the plant"
         )
     words = [
-        "V/rad, V/(rad s), V s/rad; figures of the nonlinear model on the trapezoid of 5 to 45 % at 1 Hz, "
-        "worst of both edges; a settling time of -: not settled before the setpoint changes again",
-        f"asked: overshoot < {asked.overshoot_pct:g} %, settling < {asked.settling_s:g} s, steady-state error < "
-        f"{asked.steady_state_error_pct:g} %; margins {asked.gain_margin_db:g} dB, {asked.phase_margin_deg:g} degrees",
-        f"P(met): share of {design.draws} models whose response meets all three and whose linear loop is stable; drawn "
+        f"V/rad, V/(rad s), V s/rad; figures of the nonlinear model, worst of {len(design.setpoint.scenarios)} "
+        "scenarios; RMSE of the trapezoid of 5 to 45 % at 1 Hz, or of the log where that is larger; a settling time of "
+        "-: not settled before the setpoint changes again; duty %: its standard deviation while the setpoint rests",
+        f"asked: {what_is_asked(asked)}; margins {asked.gain_margin_db:g} dB, {asked.phase_margin_deg:g} degrees",
+        f"P(met): share of {design.draws} models whose response meets everything and whose linear loop is stable; drawn "
         f"from {source}",
         *_computer(design),
     ]
@@ -141,6 +142,9 @@ def design_table(design: Design) -> RenderableType:
         sentences("No gains", refused),
         _in_its_own_unit(design),
         _proposed(design),
+        scenario_table(design),
+        sentences("Outside the bench", outside_the_bench(design)),
+        sentences("Tracking against effort", against_effort(design)),
         sentences(
             "Not met. What binds: eased alone, each of these would let the optimum meet everything", design.limits
         ),
@@ -162,6 +166,10 @@ def _computer(design: Design) -> list[str]:
 
 def _habits(ecu: Ecu) -> Iterator[str]:
     """What not every ECU has."""
+    if ecu.lag:
+        yield f"its input filtered by {short(1e3 * ecu.lag)} ms"
+    if ecu.noise:
+        yield f"noise of a reading {short(np.degrees(ecu.noise), 2)} degrees"
     if ecu.integral:
         yield f"integral within {short(ecu.integral * ecu.supply)} V"
     if ecu.dead_band:
@@ -177,12 +185,12 @@ def _habits(ecu: Ecu) -> Iterator[str]:
 
 def _row(tuned: Tuned, asked: Requirements) -> tuple[str, ...]:
     if tuned.gains is None or tuned.nonlinear is None:
-        return (tuned.rule, *["-"] * 12)
+        return (tuned.rule, *["-"] * 13)
     m = tuned.nonlinear
     gains = (short(g) for g in tuned.gains)
     return (tuned.rule, *gains, short(m.overshoot_pct), short(m.settling_s), short(m.steady_state_error_pct),
-            short(m.rmse_pct), short(m.gain_margin_db), short(m.phase_margin_deg), _met(tuned),
-            "yes" if _safe(m, asked) else "no", f"{tuned.probability_met:.2f}")  # fmt: skip
+            short(m.rmse_pct), short(m.duty_activity_pct, 2), short(m.gain_margin_db), short(m.phase_margin_deg),
+            _met(tuned), "yes" if _safe(m, asked) else "no", f"{tuned.probability_met:.2f}")  # fmt: skip
 
 
 def _met(tuned: Tuned) -> str:

@@ -18,7 +18,12 @@ _METRICS = {
     "rmse_pct": ("RMSE (Eq. 9)", "%"),
     "gain_margin_db": ("gain margin", "dB"),
     "phase_margin_deg": ("phase margin", "°"),
+    "duty_activity_pct": ("duty at rest, standard deviation", "%"),
+    "current_rms_A": ("rms current", "A"),
+    "winding_W": ("heat in the winding", "W"),
+    "bridge_W": ("heat in the bridge", "W"),
 }
+_EFFORT = ("duty_activity_pct", "current_rms_A", "winding_W", "bridge_W")  # of the nonlinear model alone
 _ECU = {"P": "", "I": "", "D": "", "period_s": "s"}
 _GAINS = {"Kp": "{}", "Ki": "({})/s", "Kd": "({}) · s"}  # of the unit of the proportional one
 _POINT_UNITS = {"pct": "%", "deg": "°"}
@@ -100,7 +105,14 @@ def metrics_table(pid: Mapping[str, Any]) -> Table | None:
     linear, nonlinear = (pid.get(key) or {} for key in ("linear", "nonlinear"))
     required, met = pid.get("requirements") or {}, pid.get("met") or {}
     rows = [
-        (name, number(linear.get(key)), number(nonlinear.get(key)), _most(required.get(key)), unit(of), _met(met, key))
+        (
+            name,
+            "" if key in _EFFORT else number(linear.get(key)),
+            number(nonlinear.get(key)),
+            _most(required.get(key)),
+            unit(of),
+            _met(met, key),
+        )
         for key, (name, of) in _METRICS.items()
         if key in linear or key in nonlinear
     ]
