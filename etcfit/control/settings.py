@@ -32,6 +32,7 @@ class OptimumSettings:
         last_rounds: populations on the few draws, from where the former ended.
         about: standard deviation of the gains with which the latter begin, in their logarithm.
         spare: share of each requirement kept in hand during the search, for draws that it did not see.
+        spare_alone: likewise on the nominal model alone, which sees one sequence of the noise.
         lowest: least gains, Kp (V/rad), Ki (V/(rad s)) and Kd (V s/rad).
         highest: largest gains, likewise.
         narrowest: least standard deviation of a population in the logarithm of a gain.
@@ -51,12 +52,13 @@ class OptimumSettings:
     last_rounds: int = whole(12, 0, 100_000)
     about: float = real(0.15, 0.0, 10.0)
     spare: float = real(0.03, 0.0, 1.0)
+    spare_alone: float = real(0.12, 0.0, 1.0)
     lowest: tuple[float, ...] = reals((0.3, 0.3, 3e-3), 1e-12, 1e12)
     highest: tuple[float, ...] = reals((1e3, 3e5, 40.0), 1e-12, 1e12)
     narrowest: float = real(0.01, 1e-9, 10.0)
     wider: float = real(1.5, 0.1, 100.0)
     weight: float = real(50.0, 0.0, 1e9)
-    safety: float = real(10.0, 1.0, 1e9)
+    safety: float = real(100.0, 1.0, 1e9)
     seed: int = whole(20230701, 0, 2**32 - 1)
 
     def __post_init__(self) -> None:

@@ -10,6 +10,7 @@ from scipy.stats import qmc
 
 from ..settings import OptimumSettings
 from .base import Refusal, Task
+from .formulas import FORMULAS
 from .gains import Gains
 from .loop import Loop
 from .margins import COARSE, OpenLoop
@@ -67,12 +68,19 @@ def optimal(task: Task) -> Gains | Refusal:
     """
     settings = task.settings.optimum
     rng = np.random.default_rng(settings.seed)
-    alone, few = _scorer(task, 1), _scorer(task, settings.few)
-    ends = [cross_entropy(alone, _swept(alone, rng, settings), settings.rounds, rng, settings)
+    alone, few = _scorer(task, 1, settings.spare_alone), _scorer(task, settings.few, settings.spare)
+    ends = [cross_entropy(alone, _swept(alone, rng, settings), settings.rounds, rng, settings)[0]
             for _ in range(settings.searches)]  # fmt: skip
-    begin, _ = min(ends, key=lambda end: end[1])
-    best, _ = cross_entropy(few, _about(begin, rng, settings), settings.last_rounds, rng, settings)
+    begins = np.array([*ends, *_by_formula(task, settings)])
+    nearby = _about(begins[np.argmin(few(begins).cost)], rng, settings)
+    best, _ = cross_entropy(few, np.vstack((begins, nearby)), settings.last_rounds, rng, settings)
     return Gains(*np.exp(best).tolist())
+
+
+def _by_formula(task: Task, settings: OptimumSettings) -> list[np.ndarray]:
+    """What the rules that need no experiment say, logarithms, shape (3,) each: valleys that the nominal model hides."""
+    found = (rule(task) for rule in FORMULAS)
+    return [np.log(np.clip(gains, settings.lowest, settings.highest)) for gains in found if isinstance(gains, Gains)]
 
 
 def best_from(task: Task, begin: Gains, rounds: int) -> tuple[Gains, Figures, float]:
@@ -85,7 +93,7 @@ def best_from(task: Task, begin: Gains, rounds: int) -> tuple[Gains, Figures, fl
     """
     settings = task.settings.optimum
     rng = np.random.default_rng(settings.seed)
-    score = _scorer(task, task.loop.draws)
+    score = _scorer(task, task.loop.draws, settings.spare)
     start = _about(np.log(np.maximum(begin, settings.lowest)), rng, settings)
     best, _ = cross_entropy(score, start, rounds, rng, settings)
     gains = Gains(*np.exp(best).tolist())
@@ -146,18 +154,24 @@ def cross_entropy(
     return leaders[0], float(cost[0])
 
 
-def _scorer(task: Task, draws: int) -> Score:
+def _scorer(task: Task, draws: int, spare: float) -> Score:
+    """Over the first so many draws, with a share of each requirement kept in hand."""
     loop = task.loop.first(draws)
     linear = OpenLoop.of(loop.linear(), loop.ecu, COARSE)
 
     def score(logs: np.ndarray) -> Scores:
-        return scores(task, Gains(*np.exp(logs).T), loop, linear)
+        return scores(task, Gains(*np.exp(logs).T), loop, linear, spare)
 
     return score
 
 
-def scores(task: Task, gains: Gains, loop: Loop, linear: OpenLoop) -> Scores:
-    """Figures of gains of shape (G,) over the draws of a loop, whose linear plants have shape (D, 1)."""
+def scores(task: Task, gains: Gains, loop: Loop, linear: OpenLoop, spare: float) -> Scores:
+    """Figures of gains of shape (G,) over the draws of a loop, whose linear plants have shape (D, 1).
+
+    Args:
+        task, gains, loop, linear: see there.
+        spare: share of each requirement kept in hand.
+    """
     asked, figures = task.requirements, loop.tried(gains, task.setpoint).figures
     gain, phase = (np.maximum(m, -_WORST) for m in linear.margins(Gains(*(np.asarray(g)[None] for g in gains))))
     longest = max(level.ends - level.begins for level in task.setpoint.levels)
@@ -168,4 +182,4 @@ def scores(task: Task, gains: Gains, loop: Loop, linear: OpenLoop) -> Scores:
     over += [each + (settings.safety - 1.0) * np.maximum(each, 0.0) for each in short]
     worst = np.max(np.stack([np.broadcast_to(each, figures.rmse_pct.shape) for each in over]), axis=0)
     rmse = np.mean(figures.rmse_pct, axis=0)
-    return Scores(rmse, np.maximum(worst + settings.spare, 0.0), settings)
+    return Scores(rmse, np.maximum(worst + spare, 0.0), settings)

@@ -14,10 +14,10 @@ class Requirements:
     """What a response must stay below; the defaults are the paper's, section 4.1.
 
     Args:
-        overshoot_pct: of the change of the setpoint.
+        overshoot_pct: of the change of the setpoint, or of 1 % of the travel where that is more.
         settling_s: from where the setpoint begins to change until the angle stays within 2 % of the change, or within
-            0.1 % of the travel where that is more.
-        steady_state_error_pct: of the change, or of a fifth of the travel where that is more.
+            0.2 % of the travel where that is more.
+        steady_state_error_pct: of the change, or of 40 % of the travel where that is more.
         gain_margin_db, phase_margin_deg: at least; asked of the optimum only, the paper has none.
         duty_activity_pct: standard deviation of the duty while the setpoint rests; the paper has none.
         current_rms_A: over all scenarios; the paper has none.

@@ -9,9 +9,12 @@ import numpy as np
 from .setpoint import Level, Setpoint, Stretch
 
 SETTLED = 0.02  # of the change of the setpoint
-SETTLED_AT_LEAST = 1e-3  # share of the travel: closer counts as settled, however small the change
 TAIL = 0.25  # of a level, at its end, over which the steady-state error is looked for
-LEAST_CHANGE = 0.2  # share of the travel: the steady-state error of a smaller change is given as a share of this
+
+# 0.2 % of the travel, what the paper allows at rest on its trapezoid, is as good as nothing on a small step too
+NEGLIGIBLE = 2e-3  # share of the travel: closer counts as settled, however small the change
+LEAST_OVERSHOT = 0.01  # share of the travel: the overshoot of a smaller change is given as a share of this
+LEAST_HELD = 0.4  # likewise the steady-state error
 
 
 class Judged(NamedTuple):
@@ -120,14 +123,13 @@ def _tail(level: Level, time: np.ndarray) -> tuple[int, int]:
 
 def _level(level: Level, time: np.ndarray, share: np.ndarray) -> _LevelFigures:
     begin, end = _index(time, level.begins), _index(time, level.ends)
-    beyond = (share[..., begin:end] - level.after) / level.change
-    overshoot = 100.0 * np.maximum(np.max(beyond, axis=-1), 0.0)
+    size, beyond = abs(level.change), (share[..., begin:end] - level.after) * np.sign(level.change)
+    overshoot = 100.0 * np.maximum(np.max(beyond, axis=-1), 0.0) / max(size, LEAST_OVERSHOT)
     far = np.abs(beyond)
     # it has settled at the first tick after the last one outside
     since = np.append(time[begin:end] - level.begins, np.inf)
-    outside = far > max(SETTLED, SETTLED_AT_LEAST / abs(level.change))
+    outside = far > max(SETTLED * size, NEGLIGIBLE)
     last = outside.shape[-1] - np.argmax(outside[..., ::-1], axis=-1)
     settling = np.where(outside.any(axis=-1), since[last], 0.0)
-    size = min(1.0, abs(level.change) / LEAST_CHANGE)
-    tail = slice(_tail(level, time)[0] - begin, None)
-    return _LevelFigures(overshoot, settling, 100.0 * size * np.max(far[..., tail], axis=-1))
+    held = np.max(far[..., _tail(level, time)[0] - begin :], axis=-1)
+    return _LevelFigures(overshoot, settling, 100.0 * held / max(size, LEAST_HELD))

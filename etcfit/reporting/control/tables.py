@@ -130,8 +130,8 @@ def design_table(design: Design) -> RenderableType:
         "scenarios; RMSE of the trapezoid of 5 to 45 % at 1 Hz, or of the log where that is larger; a settling time of "
         "-: not settled before the setpoint changes again; duty %: its standard deviation while the setpoint rests",
         f"asked: {what_is_asked(asked)}; margins {asked.gain_margin_db:g} dB, {asked.phase_margin_deg:g} degrees",
-        f"P(met): share of {design.draws} models whose response meets everything and whose linear loop is stable; drawn "
-        f"from {source}",
+        f"P(met): share of {design.draws} models whose response meets everything and whose linear loop is stable; "
+        f"drawn from {source}",
         *_computer(design),
     ]
     refused = [f"{t.rule}: {t.why}" for t in design.tuned.values() if t.gains is None]
