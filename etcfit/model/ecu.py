@@ -105,6 +105,12 @@ class Notation:
         """Unit and form: "%/%, ticks"."""
         return f"{self.unit}, {self.form}"
 
+    @property
+    def of_each(self) -> tuple[str, str, str]:
+        """Unit of each gain in words: "%/%", "%/%, per s" and "%/%, times s"."""
+        per, times = {"seconds": ("per s", "times s"), "ticks": ("per tick", "times ticks")}[self.form]
+        return self.unit, f"{self.unit}, {per}", f"{self.unit}, {times}"
+
     def units(self, ecu: Ecu, travel: float) -> Terms:
         """One unit of each gain in SI.
 

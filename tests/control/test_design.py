@@ -212,7 +212,9 @@ def test_every_make_of_ecu_has_settings_that_give_the_same_controller(fitted: Fi
     volts = ecu.supply / 100.0
     travel = made.task.loop.body.upper - made.task.loop.body.lower
     si = [float(g) for g in made.chosen.gains or ()]
-    assert list(written["gains"].values()) == pytest.approx([g * travel / 100.0 / volts for g in si])
+    gains = [gain["value"] for gain in written["gains"].values()]
+    assert gains == pytest.approx([g * travel / 100.0 / volts for g in si])
+    assert [gain["unit"] for gain in written["gains"].values()] == ["%/%", "%/%, per s", "%/%, times s"]
     assert tuple(written["gains"]) == profile.gains
     said = " ".join(render(design_table(made)).split())
     assert f"For {profile.title}: {profile.pasting.value}" in said
