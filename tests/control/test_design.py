@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import re
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -16,7 +17,7 @@ import results
 from effect_samples import every_effect, made, rows, seen, typical
 from etcfit.control.design import PAPERS, Design, binding, design, ecu_of, frictionless, propose, task_of
 from etcfit.control.linearise import reduce
-from etcfit.control.pid import RULES, Requirements
+from etcfit.control.pid import RULES, Gains, Requirements
 from etcfit.control.pid.setpoint import trapezoid
 from etcfit.control.settings import DesignSettings, OptimumSettings
 from etcfit.errors import UsageError
@@ -30,6 +31,7 @@ from etcfit.ranges import from_json
 from etcfit.reporting.blocks import render
 from etcfit.reporting.control.tables import design_table
 from etcfit.run_folder import begin, design_json, finish, load_final, read_draws, reduction_json, rusefi, save_fit
+from firmwares import Fome, Rusefi, Settings
 
 
 @pytest.fixture(scope="module")
@@ -123,9 +125,10 @@ def test_the_json_is_the_contract(designed: Design, fitted: Fitted, tmp_path: Pa
     assert tf["synthetic"] is True
 
 
-def made_for(fitted: Fitted, profile: EcuProfile, feed_forward: bool) -> Design:
-    ecu = ecu_of(fitted, **profile.completed({}))
-    return propose(fitted, task_of(fitted, ecu, PAPERS, None, feed_forward, BRIEF, profile), "manual", QUICK, "laplace")
+def made_for(fitted: Fitted, profile: EcuProfile, feed_forward: bool, rule: str = "manual") -> Design:
+    ecu = ecu_of(fitted, **profile.completed({"resolution": np.radians(90.0) / 2**12}))
+    task = task_of(fitted, ecu, PAPERS, None, feed_forward, replace(BRIEF, draws=5), profile)
+    return propose(fitted, task, rule, QUICK, "laplace")
 
 
 @pytest.mark.slow
@@ -182,6 +185,29 @@ def test_a_curve_that_gains_were_found_without_is_pasted_as_zero(fitted: Fitted)
     bias = design_json(made)["profile"]["bias"]
     assert bias["etbBiasValues"] == [0.0] * 8
     assert np.ptp(made.bias.hold) > 0.1
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("profile", "firmware"), [(RUSEFI, Rusefi), (FOME, Fome)], ids=["rusefi", "fome"])
+def test_what_is_pasted_drives_the_plate_as_it_was_simulated(
+    fitted: Fitted, profile: EcuProfile, firmware: type[Rusefi | Fome]
+) -> None:
+    """Their firmware with the pasted numbers in it sees the simulated plate, and puts out the simulated voltage."""
+    made = made_for(fitted, profile, feed_forward=True, rule="damping_optimum")
+    pasted = render(design_table(made))
+    gains = [float(re.search(rf'name="etb_{each}Factor">([^<]+)<', pasted)[1]) for each in "pid"]  # type: ignore[index]
+    bins, values = ([float(v) for v in array(pasted, name)] for name in ("etbBiasBins", "etbBiasValues"))
+    theirs = firmware(Settings(*gains, bins, values))
+    loop, ecu = made.task.loop.first(1), made.task.ecu
+    assert made.chosen.gains is not None
+    assert min(gains) > 0.0
+    path = loop.respond(Gains(*(np.array([g]) for g in made.chosen.gains)), made.setpoint)
+    seen = ecu.resolution * np.round(np.asarray(path.position)[0, 0] / ecu.resolution)
+    wanted = 100.0 * made.setpoint.at(made.setpoint.instants(ecu.period))
+    duties = [theirs.update(w, 100.0 * float(loop.share(s))) for w, s in zip(wanted, seen, strict=True)]
+    simulated = 100.0 * np.asarray(path.voltage)[0, 0] / ecu.supply
+    assert np.ptp(simulated) > 20.0
+    assert np.max(np.abs(simulated - duties)) < 0.5 * 10.0 ** -(profile.bias.decimals if profile.bias else 0) + 1e-5
 
 
 @pytest.mark.slow
