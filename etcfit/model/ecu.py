@@ -26,7 +26,7 @@ class Ecu(NamedTuple):
         integral: largest that its integral may hold, a share of the supply, running on while the output is at its
             limit; 0 for none, and then it stands still there.
         slew: largest change of its output, V/s; 0 for none. The integral stands still there too.
-        dead_band: error within which the integral stands still, rad; 0 for none.
+        dead_band: error below which the integral stands still, rad; 0 for none.
         setpoint_weight: b of Kp (b r - y), 1 where the proportional part acts on the error, 0 on the position alone.
         derivative_weight: c of Kd d(c r - y)/dt, 1 where the derivative is the error's, 0 the position's alone.
     """
