@@ -169,7 +169,7 @@ def test_gains_that_are_saved_say_with_what_a_run_makes_them_anew(designed: Desi
 def test_a_design_for_a_make_of_ecu_runs_its_controller(fitted: Fit, tmp_path: Path) -> None:
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("etcfit.control.design.RULES", {"amigo": RULES["amigo"]})
-        patch.setattr("etcfit.control.design.binding", lambda task, setpoint: ("stub",))
+        patch.setattr("etcfit.control.design.binding", lambda *_: ("stub",))
         patch.setattr("etcfit.reporting.draw_design", lambda *_: None)
         made = verbs.design(fitted, rule="amigo", settings=DesignSettings(draws=2), profile="arduino", period=5e-3)
         made.save(tmp_path)
