@@ -28,7 +28,7 @@ class Ecu(NamedTuple):
         noise: of the position it reads, one tick's from the next one's independent, rad, a standard deviation.
         lag: time constant of the filter ahead of its converter, s; 0 for none.
         slew: largest change of its output, V/s; 0 for none. The integral stands still there too.
-        dead_band: error within which the integral stands still, rad; 0 for none.
+        dead_band: error below which the integral stands still, rad; 0 for none.
         setpoint_weight: b of Kp (b r - y), 1 where the proportional part acts on the error, 0 on the position alone.
         derivative_weight: c of Kd d(c r - y)/dt, 1 where the derivative is the error's, 0 the position's alone.
     """
@@ -108,6 +108,12 @@ class Notation:
     def title(self) -> str:
         """Unit and form: "%/%, ticks"."""
         return f"{self.unit}, {self.form}"
+
+    @property
+    def of_each(self) -> tuple[str, str, str]:
+        """Unit of each gain in words: "%/%", "%/%, per s" and "%/%, times s"."""
+        per, times = {"seconds": ("per s", "times s"), "ticks": ("per tick", "times ticks")}[self.form]
+        return self.unit, f"{self.unit}, {per}", f"{self.unit}, {times}"
 
     def units(self, ecu: Ecu, travel: float) -> Terms:
         """One unit of each gain in SI.

@@ -181,12 +181,14 @@ def written_for(design: Design) -> dict[str, Any] | None:
         return None
     gains, body = design.chosen.gains, design.task.loop.body
     assert gains is not None, "the proposed rule has gains"
+    notation = profile.notation
     return {
         "name": profile.name,
         "title": profile.title,
-        "unit": profile.notation.unit,
-        "form": profile.notation.form,
-        "gains": dict(zip(profile.gains, design.written(gains, profile.notation), strict=True)),
+        "gains": {
+            name: {"value": value, "unit": unit}
+            for name, value, unit in zip(profile.gains, design.written(gains, notation), notation.of_each, strict=True)
+        },
         "limits": {
             limit.name: {"value": limit.value(ecu, body.upper - body.lower), "unit": limit.unit}
             for limit in profile.limits

@@ -163,6 +163,28 @@ def test_gains_that_are_saved_say_with_what_a_run_makes_them_anew(designed: Desi
     assert (settings["rule"], settings["feed_forward"]) == ("manual", False)
     assert Requirements(*settings["limits"]) == designed.design.task.requirements
     assert Ecu(**settings["ecu"]) == designed.design.task.ecu
+    assert settings["profile"] is None
+
+
+def test_a_design_for_a_make_of_ecu_runs_its_controller(fitted: Fit, tmp_path: Path) -> None:
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("etcfit.control.design.RULES", {"amigo": RULES["amigo"]})
+        patch.setattr("etcfit.control.design.binding", lambda *_: ("stub",))
+        patch.setattr("etcfit.reporting.draw_design", lambda *_: None)
+        made = verbs.design(fitted, rule="amigo", settings=DesignSettings(draws=2), profile="arduino", period=5e-3)
+        made.save(tmp_path)
+    ecu = made.design.task.ecu
+    assert (ecu.period, ecu.derivative_weight, ecu.integral) == (5e-3, 0.0, 1.0)
+    again = read_records(tmp_path)["design"].settings
+    assert again["profile"] == "arduino"
+    assert etcfit.ECUS["arduino"].clashes(again["ecu"]) == ()  # a run makes them anew
+
+
+def test_a_make_of_ecu_that_is_unknown_or_contradicted_is_refused(fitted: Fit) -> None:
+    with pytest.raises(UsageError, match=r"period: rusEFI fixes it at 0\.002\. Leave it out"):
+        verbs.design(fitted, profile="rusefi", period=1e-3)
+    with pytest.raises(UsageError, match="Known: rusefi"):
+        verbs.design(fitted, profile="motronic")
 
 
 def test_what_a_verb_cannot_use_is_refused_in_words(rig: Rig, found: Diagnosed) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import re
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -16,7 +17,8 @@ import results
 from effect_samples import every_effect, made, rows, seen, typical
 from etcfit.control.design import PAPERS, Design, binding, design, ecu_of, frictionless, propose, task_of
 from etcfit.control.linearise import reduce
-from etcfit.control.pid import RULES, Requirements
+from etcfit.control.pid import RULES, Gains, Requirements
+from etcfit.control.pid.ecu import Memory, tick
 from etcfit.control.pid.setpoint import trapezoid
 from etcfit.control.settings import DesignSettings, OptimumSettings
 from etcfit.errors import UsageError
@@ -30,6 +32,7 @@ from etcfit.ranges import from_json
 from etcfit.reporting.blocks import render
 from etcfit.reporting.control.tables import design_table
 from etcfit.run_folder import begin, design_json, finish, load_final, read_draws, reduction_json, rusefi, save_fit
+from firmwares import Fome, Rusefi, Settings
 
 
 @pytest.fixture(scope="module")
@@ -123,9 +126,10 @@ def test_the_json_is_the_contract(designed: Design, fitted: Fitted, tmp_path: Pa
     assert tf["synthetic"] is True
 
 
-def made_for(fitted: Fitted, profile: EcuProfile, feed_forward: bool) -> Design:
-    ecu = ecu_of(fitted, **profile.completed({}))
-    return propose(fitted, task_of(fitted, ecu, PAPERS, None, feed_forward, BRIEF, profile), "manual", QUICK, "laplace")
+def made_for(fitted: Fitted, profile: EcuProfile, feed_forward: bool, rule: str = "manual") -> Design:
+    ecu = ecu_of(fitted, **profile.completed({"resolution": np.radians(90.0) / 2**12}))
+    task = task_of(fitted, ecu, PAPERS, None, feed_forward, replace(BRIEF, draws=5), profile)
+    return propose(fitted, task, rule, QUICK, "laplace")
 
 
 @pytest.mark.slow
@@ -185,6 +189,37 @@ def test_a_curve_that_gains_were_found_without_is_pasted_as_zero(fitted: Fitted)
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize(("profile", "firmware"), [(RUSEFI, Rusefi), (FOME, Fome)], ids=["rusefi", "fome"])
+def test_what_is_pasted_drives_the_plate_as_it_was_simulated(
+    fitted: Fitted, profile: EcuProfile, firmware: type[Rusefi | Fome]
+) -> None:
+    """Their firmware with the pasted numbers in it sees the simulated plate, and puts out what ours does."""
+    made = made_for(fitted, profile, feed_forward=True, rule="damping_optimum")
+    pasted = render(design_table(made))
+    gains = [float(re.search(rf'name="etb_{each}Factor">([^<]+)<', pasted)[1]) for each in "pid"]  # type: ignore[index]
+    bins, values = ([float(v) for v in array(pasted, name)] for name in ("etbBiasBins", "etbBiasValues"))
+    theirs = firmware(Settings(*gains, bins, values))
+    assert min(gains) > 0.0
+    loop, ecu, ours = made.task.loop.first(1), made.task.ecu, made.chosen.gains
+    assert ours is not None
+    assert loop.bias is not None
+    path = loop.respond(Gains(*(np.array([g]) for g in ours)), made.setpoint)
+    wanted = np.asarray(loop.angle(made.setpoint.at(made.setpoint.instants(ecu.period))))
+    seen = ecu.resolution * np.round(np.asarray(path.position)[0, 0] / ecu.resolution)
+    memory, simulated, duties = Memory.at_rest(ours, ecu, wanted[0]), [], []
+    for setpoint, position, ahead in zip(wanted, seen, loop.bias.volts(wanted), strict=True):
+        volts, memory = tick(ours, ecu, memory, setpoint, position, ahead)
+        simulated.append(100.0 * float(volts) / ecu.supply)
+        duties.append(theirs.update(*(100.0 * float(loop.share(angle)) for angle in (setpoint, position))))
+    assert np.ptp(simulated) > 20.0
+    # the rounding of the table's duties is all that parts them
+    assert (
+        np.max(np.abs(np.subtract(simulated, duties)))
+        < 0.5 * 10.0 ** -(profile.bias.decimals if profile.bias else 0) + 1e-5
+    )
+
+
+@pytest.mark.slow
 def test_fomes_curve_is_one_that_its_table_holds(fitted: Fitted) -> None:
     made = made_for(fitted, FOME, feed_forward=True)
     bias = design_json(made)["profile"]["bias"]
@@ -212,7 +247,9 @@ def test_every_make_of_ecu_has_settings_that_give_the_same_controller(fitted: Fi
     volts = ecu.supply / 100.0
     travel = made.task.loop.body.upper - made.task.loop.body.lower
     si = [float(g) for g in made.chosen.gains or ()]
-    assert list(written["gains"].values()) == pytest.approx([g * travel / 100.0 / volts for g in si])
+    gains = [gain["value"] for gain in written["gains"].values()]
+    assert gains == pytest.approx([g * travel / 100.0 / volts for g in si])
+    assert [gain["unit"] for gain in written["gains"].values()] == ["%/%", "%/%, per s", "%/%, times s"]
     assert tuple(written["gains"]) == profile.gains
     said = " ".join(render(design_table(made)).split())
     assert f"For {profile.title}: {profile.pasting.value}" in said

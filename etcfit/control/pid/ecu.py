@@ -37,7 +37,7 @@ class Memory(NamedTuple):
 def tick(gains: Gains, ecu: Ecu, memory: Memory, setpoint: Scalar, position: Scalar, bias: Scalar) -> Any:
     """One tick: v = clip(clip(Kp (b r - y) + I + Kd d, V) + bias, limit), slewed, and rounded to the PWM's resolution.
 
-        I <- I + Ki T e where |e| > dead band,    d <- (T_f d + (c r - y) - (c r - y)_last) / (T_f + T)
+        I <- I + Ki T e where |e| >= dead band,    d <- (T_f d + (c r - y) - (c r - y)_last) / (T_f + T)
 
     with e = r - y, and b and c the weights of the setpoint. The integral stands still while the output is at its limit,
     that of its slew included, and the error would drive it further (anti-windup), or is clamped itself, where the ECU
@@ -57,7 +57,7 @@ def tick(gains: Gains, ecu: Ecu, memory: Memory, setpoint: Scalar, position: Sca
     error, tracked = setpoint - seen, ecu.derivative_weight * setpoint - seen
     derivative = (ecu.filter * memory.derivative + tracked - memory.last) / (ecu.filter + ecu.period)
     grown = memory.integral + gains.Ki * ecu.period * error
-    integral = jnp.where(jnp.abs(error) > ecu.dead_band, grown, memory.integral)
+    integral = jnp.where(jnp.abs(error) >= ecu.dead_band, grown, memory.integral)
     clamped = jnp.clip(integral, -ecu.integral * ecu.supply, ecu.integral * ecu.supply)
     integral = jnp.where(ecu.integral > 0.0, clamped, integral)
     wanted = gains.Kp * (ecu.setpoint_weight * setpoint - seen) + integral + gains.Kd * derivative

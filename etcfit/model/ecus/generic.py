@@ -18,6 +18,11 @@ GENERIC = EcuProfile(
         Limit("period", "ms", lambda ecu, travel: 1e3 * ecu.period),
         Limit("derivative filter", "ms", lambda ecu, travel: 1e3 * ecu.filter),
         Limit("duty limit", "%", lambda ecu, travel: 100.0 * ecu.duty),
+        Limit("integral limit, 0: none", "%", lambda ecu, travel: 100.0 * ecu.integral),
+        Limit("integral dead band", "%", lambda ecu, travel: 100.0 * ecu.dead_band / travel),
+        Limit("slew limit, 0: none", "% of duty/s", lambda ecu, travel: 100.0 * ecu.slew / ecu.supply),
+        Limit("setpoint weight of P", "", lambda ecu, travel: ecu.setpoint_weight),
+        Limit("setpoint weight of D", "", lambda ecu, travel: ecu.derivative_weight),
     ),
     bias=BiasTable("position", "duty"),
 )

@@ -31,8 +31,8 @@ def tune_file(written: Mapping[str, Any]) -> Iterator[str]:
 
     Source: .msq files of rusEFI; `digits` is what TunerStudio shows of a value.
     """
-    for name, value in written["gains"].items():
-        yield f'<constant digits="4" name="{name}">{value:.8g}</constant>'
+    for name, gain in written["gains"].items():
+        yield f'<constant digits="4" name="{name}">{gain["value"]:.8g}</constant>'
     for name, limit in written["limits"].items():
         yield f'<constant digits="0" name="{name}">{limit["value"]:.1f}</constant>'
     for name, row in (written["bias"] or {}).items():
@@ -47,11 +47,8 @@ def _array(name: str, row: Sequence[float]) -> Iterator[str]:
 
 def _by_hand(written: Mapping[str, Any]) -> RenderableType:
     table = plain_table("setting", "value", "unit")
-    form = {"seconds": ("", ", per s", ", times s"), "ticks": ("", ", per tick", ", times ticks")}[written["form"]]
-    for (name, value), suffix in zip(written["gains"].items(), form, strict=True):
-        table.add_row(name, short(value, 5), written["unit"] + suffix)
-    for name, limit in written["limits"].items():
-        table.add_row(name, short(limit["value"], 5), limit["unit"])
+    for name, setting in (written["gains"] | written["limits"]).items():
+        table.add_row(name, short(setting["value"], 5), setting["unit"])
     for name, row in (written["bias"] or {}).items():
         table.add_row(name, " ".join(short(value, 4) for value in row), "%")
     return table

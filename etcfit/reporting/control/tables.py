@@ -221,16 +221,22 @@ def _proposed(design: Design) -> RenderableType:
     table = plain_table("proposed", "P", "I", "D", "unit")
     table.add_row("continuous time", *(short(g, 5) for g in gains), "V/rad, s")
     table.add_row(f"ticks of {short(1e3 * ecu.period)} ms", *(short(g, 5) for g in native), "V/rad, ticks")
-    if written is not None:
-        table.add_row(written["title"], *(short(g, 5) for g in written["gains"].values()),
-                      f"{written['unit']}, {written['form']}")  # fmt: skip
+    if (make := design.task.profile) is not None:
+        table.add_row(make.title, *(short(g, 5) for g in design.written(gains, make.notation)), make.notation.title)
     if (own := design.fitted.config.notation) is not None:
         table.add_row("as in rig.toml", *(short(g, 5) for g in design.written(gains, own)), own.title)
-    word = "with the bias curve"
-    if design.task.loop.bias is None:
-        word = "WITHOUT the bias curve: leave it at 0, or design with --feed-forward"
     parts = [table, Text(), _curve(design), _unnamed() if written is None else snippet(written)]
-    return headed(f"Gains of {design.chosen.rule}, found {word}", Group(*parts))
+    return headed(f"Gains of {design.chosen.rule}, found {_ahead(design)}", Group(*parts))
+
+
+def _ahead(design: Design) -> str:
+    """Whether with feed-forward, and whether there is any."""
+    profile = design.task.profile
+    if design.task.loop.bias is not None:
+        return "with the bias curve"
+    if profile is not None and profile.bias is None:
+        return f"without a bias curve: {profile.title} has none"
+    return "WITHOUT the bias curve: leave it at 0, or design with --feed-forward"
 
 
 def _curve(design: Design) -> RenderableType:

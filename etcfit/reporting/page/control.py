@@ -100,6 +100,22 @@ def gains_table(pid: Mapping[str, Any]) -> Table | None:
     return Table(f"Gains by the rule “{pid.get('rule', '?').replace('_', ' ')}”", ["", "value", "unit"], rows)
 
 
+def settings_table(pid: Mapping[str, Any]) -> Table | None:
+    """What the make of ECU is given that was named, in its own words; None where none was."""
+    written = pid.get("profile")
+    if not written:
+        return None
+    settings = (written["gains"] | written["limits"]).items()
+    rows: list[tuple[Any, ...]] = [(name, number(each["value"], 5), each["unit"]) for name, each in settings]
+    rows += [(name, ", ".join(number(each, 4) for each in row), "%") for name, row in (written["bias"] or {}).items()]
+    return Table(f"Settings for {written['title']}", ["", "value", "unit"], rows)
+
+
+def assumed(pid: Mapping[str, Any]) -> list[str]:
+    """What is taken of that ECU without a source."""
+    return [f"assumed: {each}" for each in (pid.get("profile") or {}).get("assumed", ())]
+
+
 def metrics_table(pid: Mapping[str, Any]) -> Table | None:
     """How the loop does on the linear and on the nonlinear model, and what was asked of it."""
     linear, nonlinear = (pid.get(key) or {} for key in ("linear", "nonlinear"))

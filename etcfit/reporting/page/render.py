@@ -7,7 +7,16 @@ from itertools import chain
 from typing import Any
 
 from .contents import Contents
-from .control import cautions, formula, gains_table, metrics_table, operating_point, plant_table
+from .control import (
+    assumed,
+    cautions,
+    formula,
+    gains_table,
+    metrics_table,
+    operating_point,
+    plant_table,
+    settings_table,
+)
 from .frequency import orders, sines_table
 from .ledger import ledger_table
 from .parameters import LOST, influence_table, lumped_table, parameter_table, posterior_table
@@ -67,6 +76,8 @@ def _parts(contents: Contents, budget: int) -> dict[str, Any]:
         "sines": sines_table(response),
         "orders": orders(response),
         "gains": gains_table(pid),
+        "settings": settings_table(pid),
+        "assumed": assumed(pid),
         "metrics": metrics_table(pid),
         "gains_cautions": cautions(pid),
         "warnings": [*stale(contents), *_warnings(contents)],

@@ -132,6 +132,19 @@ def test_extra_keys_and_other_layouts_are_borne(full: Path) -> None:
     assert "miss the requirement on settling s" in read(full).text
 
 
+def test_settings_of_a_named_ecu_stand_on_the_page_with_what_is_assumed(full: Path) -> None:
+    assert "Settings for" not in read(full).text
+    written = {"name": "link", "title": "Link <G4X>", "source": "its help", "assumed": ["its unit"],
+               "gains": {"P gain": {"value": 7.25, "unit": "%/%"}, "I gain": {"value": 110.0, "unit": "%/%, per s"},
+                         "D gain": {"value": 0.0825, "unit": "%/%, times s"}},
+               "limits": {"DC clamp": {"value": 87.5, "unit": "%"}}, "bias": None}  # fmt: skip
+    runs.changed(full, "pid", profile=written)
+    page = " ".join(read(full).text.split())
+    assert "Settings for Link <G4X>" in page
+    assert all(each in page for each in ("P gain", "7.2500", "%/%, per s", "0.082500", "87.500", "assumed: its unit"))
+    assert "<G4X>" not in write_page(full).path.read_text(encoding="utf-8")  # what a file says is text
+
+
 def test_results_of_other_data_are_called_so(full: Path) -> None:
     runs.changed(full, "diagnosis", files={"rig.toml": "0" * 64})
     assert "diagnosis.json was made of other data than fit.json" in read(full).text

@@ -1,0 +1,22 @@
+"""Hook of MkDocs: `<!-- ecus -->` becomes the table of engine computers, made of the registry itself."""
+
+from __future__ import annotations
+
+from typing import Any
+
+
+def on_page_markdown(markdown: str, **_: Any) -> str:
+    """Fill in the marker."""
+    return markdown.replace("<!-- ecus -->", table()) if "<!-- ecus -->" in markdown else markdown
+
+
+def table() -> str:
+    """One row a make: what its source fixes, what is assumed, and the source."""
+    from etcfit import ECUS
+
+    rows = ["| `--ecu` | make | its source fixes | assumed | source |", "| --- | --- | --- | --- | --- |"]
+    for make in ECUS.values():
+        fixed = ", ".join(f"{name} {value:g}" for name, value in make.fixes.items()) or "nothing"
+        assumed = "; ".join(make.assumed) or "nothing"
+        rows.append(f"| `{make.name}` | {make.title} | {fixed} | {assumed} | {make.source} |")
+    return "\n".join(rows)
