@@ -29,6 +29,13 @@ from etcfit.rig.base import Rig
 from etcfit.run_folder import RunFolder, save_diagnosis, save_fit
 from etcfit.stages import Done
 
+ASKED = {
+    "overshoot_pct": 20.0,
+    "settling_s": 0.2,
+    "steady_state_error_pct": 0.5,
+    "duty_activity_pct": 5.0,
+}  # of gains, where nothing else is
+
 
 @pytest.fixture
 def invoke(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Callable[..., Result]:
@@ -71,7 +78,7 @@ COMMANDS = {
     "sample": (("sample", "bench", "--steps", "700"), (Path("bench"), 700)),
     "reduce": (("reduce", "bench", "--output", "deg", "--at", "30", "--pade", "2"),
                (Path("bench"), "V", "deg", 0.3, 2)),
-    "design": (("design", "bench", "--rule", "simc"), (Path("bench"), "simc", 12, False, (20.0, 0.2, 0.5), {}, None)),
+    "design": (("design", "bench", "--rule", "simc"), (Path("bench"), "simc", 12, False, ASKED, {}, None, None)),
     "report": (("report", "bench"), (Path("bench"),)),
 }  # fmt: skip
 
@@ -272,15 +279,32 @@ def test_reduce_and_design_without_a_fit_are_usage_errors(invoke, command: str) 
     [((), {}, None), (("--ecu-period", "2ms"), {"period": 2e-3}, None),
      (("--ecu-delay", "0ms", "--ecu-period", "5ms"), {"period": 5e-3, "delay": 0.0}, None),
      (("--ecu", "rusefi", "--ecu-delay", "1ms"), {"delay": 1e-3}, "rusefi"),
+     (("--ecu-filter", "1ms", "--sensor-noise", "0.1deg"), {"lag": 1e-3, "noise": np.radians(0.1)}, None),
      (("--ecu", "link", "--ecu-period", "1ms"), {"period": 1e-3}, "link")],
 )  # fmt: skip
 def test_design_passes_on_what_is_given_of_the_ecu_and_no_more(
     invoke, monkeypatch: pytest.MonkeyPatch, words: tuple[str, ...], given: dict[str, float], make: str | None
 ) -> None:
     asked: list[Any] = []
-    monkeypatch.setattr("etcfit.stages.design_run", lambda *given: asked.append(given[-2:]) or Done("done"))
+    monkeypatch.setattr("etcfit.stages.design_run", lambda *given: asked.append(given[-3:-1]) or Done("done"))
     assert invoke("design", "bench", "--quiet", *words).exit_code == 0
     assert asked == [(given, make)]
+
+
+def test_design_passes_on_the_limits_that_there_are(invoke, monkeypatch: pytest.MonkeyPatch) -> None:
+    asked: list[Any] = []
+    monkeypatch.setattr("etcfit.stages.design_run", lambda *given: asked.append(given[5]) or Done("done"))
+    assert invoke("design", "bench", "--duty-activity", "3", "--rms-current", "2.5", "--quiet").exit_code == 0
+    assert asked == [ASKED | {"duty_activity_pct": 3.0, "current_rms_A": 2.5}]
+    done = invoke("design", "bench", "--winding-heat", "0", "--quiet")
+    assert (done.exit_code, len(asked)) == (2, 1)
+    assert "winding_W: nothing stays below 0" in done.stderr
+
+
+def test_a_noise_without_a_unit_is_a_usage_error(invoke) -> None:
+    done = invoke("design", "bench", "--sensor-noise", "0.1", "--quiet")
+    assert done.exit_code == 2
+    assert "an angle needs a number and a unit, deg or rad" in done.stderr
 
 
 def test_an_ecu_without_a_clock_is_a_usage_error(invoke) -> None:

@@ -48,7 +48,7 @@ def designed(fitted: Fit) -> Iterator[Designed]:
     """By three quick rules, one of which refuses."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("etcfit.control.design.RULES", QUICK)
-        patch.setattr("etcfit.control.design.binding", lambda task, setpoint: ("stub",))
+        patch.setattr("etcfit.control.design.binding", lambda task: ("stub",))
         yield verbs.design(fitted, rule="manual", settings=DesignSettings(draws=30), period=1e-3)
 
 
@@ -153,6 +153,19 @@ def test_a_design_has_every_rule_in_a_table(designed: Designed) -> None:
     assert len(repr(designed)) < 1500
     assert "manual" in designed._repr_html_()
     assert designed.plot.responses()[0].get_ylabel() == "position [% travel]"
+    drawn = [panel for panel in designed.plot.scenarios() if panel.get_visible()]
+    assert [panel.get_xlabel() for panel in drawn] == ["time [s]"] * len(designed.scenarios)
+    assert designed.plot.front().get_ylabel() == "tracking error [% of travel, rms]"
+
+
+def test_a_design_has_its_scenarios_and_its_front_in_tables(designed: Designed) -> None:
+    each, worst = designed.scenarios, designed.design.chosen.nonlinear
+    assert worst is not None
+    assert list(each.index)[:3] == ["trapezoid", "large steps", "small steps"]
+    assert each["overshoot_pct"].max() == worst.overshoot_pct
+    assert each.loc["trapezoid", "rmse_pct"] == worst.rmse_pct
+    assert len(designed.front) == len(designed.design.settings.front.shares) + 1
+    assert designed.front["Kp"][0] == designed.design.front[0].gains.Kp
 
 
 def test_gains_that_are_saved_say_with_what_a_run_makes_them_anew(designed: Designed, tmp_path: Path) -> None:
@@ -161,7 +174,7 @@ def test_gains_that_are_saved_say_with_what_a_run_makes_them_anew(designed: Desi
         designed.save(tmp_path)
     settings = read_records(tmp_path)["design"].settings
     assert (settings["rule"], settings["feed_forward"]) == ("manual", False)
-    assert Requirements(*settings["limits"]) == designed.design.task.requirements
+    assert Requirements(**settings["limits"]) == designed.design.task.requirements
     assert Ecu(**settings["ecu"]) == designed.design.task.ecu
     assert settings["profile"] is None
 

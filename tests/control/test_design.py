@@ -19,7 +19,6 @@ from etcfit.control.design import PAPERS, Design, binding, design, ecu_of, frict
 from etcfit.control.linearise import reduce
 from etcfit.control.pid import RULES, Gains, Requirements
 from etcfit.control.pid.ecu import Memory, tick
-from etcfit.control.pid.setpoint import trapezoid
 from etcfit.control.settings import DesignSettings, OptimumSettings
 from etcfit.errors import UsageError
 from etcfit.estimation.fitted_model import Fitted
@@ -109,9 +108,18 @@ def test_the_json_is_the_contract(designed: Design, fitted: Fitted, tmp_path: Pa
         "rmse_pct",
         "gain_margin_db",
         "phase_margin_deg",
+        "duty_activity_pct",
+        "current_rms_A",
+        "winding_W",
+        "bridge_W",
     }
     assert set(found["linear"]) == set(found["nonlinear"]) == figures
-    assert found["requirements"] == {"overshoot_pct": 20.0, "settling_s": 0.2, "steady_state_error_pct": 0.5}
+    limits = {"overshoot_pct": 20.0, "settling_s": 0.2, "steady_state_error_pct": 0.5, "duty_activity_pct": 5.0}
+    assert found["requirements"] == limits | {"current_rms_A": None, "winding_W": None, "bridge_W": None}
+    assert found["scenarios"]["small steps"]["overshoot_pct"] <= found["nonlinear"]["overshoot_pct"]
+    assert found["conditions"]["worst"]["rmse_pct"] > found["nonlinear"]["rmse_pct"]
+    assert found["front"][0]["duty_activity_limit_pct"] is None
+    assert found["ecu"]["noise_rad"] == fitted.position_noise > 0.0
     assert set(found["met"]) == set(found["requirements"])
     assert 0.0 <= found["posterior"]["probability_met"] <= 1.0
     assert found["posterior"]["draws"] == found["settings"]["draws"] == 200
@@ -328,7 +336,7 @@ def test_a_flat_battery_is_named_as_what_binds(fitted: Fitted) -> None:
     # without the friction they are not
     weak = ecu_of(fitted, supply=3.2)
     task = task_of(fitted, weak, drawn=fitted.laplace(11, np.random.default_rng(0)))
-    assert binding(task, trapezoid()) == ("the supply voltage", "dry friction")
+    assert binding(task) == ("the supply voltage", "dry friction")
 
 
 @every_effect

@@ -85,9 +85,9 @@ def _acting(late: Scalar, parts: int, room: int) -> Any:
         parts: of equal duration.
         room: voltages that are remembered; the oldest acts for all before it.
     """
-    begins = late - np.arange(room)
+    begins = late - np.arange(room)[None, :]
     ends = begins + 1.0
-    begins = jnp.where(np.arange(room) == room - 1, -jnp.inf, begins)
+    begins = jnp.where(np.arange(room)[None, :] == room - 1, -jnp.inf, begins)
     k = np.arange(parts)[:, None] / parts
     return parts * jnp.maximum(jnp.minimum(ends, k + 1.0 / parts) - jnp.maximum(begins, k), 0.0)
 

@@ -41,6 +41,8 @@ CASES = {
     "P alone": Case(TABLE_2, Ecu(period=5e-3), Gains(40.0, 0.0, 0.0)),
     "part of a tick late": Case(TABLE_2, Ecu(delay=0.4e-3), Gains(100.0, 1500.0, 0.6)),
     "a tick late": Case(TABLE_2, Ecu(delay=1e-3), Gains(80.0, 1000.0, 0.5)),
+    "filtered": Case(TABLE_2, Ecu(delay=1e-3, lag=1e-3), Gains(70.0, 800.0, 0.45)),
+    "filtered twice": Case(late(TABLE_2, 0.0, 2e-3), Ecu(delay=0.5e-3, lag=0.7e-3), Gains(50.0, 400.0, 0.35)),
     "late and slow to see": Case(late(TABLE_2, 1.3e-3, 2e-3), Ecu(delay=1e-3), Gains(40.0, 300.0, 0.3)),
 }
 every_case = pytest.mark.parametrize("case", CASES.values(), ids=CASES)
@@ -49,17 +51,18 @@ every_case = pytest.mark.parametrize("case", CASES.values(), ids=CASES)
 def ticked_plant(case: Case) -> tuple[np.ndarray, np.ndarray, int]:
     """By Runge-Kutta in small steps, column by column: a tick's map of the states, and of each voltage that acts in it.
 
-    States: what the sensor shows, angle, speed, acceleration.
+    States: what the ECU reads, what the sensor shows, angle, speed, acceleration.
     """
     p, T = case.plant, case.ecu.period
     ticks_late, part = divmod(round((p.delay + case.ecu.delay) / T, 9), 1.0)
 
     def rates(x: np.ndarray, volts: np.ndarray) -> np.ndarray:
-        shown = (x[1] - x[0]) / p.lag if p.lag else x[2]
-        return np.array([shown, x[2], x[3], p.b0 * volts - p.a2 * x[3] - p.a1 * x[2] - p.a0 * x[1]])
+        shown = (x[2] - x[1]) / p.lag if p.lag else x[3]
+        read = (x[1] - x[0]) / case.ecu.lag if case.ecu.lag else shown
+        return np.array([read, shown, x[3], x[4], p.b0 * volts - p.a2 * x[4] - p.a1 * x[3] - p.a0 * x[2]])
 
-    # six runs at once: four states, the voltage that acts first in the tick, the one that acts from `part` on
-    x, first, then = np.eye(4, 6), np.eye(1, 6, 4)[0], np.eye(1, 6, 5)[0]
+    # seven runs at once: five states, the voltage that acts first in the tick, the one that acts from `part` on
+    x, first, then = np.eye(5, 7), np.eye(1, 7, 5)[0], np.eye(1, 7, 6)[0]
     for span, volts in ((part * T, first), ((1.0 - part) * T, then)):
         h = span / 400
         for _ in range(400):
@@ -67,25 +70,30 @@ def ticked_plant(case: Case) -> tuple[np.ndarray, np.ndarray, int]:
             k2 = rates(x + 0.5 * h * k1, volts)
             k3 = rates(x + 0.5 * h * k2, volts)
             x = x + h / 6.0 * (k1 + 2.0 * k2 + 2.0 * k3 + rates(x + h * k3, volts))
-    return x[:, :4], x[:, 4:], int(ticks_late)
+    return x[:, :5], x[:, 5:], int(ticks_late)
+
+
+def _read(case: Case) -> int:
+    """The state that the ECU reads: the angle itself where nothing lags."""
+    return 0 if case.ecu.lag else 1 if case.plant.lag else 2
 
 
 def swing(case: Case, factor: complex, ticks: int = 3000) -> float:
     """Largest state in the last quarter over that in the second, from a kick; above 1 where the loop diverges."""
     states, volts, back = ticked_plant(case)
     (kp, ki, kd), (T, tf) = case.gains, (case.ecu.period, case.ecu.filter)
-    x = np.array([1e-3, 1e-3, 0.0, 0.0], dtype=complex)
+    x = np.array([1e-3, 1e-3, 1e-3, 0.0, 0.0], dtype=complex)
     integral = derivative = last = 0.0j
     sent = [0.0j] * (back + 2)
     size = np.empty(ticks)
     for k in range(ticks):
-        error = -x[0] if case.plant.lag else -x[1]
+        error = -x[_read(case)]
         integral += ki * T * error
         derivative = (tf * derivative + error - last) / (tf + T)
         last = error
         sent = [factor * (kp * error + integral + kd * derivative), *sent[:-1]]
         x = states @ x + volts[:, 0] * sent[back + 1] + volts[:, 1] * sent[back]
-        size[k] = abs(x[1]) + 1e-2 * abs(x[2])
+        size[k] = abs(x[2]) + 1e-2 * abs(x[3])
     quarter = ticks // 4
     return float(size[-quarter:].max() / size[quarter : 2 * quarter].max())
 
@@ -158,17 +166,17 @@ def test_a_plant_that_falls_over_needs_a_least_gain() -> None:
     assert margins(Gains(0.9, 0.0, 0.0), plant, Ecu()).gain_db < 0.0
 
 
-@pytest.mark.parametrize("name", ["part of a tick late", "late and slow to see"])
+@pytest.mark.parametrize("name", ["part of a tick late", "late and slow to see", "filtered", "filtered twice"])
 def test_the_response_is_the_loop_run_tick_by_tick(name: str) -> None:
     case = CASES[name]
     setpoint = trapezoid(lead=0.05)
     wanted = setpoint.at(setpoint.instants(case.ecu.period)) - setpoint.shares[0]
     states, volts, back = ticked_plant(case)
     (kp, ki, kd), (T, tf) = case.gains, (case.ecu.period, case.ecu.filter)
-    x, integral, derivative, last, sent, y = np.zeros(4), 0.0, 0.0, 0.0, [0.0] * (back + 2), []
+    x, integral, derivative, last, sent, y = np.zeros(5), 0.0, 0.0, 0.0, [0.0] * (back + 2), []
     for r in wanted:
-        y.append(x[0])
-        error = r - x[0]
+        y.append(x[_read(case)])
+        error = r - x[_read(case)]
         integral += ki * T * error
         derivative, last = (tf * derivative + error - last) / (tf + T), error
         sent = [kp * error + integral + kd * derivative, *sent[:-1]]

@@ -66,9 +66,10 @@ def test_a_missed_requirement_costs_more_than_any_tracking_error() -> None:
     excess = np.zeros((20, 3))
     excess[:1, 1], excess[:2, 2] = 0.1, 0.1
     scores = Scores(np.array([9.0, 5.0, 1.0]), excess)
-    # 95 % of twenty draws: the quantile lies between the largest two
-    assert scores.missed == pytest.approx([0.0, 0.1 * 0.05, 0.1])
-    assert scores.cost == pytest.approx([9.0, 5.0 * (2.0 + 50.0 * 0.005), 1.0 * (2.0 + 50.0 * 0.1)])
+    # 95 % of twenty draws: the quantile lies between the largest two, so that one is too many
+    missed = np.log(1.1) / 20.0 * np.arange(3)
+    assert scores.missed == pytest.approx(missed)
+    assert scores.cost == pytest.approx([9.0, 5.0 * (2.0 + 50.0 * missed[1]), 1.0 * (2.0 + 50.0 * missed[2])])
     assert Scores(scores.rmse, excess, OptimumSettings(certain=0.9)).missed[1] == 0.0
     lost = Scores(np.array([np.nan, 1.0]), np.array([[0.0, np.nan]]))
     assert (lost.cost >= 1e3).all()

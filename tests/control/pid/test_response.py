@@ -75,5 +75,5 @@ def test_a_setpoint_runs_through_its_corners() -> None:
     setpoint = trapezoid(cycles=2)
     assert setpoint.duration == pytest.approx(2.5)
     assert setpoint.at([0.2, 0.55, 0.8, 1.05, 1.3]) == pytest.approx([0.05, 0.25, 0.45, 0.25, 0.05])
-    assert setpoint.levels[1] == Level(1.0, 1.5, 0.45, 0.05)
+    assert setpoint.levels[1] == Level(1.0, 1.5, 0.45, 0.05, "trapezoid")
     assert isinstance(setpoint, Setpoint)
