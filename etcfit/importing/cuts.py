@@ -1,0 +1,92 @@
+"""Where one recording holds several traces: the clock begins anew or pauses, the rig rests, the plate is let go."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from . import shapes
+from .record import Record, let_go
+
+_PAUSE, _PAUSE_S = 50.0, 0.2  # times the usual step, and seconds, without a sample
+_REST_S, _QUIET = 1.0, 0.03  # s at less than this part of the largest drive
+_SHORTEST_S = 0.3  # of a piece between two rests
+_BACK = 0.5  # of the time gone by, that a clock must fall back to have begun anew
+_FEWEST = 10  # samples of a trace
+
+
+def cut(record: Record) -> list[Record]:
+    """The traces that a record holds, in order; itself alone where it holds one."""
+    pieces = [part for piece in _by_clock(record) for part in _by_pause(piece)]
+    return [part for piece in pieces for part in (_by_release(piece) if let_go(piece) else _by_rest(piece))]
+
+
+def _by_clock(record: Record) -> list[Record]:
+    """Several runs, one below the other."""
+    time, first, starts = record.time, 0, [0]
+    for k in np.flatnonzero(np.diff(time) <= 0.0) + 1:
+        if time[k - 1] - time[k] > _BACK * (time[k - 1] - time[first]):
+            first = int(k)
+            starts.append(first)
+    return _pieces(record, starts, "its clock begins anew")
+
+
+def _by_pause(record: Record) -> list[Record]:
+    steps = np.diff(record.time)
+    if steps.size < _FEWEST:
+        return [record]
+    pauses = np.flatnonzero(steps > max(_PAUSE * float(np.median(steps)), _PAUSE_S)) + 1
+    return _pieces(record, [0, *map(int, pauses)], "a pause without samples")
+
+
+def _pieces(record: Record, starts: list[int], why: str) -> list[Record]:
+    if len(starts) == 1:
+        return [record]
+    ends = [*starts[1:], record.time.size]
+    return [record.within(slice(a, b), why) for a, b in zip(starts, ends, strict=True) if b - a >= _FEWEST]
+
+
+def _by_rest(record: Record) -> list[Record]:
+    """A driven plate that stood still with nothing on for a second or more: half of the rest to each neighbour."""
+    signals, time = record.signals, record.time
+    drive = record.drive(signals)
+    if drive is None or record.plate(signals) is None or "setpoint" in signals or time.size < _FEWEST:
+        return [record]
+    level = np.abs(shapes.smooth(drive, 5))
+    quiet = level < max(_QUIET * float(np.max(level)), 4.0 * shapes.noise(drive))
+    rests = [(a, b) for a, b in shapes.runs(quiet) if time[b - 1] - time[a] > _REST_S and a > 0 and b < time.size]
+    starts = [0, *((a + b) // 2 for a, b in rests)]
+    ends = [*starts[1:], time.size]
+    if len(starts) == 1 or any(time[b - 1] - time[a] < _SHORTEST_S for a, b in zip(starts, ends, strict=True)):
+        return [record]
+    return _pieces(record, starts, "the rig rests at 0 V between them")
+
+
+def _by_release(record: Record) -> list[Record]:
+    """Each fall of the plate alone, from a while before it until somebody lifts the plate again."""
+    signals = record.signals
+    plate = record.plate(signals)
+    if plate is None:
+        return [record]
+    level = plate if _falls_first(plate) else -plate
+    falls = shapes.falls(level)
+    if len(falls) < 2:
+        return [record]
+    level = shapes.smooth(level, 5)
+    bottom, size = float(np.min(level)), shapes.span(level)
+    out = []
+    for k, (high, low) in enumerate(falls):
+        after = falls[k - 1][1] if k else 0
+        before = falls[k + 1][0] if k + 1 < len(falls) else level.size
+        held = level[after:high] > bottom + 0.9 * size
+        start = after + (int(np.flatnonzero(~held)[-1]) + 1 if (~held).any() else 0)
+        lifted = np.flatnonzero(level[low:before] > np.minimum.accumulate(level[low:before]) + 0.08 * size)
+        stop = low + (int(lifted[0]) - max(2, int(lifted[0]) // 10) if k + 1 < len(falls) and lifted.size else
+                      before - low)  # fmt: skip
+        out.append(record.within(slice(start, stop), "the plate is let go several times; lifting it is left out"))
+    return [piece for piece in out if piece.time.size >= _FEWEST]
+
+
+def _falls_first(plate: np.ndarray) -> bool:
+    """True where the plate's larger reading is the open one: it is held there before its first quick move."""
+    ends = max(1, plate.size // 50)
+    return bool(np.mean(plate[:ends]) > np.mean(plate[-ends:]))

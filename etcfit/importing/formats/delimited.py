@@ -1,0 +1,71 @@
+"""Text with any lines above its header: PicoScope, Saleae, NI, MoTeC, spreadsheets of any country.
+
+    Zeit;Kanal A;Kanal B          names
+    (ms);(V);(mV)                 units in a row of their own, or within the names, or nowhere
+                                  blank lines anywhere
+    0,00;1,25;48,8                comma, semicolon or tab; decimal point or comma
+
+Source: files as PicoScope 6 and Saleae Logic 2 export them (their help pages). Differs from source: no.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from ..labels import column, is_unit, spelled
+from ..sheet import Column, Sheet
+from .rows import Body, cells_of, find_body, is_number, read_body
+
+
+def begins(text: str) -> bool:
+    """Every text may be one."""
+    return True
+
+
+def read(text: str, where: str) -> list[Sheet]:
+    """Its one sheet.
+
+    Raises:
+        MeasurementError: no rows of numbers, or something else among them.
+    """
+    lines = [line if not line.lstrip().startswith("#") else "" for line in text.split("\n")]
+    body = find_body(lines, where)
+    cells, remarks = read_body(lines, body, where)
+    names, units = header_above(lines, body)
+    return [Sheet(where, "", labelled(names, units, cells), remarks)]
+
+
+def labelled(names: Sequence[str], units: Sequence[str], cells: np.ndarray) -> tuple[Column, ...]:
+    """A column for each name; those without name and number, which a trailing separator makes, left out."""
+    there = [k for k in range(cells.shape[1]) if names[k] or np.isfinite(cells[:, k]).any()]
+    return tuple(column(names[k] or f"column {k + 1}", cells[:, k], units[k]) for k in there)
+
+
+def header_above(lines: Sequence[str], body: Body) -> tuple[list[str], list[str]]:
+    """Names and units of the columns; "" where there are none."""
+    above = [cells_of(line, body.separator) for line in lines[: body.first] if line.strip()]
+    above = [_padded(cells, body.width) for cells in above if _may_name(cells, body.width)]
+    empty = [""] * body.width
+    if not above:
+        return empty, empty
+    if len(above) > 1 and _are_units(above[-1]):
+        return above[-2], above[-1]
+    return above[-1], empty
+
+
+def _may_name(cells: Sequence[str], width: int) -> bool:
+    """As many cells as a row has, but for empty ones at its end, and no number."""
+    named = len("\0".join(cells).rstrip("\0").split("\0"))
+    return named > width // 2 and len(cells) <= width + 1 and not any(is_number(cell) for cell in cells)
+
+
+def _padded(cells: Sequence[str], width: int) -> list[str]:
+    return [*cells, *[""] * width][:width]
+
+
+def _are_units(cells: Sequence[str]) -> bool:
+    """Most of them units, and none a bare name."""
+    filled = [cell for cell in cells if cell.strip("[]() ")]
+    return bool(filled) and sum(is_unit(spelled(cell)) for cell in filled) >= max(1, len(filled) - 1)
