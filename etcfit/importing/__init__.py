@@ -17,7 +17,7 @@ from .draft import Draft, drafted
 from .folder import read_back, texts
 from .formats import read_sheets
 from .formats.base import Source
-from .together import merged
+from .together import merged, with_common_peaks
 
 _BUS = ".dbc"
 
@@ -44,7 +44,6 @@ def import_files(
     resolve: Resolve,
     *,
     rig: Path | None = None,
-    version: str = "",
     report: Callable[[str, float], None] = lambda stage, done: None,
 ) -> Imported:
     """Foreign files as a measurement folder, written whole or not at all.
@@ -55,7 +54,6 @@ def import_files(
         answers: what the user said.
         resolve: what to do about guesses in doubt: take them, ask, or refuse.
         rig: a rig.toml to take over; without it a short one is written.
-        version: of this program, for the comments.
         report: is told what is being done, and the fraction of it that is.
     Raises:
         UsageError: `to` holds something already, or an answer names a column that no file has.
@@ -72,7 +70,7 @@ def import_files(
     for k, file in enumerate(recordings):
         report(f"reading {file.name}", 0.8 * k / len(recordings))
         sheets += read_sheets(Source(file, str(file), buses))
-    sheets = merged(sheets)
+    sheets = with_common_peaks(merged(sheets))
     answers.refuse_unused(sheets)
     report("guessing what they show", 0.8)
     draft = drafted(sheets, answers, known)
@@ -81,7 +79,7 @@ def import_files(
         draft = drafted(sheets, answers, known)
     report("reading it back", 0.9)
     digests = {str(file): digest(file) for file in files}
-    written = texts(draft, to.absolute().name, digests, given, version)
+    written = texts(draft, to.absolute().name, digests, given)
     rig_read = read_back(draft, written, to)
     return Imported(write_folder(to, written), _told(draft), rig_read.warnings)
 

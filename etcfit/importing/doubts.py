@@ -6,7 +6,7 @@ import abc
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
-from ..errors import MeasurementError
+from ..errors import MeasurementError, UsageError
 from ..rig.reader import KNOWN_TESTS
 from .answers import Answers, parsed, target
 
@@ -35,6 +35,21 @@ class AbstractDoubt(abc.ABC):
     def mend(self) -> str:
         """The option that settles it."""
 
+    @property
+    @abc.abstractmethod
+    def choices(self) -> str:
+        """What an answer may be, in a few words."""
+
+    def accepted(self, answers: Answers) -> Answers:
+        """The answers with this guess taken.
+
+        Raises:
+            UsageError: there is none.
+        """
+        if not self.taken:
+            raise UsageError(f"{self.where}: there is no guess to take. Name {self.choices}.")
+        return answers.accepting([self.key])
+
     @abc.abstractmethod
     def answered(self, text: str, answers: Answers) -> Answers:
         """The answers with this one.
@@ -60,6 +75,10 @@ class ColumnDoubt(AbstractDoubt):
         wanted = "position [deg]" if self.taken == "left out" else self.taken
         return f"--column '{self.label}={wanted}'"
 
+    @property
+    def choices(self) -> str:
+        return "QUANTITY [UNIT], or ignore"
+
     def answered(self, text: str, answers: Answers) -> Answers:
         return answers.with_column(self.file, self.label, target(text, self.where))
 
@@ -77,7 +96,11 @@ class TestDoubt(AbstractDoubt):
 
     @property
     def mend(self) -> str:
-        return f"--test '{self.file}={self.taken if self.taken in KNOWN_TESTS else 'response'}'"
+        return f"--test '{self.file}={self.taken or 'response'}'"
+
+    @property
+    def choices(self) -> str:
+        return f"one of {', '.join(KNOWN_TESTS)}"
 
     def answered(self, text: str, answers: Answers) -> Answers:
         said = parsed([], [f"{self.file}={text}"], [self.file])
@@ -92,12 +115,12 @@ class RigDoubt(AbstractDoubt):
     def mend(self) -> str:
         return "--rig RIG.TOML, a rig.toml that says it (make one with `etcfit new`)"
 
-    def answered(self, text: str, answers: Answers) -> Answers:
-        raise self.refused()
+    @property
+    def choices(self) -> str:
+        return "Enter takes it, anything else stops"
 
-    def refused(self) -> MeasurementError:
-        """That this guess was not taken."""
-        return refused([self])
+    def answered(self, text: str, answers: Answers) -> Answers:
+        raise refused([self])
 
 
 Resolve = Callable[[Sequence[AbstractDoubt], Answers], Answers]
@@ -109,7 +132,7 @@ def accept_all(doubts: Sequence[AbstractDoubt], answers: Answers) -> Answers:
     Raises:
         MeasurementError: there is one.
     """
-    if without := [doubt for doubt in doubts if isinstance(doubt, TestDoubt) and doubt.taken not in KNOWN_TESTS]:
+    if without := [doubt for doubt in doubts if not doubt.taken]:
         raise refused(without)
     return answers.accepting(doubt.key for doubt in doubts)
 

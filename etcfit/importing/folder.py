@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
+from .. import __version__
 from ..errors import MeasurementError
 from ..rig.base import Rig
 from ..rig.checks import refuse
@@ -23,7 +24,7 @@ from .take import LEFT_OUT, Take
 _DIGITS = "%.15g"  # of a cell: as many as a float64 surely has
 
 
-def texts(draft: Draft, name: str, digests: Mapping[str, str], given: str, version: str) -> dict[str, str]:
+def texts(draft: Draft, name: str, digests: Mapping[str, str], given: str) -> dict[str, str]:
     """Path inside the folder -> text.
 
     Args:
@@ -31,9 +32,8 @@ def texts(draft: Draft, name: str, digests: Mapping[str, str], given: str, versi
         name: of the rig.
         digests: file -> SHA-256.
         given: text of a rig.toml that was given; "" where there is none.
-        version: of this program.
     """
-    head = _comment("\n".join(_story(draft, digests, version)))
+    head = _comment("\n".join(_story(draft, digests)))
     body = given if given.strip() else _rig_toml(draft, name)
     return {"rig.toml": f"{head}\n\n{body}", **{trace.file: _csv(trace) for trace in draft.traces}}
 
@@ -115,10 +115,10 @@ def _rig_toml(draft: Draft, name: str) -> str:
     return "\n".join([*lines, ""])
 
 
-def _story(draft: Draft, digests: Mapping[str, str], version: str) -> list[str]:
+def _story(draft: Draft, digests: Mapping[str, str]) -> list[str]:
     """Every guess with its reason, by file."""
     lines = [
-        f"Written by etcfit import {version}. What was guessed stands below, each with its reason.",
+        f"Written by etcfit import {__version__}. What was guessed stands below, each with its reason.",
         "Correct a unit or a sign in a CSV's header, a rig test by moving the CSV to that test's folder.",
     ]
     for file, digest in digests.items():

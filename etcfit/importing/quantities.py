@@ -73,7 +73,7 @@ def _as_said(column: Column, said: Target, sheet: Sheet) -> Take:
         return Take(column, said.quantity, column.unit, "said so, in the file's unit")
     if column.unit:
         raise _contradiction(sheet, column, said.quantity, "said to be")
-    quantity, unit, sure = unit_by_range(said.quantity, column.values)
+    quantity, unit, sure = unit_by_range(said.quantity, column.peak)
     if quantity != said.quantity:
         quantity, unit, sure = said.quantity, _plain_unit(said.quantity), False
     return Take(column, quantity, unit, f"said so; no unit: by its range in {unit}", sure)
@@ -94,7 +94,7 @@ def _in_our_words(column: Column) -> Take | None:
 def _by_name(column: Column, named: str, sheet: Sheet) -> Take | None:
     """As the name says, in the file's unit or in that which the range tells."""
     if not column.unit:
-        quantity, unit, sure = unit_by_range(named, column.values)
+        quantity, unit, sure = unit_by_range(named, column.peak)
         return Take(column, quantity, unit, f"by its name; no unit: by its range in {unit}", sure)
     for quantity in (named, *(_PLATE if named in _PLATE else ())):
         if fits(quantity, column.unit):
@@ -222,7 +222,7 @@ def _like_a_sensor(column: Column) -> bool:
 def _volts(column: Column, quantity: str, reason: str, sure: bool) -> Take:
     if column.unit:
         return Take(column, quantity, column.unit, reason, sure)
-    guessed, unit, plain = unit_by_range(quantity, column.values)
+    guessed, unit, plain = unit_by_range(quantity, column.peak)
     unit = unit if guessed == quantity else "V"
     return Take(column, quantity, unit, f"{reason}; no unit: by its range in {unit}", sure and plain)
 

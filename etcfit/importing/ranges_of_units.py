@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-import numpy as np
-
 
 class UnitGuess(NamedTuple):
     """A quantity with its unit; `tps` may have become `position`, or the other way round."""
@@ -46,14 +44,12 @@ _RANGES: dict[str, tuple[_Range, ...]] = {
 }  # fmt: skip
 
 
-def unit_by_range(quantity: str, values: np.ndarray) -> UnitGuess:
+def unit_by_range(quantity: str, peak: float) -> UnitGuess:
     """The unit in which these numbers would be a rig's.
 
     Args:
         quantity: by its name.
-        values: shape (n,).
+        peak: largest magnitude.
     """
-    finite = values[np.isfinite(values)]
-    peak = float(np.quantile(np.abs(finite), 0.999)) if finite.size else 0.0
     found = next(each for each in _RANGES[quantity] if peak <= each.up_to)
     return UnitGuess(found.quantity, found.unit, found.sure)

@@ -5,6 +5,8 @@ from __future__ import annotations
 import re
 from typing import NamedTuple
 
+import numpy as np
+
 from . import shapes
 from .record import Record, let_go
 
@@ -28,6 +30,7 @@ _NAMES = (
     ("response", r"respon|chirp|sweep|multisine|prbs|step|sprung"),
 )
 _RESOLVED = 3  # samples on the way of a rise, from which its time constant can be read
+_STILL = 0.05  # of a voltage that counts as one level
 _LONG = 60.0  # s of a setpoint that is no bench's
 
 
@@ -112,7 +115,7 @@ def _moves(record: Record) -> bool:
     assert drive is not None
     samples = max(1, drive.size // 100)
     volts, amperes = (shapes.smooth(each, samples) for each in (drive, signals["current"]))
-    still = shapes.span(volts) < 4.0 * shapes.noise(drive)
+    still = shapes.span(volts) < max(4.0 * shapes.noise(drive), _STILL * float(np.max(np.abs(volts))))
     return not still and shapes.explained(amperes, volts) < 0.9
 
 

@@ -19,6 +19,7 @@ class Column:
         unit: as the file gives it; "" where it gives none.
         values: in that unit, shape (n,); NaN where the file has no value.
         quantity: where the format itself says it (a scope's time base); "" elsewhere.
+        largest: reading of all columns with this label, in any file: one instrument has one unit; NaN if only this one.
     """
 
     label: str
@@ -26,6 +27,14 @@ class Column:
     unit: str
     values: np.ndarray
     quantity: str = ""
+    largest: float = float("nan")
+
+    @property
+    def peak(self) -> float:
+        """Largest magnitude, spikes aside, of this column and of its like."""
+        finite = self.values[np.isfinite(self.values)]
+        own = float(np.quantile(np.abs(finite), 0.999)) if finite.size else 0.0
+        return max(own, self.largest) if np.isfinite(self.largest) else own
 
 
 @dataclass(frozen=True, eq=False)

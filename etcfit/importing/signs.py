@@ -51,9 +51,12 @@ def _turned_by(records: Sequence[Record], vote_of: Callable[[Record], Vote | Non
 
 
 def _turn(record: Record, votes: Sequence[Vote | None], own: Vote | None) -> Record:
-    """By its own vote where that is clear, else by the clearest of the same column elsewhere."""
+    """By its own vote where that is clear, else by the clearest of the same column elsewhere.
+
+    A plate that is driven fast runs behind its voltage: its own record says little where a slow one is at hand.
+    """
     same = [v for v in votes if v is not None and abs(v.strength) > _CLEAR]
-    if own is None or abs(own.strength) <= _CLEAR:
+    if own is None or abs(own.strength) <= _CLEAR or own.quantity == "position":
         labels = {(take.quantity, take.column.label) for take in record.takes}
         heard = [v for v in same if (v.quantity, v.label) in labels]
         own = max(heard, key=lambda v: abs(v.strength), default=None)

@@ -1,9 +1,13 @@
-"""Scopes that save each channel in a file of its own: F0001CH1.CSV and F0001CH2.CSV are one recording."""
+"""What files have in common: one recording in several files, one instrument in several recordings.
+
+A scope may save each channel in a file of its own: F0001CH1.CSV and F0001CH2.CSV are one recording.
+"""
 
 from __future__ import annotations
 
 import re
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -30,3 +34,14 @@ def _beside(first: Sheet, other: Sheet) -> Sheet:
     more = tuple(column for column in other.columns if column.quantity != TIME)
     remark = f"{other.file} has the same times: another channel of the recording"
     return Sheet(first.file, first.part, (*first.columns, *more), (*first.remarks, *other.remarks, remark))
+
+
+def with_common_peaks(sheets: Sequence[Sheet]) -> list[Sheet]:
+    """The sheets, each column knowing the largest reading under its label, by which its unit is guessed."""
+    largest: dict[str, float] = {}
+    for column in (column for sheet in sheets for column in sheet.columns):
+        largest[column.label] = max(column.peak, largest.get(column.label, 0.0))
+    return [
+        replace(sheet, columns=tuple(replace(column, largest=largest[column.label]) for column in sheet.columns))
+        for sheet in sheets
+    ]

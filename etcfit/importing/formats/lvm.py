@@ -80,10 +80,11 @@ def _segment(
     units = header.get("Y_Unit_Label", [])
     shown = [k for k, name in enumerate(names) if name and not name.startswith(("X_Value", "Comment"))]
     groups: dict[bytes, tuple[np.ndarray, list[Column]]] = {}
-    for channel, k in enumerate(shown):
+    for k in shown:
         filled = np.isfinite(columns[k])
-        x = columns[_time_of(k, names)] if times.casefold() != "no" else _counted(header, channel, len(cells), mark)
-        made = column(names[k], columns[k][filled], units[channel] if channel < len(units) else "")
+        # the first cell of a setting is its name, that of a row the time: both count from the same cell
+        x = columns[_time_of(k, names)] if times.casefold() != "no" else _counted(header, k - 1, len(cells), mark)
+        made = column(names[k], columns[k][filled], units[k - 1] if k - 1 < len(units) else "")
         groups.setdefault(x[filled].tobytes(), (x[filled], []))[1].append(made)
     several = len(groups) > 1
     return [

@@ -22,14 +22,15 @@ _TICK = 6  # decimals of a second: instants nearer than a microsecond are one
 def _read(source: Source) -> list[Sheet]:
     asammdf = library("asammdf", source.where)
     try:
-        with asammdf.MDF(source.path) as mdf:
-            signals = _signals(mdf)
-            if source.buses:
-                databases = {"CAN": [(str(path), 0) for path in source.buses]}
-                with mdf.extract_bus_logging(databases) as decoded:
-                    signals = [*_decoded_only(signals), *_signals(decoded)]
+        mdf = asammdf.MDF(source.path)
     except Exception as err:  # its parser raises whatever it meets in a damaged file
         raise unreadable(source.where, "it cannot be read", _KIND, err) from err
+    with mdf:
+        signals = _signals(mdf)
+        if source.buses:
+            databases = {"CAN": [(str(path), 0) for path in source.buses]}
+            with mdf.extract_bus_logging(databases) as decoded:
+                signals = [*_decoded_only(signals), *_signals(decoded)]
     together = _united(signals)
     return [] if together is None else [Sheet(source.where, "", together)]
 
@@ -43,7 +44,7 @@ def _signals(mdf: Any) -> list[Any]:
         for index, _ in enumerate(mdf.groups[group].channels):
             if index == mdf.masters_db.get(group):
                 continue
-            signal = mdf.get(group=group, index=index, ignore_value2text_conversions=True)
+            signal = mdf.get(group=group, index=index)
             if signal.samples.ndim == 1 and signal.samples.dtype.kind in "iuf" and len(signal.timestamps):
                 found.append(signal)
     return found
