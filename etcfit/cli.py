@@ -427,7 +427,8 @@ def _asked(doubts: Sequence[Any], answers: Any) -> Any:
     for doubt in doubts:
         typer.echo(f"{doubt.where}\n  {doubt.reason}", err=True)
         while True:
-            text = typer.prompt(f"  {doubt.choices}", default=doubt.taken, err=True).strip()
+            typer.echo(f"  {doubt.choices} [{doubt.taken}]: ", err=True, nl=False)
+            text = sys.stdin.readline().strip() or doubt.taken
             try:
                 answers = doubt.accepted(answers) if text == doubt.taken else doubt.answered(text, answers)
                 break

@@ -35,9 +35,9 @@ def rigol_ds1000z(path: Path, columns: Columns) -> Path:
     """Samples by number, start and increment beside the header."""
     time = next(iter(columns.values()))[1]
     channels = list(columns.items())[1:]
-    units = {"V": "Volt", "A": "Amp"}
-    head = [f"X,{','.join(name for name, _ in channels)},Start,Increment,",
-            f"Sequence,{','.join(units[unit] for _, (unit, _) in channels)},{time[0]:e},{time[1] - time[0]:e}"]  # fmt: skip
+    names = ",".join(name for name, _ in channels)
+    units = ",".join({"V": "Volt", "A": "Amp"}[unit] for _, (unit, _) in channels)
+    head = [f"X,{names},Start,Increment,", f"Sequence,{units},{time[0]:e},{time[1] - time[0]:e}"]
     rows = [f"{k},{','.join(f'{x:.6e}' for x in row[1:])}," for k, row in enumerate(_rows(columns))]
     path.write_text("\n".join([*head, *rows, ""]), encoding="ascii")
     return path
@@ -134,7 +134,8 @@ def bus_log(path: Path, dbc: Path, columns: Columns) -> Path:
     import cantools.database
 
     channels = list(columns.items())[1:]
-    lines = [f' SG_ {name} : {16 * k}|16@1- (0.001,0) [0|0] "{unit}" ECU' for k, (name, (unit, _)) in enumerate(channels)]
+    places = [(f"{16 * k}|16@1-", name, unit) for k, (name, (unit, _)) in enumerate(channels)]
+    lines = [f' SG_ {name} : {place} (0.001,0) [0|0] "{unit}" ECU' for place, name, unit in places]
     dbc.write_text("\n".join(['VERSION ""', "", "BS_:", "", "BU_: ECU", "", "BO_ 291 Throttle: 8 ECU", *lines, ""]))
     message = cantools.database.load_file(str(dbc)).get_message_by_name("Throttle")
     time = next(iter(columns.values()))[1]

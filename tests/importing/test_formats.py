@@ -65,7 +65,9 @@ def test_rigol(tmp_path: Path, write) -> None:
 
 def test_rigol_leaves_out_logic_channels(tmp_path: Path) -> None:
     path = tmp_path / "a.csv"
-    path.write_text("X,CH1,D7-D0,Start,Increment,\nSequence,Volt,,-1.0e-03,2.0e-06\n0,4.0e-02,0x00,\n1,-1.2e-01,0x01,\n")
+    path.write_text(
+        "X,CH1,D7-D0,Start,Increment,\nSequence,Volt,,-1.0e-03,2.0e-06\n0,4.0e-02,0x00,\n1,-1.2e-01,0x01,\n"
+    )
     (sheet,) = read(path)
     assert [column.label for column in sheet.columns] == ["time", "CH1"]
     assert sheet.columns[0].values == pytest.approx([-1e-3, -0.998e-3])
