@@ -11,6 +11,7 @@ _PAUSE, _PAUSE_S = 50.0, 0.2  # times the usual step, and seconds, without a sam
 _REST_S, _QUIET = 1.0, 0.03  # s at less than this part of the largest drive
 _SHORTEST_S = 0.3  # of a piece between two rests
 _BACK = 0.5  # of the time gone by, that a clock must fall back to have begun anew
+_LEVEL = 0.02  # of the range: a plate that moves less stands
 _FEWEST = 10  # samples of a trace
 
 
@@ -72,18 +73,30 @@ def _by_release(record: Record) -> list[Record]:
     if len(falls) < 2:
         return [record]
     level = shapes.smooth(level, 5)
-    bottom, size = float(np.min(level)), shapes.span(level)
-    out = []
-    for k, (high, low) in enumerate(falls):
-        after = falls[k - 1][1] if k else 0
-        before = falls[k + 1][0] if k + 1 < len(falls) else level.size
-        held = level[after:high] > bottom + 0.9 * size
-        start = after + (int(np.flatnonzero(~held)[-1]) + 1 if (~held).any() else 0)
-        lifted = np.flatnonzero(level[low:before] > np.minimum.accumulate(level[low:before]) + 0.08 * size)
-        stop = low + (int(lifted[0]) - max(2, int(lifted[0]) // 10) if k + 1 < len(falls) and lifted.size else
-                      before - low)  # fmt: skip
-        out.append(record.within(slice(start, stop), "the plate is let go several times; lifting it is left out"))
-    return [piece for piece in out if piece.time.size >= _FEWEST]
+    ends = [*(high for high, _ in falls[1:]), level.size]
+    starts = [0, *(low for _, low in falls[:-1])]
+    kept = [(_held_since(level, after, high), _until_lifted(level, low, before))
+            for (high, low), after, before in zip(falls, starts, ends, strict=True)]  # fmt: skip
+    why = "the plate is let go several times; lifting it is left out"
+    return [record.within(slice(a, b), why) for a, b in kept if b - a >= _FEWEST]
+
+
+def _held_since(level: np.ndarray, after: int, high: int) -> int:
+    """The row from which the plate stood where it was let go."""
+    size = shapes.span(level)
+    stood = after + int(np.flatnonzero(level[after : high + 1] > np.max(level[after : high + 1]) - _LEVEL * size)[-1])
+    away = np.flatnonzero(np.abs(level[after:stood] - level[stood]) > 1.5 * _LEVEL * size)
+    return after + int(away[-1]) + 1 if away.size else after
+
+
+def _until_lifted(level: np.ndarray, low: int, before: int) -> int:
+    """The row before which the plate, once down, is not lifted yet."""
+    rest = level[low:before]
+    lifted = np.flatnonzero(rest > np.minimum.accumulate(rest) + 3.0 * _LEVEL * shapes.span(level))
+    if not lifted.size:
+        return before
+    still = np.flatnonzero(rest[: lifted[0]] < np.min(rest[: lifted[0] + 1]) + _LEVEL * shapes.span(level))
+    return low + int(still[-1]) + 1
 
 
 def _falls_first(plate: np.ndarray) -> bool:

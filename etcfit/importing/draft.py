@@ -105,22 +105,28 @@ def _useful(sheet: Sheet, answers: Answers) -> list[Take]:
 
 
 def _traces(records: Sequence[Record], answers: Answers) -> tuple[list[Trace], list[AbstractDoubt]]:
-    names: dict[str, int] = {}
-    pieces = {id(record.sheet): sum(r.sheet is record.sheet for r in records) for record in records}
-    traces, doubts = [], []
+    pieces: dict[int, list[Record]] = {}
     for record in records:
-        file = record.sheet.file
-        said = answers.test_of(file)
-        shown = rig_test_of(record)
-        test, reason = (said, "said so") if said else (shown.test, shown.reason)
-        if not said and not (shown.sure and test):
-            doubts.append(TestDoubt(record.sheet.where, test, reason, file))
-        name = f"{test or 'unknown'}/{_slug(record.sheet)}"
-        names[name] = count = names.get(name, 0) + 1
-        several = pieces[id(record.sheet)] > 1
-        name = f"{name}_{count}" if several or count > 1 else name
-        traces.append(Trace(record, f"{name}.csv", f"{reason}; {record.cut}" if record.cut else reason))
+        pieces.setdefault(id(record.sheet), []).append(record)
+    traces, doubts = [], []
+    for parts in pieces.values():
+        for k, record in enumerate(parts, start=1):
+            said, shown = answers.test_of(record.sheet.file), rig_test_of(record)
+            test, reason = (said, "said so") if said else (shown.test, shown.reason)
+            if not said and not (shown.sure and test):
+                doubts.append(TestDoubt(record.sheet.where, test, reason, record.sheet.file))
+            name = _free(f"{test or 'unknown'}/{_slug(record.sheet)}{f'_{k}' if len(parts) > 1 else ''}", traces)
+            traces.append(Trace(record, name, f"{reason}; {record.cut}" if record.cut else reason))
     return traces, doubts
+
+
+def _free(name: str, traces: Sequence[Trace]) -> str:
+    """A file name that no trace has: two folders may hold a scope.csv each."""
+    taken, number, free = {trace.file for trace in traces}, 1, f"{name}.csv"
+    while free in taken:
+        number += 1
+        free = f"{name}_{number}.csv"
+    return free
 
 
 def _slug(sheet: Sheet) -> str:

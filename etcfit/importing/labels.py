@@ -16,7 +16,7 @@ from .sheet import Column
 _BRACKETS = re.compile(r"(?P<name>.*?)\s*[\[(]\s*(?P<unit>[^\[\]()]*?)\s*[\])]\s*")
 _PARTED = re.compile(r"(?P<name>.+?)(?:\s+in\s+|\s*/\s*|,\s+)(?P<unit>[^\s/]+(?:/[^\s/]+)?)")
 _SUFFIXES = ("us", "ms", "s", "mV", "V", "mA", "A", "deg", "rad", "pct", "rpm", "rad_s", "Nm", "degC")
-_SUFFIXED = re.compile(rf"(?P<name>.+)_(?P<unit>{'|'.join(_SUFFIXES)})")
+_SUFFIXED = re.compile(rf"(?P<name>.+?)_(?P<unit>{'|'.join(_SUFFIXES)})")
 _SCOPE = re.compile(r"(?P<name>CH\d)(?P<unit>[VA])")
 _FORMS = (_BRACKETS, _PARTED, _SUFFIXED, _SCOPE)
 _SLUGS = {"rad_s": "rad/s"}

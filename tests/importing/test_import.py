@@ -296,6 +296,7 @@ def test_an_option_that_is_none_is_a_mistake_of_usage(
     assert message in " ".join(done.stderr.split())
 
 
+@pytest.mark.slow  # a process of its own, seconds until it has imported all
 def test_on_a_terminal_it_asks_and_enter_takes_the_guess(bench: Path, tmp_path: Path) -> None:
     e = trace(bench, "back_emf/release_1.csv")
     foreign.saleae(tmp_path / "analog.csv", {"Time": ("s", e["time"]), "Channel 0": ("V", e["tps"]),
