@@ -131,13 +131,15 @@ def mdf4(path: Path, columns: Columns, slower: int = 1) -> Path:
 def bus_log(path: Path, dbc: Path, columns: Columns) -> Path:
     """A bus log by python-can, one frame a sample, encoded by cantools after the DBC that is written beside it."""
     import can
-    import cantools.database
+    import cantools.database.can
 
     channels = list(columns.items())[1:]
     places = [(f"{16 * k}|16@1-", name, unit) for k, (name, (unit, _)) in enumerate(channels)]
     lines = [f' SG_ {name} : {place} (0.001,0) [0|0] "{unit}" ECU' for place, name, unit in places]
     dbc.write_text("\n".join(['VERSION ""', "", "BS_:", "", "BU_: ECU", "", "BO_ 291 Throttle: 8 ECU", *lines, ""]))
-    message = cantools.database.load_file(str(dbc)).get_message_by_name("Throttle")
+    database = cantools.database.load_file(str(dbc))
+    assert isinstance(database, cantools.database.can.Database)
+    message = database.get_message_by_name("Throttle")
     time = next(iter(columns.values()))[1]
     with can.MF4Writer(str(path)) as writer:
         for k, t in enumerate(time):

@@ -113,7 +113,7 @@ def _moves(record: Record) -> bool:
     signals = record.signals
     drive = signals.get("voltage", signals.get("duty"))
     assert drive is not None
-    samples = max(1, drive.size // 100)
+    samples = max(1, drive.size // 20)
     volts, amperes = (shapes.smooth(each, samples) for each in (drive, signals["current"]))
     still = shapes.span(volts) < max(4.0 * shapes.noise(drive), _STILL * float(np.max(np.abs(volts))))
     return not still and shapes.explained(amperes, volts) < 0.9
