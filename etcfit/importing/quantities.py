@@ -127,7 +127,7 @@ def _by_unit(column: Column) -> Take | None:
 
 def _by_relation(nameless: Sequence[Column], known: Sequence[Take], time: Take) -> list[Take]:
     """Columns that neither name nor unit tells, by how they follow from each other."""
-    moving = [c for c in nameless if c.unit in ("", "V", "mV") and not is_percent(c.unit) and _varies(c.values)]
+    moving = [c for c in nameless if (c.unit in ("", "V", "mV") or is_percent(c.unit)) and _varies(c.values)]
     still = [c for c in nameless if c not in moving]
     by = {take.quantity: shapes.filled(take.si) for take in known if take.quantity}
     plate = next((by[name] for name in _PLATE if name in by), None)
@@ -137,8 +137,8 @@ def _by_relation(nameless: Sequence[Column], known: Sequence[Take], time: Take) 
         taken = _beside_current(moving, by, plate, time)
         if not moving and not ({"voltage", "duty"} & set(by)) and len(constants) == 1:
             taken = [_volts(constants[0], "voltage", "the only voltage beside a current", True)]
-    elif moving:
-        taken = _without_current(moving, by, plate, time)
+    elif volts := [c for c in moving if not is_percent(c.unit)]:
+        taken = _without_current(volts, by, plate, time)
     done = {id(take.column) for take in taken}
     rest = [c for c in nameless if id(c) not in done]
     return [*taken, *(_unexplained(c, c in still) for c in rest)]
@@ -152,13 +152,17 @@ def _varies(values: np.ndarray) -> bool:
 def _beside_current(
     volts: Sequence[Column], by: dict[str, np.ndarray], plate: np.ndarray | None, time: Take
 ) -> list[Take]:
-    """Voltage is what current follows; the one left within a sensor's range is the sensor."""
+    """Voltage, or duty, is what current follows; the one left within a sensor's range is the sensor."""
     out: list[Take] = []
     rest = list(volts)
     if not {"voltage", "duty"} & set(by) and rest:
-        voltage, sure, told = _what_current_follows(rest, by, plate, time)
-        out.append(_volts(voltage, "voltage", told, sure))
-        rest.remove(voltage)
+        drive, sure, told = _what_current_follows(rest, by, plate, time)
+        if is_percent(drive.unit):
+            out.append(Take(drive, "duty", drive.unit, told, sure))
+        else:
+            out.append(_volts(drive, "voltage", told, sure))
+        rest = [c for c in rest if c is not drive]
+    rest = [c for c in rest if not is_percent(c.unit)]
     if plate is None and (sensors := [c for c in rest if _like_a_sensor(c)]):
         out.append(_volts(sensors[0], "tps", "it stays between 0 and 5 V, beside a current that does not follow it",
                           len(sensors) == 1 and len(rest) == 1))  # fmt: skip
@@ -169,9 +173,13 @@ def _what_current_follows(
     volts: Sequence[Column], by: dict[str, np.ndarray], plate: np.ndarray | None, time: Take
 ) -> tuple[Column, bool, str]:
     """The column, whether that is sure, and the reason."""
-    if len(volts) == 1:
-        return volts[0], True, "the only voltage beside a current"
     current, clock = by["current"], time.si
+    if len(volts) == 1:
+        (only,) = volts
+        values = shapes.filled(only.values)
+        moves = shapes.span(values) > 20.0 * shapes.noise(values) and shapes.explained(current, values) < _FOLLOWS
+        strange = is_percent(only.unit) or (moves and _like_a_sensor(only))
+        return only, not strange, "the only voltage beside a current" + ("; it does not follow it" if moves else "")
     scores = []
     for column in volts:
         own = shapes.filled(column.values)

@@ -16,7 +16,8 @@ from etcfit.importing.sheet import Column, Sheet, time_base
 from etcfit.importing.together import with_common_peaks
 from etcfit.importing.words import quantity_named
 from etcfit.rig.base import CHANNELS
-from independent import draw_truth, make_folder
+from independent import MEDIUM, NONE, Effects, draw_truth, make_folder
+from independent import Bench as Instruments
 
 TWINS = {"back_emf", "inertia"}  # one rig test under two names: only the operator knows which instrument logged it
 TO_SI = {"ms": 1e-3, "s": 1.0}
@@ -67,8 +68,11 @@ def test_every_quantity_of_a_folder_can_be_answered() -> None:
 class Bench:
     """A generator's folder as sheets whose columns have lost their names, or units, or signs."""
 
-    def __init__(self, folder: Path, seed: int, size: str = "small") -> None:
-        make_folder(folder, draw_truth(np.random.default_rng(seed)), seed, size=size)  # type: ignore[arg-type]
+    def __init__(
+        self, folder: Path, seed: int, effects: Effects = NONE, instruments: Instruments | None = None
+    ) -> None:
+        truth = draw_truth(np.random.default_rng(seed))
+        make_folder(folder, truth, seed, effects, size="small", bench=instruments)
         self.rng = np.random.default_rng(seed)
         self.files = sorted(folder.rglob("*.csv"))
 
@@ -123,6 +127,19 @@ def bench(tmp_path_factory: pytest.TempPathFactory) -> Bench:
 @pytest.mark.parametrize("way", WAYS)
 def test_tests_quantities_and_signs_are_found_whatever_was_lost(bench: Bench, way: str) -> None:
     assert mistakes(bench, way) == []
+
+
+def test_a_duty_that_nobody_named_is_what_the_current_follows(tmp_path: Path) -> None:
+    bench = Bench(tmp_path, 200, instruments=Instruments(supply_ohm=0.2))  # a bridge whose duty is logged, no voltage
+    assert {way: mistakes(bench, way) for way in ("named", "nameless", "nameless angle")} == {
+        "named": [], "nameless": [], "nameless angle": []}  # fmt: skip
+
+
+@pytest.mark.parametrize("effect", sorted(MEDIUM))
+@pytest.mark.slow
+def test_and_so_they_are_with_what_the_model_lacks(tmp_path: Path, effect: str) -> None:
+    bench = Bench(tmp_path, 100, MEDIUM[effect])
+    assert {way: found for way in WAYS if (found := mistakes(bench, way))} == {}
 
 
 @pytest.mark.slow
