@@ -401,6 +401,9 @@ def import_(
     test: Annotated[
         list[str] | None, typer.Option(help="FILE=TEST, its rig test; may be repeated.", metavar="TEXT")
     ] = None,
+    period: Annotated[
+        str | None, typer.Option(help="Between samples, for files without a time, as 1ms.", metavar="TIME")
+    ] = None,
     rig: Annotated[
         Path | None,
         typer.Option(help="A rig.toml to take over, as `etcfit new` makes one.", metavar="RIG.TOML", dir_okay=False),
@@ -412,7 +415,8 @@ def import_(
     from .importing.answers import parsed
     from .importing.doubts import accept_all, refuse
 
-    answers = parsed(column or (), test or (), [str(file) for file in files])
+    seconds = None if period is None else _seconds("--period", period)
+    answers = parsed(column or (), test or (), [str(file) for file in files], seconds)
     resolve = accept_all if yes else _asked if sys.stdin.isatty() and sys.stderr.isatty() else refuse
     with _progress(quiet or resolve is _asked) as report:
         done = import_files(files, to, answers, resolve, rig=rig, report=report)

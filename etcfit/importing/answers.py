@@ -40,11 +40,13 @@ class Answers:
         columns: (file or "" for all, label or name of the column) -> what it shall be.
         tests: file -> rig test.
         accepted: keys of doubts whose guess was taken.
+        period: between the samples of a file without a time, s; None where nobody said.
     """
 
     columns: Mapping[tuple[str, str], Target] = field(default_factory=dict)
     tests: Mapping[str, str] = field(default_factory=dict)
     accepted: frozenset[str] = frozenset()
+    period: float | None = None
 
     def of(self, file: str, column: Column) -> Target | None:
         """What was said of this column; of this file before all files."""
@@ -87,20 +89,20 @@ def names_of(file: str) -> tuple[str, ...]:
     return file, Path(file).name, Path(file).stem
 
 
-def parsed(columns: Sequence[str], tests: Sequence[str], files: Sequence[str]) -> Answers:
+def parsed(columns: Sequence[str], tests: Sequence[str], files: Sequence[str], period: float | None = None) -> Answers:
     """The answers that options give.
 
     Args:
         columns: `HEADER=QUANTITY [UNIT]` or `FILE:HEADER=QUANTITY [UNIT]`.
         tests: `FILE=TEST`.
         files: that are imported.
+        period: between the samples of a file without a time, s.
     Raises:
         UsageError: an option of another form, or a file, quantity or test that is none.
     """
     known = {name for file in files for name in names_of(file)}
-    return Answers(
-        dict(_column(text, known) for text in columns), dict(_test(text, known) for text in tests), frozenset()
-    )
+    said = {key: wanted for key, wanted in (_column(text, known) for text in columns)}
+    return Answers(said, dict(_test(text, known) for text in tests), frozenset(), period)
 
 
 def _column(text: str, files: set[str]) -> tuple[tuple[str, str], Target]:

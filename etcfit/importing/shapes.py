@@ -17,8 +17,10 @@ def filled(values: np.ndarray) -> np.ndarray:
 def smooth(values: np.ndarray, samples: int) -> np.ndarray:
     """Mean over so many samples about each, fewer at the ends, shape (n,)."""
     samples = max(1, min(samples, values.size))
-    ones = np.ones(samples)
-    return np.convolve(values, ones, "same") / np.convolve(np.ones(values.size), ones, "same")
+    first = np.arange(values.size) - samples // 2
+    begin, end = np.clip(first, 0, values.size), np.clip(first + samples, 0, values.size)
+    sums = np.concatenate(([0.0], np.cumsum(values)))  # as fast for a wide window as for a narrow one
+    return (sums[end] - sums[begin]) / (end - begin)
 
 
 def slope(values: np.ndarray, time: np.ndarray, part: float = 0.01) -> np.ndarray:

@@ -7,7 +7,7 @@ import numpy as np
 from ..errors import MeasurementError
 from .answers import Answers
 from .labels import fits, quantities_in
-from .sheet import TIME, Column, Sheet
+from .sheet import TIME, Column, Sheet, time_base
 from .take import Take
 from .words import quantity_named
 
@@ -34,9 +34,12 @@ def time_of(sheet: Sheet, answers: Answers) -> Take:
     for test, reason in tried:
         if column := next((c for c in columns if test(c) and not _ignored(sheet, c, answers)), None):
             return _united(column, "", reason)
+    if answers.period is not None:
+        made = time_base(answers.period * np.arange(columns[0].values.size))
+        return Take(made, TIME, "s", f"the file has none: --period, {answers.period:g} s")
     labels = "', '".join(column.label for column in columns)
     raise MeasurementError(sheet.where, f"no time among its columns '{labels}'.", "Every trace needs one.",
-                           "Name it: --column 'HEADER=time [s]'.")  # fmt: skip
+                           "Name it: --column 'HEADER=time [s]', or give its period: --period 1ms.")  # fmt: skip
 
 
 def _ignored(sheet: Sheet, column: Column, answers: Answers) -> bool:

@@ -10,7 +10,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from ...errors import MeasurementError
-from ...rig.fast_table import GROUPED
+from ...rig.fast_table import GROUPED, fast_cells
+from ...rig.table import HUGE
 
 SEPARATORS = ("\t", ";", ",")
 _NUMBER = re.compile(r"[+-]?(\d+[.,]?\d*|[.,]\d+)([eE][+-]?\d+)?")
@@ -80,6 +81,9 @@ def read_body(lines: Sequence[str], body: Body, where: str) -> tuple[np.ndarray,
     Raises:
         MeasurementError: a row of another length, words among the numbers, or marks that may part thousands.
     """
+    plain = fast_cells("\n".join(lines[body.first :]), body.separator, body.width, HUGE)
+    if plain is not None:
+        return plain, ()
     numbered = [(k + 1, cells_of(lines[k], body.separator)) for k in range(body.first, len(lines)) if lines[k].strip()]
     numbered = _without_tail(numbered, body.width)
     for line, cells in numbered:
