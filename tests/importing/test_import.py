@@ -233,6 +233,18 @@ def test_a_recording_given_twice_is_refused_as_it_would_be_in_a_folder(bench: Pa
         import_files([log, tmp_path / "copy.csv"], tmp_path / "rig", Answers(), accept_all)
 
 
+def test_a_file_without_a_time_needs_its_period(bench: Path, tmp_path: Path) -> None:
+    import scipy.io
+
+    d = trace(bench, "response/drive_1.csv")
+    scipy.io.savemat(tmp_path / "a.mat", {"u": d["voltage"], "i": d["current"], "pos_deg": degrees(d["tps"])})
+    with pytest.raises(MeasurementError, match=r"no time among its columns 'u', 'i', 'pos_deg'.*--period 1ms"):
+        import_files([tmp_path / "a.mat"], tmp_path / "rig", Answers(), accept_all)
+    done = import_files([tmp_path / "a.mat"], tmp_path / "rig", Answers(period=0.001), accept_all)
+    (found,) = read_folder(done.folder).measurements
+    assert found.time == pytest.approx(0.001 * np.arange(found.time.size))
+
+
 def test_a_bus_log_with_its_dbc(bench: Path, tmp_path: Path) -> None:
     d = trace(bench, "response/drive_1.csv")
     log = foreign.bus_log(tmp_path / "bus.mf4", tmp_path / "bus.dbc", {
