@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from ..datasets.folder import refuse_to_overwrite, write_folder
+from ..errors import UsageError
 from ..files import digest
 from ..rig.config import parse_config
 from ..rig.names import refuse_foreign_names
@@ -66,6 +67,8 @@ def import_files(
     known = parse_config(given, str(rig)) if rig is not None else None
     buses = tuple(file for file in files if file.suffix.casefold() == _BUS)
     recordings = [file for file in files if file not in buses]
+    if not recordings:
+        raise UsageError("No recording among the files: a DBC alone says only what its frames mean.")
     sheets = []
     for k, file in enumerate(recordings):
         report(f"reading {file.name}", 0.8 * k / len(recordings))

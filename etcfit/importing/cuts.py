@@ -5,13 +5,14 @@ from __future__ import annotations
 import numpy as np
 
 from . import shapes
-from .record import Record, let_go
+from .record import QUICK_S, Record, let_go
 
 _PAUSE, _PAUSE_S = 50.0, 0.2  # times the usual step, and seconds, without a sample
 _REST_S, _QUIET = 1.0, 0.03  # s at less than this part of the largest drive
 _SHORTEST_S = 0.3  # of a piece between two rests
 _BACK = 0.5  # of the time gone by, that a clock must fall back to have begun anew
 _LEVEL = 0.02  # of the range: a plate that moves less stands
+_TOP = 0.1  # of the range: lets go from nearer to the open end
 _FEWEST = 10  # samples of a trace
 
 
@@ -73,12 +74,21 @@ def _by_release(record: Record) -> list[Record]:
     if len(falls) < 2:
         return [record]
     level = shapes.smooth(level, 5)
+    quick = all(record.time[low] - record.time[high] < QUICK_S for high, low in falls)
+    if not quick or not all(_from_the_top(level, falls, k) for k in range(len(falls))):
+        return [record]  # a plate that somebody drives, unlogged
     ends = [*(high for high, _ in falls[1:]), level.size]
     starts = [0, *(low for _, low in falls[:-1])]
     kept = [(_held_since(level, after, high), _until_lifted(level, low, before))
             for (high, low), after, before in zip(falls, starts, ends, strict=True)]  # fmt: skip
     why = "the plate is let go several times; lifting it is left out"
     return [record.within(slice(a, b), why) for a, b in kept if b - a >= _FEWEST]
+
+
+def _from_the_top(level: np.ndarray, falls: list[tuple[int, int]], k: int) -> bool:
+    """True where the plate was let go from its open end, as each time."""
+    after, high = falls[k - 1][1] if k else 0, falls[k][0]
+    return float(np.max(level[after : high + 1])) > float(np.max(level)) - _TOP * shapes.span(level)
 
 
 def _held_since(level: np.ndarray, after: int, high: int) -> int:

@@ -68,15 +68,15 @@ def _as_said(column: Column, said: Target, sheet: Sheet) -> Take:
     if said.quantity == IGNORE:
         return left_out(column, "said so")
     if said.unit:
-        return Take(column, said.quantity, said.unit, "said so")
+        return Take(column, said.quantity, said.unit, "said so", said=True)
     if column.unit and fits(said.quantity, column.unit):
-        return Take(column, said.quantity, column.unit, "said so, in the file's unit")
+        return Take(column, said.quantity, column.unit, "said so, in the file's unit", said=True)
     if column.unit:
         raise _contradiction(sheet, column, said.quantity, "said to be")
     quantity, unit, sure = unit_by_range(said.quantity, column.peak)
     if quantity != said.quantity:
-        quantity, unit, sure = said.quantity, _plain_unit(said.quantity), False
-    return Take(column, quantity, unit, f"said so; no unit: by its range in {unit}", sure)
+        unit, sure = _plain_unit(said.quantity), False
+    return Take(column, said.quantity, unit, f"said so; no unit: by its range in {unit}", sure)
 
 
 def _plain_unit(quantity: str) -> str:

@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from . import shapes
-from .record import Record, let_go
+from .record import QUICK_S, Record, let_go
 
 # tests between which only the operator can tell, or which a name settles
 _FAMILIES = (
@@ -123,8 +123,12 @@ def _released(record: Record) -> Shown:
     signals = record.signals
     plate = record.plate(signals)
     assert plate is not None
-    falls = max(len(shapes.falls(plate)), len(shapes.falls(-plate)))
-    sure = falls == 1
+    falls = max(shapes.falls(plate), shapes.falls(-plate), key=len)
+    if len(falls) != 1:
+        return Shown("", f"a position that falls {len(falls)} times, and nothing that drives it", False)
+    ((high, low),) = falls
+    took = float(record.time[low] - record.time[high])
+    sure = took < QUICK_S
     if {"emf", "voltage"} & set(signals):
         return Shown("back_emf", "no current; a voltage follows the speed of a plate let go", sure)
-    return Shown("inertia", "nothing drives the plate, and it moves from one end to the other: let go", sure)
+    return Shown("inertia", f"nothing drives the plate, and it falls within {took:.2g} s: let go", sure)

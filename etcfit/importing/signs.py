@@ -63,7 +63,7 @@ def _turn(record: Record, votes: Sequence[Vote | None], own: Vote | None) -> Rec
     if own is None or own.strength >= 0.0:
         return record
     take = record.take(own.quantity)
-    if take is None or take.reason.startswith("said so"):
+    if take is None or take.said:
         return record
     against = any(v.strength > _SURE for v in same if (v.quantity, v.label) == (own.quantity, own.label))
     return record.with_take(take.turned(own.why, own.strength < -_SURE and not against))

@@ -22,6 +22,7 @@ class Take:
         unit: as that CSV will have it, a number before it where the sign is turned; "" if not yet known.
         reason: in words.
         sure: False where somebody should be asked.
+        said: by the user, so that no guess changes it.
     """
 
     column: Column
@@ -29,6 +30,7 @@ class Take:
     unit: str
     reason: str
     sure: bool = True
+    said: bool = False
 
     @property
     def header(self) -> str:
@@ -42,10 +44,6 @@ class Take:
             return 0.01 * self.column.values
         told = conversion(self.quantity, self.unit)
         return told.scale * self.column.values + told.offset
-
-    def doubted(self, why: str) -> Take:
-        """The same, to be asked about."""
-        return replace(self, reason=f"{self.reason}; {why}", sure=False)
 
     def turned(self, why: str, sure: bool) -> Take:
         """The same with its sign turned."""

@@ -183,5 +183,7 @@ def test_an_unknown_format_and_a_missing_file_say_so(tmp_path: Path) -> None:
     (tmp_path / "a.xyz").write_text("1")
     with pytest.raises(MeasurementError, match=r"a\.xyz: no format is known for '\.xyz'"):
         read(tmp_path / "a.xyz")
+    with pytest.raises(MeasurementError, match="it is a folder"):
+        read(tmp_path)
     with pytest.raises(MeasurementError, match="no such file"):
         read(tmp_path / "b.csv")

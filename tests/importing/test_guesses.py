@@ -9,6 +9,7 @@ import pytest
 
 from etcfit.errors import MeasurementError
 from etcfit.importing.answers import Answers, Target, target
+from etcfit.importing.doubts import accept_all
 from etcfit.importing.draft import Draft, Trace, drafted
 from etcfit.importing.labels import column, split
 from etcfit.importing.rig_tests import rig_test_of
@@ -223,6 +224,24 @@ def test_each_fall_of_a_plate_let_go_again_and_again_is_a_trace_and_lifting_it_i
         assert fall + 0.05 < end < fall + (time.size + 60) * step
         sensor = trace.record.signals["tps"]
         assert sensor[:5].mean() - sensor[-5:].mean() > 0.9 * np.ptp(one["tps"])
+
+
+def test_a_position_that_somebody_drives_unlogged_is_no_release() -> None:
+    time = 0.01 * np.arange(3000)
+    position = 30.0 + 25.0 * np.sin(0.9 * time) * np.sin(0.11 * time)
+    (trace,) = drafted_alone(sheet_of(time, {"TPS": position}, {"TPS": "%"})).traces
+    assert trace.test == "unknown"
+    with pytest.raises(MeasurementError, match=r"nothing that drives it.*Settle it with --test 'long\.csv=response'"):
+        accept_all(drafted_alone(trace.record.sheet).doubts, Answers())
+
+
+def test_what_was_said_is_not_turned(bench: Bench) -> None:
+    _, (time, response) = driven(bench)
+    sheet = sheet_of(time, response, UNITS)
+    (trace,) = drafted([sheet], Answers({("", "current"): Target("current", "-1 A")}), None).traces
+    take = trace.record.take("current")
+    assert take is not None
+    assert take.unit == "-1 A"
 
 
 @pytest.mark.parametrize(("file", "test", "sure"), [("ramp_3.csv", "static_load", True), ("x.csv", "response", True),

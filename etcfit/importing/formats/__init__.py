@@ -25,6 +25,9 @@ def read_sheets(source: Source) -> list[Sheet]:
     Raises:
         MeasurementError: no such file, or of a format that nobody knows, damaged, or without numbers.
     """
+    if source.path.is_dir():
+        raise MeasurementError(source.where, "it is a folder.", "A log or a recording is required.",
+                               f"Name the files in it: {source.where}/*.")  # fmt: skip
     if not source.path.is_file():
         raise MeasurementError(source.where, "no such file.", "A log or a recording is required.", "Check the path.")
     suffix = source.path.suffix.casefold()
