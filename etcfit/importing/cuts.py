@@ -74,21 +74,25 @@ def _by_release(record: Record) -> list[Record]:
     if len(falls) < 2:
         return [record]
     level = shapes.smooth(level, 5)
-    quick = all(record.time[low] - record.time[high] < QUICK_S for high, low in falls)
-    if not quick or not all(_from_the_top(level, falls, k) for k in range(len(falls))):
-        return [record]  # a plate that somebody drives, unlogged
     ends = [*(high for high, _ in falls[1:]), level.size]
-    starts = [0, *(low for _, low in falls[:-1])]
-    kept = [(_held_since(level, after, high), _until_lifted(level, low, before))
-            for (high, low), after, before in zip(falls, starts, ends, strict=True)]  # fmt: skip
+    starts = [
+        _held_since(level, after, high)
+        for after, (high, _) in zip([0, *(low for _, low in falls[:-1])], falls, strict=True)
+    ]
+    if not all(_is_release(record.time, level, start, fall) for start, fall in zip(starts, falls, strict=True)):
+        return [record]  # a plate that somebody drives, unlogged
+    kept = [(start, _until_lifted(level, low, before))
+            for start, (_, low), before in zip(starts, falls, ends, strict=True)]  # fmt: skip
     why = "the plate is let go several times; lifting it is left out"
     return [record.within(slice(a, b), why) for a, b in kept if b - a >= _FEWEST]
 
 
-def _from_the_top(level: np.ndarray, falls: list[tuple[int, int]], k: int) -> bool:
-    """True where the plate was let go from its open end, as each time."""
-    after, high = falls[k - 1][1] if k else 0, falls[k][0]
-    return float(np.max(level[after : high + 1])) > float(np.max(level)) - _TOP * shapes.span(level)
+def _is_release(time: np.ndarray, level: np.ndarray, start: int, fall: tuple[int, int]) -> bool:
+    """True where the plate stood at its open end, for no shorter than it then took to fall quickly."""
+    high, low = fall
+    took = float(time[low] - time[high])
+    open_ = float(level[start]) > float(np.max(level)) - _TOP * shapes.span(level)
+    return open_ and took < min(QUICK_S, float(time[high] - time[start]))
 
 
 def _held_since(level: np.ndarray, after: int, high: int) -> int:

@@ -11,7 +11,7 @@ from . import shapes
 from .sheet import TIME, Sheet
 from .take import LEFT_OUT, Take
 
-QUICK_S = 1.0  # that a plate let go takes at most for the middle of its way
+QUICK_S = 0.7  # that a plate let go takes at most for the middle of its way
 
 
 @dataclass(frozen=True, eq=False)
