@@ -18,6 +18,7 @@ from .draft import Draft, drafted
 from .folder import read_back, texts
 from .formats import read_sheets
 from .formats.base import Source
+from .settings import GuessSettings
 from .together import merged, with_common_peaks
 
 _BUS = ".dbc"
@@ -45,6 +46,7 @@ def import_files(
     resolve: Resolve,
     *,
     rig: Path | None = None,
+    settings: GuessSettings = GuessSettings(),
     report: Callable[[str, float], None] = lambda stage, done: None,
 ) -> Imported:
     """Foreign files as a measurement folder, written whole or not at all.
@@ -55,6 +57,7 @@ def import_files(
         answers: what the user said.
         resolve: what to do about guesses in doubt: take them, ask, or refuse.
         rig: a rig.toml to take over; without it a short one is written.
+        settings: what decides a guess, and when it is sure.
         report: is told what is being done, and the fraction of it that is.
     Raises:
         UsageError: `to` holds something already, or an answer names a column that no file has.
@@ -76,10 +79,10 @@ def import_files(
     sheets = with_common_peaks(merged(sheets))
     answers.refuse_unused(sheets)
     report("guessing what they show", 0.8)
-    draft = drafted(sheets, answers, known)
+    draft = drafted(sheets, answers, known, settings)
     while draft.doubts:
         answers = resolve(draft.doubts, answers)
-        draft = drafted(sheets, answers, known)
+        draft = drafted(sheets, answers, known, settings)
     report("reading it back", 0.9)
     digests = {str(file): digest(file) for file in files}
     written = texts(draft, to.absolute().name, digests, given)
@@ -91,4 +94,4 @@ def _told(draft: Draft) -> tuple[tuple[str, str, str], ...]:
     return tuple((trace.file, trace.record.sheet.where, trace.reason) for trace in draft.traces)
 
 
-__all__ = ["Answers", "Imported", "import_files"]
+__all__ = ["Answers", "GuessSettings", "Imported", "import_files"]

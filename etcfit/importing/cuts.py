@@ -5,65 +5,64 @@ from __future__ import annotations
 import numpy as np
 
 from . import shapes
-from .record import QUICK_S, Record, let_go
-
-_PAUSE, _PAUSE_S = 50.0, 0.2  # times the usual step, and seconds, without a sample
-_REST_S, _QUIET = 1.0, 0.03  # s at less than this part of the largest drive
-_SHORTEST_S = 0.3  # of a piece between two rests
-_BACK = 0.5  # of the time gone by, that a clock must fall back to have begun anew
-_LEVEL = 0.02  # of the range: a plate that moves less stands
-_TOP = 0.1  # of the range: lets go from nearer to the open end
-_FEWEST = 10  # samples of a trace
+from .record import Record, let_go
+from .settings import GuessSettings
 
 
-def cut(record: Record) -> list[Record]:
+def cut(record: Record, settings: GuessSettings) -> list[Record]:
     """The traces that a record holds, in order; itself alone where it holds one."""
-    pieces = [part for piece in _by_clock(record) for part in _by_pause(piece)]
-    return [part for piece in pieces for part in (_by_release(piece) if let_go(piece) else _by_rest(piece))]
+    pieces = [part for piece in _by_clock(record, settings) for part in _by_pause(piece, settings)]
+    return [
+        part
+        for piece in pieces
+        for part in (_by_release(piece, settings) if let_go(piece, settings) else _by_rest(piece, settings))
+    ]
 
 
-def _by_clock(record: Record) -> list[Record]:
+def _by_clock(record: Record, settings: GuessSettings) -> list[Record]:
     """Several runs, one below the other."""
     time, first, starts = record.time, 0, [0]
     for k in np.flatnonzero(np.diff(time) <= 0.0) + 1:
-        if time[k - 1] - time[k] > _BACK * (time[k - 1] - time[first]):
+        if time[k - 1] - time[k] > settings.anew * (time[k - 1] - time[first]):
             first = int(k)
             starts.append(first)
-    return _pieces(record, starts, "its clock begins anew")
+    return _pieces(record, starts, "its clock begins anew", settings)
 
 
-def _by_pause(record: Record) -> list[Record]:
+def _by_pause(record: Record, settings: GuessSettings) -> list[Record]:
     steps = np.diff(record.time)
-    if steps.size < _FEWEST:
+    if steps.size < settings.fewest:
         return [record]
-    pauses = np.flatnonzero(steps > max(_PAUSE * float(np.median(steps)), _PAUSE_S)) + 1
-    return _pieces(record, [0, *map(int, pauses)], "a pause without samples")
+    pauses = np.flatnonzero(steps > max(settings.pause * float(np.median(steps)), settings.pause_s)) + 1
+    return _pieces(record, [0, *map(int, pauses)], "a pause without samples", settings)
 
 
-def _pieces(record: Record, starts: list[int], why: str) -> list[Record]:
+def _pieces(record: Record, starts: list[int], why: str, settings: GuessSettings) -> list[Record]:
     if len(starts) == 1:
         return [record]
     ends = [*starts[1:], record.time.size]
-    return [record.within(slice(a, b), why) for a, b in zip(starts, ends, strict=True) if b - a >= _FEWEST]
+    return [record.within(slice(a, b), why) for a, b in zip(starts, ends, strict=True) if b - a >= settings.fewest]
 
 
-def _by_rest(record: Record) -> list[Record]:
+def _by_rest(record: Record, settings: GuessSettings) -> list[Record]:
     """A driven plate that stood still with nothing on for a second or more: half of the rest to each neighbour."""
     signals, time = record.signals, record.time
     drive = record.drive(signals)
-    if drive is None or record.plate(signals) is None or "setpoint" in signals or time.size < _FEWEST:
+    if drive is None or record.plate(signals) is None or "setpoint" in signals or time.size < settings.fewest:
         return [record]
     level = np.abs(shapes.smooth(drive, 5))
-    quiet = level < max(_QUIET * float(np.max(level)), 4.0 * shapes.noise(drive))
-    rests = [(a, b) for a, b in shapes.runs(quiet) if time[b - 1] - time[a] > _REST_S and a > 0 and b < time.size]
+    quiet = level < max(settings.rest_level * float(np.max(level)), 4.0 * shapes.noise(drive))
+    rests = [
+        (a, b) for a, b in shapes.runs(quiet) if time[b - 1] - time[a] > settings.rest_s and a > 0 and b < time.size
+    ]
     starts = [0, *((a + b) // 2 for a, b in rests)]
     ends = [*starts[1:], time.size]
-    if len(starts) == 1 or any(time[b - 1] - time[a] < _SHORTEST_S for a, b in zip(starts, ends, strict=True)):
+    if len(starts) == 1 or any(time[b - 1] - time[a] < settings.shortest_s for a, b in zip(starts, ends, strict=True)):
         return [record]
-    return _pieces(record, starts, "the rig rests at 0 V between them")
+    return _pieces(record, starts, "the rig rests at 0 V between them", settings)
 
 
-def _by_release(record: Record) -> list[Record]:
+def _by_release(record: Record, settings: GuessSettings) -> list[Record]:
     """Each fall of the plate alone, from a while before it until somebody lifts the plate again."""
     signals = record.signals
     plate = record.plate(signals)
@@ -76,40 +75,46 @@ def _by_release(record: Record) -> list[Record]:
     level = shapes.smooth(level, 5)
     ends = [*(high for high, _ in falls[1:]), level.size]
     starts = [
-        _held_since(level, after, high)
+        _held_since(level, after, high, settings)
         for after, (high, _) in zip([0, *(low for _, low in falls[:-1])], falls, strict=True)
     ]
-    if not all(_is_release(record.time, level, start, fall) for start, fall in zip(starts, falls, strict=True)):
+    if not all(
+        _is_release(record.time, level, start, fall, settings) for start, fall in zip(starts, falls, strict=True)
+    ):
         return [record]  # a plate that somebody drives, unlogged
-    kept = [(start, _until_lifted(level, low, before))
+    kept = [(start, _until_lifted(level, low, before, settings))
             for start, (_, low), before in zip(starts, falls, ends, strict=True)]  # fmt: skip
     why = "the plate is let go several times; lifting it is left out"
-    return [record.within(slice(a, b), why) for a, b in kept if b - a >= _FEWEST]
+    return [record.within(slice(a, b), why) for a, b in kept if b - a >= settings.fewest]
 
 
-def _is_release(time: np.ndarray, level: np.ndarray, start: int, fall: tuple[int, int]) -> bool:
+def _is_release(
+    time: np.ndarray, level: np.ndarray, start: int, fall: tuple[int, int], settings: GuessSettings
+) -> bool:
     """True where the plate stood at its open end, for no shorter than it then took to fall quickly."""
     high, low = fall
     took = float(time[low] - time[high])
-    open_ = float(level[start]) > float(np.max(level)) - _TOP * shapes.span(level)
-    return open_ and took < min(QUICK_S, float(time[high] - time[start]))
+    open_ = float(level[start]) > float(np.max(level)) - settings.open_end * shapes.span(level)
+    return open_ and took < min(settings.release_s, float(time[high] - time[start]))
 
 
-def _held_since(level: np.ndarray, after: int, high: int) -> int:
+def _held_since(level: np.ndarray, after: int, high: int, settings: GuessSettings) -> int:
     """The row from which the plate stood where it was let go."""
     size = shapes.span(level)
-    stood = after + int(np.flatnonzero(level[after : high + 1] > np.max(level[after : high + 1]) - _LEVEL * size)[-1])
-    away = np.flatnonzero(np.abs(level[after:stood] - level[stood]) > 1.5 * _LEVEL * size)
+    stood = after + int(
+        np.flatnonzero(level[after : high + 1] > np.max(level[after : high + 1]) - settings.stands * size)[-1]
+    )
+    away = np.flatnonzero(np.abs(level[after:stood] - level[stood]) > 1.5 * settings.stands * size)
     return after + int(away[-1]) + 1 if away.size else after
 
 
-def _until_lifted(level: np.ndarray, low: int, before: int) -> int:
+def _until_lifted(level: np.ndarray, low: int, before: int, settings: GuessSettings) -> int:
     """The row before which the plate, once down, is not lifted yet."""
     rest = level[low:before]
-    lifted = np.flatnonzero(rest > np.minimum.accumulate(rest) + 3.0 * _LEVEL * shapes.span(level))
+    lifted = np.flatnonzero(rest > np.minimum.accumulate(rest) + 3.0 * settings.stands * shapes.span(level))
     if not lifted.size:
         return before
-    still = np.flatnonzero(rest[: lifted[0]] < np.min(rest[: lifted[0] + 1]) + _LEVEL * shapes.span(level))
+    still = np.flatnonzero(rest[: lifted[0]] < np.min(rest[: lifted[0] + 1]) + settings.stands * shapes.span(level))
     return low + int(still[-1]) + 1
 
 

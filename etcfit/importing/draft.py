@@ -16,6 +16,7 @@ from .nameplate import NameplateGuess, sensor_guess, travel_guess
 from .quantities import takes_of
 from .record import Record, whole
 from .rig_tests import rig_test_of
+from .settings import GuessSettings
 from .sheet import TIME, Sheet
 from .signs import turned
 from .take import LEFT_OUT, Take
@@ -58,33 +59,38 @@ class Draft:
     doubts: tuple[AbstractDoubt, ...]
 
 
-def drafted(sheets: Sequence[Sheet], answers: Answers, known: RigConfig | None) -> Draft:
+def drafted(
+    sheets: Sequence[Sheet], answers: Answers, known: RigConfig | None, settings: GuessSettings = GuessSettings()
+) -> Draft:
     """The folder that these sheets make.
 
     Args:
         sheets: of all files.
         answers: what the user said.
         known: a rig.toml that was given; None where there is none.
+        settings: what decides a guess.
     Raises:
         MeasurementError: a file of which nothing can be taken, or whose columns contradict themselves.
     """
-    records, unused = _records(sheets, answers)
-    records = turned(records)
-    traces, doubts = _traces(records, answers)
-    guesses = [each for each in (sensor_guess(records, known), travel_guess(records, known)) if each is not None]
+    records, unused = _records(sheets, answers, settings)
+    records = turned(records, settings)
+    traces, doubts = _traces(records, answers, settings)
+    guesses = [
+        each for each in (make(records, known, settings) for make in (sensor_guess, travel_guess)) if each is not None
+    ]
     doubts += [doubt for record in _one_a_sheet(records) for doubt in _of_columns(record)]
     doubts += [RigDoubt("rig.toml", each.short, each.reason) for each in guesses]
     open_ = {doubt.key: doubt for doubt in doubts if doubt.key not in answers.accepted}
     return Draft(tuple(traces), tuple(guesses), unused, tuple(open_.values()))
 
 
-def _records(sheets: Sequence[Sheet], answers: Answers) -> tuple[list[Record], dict[str, str]]:
+def _records(sheets: Sequence[Sheet], answers: Answers, settings: GuessSettings) -> tuple[list[Record], dict[str, str]]:
     """The traces that the sheets hold; a part of a file without any is set aside, a file without any refused."""
     records: list[Record] = []
     unused: dict[str, MeasurementError] = {}
     for sheet in sheets:
         try:
-            records += cut(whole(sheet, _useful(sheet, answers)))
+            records += cut(whole(sheet, _useful(sheet, answers, settings)), settings)
         except MeasurementError as error:
             unused[sheet.where] = error
     used = {record.sheet.file for record in records}
@@ -94,8 +100,8 @@ def _records(sheets: Sequence[Sheet], answers: Answers) -> tuple[list[Record], d
     return records, {where: error.found for where, error in unused.items()}
 
 
-def _useful(sheet: Sheet, answers: Answers) -> list[Take]:
-    takes = takes_of(sheet, answers)
+def _useful(sheet: Sheet, answers: Answers, settings: GuessSettings) -> list[Take]:
+    takes = takes_of(sheet, answers, settings)
     if all(take.quantity in (LEFT_OUT, TIME) for take in takes):
         labels = "', '".join(take.column.label for take in takes if take.quantity == LEFT_OUT)
         raise MeasurementError(sheet.where, f"nothing says what '{labels}' is.",
@@ -104,14 +110,16 @@ def _useful(sheet: Sheet, answers: Answers) -> list[Take]:
     return takes
 
 
-def _traces(records: Sequence[Record], answers: Answers) -> tuple[list[Trace], list[AbstractDoubt]]:
+def _traces(
+    records: Sequence[Record], answers: Answers, settings: GuessSettings
+) -> tuple[list[Trace], list[AbstractDoubt]]:
     pieces: dict[int, list[Record]] = {}
     for record in records:
         pieces.setdefault(id(record.sheet), []).append(record)
     traces, doubts = [], []
     for parts in pieces.values():
         for k, record in enumerate(parts, start=1):
-            said, shown = answers.test_of(record.sheet.file), rig_test_of(record)
+            said, shown = answers.test_of(record.sheet.file), rig_test_of(record, settings)
             test, reason = (said, "said so") if said else (shown.test, shown.reason)
             if not said and not (shown.sure and test):
                 doubts.append(TestDoubt(record.sheet.where, test, reason, record.sheet.file))

@@ -11,11 +11,10 @@ import numpy as np
 from ..rig.base import RigConfig
 from ..rig.units import is_percent
 from .record import Record
+from .settings import GuessSettings
 from .signs import opening
 
 _USUAL_DEG = 0.0, 90.0
-_BEYOND_DEG = 4.0  # that a reading may lie beyond the usual travel
-_ENDS = 0.001  # quantile of what was read that counts as an end stop
 
 
 @dataclass(frozen=True)
@@ -33,13 +32,13 @@ class NameplateGuess:
     reason: str
 
 
-def sensor_guess(records: Sequence[Record], known: RigConfig | None) -> NameplateGuess | None:
+def sensor_guess(records: Sequence[Record], known: RigConfig | None, settings: GuessSettings) -> NameplateGuess | None:
     """[tps] from the lowest and highest reading; None where it is known, or no sensor was logged in volts."""
     having = [record for record in records if record.take("tps") is not None]
     if not having or (known is not None and known.tps is not None):
         return None
-    low, high = _ends([record.signals["tps"] for record in having])
-    rising = sum(opening(record) for record in having) >= 0.0
+    low, high = _ends([record.signals["tps"] for record in having], settings)
+    rising = sum(opening(record, settings) for record in having) >= 0.0
     closed, opened = (low, high) if rising else (high, low)
     closed, opened = round(closed, 4), round(opened, 4)
     way = "rises" if rising else "falls"
@@ -51,13 +50,13 @@ def sensor_guess(records: Sequence[Record], known: RigConfig | None) -> Nameplat
     return NameplateGuess(text, f"[tps] {closed:g} V closed, {opened:g} V open, 90 degrees", reason)
 
 
-def travel_guess(records: Sequence[Record], known: RigConfig | None) -> NameplateGuess | None:
+def travel_guess(records: Sequence[Record], known: RigConfig | None, settings: GuessSettings) -> NameplateGuess | None:
     """travel_deg where angles leave the usual 0 to 90 degrees and nobody gave it."""
     having = [record for record in records if (take := record.take("position")) and not is_percent(take.unit)]
     if not having or known is not None:
         return None
-    low, high = (math.degrees(each) for each in _ends([record.signals["position"] for record in having]))
-    if _USUAL_DEG[0] - _BEYOND_DEG <= low and high <= _USUAL_DEG[1] + _BEYOND_DEG:
+    low, high = (math.degrees(each) for each in _ends([record.signals["position"] for record in having], settings))
+    if _USUAL_DEG[0] - settings.beyond_deg <= low and high <= _USUAL_DEG[1] + settings.beyond_deg:
         return None
     low, high = round(low, 1), round(high, 1)
     text = f"travel_deg = [{low}, {high}]\n"
@@ -65,7 +64,7 @@ def travel_guess(records: Sequence[Record], known: RigConfig | None) -> Nameplat
     return NameplateGuess(text, f"[rig] {text.strip()}", reason)
 
 
-def _ends(readings: Sequence[np.ndarray]) -> tuple[float, float]:
+def _ends(readings: Sequence[np.ndarray], settings: GuessSettings) -> tuple[float, float]:
     """Of each record apart, so that a long one does not hide what a short one reached."""
-    low = min(float(np.quantile(each, _ENDS)) for each in readings)
-    return low, max(float(np.quantile(each, 1.0 - _ENDS)) for each in readings)
+    low = min(float(np.quantile(each, settings.end_quantile)) for each in readings)
+    return low, max(float(np.quantile(each, 1.0 - settings.end_quantile)) for each in readings)

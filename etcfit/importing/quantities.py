@@ -19,19 +19,16 @@ from . import shapes
 from .answers import IGNORE, Answers, Target
 from .labels import fits, quantities_in
 from .ranges_of_units import unit_by_range
+from .settings import GuessSettings
 from .sheet import TIME, Column, Sheet
 from .take import LEFT_OUT, Take, left_out
 from .time_column import time_of
 from .words import is_of_the_motor, quantity_named
 
-_SENSOR = -0.2, 5.7  # V, what a position sensor can read
-_FOLLOWS = 0.6  # correlation from which one signal follows another
-_SURELY = 0.9
-_APART = 0.2  # by which the better of two must lead
 _PLATE = ("position", "tps")
 
 
-def takes_of(sheet: Sheet, answers: Answers) -> list[Take]:
+def takes_of(sheet: Sheet, answers: Answers, settings: GuessSettings) -> list[Take]:
     """What every column is taken for, time first.
 
     Raises:
@@ -42,7 +39,7 @@ def takes_of(sheet: Sheet, answers: Answers) -> list[Take]:
     known = {id(column): _by_itself(column, sheet, answers) for column in others}
     nameless = [column for column in others if known[id(column)] is None]
     found = [take for take in known.values() if take is not None]
-    found += _by_relation(nameless, found, time)
+    found += _by_relation(nameless, found, time, settings)
     order = {id(column): k for k, column in enumerate(others)}
     found.sort(key=lambda take: order[id(take.column)])
     return [time, *_one_each(_without_engine(found), answers, sheet)]
@@ -125,7 +122,7 @@ def _by_unit(column: Column) -> Take | None:
     return None
 
 
-def _by_relation(nameless: Sequence[Column], known: Sequence[Take], time: Take) -> list[Take]:
+def _by_relation(nameless: Sequence[Column], known: Sequence[Take], time: Take, settings: GuessSettings) -> list[Take]:
     """Columns that neither name nor unit tells, by how they follow from each other."""
     moving = [c for c in nameless if (c.unit in ("", "V", "mV") or is_percent(c.unit)) and _varies(c.values)]
     still = [c for c in nameless if c not in moving]
@@ -134,11 +131,11 @@ def _by_relation(nameless: Sequence[Column], known: Sequence[Take], time: Take) 
     taken: list[Take] = []
     constants = [c for c in nameless if c.unit in ("V", "mV") and not _varies(c.values)]
     if "current" in by:
-        taken = _beside_current(moving, by, plate, time)
+        taken = _beside_current(moving, by, plate, time, settings)
         if not moving and not ({"voltage", "duty"} & set(by)) and len(constants) == 1:
             taken = [_volts(constants[0], "voltage", "the only voltage beside a current", True)]
     elif volts := [c for c in moving if not is_percent(c.unit)]:
-        taken = _without_current(volts, by, plate, time)
+        taken = _without_current(volts, by, plate, time, settings)
     done = {id(take.column) for take in taken}
     rest = [c for c in nameless if id(c) not in done]
     return [*taken, *(_unexplained(c, c in still) for c in rest)]
@@ -150,35 +147,37 @@ def _varies(values: np.ndarray) -> bool:
 
 
 def _beside_current(
-    volts: Sequence[Column], by: dict[str, np.ndarray], plate: np.ndarray | None, time: Take
+    volts: Sequence[Column], by: dict[str, np.ndarray], plate: np.ndarray | None, time: Take, settings: GuessSettings
 ) -> list[Take]:
     """Voltage, or duty, is what current follows; the one left within a sensor's range is the sensor."""
     out: list[Take] = []
     rest = list(volts)
     if not {"voltage", "duty"} & set(by) and rest:
-        drive, sure, told = _what_current_follows(rest, by, plate, time)
+        drive, sure, told = _what_current_follows(rest, by, plate, time, settings)
         if is_percent(drive.unit):
             out.append(Take(drive, "duty", drive.unit, told, sure))
         else:
             out.append(_volts(drive, "voltage", told, sure))
         rest = [c for c in rest if c is not drive]
     rest = [c for c in rest if not is_percent(c.unit)]
-    if plate is None and (sensors := [c for c in rest if _like_a_sensor(c)]):
+    if plate is None and (sensors := [c for c in rest if _like_a_sensor(c, settings)]):
         out.append(_volts(sensors[0], "tps", "it stays between 0 and 5 V, beside a current that does not follow it",
                           len(sensors) == 1 and len(rest) == 1))  # fmt: skip
     return out
 
 
 def _what_current_follows(
-    volts: Sequence[Column], by: dict[str, np.ndarray], plate: np.ndarray | None, time: Take
+    volts: Sequence[Column], by: dict[str, np.ndarray], plate: np.ndarray | None, time: Take, settings: GuessSettings
 ) -> tuple[Column, bool, str]:
     """The column, whether that is sure, and the reason."""
     current, clock = by["current"], time.si
     if len(volts) == 1:
         (only,) = volts
         values = shapes.filled(only.values)
-        moves = shapes.span(values) > 20.0 * shapes.noise(values) and shapes.explained(current, values) < _FOLLOWS
-        strange = is_percent(only.unit) or (moves and _like_a_sensor(only))
+        moves = (
+            shapes.span(values) > 20.0 * shapes.noise(values) and shapes.explained(current, values) < settings.follows
+        )
+        strange = is_percent(only.unit) or (moves and _like_a_sensor(only, settings))
         return only, not strange, "the only voltage beside a current" + ("; it does not follow it" if moves else "")
     scores = []
     for column in volts:
@@ -188,11 +187,11 @@ def _what_current_follows(
         scores.append(max(shapes.explained(current, own, speed) for speed in speeds))
     first, second = sorted(range(len(volts)), key=lambda k: -scores[k])[:2]
     told = f"current follows it: {100 * scores[first]:.0f} % of its variance, against {100 * scores[second]:.0f} %"
-    return volts[first], scores[first] > _FOLLOWS and scores[first] - scores[second] > _APART, told
+    return volts[first], scores[first] > settings.follows and scores[first] - scores[second] > settings.apart, told
 
 
 def _without_current(
-    volts: Sequence[Column], by: dict[str, np.ndarray], plate: np.ndarray | None, time: Take
+    volts: Sequence[Column], by: dict[str, np.ndarray], plate: np.ndarray | None, time: Take, settings: GuessSettings
 ) -> list[Take]:
     """Terminals open: the EMF follows the speed of the plate, or of the sensor."""
     clock = time.si
@@ -200,31 +199,31 @@ def _without_current(
         speed = shapes.slope(plate, clock)
         follows = {id(c): abs(shapes.correlation(shapes.filled(c.values), speed)) for c in volts}
         best = max(volts, key=lambda c: follows[id(c)])
-        if follows[id(best)] > _FOLLOWS and "emf" not in by and "voltage" not in by:
-            return [_emf(best, follows[id(best)])]
+        if follows[id(best)] > settings.follows and "emf" not in by and "voltage" not in by:
+            return [_emf(best, follows[id(best)], settings)]
         return [_volts(best, "voltage", "the only voltage beside a position", False)] if len(volts) == 1 else []
     if len(volts) != 2:
-        sensors = [c for c in volts if _like_a_sensor(c)]
+        sensors = [c for c in volts if _like_a_sensor(c, settings)]
         if len(sensors) == 1 and len(volts) == 1 and {"voltage", "duty", "emf"} & set(by):
             return [_volts(sensors[0], "tps", "it stays between 0 and 5 V beside what drives the plate", True)]
         return []
     tried = [(abs(shapes.correlation(shapes.filled(a.values), shapes.slope(shapes.filled(b.values), clock))), a, b)
              for a, b in (volts, volts[::-1])]  # fmt: skip
     best, emf, sensor = max(tried, key=lambda each: each[0])
-    if best > _FOLLOWS:
+    if best > settings.follows:
         told = "the other voltage follows its rate of change: it is the sensor"
-        return [_emf(emf, best), _volts(sensor, "tps", told, best > _SURELY - _APART)]
+        return [_emf(emf, best, settings), _volts(sensor, "tps", told, best > settings.surely_follows)]
     return []
 
 
-def _emf(column: Column, correlation: float) -> Take:
+def _emf(column: Column, correlation: float, settings: GuessSettings) -> Take:
     told = f"no current, and it follows the speed of the plate (correlation {correlation:.2f})"
-    return _volts(column, "emf", told, correlation > _SURELY - _APART)
+    return _volts(column, "emf", told, correlation > settings.surely_follows)
 
 
-def _like_a_sensor(column: Column) -> bool:
+def _like_a_sensor(column: Column, settings: GuessSettings) -> bool:
     values = column.values[np.isfinite(column.values)] * (1e-3 if column.unit == "mV" else 1.0)
-    return _SENSOR[0] <= float(np.min(values)) and float(np.max(values)) <= _SENSOR[1]
+    return settings.least_sensor <= float(np.min(values)) and float(np.max(values)) <= settings.most_sensor
 
 
 def _volts(column: Column, quantity: str, reason: str, sure: bool) -> Take:

@@ -8,10 +8,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from . import shapes
+from .settings import GuessSettings
 from .sheet import TIME, Sheet
 from .take import LEFT_OUT, Take
-
-QUICK_S = 0.7  # that a plate let go takes at most for the middle of its way
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,7 +67,7 @@ def whole(sheet: Sheet, takes: Sequence[Take]) -> Record:
     return Record(sheet, slice(0, sheet.columns[0].values.size), tuple(takes))
 
 
-def let_go(record: Record) -> bool:
+def let_go(record: Record, settings: GuessSettings) -> bool:
     """True where nobody drives the plate: no drive was logged, or a voltage that follows the plate's speed."""
     signals = record.signals
     plate, voltage = record.plate(signals), signals.get("voltage")
@@ -77,4 +76,5 @@ def let_go(record: Record) -> bool:
     if voltage is None:
         return True
     speed = shapes.slope(plate, record.time)
-    return abs(shapes.correlation(voltage, speed)) > 0.7 and shapes.span(voltage) > 8.0 * shapes.noise(voltage)
+    follows = abs(shapes.correlation(voltage, speed)) > settings.surely_follows
+    return follows and shapes.span(voltage) > 8.0 * shapes.noise(voltage)

@@ -8,7 +8,8 @@ from typing import NamedTuple
 import numpy as np
 
 from . import shapes
-from .record import QUICK_S, Record, let_go
+from .record import Record, let_go
+from .settings import GuessSettings
 
 # tests between which only the operator can tell, or which a name settles
 _FAMILIES = (
@@ -29,9 +30,6 @@ _NAMES = (
     ("drive", r"(^|_)(drive|car|road|trip|fahrt)(_|\d|$)"),
     ("response", r"respon|chirp|sweep|multisine|prbs|step|sprung"),
 )
-_RESOLVED = 3  # samples on the way of a rise, from which its time constant can be read
-_STILL = 0.05  # of a voltage that counts as one level
-_LONG = 60.0  # s of a setpoint that is no bench's
 
 
 class Shown(NamedTuple):
@@ -42,9 +40,9 @@ class Shown(NamedTuple):
     sure: bool
 
 
-def rig_test_of(record: Record) -> Shown:
+def rig_test_of(record: Record, settings: GuessSettings) -> Shown:
     """By its signals; a name settles what these leave open."""
-    shown = _by_signals(record)
+    shown = _by_signals(record, settings)
     named = _by_name(record)
     if not named or named == shown.test:
         return shown
@@ -65,33 +63,33 @@ def _by_name(record: Record) -> str:
     return ""
 
 
-def _by_signals(record: Record) -> Shown:
+def _by_signals(record: Record, settings: GuessSettings) -> Shown:
     signals = record.signals
     plate, drive = record.plate(signals), record.drive(signals)
     if "setpoint" in signals and plate is not None:
-        return _under_a_controller(record)
+        return _under_a_controller(record, settings)
     if plate is None:
-        return _without_plate(record)
-    if let_go(record):
-        return _released(record)
+        return _without_plate(record, settings)
+    if let_go(record, settings):
+        return _released(record, settings)
     if drive is None:
         return Shown("", "a position, and nothing that drives the plate", False)
     name = next(each for each in ("voltage", "duty", "torque") if each in signals)
-    if shapes.is_ramp(record.time, drive):
+    if shapes.is_ramp(record.time, drive, settings.ramp_s):
         return Shown("static_load", f"{name} rises slowly once and falls slowly once, and the plate follows", True)
     return Shown("response", f"{name} drives the plate, in no slow ramp", True)
 
 
-def _under_a_controller(record: Record) -> Shown:
+def _under_a_controller(record: Record, settings: GuessSettings) -> Shown:
     setpoint, time = record.signals["setpoint"], record.time
     if shapes.one_frequency(time, setpoint):
         return Shown("sine", "the setpoint is one sine", True)
-    if time[-1] - time[0] > _LONG:
+    if time[-1] - time[0] > settings.bench_s:
         return Shown("drive", f"a setpoint over {time[-1] - time[0]:.0f} s: a log from the car", False)
     return Shown("closed_loop", "position follows a setpoint", True)
 
 
-def _without_plate(record: Record) -> Shown:
+def _without_plate(record: Record, settings: GuessSettings) -> Shown:
     signals = record.signals
     if "current" not in signals or not {"voltage", "duty"} & set(signals):
         have = ", ".join(signals) or "nothing"
@@ -101,25 +99,25 @@ def _without_plate(record: Record) -> Shown:
     drive = signals.get("voltage", signals.get("duty"))
     assert drive is not None
     rise = shapes.steps_followed(record.time, drive, signals["current"])
-    if rise >= _RESOLVED:
+    if rise >= settings.resolved:
         return Shown("inductance", f"no plate, and the current rises over {rise} samples after a step", True)
-    if not _moves(record):
+    if not _moves(record, settings):
         return Shown("resistance", "no plate, and the current stands at v/R: the plate is held", True)
     return Shown("response", "no plate logged, and the current is not v/R: the plate moves", False)
 
 
-def _moves(record: Record) -> bool:
+def _moves(record: Record, settings: GuessSettings) -> bool:
     """True where the current is no function of the voltage, as when the motor turns."""
     signals = record.signals
     drive = signals.get("voltage", signals.get("duty"))
     assert drive is not None
     samples = max(1, drive.size // 20)
     volts, amperes = (shapes.smooth(each, samples) for each in (drive, signals["current"]))
-    still = shapes.span(volts) < max(4.0 * shapes.noise(drive), _STILL * float(np.max(np.abs(volts))))
-    return not still and shapes.explained(amperes, volts) < 0.9
+    still = shapes.span(volts) < max(4.0 * shapes.noise(drive), settings.one_level * float(np.max(np.abs(volts))))
+    return not still and shapes.explained(amperes, volts) < settings.held
 
 
-def _released(record: Record) -> Shown:
+def _released(record: Record, settings: GuessSettings) -> Shown:
     signals = record.signals
     plate = record.plate(signals)
     assert plate is not None
@@ -128,7 +126,7 @@ def _released(record: Record) -> Shown:
         return Shown("", f"a position that falls {len(falls)} times, and nothing that drives it", False)
     ((high, low),) = falls
     took = float(record.time[low] - record.time[high])
-    sure = took < QUICK_S
+    sure = took < settings.release_s
     if {"emf", "voltage"} & set(signals):
         return Shown("back_emf", "no current; a voltage follows the speed of a plate let go", sure)
     return Shown("inertia", f"nothing drives the plate, and it falls within {took:.2g} s: let go", sure)

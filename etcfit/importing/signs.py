@@ -15,9 +15,7 @@ import numpy as np
 
 from . import shapes
 from .record import Record, let_go
-
-_CLEAR = 0.3  # from which a record says anything
-_SURE = 0.6
+from .settings import GuessSettings
 
 
 @dataclass(frozen=True)
@@ -37,26 +35,28 @@ class Vote:
     why: str
 
 
-def turned(records: Sequence[Record]) -> list[Record]:
+def turned(records: Sequence[Record], settings: GuessSettings) -> list[Record]:
     """The records, columns that run the wrong way with -1 before their unit."""
-    records = _turned_by(records, _of_voltage)
+    records = _turned_by(records, _of_voltage, settings)
     for votes in (_of_current, _of_speed, _of_emf, _of_position):
-        records = _turned_by(records, votes)
+        records = _turned_by(records, votes, settings)
     return list(records)
 
 
-def _turned_by(records: Sequence[Record], vote_of: Callable[[Record], Vote | None]) -> list[Record]:
-    votes = [vote_of(record) for record in records]
-    return [_turn(record, votes, own) for record, own in zip(records, votes, strict=True)]
+def _turned_by(
+    records: Sequence[Record], vote_of: Callable[[Record, GuessSettings], Vote | None], settings: GuessSettings
+) -> list[Record]:
+    votes = [vote_of(record, settings) for record in records]
+    return [_turn(record, votes, own, settings) for record, own in zip(records, votes, strict=True)]
 
 
-def _turn(record: Record, votes: Sequence[Vote | None], own: Vote | None) -> Record:
+def _turn(record: Record, votes: Sequence[Vote | None], own: Vote | None, settings: GuessSettings) -> Record:
     """By its own vote where that is clear, else by the clearest of the same column elsewhere.
 
     A plate that is driven fast runs behind its voltage: its own record says little where a slow one is at hand.
     """
-    same = [v for v in votes if v is not None and abs(v.strength) > _CLEAR]
-    if own is None or abs(own.strength) <= _CLEAR or own.quantity == "position":
+    same = [v for v in votes if v is not None and abs(v.strength) > settings.turns]
+    if own is None or abs(own.strength) <= settings.turns or own.quantity == "position":
         labels = {(take.quantity, take.column.label) for take in record.takes}
         heard = [v for v in same if (v.quantity, v.label) in labels]
         own = max(heard, key=lambda v: abs(v.strength), default=None)
@@ -65,8 +65,10 @@ def _turn(record: Record, votes: Sequence[Vote | None], own: Vote | None) -> Rec
     take = record.take(own.quantity)
     if take is None or take.said:
         return record
-    against = any(v.strength > _SURE for v in same if (v.quantity, v.label) == (own.quantity, own.label))
-    return record.with_take(take.turned(own.why, own.strength < -_SURE and not against))
+    against = any(
+        v.strength > settings.surely_turns for v in same if (v.quantity, v.label) == (own.quantity, own.label)
+    )
+    return record.with_take(take.turned(own.why, own.strength < -settings.surely_turns and not against))
 
 
 def _vote(record: Record, quantity: str, strength: float, why: str) -> Vote | None:
@@ -74,7 +76,7 @@ def _vote(record: Record, quantity: str, strength: float, why: str) -> Vote | No
     return None if take is None else Vote(quantity, take.column.label, strength, why)
 
 
-def _of_current(record: Record) -> Vote | None:
+def _of_current(record: Record, settings: GuessSettings) -> Vote | None:
     signals = record.signals
     drive = signals.get("voltage", signals.get("duty"))
     if "current" not in signals or drive is None:
@@ -84,7 +86,7 @@ def _of_current(record: Record) -> Vote | None:
     return _vote(record, "current", strength, "it runs against the voltage")
 
 
-def _of_speed(record: Record) -> Vote | None:
+def _of_speed(record: Record, settings: GuessSettings) -> Vote | None:
     signals = record.signals
     if "motor_speed" not in signals or "voltage" not in signals:
         return None
@@ -92,12 +94,12 @@ def _of_speed(record: Record) -> Vote | None:
     return _vote(record, "motor_speed", strength, "the motor runs against its voltage")
 
 
-def _of_emf(record: Record) -> Vote | None:
+def _of_emf(record: Record, settings: GuessSettings) -> Vote | None:
     """A released plate closes, so its EMF is negative."""
     signals = record.signals
     plate = record.plate(signals)
     name = "emf" if "emf" in signals else "voltage"
-    if plate is None or name not in signals or not let_go(record):
+    if plate is None or name not in signals or not let_go(record, settings):
         return None
     pace = np.abs(shapes.slope(plate, record.time))
     fast = pace > 0.3 * np.max(pace)
@@ -106,32 +108,32 @@ def _of_emf(record: Record) -> Vote | None:
     return _vote(record, name, strength, "it is positive while the released plate closes")
 
 
-def _of_voltage(record: Record) -> Vote | None:
+def _of_voltage(record: Record, settings: GuessSettings) -> Vote | None:
     """Driven open by negative volts: leads exchanged."""
     signals = record.signals
     plate, voltage = record.plate(signals), signals.get("voltage")
-    if plate is None or voltage is None or let_go(record) or "position" not in signals:
+    if plate is None or voltage is None or let_go(record, settings) or "position" not in signals:
         return None
     lean = float(np.sum(voltage)) / max(float(np.sum(np.abs(voltage))), 1e-300)
-    opens = opening(record)
-    if lean > -0.8 or opens > -_CLEAR:
+    opens = opening(record, settings)
+    if lean > -settings.exchanged or opens > -settings.turns:
         return None
     return _vote(record, "voltage", opens, "negative volts open the plate")
 
 
-def _of_position(record: Record) -> Vote | None:
+def _of_position(record: Record, settings: GuessSettings) -> Vote | None:
     if record.take("position") is None:
         return None
-    return _vote(record, "position", opening(record), "it falls while the plate opens")
+    return _vote(record, "position", opening(record, settings), "it falls while the plate opens")
 
 
-def opening(record: Record) -> float:
+def opening(record: Record, settings: GuessSettings) -> float:
     """How clearly a rising reading means an opening plate, -1 to 1: with the drive, or from the fall of a release."""
     signals = record.signals
     plate, drive = record.plate(signals), record.drive(signals)
     if plate is None:
         return 0.0
-    if let_go(record):
+    if let_go(record, settings):
         ends = max(1, plate.size // 50)
         size = max(shapes.span(plate), 1e-300)
         return float(np.clip((np.mean(plate[:ends]) - np.mean(plate[-ends:])) / size, -1.0, 1.0))

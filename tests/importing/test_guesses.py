@@ -13,6 +13,7 @@ from etcfit.importing.doubts import accept_all
 from etcfit.importing.draft import Draft, Trace, drafted
 from etcfit.importing.labels import column, split
 from etcfit.importing.rig_tests import rig_test_of
+from etcfit.importing.settings import GuessSettings
 from etcfit.importing.sheet import Column, Sheet, time_base
 from etcfit.importing.together import with_common_peaks
 from etcfit.importing.words import quantity_named
@@ -251,7 +252,7 @@ def test_a_name_settles_what_signals_leave_open_and_is_doubted_where_they_do_not
 ) -> None:
     _, (time, response) = driven(bench)
     (trace,) = drafted_alone(sheet_of(time, response, UNITS, file)).traces
-    shown = rig_test_of(trace.record)
+    shown = rig_test_of(trace.record, GuessSettings())
     assert (shown.test, shown.sure) == (test, sure)
 
 

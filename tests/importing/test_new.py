@@ -6,7 +6,9 @@ import re
 from pathlib import Path
 
 import pytest
+from typer.testing import CliRunner
 
+from etcfit.cli import app
 from etcfit.errors import MeasurementError, UsageError
 from etcfit.importing.nameplates import NAMEPLATES, UNKNOWN
 from etcfit.importing.new import RECORD, how_to_record, new_folder
@@ -80,3 +82,15 @@ def test_it_leaves_alone_what_is_there_and_knows_its_nameplates(tmp_path: Path) 
     with pytest.raises(UsageError, match=r"no such nameplate\. Did you mean 'kassel'"):
         new_folder(tmp_path / "other", "kasel")
     assert not (tmp_path / "other").exists()
+
+
+def test_the_command_prints_the_folder(tmp_path: Path) -> None:
+    done = CliRunner().invoke(app, ["new", str(tmp_path / "rig"), "--like", "kassel"])
+    assert (done.exit_code, done.stdout.strip()) == (0, str(tmp_path / "rig"))
+    again = CliRunner().invoke(app, ["new", str(tmp_path / "rig")])
+    assert (again.exit_code, again.stdout) == (2, "")
+
+
+def test_the_command_names_every_known_nameplate() -> None:
+    helped = " ".join(CliRunner().invoke(app, ["new", "--help"], env={"TERM": "dumb", "COLUMNS": "200"}).stdout.split())
+    assert all(name in helped for name in NAMEPLATES)
