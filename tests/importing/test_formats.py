@@ -113,6 +113,33 @@ def test_a_german_spreadsheet(tmp_path: Path) -> None:
     check(sheet, digits=1e-6)
 
 
+@pytest.mark.parametrize("day", ["", "2026-11-23 ", "23.11.2026 ", "2026-11-23T"])
+def test_instants_become_seconds_over_midnight_too(tmp_path: Path, day: str) -> None:
+    path = tmp_path / "a.csv"
+    clocks = ["23:59:59,990", "00:00:00,000", "00:00:00,010", "00:00:00,020"]
+    path.write_text("\n".join(["Zeitstempel;U;I", *(f"{day}{clock};1,5;0,25" for clock in clocks), ""]))
+    (sheet,) = read(path)
+    assert sheet.columns[0].unit == "s"
+    assert sheet.columns[0].values == pytest.approx([0.0, 0.01, 0.02, 0.03])
+    assert sheet.remarks == ("column 1: instants made seconds since the first",)
+
+
+def test_a_last_row_that_was_cut_off_is_left_out_and_said(tmp_path: Path) -> None:
+    (tmp_path / "a.csv").write_text("t,u\n" + "".join(f"0.0{k},{k}\n" for k in range(5)) + "0.0")
+    (sheet,) = read(tmp_path / "a.csv")
+    assert sheet.columns[1].values.tolist() == [0.0, 1.0, 2.0, 3.0, 4.0]
+    assert sheet.remarks == ("the last row is cut off and left out",)
+
+
+@pytest.mark.parametrize("line", [1, 2, 3, 6])
+def test_a_spoilt_row_is_never_left_out_unsaid(tmp_path: Path, line: int) -> None:
+    rows = ["t,u", *(f"0.0{k},{k}" for k in range(9))]
+    rows[line] = rows[line].partition(",")[0] + ",x"
+    (tmp_path / "a.csv").write_text("\n".join([*rows, ""]))
+    with pytest.raises(MeasurementError, match=rf"a\.csv:{line + 1}: 'x'"):
+        read(tmp_path / "a.csv")
+
+
 @pytest.mark.parametrize("structure", ["", "run"])
 @pytest.mark.parametrize("write", [foreign.matlab_5, foreign.matlab_73])
 def test_matlab(tmp_path: Path, write, structure: str) -> None:
@@ -153,6 +180,8 @@ def test_mdf_with_two_rates_has_gaps_where_nothing_was_sampled(tmp_path: Path) -
 def test_a_bus_log_is_decoded_by_its_dbc(tmp_path: Path) -> None:
     log = foreign.bus_log(tmp_path / "bus.mf4", tmp_path / "bus.dbc", COLUMNS)
     (sheet,) = read_sheets(Source(log, "bus.mf4", (tmp_path / "bus.dbc",)))
+    with pytest.raises(MeasurementError, match=r"a bus log: .*Name the \.dbc among the files"):
+        read(log)
     found = {column.name: column for column in sheet.columns}
     assert (found["CH1"].unit, found["CH2"].unit) == ("V", "A")
     assert found["CH1"].values == pytest.approx(VOLTS, abs=0.0006)

@@ -11,12 +11,13 @@ Source: files as PicoScope 6 and Saleae Logic 2 export them (their help pages). 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import NamedTuple
 
 import numpy as np
 
 from ..labels import column, is_unit, spelled
 from ..sheet import Column, Sheet
-from .rows import Body, cells_of, find_body, is_number, read_body
+from .rows import Body, cells_of, find_body, is_number, read_body, refuse_spoilt
 
 
 def begins(text: str) -> bool:
@@ -32,9 +33,11 @@ def read(text: str, where: str) -> list[Sheet]:
     """
     lines = [line if not line.lstrip().startswith("#") else "" for line in text.split("\n")]
     body = find_body(lines, where)
-    cells, remarks = read_body(lines, body, where)
-    names, units = header_above(lines, body)
-    return [Sheet(where, "", labelled(names, units, cells), remarks)]
+    head = header_above(lines, body)
+    refuse_spoilt(lines, head.below, body, where)
+    numbers = read_body(lines, body, where)
+    units = [told or read for told, read in zip(head.units, numbers.units, strict=True)]
+    return [Sheet(where, "", labelled(head.names, units, numbers.cells), numbers.remarks)]
 
 
 def labelled(names: Sequence[str], units: Sequence[str], cells: np.ndarray) -> tuple[Column, ...]:
@@ -43,16 +46,30 @@ def labelled(names: Sequence[str], units: Sequence[str], cells: np.ndarray) -> t
     return tuple(column(names[k] or f"column {k + 1}", cells[:, k], units[k]) for k in there)
 
 
-def header_above(lines: Sequence[str], body: Body) -> tuple[list[str], list[str]]:
-    """Names and units of the columns; "" where there are none."""
-    above = [cells_of(line, body.separator) for line in lines[: body.first] if line.strip()]
-    above = [_padded(cells, body.width) for cells in above if _may_name(cells, body.width)]
+class Header(NamedTuple):
+    """What stands above the rows.
+
+    Args:
+        names, units: of the columns; "" where there are none.
+        below: the line below it, counted from 0.
+    """
+
+    names: list[str]
+    units: list[str]
+    below: int
+
+
+def header_above(lines: Sequence[str], body: Body) -> Header:
+    """The last lines above the rows that may name columns."""
+    numbered = [(k, cells_of(line, body.separator)) for k, line in enumerate(lines[: body.first]) if line.strip()]
+    above = [(k, _padded(cells, body.width)) for k, cells in numbered if _may_name(cells, body.width)]
     empty = [""] * body.width
     if not above:
-        return empty, empty
-    if len(above) > 1 and _are_units(above[-1]):
-        return above[-2], above[-1]
-    return above[-1], empty
+        return Header(empty, empty, 0)
+    last, cells = above[-1]
+    if len(above) > 1 and _are_units(cells):
+        return Header(above[-2][1], cells, last + 1)
+    return Header(cells, empty, last + 1)
 
 
 def _may_name(cells: Sequence[str], width: int) -> bool:

@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from ...errors import MeasurementError
 from ..labels import column
 from ..sheet import Column, Sheet, time_base
 from .base import Format, Source, library, unreadable
@@ -31,6 +32,10 @@ def _read(source: Source) -> list[Sheet]:
             databases = {"CAN": [(str(path), 0) for path in source.buses]}
             with mdf.extract_bus_logging(databases) as decoded:
                 signals = [*_decoded_only(signals), *_signals(decoded)]
+    if signals and not _decoded_only(signals):
+        raise MeasurementError(source.where, "a bus log: frames, and nothing that says what they mean.",
+                               "Signals are required, or the DBC that decodes them.",
+                               "Name the .dbc among the files.")  # fmt: skip
     together = _united(signals)
     return [] if together is None else [Sheet(source.where, "", together)]
 

@@ -6,6 +6,7 @@ import csv
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -17,7 +18,8 @@ SEPARATORS = ("\t", ";", ",")
 _NUMBER = re.compile(r"[+-]?(\d+[.,]?\d*|[.,]\d+)([eE][+-]?\d+)?")
 # what instruments write where a sample was beyond the range, or none came
 _NONE = frozenset({"", "∞", "-∞", "+∞", "inf", "-inf", "+inf", "nan", "ol", "over", "overload", "#n/a", "n/a", "---"})
-_INSTANT = re.compile(r"(\d{4}[-/.]\d\d?[-/.]\d\d?[ T])?\d\d?:\d\d:\d\d([.,]\d+)?Z?")
+_INSTANT = re.compile(r"(\d{1,4}[-/.]\d\d?[-/.]\d{1,4}[ T])?(\d\d?):(\d\d):(\d\d([.,]\d+)?)Z?")
+_DAY = 86400.0  # s
 _ROWS = 3  # in a row make a body
 
 
@@ -34,6 +36,20 @@ class Body:
     first: int
     separator: str
     width: int
+
+
+class Numbers(NamedTuple):
+    """What the rows hold.
+
+    Args:
+        cells: shape (n, width); NaN where there is no number.
+        units: that reading the cells has settled; "" elsewhere.
+        remarks: what had to be decided.
+    """
+
+    cells: np.ndarray
+    units: tuple[str, ...]
+    remarks: tuple[str, ...]
 
 
 def cells_of(line: str, separator: str) -> list[str]:
@@ -73,36 +89,35 @@ def _is_row(cells: Sequence[str]) -> bool:
     return numbers + instants >= 2 and numbers > 0
 
 
-def read_body(lines: Sequence[str], body: Body, where: str) -> tuple[np.ndarray, tuple[str, ...]]:
-    """The numbers, shape (n, width), NaN where there is none, and what had to be decided.
-
-    An instant becomes seconds since the first one.
+def read_body(lines: Sequence[str], body: Body, where: str) -> Numbers:
+    """The numbers below the header. An instant becomes seconds since the first one.
 
     Raises:
         MeasurementError: a row of another length, words among the numbers, or marks that may part thousands.
     """
     plain = fast_cells("\n".join(lines[body.first :]), body.separator, body.width, HUGE)
     if plain is not None:
-        return plain, ()
+        return Numbers(plain, ("",) * body.width, ())
     numbered = [(k + 1, cells_of(lines[k], body.separator)) for k in range(body.first, len(lines)) if lines[k].strip()]
-    numbered = _without_tail(numbered, body.width)
+    cut_off = len(numbered) > _ROWS and len(numbered[-1][1]) < body.width  # the power failed, or the card was full
+    numbered = numbered[:-1] if cut_off else numbered
     for line, cells in numbered:
         if len(cells) != body.width:
             raise MeasurementError(f"{where}:{line}", f"{len(cells)} cells found.",
                                    f"The rows above have {body.width}, so must every row.",
                                    "Delete the line, or split the file there.")  # fmt: skip
-    columns, remarks = [], []
+    columns, remarks = [], ["the last row is cut off and left out"] if cut_off else []
     mark = _decimal_mark(numbered, body.separator, where)
     for k in range(body.width):
         values, remark = _values([(line, cells[k]) for line, cells in numbered], mark, k, where)
         columns.append(values)
         remarks += [remark] if remark else []
-    return np.array(columns).T, tuple(remarks)
+    units = ["s" if _are_instants(numbered, k) else "" for k in range(body.width)]
+    return Numbers(np.array(columns).T, tuple(units), tuple(remarks))
 
 
-def _without_tail(numbered: list[tuple[int, list[str]]], width: int) -> list[tuple[int, list[str]]]:
-    """Without a last row that the power cut off."""
-    return numbered[:-1] if len(numbered) > _ROWS and len(numbered[-1][1]) < width else numbered
+def _are_instants(numbered: list[tuple[int, list[str]]], k: int) -> bool:
+    return all(_INSTANT.fullmatch(cells[k]) for _, cells in numbered)
 
 
 def _decimal_mark(numbered: list[tuple[int, list[str]]], separator: str, where: str) -> str:
@@ -148,7 +163,28 @@ def _with_care(cells: Sequence[tuple[int, str]], texts: Sequence[str], k: int, w
 
 
 def _seconds(texts: Sequence[str]) -> np.ndarray:
-    import pandas as pd
+    """Seconds since the first instant; what falls back began another day."""
+    found = [match for text in texts if (match := _INSTANT.fullmatch(text))]
+    clock = np.array([3600.0 * int(m[2]) + 60.0 * int(m[3]) + float(m[4].replace(",", ".")) for m in found])
+    days = np.concatenate(([0.0], np.cumsum(np.diff(clock) < -0.5 * _DAY)))
+    return clock + _DAY * days - clock[0]
 
-    instants = pd.to_datetime([text.replace(",", ".") for text in texts], format="mixed")
-    return (instants.to_numpy() - instants.to_numpy()[0]) / np.timedelta64(1, "s")
+
+def refuse_spoilt(lines: Sequence[str], first: int, body: Body, where: str) -> None:
+    """Refuse a row between the header and the body that is none because of a cell: rows must not be lost unsaid.
+
+    Args:
+        lines: of the file.
+        first: line below the header, counted from 0.
+        body: where the rows begin.
+        where: what messages call the file.
+    Raises:
+        MeasurementError: naming the line and the cell.
+    """
+    for k in range(first, body.first):
+        cells = cells_of(lines[k], body.separator)
+        odd = [cell for cell in cells if cell and not is_number(cell)]
+        if len(cells) == body.width and odd and len(odd) < len([cell for cell in cells if cell]):
+            raise MeasurementError(f"{where}:{k + 1}", f"'{odd[0][:40]}' among the numbers.",
+                                   "Below the header every cell must be a number or empty.",
+                                   "Correct the cell, or empty it for a gap.")  # fmt: skip

@@ -22,7 +22,7 @@ from ..labels import column
 from ..sheet import Sheet, time_base
 from .base import unreadable
 from .delimited import header_above, labelled
-from .rows import cells_of, find_body, is_number, read_body
+from .rows import cells_of, find_body, is_number, read_body, refuse_spoilt
 
 _KEYS = ("Record Length,", "Model,")
 _KIND = "a waveform that a Tektronix scope saved as CSV"
@@ -58,10 +58,12 @@ def _beside(lines: list[str], settings: dict[str, list[str]], where: str) -> lis
 
 def _below(lines: list[str], settings: dict[str, list[str]], where: str) -> list[Sheet]:
     body = find_body(lines, where)
-    cells, remarks = read_body(lines, body, where)
-    names, units = header_above(lines, body)
+    head = header_above(lines, body)
+    refuse_spoilt(lines, head.below, body, where)
+    numbers = read_body(lines, body, where)
     # a setting's own cells begin below the first channel; time has its unit in a line of its own
     told = ["s", *settings.get("Vertical Units", []), *[""] * body.width][: body.width]
     said = ["", *settings.get("Labels", settings.get("Label", [])), *[""] * body.width][: body.width]
-    names = [label or name for label, name in zip(said, names, strict=True)]
-    return [Sheet(where, "", labelled(names, [a or b for a, b in zip(units, told, strict=True)], cells), remarks)]
+    names = [label or name for label, name in zip(said, head.names, strict=True)]
+    units = [a or b for a, b in zip(head.units, told, strict=True)]
+    return [Sheet(where, "", labelled(names, units, numbers.cells), numbers.remarks)]
