@@ -9,7 +9,7 @@ from __future__ import annotations
 import functools
 import gc
 import sys
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from enum import IntEnum
 from math import inf, pi
@@ -417,6 +417,75 @@ def fetch(
 
         folder = fetch_dataset(name, to or Path("measurements") / name, data)
     typer.echo(folder)
+
+
+@app.command()
+@_contract
+def new(
+    folder: Annotated[Path, typer.Argument(help="The folder to make.", file_okay=False, metavar="FOLDER")],
+    like: Annotated[
+        str | None, typer.Option(help="A known nameplate: bosch-0280750148 or kassel.", metavar="NAME")
+    ] = None,
+) -> None:
+    """A rig.toml with every key explained, and a folder for each rig test that says what to record."""
+    from .importing.new import new_folder
+
+    typer.echo(new_folder(folder, like))
+
+
+@app.command(name="import")
+@_contract
+def import_(
+    files: Annotated[
+        list[Path], typer.Argument(help="Recordings of any format; a DBC for bus logs.", metavar="FILE...")
+    ],
+    to: Annotated[Path, typer.Option(help="The measurement folder to write.", file_okay=False, metavar="FOLDER")],
+    yes: Annotated[bool, typer.Option("--yes", "-y", help="Take every guess.")] = False,
+    column: Annotated[
+        list[str] | None,
+        typer.Option(help="[FILE:]HEADER=QUANTITY [UNIT], or =ignore; may be repeated.", metavar="TEXT"),
+    ] = None,
+    test: Annotated[
+        list[str] | None, typer.Option(help="FILE=TEST, its rig test; may be repeated.", metavar="TEXT")
+    ] = None,
+    period: Annotated[
+        str | None, typer.Option(help="Between samples, for files without a time, as 1ms.", metavar="TIME")
+    ] = None,
+    rig: Annotated[
+        Path | None,
+        typer.Option(help="A rig.toml to take over, as `etcfit new` makes one.", metavar="RIG.TOML", dir_okay=False),
+    ] = None,
+    quiet: Quiet = False,
+) -> None:
+    """Foreign recordings as a measurement folder: columns, units, signs and rig tests guessed, with reasons."""
+    from .importing import import_files
+    from .importing.answers import parsed
+    from .importing.doubts import accept_all, refuse
+
+    seconds = None if period is None else _seconds("--period", period)
+    answers = parsed(column or (), test or (), [str(file) for file in files], seconds)
+    resolve = accept_all if yes else _asked if sys.stdin.isatty() and sys.stderr.isatty() else refuse
+    with _progress(quiet or resolve is _asked) as report:
+        done = import_files(files, to, answers, resolve, rig=rig, report=report)
+    for file, source, reason in done.traces:
+        typer.echo(f"{done.folder}/{file}  from {source}: {reason}")
+    for warning in done.warnings:
+        _stderr().print(warning, markup=False)
+
+
+def _asked(doubts: Sequence[Any], answers: Any) -> Any:
+    """The guesses in doubt, one by one: Enter takes the guess, anything else is the answer."""
+    for doubt in doubts:
+        typer.echo(f"{doubt.where}\n  {doubt.reason}", err=True)
+        while True:
+            typer.echo(f"  {doubt.choices} [{doubt.taken}]: ", err=True, nl=False)
+            text = sys.stdin.readline().strip() or doubt.taken
+            try:
+                answers = doubt.accepted(answers) if text == doubt.taken else doubt.answered(text, answers)
+                break
+            except UsageError as error:
+                typer.echo(f"  {error}", err=True)
+    return answers
 
 
 def main() -> None:

@@ -33,6 +33,7 @@ from etcfit.estimation.settings import (
 )
 from etcfit.experiment.settings import AdviceSettings, CheckSettings, PlanSettings
 from etcfit.files import plain
+from etcfit.importing.settings import GuessSettings
 from etcfit.posterior.settings import SamplingSettings
 from etcfit.ranges import Range, check_ranges, from_json, real, reals, whole
 from etcfit.rig.checks import DETECTORS, SynchronousEdges
@@ -42,6 +43,7 @@ KINDS: list[Any] = [
     AdviceSettings,
     CheckSettings,
     PlanSettings,
+    GuessSettings,
     ContradictionSettings,
     EdgesInStepSettings,
     FitSettings,

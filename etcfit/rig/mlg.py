@@ -12,7 +12,8 @@ All big-endian; start of info is 0 where there is none.
 Source: EFI Analytics, MLG binary log format, versions 1 and 2, as rusEFI quotes it (mlg_types.h), as its firmware and
 its console write it, and as mlg-converter and LibreTune read it. Differs from source: bit fields (types 10 to 12, which
 have a style, an index of names and a number of bits in place of scale, transform and digits) are skipped, as nothing
-here is a switch.
+here is a switch. A field of a type that the format does not name is skipped too: its width is what the others leave of
+a record, its meaning nobody says (mlg-converter, whose v2.mlg has such a field, reads one byte).
 """
 
 from __future__ import annotations
@@ -45,7 +46,7 @@ class Field:
     """One quantity of a record.
 
     Args:
-        kind: its type, a key of the format's table.
+        kind: its type, mostly a key of the format's table.
         header: `name [unit]`.
         scale, transform: value = (raw + transform) scale.
     """
@@ -54,6 +55,11 @@ class Field:
     header: str
     scale: float
     transform: float
+
+    @property
+    def is_scalar(self) -> bool:
+        """A number; neither bits nor of a type that the format does not name."""
+        return self.kind in _TYPES and self.kind not in _BITS
 
 
 @dataclass(frozen=True, eq=False)
@@ -93,20 +99,32 @@ def read_mlg(raw: bytes, where: str) -> Table:
         MeasurementError: another format or version, damaged, or cut off before the second record.
     """
     start, size, fields = _header(raw, where)
-    layout = np.dtype([(f"f{k}", _TYPES[field.kind]) for k, field in enumerate(fields)])
-    if layout.itemsize != size:
-        found = f"its records have {size} bytes, its fields {layout.itemsize}."
-        raise _unreadable(where, found)
+    layout = _layout(fields, size, where)
     kept = _records(raw, start, size, where).sound
     if kept.at.size < 2:
         raise _unreadable(where, f"sound records in the file: {kept.at.size}.")
     records = np.frombuffer(b"".join(raw[at : at + size] for at in kept.at), dtype=layout)
-    shown = [(field, records[f"f{k}"].astype(float)) for k, field in enumerate(fields) if field.kind not in _BITS]
+    shown = [(field, records[f"f{k}"].astype(float)) for k, field in enumerate(fields) if field.is_scalar]
     header = [field.header for field, _ in shown]
     columns = [_finite((values + field.transform) * field.scale) for field, values in shown]
     if not any(name.partition(" [")[0].casefold() == "time" for name in header):
         header, columns = [TIME, *header], [_TICK * (kept.ticks - kept.ticks[0]), *columns]
     return Table(tuple(header), 1, kept.at, np.stack(columns, axis=1))
+
+
+def _layout(fields: list[Field], size: int, where: str) -> np.dtype:
+    """Of a record of so many bytes; fields of unknown type share equally what the others leave."""
+    unknown = [field for field in fields if field.kind not in _TYPES]
+    known = sum(np.dtype(_TYPES[field.kind]).itemsize for field in fields if field.kind in _TYPES)
+    width, odd = divmod(size - known, len(unknown)) if unknown else (0, size - known)
+    if odd or width < bool(unknown):
+        kinds = f", {len(unknown)} more of unknown type {unknown[0].kind}" if unknown else ""
+        raise _unreadable(where, f"its records have {size} bytes, its fields {known}{kinds}.")
+    # of several unknown types each may have a width of its own, unless there is but one byte for each
+    if width > 1 and len({field.kind for field in unknown}) > 1:
+        kinds = " and ".join(str(kind) for kind in sorted({field.kind for field in unknown}))
+        raise _unreadable(where, f"fields of unknown types {kinds}, whose widths cannot be told apart.")
+    return np.dtype([(f"f{k}", _TYPES.get(field.kind, f"V{width}")) for k, field in enumerate(fields)])
 
 
 def _finite(values: np.ndarray) -> np.ndarray:
@@ -123,16 +141,14 @@ def _header(raw: bytes, where: str) -> tuple[int, int, list[Field]]:
     try:
         _, start, size, count = _HEADERS[version].unpack_from(raw, _PREFIX.size)
         first = _PREFIX.size + _HEADERS[version].size
-        fields = [_field(raw, first + k * _FIELD_BYTES[version], where) for k in range(count)]
+        fields = [_field(raw, first + k * _FIELD_BYTES[version]) for k in range(count)]
     except struct.error:
         raise _unreadable(where, "it ends within its header.") from None
     return start, size, fields
 
 
-def _field(raw: bytes, at: int, where: str) -> Field:
+def _field(raw: bytes, at: int) -> Field:
     kind, name, unit, _, scale, transform, _ = _FIELD.unpack_from(raw, at)
-    if kind not in _TYPES:
-        raise _unreadable(where, f"a field of unknown type {kind}.")
     return Field(kind, named(_text(name), _text(unit)), scale, transform)
 
 

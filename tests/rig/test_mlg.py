@@ -130,3 +130,32 @@ def test_a_degree_sign_of_any_age(degrees: bytes) -> None:
 def test_a_length_that_is_not_that_of_the_fields_says_so() -> None:
     with pytest.raises(MeasurementError, match="its records have 4 bytes, its fields 3"):
         read_mlg(file(2, [TPS, FLAGS], 4, []), "a.mlg")
+
+
+ODD = scalar(16, b"Odd", b"%", 0.5)  # as a field of the public v2.mlg of mlg-converter has it
+
+
+@pytest.mark.parametrize(("width", "count"), [(1, 1), (2, 1), (8, 1), (1, 3), (4, 2)])
+@pytest.mark.parametrize("first", [True, False])
+def test_a_field_of_unknown_type_takes_what_the_others_leave_of_a_record(width: int, count: int, first: bool) -> None:
+    # built byte by byte after the published layout: v2.mlg itself (LFS, 0.9 MB) is not among what tests can reach
+    fields = [ODD] * count + [TPS, FLAGS] if first else [TPS, FLAGS] + [ODD] * count
+    odd = b"\xab" * (width * count)
+    blocks = [record(k, 1000 * k, odd + body if first else body + odd) for k, body in enumerate(BODY)]
+    table = read_mlg(file(2, fields, 3 + width * count, blocks), "v2.mlg")
+    assert table.header == ("Time [s]", "TPS [%]")
+    assert table.cells[:, 1] == pytest.approx(SHOWN)
+
+
+def test_unknown_types_share_a_byte_each_and_no_more() -> None:
+    two = [ODD, scalar(9, b"Other", b"", 1.0), TPS, FLAGS]
+    blocks = [record(k, 1000 * k, b"\xab\xcd" + body) for k, body in enumerate(BODY)]
+    assert read_mlg(file(2, two, 5, blocks), "a.mlg").cells[:, 1] == pytest.approx(SHOWN)
+    with pytest.raises(MeasurementError, match="unknown types 9 and 16, whose widths"):
+        read_mlg(file(2, two, 9, []), "a.mlg")
+
+
+@pytest.mark.parametrize("size", [2, 3, 8])
+def test_what_cannot_be_the_width_of_unknown_fields_says_so(size: int) -> None:
+    with pytest.raises(MeasurementError, match=rf"records have {size} bytes, its fields 3, 2 more of unknown type 16"):
+        read_mlg(file(2, [ODD, ODD, TPS, FLAGS], size, []), "a.mlg")

@@ -1,0 +1,97 @@
+"""The way in: foreign files become a measurement folder, and a new rig gets a rig.toml that explains itself."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from ..datasets.folder import refuse_to_overwrite, write_folder
+from ..errors import UsageError
+from ..files import digest
+from ..rig.config import parse_config
+from ..rig.names import refuse_foreign_names
+from ..rig.toml import read_text
+from .answers import Answers
+from .doubts import Resolve
+from .draft import Draft, drafted
+from .folder import read_back, texts
+from .formats import read_sheets
+from .formats.base import Source
+from .settings import GuessSettings
+from .together import merged, with_common_peaks
+
+_BUS = ".dbc"
+
+
+@dataclass(frozen=True)
+class Imported:
+    """What came of an import.
+
+    Args:
+        folder: that was written.
+        traces: file in it -> where it came from, and why it is this test.
+        warnings: of the folder's reader.
+    """
+
+    folder: Path
+    traces: tuple[tuple[str, str, str], ...]
+    warnings: tuple[str, ...]
+
+
+def import_files(
+    files: Sequence[Path],
+    to: Path,
+    answers: Answers,
+    resolve: Resolve,
+    *,
+    rig: Path | None = None,
+    settings: GuessSettings = GuessSettings(),
+    report: Callable[[str, float], None] = lambda stage, done: None,
+) -> Imported:
+    """Foreign files as a measurement folder, written whole or not at all.
+
+    Args:
+        files: recordings of any known format; a DBC among them decodes the bus logs.
+        to: the folder to write; must not exist, or be empty.
+        answers: what the user said.
+        resolve: what to do about guesses in doubt: take them, ask, or refuse.
+        rig: a rig.toml to take over; without it a short one is written.
+        settings: what decides a guess, and when it is sure.
+        report: is told what is being done, and the fraction of it that is.
+    Raises:
+        UsageError: `to` holds something already, or an answer names a column that no file has.
+        MeasurementError: a file cannot be read, a guess is in doubt and nobody settles it, or the folder's reader
+            refuses what the guesses make.
+    """
+    refuse_to_overwrite(to)
+    refuse_foreign_names(str(to), *(str(file) for file in files))
+    given = read_text(rig) if rig is not None else ""
+    known = parse_config(given, str(rig)) if rig is not None else None
+    buses = tuple(file for file in files if file.suffix.casefold() == _BUS)
+    recordings = [file for file in files if file not in buses]
+    if not recordings:
+        raise UsageError("No recording among the files: a DBC alone says only what its frames mean.")
+    sheets = []
+    for k, file in enumerate(recordings):
+        report(f"reading {file.name}", 0.8 * k / len(recordings))
+        sheets += read_sheets(Source(file, str(file), buses))
+    sheets = with_common_peaks(merged(sheets))
+    answers.refuse_unused(sheets)
+    report("guessing what they show", 0.8)
+    draft = drafted(sheets, answers, known, settings)
+    while draft.doubts:
+        answers = resolve(draft.doubts, answers)
+        draft = drafted(sheets, answers, known, settings)
+    report("reading it back", 0.9)
+    digests = {str(file): digest(file) for file in files}
+    written = texts(draft, to.absolute().name, digests, given)
+    rig_read = read_back(draft, written, to)
+    return Imported(write_folder(to, written), _told(draft), rig_read.warnings)
+
+
+def _told(draft: Draft) -> tuple[tuple[str, str, str], ...]:
+    return tuple((trace.file, trace.record.sheet.where, trace.reason) for trace in draft.traces)
+
+
+__all__ = ["Answers", "GuessSettings", "Imported", "import_files"]

@@ -1,0 +1,156 @@
+"""All guesses together: which traces there will be, and what of them is in doubt."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import PurePath
+
+from ..errors import MeasurementError
+from ..rig.base import RigConfig
+from .answers import Answers
+from .cuts import cut
+from .doubts import AbstractDoubt, ColumnDoubt, RigDoubt, TestDoubt
+from .nameplate import NameplateGuess, sensor_guess, travel_guess
+from .quantities import takes_of
+from .record import Record, whole
+from .rig_tests import rig_test_of
+from .settings import GuessSettings
+from .sheet import TIME, Sheet
+from .signs import turned
+from .take import LEFT_OUT, Take
+
+
+@dataclass(frozen=True, eq=False)
+class Trace:
+    """One CSV to be.
+
+    Args:
+        record: its rows and columns.
+        file: `<test>/<name>.csv`.
+        reason: of the rig test.
+    """
+
+    record: Record
+    file: str
+    reason: str
+
+    @property
+    def test(self) -> str:
+        """The rig test."""
+        return self.file.partition("/")[0]
+
+
+@dataclass(frozen=True, eq=False)
+class Draft:
+    """A measurement folder to be.
+
+    Args:
+        traces: in order.
+        nameplate: guesses that rig.toml needs.
+        unused: sheet -> why nothing of it was taken.
+        doubts: what somebody should confirm.
+    """
+
+    traces: tuple[Trace, ...]
+    nameplate: tuple[NameplateGuess, ...]
+    unused: Mapping[str, str]
+    doubts: tuple[AbstractDoubt, ...]
+
+
+def drafted(
+    sheets: Sequence[Sheet], answers: Answers, known: RigConfig | None, settings: GuessSettings = GuessSettings()
+) -> Draft:
+    """The folder that these sheets make.
+
+    Args:
+        sheets: of all files.
+        answers: what the user said.
+        known: a rig.toml that was given; None where there is none.
+        settings: what decides a guess.
+    Raises:
+        MeasurementError: a file of which nothing can be taken, or whose columns contradict themselves.
+    """
+    records, unused = _records(sheets, answers, settings)
+    records = turned(records, settings)
+    traces, doubts = _traces(records, answers, settings)
+    guesses = [
+        each for each in (make(records, known, settings) for make in (sensor_guess, travel_guess)) if each is not None
+    ]
+    doubts += [doubt for record in _one_a_sheet(records) for doubt in _of_columns(record)]
+    doubts += [RigDoubt("rig.toml", each.short, each.reason) for each in guesses]
+    open_ = {doubt.key: doubt for doubt in doubts if doubt.key not in answers.accepted}
+    return Draft(tuple(traces), tuple(guesses), unused, tuple(open_.values()))
+
+
+def _records(sheets: Sequence[Sheet], answers: Answers, settings: GuessSettings) -> tuple[list[Record], dict[str, str]]:
+    """The traces that the sheets hold; a part of a file without any is set aside, a file without any refused."""
+    records: list[Record] = []
+    unused: dict[str, MeasurementError] = {}
+    for sheet in sheets:
+        try:
+            records += cut(whole(sheet, _useful(sheet, answers, settings)), settings)
+        except MeasurementError as error:
+            unused[sheet.where] = error
+    used = {record.sheet.file for record in records}
+    for sheet in sheets:
+        if sheet.file not in used or (sheet.where in unused and not sheet.part):
+            raise unused[sheet.where]
+    return records, {where: error.found for where, error in unused.items()}
+
+
+def _useful(sheet: Sheet, answers: Answers, settings: GuessSettings) -> list[Take]:
+    takes = takes_of(sheet, answers, settings)
+    if all(take.quantity in (LEFT_OUT, TIME) for take in takes):
+        labels = "', '".join(take.column.label for take in takes if take.quantity == LEFT_OUT)
+        raise MeasurementError(sheet.where, f"nothing says what '{labels}' is.",
+                               "A trace needs a voltage, a current, a position or a speed.",
+                               "Name the columns: --column 'HEADER=voltage [V]'.")  # fmt: skip
+    return takes
+
+
+def _traces(
+    records: Sequence[Record], answers: Answers, settings: GuessSettings
+) -> tuple[list[Trace], list[AbstractDoubt]]:
+    pieces: dict[int, list[Record]] = {}
+    for record in records:
+        pieces.setdefault(id(record.sheet), []).append(record)
+    traces, doubts = [], []
+    for parts in pieces.values():
+        for k, record in enumerate(parts, start=1):
+            said, shown = answers.test_of(record.sheet.file), rig_test_of(record, settings)
+            test, reason = (said, "said so") if said else (shown.test, shown.reason)
+            if not said and not (shown.sure and test):
+                doubts.append(TestDoubt(record.sheet.where, test, reason, record.sheet.file))
+            name = _free(f"{test or 'unknown'}/{_slug(record.sheet)}{f'_{k}' if len(parts) > 1 else ''}", traces)
+            traces.append(Trace(record, name, f"{reason}; {record.cut}" if record.cut else reason))
+    return traces, doubts
+
+
+def _free(name: str, traces: Sequence[Trace]) -> str:
+    """A file name that no trace has: two folders may hold a scope.csv each."""
+    taken, number, free = {trace.file for trace in traces}, 1, f"{name}.csv"
+    while free in taken:
+        number += 1
+        free = f"{name}_{number}.csv"
+    return free
+
+
+def _slug(sheet: Sheet) -> str:
+    """A plain name for a file."""
+    stem = PurePath(sheet.file.replace("\\", "/")).stem
+    text = "_".join(filter(None, (stem, sheet.part)))
+    return re.sub(r"[^A-Za-z0-9]+", "_", text).strip("_").casefold() or "trace"
+
+
+def _one_a_sheet(records: Sequence[Record]) -> list[Record]:
+    return list({id(record.sheet): record for record in reversed(records)}.values())[::-1]
+
+
+def _of_columns(record: Record) -> list[AbstractDoubt]:
+    return [
+        ColumnDoubt(f"{record.sheet.where}, column '{take.column.label}'",
+                    take.header if take.quantity else "left out", take.reason, record.sheet.file, take.column.label)
+        for take in record.takes if not take.sure
+    ]  # fmt: skip

@@ -1,0 +1,69 @@
+"""Tektronix's CSV: settings beside the samples, or above them.
+
+    Record Length,2.500000e+03,,-0.500000000000,  0.04000,      TDS1000, TDS2000, TBS1000: one channel a file
+    Sample Interval,4.000000e-04,,-0.499600000000,  0.00000,
+    Source,CH1,,-0.498800000000,  0.04000,
+    ,,,-0.496000000000,  0.04000,
+
+    Model,MSO44                                                 MDO, MSO, DPO: all channels
+    Vertical Units,V,A
+    TIME,CH1,CH2
+    -5.000e-01,0.04,0.001
+
+Source: Tektronix, programmer manuals of TDS2000 and MSO4000 (SAVE:WAVEFORM:SPREADSHEET), and files as they quote them.
+Differs from source: no.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ..labels import column
+from ..sheet import Sheet, time_base
+from .base import unreadable
+from .delimited import header_above, labelled
+from .rows import cells_of, find_body, is_number, read_body, refuse_spoilt
+
+_KEYS = ("Record Length,", "Model,")
+_KIND = "a waveform that a Tektronix scope saved as CSV"
+
+
+def begins(text: str) -> bool:
+    """The first setting of either kind."""
+    return text.lstrip('"').startswith(_KEYS)
+
+
+def read(text: str, where: str) -> list[Sheet]:
+    """Its one sheet.
+
+    Raises:
+        MeasurementError: no rows of numbers.
+    """
+    lines = text.split("\n")
+    settings = {cells[0].strip(": "): cells[1:] for line in lines[:60] if (cells := cells_of(line, ","))[0]}
+    beside = cells_of(lines[0], ",")
+    return _beside(lines, settings, where) if len(beside) > 4 and is_number(beside[3]) else _below(
+        lines, settings, where)  # fmt: skip
+
+
+def _beside(lines: list[str], settings: dict[str, list[str]], where: str) -> list[Sheet]:
+    rows = [cells_of(line, ",") for line in lines if line.strip()]
+    try:
+        time, values = np.array([[float(cell) for cell in row[3:5]] for row in rows]).T
+    except ValueError as err:
+        raise unreadable(where, "its rows are damaged", _KIND, err) from err
+    name, unit = (settings.get(key, [""])[0] for key in ("Source", "Vertical Units"))
+    return [Sheet(where, "", (time_base(time), column(name or "CH1", values, unit)))]
+
+
+def _below(lines: list[str], settings: dict[str, list[str]], where: str) -> list[Sheet]:
+    body = find_body(lines, where)
+    head = header_above(lines, body)
+    refuse_spoilt(lines, head.below, body, where)
+    numbers = read_body(lines, body, where)
+    # a setting's own cells begin below the first channel; time has its unit in a line of its own
+    told = ["s", *settings.get("Vertical Units", []), *[""] * body.width][: body.width]
+    said = ["", *settings.get("Labels", settings.get("Label", [])), *[""] * body.width][: body.width]
+    names = [label or name for label, name in zip(said, head.names, strict=True)]
+    units = [a or b for a, b in zip(head.units, told, strict=True)]
+    return [Sheet(where, "", labelled(names, units, numbers.cells), numbers.remarks)]

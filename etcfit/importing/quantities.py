@@ -1,0 +1,275 @@
+"""What each column of a sheet is: as the user said, by its name, by its unit, else by what follows from what.
+
+current follows voltage          R^2 of i over v, with the plate's speed beside it
+EMF follows the plate's speed    correlation of e and d theta/dt with the terminals open
+a sensor stays between 0 and 5 V and moves smoothly
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from ..errors import MeasurementError
+from ..rig.header import HeaderError, parse_header
+from ..rig.units import EXAMPLES, SI_UNIT, is_percent
+from . import shapes
+from .answers import IGNORE, Answers, Target
+from .labels import fits, quantities_in
+from .ranges_of_units import unit_by_range
+from .settings import GuessSettings
+from .sheet import TIME, Column, Sheet
+from .take import LEFT_OUT, Take, left_out
+from .time_column import time_of
+from .words import is_of_the_motor, quantity_named
+
+_PLATE = ("position", "tps")
+
+
+def takes_of(sheet: Sheet, answers: Answers, settings: GuessSettings) -> list[Take]:
+    """What every column is taken for, time first.
+
+    Raises:
+        MeasurementError: no time, or a column whose name and unit contradict each other.
+    """
+    time = time_of(sheet, answers)
+    others = [column for column in sheet.columns if column is not time.column]
+    known = {id(column): _by_itself(column, sheet, answers) for column in others}
+    nameless = [column for column in others if known[id(column)] is None]
+    found = [take for take in known.values() if take is not None]
+    found += _by_relation(nameless, found, time, settings)
+    order = {id(column): k for k, column in enumerate(others)}
+    found.sort(key=lambda take: order[id(take.column)])
+    return [time, *_one_each(_without_engine(found), answers, sheet)]
+
+
+def _by_itself(column: Column, sheet: Sheet, answers: Answers) -> Take | None:
+    """By what was said, by name, by unit; None where neither tells."""
+    if said := answers.of(sheet.file, column):
+        return _as_said(column, said, sheet)
+    if own := _in_our_words(column):
+        return own
+    if not np.isfinite(column.values).any():
+        return left_out(column, "it holds no number")
+    named = quantity_named(column.name)
+    if named == LEFT_OUT:
+        return left_out(column, "by its name it is not of the rig")
+    if named == TIME:
+        return left_out(column, "another time")
+    return _by_unit(column) if named is None else _by_name(column, named, sheet)
+
+
+def _as_said(column: Column, said: Target, sheet: Sheet) -> Take:
+    if said.quantity == IGNORE:
+        return left_out(column, "said so")
+    if said.unit:
+        return Take(column, said.quantity, said.unit, "said so", said=True)
+    if column.unit and fits(said.quantity, column.unit):
+        return Take(column, said.quantity, column.unit, "said so, in the file's unit", said=True)
+    if column.unit:
+        raise _contradiction(sheet, column, said.quantity, "said to be")
+    quantity, unit, sure = unit_by_range(said.quantity, column.peak)
+    if quantity != said.quantity:
+        unit, sure = _plain_unit(said.quantity), False
+    return Take(column, said.quantity, unit, f"said so; no unit: by its range in {unit}", sure)
+
+
+def _plain_unit(quantity: str) -> str:
+    return EXAMPLES[quantity].split(" or ")[0].split(",")[0]
+
+
+def _in_our_words(column: Column) -> Take | None:
+    try:
+        quantity, unit = parse_header(column.label)
+    except HeaderError:
+        return None
+    return Take(column, quantity, unit, "it is called so")
+
+
+def _by_name(column: Column, named: str, sheet: Sheet) -> Take | None:
+    """As the name says, in the file's unit or in that which the range tells."""
+    if not column.unit:
+        quantity, unit, sure = unit_by_range(named, column.peak)
+        return Take(column, quantity, unit, f"by its name; no unit: by its range in {unit}", sure)
+    for quantity in (named, *(_PLATE if named in _PLATE else ())):
+        if fits(quantity, column.unit):
+            return Take(column, quantity, column.unit, f"by its name, in {column.unit}")
+    if named in ("current", "torque", "motor_speed") and fits("voltage", column.unit):
+        raise _contradiction(sheet, column, named, "named as")
+    return left_out(column, f"named as {named.replace('_', ' ')}, which is not logged in {column.unit}", False)
+
+
+def _contradiction(sheet: Sheet, column: Column, quantity: str, how: str) -> MeasurementError:
+    probe = f"{quantity} [10 {_plain_unit(quantity)}]"
+    return MeasurementError(sheet.where, f"column '{column.label}' is {how} {quantity}, but in {column.unit}.",
+                            f"Accepted: {quantity} in {EXAMPLES[quantity]}.",
+                            f"Give what one {column.unit} stands for: --column '{column.label}={probe}' "
+                            f"for a probe of 100 mV to one, or '{column.label}=ignore'.")  # fmt: skip
+
+
+def _by_unit(column: Column) -> Take | None:
+    """By a unit that only one quantity has."""
+    if not column.unit or is_percent(column.unit):
+        return None
+    possible = quantities_in(column.unit)
+    for quantity, reason in (("current", ""), ("motor_speed", ""), ("torque", ""), ("temperature", ""),
+                             ("position", "an angle")):  # fmt: skip
+        if quantity in possible and "voltage" not in possible:
+            told = reason or f"only {quantity.replace('_', ' ')} is logged in {column.unit}"
+            return Take(column, quantity, column.unit, f"by its unit: {told}")
+    return None
+
+
+def _by_relation(nameless: Sequence[Column], known: Sequence[Take], time: Take, settings: GuessSettings) -> list[Take]:
+    """Columns that neither name nor unit tells, by how they follow from each other."""
+    moving = [c for c in nameless if (c.unit in ("", "V", "mV") or is_percent(c.unit)) and _varies(c.values)]
+    still = [c for c in nameless if c not in moving]
+    by = {take.quantity: shapes.filled(take.si) for take in known if take.quantity}
+    plate = next((by[name] for name in _PLATE if name in by), None)
+    taken: list[Take] = []
+    constants = [c for c in nameless if c.unit in ("V", "mV") and not _varies(c.values)]
+    if "current" in by:
+        taken = _beside_current(moving, by, plate, time, settings)
+        if not moving and not ({"voltage", "duty"} & set(by)) and len(constants) == 1:
+            taken = [_volts(constants[0], "voltage", "the only voltage beside a current", True)]
+    elif volts := [c for c in moving if not is_percent(c.unit)]:
+        taken = _without_current(volts, by, plate, time, settings)
+    done = {id(take.column) for take in taken}
+    rest = [c for c in nameless if id(c) not in done]
+    return [*taken, *(_unexplained(c, c in still) for c in rest)]
+
+
+def _varies(values: np.ndarray) -> bool:
+    finite = values[np.isfinite(values)]
+    return finite.size > 2 and float(np.ptp(finite)) > 0.0
+
+
+def _beside_current(
+    volts: Sequence[Column], by: dict[str, np.ndarray], plate: np.ndarray | None, time: Take, settings: GuessSettings
+) -> list[Take]:
+    """Voltage, or duty, is what current follows; the one left within a sensor's range is the sensor."""
+    out: list[Take] = []
+    rest = list(volts)
+    if not {"voltage", "duty"} & set(by) and rest:
+        drive, sure, told = _what_current_follows(rest, by, plate, time, settings)
+        if is_percent(drive.unit):
+            out.append(Take(drive, "duty", drive.unit, told, sure))
+        else:
+            out.append(_volts(drive, "voltage", told, sure))
+        rest = [c for c in rest if c is not drive]
+    rest = [c for c in rest if not is_percent(c.unit)]
+    if plate is None and (sensors := [c for c in rest if _like_a_sensor(c, settings)]):
+        out.append(_volts(sensors[0], "tps", "it stays between 0 and 5 V, beside a current that does not follow it",
+                          len(sensors) == 1 and len(rest) == 1))  # fmt: skip
+    return out
+
+
+def _what_current_follows(
+    volts: Sequence[Column], by: dict[str, np.ndarray], plate: np.ndarray | None, time: Take, settings: GuessSettings
+) -> tuple[Column, bool, str]:
+    """The column, whether that is sure, and the reason."""
+    current, clock = by["current"], time.si
+    if len(volts) == 1:
+        (only,) = volts
+        values = shapes.filled(only.values)
+        moves = (
+            shapes.span(values) > 20.0 * shapes.noise(values) and shapes.explained(current, values) < settings.follows
+        )
+        strange = is_percent(only.unit) or (moves and _like_a_sensor(only, settings))
+        return only, not strange, "the only voltage beside a current" + ("; it does not follow it" if moves else "")
+    scores = []
+    for column in volts:
+        own = shapes.filled(column.values)
+        places = [plate] if plate is not None else [shapes.filled(c.values) for c in volts if c is not column]
+        speeds = [shapes.slope(place, clock) for place in places]
+        scores.append(max(shapes.explained(current, own, speed) for speed in speeds))
+    first, second = sorted(range(len(volts)), key=lambda k: -scores[k])[:2]
+    told = f"current follows it: {100 * scores[first]:.0f} % of its variance, against {100 * scores[second]:.0f} %"
+    return volts[first], scores[first] > settings.follows and scores[first] - scores[second] > settings.apart, told
+
+
+def _without_current(
+    volts: Sequence[Column], by: dict[str, np.ndarray], plate: np.ndarray | None, time: Take, settings: GuessSettings
+) -> list[Take]:
+    """Terminals open: the EMF follows the speed of the plate, or of the sensor."""
+    clock = time.si
+    if plate is not None:
+        speed = shapes.slope(plate, clock)
+        follows = {id(c): abs(shapes.correlation(shapes.filled(c.values), speed)) for c in volts}
+        best = max(volts, key=lambda c: follows[id(c)])
+        if follows[id(best)] > settings.follows and "emf" not in by and "voltage" not in by:
+            return [_emf(best, follows[id(best)], settings)]
+        return [_volts(best, "voltage", "the only voltage beside a position", False)] if len(volts) == 1 else []
+    if len(volts) != 2:
+        sensors = [c for c in volts if _like_a_sensor(c, settings)]
+        if len(sensors) == 1 and len(volts) == 1 and {"voltage", "duty", "emf"} & set(by):
+            return [_volts(sensors[0], "tps", "it stays between 0 and 5 V beside what drives the plate", True)]
+        return []
+    tried = [(abs(shapes.correlation(shapes.filled(a.values), shapes.slope(shapes.filled(b.values), clock))), a, b)
+             for a, b in (volts, volts[::-1])]  # fmt: skip
+    best, emf, sensor = max(tried, key=lambda each: each[0])
+    if best > settings.follows:
+        told = "the other voltage follows its rate of change: it is the sensor"
+        return [_emf(emf, best, settings), _volts(sensor, "tps", told, best > settings.surely_follows)]
+    return []
+
+
+def _emf(column: Column, correlation: float, settings: GuessSettings) -> Take:
+    told = f"no current, and it follows the speed of the plate (correlation {correlation:.2f})"
+    return _volts(column, "emf", told, correlation > settings.surely_follows)
+
+
+def _like_a_sensor(column: Column, settings: GuessSettings) -> bool:
+    values = column.values[np.isfinite(column.values)] * (1e-3 if column.unit == "mV" else 1.0)
+    return settings.least_sensor <= float(np.min(values)) and float(np.max(values)) <= settings.most_sensor
+
+
+def _volts(column: Column, quantity: str, reason: str, sure: bool) -> Take:
+    if column.unit:
+        return Take(column, quantity, column.unit, reason, sure)
+    guessed, unit, plain = unit_by_range(quantity, column.peak)
+    unit = unit if guessed == quantity else "V"
+    return Take(column, quantity, unit, f"{reason}; no unit: by its range in {unit}", sure and plain)
+
+
+def _unexplained(column: Column, known_kind: bool) -> Take:
+    """A column that nothing tells; one that could matter is asked about."""
+    if not _varies(column.values):
+        return left_out(column, f"neither name nor unit tells what it is, and it stays at {column.values[0]:.4g}")
+    matters = not known_kind or is_percent(column.unit) or bool(set(quantities_in(column.unit)) & set(SI_UNIT))
+    return left_out(column, "neither its name nor what it does tells what it is", not matters)
+
+
+def _without_engine(takes: Sequence[Take]) -> list[Take]:
+    """An ECU's log has the speed of the engine, not of the throttle's motor."""
+    has_plate = any(take.quantity in (*_PLATE, "setpoint") for take in takes)
+    return [
+        left_out(take.column, "by its name the speed of the engine, not of the throttle's motor")
+        if has_plate and take.quantity == "motor_speed" and not is_of_the_motor(take.column.name) else take
+        for take in takes
+    ]  # fmt: skip
+
+
+def _one_each(takes: Sequence[Take], answers: Answers, sheet: Sheet) -> list[Take]:
+    """A trace has one column for each quantity: the one that was said, else the first; then that is doubted."""
+    out = list(takes)
+    for quantity in {_place(take) for take in takes} - {LEFT_OUT}:
+        same = [k for k, take in enumerate(takes) if _place(take) == quantity]
+        said = [k for k in same if answers.of(sheet.file, takes[k].column)]
+        kept = (said or same)[0]
+        for k in same:
+            if k != kept:
+                out[k] = left_out(
+                    takes[k].column, f"'{takes[kept].column.label}' is the {takes[kept].quantity} already"
+                )
+        if len(same) > 1 and not said:
+            others = ", ".join(f"'{takes[k].column.label}'" for k in same if k != kept)
+            out[kept] = replace(takes[kept], sure=False, reason=f"{takes[kept].reason}; the first of several: {others}")
+    return out
+
+
+def _place(take: Take) -> str:
+    """Position and sensor volts are one thing."""
+    return "position" if take.quantity == "tps" else take.quantity

@@ -1,0 +1,126 @@
+"""Shapes of signals that guesses rest on: smooth slopes, correlations, falls, ramps, steps."""
+
+from __future__ import annotations
+
+import numpy as np
+
+
+def filled(values: np.ndarray) -> np.ndarray:
+    """Gaps bridged by straight lines, shape (n,); zeros where nothing was logged."""
+    there = np.isfinite(values)
+    if there.all():
+        return values
+    rows = np.arange(values.size)
+    return np.interp(rows, rows[there], values[there]) if there.any() else np.zeros(values.size)
+
+
+def smooth(values: np.ndarray, samples: int) -> np.ndarray:
+    """Mean over so many samples about each, fewer at the ends, shape (n,)."""
+    samples = max(1, min(samples, values.size))
+    first = np.arange(values.size) - samples // 2
+    begin, end = np.clip(first, 0, values.size), np.clip(first + samples, 0, values.size)
+    sums = np.concatenate(([0.0], np.cumsum(values)))  # as fast for a wide window as for a narrow one
+    return (sums[end] - sums[begin]) / (end - begin)
+
+
+def slope(values: np.ndarray, time: np.ndarray, part: float = 0.01) -> np.ndarray:
+    """Rate of change, smoothed over this part of the record, shape (n,)."""
+    samples = max(3, int(part * values.size))
+    return smooth(np.gradient(smooth(values, samples), time), samples)
+
+
+def correlation(a: np.ndarray, b: np.ndarray) -> float:
+    """Pearson's; 0 where either is constant."""
+    a, b = a - np.mean(a), b - np.mean(b)
+    return _cosine(a, b)
+
+
+def along(a: np.ndarray, b: np.ndarray) -> float:
+    """The same about zero instead of the means: 1 where both always have the same sign and proportion."""
+    return _cosine(a, b)
+
+
+def _cosine(a: np.ndarray, b: np.ndarray) -> float:
+    size = float(np.sqrt(np.sum(a**2) * np.sum(b**2)))
+    return float(np.sum(a * b)) / size if size > 0.0 else 0.0
+
+
+def span(values: np.ndarray) -> float:
+    """Range between the 0.5 and 99.5 % quantiles: single spikes aside."""
+    low, high = np.quantile(values, [0.005, 0.995])
+    return float(high - low)
+
+
+def noise(values: np.ndarray) -> float:
+    """Standard deviation of what changes from sample to sample; coarse steps of a converter count too."""
+    # the 68 % quantile, for the median of a coarse converter's steps is 0
+    return float(np.quantile(np.abs(np.diff(values)), 0.683) / np.sqrt(2.0)) if values.size > 1 else 0.0
+
+
+def explained(y: np.ndarray, *columns: np.ndarray) -> float:
+    """Share of the variance of y that a linear combination of the columns explains, 0 to 1."""
+    design = np.column_stack([*columns, np.ones(y.size)])
+    scale = np.maximum(np.sqrt(np.mean(design**2, axis=0)), 1e-300)
+    left = y - design @ (np.linalg.lstsq(design / scale, y, rcond=None)[0] / scale)
+    total = float(np.sum((y - np.mean(y)) ** 2))
+    return 1.0 - float(np.sum(left**2)) / total if total > 0.0 else 0.0
+
+
+def runs(mask: np.ndarray) -> list[tuple[int, int]]:
+    """First row and the row past the last of every stretch of True."""
+    edges = np.flatnonzero(np.diff(np.r_[0, mask.astype(int), 0]))
+    return [(int(a), int(b)) for a, b in zip(edges[::2], edges[1::2], strict=True)]
+
+
+def falls(values: np.ndarray, high: float = 0.7, low: float = 0.3) -> list[tuple[int, int]]:
+    """Each way from the upper to the lower part of the range: last row above, first row below."""
+    level = smooth(values, 5)
+    bottom, top = np.quantile(level, [0.01, 0.99])
+    share = (level - bottom) / max(top - bottom, 1e-300)
+    side = np.where(share > high, 1, np.where(share < low, -1, 0))
+    marked = np.flatnonzero(side)
+    turns = np.flatnonzero(np.diff(side[marked]) == -2)
+    return [(int(marked[k]), int(marked[k + 1])) for k in turns]
+
+
+def is_ramp(time: np.ndarray, values: np.ndarray, slowest: float = 1.0, jump: float = 0.1) -> bool:
+    """Up once and down once, neither faster than in `slowest` s, no jump of more than this part of the range."""
+    level = smooth(values, max(3, int(0.02 * values.size)))
+    size = float(np.ptp(level))
+    if size <= 8.0 * noise(values) / np.sqrt(max(3, int(0.02 * values.size))):
+        return False
+    wandered = float(np.sum(np.abs(np.diff(level[:: max(1, level.size // 200)]))))
+    if not 1.6 * size < wandered < 2.5 * size:
+        return False
+    top = level > np.min(level) + 0.9 * size
+    bottom = level < np.min(level) + 0.1 * size
+    first, last = int(np.argmax(top)), level.size - 1 - int(np.argmax(top[::-1]))
+    before, after = np.flatnonzero(bottom[:first]), np.flatnonzero(bottom[last:])
+    if not before.size or not after.size:
+        return False
+    up, down = time[first] - time[before[-1]], time[last + after[0]] - time[last]
+    steepest = float(np.max(np.abs(np.diff(smooth(values, 3))))) - 6.0 * noise(values)
+    return min(up, down) >= slowest and steepest < jump * size
+
+
+def one_frequency(time: np.ndarray, values: np.ndarray, share: float = 0.9) -> bool:
+    """True where one line of the spectrum, its neighbours with it, holds this share of the power."""
+    even = np.interp(np.linspace(time[0], time[-1], time.size), time, values)
+    power = np.abs(np.fft.rfft((even - np.mean(even)) * np.hanning(even.size))) ** 2
+    power[0] = 0.0
+    peak = int(np.argmax(power))
+    return float(np.sum(power[max(0, peak - 2) : peak + 3])) > share * float(np.sum(power)) > 0.0
+
+
+def steps_followed(time: np.ndarray, drive: np.ndarray, response: np.ndarray) -> int:
+    """Samples that the response takes for 63 % of its way after the drive's largest jump; 0 where it has no jump."""
+    jumps = np.abs(np.diff(drive))
+    k = int(np.argmax(jumps))
+    if jumps[k] < max(0.3 * span(drive), 8.0 * noise(drive)) or k < 2 or k > drive.size - 6:
+        return 0
+    first = float(np.mean(response[max(0, k - 20) : k]))
+    last = float(np.median(response[k + 1 + (drive.size - k) // 2 :]))
+    if abs(last - first) < 6.0 * noise(response):
+        return 0
+    way = (response[k:] - first) / (last - first)
+    return int(np.argmax(way > 0.63)) if (way > 0.63).any() else 0

@@ -1,0 +1,64 @@
+"""What a foreign file holds, before anybody says what its columns mean."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+TIME = "time"
+
+
+@dataclass(frozen=True, eq=False)
+class Column:
+    """One column as its file has it.
+
+    Args:
+        label: as it stands in the file, `Strom (mA)`: what the user calls it.
+        name: the label without its unit.
+        unit: as the file gives it; "" where it gives none.
+        values: in that unit, shape (n,); NaN where the file has no value.
+        quantity: where the format itself says it (a scope's time base); "" elsewhere.
+        largest: reading of all columns with this label, in any file: one instrument has one unit; NaN if only this one.
+    """
+
+    label: str
+    name: str
+    unit: str
+    values: np.ndarray
+    quantity: str = ""
+    largest: float = float("nan")
+
+    @property
+    def peak(self) -> float:
+        """Largest magnitude, spikes aside, of this column and of its like."""
+        finite = self.values[np.isfinite(self.values)]
+        own = float(np.quantile(np.abs(finite), 0.999)) if finite.size else 0.0
+        return max(own, self.largest) if np.isfinite(self.largest) else own
+
+
+@dataclass(frozen=True, eq=False)
+class Sheet:
+    """Columns of one length, logged together.
+
+    Args:
+        file: path, as the user gave it.
+        part: of the file, where it has several (a group, a structure, a segment); "" elsewhere.
+        columns: each of shape (n,).
+        remarks: what the reader had to decide.
+    """
+
+    file: str
+    part: str
+    columns: tuple[Column, ...]
+    remarks: tuple[str, ...] = ()
+
+    @property
+    def where(self) -> str:
+        """For a message."""
+        return f"{self.file}, '{self.part}'" if self.part else self.file
+
+
+def time_base(seconds: np.ndarray) -> Column:
+    """A time that the format gives in seconds."""
+    return Column("time", "time", "s", np.asarray(seconds, dtype=float), TIME)
