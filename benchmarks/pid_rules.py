@@ -33,7 +33,6 @@ from etcfit.control.design import task_of as designed
 from etcfit.control.judged import Tuned, judged
 from etcfit.control.pid import RULES, Gains, Refusal, Requirements, Task
 from etcfit.control.pid.loop import Body, Loop
-from etcfit.control.pid.setpoint import trapezoid
 from etcfit.estimation.joint_fit import fit
 from etcfit.model.ecu import Ecu
 from etcfit.model.effects import PAPER
@@ -157,7 +156,7 @@ def run(seed: int, known: Callable[[Drawn, Ecu, int], Known]) -> dict[str, Any]:
     found: dict[str, Gains | Refusal] = {name: rule(task) for name, rule in RULES.items()}
     free = replace(task, requirements=replace(task.requirements, **NO_MARGINS))
     found[UNBOUND] = RULES["optimal"](free)
-    ours = judged(task, found, trapezoid())
+    ours = judged(task, found)
     rules = {name: _outcome(rig, gains, ours[name], task) for name, gains in found.items()}
     return {"model": told.origin, "rules": rules, "seconds": time.perf_counter() - begun}
 

@@ -23,6 +23,7 @@ class Computer:
         delay: s.
         grain: of the position it reads, rad.
         noise: of the position it reads, rad, a standard deviation.
+        hold: largest integral, V, which then runs on at the output's limit; 0: it stands still there.
     """
 
     proportional: float
@@ -34,12 +35,19 @@ class Computer:
     delay: float = 0.0
     grain: float = 0.0
     noise: float = 0.0
+    hold: float = 0.0
 
 
 def follow(plant: Plant, computer: Computer, wanted: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Angle (rad) and voltage (V) at each sample, from rest at the first angle asked for (rad, one a period)."""
     out, _ = _run(plant, computer, np.asarray(wanted, dtype=float), np.zeros(len(wanted)))
     return out[:, 0], out[:, 1]
+
+
+def noisy(plant: Plant, computer: Computer, wanted: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+    """Angle (rad) and voltage (V) at each sample, shape (n, 2), of a computer that misreads every sample."""
+    misread = computer.noise * rng.standard_normal(len(wanted))
+    return _run(plant, computer, np.asarray(wanted, dtype=float), misread)[0]
 
 
 def watched(
@@ -57,7 +65,7 @@ def _run(plant: Plant, computer: Computer, wanted: np.ndarray, misread: np.ndarr
     gains = np.array([computer.proportional, computer.integral, computer.derivative])
     late = round((computer.delay + plant.effects.actuation_delay.delay) * parts / computer.period)
     return run_loop(p, wanted, misread, computer.period, parts, gains, computer.filter, computer.supply,
-                    late, computer.grain, mode_at_rest(p, x), x)  # fmt: skip
+                    computer.hold, late, computer.grain, mode_at_rest(p, x), x)  # fmt: skip
 
 
 def trapezoids(low: float, high: float, period: float, edge: float = 0.1, lead: float = 0.5) -> np.ndarray:

@@ -496,7 +496,7 @@ def run(p, knots, volts, instants, held_until, x, h_max):
 
 
 @compiled
-def run_loop(p, wanted, misread, period, parts, gains, slow, limit, late, grain, mode, x):
+def run_loop(p, wanted, misread, period, parts, gains, slow, limit, hold, late, grain, mode, x):
     """The throttle body under a computer that samples, computes a PID and holds its output.
 
     Args:
@@ -508,6 +508,7 @@ def run_loop(p, wanted, misread, period, parts, gains, slow, limit, late, grain,
         gains: V/rad, V/(rad s), V s/rad.
         slow: time constant of the derivative's filter, s.
         limit: of the output, V.
+        hold: largest integral, V, which then runs on at the output's limit; 0: it stands still there.
         late: parts of a period by which the output acts late.
         grain: of the sensor, rad; 0 for none.
         mode, x: at the start.
@@ -527,9 +528,14 @@ def run_loop(p, wanted, misread, period, parts, gains, slow, limit, late, grain,
         # the filtered error chases the error; the derivative is the speed of the chase
         chase = (miss - smooth) / (slow + period)
         smooth += period * chase
-        volts = gains[0] * miss + gains[1] * (area + period * miss) + gains[2] * chase
-        if abs(volts) <= limit or volts * miss < 0.0:
-            area += period * miss
+        if hold > 0.0:
+            most = hold / gains[1] if gains[1] > 0.0 else 0.0
+            area = min(max(area + period * miss, -most), most)
+            volts = gains[0] * miss + gains[1] * area + gains[2] * chase
+        else:
+            volts = gains[0] * miss + gains[1] * (area + period * miss) + gains[2] * chase
+            if abs(volts) <= limit or volts * miss < 0.0:
+                area += period * miss
         volts = min(max(volts, -limit), limit)
         out[n, 0], out[n, 1] = x.theta, volts
         for j in range(parts):

@@ -54,8 +54,9 @@ def designed(fitted: Fit) -> Iterator[Designed]:
 
 def test_every_command_is_a_verb() -> None:
     commands = set(typer.main.get_command(app).commands)  # pyright: ignore[reportAttributeAccessIssue]
-    assert commands - set(dir(etcfit)) == set()
-    assert all(callable(getattr(etcfit, name)) for name in commands)
+    folders = {"import", "new"}  # make a folder for the others; `import` is no name in Python
+    assert commands - set(dir(etcfit)) == folders
+    assert all(callable(getattr(etcfit, name)) for name in commands - folders)
 
 
 def test_check_takes_a_rig_and_a_folder(tmp_path: Path) -> None:
