@@ -41,7 +41,7 @@ from .processes import fresh
 
 GLOBAL = "global"
 LAG, NOISE = 1e-3, 0.8e-3 * TRAVEL
-DRAWS, ROUNDS, POPULATION = 12, 40, 16  # of the global search; its population is that many times three gains
+ROUNDS, POPULATION = 40, 16  # of the global search; its population is that many times three gains
 NEGLIGIBLE, OVERSHOT_OF, HELD_OF = 0.002, 0.01, 0.4  # shares of the travel, as docs/commands/design.md has them
 
 
@@ -55,7 +55,7 @@ def ecu() -> Ecu:
 def globally(task: Task) -> Gains:
     """By differential evolution over the same cost as our optimum's."""
     settings = task.settings.optimum
-    loop = task.loop.first(DRAWS)
+    loop = task.loop.first(settings.few)
     linear = OpenLoop.of(loop.linear(), loop.ecu, COARSE)
 
     def cost(logs: np.ndarray) -> np.ndarray:
@@ -71,8 +71,9 @@ def on_the_plant(rig: Drawn, gains: Gains, task: Task, seed: int) -> dict[str, f
     """Figures of the generator's response, the worst of all levels."""
     own, setpoint = task.ecu, task.setpoint
     effects = rig.effects._replace(position_sensor_lag=PositionSensorLag(own.lag))
-    computer = Computer(*(float(g) for g in gains), period=own.period, supply=own.duty * own.supply, filter=own.filter,
-                        delay=own.delay, grain=own.resolution, noise=own.noise, hold=own.integral * own.supply)  # fmt: skip
+    habits = {"filter": own.filter, "delay": own.delay, "grain": own.resolution, "noise": own.noise}
+    limits = {"supply": own.duty * own.supply, "hold": own.integral * own.supply}
+    computer = Computer(*(float(g) for g in gains), period=own.period, **limits, **habits)
     wanted = setpoint.at(own.period * np.arange(round(setpoint.duration / own.period)))
     path = noisy(independent_throttle(rig.truth, effects), computer, TRAVEL * wanted, np.random.default_rng(seed))
     share, duty = path[:, 0] / TRAVEL, path[:, 1] / own.supply
