@@ -112,7 +112,7 @@ def fit(rig: Rig, report: Report = quiet, settings: FitSettings = FitSettings())
     problem = EstimationProblem.of(rig.config, known, fitted).refined(start).with_integrator_states(start)
     problem.compile_ahead(start)
     x, starts, misfit = _from_several_starts(problem, start, report, settings)
-    problem = problem.with_release_times(x).with_integrator_states(x)
+    problem = problem.with_release_times(x).with_integrator_states(x).with_setpoint_jumps(x)
     finish = _whitened if misfit < settings.misfit else _free_running
     reached = finish(problem, x, report, settings)
     near = not reached.end.far
@@ -194,11 +194,17 @@ def _from_several_starts(
         if near:
             end, steps = descend(problem, first, weighted, tolerance, settings.steps)
         else:
-            end, steps = approach(problem, first, tolerance, settings)
-        before, after = chi2_of(problem, np.stack((first, end)), weighted).tolist()
+            end, steps = approach(problem.with_integrator_states(first), first, tolerance, settings)
+        before, after = (_forgiven(problem, x) for x in (first, end))
         return Descent(end, before, after, steps)
 
     return deepest([start, *others], descend_from, max(1.0, weighted.samples - start.size), settings)
+
+
+def _forgiven(problem: EstimationProblem, x: np.ndarray) -> float:
+    """chi2 at x, shape (P,), instants forgiven, each ECU's integral begun as fits best there."""
+    problem = problem.with_integrator_states(x)
+    return float(chi2_of(problem, x[None], problem.weighted(weights.forgiving(problem)))[0])
 
 
 def approach(
@@ -219,6 +225,7 @@ def approach(
     """
     steps = 0
     for late in settings.late:
+        problem = problem.with_integrator_states(x)
         x, more = descend(problem, x, problem.weighted(weights.forgiving(problem, late)), tolerance, settings.steps)
         steps += more
     return x, steps
@@ -256,7 +263,7 @@ def _fitted_again(rig: Rig, fitted: tuple[Trace, ...], reached: Reached, setting
     found = before.layout.values(reached.x, before.free_parameters.held)
     x = known.layout.coordinates({**known.start, **found})
     problem = EstimationProblem.of(rig.config, known, fitted).refined(x)
-    return _whitened(problem.with_release_times(x).with_integrator_states(x), x, quiet, settings)
+    return _whitened(problem.with_release_times(x).with_integrator_states(x).with_setpoint_jumps(x), x, quiet, settings)
 
 
 def rounds(
@@ -292,7 +299,7 @@ def rounds(
         about = x if early else 0.5 * (about + x)
         whitened = columns(problem.batch, here.r)
         problem = weights.timed(problem, x, here.r) if early else problem
-        problem = problem.with_release_times(about).with_integrator_states(about)
+        problem = problem.with_release_times(about).with_integrator_states(about).with_setpoint_jumps(about)
         problem, outliers = weights.outliers_weighed(problem, whitened)
     end = after_rounds(moved, here.gain, outliers, settings)
     return Reached(problem, weighted, x, replace(end, wander=x - about, gain=here.gain))

@@ -54,12 +54,27 @@ def equipped(
         steps, resets, test_of: as logged, see `TraceBatch`.
         values: of the model's parameters, SI by symbol.
     """
-    steps = throttle.driven(steps, test_of)
+    steps = _held(throttle.driven(steps, test_of), values)
     # a guide in volts knows no scale of torque: where the data know none, none can run away from it
     per_volt = steps.gear_ratio * values["K_m"] / (values["R_a"] + steps.series)
     resets = throttle.begun(resets, test_of)
     within = jnp.clip(resets.theta, steps.lower, steps.upper)  # a sensor may show a plate beyond its stop
     return steps._replace(lever=jnp.where(steps.lever > 0.5, 1.0, per_volt), edge=None), resets._replace(theta=within)
+
+
+def _held(steps: Step, values: Mapping[str, Scalar]) -> Step:
+    """Where an ECU in the model drives the plate its integral begins with what holds the spring there,
+
+        v_0 = (T_PL + K_s theta_0) R_a/(N K_m) + what was found besides
+
+    so that a preload, which the integral bears whatever it is, moves nothing: exactly, and not only along the path that
+    the whitening was linearised about.
+    """
+    if steps.command is None:
+        return steps
+    torque = steps.command.active * (values["T_PL"] + values["K_s"] * steps.command.origin)
+    volts = torque * values["R_a"] / (steps.gear_ratio * values["K_m"])
+    return steps._replace(voltage0=steps.voltage0 + volts, voltage1=steps.voltage1 + volts)
 
 
 def predict(

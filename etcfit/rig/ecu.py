@@ -41,12 +41,22 @@ def read_ecu(toml: Toml, travel: tuple[float, float]) -> tuple[Ecu | None, Notat
     ecu = Ecu(period, toml.positive("rig.supply_V", supply), **given)
     notation = _notation(toml, table, travel)
     scales = notation.units(ecu, travel[1] - travel[0])._asdict()
-    gains = _gains(toml, table, scales) | {symbol: Fixed(value) for symbol, value in ecu.constants.items()}
+    gains = _gains(toml, table, scales)
+    constants: dict[str, Knowledge] = {symbol: Fixed(value) for symbol, value in ecu.constants.items()}
+    if not any(_tells_volts(gain) for gain in gains.values()):
+        constants["V_e"] = Start(ecu.constants["V_e"])
+    gains |= constants
     for symbol in (*GAINS.values(), *ecu.constants):
         if symbol in toml.table("parameters"):
             raise toml.wrong(f"parameters.{symbol}", "is told by [ecu] already.", "One quantity has one place.",
                              "Delete it here.")  # fmt: skip
     return ecu, notation if "unit" in table else None, gains
+
+
+def _tells_volts(gain: Knowledge) -> bool:
+    """Whether a gain gives the voltages of the model their scale. Where none does, the supply must not either: it is a
+    nameplate value, and what it was while the ECU was at its limit nobody logged."""
+    return isinstance(gain, (Fixed, Prior)) and gain.value > 0.0
 
 
 def _ms(toml: Toml, key: str, value: Any, least: float = 0.0) -> float:
