@@ -42,6 +42,8 @@ def start_values(free_parameters: FreeParameters, readings: Readings) -> dict[st
     values = {p.symbol: p.nominal for p in free_parameters.layout.parameters}
     values |= free_parameters.start
     read = {s: v for s, v in readings.values.items() if s in values and np.isfinite(v)}
+    if "T_PL" not in read and {"K_s", "K_m", "R_a"} <= {*read}:  # nominal in volts: the scale of torque is the reading's
+        read["T_PL"] = values["T_PL"] * (read["K_m"] / read["R_a"]) / (values["K_m"] / values["R_a"])
     return values | read
 
 
@@ -112,6 +114,7 @@ def fit(rig: Rig, report: Report = quiet, settings: FitSettings = FitSettings())
     problem = EstimationProblem.of(rig.config, known, fitted).refined(start).with_integrator_states(start)
     problem.compile_ahead(start)
     x, starts, misfit = _from_several_starts(problem, start, report, settings)
+    x = _with_lag_of(start, problem, x)
     problem = problem.with_release_times(x).with_integrator_states(x).with_setpoint_jumps(x)
     finish = _whitened if misfit < settings.misfit else _free_running
     reached = finish(problem, x, report, settings)
@@ -124,6 +127,22 @@ def fit(rig: Rig, report: Report = quiet, settings: FitSettings = FitSettings())
     problem, weighted, x, end = reached
     optimum = Optimum(rig, readings, problem, held_out, weighted, x, end, starts, notes, settings)
     return with_accuracy(outcome(optimum))
+
+
+def _with_lag_of(start: np.ndarray, problem: EstimationProblem, x: np.ndarray) -> np.ndarray:
+    """Coordinates x, shape (P,), with the L_a/R_a of the start where an ECU in the model saw jumps of its setpoint.
+
+    As long as nobody has placed these jumps the circuit's lag stands in for what their instants are off by; from a lag
+    of zero it would not come back, for there its gradient vanishes.
+    """
+    layout, held = problem.layout, problem.free_parameters.held
+    if "L_a" not in layout.free or not problem.sees_jumps:
+        return x
+    first, now = layout.values(start, held), layout.values(x, held)
+    at = layout.free.index("L_a")
+    out = x.copy()
+    out[at] = layout.parameter("L_a").domain.coordinate(float(first["L_a"] / first["R_a"] * now["R_a"]))
+    return out
 
 
 class Descent(NamedTuple):

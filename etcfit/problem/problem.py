@@ -26,7 +26,7 @@ from .residual import Compared, WeightedData, compared, prior_residual, run
 from .substeps import local_error, substeps_needed
 from .trace import Trace, prepare
 
-_SPANS = (3.0, 1.5, 0.7, 0.3, 0.15, 0.07, 0.03, 0.015)  # V, of the search for what an integral holds
+_SPANS = (3.0, 1.5, 0.7, 0.3, 0.15, 0.07, 0.03, 0.015, 0.007, 0.003)  # V, of the search for what an integral holds
 _SHARES = (0.0, -1.0, 1.0)  # of them; the first is kept where none is better
 _FORGOTTEN = 1.0  # s after which a loop has forgotten with what it began
 _STIRS = 8.0  # standard deviations of a sample that are a motion
@@ -297,10 +297,15 @@ class EstimationProblem:
         traces = tuple(_better_release(t, y) for t, y in zip(self.batch.traces, predicted, strict=True))
         return self._of(traces)
 
+    @property
+    def sees_jumps(self) -> bool:
+        """True where an ECU in the model follows a setpoint that jumps."""
+        return any(t.setpoint is not None and t.setpoint.jumps.size for t in self.batch.traces)
+
     def with_setpoint_jumps(self, x: Float[np.ndarray, " P"]) -> EstimationProblem:
         """The problem with the instants at which an ECU in the model saw its setpoint jump where the model at x, shape
         (P,), fits them best."""
-        if not any(t.setpoint is not None and t.setpoint.jumps.size for t in self.batch.traces):
+        if not self.sees_jumps:
             return self
         paths = [self._of([t.with_jumps_at(share) for t in self.batch.traces]).free_run(x) for share in SHARES]
         return self._of([t.with_jumps_placed(seen) for t, *seen in zip(self.batch.traces, *paths, strict=True)])
