@@ -96,7 +96,8 @@ class Setpoint:
     def _reaches(self) -> Iterator[tuple[int, int]]:
         """Each jump's interval, and the last sample that tells of it alone."""
         ends = np.searchsorted(self.instants, self.instants[self.jumps] + _AFTER)
-        yield from zip(self.jumps, np.minimum(ends, np.append(self.jumps[1:], self.instants.size - 1)), strict=True)
+        last = np.minimum(ends, np.append(self.jumps[1:], self.instants.size - 1))
+        yield from zip(self.jumps.tolist(), last.tolist(), strict=True)
 
     def _share(
         self, data: Float[np.ndarray, " n"], sigma: float, paths: Sequence[Float[np.ndarray, " n"]], k: int, last: int

@@ -18,6 +18,9 @@ from etcfit.model.ecu import Ecu
 from etcfit.model.effects import COMMANDING
 from etcfit.problem.batch import batch_of
 from etcfit.problem.free_parameters import free_parameters
+from etcfit.problem.instants import SHARES
+from etcfit.problem.setpoint import Setpoint
+from etcfit.problem.ticks import tick_instants
 from etcfit.problem.trace import prepare
 from etcfit.rig.base import Fixed, Measurement, Prior, Rig, RigConfig, Start
 from etcfit.rig.paper_readings import Readings, read_graphs
@@ -82,18 +85,59 @@ def test_an_ecu_that_no_trace_needs_is_named() -> None:
     assert ready(Rig("bench", CONFIG, (logged(),)))[2] == ()
 
 
-def test_the_tape_carries_the_setpoint_as_late_as_it_acts() -> None:
+def test_every_tick_begins_a_step_and_carries_the_setpoint_that_was_read() -> None:
     trace = prepare(logged(), CONFIG)
     assert trace is not None
-    command = batch_of([trace], CONFIG, [np.full(39, 2)]).steps.command
-    assert command is not None
-    ends = 1e-3 * np.arange(79)
-    wanted = 0.5 + np.maximum(ends - ECU.late - 0.01, 0.0)
-    # the ramp begins at a sample, so that straight lines between samples are the ramp itself
-    assert_allclose(command.end[:79, 0], wanted, atol=1e-12)
-    assert_allclose(command.begin[1:79, 0], wanted[:-1], atol=1e-12)
-    assert_allclose(command.rate[1:79, 0], np.where(ends[1:] > 0.0101, 1.0, 0.0), atol=1e-9)
-    assert_array_equal(command.active[:79, 0], 1.0)
+    steps = batch_of([trace], CONFIG, [np.ones(39, int)]).steps
+    assert steps.command is not None
+    begins, ticks = np.asarray(steps.time - steps.dt)[:, 0], np.asarray(steps.command.tick)[:, 0] > 0.5
+    # 78 ms at 1 ms, each in step with a sample or between two; a clock that ticks with a sample ticks just after it
+    assert_allclose(begins[ticks], 1e-3 * np.arange(78), atol=2e-7)
+    wanted = 0.5 + np.maximum(begins[ticks] - 0.01, 0.0)  # the ramp begins at a sample
+    assert_allclose(np.asarray(steps.command.setpoint)[ticks, 0], wanted, atol=1e-9)
+
+
+def jumping(at: float, **more: np.ndarray) -> Setpoint:
+    """The setpoint of a log at 500 Hz that jumps between two samples, as an ECU saw it at a share of the window."""
+    time = 2e-3 * np.arange(40)
+    trace = prepare(logged(setpoint=np.where(time > 0.0301, 0.9, 0.5), **more), CONFIG)
+    assert trace is not None
+    assert trace.setpoint is not None
+    assert_array_equal(trace.setpoint.jumps, [15])
+    return trace.setpoint.with_jumps_at(at)
+
+
+@pytest.mark.parametrize(("share", "seen"), [(0.0, 0.030), (1.0 / 3.0, 0.031), (0.5, 0.0315), (1.0, 0.033)])
+def test_a_jump_is_seen_within_an_interval_and_a_period_and_the_clock_ticks_with_it(share: float, seen: float) -> None:
+    setpoint = jumping(share)
+    assert_allclose(setpoint.seen, [seen])
+    ticks = tick_instants(setpoint, ECU)
+    assert np.min(np.abs(ticks - seen)) < 1e-9
+    assert_allclose(setpoint.at(np.array([seen - 1e-6, seen + 1e-6])), [0.5, 0.9], atol=1e-9)
+    apart = np.diff(ticks)
+    assert np.all((apart > 0.45e-3) & (apart < 1.55e-3))
+
+
+def test_a_ramp_has_no_jump() -> None:
+    trace = prepare(logged(), CONFIG)
+    assert trace is not None
+    assert trace.setpoint is not None
+    assert trace.setpoint.jumps.size == 0
+
+
+def test_a_jump_is_placed_where_the_plate_answered() -> None:
+    """A plate that runs off at 3 rad/s from the instant it is asked to, in plain numbers."""
+    time, true = 2e-3 * np.arange(40), 0.7
+    setpoint = jumping(0.5)
+
+    def path(share: float) -> np.ndarray:
+        return 0.5 + 3.0 * np.maximum(time - (0.030 + share * 0.003), 0.0)
+
+    noise = 1e-3 * np.random.default_rng(1).standard_normal(40)
+    placed = setpoint.placed(path(true) + noise, 1e-3, [path(share) for share in SHARES])
+    assert placed.share[0] == pytest.approx(true, abs=0.15)
+    nothing = setpoint.placed(np.full(40, np.nan), 1e-3, [path(share) for share in SHARES])
+    assert_array_equal(nothing.share, [0.5])
 
 
 def test_a_rig_without_an_ecu_has_nothing_of_it_on_its_tape_or_in_its_model() -> None:
