@@ -12,7 +12,7 @@ from etcfit.errors import MeasurementError
 from etcfit.model.ecu import ERRORS, FORMS, OUTPUTS, Ecu, Notation
 from etcfit.rig.base import Fixed, Prior, RigConfig, Start, Tied, TpsCalibration
 from etcfit.rig.config import read_config
-from etcfit.rig.ecu import GAINS
+from etcfit.rig.ecu import GAINS, SUPPLY_SD
 from etcfit.rig.units import to_channel
 
 FULL = """[rig]
