@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -9,6 +10,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
+from benchmarks import ecu
 from etcfit.control.pid.setpoint import trapezoid
 from etcfit.diagnosis.composition import compose
 from etcfit.estimation.intervals import intervals, lumped
@@ -207,7 +209,7 @@ class Case:
 
 
 def under_ecu(
-    path: Path, seed: int, ecu: str, problem: bool, effects: Effects = NONE, how: Log | None = None
+    path: Path, seed: int, gains: str, problem: bool, effects: Effects = NONE, how: Log | None = None
 ) -> tuple[Truth, Rig]:
     """Three logs, the last held out: trapezoids, a sum of sines, strokes of a pedal; beside the bench tests or not."""
     truth = draw_truth(np.random.default_rng(seed))
@@ -219,7 +221,7 @@ def under_ecu(
         (path / "rig.toml").write_text(plain.replace('[tests.inductance]\nseries_ohm = "free"\n', ""), encoding="utf-8")
     files = add_logs(path, truth, COMPUTER, seed, how=how, effects=effects)
     text = (path / "rig.toml").read_text(encoding="utf-8").replace('"none"', "")
-    held = text.replace("files = [", f'files = ["{files[-1]}"' + (", " if problem else "")) + ecu
+    held = text.replace("files = [", f'files = ["{files[-1]}"' + (", " if problem else "")) + gains
     (path / "rig.toml").write_text(held, encoding="utf-8")
     return truth, read_folder(path)
 
@@ -333,3 +335,73 @@ def test_check_says_what_one_known_gain_would_tell(tmp_path: Path) -> None:
     assert {"K_p", "K_i", "K_d", "T_PL", "K_s"} <= set(found.identifiability.lost)
     assert any("none of its gains is known" in text for text in found.directions)
     assert any(text.startswith("Were K_p ([ecu] P) known, ") and "K_i and K_d" in text for text in found.gains)
+
+
+@pytest.mark.slow
+def test_where_known_gains_leave_a_symbol_open_free_ones_do_too(tmp_path: Path) -> None:
+    lost = {}
+    for name, gains in {"known": KNOWN, "free": FREE}.items():
+        _, rig = under_ecu(tmp_path / name, 4, gains, problem=False)
+        found = check(rig)
+        assert found.identifiability is not None
+        lost[name] = set(found.identifiability.lost)
+    assert lost["known"] | {"K_p", "K_i", "K_d", "V_e"} <= lost["free"]
+
+
+Fitted = Callable[[str, int], tuple[dict[str, float], FitResult]]
+
+
+@pytest.fixture
+def steps_and_ramps(tmp_path: Path) -> Fitted:
+    """Two short logs of the benchmark, fitted with the gains told as a case says; the truth in volts beside it."""
+
+    def fitted(case: str, seed: int) -> tuple[dict[str, float], FitResult]:
+        true = ecu.write(tmp_path / "rig", seed, case)
+        return true, fit(read_folder(tmp_path / "rig"))
+
+    return fitted
+
+
+@pytest.mark.slow
+def test_steps_that_a_slow_log_places_badly_bias_nothing(steps_and_ramps: Fitted) -> None:
+    """Steps seen by an ECU of 1 ms in a log at 500 Hz, slow ramps beside them; training seed."""
+    true, result = steps_and_ramps("known", 17003)
+    assert result.converged, result.reason
+    assert result.chi2_per_dof < 1.25  # 3 when each step was a ramp between two samples
+    found = lumped(result)
+    for symbol in ("V_f", "V_s", "V_w"):
+        stderr = found[symbol].stderr
+        assert stderr, f"{symbol} has no standard error"
+        assert abs(found[symbol].value - true[symbol]) < 4.0 * stderr, symbol
+    seen = [t.setpoint for t in result.problem.batch.traces if t.setpoint is not None and t.setpoint.jumps.size]
+    (steps,) = seen
+    # the generator's jumps come at ticks, one or two of which lie between samples
+    ticks = (steps.seen - steps.instants[steps.jumps]) / 1e-3
+    large = np.abs(np.diff(steps.value)[steps.jumps]) > 0.1
+    assert large.sum() > 1
+    assert np.all(np.minimum(np.abs(ticks - 1.0), np.abs(ticks - 2.0))[large] < 0.4)
+
+
+@pytest.mark.slow
+def test_gains_that_nobody_knows_tell_ratios_and_no_volts(steps_and_ramps: Fitted) -> None:
+    """All that has no scale is called so by name; the ratios are within 3 %."""
+    true, result = steps_and_ramps("free", 17000)
+    stated = {**lumped(result), **intervals(result)}
+    for symbol in ("V_f", "V_s", "V_w", "V_PL", "K_p", "K_i", "K_d", "T_f", "K_s", "T_PL"):
+        assert stated[symbol].status == "not identifiable", symbol
+    scale = stated["V_f"].value / true["V_f"]
+    for symbol in ("V_s", "V_w", "K_p", "K_i", "K_d"):
+        assert stated[symbol].value == pytest.approx(scale * true[symbol], rel=0.03)
+
+
+@pytest.mark.slow
+def test_ramps_tell_no_preload(tmp_path: Path) -> None:
+    """Of which the integral bears whatever it is: the fit says so instead of stating a value."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(ecu, "LOGS", ("ramps", "ramps"))
+        true = ecu.write(tmp_path / "rig", 17001, "known")
+    found = lumped(fit(read_folder(tmp_path / "rig")))
+    assert found["V_PL"].status == "not identifiable"
+    for symbol in ("V_f", "V_s", "V_w"):
+        assert found[symbol].stderr
+        assert abs(found[symbol].value - true[symbol]) < 4.0 * found[symbol].stderr, symbol
