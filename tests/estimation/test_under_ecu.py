@@ -120,6 +120,29 @@ def test_a_jump_is_seen_within_an_interval_and_a_period_and_the_clock_ticks_with
     assert np.all((apart > 0.45e-3) & (apart < 1.55e-3))
 
 
+def test_steps_follow_the_instant_of_a_jump_as_their_columns_say() -> None:
+    """Lengths of all steps for two instants 10 us apart, both laid out anew."""
+    time = 2e-3 * np.arange(40)
+    trace = prepare(logged(setpoint=np.where(time > 0.0301, 0.9, 0.5)), CONFIG)
+    assert trace is not None
+    by = 1e-5
+    early, late = (trace.with_jumps_at((0.0012 + shift) / 0.003) for shift in (0.0, by))
+    first, then = (batch_of([t], CONFIG, [np.full(39, 2)]) for t in (early, late))
+    follows = np.asarray(first.disturbance.follows)[:, 0]
+    assert first.steps.command is not None
+    marks = first.places[0][2]
+    ends = np.flatnonzero(np.asarray(first.steps.command.tick)[:, 0]) - 1  # of steps that end at a tick
+    moved = np.cumsum(np.asarray(then.steps.dt - first.steps.dt)[:, 0])
+    assert_allclose(moved[ends], np.cumsum(by * follows)[ends], atol=1e-9)
+    assert_allclose(moved[marks], 0.0, atol=1e-9)
+    assert_allclose(np.cumsum(follows)[marks], 0.0, atol=1e-9)
+    assert_allclose(moved[ends[ends > marks[16]]], by, atol=1e-9)  # those after the jump move with it, all of them
+    rows = np.flatnonzero(np.asarray(first.disturbance.seen))
+    assert rows.size == 1
+    assert follows[rows[0] + 1] == 1.0
+    assert_allclose(follows[: rows[0] + 1], 0.0)
+
+
 def test_a_ramp_has_no_jump() -> None:
     trace = prepare(logged(), CONFIG)
     assert trace is not None
