@@ -17,6 +17,8 @@ from .batch import KINDS, BatchArrays, SampleSlots
 from .free_parameters import Form, Pick
 from .innovations import InnovationsFilter, whiten
 
+_LIMIT = 12.0  # V
+
 
 class WeightedData(NamedTuple):
     """All that the residual needs besides the coordinates, as arrays.
@@ -65,16 +67,17 @@ def equipped(
 def _held(steps: Step, values: Mapping[str, Scalar]) -> Step:
     """Where an ECU in the model drives the plate its integral begins with what holds the spring there,
 
-        v_0 = (T_PL + K_s theta_0) R_a/(N K_m) + what was found besides
+        v_0 = (T_PL + K_s theta_0) R_a/(N K_m) + what was found besides, in volts of a limit of 12 V
 
-    so that a preload, which the integral bears whatever it is, moves nothing: exactly, and not only along the path that
-    the whitening was linearised about.
+    so that a preload, which the integral bears whatever it is, moves nothing, nor does a scale of all voltages where
+    nothing gives one: exactly, and not only along the path that the whitening was linearised about.
     """
     if steps.command is None:
         return steps
     torque = steps.command.active * (values["T_PL"] + values["K_s"] * steps.command.origin)
     volts = torque * values["R_a"] / (steps.gear_ratio * values["K_m"])
-    return steps._replace(voltage0=steps.voltage0 + volts, voltage1=steps.voltage1 + volts)
+    besides = 1.0 + steps.command.active * (values["V_e"] / _LIMIT - 1.0)
+    return steps._replace(voltage0=besides * steps.voltage0 + volts, voltage1=besides * steps.voltage1 + volts)
 
 
 def predict(
