@@ -39,8 +39,14 @@ class Log:
 
 
 def setpoint(rng: np.random.Generator, kind: str, time: np.ndarray, low: float, high: float) -> np.ndarray:
-    """Angle asked for between low and high, rad: trapezoids of random levels and edges, a sum of sines, or strokes of a
-    pedal."""
+    """Angle asked for between low and high, rad: trapezoids of random levels and edges, steps of random levels, slow
+    ramps, a sum of sines, or strokes of a pedal."""
+    if kind == "steps":
+        jumps = np.cumsum(rng.uniform(0.15, 0.45, 1 + int(time[-1] / 0.15)))
+        return rng.uniform(low, high, len(jumps) + 1)[np.searchsorted(jumps, time, side="right")]
+    if kind == "ramps":
+        corners = np.cumsum(np.append(0.0, rng.uniform(0.4, 0.9, 1 + int(time[-1] / 0.4))))
+        return np.interp(time, corners, rng.uniform(low, high, len(corners)))
     if kind == "trapezoids":
         corners, levels = [0.0], [rng.uniform(low, high)]
         while corners[-1] < time[-1]:

@@ -17,14 +17,13 @@ from jaxtyping import Float
 from scipy import stats
 
 from ..model.rig_effects import EdgePhase, Place
+from ..problem.instants import SHARES, place
 from ..problem.problem import EstimationProblem
 from ..problem.trace import Trace
 from ..rig.base import Measurement, Rig, Start
 from ..rig.circle import apart, arc_chance, on_circle
 from .settings import EdgesInStepSettings
 
-_SHARES = (0.0, 0.5, 1.0)  # of an interval, at which all edges are simulated
-_TRIED = np.linspace(-0.25, 1.25, 301)  # at which the parabola through them is searched
 _AFTER, _BEFORE = 60, 8  # samples of the current that may tell of an edge, at most
 _FAINT = 0.1  # of what the instant of an edge changes at most, below which a sample tells nothing more of it
 
@@ -90,7 +89,7 @@ def edge_places(problem: EstimationProblem, x: Float[np.ndarray, " P"]) -> dict[
         problem: the traces.
         x: coordinates near the optimum, shape (P,).
     """
-    seen = (replace(problem, batch=problem.batch.jumping(share)).free_run(x) for share in _SHARES)
+    seen = (replace(problem, batch=problem.batch.jumping(share)).free_run(x) for share in SHARES)
     traces = problem.batch.traces
     return {t.measurement.file: tuple(_read(t, paths)) for t, *paths in zip(traces, *seen, strict=True)}
 
@@ -105,7 +104,7 @@ def _of(places: Mapping[str, Sequence[EdgePlace]], problem: EstimationProblem, t
 
 
 def _read(trace: Trace, paths: Sequence[Float[np.ndarray, "n M"]]) -> Iterator[EdgePlace]:
-    """The edges of a trace from its current, and from what simulations with edges at `_SHARES` make of that."""
+    """The edges of a trace from its current, and from what simulations with edges at `SHARES` make of that."""
     if not _jumps(trace) or trace.input is None:
         return
     m = trace.channels.index("current")
@@ -122,23 +121,8 @@ def _read(trace: Trace, paths: Sequence[Float[np.ndarray, "n M"]]) -> Iterator[E
         if before.size and after.size > 1:
             level = float(np.mean(data[before] - middle[before]))
             paths_after = early[after], middle[after], late[after]
-            share, sd = _place((data[after] - level) / sigma, [y / sigma for y in paths_after], before.size)
+            share, sd = place((data[after] - level) / sigma, [y / sigma for y in paths_after], before.size)
             yield EdgePlace(int(k), share, sd)
-
-
-def _place(seen: Float[np.ndarray, " k"], paths: Sequence[Float[np.ndarray, " k"]], before: int) -> tuple[float, float]:
-    """Where the parabola through three paths comes nearest to what was seen, all in noises, and how sure that is; the
-    level of what was seen is a mean of `before` samples, an error that all share."""
-    y0, y1, y2 = paths
-    bend, slope = 2.0 * (y0 - 2.0 * y1 + y2), -3.0 * y0 + 4.0 * y1 - y2
-    cost = np.sum((seen - y0 - np.outer(_TRIED, slope) - np.outer(_TRIED**2, bend)) ** 2, axis=1)
-    best = int(np.argmin(cost))
-    share = float(_TRIED[best])
-    rate = slope + 2.0 * share * bend
-    power, misfit = float(rate @ rate), max(1.0, float(cost[best]) / seen.size)
-    if not power > 0.0:
-        return share, np.inf
-    return share, float(np.sqrt(misfit * (power + np.sum(rate) ** 2 / before)) / power)
 
 
 class CommonPhase(NamedTuple):
@@ -184,10 +168,10 @@ def turns(
     """Of each edge of a trace the turn that brings the phase nearest to where it came; NaN where it keeps no step."""
     out = np.full(measurement.time.size - 1, np.nan)
     inside = abs(phase - 0.5) < 0.5 - settings.border
-    for place in places:
-        turn = 0.0 if inside else float(np.round(np.clip(place.share - phase, 0.0, 1.0)))
-        miss = abs(place.share - np.clip(phase + turn, 0.0, 1.0))
-        keeps = miss < settings.far * np.hypot(place.sd, settings.scatter)
-        told = inside or place.sd < settings.error
-        out[place.interval] = turn if told and keeps else np.nan
+    for edge in places:
+        turn = 0.0 if inside else float(np.round(np.clip(edge.share - phase, 0.0, 1.0)))
+        miss = abs(edge.share - np.clip(phase + turn, 0.0, 1.0))
+        keeps = miss < settings.far * np.hypot(edge.sd, settings.scatter)
+        told = inside or edge.sd < settings.error
+        out[edge.interval] = turn if told and keeps else np.nan
     return out

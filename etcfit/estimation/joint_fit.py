@@ -42,6 +42,10 @@ def start_values(free_parameters: FreeParameters, readings: Readings) -> dict[st
     values = {p.symbol: p.nominal for p in free_parameters.layout.parameters}
     values |= free_parameters.start
     read = {s: v for s, v in readings.values.items() if s in values and np.isfinite(v)}
+    if "T_PL" not in read and {"K_s", "K_m", "R_a"} <= {
+        *read
+    }:  # nominal in volts: the scale of torque is the reading's
+        read["T_PL"] = values["T_PL"] * (read["K_m"] / read["R_a"]) / (values["K_m"] / values["R_a"])
     return values | read
 
 
@@ -112,7 +116,8 @@ def fit(rig: Rig, report: Report = quiet, settings: FitSettings = FitSettings())
     problem = EstimationProblem.of(rig.config, known, fitted).refined(start).with_integrator_states(start)
     problem.compile_ahead(start)
     x, starts, misfit = _from_several_starts(problem, start, report, settings)
-    problem = problem.with_release_times(x).with_integrator_states(x)
+    x = _with_lag_of(start, problem, x)
+    problem = problem.with_release_times(x).with_integrator_states(x).with_setpoint_jumps(x)
     finish = _whitened if misfit < settings.misfit else _free_running
     reached = finish(problem, x, report, settings)
     near = not reached.end.far
@@ -124,6 +129,22 @@ def fit(rig: Rig, report: Report = quiet, settings: FitSettings = FitSettings())
     problem, weighted, x, end = reached
     optimum = Optimum(rig, readings, problem, held_out, weighted, x, end, starts, notes, settings)
     return with_accuracy(outcome(optimum))
+
+
+def _with_lag_of(start: np.ndarray, problem: EstimationProblem, x: np.ndarray) -> np.ndarray:
+    """Coordinates x, shape (P,), with the L_a/R_a of the start where an ECU in the model saw jumps of its setpoint.
+
+    As long as nobody has placed these jumps the circuit's lag stands in for what their instants are off by; from a lag
+    of zero it would not come back, for there its gradient vanishes.
+    """
+    layout, held = problem.layout, problem.free_parameters.held
+    if "L_a" not in layout.free or not problem.sees_jumps:
+        return x
+    first, now = layout.values(start, held), layout.values(x, held)
+    at = layout.free.index("L_a")
+    out = x.copy()
+    out[at] = layout.parameter("L_a").domain.coordinate(float(first["L_a"] / first["R_a"] * now["R_a"]))
+    return out
 
 
 class Descent(NamedTuple):
@@ -194,11 +215,17 @@ def _from_several_starts(
         if near:
             end, steps = descend(problem, first, weighted, tolerance, settings.steps)
         else:
-            end, steps = approach(problem, first, tolerance, settings)
-        before, after = chi2_of(problem, np.stack((first, end)), weighted).tolist()
+            end, steps = approach(problem.with_integrator_states(first), first, tolerance, settings)
+        before, after = (_forgiven(problem, x) for x in (first, end))
         return Descent(end, before, after, steps)
 
     return deepest([start, *others], descend_from, max(1.0, weighted.samples - start.size), settings)
+
+
+def _forgiven(problem: EstimationProblem, x: np.ndarray) -> float:
+    """chi2 at x, shape (P,), instants forgiven, each ECU's integral begun as fits best there."""
+    problem = problem.with_integrator_states(x)
+    return float(chi2_of(problem, x[None], problem.weighted(weights.forgiving(problem)))[0])
 
 
 def approach(
@@ -219,6 +246,7 @@ def approach(
     """
     steps = 0
     for late in settings.late:
+        problem = problem.with_integrator_states(x)
         x, more = descend(problem, x, problem.weighted(weights.forgiving(problem, late)), tolerance, settings.steps)
         steps += more
     return x, steps
@@ -256,7 +284,7 @@ def _fitted_again(rig: Rig, fitted: tuple[Trace, ...], reached: Reached, setting
     found = before.layout.values(reached.x, before.free_parameters.held)
     x = known.layout.coordinates({**known.start, **found})
     problem = EstimationProblem.of(rig.config, known, fitted).refined(x)
-    return _whitened(problem.with_release_times(x).with_integrator_states(x), x, quiet, settings)
+    return _whitened(problem.with_release_times(x).with_integrator_states(x).with_setpoint_jumps(x), x, quiet, settings)
 
 
 def rounds(
@@ -292,7 +320,7 @@ def rounds(
         about = x if early else 0.5 * (about + x)
         whitened = columns(problem.batch, here.r)
         problem = weights.timed(problem, x, here.r) if early else problem
-        problem = problem.with_release_times(about).with_integrator_states(about)
+        problem = problem.with_release_times(about).with_integrator_states(about).with_setpoint_jumps(about)
         problem, outliers = weights.outliers_weighed(problem, whitened)
     end = after_rounds(moved, here.gain, outliers, settings)
     return Reached(problem, weighted, x, replace(end, wander=x - about, gain=here.gain))

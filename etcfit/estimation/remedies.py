@@ -100,7 +100,7 @@ RULES: tuple[Rule, ...] = (
     Rule("share one scale, for nobody logged what the ECU put out and none of its gains is known",
          Cure(besides="a logged voltage or current, one known gain ([ecu] in rig.toml), or tests that measure the "
                       "plate", verb="fixes it"),
-         every=frozenset({"K_p"}), some=frozenset({"K_p", "K_i", "K_d"}) | MECHANICAL, some_count=2),
+         every=frozenset({"K_p"}), some=frozenset({"K_p", "K_i", "K_d", "V_e"}) | MECHANICAL, some_count=2),
     Rule("share one scale, for nothing measures a torque",
          Cure(besides="only K_m = K_b, a torque sensor, or one known torque or inertia", verb="fixes it"),
          every=frozenset({"K_m"}), some_count=2),
@@ -152,6 +152,7 @@ EXCITED_BY: dict[str, str] = {
     "K_p": "any motion of the setpoint",
     "K_i": "an error that lasts",
     "K_d": "a quick change of the setpoint",
+    "V_e": "a setpoint that drives the ECU to its limit",
 }
 
 

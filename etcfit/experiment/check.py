@@ -5,7 +5,7 @@ The verdict is that of the Fisher information of the start model, at the values 
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -186,7 +186,7 @@ def verdict(rig: Rig) -> Foresight:
     known = free_parameters(rig.config)
     fitted, _, notes = ready(rig)
     readings = read_graphs(rig)
-    x = known.layout.coordinates(start_values(known, readings))
+    x = known.layout.coordinates(start_values(known, _told(known.layout, readings)))
     problem = EstimationProblem.of(rig.config, known, fitted).refined(x)
     problem.compile_linearised_ahead(x)
     problem = problem.with_integrator_states(x)
@@ -196,6 +196,14 @@ def verdict(rig: Rig) -> Foresight:
     rows = rows[np.isfinite(rows).all(axis=1)]
     information = information_of(weighted.prior_sd[: x.size], rows)
     return Foresight(known.layout, x, information, readings, notes, fitted)
+
+
+def _told(layout: Layout, readings: Readings) -> Readings:
+    """The readings at which to judge. A plate read with gains of the ECU that nobody knows is of no size that could be
+    held against any other: nominal sizes are better, for a gain that is not known tells less than one that is."""
+    if not {*GAINS.values()} & {*layout.free}:
+        return readings
+    return replace(readings, values={s: v for s, v in readings.values.items() if s not in readings.nominal})
 
 
 def _trace(measurement: Measurement, settings: CheckSettings) -> TraceCheck:

@@ -39,18 +39,15 @@ class Command(NamedTuple):
 
     Args:
         active: 1 where it drives the throttle.
-        begin, end: setpoint at begin and end, rad, as late as its output acts; linear in between.
-        rate: slope of the setpoint, rad/s, without that delay.
+        tick: 1 where its output changes at the step's begin, else 0.
+        setpoint: what it read for that tick, rad.
+        origin: angle at which the trace began, rad.
     """
 
     active: Scalar
-    begin: Scalar
-    end: Scalar
-    rate: Scalar
-
-    def at(self, fraction: Scalar) -> Scalar:
-        """Setpoint at a fraction of the step, rad."""
-        return self.begin + fraction * (self.end - self.begin)
+    tick: Scalar
+    setpoint: Scalar
+    origin: Scalar
 
 
 class Edge(NamedTuple):
@@ -120,7 +117,7 @@ class Step(NamedTuple):
     def inputs(self, fraction: float) -> Inputs:
         """The inputs at a fraction of the step, 0 at its begin and 1 at its end."""
         c = self.command
-        asked = {} if c is None else {"controlled": c.active, "setpoint": c.at(fraction), "setpoint_rate": c.rate}
+        asked = {} if c is None else {"controlled": c.active, "setpoint": c.setpoint}
         return Inputs(
             **asked,
             voltage=self.voltage0 + fraction * (self.voltage1 - self.voltage0),
@@ -138,9 +135,7 @@ class Step(NamedTuple):
         middle, half, c = self.inputs(0.5), 0.5 * self.dt, self.command
         early = self._replace(dt=half, voltage1=middle.voltage, torque1=middle.torque, time=self.time - half)
         late = self._replace(dt=half, voltage0=middle.voltage, torque0=middle.torque)
-        if c is None:
-            return early, late
-        return early._replace(command=c._replace(end=c.at(0.5))), late._replace(command=c._replace(begin=c.at(0.5)))
+        return early, late if c is None else late._replace(command=c._replace(tick=jnp.zeros_like(c.tick)))
 
 
 class _Balances(NamedTuple):
@@ -370,9 +365,8 @@ def _stages(throttle: Throttle, x: State, z: tuple[Scalar, ...], s: Step) -> _St
     return _Stages(contact, z_early, first, z1, z_late, second, z2)
 
 
-@jax.custom_jvp
 def step(throttle: Throttle, x: State, z: tuple[Scalar, ...], s: Step) -> StatePath:
-    """One step of the throttle body.
+    """One step of the throttle body, an ECU's tick at its begin included.
 
     Args:
         throttle: the model.
@@ -382,6 +376,20 @@ def step(throttle: Throttle, x: State, z: tuple[Scalar, ...], s: Step) -> StateP
     Returns:
         state and memories at its end.
     """
+    return step_between_ticks(throttle, x, ticked(throttle, x, z, s), s)
+
+
+def ticked(throttle: Throttle, x: State, z: tuple[Scalar, ...], s: Step) -> tuple[Scalar, ...]:
+    """Memories after the tick at the begin of a step, where there is one; arguments as of `step`."""
+    if s.command is None:
+        return z
+    after = throttle.ticked(x, z, s.inputs(0.0))
+    return tuple(jnp.where(s.command.tick > 0.5, new, old) for new, old in zip(after, z, strict=True))
+
+
+@jax.custom_jvp
+def step_between_ticks(throttle: Throttle, x: State, z: tuple[Scalar, ...], s: Step) -> StatePath:
+    """The step alone, what an ECU put out before it being held; as `step` where none ticks."""
     taken = _stages(throttle, x, z, s)
     return taken.contact.clip(x, taken.second.x), taken.z2
 
@@ -436,7 +444,7 @@ def _step_and_tangent(primals: Any, tangents: Any) -> tuple[StatePath, StatePath
     return (end, taken.z2), once((dend, dz2))
 
 
-step.defjvp(_step_and_tangent, symbolic_zeros=True)
+step_between_ticks.defjvp(_step_and_tangent, symbolic_zeros=True)
 
 
 class Reset(NamedTuple):

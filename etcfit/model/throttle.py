@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 
 import equinox as eqx
 
-from .effects import AbstractEffect, Contribution, Inputs, State, total
+from .effects import AbstractComputer, AbstractEffect, Contribution, Inputs, State, total
 from .parameters import Parameter, Scalar, declared, parameters_of
 from .rig_effects import AbstractRigEffect
 
@@ -86,9 +86,23 @@ class Throttle(eqx.Module):
         commanding = [k for k, e in enumerate(self.effects) if e.commands]
         if not commanding:
             return {}
-        sensed = total([e(x, z, u) for e, z in zip(self.effects, memories, strict=True) if not e.commands])
-        seen = x._replace(theta=x.theta + sensed.position)
+        seen = self._as_read(x, memories, u)
         return {k: self.effects[k](seen, memories[k], u) for k in commanding}
+
+    def _as_read(self, x: State, memories: list[tuple[Scalar, ...]], u: Inputs) -> State:
+        """The state with the angle that the sensor shows."""
+        sensed = total([e(x, z, u) for e, z in zip(self.effects, memories, strict=True) if not e.commands])
+        return x._replace(theta=x.theta + sensed.position)
+
+    def ticked(self, x: State, z: tuple[Scalar, ...], u: Inputs) -> tuple[Scalar, ...]:
+        """Memories of all effects after a tick of the computers among them; arguments as of `__call__`."""
+        computers = {k: e for k, e in enumerate(self.effects) if isinstance(e, AbstractComputer)}
+        if not computers:
+            return z
+        memories = self._memories(z)
+        seen = self._as_read(x, memories, u)
+        memories = [computers[k].ticked(seen, m, u) if k in computers else m for k, m in enumerate(memories)]
+        return tuple(each for memory in memories for each in memory)
 
     def _memories(self, z: tuple[Scalar, ...]) -> list[tuple[Scalar, ...]]:
         """Each effect's own share of the memories."""

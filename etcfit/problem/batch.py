@@ -18,7 +18,9 @@ from ..model.rig_effects import number_of
 from ..model.stepper import Command, Edge, Reset, Step
 from ..rig.base import RigConfig
 from . import edges
+from .breaks import Breaks, breaks_of
 from .packing import pack
+from .ticks import asked, broken
 from .trace import Trace
 
 KINDS = ("current", "position", "emf", "motor_speed")  # what a slot may observe
@@ -56,6 +58,10 @@ class Disturbance(NamedTuple):
         spacing: time since the sample before, s.
         start_i, start_theta, start_omega: variance of the initial state, A^2, rad^2 and (rad/s)^2.
         release: variance of the release instant, s^2, at the entry of the step that follows it; else 0.
+        seen: variance of the instant at which an ECU in the model saw its setpoint jump, s^2, at the entry before
+            the step that ends there; else 0.
+        follows: d dt / d instant of each step's length, for the ECU's ticks are in step with it: > 0 before the jump
+            and before a tick, < 0 after one, 0 where it moves none.
     """
 
     keep: Float[AnyArray, "T L"]
@@ -69,6 +75,8 @@ class Disturbance(NamedTuple):
     start_theta: Float[AnyArray, "T L"]
     start_omega: Float[AnyArray, "T L"]
     release: Float[AnyArray, "T L"]
+    seen: Float[AnyArray, "T L"]
+    follows: Float[AnyArray, "T L"]
 
 
 class BatchArrays(NamedTuple):
@@ -193,37 +201,6 @@ def batch_of(
     return _assemble(table, tuple(traces), tuple(places))
 
 
-class _Breaks(NamedTuple):
-    """Where the steps of a trace end.
-
-    Args:
-        ends: of all steps, s; the first is the trace's first instant.
-        interval: the interval between instants in which each step lies.
-        marks: the step that ends at each instant, n of them.
-    """
-
-    ends: Float[np.ndarray, " rows"]
-    interval: Int[np.ndarray, " rows"]
-    marks: Int[np.ndarray, " n"]
-
-
-def _breaks(trace: Trace, substeps: Int[np.ndarray, " intervals"]) -> _Breaks:
-    """The steps of a trace, `substeps` of them in each interval and one more where the release splits one."""
-    t = trace.instants
-    interval = np.repeat(np.arange(substeps.size), substeps)
-    place = np.arange(interval.size) - np.repeat(np.cumsum(substeps) - substeps, substeps) + 1
-    ends = t[interval] + (t[interval + 1] - t[interval]) * place / substeps[interval]
-    marks = np.concatenate(([0], np.cumsum(substeps)))
-    ends = np.concatenate((t[:1], ends))
-    interval = np.concatenate(([0], interval))
-    if trace.release is not None:  # the release always splits exactly one step, so shapes never depend on where
-        at = int(np.clip(np.searchsorted(ends, trace.release[0]), 1, ends.size - 1))
-        ends = np.insert(ends, at, np.clip(trace.release[0], ends[at - 1], ends[at]))
-        interval = np.insert(interval, at, interval[at])
-        marks = np.where(marks >= at, marks + 1, marks)
-    return _Breaks(ends, interval, marks)
-
-
 def _error(trace: Trace, interval: Int[np.ndarray, " rows"]) -> dict[str, Float[np.ndarray, " rows"]]:
     """How the input's error carries over into each step (share kept, variance added)."""
     keep, fresh = np.ones(interval.size), np.zeros(interval.size)
@@ -243,7 +220,7 @@ def _strip(
     trace: Trace, substeps: Int[np.ndarray, " intervals"], config: RigConfig
 ) -> tuple[dict[str, np.ndarray], Int[np.ndarray, " n"]]:
     """All columns of one trace, and the entries of its instants."""
-    ends, interval, marks = _breaks(trace, edges.halved(trace, substeps))
+    (ends, interval, marks), command = _under_ecu(trace, substeps, config)
     n, zeros, ones = ends.size, np.zeros(ends.size), np.ones(ends.size)
     early, late = edges.levels(trace, ends, interval)
     boundary, first = trace.test.boundary, np.arange(n) == 0
@@ -281,23 +258,19 @@ def _strip(
         columns[name] = first * value
         columns[f"start_{name}"] = first * sd**2
     columns |= edges.in_step(trace, ends, interval)
-    columns |= _error(trace, interval) | edges.unplaced(trace, marks, n) | _asked(trace, ends, dt, config)
+    columns |= _error(trace, interval) | edges.unplaced(trace, marks, n) | command
     return columns | _samples(trace, n, marks), marks
 
 
-def _asked(
-    trace: Trace, ends: Float[np.ndarray, " rows"], dt: Float[np.ndarray, " rows"], config: RigConfig
-) -> dict[str, Float[np.ndarray, " rows"]]:
-    """What is asked of an ECU that is part of the model, see `Command`; nothing where the rig has none."""
-    if config.ecu is None:
-        return {}
-    if not trace.controlled:
-        return {name: np.zeros(ends.size) for name in Command._fields}
-    channel = trace.measurement.channels["setpoint"]
-    asked, late = (np.interp(ends - by, channel.time, channel.value) for by in (0.0, config.ecu.late))
-    change, begin = np.diff(asked, prepend=asked[0]), np.concatenate((late[:1], late[:-1]))
-    rate = np.divide(change, dt, out=np.zeros(ends.size), where=dt > 0.0)
-    return {"active": np.ones(ends.size), "begin": begin, "end": late, "rate": rate}
+def _under_ecu(
+    trace: Trace, substeps: Int[np.ndarray, " intervals"], config: RigConfig
+) -> tuple[Breaks, dict[str, np.ndarray]]:
+    """The steps, and what is asked of an ECU that is part of the model (`Command`): nothing where it does not drive the
+    trace."""
+    if config.ecu is None or trace.setpoint is None:
+        return breaks_of(trace, edges.halved(trace, substeps)), {}
+    breaks, ticks = broken(trace, trace.setpoint, substeps, config.ecu)
+    return breaks, asked(trace.setpoint, trace.start.state[1], breaks.ends, ticks, config.ecu)
 
 
 def _target(trace: Trace, ends: Float[np.ndarray, " rows"]) -> Float[np.ndarray, " rows"]:

@@ -56,7 +56,7 @@ class InputSignal:
         return np.zeros(self.edge.size, dtype=bool) if self.turn is None else np.isfinite(self.turn)
 
 
-def _edges(value: Float[np.ndarray, " n"], sigma: float) -> Bool[np.ndarray, " n-1"]:
+def edges_of(value: Float[np.ndarray, " n"], sigma: float) -> Bool[np.ndarray, " n-1"]:
     """Intervals in which the input jumps: far above the noise and above what goes on around them."""
     jump = np.abs(np.diff(value))
     edge = jump > _EDGE * np.sqrt(2.0) * sigma
@@ -269,7 +269,7 @@ def denoise(value: Float[np.ndarray, " n"], sigma: float) -> InputSignal:
     Returns:
         the signal, its remaining error and its edges.
     """
-    edge = _edges(value, sigma)
+    edge = edges_of(value, sigma)
     estimate, variance, count = _estimated(value, sigma, edge)
     memory = np.where(count > 1.0, np.exp(-2.0 / np.maximum(count, 1.0)), 0.0)
     return InputSignal(estimate, sigma * np.sqrt(variance), memory, edge)

@@ -16,6 +16,7 @@ from ..rig.base import RigConfig
 from .batch import BatchArrays, SampleSlots, TraceBatch, batch_of
 from .free_parameters import Form, FreeParameters, Layout, Pick
 from .innovations import InnovationsFilter, Moved, kalman, moved, plain
+from .instants import SHARES
 from .late_samples import moved_samples
 from .normal_equations import linearised, linearised_ahead
 from .prediction_error import columns
@@ -25,7 +26,7 @@ from .residual import Compared, WeightedData, compared, prior_residual, run
 from .substeps import local_error, substeps_needed
 from .trace import Trace, prepare
 
-_SPANS = (3.0, 1.5, 0.7, 0.3, 0.15, 0.07, 0.03, 0.015)  # V, of the search for what an integral holds
+_SPANS = (3.0, 1.5, 0.7, 0.3, 0.15, 0.07, 0.03, 0.015, 0.007, 0.003)  # V, of the search for what an integral holds
 _SHARES = (0.0, -1.0, 1.0)  # of them; the first is kept where none is better
 _FORGOTTEN = 1.0  # s after which a loop has forgotten with what it began
 _STIRS = 8.0  # standard deviations of a sample that are a motion
@@ -254,7 +255,8 @@ class EstimationProblem:
         """
         traces = tuple(t for t in (prepare(t.measurement, self.config) for t in self.batch.traces) if t is not None)
         problem = EstimationProblem.of(self.config, self.free_parameters, traces, None, self.shape)
-        return replace(problem.refined(x).with_integrator_states(x), jitter=self.jitter)
+        problem = problem.refined(x).with_integrator_states(x).with_setpoint_jumps(x)
+        return replace(problem, jitter=self.jitter)
 
     @property
     def shape(self) -> tuple[int, ...]:
@@ -274,6 +276,7 @@ class EstimationProblem:
             .refined(x)
             .with_release_times(x)
             .with_integrator_states(x)
+            .with_setpoint_jumps(x)
         )
         return replace(other, jitter=self.jitter, guide_stiffness=self.guide_stiffness)
 
@@ -292,8 +295,25 @@ class EstimationProblem:
             return self
         predicted = self.free_run(x)
         traces = tuple(_better_release(t, y) for t, y in zip(self.batch.traces, predicted, strict=True))
-        moved = EstimationProblem.of(self.config, self.free_parameters, traces, self.substeps, self.shape)
-        return replace(moved, jitter=self.jitter)
+        return self._of(traces)
+
+    @property
+    def sees_jumps(self) -> bool:
+        """True where an ECU in the model follows a setpoint that jumps."""
+        return any(t.setpoint is not None and t.setpoint.jumps.size for t in self.batch.traces)
+
+    def with_setpoint_jumps(self, x: Float[np.ndarray, " P"]) -> EstimationProblem:
+        """The problem with the instants at which an ECU in the model saw its setpoint jump where the model at x, shape
+        (P,), fits them best."""
+        if not self.sees_jumps:
+            return self
+        paths = [self._of([t.with_jumps_at(share) for t in self.batch.traces]).free_run(x) for share in SHARES]
+        return self._of([t.with_jumps_placed(seen) for t, *seen in zip(self.batch.traces, *paths, strict=True)])
+
+    def _of(self, traces: Sequence[Trace]) -> EstimationProblem:
+        """The same steps of traces that differ in when something came."""
+        other = EstimationProblem.of(self.config, self.free_parameters, tuple(traces), self.substeps, self.shape)
+        return replace(other, jitter=self.jitter)
 
     def with_integrator_states(self, x: Float[np.ndarray, " P"]) -> EstimationProblem:
         """The problem with the voltage in the integral of each ECU in the model, where its trace begins, that fits best

@@ -35,7 +35,8 @@ _AROUND = 5  # samples either side of an impact that are discounted
 
 class ErrorProcess(NamedTuple):
     """The error of a simulation as a linear Gaussian process of n states: current (A), angle (rad), speed (rad/s),
-    memories of an ECU in the model, error of the input (V or N m). Formulas: head of this module.
+    with an ECU in the model its memories and the error of the instant at which it last saw its setpoint jump (s), error
+    of the input (V or N m). Formulas: head of this module.
 
     Args:
         transition: A, shape (T, L, n, n); 0 at the first entry of a trace.
@@ -69,7 +70,8 @@ class _Along(NamedTuple):
 
 def order_of(effects: Sequence[type[AbstractEffect]]) -> int:
     """Number n of error states of a model with these effects."""
-    return ORDER + len(followed(effects))
+    memories = len(followed(effects))
+    return ORDER + memories + (memories > 0)
 
 
 def error_process(throttle: Throttle, path: StatePath, batch: BatchArrays) -> ErrorProcess:
@@ -82,7 +84,7 @@ def error_process(throttle: Throttle, path: StatePath, batch: BatchArrays) -> Er
     """
     steps, resets, slots, disturbance, test_of = batch
     before = before_steps(throttle, path, resets)
-    inner, push = _linearise(throttle, before, steps)
+    inner, push = _linearise(throttle, before, steps, disturbance)
     sense = slot_senses(throttle, steps, slots, test_of)
     transition, noise = _process(inner, push, disturbance)
     blind = jnp.zeros((*sense.shape[:-1], noise.shape[-1] - ORDER))  # no sensor reads a memory
@@ -91,6 +93,7 @@ def error_process(throttle: Throttle, path: StatePath, batch: BatchArrays) -> Er
     along = _Along(throttle, before, path, steps, disturbance)
     noise += _events(along, lost, noise.shape[-1])
     noise += _edge_covariance(along, noise.shape[-1])
+    noise += _seen_covariance(disturbance, noise.shape[-1])
     begins = resets.begins[..., None, None] > 0.5
     transition = jnp.where(begins, 0.0, transition)
     noise = jnp.where(begins, _start_covariance(disturbance, noise.shape[-1]), noise)
@@ -135,16 +138,17 @@ def before_steps(throttle: Throttle, path: StatePath, resets: Reset) -> StatePat
 
 
 def _linearise(
-    throttle: Throttle, before: StatePath, steps: Step
+    throttle: Throttle, before: StatePath, steps: Step, disturbance: Disturbance
 ) -> tuple[Float[Array, "T L m m"], Float[Array, "T L m"]]:
     """Sensitivity of each step's end to its begin, (T, L, n - 1, n - 1), and to a shift of its input, (T, L, n - 1).
 
     Memories of effects are taken as they are along the path, since what noise does through them is small beside what
-    it does to the state itself; those of an ECU are not, and belong to what is disturbed.
+    it does to the state itself; those of an ECU are not, and belong to what is disturbed. So does the instant of its
+    setpoint's last jump, with which its ticks move and the lengths of the steps between them and the samples.
     """
     memories = followed(throttle.effects)
 
-    def end(vector: Any, z: Any, shift: Any, s: Step) -> Any:
+    def end(vector: Any, z: Any, shift: Any, s: Step, d: Disturbance) -> Any:
         known = {k: vector[3 + n] for n, k in enumerate(memories)}
         z = tuple(known.get(k, each) for k, each in enumerate(z))
         pushed = s._replace(
@@ -153,14 +157,18 @@ def _linearise(
             torque0=s.torque0 + (1.0 - s.circuit) * shift,
             torque1=s.torque1 + (1.0 - s.circuit) * shift,
         )
-        x, z = step(throttle, State(*vector[:3]), z, pushed)
-        return jnp.stack((*x, *(z[k] for k in memories)))
+        if not memories:
+            return jnp.stack(step(throttle, State(*vector[:3]), z, pushed)[0])
+        late = vector[-1]
+        x, z = step(throttle, State(*vector[:3]), z, pushed._replace(dt=s.dt + d.follows * late))
+        return jnp.stack((*x, *(z[k] for k in memories), jnp.where(d.seen > 0.0, 0.0, late)))
 
     x, z = before
-    x = (*x, *(z[k] for k in memories))
-    both = jax.vmap(jax.jacfwd(end, argnums=(0, 2)), in_axes=(0, 0, None, 0))
+    x = (*x, *(z[k] for k in memories), *([jnp.zeros_like(x.i)] if memories else []))
+    both = jax.vmap(jax.jacfwd(end, argnums=(0, 2)), in_axes=(0, 0, None, 0, 0))
     # entry by entry, here and below: such a loop compiles in a fraction of the time that whole arrays take
-    return jax.lax.map(lambda entry: both(*entry[:2], 0.0, entry[2]), (jnp.stack(x, axis=-1), z, steps))
+    entries = (jnp.stack(x, axis=-1), z, steps, disturbance)
+    return jax.lax.map(lambda entry: both(*entry[:2], 0.0, *entry[2:]), entries)
 
 
 def slot_senses(
@@ -277,6 +285,14 @@ def _edge_covariance(along: _Along, order: int) -> Float[Array, "T L {order} {or
     moment = jnp.einsum("k,tlkp,tlkq->tlpq", jnp.array(_WEIGHTS), vector, vector)
     rest = order - 3  # the input's own error knows nothing of its edges, and no ECU sees them
     return jnp.pad(moment, ((0, 0), (0, 0), (0, rest), (0, rest)))
+
+
+def _seen_covariance(disturbance: Disturbance, order: int) -> Float[Array, "T L {order} {order}"]:
+    """Q of the instant at which an ECU in the model saw a jump of its setpoint, shape (T, L, n, n)."""
+    zero = jnp.zeros_like(disturbance.seen)
+    each = [zero] * order
+    each[-2] = disturbance.seen if order > ORDER else zero
+    return jax.vmap(jax.vmap(jnp.diag))(jnp.stack(each, axis=-1))
 
 
 def _impact_variance(

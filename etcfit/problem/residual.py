@@ -17,6 +17,8 @@ from .batch import KINDS, BatchArrays, SampleSlots
 from .free_parameters import Form, Pick
 from .innovations import InnovationsFilter, whiten
 
+_LIMIT = 12.0  # V
+
 
 class WeightedData(NamedTuple):
     """All that the residual needs besides the coordinates, as arrays.
@@ -54,12 +56,28 @@ def equipped(
         steps, resets, test_of: as logged, see `TraceBatch`.
         values: of the model's parameters, SI by symbol.
     """
-    steps = throttle.driven(steps, test_of)
+    steps = _held(throttle.driven(steps, test_of), values)
     # a guide in volts knows no scale of torque: where the data know none, none can run away from it
     per_volt = steps.gear_ratio * values["K_m"] / (values["R_a"] + steps.series)
     resets = throttle.begun(resets, test_of)
     within = jnp.clip(resets.theta, steps.lower, steps.upper)  # a sensor may show a plate beyond its stop
     return steps._replace(lever=jnp.where(steps.lever > 0.5, 1.0, per_volt), edge=None), resets._replace(theta=within)
+
+
+def _held(steps: Step, values: Mapping[str, Scalar]) -> Step:
+    """Where an ECU in the model drives the plate its integral begins with what holds the spring there,
+
+        v_0 = (T_PL + K_s theta_0) R_a/(N K_m) + what was found besides, in volts of a limit of 12 V
+
+    so that a preload, which the integral bears whatever it is, moves nothing, nor does a scale of all voltages where
+    nothing gives one: exactly, and not only along the path that the whitening was linearised about.
+    """
+    if steps.command is None:
+        return steps
+    torque = steps.command.active * (values["T_PL"] + values["K_s"] * steps.command.origin)
+    volts = torque * values["R_a"] / (steps.gear_ratio * values["K_m"])
+    besides = 1.0 + steps.command.active * (values["V_e"] / _LIMIT - 1.0)
+    return steps._replace(voltage0=besides * steps.voltage0 + volts, voltage1=besides * steps.voltage1 + volts)
 
 
 def predict(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
@@ -11,6 +12,7 @@ from jaxtyping import Float
 from ..rig import TEST_BY_NAME
 from ..rig.base import AbstractRigTest, Measurement, RigConfig
 from .input_signal import InputSignal, commanded, input_of
+from .setpoint import Setpoint
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,7 +42,7 @@ class Trace:
         sigma: standard deviation of the noise of one sample, SI, shape (M,).
         start: initial state.
         release: instant at which the held plate was let go and its standard deviation, s; None: free from the start.
-        controlled: True where the ECU of rig.toml drives the plate inside the model.
+        setpoint: what the ECU of rig.toml, inside the model, followed; None where no such ECU drives the plate.
     """
 
     measurement: Measurement
@@ -52,7 +54,12 @@ class Trace:
     sigma: Float[np.ndarray, " M"]
     start: InitialState
     release: tuple[float, float] | None
-    controlled: bool = False
+    setpoint: Setpoint | None = None
+
+    @property
+    def controlled(self) -> bool:
+        """True where the ECU of rig.toml drives the plate inside the model."""
+        return self.setpoint is not None
 
     @property
     def torque_driven(self) -> bool:
@@ -72,6 +79,18 @@ class Trace:
     def released_at(self, instant: float, sd: float) -> Trace:
         """The trace with another release instant and its standard deviation, s."""
         return replace(self, release=(instant, sd))
+
+    def with_jumps_at(self, share: float) -> Trace:
+        """The trace with each jump of its setpoint seen at a share of its window; itself without such an ECU."""
+        return self if self.setpoint is None else replace(self, setpoint=self.setpoint.with_jumps_at(share))
+
+    def with_jumps_placed(self, paths: Sequence[Float[np.ndarray, "n M"]]) -> Trace:
+        """The trace with each jump of its setpoint seen where that fits its angle best, see `Setpoint.placed`."""
+        if self.setpoint is None or "position" not in self.channels:
+            return self
+        m = self.channels.index("position")
+        placed = self.setpoint.placed(self.data[:, m], float(self.sigma[m]), [path[:, m] for path in paths])
+        return replace(self, setpoint=placed)
 
     def holding(self, volts: float) -> Trace:
         """The trace with another voltage (V) in the integral of the ECU in the model where it begins; itself without
@@ -98,14 +117,15 @@ def prepare(measurement: Measurement, config: RigConfig) -> Trace | None:
     test = TEST_BY_NAME[measurement.test]
     instants = measurement.time
     signal = None if test.boundary.terminals_open else input_of(measurement, config, instants)
-    controlled = signal is None and follows_setpoint(measurement) and config.ecu is not None
-    signal = commanded(instants, config.ecu.supply) if controlled and config.ecu is not None else signal
+    setpoint = None
+    if signal is None and follows_setpoint(measurement) and config.ecu is not None:
+        signal, setpoint = commanded(instants, config.ecu.supply), Setpoint.of(measurement, config.ecu.period)
     channels = _observed(measurement, test, signal)
     if not channels or (signal is None and not test.boundary.terminals_open):
         return None
     data = np.stack([_at(instants, measurement, name) for name in channels], axis=1)
     sigma = np.array([_sigma(measurement, name) for name in channels])
-    trace = Trace(measurement, test, instants, signal, channels, data, sigma, _NOWHERE, None, controlled)
+    trace = Trace(measurement, test, instants, signal, channels, data, sigma, _NOWHERE, None, setpoint)
     start = _start(trace, config)
     release = _release(trace) if test.boundary.released else None
     if release is not None:

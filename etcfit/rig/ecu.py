@@ -13,6 +13,7 @@ from .toml import Toml, shown
 KEYS = ("P", "I", "D", "unit", "form", "period_ms", "filter_ms", "delay_ms")
 GAINS = {"P": "K_p", "I": "K_i", "D": "K_d"}
 TIMES = {"filter_ms": "filter", "delay_ms": "delay"}  # those with a default, and what `Ecu` calls them
+SUPPLY_SD = 0.1  # of the supply under load, a share of the nameplate's
 MOST_MS = 1000.0  # of any time in it
 
 
@@ -41,12 +42,26 @@ def read_ecu(toml: Toml, travel: tuple[float, float]) -> tuple[Ecu | None, Notat
     ecu = Ecu(period, toml.positive("rig.supply_V", supply), **given)
     notation = _notation(toml, table, travel)
     scales = notation.units(ecu, travel[1] - travel[0])._asdict()
-    gains = _gains(toml, table, scales) | {symbol: Fixed(value) for symbol, value in ecu.constants.items()}
+    gains = _gains(toml, table, scales)
+    constants: dict[str, Knowledge] = {symbol: Fixed(value) for symbol, value in ecu.constants.items()}
+    gains |= constants | {"V_e": _limit(ecu.constants["V_e"], any(_tells_volts(gain) for gain in gains.values()))}
     for symbol in (*GAINS.values(), *ecu.constants):
         if symbol in toml.table("parameters"):
             raise toml.wrong(f"parameters.{symbol}", "is told by [ecu] already.", "One quantity has one place.",
                              "Delete it here.")  # fmt: skip
     return ecu, notation if "unit" in table else None, gains
+
+
+def _tells_volts(gain: Knowledge) -> bool:
+    """Whether a gain gives the voltages of the model their scale."""
+    return isinstance(gain, (Fixed, Prior)) and gain.value > 0.0
+
+
+def _limit(volts: float, scaled: bool) -> Knowledge:
+    """The limit of the output, V. It is a nameplate value: what the supply was while the ECU was at its limit nobody
+    logged, so it is believed within a share of it, and where no gain gives voltages a scale the limit must not either.
+    """
+    return Prior(volts, SUPPLY_SD * volts) if scaled else Start(volts)
 
 
 def _ms(toml: Toml, key: str, value: Any, least: float = 0.0) -> float:

@@ -15,7 +15,7 @@ import bodies
 from bodies import N
 from etcfit.model.effects import COMMANDING, EFFECTS, PAPER, AbstractEffect, State
 from etcfit.model.parameters import Positive, parameters_of
-from etcfit.model.stepper import Command, Step, step
+from etcfit.model.stepper import Command, Step, step_between_ticks
 from etcfit.model.tangents import forward, instantiated, once
 from etcfit.model.throttle import Throttle
 
@@ -58,7 +58,7 @@ def places(throttle: Throttle) -> tuple[State, tuple[Any, ...], Step]:
     ],
 )
 def test_it_is_the_derivative_of_the_scheme_for_every_effect(effects: list[type[AbstractEffect]]) -> None:
-    """`step.fun` is the step without its own rule: JAX differentiates every operation of it."""
+    """`step_between_ticks.fun` is the step without its own rule: JAX differentiates every operation of it."""
     throttle = throttle_with(*effects)
     x, z, s = places(throttle)
     rng = np.random.default_rng(4)
@@ -74,7 +74,7 @@ def test_it_is_the_derivative_of_the_scheme_for_every_effect(effects: list[type[
 
         return jax.jit(jax.vmap(one))(x, z, s, way[1], way[2], pushed)
 
-    (ours, our_tangent), (theirs, their_tangent) = derivative(step), derivative(step.fun)
+    (ours, our_tangent), (theirs, their_tangent) = derivative(step_between_ticks), derivative(step_between_ticks.fun)
     assert_allclose(jnp.stack(jax.tree.leaves(ours)), jnp.stack(jax.tree.leaves(theirs)), rtol=1e-12, atol=1e-12)
     assert_allclose(
         jnp.stack(jax.tree.leaves(our_tangent)), jnp.stack(jax.tree.leaves(their_tangent)), rtol=1e-8, atol=1e-9

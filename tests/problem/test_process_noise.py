@@ -56,6 +56,6 @@ def test_the_filter_knows_the_current_better_the_more_samples_it_has_seen() -> N
     assert spread[-1] == pytest.approx(SIGMA**2, rel=1e-3)
 
 
-def test_an_engine_computer_adds_its_memories_to_the_error_states() -> None:
+def test_an_engine_computer_adds_its_memories_and_an_instant_to_the_error_states() -> None:
     assert order_of(PAPER) == ORDER
-    assert order_of((*PAPER, Controller)) == ORDER + len(Controller.z0)
+    assert order_of((*PAPER, Controller)) == ORDER + len(Controller.z0) + 1

@@ -12,7 +12,7 @@ from etcfit.errors import MeasurementError
 from etcfit.model.ecu import ERRORS, FORMS, OUTPUTS, Ecu, Notation
 from etcfit.rig.base import Fixed, Prior, RigConfig, Start, Tied, TpsCalibration
 from etcfit.rig.config import read_config
-from etcfit.rig.ecu import GAINS
+from etcfit.rig.ecu import GAINS, SUPPLY_SD
 from etcfit.rig.units import to_channel
 
 FULL = """[rig]
@@ -161,7 +161,16 @@ def test_gains_of_an_ecu_arrive_in_volts_radians_and_seconds(tmp_path: Path) -> 
     assert d.value == pytest.approx(30.0 * 2e-3 * 0.125 / np.radians(0.9))
     assert "K_i" not in config.parameters
     assert config.parameters["t_e"] == Fixed(2e-3)
-    assert config.parameters["V_e"] == Fixed(12.5)
+    assert config.parameters["V_e"] == Prior(12.5, SUPPLY_SD * 12.5)
+
+
+def test_where_no_gain_gives_volts_a_scale_the_supply_does_not_either(tmp_path: Path) -> None:
+    """A gain of zero is none; one with a standard deviation is one."""
+    free = ECU.replace("P = 4.0", "P = 'free'")
+    assert read(tmp_path, free).parameters["V_e"] == Start(12.5)
+    assert read(tmp_path, free.replace("I = 'free'", "I = 0.0")).parameters["V_e"] == Start(12.5)
+    believed = free.replace("I = 'free'", "I = { value = 0.137, sd = 0.01 }")
+    assert isinstance(read(tmp_path, believed).parameters["V_e"], Prior)
 
 
 @pytest.mark.parametrize("unit", [f"{output}/{error}" for output in OUTPUTS for error in ERRORS])

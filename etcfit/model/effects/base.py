@@ -35,8 +35,7 @@ class Inputs(NamedTuple):
         motor, external: what the gear carries: torque of the motor at the plate, and smooth torque on the plate, N m;
             given to `loaded` effects only, 0 for all others.
         controlled: 1 where an ECU that is part of the model drives the throttle; None where the model has none.
-        setpoint: what that ECU follows, rad, as late as its output acts.
-        setpoint_rate: slope of the setpoint, rad/s, without that delay.
+        setpoint: what that ECU last read that it should follow, rad.
     """
 
     voltage: Scalar
@@ -51,7 +50,6 @@ class Inputs(NamedTuple):
     external: Scalar = 0.0
     controlled: Scalar | None = None
     setpoint: Scalar | None = None
-    setpoint_rate: Scalar | None = None
 
     @property
     def gear_load(self) -> Scalar:
@@ -108,8 +106,7 @@ class AbstractEffect(eqx.Module):
             of it.
         loaded: True where it must be told what the gear carries (`Inputs.motor`, `Inputs.external`).
         delays: True where it shifts the input or a channel in time.
-        commands: True where it drives the throttle by what its sensors show: it gets the angle as read, and its voltage
-            is added to that of the terminals before the other effects are asked.
+        commands: True where it drives the throttle by what its sensors show, see `AbstractComputer`.
         needs: what must have been logged for it to be seen: "circuit", "current", "position", "gear".
         inexact: relative error that its formula may have; largest for friction, contacts and delays.
         scope: where it sits: "plate", "motor", "driver" or "channel"; rig effects have "test" or "rig".
@@ -136,6 +133,17 @@ class AbstractEffect(eqx.Module):
     @abc.abstractmethod
     def __call__(self, x: State, z: tuple[Scalar, ...], u: Inputs) -> Contribution:
         """The effect's contribution; a pure function of its parameters, x, z and u."""
+
+
+class AbstractComputer(AbstractEffect):
+    """An effect that drives the throttle by what its sensors show: it gets the angle as read, and its voltage is added
+    to that of the terminals before the other effects are asked. It reads and computes at ticks of its own clock."""
+
+    commands: ClassVar[bool] = True
+
+    @abc.abstractmethod
+    def ticked(self, x: State, z: tuple[Scalar, ...], u: Inputs) -> tuple[Scalar, ...]:
+        """Its memories after a tick, from those before it; x with the angle as read."""
 
 
 _SUMS = tuple(name for name in Contribution._fields if name not in ("lower", "upper", "dz"))

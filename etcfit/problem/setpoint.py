@@ -1,0 +1,112 @@
+"""What an ECU that is part of the model was asked for, and when it saw that.
+
+A setpoint that jumps between two samples was seen at a tick that nobody logged: after the sample before the jump, and
+no later than one period after the sample that shows it. Where in that window each jump was seen is read off what the
+plate did after it (`EstimationProblem.with_setpoint_jumps`); the ECU's clock is taken to tick in step with each.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from jaxtyping import Float, Int
+
+from ..rig.base import Measurement
+from .input_signal import edges_of
+from .instants import place
+
+_AT_ONCE = 1e-9  # s, instants that are one
+_BEFORE, _AFTER = 8, 0.03  # samples before a jump, and s after it, that tell when it was seen
+_UNIFORM = 1.0 / 12.0  # variance of a share of the window of which nothing is known
+
+
+@dataclass(frozen=True, eq=False)
+class Setpoint:
+    """The setpoint of a trace at its instants; linear in between, but where it jumps.
+
+    Args:
+        instants: s, shape (n,).
+        value: rad, shape (n,).
+        jumps: intervals between instants in which it jumps, shape (k,).
+        share: where in its window the ECU saw each jump, 0 to 1, shape (k,).
+        period: of the ECU's clock, s.
+    """
+
+    instants: Float[np.ndarray, " n"]
+    value: Float[np.ndarray, " n"]
+    jumps: Int[np.ndarray, " k"]
+    share: Float[np.ndarray, " k"]
+    period: float
+
+    @classmethod
+    def of(cls, measurement: Measurement, period: float) -> Setpoint:
+        """As logged, each jump seen in the middle of its window."""
+        channel, instants = measurement.channels["setpoint"], measurement.time
+        value = np.interp(instants, channel.time, channel.value)
+        noise = max(channel.sigma, channel.quantum / math.sqrt(12.0))
+        jumps = np.flatnonzero(edges_of(value, noise))
+        return cls(instants, value, jumps, np.full(jumps.size, 0.5), period)
+
+    @property
+    def windows(self) -> Float[np.ndarray, " k"]:
+        """Length of the window of each jump, s."""
+        return np.diff(self.instants)[self.jumps] + self.period
+
+    @property
+    def seen(self) -> Float[np.ndarray, " k"]:
+        """When the ECU saw each jump, s."""
+        return np.maximum.accumulate(self.instants[self.jumps] + self.share * self.windows)
+
+    @property
+    def seen_sd(self) -> Float[np.ndarray, " k"]:
+        """Standard deviation of those instants, s: that of the whole window, for what is believed of one jump must not
+        tell what all of them share."""
+        return self.windows
+
+    def with_jumps_at(self, share: float | Float[np.ndarray, " k"]) -> Setpoint:
+        """With each jump seen at a share of its window."""
+        return replace(self, share=np.broadcast_to(share, self.share.shape))
+
+    def at(self, instants: Float[np.ndarray, " m"]) -> Float[np.ndarray, " m"]:
+        """As the ECU saw it, rad, at any instants, s."""
+        after, seen = self.jumps + 1, self.seen
+        known = self.instants.copy()
+        known[after] = np.maximum(known[after], seen)  # a sample may show what the ECU sees a little later
+        time = np.insert(known, np.repeat(after, 2), np.stack((seen - _AT_ONCE, seen), axis=1).ravel())
+        value = np.insert(self.value, np.repeat(after, 2),
+                          np.stack((self.value[self.jumps], self.value[after]), axis=1).ravel())  # fmt: skip
+        return np.interp(instants, np.maximum.accumulate(time), value)
+
+    def placed(self, data: Float[np.ndarray, " n"], sigma: float, paths: Sequence[Float[np.ndarray, " n"]]) -> Setpoint:
+        """With each jump seen where that fits the plate best, as far as that tells.
+
+        Args:
+            data: angle, rad; NaN where none was logged.
+            sigma: its noise, rad.
+            paths: simulated, with all jumps at the begin, the middle and the end of their windows.
+        """
+        if not self.jumps.size:
+            return self
+        found = [self._share(data, sigma, paths, k, last) for k, last in self._reaches()]
+        return self.with_jumps_at(np.array(found))
+
+    def _reaches(self) -> Iterator[tuple[int, int]]:
+        """Each jump's interval, and the last sample that tells of it alone."""
+        ends = np.searchsorted(self.instants, self.instants[self.jumps] + _AFTER)
+        last = np.minimum(ends, np.append(self.jumps[1:], self.instants.size - 1))
+        yield from zip(self.jumps.tolist(), last.tolist(), strict=True)
+
+    def _share(
+        self, data: Float[np.ndarray, " n"], sigma: float, paths: Sequence[Float[np.ndarray, " n"]], k: int, last: int
+    ) -> float:
+        before, after = np.arange(max(k + 1 - _BEFORE, 0), k + 1), np.arange(k + 1, last + 1)
+        before, after = (rows[np.isfinite(data[rows])] for rows in (before, after))
+        if not before.size or after.size < 2:
+            return 0.5
+        level = float(np.mean(data[before] - paths[1][before]))
+        share, sd = place((data[after] - level) / sigma, [path[after] / sigma for path in paths], before.size)
+        belief = sd**2 / (sd**2 + _UNIFORM) if math.isfinite(sd) else 1.0
+        return float(np.clip(share + belief * (0.5 - share), 0.0, 1.0))

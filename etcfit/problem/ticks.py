@@ -1,0 +1,131 @@
+"""Ticks of an ECU that is part of the model, as columns over the integration steps of a trace.
+
+Each tick begins a step, for the ECU's output jumps there. The clock begins with the trace, its phase unknown and of no
+consequence but where the setpoint jumps: there it is taken up anew, in step with the instant at which the jump was
+seen.
+"""
+
+from __future__ import annotations
+
+from itertools import pairwise
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+
+from ..model.ecu import Ecu
+from .breaks import Breaks
+from .setpoint import Setpoint
+from .trace import Trace
+
+_NEAR = 0.1  # of a period: a tick so near to a sample comes with it,
+_AFTER = 1e-7  # s, after it, so that a clock that is moved a little moves the tick and not the sample
+_LEAST = 0.5  # of a period between two ticks
+_AT_ONCE = 1e-9  # s, instants that are one
+
+
+def tick_instants(setpoint: Setpoint, ecu: Ecu) -> Float[np.ndarray, " ticks"]:
+    """When the output of the ECU changes, s."""
+    t, period = setpoint.instants, ecu.period
+    anchors = [t[0]]
+    for instant in setpoint.seen + ecu.delay:
+        if anchors[-1] + _LEAST * period < instant < t[-1]:
+            anchors.append(instant)
+    runs = [np.arange(a, b - _LEAST * period, period) for a, b in pairwise([*anchors, t[-1]])]
+    ticks = np.concatenate(runs)
+    nearest = t[np.clip(np.searchsorted(0.5 * (t[1:] + t[:-1]), ticks), 0, t.size - 1)]
+    with_it = (np.abs(nearest - ticks) < _NEAR * period) & ~np.isin(ticks, anchors)
+    return np.unique(np.where(with_it, nearest + _AFTER, ticks))
+
+
+def broken(
+    trace: Trace, setpoint: Setpoint, substeps: Int[np.ndarray, " intervals"], ecu: Ecu
+) -> tuple[Breaks, Float[np.ndarray, " ticks"]]:
+    """The steps of a trace under an ECU, and its ticks, s.
+
+    The number of steps does not depend on where the ticks lie, so that nothing is compiled again when they move.
+
+    Args:
+        trace: whose instants.
+        setpoint: that the ECU follows.
+        substeps: that each interval needs at least.
+        ecu: its clock.
+    """
+    t, ticks = trace.instants, tick_instants(setpoint, ecu)
+    inner = ticks[~np.isin(ticks, t)]
+    home = np.searchsorted(t, inner) - 1
+    count = np.bincount(home, minlength=t.size - 1)
+    room = np.ceil(np.diff(t) / ecu.period).astype(int)
+    room[setpoint.jumps] += 1
+    room[np.minimum(setpoint.jumps + 1, t.size - 2)] += 1
+    room = np.maximum(np.maximum(room, 0), count)
+    pieces = _filled(t, inner, home, room)
+    parts = np.repeat(-(-substeps // (room + 1)), room + 1)
+    interval = np.repeat(np.repeat(np.arange(t.size - 1), room + 1), parts)
+    place = np.arange(interval.size) - np.repeat(np.cumsum(parts) - parts, parts) + 1
+    begin, end = (np.repeat(each, parts) for each in (pieces[:-1], pieces[1:]))
+    ends = np.where(place == np.repeat(parts, parts), end, begin + (end - begin) * place / np.repeat(parts, parts))
+    marks = np.concatenate(([0], np.cumsum(np.add.reduceat(parts, np.cumsum(room + 1) - (room + 1)))))
+    return Breaks(np.concatenate((t[:1], ends)), np.concatenate(([0], interval)), marks), ticks
+
+
+def _filled(
+    t: Float[np.ndarray, " n"],
+    inner: Float[np.ndarray, " inner"],
+    home: Int[np.ndarray, " inner"],
+    room: Int[np.ndarray, " intervals"],
+) -> Float[np.ndarray, " pieces"]:
+    """Instants and ticks between them, with what is left of the room in each interval spread over its last piece.
+
+    Args:
+        t: instants, s.
+        inner: ticks between them, s.
+        home: the interval of each of those.
+        room: for ticks in each interval.
+    """
+    count = np.bincount(home, minlength=room.size)
+    last = t[:-1].copy()
+    np.maximum.at(last, home, inner)
+    spare = room - count
+    where = np.repeat(np.arange(room.size), spare)
+    place = np.arange(where.size) - np.repeat(np.cumsum(spare) - spare, spare) + 1
+    fillers = last[where] + (t[1:][where] - last[where]) * place / (spare[where] + 1)
+    return np.sort(np.concatenate((t, inner, fillers)))
+
+
+def asked(
+    setpoint: Setpoint, origin: float, ends: Float[np.ndarray, " rows"], ticks: Float[np.ndarray, " ticks"], ecu: Ecu
+) -> dict[str, Float[np.ndarray, " rows"]]:
+    """Columns of `Command`, and of `Disturbance` for the jumps of the setpoint.
+
+    Args:
+        setpoint: that the ECU follows.
+        origin: angle at which the trace begins, rad.
+        ends: of the steps, s.
+        ticks: of the ECU, s.
+        ecu: its delay.
+    """
+    begins = np.concatenate(([np.nan], ends[:-1]))  # the first entry is the start itself
+    tick = np.isin(begins, ticks)
+    read = setpoint.at(np.nan_to_num(begins, nan=ends[0]) - ecu.delay + _AT_ONCE)
+    always = np.ones(ends.size)
+    command = {"active": always, "tick": tick * 1.0, "setpoint": read, "origin": origin * always}
+    return command | _moved_with_jumps(setpoint, ends, tick, ecu)
+
+
+def _moved_with_jumps(
+    setpoint: Setpoint, ends: Float[np.ndarray, " rows"], tick: Bool[np.ndarray, " rows"], ecu: Ecu
+) -> dict[str, Float[np.ndarray, " rows"]]:
+    """Columns of `Disturbance`: a later jump lengthens the step before it, and shifts the ticks after it."""
+    seen, follows = np.zeros(ends.size), np.zeros(ends.size)
+    before_tick = np.append(tick[1:], False)
+    rows = np.searchsorted(ends, setpoint.seen + ecu.delay - _AT_ONCE)  # steps that end where a jump is seen
+    inside = (rows > 1) & (rows < ends.size - 1)
+    rows, sd = rows[inside], setpoint.seen_sd[inside]
+    for row, last in pairwise([*rows, ends.size]):
+        stretch = slice(row + 1, last)
+        follows[stretch] = before_tick[stretch] * 1.0 - tick[stretch]
+        if last < ends.size and tick[last]:  # the step after this tick belongs to the next jump: the tick stays
+            follows[last - 1] -= 1.0
+    follows[rows] = 1.0
+    seen[rows - 1] = sd**2
+    return {"seen": seen, "follows": follows}
