@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
@@ -28,15 +29,22 @@ def controller(period: float = 1e-3, delay: float = 0.0, limit: float = 1e6, **g
 
 def run(effect: Controller, setpoint: np.ndarray, angle: np.ndarray, speed: np.ndarray, v_0: float = 0.0) -> np.ndarray:
     """Volts held after each of its ticks, its angle's delay followed in steps of a hundredth of a period."""
-    z, out, period = tuple(jnp.array(each) for each in Controller.z0), [], float(effect.t_e)
-    for k, (wanted, theta, omega) in enumerate(zip(setpoint, angle, speed, strict=True)):
-        u = inputs(voltage=v_0, controlled=1.0, setpoint=wanted, time=k * period)
-        z = effect.ticked(State(0.0, theta, omega), z, u)
-        out.append(v_0 + float(effect(State(0.0, theta, omega), z, u).voltage))
-        for _ in range(100 if float(effect.t_l) else 0):
-            rates = effect(State(0.0, theta, omega), z, u).dz
-            z = tuple(each + 0.01 * period * rate for each, rate in zip(z, rates, strict=True))
-    return np.array(out)
+    period, between = float(effect.t_e), 100 if float(effect.t_l) else 0
+
+    def tick(z: Any, entry: Any) -> Any:
+        wanted, theta, omega, time = entry
+        x, u = State(0.0, theta, omega), inputs(voltage=v_0, controlled=1.0, setpoint=wanted, time=time)
+        z = effect.ticked(x, z, u)
+        volts = v_0 + effect(x, z, u).voltage
+
+        def drift(_: Any, z: Any) -> Any:
+            return tuple(each + 0.01 * period * rate for each, rate in zip(z, effect(x, z, u).dz, strict=True))
+
+        return jax.lax.fori_loop(0, between, drift, z), volts
+
+    first = tuple(jnp.asarray(each, dtype=float) for each in Controller.z0)
+    entries = (setpoint, angle, speed, period * np.arange(len(setpoint)))
+    return np.asarray(jax.lax.scan(tick, first, tuple(map(jnp.asarray, entries)))[1])
 
 
 def written_out(error: np.ndarray, period: float, limit: float, v_0: float) -> np.ndarray:
