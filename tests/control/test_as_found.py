@@ -12,7 +12,8 @@ from types import MappingProxyType
 import numpy as np
 import pytest
 
-from etcfit.control.design import Design, ecu_of, gains_as_found, judged, task_of
+from etcfit.control.design import Design, ecu_of, gains_as_found, task_of
+from etcfit.control.judged import judged
 from etcfit.control.pid import RULES, Gains, Refusal
 from etcfit.control.pid.feedforward import Bias
 from etcfit.control.pid.setpoint import trapezoid
@@ -111,11 +112,11 @@ def test_without_an_ecu_there_are_none_and_it_says_where_to_describe_one() -> No
 
 def tried(**changes: float) -> Design:
     """The gains as found and nothing else, judged and proposed."""
-    model, setpoint = fitted(changes=changes), trapezoid()
-    task = task_of(model, ecu_of(model), drawn=np.empty((0, model.x.size)))
-    tuned = judged(task, {"as_found": RULES["as_found"](task)}, setpoint)
+    model = fitted(changes=changes)
+    task = replace(task_of(model, ecu_of(model), drawn=np.empty((0, model.x.size))), setpoint=trapezoid())
+    tuned = judged(task, {"as_found": RULES["as_found"](task)})
     bias = Bias(*(np.linspace(0.0, end, 8) for end in (np.pi / 2, 3.0, 2.0, 4.0)))
-    return Design(model, task, setpoint, tuned["as_found"], tuned, 1, "laplace", bias, ())
+    return Design(model, task, tuned["as_found"], tuned, 1, "laplace", bias, (), ())
 
 
 @pytest.fixture(scope="module")

@@ -60,8 +60,9 @@ def optimal(task: Task) -> Gains | Refusal:
 
     Tracking error of the trapezoid of 5 to 45 % at 1 Hz (Eq. 9), or of a log where that is larger, on the fitted
     nonlinear model under its ECU, whose sensor has its noise; requirements in every scenario, the worst counts. A sweep
-    of scattered gains, then the cross-entropy method from the best of them on the nominal model, a few times; from the
-    best end of these the same over draws. Where no gains meet everything, those that miss least.
+    of scattered gains, then the cross-entropy method from the best of them on the nominal model, a few times; the same
+    over a few draws from the best of these ends and of what the rules by formula say; of its elite the best over all
+    draws. Where no gains meet everything, those that miss least.
 
     Source: this project; Rubinstein and Kroese 2004, The Cross-Entropy Method, for the search. Differs from source: the
     spread is bounded from below, and the best so far is kept.
@@ -73,8 +74,9 @@ def optimal(task: Task) -> Gains | Refusal:
             for _ in range(settings.searches)]  # fmt: skip
     begins = np.array([*ends, *_by_formula(task, settings)])
     nearby = _about(begins[np.argmin(few(begins).cost)], rng, settings)
-    best, _ = cross_entropy(few, np.vstack((begins, nearby)), settings.last_rounds, rng, settings)
-    return Gains(*np.exp(best).tolist())
+    leaders, _ = elite_of(few, np.vstack((begins, nearby)), settings.last_rounds, rng, settings)
+    every = _scorer(task, task.loop.draws, 0.0)
+    return Gains(*np.exp(leaders[np.argmin(every(leaders).cost)]).tolist())
 
 
 def _by_formula(task: Task, settings: OptimumSettings) -> list[np.ndarray]:
@@ -128,6 +130,18 @@ def cross_entropy(
     rng: np.random.Generator,
     settings: OptimumSettings = OptimumSettings(),
 ) -> tuple[np.ndarray, float]:
+    """The best of `elite_of`: logarithms of gains, shape (3,), and their cost; arguments as there."""
+    leaders, cost = elite_of(score, begin, rounds, rng, settings)
+    return leaders[0], float(cost[0])
+
+
+def elite_of(
+    score: Score,
+    begin: np.ndarray,
+    rounds: int,
+    rng: np.random.Generator,
+    settings: OptimumSettings = OptimumSettings(),
+) -> tuple[np.ndarray, np.ndarray]:
     """Draw a population about the mean and covariance of the best so far, again and again; the best are never lost.
 
     Args:
@@ -137,7 +151,7 @@ def cross_entropy(
         rng: random numbers.
         settings: sizes, bounds and spread of the populations.
     Returns:
-        the best logarithms of gains found, shape (3,), and their cost.
+        the best logarithms of gains found, shape (elite, 3), and their cost, shape (elite,), the best first.
     """
     low, high = _ends(settings)
     cost = score(begin).cost
@@ -151,7 +165,7 @@ def cross_entropy(
         costs = np.concatenate((cost, score(tried).cost))
         order = np.argsort(costs)[: settings.elite]
         leaders, cost = every[order], costs[order]
-    return leaders[0], float(cost[0])
+    return leaders, cost
 
 
 def _scorer(task: Task, draws: int, spare: float) -> Score:

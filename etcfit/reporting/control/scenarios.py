@@ -19,10 +19,10 @@ def draw(design: Design) -> Figure:
     """A panel a scenario."""
     names = design.setpoint.scenarios
     rows = -(-len(names) // _COLUMNS)
-    tall = 1.2 + 2.9 * rows
+    tall = 1.3 + 3.0 * rows
     fig = style.figure(12.0, tall, design.fitted.config.synthetic)
     panels = list(fig.subplots(rows, _COLUMNS, squeeze=False).flat)
-    fig.subplots_adjust(left=0.07, right=0.985, top=1.0 - 1.05 / tall, bottom=0.6 / tall, hspace=0.55, wspace=0.16)
+    fig.subplots_adjust(left=0.07, right=0.985, top=1.0 - 1.2 / tall, bottom=0.6 / tall, hspace=0.55, wspace=0.16)
     for panel, name in zip(panels, names, strict=False):
         _panel(panel, design, name)
     for panel in panels[len(names) :]:
@@ -40,13 +40,13 @@ def _panel(panel: Axes, design: Design, name: str) -> None:
     parts = [part for part in (*setpoint.levels, *setpoint.stretches) if part.scenario == name]
     begin, end = min(part.begins for part in parts) - _BEFORE, max(part.ends for part in parts)
     time = setpoint.instants(design.task.ecu.period)
-    seen = (time >= begin) & (time <= end)
+    seen = (time >= begin) & (time < end - 0.5 * design.task.ecu.period)  # there the next scenario begins
     low, middle, high = 100.0 * chosen.band[:, seen]
     since = time[seen] - begin
     panel.plot(since, 100.0 * setpoint.at(time[seen]), color=style.MEASURED, lw=1.2, label="setpoint")
     panel.fill_between(since, low, high, color=style.SIMULATED, alpha=0.35, lw=0, label="95 % of the draws")
     panel.plot(since, middle, color=style.SIMULATED, label="nonlinear model, median")
-    panel.set_title(f"{name}:  {_says(chosen.scenarios[name])}", loc="left", fontsize=10)
+    panel.set_title(f"{name}\n{_says(chosen.scenarios[name])}", loc="left", fontsize=10)
     panel.set(xlabel="time [s]", ylabel="position [% travel]", xlim=(0.0, end - begin))
 
 
