@@ -205,10 +205,10 @@ def test_what_is_pasted_drives_the_plate_as_it_was_simulated(
     """Their firmware with the pasted numbers in it sees the simulated plate, and puts out what ours does."""
     made = made_for(fitted, profile, feed_forward=True, rule="damping_optimum")
     pasted = render(design_table(made))
-    gains = [float(re.search(rf'name="etb_{each}Factor">([^<]+)<', pasted)[1]) for each in "pid"]  # type: ignore[index]
+    p, i, d = (float(re.findall(rf'name="etb_{each}Factor">([^<]+)<', pasted)[0]) for each in "pid")
     bins, values = ([float(v) for v in array(pasted, name)] for name in ("etbBiasBins", "etbBiasValues"))
-    theirs = firmware(Settings(*gains, bins, values))
-    assert min(gains) > 0.0
+    theirs = firmware(Settings(p, i, d, bins, values))
+    assert min(p, i, d) > 0.0
     loop, ecu, ours = made.task.loop.first(1), made.task.ecu, made.chosen.gains
     assert ours is not None
     assert loop.bias is not None

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -99,7 +100,7 @@ def test_every_tick_begins_a_step_and_carries_the_setpoint_that_was_read() -> No
     assert_allclose(np.asarray(steps.command.setpoint)[ticks, 0], wanted, atol=1e-9)
 
 
-def jumping(at: float, **more: np.ndarray) -> Setpoint:
+def jumping(at: float, **more: Any) -> Setpoint:
     """The setpoint of a log at 500 Hz that jumps between two samples, as an ECU saw it at a share of the window."""
     time = 2e-3 * np.arange(40)
     trace = prepare(logged(setpoint=np.where(time > 0.0301, 0.9, 0.5), **more), CONFIG)
@@ -419,5 +420,6 @@ def test_ramps_tell_no_preload(tmp_path: Path) -> None:
     found = lumped(fit(read_folder(tmp_path / "rig")))
     assert found["V_PL"].status == "not identifiable"
     for symbol in ("V_f", "V_s", "V_w"):
-        assert found[symbol].stderr
-        assert abs(found[symbol].value - true[symbol]) < 4.0 * found[symbol].stderr, symbol
+        stderr = found[symbol].stderr
+        assert stderr, f"{symbol} has no standard error"
+        assert abs(found[symbol].value - true[symbol]) < 4.0 * stderr, symbol
