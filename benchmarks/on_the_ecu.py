@@ -14,10 +14,9 @@ knowledge of the plant finds at equal effort.
 from __future__ import annotations
 
 import argparse
-import json
-import sys
 import time
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -37,7 +36,7 @@ from independent.effects import PositionSensorLag
 from independent.simulate import throttle as independent_throttle
 
 from .pid_rules import TRAVEL, Drawn, draw, supposed
-from .processes import fresh
+from .processes import resumed
 
 GLOBAL = "global"
 LAG, NOISE = 1e-3, 0.8e-3 * TRAVEL
@@ -47,8 +46,7 @@ NEGLIGIBLE, OVERSHOT_OF, HELD_OF = 0.002, 0.01, 0.4  # shares of the travel, as 
 
 def ecu() -> Ecu:
     """RusEFI's controller where a car has it."""
-    fixed = RUSEFI.completed({})
-    own = Ecu(**{field: value for field, value in fixed.items() if field in Ecu._fields})
+    own = Ecu(**RUSEFI.completed({}))
     return own._replace(supply=12.0, lag=LAG, delay=own.period, noise=NOISE, resolution=TRAVEL / 4096)
 
 
@@ -112,8 +110,7 @@ def run(seed: int) -> dict[str, Any]:
     begun = time.perf_counter()
     rig = draw(seed)
     told = supposed(rig, ecu(), seed).task
-    setpoint = course(told.loop.first(1), told.settings.scenarios)
-    task = Task(told.plant, told.ecu, told.requirements, told.loop, setpoint)
+    task = replace(told, setpoint=course(told.loop.first(1), told.settings.scenarios))
     found: dict[str, Gains | Refusal] = {name: rule(task) for name, rule in RULES.items()}
     found[GLOBAL] = globally(task)
     rules = {name: _outcome(rig, gains, task, seed) for name, gains in found.items() if isinstance(gains, Gains)}
@@ -159,15 +156,8 @@ def main() -> None:
     parser.add_argument("--processes", type=int, default=1)
     parser.add_argument("--out", type=Path, help="every figure, JSON; rigs already there are not run again")
     given = parser.parse_args()
-    rigs: dict[int, dict[str, Any]] = {}
-    if given.out and given.out.is_file():
-        rigs = {int(seed): rig for seed, rig in json.loads(given.out.read_text()).items()}
-    seeds = [s for s in range(given.first_seed, given.first_seed + given.rigs) if s not in rigs]
-    for seed, rig in fresh(run, seeds, given.processes, 4):
-        rigs[seed] = rig
-        if given.out:
-            given.out.write_text(json.dumps(rigs, indent=1))
-        print(f"rig {seed}: {rig['seconds']:.1f} s", file=sys.stderr, flush=True)
+    seeds = range(given.first_seed, given.first_seed + given.rigs)
+    rigs = resumed(run, seeds, given.processes, 4, given.out)
     print(table(rigs))
 
 

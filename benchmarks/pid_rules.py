@@ -17,7 +17,6 @@ from __future__ import annotations
 import argparse
 import json
 import math
-import sys
 import tempfile
 import time
 from collections.abc import Callable, Mapping, Sequence
@@ -46,7 +45,7 @@ from independent.control import Computer, Score, follow, score, trapezoids
 from independent.effects import Effects, LimpHomeSpring, StribeckFriction
 from independent.simulate import throttle as independent_throttle
 
-from .processes import fresh
+from .processes import resumed
 
 TRAVEL = math.pi / 2
 DRAWS = 64
@@ -263,15 +262,8 @@ def main() -> None:
     parser.add_argument("--fit", action="store_true", help="the model is fitted, not the truth's within 2 %%")
     parser.add_argument("--out", type=Path, help="every figure, JSON; rigs already there are not run again")
     given = parser.parse_args()
-    rigs: dict[int, dict[str, Any]] = {}
-    if given.out and given.out.is_file():
-        rigs = {int(seed): rig for seed, rig in json.loads(given.out.read_text()).items()}
-    seeds = [s for s in range(given.first_seed, given.first_seed + given.rigs) if s not in rigs]
-    for seed, rig in fresh(partial(run, known=fitted if given.fit else supposed), seeds, 1, _A_PROCESS):
-        rigs[seed] = rig
-        if given.out:
-            given.out.write_text(json.dumps(rigs, indent=1))
-        print(f"rig {seed}: {rig['seconds']:.1f} s", file=sys.stderr, flush=True)
+    seeds = range(given.first_seed, given.first_seed + given.rigs)
+    rigs = resumed(partial(run, known=fitted if given.fit else supposed), seeds, 1, _A_PROCESS, given.out)
     print(table([rig["rules"] for rig in rigs.values()]), summary(rigs), sep="\n\n")
 
 

@@ -16,7 +16,7 @@ from ..model.ecu import Ecu, Notation, Terms
 from ..model.ecus import EcuProfile
 from ..model.throttle import Throttle
 from ..rig.ecu import GAINS
-from .judged import Tuned, below, judged
+from .judged import Robust, Tuned, below, judged, outside_the_bench
 from .linearise import reduce, stops
 from .pid import RULES, Gains, Refusal, Requirements, Rule, Task
 from .pid.conditions import DRY_FRICTION, scaled
@@ -45,6 +45,7 @@ class Design:
         draws: how many models judged them, the nominal one among them.
         origin: "posterior" or "laplace": where the draws came from.
         bias: the voltage that holds each position, for an ECU that has such a curve.
+        robust: the chosen gains under the conditions of a car.
         front: the least tracking error within each limit of the duty's activity.
         limits: where the chosen gains miss a requirement, what keeps any gains from meeting it.
     """
@@ -56,6 +57,7 @@ class Design:
     draws: int
     origin: str
     bias: Bias
+    robust: Robust
     front: tuple[FrontPoint, ...]
     limits: tuple[str, ...]
 
@@ -199,9 +201,9 @@ def propose(
         limits = binding(task)
     report("tracking against effort", 0.95)
     assert chosen.gains is not None, "a rule that refused is not proposed"
-    points = front(task, chosen.gains)
+    robust, points = outside_the_bench(task, chosen.gains), front(task, chosen.gains)
     bias = task.loop.bias or _curve(fitted.throttle, task.loop.body, task.profile)
-    return Design(fitted, task, chosen, tuned, task.loop.draws, origin, bias, points, limits)
+    return Design(fitted, task, chosen, tuned, task.loop.draws, origin, bias, robust, points, limits)
 
 
 _EASED: dict[str, Callable[[Task], Task]] = {

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
@@ -59,7 +59,6 @@ class Tuned:
         probability_met: share of the draws whose nonlinear response meets every requirement, by a stable loop.
         probability_stable: share of them whose gain and phase margins are what was asked for.
         band: position of the draws at each tick, quantiles 2.5, 50 and 97.5 %, shares of the travel, shape (3, K).
-        robust: under the conditions of a car.
         linear_path: the linear plant's position on the paper's trapezoid, which is the first scenario, shape (L,).
     """
 
@@ -74,7 +73,6 @@ class Tuned:
     probability_met: float | None
     probability_stable: float | None
     band: np.ndarray | None
-    robust: Robust | None
     linear_path: np.ndarray | None
 
     @property
@@ -92,24 +90,31 @@ def judged(task: Task, found: Mapping[str, Gains | Refusal]) -> dict[str, Tuned]
     """Figures of every rule's gains, on the linear plant and over the draws of the nonlinear one."""
     have = {name: gains for name, gains in found.items() if isinstance(gains, Gains)}
     gains = Gains(*(np.array(column, dtype=float) for column in zip(*have.values(), strict=True)))
-    at_bench, outside = _over(task, task.loop, gains), _everywhere(task, gains)
-    out = {}
+    at_bench, out = _over(task, task.loop, gains), {}
     for name, refusal in found.items():
         if isinstance(refusal, Refusal):
             out[name] = _refused(name, refusal)
             continue
         k = list(have).index(name)
-        out[name] = _tuned(task, name, refusal, at_bench.of(k), [each.of(k) for each in outside])
+        out[name] = _tuned(task, name, refusal, at_bench.of(k))
     return out
 
 
-def _everywhere(task: Task, gains: Gains) -> tuple[_OverDraws, _OverDraws]:
+def outside_the_bench(task: Task, gains: Gains) -> Robust:
     """Gains at the corners of the conditions, and over draws of models and conditions together."""
-    asked = task.settings.conditions
-    conditions = scattered(asked, task.loop.draws, np.random.default_rng(asked.seed))
-    loops = at_corners(task.loop, asked), under(task.loop, conditions, asked)
-    there, anywhere = (_over(task, loop, gains) for loop in loops)
-    return there, anywhere
+    asked, ranges = task.requirements, task.settings.conditions
+    conditions = scattered(ranges, task.loop.draws, np.random.default_rng(ranges.seed))
+    loops = at_corners(task.loop, ranges), under(task.loop, conditions, ranges)
+    one = Gains(*(np.array([g]) for g in gains))
+    there, anywhere = (_over(task, loop, one).of(0) for loop in loops)
+    worst = [float(np.max(figure)) for figure in there.figures]
+    margin = [float(np.min(each)) for each in (there.gain_margin, there.phase_margin)]
+    figures = Metrics(*worst[:4], *margin, *worst[4:])
+    met = {symbol: bool(below(figures, asked, symbol)) for symbol in REQUIRED}
+    over = [getattr(there.figures, symbol) / getattr(asked, symbol) for symbol in REQUIRED]
+    k = int(np.argmax(np.max(over, axis=0)))
+    corner = Conditions(*(float(ends[k]) for ends in corners(ranges)))
+    return Robust(figures, corner, met, margin[0] > 0.0, float(np.mean(anywhere.met(asked))))
 
 
 def _over(task: Task, loop: Loop, gains: Gains) -> _OverDraws:
@@ -143,19 +148,7 @@ class _OverDraws(NamedTuple):
         return np.all([below(self.figures, asked, symbol) for symbol in REQUIRED], axis=0) & (self.gain_margin > 0.0)
 
 
-def _robust(task: Task, at_corners: _OverDraws, anywhere: _OverDraws) -> Robust:
-    asked = task.requirements
-    worst = [float(np.max(figure)) for figure in at_corners.figures]
-    margin = [float(np.min(each)) for each in (at_corners.gain_margin, at_corners.phase_margin)]
-    figures = Metrics(*worst[:4], *margin, *worst[4:])
-    met = {symbol: bool(below(figures, asked, symbol)) for symbol in REQUIRED}
-    over = [getattr(at_corners.figures, symbol) / getattr(asked, symbol) for symbol in REQUIRED]
-    k = int(np.argmax(np.max(over, axis=0)))
-    corner = Conditions(*(float(ends[k]) for ends in corners(task.settings.conditions)))
-    return Robust(figures, corner, met, margin[0] > 0.0, float(np.mean(anywhere.met(asked))))
-
-
-def _tuned(task: Task, name: str, gains: Gains, over_draws: _OverDraws, outside: Sequence[_OverDraws]) -> Tuned:
+def _tuned(task: Task, name: str, gains: Gains, over_draws: _OverDraws) -> Tuned:
     """What one rule came to."""
     column, share, gain_margin, phase_margin = over_draws
     asked, time = task.requirements, task.setpoint.instants(task.ecu.period)
@@ -178,14 +171,13 @@ def _tuned(task: Task, name: str, gains: Gains, over_draws: _OverDraws, outside:
         probability_met=float(np.mean(over_draws.met(asked))),
         probability_stable=float(np.mean(stable)),
         band=np.quantile(share, (0.025, 0.5, 0.975), axis=0),
-        robust=_robust(task, *outside),
         linear_path=straight,
     )
 
 
 def _refused(name: str, refusal: Refusal) -> Tuned:
     """A rule without gains."""
-    return Tuned(name, None, refusal.why, None, None, {}, {}, {}, None, None, None, None, None)
+    return Tuned(name, None, refusal.why, None, None, {}, {}, {}, None, None, None, None)
 
 
 def below(figures: Any, asked: Requirements, symbol: str) -> Any:

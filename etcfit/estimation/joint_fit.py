@@ -42,9 +42,8 @@ def start_values(free_parameters: FreeParameters, readings: Readings) -> dict[st
     values = {p.symbol: p.nominal for p in free_parameters.layout.parameters}
     values |= free_parameters.start
     read = {s: v for s, v in readings.values.items() if s in values and np.isfinite(v)}
-    if "T_PL" not in read and {"K_s", "K_m", "R_a"} <= {
-        *read
-    }:  # nominal in volts: the scale of torque is the reading's
+    if "T_PL" not in read and {"K_s", "K_m", "R_a"} <= read.keys():
+        # nominal in volts: the scale of torque is the reading's
         read["T_PL"] = values["T_PL"] * (read["K_m"] / read["R_a"]) / (values["K_m"] / values["R_a"])
     return values | read
 

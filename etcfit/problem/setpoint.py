@@ -18,7 +18,7 @@ from ..rig.base import Measurement
 from .input_signal import edges_of
 from .instants import place
 
-_AT_ONCE = 1e-9  # s, instants that are one
+SAME_INSTANT = 1e-9  # s, instants that are one
 _BEFORE, _AFTER = 8, 0.03  # samples before a jump, and s after it, that tell when it was seen
 _UNIFORM = 1.0 / 12.0  # variance of a share of the window of which nothing is known
 
@@ -75,7 +75,7 @@ class Setpoint:
         after, seen = self.jumps + 1, self.seen
         known = self.instants.copy()
         known[after] = np.maximum(known[after], seen)  # a sample may show what the ECU sees a little later
-        time = np.insert(known, np.repeat(after, 2), np.stack((seen - _AT_ONCE, seen), axis=1).ravel())
+        time = np.insert(known, np.repeat(after, 2), np.stack((seen - SAME_INSTANT, seen), axis=1).ravel())
         value = np.insert(self.value, np.repeat(after, 2),
                           np.stack((self.value[self.jumps], self.value[after]), axis=1).ravel())  # fmt: skip
         return np.interp(instants, np.maximum.accumulate(time), value)

@@ -14,13 +14,12 @@ from jaxtyping import Bool, Float, Int
 
 from ..model.ecu import Ecu
 from .breaks import Breaks
-from .setpoint import Setpoint
+from .setpoint import SAME_INSTANT, Setpoint
 from .trace import Trace
 
 _NEAR = 0.1  # of a period: a tick so near to a sample comes with it,
 _AFTER = 1e-7  # s, after it, so that a clock that is moved a little moves the tick and not the sample
 _LEAST = 0.5  # of a period between two ticks
-_AT_ONCE = 1e-9  # s, instants that are one
 
 
 def tick_instants(setpoint: Setpoint, ecu: Ecu) -> Float[np.ndarray, " ticks"]:
@@ -106,7 +105,7 @@ def asked(
     """
     begins = np.concatenate(([np.nan], ends[:-1]))  # the first entry is the start itself
     tick = np.isin(begins, ticks)
-    read = setpoint.at(np.nan_to_num(begins, nan=ends[0]) - ecu.delay + _AT_ONCE)
+    read = setpoint.at(np.nan_to_num(begins, nan=ends[0]) - ecu.delay + SAME_INSTANT)
     always = np.ones(ends.size)
     command = {"active": always, "tick": tick * 1.0, "setpoint": read, "origin": origin * always}
     return command | _moved_with_jumps(setpoint, ends, tick, ecu)
@@ -118,7 +117,7 @@ def _moved_with_jumps(
     """Columns of `Disturbance`: a later jump lengthens the step before it, and shifts the ticks after it."""
     seen, follows = np.zeros(ends.size), np.zeros(ends.size)
     before_tick = np.append(tick[1:], False)
-    rows = np.searchsorted(ends, setpoint.seen + ecu.delay - _AT_ONCE)  # steps that end where a jump is seen
+    rows = np.searchsorted(ends, setpoint.seen + ecu.delay - SAME_INSTANT)  # steps that end where a jump is seen
     inside = (rows > 1) & (rows < ends.size - 1)
     rows, sd = rows[inside], setpoint.seen_sd[inside]
     for row, last in pairwise([*rows, ends.size]):

@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 from etcfit.control.design import Design, ecu_of, gains_as_found, task_of
-from etcfit.control.judged import judged
+from etcfit.control.judged import judged, outside_the_bench
 from etcfit.control.pid import RULES, Gains, Refusal
 from etcfit.control.pid.feedforward import Bias
 from etcfit.control.pid.setpoint import trapezoid
@@ -116,7 +116,10 @@ def tried(**changes: float) -> Design:
     task = replace(task_of(model, ecu_of(model), drawn=np.empty((0, model.x.size))), setpoint=trapezoid())
     tuned = judged(task, {"as_found": RULES["as_found"](task)})
     bias = Bias(*(np.linspace(0.0, end, 8) for end in (np.pi / 2, 3.0, 2.0, 4.0)))
-    return Design(model, task, tuned["as_found"], tuned, 1, "laplace", bias, (), ())
+    chosen = tuned["as_found"]
+    assert chosen.gains is not None
+    robust = outside_the_bench(task, chosen.gains)
+    return Design(model, task, chosen, tuned, 1, "laplace", bias, robust, (), ())
 
 
 @pytest.fixture(scope="module")

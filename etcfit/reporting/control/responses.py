@@ -41,13 +41,18 @@ def _panel(panel: Axes, design: Design, tuned: Tuned) -> None:
     assert tuned.band is not None, "a rule with gains has been tried"
     assert tuned.linear_path is not None, "a rule with gains has been tried"
     time = PAPERS_SETPOINT.instants(design.task.ecu.period)  # the first of the scenarios
-    low, middle, high = 100.0 * tuned.band[:, : time.size]
     panel.plot(time, 100.0 * PAPERS_SETPOINT.at(time), color=style.MEASURED, lw=1.2, label="setpoint")
     panel.plot(time, 100.0 * _bounded(tuned.linear_path), color=style.READING, lw=1.1, ls="--",
                label="linear model")  # fmt: skip
+    draw_band(panel, time, tuned.band[:, : time.size])
+    panel.set_title(_title(design, tuned), loc="left", fontsize=10)
+
+
+def draw_band(panel: Axes, time: np.ndarray, band: np.ndarray) -> None:
+    """What the draws of the nonlinear model do: quantiles of `Tuned.band` at some instants (s), shape (3, K)."""
+    low, middle, high = 100.0 * band
     panel.fill_between(time, low, high, color=style.SIMULATED, alpha=0.35, lw=0, label="95 % of the draws")
     panel.plot(time, middle, color=style.SIMULATED, label="nonlinear model, median")
-    panel.set_title(_title(design, tuned), loc="left", fontsize=10)
 
 
 def _bounded(path: np.ndarray) -> np.ndarray:

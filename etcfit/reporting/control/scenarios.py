@@ -10,6 +10,7 @@ from ...control.design import Design
 from ...control.pid.response import Judged
 from .. import style
 from ..numbers import short
+from .responses import draw_band
 
 _COLUMNS = 2
 _BEFORE = 0.05  # s shown ahead of the first change
@@ -41,11 +42,9 @@ def _panel(panel: Axes, design: Design, name: str) -> None:
     begin, end = min(part.begins for part in parts) - _BEFORE, max(part.ends for part in parts)
     time = setpoint.instants(design.task.ecu.period)
     seen = (time >= begin) & (time < end - 0.5 * design.task.ecu.period)  # there the next scenario begins
-    low, middle, high = 100.0 * chosen.band[:, seen]
     since = time[seen] - begin
     panel.plot(since, 100.0 * setpoint.at(time[seen]), color=style.MEASURED, lw=1.2, label="setpoint")
-    panel.fill_between(since, low, high, color=style.SIMULATED, alpha=0.35, lw=0, label="95 % of the draws")
-    panel.plot(since, middle, color=style.SIMULATED, label="nonlinear model, median")
+    draw_band(panel, since, chosen.band[:, seen])
     panel.set_title(f"{name}\n{_says(chosen.scenarios[name])}", loc="left", fontsize=10)
     panel.set(xlabel="time [s]", ylabel="position [% travel]", xlim=(0.0, end - begin))
 
