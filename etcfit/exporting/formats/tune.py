@@ -1,0 +1,65 @@
+"""Gains, limits and bias table as a TunerStudio tune file (.msq) that holds nothing else."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from typing import Any
+from xml.etree import ElementTree as Xml
+
+from ... import __version__
+from ...errors import UsageError
+from ...model.ecus import PROFILES, Pasting
+from ...model.ecus import named as ecu_named
+from ...reporting.control.snippet import tune_file
+from ..base import Export, Format, Source
+from ..rendering import comment
+
+_NAMESPACE = "http://www.msefi.com/:msq"  # of TunerStudio's files
+_WITH_TUNE_FILES = ", ".join(each.name for each in PROFILES if each.pasting is Pasting.TUNE_FILE)
+
+
+def _written(source: Source) -> Mapping[str, Any]:
+    """Settings of the ECU that the gains were sought for.
+
+    Raises:
+        UsageError: there are none, or that ECU has no tune file.
+    """
+    again = f"Run `{source.designing} --ecu NAME` with one of {_WITH_TUNE_FILES}."
+    if source.pid is None:
+        raise UsageError(f"A .msq holds gains, and none were designed for this model. {again}")
+    written = source.pid["profile"]
+    if written is None:
+        raise UsageError(f"The gains of this run were sought for no make of ECU, and a .msq is one's tune. {again}")
+    if ecu_named(written["name"]).pasting is not Pasting.TUNE_FILE:
+        raise UsageError(f"The gains of this run are for {written['title']}, whose settings are typed in; a .msq is "
+                         f"TunerStudio's. {again}")  # fmt: skip
+    return written
+
+
+def _cannot_hold(source: Source, written: Mapping[str, Any]) -> Iterator[str]:
+    yield ("It holds these settings only and no signature of a firmware, so that TunerStudio will say that the "
+           "signatures do not match. Save your own tune first, and compare before you burn.")  # fmt: skip
+    yield f"The gains are for {written['title']}. Another firmware may give the same names another meaning."
+    yield from (f"Assumed of that ECU: {each}." for each in written["assumed"])
+    if source.pid is not None and not source.pid["feed_forward"] and written["bias"] is not None:
+        yield "The gains were found without feed-forward: the bias table is all 0."
+
+
+def _export(source: Source) -> Export:
+    written = _written(source)
+    lost = (*source.cautions, *_cannot_hold(source, written))
+    root = Xml.Element("msq", {"xmlns": _NAMESPACE})
+    Xml.SubElement(root, "bibliography", {"author": f"etcfit {__version__}", "tuneComment": source.title})
+    Xml.SubElement(root, "versionInfo", {"fileFormat": "5.0", "nPages": "1", "signature": written["title"]})
+    page = Xml.SubElement(root, "page", {"number": "0"})
+    page.extend(Xml.fromstring("<page>" + "\n".join(tune_file(written)) + "</page>"))
+    Xml.indent(page, level=1)
+    notes = comment((source.title, source.origin, *lost), "  ")
+    text = Xml.tostring(root, encoding="unicode").replace("><", ">\n<")
+    head = f'<?xml version="1.0" encoding="ISO-8859-1"?>\n<!--\n{notes}\n-->\n'
+    # as TunerStudio reads it; what Latin-1 lacks becomes a reference
+    data = (head + text + "\n").encode("iso-8859-1", "xmlcharrefreplace")
+    return Export({f"etcfit_{written['name']}.msq": data}, lost)
+
+
+FORMAT = Format("msq", "gains and bias table for TunerStudio (rusEFI, FOME)", _export)
