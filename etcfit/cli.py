@@ -412,12 +412,16 @@ def export(
     ] = None,
     step: Annotated[str | None, typer.Option(help="Of the plant in C and FMU; else 0.5ms.", metavar="TIME")] = None,
     at: Annotated[float, typer.Option(help="Of a transfer function, % of the travel.", min=0.0, max=100.0)] = 25.0,
+    into: Annotated[
+        Path | None,
+        typer.Option(help="Your own tune, for msq: a copy of it is changed.", exists=True, dir_okay=False),
+    ] = None,
     quiet: Quiet = False,
 ) -> None:
     """The model in RUN (after a diagnosis, the final one) for another program; says what that format cannot hold."""
     seconds = None if step is None else _seconds("--step", step)
     with _progress(quiet) as progress:
-        done = stages.export_run(stages.opened(run), progress, to, out, seconds, at / 100.0)
+        done = stages.export_run(stages.opened(run), progress, to, out, seconds, at / 100.0, into)
     if done.remark:
         _stderr().print(done.remark, markup=False)
     _tell(done)

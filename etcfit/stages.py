@@ -188,7 +188,13 @@ def design_run(
 
 
 def export_run(
-    run: RunFolder, report: Report, to: str, out: Path | None = None, step: float | None = None, at: float = 0.25
+    run: RunFolder,
+    report: Report,
+    to: str,
+    out: Path | None = None,
+    step: float | None = None,
+    at: float = 0.25,
+    into: Path | None = None,
 ) -> Done:
     """The model in a format of another program, with what that format cannot hold as the remark.
 
@@ -198,6 +204,7 @@ def export_run(
         out: folder; RUN/export where None.
         step: of a plant in C, s; the default where None.
         at: share of the travel about which a transfer function is taken.
+        into: the user's own file of that format, of which a copy is changed; None for a new file.
     """
     from .exporting import ExportSettings, named
 
@@ -210,7 +217,7 @@ def export_run(
 
     report(f"exporting to {to}", 0.5)
     settings = ExportSettings(share=at) if step is None else ExportSettings(step, at)
-    done = exported(result, format_, out or run.path / "export", settings, read_design(run.path), run.path)
+    done = exported(result, format_, out or run.path / "export", settings, read_design(run.path), run.path, into)
     return Done("\n".join(map(str, done.files)), failure(result), "\n".join(done.cannot_hold))
 
 

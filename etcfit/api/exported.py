@@ -30,6 +30,7 @@ def exported(
     settings: ExportSettings,
     pid: Mapping[str, Any] | None,
     run: Path | None,
+    into: Path | None = None,
 ) -> Exported:
     """Write a model in a format.
 
@@ -40,9 +41,10 @@ def exported(
         settings: step and operating point.
         pid: the object of pid.json; None where no gains were designed.
         run: the run folder, for messages; None where there is none.
+        into: the user's own file of that format, of which a copy is changed; None for a new file.
     """
     from ..exporting import Source, write
 
-    source = Source(result.fitted(), settings, pid, f"etcfit design {run or 'RUN'}")
+    source = Source(result.fitted(), settings, pid, f"etcfit design {run or 'RUN'}", into)
     made = to.export(source)
     return Exported(write(made, folder), made.cannot_hold)

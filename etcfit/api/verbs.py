@@ -252,6 +252,7 @@ def export(
     out: Folder | None = None,
     settings: ExportSettings | None = None,
     *,
+    into: Folder | None = None,
     quiet: bool = False,
 ) -> Exported:
     """The model in a format of another program.
@@ -262,6 +263,7 @@ def export(
         to: name of the format: c, fmu, msq, mat, m, python, mujoco or isaac.
         out: folder of its files; RUN/export of a run folder where None.
         settings: step and operating point; the defaults where None.
+        into: file of your own tune, for msq: a copy of it is changed.
         quiet: show no progress.
     Raises:
         UsageError: no such format, or the model lacks what it needs; a model of no run folder, and no `out`.
@@ -279,7 +281,8 @@ def export(
         format_, folder = named(to), Path(out) if out is not None else Path(run or "") / "export"
         pid = design_json(model.design) if isinstance(model, Designed) else None if run is None else read_design(run)
         fit = model.fit if isinstance(model, Designed) else _fit_of("export", model)
-        return exported(fit.result, format_, folder, settings or ExportSettings(), pid, run)
+        return exported(fit.result, format_, folder, settings or ExportSettings(), pid, run,
+                        None if into is None else Path(into))  # fmt: skip
 
 
 def report(run: Folder | Fit | Diagnosed, to: Folder | None = None, *, quiet: bool = False) -> Path:

@@ -5,10 +5,12 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
+from pathlib import Path
 from typing import Any
 
 from .. import __version__
 from ..control.linearise import Reduction, reduce, stops
+from ..errors import UsageError
 from ..estimation.fitted_model import Fitted
 from ..model.effects import AbstractEffect
 from ..model.parameters import Parameter, parameters_of
@@ -26,12 +28,14 @@ class Source:
         settings: step and operating point.
         pid: the object of pid.json; None where no gains were designed.
         designing: the command that designs them, for messages.
+        into: the user's own file of that format, of which a copy is changed; None for a new file.
     """
 
     fitted: Fitted
     settings: ExportSettings = field(default_factory=ExportSettings)
     pid: Mapping[str, Any] | None = None
     designing: str = "etcfit design RUN"
+    into: Path | None = None
 
     @property
     def values(self) -> Mapping[str, float]:
@@ -90,7 +94,12 @@ class Source:
     @property
     def cautions(self) -> tuple[str, ...]:
         """What a reader of any format must know, a sentence each."""
-        return (*self.fitted.state.cautions, *self._left_out())
+        return (*self.fitted.state.cautions, *self._not_told(), *self._left_out())
+
+    def _not_told(self) -> Iterator[str]:
+        unknown = self.fitted.identifiability.unknown
+        if lost := [p.symbol for p in self.parameters if self.fitted.doubt(p.symbol) > unknown]:
+            yield f"The data do not tell {', '.join(lost)} alone: these values are where the fit ended, not measured."
 
     def _left_out(self) -> Iterator[str]:
         types = self.fitted.free_parameters.layout.types
@@ -125,12 +134,24 @@ class Format:
     Args:
         name: of `--to`.
         title: what it is for, one line.
-        export: makes it; imports what is heavy when it is called.
+        make: makes it; imports what is heavy when it is called.
+        changes: whether it can change a copy of the user's own file (`Source.into`).
     """
 
     name: str
     title: str
-    export: Callable[[Source], Export]
+    make: Callable[[Source], Export]
+    changes: bool = False
+
+    def export(self, source: Source) -> Export:
+        """The files of a model.
+
+        Raises:
+            UsageError: the model lacks what the format needs, or a file to change is named that it cannot change.
+        """
+        if source.into is not None and not self.changes:
+            raise UsageError(f"--to {self.name} writes new files. Leave --into out.")
+        return self.make(source)
 
 
 def effects_left_out(source: Source) -> tuple[str, ...]:

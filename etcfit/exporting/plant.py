@@ -138,7 +138,12 @@ def plant_of(source: Source) -> Plant:
 
 def _quantities(source: Source) -> tuple[Quantity, ...]:
     values = source.values
-    own = [Quantity(p.symbol, p.unit, p.meaning, values[p.symbol]) for p in source.parameters]
+    ties = dict(source.fitted.free_parameters.layout.ties)
+    own = [
+        Quantity(p.symbol, p.unit, p.meaning + (f", tied to {ties[p.symbol]}" if p.symbol in ties else ""),
+                 values[p.symbol])
+        for p in source.parameters
+    ]  # fmt: skip
     known, kinds = dict(source.body), dict(BODY)
     if (tps := source.fitted.config.tps) is not None:
         known |= {"sensor_closed_V": tps.closed_V, "sensor_slope": (tps.open_V - tps.closed_V) / tps.travel}

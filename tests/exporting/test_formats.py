@@ -5,6 +5,7 @@ from __future__ import annotations
 import ast
 import io
 import sys
+from dataclasses import replace
 from pathlib import Path
 from types import ModuleType
 from typing import Any
@@ -18,16 +19,19 @@ import bodies
 import etcfit
 import exports
 import results
+import runs
 from etcfit.api.designed import Designed
 from etcfit.api.fit import Fit
 from etcfit.control.design import ecu_of, propose, task_of
 from etcfit.control.pid import RULES, Requirements
 from etcfit.control.pid.requirements import REQUIRED
 from etcfit.control.settings import DesignSettings, OptimumSettings
-from etcfit.errors import UsageError
+from etcfit.errors import MeasurementError, UsageError
 from etcfit.exporting import FORMATS, Export, Source, named, write
+from etcfit.files import write_json
 from etcfit.model.ecus import ECUS
 from etcfit.model.effects import Inputs, State
+from etcfit.run_folder import finish, read_design
 
 # constants of a tune that TunerStudio wrote for rusEFI 2022.04.22 (proteus_f4), with their rows: its .ini's names
 INI = {"etb_pFactor": 1, "etb_iFactor": 1, "etb_dFactor": 1, "etb_offset": 1, "etb_periodMs": 1, "etb_minValue": 1,
@@ -197,6 +201,87 @@ def test_a_real_design_becomes_a_tune(tmp_path: Path) -> None:
     # volts per radian in per cent of duty per per cent of travel
     assert found["etb_pFactor"] == pytest.approx([designed.gains.Kp * (body.upper - body.lower) / supply], rel=1e-6)
     assert found["etbBiasValues"] == [0.0] * 8  # found without feed-forward
+
+
+TUNE = """<?xml version="1.0" encoding="ISO-8859-1"?>
+<msq xmlns="http://www.msefi.com/:msq">
+<versionInfo fileFormat="5.0" firmwareInfo="rusEFI" nPages="1" signature="rusEFI by hand"/>
+<page number="0" size="99">
+<constant digits="1" name="clt_tempC_1" units="*C">-10.0</constant>
+%s
+<constant name="myPin">"PA\xb52"</constant>
+</page>
+</msq>
+"""
+
+
+def tune(names: Any = INI) -> bytes:
+    """A tune with settings of rusEFI, laid out as TunerStudio does; SYNTHETIC."""
+
+    def constant(name: str, rows: int) -> str:
+        if rows == 1:
+            return f'<constant digits="0" name="{name}" units="x">30.0</constant>'
+        values = "".join(f"\n         {k}.0" for k in range(rows))
+        return f'<constant cols="1" digits="2" name="{name}" rows="{rows}" units="%">{values}\n      </constant>'
+
+    return (TUNE % "\n".join(constant(name, names[name]) for name in names)).encode("iso-8859-1")
+
+
+def test_a_copy_of_the_users_own_tune_has_the_designed_settings_and_no_other_change(tmp_path: Path) -> None:
+    mine = tmp_path / "mine.msq"
+    mine.write_bytes(tune())
+    source = exports.source(pid=pid())
+    found = named("msq").export(replace(source, into=mine)).files["mine_etcfit.msq"]
+    assert isinstance(found, bytes)
+    designed = constants(named("msq").export(source).files["etcfit_rusefi.msq"])
+    before, after = (Xml.fromstring(data).findall(f"{MSQ}page/{MSQ}constant") for data in (tune(), found))
+    for old, new in zip(before, after, strict=True):
+        name = old.attrib["name"]
+        assert new.attrib == old.attrib
+        if name in designed:
+            assert [float(each) for each in (new.text or "").split()] == designed[name]
+        else:
+            assert new.text == old.text
+    assert b'signature="rusEFI by hand"' in found
+    assert mine.read_bytes() == tune()
+
+
+@pytest.mark.parametrize(("data", "said"), [
+    (b"<xml/>", "it is no tune"),
+    (tune({name: rows for name, rows in INI.items() if name != "etb_dFactor"}), "no setting etb_dFactor"),
+    (tune(INI | {"etbBiasBins": 6}), "no setting etbBiasBins with 8 rows"),
+])  # fmt: skip
+def test_a_tune_of_something_else_is_refused_by_name(tmp_path: Path, data: bytes, said: str) -> None:
+    mine = tmp_path / "mine.msq"
+    mine.write_bytes(data)
+    with pytest.raises(MeasurementError, match=rf"mine\.msq: {said}.*required"):
+        named("msq").export(replace(exports.source(pid=pid()), into=mine))
+
+
+def test_a_format_that_changes_no_file_refuses_one(tmp_path: Path) -> None:
+    with pytest.raises(UsageError, match="--to c writes new files"):
+        named("c").export(replace(exports.source(), into=tmp_path / "mine.c"))
+
+
+def test_what_the_data_do_not_tell_is_said() -> None:
+    sure = exports.source()
+    assert not any("do not tell" in each for each in sure.cautions)
+    free = sure.fitted.free_parameters.layout.free
+    covariance = sure.fitted.covariance.copy()
+    covariance[free.index("L_a"), free.index("L_a")] = np.inf
+    unsure = replace(sure, fitted=replace(sure.fitted, covariance=covariance))
+    assert any("do not tell L_a alone" in each for each in unsure.cautions)
+
+
+def test_gains_of_a_run_are_those_that_lie_there(tmp_path: Path) -> None:
+    run = runs.run_folder(tmp_path)
+    assert read_design(run) is None
+    write_json(run / "pid.json", "pid", pid())
+    assert read_design(run) is None  # not what `etcfit design` wrote
+    finish(run, "design", 0, {})
+    found = read_design(run)
+    assert found is not None
+    assert found["profile"]["name"] == "rusefi"
 
 
 FREE = 3e-3  # of the travel, between MuJoCo's free return and ours

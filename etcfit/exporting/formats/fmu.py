@@ -59,9 +59,9 @@ class _Variable(NamedTuple):
 
 
 _INPUTS = (
-    _Variable("voltage", "V", "at the terminals, constant over the step", "input", "discrete", None, 0.0),
+    _Variable("voltage", "V", "at the terminals, held over a communication step", "input", "continuous", None, 0.0),
     _Variable("torque", "N*m", "at the plate besides the motor's, through the gear like it; positive opens", "input",
-              "discrete", None, 0.0),
+              "continuous", None, 0.0),
 )  # fmt: skip
 _OUTPUTS = (
     ("angle", "rad", "of the plate"),
@@ -79,7 +79,7 @@ def _variables(source: Source, plant: Plant) -> tuple[_Variable, ...]:
     return (
         _Variable("time", "s", "since the begin", "independent", "continuous"),
         *_INPUTS,
-        *(_Variable(*each, "output", "discrete", "calculated") for each in outputs),
+        *(_Variable(*each, "output", "continuous", "calculated") for each in outputs),
         *(_Variable(q.symbol, q.unit, q.meaning, "parameter", "tunable", "exact", q.value) for q in plant.quantities),
         _Variable("start_angle", "rad", "of the plate at the begin", "parameter", "fixed", "exact", source.travel[0]),
     )

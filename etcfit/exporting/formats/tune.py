@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator, Mapping
+from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree as Xml
 
 from ... import __version__
-from ...errors import UsageError
+from ...errors import MeasurementError, UsageError
 from ...model.ecus import PROFILES, Pasting
 from ...model.ecus import named as ecu_named
 from ...reporting.control.snippet import tune_file
@@ -37,8 +39,10 @@ def _written(source: Source) -> Mapping[str, Any]:
 
 
 def _cannot_hold(source: Source, written: Mapping[str, Any]) -> Iterator[str]:
-    yield ("It holds these settings only and no signature of a firmware, so that TunerStudio will say that the "
-           "signatures do not match. Save your own tune first, and compare before you burn.")  # fmt: skip
+    if source.into is None:
+        yield ("It holds these settings only and no signature of a firmware, so that TunerStudio will say that the "
+               "signatures do not match. Given your own tune (option into), etcfit changes a copy of that instead.")  # fmt: skip
+    yield "Keep your old tune, and compare before you burn."
     yield f"The gains are for {written['title']}. Another firmware may give the same names another meaning."
     yield from (f"Assumed of that ECU: {each}." for each in written["assumed"])
     if source.pid is not None and not source.pid["feed_forward"] and written["bias"] is not None:
@@ -48,6 +52,13 @@ def _cannot_hold(source: Source, written: Mapping[str, Any]) -> Iterator[str]:
 def _export(source: Source) -> Export:
     written = _written(source)
     lost = (*source.cautions, *_cannot_hold(source, written))
+    if source.into is None:
+        return Export({f"etcfit_{written['name']}.msq": _new(source, written, lost)}, lost)
+    return Export({f"{source.into.stem}_etcfit.msq": _changed(source, source.into, written, lost)}, lost)
+
+
+def _new(source: Source, written: Mapping[str, Any], lost: tuple[str, ...]) -> bytes:
+    """A tune of these settings alone."""
     root = Xml.Element("msq", {"xmlns": _NAMESPACE})
     Xml.SubElement(root, "bibliography", {"author": f"etcfit {__version__}", "tuneComment": source.title})
     Xml.SubElement(root, "versionInfo", {"fileFormat": "5.0", "nPages": "1", "signature": written["title"]})
@@ -58,8 +69,37 @@ def _export(source: Source) -> Export:
     text = Xml.tostring(root, encoding="unicode").replace("><", ">\n<")
     head = f'<?xml version="1.0" encoding="ISO-8859-1"?>\n<!--\n{notes}\n-->\n'
     # as TunerStudio reads it; what Latin-1 lacks becomes a reference
-    data = (head + text + "\n").encode("iso-8859-1", "xmlcharrefreplace")
-    return Export({f"etcfit_{written['name']}.msq": data}, lost)
+    return (head + text + "\n").encode("iso-8859-1", "xmlcharrefreplace")
 
 
-FORMAT = Format("msq", "gains and bias table for TunerStudio (rusEFI, FOME)", _export)
+def _changed(source: Source, path: Path, written: Mapping[str, Any], lost: tuple[str, ...]) -> bytes:
+    """A copy of a tune in which nothing but these settings has changed.
+
+    Raises:
+        MeasurementError: it is no tune, or one whose firmware has no such settings.
+    """
+    text = path.read_bytes().decode("iso-8859-1")
+    if f'xmlns="{_NAMESPACE}"' not in text:
+        raise MeasurementError(str(path), "it is no tune of TunerStudio.", f"A .msq of {written['title']} is required.",
+                               "Save one in TunerStudio: File, Save Tune As.")  # fmt: skip
+    for ours in Xml.fromstring("<page>" + "\n".join(tune_file(written)) + "</page>"):
+        text = _replaced(path, text, ours.attrib["name"], ours, written["title"])
+    notes = comment((source.title, source.origin, *lost), "  ")
+    return text.replace("</msq>", f"<!--\n{notes}\n-->\n</msq>").encode("iso-8859-1", "xmlcharrefreplace")
+
+
+def _replaced(path: Path, text: str, name: str, ours: Xml.Element, title: str) -> str:
+    """The text of a tune with one setting replaced, its attributes as they stand there."""
+    found = re.findall(rf'<constant\b[^>]*\bname="{re.escape(name)}"[^>]*>[^<]*</constant>', text)
+    rows = ours.attrib.get("rows")
+    if len(found) != 1 or (rows is not None and f'rows="{rows}"' not in found[0]):
+        asked = f"{name} with {rows} rows" if rows else name
+        raise MeasurementError(str(path), f"no setting {asked} in it.", f"A tune of {title} is required.",
+                               "Name one of the firmware that runs on your ECU.")  # fmt: skip
+    head, value = found[0].partition(">")[0], ours.text or ""
+    if rows:
+        value = "".join(f"\n         {each}" for each in value.split()) + "\n      "
+    return text.replace(found[0], f"{head}>{value}</constant>")
+
+
+FORMAT = Format("msq", "gains and bias table for TunerStudio (rusEFI, FOME)", _export, changes=True)
