@@ -11,13 +11,14 @@ import numpy as np
 import pytest
 
 import exports
-from effect_samples import every_effect, inputs, made, typical
+from effect_samples import inputs, made, typical
 from etcfit.errors import UsageError
 from etcfit.exporting import Source
 from etcfit.exporting.expressions import OPERATIONS, Graph, literal, program
 from etcfit.exporting.lowering import NotScalarError, lowered
 from etcfit.exporting.plant import plant_of
 from etcfit.model.effects import EFFECTS, AbstractEffect, Contribution, Inputs, State
+from etcfit.model.smooth import UNKNOWNS
 
 # C's operators and functions as Python has them: an evaluator that shares no table with what prints
 PYTHON: dict[str, Any] = {name: getattr(math, name) for name in dir(math) if not name.startswith("_")} | {
@@ -102,7 +103,7 @@ def test_a_constant_keeps_every_digit(number: float) -> None:
     assert float(literal(number)) == number
 
 
-@every_effect
+@pytest.mark.parametrize("effect", [*EFFECTS, *UNKNOWNS], ids=lambda effect: effect.name)
 def test_every_effect_is_printed_as_it_computes(effect: type[AbstractEffect]) -> None:
     graph, values = Graph(), typical(effect)
     state, z = {"i": 1.3, "theta": 0.4, "omega": -2.0}, {f"z{k}": 0.2 + 0.1 * k for k in range(len(effect.z0))}

@@ -41,7 +41,8 @@ def _written(source: Source) -> Mapping[str, Any]:
 def _cannot_hold(source: Source, written: Mapping[str, Any]) -> Iterator[str]:
     if source.into is None:
         yield ("It holds these settings only and no signature of a firmware, so that TunerStudio will say that the "
-               "signatures do not match. Given your own tune (option into), etcfit changes a copy of that instead.")  # fmt: skip
+               "signatures do not match.")  # fmt: skip
+        yield "Given your own tune (option into), etcfit changes a copy of that instead."
     yield "Keep your old tune, and compare before you burn."
     yield f"The gains are for {written['title']}. Another firmware may give the same names another meaning."
     yield from (f"Assumed of that ECU: {each}." for each in written["assumed"])
