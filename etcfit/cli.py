@@ -414,7 +414,9 @@ def export(
     at: Annotated[float, typer.Option(help="Of a transfer function, % of the travel.", min=0.0, max=100.0)] = 25.0,
     into: Annotated[
         Path | None,
-        typer.Option(help="Your own tune, for msq: a copy of it is changed.", exists=True, dir_okay=False),
+        typer.Option(
+            help="Your own tune, for msq: a copy of it is changed.", metavar="FILE", exists=True, dir_okay=False
+        ),
     ] = None,
     quiet: Quiet = False,
 ) -> None:

@@ -3,17 +3,19 @@
 from __future__ import annotations
 
 import ast
+import inspect
 import io
 import sys
 from dataclasses import replace
 from pathlib import Path
 from types import ModuleType
-from typing import Any
+from typing import Any, get_type_hints
 from xml.etree import ElementTree as Xml
 
 import numpy as np
 import pytest
 import scipy.io
+from typer.testing import CliRunner
 
 import bodies
 import etcfit
@@ -22,6 +24,7 @@ import results
 import runs
 from etcfit.api.designed import Designed
 from etcfit.api.fit import Fit
+from etcfit.cli import app, export
 from etcfit.control.design import ecu_of, propose, task_of
 from etcfit.control.pid import RULES, Requirements
 from etcfit.control.pid.requirements import REQUIRED
@@ -91,6 +94,16 @@ def test_an_unknown_format_is_refused_with_all_that_there_are() -> None:
     with pytest.raises(UsageError) as error:
         named("simulink")
     assert [f.name for f in FORMATS if f"{f.name} (" not in str(error.value)] == []
+
+
+def test_help_and_documentation_name_every_format() -> None:
+    told = inspect.getdoc(etcfit.export) or ""
+    shown = get_type_hints(export, include_extras=True)["to"].__metadata__[0].help
+    page = (Path(__file__).parents[2] / "docs" / "commands" / "export.md").read_text(encoding="utf-8")
+    *names, last = (f.name for f in FORMATS)
+    for said in (told, shown):
+        assert f"{', '.join(names)} or {last}" in " ".join(said.split())
+    assert [f.name for f in FORMATS if f"| `{f.name}` |" not in page] == []
 
 
 def transfer(source: Source, s: complex) -> complex:
@@ -282,6 +295,20 @@ def test_gains_of_a_run_are_those_that_lie_there(tmp_path: Path) -> None:
     found = read_design(run)
     assert found is not None
     assert found["profile"]["name"] == "rusefi"
+
+
+@pytest.mark.slow
+def test_the_command_exports_a_run_and_says_what_is_left_out(tmp_path: Path) -> None:
+    run = runs.run_folder(tmp_path)
+    done = CliRunner().invoke(app, ["export", str(run), "--to", "mujoco", "--quiet"])
+    assert (done.exit_code, done.stdout) == (0, f"{run / 'export' / 'etcfit_throttle.xml'}\n")
+    assert "The inductance L_a" in done.stderr
+    made = etcfit.export(run, "mujoco", tmp_path / "here", quiet=True)
+    assert made.files[0].read_bytes() == (run / "export" / "etcfit_throttle.xml").read_bytes()
+    assert done.stderr == "".join(f"{sentence}\n" for sentence in made.cannot_hold)
+    refused = CliRunner().invoke(app, ["export", str(run), "--to", "msq", "--quiet"])
+    assert refused.exit_code == 2
+    assert f"etcfit design {run} --ecu NAME" in refused.stderr
 
 
 FREE = 3e-3  # of the travel, between MuJoCo's free return and ours
