@@ -16,6 +16,7 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
+from .errors import UsageError
 from .posterior.settings import SamplingSettings
 
 if TYPE_CHECKING:
@@ -205,10 +206,16 @@ def export_run(
         step: of a plant in C, s; the default where None.
         at: share of the travel about which a transfer function is taken.
         into: the user's own file of that format, of which a copy is changed; None for a new file.
+    Raises:
+        UsageError: no such format, a step outside its range, or a model without what the format needs.
     """
     from .exporting import ExportSettings, named
 
     format_ = named(to)
+    try:
+        settings = ExportSettings(share=at) if step is None else ExportSettings(step, at)
+    except ValueError as error:  # the range is the settings' own
+        raise UsageError(str(error)) from None
     report("taking up the model", 0.0)
     keep_compiled()
     result = run.final()
@@ -216,7 +223,6 @@ def export_run(
     from .run_folder import read_design
 
     report(f"exporting to {to}", 0.5)
-    settings = ExportSettings(share=at) if step is None else ExportSettings(step, at)
     done = exported(result, format_, out or run.path / "export", settings, read_design(run.path), run.path, into)
     return Done("\n".join(map(str, done.files)), failure(result), "\n".join(done.cannot_hold))
 

@@ -96,6 +96,12 @@ def test_a_command_is_one_call_and_its_table(
     assert invoke(*words, "--quiet").stderr == ""
 
 
+def test_a_step_that_no_plant_can_take_is_a_usage_error(invoke) -> None:
+    done = invoke("export", "bench", "--to", "c", "--step", "1s")
+    assert done.exit_code == 2
+    assert "step = 1.0: it must be" in " ".join(done.stderr.split())
+
+
 def test_what_an_export_cannot_hold_is_told_even_to_the_quiet(invoke, stages: Stages) -> None:
     stages.done = Done("out/plant.c", "", "No noise.\nNo [wind].")
     done = invoke("export", "bench", "--to", "c", "--out", "out", "--quiet")
@@ -221,7 +227,6 @@ def test_run_goes_through_the_stages_and_says_what_was_done_before(invoke, monke
         ("run", "bench"),
         ("export", "bench"),
         ("export", "bench", "--to", "simulink"),
-        ("export", "bench", "--to", "c", "--step", "1s"),
         ("fetch", "no-such-set"),
         ("fetch", "emps", "--data", "no/such/folder"),
     ],
