@@ -38,6 +38,7 @@ if TYPE_CHECKING:
     from .api.verbs import design as design
     from .api.verbs import diagnose as diagnose
     from .api.verbs import drive as drive
+    from .api.verbs import export as export
     from .api.verbs import fetch as fetch
     from .api.verbs import fit as fit
     from .api.verbs import load as load
@@ -61,6 +62,7 @@ if TYPE_CHECKING:
     from .estimation.settings import FitSettings as FitSettings
     from .experiment.settings import AdviceSettings as AdviceSettings
     from .experiment.settings import CheckSettings as CheckSettings
+    from .exporting.settings import ExportSettings as ExportSettings
     from .model.ecus import ECUS as ECUS
     from .model.effects import EFFECTS as EFFECTS
     from .model.effects import AbstractEffect as AbstractEffect
@@ -92,6 +94,7 @@ MODULE_OF = {
     "FrequencySettings": "control.settings",
     "AdviceSettings": "experiment.settings",
     "CheckSettings": "experiment.settings",
+    "ExportSettings": "exporting.settings",
     "EFFECTS": "model.effects",
     "TESTS": "rig",
     "DATASETS": "datasets",
@@ -102,6 +105,7 @@ MODULE_OF = {
     "design": "api.verbs",
     "diagnose": "api.verbs",
     "drive": "api.verbs",
+    "export": "api.verbs",
     "fetch": "api.verbs",
     "fit": "api.verbs",
     "load": "api.verbs",

@@ -404,6 +404,33 @@ def _with_unit(option: str, text: str, units: Mapping[str, float], what: str, ex
 
 @app.command()
 @_contract
+def export(
+    run: Run,
+    to: Annotated[str, typer.Option(help="c, fmu, msq, mat, m, python, mujoco or isaac.", metavar="FORMAT")],
+    out: Annotated[
+        Path | None, typer.Option(help="Where; RUN/export if not given.", file_okay=False, metavar="DIR")
+    ] = None,
+    step: Annotated[str | None, typer.Option(help="Of the plant in C and FMU; else 0.5ms.", metavar="TIME")] = None,
+    at: Annotated[float, typer.Option(help="Of a transfer function, % of the travel.", min=0.0, max=100.0)] = 25.0,
+    into: Annotated[
+        Path | None,
+        typer.Option(
+            help="Your own tune, for msq: a copy of it is changed.", metavar="FILE", exists=True, dir_okay=False
+        ),
+    ] = None,
+    quiet: Quiet = False,
+) -> None:
+    """The model in RUN (after a diagnosis, the final one) for another program; says what that format cannot hold."""
+    seconds = None if step is None else _seconds("--step", step)
+    with _progress(quiet) as progress:
+        done = stages.export_run(stages.opened(run), progress, to, out, seconds, at / 100.0, into)
+    if done.remark:
+        _stderr().print(done.remark, markup=False)
+    _tell(done)
+
+
+@app.command()
+@_contract
 def fetch(
     name: Annotated[str, typer.Argument(help="kassel-throttle, emps or bam-xl330.", metavar="NAME")],
     to: Annotated[Path | None, typer.Option(help="Where; measurements/NAME if not given.", metavar="FOLDER")] = None,

@@ -16,6 +16,7 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
+from .errors import UsageError
 from .posterior.settings import SamplingSettings
 
 if TYPE_CHECKING:
@@ -34,7 +35,7 @@ class Done:
     Args:
         shown: what goes to stdout, a rich renderable.
         failure: why the model that is shown did not converge, or "".
-        remark: with what `etcfit run` made it anew, where it had been made before; or "".
+        remark: with what `etcfit run` made it anew, where it had been made before; what an export leaves out; or "".
     """
 
     shown: Any
@@ -185,6 +186,45 @@ def design_run(
     }
     keep_design(run, result, found, settings, report)
     return Done(design_table(found), failure(result))
+
+
+def export_run(
+    run: RunFolder,
+    report: Report,
+    to: str,
+    out: Path | None = None,
+    step: float | None = None,
+    at: float = 0.25,
+    into: Path | None = None,
+) -> Done:
+    """The model in a format of another program, with what that format cannot hold as the remark.
+
+    Args:
+        run, report: as everywhere.
+        to: name of the format.
+        out: folder; RUN/export where None.
+        step: of a plant in C, s; the default where None.
+        at: share of the travel about which a transfer function is taken.
+        into: the user's own file of that format, of which a copy is changed; None for a new file.
+    Raises:
+        UsageError: no such format, a step outside its range, or a model without what the format needs.
+    """
+    from .exporting import ExportSettings, named
+
+    format_ = named(to)
+    try:
+        settings = ExportSettings(share=at) if step is None else ExportSettings(step, at)
+    except ValueError as error:  # the range is the settings' own
+        raise UsageError(str(error)) from None
+    report("taking up the model", 0.0)
+    keep_compiled()
+    result = run.final()
+    from .api.exported import exported
+    from .run_folder import read_design
+
+    report(f"exporting to {to}", 0.5)
+    done = exported(result, format_, out or run.path / "export", settings, read_design(run.path), run.path, into)
+    return Done("\n".join(map(str, done.files)), failure(result), "\n".join(done.cannot_hold))
 
 
 def write_report(run: RunFolder, report: Report) -> Done:

@@ -24,7 +24,8 @@ ROOMS = [
         "car_log",
         "estimation",
     ),
-    *("experiment", "control", "diagnosis", "posterior", "run_folder", "reporting", "api", "stages", "cli"),
+    *("experiment", "control", "diagnosis", "posterior", "run_folder", "reporting", "exporting"),
+    *("api", "stages", "cli"),
 ]
 MOST_ROOMS = 22
 ONLY_IN: dict[str, str | tuple[str, ...]] = {

@@ -67,7 +67,7 @@ class Stages:
 @pytest.fixture
 def stages(monkeypatch: pytest.MonkeyPatch) -> Stages:
     fake = Stages()
-    for name in ("fit_folder", "diagnose_run", "sample_run", "reduce_run", "design_run", "write_report"):
+    for name in ("fit_folder", "diagnose_run", "sample_run", "reduce_run", "design_run", "export_run", "write_report"):
         monkeypatch.setattr(f"etcfit.stages.{name}", fake.work)
     return fake
 
@@ -79,6 +79,8 @@ COMMANDS = {
     "reduce": (("reduce", "bench", "--output", "deg", "--at", "30", "--pade", "2"),
                (Path("bench"), "V", "deg", 0.3, 2)),
     "design": (("design", "bench", "--rule", "simc"), (Path("bench"), "simc", 12, False, ASKED, {}, None, None)),
+    "export": (("export", "bench", "--to", "c", "--step", "1ms", "--at", "30"),
+               (Path("bench"), "c", None, 1e-3, 0.3, None)),
     "report": (("report", "bench"), (Path("bench"),)),
 }  # fmt: skip
 
@@ -92,6 +94,19 @@ def test_a_command_is_one_call_and_its_table(
     assert "working" in done.stderr
     assert stages.asked == [asked]
     assert invoke(*words, "--quiet").stderr == ""
+
+
+def test_a_step_that_no_plant_can_take_is_a_usage_error(invoke) -> None:
+    done = invoke("export", "bench", "--to", "c", "--step", "1s")
+    assert done.exit_code == 2
+    assert "step = 1.0: it must be" in " ".join(done.stderr.split())
+
+
+def test_what_an_export_cannot_hold_is_told_even_to_the_quiet(invoke, stages: Stages) -> None:
+    stages.done = Done("out/plant.c", "", "No noise.\nNo [wind].")
+    done = invoke("export", "bench", "--to", "c", "--out", "out", "--quiet")
+    assert (done.exit_code, done.stdout, done.stderr) == (0, "out/plant.c\n", "No noise.\nNo [wind].\n")
+    assert stages.asked == [(Path("bench"), "c", Path("out"), None, 0.25, None)]
 
 
 @pytest.mark.parametrize("words", [words for words, _ in COMMANDS.values()], ids=COMMANDS)
@@ -210,6 +225,8 @@ def test_run_goes_through_the_stages_and_says_what_was_done_before(invoke, monke
         ("report", "no/such/run"),
         ("report", "bench"),
         ("run", "bench"),
+        ("export", "bench"),
+        ("export", "bench", "--to", "simulink"),
         ("fetch", "no-such-set"),
         ("fetch", "emps", "--data", "no/such/folder"),
     ],

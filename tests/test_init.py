@@ -17,7 +17,8 @@ import pytest
 
 import etcfit
 
-VERBS = ["advise", "check", "design", "diagnose", "drive", "fetch", "fit", "load", "reduce", "report", "run", "sample"]
+VERBS = ["advise", "check", "design", "diagnose", "drive", "export", "fetch", "fit", "load", "reduce", "report", "run",
+         "sample"]  # fmt: skip
 
 
 @pytest.mark.parametrize("name", sorted(etcfit.MODULE_OF))

@@ -32,6 +32,7 @@ from etcfit.estimation.settings import (
     WhitenessSettings,
 )
 from etcfit.experiment.settings import AdviceSettings, CheckSettings, PlanSettings
+from etcfit.exporting.settings import ExportSettings
 from etcfit.files import plain
 from etcfit.importing.settings import GuessSettings
 from etcfit.posterior.settings import SamplingSettings
@@ -59,6 +60,7 @@ KINDS: list[Any] = [
     OptimumSettings,
     RelaySettings,
     DiagnosisSettings,
+    ExportSettings,
     EdgeSettings,
     *(type(detector) for detector in DETECTORS if not isinstance(detector, SynchronousEdges)),
 ]

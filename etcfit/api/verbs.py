@@ -2,8 +2,8 @@
 
     rig = read_folder(FOLDER);  fit(rig) -> diagnose -> sample, reduce, design -> report
 
-They compute and return; only `save`, `report` and `fetch` write files. Whatever is heavy is imported when a verb
-is called.
+They compute and return; only `save`, `report`, `export` and `fetch` write files. Whatever is heavy is imported when
+a verb is called.
 """
 
 from __future__ import annotations
@@ -26,12 +26,14 @@ if TYPE_CHECKING:
     from ..estimation.result import FitResult
     from ..estimation.settings import FitSettings
     from ..experiment.settings import AdviceSettings, CheckSettings
+    from ..exporting import ExportSettings
     from ..rig.base import Rig
     from .advised import Advised
     from .checked import Checked
     from .designed import Designed
     from .diagnosed import Diagnosed
     from .driven import Driven
+    from .exported import Exported
     from .fit import Fit
     from .reduced import Reduced
     from .sampled import Sampled
@@ -242,6 +244,45 @@ def design(
             **ecu,
         )
         return Designed(fit, found, None if log is None else str(log))
+
+
+def export(
+    model: Model | Designed,
+    to: str,
+    out: Folder | None = None,
+    settings: ExportSettings | None = None,
+    *,
+    into: Folder | None = None,
+    quiet: bool = False,
+) -> Exported:
+    """The model in a format of another program.
+
+    Args:
+        model: a fit, a diagnosis (its final model counts), a posterior, a transfer function, a run folder with the
+            gains in it, or gains with their fit.
+        to: name of the format: c, fmu, msq, mat, m, python, mujoco or isaac.
+        out: folder of its files; RUN/export of a run folder where None.
+        settings: step and operating point; the defaults where None.
+        into: file of your own tune, for msq: a copy of it is changed.
+        quiet: show no progress.
+    Raises:
+        UsageError: no such format, or the model lacks what it needs; a model of no run folder, and no `out`.
+    """
+    with working(quiet) as told:
+        from ..exporting import ExportSettings, named
+        from ..run_folder import design_json, read_design
+        from .designed import Designed
+        from .exported import exported
+
+        told(f"exporting to {to}", 0.3)
+        run = Path(model) if isinstance(model, str | Path) else None
+        if out is None and run is None:
+            raise UsageError("an export is written into a folder. Name one: etcfit.export(fit, 'c', 'firmware').")
+        format_, folder = named(to), Path(out) if out is not None else Path(run or "") / "export"
+        pid = design_json(model.design) if isinstance(model, Designed) else None if run is None else read_design(run)
+        fit = model.fit if isinstance(model, Designed) else _fit_of("export", model)
+        return exported(fit.result, format_, folder, settings or ExportSettings(), pid, run,
+                        None if into is None else Path(into))  # fmt: skip
 
 
 def report(run: Folder | Fit | Diagnosed, to: Folder | None = None, *, quiet: bool = False) -> Path:

@@ -24,7 +24,7 @@ from .manifest import (
     require,
     settings_before,
 )
-from .model import read_draws, sines_of
+from .model import read_design, read_draws, sines_of
 from .reduction import reduction_json
 from .results import save_design, save_posterior, save_reduction
 from .state import (
@@ -72,6 +72,7 @@ __all__ = [
     "load_fit",
     "must_belong",
     "parameters_json",
+    "read_design",
     "read_draws",
     "read_records",
     "readings_of",

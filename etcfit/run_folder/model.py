@@ -1,8 +1,11 @@
-"""What a run folder knows beyond its models: draws of the posterior, sine traces of the rig."""
+"""What a run folder knows beyond its models: gains, draws of the posterior, sine traces of the rig."""
 
 from __future__ import annotations
 
+import json
+from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -16,6 +19,13 @@ from .manifest import POSTERIOR, is_current, read_records
 def sines_of(result: FitResult) -> tuple[Measurement, ...]:
     """The sine traces of the rig that was fitted."""
     return tuple(trace for trace in result.rig.measurements if trace.test == Sine.name)
+
+
+def read_design(run: Path) -> Mapping[str, Any] | None:
+    """The object of RUN/pid.json; None where no gains were designed for the model that lies there now."""
+    if not is_current(run, "design", read_records(run)):
+        return None
+    return json.loads((run / "pid.json").read_text(encoding="utf-8"))
 
 
 def read_draws(run: Path, fitted: Fitted, count: int, seed: int) -> np.ndarray | None:

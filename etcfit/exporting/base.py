@@ -1,0 +1,162 @@
+"""What every format is given, and what it gives."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, field
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+from .. import __version__
+from ..control.linearise import Reduction, reduce, stops
+from ..errors import UsageError
+from ..estimation.fitted_model import Fitted
+from ..model.effects import AbstractEffect
+from ..model.parameters import Parameter, parameters_of
+from ..model.rig_effects import AbstractRigEffect
+from ..model.throttle import Throttle
+from .settings import ExportSettings
+
+
+@dataclass(frozen=True, eq=False)
+class Source:
+    """A model to be exported.
+
+    Args:
+        fitted: the model at its optimum.
+        settings: step and operating point.
+        pid: the object of pid.json; None where no gains were designed.
+        designing: the command that designs them, for messages.
+        into: the user's own file of that format, of which a copy is changed; None for a new file.
+    """
+
+    fitted: Fitted
+    settings: ExportSettings = field(default_factory=ExportSettings)
+    pid: Mapping[str, Any] | None = None
+    designing: str = "etcfit design RUN"
+    into: Path | None = None
+
+    @property
+    def values(self) -> Mapping[str, float]:
+        """Of every parameter, SI by symbol."""
+        return self.fitted.values
+
+    @property
+    def throttle(self) -> Throttle:
+        """The throttle itself."""
+        return Throttle.build(self.effects, self.values)
+
+    @property
+    def body(self) -> Mapping[str, float]:
+        """What of the rig the plant needs: gear ratio N, stops lower and upper (rad)."""
+        lower, upper = self.travel
+        return {"N": self.fitted.config.gear_ratio, "lower": lower, "upper": upper}
+
+    @property
+    def travel(self) -> tuple[float, float]:
+        """End stops, rad; see `control.linearise.stops` for a rig without."""
+        return stops(self.fitted)
+
+    @cached_property
+    def reduction(self) -> Reduction:
+        """The linear plant, rad/V."""
+        return reduce(self.fitted, share=self.settings.share)
+
+    @property
+    def effects(self) -> tuple[type[AbstractEffect], ...]:
+        """Of the throttle itself: neither those of the rig nor an ECU that drove its logs."""
+        types = self.fitted.free_parameters.layout.types
+        return tuple(t for t in types if not issubclass(t, AbstractRigEffect) and not t.commands)
+
+    @property
+    def beyond_the_paper(self) -> tuple[type[AbstractEffect], ...]:
+        """Effects besides those of Eqs. 1-2."""
+        return tuple(effect for effect in self.effects if effect.off is not None)
+
+    @property
+    def parameters(self) -> tuple[Parameter, ...]:
+        """Of these effects, in their order."""
+        return tuple(p for effect in self.effects for p in parameters_of(effect))
+
+    @property
+    def title(self) -> str:
+        """One line that says whose model this is."""
+        config = self.fitted.config
+        return f"{config.name}{' (SYNTHETIC: its measurements were simulated)' if config.synthetic else ''}"
+
+    @property
+    def origin(self) -> str:
+        """One line that says where the file comes from."""
+        names = ", ".join(effect.name for effect in self.effects)
+        return f"Written by etcfit {__version__} (etcfit export). Effects in the model: {names}."
+
+    @property
+    def cautions(self) -> tuple[str, ...]:
+        """What a reader of any format must know, a sentence each."""
+        return (*self.fitted.state.cautions, *self._not_told(), *self._left_out())
+
+    def _not_told(self) -> Iterator[str]:
+        unknown = self.fitted.identifiability.unknown
+        if lost := [p.symbol for p in self.parameters if self.fitted.doubt(p.symbol) > unknown]:
+            yield f"The data do not tell {', '.join(lost)} alone: these values are where the fit ended, not measured."
+
+    def _left_out(self) -> Iterator[str]:
+        types = self.fitted.free_parameters.layout.types
+        if rig := [t.name for t in types if issubclass(t, AbstractRigEffect)]:
+            yield (f"Left out: {', '.join(rig)}. They stand between throttle and log on the rig that was measured, "
+                   "and are no part of the throttle.")  # fmt: skip
+        if ecu := [t.name for t in types if not issubclass(t, AbstractRigEffect) and t.commands]:
+            yield f"Left out: {', '.join(ecu)}, the ECU that drove the logs."
+        if self.travel != self.fitted.config.travel:
+            low, high = self.travel
+            yield (f"The rig has no stops on both sides. They are set to {low:.4g} and {high:.4g} rad; "
+                   "set them to yours.")  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Export:
+    """What a format makes of a model.
+
+    Args:
+        files: contents by name, relative to the folder that they go to.
+        cannot_hold: what the format leaves out or bends, a sentence each; the files say so too.
+    """
+
+    files: Mapping[str, str | bytes]
+    cannot_hold: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class Format:
+    """A format: one file in `formats/`, and its name in one tuple there.
+
+    Args:
+        name: of `--to`.
+        title: what it is for, one line.
+        make: makes it; imports what is heavy when it is called.
+        changes: whether it can change a copy of the user's own file (`Source.into`).
+    """
+
+    name: str
+    title: str
+    make: Callable[[Source], Export]
+    changes: bool = False
+
+    def export(self, source: Source) -> Export:
+        """The files of a model.
+
+        Raises:
+            UsageError: the model lacks what the format needs, or a file to change is named that it cannot change.
+        """
+        if source.into is not None and not self.changes:
+            raise UsageError(f"--to {self.name} writes new files. Leave --into out.")
+        return self.make(source)
+
+
+def effects_left_out(source: Source) -> tuple[str, ...]:
+    """Effects that a model of Eqs. 1-2 alone does not have, in words."""
+    lost = [effect.name for effect in source.beyond_the_paper]
+    if not lost:
+        return ()
+    return (f"Effects of the model that have no place here: {', '.join(lost)}. The formats c and fmu hold them.",)

@@ -1,0 +1,372 @@
+"""Every format is read back by a program that it is for, and says what it cannot hold."""
+
+from __future__ import annotations
+
+import ast
+import inspect
+import io
+import sys
+from dataclasses import replace
+from pathlib import Path
+from types import ModuleType
+from typing import Any, get_type_hints
+from xml.etree import ElementTree as Xml
+
+import numpy as np
+import pytest
+import scipy.io
+from typer.testing import CliRunner
+
+import bodies
+import etcfit
+import exports
+import results
+import runs
+from etcfit.api.designed import Designed
+from etcfit.api.fit import Fit
+from etcfit.cli import app, export
+from etcfit.control.design import ecu_of, propose, task_of
+from etcfit.control.pid import RULES, Requirements
+from etcfit.control.pid.requirements import REQUIRED
+from etcfit.control.settings import DesignSettings, OptimumSettings
+from etcfit.errors import MeasurementError, UsageError
+from etcfit.exporting import FORMATS, Export, Source, named, write
+from etcfit.files import write_json
+from etcfit.model.ecus import ECUS
+from etcfit.model.effects import Inputs, State
+from etcfit.run_folder import finish, read_design
+
+# constants of a tune that TunerStudio wrote for rusEFI 2022.04.22 (proteus_f4), with their rows: its .ini's names
+INI = {"etb_pFactor": 1, "etb_iFactor": 1, "etb_dFactor": 1, "etb_offset": 1, "etb_periodMs": 1, "etb_minValue": 1,
+       "etb_maxValue": 1, "etb_iTermMin": 1, "etb_iTermMax": 1, "etbBiasBins": 8, "etbBiasValues": 8}  # fmt: skip
+MSQ = "{http://www.msefi.com/:msq}"
+
+
+def pid(name: str | None = "rusefi") -> dict[str, Any]:
+    """What an export needs of pid.json, invented."""
+    made = None
+    if name is not None:
+        profile = ECUS[name]
+        numbers = iter(np.linspace(0.5, 9.5, 20).tolist())
+        bias = profile.bias and {
+            profile.bias.bins: list(range(0, 80, 10)),
+            profile.bias.values: [1.5 * k for k in range(8)],
+        }
+        made = {
+            "name": name, "title": profile.title, "assumed": ["nothing & nobody"], "bias": bias,
+            "gains": {gain: {"value": next(numbers), "unit": ""} for gain in profile.gains},
+            "limits": {limit.name: {"value": next(numbers), "unit": ""} for limit in profile.limits},
+        }  # fmt: skip
+    return {"profile": made, "feed_forward": True, "gains": {"Kp": 11.0, "Ki": 50.0, "Kd": 0.2, "unit": "V/rad"}}
+
+
+def text(export: Export, name: str) -> str:
+    content = export.files[name]
+    return content if isinstance(content, str) else content.decode("iso-8859-1")
+
+
+def executed(code: str) -> dict[str, Any]:
+    names: dict[str, Any] = {}
+    exec(compile(ast.parse(code), "snippet", "exec"), names)
+    return names
+
+
+def words(said: str) -> str:
+    """Without marks of comments and line ends."""
+    return " ".join(line.strip().removeprefix("* ").removeprefix("# ").removeprefix("% ") for line in said.splitlines())
+
+
+COMPILED = ("c", "m", "python")  # these compile the model: slow
+TEXTS = [pytest.param(f.name, marks=[pytest.mark.slow] * (f.name in COMPILED))
+         for f in FORMATS if f.name not in ("fmu", "mat")]  # fmt: skip
+
+
+@pytest.mark.parametrize("name", TEXTS)
+def test_what_a_format_cannot_hold_is_said_in_its_first_file(name: str) -> None:
+    export = named(name).export(exports.source({"limp_home_spring": {}}, pid=pid()))
+    first = words(text(export, next(iter(export.files))))
+    assert export.cannot_hold
+    assert [sentence for sentence in export.cannot_hold if sentence not in first] == []
+    assert "SYNTHETIC" in first
+
+
+def test_an_unknown_format_is_refused_with_all_that_there_are() -> None:
+    with pytest.raises(UsageError) as error:
+        named("simulink")
+    assert [f.name for f in FORMATS if f"{f.name} (" not in str(error.value)] == []
+
+
+def test_help_and_documentation_name_every_format() -> None:
+    told = inspect.getdoc(etcfit.export) or ""
+    shown = get_type_hints(export, include_extras=True)["to"].__metadata__[0].help
+    page = (Path(__file__).parents[2] / "docs" / "commands" / "export.md").read_text(encoding="utf-8")
+    *names, last = (f.name for f in FORMATS)
+    for said in (told, shown):
+        assert f"{', '.join(names)} or {last}" in " ".join(said.split())
+    assert [f.name for f in FORMATS if f"| `{f.name}` |" not in page] == []
+
+
+def transfer(source: Source, s: complex) -> complex:
+    """G(s) of the linear equations, rad/V."""
+    a = bodies.linear(dict(source.values))
+    return complex(np.linalg.solve(s * np.eye(3) - a[:3, :3], a[:3, 3])[1])
+
+
+@pytest.mark.slow
+def test_python_executes_and_agrees_with_the_equations() -> None:
+    source = exports.source(pid=pid())
+    names = executed(text(named("python").export(source), "etcfit_model.py"))
+    s = 30j
+    _, response = names["plant"].freqresp([30.0])
+    assert response[0] == pytest.approx(transfer(source, s), rel=1e-9)
+    assert complex(names["to_control"]()(s)) == pytest.approx(transfer(source, s), rel=1e-9)
+    assert names["parameters"] == {**source.values, **source.body}
+    assert names["gains"] == {"Kp": 11.0, "Ki": 50.0, "Kd": 0.2}
+
+
+@pytest.mark.slow
+def test_python_keeps_delay_and_lag_beside_the_transfer_function() -> None:
+    effects = {"actuation_delay": {"t_a": 2e-3}, "position_sensor_lag": {"tau_p": 5e-3}}
+    names = executed(text(named("python").export(exports.source(effects)), "etcfit_model.py"))
+    assert (names["delay"], names["lag"]) == pytest.approx((2e-3, 5e-3), rel=1e-6)
+    late = complex(names["to_control"](3)(30j)) / complex(names["to_control"]()(30j))
+    assert late == pytest.approx(np.exp(-30j * names["delay"]) / (1.0 + 30j * names["lag"]), rel=1e-6)
+
+
+@pytest.mark.slow
+def test_the_mat_file_is_read_back() -> None:
+    source = exports.source(pid=pid())
+    export = named("mat").export(source)
+    data = export.files["etcfit.mat"]
+    assert isinstance(data, bytes)
+    back = scipy.io.loadmat(io.BytesIO(data), simplify_cells=True)["etcfit"]
+    assert back["parameters"] == pytest.approx({**source.values, **source.body})
+    tf = back["transfer_function"]
+    assert np.polyval([tf["num"]], 30j) / np.polyval(tf["den"], 30j) == pytest.approx(transfer(source, 30j), rel=1e-9)
+    assert tf["den_stderr"][0] == 0.0
+    assert np.all(tf["den_stderr"][1:] > 0.0)
+    assert back["gains"] == {"Kp": 11.0, "Ki": 50.0, "Kd": 0.2}
+    assert [str(back["notes"])] == list(export.cannot_hold) or back["notes"].tolist() == list(export.cannot_hold)
+
+
+@pytest.mark.slow
+def test_the_script_for_matlab_says_the_same() -> None:
+    source = exports.source()
+    lines = text(named("m").export(source), "etcfit_model.m").splitlines()
+    values = dict(line.split("%")[0].strip().rstrip(";").split(" = ") for line in lines if " = " in line.split("%")[0]
+                  and not line.startswith(" "))  # fmt: skip
+    assert {k: float(values[f"p.{k}"]) for k in source.values} == source.values
+    num, den = (np.array(values[name].strip("[]").split(","), dtype=float) for name in ("num", "den"))
+    assert np.polyval(num, 30j) / np.polyval(den, 30j) == pytest.approx(transfer(source, 30j), rel=1e-9)
+
+
+def constants(data: str | bytes) -> dict[str, list[float]]:
+    """Of a tune file, as TunerStudio's own: a value, or one a row."""
+    root = Xml.fromstring(data)
+    version = root.find(f"{MSQ}versionInfo")
+    assert root.tag == f"{MSQ}msq"
+    assert version is not None
+    assert version.attrib["fileFormat"] == "5.0"
+    found = {}
+    for constant in root.findall(f"{MSQ}page/{MSQ}constant"):
+        numbers = [float(each) for each in (constant.text or "").split()]
+        assert len(numbers) == int(constant.attrib.get("rows", 1)) * int(constant.attrib.get("cols", 1))
+        found[constant.attrib["name"]] = numbers
+    return found
+
+
+@pytest.mark.parametrize("name", ["rusefi", "fome"])
+def test_the_tune_holds_what_was_designed_under_the_firmware_s_names(name: str) -> None:
+    asked = pid(name)
+    found = constants(named("msq").export(exports.source(pid=asked)).files[f"etcfit_{name}.msq"])
+    assert {key: len(row) for key, row in found.items()}.items() <= INI.items()
+    profile = asked["profile"]
+    assert {key: found[key] for key in profile["bias"]} == profile["bias"]
+    for key, gain in profile["gains"].items():
+        assert found[key] == pytest.approx([gain["value"]], rel=1e-7)
+    assert set(found) == {*profile["gains"], *profile["limits"], *profile["bias"]}
+
+
+@pytest.mark.parametrize(
+    ("of", "said"), [(None, "none were designed"), (pid(None), "no make of ECU"), (pid("link"), "typed in")]
+)
+def test_without_gains_for_such_an_ecu_the_tune_is_refused_with_the_command(of: Any, said: str) -> None:
+    with pytest.raises(UsageError, match=rf"{said}.*etcfit design RUN --ecu NAME.*rusefi, fome"):
+        named("msq").export(exports.source(pid=of))
+
+
+@pytest.mark.slow
+def test_a_real_design_becomes_a_tune(tmp_path: Path) -> None:
+    fit = results.result(results.rig(tmp_path / "rig"))
+    fitted, rusefi = fit.fitted(), ECUS["rusefi"]
+    modest = Requirements(**dict.fromkeys(REQUIRED, 1e9))
+    optimum = OptimumSettings(searches=1, sweeps=1, population=8, elite=4, rounds=1, last_rounds=1)
+    brief = DesignSettings(draws=2, optimum=optimum)
+    task = task_of(fitted, ecu_of(fitted, **rusefi.fixes), modest, settings=brief, profile=rusefi)
+    design = propose(fitted, task, "amigo", {"amigo": RULES["amigo"]}, "laplace")
+    designed = Designed(Fit(fit), design)
+    with pytest.raises(UsageError, match="Name one"):
+        etcfit.export(designed, "msq", quiet=True)
+    done = etcfit.export(designed, "msq", tmp_path / "out", quiet=True)
+    found = constants(done.files[0].read_bytes())
+    assert set(found) == set(INI) - {"etb_periodMs"}
+    body, supply = task.loop.body, task.ecu.supply
+    # volts per radian in per cent of duty per per cent of travel
+    assert found["etb_pFactor"] == pytest.approx([designed.gains.Kp * (body.upper - body.lower) / supply], rel=1e-6)
+    assert found["etbBiasValues"] == [0.0] * 8  # found without feed-forward
+
+
+TUNE = """<?xml version="1.0" encoding="ISO-8859-1"?>
+<msq xmlns="http://www.msefi.com/:msq">
+<versionInfo fileFormat="5.0" firmwareInfo="rusEFI" nPages="1" signature="rusEFI by hand"/>
+<page number="0" size="99">
+<constant digits="1" name="clt_tempC_1" units="*C">-10.0</constant>
+%s
+<constant name="myPin">"PA\xb52"</constant>
+</page>
+</msq>
+"""
+
+
+def tune(names: Any = INI) -> bytes:
+    """A tune with settings of rusEFI, laid out as TunerStudio does; SYNTHETIC."""
+
+    def constant(name: str, rows: int) -> str:
+        if rows == 1:
+            return f'<constant digits="0" name="{name}" units="x">30.0</constant>'
+        values = "".join(f"\n         {k}.0" for k in range(rows))
+        return f'<constant cols="1" digits="2" name="{name}" rows="{rows}" units="%">{values}\n      </constant>'
+
+    return (TUNE % "\n".join(constant(name, names[name]) for name in names)).encode("iso-8859-1")
+
+
+def test_a_copy_of_the_users_own_tune_has_the_designed_settings_and_no_other_change(tmp_path: Path) -> None:
+    mine = tmp_path / "mine.msq"
+    mine.write_bytes(tune())
+    source = exports.source(pid=pid())
+    found = named("msq").export(replace(source, into=mine)).files["mine_etcfit.msq"]
+    assert isinstance(found, bytes)
+    designed = constants(named("msq").export(source).files["etcfit_rusefi.msq"])
+    before, after = (Xml.fromstring(data).findall(f"{MSQ}page/{MSQ}constant") for data in (tune(), found))
+    for old, new in zip(before, after, strict=True):
+        name = old.attrib["name"]
+        assert new.attrib == old.attrib
+        if name in designed:
+            assert [float(each) for each in (new.text or "").split()] == designed[name]
+        else:
+            assert new.text == old.text
+    assert b'signature="rusEFI by hand"' in found
+    assert mine.read_bytes() == tune()
+
+
+@pytest.mark.parametrize(("data", "said"), [
+    (b"<xml/>", "it is no tune"),
+    (tune({name: rows for name, rows in INI.items() if name != "etb_dFactor"}), "no setting etb_dFactor"),
+    (tune(INI | {"etbBiasBins": 6}), "no setting etbBiasBins with 8 rows"),
+])  # fmt: skip
+def test_a_tune_of_something_else_is_refused_by_name(tmp_path: Path, data: bytes, said: str) -> None:
+    mine = tmp_path / "mine.msq"
+    mine.write_bytes(data)
+    with pytest.raises(MeasurementError, match=rf"mine\.msq: {said}.*required"):
+        named("msq").export(replace(exports.source(pid=pid()), into=mine))
+
+
+def test_a_format_that_changes_no_file_refuses_one(tmp_path: Path) -> None:
+    with pytest.raises(UsageError, match="--to c writes new files"):
+        named("c").export(replace(exports.source(), into=tmp_path / "mine.c"))
+
+
+def test_what_the_data_do_not_tell_is_said() -> None:
+    sure = exports.source()
+    assert not any("do not tell" in each for each in sure.cautions)
+    free = sure.fitted.free_parameters.layout.free
+    covariance = sure.fitted.covariance.copy()
+    covariance[free.index("L_a"), free.index("L_a")] = np.inf
+    unsure = replace(sure, fitted=replace(sure.fitted, covariance=covariance))
+    assert any("do not tell L_a alone" in each for each in unsure.cautions)
+
+
+def test_gains_of_a_run_are_those_that_lie_there(tmp_path: Path) -> None:
+    run = runs.run_folder(tmp_path)
+    assert read_design(run) is None
+    write_json(run / "pid.json", "pid", pid())
+    assert read_design(run) is None  # not what `etcfit design` wrote
+    finish(run, "design", 0, {})
+    found = read_design(run)
+    assert found is not None
+    assert found["profile"]["name"] == "rusefi"
+
+
+@pytest.mark.slow
+def test_the_command_exports_a_run_and_says_what_is_left_out(tmp_path: Path) -> None:
+    run = runs.run_folder(tmp_path)
+    done = CliRunner().invoke(app, ["export", str(run), "--to", "mujoco", "--quiet"])
+    assert (done.exit_code, done.stdout) == (0, f"{run / 'export' / 'etcfit_throttle.xml'}\n")
+    assert "The inductance L_a" in done.stderr
+    made = etcfit.export(run, "mujoco", tmp_path / "here", quiet=True)
+    assert made.files[0].read_bytes() == (run / "export" / "etcfit_throttle.xml").read_bytes()
+    assert done.stderr == "".join(f"{sentence}\n" for sentence in made.cannot_hold)
+    refused = CliRunner().invoke(app, ["export", str(run), "--to", "msq", "--quiet"])
+    assert refused.exit_code == 2
+    assert f"etcfit design {run} --ecu NAME" in refused.stderr
+
+
+FREE = 3e-3  # of the travel, between MuJoCo's free return and ours
+DRIVEN = 0.01  # of the travel, under a step of the voltage: MuJoCo's motor has no inductance
+
+
+def ours(source: Source, circuit: float, volts: float, start: float, duration: float) -> np.ndarray:
+    """Angle along a run of our own stepper, a sample a step, rad."""
+    h = source.settings.step
+    steps, resets = bodies.batch(bodies.even(duration, round(duration / h)), volts, circuit=circuit,
+                                 start=(0.0, start, 0.0))  # fmt: skip
+    return bodies.path(source.throttle, steps, resets)[:, 1]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("circuit", "volts", "start", "within"), [(0.0, 0.0, 1.4, FREE), (1.0, 8.0, 0.05, DRIVEN)])
+def test_mujoco_returns_and_opens_as_our_stepper(circuit: float, volts: float, start: float, within: float) -> None:
+    mujoco = pytest.importorskip("mujoco", reason="mujoco is not installed: pip install 'etcfit[test]'")
+
+    source = exports.source()
+    model = mujoco.MjModel.from_xml_string(text(named("mujoco").export(source), "etcfit_throttle.xml"))
+    if not circuit:
+        model.actuator_biasprm[:] = 0.0
+    data = mujoco.MjData(model)
+    data.qpos[0], data.ctrl[0] = start, volts
+    path = [start]
+    while path[-1] > 0.02 and path[-1] < 1.5 and len(path) < 1000:  # before a stop, which is soft there
+        mujoco.mj_step(model, data)
+        path.append(float(data.qpos[0]))
+    mine = ours(source, circuit, volts, start, (len(path) - 1) * source.settings.step)
+    assert abs(path[-1] - start) > 1.2
+    assert np.max(np.abs(np.array(path) - mine)) / np.ptp(source.travel) < within
+
+
+def test_isaac_s_efforts_are_the_model_s_and_its_configuration_takes_them(monkeypatch: pytest.MonkeyPatch) -> None:
+    given: dict[str, Any] = {}
+    package, actuators = ModuleType("isaaclab"), ModuleType("isaaclab.actuators")
+    setattr(actuators, "ImplicitActuatorCfg", lambda **fields: given.update(fields))  # noqa: B010
+    monkeypatch.setitem(sys.modules, "isaaclab", package)
+    monkeypatch.setitem(sys.modules, "isaaclab.actuators", actuators)
+    source = exports.source()
+    names = executed(text(named("isaac").export(source), "etcfit_isaac.py"))
+    v, n = source.values, source.body["N"]
+    theta, omega, volts = 0.6, 4.0, 5.0
+    current = (volts - v["K_b"] * n * omega) / v["R_a"]  # in balance
+    c = source.throttle(State(current, theta, omega), (), Inputs(volts, 0.0, 0.0, 1.0, 0.0, n, *source.travel))
+    smooth = float(c.torque + c.drive)
+    effort = names["motor_effort"](volts, omega) + names["spring_effort"](theta) - given["viscous_friction"] * omega
+    assert effort == pytest.approx(smooth, rel=1e-9)
+    assert given["armature"] + names["PLATE_INERTIA"] == pytest.approx(float(c.inertia), rel=1e-12)
+    assert given["friction"] == given["dynamic_friction"] == pytest.approx(float(c.friction))
+    # fields of isaaclab.actuators.ActuatorBaseCfg, Isaac Lab 2.3
+    assert set(given) <= {"joint_names_expr", "stiffness", "damping", "armature", "friction", "dynamic_friction",
+                          "viscous_friction"}  # fmt: skip
+
+
+def test_an_export_that_fails_leaves_the_old_files(tmp_path: Path) -> None:
+    write(Export({"a.txt": "old", "b.txt": "old"}), tmp_path)
+    with pytest.raises(TypeError):
+        write(Export({"a.txt": "new", "b.txt": 3}), tmp_path)  # pyright: ignore[reportArgumentType]
+    assert {file.name: file.read_text() for file in tmp_path.iterdir()} == {"a.txt": "old", "b.txt": "old"}
