@@ -43,14 +43,11 @@ class Bins:
         """Least and most of each bin in the order in which they came, shape as of `instants`; NaN of an empty one."""
         if self.whole:
             return value
-        pieces = np.split(value, self.starts[1:])
-        return np.concatenate([_extremes(piece) for piece in pieces])
-
-
-def _extremes(piece: np.ndarray) -> np.ndarray:
-    """Two values; a NaN is passed over."""
-    seen = piece[np.isfinite(piece)]
-    if not seen.size:
-        return np.full(2, np.nan)
-    both = sorted((int(np.argmin(seen)), int(np.argmax(seen))))
-    return seen[both]
+        size = np.diff(np.append(self.starts, self.size))
+        places = self.starts[:, None] + np.arange(size.max())
+        inside = np.arange(size.max()) < size[:, None]
+        piece = np.where(inside, value[np.minimum(places, self.size - 1)], np.nan)
+        seen = np.isfinite(piece)
+        lowest, highest = np.where(seen, piece, np.inf).argmin(axis=1), np.where(seen, piece, -np.inf).argmax(axis=1)
+        both = np.sort(np.stack([lowest, highest], axis=1), axis=1)
+        return np.where(seen.any(axis=1)[:, None], np.take_along_axis(piece, both, axis=1), np.nan).ravel()

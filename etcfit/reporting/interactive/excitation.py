@@ -93,7 +93,7 @@ def _of_trace(
     within, (t, level) = _FINEST * float(np.ptp(corners[1])), corners
     kept = thinned(t, level, within)
     while kept.size > most:
-        within = 2.0 * within or 1e-12
+        within = 4.0 * within or 1e-12
         kept = thinned(t, level, within)
     free = np.flatnonzero(steps["mobile"] > 0.5)
     release = float(time[max(free[0] - 1, 0)]) if free.size else np.inf
@@ -119,38 +119,33 @@ def _polyline(time: np.ndarray, begin: np.ndarray, end: np.ndarray) -> tuple[np.
 def thinned(t: np.ndarray, level: np.ndarray, within: float) -> np.ndarray:
     """Corners that are kept, both ends among them, so that straight lines between them miss none by more; jumps stay.
 
-    Source: Imai and Iri 1986 (the longest reach first), as in `control.pid.feedforward.polygon`. Differs from source:
-    the corners are not even, and a piece never straddles a jump.
+    One pass: from a corner kept, the slopes that pass all later ones closely enough are a cone, which closes.
+
+    Source: Sklansky and Gonzalez 1980, Pattern Recognition 12(5) (the cone intersection). Differs from source: the
+    first corner outside of the cone ends a piece, and no piece straddles a jump.
     Args:
         t: instants, s, shape (K,), not falling.
         level: shape (K,).
         within: unit of the level.
     """
-    jumps = np.flatnonzero(np.diff(t) <= 0.0)
-    ends = np.concatenate(([0], jumps + 1, [t.size]))
-    kept = [_thin_piece(t[a:b], level[a:b], within) + a for a, b in zip(ends[:-1], ends[1:], strict=True)]
-    return np.concatenate(kept)
-
-
-def _thin_piece(t: np.ndarray, level: np.ndarray, within: float) -> np.ndarray:
-    """Of a stretch without jumps: the reach doubles while it holds, then is bisected."""
-    places = [0]
-    while places[-1] < t.size - 1:
-        here, reach = places[-1], 1
-        while here + reach < t.size and _miss(t, level, here, here + reach) <= within:
-            reach *= 2
-        reaches, fails = here + max(1, reach // 2), min(here + reach, t.size)
-        while fails - reaches > 1:
-            middle = (reaches + fails) // 2
-            reaches, fails = (middle, fails) if _miss(t, level, here, middle) <= within else (reaches, middle)
-        places.append(reaches)
-    return np.array(places)
-
-
-def _miss(t: np.ndarray, level: np.ndarray, a: int, b: int) -> float:
-    """Of the straight line between two corners."""
-    line = level[a] + (level[b] - level[a]) * (t[a : b + 1] - t[a]) / (t[b] - t[a])
-    return float(np.max(np.abs(level[a : b + 1] - line)))
+    instants, levels = t.tolist(), level.tolist()
+    kept, flattest, steepest = [0], -np.inf, np.inf
+    for k in range(1, len(instants)):
+        span = instants[k] - instants[kept[-1]]
+        jump = instants[k] <= instants[k - 1]
+        slope = (levels[k] - levels[kept[-1]]) / span if span > 0.0 else np.inf
+        if jump or not flattest <= slope <= steepest:
+            if kept[-1] != k - 1:
+                kept.append(k - 1)
+            flattest, steepest = -np.inf, np.inf
+            if jump:
+                kept.append(k)
+                continue
+            span = instants[k] - instants[k - 1]
+        rise = levels[k] - levels[kept[-1]]
+        flattest, steepest = max(flattest, (rise - within) / span), min(steepest, (rise + within) / span)
+    last = len(instants) - 1
+    return np.array(kept if kept[-1] == last else [*kept, last])
 
 
 def _readings(throttle: Throttle, test_of: float) -> dict[str, tuple[float, float] | None]:

@@ -4,8 +4,9 @@ A fitted trace is judged by its whitened residual, one held out by its free-run 
 
     m = sum r^2 / n,    green where m <= 1.2 + 3 sqrt(2/n),    yellow where m < 2,    red beyond
 
-with the limits by which the page's verdict judges the whole (1.2, and `FitSettings.misfit`), and three standard
-deviations of what n samples of mere noise scatter by.
+with the limit by which the page's verdict judges the whole (1.2), that from which a fit calls its parameters a
+compromise (`ContradictionSettings.compromise`), and three standard deviations of what n samples of mere noise
+scatter by.
 """
 
 from __future__ import annotations
@@ -14,11 +15,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ...estimation.joint_fit import MISFIT
 from ...estimation.result import FitResult
+from ...estimation.settings import ContradictionSettings
 from ...problem.trace import Trace
 from ..page.verdict import NOISE
 
+FAR = ContradictionSettings().compromise  # as for the whole
 _DEVIATIONS = 3.0  # by which noise alone may exceed the limit
 
 
@@ -64,4 +66,4 @@ def light(result: FitResult, trace: Trace, k: int) -> Light:
 def _colour(chi2: float, n: int) -> str:
     if chi2 <= NOISE + _DEVIATIONS * np.sqrt(2.0 / n):
         return "green"
-    return "yellow" if chi2 < MISFIT else "red"
+    return "yellow" if chi2 < FAR else "red"

@@ -5,7 +5,9 @@ from __future__ import annotations
 from importlib.resources import files
 from typing import Any
 
+from ..page.verdict import NOISE
 from .content import as_text
+from .lights import FAR
 
 # in the order in which they run; each is plain JavaScript that puts what others need into `etcfit`
 SCRIPTS = ("effects.js", "stepper.js", "trace_run.js", "loop_run.js", "decode.js", "numbers.js", "chart.js", "list.js",
@@ -41,4 +43,6 @@ def render(data: dict[str, Any]) -> str:
         styles=[part(name) for name in _STYLES],
         scripts=[part(name) for name in (LIBRARY, *SCRIPTS)],
         licence=part(_LICENCE),
+        noise=f"{NOISE:g}",
+        far=f"{FAR:g}",
     )

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -28,21 +28,29 @@ class Room:
     """How much of all traces together the page carries.
 
     Args:
-        points: instants drawn, of which each holds every channel.
-        corners: of inputs.
+        numbers: drawn, of two bytes each: three megabytes and a half, a third more as text.
+        corners: of inputs, of eight bytes each.
         least, most: points of one trace.
     """
 
-    points: int = 110_000
-    corners: int = 120_000
-    least: int = 200
+    numbers: int = 1_750_000
+    corners: int = 110_000
+    least: int = 100
     most: int = 8_000
 
-    def share(self, traces: int) -> tuple[int, int]:
-        """Points and corners of each of so many traces."""
-        each = max(1, traces)
-        points = int(np.clip(self.points // each, self.least, self.most))
-        return points, int(np.clip(self.corners // each, self.least, self.most))
+    def points(self, traces: Sequence[Trace]) -> int:
+        """Of each of these traces."""
+        columns = sum(_COLUMNS + _OF_CHANNEL * len(trace.channels) for trace in traces)
+        return int(np.clip(self.numbers // max(1, columns), self.least, self.most))
+
+    def corners_of_each(self, traces: int) -> int:
+        """Of the input of each of so many traces."""
+        return int(np.clip(self.corners // max(1, traces), self.least, self.most))
+
+
+# numbers of a point: its instant is two, four of missing torque and voltage; and of each channel measured, two models
+# and their errors
+_COLUMNS, _OF_CHANNEL = 6, 5
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,7 +71,7 @@ class Shelf:
 def traces_json(shelf: Shelf, room: Room = Room()) -> list[dict[str, Any]]:  # noqa: B008  (frozen)
     """One object a trace, those fitted first, then those held out."""
     every = all_traces(shelf.final)
-    points, corners = room.share(len(every))
+    points, corners = room.points(every), room.corners_of_each(len(every))
     problems = (shelf.final.problem, *([shelf.final.holdout] if shelf.final.holdout is not None else []))
     driven = [each for problem in problems for each in excitations(problem, shelf.final.x, corners)]
     motions = {motion.file: motion for motion in shelf.diagnosis.motions} if shelf.diagnosis is not None else {}
@@ -100,6 +108,12 @@ def _channel(shelf: Shelf, trace: Trace, m: int, bins: Bins) -> dict[str, Any]:
     name, file = trace.channels[m], trace.measurement.file
     shown = Shown.of(trace, name)
 
+    def left(result: FitResult | None) -> dict[str, Any] | None:
+        """Measured - simulated over the sensor's noise."""
+        if result is None:
+            return None
+        return packed.values(bins.extremes((trace.data - np.asarray(result.predicted[file]))[:, m] / trace.sigma[m]))
+
     def carried(values: np.ndarray) -> dict[str, Any]:
         return packed.values(bins.extremes(shown(values)))
 
@@ -118,6 +132,8 @@ def _channel(shelf: Shelf, trace: Trace, m: int, bins: Bins) -> dict[str, Any]:
         "measured": carried(trace.data[:, m]),
         "before": model(shelf.before),
         "after": model(shelf.final),
+        "error_before": left(shelf.before),
+        "error_after": left(shelf.final),
         "rms_before": None if shelf.before is None else error(shelf.before),
         "rms_after": error(shelf.final),
     }

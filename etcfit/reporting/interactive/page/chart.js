@@ -2,7 +2,7 @@
 /* Charts one above the other that share a time axis: zoom one and all follow. */
 (function (etcfit) {
   const { element } = etcfit;
-  const HEIGHT = 190, NARROW = 150;
+  const HEIGHT = 190, LOW = 120, NARROW = 150;
   const STEP = 0.25, IN = 0.6; // of what is seen: a pan, and what a zoom leaves
 
   class Stack {
@@ -22,7 +22,7 @@
       this.zoomed = null;
     }
 
-    /* One chart: {title, label, describe, t, series: [{name, label, values, colour, dash, dots, width}]}. */
+    /* One chart: {title, label, describe, t, low, series: [{name, label, values, colour, dash, dots, width}]}. */
     add(chart) {
       const box = element("div", { class: "chart", role: "img", tabindex: "0", "aria-label": chart.describe });
       this.host.append(element("h3", {}, chart.title), box);
@@ -37,7 +37,7 @@
       const ink = etcfit.colour("soft"), grid = { stroke: etcfit.colour("grid"), width: 1 };
       const axis = { stroke: ink, grid, ticks: grid, font: "12px system-ui, sans-serif", labelFont: "12px system-ui, sans-serif" };
       return {
-        width: this.width(), height: this.host.clientWidth < 520 ? NARROW : HEIGHT, legend: { show: false },
+        width: this.width(), height: entry.low ? LOW : this.host.clientWidth < 520 ? NARROW : HEIGHT, legend: { show: false },
         cursor: {
           drag: { x: true, y: false },
           sync: { key: this.key, setSeries: false, filters: { pub: (type) => type === "mousemove" || type === "mouseleave" } },

@@ -26,7 +26,7 @@
       this.figures = element("div", { class: "figures", "aria-live": "polite" });
       const lacks = [...(loop.noise ? ["the noise of the position sensor"] : []), ...data.plant.effects.filter((name) => !etcfit.EFFECTS[name] && name !== "controller").map(etcfit.words)];
       host.append(
-        element("p", { class: "soft" }, `Rule ${etcfit.words(loop.rule)}. etcfit's own discrete PID at ${short(1e3 * loop.ecu.period)} ms around the model with the parameters above.${lacks.length ? ` Left out: ${lacks.join(", ")}.` : ""}`),
+        element("p", { class: "soft" }, `Rule ${etcfit.words(loop.rule)}. etcfit's own discrete PID at ${short(1e3 * loop.ecu.period)} ms around the model with the parameters as their sliders stand.${lacks.length ? ` Left out: ${lacks.join(", ")}.` : ""}`),
         element("div", { class: "row" }, element("label", {}, "Setpoint ", this.until), back), sliders, this.figures, charts);
       this.sliders = new etcfit.Sliders(sliders, Object.entries(loop.gains).map(([symbol, row]) => ({ ...row, symbol, unit: UNITS[symbol], meaning: MEANINGS[symbol] })), () => this.soon());
       this.soon = etcfit.onceAFrame(() => this.update());

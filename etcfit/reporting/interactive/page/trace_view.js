@@ -68,13 +68,19 @@
           series: this.curves.map((curve) => ({ ...curve, values: values[curve.name], show: this.shown[curve.name],
             dots: curve.name === "measured" && trace.whole, width: { measured: 1, before: 2, after: 1.5, now: 2 }[curve.name] })),
         });
-        return { channel, entry, ...values };
+        const error = stack.add({
+          title: `${words(channel.name)}: measured − simulated`, label: "error [σ]", t, low: true,
+          describe: `Error of the ${words(channel.name)} of ${trace.file} over time, in standard deviations of the sensor's noise.`,
+          series: this.curves.filter(({ name }) => name !== "measured").map((curve) => ({ ...curve, dash: undefined, show: this.shown[curve.name],
+            values: channel[`error_${curve.name}`] ? etcfit.levels(channel[`error_${curve.name}`]) : t.map(() => null), width: 1 })),
+        });
+        return { channel, entry, error, ...values };
       });
       for (const missing of trace.missing) {
         stack.add({
           title: `${missing.name}: what the model lacks along the measured angle`,
-          label: `${missing.name} [${missing.unit}]`, t, describe: `${missing.name} of ${trace.file} over time in ${missing.unit}, with the first and with the final model.`,
-          series: this.curves.filter(({ name }) => missing[name]).map((curve) => ({ ...curve, values: etcfit.levels(missing[curve.name]), show: this.shown[curve.name], width: 1 })),
+          label: `${missing.name.split(" ")[1]} [${missing.unit}]`, t, low: true, describe: `${missing.name} of ${trace.file} over time in ${missing.unit}, with the first and with the final model.`,
+          series: this.curves.filter(({ name }) => missing[name]).map((curve) => ({ ...curve, dash: undefined, values: etcfit.levels(missing[curve.name]), show: this.shown[curve.name], width: 1 })),
         });
       }
       if (zoomed && zoomed[1] <= t[t.length - 1] && this.drawn === trace) stack.show(...zoomed);
@@ -117,9 +123,11 @@
       const values = this.values(), out = document.getElementById("misfit");
       const path = values && this.run(values);
       const said = [];
-      for (const { channel, entry, measured, after } of this.panels) {
+      for (const { channel, entry, error, measured, after } of this.panels) {
         const now = path ? this.drawn_as(path, channel) : this.t.map(() => null);
+        const off = (value, k) => (value === null || now[k] === null ? null : (value - now[k]) / channel.sigma);
         this.stack.set(entry, "now", now);
+        if (this.trace.whole) this.stack.set(error, "now", measured.map(off));
         if (path) said.push(`${words(channel.name)} ${short(rms(measured, after) / channel.sigma)} → ${short(rms(measured, now) / channel.sigma)} σ`);
       }
       out.textContent = values && !this.sim ? this.trace.why_not : values && !path ? "These values cannot be simulated." : said.length ? `Distance from the data: ${said.join(", ")}` : "";
