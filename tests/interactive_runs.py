@@ -11,8 +11,8 @@ import numpy as np
 import diagnoses
 import results
 import runs
-from etcfit.diagnosis.findings import Diagnosis
 from etcfit.control.pid.setpoint import trapezoid
+from etcfit.diagnosis.findings import Diagnosis
 from etcfit.estimation.result import FitResult
 from etcfit.files import write_json
 from etcfit.problem.trace import Trace
@@ -68,7 +68,7 @@ def _long(trace: Trace, k: int, samples: int) -> Trace:
     instants = 1e-3 * np.arange(samples)
     wave = np.sin(instants[:, None] * (1.0 + np.arange(m)) + 0.05 * k) + 1.0
     measurement = replace(trace.measurement, file=f"response/log_{k:03d}.csv", time=instants)
-    level = 3.0 + np.where(np.sin(2.0 * instants + k) > 0.0, 2.0, -1.0) + 0.01 * rng.standard_normal(samples)
+    level = 3.0 + np.where(np.sin(2.0 * instants + k) > 0.0, 2.0, -1.0) + 0.1 * np.sin(9.0 * instants)
     assert trace.input is not None
     flat = np.zeros(samples)
     signal = replace(trace.input, value=level, error=flat, memory=flat, edge=np.zeros(samples - 1, dtype=bool))

@@ -14,9 +14,7 @@ from ..numbers import short
 from .lights import Light
 
 _ASK = "What the model may lack has not been looked for: run `etcfit diagnose RUN`."
-_NOBODY = (
-    "Nothing that was found names this trace. `etcfit check --advise FOLDER --at RUN` says which further trace would tell."
-)
+_NOBODY = "Nothing found names this trace. `etcfit check --advise FOLDER --at RUN` says which further trace would tell."
 
 
 def cures(trace: Trace, light: Light, final: FitResult, diagnosis: Diagnosis | None) -> list[str]:

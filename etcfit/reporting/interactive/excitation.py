@@ -17,7 +17,7 @@ from ...problem.problem import EstimationProblem
 from ...problem.residual import equipped
 from ...problem.trace import Trace
 
-_FINEST = 2e-4  # of the input's span; by so little its corners may miss it
+_FINEST = 1e-5  # of the input's span; by so little its corners may miss it where there is room for them
 _CHANNELS = ("current", "position", "emf", "motor_speed")
 
 
@@ -93,7 +93,7 @@ def _of_trace(
     within, (t, level) = _FINEST * float(np.ptp(corners[1])), corners
     kept = thinned(t, level, within)
     while kept.size > most:
-        within = 4.0 * within or 1e-12
+        within = max(4.0, kept.size / most) * within or 1e-12
         kept = thinned(t, level, within)
     free = np.flatnonzero(steps["mobile"] > 0.5)
     release = float(time[max(free[0] - 1, 0)]) if free.size else np.inf

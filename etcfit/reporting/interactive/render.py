@@ -19,7 +19,7 @@ _STYLES = ("vendor/uPlot.min.css", "style.css")
 
 def part(name: str) -> str:
     """A file of the page's own folder."""
-    return (files(__package__) / "page" / name).read_text(encoding="utf-8")
+    return (files("etcfit.reporting.interactive") / "page" / name).read_text(encoding="utf-8")
 
 
 def render(data: dict[str, Any]) -> str:

@@ -68,7 +68,7 @@ class Shelf:
     diagnosis: Diagnosis | None
 
 
-def traces_json(shelf: Shelf, room: Room = Room()) -> list[dict[str, Any]]:  # noqa: B008  (frozen)
+def traces_json(shelf: Shelf, room: Room = Room()) -> list[dict[str, Any]]:
     """One object a trace, those fitted first, then those held out."""
     every = all_traces(shelf.final)
     points, corners = room.points(every), room.corners_of_each(len(every))

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
+
 import numpy as np
 import pytest
 
@@ -24,7 +26,7 @@ def test_least_and_most_of_every_run_are_there_in_their_order(size: int, most: i
     assert drawn.size == instants.size <= most
     assert np.all(np.diff(instants) > 0.0)
     edges = [*bins.starts.tolist(), size]
-    for k, (a, b) in enumerate(zip(edges[:-1], edges[1:], strict=True)):
+    for k, (a, b) in enumerate(pairwise(edges)):
         run = value[a:b]
         first, then = (run.min(), run.max()) if run.argmin() <= run.argmax() else (run.max(), run.min())
         assert drawn[2 * k : 2 * k + 2].tolist() == [first, then]

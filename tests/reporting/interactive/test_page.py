@@ -87,7 +87,17 @@ def test_it_is_one_file_that_asks_for_nothing(text: str) -> None:
     assert loads
     assert all(each is not None and each.startswith(("#", "data:")) for each in loads)
     code = "".join(data for tag, _, data in page.inside if tag == "style") + "".join(map(part, SCRIPTS))
-    for word in ("url(", "@import", "fetch(", "XMLHttpRequest", "WebSocket", "sendBeacon", "localStorage", "http:", "https:"):
+    for word in (
+        "url(",
+        "@import",
+        "fetch(",
+        "XMLHttpRequest",
+        "WebSocket",
+        "sendBeacon",
+        "localStorage",
+        "http:",
+        "https:",
+    ):
         assert word not in code
     # the library's own address is in its head, and nowhere else is one
     assert set(re.findall(r"https?://[^\s\"')]+", text)) == {"https://github.com/leeoniya/uPlot"}

@@ -33,7 +33,9 @@ from etcfit.reporting.interactive.traces import Shelf, traces_json
 from etcfit.rig.reader import read_folder
 
 NODE = shutil.which("node")
-pytestmark = pytest.mark.skipif(NODE is None, reason="no node on PATH: the page's scripts run in the browser's test only")
+pytestmark = pytest.mark.skipif(
+    NODE is None, reason="no node on PATH: the page's scripts run in the browser's test only"
+)
 TWIN = Path(__file__).resolve().parents[3] / "measurements" / "bench_twin"
 FINE = 24  # steps of our own stepper between two samples: far below its own error of the fit
 CLOSE = 1e-3  # of a channel's range
@@ -170,7 +172,11 @@ ECUS = {
 @pytest.mark.parametrize("ecu", ECUS.values(), ids=ECUS)
 def test_the_loop_is_our_own_tick_by_tick(ecu: Ecu) -> None:
     spring = {"T_lh": 0.5, "K_lh": 0.7, "theta_lh": 0.16, "d_lh": 0.01}
-    loop, course, gains = rigs.loop(LimpHomeSpring, ecu=ecu, **spring), trapezoid(), Gains(25.0, 260.0, 0.35)
+    loop, course, gains = (
+        rigs.loop(LimpHomeSpring, ecu=ecu, body=rigs.QUARTER_TURN, **spring),
+        trapezoid(),
+        Gains(25.0, 260.0, 0.35),
+    )
     ours = loop.respond(rigs.one(*gains), course)
     share = np.asarray(loop.share(np.asarray(ours.position)))[0, 0]
     values = rigs.values(**spring)

@@ -37,6 +37,7 @@
   loop = new etcfit.LoopView(data, values);
   list = new etcfit.TraceList(data.traces, (k) => view.show(k));
   if (data.traces.length) list.select(0);
+  performance.mark("first-trace");
   requestAnimationFrame(() => setTimeout(() => loop.redraw())); // the trace first, then the loop below it
   etcfit.page = { data, view, loop, list, sliders };
 })(globalThis.etcfit ??= {});
