@@ -45,9 +45,9 @@ class Bins:
             return value
         size = np.diff(np.append(self.starts, self.size))
         places = self.starts[:, None] + np.arange(size.max())
-        inside = np.arange(size.max()) < size[:, None]
+        inside = np.less(np.arange(size.max()), size[:, None])
         piece = np.where(inside, value[np.minimum(places, self.size - 1)], np.nan)
         seen = np.isfinite(piece)
         lowest, highest = np.where(seen, piece, np.inf).argmin(axis=1), np.where(seen, piece, -np.inf).argmax(axis=1)
         both = np.sort(np.stack([lowest, highest], axis=1), axis=1)
-        return np.where(seen.any(axis=1)[:, None], np.take_along_axis(piece, both, axis=1), np.nan).ravel()
+        return np.where(np.any(seen, axis=1, keepdims=True), np.take_along_axis(piece, both, axis=1), np.nan).ravel()

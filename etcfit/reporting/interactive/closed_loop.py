@@ -68,5 +68,6 @@ def _slider(value: float) -> dict[str, Any]:
 def _bias(result: FitResult, body: Mapping[str, float]) -> dict[str, list[float]]:
     """The curve of the voltage that holds each position, as the gains were found with one."""
     values = result.free_parameters.layout.values(result.x, result.free_parameters.held)
-    curve = bias_of(Throttle.build(result.free_parameters.layout.types, values), **body)
+    throttle = Throttle.build(result.free_parameters.layout.types, values)
+    curve = bias_of(throttle, body["gear_ratio"], body["lower"], body["upper"])
     return {"angles": np.asarray(curve.angles).tolist(), "volts": np.asarray(curve.hold).tolist()}

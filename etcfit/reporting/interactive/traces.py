@@ -20,7 +20,7 @@ from .cures import cures
 from .excitation import Excitation, excitations
 from .lights import light
 
-_LEAST_SPAN = {"i": 0.1, "theta": 0.05, "omega": 1.0}  # A, rad, rad/s
+_LEAST_SPAN = {"i": 0.02, "theta": 0.05, "omega": 1.0}  # A, rad, rad/s
 
 
 @dataclass(frozen=True)

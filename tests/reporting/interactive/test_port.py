@@ -37,7 +37,7 @@ pytestmark = pytest.mark.skipif(
     NODE is None, reason="no node on PATH: the page's scripts run in the browser's test only"
 )
 TWIN = Path(__file__).resolve().parents[3] / "measurements" / "bench_twin"
-FINE = 24  # steps of our own stepper between two samples: far below its own error of the fit
+FINE = 240  # steps of our own stepper between two samples: an impact on a stop is seen to within one of them
 CLOSE = 1e-3  # of a channel's range
 
 # factors on fitted values
