@@ -4,10 +4,11 @@
    Each step is taken once whole and once in halves; the difference, held against 1e-5 of what the channels span,
    chooses the next one's length. */
 (function (etcfit) {
-  const TOLERANCE = 3e-5; // of a channel's span, a step
+  const TOLERANCE = 1e-5; // of a channel's span, a step
   const STRAIGHT = 2e-4; // of a channel's span: what a straight line between two points may miss
   const LASTING = 0.03; // s, for how long an error in speed moves the angle
   const SHORTEST = 1e-5; // s, at an impact, which no step makes smooth
+  const LONGEST = 1 / 2500; // of the trace: both halves of a longer step could miss a narrow corner
   const MOST = 300000; // steps, lest a slider stops the page
 
   /* The input: straight between its corners, jumps where two of them share an instant; acting `late` s later. */
@@ -60,6 +61,7 @@
     }
 
     record(sim.t[0], input.v[0]);
+    const longest = LONGEST * (end - sim.t[0]);
     let h = 1e-4;
     for (const [k, begin, stop] of pieces(input, sim)) {
       u.mobile = begin >= sim.release ? 1 : 0;
@@ -95,7 +97,8 @@
             t += long;
             record(t, input.at(k, t));
             const next = long * Math.min(Math.max(grow, 0.3), 4);
-            h = long < h && grow >= 1 ? Math.max(h, next) : Math.max(next, SHORTEST); // one cut short tells no limit
+            h = Math.max(long < h && grow >= 1 ? Math.max(h, next) : next, SHORTEST); // one cut short tells no limit
+            h = Math.min(h, Math.max(longest, SHORTEST));
             break;
           }
           h = long = Math.max(SHORTEST, long * Math.min(Math.max(grow, 0.2), 0.7));

@@ -36,12 +36,12 @@
       this.trace = this.data.traces[k];
       const { trace } = this;
       this.sim = etcfit.excitation(trace.sim);
-      this.fitted = null;
       document.getElementById("trace-title").textContent = `${trace.file} · ${trace.held_out ? "held out" : "fitted"}`;
       this.verdict();
       this.draw();
-      this.check_port();
       this.update();
+      document.getElementById("port").textContent = "";
+      requestAnimationFrame(() => setTimeout(() => { if (this.trace === trace) this.check_port(); })); // once it is seen
     }
 
     verdict() {
@@ -100,20 +100,21 @@
       const note = document.getElementById("port"), { plant } = this.data;
       const left_out = [...plant.effects.filter((name) => !etcfit.EFFECTS[name] && name !== "controller"), ...plant.others.filter((name) => !name.startsWith("series_resistance") && !this.baked(name))];
       const says = [];
+      let off = Infinity;
       if (!this.sim) says.push(this.trace.why_not);
       else {
-        this.fitted = this.run(plant.values);
-        const off = this.fitted && Math.max(...this.panels.map(({ channel, after }) => difference(this.drawn_as(this.fitted, channel), after)));
-        this.off = this.fitted ? off : Infinity;
-        says.push(this.fitted
+        const path = this.run(plant.values);
+        off = path ? Math.max(...this.panels.map(({ channel, after }) => difference(this.drawn_as(path, channel), after))) : Infinity;
+        says.push(path
           ? `At the fitted values this page's own simulation lies ${short(100 * off, 2)} % of the span (rms) from etcfit's.`
           : "This page's own simulation fails in this trace.");
+        if (off >= AGREES && path) says.push("So far off, what a slider does here says little.");
         if (this.sim.lacks.length) says.push(`It leaves out: ${this.sim.lacks.join(", ")}.`);
       }
       if (left_out.length) says.push(`The fitted model has what this page cannot simulate: ${left_out.map(words).join(", ")}.`);
       if (plant.effects.some((name) => name === "stop_bounce")) says.push("Rebounds off a stop are as sensitive as in a car: times of later ones scatter.");
       note.textContent = says.join(" ");
-      note.classList.toggle("warn", left_out.length > 0 || !this.sim || !(this.off < AGREES));
+      note.classList.toggle("warn", left_out.length > 0 || !this.sim || !(off < AGREES));
     }
 
     /* Effects of the rig that act on input and reading are in the trace's own data already. */
