@@ -98,7 +98,7 @@
     /* What the page's own simulation is worth in this trace, said before anybody moves a slider. */
     check_port() {
       const note = document.getElementById("port"), { plant } = this.data;
-      const left_out = [...plant.effects.filter((name) => !etcfit.EFFECTS[name] && name !== "controller"), ...plant.others.filter((name) => !name.startsWith("series_resistance") && !this.baked(name))];
+      const left_out = [...plant.effects.filter((name) => !etcfit.EFFECTS[name] && name !== "controller"), ...plant.others.filter((name) => !this.baked(name))];
       const says = [];
       let off = Infinity;
       if (!this.sim) says.push(this.trace.why_not);
@@ -117,8 +117,8 @@
       note.classList.toggle("warn", left_out.length > 0 || !this.sim || !(off < AGREES));
     }
 
-    /* Effects of the rig that act on input and reading are in the trace's own data already. */
-    baked(name) { return /^(channel_gain|channel_offset|channel_drift|sensor_end_points|time_scale|gear_ratio|edge_phase|supply_sag|trace_late|channel_late)/.test(name); }
+    /* Effects of the rig whose part in input and reading the trace's own data have in them. */
+    baked(name) { return /^(series_resistance|channel_gain|channel_offset|channel_drift|sensor_end_points|gear_ratio|edge_phase)/.test(name); }
 
     update() {
       const values = this.values(), out = document.getElementById("misfit");
