@@ -44,6 +44,11 @@ class Status(IntEnum):
 Folder = Annotated[Path, typer.Argument(help="A measurement folder.", exists=True, file_okay=False, metavar="FOLDER")]
 Out = Annotated[Path, typer.Option("--out", help="The run folder to write.", file_okay=False, metavar="RUN")]
 Run = Annotated[Path, typer.Argument(help="A run folder.", exists=True, file_okay=False, metavar="RUN")]
+Interactive = Annotated[
+    bool,
+    typer.Option("--interactive", help="The page to work with instead, RUN/report_interactive.html: zoom, sliders for "
+                 "parameters and gains, every trace with its verdict."),
+]  # fmt: skip
 Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="No progress on stderr.")]
 
 Advise = Annotated[bool, typer.Option("--advise", help="What one more trace of each test would tell instead.")]
@@ -194,10 +199,11 @@ def diagnose(run: Run, quiet: Quiet = False) -> None:
 
 @app.command()
 @_contract
-def report(run: Run, quiet: Quiet = False) -> None:
-    """One self-contained HTML page of everything that RUN holds: RUN/report.html."""
+def report(run: Run, interactive: Interactive = False, quiet: Quiet = False) -> None:
+    """One self-contained HTML page of everything that RUN holds: RUN/report.html, or one to work with."""
     with _progress(quiet) as progress:
-        done = stages.write_report(stages.opened(run), progress)
+        write = stages.write_interactive if interactive else stages.write_report
+        done = write(stages.opened(run), progress)
     _tell(done)
 
 

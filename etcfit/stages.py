@@ -236,6 +236,17 @@ def write_report(run: RunFolder, report: Report) -> Done:
     return Done(str(page.path), page.failure)
 
 
+def write_interactive(run: RunFolder, report: Report) -> Done:
+    """One page to work with: RUN/report_interactive.html. No stage of `etcfit run`, which leaves the one to print."""
+    report("taking up the model", 0.0)
+    keep_compiled()
+    from .reporting.interactive import write_interactive
+
+    report("writing the page", 0.5)
+    page = write_interactive(run)
+    return Done(str(page.path), page.failure)
+
+
 def failure(result: FitResult) -> str:
     """Why a model that is shown did not converge, or ""."""
     return "" if result.converged else f"the fit of the model that is shown did not converge: {result.reason}"

@@ -67,7 +67,8 @@ class Stages:
 @pytest.fixture
 def stages(monkeypatch: pytest.MonkeyPatch) -> Stages:
     fake = Stages()
-    for name in ("fit_folder", "diagnose_run", "sample_run", "reduce_run", "design_run", "export_run", "write_report"):
+    works = ("fit_folder", "diagnose_run", "sample_run", "reduce_run", "design_run", "export_run", "write_report")
+    for name in (*works, "write_interactive"):
         monkeypatch.setattr(f"etcfit.stages.{name}", fake.work)
     return fake
 
@@ -82,6 +83,7 @@ COMMANDS = {
     "export": (("export", "bench", "--to", "c", "--step", "1ms", "--at", "30"),
                (Path("bench"), "c", None, 1e-3, 0.3, None)),
     "report": (("report", "bench"), (Path("bench"),)),
+    "report --interactive": (("report", "bench", "--interactive"), (Path("bench"),)),
 }  # fmt: skip
 
 
@@ -195,6 +197,13 @@ def test_report_prints_where_the_page_is(invoke, tmp_path: Path) -> None:
     run = runs.run_folder(tmp_path)
     done = invoke("report", run)
     assert (done.exit_code, done.stdout) == (0, f"{run / 'report.html'}\n")
+
+
+def test_the_page_to_work_with_is_written_beside_the_printed_one(invoke, tmp_path: Path) -> None:
+    run = runs.run_folder(tmp_path)
+    done = invoke("report", run, "--interactive", "--quiet")
+    assert (done.exit_code, done.stdout) == (0, f"{run / 'report_interactive.html'}\n")
+    assert not (run / "report.html").exists()
 
 
 def test_run_goes_through_the_stages_and_says_what_was_done_before(invoke, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal
 
 from ..errors import UsageError
 from ..posterior.settings import SamplingSettings
@@ -285,18 +285,27 @@ def export(
                         None if into is None else Path(into))  # fmt: skip
 
 
-def report(run: Folder | Fit | Diagnosed, to: Folder | None = None, *, quiet: bool = False) -> Path:
-    """One self-contained HTML page of everything that a run folder holds: RUN/report.html.
+def report(
+    run: Folder | Fit | Diagnosed,
+    to: Folder | None = None,
+    *,
+    page: Literal["printed", "interactive"] = "printed",
+    quiet: bool = False,
+) -> Path:
+    """One self-contained HTML page of everything that a run folder holds: RUN/report.html, or one to work with.
 
     Args:
         run: the run folder; or a fit or a diagnosis, which is written to `to` first, with its pictures.
         to: the run folder where `run` is none.
+        page: "printed", without scripts, or "interactive", RUN/report_interactive.html.
         quiet: show no progress.
     Returns:
         Where the page is.
     """
     with working(quiet) as told:
+        from ..reporting.interactive import write_interactive
         from ..reporting.page import write_page
+        from ..run_folder import RunFolder
 
         if not isinstance(run, str | Path):
             if to is None:
@@ -304,7 +313,7 @@ def report(run: Folder | Fit | Diagnosed, to: Folder | None = None, *, quiet: bo
             told("drawing", 0.1)
             run = run.save(to)
         told("writing the page", 0.95)
-        return write_page(run).path
+        return (write_page(run) if page == "printed" else write_interactive(RunFolder(run))).path
 
 
 def drive(

@@ -39,7 +39,7 @@ class StageFiles:
         needs: the models below RUN that it is made from, where they are there: its files are of no use once these are
             others. Those of the fit are the measurements.
         uses: what it takes in besides where it is there: its files are true without, and better made again.
-        beside: pictures that go along with its files.
+        beside: pictures, and a page on demand, that go along with its files.
         command: what writes them.
     """
 
@@ -69,7 +69,9 @@ STAGE_FILES: Mapping[str, StageFiles] = {
     "design": StageFiles(
         ("pid.json",), _MODEL, (POSTERIOR,), _OF_DESIGN, "etcfit design {run}"
     ),
-    "report": StageFiles(("report.html",), _MODEL, _RESULTS, (), "etcfit report {run}"),
+    "report": StageFiles(
+        ("report.html",), _MODEL, _RESULTS, ("report_interactive.html",), "etcfit report {run}"
+    ),
 }  # fmt: skip
 
 

@@ -16,7 +16,7 @@ from ..numbers import is_share
 from .contents import Contents, rows_of
 from .typeset import number, symbol, symbols, unit
 
-_NOISE = 1.2  # chi2 per degree of freedom up to which nothing but noise is left
+NOISE = 1.2  # chi2 per degree of freedom up to which nothing but noise is left
 
 
 def verdict(contents: Contents) -> tuple[Markup, ...]:
@@ -68,7 +68,7 @@ def _fits(contents: Contents) -> Markup:
         return Markup("{} <strong>did not converge</strong>: the figures below are no results.").format(head)
     if chi2 is None:
         return Markup("{} cannot be simulated over all of them.").format(head)
-    if chi2 < _NOISE:
+    if chi2 < NOISE:
         rounds = contents.get("diagnosis").get("rounds") or [{}]
         what = "nothing but" if rounds[-1].get("white", True) else "hardly more than"
         return Markup("{} leave {} noise {}.").format(head, what, left)

@@ -1,0 +1,73 @@
+"""The ECU and its setpoint as the page simulates them, from pid.json."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from ...control.pid.feedforward import bias_of
+from ...control.pid.setpoint import trapezoid
+from ...control.settings import LoopSettings
+from ...estimation.result import FitResult
+from ...model.ecu import Ecu
+from ...model.throttle import Throttle
+
+_FACTOR = 8.0  # a slider goes from an eighth of a gain to eight times it
+# fields of `Ecu` and their names in pid.json; null there is 0
+_ECU = {"period": "period_s", "supply": "supply_V", "filter": "derivative_filter_s", "delay": "delay_s", "pwm": "pwm_V",
+        "resolution": "resolution_rad", "duty": "duty_limit", "integral": "integral_limit", "lag": "input_filter_s",
+        "slew": "slew_V_per_s", "dead_band": "dead_band_rad", "setpoint_weight": "setpoint_weight",
+        "derivative_weight": "derivative_weight"}  # fmt: skip
+
+
+def loop_json(result: FitResult, pid: Mapping[str, Any]) -> dict[str, Any] | None:
+    """Gains, ECU, setpoint and levels; None where no gains were sought.
+
+    Args:
+        result: the final model.
+        pid: pid.json; empty where there is none.
+    """
+    if not pid or not {"gains", "ecu", "setpoint"} <= pid.keys():
+        return None
+    config, first = result.rig.config, trapezoid()
+    lower, upper = config.travel
+    body = {"gear_ratio": float(config.gear_ratio), "lower": float(lower), "upper": float(upper)}
+    return {
+        "rule": pid["rule"],
+        "gains": {name: _slider(float(pid["gains"][name])) for name in ("Kp", "Ki", "Kd")},
+        "unit": pid["gains"]["unit"],
+        "ecu": ecu_json(pid["ecu"]),
+        "body": body,
+        "longest_step": LoopSettings().longest_step,
+        "setpoint": {"times": pid["setpoint"]["times_s"], "shares": pid["setpoint"]["shares_of_travel"]},
+        "first": first.duration,
+        "levels": [
+            {"begins": each.begins, "ends": each.ends, "before": each.before, "after": each.after}
+            for each in first.levels
+        ],
+        "requirements": pid["requirements"],
+        "bias": _bias(result, body) if pid.get("feed_forward") else None,
+        "noise": float(pid["ecu"].get("noise_rad") or 0.0),
+    }
+
+
+def ecu_json(written: Mapping[str, Any]) -> dict[str, float]:
+    """Fields of `Ecu` from the object `ecu` of pid.json; those of older files that are absent at their defaults."""
+    default = Ecu()._asdict()
+    return {
+        field: float(written[name] or 0.0) if name in written else float(default[field]) for field, name in _ECU.items()
+    }
+
+
+def _slider(value: float) -> dict[str, Any]:
+    return {"value": value, "low": value / _FACTOR, "high": value * _FACTOR or 1.0, "geometric": value > 0.0}
+
+
+def _bias(result: FitResult, body: Mapping[str, float]) -> dict[str, list[float]]:
+    """The curve of the voltage that holds each position, as the gains were found with one."""
+    values = result.free_parameters.layout.values(result.x, result.free_parameters.held)
+    throttle = Throttle.build(result.free_parameters.layout.types, values)
+    curve = bias_of(throttle, body["gear_ratio"], body["lower"], body["upper"])
+    return {"angles": np.asarray(curve.angles).tolist(), "volts": np.asarray(curve.hold).tolist()}

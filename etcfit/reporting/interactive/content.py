@@ -1,0 +1,49 @@
+"""All that the page carries, as one JSON object."""
+
+from __future__ import annotations
+
+import json
+from typing import Any
+
+from ... import __version__
+from ...files import plain
+from ...run_folder import RunFolder, require
+from ..page.contents import read_run
+from ..page.verdict import model
+from .closed_loop import loop_json
+from .plant import plant_json
+from .traces import Shelf, traces_json
+
+
+def content(run: RunFolder) -> dict[str, Any]:
+    """Rig, model, traces and loop; numbers in SI but where a unit stands beside them.
+
+    Args:
+        run: a run folder with a fit.
+    Raises:
+        UsageError: no fit, or a file of the run is not what it should be.
+    """
+    require(run.path, "fit")
+    contents, diagnosis, final = read_run(run.path), run.diagnosis(), run.final()
+    shelf = Shelf(None if diagnosis is None else diagnosis.before, final, diagnosis)
+    return plain({
+        "schema": "etcfit.interactive/1",
+        "version": __version__,
+        "rig": final.rig.config.name,
+        "synthetic": final.rig.config.synthetic,
+        "converged": final.converged,
+        "reason": final.reason,
+        "model": model(contents),
+        "diagnosed": diagnosis is not None,
+        "chi2_per_dof": float(final.chi2_per_dof),
+        "plant": plant_json(final),
+        "loop": loop_json(final, contents.get("pid")),
+        "traces": traces_json(shelf),
+        "hashes": dict(contents.hashes),
+    })  # fmt: skip
+
+
+def as_text(data: dict[str, Any]) -> str:
+    """The object as it stands inside a <script type="application/json">: no tag can end in it."""
+    text = json.dumps(data, ensure_ascii=False, allow_nan=False, separators=(",", ":"))
+    return text.replace("<", "\\u003c").replace("\u2028", "\\u2028").replace("\u2029", "\\u2029")

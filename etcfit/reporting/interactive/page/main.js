@@ -1,0 +1,43 @@
+"use strict";
+/* The page: data read, views made, one of them told of what another one changed. */
+(function (etcfit) {
+  const root = document.documentElement, theme = document.getElementById("theme");
+  const data = JSON.parse(document.getElementById("data").textContent);
+  const dark = matchMedia("(prefers-color-scheme: dark)");
+  let view, loop, list, sliders;
+
+  function paint(wanted) {
+    root.dataset.theme = wanted;
+    theme.textContent = wanted === "dark" ? "Light" : "Dark";
+    theme.setAttribute("aria-label", `Switch to the ${wanted === "dark" ? "light" : "dark"} page`);
+    theme.setAttribute("aria-pressed", String(wanted === "dark"));
+    if (!view) return;
+    view.key();
+    view.draw();
+    view.update();
+    loop.redraw();
+  }
+
+  /* Values of the parameters now, ties included; null where they are the fitted ones. */
+  function values() {
+    if (!sliders || sliders.untouched) return null;
+    const now = { ...data.plant.values, ...sliders.values };
+    for (const [symbol, other] of Object.entries(data.plant.ties)) now[symbol] = now[other];
+    return now;
+  }
+
+  paint(dark.matches ? "dark" : "light");
+  dark.addEventListener("change", () => paint(dark.matches ? "dark" : "light"));
+  theme.addEventListener("click", () => paint(root.dataset.theme === "dark" ? "light" : "dark"));
+
+  const update = etcfit.onceAFrame(() => { view.update(); loop.update(); });
+  sliders = new etcfit.Sliders(document.getElementById("sliders"), data.plant.sliders, update);
+  document.getElementById("fitted").addEventListener("click", () => sliders.back());
+  view = new etcfit.TraceView(data, values);
+  loop = new etcfit.LoopView(data, values);
+  list = new etcfit.TraceList(data.traces, (k) => view.show(k));
+  if (data.traces.length) list.select(0);
+  performance.mark("first-trace");
+  requestAnimationFrame(() => setTimeout(() => loop.redraw())); // the trace first, then the loop below it
+  etcfit.page = { data, view, loop, list, sliders };
+})(globalThis.etcfit ??= {});

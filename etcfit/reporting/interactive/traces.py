@@ -1,0 +1,189 @@
+"""What the page carries of each trace: verdict and cure, channels of data and models, missing torque, what drove it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from ...diagnosis.findings import Diagnosis, Motion
+from ...estimation.result import FitResult
+from ...problem.prediction_error import PredictionError
+from ...problem.trace import Trace
+from ..diagnosis.shown import Shown
+from ..pictures import all_traces
+from . import packed
+from .bins import Bins
+from .cures import cures
+from .excitation import Excitation, excitations
+from .lights import light
+
+_LEAST_SPAN = {"i": 0.02, "theta": 0.05, "omega": 1.0}  # A, rad, rad/s
+
+
+@dataclass(frozen=True)
+class Room:
+    """How much of all traces together the page carries.
+
+    Args:
+        numbers: drawn, of two bytes each: three megabytes and a half, a third more as text.
+        corners: of inputs, of eight bytes each.
+        least, most: points of one trace.
+    """
+
+    numbers: int = 1_750_000
+    corners: int = 110_000
+    least: int = 100
+    most: int = 8_000
+
+    def points(self, traces: Sequence[Trace]) -> int:
+        """Of each of these traces."""
+        columns = sum(_COLUMNS + _OF_CHANNEL * len(trace.channels) for trace in traces)
+        return int(np.clip(self.numbers // max(1, columns), self.least, self.most))
+
+    def corners_of_each(self, traces: int) -> int:
+        """Of the input of each of so many traces."""
+        return int(np.clip(self.corners // max(1, traces), self.least, self.most))
+
+
+# numbers of a point: its instant is two, four of missing torque and voltage; and of each channel measured, two models
+# and their errors
+_COLUMNS, _OF_CHANNEL = 6, 5
+
+
+@dataclass(frozen=True, eq=False)
+class Shelf:
+    """All that is known of the traces.
+
+    Args:
+        before: the first model where a diagnosis was made, else None.
+        final: the model that the page shows.
+        diagnosis: None where none was made.
+    """
+
+    before: FitResult | None
+    final: FitResult
+    diagnosis: Diagnosis | None
+
+
+def traces_json(shelf: Shelf, room: Room = Room()) -> list[dict[str, Any]]:
+    """One object a trace, those fitted first, then those held out."""
+    every = all_traces(shelf.final)
+    points, corners = room.points(every), room.corners_of_each(len(every))
+    problems = (shelf.final.problem, *([shelf.final.holdout] if shelf.final.holdout is not None else []))
+    driven = [each for problem in problems for each in excitations(problem, shelf.final.x, corners)]
+    motions = {motion.file: motion for motion in shelf.diagnosis.motions} if shelf.diagnosis is not None else {}
+    return [
+        _trace(shelf, trace, k, motions.get(trace.measurement.file), excitation, points)
+        for k, (trace, excitation) in enumerate(zip(every, driven, strict=True))
+    ]
+
+
+def _trace(
+    shelf: Shelf, trace: Trace, k: int, motion: Motion | None, excitation: Excitation | str, points: int
+) -> dict[str, Any]:
+    judged, bins = light(shelf.final, trace, k), Bins.of(trace.instants.size, points)
+    simulated = isinstance(excitation, Excitation)
+    return {
+        "file": trace.measurement.file,
+        "test": trace.test.name,
+        "held_out": trace.measurement.held_out,
+        "light": judged.colour,
+        "chi2": judged.chi2,
+        "judged_by": judged.judged_by,
+        "cures": cures(trace, judged, shelf.final, shelf.diagnosis),
+        "samples": int(trace.instants.size),
+        "whole": bins.whole,
+        "t": packed.instants(bins.instants(trace.instants)),
+        "channels": [_channel(shelf, trace, m, bins) for m in range(len(trace.channels))],
+        "missing": list(_missing(trace, motion, bins)),
+        "sim": _sim(trace, excitation, shelf.final) if simulated else None,
+        "why_not": "" if simulated else excitation,
+    }
+
+
+def _channel(shelf: Shelf, trace: Trace, m: int, bins: Bins) -> dict[str, Any]:
+    name, file = trace.channels[m], trace.measurement.file
+    shown = Shown.of(trace, name)
+
+    def left(result: FitResult | None) -> dict[str, Any] | None:
+        """Measured - simulated over the sensor's noise."""
+        if result is None:
+            return None
+        return packed.values(bins.extremes((trace.data - np.asarray(result.predicted[file]))[:, m] / trace.sigma[m]))
+
+    def carried(values: np.ndarray) -> dict[str, Any]:
+        return packed.values(bins.extremes(shown(values)))
+
+    def error(result: FitResult) -> float | None:
+        return _rms(result, file, name) if file in result.predicted else None
+
+    def model(result: FitResult | None) -> dict[str, Any] | None:
+        return None if result is None else carried(np.asarray(result.predicted[file])[:, m])
+
+    return {
+        "name": name,
+        "unit": shown.unit,
+        "size": shown.size,
+        "origin": shown.origin,
+        "sigma": float(trace.sigma[m]) / abs(shown.size),
+        "measured": carried(trace.data[:, m]),
+        "before": model(shelf.before),
+        "after": model(shelf.final),
+        "error_before": left(shelf.before),
+        "error_after": left(shelf.final),
+        "rms_before": None if shelf.before is None else error(shelf.before),
+        "rms_after": error(shelf.final),
+    }
+
+
+def _rms(result: FitResult, file: str, channel: str) -> float | None:
+    """Free-run error over the sensor's noise."""
+    rows: tuple[PredictionError, ...] = (*result.score_fit, *result.score_holdout)
+    found = next((row for row in rows if (row.file, row.channel) == (file, channel)), None)
+    return None if found is None or not np.isfinite(found.rms) else float(found.rms / found.sigma)
+
+
+def _missing(trace: Trace, motion: Motion | None, bins: Bins) -> Iterator[dict[str, Any]]:
+    """Missing torque and voltage along the measured motion, with the first and with the final model, where known."""
+    if motion is None or motion.torque.size != trace.instants.size:
+        return
+    for enters, unit, before in (("torque", "N m", motion.torque), ("voltage", "V", motion.voltage)):
+        after = np.asarray(motion.after[enters], dtype=float)
+        if np.isfinite(before).any() or np.isfinite(after).any():
+            yield {
+                "name": f"missing {enters}",
+                "unit": unit,
+                "before": packed.values(bins.extremes(np.asarray(before, dtype=float))),
+                "after": packed.values(bins.extremes(after)),
+            }
+
+
+def _sim(trace: Trace, excitation: Excitation, final: FitResult) -> dict[str, Any]:
+    release = excitation.release
+    boundary: Mapping[str, float] = excitation.boundary
+    return {
+        "t": packed.instants(excitation.time),
+        "v": packed.floats(excitation.level),
+        "within": excitation.within,
+        "boundary": dict(boundary),
+        "start": list(excitation.start),
+        "release": release if np.isfinite(release) else None,
+        "readings": {name: list(line) for name, line in excitation.readings.items()},
+        "lacks": list(excitation.lacks),
+        "span": _span(trace, np.asarray(final.predicted[trace.measurement.file]), boundary["gear_ratio"]),
+    }
+
+
+def _span(trace: Trace, predicted: np.ndarray, gear: float) -> dict[str, float]:
+    """What current, angle and speed range over in the trace, SI, against which the page's steps are judged."""
+    to_state = {"current": ("i", 1.0), "position": ("theta", 1.0), "motor_speed": ("omega", 1.0 / gear)}
+    span = dict(_LEAST_SPAN)
+    for m, name in enumerate(trace.channels):
+        if name in to_state:
+            state, factor = to_state[name]
+            seen = predicted[np.isfinite(predicted[:, m]), m]
+            span[state] = max(span[state], factor * float(np.ptp(seen)) if seen.size else 0.0)
+    return span

@@ -1,0 +1,226 @@
+"""The page to work with, driven as a person would: zoom, sliders, gains, the worst of 200 traces in two clicks."""
+
+from __future__ import annotations
+
+import shutil
+from collections.abc import Iterator
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import pytest
+
+import interactive_runs as made
+from etcfit.reporting.interactive import write_interactive
+
+if TYPE_CHECKING:
+    from playwright.sync_api import Browser
+
+sync_api = pytest.importorskip("playwright.sync_api", reason="playwright is not installed (etcfit[test] has it)")
+CHROMIUM = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
+pytestmark = [
+    pytest.mark.slow,
+    pytest.mark.skipif(CHROMIUM is None, reason="no chromium on PATH; test_page.py reads the page without one"),
+]
+COUNT, SAMPLES, WORST = 200, 4000, 137
+LIMIT = 8_000_000
+FIRST_PAINT = 1000.0  # ms
+
+
+class Visit:
+    """A page in the browser, what it complained of, and what it asked the network for."""
+
+    def __init__(self, browser: Browser, path: Path, width: int = 1300, scheme: str = "light") -> None:
+        context = browser.new_context(viewport={"width": width, "height": 900}, color_scheme=scheme)  # pyright: ignore[reportArgumentType]
+        self.page = context.new_page()
+        self.said: list[str] = []
+        self.asked: list[str] = []
+        self.page.on("console", lambda message: self.said.append(message.text))
+        self.page.on("pageerror", lambda error: self.said.append(str(error)))
+        self.page.on("request", lambda request: self.asked.append(request.url))
+        self.page.goto(path.as_uri())
+        self.page.wait_for_function("globalThis.etcfit.page.loop.panels || !globalThis.etcfit.page.data.loop")
+
+    def scales(self) -> list[list[float]]:
+        """What each chart of the trace shows of the time axis."""
+        return self.page.evaluate(
+            "etcfit.page.view.stack.charts.map(({plot}) => [plot.scales.x.min, plot.scales.x.max])"
+        )
+
+    def now(self, chart: str = "etcfit.page.view.panels[0].entry") -> list[float | None]:
+        """The curve of the sliders in a chart."""
+        return self.page.evaluate(f"{chart}.series.find((each) => each.name === 'now').values")
+
+    def settle(self) -> None:
+        self.page.evaluate("new Promise((done) => requestAnimationFrame(() => requestAnimationFrame(done)))")
+
+
+@pytest.fixture(scope="module")
+def browser() -> Iterator[Browser]:
+    with sync_api.sync_playwright() as play:
+        chromium = play.chromium.launch(executable_path=CHROMIUM, args=["--no-sandbox", "--disable-gpu"])
+        yield chromium
+        chromium.close()
+
+
+@pytest.fixture(scope="module")
+def few(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return write_interactive(made.run_folder(tmp_path_factory.mktemp("few"))).path
+
+
+@pytest.fixture(scope="module")
+def many(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("many")
+    run = made.kept(folder / "run", made.many(folder / "rig", COUNT, SAMPLES, WORST))
+    return write_interactive(run).path
+
+
+def test_a_drag_over_one_chart_zooms_all_and_a_double_click_shows_all_again(browser: Browser, few: Path) -> None:
+    visit = Visit(browser, few)
+    page = visit.page
+    begin = visit.scales()
+    assert len(begin) >= 4
+    over = page.locator("#charts .u-over").first
+    box = over.bounding_box()
+    assert box
+    page.mouse.move(box["x"] + 0.25 * box["width"], box["y"] + 40)
+    page.mouse.down()
+    page.mouse.move(box["x"] + 0.5 * box["width"], box["y"] + 45, steps=5)
+    page.mouse.up()
+    visit.settle()
+    zoomed = visit.scales()
+    span = begin[0][1] - begin[0][0]
+    assert all(each == zoomed[0] for each in zoomed)
+    assert zoomed[0][1] - zoomed[0][0] == pytest.approx(0.25 * span, rel=0.1)
+    over.dblclick()
+    visit.settle()
+    assert visit.scales()[-1] == pytest.approx(begin[-1])
+    assert visit.said == []
+
+
+def test_keys_alone_zoom_choose_and_move(browser: Browser, few: Path) -> None:
+    visit = Visit(browser, few)
+    page = visit.page
+    page.locator("#charts .chart").first.focus()
+    page.keyboard.press("+")
+    visit.settle()
+    inside = visit.scales()
+    page.keyboard.press("ArrowRight")
+    visit.settle()
+    assert visit.scales()[2][0] > inside[2][0]
+    page.keyboard.press("0")
+    visit.settle()
+    page.locator("#list button").first.focus()
+    title = page.inner_text("#trace-title")
+    page.keyboard.press("ArrowDown")
+    assert page.inner_text("#trace-title") != title
+    # nothing takes the focus that a person cannot see
+    page.keyboard.press("Tab")
+    assert page.evaluate("document.activeElement.matches(':focus-visible')")
+    assert visit.said == []
+
+
+def test_a_slider_moves_the_curve_and_going_back_takes_it_away(browser: Browser, few: Path) -> None:
+    visit = Visit(browser, few)
+    page = visit.page
+    page.locator("#list button", has_text="response/1.csv").click()
+    assert set(visit.now()) == {None}
+    page.locator("#slider-R_a").focus()
+    for _ in range(40):
+        page.keyboard.press("ArrowRight")
+    visit.settle()
+    once = visit.now()
+    assert None not in once
+    page.keyboard.press("PageUp")
+    visit.settle()
+    assert visit.now() != once
+    assert "→" in page.inner_text("#misfit")
+    page.click("#fitted")
+    visit.settle()
+    assert set(visit.now()) == {None}
+    assert visit.said == []
+
+
+def test_a_slider_of_a_gain_moves_the_closed_loop(browser: Browser, few: Path) -> None:
+    visit = Visit(browser, few)
+    share = "etcfit.page.loop.panels.share"
+    assert set(visit.now(share)) == {None}
+    visit.page.locator("#slider-Kp").focus()
+    visit.page.keyboard.press("PageUp")
+    visit.settle()
+    assert None not in visit.now(share)
+    assert visit.page.locator("#loop-body tr", has_text="now").count() == 1
+    assert visit.said == []
+
+
+def test_the_worst_of_200_traces_is_two_clicks_away_and_painted_within_a_second(browser: Browser, many: Path) -> None:
+    assert many.stat().st_size < LIMIT
+    visit = Visit(browser, many)
+    page = visit.page
+    assert page.locator("#list button").count() == COUNT
+    paint = page.evaluate("performance.getEntriesByName('first-contentful-paint')[0].startTime")
+    drawn = page.evaluate("performance.getEntriesByName('first-trace')[0].startTime")
+    print(f"{COUNT} traces, {many.stat().st_size / 1e6:.1f} MB: first paint {paint:.0f} ms, first trace {drawn:.0f} ms")
+    assert paint < FIRST_PAINT
+    page.click("#worst")  # one
+    page.locator("#list button").first.click()  # two
+    assert page.inner_text("#trace-title").startswith(f"response/log_{WORST:03d}.csv")
+    assert "far off" in page.inner_text("#verdict")
+    assert (visit.said, visit.asked) == ([], [many.as_uri()])
+
+
+def test_traces_are_filtered_by_test(browser: Browser, few: Path) -> None:
+    visit = Visit(browser, few)
+    every = visit.page.locator("#list button").count()
+    visit.page.select_option("#filter", "response")
+    assert visit.page.locator("#list button").all_inner_texts()
+    assert visit.page.locator("#list button").count() == 2 < every
+
+
+@pytest.mark.parametrize("width", [380, 1300])
+@pytest.mark.parametrize("scheme", ["light", "dark"])
+def test_nothing_is_wider_than_the_screen_in_either_dress(browser: Browser, few: Path, width: int, scheme: str) -> None:
+    visit = Visit(browser, few, width, scheme)
+    assert visit.page.evaluate("document.documentElement.scrollWidth") == width
+    assert visit.page.evaluate("document.documentElement.dataset.theme") == scheme
+    visit.page.click("#theme")
+    visit.settle()
+    assert visit.page.evaluate("document.documentElement.dataset.theme") != scheme
+    assert visit.page.evaluate("document.documentElement.scrollWidth") == width
+    assert visit.said == []
+
+
+def test_every_control_has_a_name_and_every_chart_words(browser: Browser, few: Path) -> None:
+    page = Visit(browser, few).page
+    for kind in ("button", "slider", "combobox", "checkbox"):
+        controls = page.get_by_role(kind)  # pyright: ignore[reportArgumentType]
+        assert controls.count() > 0
+        nameless = page.get_by_role(kind, name="", exact=True)  # pyright: ignore[reportArgumentType]
+        assert nameless.count() == 0
+    charts = page.locator(".chart")
+    assert all(charts.nth(k).get_attribute("aria-label") for k in range(charts.count()))
+
+
+def test_letters_stand_out_from_their_paper(browser: Browser, few: Path) -> None:
+    """WCAG 2.2, 1.4.3: a contrast of 4.5 at least, in both dresses."""
+    for scheme in ("light", "dark"):
+        page = Visit(browser, few, 1300, scheme).page
+        colours = {name: page.evaluate(f"etcfit.colour('{name}')") for name in
+                   ("paper", "wash", "ink", "soft", "green", "yellow", "red", "accent", "now")}  # fmt: skip
+        for name in ("ink", "soft", "green", "yellow", "red", "accent", "now"):
+            for paper in ("paper", "wash"):
+                ratio = contrast(colours[name], colours[paper])
+                assert ratio >= 4.5, (scheme, name, paper, ratio)
+
+
+def contrast(one: str, other: str) -> float:
+    """Ratio of relative luminances, WCAG 2.2."""
+    light, dark = sorted((luminance(one), luminance(other)), reverse=True)
+    return (light + 0.05) / (dark + 0.05)
+
+
+def luminance(colour: str) -> float:
+    digits = colour.lstrip("#")
+    digits = "".join(2 * c for c in digits) if len(digits) == 3 else digits
+    shares = [int(digits[k : k + 2], 16) / 255.0 for k in (0, 2, 4)]
+    red, green, blue = (s / 12.92 if s <= 0.04045 else ((s + 0.055) / 1.055) ** 2.4 for s in shares)
+    return 0.2126 * red + 0.7152 * green + 0.0722 * blue

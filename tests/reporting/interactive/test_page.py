@@ -1,0 +1,206 @@
+"""The page to work with: whole, self-contained, small; its data are those of the run."""
+
+from __future__ import annotations
+
+import base64
+import json
+import re
+from dataclasses import replace
+from html.parser import HTMLParser
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import diagnoses
+import interactive_runs as made
+import results
+from etcfit.diagnosis.findings import RigMistake
+from etcfit.errors import UsageError
+from etcfit.estimation.contradiction import Contradiction
+from etcfit.reporting.interactive import NAME, write_interactive
+from etcfit.reporting.interactive.cures import cures
+from etcfit.reporting.interactive.lights import Light, light
+from etcfit.reporting.interactive.render import SCRIPTS, part
+from etcfit.reporting.pictures import all_traces
+from etcfit.run_folder import RunFolder, save_fit
+
+LIMIT = 8_000_000
+
+
+class Reader(HTMLParser):
+    """Tags with their attributes, and what stands in scripts and styles."""
+
+    def __init__(self, page: str) -> None:
+        super().__init__()
+        self.tags: list[tuple[str, dict[str, str | None]]] = []
+        self.inside: list[tuple[str, dict[str, str | None], str]] = []
+        self.within = ""
+        self.feed(page)
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        self.tags.append((tag, dict(attrs)))
+        self.within = tag
+
+    def handle_endtag(self, tag: str) -> None:
+        self.within = ""
+
+    def handle_data(self, data: str) -> None:
+        if self.within in ("script", "style"):
+            self.inside.append((*self.tags[-1], data))
+
+    @property
+    def data(self) -> dict[str, Any]:
+        (text,) = [data for _, attributes, data in self.inside if attributes.get("type") == "application/json"]
+        return json.loads(text)
+
+
+def unpacked(pack: dict[str, Any]) -> np.ndarray:
+    """Numbers as the page reads them."""
+    if "f32" in pack:
+        return pack["from"] + np.frombuffer(base64.b64decode(pack["f32"]), "<f4").astype(float)
+    level = np.frombuffer(base64.b64decode(pack["i16"]), "<i2").astype(float)
+    return np.where(level == -32768, np.nan, pack["zero"] + pack["step"] * level)
+
+
+@pytest.fixture(scope="module")
+def written(tmp_path_factory: pytest.TempPathFactory) -> RunFolder:
+    run = made.run_folder(tmp_path_factory.mktemp("page"))
+    write_interactive(run)
+    return run
+
+
+@pytest.fixture(scope="module")
+def text(written: RunFolder) -> str:
+    return (written.path / NAME).read_text(encoding="utf-8")
+
+
+def test_it_is_one_file_that_asks_for_nothing(text: str) -> None:
+    page = Reader(text)
+    assert len(text.encode()) < LIMIT
+    (policy,) = [a["content"] for tag, a in page.tags if a.get("http-equiv") == "Content-Security-Policy"]
+    assert policy is not None
+    assert policy.startswith("default-src 'none';")
+    assert "connect-src" not in policy  # what is not allowed by name is not allowed
+    loads = [a[name] for _, a in page.tags for name in ("src", "href", "srcset", "action", "data") if a.get(name)]
+    assert loads
+    assert all(each is not None and each.startswith(("#", "data:")) for each in loads)
+    code = "".join(data for tag, _, data in page.inside if tag == "style") + "".join(map(part, SCRIPTS))
+    for word in (
+        "url(",
+        "@import",
+        "fetch(",
+        "XMLHttpRequest",
+        "WebSocket",
+        "sendBeacon",
+        "localStorage",
+        "http:",
+        "https:",
+    ):
+        assert word not in code
+    # the library's own address is in its head, and nowhere else is one
+    assert set(re.findall(r"https?://[^\s\"')]+", text)) == {"https://github.com/leeoniya/uPlot"}
+
+
+def test_the_licence_of_the_library_is_in_it(text: str) -> None:
+    assert "The MIT License (MIT)" in text
+    assert "Permission is hereby granted" in text
+
+
+def test_every_trace_is_there_with_its_samples(written: RunFolder, text: str) -> None:
+    data, final, diagnosis = Reader(text).data, written.final(), written.diagnosis()
+    assert data["schema"] == "etcfit.interactive/1"
+    every = all_traces(final)
+    assert [each["file"] for each in data["traces"]] == [trace.measurement.file for trace in every]
+    assert diagnosis is not None
+    for trace, carried in zip(every, data["traces"], strict=True):
+        assert np.allclose(unpacked(carried["t"]), trace.instants, atol=1e-6 * np.ptp(trace.instants))
+        for m, channel in enumerate(carried["channels"]):
+            file = trace.measurement.file
+            for name, values in (("measured", trace.data[:, m]), ("before", diagnosis.before.predicted[file][:, m]),
+                                 ("after", final.predicted[file][:, m])):  # fmt: skip
+                shown = channel["origin"] + channel["size"] * unpacked(channel[name])
+                assert np.max(np.abs(shown - values)) <= 1e-4 * np.ptp(values)
+            error = (trace.data[:, m] - final.predicted[file][:, m]) / trace.sigma[m]
+            assert np.allclose(unpacked(channel["error_after"]), error, atol=1e-4 * np.ptp(error))
+
+
+def test_missing_torque_stands_where_the_diagnosis_has_it(tmp_path: Path) -> None:
+    run = made.kept(tmp_path / "run", made.many(tmp_path / "rig", 2, 500, 0))
+    write_interactive(run)
+    data = Reader((run.path / NAME).read_text(encoding="utf-8")).data
+    motion = run.diagnosis().motions[0]  # pyright: ignore[reportOptionalMemberAccess]
+    torque = next(each for each in data["traces"][0]["missing"] if each["name"] == "missing torque")
+    seen = unpacked(torque["before"])
+    assert np.array_equal(np.isnan(seen), np.isnan(motion.torque))
+    assert np.nanmax(np.abs(seen - motion.torque)) < 1e-4 * np.nanmax(np.abs(motion.torque))
+
+
+def test_synthetic_data_are_called_so_and_measured_ones_are_not(text: str, tmp_path: Path) -> None:
+    assert "SYNTHETIC DATA" in text
+    run = made.run_folder(tmp_path, synthetic=False, gains=False)
+    measured = write_interactive(run).path.read_text(encoding="utf-8")
+    assert "SYNTHETIC" not in measured
+    assert Reader(measured).data["loop"] is None
+
+
+def test_a_fit_alone_is_enough_and_says_what_to_run_next(tmp_path: Path) -> None:
+    result = results.result(results.rig(tmp_path / "rig"), off=20.0)
+    save_fit(tmp_path / "run", result)
+    data = Reader(write_interactive(RunFolder(tmp_path / "run")).path.read_text(encoding="utf-8")).data
+    assert not data["diagnosed"]
+    assert {each["light"] for each in data["traces"]} <= {"green", "yellow", "red"}
+    bad = [each for each in data["traces"] if each["light"] != "green"]
+    assert bad
+    assert all("etcfit diagnose" in " ".join(each["cures"]) for each in bad)
+
+
+def test_what_a_file_says_stays_text(tmp_path: Path) -> None:
+    found = diagnoses.diagnosis(results.rig(tmp_path / "rig"))
+    config = replace(found.after.rig.config, name="</script><script>alert(1)</script>")
+    after = replace(found.after, rig=replace(found.after.rig, config=config))
+    run = made.kept(tmp_path / "run", replace(found, after=after))
+    page = write_interactive(run).path.read_text(encoding="utf-8")
+    assert "<script>alert" not in page
+    assert Reader(page).data["rig"] == config.name
+
+
+def test_a_folder_without_a_fit_is_no_run(tmp_path: Path) -> None:
+    with pytest.raises(UsageError, match="etcfit fit FOLDER"):
+        write_interactive(RunFolder(tmp_path))
+
+
+def test_a_light_is_the_residuals_size_and_few_samples_may_scatter(tmp_path: Path) -> None:
+    result = results.result(results.rig(tmp_path))
+    trace = all_traces(result)[0]
+    n = trace.data.size
+
+    def of(size: float) -> Light:
+        level = np.full(trace.data.shape, np.sqrt(size))
+        return light(replace(result, whitened=(level, *result.whitened[1:])), trace, 0)
+
+    assert [of(size).colour for size in (1.0, 1.19 + 3.0 * np.sqrt(2.0 / n), 1.3 + 3.0 * np.sqrt(2.0 / n))] == [
+        "green", "green", "yellow",
+    ]  # fmt: skip
+    assert of(1000.0).colour == "red"
+    assert of(7.0).chi2 == pytest.approx(7.0)
+    assert of(np.inf).chi2 is None
+    assert of(np.inf).colour == "red"
+
+
+def test_cures_are_those_of_fit_and_diagnosis_for_that_trace(tmp_path: Path) -> None:
+    found = diagnoses.diagnosis(results.rig(tmp_path))
+    trace = next(t for t in all_traces(found.after) if t.test.name == "response")
+    mistake = RigMistake("channel_gain[response.current]", "channel_gain", "response", "current", 0.1, "",
+                         '[model] effects = ["x"]', "the current is 10 % too large", None)  # fmt: skip
+    contradiction = Contradiction("response", "R_a", 8.0, 1.5, 1.9, 1e-9, 0.7)
+    found = replace(found, rig=(mistake, replace(mistake, test="inductance")),
+                    after=replace(found.after, contradictions=(contradiction,)))  # fmt: skip
+    red = Light("red", 50.0, "")
+    said = cures(trace, red, found.after, found)
+    assert sum("10 % too large Mend: [model]" in each for each in said) == 1
+    assert any("contradicts the other tests: without it R_a is 1.9" in each for each in said)
+    assert any(found.unexplained is not None and found.unexplained.sentence == each for each in said)
+    assert any("a slow ramp" in each for each in said)
+    assert cures(trace, Light("green", 1.0, ""), found.after, found) == []
