@@ -12,9 +12,11 @@ from .control import (
     cautions,
     formula,
     gains_table,
+    jam_check,
     metrics_table,
     operating_point,
     plant_table,
+    safety_tables,
     settings_table,
 )
 from .frequency import orders, sines_table
@@ -79,6 +81,8 @@ def _parts(contents: Contents, budget: int) -> dict[str, Any]:
         "settings": settings_table(pid),
         "assumed": assumed(pid),
         "metrics": metrics_table(pid),
+        "jam_check": jam_check(pid),
+        "safety": safety_tables(pid),
         "gains_cautions": cautions(pid),
         "warnings": [*stale(contents), *_warnings(contents)],
         "groups": groups(contents.run, budget),
