@@ -49,7 +49,8 @@ class Off(NamedTuple):
         tells_s: until a check tells, of faults that are there at once.
         creeps_s: likewise of a frozen sensor: until the integral has torn the plate loose and two sensors differ.
         sag_pct: how far a sag lets the plate fall and overshoot, of the travel.
-        returns_s: time of the spring's return.
+        returns_s: time of the spring's return, open terminals.
+        shorted_s: likewise on shorted ones, where a plate may creep at the end.
         rests_pct: where the plate then rests, of the travel.
         holding_pct: holding current 5 % of the travel and more above the limp-home position, of itself.
         disagreements: checks that tell in one program and not in the other.
@@ -61,6 +62,7 @@ class Off(NamedTuple):
     creeps_s: float
     sag_pct: float
     returns_s: float
+    shorted_s: float
     rests_pct: float
     holding_pct: float
     disagreements: int
@@ -232,11 +234,11 @@ def _sags(ours: Safety, places: list[There]) -> Iterator[float]:
         yield 100.0 * max(abs(falls - mine.closes), abs(rises - mine.opens))
 
 
-def _returns(ours: Safety, places: list[There]) -> tuple[float, float]:
+def _returns(ours: Safety, places: list[There]) -> tuple[float, float, float]:
     settings = places[0].task.settings.safety
     instants = np.arange(0.0, settings.falls, 1e-3)
     still = Drive(np.array([0.0, settings.falls]), np.zeros(2))
-    late, apart = [], []
+    late, apart = ([], []), []
     for mine in ours.returns:
         worst, rests = np.zeros(2), []
         for place in places:
@@ -248,10 +250,10 @@ def _returns(ours: Safety, places: list[There]) -> tuple[float, float]:
                 )
                 if k == 0:
                     rests.append(angle[-1] / TRAVEL)
-        for own, true in zip((mine.cut_s, mine.shorted_s), worst, strict=True):
-            late.append(0.0 if own is None and true == math.inf else abs((math.inf if own is None else own) - true))
+        for off, own, true in zip(late, (mine.cut_s, mine.shorted_s), worst, strict=True):
+            off.append(0.0 if own is None and true == math.inf else abs((math.inf if own is None else own) - true))
         apart += [abs(min(rests) - mine.rests[0]), abs(max(rests) - mine.rests[1])]
-    return max(late), 100.0 * max(apart)
+    return max(late[0]), max(late[1]), 100.0 * max(apart)
 
 
 def _holding(ours: Safety, place: There) -> float:

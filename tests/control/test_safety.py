@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from types import SimpleNamespace
-from typing import Any
 
 import numpy as np
 import pytest
@@ -20,13 +18,15 @@ from etcfit.control.safety.jam import proposed, told
 from etcfit.control.settings import DesignSettings, SafetySettings
 from etcfit.model.ecu import Ecu
 from etcfit.model.effects.winding_heating import WindingHeating
+from etcfit.model.linear import TransferFunction
 
 STEPS = stairs("steps", (0.25, 0.26, 0.25, 0.6), 0.4, 0.3)
 
 
-def task(**changes: Any) -> Any:
-    settings = DesignSettings(safety=SafetySettings(**changes))
-    return SimpleNamespace(settings=settings, ecu=Ecu(), setpoint=STEPS)
+def task(**changes: float) -> Task:
+    loop = rigs.loop(ecu=Ecu())
+    settings = DesignSettings(safety=replace(SafetySettings(), **changes))
+    return Task(TransferFunction(1.0, 1.0, 1.0, 1.0), Ecu(), Requirements(), loop, STEPS, settings=settings)
 
 
 def test_the_longest_time_above_a_threshold_is_that_of_counting() -> None:
@@ -94,5 +94,6 @@ def test_every_figure_is_that_of_the_independent_simulation(seed: int) -> None:
     assert off.tells_s < 0.005
     assert off.creeps_s < 0.2
     assert off.sag_pct < 0.5
-    assert off.returns_s < 0.06
+    assert off.returns_s < 0.01
+    assert off.shorted_s < 0.2
     assert off.holding_pct < 0.01

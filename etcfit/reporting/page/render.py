@@ -6,7 +6,8 @@ from collections.abc import Iterator, Mapping
 from itertools import chain
 from typing import Any
 
-from .contents import Contents
+from .car_log import to_record
+from .contents import Contents, logs_of
 from .control import (
     assumed,
     cautions,
@@ -85,6 +86,7 @@ def _parts(contents: Contents, budget: int) -> dict[str, Any]:
         "safety": safety_tables(pid),
         "gains_cautions": cautions(pid),
         "warnings": [*stale(contents), *_warnings(contents)],
+        "to_record": to_record(logs_of(contents.run)),
         "groups": groups(contents.run, budget),
         "files": files_table(contents),
         "versions": versions_table(contents),
