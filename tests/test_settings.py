@@ -21,6 +21,7 @@ from etcfit.control.settings import (
     ManualSettings,
     OptimumSettings,
     RelaySettings,
+    SafetySettings,
 )
 from etcfit.diagnosis.settings import DiagnosisSettings
 from etcfit.estimation.settings import (
@@ -58,6 +59,7 @@ KINDS: list[Any] = [
     ManualSettings,
     OptimumSettings,
     RelaySettings,
+    SafetySettings,
     DiagnosisSettings,
     EdgeSettings,
     *(type(detector) for detector in DETECTORS if not isinstance(detector, SynchronousEdges)),

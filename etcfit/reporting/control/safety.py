@@ -151,7 +151,8 @@ def _runaways(panel: Axes, design: Design) -> None:
     panel.grid(visible=False, axis="y")
     panel.set(xlabel="widest opening [% of travel]", xlim=(0.0, 102.0))
     panel.set_title("the position sensor fails", loc="left", fontsize=10, pad=22)
-    panel.legend(loc="lower left", bbox_to_anchor=(-0.02, 1.0), ncols=4, fontsize=8, borderaxespad=0.2, markerscale=0.4)
+    panel.legend(loc="lower left", bbox_to_anchor=(-0.02, 1.0), ncols=4, fontsize=8, borderaxespad=0.2, markerscale=0.4,
+                 handlelength=1.2, columnspacing=1.0)  # fmt: skip
 
 
 def _back(panel: Axes, design: Design) -> None:
