@@ -59,12 +59,27 @@ def watched(
     return np.interp(instants, np.arange(len(path)) * len(wanted) * computer.period / len(path), path)
 
 
-def _run(plant: Plant, computer: Computer, wanted: np.ndarray, misread: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def failing(plant: Plant, computer: Computer, wanted: np.ndarray, misread: np.ndarray, shown: np.ndarray,
+            feed: np.ndarray) -> np.ndarray:  # fmt: skip
+    """Angle at each sample, rad, where sensor and supply may fail: see `kernel.run_loop` for the arrays, shape (n,)."""
+    return _run(plant, computer, np.asarray(wanted, dtype=float), misread, shown, feed)[0][:, 0]
+
+
+def _run(
+    plant: Plant,
+    computer: Computer,
+    wanted: np.ndarray,
+    misread: np.ndarray,
+    shown: np.ndarray | None = None,
+    feed: np.ndarray | None = None,
+) -> tuple[np.ndarray, np.ndarray]:
+    shown = np.full(len(wanted), np.nan) if shown is None else shown
+    feed = np.ones(len(wanted)) if feed is None else feed
     parts = max(1, math.ceil(computer.period / longest_step(plant, H_MAX)))
     p, x = record(plant), at_rest(plant, float(wanted[0]))
     gains = np.array([computer.proportional, computer.integral, computer.derivative])
     late = round((computer.delay + plant.effects.actuation_delay.delay) * parts / computer.period)
-    return run_loop(p, wanted, misread, computer.period, parts, gains, computer.filter, computer.supply,
+    return run_loop(p, wanted, misread, shown, feed, computer.period, parts, gains, computer.filter, computer.supply,
                     computer.hold, late, computer.grain, mode_at_rest(p, x), x)  # fmt: skip
 
 

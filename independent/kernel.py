@@ -496,13 +496,15 @@ def run(p, knots, volts, instants, held_until, x, h_max):
 
 
 @compiled
-def run_loop(p, wanted, misread, period, parts, gains, slow, limit, hold, late, grain, mode, x):
+def run_loop(p, wanted, misread, shown, feed, period, parts, gains, slow, limit, hold, late, grain, mode, x):
     """The throttle body under a computer that samples, computes a PID and holds its output.
 
     Args:
         p: record of a Plant.
         wanted: angle asked for at each sample, rad.
         misread: noise of each reading, rad.
+        shown: what a sensor that has failed shows instead, rad; NaN while it has not, infinite for what it showed last.
+        feed: supply over the one that the computer reckons with, at each sample.
         period: between samples, s.
         parts: steps in a period.
         gains: V/rad, V/(rad s), V s/rad.
@@ -518,10 +520,15 @@ def run_loop(p, wanted, misread, period, parts, gains, slow, limit, hold, late, 
     path = np.empty(len(wanted) * parts)
     out = np.empty((len(wanted), 2))
     queue = np.zeros(late + 1)
-    area, smooth, h = 0.0, 0.0, period / parts
+    area, smooth, h, last = 0.0, 0.0, period / parts, 0.0
     for n in range(len(wanted)):
         seen = x.sensed if p.effects.position_sensor_lag.time != 0.0 else x.theta
         seen += misread[n]
+        if np.isinf(shown[n]):
+            seen = last
+        elif not np.isnan(shown[n]):
+            seen = shown[n]
+        last = seen
         if grain > 0.0:
             seen = grain * np.rint(seen / grain)
         miss = wanted[n] - seen
@@ -543,5 +550,5 @@ def run_loop(p, wanted, misread, period, parts, gains, slow, limit, hold, late, 
             for k in range(late, 0, -1):
                 queue[k] = queue[k - 1]
             queue[0] = volts
-            mode, x = step(p, queue[late], 0.0, mode, x, h)
+            mode, x = step(p, feed[n] * queue[late], 0.0, mode, x, h)
     return out, path

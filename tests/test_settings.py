@@ -21,6 +21,7 @@ from etcfit.control.settings import (
     ManualSettings,
     OptimumSettings,
     RelaySettings,
+    SafetySettings,
 )
 from etcfit.diagnosis.settings import DiagnosisSettings
 from etcfit.estimation.settings import (
@@ -59,6 +60,7 @@ KINDS: list[Any] = [
     ManualSettings,
     OptimumSettings,
     RelaySettings,
+    SafetySettings,
     DiagnosisSettings,
     ExportSettings,
     EdgeSettings,

@@ -16,6 +16,7 @@ from ..control.pid import Gains
 from ..control.pid.gains import UNIT
 from ..control.pid.requirements import Metrics
 from ..control.pid.response import Judged
+from ..control.safety import Safety
 from ..reporting.numbers import short
 from . import words
 from .fit import Fit
@@ -95,13 +96,18 @@ class Designed:
         return pd.DataFrame(gains | figures)
 
     @property
+    def safety(self) -> Safety:
+        """What the proposed gains do where something fails: jam check, sensor, supply, spring return, holding."""
+        return self.design.safety
+
+    @property
     def limits(self) -> tuple[str, ...]:
         """Where the proposed gains miss a requirement, what keeps any gains from meeting it."""
         return self.design.limits
 
     @property
     def plot(self) -> DesignPlots:
-        """Pictures: `plot.responses()`, `plot.scenarios()`, `plot.front()`."""
+        """Pictures: `plot.responses()`, `plot.scenarios()`, `plot.front()`, `plot.safety()`."""
         from .plots import DesignPlots
 
         return DesignPlots(self.design)

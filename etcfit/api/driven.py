@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from functools import cached_property
 
 import numpy as np
 import pandas as pd
 
-from ..car_log import Study
+from ..car_log import Study, record_next
 from ..car_log.study import verdict
 from ..errors import UsageError
 from ..reporting.numbers import short
@@ -54,6 +54,12 @@ class Driven:
     def verdict(self) -> str:
         """What changed from the first log to the second, where there are two; else ""."""
         return verdict(*self.studies) if len(self.studies) == 2 else ""
+
+    @property
+    def record_next(self) -> pd.DataFrame:
+        """What to record next, indexed by the moves that lack: found, needed, unit, record (what to do), why."""
+        every = record_next([study.log for study in self.studies])
+        return pd.DataFrame([asdict(lack) for lack in every]).set_index("name")
 
     def plot(self, name: str) -> np.ndarray:
         """Operating range, spectrum and the busiest seconds of one log; Axes, shape (3,).

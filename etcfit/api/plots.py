@@ -23,7 +23,7 @@ from ..estimation.result import FitResult
 from ..posterior.sampling import Posterior
 from ..problem.prediction_error import PredictionError, pooled
 from ..reporting import overview, pictures, style
-from ..reporting.control import bode, front, responses, scenarios, sines
+from ..reporting.control import bode, front, responses, safety, scenarios, sines
 from ..reporting.diagnosis import overlay
 from ..reporting.diagnosis import pictures as diagnosis_pictures
 from ..reporting.diagnosis.shown import in_degrees, scales
@@ -279,6 +279,10 @@ class DesignPlots:
     def front(self) -> Axes:
         """Tracking error over the duty's activity: the best gains, and every rule."""
         return panels_of(lambda: front.draw(self.design))[0]
+
+    def safety(self) -> np.ndarray:
+        """Jam check, failing sensor, spring return, holding current; Axes, shape (4,)."""
+        return panels_of(lambda: safety.draw(self.design))
 
 
 def log_panels(config: RigConfig, study: Study) -> np.ndarray:

@@ -5,6 +5,8 @@ Source: the paper, Sections 2 and 4.3.
 
 from __future__ import annotations
 
+from .coverage import Lack as Lack
+from .coverage import record_next as record_next
 from .log import DriveLog as DriveLog
 from .log import Series as Series
 from .read import read_logs as read_logs

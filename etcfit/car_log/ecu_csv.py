@@ -1,12 +1,15 @@
 """A CSV as the programs of ECUs export it -> one that the table reader takes.
 
-    "Format","MoTeC CSV File"       any lines above the header: the first line that names a time
+    "Format","MoTeC CSV File"       any lines above the header: the last line that names a time, for above it may stand
+    "Time","12:21:34"               the time of day
     "Time","Throttle Pos"
     "s","%"                         units below it, where no cell of the row is a number
 
 Line numbers stay those of the file, so that a message names the right one.
 
-Source: files as MoTeC i2 exports them (written from memory of their layout; none of a real car has been read).
+Source: files as MoTeC i2 exports them, by the layout that public readers and writers of them agree on: 12 lines of
+names and values, two blank ones, header, units, two blank ones, quoted numbers; other programs write fewer lines.
+"Time" may stand there twice, in s and in min: the first counts. No file of a real car has been read.
 """
 
 from __future__ import annotations
@@ -26,7 +29,7 @@ _WITH_UNIT = re.compile(r".*\[[^\[\]]*\]\s*")
 def plain(text: str) -> str:
     """The text without what stands above its header, the units of a row below it taken into it."""
     lines = text.split("\n")
-    found = next((k for k, line in enumerate(lines[:_ABOVE]) if _names_a_time(line)), None)
+    found = next((k for k in reversed(range(min(_ABOVE, len(lines)))) if _names_a_time(lines[k])), None)
     if found is None:
         return text
     separator = _separator(lines[found])

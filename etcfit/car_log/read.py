@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Sequence
+from collections.abc import Set as AbstractSet
 from dataclasses import replace
 from pathlib import Path
 
@@ -26,6 +27,8 @@ READERS: dict[str, Callable[[bytes, str], Table]] = {
     ".msl": read_msl,
     ".mlg": read_mlg,
 }
+
+CLOSED = {".llg": "PCLink", ".llgx": "PCLink"}  # formats that no maker publishes, and the program that writes a CSV
 
 # what ECUs call them, in small letters, the surest first; [columns] of rig.toml comes before all
 KNOWN: dict[str, tuple[str, ...]] = {
@@ -59,9 +62,24 @@ def read_logs(folder: Path | str) -> tuple[RigConfig, tuple[DriveLog, ...]]:
     place = base / "drive" if (base / "drive").is_dir() else base
     files = sorted(p for p in place.iterdir() if p.suffix.casefold() in READERS and not p.name.startswith("."))
     refuse_foreign_names(str(place), *(path.name for path in files))
+    _refuse_closed(place, {path.stem for path in files})
     if not files:
         raise MeasurementError(str(place), "no log in it.", f"Known: {', '.join(READERS)}.", "Put the logs there.")
     return config, tuple(read_log(path, config, str(toml)) for path in files)
+
+
+def _refuse_closed(place: Path, known: AbstractSet[str]) -> None:
+    """Logs in a format that nobody publishes, unless one that can be read lies there by the same name.
+
+    What others found out of Link's (UltraLog, oecua.org: "lf3" at byte 4, names in UTF-16) says neither what lies
+    between its blocks nor what its versions differ in; we have no such file to hold a reader to.
+    """
+    for path in sorted(place.iterdir()):
+        program = CLOSED.get(path.suffix.casefold())
+        if program is not None and path.stem not in known:
+            unread = f"a log of {program}, whose format its maker does not publish."
+            cure = f"Open it in {program}, export it as CSV and put {path.stem}.csv there."
+            raise MeasurementError(str(path), unread, f"Known: {', '.join(READERS)}.", cure)
 
 
 def read_log(path: Path, config: RigConfig, toml: str) -> DriveLog:

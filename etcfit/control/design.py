@@ -26,6 +26,8 @@ from .pid.loop import Body, Loop
 from .pid.requirements import REQUIRED
 from .pid.scenarios import course, of_log
 from .pid.setpoint import Setpoint
+from .safety import Safety
+from .safety import safety as safety_of
 from .settings import DesignSettings
 
 DRAWS, SEED = DesignSettings().draws, DesignSettings().seed
@@ -47,6 +49,7 @@ class Design:
         bias: the voltage that holds each position, for an ECU that has such a curve.
         robust: the chosen gains under the conditions of a car.
         front: the least tracking error within each limit of the duty's activity.
+        safety: what the chosen gains do where something fails.
         limits: where the chosen gains miss a requirement, what keeps any gains from meeting it.
     """
 
@@ -59,6 +62,7 @@ class Design:
     bias: Bias
     robust: Robust
     front: tuple[FrontPoint, ...]
+    safety: Safety
     limits: tuple[str, ...]
 
     @property
@@ -199,11 +203,13 @@ def propose(
     if not chosen.meets_all:
         report("looking for what binds", 0.85)
         limits = binding(task)
-    report("tracking against effort", 0.95)
+    report("tracking against effort", 0.9)
     assert chosen.gains is not None, "a rule that refused is not proposed"
     robust, points = outside_the_bench(task, chosen.gains), front(task, chosen.gains)
+    report("where something fails", 0.95)
+    safe = safety_of(task, chosen.gains)
     bias = task.loop.bias or _curve(fitted.throttle, task.loop.body, task.profile)
-    return Design(fitted, task, chosen, tuned, task.loop.draws, origin, bias, robust, points, limits)
+    return Design(fitted, task, chosen, tuned, task.loop.draws, origin, bias, robust, points, safe, limits)
 
 
 _EASED: dict[str, Callable[[Task], Task]] = {

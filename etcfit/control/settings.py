@@ -274,6 +274,69 @@ class FrontSettings:
 
 
 @dataclass(frozen=True)
+class SafetySettings:
+    """What the figures of safety are looked for with.
+
+    Args:
+        least, most: errors between which a threshold of the jam check is looked for, shares of the travel.
+        count: thresholds tried, evenly spaced in the logarithm.
+        reserve: timeout over the longest time for which a sound throttle is further off than the threshold.
+        within: longest timeout that is proposed, s; the least threshold that gets along with it is.
+        clock: to whose whole multiples a timeout is rounded up, s.
+        frozen: steps of the setpoint asked of a plate whose sensor is stuck, shares of the travel.
+        offset: by how much one of two sensors reads too little, share of the travel.
+        apart: by how much two sensors may differ, share of the travel.
+        apart_for: for how long, s.
+        supply: of a car whose sensor fails, V: the more there is, the faster the plate runs away.
+        dip: V of a dip of the supply.
+        dip_for: its duration, s.
+        crank: V of the supply while the starter breaks away, and while it turns.
+        crank_for: duration of each, s.
+        openings: held during a dip, and from which the spring brings the plate back, shares of the travel.
+        recovered: distance from the setpoint at which a plate is back after a dip, share of the travel.
+        returned: distance from the limp-home position at which a plate is back without a current, likewise.
+        lead: s for which a plate may settle before something fails.
+        watched: s for which it is watched afterwards.
+        falls: s for which a plate without a current is watched.
+        fall_step: of its integration, s.
+        places: positions at which the holding current is given.
+        insulation: temperature that a winding may reach, degrees Celsius; 155 for class F of IEC 60085.
+    """
+
+    least: float = real(0.005, 1e-4, 1.0)
+    most: float = real(0.6, 1e-4, 1.0)
+    count: int = whole(40, 2, 1000)
+    reserve: float = real(1.5, 1.0, 100.0)
+    within: float = real(0.25, 1e-3, 100.0)
+    clock: float = real(0.01, 1e-4, 1.0)
+    frozen: tuple[float, ...] = reals((0.02, 0.1), 1e-3, 0.7)
+    offset: float = real(0.1, 1e-3, 0.7)
+    apart: float = real(0.05, 1e-4, 1.0)
+    apart_for: float = real(0.05, 0.0, 100.0)
+    supply: float = real(15.0, 0.1, 1e3)
+    dip: float = real(6.0, 0.0, 1e3)
+    dip_for: float = real(0.1, 1e-3, 1.0)
+    crank: tuple[float, ...] = reals((6.0, 8.0), 0.0, 1e3)
+    crank_for: tuple[float, ...] = reals((0.05, 0.5), 1e-3, 1.0)
+    openings: tuple[float, ...] = reals((0.05, 0.25, 0.5, 0.75, 1.0), 0.0, 1.0)
+    recovered: float = real(0.01, 1e-4, 0.5)
+    returned: float = real(0.05, 1e-4, 0.5)
+    lead: float = real(0.6, 0.0, 100.0)
+    watched: float = real(1.2, 0.1, 100.0)
+    falls: float = real(2.0, 0.1, 100.0)
+    fall_step: float = real(5e-4, 1e-6, 1e-2)
+    places: int = whole(21, 2, 10_000)
+    insulation: float = real(155.0, 0.0, 1000.0)
+
+    def __post_init__(self) -> None:
+        check_ranges(self)
+        if self.least >= self.most:
+            raise ValueError(f"SafetySettings.most = {self.most!r}: it must be above least, {self.least!r}.")
+        if len(self.crank) != len(self.crank_for):
+            raise ValueError(f"SafetySettings.crank_for = {self.crank_for!r}: it must have as many parts as crank.")
+
+
+@dataclass(frozen=True)
 class DesignSettings:
     """The plan of a design.
 
@@ -287,6 +350,7 @@ class DesignSettings:
         scenarios: what gains are judged on.
         conditions: of a car, besides those of the bench.
         front: of tracking against effort.
+        safety: what happens where something fails.
         optimum: the search of the rule `optimal`.
         manual: the rule `manual`.
         relay: the rule `relay`.
@@ -302,6 +366,7 @@ class DesignSettings:
     scenarios: ScenarioSettings = ScenarioSettings()
     conditions: ConditionSettings = ConditionSettings()
     front: FrontSettings = FrontSettings()
+    safety: SafetySettings = SafetySettings()
     optimum: OptimumSettings = OptimumSettings()
     manual: ManualSettings = ManualSettings()
     relay: RelaySettings = RelaySettings()

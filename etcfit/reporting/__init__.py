@@ -68,10 +68,11 @@ def draw_frequency_response(run: Path, fitted: Fitted, response: FrequencyRespon
 
 
 def draw_design(run: Path, design: Design, report: Report = quiet) -> None:
-    """Responses of every rule, the proposed gains in every scenario, tracking against effort: RUN/pictures/control."""
-    from .control import front, responses, scenarios
+    """Responses of every rule, the proposed gains in every scenario, tracking against effort, failures."""
+    from .control import front, responses, safety, scenarios
 
-    pictures = {"responses": responses.draw, "scenarios": scenarios.draw, "front": front.draw}
+    pictures = {"responses": responses.draw, "scenarios": scenarios.draw, "front": front.draw,
+                "safety": safety.draw}  # fmt: skip
     jobs = [(Path(f"{name}.png"), lambda draw=draw: draw(design)) for name, draw in pictures.items()]
     _draw(run / "pictures" / "control", jobs, report)
 

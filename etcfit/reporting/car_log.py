@@ -10,7 +10,7 @@ import numpy as np
 from rich.console import Group, RenderableType
 from rich.text import Text
 
-from ..car_log import DriveLog, Study
+from ..car_log import DriveLog, Study, record_next
 from ..car_log.study import verdict
 from ..car_log.usage import SHARE
 from ..files import plain, write_json
@@ -38,8 +38,16 @@ def drive_table(config: RigConfig, studies: Sequence[Study]) -> RenderableType:
         sentences("Columns that were taken", [_columns(log) for log in logs if log.columns]),
         sentences("What to look at", [f"{log.name}: {log.hint}" for log in logs if log.hint]),
         spaced(Text(f"{logs[0].name} -> {logs[1].name}: {verdict(*studies)}")) if len(studies) == 2 else None,
+        _next(logs),
     ]
     return Group(*(part for part in parts if part is not None))
+
+
+def _next(logs: Sequence[DriveLog]) -> RenderableType | None:
+    """What to record next, for gains to be told from these logs."""
+    said = [f"{lack.name} ({lack.found:.3g} of {lack.needed:g} {lack.unit}): {lack.record}. It tells "
+            f"{lack.why}" for lack in record_next(logs)]  # fmt: skip
+    return sentences("To record next, on the bench as closed_loop/ or from the car", said)
 
 
 _HEADS = ("between", "share %", f"{100 * SHARE:.0f} % within", "dominant Hz", "half below Hz", "RMSE %", "+-", "lag ms",
@@ -76,8 +84,9 @@ def _spread(stderr: float | None, least: float, scale: float = 1.0) -> str:
 
 def write_drive(run: Path, config: RigConfig, studies: Sequence[Study], report: Callable[[str, float], None]) -> None:
     """RUN/drive.json and RUN/pictures/drive: what the table says in full, and a picture a log."""
-    write_json(run / "drive.json", "drive", {"rig": config.name, "synthetic": config.synthetic,
-                                             "logs": [_json(each) for each in studies]})  # fmt: skip
+    content = {"rig": config.name, "synthetic": config.synthetic, "logs": [_json(each) for each in studies],
+               "record_next": plain(record_next([each.log for each in studies]))}  # fmt: skip
+    write_json(run / "drive.json", "drive", content)
     from . import style
 
     for k, each in enumerate(studies):

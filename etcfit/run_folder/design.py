@@ -16,6 +16,7 @@ from ..files import plain
 from ..model.ecu import Ecu, Notation
 from ..model.ecus import RUSEFI, BiasTable, differences
 from .fit import versions
+from .safety import safety_json
 
 
 def design_json(design: Design) -> dict[str, Any]:
@@ -44,6 +45,7 @@ def design_json(design: Design) -> dict[str, Any]:
         "scenarios": {name: figures._asdict() for name, figures in chosen.scenarios.items()},
         "conditions": _conditions(design),
         "front": [_point(point) for point in design.front],
+        "safety": safety_json(design),
         "stable": chosen.stable,
         "met_linear": chosen.met_linear,
         "limits": list(design.limits),

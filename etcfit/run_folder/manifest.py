@@ -54,7 +54,7 @@ _MODEL = (FIT_STATE, DIAGNOSIS_STATE)
 _RESULTS = ("fit.json", "diagnosis.json", "posterior.json", "transfer_function.json", "frequency_response.json",
             "pid.json")  # fmt: skip
 _CONTROL = "pictures/control"
-_OF_DESIGN = tuple(f"{_CONTROL}/{name}.png" for name in ("responses", "scenarios", "front"))
+_OF_DESIGN = tuple(f"{_CONTROL}/{name}.png" for name in ("responses", "scenarios", "front", "safety"))
 # in order: a stage needs only what stages before it make
 STAGE_FILES: Mapping[str, StageFiles] = {
     "fit": StageFiles(("fit.json", FIT_STATE), command="etcfit fit FOLDER --out {run}"),

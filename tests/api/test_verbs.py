@@ -157,6 +157,7 @@ def test_a_design_has_every_rule_in_a_table(designed: Designed) -> None:
     drawn = [panel for panel in designed.plot.scenarios() if panel.get_visible()]
     assert [panel.get_xlabel() for panel in drawn] == ["time [s]"] * len(designed.scenarios)
     assert designed.plot.front().get_ylabel() == "tracking error [% of travel, rms]"
+    assert designed.plot.safety()[0].get_xlabel() == "error [% of travel]"
 
 
 def test_a_design_has_its_scenarios_and_its_front_in_tables(designed: Designed) -> None:

@@ -223,3 +223,40 @@ def test_a_setpoint_by_an_unknown_name_is_asked_for(tmp_path: Path) -> None:
     shown = render(drive_table(RigConfig("car"), [study(log)]))
     assert "Blade demand" in shown
     assert "position 'TP'" in " ".join(shown.split())
+
+
+MOTEC = """"Format","MoTeC CSV File",,,"Workbook",""
+"Venue","SYNTHETIC",,,"Worksheet",""
+"Vehicle","car",,,"Vehicle Desc",""
+"Driver","nobody",,,"Engine ID",""
+"Device","ADL"
+"Comment","",,,"Session",""
+"Log Date","14/07/2026",,,"Origin Time","0.000","s"
+"Log Time","14:30:00",,,"Start Time","0.000","s"
+"Time","14:30:00"
+"Sample Rate","100.000","Hz",,"End Time","5.000","s"
+"Duration","5.000","s",,"Start Distance","0","m"
+"Beacon Markers","1.5 3.0"
+
+
+"Time","Distance","Time","Throttle Position","E-Throttle Target"
+"s","m","min","%","%"
+
+
+"""
+
+
+def test_motecs_export_as_public_readers_know_it(tmp_path: Path) -> None:
+    rows = zip(LOG["time"], LOG["position"], LOG["setpoint"], strict=True)
+    lines = [f'"{t:.3f}","0","{t / 60.0:.4f}","{y:.4f}","{r:.4f}"' for t, y, r in rows]
+    check(written(tmp_path, a__csv=MOTEC + "\n".join(lines) + "\n"), 1e-4)
+    (log,) = read_logs(tmp_path)[1]
+    assert log.columns["position"].startswith("Throttle Position")
+
+
+def test_a_log_of_link_is_refused_with_the_way_out(tmp_path: Path) -> None:
+    written(tmp_path, b__llg=b"\0\0\0\0lf3\0")
+    with pytest.raises(MeasurementError, match=r"b\.llg: a log of PCLink.*export it as CSV and put b\.csv there"):
+        read_logs(tmp_path)
+    names = {"time": "time [s]", "position": "position [%]", "setpoint": "setpoint [%]"}
+    check(written(tmp_path, b__csv=car_logs.csv(LOG, names)), 1e-4)

@@ -68,6 +68,11 @@ class _Carry(NamedTuple):
 _UNROLLED = 4  # integration steps of a tick at most: quick to run, and quick to compile
 
 Controller = Callable[[Any, Ecu, Any, Scalar, Scalar, Scalar], Any]
+Keep = Callable[[Path, Any], Any]  # of a tick's path and the controller's memory after it: what of them is wanted
+
+
+def _path(path: Path, memory: Any) -> Path:
+    return path
 
 
 def _step(ecu: Ecu, body: Body, dt: Scalar, volts: Scalar, time: Scalar) -> Step:
@@ -140,11 +145,11 @@ def _lagging(shown: Scalar, before: Scalar, now: Scalar, steps: Scalar) -> Scala
     return now - behind + (shown - before + behind) * jnp.exp(-steps)
 
 
-def _one(control: Controller, plant: _Plant, run: _Run, parts: int, room: int) -> Path:
+def _one(control: Controller, keep: Keep, plant: _Plant, run: _Run, parts: int, room: int) -> Any:
     """One plant under one controller.
 
     Args:
-        control: see `Loop.run`.
+        control, keep: see `Loop.run`.
         plant: what it drives.
         run: all else that is data.
         parts: integration steps in a tick.
@@ -161,7 +166,7 @@ def _one(control: Controller, plant: _Plant, run: _Run, parts: int, room: int) -
     def seen(x: State, z: Any, volts: Scalar, time: Scalar) -> Scalar:
         return throttle.observe(x, z, seen_with._replace(voltage=volts, time=time))["position"]
 
-    def advance(carry: _Carry, entry: Any) -> tuple[_Carry, Path]:
+    def advance(carry: _Carry, entry: Any) -> tuple[_Carry, Any]:
         wanted, ahead, error, time = entry
         volts, memory = once(control(settings, ecu, carry.memory, wanted, once(carry.shown + error), ahead))
         sent = jnp.concatenate((volts[None], carry.sent[:-1]))
@@ -176,7 +181,7 @@ def _one(control: Controller, plant: _Plant, run: _Run, parts: int, room: int) -
 
         begin = (carry.x, carry.z, carry.shown)
         (x, z, shown), _ = jax.lax.scan(part, begin, jnp.arange(parts), unroll=min(parts, _UNROLLED))
-        return _Carry(x, z, shown, memory, sent), Path(carry.x.theta, volts, carry.x.i)
+        return _Carry(x, z, shown, memory, sent), keep(Path(carry.x.theta, volts, carry.x.i), memory)
 
     x = State(*(jnp.asarray(each, dtype=float) for each in start))
     z = tuple(jnp.asarray(each, dtype=float) for each in throttle.z0)
@@ -186,17 +191,17 @@ def _one(control: Controller, plant: _Plant, run: _Run, parts: int, room: int) -
     return path
 
 
-def _each(control: Controller, parts: int, room: int, plants: _Plant, run: _Run) -> Path:
+def _each(control: Controller, keep: Keep, parts: int, room: int, plants: _Plant, run: _Run) -> Any:
     """Every plant (D) under every controller (G), whose settings and memories have shape (G,): shape (D, G, K)."""
 
-    def each(plant: _Plant, settings: Any, first: Any) -> Path:
-        return _one(control, plant, run._replace(settings=settings, first=first), parts, room)
+    def each(plant: _Plant, settings: Any, first: Any) -> Any:
+        return _one(control, keep, plant, run._replace(settings=settings, first=first), parts, room)
 
     over_gains = jax.vmap(each, in_axes=(None, 0, 0))
     return jax.vmap(over_gains, in_axes=(0, None, None))(plants, run.settings, run.first)
 
 
-_many = Program(_each, static=3)
+_many = Program(_each, static=4)
 
 
 @jax.jit
@@ -293,9 +298,15 @@ class Loop:
         return self.run(tick, gains, Memory.at_rest(gains, self.ecu, self.angle(setpoint.shares[0])), setpoint)
 
     def run(
-        self, control: Controller, settings: Any, first: Any, setpoint: Setpoint, start: State | None = None
-    ) -> Path:
-        """Responses to a setpoint, shape (D, G, K), of any controller.
+        self,
+        control: Controller,
+        settings: Any,
+        first: Any,
+        setpoint: Setpoint,
+        start: State | None = None,
+        keep: Keep = _path,
+    ) -> Any:
+        """Responses to a setpoint, shape (D, G, K), of any controller: a `Path`, or what `keep` makes of it.
 
         Args:
             control: as `ecu.tick`: settings, ECU, memory, setpoint, position, bias -> voltage, memory.
@@ -303,6 +314,7 @@ class Loop:
             first: memory with which it begins, entries of shape () or (G,).
             setpoint: what it follows.
             start: state of every plant at its begin; None: at rest where the setpoint begins.
+            keep: of a tick's path and the controller's memory after it, what is given back.
         """
         wanted = self.angle(setpoint.at(setpoint.instants(self.ecu.period)))
         ahead = self.bias.volts(wanted) if self.bias is not None else np.zeros_like(wanted)
@@ -315,8 +327,8 @@ class Loop:
         plants, room = _Plant(self.throttles, self._driven, misread), self._room()
         share = self.draws // CORES if self.draws % CORES == 0 else self.draws
         pieces = [jax.tree.map(lambda leaf, k=k: leaf[k : k + share], plants) for k in range(0, self.draws, share)]
-        paths = side_by_side(lambda piece: _many(control, parts, room, piece, run), pieces)
-        return Path(*(np.concatenate(each) for each in zip(*paths, strict=True)))
+        paths = side_by_side(lambda piece: _many(control, keep, parts, room, piece, run), pieces)
+        return jax.tree.map(lambda *each: np.concatenate(each), *paths)
 
     def judged(self, gains: Gains, setpoint: Setpoint) -> Judged:
         """Figures of the responses, shape (D, G) each."""

@@ -15,6 +15,7 @@ FOME = replace(
     "and 30 by default), electronic_throttle_impl.h (ETB_LOOP_FREQUENCY 500), efi_pid.cpp (getUnclampedOutput, "
     "getOutput, updateITerm), fome_config.txt (etbBiasBins in steps of 0.5 %, etbBiasValues of 0.1 %)",
     bias=BiasTable("etbBiasBins", "etbBiasValues", positions=201, decimals=1),
+    jam=None,
 )
 """A fork of rusEFI whose throttle controller is still the same, line by line; but its bias table names positions in
 steps of 0.5 % of the travel and duties in steps of 0.1 %, so that a point may miss the corner of a limp-home spring."""

@@ -70,6 +70,7 @@ class EcuProfile:
         limits: its settings beside the gains.
         bias: its table of feed-forward; None where it has none.
         pasting: how the settings come into it.
+        jam: what it calls error (%) and timeout (s) of its jam check; None where that is not known.
     """
 
     name: str
@@ -83,6 +84,7 @@ class EcuProfile:
     limits: tuple[Limit, ...] = ()
     bias: BiasTable | None = None
     pasting: Pasting = Pasting.BY_HAND
+    jam: tuple[str, str] | None = None
 
     def clashes(self, given: Mapping[str, float]) -> tuple[str, ...]:
         """Fields given that its source fixes at something else."""

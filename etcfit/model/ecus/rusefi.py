@@ -10,7 +10,7 @@ RUSEFI = EcuProfile(
     title="rusEFI",
     source="rusEFI firmware: electronic_throttle.cpp (ETB_DUTY_LIMIT 0.9, getOpenLoop, etb_iTermMin and etb_iTermMax "
     "-30 and 30 by default), electronic_throttle_impl.h (ETB_LOOP_FREQUENCY 500), efi_pid.cpp (getUnclampedOutput, "
-    "updateITerm), rusefi_config.txt (ETB_BIAS_CURVE_LENGTH 8)",
+    "updateITerm), rusefi_config.txt (ETB_BIAS_CURVE_LENGTH 8; etbJamDetectThreshold in whole %, etbJamTimeout)",
     notation=Notation("%", "%"),
     gains=("etb_pFactor", "etb_iFactor", "etb_dFactor"),
     fixes={
@@ -32,6 +32,7 @@ RUSEFI = EcuProfile(
     ),
     bias=BiasTable("etbBiasBins", "etbBiasValues"),
     pasting=Pasting.TUNE_FILE,
+    jam=("etbJamDetectThreshold", "etbJamTimeout"),
 )
 """500 Hz, everything in %: a derivative of the error over one tick without a filter, an integral that runs on within
 +-30 % (its default; a setting there), P + I + D within +-100 %, the bias table added, the duty within +-90 %.

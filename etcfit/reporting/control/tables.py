@@ -22,6 +22,7 @@ from ...run_folder import written_for
 from ..blocks import headed, plain_table, rig_title, sentences
 from ..compromise import cautioned
 from ..numbers import Digits, short
+from .safety import safety_table
 from .snippet import snippet
 from .verdicts import against_effort, outside_the_bench, scenario_table, what_is_asked
 
@@ -145,6 +146,7 @@ def design_table(design: Design) -> RenderableType:
         scenario_table(design),
         sentences("Outside the bench", outside_the_bench(design)),
         sentences("Tracking against effort", against_effort(design)),
+        safety_table(design),
         sentences(
             "Not met. What binds: eased alone, each of these would let the optimum meet everything", design.limits
         ),

@@ -70,6 +70,12 @@ def read_run(run: Path) -> Contents:
     return Contents(run, files, hashes)
 
 
+def logs_of(run: Path) -> Mapping[str, Any]:
+    """The object of RUN/drive.json, which no stage makes; empty where there is none."""
+    path = run / "drive.json"
+    return _object(path, "drive", path.read_bytes()) if path.is_file() else {}
+
+
 def rows_of(rows: Sequence[Mapping[str, Any]]) -> list[PredictionError]:
     """Rows of `score` (docs/formats.md); those of a model that could not be simulated are left out."""
     return [

@@ -149,3 +149,55 @@ def _met(met: Mapping[str, Any], key: str) -> str:
 
 def _says(part: Any, key: str) -> bool:
     return isinstance(part, Mapping) and isinstance(part.get(key), bool)
+
+
+def safety_tables(pid: Mapping[str, Any]) -> list[Table]:
+    """What the proposed gains do where something fails; nothing where the file is older than that."""
+    safe = pid.get("safety")
+    return [] if not safe else [_sensor_table(safe), _supply_table(safe), _unpowered_table(safe)]
+
+
+def jam_check(pid: Mapping[str, Any]) -> list[str]:
+    """The jam check that is proposed, its margins, and what holding costs."""
+    safe = pid.get("safety")
+    if not safe:
+        return []
+    jam, held = safe["jam"], safe["holding"]
+    said = "No jam check is proposed: no threshold leaves room for a timeout that is short enough."
+    if jam is not None:
+        said = (f"Jam check proposed: an error above {number(jam['error_pct'])} % of the travel for more than "
+                f"{number(jam['timeout_s'])} s. A sound throttle is further off for {number(jam['longest_above_s'])} s "
+                f"at most ({safe['envelope']['models']} models under the conditions of a car).")  # fmt: skip
+    hottest = max(held["winding_W"])
+    heat = (f"Holding takes up to {number(hottest)} W in the winding; the full duty against a stop "
+            f"{number(held['full_duty_W'])} W.")  # fmt: skip
+    known = "" if held["heating_known"] else " How warm it becomes is not known: the model has no winding heating."
+    return [said, heat + known]
+
+
+def _sensor_table(safe: Mapping[str, Any]) -> Table:
+    rows = [(each["fault"], *(_or_never(each[key]) for key in ("opens_pct", "jam_after_s", "jam_opens_pct",
+             "apart_after_s", "apart_opens_pct"))) for each in safe["sensor"]]  # fmt: skip
+    heads = ["", "opens to, %", "jam check tells after, s", "opens to, %", "two sensors tell after, s", "opens to, %"]
+    return Table("The position sensor fails at a quarter of the travel", heads, rows)
+
+
+def _supply_table(safe: Mapping[str, Any]) -> Table:
+    keys = ("opening_pct", "closes_pct", "opens_pct", "back_after_s", "integral_pct")
+    trips = {None: "", True: "YES", False: "no"}
+    rows = [
+        (each["name"], *(_or_never(each[key]) for key in keys), trips[each["false_trip"]]) for each in safe["supply"]
+    ]
+    heads = ["", "held at, %", "falls by, %", "overshoots by, %", "back after, s", "integral, %", "taken for a jam"]
+    return Table("The supply sags", heads, rows)
+
+
+def _unpowered_table(safe: Mapping[str, Any]) -> Table:
+    keys = ("opening_pct", "open_terminals_s", "shorted_terminals_s")
+    rows = [(*(_or_never(each[key]) for key in keys), " to ".join(str(number(end)) for end in each["rests_pct"]))
+            for each in safe["unpowered"]]  # fmt: skip
+    return Table("Without a current", ["from, %", "open terminals, s", "shorted, s", "rests at, %"], rows)
+
+
+def _or_never(value: float | None) -> str:
+    return "never" if value is None else number(value)

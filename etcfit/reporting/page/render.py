@@ -6,15 +6,18 @@ from collections.abc import Iterator, Mapping
 from itertools import chain
 from typing import Any
 
-from .contents import Contents
+from .car_log import to_record
+from .contents import Contents, logs_of
 from .control import (
     assumed,
     cautions,
     formula,
     gains_table,
+    jam_check,
     metrics_table,
     operating_point,
     plant_table,
+    safety_tables,
     settings_table,
 )
 from .frequency import orders, sines_table
@@ -79,8 +82,11 @@ def _parts(contents: Contents, budget: int) -> dict[str, Any]:
         "settings": settings_table(pid),
         "assumed": assumed(pid),
         "metrics": metrics_table(pid),
+        "jam_check": jam_check(pid),
+        "safety": safety_tables(pid),
         "gains_cautions": cautions(pid),
         "warnings": [*stale(contents), *_warnings(contents)],
+        "to_record": to_record(logs_of(contents.run)),
         "groups": groups(contents.run, budget),
         "files": files_table(contents),
         "versions": versions_table(contents),

@@ -1,0 +1,156 @@
+"""Which log to record next: what the moves of a setpoint have to hold for gains to be told from them, and what lacks.
+
+A list, in order of what it wins; another kind of move is one more line of `WANTED`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+
+from .log import DriveLog, Series
+
+_GRID = 0.01  # s
+_STILL = 0.2  # per cent of travel within which a setpoint rests
+_REST = 0.3  # s that a rest lasts at least
+_QUICK = 0.1  # s that a step takes at most
+_SETTLES = 0.5  # s of a rest in which the plate may still move
+_DEFAULT = 3.0, 20.0  # per cent: between which a limp-home position lies
+
+
+@dataclass(frozen=True)
+class Moves:
+    """What some logs ask for.
+
+    Args:
+        steps: setpoint before and after each quick change between two rests, per cent, shape (n, 2).
+        rests: duration of each rest, s.
+        reach: least and largest setpoint, per cent; nothing where no log has a setpoint.
+    """
+
+    steps: np.ndarray
+    rests: np.ndarray
+    reach: tuple[float, float] | None
+
+    def between(self, low: float, high: float, sign: int) -> int:
+        """Steps of a size (per cent) between two, one way."""
+        change = sign * (self.steps[:, 1] - self.steps[:, 0])
+        return int(np.sum((change >= low) & (change < high)))
+
+
+@dataclass(frozen=True)
+class Wanted:
+    """One kind of moves.
+
+    Args:
+        name: in words.
+        record: what to do.
+        why: what it tells.
+        needed: how much of it, in the unit of `there`.
+        there: how much of it some moves hold.
+        unit: of it.
+    """
+
+    name: str
+    record: str
+    why: str
+    needed: float
+    there: Callable[[Moves], float]
+    unit: str
+
+
+@dataclass(frozen=True)
+class Lack:
+    """A log to record next.
+
+    Args:
+        name: of the moves that lack.
+        found, needed: how much of them.
+        unit: of both.
+        record: what to do.
+        why: what it tells.
+    """
+
+    name: str
+    found: float
+    needed: float
+    unit: str
+    record: str
+    why: str
+
+
+def _both_ways(low: float, high: float) -> Callable[[Moves], float]:
+    return lambda moves: min(moves.between(low, high, 1), moves.between(low, high, -1))
+
+
+def _across(moves: Moves) -> float:
+    """Steps, of the way of which there are fewer, that begin below and end above where a plate may rest."""
+    low, high = moves.steps.min(axis=1), moves.steps.max(axis=1)
+    over = (low <= _DEFAULT[0]) & (high >= _DEFAULT[1])
+    rises = moves.steps[:, 1] > moves.steps[:, 0]
+    return float(min(np.sum(over & rises), np.sum(over & ~rises)))
+
+
+def _at_rest(moves: Moves) -> float:
+    return float(np.sum(np.maximum(moves.rests - _SETTLES, 0.0)))
+
+
+def _reach(moves: Moves) -> float:
+    return 0.0 if moves.reach is None else moves.reach[1] - moves.reach[0]
+
+
+WANTED = (
+    Wanted("hold at rest", "hold the pedal still at three openings, 5 s each, engine off",
+           "noise of the sensor, and how restless the duty is at rest", 10.0, _at_rest, "s at rest"),
+    Wanted("small steps", "steps of the setpoint of 0.5 to 3 % and back, 0.5 s each (the ECU's bench test)",
+           "dry friction: overshoot and settling are worst there", 4, _both_ways(0.3, 3.5), "each way"),
+    Wanted("large steps", "steps of 30 % and more and back, 0.5 s each",
+           "limits of duty and speed, winding-up of the integral", 2, _both_ways(30.0, 101.0), "each way"),
+    Wanted("across the limp-home position", "steps from 2 % to 25 % and back, 0.5 s each",
+           "the other spring and the preloads: the duty changes its sign there", 2, _across, "each way"),
+    Wanted("the whole travel", "one slow ramp from closed to open and back, 5 s each way, engine off",
+           "springs and bias curve; what is not visited is not known", 80.0, _reach, "% of travel"),
+)  # fmt: skip
+SUPPLY = Lack(
+    "supply", 0.0, 2.0, "V between logs", "one log at low supply (engine off, lights on) and one with the alternator",
+    "how much every gain changes with the supply, of which a duty is a share: position and setpoint do not",
+)  # fmt: skip
+"""Always asked for: `etcfit drive` reads no supply."""
+
+
+def moves_of(logs: Sequence[DriveLog]) -> Moves:
+    """What these logs ask for together; one without a setpoint asks for nothing."""
+    pieces = [piece for log in logs if log.setpoint is not None for piece in log.setpoint.pieces]
+    found = [_of(piece) for piece in pieces if piece.time.size > 1]
+    steps = np.concatenate([np.empty((0, 2)), *(steps for steps, _ in found)])
+    rests = np.concatenate([np.empty(0), *(rests for _, rests in found)])
+    values = [piece.value for piece in pieces]
+    reach = (min(float(v.min()) for v in values), max(float(v.max()) for v in values)) if values else None
+    return Moves(steps, rests, reach)
+
+
+def _of(piece: Series) -> tuple[np.ndarray, np.ndarray]:
+    """Steps and rests of a setpoint without a gap."""
+    time = np.arange(piece.time[0], piece.time[-1], _GRID)
+    value = np.interp(time, piece.time, piece.value)
+    spans, begin, least, most = list[tuple[int, int]](), 0, value[0], value[0]
+    for k, here in enumerate((*value, np.inf)):  # the end ends a rest too
+        least, most = min(least, here), max(most, here)
+        if most - least <= _STILL:
+            continue
+        if (k - begin) * _GRID >= _REST:
+            spans.append((begin, k))
+        begin, least, most = k, here, here
+    quick = [(value[a[1] - 1], value[b[0]]) for a, b in pairwise(spans) if (b[0] - a[1]) * _GRID <= _QUICK]
+    return np.array(quick).reshape(-1, 2), _GRID * np.array([end - begin for begin, end in spans])
+
+
+def record_next(logs: Sequence[DriveLog]) -> tuple[Lack, ...]:
+    """What these logs lack, what wins most first."""
+    moves = moves_of(logs)
+    held = [(each, each.there(moves)) for each in WANTED]
+    lacks = [Lack(w.name, there, w.needed, w.unit, w.record, w.why) for w, there in held if there < w.needed]
+    return (*lacks, SUPPLY)

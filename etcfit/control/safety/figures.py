@@ -1,0 +1,57 @@
+"""All figures of safety of one set of gains."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from ...model.linear import MIDDLE
+from ..pid.base import Task
+from ..pid.gains import Gains
+from . import sags, sensor
+from .guarded import Seen, together, tried
+from .holding import Holding, holding
+from .jam import Envelope, JamCheck, envelope, proposed
+from .models import bench_and_extremes
+from .spring_return import Return, returns
+
+
+@dataclass(frozen=True, eq=False)
+class Safety:
+    """What happens where something fails, and how it is told.
+
+    Args:
+        envelope: how far off a sound throttle is.
+        jam: the jam check proposed; None where no threshold gets along with the timeout allowed.
+        sensors: faults of the position sensor.
+        sags: of the supply.
+        returns: of the plate without a current, opening by opening.
+        holding: current and heat.
+    """
+
+    envelope: Envelope
+    jam: JamCheck | None
+    sensors: tuple[sensor.Runaway, ...]
+    sags: tuple[sags.Sag, ...]
+    returns: tuple[Return, ...]
+    holding: Holding
+
+
+def safety(task: Task, gains: Gains) -> Safety:
+    """Figures of these gains: `task.settings.safety` has what they are looked for with."""
+    settings = task.settings.safety
+    found = envelope(task, gains)
+    check = proposed(found, task)
+    loop = bench_and_extremes(task)
+    longest = max(settings.dip_for, sum(settings.crank_for))
+    ticks = round((settings.lead + longest + settings.watched) / task.ecu.period)
+    failing = sensor.trials(loop, task, gains, check, ticks)
+    every = tried(loop, together([*failing, *sags.trials(loop, task, gains, ticks)]), MIDDLE)
+    failed, sagged = (Seen(*(v[:, part] for v in every)) for part in (slice(len(failing)), slice(len(failing), None)))
+    return Safety(
+        found,
+        check,
+        sensor.runaways(loop, task, failed),
+        sags.sags(loop, task, sagged, check),
+        returns(loop, task),
+        holding(loop, task),
+    )

@@ -1,0 +1,165 @@
+"""An ECU that watches itself: what its PID does where a sensor or the supply fails, until a check opens its bridge."""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from ...model.ecu import Ecu
+from ...model.parameters import Scalar
+from ..pid.ecu import Memory, tick
+from ..pid.gains import Gains
+from ..pid.loop import Loop, Path
+from ..pid.setpoint import Setpoint
+
+NEVER = np.inf
+_EARLY = 1e-9  # s by which a tick counts as on time
+
+
+class SensorFault(NamedTuple):
+    """What a sensor shows once it has failed: kept y + frozen (what it showed last) + shift.
+
+    Args:
+        begins: s; infinite for never.
+        kept, frozen: 1 or 0.
+        shift: rad.
+    """
+
+    begins: Scalar = NEVER
+    kept: Scalar = 1.0
+    frozen: Scalar = 0.0
+    shift: Scalar = 0.0
+
+
+class Guards(NamedTuple):
+    """Checks that open the bridge for good; infinite for none.
+
+    Args:
+        jam, jam_for: error (rad) that lasts for longer than so many s.
+        apart, apart_for: difference between two sensors, the other one sound, likewise.
+    """
+
+    jam: Scalar = NEVER
+    jam_for: Scalar = NEVER
+    apart: Scalar = NEVER
+    apart_for: Scalar = NEVER
+
+
+SOUND, UNCHECKED = SensorFault(), Guards()
+
+
+class Trial(NamedTuple):
+    """One experiment; of many, every entry has a first axis G.
+
+    Args:
+        gains: of the PID.
+        fault: of its sensor.
+        guards: of the ECU.
+        asked: setpoint at each tick, rad, shape (K,).
+        supply: at each tick, over the ECU's own, shape (K,).
+        ahead: feed-forward at each tick, V, shape (K,).
+    """
+
+    gains: Gains
+    fault: SensorFault
+    guards: Guards
+    asked: Any
+    supply: Any
+    ahead: Any
+
+
+class Watch(NamedTuple):
+    """What a guarded ECU remembers.
+
+    Args:
+        pid: of its controller.
+        tick: number of the next one.
+        shown: what the sensor showed last, rad.
+        over, apart: s for which the error, or the difference of two sensors, has been too large.
+        tripped: 1 once a check has opened the bridge.
+    """
+
+    pid: Memory
+    tick: Scalar
+    shown: Scalar
+    over: Scalar
+    apart: Scalar
+    tripped: Scalar
+
+
+class Seen(NamedTuple):
+    """A trial at each tick, shape (D, G, K).
+
+    Args:
+        position: of the plate, rad.
+        shown: by the sensor, rad.
+        integral: of the PID, V.
+        tripped: 1 once a check has opened the bridge.
+    """
+
+    position: np.ndarray
+    shown: np.ndarray
+    integral: np.ndarray
+    tripped: np.ndarray
+
+
+def guarded(trial: Trial, ecu: Ecu, memory: Watch, setpoint: Scalar, position: Scalar, bias: Scalar) -> Any:
+    """`pid.ecu.tick` behind a sensor that may fail, before a supply that may sag and checks that may cut it.
+
+    The ECU knows nothing of the supply, its duty is a share of whatever there is. A supply sags as of the tick at which
+    a voltage is computed: by the output's delay early. A cut motor is on shorted terminals, which brake it most.
+    """
+    del setpoint, bias  # each trial has its own
+    k, fault, guards = memory.tick.astype(int), trial.fault, trial.guards
+    failed = memory.tick * ecu.period >= fault.begins - _EARLY
+    shown = jnp.where(failed, fault.kept * position + fault.frozen * memory.shown + fault.shift, position)
+    volts, pid = tick(trial.gains, ecu, memory.pid, trial.asked[k], shown, trial.ahead[k])
+    over = jnp.where(jnp.abs(trial.asked[k] - shown) > guards.jam, memory.over + ecu.period, 0.0)
+    apart = jnp.where(jnp.abs(position - shown) > guards.apart, memory.apart + ecu.period, 0.0)
+    late = (over > guards.jam_for + _EARLY) | (apart > guards.apart_for + _EARLY)
+    tripped = jnp.maximum(memory.tripped, late.astype(float))
+    acting = jnp.where(tripped > 0.0, 0.0, trial.supply[k] * volts)
+    return acting, Watch(pid, memory.tick + 1.0, shown, over, apart, tripped)
+
+
+def tried(loop: Loop, trials: Trial, start: float) -> Seen:
+    """Trials of shape (G,) on every model, from rest at a share of the travel."""
+    ticks = np.shape(trials.asked)[-1]
+    trials = jax.tree.map(lambda leaf: jnp.asarray(leaf, dtype=float), trials)
+    still = Setpoint((0.0, ticks * loop.ecu.period), (start, start), ())
+    none = jnp.zeros_like(trials.gains.Kp)
+    first = Watch(Memory.at_rest(trials.gains, loop.ecu, loop.angle(start)), none, none, none, none, none)
+    return Seen(*loop.run(guarded, trials, first, still, keep=_seen))
+
+
+def _seen(path: Path, memory: Watch) -> Seen:
+    return Seen(path.position, memory.shown, memory.pid.integral, memory.tripped)
+
+
+def together(trials: list[Trial]) -> Trial:
+    """Trials side by side."""
+    return Trial(*(jax.tree.map(lambda *row: np.stack(row), *column) for column in zip(*trials, strict=True)))
+
+
+def of_setpoint(
+    loop: Loop,
+    gains: Gains,
+    asked: np.ndarray,
+    fault: SensorFault = SOUND,
+    guards: Guards = UNCHECKED,
+    supply: Any = 1.0,
+) -> Trial:
+    """One trial of a setpoint at each tick (shares of the travel), shape (K,), under its loop's feed-forward."""
+    angle = loop.angle(asked)
+    ahead = np.zeros_like(angle) if loop.bias is None else loop.bias.volts(angle)
+    return Trial(gains, fault, guards, angle, np.broadcast_to(supply, angle.shape), ahead)
+
+
+def longest_above(error: np.ndarray, threshold: float) -> np.ndarray:
+    """Most ticks in a row in which an error is larger than a threshold, of errors of shape (..., K)."""
+    place = np.arange(1, error.shape[-1] + 1)
+    below = np.where(np.abs(error) > threshold, 0, place)
+    return np.max(place - np.maximum.accumulate(below, axis=-1), axis=-1)
