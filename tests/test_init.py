@@ -17,7 +17,21 @@ import pytest
 
 import etcfit
 
-VERBS = ["advise", "check", "design", "diagnose", "drive", "fetch", "fit", "load", "reduce", "report", "run", "sample"]
+VERBS = [
+    "advise",
+    "check",
+    "design",
+    "diagnose",
+    "drive",
+    "fetch",
+    "fit",
+    "load",
+    "plan",
+    "reduce",
+    "report",
+    "run",
+    "sample",
+]
 
 
 @pytest.mark.parametrize("name", sorted(etcfit.MODULE_OF))

@@ -33,6 +33,7 @@ from .plan import channels, trace_of
 from .setting import Setting
 from .settings import AdviceSettings, CampaignSettings
 
+DEFAULT = CampaignSettings()
 
 
 class Criterion(StrEnum):
@@ -122,7 +123,7 @@ class Campaign:
 def plan_campaign(
     rig: Rig,
     at: FitResult | None = None,
-    settings: CampaignSettings = CampaignSettings(),
+    settings: CampaignSettings = DEFAULT,
     criterion: Criterion = Criterion.A,
     without: Sequence[str] = (),
     supply: float | None = None,
