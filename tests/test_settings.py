@@ -31,7 +31,7 @@ from etcfit.estimation.settings import (
     IdentifiabilitySettings,
     WhitenessSettings,
 )
-from etcfit.experiment.settings import AdviceSettings, CheckSettings, PlanSettings
+from etcfit.experiment.settings import AdviceSettings, CampaignSettings, CheckSettings, PlanSettings
 from etcfit.files import plain
 from etcfit.importing.settings import GuessSettings
 from etcfit.posterior.settings import SamplingSettings
@@ -41,6 +41,7 @@ from etcfit.rig.checks.edge_phase import EdgeSettings
 
 KINDS: list[Any] = [
     AdviceSettings,
+    CampaignSettings,
     CheckSettings,
     PlanSettings,
     GuessSettings,

@@ -33,8 +33,6 @@ from .plan import channels, trace_of
 from .setting import Setting
 from .settings import AdviceSettings, CampaignSettings
 
-DEFAULT = CampaignSettings()
-
 
 class Criterion(StrEnum):
     """What is to become small.
@@ -123,7 +121,7 @@ class Campaign:
 def plan_campaign(
     rig: Rig,
     at: FitResult | None = None,
-    settings: CampaignSettings = DEFAULT,
+    settings: CampaignSettings = CampaignSettings(),
     criterion: Criterion = Criterion.A,
     without: Sequence[str] = (),
     supply: float | None = None,
@@ -283,3 +281,14 @@ def remark(test: PlannedTest, s: Setting) -> str:
     """Channels that this rig has not logged so far and the test needs, or ""."""
     new = [name.replace("_", " ") for name in channels(test.candidate.plan, s) if name in s.assumed]
     return f"{', '.join(new)} not logged so far: noise assumed" if new else ""
+
+
+_SLACK = 0.03  # of what a quantity does in a test: what no model promises
+_NOISE = 3.0  # standard deviations of a sample
+
+
+def band(test: PlannedTest, s: Setting, name: str) -> tuple[np.ndarray, np.ndarray]:
+    """Between what a channel should stay, SI, shape (n,) each: range over the models, noise, and 3 % of its span."""
+    values = test.forecast.shown[name]
+    slack = _SLACK * float(np.ptp(values[0])) + _NOISE * s.noise[name]
+    return values.min(axis=0) - slack, values.max(axis=0) + slack

@@ -37,13 +37,14 @@ def logger(test: PlannedTest, campaign: Campaign) -> tuple[LoggedColumn, ...]:
     drive = () if plan.volts is None else ("voltage",)
     for name in (*drive, *channels(plan, s)):
         value = plan.volts if name == "voltage" and plan.volts is not None else test.forecast.shown[name]
-        out.append(_column(name, value, s.noise[name], _used(campaign, name)))
+        out.append(_column(name, value, s.noise[name], _used(campaign, plan.test, name)))
     return tuple(out)
 
 
-def _used(campaign: Campaign, name: str) -> Channel | None:
-    own = (m.channels[name] for m in campaign.rig.measurements if name in m.channels)
-    return next(own, None)
+def _used(campaign: Campaign, test: str, name: str) -> Channel | None:
+    """How the rig logged it in this test, or else in another; None where it never did."""
+    every = [m for m in campaign.rig.measurements if name in m.channels]
+    return next((m.channels[name] for m in sorted(every, key=lambda m: m.test != test)), None)
 
 
 def _column(name: str, value: np.ndarray, noise: float, used: Channel | None) -> LoggedColumn:

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from ..errors import MeasurementError
-from ..experiment.campaign import Campaign, PlannedTest, remark
+from ..experiment.campaign import Campaign, PlannedTest, band, remark
 from ..experiment.logger import LoggedColumn, logger
 from ..files import plain
 from ..rig.config import parse_config
@@ -57,9 +57,10 @@ def _test(campaign: Campaign, number: int, test: PlannedTest) -> dict[str, Any]:
     plan, played = test.candidate.plan, test.candidate.played
     seen = np.unique(np.linspace(0, plan.time.size - 1, _POINTS).astype(int))
     hot = campaign.settings.ambient + float(test.forecast.warmth.max())
+    bands = {name: band(test, campaign.setting, name) for name in test.forecast.shown}
     expected = {
-        name: {"median": np.median(v, axis=0)[seen], "low": v.min(axis=0)[seen], "high": v.max(axis=0)[seen]}
-        for name, v in test.forecast.shown.items()
+        name: {"value": test.forecast.shown[name][0, seen], "low": low[seen], "high": high[seen]}
+        for name, (low, high) in bands.items()
     }
     return {
         "file": test.file,

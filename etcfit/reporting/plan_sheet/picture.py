@@ -6,7 +6,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from ...experiment.campaign import Campaign, PlannedTest
+from ...experiment.campaign import Campaign, PlannedTest, band
 from ...experiment.plan import channels
 from ...rig import TEST_BY_NAME
 from ...rig.base import Channel
@@ -50,10 +50,11 @@ def draw(test: PlannedTest, campaign: Campaign, number: int) -> Figure:
 
 def _channel(panel: Axes, test: PlannedTest, campaign: Campaign, name: str) -> None:
     own = next((m.channels[name] for m in campaign.rig.measurements if name in m.channels), None)
-    unit, values = _as_read(name, test.forecast.shown[name], own)
-    _band(panel, test.forecast.time, values)
+    unit, value = _as_read(name, test.forecast.shown[name][0], own)
+    ends = np.stack([_as_read(name, end, own)[1] for end in band(test, campaign.setting, name)])
+    _banded(panel, test.forecast.time, value, ends)
     panel.set_ylabel(style.unit_label(name, unit))
-    if name == "current" and np.abs(values).max() > 0.7 * campaign.settings.current and unit == "A":
+    if name == "current" and np.abs(ends).max() > 0.7 * campaign.settings.current:
         panel.axhline(campaign.settings.current, color=_LIMIT, lw=1.0, ls="--", label="limit")
     if name == "position" and unit == "deg":
         for stop in (campaign.setting.rest, campaign.setting.open):
@@ -68,11 +69,13 @@ def _as_read(name: str, values: np.ndarray, own: Channel | None) -> tuple[str, n
     return unit, values / size
 
 
-def _band(panel: Axes, time: np.ndarray, values: np.ndarray) -> None:
-    panel.fill_between(time, values.min(axis=0), values.max(axis=0), color=_BAND, lw=0, label="over the models")
-    panel.plot(*style.thin(time, values[0]), color=style.SIMULATED, lw=1.3, label="expected")
+def _banded(panel: Axes, time: np.ndarray, value: np.ndarray, ends: np.ndarray) -> None:
+    """A line in its band; ends have shape (2, n), in either order."""
+    panel.fill_between(time, ends.min(axis=0), ends.max(axis=0), color=_BAND, lw=0, label="must stay within")
+    panel.plot(*style.thin(time, value), color=style.SIMULATED, lw=1.1, label="expected")
 
 
 def _winding(panel: Axes, test: PlannedTest, campaign: Campaign) -> None:
-    _band(panel, test.forecast.time, campaign.settings.ambient + test.forecast.warmth)
+    warm = campaign.settings.ambient + test.forecast.warmth
+    _banded(panel, test.forecast.time, warm[0], np.stack([warm.min(axis=0), warm.max(axis=0)]))
     panel.set_ylabel("winding [°C]")
