@@ -30,6 +30,7 @@ if TYPE_CHECKING:
     from .api.diagnosed import Diagnosed as Diagnosed
     from .api.driven import Driven as Driven
     from .api.fit import Fit as Fit
+    from .api.planned import Planned as Planned
     from .api.reduced import Reduced as Reduced
     from .api.sampled import Sampled as Sampled
     from .api.trace import FittedTrace as FittedTrace
@@ -42,6 +43,7 @@ if TYPE_CHECKING:
     from .api.verbs import fetch as fetch
     from .api.verbs import fit as fit
     from .api.verbs import load as load
+    from .api.verbs import plan as plan
     from .api.verbs import reduce as reduce
     from .api.verbs import report as report
     from .api.verbs import sample as sample
@@ -61,6 +63,7 @@ if TYPE_CHECKING:
     from .estimation.joint_fit import FitResult as FitResult
     from .estimation.settings import FitSettings as FitSettings
     from .experiment.settings import AdviceSettings as AdviceSettings
+    from .experiment.settings import CampaignSettings as CampaignSettings
     from .experiment.settings import CheckSettings as CheckSettings
     from .exporting.settings import ExportSettings as ExportSettings
     from .model.ecus import ECUS as ECUS
@@ -93,6 +96,7 @@ MODULE_OF = {
     "DesignSettings": "control.settings",
     "FrequencySettings": "control.settings",
     "AdviceSettings": "experiment.settings",
+    "CampaignSettings": "experiment.settings",
     "CheckSettings": "experiment.settings",
     "ExportSettings": "exporting.settings",
     "EFFECTS": "model.effects",
@@ -109,6 +113,7 @@ MODULE_OF = {
     "fetch": "api.verbs",
     "fit": "api.verbs",
     "load": "api.verbs",
+    "plan": "api.verbs",
     "reduce": "api.verbs",
     "report": "api.verbs",
     "run": "stages",
@@ -120,6 +125,7 @@ MODULE_OF = {
     "Driven": "api.driven",
     "Fit": "api.fit",
     "FittedTrace": "api.trace",
+    "Planned": "api.planned",
     "Reduced": "api.reduced",
     "Sampled": "api.sampled",
     "AbstractEffect": "model.effects",

@@ -20,6 +20,7 @@ import typer
 
 from . import __version__, stages
 from .errors import MeasurementError, UsageError
+from .experiment.settings import CampaignSettings
 from .posterior.settings import SamplingSettings
 
 app = typer.Typer(
@@ -433,6 +434,51 @@ def export(
     if done.remark:
         _stderr().print(done.remark, markup=False)
     _tell(done)
+
+
+@app.command()
+@_contract
+def plan(
+    source: Annotated[
+        Path,
+        typer.Argument(
+            help="A run folder, or a measurement folder.", exists=True, file_okay=False, metavar="RUN|FOLDER"
+        ),
+    ],
+    out: Annotated[Path, typer.Option("--out", help="The folder to write.", file_okay=False, metavar="PLAN")],
+    tests: Annotated[int, typer.Option(help="How many, at most.", min=1, max=50)] = CampaignSettings.tests,
+    current: Annotated[float, typer.Option(help="Limit of the winding's current, A.")] = CampaignSettings.current,
+    temperature: Annotated[
+        float, typer.Option(help="Limit of the winding's temperature, degC.")
+    ] = CampaignSettings.temperature,
+    supply: Annotated[float | None, typer.Option(help="V; else that of the rig.", min=0.1)] = None,
+    criterion: Annotated[
+        str, typer.Option(help="To become small: A, the sum of relative variances, or D, their geometric mean.")
+    ] = "A",
+    without: Annotated[
+        list[str] | None, typer.Option(help="A rig test that you cannot make; may be repeated.", metavar="TEST")
+    ] = None,
+    quiet: Quiet = False,
+) -> None:
+    """The next tests as files to play within limits, chosen for what they tell, with a procedure sheet."""
+    from .datasets.folder import refuse_to_overwrite
+
+    refuse_to_overwrite(out)
+    try:
+        settings = CampaignSettings(tests=tests, current=current, temperature=temperature)
+    except ValueError as error:
+        raise UsageError(str(error)) from None
+    with _progress(quiet) as report:
+        report("loading the model", 0.0)
+        stages.keep_compiled()
+        from .api.verbs import plan as plan_tests
+
+        chosen = plan_tests(source, settings, criterion=criterion, without=without or (), supply=supply, quiet=True)
+        report("drawing", 0.8)
+        chosen.save(out)
+        from .reporting.plan_sheet import plan_table
+    _stdout().print(plan_table(chosen.campaign))
+    typer.echo(out / "procedure.html")
 
 
 @app.command()

@@ -14,6 +14,7 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner, Result
 
+import campaigns
 import diagnoses
 import etcfit
 import folders
@@ -23,6 +24,7 @@ from equality import equal
 from etcfit.cli import app
 from etcfit.errors import MeasurementError, UsageError
 from etcfit.experiment.advice import Advice, Option
+from etcfit.experiment.campaign import Campaign
 from etcfit.experiment.settings import AdviceSettings
 from etcfit.files import plain
 from etcfit.rig.base import Rig
@@ -363,3 +365,48 @@ def test_reduce_writes_the_transfer_function_and_prints_it(tmp_path: Path, invok
     assert found["schema"] == "etcfit.transfer_function/1"
     assert found["output"]["unit"] == "deg"
     assert Path("runs/twin/pictures/control/bode.png").stat().st_size > 10_000
+
+
+def test_plan_writes_the_files_and_prints_where_the_sheet_is(
+    invoke, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    asked: list[Any] = []
+
+    def plan_campaign(rig: Rig, at: Any = None, settings: Any = None, **given: Any) -> Campaign:
+        asked.append((at, settings, given))
+        return campaigns.campaign(rig, settings)
+
+    monkeypatch.setattr("etcfit.experiment.campaign.plan_campaign", plan_campaign)
+    results.rig(tmp_path / "rig")
+    words = ("--tests", "3", "--current", "4.5", "--without", "viscous", "--criterion", "D", "--quiet")
+    done = invoke("plan", "rig", "--out", "next", *words)
+    assert (done.exit_code, done.stderr) == (0, "")
+    assert "response/plan_1.csv" in done.stdout
+    assert done.stdout.splitlines()[-1] == str(Path("next") / "procedure.html")
+    assert (tmp_path / "next" / "procedure.html").is_file()
+    ((at, settings, given),) = asked
+    assert at is None
+    assert (settings.tests, settings.current) == (3, 4.5)
+    assert given == {"criterion": "D", "without": ["viscous"], "supply": None}
+    assert json.loads((tmp_path / "next" / "plan.json").read_text(encoding="utf-8"))["synthetic"]
+
+    found = diagnoses.diagnosis(results.rig(tmp_path / "fitted"))
+    save_fit(tmp_path / "run", found.before)
+    assert invoke("plan", "run", "--out", "after", "--quiet").exit_code == 0
+    assert equal(asked[1][0], found.before)
+
+
+def test_plan_refuses_before_it_works_anything_out(invoke, tmp_path: Path) -> None:
+    results.rig(tmp_path / "rig")
+    (tmp_path / "full").mkdir()
+    (tmp_path / "full" / "record.csv").touch()
+    for words, said in (
+        (("--out", "full"), "already there and not an empty folder"),
+        (("--out", "next", "--criterion", "E"), "there is no criterion E. There are A, D."),
+        (("--out", "next", "--current", "-1"), "CampaignSettings.current = -1.0"),
+        (("--out", "next", "--without", "windmill"), "there is no rig test windmill."),
+    ):
+        done = invoke("plan", "rig", *words, "--quiet")
+        assert done.exit_code == 2
+        assert said in " ".join(done.stderr.split())
+    assert not (tmp_path / "next").exists()

@@ -32,7 +32,7 @@ from etcfit.estimation.settings import (
     IdentifiabilitySettings,
     WhitenessSettings,
 )
-from etcfit.experiment.settings import AdviceSettings, CheckSettings, PlanSettings
+from etcfit.experiment.settings import AdviceSettings, CampaignSettings, CheckSettings, PlanSettings
 from etcfit.exporting.settings import ExportSettings
 from etcfit.files import plain
 from etcfit.importing.settings import GuessSettings
@@ -43,6 +43,7 @@ from etcfit.rig.checks.edge_phase import EdgeSettings
 
 KINDS: list[Any] = [
     AdviceSettings,
+    CampaignSettings,
     CheckSettings,
     PlanSettings,
     GuessSettings,

@@ -8,6 +8,7 @@ a verb is called.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any, Literal
@@ -25,7 +26,7 @@ if TYPE_CHECKING:
     from ..estimation.fitted_model import Fitted
     from ..estimation.result import FitResult
     from ..estimation.settings import FitSettings
-    from ..experiment.settings import AdviceSettings, CheckSettings
+    from ..experiment.settings import AdviceSettings, CampaignSettings, CheckSettings
     from ..exporting import ExportSettings
     from ..rig.base import Rig
     from .advised import Advised
@@ -35,6 +36,7 @@ if TYPE_CHECKING:
     from .driven import Driven
     from .exported import Exported
     from .fit import Fit
+    from .planned import Planned
     from .reduced import Reduced
     from .sampled import Sampled
 
@@ -88,6 +90,46 @@ def advise(
         model = None if at is None else _fitted_to(at, rig)
         report("working out what one more trace would tell", 0.3)
         return Advised(advise_rig(rig, model, **_given(settings)))
+
+
+def plan(
+    source: Rig | Model,
+    settings: CampaignSettings | None = None,
+    *,
+    criterion: str = "A",
+    without: Sequence[str] = (),
+    supply: float | None = None,
+    quiet: bool = False,
+) -> Planned:
+    """The next tests as files to play: what tells most of what is known least, within what the rig can bear.
+
+    Args:
+        source: a fit or a diagnosis (its final model counts), a run folder; or a rig, or a measurement folder, whose
+            graph readings then stand in for a fit.
+        settings: limits, and what is tried; the defaults where None.
+        criterion: "A" for the sum of the relative variances, "D" for their geometric mean.
+        without: rig tests that nobody can make.
+        supply: V; that of the rig where None.
+        quiet: show no progress.
+    Raises:
+        MeasurementError: the folder is wrong, or nothing in it can be fitted.
+        UsageError: no such criterion or rig test, no voltage drives the rig, or nothing keeps within the limits.
+    """
+    with working(quiet) as report:
+        from ..experiment.campaign import Criterion, plan_campaign
+        from ..rig.base import Rig
+        from .planned import Planned
+
+        if criterion not in {each.value for each in Criterion}:
+            raise UsageError(f"there is no criterion {criterion}. There are {', '.join(Criterion)}.")
+        if isinstance(source, Rig) or (isinstance(source, str | Path) and (Path(source) / "rig.toml").is_file()):
+            rig, model = _rig_of(source, report), None
+        else:
+            model = _fit_of("plan", source).result
+            rig = model.rig
+        report("working out what the next tests would tell", 0.2)
+        limits = {"criterion": Criterion(criterion), "without": without, "supply": supply}
+        return Planned(plan_campaign(rig, model, **_given(settings), **limits))
 
 
 def fit(rig: Rig | Folder, settings: FitSettings | None = None, *, quiet: bool = False) -> Fit:
@@ -433,7 +475,9 @@ def _not_taken(verb: str, given: object, wanted: str) -> TypeError:
     return TypeError(f"etcfit.{verb} takes {wanted}, not {type(given).__name__}.")
 
 
-def _given(settings: AdviceSettings | CheckSettings | FitSettings | DiagnosisSettings | None) -> dict[str, Any]:
+def _given(
+    settings: AdviceSettings | CampaignSettings | CheckSettings | FitSettings | DiagnosisSettings | None,
+) -> dict[str, Any]:
     return {} if settings is None else {"settings": settings}
 
 

@@ -18,7 +18,7 @@ def refuse_to_overwrite(to: Path) -> None:
     if to.is_dir() and not any(to.iterdir()):
         return
     if to.exists():
-        raise UsageError(f"{to} is already there and not an empty folder. Remove it, or name another with --to.")
+        raise UsageError(f"{to} is already there and not an empty folder. Remove it, or name another.")
 
 
 def write_folder(to: Path, files: Mapping[str, str]) -> Path:

@@ -10,7 +10,7 @@ Source: optimal experiment design by Fisher information, Ljung 1999, ch. 13. Dif
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import combinations
 
 import numpy as np
@@ -106,7 +106,7 @@ def advise(rig: Rig, at: FitResult | None = None, settings: AdviceSettings = Adv
     known, x = judged_at(rig, at)
     fitted, _, _ = ready(rig)
     problem = EstimationProblem.of(rig.config, known, fitted).refined(x)
-    now = _informations(problem, x)
+    now = informations(problem, x)
     prior_sd = problem.weighted(weights.free_running(problem)).prior_sd[: x.size]
     information = information_of(prior_sd, np.zeros((0, x.size))) + sum(now)
     judge = Judge(known.layout, x, information, settings)
@@ -190,7 +190,7 @@ def batched(traces: Sequence[Trace], most: int) -> Iterator[tuple[Trace, ...]]:
     return (tuple(traces[k : k + most]) for k in range(0, len(traces), most))
 
 
-def _informations(problem: EstimationProblem, x: np.ndarray) -> list[np.ndarray]:
+def informations(problem: EstimationProblem, x: np.ndarray) -> list[np.ndarray]:
     """J_k^T J_k of each trace of a problem at coordinates x, shape (P, P) each."""
     jacobian = problem.linearise(x, problem.weighted(problem.kalman(x))).jacobian
     out = []
@@ -222,18 +222,18 @@ def _planned(problem: EstimationProblem, x: np.ndarray, setting: Setting, judge:
     traces = tuple(trace_of(plan, setting) for plan in plans)
     options = [
         Option(plan.test, plan.says, _remark(channels(plan, setting), setting), *judge.gain(more), plan)
-        for plan, more in zip(plans, _beside(problem, traces, x), strict=True)
+        for plan, more in zip(plans, beside(problem, traces, x), strict=True)
     ]
     yield from options[: len(absent)]
     yield min(options[len(absent) :], key=lambda option: option.mean)
 
 
-def _beside(problem: EstimationProblem, traces: Sequence[Trace], x: np.ndarray) -> Iterator[np.ndarray]:
-    """J_k^T J_k of other traces, batched in the shape of the problem so that what was compiled for it serves again."""
+def beside(problem: EstimationProblem, traces: Sequence[Trace], x: np.ndarray) -> Iterator[np.ndarray]:
+    """J_k^T J_k of other traces, shape (P, P) each, batched in the shape of the problem so that what was compiled for
+    it serves again."""
     for some in batched(traces, problem.shape[1]):
-        yield from _informations(
-            EstimationProblem.of(problem.config, problem.free_parameters, some, None, problem.shape).refined(x), x
-        )
+        other = EstimationProblem.of(problem.config, problem.free_parameters, some, None, problem.shape).refined(x)
+        yield from informations(replace(other, jitter=problem.jitter), x)
 
 
 def _remark(needed: Sequence[str], setting: Setting) -> str:

@@ -103,7 +103,7 @@ def _sweep(s: Setting, middle: float, amplitude: float, band: float) -> Plan:
 def channels(plan: Plan, s: Setting) -> tuple[str, ...]:
     """What would be observed: what this rig logs, and what the test cannot do without."""
     test = TEST_BY_NAME[plan.test]
-    logged = [name for name in test.observes if name not in s.assumed]
+    logged = [name for name in test.observes if name in s.logged[plan.test]]
     return tuple(dict.fromkeys((*logged, *_must(test, logged))))
 
 

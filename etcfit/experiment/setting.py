@@ -7,7 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..rig.base import Rig, RigConfig
+from ..rig import TEST_BY_NAME, TESTS
+from ..rig.base import AbstractRigTest, Rig, RigConfig
 from .settings import PlanSettings
 
 # noise of a sensor that this rig has not been seen with, SI
@@ -27,6 +28,8 @@ class Setting:
         rest: where the plate rests without a drive, rad.
         rate: at which driven plates are logged, Hz.
         duration: of such a log, s.
+        logged: by rig test, the channels that this rig logs in it: those seen in a trace of the same boundary, for a
+            shaft's speed is seen with the gear apart only, and an EMF at open terminals.
         settings: of the plans.
     """
 
@@ -38,6 +41,7 @@ class Setting:
     rest: float
     rate: float
     duration: float
+    logged: Mapping[str, frozenset[str]]
     settings: PlanSettings = PlanSettings()
 
     @classmethod
@@ -67,6 +71,7 @@ class Setting:
             rest=float(np.clip(np.median(rests) if rests else 0.0, *rig.config.travel)),
             rate=1.0 / float(np.median([np.median(np.diff(t)) for t in responses])) if responses else settings.rate,
             duration=float(np.median([np.ptp(t) for t in responses])) if responses else settings.duration,
+            logged={test.name: _logged(test, rig) for test in TESTS},
             settings=settings,
         )
 
@@ -92,3 +97,13 @@ class Setting:
     def within(self, volts: float) -> float:
         """What the supply can give of it, V."""
         return float(np.clip(volts, -self.supply, self.supply))
+
+
+_ANYWHERE = frozenset({"current", "position"})  # seen whatever is done to the rig
+
+
+def _logged(test: AbstractRigTest, rig: Rig) -> frozenset[str]:
+    """Channels of a rig test that this rig logs, see `Setting`."""
+    alike = [m for m in rig.measurements if TEST_BY_NAME[m.test].boundary == test.boundary]
+    seen = frozenset(name for m in (alike or rig.measurements) for name in m.channels)
+    return frozenset(test.observes) & (seen if alike else seen & _ANYWHERE)

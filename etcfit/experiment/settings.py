@@ -88,3 +88,55 @@ class AdviceSettings:
     plan: PlanSettings = PlanSettings()
 
     __post_init__ = check_ranges
+
+
+@dataclass(frozen=True)
+class CampaignSettings:
+    """What the next tests may do to the rig, and by what they are chosen.
+
+    Args:
+        current: limit of the winding's current, A.
+        temperature: limit of the winding's temperature, degC.
+        ambient: where each test begins, degC.
+        supply: share of the supply that a test may ask for.
+        margin: least distance from an end stop while the plate is driven about, share of the travel.
+        draws: models over which a test must stay within the limits, the fitted one besides.
+        doubt: relative standard deviation of the graph readings that draws from a folder without a fit have.
+        heat_capacity: of a winding that no `winding_heating` was fitted to, J/K; that of some 16 g of copper.
+        cooling: time constant of such a winding, s.
+        tests: how many to choose, at most.
+        least: drop of the criterion below which a test is not worth its while, relative.
+        handling: time that setting up one test takes, s: information is weighed against the time spent.
+        durations: of the excitation, s, each a candidate.
+        levels: amplitudes of each shape to try.
+        told: relative standard error below which all candidates together must bring a parameter for it to count.
+        play: clock of what is played, Hz.
+        seed: of the draws.
+        plan: how traces are logged and, of rig tests that were not made yet, made.
+    """
+
+    current: float = real(5.0, above=0.0, high=1e3)
+    temperature: float = real(120.0, 0.0, 300.0)
+    ambient: float = real(25.0, -50.0, 200.0)
+    supply: float = real(0.95, above=0.0, high=1.0)
+    margin: float = real(0.04, 0.0, 0.4)
+    draws: int = whole(6, 0, 1000)
+    doubt: float = real(0.05, 0.0, 1.0)
+    heat_capacity: float = real(6.0, above=0.0, high=1e4)
+    cooling: float = real(30.0, above=0.0, high=1e5)
+    tests: int = whole(4, 1, 50)
+    least: float = real(0.03, 0.0, 1.0)
+    handling: float = real(10.0, 0.0, 1e5)
+    durations: tuple[float, ...] = reals((3.0, 6.0), 0.1, 1e3)
+    levels: int = whole(5, 1, 100)
+    told: float = real(0.5, above=0.0, high=10.0)
+    play: float = real(1000.0, 10.0, 1e5)
+    seed: int = whole(0, 0)
+    plan: PlanSettings = PlanSettings()
+
+    def __post_init__(self) -> None:
+        check_ranges(self)
+        if self.temperature <= self.ambient:
+            raise ValueError(
+                f"CampaignSettings.temperature = {self.temperature!r}: it must be above ambient, {self.ambient:g} degC."
+            )

@@ -25,6 +25,8 @@ from .manifest import (
     settings_before,
 )
 from .model import read_design, read_draws, sines_of
+from .plan import plan_json, waiting_folder
+from .play import play_files
 from .reduction import reduction_json
 from .results import save_design, save_posterior, save_reduction
 from .state import (
@@ -72,6 +74,8 @@ __all__ = [
     "load_fit",
     "must_belong",
     "parameters_json",
+    "plan_json",
+    "play_files",
     "read_design",
     "read_draws",
     "read_records",
@@ -88,5 +92,6 @@ __all__ = [
     "settings_before",
     "sines_of",
     "versions",
+    "waiting_folder",
     "written_for",
 ]

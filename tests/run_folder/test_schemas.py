@@ -14,6 +14,7 @@ import numpy as np
 import pytest
 from jsonschema import Draft202012Validator, ValidationError
 
+import campaigns
 import diagnoses
 import results
 import runs
@@ -23,12 +24,12 @@ from etcfit.control.settings import FrequencySettings
 from etcfit.diagnosis.settings import DiagnosisSettings
 from etcfit.estimation.settings import FitSettings
 from etcfit.experiment.advice import Advice, Option, Pair
-from etcfit.experiment.settings import AdviceSettings, PlanSettings
+from etcfit.experiment.settings import AdviceSettings, CampaignSettings, PlanSettings
 from etcfit.files import write_json
 from etcfit.model.linear import TransferFunction
 from etcfit.ranges import from_json
 from etcfit.rig.base import Rig
-from etcfit.run_folder import advice_json, diagnosis_json, fit_json, frequency_json
+from etcfit.run_folder import advice_json, diagnosis_json, fit_json, frequency_json, plan_json
 
 ROOT = Path(__file__).resolve().parents[2]
 FOLDER = ROOT / "etcfit" / "run_folder" / "schemas"
@@ -44,6 +45,7 @@ CONTRACT = {
     "run": "schema version stages",
     "drive": "schema logs",
     "advice": "schema rig synthetic stderr_now options not_judged settings",
+    "plan": "schema rig synthetic model criterion limits stderr tests left_out settings",
 }
 LATER = {"diagnosis": {"rig", "probabilities"}}
 
@@ -146,6 +148,10 @@ MINE: dict[str, tuple[Any, Callable[[Rig, Any], dict[str, Any]]]] = {
         lambda rig, mine: diagnosis_json(diagnoses.diagnosis(rig, settings=mine)),
     ),
     "advice": (AdviceSettings(apart=0.7, plan=PlanSettings(levels=2)), advice),
+    "plan": (
+        CampaignSettings(current=4.0, plan=PlanSettings(levels=2)),
+        lambda rig, mine: plan_json(campaigns.campaign(rig, mine)),
+    ),
     "frequency_response": (FrequencySettings(poor=0.2), sines),
 }
 
