@@ -542,6 +542,7 @@ def test_a_folder_scatters_as_its_rig_toml_says(tmp_path: Path) -> None:
     assert_allclose(running[-600:, 3].std(), noise["motor_speed_rpm"], rtol=0.12)
 
 
+@pytest.mark.slow
 def test_what_the_body_itself_leaves_is_its_sensors_noise_and_what_a_noisy_voltage_adds() -> None:
     """Under a voltage logged without noise and on time, only the noise of the channel itself is left."""
     quiet = {"voltage": Sensor("voltage", "V", 0.0, 1e-9)}

@@ -80,6 +80,7 @@ def used() -> list[str]:
     return fresh(f"import etcfit, sys; etcfit.Fit; etcfit.Diagnosed; etcfit.Sampled; {LOGGED}; {HEAVY}").splitlines()
 
 
+@pytest.mark.slow
 def test_the_log_of_xla_is_not_for_the_terminal_unless_the_user_says_so(used: list[str]) -> None:
     assert used[0] == "3"
     assert fresh(f"import etcfit; {LOGGED}", TF_CPP_MIN_LOG_LEVEL="0") == "0"
@@ -94,6 +95,7 @@ def test_a_fit_needs_no_matplotlib_until_a_picture_is_asked_for(used: list[str])
     assert "matplotlib" not in used[1]
 
 
+@pytest.mark.slow
 def test_compiled_models_are_kept_once_something_is_computed_and_not_before(tmp_path: Path) -> None:
     show = "print(jax.config.jax_compilation_cache_dir)"
     begin = "import jax, etcfit; from etcfit.api.progress import working; "

@@ -141,6 +141,7 @@ def test_a_reduction_is_a_transfer_function_with_errors(fitted: Fit, found: Diag
     assert verbs.reduce(fitted, output_unit="deg").unit == "deg/V"
 
 
+@pytest.mark.slow
 def test_a_design_has_every_rule_in_a_table(designed: Designed) -> None:
     rules = designed.rules
     assert list(rules.index) == list(QUICK)
@@ -160,6 +161,7 @@ def test_a_design_has_every_rule_in_a_table(designed: Designed) -> None:
     assert designed.plot.safety()[0].get_xlabel() == "error [% of travel]"
 
 
+@pytest.mark.slow
 def test_a_design_has_its_scenarios_and_its_front_in_tables(designed: Designed) -> None:
     each, worst = designed.scenarios, designed.design.chosen.nonlinear
     assert worst is not None
@@ -170,6 +172,7 @@ def test_a_design_has_its_scenarios_and_its_front_in_tables(designed: Designed) 
     assert designed.front["Kp"][0] == designed.design.front[0].gains.Kp
 
 
+@pytest.mark.slow
 def test_gains_that_are_saved_say_with_what_a_run_makes_them_anew(designed: Designed, tmp_path: Path) -> None:
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("etcfit.reporting.draw_design", lambda *_: None)
@@ -181,6 +184,7 @@ def test_gains_that_are_saved_say_with_what_a_run_makes_them_anew(designed: Desi
     assert settings["profile"] is None
 
 
+@pytest.mark.slow
 def test_a_design_for_a_make_of_ecu_runs_its_controller(fitted: Fit, tmp_path: Path) -> None:
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("etcfit.control.design.RULES", {"amigo": RULES["amigo"]})

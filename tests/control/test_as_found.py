@@ -17,6 +17,7 @@ from etcfit.control.judged import judged, outside_the_bench
 from etcfit.control.pid import RULES, Gains, Refusal
 from etcfit.control.pid.feedforward import Bias
 from etcfit.control.pid.setpoint import trapezoid
+from etcfit.control.safety import safety
 from etcfit.estimation.fitted_model import Fitted
 from etcfit.estimation.settings import IdentifiabilitySettings
 from etcfit.model.ecu import Ecu, Notation
@@ -118,8 +119,8 @@ def tried(**changes: float) -> Design:
     bias = Bias(*(np.linspace(0.0, end, 8) for end in (np.pi / 2, 3.0, 2.0, 4.0)))
     chosen = tuned["as_found"]
     assert chosen.gains is not None
-    robust = outside_the_bench(task, chosen.gains)
-    return Design(model, task, chosen, tuned, 1, "laplace", bias, robust, (), ())
+    robust, safe = outside_the_bench(task, chosen.gains), safety(task, chosen.gains)
+    return Design(model, task, chosen, tuned, 1, "laplace", bias, robust, (), safe, ())
 
 
 @pytest.fixture(scope="module")

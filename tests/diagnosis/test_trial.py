@@ -100,6 +100,7 @@ def test_only_a_bic_that_falls_by_more_than_ten_is_strong(bic: float, strong: bo
 # ---- a real trial
 
 
+@pytest.mark.slow
 def test_an_effect_is_refitted_and_compared_with_the_model_without_it(small: CandidateModel) -> None:
     before = score_of(small)
     trial = tried(small, GRAVITY, {"T_g": 0.01}, before)

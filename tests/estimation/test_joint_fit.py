@@ -218,6 +218,7 @@ def again(case: Case) -> Again:
     return Again(fit(other, lambda text, share: said.append((text, share))), said)
 
 
+@pytest.mark.slow
 def test_the_same_data_give_the_same_fit_and_progress_is_reported(case: Case, again: Again) -> None:
     assert again.result.values == case.result.values
     shares = [share for _, share in again.said]

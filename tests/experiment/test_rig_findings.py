@@ -32,6 +32,7 @@ def turned(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder_of(tmp_path_factory.mktemp("rig"), "channel_sign")
 
 
+@pytest.mark.slow
 def test_check_shows_the_find_and_its_mend_once(resistor: Path) -> None:
     done = CliRunner().invoke(app, ["check", str(resistor), "--quiet"])
     assert (done.exit_code, done.stderr) == (0, "")

@@ -61,6 +61,7 @@ def found(period: float, relay: RelaySettings = RelaySettings()) -> Ultimate:
     return result
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("period", [1e-3, 2e-3])
 def test_the_ultimate_gain_is_that_of_the_generator(period: float) -> None:
     gain, turn = ultimate_by_relay(period)
@@ -69,6 +70,7 @@ def test_the_ultimate_gain_is_that_of_the_generator(period: float) -> None:
     assert here.period == pytest.approx(turn, rel=5e-3)
 
 
+@pytest.mark.slow
 def test_long_steps_would_be_far_off() -> None:
     gain, _ = ultimate_by_relay(1e-3)
     assert abs(found(1e-3, RelaySettings(longest_step=5e-4)).gain / gain - 1.0) > 0.04

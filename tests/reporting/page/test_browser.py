@@ -39,6 +39,7 @@ def test_a_browser_shows_it_all_without_complaint(tmp_path: Path, width: int) ->
     assert title[1] == f"images 5/5 width {width}"
 
 
+@pytest.mark.slow
 def test_the_probe_would_see_a_complaint(tmp_path: Path) -> None:
     if CHROMIUM is None:
         pytest.skip("no chromium on PATH")
