@@ -1,6 +1,8 @@
 """How well the model fits a trace, as a traffic light: a colour, a sign and a word, never a colour alone.
 
-A fitted trace is judged by its whitened residual, one held out by its free-run error over its sensors' noise,
+A trace is judged by its whitened residual r, one held out under the filter of the final model too: its free run is off
+wherever an edge of the input fell between two samples, however right the model. Of a model too far from the data to
+whiten r is the free-run error over the sensors' noise.
 
     m = sum r^2 / n,    green where m <= 1.2 + 3 sqrt(2/n),    yellow where m < 2,    red beyond
 
@@ -17,6 +19,7 @@ import numpy as np
 
 from ...estimation.result import FitResult
 from ...estimation.settings import ContradictionSettings
+from ...problem.prediction_error import columns
 from ...problem.trace import Trace
 from ..page.verdict import NOISE
 
@@ -44,19 +47,31 @@ class Light:
         return self.colour != "green"
 
 
-def light(result: FitResult, trace: Trace, k: int) -> Light:
+def residuals(result: FitResult) -> list[np.ndarray]:
+    """r of each trace, those fitted first, then those held out; shape (n, M) each."""
+    fitted, holdout = list(result.whitened), result.holdout
+    if holdout is None:
+        return fitted
+    if result.far:
+        return [*fitted, *(_in_sigma(result, trace) for trace in holdout.batch.traces)]
+    r = holdout.residual(result.x, holdout.weighted(holdout.kalman(result.x)))
+    return [*fitted, *columns(holdout.batch, r)]
+
+
+def _in_sigma(result: FitResult, trace: Trace) -> np.ndarray:
+    return (trace.data - np.asarray(result.predicted[trace.measurement.file])) / np.asarray(trace.sigma)
+
+
+def light(result: FitResult, trace: Trace, r: np.ndarray) -> Light:
     """Of one trace under a model.
 
     Args:
-        result: the model and its residuals.
+        result: the model.
         trace: which.
-        k: its number among the fitted traces, then those held out.
+        r: of that trace, see `residuals`, shape (n, M).
     """
-    fitted = k < len(result.whitened)
-    error = (trace.data - np.asarray(result.predicted[trace.measurement.file])) / np.asarray(trace.sigma)
-    r = np.asarray(result.whitened[k]) if fitted else error
-    r = r[np.isfinite(trace.data)]
-    judged_by = "whitened residual" if fitted and not result.far else "free-run error over the sensors' noise"
+    r = np.asarray(r)[np.isfinite(trace.data)]
+    judged_by = "free-run error over the sensors' noise" if result.far else "whitened residual"
     if not r.size or not np.all(np.isfinite(r)):
         return Light("red", None, judged_by)
     chi2 = float(np.mean(r**2))

@@ -18,7 +18,7 @@ from . import packed
 from .bins import Bins
 from .cures import cures
 from .excitation import Excitation, excitations
-from .lights import light
+from .lights import light, residuals
 
 _LEAST_SPAN = {"i": 0.02, "theta": 0.05, "omega": 1.0}  # A, rad, rad/s
 
@@ -76,15 +76,15 @@ def traces_json(shelf: Shelf, room: Room = Room()) -> list[dict[str, Any]]:
     driven = [each for problem in problems for each in excitations(problem, shelf.final.x, corners)]
     motions = {motion.file: motion for motion in shelf.diagnosis.motions} if shelf.diagnosis is not None else {}
     return [
-        _trace(shelf, trace, k, motions.get(trace.measurement.file), excitation, points)
-        for k, (trace, excitation) in enumerate(zip(every, driven, strict=True))
+        _trace(shelf, trace, r, motions.get(trace.measurement.file), excitation, points)
+        for trace, r, excitation in zip(every, residuals(shelf.final), driven, strict=True)
     ]
 
 
 def _trace(
-    shelf: Shelf, trace: Trace, k: int, motion: Motion | None, excitation: Excitation | str, points: int
+    shelf: Shelf, trace: Trace, r: np.ndarray, motion: Motion | None, excitation: Excitation | str, points: int
 ) -> dict[str, Any]:
-    judged, bins = light(shelf.final, trace, k), Bins.of(trace.instants.size, points)
+    judged, bins = light(shelf.final, trace, r), Bins.of(trace.instants.size, points)
     simulated = isinstance(excitation, Excitation)
     return {
         "file": trace.measurement.file,

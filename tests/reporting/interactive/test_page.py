@@ -19,14 +19,16 @@ import results
 from etcfit.diagnosis.findings import RigMistake
 from etcfit.errors import UsageError
 from etcfit.estimation.contradiction import Contradiction
+from etcfit.estimation.result import FitResult
 from etcfit.reporting.interactive import NAME, write_interactive
 from etcfit.reporting.interactive.cures import cures
-from etcfit.reporting.interactive.lights import Light, light
+from etcfit.reporting.interactive.lights import Light, light, residuals
 from etcfit.reporting.interactive.render import SCRIPTS, part
 from etcfit.reporting.pictures import all_traces
 from etcfit.run_folder import RunFolder, save_fit
 
 LIMIT = 8_000_000
+TWIN = Path(__file__).resolve().parents[3] / "measurements" / "bench_twin"
 
 
 class Reader(HTMLParser):
@@ -177,8 +179,7 @@ def test_a_light_is_the_residuals_size_and_few_samples_may_scatter(tmp_path: Pat
     n = trace.data.size
 
     def of(size: float) -> Light:
-        level = np.full(trace.data.shape, np.sqrt(size))
-        return light(replace(result, whitened=(level, *result.whitened[1:])), trace, 0)
+        return light(result, trace, np.full(trace.data.shape, np.sqrt(size)))
 
     assert [of(size).colour for size in (1.0, 1.19 + 3.0 * np.sqrt(2.0 / n), 1.3 + 3.0 * np.sqrt(2.0 / n))] == [
         "green", "green", "yellow",
@@ -187,6 +188,20 @@ def test_a_light_is_the_residuals_size_and_few_samples_may_scatter(tmp_path: Pat
     assert of(7.0).chi2 == pytest.approx(7.0)
     assert of(np.inf).chi2 is None
     assert of(np.inf).colour == "red"
+
+
+@pytest.mark.slow
+def test_a_trace_held_out_is_judged_like_those_fitted() -> None:
+    result = results.bench_twin(TWIN)
+    wrong = replace(result, x=result.x + 0.1 * np.eye(result.x.size)[result.free_parameters.layout.free.index("K_s")])
+
+    def held_out(of: FitResult) -> list[Light]:
+        every = list(zip(all_traces(of), residuals(of), strict=True))
+        return [light(of, trace, r) for trace, r in every if trace.measurement.held_out]
+
+    assert [each.colour for each in held_out(result)] == ["green", "green"]
+    assert {each.judged_by for each in held_out(result)} == {"whitened residual"}
+    assert [each.colour for each in held_out(wrong)] == ["red", "red"]
 
 
 def test_cures_are_those_of_fit_and_diagnosis_for_that_trace(tmp_path: Path) -> None:
