@@ -175,6 +175,31 @@ def parquet(path: Path, columns: Columns) -> Path:
     return path
 
 
+def mcap(path: Path, columns: Columns, slower: int = 1, encoding: str = "json", last_encoding: str = "") -> Path:
+    """By mcap's writer: nested messages, units in the schema; the last channel at every so many-th sample."""
+    import json
+
+    from mcap.writer import Writer
+
+    (_, time), *channels = columns.values()
+    with path.open("wb") as stream:
+        writer = Writer(stream)
+        writer.start()
+        for k, (name, (unit, values)) in enumerate(zip(list(columns)[1:], channels, strict=True)):
+            last = k == len(channels) - 1
+            inner = {"type": "object", "properties": {name: {"type": "number", "unit": unit}}}
+            schema = {"type": "object", "properties": {"probe": inner}}
+            number = writer.register_schema(f"Probe{k}", "jsonschema", json.dumps(schema).encode())
+            channel = writer.register_channel(f"/bench/{k}", (last and last_encoding) or encoding, number)
+            step = slower if last else 1
+            for t, x in zip(time[::step], values[::step], strict=True):
+                at = 1_700_000_000_000_000_000 + round(1e9 * t)
+                data = json.dumps({"probe": {name: float(x), "ok": True}, "note": "a"}).encode()
+                writer.add_message(channel, log_time=at, data=data, publish_time=at)
+        writer.finish()
+    return path
+
+
 def semicolons(path: Path, columns: Columns) -> Path:
     """A German spreadsheet: semicolons, decimal commas, units within the names, Windows-1252."""
     header = ";".join(f"{name} in {unit}" for name, (unit, _) in columns.items())

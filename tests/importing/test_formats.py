@@ -198,6 +198,80 @@ def test_parquet(tmp_path: Path) -> None:
     check(sheet)
 
 
+def test_mcap_with_two_rates_has_gaps_where_nothing_was_logged(tmp_path: Path) -> None:
+    (sheet,) = read(foreign.mcap(tmp_path / "a.mcap", COLUMNS, slower=5))
+    clock, volts, amperes = sheet.columns
+    assert [column.label for column in sheet.columns] == ["time", "/bench/0.probe.CH1", "/bench/1.probe.CH2"]
+    assert (clock.unit, volts.unit, amperes.unit) == ("s", "V", "A")
+    assert clock.values == pytest.approx(TIME - TIME[0], abs=1e-6)
+    assert volts.values == pytest.approx(VOLTS)
+    assert amperes.values[::5] == pytest.approx(AMPERES[::5])
+    assert np.isnan(np.delete(amperes.values, np.arange(0, 60, 5))).all()
+
+
+def messages(path: Path, topic: str, rows: list[tuple[int, int, bytes]], unit: str = "") -> Path:
+    """One channel without a schema: log time and publish time in ms, what the message holds."""
+    from mcap.writer import Writer
+
+    with path.open("wb") as stream:
+        writer = Writer(stream)
+        writer.start()
+        channel = writer.register_channel(topic, "json", 0, {"unit": unit} if unit else {})
+        for logged, published, data in rows:
+            writer.add_message(channel, logged * 1_000_000, data, published * 1_000_000)
+        writer.finish()
+    return path
+
+
+def test_mcap_fields_that_are_missing_or_no_numbers_are_gaps(tmp_path: Path) -> None:
+    rows = [b'{"data": 1.5}', b'{"data": null}', b"{}", b'{"data": 2}']
+    path = messages(tmp_path / "a.mcap", "/motor/voltage", [(k, k, row) for k, row in enumerate(rows)], "mV")
+    (sheet,) = read(path)
+    assert [(c.label, c.name, c.unit) for c in sheet.columns[1:]] == [
+        ("/motor/voltage.data", "/motor/voltage.data", "mV")
+    ]
+    assert sheet.columns[1].values == pytest.approx([1.5, np.nan, np.nan, 2.0], nan_ok=True)
+
+
+def test_mcap_messages_that_were_logged_at_once_take_the_time_of_publishing_and_say_so(tmp_path: Path) -> None:
+    rows = [(10 * (k // 2), 3 * k, b'{"volts": %d}' % k) for k in range(6)]
+    (sheet,) = read(messages(tmp_path / "a.mcap", "/u", rows))
+    assert sheet.columns[0].values == pytest.approx(0.003 * np.arange(6))
+    assert sheet.columns[1].values.tolist() == [0.0, 1.0, 2.0, 3.0, 4.0, 5.0]
+    assert sheet.remarks == ("messages share a log time: the publish time is taken",)
+    (sheet,) = read(messages(tmp_path / "b.mcap", "/u", [(logged, logged, data) for logged, _, data in rows]))
+    assert sheet.columns[1].values.tolist() == [1.0, 3.0, 5.0]
+    assert sheet.remarks == ("'/u': of messages at one instant the last counts; 3 left out",)
+
+
+def test_mcap_of_an_encoding_that_is_not_supported_names_channel_and_encoding(tmp_path: Path) -> None:
+    told = r"a\.mcap: no channel .*'/bench/0' \(cdr\), '/bench/1' \(cdr\)\..*Record these topics as JSON, or export"
+    with pytest.raises(MeasurementError, match=told):
+        read(foreign.mcap(tmp_path / "a.mcap", COLUMNS, encoding="cdr"))
+    (sheet,) = read(foreign.mcap(tmp_path / "b.mcap", COLUMNS, last_encoding="protobuf"))
+    assert [column.label for column in sheet.columns] == ["time", "/bench/0.probe.CH1"]
+    assert sheet.remarks == ("left out, of an encoding other than json: '/bench/1' (protobuf)",)
+
+
+@pytest.mark.parametrize("kept", [8, 12, 300, -1])
+def test_an_mcap_that_is_truncated_says_how_to_recover_it(tmp_path: Path, kept: int) -> None:
+    path = foreign.mcap(tmp_path / "a.mcap", COLUMNS)
+    path.write_bytes(path.read_bytes()[:kept])
+    with pytest.raises(MeasurementError, match=r"a\.mcap: it is truncated: .*mcap recover"):
+        read(path)
+
+
+def test_an_mcap_that_is_damaged_inside_says_so(tmp_path: Path) -> None:
+    path = foreign.mcap(tmp_path / "a.mcap", COLUMNS)
+    content = bytearray(path.read_bytes())
+    content[200:260] = bytes(60)
+    path.write_bytes(content)
+    with pytest.raises(MeasurementError, match=r"a\.mcap: it cannot be read"):
+        read(path)
+    with pytest.raises(MeasurementError, match=r"b\.mcap: it cannot be read"):
+        read(messages(tmp_path / "b.mcap", "/u", [(0, 0, b"no json")]))
+
+
 @pytest.mark.parametrize("suffix", sorted({suffix for each in FORMATS for suffix in each.suffixes}))
 def test_a_file_of_another_kind_says_so(tmp_path: Path, suffix: str) -> None:
     path = tmp_path / f"odd{suffix}"

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from ...errors import MeasurementError
 from ..sheet import Sheet
-from . import matlab, mdf, megalog, parquet, tdms, text
+from . import matlab, mcap, mdf, megalog, parquet, tdms, text
 from .base import Format, Source
 
 FORMATS: tuple[Format, ...] = (
@@ -13,6 +13,7 @@ FORMATS: tuple[Format, ...] = (
     mdf.FORMAT,
     tdms.FORMAT,
     parquet.FORMAT,
+    mcap.FORMAT,
     megalog.TEXT,
     megalog.BINARY,
 )
