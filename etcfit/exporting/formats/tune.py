@@ -40,12 +40,15 @@ def _written(source: Source) -> Mapping[str, Any]:
 
 def _cannot_hold(source: Source, written: Mapping[str, Any]) -> Iterator[str]:
     if source.into is None:
-        yield ("It holds these settings only and no signature of a firmware, so that TunerStudio will say that the "
+        yield ("It holds these settings only and not your firmware's signature, so that TunerStudio will say that the "
                "signatures do not match.")  # fmt: skip
-        yield "Given your own tune (option into), etcfit changes a copy of that instead."
+        yield "Given your own tune (--into FILE; in Python into=FILE), etcfit changes a copy of that instead."
     yield "Keep your old tune, and compare before you burn."
     yield f"The gains are for {written['title']}. Another firmware may give the same names another meaning."
     yield from (f"Assumed of that ECU: {each}." for each in written["assumed"])
+    jam = ((source.pid or {}).get("safety") or {}).get("jam") or {}
+    for name, value in (jam.get("written") or {}).items():
+        yield f"The jam check is typed in by hand: {name} {value:g}."
     if source.pid is not None and not source.pid["feed_forward"] and written["bias"] is not None:
         yield "The gains were found without feed-forward: the bias table is all 0."
 

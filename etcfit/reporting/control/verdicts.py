@@ -52,10 +52,10 @@ def outside_the_bench(design: Design) -> list[str]:
     ranges = (f"supply {_range(asked.supply)} V, winding {_range(asked.winding)} degrees Celsius, dry friction "
               f"{_range(asked.friction)} times the bench's; a duty is a share of the supply that there is")  # fmt: skip
     met = "met at every corner" if robust.meets_all else "not met at every corner"
-    share = f"{robust.probability_met:.2f} of the draws, each under conditions of its own"
+    share = f"{robust.probability_met:.2f} of the draws, each under conditions of its own, meet them"
     supply, winding, friction = robust.corner
     return [
-        f"{ranges}: requirements {met}, and by {share}",
+        f"{ranges}: requirements {met}; {share}",
         f"worst of the corners: {worst}; hardest at {supply:g} V, {winding:g} degrees Celsius, friction {friction:g}",
     ]
 
