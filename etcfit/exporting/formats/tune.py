@@ -42,7 +42,8 @@ def _cannot_hold(source: Source, written: Mapping[str, Any]) -> Iterator[str]:
     if source.into is None:
         yield ("It holds these settings only and not your firmware's signature, so that TunerStudio will say that the "
                "signatures do not match.")  # fmt: skip
-        yield "Given your own tune (--into FILE; in Python into=FILE), etcfit changes a copy of that instead."
+        # no option as it is typed: a comment of XML must not hold two hyphens
+        yield "Given your own tune (the option into), etcfit changes a copy of that instead."
     yield "Keep your old tune, and compare before you burn."
     yield f"The gains are for {written['title']}. Another firmware may give the same names another meaning."
     yield from (f"Assumed of that ECU: {each}." for each in written["assumed"])
