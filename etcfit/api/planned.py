@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import tempfile
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -62,21 +61,16 @@ class Planned:
         Raises:
             UsageError: it holds something already.
         """
-        from ..datasets.folder import refuse_to_overwrite, write_folder
+        from ..datasets.folder import whole_folder, write_files
         from ..files import write_json
         from ..reporting.plan_sheet import write_sheet
         from ..run_folder import plan_json, play_files, waiting_folder
 
         to = Path(plan)
-        refuse_to_overwrite(to)
-        to.parent.mkdir(parents=True, exist_ok=True)
-        with tempfile.TemporaryDirectory(dir=to.parent, prefix=f".{to.name}-") as scratch:
-            draft = write_folder(Path(scratch) / to.name, play_files(self.campaign) | waiting_folder(self.campaign))
+        with whole_folder(to) as draft:
+            write_files(draft, play_files(self.campaign) | waiting_folder(self.campaign))
             write_json(draft / "plan.json", "plan", plan_json(self.campaign))
             write_sheet(draft, self.campaign)
-            if to.is_dir():
-                to.rmdir()
-            draft.rename(to)
         return to
 
     def _rows(self) -> list[tuple[str, str]]:

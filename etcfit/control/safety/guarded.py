@@ -160,6 +160,10 @@ def of_setpoint(
 
 def longest_above(error: np.ndarray, threshold: float) -> np.ndarray:
     """Most ticks in a row in which an error is larger than a threshold, of errors of shape (..., K)."""
-    place = np.arange(1, error.shape[-1] + 1)
-    below = np.where(np.abs(error) > threshold, 0, place)
-    return np.max(place - np.maximum.accumulate(below, axis=-1), axis=-1)
+    return np.max(lasted(np.abs(error) > threshold), axis=-1)
+
+
+def lasted(holds: np.ndarray) -> np.ndarray:
+    """For how many ticks in a row something holds, at each tick, of truth values of shape (..., K)."""
+    place = np.arange(1, holds.shape[-1] + 1)
+    return place - np.maximum.accumulate(np.where(holds, 0, place), axis=-1)

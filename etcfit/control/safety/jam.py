@@ -10,7 +10,7 @@ from ..pid.base import Task
 from ..pid.conditions import Conditions, corners, scattered, under
 from ..pid.gains import Gains
 from ..pid.setpoint import Setpoint
-from .guarded import longest_above, of_setpoint, together, tried
+from .guarded import lasted, longest_above, of_setpoint, together, tried
 
 
 @dataclass(frozen=True)
@@ -94,7 +94,5 @@ def told(setpoint: Setpoint, scenario: str, error: float, timeout: float, period
     time = setpoint.instants(period)
     since = (time >= levels[0].begins - 0.5 * period) & (time < levels[-1].ends - 0.5 * period)
     off = np.abs(setpoint.at(time[since]) - levels[0].before) > error
-    place = np.arange(1, off.size + 1)
-    lasted = period * (place - np.maximum.accumulate(np.where(off, 0, place)))
-    trips = np.flatnonzero(lasted > timeout + 1e-9)
+    trips = np.flatnonzero(period * lasted(off) > timeout + 1e-9)
     return float(period * trips[0]) if trips.size else None

@@ -5,6 +5,7 @@ from __future__ import annotations
 from importlib.resources import files
 from typing import Any
 
+from ..html import environment
 from ..page.verdict import NOISE
 from .content import as_text
 from .lights import FAR
@@ -28,21 +29,16 @@ def render(data: dict[str, Any]) -> str:
     Args:
         data: see `content`.
     """
-    import jinja2
-
-    environment = jinja2.Environment(
-        loader=jinja2.PackageLoader("etcfit.reporting.interactive", "page"),
-        autoescape=True,
-        trim_blocks=True,
-        lstrip_blocks=True,
-        undefined=jinja2.StrictUndefined,
-    )
-    return environment.get_template("page.html").render(
-        data=data,
-        text=as_text(data),
-        styles=[part(name) for name in _STYLES],
-        scripts=[part(name) for name in (LIBRARY, *SCRIPTS)],
-        licence=part(_LICENCE),
-        noise=f"{NOISE:g}",
-        far=f"{FAR:g}",
+    return (
+        environment(("etcfit.reporting.interactive", "page"))
+        .get_template("page.html")
+        .render(
+            data=data,
+            text=as_text(data),
+            styles=[part(name) for name in _STYLES],
+            scripts=[part(name) for name in (LIBRARY, *SCRIPTS)],
+            licence=part(_LICENCE),
+            noise=f"{NOISE:g}",
+            far=f"{FAR:g}",
+        )
     )

@@ -6,6 +6,7 @@ from collections.abc import Iterator, Mapping
 from itertools import chain
 from typing import Any
 
+from ..html import environment
 from .car_log import to_record
 from .contents import Contents, logs_of
 from .control import (
@@ -36,17 +37,9 @@ def render(contents: Contents, budget: int = BUDGET) -> str:
         contents: of the run folder.
         budget: bytes that its pictures may take.
     """
-    import jinja2
-
-    environment = jinja2.Environment(
-        loader=jinja2.PackageLoader("etcfit.reporting.page", "template"),
-        autoescape=True,
-        trim_blocks=True,
-        lstrip_blocks=True,
-        undefined=jinja2.StrictUndefined,
-    )
-    environment.filters |= {"number": number, "symbol": symbol, "unit": unit}
-    return environment.get_template("page.html").render(**_parts(contents, budget))
+    made = environment(("etcfit.reporting.page", "template"))
+    made.filters |= {"number": number, "symbol": symbol, "unit": unit}
+    return made.get_template("page.html").render(**_parts(contents, budget))
 
 
 def _parts(contents: Contents, budget: int) -> dict[str, Any]:

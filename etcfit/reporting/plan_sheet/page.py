@@ -13,6 +13,7 @@ from ...experiment.campaign import Campaign, PlannedTest, remark
 from ...experiment.logger import logger
 from ...files import whole
 from ...rig import TEST_BY_NAME
+from ..html import environment
 from ..numbers import short
 from ..page.pictures import Picture, carried
 from ..page.table import Table
@@ -74,17 +75,9 @@ def write_sheet(folder: Path, campaign: Campaign) -> Path:
 
 
 def _render(campaign: Campaign, steps: list[Step]) -> str:
-    import jinja2
-
     rooms = ("etcfit.reporting.plan_sheet", "etcfit.reporting.page")  # style and tables are the report's
-    environment = jinja2.Environment(
-        loader=jinja2.ChoiceLoader([jinja2.PackageLoader(room, "template") for room in rooms]),
-        autoescape=True,
-        trim_blocks=True,
-        lstrip_blocks=True,
-        undefined=jinja2.StrictUndefined,
-    )
-    return environment.get_template("sheet.html").render(
+    made = environment(*((room, "template") for room in rooms))
+    return made.get_template("sheet.html").render(
         rig=campaign.rig.config.name,
         synthetic=campaign.rig.config.synthetic,
         at_fit=campaign.at_fit,
