@@ -19,6 +19,7 @@ from ..rig.mlg import read_mlg
 from ..rig.msl import read_msl
 from ..rig.names import refuse_foreign_names
 from ..rig.table import Table, decode, parse
+from ..rig.toml import Toml, read_text
 from .ecu_csv import plain
 from .log import DriveLog, Series
 
@@ -91,7 +92,8 @@ def read_log(path: Path, config: RigConfig, toml: str) -> DriveLog:
     whole = READERS[path.suffix.casefold()](path.read_bytes(), str(path))
     taken = _taken(whole, config)
     table = replace(whole, header=tuple(taken.values()), cells=whole.cells[:, list(taken)])
-    columns = read_columns(table, config, str(path), toml)
+    named = Toml(toml, read_text(toml) if Path(toml).is_file() else "", {})  # for messages alone
+    columns = read_columns(table, config, str(path), named)
     if "position" not in columns:
         raise MeasurementError(str(path), "no position of the plate among its columns.",
                                "A log from the car needs it, in per cent, degrees or sensor volts.",

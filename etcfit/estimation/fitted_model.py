@@ -5,14 +5,14 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, partial
 from typing import Any
 
 import jax
 import numpy as np
 
 from ..model.throttle import Throttle
-from ..problem.free_parameters import FreeParameters
+from ..problem.free_parameters import Form, FreeParameters, Pick
 from ..rig.base import RigConfig
 from .fit_state import SOUND, FitState
 from .settings import IdentifiabilitySettings
@@ -61,10 +61,12 @@ class Fitted:
 
     def throttles(self, x: np.ndarray) -> Throttle:
         """Models at many coordinates, shape (D, P): one whose parameters have shape (D,)."""
+        return Throttle.build(self.free_parameters.layout.types, self.values_at(x))
+
+    def values_at(self, x: np.ndarray) -> dict[str, Any]:
+        """Of every parameter, SI, by symbol, at many coordinates, shape (D, P): shape (D,) each."""
         layout = self.free_parameters.layout
-        pick = layout.pick(self.free_parameters.held)
-        values = jax.jit(jax.vmap(lambda each: layout.form.values(each, pick)))(layout.padded(x))
-        return Throttle.build(layout.types, values)
+        return _values_at(layout.form, layout.padded(x), layout.pick(self.free_parameters.held))
 
     def laplace(self, count: int, rng: np.random.Generator) -> np.ndarray:
         """Coordinates drawn from the normal distribution of the fit, shape (count, P).
@@ -89,3 +91,9 @@ class Fitted:
         pick = layout.pick(self.free_parameters.held)
         slope = jax.jit(jax.jacfwd(lambda x: function(layout.form.values(x, pick))))(layout.padded(self.x))
         return np.asarray(slope)[..., : self.x.size]
+
+
+@partial(jax.jit, static_argnums=0)
+def _values_at(form: Form, x: Any, pick: Pick) -> dict[str, Any]:
+    """Values at many coordinates; compiled once for a model and a number of them, not at each call."""
+    return jax.vmap(form.values, in_axes=(0, None))(x, pick)

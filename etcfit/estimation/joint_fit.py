@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -93,7 +93,9 @@ def ready(rig: Rig) -> Prepared:
     return Prepared(tuple(fitted), tuple(held_out), tuple(notes))
 
 
-def fit(rig: Rig, report: Report = quiet, settings: FitSettings = FitSettings()) -> FitResult:
+def fit(
+    rig: Rig, report: Report = quiet, settings: FitSettings = FitSettings(), about: Mapping[str, float] | None = None
+) -> FitResult:
     """Fit Eqs. 1-2 (and the effects that rig.toml names) jointly to all traces that are not held out.
 
     Several starts are descended from; from the deepest end the whitening filter and the least squares are renewed in
@@ -103,6 +105,8 @@ def fit(rig: Rig, report: Report = quiet, settings: FitSettings = FitSettings())
         rig: a measurement folder.
         report: called with what is going on and the share done.
         settings: every threshold, budget and seed; written into the result.
+        about: values of a like body, SI by symbol, to start from in place of the reading. No other start is tried where
+            that one ends near the data; where it does not, the reading and all starts are, as without it.
     Raises:
         MeasurementError: nothing to fit, or rig.toml names what does not exist.
     """
@@ -114,13 +118,14 @@ def fit(rig: Rig, report: Report = quiet, settings: FitSettings = FitSettings())
     report("choosing integration steps", 0.05)
     problem = EstimationProblem.of(rig.config, known, fitted).refined(start).with_integrator_states(start)
     problem.compile_ahead(start)
-    x, starts, misfit = _from_several_starts(problem, start, report, settings)
+    near = None if about is None else _from_a_like_body(problem, start, about, settings)
+    x, starts, misfit = near or _from_several_starts(problem, start, report, settings)
     x = _with_lag_of(start, problem, x)
     problem = problem.with_release_times(x).with_integrator_states(x).with_setpoint_jumps(x)
     finish = _whitened if misfit < settings.misfit else _free_running
     reached = finish(problem, x, report, settings)
-    near = not reached.end.far
-    clocked = with_edges_in_step(rig, reached.problem, held_out, reached.x, settings.edges) if near else None
+    trusted = not reached.end.far
+    clocked = with_edges_in_step(rig, reached.problem, held_out, reached.x, settings.edges) if trusted else None
     if clocked is not None:  # instants of edges that were taken as independent share a phase
         report("edges in step with the samples: fitting their phase", 0.9)
         rig, (fitted, held_out, _) = clocked, ready(clocked)
@@ -219,6 +224,22 @@ def _from_several_starts(
         return Descent(end, before, after, steps)
 
     return deepest([start, *others], descend_from, max(1.0, weighted.samples - start.size), settings)
+
+
+def _from_a_like_body(
+    problem: EstimationProblem, start: np.ndarray, about: Mapping[str, float], settings: FitSettings
+) -> Deepest | None:
+    """From the values of a like body, where it names them; None where that ends far from the data."""
+    layout = problem.layout
+    values = {**layout.values(start, problem.free_parameters.held), **about}
+    first = layout.off_bounds(layout.coordinates(values))
+    weighted = problem.weighted(weights.forgiving(problem))
+    end, steps = descend(problem, first, weighted, settings.rough_tolerance, settings.steps)
+    before, after = (_forgiven(problem, x) for x in (first, end))
+    misfit = after / max(1.0, weighted.samples - start.size)
+    if misfit >= settings.misfit:
+        return None
+    return Deepest(end, (StartSummary("a like body", before, after, steps),), misfit)
 
 
 def _forgiven(problem: EstimationProblem, x: np.ndarray) -> float:

@@ -141,7 +141,7 @@ class FitResult:
     def fitted(self) -> Fitted:
         """The model alone, without the data."""
         asked = self.settings.identifiability
-        covariance, noise = self._stated_covariance(), self._position_noise
+        covariance, noise = self.stated_covariance, self._position_noise
         return Fitted(self.rig.config, self.free_parameters, self.x, covariance, asked, self.state, noise)
 
     @property
@@ -150,8 +150,10 @@ class FitResult:
         sigma = [channel.sigma for channel in logged if channel is not None]
         return float(np.median(sigma)) if sigma else 0.0
 
-    def _stated_covariance(self) -> np.ndarray:
-        """Of a compromise one as wide as the ranges that subsets of the data give."""
+    @property
+    def stated_covariance(self) -> np.ndarray:
+        """Of the coordinates, as later stages go by it, shape (P, P); of a compromise one as wide as the ranges that
+        subsets of the data give."""
         if self.compromise is None:
             return self.covariance
         most = self.settings.identifiability.weak * self.free_parameters.layout.reach(self.x)

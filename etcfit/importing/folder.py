@@ -14,9 +14,10 @@ from .. import __version__
 from ..errors import MeasurementError
 from ..rig.base import Rig
 from ..rig.checks import refuse
-from ..rig.config import parse_config
+from ..rig.config import config_of
 from ..rig.reader import assembled, checked, log_of
 from ..rig.table import Table
+from ..rig.toml import Toml, parse
 from .draft import Draft, Trace
 from .sheet import TIME
 from .take import LEFT_OUT, Take
@@ -44,9 +45,9 @@ def read_back(draft: Draft, files: Mapping[str, str], to: Path) -> Rig:
     Raises:
         MeasurementError: it refuses it, or physics does; then a guess was wrong.
     """
-    toml = f"{to}/rig.toml"
-    config = parse_config(files["rig.toml"], toml)
-    config = checked(config, [trace.file for trace in draft.traces], toml, files["rig.toml"])
+    path = f"{to}/rig.toml"
+    toml = Toml(path, files["rig.toml"], parse(files["rig.toml"], path))
+    config = checked(config_of(toml, to.absolute().name), [trace.file for trace in draft.traces], toml)
     logs = []
     for trace in draft.traces:
         where = f"{trace.record.sheet.where} (as {trace.file})"
@@ -54,7 +55,7 @@ def read_back(draft: Draft, files: Mapping[str, str], to: Path) -> Rig:
             logs.append(log_of(_table(trace), where, trace.file, config, toml))
         except MeasurementError as error:
             raise _with_guesses(error, trace) from error
-    rig = assembled(str(to), config, logs, (), toml, files["rig.toml"])
+    rig = assembled(str(to), config, logs, (), toml)
     try:
         refuse(str(to), rig.findings)
     except MeasurementError as error:

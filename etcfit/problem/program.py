@@ -20,7 +20,15 @@ QUICK = {"xla_backend_optimization_level": 0}  # for programs that run a few tim
 
 Piece = TypeVar("Piece")
 
-CORES = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+def _cores() -> int:
+    """That this process may use: ETCFIT_CORES, where several work side by side; else all that it is allowed."""
+    given = os.environ.get("ETCFIT_CORES", "")
+    allowed = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+    return int(given) if given.isdecimal() and int(given) > 0 else allowed
+
+
+CORES = _cores()
 
 
 @cache

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import partial
-from pathlib import Path
 
 import numpy as np
 
@@ -13,7 +12,7 @@ from ..errors import MeasurementError
 from .base import RigConfig
 from .header import DROP, HeaderError, parse_header
 from .table import Table
-from .toml import place_of, read_text
+from .toml import Toml
 from .units import Conversion, UnitError, to_channel
 
 
@@ -85,12 +84,12 @@ class Log:
         return {name: column for name, column in self.columns.items() if name != "time"}
 
 
-def read_columns(table: Table, config: RigConfig, where: str, toml: str) -> dict[str, Column]:
+def read_columns(table: Table, config: RigConfig, where: str, toml: Toml) -> dict[str, Column]:
     """Every column that is not to be ignored, by quantity.
 
     Args:
         where: path of the CSV.
-        toml: path of the rig.toml, which is at fault where [columns] names the header.
+        toml: the rig.toml, which is at fault where [columns] names the header.
 
     Raises:
         MeasurementError: a header not known, of a wrong unit, or a quantity named twice; no time.
@@ -114,13 +113,10 @@ def read_columns(table: Table, config: RigConfig, where: str, toml: str) -> dict
     return columns
 
 
-def _place(header: str, mapped: Mapping[str, str], where: str, toml: str) -> str:
+def _place(header: str, mapped: Mapping[str, str], where: str, toml: Toml) -> str:
     """The line of rig.toml that names the header, else the CSV; where the config was never a file, without a line."""
     name = " ".join(header.split())
-    if name not in mapped:
-        return where
-    source = read_text(toml) if Path(toml).is_file() else ""
-    return f"{place_of(toml, source, f'columns.{name}')} [columns], for {where}"
+    return f"{toml.place(f'columns.{name}')} [columns], for {where}" if name in mapped else where
 
 
 def _column(header: str, ours: str, cells: np.ndarray, config: RigConfig, place: Callable[[], str]) -> Column:

@@ -32,14 +32,15 @@ def rig_from_frames(frames: Mapping[str, pd.DataFrame], config: Mapping[str, Any
     if not frames:
         raise MeasurementError("frames", "none given.", "A rig needs one trace or more.",
                                'Give {"response/1": DataFrame}.')  # fmt: skip
-    config = config if isinstance(config, RigConfig) else config_of(Toml(CONFIG, "", _tables(config)), NAMELESS)
+    toml = Toml(CONFIG, "", {} if isinstance(config, RigConfig) else _tables(config))
+    config = config if isinstance(config, RigConfig) else config_of(toml, NAMELESS)
     for key in frames:
         _check_key(key)
     tables = {key: _table(frames[key], f"frame {key}") for key in sorted(frames)}
-    config = checked(config, tables, CONFIG)
-    read = [log_of(table, f"frame {key}", key, config, CONFIG) for key, table in tables.items()]
+    config = checked(config, tables, toml)
+    read = [log_of(table, f"frame {key}", key, config, toml) for key, table in tables.items()]
     digests = {"rig.toml": _sha256(repr(config).encode()), **{key: _digest(table) for key, table in tables.items()}}
-    return replace(assembled(FRAMES, config, read, (), CONFIG), digests=digests)
+    return replace(assembled(FRAMES, config, read, (), toml), digests=digests)
 
 
 def _tables(config: Any, key: str = CONFIG) -> Any:

@@ -14,23 +14,26 @@ from . import TESTS
 from .base import Channel, Measurement, Rig, RigConfig
 from .checks import findings
 from .columns import Column, Log, read_columns
-from .config import parse_config
+from .config import config_of
 from .duplicates import refuse_duplicates
 from .names import refuse_foreign_names
 from .noise import Texture, pooled, textures
 from .sanity import check_log, check_peaks
 from .table import Table, decode, parse
-from .toml import closest, place_of, read_text
+from .toml import Toml, closest, read_text
+from .toml import parse as parse_toml
+from .toml_text import written
 
 # rig test -> groups of channels; a trace must hold one of each group
 KNOWN_TESTS: dict[str, tuple[tuple[str, ...], ...]] = {test.name: test.needs for test in TESTS}
 
 
-def read_folder(folder: str | Path) -> Rig:
+def read_folder(folder: str | Path, common: Toml | None = None) -> Rig:
     """Read a measurement folder: rig.toml and every CSV in the folders of known rig tests.
 
     Args:
         folder: as the user gave it; every message names files below it in the same way.
+        common: what a fleet's rigs have in common, under the folder's own rig.toml, which may then be missing.
 
     Raises:
         MeasurementError: anything in it is wrong.
@@ -41,14 +44,30 @@ def read_folder(folder: str | Path) -> Rig:
     if not Path(folder).is_dir():
         raise MeasurementError(base, "no such folder.", "A measurement folder with a rig.toml is required.",
                                "Check the path.")  # fmt: skip
-    toml = f"{base}/rig.toml"
-    text = read_text(toml)
-    config = parse_config(text, toml)
+    toml = rig_toml(base, common)
+    config = config_of(toml, Path(folder).absolute().name)
     files, odd = _csv_files(Path(folder), base)
-    config = checked(config, files, toml, text)
-    digests = {file: digest(Path(folder) / file) for file in ("rig.toml", *files)}
-    rig = assembled(base, config, [_read_log(base, file, config) for file in files], odd, toml, text)
-    return replace(rig, digests=digests)
+    config = checked(config, files, toml)
+    rig = assembled(base, config, [_read_log(base, file, config, toml) for file in files], odd, toml)
+    return replace(rig, digests=_digests(Path(folder), files))
+
+
+def rig_toml(base: str, common: Toml | None = None) -> Toml:
+    """The tables of a folder's rig.toml, laid over those that are common.
+
+    Args:
+        base: the folder.
+        common: None where nothing is; else the folder needs no rig.toml.
+
+    Raises:
+        MeasurementError: it cannot be read, or is no TOML.
+    """
+    path = f"{base}/rig.toml"
+    if common is not None and not Path(path).exists():
+        return replace(common, layers=(common,))
+    text = read_text(path)
+    own = Toml(path, text, parse_toml(text, path))
+    return own if common is None else own.over(common)
 
 
 def digests_of(folder: Path) -> dict[str, str]:
@@ -58,27 +77,30 @@ def digests_of(folder: Path) -> dict[str, str]:
         MeasurementError: there is no trace in it.
     """
     files, _ = _csv_files(folder, str(folder))
+    return _digests(folder, files)
+
+
+def _digests(folder: Path, files: Iterable[str]) -> dict[str, str]:
     return {file: digest(folder / file) for file in ("rig.toml", *files) if (folder / file).is_file()}
 
 
-def checked(config: RigConfig, files: Iterable[str], toml: str, text: str = "") -> RigConfig:
+def checked(config: RigConfig, files: Iterable[str], toml: Toml) -> RigConfig:
     """The config, once it names only tests and traces that are there.
 
     Args:
         config: as read.
         files: every trace, as `Measurement.file` will have it.
-        toml: what messages call the config.
-        text: of the rig.toml, in which they find the line.
+        toml: where it was read, for messages.
 
     Raises:
         MeasurementError: a test nobody knows, or a held-out trace that is not there.
     """
     _check_tests(config, toml)
-    return _with_holdout(config, files, place_of(toml, text, "holdout.files"))
+    return _with_holdout(config, files, toml.place("holdout.files"))
 
 
 def assembled(
-    folder: str, config: RigConfig, read: Sequence[tuple[Log, list[str]]], odd: Iterable[str], toml: str, text: str = ""
+    folder: str, config: RigConfig, read: Sequence[tuple[Log, list[str]]], odd: Iterable[str], toml: Toml
 ) -> Rig:
     """The rig that these logs make.
 
@@ -86,8 +108,7 @@ def assembled(
         folder, config: of the rig.
         read: each log, and warnings about it.
         odd: further warnings.
-        toml: what messages call the config.
-        text: of the rig.toml.
+        toml: where the config was read, for messages.
 
     Raises:
         MeasurementError: all logs of a test together cannot be, or one record lies there twice.
@@ -96,17 +117,17 @@ def assembled(
     for test in KNOWN_TESTS:
         check_peaks(test, [log for log in logs if log.test == test])
     twice = refuse_duplicates(logs)
-    warnings = [*odd, *(w for _, ws in read for w in ws), *_unused_columns(config, logs, toml, text), *twice]
+    warnings = [*odd, *(w for _, ws in read for w in ws), *_unused_columns(config, logs, toml), *twice]
     measurements = _measurements(logs, config)
     found = findings(config, measurements)
-    return Rig(folder, config, measurements, (*warnings, *map(str, found)), text, findings=found)
+    return Rig(folder, config, measurements, (*warnings, *map(str, found)), written(toml), findings=found)
 
 
-def _check_tests(config: RigConfig, toml: str) -> None:
+def _check_tests(config: RigConfig, toml: Toml) -> None:
     for test in config.series_ohm:
         if test not in KNOWN_TESTS:
-            raise MeasurementError(toml, f"tests.{test}: no such rig test.", f"Known: {', '.join(KNOWN_TESTS)}.",
-                                   closest(test, KNOWN_TESTS, "Delete the table."))  # fmt: skip
+            raise toml.wrong(f"tests.{test}", "no such rig test.", f"Known: {', '.join(KNOWN_TESTS)}.",
+                             closest(test, KNOWN_TESTS, "Delete the table."))  # fmt: skip
 
 
 def _csv_files(folder: Path, base: str) -> tuple[list[str], list[str]]:
@@ -146,9 +167,9 @@ def _with_holdout(config: RigConfig, files: Iterable[str], place: str) -> RigCon
     return replace(config, holdout=tuple(dict.fromkeys(config.holdout)))
 
 
-def _read_log(base: str, file: str, config: RigConfig) -> tuple[Log, list[str]]:
+def _read_log(base: str, file: str, config: RigConfig, toml: Toml) -> tuple[Log, list[str]]:
     """One CSV, checked; and warnings about columns without any number."""
-    where, toml = f"{base}/{file}", f"{base}/rig.toml"
+    where = f"{base}/{file}"
     try:
         raw = Path(where).read_bytes()
     except OSError as err:
@@ -157,12 +178,13 @@ def _read_log(base: str, file: str, config: RigConfig) -> tuple[Log, list[str]]:
     return log_of(parse(decode(raw, where), where), where, file, config, toml)
 
 
-def log_of(table: Table, where: str, file: str, config: RigConfig, toml: str) -> tuple[Log, list[str]]:
+def log_of(table: Table, where: str, file: str, config: RigConfig, toml: Toml) -> tuple[Log, list[str]]:
     """A table as the log of a rig test, checked; and warnings about columns without any number.
 
     Args:
         table: as written.
-        where, toml: what messages call the table and the config.
+        where: what messages call the table.
+        toml: where the config was read, for messages.
         file: `<test>/<name>`.
         config: of the rig.
 
@@ -214,11 +236,11 @@ def _only_duty(log: Log) -> bool:
     return "duty" in log.channels and not {"voltage", "supply", "torque"} & set(log.channels)
 
 
-def _unused_columns(config: RigConfig, logs: Iterable[Log], toml: str, text: str) -> list[str]:
+def _unused_columns(config: RigConfig, logs: Iterable[Log], toml: Toml) -> list[str]:
     used = {" ".join(c.header.split()) for log in logs for c in log.columns.values()}
     strange = [foreign for foreign, ours in config.columns.items()
                if foreign not in used and ours.casefold() not in ("", "ignore")]  # fmt: skip
-    return [f'{place_of(toml, text, f"columns.{name}")}: [columns] names "{name}", which no CSV has.'
+    return [f'{toml.place(f"columns.{name}")}: [columns] names "{name}", which no CSV has.'
             for name in strange]  # fmt: skip
 
 

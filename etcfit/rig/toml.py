@@ -17,15 +17,34 @@ from .table import decode
 
 @dataclass(frozen=True)
 class Toml:
-    """A parsed rig.toml that knows its own path and where each key stands."""
+    """A parsed rig.toml that knows its own path and where each key stands.
+
+    Args:
+        path: what messages call it.
+        source: its text.
+        tables: what it says.
+        layers: the files that it was laid together from, uppermost first; () where it is one file.
+    """
 
     path: str
     source: str
     tables: Mapping[str, Any]
+    layers: tuple[Toml, ...] = ()
+
+    def over(self, common: Toml) -> Toml:
+        """This file laid over another: each key of a table as it stands here, else as it stands there."""
+        names = dict.fromkeys([*common.tables, *self.tables])
+        tables = {name: _laid(self.tables.get(name), common.tables.get(name)) for name in names}
+        return Toml(self.path, self.source, tables, (self, common))
+
+    def place(self, key: str) -> str:
+        """Where `table.key` stands: in the uppermost file that has it."""
+        file = next((layer for layer in self.layers if _holds(layer.tables, key)), self)
+        return place_of(file.path, file.source, key)
 
     def wrong(self, key: str, found: str, required: str, mend: str) -> MeasurementError:
         """The error for `table.key`, with its line where it can be found."""
-        return MeasurementError(place_of(self.path, self.source, key), f"{key}: {found}", required, mend)
+        return MeasurementError(self.place(key), f"{key}: {found}", required, mend)
 
     def table(self, name: str, keys: Iterable[str] | None = None) -> Mapping[str, Any]:
         """The table of that name, {} where absent; only the given keys may stand in it."""
@@ -81,6 +100,19 @@ class Toml:
             raise self.wrong(f"{table}.{key}", f"found {shown(values)}.", "It must be a list of texts.",
                              f'Write {key} = ["...", "..."].')  # fmt: skip
         return tuple(values)
+
+
+def _laid(own: Any, common: Any) -> Any:
+    """A table key by key; what is no table in one of them is taken from the upper one, and refused later."""
+    if isinstance(own, Mapping) and isinstance(common, Mapping):
+        return {**common, **own}
+    return common if own is None else own
+
+
+def _holds(tables: Mapping[str, Any], key: str) -> bool:
+    head, _, rest = key.partition(".")
+    inner = tables.get(head)
+    return key in tables or (isinstance(inner, Mapping) and _holds(inner, rest))
 
 
 def read_text(path: str | Path) -> str:

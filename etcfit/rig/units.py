@@ -47,12 +47,14 @@ SPELLINGS: dict[str, str] = {
     **dict.fromkeys(("sec", "secs", "second", "seconds"), "s"),
     **dict.fromkeys(("degree", "degrees", "deg"), "deg"),
     **dict.fromkeys(("radian", "radians", "rad"), "rad"),
+    **dict.fromkeys(("kg*m2", "kg m2", "kgm2"), "kg*m^2"),
     **dict.fromkeys(("celsius", "degc", "deg c", "°c"), "degC"),
 }
 
 # names, each with a small power, joined by * / . or a space: all that a unit needs, and nothing pint could choke on
 _NAME = r"[^\W\d_]{1,20}|[°%µμΩ][^\W\d_]{0,3}|1"
-_GRAMMAR = re.compile(rf"(?:{_NAME})(?:\^-?\d|\*\*-?\d|[²³])?(?:\s*[*/·.]\s*(?:{_NAME})|\s+(?:{_NAME}))*")
+_POWERED = rf"(?:{_NAME})(?:\^-?\d|\*\*-?\d|[²³])?"
+_GRAMMAR = re.compile(rf"{_POWERED}(?:\s*[*/·.]\s*{_POWERED}|\s+{_POWERED})*")
 _NEWTON_METRE = re.compile(r"([mkµμ]?N)[-·. ]?([cm]?m)")
 
 
@@ -102,6 +104,23 @@ def conversion(quantity: str, unit: str) -> Conversion:
     if not same:
         raise UnitError(f"unit '{unit}' is not one of {quantity}.")
     return Conversion(one - zero, zero)
+
+
+@cache
+def to_si(unit: str) -> tuple[str, Conversion]:
+    """The SI unit that any unit comes down to, as pint writes it, and the conversion to it.
+
+    Raises:
+        UnitError: not a unit.
+    """
+    spelt = _pint_spelling(unit.strip())
+    try:
+        zero, one = (_quantity(x, spelt).to_base_units() for x in (0.0, 1.0))
+    except UnitError:
+        raise
+    except Exception as err:  # whatever pint makes of a text that is no unit
+        raise UnitError(f"unit '{unit}' is not known.") from err
+    return f"{one.units:~C}", Conversion(float(one.magnitude - zero.magnitude), float(zero.magnitude))
 
 
 def _pint_spelling(unit: str) -> str:

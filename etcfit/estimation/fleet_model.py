@@ -1,0 +1,116 @@
+"""Many units of one design as one model: what is common, and the parameters' values unit by unit."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+from jaxtyping import Float
+
+from ..errors import UsageError
+from ..model.effects import AbstractEffect
+from ..model.parameters import NonNegative, Parameter, Positive
+from ..model.rig_effects import AbstractRigEffect
+from ..model.throttle import Throttle, catalogue
+from ..problem.free_parameters import FreeParameters
+from ..rig.base import RigConfig
+from .fitted_model import Fitted
+
+_LEAST = 1e-3  # of a positive parameter's usual size, for a unit whose estimate has none
+
+
+@dataclass(frozen=True, eq=False)
+class FleetModel:
+    """Units that differ in their values alone; made by `fleet_model`.
+
+    Args:
+        config: of the rig, common to all.
+        free_parameters: of the model, common to all.
+        units: names, U of them.
+        values: of every parameter, SI, by symbol, shape (U,).
+        position_noise: standard deviation of one reading of the rig's position, rad.
+    """
+
+    config: RigConfig
+    free_parameters: FreeParameters
+    units: tuple[str, ...]
+    values: Mapping[str, Float[np.ndarray, " U"]]
+    position_noise: float = 0.0
+
+    @cached_property
+    def types(self) -> tuple[type[AbstractEffect], ...]:
+        """Effects of the throttle body itself: without rig and ECU."""
+        every = self.free_parameters.layout.types
+        return tuple(t for t in every if not issubclass(t, AbstractRigEffect) and not t.commands)
+
+    @property
+    def throttles(self) -> Throttle:
+        """All units as one model, whose parameters have shape (U,)."""
+        return Throttle.build(self.types, self.values)
+
+    @cached_property
+    def mean(self) -> dict[str, float]:
+        """Of every parameter over the units, SI."""
+        return {symbol: float(np.mean(values)) for symbol, values in self.values.items()}
+
+    def taking(self, which: np.ndarray) -> FleetModel:
+        """Some of the units, by their numbers, shape (C,)."""
+        some = {symbol: values[which] for symbol, values in self.values.items()}
+        return replace(self, units=tuple(self.units[k] for k in which.tolist()), values=some)
+
+    @cached_property
+    def coordinates(self) -> Float[np.ndarray, "U P"]:
+        """Coordinates of the free parameters, unit by unit."""
+        layout = self.free_parameters.layout
+        rows = zip(*(self.values[s].tolist() for s in layout.free), strict=True)
+        return np.array([layout.coordinates(dict(zip(layout.free, row, strict=True))) for row in rows])
+
+    @property
+    def nominal(self) -> Fitted:
+        """The mean unit, known as badly as units differ: for all that takes one fitted model."""
+        layout, x = self.free_parameters.layout, self.coordinates
+        spread = np.cov(x.T).reshape(len(layout.free), -1) if len(x) > 1 else np.zeros((x.shape[1],) * 2)
+        middle = layout.coordinates(self.mean)
+        return Fitted(self.config, self.free_parameters, middle, spread, position_noise=self.position_noise)
+
+
+def fleet_model(
+    config: RigConfig,
+    free_parameters: FreeParameters,
+    units: Sequence[str],
+    values: Mapping[str, np.ndarray],
+    position_noise: float = 0.0,
+) -> FleetModel:
+    """Units of one design by the values of what is free in it; what is held or tied follows.
+
+    An estimate beyond the bound of its parameter, as estimates without bounds may be, is taken to the bound.
+
+    Args:
+        config, free_parameters, units, position_noise: see `FleetModel`.
+        values: SI by symbol, shape (U,); every free parameter must be among them, held ones may be.
+    Raises:
+        UsageError: no unit, a free parameter without values, or a value that is no number.
+    """
+    layout, count = free_parameters.layout, len(units)
+    if not count:
+        raise UsageError("a fleet without a unit has no model. Fit units first.")
+    if missing := [symbol for symbol in layout.free if symbol not in values]:
+        raise UsageError(f"no values of {', '.join(missing)}, which is free in this model. Give one for each unit.")
+    held = {s: np.full(count, float(v)) for s, v in zip(layout.held, free_parameters.held, strict=True)}
+    known = catalogue(layout.types)
+    every = held | {s: _bounded(layout.parameter(s), np.asarray(v, dtype=float), count)
+                    for s, v in values.items() if s in known}  # fmt: skip
+    every |= {symbol: every[other] for symbol, other in layout.ties}
+    return FleetModel(config, free_parameters, tuple(units), every, position_noise)
+
+
+def _bounded(parameter: Parameter, values: np.ndarray, count: int) -> np.ndarray:
+    if values.shape != (count,) or not np.all(np.isfinite(values)):
+        raise UsageError(f"{parameter.symbol} of the fleet has shape {values.shape} and {np.sum(~np.isfinite(values))} "
+                         f"values that are no numbers. It must have one number for each of {count} units: leave out "
+                         "the units that have none.")  # fmt: skip
+    if isinstance(parameter.domain, NonNegative):
+        return np.maximum(values, 0.0)
+    return np.maximum(values, _LEAST * parameter.domain.scale) if isinstance(parameter.domain, Positive) else values
