@@ -16,6 +16,7 @@ from ..model.ecu import Ecu, Notation, Terms
 from ..model.ecus import EcuProfile
 from ..model.throttle import Throttle
 from ..rig.ecu import GAINS
+from .fleet_verdict import FleetVerdict
 from .judged import Robust, Tuned, below, judged, outside_the_bench
 from .linearise import reduce, stops
 from .pid import RULES, Gains, Refusal, Requirements, Rule, Task
@@ -45,12 +46,13 @@ class Design:
         chosen: the rule whose gains are proposed.
         tuned: every rule, by name.
         draws: how many models judged them, the nominal one among them.
-        origin: "posterior" or "laplace": where the draws came from.
+        origin: "posterior", "laplace" or "fleet": where the draws came from; the last are units.
         bias: the voltage that holds each position, for an ECU that has such a curve.
         robust: the chosen gains under the conditions of a car.
         front: the least tracking error within each limit of the duty's activity.
         safety: what the chosen gains do where something fails.
         limits: where the chosen gains miss a requirement, what keeps any gains from meeting it.
+        fleet: how they fare unit by unit, where the models are the units of a fleet; else None.
     """
 
     fitted: Fitted
@@ -64,6 +66,7 @@ class Design:
     front: tuple[FrontPoint, ...]
     safety: Safety
     limits: tuple[str, ...]
+    fleet: FleetVerdict | None = None
 
     @property
     def setpoint(self) -> Setpoint:
@@ -184,7 +187,7 @@ def propose(
         task: what the rules are given.
         rule: whose gains are proposed.
         rules: by name, `rule` among them.
-        origin: where the draws came from, "posterior" or "laplace".
+        origin: where the draws came from, see `Design`.
         report: called with what is going on and the share done.
     Raises:
         UsageError: the rule has no gains for this plant.

@@ -90,7 +90,7 @@ def judged(task: Task, found: Mapping[str, Gains | Refusal]) -> dict[str, Tuned]
     """Figures of every rule's gains, on the linear plant and over the draws of the nonlinear one."""
     have = {name: gains for name, gains in found.items() if isinstance(gains, Gains)}
     gains = Gains(*(np.array(column, dtype=float) for column in zip(*have.values(), strict=True)))
-    at_bench, out = _over(task, task.loop, gains), {}
+    at_bench, out = over_models(task, task.loop, gains), {}
     for name, refusal in found.items():
         if isinstance(refusal, Refusal):
             out[name] = _refused(name, refusal)
@@ -106,7 +106,7 @@ def outside_the_bench(task: Task, gains: Gains) -> Robust:
     conditions = scattered(ranges, task.loop.draws, np.random.default_rng(ranges.seed))
     loops = at_corners(task.loop, ranges), under(task.loop, conditions, ranges)
     one = Gains(*(np.array([g]) for g in gains))
-    there, anywhere = (_over(task, loop, one).of(0) for loop in loops)
+    there, anywhere = (over_models(task, loop, one).of(0) for loop in loops)
     worst = [float(np.max(figure)) for figure in there.figures]
     margin = [float(np.min(each)) for each in (there.gain_margin, there.phase_margin)]
     figures = Metrics(*worst[:4], *margin, *worst[4:])
@@ -117,14 +117,14 @@ def outside_the_bench(task: Task, gains: Gains) -> Robust:
     return Robust(figures, corner, met, margin[0] > 0.0, float(np.mean(anywhere.met(asked))))
 
 
-def _over(task: Task, loop: Loop, gains: Gains) -> _OverDraws:
+def over_models(task: Task, loop: Loop, gains: Gains) -> OverDraws:
     """Gains of shape (G,) on every model of a loop."""
     share, figures = loop.tried(gains, task.setpoint)
     safe = margins(Gains(*(np.asarray(g)[None] for g in gains)), loop.linear(), task.ecu)
-    return _OverDraws(figures, share, safe.gain_db, safe.phase_deg)
+    return OverDraws(figures, share, safe.gain_db, safe.phase_deg)
 
 
-class _OverDraws(NamedTuple):
+class OverDraws(NamedTuple):
     """How gains fare over models; of one rule's gains without the axis G.
 
     Args:
@@ -138,17 +138,17 @@ class _OverDraws(NamedTuple):
     gain_margin: np.ndarray
     phase_margin: np.ndarray
 
-    def of(self, k: int) -> _OverDraws:
+    def of(self, k: int) -> OverDraws:
         """Of one rule."""
         figures = Figures(*(figure[:, k] for figure in self.figures))
-        return _OverDraws(figures, self.share[:, k], self.gain_margin[:, k], self.phase_margin[:, k])
+        return OverDraws(figures, self.share[:, k], self.gain_margin[:, k], self.phase_margin[:, k])
 
     def met(self, asked: Requirements) -> np.ndarray:
         """Every requirement, by a stable loop, shape (D,)."""
         return np.all([below(self.figures, asked, symbol) for symbol in REQUIRED], axis=0) & (self.gain_margin > 0.0)
 
 
-def _tuned(task: Task, name: str, gains: Gains, over_draws: _OverDraws) -> Tuned:
+def _tuned(task: Task, name: str, gains: Gains, over_draws: OverDraws) -> Tuned:
     """What one rule came to."""
     column, share, gain_margin, phase_margin = over_draws
     asked, time = task.requirements, task.setpoint.instants(task.ecu.period)

@@ -299,6 +299,7 @@ class SafetySettings:
         watched: s for which it is watched afterwards.
         falls: s for which a plate without a current is watched.
         fall_step: of its integration, s.
+        at_rest: s without any motion after which such a plate is at rest.
         places: positions at which the holding current is given.
         insulation: temperature that a winding may reach, degrees Celsius; 155 for class F of IEC 60085.
     """
@@ -325,6 +326,7 @@ class SafetySettings:
     watched: float = real(1.2, 0.1, 100.0)
     falls: float = real(2.0, 0.1, 100.0)
     fall_step: float = real(5e-4, 1e-6, 1e-2)
+    at_rest: float = real(0.1, 1e-3, 100.0)
     places: int = whole(21, 2, 10_000)
     insulation: float = real(155.0, 0.0, 1000.0)
 
@@ -334,6 +336,33 @@ class SafetySettings:
             raise ValueError(f"SafetySettings.most = {self.most!r}: it must be above least, {self.least!r}.")
         if len(self.crank) != len(self.crank_for):
             raise ValueError(f"SafetySettings.crank_for = {self.crank_for!r}: it must have as many parts as crank.")
+
+
+@dataclass(frozen=True)
+class FleetDesignSettings:
+    """Gains for many units.
+
+    Args:
+        share: of the units that must meet every requirement.
+        few: units, the extreme ones along the fleet's principal directions and random ones, that the search sees.
+        directions: principal ones, each of which gives its two extreme units.
+        at_once: units whose responses are in memory together.
+        refinements: searches made anew with the units that failed among the few, where too many do.
+        future: units drawn from the population that tell what to expect of those not made yet.
+        named: worst units that are named.
+        seed: of the random numbers.
+    """
+
+    share: float = real(0.99, 0.0, 1.0)
+    few: int = whole(32, 2, 100_000)
+    directions: int = whole(6, 0, 1000)
+    at_once: int = whole(200, 2, 100_000)
+    refinements: int = whole(3, 0, 100)
+    future: int = whole(1000, 2, 10**6)
+    named: int = whole(10, 1, 10_000)
+    seed: int = whole(20230703, 0, 2**32 - 1)
+
+    __post_init__ = check_ranges
 
 
 @dataclass(frozen=True)

@@ -69,13 +69,24 @@ def optimal(task: Task) -> Gains | Refusal:
     """
     settings = task.settings.optimum
     rng = np.random.default_rng(settings.seed)
-    alone, few = _scorer(task, 1, settings.spare_alone), _scorer(task, settings.few, settings.spare)
+    alone = _scorer(task, 1, settings.spare_alone)
     ends = [cross_entropy(alone, _swept(alone, rng, settings), settings.rounds, rng, settings)[0]
             for _ in range(settings.searches)]  # fmt: skip
-    begins = np.array([*ends, *_by_formula(task, settings)])
+    return best_over_draws(task, np.array([*ends, *_by_formula(task, settings)]), rng)
+
+
+def best_over_draws(task: Task, begins: np.ndarray, rng: np.random.Generator) -> Gains:
+    """The gains that cost least over all models of a task, sought over the first few from the best of some begins.
+
+    Args:
+        task: whose first few models are those that decide.
+        begins: logarithms of gains, shape (B, 3).
+        rng: random numbers.
+    """
+    settings = task.settings.optimum
+    few, every = _scorer(task, settings.few, settings.spare), _scorer(task, task.loop.draws, 0.0)
     nearby = _about(begins[np.argmin(few(begins).cost)], rng, settings)
     leaders, _ = elite_of(few, np.vstack((begins, nearby)), settings.last_rounds, rng, settings)
-    every = _scorer(task, task.loop.draws, 0.0)
     return Gains(*np.exp(leaders[np.argmin(every(leaders).cost)]).tolist())
 
 

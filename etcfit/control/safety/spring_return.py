@@ -3,19 +3,16 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 
-from ...model.effects import State
-from ...model.stepper import Step, step
 from ...model.throttle import Throttle
-from ...problem.program import QUICK, Program
+from ..motion import Bands, Experiment, Motion, Watching, moved
 from ..pid.base import Task
-from ..pid.loop import Loop
+from ..pid.loop import Body, Loop
 from ..pid.scenarios import default_position
+from ..settings import SafetySettings
 
 
 @dataclass(frozen=True)
@@ -36,47 +33,45 @@ class Return:
     rests: tuple[float, float]
 
 
-def _falls(ticks: int, throttles: Throttle, angles: Any, circuits: Any, body: Any, dt: Any) -> Any:
-    """Angle at each step, rad, of every model (D), angle (A) and circuit (2): shape (D, A, 2, ticks)."""
+def falls(
+    throttles: Throttle, angles: np.ndarray, homes: np.ndarray, circuit: float, body: Body, settings: SafetySettings
+) -> Motion:
+    """Every model let go from an angle of its own, its terminals open (`circuit` 0) or shorted (1).
 
-    def fall(throttle: Throttle, angle: Any, circuit: Any) -> Any:
-        def advance(carry: Any, k: Any) -> Any:
-            still = Step(dt=dt, voltage0=0.0, voltage1=0.0, torque0=0.0, torque1=0.0, time=dt * (k + 1.0), mobile=1.0,
-                         circuit=circuit, plate=1.0, series=0.0, gear_ratio=body.gear_ratio, lower=body.lower,
-                         upper=body.upper, guide_stiffness=0.0, target0=0.0, target1=0.0, lever=0.0)  # fmt: skip
-            before, memory = carry
-            x, z = step(throttle, before, memory, still)
-            return (x, z), before.theta
+    The one band of the motion is what counts as back: `settings.returned` of the travel either side of its home.
 
-        x = State(jnp.zeros(()), angle, jnp.zeros(()))
-        z = tuple(jnp.asarray(each, dtype=float) for each in throttle.z0)
-        return jax.lax.scan(advance, (x, z), jnp.arange(ticks))[1]
-
-    over_circuits = jax.vmap(fall, in_axes=(None, None, 0))
-    over_angles = jax.vmap(over_circuits, in_axes=(None, 0, None))
-    return jax.vmap(over_angles, in_axes=(0, None, None))(throttles, angles, circuits)
-
-
-_every_fall = Program(_falls, options=QUICK)
+    Args:
+        throttles: parameters of shape (D,).
+        angles: from which, rad, shape (D,).
+        homes: where its springs bring it, rad, shape (D,).
+        circuit: 0 or 1.
+        body: gear ratio and stops.
+        settings: how near, how long and how closely.
+    """
+    near = settings.returned * (body.upper - body.lower)
+    none = np.zeros(angles.size)
+    what = Experiment(angles, none, none + circuit)
+    bands = Bands((homes - near)[:, None], (homes + near)[:, None])
+    return moved(throttles, what, bands, body, Watching(settings.fall_step, settings.falls, settings.at_rest))
 
 
 def returns(loop: Loop, task: Task) -> tuple[Return, ...]:
     """From rest at each opening, the bridge open as of then."""
     settings, body = task.settings.safety, loop.body
     openings = np.array([0.0, *settings.openings])
-    ticks = round(settings.falls / settings.fall_step)
-    falls = _every_fall(ticks, loop.throttles, loop.angle(openings), np.array([0.0, 1.0]), body, settings.fall_step)
-    path = loop.share(np.asarray(falls))
-    ends, home = path[..., -1], default_position(loop) or 0.0
-    far = np.abs(path - home) > settings.returned
-    back = settings.fall_step * np.where(far.any(axis=-1), path.shape[-1] - np.argmax(far[..., ::-1], axis=-1), 0)
-    worst = np.max(np.where(far[..., -1], np.inf, back), axis=0)
-    rests = ends[:, :, 0]
+    home = loop.angle(default_position(loop) or 0.0)
+    which, angles = (each.ravel() for each in np.meshgrid(np.arange(loop.draws), loop.angle(openings), indexing="ij"))
+    throttles = jax.tree.map(lambda leaf: np.asarray(leaf)[which], loop.throttles)
+    homes, shape = np.full(angles.size, home), (loop.draws, openings.size)
+    cut, shorted = (falls(throttles, angles, homes, circuit, body, settings) for circuit in (0.0, 1.0))
+    rests = loop.share(cut.angle).reshape(shape)
+    worst = [np.max(each.stays.reshape(shape), axis=0).tolist() for each in (cut, shorted)]
+    ends = zip(np.min(rests, axis=0).tolist(), np.max(rests, axis=0).tolist(), strict=True)
     return tuple(
-        Return(float(opening), _known(cut), _known(shorted), (float(rests[:, k].min()), float(rests[:, k].max())))
-        for k, (opening, (cut, shorted)) in enumerate(zip(openings, worst, strict=True))
+        Return(opening, _known(after_cut), _known(after_short), rest)
+        for opening, after_cut, after_short, rest in zip(openings.tolist(), *worst, ends, strict=True)
     )
 
 
 def _known(seconds: float) -> float | None:
-    return float(seconds) if np.isfinite(seconds) else None
+    return seconds if np.isfinite(seconds) else None

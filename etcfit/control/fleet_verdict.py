@@ -1,0 +1,167 @@
+"""How one set of gains fares on every unit of a fleet, and on units that are not made yet."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from scipy.stats import binomtest
+
+from .pid.requirements import REQUIRED, Requirements
+from .settings import FleetDesignSettings
+
+STABLE = "stable"  # what a unit whose linear loop is not stable misses
+_LEVEL = 0.95
+
+
+class Share(NamedTuple):
+    """Of units that meet everything.
+
+    Args:
+        met: how many.
+        of: how many there are.
+        low, high: 95 % interval of the share in the population that they come from, exact for independent units
+            (Clopper and Pearson 1934, Biometrika 26).
+    """
+
+    met: int
+    of: int
+    low: float
+    high: float
+
+    @property
+    def value(self) -> float:
+        """The share itself."""
+        return self.met / self.of
+
+    @classmethod
+    def counted(cls, met: np.ndarray) -> Share:
+        """Of truth values, shape (U,)."""
+        count = int(np.sum(met))
+        ends = binomtest(count, met.size).proportion_ci(_LEVEL, "exact")
+        return cls(count, met.size, float(ends.low), float(ends.high))
+
+
+class OddOne(NamedTuple):
+    """A unit that fares badly.
+
+    Args:
+        unit: its name.
+        requirement: the one that it misses by most, or meets most narrowly.
+        figure, limit: of it; of a stable loop its gain margin (dB) and 0.
+        meets: whether it meets everything all the same.
+    """
+
+    unit: str
+    requirement: str
+    figure: float
+    limit: float
+    meets: bool
+
+
+@dataclass(frozen=True, eq=False)
+class OneByOne:
+    """Figures of gains on many units.
+
+    Args:
+        units: names, U of them.
+        figures: of each requirement, shape (U,).
+        gain_margin: dB, shape (U,).
+        rmse: tracking error, % of the travel, shape (U,).
+        asked: of them.
+    """
+
+    units: tuple[str, ...]
+    figures: Mapping[str, np.ndarray]
+    gain_margin: np.ndarray
+    rmse: np.ndarray
+    asked: Requirements
+
+    @property
+    def missed(self) -> dict[str, np.ndarray]:
+        """Whether each unit misses each requirement, stability among them, shape (U,)."""
+        over = {symbol: ~(self.figures[symbol] < getattr(self.asked, symbol)) for symbol in REQUIRED}
+        return over | {STABLE: ~(self.gain_margin > 0.0)}
+
+    @property
+    def met(self) -> np.ndarray:
+        """Every requirement, by a stable loop, shape (U,)."""
+        return ~np.any(list(self.missed.values()), axis=0)
+
+    @property
+    def strain(self) -> np.ndarray:
+        """Each figure over its limit, infinite where the loop is unstable, shape (R, U) in the order of REQUIRED."""
+        over = np.stack([self.figures[symbol] / getattr(self.asked, symbol) for symbol in REQUIRED])
+        return np.where((self.gain_margin > 0.0)[None], np.nan_to_num(over, nan=np.inf, posinf=np.inf), np.inf)
+
+    @property
+    def worst_first(self) -> np.ndarray:
+        """Numbers of the units, shape (U,)."""
+        return np.argsort(-np.max(self.strain, axis=0), kind="stable")
+
+
+@dataclass(frozen=True, eq=False)
+class FleetVerdict:
+    """Whether gains meet everything on enough units.
+
+    Args:
+        settings: share of the units that must, and how gains for them were searched.
+        share: of the units of the fleet that do.
+        future: of units drawn from the population, none of which the search has seen; None where the fleet is too
+            small to say how its units scatter.
+        worst: units, the worst first.
+        fails: units that miss each requirement, by its name, "stable" among them; those that none misses are left out.
+        searches: made until these gains were found.
+    """
+
+    settings: FleetDesignSettings
+    share: Share
+    future: Share | None
+    worst: tuple[OddOne, ...]
+    fails: Mapping[str, tuple[str, ...]]
+    searches: int
+
+    @property
+    def asked(self) -> float:
+        """Share of the units that must meet everything."""
+        return self.settings.share
+
+    @property
+    def reached(self) -> bool:
+        """Whether enough units of the fleet meet everything."""
+        return self.share.value >= self.asked
+
+    @property
+    def says(self) -> str:
+        """In a sentence."""
+        s = self.share
+        met = f"{s.met} of {s.of} units meet everything"
+        if self.reached:
+            return f"{met}: the {self.asked:.0%} asked for are reached"
+        return f"{met}: FEWER than the {self.asked:.0%} asked for; no gains were found that reach more"
+
+
+def verdict(found: OneByOne, future: OneByOne | None, settings: FleetDesignSettings, searches: int) -> FleetVerdict:
+    """What figures unit by unit come to.
+
+    Args:
+        found: of the fleet's own units.
+        future: of drawn ones, or None.
+        settings: share of the units that must meet everything, and how many are named.
+        searches: made.
+    """
+    names = np.array(found.units, dtype=object)
+    fails = {symbol: tuple(names[missed].tolist()) for symbol, missed in found.missed.items() if missed.any()}
+    worst = tuple(_odd(found, int(k)) for k in found.worst_first[: settings.named])
+    ahead = None if future is None else Share.counted(future.met)
+    return FleetVerdict(settings, Share.counted(found.met), ahead, worst, fails, searches)
+
+
+def _odd(found: OneByOne, k: int) -> OddOne:
+    if not found.gain_margin[k] > 0.0:
+        return OddOne(found.units[k], STABLE, float(found.gain_margin[k]), 0.0, False)
+    symbol = REQUIRED[int(np.argmax(found.strain[:, k]))]
+    limit = float(getattr(found.asked, symbol))
+    return OddOne(found.units[k], symbol, float(found.figures[symbol][k]), limit, bool(found.met[k]))

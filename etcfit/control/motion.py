@@ -1,0 +1,148 @@
+"""Many plates under a constant voltage, or with open terminals: when each comes where, and where it comes to rest."""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from ..model.effects import State
+from ..model.parameters import Scalar
+from ..model.stepper import Step, step
+from ..model.throttle import Throttle
+from ..problem.program import CORES, Program, side_by_side
+
+_STILL = 1e-6  # rad/s, below which a plate does not move
+
+
+class Experiment(NamedTuple):
+    """A plate let go from rest without a current; of many, every entry has shape (D,).
+
+    Args:
+        angle: from which, rad.
+        volts: at the terminals from then on, V.
+        circuit: 1, or 0 where the terminals are open.
+    """
+
+    angle: Any
+    volts: Any
+    circuit: Any
+
+
+class Bands(NamedTuple):
+    """Ranges of angle that a motion is watched for, rad, shape (D, M); infinite for no end."""
+
+    low: Any
+    high: Any
+
+
+class Watching(NamedTuple):
+    """How closely, and for how long.
+
+    Args:
+        step: of the integration, s.
+        longest: s.
+        rest: s without any motion after which a plate is at rest and no longer watched.
+    """
+
+    step: Scalar
+    longest: Scalar
+    rest: Scalar
+
+
+class Motion(NamedTuple):
+    """What became of it.
+
+    Args:
+        first: s until the plate first is in each band, shape (D, M); infinite for never.
+        stays: s from which on it stays in it, likewise.
+        angle: at the end, rad, shape (D,).
+        still: 1 where it was at rest there, shape (D,).
+    """
+
+    first: np.ndarray
+    stays: np.ndarray
+    angle: np.ndarray
+    still: np.ndarray
+
+
+class _Carry(NamedTuple):
+    k: Any
+    x: State
+    z: tuple[Scalar, ...]
+    first: Any
+    stays: Any
+    still: Any
+
+
+def _within(theta: Any, bands: Bands) -> Any:
+    return (theta[:, None] >= bands.low) & (theta[:, None] <= bands.high)
+
+
+def _entered(before: Any, now: Any, bands: Bands) -> Any:
+    """Share of a step after which a plate that goes straight from before to now is in a band, shape (D, M)."""
+    edge = jnp.where(before[:, None] < bands.low, bands.low, bands.high)
+    way = (now - before)[:, None]
+    share = (edge - before[:, None]) / jnp.where(way == 0.0, 1.0, way)
+    return jnp.clip(share, 0.0, 1.0)
+
+
+def _moved(throttles: Throttle, what: Experiment, bands: Bands, body: Any, watching: Watching) -> Motion:
+    """Every model (D) in an experiment of its own."""
+    count, (dt, longest, rest) = what.angle.shape[0], watching
+
+    def one(throttle: Throttle, x: State, z: Any, volts: Any, circuit: Any, time: Any) -> Any:
+        held = Step(dt=dt, voltage0=volts, voltage1=volts, torque0=0.0, torque1=0.0, time=time, mobile=1.0,
+                    circuit=circuit, plate=1.0, series=0.0, gear_ratio=body.gear_ratio, lower=body.lower,
+                    upper=body.upper, guide_stiffness=0.0, target0=0.0, target1=0.0, lever=0.0)  # fmt: skip
+        return step(throttle, x, z, held)
+
+    every = jax.vmap(one, in_axes=(0, 0, 0, 0, 0, None))
+
+    def going(carry: _Carry) -> Any:
+        return (carry.k * dt < longest) & jnp.any(carry.still < rest)
+
+    def advance(carry: _Carry) -> _Carry:
+        k, before, z, first, stays, still = carry
+        x, z = every(throttles, before, z, what.volts, what.circuit, dt * (k + 1.0))
+        was, now = _within(before.theta, bands), _within(x.theta, bands)
+        crossed = dt * (k + _entered(before.theta, x.theta, bands))
+        first = jnp.where(now & ~was, jnp.minimum(first, crossed), first)
+        stays = jnp.where(now, jnp.where(was, stays, crossed), jnp.inf)
+        still = jnp.where(jnp.abs(x.omega) < _STILL, still + dt, 0.0)
+        return _Carry(k + 1.0, x, z, first, stays, still)
+
+    none = jnp.zeros(count)
+    x = State(none, jnp.asarray(what.angle, dtype=float), none)
+    z = tuple(jnp.full(count, each) for each in throttles.z0)
+    begun = jnp.where(_within(x.theta, bands), 0.0, jnp.inf)
+    end = jax.lax.while_loop(going, advance, _Carry(jnp.zeros(()), x, z, begun, begun, none))
+    return Motion(end.first, end.stays, end.x.theta, (end.still >= rest).astype(float))
+
+
+_every = Program(_moved, static=0)
+
+
+def moved(throttles: Throttle, what: Experiment, bands: Bands, body: Any, watching: Watching) -> Motion:
+    """Every model in an experiment of its own, side by side on every core.
+
+    Args:
+        throttles: models, parameters of shape (D,).
+        what: entries of shape (D,).
+        bands: angles watched for, shape (D, M).
+        body: gear ratio and stops, such as `pid.loop.Body`.
+        watching: how closely, and for how long.
+    """
+    count = np.shape(what.angle)[0]
+    room = -(-count // CORES)  # models a core; the last one is repeated until each has as many
+    whole = np.minimum(np.arange(room * CORES), count - 1)
+    shared = jax.tree.map(lambda leaf: np.asarray(leaf, dtype=float), (throttles, what, bands))
+    pieces = [jax.tree.map(lambda leaf, k=k: leaf[whole[k : k + room]], shared)
+              for k in range(0, room * CORES, room)]  # fmt: skip
+    fixed = type(body)(*(float(each) for each in body)), Watching(*(float(each) for each in watching))
+    done = side_by_side(lambda piece: _every(*piece, *fixed), pieces)
+    return Motion(
+        *(np.concatenate([np.asarray(each) for each in column])[:count] for column in zip(*done, strict=True))
+    )
