@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 
 from ..control.design import Design
+from ..control.fleet_verdict import FleetVerdict
 from ..control.judged import Tuned
 from ..control.pid.front import FrontPoint
 from ..control.pid.gains import UNIT, Gains
@@ -62,7 +63,27 @@ def design_json(design: Design) -> dict[str, Any]:
         "profile": written_for(design),
         "settings": design.settings,
         "versions": versions(),
-    })  # fmt: skip
+    } | ({} if design.fleet is None else {"fleet": fleet_json(design.fleet)}))  # fmt: skip
+
+
+def fleet_json(found: FleetVerdict) -> dict[str, Any]:
+    """How the proposed gains fare unit by unit; a figure that is not finite, such as of an unstable loop, is null."""
+    ahead = found.future
+    return {
+        "share_met": found.share.value,
+        "share_ci95": [found.share.low, found.share.high],
+        "share_asked": found.asked,
+        "reached": found.reached,
+        "units": found.share.of,
+        "future": None if ahead is None else {
+            "share_met": ahead.value, "share_ci95": [ahead.low, ahead.high], "draws": ahead.of,
+        },
+        "worst": [each._asdict() for each in found.worst],
+        "fails": found.fails,
+        "searches": found.searches,
+        "says": found.says,
+        "settings": found.settings,
+    }  # fmt: skip
 
 
 def _gains(gains: Gains) -> dict[str, Any]:

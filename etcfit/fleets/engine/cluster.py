@@ -1,0 +1,172 @@
+"""Where a fleet is worked on: worker processes of this machine, or whatever an existing Dask scheduler has."""
+
+from __future__ import annotations
+
+import importlib.util
+import logging
+import multiprocessing
+import os
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+from ...errors import UsageError
+from .settings import EngineSettings
+
+if TYPE_CHECKING:
+    from distributed import Client, LocalCluster
+
+# Dask's own habits that do not fit: a task is given back to us at once when its worker dies, for we know which unit
+# it was; a worker that holds compiled programs must not be paused for their memory, only ended at its limit
+_DASK = {
+    "distributed.scheduler.allowed-failures": 0,
+    "distributed.worker.memory.target": False,
+    "distributed.worker.memory.spill": False,
+    "distributed.worker.memory.pause": False,
+    "distributed.worker.memory.terminate": 0.95,
+    "distributed.worker.memory.monitor-interval": "50ms",
+    "distributed.worker.profile.enabled": False,
+    "distributed.admin.tick.limit": "1h",
+}
+
+
+@dataclass(frozen=True)
+class LocalWorkers:
+    """Worker processes on this machine, one core each.
+
+    Args:
+        workers: how many.
+        memory: of each, bytes; a process that grows beyond is ended, and its unit tried once more.
+    """
+
+    workers: int
+    memory: int = 2 * 1024**3
+
+
+@dataclass(frozen=True)
+class ExistingScheduler:
+    """A scheduler that somebody else started, with its workers.
+
+    Args:
+        address: "tcp://10.0.0.1:8786" say.
+    """
+
+    address: str
+
+
+@dataclass(frozen=True)
+class Crew:
+    """Workers that wait for work.
+
+    Args:
+        client: Dask's.
+        local: whether their processes are ours.
+        workers: processes of ours that were asked for.
+    """
+
+    client: Client
+    local: bool
+    workers: int = 0
+
+    @property
+    def address(self) -> str:
+        """What to open to watch them: Dask's dashboard where bokeh is installed, else the scheduler's address."""
+        scheduler: Any = self.client.scheduler_info(n_workers=0)
+        page = self.client.dashboard_link if importlib.util.find_spec("bokeh") else None
+        return str(page or scheduler["address"])
+
+    def renew(self) -> None:
+        """As many workers of ours anew, where all are gone: Dask's nannies have been seen not to bring theirs back."""
+        if self.local:
+            cluster: Any = self.client.cluster
+            cluster.scale(len(cluster.worker_spec) + self.workers)
+
+
+@contextmanager
+def crew(place: LocalWorkers | ExistingScheduler, settings: EngineSettings = EngineSettings()) -> Iterator[Crew]:
+    """Workers, for as long as the block lasts.
+
+    Args:
+        place: where.
+        settings: how long to wait for the first of them.
+    Raises:
+        UsageError: Dask is not installed, or no scheduler or no worker answers, or a script lacks its main guard.
+    """
+    dask = _dask()
+    with dask.config.set(_DASK), _quiet():
+        opened = _local(place) if isinstance(place, LocalWorkers) else _existing(place, settings)
+        with opened as made:
+            yield made
+
+
+def cores() -> int:
+    """That this process may use."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
+def _dask() -> Any:
+    if not importlib.util.find_spec("distributed"):
+        raise UsageError('a fleet needs Dask, which is not installed: pip install "etcfit[fleet]"')
+    import dask
+    import distributed  # noqa: F401  its defaults must be in dask.config before ours are laid over them
+
+    return dask
+
+
+@contextmanager
+def _local(place: LocalWorkers) -> Iterator[Crew]:
+    from distributed import Client
+
+    if getattr(multiprocessing.current_process(), "_inheriting", False):
+        raise SystemExit(1)  # a worker that runs its client's script from the top: the client says what is wrong
+    with _started(place) as cluster, Client(cluster, set_as_default=False) as client:
+        yield Crew(client, local=True, workers=place.workers)
+
+
+def _started(place: LocalWorkers) -> LocalCluster:
+    from distributed import LocalCluster
+
+    try:
+        return LocalCluster(
+            n_workers=place.workers,
+            threads_per_worker=1,
+            processes=True,
+            memory_limit=place.memory,
+            dashboard_address="127.0.0.1:0",  # any free port: Dask warns on the terminal where its usual one is taken
+            silence_logs=logging.CRITICAL,
+        )
+    except RuntimeError as error:
+        raise UsageError("the worker processes do not start. Each of them first imports the script that you started: "
+                         'put what it does under `if __name__ == "__main__":`.') from error  # fmt: skip
+
+
+@contextmanager
+def _existing(place: ExistingScheduler, settings: EngineSettings) -> Iterator[Crew]:
+    from distributed import Client
+
+    try:
+        client = Client(place.address, set_as_default=False, timeout=settings.first_worker)
+    except (OSError, ValueError) as error:
+        raise UsageError(f"no Dask scheduler answers at {place.address}: {error}") from error
+    with client:
+        try:
+            client.wait_for_workers(1, timeout=settings.first_worker)
+        except TimeoutError as error:
+            raise UsageError(f"the scheduler at {place.address} has no worker: start one with "
+                             f"`dask worker {place.address}` where etcfit[fleet] is installed") from error  # fmt: skip
+        yield Crew(client, local=False)
+
+
+@contextmanager
+def _quiet() -> Iterator[None]:
+    """Nothing of Dask's log on the terminal: what matters to a person comes as the message of a unit."""
+    loggers = [logging.getLogger(name) for name in ("distributed", "tornado", "asyncio")]
+    before = [each.level for each in loggers]
+    for each in loggers:
+        each.setLevel(logging.CRITICAL + 1)
+    try:
+        yield
+    finally:
+        for each, level in zip(loggers, before, strict=True):
+            each.setLevel(level)

@@ -1,0 +1,231 @@
+"""RUN/parts: what is known of each unit so far, in Parquet files that are whole or not there.
+
+    00000017-00000017.parquet   what was written the 17th time
+    00000000-00000015.parquet   what was written the first 16 times, made one file
+
+Whatever comes later counts. A killed client loses what came back in the last second. Files of the same size are made
+one, as in a log-structured merge tree: n flushes leave about merge log_merge(n) files, and each row is rewritten
+log_merge(n) times. Memory holds the digests, what came back in the last second and one row group.
+"""
+
+from __future__ import annotations
+
+import re
+import threading
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from types import TracebackType
+from typing import IO, Any
+
+from ...errors import UsageError
+from ...files import whole
+from ..unit import FailedUnit, UnitResult
+from .rows import end_of, row_of, schema
+from .settings import StoreSettings
+
+_NAME = re.compile(r"(\d{8,})-(\d{8,})\.parquet")
+
+
+@dataclass(frozen=True, order=True)
+class _Part:
+    """A file: what was written the `first` to the `last` time."""
+
+    first: int
+    last: int
+
+    @property
+    def name(self) -> str:
+        return f"{self.first:08d}-{self.last:08d}.parquet"
+
+    def holds(self, other: _Part) -> bool:
+        """Whether the other is one of those it was made of."""
+        return self != other and self.first <= other.first and other.last <= self.last
+
+
+class Store:
+    """with Store(folder) as store: every result added is on disk a second later, and when the block ends.
+
+    One process at a time can write; reading needs no `with`.
+
+    Args:
+        folder: made where it is not there.
+        settings: when files are written and made one.
+    """
+
+    def __init__(self, folder: Path, settings: StoreSettings = StoreSettings()) -> None:
+        self.folder, self._settings = folder, settings
+        self._waiting: list[UnitResult | FailedUnit] = []
+        self._lock, self._writing, self._ended = threading.Lock(), threading.Lock(), threading.Event()
+        self._error: OSError | None = None
+        folder.mkdir(parents=True, exist_ok=True)
+        for draft in folder.glob(".*-*.parquet"):  # of a client that was killed while it wrote
+            draft.unlink(missing_ok=True)
+
+    def __enter__(self) -> Store:
+        self._hold = _held(self.folder)
+        self._ended.clear()
+        self._clock = threading.Thread(target=self._flush_often, name="etcfit store", daemon=True)
+        self._clock.start()
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None):
+        self._ended.set()
+        self._clock.join()
+        try:
+            self.flush()
+        finally:
+            self._hold.close()
+
+    def add(self, ends: Iterable[UnitResult | FailedUnit]) -> None:
+        """Keep these; what was known of their units before no longer counts.
+
+        Raises:
+            OSError: what was added before could not be written.
+        """
+        if self._error is not None:
+            raise self._error
+        with self._lock:
+            self._waiting.extend(ends)
+
+    def flush(self) -> None:
+        """Write what has been added and is not on disk yet.
+
+        Raises:
+            OSError: it cannot be written.
+        """
+        with self._writing:
+            with self._lock:
+                ends, self._waiting = self._waiting, []
+            if not ends:
+                return
+            parts = self._parts()
+            number = parts[-1].last + 1 if parts else 0
+            try:
+                self._write(_Part(number, number), [_table(ends)])
+            except BaseException:
+                with self._lock:
+                    self._waiting = ends + self._waiting
+                raise
+            self._merge()
+
+    def digests(self) -> dict[str, str]:
+        """Unit -> digest of what is known of it; "" for one that must be tried again."""
+        known: dict[str, str] = {}
+        for table in self._tables(["unit", "digest"]):
+            known.update(zip(table["unit"].to_pylist(), table["digest"].to_pylist(), strict=True))
+        return known
+
+    def ends(self, units: Sequence[str] | None = None) -> Iterator[UnitResult | FailedUnit]:
+        """What is known last of each unit, in the order in which it became known; one row group in memory.
+
+        Args:
+            units: only these; None for all.
+        """
+        self.flush()
+        wanted = None if units is None else set(units)
+        newest: dict[str, int] = {}
+        for k, unit in enumerate(u for table in self._tables(["unit"]) for u in table["unit"].to_pylist()):
+            newest[unit] = k
+        k = 0
+        for table in self._tables(None):
+            for row in table.to_pylist():
+                if newest.get(row["unit"]) == k and (wanted is None or row["unit"] in wanted):
+                    yield end_of(row)
+                k += 1
+
+    def _flush_often(self) -> None:
+        while not self._ended.wait(self._settings.flush):
+            try:
+                self.flush()
+            except OSError as error:
+                self._error = error
+                return
+
+    def _parts(self) -> list[_Part]:
+        """The files that count, in order; those that were made part of another are deleted."""
+        found = [_NAME.fullmatch(file.name) for file in self.folder.iterdir()]
+        parts = sorted(_Part(int(match[1]), int(match[2])) for match in found if match)
+        left: list[_Part] = []
+        for part in sorted(parts, key=lambda p: (p.first, -p.last)):
+            if left and left[-1].holds(part):  # the client was killed between making one file and deleting the others
+                (self.folder / part.name).unlink(missing_ok=True)
+            else:
+                left.append(part)
+        return left
+
+    def _tables(self, columns: list[str] | None) -> Iterator[Any]:
+        """Row group by row group, oldest first."""
+        import pyarrow.parquet as pq
+
+        for part in self._parts():
+            with pq.ParquetFile(self.folder / part.name) as file:
+                for group in range(file.num_row_groups):
+                    yield file.read_row_group(group, columns=columns)
+
+    def _write(self, part: _Part, tables: Iterable[Any]) -> None:
+        import pyarrow.parquet as pq
+
+        with (
+            whole(self.folder / part.name) as draft,
+            pq.ParquetWriter(draft, schema(), compression="zstd") as writer,
+        ):
+            for table in tables:
+                writer.write_table(table, row_group_size=self._settings.rows)
+
+    def _merge(self) -> None:
+        """The last `merge` files made one, as long as they hold the same number of flushes."""
+        while True:
+            last = self._parts()[-self._settings.merge :]
+            sizes = {self._level(part) for part in last}
+            if len(last) < self._settings.merge or len(sizes) > 1:
+                return
+            self._write(_Part(last[0].first, last[-1].last), self._thick(last))
+            self._parts()
+
+    def _level(self, part: _Part) -> int:
+        level, flushes = 0, part.last - part.first + 1
+        while flushes >= self._settings.merge:
+            level, flushes = level + 1, flushes // self._settings.merge
+        return level
+
+    def _thick(self, parts: Sequence[_Part]) -> Iterator[Any]:
+        """The rows of these files in row groups of full size."""
+        import pyarrow as pa
+        import pyarrow.parquet as pq
+
+        held: list[Any] = []
+        for part in parts:
+            with pq.ParquetFile(self.folder / part.name) as file:
+                for group in range(file.num_row_groups):
+                    held.append(file.read_row_group(group))
+                    if sum(table.num_rows for table in held) >= self._settings.rows:
+                        yield pa.concat_tables(held)
+                        held = []
+        if held:
+            yield pa.concat_tables(held)
+
+
+def _held(folder: Path) -> IO[bytes]:
+    """An open file that no other process can hold; the system lets it go however this process ends.
+
+    Raises:
+        UsageError: another one has it.
+    """
+    file = (folder / "lock").open("wb")
+    try:
+        import fcntl
+
+        fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except ImportError:  # not on this system: nobody is kept out
+        pass
+    except BlockingIOError:
+        file.close()
+        raise UsageError(f"{folder.parent}: another etcfit works on it. Wait for it, or end it.") from None
+    return file
+
+
+def _table(ends: Sequence[UnitResult | FailedUnit]) -> Any:
+    import pyarrow as pa
+
+    return pa.Table.from_pylist([row_of(end) for end in ends], schema=schema())

@@ -1,0 +1,48 @@
+"""What the engine asks of a fit: the digest of all that decides a unit's result, and the result."""
+
+from __future__ import annotations
+
+import abc
+import hashlib
+import json
+from collections.abc import Mapping
+from typing import Any
+
+from ... import __version__
+from ...files import plain
+from ..unit import FailedUnit, UnitResult
+
+
+class AbstractWork(abc.ABC):
+    """One fleet's work, sent once to every worker process and called there for each unit; so it must pickle."""
+
+    @abc.abstractmethod
+    def prepare(self) -> None:
+        """Once in every worker process, before its first unit: imports that take long, caches."""
+
+    @abc.abstractmethod
+    def digest(self, unit: str) -> str:
+        """SHA-256 of all that decides the unit's result; a unit whose stored result has it is not fitted again.
+
+        Raises:
+            MeasurementError: the folder cannot be read.
+        """
+
+    @abc.abstractmethod
+    def fit(self, unit: str) -> UnitResult | FailedUnit:
+        """The unit's result; the engine writes the digest into it.
+
+        Raises:
+            Exception: any; it costs this unit alone.
+        """
+
+
+def digest_of(files: Mapping[str, str], **decides: Any) -> str:
+    """SHA-256 over the digests of files, this version of etcfit, and what else decides a result.
+
+    Args:
+        files: name -> SHA-256, in any order.
+        decides: settings, start point, config: whatever `files.plain` makes JSON of.
+    """
+    held = {"version": __version__, "files": dict(sorted(files.items())), **plain(decides)}
+    return hashlib.sha256(json.dumps(held, sort_keys=True, ensure_ascii=False).encode()).hexdigest()

@@ -1,0 +1,109 @@
+"""Where the units lie: folders of this machine, or of anything that fsspec opens (s3://, memory://, file://)."""
+
+from __future__ import annotations
+
+import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path, PurePosixPath
+from typing import Any
+
+from ..errors import MeasurementError, UsageError
+from ..rig.names import refuse_foreign_names
+
+
+def is_url(location: str | Path) -> bool:
+    """Whether fsspec must open it."""
+    return isinstance(location, str) and "://" in location
+
+
+def units_of(location: str | Path) -> tuple[str, ...]:
+    """Names of the units, in order: every folder in FLEET whose name does not begin with a dot.
+
+    Raises:
+        MeasurementError: there is no such folder, or none in it.
+    """
+    names = _folders_at(location) if is_url(location) else _folders_in(Path(location))
+    units = tuple(sorted(name for name in names if not name.startswith(".")))
+    if not units:
+        raise MeasurementError(str(location), "no folder in it.", "A fleet has a measurement folder for each unit.",
+                               "Put them there: FLEET/<unit>/rig.toml, FLEET/<unit>/response/1.csv.")  # fmt: skip
+    refuse_foreign_names(str(location), *units)
+    return units
+
+
+def text_of(location: str | Path, name: str) -> bytes | None:
+    """The bytes of a file of the fleet itself; None where there is none."""
+    if not is_url(location):
+        path = Path(location) / name
+        return path.read_bytes() if path.is_file() else None
+    system, root = _system(str(location))
+    try:
+        return system.cat_file(f"{root}/{name}")
+    except FileNotFoundError:
+        return None
+
+
+@contextmanager
+def local_copy(location: str | Path, unit: str) -> Iterator[Path]:
+    """A unit's folder as a path of this machine: itself where it lies here, else a copy while the block lasts.
+
+    The copy is called as the unit is, so that a rig without a name has that of its folder.
+
+    Raises:
+        MeasurementError: there is no such folder.
+        OSError: it cannot be fetched.
+    """
+    if not is_url(location):
+        yield Path(location) / unit
+        return
+    with tempfile.TemporaryDirectory(prefix="etcfit-") as scratch:
+        folder = Path(scratch) / unit
+        _fetch(f"{str(location).rstrip('/')}/{unit}", folder)
+        yield folder
+
+
+def _folders_in(folder: Path) -> list[str]:
+    if not folder.is_dir():
+        raise MeasurementError(str(folder), "no such folder.", "A fleet is a folder of measurement folders.",
+                               "Check the path.")  # fmt: skip
+    return [each.name for each in folder.iterdir() if each.is_dir()]
+
+
+def _folders_at(url: str | Path) -> list[str]:
+    system, root = _system(str(url))
+    try:
+        found = system.ls(root, detail=True)
+    except FileNotFoundError:
+        raise MeasurementError(str(url), "nothing is there.", "A fleet is a folder of measurement folders.",
+                               "Check the address.") from None  # fmt: skip
+    return [PurePosixPath(each["name"].rstrip("/")).name for each in found if each["type"] == "directory"]
+
+
+def _fetch(url: str, folder: Path) -> None:
+    """The files that a reader may want: those of the folder itself and of the folders in it."""
+    system, root = _system(url)
+    files = [file for file in system.find(root, maxdepth=2) if not PurePosixPath(file).name.startswith(".")]
+    if not files:
+        raise MeasurementError(url, "no file in it.", "A measurement folder is required.", "Check the address.")
+    for file in files:
+        to = folder / PurePosixPath(file).relative_to(root)
+        to.parent.mkdir(parents=True, exist_ok=True)
+        system.get_file(file, str(to))
+
+
+def _system(url: str) -> tuple[Any, str]:
+    """The file system behind an address, and the path in it.
+
+    Raises:
+        UsageError: nobody knows this kind of address here.
+    """
+    try:
+        import fsspec
+    except ImportError as error:
+        raise UsageError(f'{url} needs fsspec, which is not installed: pip install "etcfit[fleet]"') from error
+    try:
+        system, root = fsspec.core.url_to_fs(url)
+    except (ImportError, ValueError) as error:
+        raise UsageError(f"{url} cannot be opened: {error}") from error
+    return system, str(root).rstrip("/")

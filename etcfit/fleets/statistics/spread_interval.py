@@ -1,0 +1,110 @@
+"""Intervals of the standard deviations between units.
+
+    { d : min over all else of -2 log L(d) <= its least value + cut(d) }
+
+A profile of the restricted likelihood: lop-sided as it must be for few units, with 0 inside where the data do not
+show that units differ at all. Far from 0 the cut is the quantile of chi2, 3.84. Near 0 the least value is held at 0
+half of the time, the likelihood ratio is smaller, and 3.84 would hold 97.5 % and more; there the cut is that of a
+normal variance with a bound (2.71 at 0), as Feldman and Cousins 1998 (Phys. Rev. D 57, sec. IV B) order it. Where a
+standard deviation is known to a few percent the curvature says the same: d exp(+- z stderr / d).
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy import stats
+from scipy.optimize import root_scalar
+
+from .likelihood import Weighed, maximised, slope, weigh
+from .scaled import Scaled
+from .settings import PopulationSettings
+from .spread import Spread
+
+FAR = 1e4  # times its estimate, or the scale: a bound beyond is none
+
+
+def spread_intervals(data: Scaled, best: Spread, settings: PopulationSettings) -> np.ndarray:
+    """Lower and upper bound of each symbol that differs, scaled, shape (Q, 2); infinite where there is no upper one."""
+    size = len(best.d)
+    if not size:
+        return np.zeros((0, 2))
+    _, hessian = slope(weigh(data, best, prior := settings.uncorrelated * size), best, prior)
+    tiny = 1e-12 * (1.0 + np.max(np.diag(hessian)))
+    inverse = np.linalg.inv(hessian + tiny * np.eye(len(hessian)))
+    stderr = np.sqrt(2.0 * np.maximum(np.diag(inverse)[:size], 0.0))
+    z = stats.norm.ppf(0.5 + 0.5 * settings.level)
+    out = np.zeros((size, 2))
+    for j, (d, error) in enumerate(zip(best.d, stderr, strict=True)):
+        if d > 0.0 and error < settings.wald * d:
+            out[j] = d * np.exp(np.array([-z, z]) * error / d)
+        else:
+            out[j] = _Profile(data, best, j, settings).bounds(float(error))
+    return out
+
+
+class _Profile:
+    """-2 log L over one standard deviation, less its least value and the quantile: zero at the bounds."""
+
+    def __init__(self, data: Scaled, best: Spread, j: int, settings: PopulationSettings) -> None:
+        self.data, self.best, self.j, self.settings = data, best, j, settings
+        self.prior = settings.uncorrelated * len(best.d)
+        self.least = weigh(data, best, self.prior).value
+        self.held = np.zeros(len(best.vector), dtype=bool)
+        self.held[j] = True
+
+    def __call__(self, d: float) -> float:
+        start = self.best.vector.copy()
+        start[: len(self.best.d)] = np.maximum(start[: len(self.best.d)], 1e-3)
+        start[self.j] = d
+        there = maximised(self.data, self.best.at(start), self.settings, self.held)
+        at = weigh(self.data, there, self.prior)
+        return at.value - self.least - cut(self.over_stderr(at, there), self.settings.level)
+
+    def over_stderr(self, at: Weighed, there: Spread) -> float:
+        """d^2 over its standard error if d were the truth: d / (2 stderr of d)."""
+        d = float(there.d[self.j])
+        if d <= 0.0:
+            return 0.0
+        _, hessian = slope(at, there, self.prior)
+        tiny = 1e-12 * (1.0 + np.max(np.diag(hessian)))
+        variance = 2.0 * float(np.linalg.inv(hessian + tiny * np.eye(len(hessian)))[self.j, self.j])
+        return d / (2.0 * np.sqrt(max(variance, 1e-300)))
+
+    def bounds(self, error: float) -> tuple[float, float]:
+        d = float(self.best.d[self.j])
+        low = 0.0
+        if d > 0.0 and self(0.0) > 0.0:
+            near = max(0.0, d - 2.0 * error)
+            low = self.root(near if self(near) > 0.0 else 0.0, d)
+        inner, outer = d, max(d + 2.0 * min(error, d), 0.05)
+        while self(outer) < 0.0:
+            inner, outer = outer, 2.0 * outer
+            if outer > FAR * max(d, 1.0):
+                return low, np.inf
+        return low, self.root(inner, outer)
+
+    def root(self, low: float, high: float) -> float:
+        """Where the profile crosses its quantile."""
+        return root_scalar(self, bracket=(low, high), method="brentq", xtol=1e-4 * high, rtol=1e-3).root
+
+
+def cut(r: float, level: float) -> float:
+    """The likelihood ratio below which x ~ N(r, 1) has r >= 0 in its interval, in `level` of all cases.
+
+    x >= 0: (x - r)^2 <= c,   x < 0, where the best r is 0: r^2 - 2 x r <= c
+
+    Args:
+        r: truth, standard errors.
+        level: coverage.
+    """
+    most = float(stats.chi2.ppf(level, 1))
+    if r * r >= most:
+        return most
+    least = float(stats.norm.ppf(level)) ** 2
+
+    def lacking(c: float) -> float:
+        root = np.sqrt(c)
+        low = r - root if r >= root else (r * r - c) / (2.0 * max(r, 1e-12))
+        return float(stats.norm.cdf(root) - stats.norm.cdf(low - r)) - level
+
+    return float(root_scalar(lacking, bracket=(0.999 * least, 1.001 * most), method="brentq", xtol=1e-6).root)

@@ -1,0 +1,118 @@
+"""What one unit of a fleet leaves behind: small enough to be sent, kept and read by the thousand; no traces.
+
+    L_u(theta) ~ exp(-1/2 (theta - estimate)^T information (theta - estimate))
+
+`estimate` and `information` say what the unit's own data tell of its parameters, in SI and without bounds: a parameter
+that must not be negative may be estimated below zero, as the mean over many units must not be pushed up by a bound. A
+direction that the data do not determine has no information; `values` are the physical ones, for people and predictions.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+from jaxtyping import Float
+
+
+@dataclass(frozen=True, eq=False)
+class UnitEstimate:
+    """A unit's own data, as a quadratic in its free parameters.
+
+    Args:
+        unit: its name, that of its folder.
+        symbols: of the free parameters.
+        estimate: where the likelihood is highest, SI, shape (P,); any number in a direction without information.
+        information: inverse of the covariance, shape (P, P), in 1/SI^2; singular where nothing is told.
+    """
+
+    unit: str
+    symbols: tuple[str, ...]
+    estimate: Float[np.ndarray, " P"]
+    information: Float[np.ndarray, "P P"]
+
+
+@dataclass(frozen=True)
+class UnitParameter:
+    """A parameter of one unit as its own fit has it: see `estimation.intervals.Interval`.
+
+    Args:
+        value: SI.
+        unit: of measure, SI.
+        stderr, low, high: None where there is none.
+        status: "estimated", "fixed", "tied", "not identifiable" or "compromise".
+    """
+
+    value: float
+    unit: str
+    stderr: float | None
+    low: float | None
+    high: float | None
+    status: str
+
+
+@dataclass(frozen=True)
+class TraceMisfit:
+    """How far a trace is from its unit's own model.
+
+    Args:
+        file: below the unit's folder.
+        test: the rig test.
+        misfit: root mean square of the whitened residual; 1 where the model explains all.
+    """
+
+    file: str
+    test: str
+    misfit: float
+
+
+@dataclass(frozen=True, eq=False)
+class UnitResult:
+    """One unit, fitted.
+
+    Args:
+        own: its data as a quadratic.
+        parameters: by symbol, those that were not free among them.
+        traces: as the unit's model has them.
+        chi2_per_dof: of the whitened residual.
+        converged, reason: whether at an optimum, and in words.
+        synthetic: whether its rig.toml says so.
+        digest: SHA-256 of its inputs, the settings and the version that it was fitted with.
+        seconds: that the fit took.
+        warnings: what a reader must know.
+        widening: by symbol of `own`, how many times wider the standard error is that its fit states for itself, where
+            residuals are correlated or traces disagree; `own` is without: see `statistics.robust`.
+    """
+
+    own: UnitEstimate
+    parameters: Mapping[str, UnitParameter]
+    traces: tuple[TraceMisfit, ...]
+    chi2_per_dof: float
+    converged: bool
+    reason: str
+    synthetic: bool
+    digest: str
+    seconds: float
+    warnings: tuple[str, ...] = ()
+    widening: Mapping[str, float] = field(default_factory=dict)
+
+    @property
+    def unit(self) -> str:
+        """Its name."""
+        return self.own.unit
+
+
+@dataclass(frozen=True)
+class FailedUnit:
+    """One unit that has no result.
+
+    Args:
+        unit: its name.
+        why: the message, as a person must read it.
+        digest: of what was tried; "" where it was never read. Data that are wrong stay wrong, and are not tried again.
+    """
+
+    unit: str
+    why: str
+    digest: str = ""

@@ -1,0 +1,235 @@
+"""RUN/fleet.json and RUN/units.parquet: what is known of a fleet, as docs/formats.md has them."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator, Mapping
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from .. import __version__
+from ..errors import UsageError
+from ..estimation.fleet_model import FleetModel, fleet_model
+from ..estimation.intervals import LUMPS
+from ..files import whole, write_json
+from ..fleets.line import FIGURE_BY_NAME
+from ..fleets.statistics.charts import Chart
+from ..fleets.statistics.odd import OddUnit
+from ..fleets.study import FleetStudy, Series
+from ..fleets.unit import UnitResult
+from ..problem.free_parameters import free_parameters
+from ..rig.config import parse_config
+from ..rig.toml import Toml
+from ..rig.toml_text import written
+from .fit import versions
+from .line import figures_json, predictions_json
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+FLEET, UNITS = "fleet.json", "units.parquet"
+_LABELS = ("serial", "batch", "rig", "operator", "part")
+
+
+@dataclass(frozen=True, eq=False)
+class FleetFiles:
+    """What lies in the run folder of a fleet.
+
+    Args:
+        content: fleet.json.
+        units: units.parquet, one row a unit and symbol.
+    """
+
+    content: Mapping[str, Any]
+    units: pd.DataFrame
+
+
+def save_fleet(run: Path, study: FleetStudy, rig: Toml, pages: Mapping[str, str]) -> None:
+    """Write both files, each whole or not at all.
+
+    Args:
+        run: the run folder.
+        study: what is known.
+        rig: tables of one unit's rig.toml, for whoever designs for the fleet.
+        pages: odd unit -> its page, below the run folder.
+    """
+    frame = units_frame(study)
+    with whole(run / UNITS) as draft:
+        frame.to_parquet(draft, index=False)
+    write_json(run / FLEET, "fleet", fleet_json(study, rig, pages))
+
+
+def is_fleet(run: Path) -> bool:
+    """Whether a run folder is that of a fleet."""
+    return (run / FLEET).is_file()
+
+
+def read_fleet_files(run: Path) -> FleetFiles:
+    """What `save_fleet` left.
+
+    Raises:
+        UsageError: it is not there, or another version wrote it.
+    """
+    import pandas as pd
+
+    try:
+        content = json.loads((run / FLEET).read_text(encoding="utf-8"))
+        frame = pd.read_parquet(run / UNITS)
+    except OSError:
+        raise UsageError(f"{run} holds no fleet ({FLEET} and {UNITS} are not both there). "
+                         f"Run `etcfit fleet FLEET --out {run}` first.") from None  # fmt: skip
+    if content.get("version", "").split(".")[:2] != __version__.split(".")[:2]:
+        raise UsageError(f"{run} was written by etcfit {content.get('version')}, and this is {__version__}: "
+                         f"run `etcfit fleet FLEET --out {run}` again.")  # fmt: skip
+    return FleetFiles(content, frame)
+
+
+def fleet_model_of(run: Path) -> FleetModel:
+    """The units of a fleet as models, by their shrunk values, for a design.
+
+    Raises:
+        UsageError: see `read_fleet_files`.
+    """
+    files = read_fleet_files(run)
+    text = str(files.content["rig_toml"])
+    rig = parse_config(text, "rig.toml")
+    known = free_parameters(rig)
+    table = files.units.pivot(index="unit", columns="symbol", values="shrunk_value").loc[files.content["units"]]
+    values = {symbol: table[symbol].to_numpy(dtype=float) for symbol in known.layout.free if symbol in table}
+    return fleet_model(rig, known, files.content["units"], values, float(files.content["position_noise"]))
+
+
+def units_frame(study: FleetStudy) -> pd.DataFrame:
+    """One row a unit and symbol; a symbol that the fleet does not tell has no shrunk value."""
+    import pandas as pd
+
+    return pd.DataFrame(list(_rows(study)))
+
+
+def _rows(study: FleetStudy) -> Iterator[dict[str, Any]]:
+    place = {symbol: k for k, symbol in enumerate(study.shrunk.symbols)}
+    by_design = dict(study.model.values) | {symbol: study.shrunk.estimate[:, k] for symbol, k in place.items()}
+    for u, unit in enumerate(study.fitted):
+        for symbol, known in unit.parameters.items():
+            yield {
+                "unit": unit.unit, "symbol": symbol, "value": known.value, "stderr": known.stderr, "low": known.low,
+                "high": known.high, "status": known.status,
+                "shrunk_value": float(by_design[symbol][u]) if symbol in by_design else np.nan,
+                "shrunk_stderr": float(study.shrunk.stderr[u, place[symbol]]) if symbol in place else np.nan,
+            }  # fmt: skip
+
+
+def fleet_json(study: FleetStudy, rig: Toml, pages: Mapping[str, str]) -> dict[str, Any]:
+    """The content of fleet.json."""
+    odd = {unit.unit for unit in study.odd}
+    return {
+        "version": __version__,
+        "name": study.config.name,
+        "synthetic": study.synthetic,
+        "units": [unit.unit for unit in study.fitted],
+        "failed": [{"unit": unit.unit, "why": unit.why} for unit in study.failed],
+        "not_converged": [{"unit": unit.unit, "why": unit.reason} for unit in study.fitted if not unit.converged],
+        "members": {unit.unit: _member(study, unit, unit.unit in odd, pages) for unit in study.fitted},
+        "population": _population(study),
+        "uninformed": study.population.uninformed,
+        "left_out": [unit.unit for unit in study.fitted if unit.unit not in study.population.units],
+        "correlation": {"symbols": study.population.symbols, "matrix": study.population.correlation},
+        "odd": [_odd(unit) for unit in study.odd],
+        "effects": {
+            each.effect: {
+                "units": each.units, "of": each.of, "median": each.median, "symbol": each.symbol,
+                "unit": _unit_of(study, each.symbol), "strength": each.strength,
+            }
+            for each in study.effects
+        },
+        "drift": [
+            {
+                "symbol": each.symbol, "since": study.fitted[each.since].unit, "kind": each.kind, "size": each.size,
+                "size_sd": each.size_sd, "p": each.p, "unit": _unit_of(study, each.symbol),
+            }
+            for each in study.drifts
+        ],
+        "charts": {symbol: _chart(study, symbol, each) for symbol, each in study.series.items()},
+        "capability": {
+            name: {
+                "low": each.low, "high": each.high, "unit": _unit_of(study, name), "mean": each.mean,
+                "sd": each.sd, "cp": each.cp, "cp_ci95": each.cp_interval, "cpk": each.cpk,
+                "cpk_ci95": each.cpk_interval, "outside": each.outside, "outside_ci95": each.outside_interval,
+            }
+            for name, each in study.capability.items()
+        },
+        "gauge": {symbol: _gauge(study, symbol) for symbol in study.gauge} or None,
+        "figures": figures_json(study.model.units, study.figures, odd),
+        "predictions": predictions_json(study.predictions),
+        "settings": study.settings,
+        "rig_toml": written(rig),
+        "position_noise": study.model.position_noise,
+        "versions": versions(),
+    }  # fmt: skip
+
+
+def _unit_of(study: FleetStudy, symbol: str) -> str:
+    if symbol in LUMPS:
+        return LUMPS[symbol].unit
+    if symbol in FIGURE_BY_NAME:
+        return FIGURE_BY_NAME[symbol].unit
+    return next((unit.parameters[symbol].unit for unit in study.fitted if symbol in unit.parameters), "1")
+
+
+def _member(study: FleetStudy, unit: UnitResult, odd: bool, pages: Mapping[str, str]) -> dict[str, Any]:
+    member = study.config.members[unit.unit]
+    return {
+        **{name: getattr(member, name) for name in _LABELS},
+        "date": None if member.date is None else member.date.isoformat(),
+        "temperature": member.temperature,
+        "chi2_per_dof": unit.chi2_per_dof,
+        "converged": unit.converged,
+        "seconds": unit.seconds,
+        "odd": odd,
+        "page": pages.get(unit.unit),
+        "warnings": unit.warnings,
+    }
+
+
+def _population(study: FleetStudy) -> dict[str, dict[str, Any]]:
+    found = study.population
+    return {
+        symbol: {
+            "mean": found.mean[k], "sd": found.sd[k], "mean_ci95": found.mean_interval[k],
+            "sd_ci95": found.sd_interval[k], "unit": _unit_of(study, symbol),
+            "cpk": study.capability[symbol].cpk if symbol in study.capability else None,
+            "shared": bool(found.shared[k]), "informed": int(found.informed[k]),
+        }
+        for k, symbol in enumerate(found.symbols)
+    }  # fmt: skip
+
+
+def _odd(unit: OddUnit) -> dict[str, Any]:
+    return {
+        "unit": unit.unit, "distance": unit.distance, "rank": unit.rank, "p": unit.p, "rate": unit.rate,
+        "symbols": unit.symbols, "scores": unit.scores, "drives": unit.drives, "misfit": unit.misfit,
+        "traces": [{"file": trace.file, "misfit": trace.misfit, "z": trace.z} for trace in unit.traces],
+        "why": unit.why,
+    }  # fmt: skip
+
+
+def _chart(study: FleetStudy, symbol: str, series: Series) -> dict[str, Any]:
+    chart = series.chart
+    return {
+        "unit": _unit_of(study, symbol), "order": series.units, "value": series.value, "stderr": series.stderr,
+        "centre": chart.centre, "sd": chart.sd, **_limits(chart),
+        "cusum_high": chart.cusum_high, "cusum_low": chart.cusum_low, "decision": chart.decision,
+        "run_length": chart.run_length,
+    }  # fmt: skip
+
+
+def _limits(chart: Chart) -> dict[str, float]:
+    """Of a unit that is known as well as most: limits of one that is known worse are wider."""
+    return {"lower": float(np.median(chart.lower)), "upper": float(np.median(chart.upper))}
+
+
+def _gauge(study: FleetStudy, symbol: str) -> dict[str, Any]:
+    return {"unit": _unit_of(study, symbol), **asdict(study.gauge[symbol])}
