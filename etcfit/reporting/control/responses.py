@@ -10,6 +10,7 @@ from ...control.design import Design
 from ...control.judged import PAPERS_SETPOINT, Tuned
 from .. import style
 from ..numbers import short
+from .fleet import of_models
 
 _COLUMNS = 2
 
@@ -44,14 +45,21 @@ def _panel(panel: Axes, design: Design, tuned: Tuned) -> None:
     panel.plot(time, 100.0 * PAPERS_SETPOINT.at(time), color=style.MEASURED, lw=1.2, label="setpoint")
     panel.plot(time, 100.0 * _bounded(tuned.linear_path), color=style.READING, lw=1.1, ls="--",
                label="linear model")  # fmt: skip
-    draw_band(panel, time, tuned.band[:, : time.size])
+    draw_band(panel, time, tuned.band[:, : time.size], of_models(design))
     panel.set_title(_title(design, tuned), loc="left", fontsize=10)
 
 
-def draw_band(panel: Axes, time: np.ndarray, band: np.ndarray) -> None:
-    """What the draws of the nonlinear model do: quantiles of `Tuned.band` at some instants (s), shape (3, K)."""
+def draw_band(panel: Axes, time: np.ndarray, band: np.ndarray, models: str) -> None:
+    """What the draws of the nonlinear model do, or the units of a fleet: quantiles of `Tuned.band`.
+
+    Args:
+        panel: to draw in.
+        time: s, shape (K,).
+        band: at these instants, shape (3, K).
+        models: "draws" or "units".
+    """
     low, middle, high = 100.0 * band
-    panel.fill_between(time, low, high, color=style.SIMULATED, alpha=0.35, lw=0, label="95 % of the draws")
+    panel.fill_between(time, low, high, color=style.SIMULATED, alpha=0.35, lw=0, label=f"95 % of the {models}")
     panel.plot(time, middle, color=style.SIMULATED, label="nonlinear model, median")
 
 
@@ -67,12 +75,16 @@ def _title(design: Design, tuned: Tuned) -> str:
     own = design.fitted.config.notation
     gains = " / ".join(short(g) for g in (tuned.gains if own is None else design.written(tuned.gains, own)))
     name = tuned.rule.replace("_", " ") + (" (proposed)" if tuned is design.chosen else "")
-    return f"{name}:  {gains}   RMSE {short(tuned.nonlinear.rmse_pct)} %, {_verdict(tuned)}"
+    return f"{name}:  {gains}   RMSE {short(tuned.nonlinear.rmse_pct)} %, {_verdict(design, tuned)}"
 
 
-def _verdict(tuned: Tuned) -> str:
+def _verdict(design: Design, tuned: Tuned) -> str:
     if not tuned.stable:
         return "UNSTABLE"
+    assert tuned.probability_met is not None, "a rule with gains has been tried"
+    if design.origin == "fleet":
+        every = design.fleet if tuned is design.chosen else None  # only the proposed gains are tried on all units
+        return f"met by {100.0 * (tuned.probability_met if every is None else every.share.value):.1f} %"
     return f"{'meets all' if tuned.meets_all else 'misses'}, P = {tuned.probability_met:.2f}"
 
 

@@ -10,6 +10,7 @@ from ...control.design import Design
 from ...control.pid.response import Judged
 from .. import style
 from ..numbers import short
+from .fleet import of_models
 from .responses import draw_band
 
 _COLUMNS = 2
@@ -44,7 +45,7 @@ def _panel(panel: Axes, design: Design, name: str) -> None:
     seen = (time >= begin) & (time < end - 0.5 * design.task.ecu.period)  # there the next scenario begins
     since = time[seen] - begin
     panel.plot(since, 100.0 * setpoint.at(time[seen]), color=style.MEASURED, lw=1.2, label="setpoint")
-    draw_band(panel, since, chosen.band[:, seen])
+    draw_band(panel, since, chosen.band[:, seen], of_models(design))
     panel.set_title(f"{name}\n{_says(chosen.scenarios[name])}", loc="left", fontsize=10)
     panel.set(xlabel="time [s]", ylabel="position [% travel]", xlim=(0.0, end - begin))
 

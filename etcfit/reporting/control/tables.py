@@ -22,6 +22,7 @@ from ...run_folder import written_for
 from ..blocks import headed, plain_table, rig_title, sentences
 from ..compromise import cautioned
 from ..numbers import Digits, short
+from .fleet import fleet_table, of_models
 from .safety import safety_table
 from .snippet import snippet
 from .verdicts import against_effort, outside_the_bench, scenario_table, what_is_asked
@@ -117,7 +118,7 @@ def design_table(design: Design) -> RenderableType:
     """Every rule beside the others, then the proposed gains in the units of an ECU."""
     task, config = design.task, design.fitted.config
     table = plain_table("rule", "Kp", "Ki", "Kd", "overshoot %", "settling s", "error %", "RMSE %", "duty %", "GM dB",
-                        "PM deg", "met", "margins", "P(met)")  # fmt: skip
+                        "PM deg", "met", "margins", "units" if of_models(design) == "units" else "P(met)")  # fmt: skip
     for tuned in design.tuned.values():
         table.add_row(*_row(tuned, task.requirements))
     asked = task.requirements
@@ -131,8 +132,7 @@ def design_table(design: Design) -> RenderableType:
         "scenarios; RMSE of the trapezoid of 5 to 45 % at 1 Hz, or of the log where that is larger; a settling time of "
         "-: not settled before the setpoint changes again; duty %: its standard deviation while the setpoint rests",
         f"asked: {what_is_asked(asked)}; margins {asked.gain_margin_db:g} dB, {asked.phase_margin_deg:g} degrees",
-        f"P(met): share of {design.draws} models whose response meets everything and whose linear loop is stable; "
-        f"drawn from {source}",
+        _judges(design, source),
         *_computer(design),
     ]
     refused = [f"{t.rule}: {t.why}" for t in design.tuned.values() if t.gains is None]
@@ -143,6 +143,7 @@ def design_table(design: Design) -> RenderableType:
         sentences("No gains", refused),
         _in_its_own_unit(design),
         _proposed(design),
+        fleet_table(design),
         scenario_table(design),
         sentences("Outside the bench", outside_the_bench(design)),
         sentences("Tracking against effort", against_effort(design)),
@@ -152,6 +153,14 @@ def design_table(design: Design) -> RenderableType:
         ),
     ]
     return cautioned(Group(*(part for part in parts if part is not None)), design.fitted.state)
+
+
+def _judges(design: Design, source: str) -> str:
+    """The models beside the nominal one."""
+    what = f"share of {design.draws} models whose response meets everything and whose linear loop is stable; "
+    if design.origin == "fleet":
+        return f"units: {what}the mean unit, on which all other figures are, then extreme and random ones of the fleet"
+    return f"P(met): {what}drawn from {source}"
 
 
 def _computer(design: Design) -> list[str]:

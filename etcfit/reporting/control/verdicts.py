@@ -10,6 +10,7 @@ from ...control.design import Design
 from ...control.pid.requirements import Requirements
 from ..blocks import headed, plain_table
 from ..numbers import short
+from .fleet import of_models
 
 
 def what_is_asked(asked: Requirements) -> str:
@@ -52,7 +53,7 @@ def outside_the_bench(design: Design) -> list[str]:
     ranges = (f"supply {_range(asked.supply)} V, winding {_range(asked.winding)} degrees Celsius, dry friction "
               f"{_range(asked.friction)} times the bench's; a duty is a share of the supply that there is")  # fmt: skip
     met = "met at every corner" if robust.meets_all else "not met at every corner"
-    share = f"{robust.probability_met:.2f} of the draws, each under conditions of its own, meet them"
+    share = f"{robust.probability_met:.2f} of the {of_models(design)}, each under conditions of its own, meet them"
     supply, winding, friction = robust.corner
     return [
         f"{ranges}: requirements {met}; {share}",

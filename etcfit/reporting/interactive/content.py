@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from typing import Any
 
 from ... import __version__
@@ -41,9 +40,3 @@ def content(run: RunFolder) -> dict[str, Any]:
         "traces": traces_json(shelf),
         "hashes": dict(contents.hashes),
     })  # fmt: skip
-
-
-def as_text(data: dict[str, Any]) -> str:
-    """The object as it stands inside a <script type="application/json">: no tag can end in it."""
-    text = json.dumps(data, ensure_ascii=False, allow_nan=False, separators=(",", ":"))
-    return text.replace("<", "\\u003c").replace("\u2028", "\\u2028").replace("\u2029", "\\u2029")

@@ -14,7 +14,7 @@ from ...problem.prediction_error import PredictionError
 from ...problem.trace import Trace
 from ..diagnosis.shown import Shown
 from ..pictures import all_traces
-from . import packed
+from ..standalone import packed
 from .bins import Bins
 from .cures import cures
 from .excitation import Excitation, excitations

@@ -1,16 +1,10 @@
 "use strict";
 /* The page: data read, views made, one of them told of what another one changed. */
 (function (etcfit) {
-  const root = document.documentElement, theme = document.getElementById("theme");
   const data = JSON.parse(document.getElementById("data").textContent);
-  const dark = matchMedia("(prefers-color-scheme: dark)");
   let view, loop, list, sliders;
 
-  function paint(wanted) {
-    root.dataset.theme = wanted;
-    theme.textContent = wanted === "dark" ? "Light" : "Dark";
-    theme.setAttribute("aria-label", `Switch to the ${wanted === "dark" ? "light" : "dark"} page`);
-    theme.setAttribute("aria-pressed", String(wanted === "dark"));
+  function repaint() {
     if (!view) return;
     view.key();
     view.draw();
@@ -26,9 +20,7 @@
     return now;
   }
 
-  paint(dark.matches ? "dark" : "light");
-  dark.addEventListener("change", () => paint(dark.matches ? "dark" : "light"));
-  theme.addEventListener("click", () => paint(root.dataset.theme === "dark" ? "light" : "dark"));
+  etcfit.theme(document.getElementById("theme"), repaint);
 
   const update = etcfit.onceAFrame(() => { view.update(); loop.update(); });
   sliders = new etcfit.Sliders(document.getElementById("sliders"), data.plant.sliders, update);

@@ -37,5 +37,15 @@ def floats(value: np.ndarray) -> dict[str, Any]:
     return {"from": 0.0, "f32": _text(value.astype("<f4"))}
 
 
+def numbers(value: np.ndarray) -> dict[str, Any]:
+    """Figures that people read, seven digits of each: 32-bit floats, NaN for nothing; shape (n,)."""
+    return {"from": 0.0, "f32": _text(np.where(np.isfinite(value), value, np.nan).astype("<f4"))}
+
+
+def codes(value: np.ndarray) -> dict[str, Any]:
+    """Whole numbers of 0 to 2^31 - 1, such as places in a list; shape (n,)."""
+    return {"i32": _text(value.astype("<i4"))}
+
+
 def _text(array: np.ndarray) -> str:
     return b64encode(array.tobytes()).decode("ascii")

@@ -16,6 +16,13 @@
   etcfit.levels = (pack) =>
     Array.from(new Int16Array(bytes(pack.i16)), (q) => (q === NOTHING ? null : pack.zero + pack.step * q));
 
+  /* Figures in a typed array, NaN where there is nothing: for many thousands. */
+  etcfit.typed = (pack) => (pack.f32 ? new Float32Array(bytes(pack.f32))
+    : Float32Array.from(new Int16Array(bytes(pack.i16)), (q) => (q === NOTHING ? NaN : pack.zero + pack.step * q)));
+
+  /* Whole numbers in a typed array. */
+  etcfit.codes = (pack) => new Int32Array(bytes(pack.i32));
+
   /* What drove a trace, ready for `runTrace`; null where the page cannot simulate it. */
   etcfit.excitation = (sim) =>
     sim && { ...sim, t: etcfit.floats(sim.t), v: etcfit.floats(sim.v), release: sim.release ?? Infinity };

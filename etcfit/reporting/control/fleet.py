@@ -1,0 +1,65 @@
+"""How the proposed gains fare on the units of a fleet, for stdout."""
+
+from __future__ import annotations
+
+from rich.console import Group, RenderableType
+from rich.text import Text
+
+from ...control.design import Design
+from ...control.fleet_verdict import OddOne, Share
+from ..blocks import headed, plain_table
+from ..numbers import short
+
+_NAMED = 12  # units in a line
+_WORDS = {
+    "overshoot_pct": ("overshoot", "%"),
+    "settling_s": ("settling", "s"),
+    "steady_state_error_pct": ("steady-state error", "%"),
+    "duty_activity_pct": ("duty", "%"),
+    "current_rms_A": ("rms current", "A"),
+    "winding_W": ("heat in the winding", "W"),
+    "bridge_W": ("heat in the bridge", "W"),
+    "stable": ("gain margin", "dB"),
+}
+
+
+def of_models(design: Design) -> str:
+    """What the models are that judge gains beside the nominal one."""
+    return "units" if design.origin == "fleet" else "draws"
+
+
+def fleet_table(design: Design) -> RenderableType | None:
+    """Share that meets everything, what the others miss, and the worst units; None for a design of one unit."""
+    found = design.fleet
+    if found is None:
+        return None
+    lines = [found.says, f"so of {_share(found.share)} of such units"]
+    if found.future is not None:
+        lines.append(f"of {found.future.of} units drawn from the population, which the search did not know, "
+                     f"{found.future.met} do: {_share(found.future)}")  # fmt: skip
+    lines += [f"{_WORDS[symbol][0]} missed by {len(units)}: {_some(units)}" for symbol, units in found.fails.items()]
+    table = plain_table("worst units", "hardest for it", "figure", "limit", "meets all")
+    for each in found.worst:
+        table.add_row(*_row(each))
+    said = (Text(f"  {line}") for line in lines)
+    return headed(f"{design.chosen.rule} on every unit of the fleet", Group(*said, table))
+
+
+def _share(share: Share) -> str:
+    return f"{100.0 * share.value:.1f} % (95 %: {100.0 * share.low:.1f} to {100.0 * share.high:.1f} %)"
+
+
+def _some(units: tuple[str, ...]) -> str:
+    more = f" and {len(units) - _NAMED} more" if len(units) > _NAMED else ""
+    return ", ".join(units[:_NAMED]) + more
+
+
+def _row(each: OddOne) -> tuple[str, ...]:
+    name, unit = _WORDS[each.requirement]
+    return (
+        each.unit,
+        name,
+        f"{short(each.figure)} {unit}",
+        f"{short(each.limit)} {unit}",
+        "yes" if each.meets else "no",
+    )
