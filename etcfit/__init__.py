@@ -30,6 +30,7 @@ if TYPE_CHECKING:
     from .api.diagnosed import Diagnosed as Diagnosed
     from .api.driven import Driven as Driven
     from .api.fit import Fit as Fit
+    from .api.fleet import Fleet as Fleet
     from .api.planned import Planned as Planned
     from .api.reduced import Reduced as Reduced
     from .api.sampled import Sampled as Sampled
@@ -42,6 +43,7 @@ if TYPE_CHECKING:
     from .api.verbs import export as export
     from .api.verbs import fetch as fetch
     from .api.verbs import fit as fit
+    from .api.verbs import fleet as fleet
     from .api.verbs import load as load
     from .api.verbs import plan as plan
     from .api.verbs import reduce as reduce
@@ -52,6 +54,7 @@ if TYPE_CHECKING:
     from .control.pid import Gains as Gains
     from .control.pid import Requirements as Requirements
     from .control.settings import DesignSettings as DesignSettings
+    from .control.settings import FleetDesignSettings as FleetDesignSettings
     from .control.settings import FrequencySettings as FrequencySettings
     from .datasets import DATASETS as DATASETS
     from .datasets import Dataset as Dataset
@@ -66,6 +69,7 @@ if TYPE_CHECKING:
     from .experiment.settings import CampaignSettings as CampaignSettings
     from .experiment.settings import CheckSettings as CheckSettings
     from .exporting.settings import ExportSettings as ExportSettings
+    from .fleets.statistics.settings import FleetSettings as FleetSettings
     from .model.ecus import ECUS as ECUS
     from .model.effects import EFFECTS as EFFECTS
     from .model.effects import AbstractEffect as AbstractEffect
@@ -99,6 +103,8 @@ MODULE_OF = {
     "CampaignSettings": "experiment.settings",
     "CheckSettings": "experiment.settings",
     "ExportSettings": "exporting.settings",
+    "FleetSettings": "fleets.statistics.settings",
+    "FleetDesignSettings": "control.settings",
     "EFFECTS": "model.effects",
     "TESTS": "rig",
     "DATASETS": "datasets",
@@ -112,6 +118,7 @@ MODULE_OF = {
     "export": "api.verbs",
     "fetch": "api.verbs",
     "fit": "api.verbs",
+    "fleet": "api.verbs",
     "load": "api.verbs",
     "plan": "api.verbs",
     "reduce": "api.verbs",
@@ -124,6 +131,7 @@ MODULE_OF = {
     "Diagnosed": "api.diagnosed",
     "Driven": "api.driven",
     "Fit": "api.fit",
+    "Fleet": "api.fleet",
     "FittedTrace": "api.trace",
     "Planned": "api.planned",
     "Reduced": "api.reduced",

@@ -335,6 +335,9 @@ def design(
     log: Annotated[
         Path | None, typer.Option(help="From the car: its setpoint is one scenario more.", exists=True, dir_okay=False)
     ] = None,
+    for_fleet: Annotated[
+        bool, typer.Option("--fleet", help="RUN is of `etcfit fleet`: gains for 99 % of its units.")
+    ] = False,
     quiet: Quiet = False,
 ) -> None:
     """PID gains for the model in RUN (after a diagnosis, the final one): every rule compared, one proposed."""
@@ -363,7 +366,11 @@ def design(
         raise UsageError(f"{zero[0]}: nothing stays below 0. Ask for more than that.")
     with _progress(quiet) as progress:
         asked = {symbol: limit for symbol, limit in limits.items() if limit != inf}
-        done = stages.design_run(stages.opened(run), progress, rule, adc_bits, feed_forward, asked, given, ecu, log)
+        options = rule, adc_bits, feed_forward, asked, given, ecu, log
+        if for_fleet:
+            done = stages.design_fleet(run, progress, *options)
+        else:
+            done = stages.design_run(stages.opened(run), progress, *options)
     _tell(done)
 
 
@@ -407,6 +414,48 @@ def _with_unit(option: str, text: str, units: Mapping[str, float], what: str, ex
     if not 0.0 <= value < inf:
         raise UsageError(f"{option} {text}: {what} cannot be negative or endless. Write, say, {example}.")
     return value
+
+
+@app.command()
+@_contract
+def fleet(
+    what: Annotated[
+        list[str], typer.Argument(help="A folder of units, or an address (s3://...); or: report RUN.", metavar="FLEET")
+    ],
+    out: Annotated[Path | None, typer.Option("--out", help="The run folder.", file_okay=False, metavar="RUN")] = None,
+    workers: Annotated[
+        int | None, typer.Option(help="Processes on this machine; else one a core.", min=1, max=1024)
+    ] = None,
+    scheduler: Annotated[
+        str | None, typer.Option(help="Of Dask, that is there already, as tcp://host:8786.", metavar="ADDRESS")
+    ] = None,
+    quiet: Quiet = False,
+) -> None:
+    """Many units of one design, FLEET/<unit>/ each a measurement folder: what they are, how they differ, which is odd.
+
+    `etcfit fleet report RUN` makes the page once more.
+    """
+    match what, out:
+        case ["report", run], None:
+            with _progress(quiet) as progress:
+                done = stages.fleet_report(Path(run), progress)
+            return _tell(done)
+        case [_], None:
+            raise UsageError("--out RUN is missing: the run folder to write.")
+        case [location], Path():
+            if workers is not None and scheduler is not None:
+                raise UsageError("--workers and --scheduler exclude each other: the scheduler has its own workers.")
+        case _:
+            raise UsageError("Write `etcfit fleet FLEET --out RUN`, or `etcfit fleet report RUN`.")
+    from .api.progress import silent
+
+    with _progress(quiet) as progress:
+        done = stages.fleet(location, out, workers, scheduler, progress, silent if quiet else _watched)
+    _tell(done)
+
+
+def _watched(address: str, share: float) -> None:
+    _stderr().print(f"workers: {address}", markup=False)
 
 
 @app.command()

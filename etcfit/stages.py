@@ -188,6 +188,75 @@ def design_run(
     return Done(design_table(found), failure(result))
 
 
+def design_fleet(
+    run: Path,
+    report: Report,
+    rule: str = "optimal",
+    adc_bits: int = 12,
+    feed_forward: bool = False,
+    limits: Mapping[str, float] = MappingProxyType({}),
+    ecu: Mapping[str, float] = MappingProxyType({}),
+    profile: str | None = None,
+    log: Path | str | None = None,
+) -> Done:
+    """Gains that nearly all units of a fleet meet the requirements with: RUN/pid.json, the responses.
+
+    Args:
+        run: the run folder of the fleet.
+        report, rule, adc_bits, feed_forward, limits, ecu, profile, log: see `design_run`.
+    """
+    report("taking up the fleet", 0.0)
+    keep_compiled()
+    from .api.control import fleet_design_of
+    from .api.fleet import Fleet
+    from .control.pid import Requirements
+    from .reporting.control.tables import design_table
+
+    units = Fleet.of(run)
+    found = fleet_design_of(
+        units.model,
+        rule,
+        Requirements(**limits),
+        report,
+        adc_bits=adc_bits,
+        feed_forward=feed_forward,
+        settings=None,
+        profile=profile,
+        log=log,
+        **ecu,
+    )
+    units.keep_design(run, found, {}, report)
+    return Done(design_table(found))
+
+
+def fleet(location: str, run: Path, workers: int | None, scheduler: str | None, report: Report, watch: Report) -> Done:
+    """Every unit of a fleet fitted, and what they tell together: RUN/fleet.json, units.parquet, pictures, page.
+
+    Args:
+        location: of the fleet, a folder or an address that fsspec opens.
+        run: the run folder.
+        workers: processes of this machine; None for one a core.
+        scheduler: address of one that is there already; None for processes of this machine.
+        report: progress.
+        watch: told where the workers can be watched.
+    """
+    keep_compiled()
+    from .api.fleet_work import work_through
+    from .api.fleet_work import workers as place_of
+    from .reporting.fleet import fleet_table
+
+    files = work_through(location, run, place_of(workers, scheduler), report, watch)
+    return Done(fleet_table(files.content))
+
+
+def fleet_report(run: Path, report: Report) -> Done:
+    """RUN/fleet.html and its pictures once more, of what lies in RUN."""
+    from .api.fleet_work import show
+    from .run_folder.fleet import read_fleet_files
+
+    return Done(str(show(run, read_fleet_files(run), report)))
+
+
 def export_run(
     run: RunFolder,
     report: Report,
@@ -347,6 +416,7 @@ def run(folder: Path | str, out: Path | str, *, quiet: bool = False) -> Fit | Di
     Returns:
         The last model in it, as `etcfit.load` gives it.
     """
+    from .api.fleet import Fleet
     from .api.progress import working
     from .api.verbs import load
 
@@ -355,7 +425,9 @@ def run(folder: Path | str, out: Path | str, *, quiet: bool = False) -> Fit | Di
             print(f"{name}: {done.remark}", file=sys.stderr)
 
     run_all(Path(folder), Path(out), lambda: working(quiet), show)
-    return load(out)
+    found = load(out)
+    assert not isinstance(found, Fleet), "the run folder of a fleet has no fit"
+    return found
 
 
 def keep_compiled() -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
@@ -17,7 +18,10 @@ if TYPE_CHECKING:
     from ..control.pid import Requirements
     from ..control.settings import DesignSettings, FrequencySettings
     from ..estimation.fitted_model import Fitted
+    from ..estimation.fleet_model import FleetModel
     from ..estimation.result import FitResult
+    from ..model.ecu import Ecu
+    from ..model.ecus import EcuProfile
     from ..rig.base import RigConfig
     from .progress import Report
 
@@ -96,9 +100,61 @@ def design_of(
         MeasurementError: the log cannot be read, or has no setpoint.
         UsageError: no such make, or a field given that its source fixes otherwise.
     """
-    from ..control.design import design, ecu_of
-    from ..control.linearise import stops
+    from ..control.design import design
     from ..control.settings import DesignSettings
+
+    computer, make = _computer(fitted, adc_bits, profile, ecu)
+    asked = None if log is None else setpoint_of(Path(log), fitted.config)
+    mine = settings or DesignSettings()
+    return design(fitted, computer, requirements, rule, drawn, feed_forward, report, mine, make, asked)
+
+
+def fleet_design_of(
+    model: FleetModel,
+    rule: str,
+    requirements: Requirements,
+    report: Report,
+    *,
+    adc_bits: int,
+    feed_forward: bool,
+    settings: DesignSettings | None = None,
+    profile: str | None = None,
+    log: Path | str | None = None,
+    **ecu: float,
+) -> Design:
+    """Gains by every rule that nearly all units of a fleet meet the requirements with.
+
+    Args:
+        model: the units.
+        rule, requirements, report, adc_bits, feed_forward, settings, profile, log, ecu: see `design_of`.
+    Raises:
+        MeasurementError, UsageError: as `design_of`.
+    """
+    from ..control.fleet import design_for_fleet, future_units
+    from ..control.settings import DesignSettings
+
+    computer, make = _computer(model.nominal, adc_bits, profile, ecu)
+    asked = None if log is None else setpoint_of(Path(log), model.config)
+    return design_for_fleet(
+        model,
+        computer,
+        requirements,
+        rule,
+        future_units(model),
+        feed_forward,
+        report,
+        settings or DesignSettings(),
+        profile=make,
+        log=asked,
+    )
+
+
+def _computer(
+    fitted: Fitted, adc_bits: int, profile: str | None, ecu: Mapping[str, float]
+) -> tuple[Ecu, EcuProfile | None]:
+    """The ECU by what is given of it and what its make fixes."""
+    from ..control.design import ecu_of
+    from ..control.linearise import stops
     from ..model.ecus import named
 
     make = None if profile is None else named(profile)
@@ -107,10 +163,7 @@ def design_of(
             raise UsageError(f"{clash[0]}: {make.title} fixes it at {make.fixes[clash[0]]:g}. Leave it out.")
         ecu = make.completed(ecu)
     lower, upper = stops(fitted)
-    computer = ecu_of(fitted, **({"resolution": (upper - lower) / 2**adc_bits} | ecu))
-    mine = settings or DesignSettings()
-    asked = None if log is None else setpoint_of(Path(log), fitted.config)
-    return design(fitted, computer, requirements, rule, drawn, feed_forward, report, mine, make, asked)
+    return ecu_of(fitted, **({"resolution": (upper - lower) / 2**adc_bits} | dict(ecu))), make
 
 
 def setpoint_of(path: Path, config: RigConfig) -> Series:

@@ -20,6 +20,7 @@ from ..control.safety import Safety
 from ..reporting.numbers import short
 from . import words
 from .fit import Fit
+from .fleet import Fleet
 from .frames import indexed, numbers
 
 if TYPE_CHECKING:
@@ -30,15 +31,15 @@ _HEAD = ("rule", *Gains._fields, "overshoot %", "settling s", "error %", "RMSE %
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Designed:
-    """Gains for a rig: `etcfit.design(fit)`.
+    """Gains for a rig, or for a fleet: `etcfit.design(fit)`.
 
     Args:
-        fit: the model.
+        fit: the model, or the fleet.
         design: in full.
         log: file of the log among the scenarios, or None.
     """
 
-    fit: Fit
+    fit: Fit | Fleet
     design: Design
     log: str | None = None
 
@@ -125,10 +126,7 @@ class Designed:
         Args:
             run: made if absent.
         """
-        from ..run_folder import RunFolder
-        from .saving import keep_design
-
-        keep_design(RunFolder(run), self.fit.result, self.design, self._options)
+        self.fit.keep_design(Path(run), self.design, self._options)
         return Path(run)
 
     @property
@@ -152,7 +150,7 @@ class Designed:
 
     @property
     def _alarm(self) -> str:
-        return " ".join(self.fit.result.state.cautions)
+        return " ".join(self.fit.cautions)
 
     def __repr__(self) -> str:
         met = [name for name, t in self.design.tuned.items() if t.meets_all]

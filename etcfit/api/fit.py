@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import textwrap
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import pandas as pd
 
@@ -17,9 +18,11 @@ from ..problem.prediction_error import pooled
 from ..reporting.numbers import short
 from . import words
 from .frames import contradiction_frame, influence_frame, interval_frame, score_frame, units_of
+from .progress import Report, silent
 from .trace import FittedTrace, named, traces_of
 
 if TYPE_CHECKING:
+    from ..control.design import Design
     from .plots import FitPlots
 
 
@@ -50,6 +53,18 @@ class Fit:
         `stderr`; its `low` and `high` are the range that subsets of the data give.
         """
         return interval_frame(self._known, self._units)
+
+    @property
+    def cautions(self) -> tuple[str, ...]:
+        """What a reader of anything made from it must know, a sentence each; none of a sound fit."""
+        return self.result.state.cautions
+
+    def keep_design(self, run: Path, design: Design, options: Mapping[str, Any], report: Report = silent) -> None:
+        """pid.json, the responses, and a line on the manifest."""
+        from ..run_folder import RunFolder
+        from .saving import keep_design
+
+        keep_design(RunFolder(run), self.result, design, options, report)
 
     @property
     def combinations(self) -> pd.DataFrame:

@@ -36,6 +36,7 @@ if TYPE_CHECKING:
     from .driven import Driven
     from .exported import Exported
     from .fit import Fit
+    from .fleet import Fleet
     from .planned import Planned
     from .reduced import Reduced
     from .sampled import Sampled
@@ -224,7 +225,7 @@ def reduce(
 
 
 def design(
-    model: Model,
+    model: Model | Fleet,
     *,
     rule: str = "optimal",
     requirements: Requirements | None = None,
@@ -240,7 +241,8 @@ def design(
     """PID gains: every rule tried on the linear plant and on the nonlinear one, over many draws; one is proposed.
 
     Args:
-        model: a fit, a diagnosis (its final model counts), a posterior, a transfer function, or a run folder.
+        model: a fit, a diagnosis (its final model counts), a posterior, a transfer function, a run folder; or a fleet,
+            for gains that 99 % of its units meet the requirements with.
         rule: whose gains are proposed.
         requirements: what a response must stay below in every scenario; the paper's and 5 % of duty activity where
             None.
@@ -261,30 +263,26 @@ def design(
         from ..control.design import PAPERS
         from ..control.settings import DesignSettings
         from ..model.ecu import Ecu
-        from .control import design_of
+        from ..run_folder.fleet import is_fleet
+        from .control import design_of, fleet_design_of
         from .designed import Designed
+        from .fleet import Fleet
 
         if unknown := sorted(set(ecu) - set(Ecu._fields)):
             raise TypeError(
                 f"etcfit.design knows no {', '.join(unknown)}. Of the ECU there are {', '.join(Ecu._fields)}."
             )
+        mine, limits = settings or DesignSettings(), requirements or PAPERS
+        asked: dict[str, Any] = {"adc_bits": adc_bits, "feed_forward": feed_forward, "settings": mine,
+                                 "profile": profile, "log": log, **ecu}  # fmt: skip
+        if isinstance(model, Fleet) or (isinstance(model, str | Path) and is_fleet(Path(model))):
+            whole = model if isinstance(model, Fleet) else Fleet.of(model)
+            found = fleet_design_of(whole.model, rule, limits, report, **asked)
+            return Designed(whole, found, None if log is None else str(log))
         fit = _fit_of("design", model)
         fitted = fit.result.fitted()
-        mine, limits = settings or DesignSettings(), requirements or PAPERS
         drawn = _draws(model if posterior is None else posterior, fitted, mine)
-        found = design_of(
-            fitted,
-            rule,
-            limits,
-            drawn,
-            report,
-            adc_bits=adc_bits,
-            feed_forward=feed_forward,
-            settings=mine,
-            profile=profile,
-            log=log,
-            **ecu,
-        )
+        found = design_of(fitted, rule, limits, drawn, report, **asked)
         return Designed(fit, found, None if log is None else str(log))
 
 
@@ -315,6 +313,7 @@ def export(
         from ..run_folder import design_json, read_design
         from .designed import Designed
         from .exported import exported
+        from .fit import Fit
 
         told(f"exporting to {to}", 0.3)
         run = Path(model) if isinstance(model, str | Path) else None
@@ -323,6 +322,8 @@ def export(
         format_, folder = named(to), Path(out) if out is not None else Path(run or "") / "export"
         pid = design_json(model.design) if isinstance(model, Designed) else None if run is None else read_design(run)
         fit = model.fit if isinstance(model, Designed) else _fit_of("export", model)
+        if not isinstance(fit, Fit):
+            raise UsageError("a fleet has no one model to export. Export the fit of one unit.")
         return exported(fit.result, format_, folder, settings or ExportSettings(), pid, run,
                         None if into is None else Path(into))  # fmt: skip
 
@@ -402,8 +403,42 @@ def fetch(name: str, to: Folder | None = None, data: Folder | None = None, *, qu
         return fetch_data_set(name, Path(to or Path("measurements") / name), None if data is None else Path(data))
 
 
-def load(run: Folder) -> Fit | Diagnosed:
-    """The last model of a run folder, bit for bit as it was saved: the diagnosis where there is one, else the fit.
+def fleet(
+    location: Folder,
+    out: Folder,
+    *,
+    workers: int | None = None,
+    scheduler: str | None = None,
+    quiet: bool = False,
+) -> Fleet:
+    """Many units of one design: each fitted where the workers are, then what they tell together.
+
+    What is done already is not done again. In a script, call it below `if __name__ == "__main__":`, for the worker
+    processes import the script.
+
+    Args:
+        location: FLEET, a folder of measurement folders, or an address that fsspec opens (s3://...).
+        out: the run folder; made if absent.
+        workers: processes of this machine; one a core where None.
+        scheduler: address of a Dask scheduler that is there already, "tcp://host:8786" say; None for this machine.
+        quiet: show no progress.
+    Raises:
+        MeasurementError: there is no unit, what is written down about the fleet is wrong, or no unit could be fitted.
+        UsageError: Dask is not installed (`pip install "etcfit[fleet]"`), or no worker answers.
+    """
+    with working(quiet) as report:
+        from .fleet import Fleet
+        from .fleet_work import work_through
+        from .fleet_work import workers as place_of
+        from .progress import silent
+
+        run = Path(out)
+        return Fleet(run, work_through(location, run, place_of(workers, scheduler), report, silent))
+
+
+def load(run: Folder) -> Fit | Diagnosed | Fleet:
+    """The last model of a run folder, bit for bit as it was saved: the diagnosis where there is one, else the fit; of
+    the run folder of a fleet the fleet.
 
     Args:
         run: the run folder.
@@ -411,8 +446,12 @@ def load(run: Folder) -> Fit | Diagnosed:
         UsageError: it holds no fit, or one of another version.
     """
     from ..run_folder import RunFolder
+    from ..run_folder.fleet import is_fleet
     from .diagnosed import Diagnosed
+    from .fleet import Fleet
 
+    if is_fleet(Path(run)):
+        return Fleet.of(run)
     found = RunFolder(run).diagnosis()
     return _load_fit(Path(run)) if found is None else Diagnosed(found)
 
@@ -457,11 +496,15 @@ def _fit_of(verb: str, model: Model) -> Fit:
     """The fit behind whatever a verb was given."""
     from .diagnosed import Diagnosed
     from .fit import Fit
+    from .fleet import Fleet
     from .reduced import Reduced
     from .sampled import Sampled
 
     if isinstance(model, str | Path):
-        model = load(model)
+        loaded = load(model)
+        if isinstance(loaded, Fleet):
+            raise UsageError(f"{model} is of a fleet: etcfit.{verb} takes one unit's run folder, as in {model}/units.")
+        model = loaded
     if isinstance(model, Fit):
         return model
     if isinstance(model, Diagnosed):

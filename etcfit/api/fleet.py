@@ -1,0 +1,201 @@
+"""A fleet as a notebook holds it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import pandas as pd
+
+from ..run_folder.fleet import FleetFiles, fleet_model_of, read_fleet_files
+from . import words
+from .progress import Report, silent
+
+if TYPE_CHECKING:
+    from ..control.design import Design
+    from ..estimation.fleet_model import FleetModel
+    from .fleet_plots import FleetPlots
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Fleet:
+    """Many units of one design: `etcfit.fleet(FLEET, out=RUN)`, or `etcfit.load(RUN)` of such a run.
+
+    Args:
+        run: its run folder.
+        files: fleet.json and units.parquet, as they lie there.
+    """
+
+    run: Path
+    files: FleetFiles
+
+    @classmethod
+    def of(cls, run: str | Path) -> Fleet:
+        """That of a run folder.
+
+        Raises:
+            UsageError: it holds none.
+        """
+        return cls(Path(run), read_fleet_files(Path(run)))
+
+    @property
+    def units(self) -> pd.DataFrame:
+        """A row a unit and symbol: value, stderr, low, high, status by its own data (SI), and shrunk_value,
+        shrunk_stderr given the population."""
+        return self.files.units
+
+    @property
+    def members(self) -> pd.DataFrame:
+        """What is written down about each unit, and how its fit went, indexed by unit."""
+        return pd.DataFrame.from_dict(dict(self._content["members"]), orient="index").rename_axis("unit")
+
+    @property
+    def population(self) -> pd.DataFrame:
+        """The design, indexed by symbol: mean and sd between units with their 95 % intervals (SI), unit, cpk, whether
+        one value is shared by all, and how many units' data tell it."""
+        keys = ("mean", "mean_low", "mean_high", "sd", "sd_low", "sd_high", "unit", "cpk", "shared", "informed")
+        rows = {symbol: _row(each, keys) for symbol, each in self._content["population"].items()}
+        return _frame(rows.values(), keys, rows, "symbol")
+
+    @property
+    def correlation(self) -> pd.DataFrame:
+        """Between units, by symbol both ways."""
+        held = self._content["correlation"]
+        return pd.DataFrame(held["matrix"], index=held["symbols"], columns=held["symbols"])
+
+    @property
+    def odd(self) -> pd.DataFrame:
+        """Units unlike the others, most odd first, indexed by unit: distance, p, symbols, why."""
+        every = self._content["odd"]
+        return _frame(every, ("distance", "p", "symbols", "why"), [each["unit"] for each in every], "unit")
+
+    @property
+    def drift(self) -> pd.DataFrame:
+        """Changes in the order of the fleet, indexed by symbol: since (the first unit after), kind, size (SI), size_sd,
+        p."""
+        every = self._content["drift"]
+        return _frame(every, ("since", "kind", "size", "unit", "size_sd", "p"), [e["symbol"] for e in every], "symbol")
+
+    @property
+    def charts(self) -> pd.DataFrame:
+        """A row a symbol and unit in order: value, stderr (SI), centre, lower, upper, cusum_high, cusum_low."""
+        frames = []
+        for symbol, chart in self._content["charts"].items():
+            alike = {key: chart[key] for key in ("value", "stderr", "cusum_high", "cusum_low")}
+            limits = {key: chart[key] for key in ("centre", "lower", "upper")}
+            frames.append(pd.DataFrame({"symbol": symbol, "unit": chart["order"], **alike, **limits}))
+        return pd.concat(frames, ignore_index=True) if frames else pd.DataFrame(columns=["symbol", "unit", "value"])
+
+    @property
+    def figures(self) -> pd.DataFrame:
+        """What a line measures, indexed by figure: mean, sd, low, high (2.5 and 97.5 % of units), unit, meaning."""
+        every = self._content["figures"]
+        return _frame(every.values(), ("mean", "sd", "low", "high", "unit", "meaning"), every, "figure")
+
+    @property
+    def predictions(self) -> pd.DataFrame:
+        """The same hot and cold, on a weak battery and a charged one: a row a condition and figure."""
+        rows = [{"condition": each["condition"], "figure": name, **figure}
+                for each in self._content["predictions"] for name, figure in each["figures"].items()]  # fmt: skip
+        return pd.DataFrame(rows, columns=["condition", "figure", "mean", "low", "high", "unit"])
+
+    @property
+    def capability(self) -> pd.DataFrame:
+        """What has limits, indexed by symbol or figure: low, high, mean, sd, cp, cpk, outside, unit."""
+        every = self._content["capability"]
+        keys = ("low", "high", "mean", "sd", "cp", "cpk", "outside", "unit")
+        return _frame(every.values(), keys, every, "name")
+
+    @property
+    def gauge(self) -> pd.DataFrame:
+        """Repeatability and reproducibility, indexed by symbol; empty where no part was measured twice."""
+        every = self._content["gauge"] or {}
+        keys = ("repeatability", "rig", "operator", "reproducibility", "part", "total", "rr_percent", "ndc", "unit")
+        return _frame(every.values(), keys, every, "symbol")
+
+    @property
+    def effects(self) -> pd.DataFrame:
+        """Effects that the common model names, indexed by effect: how many units have it, of how many, median, unit."""
+        every = self._content["effects"]
+        rows = [{**each, "present": len(each["units"])} for each in every.values()]
+        return _frame(rows, ("present", "of", "median", "unit", "symbol"), every, "effect")
+
+    @property
+    def failed(self) -> pd.DataFrame:
+        """Units without a result, indexed by unit: why."""
+        every = self._content["failed"]
+        return _frame(every, ("why",), [each["unit"] for each in every], "unit")
+
+    @property
+    def plot(self) -> FleetPlots:
+        """Pictures: `plot.population()`, `plot.correlation()`, `plot.charts()`, `plot.odd()`."""
+        from .fleet_plots import FleetPlots
+
+        return FleetPlots(self.files)
+
+    @property
+    def model(self) -> FleetModel:
+        """The units as models, by their shrunk values: what a design takes."""
+        return fleet_model_of(self.run)
+
+    @property
+    def page(self) -> Path:
+        """RUN/fleet.html."""
+        return self.run / "fleet.html"
+
+    @property
+    def cautions(self) -> tuple[str, ...]:
+        """What a reader of anything made from it must know."""
+        return ()
+
+    def keep_design(self, run: Path, design: Design, options: Mapping[str, Any], report: Report = silent) -> None:
+        """pid.json and the responses."""
+        from ..files import write_json
+        from ..reporting import draw_design
+        from ..run_folder import design_json
+
+        write_json(run / "pid.json", "pid", design_json(design))
+        draw_design(run, design, report)
+
+    def summary(self, width: int = 140) -> str:
+        """What `etcfit fleet` prints, for `print`."""
+        from ..reporting.blocks import render
+        from ..reporting.fleet import fleet_table
+
+        return render(fleet_table(self._content), width)
+
+    @property
+    def _content(self) -> Mapping[str, Any]:
+        return self.files.content
+
+    @property
+    def _said(self) -> tuple[str, ...]:
+        from ..reporting.fleet.words import verdict
+
+        return tuple(sentence.text for sentence in verdict(self._content))
+
+    @property
+    def _name(self) -> str:
+        return self._content["name"] + (", SYNTHETIC DATA" if self._content["synthetic"] else "")
+
+    def __repr__(self) -> str:
+        return words.block(f"Fleet {self._name}: {len(self._content['units'])} units", *self._said)
+
+    def _repr_html_(self) -> str:
+        title = words.paragraph(f"Fleet {self._name}: {len(self._content['units'])} units")
+        return title + "".join(words.paragraph(text) for text in self._said)
+
+
+def _row(each: Mapping[str, Any], keys: Iterable[str]) -> dict[str, Any]:
+    ends = {f"{name}_{side}": end for name in ("mean", "sd")
+            for side, end in zip(("low", "high"), each[f"{name}_ci95"], strict=True)}  # fmt: skip
+    return {key: {**each, **ends}[key] for key in keys}
+
+
+def _frame(rows: Iterable[Mapping[str, Any]], keys: Iterable[str], names: Iterable[str], index: str) -> pd.DataFrame:
+    """The keys of each row, in this order; what is not known is NaN."""
+    columns = list(keys)
+    frame = pd.DataFrame([{key: row.get(key) for key in columns} for row in rows], columns=columns)
+    return frame.set_axis(pd.Index(list(names), name=index, dtype="str"), axis=0)

@@ -1,0 +1,171 @@
+"""A fleet, from its folder to its page: what the command and the verb do alike."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from ..errors import MeasurementError
+from ..fleets.config import FleetConfig, read_fleet
+from ..fleets.engine.cluster import Crew, ExistingScheduler, LocalWorkers, cores, crew
+from ..fleets.folder import local_copy
+from ..rig.toml import Toml
+
+if TYPE_CHECKING:
+    from ..rig.base import RigConfig
+    from ..run_folder.fleet import FleetFiles
+    from .progress import Report
+
+MEMORY = 0.6  # share of this machine's that the workers may have together
+LEAST_MEMORY = 1500 * 1024**2  # bytes of one worker: a compiled model, and room to compile the next
+
+
+def workers(count: int | None, scheduler: str | None) -> LocalWorkers | ExistingScheduler:
+    """Where to work.
+
+    Args:
+        count: of processes of this machine; None for one a core.
+        scheduler: address of an existing one; None for this machine.
+    """
+    if scheduler is not None:
+        return ExistingScheduler(scheduler)
+    number = cores() if count is None else count
+    whole = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES") if hasattr(os, "sysconf") else 8 * 1024**3
+    return LocalWorkers(number, max(LEAST_MEMORY, min(LocalWorkers.memory, int(MEMORY * whole / number))))
+
+
+def work_through(
+    location: str | Path, run: Path, place: LocalWorkers | ExistingScheduler, report: Report, watch: Report
+) -> FleetFiles:
+    """Fit every unit that is not done, study them together, and write what comes of it.
+
+    Args:
+        location: of the fleet.
+        run: the run folder; made where it is not there.
+        place: where to work.
+        report: progress.
+        watch: told where the workers can be watched.
+    Raises:
+        MeasurementError: there is no unit, what is written down about the fleet is wrong, or no unit could be fitted.
+        UsageError: Dask is not installed, or no worker answers.
+    """
+    report("reading the fleet", 0.0)
+    config = read_fleet(location)
+    toml = rig_of_one(config)
+    rig = config_of_rig(toml)
+    refuse_unknown_limits(config, rig)
+    refuse_foreign_units(config, rig)
+    run.mkdir(parents=True, exist_ok=True)
+    report("starting the workers", 0.0)
+    with crew(place) as hands:
+        watch(hands.address, 0.0)
+        return _worked_through(config, toml, run, hands, report)
+
+
+def _worked_through(config: FleetConfig, toml: Toml, run: Path, hands: Crew, report: Report) -> FleetFiles:
+    from ..fleets.results import fit_all
+    from ..fleets.study import study
+    from ..run_folder.fleet import read_fleet_files, save_fleet
+    from .unit_pages import write_unit_pages
+
+    results = fit_all(config, hands, run / "parts", report)
+    report("what the units tell together", 0.0)
+    found = study(config, config_of_rig(toml), results)
+    pages = write_unit_pages([unit.unit for unit in found.odd], results.work, run, hands, report)
+    save_fleet(run, found, toml, pages)
+    files = read_fleet_files(run)
+    show(run, files, report)
+    return files
+
+
+def show(run: Path, files: FleetFiles, report: Report) -> Path:
+    """Pictures and the page; where the latter lies."""
+    from ..reporting.fleet import draw_fleet, write_fleet_page
+
+    report("drawing", 0.5)
+    draw_fleet(files.content, files.units, run / "pictures" / "fleet")
+    report("writing the page", 0.9)
+    return write_fleet_page(run, files.content, files.units)
+
+
+def rig_of_one(config: FleetConfig) -> Toml:
+    """rig.toml of the first unit that has a right one: the others' differ in no more than what is their own.
+
+    Raises:
+        MeasurementError: none has; that of the first.
+    """
+    from ..rig.reader import rig_toml
+
+    first: MeasurementError | None = None
+    for unit in config.units:
+        try:
+            with local_copy(config.location, unit) as folder:
+                toml = rig_toml(str(folder), config.common)
+            config_of_rig(toml)
+            return toml
+        except MeasurementError as error:
+            first = first or error
+    assert first is not None, "a fleet has a unit"
+    raise first
+
+
+def config_of_rig(toml: Toml) -> RigConfig:
+    """What it says, checked."""
+    from ..rig.config import config_of
+
+    return config_of(toml, "fleet")
+
+
+def refuse_unknown_limits(config: FleetConfig, rig: RigConfig) -> None:
+    """Before hours of fits, say that a limit or a shared symbol is of nothing that there is.
+
+    Raises:
+        MeasurementError: so it is.
+    """
+    from ..estimation.intervals import LUMPS
+    from ..fleets.line import FIGURE_BY_NAME
+    from ..problem.free_parameters import free_parameters
+    from ..rig.toml import closest, place_of
+
+    symbols = [*free_parameters(rig).layout.free, *LUMPS]
+    toml = config.common
+    for table, names, known in (
+        ("fleet.shared", config.shared, symbols),
+        ("limits", config.limits, [*symbols, *FIGURE_BY_NAME]),
+    ):
+        if unknown := next((name for name in names if name not in known), None):
+            where = place_of(toml.path, toml.source, table if table != "limits" else f"limits.{unknown}")
+            raise MeasurementError(where, f"{table}: {unknown} is nothing that this fleet's model has.",
+                                   f"Known: {', '.join(known)}.", closest(unknown, known, "Delete it."))  # fmt: skip
+
+
+def refuse_foreign_units(config: FleetConfig, rig: RigConfig) -> None:
+    """Before hours of fits, say that a limit is in a unit of something else: a spring's torque without its angle.
+
+    Raises:
+        MeasurementError: so it is.
+    """
+    from ..estimation.intervals import LUMPS
+    from ..fleets.line import FIGURE_BY_NAME
+    from ..problem.free_parameters import free_parameters
+    from ..rig.toml import place_of
+
+    known = {p.symbol: p.unit for p in free_parameters(rig).layout.parameters}
+    known |= {name: each.unit for table in (LUMPS, FIGURE_BY_NAME) for name, each in table.items()}
+    for name, limit in config.limits.items():
+        if name in known and not _comes_down_to(known[name], limit.unit):
+            where = place_of(config.common.path, config.common.source, f"limits.{name}")
+            raise MeasurementError(where, f"limits.{name}: found unit '{limit.given}'.",
+                                   f"{name} is in {known[name]}, or a multiple of it.",
+                                   f'Write unit = "{known[name]}", and the limits in it.')  # fmt: skip
+
+
+def _comes_down_to(unit: str, base: str) -> bool:
+    """Whether a unit is a multiple of that base unit; True for one that is too odd to be read."""
+    from ..rig.units import UnitError, to_si
+
+    try:
+        return to_si(unit)[0] == base
+    except UnitError:
+        return True
