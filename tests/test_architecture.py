@@ -24,15 +24,18 @@ ROOMS = [
         "car_log",
         "estimation",
     ),
-    *("experiment", "control", "diagnosis", "posterior", "run_folder", "reporting", "exporting"),
+    *("experiment", "control", "diagnosis", "posterior", "fleets", "run_folder", "reporting", "exporting"),
     *("api", "stages", "cli"),
 ]
 MOST_ROOMS = 22
 ONLY_IN: dict[str, str | tuple[str, ...]] = {
     "optimistix": "estimation/levenberg_marquardt.py",
     "emcee": "posterior/",
-    "matplotlib": ("reporting/", "api/plots.py"),
+    "matplotlib": ("reporting/", "api/plots.py", "api/unit_pages.py"),
     "pooch": "datasets/",
+    "dask": "fleets/engine/",
+    "distributed": "fleets/engine/",
+    "fsspec": "fleets/folder.py",
     "typer": "cli.py",
 }
 REGISTRIES = {
@@ -41,6 +44,7 @@ REGISTRIES = {
     "rig": "AbstractRigTest",
     "rig/checks": "AbstractDetector",
     "experiment/excitation": "AbstractShape",
+    "fleets/line": "AbstractFigure",
 }
 FILES = sorted(file for file in PACKAGE.rglob("*.py") if file != PACKAGE / "__init__.py")  # the facade is lazy
 

@@ -17,8 +17,8 @@ import pytest
 
 import etcfit
 
-VERBS = ["advise", "check", "design", "diagnose", "drive", "export", "fetch", "fit", "load", "plan", "reduce", "report",
-         "run", "sample"]  # fmt: skip
+VERBS = ["advise", "check", "design", "diagnose", "drive", "export", "fetch", "fit", "fleet", "load", "plan", "reduce",
+         "report", "run", "sample"]  # fmt: skip
 
 
 @pytest.mark.parametrize("name", sorted(etcfit.MODULE_OF))

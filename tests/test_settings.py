@@ -14,14 +14,18 @@ import pytest
 from etcfit import cli, stages
 from etcfit.api import verbs
 from etcfit.control.settings import (
+    ConditionSettings,
     DampingSettings,
     DesignSettings,
+    FleetDesignSettings,
     FrequencySettings,
+    FrontSettings,
     LoopSettings,
     ManualSettings,
     OptimumSettings,
     RelaySettings,
     SafetySettings,
+    ScenarioSettings,
 )
 from etcfit.diagnosis.settings import DiagnosisSettings
 from etcfit.estimation.settings import (
@@ -35,9 +39,13 @@ from etcfit.estimation.settings import (
 from etcfit.experiment.settings import AdviceSettings, CampaignSettings, CheckSettings, PlanSettings
 from etcfit.exporting.settings import ExportSettings
 from etcfit.files import plain
+from etcfit.fleets.engine.settings import EngineSettings, StoreSettings
+from etcfit.fleets.line.settings import LineSettings, TemperatureSettings
+from etcfit.fleets.statistics.settings import ChartSettings, FleetSettings, OddSettings, PopulationSettings
 from etcfit.importing.settings import GuessSettings
 from etcfit.posterior.settings import SamplingSettings
 from etcfit.ranges import Range, check_ranges, from_json, real, reals, whole
+from etcfit.reporting.fleet.words import Judgement
 from etcfit.rig.checks import DETECTORS, SynchronousEdges
 from etcfit.rig.checks.edge_phase import EdgeSettings
 
@@ -62,8 +70,21 @@ KINDS: list[Any] = [
     OptimumSettings,
     RelaySettings,
     SafetySettings,
+    ScenarioSettings,
+    ConditionSettings,
+    FrontSettings,
+    FleetDesignSettings,
     DiagnosisSettings,
     ExportSettings,
+    EngineSettings,
+    StoreSettings,
+    LineSettings,
+    TemperatureSettings,
+    PopulationSettings,
+    OddSettings,
+    ChartSettings,
+    FleetSettings,
+    Judgement,
     EdgeSettings,
     *(type(detector) for detector in DETECTORS if not isinstance(detector, SynchronousEdges)),
 ]

@@ -46,6 +46,8 @@ CONTRACT = {
     "drive": "schema logs",
     "advice": "schema rig synthetic stderr_now options not_judged settings",
     "plan": "schema rig synthetic model criterion limits stderr tests left_out settings",
+    "fleet": "schema version name synthetic units failed not_converged members population correlation odd effects "
+    "drift charts capability gauge figures predictions settings",
 }
 LATER = {"diagnosis": {"rig", "probabilities"}}
 

@@ -1,8 +1,9 @@
 // The page's own scripts in node: reads {kind, ...} as JSON, writes what the page would have computed.
 "use strict";
 const fs = require("fs"), path = require("path");
-const folder = path.join(__dirname, "../../../etcfit/reporting/interactive/page");
-for (const name of ["effects.js", "stepper.js", "trace_run.js", "loop_run.js", "decode.js"]) require(path.join(folder, name));
+const reporting = path.join(__dirname, "../../../etcfit/reporting");
+for (const name of ["effects.js", "stepper.js", "trace_run.js", "loop_run.js"]) require(path.join(reporting, "interactive/page", name));
+require(path.join(reporting, "standalone/assets/decode.js"));
 const etcfit = globalThis.etcfit, asked = JSON.parse(fs.readFileSync(0, "utf8"));
 
 function trace({ sim, effects, values, instants }) {

@@ -1,0 +1,158 @@
+"""Stub work for the engine of a fleet: each counts its calls in files, so that a test sees what was done how often."""
+
+from __future__ import annotations
+
+import errno
+import os
+import signal
+import time
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+
+from etcfit.errors import MeasurementError
+from etcfit.fleets.engine.work import AbstractWork
+from etcfit.fleets.unit import FailedUnit, TraceMisfit, UnitEstimate, UnitParameter, UnitResult
+
+
+def result_of(unit: str, symbols: tuple[str, ...] = ("R_a", "K_b"), seed: int | None = None) -> UnitResult:
+    """A result in which every number differs."""
+    rng = np.random.default_rng(sum(map(ord, unit)) if seed is None else seed)
+    spread = rng.normal(size=(len(symbols), len(symbols)))
+    parameters = {s: UnitParameter(float(v), "ohm", abs(float(v)), None, float("nan"), "estimated")
+                  for s, v in zip(symbols, rng.normal(size=len(symbols)), strict=True)}  # fmt: skip
+    return UnitResult(
+        UnitEstimate(unit, symbols, rng.normal(size=len(symbols)), spread @ spread.T),
+        {**parameters, "N": UnitParameter(20.68, "1", None, None, None, "fixed")},
+        (TraceMisfit("response/1.csv", "response", float(rng.uniform())),),
+        float(rng.uniform()),
+        True,
+        "the fit converged",
+        True,
+        "",
+        float(rng.uniform()),
+        ("a warning, with an ö",),
+        {symbol: 1.0 + float(rng.uniform()) for symbol in symbols},
+    )
+
+
+@dataclass(frozen=True)
+class Habit:
+    """What a unit does to whoever works on it; the default gives its result at once."""
+
+    def __call__(self) -> None: ...
+
+
+@dataclass(frozen=True)
+class Sleeps(Habit):
+    seconds: float
+
+    def __call__(self) -> None:
+        time.sleep(self.seconds)
+
+
+@dataclass(frozen=True)
+class Loops(Habit):
+    def __call__(self) -> None:
+        while True:
+            time.sleep(0.01)
+
+
+@dataclass(frozen=True)
+class Kills(Habit):
+    def __call__(self) -> None:
+        os.kill(os.getpid(), signal.SIGKILL)
+
+
+@dataclass(frozen=True)
+class KillsOnce(Habit):
+    mark: Path
+
+    def __call__(self) -> None:
+        if not self.mark.exists():
+            self.mark.touch()
+            os.kill(os.getpid(), signal.SIGKILL)
+
+
+@dataclass(frozen=True)
+class Divides(Habit):
+    def __call__(self) -> None:
+        raise ZeroDivisionError("division by zero")
+
+
+@dataclass(frozen=True)
+class Broken(Habit):
+    def __call__(self) -> None:
+        raise MeasurementError("response/3.csv:118", "time falls.", "It must rise.", "Sort it.")
+
+
+@dataclass(frozen=True)
+class Eats(Habit):
+    """Takes memory, until somebody ends it."""
+
+    def __call__(self) -> None:
+        held = []
+        while True:
+            held.append(np.ones(2_000_000))
+            time.sleep(0.01)
+
+
+@dataclass(frozen=True)
+class FullDisk(Habit):
+    """No room on the machine of the first worker that meets it; `mark` says which process that is."""
+
+    mark: Path
+
+    def __call__(self) -> None:
+        if not self.mark.exists():
+            self.mark.write_text(str(os.getpid()))
+        if self.mark.read_text() == str(os.getpid()):
+            raise OSError(errno.ENOSPC, "No space left on device")
+
+
+@dataclass(frozen=True)
+class AlwaysFull(Habit):
+    def __call__(self) -> None:
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+
+@dataclass(frozen=True)
+class CountingWork(AbstractWork):
+    """Appends a line to `counts/<unit>` when it begins a unit, then does what that unit is said to do.
+
+    Args:
+        counts: folder.
+        habits: by unit; the others give their result at once.
+        usual: habit of the others.
+        edition: goes into the digest.
+    """
+
+    counts: Path
+    habits: Mapping[str, Habit] = field(default_factory=dict)
+    usual: Habit = Habit()
+    edition: Mapping[str, str] = field(default_factory=dict)
+
+    def prepare(self) -> None:
+        with (self.counts / f".prepared-{os.getpid()}").open("a") as file:
+            file.write("x")
+
+    def digest(self, unit: str) -> str:
+        return f"{unit}:{self.edition.get(unit, '1')}"
+
+    def fit(self, unit: str) -> UnitResult | FailedUnit:
+        with (self.counts / unit).open("a") as file:
+            file.write("x")
+        self.habits.get(unit, self.usual)()
+        return result_of(unit)
+
+    def counted(self) -> dict[str, int]:
+        """How often each unit was begun."""
+        return {file.name: len(file.read_text()) for file in self.counts.iterdir() if not file.name.startswith(".")}
+
+
+def cores_here() -> int:
+    from etcfit.problem.program import CORES
+
+    return CORES

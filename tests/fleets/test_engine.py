@@ -1,0 +1,286 @@
+"""A fleet on real worker processes: whatever happens to a worker or to the client, each unit ends once, by name."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from etcfit.errors import UsageError
+from etcfit.fleets.engine.cluster import Crew, ExistingScheduler, LocalWorkers, crew
+from etcfit.fleets.engine.run import Tally, run_units
+from etcfit.fleets.engine.settings import EngineSettings
+from etcfit.fleets.engine.store import Store
+from etcfit.fleets.unit import FailedUnit
+from fleet_works import (
+    AlwaysFull,
+    Broken,
+    CountingWork,
+    Divides,
+    Eats,
+    FullDisk,
+    Habit,
+    Kills,
+    KillsOnce,
+    Loops,
+    Sleeps,
+    cores_here,
+    result_of,
+)
+
+QUICK = EngineSettings(time_limit=1.0)
+ROOT = Path(__file__).parents[2]
+ENVIRONMENT = {**os.environ, "PYTHONPATH": os.pathsep.join([str(ROOT), str(ROOT / "tests")])}
+
+
+@pytest.fixture(scope="module")
+def workers() -> Iterator[Crew]:
+    with crew(LocalWorkers(2, 500 * 2**20)) as made:
+        yield made
+
+
+@pytest.fixture
+def counts(tmp_path: Path) -> Path:
+    (tmp_path / "counts").mkdir()
+    return tmp_path / "counts"
+
+
+def names(count: int) -> list[str]:
+    return [f"u{k:04d}" for k in range(count)]
+
+
+def run(units: list[str], work: CountingWork, workers: Crew, parts: Path, settings: EngineSettings = QUICK) -> Tally:
+    with Store(parts) as store:
+        return run_units(units, work, workers, store, lambda *_: None, settings)
+
+
+def failures(parts: Path) -> dict[str, str]:
+    return {end.unit: end.why for end in Store(parts).ends() if isinstance(end, FailedUnit)}
+
+
+def test_every_unit_ends_once_and_is_not_done_again_until_it_changes(workers: Crew, counts: Path, tmp_path: Path):
+    parts, units = tmp_path / "parts", names(60)
+    said: list[float] = []
+    with Store(parts) as store:
+        work = CountingWork(counts)
+        assert run_units(units, work, workers, store, lambda _, done: said.append(done), QUICK) == Tally(60, 0, 0)
+    assert said == sorted(said)
+    assert said[-1] == 1.0
+    assert work.counted() == dict.fromkeys(units, 1)
+    assert len(list(counts.glob(".prepared-*"))) <= 2  # the work was sent to each worker once
+    assert {file.read_text() for file in counts.glob(".prepared-*")} == {"x"}
+    ends = {end.unit: end for end in Store(parts).ends()}
+    assert ends["u0007"].digest == "u0007:1"
+    assert ends["u0007"].own.estimate.tolist() == result_of("u0007").own.estimate.tolist()  # type: ignore[union-attr]
+
+    assert run(units, work, workers, parts) == Tally(0, 60, 0)
+    assert run(units, CountingWork(counts, edition={"u0031": "2"}), workers, parts) == Tally(1, 59, 0)
+    assert work.counted() == {**dict.fromkeys(units, 1), "u0031": 2}
+
+
+def test_ten_broken_among_a_hundred_cost_themselves_alone(workers: Crew, counts: Path, tmp_path: Path) -> None:
+    parts, units = tmp_path / "parts", names(100)
+    broken: dict[str, Habit] = {units[k]: Broken() if k % 20 else Divides() for k in range(0, 100, 10)}
+    work = CountingWork(counts, broken)
+    assert run(units, work, workers, parts) == Tally(90, 0, 10)
+    assert work.counted() == dict.fromkeys(units, 1)
+    said = failures(parts)
+    assert set(said) == set(broken)
+    assert said["u0010"] == "response/3.csv:118: time falls. It must rise. Sort it."
+    assert said["u0020"].startswith("u0020: ZeroDivisionError: division by zero (in fleet_works.py:")
+    assert run(units, work, workers, parts) == Tally(0, 100, 0)  # what is wrong stays wrong: not tried again
+
+
+def test_a_full_disk_is_left_to_another_worker_and_a_slow_unit_is_stopped(workers: Crew, counts: Path, tmp_path: Path):
+    parts, units = tmp_path / "parts", names(12)
+    work = CountingWork(counts, {"u0002": FullDisk(tmp_path / "mark"), "u0004": AlwaysFull(), "u0006": Loops()})
+    assert run(units, work, workers, parts) == Tally(10, 0, 2)
+    assert work.counted() == {**dict.fromkeys(units, 1), "u0002": 2, "u0004": 2}
+    said = failures(parts)
+    assert said["u0004"] == "u0004: OSError: [Errno 28] No space left on device. It was tried 2 times."
+    assert said["u0006"] == ("u0006: stopped, it took longer than 1 s. Allow more time, or shorten its traces.")
+    mended = CountingWork(counts)
+    assert run(units, mended, workers, parts) == Tally(2, 10, 0)  # these may go better today
+
+
+@pytest.mark.slow
+def test_a_worker_that_dies_costs_a_try_and_one_that_always_dies_its_unit(workers: Crew, counts: Path, tmp_path: Path):
+    parts, units = tmp_path / "parts", names(40)
+    work = CountingWork(counts, {"u0005": Kills(), "u0020": KillsOnce(tmp_path / "mark")}, Sleeps(0.35))
+    assert run(units, work, workers, parts) == Tally(39, 0, 1)
+    assert list(failures(parts)) == ["u0005"]
+    assert "its worker process ended while it was on this unit" in failures(parts)["u0005"]
+    # nobody else was on those workers: each took longer than a portion, so it had a task of its own
+    assert work.counted() == {**dict.fromkeys(units, 1), "u0005": 2, "u0020": 2}
+
+
+@pytest.mark.slow
+def test_a_portion_that_dies_is_taken_apart(workers: Crew, counts: Path, tmp_path: Path) -> None:
+    parts, units = tmp_path / "parts", names(400)
+    work = CountingWork(counts, {"u0300": Kills()})
+    assert run(units, work, workers, parts) == Tally(399, 0, 1)
+    assert list(failures(parts)) == ["u0300"]
+    assert work.counted()["u0300"] in (2, 3)
+
+
+@pytest.mark.slow
+def test_a_unit_that_eats_memory_is_ended_and_named(workers: Crew, counts: Path, tmp_path: Path) -> None:
+    parts, units = tmp_path / "parts", names(10)
+    work = CountingWork(counts, {"u0003": Eats()}, Sleeps(0.35))
+    assert run(units, work, workers, parts, EngineSettings(time_limit=60.0)) == Tally(9, 0, 1)
+    assert "grown beyond the memory" in failures(parts)["u0003"]
+    assert work.counted() == {**dict.fromkeys(units, 1), "u0003": 2}
+
+
+@pytest.mark.slow
+def test_a_unit_that_no_exception_reaches_is_ended_with_its_worker(workers: Crew, counts: Path, tmp_path: Path) -> None:
+    parts, units = tmp_path / "parts", names(6)
+    work = CountingWork(counts, {"u0003": Sleeps(3600.0)}, Sleeps(0.35))  # one call that does not come back to Python
+    settings = EngineSettings(time_limit=1.0, grace=0.5)
+    assert run(units, work, workers, parts, settings) == Tally(5, 0, 1)
+    assert list(failures(parts)) == ["u0003"]
+    assert work.counted() == {**dict.fromkeys(units, 1), "u0003": 2}
+
+
+@pytest.mark.slow
+def test_a_worker_uses_one_core(workers: Crew, counts: Path, tmp_path: Path) -> None:
+    run(names(4), CountingWork(counts), workers, tmp_path / "parts")
+    assert set(workers.client.run(cores_here).values()) == {1}  # type: ignore[union-attr]
+
+
+CLIENT = """
+import sys
+from pathlib import Path
+from fleet_works import CountingWork, Sleeps
+from etcfit.fleets.engine.cluster import LocalWorkers, crew
+from etcfit.fleets.engine.run import run_units
+from etcfit.fleets.engine.store import Store
+if __name__ == "__main__":
+    units = [f"u{k:04d}" for k in range(40)]
+    counts, parts = Path(sys.argv[1]), Path(sys.argv[2])
+    with crew(LocalWorkers(2)) as workers, Store(parts) as store:
+        print("begun", flush=True)
+        try:
+            print(run_units(units, CountingWork(counts, {}, Sleeps(0.2)), workers, store, lambda *_: None))
+        except KeyboardInterrupt:
+            print("interrupted")
+            sys.exit(130)
+"""
+
+
+def started(tmp_path: Path, counts: Path) -> subprocess.Popen[str]:
+    script = tmp_path / "client.py"
+    script.write_text(CLIENT)
+    command = [sys.executable, str(script), str(counts), str(tmp_path / "parts")]
+    return subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, env=ENVIRONMENT,
+                            start_new_session=True)  # fmt: skip
+
+
+def until_begun(counts: Path, units: int) -> None:
+    until = time.monotonic() + 60
+    while len([file for file in counts.iterdir() if not file.name.startswith(".")]) < units:
+        assert time.monotonic() < until
+        time.sleep(0.05)
+
+
+@pytest.mark.slow
+def test_a_client_that_is_killed_and_started_again_loses_a_second(tmp_path: Path, counts: Path) -> None:
+    first = started(tmp_path, counts)
+    until_begun(counts, 25)
+    first.send_signal(signal.SIGKILL)
+    first.communicate()
+    time.sleep(1.0)  # workers see that their client is gone, and end
+    kept = set(Store(tmp_path / "parts").digests())
+    assert len(kept) >= 25 - 2 - 2 * 1.3 / 0.2  # all but what was out, and what two workers did in a second
+    before = CountingWork(counts).counted()
+    again = started(tmp_path, counts)
+    out, err = again.communicate(timeout=60)
+    assert f"Tally(fitted={40 - len(kept)}, unchanged={len(kept)}, failed=0)" in out
+    assert err == ""
+    after = CountingWork(counts).counted()
+    assert set(after) == set(names(40))
+    assert [unit for unit in kept if after[unit] > before[unit]] == []  # nothing that was kept is done again
+
+
+@pytest.mark.slow
+def test_an_interrupted_client_keeps_what_is_done_and_says_nothing_else(tmp_path: Path, counts: Path) -> None:
+    client = started(tmp_path, counts)
+    until_begun(counts, 15)
+    os.killpg(client.pid, signal.SIGINT)  # as Ctrl-C: to the workers too
+    out, err = client.communicate(timeout=60)
+    assert client.returncode == 130
+    assert out == "begun\ninterrupted\n"
+    assert err == ""
+    assert len(Store(tmp_path / "parts").digests()) >= 12
+
+
+@pytest.mark.slow
+def test_a_scheduler_that_somebody_else_started(tmp_path: Path, counts: Path) -> None:
+    file = tmp_path / "scheduler.json"
+    command = [sys.executable, "-m", "distributed.cli.dask_scheduler", "--host", "127.0.0.1", "--port", "0",
+               "--no-dashboard", "--scheduler-file", str(file)]  # fmt: skip
+    quiet = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL, "env": ENVIRONMENT, "cwd": tmp_path}
+    with subprocess.Popen(command, **quiet) as scheduler:  # type: ignore[call-overload]
+        try:
+            until = time.monotonic() + 30
+            while not file.exists():
+                assert time.monotonic() < until
+                time.sleep(0.05)
+            worker = [sys.executable, "-m", "distributed.cli.dask_worker", "--scheduler-file", str(file), "--nthreads",
+                      "1", "--nworkers", "2", "--no-dashboard", "--local-directory", str(tmp_path)]  # fmt: skip
+            with subprocess.Popen(worker, **quiet) as hands:  # type: ignore[call-overload]
+                try:
+                    _with_scheduler(file, tmp_path, counts)
+                finally:
+                    hands.send_signal(signal.SIGTERM)
+        finally:
+            scheduler.send_signal(signal.SIGTERM)
+
+
+def _with_scheduler(file: Path, tmp_path: Path, counts: Path) -> None:
+    import json
+
+    address = json.loads(file.read_text())["address"]
+    assert address.startswith("tcp://")
+    parts, units = tmp_path / "parts", names(20)
+    work = CountingWork(counts, {"u0003": KillsOnce(tmp_path / "mark")}, Sleeps(0.35))
+    with crew(ExistingScheduler(address)) as workers:
+        assert workers.address == address
+        assert run(units, work, workers, parts) == Tally(20, 0, 0)
+    assert work.counted() == {**dict.fromkeys(units, 1), "u0003": 2}
+    assert run_again(address, work, parts, units) == Tally(0, 20, 0)
+
+
+def run_again(address: str, work: CountingWork, parts: Path, units: list[str]) -> Tally:
+    with crew(ExistingScheduler(address)) as workers:
+        return run(units, work, workers, parts)
+
+
+def test_no_scheduler_and_no_dask_are_said_with_a_cure(monkeypatch: pytest.MonkeyPatch) -> None:
+    nowhere = ExistingScheduler("tcp://127.0.0.1:9")
+    with (
+        pytest.raises(UsageError, match=r"no Dask scheduler answers at tcp://127.0.0.1:9"),
+        crew(nowhere, EngineSettings(first_worker=0.3)),
+    ):
+        pass
+    monkeypatch.setattr("importlib.util.find_spec", lambda name: None)
+    with pytest.raises(UsageError, match=r'pip install "etcfit\[fleet\]"'), crew(LocalWorkers(1)):
+        pass
+
+
+@pytest.mark.slow
+def test_a_script_without_a_main_guard_is_told_so(tmp_path: Path) -> None:
+    script = tmp_path / "client.py"
+    script.write_text(
+        "from etcfit.fleets.engine.cluster import LocalWorkers, crew\nwith crew(LocalWorkers(1)):\n    pass\n"
+    )
+    done = subprocess.run([sys.executable, str(script)], capture_output=True, text=True, env=ENVIRONMENT, timeout=60)
+    assert (
+        done.stderr.strip().splitlines()[-1].startswith("etcfit.errors.UsageError: the worker processes do not start.")
+    )

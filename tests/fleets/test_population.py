@@ -1,0 +1,199 @@
+"""The population: known answers, symbols without information, odd units left out, coverage."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from benchmarks.fleet_statistics import NO_PROFILES, Design, coverage, draw, expected_range
+from etcfit.fleets.statistics.likelihood import slope, weigh
+from etcfit.fleets.statistics.population import population
+from etcfit.fleets.statistics.scaled import scaled
+from etcfit.fleets.statistics.settings import FleetSettings, PopulationSettings
+from etcfit.fleets.statistics.spread import Spread
+from etcfit.fleets.statistics.spread_interval import cut
+from etcfit.fleets.statistics.stack import Stack, stacked
+from etcfit.fleets.unit import UnitEstimate
+
+PLAIN = FleetSettings(PopulationSettings(uncorrelated=0.0))
+
+
+def one_symbol(value: np.ndarray, stderr: np.ndarray) -> Stack:
+    names = tuple(f"u{u}" for u in range(len(value)))
+    return Stack(names, ("K_s",), value[:, None], (stderr**-2)[:, None, None])
+
+
+def test_units_without_error_give_the_sample_mean_sd_and_students_interval() -> None:
+    value = np.random.default_rng(1).normal(0.13, 0.01, 12)
+    found = population(one_symbol(value, np.full(12, 1e-7)), settings=PLAIN)
+    mean, stderr = value.mean(), value.std(ddof=1) / np.sqrt(12)
+    np.testing.assert_allclose(found.mean, [mean], rtol=1e-9)
+    np.testing.assert_allclose(found.sd, [value.std(ddof=1)], rtol=1e-4)
+    np.testing.assert_allclose(found.mean_stderr, [stderr], rtol=1e-6)
+    np.testing.assert_allclose(found.degrees, [11.0], rtol=1e-4)
+    np.testing.assert_allclose(found.mean_interval[0], mean + np.array([-1, 1]) * 2.200985 * stderr, rtol=1e-5)
+
+
+def test_equal_errors_are_taken_off_the_variance_of_the_estimates() -> None:
+    value = np.random.default_rng(2).normal(0.0, 2.0, 30)
+    found = population(one_symbol(value, np.full(30, 1.5)), settings=PLAIN)
+    np.testing.assert_allclose(found.covariance[0, 0], value.var(ddof=1) - 1.5**2, rtol=1e-3)
+
+
+def test_the_interval_of_the_sd_is_the_profile_of_the_known_likelihood() -> None:
+    value = np.random.default_rng(3).normal(0.0, 1.0, 12)
+    found = population(one_symbol(value, np.full(12, 1e-7)), settings=PLAIN)
+    s = value.std(ddof=1)
+    for bound in found.sd_interval[0]:  # 11 (log d^2 + s^2/d^2) rises by 3.841
+        rise = 11.0 * (np.log(bound**2 / s**2) + s**2 / bound**2 - 1.0)
+        assert rise == pytest.approx(3.841, abs=0.02)
+
+
+def test_the_slope_is_that_of_the_likelihood_and_the_hessian_its_mean() -> None:
+    drawn = draw(Design(400, 3, 0.7), 5)
+    data = scaled(drawn.stack, 1e-11)
+    spread = Spread(np.array([True, True, False]), np.array([0.7, 0.9]), np.array([0.4]))
+    gradient, hessian = slope(weigh(data, spread, 2.0), spread, 2.0)
+    step = 1e-5
+    for k in range(3):
+        moved = [spread.at(spread.vector + sign * step * np.eye(3)[k]) for sign in (1.0, -1.0)]
+        high, low = (weigh(data, each, 2.0) for each in moved)
+        assert gradient[k] == pytest.approx((high.value - low.value) / (2.0 * step), rel=1e-6, abs=1e-5)
+        assert hessian[k, k] > 0.0
+
+
+def test_a_whole_fleet_is_found_whatever_the_units_of_measure() -> None:
+    drawn = draw(Design(400, 5, 1.0), 6)
+    found = population(drawn.stack, settings=NO_PROFILES)
+    assert np.all(np.abs(found.mean - drawn.mean) < 4.0 * found.mean_stderr)
+    assert np.all((found.sd_interval[:, 0] < 1.1 * drawn.sd) & (found.sd_interval[:, 1] > 0.9 * drawn.sd))
+    assert found.correlation[0, 1] == pytest.approx(0.5, abs=0.25)
+    assert found.left_out == ()
+
+
+def test_equal_units_have_a_spread_of_nought_and_an_interval_that_holds_it() -> None:
+    drawn = draw(Design(25, 2, 1.0, spread=0.0), 8)
+    found = population(drawn.stack)
+    assert np.any(found.sd == 0.0)
+    assert np.all(found.sd_interval[:, 0] == 0.0)
+    assert np.all(found.sd_interval[:, 1] > found.sd)
+    assert np.all(np.isfinite(found.sd_interval))
+
+
+def test_a_shared_symbol_has_one_value_estimated_from_all_units() -> None:
+    drawn = draw(Design(50, 3, 1.0, correlation=0.0), 9)
+    same = drawn.stack.estimate[:, 1] - drawn.values[:, 1] + drawn.mean[1]
+    stack = replace(
+        drawn.stack, estimate=np.column_stack([drawn.stack.estimate[:, 0], same, drawn.stack.estimate[:, 2]])
+    )
+    found = population(stack, shared=["s_1"], settings=NO_PROFILES)
+    weight = stack.information[:, 1, 1]  # the errors of the symbols are independent here
+    assert found.mean[1] == pytest.approx(np.sum(weight * same) / np.sum(weight), rel=1e-9)
+    assert found.sd[1] == 0.0
+    assert np.isnan(found.sd_interval[1]).all()
+    assert found.shared.tolist() == [False, True, False]
+
+
+def test_what_no_units_data_tell_is_named_and_assumed_nothing_of() -> None:
+    rng = np.random.default_rng(10)
+    units = []
+    for u in range(20):
+        # only J_m + J_L acts, beside K_s; what stands in the direction that is not told is any number
+        h = np.array([[1.0, 1.0, 0.0], [0.3, 0.3, 1.0]]) / 0.1
+        truth = np.array([1.0, 2.0, 5.0 + 0.2 * rng.standard_normal()])
+        estimate = (
+            truth + np.linalg.pinv(h) @ rng.standard_normal(2) + rng.normal(0.0, 50.0) * np.array([1.0, -1.0, 0.0])
+        )
+        units.append(UnitEstimate(f"u{u}", ("J_m", "J_L", "K_s"), estimate, h.T @ h))
+    units.append(UnitEstimate("other", ("T_f", "K_s"), np.array([1.0, 5.0]), np.diag([0.0, 100.0])))
+    found = population(stacked(units))
+    assert found.symbols == ("K_s",)
+    assert set(found.uninformed) == {"J_m", "J_L", "T_f"}
+    assert abs(found.mean[0] - 5.0) < 4.0 * found.mean_stderr[0]
+    assert found.mean_stderr[0] < 0.1
+    assert found.informed.tolist() == [21]
+
+
+def test_units_that_tell_different_symbols_are_put_together() -> None:
+    rng = np.random.default_rng(11)
+    units = []
+    for u in range(60):
+        theta = np.array([1.0, -2.0]) + 0.5 * rng.standard_normal(2)
+        both = u % 3 == 0
+        symbols = ("a", "b") if both else ("a",) if u % 3 == 1 else ("b",)
+        chosen = theta if both else theta[: 1 if u % 3 == 1 else None][-1:]
+        units.append(UnitEstimate(f"u{u}", symbols, chosen + 0.2 * rng.standard_normal(len(symbols)),
+                                  np.eye(len(symbols)) / 0.04))  # fmt: skip
+    found = population(stacked(units))
+    assert found.informed.tolist() == [40, 40]
+    assert np.all(np.abs(found.mean - [1.0, -2.0]) < 4.0 * found.mean_stderr)
+    assert np.all((found.sd_interval[:, 0] < 0.5) & (found.sd_interval[:, 1] > 0.5))
+
+
+@pytest.mark.parametrize(("units", "odd", "far"), [(12, 1, 30.0), (100, 5, 10.0), (300, 15, 100.0)])
+def test_a_few_odd_units_are_left_out_and_widen_nothing(units: int, odd: int, far: float) -> None:
+    drawn = draw(Design(units, 6, 0.5), 12)
+    clean = population(drawn.stack, settings=NO_PROFILES)
+    estimate = drawn.stack.estimate.copy()
+    estimate[:odd, 2] += far * drawn.sd[2]
+    found = population(replace(drawn.stack, estimate=estimate), settings=NO_PROFILES)
+    assert found.left_out == drawn.stack.units[:odd]
+    assert found.sd[2] < 1.35 * clean.sd[2] if units == 12 else found.sd[2] < 1.05 * clean.sd[2]
+
+
+def test_a_healthy_fleet_keeps_its_units() -> None:
+    out = [
+        len(population(draw(Design(150, 5, 0.5), seed).stack, settings=NO_PROFILES).left_out) for seed in range(20, 25)
+    ]
+    assert sum(out) <= 3  # one fleet in a hundred has any, the null being exact
+
+
+@pytest.mark.parametrize(
+    ("stack", "shared", "said"),
+    [
+        (one_symbol(np.array([1.0]), np.array([1.0])), (), "two or more"),
+        (one_symbol(np.array([1.0, 2.0]), np.array([1.0, 1.0])), ("K_b",), "no unit has it"),
+        (Stack(("a", "b"), ("x",), np.ones((2, 1)), np.zeros((2, 1, 1))), (), "no symbol is told"),
+    ],
+)
+def test_what_cannot_be_a_population_is_refused(stack: Stack, shared: tuple[str, ...], said: str) -> None:
+    with pytest.raises(ValueError, match=said):
+        population(stack, shared)
+
+
+@pytest.mark.parametrize("wrong", [np.nan, np.inf])
+def test_an_estimate_that_is_not_finite_is_refused(wrong: float) -> None:
+    with pytest.raises(ValueError, match=r"u: estimate and information must be finite"):
+        stacked([UnitEstimate("u", ("a",), np.array([wrong]), np.eye(1))])
+    with pytest.raises(ValueError, match="twice"):
+        stacked([UnitEstimate("u", ("a",), np.ones(1), np.eye(1))] * 2)
+
+
+@pytest.mark.parametrize("truth", [0.0, 0.5, 1.0, 1.5, 3.0])
+def test_the_cut_holds_a_bounded_normal_as_often_as_it_says(truth: float) -> None:
+    x = truth + np.random.default_rng(13).standard_normal(100_000)
+    ratio = np.where(x >= 0.0, (x - truth) ** 2, truth**2 - 2.0 * x * truth)
+    low, high = expected_range(0.95, 100_000)
+    held = np.mean(ratio <= cut(truth, 0.95))
+    # at nought one half of all x have a ratio of nought: 2.71 is the cut of the other half
+    assert low <= held <= high
+
+
+def test_quick_coverage() -> None:
+    found = coverage(Design(12, 1, 1.0), 20, 100)
+    low, _ = expected_range(0.95, 20)
+    assert found.mean >= low
+    assert found.sd >= low
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("weak", [0.3, 1.0, 2.0, 3.0])
+def test_intervals_hold_what_they_state_with_a_dozen_units(weak: float) -> None:
+    fleets = 150
+    found = coverage(Design(12, 2, weak), fleets, 5000)
+    # 92..98 % are asked for; of so many fleets an observed share may be this much beyond (symbols are correlated)
+    low, high = expected_range(0.92, fleets)[0], expected_range(0.98, fleets)[1]
+    assert low <= found.mean <= high
+    assert low <= found.sd <= high

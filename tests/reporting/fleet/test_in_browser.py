@@ -1,0 +1,326 @@
+"""The page of a fleet, driven as a person would: filter, click, zoom, keys, both dresses; ten thousand units."""
+
+from __future__ import annotations
+
+import re
+import shutil
+from collections.abc import Iterator
+from pathlib import Path
+from time import monotonic
+from typing import TYPE_CHECKING, Any
+
+import pytest
+
+import fleet_pages as made
+from etcfit.reporting.fleet import write_fleet_page
+
+if TYPE_CHECKING:
+    from playwright.sync_api import Browser
+
+sync_api = pytest.importorskip("playwright.sync_api", reason="playwright is not installed (etcfit[test] has it)")
+CHROMIUM = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
+pytestmark = [
+    pytest.mark.slow,
+    pytest.mark.skipif(CHROMIUM is None, reason="no chromium on PATH; test_page.py reads the page without one"),
+]
+MANY = 10_000
+FIRST_PAINT = 1000.0  # ms
+ANSWER = 500.0  # ms until a filter of all units is drawn in every chart in sight
+SMALLEST = 12.0  # px, of letters; subscripts may be a fifth smaller
+SCATTER = "[...etcfit.Panel.every].find((each) => each.how.height === 340)"
+
+
+class Visit:
+    """A page in the browser, what it complained of, and what it asked the network for."""
+
+    def __init__(self, browser: Browser, path: Path, width: int = 1300, scheme: str = "light") -> None:
+        context = browser.new_context(viewport={"width": width, "height": 900}, color_scheme=scheme)  # pyright: ignore[reportArgumentType]
+        self.page = context.new_page()
+        self.said: list[str] = []
+        self.asked: list[str] = []
+        self.page.on("console", lambda message: self.said.append(message.text))
+        self.page.on("pageerror", lambda error: self.said.append(str(error)))
+        self.page.on("request", lambda request: self.asked.append(request.url))
+        self.page.goto(path.as_uri())
+        self.until("globalThis.etcfit.page?.sections?.length")
+        self.settle()
+
+    def until(self, true: str) -> None:
+        """Wait for it; `wait_for_function` asks again by `eval`, which the page's policy forbids."""
+        end = monotonic() + 30.0
+        while not self.page.evaluate(true):
+            assert monotonic() < end, f"never true: {true}"
+            self.page.wait_for_timeout(20.0)
+
+    def settle(self) -> None:
+        self.page.evaluate("new Promise((done) => requestAnimationFrame(() => requestAnimationFrame(done)))")
+
+    def everything(self) -> None:
+        """Scroll through it all, so that every chart is made."""
+        tall = self.page.evaluate("document.documentElement.scrollHeight")
+        for at in range(0, tall, 600):
+            self.page.evaluate(f"scrollTo({{ top: {at}, behavior: 'instant' }})")
+            self.settle()
+            self.settle()
+        assert self.page.evaluate("[...etcfit.Panel.every].every((each) => each.plot)")
+        self.page.evaluate("scrollTo({ top: 0, behavior: 'instant' })")
+
+    def tally(self) -> str:
+        self.settle()
+        return self.page.inner_text("#tally")
+
+    def views(self) -> list[list[float]]:
+        return self.page.evaluate("etcfit.page.sections[0].panels.map((each) => each.view.x)")
+
+    def spot(self, panel: str, unit: str) -> Any:
+        """Where a unit's point is on the screen."""
+        return self.page.evaluate(
+            f"""(name) => {{ const panel = {panel}, k = etcfit.page.store.place.get(name), at = panel.painter.spot(k),
+                to = panel.map(true), box = panel.plot.over.getBoundingClientRect();
+                return [box.left + to.x(at[0]), box.top + to.y(at[1])]; }}""",
+            unit,
+        )
+
+
+@pytest.fixture(scope="module")
+def browser() -> Iterator[Browser]:
+    with sync_api.sync_playwright() as play:
+        chromium = play.chromium.launch(executable_path=CHROMIUM, args=["--no-sandbox", "--disable-gpu"])
+        yield chromium
+        chromium.close()
+
+
+@pytest.fixture(scope="module")
+def fleet() -> made.Made:
+    return made.fleet(200, 3)
+
+
+@pytest.fixture(scope="module")
+def few(fleet: made.Made, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return write_fleet_page(tmp_path_factory.mktemp("few"), fleet.content, fleet.units)
+
+
+@pytest.fixture(scope="module")
+def many(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    fleet = made.fleet(MANY, 40)
+    return write_fleet_page(tmp_path_factory.mktemp("many"), fleet.content, fleet.units)
+
+
+def test_ten_thousand_units_are_painted_within_a_second_and_filtered_at_once(browser: Browser, many: Path) -> None:
+    visit = Visit(browser, many)
+    page = visit.page
+    visit.until("performance.getEntriesByName('first-contentful-paint').length")
+    paint, ready = (
+        page.evaluate(f"performance.getEntriesByName('{name}')[0].startTime")
+        for name in ("first-contentful-paint", "ready")
+    )
+    visit.everything()
+    took = page.evaluate(
+        """() => { const begun = performance.now(), frame = (call) => requestAnimationFrame(call);
+            document.getElementById('odd-only').click();
+            return new Promise((done) => frame(() => frame(() => done(performance.now() - begun)))); }"""
+    )
+    said = f"first paint {paint:.0f} ms, all sections {ready:.0f} ms, filter {took:.0f} ms"
+    print(f"{MANY} units, {many.stat().st_size / 1e6:.1f} MB: {said}")
+    assert paint < FIRST_PAINT
+    assert took < ANSWER
+    assert visit.tally() == "40 of 10,000 shown"
+    assert (visit.said, visit.asked) == ([], [many.as_uri()])
+
+
+def test_filters_hide_what_they_should(browser: Browser, few: Path, fleet: made.Made) -> None:
+    visit = Visit(browser, few)
+    page, members = visit.page, fleet.content["members"]
+
+    def count(**wanted: str) -> int:
+        return sum(all(m[key] == value for key, value in wanted.items()) for m in members.values())
+
+    page.select_option("#by-batch", label="B1")
+    assert visit.tally() == f"{count(batch='B1')} of 200 shown"
+    page.select_option("#by-rig", label="rig 2")
+    assert visit.tally() == f"{count(batch='B1', rig='rig 2')} of 200 shown"
+    assert 0 < count(batch="B1", rig="rig 2") < count(batch="B1") < 200
+    page.click("#all")
+    assert visit.tally() == "200 of 200 shown"
+    page.fill("#date-from", "2026-07-29")
+    page.fill("#date-to", "2026-07-30")
+    expected = sum("2026-07-29" <= m["date"] <= "2026-07-30" for m in members.values())
+    assert visit.tally() == f"{expected} of 200 shown"
+    page.click("#all")
+    page.fill("#find", members["unit_00042"]["serial"])
+    assert visit.tally() == "1 of 200 shown"
+    page.press("#find", "Enter")
+    assert page.inner_text("#card-title") == "unit_00042"
+    assert page.locator("[data-row]:visible").count() == 0
+    page.fill("#find", "no such unit")
+    assert visit.tally().endswith("no unit is like this")
+    assert visit.said == []
+
+
+def test_a_click_on_a_point_marks_its_unit_everywhere(browser: Browser, few: Path, fleet: made.Made) -> None:
+    visit = Visit(browser, few)
+    page, unit = visit.page, fleet.content["odd"][0]["unit"]
+    visit.everything()
+    symbol = fleet.content["odd"][0]["symbols"][0]
+    panel = f"etcfit.page.sections[0].panels.find((each) => each.how.describe.startsWith('{symbol} '))"
+    page.evaluate(f"{panel}.box.scrollIntoView({{ block: 'center', behavior: 'instant' }})")
+    visit.settle()
+    x, y = visit.spot(panel, unit)
+    page.mouse.move(x + 2, y + 1)
+    assert page.inner_text(".tip").startswith(unit)
+    page.mouse.click(x + 2, y + 1)
+    assert page.inner_text("#card-title") == unit
+    assert "Odd: " in page.inner_text("#card-body")
+    assert page.get_attribute("#card-body a", "href") == f"units/{unit}/report.html"
+    assert page.locator(f"tr.chosen[data-row={unit}]").count() == 1
+    marked = page.evaluate(
+        """[...etcfit.Panel.every].filter((each) => each.painter.spot(etcfit.page.store.chosen))
+            .map((each) => !each.spots[1].hidden)"""
+    )
+    assert len(marked) > 12
+    assert all(marked)
+    page.click("#none")
+    assert page.inner_text("#card-title") == "No unit chosen"
+    page.locator("[data-unit]").last.scroll_into_view_if_needed()
+    page.locator(".figures [data-unit]").first.click()
+    assert page.inner_text("#card-title") == unit
+    assert visit.said == []
+
+
+def test_a_drag_zooms_the_charts_of_a_group_and_a_double_click_shows_all_again(browser: Browser, few: Path) -> None:
+    visit = Visit(browser, few)
+    page = visit.page
+    begin = visit.views()
+    over = page.locator("#population-panels .u-over").first
+    box = over.bounding_box()
+    assert box
+    page.mouse.move(box["x"] + 0.25 * box["width"], box["y"] + 20)
+    page.mouse.down()
+    page.mouse.move(box["x"] + 0.5 * box["width"], box["y"] + 25, steps=5)
+    page.mouse.up()
+    zoomed = visit.views()
+    assert all(each == zoomed[0] for each in zoomed)
+    assert zoomed[0][1] - zoomed[0][0] == pytest.approx(0.25 * (begin[0][1] - begin[0][0]), rel=0.1)
+    assert page.inner_text("#card-title") == "No unit chosen"  # a drag is no click
+    over.dblclick()
+    assert visit.views() == begin
+    assert visit.said == []
+
+
+def test_keys_alone_zoom_and_move_between_units(browser: Browser, few: Path) -> None:
+    visit = Visit(browser, few)
+    page = visit.page
+    begin = visit.views()
+    page.locator("#population-panels .chart").first.focus()
+    page.keyboard.press("+")
+    inside = visit.views()
+    assert inside[3][1] - inside[3][0] == pytest.approx(0.6 * (begin[3][1] - begin[3][0]))
+    page.keyboard.press("ArrowRight")
+    assert visit.views()[2][0] > inside[2][0]
+    page.keyboard.press("0")
+    assert visit.views() == begin
+    page.focus("#after")
+    page.keyboard.press("Enter")
+    assert page.inner_text("#card-title") == "unit_00001"
+    page.focus("#before")
+    page.keyboard.press("Enter")
+    assert page.inner_text("#card-title") == "unit_00200"
+    page.keyboard.press("Tab")
+    assert page.evaluate("document.activeElement.matches(':focus-visible')")
+    assert visit.said == []
+
+
+def test_switches_change_what_is_drawn(browser: Browser, few: Path) -> None:
+    visit = Visit(browser, few)
+    page = visit.page
+    first = "[...etcfit.page.sections[0].panels[0].painter.py.slice(0, 9)]"
+    raw = page.evaluate(first)
+    page.select_option("#kind", "shrunk")
+    shrunk = page.evaluate(first)
+    assert raw != shrunk
+    page.select_option("#order", "sorted")
+    assert sorted(page.evaluate("[...etcfit.page.sections[0].panels[0].painter.px]")) == list(range(1, 201))
+    page.locator("[data-pair='0,3']").click()
+    assert page.evaluate(f"{SCATTER}.how.describe").startswith("R_a over J_m")
+    assert page.locator("[data-pair][aria-pressed=true]").count() == 1
+    before = page.evaluate("etcfit.page.sections[2].panels[0].how.describe")
+    assert before == "Control chart of K_s"  # the one that drifts comes first
+    page.select_option("#chart", index=0)
+    assert page.evaluate("etcfit.page.sections[2].panels[0].how.describe") == "Control chart of R_a"
+    visit.everything()
+    assert visit.said == []
+
+
+@pytest.mark.parametrize("width", [380, 1300])
+@pytest.mark.parametrize("scheme", ["light", "dark"])
+def test_nothing_is_wider_than_the_screen_or_too_small_to_read(
+    browser: Browser, few: Path, width: int, scheme: str
+) -> None:
+    visit = Visit(browser, few, width, scheme)
+    page = visit.page
+    page.locator(".link").first.click()
+    for wanted in (scheme, "dark" if scheme == "light" else "light"):
+        visit.everything()
+        assert page.evaluate("document.documentElement.dataset.theme") == wanted
+        assert page.evaluate("document.documentElement.scrollWidth") == width
+        page.click("#theme")
+        visit.settle()
+    small = page.evaluate(
+        """(least) => [...document.querySelectorAll('body *')].filter((each) => each.tagName !== 'SUB'
+            && each.offsetParent
+            && [...each.childNodes].some((child) => child.nodeType === 3 && child.textContent.trim())
+            && parseFloat(getComputedStyle(each).fontSize) < least).map((each) => each.outerHTML.slice(0, 80))""",
+        SMALLEST,
+    )
+    assert small == []
+    assert visit.said == []
+
+
+def test_every_control_has_a_name_and_every_chart_words(browser: Browser, few: Path) -> None:
+    page = Visit(browser, few).page
+    for kind in ("button", "combobox", "checkbox", "searchbox"):
+        assert page.get_by_role(kind).count() > 0  # pyright: ignore[reportArgumentType]
+        assert page.get_by_role(kind, name="", exact=True).count() == 0  # pyright: ignore[reportArgumentType]
+    named = page.eval_on_selector_all(".chart", "(all) => all.map((each) => each.getAttribute('aria-label'))")
+    assert len(named) > 15
+    assert all(named)
+
+
+def test_letters_and_marks_stand_out_from_their_paper(browser: Browser, few: Path) -> None:
+    """WCAG 2.2: 4.5 of letters (1.4.3), in the cells of the matrix too; 3 of what is drawn (1.4.11)."""
+    for scheme in ("light", "dark"):
+        page = Visit(browser, few, 1300, scheme).page
+        colours = {name: rgb(page.evaluate(f"etcfit.colour('{name}')")) for name in
+                   ("paper", "wash", "ink", "soft", "red", "green", "accent", "plain", "odd", "chosen",
+                    "band")}  # fmt: skip
+        for name in ("ink", "soft", "green", "red", "accent"):
+            for paper in ("paper", "wash"):
+                assert contrast(colours[name], colours[paper]) >= 4.5, (scheme, name, paper)
+        for name in ("plain", "odd", "chosen"):
+            for paper in ("paper", "band"):
+                assert contrast(colours[name], colours[paper]) >= 3.0, (scheme, name, paper)
+        cells = page.eval_on_selector_all(
+            ".matrix button",
+            "(all) => all.map((each) => [getComputedStyle(each).color, getComputedStyle(each).backgroundColor])",
+        )
+        assert min(contrast(rgb(ink), rgb(paper)) for ink, paper in cells) >= 4.5
+
+
+def rgb(colour: str) -> list[float]:
+    """Shares of red, green and blue, from #abc, #aabbcc, rgb(...) or color(srgb ...)."""
+    if colour.startswith("#"):
+        digits = colour[1:] if len(colour) == 7 else "".join(2 * c for c in colour[1:])
+        return [int(digits[k : k + 2], 16) / 255.0 for k in (0, 2, 4)]
+    numbers = [float(each) for each in re.findall(r"[\d.]+(?:e-?\d+)?", colour)[:3]]
+    return numbers if colour.startswith("color(") else [each / 255.0 for each in numbers]
+
+
+def contrast(one: list[float], other: list[float]) -> float:
+    """Ratio of relative luminances, WCAG 2.2."""
+    light, dark = sorted((luminance(one), luminance(other)), reverse=True)
+    return (light + 0.05) / (dark + 0.05)
+
+
+def luminance(shares: list[float]) -> float:
+    red, green, blue = (s / 12.92 if s <= 0.04045 else ((s + 0.055) / 1.055) ** 2.4 for s in shares)
+    return 0.2126 * red + 0.7152 * green + 0.0722 * blue
