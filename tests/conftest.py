@@ -38,6 +38,19 @@ def pytest_configure(config: pytest.Config) -> None:
         use_compilation_cache()
 
 
+_MAPPINGS = Path("/proc/self/maps")  # a line each; Linux alone has it, and Linux alone counts them
+
+
+def pytest_runtest_teardown(item: pytest.Item, nextitem: pytest.Item | None) -> None:
+    """Let go of what was compiled for a file once that is much: kept, it came to 5 GB and to a segmentation fault."""
+    if nextitem is None or nextitem.path == item.path or not _MAPPINGS.exists():
+        return
+    if len(_MAPPINGS.read_bytes().splitlines()) > 8000:
+        from etcfit.problem.program import forget
+
+        forget()
+
+
 @pytest.fixture(scope="session")
 def measured() -> Path:
     """The folder of other people's measured data; not part of the project, so a test may have to do without."""

@@ -52,6 +52,17 @@ def compiled_so_far() -> dict[str, int]:
     return {program.name: program.compiled for program in _PROGRAMS}
 
 
+def forget() -> None:
+    """Let go of everything that was compiled; what is asked for again comes from the compilation cache.
+
+    For a process that sees many models: an executable holds some ten mappings of memory, of which Linux gives a process
+    65,530 (`vm.max_map_count`), and XLA ends with a segmentation fault where it gets no more.
+    """
+    for program in _PROGRAMS:
+        program.forget()
+    jax.clear_caches()
+
+
 class Program:
     """A function of arrays, compiled for each model and for each shape of its arguments when it is first asked for.
 
@@ -85,6 +96,11 @@ class Program:
         """
         _pool("compiling").submit(self._of, args)
 
+    def forget(self) -> None:
+        """Let go of what is compiled; what still compiles is handed to those who wait for it."""
+        with self._lock:
+            self._compiled = {key: future for key, future in self._compiled.items() if not future.done()}
+
     def text(self, *args: Any) -> str:
         """What these arguments are compiled to, as XLA prints it."""
         return self._of(args).as_text() or ""
@@ -104,6 +120,6 @@ class Program:
                 future.set_result(self._jit.lower(*args).compile())
             except BaseException as error:
                 with self._lock:
-                    del self._compiled[key]
+                    self._compiled.pop(key, None)
                 future.set_exception(error)
         return future.result()

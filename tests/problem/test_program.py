@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+import sys
 import threading
+from pathlib import Path
 from typing import Any
 
 import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from etcfit.problem.program import CORES, Program, compiled_so_far, side_by_side
+from etcfit.problem.program import CORES, Program, compiled_so_far, forget, side_by_side
 
 
 def scaled(factor: float, kind: str, x: Any) -> Any:
@@ -47,6 +49,24 @@ def test_threads_that_ask_at_once_wait_for_the_one_that_compiles() -> None:
     for thread in threads:
         thread.join()
     assert (traced, program.compiled) == (["one"], 1)
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="/proc/self/maps is Linux's")
+def test_what_is_forgotten_is_compiled_again_and_gives_its_mappings_of_memory_back() -> None:
+    program = Program(scaled, static=2)
+
+    def mappings() -> int:
+        return len(Path("/proc/self/maps").read_bytes().splitlines())
+
+    for size in range(3, 43):
+        program(2.0, "right", np.ones(size))
+    kept, held = mappings(), program(2.0, "right", np.ones(3))
+    forget()
+    assert program.compiled == 0
+    assert np.all(np.asarray(held) == 2.0)
+    assert mappings() < kept - 100
+    assert np.all(np.asarray(program(2.0, "right", np.ones(3))) == 2.0)
+    assert program.compiled == 1
 
 
 def test_an_error_is_told_to_who_calls_and_not_kept() -> None:
