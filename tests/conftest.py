@@ -41,11 +41,10 @@ def pytest_configure(config: pytest.Config) -> None:
 _MAPPINGS = Path("/proc/self/maps")  # a line each; Linux alone has it, and Linux alone counts them
 
 
-def pytest_runtest_teardown(item: pytest.Item, nextitem: pytest.Item | None) -> None:
-    """Let go of what was compiled for a file once that is much: kept, it came to 5 GB and to a segmentation fault."""
-    if nextitem is None or nextitem.path == item.path or not _MAPPINGS.exists():
-        return
-    if len(_MAPPINGS.read_bytes().splitlines()) > 8000:
+def pytest_runtest_logfinish() -> None:
+    """Let go of what was compiled once that is much: kept, it came to 5 GB and to a segmentation fault. What a later
+    test needs again comes from the compilation cache."""
+    if _MAPPINGS.exists() and len(_MAPPINGS.read_bytes().splitlines()) > 12_000:
         from etcfit.problem.program import forget
 
         forget()
