@@ -114,9 +114,10 @@ class Tasks:
         refused = agenda.refused(orders)
         others = [worker for worker in self._threads if worker != refused] if refused else []
         # strictly: where others are only preferred, Dask lets an idle worker steal the unit it just failed
-        where = {"workers": others} if others else {}
         key = f"units-{uuid.uuid4().hex}"
-        future = self._client.submit(do_portion, self._name, orders, self._settings, key=key, pure=False, **where)
+        future = self._client.submit(
+            do_portion, self._name, orders, self._settings, key=key, pure=False, workers=others or None
+        )
         self._out[key] = _Task(future, orders, time.monotonic())
 
     def _workers(self) -> dict[str, int]:
