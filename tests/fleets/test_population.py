@@ -197,3 +197,13 @@ def test_intervals_hold_what_they_state_with_a_dozen_units(weak: float) -> None:
     low, high = expected_range(0.92, fleets)[0], expected_range(0.98, fleets)[1]
     assert low <= found.mean <= high
     assert low <= found.sd <= high
+
+
+@pytest.mark.slow
+def test_many_symbols_of_few_units_keep_their_spread() -> None:
+    fleets = 40  # the prior of 28 correlations, estimated beside the spreads, took a tenth off every one of them
+    found = coverage(Design(20, 8, 0.1), fleets, 6000)
+    low, high = expected_range(0.92, fleets)[0], expected_range(0.98, fleets)[1]
+    assert 0.96 < found.ratio < 1.01  # a sample of 20 has 0.987 on average
+    assert low <= found.sd <= high
+    assert low <= found.mean <= high

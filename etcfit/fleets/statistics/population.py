@@ -132,10 +132,9 @@ def _without_odd(data: Scaled, own: np.ndarray, settings: FleetSettings) -> tupl
     far = distances(data, zero, np.diag(robust**2), np.diag(zero), all_units, settings.odd)
     kept = _ordinary(far, settings) if len(data.x) >= FEW else all_units
     start = Spread(own, np.maximum(data.spread[own], 0.1), np.zeros(size * (size - 1) // 2))
-    free = np.zeros(len(start.vector), dtype=bool)
     for _ in range(settings.population.rounds):
         part = data.only(kept)
-        spread = maximised(part, start, settings.population, free)
+        spread = _estimated(part, start, settings.population)
         at = weigh(part, spread, 0.0)
         far = distances(data, at.mean, spread.covariance, at.mean_covariance, kept, settings.odd)
         again = _ordinary(far, settings) if len(data.x) >= FEW else all_units
@@ -143,6 +142,17 @@ def _without_odd(data: Scaled, own: np.ndarray, settings: FleetSettings) -> tupl
             break
         kept, start = again, spread.at(np.concatenate([np.maximum(spread.d, 0.1), spread.a]))
     return spread, kept, far
+
+
+def _estimated(data: Scaled, start: Spread, settings: PopulationSettings) -> Spread:
+    """Standard deviations with no correlations between symbols, then the correlations with these held.
+
+    Both at once would let the prior of the correlations, which draws them towards nought, draw on the standard
+    deviations too: 20 units of 8 symbols came out with 9 % less spread than they were drawn with.
+    """
+    correlations = np.arange(len(start.vector)) >= len(start.d)
+    alone = maximised(data, start.uncorrelated, settings, correlations)
+    return maximised(data, alone.at(np.concatenate([alone.d, start.a])), settings, ~correlations)
 
 
 def _ordinary(far: Distances, settings: FleetSettings) -> np.ndarray:
@@ -157,16 +167,16 @@ def _ordinary(far: Distances, settings: FleetSettings) -> np.ndarray:
 
 def _zeroed(data: Scaled, spread: Spread, settings: PopulationSettings) -> Spread:
     """Standard deviations that the likelihood does not tell from nought are nought."""
-    prior = settings.uncorrelated * len(spread.d)
-    value = weigh(data, spread, prior).value
+    alone = spread.uncorrelated
+    value = weigh(data, alone, 0.0).value
     for j in np.argsort(spread.d):
-        vector = spread.vector.copy()
+        vector = alone.vector.copy()
         vector[j] = 0.0
-        tried = spread.at(vector)
-        if (there := weigh(data, tried, prior).value) > value + 1e-3:
+        tried = alone.at(vector)
+        if (there := weigh(data, tried, 0.0).value) > value + 1e-3:
             break
-        spread, value = tried, there
-    return spread
+        alone, value = tried, there
+    return spread.at(np.concatenate([alone.d, spread.a]))
 
 
 def _in_si(

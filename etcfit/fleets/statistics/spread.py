@@ -38,6 +38,11 @@ class Spread:
         """Of the same symbols."""
         return Spread(self.own, vector[: len(self.d)], vector[len(self.d) :])
 
+    @property
+    def uncorrelated(self) -> Spread:
+        """With the same standard deviations."""
+        return Spread(self.own, self.d, np.zeros_like(self.a))
+
     @cached_property
     def rows(self) -> Float[np.ndarray, "Q Q"]:
         """C: rows of length one."""

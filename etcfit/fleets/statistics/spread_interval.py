@@ -6,7 +6,8 @@ A profile of the restricted likelihood: lop-sided as it must be for few units, w
 show that units differ at all. Far from 0 the cut is the quantile of chi2, 3.84. Near 0 the least value is held at 0
 half of the time, the likelihood ratio is smaller, and 3.84 would hold 97.5 % and more; there the cut is that of a
 normal variance with a bound (2.71 at 0), as Feldman and Cousins 1998 (Phys. Rev. D 57, sec. IV B) order it. Where a
-standard deviation is known to a few percent the curvature says the same: d exp(+- z stderr / d).
+standard deviation is known to a few percent the curvature says the same: d exp(+- z stderr / d). Symbols are taken as
+uncorrelated, as where the standard deviations themselves are estimated (`population`).
 """
 
 from __future__ import annotations
@@ -28,10 +29,8 @@ def spread_intervals(data: Scaled, best: Spread, settings: PopulationSettings) -
     size = len(best.d)
     if not size:
         return np.zeros((0, 2))
-    _, hessian = slope(weigh(data, best, prior := settings.uncorrelated * size), best, prior)
-    tiny = 1e-12 * (1.0 + np.max(np.diag(hessian)))
-    inverse = np.linalg.inv(hessian + tiny * np.eye(len(hessian)))
-    stderr = np.sqrt(2.0 * np.maximum(np.diag(inverse)[:size], 0.0))
+    best = best.uncorrelated
+    stderr = _stderr(data, best)
     z = stats.norm.ppf(0.5 + 0.5 * settings.level)
     out = np.zeros((size, 2))
     for j, (d, error) in enumerate(zip(best.d, stderr, strict=True)):
@@ -42,14 +41,21 @@ def spread_intervals(data: Scaled, best: Spread, settings: PopulationSettings) -
     return out
 
 
+def _stderr(data: Scaled, at: Spread) -> np.ndarray:
+    """Of each standard deviation if these were the truth, from the expected curvature, scaled, shape (Q,)."""
+    size = len(at.d)
+    hessian = slope(weigh(data, at, 0.0), at, 0.0)[1][:size, :size]
+    tiny = 1e-12 * (1.0 + np.max(np.diag(hessian)))
+    return np.sqrt(2.0 * np.maximum(np.diag(np.linalg.inv(hessian + tiny * np.eye(size))), 0.0))
+
+
 class _Profile:
     """-2 log L over one standard deviation, less its least value and the quantile: zero at the bounds."""
 
     def __init__(self, data: Scaled, best: Spread, j: int, settings: PopulationSettings) -> None:
         self.data, self.best, self.j, self.settings = data, best, j, settings
-        self.prior = settings.uncorrelated * len(best.d)
-        self.least = weigh(data, best, self.prior).value
-        self.held = np.zeros(len(best.vector), dtype=bool)
+        self.least = weigh(data, best, 0.0).value
+        self.held = np.arange(len(best.vector)) >= len(best.d)
         self.held[j] = True
 
     def __call__(self, d: float) -> float:
@@ -57,18 +63,13 @@ class _Profile:
         start[: len(self.best.d)] = np.maximum(start[: len(self.best.d)], 1e-3)
         start[self.j] = d
         there = maximised(self.data, self.best.at(start), self.settings, self.held)
-        at = weigh(self.data, there, self.prior)
-        return at.value - self.least - cut(self.over_stderr(at, there), self.settings.level)
+        at = weigh(self.data, there, 0.0)
+        return at.value - self.least - cut(self.over_stderr(there), self.settings.level)
 
-    def over_stderr(self, at: Weighed, there: Spread) -> float:
+    def over_stderr(self, there: Spread) -> float:
         """d^2 over its standard error if d were the truth: d / (2 stderr of d)."""
         d = float(there.d[self.j])
-        if d <= 0.0:
-            return 0.0
-        _, hessian = slope(at, there, self.prior)
-        tiny = 1e-12 * (1.0 + np.max(np.diag(hessian)))
-        variance = 2.0 * float(np.linalg.inv(hessian + tiny * np.eye(len(hessian)))[self.j, self.j])
-        return d / (2.0 * np.sqrt(max(variance, 1e-300)))
+        return d / (2.0 * max(float(_stderr(self.data, there)[self.j]), 1e-150)) if d > 0.0 else 0.0
 
     def bounds(self, error: float) -> tuple[float, float]:
         d = float(self.best.d[self.j])
