@@ -43,10 +43,26 @@ import jax  # noqa: E402  after what it reads
 jax.config.update("jax_enable_x64", True)
 
 
+_folder: Path | None = None
+
+
+def keep_compiled_in(folder: Path | None) -> None:
+    """Where this process keeps compiled programs from now on; None: nowhere."""
+    global _folder
+    _folder = folder
+
+
 def use_compilation_cache() -> Path:
-    """Keep compiled models between runs of the command (folder from ETCFIT_CACHE, else the user's cache)."""
+    """Keep compiled programs between runs of the command (folder from ETCFIT_CACHE, else the user's cache)."""
     default = Path(os.environ.get("XDG_CACHE_HOME", Path.home() / ".cache")) / "etcfit"
-    folder = Path(os.environ.get("ETCFIT_CACHE", default)) / "jax"
-    jax.config.update("jax_compilation_cache_dir", str(folder))
-    jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.05)
+    folder = Path(os.environ.get("ETCFIT_CACHE", default)) / "compiled"
+    keep_compiled_in(folder)
     return folder
+
+
+def compiled_folder() -> Path | None:
+    """Where compiled programs are kept; None where nobody asked for it, or the user has JAX keep them.
+
+    What JAX's own cache hands out XLA cannot pack a second time, so it is one cache or the other.
+    """
+    return None if jax.config.jax_compilation_cache_dir else _folder

@@ -47,8 +47,21 @@ def test_what_the_user_told_xla_stands(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def test_compiled_models_are_kept_where_the_user_says(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    said: dict[str, object] = {}
+    before = backend.compiled_folder()
     monkeypatch.setenv("ETCFIT_CACHE", str(tmp_path))
-    monkeypatch.setattr(jax.config, "update", said.__setitem__)
-    assert backend.use_compilation_cache() == tmp_path / "jax"
-    assert said["jax_compilation_cache_dir"] == str(tmp_path / "jax")
+    try:
+        backend.keep_compiled_in(None)
+        assert backend.compiled_folder() is None
+        assert backend.use_compilation_cache() == tmp_path / "compiled" == backend.compiled_folder()
+    finally:
+        backend.keep_compiled_in(before)
+
+
+def test_where_the_user_has_jax_keep_them_jax_does(tmp_path: Path) -> None:
+    before = jax.config.jax_compilation_cache_dir
+    assert backend.compiled_folder() is not None
+    try:
+        jax.config.update("jax_compilation_cache_dir", str(tmp_path / "own"))
+        assert backend.compiled_folder() is None
+    finally:
+        jax.config.update("jax_compilation_cache_dir", before)

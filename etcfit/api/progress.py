@@ -111,10 +111,7 @@ def _bar(stage: str, done: float) -> str:
 
 @cache
 def _keep_compiled() -> None:
-    """Once a process, when something is computed for the first time; a folder the user chose for JAX is left alone."""
-    import jax
-
+    """Once a process, when something is computed for the first time."""
     from ..backend import use_compilation_cache
 
-    if not getattr(jax.config, "jax_compilation_cache_dir", None):
-        use_compilation_cache()
+    use_compilation_cache()

@@ -6,7 +6,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.signal import welch
 
 from .log import Series
 
@@ -59,6 +58,8 @@ def _even(piece: Series, step: float) -> np.ndarray:
 
 def _over_pieces(evens: Sequence[np.ndarray], samples: int, step: float) -> tuple[np.ndarray, np.ndarray]:
     """Frequency and power, a piece weighing by its length."""
+    from scipy.signal import welch
+
     found = [welch(even, fs=1.0 / step, nperseg=samples, detrend="linear", scaling="spectrum") for even in evens]
     powers = np.array([power for _, power in found])
     return found[0][0], np.average(powers, axis=0, weights=[even.size for even in evens])

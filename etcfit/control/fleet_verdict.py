@@ -7,7 +7,6 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from scipy.stats import binomtest
 
 from .pid.requirements import REQUIRED, Requirements
 from .settings import FleetDesignSettings
@@ -39,6 +38,8 @@ class Share(NamedTuple):
     @classmethod
     def counted(cls, met: np.ndarray) -> Share:
         """Of truth values, shape (U,)."""
+        from scipy.stats import binomtest
+
         count = int(np.sum(met))
         ends = binomtest(count, met.size).proportion_ci(_LEVEL, "exact")
         return cls(count, met.size, float(ends.low), float(ends.high))

@@ -11,7 +11,7 @@ from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
-from scipy import stats
+from scipy.special import ndtr
 
 from ..estimation.autocorrelation import ljung_box
 from ..problem.prediction_error import columns
@@ -85,7 +85,7 @@ def whiteness(
     }
     own = r[logged]
     name, rho = strongest(own, {k: v[logged] for k, v in regressors.items()})
-    p = min(1.0, len(regressors) * 2.0 * float(stats.norm.sf(abs(rho) * math.sqrt(own.size))))
+    p = min(1.0, len(regressors) * 2.0 * float(ndtr(-abs(rho) * math.sqrt(own.size))))
     size, box = float(np.sqrt(np.mean(own**2))), ljung_box(own)
     fair = size < 1.0 + settings.large_rms + settings.large_rms_deviations / math.sqrt(2.0 * own.size)
     white = fair and box > settings.white_p and p > settings.white_p

@@ -23,7 +23,8 @@ from dataclasses import dataclass, field
 from typing import NamedTuple
 
 import numpy as np
-from scipy import linalg, optimize, stats
+from scipy import linalg, optimize
+from scipy.special import ndtri, stdtrit
 
 from ..model.parameters import parameters_of
 from ..model.smooth import AbstractSmooth
@@ -109,7 +110,7 @@ def student(freedom: float) -> float:
     Args:
         freedom: nu.
     """
-    return float(stats.t.ppf(0.975, max(freedom, 2.0)) / stats.norm.ppf(0.975))
+    return float(stdtrit(max(freedom, 2.0), 0.975) / ndtri(0.975))
 
 
 def kernel(count: int, length: float) -> np.ndarray:

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
-from scipy import stats
+from scipy.special import chdtrc
 
 from .settings import WhitenessSettings
 
@@ -41,7 +41,7 @@ def ljung_box(r: np.ndarray, lags: int = LAGS) -> float:
     n = r.size
     rho = autocorrelation(r, lags)
     q = n * (n + 2.0) * float(np.sum(rho**2 / (n - np.arange(1, lags + 1))))
-    return float(stats.chi2.sf(q, lags))
+    return float(chdtrc(lags, q))
 
 
 def inflation(r: np.ndarray, settings: WhitenessSettings = WhitenessSettings()) -> float:

@@ -25,11 +25,11 @@ from operator import add
 from typing import NamedTuple
 
 import numpy as np
-from scipy import stats
+from scipy.special import chdtrc, ndtri, stdtrit
 
 from .statement import Split, Statement
 
-_NORMAL = float(stats.norm.ppf(0.975))
+_NORMAL = float(ndtri(0.975))
 _BELIEVED = 1.0  # degrees of freedom
 
 
@@ -49,7 +49,7 @@ class Scatter(NamedTuple):
     @property
     def p(self) -> np.ndarray:
         """Probability of such a scatter, or a larger one, where clusters agree, shape (P,)."""
-        return np.asarray(stats.chi2.sf(self.ratio * self.freedom, self.freedom))
+        return np.asarray(chdtrc(self.freedom, self.ratio * self.freedom))
 
 
 def scatter(clusters: Sequence[Statement], believed: Statement, reach: np.ndarray, unknown: float) -> Scatter:
@@ -103,7 +103,7 @@ def widened(covariance: np.ndarray, every: Iterable[Scatter], level: float) -> n
     wide = covariance
     for each in every:
         freedom = _BELIEVED + each.freedom
-        growth = (_BELIEVED + each.freedom * each.ratio) / freedom * (stats.t.ppf(0.975, freedom) / _NORMAL) ** 2
+        growth = (_BELIEVED + each.freedom * each.ratio) / freedom * (stdtrit(freedom, 0.975) / _NORMAL) ** 2
         target = np.where(each.p < level, np.maximum(growth, 1.0), 1.0) * np.diag(covariance)
         lack = np.maximum(target - np.diag(wide), 0.0)
         own = np.sum(each.shifts**2, axis=0)

@@ -16,7 +16,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy import stats
+from scipy.special import fdtrc
 
 from .pieces import Piece
 from .settings import WhitenessSettings
@@ -68,7 +68,7 @@ def disagreement(split: Split) -> float:
     z = others.T @ split.others.score - own.T @ split.own.score
     spread = own.T @ split.own.spread @ own + others.T @ split.others.spread @ others
     t2 = float(z @ np.linalg.solve(spread, z))
-    return float(stats.f.logsf(t2 * freedom / ((freedom + count - 1.0) * count), count, freedom))
+    return float(np.log(fdtrc(count, freedom, t2 * freedom / ((freedom + count - 1.0) * count))))
 
 
 def parted(

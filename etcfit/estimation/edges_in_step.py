@@ -14,7 +14,7 @@ from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Float
-from scipy import stats
+from scipy.special import chdtrc
 
 from ..model.rig_effects import EdgePhase, Place
 from ..problem.instants import SHARES, place
@@ -156,7 +156,7 @@ def common_phase(places: Sequence[EdgePlace], settings: EdgesInStepSettings) -> 
     within = (share > -settings.border - sd) & (share < 1.0 + settings.border + sd)
     if np.sum(near & within) < settings.near * share.size:
         return None
-    agreement = float(stats.chi2.sf(np.sum((off / sd)[near] ** 2), near.sum() - 1))
+    agreement = float(chdtrc(near.sum() - 1, np.sum((off / sd)[near] ** 2)))
     phase %= 1.0
     phase -= phase > 1.0 - settings.border
     return CommonPhase(phase, arc_chance(share[near]), agreement)

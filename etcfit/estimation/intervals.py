@@ -11,7 +11,6 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
-from functools import partial
 from typing import Any
 
 import jax
@@ -19,6 +18,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from ..problem.free_parameters import Form, Pick
+from ..problem.program import Program
 from .compromise import Z_95
 from .joint_fit import FitResult
 
@@ -147,7 +147,7 @@ def _ranged(result: FitResult, lump: Lump, gradient: np.ndarray, stated: Interva
     return replace(stated, stderr=None, low=low, high=high, status="compromise")
 
 
-@partial(jax.jit, static_argnums=0)
+@Program
 def _gradients(form: Form, x: Any, pick: Pick, n: Any) -> Any:
     """Of every combination in coordinates, shape (len(LUMPS), P)."""
 

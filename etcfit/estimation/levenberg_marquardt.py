@@ -19,6 +19,7 @@ from ..model.parameters import AnyArray
 from ..problem.free_parameters import Layout
 from ..problem.normal_equations import NormalEquations, normal_equations, shared_out
 from ..problem.problem import EstimationProblem
+from ..problem.program import Program
 from ..problem.residual import WeightedData
 from .identifiability import WIDE
 from .settings import FitSettings
@@ -67,6 +68,11 @@ class _Condensed(NamedTuple):
     jacobian: Float[AnyArray, "R P"]
 
     @classmethod
+    def sum_alone(cls, chi2: float, size: int) -> _Condensed:
+        """Of a point of which no slope is known: enough to reject it."""
+        return cls(np.append(np.zeros(size), np.sqrt(chi2)), np.zeros((size + 1, size)))
+
+    @classmethod
     def of(cls, e: NormalEquations) -> _Condensed:
         """Of normal equations; NaN where they are not finite, so that no step there is taken."""
         size = e.gradient.size
@@ -99,19 +105,35 @@ def _begun(room: int) -> Any:
     return _SOLVER.init(lambda y, at: (_known(y, at), None), y, at, _BACKWARD, shape, None, frozenset())
 
 
-@jax.jit
-def _stepped(y: Any, state: Any, at: _Condensed) -> Any:
-    """One step: the lowest point so far, and the state with the next to look at."""
-    return _SOLVER.step(lambda y, at: (_known(y, at), None), y, at, _BACKWARD, state, frozenset())[:2]
+@Program
+def _stepped(room: int, y: Any, leaves: list[Any], at: _Condensed) -> Any:
+    """One step: the lowest point so far, and the leaves of the state with the next to look at."""
+    state = jax.tree.unflatten(jax.tree.structure(_begun(room)), leaves)
+    after, state = _SOLVER.step(lambda y, at: (_known(y, at), None), y, at, _BACKWARD, state, frozenset())[:2]
+    return after, jax.tree.leaves(state)
+
+
+def _next(room: int, y: np.ndarray, state: Any, at: _Condensed) -> tuple[np.ndarray, Any]:
+    """The lowest point so far, and the state with the next to look at."""
+    after, leaves = _stepped(room, y, jax.tree.leaves(state), at)
+    return np.asarray(after), jax.tree.unflatten(jax.tree.structure(state), leaves)
 
 
 def least_squares(
-    equations: Callable[[np.ndarray], NormalEquations], y0: np.ndarray, tolerance: float, steps: int
+    equations: Callable[[np.ndarray], NormalEquations],
+    chi2: Callable[[np.ndarray], float],
+    y0: np.ndarray,
+    tolerance: float,
+    steps: int,
 ) -> tuple[np.ndarray, int]:
     """Levenberg-Marquardt on a sum of squares known by its normal equations, damped at first by the identity.
 
+    More than half of the steps are rejected where a model is far from its data, and for that the sum alone is enough:
+    slopes are asked for only where a step is taken.
+
     Args:
         equations: of y, shape (P,); columns of the Jacobian should have a size of some tens.
+        chi2: the sum of squares alone, cheaper.
         y0: where to start, shape (P,).
         tolerance: relative change of the sum, and absolute one of y, that ends it.
         steps: at most.
@@ -126,16 +148,23 @@ def least_squares(
         gradient[:size], information[:size, :size] = e.gradient, e.information
         return _Condensed.of(NormalEquations(e.chi2, gradient, information))
 
+    def lone(y: np.ndarray) -> _Condensed:
+        return _Condensed.sum_alone(chi2(y[:size]), room)
+
     y, lowest = np.append(y0, np.zeros(room - size)), np.inf
     state = eqx.tree_at(lambda state: state.y_eval, _begun(room), y)
     for taken in range(1, steps + 1):
         here = np.asarray(state.y_eval)
+        after, beyond = (here, state) if taken == 1 else _next(room, y, state, lone(here))
+        if not np.array_equal(after, here):  # rejected
+            y, state = after, beyond
+            continue
         at = known(here)
-        after, state = _stepped(y, state, at)
-        chi2, moved = float(np.sum(at.residual**2)), float(np.max(np.abs(here - y)))
-        accepted = bool(np.array_equal(np.asarray(after), here))
-        done = accepted and taken > 1 and moved < tolerance and lowest - chi2 < tolerance * lowest
-        y, lowest = np.asarray(after), chi2 if accepted else lowest
+        after, state = _next(room, y, state, at)
+        accepted = bool(np.array_equal(after, here))  # not where the sum is finite and the slopes are not
+        total, moved = float(np.sum(at.residual**2)), float(np.max(np.abs(here - y)))
+        done = accepted and taken > 1 and moved < tolerance and lowest - total < tolerance * lowest
+        y, lowest = after, total if accepted else lowest
         if done:
             break
     return y[:size], taken
@@ -187,17 +216,26 @@ def minimise(
     anchor = WIDE * layout.reach(x)
     scale = np.minimum(_scale(first.information + np.diag(1.0 / prior_sd**2), count), 1e4 * anchor)
 
-    def equations(y: np.ndarray) -> NormalEquations:
-        """In stretched coordinates, over the number of samples, with the priors and the anchor: a weak pull back to x,
-        which keeps what the data do not determine from wandering and weighs nothing beside any datum."""
+    def beside(at: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Residuals of the priors and of the anchor: a weak pull back to x, which keeps what the data do not determine
+        from wandering and weighs nothing beside any datum."""
+        return (at - prior_mean) / prior_sd, (at - x) / anchor
+
+    def sum_alone(y: np.ndarray) -> float:
         at = x + scale * y
-        e, prior, away = of_data(at.tobytes()), (at - prior_mean) / prior_sd, (at - x) / anchor
+        prior, away = beside(at)
+        return (problem.chi2(at, weighted) + float(prior @ prior + away @ away)) / count
+
+    def equations(y: np.ndarray) -> NormalEquations:
+        """In stretched coordinates, over the number of samples, with the priors and the anchor."""
+        at = x + scale * y
+        e, (prior, away) = of_data(at.tobytes()), beside(at)
         chi2 = e.chi2 + prior @ prior + away @ away
         gradient = e.gradient + prior / prior_sd + away / anchor
         information = e.information + np.diag(1.0 / prior_sd**2 + 1.0 / anchor**2)
         return NormalEquations(chi2 / count, scale * gradient / count, scale * information * scale[:, None] / count)
 
-    y, taken = least_squares(equations, np.zeros(x.size), tolerance, steps)
+    y, taken = least_squares(equations, sum_alone, np.zeros(x.size), tolerance, steps)
     return x + scale * y, taken
 
 

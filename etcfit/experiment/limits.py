@@ -6,7 +6,6 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.signal import lfilter
 
 from ..problem.free_parameters import FreeParameters
 from ..problem.problem import EstimationProblem
@@ -67,6 +66,8 @@ class Winding:
             R_a: ohm, shape (D,).
             most: K, for which the resistance is taken.
         """
+        from scipy.signal import lfilter
+
         dt = float(time[1] - time[0])
         keep = np.exp(-dt / self.cooling)
         heat = R_a[:, None] * (1.0 + COPPER * most) * current**2 / self.capacity

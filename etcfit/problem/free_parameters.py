@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, partial
 from typing import NamedTuple
 
 import jax
@@ -18,6 +18,7 @@ from ..model.parameters import DOMAINS, AnyArray, NonNegative, Parameter, Positi
 from ..model.rig_effects import Place, SeriesResistance, rig_effect
 from ..model.throttle import catalogue
 from ..rig.base import Fixed, Prior, RigConfig, Start, Tied
+from .program import Program
 
 _FARTHEST = 1e9  # of a known value from the usual size, either way
 SERIES = "series_ohm."  # prefix of a rig test's own circuit resistance
@@ -183,7 +184,7 @@ class Layout:
         return "fixed" if symbol in self.held else "estimated"
 
 
-@jax.jit
+@partial(Program, static=0)
 def _numbers(
     kinds: Int[Array, " P"], scales: Float[Array, " P"], x: Float[Array, " P"]
 ) -> tuple[Float[Array, " P"], Float[Array, " P"]]:

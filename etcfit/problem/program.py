@@ -16,6 +16,8 @@ from typing import Any, TypeVar
 import jax
 import numpy as np
 
+from . import executables
+
 QUICK = {"xla_backend_optimization_level": 0}  # for programs that run a few times: half the time to compile
 
 Piece = TypeVar("Piece")
@@ -53,7 +55,7 @@ def compiled_so_far() -> dict[str, int]:
 
 
 def forget() -> None:
-    """Let go of everything that was compiled; what is asked for again comes from the compilation cache.
+    """Let go of everything that was compiled; what is asked for again comes from the disk (`executables.py`).
 
     For a process that sees many models: an executable holds some ten mappings of memory, of which Linux gives a process
     65,530 (`vm.max_map_count`), and XLA ends with a segmentation fault where it gets no more.
@@ -76,7 +78,8 @@ class Program:
         self.__doc__ = function.__doc__
         self.name = f"{function.__module__.rpartition('.')[-1]}.{function.__name__.lstrip('_')}"
         self._jit = jax.jit(function, static_argnums=tuple(range(static)), compiler_options=options)
-        self._static = static
+        self.__wrapped__ = function
+        self._static, self._options = static, options
         self._lock = Lock()
         self._compiled: dict[Hashable, Future[Any]] = {}
         _PROGRAMS.append(self)
@@ -117,9 +120,18 @@ class Program:
             future = self._compiled.setdefault(key, Future())
         if mine:
             try:
-                future.set_result(self._jit.lower(*args).compile())
+                future.set_result(self._made(args))
             except BaseException as error:
                 with self._lock:
                     self._compiled.pop(key, None)
                 future.set_exception(error)
         return future.result()
+
+    def _made(self, args: tuple[Any, ...]) -> Any:
+        """From disk where it was made before, else traced and compiled."""
+        static, dynamic = args[: self._static], args[self._static :]
+        asked = executables.digest_asked((self.__wrapped__, self._options, *static), dynamic)
+        if asked is None:
+            return self._jit.lower(*args).compile()
+        found = executables.find(asked, dynamic)
+        return found or executables.compiled(asked, self._jit.lower(*args), dynamic, self._options)

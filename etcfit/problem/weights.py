@@ -12,7 +12,6 @@ from dataclasses import replace
 
 import numpy as np
 from jaxtyping import Float
-from scipy.ndimage import maximum_filter1d, minimum_filter1d
 
 from .innovations import InnovationsFilter, plain
 from .prediction_error import columns
@@ -50,9 +49,15 @@ def farthest(data: Float[np.ndarray, "n M"], reach: int) -> Float[np.ndarray, "n
     """Distance of each sample, shape (n, M), from the one among its neighbours up to `reach` samples away that differs
     most, in the samples' unit; 0 for NaN."""
     seen = np.isfinite(data)
-    high = maximum_filter1d(np.where(seen, data, -np.inf), 2 * reach + 1, axis=0, mode="nearest")
-    low = minimum_filter1d(np.where(seen, data, np.inf), 2 * reach + 1, axis=0, mode="nearest")
+    high = _highest(np.where(seen, data, -np.inf), reach)
+    low = -_highest(np.where(seen, -data, -np.inf), reach)
     return np.where(seen, np.maximum(high - data, data - low), 0.0)
+
+
+def _highest(data: np.ndarray, reach: int) -> np.ndarray:
+    """Of each sample and its neighbours up to `reach` samples away, shape (n, M)."""
+    edged = np.pad(data, ((reach, reach), (0, 0)), mode="edge")
+    return np.lib.stride_tricks.sliding_window_view(edged, 2 * reach + 1, axis=0).max(axis=-1)
 
 
 def timed(problem: EstimationProblem, x: Float[np.ndarray, " P"], r: Float[np.ndarray, "T L M"]) -> EstimationProblem:

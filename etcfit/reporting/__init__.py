@@ -7,18 +7,20 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-from ..control.design import Design
-from ..control.frequency import FrequencyResponse
-from ..control.linearise import Reduction
-from ..diagnosis.findings import Diagnosis
-from ..estimation.fitted_model import Fitted
 from ..estimation.joint_fit import Report, quiet
-from ..estimation.result import FitResult
-from ..posterior.predictive import Band
-from ..posterior.profile import Profile
-from ..posterior.sampling import Posterior
+
+if TYPE_CHECKING:  # a table of `check` needs none of what these load
+    from ..control.design import Design
+    from ..control.frequency import FrequencyResponse
+    from ..control.linearise import Reduction
+    from ..diagnosis.findings import Diagnosis
+    from ..estimation.fitted_model import Fitted
+    from ..estimation.result import FitResult
+    from ..posterior.predictive import Band
+    from ..posterior.profile import Profile
+    from ..posterior.sampling import Posterior
 
 # every function below draws into RUN/pictures; one file of the same name is replaced, whole or not at all
 

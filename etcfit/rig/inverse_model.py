@@ -13,7 +13,6 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.signal import butter, cheby1, sosfiltfilt
 
 from .base import Channel, Fixed, Measurement, RigConfig
 from .signals import even_grid, in_gap, off_stops, on_times, widened
@@ -48,12 +47,16 @@ class Filter:
         return max(1, round(self.rate / self.bandwidth))
 
     def position(self, angle: np.ndarray) -> np.ndarray:
+        from scipy.signal import butter, sosfiltfilt
+
         return sosfiltfilt(butter(4, 2 * self.cutoff / self.rate, output="sos"), angle)
 
     def decimated(self, rows: np.ndarray) -> np.ndarray:
         """Chebyshev, eighth order, 0.05 dB, as in the source; every ratio-th row."""
         if self.ratio == 1:
             return rows
+        from scipy.signal import cheby1, sosfiltfilt
+
         return sosfiltfilt(cheby1(8, 0.05, 0.8 / self.ratio, output="sos"), rows, axis=0)[:: self.ratio]
 
     def __str__(self) -> str:
@@ -135,6 +138,8 @@ def _acceleration(angle: np.ndarray, step: float, chosen: Filter) -> np.ndarray:
     second = np.gradient(np.gradient(chosen.position(angle), step), step)
     if chosen.ratio == 1:
         return second
+    from scipy.signal import cheby1, sosfiltfilt  # loads for a second, and most rigs need it not
+
     return sosfiltfilt(cheby1(8, 0.05, 0.8 / chosen.ratio, output="sos"), second)
 
 

@@ -5,9 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.signal import savgol_filter
 
 from .base import Channel, Measurement, RigConfig
+from .local_parabola import slope, smoothed
 
 BISQUARE = 4.685  # 95 % efficient on Gaussian noise (Tukey)
 MAD_TO_SIGMA = 1.4826
@@ -51,7 +51,7 @@ class Motion:
     window: int
 
     def smooth(self, channel: Channel) -> np.ndarray:
-        return np.asarray(savgol_filter(on_times(channel, self.time), self.window, 2))
+        return smoothed(on_times(channel, self.time), self.window)
 
 
 def robust_fit(columns: np.ndarray, y: np.ndarray, rounds: int = 20) -> np.ndarray:
@@ -174,8 +174,7 @@ def motion(position: Channel, window: float) -> Motion | None:
     time, step = even_grid(position.time)
     samples = min(max(2 * round(window / step / 2) + 1, 5), len(time) - (len(time) + 1) % 2)
     angle = on_times(position, time)
-    speed = np.asarray(savgol_filter(angle, samples, 2, deriv=1, delta=step))
-    return Motion(time, np.asarray(savgol_filter(angle, samples, 2)), speed, step, samples)
+    return Motion(time, smoothed(angle, samples), slope(angle, samples, step), step, samples)
 
 
 def smoothing_window(position: Channel, relative: float = 0.05) -> float:

@@ -28,7 +28,7 @@ def solved(function: Any, y0: list[float], tolerance: float, steps: int = 40) ->
         r, jacobian = np.asarray(function(y)), np.asarray(jax.jacfwd(function)(y))
         return NormalEquations(r @ r, jacobian.T @ r, jacobian.T @ jacobian)
 
-    return least_squares(equations, np.array(y0), tolerance, steps)
+    return least_squares(equations, lambda y: equations(y).chi2, np.array(y0), tolerance, steps)
 
 
 def rosenbrock(y: Any) -> Any:
@@ -49,6 +49,35 @@ def test_a_direction_without_curvature_stays_where_it_is() -> None:
     """r = 30 (y_0 + y_1) - 3 knows the sum of both only; the step is the shortest."""
     y, _ = solved(lambda y: jnp.array([30.0 * (y[0] + y[1]) - 3.0]), [0.0, 0.0], 1e-9)
     assert_allclose(y, 0.05, atol=1e-7)
+
+
+def test_slopes_are_asked_for_only_where_a_step_is_taken() -> None:
+    """From (-1.2, 1) along Rosenbrock's valley some steps are too long; each raises the sum, and is not taken."""
+    sums, slopes = [], []
+
+    def chi2(y: np.ndarray) -> float:
+        sums.append(float(np.sum(np.asarray(rosenbrock(y)) ** 2)))
+        return sums[-1]
+
+    def equations(y: np.ndarray) -> NormalEquations:
+        r, jacobian = np.asarray(rosenbrock(y)), np.asarray(jax.jacfwd(rosenbrock)(y))
+        slopes.append(float(r @ r))
+        return NormalEquations(r @ r, jacobian.T @ r, jacobian.T @ jacobian)
+
+    y, steps = least_squares(equations, chi2, np.array([-1.2, 1.0]), 1e-12, 60)
+    assert_allclose(y, 1.0, atol=1e-6)
+    assert len(sums) == steps - 1
+    assert len(slopes) < steps - 2
+    assert slopes == sorted(slopes, reverse=True)
+
+
+def test_a_point_of_finite_sum_without_finite_slopes_is_not_taken() -> None:
+    def equations(y: np.ndarray) -> NormalEquations:
+        slope = 60.0 * (30.0 * y[0] - 30.0) if y[0] < 0.9 else np.nan
+        return NormalEquations((30.0 * y[0] - 30.0) ** 2, np.array([slope / 2.0]), np.array([[900.0]]))
+
+    y, _ = least_squares(equations, lambda y: (30.0 * y[0] - 30.0) ** 2, np.array([0.0]), 1e-9, 20)
+    assert 0.0 < y[0] < 0.9
 
 
 def test_a_curved_valley_is_followed_to_its_end_unless_the_steps_run_out() -> None:

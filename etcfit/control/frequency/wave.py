@@ -17,7 +17,6 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from scipy import stats
 
 from ...estimation.autocorrelation import inflation
 from ..settings import FrequencySettings
@@ -273,6 +272,8 @@ def _covariances(
 
     Source: White 1980 (rows), Liang and Zeger 1986 (groups), Geyer 1992 (f).
     """
+    from scipy import stats
+
     rows = np.unique(np.concatenate([signal.time for signal in signals.values()]))
     width = 1 + sum(part.columns.shape[1] for part in parts.values())
     normal, scores, plain = np.zeros((width, width)), np.zeros((rows.size, width)), np.zeros((rows.size, width))

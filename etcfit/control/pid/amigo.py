@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import numpy as np
-from scipy.signal import residue
 
 from ...model.linear import TransferFunction
 from .base import Refusal, Task
@@ -44,5 +43,7 @@ def first_order(plant: TransferFunction) -> tuple[float, float]:
 
 def _step(plant: TransferFunction, time: np.ndarray) -> np.ndarray:
     """Step response by partial fractions, at any instants (s)."""
+    from scipy.signal import residue
+
     r, p, _ = residue(plant.num, (*plant.den, 0.0))
     return np.real(np.exp(np.outer(time, p)) @ r)

@@ -6,7 +6,6 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.stats import qmc
 
 from ..settings import OptimumSettings
 from .base import Refusal, Task
@@ -128,6 +127,8 @@ def _ends(settings: OptimumSettings) -> tuple[np.ndarray, np.ndarray]:
 
 def _swept(score: Score, rng: np.random.Generator, settings: OptimumSettings) -> np.ndarray:
     """The best population of several scattered over all gains, logarithms, shape (population, 3)."""
+    from scipy.stats import qmc
+
     low, high = _ends(settings)
     swept = low + (high - low) * qmc.Halton(3, rng=rng).random(settings.sweeps * settings.population)
     cost = np.concatenate([score(block).cost for block in np.split(swept, settings.sweeps)])

@@ -7,7 +7,6 @@ from typing import Any
 
 import jax
 import numpy as np
-from scipy.integrate import solve_ivp
 
 from ...model.effects.winding_heating import WindingHeating
 from ...model.linear import holding_against
@@ -70,6 +69,8 @@ def _until(most: float, volts: float, ohm: float, warmth: float, copper: float, 
 
     dD/dt = warmth i^2 - D / slow,    i = V / (R (1 + copper D)): `model.effects.winding_heating`.
     """
+
+    from scipy.integrate import solve_ivp
 
     def rate(_: float, warmer: np.ndarray) -> np.ndarray:
         return warmth * (volts / (ohm * (1.0 + copper * warmer))) ** 2 - warmer / slow

@@ -16,7 +16,7 @@ import numpy as np
 from scipy import stats
 from scipy.optimize import root_scalar
 
-from .likelihood import Weighed, maximised, slope, weigh
+from .likelihood import maximised, slope, weigh
 from .scaled import Scaled
 from .settings import PopulationSettings
 from .spread import Spread

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from typing import ClassVar, NamedTuple
 
 import numpy as np
-from scipy.stats import chi2
+from scipy.special import chdtrc
 
 from ...ranges import real
 from ..finding import Finding
@@ -66,7 +66,7 @@ def _at(spectra: Sequence[Spectrum], nominal: float, band: float) -> Mains:
 
 def _together(chances: Sequence[float]) -> float:
     """Fisher 1932."""
-    return float(chi2.sf(-2.0 * np.sum(np.log(np.maximum(chances, 1e-300))), 2 * len(chances)))
+    return float(chdtrc(2 * len(chances), -2.0 * np.sum(np.log(np.maximum(chances, 1e-300)))))
 
 
 @dataclass(frozen=True)
