@@ -65,4 +65,4 @@ def compiled_folder() -> Path | None:
 
     What JAX's own cache hands out XLA cannot pack a second time, so it is one cache or the other.
     """
-    return None if jax.config.jax_compilation_cache_dir else _folder
+    return None if getattr(jax.config, "jax_compilation_cache_dir", None) else _folder

@@ -58,7 +58,7 @@ def test_compiled_models_are_kept_where_the_user_says(tmp_path: Path, monkeypatc
 
 
 def test_where_the_user_has_jax_keep_them_jax_does(tmp_path: Path) -> None:
-    before = jax.config.jax_compilation_cache_dir
+    before = getattr(jax.config, "jax_compilation_cache_dir", None)
     assert backend.compiled_folder() is not None
     try:
         jax.config.update("jax_compilation_cache_dir", str(tmp_path / "own"))

@@ -7,7 +7,7 @@ one shape they run side by side, each in a thread of its own, since neither comp
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Hashable, Sequence
+from collections.abc import Callable, Hashable, Mapping, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from functools import cache
 from threading import Lock
@@ -18,7 +18,9 @@ import numpy as np
 
 from . import executables
 
-QUICK = {"xla_backend_optimization_level": 0}  # for programs that run a few times: half the time to compile
+# a loop of scalar operations gains nothing from XLA's third level: it takes longer to compile, and runs longer too
+USUAL = {"xla_backend_optimization_level": 1}
+QUICK = {"xla_backend_optimization_level": 0}  # for programs that run a few times
 
 Piece = TypeVar("Piece")
 
@@ -74,10 +76,10 @@ class Program:
         options: of XLA's compiler, for this program alone.
     """
 
-    def __init__(self, function: Callable[..., Any], static: int = 1, options: dict[str, Any] | None = None) -> None:
+    def __init__(self, function: Callable[..., Any], static: int = 1, options: Mapping[str, int] = USUAL) -> None:
         self.__doc__ = function.__doc__
         self.name = f"{function.__module__.rpartition('.')[-1]}.{function.__name__.lstrip('_')}"
-        self._jit = jax.jit(function, static_argnums=tuple(range(static)), compiler_options=options)
+        self._jit = jax.jit(function, static_argnums=tuple(range(static)), compiler_options=dict(options))
         self.__wrapped__ = function
         self._static, self._options = static, options
         self._lock = Lock()

@@ -44,7 +44,7 @@ def constant(value: Any) -> str:
             return "mapping" + _joined(constant, value.items())
     if dataclasses.is_dataclass(value):
         return constant(type(value)) + _joined(constant, _fields(value).values())
-    raise UnspeakableError(f"a {type(value).__qualname__}")
+    raise UnspeakableError(repr(type(value)))
 
 
 def shape(value: Any) -> str:
@@ -68,7 +68,7 @@ def shape(value: Any) -> str:
             static = {f.name for f in dataclasses.fields(value) if f.metadata.get("static")}
             parts = (constant(each) if name in static else shape(each) for name, each in _fields(value).items())
             return constant(type(value)) + f"({', '.join(parts)})"
-    raise UnspeakableError(f"a {type(value).__qualname__}")
+    raise UnspeakableError(repr(type(value)))
 
 
 def _joined(spelled: Any, values: Any) -> str:
