@@ -81,12 +81,14 @@ def _fields(value: Any) -> dict[str, Any]:
 
 def _named(value: Any) -> str:
     """Where a function or a class is found under its name, by itself or in what decorates it."""
-    found: Any = sys.modules.get(value.__module__)
-    for part in value.__qualname__.split("."):
+    module, name = value.__module__, value.__qualname__
+    found: Any = sys.modules.get(module)
+    for part in name.split("."):
         found = getattr(found, part, None)
-    if value not in (found, getattr(found, "__wrapped__", None)) or value.__module__.partition(".")[0] not in _KNOWN:
-        raise UnspeakableError(f"{value.__module__}.{value.__qualname__}")
-    return f"{value.__module__}.{value.__qualname__}"
+    itself = found is value or getattr(found, "__wrapped__", None) is value
+    if not itself or module.partition(".")[0] not in _KNOWN:
+        raise UnspeakableError(f"{module}.{name}")
+    return f"{module}.{name}"
 
 
 def _class(value: type) -> str:
