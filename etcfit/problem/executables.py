@@ -72,7 +72,7 @@ def find(asked: str, arguments: Sequence[Any]) -> Any | None:
 
 def compiled(asked: str, lowered: Any, arguments: Sequence[Any], options: Any) -> Any:
     """What was lowered, compiled or found by its text, and kept for whoever asks next."""
-    name = _digest(_machine(), _text(lowered), constant(options))
+    name = _digest(_machine(), _text(lowered), str(lowered.in_tree), str(lowered.out_tree), constant(options))
     program = _load(name, arguments)
     if program is None:
         program = lowered.compile()

@@ -79,7 +79,10 @@ class Program:
     def __init__(self, function: Callable[..., Any], static: int = 1, options: Mapping[str, int] = USUAL) -> None:
         self.__doc__ = function.__doc__
         self.name = f"{function.__module__.rpartition('.')[-1]}.{function.__name__.lstrip('_')}"
-        self._jit = jax.jit(function, static_argnums=tuple(range(static)), compiler_options=dict(options))
+        # what is lowered shows every argument, so that equal texts are equal programs whatever they make no use of
+        self._jit = jax.jit(
+            function, static_argnums=tuple(range(static)), keep_unused=True, compiler_options=dict(options)
+        )
         self.__wrapped__ = function
         self._static, self._options = static, options
         self._lock = Lock()

@@ -7,6 +7,7 @@ import subprocess
 import sys
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any, NamedTuple
 
 import numpy as np
 import pytest
@@ -82,6 +83,35 @@ def test_a_program_that_a_change_of_the_source_left_alone_is_not_compiled_again(
         program.forget()
     assert sorted(file.name for file in (kept / "asked").iterdir()) == ["after", "before"]
     assert len(list((kept / "programs").iterdir())) == 1
+
+
+class One(NamedTuple):
+    value: Any
+
+
+class Other(NamedTuple):
+    value: Any
+
+
+def test_programs_that_differ_in_what_they_use_or_return_are_not_taken_for_one_another(
+    kept: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    asked: list[str] = []
+    monkeypatch.setattr(executables, "digest_asked", lambda fixed, given: asked[-1])
+    functions = {
+        "first": lambda a, b: One(a + 1.0),
+        "second": lambda a, b: One(b + 1.0),
+        "renamed": lambda a, b: Other(a + 1.0),
+    }
+    found = {}
+    for _ in range(2):  # made, then loaded
+        for name, function in functions.items():
+            asked.append(name)
+            found[name] = Program(function, static=0)(np.float64(1.0), np.float64(5.0))
+            executables.finish_writing()
+    assert found == {"first": One(2.0), "second": One(6.0), "renamed": Other(2.0)}
+    assert [type(each) for each in found.values()] == [One, One, Other]
+    assert len(list((kept / "programs").iterdir())) == 3
 
 
 def test_programs_beyond_the_room_go_oldest_first(kept: Path) -> None:
