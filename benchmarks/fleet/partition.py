@@ -33,9 +33,9 @@ from .watched import fleet
 def held(units: list[UnitResult], truth: FleetTruth, rows: dict[str, list[tuple[float, ...]]]) -> None:
     """One fleet: whether its intervals hold the truth, and squared errors of its units."""
     settings = FleetSettings()
-    stack = stacked(robust(units, settings))
+    stack = stacked(robust(units, settings.most_widening))
     found, _ = without_odd(stack, tuple(units), (), settings)
-    shrunk = shrink(stack, found, settings)
+    shrunk = shrink(stacked(robust(units, settings.most_drawn)), found, settings)
     true = {unit.name: unit.values for unit in truth.units}
     ordinary = np.array([unit.unit not in truth.odd for unit in units])
     for k, symbol in enumerate(found.symbols):

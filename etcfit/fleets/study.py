@@ -102,9 +102,9 @@ def study(
         settings: all that it decides by.
     """
     units = results.fitted
-    stack = stacked(robust(units, settings))
+    stack = stacked(robust(units, settings.most_widening))
     found, odd = without_odd(stack, units, config.shared, settings)
-    shrunk = shrink(stack, found, settings)
+    shrunk = shrink(stacked(robust(units, settings.most_drawn)), found, settings)
     series = _series(stack, found, settings)
     seen = {symbol: _over_all(each, stack.units) for symbol, each in series.items()}
     model = units_as_models(rig, units, shrunk)

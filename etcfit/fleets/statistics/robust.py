@@ -17,19 +17,18 @@ from dataclasses import replace
 import numpy as np
 
 from ..unit import UnitEstimate, UnitResult
-from .settings import DEFAULT, FleetSettings
 
 
-def robust(units: Sequence[UnitResult], settings: FleetSettings = DEFAULT) -> list[UnitEstimate]:
+def robust(units: Sequence[UnitResult], most: float) -> list[UnitEstimate]:
     """Each unit's own estimate, with an information that is robust.
 
     Args:
         units: fitted.
-        settings: `most_widening`.
+        most: by how much a standard error is widened at most, times that of the middle unit.
     """
     symbols = {symbol for unit in units for symbol in unit.own.symbols}
     middle = {s: float(np.median([u.widening.get(s, 1.0) for u in units if s in u.own.symbols])) for s in symbols}
-    return [_widened(unit, middle, settings.most_widening) for unit in units]
+    return [_widened(unit, middle, most) for unit in units]
 
 
 def _widened(unit: UnitResult, middle: dict[str, float], most: float) -> UnitEstimate:

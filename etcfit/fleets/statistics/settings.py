@@ -89,7 +89,10 @@ class FleetSettings:
         odd: units unlike the others.
         charts: control charts and drift.
         effect_rate: of units falsely said to have an effect, among those said to have it.
-        most_widening: of a unit's standard errors by what its own traces say, times that of the fleet's middle unit.
+        most_widening: of a unit's standard errors by what its own traces say, times that of the fleet's middle unit,
+            where it tells of the population: one unit that is too sure harms it.
+        most_drawn: the same where the population tells of the unit: one that is not sure enough of itself is drawn to
+            the mean and away from its own value.
     """
 
     population: PopulationSettings = PopulationSettings()
@@ -97,6 +100,7 @@ class FleetSettings:
     charts: ChartSettings = ChartSettings()
     effect_rate: float = real(0.01, above=0.0, below=1.0)
     most_widening: float = real(3.0, 1.0, 1e6)
+    most_drawn: float = real(2.0, 1.0, 1e6)
 
     __post_init__ = check_ranges
 
