@@ -54,10 +54,10 @@ def keep_compiled_in(folder: Path | None) -> None:
 
 def use_compilation_cache() -> Path:
     """Keep compiled programs between runs of the command (folder from ETCFIT_CACHE, else the user's cache)."""
-    default = Path(os.environ.get("XDG_CACHE_HOME", Path.home() / ".cache")) / "etcfit"
-    folder = Path(os.environ.get("ETCFIT_CACHE", default)) / "compiled"
-    keep_compiled_in(folder)
-    return folder
+    given = os.environ.get("ETCFIT_CACHE")
+    root = Path(given) if given else Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "etcfit"
+    keep_compiled_in(root / "compiled")
+    return root / "compiled"
 
 
 def compiled_folder() -> Path | None:

@@ -27,9 +27,8 @@ if importlib.util.find_spec("jaxtyping") and importlib.util.find_spec("beartype"
 
 
 def pytest_configure(config: pytest.Config) -> None:
-    """What a test compiles goes neither into nor out of the user's own cache; the other process and the next run find
-    it in pytest's (`--cache-clear` forgets it). JAX compares program, compiler and flags before it believes an entry.
-    """
+    """What a test compiles goes neither into nor out of the user's own folder; the other process and the next run find
+    it in pytest's (`--cache-clear` forgets it), as long as no file of the package and no flag has changed."""
     assert config.cache is not None
     os.environ["ETCFIT_CACHE"] = str(config.cache.mkdir("etcfit"))
     if importlib.util.find_spec("jax"):
@@ -43,7 +42,7 @@ _MAPPINGS = Path("/proc/self/maps")  # a line each; Linux alone has it, and Linu
 
 def pytest_runtest_logfinish() -> None:
     """Let go of what was compiled once that is much: kept, it came to 5 GB and to a segmentation fault. What a later
-    test needs again comes from the compilation cache."""
+    test needs again comes from the disk."""
     if _MAPPINGS.exists() and len(_MAPPINGS.read_bytes().splitlines()) > 12_000:
         from etcfit.problem.program import forget
 

@@ -68,7 +68,8 @@ def disagreement(split: Split) -> float:
     z = others.T @ split.others.score - own.T @ split.own.score
     spread = own.T @ split.own.spread @ own + others.T @ split.others.spread @ others
     t2 = float(z @ np.linalg.solve(spread, z))
-    return float(np.log(fdtrc(count, freedom, t2 * freedom / ((freedom + count - 1.0) * count))))
+    with np.errstate(divide="ignore"):  # log 0 where no double is small enough
+        return float(np.log(fdtrc(count, freedom, max(t2, 0.0) * freedom / ((freedom + count - 1.0) * count))))
 
 
 def parted(

@@ -14,12 +14,14 @@ the process, as with JAX's own cache.
 from __future__ import annotations
 
 import hashlib
+import itertools
 import os
 import pickle
 import platform
 import sys
+import time
 import warnings
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
 from functools import cache
@@ -35,9 +37,10 @@ from ..backend import compiled_folder
 from ..files import whole
 from .spelling import UnspeakableError, constant, shape
 
-MOST_BYTES = 1 << 30  # of all programs kept; those that were not used for longest go first
+MOST_BYTES = 1 << 30  # of all programs kept, or little more; those that were not used for longest go first
+_TIDIED_AFTER = 50  # programs written
+_WRITTEN = itertools.count()
 _PACKAGES = ("jax", "jaxlib", "equinox", "lineax", "optimistix")
-_CONFIG = ("jax_enable_x64", "jax_default_matmul_precision", "jax_numpy_dtype_promotion", "jax_debug_nans")
 
 
 def digest_asked(fixed: Sequence[Any], given: Sequence[Any]) -> str | None:
@@ -47,13 +50,13 @@ def digest_asked(fixed: Sequence[Any], given: Sequence[Any]) -> str | None:
         fixed: what it is compiled for: function, options of the compiler, constant arguments.
         given: the other arguments.
     """
-    if compiled_folder() is None:
+    if compiled_folder() is None or not _is_what_runs():
         return None
     try:
         text = (*map(constant, fixed), *map(shape, given))
     except UnspeakableError:
         return None
-    return _digest(_source(), *text)
+    return _digest(_SOURCE, _machine(), *text)
 
 
 def find(asked: str, arguments: Sequence[Any]) -> Any | None:
@@ -65,21 +68,27 @@ def find(asked: str, arguments: Sequence[Any]) -> Any | None:
     """
     try:
         name = (_folder("asked") / asked).read_text(encoding="ascii")
-    except OSError:
+        return _load(name, jax.tree.structure((tuple(arguments), {})))
+    except (OSError, ValueError):  # not there, or torn
         return None
-    return _load(name, arguments)
 
 
 def compiled(asked: str, lowered: Any, arguments: Sequence[Any], options: Any) -> Any:
     """What was lowered, compiled or found by its text, and kept for whoever asks next."""
     name = _digest(_machine(), _text(lowered), str(lowered.in_tree), str(lowered.out_tree), constant(options))
-    program = _load(name, arguments)
-    if program is None:
-        program = lowered.compile()
-        _writing().submit(_keep, name, program, arguments, asked)
-    else:
-        _writing().submit(_note, asked, name)
+    tree = jax.tree.structure((tuple(arguments), {}))
+    program = _load(name, tree)
+    if program is not None and program.out_tree == lowered.out_tree:
+        _later(_note, asked, name)
+        return program
+    program = lowered.compile()
+    _later(_keep, name, program, tree, asked)
     return program
+
+
+def _later(work: Callable[..., None], *args: Any) -> None:
+    with suppress(RuntimeError):  # the interpreter is about to end
+        _writing().submit(work, *args)
 
 
 def finish_writing() -> None:
@@ -102,22 +111,35 @@ def _folder(name: str) -> Path:
     return folder / name
 
 
-@cache
-def _source() -> str:
-    """Of every file of the package, and of all that the machine's programs depend on."""
-    root, out = Path(__file__).resolve().parents[1], hashlib.sha256()
-    for file in sorted(root.rglob("*.py")):
-        out.update(file.relative_to(root).as_posix().encode() + b"\0" + file.read_bytes())
-    return out.hexdigest() + _machine()
+def _hashed() -> str:
+    """Of every file of the package; "" where it has none, as in an archive."""
+    files, out = sorted(_ROOT.rglob("*.py")), hashlib.sha256()
+    for file in files:
+        out.update(file.relative_to(_ROOT).as_posix().encode() + b"\0" + file.read_bytes())
+    return out.hexdigest() if files else ""
 
 
-@cache
+_ROOT = Path(__file__).resolve().parents[1]
+_SOURCE, _SINCE = _hashed(), time.time()  # when this is imported: what is changed later is not what runs
+
+
+def _is_what_runs() -> bool:
+    """Whether the package on disk still is what was imported."""
+    return bool(_SOURCE) and all(file.stat().st_mtime < _SINCE for file in _ROOT.rglob("*.py"))
+
+
 def _machine() -> str:
-    """Compiler, its flags, and the processor that it compiles for."""
-    config = [f"{name}={getattr(jax.config, name, None)}" for name in _CONFIG]
-    device = jax.devices()[0]
-    return "\n".join([sys.version, *(f"{name} {version(name)}" for name in _PACKAGES), *config,
-                      os.environ.get("XLA_FLAGS", ""), device.platform, device.device_kind, _processor()])  # fmt: skip
+    """Compiler, its flags and JAX's, and the processor that is compiled for."""
+    settings: dict[str, Any] = getattr(jax.config, "values", {})
+    config = [f"{name}={value}" for name, value in sorted(settings.items()) if "cache" not in name]
+    return "\n".join([_versions(), *config, os.environ.get("XLA_FLAGS", ""), os.environ.get("EQX_ON_ERROR", "")])
+
+
+@cache
+def _versions() -> str:
+    devices = jax.devices()
+    return "\n".join([sys.version, *(f"{name} {version(name)}" for name in _PACKAGES), devices[0].platform,
+                      devices[0].device_kind, f"{len(devices)} devices", _processor()])  # fmt: skip
 
 
 def _processor() -> str:
@@ -129,21 +151,25 @@ def _processor() -> str:
     return f"{platform.machine()} {platform.processor()}"
 
 
-def _load(name: str, arguments: Sequence[Any]) -> Any | None:
+def _load(name: str, tree: Any) -> Any | None:
+    """The program of that name, of arguments of that structure; None where it is not there or is none."""
     path = _folder("programs") / name
     try:
         packed = path.read_bytes()
-        os.utime(path)  # used: the last to go
     except OSError:
         return None
+    with suppress(OSError):
+        os.utime(path)  # used: the last to go
     _begin_lapack()
     try:
         executable, out_tree = pickle.loads(packed)
-        tree = jax.tree.structure((tuple(arguments), {}))
-        return serialize_executable.deserialize_and_load(executable, tree, out_tree)
+        return serialize_executable.deserialize_and_load(
+            executable, tree, out_tree, execution_devices=jax.devices()[:1]
+        )
     except Exception as error:  # whatever is wrong with it, it is made anew
+        with suppress(OSError):
+            path.unlink()
         _say_once(f"a compiled model in {path.parent} cannot be used and is compiled again: {error}")
-        path.unlink(missing_ok=True)
         return None
 
 
@@ -165,26 +191,22 @@ def _writing() -> ThreadPoolExecutor:
     return ThreadPoolExecutor(1, "etcfit writing")
 
 
-def _keep(name: str, program: Any, arguments: Sequence[Any], asked: str) -> None:
+def _keep(name: str, program: Any, tree: Any, asked: str) -> None:
     """A full disk, or a tree that cannot be pickled, keep nothing and cost nothing else."""
     with suppress(OSError, pickle.PicklingError, TypeError, AttributeError, ValueError, NotImplementedError):
         executable, in_tree, out_tree = serialize_executable.serialize(program)
-        if in_tree != jax.tree.structure((tuple(arguments), {})):
+        if in_tree != tree:
             return
         with whole(_folder("programs") / name) as draft:
             draft.write_bytes(pickle.dumps((executable, out_tree)))
         _note(asked, name)
-        _tidy_once()
+        if next(_WRITTEN) % _TIDIED_AFTER == 0:
+            tidy()
 
 
 def _note(asked: str, name: str) -> None:
     with suppress(OSError), whole(_folder("asked") / asked) as draft:
         draft.write_text(name, encoding="ascii")
-
-
-@cache
-def _tidy_once() -> None:
-    tidy()
 
 
 def tidy(most: int = MOST_BYTES) -> None:

@@ -27,7 +27,7 @@ def constant(value: Any) -> str:
     """A hashable argument that a program is compiled for, to the last digit.
 
     Raises:
-        UnspeakableError: a function without a name, an array, an object of a class that is not frozen data.
+        UnspeakableError: a function without a name, an array, an object that is no dataclass.
     """
     match value:
         case None | bool() | int() | float() | str() | bytes():
@@ -62,7 +62,7 @@ def shape(value: Any) -> str:
             return type(value).__name__
         case list() | tuple():
             return constant(type(value)) + _joined(shape, value)
-        case dict():
+        case dict() if type(value) is dict:  # JAX orders the entries of others otherwise
             return "dict" + ",".join(f"{constant(key)}: {shape(each)}" for key, each in value.items()) + ";"
         case eqx.Module():
             static = {f.name for f in dataclasses.fields(value) if f.metadata.get("static")}
@@ -92,6 +92,7 @@ def _named(value: Any) -> str:
 
 
 def _class(value: type) -> str:
+    """By its name; one that was made while running by its bases and what it was given, names with `_` left out."""
     try:
         return f"class {_named(value)}"
     except UnspeakableError:

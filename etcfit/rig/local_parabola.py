@@ -33,7 +33,7 @@ def slope(y: Float[np.ndarray, " n"], window: int, step: float) -> Float[np.ndar
 def _read_off(
     y: np.ndarray, window: int, at: Callable[[np.ndarray, np.ndarray], np.ndarray]
 ) -> Float[np.ndarray, " n"]:
-    """Args: at: what is asked for, of coefficients (3, ...) at places k in the window."""
+    """`at` of coefficients (3, ...) and places k: in the middle of each window, and all along the first and last."""
     half = window // 2
     k = np.arange(-half, half + 1.0)
     fit = np.linalg.pinv(np.vander(k, 3, increasing=True))

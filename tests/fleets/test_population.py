@@ -199,6 +199,18 @@ def test_intervals_hold_what_they_state_with_a_dozen_units(weak: float) -> None:
     assert low <= found.sd <= high
 
 
+@pytest.mark.parametrize("errors", [0.5, 1.0])
+@pytest.mark.parametrize(("of_errors", "of_units"), [(0.95, 0.8), (0.95, -0.8), (-0.7, 0.5)])
+def test_correlated_errors_bias_no_spread(errors: float, of_errors: float, of_units: float) -> None:
+    rng, units = np.random.default_rng(3), 2000
+    between, own = ((1.0 - r) * np.eye(2) + r for r in (of_units, of_errors))
+    drawn = rng.multivariate_normal(np.zeros(2), between + errors**2 * own, units) + 5.0
+    information = np.broadcast_to(np.linalg.inv(errors**2 * own), (units, 2, 2)).copy()
+    found = population(Stack(tuple(map(str, range(units))), ("a", "b"), drawn, information), settings=NO_PROFILES)
+    np.testing.assert_allclose(found.sd, 1.0, atol=0.07)
+    assert found.correlation[0, 1] == pytest.approx(of_units, abs=0.1)
+
+
 @pytest.mark.slow
 def test_many_symbols_of_few_units_keep_their_spread() -> None:
     fleets = 40  # the prior of 28 correlations, estimated beside the spreads, took a tenth off every one of them

@@ -6,9 +6,9 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from fleet_works import result_of
 
 from etcfit.fleets.statistics.robust import robust
+from fleet_works import result_of
 
 WIDENED = (1.0, 1.5, 1.5, 2.0, 40.0)  # the middle unit's is 1.5
 

@@ -51,6 +51,14 @@ def test_the_next_process_traces_nothing_and_finds_the_same_digits(tmp_path: Pat
     assert other[0] == "1"  # told otherwise, XLA compiles otherwise
 
 
+def test_two_devices_and_a_read_only_folder_are_no_matter(tmp_path: Path) -> None:
+    several = {"XLA_FLAGS": "--xla_force_host_platform_device_count=2"}
+    (_, *digits), _ = worked(tmp_path, **several)
+    for file in tmp_path.rglob("*"):
+        file.chmod(0o555)
+    assert worked(tmp_path, **several)[0] == ["0", *digits]
+
+
 def test_what_cannot_be_loaded_is_made_anew_and_said_once(tmp_path: Path) -> None:
     _, *digits = worked(tmp_path)[0]
     for file in (tmp_path / "compiled" / "programs").iterdir():
@@ -59,6 +67,25 @@ def test_what_cannot_be_loaded_is_made_anew_and_said_once(tmp_path: Path) -> Non
     assert again == ["1", *digits]
     assert said.count("UserWarning") == 1
     assert worked(tmp_path)[0] == ["0", *digits]
+    for torn in (b"\0" * 40, b"\xff" * 40):
+        for file in (tmp_path / "compiled" / "asked").iterdir():
+            file.write_bytes(torn)
+        assert worked(tmp_path)[0] == ["1", *digits]
+
+
+@pytest.mark.usefixtures("kept")
+def test_a_source_that_was_changed_after_it_was_imported_is_not_what_runs() -> None:
+    fixed, given = (executables.digest_asked, {}), (np.ones(3),)
+    asked = executables.digest_asked(fixed, given)
+    assert asked is not None
+    assert asked == executables.digest_asked(fixed, (np.zeros(3),)) != executables.digest_asked(fixed, (1.0,))
+    touched = Path(executables.__file__).stat().st_mtime
+    try:
+        os.utime(executables.__file__)
+        assert executables.digest_asked(fixed, given) is None
+    finally:
+        os.utime(executables.__file__, (touched, touched))
+    assert executables.digest_asked(fixed, given) == asked
 
 
 @pytest.fixture

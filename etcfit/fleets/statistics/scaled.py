@@ -8,7 +8,7 @@ direction without information takes part with weight nought, and a strong one lo
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Bool, Float
@@ -48,6 +48,16 @@ class Scaled:
         """Those units alone, in the same scale."""
         arrays = (self.root[kept], self.x[kept], self.rank[kept], self.tells[kept], self.variance[kept])
         return Scaled(self.stack.only(kept), self.centre, self.scale, *arrays, self.spread)
+
+    @property
+    def marginal(self) -> Scaled:
+        """Each symbol of each unit for itself: known to the variance that it has when nothing is known of the others.
+
+        Itself, where fewer than two units tell some symbol alone: then symbols are told only together.
+        """
+        if np.any(self.tells.sum(axis=0) < 2):
+            return self
+        return replace(self, root=np.eye(self.x.shape[1]) / np.sqrt(self.variance)[:, None, :])
 
 
 def scaled(stack: Stack, null: float) -> Scaled:

@@ -1,13 +1,13 @@
 """Intervals of the standard deviations between units.
 
-    { d : min over all else of -2 log L(d) <= its least value + cut(d) }
+    { d : -2 log L(d) <= its least value + cut(d) }
 
 A profile of the restricted likelihood: lop-sided as it must be for few units, with 0 inside where the data do not
 show that units differ at all. Far from 0 the cut is the quantile of chi2, 3.84. Near 0 the least value is held at 0
 half of the time, the likelihood ratio is smaller, and 3.84 would hold 97.5 % and more; there the cut is that of a
 normal variance with a bound (2.71 at 0), as Feldman and Cousins 1998 (Phys. Rev. D 57, sec. IV B) order it. Where a
-standard deviation is known to a few percent the curvature says the same: d exp(+- z stderr / d). Symbols are taken as
-uncorrelated, as where the standard deviations themselves are estimated (`population`).
+standard deviation is known to a few percent the curvature says the same: d exp(+- z stderr / d). Each symbol is
+taken for itself, as where the standard deviations themselves are estimated (`population`).
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ def spread_intervals(data: Scaled, best: Spread, settings: PopulationSettings) -
     size = len(best.d)
     if not size:
         return np.zeros((0, 2))
-    best = best.uncorrelated
+    data, best = data.marginal, best.uncorrelated
     stderr = _stderr(data, best)
     z = stats.norm.ppf(0.5 + 0.5 * settings.level)
     out = np.zeros((size, 2))
