@@ -69,8 +69,9 @@ class _Condensed(NamedTuple):
 
     @classmethod
     def sum_alone(cls, chi2: float, size: int) -> _Condensed:
-        """Of a point of which no slope is known: enough to reject it."""
-        return cls(np.append(np.zeros(size), np.sqrt(chi2)), np.zeros((size + 1, size)))
+        """Of a point of which no slope is known: enough to reject it; NaN where the sum is not finite."""
+        rest = np.sqrt(chi2) if np.isfinite(chi2) else np.nan
+        return cls(np.append(np.zeros(size), rest), np.zeros((size + 1, size)))
 
     @classmethod
     def of(cls, e: NormalEquations) -> _Condensed:
@@ -224,7 +225,8 @@ def minimise(
     def sum_alone(y: np.ndarray) -> float:
         at = x + scale * y
         prior, away = beside(at)
-        return (problem.chi2(at, weighted) + float(prior @ prior + away @ away)) / count
+        with np.errstate(over="ignore"):  # a simulation that runs away is rejected
+            return (problem.chi2(at, weighted) + float(prior @ prior + away @ away)) / count
 
     def equations(y: np.ndarray) -> NormalEquations:
         """In stretched coordinates, over the number of samples, with the priors and the anchor."""

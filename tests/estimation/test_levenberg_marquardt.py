@@ -71,12 +71,16 @@ def test_slopes_are_asked_for_only_where_a_step_is_taken() -> None:
     assert slopes == sorted(slopes, reverse=True)
 
 
-def test_a_point_of_finite_sum_without_finite_slopes_is_not_taken() -> None:
-    def equations(y: np.ndarray) -> NormalEquations:
-        slope = 60.0 * (30.0 * y[0] - 30.0) if y[0] < 0.9 else np.nan
-        return NormalEquations((30.0 * y[0] - 30.0) ** 2, np.array([slope / 2.0]), np.array([[900.0]]))
+@pytest.mark.parametrize("failed", [np.inf, np.nan, None], ids=["infinite", "nan", "finite"])
+def test_a_point_without_finite_slopes_is_not_taken_whatever_its_sum(failed: float | None) -> None:
+    def chi2(y: np.ndarray) -> float:
+        return (30.0 * y[0] - 30.0) ** 2 if y[0] < 0.9 or failed is None else failed
 
-    y, _ = least_squares(equations, lambda y: (30.0 * y[0] - 30.0) ** 2, np.array([0.0]), 1e-9, 20)
+    def equations(y: np.ndarray) -> NormalEquations:
+        slope = 30.0 * (30.0 * y[0] - 30.0) if y[0] < 0.9 else np.nan
+        return NormalEquations(chi2(y), np.array([slope]), np.array([[900.0]]))
+
+    y, _ = least_squares(equations, chi2, np.array([0.0]), 1e-9, 20)
     assert 0.0 < y[0] < 0.9
 
 
