@@ -164,6 +164,7 @@ def test_a_worker_uses_one_core(workers: Crew, counts: Path, tmp_path: Path) -> 
 
 
 CLIENT = """
+import signal
 import sys
 from pathlib import Path
 from fleet_works import CountingWork, Sleeps
@@ -171,6 +172,7 @@ from etcfit.fleets.engine.cluster import LocalWorkers, crew
 from etcfit.fleets.engine.run import run_units
 from etcfit.fleets.engine.store import Store
 if __name__ == "__main__":
+    signal.signal(signal.SIGINT, signal.default_int_handler)  # a shell ignores it for what it starts with &
     units = [f"u{k:04d}" for k in range(int(sys.argv[3]))]
     counts, parts = Path(sys.argv[1]), Path(sys.argv[2])
     with crew(LocalWorkers(2)) as workers, Store(parts) as store:

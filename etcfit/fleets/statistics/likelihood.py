@@ -96,7 +96,9 @@ def slope(at: Weighed, spread: Spread, prior: float) -> tuple[np.ndarray, np.nda
     return gradient, 0.5 * (hessian + hessian.T)
 
 
-def maximised(data: Scaled, start: Spread, settings: PopulationSettings, held: Bool[np.ndarray, " K"]) -> Spread:
+def maximised(
+    data: Scaled, start: Spread, settings: PopulationSettings, held: Bool[np.ndarray, " K"], prior: float = 0.0
+) -> Spread:
     """The covariance of highest restricted likelihood: quasi-Newton in coordinates whose expected Hessian is one.
 
     With many units the expected Hessian is the true one, and a step or two is enough; with few, BFGS learns the rest.
@@ -104,12 +106,12 @@ def maximised(data: Scaled, start: Spread, settings: PopulationSettings, held: B
     Args:
         data: units.
         start: with d > 0 in what shall move: at nought the slope is always nought.
-        settings: steps, tolerance, prior.
+        settings: steps, tolerance.
         held: entries of (d, a) that stay.
+        prior: of the correlations, units' worth.
     """
     if np.all(held):
         return start
-    prior = settings.uncorrelated * len(start.d)
     free, origin = np.flatnonzero(~held), start.vector
     _, hessian = slope(weigh(data, start, prior), start, prior)
     h = hessian[np.ix_(free, free)]

@@ -18,6 +18,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
@@ -30,6 +31,7 @@ from .scaled import Scaled, scaled
 from .settings import DEFAULT, FleetSettings, PopulationSettings
 from .spread import Spread
 from .spread_interval import spread_intervals
+from .spread_view import spread_view
 from .stack import Stack
 
 FEW = 4  # units with fewer of which none can be called odd
@@ -102,10 +104,21 @@ def population(stack: Stack, shared: Sequence[str] = (), settings: FleetSettings
         raise ValueError("no symbol is told by the fleet's data: nothing to make a population of.")
     own = np.array([s not in shared for s in left.symbols])
     data = scaled(left, settings.population.null)
-    spread, kept, _ = _without_odd(data, own, settings)
-    spread = _zeroed(data.only(kept), spread, settings.population)
+    spread, kept = _without_odd(data, own, settings)
     uninformed = tuple(s for s in stack.symbols if s not in left.symbols)
     return _in_si(data, spread, kept, uninformed, settings.population)
+
+
+class Estimated(NamedTuple):
+    """A spread.
+
+    Args:
+        own: as its standard deviations were estimated, with next to no prior of the correlations.
+        whole: the same standard deviations, and correlations with their prior.
+    """
+
+    own: Spread
+    whole: Spread
 
 
 def told(stack: Stack, shared: Sequence[str], null: float) -> Stack:
@@ -123,8 +136,8 @@ def told(stack: Stack, shared: Sequence[str], null: float) -> Stack:
     return stack.marginal(good)
 
 
-def _without_odd(data: Scaled, own: np.ndarray, settings: FleetSettings) -> tuple[Spread, np.ndarray, Distances]:
-    """The spread among the ordinary units, which they are, and how far each is."""
+def _without_odd(data: Scaled, own: np.ndarray, settings: FleetSettings) -> tuple[Estimated, np.ndarray]:
+    """The spread among the ordinary units, and which they are."""
     all_units = np.ones(len(data.x), dtype=bool)
     size = int(own.sum())
     robust = np.where(own, data.spread, 0.0)
@@ -134,26 +147,29 @@ def _without_odd(data: Scaled, own: np.ndarray, settings: FleetSettings) -> tupl
     start = Spread(own, np.maximum(data.spread[own], 0.1), np.zeros(size * (size - 1) // 2))
     for _ in range(settings.population.rounds):
         part = data.only(kept)
-        spread = _estimated(part, start, settings.population)
+        found_now = _estimated(part, start, settings.population)
+        spread = found_now.whole
         at = weigh(part, spread, 0.0)
         far = distances(data, at.mean, spread.covariance, at.mean_covariance, kept, settings.odd)
         again = _ordinary(far, settings) if len(data.x) >= FEW else all_units
         if np.array_equal(again, kept):
             break
         kept, start = again, spread.at(np.concatenate([np.maximum(spread.d, 0.1), spread.a]))
-    return spread, kept, far
+    return found_now, kept
 
 
-def _estimated(data: Scaled, start: Spread, settings: PopulationSettings) -> Spread:
-    """Standard deviations of each symbol for itself, then the correlations with these held.
+def _estimated(data: Scaled, start: Spread, settings: PopulationSettings) -> Estimated:
+    """Standard deviations with next to no prior of the correlations, then the correlations with these held.
 
     Both at once would let the prior of the correlations, which draws them towards nought, draw on the standard
-    deviations too: 20 units of 8 symbols came out with 9 % less spread than they were drawn with. A symbol for itself
-    has marginal errors: those of a unit are correlated, and weighed as such against uncorrelated spreads they bias.
+    deviations too: 20 units of 8 symbols came out with 9 % less spread than they were drawn with.
     """
-    correlations = np.arange(len(start.vector)) >= len(start.d)
-    alone = maximised(data.marginal, start.uncorrelated, settings, correlations)
-    return maximised(data, alone.at(np.concatenate([alone.d, start.a])), settings, ~correlations)
+    view, moving, little = spread_view(data, start, settings)
+    own = _zeroed(view, maximised(view, moving.start, settings, moving.held, little), little)
+    correlations = np.arange(len(start.vector)) < len(start.d)
+    first = own.at(np.concatenate([own.d, start.a]))
+    prior = settings.uncorrelated * len(start.d)
+    return Estimated(own, maximised(data, first, settings, correlations, prior))
 
 
 def _ordinary(far: Distances, settings: FleetSettings) -> np.ndarray:
@@ -166,28 +182,28 @@ def _ordinary(far: Distances, settings: FleetSettings) -> np.ndarray:
     return out
 
 
-def _zeroed(data: Scaled, spread: Spread, settings: PopulationSettings) -> Spread:
-    """Standard deviations that the likelihood of each symbol does not tell from nought are nought."""
-    data, alone = data.marginal, spread.uncorrelated
-    value = weigh(data, alone, 0.0).value
+def _zeroed(data: Scaled, spread: Spread, prior: float) -> Spread:
+    """Standard deviations that the likelihood does not tell from nought are nought."""
+    value = weigh(data, spread, prior).value
     for j in np.argsort(spread.d):
-        vector = alone.vector.copy()
+        vector = spread.vector.copy()
         vector[j] = 0.0
-        tried = alone.at(vector)
-        if (there := weigh(data, tried, 0.0).value) > value + 1e-3:
+        tried = spread.at(vector)
+        if (there := weigh(data, tried, prior).value) > value + 1e-3:
             break
-        alone, value = tried, there
-    return spread.at(np.concatenate([alone.d, spread.a]))
+        spread, value = tried, there
+    return spread
 
 
 def _in_si(
-    data: Scaled, spread: Spread, kept: np.ndarray, uninformed: tuple[str, ...], settings: PopulationSettings
+    data: Scaled, found: Estimated, kept: np.ndarray, uninformed: tuple[str, ...], settings: PopulationSettings
 ) -> Population:
+    spread = found.whole
     part, scale, symbols = data.only(kept), data.scale, data.stack.symbols
     at: Weighed = weigh(part, spread, 0.0)
     stderr, degrees, interval = mean_intervals(at, settings.level)
     bounds = np.full((len(symbols), 2), np.nan)
-    bounds[spread.own] = spread_intervals(part, spread, settings)
+    bounds[spread.own] = spread_intervals(part, found.own, settings)
     two = scale[:, None] * scale[None, :]
     return Population(
         symbols,

@@ -51,12 +51,7 @@ class Scaled:
 
     @property
     def marginal(self) -> Scaled:
-        """Each symbol of each unit for itself: known to the variance that it has when nothing is known of the others.
-
-        Itself, where fewer than two units tell some symbol alone: then symbols are told only together.
-        """
-        if np.any(self.tells.sum(axis=0) < 2):
-            return self
+        """Each symbol of each unit for itself, known to its variance when nothing is known of the others."""
         return replace(self, root=np.eye(self.x.shape[1]) / np.sqrt(self.variance)[:, None, :])
 
 

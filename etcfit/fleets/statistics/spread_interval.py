@@ -1,13 +1,13 @@
 """Intervals of the standard deviations between units.
 
-    { d : -2 log L(d) <= its least value + cut(d) }
+    { d : min over all else of -2 log L(d) <= its least value + cut(d) }
 
 A profile of the restricted likelihood: lop-sided as it must be for few units, with 0 inside where the data do not
 show that units differ at all. Far from 0 the cut is the quantile of chi2, 3.84. Near 0 the least value is held at 0
 half of the time, the likelihood ratio is smaller, and 3.84 would hold 97.5 % and more; there the cut is that of a
 normal variance with a bound (2.71 at 0), as Feldman and Cousins 1998 (Phys. Rev. D 57, sec. IV B) order it. Where a
-standard deviation is known to a few percent the curvature says the same: d exp(+- z stderr / d). Each symbol is
-taken for itself, as where the standard deviations themselves are estimated (`population`).
+standard deviation is known to a few percent the curvature says the same: d exp(+- z stderr / d). Symbols are
+looked at as where the standard deviations themselves are estimated (`spread_view`).
 """
 
 from __future__ import annotations
@@ -20,6 +20,7 @@ from .likelihood import maximised, slope, weigh
 from .scaled import Scaled
 from .settings import PopulationSettings
 from .spread import Spread
+from .spread_view import View, spread_view
 
 FAR = 1e4  # times its estimate, or the scale: a bound beyond is none
 
@@ -29,47 +30,50 @@ def spread_intervals(data: Scaled, best: Spread, settings: PopulationSettings) -
     size = len(best.d)
     if not size:
         return np.zeros((0, 2))
-    data, best = data.marginal, best.uncorrelated
-    stderr = _stderr(data, best)
+    view = spread_view(data, best, settings)
+    best = view.moving.start
+    stderr = _stderr(view, best)
     z = stats.norm.ppf(0.5 + 0.5 * settings.level)
     out = np.zeros((size, 2))
     for j, (d, error) in enumerate(zip(best.d, stderr, strict=True)):
         if d > 0.0 and error < settings.wald * d:
             out[j] = d * np.exp(np.array([-z, z]) * error / d)
         else:
-            out[j] = _Profile(data, best, j, settings).bounds(float(error))
+            out[j] = _Profile(view, best, j, settings).bounds(float(error))
     return out
 
 
-def _stderr(data: Scaled, at: Spread) -> np.ndarray:
+def _stderr(view: View, at: Spread) -> np.ndarray:
     """Of each standard deviation if these were the truth, from the expected curvature, scaled, shape (Q,)."""
     size = len(at.d)
-    hessian = slope(weigh(data, at, 0.0), at, 0.0)[1][:size, :size]
+    free = ~view.moving.held
+    hessian = slope(weigh(view.data, at, view.prior), at, view.prior)[1][np.ix_(free, free)]
     tiny = 1e-12 * (1.0 + np.max(np.diag(hessian)))
-    return np.sqrt(2.0 * np.maximum(np.diag(np.linalg.inv(hessian + tiny * np.eye(size))), 0.0))
+    inverse = np.linalg.inv(hessian + tiny * np.eye(len(hessian)))
+    return np.sqrt(2.0 * np.maximum(np.diag(inverse)[:size], 0.0))
 
 
 class _Profile:
     """-2 log L over one standard deviation, less its least value and the quantile: zero at the bounds."""
 
-    def __init__(self, data: Scaled, best: Spread, j: int, settings: PopulationSettings) -> None:
-        self.data, self.best, self.j, self.settings = data, best, j, settings
-        self.least = weigh(data, best, 0.0).value
-        self.held = np.arange(len(best.vector)) >= len(best.d)
+    def __init__(self, view: View, best: Spread, j: int, settings: PopulationSettings) -> None:
+        self.view, self.best, self.j, self.settings = view, best, j, settings
+        self.least = weigh(view.data, best, view.prior).value
+        self.held = view.moving.held.copy()
         self.held[j] = True
 
     def __call__(self, d: float) -> float:
         start = self.best.vector.copy()
         start[: len(self.best.d)] = np.maximum(start[: len(self.best.d)], 1e-3)
         start[self.j] = d
-        there = maximised(self.data, self.best.at(start), self.settings, self.held)
-        at = weigh(self.data, there, 0.0)
+        there = maximised(self.view.data, self.best.at(start), self.settings, self.held, self.view.prior)
+        at = weigh(self.view.data, there, self.view.prior)
         return at.value - self.least - cut(self.over_stderr(there), self.settings.level)
 
     def over_stderr(self, there: Spread) -> float:
         """d^2 over its standard error if d were the truth: d / (2 stderr of d)."""
         d = float(there.d[self.j])
-        return d / (2.0 * max(float(_stderr(self.data, there)[self.j]), 1e-150)) if d > 0.0 else 0.0
+        return d / (2.0 * max(float(_stderr(self.view, there)[self.j]), 1e-150)) if d > 0.0 else 0.0
 
     def bounds(self, error: float) -> tuple[float, float]:
         d = float(self.best.d[self.j])
