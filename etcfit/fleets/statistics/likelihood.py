@@ -7,7 +7,7 @@
 
 The last term makes it restricted (REML): the spread is not estimated low because the mean was taken from the same few
 units. A prior of nu uncorrelated units' worth, -nu log|R| of the correlation matrix R, keeps correlations off +-1 where
-units are few, and is lost in the data where they are many. Standard deviations are estimated without it (`population`).
+units are few, and is lost in the data where they are many. What standard deviations take of it says `spread_view`.
 
 Source: Laird and Ware 1982 (Biometrics 38), eqs. 3.2-3.5; Harville 1977 (JASA 72). Differs from source: information
 instead of design matrices; the prior is that of Lewandowski, Kurowicka and Joe 2009; Fisher scoring instead of EM,

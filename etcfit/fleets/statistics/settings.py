@@ -15,6 +15,7 @@ class PopulationSettings:
         level: coverage that every interval of the population states.
         uncorrelated: how many uncorrelated units' worth the prior of the correlations weighs, for each symbol that
             differs between units; 0 for none, so that a dozen units of a dozen symbols have correlations of +-1.
+        enough: units for each symbol that differs from which on all standard deviations are estimated together.
         steps: quasi-Newton steps at most.
         tolerance: fall of minus twice the log likelihood still promised that ends them.
         wald: relative standard error of a standard deviation above which its interval is profiled.
@@ -25,6 +26,7 @@ class PopulationSettings:
 
     level: float = real(0.95, above=0.0, below=1.0)
     uncorrelated: float = real(1.0, 0.0, 1000.0)
+    enough: float = real(4.0, 0.0, 1e6)
     steps: int = whole(200, 1, 100_000)
     tolerance: float = real(1e-6, above=0.0, high=1.0)
     wald: float = real(0.05, 0.0, 10.0)

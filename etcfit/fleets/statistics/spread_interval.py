@@ -31,7 +31,7 @@ def spread_intervals(data: Scaled, best: Spread, settings: PopulationSettings) -
     if not size:
         return np.zeros((0, 2))
     view = spread_view(data, best, settings)
-    best = view.moving.start
+    best = view.start
     stderr = _stderr(view, best)
     z = stats.norm.ppf(0.5 + 0.5 * settings.level)
     out = np.zeros((size, 2))
@@ -46,7 +46,7 @@ def spread_intervals(data: Scaled, best: Spread, settings: PopulationSettings) -
 def _stderr(view: View, at: Spread) -> np.ndarray:
     """Of each standard deviation if these were the truth, from the expected curvature, scaled, shape (Q,)."""
     size = len(at.d)
-    free = ~view.moving.held
+    free = ~view.held
     hessian = slope(weigh(view.data, at, view.prior), at, view.prior)[1][np.ix_(free, free)]
     tiny = 1e-12 * (1.0 + np.max(np.diag(hessian)))
     inverse = np.linalg.inv(hessian + tiny * np.eye(len(hessian)))
@@ -59,7 +59,7 @@ class _Profile:
     def __init__(self, view: View, best: Spread, j: int, settings: PopulationSettings) -> None:
         self.view, self.best, self.j, self.settings = view, best, j, settings
         self.least = weigh(view.data, best, view.prior).value
-        self.held = view.moving.held.copy()
+        self.held = view.held.copy()
         self.held[j] = True
 
     def __call__(self, d: float) -> float:
