@@ -14,6 +14,8 @@ LEVELS = ("low", "medium", "high")
 # forty cases in a row, five times over; the levels of the five times
 BLOCK = ("clean",) * 6 + ("single",) * 21 + ("pair",) * 7 + ("outside",) * 6
 ORDER = tuple(BLOCK[k] for k in np.random.default_rng(0).permutation(len(BLOCK)))
+IN_SINCE = ("stiffening_spring",)  # once outside, now in etcfit's catalogue: one effect like any other ...
+SINCE = 10_000  # ... from this seed on: the first test set was of the program without it
 TURNS = ("medium", "low", "high", "medium", "high")
 
 
@@ -37,6 +39,8 @@ def case(seed: int) -> Case:
     effects = NONE
     for name, level in zip(names, strength, strict=True):
         effects = combine(effects, STRENGTHS[name][LEVELS.index(level)])
+    if kind == "outside" and names[0] in IN_SINCE and seed >= SINCE:
+        kind = "single"
     return Case(seed, kind, names, strength, effects, draw_truth(np.random.default_rng(seed), CONSISTENT))
 
 

@@ -34,8 +34,11 @@ def picture(records: Sequence[Record], path: Path) -> None:
 def _matrix(panel: Any, records: Sequence[Record]) -> None:
     from etcfit.reporting import style
 
-    rows, columns = ("clean", *CATALOGUE, *OUTSIDE), ("-", *CATALOGUE)
-    for (row, column), count in counted([r for r in records if is_clear(r)]).items():
+    rows = ("clean", *CATALOGUE, *OUTSIDE)
+    clear = counted([r for r in records if is_clear(r)])
+    others = sorted({column for _, column in clear} - {"-", *CATALOGUE})
+    columns = ("-", *CATALOGUE, *others)
+    for (row, column), count in clear.items():
         right = row == column or (column == "-" and row in ("clean", *OUTSIDE))
         missed = column == "-" and row in CATALOGUE
         colour = style.DRIVE if right else style.BAND if missed else style.SIMULATED

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 NEAR = 1.2  # held-out error over noise within which a model predicts what it has not seen
+LIKELY = 0.5  # probability above which a hypothesis is said to hold
 Record = dict[str, Any]
 
 
@@ -18,8 +19,8 @@ def tied(record: Record, name: str) -> set[str]:
 
 
 def first(record: Record) -> str:
-    """What was named first, "-" for nothing."""
-    return record["added"][0] if record["added"] else "-"
+    """What was named first, "-" for nothing; of an effect of the rig without its place."""
+    return record["added"][0].partition("[")[0] if record["added"] else "-"
 
 
 def is_first(record: Record) -> bool:
@@ -54,14 +55,21 @@ def wholly_found(record: Record) -> bool:
     return all(is_found(record, name) for name in record["names"])
 
 
+def says_unexplained(record: Record) -> bool:
+    """It says that something is left which has no name: by a curve, or, since it states probabilities, as likelier than
+    not, for what is left need not be a function of one quantity."""
+    curve = record["unexplained"] is not None
+    return curve or record.get("probabilities", {}).get("unexplained", 0.0) > LIKELY
+
+
 def is_silent(record: Record) -> bool:
     """Nothing named, nothing unexplained."""
-    return record["added"] == [] and record["unexplained"] is None
+    return record["added"] == [] and not says_unexplained(record)
 
 
 def is_open(record: Record) -> bool:
-    """Nothing named, but a curve without a name."""
-    return record["added"] == [] and record["unexplained"] is not None
+    """Nothing named, but called unexplained."""
+    return record["added"] == [] and says_unexplained(record)
 
 
 def is_clear(record: Record) -> bool:

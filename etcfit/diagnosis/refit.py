@@ -87,7 +87,7 @@ def refit_fully(s: CandidateModel, report: Report) -> CandidateModel:
     they do for a model that was near, before it is called far: one wrong stick spoils the rest of a free run, which a
     whitened residual forgives.
     """
-    problem = s.problem.reprepared(s.x)
+    problem = s.problem.reprepared(s.x).with_room_for(s.held_out, s.x)
     weighted = problem.weighted(weights.forgiving(problem))
     tolerance = s.settings.refit_tolerance
     x, _ = descend(problem, s.x, weighted, tolerance)

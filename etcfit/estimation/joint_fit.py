@@ -30,6 +30,7 @@ from .settings import FitSettings
 
 Report = Callable[[str, float], None]  # called with what is going on and the share of the work done, 0 to 1
 
+_SPARE = 1.06  # room for held-out traces over what they need at the start: at other values they need a few steps more
 MISFIT = FitSettings().misfit  # see there; the default, for whoever judges a fit by its JSON file alone
 
 
@@ -116,7 +117,8 @@ def fit(
     readings = read_graphs(rig)
     start = known.layout.off_bounds(known.layout.coordinates(start_values(known, readings)))
     report("choosing integration steps", 0.05)
-    problem = EstimationProblem.of(rig.config, known, fitted).refined(start).with_integrator_states(start)
+    problem = EstimationProblem.of(rig.config, known, fitted).refined(start).with_room_for(held_out, start, _SPARE)
+    problem = problem.with_integrator_states(start)
     problem.compile_ahead(start)
     near = None if about is None else _from_a_like_body(problem, start, about, settings)
     x, starts, misfit = near or _from_several_starts(problem, start, report, settings)

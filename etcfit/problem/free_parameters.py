@@ -21,6 +21,7 @@ from ..rig.base import Fixed, Prior, RigConfig, Start, Tied
 from .program import Program
 
 _FARTHEST = 1e9  # of a known value from the usual size, either way
+_NUMBERS = 32  # parameters, of which a multiple is asked for at a time
 SERIES = "series_ohm."  # prefix of a rig test's own circuit resistance
 
 
@@ -149,9 +150,10 @@ class Layout:
 
     def numbers(self, x: Float[np.ndarray, " P"]) -> tuple[Float[np.ndarray, " P"], Float[np.ndarray, " P"]]:
         """Values of the free parameters, SI, and their derivatives dvalue/dx, SI, at coordinates x; shape (P,) each."""
-        where = [self.form.index[s] for s in self.free]
-        value, slope = _numbers(self.form.kinds[where], self.form.scales[where], x)
-        return np.asarray(value), np.asarray(slope)
+        size, room = len(self.free), -len(self.free) % _NUMBERS  # few lengths, so that few are compiled
+        where = np.pad([self.form.index[s] for s in self.free], (0, room), constant_values=-1).astype(int)
+        value, slope = _numbers(self.form.kinds[where], self.form.scales[where], np.pad(x, (0, room)))
+        return np.asarray(value)[:size], np.asarray(slope)[:size]
 
     def coordinates(self, values: Mapping[str, float]) -> Float[np.ndarray, " P"]:
         """The coordinates x, shape (P,), of values in SI by symbol; a value on a bound is moved just inside it."""

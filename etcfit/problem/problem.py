@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import partial
@@ -19,6 +20,7 @@ from .innovations import InnovationsFilter, Moved, kalman, moved, plain
 from .instants import SHARES
 from .late_samples import moved_samples
 from .normal_equations import linearised, linearised_ahead
+from .packing import rounded
 from .prediction_error import columns
 from .process_noise import free_run_variance, order_of
 from .program import QUICK, Program
@@ -29,6 +31,7 @@ from .trace import Trace, prepare
 _SPANS = (3.0, 1.5, 0.7, 0.3, 0.15, 0.07, 0.03, 0.015, 0.007, 0.003)  # V, of the search for what an integral holds
 _SHARES = (0.0, -1.0, 1.0)  # of them; the first is kept where none is better
 _FORGOTTEN = 1.0  # s after which a loop has forgotten with what it began
+_PADDED = 1.25  # of the steps of a batch; more to simulate costs more than programs compiled twice
 _STIRS = 8.0  # standard deviations of a sample that are a motion
 
 
@@ -278,6 +281,28 @@ class EstimationProblem:
             .with_integrator_states(x)
             .with_setpoint_jumps(x)
         )
+        return replace(other, jitter=self.jitter, guide_stiffness=self.guide_stiffness)
+
+    def with_room_for(
+        self, traces: tuple[Trace, ...], x: Float[np.ndarray, " P"], spare: float = 1.0
+    ) -> EstimationProblem:
+        """The problem in a batch long enough for other traces of the rig, so that one set of programs serves both.
+
+        Args:
+            traces: made ready.
+            x: coordinates, shape (P,), for which their integration steps are chosen.
+            spare: room over what they need at x: elsewhere they may need a few steps more.
+        Returns:
+            the problem itself where they fit in, or would make it more than `_PADDED` times as long.
+        """
+        if not traces:
+            return self
+        other = EstimationProblem.of(self.config, self.free_parameters, traces, None, self.shape).refined(x)
+        longest = max(int(marks[-1]) for _, _, marks in other.batch.places) + 1
+        room = (max(self.shape[0], rounded(math.ceil(spare * longest))), *other.shape[1:])
+        if room == self.shape or np.prod(room) > _PADDED * np.prod(self.shape):
+            return self
+        other = EstimationProblem.of(self.config, self.free_parameters, self.batch.traces, self.substeps, room)
         return replace(other, jitter=self.jitter, guide_stiffness=self.guide_stiffness)
 
     def guided(self, guide_stiffness: float) -> EstimationProblem:
