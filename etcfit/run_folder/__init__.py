@@ -1,97 +1,124 @@
-"""RUN/: its JSON files, the models that later stages load, and the manifest that says what was made from what."""
+"""RUN/: its JSON files, the models that later stages load, and the manifest that says what was made from what.
+
+Names are imported when they are first used: who reads a fit need not load what writes gains and posteriors.
+"""
 
 from __future__ import annotations
 
-from .advice import advice_json, save_advice
-from .design import design_json, rusefi, written_for
-from .diagnosis import diagnosis_json
-from .fit import GEAR_RATIO, effects_of, fit_json, hashes, parameters_json, readings_of, versions
-from .folder import RunFolder
-from .frequency import frequency_json
-from .manifest import (
-    CONVERGED,
-    DIAGNOSIS_STATE,
-    FIT_STATE,
-    MANIFEST,
-    NOT_CONVERGED,
-    POSTERIOR,
-    STAGE_FILES,
-    SUPERSEDED,
-    begin,
-    finish,
-    is_current,
-    read_records,
-    require,
-    settings_before,
-)
-from .model import read_design, read_draws, sines_of
-from .plan import plan_json, waiting_folder
-from .play import play_files
-from .reduction import reduction_json
-from .results import save_design, save_posterior, save_reduction
-from .state import (
-    exit_of,
-    fitted_to,
-    has_diagnosis,
-    is_done,
-    last_failure,
-    load_diagnosis,
-    load_final,
-    load_fit,
-    must_belong,
-    save_diagnosis,
-    save_fit,
-)
+import importlib
+from typing import TYPE_CHECKING, Any
 
-__all__ = [
-    "CONVERGED",
-    "DIAGNOSIS_STATE",
-    "FIT_STATE",
-    "GEAR_RATIO",
-    "MANIFEST",
-    "NOT_CONVERGED",
-    "POSTERIOR",
-    "STAGE_FILES",
-    "SUPERSEDED",
-    "RunFolder",
-    "advice_json",
-    "begin",
-    "design_json",
-    "diagnosis_json",
-    "effects_of",
-    "exit_of",
-    "finish",
-    "fit_json",
-    "fitted_to",
-    "frequency_json",
-    "has_diagnosis",
-    "hashes",
-    "is_current",
-    "is_done",
-    "last_failure",
-    "load_diagnosis",
-    "load_final",
-    "load_fit",
-    "must_belong",
-    "parameters_json",
-    "plan_json",
-    "play_files",
-    "read_design",
-    "read_draws",
-    "read_records",
-    "readings_of",
-    "reduction_json",
-    "require",
-    "rusefi",
-    "save_advice",
-    "save_design",
-    "save_diagnosis",
-    "save_fit",
-    "save_posterior",
-    "save_reduction",
-    "settings_before",
-    "sines_of",
-    "versions",
-    "waiting_folder",
-    "written_for",
-]
+if TYPE_CHECKING:
+    from .advice import advice_json as advice_json
+    from .advice import save_advice as save_advice
+    from .design import design_json as design_json
+    from .design import rusefi as rusefi
+    from .design import written_for as written_for
+    from .diagnosis import diagnosis_json as diagnosis_json
+    from .fit import GEAR_RATIO as GEAR_RATIO
+    from .fit import effects_of as effects_of
+    from .fit import fit_json as fit_json
+    from .fit import hashes as hashes
+    from .fit import parameters_json as parameters_json
+    from .fit import readings_of as readings_of
+    from .fit import versions as versions
+    from .folder import RunFolder as RunFolder
+    from .frequency import frequency_json as frequency_json
+    from .manifest import CONVERGED as CONVERGED
+    from .manifest import DIAGNOSIS_STATE as DIAGNOSIS_STATE
+    from .manifest import FIT_STATE as FIT_STATE
+    from .manifest import MANIFEST as MANIFEST
+    from .manifest import NOT_CONVERGED as NOT_CONVERGED
+    from .manifest import POSTERIOR as POSTERIOR
+    from .manifest import STAGE_FILES as STAGE_FILES
+    from .manifest import SUPERSEDED as SUPERSEDED
+    from .manifest import begin as begin
+    from .manifest import finish as finish
+    from .manifest import is_current as is_current
+    from .manifest import read_records as read_records
+    from .manifest import require as require
+    from .manifest import settings_before as settings_before
+    from .model import read_design as read_design
+    from .model import read_draws as read_draws
+    from .model import sines_of as sines_of
+    from .plan import plan_json as plan_json
+    from .plan import waiting_folder as waiting_folder
+    from .play import play_files as play_files
+    from .reduction import reduction_json as reduction_json
+    from .results import save_design as save_design
+    from .results import save_posterior as save_posterior
+    from .results import save_reduction as save_reduction
+    from .state import exit_of as exit_of
+    from .state import fitted_to as fitted_to
+    from .state import has_diagnosis as has_diagnosis
+    from .state import is_done as is_done
+    from .state import last_failure as last_failure
+    from .state import load_diagnosis as load_diagnosis
+    from .state import load_final as load_final
+    from .state import load_fit as load_fit
+    from .state import must_belong as must_belong
+    from .state import save_diagnosis as save_diagnosis
+    from .state import save_fit as save_fit
+
+MODULE_OF = {
+    "advice_json": "advice",
+    "save_advice": "advice",
+    "design_json": "design",
+    "rusefi": "design",
+    "written_for": "design",
+    "diagnosis_json": "diagnosis",
+    "GEAR_RATIO": "fit",
+    "effects_of": "fit",
+    "fit_json": "fit",
+    "hashes": "fit",
+    "parameters_json": "fit",
+    "readings_of": "fit",
+    "versions": "fit",
+    "RunFolder": "folder",
+    "frequency_json": "frequency",
+    "CONVERGED": "manifest",
+    "DIAGNOSIS_STATE": "manifest",
+    "FIT_STATE": "manifest",
+    "MANIFEST": "manifest",
+    "NOT_CONVERGED": "manifest",
+    "POSTERIOR": "manifest",
+    "STAGE_FILES": "manifest",
+    "SUPERSEDED": "manifest",
+    "begin": "manifest",
+    "finish": "manifest",
+    "is_current": "manifest",
+    "read_records": "manifest",
+    "require": "manifest",
+    "settings_before": "manifest",
+    "read_design": "model",
+    "read_draws": "model",
+    "sines_of": "model",
+    "plan_json": "plan",
+    "waiting_folder": "plan",
+    "play_files": "play",
+    "reduction_json": "reduction",
+    "save_design": "results",
+    "save_posterior": "results",
+    "save_reduction": "results",
+    "exit_of": "state",
+    "fitted_to": "state",
+    "has_diagnosis": "state",
+    "is_done": "state",
+    "last_failure": "state",
+    "load_diagnosis": "state",
+    "load_final": "state",
+    "load_fit": "state",
+    "must_belong": "state",
+    "save_diagnosis": "state",
+    "save_fit": "state",
+}
+
+__all__ = [*MODULE_OF]  # pyright: ignore[reportUnsupportedDunderAll]
+
+
+def __getattr__(name: str) -> Any:
+    if name not in MODULE_OF:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    value = getattr(importlib.import_module(f".{MODULE_OF[name]}", __name__), name)
+    globals()[name] = value
+    return value
