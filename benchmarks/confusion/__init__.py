@@ -7,9 +7,8 @@ Each folder comes from independent, which shares no code with the model and whos
 those of the same name there. A seed is a case: of 200 in a row 30 have no effect, 105 one effect of the catalogue
 (every one at every strength), 35 two of them, and 30 one that is outside the catalogue.
 
-Seeds 9000 to 9199 were the first TEST, seeds 20000 to 20159 the second (with the rig mistakes 20160 to 20199 of
-`benchmarks.rig_mistakes`): each run once, by a program that was not changed meanwhile; what was recorded of them lies in
-`test_set` and `test_set_2`. Any seed below 9000 is for tuning.
+Seeds 9000 to 9199 were the first TEST, seeds from 20000 on the second: each run once; what was recorded of them lies
+in `test_set` and `test_set_2`. Any seed below 9000 is for tuning.
 """
 
 from __future__ import annotations

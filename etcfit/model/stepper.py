@@ -32,6 +32,7 @@ StatePath = tuple[State, tuple[Scalar, ...]]  # states and memories; along a bat
 
 GAMMA = 1.0 - 1.0 / math.sqrt(2.0)
 _OVERSHOOT = (1.0 - GAMMA) / GAMMA
+_APART = 0.02  # torque of a motor that leaves the teeth of a resting plate, N m: the noise of its voltage does not
 
 
 class Command(NamedTuple):
@@ -219,24 +220,80 @@ def _memory(throttle: Throttle, base: tuple[Scalar, ...], guess: tuple[Scalar, .
     return tuple((b + a * (r - s * g)) / (1.0 - a * s) for b, g, r, s in zip(base, guess, rate, slope, strict=True))
 
 
+class _Play(NamedTuple):
+    """The play of a gear where the plate rests on its lower stop: there the motor turns on by itself.
+
+    Args:
+        there: whether there is any.
+        alone: whether the motor turns by itself.
+        stop: the plate's, rad, where the teeth that open it are.
+        fastest: speed at which the play is crossed within the step, rad/s.
+        damping: c of an impact on the teeth of a plate on its stop, s/rad.
+        restitution: share of the speed that those give back which open the plate.
+    """
+
+    there: Bool[AnyArray, ...]
+    alone: Bool[AnyArray, ...]
+    stop: Scalar
+    fastest: Scalar
+    damping: Scalar
+    restitution: Scalar
+
+    @classmethod
+    def at(cls, x: State, u: Inputs, c: Contribution, dt: Scalar) -> _Play:
+        """Below the stop it is alone; at the stop where it moves or is driven away from the plate's teeth."""
+        there = (c.play > 0.0) & (u.plate > 0.5)
+        away = (x.theta < c.lower) | (x.omega < 0.0) | (c.drive + u.torque < -_APART)
+        fastest = c.play / jnp.where(dt > 0.0, dt, 1.0)
+        alone = there & (x.theta <= c.lower) & away
+        return cls(there, alone, c.lower, fastest, c.tooth_damping, c.tooth_restitution)
+
+    def closing(self, omega: Scalar) -> Scalar:
+        """Speed after an impact on the teeth of a plate that is pressed onto its stop: -w/(1 + c |w|)."""
+        return self._within(-omega / (1.0 + self.damping * jnp.abs(omega)))
+
+    def opening(self, omega: Scalar) -> Scalar:
+        """Speed after an impact on the teeth that open the plate: -e w."""
+        return self._within(-self.restitution * omega)
+
+    def _within(self, back: Scalar) -> Scalar:
+        """What would rattle to and fro within the step comes to rest."""
+        return jnp.where(jnp.abs(back) < self.fastest, back, 0.0)
+
+
 class _Contact(NamedTuple):
-    """The stops, and whether the plate rested on one when the step began."""
+    """The stops, and whether the plate rested on one when the step began; of a motor that turns by itself, the ends of
+    its play. `play` is None in a model without any."""
 
     lower: Scalar
     upper: Scalar
     on_lower: Bool[AnyArray, ...]
     on_upper: Bool[AnyArray, ...]
     restitution: Scalar
+    play: _Play | None = None
 
     @classmethod
-    def at(cls, throttle: Throttle, x: State, z: tuple[Scalar, ...], u: Inputs) -> _Contact:
+    def at(cls, throttle: Throttle, x: State, z: tuple[Scalar, ...], s: Step) -> _Contact:
+        u = s.inputs(GAMMA)
         c = contributions(throttle, x, z, u)
-        return cls(c.lower, c.upper, x.theta <= c.lower, x.theta >= c.upper, c.restitution)
+        if isinstance(c.play, float):
+            return cls(c.lower, c.upper, x.theta <= c.lower, x.theta >= c.upper, c.restitution)
+        play = _Play.at(x, u, c, s.dt)
+        lower = jnp.where(u.plate > 0.5, c.lower - c.play, c.lower)
+        upper = jnp.where(play.alone, c.lower, c.upper)
+        on_lower = x.theta <= jnp.where(play.alone, lower, c.lower)
+        return cls(lower, upper, on_lower, (x.theta >= upper) & ~play.alone, c.restitution, play)
+
+    def acting(self, s: Step) -> Step:
+        """The step without plate and gear where the motor turns by itself."""
+        return s if self.play is None else s._replace(plate=jnp.where(self.play.alone, 0.0, s.plate))
 
     def after(self, x: State) -> _Contact:
         """A plate that a stage has moved inward rests no more: held, it would end higher than its energy lifts it."""
-        resting = self.on_lower & (x.theta <= self.lower), self.on_upper & (x.theta >= self.upper)
-        return _Contact(self.lower, self.upper, *resting, self.restitution)
+        rest = self.lower if self.play is None else jnp.where(self.play.alone, self.lower, self.play.stop)
+        return self._replace(
+            on_lower=self.on_lower & (x.theta <= rest), on_upper=self.on_upper & (x.theta >= self.upper)
+        )
 
     def restrains(self, omega: Scalar) -> Bool[AnyArray, ...]:
         """A resting plate must not move outward inside a stage: its speed would leak into the current."""
@@ -245,10 +302,16 @@ class _Contact(NamedTuple):
     def clip(self, before: State, x: State) -> State:
         """A new impact: angle to the stop, speed to zero, or to the share that the stop gives back. Elsewhere in the
         step it would make sensitivities explode. What would end within a step comes to rest."""
-        back = -self.restitution * x.omega
-        back = jnp.where(jnp.abs(back) > 2.0 * jnp.abs(x.omega - before.omega), back, 0.0)
-        omega = jnp.where((x.theta < self.lower) & (x.omega < 0.0), jnp.where(self.on_lower, 0.0, back), x.omega)
-        omega = jnp.where((x.theta > self.upper) & (x.omega > 0.0), jnp.where(self.on_upper, 0.0, back), omega)
+        below = above = -self.restitution * x.omega
+        if self.play is not None:
+            below = jnp.where(self.play.there, self.play.closing(x.omega), below)
+            above = jnp.where(self.play.alone, self.play.opening(x.omega), above)
+        below, above = (
+            jnp.where(rests | (jnp.abs(back) <= 2.0 * jnp.abs(x.omega - before.omega)), 0.0, back)
+            for back, rests in ((below, self.on_lower), (above, self.on_upper))
+        )
+        omega = jnp.where((x.theta < self.lower) & (x.omega < 0.0), below, x.omega)
+        omega = jnp.where((x.theta > self.upper) & (x.omega > 0.0), above, omega)
         return State(x.i, jnp.clip(x.theta, self.lower, self.upper), omega)
 
 
@@ -354,8 +417,9 @@ def _between(x: Any, x1: Any) -> Any:
 
 def _stages(throttle: Throttle, x: State, z: tuple[Scalar, ...], s: Step) -> _Stages:
     a = GAMMA * s.dt
+    contact = _Contact.at(throttle, x, z, s)
+    s = contact.acting(s)
     early, late = s.inputs(GAMMA), s.inputs(1.0)
-    contact = _Contact.at(throttle, x, z, early)
     z_early = _memory(throttle, z, z, x, early, a)
     first = _stage(throttle, x, x, z_early, s, GAMMA, contact)
     z1 = _memory(throttle, z, z_early, first.x, early, a)
@@ -404,8 +468,8 @@ def _step_and_tangent(primals: Any, tangents: Any) -> tuple[StatePath, StatePath
     fixed = isinstance(ds.dt, SymbolicZero)
     longer = None if fixed else jnp.where(s.dt > 0.0, ds.dt / jnp.where(s.dt > 0.0, s.dt, 1.0), 0.0)
     dx, dz = instantiated((x, z), (dx, dz))
-    taken = once(_stages(throttle, x, z, s))
-    first, second = taken.first, taken.second
+    taken, logged = once(_stages(throttle, x, z, s)), s
+    first, second, s = taken.first, taken.second, taken.contact.acting(s)
 
     def remembered(fraction: float, base: Any, guess: Any, at: State, dbase: Any, dguess: Any, dat: State) -> Any:
         """Tangent of the memories of a stage."""
@@ -431,15 +495,19 @@ def _step_and_tangent(primals: Any, tangents: Any) -> tuple[StatePath, StatePath
     dx2 = _pushed(second, base, dbase, d, s, longer)
     dz2 = remembered(1.0, z_base, taken.z_late, second.x, dz_base, dz_late, dx2)
 
-    def limits(throttle: Throttle, s: Step) -> tuple[Scalar, Scalar, Scalar]:
-        c = contributions(throttle, x, z, s.inputs(GAMMA))
-        return c.lower, c.upper, c.restitution
+    def limits(throttle: Throttle, s: Step) -> tuple[Scalar, ...]:
+        """Of the contact what parameters move; whether the plate rests, and what turns by itself, stays as it is."""
+        at = _Contact.at(throttle, x, z, s)
+        return at.lower, at.upper, at.restitution, *(() if at.play is None else (at.play.damping, at.play.restitution))
 
     def clipped(limits: Any, before: State, after: State) -> State:
-        lower, upper, restitution = limits
-        return taken.contact._replace(lower=lower, upper=upper, restitution=restitution).clip(before, after)
+        lower, upper, restitution, *teeth = limits
+        contact = taken.contact._replace(lower=lower, upper=upper, restitution=restitution)
+        if contact.play is not None:
+            contact = contact._replace(play=contact.play._replace(damping=teeth[0], restitution=teeth[1]))
+        return contact.clip(before, after)
 
-    at, moved = forward(limits, (throttle, s), (dthrottle, ds))
+    at, moved = forward(limits, (throttle, logged), (dthrottle, ds))
     end, dend = jax.jvp(clipped, (at, x, second.x), (moved, dx, dx2))
     return (end, taken.z2), once((dend, dz2))
 

@@ -2,8 +2,8 @@
 
     value_SI = scale * logged + offset
 
-Source: pint's registry. It takes a quarter of a second to load, so the units that nearly every log has are answered by a
-table of what pint makes of them.
+Source: pint's registry. It takes a quarter of a second to load, so the units that nearly every log has are answered by
+a table of what pint makes of them.
 """
 
 from __future__ import annotations

@@ -69,6 +69,9 @@ class Contribution(NamedTuple):
         inductance: in the armature loop, H.
         lower, upper: angles beyond which the plate cannot go, rad.
         restitution: share of its speed that a stop gives back.
+        play: how far the motor turns on beyond the lower stop, on which the plate rests, rad.
+        tooth_damping: c of a motor that comes back from the teeth of a plate on its stop with v/(1 + c v), s/rad.
+        tooth_restitution: share of its speed with which it comes back from those that open the plate, which gives way.
         position, current: what a sensor reads besides the truth, rad and A.
         input_delay, position_delay, current_delay: how late the input acts and a channel is logged, s.
         dz: rates of the effect's own memory, one for each entry of `z0`.
@@ -83,6 +86,9 @@ class Contribution(NamedTuple):
     lower: Scalar = -jnp.inf
     upper: Scalar = jnp.inf
     restitution: Scalar = 0.0
+    play: Scalar = 0.0
+    tooth_damping: Scalar = 0.0
+    tooth_restitution: Scalar = 0.0
     position: Scalar = 0.0
     current: Scalar = 0.0
     input_delay: Scalar = 0.0

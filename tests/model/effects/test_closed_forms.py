@@ -13,6 +13,7 @@ from effect_samples import OPEN, N, inputs, made
 from etcfit.model.effects import EFFECT_BY_NAME, Contribution, State
 
 SAME = {"the motor alone": "feels the same"}
+TEETH = {"play": 0.02, "tooth_damping": 0.7, "tooth_restitution": 0.3}
 
 
 class Case(NamedTuple):
@@ -67,9 +68,9 @@ CLOSED: Mapping[str, Case] = {
         {"T_z": 0.1, "delta_z": 0.01}, {"torque": -0.03, "dz": (-390.0,)}, {"dz": (-390.0,)}, z=(0.3,)
     ),
     "backlash": Case(
-        {"g_b": 0.02, "t_b": 0.01},
-        {"position": 0.005, "dz": ((math.tanh(0.5) - 0.5) / 0.01,)},
-        {"dz": ((math.tanh(0.5) - 0.5) / 0.01,)},
+        {"g_b": 0.02, "t_b": 0.01, "c_b": 0.7, "e_b": 0.3},
+        {"position": 0.005, "dz": ((math.tanh(0.5) - 0.5) / 0.01,), **TEETH},
+        {"dz": (0.0,), **TEETH},
         z=(0.5,),
         u={"motor": 0.05, "external": 0.03},
     ),

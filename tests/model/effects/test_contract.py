@@ -139,9 +139,9 @@ def test_starts_at_its_off_value(effect: type[AbstractEffect]) -> None:
 
 
 @every_addition
-def test_scans_shapes_and_a_rebound_which_the_stepper_cuts_off_while_it_is_small(effect: type[AbstractEffect]) -> None:
-    rebounds = np.any(seen(effect, rows(effect))["restitution"] != 0.0)
-    assert set(effect.scan) <= set(shape(effect)) | (set(off(effect)) if rebounds else set())
+def test_scans_shapes_and_impacts_which_the_stepper_cuts_off_while_they_are_small(effect: type[AbstractEffect]) -> None:
+    impacts = any(np.any(seen(effect, rows(effect))[part] != 0.0) for part in ("restitution", "play"))
+    assert set(effect.scan) <= set(shape(effect)) | (set(off(effect)) if impacts else set())
 
 
 @pytest.mark.parametrize("effect", [e for e in BEYOND if e.scan], ids=lambda effect: effect.name)

@@ -15,6 +15,7 @@ AMPLITUDES = [(effect, symbol) for effect in EFFECTS for symbol in effect.off or
 every_amplitude = pytest.mark.parametrize(
     ("effect", "symbol"), AMPLITUDES, ids=[f"{e.name}-{s}" for e, s in AMPLITUDES]
 )
+QUALIFYING = ("tooth_damping", "tooth_restitution")  # how impacts within a play go: nothing at all without one
 TINY = 1e-7  # of a scale: an amplitude just above its off value
 
 
@@ -65,7 +66,7 @@ def test_an_effect_that_is_off_can_be_sensed(effect: type[AbstractEffect], symbo
     step = TINY * next(getattr(p.domain, "scale", 1.0) for p in parameters_of(effect) if p.symbol == symbol)
     above = silent.copy()
     above[:, k] = step
-    said = slice(0, len(PARTS))
+    said = [n for n, part in enumerate(PARTS) if part not in QUALIFYING]
     slope = jacobian(effect, silent)[:, said, k]
     assert_allclose(slope, table(effect, above)[:, said] / step, rtol=1e-5, atol=1e-12)
     assert np.any(slope != 0.0)

@@ -62,8 +62,12 @@
       c.dz[at] = (x.omega - abs(x.omega) * z[at]) / p.delta_z;
     } },
     backlash: { z0: [1], loaded: true, add(p, x, z, u, c, at) {
-      c.position += 0.5 * u.plate * p.g_b * (1 - z[at]);
-      c.dz[at] = (tanh(gearLoad(u) / CONTACT) - z[at]) / p.t_b;
+      const behind = 0.5 * u.plate * p.g_b * (1 - z[at]), below = u.plate > 0.5 ? u.lower - x.theta : 0;
+      c.position += p.g_b > 0 ? Math.max(behind, below) : behind;
+      c.play += Math.max(p.g_b, 0);
+      c.toothDamping += p.c_b;
+      c.toothRestitution += Math.min(p.e_b, LIVELIEST);
+      c.dz[at] = u.plate * (tanh(gearLoad(u) / CONTACT) - z[at]) / p.t_b;
     } },
     cogging_torque: { add(p, x, z, u, c) {
       const phase = p.n_c * u.gear_ratio * x.theta;

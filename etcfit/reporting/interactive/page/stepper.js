@@ -4,6 +4,7 @@
    keeps one formula an effect; what they are off by is far below the error of a step. */
 (function (etcfit) {
   const GAMMA = 1 - 1 / Math.sqrt(2), OVERSHOOT = (1 - GAMMA) / GAMMA;
+  const APART = 0.02; // torque of a motor that leaves the teeth of a resting plate, N m
   const NUDGE = { i: 1e-5, theta: 1e-6, omega: 1e-4, z: 1e-6 }; // A, rad, rad/s and of a memory
 
   const soft = (value, threshold) => Math.max(value - threshold, 0) + Math.min(value + threshold, 0);
@@ -30,6 +31,7 @@
       const c = this.c;
       c.torque = c.drive = c.friction = c.voltage = c.inertia = c.inductance = c.restitution = 0;
       c.position = c.current = c.input_delay = c.current_delay = 0;
+      c.play = c.toothDamping = c.toothRestitution = 0;
       c.lower = -Infinity;
       c.upper = Infinity;
       c.dz.fill(0);
@@ -101,29 +103,50 @@
     step(x, z, h, at) {
       const a = GAMMA * h;
       let u = at(GAMMA);
-      const c = this.contributions(x, z, u), { lower, upper, restitution } = c;
-      const rests = { onLower: x.theta <= lower, onUpper: x.theta >= upper };
+      const contact = touched(x, u, this.contributions(x, z, u), h), { plate } = u;
+      if (contact.alone) u.plate = 0;
       const zEarly = this._memory(z, z, x, u, a);
-      const first = this._stage(x, x, zEarly, u, a, rests);
+      const first = this._stage(x, x, zEarly, u, a, contact);
       const z1 = this._memory(z, zEarly, first, u, a);
       const zBase = z.map((each, k) => between(each, z1[k]));
-      const after = { onLower: rests.onLower && first.theta <= lower, onUpper: rests.onUpper && first.theta >= upper };
+      const rests = { onLower: contact.onLower && first.theta <= contact.rest,
+        onUpper: contact.onUpper && first.theta >= contact.upper };
       u = at(1);
+      if (contact.alone) u.plate = 0;
       const zLate = this._memory(zBase, z1, first, u, a);
       const base = { i: between(x.i, first.i), theta: between(x.theta, first.theta), omega: between(x.omega, first.omega) };
-      const second = this._stage(base, first, zLate, u, a, after);
+      const second = this._stage(base, first, zLate, u, a, rests);
       const z2 = this._memory(zBase, zLate, second, u, a);
-      return { x: clip(x, second, rests, lower, upper, restitution), z: z2 };
+      u.plate = plate;
+      return { x: clip(x, second, contact), z: z2 };
     }
   }
 
-  /* A new impact: angle to the stop, speed to zero, or to the share that the stop gives back. */
-  function clip(before, x, rests, lower, upper, restitution) {
-    let back = -restitution * x.omega, omega = x.omega;
-    if (!(Math.abs(back) > 2 * Math.abs(x.omega - before.omega))) back = 0;
-    if (x.theta < lower && x.omega < 0) omega = rests.onLower ? 0 : back;
-    if (x.theta > upper && x.omega > 0) omega = rests.onUpper ? 0 : back;
-    return { i: x.i, theta: Math.min(Math.max(x.theta, lower), upper), omega };
+  /* The stops, and whether the plate rests on one; where the motor of a gear with play turns by itself, its ends. */
+  function touched(x, u, c, h) {
+    const there = c.play > 0 && u.plate > 0.5;
+    const away = x.theta < c.lower || x.omega < 0 || c.drive + u.torque < -APART;
+    const alone = there && x.theta <= c.lower && away;
+    const lower = there ? c.lower - c.play : c.lower, upper = alone ? c.lower : c.upper, rest = alone ? lower : c.lower;
+    const { restitution, toothDamping, toothRestitution } = c, fastest = h > 0 ? c.play / h : c.play;
+    return { lower, upper, rest, there, alone, fastest, restitution, toothDamping, toothRestitution,
+      onLower: x.theta <= rest, onUpper: !alone && x.theta >= upper };
+  }
+
+  /* A new impact: angle to the stop, speed to zero, or to the share that the stop or the teeth give back. */
+  function clip(before, x, at) {
+    const within = (back) => (Math.abs(back) < at.fastest ? back : 0);
+    const lasts = (back, rests) => (!rests && Math.abs(back) > 2 * Math.abs(x.omega - before.omega) ? back : 0);
+    const back = -at.restitution * x.omega;
+    let omega = x.omega;
+    if (x.theta < at.lower && x.omega < 0) {
+      const down = at.there ? within(-x.omega / (1 + at.toothDamping * Math.abs(x.omega))) : back;
+      omega = lasts(down, at.onLower);
+    }
+    if (x.theta > at.upper && x.omega > 0) {
+      omega = lasts(at.alone ? within(-at.toothRestitution * x.omega) : back, at.onUpper);
+    }
+    return { i: x.i, theta: Math.min(Math.max(x.theta, at.lower), at.upper), omega };
   }
 
   etcfit.Plant = Plant;
