@@ -256,6 +256,24 @@ class ConditionSettings:
 
 
 @dataclass(frozen=True)
+class FeedForwardSettings:
+    """The terms of feed-forward that follow the setpoint's rate.
+
+    Args:
+        full: rate of the setpoint from which on all of the dry friction is put ahead, travels per second; a smaller one
+            gets its share, so that a setpoint that rests with a flicker does not make the duty jump.
+        rate: of a plate whose friction and drag are read off the model, travels per second; that of the trapezoid.
+        places: evenly over the travel, of which both are the mean.
+    """
+
+    full: float = real(0.05, 1e-6, 100.0)
+    rate: float = real(4.0, 1e-3, 1000.0)
+    places: int = whole(41, 1, 10_000)
+
+    __post_init__ = check_ranges
+
+
+@dataclass(frozen=True)
 class FrontSettings:
     """The front of tracking against effort.
 
@@ -378,6 +396,7 @@ class DesignSettings:
         loop: the simulation.
         scenarios: what gains are judged on.
         conditions: of a car, besides those of the bench.
+        feed_forward: terms that follow the setpoint's rate.
         front: of tracking against effort.
         safety: what happens where something fails.
         optimum: the search of the rule `optimal`.
@@ -394,6 +413,7 @@ class DesignSettings:
     loop: LoopSettings = LoopSettings()
     scenarios: ScenarioSettings = ScenarioSettings()
     conditions: ConditionSettings = ConditionSettings()
+    feed_forward: FeedForwardSettings = FeedForwardSettings()
     front: FrontSettings = FrontSettings()
     safety: SafetySettings = SafetySettings()
     optimum: OptimumSettings = OptimumSettings()

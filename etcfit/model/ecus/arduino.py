@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from ..ecu import Notation
+from ..feed_forward import Term
 from .profile import EcuProfile, Limit
 
 ARDUINO = EcuProfile(
@@ -29,7 +30,9 @@ ARDUINO = EcuProfile(
         Limit("SetOutputLimits, Min", "%", lambda ecu, travel: -100.0 * ecu.duty),
         Limit("SetOutputLimits, Max", "%", lambda ecu, travel: 100.0 * ecu.duty),
     ),
+    code=(Term.FRICTION, Term.RATE),
 )
 """output = Kp error + I - Kd (input - last input) / T: a derivative of the position alone, so that a step of the
 setpoint gives no kick; I and the output are each clamped to the output's limits. Ki and Kd are of continuous time
-(`SetTunings` takes the sample time into account)."""
+(`SetTunings` takes the sample time into account). What the sketch adds to the output is its own, and the library knows nothing
+of it: the sum is limited once more."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from ..ecu import Notation
+from ..feed_forward import Term
 from .profile import BiasTable, EcuProfile, Limit
 
 GENERIC = EcuProfile(
@@ -25,5 +26,6 @@ GENERIC = EcuProfile(
         Limit("setpoint weight of D", "", lambda ecu, travel: ecu.derivative_weight),
     ),
     bias=BiasTable("position", "duty"),
+    code=(Term.FRICTION, Term.RATE),
 )
 """The controller that gains are sought for where no ECU is named; named, its gains are also written in %."""

@@ -8,6 +8,7 @@ from enum import Enum
 from typing import NamedTuple
 
 from ..ecu import Ecu, Notation
+from ..feed_forward import Term
 
 
 class Limit(NamedTuple):
@@ -69,6 +70,7 @@ class EcuProfile:
         assumed: the same in words, and whatever else is taken without a source.
         limits: its settings beside the gains.
         bias: its table of feed-forward; None where it has none.
+        code: terms of feed-forward that its user adds to the output in code of his own, besides that table.
         pasting: how the settings come into it.
         jam: what it calls error (%) and timeout (s) of its jam check; None where that is not known.
     """
@@ -83,8 +85,14 @@ class EcuProfile:
     assumed: tuple[str, ...] = ()
     limits: tuple[Limit, ...] = ()
     bias: BiasTable | None = None
+    code: tuple[Term, ...] = ()
     pasting: Pasting = Pasting.BY_HAND
     jam: tuple[str, str] | None = None
+
+    @property
+    def terms(self) -> tuple[Term, ...]:
+        """Of feed-forward that this controller can have."""
+        return (*((Term.SPRING,) if self.bias is not None else ()), *self.code)
 
     def clashes(self, given: Mapping[str, float]) -> tuple[str, ...]:
         """Fields given that its source fixes at something else."""
