@@ -87,8 +87,8 @@ def _run(
     p, x = record(plant), at_rest(plant, float(wanted[0]))
     gains = np.array([computer.proportional, computer.integral, computer.derivative])
     late = round((computer.delay + plant.effects.actuation_delay.delay) * parts / computer.period)
-    return run_loop(p, wanted, ahead, misread, shown, feed, computer.period, parts, gains, computer.filter, computer.supply,
-                    computer.hold, late, computer.grain, mode_at_rest(p, x), x)  # fmt: skip
+    return run_loop(p, wanted, ahead, misread, shown, feed, computer.period, parts, gains, computer.filter,
+                    computer.supply, computer.hold, late, computer.grain, mode_at_rest(p, x), x)  # fmt: skip
 
 
 def trapezoids(low: float, high: float, period: float, edge: float = 0.1, lead: float = 0.5) -> np.ndarray:

@@ -26,6 +26,7 @@ from etcfit.control.settings import (
     RelaySettings,
     SafetySettings,
     ScenarioSettings,
+    SlidingSettings,
 )
 from etcfit.diagnosis.settings import DiagnosisSettings
 from etcfit.estimation.settings import (
@@ -73,6 +74,7 @@ KINDS: list[Any] = [
     ScenarioSettings,
     ConditionSettings,
     FrontSettings,
+    SlidingSettings,
     FleetDesignSettings,
     DiagnosisSettings,
     ExportSettings,

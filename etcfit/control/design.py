@@ -148,7 +148,7 @@ def task_of(
     body = Body(fitted.config.gear_ratio, *stops(fitted))
     throttles = fitted.throttles(np.vstack((fitted.x, drawn)))
     bias = _curve(fitted.throttle, body, profile) if Term.SPRING in terms else None
-    sliding = sliding_of(fitted.throttle, *body, settings.feed_forward).only(terms)
+    sliding = sliding_of(fitted.throttle, *body, settings.sliding).only(terms)
     loop = Loop(throttles, body, ecu, bias, settings.loop, sliding=sliding)
     further = () if log is None else (of_log(log, settings.scenarios),)
     setpoint = course(loop.first(1), settings.scenarios, *further)
@@ -238,7 +238,7 @@ def propose(
     report("where something fails", 0.95)
     safe = safety_of(task, chosen.gains)
     bias = task.loop.bias or _curve(fitted.throttle, task.loop.body, task.profile)
-    sliding = sliding_of(fitted.throttle, *task.loop.body, task.settings.feed_forward)
+    sliding = sliding_of(fitted.throttle, *task.loop.body, task.settings.sliding)
     return Design(fitted, task, chosen, tuned, task.loop.draws, origin, bias, sliding, robust, points, safe, limits)
 
 

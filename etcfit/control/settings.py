@@ -256,8 +256,8 @@ class ConditionSettings:
 
 
 @dataclass(frozen=True)
-class FeedForwardSettings:
-    """The terms of feed-forward that follow the setpoint's rate.
+class SlidingSettings:
+    """Feed-forward that follows the setpoint's rate.
 
     Args:
         full: rate of the setpoint from which on all of the dry friction is put ahead, travels per second; a smaller one
@@ -396,7 +396,7 @@ class DesignSettings:
         loop: the simulation.
         scenarios: what gains are judged on.
         conditions: of a car, besides those of the bench.
-        feed_forward: terms that follow the setpoint's rate.
+        sliding: feed-forward that follows the setpoint's rate.
         front: of tracking against effort.
         safety: what happens where something fails.
         optimum: the search of the rule `optimal`.
@@ -413,7 +413,7 @@ class DesignSettings:
     loop: LoopSettings = LoopSettings()
     scenarios: ScenarioSettings = ScenarioSettings()
     conditions: ConditionSettings = ConditionSettings()
-    feed_forward: FeedForwardSettings = FeedForwardSettings()
+    sliding: SlidingSettings = SlidingSettings()
     front: FrontSettings = FrontSettings()
     safety: SafetySettings = SafetySettings()
     optimum: OptimumSettings = OptimumSettings()

@@ -12,7 +12,7 @@ from ...model.ecu import Ecu
 from ...model.feed_forward import Term
 from ...model.linear import turning_against
 from ...model.throttle import Throttle
-from ..settings import FeedForwardSettings
+from ..settings import SlidingSettings
 
 
 @dataclass(frozen=True)
@@ -69,7 +69,7 @@ def sliding_of(
     gear_ratio: float,
     lower: float,
     upper: float,
-    settings: FeedForwardSettings = FeedForwardSettings(),
+    settings: SlidingSettings = SlidingSettings(),
 ) -> Sliding:
     """The terms of a model: what turning at a speed takes more than without dry friction, and at the opposite speed.
 

@@ -34,5 +34,5 @@ ARDUINO = EcuProfile(
 )
 """output = Kp error + I - Kd (input - last input) / T: a derivative of the position alone, so that a step of the
 setpoint gives no kick; I and the output are each clamped to the output's limits. Ki and Kd are of continuous time
-(`SetTunings` takes the sample time into account). What the sketch adds to the output is its own, and the library knows nothing
-of it: the sum is limited once more."""
+(`SetTunings` takes the sample time into account). What a sketch adds to the output the library knows nothing of: the
+sketch limits the sum once more."""

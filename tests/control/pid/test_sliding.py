@@ -11,7 +11,7 @@ import rigs
 from etcfit.control.pid.loop import Loop
 from etcfit.control.pid.setpoint import trapezoid
 from etcfit.control.pid.sliding import Sliding, rates, sliding_of
-from etcfit.control.settings import FeedForwardSettings
+from etcfit.control.settings import SlidingSettings
 from etcfit.model.ecu import Ecu
 from etcfit.model.effects.asymmetric_friction import AsymmetricFriction
 from etcfit.model.effects.limp_home_spring import LimpHomeSpring
@@ -63,7 +63,7 @@ def test_friction_is_that_of_the_speed_and_not_of_the_rest() -> None:
     per_torque = 1.513 / (20.68 * 0.0189)
     model = rigs.loop(StribeckFriction, ecu=ECU, T_s=0.2, omega_s=0.05)
     fast = sliding_of(model.nominal, *model.body)
-    slow = sliding_of(model.nominal, *model.body, FeedForwardSettings(rate=1e-3))
+    slow = sliding_of(model.nominal, *model.body, SlidingSettings(rate=1e-3))
     assert fast.opening == pytest.approx(per_torque * 0.239, rel=0.02)
     assert slow.opening == pytest.approx(per_torque * 0.439, rel=0.02)
 
@@ -111,7 +111,7 @@ def test_the_independent_plate_follows_a_ramp_more_closely(truth: Truth, rate: f
 
 
 def test_the_simulated_loop_puts_out_what_is_written_by_hand() -> None:
-    """The same plant and PID twice, without what ours does not share; the voltage ahead by the formula, tick by tick."""
+    """The same plant and PID twice; theirs gets the voltage ahead by the formula, tick by tick."""
     truth = TRUTHS[1]
     loop, wanted = loop_of(truth), trapezoid(lead=0.3)
     time = wanted.instants(ECU.period)
