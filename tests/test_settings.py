@@ -26,6 +26,7 @@ from etcfit.control.settings import (
     RelaySettings,
     SafetySettings,
     ScenarioSettings,
+    ScheduleSettings,
     SlidingSettings,
 )
 from etcfit.diagnosis.settings import DiagnosisSettings
@@ -75,6 +76,7 @@ KINDS: list[Any] = [
     ConditionSettings,
     FrontSettings,
     SlidingSettings,
+    ScheduleSettings,
     FleetDesignSettings,
     DiagnosisSettings,
     ExportSettings,

@@ -32,6 +32,7 @@ from .pid.sliding import Sliding, sliding_of
 from .safety import Safety
 from .safety import safety as safety_of
 from .settings import DesignSettings
+from .supply_table import SupplyTable, supply_table
 
 DRAWS, SEED = DesignSettings().draws, DesignSettings().seed
 PAPERS = Requirements()  # section 4.1
@@ -52,6 +53,7 @@ class Design:
         bias: the voltage that holds each position, for an ECU that has such a curve.
         sliding: what dry friction, back-EMF and drag take of a moving plate, for an ECU that can put it ahead.
         robust: the chosen gains under the conditions of a car.
+        supply_table: they as a table over the supply, and what it is worth there.
         front: the least tracking error within each limit of the duty's activity.
         safety: what the chosen gains do where something fails.
         limits: where the chosen gains miss a requirement, what keeps any gains from meeting it.
@@ -67,6 +69,7 @@ class Design:
     bias: Bias
     sliding: Sliding
     robust: Robust
+    supply_table: SupplyTable
     front: tuple[FrontPoint, ...]
     safety: Safety
     limits: tuple[str, ...]
@@ -81,6 +84,12 @@ class Design:
     def terms(self) -> tuple[Term, ...]:
         """Of feed-forward, with which the gains were found."""
         return self.task.terms
+
+    @property
+    def proposed(self) -> Gains:
+        """The gains of the chosen rule."""
+        assert self.chosen.gains is not None, "the proposed rule has gains"
+        return self.chosen.gains
 
     @property
     def settings(self) -> DesignSettings:
@@ -235,11 +244,13 @@ def propose(
     report("tracking against effort", 0.9)
     assert chosen.gains is not None, "a rule that refused is not proposed"
     robust, points = outside_the_bench(task, chosen.gains), front(task, chosen.gains)
+    table = supply_table(task, chosen.gains)
     report("where something fails", 0.95)
     safe = safety_of(task, chosen.gains)
     bias = task.loop.bias or _curve(fitted.throttle, task.loop.body, task.profile)
     sliding = sliding_of(fitted.throttle, *task.loop.body, task.settings.sliding)
-    return Design(fitted, task, chosen, tuned, task.loop.draws, origin, bias, sliding, robust, points, safe, limits)
+    return Design(fitted, task, chosen, tuned, task.loop.draws, origin, bias, sliding, robust, table, points, safe,
+                  limits)  # fmt: skip
 
 
 _EASED: dict[str, Callable[[Task], Task]] = {

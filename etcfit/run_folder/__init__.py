@@ -42,6 +42,7 @@ from .state import (
     save_diagnosis,
     save_fit,
 )
+from .supply_table import supply_table_json
 
 __all__ = [
     "CONVERGED",
@@ -91,6 +92,7 @@ __all__ = [
     "save_reduction",
     "settings_before",
     "sines_of",
+    "supply_table_json",
     "versions",
     "waiting_folder",
     "written_for",

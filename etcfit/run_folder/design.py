@@ -19,6 +19,7 @@ from ..model.ecus import RUSEFI, BiasTable, differences
 from .ahead import ahead_json, code
 from .fit import versions
 from .safety import safety_json
+from .supply_table import supply_table_json
 
 
 def design_json(design: Design) -> dict[str, Any]:
@@ -46,6 +47,7 @@ def design_json(design: Design) -> dict[str, Any]:
         "met": chosen.met,
         "scenarios": {name: figures._asdict() for name, figures in chosen.scenarios.items()},
         "conditions": _conditions(design),
+        "supply_table": supply_table_json(design.task, chosen.gains, design.supply_table),
         "front": [_point(point) for point in design.front],
         "safety": safety_json(design),
         "stable": chosen.stable,

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from ..ecu import Notation
 from ..feed_forward import Term
-from .profile import EcuProfile, Limit
+from .profile import EcuProfile, Limit, Scheduling
 
 ARDUINO = EcuProfile(
     name="arduino",
@@ -31,8 +31,10 @@ ARDUINO = EcuProfile(
         Limit("SetOutputLimits, Max", "%", lambda ecu, travel: 100.0 * ecu.duty),
     ),
     code=(Term.FRICTION, Term.RATE),
+    scheduling=Scheduling.CODE,
 )
 """output = Kp error + I - Kd (input - last input) / T: a derivative of the position alone, so that a step of the
 setpoint gives no kick; I and the output are each clamped to the output's limits. Ki and Kd are of continuous time
 (`SetTunings` takes the sample time into account). What a sketch adds to the output the library knows nothing of: the
-sketch limits the sum once more."""
+sketch limits the sum once more. Of `SetTunings` the source says that "tunings can also be adjusted on the fly during
+normal operation"."""

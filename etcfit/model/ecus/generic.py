@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from ..ecu import Notation
 from ..feed_forward import Term
-from .profile import BiasTable, EcuProfile, Limit
+from .profile import BiasTable, EcuProfile, Limit, Scheduling
 
 GENERIC = EcuProfile(
     name="generic",
@@ -27,5 +27,6 @@ GENERIC = EcuProfile(
     ),
     bias=BiasTable("position", "duty"),
     code=(Term.FRICTION, Term.RATE),
+    scheduling=Scheduling.CODE,
 )
 """The controller that gains are sought for where no ECU is named; named, its gains are also written in %."""

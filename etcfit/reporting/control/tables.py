@@ -26,6 +26,7 @@ from ..numbers import Digits, short
 from .fleet import fleet_table, of_models
 from .safety import safety_table
 from .snippet import snippet
+from .supply_table import supply_table
 from .verdicts import against_effort, outside_the_bench, scenario_table, what_is_asked
 
 
@@ -147,6 +148,7 @@ def design_table(design: Design) -> RenderableType:
         fleet_table(design),
         scenario_table(design),
         sentences("Outside the bench", outside_the_bench(design)),
+        supply_table(task, design.proposed, design.supply_table),
         sentences("Tracking against effort", against_effort(design)),
         safety_table(design),
         sentences(
