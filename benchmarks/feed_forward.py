@@ -26,7 +26,7 @@ from etcfit.control.supply_table import supply_table
 from etcfit.model.ecu import Ecu
 from etcfit.model.effects import PAPER
 from etcfit.model.effects.limp_home_spring import LimpHomeSpring
-from etcfit.model.feed_forward import Term, listed
+from etcfit.model.feed_forward import Term, listed, terms_of
 from etcfit.model.linear import TransferFunction
 from etcfit.model.throttle import Throttle
 from independent.bench_twin import TRUTH, UNDECLARED
@@ -87,6 +87,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])  # type: ignore[union-attr]
     parser.add_argument("--rule", default="damping_optimum", choices=list(RULES))
     parser.add_argument("--again", action="store_true", help="seek the gains anew with each set of terms")
+    parser.add_argument("--only", metavar="TERMS", help="one set of them, as friction,rate")
     asked = parser.parse_args()
     use_compilation_cache()
     loop, settings = twin(), DesignSettings()
@@ -97,9 +98,9 @@ def main() -> None:
     print("rule", asked.rule, "Kp, Ki, Kd", *(f"{float(g):.4g}" for g in gains))
     print(sliding_of(loop.nominal, *loop.body))
     print(f"{'ahead':24}{'RMSE %':>12}{'theirs':>12}{'overshoot %':>12}{'theirs':>12}{'settling s':>12}")
-    for terms in SETS:
+    for terms in SETS if asked.only is None else ((), terms_of(asked.only)):
         there = replace(task, loop=with_terms(loop, terms), terms=terms)
-        mine = tuned(there, asked.rule) if asked.again else gains
+        mine = tuned(there, asked.rule) if asked.again and terms else gains
         print(f"{' '.join(listed(terms)) or 'nothing':24}{row(there, mine)}", flush=True)
     for end in supply_table(task, gains).ends:
         print(f"{end.supply:g} V: RMSE {end.fixed.rmse_pct:.3g} % fixed, {end.table.rmse_pct:.3g} % by the table; "
