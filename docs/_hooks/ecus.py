@@ -11,7 +11,7 @@ def on_page_markdown(markdown: str, **_: Any) -> str:
 
 
 def table() -> str:
-    """One row a make: what its source fixes, what it can put ahead, its tables of gains, what is assumed, the source."""
+    """One row a make: what its source fixes, what it can put ahead, tables of gains, what is assumed, the source."""
     from etcfit import ECUS
 
     rows = ["| `--ecu` | make | its source fixes | ahead | over the supply | assumed | source |",
