@@ -325,6 +325,10 @@ def design(
     ] = None,
     adc_bits: Annotated[int, typer.Option(help="Of the position sensor, over its travel.", min=6, max=24)] = 12,
     feed_forward: Annotated[bool, typer.Option("--feed-forward", help="The ECU has a bias curve.")] = False,
+    feed_forward_terms: Annotated[
+        str | None,
+        typer.Option(help="Ahead by code of yours: friction, rate or both, as friction,rate.", metavar="TERMS"),
+    ] = None,
     overshoot: Annotated[float, typer.Option(help="At most, %.", min=0.0)] = 20.0,
     settling: Annotated[str, typer.Option(help="At most, as 0.2s.", metavar="TIME")] = "0.2s",
     error: Annotated[float, typer.Option(help="Steady-state error at most, %.", min=0.0)] = 0.5,
@@ -364,9 +368,10 @@ def design(
     }
     if zero := [symbol for symbol, limit in limits.items() if limit == 0.0]:
         raise UsageError(f"{zero[0]}: nothing stays below 0. Ask for more than that.")
+    terms = _terms(feed_forward, feed_forward_terms)
     with _progress(quiet) as progress:
         asked = {symbol: limit for symbol, limit in limits.items() if limit != inf}
-        options = rule, adc_bits, feed_forward, asked, given, ecu, log
+        options = rule, adc_bits, terms, asked, given, ecu, log
         if for_fleet:
             done = stages.design_fleet(run, progress, *options)
         else:
@@ -384,6 +389,19 @@ def _clashes(name: str | None, given: Mapping[str, float]) -> tuple[str, ...]:
         return named(name).clashes(given)
     except UsageError as err:
         raise UsageError(f"--ecu {err}") from None
+
+
+def _terms(spring: bool, others: str | None) -> bool | str:
+    """What is asked for ahead of the PID: the spring's table alone, or names between commas."""
+    if others is None:
+        return spring
+    from .model.feed_forward import terms_of
+
+    try:
+        terms_of(others)
+    except UsageError as err:
+        raise UsageError(f"--feed-forward-terms {err}") from None
+    return f"spring,{others}" if spring else others
 
 
 _SECONDS = {"us": 1e-6, "ms": 1e-3, "s": 1.0}

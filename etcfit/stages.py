@@ -23,6 +23,7 @@ if TYPE_CHECKING:
     from .api.diagnosed import Diagnosed
     from .api.fit import Fit
     from .estimation.result import FitResult
+    from .model.feed_forward import Asked
     from .run_folder import RunFolder
 
 Report = Callable[[str, float], None]
@@ -132,7 +133,7 @@ def design_run(
     report: Report,
     rule: str = "optimal",
     adc_bits: int = 12,
-    feed_forward: bool = False,
+    feed_forward: Asked = False,
     limits: Mapping[str, float] = MappingProxyType({}),
     ecu: Mapping[str, float] = MappingProxyType({}),
     profile: str | None = None,
@@ -144,7 +145,7 @@ def design_run(
         run, report: as everywhere.
         rule: whose gains are proposed.
         adc_bits: of the position sensor, over its travel.
-        feed_forward: the ECU has a bias curve.
+        feed_forward: terms ahead of the PID, see `model.feed_forward`.
         limits: what a response must stay below, by field of `Requirements`; the rest as there.
         ecu: what is given of the ECU, by field; see `design.ecu_of` for the rest.
         profile: name of the make of ECU; None for none in particular.
@@ -157,6 +158,7 @@ def design_run(
     from .api.saving import keep_design
     from .control.design import DRAWS, SEED
     from .control.pid import Requirements
+    from .model.feed_forward import as_asked, terms_of
     from .reporting.control.tables import design_table
     from .run_folder import read_draws
 
@@ -178,7 +180,7 @@ def design_run(
     settings = {
         "rule": rule,
         "adc_bits": adc_bits,
-        "feed_forward": feed_forward,
+        "feed_forward": as_asked(terms_of(feed_forward)),
         "limits": limits,
         "ecu": ecu,
         "profile": profile,
@@ -193,7 +195,7 @@ def design_fleet(
     report: Report,
     rule: str = "optimal",
     adc_bits: int = 12,
-    feed_forward: bool = False,
+    feed_forward: Asked = False,
     limits: Mapping[str, float] = MappingProxyType({}),
     ecu: Mapping[str, float] = MappingProxyType({}),
     profile: str | None = None,

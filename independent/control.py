@@ -44,6 +44,12 @@ def follow(plant: Plant, computer: Computer, wanted: np.ndarray) -> tuple[np.nda
     return out[:, 0], out[:, 1]
 
 
+def helped(plant: Plant, computer: Computer, wanted: np.ndarray, ahead: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """As `follow`, of a computer that adds a voltage (V, one a period) to what its PID makes."""
+    out, _ = _run(plant, computer, np.asarray(wanted, dtype=float), np.zeros(len(wanted)), ahead=ahead)
+    return out[:, 0], out[:, 1]
+
+
 def noisy(plant: Plant, computer: Computer, wanted: np.ndarray, rng: np.random.Generator) -> np.ndarray:
     """Angle (rad) and voltage (V) at each sample, shape (n, 2), of a computer that misreads every sample."""
     misread = computer.noise * rng.standard_normal(len(wanted))
@@ -72,15 +78,17 @@ def _run(
     misread: np.ndarray,
     shown: np.ndarray | None = None,
     feed: np.ndarray | None = None,
+    ahead: np.ndarray | None = None,
 ) -> tuple[np.ndarray, np.ndarray]:
     shown = np.full(len(wanted), np.nan) if shown is None else shown
     feed = np.ones(len(wanted)) if feed is None else feed
+    ahead = np.zeros(len(wanted)) if ahead is None else np.asarray(ahead, dtype=float)
     parts = max(1, math.ceil(computer.period / longest_step(plant, H_MAX)))
     p, x = record(plant), at_rest(plant, float(wanted[0]))
     gains = np.array([computer.proportional, computer.integral, computer.derivative])
     late = round((computer.delay + plant.effects.actuation_delay.delay) * parts / computer.period)
-    return run_loop(p, wanted, misread, shown, feed, computer.period, parts, gains, computer.filter, computer.supply,
-                    computer.hold, late, computer.grain, mode_at_rest(p, x), x)  # fmt: skip
+    return run_loop(p, wanted, ahead, misread, shown, feed, computer.period, parts, gains, computer.filter,
+                    computer.supply, computer.hold, late, computer.grain, mode_at_rest(p, x), x)  # fmt: skip
 
 
 def trapezoids(low: float, high: float, period: float, edge: float = 0.1, lead: float = 0.5) -> np.ndarray:

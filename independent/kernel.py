@@ -496,12 +496,13 @@ def run(p, knots, volts, instants, held_until, x, h_max):
 
 
 @compiled
-def run_loop(p, wanted, misread, shown, feed, period, parts, gains, slow, limit, hold, late, grain, mode, x):
+def run_loop(p, wanted, ahead, misread, shown, feed, period, parts, gains, slow, limit, hold, late, grain, mode, x):
     """The throttle body under a computer that samples, computes a PID and holds its output.
 
     Args:
         p: record of a Plant.
         wanted: angle asked for at each sample, rad.
+        ahead: what is added to the output of the PID at each sample, V; the limit holds for both together.
         misread: noise of each reading, rad.
         shown: what a sensor that has failed shows instead, rad; NaN while it has not, infinite for what it showed last.
         feed: supply over the one that the computer reckons with, at each sample.
@@ -541,9 +542,9 @@ def run_loop(p, wanted, misread, shown, feed, period, parts, gains, slow, limit,
             volts = gains[0] * miss + gains[1] * area + gains[2] * chase
         else:
             volts = gains[0] * miss + gains[1] * (area + period * miss) + gains[2] * chase
-            if abs(volts) <= limit or volts * miss < 0.0:
+            if abs(volts + ahead[n]) <= limit or (volts + ahead[n]) * miss < 0.0:
                 area += period * miss
-        volts = min(max(volts, -limit), limit)
+        volts = min(max(volts + ahead[n], -limit), limit)
         out[n, 0], out[n, 1] = x.theta, volts
         for j in range(parts):
             path[n * parts + j] = x.sensed if p.effects.position_sensor_lag.time != 0.0 else x.theta

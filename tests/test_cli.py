@@ -319,6 +319,30 @@ def test_design_passes_on_what_is_given_of_the_ecu_and_no_more(
     assert asked == [(given, make)]
 
 
+@pytest.mark.parametrize(
+    ("words", "asked"),
+    [
+        ((), False),
+        (("--feed-forward",), True),
+        (("--feed-forward-terms", "friction"), "friction"),
+        (("--feed-forward", "--feed-forward-terms", "friction,rate"), "spring,friction,rate"),
+    ],
+)
+def test_design_passes_on_what_is_to_be_put_ahead(
+    invoke, monkeypatch: pytest.MonkeyPatch, words: tuple[str, ...], asked: bool | str
+) -> None:
+    seen: list[object] = []
+    monkeypatch.setattr("etcfit.stages.design_run", lambda *given: seen.append(given[4]) or Done("done"))
+    assert invoke("design", "bench", "--quiet", *words).exit_code == 0
+    assert seen == [asked]
+
+
+def test_a_term_that_there_is_not_is_a_usage_error(invoke) -> None:
+    found = invoke("design", "bench", "--quiet", "--feed-forward-terms", "friction,speed")
+    assert found.exit_code == 2
+    assert "--feed-forward-terms speed: no such term of feed-forward. Known: spring, friction, rate." in found.stderr
+
+
 def test_design_passes_on_the_limits_that_there_are(invoke, monkeypatch: pytest.MonkeyPatch) -> None:
     asked: list[Any] = []
     monkeypatch.setattr("etcfit.stages.design_run", lambda *given: asked.append(given[5]) or Done("done"))

@@ -26,6 +26,8 @@ from etcfit.control.settings import (
     RelaySettings,
     SafetySettings,
     ScenarioSettings,
+    ScheduleSettings,
+    SlidingSettings,
 )
 from etcfit.diagnosis.settings import DiagnosisSettings
 from etcfit.estimation.settings import (
@@ -73,6 +75,8 @@ KINDS: list[Any] = [
     ScenarioSettings,
     ConditionSettings,
     FrontSettings,
+    SlidingSettings,
+    ScheduleSettings,
     FleetDesignSettings,
     DiagnosisSettings,
     ExportSettings,

@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     from ..estimation.result import FitResult
     from ..model.ecu import Ecu
     from ..model.ecus import EcuProfile
+    from ..model.feed_forward import Asked
     from ..rig.base import RigConfig
     from .progress import Report
 
@@ -76,7 +77,7 @@ def design_of(
     report: Report,
     *,
     adc_bits: int,
-    feed_forward: bool,
+    feed_forward: Asked,
     settings: DesignSettings | None = None,
     profile: str | None = None,
     log: Path | str | None = None,
@@ -91,7 +92,7 @@ def design_of(
         drawn: coordinates of further models, shape (D, P), or None.
         report: progress.
         adc_bits: of the position sensor, over its travel.
-        feed_forward: the ECU has a bias curve.
+        feed_forward: terms ahead of the PID, see `model.feed_forward`.
         settings: draws, and the budgets of simulation and rules; the defaults where None.
         profile: name of the make of ECU, see `model.ecus`; None for none in particular.
         log: from the car, whose setpoint is one scenario more.
@@ -116,7 +117,7 @@ def fleet_design_of(
     report: Report,
     *,
     adc_bits: int,
-    feed_forward: bool,
+    feed_forward: Asked,
     settings: DesignSettings | None = None,
     profile: str | None = None,
     log: Path | str | None = None,

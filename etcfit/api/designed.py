@@ -17,6 +17,7 @@ from ..control.pid.gains import UNIT
 from ..control.pid.requirements import Metrics
 from ..control.pid.response import Judged
 from ..control.safety import Safety
+from ..model.feed_forward import as_asked
 from ..reporting.numbers import short
 from . import words
 from .fit import Fit
@@ -135,7 +136,7 @@ class Designed:
         task = self.design.task
         return {
             "rule": self.rule,
-            "feed_forward": task.loop.bias is not None,
+            "feed_forward": as_asked(task.terms),
             "limits": {symbol: limit for symbol, limit in asdict(task.requirements).items() if math.isfinite(limit)},
             "ecu": task.ecu._asdict(),
             "profile": None if task.profile is None else task.profile.name,

@@ -28,6 +28,7 @@ if TYPE_CHECKING:
     from ..estimation.settings import FitSettings
     from ..experiment.settings import AdviceSettings, CampaignSettings, CheckSettings
     from ..exporting import ExportSettings
+    from ..model.feed_forward import Asked
     from ..rig.base import Rig
     from .advised import Advised
     from .checked import Checked
@@ -231,7 +232,7 @@ def design(
     requirements: Requirements | None = None,
     posterior: Sampled | None = None,
     adc_bits: int = 12,
-    feed_forward: bool = False,
+    feed_forward: Asked = False,
     settings: DesignSettings | None = None,
     profile: str | None = None,
     log: Folder | None = None,
@@ -249,7 +250,8 @@ def design(
         posterior: where the draws come from; where None, `model` if it is one, the posterior in the run folder, or the
             fit's own normal approximation.
         adc_bits: of the position sensor, over its travel.
-        feed_forward: the ECU has a bias curve.
+        feed_forward: True where the ECU has a bias curve; else names of terms ahead of the PID, such as
+            ("friction", "rate"), with "spring" for that curve.
         settings: draws, and the budgets of simulation and rules; the defaults where None.
         profile: name of the make of ECU, a key of `etcfit.ECUS`; None for none in particular.
         log: file of a log from the car: the stretch in which most is asked of the plate is one scenario more.
@@ -257,7 +259,7 @@ def design(
         ecu: what is known of the ECU, by field (`period=1e-3`, `delay=0.0`, ...); see `control.design.ecu_of`.
     Raises:
         UsageError: no such rule, or one that has no gains for this plant; no such make of ECU, a field given that its
-            source fixes otherwise, or feed-forward where it has none.
+            source fixes otherwise, or feed-forward that it cannot have.
     """
     with working(quiet) as report:
         from ..control.design import PAPERS

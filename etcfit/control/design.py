@@ -13,7 +13,8 @@ from ..errors import UsageError
 from ..estimation.fitted_model import Fitted
 from ..estimation.joint_fit import Report, quiet
 from ..model.ecu import Ecu, Notation, Terms
-from ..model.ecus import EcuProfile
+from ..model.ecus import PROFILES, EcuProfile
+from ..model.feed_forward import Asked, Term, listed, terms_of
 from ..model.throttle import Throttle
 from ..rig.ecu import GAINS
 from .fleet_verdict import FleetVerdict
@@ -27,9 +28,11 @@ from .pid.loop import Body, Loop
 from .pid.requirements import REQUIRED
 from .pid.scenarios import course, of_log
 from .pid.setpoint import Setpoint
+from .pid.sliding import Sliding, sliding_of
 from .safety import Safety
 from .safety import safety as safety_of
 from .settings import DesignSettings
+from .supply_table import SupplyTable, supply_table
 
 DRAWS, SEED = DesignSettings().draws, DesignSettings().seed
 PAPERS = Requirements()  # section 4.1
@@ -48,7 +51,9 @@ class Design:
         draws: how many models judged them, the nominal one among them.
         origin: "posterior", "laplace" or "fleet": where the draws came from; the last are units.
         bias: the voltage that holds each position, for an ECU that has such a curve.
+        sliding: what dry friction, back-EMF and drag take of a moving plate, for an ECU that can put it ahead.
         robust: the chosen gains under the conditions of a car.
+        supply_table: they as a table over the supply, and what it is worth there.
         front: the least tracking error within each limit of the duty's activity.
         safety: what the chosen gains do where something fails.
         limits: where the chosen gains miss a requirement, what keeps any gains from meeting it.
@@ -62,7 +67,9 @@ class Design:
     draws: int
     origin: str
     bias: Bias
+    sliding: Sliding
     robust: Robust
+    supply_table: SupplyTable
     front: tuple[FrontPoint, ...]
     safety: Safety
     limits: tuple[str, ...]
@@ -72,6 +79,17 @@ class Design:
     def setpoint(self) -> Setpoint:
         """Scenarios on which gains were judged."""
         return self.task.setpoint
+
+    @property
+    def terms(self) -> tuple[Term, ...]:
+        """Of feed-forward, with which the gains were found."""
+        return self.task.terms
+
+    @property
+    def proposed(self) -> Gains:
+        """The gains of the chosen rule."""
+        assert self.chosen.gains is not None, "the proposed rule has gains"
+        return self.chosen.gains
 
     @property
     def settings(self) -> DesignSettings:
@@ -112,7 +130,7 @@ def task_of(
     ecu: Ecu,
     requirements: Requirements = PAPERS,
     drawn: np.ndarray | None = None,
-    feed_forward: bool = False,
+    feed_forward: Asked = False,
     settings: DesignSettings = DesignSettings(),
     profile: EcuProfile | None = None,
     log: Series | None = None,
@@ -124,24 +142,41 @@ def task_of(
         ecu: the controller.
         requirements: what is asked for.
         drawn: coordinates of further models, shape (D, P); from the Laplace approximation where there are none.
-        feed_forward: with the curve of holding voltages ahead of the PID.
+        feed_forward: terms ahead of the PID, see `model.feed_forward`: True for the curve of holding voltages alone.
         settings: how many draws, and the budgets of simulation and rules.
         profile: the make of ECU that the controller is; None where none is named.
         log: setpoint of a log from the car, per cent of the travel; None for none.
     Raises:
-        UsageError: feed-forward for an ECU that has no table of it.
+        UsageError: a term of feed-forward that there is not, or that the ECU cannot have.
     """
-    if feed_forward and profile is not None and profile.bias is None:
-        raise UsageError(f"{profile.title} has no table of feed-forward. Leave --feed-forward out.")
+    terms = terms_of(feed_forward)
+    if profile is not None:
+        _refuse_others(terms, profile)
     if drawn is None:
         drawn = fitted.laplace(settings.draws - 1, np.random.default_rng(settings.seed))
     body = Body(fitted.config.gear_ratio, *stops(fitted))
     throttles = fitted.throttles(np.vstack((fitted.x, drawn)))
-    bias = _curve(fitted.throttle, body, profile) if feed_forward else None
-    loop = Loop(throttles, body, ecu, bias, settings.loop)
+    bias = _curve(fitted.throttle, body, profile) if Term.SPRING in terms else None
+    sliding = sliding_of(fitted.throttle, *body, settings.sliding).only(terms)
+    loop = Loop(throttles, body, ecu, bias, settings.loop, sliding=sliding)
     further = () if log is None else (of_log(log, settings.scenarios),)
     setpoint = course(loop.first(1), settings.scenarios, *further)
-    return Task(reduce(fitted).plant, ecu, requirements, loop, setpoint, gains_as_found(fitted), settings, profile)
+    plant, found = reduce(fitted).plant, gains_as_found(fitted)
+    return Task(plant, ecu, requirements, loop, setpoint, found, settings, profile, terms)
+
+
+def _refuse_others(terms: tuple[Term, ...], profile: EcuProfile) -> None:
+    """Refuse terms of feed-forward that an ECU cannot have.
+
+    Raises:
+        UsageError: there is one.
+    """
+    if Term.SPRING in terms and Term.SPRING not in profile.terms:
+        raise UsageError(f"{profile.title} has no table of feed-forward. Leave --feed-forward out.")
+    if others := [term for term in terms if term not in profile.terms]:
+        able = ", ".join(each.name for each in PROFILES if set(others) <= set(each.terms))
+        raise UsageError(f"{profile.title} cannot put {' and '.join(listed(others))} ahead: it takes no code of yours. "
+                         f"Leave --feed-forward-terms out, or design for one that does: {able}.")  # fmt: skip
 
 
 def _curve(throttle: Throttle, body: Body, profile: EcuProfile | None) -> Bias:
@@ -156,7 +191,7 @@ def design(
     requirements: Requirements = PAPERS,
     rule: str = BEST,
     drawn: np.ndarray | None = None,
-    feed_forward: bool = False,
+    feed_forward: Asked = False,
     report: Report = quiet,
     settings: DesignSettings = DesignSettings(),
     profile: EcuProfile | None = None,
@@ -209,10 +244,13 @@ def propose(
     report("tracking against effort", 0.9)
     assert chosen.gains is not None, "a rule that refused is not proposed"
     robust, points = outside_the_bench(task, chosen.gains), front(task, chosen.gains)
+    table = supply_table(task, chosen.gains)
     report("where something fails", 0.95)
     safe = safety_of(task, chosen.gains)
     bias = task.loop.bias or _curve(fitted.throttle, task.loop.body, task.profile)
-    return Design(fitted, task, chosen, tuned, task.loop.draws, origin, bias, robust, points, safe, limits)
+    sliding = sliding_of(fitted.throttle, *task.loop.body, task.settings.sliding)
+    return Design(fitted, task, chosen, tuned, task.loop.draws, origin, bias, sliding, robust, table, points, safe,
+                  limits)  # fmt: skip
 
 
 _EASED: dict[str, Callable[[Task], Task]] = {
@@ -228,7 +266,7 @@ _EASED: dict[str, Callable[[Task], Task]] = {
             phase_margin_deg=task.settings.eased_margin,
         ),
     ),
-    "dry friction": lambda task: replace(task, loop=replace(task.loop, throttles=frictionless(task.loop.throttles))),
+    "dry friction": lambda task: replace(task, loop=_sliding_freely(task.loop)),
     "the resolution of the position sensor": lambda task: _with_ecu(task, resolution=0.0),
     "the noise of the position sensor": lambda task: _with_ecu(task, noise=0.0),
     "the filter ahead of the ECU": lambda task: _with_ecu(task, lag=0.0),
@@ -253,6 +291,12 @@ def _meets(task: Task) -> bool:
 def _with_ecu(task: Task, **changes: float) -> Task:
     ecu = task.ecu._replace(**changes)
     return replace(task, ecu=ecu, loop=task.loop.under(ecu))
+
+
+def _sliding_freely(loop: Loop) -> Loop:
+    """Without dry friction, and without what is put ahead for it."""
+    sliding = None if loop.sliding is None else loop.sliding.frictionless()
+    return replace(loop, throttles=frictionless(loop.throttles), sliding=sliding)
 
 
 def frictionless(throttle: Any) -> Any:

@@ -14,6 +14,7 @@ from ..estimation.fleet_model import FleetModel
 from ..estimation.joint_fit import Report, quiet
 from ..model.ecu import Ecu
 from ..model.ecus import EcuProfile
+from ..model.feed_forward import Asked
 from .design import BEST, PAPERS, Design, propose, task_of
 from .fleet_verdict import OneByOne, verdict
 from .judged import over_models
@@ -86,7 +87,7 @@ def design_for_fleet(
     requirements: Requirements = PAPERS,
     rule: str = BEST,
     future: FleetModel | None = None,
-    feed_forward: bool = False,
+    feed_forward: Asked = False,
     report: Report = quiet,
     settings: DesignSettings = DESIGN,
     asked: FleetDesignSettings = EVERY_UNIT,

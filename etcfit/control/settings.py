@@ -256,6 +256,45 @@ class ConditionSettings:
 
 
 @dataclass(frozen=True)
+class SlidingSettings:
+    """Feed-forward that follows the setpoint's rate.
+
+    Args:
+        full: rate of the setpoint from which on all of the dry friction is put ahead, travels per second; a smaller one
+            gets its share, so that a setpoint that rests with a flicker does not make the duty jump.
+        rate: of a plate whose friction and drag are read off the model, travels per second; that of the trapezoid.
+        places: evenly over the travel, of which both are the mean.
+    """
+
+    full: float = real(0.05, 1e-6, 100.0)
+    rate: float = real(4.0, 1e-3, 1000.0)
+    places: int = whole(41, 1, 10_000)
+
+    __post_init__ = check_ranges
+
+
+@dataclass(frozen=True)
+class ScheduleSettings:
+    """Tables of gains.
+
+    Args:
+        supplies: at the points of a table over the supply, V, rising.
+        places: evenly over the travel, at which the plant's gain is compared.
+        near: by how much that may differ from the gain at a quarter of the travel and a table over the position would
+            still have nothing to do, a share.
+    """
+
+    supplies: tuple[float, ...] = reals((9.0, 10.0, 11.0, 12.0, 13.0, 14.0, 15.0), 0.1, 1e3)
+    places: int = whole(201, 1, 10_000)
+    near: float = real(0.1, 0.0, 10.0)
+
+    def __post_init__(self) -> None:
+        check_ranges(self)
+        if any(a >= b for a, b in pairwise(self.supplies)):
+            raise ValueError(f"ScheduleSettings.supplies = {self.supplies!r}: they must rise.")
+
+
+@dataclass(frozen=True)
 class FrontSettings:
     """The front of tracking against effort.
 
@@ -378,6 +417,8 @@ class DesignSettings:
         loop: the simulation.
         scenarios: what gains are judged on.
         conditions: of a car, besides those of the bench.
+        sliding: feed-forward that follows the setpoint's rate.
+        schedule: tables of gains.
         front: of tracking against effort.
         safety: what happens where something fails.
         optimum: the search of the rule `optimal`.
@@ -394,6 +435,8 @@ class DesignSettings:
     loop: LoopSettings = LoopSettings()
     scenarios: ScenarioSettings = ScenarioSettings()
     conditions: ConditionSettings = ConditionSettings()
+    sliding: SlidingSettings = SlidingSettings()
+    schedule: ScheduleSettings = ScheduleSettings()
     front: FrontSettings = FrontSettings()
     safety: SafetySettings = SafetySettings()
     optimum: OptimumSettings = OptimumSettings()

@@ -174,18 +174,39 @@ def holding_against(
         share: of the dry friction: 1 where the plate is about to open, -1 where it is about to close, 0 in the middle.
         gear_ratio, lower, upper: of the rig; rad.
     """
+    return turning_against(throttle, theta, 0.0, share, gear_ratio, lower, upper)
+
+
+def turning_against(
+    throttle: Throttle,
+    theta: Scalar,
+    omega: Scalar,
+    share: Scalar,
+    gear_ratio: Scalar,
+    lower: Scalar,
+    upper: Scalar,
+) -> tuple[Float[Array, ""], Float[Array, ""]]:
+    """Current (A) and voltage (V) at which the plate passes an angle at a speed that does not change.
+
+    Args:
+        throttle: the model.
+        theta: rad.
+        omega: rad/s.
+        share: of the dry friction that the motor carries: 1 where the plate slides open, -1 where it slides closed.
+        gear_ratio, lower, upper: of the rig; rad.
+    """
     u = _inputs(0.0, gear_ratio, lower, upper)
 
     def torque(i: Scalar) -> Scalar:
-        c = throttle(State(i, theta, 0.0), throttle.z0, u)
+        c = throttle(State(i, theta, omega), throttle.z0, u)
         return c.torque + c.drive - share * c.friction
 
     def voltage(volts: Scalar, i: Scalar) -> Scalar:
-        return volts + throttle(State(i, theta, 0.0), throttle.z0, u._replace(voltage=volts)).voltage
+        return volts + throttle(State(i, theta, omega), throttle.z0, u._replace(voltage=volts)).voltage
 
     current = _root(torque, 0.0)
     # a driver's dead zone has slope 0 at no voltage: begin beyond it
-    start = -throttle(State(current, theta, 0.0), throttle.z0, u).voltage
+    start = -throttle(State(current, theta, omega), throttle.z0, u).voltage
     return current, _root(lambda volts: voltage(volts, current), start + jnp.sign(start))
 
 

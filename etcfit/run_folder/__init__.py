@@ -59,6 +59,7 @@ if TYPE_CHECKING:
     from .state import must_belong as must_belong
     from .state import save_diagnosis as save_diagnosis
     from .state import save_fit as save_fit
+    from .supply_table import supply_table_json as supply_table_json
 
 MODULE_OF = {
     "advice_json": "advice",
@@ -111,6 +112,7 @@ MODULE_OF = {
     "must_belong": "state",
     "save_diagnosis": "state",
     "save_fit": "state",
+    "supply_table_json": "supply_table",
 }
 
 __all__ = [*MODULE_OF]  # pyright: ignore[reportUnsupportedDunderAll]

@@ -16,8 +16,10 @@ from ..control.pid.setpoint import Setpoint
 from ..files import plain
 from ..model.ecu import Ecu, Notation
 from ..model.ecus import RUSEFI, BiasTable, differences
+from .ahead import ahead_json, code
 from .fit import versions
 from .safety import safety_json
+from .supply_table import supply_table_json
 
 
 def design_json(design: Design) -> dict[str, Any]:
@@ -45,6 +47,7 @@ def design_json(design: Design) -> dict[str, Any]:
         "met": chosen.met,
         "scenarios": {name: figures._asdict() for name, figures in chosen.scenarios.items()},
         "conditions": _conditions(design),
+        "supply_table": supply_table_json(design.task, chosen.gains, design.supply_table),
         "front": [_point(point) for point in design.front],
         "safety": safety_json(design),
         "stable": chosen.stable,
@@ -58,6 +61,7 @@ def design_json(design: Design) -> dict[str, Any]:
         },
         "setpoint": _setpoint(design.setpoint),
         "feed_forward": design.task.loop.bias is not None,
+        "feed_forward_terms": ahead_json(design),
         "rules": {name: _rule(design, tuned) for name, tuned in design.tuned.items()},
         "rusefi": rusefi(design),
         "profile": written_for(design),
@@ -216,6 +220,7 @@ def written_for(design: Design) -> dict[str, Any] | None:
             for limit in profile.limits
         },
         "bias": None if profile.bias is None else _bias(design, profile.bias),
+        "code": code(design),
         "source": profile.source,
         "assumed": list(profile.assumed),
     }

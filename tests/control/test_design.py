@@ -26,13 +26,14 @@ from etcfit.estimation.fitted_model import Fitted
 from etcfit.files import write_json
 from etcfit.model.ecus import ECUS, FOME, RUSEFI, EcuProfile
 from etcfit.model.effects import AbstractEffect
+from etcfit.model.feed_forward import Asked
 from etcfit.model.linear import closed_form
 from etcfit.model.throttle import Throttle
 from etcfit.ranges import from_json
 from etcfit.reporting.blocks import render
 from etcfit.reporting.control.tables import design_table
 from etcfit.run_folder import begin, design_json, finish, load_final, read_draws, reduction_json, rusefi, save_fit
-from firmwares import Fome, Rusefi, Settings
+from firmwares import Fome, PidV1, Rusefi, Settings, Textbook
 
 
 @pytest.fixture(scope="module")
@@ -135,7 +136,7 @@ def test_the_json_is_the_contract(designed: Design, fitted: Fitted, tmp_path: Pa
     assert tf["synthetic"] is True
 
 
-def made_for(fitted: Fitted, profile: EcuProfile, feed_forward: bool, rule: str = "manual") -> Design:
+def made_for(fitted: Fitted, profile: EcuProfile, feed_forward: Asked, rule: str = "manual") -> Design:
     ecu = ecu_of(fitted, **profile.completed({"resolution": np.radians(90.0) / 2**12}))
     task = task_of(fitted, ecu, PAPERS, None, feed_forward, replace(BRIEF, draws=5), profile)
     return propose(fitted, task, rule, QUICK, "laplace")
@@ -226,6 +227,66 @@ def test_what_is_pasted_drives_the_plate_as_it_was_simulated(
         np.max(np.abs(np.subtract(simulated, duties)))
         < 0.5 * 10.0 ** -(profile.bias.decimals if profile.bias else 0) + 1e-5
     )
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("name", "firmware", "terms"),
+    [("arduino", PidV1, ("friction", "rate")), ("arduino", PidV1, ("rate",)), ("generic", Textbook, "spring,friction")],
+)
+def test_the_lines_of_code_put_ahead_what_was_simulated(
+    fitted: Fitted, name: str, firmware: type[PidV1 | Textbook], terms: Asked
+) -> None:
+    """The printed lines, run as they stand behind the PID of that library, see the simulated plate."""
+    made = made_for(fitted, ECUS[name], terms, rule="damping_optimum")
+    lines = design_json(made)["profile"]["code"]
+    assert all(line in render(design_table(made)) for line in lines)
+    loop, ecu, ours = made.task.loop.first(1), made.task.ecu, made.chosen.gains
+    assert ours is not None
+    path = loop.respond(Gains(*(np.array([g]) for g in ours)), made.setpoint)
+    wanted = np.asarray(loop.angle(made.setpoint.at(made.setpoint.instants(ecu.period))))
+    seen = ecu.resolution * np.round(np.asarray(path.position)[0, 0] / ecu.resolution)
+    bias, share = loop.bias, lambda angle: 100.0 * float(loop.share(angle))
+    bins, values = ((0.0, 100.0), (0.0, 0.0)) if bias is None else (
+        100.0 * np.asarray(loop.share(bias.angles)), 100.0 * bias.hold / ecu.supply)  # fmt: skip
+    theirs = firmware(Settings(*made.written(ours, made.task.profile.notation)))  # type: ignore[union-attr]
+    known = {"constrain": lambda x, low, high: min(max(x, low), high), "rate": 0.0, "before": share(wanted[0]),
+             "table": lambda target: np.interp(target, bins, values)}  # fmt: skip
+    program = compile("\n".join(line.rstrip(";") for line in lines), "pasted", "exec")
+    memory, simulated, duties, alone = Memory.at_rest(ours, ecu, wanted[0]), [], [], []
+    for setpoint, position, ahead in zip(wanted, seen, loop.ahead(wanted), strict=True):
+        volts, memory = tick(ours, ecu, memory, setpoint, position, ahead)
+        simulated.append(100.0 * float(volts) / ecu.supply)
+        alone.append(theirs.update(share(setpoint), share(position)))
+        known |= {"target": share(setpoint), "output": alone[-1]}
+        exec(program, known)
+        duties.append(known["duty"])
+    # from the second tick on: at the first the library takes the reading for where it was before
+    near = len(duties) if firmware is PidV1 else round(0.55 / ecu.period)  # whose integral waits at another limit
+    assert np.max(np.abs(np.subtract(simulated, duties)[1:near])) < 1e-3
+    assert np.max(np.abs(np.subtract(simulated, alone)[1:near])) > 3.0
+
+
+def test_friction_and_rate_are_refused_where_no_code_can_be_written(fitted: Fitted) -> None:
+    for profile in ECUS.values():
+        if profile.name in ("arduino", "generic"):
+            continue
+        with pytest.raises(UsageError, match=r"cannot put friction ahead.*for one that does: arduino, generic"):
+            task_of(fitted, ecu_of(fitted), feed_forward=("friction",), settings=BRIEF, profile=profile)
+    with pytest.raises(UsageError, match=r"air: no such term of feed-forward\. Known: spring, friction, rate"):
+        task_of(fitted, ecu_of(fitted), feed_forward="friction,air", settings=BRIEF)
+
+
+def test_gains_without_the_terms_are_those_of_before(fitted: Fitted) -> None:
+    """Off unless asked: nothing ahead at any tick; asked, what the setpoint's edges make."""
+    none, spring, both = (task_of(fitted, ecu_of(fitted), feed_forward=asked, settings=BRIEF)
+                          for asked in (False, True, "friction,rate"))  # fmt: skip
+    wanted = none.loop.angle(none.setpoint.at(none.setpoint.instants(none.ecu.period)))
+    assert np.all(none.loop.ahead(wanted) == 0.0)
+    assert spring.loop.bias is not None
+    assert np.all(spring.loop.ahead(wanted) == spring.loop.bias.volts(wanted))
+    assert np.ptp(both.loop.ahead(wanted)) > 1.0
+    assert both.loop.ahead(wanted)[:400] == pytest.approx(np.zeros(400))
 
 
 @pytest.mark.slow

@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 
 from ...model.ecu import Ecu
 from ...model.ecus import EcuProfile
+from ...model.feed_forward import Term
 from ...model.linear import TransferFunction
 from ..settings import DesignSettings
 from .gains import Gains
@@ -35,6 +36,7 @@ class Task:
         as_found: gains of the ECU that drove the logs, or why nobody knows them.
         settings: budgets of the rules that experiment.
         profile: the make of ECU that this controller is; None where none is named.
+        terms: of feed-forward in the loop.
     """
 
     plant: TransferFunction
@@ -45,6 +47,7 @@ class Task:
     as_found: Gains | Refusal = Refusal("no ECU is described")
     settings: DesignSettings = DesignSettings()
     profile: EcuProfile | None = None
+    terms: tuple[Term, ...] = ()
 
 
 Rule = Callable[[Task], Gains | Refusal]

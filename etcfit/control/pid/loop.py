@@ -25,6 +25,7 @@ from .feedforward import Bias, HoldingVoltages, hold_curve
 from .gains import Gains
 from .response import Figures, Judged, effort, judge
 from .setpoint import Setpoint
+from .sliding import Sliding, rates
 
 
 class Body(NamedTuple):
@@ -238,6 +239,7 @@ class Loop:
         settings: of the simulation.
         drive: voltage that each plant gets over the one that the ECU means to send, shape (D,); None for 1: the supply
             over the ECU's where its output is a duty.
+        sliding: feed-forward that follows the setpoint's rate; None for none.
     """
 
     throttles: Throttle
@@ -246,6 +248,7 @@ class Loop:
     bias: Bias | None = None
     settings: LoopSettings = LoopSettings()
     drive: np.ndarray | None = None
+    sliding: Sliding | None = None
 
     @property
     def draws(self) -> int:
@@ -280,6 +283,11 @@ class Loop:
     def holds(self, angles: np.ndarray) -> HoldingVoltages:
         """Voltages that hold the nominal plate at these angles (rad), shape (K,)."""
         return hold_curve(self.nominal, angles, *self.body)
+
+    def ahead(self, setpoint: np.ndarray) -> np.ndarray:
+        """What the ECU puts out ahead of its PID at each tick, V, for setpoints (rad), shape (K,)."""
+        volts = np.zeros_like(setpoint) if self.bias is None else self.bias.volts(setpoint)
+        return volts if self.sliding is None else volts + self.sliding.volts(rates(setpoint, self.ecu))
 
     @property
     def nominal(self) -> Throttle:
@@ -317,7 +325,7 @@ class Loop:
             keep: of a tick's path and the controller's memory after it, what is given back.
         """
         wanted = self.angle(setpoint.at(setpoint.instants(self.ecu.period)))
-        ahead = self.bias.volts(wanted) if self.bias is not None else np.zeros_like(wanted)
+        ahead = self.ahead(wanted)
         start = State(0.0, self.angle(setpoint.shares[0]), 0.0) if start is None else start
         first = _of_each(first, np.shape(jax.tree.leaves(settings)[0]))
         parts = max(1, math.ceil(self.ecu.period / self.settings.longest_step - 1e-9))

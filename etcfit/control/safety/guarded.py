@@ -154,8 +154,7 @@ def of_setpoint(
 ) -> Trial:
     """One trial of a setpoint at each tick (shares of the travel), shape (K,), under its loop's feed-forward."""
     angle = loop.angle(asked)
-    ahead = np.zeros_like(angle) if loop.bias is None else loop.bias.volts(angle)
-    return Trial(gains, fault, guards, angle, np.broadcast_to(supply, angle.shape), ahead)
+    return Trial(gains, fault, guards, angle, np.broadcast_to(supply, angle.shape), loop.ahead(angle))
 
 
 def longest_above(error: np.ndarray, threshold: float) -> np.ndarray:

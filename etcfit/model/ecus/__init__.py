@@ -12,7 +12,7 @@ from .emtron import EMTRON
 from .fome import FOME
 from .generic import GENERIC
 from .link import LINK
-from .profile import BiasTable, EcuProfile, Limit, Pasting, differences
+from .profile import BiasTable, EcuProfile, Limit, Pasting, Scheduling, differences
 from .rusefi import RUSEFI
 
 PROFILES = (RUSEFI, FOME, DBWX2, LINK, EMTRON, ARDUINO, GENERIC)
@@ -31,4 +31,4 @@ def named(name: str) -> EcuProfile:
     return ECUS[name]
 
 
-__all__ = ["ECUS", "PROFILES", "BiasTable", "EcuProfile", "Limit", "Pasting", "differences", "named"]
+__all__ = ["ECUS", "PROFILES", "BiasTable", "EcuProfile", "Limit", "Pasting", "Scheduling", "differences", "named"]

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from ..ecu import Notation
-from .profile import EcuProfile, Limit
+from ..feed_forward import Term
+from .profile import EcuProfile, Limit, Scheduling
 
 ARDUINO = EcuProfile(
     name="arduino",
@@ -29,7 +30,11 @@ ARDUINO = EcuProfile(
         Limit("SetOutputLimits, Min", "%", lambda ecu, travel: -100.0 * ecu.duty),
         Limit("SetOutputLimits, Max", "%", lambda ecu, travel: 100.0 * ecu.duty),
     ),
+    code=(Term.FRICTION, Term.RATE),
+    scheduling=Scheduling.CODE,
 )
 """output = Kp error + I - Kd (input - last input) / T: a derivative of the position alone, so that a step of the
 setpoint gives no kick; I and the output are each clamped to the output's limits. Ki and Kd are of continuous time
-(`SetTunings` takes the sample time into account)."""
+(`SetTunings` takes the sample time into account). What a sketch adds to the output the library knows nothing of: the
+sketch limits the sum once more. Of `SetTunings` the source says that "tunings can also be adjusted on the fly during
+normal operation"."""

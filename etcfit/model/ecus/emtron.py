@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from ..ecu import Notation
-from .profile import BiasTable, EcuProfile, Limit
+from .profile import BiasTable, EcuProfile, Limit, Scheduling
 
 EMTRON = EcuProfile(
     name="emtron",
@@ -29,9 +29,12 @@ EMTRON = EcuProfile(
         Limit("DBW Target Filter", "ms", lambda ecu, travel: 0.0),
     ),
     bias=BiasTable("target", "DBW Feed Forward %DC Table"),
+    scheduling=Scheduling.TABLE,
 )
 """The help's own words: derivative "gain is based on the rate of change of error"; limits "the maximum I gain
 compensation used by the closed loop system", and the minimum; clamps "the minimum duty cycle that can be used"; "a Feed
 Forward Table to provide a base duty for the PID function"; within the dead band "the output control signal is held
-constant", which `Ecu` does not know: it is written as 0. The firmware is closed.
+constant", which `Ecu` does not know: it is written as 0. Of each gain: "this table can be expanded into 3D (X axis
+enabled), and any runtime can be used", with an example in which the proportional gain "is spanned across Battery
+Voltage". The firmware is closed.
 """

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from ..ecu import Notation
-from .profile import BiasTable, EcuProfile, Limit
+from ..feed_forward import Term
+from .profile import BiasTable, EcuProfile, Limit, Scheduling
 
 GENERIC = EcuProfile(
     name="generic",
@@ -25,5 +26,7 @@ GENERIC = EcuProfile(
         Limit("setpoint weight of D", "", lambda ecu, travel: ecu.derivative_weight),
     ),
     bias=BiasTable("position", "duty"),
+    code=(Term.FRICTION, Term.RATE),
+    scheduling=Scheduling.CODE,
 )
 """The controller that gains are sought for where no ECU is named; named, its gains are also written in %."""

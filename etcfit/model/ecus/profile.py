@@ -8,6 +8,7 @@ from enum import Enum
 from typing import NamedTuple
 
 from ..ecu import Ecu, Notation
+from ..feed_forward import Term
 
 
 class Limit(NamedTuple):
@@ -49,6 +50,15 @@ class Pasting(Enum):
     BY_HAND = "settings to type in"
 
 
+class Scheduling(Enum):
+    """Whether the gains of an ECU can follow the supply."""
+
+    TABLE = "tables of gains over the supply"
+    CODE = "gains that code of yours can set at run time"
+    NONE = "one number for each gain"
+    UNKNOWN = "no table of gains that is known of"
+
+
 @dataclass(frozen=True)
 class EcuProfile:
     """One make of engine computer: one file beside this one, and one line in `ecus/__init__.py`.
@@ -69,6 +79,8 @@ class EcuProfile:
         assumed: the same in words, and whatever else is taken without a source.
         limits: its settings beside the gains.
         bias: its table of feed-forward; None where it has none.
+        code: terms of feed-forward that its user adds to the output in code of his own, besides that table.
+        scheduling: whether its gains can follow the supply, by what `source` says.
         pasting: how the settings come into it.
         jam: what it calls error (%) and timeout (s) of its jam check; None where that is not known.
     """
@@ -83,8 +95,15 @@ class EcuProfile:
     assumed: tuple[str, ...] = ()
     limits: tuple[Limit, ...] = ()
     bias: BiasTable | None = None
+    code: tuple[Term, ...] = ()
+    scheduling: Scheduling = Scheduling.UNKNOWN
     pasting: Pasting = Pasting.BY_HAND
     jam: tuple[str, str] | None = None
+
+    @property
+    def terms(self) -> tuple[Term, ...]:
+        """Of feed-forward that this controller can have."""
+        return (*((Term.SPRING,) if self.bias is not None else ()), *self.code)
 
     def clashes(self, given: Mapping[str, float]) -> tuple[str, ...]:
         """Fields given that its source fixes at something else."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from ..ecu import Notation
-from .profile import BiasTable, EcuProfile, Limit, Pasting
+from .profile import BiasTable, EcuProfile, Limit, Pasting, Scheduling
 
 RUSEFI = EcuProfile(
     name="rusefi",
@@ -31,6 +31,7 @@ RUSEFI = EcuProfile(
         Limit("etb_iTermMax", "", lambda ecu, travel: 100.0 * ecu.integral),
     ),
     bias=BiasTable("etbBiasBins", "etbBiasValues"),
+    scheduling=Scheduling.NONE,
     pasting=Pasting.TUNE_FILE,
     jam=("etbJamDetectThreshold", "etbJamTimeout"),
 )

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import Any
 
 from rich.console import Group, RenderableType
@@ -18,12 +18,25 @@ def snippet(written: Mapping[str, Any]) -> RenderableType:
     pasting = named(written["name"]).pasting
     settings = {Pasting.TUNE_FILE: _tune_file, Pasting.BY_HAND: _by_hand}[pasting](written)
     assumed = sentences("Assumed of it", [f"assumed: {each}" for each in written["assumed"]])
-    parts = (headed(f"For {written['title']}: {pasting.value}", settings), assumed)
+    parts = (headed(f"For {written['title']}: {pasting.value}", settings), _code(written), assumed)
     return Group(*(part for part in parts if part is not None))
 
 
+CODE = "Behind its PID, in your own code, at each tick, in %; rate begins at 0 and before at the target"
+
+
+def _code(written: Mapping[str, Any]) -> RenderableType | None:
+    """What its user adds to the output; None where that is nothing."""
+    lines = written.get("code")
+    return headed(CODE, _lines(lines)) if lines else None
+
+
+def _lines(lines: Iterable[str]) -> RenderableType:
+    return Group(*(Text(line, no_wrap=True, overflow="ignore") for line in lines))
+
+
 def _tune_file(written: Mapping[str, Any]) -> RenderableType:
-    return Group(*(Text(line, no_wrap=True, overflow="ignore") for line in tune_file(written)))
+    return _lines(tune_file(written))
 
 
 def tune_file(written: Mapping[str, Any]) -> Iterator[str]:

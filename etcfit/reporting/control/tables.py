@@ -18,6 +18,7 @@ from ...control.pid.requirements import Metrics, Requirements
 from ...estimation.fitted_model import Fitted
 from ...model.ecu import Ecu, Notation
 from ...model.ecus import ECUS
+from ...model.feed_forward import Term, listed
 from ...run_folder import written_for
 from ..blocks import headed, plain_table, rig_title, sentences
 from ..compromise import cautioned
@@ -25,6 +26,7 @@ from ..numbers import Digits, short
 from .fleet import fleet_table, of_models
 from .safety import safety_table
 from .snippet import snippet
+from .supply_table import supply_table
 from .verdicts import against_effort, outside_the_bench, scenario_table, what_is_asked
 
 
@@ -146,6 +148,7 @@ def design_table(design: Design) -> RenderableType:
         fleet_table(design),
         scenario_table(design),
         sentences("Outside the bench", outside_the_bench(design)),
+        supply_table(task, design.proposed, design.supply_table),
         sentences("Tracking against effort", against_effort(design)),
         safety_table(design),
         sentences(
@@ -236,12 +239,30 @@ def _proposed(design: Design) -> RenderableType:
         table.add_row(make.title, *(short(g, 5) for g in design.written(gains, make.notation)), make.notation.title)
     if (own := design.fitted.config.notation) is not None:
         table.add_row("as in rig.toml", *(short(g, 5) for g in design.written(gains, own)), own.title)
-    parts = [table, Text(), _curve(design), _unnamed() if written is None else snippet(written)]
+    parts = [table, Text(), _curve(design), Text(_moving(design)), _unnamed() if written is None else snippet(written)]
     return headed(f"Gains of {design.chosen.rule}, found {_ahead(design)}", Group(*parts))
 
 
 def _ahead(design: Design) -> str:
-    """Whether with feed-forward, and whether there is any."""
+    """With which terms of feed-forward, and whether there is any."""
+    others = listed(term for term in design.terms if term is not Term.SPRING)
+    return _spring(design) + (f"; with {' and '.join(others)} put ahead by code of yours" if others else "")
+
+
+def _moving(design: Design) -> str:
+    """What a moving plate takes beside the curve, and who can put it ahead."""
+    sliding, profile = design.sliding, design.task.profile
+    said = (f"a moving plate takes more: dry friction {short(sliding.opening)} V opening, {short(sliding.closing)} V "
+            f"closing; back-EMF and drag {short(sliding.slope)} V s/rad of the setpoint's rate")  # fmt: skip
+    if design.task.loop.sliding is not None:
+        return said
+    if profile is not None and not profile.code:
+        return f"{said}; {profile.title} cannot put these ahead"
+    return f"{said}; --feed-forward-terms friction,rate puts them ahead where you write the code"
+
+
+def _spring(design: Design) -> str:
+    """Whether with the curve of the springs, and whether there is any."""
     profile = design.task.profile
     if design.task.loop.bias is not None:
         return "with the bias curve"

@@ -49,6 +49,7 @@ def loop_json(result: FitResult, pid: Mapping[str, Any]) -> dict[str, Any] | Non
         ],
         "requirements": pid["requirements"],
         "bias": _bias(result, body) if pid.get("feed_forward") else None,
+        "sliding": _sliding(pid.get("feed_forward_terms") or {}),
         "noise": float(pid["ecu"].get("noise_rad") or 0.0),
     }
 
@@ -58,6 +59,20 @@ def ecu_json(written: Mapping[str, Any]) -> dict[str, float]:
     default = Ecu()._asdict()
     return {
         field: float(written[name] or 0.0) if name in written else float(default[field]) for field, name in _ECU.items()
+    }
+
+
+def _sliding(ahead: Mapping[str, Any]) -> dict[str, float] | None:
+    """What is put ahead by the setpoint's rate, as `Sliding` has it; None where the gains were found without."""
+    terms = {term: term in ahead.get("terms", ()) for term in ("friction", "rate")}
+    if not any(terms.values()):
+        return None
+    friction = ahead["friction"]
+    return {
+        "opening": friction["opening_V"] if terms["friction"] else 0.0,
+        "closing": friction["closing_V"] if terms["friction"] else 0.0,
+        "full": friction["full_from_rad_per_s"],
+        "slope": ahead["rate"]["V_s_per_rad"] if terms["rate"] else 0.0,
     }
 
 

@@ -108,6 +108,7 @@ def settings_table(pid: Mapping[str, Any]) -> Table | None:
     settings = (written["gains"] | written["limits"]).items()
     rows: list[tuple[Any, ...]] = [(name, number(each["value"], 5), each["unit"]) for name, each in settings]
     rows += [(name, ", ".join(number(each, 4) for each in row), "%") for name, row in (written["bias"] or {}).items()]
+    rows += [("in your own code, each tick", line, "%") for line in written.get("code") or ()]
     return Table(f"Settings for {written['title']}", ["", "value", "unit"], rows)
 
 

@@ -18,6 +18,7 @@ import rigs
 from etcfit.control.pid import Gains
 from etcfit.control.pid.response import judge
 from etcfit.control.pid.setpoint import trapezoid
+from etcfit.control.pid.sliding import Sliding
 from etcfit.estimation.joint_fit import ready
 from etcfit.estimation.result import FitResult
 from etcfit.files import plain
@@ -158,11 +159,12 @@ ECUS = {
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize("sliding", [None, Sliding(0.9, 0.5, 0.08, 0.41)], ids=["", "ahead"])
 @pytest.mark.parametrize("ecu", ECUS.values(), ids=ECUS)
-def test_the_loop_is_our_own_tick_by_tick(ecu: Ecu) -> None:
+def test_the_loop_is_our_own_tick_by_tick(ecu: Ecu, sliding: Sliding | None) -> None:
     spring = {"T_lh": 0.5, "K_lh": 0.7, "theta_lh": 0.16, "d_lh": 0.01}
     loop, course, gains = (
-        rigs.loop(LimpHomeSpring, ecu=ecu, body=rigs.QUARTER_TURN, **spring),
+        replace(rigs.loop(LimpHomeSpring, ecu=ecu, body=rigs.QUARTER_TURN, **spring), sliding=sliding),
         trapezoid(),
         Gains(25.0, 260.0, 0.35),
     )
@@ -174,6 +176,7 @@ def test_the_loop_is_our_own_tick_by_tick(ecu: Ecu) -> None:
         "gains": gains._asdict(), "until": course.duration,
         "loop": {"ecu": ecu._asdict(), "body": loop.body._asdict(), "longest_step": loop.settings.longest_step,
                  "setpoint": {"times": course.times, "shares": course.shares}, "bias": None,
+                 "sliding": None if sliding is None else vars(sliding),
                  "levels": [vars(level) for level in course.levels]},
     }  # fmt: skip
     (seen,) = in_node(asked)

@@ -21,6 +21,13 @@
     return values[k - 1] + (values[k] - values[k - 1]) * (t - corners[k - 1]) / span;
   }
 
+  /* What is put ahead for friction and drag at a rate of the setpoint, as `Sliding.volts`. */
+  function moving(sliding, rate) {
+    if (!sliding) return 0;
+    const share = Math.min(Math.abs(rate) / sliding.full, 1);
+    return (rate > 0 ? sliding.opening : -sliding.closing) * share + sliding.slope * rate;
+  }
+
   function tick(gains, ecu, memory, setpoint, position, bias) {
     const limit = ecu.duty * ecu.supply, seen = quantised(position, ecu.resolution);
     const error = setpoint - seen, tracked = ecu.derivative_weight * setpoint - seen;
@@ -63,11 +70,14 @@
     let shown = seen(0);
     let memory = { integral: (1 - ecu.setpoint_weight) * gains.Kp * start, derivative: 0,
                    last: (ecu.derivative_weight - 1) * start, output: 0 };
+    let rate = 0, before = start;
     const path = { t: [], setpoint: [], share: [], volts: [], current: [] };
     for (let n = 0; n < ticks; n++) {
       const t = n * ecu.period, share = between(t, loop.setpoint.times, loop.setpoint.shares), wanted = angle(share);
+      rate = (ecu.filter * rate + wanted - before) / (ecu.filter + ecu.period);
+      before = wanted;
       const bias = loop.bias ? between(wanted, loop.bias.angles, loop.bias.volts) : 0;
-      const out = tick(gains, ecu, memory, wanted, shown, bias);
+      const out = tick(gains, ecu, memory, wanted, shown, bias + moving(loop.sliding, rate));
       memory = out.memory;
       sent.unshift(out.volts);
       sent.pop();

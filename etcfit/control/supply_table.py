@@ -1,0 +1,152 @@
+"""A table of gains over the supply: what it holds, what it is worth, and whether one over the position would be."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from ..model.ecu import Ecu, Notation, Terms
+from .judged import over_models
+from .pid import Gains, Metrics, Task
+from .pid.conditions import at_corners, corners
+from .pid.linear_loop import controller
+from .pid.loop import Loop
+from .pid.margins import FINE, OpenLoop
+from .settings import ScheduleSettings
+
+
+class AtSupply(NamedTuple):
+    """Gains at one supply, at the corners of winding and friction, each figure at its worst.
+
+    Args:
+        supply: V.
+        fixed: with the gains as typed in for the ECU's own supply.
+        table: with those of the table.
+    """
+
+    supply: float
+    fixed: Metrics
+    table: Metrics
+
+    @property
+    def helps(self) -> bool:
+        """Whether the table follows more closely."""
+        return bool(self.table.rmse_pct < self.fixed.rmse_pct)
+
+
+class OverPosition(NamedTuple):
+    """How the plant's gain at the loop's crossover differs over the travel.
+
+    Args:
+        frequency: of the crossover at a quarter of the travel, Hz; the highest where there are several.
+        shares: of the travel at which it is compared, shape (P,).
+        ratio: of the gain there to that at a quarter of the travel, shape (P,).
+        near: by how much it may differ and a table of gains would still have nothing to do.
+    """
+
+    frequency: float
+    shares: np.ndarray
+    ratio: np.ndarray
+    near: float
+
+    @property
+    def alike(self) -> float:
+        """Share of the places at which it hardly differs."""
+        return float(np.mean(np.abs(self.ratio - 1.0) <= self.near))
+
+
+@dataclass(frozen=True, eq=False)
+class SupplyTable:
+    """P, I and D over the supply such that the loop stays the one that was designed.
+
+        P(U) = P(U_0) U_0 / U,    I and D likewise
+
+    An ECU that puts out a duty drives the motor with duty U: its gains in % mean volts in proportion to the supply.
+    Divided by it they mean the same volts, and the loop around the linear plant is the same but for the duty's limit,
+    which still is one in %. Gains in V are none of the supply's business: their table is flat. Between its points, 1 V
+    apart, a table that is straight is off by less than 1 V^2 / (4 U^2), 0.3 % at 9 V.
+
+    Args:
+        supplies: at its points, V, rising.
+        ends: what it is worth at the least and at the largest supply of a car.
+        position: why there is no table over the position.
+    """
+
+    supplies: tuple[float, ...]
+    ends: tuple[AtSupply, ...]
+    position: OverPosition
+
+    def written(self, gains: Gains, notation: Notation, ecu: Ecu, travel: float) -> tuple[Terms, ...]:
+        """The three gains at each of its supplies, as an ECU writes them.
+
+        Args:
+            gains: of the ECU's own supply.
+            notation: of the ECU.
+            ecu: its period.
+            travel: of the plate, rad.
+        """
+        return tuple(notation.written(gains, ecu._replace(supply=supply), travel) for supply in self.supplies)
+
+
+def supply_table(task: Task, gains: Gains) -> SupplyTable:
+    """The table of some gains, tried at both ends of the supply beside the gains without a table.
+
+    Args:
+        task: what they were found for.
+        gains: of one rule.
+    """
+    settings = task.settings.schedule
+    fixed = at_corners(task.loop, task.settings.conditions)
+    ends = tuple(
+        AtSupply(supply, _worst(task, fixed, gains, supply), _worst(task, _knowing(task, supply), gains, supply))
+        for supply in dict.fromkeys(task.settings.conditions.supply)
+    )
+    return SupplyTable(settings.supplies, ends, over_position(task, gains, settings))
+
+
+def reckoning_with(ecu: Ecu, supply: float) -> Ecu:
+    """The ECU as it is where it reckons with another supply (V): what it has in % of duty means other volts."""
+    more = supply / ecu.supply
+    return ecu._replace(supply=supply, pwm=more * ecu.pwm, slew=more * ecu.slew)
+
+
+def _knowing(task: Task, supply: float) -> Loop:
+    """The nominal model at every corner, under an ECU with the table's gains, and feed-forward, of a supply (V)."""
+    return at_corners(task.loop.under(reckoning_with(task.ecu, supply)), task.settings.conditions)
+
+
+def _worst(task: Task, loop: Loop, gains: Gains, supply: float) -> Metrics:
+    """Each figure at its worst of the corners that have this supply.
+
+    Args:
+        task: setpoint and ECU.
+        loop: the nominal model at every corner.
+        gains: to try.
+        supply: V.
+    """
+    there = corners(task.settings.conditions).supply == supply
+    found = over_models(task, loop, Gains(*(np.array([g]) for g in gains))).of(0)
+    worst = [float(np.max(figure[there])) for figure in found.figures]
+    margins = [float(np.min(each[there])) for each in (found.gain_margin, found.phase_margin)]
+    return Metrics(*worst[:4], *margins, *worst[4:])
+
+
+def over_position(task: Task, gains: Gains, settings: ScheduleSettings) -> OverPosition:
+    """The nominal plant's gain at the crossover, linearised at places over the travel.
+
+    Args:
+        task: plant and ECU.
+        gains: which say where the crossover is.
+        settings: the places, and what is alike.
+    """
+    ecu, loop = task.ecu, task.loop.first(1)
+    frequencies = FINE.frequencies(ecu.period)
+    open_loop = OpenLoop.of(task.plant, ecu)
+    around = np.abs(controller(gains, ecu, open_loop.z) * open_loop.response)
+    crossover = float(frequencies[np.max(np.flatnonzero(around >= 1.0), initial=0)])
+    shares = (np.arange(settings.places) + 0.5) / settings.places
+    there = np.array([abs(loop.linear(share)(1j * crossover)).item() for share in shares])
+    here = abs(task.plant(1j * crossover))
+    return OverPosition(crossover / (2.0 * np.pi), shares, there / here, settings.near)
