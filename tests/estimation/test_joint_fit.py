@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from numpy.testing import assert_allclose, assert_array_equal
+from numpy.testing import assert_allclose
 
 from etcfit.errors import MeasurementError
 from etcfit.estimation.intervals import intervals
@@ -36,6 +36,8 @@ from independent import CONSISTENT, STRENGTHS, Truth, draw_truth, make_folder
 
 SYMBOLS = ("R_a", "L_a", "K_b", "J_m", "J_L", "B_m", "B_L", "K_s", "T_PL", "T_f")
 SERIES = "series_ohm.inductance"
+
+ROUNDING = 1e-8  # of sums over batches of another length; a held-out trace that was fitted would show above 1e-3
 
 
 @dataclass(frozen=True)
@@ -220,7 +222,8 @@ def again(case: Case) -> Again:
 
 @pytest.mark.slow
 def test_the_same_data_give_the_same_fit_and_progress_is_reported(case: Case, again: Again) -> None:
-    assert again.result.values == case.result.values
+    # traces held out, which differ here, only make the batch longer: another rounding of its sums
+    assert again.result.values == pytest.approx(dict(case.result.values), rel=ROUNDING)
     shares = [share for _, share in again.said]
     assert len(shares) > 5
     assert shares == sorted(shares)
@@ -242,8 +245,8 @@ def test_what_is_held_out_is_never_fitted(case: Case, again: Again) -> None:
     held = {m.file for m in case.rig.measurements if m.held_out}
     assert held == {"response/drive_3.csv", "static_load/ramp_2.csv"}
     other = again.result
-    assert other.values == case.result.values
-    assert_array_equal(other.covariance, case.result.covariance)
+    assert other.values == pytest.approx(dict(case.result.values), rel=ROUNDING)
+    assert_allclose(other.covariance, case.result.covariance, rtol=ROUNDING)
     assert {row.file for row in other.score_holdout} == held
     assert {row.file for row in other.score_fit}.isdisjoint(held)
     before = {(row.file, row.channel): row.rms for row in case.result.score_holdout}
