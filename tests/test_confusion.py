@@ -16,6 +16,7 @@ from benchmarks.confusion.verdicts import is_first, is_found, is_open, is_silent
 
 ROOT = Path(__file__).resolve().parents[1]
 PARTS = sorted((ROOT / "benchmarks" / "confusion" / "test_set").glob("part_*.jsonl"))
+SECOND = ROOT / "benchmarks" / "confusion" / "test_set_2" / "seeds_20000.jsonl"
 JUDGED = {words: judged for words, _, judged in ASKED}
 
 
@@ -106,7 +107,7 @@ def test_every_row_has_words_of_its_own() -> None:
     assert len(JUDGED) == len(ASKED)
 
 
-@pytest.mark.parametrize("file", PARTS, ids=lambda file: file.stem)
+@pytest.mark.parametrize("file", [*PARTS, SECOND], ids=lambda file: file.stem)
 def test_the_records_kept_are_of_the_cases_that_their_seeds_draw(file: Path) -> None:
     for each in saved(file):
         drawn = case(each["seed"])
@@ -126,6 +127,14 @@ def test_the_readme_has_the_figures_of_the_records_kept() -> None:
     parts = {file.stem.replace("_", " "): saved(file) for file in PARTS}
     parts["all"] = [each for part in parts.values() for each in part]
     assert asked(parts) in (ROOT / "docs" / "validation" / "confusion.md").read_text(encoding="utf-8")
+
+
+def test_the_second_test_set_has_each_of_its_seeds_and_its_figures_in_the_docs() -> None:
+    records = saved(SECOND)
+    assert sorted(each["seed"] for each in records) == list(range(20000, 20080))
+    text = (ROOT / "docs" / "validation" / "confusion.md").read_text(encoding="utf-8")
+    assert asked({"seeds 20000": records}) in text
+    assert calibration(records) in text
 
 
 def test_the_picture_is_drawn(tmp_path: Path) -> None:
