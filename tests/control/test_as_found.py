@@ -17,7 +17,9 @@ from etcfit.control.judged import judged, outside_the_bench
 from etcfit.control.pid import RULES, Gains, Refusal
 from etcfit.control.pid.feedforward import Bias
 from etcfit.control.pid.setpoint import trapezoid
+from etcfit.control.pid.sliding import sliding_of
 from etcfit.control.safety import safety
+from etcfit.control.supply_table import supply_table
 from etcfit.estimation.fitted_model import Fitted
 from etcfit.estimation.settings import IdentifiabilitySettings
 from etcfit.model.ecu import Ecu, Notation
@@ -120,7 +122,9 @@ def tried(**changes: float) -> Design:
     chosen = tuned["as_found"]
     assert chosen.gains is not None
     robust, safe = outside_the_bench(task, chosen.gains), safety(task, chosen.gains)
-    return Design(model, task, chosen, tuned, 1, "laplace", bias, robust, (), safe, ())
+    sliding = sliding_of(model.throttle, *task.loop.body, task.settings.sliding)
+    table = supply_table(task, chosen.gains)
+    return Design(model, task, chosen, tuned, 1, "laplace", bias, sliding, robust, table, (), safe, ())
 
 
 @pytest.fixture(scope="module")
