@@ -39,8 +39,8 @@ class Backlash(AbstractEffect):
     inexact: ClassVar[float] = 0.1
     # chi2 has a valley for each impact that falls on the right sample
     scan: ClassVar[Mapping[str, tuple[float, ...]]] = {
-        "g_b": (0.004, 0.005, 0.0063, 0.008, 0.01, 0.0126, 0.016, 0.02, 0.025, 0.032),
-        "c_b": (0.4, 0.6, 0.8, 1.1, 1.6, 2.3),
+        "g_b": (0.004, 0.0053, 0.0071, 0.0095, 0.0126, 0.0168, 0.0224, 0.03),
+        "c_b": (0.5, 0.8, 1.25, 2.0),
     }
     needs: ClassVar[tuple[str, ...]] = ("position",)
     g_b: Scalar = parameter("rad", Real(0.01), 0.0, "play of the gear, at the plate", "Nordin and Gutman 2002")
