@@ -302,8 +302,7 @@ class EstimationProblem:
         room = (max(self.shape[0], rounded(math.ceil(spare * longest))), *other.shape[1:])
         if room == self.shape or np.prod(room) > _PADDED * np.prod(self.shape):
             return self
-        other = EstimationProblem.of(self.config, self.free_parameters, self.batch.traces, self.substeps, room)
-        return replace(other, jitter=self.jitter, guide_stiffness=self.guide_stiffness)
+        return self._of(self.batch.traces, room).guided(self.guide_stiffness)
 
     def guided(self, guide_stiffness: float) -> EstimationProblem:
         """The problem with a residual simulated under a guide of this stiffness, V/rad (N m/rad for torque)."""
@@ -335,9 +334,10 @@ class EstimationProblem:
         paths = [self._of([t.with_jumps_at(share) for t in self.batch.traces]).free_run(x) for share in SHARES]
         return self._of([t.with_jumps_placed(seen) for t, *seen in zip(self.batch.traces, *paths, strict=True)])
 
-    def _of(self, traces: Sequence[Trace]) -> EstimationProblem:
-        """The same steps of traces that differ in when something came."""
-        other = EstimationProblem.of(self.config, self.free_parameters, tuple(traces), self.substeps, self.shape)
+    def _of(self, traces: Sequence[Trace], least: tuple[int, ...] = (0, 0, 0)) -> EstimationProblem:
+        """The same steps of traces that differ in when something came, or in a batch of at least another shape."""
+        least = tuple(map(max, self.shape, least))
+        other = EstimationProblem.of(self.config, self.free_parameters, tuple(traces), self.substeps, least)
         return replace(other, jitter=self.jitter)
 
     def with_integrator_states(self, x: Float[np.ndarray, " P"]) -> EstimationProblem:

@@ -7,10 +7,8 @@ from typing import Any
 
 from ..control.pid import Gains, Task
 from ..control.supply_table import AtSupply, OverPosition, SupplyTable
-from ..model.ecu import Notation, Terms
-from ..model.ecus import EcuProfile, Scheduling
-
-PERCENT = Notation("%", "%")  # where no make of ECU says another
+from ..model.ecu import Terms
+from ..model.ecus import GENERIC, EcuProfile, Scheduling
 
 
 def supply_table_json(task: Task, gains: Gains, table: SupplyTable) -> dict[str, Any]:
@@ -22,7 +20,7 @@ def supply_table_json(task: Task, gains: Gains, table: SupplyTable) -> dict[str,
         table: made of them.
     """
     profile, body = task.profile, task.loop.body
-    notation = PERCENT if profile is None else profile.notation
+    notation = (profile or GENERIC).notation
     rows = table.written(gains, notation, task.ecu, body.upper - body.lower)
     return {
         "ecu_has": None if profile is None else profile.scheduling.name.lower(),
