@@ -97,9 +97,9 @@ class CandidateModel:
         """Equal in every number, simulated without the effects that are off."""
         return self._as(self.composition.lean(self.added))
 
-    def composed(self) -> CandidateModel:
-        """Equal in every number, simulated with all effects of the composition, for all to be screened at once."""
-        return self._as(self.composition.free_parameters(self.added))
+    def composed(self, asleep: tuple[Effect, ...]) -> CandidateModel:
+        """Equal in every number, simulated with some candidates at their off values, for those to be screened."""
+        return self._as(self.composition.beside(asleep, self.added))
 
     def with_the_rig(self) -> CandidateModel:
         """With every candidate of the rig at work, at its off value: what the residual does along each of them."""

@@ -51,12 +51,20 @@ class Composition:
         """Those of them that need no path to be kept: one that delays makes all beside it dear."""
         return tuple(e for e in self.of_the_rig if not e.delays)
 
+    @property
+    def inside(self) -> tuple[Effect, ...]:
+        """The candidates that act in the throttle."""
+        return tuple(e for e in self.candidates if not is_of_the_rig(e))
+
     def free_parameters(self, added: tuple[Effect, ...]) -> FreeParameters:
         """Free parameters of the model with these candidates at work; others that act in the throttle are held at
         their off values."""
+        return self.beside(self.inside, added)
+
+    def beside(self, asleep: tuple[Effect, ...], added: tuple[Effect, ...]) -> FreeParameters:
+        """Free parameters of the model with some candidates at work, and others in it, held at their off values."""
         base = sum(1 for s in self.whole.layout.free if not any(s in resting(e) for e in self.candidates)) + _MORE
-        inside = tuple(e for e in self.candidates if not is_of_the_rig(e))
-        whole = self._of((*inside, *added), added)
+        whole = self._of((*asleep, *added), added)
         return replace(whole, layout=replace(whole.layout, room=room(max(base, len(whole.layout.free)))))
 
     def lean(self, added: tuple[Effect, ...]) -> FreeParameters:

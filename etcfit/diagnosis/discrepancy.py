@@ -63,7 +63,7 @@ def _words(found: Sequence[Discrepancy]) -> str:
 
 
 def _bent(s: CandidateModel, smooth: Sequence[type[AbstractSmooth]]) -> Bend:
-    lean, whole = s.lean(), s.composed()
+    lean, whole = s.lean(), s.composed(tuple(smooth))
     here, seen = lean.problem.linearise(lean.x, lean.weighted), np.asarray(lean.weighted.slots.weight) > 0.0
     priors = believed(lean.problem.layout, lean.x, lean.weighted.prior_sd)
     every = tangents(whole.problem, whole.x, whole.weighted, [variants(e)[0] for e in smooth])

@@ -31,6 +31,7 @@ from .composition import Effect, resting
 # numerics, no policy: a step, a memory bound, and what counts as zero in double precision
 _PROBE = 1e-3  # amplitude over its scale at which a tangent is taken: on a bound of 0 it may not exist
 _AT_ONCE = 8  # tangents side by side
+_TOGETHER = 128  # most effects times tangents of one model
 _IMITATED = 1e-6  # share of a signature's power below which fitted parameters do all of it
 _TINY = 1e-10  # singular values below this share of 1 count as zero
 
@@ -75,6 +76,29 @@ def variants(effect: Effect) -> tuple[Variant, ...]:
     shape = {s: v for s, v in rest.items() if s not in off}
     grid = itertools.product(*effect.scan.values())
     return tuple(Variant(effect, shape | dict(zip(effect.scan, point, strict=True)), tuple(off)) for point in grid)
+
+
+def in_groups(effects: Sequence[Effect]) -> list[tuple[Effect, ...]]:
+    """Effects that are screened in one model: few enough for what its tangents cost, and alike in delaying signals.
+
+    A tangent costs about as much as there are effects in the model that it is taken in, so those with many variants go
+    by themselves or nearly; but each model is a program to compile. The path has to be kept where anything delays.
+    """
+    groups: list[tuple[Effect, ...]] = []
+    for effect in sorted(effects, key=lambda e: (e.delays, -_tangents_of(e))):
+        last = groups[-1] if groups else ()
+        together = (*last, effect)
+        cost = len(together) * sum(map(_tangents_of, together))
+        if last and last[0].delays == effect.delays and cost <= _TOGETHER:
+            groups[-1] = together
+        else:
+            groups.append((effect,))
+    return groups
+
+
+def _tangents_of(effect: Effect) -> int:
+    """How many tangents it takes to screen an effect."""
+    return sum(len(variant.amplitudes) for variant in variants(effect))
 
 
 @Program

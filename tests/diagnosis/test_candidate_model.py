@@ -59,7 +59,7 @@ def test_held_out_traces_are_those_beside(model: CandidateModel) -> None:
 
 def test_a_lean_model_has_the_residual_of_the_composed_one(model: CandidateModel) -> None:
     s = nominal(model).with_effects((GRAVITY,), {"T_g": 0.05})
-    whole = s.composed()
+    whole = s.composed(s.composition.inside)
     assert len(whole.problem.layout.types) > len(s.problem.layout.types)
     assert_array_equal(whole.x, s.x)
     assert whole.chi2 == pytest.approx(s.chi2, rel=1e-9)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
+from dataclasses import replace
 from typing import ClassVar
 
 import numpy as np
@@ -12,10 +13,11 @@ from numpy.testing import assert_allclose, assert_array_equal
 from scipy.optimize import nnls
 
 from etcfit.diagnosis.candidate_model import CandidateModel
-from etcfit.diagnosis.composition import resting
-from etcfit.diagnosis.screen import Background, Signature, ranked, screen, tangents, variants
+from etcfit.diagnosis.composition import compose, resting
+from etcfit.diagnosis.screen import Background, Signature, in_groups, ranked, screen, tangents, variants
 from etcfit.model.effects import EFFECT_BY_NAME, EFFECTS, PAPER, AbstractEffect, Contribution, Inputs, State
 from etcfit.model.parameters import NonNegative, Positive, Real, Scalar, parameter, parameters_of
+from etcfit.rig.base import Rig
 
 BEYOND = [e for e in EFFECTS if e not in PAPER]
 N, P = 120, 4
@@ -267,12 +269,45 @@ def test_no_candidate_is_no_signature(case: Case, small: CandidateModel) -> None
     assert screen(case.background(), small.problem, small.x, small.weighted, []) == []
 
 
+def test_effects_are_screened_in_groups_that_keep_a_tangent_cheap() -> None:
+    """Each in one group; none that delays beside one that does not; many tangents in a model of few effects."""
+    groups = in_groups(BEYOND)
+    assert sorted(e.name for group in groups for e in group) == sorted(e.name for e in BEYOND)
+    assert 2 < len(groups) < len(BEYOND) / 2
+    assert all(len({e.delays for e in group}) == 1 for group in groups)
+    tangents_of = {e: sum(len(v.amplitudes) for v in variants(e)) for e in BEYOND}
+    cost = [len(group) * sum(tangents_of[e] for e in group) for group in groups]
+    assert max(c for c, group in zip(cost, groups, strict=True) if len(group) > 1) <= 128
+    assert sum(cost) < 0.25 * len(BEYOND) * sum(tangents_of.values())
+
+
+def test_no_effect_is_no_group() -> None:
+    assert in_groups([]) == []
+
+
+@pytest.mark.slow
+def test_a_tangent_is_the_same_in_a_model_of_its_effect_and_beside_others(small: CandidateModel, rig: Rig) -> None:
+    names = ("gravity_load", "limp_home_spring", "presliding_friction")
+    little, response = replace(rig, config=small.problem.config), small.problem.batch.traces
+    s = replace(small, composition=compose(little, response, only=tuple(EFFECT_BY_NAME[name] for name in names)))
+    every = s.composition.inside
+    assert len(every) == len(names)
+    beside = s.composed(every)
+    for effect in every:
+        alone = s.composed((effect,))
+        assert len(alone.problem.layout.types) == len(beside.problem.layout.types) - 2
+        of = [tangents(m.problem, m.x, m.weighted, variants(effect)) for m in (alone, beside)]
+        assert any(np.nanmax(np.abs(theirs)) > 0.0 for theirs in of[1])
+        for mine, theirs in zip(*of, strict=True):
+            assert_allclose(mine, theirs, atol=1e-9 * np.nanmax(np.abs(theirs)))
+
+
 @pytest.mark.slow
 def test_a_real_signature_is_what_a_little_of_the_effect_does_beyond_the_fitted_parameters(
     small: CandidateModel,
 ) -> None:
     """d residual / d amplitude by finite differences, one column of it, and its score test by least squares."""
-    s = small.composed()
+    s = small.composed(small.composition.inside)
     gravity = s.composition.candidates
     (found,) = screen(Background.of(s.problem, s.x, s.weighted), s.problem, s.x, s.weighted, gravity)
     seen = np.asarray(s.weighted.slots.weight) > 0.0
