@@ -15,12 +15,12 @@ from ..estimation.joint_fit import Report, quiet
 from ..model.ecu import Ecu
 from ..model.ecus import EcuProfile
 from ..model.feed_forward import Asked
+from ..model.throttle import Throttle
 from .design import BEST, PAPERS, Design, propose, task_of
 from .fleet_verdict import OneByOne, verdict
-from .judged import over_models
+from .judged import unit_by_unit
 from .pid import RULES, Gains, Refusal, Requirements, Rule, Task
 from .pid.optimal import best_over_draws, optimal
-from .pid.requirements import REQUIRED
 from .settings import DesignSettings, FleetDesignSettings
 
 ORIGIN = "fleet"
@@ -71,11 +71,12 @@ class _Search:
         throttles = self.fitted.throttles(x)
         loop = task.loop
         before = np.arange(1, loop.draws - len(x))
-        joined = _joined(loop.taking(np.zeros(1, dtype=int)).throttles, throttles, loop.taking(before).throttles)
+        joined = united(loop.taking(np.zeros(1, dtype=int)).throttles, throttles, loop.taking(before).throttles)
         return replace(task, loop=replace(loop, throttles=joined))
 
 
-def _joined(*throttles: object) -> object:
+def united(*throttles: Throttle) -> Throttle:
+    """Models one after another, parameters of shape (D,) each."""
     import jax
 
     return jax.tree.map(lambda *leaves: np.concatenate([np.asarray(each) for each in leaves]), *throttles)
@@ -149,18 +150,10 @@ def one_by_one(
         x: of the units, shape (U, P).
         units: names.
         gains: of the controller.
-        at_once: units whose responses are in memory together; the last ones are filled up, so that all compile once.
+        at_once: units whose responses are in memory together.
     """
     one = Gains(*(np.array([g]) for g in gains))
-    room = min(at_once, len(x) + len(x) % 2)
-    rows = []
-    for begin in range(0, len(x), room):
-        which = np.minimum(np.arange(begin, begin + room), len(x) - 1)
-        loop = replace(task.loop, throttles=fitted.throttles(x[which]))
-        figures, _, margin, _ = over_models(task, loop, one).of(0)
-        rows.append(np.stack([*(getattr(figures, symbol) for symbol in REQUIRED), figures.rmse_pct, margin]))
-    *required, rmse, margin = np.concatenate(rows, axis=1)[:, : len(x)]
-    return OneByOne(units, dict(zip(REQUIRED, required, strict=True)), margin, rmse, task.requirements)
+    return unit_by_unit(task, replace(task.loop, throttles=fitted.throttles(x)), units, one, at_once)[0]
 
 
 def representatives(x: np.ndarray, count: int, asked: FleetDesignSettings) -> np.ndarray:
@@ -181,32 +174,13 @@ def representatives(x: np.ndarray, count: int, asked: FleetDesignSettings) -> np
     return np.array(list(dict.fromkeys([*extreme.tolist(), *random.tolist()])), dtype=int)[:count]
 
 
-def future_units(model: FleetModel, covariance: np.ndarray | None = None,
-                 asked: FleetDesignSettings = EVERY_UNIT, fewest: int = 5) -> FleetModel | None:  # fmt: skip
-    """Units not made yet, drawn from the population.
-
-        x ~ t_(U-1)(mean, (1 + 1/U) C)
-
-    in the coordinates of the fit (logarithms of what is positive): wider than C, for mean and C are known from U units
-    only. Source: Gelman et al. 2013, Bayesian Data Analysis, section 3.6. Differs from source: U - 1 degrees of freedom
-    whatever the number of parameters, as for each of them alone; C may be a shrunk one.
+def future_units(model: FleetModel, asked: FleetDesignSettings = EVERY_UNIT) -> FleetModel | None:
+    """Units not made yet, drawn from the population; None where there are too few units to say how they scatter.
 
     Args:
         model: the units measured.
-        covariance: C of the coordinates, shape (P, P); None for that of the units.
-        asked: how many, and the seed.
-        fewest: units from which their scatter is believed.
-    Returns:
-        units called "future 1" ...; None where there are fewer units than that.
+        asked: how many, from how few on, and the seed.
     """
-    x = model.coordinates
-    count, degrees = len(x), len(x) - 1
-    if count < fewest:
+    if model.law.units < asked.fewest:
         return None
-    rng = np.random.default_rng(asked.seed + 1)
-    spread = (1.0 + 1.0 / count) * (np.cov(x.T).reshape(x.shape[1], -1) if covariance is None else covariance)
-    normal = rng.multivariate_normal(np.zeros(x.shape[1]), spread, asked.future, method="eigh")
-    drawn = x.mean(axis=0) + normal * np.sqrt(degrees / rng.chisquare(degrees, asked.future))[:, None]
-    values = {symbol: np.asarray(each) for symbol, each in model.nominal.values_at(drawn).items()}
-    names = tuple(f"future {k + 1}" for k in range(asked.future))
-    return replace(model, units=names, values=values)
+    return model.future(asked.future, np.random.default_rng(asked.seed + 1))

@@ -85,7 +85,10 @@ def _verdict(design: Design, tuned: Tuned) -> str:
     if design.origin == "fleet":
         every = design.fleet if tuned is design.chosen else None  # only the proposed gains are tried on all units
         return f"met by {100.0 * (tuned.probability_met if every is None else every.share.value):.1f} %"
-    return f"{'meets all' if tuned.meets_all else 'misses'}, P = {tuned.probability_met:.2f}"
+    said = f"{'meets all' if tuned.meets_all else 'misses'}, P = {tuned.probability_met:.2f}"
+    if design.parts is None:
+        return said
+    return f"{said}, parts {design.parts.rules[tuned.rule].drawn.share.value:.2f}"
 
 
 def _axes(panels: list[Axes]) -> None:
