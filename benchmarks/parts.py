@@ -5,14 +5,15 @@
 A line's units are made, fitted one by one and as a fleet; of the first few each is the run of a design. Its gains are
 sought by `optimal` twice: over draws of its own fit, and over units drawn from the fleet's population. Both are tried
 on the true plants of units that nobody measured, in the independent simulation, under the same computer. Beside it
-stands what the population promises: the share of drawn units, others than the search saw, that meet everything.
+stand what our own model says of those units by their true parameters, and what the population promises: the share of
+drawn units, others than the search saw, that meet everything.
 """
 
 from __future__ import annotations
 
 import argparse
 import tempfile
-from dataclasses import replace
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import NamedTuple
 
@@ -23,10 +24,11 @@ from etcfit.backend import use_compilation_cache
 from etcfit.control.design import ecu_of, task_of
 from etcfit.control.fleet_verdict import Share
 from etcfit.control.judged import over_models
-from etcfit.control.parts import Parts, sought_over
+from etcfit.control.parts import Parts, best_for_parts, sought_over
 from etcfit.control.pid import RULES, Gains, Refusal, Task
 from etcfit.control.pid.response import effort, judge
 from etcfit.estimation.fitted_model import Fitted
+from etcfit.model.throttle import Throttle
 from etcfit.run_folder.parts import parts_of
 from independent.control import Computer, noisy
 from independent.effects import NONE
@@ -37,11 +39,20 @@ from independent.truth import Truth
 
 
 class Fared(NamedTuple):
-    """Gains on fresh units: share that meets everything, mean tracking error (%), share promised of drawn ones."""
+    """Gains on fresh units.
+
+    Args:
+        gains: themselves.
+        share: of fresh units that meet everything, in the independent simulation.
+        rmse: mean tracking error on them, %.
+        ours: that share by our own model with their true parameters.
+        promised: share of units drawn from the population that the fleet found.
+    """
 
     gains: Gains
     share: Share
     rmse: float
+    ours: float
     promised: float
 
 
@@ -80,19 +91,30 @@ def designed(fitted: Fitted, parts: Parts, fresh: tuple[UnitTruth, ...]) -> dict
     settings = etcfit.DesignSettings()
     lower, upper = fitted.config.travel
     rest = fitted.laplace(settings.draws - 1, np.random.default_rng(settings.seed))
-    alone = task_of(fitted, ecu_of(fitted, resolution=(upper - lower) / 2**12), drawn=rest)
-    over = sought_over(alone, parts.drawn(fitted, rest, settings.seed))
-    judge_on = sought_over(alone, parts.drawn(fitted, rest, settings.seed + 1))  # that neither search has seen
+    task = task_of(fitted, ecu_of(fitted, resolution=(upper - lower) / 2**12), drawn=rest)
+    over = parts.drawn(fitted, rest, settings.seed)
+    judging = sought_over(task, parts.drawn(fitted, rest, settings.seed + 1))  # units that neither search has seen
+    true = sought_over(task, of_truth(fitted, fresh))
     out = {}
-    for source, task in (("its own fit", alone), ("the parts", over)):
-        gains = RULES["optimal"](task)
+    for source, gains in (("its own fit", RULES["optimal"](task)), ("the parts", best_for_parts(task, over))):
         assert not isinstance(gains, Refusal)
-        found = [on_plant(alone, gains, one.truth, k) for k, one in enumerate(fresh)]
-        one = Gains(*(np.array([g]) for g in gains))
-        promised = over_models(judge_on, judge_on.loop, one).of(0).met(task.requirements)[1:].mean()
+        found = [on_plant(task, gains, one.truth, k) for k, one in enumerate(fresh)]
+        ours, promised = (float(met_on(each, gains).mean()) for each in (true, judging))
         out[source] = Fared(gains, Share.counted(np.array([each.meets for each in found])),
-                            float(np.mean([each.rmse for each in found])), float(promised))  # fmt: skip
+                            float(np.mean([each.rmse for each in found])), ours, promised)  # fmt: skip
     return out
+
+
+def of_truth(fitted: Fitted, units: tuple[UnitTruth, ...]) -> Throttle:
+    """Our model of units by their true parameters."""
+    values = {symbol: np.array([getattr(one.truth, symbol) for one in units]) for symbol in asdict(units[0].truth)}
+    rest = fitted.values_at(np.tile(fitted.x, (len(units), 1)))
+    return Throttle.build(fitted.free_parameters.layout.types, rest | {s: v for s, v in values.items() if s in rest})
+
+
+def met_on(task: Task, gains: Gains) -> np.ndarray:
+    """Whether the models of a task, but for the nominal one, meet everything."""
+    return over_models(task, task.loop, Gains(*(np.array([g]) for g in gains))).of(0).met(task.requirements)[1:]
 
 
 def main() -> None:
@@ -113,14 +135,14 @@ def main() -> None:
         parts = parts_of(Path(place) / "run")
         print(f"{len(parts.model.units)} of {asked.units} units make the population; spread {asked.spread:g}")
         print(f"{'unit':9}{'sought over':13}{'Kp':>8}{'Ki':>8}{'Kd':>8}{'met of fresh %':>16}{'95 %':>15}"
-              f"{'promised %':>12}{'RMSE %':>8}")  # fmt: skip
+              f"{'ours %':>8}{'promised %':>12}{'RMSE %':>8}")  # fmt: skip
         for unit in made.units[: asked.runs]:
             fitted = etcfit.fit(Path(place) / "line" / unit.name, quiet=True).result.fitted()
             for source, each in designed(fitted, parts, fresh).items():
                 share = each.share
                 print(f"{unit.name:9}{source:13}" + "".join(f"{float(g):8.4g}" for g in each.gains)
                       + f"{100.0 * share.value:16.1f}{100.0 * share.low:9.1f} to {100.0 * share.high:4.1f}"
-                      f"{100.0 * each.promised:12.1f}{each.rmse:8.3f}", flush=True)  # fmt: skip
+                      f"{100.0 * each.ours:8.1f}{100.0 * each.promised:12.1f}{each.rmse:8.3f}", flush=True)  # fmt: skip
 
 
 if __name__ == "__main__":

@@ -9,7 +9,6 @@ import numpy as np
 
 from ..car_log.log import Series
 from ..errors import UsageError
-from ..estimation.fitted_model import Fitted
 from ..estimation.fleet_model import FleetModel
 from ..estimation.joint_fit import Report, quiet
 from ..model.ecu import Ecu
@@ -29,20 +28,18 @@ DESIGN = DesignSettings()
 
 
 @dataclass(eq=False)
-class _Search:
+class SearchOverUnits:
     """The rule `optimal` over units: searched anew with those that fail until enough of all meet everything.
 
     Args:
-        everyone: coordinates of all units, shape (U, P).
+        plants: all units, parameters of shape (U,).
         units: their names.
-        fitted: the mean unit.
-        asked: of the fleet.
+        asked: of them.
         made: searches so far.
     """
 
-    everyone: np.ndarray
+    plants: Throttle
     units: tuple[str, ...]
-    fitted: Fitted
     asked: FleetDesignSettings
     made: int = field(default=0)
 
@@ -52,27 +49,28 @@ class _Search:
         gains, self.made = optimal(task), 1
         if isinstance(gains, Refusal):
             return gains
-        best, found = gains, one_by_one(task, self.fitted, self.everyone, self.units, gains, self.asked.at_once)
+        best, found = gains, self._tried(task, gains)
         latest = found
         for _ in range(self.asked.refinements):
             if found.met.mean() >= self.asked.share:
                 break
             task = self._with(task, latest.worst_first[: max(1, self.asked.few // 3)])
             gains = best_over_draws(task, np.log([best, gains]), rng)
-            latest = one_by_one(task, self.fitted, self.everyone, self.units, gains, self.asked.at_once)
+            latest = self._tried(task, gains)
             self.made += 1
             if latest.met.mean() > found.met.mean():
                 best, found = gains, latest
         return best
 
+    def _tried(self, task: Task, gains: Gains) -> OneByOne:
+        return one_by_one(task, self.plants, self.units, gains, self.asked.at_once)
+
     def _with(self, task: Task, worst: np.ndarray) -> Task:
-        """The same with some units ahead of those that the search saw before, behind the mean one."""
-        x = self.everyone[worst]
-        throttles = self.fitted.throttles(x)
+        """The same with some units ahead of those that the search saw before, behind the nominal one."""
         loop = task.loop
-        before = np.arange(1, loop.draws - len(x))
-        joined = united(loop.taking(np.zeros(1, dtype=int)).throttles, throttles, loop.taking(before).throttles)
-        return replace(task, loop=replace(loop, throttles=joined))
+        failing = replace(loop, throttles=self.plants, drive=None).taking(worst).throttles
+        before = loop.taking(np.arange(1, loop.draws - worst.size)).throttles
+        return replace(task, loop=replace(loop, throttles=united(loop.first(1).throttles, failing, before)))
 
 
 def united(*throttles: Throttle) -> Throttle:
@@ -126,34 +124,32 @@ def design_for_fleet(
     optimum = replace(settings.optimum, certain=asked.share, few=min(asked.few, len(shown) + 1))
     settings = replace(settings, optimum=optimum)
     task = task_of(fitted, ecu, requirements, shown, feed_forward, settings, profile, log)
-    search = _Search(everyone, model.units, fitted, asked)
+    plants = fitted.throttles(everyone)
+    search = SearchOverUnits(plants, model.units, asked)
     found = propose(fitted, task, rule, {**rules, BEST: search} if BEST in rules else rules, ORIGIN, report)
     report("judging every unit", 0.97)
     gains = found.chosen.gains
     assert gains is not None, "a rule that refused is not proposed"
-    own = one_by_one(task, fitted, everyone, model.units, gains, asked.at_once)
+    own = one_by_one(task, plants, model.units, gains, asked.at_once)
     ahead = None
     if future is not None:
         fresh = future.taking(np.setdiff1d(np.arange(len(future.units)), known - len(everyone)))
-        ahead = one_by_one(task, fitted, fresh.coordinates, fresh.units, gains, asked.at_once)
+        ahead = one_by_one(task, fitted.throttles(fresh.coordinates), fresh.units, gains, asked.at_once)
     return replace(found, fleet=verdict(own, ahead, asked, max(1, search.made)))
 
 
-def one_by_one(
-    task: Task, fitted: Fitted, x: np.ndarray, units: tuple[str, ...], gains: Gains, at_once: int
-) -> OneByOne:
+def one_by_one(task: Task, plants: Throttle, units: tuple[str, ...], gains: Gains, at_once: int) -> OneByOne:
     """One set of gains on every unit, so many at once.
 
     Args:
         task: scenarios, ECU and what is asked.
-        fitted: the model that the coordinates are of.
-        x: of the units, shape (U, P).
+        plants: the units, parameters of shape (U,).
         units: names.
         gains: of the controller.
         at_once: units whose responses are in memory together.
     """
     one = Gains(*(np.array([g]) for g in gains))
-    return unit_by_unit(task, replace(task.loop, throttles=fitted.throttles(x)), units, one, at_once)[0]
+    return unit_by_unit(task, replace(task.loop, throttles=plants), units, one, at_once)[0]
 
 
 def representatives(x: np.ndarray, count: int, asked: FleetDesignSettings) -> np.ndarray:

@@ -17,12 +17,12 @@ from ..model.ecus import EcuProfile
 from ..model.feed_forward import Asked
 from ..model.throttle import Throttle
 from .design import BEST, PAPERS, Design, propose, task_of
-from .fleet import united
+from .fleet import SearchOverUnits, united
 from .judged import unit_by_unit
 from .parts_verdict import OnParts, PartsVerdict
-from .pid import RULES, Gains, Requirements, Rule, Task
+from .pid import RULES, Gains, Refusal, Requirements, Rule, Task
 from .pid.conditions import Conditions, corners, scattered, under
-from .settings import DesignSettings
+from .settings import DesignSettings, FleetDesignSettings
 
 _ALIKE = 1e-3  # relative, within which two gear ratios are the same
 
@@ -105,8 +105,8 @@ def design_for_parts(
 ) -> Design:
     """Tune by every rule, and propose gains that hold for the parts of a design.
 
-    As `design.design`, but `optimal` is sought over units drawn from the population in place of draws of the one model,
-    and every rule is judged on the parts too.
+    As `design.design`, but `optimal` is sought over units drawn from the population in place of draws of the one model
+    (`best_for_parts`), and every rule is judged on the parts too.
 
     Args:
         fitted, ecu, requirements, rule, drawn, feed_forward, settings, profile, log: see `design.design`.
@@ -122,10 +122,26 @@ def design_for_parts(
     rest = fitted.laplace(settings.draws - 1, np.random.default_rng(settings.seed)) if drawn is None else drawn
     task = task_of(fitted, ecu, requirements, rest, feed_forward, settings, profile, log)
     future = parts.drawn(fitted, rest, settings.seed)
-    every = {**rules, BEST: lambda task: rules[BEST](sought_over(task, future))} if BEST in rules else rules
+    every = {**rules, BEST: lambda task: best_for_parts(task, future)} if BEST in rules else rules
     found = propose(fitted, task, rule, every, "laplace" if drawn is None else "posterior", report)
     report("judging the parts", 0.97)
     return replace(found, parts=_fare(found, parts, future))
+
+
+def best_for_parts(task: Task, plants: Throttle) -> Gains | Refusal:
+    """The rule `optimal` over drawn units, anew with those that fail until the share `certain` meets everything.
+
+    Args:
+        task: its nominal model is among those that decide.
+        plants: drawn units, parameters of shape (D,).
+    """
+    optimum, names = task.settings.optimum, _drawn(task.loop.draws - 1)
+    asked = FleetDesignSettings(share=optimum.certain, few=optimum.few)
+    return SearchOverUnits(plants, names, asked)(sought_over(task, plants))
+
+
+def _drawn(count: int) -> tuple[str, ...]:
+    return tuple(f"drawn {k + 1}" for k in range(count))
 
 
 def sought_over(task: Task, plants: Throttle) -> Task:
@@ -138,7 +154,7 @@ def _fare(found: Design, parts: Parts, future: Throttle) -> PartsVerdict:
     task, units, ranges = found.task, parts.model.units, found.settings.conditions
     loop = replace(task.loop, throttles=united(parts.measured(found.fitted), future))
     count, at_once = len(units), task.loop.draws
-    names = (*units, *(f"drawn {k + 1}" for k in range(loop.draws - count)))
+    names = (*units, *_drawn(loop.draws - count))
     have = {name: tuned.gains for name, tuned in found.tuned.items() if tuned.gains is not None}
     columns = Gains(*(np.array(column, dtype=float) for column in zip(*have.values(), strict=True)))
     own, rest = np.arange(count), np.arange(count, loop.draws)
