@@ -125,7 +125,7 @@ def test_every_rule_is_judged_on_every_unit_as_it_is_alone(compared: Compared) -
     for name, each in found.rules.items():
         gains = compared.design.tuned[name].gains
         assert gains is not None
-        alone = one_by_one(compared.design.task, model.nominal.throttles(model.coordinates), model.units, gains, 40)
+        alone = one_by_one(compared.design.task, model.throttles, model.units, gains, 40)
         assert each.measured.units == model.units
         # the noise of the sensor is another sequence for each place
         np.testing.assert_allclose(each.measured.rmse, alone.rmse, rtol=4e-2)
@@ -189,8 +189,10 @@ def test_file_table_and_picture_say_how_the_parts_fare(compared: Compared, tmp_p
     assert "On the parts of line 4" in said
     assert "not judged: u100, odd: a stiff spring" in said
     assert f"outside the bench: {found.share_at_corners.met} of 24 units" in said
-    titles = [panel.get_title(loc="left") for panel in draw(design).axes if panel.get_visible()]
-    assert titles[0].endswith(f"parts {each.drawn.share.value:.2f}")
+    said = [text.get_text() for text in draw(design).axes[0].texts]
+    measured = each.measured.share
+    share = f"{100.0 * each.drawn.share.value:.1f} %"
+    assert said == [f"met by {share} of drawn parts, {measured.met} of 24 measured"]
 
 
 def test_the_share_on_the_parts_does_not_depend_on_the_run_where_the_fleet_tells_everything() -> None:

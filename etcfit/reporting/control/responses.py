@@ -8,6 +8,7 @@ from matplotlib.figure import Figure
 
 from ...control.design import Design
 from ...control.judged import PAPERS_SETPOINT, Tuned
+from ...control.parts_verdict import OnParts
 from .. import style
 from ..numbers import short
 from .fleet import of_models
@@ -47,6 +48,14 @@ def _panel(panel: Axes, design: Design, tuned: Tuned) -> None:
                label="linear model")  # fmt: skip
     draw_band(panel, time, tuned.band[:, : time.size], of_models(design))
     panel.set_title(_title(design, tuned), loc="left", fontsize=10)
+    if design.parts is not None:
+        panel.text(0.99, 0.95, _on_parts(design.parts.rules[tuned.rule]), transform=panel.transAxes, ha="right",
+                   va="top", fontsize=9)  # fmt: skip
+
+
+def _on_parts(each: OnParts) -> str:
+    measured, drawn = each.measured.share, each.drawn.share
+    return f"met by {100.0 * drawn.value:.1f} % of drawn parts, {measured.met} of {measured.of} measured"
 
 
 def draw_band(panel: Axes, time: np.ndarray, band: np.ndarray, models: str) -> None:
@@ -85,10 +94,7 @@ def _verdict(design: Design, tuned: Tuned) -> str:
     if design.origin == "fleet":
         every = design.fleet if tuned is design.chosen else None  # only the proposed gains are tried on all units
         return f"met by {100.0 * (tuned.probability_met if every is None else every.share.value):.1f} %"
-    said = f"{'meets all' if tuned.meets_all else 'misses'}, P = {tuned.probability_met:.2f}"
-    if design.parts is None:
-        return said
-    return f"{said}, parts {design.parts.rules[tuned.rule].drawn.share.value:.2f}"
+    return f"{'meets all' if tuned.meets_all else 'misses'}, P = {tuned.probability_met:.2f}"
 
 
 def _axes(panels: list[Axes]) -> None:

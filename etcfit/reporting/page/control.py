@@ -180,8 +180,7 @@ def parts_table(pid: Mapping[str, Any]) -> Table | None:
     drawn = next(iter(found["rules"].values()))["drawn"]["of"]
     heads = ["", f"met, % of {len(found['units'])} units", f"% of {drawn} drawn", "largest RMSE, %", "drawn, %",
              "worst unit", "hardest for it", "figure", "limit"]  # fmt: skip
-    marked = frozenset(k for k, name in enumerate(found["rules"]) if name == pid.get("rule"))
-    return Table(f"On the parts of {found['name']}", heads, rows, marked=marked)
+    return Table(f"On the parts of {found['name']}", heads, rows)
 
 
 def parts_outside(pid: Mapping[str, Any]) -> list[str]:
