@@ -339,6 +339,15 @@ def design(
     log: Annotated[
         Path | None, typer.Option(help="From the car: its setpoint is one scenario more.", exists=True, dir_okay=False)
     ] = None,
+    parts: Annotated[
+        Path | None,
+        typer.Option(
+            help="Run folder of `etcfit fleet`: gains for parts like its units.",
+            exists=True,
+            file_okay=False,
+            metavar="RUN",
+        ),
+    ] = None,
     for_fleet: Annotated[
         bool, typer.Option("--fleet", help="RUN is of `etcfit fleet`: gains for 99 % of its units.")
     ] = False,
@@ -369,13 +378,15 @@ def design(
     if zero := [symbol for symbol, limit in limits.items() if limit == 0.0]:
         raise UsageError(f"{zero[0]}: nothing stays below 0. Ask for more than that.")
     terms = _terms(feed_forward, feed_forward_terms)
+    if for_fleet and parts is not None:
+        raise UsageError("--parts and --fleet exclude each other: with --fleet RUN itself is the fleet.")
     with _progress(quiet) as progress:
         asked = {symbol: limit for symbol, limit in limits.items() if limit != inf}
         options = rule, adc_bits, terms, asked, given, ecu, log
         if for_fleet:
             done = stages.design_fleet(run, progress, *options)
         else:
-            done = stages.design_run(stages.opened(run), progress, *options)
+            done = stages.design_run(stages.opened(run), progress, *options, parts)
     _tell(done)
 
 

@@ -138,6 +138,7 @@ def design_run(
     ecu: Mapping[str, float] = MappingProxyType({}),
     profile: str | None = None,
     log: Path | str | None = None,
+    parts: Path | str | None = None,
 ) -> Done:
     """Gains by every rule, one of them proposed: RUN/pid.json, the responses.
 
@@ -150,6 +151,7 @@ def design_run(
         ecu: what is given of the ECU, by field; see `design.ecu_of` for the rest.
         profile: name of the make of ECU; None for none in particular.
         log: from the car, whose setpoint is one scenario more; None for none.
+        parts: run folder of a fleet, on whose units the gains are to hold; None for the one model alone.
     """
     report("taking up the fit", 0.0)
     keep_compiled()
@@ -175,6 +177,7 @@ def design_run(
         settings=None,
         profile=profile,
         log=log,
+        parts=parts,
         **ecu,
     )
     settings = {
@@ -185,6 +188,7 @@ def design_run(
         "ecu": ecu,
         "profile": profile,
         "log": None if log is None else str(log),
+        "parts": None if parts is None else str(parts),
     }
     keep_design(run, result, found, settings, report)
     return Done(design_table(found), failure(result))
@@ -349,7 +353,9 @@ STAGES: tuple[Stage, ...] = (
     Stage("diagnose", _of_run(diagnose_run)),
     Stage("sample", _of_run(sample_run), ("steps",)),
     Stage("reduce", _of_run(reduce_run), ("input", "output", "at", "pade_order")),
-    Stage("design", _of_run(design_run), ("rule", "adc_bits", "feed_forward", "limits", "ecu", "profile", "log")),
+    Stage(
+        "design", _of_run(design_run), ("rule", "adc_bits", "feed_forward", "limits", "ecu", "profile", "log", "parts")
+    ),
     Stage("report", _of_run(write_report)),
 )
 

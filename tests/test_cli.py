@@ -81,7 +81,7 @@ COMMANDS = {
     "sample": (("sample", "bench", "--steps", "700"), (Path("bench"), 700)),
     "reduce": (("reduce", "bench", "--output", "deg", "--at", "30", "--pade", "2"),
                (Path("bench"), "V", "deg", 0.3, 2)),
-    "design": (("design", "bench", "--rule", "simc"), (Path("bench"), "simc", 12, False, ASKED, {}, None, None)),
+    "design": (("design", "bench", "--rule", "simc"), (Path("bench"), "simc", 12, False, ASKED, {}, None, None, None)),
     "export": (("export", "bench", "--to", "c", "--step", "1ms", "--at", "30"),
                (Path("bench"), "c", None, 1e-3, 0.3, None)),
     "report": (("report", "bench"), (Path("bench"),)),
@@ -314,7 +314,7 @@ def test_design_passes_on_what_is_given_of_the_ecu_and_no_more(
     invoke, monkeypatch: pytest.MonkeyPatch, words: tuple[str, ...], given: dict[str, float], make: str | None
 ) -> None:
     asked: list[Any] = []
-    monkeypatch.setattr("etcfit.stages.design_run", lambda *given: asked.append(given[-3:-1]) or Done("done"))
+    monkeypatch.setattr("etcfit.stages.design_run", lambda *given: asked.append(given[6:8]) or Done("done"))
     assert invoke("design", "bench", "--quiet", *words).exit_code == 0
     assert asked == [(given, make)]
 
@@ -335,6 +335,17 @@ def test_design_passes_on_what_is_to_be_put_ahead(
     monkeypatch.setattr("etcfit.stages.design_run", lambda *given: seen.append(given[4]) or Done("done"))
     assert invoke("design", "bench", "--quiet", *words).exit_code == 0
     assert seen == [asked]
+
+
+def test_design_passes_on_the_fleet_of_the_parts(invoke, monkeypatch: pytest.MonkeyPatch) -> None:
+    seen: list[object] = []
+    monkeypatch.setattr("etcfit.stages.design_run", lambda *given: seen.append(given[9]) or Done("done"))
+    assert invoke("design", "bench", "--quiet", "--parts", "bench").exit_code == 0
+    assert seen == [Path("bench")]
+    both = invoke("design", "bench", "--quiet", "--parts", "bench", "--fleet")
+    assert (both.exit_code, both.stdout) == (2, "")
+    assert "--parts and --fleet exclude each other" in both.stderr
+    assert invoke("design", "bench", "--quiet", "--parts", "nowhere").exit_code == 2
 
 
 def test_a_term_that_there_is_not_is_a_usage_error(invoke) -> None:

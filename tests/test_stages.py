@@ -126,12 +126,13 @@ def test_gains_are_made_anew_from_what_the_manifest_has_of_them(
     monkeypatch.setattr("etcfit.reporting.control.tables.design_table", lambda design: "a table")
     run = opened(tmp_path / "run")
     run.keep_fit(found.before)
-    design_run(run, silent, "simc", 10, True, {"overshoot_pct": 10.0}, {"period": 2e-3}, "link", "a.csv")
+    design_run(run, silent, "simc", 10, True, {"overshoot_pct": 10.0}, {"period": 2e-3}, "link", "a.csv", Path("line"))
     again = json.loads(json.dumps(kept[0]))
     assert set(again) == set(options_of("design"))
     design_run(run, silent, **again)
     ecu = {"adc_bits": 10, "feed_forward": True, "settings": None, "profile": "link", "log": "a.csv", "period": 2e-3}
-    assert asked[0] == asked[1] == (("simc", Requirements(10.0)), ecu)
+    assert asked[0] == (("simc", Requirements(10.0)), {**ecu, "parts": Path("line")})
+    assert asked[1] == (("simc", Requirements(10.0)), {**ecu, "parts": "line"})  # as the manifest has it
 
 
 def test_run_gives_the_last_model_back(found: Diagnosis, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

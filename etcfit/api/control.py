@@ -81,6 +81,7 @@ def design_of(
     settings: DesignSettings | None = None,
     profile: str | None = None,
     log: Path | str | None = None,
+    parts: Path | str | None = None,
     **ecu: float,
 ) -> Design:
     """Gains by every rule for an ECU that reads the position by an ADC over its travel.
@@ -96,18 +97,24 @@ def design_of(
         settings: draws, and the budgets of simulation and rules; the defaults where None.
         profile: name of the make of ECU, see `model.ecus`; None for none in particular.
         log: from the car, whose setpoint is one scenario more.
+        parts: run folder of a fleet, on whose units the gains are to hold; None for the one model alone.
         ecu: what is given of the ECU, by field; see `control.design.ecu_of` for the rest.
     Raises:
         MeasurementError: the log cannot be read, or has no setpoint.
-        UsageError: no such make, or a field given that its source fixes otherwise.
+        UsageError: no such make, a field given that its source fixes otherwise, or parts of another design.
     """
     from ..control.design import design
+    from ..control.parts import design_for_parts
     from ..control.settings import DesignSettings
 
     computer, make = _computer(fitted, adc_bits, profile, ecu)
     asked = None if log is None else setpoint_of(Path(log), fitted.config)
-    mine = settings or DesignSettings()
-    return design(fitted, computer, requirements, rule, drawn, feed_forward, report, mine, make, asked)
+    given = (computer, requirements, rule, drawn, feed_forward, report, settings or DesignSettings(), make, asked)
+    if parts is None:
+        return design(fitted, *given)
+    from ..run_folder.parts import parts_of
+
+    return design_for_parts(fitted, parts_of(Path(parts)), *given)
 
 
 def fleet_design_of(

@@ -141,6 +141,7 @@ class Designed:
             "ecu": task.ecu._asdict(),
             "profile": None if task.profile is None else task.profile.name,
             "log": self.log,
+            "parts": None if self.design.parts is None else self.design.parts.where,
         }
 
     @property

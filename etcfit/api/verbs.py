@@ -236,6 +236,7 @@ def design(
     settings: DesignSettings | None = None,
     profile: str | None = None,
     log: Folder | None = None,
+    parts: Fleet | Folder | None = None,
     quiet: bool = False,
     **ecu: float,
 ) -> Designed:
@@ -255,11 +256,12 @@ def design(
         settings: draws, and the budgets of simulation and rules; the defaults where None.
         profile: name of the make of ECU, a key of `etcfit.ECUS`; None for none in particular.
         log: file of a log from the car: the stretch in which most is asked of the plate is one scenario more.
+        parts: a fleet of the same design, or its run folder: gains for parts like its units, and how they fare on them.
         quiet: show no progress.
         ecu: what is known of the ECU, by field (`period=1e-3`, `delay=0.0`, ...); see `control.design.ecu_of`.
     Raises:
         UsageError: no such rule, or one that has no gains for this plant; no such make of ECU, a field given that its
-            source fixes otherwise, or feed-forward that it cannot have.
+            source fixes otherwise, or feed-forward that it cannot have; parts of another design.
     """
     with working(quiet) as report:
         from ..control.design import PAPERS
@@ -278,13 +280,16 @@ def design(
         asked: dict[str, Any] = {"adc_bits": adc_bits, "feed_forward": feed_forward, "settings": mine,
                                  "profile": profile, "log": log, **ecu}  # fmt: skip
         if isinstance(model, Fleet) or (isinstance(model, str | Path) and is_fleet(Path(model))):
+            if parts is not None:
+                raise UsageError("parts: the model is a fleet itself. Give one unit's fit, or leave parts out.")
             whole = model if isinstance(model, Fleet) else Fleet.of(model)
             found = fleet_design_of(whole.model, rule, limits, report, **asked)
             return Designed(whole, found, None if log is None else str(log))
         fit = _fit_of("design", model)
         fitted = fit.result.fitted()
         drawn = _draws(model if posterior is None else posterior, fitted, mine)
-        found = design_of(fitted, rule, limits, drawn, report, **asked)
+        where = parts.run if isinstance(parts, Fleet) else parts
+        found = design_of(fitted, rule, limits, drawn, report, parts=where, **asked)
         return Designed(fit, found, None if log is None else str(log))
 
 

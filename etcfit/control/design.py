@@ -20,6 +20,7 @@ from ..rig.ecu import GAINS
 from .fleet_verdict import FleetVerdict
 from .judged import Robust, Tuned, below, judged, outside_the_bench
 from .linearise import reduce, stops
+from .parts_verdict import PartsVerdict
 from .pid import RULES, Gains, Refusal, Requirements, Rule, Task
 from .pid.conditions import DRY_FRICTION, scaled
 from .pid.feedforward import Bias, bias_of
@@ -58,6 +59,7 @@ class Design:
         safety: what the chosen gains do where something fails.
         limits: where the chosen gains miss a requirement, what keeps any gains from meeting it.
         fleet: how they fare unit by unit, where the models are the units of a fleet; else None.
+        parts: how every rule fares on the parts of a design, where a fleet tells them; else None.
     """
 
     fitted: Fitted
@@ -74,6 +76,7 @@ class Design:
     safety: Safety
     limits: tuple[str, ...]
     fleet: FleetVerdict | None = None
+    parts: PartsVerdict | None = None
 
     @property
     def setpoint(self) -> Setpoint:

@@ -9,18 +9,17 @@ import numpy as np
 
 from ..car_log.log import Series
 from ..errors import UsageError
-from ..estimation.fitted_model import Fitted
 from ..estimation.fleet_model import FleetModel
 from ..estimation.joint_fit import Report, quiet
 from ..model.ecu import Ecu
 from ..model.ecus import EcuProfile
 from ..model.feed_forward import Asked
+from ..model.throttle import Throttle
 from .design import BEST, PAPERS, Design, propose, task_of
 from .fleet_verdict import OneByOne, verdict
-from .judged import over_models
+from .judged import unit_by_unit
 from .pid import RULES, Gains, Refusal, Requirements, Rule, Task
 from .pid.optimal import best_over_draws, optimal
-from .pid.requirements import REQUIRED
 from .settings import DesignSettings, FleetDesignSettings
 
 ORIGIN = "fleet"
@@ -29,20 +28,18 @@ DESIGN = DesignSettings()
 
 
 @dataclass(eq=False)
-class _Search:
+class SearchOverUnits:
     """The rule `optimal` over units: searched anew with those that fail until enough of all meet everything.
 
     Args:
-        everyone: coordinates of all units, shape (U, P).
+        plants: all units, parameters of shape (U,).
         units: their names.
-        fitted: the mean unit.
-        asked: of the fleet.
+        asked: of them.
         made: searches so far.
     """
 
-    everyone: np.ndarray
+    plants: Throttle
     units: tuple[str, ...]
-    fitted: Fitted
     asked: FleetDesignSettings
     made: int = field(default=0)
 
@@ -52,30 +49,32 @@ class _Search:
         gains, self.made = optimal(task), 1
         if isinstance(gains, Refusal):
             return gains
-        best, found = gains, one_by_one(task, self.fitted, self.everyone, self.units, gains, self.asked.at_once)
+        best, found = gains, self._tried(task, gains)
         latest = found
         for _ in range(self.asked.refinements):
             if found.met.mean() >= self.asked.share:
                 break
             task = self._with(task, latest.worst_first[: max(1, self.asked.few // 3)])
             gains = best_over_draws(task, np.log([best, gains]), rng)
-            latest = one_by_one(task, self.fitted, self.everyone, self.units, gains, self.asked.at_once)
+            latest = self._tried(task, gains)
             self.made += 1
             if latest.met.mean() > found.met.mean():
                 best, found = gains, latest
         return best
 
+    def _tried(self, task: Task, gains: Gains) -> OneByOne:
+        return one_by_one(task, self.plants, self.units, gains, self.asked.at_once)
+
     def _with(self, task: Task, worst: np.ndarray) -> Task:
-        """The same with some units ahead of those that the search saw before, behind the mean one."""
-        x = self.everyone[worst]
-        throttles = self.fitted.throttles(x)
+        """The same with some units ahead of those that the search saw before, behind the nominal one."""
         loop = task.loop
-        before = np.arange(1, loop.draws - len(x))
-        joined = _joined(loop.taking(np.zeros(1, dtype=int)).throttles, throttles, loop.taking(before).throttles)
-        return replace(task, loop=replace(loop, throttles=joined))
+        failing = replace(loop, throttles=self.plants, drive=None).taking(worst).throttles
+        before = loop.taking(np.arange(1, loop.draws - worst.size)).throttles
+        return replace(task, loop=replace(loop, throttles=united(loop.first(1).throttles, failing, before)))
 
 
-def _joined(*throttles: object) -> object:
+def united(*throttles: Throttle) -> Throttle:
+    """Models one after another, parameters of shape (D,) each."""
     import jax
 
     return jax.tree.map(lambda *leaves: np.concatenate([np.asarray(each) for each in leaves]), *throttles)
@@ -125,42 +124,32 @@ def design_for_fleet(
     optimum = replace(settings.optimum, certain=asked.share, few=min(asked.few, len(shown) + 1))
     settings = replace(settings, optimum=optimum)
     task = task_of(fitted, ecu, requirements, shown, feed_forward, settings, profile, log)
-    search = _Search(everyone, model.units, fitted, asked)
+    plants = fitted.throttles(everyone)
+    search = SearchOverUnits(plants, model.units, asked)
     found = propose(fitted, task, rule, {**rules, BEST: search} if BEST in rules else rules, ORIGIN, report)
     report("judging every unit", 0.97)
     gains = found.chosen.gains
     assert gains is not None, "a rule that refused is not proposed"
-    own = one_by_one(task, fitted, everyone, model.units, gains, asked.at_once)
+    own = one_by_one(task, plants, model.units, gains, asked.at_once)
     ahead = None
     if future is not None:
         fresh = future.taking(np.setdiff1d(np.arange(len(future.units)), known - len(everyone)))
-        ahead = one_by_one(task, fitted, fresh.coordinates, fresh.units, gains, asked.at_once)
+        ahead = one_by_one(task, fitted.throttles(fresh.coordinates), fresh.units, gains, asked.at_once)
     return replace(found, fleet=verdict(own, ahead, asked, max(1, search.made)))
 
 
-def one_by_one(
-    task: Task, fitted: Fitted, x: np.ndarray, units: tuple[str, ...], gains: Gains, at_once: int
-) -> OneByOne:
+def one_by_one(task: Task, plants: Throttle, units: tuple[str, ...], gains: Gains, at_once: int) -> OneByOne:
     """One set of gains on every unit, so many at once.
 
     Args:
         task: scenarios, ECU and what is asked.
-        fitted: the model that the coordinates are of.
-        x: of the units, shape (U, P).
+        plants: the units, parameters of shape (U,).
         units: names.
         gains: of the controller.
-        at_once: units whose responses are in memory together; the last ones are filled up, so that all compile once.
+        at_once: units whose responses are in memory together.
     """
     one = Gains(*(np.array([g]) for g in gains))
-    room = min(at_once, len(x) + len(x) % 2)
-    rows = []
-    for begin in range(0, len(x), room):
-        which = np.minimum(np.arange(begin, begin + room), len(x) - 1)
-        loop = replace(task.loop, throttles=fitted.throttles(x[which]))
-        figures, _, margin, _ = over_models(task, loop, one).of(0)
-        rows.append(np.stack([*(getattr(figures, symbol) for symbol in REQUIRED), figures.rmse_pct, margin]))
-    *required, rmse, margin = np.concatenate(rows, axis=1)[:, : len(x)]
-    return OneByOne(units, dict(zip(REQUIRED, required, strict=True)), margin, rmse, task.requirements)
+    return unit_by_unit(task, replace(task.loop, throttles=plants), units, one, at_once)[0]
 
 
 def representatives(x: np.ndarray, count: int, asked: FleetDesignSettings) -> np.ndarray:
@@ -181,32 +170,13 @@ def representatives(x: np.ndarray, count: int, asked: FleetDesignSettings) -> np
     return np.array(list(dict.fromkeys([*extreme.tolist(), *random.tolist()])), dtype=int)[:count]
 
 
-def future_units(model: FleetModel, covariance: np.ndarray | None = None,
-                 asked: FleetDesignSettings = EVERY_UNIT, fewest: int = 5) -> FleetModel | None:  # fmt: skip
-    """Units not made yet, drawn from the population.
-
-        x ~ t_(U-1)(mean, (1 + 1/U) C)
-
-    in the coordinates of the fit (logarithms of what is positive): wider than C, for mean and C are known from U units
-    only. Source: Gelman et al. 2013, Bayesian Data Analysis, section 3.6. Differs from source: U - 1 degrees of freedom
-    whatever the number of parameters, as for each of them alone; C may be a shrunk one.
+def future_units(model: FleetModel, asked: FleetDesignSettings = EVERY_UNIT) -> FleetModel | None:
+    """Units not made yet, drawn from the population; None where there are too few units to say how they scatter.
 
     Args:
         model: the units measured.
-        covariance: C of the coordinates, shape (P, P); None for that of the units.
-        asked: how many, and the seed.
-        fewest: units from which their scatter is believed.
-    Returns:
-        units called "future 1" ...; None where there are fewer units than that.
+        asked: how many, from how few on, and the seed.
     """
-    x = model.coordinates
-    count, degrees = len(x), len(x) - 1
-    if count < fewest:
+    if model.law.units < asked.fewest:
         return None
-    rng = np.random.default_rng(asked.seed + 1)
-    spread = (1.0 + 1.0 / count) * (np.cov(x.T).reshape(x.shape[1], -1) if covariance is None else covariance)
-    normal = rng.multivariate_normal(np.zeros(x.shape[1]), spread, asked.future, method="eigh")
-    drawn = x.mean(axis=0) + normal * np.sqrt(degrees / rng.chisquare(degrees, asked.future))[:, None]
-    values = {symbol: np.asarray(each) for symbol, each in model.nominal.values_at(drawn).items()}
-    names = tuple(f"future {k + 1}" for k in range(asked.future))
-    return replace(model, units=names, values=values)
+    return model.future(asked.future, np.random.default_rng(asked.seed + 1))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -80,6 +80,12 @@ class OneByOne:
     rmse: np.ndarray
     asked: Requirements
 
+    def taking(self, which: np.ndarray) -> OneByOne:
+        """Of some of the units, by their numbers, shape (C,)."""
+        figures = {symbol: figure[which] for symbol, figure in self.figures.items()}
+        units = tuple(self.units[k] for k in which.tolist())
+        return replace(self, units=units, figures=figures, gain_margin=self.gain_margin[which], rmse=self.rmse[which])
+
     @property
     def missed(self) -> dict[str, np.ndarray]:
         """Whether each unit misses each requirement, stability among them, shape (U,)."""
@@ -101,6 +107,21 @@ class OneByOne:
     def worst_first(self) -> np.ndarray:
         """Numbers of the units, shape (U,)."""
         return np.argsort(-np.max(self.strain, axis=0), kind="stable")
+
+    @property
+    def share(self) -> Share:
+        """Of the units that meet everything."""
+        return Share.counted(self.met)
+
+    @property
+    def fails(self) -> dict[str, tuple[str, ...]]:
+        """Units that miss each requirement, by its name, "stable" among them; those that none misses are left out."""
+        names = np.array(self.units, dtype=object)
+        return {symbol: tuple(names[missed].tolist()) for symbol, missed in self.missed.items() if missed.any()}
+
+    def named(self, count: int) -> tuple[OddOne, ...]:
+        """So many units at most, the worst first."""
+        return tuple(_odd(self, int(k)) for k in self.worst_first[:count])
 
 
 @dataclass(frozen=True, eq=False)
@@ -153,11 +174,8 @@ def verdict(found: OneByOne, future: OneByOne | None, settings: FleetDesignSetti
         settings: share of the units that must meet everything, and how many are named.
         searches: made.
     """
-    names = np.array(found.units, dtype=object)
-    fails = {symbol: tuple(names[missed].tolist()) for symbol, missed in found.missed.items() if missed.any()}
-    worst = tuple(_odd(found, int(k)) for k in found.worst_first[: settings.named])
-    ahead = None if future is None else Share.counted(future.met)
-    return FleetVerdict(settings, Share.counted(found.met), ahead, worst, fails, searches)
+    ahead = None if future is None else future.share
+    return FleetVerdict(settings, found.share, ahead, found.named(settings.named), found.fails, searches)
 
 
 def _odd(found: OneByOne, k: int) -> OddOne:

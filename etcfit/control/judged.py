@@ -8,6 +8,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from .fleet_verdict import OneByOne
 from .pid import Gains, Metrics, Refusal, Requirements, Task, linear_loop
 from .pid.conditions import Conditions, at_corners, corners, scattered, under
 from .pid.loop import Loop
@@ -122,6 +123,28 @@ def over_models(task: Task, loop: Loop, gains: Gains) -> OverDraws:
     share, figures = loop.tried(gains, task.setpoint)
     safe = margins(Gains(*(np.asarray(g)[None] for g in gains)), loop.linear(), task.ecu)
     return OverDraws(figures, share, safe.gain_db, safe.phase_deg)
+
+
+def unit_by_unit(task: Task, loop: Loop, units: tuple[str, ...], gains: Gains, at_once: int) -> tuple[OneByOne, ...]:
+    """Gains of shape (G,) on every model of a loop, by name, so many at once; one of the result for each of them.
+
+    Args:
+        task: scenarios and what is asked.
+        loop: around U models.
+        units: their names.
+        gains: of the controller.
+        at_once: models whose responses are in memory together; the last ones are filled up, so that all compile once.
+    """
+    count = len(units)
+    room = min(at_once, count + count % 2)
+    rows = []
+    for begin in range(0, count, room):
+        found = over_models(task, loop.taking(np.minimum(np.arange(begin, begin + room), count - 1)), gains)
+        figures = (*(getattr(found.figures, symbol) for symbol in REQUIRED), found.figures.rmse_pct, found.gain_margin)
+        rows.append(np.stack([np.broadcast_to(each, found.share.shape[:2]) for each in figures]))
+    every = np.concatenate(rows, axis=1)[:, :count]
+    return tuple(OneByOne(units, dict(zip(REQUIRED, required, strict=True)), margin, rmse, task.requirements)
+                 for *required, rmse, margin in np.moveaxis(every, 2, 0))  # fmt: skip
 
 
 class OverDraws(NamedTuple):

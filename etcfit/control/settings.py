@@ -388,6 +388,7 @@ class FleetDesignSettings:
         at_once: units whose responses are in memory together.
         refinements: searches made anew with the units that failed among the few, where too many do.
         future: units drawn from the population that tell what to expect of those not made yet.
+        fewest: units from which on their scatter is believed.
         named: worst units that are named.
         seed: of the random numbers.
     """
@@ -398,6 +399,7 @@ class FleetDesignSettings:
     at_once: int = whole(200, 2, 100_000)
     refinements: int = whole(3, 0, 100)
     future: int = whole(1000, 2, 10**6)
+    fewest: int = whole(5, 2, 10**6)
     named: int = whole(10, 1, 10_000)
     seed: int = whole(20230703, 0, 2**32 - 1)
 

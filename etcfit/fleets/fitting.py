@@ -21,6 +21,7 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float
 
+from ..estimation.fleet_model import SUMS
 from ..estimation.intervals import LUMPS, Interval, intervals, lumped
 from ..estimation.joint_fit import fit
 from ..estimation.levenberg_marquardt import believed
@@ -31,7 +32,6 @@ from ..rig.base import Rig
 from .unit import TraceMisfit, UnitEstimate, UnitParameter, UnitResult
 
 _OPEN = 1.0  # standard deviation over reach from which on a direction is taken as not told: no quadratic holds so far
-SUMS = {"J_m": ("J_eq", "J_L"), "B_m": ("B_eq", "B_L")}  # motor's part: (sum at the plate, plate's part)
 
 
 class Fitted(NamedTuple):

@@ -8,11 +8,10 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
-from ..estimation.fleet_model import FleetModel, fleet_model
+from ..estimation.fleet_model import FleetModel, fleet_model, parted
 from ..problem.free_parameters import free_parameters
 from ..rig.base import RigConfig
 from .config import FleetConfig
-from .fitting import SUMS
 from .line import Told, measured
 from .line.predict import Prediction, predict
 from .results import Results
@@ -149,20 +148,11 @@ def without_odd(
 
 
 def units_as_models(rig: RigConfig, units: tuple[UnitResult, ...], shrunk: Shrunk) -> FleetModel:
-    """Every unit by its shrunk values; what the fleet does not tell as the unit's own fit has it.
-
-    Of a sum that the fleet tells motor and plate keep the shares that they have in the middle of the fleet: no data
-    speak of them, and nothing that a rig or a car shows depends on them.
-    """
+    """Every unit by its shrunk values; what the fleet does not tell as the unit's own fit has it."""
     known = free_parameters(rig)
     own = {symbol: np.array([unit.parameters[symbol].value for unit in units]) for symbol in known.layout.free}
     told = {symbol: shrunk.estimate[:, k] for k, symbol in enumerate(shrunk.symbols)}
-    values = own | {symbol: value for symbol, value in told.items() if symbol in own}
-    for motor, (whole, plate) in SUMS.items():
-        if whole in told and motor in own and plate in own:
-            squared = rig.gear_ratio**2
-            share = float(np.median(own[plate] / (squared * own[motor] + own[plate])))
-            values |= {plate: share * told[whole], motor: (1.0 - share) * told[whole] / squared}
+    values = own | parted(told, own, rig.gear_ratio)
     return fleet_model(rig, known, [unit.unit for unit in units], values, rig.noise.get("position", 0.0))
 
 

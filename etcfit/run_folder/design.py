@@ -7,8 +7,10 @@ from typing import Any
 import numpy as np
 
 from ..control.design import Design
-from ..control.fleet_verdict import FleetVerdict
+from ..control.fleet_verdict import FleetVerdict, OneByOne, Share
 from ..control.judged import Tuned
+from ..control.parts_verdict import PartsVerdict
+from ..control.pid.feedforward import Bias
 from ..control.pid.front import FrontPoint
 from ..control.pid.gains import UNIT, Gains
 from ..control.pid.requirements import REQUIRED, Metrics
@@ -61,13 +63,15 @@ def design_json(design: Design) -> dict[str, Any]:
         },
         "setpoint": _setpoint(design.setpoint),
         "feed_forward": design.task.loop.bias is not None,
+        "bias_curve": _curve(design.bias),
         "feed_forward_terms": ahead_json(design),
         "rules": {name: _rule(design, tuned) for name, tuned in design.tuned.items()},
         "rusefi": rusefi(design),
         "profile": written_for(design),
         "settings": design.settings,
         "versions": versions(),
-    } | ({} if design.fleet is None else {"fleet": fleet_json(design.fleet)}))  # fmt: skip
+    } | ({} if design.fleet is None else {"fleet": fleet_json(design.fleet)})
+      | ({} if design.parts is None else {"parts": parts_json(design.parts)}))  # fmt: skip
 
 
 def fleet_json(found: FleetVerdict) -> dict[str, Any]:
@@ -88,6 +92,39 @@ def fleet_json(found: FleetVerdict) -> dict[str, Any]:
         "says": found.says,
         "settings": found.settings,
     }  # fmt: skip
+
+
+def parts_json(found: PartsVerdict) -> dict[str, Any]:
+    """How the gains of every rule fare on the parts; a figure that is not finite is null."""
+    return {
+        "fleet": found.where,
+        "name": found.name,
+        "units": found.units,
+        "left_out": found.left_out,
+        "of_run": found.of_run,
+        "rules": {
+            name: {
+                "measured": _on_units(each.measured),
+                "drawn": _on_units(each.drawn),
+                "worst": each.worst._asdict(),
+                "fails": each.measured.fails,
+            }
+            for name, each in found.rules.items()
+        },
+        "conditions": {
+            "corners": _share(found.share_at_corners),
+            "hardest": found.corners.named(1)[0]._asdict(),
+            "drawn": _on_units(found.anywhere),
+        },
+    }
+
+
+def _on_units(found: OneByOne) -> dict[str, Any]:
+    return {**_share(found.share), "worst_rmse_pct": float(found.rmse.max())}
+
+
+def _share(share: Share) -> dict[str, Any]:
+    return {"share_met": share.value, "share_ci95": [share.low, share.high], "of": share.of}
 
 
 def _gains(gains: Gains) -> dict[str, Any]:
@@ -137,6 +174,10 @@ def _conditions(design: Design) -> dict[str, Any]:
         "stable": robust.stable,
         "probability_met": robust.probability_met,
     }
+
+
+def _curve(bias: Bias) -> dict[str, Any]:
+    return {"angles_rad": bias.angles, "hold_V": bias.hold, "closing_V": bias.closing, "opening_V": bias.opening}
 
 
 def _point(point: FrontPoint) -> dict[str, Any]:

@@ -14,13 +14,15 @@ from .. import __version__
 from ..errors import UsageError
 from ..estimation.fleet_model import FleetModel, fleet_model
 from ..estimation.intervals import LUMPS
+from ..estimation.population_law import PopulationLaw
 from ..files import whole, write_json
 from ..fleets.line import FIGURE_BY_NAME
 from ..fleets.statistics.charts import Chart
 from ..fleets.statistics.odd import OddUnit
 from ..fleets.study import FleetStudy, Series
 from ..fleets.unit import UnitResult
-from ..problem.free_parameters import free_parameters
+from ..model.parameters import Real
+from ..problem.free_parameters import Layout, free_parameters
 from ..rig.config import parse_config
 from ..rig.toml import Toml
 from ..rig.toml_text import written
@@ -93,13 +95,37 @@ def fleet_model_of(run: Path) -> FleetModel:
     Raises:
         UsageError: see `read_fleet_files`.
     """
-    files = read_fleet_files(run)
+    return model_in(read_fleet_files(run))
+
+
+def model_in(files: FleetFiles) -> FleetModel:
+    """The units as models, with the population that they are from."""
     text = str(files.content["rig_toml"])
     rig = parse_config(text, "rig.toml")
     known = free_parameters(rig)
     table = files.units.pivot(index="unit", columns="symbol", values="shrunk_value").loc[files.content["units"]]
     values = {symbol: table[symbol].to_numpy(dtype=float) for symbol in known.layout.free if symbol in table}
-    return fleet_model(rig, known, files.content["units"], values, float(files.content["position_noise"]))
+    noise, law = float(files.content["position_noise"]), _law(files.content, known.layout)
+    return fleet_model(rig, known, files.content["units"], values, noise, law)
+
+
+def _law(content: Mapping[str, Any], layout: Layout) -> PopulationLaw:
+    """That of the population; a mean without an interval is taken to be exact."""
+    from scipy.stats import t
+
+    found, units = content["population"], len(content["units"]) - len(content["left_out"])
+    reach = float(t.ppf(0.5 + 0.5 * content["settings"]["population"]["level"], max(units - 1, 1)))
+    ends = np.array([each["mean_ci95"] or (None, None) for each in found.values()], dtype=float)  # null becomes NaN
+    domains = {parameter.symbol: parameter.domain for parameter in layout.parameters}
+    return PopulationLaw(
+        symbols=tuple(found),
+        mean=np.array([each["mean"] for each in found.values()]),
+        sd=np.array([each["sd"] for each in found.values()]),
+        stderr=np.nan_to_num((ends[:, 1] - ends[:, 0]) / (2.0 * reach)),
+        correlation=np.array(content["correlation"]["matrix"]),
+        positive=np.array([not isinstance(domains.get(symbol), Real) for symbol in found]),
+        units=units,
+    )
 
 
 def units_frame(study: FleetStudy) -> pd.DataFrame:

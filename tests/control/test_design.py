@@ -301,6 +301,8 @@ def test_fomes_curve_is_one_that_its_table_holds(fitted: Fitted) -> None:
     assert ahead is not None
     assert 100.0 * np.asarray(made.task.loop.share(ahead.angles)) == pytest.approx(bins, abs=1e-9)
     assert 100.0 * ahead.hold / made.task.ecu.supply == pytest.approx(values, abs=0.05 + 1e-9)
+    curve = design_json(made)["bias_curve"]  # what the page's loop runs through
+    assert (curve["angles_rad"], curve["hold_V"]) == (ahead.angles.tolist(), ahead.hold.tolist())
 
 
 @pytest.mark.slow

@@ -13,12 +13,12 @@ from scipy.stats import beta, fisher_exact
 
 import etcfit
 import fleets
+from benchmarks.parts import on_plant
 from etcfit.control.design import Design, ecu_of, task_of
 from etcfit.control.fleet import design_for_fleet, future_units, one_by_one, representatives
 from etcfit.control.fleet_verdict import OneByOne, Share, verdict
 from etcfit.control.pid import RULES, Gains, Requirements
 from etcfit.control.pid.requirements import REQUIRED
-from etcfit.control.pid.response import effort, judge
 from etcfit.control.settings import DesignSettings, FleetDesignSettings, OptimumSettings
 from etcfit.errors import UsageError
 from etcfit.files import write_json
@@ -26,10 +26,6 @@ from etcfit.reporting.blocks import render
 from etcfit.reporting.control.responses import draw
 from etcfit.reporting.control.tables import design_table
 from etcfit.run_folder import design_json
-from independent.control import Computer, noisy
-from independent.effects import NONE
-from independent.simulate import throttle
-from independent.truth import Truth
 
 NOISE = 1e-4  # rad
 SPREAD = 0.22  # so wide that no gains please all units: a promise of 100 % would be easy to keep
@@ -110,29 +106,13 @@ def test_every_unit_is_judged_as_it_is_alone() -> None:
     model = fleets.of(fleets.truths(7, 9, spread=0.2))
     fitted, gains = model.nominal, Gains(20.0, 100.0, 0.5)
     task = task_of(fitted, ecu_of(fitted), drawn=model.coordinates[:1])
-    together = one_by_one(task, fitted, model.coordinates, model.units, gains, 4)
+    plants = replace(task.loop, throttles=fitted.throttles(model.coordinates))
+    together = one_by_one(task, plants.throttles, model.units, gains, 4)
     for k in (0, 3, 6):
-        alone = one_by_one(task, fitted, model.coordinates[k : k + 1], model.units[k : k + 1], gains, 4)
+        alone = one_by_one(task, plants.taking(np.array([k])).throttles, model.units[k : k + 1], gains, 4)
         # the noise of the sensor is another sequence for each place
         assert together.rmse[k] == pytest.approx(alone.rmse[0], rel=1e-6)
         assert together.gain_margin[k] == pytest.approx(alone.gain_margin[0], rel=1e-9)
-
-
-def meets(design: Design, truth: Truth, seed: int) -> bool:
-    """Whether an independent plate under an independent computer meets everything that is asked."""
-    ecu, asked, setpoint = design.task.ecu, design.task.requirements, design.setpoint
-    gains, body = design.chosen.gains, design.task.loop.body
-    assert gains is not None
-    computer = Computer(*(float(g) for g in gains), period=ecu.period, supply=float(ecu.limit), filter=ecu.filter,
-                        delay=ecu.delay, grain=ecu.resolution, noise=ecu.noise)  # fmt: skip
-    time = setpoint.instants(ecu.period)
-    wanted = body.lower + setpoint.at(time) * (body.upper - body.lower)
-    angle, volts = noisy(throttle(truth, NONE), computer, wanted, np.random.default_rng(seed)).T
-    share = (angle - body.lower) / (body.upper - body.lower)
-    figures = judge(setpoint, time, share[None])
-    duty = effort(setpoint, time, volts[None] / ecu.supply, np.zeros((1, time.size))).duty_activity_pct
-    limits = (asked.overshoot_pct, asked.settling_s, asked.steady_state_error_pct, asked.duty_activity_pct)
-    return all(float(f[0]) < limit for f, limit in zip((*figures[:3], duty), limits, strict=True))
 
 
 @pytest.fixture(scope="module")
@@ -151,7 +131,7 @@ def test_the_share_promised_is_met_by_fresh_units_of_an_independent_simulation(d
     assert found.share.of == 60
     assert 0.5 < found.future.value < 1.0
     fresh = fleets.truths(200, 12, spread=SPREAD)
-    met = sum(meets(designed, truth, 100 + k) for k, truth in enumerate(fresh))
+    met = sum(on_plant(designed.task, designed.proposed, truth, 100 + k).meets for k, truth in enumerate(fresh))
     # both shares are counted over units of their own
     promised = found.future
     table = [[met, len(fresh) - met], [promised.met, promised.of - promised.met]]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import re
+import shutil
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -15,13 +16,14 @@ from jsonschema import Draft202012Validator
 import etcfit
 from etcfit.api.fleet import Fleet
 from etcfit.api.fleet_work import config_of_rig, refuse_foreign_units, refuse_unknown_limits, rig_of_one
-from etcfit.errors import MeasurementError
+from etcfit.errors import MeasurementError, UsageError
 from etcfit.fleets.config import FleetConfig, read_fleet
 from etcfit.fleets.fit_work import FitWork
 from etcfit.fleets.results import Results
 from etcfit.fleets.study import FleetStudy, study
 from etcfit.fleets.unit import FailedUnit, TraceMisfit, UnitEstimate, UnitParameter, UnitResult
 from etcfit.run_folder.fleet import FLEET, UNITS, read_fleet_files, save_fleet
+from etcfit.run_folder.parts import parts_of
 
 N = 20.68
 DESIGN = {"R_a": 1.5, "L_a": 1.5e-3, "K_b": 0.016, "J_eq": 1.7e-3, "B_eq": 9.0e-3, "K_s": 0.13, "T_PL": 0.35,
@@ -141,6 +143,62 @@ def test_the_model_read_back_is_the_model_saved(kept: Kept) -> None:
     assert set(again.values) == set(model.values)
     for symbol, value in model.values.items():
         np.testing.assert_allclose(again.values[symbol], value, rtol=1e-12)
+
+
+def test_the_population_read_back_is_the_law_of_a_unit_not_made_yet(kept: Kept) -> None:
+    law, found = Fleet.of(kept.run).model.law, kept.known.population
+    assert law.symbols == found.symbols
+    assert law.units == len(found.units)
+    np.testing.assert_allclose(law.mean, found.mean)
+    np.testing.assert_allclose(law.sd, found.sd)
+    np.testing.assert_allclose(law.correlation, found.correlation)
+    # degrees of freedom of the interval are the units less one where all are known alike
+    np.testing.assert_allclose(law.stderr, found.mean_stderr, rtol=0.02)
+    assert [s for s, positive in zip(law.symbols, law.positive, strict=True) if not positive] == ["T_PL"]
+
+
+def test_parts_are_the_units_that_can_be_trusted_and_the_others_are_named(kept: Kept) -> None:
+    parts = parts_of(kept.run)
+    assert (parts.where, parts.name) == (str(kept.run), "by hand")
+    no_result = "no result: wrong/response: no trace. <Record> one."
+    assert parts.left_out == {"u03": "did not converge: made by hand", "wrong": no_result}
+    assert parts.model.units == tuple(unit for unit in kept.known.model.units if unit != "u03")
+    assert {"J_m", "J_L", "B_m", "B_L", "K_m", "R_a"} <= set(parts.model.told)
+
+
+def spoilt(kept: Kept, run: Path, **changes: object) -> Path:
+    """A copy of the fleet's run with some keys of fleet.json replaced."""
+    shutil.copytree(kept.run, run)
+    written = json.loads((run / FLEET).read_text(encoding="utf-8")) | changes
+    (run / FLEET).write_text(json.dumps(written), encoding="utf-8")
+    return run
+
+
+def test_an_odd_unit_is_no_part_of_the_design(kept: Kept, tmp_path: Path) -> None:
+    odd = [{"unit": "u07", "why": "its K_s is 9 sd off"}]
+    parts = parts_of(spoilt(kept, tmp_path / "run", odd=odd, left_out=["u07"]))
+    assert parts.left_out["u07"] == "odd: its K_s is 9 sd off"
+    assert "u07" not in parts.model.units
+    assert parts.model.law.units == UNITS_MADE - 1
+
+
+def test_a_mean_without_an_interval_is_taken_to_be_exact(kept: Kept, tmp_path: Path) -> None:
+    population = json.loads((kept.run / FLEET).read_text(encoding="utf-8"))["population"]
+    population["R_a"]["mean_ci95"] = [None, None]
+    law = parts_of(spoilt(kept, tmp_path / "run", population=population)).model.law
+    assert law.stderr[law.symbols.index("R_a")] == 0.0
+    assert np.all(np.delete(law.stderr, law.symbols.index("R_a")) > 0.0)
+
+
+def test_too_few_units_are_no_source_of_parts(kept: Kept, tmp_path: Path) -> None:
+    few = spoilt(kept, tmp_path / "run", left_out=[f"u{k:02d}" for k in range(8)])
+    with pytest.raises(UsageError, match=r"known from 4 units, too few to say how parts scatter. Measure 5 at least"):
+        parts_of(few)
+
+
+def test_a_folder_without_a_fleet_is_no_source_of_parts(tmp_path: Path) -> None:
+    with pytest.raises(UsageError, match=r"holds no fleet .* Run `etcfit fleet FLEET"):
+        parts_of(tmp_path)
 
 
 def test_frames_hold_what_the_file_holds(kept: Kept) -> None:

@@ -33,28 +33,31 @@ def fleet_table(design: Design) -> RenderableType | None:
     found = design.fleet
     if found is None:
         return None
-    lines = [found.says, f"so of {_share(found.share)} of such units"]
+    lines = [found.says, f"so of {share_in_words(found.share)} of such units"]
     if found.future is not None:
         lines.append(f"of {found.future.of} units drawn from the population, which the search did not know, "
-                     f"{found.future.met} do: {_share(found.future)}")  # fmt: skip
-    lines += [f"{_WORDS[symbol][0]} missed by {len(units)}: {_some(units)}" for symbol, units in found.fails.items()]
+                     f"{found.future.met} do: {share_in_words(found.future)}")  # fmt: skip
+    lines += [f"{_WORDS[symbol][0]} missed by {len(units)}: {some_of(units)}" for symbol, units in found.fails.items()]
     table = plain_table("worst units", "hardest for it", "figure", "limit", "meets all")
     for each in found.worst:
-        table.add_row(*_row(each))
+        table.add_row(*hardest(each))
     said = (Text(f"  {line}") for line in lines)
     return headed(f"{design.chosen.rule} on every unit of the fleet", Group(*said, table))
 
 
-def _share(share: Share) -> str:
+def share_in_words(share: Share) -> str:
+    """With its 95 % interval."""
     return f"{100.0 * share.value:.1f} % (95 %: {100.0 * share.low:.1f} to {100.0 * share.high:.1f} %)"
 
 
-def _some(units: tuple[str, ...]) -> str:
+def some_of(units: tuple[str, ...]) -> str:
+    """Names, no more than a line takes."""
     more = f" and {len(units) - _NAMED} more" if len(units) > _NAMED else ""
     return ", ".join(units[:_NAMED]) + more
 
 
-def _row(each: OddOne) -> tuple[str, ...]:
+def hardest(each: OddOne) -> tuple[str, ...]:
+    """Columns of a table: unit, requirement, figure, limit, whether it meets everything."""
     name, unit = _WORDS[each.requirement]
     return (
         each.unit,

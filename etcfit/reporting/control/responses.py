@@ -8,6 +8,7 @@ from matplotlib.figure import Figure
 
 from ...control.design import Design
 from ...control.judged import PAPERS_SETPOINT, Tuned
+from ...control.parts_verdict import OnParts
 from .. import style
 from ..numbers import short
 from .fleet import of_models
@@ -47,6 +48,14 @@ def _panel(panel: Axes, design: Design, tuned: Tuned) -> None:
                label="linear model")  # fmt: skip
     draw_band(panel, time, tuned.band[:, : time.size], of_models(design))
     panel.set_title(_title(design, tuned), loc="left", fontsize=10)
+    if design.parts is not None:
+        panel.text(0.99, 0.95, _on_parts(design.parts.rules[tuned.rule]), transform=panel.transAxes, ha="right",
+                   va="top", fontsize=9)  # fmt: skip
+
+
+def _on_parts(each: OnParts) -> str:
+    measured, drawn = each.measured.share, each.drawn.share
+    return f"met by {100.0 * drawn.value:.1f} % of drawn parts, {measured.met} of {measured.of} measured"
 
 
 def draw_band(panel: Axes, time: np.ndarray, band: np.ndarray, models: str) -> None:

@@ -24,6 +24,7 @@ from ..blocks import headed, plain_table, rig_title, sentences
 from ..compromise import cautioned
 from ..numbers import Digits, short
 from .fleet import fleet_table, of_models
+from .parts import parts_table
 from .safety import safety_table
 from .snippet import snippet
 from .supply_table import supply_table
@@ -148,6 +149,7 @@ def design_table(design: Design) -> RenderableType:
         fleet_table(design),
         scenario_table(design),
         sentences("Outside the bench", outside_the_bench(design)),
+        parts_table(design),
         supply_table(task, design.proposed, design.supply_table),
         sentences("Tracking against effort", against_effort(design)),
         safety_table(design),

@@ -5,14 +5,10 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-import numpy as np
-
-from ...control.pid.feedforward import bias_of
 from ...control.pid.setpoint import trapezoid
 from ...control.settings import LoopSettings
 from ...estimation.result import FitResult
 from ...model.ecu import Ecu
-from ...model.throttle import Throttle
 
 _FACTOR = 8.0  # a slider goes from an eighth of a gain to eight times it
 # fields of `Ecu` and their names in pid.json; null there is 0
@@ -23,13 +19,14 @@ _ECU = {"period": "period_s", "supply": "supply_V", "filter": "derivative_filter
 
 
 def loop_json(result: FitResult, pid: Mapping[str, Any]) -> dict[str, Any] | None:
-    """Gains, ECU, setpoint and levels; None where no gains were sought.
+    """Gains, ECU, setpoint and levels; None where no gains were sought, or an older file lacks what they ran with.
 
     Args:
         result: the final model.
         pid: pid.json; empty where there is none.
     """
-    if not pid or not {"gains", "ecu", "setpoint"} <= pid.keys():
+    needed = {"gains", "ecu", "setpoint", *(("bias_curve",) if pid.get("feed_forward") else ())}
+    if not needed <= pid.keys():
         return None
     config, first = result.rig.config, trapezoid()
     lower, upper = config.travel
@@ -48,7 +45,7 @@ def loop_json(result: FitResult, pid: Mapping[str, Any]) -> dict[str, Any] | Non
             for each in first.levels
         ],
         "requirements": pid["requirements"],
-        "bias": _bias(result, body) if pid.get("feed_forward") else None,
+        "bias": _bias(pid["bias_curve"]) if pid.get("feed_forward") else None,
         "sliding": _sliding(pid.get("feed_forward_terms") or {}),
         "noise": float(pid["ecu"].get("noise_rad") or 0.0),
     }
@@ -80,9 +77,6 @@ def _slider(value: float) -> dict[str, Any]:
     return {"value": value, "low": value / _FACTOR, "high": value * _FACTOR or 1.0, "geometric": value > 0.0}
 
 
-def _bias(result: FitResult, body: Mapping[str, float]) -> dict[str, list[float]]:
-    """The curve of the voltage that holds each position, as the gains were found with one."""
-    values = result.free_parameters.layout.values(result.x, result.free_parameters.held)
-    throttle = Throttle.build(result.free_parameters.layout.types, values)
-    curve = bias_of(throttle, body["gear_ratio"], body["lower"], body["upper"])
-    return {"angles": np.asarray(curve.angles).tolist(), "volts": np.asarray(curve.hold).tolist()}
+def _bias(curve: Mapping[str, Any]) -> dict[str, list[float]]:
+    """The curve that the gains were found with."""
+    return {"angles": curve["angles_rad"], "volts": curve["hold_V"]}

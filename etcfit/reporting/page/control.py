@@ -26,6 +26,7 @@ _METRICS = {
 _EFFORT = ("duty_activity_pct", "current_rms_A", "winding_W", "bridge_W")  # of the nonlinear model alone
 _ECU = {"P": "", "I": "", "D": "", "period_s": "s"}
 _GAINS = {"Kp": "{}", "Ki": "({})/s", "Kd": "({}) · s"}  # of the unit of the proportional one
+_NOWHERE = ("none", "unknown")  # of ECUs, a place for a table of gains
 _POINT_UNITS = {"pct": "%", "deg": "°"}
 
 
@@ -150,6 +151,62 @@ def _met(met: Mapping[str, Any], key: str) -> str:
 
 def _says(part: Any, key: str) -> bool:
     return isinstance(part, Mapping) and isinstance(part.get(key), bool)
+
+
+def supply_table(pid: Mapping[str, Any]) -> Table | None:
+    """The gains over the supply; None where the ECU that was named has nowhere to type them, or none were made."""
+    written = pid.get("supply_table")
+    if not written or written["ecu_has"] in _NOWHERE:
+        return None
+    rows = [(name, *(number(gain, 4) for gain in row), f"{written['unit']}, {written['form']}")
+            for name, row in written["gains"].items()]  # fmt: skip
+    heads = ["", *(f"{supply:g} V" for supply in written["supply_V"]), "unit"]
+    return Table("Gains over the supply that keep the loop what it is", heads, rows)
+
+
+def tables_of_gains(pid: Mapping[str, Any]) -> list[str]:
+    """What is said of tables of gains: who has them, what they are worth."""
+    return list((pid.get("supply_table") or {}).get("says", ()))
+
+
+def parts_table(pid: Mapping[str, Any]) -> Table | None:
+    """Every rule on the parts of the design; None where no fleet tells them."""
+    found = pid.get("parts")
+    if not found:
+        return None
+    rows = [(name.replace("_", " "), *(_percent(each[on]["share_met"]) for on in ("measured", "drawn")),
+             *(_or_never(each[on]["worst_rmse_pct"]) for on in ("measured", "drawn")), *_hardest(each["worst"]))
+            for name, each in found["rules"].items()]  # fmt: skip
+    drawn = next(iter(found["rules"].values()))["drawn"]["of"]
+    heads = ["", f"met, % of {len(found['units'])} units", f"% of {drawn} drawn", "largest RMSE, %", "drawn, %",
+             "worst unit", "hardest for it", "figure", "limit"]  # fmt: skip
+    return Table(f"On the parts of {found['name']}", heads, rows)
+
+
+def parts_outside(pid: Mapping[str, Any]) -> list[str]:
+    """The proposed gains on the parts under the conditions of a car, and which units are none of the parts."""
+    found = pid.get("parts")
+    if not found:
+        return []
+    there, (place, name, value, limit) = found["conditions"], _hardest(found["conditions"]["hardest"])
+    said = (f"Outside the bench {_percent(there['corners']['share_met'])} % of the measured units meet everything at "
+            f"every corner of supply, winding and friction, and {_percent(there['drawn']['share_met'])} % of the drawn "
+            f"ones, each under conditions of its own. Hardest: {place}, {name} {value}, limit {limit}.")  # fmt: skip
+    return [said, *(f"Not judged: {unit}, {why}" for unit, why in found["left_out"].items())]
+
+
+def _percent(share: float) -> str:
+    return f"{100.0 * share:.1f}"
+
+
+def _hardest(worst: Mapping[str, Any]) -> tuple[str, str, str, str]:
+    """Unit, requirement, figure and limit."""
+    name, of = _METRICS.get(worst["requirement"], ("gain margin", "dB"))  # a loop that is not stable
+    return worst["unit"], name, _figure(worst["figure"], of), f"{number(worst['limit'])} {of}"
+
+
+def _figure(value: float | None, of: str) -> str:
+    return "never" if value is None else f"{number(value)} {of}"
 
 
 def safety_tables(pid: Mapping[str, Any]) -> list[Table]:

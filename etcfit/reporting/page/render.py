@@ -17,9 +17,13 @@ from .control import (
     jam_check,
     metrics_table,
     operating_point,
+    parts_outside,
+    parts_table,
     plant_table,
     safety_tables,
     settings_table,
+    supply_table,
+    tables_of_gains,
 )
 from .frequency import orders, sines_table
 from .ledger import ledger_table
@@ -75,6 +79,10 @@ def _parts(contents: Contents, budget: int) -> dict[str, Any]:
         "settings": settings_table(pid),
         "assumed": assumed(pid),
         "metrics": metrics_table(pid),
+        "on_parts": parts_table(pid),
+        "parts_outside": parts_outside(pid),
+        "supply_table": supply_table(pid),
+        "tables_of_gains": tables_of_gains(pid),
         "jam_check": jam_check(pid),
         "safety": safety_tables(pid),
         "gains_cautions": cautions(pid),

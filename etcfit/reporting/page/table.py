@@ -20,7 +20,7 @@ class Table:
     """
 
     # columns of words wherever they stand
-    LEFT: ClassVar[tuple[str, ...]] = ("unit", "profile", "status", "met", "meaning")
+    LEFT: ClassVar[tuple[str, ...]] = ("unit", "profile", "status", "met", "meaning", "worst unit", "hardest for it")
 
     caption: str
     head: Sequence[str]

@@ -140,7 +140,16 @@ def gains_sentence(pid: Mapping[str, Any]) -> Markup:
         return text + Markup(
             ", on a model whose parameters are a <strong>compromise</strong>; that says little of the plant"
         )
-    return text + ("" if chance is None else f", with probability {number(chance, 2)} over draws of the parameters")
+    text += "" if chance is None else f", with probability {number(chance, 2)} over draws of the parameters"
+    return text + _on_parts(pid)
+
+
+def _on_parts(pid: Mapping[str, Any]) -> str:
+    """On how many of the parts of the design, where a fleet tells them."""
+    if not pid.get("parts"):
+        return ""
+    share = pid["parts"]["rules"][pid["rule"]]["drawn"]["share_met"]
+    return f" and on {100.0 * share:.0f} % of parts drawn from the fleet “{pid['parts']['name']}”"
 
 
 def _flat(met: Mapping[str, Any]) -> Iterator[tuple[str, Any]]:

@@ -21,6 +21,7 @@ from etcfit.errors import UsageError
 from etcfit.estimation.contradiction import Contradiction
 from etcfit.estimation.result import FitResult
 from etcfit.reporting.interactive import NAME, write_interactive
+from etcfit.reporting.interactive.closed_loop import loop_json
 from etcfit.reporting.interactive.cures import cures
 from etcfit.reporting.interactive.lights import Light, light, residuals
 from etcfit.reporting.interactive.render import SCRIPTS, part
@@ -137,6 +138,19 @@ def test_missing_torque_stands_where_the_diagnosis_has_it(tmp_path: Path) -> Non
     seen = unpacked(torque["before"])
     assert np.array_equal(np.isnan(seen), np.isnan(motion.torque))
     assert np.nanmax(np.abs(seen - motion.torque)) < 1e-4 * np.nanmax(np.abs(motion.torque))
+
+
+CURVE = {"angles_rad": [0.0, 0.31, 1.57], "hold_V": [1.1, 1.4, 2.5]}  # as an ECU's own table names its places
+
+
+def test_feed_forward_runs_through_the_curve_that_the_gains_were_found_with(tmp_path: Path) -> None:
+    result = results.result(results.rig(tmp_path))
+    assert loop_json(result, made.pid())["bias"] is None  # pyright: ignore[reportOptionalSubscript]
+    found = made.pid() | {"feed_forward": True, "bias_curve": CURVE}
+    bias = loop_json(result, found)["bias"]  # pyright: ignore[reportOptionalSubscript]
+    assert bias == {"angles": CURVE["angles_rad"], "volts": CURVE["hold_V"]}
+    del found["bias_curve"]  # a file of before: another curve would be another loop
+    assert loop_json(result, found) is None
 
 
 def test_synthetic_data_are_called_so_and_measured_ones_are_not(text: str, tmp_path: Path) -> None:

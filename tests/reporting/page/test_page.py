@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from html.parser import HTMLParser
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -26,7 +27,7 @@ class Reader(HTMLParser):
     def __init__(self, page: str) -> None:
         super().__init__()
         self.tags: list[tuple[str, dict[str, str | None]]] = []
-        self.text, self.open = "", []
+        self.source, self.text, self.open = page, "", []
         self.feed(page)
         self.close()
 
@@ -143,6 +144,74 @@ def test_settings_of_a_named_ecu_stand_on_the_page_with_what_is_assumed(full: Pa
     assert "Settings for Link <G4X>" in page
     assert all(each in page for each in ("P gain", "7.2500", "%/%, per s", "0.082500", "87.500", "assumed: its unit"))
     assert "<G4X>" not in write_page(full).path.read_text(encoding="utf-8")  # what a file says is text
+
+
+SUPPLY_TABLE = {"ecu_has": None, "supply_V": [9.0, 12.0, 15.0], "unit": "%/%", "form": "seconds",
+                "gains": {"P": [22.31, 16.73, 13.38], "I": [346.0, 259.5, 207.6], "D": [0.1522, 0.1142, 0.0913]},
+                "says": ["at 9 V: it <helps> tracking there"]}  # fmt: skip
+
+
+def cells(page: Reader, caption: str) -> list[list[str]]:
+    """Of the table under a caption, row by row, head first."""
+    html = page.source[page.source.index(caption) :]
+    rows = re.findall(r"<tr.*?</tr>", html[: html.index("</table>")], re.S)
+    return [[re.sub(r"<[^>]+>", "", cell).strip() for cell in re.findall(r"<t[hd].*?</t[hd]>", row, re.S)]
+            for row in rows]  # fmt: skip
+
+
+def test_gains_over_the_supply_stand_in_a_small_table(full: Path) -> None:
+    caption = "Gains over the supply that keep the loop what it is"
+    assert caption not in read(full).text
+    runs.changed(full, "pid", supply_table=SUPPLY_TABLE)
+    page = read(full)
+    head, *rows = cells(page, caption)
+    assert head == ["", "9 V", "12 V", "15 V", "unit"]
+    assert rows[0] == ["P", "22.31", "16.73", "13.38", "%/%, seconds"]
+    assert [row[0] for row in rows] == ["P", "I", "D"]
+    assert "at 9 V: it <helps> tracking there" in page.text
+    assert page.open == []
+
+
+@pytest.mark.parametrize("has", ["none", "unknown"])
+def test_an_ecu_with_nowhere_to_type_it_has_no_such_table_but_is_told_why(full: Path, has: str) -> None:
+    runs.changed(full, "pid", supply_table=SUPPLY_TABLE | {"ecu_has": has})
+    page = read(full)
+    assert "that keep the loop what it is" not in page.text
+    assert "at 9 V: it <helps> tracking there" in page.text
+
+
+def on_parts(share: float) -> dict[str, Any]:
+    """How the gains of one rule fare on the parts."""
+    worst = {"unit": "u<7>", "requirement": "settling_s", "figure": None, "limit": 0.2, "meets": False}
+    of = {"share_met": share, "share_ci95": [0.1, 1.0]}
+    return {"measured": {**of, "of": 12, "worst_rmse_pct": 1.25}, "worst": worst, "fails": {"settling_s": ["u<7>"]},
+            "drawn": {**of, "share_met": share / 2.0, "of": 199, "worst_rmse_pct": None}}  # fmt: skip
+
+
+def test_every_rule_stands_on_the_parts_with_its_worst_unit(full: Path) -> None:
+    assert "On the parts" not in read(full).text
+    hardest = {"unit": "u3 at 9 V", "requirement": "stable", "figure": -1.5, "limit": 0.0, "meets": False}
+    parts = {
+        "fleet": "runs/line",
+        "name": "line <4>",
+        "units": [f"u{k}" for k in range(12)],
+        "of_run": [],
+        "left_out": {"u12": "odd: <far> off"},
+        "rules": {"simc": on_parts(0.5), "ziegler_nichols": on_parts(0.75)},
+        "conditions": {"corners": {"share_met": 0.25}, "drawn": {"share_met": 0.125}, "hardest": hardest},
+    }
+    runs.changed(full, "pid", parts=parts)
+    page = read(full)
+    head, first, second = cells(page, "On the parts of line")
+    assert head[1:3] == ["met, % of 12 units", "% of 199 drawn"]
+    assert first == ["simc", "50.0", "25.0", "1.25", "never", "u&lt;7&gt;", "settling time, 2 %", "never", "0.200 s"]
+    assert second[:3] == ["ziegler nichols", "75.0", "37.5"]
+    text = " ".join(page.text.split())
+    assert "Hardest: u3 at 9 V, gain margin −1.50 dB, limit 0 dB." in text
+    assert "Outside the bench 25.0 % of the measured units" in text
+    assert "Not judged: u12, odd: <far> off" in text
+    assert "and on 38 % of parts drawn from the fleet “line <4>”" in text  # in the verdict, of the proposed rule
+    assert page.open == []
 
 
 def test_results_of_other_data_are_called_so(full: Path) -> None:
