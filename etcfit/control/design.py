@@ -209,10 +209,19 @@ def design(
     Raises:
         UsageError: no such rule, a model without an electrical side, or a rule that has no gains for this plant.
     """
-    if rule not in RULES:
-        raise UsageError(f"no tuning rule is called {rule!r}. Known: {', '.join(RULES)}.")
+    must_be_known(rule, RULES)
     task = task_of(fitted, ecu, requirements, drawn, feed_forward, settings, profile, log)
     return propose(fitted, task, rule, RULES, "laplace" if drawn is None else "posterior", report)
+
+
+def must_be_known(rule: str, rules: Mapping[str, Rule]) -> None:
+    """Refuse a rule that is none of these.
+
+    Raises:
+        UsageError: it is not.
+    """
+    if rule not in rules:
+        raise UsageError(f"no tuning rule is called {rule!r}. Known: {', '.join(rules)}.")
 
 
 def propose(

@@ -8,14 +8,13 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from ..car_log.log import Series
-from ..errors import UsageError
 from ..estimation.fleet_model import FleetModel
 from ..estimation.joint_fit import Report, quiet
 from ..model.ecu import Ecu
 from ..model.ecus import EcuProfile
 from ..model.feed_forward import Asked
 from ..model.throttle import Throttle
-from .design import BEST, PAPERS, Design, propose, task_of
+from .design import BEST, PAPERS, Design, must_be_known, propose, task_of
 from .fleet_verdict import OneByOne, verdict
 from .judged import unit_by_unit
 from .pid import RULES, Gains, Refusal, Requirements, Rule, Task
@@ -113,8 +112,7 @@ def design_for_fleet(
     Raises:
         UsageError: no such rule, or a rule that has no gains for this plant.
     """
-    if rule not in rules:
-        raise UsageError(f"no tuning rule is called {rule!r}. Known: {', '.join(rules)}.")
+    must_be_known(rule, rules)
     fitted, everyone = model.nominal, model.coordinates
     seen = everyone
     if future is not None and len(everyone) < settings.draws - 1:  # too few to stand for those that will come

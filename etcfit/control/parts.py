@@ -16,7 +16,7 @@ from ..model.ecu import Ecu
 from ..model.ecus import EcuProfile
 from ..model.feed_forward import Asked
 from ..model.throttle import Throttle
-from .design import BEST, PAPERS, Design, propose, task_of
+from .design import BEST, PAPERS, Design, must_be_known, propose, task_of
 from .fleet import SearchOverUnits, united
 from .judged import unit_by_unit
 from .parts_verdict import OnParts, PartsVerdict
@@ -116,8 +116,7 @@ def design_for_parts(
     Raises:
         UsageError: as `design.design`, or parts of another design.
     """
-    if rule not in rules:
-        raise UsageError(f"no tuning rule is called {rule!r}. Known: {', '.join(rules)}.")
+    must_be_known(rule, rules)
     parts.must_be_of(fitted)
     rest = fitted.laplace(settings.draws - 1, np.random.default_rng(settings.seed)) if drawn is None else drawn
     task = task_of(fitted, ecu, requirements, rest, feed_forward, settings, profile, log)

@@ -56,11 +56,6 @@ class Composition:
         """The candidates that act in the throttle."""
         return tuple(e for e in self.candidates if not is_of_the_rig(e))
 
-    def free_parameters(self, added: tuple[Effect, ...]) -> FreeParameters:
-        """Free parameters of the model with these candidates at work; others that act in the throttle are held at
-        their off values."""
-        return self.beside(self.inside, added)
-
     def beside(self, asleep: tuple[Effect, ...], added: tuple[Effect, ...]) -> FreeParameters:
         """Free parameters of the model with some candidates at work, and others in it, held at their off values."""
         base = sum(1 for s in self.whole.layout.free if not any(s in resting(e) for e in self.candidates)) + _MORE
@@ -68,7 +63,7 @@ class Composition:
         return replace(whole, layout=replace(whole.layout, room=room(max(base, len(whole.layout.free)))))
 
     def lean(self, added: tuple[Effect, ...]) -> FreeParameters:
-        """As `free_parameters`, with equal coordinates, of a model that has no effects but those at work."""
+        """As `beside`, with equal coordinates, of a model that has no effects but those at work."""
         return self._of(added, added)
 
     def on_trial(self, added: tuple[Effect, ...]) -> FreeParameters:

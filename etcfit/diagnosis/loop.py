@@ -105,10 +105,10 @@ def measured(s: CandidateModel, candidates: Sequence[Effect]) -> Measured:
     that act in the throttle are screened in groups, each in a model of its own; those of the rig, which act around it
     and are cheap, all at once.
     """
-    inside, every = ([e for e in candidates if is_of_the_rig(e) is rig] for rig in (False, True))
+    every = [e for e in candidates if is_of_the_rig(e)]
     of_the_rig, late = ([e for e in every if e.delays is delays] for delays in (False, True))
     background = Background.of(s.problem, s.x, s.weighted)
-    found = _screened_inside(s, background, inside)
+    found = _screened_inside(s, background, candidates)
     if of_the_rig:
         rigged = s.with_the_rig()
         found += screen_of_the_rig(background, rigged.problem, rigged.x, rigged.weighted, of_the_rig)
@@ -118,7 +118,7 @@ def measured(s: CandidateModel, candidates: Sequence[Effect]) -> Measured:
 
 
 def _screened_inside(s: CandidateModel, background: Background, candidates: Sequence[Effect]) -> list[Signature]:
-    """Signatures of candidates that act in the throttle, some groups side by side, for each compiles a model."""
+    """Signatures of those candidates that act in the throttle, some groups side by side, for each compiles a model."""
 
     def signatures(group: tuple[Effect, ...]) -> list[Signature]:
         asked = [e for e in group if e in candidates]
