@@ -1,9 +1,9 @@
-"""What a candidate costs in the composed model, beside a plain refit with it from scratch, in one run.
+"""What a candidate costs in a diagnosis, beside a plain fit with it from scratch, in one run.
 
     python -m benchmarks.bench_diagnose [FOLDER]
 
 The same effect on the same folder: `etcfit fit` with the effect named in rig.toml (a model of its own: reading, starts,
-compilation), against its refit in the model of all effects, which is compiled once for every candidate.
+compilation), against its refit from where the fit without it ended.
 """
 
 from __future__ import annotations
@@ -34,11 +34,11 @@ def main() -> None:
     parser.add_argument("folder", nargs="?", type=Path, default=Path("measurements/bench_twin"))
     rig = read_folder(parser.parse_args().folder)
     result, base = timed(lambda: fit(rig))
-    standing, composed = timed(lambda: start(result, DiagnosisSettings()).composed())
+    standing = start(result, DiagnosisSettings())
     candidates = standing.composition.candidates
     signatures, cold = timed(lambda: screened(standing, candidates))
     _, warm = timed(lambda: screened(standing, candidates))
-    print(f"fit of Eqs. 1-2 {base:.1f} s; model of all effects taken up {composed:.1f} s")
+    print(f"fit of Eqs. 1-2 {base:.1f} s")
     print(f"screening {len(candidates)} effects: {cold:.1f} s with compilation, {warm:.1f} s without")
     chosen = [g for g in signatures if g.variant.effect.name in EFFECTS]
     first = standing.with_effects((chosen[0].variant.effect,), chosen[0].values)
