@@ -14,8 +14,9 @@ from ..estimation.result import FitResult
 from ..model.smooth import AbstractSmooth
 from .candidate_model import CandidateModel
 from .findings import Discrepancy
+from .inside import tangents_inside
 from .random_curves import Bend, Curve, bend
-from .screen import tangents, variants
+from .screen import variants
 from .unexplained import curves, widened
 
 
@@ -63,10 +64,10 @@ def _words(found: Sequence[Discrepancy]) -> str:
 
 
 def _bent(s: CandidateModel, smooth: Sequence[type[AbstractSmooth]]) -> Bend:
-    lean, whole = s.lean(), s.composed(tuple(smooth))
+    lean = s.lean()
     here, seen = lean.problem.linearise(lean.x, lean.weighted), np.asarray(lean.weighted.slots.weight) > 0.0
     priors = believed(lean.problem.layout, lean.x, lean.weighted.prior_sd)
-    every = tangents(whole.problem, whole.x, whole.weighted, [variants(e)[0] for e in smooth])
+    every = tangents_inside(lean, [variants(e)[0] for e in smooth])
     each = [Curve(e, np.where(np.isfinite(c), c, 0.0)) for e, c in zip(smooth, every, strict=True)]
     events = np.zeros(seen.shape, dtype=int)
     for number, (lane, stretch) in enumerate(lean.problem.batch.stretches(s.settings.curve_stretches)):

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
-from itertools import chain
 from typing import NamedTuple
 
 import numpy as np
@@ -15,11 +14,12 @@ from .candidate_model import CandidateModel
 from .choice import Choice, deserves_second_trial, in_turn, nothing_to_read, promising, stands, worth_a_look
 from .composition import Effect, is_of_the_rig
 from .cross_validation import folds, left_out
+from .inside import tangents_inside
 from .late import screen_of_late
 from .model_discrepancy import inexact
 from .refit import holds, refit_fully
 from .score import Score, score
-from .screen import Background, Signature, in_groups, ranked, screen, screen_of_the_rig
+from .screen import Background, Signature, ranked, screen_of_the_rig, variants
 from .trial import Trial, second_trial, tried
 
 
@@ -101,36 +101,22 @@ class Measured(NamedTuple):
 def measured(s: CandidateModel, candidates: Sequence[Effect]) -> Measured:
     """What every variant of the candidates would do to the residual.
 
-    What the fitted parameters can do is taken from the lean model, which costs less and gives equal numbers. Effects
-    that act in the throttle are screened in groups, each in a model of its own; those of the rig, which act around it
-    and are cheap, all at once.
+    Effects of the rig, which act around the throttle and are cheap, are taken all at once; those that act in it see
+    `inside`.
     """
     every = [e for e in candidates if is_of_the_rig(e)]
     of_the_rig, late = ([e for e in every if e.delays is delays] for delays in (False, True))
     background = Background.of(s.problem, s.x, s.weighted)
-    found = _screened_inside(s, background, candidates)
+    inside = [variant for e in candidates if not is_of_the_rig(e) for variant in variants(e)]
+    parameters = {p.symbol: p for p in s.composition.whole.layout.parameters}
+    columns = tangents_inside(s, inside) if inside else []
+    found = [background.signature(v, c, parameters) for v, c in zip(inside, columns, strict=True)]
     if of_the_rig:
         rigged = s.with_the_rig()
         found += screen_of_the_rig(background, rigged.problem, rigged.x, rigged.weighted, of_the_rig)
     if late:
         found += screen_of_late(background, s.problem, s.x, s.weighted, late, s.settings)
     return Measured(background, found)
-
-
-def _screened_inside(s: CandidateModel, background: Background, candidates: Sequence[Effect]) -> list[Signature]:
-    """Signatures of those candidates that act in the throttle, some groups side by side, for each compiles a model."""
-
-    def signatures(group: tuple[Effect, ...]) -> list[Signature]:
-        asked = [e for e in group if e in candidates]
-        if not asked:
-            return []
-        whole = s.composed(group)
-        return screen(background, whole.problem, whole.x, whole.weighted, asked)
-
-    # of all candidates, those at work too: so the groups are the same in every round, and their programs found again
-    groups = in_groups(s.composition.inside)
-    with ThreadPoolExecutor(s.settings.refits_side_by_side) as pool:
-        return list(chain.from_iterable(pool.map(signatures, groups)))
 
 
 def _cross_validated(s: CandidateModel, trials: Sequence[Trial]) -> list[Trial]:

@@ -29,8 +29,8 @@ from .bounded import bounded, lowest
 from .composition import Effect, resting
 
 # numerics, no policy: a step, a memory bound, and what counts as zero in double precision
-_PROBE = 1e-3  # amplitude over its scale at which a tangent is taken: on a bound of 0 it may not exist
-_AT_ONCE = 8  # tangents side by side
+PROBE = 1e-3  # amplitude over its scale at which a tangent is taken: on a bound of 0 it may not exist
+AT_ONCE = 8  # tangents side by side
 _TOGETHER = 128  # most effects times tangents of one model
 _IMITATED = 1e-6  # share of a signature's power below which fitted parameters do all of it
 _TINY = 1e-10  # singular values below this share of 1 count as zero
@@ -79,17 +79,18 @@ def variants(effect: Effect) -> tuple[Variant, ...]:
 
 
 def in_groups(effects: Sequence[Effect]) -> list[tuple[Effect, ...]]:
-    """Effects that are screened in one model: few enough for what its tangents cost, and alike in delaying signals.
+    """Effects that are screened in one model: few enough for what its tangents cost, and alike in delaying signals and
+    in whether they need tangents.
 
     A tangent costs about as much as there are effects in the model that it is taken in, so those with many variants go
     by themselves or nearly; but each model is a program to compile. The path has to be kept where anything delays.
     """
     groups: list[tuple[Effect, ...]] = []
-    for effect in sorted(effects, key=lambda e: (e.delays, -_tangents_of(e))):
+    for effect in sorted(effects, key=lambda e: (*_kind(e), -_tangents_of(e))):
         last = groups[-1] if groups else ()
         together = (*last, effect)
         cost = len(together) * sum(map(_tangents_of, together))
-        if last and last[0].delays == effect.delays and cost <= _TOGETHER:
+        if last and _kind(last[0]) == _kind(effect) and cost <= _TOGETHER:
             groups[-1] = together
         else:
             groups.append((effect,))
@@ -99,6 +100,17 @@ def in_groups(effects: Sequence[Effect]) -> list[tuple[Effect, ...]]:
 def _tangents_of(effect: Effect) -> int:
     """How many tangents it takes to screen an effect."""
     return sum(len(variant.amplitudes) for variant in variants(effect))
+
+
+def _kind(effect: Effect) -> tuple[bool, bool]:
+    """Whether it delays, and whether all its amplitudes are scanned."""
+    return effect.delays, set(effect.off or {}) <= set(effect.scan)
+
+
+@Program
+def _residuals(form: Form, x: Any, weighted: WeightedData, fulls: Any) -> Any:
+    """Residual at K sets of values, (K, Q) -> (K, T, L, M)."""
+    return jax.vmap(lambda full: residual(form, x, weighted._replace(pick=weighted.pick._replace(full=full))))(fulls)
 
 
 @Program
@@ -122,14 +134,17 @@ def tangents(
     layout = problem.layout
     fulls, ways = _directions(problem, np.array(weighted.pick.full, dtype=float), every)
     seen, padded = np.asarray(weighted.slots.weight) > 0.0, layout.padded(x)
+    scanned = all(symbol in variant.shape for variant in every for symbol in variant.amplitudes)
 
     def some(k: int) -> list[tuple[np.ndarray, np.ndarray]]:
-        few = slice(k, k + _AT_ONCE)
-        both = _tangents(layout.form, padded, weighted, fulls[few], ways[few])
-        at, along = (np.asarray(each) for each in both)
+        few = slice(k, k + AT_ONCE)
+        if scanned:
+            at = along = np.asarray(_residuals(layout.form, padded, weighted, fulls[few]))
+        else:
+            at, along = map(np.asarray, _tangents(layout.form, padded, weighted, fulls[few], ways[few]))
         return [(r[seen], t[seen]) for r, t in zip(at, along, strict=True)]
 
-    each = [pair for few in side_by_side(some, range(0, len(fulls), _AT_ONCE)) for pair in few]
+    each = [pair for few in side_by_side(some, range(0, len(fulls), AT_ONCE)) for pair in few]
     (base, _), pairs = each[0], iter(each[1:])
 
     def column(variant: Variant, symbol: str) -> np.ndarray:
@@ -165,9 +180,9 @@ def _directions(problem: EstimationProblem, rest: np.ndarray, every: Sequence[Va
         for symbol in variant.amplitudes:
             domain, way = layout.parameter(symbol).domain, np.zeros(full.size)
             way[index[symbol]] = domain.scale
-            fulls.append(full + _PROBE * way * (isinstance(domain, NonNegative) and symbol not in variant.shape))
+            fulls.append(full + PROBE * way * (isinstance(domain, NonNegative) and symbol not in variant.shape))
             ways.append(way)
-    padding = -len(fulls) % _AT_ONCE
+    padding = -len(fulls) % AT_ONCE
     return _Directions(np.stack(fulls + [fulls[-1]] * padding), np.stack(ways + [ways[-1]] * padding))
 
 
@@ -250,26 +265,6 @@ def _bounded(mine: Sequence[Parameter], columns: np.ndarray, r: np.ndarray) -> B
     amplitudes = np.zeros(own.size)
     amplitudes[own] = solution / size[own]
     return Best(amplitudes, max(gain, 0.0))
-
-
-def screen(
-    background: Background,
-    problem: EstimationProblem,
-    x: np.ndarray,
-    weighted: WeightedData,
-    candidates: Sequence[Effect],
-) -> list[Signature]:
-    """The signature of every variant of every candidate.
-
-    Args:
-        background: of that model and residual, lean or composed.
-        problem, x, weighted: the composed model at its optimum.
-        candidates: effects at their off values.
-    """
-    every = [variant for effect in candidates for variant in variants(effect)]
-    columns = tangents(problem, x, weighted, every) if every else []
-    parameters = {p.symbol: p for p in problem.layout.parameters}
-    return [background.signature(v, c, parameters) for v, c in zip(every, columns, strict=True)]
 
 
 def screen_of_the_rig(

@@ -23,7 +23,7 @@ import jax.numpy as jnp
 from jax.custom_derivatives import SymbolicZero
 from jaxtyping import Bool
 
-from .effects import Contribution, Inputs, State
+from .effects import Besides, Contribution, Inputs, State
 from .parameters import AnyArray, Scalar
 from .tangents import forward, instantiated, once
 from .throttle import Throttle
@@ -66,6 +66,13 @@ class Edge(NamedTuple):
     moves: Scalar
 
 
+class StepBesides(NamedTuple):
+    """What acts in the two stages of a step besides all effects; its readings are those at the step's end."""
+
+    early: Besides
+    late: Besides
+
+
 class Step(NamedTuple):
     """Everything one step needs besides parameters and state; in a batch each entry has shape (T, L).
 
@@ -87,6 +94,7 @@ class Step(NamedTuple):
         edge: None where no edge of the input is in step with the samples.
         trace: `number_of` the file of the trace; None where no batch was made of traces.
         duty: of a bridge whose supply was not logged, -1 to 1, 0 in other traces; None where there is none.
+        besides: what acts besides the effects; None where nothing does. No ECU in the model sees its readings.
     """
 
     dt: Scalar
@@ -110,6 +118,7 @@ class Step(NamedTuple):
     edge: Edge | None = None
     trace: Scalar | None = None
     duty: Scalar | None = None
+    besides: StepBesides | None = None
 
     def guide(self, fraction: float, theta: Scalar) -> Scalar:
         """Voltage of the guide at a fraction of the step for a plate at theta (rad), V."""
@@ -119,8 +128,10 @@ class Step(NamedTuple):
         """The inputs at a fraction of the step, 0 at its begin and 1 at its end."""
         c = self.command
         asked = {} if c is None else {"controlled": c.active, "setpoint": c.setpoint}
+        acts = None if self.besides is None else {GAMMA: self.besides.early, 1.0: self.besides.late}.get(fraction)
         return Inputs(
             **asked,
+            besides=acts,
             voltage=self.voltage0 + fraction * (self.voltage1 - self.voltage0),
             torque=self.torque0 + fraction * (self.torque1 - self.torque0),
             time=self.time - (1.0 - fraction) * self.dt,
@@ -208,8 +219,18 @@ def _about(throttle: Throttle, guess: State, z: tuple[Scalar, ...], s: Step, fra
     return here._replace(torque=here.torque + slope.torque, voltage=here.voltage + slope.voltage)
 
 
-def _memory(throttle: Throttle, base: tuple[Scalar, ...], guess: tuple[Scalar, ...], x: State, u: Inputs, a: Scalar):
-    """z = base + a dz(x, z), linear-implicit in each memory's own decay; a = gamma h."""
+def memory(
+    throttle: Throttle, base: tuple[Scalar, ...], guess: tuple[Scalar, ...], x: State, u: Inputs, a: Scalar
+) -> tuple[Scalar, ...]:
+    """Memories at the end of a stage: z = base + a dz(x, z), linear-implicit in each memory's own decay; a = gamma h.
+
+    Args:
+        throttle: the model.
+        base: what the stage sets out from.
+        guess: about which the rates are linearised.
+        x, u: state and inputs at which the effects are asked.
+        a: s.
+    """
     if not base:
         return ()
 
@@ -398,7 +419,7 @@ def _extrapolate(start: Scalar, stage: Scalar) -> Scalar:
     return start + _OVERSHOOT * (stage - start)
 
 
-class _Stages(NamedTuple):
+class Stages(NamedTuple):
     """A whole step: its two stages, and the memories that each was solved with and ended with."""
 
     contact: _Contact
@@ -410,23 +431,24 @@ class _Stages(NamedTuple):
     z2: tuple[Scalar, ...]
 
 
-def _between(x: Any, x1: Any) -> Any:
-    """What the second stage sets out from."""
+def between(x: Any, x1: Any) -> Any:
+    """What the second stage sets out from, given the step's begin and its first stage's end: states or memories."""
     return jax.tree.map(_extrapolate, x, x1)
 
 
-def _stages(throttle: Throttle, x: State, z: tuple[Scalar, ...], s: Step) -> _Stages:
+def stages(throttle: Throttle, x: State, z: tuple[Scalar, ...], s: Step) -> Stages:
+    """Both stages of a step that no tick begins; arguments as of `step`."""
     a = GAMMA * s.dt
     contact = _Contact.at(throttle, x, z, s)
     s = contact.acting(s)
     early, late = s.inputs(GAMMA), s.inputs(1.0)
-    z_early = _memory(throttle, z, z, x, early, a)
+    z_early = memory(throttle, z, z, x, early, a)
     first = _stage(throttle, x, x, z_early, s, GAMMA, contact)
-    z1 = _memory(throttle, z, z_early, first.x, early, a)
-    z_late = _memory(throttle, _between(z, z1), z1, first.x, late, a)
-    second = _stage(throttle, _between(x, first.x), first.x, z_late, s, 1.0, contact.after(first.x))
-    z2 = _memory(throttle, _between(z, z1), z_late, second.x, late, a)
-    return _Stages(contact, z_early, first, z1, z_late, second, z2)
+    z1 = memory(throttle, z, z_early, first.x, early, a)
+    z_late = memory(throttle, between(z, z1), z1, first.x, late, a)
+    second = _stage(throttle, between(x, first.x), first.x, z_late, s, 1.0, contact.after(first.x))
+    z2 = memory(throttle, between(z, z1), z_late, second.x, late, a)
+    return Stages(contact, z_early, first, z1, z_late, second, z2)
 
 
 def step(throttle: Throttle, x: State, z: tuple[Scalar, ...], s: Step) -> StatePath:
@@ -454,7 +476,7 @@ def ticked(throttle: Throttle, x: State, z: tuple[Scalar, ...], s: Step) -> tupl
 @jax.custom_jvp
 def step_between_ticks(throttle: Throttle, x: State, z: tuple[Scalar, ...], s: Step) -> StatePath:
     """The step alone, what an ECU put out before it being held; as `step` where none ticks."""
-    taken = _stages(throttle, x, z, s)
+    taken = stages(throttle, x, z, s)
     return taken.contact.clip(x, taken.second.x), taken.z2
 
 
@@ -468,16 +490,16 @@ def _step_and_tangent(primals: Any, tangents: Any) -> tuple[StatePath, StatePath
     fixed = isinstance(ds.dt, SymbolicZero)
     longer = None if fixed else jnp.where(s.dt > 0.0, ds.dt / jnp.where(s.dt > 0.0, s.dt, 1.0), 0.0)
     dx, dz = instantiated((x, z), (dx, dz))
-    taken, logged = once(_stages(throttle, x, z, s)), s
+    taken, logged = once(stages(throttle, x, z, s)), s
     first, second, s = taken.first, taken.second, taken.contact.acting(s)
 
     def remembered(fraction: float, base: Any, guess: Any, at: State, dbase: Any, dguess: Any, dat: State) -> Any:
         """Tangent of the memories of a stage."""
 
-        def memory(throttle: Throttle, base: Any, guess: Any, at: State, s: Step) -> Any:
-            return _memory(throttle, base, guess, at, s.inputs(fraction), GAMMA * s.dt)
+        def moved(throttle: Throttle, base: Any, guess: Any, at: State, s: Step) -> Any:
+            return memory(throttle, base, guess, at, s.inputs(fraction), GAMMA * s.dt)
 
-        return forward(memory, (throttle, base, guess, at, s), (dthrottle, dbase, dguess, dat, ds))[1] if base else ()
+        return forward(moved, (throttle, base, guess, at, s), (dthrottle, dbase, dguess, dat, ds))[1] if base else ()
 
     def balanced(fraction: float, guess: State, z: Any, at: State, dguess: State, dz: Any) -> _Balances:
         """Tangent of the balances of a stage at its end `at`, which stays where it is."""
@@ -489,7 +511,7 @@ def _step_and_tangent(primals: Any, tangents: Any) -> tuple[StatePath, StatePath
     dx1 = _pushed(first, x, dx, d, s, longer)
     dz1 = remembered(GAMMA, z, taken.z_early, first.x, dz, dz_early, dx1)
 
-    (base, z_base), (dbase, dz_base) = _between((x, z), (first.x, taken.z1)), _between((dx, dz), (dx1, dz1))
+    (base, z_base), (dbase, dz_base) = between((x, z), (first.x, taken.z1)), between((dx, dz), (dx1, dz1))
     dz_late = remembered(1.0, z_base, taken.z1, first.x, dz_base, dz1, dx1)
     d = balanced(1.0, first.x, taken.z_late, second.x, dx1, dz_late)
     dx2 = _pushed(second, base, dbase, d, s, longer)

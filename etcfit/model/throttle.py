@@ -66,20 +66,29 @@ class Throttle(eqx.Module):
             z: memories of all effects, see `z0`.
             u: inputs.
         """
-        return total(self.parts(x, z, u))
+        parts = self.parts(x, z, u)
+        return total(parts if u.besides is None else [*parts, u.besides.contribution])
 
     def parts(self, x: State, z: tuple[Scalar, ...], u: Inputs) -> list[Contribution]:
         """Contribution of each effect, in their order. One that commands is asked first, one that must know the gear's
         load last."""
         memories = self._memories(z)
+        parts, u = self._first(x, memories, u)
+        if len(parts) < len(self.effects):
+            carrying = _carrying(parts, u)
+            parts |= {k: e(x, memories[k], carrying) for k, e in enumerate(self.effects) if e.loaded}
+        return [parts[k] for k in range(len(self.effects))]
+
+    def informed(self, x: State, z: tuple[Scalar, ...], u: Inputs) -> Inputs:
+        """The inputs as an effect gets them that must know the gear's load; arguments as of `__call__`."""
+        return _carrying(*self._first(x, self._memories(z), u))
+
+    def _first(self, x: State, memories: list[tuple[Scalar, ...]], u: Inputs) -> tuple[dict[int, Contribution], Inputs]:
+        """Contributions of all effects that need not know the gear's load, and the inputs as they get them."""
         parts = self._commands(x, memories, u)
         u = u._replace(voltage=u.voltage + total(list(parts.values())).voltage) if parts else u
         parts |= {k: e(x, memories[k], u) for k, e in enumerate(self.effects) if not e.loaded and k not in parts}
-        if len(parts) < len(self.effects):
-            first = total(list(parts.values()))
-            carrying = u._replace(motor=first.drive + u.torque, external=first.torque)
-            parts |= {k: e(x, memories[k], carrying) for k, e in enumerate(self.effects) if e.loaded}
-        return [parts[k] for k in range(len(self.effects))]
+        return parts, u
 
     def _commands(self, x: State, memories: list[tuple[Scalar, ...]], u: Inputs) -> dict[int, Contribution]:
         """Contributions of effects that drive the throttle by the angle that its sensor shows; {} without any."""
@@ -171,6 +180,15 @@ class Throttle(eqx.Module):
     def may_delay(self) -> bool:
         """False where no effect can: then nothing need be shifted."""
         return any(effect.delays for effect in self.effects)
+
+
+def _carrying(parts: Mapping[int, Contribution], u: Inputs) -> Inputs:
+    """The inputs with what the gear carries, by the contributions of all that need not know it."""
+    first = total(list(parts.values()))
+    motor, external = first.drive + u.torque, first.torque
+    if u.besides is not None:
+        motor, external = motor + u.besides.motor, external + u.besides.external
+    return u._replace(motor=motor, external=external)
 
 
 def catalogue(types: tuple[type[AbstractEffect], ...]) -> dict[str, Parameter]:

@@ -14,7 +14,9 @@ from scipy.optimize import nnls
 
 from etcfit.diagnosis.candidate_model import CandidateModel
 from etcfit.diagnosis.composition import compose, resting
-from etcfit.diagnosis.screen import Background, Signature, in_groups, ranked, screen, tangents, variants
+from etcfit.diagnosis.inside import tangents_inside
+from etcfit.diagnosis.loop import screened
+from etcfit.diagnosis.screen import Background, Signature, in_groups, ranked, tangents, variants
 from etcfit.model.effects import EFFECT_BY_NAME, EFFECTS, PAPER, AbstractEffect, Contribution, Inputs, State
 from etcfit.model.parameters import NonNegative, Positive, Real, Scalar, parameter, parameters_of
 from etcfit.rig.base import Rig
@@ -264,17 +266,18 @@ def test_each_candidate_is_its_best_variant_and_the_most_promising_comes_first(c
     assert_array_equal(background.r, case.background().r)
 
 
-def test_no_candidate_is_no_signature(case: Case, small: CandidateModel) -> None:
+def test_no_candidate_is_no_signature(small: CandidateModel) -> None:
     assert ranked([]) == ()
-    assert screen(case.background(), small.problem, small.x, small.weighted, []) == []
+    assert tangents_inside(small, []) == []
 
 
 def test_effects_are_screened_in_groups_that_keep_a_tangent_cheap() -> None:
-    """Each in one group; none that delays beside one that does not; many tangents in a model of few effects."""
+    """Each in one group; none that delays beside one that does not, none that needs tangents beside one that is only
+    tried at some values; many tangents in a model of few effects."""
     groups = in_groups(BEYOND)
     assert sorted(e.name for group in groups for e in group) == sorted(e.name for e in BEYOND)
     assert 2 < len(groups) < len(BEYOND) / 2
-    assert all(len({e.delays for e in group}) == 1 for group in groups)
+    assert all(len({(e.delays, set(e.off or {}) <= set(e.scan)) for e in group}) == 1 for group in groups)
     tangents_of = {e: sum(len(v.amplitudes) for v in variants(e)) for e in BEYOND}
     cost = [len(group) * sum(tangents_of[e] for e in group) for group in groups]
     assert max(c for c, group in zip(cost, groups, strict=True) if len(group) > 1) <= 128
@@ -309,7 +312,7 @@ def test_a_real_signature_is_what_a_little_of_the_effect_does_beyond_the_fitted_
     """d residual / d amplitude by finite differences, one column of it, and its score test by least squares."""
     s = small.composed(small.composition.inside)
     gravity = s.composition.candidates
-    (found,) = screen(Background.of(s.problem, s.x, s.weighted), s.problem, s.x, s.weighted, gravity)
+    (found,) = screened(small, gravity)
     seen = np.asarray(s.weighted.slots.weight) > 0.0
     scale, step = s.problem.layout.parameter("T_g").domain.scale, 1e-6
     up, down = (s.with_effects(gravity, {"T_g": sign * step * scale}) for sign in (1.0, -1.0))

@@ -7,7 +7,7 @@ from .airflow_torque import AirflowTorque
 from .armature import Armature
 from .asymmetric_friction import AsymmetricFriction
 from .backlash import Backlash
-from .base import AbstractComputer, AbstractEffect, Contribution, Inputs, State, fraction, total
+from .base import AbstractComputer, AbstractEffect, Besides, Contribution, Inputs, State, fraction, total
 from .brush_voltage_drop import BrushVoltageDrop
 from .channel_delay import ChannelDelay
 from .cogging_torque import CoggingTorque
@@ -85,6 +85,7 @@ __all__ = [
     "PAPER",
     "AbstractComputer",
     "AbstractEffect",
+    "Besides",
     "Contribution",
     "Inputs",
     "State",

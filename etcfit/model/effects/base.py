@@ -21,6 +21,29 @@ class State(NamedTuple):
     omega: Scalar
 
 
+class Besides(NamedTuple):
+    """What acts at one instant besides all effects, known beforehand: none of it depends on the state.
+
+    Args:
+        torque, voltage, friction, position, current: as of `Contribution`; torque of motor and plate alike.
+        motor, external: what of the torque the gear carries, as of `Inputs`.
+    """
+
+    torque: Scalar
+    voltage: Scalar
+    friction: Scalar
+    position: Scalar
+    current: Scalar
+    motor: Scalar
+    external: Scalar
+
+    @property
+    def contribution(self) -> Contribution:
+        """Itself as if an effect added it."""
+        each = {name: getattr(self, name) for name in ("torque", "voltage", "friction", "position", "current")}
+        return Contribution(**each)
+
+
 class Inputs(NamedTuple):
     """What drives the throttle at one instant, and how the rig test ties it down.
 
@@ -36,6 +59,7 @@ class Inputs(NamedTuple):
             given to `loaded` effects only, 0 for all others.
         controlled: 1 where an ECU that is part of the model drives the throttle; None where the model has none.
         setpoint: what that ECU last read that it should follow, rad.
+        besides: what acts besides all effects, of which none sees anything; None where nothing does.
     """
 
     voltage: Scalar
@@ -50,6 +74,7 @@ class Inputs(NamedTuple):
     external: Scalar = 0.0
     controlled: Scalar | None = None
     setpoint: Scalar | None = None
+    besides: Besides | None = None
 
     @property
     def gear_load(self) -> Scalar:

@@ -1,0 +1,96 @@
+"""Signatures of effects that act as inputs: what each adds along the path of the model as it is, differentiated once.
+
+A model that had the effects in it would have to be compiled for them; this one is that of the fit, whatever is asked.
+
+Source: forcing of the sensitivity equations, Khalil 2002, Nonlinear Systems, 3.3. Differs from source: exact for the
+scheme and its contacts, not for the ODE.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from ..model.besides import acts_as_input
+from ..model.parameters import NonNegative, declared
+from ..problem.besides import Where, added_by, responses, where_asked
+from ..problem.problem import EstimationProblem
+from ..problem.program import side_by_side
+from ..problem.residual import WeightedData
+from .composition import Effect
+from .screen import AT_ONCE, PROBE, Variant
+
+
+class _Direction(NamedTuple):
+    """Of one amplitude: the effect's parameters where it is differentiated, and the way, SI by field."""
+
+    effect: Effect
+    values: dict[str, Any]
+    ways: dict[str, Any]
+
+
+@dataclass(frozen=True, eq=False)
+class AlongPath:
+    """A model at its optimum, and where its steps ask effects that it does not have.
+
+    Args:
+        problem: of the model.
+        x: its coordinates, shape (P,).
+        weighted: data and whitening.
+        where: states and inputs along its path.
+    """
+
+    problem: EstimationProblem
+    x: np.ndarray
+    weighted: WeightedData
+    where: Where = field(repr=False)
+
+    @classmethod
+    def of(cls, problem: EstimationProblem, x: np.ndarray, weighted: WeightedData) -> AlongPath:
+        """That of a model at coordinates x, shape (P,)."""
+        return cls(problem, x, weighted, where_asked(problem.layout.form, problem.layout.padded(x), weighted))
+
+    def tangents(self, every: Sequence[Variant]) -> list[np.ndarray]:
+        """For each variant the derivative of the fitted samples' residual in each amplitude over its scale, (n, k).
+
+        Args:
+            every: variants of effects that `serves`.
+        """
+        ways = [way for variant in every for way in _directions(variant)]
+        seen = np.asarray(self.weighted.slots.weight) > 0.0
+        layout = self.problem.layout
+        padded = layout.padded(self.x)
+
+        def some(k: int) -> list[np.ndarray]:
+            few = ways[k : k + AT_ONCE]
+            besides = tuple(added_by(*way, self.where) for way in few)
+            besides += (besides[-1],) * (AT_ONCE - len(few))
+            found = np.asarray(responses(layout.form, padded, self.weighted, besides))
+            return [each[seen] for each in found[: len(few)]]
+
+        if not ways:
+            return []
+        columns = (each for few in side_by_side(some, range(0, len(ways), AT_ONCE)) for each in few)
+        return [np.stack([next(columns) for _ in variant.amplitudes], axis=1) for variant in every]
+
+
+def serves(problem: EstimationProblem, effect: Effect) -> bool:
+    """Whether an effect is screened along the path of a model: where it acts as an input, and no ECU in the model reads
+    what it does to a sensor."""
+    return acts_as_input(effect) and not any(e.commands for e in problem.layout.types)
+
+
+def _directions(variant: Variant) -> Iterator[_Direction]:
+    """One for each amplitude."""
+    parameters = declared(variant.effect)
+    field_of = {p.symbol: field for field, p in parameters.items()}
+    rest = {s: float(v) for s, v in {**(variant.effect.off or {}), **variant.shape}.items()}
+    for symbol in variant.amplitudes:
+        domain = parameters[field_of[symbol]].domain
+        values, ways = dict(rest), dict.fromkeys(rest, 0.0)
+        values[symbol] += PROBE * domain.scale * isinstance(domain, NonNegative)
+        ways[symbol] = domain.scale
+        yield _Direction(variant.effect, *({field_of[s]: v for s, v in each.items()} for each in (values, ways)))

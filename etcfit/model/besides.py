@@ -1,0 +1,162 @@
+"""What an effect that is not in the model would add to it along the path that the model takes, to first order.
+
+An amplitude a that is off changes no path. So what the effect does to every step is known beforehand: its contribution,
+per unit of a, at the states and inputs at which a step asks the effects of the model. As a `Besides` of that step it
+moves the path as the effect would, and the step's own tangent is all that has to be differentiated.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from functools import cache
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+
+from .effects import AbstractEffect, Besides, Contribution, Inputs, State
+from .parameters import Scalar, declared
+from .stepper import GAMMA, Reset, Step, StepBesides, begun, between, memory, stages, ticked
+from .throttle import Throttle
+
+# what an effect may add for it to act as an input: not a stop's place or what it gives back, nor a delay
+_KNOWN = ("torque", "drive", "voltage", "friction", "position", "current", "dz")
+
+
+class Asked(NamedTuple):
+    """Where a stage of a step asks the effects.
+
+    Args:
+        x: the state that the stage guesses.
+        u: inputs there, the gear's load included.
+        dx, du: from there to where the stage ends, loads to first order.
+    """
+
+    x: State
+    u: Inputs
+    dx: State
+    du: Inputs
+
+
+class StepAsked(NamedTuple):
+    """Where one step asks the effects: in its two stages, and at its end for what is read."""
+
+    early: Asked
+    late: Asked
+    end: State
+    read: Inputs
+
+
+@cache
+def acts_as_input(effect: type[AbstractEffect]) -> bool:
+    """Whether a little of an effect acts as an input that is known along the path: it adds to torque, voltage, friction
+    or a reading at that instant, and is not among those that show nothing while they are small."""
+    if effect.delays or effect.commands or set(effect.off or {}) & set(effect.scan) or (effect.loaded and effect.z0):
+        return False
+    here = State(1.0, 0.1, 1.0)
+    inputs = Inputs(1.0, 0.0, 1.0, 1.0, 0.0, 16.0, 0.0, 1.5, motor=1.0, external=1.0)
+    values = {field: p.nominal for field, p in declared(effect).items()}
+    added, nothing = effect(**values)(here, effect.z0, inputs), Contribution()
+    return all(name in _KNOWN or getattr(added, name) is getattr(nothing, name) for name in Contribution._fields)
+
+
+def asked(throttle: Throttle, x: State, z: tuple[Scalar, ...], s: Step) -> StepAsked:
+    """Where one step asks the effects; arguments as of `step`."""
+    z = ticked(throttle, x, z, s)
+    taken = stages(throttle, x, z, s)
+    acting = taken.contact.acting(s)
+
+    def stage(guess: State, z: tuple[Scalar, ...], fraction: float, end: State) -> Asked:
+        way = State(*(to - start for to, start in zip(end, guess, strict=True)))
+        u = acting.inputs(fraction)
+        here, along = jax.jvp(lambda x: throttle.informed(x, z, u), (guess,), (way,))
+        return Asked(guess, here, way, along)
+
+    end = taken.contact.clip(x, taken.second.x)
+    early = stage(x, taken.z_early, GAMMA, taken.first.x)
+    late = stage(taken.first.x, taken.z_late, 1.0, taken.second.x)
+    return StepAsked(early, late, end, throttle.informed(end, taken.z2, s.inputs(1.0)))
+
+
+def asked_along(throttle: Throttle, path: Any, steps: Step, resets: Reset) -> StepAsked:
+    """Where every step of a batch asks the effects; entries of shape (T, L).
+
+    Args:
+        throttle: the model.
+        path: its states and memories at the end of each step, as `simulate` returns them.
+        steps, resets: what was simulated.
+    """
+    x, z = jax.tree.map(lambda leaf: jnp.concatenate((jnp.zeros_like(leaf[:1]), leaf[:-1])), path)
+
+    def one(x: State, z: tuple[Scalar, ...], s: Step, reset: Reset) -> StepAsked:
+        at, memories = begun(throttle, x, z, reset)
+        return asked(throttle, at, memories, s)
+
+    return jax.vmap(jax.vmap(one))(x, z, steps, resets)
+
+
+def added(
+    effect: type[AbstractEffect],
+    values: Mapping[str, Scalar],
+    ways: Mapping[str, Scalar],
+    along: StepAsked,
+    steps: Step,
+    resets: Reset,
+) -> StepBesides:
+    """What an effect adds to every step of a batch, differentiated along a direction of its parameters.
+
+    Args:
+        effect: one that `acts_as_input`.
+        values: of its parameters, SI by field.
+        ways: the direction, SI by field.
+        along: where the steps ask it, entries of shape (T, L).
+        steps, resets: the batch.
+    Returns:
+        entries of shape (T, L), SI.
+    """
+
+    def contributed(values: Mapping[str, Scalar]) -> StepBesides:
+        mine = effect(**values)
+        early, late, end = _memories(mine, along, steps, resets)
+
+        def stage(where: Asked, z: tuple[Scalar, ...]) -> Besides:
+            here, slope = jax.jvp(
+                lambda x, u: _besides(mine(x, z, u), mine.loaded), (where.x, where.u), (where.dx, where.du)
+            )
+            return here._replace(torque=here.torque + slope.torque, voltage=here.voltage + slope.voltage)
+
+        read = mine(along.end, end, along.read)
+        second = stage(along.late, late)._replace(position=read.position, current=read.current)
+        return StepBesides(stage(along.early, early), second)
+
+    shape = steps.dt.shape
+    slope = jax.jvp(contributed, (dict(values),), (dict(ways),))[1]
+    return jax.tree.map(lambda leaf: jnp.broadcast_to(leaf, shape), slope)
+
+
+def _besides(c: Contribution, loaded: bool) -> Besides:
+    """What an effect contributes to a stage; one that must know what the gear carries is no part of it."""
+    motor, external = (0.0, 0.0) if loaded else (c.drive, c.torque)
+    acts = Besides(c.torque + c.drive, c.voltage, c.friction, 0.0, 0.0, motor, external)
+    return jax.tree.map(lambda each: jnp.asarray(each, float), acts)
+
+
+def _memories(effect: AbstractEffect, along: StepAsked, steps: Step, resets: Reset) -> Any:
+    """An effect's own memories where the first and the second stage ask it, and at the end of each step; () each for
+    one that has none."""
+    if not effect.z0:
+        return (), (), ()
+    alone = Throttle((effect,))
+
+    def remember(z: Any, entry: tuple[StepAsked, Step, Reset]) -> Any:
+        (early, late, *_), s, reset = entry
+        z = tuple(jnp.where(reset.begins > 0.5, first, now) for first, now in zip(effect.z0, z, strict=True))
+        a, second = GAMMA * s.dt, State(*(at + way for at, way in zip(late.x, late.dx, strict=True)))
+        z_early = memory(alone, z, z, early.x, early.u, a)
+        z1 = memory(alone, z, z_early, late.x, early.u, a)
+        z_late = memory(alone, between(z, z1), z1, late.x, late.u, a)
+        z2 = memory(alone, between(z, z1), z_late, second, late.u, a)
+        return z2, (z_early, z_late, z2)
+
+    z0 = tuple(jnp.full(steps.dt.shape[1:], z) for z in effect.z0)
+    return jax.lax.scan(remember, z0, (along, steps, resets))[1]
