@@ -34,7 +34,7 @@ def diagnose(result: FitResult, report: Report = quiet, settings: DiagnosisSetti
     Returns:
         the rounds, the effects found, what no effect explains, and the fits before and after.
     """
-    report("composing the model of all effects", 0.0)
+    report("listing the effects that these data could show", 0.0)
     first = start(result, settings)
     progress = _looked_back(result, forward(result, Progress(first), report), report)
     progress, sets = _of_sets(result, first, progress, report)

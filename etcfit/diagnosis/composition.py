@@ -1,8 +1,8 @@
-"""One composed model of every effect that a rig could show: which of them are at work is data, so it compiles once.
+"""Every effect that a rig could show, and the models that have some of them in it.
 
-An effect is taken out of the model by holding its parameters at their off values, at which it contributes exactly zero.
-Effects of the rig itself act around the throttle, not in it: dozens of them cost little, and all are tried by one
-program.
+An effect is taken out of a model by holding its parameters at their off values, at which it contributes exactly zero:
+which of them are at work is data, so that a model compiles once. Effects of the rig itself act around the throttle, not
+in it: dozens of them cost little, and all are tried by one program.
 """
 
 from __future__ import annotations
