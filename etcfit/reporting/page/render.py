@@ -12,6 +12,8 @@ from .contents import Contents, logs_of
 from .control import (
     assumed,
     cautions,
+    conditions_asked,
+    conditions_table,
     formula,
     gains_table,
     jam_check,
@@ -79,6 +81,8 @@ def _parts(contents: Contents, budget: int) -> dict[str, Any]:
         "settings": settings_table(pid),
         "assumed": assumed(pid),
         "metrics": metrics_table(pid),
+        "conditions": conditions_table(pid),
+        "conditions_asked": conditions_asked(pid),
         "on_parts": parts_table(pid),
         "parts_outside": parts_outside(pid),
         "supply_table": supply_table(pid),

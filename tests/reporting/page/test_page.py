@@ -180,6 +180,36 @@ def test_an_ecu_with_nowhere_to_type_it_has_no_such_table_but_is_told_why(full: 
     assert "at 9 V: it <helps> tracking there" in page.text
 
 
+def test_what_a_car_has_and_the_bench_has_not_is_asked_of_the_gains(full: Path) -> None:
+    worst = {"overshoot_pct": 7.5, "settling_s": None, "gain_margin_db": 4.25, "tracking": 1.0}
+    conditions = {
+        "supply_V": [9.0, 15.0],
+        "winding_degC": [-20.0, 130.0],
+        "friction_over_bench": [0.5, 1.5],
+        "worst": worst,
+        "hardest": {"supply_V": 9.0, "winding_degC": 130.0, "friction_over_bench": 0.5},
+        "met": {"overshoot_pct": True, "settling_s": False},
+        "stable": False,
+        "probability_met": 0.125,
+    }
+    runs.changed(full, "pid", conditions=conditions, requirements={"overshoot_pct": 10.0, "settling_s": 0.2})
+    page = read(full)
+    head, *rows = cells(page, "Away from the bench")
+    assert head == ["", "worst corner", "required", "unit", "met"]
+    assert rows == [
+        ["overshoot", "7.50", "≤ 10.0", "%", "yes"],
+        ["settling time, 2 %", "never", "≤ 0.200", "s", "NO"],
+        ["gain margin", "4.25", "", "dB", ""],
+    ]
+    text = " ".join(page.text.split())
+    assert "Supply 9 to 15 V, winding −20 to 130 °C, dry friction 0.5 to 1.5 times the bench's." in text
+    assert "Hardest at 9 V, 130 °C, friction 0.5. 12.5 % of the models" in text
+    assert "Not stable at every corner." in text
+    assert page.open == []
+    runs.changed(full, "pid", conditions=None)
+    assert "Away from the bench" not in read(full).text
+
+
 def on_parts(share: float) -> dict[str, Any]:
     """How the gains of one rule fare on the parts."""
     worst = {"unit": "u<7>", "requirement": "settling_s", "figure": None, "limit": 0.2, "meets": False}
