@@ -24,8 +24,9 @@ every_effect = pytest.mark.parametrize("effect", EFFECTS, ids=lambda effect: eff
 
 
 def inputs(**changes: Any) -> Inputs:
-    fields = {"voltage": 3.0, "torque": 0.0, "time": 0.4, "plate": 1.0, "series": 0.3, "gear_ratio": N}
-    return Inputs(**(fields | {"lower": 0.0, "upper": OPEN} | changes))
+    fields: dict[str, Any] = {"voltage": 3.0, "torque": 0.0, "time": 0.4, "plate": 1.0, "series": 0.3, "gear_ratio": N}
+    fields |= {"lower": 0.0, "upper": OPEN}
+    return Inputs(**(fields | changes))
 
 
 def typical(effect: type[AbstractEffect]) -> dict[str, float]:

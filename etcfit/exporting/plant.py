@@ -200,7 +200,8 @@ def _late(graph: Graph, delays: list[int], source: Source) -> Late | None:
 def _refusal(source: Source, primitive: str) -> str:
     """Which effect computes what straight-line C cannot."""
     graph = Graph()
-    x, u = State(*map(graph.input, _STATE)), Inputs(*map(graph.input, Inputs._fields[:8]))
+    asked: dict[str, Any] = {name: graph.input(name) for name in Inputs._fields[:8]}
+    x, u = State(*map(graph.input, _STATE)), Inputs(**asked)
     culprits = []
     for effect in source.effects:
         values = {p.symbol: graph.input(p.symbol) for p in source.parameters}

@@ -23,8 +23,16 @@ BY_NAME = {unknown.name: unknown for unknown in UNKNOWNS}
 
 
 def inputs(**changes: float) -> Inputs:
-    fields = {"voltage": 3.0, "torque": 0.0, "time": 0.4, "plate": 1.0, "series": 0.3, "gear_ratio": 20.68}
-    return Inputs(**(fields | {"lower": 0.0, "upper": math.pi / 2, "motor": 0.9, "external": -0.3} | changes))
+    fields: dict[str, Any] = {
+        "voltage": 3.0,
+        "torque": 0.0,
+        "time": 0.4,
+        "plate": 1.0,
+        "series": 0.3,
+        "gear_ratio": 20.68,
+    }
+    fields |= {"lower": 0.0, "upper": math.pi / 2, "motor": 0.9, "external": -0.3}
+    return Inputs(**(fields | changes))
 
 
 def cases(count: int) -> list[tuple[State, Inputs]]:
