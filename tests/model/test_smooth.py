@@ -22,7 +22,7 @@ every_unknown = pytest.mark.parametrize("unknown", UNKNOWNS, ids=lambda unknown:
 BY_NAME = {unknown.name: unknown for unknown in UNKNOWNS}
 
 
-def inputs(**changes: float) -> Inputs:
+def inputs(**changes: Any) -> Inputs:
     fields: dict[str, Any] = {
         "voltage": 3.0,
         "torque": 0.0,
