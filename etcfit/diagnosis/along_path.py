@@ -1,4 +1,4 @@
-"""Signatures of effects that act as inputs: what each adds along the path of the model as it is, differentiated once.
+"""Tangents of effects that act as inputs: what each adds along the path of the model as it is, differentiated once.
 
 A model that had the effects in it would have to be compiled for them; this one is that of the fit, whatever is asked.
 
@@ -9,19 +9,18 @@ scheme and its contacts, not for the ODE.
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from ..model.besides import acts_as_input
-from ..model.parameters import NonNegative, declared
-from ..problem.besides import Where, added_by, responses, where_asked
+from ..model.parameters import declared
+from ..problem.besides import added_by, responses, where_asked
 from ..problem.problem import EstimationProblem
 from ..problem.program import side_by_side
 from ..problem.residual import WeightedData
-from .composition import Effect
-from .screen import AT_ONCE, PROBE, Variant
+from .composition import Effect, resting
+from .screen import AT_ONCE, Variant, off_its_bound
 
 
 class _Direction(NamedTuple):
@@ -32,49 +31,29 @@ class _Direction(NamedTuple):
     ways: dict[str, Any]
 
 
-@dataclass(frozen=True, eq=False)
-class AlongPath:
-    """A model at its optimum, and where its steps ask effects that it does not have.
+def tangents_along_path(
+    problem: EstimationProblem, x: np.ndarray, weighted: WeightedData, every: Sequence[Variant]
+) -> list[np.ndarray]:
+    """For each variant the derivative of the fitted samples' residual in each amplitude over its scale, (n, k).
 
     Args:
-        problem: of the model.
-        x: its coordinates, shape (P,).
-        weighted: data and whitening.
-        where: states and inputs along its path.
+        problem, x, weighted: a model at its optimum.
+        every: variants of effects that it has not, and that it `serves`.
     """
+    form, padded = problem.layout.form, problem.layout.padded(x)
+    ways = [way for variant in every for way in _directions(variant)]
+    seen = np.asarray(weighted.slots.weight) > 0.0
+    where = where_asked(form, padded, weighted)
 
-    problem: EstimationProblem
-    x: np.ndarray
-    weighted: WeightedData
-    where: Where = field(repr=False)
+    def some(k: int) -> list[np.ndarray]:
+        few = ways[k : k + AT_ONCE]
+        besides = tuple(added_by(*way, where) for way in few)
+        besides += (besides[-1],) * (AT_ONCE - len(few))
+        found = np.asarray(responses(form, padded, weighted, besides))
+        return [each[seen] for each in found[: len(few)]]
 
-    @classmethod
-    def of(cls, problem: EstimationProblem, x: np.ndarray, weighted: WeightedData) -> AlongPath:
-        """That of a model at coordinates x, shape (P,)."""
-        return cls(problem, x, weighted, where_asked(problem.layout.form, problem.layout.padded(x), weighted))
-
-    def tangents(self, every: Sequence[Variant]) -> list[np.ndarray]:
-        """For each variant the derivative of the fitted samples' residual in each amplitude over its scale, (n, k).
-
-        Args:
-            every: variants of effects that `serves`.
-        """
-        ways = [way for variant in every for way in _directions(variant)]
-        seen = np.asarray(self.weighted.slots.weight) > 0.0
-        layout = self.problem.layout
-        padded = layout.padded(self.x)
-
-        def some(k: int) -> list[np.ndarray]:
-            few = ways[k : k + AT_ONCE]
-            besides = tuple(added_by(*way, self.where) for way in few)
-            besides += (besides[-1],) * (AT_ONCE - len(few))
-            found = np.asarray(responses(layout.form, padded, self.weighted, besides))
-            return [each[seen] for each in found[: len(few)]]
-
-        if not ways:
-            return []
-        columns = (each for few in side_by_side(some, range(0, len(ways), AT_ONCE)) for each in few)
-        return [np.stack([next(columns) for _ in variant.amplitudes], axis=1) for variant in every]
+    columns = (each for few in side_by_side(some, range(0, len(ways), AT_ONCE)) for each in few)
+    return [np.stack([next(columns) for _ in variant.amplitudes], axis=1) for variant in every]
 
 
 def serves(problem: EstimationProblem, effect: Effect) -> bool:
@@ -87,10 +66,10 @@ def _directions(variant: Variant) -> Iterator[_Direction]:
     """One for each amplitude."""
     parameters = declared(variant.effect)
     field_of = {p.symbol: field for field, p in parameters.items()}
-    rest = {s: float(v) for s, v in {**(variant.effect.off or {}), **variant.shape}.items()}
+    rest = {s: float(v) for s, v in {**resting(variant.effect), **variant.shape}.items()}
     for symbol in variant.amplitudes:
         domain = parameters[field_of[symbol]].domain
         values, ways = dict(rest), dict.fromkeys(rest, 0.0)
-        values[symbol] += PROBE * domain.scale * isinstance(domain, NonNegative)
+        values[symbol] += off_its_bound(domain) * domain.scale
         ways[symbol] = domain.scale
         yield _Direction(variant.effect, *({field_of[s]: v for s, v in each.items()} for each in (values, ways)))

@@ -7,7 +7,7 @@ from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 
-from .along_path import AlongPath, serves
+from .along_path import serves, tangents_along_path
 from .candidate_model import CandidateModel
 from .composition import Effect
 from .screen import Variant, in_groups, tangents
@@ -26,8 +26,10 @@ def tangents_inside(s: CandidateModel, every: Sequence[Variant]) -> list[np.ndar
         every: variants of candidates that act in the throttle and are not at work.
     """
     along = [v for v in every if serves(s.problem, v.effect)]
-    path = AlongPath.of(s.problem, s.x, s.weighted).tangents(along) if along else []
-    found = dict(zip(along, path, strict=True)) | _in_groups(s, [v for v in every if v not in along])
+    others = [v for v in every if not serves(s.problem, v.effect)]
+    found = _in_groups(s, others) if others else {}
+    if along:
+        found |= dict(zip(along, tangents_along_path(s.problem, s.x, s.weighted, along), strict=True))
     return [found[v] for v in every]
 
 

@@ -109,8 +109,8 @@ def measured(s: CandidateModel, candidates: Sequence[Effect]) -> Measured:
     background = Background.of(s.problem, s.x, s.weighted)
     inside = [variant for e in candidates if not is_of_the_rig(e) for variant in variants(e)]
     parameters = {p.symbol: p for p in s.composition.whole.layout.parameters}
-    columns = tangents_inside(s, inside) if inside else []
-    found = [background.signature(v, c, parameters) for v, c in zip(inside, columns, strict=True)]
+    columns = zip(inside, tangents_inside(s, inside), strict=True)
+    found = [background.signature(variant, column, parameters) for variant, column in columns]
     if of_the_rig:
         rigged = s.with_the_rig()
         found += screen_of_the_rig(background, rigged.problem, rigged.x, rigged.weighted, of_the_rig)

@@ -20,7 +20,7 @@ from typing import Any, NamedTuple
 import jax
 import numpy as np
 
-from ..model.parameters import NonNegative, Parameter
+from ..model.parameters import AbstractDomain, NonNegative, Parameter
 from ..problem.free_parameters import Form
 from ..problem.problem import EstimationProblem
 from ..problem.program import Program, side_by_side
@@ -29,7 +29,7 @@ from .bounded import bounded, lowest
 from .composition import Effect, resting
 
 # numerics, no policy: a step, a memory bound, and what counts as zero in double precision
-PROBE = 1e-3  # amplitude over its scale at which a tangent is taken: on a bound of 0 it may not exist
+_PROBE = 1e-3  # amplitude over its scale at which a tangent is taken: on a bound of 0 it may not exist
 AT_ONCE = 8  # tangents side by side
 _TOGETHER = 128  # most effects times tangents of one model
 _IMITATED = 1e-6  # share of a signature's power below which fitted parameters do all of it
@@ -138,11 +138,11 @@ def tangents(
 
     def some(k: int) -> list[tuple[np.ndarray, np.ndarray]]:
         few = slice(k, k + AT_ONCE)
-        if scanned:
-            at = along = np.asarray(_residuals(layout.form, padded, weighted, fulls[few]))
-        else:
-            at, along = map(np.asarray, _tangents(layout.form, padded, weighted, fulls[few], ways[few]))
-        return [(r[seen], t[seen]) for r, t in zip(at, along, strict=True)]
+        if scanned:  # nobody asks for a tangent
+            at = [r[seen] for r in np.asarray(_residuals(layout.form, padded, weighted, fulls[few]))]
+            return list(zip(at, at, strict=True))
+        both = map(np.asarray, _tangents(layout.form, padded, weighted, fulls[few], ways[few]))
+        return [(r[seen], t[seen]) for r, t in zip(*both, strict=True)]
 
     each = [pair for few in side_by_side(some, range(0, len(fulls), AT_ONCE)) for pair in few]
     (base, _), pairs = each[0], iter(each[1:])
@@ -154,6 +154,11 @@ def tangents(
         return (r - base) * layout.parameter(symbol).domain.scale / variant.shape[symbol]
 
     return [np.stack([column(v, symbol) for symbol in v.amplitudes], axis=1) for v in every]
+
+
+def off_its_bound(domain: AbstractDomain) -> float:
+    """How far off its off value an amplitude is differentiated, over its scale: 0 where it may have either sign."""
+    return _PROBE if isinstance(domain, NonNegative) else 0.0
 
 
 class _Directions(NamedTuple):
@@ -180,7 +185,7 @@ def _directions(problem: EstimationProblem, rest: np.ndarray, every: Sequence[Va
         for symbol in variant.amplitudes:
             domain, way = layout.parameter(symbol).domain, np.zeros(full.size)
             way[index[symbol]] = domain.scale
-            fulls.append(full + PROBE * way * (isinstance(domain, NonNegative) and symbol not in variant.shape))
+            fulls.append(full + way * (0.0 if symbol in variant.shape else off_its_bound(domain)))
             ways.append(way)
     padding = -len(fulls) % AT_ONCE
     return _Directions(np.stack(fulls + [fulls[-1]] * padding), np.stack(ways + [ways[-1]] * padding))

@@ -16,7 +16,7 @@ import jax.numpy as jnp
 
 from .effects import AbstractEffect, Besides, Contribution, Inputs, State
 from .parameters import Scalar, declared
-from .stepper import GAMMA, Reset, Step, StepBesides, begun, between, memory, stages, ticked
+from .stepper import GAMMA, Reset, Step, StepBesides, begun, between, memory, stages
 from .throttle import Throttle
 
 # what an effect may add for it to act as an input: not a stop's place or what it gives back, nor a delay
@@ -61,8 +61,7 @@ def acts_as_input(effect: type[AbstractEffect]) -> bool:
 
 
 def asked(throttle: Throttle, x: State, z: tuple[Scalar, ...], s: Step) -> StepAsked:
-    """Where one step asks the effects; arguments as of `step`."""
-    z = ticked(throttle, x, z, s)
+    """Where one step asks the effects; arguments as of `step_between_ticks`, for no ECU's model is asked."""
     taken = stages(throttle, x, z, s)
     acting = taken.contact.acting(s)
 

@@ -142,10 +142,9 @@ def metrics_table(pid: Mapping[str, Any]) -> Table | None:
 def conditions_table(pid: Mapping[str, Any]) -> Table | None:
     """The proposed gains at the worst corner of what a car has and the bench has not; None where that was not asked."""
     found, required = pid.get("conditions"), pid.get("requirements") or {}
-    if not found or not found["worst"]:
+    if not found:
         return None
-    rows = [(name, "never" if found["worst"][key] is None else number(found["worst"][key]), _most(required.get(key)),
-             unit(of), _met(found["met"], key))
+    rows = [(name, _or_never(found["worst"][key]), _most(required.get(key)), unit(of), _met(found["met"], key))
             for key, (name, of) in _METRICS.items() if key in found["worst"]]  # fmt: skip
     return Table("Away from the bench", ["", "worst corner", "required", "unit", "met"], rows)
 
@@ -153,19 +152,24 @@ def conditions_table(pid: Mapping[str, Any]) -> Table | None:
 def conditions_asked(pid: Mapping[str, Any]) -> list[str]:
     """Which conditions those are, where it is hardest, and how many of the models meet everything there."""
     found = pid.get("conditions")
-    if not found or not found["worst"]:
+    if not found:
         return []
     supply, winding, friction = (_range(found[key]) for key in ("supply_V", "winding_degC", "friction_over_bench"))
     hardest = found["hardest"]
     said = (f"Supply {supply} V, winding {winding} °C, dry friction {friction} times the bench's. Hardest at "
-            f"{hardest['supply_V']:g} V, {hardest['winding_degC']:g} °C, friction {hardest['friction_over_bench']:g}. "
+            f"{_plain(hardest['supply_V'])} V, {_plain(hardest['winding_degC'])} °C, friction "
+            f"{_plain(hardest['friction_over_bench'])}. "
             f"{_percent(found['probability_met'])} % of the models, each under conditions of its own, meet "
             "everything.")  # fmt: skip
     return [said] if found["stable"] else [said, "Not stable at every corner."]
 
 
 def _range(ends: Sequence[float]) -> str:
-    return " to ".join(f"{end:g}".replace("-", "−") for end in ends)
+    return " to ".join(map(_plain, ends))
+
+
+def _plain(value: float) -> str:
+    return f"{value:g}".replace("-", "−")
 
 
 def _most(value: float | None) -> str:
