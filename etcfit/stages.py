@@ -66,7 +66,10 @@ def fit_folder(folder: Path, run: RunFolder, report: Report) -> Done:
     keep_compiled()
     from .api.saving import keep_fit
     from .estimation.joint_fit import fit
+    from .reporting.drawing import begin_helper
     from .reporting.tables import fit_table
+
+    begin_helper()
 
     result = fit(rig, report)
     keep_fit(run, result, report)
@@ -81,7 +84,9 @@ def diagnose_run(run: RunFolder, report: Report) -> Done:
     from .api.saving import keep_diagnosis
     from .diagnosis import diagnose
     from .reporting.diagnosis.table import diagnosis_table
+    from .reporting.drawing import begin_helper
 
+    begin_helper()
     found = diagnose(result, report)
     keep_diagnosis(run, found, report)
     return Done(diagnosis_table(found), failure(found.after))
@@ -96,8 +101,10 @@ def sample_run(run: RunFolder, report: Report, steps: int = SamplingSettings.mos
     from .posterior.profile import profiles
     from .posterior.sampling import sample
     from .reporting.compromise import cautioned
+    from .reporting.drawing import begin_helper
     from .reporting.posterior.table import posterior_table
 
+    begin_helper()
     posterior = sample(result.taken_as_exact(), run.path, steps, report, result.formulas)
     profiled = profiles(posterior, report)
     keep_posterior(run, posterior, profiled, {"steps": steps}, report)

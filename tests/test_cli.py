@@ -201,6 +201,7 @@ def test_report_prints_where_the_page_is(invoke, tmp_path: Path) -> None:
     assert (done.exit_code, done.stdout) == (0, f"{run / 'report.html'}\n")
 
 
+@pytest.mark.slow
 def test_the_page_to_work_with_is_written_beside_the_printed_one(invoke, tmp_path: Path) -> None:
     run = runs.run_folder(tmp_path)
     done = invoke("report", run, "--interactive", "--quiet")
@@ -402,6 +403,7 @@ def test_reduce_writes_the_transfer_function_and_prints_it(tmp_path: Path, invok
     assert Path("runs/twin/pictures/control/bode.png").stat().st_size > 10_000
 
 
+@pytest.mark.slow
 def test_plan_writes_the_files_and_prints_where_the_sheet_is(
     invoke, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

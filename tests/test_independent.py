@@ -465,6 +465,7 @@ def change(effects: Effects) -> float:
     return float(np.mean(apart))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", STRENGTHS)
 def test_each_strength_moves_the_data_more_than_the_one_below(name: str) -> None:
     low, medium, high = (change(effects) for effects in STRENGTHS[name])

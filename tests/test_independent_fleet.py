@@ -241,6 +241,7 @@ def test_a_rigs_gain_is_in_all_that_it_logs(tmp_path: Path) -> None:
     assert truth.gains[0] != truth.gains[1]
 
 
+@pytest.mark.slow
 def test_a_seed_is_a_fleet_however_many_write_it(tmp_path: Path) -> None:
     for name, seed, processes in (("a", 1, 1), ("b", 1, 2), ("c", 2, 1)):
         make_fleet(tmp_path / name, Line(), 3, seed, tests=BRIEF, processes=processes)

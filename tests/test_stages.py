@@ -55,6 +55,7 @@ def found(tmp_path: Path) -> Diagnosis:
     return diagnoses.diagnosis(results.rig(tmp_path / "rig"))
 
 
+@pytest.mark.slow
 def test_the_fit_of_a_folder_is_kept_drawn_and_shown(
     found: Diagnosis, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

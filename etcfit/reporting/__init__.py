@@ -5,9 +5,10 @@ The only matplotlib; lazy.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
+from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from ..estimation.joint_fit import Report, quiet
 
@@ -32,57 +33,54 @@ def draw_fit(run: Path, result: FitResult, report: Report = quiet) -> None:
     for folder in ("traces", "tests"):
         for old in (run / "pictures" / folder).glob("*.png"):
             old.unlink()
+    from .drawing import draw_shared
     from .pictures import jobs
 
-    _draw(run / "pictures", jobs(result), report)
+    draw_shared(run / "pictures", jobs(result), report)
 
 
 def draw_diagnosis(run: Path, diagnosis: Diagnosis, report: Report = quiet) -> None:
     """Missing torque and voltage, rounds, errors before and after: RUN/pictures/diagnosis."""
     from .diagnosis.pictures import jobs
+    from .drawing import draw_shared
 
-    _draw(run / "pictures" / "diagnosis", jobs(diagnosis), report)
+    draw_shared(run / "pictures" / "diagnosis", jobs(diagnosis), report)
 
 
 def draw_posterior(
     run: Path, posterior: Posterior, profiles: Mapping[str, Profile], bands: Sequence[Band], report: Report = quiet
 ) -> None:
     """Corner plot, intervals, predictive bands: RUN/pictures/posterior."""
+    from .drawing import draw_shared
     from .posterior.pictures import jobs
 
-    _draw(run / "pictures" / "posterior", jobs(posterior, profiles, bands), report)
+    draw_shared(run / "pictures" / "posterior", jobs(posterior, profiles, bands), report)
 
 
 def draw_reduction(run: Path, fitted: Fitted, reduction: Reduction, report: Report = quiet) -> None:
     """The Bode plot of the linear plant: RUN/pictures/control/bode.png."""
     from .control.bode import BodePicture, draw
+    from .drawing import draw_here
 
     picture = BodePicture.of(fitted, reduction)
-    _draw(run / "pictures" / "control", [(Path("bode.png"), lambda: draw(picture))], report)
+    draw_here(run / "pictures" / "control", [(Path("bode.png"), partial(draw, picture))], report)
 
 
 def draw_frequency_response(run: Path, fitted: Fitted, response: FrequencyResponse, report: Report = quiet) -> None:
     """The Bode plot of the sine traces, where any says something: RUN/pictures/control/sines.png."""
     from .control.sines import draw
+    from .drawing import draw_here
 
-    jobs = [(Path("sines.png"), lambda: draw(fitted.config, response))] if response.points else []
-    _draw(run / "pictures" / "control", jobs, report)
+    jobs = [(Path("sines.png"), partial(draw, fitted.config, response))] if response.points else []
+    draw_here(run / "pictures" / "control", jobs, report)
 
 
 def draw_design(run: Path, design: Design, report: Report = quiet) -> None:
     """Responses of every rule, the proposed gains in every scenario, tracking against effort, failures."""
     from .control import front, responses, safety, scenarios
+    from .drawing import draw_here
 
     pictures = {"responses": responses.draw, "scenarios": scenarios.draw, "front": front.draw,
                 "safety": safety.draw}  # fmt: skip
-    jobs = [(Path(f"{name}.png"), lambda draw=draw: draw(design)) for name, draw in pictures.items()]
-    _draw(run / "pictures" / "control", jobs, report)
-
-
-def _draw(folder: Path, jobs: Sequence[tuple[Path, Callable[[], Any]]], report: Report) -> None:
-    from . import style
-
-    for k, (path, draw) in enumerate(jobs):
-        report(f"drawing {path}", k / len(jobs))
-        with style.drawing():
-            style.save(draw(), folder / path)
+    jobs = [(Path(f"{name}.png"), partial(draw, design)) for name, draw in pictures.items()]
+    draw_here(run / "pictures" / "control", jobs, report)

@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from functools import partial
 from pathlib import Path, PurePosixPath
 
 import numpy as np
-from matplotlib.figure import Figure
 
 from ..estimation.intervals import LUMPS, Interval, intervals, lumped
 from ..estimation.joint_fit import FitResult
@@ -16,11 +14,10 @@ from ..rig import TEST_BY_NAME
 from ..rig.paper_readings import known
 from ..run_folder import readings_of
 from . import graphs, overview, traces
+from .drawing import Job
 from .numbers import Digits, short
 from .table_2 import beside
 from .tables import model_words
-
-Job = tuple[Path, Callable[[], Figure]]
 
 
 def jobs(result: FitResult) -> list[Job]:
@@ -28,10 +25,11 @@ def jobs(result: FitResult) -> list[Job]:
     every = all_traces(result)
     tests = dict.fromkeys(trace.test.name for trace in every)
     return [
-        (Path("parameters.png"), lambda: overview.draw(parameter_picture(result))),
-        *((Path("tests") / f"{name}.png", partial(_draw_test, result, name)) for name in tests),
-        *((Path("traces") / file_name(t), partial(_draw_trace, result, k)) for k, t in enumerate(every)),
-    ]
+        (Path("parameters.png"), partial(overview.draw, parameter_picture(result))),
+        *((Path("tests") / f"{name}.png", partial(graphs.draw, _test_picture(result, name))) for name in tests),
+        *((Path("traces") / file_name(trace), partial(traces.draw, _trace_picture(result, k)))
+          for k, trace in enumerate(every)),
+    ]  # fmt: skip
 
 
 def all_traces(result: FitResult) -> tuple[Trace, ...]:
@@ -45,7 +43,7 @@ def file_name(trace: Trace) -> str:
     return f"{trace.test.name}__{PurePosixPath(trace.measurement.file).stem}.png"
 
 
-def _draw_trace(result: FitResult, k: int) -> Figure:
+def _trace_picture(result: FitResult, k: int) -> traces.TracePicture:
     trace = all_traces(result)[k]
     file = trace.measurement.file
     predicted = result.predicted[file]
@@ -55,16 +53,17 @@ def _draw_trace(result: FitResult, k: int) -> Figure:
         residual, label = (trace.data - predicted) / np.asarray(trace.sigma)[None, :], "error [σ]"
     rows = tuple(row for row in (*result.score_fit, *result.score_holdout) if row.file == file)
     synthetic = result.rig.config.synthetic
-    return traces.draw(traces.TracePicture(trace, predicted, residual, label, rows, synthetic))
+    return traces.TracePicture(trace, predicted, residual, label, rows, synthetic)
 
 
-def _draw_test(result: FitResult, name: str) -> Figure:
+def _test_picture(result: FitResult, name: str) -> graphs.TestPicture:
     test, config = TEST_BY_NAME[name], result.rig.config
     every = tuple(trace for trace in all_traces(result) if trace.test.name == name)
     read, scales = result.readings.graphs.get(name, ()), known(config, result.readings.values)
-    model = graphs.read_model(test, every, result.predicted, config, scales) if read else ()
+    predicted = {trace.measurement.file: result.predicted[trace.measurement.file] for trace in every}
+    model = graphs.read_model(test, every, predicted, config, scales) if read else ()
     lines = _lines(result, name)
-    return graphs.draw(graphs.TestPicture(test, read, model, every, result.predicted, lines, config.synthetic))
+    return graphs.TestPicture(test, read, model, every, predicted, lines, config.synthetic)
 
 
 def _lines(result: FitResult, test: str) -> tuple[str, ...]:

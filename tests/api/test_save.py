@@ -52,6 +52,7 @@ def test_a_diagnosis_comes_back_as_it_was_and_goes_with_the_next_fit(fit: Fit, t
     assert isinstance(etcfit.load(tmp_path), Fit)
 
 
+@pytest.mark.slow
 def test_a_page_is_written_of_what_was_saved(fitted: Fit, tmp_path: Path) -> None:
     fitted.save(tmp_path)
     assert etcfit.report(tmp_path) == tmp_path / "report.html"

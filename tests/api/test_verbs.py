@@ -59,6 +59,7 @@ def test_every_command_is_a_verb() -> None:
     assert all(callable(getattr(etcfit, name)) for name in commands - folders)
 
 
+@pytest.mark.slow
 def test_check_takes_a_rig_and_a_folder(tmp_path: Path) -> None:
     folder = folders.write(tmp_path / "rig", folders.held())
     checked = etcfit.check(folder)
@@ -107,6 +108,7 @@ def test_advice_is_a_table_of_traces_and_one_of_widths(rig: Rig, asked: list[dic
     assert json.loads((found.save(tmp_path) / "advice.json").read_text(encoding="utf-8"))["settings"]["apart"] == 0.5
 
 
+@pytest.mark.slow
 def test_advice_is_given_at_a_fit_of_the_same_rig(
     rig: Rig, fitted: Fit, found: Diagnosed, asked: list[dict[str, Any]], tmp_path: Path
 ) -> None:
@@ -125,6 +127,7 @@ def test_advice_is_given_at_a_fit_of_the_same_rig(
         etcfit.advise(rig, at=tmp_path)
 
 
+@pytest.mark.slow
 def test_a_reduction_is_a_transfer_function_with_errors(fitted: Fit, found: Diagnosed, reduced: Reduced) -> None:
     plant = reduced.transfer_function
     b0, a2, a1, a0 = reduced.coefficients["value"]

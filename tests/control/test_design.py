@@ -61,6 +61,7 @@ def designed(fitted: Fitted) -> Design:
     return by_quick_rules(fitted)
 
 
+@pytest.mark.slow
 def test_the_reduction_is_the_closed_form_in_any_unit(fitted: Fitted) -> None:
     plain = reduce(fitted).plant
     assert (*plain.num, *plain.den[1:]) == pytest.approx(
@@ -277,6 +278,7 @@ def test_friction_and_rate_are_refused_where_no_code_can_be_written(fitted: Fitt
         task_of(fitted, ecu_of(fitted), feed_forward="friction,air", settings=BRIEF)
 
 
+@pytest.mark.slow
 def test_gains_without_the_terms_are_those_of_before(fitted: Fitted) -> None:
     """Off unless asked: nothing ahead at any tick; asked, what the setpoint's edges make."""
     none, spring, both = (task_of(fitted, ecu_of(fitted), feed_forward=asked, settings=BRIEF)

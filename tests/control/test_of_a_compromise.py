@@ -66,6 +66,7 @@ def test_correlations_are_kept(sound: FitResult) -> None:
     assert np.allclose(far / np.outer(sd, sd), tied / 0.02**2)
 
 
+@pytest.mark.slow
 def test_its_coefficients_have_wider_errors_and_the_table_the_picture_and_the_file_say_why(sound: FitResult) -> None:
     fitted = compromised(sound).fitted()
     known, wide = reduce(sound.fitted()), reduce(fitted)

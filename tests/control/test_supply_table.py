@@ -54,6 +54,7 @@ def volts(percent: float, supply: float) -> float:
     return percent / 100.0 * supply / (OPEN / 100.0)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("supply", [9.0, 15.0])
 def test_a_row_of_the_table_keeps_the_response_of_the_independent_plate(supply: float) -> None:
     """What is typed in for 9 V, in 9 V, is what was designed in 12 V; what is typed in for 12 V is not."""

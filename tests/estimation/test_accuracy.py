@@ -73,6 +73,7 @@ def test_the_posterior_takes_instruments_as_exact(bare: FitResult, stated: FitRe
     np.testing.assert_allclose(stated.taken_as_exact().covariance, bare.covariance, rtol=1e-6)
 
 
+@pytest.mark.slow
 def test_ends_of_the_sensor_and_the_clock_are_sources_of_their_own(tmp_path: Path) -> None:
     """A resistance test feels neither."""
     result = of_a_held_plate(tmp_path, '[accuracy]\nsensor_end_points = "1 deg"\ntime = "1 %"')

@@ -263,6 +263,7 @@ def test_what_is_held_out_is_predicted_as_well_as_what_was_fitted(case: Case) ->
 FROM_THE_READING = FitSettings(starts=0)  # the scattered starts end where the reading does
 
 
+@pytest.mark.slow
 def test_a_prior_moves_the_answer_as_the_closed_form_says(case: Case) -> None:
     """x' = x + C_k (m - x_k)/(s^2 + C_kk), for a prior m +- s that disagrees by two standard errors."""
     symbol, layout, x = "K_s", case.result.free_parameters.layout, case.result.x

@@ -124,6 +124,7 @@ def least_squares_ohm() -> float:
     return VOLTS / float(np.mean(current()[1:]))
 
 
+@pytest.mark.slow
 def test_the_optimum_is_the_closed_form_from_a_start_at_twice_the_value(held: Held) -> None:
     problem, weighted = held
     start = problem.layout.coordinates({"R_a": 2.0 * OHM, "T_f": 0.2})

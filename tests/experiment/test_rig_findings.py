@@ -58,6 +58,7 @@ def test_a_fit_refuses_it_and_warns_of_the_others(turned: Path, resistor: Path) 
     assert any("series_resistance" in warning for warning in rig.warnings)
 
 
+@pytest.mark.slow
 def test_the_api_has_them_as_a_frame(resistor: Path) -> None:
     found = etcfit.check(resistor, quiet=True).findings
     assert list(found.index) == ["series_resistance"]

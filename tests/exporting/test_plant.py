@@ -160,6 +160,7 @@ def test_an_importer_simulates_the_fmu_and_is_told_what_it_cannot_do(tmp_path: P
         fmpy.simulate_fmu(str(archive), step_size=7e-4, **(how | {"output_interval": 7e-4}))
 
 
+@pytest.mark.slow
 @exports.needs_a_compiler
 def test_the_harness_finds_our_stepper_and_a_wrong_compiler(tmp_path: Path) -> None:
     made = c.FORMAT.export(exports.source(exports.SEVERAL))

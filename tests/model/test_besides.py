@@ -76,6 +76,7 @@ def some_slow(effect: type[AbstractEffect]) -> Any:
     return pytest.param(effect, id=effect.name, marks=() if quick else pytest.mark.slow)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("effect", [some_slow(effect) for effect in SERVED])
 def test_a_little_of_an_effect_and_what_it_adds_do_the_same(effect: type[AbstractEffect]) -> None:
     """To rounding: along the path of a body whose friction depends on its load, so that the load counts too."""
@@ -116,6 +117,7 @@ def test_the_path_meets_both_stops_sticks_and_moves() -> None:
     assert np.sum(between & (np.abs(omega) > 0.5)) > 50
 
 
+@pytest.mark.slow
 def test_nothing_besides_is_nothing() -> None:
     steps, resets = excited()
     throttle = bodies.body()

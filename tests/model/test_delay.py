@@ -282,6 +282,7 @@ def test_at_a_bend_it_is_off_by_no_more_than_said() -> None:
         assert np.abs(moved - np.maximum(clock - by - 0.02, 0.0))[3:-3].max() < 0.075e-3
 
 
+@pytest.mark.slow
 def test_it_has_no_kink_where_a_lateness_is_a_whole_number_of_samples() -> None:
     steps, resets = batch(np.full(40, 1e-3))
     wave = np.sin(400.0 * np.cumsum(steps.dt[:, 0]))[:, None]
@@ -297,6 +298,7 @@ def test_one_trace_is_late_and_the_others_are_not() -> None:
         assert_allclose(moved[rows, lane], alone[rows, lane], rtol=1e-12)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("by", [0.0, 0.0021, -0.0017])
 def test_its_derivative_is_minus_the_slope_where_it_is_read_off_also_where_nothing_is_late(by: float) -> None:
     signal = everywhere(lambda t, k: 3.0 + k + (2.0 - 5.0 * k) * t)

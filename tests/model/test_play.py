@@ -60,6 +60,7 @@ def landing(play: float, count: int) -> tuple[np.ndarray, np.ndarray, np.ndarray
     return run(play, State(jnp.zeros(()), jnp.asarray(1e-5), jnp.asarray(SPEED)), count)
 
 
+@pytest.mark.slow
 def test_without_play_the_plate_lands_and_stays() -> None:
     theta, omega, read = landing(0.0, 20)
     assert_allclose(theta, 0.0, atol=1e-15)
@@ -103,6 +104,7 @@ def test_a_play_that_is_crossed_within_a_step_does_not_rattle() -> None:
     assert theta.min() >= -1e-5 - 1e-12
 
 
+@pytest.mark.slow
 def test_the_motor_alone_has_no_plate_to_land() -> None:
     body, s = throttle(PLAY), one()._replace(plate=jnp.zeros(()))
     x, _ = step(body, State(jnp.zeros(()), jnp.asarray(1e-5), jnp.asarray(SPEED)), (jnp.ones(()),), s)

@@ -142,6 +142,7 @@ def test_only_a_voltage_reaches_the_motor_alone(unknown: type[AbstractSmooth]) -
         assert np.any(alone != 0.0) == (unknown.enters == "voltage")
 
 
+@pytest.mark.slow
 @every_unknown
 def test_forward_mode_is_finite_differences(unknown: type[AbstractSmooth]) -> None:
     """With respect to every amplitude, to current, angle and speed, and to the load."""

@@ -85,6 +85,7 @@ def test_stop_impacts_agree_with_the_event_located_generator() -> None:
 # ---- another solver
 
 
+@pytest.mark.slow
 def test_a_smooth_case_agrees_with_diffrax() -> None:
     """Tolerance: h = 0.25 ms against L/R = 1 ms leaves (h R/L)^2/12 of what each bend of the voltage excites; halving
     h must quarter it."""

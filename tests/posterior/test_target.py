@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 from numpy.testing import assert_allclose
 
 from etcfit.estimation.identifiability import WIDE
@@ -71,6 +72,7 @@ def test_a_belief_weighs_only_on_what_has_no_prior(held: tuple[EstimationProblem
     assert_allclose((told.prior_mean[1], told.prior_sd[1]), (0.3, 2.0 * WIDE))
 
 
+@pytest.mark.slow
 def test_the_chunks_of_a_large_ensemble_are_put_together_again(held: tuple[EstimationProblem, WeightedData]) -> None:
     problem, weighted = held
     whole = target(problem, weighted)

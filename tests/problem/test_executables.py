@@ -42,6 +42,7 @@ def worked(cache: Path, **environment: str) -> tuple[list[str], str]:
     return done.stdout.split(), done.stderr
 
 
+@pytest.mark.slow
 def test_the_next_process_traces_nothing_and_finds_the_same_digits(tmp_path: Path) -> None:
     (first, *digits), _ = worked(tmp_path)
     assert first == "1"
@@ -51,6 +52,7 @@ def test_the_next_process_traces_nothing_and_finds_the_same_digits(tmp_path: Pat
     assert other[0] == "1"  # told otherwise, XLA compiles otherwise
 
 
+@pytest.mark.slow
 def test_two_devices_and_a_read_only_folder_are_no_matter(tmp_path: Path) -> None:
     several = {"XLA_FLAGS": "--xla_force_host_platform_device_count=2"}
     (_, *digits), _ = worked(tmp_path, **several)
@@ -59,6 +61,7 @@ def test_two_devices_and_a_read_only_folder_are_no_matter(tmp_path: Path) -> Non
     assert worked(tmp_path, **several)[0] == ["0", *digits]
 
 
+@pytest.mark.slow
 def test_what_cannot_be_loaded_is_made_anew_and_said_once(tmp_path: Path) -> None:
     _, *digits = worked(tmp_path)[0]
     for file in (tmp_path / "compiled" / "programs").iterdir():

@@ -247,6 +247,7 @@ def assert_dense(problem: EstimationProblem, x: np.ndarray) -> None:
     assert_allclose(-2.0 * np.sum(np.log(weight[weight > 0.0])), -np.linalg.slogdet(sigma)[1], rtol=1e-6)
 
 
+@pytest.mark.slow
 def test_the_filter_is_dense_generalised_least_squares_on_a_held_plate(
     many_held: tuple[EstimationProblem, np.ndarray],
 ) -> None:

@@ -15,6 +15,7 @@ def curve(x: jax.Array) -> jax.Array:
     return jnp.stack([jnp.sin(x).sum() * x[:3], jnp.cumsum(x**2)[-3:]], axis=1)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("count", [3, AT_ONCE, AT_ONCE + 3, 3 * AT_ONCE])
 def test_value_and_jacobian_are_those_of_jax(count: int) -> None:
     x = jnp.asarray(np.random.default_rng(1).standard_normal(count))

@@ -63,6 +63,7 @@ def whitened(problem: EstimationProblem) -> np.ndarray:
     return r[np.asarray(problem.slots.weight) > 0.0]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("channels", "seconds"), [
     (("current", "position"), (BY * INTERVAL, 0.0)), (("current",), (0.0, BY * INTERVAL)),
     (("voltage", "position"), (0.0, -BY * INTERVAL)),

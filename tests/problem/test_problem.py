@@ -62,6 +62,7 @@ def test_priors_become_priors_on_coordinates() -> None:
     assert np.isinf(np.delete(sd, k)).all()
 
 
+@pytest.mark.slow
 def test_prepared_again_it_is_as_it_was_logged_with_the_steps_that_x_needs() -> None:
     """A poorer model moved the release by 20 ms, weighed samples down, drew the plate along and took three steps."""
     motion = released(0.05)

@@ -36,6 +36,7 @@ def at(problem: EstimationProblem) -> np.ndarray:
     return layout.coordinates({s: layout.parameter(s).nominal for s in layout.free})
 
 
+@pytest.mark.slow
 def test_what_is_uncertain_of_the_start_fades_with_the_time_constant() -> None:
     """var = sigma^2 + var_0 exp(-2 R t / L)."""
     known = problem()

@@ -51,6 +51,7 @@ def test_threads_that_ask_at_once_wait_for_the_one_that_compiles() -> None:
     assert (traced, program.compiled) == (["one"], 1)
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(sys.platform != "linux", reason="/proc/self/maps is Linux's")
 def test_what_is_forgotten_is_compiled_again_and_gives_its_mappings_of_memory_back() -> None:
     program = Program(scaled, static=2)

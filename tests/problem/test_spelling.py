@@ -31,6 +31,7 @@ class Pair(NamedTuple):
     b: Any
 
 
+@pytest.mark.slow
 def test_another_process_spells_it_alike_whatever_its_hashes() -> None:
     for seed in ("1", "2"):
         said = subprocess.run([sys.executable, "-c", SHOW], capture_output=True, text=True, check=True,

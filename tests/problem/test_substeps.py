@@ -68,6 +68,7 @@ def errors(problem: EstimationProblem, x: np.ndarray) -> np.ndarray:
     return np.asarray(error(jnp.asarray(padded)))[row + 1 : marks[-1] + 1, lane]
 
 
+@pytest.mark.slow
 def test_the_local_error_is_that_of_the_closed_form(charging: tuple[EstimationProblem, np.ndarray]) -> None:
     """A step of third-order error e is off its two halves by e - 2 e / 8: three quarters of what it is truly off by."""
     problem, x = charging
@@ -78,6 +79,7 @@ def test_the_local_error_is_that_of_the_closed_form(charging: tuple[EstimationPr
     assert_allclose(errors(problem, x), 0.75 * truly, rtol=0.05, atol=1e-3 * truly[0])
 
 
+@pytest.mark.slow
 def test_with_the_steps_that_are_needed_it_is_within_the_tolerance(
     charging: tuple[EstimationProblem, np.ndarray],
 ) -> None:

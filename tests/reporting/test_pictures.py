@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import pickle
 from pathlib import Path
 
 import pytest
@@ -10,6 +11,7 @@ from matplotlib.image import imread
 
 import results
 from etcfit.reporting import draw_fit
+from etcfit.reporting.pictures import jobs
 from etcfit.run_folder import load_fit, save_fit
 
 
@@ -32,6 +34,12 @@ def test_every_file_is_there(run: Path) -> None:
     assert not [p for p in run.rglob(".*")], "scratch files are left behind"
 
 
+def test_another_process_can_be_handed_them(tmp_path: Path) -> None:
+    handed = pickle.loads(pickle.dumps(jobs(results.result(results.rig(tmp_path)))))
+    for path, draw in handed[:3]:
+        assert draw().axes, path
+
+
 def test_pictures_show_something(run: Path) -> None:
     pictures = [*run.rglob("*.png")]
     assert pictures
@@ -47,6 +55,7 @@ def test_fit_and_state_can_be_read_again(run: Path) -> None:
     assert set(load_fit(run).free_parameters.layout.free) <= set(fit["parameters"])
 
 
+@pytest.mark.slow
 def test_pictures_of_another_fit_are_not_left_behind(run: Path, tmp_path: Path) -> None:
     stale = run / "pictures" / "traces" / "response__99.png"
     stale.write_bytes(b"a trace that is no longer there")

@@ -94,6 +94,7 @@ def smooth(rate: float = 1000.0) -> Sheet:
     return folders.sheet("time [s]", "voltage [V]", "position [deg]", columns=(t, volts, angle))
 
 
+@pytest.mark.slow
 def test_two_hundred_long_traces_take_seconds() -> None:
     logs = [made_log(k, 20_000) for k in range(200)]
     began = time.process_time()

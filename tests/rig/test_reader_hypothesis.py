@@ -347,6 +347,7 @@ EDITS = st.lists(
 GARBLED = given(st.sampled_from(sorted(FILES)), EDITS)
 
 
+@pytest.mark.slow
 @BARE
 @NEUTRAL
 def test_other_words_same_rig(files: dict[str, str | bytes]) -> None:
@@ -359,6 +360,7 @@ def test_damage_is_seen(damage: Damage, name: str, style: Style, row: int, k: in
     harmful(damage, name, style, row, k, word)
 
 
+@pytest.mark.slow
 @BARE
 @LOSSY
 def test_gaps_move_nothing_else(name: str, style: Style, dropped: set[int], gaps: set[tuple[int, int]]) -> None:

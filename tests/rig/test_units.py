@@ -23,6 +23,7 @@ def test_other_units_still_come_from_pint() -> None:
     assert conversion("motor_speed", "deg/s") == by_pint("motor_speed", "deg/s")
 
 
+@pytest.mark.slow
 def test_the_usual_units_do_not_load_pint() -> None:
     asked = "[conversion(*each) for each in (('voltage', 'mV'), ('position', 'degrees'), ('motor_speed', 'U/min'))]"
     code = f"import sys; from etcfit.rig.units import conversion; {asked}; print('pint' in sys.modules)"

@@ -7,14 +7,14 @@ from functools import partial
 from pathlib import Path
 
 import numpy as np
-from matplotlib.figure import Figure
 
 from ...diagnosis.findings import Diagnosis
 from ...estimation.joint_fit import FitResult
 from ...problem.prediction_error import PredictionError
 from ...problem.trace import Trace
 from .. import overview
-from ..pictures import Job, all_traces, file_name, parameter_picture
+from ..drawing import Job
+from ..pictures import all_traces, file_name, parameter_picture
 from . import chart, missing, overlay, rounds, unexplained
 from .ledger import headline, ledger
 from .shown import in_degrees, scales
@@ -33,7 +33,7 @@ def _summaries(d: Diagnosis) -> Iterator[Job]:
     if any(entry.known() for entry in entries):
         yield Path("ledger.png"), partial(chart.draw, entries, headline(d), synthetic)
     if d.added:
-        yield Path("parameters.png"), lambda: overview.draw(parameter_picture(d.after))
+        yield Path("parameters.png"), partial(overview.draw, parameter_picture(d.after))
     for enters in ("torque", "voltage"):
         picture = missing.MissingPicture.of(d, enters)
         if picture is not None:
@@ -52,19 +52,18 @@ def _overlays(d: Diagnosis) -> Iterator[Job]:
     driven = [t for t in every if not t.measurement.held_out and t.input and not t.test.boundary.plate_held]
     driven.sort(key=lambda trace: -_worst(d, trace))
     for trace in (*shown, *driven[:_FITTED]):
-        yield Path("traces") / file_name(trace), partial(_draw_overlay, d, trace)
+        yield Path("traces") / file_name(trace), partial(overlay.draw, _overlay(d, trace))
 
 
 def _worst(d: Diagnosis, trace: Trace) -> float:
     return max((row.rms / row.sigma for row in d.before.score_fit if row.file == trace.measurement.file), default=0.0)
 
 
-def _draw_overlay(d: Diagnosis, trace: Trace) -> Figure:
+def _overlay(d: Diagnosis, trace: Trace) -> overlay.Overlay:
     file = trace.measurement.file
     before, after = (np.asarray(result.predicted[file]) for result in (d.before, d.after))
-    picture = overlay.Overlay(trace, before, after, _rows(d.before, file), _rows(d.after, file),
-                              d.after.rig.config.synthetic)  # fmt: skip
-    return overlay.draw(picture)
+    return overlay.Overlay(trace, before, after, _rows(d.before, file), _rows(d.after, file),
+                           d.after.rig.config.synthetic)  # fmt: skip
 
 
 def _rows(result: FitResult, file: str) -> tuple[PredictionError, ...]:

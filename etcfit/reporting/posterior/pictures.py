@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from functools import partial
 from pathlib import Path
-
-from matplotlib.figure import Figure
 
 from ...estimation.intervals import intervals, lumped
 from ...posterior.predictive import Band
@@ -15,25 +13,25 @@ from ...posterior.sampling import Posterior
 from ...posterior.truth import truths
 from ...run_folder import readings_of
 from ...run_folder.posterior import disagree
+from ..drawing import Job
 from ..pictures import file_name
 from . import bands as bands_
 from . import corner, spreads
 from . import profiles as profiles_
-
-Job = tuple[Path, Callable[[], Figure]]
 
 
 def jobs(posterior: Posterior, profiles: Mapping[str, Profile], bands: Sequence[Band]) -> list[Job]:
     """Every picture: path below RUN/pictures/posterior, and the call that draws it."""
     config = posterior.fit.rig.config
     units = {s: unit for s, (unit, _) in posterior.described.items()}
-    profiled = [
-        (Path("profiles.png"), lambda: profiles_.draw(config.name, [*profiles.values()], units, config.synthetic))
-    ]
+    profiled: Job = (
+        Path("profiles.png"),
+        partial(profiles_.draw, config.name, [*profiles.values()], units, config.synthetic),
+    )
     return [
-        (Path("intervals.png"), lambda: spreads.draw(config.name, _spreads(posterior, profiles), config.synthetic)),
-        (Path("corner.png"), lambda: corner.draw(_corner(posterior, units))),
-        *(profiled if profiles else []),
+        (Path("intervals.png"), partial(spreads.draw, config.name, _spreads(posterior, profiles), config.synthetic)),
+        (Path("corner.png"), partial(corner.draw, _corner(posterior, units))),
+        *([profiled] if profiles else []),
         *((Path("bands") / file_name(b.trace), partial(bands_.draw, b, config.synthetic)) for b in bands),
     ]
 

@@ -31,6 +31,7 @@ def angle(loop, gains: tuple[float, ...], setpoint=RAMP) -> np.ndarray:
     return np.asarray(loop.respond(rigs.one(*gains), setpoint).position)[0, 0]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("period", [5e-4, 1e-3, 4e-3])
 def test_without_friction_and_limits_it_is_the_linear_loop(period: float) -> None:
     # begins at angle 0 without a spring torque, so that both begin at rest

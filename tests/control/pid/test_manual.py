@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 
 import rigs
 from etcfit.control.pid import Gains, Refusal, Requirements, Task
@@ -17,6 +18,7 @@ def task(settings: ManualSettings) -> Task:
     return Task(rigs.plant(loop), Ecu(), Requirements(), loop, settings=DesignSettings(manual=settings))
 
 
+@pytest.mark.slow
 def test_its_proportional_gain_is_near_the_best_and_not_where_the_gains_tried_end() -> None:
     tried = task(ManualSettings())
     found = manual(tried)

@@ -53,6 +53,7 @@ def drive(make: EcuProfile, firmware: Firmware, supply: float, seed: int) -> tup
     return ours, theirs
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("biased", [True, False])
 @pytest.mark.parametrize(("supply", "seed"), [(12.0, 1), (14.2, 2)])
 @pytest.mark.parametrize("name", CASES)

@@ -82,6 +82,7 @@ def test_the_limp_home_spring_is_in_none_of_them() -> None:
     assert ours == pytest.approx(theirs, rel=1e-6)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("rate", [0.6, 3.0])
 @pytest.mark.parametrize("truth", TRUTHS)
 def test_the_independent_plate_follows_a_ramp_more_closely(truth: Truth, rate: float) -> None:

@@ -126,6 +126,7 @@ def test_a_hot_and_a_cold_unit_are_those_of_the_independent_simulation(name: str
     assert found["opening_time"] == pytest.approx(late - early, rel=0.01)
 
 
+@pytest.mark.slow
 def test_the_hysteresis_of_eqs_1_2_is_its_closed_form() -> None:
     units = fleets.truths(5, 1)
     model = fleets.of(units)
@@ -139,6 +140,7 @@ def test_the_hysteresis_of_eqs_1_2_is_its_closed_form() -> None:
     assert found["breakaway_voltage_opening"].value == pytest.approx(preload, rel=1e-9)
 
 
+@pytest.mark.slow
 def test_a_contact_that_yields_before_it_slides_counts_once_it_does() -> None:
     units = fleets.truths(2, 1)
     plain = measured(fleets.of(units))["current_hysteresis"].value
@@ -160,6 +162,7 @@ def test_what_cannot_be_told_is_nan_and_says_why() -> None:
     assert found["closing_time"].why == ""
 
 
+@pytest.mark.slow
 def test_the_line_of_a_sensor_is_as_bent_as_its_bow() -> None:
     model = fleets.of(
         fleets.truths(2, 3), ("position_sensor_nonlinearity",), E_2=np.array([0.01, -0.02]), E_3=np.zeros(2)
@@ -183,6 +186,7 @@ def test_every_figure_says_what_it_is() -> None:
     assert len({figure.name for figure in FIGURES}) == len(FIGURES)
 
 
+@pytest.mark.slow
 def test_a_prediction_is_the_spread_of_the_units_at_each_condition() -> None:
     model = fleets.of(fleets.truths(40, 5))
     found = {each.condition.name: each for each in predict(model)}

@@ -97,6 +97,7 @@ def test_a_drag_that_differs_by_direction_gives_back_what_it_took() -> None:
 # ---- springs
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", POTENTIALS)
 def test_a_spring_returns_what_it_took(name: str) -> None:
     """The work over a closed path is zero: sum torque dtheta from 0 to open and back, at whatever speed and current."""

@@ -47,6 +47,7 @@ def test_a_fleet_of_which_nothing_is_known_has_no_picture(fleet: made.Made, tmp_
     assert draw_fleet({"units": [], "gauge": None}, fleet.units.iloc[:0], tmp_path) == ()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("synthetic", [True, False])
 def test_every_picture_says_what_is_made_up_in_letters_that_can_be_read(fleet: made.Made, synthetic: bool) -> None:
     content = few(fleet) | {"synthetic": synthetic}

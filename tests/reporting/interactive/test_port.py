@@ -103,6 +103,7 @@ def changed(result: FitResult, factors: Mapping[str, float]) -> dict[str, float]
     return {s: float(v) for s, v in layout.values(layout.coordinates(values), result.free_parameters.held).items()}
 
 
+@pytest.mark.slow
 def test_a_response_a_release_and_held_plates_agree(tmp_path: Path) -> None:
     some = replace(results.result(results.rig(tmp_path)), holdout=None)
     assert max(worst(some, changed(some, CHANGES["stiffer and drier"])).values()) < CLOSE

@@ -54,6 +54,7 @@ def test_kinds_are_unique() -> None:
     assert len({detector.kind for detector in DETECTORS}) == len(DETECTORS)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("mistake", "seed"), SEEDS.items(), ids=SEEDS.keys())
 def test_each_mistake_is_named_where_it_is_and_nothing_else(tmp_path: Path, mistake: str, seed: int) -> None:
     done = mistaken(tmp_path / "rig", mistake, seed)
@@ -69,6 +70,7 @@ def test_each_mistake_is_named_where_it_is_and_nothing_else(tmp_path: Path, mist
 SIZES = {"series_resistance": 0.05, "gear_ratio": 0.05, "time_scale": 0.006, "channel_offset": 0.15, "hum": 0.3}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("mistake", "near"), SIZES.items(), ids=SIZES.keys())
 def test_its_size_is_that_of_the_mistake(tmp_path: Path, mistake: str, near: float) -> None:
     done = mistaken(tmp_path / "rig", mistake, 7100)
