@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
-from functools import reduce
+from functools import partial, reduce
 from operator import add
 
 import numpy as np
 
 from ..problem.problem import EstimationProblem
+from ..problem.program import concurrently
 from ..problem.residual import WeightedData
 from . import clusters, compromise
 from .compromise import Compromise
@@ -159,7 +160,8 @@ def _compromise(asked: _Asked, why: str) -> Compromise:
     """The range that subsets give: the fit made again without each test, and one step to each test alone."""
     tests, size = tests_of(asked.problem), asked.x.size
     left_out = tests if len(tests) > 1 else ()
-    without = [asked.refitted(asked.x, tuple(each for each in tests if each != test)) for test in left_out]
+    rest = [tuple(each for each in tests if each != test) for test in left_out]
+    without = concurrently(partial(asked.refitted, asked.x), rest)
     return Compromise(
         why,
         left_out,

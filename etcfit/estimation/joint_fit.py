@@ -14,6 +14,7 @@ from ..problem.chi2 import chi2_of
 from ..problem.free_parameters import FreeParameters, free_parameters
 from ..problem.prediction_error import columns
 from ..problem.problem import EstimationProblem
+from ..problem.program import concurrently
 from ..problem.residual import WeightedData
 from ..problem.trace import Trace, follows_setpoint, prepare
 from ..rig.base import Measurement, Rig
@@ -192,14 +193,16 @@ def deepest(
 
     Args:
         points: where to start, shape (P,) each; the first is the reading of the paper's graphs.
-        descend_from: descends from the k-th point. Its last argument is True once some end is near the data: then a
-            further start is only a check, and a plain descent will do.
+        descend_from: descends from the k-th point. Its last argument is True where the first end is near the data: then
+            every other start is only a check, and a plain descent will do. From the second on they go side by side.
         freedom: degrees of freedom, samples less parameters.
         settings: `misfit` says what is near.
     """
+    reading = descend_from(0, points[0], False)
+    near = reading.after / freedom < settings.misfit
+    others = concurrently(lambda k: descend_from(k, points[k], near), range(1, len(points)))
     best, lowest, summaries = points[0], np.inf, []
-    for k, first in enumerate(points):
-        end, before, after, steps = descend_from(k, first, lowest / freedom < settings.misfit)
+    for k, (end, before, after, steps) in enumerate([reading, *others]):
         summaries.append(StartSummary("reading" if k == 0 else f"scattered {k}", before, after, steps))
         if after < lowest:
             best, lowest = end, after
@@ -217,7 +220,8 @@ def _from_several_starts(
     tolerance, count = settings.rough_tolerance, settings.starts + 1
 
     def descend_from(k: int, first: np.ndarray, near: bool) -> Descent:
-        report(f"start {k + 1} of {count}", 0.1 + 0.4 * k / count)
+        if k < 2:  # from there on they go side by side
+            report("start 1, the reading" if k == 0 else f"starts 2 to {count}", 0.1 + 0.4 * k / count)
         if near:
             end, steps = descend(problem, first, weighted, tolerance, settings.steps)
         else:

@@ -23,6 +23,7 @@ USUAL = {"xla_backend_optimization_level": 1}
 QUICK = {"xla_backend_optimization_level": 0}  # for programs that run a few times
 
 Piece = TypeVar("Piece")
+Made = TypeVar("Made")
 
 
 def _cores() -> int:
@@ -46,6 +47,14 @@ def side_by_side(work: Callable[[Piece], Any], pieces: Sequence[Piece]) -> list[
     if len(pieces) == 1:
         return [jax.block_until_ready(work(pieces[0]))]
     return list(_pool("running").map(lambda piece: jax.block_until_ready(work(piece)), pieces))
+
+
+def concurrently(work: Callable[[Piece], Made], pieces: Sequence[Piece]) -> list[Made]:
+    """The same for work in Python that runs programs, and may share these out by `side_by_side`: while one computes,
+    another thinks. It must not itself be called from such work."""
+    if len(pieces) < 2 or CORES < 2:
+        return [work(piece) for piece in pieces]
+    return list(_pool("working").map(work, pieces))
 
 
 _PROGRAMS: list[Program] = []

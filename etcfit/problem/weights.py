@@ -56,8 +56,13 @@ def farthest(data: Float[np.ndarray, "n M"], reach: int) -> Float[np.ndarray, "n
 
 def _highest(data: np.ndarray, reach: int) -> np.ndarray:
     """Of each sample and its neighbours up to `reach` samples away, shape (n, M)."""
-    edged = np.pad(data, ((reach, reach), (0, 0)), mode="edge")
-    return np.lib.stride_tricks.sliding_window_view(edged, 2 * reach + 1, axis=0).max(axis=-1)
+    count, width = data.shape[0], 2 * reach + 1
+    highest = np.concatenate((np.repeat(data[:1], reach, axis=0), data, np.repeat(data[-1:], reach, axis=0)))
+    seen = 1
+    while 2 * seen <= width:  # twice as wide each time; two of them, overlapping, make any width
+        highest = np.maximum(highest[:-seen], highest[seen:])
+        seen *= 2
+    return np.maximum(highest[:count], highest[width - seen : width - seen + count])
 
 
 def timed(problem: EstimationProblem, x: Float[np.ndarray, " P"], r: Float[np.ndarray, "T L M"]) -> EstimationProblem:

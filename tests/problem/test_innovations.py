@@ -105,6 +105,13 @@ def test_a_sample_is_forgiven_what_its_neighbours_are_away_from_it() -> None:
     assert_array_equal(farthest(data, 2)[:, 0], [3.0, 2.0, 4.0, 0.0, 4.0])
 
 
+@pytest.mark.parametrize("reach", [1, 3, 6, 40])
+def test_neighbours_are_all_those_within_reach(reach: int) -> None:
+    data = np.random.default_rng(reach).standard_normal((50, 2))
+    near = [data[max(0, k - reach) : k + reach + 1] for k in range(50)]
+    assert_array_equal(farthest(data, reach), [np.abs(each - data[k]).max(axis=0) for k, each in enumerate(near)])
+
+
 @pytest.mark.slow
 def test_residuals_of_a_held_plate_are_standard_normal(many_held: tuple[EstimationProblem, np.ndarray]) -> None:
     """60 seeds of 250 samples: the mean square is known to 1.2 %, each lag's correlation to 0.8 %."""
