@@ -5,6 +5,7 @@ from __future__ import annotations
 import gc
 import importlib.util
 import os
+import sys
 from pathlib import Path
 
 import pytest
@@ -37,16 +38,14 @@ def pytest_configure(config: pytest.Config) -> None:
         use_compilation_cache()
 
 
-_MAPPINGS = Path("/proc/self/maps")  # a line each; Linux alone has it, and Linux alone counts them
-
-
 def pytest_runtest_logfinish() -> None:
-    """Let go of what was compiled once that is much: kept, it came to 5 GB and to a segmentation fault. What a later
+    """Let go of what was compiled once that is much, long before the package would: kept, it came to 5 GB. What a later
     test needs again comes from the disk."""
-    if _MAPPINGS.exists() and len(_MAPPINGS.read_bytes().splitlines()) > 12_000:
-        from etcfit.problem.program import forget
+    if "etcfit.problem.program" in sys.modules:
+        from etcfit.problem.program import forget, memory_mappings
 
-        forget()
+        if memory_mappings() > 12_000:
+            forget()
 
 
 @pytest.fixture(scope="session")

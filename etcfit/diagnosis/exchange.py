@@ -14,6 +14,7 @@ from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 from ..estimation.joint_fit import Report
+from ..problem.program import concurrently
 from .ambiguity import Apart, apart
 from .candidate_model import CandidateModel
 from .choice import alike, stands
@@ -135,7 +136,7 @@ def _beside(s: CandidateModel, effect: Effect, rivals: Mapping[Effect, Mapping[s
     """Trials of the effect and, after it, of the rivals that stand, each over the model with none of them."""
     base = s.without(effect).optimised()
     before = score(base)
-    others = [tried(base, rival, values, before) for rival, values in rivals.items()]
+    others = concurrently(lambda rival: tried(base, *rival, before), list(rivals.items()))
     return judged(effect, before, s), *(t for t in others if stands(t.verdict, s.settings))
 
 

@@ -136,15 +136,15 @@ def _refitted(s: CandidateModel, chosen: Sequence[Signature], before: Score, rep
     """A trial of each, the lowest BIC first: some side by side, for each compiles a model of its own."""
     trials = []
     with ThreadPoolExecutor(s.settings.refits_side_by_side) as pool:
-        jobs = [pool.submit(_tried, s, signature, before) for signature in chosen]
+        jobs = [pool.submit(_tried, s, signature, before, report) for signature in chosen]
         for k, (signature, job) in enumerate(zip(chosen, jobs, strict=True)):
             report(f"refitting with {signature.variant.effect.name}", 0.2 + 0.6 * k / len(chosen))
             trials.append(job.result())
-    return sorted((_asked_again(s, t, before, report) for t in trials), key=lambda t: t.verdict.bic_change)
+    return sorted(trials, key=lambda t: t.verdict.bic_change)
 
 
-def _tried(s: CandidateModel, g: Signature, before: Score) -> Trial:
-    return tried(s, g.variant.effect, g.values, before)
+def _tried(s: CandidateModel, g: Signature, before: Score, report: Report) -> Trial:
+    return _asked_again(s, tried(s, g.variant.effect, g.values, before), before, report)
 
 
 def _asked_again(s: CandidateModel, trial: Trial, before: Score, report: Report) -> Trial:

@@ -12,6 +12,7 @@ from ..estimation.levenberg_marquardt import descend
 from ..estimation.result import FitResult, Termination
 from ..problem import weights
 from ..problem.problem import EstimationProblem
+from ..problem.program import concurrently
 from ..problem.residual import WeightedData
 from ..problem.trace import Trace
 from .candidate_model import CandidateModel
@@ -90,9 +91,9 @@ def refit_fully(s: CandidateModel, report: Report) -> CandidateModel:
     problem = s.problem.reprepared(s.x).with_room_for(s.held_out, s.x)
     weighted = problem.weighted(weights.forgiving(problem))
     tolerance = s.settings.refit_tolerance
-    x, _ = descend(problem, s.x, weighted, tolerance)
-    if s.far:
-        x = min(x, approach(problem, s.x, tolerance)[0], key=lambda end: problem.chi2(end, weighted))
+    ways = [lambda: descend(problem, s.x, weighted, tolerance), lambda: approach(problem, s.x, tolerance)]
+    ends = concurrently(lambda way: way()[0], ways if s.far else ways[:1])
+    x = min(ends, key=lambda end: problem.chi2(end, weighted)) if s.far else ends[0]
     limit = s.settings.near_chi2_per_dof if s.far else MISFIT
     if problem.chi2(x, weighted) / max(1.0, weighted.samples - x.size) > limit:
         if not s.far and not spoilt(new := _in_rounds(s, problem, s.x, report), s):

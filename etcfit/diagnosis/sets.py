@@ -20,6 +20,7 @@ import numpy as np
 from ..estimation.joint_fit import Report
 from ..estimation.remedies import listed
 from ..estimation.result import FitResult
+from ..problem.program import concurrently
 from .ambiguity import Apart, apart
 from .candidate_model import CandidateModel
 from .choice import Choice, Outcome, stands
@@ -186,7 +187,7 @@ def _begun_with(
     new = refit_fully(first.trying(pair.effects, pair.values).optimised(), report)
     if not holds(new, first, before):
         return None
-    less = {e: new.without(e).optimised() for e in pair.effects}
+    less = dict(zip(pair.effects, concurrently(lambda e: new.without(e).optimised(), pair.effects), strict=True))
     given = {e: judged(e, score(less[e]), new).verdict for e in pair.effects}
     if not all(stands(v, first.settings) for v in given.values()):
         return None

@@ -14,6 +14,7 @@ from ..estimation.joint_fit import Report
 from ..estimation.result import FitResult
 from ..model.effects import fraction
 from ..model.smooth import UNKNOWNS, AbstractSmooth
+from ..problem.program import concurrently
 from .candidate_model import CandidateModel
 from .choice import promises, stands
 from .composition import Effect, compose
@@ -148,7 +149,8 @@ def widened(result: FitResult, s: CandidateModel) -> CandidateModel:
 def _best(s: CandidateModel, before: Score) -> Trial | None:
     """The smooth curve that helps most, if any is worth it."""
     likely = screened(s, curves(s.composition.candidates))[: s.settings.curve_refits]
-    trials = [_tried(s, g, before) for g in likely if promises(g, before, s.settings)]
+    worth_it = [g for g in likely if promises(g, before, s.settings)]
+    trials = concurrently(lambda g: _tried(s, g, before), worth_it)
     best = best_curve([t.verdict for t in trials], s.settings)
     return None if best is None else trials[best]
 

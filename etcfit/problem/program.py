@@ -10,6 +10,8 @@ import os
 from collections.abc import Callable, Hashable, Mapping, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from functools import cache
+from itertools import count
+from pathlib import Path
 from threading import Lock
 from typing import Any, TypeVar
 
@@ -50,14 +52,18 @@ def side_by_side(work: Callable[[Piece], Any], pieces: Sequence[Piece]) -> list[
 
 
 def concurrently(work: Callable[[Piece], Made], pieces: Sequence[Piece]) -> list[Made]:
-    """The same for work in Python that runs programs, and may share these out by `side_by_side`: while one computes,
-    another thinks. It must not itself be called from such work."""
+    """The same for work in Python that runs programs, and may share these out by `side_by_side` or do several things
+    `concurrently` itself: while one compiles or computes, another thinks."""
     if len(pieces) < 2 or CORES < 2:
         return [work(piece) for piece in pieces]
-    return list(_pool("working").map(work, pieces))
+    with ThreadPoolExecutor(CORES, "etcfit working") as pool:
+        return list(pool.map(work, pieces))
 
 
 _PROGRAMS: list[Program] = []
+_MADE = count(1)  # programs compiled or loaded
+_LOOKED_AT = 10  # of them before the mappings of memory are counted again
+_CROWDED = 0.3  # of all mappings that a process may have: two diagnoses, some GB
 
 
 def compiled_so_far() -> dict[str, int]:
@@ -66,14 +72,36 @@ def compiled_so_far() -> dict[str, int]:
 
 
 def forget() -> None:
-    """Let go of everything that was compiled; what is asked for again comes from the disk (`executables.py`).
-
-    For a process that sees many models: an executable holds some ten mappings of memory, of which Linux gives a process
-    65,530 (`vm.max_map_count`), and XLA ends with a segmentation fault where it gets no more.
-    """
+    """Let go of everything that was compiled; what is asked for again comes from the disk (`executables.py`)."""
     for program in _PROGRAMS:
         program.forget()
     jax.clear_caches()
+
+
+def _make_room() -> None:
+    """Forget all before it gets too much.
+
+    An executable holds ten to two hundred mappings of memory, a diagnosis ten thousand. Linux gives a process 65,530
+    (`vm.max_map_count`), and XLA ends with a segmentation fault where it gets no more.
+    """
+    if next(_MADE) % _LOOKED_AT == 0 and memory_mappings() > _CROWDED * _most_mappings():
+        forget()
+
+
+def memory_mappings() -> int:
+    """Of this process; 0 where the system does not tell, and has no such limit that we know of."""
+    try:
+        return Path("/proc/self/maps").read_bytes().count(b"\n")
+    except OSError:
+        return 0
+
+
+@cache
+def _most_mappings() -> float:
+    try:
+        return float(Path("/proc/sys/vm/max_map_count").read_text(encoding="ascii"))
+    except (OSError, ValueError):
+        return 65530.0
 
 
 class Program:
@@ -143,6 +171,7 @@ class Program:
 
     def _made(self, args: tuple[Any, ...]) -> Any:
         """From disk where it was made before, else traced and compiled."""
+        _make_room()
         static, dynamic = args[: self._static], args[self._static :]
         asked = executables.digest_asked((self.__wrapped__, self._options, *static), dynamic)
         if asked is None:

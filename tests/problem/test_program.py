@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import sys
 import threading
-from pathlib import Path
 from typing import Any
 
 import jax.numpy as jnp
@@ -12,7 +11,15 @@ import numpy as np
 import pytest
 
 from etcfit.problem import program
-from etcfit.problem.program import CORES, Program, compiled_so_far, concurrently, forget, side_by_side
+from etcfit.problem.program import (
+    CORES,
+    Program,
+    compiled_so_far,
+    concurrently,
+    forget,
+    memory_mappings,
+    side_by_side,
+)
 
 
 def scaled(factor: float, kind: str, x: Any) -> Any:
@@ -56,19 +63,30 @@ def test_threads_that_ask_at_once_wait_for_the_one_that_compiles() -> None:
 @pytest.mark.skipif(sys.platform != "linux", reason="/proc/self/maps is Linux's")
 def test_what_is_forgotten_is_compiled_again_and_gives_its_mappings_of_memory_back() -> None:
     program = Program(scaled, static=2)
-
-    def mappings() -> int:
-        return len(Path("/proc/self/maps").read_bytes().splitlines())
-
     for size in range(3, 43):
         program(2.0, "right", np.ones(size))
-    kept, held = mappings(), program(2.0, "right", np.ones(3))
+    kept, held = memory_mappings(), program(2.0, "right", np.ones(3))
     forget()
     assert program.compiled == 0
     assert np.all(np.asarray(held) == 2.0)
-    assert mappings() < kept - 100
+    assert memory_mappings() < kept - 100
     assert np.all(np.asarray(program(2.0, "right", np.ones(3))) == 2.0)
     assert program.compiled == 1
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="/proc/self/maps is Linux's")
+def test_a_process_that_compiles_on_and_on_stays_below_the_mappings_it_may_have(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """With so few allowed above what is held already that sixty programs would need more."""
+    many, most = Program(scaled, static=2), memory_mappings() + 150
+    monkeypatch.setattr(program, "_most_mappings", lambda: most / program._CROWDED)
+    counts = []
+    for size in range(3, 63):
+        assert np.all(np.asarray(many(2.0, "right", np.ones(size))) == 2.0)
+        counts.append(many.compiled)
+    assert min(np.diff(counts)) < 0, "nothing was ever forgotten"
+    assert counts[:10] == [*range(1, 11)], "forgotten without need"
 
 
 def test_an_error_is_told_to_who_calls_and_not_kept() -> None:
