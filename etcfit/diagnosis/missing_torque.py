@@ -14,16 +14,15 @@ Source: synchronisation by a coupling (Abarbanel 2009); the guide as inverse dyn
 from __future__ import annotations
 
 from collections.abc import Mapping
-from functools import partial
 from typing import Any, NamedTuple
 
-import jax
 import jax.numpy as jnp
 import numpy as np
 
 from ..problem.free_parameters import SERIES, Form, Pick
 from ..problem.prediction_error import columns
 from ..problem.problem import EstimationProblem
+from ..problem.program import Program
 from ..problem.residual import run
 from .candidate_model import CandidateModel
 from .composition import is_of_the_rig
@@ -88,7 +87,7 @@ def guide_stiffness(values: Mapping[str, Any], gear: float, record: Guided, sett
     return min(torque * R_a / (gear * float(values["K_m"])), settings.guide_stable * fastest)
 
 
-@partial(jax.jit, static_argnums=0)
+@Program
 def _along(form: Form, x: Any, pick: Pick, arrays: Any) -> dict[str, Any]:
     """Signals along a guided run, (T, L) each, and what every effect contributes, (effects, T, L)."""
     throttle, (state, z), steps, _ = run(form, x, pick, arrays)

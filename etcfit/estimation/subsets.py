@@ -9,7 +9,7 @@ import jax
 import numpy as np
 
 from ..problem.problem import EstimationProblem
-from ..problem.residual import WeightedData, prior_residual
+from ..problem.residual import WeightedData, prior_residual_here
 from .levenberg_marquardt import descend
 from .pieces import Piece, pieces_of
 from .settings import FitSettings
@@ -81,8 +81,8 @@ def at(problem: EstimationProblem, weighted: WeightedData, x: np.ndarray, tests:
 
 def belief(problem: EstimationProblem, weighted: WeightedData, x: np.ndarray) -> np.ndarray:
     """Score of the priors at x, (x - mean) / sd^2, shape (P,)."""
-    own = prior_residual(problem.layout.padded(x), weighted) / np.asarray(weighted.prior_sd)
-    return np.asarray(own)[: x.size]
+    own = prior_residual_here(problem.layout.padded(x), weighted) / np.asarray(weighted.prior_sd)
+    return own[: x.size]
 
 
 def _muted(problem: EstimationProblem, weighted: WeightedData, tests: Collection[str]) -> WeightedData:

@@ -19,7 +19,7 @@ from .free_parameters import Form
 from .one_pass import advance, entries, has_single_pass, start
 from .problem import EstimationProblem
 from .program import CORES, Program, side_by_side
-from .residual import WeightedData, prior_residual, residual
+from .residual import WeightedData, prior_residual, prior_residual_here, residual
 
 _MOST = 64  # points in one pass; more fall out of the processor's caches
 _LEAST = 32  # the same where there are points enough for every core: fewer cost more each
@@ -51,8 +51,8 @@ def chi2_of(
 
 
 def _of_one(problem: EstimationProblem, x: Float[np.ndarray, " P"], weighted: WeightedData) -> float:
-    prior = prior_residual(problem.layout.padded(x), weighted)
-    chi2 = problem.chi2(x, weighted) + float(jnp.sum(prior**2))
+    prior = prior_residual_here(problem.layout.padded(x), weighted)
+    chi2 = problem.chi2(x, weighted) + float(np.sum(prior**2))
     return chi2 if np.isfinite(chi2) else np.inf
 
 

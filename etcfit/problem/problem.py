@@ -24,7 +24,7 @@ from .packing import rounded
 from .prediction_error import columns
 from .process_noise import free_run_variance, order_of
 from .program import QUICK, Program
-from .residual import Compared, WeightedData, compared, prior_residual, run
+from .residual import Compared, WeightedData, compared, prior_residual_here, run
 from .substeps import local_error, substeps_needed
 from .trace import Trace, prepare
 
@@ -228,7 +228,7 @@ class EstimationProblem:
         """
         padded = self.layout.padded(x)
         r, columns = linearised(self.layout.form, padded, weighted)
-        prior = np.asarray(prior_residual(padded, weighted))[: x.size]
+        prior = prior_residual_here(padded, weighted)[: x.size]
         return Linearisation(r, prior, columns[..., : x.size])
 
     def residual(self, x: Float[np.ndarray, " P"], weighted: WeightedData) -> Float[np.ndarray, "T L M"]:

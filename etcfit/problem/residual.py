@@ -42,7 +42,7 @@ class WeightedData(NamedTuple):
     @property
     def samples(self) -> float:
         """Number of samples that are fitted."""
-        return float(np.sum(self.slots.weight))
+        return float(np.sum(np.asarray(self.slots.weight)))
 
 
 def equipped(
@@ -139,6 +139,11 @@ def run(form: Form, x: Float[Array, " P"], pick: Pick, batch: BatchArrays | Weig
 def prior_residual(x: Float[AnyArray, " P"], weighted: WeightedData) -> Float[AnyArray, " P"]:
     """(x - mean) / sd of the Gaussian priors, shape (P,), dimensionless; 0 where there is none."""
     return (x - weighted.prior_mean) / weighted.prior_sd
+
+
+def prior_residual_here(x: Float[np.ndarray, " P"], weighted: WeightedData) -> Float[np.ndarray, " P"]:
+    """`prior_residual` outside all programs: by numpy, for which nothing is compiled."""
+    return (x - np.asarray(weighted.prior_mean)) / np.asarray(weighted.prior_sd)
 
 
 class Compared(NamedTuple):
