@@ -63,7 +63,7 @@ def concurrently(work: Callable[[Piece], Made], pieces: Sequence[Piece]) -> list
 _PROGRAMS: list[Program] = []
 _MADE = count(1)  # programs compiled or loaded
 _LOOKED_AT = 10  # of them before the mappings of memory are counted again
-_CROWDED = 0.3  # of all mappings that a process may have: two diagnoses, some GB
+CROWDED = 0.3  # of all mappings that a process may have: two diagnoses, some GB
 
 
 def compiled_so_far() -> dict[str, int]:
@@ -84,7 +84,7 @@ def _make_room() -> None:
     An executable holds ten to two hundred mappings of memory, a diagnosis ten thousand. Linux gives a process 65,530
     (`vm.max_map_count`), and XLA ends with a segmentation fault where it gets no more.
     """
-    if next(_MADE) % _LOOKED_AT == 0 and memory_mappings() > _CROWDED * _most_mappings():
+    if next(_MADE) % _LOOKED_AT == 0 and memory_mappings() > CROWDED * most_mappings():
         forget()
 
 
@@ -97,7 +97,8 @@ def memory_mappings() -> int:
 
 
 @cache
-def _most_mappings() -> float:
+def most_mappings() -> float:
+    """That a process may have."""
     try:
         return float(Path("/proc/sys/vm/max_map_count").read_text(encoding="ascii"))
     except (OSError, ValueError):

@@ -26,14 +26,14 @@ Job = tuple[Path, "Callable[[], Figure]"]
 """Where below a folder, and the call that draws it; for a helper a function and arguments that can be pickled."""
 
 _AHEAD = 2  # pictures that the helper is handed at once, so that it need not wait for this process to look up
-_helper: Helper | None = None
+at_hand: Helper | None = None  # of this process
 
 
 def begin_helper() -> None:
     """From now on a helper draws beside this process, where there is a core for it; it ends with this process."""
-    global _helper
-    if _helper is None and CORES > 1:
-        _helper = Helper()
+    global at_hand
+    if at_hand is None and CORES > 1:
+        at_hand = Helper()
 
 
 def draw_here(folder: Path, jobs: Sequence[Job], report: Report) -> None:
@@ -49,12 +49,12 @@ def draw_shared(folder: Path, jobs: Sequence[Job], report: Report) -> None:
     while waiting:
         path, draw = waiting.popleft()
         report(f"drawing {path}", 1.0 - (len(waiting) + 1) / len(jobs))
-        if _helper is not None and waiting and _helper.is_free():
-            _helper.take(folder / path, draw)
+        if at_hand is not None and waiting and at_hand.is_free():
+            at_hand.take(folder / path, draw)
         else:
             draw_one(folder / path, draw)
-    if _helper is not None:
-        _helper.finish()
+    if at_hand is not None:
+        at_hand.finish()
 
 
 def draw_one(path: Path, draw: Callable[[], Figure]) -> None:
@@ -125,7 +125,7 @@ def _serve(line: Connection[Any, Any]) -> None:
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # the one that began it is interrupted, and ends it
     if hasattr(os, "nice"):
         os.nice(10)  # whatever is fitted meanwhile comes first
-    from . import pictures  # noqa: F401  most of what drawing loads
+    from . import graphs, overview, traces  # noqa: F401  most of what drawing loads
 
     line.send(None)
     while True:

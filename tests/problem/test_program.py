@@ -80,7 +80,7 @@ def test_a_process_that_compiles_on_and_on_stays_below_the_mappings_it_may_have(
 ) -> None:
     """With so few allowed above what is held already that sixty programs would need more."""
     many, most = Program(scaled, static=2), memory_mappings() + 150
-    monkeypatch.setattr(program, "_most_mappings", lambda: most / program._CROWDED)
+    monkeypatch.setattr(program, "most_mappings", lambda: most / program.CROWDED)
     counts = []
     for size in range(3, 63):
         assert np.all(np.asarray(many(2.0, "right", np.ones(size))) == 2.0)

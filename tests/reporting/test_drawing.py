@@ -23,13 +23,13 @@ def nobody(text: str, share: float) -> None:
 @pytest.fixture
 def helper(monkeypatch: pytest.MonkeyPatch) -> Iterator[Helper]:
     monkeypatch.setattr(drawing, "CORES", 2)
-    monkeypatch.setattr(drawing, "_helper", None)
+    monkeypatch.setattr(drawing, "at_hand", None)
     begin_helper()
-    assert isinstance(drawing._helper, Helper)
+    assert isinstance(drawing.at_hand, Helper)
     until = time.monotonic() + 60.0
-    while not drawing._helper.is_free() and time.monotonic() < until:
+    while not drawing.at_hand.is_free() and time.monotonic() < until:
         time.sleep(0.05)
-    yield drawing._helper
+    yield drawing.at_hand
     for process in active_children():
         process.kill()
         process.join()
@@ -73,6 +73,6 @@ def test_where_the_helper_dies_its_pictures_are_drawn_here(helper: Helper, tmp_p
 
 def test_on_one_core_nobody_helps(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(drawing, "CORES", 1)
-    monkeypatch.setattr(drawing, "_helper", None)
+    monkeypatch.setattr(drawing, "at_hand", None)
     begin_helper()
-    assert drawing._helper is None
+    assert drawing.at_hand is None
