@@ -11,6 +11,7 @@ import signal
 import traceback
 from collections import deque
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from multiprocessing import get_context
 from multiprocessing.connection import Connection
 from pathlib import Path
@@ -127,13 +128,10 @@ def _serve(line: Connection[Any, Any]) -> None:
         os.nice(10)  # whatever is fitted meanwhile comes first
     from . import graphs, overview, traces  # noqa: F401  most of what drawing loads
 
-    line.send(None)
-    while True:
-        try:
-            path, draw = line.recv()
-        except EOFError:
-            return
-        line.send(_outcome(path, draw))
+    with suppress(EOFError, OSError):  # the one that began it has ended
+        line.send(None)
+        while True:
+            line.send(_outcome(*line.recv()))
 
 
 def _outcome(path: Path, draw: Callable[[], Figure]) -> Exception | None:

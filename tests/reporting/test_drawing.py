@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 import os
+import subprocess
+import sys
 import time
 from collections.abc import Iterator
 from functools import partial
 from multiprocessing import active_children
 from pathlib import Path
+from subprocess import PIPE
 
 import pytest
 
@@ -69,6 +72,20 @@ def test_where_the_helper_dies_its_pictures_are_drawn_here(helper: Helper, tmp_p
     assert len([*tmp_path.rglob("*.png")]) == 7
     draw_shared(tmp_path / "again", jobs(note), nobody)
     assert len([*(tmp_path / "again").rglob("*.png")]) == 6
+
+
+@pytest.mark.slow
+def test_a_helper_whose_principal_is_gone_ends_without_a_word() -> None:
+    """Killed while the helper loads, and while it waits. Its stderr ends only when nobody holds it any more."""
+    begin = "from etcfit.reporting import drawing; drawing.CORES = 2; drawing.begin_helper(); import time; "
+    ready = "[time.sleep(0.05) for _ in range(1200) if not drawing.at_hand.is_free()]; "
+    for until in ("", ready):
+        code = f"if __name__ == '__main__': {begin}{until}print(flush=True); time.sleep(60)"
+        with subprocess.Popen([sys.executable, "-c", code], stdout=PIPE, stderr=PIPE, text=True) as process:
+            assert process.stdout is not None
+            process.stdout.readline()
+            process.kill()
+            assert process.communicate(timeout=50)[1] == ""
 
 
 def test_on_one_core_nobody_helps(monkeypatch: pytest.MonkeyPatch) -> None:
