@@ -143,7 +143,8 @@ def prior_residual(x: Float[AnyArray, " P"], weighted: WeightedData) -> Float[An
 
 def prior_residual_here(x: Float[np.ndarray, " P"], weighted: WeightedData) -> Float[np.ndarray, " P"]:
     """`prior_residual` outside all programs: by numpy, for which nothing is compiled."""
-    return (x - np.asarray(weighted.prior_mean)) / np.asarray(weighted.prior_sd)
+    mean, sd = np.asarray(weighted.prior_mean), np.asarray(weighted.prior_sd)
+    return prior_residual(x, weighted._replace(prior_mean=mean, prior_sd=sd))
 
 
 class Compared(NamedTuple):

@@ -37,25 +37,24 @@ def begin_helper() -> None:
         at_hand = Helper()
 
 
-def draw_here(folder: Path, jobs: Sequence[Job], report: Report) -> None:
-    """Draw every picture below a folder, each a file that is written whole or not at all."""
-    for k, (path, draw) in enumerate(jobs):
-        report(f"drawing {path}", k / len(jobs))
-        draw_one(folder / path, draw)
+def draw_here(folder: Path, jobs: Sequence[Job], report: Report, helper: Helper | None = None) -> None:
+    """Draw every picture below a folder, each a file written whole or not at all, with a helper where one is given.
+
+    The last is never handed over: it would be waited for.
+    """
+    for k, (path, draw) in enumerate(jobs, 1):
+        report(f"drawing {path}", (k - 1) / len(jobs))
+        if helper is not None and k < len(jobs) and helper.is_free():
+            helper.take(folder / path, draw)
+        else:
+            draw_one(folder / path, draw)
+    if helper is not None:
+        helper.finish()
 
 
 def draw_shared(folder: Path, jobs: Sequence[Job], report: Report) -> None:
-    """The same, shared out between this process and the helper, where there is one: for many pictures of plain data."""
-    waiting = deque(jobs)
-    while waiting:
-        path, draw = waiting.popleft()
-        report(f"drawing {path}", 1.0 - (len(waiting) + 1) / len(jobs))
-        if at_hand is not None and waiting and at_hand.is_free():
-            at_hand.take(folder / path, draw)
-        else:
-            draw_one(folder / path, draw)
-    if at_hand is not None:
-        at_hand.finish()
+    """The same with this process's helper, where there is one: for many pictures of plain data."""
+    draw_here(folder, jobs, report, at_hand)
 
 
 def draw_one(path: Path, draw: Callable[[], Figure]) -> None:
