@@ -63,30 +63,33 @@ def test_threads_that_ask_at_once_wait_for_the_one_that_compiles() -> None:
 @pytest.mark.skipif(sys.platform != "linux", reason="/proc/self/maps is Linux's")
 def test_what_is_forgotten_is_compiled_again_and_gives_its_mappings_of_memory_back() -> None:
     program = Program(scaled, static=2)
+    forget()
+    before = memory_mappings()
     for size in range(3, 43):
         program(2.0, "right", np.ones(size))
     kept, held = memory_mappings(), program(2.0, "right", np.ones(3))
     forget()
     assert program.compiled == 0
     assert np.all(np.asarray(held) == 2.0)
-    assert memory_mappings() < kept - 100
+    assert memory_mappings() < kept - (kept - before) / 2
     assert np.all(np.asarray(program(2.0, "right", np.ones(3))) == 2.0)
     assert program.compiled == 1
 
 
-@pytest.mark.skipif(sys.platform != "linux", reason="/proc/self/maps is Linux's")
 def test_a_process_that_compiles_on_and_on_stays_below_the_mappings_it_may_have(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    """With so few allowed above what is held already that sixty programs would need more."""
-    many, most = Program(scaled, static=2), memory_mappings() + 150
-    monkeypatch.setattr(program, "most_mappings", lambda: most / program.CROWDED)
+    """How many a program holds depends on what lies beside it in memory: here ten each, and 200 are allowed."""
+    many = Program(scaled, static=2)
+    monkeypatch.setattr(program, "memory_mappings", lambda: 10 * many.compiled)
+    monkeypatch.setattr(program, "most_mappings", lambda: 200 / program.CROWDED)
     counts = []
-    for size in range(3, 63):
+    for size in range(3, 83):
         assert np.all(np.asarray(many(2.0, "right", np.ones(size))) == 2.0)
         counts.append(many.compiled)
-    assert min(np.diff(counts)) < 0, "nothing was ever forgotten"
-    assert counts[:10] == [*range(1, 11)], "forgotten without need"
+    assert counts[:20] == [*range(1, 21)], "forgotten without need"
+    assert np.sum(np.diff(counts) < 0) >= 2, "forgotten once at most"
+    assert max(counts) < 20 + 2 * 10, "looked too seldom"
 
 
 def test_an_error_is_told_to_who_calls_and_not_kept() -> None:
