@@ -202,11 +202,12 @@ def impact_nearby(before: State, after: State, steps: Step, slots: SampleSlots) 
     While the parameters move, the simulated impact moves by some samples. Samples around it are discounted too, or else
     one of full weight would meet the jump.
     """
-    stopped = (after.omega == 0.0) & (before.omega != 0.0) & (steps.mobile > 0.5) & (steps.plate > 0.5)
+    stopped = (after.omega == 0.0) & (before.omega != 0.0)
     on_stop = (after.theta <= steps.lower) | (after.theta >= steps.upper)
     # a motor that rattles in the play of its gear, beyond the stop of the plate
     rattled = (after.omega * before.omega < 0.0) & (jnp.minimum(after.theta, before.theta) < steps.lower)
-    lost = jnp.where((stopped & on_stop) | rattled, jnp.abs(before.omega - after.omega), 0.0)
+    has_stops = (steps.mobile > 0.5) & (steps.plate > 0.5)  # a motor without its plate turns back and meets nothing
+    lost = jnp.where(((stopped & on_stop) | rattled) & has_stops, jnp.abs(before.omega - after.omega), 0.0)
     here = running_sum(jnp.any(slots.weight > 0.0, axis=-1).astype(float))  # samples so far
 
     def follow(last: Any, row: Any) -> Any:

@@ -2,15 +2,19 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
 from etcfit.model.effects import PAPER
 from etcfit.model.effects.controller import Controller
+from etcfit.model.stepper import State, Step
+from etcfit.problem.batch import SampleSlots
 from etcfit.problem.free_parameters import free_parameters
 from etcfit.problem.problem import EstimationProblem
-from etcfit.problem.process_noise import ORDER, order_of
+from etcfit.problem.process_noise import ORDER, impact_nearby, order_of
 from etcfit.problem.trace import prepare
 from etcfit.rig.base import Channel, Fixed, Measurement, RigConfig
 
@@ -60,3 +64,29 @@ def test_the_filter_knows_the_current_better_the_more_samples_it_has_seen() -> N
 def test_an_engine_computer_adds_its_memories_and_an_instant_to_the_error_states() -> None:
     assert order_of(PAPER) == ORDER
     assert order_of((*PAPER, Controller)) == ORDER + len(Controller.z0) + 1
+
+
+@pytest.mark.parametrize(
+    ("theta", "omega", "mobile", "plate", "lost"),
+    [
+        pytest.param((0.1, 0.0), (-30.0, 0.0), 1.0, 1.0, 30.0, id="a plate that lands"),
+        pytest.param((0.0, -0.01), (-30.0, 12.0), 1.0, 1.0, 42.0, id="a motor that rattles in its gear's play"),
+        pytest.param((0.1, 0.1), (-3.0, 0.0), 1.0, 1.0, 0.0, id="a plate that sticks half open"),
+        pytest.param((-9.0, -9.0), (-2.0, 1.0), 1.0, 0.0, 0.0, id="a motor without a plate that turns back"),
+        pytest.param((0.0, 0.0), (-2.0, 0.0), 0.0, 1.0, 0.0, id="a plate that is held"),
+    ],
+)
+def test_an_impact_is_what_a_plate_or_its_gear_meets_and_five_samples_around_it_know(
+    theta: tuple[float, float], omega: tuple[float, float], mobile: float, plate: float, lost: float
+) -> None:
+    """The twentieth of forty steps, each with a sample; a stop at 0 and one far off."""
+    rows, at_step = 40, 20
+    moving = np.arange(rows)[:, None] == at_step
+    before, after = (State(np.zeros((rows, 1)), *(np.where(moving, x[k], 1.0) for x in (theta, omega))) for k in (0, 1))
+    nothing, sampled = np.zeros((rows, 1)), np.ones((rows, 1, 1))
+    required: dict[str, Any] = {field: nothing for field in Step._fields if field not in Step._field_defaults}
+    steps = Step(**required)
+    steps = steps._replace(upper=nothing + 99.0, mobile=nothing + mobile, plate=nothing + plate)
+    found = np.asarray(impact_nearby(before, after, steps, SampleSlots(*4 * (sampled,))))[:, 0]
+    near = np.abs(np.arange(rows) - at_step) <= 5
+    assert_allclose(found, np.where(near, lost, 0.0))
