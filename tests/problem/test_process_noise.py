@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from inspect import signature
 from typing import Any
 
 import numpy as np
@@ -84,9 +85,10 @@ def test_an_impact_is_what_a_plate_or_its_gear_meets_and_five_samples_around_it_
     moving = np.arange(rows)[:, None] == at_step
     before, after = (State(np.zeros((rows, 1)), *(np.where(moving, x[k], 1.0) for x in (theta, omega))) for k in (0, 1))
     nothing, sampled = np.zeros((rows, 1)), np.ones((rows, 1, 1))
-    required: dict[str, Any] = {field: nothing for field in Step._fields if field not in Step._field_defaults}
-    steps = Step(**required)
-    steps = steps._replace(upper=nothing + 99.0, mobile=nothing + mobile, plate=nothing + plate)
+    known: dict[str, Any] = {
+        name: nothing for name, each in signature(Step).parameters.items() if each.default is each.empty
+    }
+    steps = Step(**known | {"upper": nothing + 99.0, "mobile": nothing + mobile, "plate": nothing + plate})
     found = np.asarray(impact_nearby(before, after, steps, SampleSlots(*4 * (sampled,))))[:, 0]
     near = np.abs(np.arange(rows) - at_step) <= 5
     assert_allclose(found, np.where(near, lost, 0.0))

@@ -11,12 +11,12 @@ from ...diagnosis.findings import Candidate, Diagnosis, RoundReport, SetTried
 from ...estimation.intervals import Interval, intervals
 from ...estimation.joint_fit import FitResult
 from ..blocks import headed, plain_table, rig_title, sentences, spaced
+from ..likely import in_words
 from ..numbers import Digits, short
 from ..tables import STATUS_STYLE
 from .ledger import Entry, ledger
 
 _SHOWN = 5  # candidates a round
-_LIKELY = 0.02  # probability from which on a hypothesis is spoken of
 
 
 def diagnosis_table(diagnosis: Diagnosis) -> RenderableType:
@@ -63,9 +63,7 @@ def _unknown(entry: Entry) -> tuple[str, str]:
 
 
 def _probable(probabilities: Mapping[str, float]) -> list[str]:
-    """What has a probability worth a word, the likeliest first, in one line."""
-    likely = sorted(((p, name) for name, p in probabilities.items() if p >= _LIKELY), reverse=True)
-    return ["P: " + ", ".join(f"{name} {p:.2f}" for p, name in likely) + "."] if likely else []
+    return [f"P: {words}."] if (words := in_words(probabilities)) else []
 
 
 def _unexplained(diagnosis: Diagnosis) -> list[str]:

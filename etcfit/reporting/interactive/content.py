@@ -8,7 +8,7 @@ from ... import __version__
 from ...files import plain
 from ...run_folder import RunFolder, require
 from ..page.contents import read_run
-from ..page.verdict import model
+from ..page.verdict import left_unexplained, model
 from .closed_loop import loop_json
 from .plant import plant_json
 from .traces import Shelf, traces_json
@@ -34,6 +34,7 @@ def content(run: RunFolder) -> dict[str, Any]:
         "reason": final.reason,
         "model": model(contents),
         "diagnosed": diagnosis is not None,
+        "left_unexplained": left_unexplained(contents),
         "chi2_per_dof": float(final.chi2_per_dof),
         "plant": plant_json(final),
         "loop": loop_json(final, contents.get("pid")),

@@ -7,6 +7,7 @@ from itertools import chain
 from typing import Any
 
 from ..html import environment
+from ..likely import in_words
 from .car_log import to_record
 from .contents import Contents, logs_of
 from .control import (
@@ -69,6 +70,7 @@ def _parts(contents: Contents, budget: int) -> dict[str, Any]:
         "ledger": ledger_table(contents),
         "diagnosis": diagnosis,
         "ties": _ties(diagnosis),
+        "probable": in_words(diagnosis.get("probabilities") or {}).replace("_", " "),
         "unexplained": _unexplained(diagnosis),
         "plant": plant,
         "operating_point": operating_point(plant),

@@ -12,6 +12,7 @@ from ...estimation.joint_fit import MISFIT
 from ...estimation.remedies import listed
 from ...problem.prediction_error import pooled
 from ...rig.finding import ALLOWED_FOR
+from ..likely import UNEXPLAINED, likely
 from ..numbers import is_share
 from .contents import Contents, rows_of
 from .typeset import number, symbol, symbols, unit
@@ -22,7 +23,19 @@ NOISE = 1.2  # chi2 per degree of freedom up to which nothing but noise is left
 def verdict(contents: Contents) -> tuple[Markup, ...]:
     """The sentences at the top of the page."""
     known = _knows(contents) + gains_sentence(contents.get("pid")) + Markup(".")
-    return _fits(contents), _predicts(contents), *_mistakes(contents), *_contradicts(contents), known
+    return _fits(contents), _predicts(contents), *_left(contents), *_mistakes(contents), *_contradicts(contents), known
+
+
+def left_unexplained(contents: Contents) -> float | None:
+    """Probability that something acts which no known effect explains, where that is likelier than not."""
+    found = dict(likely(contents.get("diagnosis").get("probabilities") or {})).get(UNEXPLAINED, 0.0)
+    return found if found > 0.5 else None
+
+
+def _left(contents: Contents) -> Iterator[Markup]:
+    if (chance := left_unexplained(contents)) is not None:
+        text = "<strong>Something is left that no known effect explains</strong>, with probability {}."
+        yield Markup(text).format(number(chance, 2))
 
 
 def _mistakes(contents: Contents) -> Iterator[Markup]:

@@ -166,10 +166,19 @@ def test_a_fit_alone_is_enough_and_says_what_to_run_next(tmp_path: Path) -> None
     save_fit(tmp_path / "run", result)
     data = Reader(write_interactive(RunFolder(tmp_path / "run")).path.read_text(encoding="utf-8")).data
     assert not data["diagnosed"]
+    assert data["left_unexplained"] is None
     assert {each["light"] for each in data["traces"]} <= {"green", "yellow", "red"}
     bad = [each for each in data["traces"] if each["light"] != "green"]
     assert bad
     assert all("etcfit diagnose" in " ".join(each["cures"]) for each in bad)
+
+
+@pytest.mark.parametrize(("chance", "said"), [(0.9, True), (0.4, False)])
+def test_what_no_known_effect_explains_is_said_above_the_lights(tmp_path: Path, chance: float, said: bool) -> None:
+    found = replace(diagnoses.diagnosis(results.rig(tmp_path / "rig")), probabilities={"unexplained": chance})
+    page = write_interactive(made.kept(tmp_path / "run", found)).path.read_text(encoding="utf-8")
+    words = "Something is left that no known effect explains, with probability 0.90"
+    assert (words in re.sub(r"\s+", " ", page)) == said
 
 
 def test_what_a_file_says_stays_text(tmp_path: Path) -> None:

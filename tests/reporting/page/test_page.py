@@ -108,6 +108,19 @@ def test_the_verdict_is_three_sentences_and_names_what_is_lost(full: Path) -> No
     assert "<i>B</i><sub>L</sub>" in verdict
 
 
+@pytest.mark.parametrize(("chance", "sentences"), [(0.9, 1), (0.4, 0), (None, 0)])
+def test_what_no_known_effect_explains_stands_in_the_verdict_with_its_probability(
+    full: Path, chance: float | None, sentences: int
+) -> None:
+    runs.changed(full, "diagnosis", probabilities={"limp_home_spring": 0.991, "backlash": 0.01, "unexplained": chance})
+    page = write_page(full).path.read_text(encoding="utf-8")
+    verdict = page.partition('aria-label="Verdict"')[2].partition("</section>")[0]
+    said = "<strong>Something is left that no known effect explains</strong>, with probability 0.90."
+    assert verdict.count(said) == verdict.count("Something is left") == sentences
+    likely = "limp home spring 0.99" + (f", unexplained {chance:.2f}" if chance else "")
+    assert f"Probability, given these data: {likely}." in page
+
+
 def test_a_mistake_of_the_rig_stands_in_the_verdict_with_what_mends_it(full: Path) -> None:
     told = {"kind": "channel_gain", "test": "response", "channel": "current", "mend": '[model] effects = ["<b>"]'}
     runs.changed(full, "diagnosis", rig=[told])
