@@ -88,7 +88,8 @@ def test_an_impact_is_what_a_plate_or_its_gear_meets_and_five_samples_around_it_
     known: dict[str, Any] = {
         name: nothing for name, each in signature(Step).parameters.items() if each.default is each.empty
     }
-    steps = Step(**known | {"upper": nothing + 99.0, "mobile": nothing + mobile, "plate": nothing + plate})
+    known |= {"upper": nothing + 99.0, "mobile": nothing + mobile, "plate": nothing + plate}
+    steps = Step(**known)
     found = np.asarray(impact_nearby(before, after, steps, SampleSlots(*4 * (sampled,))))[:, 0]
     near = np.abs(np.arange(rows) - at_step) <= 5
     assert_allclose(found, np.where(near, lost, 0.0))
