@@ -31,7 +31,8 @@ class Contradiction:
         parameter: the one that it pulls most, symbol.
         pull: by how much leaving it out moves that, standard errors of noise alone.
         value, without: of that parameter, with the test and without it, SI.
-        p: probability of so large a disagreement, or a larger one, where there is none.
+        p: probability of so large a disagreement, or a larger one, where there is none and errors are as much larger
+            than stated as they may be (`ContradictionSettings.understated`).
         share: of the misfit that is gone if this test may differ from the others.
     """
 
@@ -126,13 +127,18 @@ class Comparison:
     def _screened(self, here: Subset, test: str) -> float:
         """log p to first order, as if noise were as declared: cheap, and never too lenient."""
         own, others = sides_of(here, test)
-        return disagreement(Split(undisputed(own), undisputed(others) + self.believed(here), self.reach, self.unknown))
+        return self._unlikely(
+            Split(undisputed(own), undisputed(others) + self.believed(here), self.reach, self.unknown)
+        )
+
+    def _unlikely(self, split: Split) -> float:
+        return disagreement(split, self.settings.understated)
 
     def _tried(self, here: Subset, test: str, together: float) -> Contradicting:
         without = self.refitted(here.x, tuple(each for each in here.tests if each != test))
         asked = without, test, self.believed(without), self.reach, self.unknown, self.whiteness
         two = parted(*asked)
-        if two.share(together) >= self.settings.share and disagreement(two.split) > self._bound(here):
+        if two.share(together) >= self.settings.share and self._unlikely(two.split) > self._bound(here):
             two = parted(*asked, self.refitted(without.x, (test,)))  # its own optimum may be more than a step away
-        p = float(np.exp(disagreement(two.split)))
+        p = float(np.exp(self._unlikely(two.split)))
         return Contradicting(test, here, without, p, two.share(together), together - two.misfit)

@@ -52,11 +52,12 @@ class Parted:
         return gain / (gain + left) if gain > 0.0 else 0.0
 
 
-def disagreement(split: Split) -> float:
+def disagreement(split: Split, understated: float = 1.0) -> float:
     """log p of T; 0 where no direction is determined by both sides, or a side has too few independent samples.
 
     Args:
         split: the two sides.
+        understated: times that their errors may exceed the standard errors stated.
     """
     common = split.told_by_own & split.told_by_others & (split.share > _LEAST) & (split.others_share > _LEAST)
     count = int(common.sum())
@@ -67,7 +68,7 @@ def disagreement(split: Split) -> float:
     own, others = b / split.share[common], b / split.others_share[common]
     z = others.T @ split.others.score - own.T @ split.own.score
     spread = own.T @ split.own.spread @ own + others.T @ split.others.spread @ others
-    t2 = float(z @ np.linalg.solve(spread, z))
+    t2 = float(z @ np.linalg.solve(spread, z)) / understated**2
     with np.errstate(divide="ignore"):  # log 0 where no double is small enough
         return float(np.log(fdtrc(count, freedom, max(t2, 0.0) * freedom / ((freedom + count - 1.0) * count))))
 

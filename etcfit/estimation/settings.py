@@ -63,6 +63,9 @@ class ContradictionSettings:
     Args:
         scatter: p-value below which traces, or tests, scatter by more than their noise, so that intervals are widened.
         level: probability that a rig test is named although none contradicts the others.
+        understated: times that errors may exceed their standard errors before tests are said to contradict each other.
+            Where few samples tell a parameter, those after an edge or an impact, errors are larger than stated
+            (docs/validation/calibration.md); as they are, one clean folder in twenty had a test that "contradicts".
         share: of the misfit that must be gone when a test may differ from the others, for it to be named.
         named: tests that may be named, one after the other; where one is mended the next shows by itself.
         compromise: chi2 per degree of freedom from which on no parameter is called estimated.
@@ -70,6 +73,7 @@ class ContradictionSettings:
 
     scatter: float = real(0.05, 0.0, 1.0)
     level: float = real(1e-3, 0.0, 1.0)
+    understated: float = real(1.5, 1.0, 100.0)
     share: float = real(0.5, 0.0, 1.0)
     named: int = whole(1, 0, 100)
     compromise: float = real(2.0, 0.0, 1e12)
