@@ -31,7 +31,7 @@ SEVERAL: Mapping[str, Mapping[str, float]] = {
     "torque_saturation": {"S_T": 0.05},
     "stribeck_friction": {"T_s": 0.05, "omega_s": 0.5},
     "load_dependent_friction": {"mu_g": 0.05},
-    "presliding_friction": {"T_z": 0.03, "delta_z": 0.005},
+    "presliding_friction": {"T_z": 0.03, "delta_z": 0.005, "tau_z": 1e-3},
     "backlash": {"g_b": 0.01, "t_b": 0.005},
     "stop_bounce": {"e_r": 0.3},
     "position_sensor_lag": {"tau_p": 2e-3},

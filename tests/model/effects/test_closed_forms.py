@@ -65,7 +65,10 @@ CLOSED: Mapping[str, Case] = {
     "load_dependent_friction": Case({"mu_g": 0.1}, {"friction": 0.08}, u={"motor": -1.0, "external": 0.6}),
     "motor_coulomb_friction": Case({"T_m": 0.004}, {"friction": N * 0.004}, SAME),
     "presliding_friction": Case(
-        {"T_z": 0.1, "delta_z": 0.01}, {"torque": -0.03, "dz": (-390.0,)}, {"dz": (-390.0,)}, z=(0.3,)
+        {"T_z": 0.1, "delta_z": 0.01, "tau_z": 2e-3},
+        {"torque": -0.1 * (0.3 - 0.78), "dz": (-390.0,)},
+        {"dz": (-390.0,)},
+        z=(0.3,),
     ),
     "backlash": Case(
         {"g_b": 0.02, "t_b": 0.01, "c_b": 0.7, "e_b": 0.3},

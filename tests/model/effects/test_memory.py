@@ -88,9 +88,9 @@ def test_a_sensor_without_lag_has_the_slope_of_a_delay() -> None:
 # ---- a contact that yields
 
 
-def contact(speed: float, angle: float) -> tuple[np.ndarray, np.ndarray]:
+def contact(speed: float, angle: float, tau_z: float = 0.0) -> tuple[np.ndarray, np.ndarray]:
     """Angle gone and torque of a contact that is slid along at a constant speed."""
-    effect = made(EFFECT_BY_NAME["presliding_friction"], T_z=0.08, delta_z=0.004)
+    effect = made(EFFECT_BY_NAME["presliding_friction"], T_z=0.08, delta_z=0.004, tau_z=tau_z)
     path = follow(effect, lambda t: (still(theta=speed * t, omega=speed), inputs()), angle / abs(speed), 4000)
     return path.x.theta, path.c.torque
 
@@ -103,14 +103,22 @@ def test_a_contact_slides_at_its_friction_torque(speed: float) -> None:
     assert abs(torque[-1]) == pytest.approx(0.08, rel=1e-6)
 
 
+def test_a_contact_is_damped_while_it_yields_and_not_where_it_slides() -> None:
+    """-T_z (1 + (tau_z v / delta_z - 1) exp(-angle / delta_z)) at speed v."""
+    angle, torque = contact(5.0, 0.06, tau_z=3e-3)
+    assert_allclose(torque, -0.08 * (1.0 + (3e-3 * 5.0 / 0.004 - 1.0) * np.exp(-angle / 0.004)), rtol=1e-6)
+    assert torque[0] == pytest.approx(-0.3, rel=1e-6)
+    assert torque[-1] == pytest.approx(-0.08, rel=1e-5)
+
+
 def test_a_contact_is_a_spring_before_it_slides() -> None:
     angle, torque = contact(1.0, 1e-5)
     assert_allclose(torque[1:] / angle[1:], -0.08 / 0.004, rtol=2e-3)
 
 
 def test_a_contact_is_bounded_by_its_friction_torque() -> None:
-    """|s| <= 1 under any motion that begins inside."""
-    effect = made(EFFECT_BY_NAME["presliding_friction"], T_z=0.08, delta_z=0.004)
+    """|s| <= 1 under any motion that begins inside; damping comes on top."""
+    effect = made(EFFECT_BY_NAME["presliding_friction"], T_z=0.08, delta_z=0.004, tau_z=0.0)
 
     def motion(t: Any) -> tuple[State, Inputs]:
         return still(omega=3.0 * jnp.sin(40.0 * t) + jnp.cos(97.0 * t)), inputs()

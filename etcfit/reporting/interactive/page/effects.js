@@ -58,8 +58,8 @@
     } },
     motor_coulomb_friction: { add(p, x, z, u, c) { c.friction += u.gear_ratio * p.T_m; } },
     presliding_friction: { z0: [0], add(p, x, z, u, c, at) {
-      c.torque -= u.plate * p.T_z * z[at];
       c.dz[at] = (x.omega - abs(x.omega) * z[at]) / p.delta_z;
+      c.torque -= u.plate * p.T_z * (z[at] + p.tau_z * c.dz[at]);
     } },
     backlash: { z0: [1], loaded: true, add(p, x, z, u, c, at) {
       const behind = 0.5 * u.plate * p.g_b * (1 - z[at]), below = u.plate > 0.5 ? u.lower - x.theta : 0;
