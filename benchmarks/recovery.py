@@ -133,8 +133,7 @@ def table(outcomes: list[Outcome]) -> str:
         f"{len(outcomes)} folders, {sum(o.converged for o in outcomes)} converged; intervals cover "
         f"{100 * pairs.mean():.1f} % of {pairs.size} pairs; median gain over the reading {np.median(gain):.1f}; "
         f"chi2/dof {np.mean([o.chi2 for o in outcomes]):.4f} mean; "
-        f"{np.median([o.seconds for o in outcomes]):.1f} s a fit; {unstated} ended as a compromise, which states ranges "
-        "and no standard error"
+        f"{np.median([o.seconds for o in outcomes]):.1f} s a fit; {unstated} without standard errors (a compromise)"
     )
     return "\n".join(lines)
 
