@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-UNEXPLAINED = "unexplained"  # among the hypotheses: something acts that no known effect explains
 _WORTH_A_WORD = 0.02
 
 

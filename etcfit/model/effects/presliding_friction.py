@@ -19,7 +19,7 @@ class PreslidingFriction(AbstractEffect):
     the set-valued friction T_f, which does not yield. Without damping a plate at rest swings on its contact for long.
 
     Source: Dahl 1968, A solid friction model, TOR-0158(3107-18)-1; Canudas de Wit, Olsson, Astrom and Lischinsky 1995,
-    IEEE Trans. Autom. Control 40(3), eq. 3 with sigma_1 = T_z tau_z/delta_z. Differs from source: no Stribeck effect.
+    IEEE Trans. Autom. Control 40(3), with sigma_1 = T_z tau_z/delta_z. Differs from source: no Stribeck effect.
     """
 
     name = "presliding_friction"

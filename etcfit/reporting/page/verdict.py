@@ -7,12 +7,12 @@ from typing import Any
 
 from markupsafe import Markup
 
+from ...diagnosis.probabilities import UNEXPLAINED
 from ...estimation.contradiction import digits_apart
 from ...estimation.joint_fit import MISFIT
 from ...estimation.remedies import listed
 from ...problem.prediction_error import pooled
 from ...rig.finding import ALLOWED_FOR
-from ..likely import UNEXPLAINED, likely
 from ..numbers import is_share
 from .contents import Contents, rows_of
 from .typeset import number, symbol, symbols, unit
@@ -28,8 +28,8 @@ def verdict(contents: Contents) -> tuple[Markup, ...]:
 
 def left_unexplained(contents: Contents) -> float | None:
     """Probability that something acts which no known effect explains, where that is likelier than not."""
-    found = dict(likely(contents.get("diagnosis").get("probabilities") or {})).get(UNEXPLAINED, 0.0)
-    return found if found > 0.5 else None
+    found = (contents.get("diagnosis").get("probabilities") or {}).get(UNEXPLAINED)
+    return found if found and found > 0.5 else None
 
 
 def _left(contents: Contents) -> Iterator[Markup]:
