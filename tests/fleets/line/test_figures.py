@@ -145,7 +145,7 @@ def test_a_contact_that_yields_before_it_slides_counts_once_it_does() -> None:
     units = fleets.truths(2, 1)
     plain = measured(fleets.of(units))["current_hysteresis"].value
     share = 0.25 * np.array([unit.T_f for unit in units])
-    model = fleets.of(units, ("presliding_friction",), T_z=share, delta_z=np.full(2, 0.002))
+    model = fleets.of(units, ("presliding_friction",), T_z=share, delta_z=np.full(2, 0.002), tau_z=np.full(2, 0.01))
     assert measured(model)["current_hysteresis"].value == pytest.approx(1.25 * plain, rel=1e-9)
 
 
