@@ -12,7 +12,6 @@ from ..errors import MeasurementError
 from ..problem import weights
 from ..problem.chi2 import chi2_of
 from ..problem.free_parameters import FreeParameters, free_parameters
-from ..problem.prediction_error import columns
 from ..problem.problem import EstimationProblem
 from ..problem.program import concurrently
 from ..problem.residual import WeightedData
@@ -22,21 +21,20 @@ from ..rig.checks import refuse
 from ..rig.paper_readings import Readings, read_graphs
 from .accuracy import with_accuracy
 from .edges_in_step import with_edges_in_step
-from .global_search import evolve, settle
-from .levenberg_marquardt import descend, local, minimise
+from .global_search import evolve
+from .levenberg_marquardt import descend, minimise
+from .neighbouring_optima import deepest_nearby
 from .result import FitResult as FitResult
-from .result import Optimum, Reason, Termination, outcome
+from .result import Optimum, Termination, outcome
 from .result import StartSummary as StartSummary
+from .rounds import Reached, searched, whitened
+from .rounds import Report as Report
+from .rounds import quiet as quiet
+from .rounds import rounds as rounds
 from .settings import FitSettings
-
-Report = Callable[[str, float], None]  # called with what is going on and the share of the work done, 0 to 1
 
 _SPARE = 1.06  # room for held-out traces over what they need at the start: at other values they need a few steps more
 MISFIT = FitSettings().misfit  # see there; the default, for whoever judges a fit by its JSON file alone
-
-
-def quiet(text: str, share: float) -> None:
-    """A progress report that says nothing."""
 
 
 def start_values(free_parameters: FreeParameters, readings: Readings) -> dict[str, float]:
@@ -124,8 +122,8 @@ def fit(
     near = None if about is None else _from_a_like_body(problem, start, about, settings)
     x, starts, misfit = near or _from_several_starts(problem, start, report, settings)
     x = _with_lag_of(start, problem, x)
-    problem = problem.with_release_times(x).with_integrator_states(x).with_setpoint_jumps(x)
-    finish = _whitened if misfit < settings.misfit else _free_running
+    problem = problem.with_instants(x)
+    finish = whitened if misfit < settings.misfit else _free_running
     reached = finish(problem, x, report, settings)
     trusted = not reached.end.far
     clocked = with_edges_in_step(rig, reached.problem, held_out, reached.x, settings.edges) if trusted else None
@@ -133,6 +131,8 @@ def fit(
         report("edges in step with the samples: fitting their phase", 0.9)
         rig, (fitted, held_out, _) = clocked, ready(clocked)
         reached = _fitted_again(clocked, fitted, reached, settings)
+    if trusted and reached.problem.controlled:
+        reached = deepest_nearby(reached, report, settings)
     problem, weighted, x, end = reached
     optimum = Optimum(rig, readings, problem, held_out, weighted, x, end, starts, notes, settings)
     return with_accuracy(outcome(optimum))
@@ -278,78 +278,13 @@ def approach(
     return x, steps
 
 
-class Reached(NamedTuple):
-    """Where a part of the fit ended.
-
-    Args:
-        problem: the data with releases, integrator states, jitter and outliers as last renewed.
-        weighted: what the residual was minimised over.
-        x: coordinates, shape (P,).
-        end: why it ended.
-    """
-
-    problem: EstimationProblem
-    weighted: WeightedData
-    x: np.ndarray
-    end: Termination
-
-
-def _whitened(
-    problem: EstimationProblem, x: np.ndarray, report: Report, settings: FitSettings = FitSettings()
-) -> Reached:
-    """The rounds, and a search from where they end short of an optimum."""
-    reached = rounds(problem, x, report, settings.settled, settings.rounds, settings)
-    if reached.end.gain > settings.decrement:
-        return _searched(reached, report, settings)
-    return reached
-
-
 def _fitted_again(rig: Rig, fitted: tuple[Trace, ...], reached: Reached, settings: FitSettings) -> Reached:
     """The rounds once more, of a rig of which more is known and of its traces, from where they ended."""
     known, before = free_parameters(rig.config), reached.problem
     found = before.layout.values(reached.x, before.free_parameters.held)
     x = known.layout.coordinates({**known.start, **found})
     problem = EstimationProblem.of(rig.config, known, fitted).refined(x)
-    return _whitened(problem.with_release_times(x).with_integrator_states(x).with_setpoint_jumps(x), x, quiet, settings)
-
-
-def rounds(
-    problem: EstimationProblem,
-    x: np.ndarray,
-    report: Report,
-    still: float,
-    most: int,
-    settings: FitSettings = FitSettings(),
-) -> Reached:
-    """Renew the whitening filter, the releases and the outliers at each optimum until nothing moves any more.
-
-    Args:
-        problem: the traces.
-        x: coordinates near an optimum, shape (P,).
-        report: progress.
-        still: what counts as not moving, standard errors.
-        most: rounds.
-        settings: thresholds of the verdict, tolerance and budget of each descent.
-    """
-    moved, outliers, about = np.inf, 0, x
-    for k in range(most):
-        report(f"whitening {k + 1}: moved {moved:.2g} standard errors", 0.5 + 0.4 * k / most)
-        weighted = problem.weighted(problem.kalman(about))
-        down = descend if k < settings.off_bound_rounds else minimise
-        x, _ = down(problem, x, weighted, settings.tolerance, settings.steps)
-        here = local(problem, x, weighted)
-        moved = float(np.max(np.abs(x - about) / np.sqrt(np.diag(here.covariance))))
-        if (moved < still and k > 0) or k == most - 1:
-            break
-        # later rounds linearise half way: an impact that crosses a sampling instant makes two optima alternate
-        early = k < settings.clock_rounds
-        about = x if early else 0.5 * (about + x)
-        whitened = columns(problem.batch, here.r)
-        problem = weights.timed(problem, x, here.r) if early else problem
-        problem = problem.with_release_times(about).with_integrator_states(about).with_setpoint_jumps(about)
-        problem, outliers = weights.outliers_weighed(problem, whitened)
-    end = after_rounds(moved, here.gain, outliers, settings)
-    return Reached(problem, weighted, x, replace(end, wander=x - about, gain=here.gain))
+    return whitened(problem.with_instants(x), x, quiet, settings)
 
 
 def _free_running(problem: EstimationProblem, x: np.ndarray, report: Report, settings: FitSettings) -> Reached:
@@ -362,7 +297,7 @@ def _free_running(problem: EstimationProblem, x: np.ndarray, report: Report, set
     for k in range(settings.reweighings):
         report("no start comes near the data: searching about the best", 0.5 + 0.1 * k)
         problem, weighted, x = freed(problem, x, settings.spread / 2.0**k, settings)
-    reached = _searched(Reached(problem, weighted, x, Termination(False, "")), report, settings)
+    reached = searched(Reached(problem, weighted, x, Termination(False, "")), report, settings)
     return reached._replace(end=replace(reached.end, far=True))
 
 
@@ -394,50 +329,3 @@ def freed(problem: EstimationProblem, x: np.ndarray, spread: float, settings: Fi
     x = evolve(problem, x, weighted, spread * problem.layout.reach(x), settings.search)
     x, _ = minimise(problem, x, weighted, settings.tolerance, settings.steps)
     return FreeRun(problem, weighted, x)
-
-
-def after_rounds(moved: float, gain: float, outliers: int = 0, settings: FitSettings = FitSettings()) -> Termination:
-    """Whether the end of the rounds is an optimum.
-
-    Args:
-        moved: by how much the last round moved the parameter that it moved most, standard errors.
-        gain: chi2 that the gradient still promises, in units of chi2 per degree of freedom.
-        outliers: samples weighed down.
-        settings: `wandering` and `alternating`, the limits of `moved`.
-    """
-    if not np.isfinite(gain):
-        text = "the model cannot be computed at the point reached"
-        return Termination(False, text, outliers, reason_code=Reason.NOT_COMPUTABLE)
-    if moved > settings.wandering:
-        text = f"the last round still moved a parameter by {moved:.2g} standard errors"
-        return Termination(False, text, outliers, reason_code=Reason.WANDERING)
-    still = f"gradient zero to {gain:.1e} of chi2"
-    if moved > settings.alternating:
-        text = f"{still}; the rounds alternate by {moved:.2g} standard errors, which the intervals include"
-        return Termination(True, text, outliers, reason_code=Reason.ALTERNATING)
-    text = f"{still}, last round moved {moved:.2g} standard errors"
-    return Termination(True, text, outliers, reason_code=Reason.OPTIMUM)
-
-
-def after_search(gain: float, outliers: int = 0, settings: FitSettings = FitSettings()) -> Termination:
-    """Whether the end of a search without a gradient is an optimum.
-
-    Args:
-        gain: chi2 that the last points drawn still gained, in units of chi2 per degree of freedom.
-        outliers: samples weighed down.
-        settings: `rough`, the limit of `gain`.
-    """
-    if gain > settings.rough:
-        text = f"points about the end still lower chi2, by {gain:.2g} of its own size per sample"
-        return Termination(False, text, outliers, reason_code=Reason.ROUGH)
-    text = f"chi2 is too rough for its gradient; no point drawn within a standard error lowers it by {settings.rough}"
-    return Termination(True, text, outliers, reason_code=Reason.SEARCHED)
-
-
-def _searched(reached: Reached, report: Report, settings: FitSettings) -> Reached:
-    """Go on without a gradient from where it leads no further."""
-    problem, weighted, x, end = reached
-    here = local(problem, x, weighted)
-    report("the gradient does not vanish: searching without it", 0.9)
-    x, gain = settle(problem, x, weighted, here.covariance, here.unit, settings.search)
-    return Reached(problem, weighted, x, after_search(gain, end.outliers, settings))

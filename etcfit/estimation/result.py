@@ -168,8 +168,9 @@ class Termination:
         converged, reason: whether at an optimum.
         outliers: samples weighed down.
         far: the model is far from the data and was fitted free-running.
-        wander: what the last round moved, coordinates, shape (P,): where an impact or a slip falls on either side of a
-            sample, two whitenings alternate, and neither is better; the intervals include the difference.
+        wander: what the last round moved, coordinates, shape (1, P): where an impact or a slip falls on either side of
+            a sample, two whitenings alternate, and neither is better; the intervals include the difference. Below it,
+            one row each, how far optima nearby lie away that the data hardly rule out (`neighbouring_optima`).
         gain: chi2 that the gradient still promises, in units of chi2 per degree of freedom.
         reason_code: `reason` for programs; None where the end was not judged by the joint fit.
     """
@@ -280,9 +281,9 @@ def _spread(optimum: Optimum, here: Linearisation, pieces: tuple[Piece, ...]) ->
     covariance, _, correlated = widen(certain, [(p.jacobian, p.r) for p in pieces], settings.whiteness)
     if wander is None:
         return _Spread(certain, covariance, correlated, ())
-    far_off = np.abs(wander) > 0.5 * np.sqrt(np.diag(covariance))
+    far_off = np.sqrt(np.sum(wander**2, axis=0)) > 0.5 * np.sqrt(np.diag(covariance))
     alternating = tuple(s for s, off in zip(problem.layout.free, far_off, strict=True) if off)
-    return _Spread(certain, covariance + np.outer(wander, wander), correlated, alternating)
+    return _Spread(certain, covariance + wander.T @ wander, correlated, alternating)
 
 
 class _Predictions(NamedTuple):
@@ -339,8 +340,8 @@ def _alternation(symbols: tuple[str, ...]) -> list[str]:
         return []
     names = ", ".join(symbols)
     return [
-        f"The rounds of the fit alternate in {names}: an impact or a slip falls on either side of a sample, and "
-        "neither reading of it is better. Their intervals are widened by the difference."
+        f"The rounds of the fit alternate in {names}: an impact or a slip falls on either side of a sample, and no "
+        "reading of it is better. Their intervals are widened by the difference."
     ]
 
 

@@ -277,9 +277,7 @@ class EstimationProblem:
         other = (
             EstimationProblem.of(self.config, self.free_parameters, traces, None, self.shape)
             .refined(x)
-            .with_release_times(x)
-            .with_integrator_states(x)
-            .with_setpoint_jumps(x)
+            .with_instants(x)
         )
         return replace(other, jitter=self.jitter, guide_stiffness=self.guide_stiffness)
 
@@ -320,6 +318,16 @@ class EstimationProblem:
         predicted = self.free_run(x)
         traces = tuple(_better_release(t, y) for t, y in zip(self.batch.traces, predicted, strict=True))
         return self._of(traces)
+
+    def with_instants(self, x: Float[np.ndarray, " P"]) -> EstimationProblem:
+        """The problem with all that nobody logged read off the data anew at x, shape (P,): instants of releases and of
+        jumps of a setpoint, integrals of an ECU."""
+        return self.with_release_times(x).with_integrator_states(x).with_setpoint_jumps(x)
+
+    @property
+    def controlled(self) -> bool:
+        """True where an ECU in the model drives a trace."""
+        return any(trace.controlled for trace in self.batch.traces)
 
     @property
     def sees_jumps(self) -> bool:
