@@ -15,8 +15,6 @@ from etcfit.estimation.intervals import intervals
 from etcfit.estimation.joint_fit import (
     Descent,
     FitResult,
-    after_rounds,
-    after_search,
     approach,
     deepest,
     fit,
@@ -25,6 +23,7 @@ from etcfit.estimation.joint_fit import (
 )
 from etcfit.estimation.levenberg_marquardt import descend, information_of
 from etcfit.estimation.result import Reason
+from etcfit.estimation.rounds import after_rounds, after_search
 from etcfit.estimation.settings import FitSettings
 from etcfit.problem.free_parameters import free_parameters
 from etcfit.problem.problem import EstimationProblem

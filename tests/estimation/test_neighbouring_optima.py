@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from types import SimpleNamespace
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import pytest
@@ -15,12 +14,40 @@ from etcfit.estimation.rounds import Reached
 from etcfit.estimation.settings import FitSettings
 
 
+class Samples(NamedTuple):
+    """What counts of each sample: whether it was logged, or 1 / sqrt(S)."""
+
+    weight: np.ndarray
+
+
+class Weighted(NamedTuple):
+    """Data, filter and prior."""
+
+    slots: Samples
+    whitening: Samples
+    prior_mean: np.ndarray
+    prior_sd: np.ndarray
+
+
+class Known(NamedTuple):
+    """What a linearisation tells."""
+
+    covariance: np.ndarray
+
+
+class Coordinates:
+    """Each of which changes by a hundred percent over 1."""
+
+    def reach(self, x: np.ndarray) -> np.ndarray:
+        return np.ones(x.size)
+
+
 class Line:
     """A straight line through the origin: residual (y - x) / sd for each of three samples, the last not logged."""
 
     def __init__(self, sd: float) -> None:
         self.y, self.sd = np.array([1.0, 2.0, np.nan]), sd
-        self.layout = SimpleNamespace(reach=lambda x: np.ones(x.size))
+        self.layout = Coordinates()
 
     def residual(self, x: np.ndarray, weighted: Any) -> np.ndarray:
         return np.nan_to_num((self.y - x[0]) / self.sd)
@@ -33,14 +60,10 @@ class Line:
 
 
 def end(x: float, sd: float = 0.5, prior_sd: float = np.inf, wander: np.ndarray | None = None) -> Any:
-    weighted = SimpleNamespace(
-        slots=SimpleNamespace(weight=np.array([1.0, 1.0, 0.0])),
-        whitening=SimpleNamespace(weight=np.array([1.0 / sd, 1.0 / sd, 0.0])),
-        prior_mean=np.array([1.0]),
-        prior_sd=np.array([prior_sd]),
-    )
+    seen = np.array([1.0, 1.0, 0.0])
+    weighted: Any = Weighted(Samples(seen), Samples(seen / sd), np.array([1.0]), np.array([prior_sd]))
     line: Any = Line(sd)
-    return Reached(line, weighted, np.array([x]), Termination(True, "", wander=wander))  # type: ignore[arg-type]
+    return Reached(line, weighted, np.array([x]), Termination(True, "", wander=wander))
 
 
 @pytest.mark.parametrize("sd", [0.2, 0.5, 2.0])
@@ -59,8 +82,7 @@ def test_a_filter_that_expects_large_errors_is_not_likelier_for_its_small_chi2()
 def test_the_likeliest_end_is_kept_and_the_others_widen_it(monkeypatch: pytest.MonkeyPatch) -> None:
     found = iter([end(1.5, wander=np.array([[0.01]])), end(1.2), end(-9.0)])
     monkeypatch.setattr(neighbouring_optima, "rounds", lambda *_: next(found))
-    covariance = SimpleNamespace(covariance=np.array([[0.01]]))
-    monkeypatch.setattr(neighbouring_optima, "local", lambda *_: covariance)
+    monkeypatch.setattr(neighbouring_optima, "local", lambda *_: Known(np.array([[0.01]])))
     first = end(1.9)
     kept = deepest_nearby(first, lambda *_: None, FitSettings(neighbours=3))
     assert kept.x[0] == 1.5
@@ -83,7 +105,7 @@ def test_no_point_is_begun_from_that_the_model_cannot_compute(monkeypatch: pytes
         return end(1.5)
 
     monkeypatch.setattr(neighbouring_optima, "rounds", rounds)
-    monkeypatch.setattr(neighbouring_optima, "local", lambda *_: SimpleNamespace(covariance=np.array([[100.0]])))
+    monkeypatch.setattr(neighbouring_optima, "local", lambda *_: Known(np.array([[100.0]])))
     settings = FitSettings(neighbours=40, neighbourhood=(1.0,), within=2.0)
     deepest_nearby(end(1.5), lambda *_: None, settings)
     assert 0 < len(begun) < 40
