@@ -21,6 +21,8 @@ from typing import Any
 
 import numpy as np
 
+from etcfit.estimation.settings import FitSettings
+
 GAINS = {"K_p": 6.0, "K_i": 40.0, "K_d": 0.12}  # of the ECU, SI
 LOGS, DURATION = ("steps", "ramps"), 1.5  # s each
 CASES: dict[str, Mapping[str, str]] = {
@@ -52,14 +54,14 @@ def write(path: Path, seed: int, case: str) -> dict[str, float]:
     return {**{s: truth.volts_for(torque) for s, torque in volts.items()}, "V_w": speed, **GAINS}
 
 
-def one(seed: int, case: str, folder: Path) -> dict[str, Any]:
+def one(seed: int, case: str, folder: Path, settings: FitSettings) -> dict[str, Any]:
     """Simulate and fit: z = (found - true)/standard error of each volt or ratio; None where there is no interval."""
     from etcfit.estimation.intervals import intervals, lumped
     from etcfit.estimation.joint_fit import fit
     from etcfit.rig.reader import read_folder
 
     true = write(folder / "rig", seed, case)
-    result = fit(read_folder(folder / "rig"))
+    result = fit(read_folder(folder / "rig"), settings=settings)
     stated = {**lumped(result), **intervals(result)}
     if case == "known":
         z = {s: _z(stated[s].value - true[s], stated[s].stderr) for s in VOLTS}
@@ -116,6 +118,10 @@ def main() -> None:
     parser.add_argument("--folders", type=int, default=40)
     parser.add_argument("--first-seed", type=int, default=17_500)
     parser.add_argument("--save", type=Path, required=True, help="JSON lines; what is in it is not done again")
+    neighbours = FitSettings().neighbours
+    parser.add_argument(
+        "--neighbours", type=int, default=neighbours, help="see FitSettings; 0: no optimum but the first"
+    )
     choices = parser.parse_args()
     from etcfit.backend import use_compilation_cache
 
@@ -126,7 +132,7 @@ def main() -> None:
         if any((o["seed"], o["case"]) == (seed, case) for o in done):
             continue
         with tempfile.TemporaryDirectory() as scratch:
-            done.append(one(seed, case, Path(scratch)))
+            done.append(one(seed, case, Path(scratch), FitSettings(neighbours=choices.neighbours)))
         with choices.save.open("a", encoding="utf-8") as file:
             file.write(json.dumps(done[-1]) + "\n")
         print(f"seed {seed}, {case}: chi2/dof {done[-1]['chi2_per_dof']:.2f}, {done[-1]['z']}", flush=True)

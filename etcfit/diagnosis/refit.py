@@ -7,9 +7,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..estimation.joint_fit import MISFIT, Report, approach, rounds
+from ..estimation.joint_fit import MISFIT, Report, approach
 from ..estimation.levenberg_marquardt import descend
 from ..estimation.result import FitResult, Termination
+from ..estimation.rounds import rounds
 from ..problem import weights
 from ..problem.problem import EstimationProblem
 from ..problem.program import concurrently

@@ -30,7 +30,6 @@ from .result import StartSummary as StartSummary
 from .rounds import Reached, searched, whitened
 from .rounds import Report as Report
 from .rounds import quiet as quiet
-from .rounds import rounds as rounds
 from .settings import FitSettings
 
 _SPARE = 1.06  # room for held-out traces over what they need at the start: at other values they need a few steps more

@@ -1,8 +1,8 @@
 """Optima that lie side by side, and which of them is meant.
 
 Under an ECU a tick, a slip or a jump of the setpoint falls on either side of a sample, and the rounds of whitening end
-in one of several optima: in that near which they began. They are begun again from points about the end. Of all ends
-that one is kept which makes the data likeliest, by
+in one of several optima: in that near which they began. They are begun again from that end and from points about it.
+Of all ends that one is kept which makes the data likeliest, by
 
     -2 log L = sum_k (r_k^2 + log S_k) + r_prior^2
 
@@ -23,9 +23,10 @@ from dataclasses import replace
 import numpy as np
 from jaxtyping import Float
 
+from ..problem.chi2 import chi2_of
 from ..problem.program import concurrently
 from .levenberg_marquardt import local
-from .rounds import Reached, Report, quiet, rounds, searched
+from .rounds import Reached, Report, finished, quiet, rounds
 from .settings import FitSettings
 
 
@@ -33,10 +34,8 @@ def deviance(reached: Reached) -> float:
     """-2 log L of the data at an end, up to a constant; infinite where the model cannot be computed there."""
     problem, weighted, x, _ = reached
     seen = np.asarray(weighted.slots.weight) > 0.0
-    r, weight = problem.residual(x, weighted)[seen], np.asarray(weighted.whitening.weight)[seen]
-    mean, sd = (np.asarray(each)[: x.size] for each in (weighted.prior_mean, weighted.prior_sd))
-    total = float(np.sum(r**2) - 2.0 * np.sum(np.log(weight)) + np.sum(((x - mean) / sd) ** 2))
-    return total if np.isfinite(total) else np.inf
+    precision = np.asarray(weighted.whitening.weight)[seen]
+    return float(chi2_of(problem, x[None], weighted)[0] - 2.0 * np.sum(np.log(precision)))
 
 
 def deepest_nearby(reached: Reached, report: Report, settings: FitSettings = FitSettings()) -> Reached:
@@ -54,16 +53,14 @@ def deepest_nearby(reached: Reached, report: Report, settings: FitSettings = Fit
     def again(x: np.ndarray) -> Reached:
         return rounds(reached.problem.with_instants(x), x, quiet, settings.settled, settings.rounds, settings)
 
-    ends = [reached, *concurrently(again, list(_points_about(reached, settings)))]
+    ends = [reached, *concurrently(again, [reached.x, *_points_about(reached, settings)])]
     every = np.array([deviance(end) for end in ends])
-    best = ends[int(np.argmin(every))]
-    if best.end.gain > settings.decrement:
-        best = searched(best, quiet, settings)
+    best = finished(ends[int(np.argmin(every))], quiet, settings)
     return _beside(best, ends, every)
 
 
 def _points_about(reached: Reached, settings: FitSettings) -> Iterator[Float[np.ndarray, " P"]]:
-    """Points where the rounds begin again, inside what the model can compute."""
+    """Points beside the end where the rounds begin again, inside what the model can compute."""
     problem, weighted, x, _ = reached
     reach = problem.layout.reach(x)
     scaled = local(problem, x, weighted).covariance / np.outer(reach, reach)

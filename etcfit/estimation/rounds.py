@@ -44,10 +44,12 @@ def whitened(
     problem: EstimationProblem, x: np.ndarray, report: Report, settings: FitSettings = FitSettings()
 ) -> Reached:
     """The rounds, and a search from where they end short of an optimum."""
-    reached = rounds(problem, x, report, settings.settled, settings.rounds, settings)
-    if reached.end.gain > settings.decrement:
-        return searched(reached, report, settings)
-    return reached
+    return finished(rounds(problem, x, report, settings.settled, settings.rounds, settings), report, settings)
+
+
+def finished(reached: Reached, report: Report, settings: FitSettings) -> Reached:
+    """The end of the rounds, or of a search from there where they ended short of an optimum."""
+    return searched(reached, report, settings) if reached.end.gain > settings.decrement else reached
 
 
 def rounds(

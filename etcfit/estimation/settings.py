@@ -170,7 +170,8 @@ class FitSettings:
             find if the fit is to count as converged.
         reweighings: times that each channel's weight is renewed from the error left in it, for a model that is far.
         search: budgets of the searches without a gradient.
-        neighbours: where an ECU is in the model, points about the end from which the rounds are begun again.
+        neighbours: where an ECU is in the model, points about the end from which, beside the end itself, the rounds are
+            begun again; with 0 they are not begun again.
         neighbourhood: of those points the distances, standard deviations of the fit, in turn.
         within: standard deviation that counts at most for a point's distance, reaches of each coordinate.
         whiteness: when residuals widen the intervals.
@@ -197,8 +198,8 @@ class FitSettings:
     rough: float = real(0.1, 0.0, 1e6)
     reweighings: int = whole(3, 1, 1000)
     search: GlobalSearchSettings = GlobalSearchSettings()
-    neighbours: int = whole(6, 0, 1000)
-    neighbourhood: tuple[float, ...] = reals((0.0, 0.5, 1.0), 0.0, 100.0)
+    neighbours: int = whole(4, 0, 1000)
+    neighbourhood: tuple[float, ...] = reals((0.5, 1.0), 0.0, 100.0)
     within: float = real(0.1, 1e-6, 10.0)
     whiteness: WhitenessSettings = WhitenessSettings()
     identifiability: IdentifiabilitySettings = IdentifiabilitySettings()

@@ -19,7 +19,8 @@ from etcfit.diagnosis.masked_by_guide import hidden
 from etcfit.diagnosis.refit import start
 from etcfit.diagnosis.score import score
 from etcfit.diagnosis.trial import tried
-from etcfit.estimation.joint_fit import FitResult, fit, freed, quiet, rounds
+from etcfit.estimation.joint_fit import FitResult, fit, freed, quiet
+from etcfit.estimation.rounds import rounds
 from etcfit.problem.chi2 import chi2_of
 from etcfit.problem.prediction_error import pooled
 from etcfit.problem.program import compiled_so_far
