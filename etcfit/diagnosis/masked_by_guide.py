@@ -8,7 +8,7 @@ once more with such an effect in it; of the rig's, with those that promise most 
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -17,6 +17,7 @@ from ..estimation.result import FitResult
 from .candidate_model import CandidateModel
 from .choice import Choice, Outcome
 from .composition import Effect, carried
+from .evidence import evidence
 from .loop import Round, screened
 from .refit import holds, refit_fully
 from .score import score
@@ -36,19 +37,54 @@ def maskable(candidates: Iterable[Effect]) -> tuple[Effect, ...]:
 
 
 def hidden(result: FitResult, turned: Round, report: Report) -> Unmasked | None:
-    """The first effect hidden by the guide with which a fit comes near the data; None where none does.
+    """The effect hidden by the guide with which a fit comes nearest to the data; None where none comes near.
+
+    Several may: two gains that read half bend the data much as one gear does. So while more than noise is left the
+    next one is tried too.
 
     Args:
         result: the first fit.
         turned: the first round as it went, after which the model is still far from the data.
         report: progress.
     """
-    for effect in (*maskable(turned.before.composition.candidates), *_of_the_rig(result, turned.before)):
+    candidates = (*maskable(turned.before.composition.candidates), *_of_the_rig(result, turned.before))
+    found = nearest(_near(candidates, result, turned, report))
+    return None if found is None else Unmasked(_round(turned, found.model, found.effect), found.model)
+
+
+class Near(NamedTuple):
+    """A model that came near its data with one effect in it.
+
+    Args:
+        effect: which.
+        model: refitted.
+        left: its chi2 per sample.
+        white: whether that is noise.
+    """
+
+    effect: Effect
+    model: CandidateModel
+    left: float
+    white: bool
+
+
+def nearest(found: Iterable[Near]) -> Near | None:
+    """The first that leaves nothing but noise, and no further one is asked for then; else the one that leaves least."""
+    least = None
+    for each in found:
+        if each.white:
+            return each
+        least = each if least is None or each.left < least.left else least
+    return least
+
+
+def _near(candidates: Iterable[Effect], result: FitResult, turned: Round, report: Report) -> Iterator[Near]:
+    """Of joint fits with one of the candidates each those that come near the data, one after the other."""
+    for effect in candidates:
         report(f"fitting anew with {effect.name}", 0.9)
         s = _fitted_with(effect, result, turned, report)
         if s is not None:
-            return Unmasked(_round(turned, s, effect), s)
-    return None
+            yield Near(effect, s, s.chi2_per_sample, evidence(s).white)
 
 
 def _of_the_rig(result: FitResult, s: CandidateModel) -> tuple[Effect, ...]:

@@ -7,7 +7,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..estimation.joint_fit import MISFIT, Report, approach
+from ..estimation.approach import approach
+from ..estimation.joint_fit import MISFIT, Report
 from ..estimation.levenberg_marquardt import descend
 from ..estimation.result import FitResult, Termination
 from ..estimation.rounds import rounds

@@ -20,14 +20,15 @@ from ..rig.base import Measurement, Rig
 from ..rig.checks import refuse
 from ..rig.paper_readings import Readings, read_graphs
 from .accuracy import with_accuracy
+from .approach import approach, with_lag_of
 from .edges_in_step import with_edges_in_step
 from .global_search import evolve
 from .levenberg_marquardt import descend, minimise
-from .neighbouring_optima import deepest_nearby
+from .neighbouring_optima import likeliest_nearby
 from .result import FitResult as FitResult
 from .result import Optimum, Termination, outcome
 from .result import StartSummary as StartSummary
-from .rounds import Reached, searched, whitened
+from .rounds import Reached, rounds, searched, whitened
 from .rounds import Report as Report
 from .rounds import quiet as quiet
 from .settings import FitSettings
@@ -120,10 +121,9 @@ def fit(
     problem.compile_ahead(start)
     near = None if about is None else _from_a_like_body(problem, start, about, settings)
     x, starts, misfit = near or _from_several_starts(problem, start, report, settings)
-    x = _with_lag_of(start, problem, x)
+    x = with_lag_of(start, problem, x)
     problem = problem.with_instants(x)
-    finish = whitened if misfit < settings.misfit else _free_running
-    reached = finish(problem, x, report, settings)
+    reached = _reached(problem, x, start, misfit, report, settings)
     trusted = not reached.end.far
     clocked = with_edges_in_step(rig, reached.problem, held_out, reached.x, settings.edges) if trusted else None
     if clocked is not None:  # instants of edges that were taken as independent share a phase
@@ -131,26 +131,10 @@ def fit(
         rig, (fitted, held_out, _) = clocked, ready(clocked)
         reached = _fitted_again(clocked, fitted, reached, settings)
     if trusted and reached.problem.controlled:
-        reached = deepest_nearby(reached, report, settings)
+        reached = likeliest_nearby(reached, start, report, settings)
     problem, weighted, x, end = reached
     optimum = Optimum(rig, readings, problem, held_out, weighted, x, end, starts, notes, settings)
     return with_accuracy(outcome(optimum))
-
-
-def _with_lag_of(start: np.ndarray, problem: EstimationProblem, x: np.ndarray) -> np.ndarray:
-    """Coordinates x, shape (P,), with the L_a/R_a of the start where an ECU in the model saw jumps of its setpoint.
-
-    As long as nobody has placed these jumps the circuit's lag stands in for what their instants are off by; from a lag
-    of zero it would not come back, for there its gradient vanishes.
-    """
-    layout, held = problem.layout, problem.free_parameters.held
-    if "L_a" not in layout.free or not problem.sees_jumps:
-        return x
-    first, now = layout.values(start, held), layout.values(x, held)
-    at = layout.free.index("L_a")
-    out = x.copy()
-    out[at] = layout.parameter("L_a").domain.coordinate(float(first["L_a"] / first["R_a"] * now["R_a"]))
-    return out
 
 
 class Descent(NamedTuple):
@@ -253,30 +237,6 @@ def _forgiven(problem: EstimationProblem, x: np.ndarray) -> float:
     return float(chi2_of(problem, x[None], problem.weighted(weights.forgiving(problem)))[0])
 
 
-def approach(
-    problem: EstimationProblem, x: np.ndarray, tolerance: float, settings: FitSettings = FitSettings()
-) -> tuple[np.ndarray, int]:
-    """Descend with all sampling instants forgiven coarsely, then ever finer.
-
-    Where the simulated plate hits its stop a little early, all samples up to the true impact are wrong, by an amount
-    that no small step of a parameter changes.
-
-    Args:
-        problem: the data.
-        x: coordinates to start from, shape (P,).
-        tolerance: relative change of chi2 that ends each descent.
-        settings: `late`, by how much instants are forgiven, and `steps`.
-    Returns:
-        coordinates where it ended, shape (P,), and the number of Levenberg-Marquardt steps.
-    """
-    steps = 0
-    for late in settings.late:
-        problem = problem.with_integrator_states(x)
-        x, more = descend(problem, x, problem.weighted(weights.forgiving(problem, late)), tolerance, settings.steps)
-        steps += more
-    return x, steps
-
-
 def _fitted_again(rig: Rig, fitted: tuple[Trace, ...], reached: Reached, settings: FitSettings) -> Reached:
     """The rounds once more, of a rig of which more is known and of its traces, from where they ended."""
     known, before = free_parameters(rig.config), reached.problem
@@ -284,6 +244,23 @@ def _fitted_again(rig: Rig, fitted: tuple[Trace, ...], reached: Reached, setting
     x = known.layout.coordinates({**known.start, **found})
     problem = EstimationProblem.of(rig.config, known, fitted).refined(x)
     return whitened(problem.with_instants(x), x, quiet, settings)
+
+
+def _reached(
+    problem: EstimationProblem, x: np.ndarray, start: np.ndarray, misfit: float, report: Report, settings: FitSettings
+) -> Reached:
+    """The end of the fit from the deepest descent, whitened where that came near the data; else free-running.
+
+    Under an ECU no descent may come near, though the model is right: then others are tried before it is called far.
+    """
+    if misfit < settings.misfit:
+        return whitened(problem, x, report, settings)
+    if problem.controlled:
+        far = rounds(problem, x, quiet, settings.settled, settings.first_rounds, settings)
+        reached = likeliest_nearby(far, start, report, settings)
+        if reached.misfit < settings.misfit:
+            return reached
+    return _free_running(problem, x, report, settings)
 
 
 def _free_running(problem: EstimationProblem, x: np.ndarray, report: Report, settings: FitSettings) -> Reached:

@@ -39,6 +39,11 @@ class Reached(NamedTuple):
     x: np.ndarray
     end: Termination
 
+    @property
+    def misfit(self) -> float:
+        """chi2 per sample."""
+        return self.problem.chi2(self.x, self.weighted) / max(1.0, self.weighted.samples)
+
 
 def whitened(
     problem: EstimationProblem, x: np.ndarray, report: Report, settings: FitSettings = FitSettings()

@@ -170,10 +170,15 @@ class FitSettings:
             find if the fit is to count as converged.
         reweighings: times that each channel's weight is renewed from the error left in it, for a model that is far.
         search: budgets of the searches without a gradient.
-        neighbours: where an ECU is in the model, points about the end from which, beside the end itself, the rounds are
-            begun again; with 0 they are not begun again.
-        neighbourhood: of those points the distances, standard deviations of the fit, in turn.
-        within: standard deviation that counts at most for a point's distance, reaches of each coordinate.
+        neighbours: where an ECU is in the model, points about the likeliest end from which the fit is begun again at a
+            time; with 0 it is not begun again.
+        neighbourhood: standard deviations of those points about that end, reaches of each coordinate, in turn.
+        first_rounds: rounds from each of them at first.
+        hopeful: -2 log L above the least from which on an end is given up after those.
+        searches: times that so many points are drawn at most; each further time about a likelier end.
+        likelier: fall of -2 log L that makes it worth drawing again.
+        explained: chi2 per sample from which on an end does not explain the data: then points are drawn once more, and
+            about the start, as other starts are.
         whiteness: when residuals widen the intervals.
         identifiability: from when on a parameter counts as not known.
         contradiction: from when on traces and tests count as disagreeing.
@@ -198,9 +203,13 @@ class FitSettings:
     rough: float = real(0.1, 0.0, 1e6)
     reweighings: int = whole(3, 1, 1000)
     search: GlobalSearchSettings = GlobalSearchSettings()
-    neighbours: int = whole(4, 0, 1000)
-    neighbourhood: tuple[float, ...] = reals((0.5, 1.0), 0.0, 100.0)
-    within: float = real(0.1, 1e-6, 10.0)
+    neighbours: int = whole(6, 0, 1000)
+    neighbourhood: tuple[float, ...] = reals((0.15, 0.05), 0.0, 10.0)
+    first_rounds: int = whole(4, 1, 1000)
+    hopeful: float = real(40.0, 0.0, 1e6)
+    searches: int = whole(3, 1, 1000)
+    likelier: float = real(4.0, 0.0, 1e6)
+    explained: float = real(2.0, 0.0, 1e12)
     whiteness: WhitenessSettings = WhitenessSettings()
     identifiability: IdentifiabilitySettings = IdentifiabilitySettings()
     contradiction: ContradictionSettings = ContradictionSettings()

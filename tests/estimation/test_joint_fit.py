@@ -11,11 +11,11 @@ import pytest
 from numpy.testing import assert_allclose
 
 from etcfit.errors import MeasurementError
+from etcfit.estimation.approach import approach
 from etcfit.estimation.intervals import intervals
 from etcfit.estimation.joint_fit import (
     Descent,
     FitResult,
-    approach,
     deepest,
     fit,
     ready,

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from etcfit.estimation import neighbouring_optima
-from etcfit.estimation.neighbouring_optima import deepest_nearby, deviance
+from etcfit.estimation.neighbouring_optima import deviance, likeliest_nearby
 from etcfit.estimation.result import Termination
 from etcfit.estimation.rounds import Reached
 from etcfit.estimation.settings import FitSettings
@@ -27,12 +27,7 @@ class Weighted(NamedTuple):
     whitening: Samples
     prior_mean: np.ndarray
     prior_sd: np.ndarray
-
-
-class Known(NamedTuple):
-    """What a linearisation tells."""
-
-    covariance: np.ndarray
+    samples: float = 2.0
 
 
 class Coordinates:
@@ -40,6 +35,9 @@ class Coordinates:
 
     def reach(self, x: np.ndarray) -> np.ndarray:
         return np.ones(x.size)
+
+    def off_bounds(self, x: np.ndarray) -> np.ndarray:
+        return x
 
 
 class Line:
@@ -75,6 +73,8 @@ def _a_line_for_a_problem(monkeypatch: pytest.MonkeyPatch) -> None:
         return np.array([problem.chi2(x, weighted) for x in points]) + priors
 
     monkeypatch.setattr(neighbouring_optima, "chi2_of", chi2_of)
+    monkeypatch.setattr(neighbouring_optima, "approach", lambda problem, x, *_: (x, 1))
+    monkeypatch.setattr(neighbouring_optima, "with_lag_of", lambda start, problem, x: x)
 
 
 @pytest.mark.parametrize("sd", [0.2, 0.5, 2.0])
@@ -90,36 +90,76 @@ def test_a_filter_that_expects_large_errors_is_not_likelier_for_its_small_chi2()
     assert deviance(lax) > deviance(near)
 
 
+class Rounds:
+    """Rounds that lead to given places in turn, wherever they begin, and then to the last of them."""
+
+    def __init__(self, *places: float) -> None:
+        self.places, self.begun, self.most = list(places), list[float](), list[int]()
+
+    def __call__(self, problem: Any, x: np.ndarray, report: Any, still: float, most: int, settings: Any) -> Any:
+        self.begun.append(float(x[0]))
+        self.most.append(most)
+        place = self.places.pop(0) if len(self.places) > 1 else self.places[0]
+        return end(place, wander=np.array([[0.01]]))
+
+
+def nearby(first: Any, follow: Rounds, monkeypatch: pytest.MonkeyPatch, **settings: Any) -> Any:
+    monkeypatch.setattr(neighbouring_optima, "rounds", follow)
+    monkeypatch.setattr(neighbouring_optima, "concurrently", lambda work, of: [work(each) for each in of])
+    return likeliest_nearby(first, np.array([1.0]), lambda *_: None, FitSettings(**settings))
+
+
 def test_the_likeliest_end_is_kept_and_the_others_widen_it(monkeypatch: pytest.MonkeyPatch) -> None:
-    found = iter([end(1.5, wander=np.array([[0.01]])), end(1.2), end(-9.0)])
-    monkeypatch.setattr(neighbouring_optima, "rounds", lambda *_: next(found))
-    monkeypatch.setattr(neighbouring_optima, "local", lambda *_: Known(np.array([[0.01]])))
     first = end(1.9)
-    kept = deepest_nearby(first, lambda *_: None, FitSettings(neighbours=2))
+    kept = nearby(first, Rounds(1.5, 1.2, 1.5, 1.2), monkeypatch, neighbours=2, searches=1)
     assert kept.x[0] == 1.5
-    weight = np.exp([-0.5 * (deviance(each) - deviance(end(1.5))) for each in (first, end(1.5), end(1.2), end(-9.0))])
-    expected = 0.01**2 + np.sum(weight / weight.sum() * np.array([0.4, 0.0, -0.3, -10.5]) ** 2)
+    weight = np.exp([-0.5 * (deviance(each) - deviance(end(1.5))) for each in (first, end(1.5), end(1.2))])
+    expected = 0.01**2 + np.sum(weight / weight.sum() * np.array([0.4, 0.0, -0.3]) ** 2)
     assert kept.end.wander is not None
     assert float(np.sum(kept.end.wander**2)) == pytest.approx(expected, rel=1e-12)
 
 
-def test_none_is_looked_for_where_none_is_asked_for() -> None:
-    first = end(1.9)
-    assert deepest_nearby(first, lambda *_: None, FitSettings(neighbours=0)) is first
+@pytest.mark.parametrize("neighbours", [0, 3])
+def test_none_is_looked_for_where_none_is_asked_for_or_nothing_can_be_computed(
+    neighbours: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    first, rounds = end(1.9 if neighbours == 0 else -1.0), Rounds(1.5)
+    assert nearby(first, rounds, monkeypatch, neighbours=neighbours) is first
+    assert not rounds.begun
 
 
-def test_no_point_is_begun_from_that_the_model_cannot_compute(monkeypatch: pytest.MonkeyPatch) -> None:
-    begun: list[float] = []
+def test_an_end_far_from_the_likeliest_after_the_first_rounds_is_given_up(monkeypatch: pytest.MonkeyPatch) -> None:
+    rounds = Rounds(1.6, 4.0, 1.5)
+    settings = {"neighbours": 2, "searches": 1, "hopeful": 4.0, "first_rounds": 3, "rounds": 9}
+    assert nearby(end(1.9), rounds, monkeypatch, **settings).x[0] == 1.5
+    assert rounds.most == [3, 3, 9]
+    assert rounds.begun[2] == 1.6
 
-    def rounds(problem: Any, x: np.ndarray, *_: Any) -> Any:
-        begun.append(float(x[0]))
-        return end(1.5)
 
-    monkeypatch.setattr(neighbouring_optima, "rounds", rounds)
-    monkeypatch.setattr(neighbouring_optima, "local", lambda *_: Known(np.array([[100.0]])))
-    settings = FitSettings(neighbours=40, neighbourhood=(1.0,), within=2.0)
-    deepest_nearby(end(1.5), lambda *_: None, settings)
-    assert begun[0] == 1.5
-    assert 1 < len(begun) < 41
-    assert min(begun) > 0.0
-    assert np.std(begun) < 2.0  # drawn no wider than `within` of a reach, though the covariance is wide
+@pytest.mark.parametrize(("explained", "about", "spread"), [(1e9, 4.0, 0.05), (1e-9, 1.0, 0.35)])
+def test_points_are_drawn_about_an_end_that_explains_the_data_or_else_about_the_start(
+    explained: float, about: float, spread: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    settings = {"neighbours": 40, "neighbourhood": (0.05,), "spread": 0.35, "searches": 1, "first_rounds": 1}
+    nearby(end(4.0), follow := Rounds(1.5), monkeypatch, explained=explained, **settings)
+    drawn = np.array([x for x, most in zip(follow.begun, follow.most, strict=True) if most == 1])
+    assert drawn.size == 40
+    assert abs(drawn.mean() - about) < 4.0 * spread / np.sqrt(40.0)
+    assert 0.6 * spread < drawn.std() < 1.4 * spread
+
+
+def test_points_are_drawn_again_about_a_likelier_end_until_nothing_is_gained(monkeypatch: pytest.MonkeyPatch) -> None:
+    settings = {"neighbours": 4, "neighbourhood": (0.05,), "explained": 1e9, "first_rounds": 1, "hopeful": 0.0}
+    places = [*[3.0] * 4, *[2.5] * 4, 1.5]
+    for searches, times in ((9, 4), (2, 2)):
+        kept = nearby(end(4.0), follow := Rounds(*places), monkeypatch, searches=searches, **settings)
+        drawn = np.array([x for x, most in zip(follow.begun, follow.most, strict=True) if most == 1])
+        assert drawn.size == 4 * times  # about 4.0, 3.0, 2.5 and 1.5; from there on nothing is gained
+        assert np.all(np.abs(drawn.reshape(times, 4).mean(axis=1) - [4.0, 3.0, 2.5, 1.5][:times]) < 0.1)
+        assert kept.x[0] == [4.0, 3.0, 2.5, 1.5][min(times, 3)]
+
+
+def test_the_search_goes_on_while_nothing_explains_the_data(monkeypatch: pytest.MonkeyPatch) -> None:
+    settings = {"neighbours": 4, "searches": 3, "first_rounds": 1, "explained": 1e-9}
+    nearby(end(1.5), follow := Rounds(1.5), monkeypatch, **settings)
+    assert follow.most.count(1) == 3 * 4
