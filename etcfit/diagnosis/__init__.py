@@ -11,6 +11,7 @@ from .discrepancy import Allowed, allowing_for_the_rest
 from .exchange import exchanged, pruned
 from .final import final_fit
 from .findings import Diagnosis, SetTried, Unexplained
+from .merge import merged
 from .missing_torque import motions
 from .probabilities import probabilities
 from .refit import start
@@ -57,14 +58,15 @@ def diagnose(result: FitResult, report: Report = quiet, settings: DiagnosisSetti
 
 
 def _looked_back(result: FitResult, progress: Progress, report: Report) -> Progress:
-    """Effects exchanged for better ones, with further rounds after an exchange, and effects that came to nothing gone.
+    """Effects exchanged for better ones, or two for one, with further rounds after that, and what came to nothing gone.
 
     `found` keeps what is known of those taken away too.
     """
-    s, found, instead = exchanged(progress.model, progress.found, report)
-    progress = replace(progress, model=s, found=found, changed=instead)
-    if instead:
-        progress = forward(result, progress, report)
+    for looked_back in (exchanged, merged):
+        s, found, instead = looked_back(progress.model, progress.found, report)
+        progress = replace(progress, model=s, found=found, changed=(*progress.changed, *instead))
+        if instead:
+            progress = forward(result, progress, report)
     s, removed = pruned(progress.model, result.chi2_per_dof, report)
     return replace(progress, model=s, changed=(*progress.changed, *removed))
 

@@ -123,7 +123,7 @@ def exchanged(s: CandidateModel, found: Sequence[Found], report: Report) -> Look
         best = every[liked.best]
         if liked.best:
             new = refit_fully(best.model, report)
-            if not holds(new, s, score(s)) or _contradicted(best.model, s):
+            if not holds(new, s, score(s)) or contradicted(best.model, s):
                 continue
             words.append(gave_way(every[0].verdict, best.verdict))
             s = replace(new, added=in_place(s.added, each.effect, best.verdict.effect))
@@ -140,7 +140,7 @@ def _beside(s: CandidateModel, effect: Effect, rivals: Mapping[Effect, Mapping[s
     return judged(effect, before, s), *(t for t in others if stands(t.verdict, s.settings))
 
 
-def _contradicted(new: CandidateModel, old: CandidateModel) -> bool:
+def contradicted(new: CandidateModel, old: CandidateModel) -> bool:
     """Where no traces are declared as held out: those left out in turn are worse off with the new model."""
     return new.holdout is None and bool(folds(new)) and left_out(new) > left_out(old)
 

@@ -100,6 +100,13 @@ class DiagnosisSettings:
     exchange_rival: float = real(0.5, 0.0, 1.0)
     """Share of the fall of chi2 of the effect added that another must exceed to be asked again in the final model."""
 
+    imitated: float = real(0.05, 0.0, 1.0)
+    """Share of an effect's signature that nothing at work can imitate, below which it may be put in place of two."""
+    merges: int = whole(2, 0)
+    """Such effects tried at most, the most imitated first."""
+    handing_over: int = whole(8, 1)
+    """Steps in which two effects are led to their off values."""
+
     # ---- sets of effects
 
     pair_refits: int = whole(2, 0)
