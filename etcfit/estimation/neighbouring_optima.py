@@ -99,12 +99,12 @@ def _ends_from(points: list[np.ndarray], best: _End, start: np.ndarray, settings
 
 def _further(end: _End, settings: FitSettings) -> _End:
     """The rest of the rounds; the end itself where they lead to none that is likelier."""
-    later = _whitened(end.reached.problem, end.reached.x, settings.rounds, settings)
+    later = _whitened(end.reached.problem, end.reached.x, max(1, settings.rounds - settings.first_rounds), settings)
     return min(end, later, key=lambda end: end.deviance)
 
 
 def _whitened(problem: EstimationProblem, x: np.ndarray, most: int, settings: FitSettings) -> _End:
-    reached = rounds(problem, x, quiet, settings.settled, most, settings)
+    reached = rounds(problem, x, quiet, settings.nearly_settled, most, settings)
     return _End(reached, deviance(reached))
 
 

@@ -174,6 +174,7 @@ class FitSettings:
             time; with 0 it is not begun again.
         neighbourhood: standard deviations of those points about that end, reaches of each coordinate, in turn.
         first_rounds: rounds from each of them at first.
+        nearly_settled: what counts as not moving there, as `settled`: ends that alternate by less are as good as one.
         hopeful: -2 log L above the least from which on an end is given up after those.
         searches: times that so many points are drawn at most; each further time about a likelier end.
         likelier: fall of -2 log L that makes it worth drawing again.
@@ -206,6 +207,7 @@ class FitSettings:
     neighbours: int = whole(6, 0, 1000)
     neighbourhood: tuple[float, ...] = reals((0.15, 0.05), 0.0, 10.0)
     first_rounds: int = whole(4, 1, 1000)
+    nearly_settled: float = real(0.5, 0.0, 100.0)
     hopeful: float = real(40.0, 0.0, 1e6)
     searches: int = whole(3, 1, 1000)
     likelier: float = real(4.0, 0.0, 1e6)

@@ -130,7 +130,7 @@ def test_none_is_looked_for_where_none_is_asked_for_or_nothing_can_be_computed(
 
 def test_an_end_far_from_the_likeliest_after_the_first_rounds_is_given_up(monkeypatch: pytest.MonkeyPatch) -> None:
     rounds = Rounds(1.6, 4.0, 1.5)
-    settings = {"neighbours": 2, "searches": 1, "hopeful": 4.0, "first_rounds": 3, "rounds": 9}
+    settings = {"neighbours": 2, "searches": 1, "hopeful": 4.0, "first_rounds": 3, "rounds": 12}
     assert nearby(end(1.9), rounds, monkeypatch, **settings).x[0] == 1.5
     assert rounds.most == [3, 3, 9]
     assert rounds.begun[2] == 1.6
