@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import asdict
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ..run_folder import (
@@ -92,4 +93,14 @@ def keep_design(
     from ..reporting import draw_design
 
     settings = {**asdict(design.settings), **settings}
-    save_design(run.path, design, exit_of(result), settings, lambda: draw_design(run.path, design, report))
+    save_design(
+        run.path, design, exit_of(result), settings, lambda: draw_design(run.path, design, report), _read_for(settings)
+    )
+
+
+def _read_for(settings: Mapping[str, Any]) -> list[Path]:
+    """Files outside of the run folder that gains asked for so were made from."""
+    from ..run_folder.fleet import FLEET
+
+    log, parts = settings.get("log"), settings.get("parts")
+    return [*([Path(log)] if log else []), *([Path(parts) / FLEET] if parts else [])]

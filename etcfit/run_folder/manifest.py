@@ -3,16 +3,18 @@
     stages: {NAME: {at, settings, inputs: {FILE: sha256}, outputs: {FILE: sha256}, exit}}
     aside: {NAME: settings}, of stages that ran once and whose files no longer hold
 
-Inputs of the fit are files of the measurement folder, those of every other stage files of RUN; null stands for one that
-was not there. A stage that ends replaces its outputs; what later stages made from the old ones is moved to
-RUN/superseded/, so that nothing is lost and no two models are ever mixed.
+Inputs of the fit are files of the measurement folder, those of every other stage files of RUN, and of a design the log
+and the fleet that it was asked for, as seen from RUN; null stands for one that was not there. A stage that ends
+replaces its outputs; what later stages made from the old ones is moved to RUN/superseded/, so that nothing is lost and
+no two models are ever mixed.
 """
 
 from __future__ import annotations
 
 import json
+import os
 import shutil
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from datetime import UTC, datetime
 from pathlib import Path
@@ -173,6 +175,7 @@ def finish(
     settings: Mapping[str, Any],
     inputs: Mapping[str, str | None] | None = None,
     folder: str | None = None,
+    outside: Sequence[Path] = (),
 ) -> None:
     """Put a stage on the manifest, and aside what later stages had made from what it replaced.
 
@@ -182,12 +185,14 @@ def finish(
         settings: what it ran with.
         inputs: SHA-256 by file; those of RUN where not given.
         folder: of the measurements.
+        outside: files outside of RUN that it read besides.
     """
     records = read_records(run)
     now = datetime.now(UTC).isoformat(timespec="seconds")
     outputs = {name: digest(run / name) for name in STAGE_FILES[stage].makes}
-    inputs = inputs_of(run, stage) if inputs is None else inputs
-    records[stage] = Record(now, plain(settings), dict(inputs), outputs, exit, folder)
+    inputs = inputs_of(run, stage) if inputs is None else dict(inputs)
+    inputs |= {seen_from(run, path): digest(path) for path in outside}
+    records[stage] = Record(now, plain(settings), inputs, outputs, exit, folder)
     _write(run, _superseded(run, stage, records))
 
 
@@ -206,8 +211,25 @@ def is_current(run: Path, stage: str, records: Mapping[str, Record]) -> bool:
 
 
 def is_latest(run: Path, stage: str, records: Mapping[str, Record]) -> bool:
-    """Whether a stage is current and nothing that it uses besides has changed."""
-    return is_current(run, stage, records) and (stage == "fit" or dict(records[stage].inputs) == inputs_of(run, stage))
+    """Whether a stage is current and nothing that it uses besides has changed.
+
+    A file outside of RUN that was taken away has not changed: nothing newer could be made without it.
+    """
+    if not is_current(run, stage, records) or stage == "fit":
+        return is_current(run, stage, records)
+    was, now = records[stage].inputs, inputs_of(run, stage)
+    outside = {name: digest(run / name) for name in was if name not in now}
+    return all(was.get(name) == sha for name, sha in now.items()) and all(
+        sha in (None, was[name]) for name, sha in outside.items()
+    )
+
+
+def seen_from(run: Path, path: Path) -> str:
+    """A path outside of RUN as seen from there, so that both can be moved together."""
+    try:
+        return Path(os.path.relpath(path, run)).as_posix()
+    except ValueError:  # another drive
+        return str(path.resolve())
 
 
 def require(run: Path, stage: str) -> Record:

@@ -70,10 +70,16 @@ def save_reduction(
 
 
 def save_design(
-    run: Path, design: Design, exit: int, settings: Mapping[str, Any], beside: Callable[[], None] = nothing_beside
+    run: Path,
+    design: Design,
+    exit: int,
+    settings: Mapping[str, Any],
+    beside: Callable[[], None] = nothing_beside,
+    outside: Sequence[Path] = (),
 ) -> None:
-    """RUN/pid.json; `beside` draws before the stage counts as done."""
+    """RUN/pid.json; `beside` draws before the stage counts as done. `outside`: files besides RUN's that it was made
+    from."""
     begin(run, "design")
     write_json(run / "pid.json", "pid", design_json(design))
     beside()
-    finish(run, "design", exit, settings)
+    finish(run, "design", exit, settings, outside=outside)

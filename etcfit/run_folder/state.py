@@ -29,6 +29,7 @@ from .manifest import (
     is_latest,
     read_records,
     require,
+    seen_from,
 )
 
 
@@ -200,7 +201,4 @@ def _relative(folder: Path, run: Path) -> str:
     """The folder as seen from the run, so that both can be moved together."""
     if str(folder) == FRAMES:
         return FRAMES
-    try:
-        return Path(os.path.relpath(folder, run)).as_posix()
-    except ValueError:  # another drive
-        return str(folder.resolve())
+    return seen_from(run, folder)

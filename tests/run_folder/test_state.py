@@ -21,6 +21,7 @@ from etcfit.diagnosis.findings import Diagnosis
 from etcfit.errors import UsageError
 from etcfit.estimation.intervals import intervals
 from etcfit.estimation.result import FitResult
+from etcfit.files import digest as sha256
 from etcfit.files import write_json
 from etcfit.problem import weights
 from etcfit.reporting.page import write_page
@@ -284,12 +285,20 @@ class Runs:
         run.keep_diagnosis(replace(self.found, before=run.fit()), lambda: self.beside("diagnose"))
         return Done("a diagnosis")
 
-    def design(self, folder: Path, run: RunFolder, report: Report, rule: str = "optimal", draws: int = 200) -> Done:
+    def design(
+        self,
+        folder: Path,
+        run: RunFolder,
+        report: Report,
+        rule: str = "optimal",
+        draws: int = 200,
+        outside: tuple[Path, ...] = (),
+    ) -> Done:
         """What `save_design` does, of gains that say with which options they were made."""
         begin(run.path, "design")
         write_json(run.path / "pid.json", "pid", pid(rule))
         self.beside("design")
-        finish(run.path, "design", 0, {"rule": rule, "draws": draws})
+        finish(run.path, "design", 0, {"rule": rule, "draws": draws}, outside=outside)
         return Done("gains")
 
     def report(self, folder: Path, run: RunFolder, report: Report) -> Done:
@@ -391,6 +400,24 @@ def test_gains_made_anew_are_made_with_the_options_that_they_had_and_said_to_be(
     AFRESH[name](runs)
     assert "design" in runs.go()
     assert (runs.rule, runs.said["design"]) == ("simc", 'made anew, with rule "simc" as before')
+    assert runs.go() == []
+
+
+@pytest.mark.parametrize("name", ["fleet.json", "drive.csv"])
+def test_gains_are_made_anew_where_a_fleet_or_a_log_that_they_were_made_from_has_changed(runs: Runs, name: str) -> None:
+    outside = runs.run.parent / "elsewhere" / name
+    outside.parent.mkdir()
+    outside.write_text("as it was", "utf-8")
+    runs.go()
+    runs.by_hand(rule="simc", outside=(outside,))
+    recorded = json.loads((runs.run / MANIFEST).read_text("utf-8"))["stages"]["design"]["inputs"]
+    assert recorded[f"../elsewhere/{name}"] == sha256(outside)
+    assert runs.go() == ["report"]
+    outside.write_text("measured again", "utf-8")
+    assert "design" in runs.go()
+    runs.by_hand(rule="simc", outside=(outside,))
+    runs.go()
+    outside.unlink()  # nothing newer can be made without it
     assert runs.go() == []
 
 
