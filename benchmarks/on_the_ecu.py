@@ -57,7 +57,7 @@ def globally(task: Task) -> Gains:
     linear = OpenLoop.of(loop.linear(), loop.ecu, COARSE)
 
     def cost(logs: np.ndarray) -> np.ndarray:
-        return scores(task, Gains(*np.exp(logs)), loop, linear, settings.spare).cost
+        return scores(task, Gains(*np.exp(logs)), loop, linear, settings.spares[0]).cost
 
     ends = list(zip(np.log(settings.lowest), np.log(settings.highest), strict=True))
     found = differential_evolution(cost, ends, popsize=POPULATION, maxiter=ROUNDS, tol=0.0, rng=1, polish=False,

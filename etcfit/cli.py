@@ -51,7 +51,10 @@ Interactive = Annotated[
                  "parameters and gains, every trace with its verdict."),
 ]  # fmt: skip
 Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="No progress on stderr.")]
-
+Ecu = Annotated[
+    str | None,
+    typer.Option(help="That gains are for, as rusefi; a wrong name lists all. Else one of no make.", metavar="NAME"),
+]
 Advise = Annotated[bool, typer.Option("--advise", help="What one more trace of each test would tell instead.")]
 At = Annotated[
     Path | None,
@@ -210,8 +213,10 @@ def report(run: Run, interactive: Interactive = False, quiet: Quiet = False) -> 
 
 @app.command(name="run")
 @_contract
-def run_(folder: Folder, out: Out, quiet: Quiet = False) -> None:
+def run_(folder: Folder, out: Out, ecu: Ecu = None, quiet: Quiet = False) -> None:
     """Everything from FOLDER to RUN/report.html, in order; what is done already is not done again."""
+    with _of_option("--ecu"):  # a wrong name is told before an hour's work
+        asked = stages.designed_for(ecu)
 
     def show(name: str, done: stages.Done | None) -> None:
         if done is not None:
@@ -220,7 +225,7 @@ def run_(folder: Folder, out: Out, quiet: Quiet = False) -> None:
         if remark and not quiet:
             _stderr().print(f"{name}: {remark}", markup=False)
 
-    if failure := stages.run_all(folder, out, lambda: _progress(quiet), show):
+    if failure := stages.run_all(folder, out, lambda: _progress(quiet), show, asked=asked):
         raise _stop(Status.NOT_CONVERGED, failure)
 
 
@@ -307,10 +312,7 @@ def reduce(
 def design(
     run: Run,
     rule: Annotated[str, typer.Option(help="Whose gains are proposed.", metavar="NAME")] = "optimal",
-    ecu: Annotated[
-        str | None,
-        typer.Option(help="That they are for, as rusefi; a wrong name lists all. Else as below.", metavar="NAME"),
-    ] = None,
+    ecu: Ecu = None,
     ecu_period: Annotated[
         str | None, typer.Option(help="Of the ECU's clock; else [ecu]'s in rig.toml, else 1ms.", metavar="TIME")
     ] = None,
@@ -396,10 +398,17 @@ def _clashes(name: str | None, given: Mapping[str, float]) -> tuple[str, ...]:
         return ()
     from .model.ecus import named
 
-    try:
+    with _of_option("--ecu"):
         return named(name).clashes(given)
+
+
+@contextmanager
+def _of_option(option: str) -> Iterator[None]:
+    """A usage error is told with the option that it came by."""
+    try:
+        yield
     except UsageError as err:
-        raise UsageError(f"--ecu {err}") from None
+        raise UsageError(f"{option} {err}") from None
 
 
 def _terms(spring: bool, others: str | None) -> bool | str:
@@ -408,10 +417,8 @@ def _terms(spring: bool, others: str | None) -> bool | str:
         return spring
     from .model.feed_forward import terms_of
 
-    try:
+    with _of_option("--feed-forward-terms"):
         terms_of(others)
-    except UsageError as err:
-        raise UsageError(f"--feed-forward-terms {err}") from None
     return f"spring,{others}" if spring else others
 
 

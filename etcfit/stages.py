@@ -373,6 +373,7 @@ def run_all(
     progress: Callable[[], AbstractContextManager[Report]],
     show: Callable[[str, Done | None], None],
     stages: tuple[Stage, ...] = STAGES,
+    asked: Mapping[str, Mapping[str, Any]] = MappingProxyType({}),
 ) -> str:
     """Run every stage that is not done yet, in order; one that was made with options before, with the same ones.
 
@@ -382,6 +383,7 @@ def run_all(
         progress: opened for each stage in turn.
         show: called after each stage with its name and what came of it, None where it was done before.
         stages: in order.
+        asked: options of stages, by the stage's name, in place of those of before; one made with others is not done.
     Returns:
         Why the model that is shown did not converge, or "".
     Raises:
@@ -392,15 +394,29 @@ def run_all(
     must_belong(path, folder)
     run = opened(path)
     for stage in stages:
-        if is_done(path, stage.name, folder):
+        before, wanted = settings_before(path).get(stage.name, {}), asked.get(stage.name, {})
+        if is_done(path, stage.name, folder) and all(before.get(name) == value for name, value in wanted.items()):
             show(stage.name, None)
             continue
-        before = settings_before(path).get(stage.name, {})
-        options = {name: before[name] for name in stage.options if name in before}
+        options = {name: before[name] for name in stage.options if name in before} | dict(wanted)
         with progress() as report:
             done = stage.work(folder, run, report, **options)
-        show(stage.name, replace(done, remark=_made_anew(options, before, settings_before(path)[stage.name])))
+        taken = {name: value for name, value in options.items() if name not in wanted}
+        show(stage.name, replace(done, remark=_made_anew(taken, before, settings_before(path)[stage.name])))
     return last_failure(path)
+
+
+def designed_for(profile: str | None) -> Mapping[str, Mapping[str, Any]]:
+    """What `run_all` is asked for where gains are for a make of ECU, found out before the first stage runs.
+
+    Raises:
+        UsageError: none has that name.
+    """
+    if profile is None:
+        return {}
+    from .model.ecus import named
+
+    return {"design": {"profile": named(profile).name}}
 
 
 def _made_anew(options: Mapping[str, Any], before: Mapping[str, Any], now: Mapping[str, Any]) -> str:
@@ -421,15 +437,18 @@ def _listed(options: Mapping[str, Any]) -> str:
     return ", ".join(f"{name} {json.dumps(value)}" for name, value in options.items())
 
 
-def run(folder: Path | str, out: Path | str, *, quiet: bool = False) -> Fit | Diagnosed:
+def run(folder: Path | str, out: Path | str, *, profile: str | None = None, quiet: bool = False) -> Fit | Diagnosed:
     """Everything from a measurement folder to RUN/report.html, in order; what is done already is not done again.
 
     Args:
         folder: the measurements.
         out: the run folder; made if absent.
+        profile: name of the make of ECU that gains are designed for; None for what they were before, else for none.
         quiet: show no progress.
     Returns:
         The last model in it, as `etcfit.load` gives it.
+    Raises:
+        UsageError: no make of ECU has that name, or RUN was made from other measurements or by another version.
     """
     from .api.fleet import Fleet
     from .api.progress import working
@@ -439,7 +458,7 @@ def run(folder: Path | str, out: Path | str, *, quiet: bool = False) -> Fit | Di
         if done is not None and done.remark and not quiet:
             print(f"{name}: {done.remark}", file=sys.stderr)
 
-    run_all(Path(folder), Path(out), lambda: working(quiet), show)
+    run_all(Path(folder), Path(out), lambda: working(quiet), show, asked=designed_for(profile))
     found = load(out)
     assert not isinstance(found, Fleet), "the run folder of a fleet has no fit"
     return found

@@ -210,8 +210,8 @@ def test_the_page_to_work_with_is_written_beside_the_printed_one(invoke, tmp_pat
 
 
 def test_run_goes_through_the_stages_and_says_what_was_done_before(invoke, monkeypatch: pytest.MonkeyPatch) -> None:
-    def run_all(folder: Path, run: Path, progress: Any, show: Callable[..., None]) -> str:
-        assert (folder, run) == (Path("bench"), Path("a"))
+    def run_all(folder: Path, run: Path, progress: Any, show: Callable[..., None], asked: Any) -> str:
+        assert (folder, run, asked) == (Path("bench"), Path("a"), {"design": {"profile": "link"}})
         show("fit", None)
         with progress() as report:
             report("finding out", 0.5)
@@ -219,9 +219,16 @@ def test_run_goes_through_the_stages_and_says_what_was_done_before(invoke, monke
         return "it did not converge"
 
     monkeypatch.setattr("etcfit.stages.run_all", run_all)
-    done = invoke("run", "bench", "--out", "a")
+    done = invoke("run", "bench", "--out", "a", "--ecu", "link")
     assert (done.exit_code, done.stdout) == (3, "the diagnosis\n")
     assert [line.split(":")[0] for line in done.stderr.splitlines()] == ["fit", "finding out", "diagnose", "etcfit"]
+
+
+def test_an_unknown_ecu_is_told_before_anything_is_fitted(invoke, tmp_path: Path) -> None:
+    done = invoke("run", "bench", "--out", tmp_path / "a", "--ecu", "teslalike")
+    assert done.exit_code == 2
+    assert "--ecu teslalike: no such engine computer. Known: " in done.stderr
+    assert not (tmp_path / "a").exists()
 
 
 @pytest.mark.parametrize(

@@ -137,12 +137,12 @@ def test_gains_are_made_anew_from_what_the_manifest_has_of_them(
 
 
 def test_run_gives_the_last_model_back(found: Diagnosis, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    def run_all(folder: Path, path: Path, *_: Any) -> str:
-        assert folder == tmp_path / "rig"
+    def run_all(folder: Path, path: Path, *_: Any, asked: Any) -> str:
+        assert (folder, asked) == (tmp_path / "rig", {"design": {"profile": "rusefi"}})
         save_diagnosis(path, found)
         return ""
 
     monkeypatch.setattr("etcfit.stages.run_all", run_all)
-    last = etcfit.run(str(tmp_path / "rig"), str(tmp_path / "run"), quiet=True)
+    last = etcfit.run(str(tmp_path / "rig"), str(tmp_path / "run"), profile="rusefi", quiet=True)
     assert isinstance(last, Diagnosed)
     assert equal(last.diagnosis, found)

@@ -23,15 +23,17 @@ class OptimumSettings:
     Args:
         certain: share of the draws that must meet every requirement.
         few: draws during the second part of the search, the nominal model among them; all of them judge its end.
-        searches: searches on the nominal model, each with its own scatter, from whose best end the search over draws
-            begins: dry friction makes valleys whose floors differ by a few per cent.
+        searches: searches on the nominal model, each with its own scatter: dry friction makes valleys whose floors
+            differ by a few per cent.
         sweeps: populations that are scattered over all gains first.
         population: gains tried at once.
         elite: of them, those that the next population is drawn about.
         rounds: populations on the nominal model.
-        last_rounds: populations on the few draws, from where the former ended.
+        starts: searches on the few draws, each from one of the best ends of the former, none near another.
+        last_rounds: populations of each.
         about: standard deviation of the gains with which the latter begin, in their logarithm.
-        spare: share of each requirement kept in hand during the search, for draws that it did not see.
+        spares: share of each requirement kept in hand during the search, for draws that it did not see; the next where
+            all draws together are not met with the one before.
         spare_alone: likewise on the nominal model alone, which sees one sequence of the noise.
         lowest: least gains, Kp (V/rad), Ki (V/(rad s)) and Kd (V s/rad).
         highest: largest gains, likewise.
@@ -49,9 +51,10 @@ class OptimumSettings:
     population: int = whole(48, 4, 100_000)
     elite: int = whole(10, 2, 100_000)
     rounds: int = whole(36, 0, 100_000)
+    starts: int = whole(3, 1, 1000)
     last_rounds: int = whole(12, 0, 100_000)
     about: float = real(0.15, 0.0, 10.0)
-    spare: float = real(0.03, 0.0, 1.0)
+    spares: tuple[float, ...] = reals((0.03, 0.1), 0.0, 1.0)
     spare_alone: float = real(0.12, 0.0, 1.0)
     lowest: tuple[float, ...] = reals((0.3, 0.3, 3e-3), 1e-12, 1e12)
     highest: tuple[float, ...] = reals((1e3, 3e5, 40.0), 1e-12, 1e12)

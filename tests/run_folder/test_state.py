@@ -305,13 +305,14 @@ class Runs:
         self.beside("report")
         return Done(str(write_page(run.path).path))
 
-    def go(self) -> list[str]:
+    def go(self, **asked: Any) -> list[str]:
+        """`etcfit run`, with options asked for of `etcfit design`."""
         self.ran, self.said = [], {}
 
         def show(name: str, done: Done | None) -> None:
             self.said[name] = None if done is None else done.remark
 
-        run_all(self.folder, self.run, _silently, show, self.stages)
+        run_all(self.folder, self.run, _silently, show, self.stages, {"design": asked})
         return self.ran
 
     def by_hand(self, **options: Any) -> None:
@@ -418,6 +419,15 @@ def test_gains_are_made_anew_where_a_fleet_or_a_log_that_they_were_made_from_has
     runs.by_hand(rule="simc", outside=(outside,))
     runs.go()
     outside.unlink()  # nothing newer can be made without it
+    assert runs.go() == []
+
+
+def test_gains_that_are_asked_for_otherwise_are_made_anew_and_kept_where_nobody_asks(runs: Runs) -> None:
+    assert runs.go(rule="simc") == ALL
+    assert (runs.rule, runs.said["design"]) == ("simc", "")
+    assert runs.go(rule="simc") == runs.go() == []
+    assert runs.go(rule="amigo") == ["design", "report"]
+    assert (runs.rule, runs.said["design"]) == ("amigo", 'made anew; other than before: rule "amigo"')
     assert runs.go() == []
 
 

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ...problem.program import concurrently
 from ..settings import OptimumSettings
 from .base import Refusal, Task
 from .formulas import FORMULAS
@@ -60,8 +61,9 @@ def optimal(task: Task) -> Gains | Refusal:
     Tracking error of the trapezoid of 5 to 45 % at 1 Hz (Eq. 9), or of a log where that is larger, on the fitted
     nonlinear model under its ECU, whose sensor has its noise; requirements in every scenario, the worst counts. A sweep
     of scattered gains, then the cross-entropy method from the best of them on the nominal model, a few times; the same
-    over a few draws from the best of these ends and of what the rules by formula say; of its elite the best over all
-    draws. Where no gains meet everything, those that miss least.
+    over a few draws from the best of these ends and of what the rules by formula say, as far as they lie apart, for the
+    nominal model does not tell which valley is the deepest over draws; of the elite the best over all draws. Where no
+    gains meet everything, those that miss least.
 
     Source: this project; Rubinstein and Kroese 2004, The Cross-Entropy Method, for the search. Differs from source: the
     spread is bounded from below, and the best so far is kept.
@@ -77,16 +79,57 @@ def optimal(task: Task) -> Gains | Refusal:
 def best_over_draws(task: Task, begins: np.ndarray, rng: np.random.Generator) -> Gains:
     """The gains that cost least over all models of a task, sought over the first few from the best of some begins.
 
+    Where all of them together ask for more than the first few did, the search goes on with more kept in hand.
+
     Args:
         task: whose first few models are those that decide.
         begins: logarithms of gains, shape (B, 3).
         rng: random numbers.
     """
     settings = task.settings.optimum
-    few, every = _scorer(task, settings.few, settings.spare), _scorer(task, task.loop.draws, 0.0)
-    nearby = _about(begins[np.argmin(few(begins).cost)], rng, settings)
-    leaders, _ = elite_of(few, np.vstack((begins, nearby)), settings.last_rounds, rng, settings)
-    return Gains(*np.exp(leaders[np.argmin(every(leaders).cost)]).tolist())
+    every = _scorer(task, task.loop.draws, 0.0)
+    ends: list[tuple[float, np.ndarray]] = []
+    for spare in settings.spares:
+        begins = best_of_several(_scorer(task, settings.few, spare), begins, rng, settings)
+        found = every(begins)
+        best = int(np.argmin(found.cost))
+        ends.append((float(found.cost[best]), begins[best]))
+        if found.missed[best] == 0.0:
+            break
+    _, gains = min(ends, key=lambda end: end[0])
+    return Gains(*np.exp(gains).tolist())
+
+
+def best_of_several(
+    score: Score, begins: np.ndarray, rng: np.random.Generator, settings: OptimumSettings = OptimumSettings()
+) -> np.ndarray:
+    """The best of searches that each set out from one of the best begins, none of them near another.
+
+    Args:
+        score: of logarithms of gains, shape (G, 3).
+        begins: logarithms of gains, shape (B, 3).
+        rng: random numbers.
+        settings: `starts`, and those of `elite_of`.
+    Returns:
+        logarithms of gains, shape (elite, 3), the best first.
+    """
+
+    def searched(start: np.ndarray, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
+        return elite_of(score, _about(start, rng, settings), settings.last_rounds, rng, settings)
+
+    starts = _apart(begins[np.argsort(score(begins).cost)], settings)
+    found = concurrently(lambda each: searched(*each), list(zip(starts, rng.spawn(len(starts)), strict=True)))
+    leaders, cost = (np.concatenate(each) for each in zip(*found, strict=True))
+    return leaders[np.argsort(cost)[: settings.elite]]
+
+
+def _apart(begins: np.ndarray, settings: OptimumSettings) -> list[np.ndarray]:
+    """The first few begins of which none lies in the population about another: other valleys, as far as is known."""
+    kept: list[np.ndarray] = []
+    for begin in begins:
+        if all(np.max(np.abs(begin - other)) > settings.about for other in kept):
+            kept.append(begin)
+    return kept[: settings.starts]
 
 
 def _by_formula(task: Task, settings: OptimumSettings) -> list[np.ndarray]:
@@ -105,7 +148,7 @@ def best_from(task: Task, begin: Gains, rounds: int) -> tuple[Gains, Figures, fl
     """
     settings = task.settings.optimum
     rng = np.random.default_rng(settings.seed)
-    score = _scorer(task, task.loop.draws, settings.spare)
+    score = _scorer(task, task.loop.draws, settings.spares[0])
     start = _about(np.log(np.maximum(begin, settings.lowest)), rng, settings)
     best, _ = cross_entropy(score, start, rounds, rng, settings)
     gains = Gains(*np.exp(best).tolist())

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from etcfit.control.pid.manual import grids
-from etcfit.control.pid.optimal import Scores, cross_entropy
+from etcfit.control.pid.optimal import Scores, best_of_several, cross_entropy
 from etcfit.control.pid.relay import swing_of
 from etcfit.control.settings import ManualSettings, OptimumSettings
 
@@ -59,6 +59,23 @@ def test_the_search_keeps_within_its_bounds() -> None:
     assert np.log(5.0) < found[0] <= np.log(6.0)
     tried = np.concatenate(asked[1:])[:, 0]
     assert tried.max() == np.log(6.0)  # where a draw beyond it was clipped to: the bottom of the bowl lies beyond
+
+
+@pytest.mark.parametrize(("starts", "deepest"), [(1, False), (2, True)])
+def test_a_deeper_valley_is_found_from_a_begin_that_fares_worse_at_first(starts: int, deepest: bool) -> None:
+    """Near BEST a broad bowl; a narrow one, half as deep again, has the worse begin."""
+    narrow = BEST + np.array((0.0, 4.0, 0.0))
+
+    def two(logs: np.ndarray) -> Scores:
+        broad = 1.0 + np.sum((logs - BEST) ** 2, axis=1)
+        deep = 0.5 + 20.0 * np.sum((logs - narrow) ** 2, axis=1)
+        return Scores(np.minimum(broad, deep), np.zeros((1, len(logs))))
+
+    begins = np.array([BEST + 0.5, BEST + 0.55, narrow + np.array((0.0, 0.0, 0.3))])
+    assert np.all(np.diff(two(begins).cost) > 0.0)
+    found = best_of_several(two, begins, np.random.default_rng(3), OptimumSettings(starts=starts))
+    assert found.shape == (OptimumSettings.elite, 3)
+    assert bool(np.max(np.abs(found[0] - narrow)) < 0.05) is deepest
 
 
 def test_a_missed_requirement_costs_more_than_any_tracking_error() -> None:
