@@ -54,7 +54,7 @@ class OptimumSettings:
     starts: int = whole(3, 1, 1000)
     last_rounds: int = whole(12, 0, 100_000)
     about: float = real(0.15, 0.0, 10.0)
-    spares: tuple[float, ...] = reals((0.03, 0.1), 0.0, 1.0)
+    spares: tuple[float, ...] = reals((0.03, 0.06, 0.1), 0.0, 1.0)
     spare_alone: float = real(0.12, 0.0, 1.0)
     lowest: tuple[float, ...] = reals((0.3, 0.3, 3e-3), 1e-12, 1e12)
     highest: tuple[float, ...] = reals((1e3, 3e5, 40.0), 1e-12, 1e12)
