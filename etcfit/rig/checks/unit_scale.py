@@ -44,11 +44,14 @@ class UnitScale(AbstractDetector):
     Args:
         near: relative deviation from a usual factor that counts as it.
         surely: factor beyond which no rig explains it.
+        closely: deviation from a usual factor below which nothing else explains a smaller one either: a gear ratio
+            that is miscounted by 30/pi within a few per cent is less likely than rad/s under the head rpm.
         errors: of a reading, in standard errors: one that is less sure says nothing.
     """
 
     near: float = real(0.2, 0.0, 1.0)
     surely: float = real(100.0, 1.0)
+    closely: float = real(0.03, 0.0, 1.0)
     errors: float = real(8.0, 0.0)
     kind: ClassVar[str] = "unit_scale"
     explains: ClassVar[bool] = True
@@ -57,15 +60,17 @@ class UnitScale(AbstractDetector):
         R, k = self._read(records, "R"), self._read(records, "k")
         for test in records.circuits:
             r, s = _against(R, test), _against(k, test)
-            for channel, c in self._slips(records, test, r, s):
+            for channel, c, seen in self._slips(records, test, r, s):
                 logged = next(t.channels[channel] for t in records.tests[test] if channel in t.channels)
                 unit = _unit(logged.unit, c)
                 name = logged.header.partition("[")[0].strip()
                 what = f"{c:.4g} times too large" if c > 1.0 else f"{1.0 / c:.4g} times too small"
                 found = (f"The numbers of {test}'s '{logged.header}' are {what}: its circuit shows {_words(r, s)} what "
                          "the other tests show.")  # fmt: skip
-                yield Finding(self.kind, c, "", 0.0, found, f"Head the column '{name} [{unit}]' there.", test,
-                              channel=channel, sure=max(c, 1.0 / c) > self.surely)  # fmt: skip
+                gear = " If the unit is right, gear_ratio in rig.toml is wrong." if channel == "motor_speed" else ""
+                sure = max(c, 1.0 / c) > self.surely or abs(log(abs(seen) / c)) < self.closely
+                yield Finding(self.kind, c, "", 0.0, found, f"Head the column '{name} [{unit}]' there.{gear}", test,
+                              channel=channel, sure=sure)  # fmt: skip
 
     def _read(self, records: Records, name: str) -> dict[str, float]:
         """Sure readings by test; k as of the motor."""
@@ -77,19 +82,25 @@ class UnitScale(AbstractDetector):
                 values[test] = value.value / (1.0 if name == "R" or apart else records.config.gear_ratio)
         return values
 
-    def _slips(self, records: Records, test: str, r: float | None, s: float | None) -> Iterator[tuple[str, float]]:
+    def _slips(
+        self, records: Records, test: str, r: float | None, s: float | None
+    ) -> Iterator[tuple[str, float, float]]:
+        """Channel, usual slip and factor seen."""
         boundary = TEST_BY_NAME[test].boundary
         if boundary.terminals_open:
             if s is not None and (c := self._usual("emf", s)):
-                yield ("emf" if any("emf" in t.channels for t in records.tests[test]) else "voltage"), c
+                yield ("emf" if any("emf" in t.channels for t in records.tests[test]) else "voltage"), c, s
         elif r is not None and (c := self._usual("voltage", r)) and (s is None or self._usual("voltage", s)):
-            yield ("voltage", c) if s is not None else ("current", self._usual("current", 1.0 / r) or 1.0 / c)
+            if s is not None:
+                yield "voltage", c, r
+            else:
+                yield "current", self._usual("current", 1.0 / r) or 1.0 / c, 1.0 / r
         elif r is not None and (c := self._usual("current", 1.0 / r)):
-            yield "current", c
+            yield "current", c, 1.0 / r
         elif s is not None:
             channel = "motor_speed" if boundary.gear_apart else "position"
             if c := self._usual(channel, 1.0 / s):
-                yield channel, c
+                yield channel, c, 1.0 / s
 
     def _usual(self, channel: str, factor: float) -> float | None:
         """The usual slip that a factor is, or None."""

@@ -128,6 +128,22 @@ def test_what_physics_rules_out_is_refused() -> None:
     refuse("rig", [dataclasses.replace(sure, sure=False)])
 
 
+@pytest.mark.parametrize(("factor", "sure"), [(np.pi / 30.0, True), (1.12 * np.pi / 30.0, False)])
+def test_a_speed_under_the_wrong_head_is_refused_where_its_factor_is_a_units(
+    clean: Path, factor: float, sure: bool
+) -> None:
+    """A gear ratio miscounted by as much would look the same; one that is nearly a unit's factor alone may be."""
+    edited(clean, "viscous", lambda sheet: sheet.scaled("motor_speed", factor))
+    try:
+        found = [f for f in read_folder(clean).findings if f.channel == "motor_speed"]
+        assert [(f.kind, f.sure) for f in found] == [("unit_scale", sure)]
+        assert found[0].mend == (
+            "Head the column 'motor_speed [rad/s]' there. If the unit is right, gear_ratio in rig.toml is wrong."
+        )
+    finally:
+        edited(clean, "viscous", lambda sheet: sheet.scaled("motor_speed", 1.0 / factor))
+
+
 def test_one_trace_in_which_little_is_told_apart_is_not_believed_against_its_test(tmp_path: Path) -> None:
     """The motor alone at 2 V: brushes, resistance and EMF look alike in it, and its own k comes out negative."""
     seed = 5220
