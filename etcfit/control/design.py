@@ -292,7 +292,8 @@ def binding(task: Task) -> tuple[str, ...]:
 
 
 def _meets(task: Task) -> bool:
-    settings = replace(task.settings, optimum=replace(task.settings.optimum, searches=1))
+    optimum = task.settings.optimum  # whether anything does is asked, not what does best
+    settings = replace(task.settings, optimum=replace(optimum, searches=1, starts=1, spares=optimum.spares[:1]))
     gains = RULES[BEST](replace(task, loop=task.loop.first(1), settings=settings))
     if isinstance(gains, Refusal):
         return False

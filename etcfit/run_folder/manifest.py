@@ -215,8 +215,9 @@ def is_latest(run: Path, stage: str, records: Mapping[str, Record]) -> bool:
 
     A file outside of RUN that was taken away has not changed: nothing newer could be made without it.
     """
-    if not is_current(run, stage, records) or stage == "fit":
-        return is_current(run, stage, records)
+    current = is_current(run, stage, records)
+    if not current or stage == "fit":
+        return current
     was, now = records[stage].inputs, inputs_of(run, stage)
     outside = {name: digest(run / name) for name in was if name not in now}
     return all(was.get(name) == sha for name, sha in now.items()) and all(
