@@ -264,6 +264,11 @@ class Loop:
         drive = None if self.drive is None else self.drive[which]
         return replace(self, throttles=jax.tree.map(lambda leaf: leaf[which], self.throttles), drive=drive)
 
+    def heard_anew(self) -> Loop:
+        """The loop with other noise of its sensor: how likely gains are to do is not asked of what they were sought
+        under."""
+        return replace(self, settings=replace(self.settings, seed=self.settings.seed + 1))
+
     def under(self, ecu: Ecu) -> Loop:
         """The loop with another ECU around its plants."""
         return replace(self, ecu=ecu)

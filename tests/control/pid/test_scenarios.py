@@ -103,6 +103,19 @@ def test_the_activity_of_a_duty_is_its_deviation_while_the_setpoint_rests() -> N
     assert found.current_rms_A == pytest.approx(1.5)
 
 
+def test_a_loop_heard_anew_has_other_noise_of_the_same_size_and_else_nothing_new() -> None:
+    gains, setpoint = Gains(np.array([20.0]), np.array([300.0]), np.array([0.3])), trapezoid()
+    for noise in (1e-3, 0.0):
+        loop = rigs.loop(ecu=Ecu(noise=noise))
+        first, again = (np.asarray(each.respond(gains, setpoint).voltage) for each in (loop, loop.heard_anew()))
+        if noise == 0.0:
+            assert np.array_equal(first, again)
+        else:
+            calm, other = first[..., -100:], again[..., -100:]  # at rest, where the noise alone moves the duty
+            assert np.max(np.abs(calm - other)) > 0.5 * np.std(calm)
+            assert np.std(other) == pytest.approx(np.std(calm), rel=0.4)
+
+
 def test_noise_moves_the_duty_as_its_gains_say() -> None:
     """A plate that is held still by friction: v = (Kp + Kd / (T_f + T) ...) noise, by its transfer from white noise."""
     ecu = Ecu(noise=1e-4)
