@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 from .base import Task
@@ -44,4 +45,18 @@ def front(task: Task, begin: Gains) -> tuple[FrontPoint, ...]:
         here = replace(alone, requirements=replace(task.requirements, duty_activity_pct=limit))
         begin, figures, missed = best_from(here, begin, task.settings.front.rounds)
         points.append(FrontPoint(limit, begin, figures.duty_activity_pct, figures.rmse_pct, missed == 0.0))
-    return tuple(points)
+    return carried(points)
+
+
+def carried(points: Sequence[FrontPoint]) -> tuple[FrontPoint, ...]:
+    """Points of which none follows worse than a calmer one: what is best within a limit is within every looser one.
+
+    Args:
+        points: as the searches ended, limits falling.
+    """
+    best = [points[-1]]
+    for point in reversed(points[:-1]):
+        calmer = best[-1]
+        better = calmer.meets and not (point.meets and point.rmse <= calmer.rmse)
+        best.append(replace(calmer, limit=point.limit) if better else point)
+    return tuple(reversed(best))

@@ -5,6 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from etcfit.control.pid import Gains
+from etcfit.control.pid.front import FrontPoint, carried
 from etcfit.control.pid.manual import grids
 from etcfit.control.pid.optimal import Scores, best_of_several, cross_entropy
 from etcfit.control.pid.relay import swing_of
@@ -90,6 +92,22 @@ def test_a_missed_requirement_costs_more_than_any_tracking_error() -> None:
     assert Scores(scores.rmse, excess, OptimumSettings(certain=0.9)).missed[1] == 0.0
     lost = Scores(np.array([np.nan, 1.0]), np.array([[0.0, np.nan]]))
     assert (lost.cost >= 1e3).all()
+
+
+def test_nothing_on_the_front_follows_worse_than_what_is_calmer() -> None:
+    """Four searches, limits falling: the third found better gains than the second, the last misses something."""
+    gains = [Gains(float(k), 1.0, 1.0) for k in range(4)]
+    found = carried(
+        (
+            FrontPoint(np.inf, gains[0], 6.0, 0.6, meets=True),
+            FrontPoint(5.0, gains[1], 4.5, 0.9, meets=True),
+            FrontPoint(4.0, gains[2], 3.5, 0.7, meets=True),
+            FrontPoint(3.0, gains[3], 2.5, 0.5, meets=False),
+        )
+    )
+    assert [p.limit for p in found] == [np.inf, 5.0, 4.0, 3.0]
+    assert [p.gains for p in found] == [gains[0], gains[2], gains[2], gains[3]]
+    assert [(p.activity, p.rmse) for p in found][1] == (3.5, 0.7)
 
 
 def test_the_manual_procedure_tries_gains_from_the_least_to_the_largest() -> None:
