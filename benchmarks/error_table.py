@@ -25,13 +25,11 @@ from etcfit.control.pid.ecu import Memory, tick
 from etcfit.control.pid.loop import Loop, Path
 from etcfit.control.pid.margins import COARSE, OpenLoop
 from etcfit.control.pid.optimal import Scores, best_over_draws, scores
-from etcfit.control.pid.scenarios import course
 from etcfit.control.pid.setpoint import Setpoint
 from etcfit.model.ecu import Ecu
 from etcfit.model.parameters import Scalar
 
-from .on_the_ecu import ecu
-from .pid_rules import draw, supposed
+from .on_the_ecu import known
 
 SEED = 1
 
@@ -87,8 +85,7 @@ def main() -> None:
     print("| rig | band, % of travel | near gains over far ones, P I D | RMSE % | with table % | saves % | missed by |")
     print("|---|---|---|---|---|---|---|")
     for seed in range(given.first_seed, given.first_seed + given.rigs):
-        told = supposed(draw(seed), ecu(), seed).task
-        task = replace(told, setpoint=course(told.loop.first(1), told.settings.scenarios))
+        _, task = known(seed)
         far = RULES["optimal"](task)
         assert isinstance(far, Gains)
         alone = fares(task, far)

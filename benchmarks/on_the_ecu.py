@@ -107,11 +107,18 @@ def _level(level: Level, share: np.ndarray, period: float) -> tuple[float, float
     return overshoot, late, 100.0 * float(held) / max(size, HELD_OF)
 
 
+def known(seed: int) -> tuple[Drawn, Task]:
+    """A rig, and what the rules are given of it."""
+    rig = draw(seed)
+    told = supposed(rig, ecu(), seed).task
+    return rig, replace(told, setpoint=course(told.loop.first(1), told.settings.scenarios))
+
+
 def run(seed: int) -> dict[str, Any]:
     """Every rule on one rig."""
     use_compilation_cache()
     begun = time.perf_counter()
-    rig, task = _task(seed)
+    rig, task = known(seed)
     found: dict[str, Gains | Refusal] = {name: rule(task) for name, rule in RULES.items()}
     found[GLOBAL] = globally(task)
     rules = {name: _outcome(rig, gains, task, seed) for name, gains in found.items() if isinstance(gains, Gains)}
@@ -154,16 +161,9 @@ def table(rigs: Mapping[int, Mapping[str, Any]]) -> str:
     return "\n".join(lines)
 
 
-def _task(seed: int) -> tuple[Drawn, Task]:
-    """A rig, and what the rules are given of it."""
-    rig = draw(seed)
-    told = supposed(rig, ecu(), seed).task
-    return rig, replace(told, setpoint=course(told.loop.first(1), told.settings.scenarios))
-
-
 def shares(seed: int, rules: Mapping[str, Mapping[str, Any]], drawings: int) -> dict[str, float]:
     """Share of drawings of the noise in which the plant meets every requirement, by the rules compared."""
-    rig, task = _task(seed)
+    rig, task = known(seed)
     found = {}
     for name in ("optimal", GLOBAL):
         gains = Gains(*rules[name]["gains"])
