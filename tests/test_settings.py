@@ -35,6 +35,7 @@ from etcfit.estimation.settings import (
     EdgesInStepSettings,
     FitSettings,
     GlobalSearchSettings,
+    GuideSettings,
     IdentifiabilitySettings,
     WhitenessSettings,
 )
@@ -61,6 +62,7 @@ KINDS: list[Any] = [
     EdgesInStepSettings,
     FitSettings,
     GlobalSearchSettings,
+    GuideSettings,
     IdentifiabilitySettings,
     WhitenessSettings,
     SamplingSettings,

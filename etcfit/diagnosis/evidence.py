@@ -14,10 +14,11 @@ import numpy as np
 from scipy.special import ndtr
 
 from ..estimation.autocorrelation import ljung_box
+from ..estimation.guide import guide_stiffness_of
 from ..problem.prediction_error import columns
 from .candidate_model import CandidateModel
 from .findings import Evidence, Share, Whiteness
-from .missing_torque import guide_stiffness_of, missing_voltage, signals
+from .missing_torque import missing_voltage, signals
 from .settings import DiagnosisSettings
 
 _AXES = {"torque": ("angle", "speed", "current", "load", "time"), "voltage": ("current", "speed", "angle", "time")}
@@ -35,7 +36,7 @@ class Place(NamedTuple):
 
 def evidence(s: CandidateModel) -> Evidence:
     """Test the residual of the fitted traces."""
-    stiffness = guide_stiffness_of(s.problem, s.x, s.settings)
+    stiffness = guide_stiffness_of(s.problem, s.x, s.settings.guide)
     r = columns(s.problem.batch, s.problem.residual(s.x, s.weighted) * (_weighed_down(s) if s.far else 1.0))
     along = signals(s.problem, s.x, stiffness)
     rows = _rows(s, r, along)

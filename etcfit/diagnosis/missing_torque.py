@@ -14,11 +14,12 @@ Source: synchronisation by a coupling (Abarbanel 2009); the guide as inverse dyn
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any, NamedTuple
+from typing import Any
 
 import jax.numpy as jnp
 import numpy as np
 
+from ..estimation.guide import guide_stiffness_of
 from ..problem.free_parameters import SERIES, Form, Pick
 from ..problem.prediction_error import columns
 from ..problem.problem import EstimationProblem
@@ -27,64 +28,6 @@ from ..problem.residual import run
 from .candidate_model import CandidateModel
 from .composition import is_of_the_rig
 from .findings import Motion
-from .settings import DiagnosisSettings
-
-
-def guide_stiffness_of(problem: EstimationProblem, x: np.ndarray, settings: DiagnosisSettings) -> float:
-    """Stiffness of the guide for these traces; 0 where no angle was logged. Arguments and units: `guide_stiffness`."""
-    guided = [t for t in problem.batch.traces if "position" in t.channels]
-    if not guided:
-        return 0.0
-    angles = [t.data[:, t.channels.index("position")] for t in guided]
-    record = Guided(
-        span=max(float(np.nanmax(a) - np.nanmin(a)) for a in angles),
-        rate=1.0 / float(np.median(np.concatenate([np.diff(t.instants) for t in guided]))),
-        torque_driven=all(t.torque_driven for t in guided),
-    )
-    values = problem.layout.values(x, problem.free_parameters.held)
-    return guide_stiffness(values, problem.config.gear_ratio, record, settings)
-
-
-class Guided(NamedTuple):
-    """The measured angle along which a plate is drawn.
-
-    Args:
-        span: largest travel within a trace, rad.
-        rate: samples a second, Hz.
-        torque_driven: the guide acts as a torque, not as a voltage.
-    """
-
-    span: float
-    rate: float
-    torque_driven: bool
-
-
-def guide_stiffness(values: Mapping[str, Any], gear: float, record: Guided, settings: DiagnosisSettings) -> float:
-    """Stiffness with which a guide draws the plate along its measured angle.
-
-        torque = max(T_f / (0.01 span), 0.003 J w^2),    w = 2 pi min(15 Hz, rate / 10),    J = N^2 J_m + J_L
-        volts  = min(torque R_a / (N K_m), 0.3 N K_b R_a / L_a)
-
-    Beyond the last bound guide and coil would swing. The numbers are `guide_give`, `guide_least`, `guide_bandwidth`,
-    `guide_bandwidth_of_rate` and `guide_stable`.
-
-    Args:
-        values: parameters, SI by symbol.
-        gear: N.
-        record: of the measured angle.
-        settings: what decides.
-    Returns:
-        V/rad, or N m/rad where torque drives.
-    """
-    inertia = gear**2 * float(values["J_m"]) + float(values["J_L"])
-    hertz = min(settings.guide_bandwidth, settings.guide_bandwidth_of_rate * record.rate)
-    stiff = inertia * (2.0 * np.pi * hertz) ** 2
-    torque = max(float(values["T_f"]) / max(settings.guide_give * record.span, 1e-9), settings.guide_least * stiff)
-    if record.torque_driven:
-        return torque
-    R_a = float(values["R_a"])
-    fastest = gear * float(values["K_b"]) * R_a / float(values["L_a"])  # V/rad
-    return min(torque * R_a / (gear * float(values["K_m"])), settings.guide_stable * fastest)
 
 
 @Program
@@ -139,7 +82,7 @@ def motions(before: CandidateModel, after: CandidateModel, held_out: bool) -> li
         held_out: of the traces held out rather than those fitted.
     """
     first, last = (s.holdout[0] if held_out and s.holdout is not None else s.problem for s in (before, after))
-    stiffness = guide_stiffness_of(last, after.x, after.settings)
+    stiffness = guide_stiffness_of(last, after.x, after.settings.guide)
     lacked, left = signals(first, before.x, stiffness), signals(last, after.x, stiffness)
     volts, volts_left = missing_voltage(first, before.x, stiffness), missing_voltage(last, after.x, stiffness)
     out = []

@@ -8,6 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ..estimation.approach import approach
+from ..estimation.guide import guide_stiffness_of
 from ..estimation.joint_fit import MISFIT, Report
 from ..estimation.levenberg_marquardt import descend
 from ..estimation.result import FitResult, Termination
@@ -19,7 +20,6 @@ from ..problem.residual import WeightedData
 from ..problem.trace import Trace
 from .candidate_model import CandidateModel
 from .composition import compose
-from .missing_torque import guide_stiffness_of
 from .score import Score, score
 from .settings import DiagnosisSettings
 
@@ -36,7 +36,7 @@ def _weigh(
     problem: EstimationProblem, held_out: tuple[Trace, ...], x: np.ndarray, far: bool, settings: DiagnosisSettings
 ) -> Weighed:
     """Near the data the residual is whitened at x; far from them it is guided and weighed by what is left in it."""
-    stiffness = guide_stiffness_of(problem, x, settings)
+    stiffness = guide_stiffness_of(problem, x, settings.guide)
 
     def one(b: EstimationProblem) -> tuple[EstimationProblem, WeightedData]:
         if not far:

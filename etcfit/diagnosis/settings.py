@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from ..estimation.settings import GuideSettings
 from ..ranges import check_ranges, real, whole
 
 
@@ -154,16 +155,8 @@ class DiagnosisSettings:
 
     # ---- the guide that draws the plate along the measured angle
 
-    guide_give: float = real(0.01, above=0.0, below=1.0)
-    """How far the guide gives way to a torque as large as dry friction, over the travel that was measured."""
-    guide_bandwidth: float = real(15.0, above=0.0)
-    """Hz; bandwidth by which the guide's least stiffness is measured."""
-    guide_bandwidth_of_rate: float = real(0.1, above=0.0, below=1.0)
-    """Most that this bandwidth may be, over the sample rate."""
-    guide_least: float = real(0.003, above=0.0)
-    """Least stiffness of the guide over J w^2, w its bandwidth: for plates with hardly any dry friction."""
-    guide_stable: float = real(0.3, above=0.0, below=1.0)
-    """Most stiffness of the guide over that at which guide and coil would swing."""
+    guide: GuideSettings = GuideSettings()
+    """How stiff it is; far from the data models are compared under it."""
 
     # ---- what has no name
 

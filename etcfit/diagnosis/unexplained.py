@@ -10,6 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ..estimation.guide import guide_stiffness_of
 from ..estimation.joint_fit import Report
 from ..estimation.result import FitResult
 from ..model.effects import fraction
@@ -20,7 +21,7 @@ from .choice import promises, stands
 from .composition import Effect, compose
 from .findings import Unexplained
 from .loop import screened
-from .missing_torque import guide_stiffness_of, signals
+from .missing_torque import signals
 from .refit import refit_fully, spoilt
 from .score import Score, score
 from .screen import Signature
@@ -178,7 +179,7 @@ def _finding(best: Trial, doubts: tuple[str, ...]) -> Unexplained:
     s, v, effect = best.model, best.verdict, best.verdict.effect
     assert issubclass(effect, AbstractSmooth)
     curve = effect(**{symbol: s.values[symbol] for symbol in effect.symbols})
-    along = signals(s.problem, s.x, guide_stiffness_of(s.problem, s.x, s.settings))
+    along = signals(s.problem, s.x, guide_stiffness_of(s.problem, s.x, s.settings.guide))
     where = np.linspace(*measured_range(effect, along, s.problem.config.travel), _POINTS)
     shape = np.asarray(curve.shape(where))
     size = float(np.sqrt(np.mean((shape - shape.mean()) ** 2)))

@@ -23,6 +23,7 @@ from .accuracy import with_accuracy
 from .approach import approach, with_lag_of
 from .edges_in_step import with_edges_in_step
 from .global_search import evolve
+from .guide import let_go
 from .levenberg_marquardt import descend, minimise
 from .neighbouring_optima import likeliest_nearby
 from .result import FitResult as FitResult
@@ -268,8 +269,11 @@ def _free_running(problem: EstimationProblem, x: np.ndarray, report: Report, set
 
     What such a model lacks is larger than all that the whitening knows of, so the whitening would only let it follow
     the data; and there a fit may be trapped, so it is searched for as well as descended to. Each channel of each trace
-    is weighed by the error that is left in it: what the model cannot explain must not spoil what it can.
+    is weighed by the error that is left in it: what the model cannot explain must not spoil what it can. A guide along
+    the measured path that is let go leads past valleys in which the descent from the start was caught.
     """
+    report("no start comes near the data: along the measured path first", 0.5)
+    x = let_go(problem, x, settings)
     for k in range(settings.reweighings):
         report("no start comes near the data: searching about the best", 0.5 + 0.1 * k)
         problem, weighted, x = freed(problem, x, settings.spread / 2.0**k, settings)

@@ -140,6 +140,29 @@ class GlobalSearchSettings:
 
 
 @dataclass(frozen=True)
+class GuideSettings:
+    """How stiff the guide is that draws a plate along its measured angle, and how it is let go.
+
+    Args:
+        give: how far the guide gives way to a torque as large as dry friction, over the travel that was measured.
+        bandwidth: by which its least stiffness is measured, Hz.
+        bandwidth_of_rate: most that this bandwidth may be, over the sample rate.
+        least: least stiffness over J w^2, w the bandwidth: for plates with hardly any dry friction.
+        stable: most stiffness over that at which guide and coil would swing.
+        shares: of the stiffness, one after the other, with which a model far from its data is led into its free run.
+    """
+
+    give: float = real(0.01, above=0.0, below=1.0)
+    bandwidth: float = real(15.0, above=0.0)
+    bandwidth_of_rate: float = real(0.1, above=0.0, below=1.0)
+    least: float = real(0.003, above=0.0)
+    stable: float = real(0.3, above=0.0, below=1.0)
+    shares: tuple[float, ...] = reals((1.0, 0.3, 0.1, 0.03, 0.01, 0.003), 0.0, 1.0)
+
+    __post_init__ = check_ranges
+
+
+@dataclass(frozen=True)
 class FitSettings:
     """The plan of a joint fit.
 
@@ -169,6 +192,7 @@ class FitSettings:
         rough: largest fall of chi2, in units of chi2 per degree of freedom, that the last draws of such a search may
             find if the fit is to count as converged.
         reweighings: times that each channel's weight is renewed from the error left in it, for a model that is far.
+        guide: of a model that is far, the way from its measured path into its free run.
         search: budgets of the searches without a gradient.
         neighbours: where an ECU is in the model, points about the likeliest end from which the fit is begun again at a
             time; with 0 it is not begun again.
@@ -203,6 +227,7 @@ class FitSettings:
     decrement: float = real(1e-2, 0.0, 1e6)
     rough: float = real(0.1, 0.0, 1e6)
     reweighings: int = whole(3, 1, 1000)
+    guide: GuideSettings = GuideSettings()
     search: GlobalSearchSettings = GlobalSearchSettings()
     neighbours: int = whole(6, 0, 1000)
     neighbourhood: tuple[float, ...] = reals((0.15, 0.05), 0.0, 10.0)

@@ -9,11 +9,11 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
 import bodies
-from bodies import OPEN, N, batch, body, path
+from bodies import N, batch, body, path
 from etcfit.diagnosis.candidate_model import CandidateModel
 from etcfit.diagnosis.composition import Composition
 from etcfit.diagnosis.findings import Motion
-from etcfit.diagnosis.missing_torque import Guided, guide_stiffness, guide_stiffness_of, motions
+from etcfit.diagnosis.missing_torque import motions
 from etcfit.diagnosis.settings import DiagnosisSettings
 from etcfit.estimation.result import Termination
 from etcfit.model.effects import PAPER
@@ -23,7 +23,6 @@ from etcfit.problem.input_signal import InputSignal
 from etcfit.problem.problem import EstimationProblem
 from etcfit.problem.trace import Trace, prepare
 from etcfit.rig.base import Fixed
-from independent import CONSISTENT, TABLE_2, Truth
 from measurements import CONFIG, measurement
 
 LACKED = 0.05  # N m that help the true plate open
@@ -31,47 +30,6 @@ OFFSET = 0.03  # A that its current sensor adds
 CIRCUITS = (0.0, 0.4)  # ohm of the test's own circuit
 DT, SAMPLES = 1e-3, 1200
 SLIDES = slice(600, 750)  # samples at which the plate has slid long enough, and is not yet open
-
-
-# ---- the guide's stiffness
-
-
-def stiffness(truth: Truth, span: float, rate: float = 1000.0, torque: bool = False, **changes: float) -> float:
-    values = {s: getattr(truth, s) for s in ("J_m", "J_L", "T_f", "R_a", "L_a", "K_b", "K_m")}
-    return guide_stiffness(values | changes, N, Guided(span, rate, torque), DiagnosisSettings())
-
-
-@pytest.mark.parametrize("travel", [OPEN, 0.1], ids=["whole travel", "a twentieth of it"])
-@pytest.mark.parametrize("truth", [CONSISTENT, TABLE_2], ids=["light", "heavy"])
-def test_a_guided_plate_is_stable(truth: Truth, travel: float) -> None:
-    """L J s^3 + (R J + L B) s^2 + ((N K)^2 + R B + L K_s) s + R K_s + N K pull has no root on the right."""
-    pull = stiffness(truth, travel)
-    coil = N * truth.K_b
-    roots = np.roots([
-        truth.L_a * truth.J_eq,
-        truth.R_a * truth.J_eq + truth.L_a * truth.B_eq,
-        coil**2 + truth.R_a * truth.B_eq + truth.L_a * truth.K_s,
-        truth.R_a * truth.K_s + coil * pull,
-    ])  # fmt: skip
-    assert pull > 0.0
-    assert np.max(roots.real) < 0.0
-
-
-def test_a_guide_in_volts_is_as_stiff_as_one_in_torque() -> None:
-    volts, torque = stiffness(CONSISTENT, OPEN), stiffness(CONSISTENT, OPEN, torque=True)
-    assert volts * N * CONSISTENT.K_m / CONSISTENT.R_a == pytest.approx(torque, rel=1e-6)
-
-
-def test_a_guide_gives_way_to_dry_friction_by_a_hundredth_of_the_travel() -> None:
-    for travel in (OPEN, 0.5):
-        assert CONSISTENT.T_f / stiffness(CONSISTENT, travel, torque=True) == pytest.approx(0.01 * travel, rel=1e-3)
-
-
-@pytest.mark.parametrize(("rate", "hertz"), [(1000.0, 15.0), (30.0, 3.0)])
-def test_without_dry_friction_a_guide_has_a_share_of_its_bandwidths_stiffness(rate: float, hertz: float) -> None:
-    """0.003 J w^2, w of 15 Hz or a tenth of the sample rate."""
-    expected = 0.003 * CONSISTENT.J_eq * (2.0 * np.pi * hertz) ** 2
-    assert stiffness(CONSISTENT, OPEN, rate, torque=True, T_f=0.0) == pytest.approx(expected, rel=1e-3)
 
 
 # ---- what is missing
@@ -179,23 +137,3 @@ def test_where_no_current_was_logged_no_voltage_is_read() -> None:
     (found,) = motions(candidate(blind, 0.0, preload), candidate(blind, 0.0, preload), False)
     assert_array_equal(found.voltage, np.full(SAMPLES, np.nan))
     assert_allclose(found.torque[SLIDES], LACKED, rtol=0.03)
-
-
-# ---- what a trace gives the guide
-
-
-def test_a_guide_is_as_stiff_as_the_logged_angle_asks(trace: Trace, series: float) -> None:
-    """Largest travel and median rate of the trace."""
-    s = candidate(trace, series, bodies.NOMINAL["T_PL"])
-    position = trace.data[:, trace.channels.index("position")]
-    record = Guided(float(np.ptp(position)), 1.0 / DT, False)
-    expected = guide_stiffness(s.values, N, record, s.settings)
-    assert guide_stiffness_of(s.problem, s.x, s.settings) == pytest.approx(expected, rel=1e-9)
-
-
-def test_where_no_angle_was_logged_nothing_is_guided() -> None:
-    trace = measured(0.0)
-    k = trace.channels.index("current")
-    blind = replace(trace, channels=("current",), data=trace.data[:, [k]], sigma=trace.sigma[[k]])
-    s = candidate(blind, 0.0, bodies.NOMINAL["T_PL"])
-    assert guide_stiffness_of(s.problem, s.x, s.settings) == 0.0
