@@ -33,6 +33,7 @@ from independent.mistakes import Mistake, make_mistaken
 
 KINDS = ("series_resistance", "channel_gain", "channel_offset", "sensor_end_points", "channel_sign", "time_scale",
          "gear_ratio", "unit_scale", "channel_late", "trace_late", "supply_sag")  # fmt: skip
+SINCE = ("warm_start", "other_rig")  # kinds of later: seeds go on to name the mistakes that they named before
 ALSO = {"voltage": "current", "current": "voltage"}  # what reads one too large reads the other too small
 PARAMETERS = ("R_a", "L_a", "K_b", "J_m", "J_L", "B_m", "B_L", "K_s", "T_PL", "T_f")
 
@@ -118,7 +119,7 @@ def table(records: list[dict[str, Any]]) -> str:
         by_kind[each["kind"]].append(each)
         by_kind["all"].append(each)
     rows = ["| mistake | folders | named | hold before | hold after | worst z after |", "|---|---|---|---|---|---|"]
-    for kind in (*KINDS, "all"):
+    for kind in (*KINDS, *SINCE, "all"):
         if some := by_kind.get(kind):
             cells = [str(len(some)), f"{100 * np.mean([r['named'] for r in some]):.0f} %"]
             cells += [f"{sum(r[w]['holding'] for r in some)} of {sum(r[w]['stated'] for r in some)}"
@@ -131,7 +132,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--folders", type=int, default=20)
     parser.add_argument("--first-seed", type=int, default=7400)
-    parser.add_argument("--only", nargs="+", choices=KINDS, default=KINDS, help="these mistakes, in turn")
+    parser.add_argument("--only", nargs="+", choices=(*KINDS, *SINCE), default=KINDS, help="these mistakes, in turn")
     parser.add_argument("--save", type=Path, help="append each record to this file as a line of JSON")
     parser.add_argument("--table", type=Path, help="diagnose nothing: the table of what was saved")
     asked = parser.parse_args()

@@ -1,13 +1,15 @@
 """What people get wrong on a rig, done to a folder that `make_folder` wrote: its CSVs and its rig.toml, as text.
 
 Every mistake is a function of a folder and a random generator, which draws where and how large; it says what it did.
-Three are made where the data are: a resistor that nobody declared, one clock for output and logger, and a supply that
-sags behind a bridge whose duty is all that was logged.
+Some are made where the data are: a resistor that nobody declared, one clock for output and logger, a supply that sags
+behind a bridge whose duty is all that was logged, a trace whose winding was warm, a trace of another body.
 """
 
 from __future__ import annotations
 
 import re
+import shutil
+import tempfile
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -273,16 +275,53 @@ def shifted(sheet: Sheet, columns: list[int], by: int) -> Sheet:
     return replace(sheet, rows=rows)
 
 
+def of_another_body(path: Path, other: Truth, seed: int, effects: Effects, size: str, files: list[str]) -> None:
+    """Some traces of a folder replaced by those that another body gave in a folder like it."""
+    with tempfile.TemporaryDirectory() as beside:
+        make_folder(Path(beside), other, seed, effects, size)  # pyright: ignore[reportArgumentType]
+        for file in files:
+            shutil.copy(Path(beside) / file, path / file)
+
+
+def fitted_files(folder: Path, tests: tuple[str, ...]) -> list[str]:
+    """Files of some tests that are not held out."""
+    held_out = (folder / "rig.toml").read_text(encoding="utf-8").partition("[holdout]")[2]
+    every = [f"{test}/{path.name}" for test in tests for path in sorted((folder / test).glob("*.csv"))]
+    return [file for file in every if file not in held_out]
+
+
+def warm_start(path: Path, truth: Truth, seed: int, effects: Effects, size: str, rng: np.random.Generator) -> Mistake:
+    """One trace was begun with a winding 20 to 60 K warmer than the others were."""
+    file = str(rng.choice(fitted_files(path, ("static_load", "viscous", "response"))))
+    ohm = 0.0039 * truth.R_a * float(rng.uniform(20.0, 60.0))
+    of_another_body(path, replace(truth, R_a=truth.R_a + ohm), seed, effects, size, [file])
+    return Mistake("warm_start", file.partition("/")[0], None, ohm, file)
+
+
+def other_rig(path: Path, truth: Truth, seed: int, effects: Effects, size: str, rng: np.random.Generator) -> Mistake:
+    """One trace is of another body of the same make: its parameters 5 to 25 % off, each by itself."""
+    file = str(rng.choice(fitted_files(path, ("static_load", "viscous", "response"))))
+    off = rng.choice([-1, 1], size=len(_MAKE)) * rng.uniform(0.05, 0.25, size=len(_MAKE))
+    values = {s: getattr(truth, s) * (1.0 + d) for s, d in zip(_MAKE, off, strict=True)}
+    other = replace(truth, **values, K_m=values["K_b"])
+    of_another_body(path, other, seed, effects, size, [file])
+    return Mistake("other_rig", file.partition("/")[0], None, float(np.max(np.abs(off))), file)
+
+
+_MAKE = ("R_a", "L_a", "K_b", "J_m", "J_L", "B_m", "B_L", "K_s", "T_PL", "T_f")
+
 AFTERWARDS: Mapping[str, Callable[[Path, np.random.Generator], Mistake]] = {
     change.__name__: change
     for change in (swapped_columns, channel_sign, unit_scale, gear_ratio, time_scale, time_scale_under_hum, hum,
                    channel_offset, saturation, lost_samples, duplicate, channel_gain, sensor_end_points, channel_late,
                    trace_late)
 }  # fmt: skip
+# traces that another body gave
+ELSEWHERE = {change.__name__: change for change in (warm_start, other_rig)}
 # each draws by its place here: a new one goes to the end
-MISTAKES = ("series_resistance", "synchronous_edges", *AFTERWARDS, "supply_sag")
+MISTAKES = ("series_resistance", "synchronous_edges", *AFTERWARDS, "supply_sag", *ELSEWHERE)
 # a few per cent, or samples, that no trace shows by itself
-ONLY_BY_A_FIT = ("channel_gain", "sensor_end_points", "channel_late", "trace_late", "supply_sag")
+ONLY_BY_A_FIT = ("channel_gain", "sensor_end_points", "channel_late", "trace_late", "supply_sag", *ELSEWHERE)
 
 
 def make_mistaken(
@@ -314,4 +353,6 @@ def make_mistaken(
         toml = (path / "rig.toml").read_text(encoding="utf-8")
         text = toml.replace('[tests.inductance]\nseries_ohm = "free"\n', "")
         (path / "rig.toml").write_text(text, encoding="utf-8", newline="\n")
+    if mistake in ELSEWHERE:
+        return ELSEWHERE[mistake](path, truth, seed, effects, size, rng)
     return AFTERWARDS[mistake](path, rng) if mistake in AFTERWARDS else done

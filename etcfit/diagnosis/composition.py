@@ -48,8 +48,9 @@ class Composition:
 
     @property
     def prompt(self) -> tuple[Effect, ...]:
-        """Those of them that need no path to be kept: one that delays makes all beside it dear."""
-        return tuple(e for e in self.of_the_rig if not e.delays)
+        """Those of them that need no path to be kept, for one that delays makes all beside it dear, and that are not of
+        one trace alone, for there may be hundreds of those."""
+        return tuple(e for e in self.of_the_rig if not e.delays and e.scope != "trace")
 
     @property
     def inside(self) -> tuple[Effect, ...]:

@@ -9,7 +9,6 @@ import numpy as np
 from ..estimation.accuracy import with_accuracy
 from ..estimation.agreement import in_words
 from ..estimation.compromise import reason
-from ..estimation.guide import let_go
 from ..estimation.intervals import Z_95
 from ..estimation.joint_fit import Report, freed
 from ..estimation.remedies import listed
@@ -36,7 +35,6 @@ def final_fit(result: FitResult, progress: Progress, report: Report) -> FitResul
     problem, weighted, x, end = s.problem, s.weighted, s.x, s.end
     if s.far:
         report("letting the final model run free", 0.95)
-        x = let_go(problem, x, result.settings)
         problem, weighted, x = freed(problem.guided(0.0), x, s.settings.free_spread, result.settings)
         end = Termination(True, "best free run found from the optimum of the guided residual", far=True)
     optimum = Optimum(result.rig, result.readings, problem, s.held_out, weighted, x, end, settings=result.settings)

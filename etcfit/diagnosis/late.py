@@ -29,6 +29,7 @@ from .candidate_model import CandidateModel
 from .composition import Effect
 from .screen import Background, Signature, Variant, ranked
 from .settings import DiagnosisSettings
+from .single_traces import rows_by_file
 
 RigEffect = type[AbstractRigEffect]
 
@@ -68,12 +69,12 @@ def screen_of_late(
         background: of the model and residual without them.
         problem, x, weighted: that model.
         candidates: effects of the rig that delay.
-        settings: `late_traces`.
+        settings: `single_traces`.
     """
-    intervals, changes, rows = _intervals(problem), _changes(problem, x, weighted), _rows(problem, weighted)
+    intervals, changes, rows = _intervals(problem), _changes(problem, x, weighted), rows_by_file(problem, weighted)
     rigs = [e for e in candidates if issubclass(e, AbstractRigEffect)]
     alone = [e for e in rigs if e.place.file]
-    standing_out = _standing_out(alone, background, changes, rows)[: settings.late_traces]
+    standing_out = _standing_out(alone, background, changes, rows)[: settings.single_traces]
     found = []
     for effect in (e for e in rigs if e not in alone or e in standing_out):
         (p,) = parameters_of(effect)
@@ -134,16 +135,6 @@ def _intervals(problem: EstimationProblem) -> dict[str, float]:
     for trace in problem.batch.traces:
         spans.setdefault(trace.test.name, []).append(np.diff(trace.instants))
     return {test: float(np.median(np.concatenate(each))) for test, each in spans.items()}
-
-
-def _rows(problem: EstimationProblem, weighted: WeightedData) -> dict[str, np.ndarray]:
-    """Which of the fitted samples, in the order of the residual's, belong to each trace, by file."""
-    weight = np.asarray(weighted.slots.weight)
-    number = np.full(weight.shape, -1)
-    for k, (lane, _, marks) in enumerate(problem.batch.places):
-        number[marks, lane] = k
-    fitted = number[weight > 0.0]
-    return {trace.measurement.file: np.flatnonzero(fitted == k) for k, trace in enumerate(problem.batch.traces)}
 
 
 def _changes(problem: EstimationProblem, x: np.ndarray, weighted: WeightedData) -> list[_Change]:

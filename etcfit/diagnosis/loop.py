@@ -20,6 +20,7 @@ from .model_discrepancy import inexact
 from .refit import holds, refit_fully
 from .score import Score, score
 from .screen import Background, Signature, ranked, screen_of_the_rig, variants
+from .single_traces import screen_of_single_traces
 from .trial import Trial, second_trial, tried
 
 
@@ -105,7 +106,8 @@ def measured(s: CandidateModel, candidates: Sequence[Effect]) -> Measured:
     `inside`.
     """
     every = [e for e in candidates if is_of_the_rig(e)]
-    of_the_rig, late = ([e for e in every if e.delays is delays] for delays in (False, True))
+    prompt, late = ([e for e in every if e.delays is delays] for delays in (False, True))
+    of_the_rig, alone = ([e for e in prompt if (e.scope == "trace") is single] for single in (False, True))
     background = Background.of(s.problem, s.x, s.weighted)
     inside = [variant for e in candidates if not is_of_the_rig(e) for variant in variants(e)]
     parameters = {p.symbol: p for p in s.composition.whole.layout.parameters}
@@ -114,6 +116,7 @@ def measured(s: CandidateModel, candidates: Sequence[Effect]) -> Measured:
     if of_the_rig:
         rigged = s.with_the_rig()
         found += screen_of_the_rig(background, rigged.problem, rigged.x, rigged.weighted, of_the_rig)
+    found += screen_of_single_traces(background, s.problem, s.x, s.weighted, alone, s.settings)
     if late:
         found += screen_of_late(background, s.problem, s.x, s.weighted, late, s.settings)
     return Measured(background, found)

@@ -113,10 +113,11 @@ class DiagnosisSettings:
     pair_refits: int = whole(2, 0)
     """Most pairs of effects refitted beside what the rounds found, the most promising first; 0: none."""
 
-    # ---- what is logged late
+    # ---- what single traces show, and what is logged late
 
-    late_traces: int = whole(8, 1)
-    """Single traces, those that stand out the most, of which it is asked whether they were logged late."""
+    single_traces: int = whole(8, 1)
+    """Single traces, those that stand out the most, of which it is asked whether they were logged late; and as many of
+    which it is asked whether their winding was warm."""
     late_stretches: int = whole(20, 2)
     """Equal parts of a trace: what is late must explain more than the one of them that gains most, one event."""
 

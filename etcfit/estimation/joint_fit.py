@@ -269,11 +269,8 @@ def _free_running(problem: EstimationProblem, x: np.ndarray, report: Report, set
 
     What such a model lacks is larger than all that the whitening knows of, so the whitening would only let it follow
     the data; and there a fit may be trapped, so it is searched for as well as descended to. Each channel of each trace
-    is weighed by the error that is left in it: what the model cannot explain must not spoil what it can. A guide along
-    the measured path that is let go leads past valleys in which the descent from the start was caught.
+    is weighed by the error that is left in it: what the model cannot explain must not spoil what it can.
     """
-    report("no start comes near the data: along the measured path first", 0.5)
-    x = let_go(problem, x, settings)
     for k in range(settings.reweighings):
         report("no start comes near the data: searching about the best", 0.5 + 0.1 * k)
         problem, weighted, x = freed(problem, x, settings.spread / 2.0**k, settings)
@@ -296,7 +293,8 @@ class FreeRun(NamedTuple):
 
 
 def freed(problem: EstimationProblem, x: np.ndarray, spread: float, settings: FitSettings = FitSettings()) -> FreeRun:
-    """The best free run about x: weighed by the error left in each channel, searched for, descended to.
+    """The best free run about x: weighed by the error left in each channel, searched for, descended to, and the one
+    to which a guide leads from there, where that is likelier.
 
     Args:
         problem: the traces.
@@ -308,4 +306,8 @@ def freed(problem: EstimationProblem, x: np.ndarray, spread: float, settings: Fi
     weighted = problem.weighted(weights.free_running(problem))
     x = evolve(problem, x, weighted, spread * problem.layout.reach(x), settings.search)
     x, _ = minimise(problem, x, weighted, settings.tolerance, settings.steps)
-    return FreeRun(problem, weighted, x)
+    led = let_go(problem, x, settings)
+    if led is not x:
+        problem = weights.discounted(problem, led)
+        weighted = problem.weighted(weights.free_running(problem))
+    return FreeRun(problem, weighted, led)

@@ -175,7 +175,7 @@ def test_what_is_late_lies_beside_what_is_late_and_of_single_traces_the_one_on_t
     assert {e.kind for e in tests} == {"channel_late"}
     assert {e.kind for e in files} == {"trace_late"}
     assert {e.place.file for e in files} == {"inductance/1.csv", "response/1.csv"}  # a resistance does not tell time
-    assert set(late) | set(both.prompt) == set(both.of_the_rig)
+    assert set(late) | set(both.prompt) == set(both.of_the_rig)  # each test has one trace: none was warm alone
     assert both.on_trial(tuple(tests[:1])).layout.form == both.on_trial(tuple(tests[1:2])).layout.form
     assert [e for e in both.on_trial((files[0],)).layout.types if e in files] == [files[0]]
     assert not any(e.delays for e in both.on_trial((both.prompt[0],)).layout.types)

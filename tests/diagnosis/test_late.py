@@ -118,7 +118,7 @@ def test_a_signature_is_the_change_of_the_residual(case: Case, name: str) -> Non
     effect = case.late[name]
     problem = case.logged(lambda t: moved(t, *({"position"} if "channel" in name else t.channels))
                           if t.test.name == "response" else t.data)  # fmt: skip
-    found = next(g for g in case.screened(problem, late_traces=1) if g.variant.effect is effect)
+    found = next(g for g in case.screened(problem, single_traces=1) if g.variant.effect is effect)
     (p,) = parameters_of(effect)
     with_it = problem.with_parameters(case.composition.lean((effect,)))
     x = np.append(case.x, p.domain.coordinate(found.values[p.symbol]))
@@ -135,7 +135,7 @@ def test_a_signature_is_the_change_of_the_residual(case: Case, name: str) -> Non
 
 def test_of_many_traces_only_those_that_stand_out_keep_a_signature(case: Case) -> None:
     problem = case.logged(lambda t: moved(t, *t.channels) if t.test.name == "inductance" else t.data)
-    every = [g.variant.effect for g in case.screened(problem, late_traces=1)]
+    every = [g.variant.effect for g in case.screened(problem, single_traces=1)]
     assert [e.name for e in every if e.scope == "trace"] == ["trace_late[inductance/1.csv]"]
 
 

@@ -54,7 +54,7 @@ def test_the_defaults_are_those_of_the_recorded_folders() -> None:
         "trial_tolerance": 1e-3, "steepest_start": 3.0, "start_halvings": 8, "second_trial_share": 0.5,
         "refit_tolerance": 1e-4, "near_chi2_per_dof": 10.0, "whitening_rounds": 10, "still": 0.2, "reweighings": 2,
         "worse_chi2": 1.5, "exchange_rival": 0.5,
-        "imitated": 0.05, "merges": 2, "handing_over": 8, "pair_refits": 2, "late_traces": 8, "late_stretches": 20,
+        "imitated": 0.05, "merges": 2, "handing_over": 8, "pair_refits": 2, "single_traces": 8, "late_stretches": 20,
         "formula_ceiling": 0.04, "formula_stretches": 6,
         "curve_length": 3.0, "curve_evidence": 10.0, "large_curve": 0.05, "curve_stretches": 20,
         "white_p": 1e-4, "large_rms": 0.03, "large_rms_deviations": 5.0, "share_bins": 24, "share_samples": 200,

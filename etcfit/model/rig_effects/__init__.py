@@ -14,6 +14,7 @@ from .series_resistance import SeriesResistance
 from .supply_sag import SupplySag
 from .time_scale import TimeScale
 from .trace_late import TraceLate
+from .warm_start import WarmStart
 
 # families; `at` makes the effect of one place
 RIG_EFFECTS: tuple[type[AbstractRigEffect], ...] = (
@@ -28,6 +29,7 @@ RIG_EFFECTS: tuple[type[AbstractRigEffect], ...] = (
     ChannelLate,
     TraceLate,
     SupplySag,
+    WarmStart,
 )
 FAMILY_BY_KIND: dict[str, type[AbstractRigEffect]] = {family.kind: family for family in RIG_EFFECTS}
 
@@ -65,6 +67,7 @@ __all__ = [
     "SupplySag",
     "TimeScale",
     "TraceLate",
+    "WarmStart",
     "at_places",
     "number_of",
     "rig_effect",

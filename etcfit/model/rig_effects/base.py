@@ -76,10 +76,13 @@ class AbstractRigEffect(AbstractEffect):
     Attributes:
         kind: its name in rig.toml and diagnosis.json, without the place.
         place: where it is at work; of a family, everywhere.
+        like: parameter of the throttle that, changed in one trace, does what this effect does there; needed of a family
+            that is found `in_traces` and does not delay, for by that parameter's tangent all traces are screened.
     """
 
     kind: ClassVar[str]
     place: ClassVar[Place] = Place()
+    like: ClassVar[str] = ""
     scope = "test"
     inexact = 0.0  # gains and resistances are what they are
 
