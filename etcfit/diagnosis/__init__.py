@@ -8,19 +8,22 @@ from ..estimation.joint_fit import Report, quiet
 from ..estimation.result import FitResult
 from .candidate_model import CandidateModel
 from .discrepancy import Allowed, allowing_for_the_rest
+from .evidence import evidence
 from .exchange import exchanged, pruned
 from .final import final_fit
 from .findings import Diagnosis, SetTried, Unexplained
 from .merge import merged
 from .missing_torque import motions
+from .other_rig import Strange, of_another_rig
 from .probabilities import probabilities
 from .refit import start
 from .rig_mistakes import rig_mistakes
 from .rounds import Progress, forward, names
+from .score import score
 from .sets import searched
 from .settings import DEFAULT, DiagnosisSettings
 from .unexplained import outdone, unexplained
-from .verdict import runs_free_worse, tie, verdict
+from .verdict import in_words, runs_free_worse, tie, verdict
 
 __all__ = ["Diagnosis", "DiagnosisSettings", "diagnose"]
 
@@ -37,8 +40,17 @@ def diagnose(result: FitResult, report: Report = quiet, settings: DiagnosisSetti
     """
     report("listing the effects that these data could show", 0.0)
     first = start(result, settings)
-    progress = _looked_back(result, forward(result, Progress(first), report), report)
+    progress = forward(result, Progress(first), report, until=1)
+    strange = None if _explained(progress.model) else of_another_rig(result, first, result.score_fit, report)
+    if strange is not None:
+        return _of_the_others(strange, result, report, settings)
+    progress = progress if progress.ended else forward(result, progress, report)
+    progress = _looked_back(result, progress, report)
     progress, sets = _of_sets(result, first, progress, report)
+    if progress.model.added and not _explained(progress.model):
+        strange = of_another_rig(result, progress.model, score(progress.model).fit_rows, report)
+        if strange is not None:
+            return _of_the_others(strange, result, report, settings)
     left = outdone(result, first, progress.model, report)
     if left is not None:
         progress = progress.back_to(first)
@@ -55,6 +67,28 @@ def diagnose(result: FitResult, report: Report = quiet, settings: DiagnosisSetti
     if left is not None or not progress.rounds[-1].evidence.white:
         rest = allowing_for_the_rest(result, after, progress.model, report)
     return _told(result, rest, first, progress, left, sets)
+
+
+def _explained(s: CandidateModel) -> bool:
+    """Whether a model leaves nothing but noise."""
+    return not s.far and evidence(s).white
+
+
+def _of_the_others(strange: Strange, result: FitResult, report: Report, settings: DiagnosisSettings) -> Diagnosis:
+    """The diagnosis of all that is left where a piece of the data is set aside, with the word on that piece."""
+    report(strange.why, 0.0)
+    rest = diagnose(strange.rest, report, settings)
+    mistake = strange.mistake()
+    return replace(
+        rest,
+        before=result,
+        start=tuple(name for name in rest.start if name != strange.name),
+        added=(strange.name, *rest.added),
+        removed=(strange.why, *rest.removed),
+        rig=(mistake, *rest.rig),
+        probabilities={strange.name: 1.0 - settings.lapse, **rest.probabilities},
+        verdict=(in_words(mistake), *rest.verdict),
+    )
 
 
 def _looked_back(result: FitResult, progress: Progress, report: Report) -> Progress:

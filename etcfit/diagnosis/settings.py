@@ -113,6 +113,12 @@ class DiagnosisSettings:
     pair_refits: int = whole(2, 0)
     """Most pairs of effects refitted beside what the rounds found, the most promising first; 0: none."""
 
+    # ---- what is of another rig
+
+    pieces: int = whole(3, 0)
+    """Traces, and as many tests, without which the fit is made where one effect does not explain the data, those that
+    it predicts worst; 0: none."""
+
     # ---- what single traces show, and what is logged late
 
     single_traces: int = whole(8, 1)

@@ -32,6 +32,11 @@ def tie(found: Found) -> Tie:
     return Tie(tuple(e.name for e in group), tuple(each.residual for each in found.ties.values()), told_by)
 
 
+def in_words(mistake: RigMistake) -> str:
+    """A mistake of the rig as a sentence of the verdict."""
+    return f"A mistake of the rig: {mistake.sentence}"
+
+
 def verdict(
     added: Sequence[str],
     ties: Sequence[Tie],
@@ -48,7 +53,7 @@ def verdict(
         rounds: all of them, the last of which adds nothing unless they ran out.
         rig: what of those added is wrong with the rig.
     """
-    words = [f"A mistake of the rig: {mistake.sentence}" for mistake in rig]
+    words = [in_words(mistake) for mistake in rig]
     lacked = [name for name in added if name not in {mistake.effect for mistake in rig}]
     if lacked:
         words.append(f"The model lacked {listed(lacked)}.")

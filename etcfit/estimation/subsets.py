@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection
+from collections.abc import Callable, Collection
 from dataclasses import dataclass, replace
 
 import jax
@@ -10,6 +10,7 @@ import numpy as np
 
 from ..problem.problem import EstimationProblem
 from ..problem.residual import WeightedData, prior_residual_here
+from ..problem.trace import Trace
 from .levenberg_marquardt import descend
 from .pieces import Piece, pieces_of
 from .settings import FitSettings
@@ -52,7 +53,8 @@ def fitted_to(
         tests: those to count.
         settings: `steps`, the budget of the descent.
     """
-    end, _ = descend(problem, x, _muted(problem, weighted, tests), _CLOSE, settings.steps)
+    counts = muted(problem, weighted, lambda trace: trace.test.name in tests)
+    end, _ = descend(problem, x, counts, _CLOSE, settings.steps)
     return at(problem, weighted, end, tests)
 
 
@@ -85,10 +87,10 @@ def belief(problem: EstimationProblem, weighted: WeightedData, x: np.ndarray) ->
     return own[: x.size]
 
 
-def _muted(problem: EstimationProblem, weighted: WeightedData, tests: Collection[str]) -> WeightedData:
-    """The data with the weights of all other tests 0."""
+def muted(problem: EstimationProblem, weighted: WeightedData, counts: Callable[[Trace], bool]) -> WeightedData:
+    """The data with the weights of all traces 0 but of those that count."""
     weight = np.array(weighted.whitening.weight)
     for trace, (lane, _, marks) in zip(problem.batch.traces, problem.batch.places, strict=True):
-        if trace.test.name not in tests:
+        if not counts(trace):
             weight[marks, lane] = 0.0
     return jax.device_put(weighted._replace(whitening=weighted.whitening._replace(weight=weight)))

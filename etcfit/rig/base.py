@@ -66,6 +66,9 @@ class Channel:
         return (value - self.offset) / self.scale
 
 
+OTHER_RIG = "other_rig"  # kind of the rig effect by whose name traces are set aside
+
+
 @dataclass(frozen=True, eq=False)
 class Measurement:
     """One CSV, one trace.
@@ -178,6 +181,11 @@ class RigConfig:
     ecu: Ecu | None = None
     notation: Notation | None = None  # of its gains; None: it names no unit
     accuracy: Mapping[str, Accuracy] = field(default_factory=dict)  # by channel, gear, time, sensor_end_points
+
+    def sets_aside(self, measurement: Measurement) -> bool:
+        """Whether `effects` says that a trace, or its whole test, is of another rig: it is read, and no more."""
+        named = {f"{OTHER_RIG}[{place}]" for place in (measurement.file, measurement.test)}
+        return not named.isdisjoint(self.effects)
 
 
 @dataclass(frozen=True, eq=False, repr=False)

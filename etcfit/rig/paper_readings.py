@@ -39,7 +39,7 @@ class Readings:
 
 
 def read_graphs(rig: Rig) -> Readings:
-    """Run all tests' readings, in order, over the traces that are not held out.
+    """Run all tests' readings, in order, over the traces that are neither held out nor set aside.
 
     What one test reads is known to those after it; a value that rig.toml fixes stays what it is there, any other is
     replaced by its reading.
@@ -49,7 +49,8 @@ def read_graphs(rig: Rig) -> Readings:
     nominal: set[str] = set()
     tests: dict[str, Reading] = {}
     for test in TESTS:
-        traces = [m for m in rig.measurements if m.test == test.name and not m.held_out]
+        every = (m for m in rig.measurements if m.test == test.name and not m.held_out)
+        traces = [m for m in every if not rig.config.sets_aside(m)]
         if not traces:
             continue
         reading = tests[test.name] = test.reading(traces, rig.config, known(rig.config, values))

@@ -9,6 +9,7 @@ from .channel_late import ChannelLate
 from .channel_offset import ChannelOffset
 from .edge_phase import EdgePhase
 from .gear_ratio import GearRatio
+from .other_rig import OtherRig
 from .sensor_end_points import SensorEndPoints
 from .series_resistance import SeriesResistance
 from .supply_sag import SupplySag
@@ -30,6 +31,7 @@ RIG_EFFECTS: tuple[type[AbstractRigEffect], ...] = (
     TraceLate,
     SupplySag,
     WarmStart,
+    OtherRig,
 )
 FAMILY_BY_KIND: dict[str, type[AbstractRigEffect]] = {family.kind: family for family in RIG_EFFECTS}
 
@@ -62,6 +64,7 @@ __all__ = [
     "EdgePhase",
     "GearRatio",
     "Logged",
+    "OtherRig",
     "Place",
     "SeriesResistance",
     "SupplySag",

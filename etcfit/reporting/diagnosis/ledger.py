@@ -66,7 +66,8 @@ def _entries(
     unknown: Sequence[PredictionError],
     held_out: bool,
 ) -> list[Entry]:
-    was, now, then = _grouped(before), _grouped(after), _grouped(unknown)
+    shared = {row.file for row in after}  # a trace of another rig has no error afterwards
+    was, now, then = _grouped([row for row in before if row.file in shared]), _grouped(after), _grouped(unknown)
     return [Entry(*key, held_out, Pool.of(was[key]), Pool.of(now[key]), Pool.of(then[key]) if key in then else None)
             for key in was if key in now]  # fmt: skip
 

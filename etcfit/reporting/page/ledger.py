@@ -40,7 +40,8 @@ def _alone(score: Mapping[str, Any]) -> Table:
 
 
 def _pairs(before: Any, after: Any) -> Iterable[tuple[Key, Pool, Pool]]:
-    was, now = _pools(before), _pools(after)
+    shared = {row["file"] for row in after}  # a trace of another rig has no error afterwards
+    was, now = _pools([row for row in before if row["file"] in shared]), _pools(after)
     return ((key, was[key], now[key]) for key in was if key in now)
 
 

@@ -1,0 +1,180 @@
+"""Is one trace, or one test, of another rig? The others agree without it, and it agrees with a body of its own.
+
+A file that was copied from another throttle bends every parameter, and effects of the catalogue then stand in for it.
+So where one effect does not explain the data, the fit is made without each of the pieces that are furthest from it: at
+first with the weights of a piece set to zero, then, where the others come near their data, from scratch. A piece is of
+another rig where all that is left without it is noise, and where a body with other parameters explains the piece.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ..errors import MeasurementError
+from ..estimation.intervals import intervals
+from ..estimation.joint_fit import Report, fit
+from ..estimation.levenberg_marquardt import descend
+from ..estimation.remedies import listed
+from ..estimation.result import FitResult
+from ..estimation.subsets import muted
+from ..model.rig_effects import OtherRig, Place
+from ..problem import weights
+from ..problem.prediction_error import PredictionError, pooled
+from ..problem.problem import EstimationProblem
+from ..rig.base import Rig
+from .candidate_model import CandidateModel
+from .evidence import evidence
+from .findings import RigMistake
+from .refit import start
+from .settings import DiagnosisSettings
+
+_TOLD = 3.0  # standard errors from which on a parameter is said to differ
+_NAMED = 4  # of those that differ, the most that are named
+
+
+@dataclass(frozen=True, eq=False)
+class Strange:
+    """A piece of the data that is of another rig.
+
+    Args:
+        place: the trace, or the test.
+        rest: the fit to all others, its config naming the piece.
+        own: the fit to the piece alone.
+        why: a sentence on how it was found.
+    """
+
+    place: Place
+    rest: FitResult
+    own: FitResult
+    why: str
+
+    @property
+    def name(self) -> str:
+        """Of the effect."""
+        return OtherRig.at(self.place).name
+
+    def mistake(self) -> RigMistake:
+        """As a finding; its size is the largest relative difference of a parameter that both tell."""
+        told = differences(self.own, self.rest)
+        size = max((abs(d) for d in told.values()), default=0.0)
+        each = [f"{symbol} {100.0 * d:+.3g} %" for symbol, d in list(told.items())[:_NAMED]]
+        differs = f"alone it has {listed(each)}" if each else "which of its parameters differ it does not tell"
+        mend = f'[model] effects = ["{self.name}"], or take the files out of the folder'
+        sentence = f"{OtherRig.kind}: {self.place.words} is of another body than all others: {differs}. "
+        sentence += f"To be mended in rig.toml: {mend}"
+        return RigMistake(
+            effect=self.name,
+            kind=OtherRig.kind,
+            test=self.place.test or None,
+            channel=None,
+            size=size,
+            unit="",
+            mend=mend,
+            sentence=sentence,
+            file=self.place.file or None,
+        )
+
+
+def of_another_rig(
+    result: FitResult, s: CandidateModel, errors: Sequence[PredictionError], report: Report
+) -> Strange | None:
+    """The piece that is of another rig; None where none is shown to be.
+
+    Args:
+        result: the first fit, which says what was measured.
+        s: a model of all data that leaves more than noise.
+        errors: of its free run, fitted traces; the pieces that it predicts worst are asked.
+        report: progress.
+    """
+    for places in _pieces(errors, s.settings):
+        nearest = min(((_misfit_without(s, place, result), k, place) for k, place in enumerate(places)), default=None)
+        if nearest is None or not nearest[0] < s.settings.near_chi2_per_dof:
+            continue
+        place = nearest[2]
+        report(f"fitting without {place.words}", 0.9)
+        found = _shown(result, s, place, report)
+        if found is not None:
+            return found
+    return None
+
+
+def differences(own: FitResult, rest: FitResult) -> dict[str, float]:
+    """Relative difference of each parameter that both fits tell and that differs by more than `_TOLD` standard errors,
+    by symbol, the surest first."""
+    mine, theirs, out = intervals(own), intervals(rest), {}
+    for symbol, a in mine.items():
+        b = theirs.get(symbol)
+        if b is None or not a.stderr or not b.stderr or b.value == 0.0:
+            continue
+        z = abs(a.value - b.value) / np.hypot(a.stderr, b.stderr)
+        if z > _TOLD:
+            out[symbol] = (z, a.value / b.value - 1.0)
+    return {symbol: float(d) for symbol, (_, d) in sorted(out.items(), key=lambda item: -item[1][0])}
+
+
+def _pieces(errors: Sequence[PredictionError], settings: DiagnosisSettings) -> tuple[list[Place], list[Place]]:
+    """Traces, and tests of more than one trace, each group with the worst predicted first."""
+    tests = {row.test for row in errors}
+    files = {row.file: row.test for row in errors}
+    if len(files) < 2:
+        return [], []
+    traces = _worst({Place.named(f): [row for row in errors if row.file == f] for f in files}, settings)
+    several = [test for test in tests if [*files.values()].count(test) > 1] if len(tests) > 1 else []
+    whole = _worst({Place(test): [row for row in errors if row.test == test] for test in sorted(several)}, settings)
+    return traces, whole
+
+
+def _worst(rows: dict[Place, list[PredictionError]], settings: DiagnosisSettings) -> list[Place]:
+    return sorted(rows, key=lambda place: -pooled(rows[place]))[: settings.pieces]
+
+
+def _misfit_without(s: CandidateModel, place: Place, result: FitResult) -> float:
+    """chi2 per degree of freedom of all other traces where they are fitted alone, instants forgiven ever less."""
+    lean, x, left = s.lean(), s.x, np.inf
+    problem = replace(lean.problem.guided(0.0), sigma=lean.problem.batch.slots.sigma)
+    for late in result.settings.late:
+        problem = problem.with_integrator_states(x)
+        weighted = problem.weighted(weights.forgiving(problem, late))
+        others = muted(problem, weighted, lambda trace: not _is_of(trace.measurement.file, place))
+        x, _ = descend(problem, x, others, result.settings.rough_tolerance, result.settings.steps)
+        left = problem.chi2(x, others) / max(1.0, _counted(problem, place) - x.size)
+    return left
+
+
+def _counted(problem: EstimationProblem, place: Place) -> int:
+    """Samples of all other traces."""
+    others = (t for t in problem.batch.traces if not _is_of(t.measurement.file, place))
+    return sum(int(np.sum(np.isfinite(trace.data))) for trace in others)
+
+
+def _is_of(file: str, place: Place) -> bool:
+    return file == place.file if place.file else file.startswith(f"{place.test}/")
+
+
+def _shown(result: FitResult, s: CandidateModel, place: Place, report: Report) -> Strange | None:
+    """The piece, where the fit without it leaves noise and the one to it alone does not fail."""
+    effects = (*result.rig.config.effects, *(e.name for e in s.added))
+    aside = OtherRig.at(place).name
+    try:
+        rest = fit(_with_effects(result, (*effects, aside)), report, result.settings, s.values)
+        if rest.far or not evidence(start(rest, s.settings)).white:
+            return None
+        report(f"fitting {place.words} alone", 0.95)
+        alone = _with_effects(result, effects)
+        alone = replace(alone, measurements=tuple(m for m in alone.measurements if _is_of(m.file, place)))
+        own = fit(alone, report, result.settings, rest.values)
+    except MeasurementError:  # too little is left to fit, or it alone says too little
+        return None
+    if own.far or own.chi2_per_dof >= result.settings.contradiction.compromise:
+        return None
+    why = f"Without {place.words} all that is left is noise, and a body of its own explains it: it is set aside."
+    if s.added:  # they may have stood in for it
+        rest = fit(_with_effects(result, (*result.rig.config.effects, aside)), report, result.settings, rest.values)
+    return Strange(place, rest, own, why)
+
+
+def _with_effects(result: FitResult, effects: tuple[str, ...]) -> Rig:
+    return replace(result.rig, config=replace(result.rig.config, effects=effects))
