@@ -40,14 +40,12 @@ def diagnose(result: FitResult, report: Report = quiet, settings: DiagnosisSetti
     """
     report("listing the effects that these data could show", 0.0)
     first = start(result, settings)
-    progress = forward(result, Progress(first), report, until=1)
-    strange = None if _explained(progress.model) else of_another_rig(result, first, result.score_fit, report)
+    strange = of_another_rig(result, first, result.score_fit, report) if first.far else None
     if strange is not None:
         return _of_the_others(strange, result, report, settings)
-    progress = progress if progress.ended else forward(result, progress, report)
-    progress = _looked_back(result, progress, report)
+    progress = _looked_back(result, forward(result, Progress(first), report), report)
     progress, sets = _of_sets(result, first, progress, report)
-    if progress.model.added and not _explained(progress.model):
+    if not _explained(progress.model) and (progress.model.added or not first.far):
         strange = of_another_rig(result, progress.model, score(progress.model).fit_rows, report)
         if strange is not None:
             return _of_the_others(strange, result, report, settings)

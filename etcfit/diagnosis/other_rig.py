@@ -1,9 +1,10 @@
 """Is one trace, or one test, of another rig? The others agree without it, and it agrees with a body of its own.
 
 A file that was copied from another throttle bends every parameter, and effects of the catalogue then stand in for it.
-So where one effect does not explain the data, the fit is made without each of the pieces that are furthest from it: at
-first with the weights of a piece set to zero, then, where the others come near their data, from scratch. A piece is of
-another rig where all that is left without it is noise, and where a body with other parameters explains the piece.
+So the fit is made without each of the pieces that are furthest from it: at first with the weights of a piece set to
+zero, then, where the others come near their data, from scratch. A piece is of another rig where all that is left
+without it is noise, where a body with other parameters explains the piece, and where no single effect explains all
+data: a clock that is slow in one test looks like another body there, and so does a torque that only one test reaches.
 """
 
 from __future__ import annotations
@@ -15,23 +16,28 @@ import numpy as np
 
 from ..errors import MeasurementError
 from ..estimation.intervals import intervals
-from ..estimation.joint_fit import Report, fit
+from ..estimation.joint_fit import Report, fit, start_values
 from ..estimation.levenberg_marquardt import descend
 from ..estimation.remedies import listed
 from ..estimation.result import FitResult
+from ..estimation.settings import FitSettings
 from ..estimation.subsets import muted
 from ..model.rig_effects import OtherRig, Place
 from ..problem import weights
-from ..problem.prediction_error import PredictionError, pooled
+from ..problem.prediction_error import PredictionError, pooled, rows
 from ..problem.problem import EstimationProblem
 from ..rig.base import Rig
 from .candidate_model import CandidateModel
+from .composition import carried
 from .evidence import evidence
 from .findings import RigMistake
-from .refit import start
+from .loop import screened
+from .refit import refit_fully, start
 from .settings import DiagnosisSettings
 
 _TOLD = 3.0  # standard errors from which on a parameter is said to differ
+_FORGIVEN = 2  # of the steps by which a fit from far off forgives instants, the last ones: here it begins at a fit
+_LEFT = 1e-3  # share of its misfit under the others' parameters that a body of its own may leave of a piece
 _NAMED = 4  # of those that differ, the most that are named
 
 
@@ -107,7 +113,7 @@ def differences(own: FitResult, rest: FitResult) -> dict[str, float]:
     mine, theirs, out = intervals(own), intervals(rest), {}
     for symbol, a in mine.items():
         b = theirs.get(symbol)
-        if b is None or not a.stderr or not b.stderr or b.value == 0.0:
+        if b is None or a.status == "tied" or not a.stderr or not b.stderr or b.value == 0.0:
             continue
         z = abs(a.value - b.value) / np.hypot(a.stderr, b.stderr)
         if z > _TOLD:
@@ -127,19 +133,40 @@ def _pieces(errors: Sequence[PredictionError], settings: DiagnosisSettings) -> t
     return traces, whole
 
 
-def _worst(rows: dict[Place, list[PredictionError]], settings: DiagnosisSettings) -> list[Place]:
-    return sorted(rows, key=lambda place: -pooled(rows[place]))[: settings.pieces]
+def _worst(errors: dict[Place, list[PredictionError]], settings: DiagnosisSettings) -> list[Place]:
+    return sorted(errors, key=lambda place: -pooled(errors[place]))[: settings.pieces]
 
 
 def _misfit_without(s: CandidateModel, place: Place, result: FitResult) -> float:
-    """chi2 per degree of freedom of all other traces where they are fitted alone, instants forgiven ever less."""
-    lean, x, left = s.lean(), s.x, np.inf
+    """chi2 per degree of freedom of all other traces where they are fitted alone, instants forgiven ever less.
+
+    From where the model is; far from the data, which the piece may have bent out of all reason, from the graphs too.
+    """
+    lean = s.lean()
     problem = replace(lean.problem.guided(0.0), sigma=lean.problem.batch.slots.sigma)
-    for late in result.settings.late:
+    begins = [(s.x, result.settings.late[-_FORGIVEN:])]
+    if s.far:
+        free = problem.free_parameters
+        values = {**s.values, **start_values(free, result.readings)}
+        begins.append((free.layout.off_bounds(free.layout.coordinates(values)), result.settings.late))
+    left = np.inf
+    for x, steps in begins:
+        left = min(left, _left_without(problem, x, steps, place, result.settings))
+        if left < s.settings.near_chi2_per_dof:
+            break
+    return left
+
+
+def _left_without(
+    problem: EstimationProblem, x: np.ndarray, late: Sequence[float], place: Place, settings: FitSettings
+) -> float:
+    """That chi2 at the end of the way from x, with instants forgiven by so much, s, one after the other."""
+    left = np.inf
+    for by in late:
         problem = problem.with_integrator_states(x)
-        weighted = problem.weighted(weights.forgiving(problem, late))
+        weighted = problem.weighted(weights.forgiving(problem, by))
         others = muted(problem, weighted, lambda trace: not _is_of(trace.measurement.file, place))
-        x, _ = descend(problem, x, others, result.settings.rough_tolerance, result.settings.steps)
+        x, _ = descend(problem, x, others, settings.rough_tolerance, settings.steps)
         left = problem.chi2(x, others) / max(1.0, _counted(problem, place) - x.size)
     return left
 
@@ -168,12 +195,46 @@ def _shown(result: FitResult, s: CandidateModel, place: Place, report: Report) -
         own = fit(alone, report, result.settings, rest.values)
     except MeasurementError:  # too little is left to fit, or it alone says too little
         return None
-    if own.far or own.chi2_per_dof >= result.settings.contradiction.compromise:
+    first = _at(result, rest, s.settings)
+    strange = [
+        row for row in rows(first.problem.batch.traces, first.problem.free_run(first.x)) if _is_of(row.file, place)
+    ]
+    if own.far or own.chi2_per_dof > _most_left(pooled(strange) ** 2, result, s.settings):
         return None
-    why = f"Without {place.words} all that is left is noise, and a body of its own explains it: it is set aside."
     if s.added:  # they may have stood in for it
         rest = fit(_with_effects(result, (*result.rig.config.effects, aside)), report, result.settings, rest.values)
+    if _one_effect_does(first, report):
+        return None
+    why = f"Without {place.words} all that is left is noise, and a body of its own explains it: it is set aside."
     return Strange(place, rest, own, why)
+
+
+def _at(result: FitResult, rest: FitResult, settings: DiagnosisSettings) -> CandidateModel:
+    """The first model with the parameters of all others, run free, every sample with its own noise."""
+    first = start(result, settings).lean()
+    x = carried(rest.x, rest.problem.layout, first.problem.free_parameters, rest.values)
+    problem = replace(first.problem.guided(0.0), sigma=first.problem.batch.slots.sigma)
+    return replace(first, problem=problem, weighted=problem.weighted(weights.forgiving(problem)), x=x)
+
+
+def _most_left(misfit: float, result: FitResult, settings: DiagnosisSettings) -> float:
+    """Most chi2 per degree of freedom that a body of its own may leave of a piece with this much in the others' model:
+    what noise may be, or next to nothing of it, for a fit to one trace may stop a little short of its optimum."""
+    return max(result.settings.contradiction.compromise, min(_LEFT * misfit, settings.near_chi2_per_dof))
+
+
+def _one_effect_does(here: CandidateModel, report: Report) -> bool:
+    """Whether a single effect, of those that promise most where the others were fitted, leaves nothing but noise."""
+    settings = here.settings
+    for found in screened(here, here.composition.candidates)[: settings.refits + settings.rig_refits]:
+        effect = found.variant.effect
+        report(f"trying {effect.name} instead", 0.95)
+        near = here.trying((effect,), found.values).optimised()
+        if near.chi2_per_sample < settings.near_chi2_per_dof:
+            full = refit_fully(near, report)
+            if not full.far and evidence(full).white:
+                return True
+    return False
 
 
 def _with_effects(result: FitResult, effects: tuple[str, ...]) -> Rig:

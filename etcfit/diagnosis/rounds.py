@@ -38,11 +38,6 @@ class Progress:
     even: Mapping[frozenset[Effect], Apart] = field(default_factory=dict)
 
     @property
-    def ended(self) -> bool:
-        """Whether the last round added nothing."""
-        return bool(self.rounds) and self.rounds[-1].added is None
-
-    @property
     def beside_ties(self) -> dict[frozenset[Effect], Apart]:
         """Of the even sets those that differ from the model's own by more than what is said to be a tie."""
         here = frozenset(self.model.added)
@@ -54,18 +49,17 @@ class Progress:
         return replace(self, model=first, changed=(*self.changed, *words), even={})
 
 
-def forward(result: FitResult, progress: Progress, report: Report, until: int | None = None) -> Progress:
+def forward(result: FitResult, progress: Progress, report: Report) -> Progress:
     """Rounds from here until one adds nothing or `rounds` of the settings are made.
 
     Args:
         result: the first fit.
         progress: where to go on from.
         report: progress in words.
-        until: the round after which to stop before that.
     """
     s, found, made = progress.model, progress.found, progress.rounds
     most = s.settings.rounds
-    while len(made) < (most if until is None else min(until, most)):
+    while len(made) < most:
         told = _in_stage(report, len(made), most)
         turned, s = _round(result, s, told, first=not made)
         made = (*made, reported(turned))
