@@ -26,7 +26,6 @@ from ..reporting import overview, pictures, style
 from ..reporting.control import bode, front, responses, safety, scenarios, sines
 from ..reporting.diagnosis import overlay
 from ..reporting.diagnosis import pictures as diagnosis_pictures
-from ..reporting.diagnosis.shown import in_degrees, scales
 from ..reporting.numbers import short
 from ..rig.base import RigConfig
 from .trace import FittedTrace, traces_of
@@ -195,12 +194,9 @@ class DiagnosisPlots:
         Args:
             file: as in `found.final.traces`.
         """
-        d = self.diagnosis
-        before, after = (trace_named(traces_of(result), file) for result in (d.before, d.after))
-        was, now = (in_degrees(_rows(result, file), scales(d.before)) for result in (d.before, d.after))
-        picture = overlay.Overlay(
-            before.trace, before.predicted, after.predicted, was, now, d.after.rig.config.synthetic
-        )
+        aside = {each.trace.measurement.file: each.trace for each in self.diagnosis.aside}
+        trace = aside[file] if file in aside else trace_named(traces_of(self.diagnosis.after), file).trace
+        picture = overlay.Overlay.of(self.diagnosis, trace)
         return panels_of(lambda: overlay.draw(picture))
 
     def _named(self, name: str, why_not: str) -> np.ndarray:

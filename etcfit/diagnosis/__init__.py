@@ -8,14 +8,13 @@ from ..estimation.joint_fit import Report, quiet
 from ..estimation.result import FitResult
 from .candidate_model import CandidateModel
 from .discrepancy import Allowed, allowing_for_the_rest
-from .evidence import evidence
 from .exchange import exchanged, pruned
 from .final import final_fit
 from .findings import Diagnosis, SetTried, Unexplained
 from .merge import merged
 from .missing_torque import motions
 from .other_rig import Strange, of_another_rig
-from .probabilities import probabilities
+from .probabilities import besides, probabilities
 from .refit import start
 from .rig_mistakes import rig_mistakes
 from .rounds import Progress, forward, names
@@ -45,7 +44,7 @@ def diagnose(result: FitResult, report: Report = quiet, settings: DiagnosisSetti
         return _of_the_others(strange, result, report, settings)
     progress = _looked_back(result, forward(result, Progress(first), report), report)
     progress, sets = _of_sets(result, first, progress, report)
-    if not _explained(progress.model) and (progress.model.added or not first.far):
+    if progress.model.added and progress.model.far:
         strange = of_another_rig(result, progress.model, score(progress.model).fit_rows, report)
         if strange is not None:
             return _of_the_others(strange, result, report, settings)
@@ -67,11 +66,6 @@ def diagnose(result: FitResult, report: Report = quiet, settings: DiagnosisSetti
     return _told(result, rest, first, progress, left, sets)
 
 
-def _explained(s: CandidateModel) -> bool:
-    """Whether a model leaves nothing but noise."""
-    return not s.far and evidence(s).white
-
-
 def _of_the_others(strange: Strange, result: FitResult, report: Report, settings: DiagnosisSettings) -> Diagnosis:
     """The diagnosis of all that is left where a piece of the data is set aside, with the word on that piece."""
     report(strange.why, 0.0)
@@ -84,7 +78,8 @@ def _of_the_others(strange: Strange, result: FitResult, report: Report, settings
         added=(strange.name, *rest.added),
         removed=(strange.why, *rest.removed),
         rig=(mistake, *rest.rig),
-        probabilities={strange.name: 1.0 - settings.lapse, **rest.probabilities},
+        aside=(*strange.traces, *rest.aside),
+        probabilities=besides(strange.name, rest.probabilities, settings),
         verdict=(in_words(mistake), *rest.verdict),
     )
 

@@ -9,6 +9,7 @@ import numpy as np
 
 from ..estimation.result import FitResult
 from ..problem.prediction_error import PredictionError
+from ..problem.trace import Trace
 from .settings import DEFAULT, DiagnosisSettings
 
 
@@ -177,6 +178,21 @@ class RigMistake:
 
 
 @dataclass(frozen=True, eq=False)
+class SetAside:
+    """A trace of another rig, and how far two bodies come to it.
+
+    Args:
+        trace: as measured.
+        others: free run of the body that all other traces are of, SI, shape (n, M).
+        own: of the body that explains this trace alone, likewise.
+    """
+
+    trace: Trace
+    others: np.ndarray
+    own: np.ndarray
+
+
+@dataclass(frozen=True, eq=False)
 class Unexplained:
     """Structure that no effect of the catalogue explains, as a smooth curve.
 
@@ -266,6 +282,7 @@ class Diagnosis:
         motions: missing torque and voltage along the measured motion.
         rig: what of the effects added is wrong with the rig itself.
         probabilities: of every effect refitted, of "nothing" and "unexplained", given the data.
+        aside: traces of another rig, with what shows that they are; the rest of the diagnosis is that of the others.
         discrepancy: curves that what is left shows; the intervals of `after` allow for them.
         verdict: the whole in a few sentences.
         settings: what it was decided by.
@@ -283,6 +300,7 @@ class Diagnosis:
     motions: tuple[Motion, ...] = field(repr=False)
     sets: tuple[SetTried, ...] = ()
     rig: tuple[RigMistake, ...] = ()
+    aside: tuple[SetAside, ...] = field(default=(), repr=False)
     probabilities: Mapping[str, float] = field(default_factory=dict)
     discrepancy: tuple[Discrepancy, ...] = ()
     verdict: tuple[str, ...] = ()

@@ -1,15 +1,17 @@
 """Is one trace, or one test, of another rig? The others agree without it, and it agrees with a body of its own.
 
 A file that was copied from another throttle bends every parameter, and effects of the catalogue then stand in for it.
-So the fit is made without each of the pieces that are furthest from it: at first with the weights of a piece set to
-zero, then, where the others come near their data, from scratch. A piece is of another rig where all that is left
-without it is noise, where a body with other parameters explains the piece, and where no single effect explains all
-data: a clock that is slow in one test looks like another body there, and so does a torque that only one test reaches.
+So where a model is far from its data, the fit is made without each of the pieces that are furthest from it: at first
+with the weights of a piece set to zero, then, where the others come near their data, from scratch. A piece is of
+another rig where all that is left without it is noise, where the others' parameters are far from the piece and some of
+its own explain it, and where no single effect explains all data: a clock that is slow in one test looks like another
+body there, and so does a torque that only one test reaches. Near the data it is not asked, for there a body of its own
+may stand in for whatever shows in one trace.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -30,7 +32,7 @@ from ..rig.base import Rig
 from .candidate_model import CandidateModel
 from .composition import carried
 from .evidence import evidence
-from .findings import RigMistake
+from .findings import RigMistake, SetAside
 from .loop import screened
 from .refit import refit_fully, start
 from .settings import DiagnosisSettings
@@ -49,12 +51,14 @@ class Strange:
         place: the trace, or the test.
         rest: the fit to all others, its config naming the piece.
         own: the fit to the piece alone.
+        traces: of the piece, under the parameters of the others and under its own.
         why: a sentence on how it was found.
     """
 
     place: Place
     rest: FitResult
     own: FitResult
+    traces: tuple[SetAside, ...]
     why: str
 
     @property
@@ -67,10 +71,10 @@ class Strange:
         told = differences(self.own, self.rest)
         size = max((abs(d) for d in told.values()), default=0.0)
         each = [f"{symbol} {100.0 * d:+.3g} %" for symbol, d in list(told.items())[:_NAMED]]
-        differs = f"alone it has {listed(each)}" if each else "which of its parameters differ it does not tell"
+        differs = listed(each) if each else "in what it does not tell"
         mend = f'[model] effects = ["{self.name}"], or take the files out of the folder'
-        sentence = f"{OtherRig.kind}: {self.place.words} is of another body than all others: {differs}. "
-        sentence += f"To be mended in rig.toml: {mend}"
+        said = f"a body of its own, which differs from that of all others: {differs}"
+        sentence = f"{OtherRig.kind} in {self.place.words}: {said}. To be mended in rig.toml: {mend}"
         return RigMistake(
             effect=self.name,
             kind=OtherRig.kind,
@@ -199,14 +203,22 @@ def _shown(result: FitResult, s: CandidateModel, place: Place, report: Report) -
     strange = [
         row for row in rows(first.problem.batch.traces, first.problem.free_run(first.x)) if _is_of(row.file, place)
     ]
-    if own.far or own.chi2_per_dof > _most_left(pooled(strange) ** 2, result, s.settings):
+    misfit = pooled(strange) ** 2
+    if misfit < s.settings.near_chi2_per_dof or own.far or own.chi2_per_dof > _most_left(misfit, result, s.settings):
         return None
     if s.added:  # they may have stood in for it
         rest = fit(_with_effects(result, (*result.rig.config.effects, aside)), report, result.settings, rest.values)
     if _one_effect_does(first, report):
         return None
     why = f"Without {place.words} all that is left is noise, and a body of its own explains it: it is set aside."
-    return Strange(place, rest, own, why)
+    return Strange(place, rest, own, tuple(_apart(first, own, place)), why)
+
+
+def _apart(first: CandidateModel, own: FitResult, place: Place) -> Iterator[SetAside]:
+    """The traces of a piece beside the free runs of both bodies."""
+    for trace, others in zip(first.problem.batch.traces, first.problem.free_run(first.x), strict=True):
+        if _is_of(trace.measurement.file, place):
+            yield SetAside(trace, others, own.predicted[trace.measurement.file])
 
 
 def _at(result: FitResult, rest: FitResult, settings: DiagnosisSettings) -> CandidateModel:

@@ -53,6 +53,11 @@ def probabilities(
     }
 
 
+def besides(name: str, found: Mapping[str, float], settings: DiagnosisSettings) -> Mapping[str, float]:
+    """The same where something else was proven before the rounds: it is there but for a lapse, and "nothing" is not."""
+    return {name: 1.0 - settings.lapse, **found, NOTHING: settings.lapse * found[NOTHING]}
+
+
 def _left(named: bool, curve: bool, noise: bool, settings: DiagnosisSettings) -> float:
     """Probability that something is left which has no name."""
     if curve or not (named or noise):

@@ -94,7 +94,7 @@ def ready(rig: Rig) -> Prepared:
     fitted, held_out, notes = [], [], []
     for measurement in rig.measurements:
         if rig.config.sets_aside(measurement):
-            notes.append(f"{measurement.file}: of another rig, says rig.toml; it is neither fitted nor predicted")
+            notes.append(f"{measurement.file}: set aside as of another rig; it is neither fitted nor predicted")
             continue
         trace = prepare(measurement, rig.config)
         if trace is None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -48,7 +49,7 @@ class Case:
         self.weighted = self.problem.weighted(weights.free_running(self.problem))
         self.late = {e.name: e for e in self.composition.of_the_rig if e.delays}
 
-    def screened(self, problem: EstimationProblem, **changes: int) -> tuple[Signature, ...]:
+    def screened(self, problem: EstimationProblem, **changes: Any) -> tuple[Signature, ...]:
         """Signatures where the data are those of a problem of the same shape; no parameter can imitate anything."""
         weighted = problem.weighted(weights.free_running(problem))
         r = problem.residual(self.x, weighted)[np.asarray(weighted.slots.weight) > 0.0]

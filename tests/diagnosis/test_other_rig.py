@@ -45,7 +45,7 @@ def test_what_rig_toml_calls_of_another_rig_is_neither_fitted_nor_predicted(odd:
     left = ready(naming(odd, files[0], held_out[0].measurement.file))
     assert [trace.measurement.file for trace in left.fitted] == files[1:]
     assert left.held_out == ()
-    assert any(files[0] in note and "another rig" in note for note in left.notes)
+    assert any(files[0] in note and "of another rig" in note for note in left.notes)
 
 
 def test_so_is_a_whole_test_and_the_papers_graphs_do_without_it(odd: Rig) -> None:
@@ -81,7 +81,7 @@ def test_what_differs_is_named_with_its_share_the_surest_first(odd: Rig) -> None
     assert list(told) == ["K_s", "R_a"]  # T_f is within 3 standard errors
     assert told["R_a"] == pytest.approx(0.2)
     assert told["K_s"] == pytest.approx(-0.2)
-    mistake = Strange(Place.named("response/1.csv"), rest, own, "why").mistake()
+    mistake = Strange(Place.named("response/1.csv"), rest, own, (), "why").mistake()
     assert (mistake.kind, mistake.file, mistake.test) == ("other_rig", "response/1.csv", "response")
     assert mistake.size == pytest.approx(0.2)
     assert "K_s -20 % and R_a +20 %" in mistake.sentence
@@ -92,7 +92,7 @@ def test_what_cannot_be_told_is_not_said_to_differ(odd: Rig) -> None:
     rest = results.result(odd, lost=("R_a",))
     own = with_values(rest, R_a=2.0 * rest.values["R_a"])
     assert differences(own, rest) == {}
-    assert "does not tell" in Strange(Place.named("response/1.csv"), rest, own, "why").mistake().sentence
+    assert "in what it does not tell" in Strange(Place.named("response/1.csv"), rest, own, (), "why").mistake().sentence
 
 
 # ---- found

@@ -2,20 +2,23 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from ...problem.prediction_error import PredictionError
+from ...diagnosis.findings import Diagnosis
+from ...problem.prediction_error import PredictionError, rows
 from ...problem.trace import Trace
 from .. import style
 from ..numbers import short
-from .shown import Shown
+from .shown import Shown, in_degrees, scales
 
 _CHANNELS = ("position", "current", "emf", "motor_speed")  # in the order of interest; two at most are drawn
 _ZOOM = 0.08  # of the trace, beside the whole of it
+_BODIES = ("the others' body", "a body of its own")
 _SAMPLES = 60  # that a zoom shows at least
 
 
@@ -28,6 +31,8 @@ class Overlay:
         before, after: free-run simulations of the first and of the final model, SI, shape (n, M) each.
         rows_before, rows_after: their scores, a channel each.
         synthetic: the data were made up.
+        models: what the two are called.
+        role: of the trace.
     """
 
     trace: Trace
@@ -36,12 +41,34 @@ class Overlay:
     rows_before: tuple[PredictionError, ...]
     rows_after: tuple[PredictionError, ...]
     synthetic: bool
+    models: tuple[str, str] = ("before", "after")
+    role: str = "fitted"
+
+    @classmethod
+    def of(cls, d: Diagnosis, trace: Trace) -> Overlay:
+        """A trace under the first and the final model; one of another rig under the others' body and its own."""
+        file, synthetic = trace.measurement.file, d.after.rig.config.synthetic
+        for each in d.aside:
+            if each.trace.measurement.file == file:
+                was, now = (_rows(d, rows([trace], [model])) for model in (each.others, each.own))
+                return cls(trace, each.others, each.own, was, now, synthetic, _BODIES, "of another rig")
+        before, after = (np.asarray(result.predicted[file]) for result in (d.before, d.after))
+        was, now = (
+            _rows(d, [row for row in (*result.score_fit, *result.score_holdout) if row.file == file])
+            for result in (d.before, d.after)
+        )
+        role = "held out" if trace.measurement.held_out else "fitted"
+        return cls(trace, before, after, was, now, synthetic, role=role)
 
     @property
     def channels(self) -> tuple[int, ...]:
         """Columns that are drawn."""
         ranked = sorted(self.trace.channels, key=lambda c: _CHANNELS.index(c) if c in _CHANNELS else len(_CHANNELS))
         return tuple(self.trace.channels.index(name) for name in ranked[:2])
+
+
+def _rows(d: Diagnosis, errors: Sequence[PredictionError]) -> tuple[PredictionError, ...]:
+    return in_degrees(errors, scales(d.before))
 
 
 def draw(picture: Overlay) -> Figure:
@@ -69,12 +96,11 @@ def draw(picture: Overlay) -> Figure:
 
 
 def _title(picture: Overlay) -> str:
-    role = "held out" if picture.trace.measurement.held_out else "fitted"
     names = [picture.trace.channels[m] for m in picture.channels]
     was, now = ({row.channel: row for row in rows} for rows in (picture.rows_before, picture.rows_after))
     each = [f"{name.replace('_', ' ')} {short(was[name].rms)} → {short(now[name].rms)} {now[name].unit or '1'}"
             for name in names if name in was and name in now]  # fmt: skip
-    return f"{picture.trace.measurement.file}, {role}: rms error {', '.join(each)}"
+    return f"{picture.trace.measurement.file}, {picture.role}: rms error {', '.join(each)}"
 
 
 def _spans(picture: Overlay) -> tuple[slice, ...]:
@@ -93,8 +119,9 @@ def _model(panel: Axes, picture: Overlay, m: int, span: slice) -> None:
     trace, shown = picture.trace, Shown.of(picture.trace, picture.trace.channels[m])
     t = trace.instants[span]
     panel.plot(*style.thin(t, shown(trace.data[span, m])), ".", ms=5, mew=0, color="#8c8c8c", label="measured")
-    panel.plot(*style.thin(t, shown(picture.before[span, m])), color=style.BEFORE, lw=1.8, label="before")
-    panel.plot(*style.thin(t, shown(picture.after[span, m])), color=style.AFTER, lw=1.2, label="after")
+    first, final = picture.models
+    panel.plot(*style.thin(t, shown(picture.before[span, m])), color=style.BEFORE, lw=1.8, label=first)
+    panel.plot(*style.thin(t, shown(picture.after[span, m])), color=style.AFTER, lw=1.2, label=final)
     style.quiet_axis(panel)
 
 

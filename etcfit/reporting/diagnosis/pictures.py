@@ -6,18 +6,13 @@ from collections.abc import Iterator
 from functools import partial
 from pathlib import Path
 
-import numpy as np
-
 from ...diagnosis.findings import Diagnosis
-from ...estimation.joint_fit import FitResult
-from ...problem.prediction_error import PredictionError
 from ...problem.trace import Trace
 from .. import overview
 from ..drawing import Job
 from ..pictures import all_traces, file_name, parameter_picture
 from . import chart, missing, overlay, rounds, unexplained
 from .ledger import headline, ledger
-from .shown import in_degrees, scales
 
 _FITTED = 3  # fitted traces that are drawn besides those held out
 
@@ -46,26 +41,14 @@ def _summaries(d: Diagnosis) -> Iterator[Job]:
 
 
 def _overlays(d: Diagnosis) -> Iterator[Job]:
-    """Held-out traces, then the driven ones of those fitted that the first model predicts worst."""
-    every = all_traces(d.before)
-    shown = [t for t in every if t.measurement.held_out]
+    """Traces of another rig, those held out, then the driven ones fitted that the first model predicts worst."""
+    every = all_traces(d.after)
+    shown = [*(each.trace for each in d.aside), *(t for t in every if t.measurement.held_out)]
     driven = [t for t in every if not t.measurement.held_out and t.input and not t.test.boundary.plate_held]
     driven.sort(key=lambda trace: -_worst(d, trace))
     for trace in (*shown, *driven[:_FITTED]):
-        yield Path("traces") / file_name(trace), partial(overlay.draw, _overlay(d, trace))
+        yield Path("traces") / file_name(trace), partial(overlay.draw, overlay.Overlay.of(d, trace))
 
 
 def _worst(d: Diagnosis, trace: Trace) -> float:
     return max((row.rms / row.sigma for row in d.before.score_fit if row.file == trace.measurement.file), default=0.0)
-
-
-def _overlay(d: Diagnosis, trace: Trace) -> overlay.Overlay:
-    file = trace.measurement.file
-    before, after = (np.asarray(result.predicted[file]) for result in (d.before, d.after))
-    return overlay.Overlay(trace, before, after, _rows(d.before, file), _rows(d.after, file),
-                           d.after.rig.config.synthetic)  # fmt: skip
-
-
-def _rows(result: FitResult, file: str) -> tuple[PredictionError, ...]:
-    rows = [row for row in (*result.score_fit, *result.score_holdout) if row.file == file]
-    return in_degrees(rows, scales(result))

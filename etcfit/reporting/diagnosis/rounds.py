@@ -38,6 +38,10 @@ def steps(diagnosis: Diagnosis) -> list[RoundPoint]:
     """Errors from the first fit to the final one; between them those of the trials, before the full refit."""
     before, after = diagnosis.before, diagnosis.after
     out = [RoundPoint("start", Pool.of(before.score_fit).ratio, _ratio(before.score_holdout))]
+    if diagnosis.aside:
+        files = "\n".join(each.trace.measurement.file for each in diagnosis.aside)
+        first = diagnosis.rounds[0]
+        out.append(RoundPoint(f"without\n{files}", first.fit_rms, first.holdout_rms))
     for each in diagnosis.rounds:
         others = tuple((c.effect, e) for c in each.candidates if (e := _left(c, each)) and c.effect != each.added)
         taken = next((c for c in each.candidates if c.effect == each.added), None)
@@ -103,8 +107,9 @@ def _others(panel: Axes, every: list[RoundPoint]) -> None:
             panel.plot(k, error, "D", ms=6, mfc="white", color="#8c8c8c", ls="none",
                        label="refitted, not taken" if n == 0 else "_")  # fmt: skip
         for error, names in labels(others[:_NAMED]):
-            panel.annotate(", ".join(names), (k, error), xytext=(7, 3), textcoords="offset points", va="bottom",
-                           fontsize=9, color="#6b6b6b")  # fmt: skip
+            last = k == len(every) - 1  # to its right the picture ends
+            panel.annotate(", ".join(names), (k, error), xytext=(-7 if last else 7, 5), textcoords="offset points",
+                           va="bottom", ha="right" if last else "left", fontsize=9, color="#6b6b6b")  # fmt: skip
 
 
 def labels(others: list[tuple[str, float]]) -> list[tuple[float, list[str]]]:
