@@ -199,34 +199,33 @@ def _shown(result: FitResult, s: CandidateModel, place: Place, report: Report) -
         own = fit(alone, report, result.settings, rest.values)
     except MeasurementError:  # too little is left to fit, or it alone says too little
         return None
-    first = _at(result, rest, s.settings)
-    strange = [
-        row for row in rows(first.problem.batch.traces, first.problem.free_run(first.x)) if _is_of(row.file, place)
-    ]
+    here = _at(s, rest)
+    errors = rows(here.problem.batch.traces, here.problem.free_run(here.x))
+    strange = [row for row in errors if _is_of(row.file, place)]
     misfit = pooled(strange) ** 2
     if misfit < s.settings.near_chi2_per_dof or own.far or own.chi2_per_dof > _most_left(misfit, result, s.settings):
         return None
+    if _one_effect_does(here, report):
+        return None
     if s.added:  # they may have stood in for it
         rest = fit(_with_effects(result, (*result.rig.config.effects, aside)), report, result.settings, rest.values)
-    if _one_effect_does(first, report):
-        return None
     why = f"Without {place.words} all that is left is noise, and a body of its own explains it: it is set aside."
-    return Strange(place, rest, own, tuple(_apart(first, own, place)), why)
+    return Strange(place, rest, own, tuple(_apart(here, own, place)), why)
 
 
-def _apart(first: CandidateModel, own: FitResult, place: Place) -> Iterator[SetAside]:
+def _apart(here: CandidateModel, own: FitResult, place: Place) -> Iterator[SetAside]:
     """The traces of a piece beside the free runs of both bodies."""
-    for trace, others in zip(first.problem.batch.traces, first.problem.free_run(first.x), strict=True):
+    for trace, others in zip(here.problem.batch.traces, here.problem.free_run(here.x), strict=True):
         if _is_of(trace.measurement.file, place):
             yield SetAside(trace, others, own.predicted[trace.measurement.file])
 
 
-def _at(result: FitResult, rest: FitResult, settings: DiagnosisSettings) -> CandidateModel:
-    """The first model with the parameters of all others, run free, every sample with its own noise."""
-    first = start(result, settings).lean()
-    x = carried(rest.x, rest.problem.layout, first.problem.free_parameters, rest.values)
-    problem = replace(first.problem.guided(0.0), sigma=first.problem.batch.slots.sigma)
-    return replace(first, problem=problem, weighted=problem.weighted(weights.forgiving(problem)), x=x)
+def _at(s: CandidateModel, rest: FitResult) -> CandidateModel:
+    """The model of all data with the parameters of all others, run free, every sample with its own noise."""
+    lean = s.lean()
+    x = carried(rest.x, rest.problem.layout, lean.problem.free_parameters, rest.values)
+    problem = replace(lean.problem.guided(0.0), sigma=lean.problem.batch.slots.sigma)
+    return replace(lean, problem=problem, weighted=problem.weighted(weights.forgiving(problem)), x=x)
 
 
 def _most_left(misfit: float, result: FitResult, settings: DiagnosisSettings) -> float:
@@ -238,7 +237,8 @@ def _most_left(misfit: float, result: FitResult, settings: DiagnosisSettings) ->
 def _one_effect_does(here: CandidateModel, report: Report) -> bool:
     """Whether a single effect, of those that promise most where the others were fitted, leaves nothing but noise."""
     settings = here.settings
-    for found in screened(here, here.composition.candidates)[: settings.refits + settings.rig_refits]:
+    candidates = [e for e in here.composition.candidates if not here.at_work(e)]
+    for found in screened(here, candidates)[: settings.refits + settings.rig_refits]:
         effect = found.variant.effect
         report(f"trying {effect.name} instead", 0.95)
         near = here.trying((effect,), found.values).optimised()

@@ -242,12 +242,21 @@ def _release(trace: Trace) -> tuple[float, float] | None:
 
 
 def _moves_at_once(trace: Trace) -> bool:
-    """True where the log begins after the release: an EMF from the start, or an angle that falls already."""
-    name = "emf" if "emf" in trace.channels else "position"
-    first, sigma = _first(trace, name, 10), float(trace.sigma[trace.channels.index(name)])
-    if first is None:
+    """True where the log begins after the release: an angle that falls already, or an EMF that is there and changes.
+
+    An EMF that is there and stays is the zero of its channel.
+    """
+    falls, rises = (_first(trace, name, 10) for name in ("position", "emf"))
+    if falls is not None and _still(*falls, _sigma_of(trace, "position")).slope != 0.0:
+        return True
+    if rises is None:
         return False
-    return bool(abs(np.median(first[1])) > 4.0 * sigma if name == "emf" else _still(*first, sigma).slope != 0.0)
+    sigma = _sigma_of(trace, "emf")
+    return bool(abs(np.median(rises[1])) > 4.0 * sigma) and _still(*rises, sigma).slope != 0.0
+
+
+def _sigma_of(trace: Trace, name: str) -> float:
+    return float(trace.sigma[trace.channels.index(name)])
 
 
 def _rising(trace: Trace) -> tuple[Float[np.ndarray, " k"], Float[np.ndarray, " k"]]:

@@ -46,6 +46,19 @@ def test_a_plate_that_moves_from_the_first_sample_has_no_release(channel: str) -
     assert all(ready(noisy(clean, seed)).release is None for seed in range(20))
 
 
+@pytest.mark.parametrize("channels", [("emf", "position"), ("emf",)], ids=" and ".join)
+def test_an_emf_that_does_not_read_zero_at_rest_is_no_motion(channels: tuple[str, ...]) -> None:
+    """Six times its noise; the plate is let go at the same instant as without it."""
+    motion = released(0.0657)
+    values = {"emf": N * 0.0189 * motion.speed, "position": motion.angle}
+    found = []
+    for zero in (0.0, 6.0 * SIGMA["emf"]):
+        shown = values | {"emf": values["emf"] + zero}
+        found.append(ready(noisy(measurement("back_emf", motion.time, {n: shown[n] for n in channels}), 0)).release)
+    assert found[0] is not None
+    assert found[1] == pytest.approx(found[0], abs=1e-9)
+
+
 def test_only_a_held_plate_is_released() -> None:
     motion = released(0.05)
     m = measurement("response", motion.time, {"voltage": 0.0 * T[: motion.time.size], "position": motion.angle})

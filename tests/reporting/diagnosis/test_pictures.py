@@ -13,7 +13,7 @@ from matplotlib.image import imread
 
 import diagnoses
 import results
-from etcfit.diagnosis.findings import Diagnosis
+from etcfit.diagnosis.findings import Diagnosis, SetAside
 from etcfit.reporting import draw_diagnosis
 from etcfit.reporting.diagnosis import chart, overlay, pictures, rounds, unexplained
 from etcfit.reporting.diagnosis.ledger import headline, ledger
@@ -143,6 +143,34 @@ def test_an_overlay_shows_both_models_in_degrees(found: Diagnosis) -> None:
     m = trace.channels.index("position")
     for name, values in (("measured", trace.data), ("before", before), ("after", after)):
         np.testing.assert_allclose(lines[name], np.degrees(values[:, m]))
+
+
+@pytest.fixture(scope="module")
+def mixed(found: Diagnosis) -> Diagnosis:
+    """A fitted trace of another rig: the others' body is 0.1 rad off, its own is not."""
+    trace = next(t for t in all_traces(found.before) if t.measurement.file == "response/1.csv")
+    aside = SetAside(trace, trace.data + 0.1, trace.data)
+    rest = replace(found.after, score_fit=tuple(row for row in found.after.score_fit if row.file != "response/1.csv"))
+    return replace(found, after=rest, aside=(aside,))
+
+
+def test_a_trace_of_another_rig_is_drawn_under_both_bodies(mixed: Diagnosis) -> None:
+    assert names(mixed).index("traces/response__1.png") < names(mixed).index("traces/response__2.png")
+    picture = overlay.Overlay.of(mixed, mixed.aside[0].trace)
+    fig = overlay.draw(picture)
+    assert "response/1.csv, of another rig" in fig.get_suptitle().replace("\n", " ")
+    lines = {line.get_label(): np.asarray(line.get_ydata()) for line in fig.axes[0].lines}
+    own = lines["a body of its own"]
+    np.testing.assert_allclose(lines["the others' body"] - own, np.degrees(0.1))
+    (position,) = (row for row in picture.rows_before if row.channel == "position")
+    assert (position.rms, position.unit) == (pytest.approx(np.degrees(0.1)), "deg")
+
+
+def test_the_ledger_and_the_rounds_are_of_the_other_traces(mixed: Diagnosis) -> None:
+    of_before = [row for row in mixed.before.score_fit if row.file != "response/1.csv"]
+    assert sum(entry.before.traces for entry in ledger(mixed) if not entry.held_out) == len(of_before)
+    labels = [step.label for step in rounds.steps(mixed)]
+    assert labels[:2] == ["start", "without\nresponse/1.csv"]
 
 
 def test_a_long_trace_is_shown_where_the_first_model_is_worst(found: Diagnosis) -> None:
