@@ -1,7 +1,7 @@
 """Is one trace, or one test, of another rig? The others agree without it, and it agrees with a body of its own.
 
 A file that was copied from another throttle bends every parameter, and effects of the catalogue then stand in for it.
-So where a model is far from its data, the fit is made without each of the pieces that are furthest from it: at first
+So where a model is not near its data, the fit is made without each of the pieces that are furthest from it: at first
 with the weights of a piece set to zero, then, where the others come near their data, from scratch. A piece is of
 another rig where all that is left without it is noise, where the others' parameters are far from the piece and some of
 its own explain it, and where no single effect explains all data: a clock that is slow in one test looks like another
