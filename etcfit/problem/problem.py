@@ -239,7 +239,8 @@ class EstimationProblem:
     def chi2(self, x: Float[np.ndarray, " P"], weighted: WeightedData) -> float:
         """Sum of squares of the whitened residual at coordinates x, shape (P,). Without the priors; `chi2.chi2_of`, for
         many points, counts them."""
-        return float(np.sum(self.residual(x, weighted) ** 2))
+        with np.errstate(over="ignore"):  # of a simulation that runs away it is inf
+            return float(np.sum(self.residual(x, weighted) ** 2))
 
     def refined(self, x: Float[np.ndarray, " P"]) -> EstimationProblem:
         """The problem with as many integration steps in each interval as the free run at x, shape (P,), needs."""
