@@ -56,17 +56,17 @@ def of_the_rig() -> str:
     from etcfit.model.rig_effects import RIG_EFFECTS, Place
 
     place = {"series_resistance": Place("inductance"), "time_scale": Place("response"),
-             "edge_phase": Place("response"), "channel_drift": Place("response", "torque"),
-             "trace_late": Place("response", "", "response/3.csv")}  # fmt: skip
+             "edge_phase": Place("response"), "channel_drift": Place("response", "torque")}  # fmt: skip
+    usual = {"rig": Place(), "trace": Place.named("response/3.csv")}
     parts = []
     for family in RIG_EFFECTS:
-        at = place.get(family.kind, Place() if family.scope == "rig" else Place("response", "current"))
+        at = place.get(family.kind, usual.get(family.scope, Place("response", "current")))
         parts += [
             f"### `{family.kind}` {{ #{family.kind} }}",
             "",
             body(family),
             "",
-            f"- **Written as:** `{family.at(at).name}`; parameters {off_names(family.at(at))}.",
+            f"- **Written as:** `{family.at(at).name}`; parameters {off_names(family.at(at)) or 'none'}.",
             f"- **Shown best by:** {plain(family.told_by)}.",
             "",
         ]
