@@ -19,6 +19,7 @@ from typing import Annotated, Any
 import typer
 
 from . import __version__, stages
+from .control.request import DesignRequest
 from .errors import MeasurementError, UsageError
 from .experiment.settings import CampaignSettings
 from .posterior.settings import SamplingSettings
@@ -384,11 +385,11 @@ def design(
         raise UsageError("--parts and --fleet exclude each other: with --fleet RUN itself is the fleet.")
     with _progress(quiet) as progress:
         asked = {symbol: limit for symbol, limit in limits.items() if limit != inf}
-        options = rule, adc_bits, terms, asked, given, ecu, log
+        request = DesignRequest(rule, adc_bits, terms, asked, given, ecu, log, parts)
         if for_fleet:
-            done = stages.design_fleet(run, progress, *options)
+            done = stages.design_fleet(run, progress, request)
         else:
-            done = stages.design_run(stages.opened(run), progress, *options, parts)
+            done = stages.design_run(stages.opened(run), progress, request)
     _tell(done)
 
 

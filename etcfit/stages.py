@@ -11,11 +11,12 @@ import json
 import sys
 from collections.abc import Callable, Mapping
 from contextlib import AbstractContextManager
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
+from .control.request import DesignRequest
 from .errors import UsageError
 from .posterior.settings import SamplingSettings
 
@@ -23,7 +24,6 @@ if TYPE_CHECKING:
     from .api.diagnosed import Diagnosed
     from .api.fit import Fit
     from .estimation.result import FitResult
-    from .model.feed_forward import Asked
     from .run_folder import RunFolder
 
 Report = Callable[[str, float], None]
@@ -135,109 +135,35 @@ def reduce_run(
     return Done(table if response is None else Group(table, sine_table(response)), failure(result))
 
 
-def design_run(
-    run: RunFolder,
-    report: Report,
-    rule: str = "optimal",
-    adc_bits: int = 12,
-    feed_forward: Asked = False,
-    limits: Mapping[str, float] = MappingProxyType({}),
-    ecu: Mapping[str, float] = MappingProxyType({}),
-    profile: str | None = None,
-    log: Path | str | None = None,
-    parts: Path | str | None = None,
-) -> Done:
-    """Gains by every rule, one of them proposed: RUN/pid.json, the responses.
-
-    Args:
-        run, report: as everywhere.
-        rule: whose gains are proposed.
-        adc_bits: of the position sensor, over its travel.
-        feed_forward: terms ahead of the PID, see `model.feed_forward`.
-        limits: what a response must stay below, by field of `Requirements`; the rest as there.
-        ecu: what is given of the ECU, by field; see `design.ecu_of` for the rest.
-        profile: name of the make of ECU; None for none in particular.
-        log: from the car, whose setpoint is one scenario more; None for none.
-        parts: run folder of a fleet, on whose units the gains are to hold; None for the one model alone.
-    """
+def design_run(run: RunFolder, report: Report, asked: DesignRequest) -> Done:
+    """Gains by every rule, one of them proposed: RUN/pid.json, the responses."""
     report("taking up the fit", 0.0)
     keep_compiled()
     result = run.final()
     from .api.control import design_of
     from .api.saving import keep_design
     from .control.design import DRAWS, SEED
-    from .control.pid import Requirements
-    from .model.feed_forward import as_asked, terms_of
     from .reporting.control.tables import design_table
     from .run_folder import read_draws
 
     fitted = result.fitted()
     drawn = read_draws(run.path, fitted, DRAWS - 1, SEED)
-    found = design_of(
-        fitted,
-        rule,
-        Requirements(**limits),
-        drawn,
-        report,
-        adc_bits=adc_bits,
-        feed_forward=feed_forward,
-        settings=None,
-        profile=profile,
-        log=log,
-        parts=parts,
-        **ecu,
-    )
-    settings = {
-        "rule": rule,
-        "adc_bits": adc_bits,
-        "feed_forward": as_asked(terms_of(feed_forward)),
-        "limits": limits,
-        "ecu": ecu,
-        "profile": profile,
-        "log": None if log is None else str(log),
-        "parts": None if parts is None else str(parts),
-    }
-    keep_design(run, result, found, settings, report)
+    found = design_of(fitted, asked, drawn, report)
+    keep_design(run, result, found, asked.recorded(), report)
     return Done(design_table(found), failure(result))
 
 
-def design_fleet(
-    run: Path,
-    report: Report,
-    rule: str = "optimal",
-    adc_bits: int = 12,
-    feed_forward: Asked = False,
-    limits: Mapping[str, float] = MappingProxyType({}),
-    ecu: Mapping[str, float] = MappingProxyType({}),
-    profile: str | None = None,
-    log: Path | str | None = None,
-) -> Done:
-    """Gains that nearly all units of a fleet meet the requirements with: RUN/pid.json, the responses.
-
-    Args:
-        run: the run folder of the fleet.
-        report, rule, adc_bits, feed_forward, limits, ecu, profile, log: see `design_run`.
-    """
+def design_fleet(run: Path, report: Report, asked: DesignRequest) -> Done:
+    """Gains that nearly all units of a fleet meet the requirements with, from its run folder: RUN/pid.json, the
+    responses."""
     report("taking up the fleet", 0.0)
     keep_compiled()
     from .api.control import fleet_design_of
     from .api.fleet import Fleet
-    from .control.pid import Requirements
     from .reporting.control.tables import design_table
 
     units = Fleet.of(run)
-    found = fleet_design_of(
-        units.model,
-        rule,
-        Requirements(**limits),
-        report,
-        adc_bits=adc_bits,
-        feed_forward=feed_forward,
-        settings=None,
-        profile=profile,
-        log=log,
-        **ecu,
-    )
+    found = fleet_design_of(units.model, asked, report)
     units.keep_design(run, found, {}, report)
     return Done(design_table(found))
 
@@ -361,7 +287,9 @@ STAGES: tuple[Stage, ...] = (
     Stage("sample", _of_run(sample_run), ("steps",)),
     Stage("reduce", _of_run(reduce_run), ("input", "output", "at", "pade_order")),
     Stage(
-        "design", _of_run(design_run), ("rule", "adc_bits", "feed_forward", "limits", "ecu", "profile", "log", "parts")
+        "design",
+        lambda folder, run, report, **options: design_run(run, report, DesignRequest(**options)),
+        tuple(each.name for each in fields(DesignRequest)),
     ),
     Stage("report", _of_run(write_report)),
 )

@@ -22,6 +22,7 @@ import results
 import runs
 from equality import equal
 from etcfit.cli import app
+from etcfit.control.request import DesignRequest
 from etcfit.errors import MeasurementError, UsageError
 from etcfit.experiment.advice import Advice, Option
 from etcfit.experiment.campaign import Campaign
@@ -81,7 +82,7 @@ COMMANDS = {
     "sample": (("sample", "bench", "--steps", "700"), (Path("bench"), 700)),
     "reduce": (("reduce", "bench", "--output", "deg", "--at", "30", "--pade", "2"),
                (Path("bench"), "V", "deg", 0.3, 2)),
-    "design": (("design", "bench", "--rule", "simc"), (Path("bench"), "simc", 12, False, ASKED, {}, None, None, None)),
+    "design": (("design", "bench", "--rule", "simc"), (Path("bench"), DesignRequest("simc", limits=ASKED))),
     "export": (("export", "bench", "--to", "c", "--step", "1ms", "--at", "30"),
                (Path("bench"), "c", None, 1e-3, 0.3, None)),
     "report": (("report", "bench"), (Path("bench"),)),
@@ -322,7 +323,9 @@ def test_design_passes_on_what_is_given_of_the_ecu_and_no_more(
     invoke, monkeypatch: pytest.MonkeyPatch, words: tuple[str, ...], given: dict[str, float], make: str | None
 ) -> None:
     asked: list[Any] = []
-    monkeypatch.setattr("etcfit.stages.design_run", lambda *given: asked.append(given[6:8]) or Done("done"))
+    monkeypatch.setattr(
+        "etcfit.stages.design_run", lambda *given: asked.append((given[2].ecu, given[2].profile)) or Done("done")
+    )
     assert invoke("design", "bench", "--quiet", *words).exit_code == 0
     assert asked == [(given, make)]
 
@@ -340,14 +343,14 @@ def test_design_passes_on_what_is_to_be_put_ahead(
     invoke, monkeypatch: pytest.MonkeyPatch, words: tuple[str, ...], asked: bool | str
 ) -> None:
     seen: list[object] = []
-    monkeypatch.setattr("etcfit.stages.design_run", lambda *given: seen.append(given[4]) or Done("done"))
+    monkeypatch.setattr("etcfit.stages.design_run", lambda *given: seen.append(given[2].feed_forward) or Done("done"))
     assert invoke("design", "bench", "--quiet", *words).exit_code == 0
     assert seen == [asked]
 
 
 def test_design_passes_on_the_fleet_of_the_parts(invoke, monkeypatch: pytest.MonkeyPatch) -> None:
     seen: list[object] = []
-    monkeypatch.setattr("etcfit.stages.design_run", lambda *given: seen.append(given[9]) or Done("done"))
+    monkeypatch.setattr("etcfit.stages.design_run", lambda *given: seen.append(given[2].parts) or Done("done"))
     assert invoke("design", "bench", "--quiet", "--parts", "bench").exit_code == 0
     assert seen == [Path("bench")]
     both = invoke("design", "bench", "--quiet", "--parts", "bench", "--fleet")
@@ -364,7 +367,7 @@ def test_a_term_that_there_is_not_is_a_usage_error(invoke) -> None:
 
 def test_design_passes_on_the_limits_that_there_are(invoke, monkeypatch: pytest.MonkeyPatch) -> None:
     asked: list[Any] = []
-    monkeypatch.setattr("etcfit.stages.design_run", lambda *given: asked.append(given[5]) or Done("done"))
+    monkeypatch.setattr("etcfit.stages.design_run", lambda *given: asked.append(given[2].limits) or Done("done"))
     assert invoke("design", "bench", "--duty-activity", "3", "--rms-current", "2.5", "--quiet").exit_code == 0
     assert asked == [ASKED | {"duty_activity_pct": 3.0, "current_rms_A": 2.5}]
     done = invoke("design", "bench", "--winding-heat", "0", "--quiet")

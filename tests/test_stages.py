@@ -14,7 +14,7 @@ import etcfit
 import results
 from equality import equal
 from etcfit.api.diagnosed import Diagnosed
-from etcfit.control.pid import Requirements
+from etcfit.control.request import DesignRequest
 from etcfit.diagnosis.findings import Diagnosis
 from etcfit.estimation.result import FitResult
 from etcfit.run_folder import STAGE_FILES, read_records, save_diagnosis
@@ -120,20 +120,20 @@ def test_a_reduction_is_made_anew_from_what_the_manifest_has_of_it(found: Diagno
 def test_gains_are_made_anew_from_what_the_manifest_has_of_them(
     found: Diagnosis, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    asked: list[tuple[Any, ...]] = []
+    asked: list[DesignRequest] = []
     kept: list[dict[str, Any]] = []
-    monkeypatch.setattr("etcfit.api.control.design_of", lambda *given, **ecu: asked.append((given[1:3], ecu)))
+    monkeypatch.setattr("etcfit.api.control.design_of", lambda fitted, request, *_: asked.append(request))
     monkeypatch.setattr("etcfit.api.saving.keep_design", lambda run, result, design, settings, _: kept.append(settings))
     monkeypatch.setattr("etcfit.reporting.control.tables.design_table", lambda design: "a table")
     run = opened(tmp_path / "run")
     run.keep_fit(found.before)
-    design_run(run, silent, "simc", 10, True, {"overshoot_pct": 10.0}, {"period": 2e-3}, "link", "a.csv", Path("line"))
+    wanted = DesignRequest("simc", 10, True, {"overshoot_pct": 10.0}, {"period": 2e-3}, "link", "a.csv", Path("line"))
+    design_run(run, silent, wanted)
     again = json.loads(json.dumps(kept[0]))
     assert set(again) == set(options_of("design"))
-    design_run(run, silent, **again)
-    ecu = {"adc_bits": 10, "feed_forward": True, "settings": None, "profile": "link", "log": "a.csv", "period": 2e-3}
-    assert asked[0] == (("simc", Requirements(10.0)), {**ecu, "parts": Path("line")})
-    assert asked[1] == (("simc", Requirements(10.0)), {**ecu, "parts": "line"})  # as the manifest has it
+    (design,) = (stage for stage in STAGES if stage.name == "design")
+    design.work(tmp_path, run, silent, **again)
+    assert asked == [wanted, replace(wanted, parts="line")]  # as the manifest has it
 
 
 def test_run_gives_the_last_model_back(found: Diagnosis, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
@@ -15,14 +14,13 @@ if TYPE_CHECKING:
     from ..control.design import Design
     from ..control.frequency import FrequencyResponse
     from ..control.linearise import Reduction
-    from ..control.pid import Requirements
+    from ..control.request import DesignRequest
     from ..control.settings import DesignSettings, FrequencySettings
     from ..estimation.fitted_model import Fitted
     from ..estimation.fleet_model import FleetModel
     from ..estimation.result import FitResult
     from ..model.ecu import Ecu
     from ..model.ecus import EcuProfile
-    from ..model.feed_forward import Asked
     from ..rig.base import RigConfig
     from .progress import Report
 
@@ -71,107 +69,83 @@ def plant_of(
 
 def design_of(
     fitted: Fitted,
-    rule: str,
-    requirements: Requirements,
+    asked: DesignRequest,
     drawn: np.ndarray | None,
     report: Report,
-    *,
-    adc_bits: int,
-    feed_forward: Asked,
     settings: DesignSettings | None = None,
-    profile: str | None = None,
-    log: Path | str | None = None,
-    parts: Path | str | None = None,
-    **ecu: float,
 ) -> Design:
     """Gains by every rule for an ECU that reads the position by an ADC over its travel.
 
     Args:
         fitted: the model.
-        rule: whose gains are proposed.
-        requirements: what a response must stay below.
+        asked: what gains are asked for.
         drawn: coordinates of further models, shape (D, P), or None.
         report: progress.
-        adc_bits: of the position sensor, over its travel.
-        feed_forward: terms ahead of the PID, see `model.feed_forward`.
         settings: draws, and the budgets of simulation and rules; the defaults where None.
-        profile: name of the make of ECU, see `model.ecus`; None for none in particular.
-        log: from the car, whose setpoint is one scenario more.
-        parts: run folder of a fleet, on whose units the gains are to hold; None for the one model alone.
-        ecu: what is given of the ECU, by field; see `control.design.ecu_of` for the rest.
     Raises:
         MeasurementError: the log cannot be read, or has no setpoint.
         UsageError: no such make, a field given that its source fixes otherwise, or parts of another design.
     """
     from ..control.design import design
     from ..control.parts import design_for_parts
+    from ..control.pid import Requirements
     from ..control.settings import DesignSettings
 
-    computer, make = _computer(fitted, adc_bits, profile, ecu)
-    asked = None if log is None else setpoint_of(Path(log), fitted.config)
-    given = (computer, requirements, rule, drawn, feed_forward, report, settings or DesignSettings(), make, asked)
-    if parts is None:
+    computer, make = _computer(fitted, asked)
+    log = None if asked.log is None else setpoint_of(Path(asked.log), fitted.config)
+    given = (computer, Requirements(**asked.limits), asked.rule, drawn, asked.feed_forward, report,
+             settings or DesignSettings(), make, log)  # fmt: skip
+    if asked.parts is None:
         return design(fitted, *given)
     from ..run_folder.parts import parts_of
 
-    return design_for_parts(fitted, parts_of(Path(parts)), *given)
+    return design_for_parts(fitted, parts_of(Path(asked.parts)), *given)
 
 
 def fleet_design_of(
-    model: FleetModel,
-    rule: str,
-    requirements: Requirements,
-    report: Report,
-    *,
-    adc_bits: int,
-    feed_forward: Asked,
-    settings: DesignSettings | None = None,
-    profile: str | None = None,
-    log: Path | str | None = None,
-    **ecu: float,
+    model: FleetModel, asked: DesignRequest, report: Report, settings: DesignSettings | None = None
 ) -> Design:
     """Gains by every rule that nearly all units of a fleet meet the requirements with.
 
     Args:
         model: the units.
-        rule, requirements, report, adc_bits, feed_forward, settings, profile, log, ecu: see `design_of`.
+        asked, report, settings: see `design_of`; no `parts`.
     Raises:
         MeasurementError, UsageError: as `design_of`.
     """
     from ..control.fleet import design_for_fleet, future_units
+    from ..control.pid import Requirements
     from ..control.settings import DesignSettings
 
-    computer, make = _computer(model.nominal, adc_bits, profile, ecu)
-    asked = None if log is None else setpoint_of(Path(log), model.config)
+    computer, make = _computer(model.nominal, asked)
+    log = None if asked.log is None else setpoint_of(Path(asked.log), model.config)
     return design_for_fleet(
         model,
         computer,
-        requirements,
-        rule,
+        Requirements(**asked.limits),
+        asked.rule,
         future_units(model),
-        feed_forward,
+        asked.feed_forward,
         report,
         settings or DesignSettings(),
         profile=make,
-        log=asked,
+        log=log,
     )
 
 
-def _computer(
-    fitted: Fitted, adc_bits: int, profile: str | None, ecu: Mapping[str, float]
-) -> tuple[Ecu, EcuProfile | None]:
+def _computer(fitted: Fitted, asked: DesignRequest) -> tuple[Ecu, EcuProfile | None]:
     """The ECU by what is given of it and what its make fixes."""
     from ..control.design import ecu_of
     from ..control.linearise import stops
     from ..model.ecus import named
 
-    make = None if profile is None else named(profile)
+    make, ecu = None if asked.profile is None else named(asked.profile), asked.ecu
     if make is not None:
         if clash := make.clashes(ecu):
             raise UsageError(f"{clash[0]}: {make.title} fixes it at {make.fixes[clash[0]]:g}. Leave it out.")
         ecu = make.completed(ecu)
     lower, upper = stops(fitted)
-    return ecu_of(fitted, **({"resolution": (upper - lower) / 2**adc_bits} | dict(ecu))), make
+    return ecu_of(fitted, **({"resolution": (upper - lower) / 2**asked.adc_bits} | dict(ecu))), make
 
 
 def setpoint_of(path: Path, config: RigConfig) -> Series:

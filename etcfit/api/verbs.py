@@ -9,6 +9,7 @@ a verb is called.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import asdict
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any, Literal
@@ -264,7 +265,7 @@ def design(
             source fixes otherwise, or feed-forward that it cannot have; parts of another design.
     """
     with working(quiet) as report:
-        from ..control.design import PAPERS
+        from ..control.request import DesignRequest
         from ..control.settings import DesignSettings
         from ..model.ecu import Ecu
         from ..run_folder.fleet import is_fleet
@@ -276,20 +277,19 @@ def design(
             raise TypeError(
                 f"etcfit.design knows no {', '.join(unknown)}. Of the ECU there are {', '.join(Ecu._fields)}."
             )
-        mine, limits = settings or DesignSettings(), requirements or PAPERS
-        asked: dict[str, Any] = {"adc_bits": adc_bits, "feed_forward": feed_forward, "settings": mine,
-                                 "profile": profile, "log": log, **ecu}  # fmt: skip
+        mine, limits = settings or DesignSettings(), {} if requirements is None else asdict(requirements)
+        where = parts.run if isinstance(parts, Fleet) else parts
+        asked = DesignRequest(rule, adc_bits, feed_forward, limits, ecu, profile, log, where)
         if isinstance(model, Fleet) or (isinstance(model, str | Path) and is_fleet(Path(model))):
             if parts is not None:
                 raise UsageError("parts: the model is a fleet itself. Give one unit's fit, or leave parts out.")
             whole = model if isinstance(model, Fleet) else Fleet.of(model)
-            found = fleet_design_of(whole.model, rule, limits, report, **asked)
+            found = fleet_design_of(whole.model, asked, report, mine)
             return Designed(whole, found, None if log is None else str(log))
         fit = _fit_of("design", model)
         fitted = fit.result.fitted()
         drawn = _draws(model if posterior is None else posterior, fitted, mine)
-        where = parts.run if isinstance(parts, Fleet) else parts
-        found = design_of(fitted, rule, limits, drawn, report, parts=where, **asked)
+        found = design_of(fitted, asked, drawn, report, mine)
         return Designed(fit, found, None if log is None else str(log))
 
 

@@ -39,12 +39,12 @@ def diagnose(result: FitResult, report: Report = quiet, settings: DiagnosisSetti
     """
     report("listing the effects that these data could show", 0.0)
     first = start(result, settings)
-    strange = of_another_rig(result, first, result.score_fit, report) if _astray(first) else None
+    strange = of_another_rig(result, first, result.score_fit, report) if _astray(first, result) else None
     if strange is not None:
         return _of_the_others(strange, result, report, settings)
     progress = _looked_back(result, forward(result, Progress(first), report), report)
     progress, sets = _of_sets(result, first, progress, report)
-    if progress.model.added and _astray(progress.model):
+    if progress.model.added and _astray(progress.model, result):
         strange = of_another_rig(result, progress.model, score(progress.model).fit_rows, report)
         if strange is not None:
             return _of_the_others(strange, result, report, settings)
@@ -66,9 +66,9 @@ def diagnose(result: FitResult, report: Report = quiet, settings: DiagnosisSetti
     return _told(result, rest, first, progress, left, sets)
 
 
-def _astray(s: CandidateModel) -> bool:
-    """Whether a model is so far from its data that a piece of them may be of another rig."""
-    return s.far or s.chi2_per_sample > s.settings.near_chi2_per_dof
+def _astray(s: CandidateModel, result: FitResult) -> bool:
+    """Whether parameters are a compromise for the misfit alone, so that a piece of the data may be of another rig."""
+    return s.far or s.chi2_per_sample >= result.settings.contradiction.compromise
 
 
 def _of_the_others(strange: Strange, result: FitResult, report: Report, settings: DiagnosisSettings) -> Diagnosis:

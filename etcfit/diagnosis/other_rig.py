@@ -1,12 +1,12 @@
 """Is one trace, or one test, of another rig? The others agree without it, and it agrees with a body of its own.
 
 A file that was copied from another throttle bends every parameter, and effects of the catalogue then stand in for it.
-So where a model is not near its data, the fit is made without each of the pieces that are furthest from it: at first
-with the weights of a piece set to zero, then, where the others come near their data, from scratch. A piece is of
-another rig where all that is left without it is noise, where the others' parameters are far from the piece and some of
-its own explain it, and where no single effect explains all data: a clock that is slow in one test looks like another
-body there, and so does a torque that only one test reaches. Near the data it is not asked, for there a body of its own
-may stand in for whatever shows in one trace.
+So where the misfit makes parameters a compromise, the fit is made without each of the pieces that are furthest from it:
+at first with the weights of a piece set to zero, then, where the others come near their data, from scratch. A piece is
+of another rig where all that is left without it is noise, where the others' parameters are far from the piece and some
+of its own explain it, and where no single effect explains all data: a clock that is slow in one test looks like another
+body there, and so does a torque that only one test reaches. Where the misfit is small it is not asked, for there a body
+of its own may stand in for whatever shows in one trace.
 """
 
 from __future__ import annotations

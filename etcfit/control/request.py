@@ -1,0 +1,43 @@
+"""What gains are asked for: the command, a notebook and the manifest of a run ask alike."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from ..model.feed_forward import Asked
+
+
+@dataclass(frozen=True)
+class DesignRequest:
+    """What gains are asked for.
+
+    Args:
+        rule: whose gains are proposed.
+        adc_bits: of the position sensor, over its travel.
+        feed_forward: terms ahead of the PID, see `model.feed_forward`.
+        limits: what a response must stay below, by field of `Requirements`; the rest as there.
+        ecu: what is given of the ECU, by field; see `control.design.ecu_of` for the rest.
+        profile: name of the make of ECU, see `model.ecus`; None for none in particular.
+        log: from the car, whose setpoint is one scenario more; None for none.
+        parts: run folder of a fleet, on whose units the gains are to hold; None for the one model alone.
+    """
+
+    rule: str = "optimal"
+    adc_bits: int = 12
+    feed_forward: Asked = False
+    limits: Mapping[str, float] = field(default_factory=dict)
+    ecu: Mapping[str, float] = field(default_factory=dict)
+    profile: str | None = None
+    log: Path | str | None = None
+    parts: Path | str | None = None
+
+    def recorded(self) -> dict[str, Any]:
+        """As the manifest of a run keeps it, by field: with it the same is asked for again."""
+        from ..model.feed_forward import as_asked, terms_of
+
+        files = {name: None if path is None else str(path) for name, path in (("log", self.log), ("parts", self.parts))}
+        return asdict(self) | {"feed_forward": as_asked(terms_of(self.feed_forward))} | files
