@@ -3,10 +3,10 @@
 A file that was copied from another throttle bends every parameter, and effects of the catalogue then stand in for it.
 So where the misfit makes parameters a compromise, the fit is made without each of the pieces that are furthest from it:
 at first with the weights of a piece set to zero, then, where the others come near their data, from scratch. A piece is
-of another rig where all that is left without it is noise, where the others' parameters are far from the piece and some
-of its own explain it, and where no single effect explains all data: a clock that is slow in one test looks like another
-body there, and so does a torque that only one test reaches. Where the misfit is small it is not asked, for there a body
-of its own may stand in for whatever shows in one trace.
+of another rig where next to nothing but noise is left without it, where the others' parameters are far from the piece
+and some of its own explain it, and where no single effect explains all data: a clock that is slow in one test looks
+like another body there, and so does a torque that only one test reaches. Where the misfit is small it is not asked, for
+there a body of its own may stand in for whatever shows in one trace.
 """
 
 from __future__ import annotations
@@ -39,6 +39,7 @@ from .settings import DiagnosisSettings
 
 _TOLD = 3.0  # standard errors from which on a parameter is said to differ
 _FORGIVEN = 2  # of the steps by which a fit from far off forgives instants, the last ones: here it begins at a fit
+_GONE = 0.05  # share of the misfit above noise that may be left without a piece: another effect may be there too
 _LEFT = 1e-3  # share of its misfit under the others' parameters that a body of its own may leave of a piece
 _NAMED = 4  # of those that differ, the most that are named
 
@@ -191,7 +192,7 @@ def _shown(result: FitResult, s: CandidateModel, place: Place, report: Report) -
     aside = OtherRig.at(place).name
     try:
         rest = fit(_with_effects(result, (*effects, aside)), report, result.settings, s.values)
-        if rest.far or not evidence(start(rest, s.settings)).white:
+        if not _clears(start(rest, s.settings), result):
             return None
         report(f"fitting {place.words} alone", 0.95)
         alone = _with_effects(result, effects)
@@ -205,11 +206,11 @@ def _shown(result: FitResult, s: CandidateModel, place: Place, report: Report) -
     misfit = pooled(strange) ** 2
     if misfit < s.settings.near_chi2_per_dof or own.far or own.chi2_per_dof > _most_left(misfit, result, s.settings):
         return None
-    if _one_effect_does(here, report):
+    if _one_effect_does(here, result, report):
         return None
     if s.added:  # they may have stood in for it
         rest = fit(_with_effects(result, (*result.rig.config.effects, aside)), report, result.settings, rest.values)
-    why = f"Without {place.words} all that is left is noise, and a body of its own explains it: it is set aside."
+    why = f"Without {place.words} the misfit is gone, and a body of its own explains it: it is set aside."
     return Strange(place, rest, own, tuple(_apart(here, own, place)), why)
 
 
@@ -234,18 +235,25 @@ def _most_left(misfit: float, result: FitResult, settings: DiagnosisSettings) ->
     return max(result.settings.contradiction.compromise, min(_LEFT * misfit, settings.near_chi2_per_dof))
 
 
-def _one_effect_does(here: CandidateModel, report: Report) -> bool:
-    """Whether a single effect, of those that promise most where the others were fitted, leaves nothing but noise."""
+def _clears(s: CandidateModel, result: FitResult) -> bool:
+    """Whether a model leaves nothing but noise, or next to nothing of what the first fit left above it."""
+    if s.far:
+        return False
+    excess = _GONE * (result.chi2_per_dof - 1.0)
+    nearly = s.chi2_per_sample < min(1.0 + excess, result.settings.contradiction.compromise)
+    return nearly or evidence(s).white
+
+
+def _one_effect_does(here: CandidateModel, result: FitResult, report: Report) -> bool:
+    """Whether a single effect, of those that promise most where the others were fitted, clears up all data as well."""
     settings = here.settings
     candidates = [e for e in here.composition.candidates if not here.at_work(e)]
     for found in screened(here, candidates)[: settings.refits + settings.rig_refits]:
         effect = found.variant.effect
         report(f"trying {effect.name} instead", 0.95)
         near = here.trying((effect,), found.values).optimised()
-        if near.chi2_per_sample < settings.near_chi2_per_dof:
-            full = refit_fully(near, report)
-            if not full.far and evidence(full).white:
-                return True
+        if near.chi2_per_sample < settings.near_chi2_per_dof and _clears(refit_fully(near, report), result):
+            return True
     return False
 
 
