@@ -198,10 +198,12 @@ class Background:
     Args:
         r: residual of the fitted samples, free of what the parameters can do, shape (n,).
         basis: of what they can do, orthonormal, shape (n, p), p <= P.
+        jacobian: of the residual in the parameters, shape (n, P).
     """
 
     r: np.ndarray
     basis: np.ndarray
+    jacobian: np.ndarray
 
     @classmethod
     def of(cls, problem: EstimationProblem, x: np.ndarray, weighted: WeightedData) -> Background:
@@ -217,7 +219,7 @@ class Background:
         values, vectors = np.linalg.eigh(columns.T @ columns)
         keep = values > _TINY
         basis = columns @ (vectors[:, keep] / np.sqrt(values[keep]))
-        return cls(cls.free_of(basis, r), basis)
+        return cls(cls.free_of(basis, r), basis, jacobian)
 
     @staticmethod
     def free_of(basis: np.ndarray, columns: np.ndarray) -> np.ndarray:

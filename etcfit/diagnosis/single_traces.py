@@ -43,15 +43,13 @@ def screen_of_single_traces(
     free = [e for e in candidates if issubclass(e, AbstractRigEffect) and e.like in layout.free]
     if not free:
         return []
-    seen = np.asarray(weighted.slots.weight) > 0.0
-    jacobian, slope = problem.linearise(x, weighted)[2][seen], layout.numbers(x)[1]
-    rows = rows_by_file(problem, weighted)
+    slope, rows = layout.numbers(x)[1], rows_by_file(problem, weighted)
 
     def column(effect: RigEffect) -> np.ndarray:
         """d residual / d amplitude over its scale, of the trace's own samples."""
         k = layout.free.index(effect.like)
         (p,) = parameters_of(effect)
-        return jacobian[rows[effect.place.file], k] * p.domain.scale / slope[k]
+        return background.jacobian[rows[effect.place.file], k] * p.domain.scale / slope[k]
 
     found = []
     for effect in _standing_out(free, background, rows, column)[: settings.single_traces]:

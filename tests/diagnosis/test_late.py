@@ -53,7 +53,7 @@ class Case:
         """Signatures where the data are those of a problem of the same shape; no parameter can imitate anything."""
         weighted = problem.weighted(weights.free_running(problem))
         r = problem.residual(self.x, weighted)[np.asarray(weighted.slots.weight) > 0.0]
-        background = Background(r, np.zeros((r.size, 0)))
+        background = Background.spanned(r, np.zeros((r.size, 0)))
         settings = DiagnosisSettings(**changes)
         return screen_of_late(background, problem, self.x, weighted, [*self.late.values()], settings)
 

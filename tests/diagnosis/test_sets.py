@@ -75,7 +75,7 @@ def test_no_more_pairs_are_refitted_than_the_settings_allow() -> None:
 
 def test_effects_cost_their_parameters_and_the_variants_they_were_chosen_from(model: CandidateModel) -> None:
     signatures = [Signature(v, np.zeros((1, 1)), 5.0, {}, 0.5) for e in (LIMP, GRAVITY) for v in variants(e)]
-    data = Measured(Background(np.zeros(1), np.zeros((1, 0))), signatures)
+    data = Measured(Background.spanned(np.zeros(1), np.zeros((1, 0))), signatures)
     before = score(1000.0)
     told = Promise.of(before, data, model.composition)
     assert told.price[GRAVITY] == pytest.approx(np.log(before.count))
