@@ -4,9 +4,9 @@ A file that was copied from another throttle bends every parameter, and effects 
 So where the misfit makes parameters a compromise, the fit is made without each of the pieces that are furthest from it:
 at first with the weights of a piece set to zero, then, where the others come near their data, from scratch. A piece is
 of another rig where next to nothing but noise is left without it, where the others' parameters are far from the piece
-and some of its own explain it, and where no single effect explains all data: a clock that is slow in one test looks
-like another body there, and so does a torque that only one test reaches. Where the misfit is small it is not asked, for
-there a body of its own may stand in for whatever shows in one trace.
+and some of its own explain it, and where no single effect explains all data as well: a clock that is slow in one test
+looks like another body there, and so does a torque that only one test reaches. Where the misfit is small it is not
+asked, for there a body of its own may stand in for whatever shows in one trace.
 """
 
 from __future__ import annotations
@@ -206,7 +206,7 @@ def _shown(result: FitResult, s: CandidateModel, place: Place, report: Report) -
     misfit = pooled(strange) ** 2
     if misfit < s.settings.near_chi2_per_dof or own.far or own.chi2_per_dof > _most_left(misfit, result, s.settings):
         return None
-    if _one_effect_does(here, result, report):
+    if _one_effect_does(here, result, _chi2_apart(rest, own, s.settings), report):
         return None
     if s.added:  # they may have stood in for it
         rest = fit(_with_effects(result, (*result.rig.config.effects, aside)), report, result.settings, rest.values)
@@ -244,16 +244,32 @@ def _clears(s: CandidateModel, result: FitResult) -> bool:
     return nearly or evidence(s).white
 
 
-def _one_effect_does(here: CandidateModel, result: FitResult, report: Report) -> bool:
-    """Whether a single effect, of those that promise most where the others were fitted, clears up all data as well."""
+def _chi2_apart(rest: FitResult, own: FitResult, settings: DiagnosisSettings) -> float:
+    """Sum of squares of two bodies with P parameters each more than one has, as BIC counts it: + P ln n."""
+    both = [start(fitted, settings) for fitted in (rest, own)]
+    samples = sum(s.weighted.samples for s in both)
+    return sum(s.chi2 for s in both) + own.x.size * float(np.log(samples))
+
+
+def _one_effect_does(here: CandidateModel, result: FitResult, apart: float, report: Report) -> bool:
+    """Whether a single effect, of those that promise most where the others were fitted, clears up all data as well.
+
+    Args:
+        here: the model of all data with the parameters of the others.
+        result: the first fit.
+        apart: sum of squares above which a body more does better.
+        report: progress.
+    """
     settings = here.settings
     candidates = [e for e in here.composition.candidates if not here.at_work(e)]
     for found in screened(here, candidates)[: settings.refits + settings.rig_refits]:
         effect = found.variant.effect
         report(f"trying {effect.name} instead", 0.95)
         near = here.trying((effect,), found.values).optimised()
-        if near.chi2_per_sample < settings.near_chi2_per_dof and _clears(refit_fully(near, report), result):
-            return True
+        if near.chi2_per_sample < settings.near_chi2_per_dof:
+            full = refit_fully(near, report)
+            if _clears(full, result) and full.chi2 < apart:
+                return True
     return False
 
 
