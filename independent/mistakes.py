@@ -252,15 +252,20 @@ def channel_late(folder: Path, rng: np.random.Generator) -> Mistake:
 
 def trace_late(folder: Path, rng: np.random.Generator) -> Mistake:
     """All that was measured in one trace comes 3 to 15 samples later than the voltage that drove it, s."""
-    held_out = (folder / "rig.toml").read_text(encoding="utf-8").partition("[holdout]")[2]
-    files = [path for test in ("response", "viscous") for path in sorted((folder / test).glob("*.csv"))]
-    files = [path for path in files if f"{path.parent.name}/{path.name}" not in held_out]
-    path, by = files[rng.integers(len(files))], int(rng.integers(3, 16))
+    files = fitted_files(folder, ("response", "viscous"))
+    file, by = files[rng.integers(len(files))], int(rng.integers(3, 16))
+    path = folder / file
     sheet = Sheet.read(path)
     measured = [k for k in range(1, len(sheet.header)) if k != sheet.at("voltage")]
     shifted(sheet, measured, by).write(path)
-    test = path.parent.name
-    return Mistake("trace_late", test, None, by * _interval(sheet), f"{test}/{path.name}")
+    return Mistake("trace_late", path.parent.name, None, by * _interval(sheet), file)
+
+
+def fitted_files(folder: Path, tests: tuple[str, ...]) -> list[str]:
+    """Files of some tests that are not held out."""
+    held_out = (folder / "rig.toml").read_text(encoding="utf-8").partition("[holdout]")[2]
+    every = [f"{test}/{path.name}" for test in tests for path in sorted((folder / test).glob("*.csv"))]
+    return [file for file in every if file not in held_out]
 
 
 def _interval(sheet: Sheet) -> float:
@@ -275,26 +280,18 @@ def shifted(sheet: Sheet, columns: list[int], by: int) -> Sheet:
     return replace(sheet, rows=rows)
 
 
-def of_another_body(path: Path, other: Truth, seed: int, effects: Effects, size: str, files: list[str]) -> None:
-    """Some traces of a folder replaced by those that another body gave in a folder like it."""
+def of_another_body(path: Path, other: Truth, seed: int, effects: Effects, size: str, file: str) -> None:
+    """A trace of a folder replaced by the one that another body gave in a folder like it."""
     with tempfile.TemporaryDirectory() as beside:
         make_folder(Path(beside), other, seed, effects, size)  # pyright: ignore[reportArgumentType]
-        for file in files:
-            shutil.copy(Path(beside) / file, path / file)
-
-
-def fitted_files(folder: Path, tests: tuple[str, ...]) -> list[str]:
-    """Files of some tests that are not held out."""
-    held_out = (folder / "rig.toml").read_text(encoding="utf-8").partition("[holdout]")[2]
-    every = [f"{test}/{path.name}" for test in tests for path in sorted((folder / test).glob("*.csv"))]
-    return [file for file in every if file not in held_out]
+        shutil.copy(Path(beside) / file, path / file)
 
 
 def warm_start(path: Path, truth: Truth, seed: int, effects: Effects, size: str, rng: np.random.Generator) -> Mistake:
     """One trace was begun with a winding 20 to 60 K warmer than the others were."""
     file = str(rng.choice(fitted_files(path, ("static_load", "viscous", "response"))))
     ohm = 0.0039 * truth.R_a * float(rng.uniform(20.0, 60.0))
-    of_another_body(path, replace(truth, R_a=truth.R_a + ohm), seed, effects, size, [file])
+    of_another_body(path, replace(truth, R_a=truth.R_a + ohm), seed, effects, size, file)
     return Mistake("warm_start", file.partition("/")[0], None, ohm, file)
 
 
@@ -304,7 +301,7 @@ def other_rig(path: Path, truth: Truth, seed: int, effects: Effects, size: str, 
     off = rng.choice([-1, 1], size=len(_MAKE)) * rng.uniform(0.05, 0.25, size=len(_MAKE))
     values = {s: getattr(truth, s) * (1.0 + d) for s, d in zip(_MAKE, off, strict=True)}
     other = replace(truth, **values, K_m=values["K_b"])
-    of_another_body(path, other, seed, effects, size, [file])
+    of_another_body(path, other, seed, effects, size, file)
     return Mistake("other_rig", file.partition("/")[0], None, float(np.max(np.abs(off))), file)
 
 

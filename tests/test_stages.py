@@ -13,7 +13,9 @@ import diagnoses
 import etcfit
 import results
 from equality import equal
+from etcfit.api.control import design_of
 from etcfit.api.diagnosed import Diagnosed
+from etcfit.control.pid import Requirements
 from etcfit.control.request import DesignRequest
 from etcfit.diagnosis.findings import Diagnosis
 from etcfit.estimation.result import FitResult
@@ -134,6 +136,16 @@ def test_gains_are_made_anew_from_what_the_manifest_has_of_them(
     (design,) = (stage for stage in STAGES if stage.name == "design")
     design.work(tmp_path, run, silent, **again)
     assert asked == [wanted, replace(wanted, parts="line")]  # as the manifest has it
+
+
+def test_what_is_asked_for_reaches_the_design(found: Diagnosis, monkeypatch: pytest.MonkeyPatch) -> None:
+    given: list[tuple[Any, ...]] = []
+    monkeypatch.setattr("etcfit.control.design.design", lambda *args: given.append(args))
+    wanted = DesignRequest("simc", 10, True, {"overshoot_pct": 10.0}, {"period": 2e-3}, "link")
+    design_of(found.before.fitted(), wanted, None, silent)
+    ((_, computer, requirements, rule, drawn, feed_forward, _, _, make, log),) = given
+    assert (requirements, rule, drawn, feed_forward, log) == (Requirements(10.0), "simc", None, True, None)
+    assert (computer.period, make.name) == (2e-3, "link")
 
 
 def test_run_gives_the_last_model_back(found: Diagnosis, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

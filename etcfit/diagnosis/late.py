@@ -120,12 +120,10 @@ def _standing_out(
     gains = {effect: 0.0 for effect in alone}
     for effect in alone:
         own = np.concatenate(_of(effect, rows))
-        r, basis = background.r[own], background.basis[own]
         for change in changes:
-            column = change.of(effect)[own]
-            power, way = column @ column - np.sum((basis.T @ column) ** 2), float(r @ column)
+            way, power = background.among(own, change.of(effect)[own])
             gain = way**2 / max(power, 1e-300) if change.shift is None else -2.0 * way - power
-            gains[effect] = max(gains[effect], float(gain))
+            gains[effect] = max(gains[effect], gain)
     return sorted(alone, key=lambda effect: -gains[effect])
 
 

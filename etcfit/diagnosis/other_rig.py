@@ -11,7 +11,7 @@ asked, for there a body of its own may stand in for whatever shows in one trace.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -147,8 +147,7 @@ def _misfit_without(s: CandidateModel, place: Place, result: FitResult) -> float
 
     From where the model is; far from the data, which the piece may have bent out of all reason, from the graphs too.
     """
-    lean = s.lean()
-    problem = replace(lean.problem.guided(0.0), sigma=lean.problem.batch.slots.sigma)
+    problem = _declared(s.lean().problem)
     begins = [(s.x, result.settings.late[-_FORGIVEN:])]
     if s.far:
         free = problem.free_parameters
@@ -192,7 +191,8 @@ def _shown(result: FitResult, s: CandidateModel, place: Place, report: Report) -
     aside = OtherRig.at(place).name
     try:
         rest = fit(_with_effects(result, (*effects, aside)), report, result.settings, s.values)
-        if not _clears(start(rest, s.settings), result):
+        others = start(rest, s.settings)
+        if not _clears(others, result):
             return None
         report(f"fitting {place.words} alone", 0.95)
         alone = _with_effects(result, effects)
@@ -201,32 +201,34 @@ def _shown(result: FitResult, s: CandidateModel, place: Place, report: Report) -
     except MeasurementError:  # too little is left to fit, or it alone says too little
         return None
     here = _at(s, rest)
-    errors = rows(here.problem.batch.traces, here.problem.free_run(here.x))
-    strange = [row for row in errors if _is_of(row.file, place)]
-    misfit = pooled(strange) ** 2
+    traces, predicted = here.problem.batch.traces, here.problem.free_run(here.x)
+    misfit = pooled([row for row in rows(traces, predicted) if _is_of(row.file, place)]) ** 2
     if misfit < s.settings.near_chi2_per_dof or own.far or own.chi2_per_dof > _most_left(misfit, result, s.settings):
         return None
-    if _one_effect_does(here, result, _chi2_apart(rest, own, s.settings), report):
+    if _one_effect_does(here, result, _chi2_apart(others, start(own, s.settings)), report):
         return None
     if s.added:  # they may have stood in for it
         rest = fit(_with_effects(result, (*result.rig.config.effects, aside)), report, result.settings, rest.values)
     why = f"Without {place.words} the misfit is gone, and a body of its own explains it: it is set aside."
-    return Strange(place, rest, own, tuple(_apart(here, own, place)), why)
-
-
-def _apart(here: CandidateModel, own: FitResult, place: Place) -> Iterator[SetAside]:
-    """The traces of a piece beside the free runs of both bodies."""
-    for trace, others in zip(here.problem.batch.traces, here.problem.free_run(here.x), strict=True):
-        if _is_of(trace.measurement.file, place):
-            yield SetAside(trace, others, own.predicted[trace.measurement.file])
+    aside_traces = tuple(
+        SetAside(trace, shown, own.predicted[trace.measurement.file])
+        for trace, shown in zip(traces, predicted, strict=True)
+        if _is_of(trace.measurement.file, place)
+    )
+    return Strange(place, rest, own, aside_traces, why)
 
 
 def _at(s: CandidateModel, rest: FitResult) -> CandidateModel:
     """The model of all data with the parameters of all others, run free, every sample with its own noise."""
     lean = s.lean()
     x = carried(rest.x, rest.problem.layout, lean.problem.free_parameters, rest.values)
-    problem = replace(lean.problem.guided(0.0), sigma=lean.problem.batch.slots.sigma)
+    problem = _declared(lean.problem)
     return replace(lean, problem=problem, weighted=problem.weighted(weights.forgiving(problem)), x=x)
+
+
+def _declared(problem: EstimationProblem) -> EstimationProblem:
+    """The problem run free, every sample with the noise that was declared."""
+    return replace(problem.guided(0.0), sigma=problem.batch.slots.sigma)
 
 
 def _most_left(misfit: float, result: FitResult, settings: DiagnosisSettings) -> float:
@@ -244,11 +246,10 @@ def _clears(s: CandidateModel, result: FitResult) -> bool:
     return nearly or evidence(s).white
 
 
-def _chi2_apart(rest: FitResult, own: FitResult, settings: DiagnosisSettings) -> float:
-    """Sum of squares of two bodies with P parameters each more than one has, as BIC counts it: + P ln n."""
-    both = [start(fitted, settings) for fitted in (rest, own)]
-    samples = sum(s.weighted.samples for s in both)
-    return sum(s.chi2 for s in both) + own.x.size * float(np.log(samples))
+def _chi2_apart(others: CandidateModel, own: CandidateModel) -> float:
+    """Sum of squares of two bodies, and what BIC asks for the P parameters of the second: P ln n."""
+    samples = others.weighted.samples + own.weighted.samples
+    return others.chi2 + own.chi2 + own.x.size * float(np.log(samples))
 
 
 def _one_effect_does(here: CandidateModel, result: FitResult, apart: float, report: Report) -> bool:

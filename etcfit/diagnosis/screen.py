@@ -226,6 +226,16 @@ class Background:
         """(1 - Q Q^T) C of columns of shape (n,) or (n, k)."""
         return columns - basis @ (basis.T @ columns)
 
+    def among(self, rows: np.ndarray, column: np.ndarray) -> Own:
+        """What a column does to some samples alone.
+
+        Args:
+            rows: of the fitted samples, shape (m,).
+            column: of those samples, shape (m,).
+        """
+        imitated = self.basis[rows].T @ column
+        return Own(float(self.r[rows] @ column), float(column @ column - imitated @ imitated))
+
     def signature(self, variant: Variant, columns: np.ndarray, parameters: Mapping[str, Parameter]) -> Signature:
         """The score test of one variant.
 
@@ -246,6 +256,13 @@ class Background:
         best = _at_scanned(variant, mine, own, self.r) if scanned else _bounded(mine, own, self.r)
         values = {p.symbol: a * p.domain.scale for p, a in zip(mine, best.amplitudes.tolist(), strict=True)}
         return Signature(variant, own, best.gain, {**variant.shape, **values}, share)
+
+
+class Own(NamedTuple):
+    """Of a column c, from some samples alone: r c, and |c|^2 of what no parameter can do."""
+
+    way: float
+    power: float
 
 
 class Best(NamedTuple):

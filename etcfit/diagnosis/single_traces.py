@@ -76,9 +76,8 @@ def _standing_out(
     """
     gains: dict[RigEffect, float] = {}
     for effect in alone:
-        own, here = rows[effect.place.file], column(effect)
-        power = here @ here - np.sum((background.basis[own].T @ here) ** 2)
-        gains[effect] = float((background.r[own] @ here) ** 2 / max(power, 1e-300))
+        way, power = background.among(rows[effect.place.file], column(effect))
+        gains[effect] = way**2 / max(power, 1e-300)
     return sorted(alone, key=lambda effect: -gains[effect])
 
 

@@ -109,7 +109,7 @@ def problem(truth: Truth, tmp_path_factory: pytest.TempPathFactory) -> Estimatio
 
 
 def started(problem: EstimationProblem, truth: Truth) -> dict[str, float]:
-    """Half the true spring and preload's double, twice the friction or half of it: no free run is near."""
+    """Half the true spring and friction, twice the preload: no free run is near."""
     nominal = {p.symbol: p.nominal for p in problem.layout.parameters}
     assert set(problem.layout.free) == set(SOUGHT)
     return nominal | {s: getattr(truth, s) * (2.0 if k % 2 else 0.5) for k, s in enumerate(problem.layout.free)}
@@ -126,14 +126,14 @@ def test_it_leads_where_a_descent_is_caught(problem: EstimationProblem, truth: T
     assert off(problem, x, truth) > 0.4
     weighted = problem.weighted(weights.free_running(problem))
     caught, _ = minimise(problem, x, weighted, SETTINGS.tolerance, SETTINGS.steps)
-    assert off(problem, caught, truth) > 0.1
+    assert off(problem, caught, truth) > 0.4
     led = let_go(problem, x)
     assert off(problem, led, truth) < 0.005
     assert unlikely(problem, led) < 0.2 * unlikely(problem, caught)
 
 
 def test_a_free_run_that_is_likelier_already_stays(problem: EstimationProblem, truth: Truth) -> None:
-    """With a guide that is never let go but all at once nothing is found, and nothing is lost."""
+    """Its end is never less likely than where it began."""
     x = problem.layout.coordinates({**started(problem, truth), **{s: getattr(truth, s) for s in SOUGHT}})
     there = let_go(problem, x)
     again = let_go(problem, there)
