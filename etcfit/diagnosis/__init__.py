@@ -7,17 +7,19 @@ from dataclasses import replace
 from ..estimation.joint_fit import Report, quiet
 from ..estimation.result import FitResult
 from .candidate_model import CandidateModel
+from .check_findings import first_from_checks
 from .discrepancy import Allowed, allowing_for_the_rest
+from .evidence import evidence
 from .exchange import exchanged, pruned
 from .final import final_fit
 from .findings import Diagnosis, SetTried, Unexplained
 from .merge import merged
 from .missing_torque import motions
-from .other_rig import Strange, of_another_rig
+from .other_rig import Strange, clears, of_another_rig
 from .probabilities import besides, probabilities
 from .refit import start
 from .rig_mistakes import rig_mistakes
-from .rounds import Progress, forward, names
+from .rounds import Keep, Progress, forget, forward, names
 from .score import score
 from .sets import searched
 from .settings import DEFAULT, DiagnosisSettings
@@ -27,22 +29,33 @@ from .verdict import in_words, runs_free_worse, tie, verdict
 __all__ = ["Diagnosis", "DiagnosisSettings", "diagnose"]
 
 
-def diagnose(result: FitResult, report: Report = quiet, settings: DiagnosisSettings = DEFAULT) -> Diagnosis:
+def diagnose(
+    result: FitResult,
+    report: Report = quiet,
+    settings: DiagnosisSettings = DEFAULT,
+    begun: Progress | None = None,
+    keep: Keep = forget,
+) -> Diagnosis:
     """Trace the residual of a fit to the effects that its model lacks.
 
     Args:
         result: a fit, of Eqs. 1-2 or of whatever rig.toml names.
         report: called with what is going on and the share done, from 0 to 1.
         settings: what it decides by.
+        begun: rounds that a diagnosis of this fit, with these settings, made before it was interrupted.
+        keep: is given those rounds, one by one, as they are made.
     Returns:
         the rounds, the effects found, what no effect explains, and the fits before and after.
     """
     report("listing the effects that these data could show", 0.0)
     first = start(result, settings)
-    strange = of_another_rig(result, first, result.score_fit, report) if _astray(first, result) else None
+    progress, strange = (begun, None) if begun is not None else _simplest(result, Progress(first), report)
     if strange is not None:
         return _of_the_others(strange, result, report, settings)
-    progress = _looked_back(result, forward(result, Progress(first), report), report)
+    keep(progress)
+    if not progress.is_at_an_end:
+        progress = forward(result, progress, report, keep=keep)
+    progress = _looked_back(result, progress, report)
     progress, sets = _of_sets(result, first, progress, report)
     if progress.model.added and _astray(progress.model, result):
         strange = of_another_rig(result, progress.model, score(progress.model).fit_rows, report)
@@ -64,6 +77,26 @@ def diagnose(result: FitResult, report: Report = quiet, settings: DiagnosisSetti
     if left is not None or not progress.rounds[-1].evidence.white:
         rest = allowing_for_the_rest(result, after, progress.model, report)
     return _told(result, rest, first, progress, left, sets)
+
+
+def _simplest(result: FitResult, progress: Progress, report: Report) -> tuple[Progress, Strange | None]:
+    """Where the misfit makes the parameters a compromise: the simplest explanation that leaves noise.
+
+    First what the rig's checks found, then any single effect, then a piece of the data that is of another rig: data
+    are set aside only where no single effect explains all of them. Elsewhere the progress as it is.
+    """
+    if not _astray(progress.model, result):
+        return progress, None
+    progress = first_from_checks(result, progress, report)
+    before = progress.model
+    if not _astray(before, result):
+        return progress, None
+    progress = forward(result, progress, report, most=len(progress.rounds) + 1)
+    one = progress.model if progress.model is not before else None
+    if one is not None and clears(one, result) and evidence(one).white:
+        return progress, None
+    errors = result.score_fit if before.added == () else score(before).fit_rows
+    return progress, of_another_rig(result, before, errors, report, one)
 
 
 def _astray(s: CandidateModel, result: FitResult) -> bool:

@@ -77,7 +77,8 @@ class Candidate:
 
     Args:
         effect: name.
-        screened: by how much the score test thought it would lower chi2.
+        screened: by how much the score test thought it would lower chi2; of one that a check of the rig had found, by
+            how much the refit did.
         own: share of its signature that no fitted parameter can imitate; 0: it does no more than they do.
         refitted: whether it was tried in a refit; the ratios are None where not.
         fit_rms_ratio, holdout_rms_ratio: free-run RMS over that without the effect.

@@ -8,7 +8,7 @@ once more with such an effect in it; of the rig's, with those that promise most 
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -20,8 +20,8 @@ from .composition import Effect, carried
 from .evidence import evidence
 from .loop import Round, screened
 from .refit import holds, refit_fully
-from .score import score
-from .trial import judged
+from .score import Score, score
+from .trial import Trial, judged
 
 
 class Unmasked(NamedTuple):
@@ -49,7 +49,16 @@ def hidden(result: FitResult, turned: Round, report: Report) -> Unmasked | None:
     """
     candidates = (*maskable(turned.before.composition.candidates), *_of_the_rig(result, turned.before))
     found = nearest(_near(candidates, result, turned, report))
-    return None if found is None else Unmasked(_round(turned, found.model, found.effect), found.model)
+    if found is None:
+        return None
+    trial = trial_of(found.effect, turned.before, found.model)
+    why = (
+        f"Drawn along the measured angle no effect comes near the data at once. That hides {found.effect.name}, and a "
+        f"fit with it comes near them: fitted error x {trial.verdict.fit_rms_ratio:.3f}."
+    )
+    seen = tuple(g for g in turned.screened if g.variant.effect is found.effect)
+    choice = Choice(Outcome.ADDED, found.effect, (), why)
+    return Unmasked(replace(turned, screened=seen, trials=(trial,), choice=choice), found.model)
 
 
 class Near(NamedTuple):
@@ -82,7 +91,7 @@ def _near(candidates: Iterable[Effect], result: FitResult, turned: Round, report
     """Of joint fits with one of the candidates each those that come near the data, one after the other."""
     for effect in candidates:
         report(f"fitting anew with {effect.name}", 0.9)
-        s = _fitted_with(effect, result, turned, report)
+        s = fitted_with(effect, result, turned.before, turned.score, report)
         if s is not None:
             yield Near(effect, s, s.chi2_per_sample, evidence(s).white)
 
@@ -96,26 +105,40 @@ def _of_the_rig(result: FitResult, s: CandidateModel) -> tuple[Effect, ...]:
     return tuple(g.variant.effect for g in screened(free, candidates)[: s.settings.rig_refits])
 
 
-def _fitted_with(effect: Effect, result: FitResult, turned: Round, report: Report) -> CandidateModel | None:
-    """The model after a joint fit with the effect; None where it stays far from the data or is worse."""
+def fitted_with(
+    effect: Effect,
+    result: FitResult,
+    before: CandidateModel,
+    was: Score,
+    report: Report,
+    about: Mapping[str, float] | None = None,
+) -> CandidateModel | None:
+    """The model after a joint fit made anew with one effect more; None where it stays far from the data or is worse.
+
+    Args:
+        effect: the one more.
+        result: the first fit.
+        before: the model that it is to take the place of.
+        was: score of that.
+        report: progress.
+        about: values to start from, SI by symbol; the graph readings and nominal values where None.
+    """
     config = result.rig.config
-    again = fit(replace(result.rig, config=replace(config, effects=(*config.effects, effect.name))), report)
+    effects = (*config.effects, *(e.name for e in before.added), effect.name)
+    again = fit(replace(result.rig, config=replace(config, effects=effects)), report, about=about)
     if again.far:
         return None
-    s = turned.before.with_effects((effect,), again.values)
+    s = before.with_effects((*before.added, effect), again.values)
     s = replace(s, x=carried(again.x, again.problem.layout, s.problem.free_parameters, again.values))
     s = refit_fully(s, report)
-    return None if s.far or not holds(s, turned.before, turned.score) else s
+    return None if s.far or not holds(s, before, was) else s
 
 
-def _round(turned: Round, s: CandidateModel, effect: Effect) -> Round:
-    """Both models are compared under the whitening of the new one: drawn along the angle they would not differ."""
-    first, less = turned.before, s.without(effect)
-    less = replace(less, x=carried(first.x, first.problem.layout, less.problem.free_parameters, {}))
-    trial = judged(effect, score(less), s)
-    why = (
-        f"Drawn along the measured angle no effect comes near the data at once. That hides {effect.name}, and a fit "
-        f"with it comes near them: fitted error x {trial.verdict.fit_rms_ratio:.3f}."
-    )
-    seen = tuple(g for g in turned.screened if g.variant.effect is effect)
-    return replace(turned, screened=seen, trials=(trial,), choice=Choice(Outcome.ADDED, effect, (), why))
+def trial_of(effect: Effect, before: CandidateModel, s: CandidateModel) -> Trial:
+    """The verdict on a model that was fitted anew with an effect, beside the one before it.
+
+    Both are compared under the whitening of the new one: drawn along the angle they would not differ.
+    """
+    less = s.without(effect)
+    less = replace(less, x=carried(before.x, before.problem.layout, less.problem.free_parameters, {}))
+    return judged(effect, score(less), s)

@@ -4,8 +4,9 @@ A file that was copied from another throttle bends every parameter, and effects 
 So where the misfit makes parameters a compromise, the fit is made without each of the pieces that are furthest from it:
 at first with the weights of a piece set to zero, then, where the others come near their data, from scratch. A piece is
 of another rig where next to nothing but noise is left without it, where the others' parameters are far from the piece
-and some of its own explain it, and where no single effect explains all data as well: a clock that is slow in one test
-looks like another body there, and so does a torque that only one test reaches. Where the misfit is small it is not
+and some of its own explain it, and where no single effect explains all data as well, neither from the first fit nor
+from the others' parameters: a clock that is slow in one test looks like another body there, and so does a torque that
+only one test reaches. Where the misfit is small it is not
 asked, for there a body of its own may stand in for whatever shows in one trace.
 """
 
@@ -90,7 +91,11 @@ class Strange:
 
 
 def of_another_rig(
-    result: FitResult, s: CandidateModel, errors: Sequence[PredictionError], report: Report
+    result: FitResult,
+    s: CandidateModel,
+    errors: Sequence[PredictionError],
+    report: Report,
+    one: CandidateModel | None = None,
 ) -> Strange | None:
     """The piece that is of another rig; None where none is shown to be.
 
@@ -99,6 +104,7 @@ def of_another_rig(
         s: a model of all data that leaves more than noise.
         errors: of its free run, fitted traces; the pieces that it predicts worst are asked.
         report: progress.
+        one: the model with the single effect that does most for all data; None where none does anything.
     """
     for places in _pieces(errors, s.settings):
         nearest = min(((_misfit_without(s, place, result), k, place) for k, place in enumerate(places)), default=None)
@@ -106,7 +112,7 @@ def of_another_rig(
             continue
         place = nearest[2]
         report(f"fitting without {place.words}", 0.9)
-        found = _shown(result, s, place, report)
+        found = _shown(result, s, place, report, one)
         if found is not None:
             return found
     return None
@@ -185,14 +191,16 @@ def _is_of(file: str, place: Place) -> bool:
     return file == place.file if place.file else file.startswith(f"{place.test}/")
 
 
-def _shown(result: FitResult, s: CandidateModel, place: Place, report: Report) -> Strange | None:
+def _shown(
+    result: FitResult, s: CandidateModel, place: Place, report: Report, one: CandidateModel | None
+) -> Strange | None:
     """The piece, where the fit without it leaves noise and the one to it alone does not fail."""
     effects = (*result.rig.config.effects, *(e.name for e in s.added))
     aside = OtherRig.at(place).name
     try:
         rest = fit(_with_effects(result, (*effects, aside)), report, result.settings, s.values)
         others = start(rest, s.settings)
-        if not _clears(others, result):
+        if not clears(others, result):
             return None
         report(f"fitting {place.words} alone", 0.95)
         alone = _with_effects(result, effects)
@@ -205,7 +213,8 @@ def _shown(result: FitResult, s: CandidateModel, place: Place, report: Report) -
     misfit = pooled([row for row in rows(traces, predicted) if _is_of(row.file, place)]) ** 2
     if misfit < s.settings.near_chi2_per_dof or own.far or own.chi2_per_dof > _most_left(misfit, result, s.settings):
         return None
-    if _one_effect_does(here, result, _chi2_apart(others, start(own, s.settings)), report):
+    apart = _chi2_apart(others, start(own, s.settings))
+    if (one is not None and _explains_all(one, result, apart)) or _one_effect_does(here, result, apart, report):
         return None
     if s.added:  # they may have stood in for it
         rest = fit(_with_effects(result, (*result.rig.config.effects, aside)), report, result.settings, rest.values)
@@ -237,7 +246,12 @@ def _most_left(misfit: float, result: FitResult, settings: DiagnosisSettings) ->
     return max(result.settings.contradiction.compromise, min(_LEFT * misfit, settings.near_chi2_per_dof))
 
 
-def _clears(s: CandidateModel, result: FitResult) -> bool:
+def _explains_all(s: CandidateModel, result: FitResult, apart: float) -> bool:
+    """Whether a model of all data leaves next to nothing, and a smaller sum of squares than two bodies would."""
+    return clears(s, result) and s.chi2 < apart
+
+
+def clears(s: CandidateModel, result: FitResult) -> bool:
     """Whether a model leaves nothing but noise, or next to nothing of what the first fit left above it."""
     if s.far:
         return False
@@ -267,10 +281,9 @@ def _one_effect_does(here: CandidateModel, result: FitResult, apart: float, repo
         effect = found.variant.effect
         report(f"trying {effect.name} instead", 0.95)
         near = here.trying((effect,), found.values).optimised()
-        if near.chi2_per_sample < settings.near_chi2_per_dof:
-            full = refit_fully(near, report)
-            if _clears(full, result) and full.chi2 < apart:
-                return True
+        is_near = near.chi2_per_sample < settings.near_chi2_per_dof
+        if is_near and _explains_all(refit_fully(near, report), result, apart):
+            return True
     return False
 
 

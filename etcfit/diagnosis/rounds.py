@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 
 from ..estimation.joint_fit import Report
@@ -38,6 +38,11 @@ class Progress:
     even: Mapping[frozenset[Effect], Apart] = field(default_factory=dict)
 
     @property
+    def is_at_an_end(self) -> bool:
+        """Whether the last round added nothing."""
+        return bool(self.rounds) and self.rounds[-1].added is None
+
+    @property
     def beside_ties(self) -> dict[frozenset[Effect], Apart]:
         """Of the even sets those that differ from the model's own by more than what is said to be a tie."""
         here = frozenset(self.model.added)
@@ -49,25 +54,36 @@ class Progress:
         return replace(self, model=first, changed=(*self.changed, *words), even={})
 
 
-def forward(result: FitResult, progress: Progress, report: Report) -> Progress:
-    """Rounds from here until one adds nothing or `rounds` of the settings are made.
+Keep = Callable[[Progress], None]  # is given the progress after every round
+
+
+def forget(progress: Progress) -> None:
+    """Keeps nothing."""
+
+
+def forward(
+    result: FitResult, progress: Progress, report: Report, most: int | None = None, keep: Keep = forget
+) -> Progress:
+    """Rounds from here until one adds nothing or `most` are made in all.
 
     Args:
         result: the first fit.
         progress: where to go on from.
         report: progress in words.
+        most: rounds in all; `rounds` of the settings where None.
+        keep: is given the progress after every round that added something.
     """
-    s, found, made = progress.model, progress.found, progress.rounds
-    most = s.settings.rounds
-    while len(made) < most:
-        told = _in_stage(report, len(made), most)
-        turned, s = _round(result, s, told, first=not made)
-        made = (*made, reported(turned))
-        report(f"round {len(made)}: {turned.choice.why}", (len(made) - 0.5) / most)
+    limit = progress.model.settings.rounds
+    most = limit if most is None else min(most, limit)
+    while (made := len(progress.rounds)) < most:
+        turned, s = _round(result, progress.model, _in_stage(report, made, limit), first=not made)
+        progress = replace(progress, model=s, rounds=(*progress.rounds, reported(turned)))
+        report(f"round {made + 1}: {turned.choice.why}", (made + 0.5) / limit)
         if turned.added is None:
             break
-        found = (*found, Found.of(turned))
-    return replace(progress, model=s, found=found, rounds=made)
+        progress = replace(progress, found=(*progress.found, Found.of(turned)))
+        keep(progress)
+    return progress
 
 
 def _round(result: FitResult, s: CandidateModel, report: Report, first: bool) -> tuple[Round, CandidateModel]:
@@ -85,10 +101,13 @@ def _in_stage(report: Report, made: int, most: int) -> Report:
 def reported(turned: Round) -> RoundReport:
     """A round as plain data: candidates that were tried first, the lowest BIC first of them."""
     tried = {t.verdict.effect: t.verdict for t in turned.trials}
+    screened = {g.variant.effect: (g.gain, g.own) for g in turned.screened}
+    # one that was refitted without a screening, for a check found it: what the refit gained stands for its promise
+    screened |= {effect: (v.gain, 0.0) for effect, v in tried.items() if effect not in screened}
     candidates = []
-    for g in turned.screened:
-        v = tried.get(g.variant.effect)
-        bare = Candidate(g.variant.effect.name, g.gain, g.own, v is not None)
+    for effect, (gain, own) in screened.items():
+        v = tried.get(effect)
+        bare = Candidate(effect.name, gain, own, v is not None)
         candidates.append(bare if v is None else replace(
             bare, fit_rms_ratio=v.fit_rms_ratio, holdout_rms_ratio=v.holdout_rms_ratio,
             holdout_chi2_change=v.holdout_chi2_change, bic_change=v.bic_change))  # fmt: skip

@@ -107,14 +107,15 @@ def _name(kind: type) -> str:
     """`module:qualified name` of a class of this package."""
     if kind.__module__.partition(".")[0] != _PACKAGE or "<locals>" in kind.__qualname__:
         raise TypeError(f"{kind.__module__}.{kind.__qualname__} cannot be saved: it is no class of {_PACKAGE}.")
-    place = f"@{kind.place}" if issubclass(kind, AbstractRigEffect) and str(kind.place) else ""
+    # `@` alone is the effect of the whole rig: the family itself has no `name`
+    place = f"@{kind.place}" if issubclass(kind, AbstractRigEffect) and "name" in vars(kind) else ""
     return f"{kind.__module__}:{kind.__qualname__}{place}"
 
 
 def _class(name: str) -> type:
     """The class of this package that `_name` calls so."""
     module, _, rest = name.partition(":")
-    path, _, place = rest.partition("@")
+    path, placed, place = rest.partition("@")
     if module.partition(".")[0] != _PACKAGE:
         raise Unreadable(f"it names {name}, which is not part of {_PACKAGE}")
     found: Any = importlib.import_module(module)
@@ -122,7 +123,7 @@ def _class(name: str) -> type:
         found = getattr(found, part)
     if not isinstance(found, type):
         raise Unreadable(f"it names {name}, which is no class")
-    if place and issubclass(found, AbstractRigEffect):
+    if placed and issubclass(found, AbstractRigEffect):
         return found.at(Place.named(place))
     return found
 

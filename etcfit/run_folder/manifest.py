@@ -28,6 +28,7 @@ from ..files import plain, write_json
 MANIFEST = "run.json"
 SUPERSEDED = "superseded"
 FIT_STATE, DIAGNOSIS_STATE = "fit_state.npz", "diagnosis_state.npz"
+DIAGNOSIS_ROUNDS = "diagnosis_rounds.npz"  # of a diagnosis under way
 POSTERIOR = "posterior.nc"
 CONVERGED, NOT_CONVERGED = 0, 3  # exit statuses of a stage, by the model that it shows
 

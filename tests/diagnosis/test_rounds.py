@@ -16,8 +16,10 @@ from etcfit.diagnosis.composition import resting
 from etcfit.diagnosis.exchange import Found
 from etcfit.diagnosis.final import final_fit
 from etcfit.diagnosis.loop import Round
+from etcfit.diagnosis.probabilities import probabilities
 from etcfit.diagnosis.rounds import Progress, forward, names, reported
 from etcfit.diagnosis.screen import Signature, variants
+from etcfit.diagnosis.settings import DiagnosisSettings
 from etcfit.diagnosis.trial import Trial
 from etcfit.estimation.joint_fit import quiet
 from etcfit.model.effects import EFFECT_BY_NAME
@@ -65,6 +67,15 @@ def test_a_round_is_reported_with_its_choice_and_the_model_that_it_began_with(tu
     assert (nothing.added, nothing.ties) == (None, ())
 
 
+def test_an_effect_that_was_refitted_unscreened_is_reported_with_what_the_refit_gained(turned: Round) -> None:
+    """Else it had no probability: a check of the rig had found it, so that no round screened it."""
+    told = reported(replace(turned, screened=()))
+    assert [c.effect for c in told.candidates] == [GRAVITY.name, LIMP.name]
+    first = told.candidates[0]
+    assert (first.refitted, first.bic_change, first.screened) == (True, -500.0, turned.trials[0].verdict.gain)
+    assert probabilities((told,), {GRAVITY.name}, False, DiagnosisSettings())[GRAVITY.name] > 0.4  # its tie as much
+
+
 def test_no_round_is_made_beyond_those_that_the_settings_allow(small: CandidateModel, rig: Rig) -> None:
     result = results.result(rig)
     made = rounds(result)
@@ -72,6 +83,9 @@ def test_no_round_is_made_beyond_those_that_the_settings_allow(small: CandidateM
     progress = Progress(s, rounds=made)
     after = forward(result, progress, refuse)
     assert (after.model, after.rounds, after.found) == (s, made, ())
+    assert after.is_at_an_end  # the last of them adds nothing
+    assert not Progress(s).is_at_an_end
+    assert not Progress(s, rounds=made[:1]).is_at_an_end
 
 
 def test_going_back_to_the_first_model_keeps_what_was_learnt(small: CandidateModel) -> None:

@@ -19,7 +19,7 @@ from equality import equal
 from etcfit.estimation.intervals import intervals
 from etcfit.estimation.result import FitResult
 from etcfit.model.effects import EFFECTS
-from etcfit.model.rig_effects import RIG_EFFECTS, ChannelGain, Place, SeriesResistance
+from etcfit.model.rig_effects import RIG_EFFECTS, Place
 from etcfit.rig.base import Boundary, Channel, RigConfig
 from etcfit.run_folder import codec
 
@@ -43,7 +43,11 @@ VALUES = {
     "arrays": (np.arange(6.0).reshape(2, 3)[:, ::2], np.array([], int), np.array(["a", "bc"]), np.float64(0.1)),
     "a jax array": jnp.linspace(0.0, 1.0, 5),
     "mappings": {"b": {1: (2,)}, "a": [frozenset({"x", "y"}), {3}]},
-    "classes": (*EFFECTS, *RIG_EFFECTS, SeriesResistance.at(Place("inductance")), ChannelGain.at(Place("", "current"))),
+    "families": (*EFFECTS, *RIG_EFFECTS),
+    "effects of a test": tuple(family.at(Place("inductance")) for family in RIG_EFFECTS),
+    "effects of a channel": tuple(family.at(Place("", "current")) for family in RIG_EFFECTS),
+    "effects of a trace": tuple(family.at(Place.named("response/1.csv")) for family in RIG_EFFECTS),
+    "effects of the whole rig": tuple(family.at(Place()) for family in RIG_EFFECTS),
     "objects": (RigConfig("a", columns={"x": "y"}), Boundary(plate_held=True)),
 }
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import abc
 import zlib
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from functools import cache
 from typing import Any, ClassVar, NamedTuple
@@ -78,11 +78,14 @@ class AbstractRigEffect(AbstractEffect):
         place: where it is at work; of a family, everywhere.
         like: parameter of the throttle that, changed in one trace, does what this effect does there; needed of a family
             that is found `in_traces` and does not delay, for by that parameter's tangent all traces are screened.
+        stated: kind of a finding of `rig.checks` that states this effect -> its first parameter, SI, from the size of
+            the finding. A diagnosis tries it first, from there.
     """
 
     kind: ClassVar[str]
     place: ClassVar[Place] = Place()
     like: ClassVar[str] = ""
+    stated: ClassVar[Mapping[str, Callable[[float], float]]] = {}
     scope = "test"
     inexact = 0.0  # gains and resistances are what they are
 

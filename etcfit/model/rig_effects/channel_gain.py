@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import Any, ClassVar
 
 from ..parameters import Real, Scalar, parameter
@@ -21,6 +21,7 @@ class ChannelGain(AbstractRigEffect):
     kind = "channel_gain"
     told_by = "both tests logged with the same probe, one after the other"
     off: ClassVar[Mapping[str, float] | None] = {"gain": 0.0}
+    stated: ClassVar[Mapping[str, Callable[[float], float]]] = {"unit_scale": lambda factor: factor - 1.0}
     gain: Scalar = parameter("", Real(0.02), 0.0, "relative error of a channel's scale", "JCGM 100:2008, 4.3")
 
     @classmethod

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from typing import Any, ClassVar
 
@@ -24,6 +24,8 @@ class ChannelOffset(AbstractRigEffect):
     kind = "channel_offset"
     told_by = "a log of that test with nothing connected"
     off: ClassVar[Mapping[str, float] | None] = {"offset": 0.0}
+    # the size is in the unit of the log; what is read is linear in an offset, so that any start leads to it
+    stated: ClassVar[Mapping[str, Callable[[float], float]]] = {"channel_offset": lambda size: 0.0}
     offset: Scalar = parameter("", Real(1.0), 0.0, "zero of a channel", "JCGM 100:2008, 4.3")
 
     @classmethod

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import Any, ClassVar
 
 from ..parameters import Real, Scalar, parameter
@@ -20,6 +20,7 @@ class GearRatio(AbstractRigEffect):
     told_by = "teeth counted, or a turn of the motor against the angle of the plate"
     off: ClassVar[Mapping[str, float] | None] = {"gear_error": 0.0}
     needs: ClassVar[tuple[str, ...]] = ("gear",)
+    stated: ClassVar[Mapping[str, Callable[[float], float]]] = {"gear_ratio": lambda factor: factor - 1.0}
     gear_error: Scalar = parameter("", Real(0.05), 0.0, "relative error of the gear ratio given", "Eq. 2")
 
     @classmethod

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import Any, ClassVar
 
 from ..parameters import NonNegative, Scalar, parameter
@@ -22,6 +22,7 @@ class SeriesResistance(AbstractRigEffect):
     kind = "series_resistance"
     told_by = "an ohmmeter at the terminals of that test's circuit, its winding cold, and once more while it is warm"
     off: ClassVar[Mapping[str, float] | None] = {"series_ohm": 0.0}
+    stated: ClassVar[Mapping[str, Callable[[float], float]]] = {"series_resistance": lambda ohm: ohm}
     series_ohm: Scalar = parameter("ohm", NonNegative(1.0), 0.5, "extra circuit resistance", "DESIGN, R_t of the paper")
 
     @classmethod

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import Any, ClassVar
 
 from ..parameters import Real, Scalar, parameter
@@ -18,6 +18,7 @@ class TimeScale(AbstractRigEffect):
     kind = "time_scale"
     told_by = "a signal of known frequency logged in that test"
     off: ClassVar[Mapping[str, float] | None] = {"stretch": 0.0}
+    stated: ClassVar[Mapping[str, Callable[[float], float]]] = {"time_scale": lambda logged: 1.0 / logged - 1.0}
     stretch: Scalar = parameter("", Real(0.02), 0.0, "relative error of a clock", "JCGM 100:2008, 4.3")
 
     @classmethod
