@@ -29,7 +29,7 @@ def _summary(advice: Advice) -> RenderableType:
     for option in advice.options:
         how = option.says + (f" ({option.remark})" if option.remark else "")
         table.add_row(option.test, how, f"{option.mean:.2f}", _pair(option.separates))
-    return headed("One more trace, best first; mean width: of all 95 % intervals after it, now 1", table)
+    return headed("One more trace, best first; mean width: of all 95 % intervals after it, 1 is now", table)
 
 
 def _pair(pair: Pair | None) -> str:
@@ -44,7 +44,7 @@ def _shares(advice: Advice) -> RenderableType:
     table = plain_table("parameter", "standard error now, %", *map(_label, advice.options))
     for k, symbol in enumerate(advice.symbols):
         table.add_row(symbol, short(100.0 * advice.sd[k], 2), *(_share(each.shrinks[k]) for each in advice.options))
-    return headed("Width of each 95 % interval after one more trace, now 1", table)
+    return headed("Width of each 95 % interval after one more trace; 1 is its width now", table)
 
 
 def _label(option: Option) -> str:

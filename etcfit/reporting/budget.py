@@ -30,6 +30,4 @@ def budget_table(result: FitResult) -> RenderableType:
         largest = sorted(((share, source) for source, share in shares.items() if share > _SHOWN), reverse=True)
         words = ", ".join(f"{source} {100.0 * share:.0f} %" for share, source in largest)
         table.add_row(symbol, short(row["stderr_statistical"]), units[symbol], f"{100.0 * own:.0f}", words)
-    return headed(
-        "Where the uncertainty comes from, as shares of the variance: scatter of the data, instruments", table
-    )
+    return headed("Where the uncertainty comes from, as shares of the variance", table)

@@ -1,15 +1,15 @@
 """A table for a terminal that cuts nothing: where it is too wide, whole columns go, and a line says which.
 
-Width is found in this order: headers and prose fold at spaces; columns that can be spared are left out one by one; prose
-becomes narrower still and file names fold at "/"; last, the columns go on in a second block below, the first columns
-repeated.
+Width is found in this order: headers and prose fold at spaces; columns that can be spared are left out one by one;
+prose becomes narrower still and file names fold at "/"; last, the columns go on in a second block below, the first
+columns repeated.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Literal
 
 from rich.console import Console, ConsoleOptions, RenderResult
 from rich.text import Text

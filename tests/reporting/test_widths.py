@@ -1,4 +1,4 @@
-"""Every table that a command prints, in a terminal of 80, 100 and 160 columns: names and figures whole, every line fits."""
+"""Every table that a command prints, in a terminal of 80, 100 and 160 columns: names and figures whole, lines fit."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ import results
 from etcfit import read_folder
 from etcfit.car_log import DriveLog, Series, study
 from etcfit.control.design import PAPERS, ecu_of, propose, task_of
-from etcfit.control.fleet_verdict import FleetVerdict, OneByOne, Share
+from etcfit.control.fleet_verdict import REQUIRED, FleetVerdict, OneByOne, Share
 from etcfit.control.frequency import frequency_response
 from etcfit.control.linearise import reduce
 from etcfit.control.parts_verdict import OnParts, PartsVerdict
@@ -134,16 +134,13 @@ def of_design(fit: FitResult) -> RenderableType:
     task = task_of(fitted, ecu_of(fitted), PAPERS, settings=BRIEF)
     design = propose(fitted, task, "manual", {name: RULES[name] for name in ("manual", "damping_optimum")}, "laplace")
     units = tuple(f"serial_{k}_of_line_4_week_31" for k in range(3))
-    figures = {symbol: np.array([1.0, 2.0, 1234.5]) for symbol in
-               ("overshoot_pct", "settling_s", "steady_state_error_pct", "duty_activity_pct", "current_rms_A", "winding_W",
-                "bridge_W")}  # fmt: skip
+    figures = {symbol: np.array([1.0, 2.0, 1234.5]) for symbol in REQUIRED}
     each = OneByOne(units, figures, np.array([6.0, 7.0, 8.0]), np.array([1.2, 1.3, 1.4]), PAPERS)
     on = OnParts(each, each)
     parts = PartsVerdict("runs/line", "line 4", ("J_m",), {"u100": "odd"}, {"manual": on, "damping_optimum": on}, each,
                          each)  # fmt: skip
-    fleet = FleetVerdict(
-        FleetDesignSettings(), Share(2, 3, 0.1, 0.9), Share(2, 3, 0.1, 0.9), each.named(3), each.fails, 1
-    )
+    some = Share(2, 3, 0.1, 0.9)
+    fleet = FleetVerdict(FleetDesignSettings(), some, some, each.named(3), each.fails, 1)
     return design_table(replace(design, fleet=fleet, parts=parts))
 
 

@@ -49,8 +49,9 @@ def _ledger(entries: Sequence[Entry]) -> RenderableType:
     for entry in entries:
         table.add_row(*_ledger_row(entry), *(_unknown(entry) if open_ends else ()))
     title = "The ledger: free-running error, rms, before and after the diagnosis; sigma: noise of one sample"
-    return headed(title + (
-        "; unknown: with a smooth curve for what no effect explains" if open_ends else ""), table)  # fmt: skip
+    if open_ends:
+        title += "; unknown: with a smooth curve for what no effect explains"
+    return headed(title, table)
 
 
 def _ledger_row(entry: Entry) -> tuple[str, ...]:
@@ -129,7 +130,7 @@ def _parameters(before: FitResult, after: FitResult) -> RenderableType:
     }
     table = plain_table(
         "parameter", "before", "95 % interval before", "after", "95 % interval after", "unit", "status",
-        words=("unit",), prose=("status",), spare=("95 % interval before",), file="RUN/fit.json",
+        words=("unit",), prose=("status",), spare=("95 % interval before", "before"), file="RUN/fit.json",
     )  # fmt: skip
     for symbol in dict.fromkeys((*was, *now)):
         if symbol != "N":

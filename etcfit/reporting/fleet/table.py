@@ -52,8 +52,9 @@ def _titled(name: str, table: PlainTable) -> RenderableType | None:
 
 def _population(content: Content, judgement: Judgement) -> RenderableType | None:
     table = plain_table(
-        "parameter", "mean", "95 % interval of mean", "spread, 1 sd", "95 % interval of spread", "Cpk", "units that tell it",
-        "unit", words=("unit",), spare=("units that tell it", "95 % interval of spread", "95 % interval of mean"), file=_FILE,
+        "parameter", "mean", "95 % interval of mean", "spread, 1 sd", "95 % interval of spread", "Cpk",
+        "units that tell it", "unit", words=("unit",), file=_FILE,
+        spare=("units that tell it", "95 % interval of spread", "95 % interval of mean"),
     )  # fmt: skip
     for symbol, each in (content.get("population") or {}).items():
         mean = _by(each["mean"], each["mean_ci95"], each["sd"])

@@ -35,20 +35,11 @@ def _sampled(posterior: Posterior) -> str:
 
 
 def _parameters(posterior: Posterior, profiles: Mapping[str, Profile]) -> RenderableType:
-    heads = (
-        "parameter",
-        "mean",
-        "95 % interval",
-        "sd: Laplace",
-        "profile",
-        "posterior",
-        "apart",
-        "ESS",
-        "R-hat",
-        "unit",
-    )
-    table = plain_table(*heads, "status", words=("apart", "unit", "status"), prose=("status",),
-                        spare=("ESS", "sd: Laplace", "profile"), file="RUN/posterior.json")  # fmt: skip
+    table = plain_table(
+        "parameter", "mean", "95 % interval", "sd: Laplace", "sd: profile", "sd: posterior", "apart", "ESS", "R-hat",
+        "unit", "status", words=("apart", "unit", "status"), prose=("status",),
+        spare=("ESS", "sd: Laplace", "sd: profile", "sd: posterior", "R-hat"), file="RUN/posterior.json",
+    )  # fmt: skip
     for symbol, m in posterior.marginals.items():
         table.add_row(*_row(symbol, m, profiles.get(symbol)), posterior.described[symbol][0],
                       Text(m.status, style=STATUS_STYLE[m.status]))  # fmt: skip
