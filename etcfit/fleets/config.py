@@ -8,7 +8,6 @@ from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
 from typing import Any
 
-from ..errors import MeasurementError
 from ..rig.config import RIG_KEYS, TABLES, TPS_KEYS, config_of
 from ..rig.table import decode
 from ..rig.toml import Toml, parse, shown

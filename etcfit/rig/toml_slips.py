@@ -172,9 +172,7 @@ def _unit(line: Line, lines: Iterable[Line]) -> Slip | None:
     if not match:
         return None
     if line.table == "accuracy":
-        return Slip(
-            line.number, f"{line.value} is a text without quotes.", f"{line.put(chr(34) + line.value + chr(34))}."
-        )
+        return _no_quotes(line)
     said = f"{line.value} has a unit behind the number."
     return Slip(line.number, said, f"{line.put(match[1])}: the key itself says the unit.")
 
@@ -208,9 +206,8 @@ def _number(line: Line, lines: Iterable[Line]) -> Slip | None:
 def _backslash(line: Line, lines: Iterable[Line]) -> Slip | None:
     if '"' not in line.value or "\\" not in line.value:
         return None
-    return Slip(
-        line.number, "there is a \\ in a text.", f"{line.put(line.value.replace(chr(92), '/'))}, with / for \\."
-    )
+    with_slashes = line.put(line.value.replace("\\", "/"))
+    return Slip(line.number, "there is a \\ in a text.", f"{with_slashes}, with / for \\.")
 
 
 def _open_text(line: Line, lines: Iterable[Line]) -> Slip | None:
@@ -221,9 +218,12 @@ def _open_text(line: Line, lines: Iterable[Line]) -> Slip | None:
 
 
 def _bare_word(line: Line, lines: Iterable[Line]) -> Slip | None:
-    if not (line.key and re.match(r"[^\W\d]", line.value)):
-        return None
-    return Slip(line.number, f"{line.value} is a text without quotes.", f"{line.put(chr(34) + line.value + chr(34))}.")
+    return _no_quotes(line) if line.key and re.match(r"[^\W\d]", line.value) else None
+
+
+def _no_quotes(line: Line) -> Slip:
+    quoted = f'"{line.value}"'
+    return Slip(line.number, f"{line.value} is a text without quotes.", f"{line.put(quoted)}.")
 
 
 def _equals_twice(line: Line, lines: Iterable[Line]) -> Slip | None:
@@ -240,12 +240,7 @@ def _header(line: Line, lines: Iterable[Line]) -> Slip | None:
 
 
 def _odd_key(line: Line, lines: Iterable[Line]) -> Slip | None:
-    if (
-        not line.key
-        or line.key[0] in "\"'"
-        or re.fullmatch(r"[A-Za-z0-9_. -]*[A-Za-z0-9_-]", line.key)
-        and " " not in line.key
-    ):
+    if not line.key or line.key[0] in "\"'" or re.fullmatch(r"[A-Za-z0-9_.-]+", line.key):
         return None
     what = "a space" if " " in line.key else "a letter that TOML takes in quotes only"
     plain = " " in line.key and line.table != "columns"

@@ -156,5 +156,5 @@ def test_slips_of_the_hand_are_named_with_line_and_cure(text: str, line: int, fo
 
 
 def test_what_no_slip_explains_is_said_in_the_words_of_the_parser() -> None:
-    with pytest.raises(MeasurementError, match="mine/fleet.toml:2: Expected .* fleet.toml must be valid TOML"):
+    with pytest.raises(MeasurementError, match=r"mine/fleet\.toml:2: Expected .* fleet\.toml must be valid TOML"):
         parse("a = 1\nb = 1.2.3\n", "mine/fleet.toml")
