@@ -14,7 +14,7 @@ from ..problem.program import concurrently
 from ..problem.residual import WeightedData
 from . import clusters, compromise
 from .compromise import Compromise
-from .contradiction import Comparison, Contradicting, Contradiction, digits_apart
+from .contradiction import Comparison, Contradicting, Contradiction, by_consequence, digits_apart, distance
 from .disagreement import sides_of, undisputed
 from .influence import Influence, influence, parts
 from .levenberg_marquardt import believed
@@ -22,6 +22,12 @@ from .pieces import Piece
 from .settings import FitSettings
 from .statement import Split, Statement, inflations_of, prior, statement
 from .subsets import Subset, belief, fitted_to, renewed, tests_of
+
+_SEEN = 1.0  # standard errors by which a parameter must move to show a contradiction
+_LOOK = (
+    "Look for what differs in that test: series resistance, a sensor, wiring, temperature, or an effect that the model "
+    "lacks."
+)
 
 
 @dataclass(frozen=True, eq=False)
@@ -32,12 +38,14 @@ class Agreement:
         influence: by how much each part moves each parameter.
         covariance: of the coordinates, wide enough for the scatter of traces and tests, shape (P, P).
         contradictions: tests that contradict the others, worst first.
+        outweighed: tests that disagree with the others, and yet move nothing.
         compromise: what subsets of the data give, where the parameters are no estimates; else None.
     """
 
     influence: Influence
     covariance: np.ndarray
     contradictions: tuple[Contradiction, ...] = ()
+    outweighed: tuple[Contradiction, ...] = ()
     compromise: Compromise | None = None
 
     def words(self, units: Callable[[str], str]) -> list[str]:
@@ -46,7 +54,10 @@ class Agreement:
         Args:
             units: of a symbol, SI.
         """
-        return [in_words(each, units(each.parameter)) for each in self.contradictions]
+        return [
+            *(in_words(each, units(each.parameter)) for each in self.contradictions),
+            *map(outweighed_in_words, self.outweighed),
+        ]
 
 
 @dataclass(frozen=True, eq=False)
@@ -127,8 +138,9 @@ def agreement(
     # far from the data each channel is weighed by its own error: there, the test that errs hardly counts
     contradicting = () if misfit[0] else tuple(map(asked.freed, _comparison(asked).contradicting(asked.everything)))
     named = tuple(_named(asked, each) for each in contradicting)
-    why = compromise.reason(*misfit, (each.test for each in contradicting), settings)
-    return Agreement(found, wide, named, None if why is None else _compromise(asked, why))
+    real, outweighed = by_consequence(named, settings.contradiction.moves)
+    why = compromise.reason(*misfit, (each.test for each in real), settings)
+    return Agreement(found, wide, real, outweighed, None if why is None else _compromise(asked, why))
 
 
 def _by_trace(pieces: Sequence[Piece], settings: FitSettings) -> dict[tuple[str, str], Statement]:
@@ -153,7 +165,8 @@ def _named(asked: _Asked, each: Contradicting) -> Contradiction:
     pulls = (each.without.x - each.together.x) / sd
     k = int(np.argmax(np.where(known, np.abs(pulls), -1.0)))
     with_it, without = (float(layout.numbers(here.x)[0][k]) for here in (each.together, each.without))
-    return Contradiction(each.test, layout.free[k], float(pulls[k]), with_it, without, each.p, each.share)
+    moved = distance(each, asked.believed(each.together), asked.reach, asked.unknown)
+    return Contradiction(each.test, layout.free[k], float(pulls[k]), with_it, without, each.p, each.share, moved)
 
 
 def _compromise(asked: _Asked, why: str) -> Compromise:
@@ -185,9 +198,22 @@ def _alone(asked: _Asked, test: str) -> np.ndarray:
 
 def in_words(each: Contradiction, unit: str) -> str:
     """The warning for a test that contradicts the others; unit: of the parameter it pulls, SI."""
+    if abs(each.pull) < _SEEN:
+        return (
+            f"{each.test} contradicts the other tests: without it a combination of parameters moves by "
+            f"{each.moved:.2g} standard errors of noise alone, though no single parameter moves by as much as "
+            f"{_SEEN:g}. {_LOOK}"
+        )
     digits = digits_apart(each.without, each.value)
     return (
         f"{each.test} contradicts the other tests: without it {each.parameter} is {each.without:.{digits}g} {unit} "
-        f"instead of {each.value:.{digits}g} ({each.pull:+.2g} standard errors of noise alone). Look for what differs "
-        "there: series resistance, a sensor, wiring, temperature, or an effect that the model lacks."
+        f"instead of {each.value:.{digits}g} ({each.pull:+.2g} standard errors of noise alone). {_LOOK}"
+    )
+
+
+def outweighed_in_words(each: Contradiction) -> str:
+    """The warning for a test that disagrees with the others and moves nothing."""
+    return (
+        f"{each.test} disagrees with the other tests by more than its noise, but the others outweigh it: without it no "
+        f"parameter moves by more than {each.moved:.2g} standard errors. The parameters hold. {_LOOK}"
     )

@@ -11,7 +11,7 @@ rest tested anew.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -34,6 +34,8 @@ class Contradiction:
         p: probability of so large a disagreement, or a larger one, where there is none and errors are as much larger
             than stated as they may be (`ContradictionSettings.understated`).
         share: of the misfit that is gone if this test may differ from the others.
+        moved: by how much leaving it out moves the combination of parameters that moves most, standard errors of noise
+            alone; see `distance`.
     """
 
     test: str
@@ -43,6 +45,7 @@ class Contradiction:
     without: float
     p: float
     share: float
+    moved: float = math.inf
 
 
 def digits_apart(one: float, other: float, least: int = 3, most: int = 8) -> int:
@@ -75,6 +78,38 @@ class Contradicting:
     p: float
     share: float
     gain: float
+
+
+def distance(each: Contradicting, believed: Statement, reach: np.ndarray, unknown: float) -> float:
+    """By how much leaving a test out moves the fit, along whatever combination of parameters moves most.
+
+        sqrt(sum_i (b_i^T F (x_without - x_together))^2)    over the directions b_i that the others determine
+
+    in standard errors of noise alone: 1 along b_i is one standard error of all the data together. No parameter, and no
+    combination of parameters, moves by more.
+
+    Args:
+        each: the test.
+        believed: the priors, at the fit with it.
+        reach, unknown: see `Split`.
+    """
+    own, others = sides_of(each.together, each.test)
+    split = Split(undisputed(own), undisputed(others) + believed, reach, unknown)
+    information = split.own.information + split.others.information
+    along = split.directions[:, split.told_by_others].T @ information @ (each.without.x - each.together.x)
+    return float(np.linalg.norm(along))
+
+
+def by_consequence(
+    found: Sequence[Contradiction], least: float
+) -> tuple[tuple[Contradiction, ...], tuple[Contradiction, ...]]:
+    """Tests that contradict the others, and those that the others outweigh.
+
+    Args:
+        found: tests that disagree with the others.
+        least: standard errors by which a contradiction moves something; see `ContradictionSettings.moves`.
+    """
+    return tuple(each for each in found if each.moved >= least), tuple(each for each in found if each.moved < least)
 
 
 @dataclass(frozen=True)

@@ -67,6 +67,8 @@ class ContradictionSettings:
             Where few samples tell a parameter, those after an edge or an impact, errors are larger than stated
             (docs/validation/calibration.md); as they are, one clean folder in twenty had a test that "contradicts".
         share: of the misfit that must be gone when a test may differ from the others, for it to be named.
+        moves: standard errors of noise alone by which the fit without a test must differ, in some combination of
+            parameters, for that test to contradict the others. Below it the others outweigh it: no result changes.
         named: tests that may be named, one after the other; where one is mended the next shows by itself.
         compromise: chi2 per degree of freedom from which on no parameter is called estimated.
     """
@@ -75,6 +77,7 @@ class ContradictionSettings:
     level: float = real(1e-3, 0.0, 1.0)
     understated: float = real(1.5, 1.0, 100.0)
     share: float = real(0.5, 0.0, 1.0)
+    moves: float = real(1.0, 0.0, 1e12)
     named: int = whole(1, 0, 100)
     compromise: float = real(2.0, 0.0, 1e12)
 

@@ -8,7 +8,6 @@ from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
 from typing import Any
 
-from ..errors import MeasurementError
 from ..rig.config import RIG_KEYS, TABLES, TPS_KEYS, config_of
 from ..rig.table import decode
 from ..rig.toml import Toml, parse, shown
@@ -90,10 +89,7 @@ def read_fleet(location: str | Path) -> FleetConfig:
 def _fleet_toml(location: str | Path, path: str) -> Toml:
     raw = text_of(location, "fleet.toml")
     text = "" if raw is None else decode(raw, path).removeprefix("\ufeff")
-    try:
-        return Toml(path, text, parse(text, path))
-    except MeasurementError as error:
-        raise MeasurementError(error.where, error.found, "fleet.toml must be valid TOML.", error.mend) from error
+    return Toml(path, text, parse(text, path))
 
 
 def _name(toml: Toml, fleet: Mapping[str, Any], base: str) -> str:

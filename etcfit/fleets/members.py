@@ -115,7 +115,7 @@ def _columns(toml: Toml, header: list[str], path: str) -> dict[str, str]:
     if "unit" not in columns:
         raise MeasurementError(f"{path}:1", f"no column 'unit' among {', '.join(header)}.",
                                "It holds the names of the folders.",
-                               'Add it, or write [units] unit = "..." in fleet.toml.')  # fmt: skip
+                               f'Add it, or write [units] unit = "{header[0]}" in fleet.toml.')  # fmt: skip
     return columns
 
 

@@ -110,8 +110,8 @@ def tempering(factors: Mapping[tuple[str, str], float]) -> str:
         return ""
     return (
         f"{len(many)} of {len(factors)} residuals are larger than their noise or not independent; their likelihood was "
-        f"tempered by that (up to {max(many):.0f} times). The fit weighs all alike and widens its intervals instead: "
-        "the posterior may be narrower."
+        f"tempered for that (their chi2 divided by up to {max(many):.3g}). The fit weighs all alike and widens its "
+        "intervals instead: the posterior may be narrower."
     )
 
 

@@ -24,13 +24,12 @@ def advice_table(advice: Advice) -> RenderableType:
 
 
 def _summary(advice: Advice) -> RenderableType:
-    table = plain_table("test", "how", "mean", "separates", left=2)
-    table.columns[1].no_wrap = table.columns[3].no_wrap = False
-    table.columns[3].justify = "left"
+    table = plain_table("test", "how", "mean width", "separates", prose=("how", "separates"), spare=("separates",),
+                        file="advice.json of --out RUN")  # fmt: skip
     for option in advice.options:
         how = option.says + (f" ({option.remark})" if option.remark else "")
         table.add_row(option.test, how, f"{option.mean:.2f}", _pair(option.separates))
-    return headed("One more trace, best first; mean: width of an interval after it, as a share of now", table)
+    return headed("One more trace, best first; mean width: of all 95 % intervals after it, 1 is now", table)
 
 
 def _pair(pair: Pair | None) -> str:
@@ -41,13 +40,11 @@ def _pair(pair: Pair | None) -> str:
 
 
 def _shares(advice: Advice) -> RenderableType:
-    """A column a parameter: a series resistance goes by the name of its test."""
-    heads = [symbol.replace("series_ohm.", "R_s ") for symbol in advice.symbols]
-    table = plain_table("", *heads)
-    table.add_row("standard error now, %", *(short(100.0 * sd, 2) for sd in advice.sd))
-    for option in advice.options:
-        table.add_row(_label(option), *(_share(share) for share in option.shrinks))
-    return headed("Width of each 95 % interval after it, as a share of now", table)
+    """A row a parameter, a column an option."""
+    table = plain_table("parameter", "standard error now, %", *map(_label, advice.options))
+    for k, symbol in enumerate(advice.symbols):
+        table.add_row(symbol, short(100.0 * advice.sd[k], 2), *(_share(each.shrinks[k]) for each in advice.options))
+    return headed("Width of each 95 % interval after one more trace; 1 is its width now", table)
 
 
 def _label(option: Option) -> str:

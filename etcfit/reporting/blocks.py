@@ -7,25 +7,11 @@ from typing import Any
 
 from rich.console import Group, RenderableType
 from rich.padding import Padding
-from rich.table import Table
 from rich.text import Text
 
 from ..rig.base import RigConfig
-
-
-class PlainTable(Table):
-    """A table whose texts are what they say: `channel_gain[response]` is a name, and no style called "response"."""
-
-    def add_row(self, *cells: RenderableType | None, **how: Any) -> None:
-        super().add_row(*(Text(cell) if isinstance(cell, str) else cell for cell in cells), **how)
-
-
-def plain_table(*columns: str, left: int = 1) -> PlainTable:
-    """A plain table; the first columns are words, the others figures."""
-    table = PlainTable(box=None, pad_edge=False, padding=(0, 2, 0, 0), header_style="")
-    for k, name in enumerate(columns):
-        table.add_column(name, justify="left" if k < left else "right", no_wrap=k > 0)
-    return table
+from .plain_table import PlainTable as PlainTable
+from .plain_table import plain_table as plain_table
 
 
 def rig_title(config: RigConfig, rest: str) -> Text:

@@ -27,8 +27,7 @@ _SHOWN = 8.0  # s of the log, where most is asked of the plate
 
 def drive_table(config: RigConfig, studies: Sequence[Study]) -> RenderableType:
     """A row a log for stdout; where there are two, what changed from the first to the second."""
-    table = plain_table("log", "", *_HEADS, left=1)
-    table.columns[1].justify = "right"
+    table = plain_table("log", *_HEADS, paths=("log",), spare=_SPARE, file="drive.json of --out RUN")
     for each in studies:
         table.add_row(each.log.name, f"{np.ptp(each.log.position.time):.0f} s", *_cells(each))
     logs = [each.log for each in studies]
@@ -50,8 +49,11 @@ def _next(logs: Sequence[DriveLog]) -> RenderableType | None:
     return sentences("To record next, on the bench as closed_loop/ or from the car", said)
 
 
-_HEADS = ("between", "share %", f"{100 * SHARE:.0f} % within", "dominant Hz", "half below Hz", "RMSE %", "+-", "lag ms",
-          "+-", "less lag %", "setpoint %/s")  # fmt: skip
+# +-: standard error; without lag: RMSE against the setpoint delayed by the lag
+_HEADS = ("length", "between %", "share of time %", f"{100 * SHARE:.0f} % of time within %", "dominant Hz",
+          "half of power below Hz", "RMSE %", "RMSE +- %", "lag ms", "lag +- ms", "RMSE without lag %",
+          "setpoint moves %/s")  # fmt: skip
+_SPARE = ("setpoint moves %/s", "half of power below Hz", "RMSE without lag %", "between %", "dominant Hz", "length")
 
 
 def _columns(log: DriveLog) -> str:

@@ -10,13 +10,15 @@ from ..estimation.remedies import listed
 from ..estimation.result import FitResult
 from .blocks import headed, plain_table
 
-_TITLE = "Influence: what leaving a test out would move most, in standard errors of noise alone"
+_TITLE = "Influence: the parameter that moves most when a test is left out, and by how many standard errors"
 
 
 def influence_table(result: FitResult) -> RenderableType | None:
     """A row a test, those that pull hardest first; None where there is nothing to compare."""
-    table = plain_table("test", "parameter", "pull", "worst trace", "pull", left=2)
-    table.columns[3].justify = "left"
+    table = plain_table(
+        "test", "parameter", "pull", "worst trace", "its pull",
+        left=2, words=("worst trace",), paths=("worst trace",), spare=("its pull", "worst trace"), file="RUN/fit.json",
+    )  # fmt: skip
     for test, hardest in _hardest(result).items():
         trace = _trace(result, hardest)
         of_trace = (trace.file, f"{trace.pull:+.1f}") if trace is not None else ("", "")

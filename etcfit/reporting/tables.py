@@ -60,7 +60,10 @@ def check_table(result: CheckResult) -> RenderableType:
         _clocks(result.traces),
         _channels(result.traces),
         findings_table(result.rig.findings),
-        sentences("Odd", [*_oddities(result), *(w for w in result.warnings if w not in map(str, result.rig.findings))]),
+        sentences(
+            "What looks odd in the records",
+            [*_oddities(result), *(w for w in result.warnings if w not in map(str, result.rig.findings))],
+        ),
         _identifiability(result),
     ]
     return Group(*(part for part in parts if part is not None))
@@ -70,10 +73,10 @@ def _parameters(result: FitResult) -> RenderableType:
     layout, read = result.free_parameters.layout, readings_of(result)
     declared = {p.symbol: (p.meaning, p.unit) for p in layout.parameters}
     declared |= {"N": (GEAR_RATIO.partition(",")[0], "1")} | {s: (lump.meaning, lump.unit) for s, lump in LUMPS.items()}
-    table = plain_table("parameter", "meaning", "reading", "fit", "95 % interval", "unit", "status", left=2)
-    table.columns[1].no_wrap = False
-    for name in ("unit", "status"):
-        next(c for c in table.columns if c.header == name).justify = "left"
+    table = plain_table(
+        "parameter", "meaning", "reading", "fit", "95 % interval", "unit", "status",
+        left=2, words=("unit",), prose=("meaning", "status"), spare=("meaning", "reading"), file="RUN/fit.json",
+    )  # fmt: skip
     for symbol, interval in (intervals(result) | lumped(result)).items():
         meaning, unit = declared[symbol]
         table.add_row(*_parameter(symbol, meaning, unit, read.get(symbol), interval))
@@ -97,8 +100,10 @@ def _parameter(symbol: str, meaning: str, unit: str, read: float | None, i: Inte
 
 def _score(title: str, rows: Iterable[PredictionError]) -> RenderableType | None:
     """Pooled over the traces of a test: pictures and fit.json tell them apart."""
-    table = plain_table("test", "channel", "traces", "samples", "rms", "sigma", "rms/sigma", "unit", left=2)
-    table.columns[-1].justify = "left"
+    table = plain_table(
+        "test", "channel", "traces", "samples", "rms", "sigma", "rms/sigma", "unit",
+        left=2, words=("unit",), spare=("samples", "traces"), file="RUN/fit.json",
+    )  # fmt: skip
 
     def key(row: PredictionError) -> tuple[str, str, str]:
         return row.test, row.channel, row.unit
@@ -114,10 +119,10 @@ def _pooled(rows: list[PredictionError]) -> tuple[str, ...]:
 
 
 def _starts(starts: Sequence[StartSummary]) -> RenderableType | None:
-    table = plain_table("start", "before", "after", "steps")
+    table = plain_table("start", "before", "after", "steps", spare=("steps",), file="RUN/fit.json")
     for start in starts:
         table.add_row(start.name, short(start.chi2_before, 4), short(start.chi2_after, 4), str(start.steps))
-    title = "Starts: sums of squared residuals, each by its own noise alone"
+    title = "Starts of the search: sum of squared residuals, each divided by its noise, before and after"
     return headed(title, table) if starts else None
 
 
@@ -128,21 +133,25 @@ def _outcome(result: FitResult) -> RenderableType:
 
 
 def _clocks(traces: Iterable[TraceCheck]) -> RenderableType:
-    table = plain_table("file", "samples", "duration s", "rate Hz", "clock jitter %", "gaps", "", left=1)
-    table.columns[-1].justify = "left"
+    table = plain_table(
+        "file", "samples", "duration s", "rate Hz", "clock jitter %", "gaps", "use",
+        words=("use",), paths=("file",), spare=("samples", "duration s"),
+    )  # fmt: skip
     for trace in traces:
         c = trace.clock
         gaps = f"{c.gaps}, longest {short(c.longest)} s" if c.gaps else "0"
         jitter = f"{100.0 * c.jitter:.1f}"
         table.add_row(trace.file, str(c.samples), short(c.duration, 4), short(c.rate, 4), jitter, gaps,
-                      "held out" if trace.held_out else "")  # fmt: skip
+                      "held out" if trace.held_out else "fitted")  # fmt: skip
     return headed("Traces", table)
 
 
 def _channels(traces: Iterable[TraceCheck]) -> RenderableType:
     """Ranges pooled over the traces of a test: the same sensors saw them."""
-    table = plain_table("test", "channel", "lowest", "highest", "noise", "", "resolution", "unit", left=2)
-    table.columns[5].justify = table.columns[-1].justify = "left"
+    table = plain_table(
+        "test", "channel", "lowest", "highest", "noise", "noise is", "resolution", "unit",
+        left=2, words=("noise is", "unit"), spare=("resolution", "noise is"),
+    )  # fmt: skip
     seen: dict[tuple[str, str, str], list[ChannelCheck]] = {}
     for trace in traces:
         for channel in trace.channels:
@@ -158,8 +167,8 @@ def _channels(traces: Iterable[TraceCheck]) -> RenderableType:
 
 def findings_table(findings: Sequence[Finding]) -> RenderableType | None:
     """Mistakes and habits of the rig itself, and the line that mends each; None where none was found."""
-    table = plain_table("kind", "where", "size", "unit", "", left=2)
-    table.columns[3].justify = "left"
+    table = plain_table("kind", "where", "size", "unit", "effect on a fit", left=2, words=("unit", "effect on a fit"),
+                        paths=("where",))  # fmt: skip
     for finding in findings:
         word = Text("no fit takes it", style="bold red") if finding.sure else Text("")
         table.add_row(finding.kind, finding.where, short(finding.size, 4), finding.unit, word)
@@ -187,7 +196,7 @@ def _identifiability(result: CheckResult) -> RenderableType:
     verdict = result.identifiability
     if verdict is None:
         return sentences("Nothing can be fitted", [result.why_not]) or Text("Nothing can be fitted")
-    head = Text("What these traces can identify, model of Eqs. 1-2 at the paper's readings", style="bold")
+    head = Text("What these traces can identify (model of Eqs. 1-2, at values read off the graphs)", style="bold")
     values = "  ".join(short(s, 2) for s in verdict.singular_values)
     lost = ", ".join(verdict.lost)
     lines = [

@@ -14,6 +14,7 @@ from .ecu import read_ecu
 from .header import DROP, HeaderError, parse_header
 from .nameplate import GEAR_RATIO, LEAST_TRAVEL, SENSOR, SENSOR_TRAVEL, SERIES, STOP, SUPPLY, within
 from .toml import Toml, closest, parse, read_text, shown
+from .toml_slips import EXAMPLES as EXAMPLE_VALUES
 from .units import EXAMPLES, UnitError, to_channel
 
 TABLES = ("rig", "tps", "columns", "noise", "tests", "parameters", "model", "holdout", "ecu", "accuracy")
@@ -120,7 +121,12 @@ def _tps(toml: Toml) -> TpsCalibration | None:
         return None
     for key in TPS_KEYS:
         if key not in table:
-            raise toml.wrong(f"tps.{key}", "missing.", f"[tps] needs {', '.join(TPS_KEYS)}.", f"Add {key} = ...")
+            raise toml.wrong(
+                f"tps.{key}",
+                "missing.",
+                f"[tps] needs {', '.join(TPS_KEYS)}.",
+                f"Add {key} = {EXAMPLE_VALUES[key]}, or put a # before every line of [tps].",
+            )
     # a sensor that falls while the plate opens is the second track of many throttles; closed_V > open_V says so
     closed, opened = (within(toml, f"tps.{key}", table[key], SENSOR) for key in TPS_KEYS[:2])
     if abs(opened - closed) < LEAST_TPS_VOLTS:

@@ -8,11 +8,12 @@ import re
 import tomllib
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
-from pathlib import Path
+from pathlib import Path, PurePosixPath
 from typing import Any
 
 from ..errors import MeasurementError
 from .table import decode
+from .toml_slips import DOTS_FOUND, DOTS_REQUIRED, filled, left_blank, slip
 
 
 @dataclass(frozen=True)
@@ -90,7 +91,7 @@ class Toml:
     def string(self, key: str, value: Any) -> str:
         """A text."""
         if not isinstance(value, str):
-            raise self.wrong(key, f"found {shown(value)}.", "It must be a text.", 'Put it in quotes: "...".')
+            raise self.wrong(key, f"found {shown(value)}.", "It must be a text.", 'Put it in quotes, as "bench".')
         return value
 
     def strings(self, table: str, key: str) -> tuple[str, ...]:
@@ -98,7 +99,7 @@ class Toml:
         values = self.table(table, (key,)).get(key, [])
         if not isinstance(values, list) or not all(isinstance(v, str) for v in values):
             raise self.wrong(f"{table}.{key}", f"found {shown(values)}.", "It must be a list of texts.",
-                             f'Write {key} = ["...", "..."].')  # fmt: skip
+                             f'Write {key} = ["first", "second"].')  # fmt: skip
         return tuple(values)
 
 
@@ -122,23 +123,37 @@ def read_text(path: str | Path) -> str:
     except OSError as err:
         raise MeasurementError(str(path), f"no rig.toml can be read here ({err.strerror}).",
                                "Every measurement folder needs one.",
-                               'Create it with two lines: [rig] and name = "...".') from err  # fmt: skip
+                               'Create it with two lines: [rig] and name = "bench".') from err  # fmt: skip
 
 
 def parse(text: str, path: str) -> dict[str, Any]:
     """The tables of a TOML text.
 
+    Args:
+        text: of the file.
+        path: what messages call it.
     Raises:
-        MeasurementError: with the line at which its parser gave up.
+        MeasurementError: it is no TOML, with the line, or a value is still to be filled in.
     """
     try:
-        return tomllib.loads(text)
+        tables = tomllib.loads(text)
     except (ValueError, RecursionError) as err:
-        line = re.search(r"line (\d+)", str(err))
-        at_end = text.count("\n") + 1 if "end of document" in str(err) else ""
-        place = f"{path}:{line[1] if line else at_end}".rstrip(":")
-        raise MeasurementError(place, f"{str(err).split(' (at ')[0]}.", "rig.toml must be valid TOML.",
-                               "Correct this line; texts need quotes, decimals a point.") from err  # fmt: skip
+        raise _no_toml(text, path, str(err)) from err
+    if blank := left_blank(tables):
+        raise MeasurementError(place_of(path, text, blank), f"{blank}: {DOTS_FOUND}", DOTS_REQUIRED, filled(blank))
+    return tables
+
+
+def _no_toml(text: str, path: str, message: str) -> MeasurementError:
+    """The slip that was made; in the parser's words where it is none that is known."""
+    required = f"{PurePosixPath(path.replace(chr(92), '/')).name} must be valid TOML."
+    line = re.search(r"line (\d+)", message)
+    number = int(line[1]) if line else text.count("\n") + 1
+    if made := slip(text, message, number):
+        return MeasurementError(f"{path}:{made.line}", made.found, made.required or required, made.mend)
+    place = f"{path}:{number}" if line or "end of document" in message else path
+    return MeasurementError(place, f"{message.split(' (at ')[0]}.", required,
+                            "Correct this line; texts need quotes, decimals a point.")  # fmt: skip
 
 
 def closest(name: str, known: Iterable[str], otherwise: str) -> str:

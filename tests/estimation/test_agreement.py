@@ -9,9 +9,12 @@ import pytest
 
 import odd_rigs
 from etcfit.estimation import subsets
+from etcfit.estimation.agreement import Agreement, agreement
 from etcfit.estimation.intervals import intervals
 from etcfit.estimation.joint_fit import fit
+from etcfit.estimation.pieces import pieces_of
 from etcfit.estimation.result import FitResult
+from etcfit.estimation.settings import ContradictionSettings, FitSettings
 from etcfit.rig.reader import read_folder
 from etcfit.run_folder import fit_json
 
@@ -21,6 +24,12 @@ pytestmark = pytest.mark.slow  # real fits; what they are judged by has its own 
 @pytest.fixture(scope="module")
 def clean(tmp_path_factory: pytest.TempPathFactory) -> FitResult:
     return fit(read_folder(odd_rigs.clean(tmp_path_factory.mktemp("rig"), 4)))
+
+
+def judged_again(result: FitResult, settings: FitSettings) -> Agreement:
+    problem, x = result.problem, result.x
+    pieces = pieces_of(problem, problem.linearise(x, result.weighted))
+    return agreement(problem, result.weighted, x, pieces, result.covariance, (False, 1.0), settings)
 
 
 def test_a_right_folder_has_influences_and_no_contradiction(clean: FitResult) -> None:
@@ -68,6 +77,10 @@ def test_an_undeclared_resistor_is_found_in_its_test(tmp_path: Path, seed: int) 
     true = odd_rigs.truth_of(seed).L_a
     assert abs(found.value / true - 1.0) > 1.0
     assert found.without == pytest.approx(true, rel=0.02)
+    again = judged_again(result, FitSettings(contradiction=ContradictionSettings(moves=1.01 * found.moved)))
+    assert (again.contradictions, again.compromise) == ((), None)
+    assert [each.test for each in again.outweighed] == ["inductance"]
+    assert "inductance disagrees with the other tests" in " ".join(again.words(lambda symbol: "H"))
     assert any(text.startswith("inductance contradicts the other tests: without it L_a is") for text in result.warnings)
     assert "estimated" not in {i.status for i in intervals(result).values()}
     assert result.compromise is not None

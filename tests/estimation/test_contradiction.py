@@ -9,7 +9,15 @@ import pytest
 from scipy import stats
 
 import linear_parts as parts
-from etcfit.estimation.contradiction import Comparison, Contradicting, digits_apart
+from etcfit.estimation.agreement import in_words, outweighed_in_words
+from etcfit.estimation.contradiction import (
+    Comparison,
+    Contradicting,
+    Contradiction,
+    by_consequence,
+    digits_apart,
+    distance,
+)
 from etcfit.estimation.disagreement import disagreement, parted
 from etcfit.estimation.settings import ContradictionSettings, WhitenessSettings
 from etcfit.estimation.subsets import Subset
@@ -137,3 +145,59 @@ def test_two_values_are_shown_with_the_digits_that_tell_them_apart(
 ) -> None:
     digits = digits_apart(one, other)
     assert (f"{one:.{digits}g}", f"{other:.{digits}g}") == shown
+
+
+def outweighed(weight: float, off: float) -> tuple[Bench, Contradicting]:
+    """A test whose Jacobian is so much smaller than that of the others, measured at another place."""
+    bench = Bench(1)
+    for key in (key for key in bench.every if key[0] == "beta"):
+        bench.every[key] *= weight
+        bench.r[key] = np.random.default_rng(5).standard_normal(200) - bench.every[key] @ np.array([0.0, off, 0.0])
+    tests = tuple(parts.TESTS)
+    together = bench.fit(np.zeros(parts.P), tests)
+    without = bench.fit(np.zeros(parts.P), tuple(test for test in tests if test != "beta"))
+    return bench, Contradicting("beta", together, without, 1e-9, 0.9, 100.0)
+
+
+def moved_by(each: Contradicting) -> float:
+    return distance(each, parts.nothing_believed(), REACH, 0.3)
+
+
+def test_a_test_that_the_others_outweigh_moves_nothing_however_far_off_it_is() -> None:
+    """Its columns a hundredth of the others', it is some 20 of its own standard errors off, and moves them by 0.14."""
+    assert moved_by(outweighed(0.01, 100.0)[1]) < 0.5
+    assert moved_by(outweighed(1.0, 0.4)[1]) > 4.0
+
+
+def test_no_parameter_moves_by_more_than_the_distance() -> None:
+    _, each = outweighed(0.5, 0.4)
+    information = sum(piece.jacobian.T @ piece.jacobian for piece in each.together.pieces)
+    sd = np.sqrt(np.diag(np.linalg.inv(information)))
+    moved = np.abs(each.without.x - each.together.x) / sd
+    change = each.without.x - each.together.x
+    assert moved_by(each) == pytest.approx(np.sqrt(change @ information @ change), rel=1e-6)
+    assert np.max(moved) <= moved_by(each)
+
+
+@pytest.mark.parametrize("pull", [0.053, -0.999])
+def test_a_pull_below_one_standard_error_is_no_evidence(pull: float) -> None:
+    said = in_words(Contradiction("response", "K_s", pull, 0.15, 0.1501, 1e-9, 0.9, 7.3), "N*m/rad")
+    assert "a combination of parameters moves by 7.3 standard errors" in said
+    assert "K_s" not in said
+    assert f"{pull:.2g}" not in said
+
+
+@pytest.mark.parametrize("pull", [1.0, -34.0])
+def test_a_pull_of_one_standard_error_or_more_is_shown(pull: float) -> None:
+    said = in_words(Contradiction("response", "K_s", pull, 0.15, 0.16, 1e-9, 0.9, 40.0), "N*m/rad")
+    assert "without it K_s is 0.16 N*m/rad instead of 0.15 " in said
+    assert f"({pull:+.2g} standard errors of noise alone)" in said
+
+
+@pytest.mark.parametrize(("moved", "real"), [(0.053, False), (0.999, False), (1.0, True), (8.0, True)])
+def test_what_moves_nothing_is_no_contradiction(moved: float, real: bool) -> None:
+    found = Contradiction("response", "K_s", moved, 0.15, 0.15, 1e-9, 0.9, moved)
+    assert by_consequence([found], ContradictionSettings().moves) == (((found,), ()) if real else ((), (found,)))
+    said = outweighed_in_words(found)
+    assert "contradicts" not in said
+    assert f"no parameter moves by more than {moved:.2g} standard errors" in said

@@ -122,8 +122,8 @@ def test_the_table_names_every_option_and_every_test_not_judged(rig: Rig, settin
                Option("response", "once more, as response/1.csv", "", shrinks**0.1, None, None))  # fmt: skip
     advice = Advice(rig, ("R_a", "series_ohm.inductance"), np.array([0.01, 0.02]), options, (("sine", "no ECU"),))
     text = render(advice_table(advice))
-    for said in ("SYNTHETIC DATA", "viscous, new", "response, again", "(noise assumed)", "R_s inductance", "0.50",
-                 "0.71", "sine: no ECU"):  # fmt: skip
+    for said in ("SYNTHETIC DATA", "viscous, new", "response, again", "(noise assumed)", "series_ohm.inductance",
+                 "0.50", "0.71", "sine: no ECU"):  # fmt: skip
         assert said in text
 
 

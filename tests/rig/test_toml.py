@@ -64,3 +64,97 @@ def test_a_name_is_guessed_only_where_one_is_near() -> None:
     assert closest("zzz", ("supply_V", "name"), "Delete it.") == "Delete it."
     assert shown("x" * 100).endswith("...")
     assert len(shown("x" * 100)) == 60
+
+
+@pytest.mark.parametrize("dots", ["...", "…", "[...]", "...   # V, at the closed stop"])
+def test_dots_left_in_a_value_are_said_to_stand_for_it(dots: str) -> None:
+    text = f"[rig]\nname = 'bench'\n\n[tps]\nclosed_V = {dots}\nopen_V = {dots}\n"
+    with pytest.raises(MeasurementError) as caught:
+        parse(text, "mine/rig.toml")
+    said = caught.value
+    assert said.where == "mine/rig.toml:5"
+    assert "the dots stand for a value that only you know" in said.found
+    assert "as in closed_V = 0.45" in said.mend
+    assert "put a # before the line" in said.mend
+    assert "The same in line 6." in said.mend
+    assert "valid TOML" not in str(said)
+
+
+@pytest.mark.parametrize(
+    ("text", "where", "key"),
+    [
+        ('[rig]\nname = "..."\n', "rig.toml:2", "rig.name"),
+        ('[holdout]\nfiles = ["a.csv", "…"]\n', "rig.toml:2", "holdout.files"),
+        ('[rig]\n[accuracy]\ncurrent = { sd = "..." }\n', "rig.toml:3", "accuracy.current.sd"),
+    ],
+)
+def test_dots_in_quotes_stand_for_a_value_too(text: str, where: str, key: str) -> None:
+    with pytest.raises(MeasurementError) as caught:
+        parse(text, "rig.toml")
+    assert caught.value.where == where
+    assert caught.value.found.startswith(f"{key}: the dots stand for")
+
+
+@pytest.mark.parametrize("text", ['name = "a drive ... and back"', "name = 'bench' # ...", '"a ... b" = "ignore"'])
+def test_dots_among_words_are_words(text: str) -> None:
+    assert parse(text, "rig.toml")
+
+
+@pytest.mark.parametrize(
+    ("text", "line", "found", "mend"),
+    [
+        ("gear_ratio = 20,68", 1, "decimal comma", "Write gear_ratio = 20.68."),
+        ("[rig]\nsupply_V = 12 V", 2, "a unit behind the number", "Write supply_V = 12:"),
+        ("supply_V = 12V # the driver", 1, "a unit behind the number", "Write supply_V = 12:"),
+        ("[accuracy]\ncurrent = 1 % + 5 mA", 2, "text without quotes", 'Write current = "1 % + 5 mA".'),
+        ("name = bench\n", 1, "bench is a text without quotes", 'Write name = "bench".'),
+        ("name = bench two", 1, "text without quotes", 'Write name = "bench two".'),
+        ('[columns]\n"TP" = tps [V]', 2, "text without quotes", 'Write "TP" = "tps [V]".'),
+        ("synthetic = True", 1, "found True", "Write synthetic = true,"),
+        ("synthetic = no", 1, "found no", "Write synthetic = false,"),
+        ("travel_deg = [-inf, inf]\nx = Inf", 2, "found Inf", "Write x = inf,"),
+        ("a = 1\nsupply_V =\nb = 2", 2, "supply_V has no value", "put a # before the line"),
+        ("supply_V = NaN", 1, "supply_V has no value", "put a # before the line"),
+        ("R_a = .5", 1, "found .5", "Write R_a = 0.5:"),
+        ("R_a = 5.", 1, "found 5.", "Write R_a = 5.0:"),
+        ("R_a = 05", 1, "found 05", "Write R_a = 5.0:"),
+        ("[rig\nname = 'a'", 1, "a bracket is missing", "Write [rig]."),
+        ("rig]\n", 1, "a bracket is missing", "Write [rig]."),
+        ("gear_ratio: 20.68", 1, "has no = in it", "Write gear_ratio = 20.68."),
+        ("gear_ratio 20.68", 1, "has no = in it", "Write gear_ratio = 20.68."),
+        ("gear_ratio == 20.68", 1, "found ==", "Write gear_ratio = 20.68."),
+        ("gear ratio = 20.68", 1, "a space in it", "Write gear_ratio = 20.68."),
+        ('[columns]\nTP main = "tps [V]"', 2, "a space in it", 'Write "TP main" = "tps [V]".'),
+        (
+            '[columns]\nStröm = "current [A]"',
+            2,
+            "a letter that TOML takes in quotes only",
+            'Write "Ström" = "current [A]".',
+        ),
+        ("name = “bench”", 1, "quotes are those of a word processor", 'name = "bench"'),
+        ('name = "bench', 1, "no closing quote", 'Put " at both ends'),
+        ('name = "bench\nx = 1', 1, "no closing quote", 'Put " at both ends'),
+        ('name = "D:\\logs"', 1, "a \\ in a text", 'Write name = "D:/logs"'),
+        ("a = 1 // V", 1, "// begins no remark", "Write # instead of //."),
+        ("; a remark\na = 1", 1, "; begins no remark", "Write # instead of ;."),
+        ("a\u00a0= 1", 1, "no ordinary space", "Type the line anew"),
+        ("travel_deg = [0.0, 90.0\nsupply_V = 12.0", 1, "the closing ] is missing", "Put ] behind its last entry."),
+        ("travel_deg = [0.0 90.0]", 1, "a comma is missing", "Put a comma"),
+        ("J_L = { value = 1.0 sd = 0.1 }", 1, "a comma is missing", "Put a comma"),
+        ("J_L = { value = 1.0,\nsd = 0.1 }", 1, "goes on in the next line", "in one line"),
+        ("[rig]\na = 1\n[tps]\n[rig]\nb = 2", 4, "[rig] stands here and in line 1", "below one of the two"),
+        ("[rig]\na = 1\nb = 2\na = 3", 4, "a stands here and in line 2", "Delete one of the two lines."),
+    ],
+)
+def test_slips_of_the_hand_are_named_with_line_and_cure(text: str, line: int, found: str, mend: str) -> None:
+    with pytest.raises(MeasurementError) as caught:
+        parse(text, "mine/rig.toml")
+    assert caught.value.where == f"mine/rig.toml:{line}"
+    assert found in caught.value.found
+    assert mend in caught.value.mend
+    assert caught.value.required == "rig.toml must be valid TOML."
+
+
+def test_what_no_slip_explains_is_said_in_the_words_of_the_parser() -> None:
+    with pytest.raises(MeasurementError, match=r"mine/fleet\.toml:2: Expected .* fleet\.toml must be valid TOML"):
+        parse("a = 1\nb = 1.2.3\n", "mine/fleet.toml")

@@ -42,12 +42,16 @@ def diagnosis_table(diagnosis: Diagnosis) -> RenderableType:
 
 def _ledger(entries: Sequence[Entry]) -> RenderableType:
     open_ends = any(entry.unknown is not None for entry in entries)
-    heads = ["test", "channel", "", "traces", "samples", "before", "after", "unit", "before/sigma", "after/sigma"]
-    table = plain_table(*heads, *(["with unknown", "/sigma"] if open_ends else []), left=3)
-    table.columns[7].justify = "left"
+    heads = ["test", "channel", "data", "traces", "samples", "before", "after", "unit", "before/sigma", "after/sigma"]
+    curve = ["with unknown", "unknown/sigma"] if open_ends else []
+    table = plain_table(*heads, *curve, left=3, words=("unit",), spare=("samples", "traces", *curve[::-1]),
+                        file="RUN/diagnosis.json")  # fmt: skip
     for entry in entries:
         table.add_row(*_ledger_row(entry), *(_unknown(entry) if open_ends else ()))
-    return headed("The ledger: free-running error, rms, before and after", table)
+    title = "The ledger: free-running error, rms, before and after the diagnosis; sigma: noise of one sample"
+    if open_ends:
+        title += "; unknown: with a smooth curve for what no effect explains"
+    return headed(title, table)
 
 
 def _ledger_row(entry: Entry) -> tuple[str, ...]:
@@ -98,7 +102,8 @@ def _rounds(rounds: Sequence[RoundReport]) -> RenderableType:
 def _candidates(k: int, each: RoundReport) -> RenderableType | None:
     if not each.candidates:
         return None
-    table = plain_table("effect", "", "screened gain", "fit ratio", "held-out ratio", "BIC", left=2)
+    table = plain_table("effect", "outcome", "screened gain", "fit ratio", "held-out ratio", "BIC", left=2,
+                        spare=("screened gain",), file="RUN/diagnosis.json")  # fmt: skip
     for candidate in each.candidates[:_SHOWN]:
         table.add_row(*_candidate(candidate, each))
     rest = len(each.candidates) - _SHOWN
@@ -111,7 +116,7 @@ def _candidate(candidate: Candidate, each: RoundReport) -> tuple[str, ...]:
     elif candidate.effect in each.ties:
         mark = "tie"
     else:
-        mark = "" if candidate.refitted else "not refitted"
+        mark = "not taken" if candidate.refitted else "not refitted"
     bic = "-" if candidate.bic_change is None else f"{candidate.bic_change:+.1f}"
     ratios = short(candidate.fit_rms_ratio), short(candidate.holdout_rms_ratio)
     return candidate.effect, mark, short(candidate.screened), *ratios, bic
@@ -123,8 +128,10 @@ def _parameters(before: FitResult, after: FitResult) -> RenderableType:
     units = {
         p.symbol: p.unit for p in (*before.free_parameters.layout.parameters, *after.free_parameters.layout.parameters)
     }
-    table = plain_table("parameter", "before", "95 % interval", "after", "95 % interval", "unit", "status")
-    table.columns[5].justify = table.columns[6].justify = "left"
+    table = plain_table(
+        "parameter", "before", "95 % interval before", "after", "95 % interval after", "unit", "status",
+        words=("unit",), prose=("status",), spare=("95 % interval before", "before"), file="RUN/fit.json",
+    )  # fmt: skip
     for symbol in dict.fromkeys((*was, *now)):
         if symbol != "N":
             interval = now.get(symbol) or was[symbol]

@@ -12,6 +12,7 @@ from ..blocks import PlainTable, headed, plain_table, sentences
 from ..numbers import Digits, short
 from .words import JUDGEMENT, Content, Judgement, title, verdict
 
+_FILE = "RUN/fleet.json"
 _MOST = 20  # rows of units; fleet.json and the page have them all
 
 
@@ -50,8 +51,11 @@ def _titled(name: str, table: PlainTable) -> RenderableType | None:
 
 
 def _population(content: Content, judgement: Judgement) -> RenderableType | None:
-    table = plain_table("parameter", "mean", "95 % interval", "spread, 1 sd", "95 % interval", "Cpk", "told by", "unit")
-    table.columns[-1].justify = "left"
+    table = plain_table(
+        "parameter", "mean", "95 % interval of mean", "spread, 1 sd", "95 % interval of spread", "Cpk",
+        "units that tell it", "unit", words=("unit",), file=_FILE,
+        spare=("units that tell it", "95 % interval of spread", "95 % interval of mean"),
+    )  # fmt: skip
     for symbol, each in (content.get("population") or {}).items():
         mean = _by(each["mean"], each["mean_ci95"], each["sd"])
         shared = each.get("shared", False)
@@ -84,8 +88,10 @@ def _cpk(value: float | None, judgement: Judgement) -> RenderableType:
 
 
 def _capability(content: Content, judgement: Judgement) -> RenderableType | None:
-    table = plain_table("limit of", "low", "high", "mean", "spread", "Cp", "Cpk", "95 % interval", "outside", "unit")
-    table.columns[-1].justify = "left"
+    table = plain_table(
+        "limit of", "low", "high", "mean", "spread, 1 sd", "Cp", "Cpk", "95 % interval of Cpk", "outside", "unit",
+        words=("unit",), spare=("Cp", "95 % interval of Cpk", "spread, 1 sd"), file=_FILE,
+    )  # fmt: skip
     for name, each in (content.get("capability") or {}).items():
         of = Digits.of(each["mean"] or 0.0, each["sd"])
         limits = short(each["low"], 4), short(each["high"], 4)
@@ -97,8 +103,7 @@ def _capability(content: Content, judgement: Judgement) -> RenderableType | None
 
 def _odd(content: Content) -> RenderableType | None:
     odd = content.get("odd") or ()
-    table = plain_table("unit", "why", "distance", "p", left=2)
-    table.columns[1].no_wrap = False
+    table = plain_table("unit", "why", "distance", "p", left=2, prose=("why",), spare=("distance",), file=_FILE)
     for each in odd[:_MOST]:
         table.add_row(each["unit"], each["why"], short(each["distance"]), short(each["p"], 2))
     return _titled(_of("Odd units, the oddest first", len(odd)), table)
@@ -109,10 +114,10 @@ def _of(name: str, count: int) -> str:
 
 
 def _drift(content: Content) -> RenderableType | None:
-    table = plain_table("drift of", "since", "size", "in sd", "p", left=2)
+    table = plain_table("drift of", "since unit", "size", "unit", "in sd", "p", left=2, words=("unit",))
     for each in content.get("drift") or ():
-        table.add_row(each["symbol"], each["since"], f"{each['size']:+.3g}", _signed(each.get("size_sd")),
-                      short(each.get("p"), 2))  # fmt: skip
+        table.add_row(each["symbol"], each["since"], f"{each['size']:+.3g}", each.get("unit"),
+                      _signed(each.get("size_sd")), short(each.get("p"), 2))  # fmt: skip
     return _titled("Drift", table)
 
 
@@ -121,9 +126,7 @@ def _signed(value: float | None) -> str:
 
 
 def _effects(content: Content) -> RenderableType | None:
-    table = plain_table("effect", "in", "of", "median", "parameter", "unit")
-    for column in table.columns[-2:]:
-        column.justify = "left"
+    table = plain_table("effect", "units with it", "of", "median", "parameter", "unit", words=("parameter", "unit"))
     for name, each in (content.get("effects") or {}).items():
         table.add_row(name, f"{len(each['units']):,}", f"{each['of']:,}", short(each["median"]), each.get("symbol"),
                       each.get("unit"))  # fmt: skip
@@ -131,8 +134,8 @@ def _effects(content: Content) -> RenderableType | None:
 
 
 def _figures(content: Content) -> RenderableType | None:
-    table = plain_table("figure", "meaning", "mean", "spread", "95 % of units", "unit", left=2)
-    table.columns[1].no_wrap, table.columns[-1].justify = False, "left"
+    table = plain_table("figure", "meaning", "mean", "spread, 1 sd", "95 % of units", "unit", left=2, words=("unit",),
+                        prose=("meaning",), spare=("meaning",), file=_FILE)  # fmt: skip
     for name, each in (content.get("figures") or {}).items():
         of = Digits.of(each["mean"] or 0.0, each["sd"])
         cells = of(each["mean"]), of(each["sd"]), of.span(each["low"], each["high"])
@@ -141,8 +144,8 @@ def _figures(content: Content) -> RenderableType | None:
 
 
 def _gauge(content: Content, judgement: Judgement) -> RenderableType | None:
-    table = plain_table("gauge of", "repeatability", "reproducibility", "part", "total", "R&R", "ndc", "unit")
-    table.columns[-1].justify = "left"
+    table = plain_table("gauge of", "repeatability", "reproducibility", "part", "total", "R&R", "ndc", "unit",
+                        words=("unit",), spare=("total", "part"), file=_FILE)  # fmt: skip
     for name, each in (content.get("gauge") or {}).items():
         sizes = (short(each[key]) for key in ("repeatability", "reproducibility", "part", "total"))
         share: Any = each["rr_percent"]

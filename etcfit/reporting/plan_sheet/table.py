@@ -24,8 +24,8 @@ def plan_table(campaign: Campaign) -> RenderableType:
 
 
 def _tests(campaign: Campaign) -> RenderableType:
-    table = plain_table("record as", "what", "A", "winding, degC", "pause, s", left=2)
-    table.columns[1].no_wrap = False
+    table = plain_table("record as", "what", "current, A", "winding, degC", "pause, s", left=2, prose=("what",),
+                        paths=("record as",))  # fmt: skip
     for test in campaign.tests:
         note = remark(test, campaign.setting)
         says = test.candidate.plan.says + (f" ({note})" if note else "")
@@ -34,12 +34,10 @@ def _tests(campaign: Campaign) -> RenderableType:
 
 
 def _stderr(campaign: Campaign) -> RenderableType:
-    table = plain_table("", *(symbol.replace("series_ohm.", "R_s ") for symbol in campaign.symbols))
-    rows = (("standard error now, %", campaign.now), ("expected after it, %", campaign.expected))
-    for name, sd in rows:
-        table.add_row(name, *(short(100.0 * each, 2) for each in sd))
-    table.add_row("share", *(f"{share:.2f}" for share in campaign.expected / campaign.now))
-    return headed("What it will tell", table)
+    table = plain_table("parameter", "standard error now, %", "expected after all tests, %", "expected/now")
+    for symbol, now, expected in zip(campaign.symbols, campaign.now, campaign.expected, strict=True):
+        table.add_row(symbol, short(100.0 * now, 2), short(100.0 * expected, 2), f"{expected / now:.2f}")
+    return headed("What these tests will tell", table)
 
 
 def amps(test: PlannedTest) -> float:

@@ -35,21 +35,11 @@ def _sampled(posterior: Posterior) -> str:
 
 
 def _parameters(posterior: Posterior, profiles: Mapping[str, Profile]) -> RenderableType:
-    heads = (
-        "parameter",
-        "mean",
-        "95 % interval",
-        "sd: Laplace",
-        "profile",
-        "posterior",
-        "apart",
-        "ESS",
-        "R-hat",
-        "unit",
-    )
-    table = plain_table(*heads, "status")
-    for k in (6, 9, 10):
-        table.columns[k].justify = "left"
+    table = plain_table(
+        "parameter", "mean", "95 % interval", "sd: Laplace", "sd: profile", "sd: posterior", "apart", "ESS", "R-hat",
+        "unit", "status", words=("apart", "unit", "status"), prose=("status",),
+        spare=("ESS", "sd: Laplace", "sd: profile", "sd: posterior", "R-hat"), file="RUN/posterior.json",
+    )  # fmt: skip
     for symbol, m in posterior.marginals.items():
         table.add_row(*_row(symbol, m, profiles.get(symbol)), posterior.described[symbol][0],
                       Text(m.status, style=STATUS_STYLE[m.status]))  # fmt: skip
@@ -67,8 +57,7 @@ def _row(symbol: str, m: Marginal, profile: Profile | None) -> tuple[RenderableT
 
 
 def _profiles(profiles: Mapping[str, Profile], described: Mapping[str, tuple[str, str]]) -> RenderableType | None:
-    table = plain_table("parameter", "profile", "rises by 3.84 at", "and at", "unit", left=2)
-    table.columns[-1].justify = "left"
+    table = plain_table("parameter", "profile", "rises by 3.84 at", "and at", "unit", left=2, words=("unit",))
     for symbol, p in profiles.items():
         table.add_row(symbol, p.kind, short(p.low), short(p.high), described[symbol][0])
     return headed("Profile likelihood of what is weakly determined", table) if profiles else None

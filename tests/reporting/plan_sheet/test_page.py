@@ -95,5 +95,5 @@ def test_what_is_measured_is_not_called_synthetic(plan: Campaign, tmp_path: Path
 
 def test_the_table_names_tests_and_what_they_tell(plan: Campaign) -> None:
     text = render(plan_table(plan))
-    for said in ("SYNTHETIC DATA", "response/plan_1.csv", "R_s inductance", "0.34", "6.0 A, limit 5 A", "45"):
+    for said in ("SYNTHETIC DATA", "response/plan_1.csv", "series_ohm.inductance", "0.34", "6.0 A, limit 5 A", "45"):
         assert said in text

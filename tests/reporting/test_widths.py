@@ -1,0 +1,229 @@
+"""Every table that a command prints, in a terminal of 80, 100 and 160 columns: names and figures whole, lines fit."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from rich.console import Group, RenderableType
+from rich.padding import Padding
+
+import campaigns
+import car_logs
+import diagnoses
+import fleet_pages
+import folders
+import results
+from etcfit import read_folder
+from etcfit.car_log import DriveLog, Series, study
+from etcfit.control.design import PAPERS, ecu_of, propose, task_of
+from etcfit.control.fleet_verdict import REQUIRED, FleetVerdict, OneByOne, Share
+from etcfit.control.frequency import frequency_response
+from etcfit.control.linearise import reduce
+from etcfit.control.parts_verdict import OnParts, PartsVerdict
+from etcfit.control.pid import RULES
+from etcfit.control.settings import DesignSettings, FleetDesignSettings, OptimumSettings
+from etcfit.estimation.budget import Budget
+from etcfit.estimation.identifiability import Identifiability
+from etcfit.estimation.influence import Influence, Pull
+from etcfit.estimation.joint_fit import FitResult
+from etcfit.experiment.advice import Advice, Option, Pair
+from etcfit.experiment.check import ChannelCheck, CheckResult, Clock, TraceCheck
+from etcfit.posterior.chain import Chain
+from etcfit.posterior.convergence import Convergence
+from etcfit.posterior.profile import Profile
+from etcfit.posterior.sampling import Posterior
+from etcfit.posterior.target import Target
+from etcfit.reporting.advice import advice_table
+from etcfit.reporting.blocks import render
+from etcfit.reporting.car_log import drive_table
+from etcfit.reporting.control.tables import design_table, reduction_table, sine_table
+from etcfit.reporting.diagnosis.table import diagnosis_table
+from etcfit.reporting.fleet import fleet_table
+from etcfit.reporting.plain_table import PlainTable
+from etcfit.reporting.plan_sheet import plan_table
+from etcfit.reporting.posterior.table import posterior_table
+from etcfit.reporting.tables import check_table, fit_table
+from etcfit.rig.base import RigConfig
+from etcfit.rig.finding import Finding
+from gaussian import SEEDS
+
+WIDTHS = (80, 100, 160)
+LONG = "response/second_day_with_the_new_harness/chirp_from_1_to_20_hertz.csv"
+BRIEF = DesignSettings(optimum=OptimumSettings(searches=1, sweeps=1, population=8, elite=4, rounds=1, last_rounds=1))
+
+
+@pytest.fixture(scope="module")
+def fit(tmp_path_factory: pytest.TempPathFactory) -> FitResult:
+    """With all that a table of a fit may hold."""
+    made = results.result(results.rig(tmp_path_factory.mktemp("rig")), lost=("J_m", "J_L"))
+    sources = ("scale of current", "zero of position", "gear ratio")
+    pulls = (Pull("response", None, "series_ohm.inductance", -34.0, -0.6),
+             Pull("response", LONG, "series_ohm.inductance", -20.0, -0.4))  # fmt: skip
+    return replace(
+        made,
+        budget=Budget(sources, np.full((3, made.x.size), 0.02), made.covariance),
+        influence=Influence(pulls, {"B_m": "viscous"}),
+    )
+
+
+def of_check(fit: FitResult) -> RenderableType:
+    channels = tuple(ChannelCheck(name, "rad/s", -1234.5, 1234.5, 0.003, True, 0.00122, 3, 120, True)
+                     for name in ("motor_speed", "position"))  # fmt: skip
+    clock = Clock(123456, 1000.5, 1000.0, 0.012, 2, 0.02)
+    traces = tuple(TraceCheck(file, "response", True, clock, channels) for file in (LONG, "response/1.csv"))
+    rig = replace(fit.rig, findings=(Finding("series_resistance", 0.12, "ohm", 1e-6, "It is larger.", "Write it.",
+                                             "response", LONG, "motor_speed", True),))  # fmt: skip
+    verdict = Identifiability(("R_a",), np.array([12.0]), (), np.eye(1), ("R_a",))
+    return check_table(CheckResult(rig, traces, verdict, ("R_a is hardly seen.",), None, ("a stray file",)))
+
+
+def of_advice(fit: FitResult) -> RenderableType:
+    symbols = fit.free_parameters.layout.free
+    shrinks = np.linspace(0.1234, 1.0, len(symbols))
+    pair = Pair(("T_PL", "series_ohm.inductance"), 0.999, 0.123)
+    says = "a step of 6 V for 0.5 s, a sweep from 1 to 20 Hz, and a slow ramp over the whole travel"
+    tests = ("viscous", "static_load", "closed_loop", "back_emf", "inductance", "resistance", "response")
+    options = tuple(Option(test, says, "noise assumed", shrinks, pair, None) for test in tests)
+    return advice_table(Advice(fit.rig, symbols, shrinks, options, (("sine", "no ECU"),)))
+
+
+def of_drive(fit: FitResult) -> RenderableType:
+    log = car_logs.drive()
+    position, setpoint = (Series(log["time"], log[name]) for name in ("position", "setpoint"))
+    name = "2026-07-14_motorway_and_town_warm_engine.csv"
+    return drive_table(RigConfig("car"), [study(DriveLog(each, position, setpoint)) for each in (name, "b.csv")])
+
+
+def of_posterior(fit: FitResult) -> RenderableType:
+    precision = np.linalg.inv(fit.covariance)
+
+    def target(x: np.ndarray) -> np.ndarray:
+        return -0.5 * np.einsum("kp,pq,kq->k", x - fit.x, precision, x - fit.x)
+
+    chain = Chain.begin(target, fit.free_parameters.layout.free, fit.x, fit.covariance, SEEDS).advanced(target, 60)
+    known = Target(fit.problem, fit.weighted, fit.x, fit.covariance, {("response/1.csv", "current"): 3.0})
+    value = fit.values["J_L"] * np.array([0.5, 1.0, 2.0, 4.0])
+    profile = Profile("J_L", value, np.array([1.0, 0.0, 2.0, 6.0]), None, float(value[2]))
+    return posterior_table(Posterior(fit, known, chain, Convergence.of(chain.ensembles)), {"J_L": profile})
+
+
+def of_sines(fit: FitResult, folder: Path) -> RenderableType:
+    time = np.arange(0.0, 12.0, 0.002)
+    rng = np.random.default_rng(3)
+    columns = [f(2.0 * np.pi * 2.0 * time) for f in (np.sin, lambda phase: 0.9 * np.sin(phase - 0.4), np.cos)]
+    wanted, angle, volts = (middle + size * column for middle, size, column in
+                            zip((40.0, 40.0, 4.0), (9.0, 9.0, 2.0), columns, strict=True))  # fmt: skip
+    angle = angle + 0.02 * rng.standard_normal(time.size)
+    sheet = folders.sheet("time [s]", "setpoint [deg]", "position [deg]", "voltage [V]",
+                          columns=(time, wanted, angle, volts))  # fmt: skip
+    rig = read_folder(folders.write(folder, folders.good() | {"sine/2_Hz.csv": sheet.text()}))
+    traces = [trace for trace in rig.measurements if trace.test == "sine"]
+    response = frequency_response(fit.fitted(), traces)
+    assert response.points, response.warnings
+    return Group(reduction_table(fit.fitted(), reduce(fit.fitted()), 0), sine_table(response))
+
+
+def of_design(fit: FitResult) -> RenderableType:
+    """By quick rules, on a fleet and on the parts of one as well, judged by hand."""
+    fitted = fit.fitted()
+    task = task_of(fitted, ecu_of(fitted), PAPERS, settings=BRIEF)
+    design = propose(fitted, task, "manual", {name: RULES[name] for name in ("manual", "damping_optimum")}, "laplace")
+    units = tuple(f"serial_{k}_of_line_4_week_31" for k in range(3))
+    figures = {symbol: np.array([1.0, 2.0, 1234.5]) for symbol in REQUIRED}
+    each = OneByOne(units, figures, np.array([6.0, 7.0, 8.0]), np.array([1.2, 1.3, 1.4]), PAPERS)
+    on = OnParts(each, each)
+    parts = PartsVerdict("runs/line", "line 4", ("J_m",), {"u100": "odd"}, {"manual": on, "damping_optimum": on}, each,
+                         each)  # fmt: skip
+    some = Share(2, 3, 0.1, 0.9)
+    fleet = FleetVerdict(FleetDesignSettings(), some, some, each.named(3), each.fails, 1)
+    return design_table(replace(design, fleet=fleet, parts=parts))
+
+
+def of_fleet(fit: FitResult) -> RenderableType:
+    return fleet_table(fleet_pages.fleet().content)
+
+
+TABLES: dict[str, Callable[[FitResult], RenderableType]] = {
+    "fit": fit_table,
+    "check": of_check,
+    "check --advise": of_advice,
+    "plan": lambda fit: plan_table(campaigns.campaign(fit.rig)),
+    "diagnose": lambda fit: diagnosis_table(diagnoses.diagnosis(fit.rig)),
+    "sample": of_posterior,
+    "drive": of_drive,
+    "fleet": of_fleet,
+    "design": of_design,
+}
+
+
+def tables_in(part: Any) -> list[PlainTable]:
+    """All of them, however deep."""
+    if isinstance(part, Group):
+        return [table for each in part.renderables for table in tables_in(each)]
+    return tables_in(part.renderable) if isinstance(part, Padding) else [part] if isinstance(part, PlainTable) else []
+
+
+def check_whole(table: PlainTable, width: int) -> None:
+    """Each cell on one line; sentences fold at spaces, file names at "/"; what is missing is said to be."""
+    text = render(table, width)
+    lines, said = text.splitlines(), " ".join(text.split()).rpartition("Left out at a width of ")[2]
+    assert max(map(len, lines)) <= width
+    for k, column in enumerate(table.columns):
+        if column.header in table.spare and column.header in said:
+            continue
+        assert all(any(word in line for line in lines) for word in column.header.split())
+        for row in table.rows:
+            cell = row[k].plain
+            parts = cell.split() if column.prose else cell.replace("/", "/\0").split("\0") if column.paths else [cell]
+            for part in parts:
+                assert any(part in line for line in lines), (column.header, part, width)
+
+
+def check_fits(part: RenderableType, width: int) -> None:
+    tables = tables_in(part)
+    assert tables
+    for table in tables:
+        check_whole(table, width)
+    text = render(part, width)
+    assert max(map(len, text.splitlines())) <= width
+    assert "…" not in text
+
+
+@pytest.mark.parametrize("width", WIDTHS)
+@pytest.mark.parametrize(
+    "command", [pytest.param(name, marks=pytest.mark.slow if name == "design" else ()) for name in TABLES]
+)
+def test_nothing_is_cut(command: str, width: int, fit: FitResult, made: dict[str, RenderableType]) -> None:
+    if command not in made:
+        made[command] = TABLES[command](fit)
+    check_fits(made[command], width)
+
+
+@pytest.fixture(scope="module")
+def made() -> dict[str, RenderableType]:
+    """What was built, by command: each is built once for all widths."""
+    return {}
+
+
+def test_nothing_of_sines_is_cut(fit: FitResult, tmp_path: Path) -> None:
+    part = of_sines(fit, tmp_path / "sines")
+    for width in WIDTHS:
+        check_fits(part, width)
+
+
+def test_names_of_parameters_and_files_are_never_left_out(fit: FitResult) -> None:
+    """What a row is of stands in its first columns, and these cannot be spared."""
+    parts = [fit_table(fit), of_check(fit), of_advice(fit), diagnosis_table(diagnoses.diagnosis(fit.rig))]
+    for table in (table for part in parts for table in tables_in(part)):
+        assert table.columns[0].header not in table.spare
+
+
+def test_what_is_spared_first_in_a_fit_is_the_meaning(fit: FitResult) -> None:
+    first, *_ = tables_in(fit_table(fit))
+    assert first.spare[0] == "meaning"
+    assert "meaning" not in render(fit_table(fit), 80).splitlines()[1]
