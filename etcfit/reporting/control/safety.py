@@ -56,7 +56,8 @@ def _seconds(value: float | None) -> str:
 
 def _sensors(design: Design) -> RenderableType:
     settings = design.settings.safety
-    table = plain_table("sensor at 25 %", "opens to %", "jam check s", "opens to %", "two sensors s", "opens to %")
+    table = plain_table("sensor at 25 %", "unchecked\nopens to %", "jam check\nafter s", "\nopens to %",
+                        "two sensors\nafter s", "\nopens to %")  # fmt: skip
     for each in design.safety.sensors:
         table.add_row(each.fault, _pct(each.opens), _seconds(each.jam_after), _pct(each.jam_opens),
                       _seconds(each.apart_after), _pct(each.apart_opens))  # fmt: skip
@@ -67,7 +68,7 @@ def _sensors(design: Design) -> RenderableType:
 
 def _sags(design: Design) -> RenderableType:
     settings = design.settings.safety
-    table = plain_table("supply", "held %", "falls %", "overshoots %", "back s", "integral %", "taken for a jam")
+    table = plain_table("supply", "held %", "falls %", "overshoots %", "back s", "integral %", "seen as jam")
     for each in design.safety.sags:
         trip = "-" if each.false_trip is None else "YES" if each.false_trip else "no"
         table.add_row(each.name, _pct(each.opening), _pct(each.closes), _pct(each.opens), _seconds(each.back_after),
