@@ -17,7 +17,8 @@ from ..control.pid.requirements import Metrics
 from ..control.pid.response import Judged
 from ..control.safety import Safety
 from ..model.feed_forward import as_asked
-from ..reporting.control.verdicts import answer, doubt
+from ..reporting.control.sentence import doubt
+from ..reporting.control.verdicts import answer
 from ..reporting.numbers import short
 from . import words
 from .fit import Fit

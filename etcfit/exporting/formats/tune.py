@@ -36,8 +36,8 @@ def _written(source: Source) -> Mapping[str, Any]:
         raise UsageError(f"The gains of this run are for {written['title']}, whose settings are typed in; a .msq is "
                          f"TunerStudio's. {again}")  # fmt: skip
     if (cautions := source.fitted.state.cautions) and not source.anyway:
-        raise UsageError(f"{' '.join(cautions)} No tune is written with gains made from it. Run `etcfit diagnose`, "
-                         f"then `{source.designing}`; --anyway (Python: anyway=True) writes it all the same.")  # fmt: skip
+        raise UsageError(f"{' '.join(cautions)} No tune is written with gains of it. Run `etcfit diagnose`, then "
+                         f"`{source.designing}`; --anyway (Python: anyway=True) writes it all the same.")  # fmt: skip
     return written
 
 

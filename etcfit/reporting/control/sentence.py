@@ -79,9 +79,9 @@ def _nominal(pid: Mapping[str, Any]) -> str:
     missed = [symbol for symbol, met in (pid.get("met") or {}).items() if not met]
     each = [hardest(figures, {symbol: limits.get(symbol)}) for symbol in missed]
     said = [one.says for one in each if one is not None] + missed_margins(figures, pid.get("margins_asked") or {})
-    return (
-        f"MISS on the nominal model: {', and '.join(said)}" if said else "meet every requirement on the nominal model"
-    )
+    if said:
+        return f"MISS on the nominal model: {', and '.join(said)}"
+    return "meet every requirement on the nominal model"
 
 
 def _corner(pid: Mapping[str, Any]) -> Iterator[str]:

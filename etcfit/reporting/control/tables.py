@@ -26,9 +26,10 @@ from ..numbers import Digits, short
 from .fleet import fleet_table, of_models
 from .parts import parts_table
 from .safety import safety_table
+from .sentence import doubt
 from .snippet import snippet
 from .supply_table import supply_table
-from .verdicts import against_effort, answer, doubt, outside_the_bench, scenario_table, what_is_asked
+from .verdicts import against_effort, answer, outside_the_bench, scenario_table, what_is_asked
 
 
 def reduction_table(fitted: Fitted, reduction: Reduction, pade_order: int) -> RenderableType:

@@ -8,7 +8,6 @@ from rich.text import Text
 
 from ...control.design import Design
 from ...control.pid.requirements import OF_THE_PAPER, REQUIRED, Requirements
-from ...estimation.fit_state import FitState
 from ...run_folder import design_json
 from ..blocks import headed, plain_table
 from ..numbers import short
@@ -68,13 +67,6 @@ def against_effort(design: Design) -> list[str]:
         said.append("within everything else that is asked for, on the nominal model: " + "; ".join(
             f"{short(point.rmse)} % at {short(point.activity, 2)} %" for point in calm))  # fmt: skip
     return said
-
-
-def doubt(state: FitState) -> str:
-    """What stands in place of "met" where the fit is no estimate; "" where it is one."""
-    if state.compromise is not None:
-        return "of a compromise"
-    return "" if state.converged else "not converged"
 
 
 def answer(design: Design) -> str:

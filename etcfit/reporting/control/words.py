@@ -12,6 +12,7 @@ WORDS = {
     "overshoot_pct": ("overshoot", "%"),
     "settling_s": ("settling time", "s"),
     "steady_state_error_pct": ("steady-state error", "%"),
+    "rmse_pct": ("tracking error, root mean square", "%"),
     "duty_activity_pct": ("duty activity at rest", "%"),
     "current_rms_A": ("current, root mean square", "A"),
     "winding_W": ("heat in the winding", "W"),

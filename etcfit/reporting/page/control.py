@@ -7,7 +7,7 @@ from typing import Any
 
 from markupsafe import Markup
 
-from ..control.sentence import cautions, withheld
+from ..control.sentence import doubt, state_of, withheld
 from ..control.words import WORDS
 from .table import Table
 from .typeset import figure, measured, number, polynomial, symbol, unit
@@ -112,7 +112,7 @@ def assumed(pid: Mapping[str, Any]) -> list[str]:
 def metrics_table(pid: Mapping[str, Any]) -> Table | None:
     """How the loop does on the linear and on the nonlinear model, and what was asked of it."""
     linear, nonlinear = (pid.get(key) or {} for key in ("linear", "nonlinear"))
-    required, met, doubts = pid.get("requirements") or {}, pid.get("met") or {}, cautions(pid)
+    required, met, word = pid.get("requirements") or {}, pid.get("met") or {}, doubt(state_of(pid))
     rows = [
         (
             name,
@@ -120,15 +120,14 @@ def metrics_table(pid: Mapping[str, Any]) -> Table | None:
             number(nonlinear.get(key)),
             _most(required.get(key)),
             unit(of),
-            "" if doubts else _met(met, key),
+            _met(met, key, word),
         )
         for key, (name, of) in _METRICS.items()
         if key in linear or key in nonlinear
     ]
     if not rows:
         return None
-    title = "The loop, on a model that is no estimate" if doubts else "The loop"
-    return Table(title, ["", "linear model", "nonlinear model", "required", "unit", "met"], rows)
+    return Table("The loop", ["", "linear model", "nonlinear model", "required", "unit", "met"], rows)
 
 
 def conditions_table(pid: Mapping[str, Any]) -> Table | None:
@@ -136,7 +135,8 @@ def conditions_table(pid: Mapping[str, Any]) -> Table | None:
     found, required = pid.get("conditions"), pid.get("requirements") or {}
     if not found:
         return None
-    rows = [(name, _or_never(found["worst"][key]), _most(required.get(key)), unit(of), "" if cautions(pid) else _met(found["met"], key))
+    word = doubt(state_of(pid))
+    rows = [(name, _or_never(found["worst"][key]), _most(required.get(key)), unit(of), _met(found["met"], key, word))
             for key, (name, of) in _METRICS.items() if key in found["worst"]]  # fmt: skip
     return Table("Away from the bench", ["", "worst corner", "required", "unit", "met"], rows)
 
@@ -168,14 +168,9 @@ def _most(value: float | None) -> str:
     return "" if value is None else f"≤ {figure(number(value))}"
 
 
-def _met(met: Mapping[str, Any], key: str) -> str:
-    """ "yes" or "NO", of one requirement; `met` has it for each requirement, or for each model and requirement."""
-    said = [met[key]] if isinstance(met.get(key), bool) else [m[key] for m in met.values() if _says(m, key)]
-    return "" if not said else ("yes" if all(said) else "NO")
-
-
-def _says(part: Any, key: str) -> bool:
-    return isinstance(part, Mapping) and isinstance(part.get(key), bool)
+def _met(met: Mapping[str, bool], key: str, word: str) -> str:
+    """ "yes" or "NO", of one requirement; a word in their place where the model is no estimate."""
+    return "" if key not in met else word or ("yes" if met[key] else "NO")
 
 
 def supply_table(pid: Mapping[str, Any]) -> Table | None:
