@@ -9,6 +9,9 @@ from ...estimation.fit_state import SOUND, FitState
 from ..numbers import short
 from .words import hardest, missed_margins
 
+CURE = ("Find what the model lacks first (etcfit diagnose), then design again; --anyway gives the gains for an ECU all "
+        "the same.")  # fmt: skip
+
 
 def state_of(made: Mapping[str, Any]) -> FitState:
     """Of the fit behind a plant or gains; sound where their file is older than that."""
@@ -37,8 +40,7 @@ def withheld(pid: Mapping[str, Any]) -> bool:
 
 def why_withheld(pid: Mapping[str, Any]) -> str:
     """Why nothing may be typed in, and what to do."""
-    return (f"No gains for an ECU. {' '.join(cautions(pid))} Find what the model lacks first (etcfit diagnose), then "
-            "design again; --anyway gives them all the same.")  # fmt: skip
+    return f"No gains for an ECU. {' '.join(cautions(pid))} {CURE}"
 
 
 def sentence(pid: Mapping[str, Any]) -> str:

@@ -26,10 +26,10 @@ from ..numbers import Digits, short
 from .fleet import fleet_table, of_models
 from .parts import parts_table
 from .safety import safety_table
-from .sentence import doubt
+from .sentence import CURE, doubt
 from .snippet import snippet
 from .supply_table import supply_table
-from .verdicts import against_effort, answer, outside_the_bench, scenario_table, what_is_asked
+from .verdicts import against_effort, outside_the_bench, scenario_table, what_is_asked
 
 
 def reduction_table(fitted: Fitted, reduction: Reduction, pade_order: int) -> RenderableType:
@@ -158,7 +158,7 @@ def design_table(design: Design) -> RenderableType:
 def _for_an_ecu(design: Design) -> list[RenderableType | None]:
     """What is typed into one, or pasted; else why there is nothing."""
     if design.withheld:
-        return [sentences("Nothing to paste", [answer(design)])]
+        return [sentences("Nothing to paste", [CURE])]
     return [_in_its_own_unit(design), _proposed(design)]
 
 
@@ -183,8 +183,8 @@ def _gains_row(design: Design, tuned: Tuned) -> tuple[str, ...]:
 
 def _figures_table(design: Design) -> RenderableType:
     """Figures of every rule that has gains."""
-    table = plain_table("rule", "overshoot\n%", "settling\ns", "error\n%", "RMSE\n%", "duty\n%", "gain margin\ndB",
-                        "phase margin\ndegrees")  # fmt: skip
+    table = plain_table("rule", "overshoot\n%", "settling\ns", "error\n%", "RMSE\n%", "duty\n%", "gain\nmargin\ndB",
+                        "phase\nmargin\ndegrees")  # fmt: skip
     for tuned in design.tuned.values():
         if (m := tuned.nonlinear) is not None:
             table.add_row(tuned.rule, short(m.overshoot_pct), short(m.settling_s), short(m.steady_state_error_pct),

@@ -61,11 +61,11 @@ def against_effort(design: Design) -> list[str]:
     """What a calmer duty would cost, and what gains without any reserve would win."""
     figures, points = design.chosen.nonlinear, design.front
     assert figures is not None, "the proposed rule has gains"
-    calm = [point for point in points if point.meets]
+    calm = dict.fromkeys((short(point.rmse), short(point.activity, 2)) for point in points if point.meets)
     said = [f"proposed: RMSE {short(figures.rmse_pct)} % at a duty that moves {short(figures.duty_activity_pct, 2)} %"]
     if calm:
-        said.append("within everything else that is asked for, on the nominal model: " + "; ".join(
-            f"{short(point.rmse)} % at {short(point.activity, 2)} %" for point in calm))  # fmt: skip
+        said.append("within everything else that is required, on the nominal model: " + "; ".join(
+            f"{rmse} % at {activity} %" for rmse, activity in calm))  # fmt: skip
     return said
 
 

@@ -44,6 +44,11 @@ class Hardest(NamedTuple):
         return self.figure < self.limit
 
     @property
+    def strain(self) -> float:
+        """The figure over its limit: above 1 it is missed."""
+        return self.figure / self.limit
+
+    @property
     def says(self) -> str:
         """ "overshoot 54.2 %, limit 20 %"."""
         name, unit = WORDS[self.symbol]
@@ -62,7 +67,7 @@ def hardest(figures: Mapping[str, float | None], limits: Mapping[str, float | No
     """
     asked = {symbol: limit for symbol, limit in limits.items() if limit is not None and math.isfinite(limit)}
     every = [Hardest(symbol, _reached(figures.get(symbol)), limit) for symbol, limit in asked.items()]
-    return max(every, key=lambda each: each.figure / each.limit, default=None)
+    return max(every, key=lambda each: each.strain, default=None)
 
 
 def missed_margins(figures: Mapping[str, float | None], asked: Mapping[str, float]) -> list[str]:
