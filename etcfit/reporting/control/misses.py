@@ -10,6 +10,8 @@ from ...control.judged import Tuned
 from ...control.pid.requirements import OF_THE_PAPER, REQUIRED, Requirements
 from .words import Hardest, hardest, missed_margins
 
+UNSTABLE = "UNSTABLE"
+
 
 class Place(NamedTuple):
     """The scenario in which a response comes nearest to a limit, or misses it by most.
@@ -33,7 +35,7 @@ def misses(tuned: Tuned, asked: Requirements, but: Collection[str] = ()) -> list
     """
     assert tuned.nonlinear is not None, "a rule with gains has been tried"
     if not tuned.stable:
-        return ["UNSTABLE"]
+        return [UNSTABLE]
     figures, limits = tuned.nonlinear._asdict(), asdict(asked)
     each = [hardest(figures, {symbol: limits[symbol]}) for symbol in REQUIRED if symbol not in but]
     missed = sorted((one for one in each if one is not None and not one.met), key=lambda one: -one.strain)

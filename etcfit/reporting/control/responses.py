@@ -20,47 +20,58 @@ from ...control.design import Design
 from ...control.judged import Tuned
 from ...control.parts_verdict import OnParts
 from ...control.pid.requirements import OF_THE_PAPER, Requirements
-from ...control.pid.response import LEAST_HELD, LEAST_OVERSHOT, NEGLIGIBLE, SETTLED, TAIL, judge
+from ...control.pid.response import LEAST_HELD, LEAST_OVERSHOT, NEGLIGIBLE, SETTLED, TAIL, Judged, judge
 from ...control.pid.setpoint import Level, Stretch
+from ...model.ecu import Notation
 from .. import style
 from ..numbers import short
 from .fleet import of_models
-from .misses import Place, hardest_place, misses
+from .misses import UNSTABLE, Place, hardest_place, misses
+from .sentence import doubt
 from .words import hardest
 
 _COLUMNS = 2
 _BEFORE = 0.03  # s shown ahead of the change
-_LEFT, _RIGHT = 0.07, 0.985
+_LEFT, _RIGHT = 0.09, 0.985
 
 
 def draw(design: Design) -> Figure:
     """A panel a rule; the proposed one says so."""
     shown = [tuned for tuned in design.tuned.values() if tuned.gains is not None]
     rows = -(-len(shown) // _COLUMNS)
-    tall = 1.5 + 2.75 * rows
+    tall = 1.6 + 2.75 * rows
     fig = style.figure(12.0, tall, design.fitted.config.synthetic)
     panels = list(fig.subplots(rows, _COLUMNS, squeeze=False).flat)
-    fig.subplots_adjust(left=_LEFT, right=_RIGHT, top=1.0 - 1.35 / tall, bottom=0.55 / tall, hspace=0.62, wspace=0.15)
+    fig.subplots_adjust(left=_LEFT, right=_RIGHT, top=1.0 - 1.5 / tall, bottom=0.55 / tall, hspace=0.62, wspace=0.15)
     for panel, tuned in zip(panels, shown, strict=False):
         _panel(panel, design, tuned)
     for panel in panels[len(shown) :]:
         panel.set_visible(False)
+    for panel in panels[: len(shown) : _COLUMNS]:
+        panel.set_ylabel("position − new level\n[% of travel]", fontsize=10)
     for panel in panels[max(0, len(shown) - _COLUMNS) : len(shown)]:
         panel.set_xlabel("time since the setpoint changed [s]")
-    own = design.fitted.config.notation
-    unit = "Kp / Ki / Kd in V/rad, V/(rad s), V s/rad" if own is None else f"P / I / D in {own.title}"
-    title = f"{design.fitted.config.name}  ·  every rule where it is hardest for it  ·  {unit}"
+    own = _notation(design)
+    unit = "Kp, Ki, Kd in V/rad, V/(rad s), V s/rad" if own is None else f"P, I, D in {own.title}"
+    title = f"{design.fitted.config.name}  ·  every rule where it is hardest for it"
     fig.suptitle(title, x=_LEFT, y=1.0 - 0.1 / tall, ha="left", va="top", fontsize=13)
     style.legend(fig, panels[: len(shown)], _LEFT, 1.0 - 0.42 / tall, "upper left")
+    fig.text(_LEFT, 1.0 - 0.72 / tall, f"gains after a rule's name: {unit}", fontsize=9, va="top", color=style.MEASURED)
     style.caution(fig, design.fitted.state.cautions, 1.0 - 0.3 / tall)
     return fig
+
+
+def _notation(design: Design) -> Notation | None:
+    """Of the ECU that the gains are for; None where neither the command nor rig.toml names one, or it may get none."""
+    make = design.task.profile
+    return None if design.withheld else design.fitted.config.notation if make is None else make.notation
 
 
 def _panel(panel: Axes, design: Design, tuned: Tuned) -> None:
     assert tuned.band is not None, "a rule with gains has been tried"
     asked, place = design.task.requirements, hardest_place(tuned, design.task.requirements)
     missed = misses(tuned, asked)
-    panel.set_title(f"{_name(design, tuned)}\n{_verdict(design, tuned, missed, place)}", loc="left", fontsize=10,
+    panel.set_title(f"{_name(design, tuned)}\n{_verdict(design, missed, place)}", loc="left", fontsize=10,
                     color=style.FAILED if missed else "black")  # fmt: skip
     if design.parts is not None:
         panel.text(0.99, 0.95, _on_parts(design.parts.rules[tuned.rule]), transform=panel.transAxes, ha="right",
@@ -76,22 +87,25 @@ def _panel(panel: Axes, design: Design, tuned: Tuned) -> None:
     wanted = design.setpoint.at(np.maximum(time[seen], level.begins - 0.5 * _BEFORE)) - level.after
     panel.plot(since, 100.0 * upwards * wanted, color=style.MEASURED, lw=1.2, label="setpoint")
     draw_band(panel, since, upwards * (band if upwards > 0.0 else band[::-1]), of_models(design))
-    panel.set(xlim=(-_BEFORE, level.ends - level.begins), ylabel="error [% of travel]")
+    panel.set(xlim=(-_BEFORE, level.ends - level.begins))
+    turned = "" if upwards > 0.0 else ", drawn upwards"
+    where = f"{place.scenario}, {100.0 * level.before:.3g} → {100.0 * level.after:.3g} % of travel{turned}"
+    panel.text(0.985, 0.04, where, transform=panel.transAxes, fontsize=9, ha="right", color=style.MEASURED)
     far = _zoom(level, asked, place)
     most = max(far, min(3.0 * far, 1.1 * 100.0 * float(np.max(upwards * band))))
     panel.set_ylim(-far, most)
 
 
 def _level(design: Design, tuned: Tuned, place: Place) -> Level:
-    """The change within a scenario that the median of the draws has the hardest time with."""
+    """The change within a scenario that the draws have the hardest time with."""
     assert tuned.band is not None, "a rule with gains has been tried"
     time = design.setpoint.instants(design.task.ecu.period)
     limit = {place.hardest.symbol: place.hardest.limit}
 
     def strain(level: Level) -> float:
         alone = replace(design.setpoint, levels=(level,), tracked=(Stretch(level.begins, level.ends),))
-        figures = {symbol: float(value) for symbol, value in judge(alone, time, tuned.band[1])._asdict().items()}
-        worst = hardest(figures, limit)
+        figures = [float(np.max(each)) for each in judge(alone, time, tuned.band)]
+        worst = hardest(dict(zip(Judged._fields, figures, strict=True)), limit)
         return 0.0 if worst is None else worst.strain
 
     return max(design.setpoint.only(place.scenario), key=strain)
@@ -145,29 +159,26 @@ def draw_band(panel: Axes, time: np.ndarray, band: np.ndarray, models: str) -> N
 
 
 def _name(design: Design, tuned: Tuned) -> str:
-    """The rule and its gains."""
+    """The rule, its gains, and how many models meet everything; the last not of a model that is no estimate."""
     assert tuned.gains is not None, "a rule that refused is not drawn"
-    own = design.fitted.config.notation
-    gains = " / ".join(short(g) for g in (tuned.gains if own is None else design.written(tuned.gains, own)))
-    return f"{tuned.rule.replace('_', ' ')}{' (proposed)' if tuned is design.chosen else ''}:  {gains}"
-
-
-def _verdict(design: Design, tuned: Tuned, missed: list[str], place: Place | None) -> str:
-    """What it misses, or how narrowly it meets everything, and where."""
-    if not tuned.stable:
-        return "UNSTABLE"
-    if missed and place is not None and not place.hardest.met:
-        return f"misses in {place.scenario}: {place.hardest.says}{_share(design, tuned)}"
-    if missed:
-        return f"misses {missed[0]}{_share(design, tuned)}"
-    narrowly = "" if place is None else f"; hardest in {place.scenario}: {place.hardest.says}"
-    return f"meets all{narrowly}{_share(design, tuned)}"
-
-
-def _share(design: Design, tuned: Tuned) -> str:
-    """Of models that meet everything; nothing where the model is no estimate."""
     assert tuned.probability_met is not None, "a rule with gains has been tried"
+    own = _notation(design)
+    gains = " / ".join(short(g) for g in (tuned.gains if own is None else design.written(tuned.gains, own)))
+    name = f"{tuned.rule.replace('_', ' ')}{' (proposed)' if tuned is design.chosen else ''}:  {gains}"
     if design.origin == "fleet":
         every = design.fleet if tuned is design.chosen else None  # only the proposed gains are tried on all units
-        return f"; met by {100.0 * (tuned.probability_met if every is None else every.share.value):.1f} %"
-    return "" if design.fitted.state.cautions else f"; P(met) {tuned.probability_met:.2f}"
+        return f"{name}   met by {100.0 * (tuned.probability_met if every is None else every.share.value):.1f} %"
+    return name if design.fitted.state.cautions else f"{name}   P(met) {tuned.probability_met:.2f}"
+
+
+def _verdict(design: Design, missed: list[str], place: Place | None) -> str:
+    """What it misses, that of the panel first, or how narrowly it meets everything."""
+    word = doubt(design.fitted.state)
+    if missed == [UNSTABLE]:
+        return UNSTABLE
+    if missed:
+        first = place.hardest.says if place is not None and not place.hardest.met else missed[0]
+        more = f"; and {len(missed) - 1} more" if len(missed) > 1 else ""
+        return f"misses: {first}{more}"
+    met = f"meets all, but {word}" if word else "meets all"
+    return met if place is None else f"{met}; nearest to a limit: {place.hardest.says}"
