@@ -184,9 +184,8 @@ def _back(panel: Axes, design: Design) -> None:
     back = [each.back_after for each in design.safety.sags if each.name == "dip"]
     longest = max((math.inf if after is None else after for after in back), default=0.0)
     said = f"back within {short(longest, 2)} s" if math.isfinite(longest) else "not back"
-    dip = f"after a dip of the supply to {settings.dip:g} V for {1e3 * settings.dip_for:g} ms:\n{said}"
-    panel.text(0.02, 0.74, dip, transform=panel.transAxes, fontsize=10, va="top")
-    _title(panel, "No current: the springs bring the plate back", "short times; a missing point: not back")
+    dip = f"after a dip of the supply ({settings.dip:g} V, {1e3 * settings.dip_for:g} ms) {said}"
+    _title(panel, "No current: the springs bring the plate back", f"short; {dip}")
     panel.legend(loc="upper left")
 
 
@@ -197,8 +196,7 @@ def _held(panel: Axes, design: Design) -> None:
     panel.plot(share, held.current, color=style.READING, label="in the middle of the dry friction")
     panel.axhline(0.0, color=style.MEASURED, lw=0.8)
     panel.set(xlabel="position [% of travel]", ylabel="current that holds the plate [A]")
-    what = f"{short(float(np.max(held.watts)), 2)} W in the winding at most; against a stop at full duty "
-    panel.text(0.98, 0.04, f"{what}{short(held.stall_W, 2)} W ({short(held.stall_A, 2)} A)", transform=panel.transAxes,
-               fontsize=10, ha="right")  # fmt: skip
-    _title(panel, "Holding: current and heat", "small, so that the winding stays cool")
+    heat = (f"small: here {short(float(np.max(held.watts)), 2)} W at most; at full duty against a stop "
+            f"{short(held.stall_W, 2)} W ({short(held.stall_A, 2)} A)")  # fmt: skip
+    _title(panel, "Holding: current, and heat in the winding", heat)
     panel.legend(loc="upper left")

@@ -77,12 +77,10 @@ def _nominal(pid: Mapping[str, Any]) -> str:
     """What they do on the nominal model."""
     if pid.get("stable") is False:
         return "make a loop that is UNSTABLE on the nominal model"
-    figures, limits = pid.get("nonlinear") or {}, pid.get("requirements") or {}
-    missed = [symbol for symbol, met in (pid.get("met") or {}).items() if not met]
-    each = [hardest(figures, {symbol: limits.get(symbol)}) for symbol in missed]
-    said = [one.says for one in each if one is not None] + missed_margins(figures, pid.get("margins_asked") or {})
+    figures = pid.get("nonlinear") or {}
+    said = _missed(figures, pid) + missed_margins(figures, pid.get("margins_asked") or {})
     if said:
-        return f"MISS on the nominal model: {', and '.join(said)}"
+        return f"MISS on the nominal model {' and '.join(said)}"
     return "meet every requirement on the nominal model"
 
 
@@ -91,15 +89,23 @@ def _corner(pid: Mapping[str, Any]) -> Iterator[str]:
     found = pid.get("conditions")
     if not found:
         return
-    at, limits = found["hardest"], pid.get("requirements") or {}
+    at, where = found["hardest"], "in the worst corner outside the bench"
     place = (f"{at['supply_V']:g} V, winding at {at['winding_degC']:g} °C, dry friction {at['friction_over_bench']:g} "
              "times the bench's")  # fmt: skip
-    worst = hardest(found["worst"], limits)
+    worst = hardest(found["worst"], pid.get("requirements") or {})
     if not found["stable"]:
-        yield f"in the worst corner outside the bench the loop is UNSTABLE ({place})"
+        yield f"{where} the loop is UNSTABLE ({place})"
+    elif said := _missed(found["worst"], pid):
+        yield f"{where} they MISS {' and '.join(said)} (hardest at {place})"
     elif worst is not None:
-        does = "they meet everything too" if all(found["met"].values()) else "they MISS"
-        yield f"in the worst corner outside the bench ({place}) {does}: {worst.says}"
+        yield f"{where} they meet every requirement too, most narrowly {worst.says} ({place})"
+
+
+def _missed(figures: Mapping[str, float | None], pid: Mapping[str, Any]) -> list[str]:
+    """Each requirement that figures miss, in words."""
+    limits = pid.get("requirements") or {}
+    each = (hardest(figures, {symbol: limit}) for symbol, limit in limits.items())
+    return [one.says for one in each if one is not None and not one.met]
 
 
 def _chance(pid: Mapping[str, Any]) -> Iterator[str]:

@@ -54,7 +54,7 @@ class Hardest(NamedTuple):
         name, unit = WORDS[self.symbol]
         limit = f"limit {self.limit:g} {unit}"
         if not math.isfinite(self.figure):
-            return f"{'never settles' if self.symbol == 'settling_s' else f'no finite {name}'}, {limit}"
+            return f"{'no settling' if self.symbol == 'settling_s' else f'no finite {name}'}, {limit}"
         return f"{name} {short(self.figure)} {unit}, {limit}"
 
 
