@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 CAPTIONS = {
-    "bode": "The frequency response of the linear model: amplitude in dB and phase in degrees over frequency in Hz, with "
-    "its 95 % interval. Dry friction has no place in it.",
+    "bode": "The frequency response of the linear model: amplitude in dB and phase in degrees over frequency in Hz, "
+    "with its 95 % interval. Dry friction has no place in it.",
     "sines": "The frequency response that the sine traces show, beside that of the model: the distance between them is "
     "what the linear model leaves out.",
     "responses": "Every tuning rule in the scenario that is hardest for it: a response that enters the shaded part "

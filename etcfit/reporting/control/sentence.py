@@ -6,6 +6,7 @@ from collections.abc import Iterator, Mapping
 from typing import Any
 
 from ...estimation.fit_state import SOUND, FitState
+from ...estimation.remedies import listed
 from ..numbers import short
 from .words import hardest, missed_margins
 
@@ -80,7 +81,7 @@ def _nominal(pid: Mapping[str, Any]) -> str:
     figures = pid.get("nonlinear") or {}
     said = _missed(figures, pid) + missed_margins(figures, pid.get("margins_asked") or {})
     if said:
-        return f"MISS on the nominal model {' and '.join(said)}"
+        return f"MISS on the nominal model: {listed(said)}"
     return "meet every requirement on the nominal model"
 
 
@@ -94,11 +95,11 @@ def _corner(pid: Mapping[str, Any]) -> Iterator[str]:
              "times the bench's")  # fmt: skip
     worst = hardest(found["worst"], pid.get("requirements") or {})
     if not found["stable"]:
-        yield f"{where} the loop is UNSTABLE ({place})"
+        yield f"{where} the loop is UNSTABLE, at {place}"
     elif said := _missed(found["worst"], pid):
-        yield f"{where} they MISS {' and '.join(said)} (hardest at {place})"
+        yield f"{where} they MISS: {listed(said)}, hardest at {place}"
     elif worst is not None:
-        yield f"{where} they meet every requirement too, most narrowly {worst.says} ({place})"
+        yield f"{where} they meet every requirement too, most narrowly {worst.says}, at {place}"
 
 
 def _missed(figures: Mapping[str, float | None], pid: Mapping[str, Any]) -> list[str]:

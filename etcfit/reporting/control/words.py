@@ -50,23 +50,24 @@ class Hardest(NamedTuple):
 
     @property
     def says(self) -> str:
-        """ "overshoot 54.2 %, limit 20 %"."""
+        """ "overshoot 54.2 % (limit 20 %)"."""
         name, unit = WORDS[self.symbol]
-        limit = f"limit {self.limit:g} {unit}"
-        if not math.isfinite(self.figure):
-            return f"{'no settling' if self.symbol == 'settling_s' else f'no finite {name}'}, {limit}"
-        return f"{name} {short(self.figure)} {unit}, {limit}"
+        if math.isfinite(self.figure):
+            said = f"{name} {short(self.figure)} {unit}"
+        else:
+            said = "no settling" if self.symbol == "settling_s" else f"no finite {name}"
+        return f"{said} (limit {self.limit:g} {unit})"
 
 
 def hardest(figures: Mapping[str, float | None], limits: Mapping[str, float | None]) -> Hardest | None:
     """The requirement that is missed by most, or met most narrowly; None where nothing has a limit.
 
     Args:
-        figures: by requirement; None or NaN for what is never reached.
+        figures: by requirement; None or NaN for what is never reached. What has no figure is not judged.
         limits: by requirement, what a figure must stay below; None or infinite for none.
     """
     asked = {symbol: limit for symbol, limit in limits.items() if limit is not None and math.isfinite(limit)}
-    every = [Hardest(symbol, _reached(figures.get(symbol)), limit) for symbol, limit in asked.items()]
+    every = [Hardest(symbol, _reached(figures[symbol]), limit) for symbol, limit in asked.items() if symbol in figures]
     return max(every, key=lambda each: each.strain, default=None)
 
 
@@ -77,7 +78,7 @@ def missed_margins(figures: Mapping[str, float | None], asked: Mapping[str, floa
         figures, asked: by margin; a figure is None or infinite where the loop has no such margin.
     """
     less = ((symbol, figures.get(symbol)) for symbol in _MARGINS if symbol in asked)
-    return [f"{WORDS[symbol][0]} {short(value)} {WORDS[symbol][1]}, at least {asked[symbol]:g} {WORDS[symbol][1]} asked"
+    return [f"{WORDS[symbol][0]} {short(value)} {WORDS[symbol][1]} (at least {asked[symbol]:g} {WORDS[symbol][1]})"
             for symbol, value in less if value is not None and value < asked[symbol]]  # fmt: skip
 
 
