@@ -56,6 +56,10 @@ Ecu = Annotated[
     str | None,
     typer.Option(help="That gains are for, as rusefi; a wrong name lists all. Else one of no make.", metavar="NAME"),
 ]
+Anyway = Annotated[
+    bool,
+    typer.Option("--anyway", help="Give gains for an ECU even where the fit did not converge or is a compromise."),
+]
 Advise = Annotated[bool, typer.Option("--advise", help="What one more trace of each test would tell instead.")]
 At = Annotated[
     Path | None,
@@ -351,6 +355,7 @@ def design(
             metavar="RUN",
         ),
     ] = None,
+    anyway: Anyway = False,
     for_fleet: Annotated[
         bool, typer.Option("--fleet", help="RUN is of `etcfit fleet`: gains for 99 % of its units.")
     ] = False,
@@ -385,7 +390,7 @@ def design(
         raise UsageError("--parts and --fleet exclude each other: with --fleet RUN itself is the fleet.")
     with _progress(quiet) as progress:
         asked = {symbol: limit for symbol, limit in limits.items() if limit != inf}
-        request = DesignRequest(rule, adc_bits, terms, asked, given, ecu, log, parts)
+        request = DesignRequest(rule, adc_bits, terms, asked, given, ecu, log, parts, anyway)
         if for_fleet:
             done = stages.design_fleet(run, progress, request)
         else:
@@ -511,12 +516,13 @@ def export(
             help="Your own tune, for msq: a copy of it is changed.", metavar="FILE", exists=True, dir_okay=False
         ),
     ] = None,
+    anyway: Anyway = False,
     quiet: Quiet = False,
 ) -> None:
     """The model in RUN (after a diagnosis, the final one) for another program; says what that format cannot hold."""
     seconds = None if step is None else _seconds("--step", step)
     with _progress(quiet) as progress:
-        done = stages.export_run(stages.opened(run), progress, to, out, seconds, at / 100.0, into)
+        done = stages.export_run(stages.opened(run), progress, to, out, seconds, at / 100.0, into, anyway)
     if done.remark:
         _stderr().print(done.remark, markup=False)
     _tell(done)

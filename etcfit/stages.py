@@ -204,6 +204,7 @@ def export_run(
     step: float | None = None,
     at: float = 0.25,
     into: Path | None = None,
+    anyway: bool = False,
 ) -> Done:
     """The model in a format of another program, with what that format cannot hold as the remark.
 
@@ -214,6 +215,7 @@ def export_run(
         step: of a plant in C, s; the default where None.
         at: share of the travel about which a transfer function is taken.
         into: the user's own file of that format, of which a copy is changed; None for a new file.
+        anyway: write gains into a tune even where the model behind them is no estimate.
     Raises:
         UsageError: no such format, a step outside its range, or a model without what the format needs.
     """
@@ -231,7 +233,8 @@ def export_run(
     from .run_folder import read_design
 
     report(f"exporting to {to}", 0.5)
-    done = exported(result, format_, out or run.path / "export", settings, read_design(run.path), run.path, into)
+    done = exported(result, format_, out or run.path / "export", settings, read_design(run.path), run.path, into,
+                    anyway)  # fmt: skip
     return Done("\n".join(map(str, done.files)), failure(result), "\n".join(done.cannot_hold))
 
 

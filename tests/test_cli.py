@@ -84,7 +84,7 @@ COMMANDS = {
                (Path("bench"), "V", "deg", 0.3, 2)),
     "design": (("design", "bench", "--rule", "simc"), (Path("bench"), DesignRequest("simc", limits=ASKED))),
     "export": (("export", "bench", "--to", "c", "--step", "1ms", "--at", "30"),
-               (Path("bench"), "c", None, 1e-3, 0.3, None)),
+               (Path("bench"), "c", None, 1e-3, 0.3, None, False)),
     "report": (("report", "bench"), (Path("bench"),)),
     "report --interactive": (("report", "bench", "--interactive"), (Path("bench"),)),
 }  # fmt: skip
@@ -111,7 +111,7 @@ def test_what_an_export_cannot_hold_is_told_even_to_the_quiet(invoke, stages: St
     stages.done = Done("out/plant.c", "", "No noise.\nNo [wind].")
     done = invoke("export", "bench", "--to", "c", "--out", "out", "--quiet")
     assert (done.exit_code, done.stdout, done.stderr) == (0, "out/plant.c\n", "No noise.\nNo [wind].\n")
-    assert stages.asked == [(Path("bench"), "c", Path("out"), None, 0.25, None)]
+    assert stages.asked == [(Path("bench"), "c", Path("out"), None, 0.25, None, False)]
 
 
 @pytest.mark.parametrize("words", [words for words, _ in COMMANDS.values()], ids=COMMANDS)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
@@ -96,10 +97,12 @@ def design_of(
     given = (computer, Requirements(**asked.limits), asked.rule, drawn, asked.feed_forward, report,
              settings or DesignSettings(), make, log)  # fmt: skip
     if asked.parts is None:
-        return design(fitted, *given)
-    from ..run_folder.parts import parts_of
+        found = design(fitted, *given)
+    else:
+        from ..run_folder.parts import parts_of
 
-    return design_for_parts(fitted, parts_of(Path(asked.parts)), *given)
+        found = design_for_parts(fitted, parts_of(Path(asked.parts)), *given)
+    return replace(found, anyway=True) if asked.anyway else found
 
 
 def fleet_design_of(

@@ -13,11 +13,12 @@ import pandas as pd
 
 from ..control.design import Design
 from ..control.pid import Gains
-from ..control.pid.gains import UNIT
 from ..control.pid.requirements import Metrics
 from ..control.pid.response import Judged
 from ..control.safety import Safety
 from ..model.feed_forward import as_asked
+from ..reporting.control.sentence import doubt
+from ..reporting.control.verdicts import answer
 from ..reporting.numbers import short
 from . import words
 from .fit import Fit
@@ -142,41 +143,40 @@ class Designed:
             "profile": None if task.profile is None else task.profile.name,
             "log": self.log,
             "parts": None if self.design.parts is None else self.design.parts.where,
+            "anyway": self.design.anyway,
         }
 
     @property
-    def _proposed(self) -> str:
-        gains = ", ".join(f"{k} {short(float(v), 4)}" for k, v in self.gains._asdict().items())
-        met = "meets every requirement" if self.meets_all else f"misses a requirement; {'; '.join(self.limits)}"
-        return f"{self.rule}: {gains} ({UNIT}, s); {met}"
-
-    @property
-    def _alarm(self) -> str:
-        return " ".join(self.fit.cautions)
+    def _verdict(self) -> str:
+        """What is proposed and whether it does what is required; what binds where it does not."""
+        binds = f" What binds: {'; '.join(self.limits)}." if self.limits else ""
+        return answer(self.design) + binds
 
     def __repr__(self) -> str:
         met = [name for name, t in self.design.tuned.items() if t.meets_all]
+        on_the_model = f"every requirement is met on the nominal model by: {', '.join(met) or 'none'}; see .rules"
         return words.block(
             f"PID gains of {words.name_of(self.design.fitted.config)}: {len(self.design.tuned)} rules tried",
-            self._alarm,
-            self._proposed,
-            f"every requirement is met by: {', '.join(met) or 'none'}; see .rules",
+            self._verdict,
+            "see .rules" if self._doubt else on_the_model,
         )
 
     def _repr_html_(self) -> str:
-        rows = [_row(each) for each in self.rules.reset_index().to_dict("records")]
+        rows = [_row(each, self._doubt) for each in self.rules.reset_index().to_dict("records")]
+        alarm, said = (self._verdict, "") if self._doubt else ("", self._verdict)
         return words.card(
-            self.design.fitted.config,
-            "PID gains",
-            words.paragraph(self._proposed),
-            words.table(_HEAD, rows),
-            alarm=self._alarm,
+            self.design.fitted.config, "PID gains", words.paragraph(said), words.table(_HEAD, rows), alarm=alarm
         )
 
+    @property
+    def _doubt(self) -> str:
+        return doubt(self.design.fitted.state)
 
-def _row(r: dict[Hashable, Any]) -> tuple[str, ...]:
+
+def _row(r: dict[Hashable, Any], doubted: str) -> tuple[str, ...]:
     if r["why"]:
         return (r["rule"], *["-"] * 7, r["why"], "-")
     keys = (*Gains._fields, "overshoot_pct", "settling_s", "steady_state_error_pct", "rmse_pct")
     figures = (short(r[key]) for key in keys)
-    return (r["rule"], *figures, "yes" if r["met"] else "no", short(r["probability_met"], 2))
+    verdict = (doubted, "-") if doubted else ("yes" if r["met"] else "no", short(r["probability_met"], 2))
+    return (r["rule"], *figures, *verdict)

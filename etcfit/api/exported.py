@@ -31,6 +31,7 @@ def exported(
     pid: Mapping[str, Any] | None,
     run: Path | None,
     into: Path | None = None,
+    anyway: bool = False,
 ) -> Exported:
     """Write a model in a format.
 
@@ -42,9 +43,10 @@ def exported(
         pid: the object of pid.json; None where no gains were designed.
         run: the run folder, for messages; None where there is none.
         into: the user's own file of that format, of which a copy is changed; None for a new file.
+        anyway: see `Source`.
     """
     from ..exporting import Source, write
 
-    source = Source(result.fitted(), settings, pid, f"etcfit design {run or 'RUN'}", into)
+    source = Source(result.fitted(), settings, pid, f"etcfit design {run or 'RUN'}", into, anyway)
     made = to.export(source)
     return Exported(write(made, folder), made.cannot_hold)

@@ -238,6 +238,7 @@ def design(
     profile: str | None = None,
     log: Folder | None = None,
     parts: Fleet | Folder | None = None,
+    anyway: bool = False,
     quiet: bool = False,
     **ecu: float,
 ) -> Designed:
@@ -258,6 +259,7 @@ def design(
         profile: name of the make of ECU, a key of `etcfit.ECUS`; None for none in particular.
         log: file of a log from the car: the stretch in which most is asked of the plate is one scenario more.
         parts: a fleet of the same design, or its run folder: gains for parts like its units, and how they fare on them.
+        anyway: give what is typed into an ECU even where the fit did not converge or is a compromise.
         quiet: show no progress.
         ecu: what is known of the ECU, by field (`period=1e-3`, `delay=0.0`, ...); see `control.design.ecu_of`.
     Raises:
@@ -279,7 +281,7 @@ def design(
             )
         mine, limits = settings or DesignSettings(), {} if requirements is None else asdict(requirements)
         where = parts.run if isinstance(parts, Fleet) else parts
-        asked = DesignRequest(rule, adc_bits, feed_forward, limits, ecu, profile, log, where)
+        asked = DesignRequest(rule, adc_bits, feed_forward, limits, ecu, profile, log, where, anyway)
         if isinstance(model, Fleet) or (isinstance(model, str | Path) and is_fleet(Path(model))):
             if parts is not None:
                 raise UsageError("parts: the model is a fleet itself. Give one unit's fit, or leave parts out.")
@@ -300,6 +302,7 @@ def export(
     settings: ExportSettings | None = None,
     *,
     into: Folder | None = None,
+    anyway: bool = False,
     quiet: bool = False,
 ) -> Exported:
     """The model in a format of another program.
@@ -311,6 +314,7 @@ def export(
         out: folder of its files; RUN/export of a run folder where None.
         settings: step and operating point; the defaults where None.
         into: file of your own tune, for msq: a copy of it is changed.
+        anyway: write gains into a tune even where the fit did not converge or is a compromise.
         quiet: show no progress.
     Raises:
         UsageError: no such format, or the model lacks what it needs; a model of no run folder, and no `out`.
@@ -332,7 +336,7 @@ def export(
         if not isinstance(fit, Fit):
             raise UsageError("a fleet has no one model to export. Export the fit of one unit.")
         return exported(fit.result, format_, folder, settings or ExportSettings(), pid, run,
-                        None if into is None else Path(into))  # fmt: skip
+                        None if into is None else Path(into), anyway)  # fmt: skip
 
 
 def report(

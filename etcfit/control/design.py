@@ -60,6 +60,7 @@ class Design:
         limits: where the chosen gains miss a requirement, what keeps any gains from meeting it.
         fleet: how they fare unit by unit, where the models are the units of a fleet; else None.
         parts: how every rule fares on the parts of a design, where a fleet tells them; else None.
+        anyway: gains are to be given even where the model behind them is no estimate.
     """
 
     fitted: Fitted
@@ -77,6 +78,12 @@ class Design:
     limits: tuple[str, ...]
     fleet: FleetVerdict | None = None
     parts: PartsVerdict | None = None
+    anyway: bool = False
+
+    @property
+    def withheld(self) -> bool:
+        """Nothing may be typed into an ECU: the model behind the gains is no estimate, and `anyway` is not set."""
+        return bool(self.fitted.state.cautions) and not self.anyway
 
     @property
     def setpoint(self) -> Setpoint:

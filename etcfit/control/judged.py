@@ -61,7 +61,6 @@ class Tuned:
             noise that no search has heard: a plate that sticks slips or does not, as the noise has it.
         probability_stable: share of them whose gain and phase margins are what was asked for.
         band: position of the draws at each tick, quantiles 2.5, 50 and 97.5 %, shares of the travel, shape (3, K).
-        linear_path: the linear plant's position on the paper's trapezoid, which is the first scenario, shape (L,).
     """
 
     rule: str
@@ -75,7 +74,6 @@ class Tuned:
     probability_met: float | None
     probability_stable: float | None
     band: np.ndarray | None
-    linear_path: np.ndarray | None
 
     @property
     def stable(self) -> bool:
@@ -196,13 +194,12 @@ def _tuned(task: Task, name: str, gains: Gains, over_draws: OverDraws, anew: Ove
         probability_met=float(np.mean(anew.met(asked))),
         probability_stable=float(np.mean(stable)),
         band=np.quantile(share, (0.025, 0.5, 0.975), axis=0),
-        linear_path=straight,
     )
 
 
 def _refused(name: str, refusal: Refusal) -> Tuned:
     """A rule without gains."""
-    return Tuned(name, None, refusal.why, None, None, {}, {}, {}, None, None, None, None)
+    return Tuned(name, None, refusal.why, None, None, {}, {}, {}, None, None, None)
 
 
 def below(figures: Any, asked: Requirements, symbol: str) -> Any:

@@ -29,6 +29,7 @@ class Source:
         pid: the object of pid.json; None where no gains were designed.
         designing: the command that designs them, for messages.
         into: the user's own file of that format, of which a copy is changed; None for a new file.
+        anyway: write what is typed into an ECU even where the model behind it is no estimate.
     """
 
     fitted: Fitted
@@ -36,6 +37,7 @@ class Source:
     pid: Mapping[str, Any] | None = None
     designing: str = "etcfit design RUN"
     into: Path | None = None
+    anyway: bool = False
 
     @property
     def values(self) -> Mapping[str, float]:

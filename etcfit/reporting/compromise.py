@@ -9,7 +9,7 @@ from .blocks import sentences
 
 
 def cautioned(part: RenderableType, state: FitState) -> RenderableType:
-    """A table, and below it what a reader must know of the fit behind it."""
+    """A table, and above it what a reader must know of the fit behind it."""
     if not state.cautions:
         return part
-    return Group(part, sentences("Caution", state.cautions) or "")
+    return Group(sentences("Caution", state.cautions) or "", "", part)

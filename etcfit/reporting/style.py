@@ -32,6 +32,7 @@ OPENING, CLOSING = "#0072b2", "#e69f00"
 EFFECTS = ("#009e73", "#d55e00", "#6a3d9a", "#8c510a", "#17becf", "#7f7f00")  # one each
 DRIVE = "#009e73"
 BAND = "#e8e8e8"
+FAILED = "#b2182b"  # what is not met
 TAG = "#cc3399"
 _THIN = 1200  # bins that a long trace is drawn in; a panel has about as many pixels
 

@@ -38,6 +38,7 @@ def design_json(design: Design) -> dict[str, Any]:
         "synthetic": design.fitted.config.synthetic,
         "model": {"effects": [effect.name for effect in design.fitted.free_parameters.layout.types]},
         "fit": design.fitted.state,
+        "anyway": design.anyway,
         "rule": chosen.rule,
         "gains": _gains(chosen.gains),
         "ecu": _native(design, chosen.gains),

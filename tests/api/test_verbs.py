@@ -157,11 +157,11 @@ def test_a_design_has_every_rule_in_a_table(designed: Designed) -> None:
     assert designed.design.draws == designed.design.settings.draws == 30
     assert len(repr(designed)) < 1500
     assert "manual" in designed._repr_html_()
-    assert designed.plot.responses()[0].get_ylabel() == "position [% travel]"
+    assert designed.plot.responses()[0].get_ylabel() == "position − new level\n[% of travel]"
     drawn = [panel for panel in designed.plot.scenarios() if panel.get_visible()]
     assert [panel.get_xlabel() for panel in drawn] == ["time [s]"] * len(designed.scenarios)
-    assert designed.plot.front().get_ylabel() == "tracking error [% of travel, rms]"
-    assert designed.plot.safety()[0].get_xlabel() == "error [% of travel]"
+    assert designed.plot.front().get_ylabel() == "tracking error, root mean square [% of travel]"
+    assert designed.plot.safety()[0].get_xlabel() == "error of the position [% of travel]"
 
 
 @pytest.mark.slow

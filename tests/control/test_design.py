@@ -31,7 +31,10 @@ from etcfit.model.linear import closed_form
 from etcfit.model.throttle import Throttle
 from etcfit.ranges import from_json
 from etcfit.reporting.blocks import render
+from etcfit.reporting.control.misses import hardest_place, misses
+from etcfit.reporting.control.responses import draw
 from etcfit.reporting.control.tables import design_table
+from etcfit.reporting.numbers import short
 from etcfit.run_folder import begin, design_json, finish, load_final, read_draws, reduction_json, rusefi, save_fit
 from firmwares import Fome, PidV1, Rusefi, Settings, Textbook
 
@@ -141,6 +144,31 @@ def made_for(fitted: Fitted, profile: EcuProfile, feed_forward: Asked, rule: str
     ecu = ecu_of(fitted, **profile.completed({"resolution": np.radians(90.0) / 2**12}))
     task = task_of(fitted, ecu, PAPERS, None, feed_forward, replace(BRIEF, draws=5), profile)
     return propose(fitted, task, rule, QUICK, "laplace")
+
+
+@pytest.mark.slow
+def test_rule_names_and_figures_are_whole_in_80_columns(designed: Design) -> None:
+    lines = render(design_table(designed), 80).splitlines()
+    assert max(map(len, lines)) <= 80
+    assert "…" not in "".join(lines)
+    for tuned in designed.tuned.values():
+        (gains, figures) = (line for line in lines if line.startswith(f"{tuned.rule} "))
+        assert tuned.gains is not None
+        assert gains.split()[1:4] == [short(gain) for gain in tuned.gains]
+        assert tuned.nonlinear is not None
+        assert figures.split()[4] == short(tuned.nonlinear.rmse_pct)
+
+
+@pytest.mark.slow
+def test_every_rule_is_drawn_where_it_is_hardest_for_it(designed: Design) -> None:
+    panels = [panel for panel in draw(designed).axes if panel.get_visible()]
+    assert len(panels) == len(designed.tuned)
+    for panel, tuned in zip(panels, designed.tuned.values(), strict=True):
+        place, asked = hardest_place(tuned, designed.task.requirements), designed.task.requirements
+        assert place is not None
+        assert any(text.get_text().startswith(f"{place.scenario}, ") for text in panel.texts)
+        verdict = panel.get_title(loc="left").partition("\n")[2]
+        assert verdict.startswith("misses: " if misses(tuned, asked) else "meets all; hardest: ")
 
 
 @pytest.mark.slow

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -12,18 +12,22 @@ from jsonschema import Draft202012Validator
 
 import etcfit
 import results
+from etcfit.api.control import design_of
 from etcfit.control.design import Design, design, ecu_of
 from etcfit.control.linearise import reduce
+from etcfit.control.request import DesignRequest
 from etcfit.control.settings import DesignSettings, OptimumSettings
 from etcfit.estimation.compromise import Compromise
 from etcfit.estimation.intervals import Z_95, intervals
-from etcfit.estimation.joint_fit import FitResult
+from etcfit.estimation.joint_fit import FitResult, quiet
 from etcfit.files import write_json
+from etcfit.model.ecus import ECUS
 from etcfit.reporting.blocks import render
 from etcfit.reporting.control import bode, responses
+from etcfit.reporting.control.sentence import cautions, sentence
 from etcfit.reporting.control.tables import design_table, reduction_table
-from etcfit.reporting.page.control import cautions
-from etcfit.reporting.page.verdict import gains_sentence
+from etcfit.reporting.control.verdicts import answer
+from etcfit.reporting.page.control import gains_table, metrics_table, settings_table, supply_table
 from etcfit.run_folder import design_json, reduction_json
 
 FAR = "the model is far from the data (chi2/dof 17)"
@@ -87,7 +91,9 @@ def test_its_coefficients_have_wider_errors_and_the_table_the_picture_and_the_fi
 @pytest.fixture(scope="module")
 def designed(sound: FitResult) -> Design:
     fitted = compromised(sound).fitted()
-    return design(fitted, ecu_of(fitted), rule="damping_optimum", settings=BRIEF)
+    made = ECUS["rusefi"]
+    ecu = ecu_of(fitted, **made.completed({}))
+    return design(fitted, ecu, rule="damping_optimum", settings=BRIEF, profile=made)
 
 
 @pytest.mark.slow
@@ -98,13 +104,61 @@ def test_so_do_its_gains(designed: Design, sound: FitResult, tmp_path: Path) -> 
     Draft202012Validator(json.loads((SCHEMAS / "pid.schema.json").read_text(encoding="utf-8"))).validate(found)
     assert found["fit"]["compromise"] == FAR
     shown = " ".join(render(design_table(designed)).split())
-    assert f"a compromise, not estimates: {FAR}" in shown
-    assert "no probability, for the model is not the plant" in shown
+    assert shown.startswith(f"Caution - The parameters behind this are a compromise, not estimates: {FAR}")
+    assert "P(met) are not said of a model that is not the plant" in shown
     drawn = responses.draw(designed)
     assert FAR in " ".join(" ".join(text.get_text() for text in drawn.texts).split())
     assert cautions(found) == compromised(sound).state.cautions
-    assert "says little of the plant" in gains_sentence(found)
-    assert "probability" not in gains_sentence(found)
+    assert "probability" not in sentence(found)
+
+
+PASTED = ("<constant", "etb_pFactor", "ticks of 2.00 ms 0", "ticks of 2.00 ms 1", "continuous time")
+
+
+@pytest.mark.slow
+def test_nothing_of_them_is_to_be_pasted_until_it_is_asked_for(designed: Design) -> None:
+    shown = render(design_table(designed))
+    assert not [each for each in PASTED if each in shown]
+    assert "Nothing to paste" in shown
+    assert "--anyway" in answer(designed)
+    (row,) = (line for line in shown.splitlines() if line.startswith("damping_optimum") and "of a compromise" in line)
+    assert row.split()[-2:] == ["-", "-"]
+    assert not {"yes", "no"} & {word for line in shown.splitlines() for word in line.split() if line.startswith("simc")}
+    found = json.loads(json.dumps(design_json(designed)))
+    assert settings_table(found) is None
+    assert supply_table(found) is None
+    table, loop = gains_table(found), metrics_table(found)
+    assert table is not None
+    assert len(table.rows) == 3  # SI alone
+    assert loop is not None
+    assert {row[-1] for row in loop.rows} == {"", "of a compromise"}
+
+
+@pytest.mark.slow
+def test_asked_for_all_the_same_everything_is_given_and_the_caution_still_comes_first(designed: Design) -> None:
+    asked = replace(designed, anyway=True)
+    shown = render(design_table(asked))
+    assert " ".join(shown.split()).startswith("Caution - The parameters behind this are a compromise")
+    assert [each for each in ("<constant", "etb_pFactor", "continuous time") if each not in shown] == []
+    assert "of a compromise" in shown
+    found = json.loads(json.dumps(design_json(asked)))
+    assert found["anyway"] is True
+    assert settings_table(found) is not None
+    assert answer(asked) == sentence(found)
+    assert "says little of the plant" in answer(asked)
+
+
+def test_what_is_asked_for_reaches_the_gains_and_the_manifest(
+    monkeypatch: pytest.MonkeyPatch, sound: FitResult
+) -> None:
+    @dataclass(frozen=True)
+    class Made:
+        anyway: bool = False
+
+    monkeypatch.setattr("etcfit.control.design.design", lambda *args: Made())
+    for wanted in (DesignRequest(), DesignRequest(anyway=True)):
+        assert design_of(sound.fitted(), wanted, None, quiet).anyway is wanted.anyway
+        assert wanted.recorded()["anyway"] is wanted.anyway
 
 
 @pytest.mark.slow

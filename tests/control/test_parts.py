@@ -192,7 +192,7 @@ def test_file_table_and_picture_say_how_the_parts_fare(compared: Compared, tmp_p
     said = [text.get_text() for text in draw(design).axes[0].texts]
     measured = each.measured.share
     share = f"{100.0 * each.drawn.share.value:.1f} %"
-    assert said == [f"met by {share} of drawn parts, {measured.met} of 24 measured"]
+    assert f"met by {share} of drawn parts, {measured.met} of 24 measured" in said
 
 
 def test_the_share_on_the_parts_does_not_depend_on_the_run_where_the_fleet_tells_everything() -> None:

@@ -30,11 +30,13 @@ from etcfit.control.pid import RULES, Requirements
 from etcfit.control.pid.requirements import REQUIRED
 from etcfit.control.settings import DesignSettings, OptimumSettings
 from etcfit.errors import MeasurementError, UsageError
+from etcfit.estimation.fit_state import FitState
 from etcfit.exporting import FORMATS, Export, Source, named, write
 from etcfit.files import write_json
 from etcfit.model.ecus import ECUS
 from etcfit.model.effects import Inputs, State
 from etcfit.run_folder import finish, read_design
+from etcfit.stages import Done
 
 # constants of a tune that TunerStudio wrote for rusEFI 2022.04.22 (proteus_f4), with their rows: its .ini's names
 INI = {"etb_pFactor": 1, "etb_iFactor": 1, "etb_dFactor": 1, "etb_offset": 1, "etb_periodMs": 1, "etb_minValue": 1,
@@ -193,6 +195,31 @@ def test_the_tune_holds_what_was_designed_under_the_firmware_s_names(name: str) 
 def test_without_gains_for_such_an_ecu_the_tune_is_refused_with_the_command(of: Any, said: str) -> None:
     with pytest.raises(UsageError, match=rf"{said}.*etcfit design RUN --ecu NAME.*rusefi, fome"):
         named("msq").export(exports.source(pid=of))
+
+
+COMPROMISE = FitState(17.0, True, "", "the model is far from the data (chi2/dof 17)")
+
+
+@pytest.mark.parametrize("state", [COMPROMISE, FitState(1.0, False, "out of steps", None)])
+def test_gains_of_a_model_that_is_no_estimate_are_no_tune_unless_asked_for_all_the_same(state: FitState) -> None:
+    sound = exports.source(pid=pid())
+    source = replace(sound, fitted=replace(sound.fitted, state=state))
+    with pytest.raises(UsageError, match=r"No tune is written.*etcfit diagnose.*etcfit design RUN.*--anyway"):
+        named("msq").export(source)
+    export = named("msq").export(replace(source, anyway=True))
+    assert export.cannot_hold[0] == state.cautions[0]
+    assert constants(export.files["etcfit_rusefi.msq"]) == constants(
+        named("msq").export(sound).files["etcfit_rusefi.msq"]
+    )
+
+
+def test_the_command_asks_for_it_by_an_option(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    asked: list[Any] = []
+    monkeypatch.setattr("etcfit.stages.opened", lambda run: run)
+    monkeypatch.setattr("etcfit.stages.export_run", lambda *args: asked.append(args[-1]) or Done("a.msq"))
+    for options in ((), ("--anyway",)):
+        assert CliRunner().invoke(app, ["export", str(tmp_path), "--to", "msq", "-q", *options]).exit_code == 0
+    assert asked == [False, True]
 
 
 @pytest.mark.slow

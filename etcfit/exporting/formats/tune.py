@@ -24,7 +24,7 @@ def _written(source: Source) -> Mapping[str, Any]:
     """Settings of the ECU that the gains were sought for.
 
     Raises:
-        UsageError: there are none, or that ECU has no tune file.
+        UsageError: there are none, that ECU has no tune file, or the model behind them is no estimate.
     """
     again = f"Run `{source.designing} --ecu NAME` with one of {_WITH_TUNE_FILES}."
     if source.pid is None:
@@ -35,6 +35,9 @@ def _written(source: Source) -> Mapping[str, Any]:
     if ecu_named(written["name"]).pasting is not Pasting.TUNE_FILE:
         raise UsageError(f"The gains of this run are for {written['title']}, whose settings are typed in; a .msq is "
                          f"TunerStudio's. {again}")  # fmt: skip
+    if (cautions := source.fitted.state.cautions) and not source.anyway:
+        raise UsageError(f"{' '.join(cautions)} No tune is written with gains of it. Run `etcfit diagnose`, then "
+                         f"`{source.designing}`; --anyway (Python: anyway=True) writes it all the same.")  # fmt: skip
     return written
 
 

@@ -6,21 +6,13 @@ from rich.console import Group, RenderableType
 from rich.text import Text
 
 from ...control.design import Design
-from ...control.fleet_verdict import OddOne, Share
+from ...control.fleet_verdict import STABLE, OddOne, Share
 from ..blocks import headed, plain_table
 from ..numbers import short
+from .words import WORDS
 
 _NAMED = 12  # units in a line
-_WORDS = {
-    "overshoot_pct": ("overshoot", "%"),
-    "settling_s": ("settling", "s"),
-    "steady_state_error_pct": ("steady-state error", "%"),
-    "duty_activity_pct": ("duty", "%"),
-    "current_rms_A": ("rms current", "A"),
-    "winding_W": ("heat in the winding", "W"),
-    "bridge_W": ("heat in the bridge", "W"),
-    "stable": ("gain margin", "dB"),
-}
+_WORDS = WORDS | {STABLE: WORDS["gain_margin_db"]}
 
 
 def of_models(design: Design) -> str:

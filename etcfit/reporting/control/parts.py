@@ -20,17 +20,15 @@ def parts_table(design: Design) -> RenderableType | None:
     if found is None:
         return None
     drawn = next(iter(found.rules.values())).drawn.units
-    table = plain_table("rule", f"of {len(found.units)} units", f"of {len(drawn)} drawn", "largest RMSE %", "drawn",
-                        "worst unit", "hardest for it", "figure", "limit")  # fmt: skip
+    counts = f"met by of\n{len(found.units)} units", f"\n{len(drawn)} drawn"
+    share = plain_table("rule", *counts, "largest RMSE %\nunits", "\ndrawn")
+    worst = plain_table("rule", "worst unit", "hardest for it", "figure", "limit")
     for name, each in found.rules.items():
-        table.add_row(*_row(name, each))
+        largest = (short(float(np.max(on.rmse))) for on in each)
+        share.add_row(name, *(_share(on.share) for on in each), *largest)
+        worst.add_row(name, *hardest(each.worst)[:4])
     said = (Text(f"  {line}") for line in _words(design, found))
-    return headed(f"On the parts of {found.name}", Group(table, *said))
-
-
-def _row(name: str, each: OnParts) -> tuple[str, ...]:
-    worst = (short(float(np.max(on.rmse))) for on in each)
-    return (name, *(_share(on.share) for on in each), *worst, *hardest(each.worst)[:4])
+    return headed(f"On the parts of {found.name}", Group(share, Text(), worst, *said))
 
 
 def _share(share: Share) -> str:

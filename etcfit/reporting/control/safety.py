@@ -56,7 +56,8 @@ def _seconds(value: float | None) -> str:
 
 def _sensors(design: Design) -> RenderableType:
     settings = design.settings.safety
-    table = plain_table("sensor at 25 %", "opens to %", "jam check s", "opens to %", "two sensors s", "opens to %")
+    table = plain_table("sensor at 25 %", "unchecked\nopens to %", "jam check\nafter s", "\nopens to %",
+                        "two sensors\nafter s", "\nopens to %")  # fmt: skip
     for each in design.safety.sensors:
         table.add_row(each.fault, _pct(each.opens), _seconds(each.jam_after), _pct(each.jam_opens),
                       _seconds(each.apart_after), _pct(each.apart_opens))  # fmt: skip
@@ -67,7 +68,7 @@ def _sensors(design: Design) -> RenderableType:
 
 def _sags(design: Design) -> RenderableType:
     settings = design.settings.safety
-    table = plain_table("supply", "held %", "falls %", "overshoots %", "back s", "integral %", "taken for a jam")
+    table = plain_table("supply", "held %", "falls %", "overshoots %", "back s", "integral %", "seen as jam")
     for each in design.safety.sags:
         trip = "-" if each.false_trip is None else "YES" if each.false_trip else "no"
         table.add_row(each.name, _pct(each.opening), _pct(each.closes), _pct(each.opens), _seconds(each.back_after),
@@ -106,78 +107,96 @@ def holding_words(design: Design) -> list[str]:
 
 
 def draw(design: Design) -> Figure:
-    """Envelope and jam check, sensor faults, sags of the supply, return and holding current."""
-    fig = style.figure(12.0, 8.2, design.fitted.config.synthetic)
-    panels = fig.subplots(2, 2)
-    fig.subplots_adjust(left=0.07, right=0.985, top=0.86, bottom=0.08, hspace=0.42, wspace=0.36)
-    for panel, of in zip(panels.flat, (_jam, _runaways, _back, _held), strict=True):
-        of(panel, design)
-    fig.suptitle(f"{design.fitted.config.name}  ·  where something fails: {design.chosen.rule.replace('_', ' ')}",
-                 x=0.07, y=0.985, ha="left", va="top", fontsize=13)  # fmt: skip
-    style.caution(fig, design.fitted.state.cautions, 0.95)
+    """Jam check, sensor faults, spring return and holding current; below each title what would be good."""
+    fig = style.figure(13.0, 10.2, design.fitted.config.synthetic)
+    grid = fig.add_gridspec(2, 2, left=0.065, right=0.985, top=0.85, bottom=0.065, hspace=0.46, wspace=0.34)
+    for place, draw_panel in zip(grid, (_jam, _faults, _back, _held), strict=True):
+        draw_panel(fig.add_subplot(place), design)
+    title = f"where something fails: gains of {design.chosen.rule.replace('_', ' ')}"
+    fig.suptitle(f"{design.fitted.config.name}  ·  {title}", x=0.065, y=0.985, ha="left", va="top", fontsize=13)
+    style.caution(fig, design.fitted.state.cautions, 0.955)
     return fig
+
+
+def _title(panel: Axes, what: str, good: str) -> None:
+    """What a panel shows, and in grey what would be good."""
+    panel.text(0.0, 1.115, what, transform=panel.transAxes, fontsize=12, fontweight="bold")
+    panel.text(0.0, 1.035, f"good: {good}", transform=panel.transAxes, fontsize=10, color=style.MEASURED)
 
 
 def _jam(panel: Axes, design: Design) -> None:
     seen, check, settings = design.safety.envelope, design.safety.jam, design.settings.safety
-    panel.plot(100.0 * seen.errors, seen.longest, color=style.SIMULATED, label="a sound throttle, longest of all")
-    panel.axhline(settings.within, color=style.MEASURED, lw=1.0, ls=":", label=f"allowed: {settings.within:g} s")
-    title = "jam check: none proposed"
+    panel.plot(
+        100.0 * seen.errors, seen.longest, color=style.SIMULATED, label="a sound throttle, longest of all models"
+    )
+    panel.axhline(
+        settings.within, color=style.MEASURED, lw=1.2, ls=":", label=f"slowest allowed: {settings.within:g} s"
+    )
+    title = "Jam check: none proposed"
     if check is not None:
-        panel.plot([100.0 * check.error], [check.timeout], "*", ms=15, color=style.READING, zorder=3, ls="none",
+        panel.plot([100.0 * check.error], [check.timeout], "*", ms=17, color=style.READING, zorder=3, ls="none",
                    label="proposed")  # fmt: skip
-        title = f"jam check: more than {_pct(check.error)} % for {check.timeout:g} s"
+        title = f"Jam check: an error above {_pct(check.error)} % of travel for {check.timeout:g} s"
     panel.set(
-        xlabel="error [% of travel]",
-        ylabel="longest time above it [s]",
+        xlabel="error of the position [% of travel]",
+        ylabel="longest time above that error [s]",
         xscale="log",
         ylim=(0.0, 3.0 * settings.within),
     )
     style.log_ticks(panel.xaxis, panel.get_xlim())
-    panel.set_title(title, loc="left", fontsize=10)
-    panel.legend(loc="upper right", fontsize=8.5)
+    _title(panel, title, "the star above the line (no false alarm) and below the dots")
+    panel.legend(loc="upper right")
 
 
-def _runaways(panel: Axes, design: Design) -> None:
+def _faults(panel: Axes, design: Design) -> None:
+    """A cell a fault and a check: how far the plate opens, and after which time the check has told it."""
     every = design.safety.sensors
-    place = np.arange(len(every))
-    bars = ((-0.27, "opens", style.SIMULATED, "unchecked"), (0.0, "jam_opens", style.CLOSING, "with the jam check"),
-            (0.27, "apart_opens", style.READING, "and two sensors"))  # fmt: skip
-    for shift, name, colour, label in bars:
-        panel.barh(place + shift, [100.0 * getattr(each, name) for each in every], 0.25, color=colour, label=label)
-    panel.plot([100.0 * each.asked for each in every], place, "|", ms=26, color="black", label="asked for")
-    panel.set_yticks(place, [style.wrapped(each.fault, 3.3, 9) for each in every], fontsize=8.5)
-    panel.invert_yaxis()
-    panel.grid(visible=False, axis="y")
-    panel.set(xlabel="widest opening [% of travel]", xlim=(0.0, 102.0))
-    panel.set_title("the position sensor fails", loc="left", fontsize=10, pad=22)
-    panel.legend(loc="lower left", bbox_to_anchor=(-0.02, 1.0), ncols=4, fontsize=8, borderaxespad=0.2, markerscale=0.4,
-                 handlelength=1.2, columnspacing=1.0)  # fmt: skip
+    cells = [
+        [(each.opens, None), (each.jam_opens, each.jam_after), (each.apart_opens, each.apart_after)] for each in every
+    ]
+    beyond = np.array([[opens - each.asked for opens, _ in row] for each, row in zip(every, cells, strict=True)])
+    panel.imshow(np.clip(beyond, 0.0, None), cmap="Reds", vmin=0.0, vmax=1.1, aspect="auto")
+    for k, row in enumerate(cells):
+        for column, (opens, after) in enumerate(row):
+            told = "" if column == 0 else ("\nnot detected" if after is None else f"\nafter {short(after, 2)} s")
+            panel.text(column, k, f"opens to {100.0 * opens:.0f} %{told}", ha="center", va="center", fontsize=10)
+    panel.set_xticks(range(3), ["no check", "jam check", "jam check and\ntwo sensors"], fontsize=10)
+    panel.set_yticks(range(len(every)), [f"{style.wrapped(each.fault, 3.2, 9)}\n(asked: {100.0 * each.asked:.0f} %)"
+                                         for each in every], fontsize=9)  # fmt: skip
+    panel.tick_params(length=0)
+    panel.grid(visible=False)
+    panel.set_xticks(np.arange(2) + 0.5, minor=True)
+    panel.set_yticks(np.arange(len(every) - 1) + 0.5, minor=True)
+    panel.grid(visible=True, which="minor", color="white", lw=2.5)
+    panel.tick_params(which="minor", length=0)
+    _title(panel, "The position sensor fails", "pale, for the plate stays near what is asked for [% of travel]")
 
 
 def _back(panel: Axes, design: Design) -> None:
-    every = design.safety.returns
+    every, settings = design.safety.returns, design.settings.safety
     opening = [100.0 * each.opening for each in every]
-    for name, colour, label in (("cut_s", style.READING, "open terminals"), ("shorted_s", style.SIMULATED, "shorted")):
+    for name, colour, label in (("cut_s", style.READING, "terminals open"),
+                                ("shorted_s", style.SIMULATED, "terminals shorted (they brake)")):  # fmt: skip
         times = [math.nan if getattr(each, name) is None else getattr(each, name) for each in every]
-        panel.plot(opening, times, "o-", color=colour, label=f"spring return, {label}")
-    dips = [each for each in design.safety.sags if each.name == "dip"]
-    panel.plot([100.0 * each.opening for each in dips],
-               [math.nan if each.back_after is None else each.back_after for each in dips], "s--", mfc="white",
-               color=style.MEASURED, label="back after a dip of the supply")  # fmt: skip
-    panel.set(xlabel="from an opening of [% of travel]", ylabel="time until back [s]")
+        panel.plot(opening, times, "o-", color=colour, label=label)
+    panel.set(xlabel="opening at which the current fails [% of travel]", ylabel="time to the rest position [s]")
     panel.set_ylim(bottom=0.0)
-    panel.set_title("without a current, and after a dip", loc="left", fontsize=10)
-    panel.legend(loc="upper left", fontsize=8.5)
+    back = [each.back_after for each in design.safety.sags if each.name == "dip"]
+    longest = max((math.inf if after is None else after for after in back), default=0.0)
+    said = f"back within {short(longest, 2)} s" if math.isfinite(longest) else "not back"
+    dip = f"after a dip of the supply ({settings.dip:g} V, {1e3 * settings.dip_for:g} ms) {said}"
+    _title(panel, "No current: the springs bring the plate back", f"short; {dip}")
+    panel.legend(loc="upper left")
 
 
 def _held(panel: Axes, design: Design) -> None:
     held = design.safety.holding
     share = 100.0 * held.shares
-    panel.fill_between(share, held.closing, held.opening, color=style.BAND, lw=0, label="held by dry friction")
-    panel.plot(share, held.current, color=style.READING, label="in its middle")
+    panel.fill_between(share, held.closing, held.opening, color=style.BAND, lw=0, label="dry friction holds the plate")
+    panel.plot(share, held.current, color=style.READING, label="in the middle of the dry friction")
     panel.axhline(0.0, color=style.MEASURED, lw=0.8)
-    panel.set(xlabel="position [% of travel]", ylabel="holding current [A]")
-    panel.set_title(f"holding: {short(float(np.max(held.watts)))} W at most; full duty {short(held.stall_A)} A, "
-                    f"{short(held.stall_W)} W", loc="left", fontsize=10)  # fmt: skip
-    panel.legend(loc="lower right", fontsize=8.5)
+    panel.set(xlabel="position [% of travel]", ylabel="current that holds the plate [A]")
+    heat = (f"small: here {short(float(np.max(held.watts)), 2)} W at most; at full duty against a stop "
+            f"{short(held.stall_W, 2)} W ({short(held.stall_A, 2)} A)")  # fmt: skip
+    _title(panel, "Holding: current, and heat in the winding", heat)
+    panel.legend(loc="upper left")

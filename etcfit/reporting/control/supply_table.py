@@ -25,7 +25,8 @@ def supply_table(task: Task, gains: Gains, table: SupplyTable) -> RenderableType
     assert words is not None, "there is always something to say"
     if profile is not None and profile.scheduling in _NOWHERE:
         return words
-    shown = plain_table("gain", *(f"{supply:g} V" for supply in written["supply_V"]), "unit")
+    shown = plain_table("gain", *(f"{supply:g} V" for supply in written["supply_V"]))
     for name, row in written["gains"].items():
-        shown.add_row(name, *(short(gain, 4) for gain in row), f"{written['unit']}, {written['form']}")
-    return Group(headed("Gains over the supply that keep the loop what it is", shown), words)
+        shown.add_row(name, *(short(gain, 4) for gain in row))
+    unit = f"{written['unit']}, {written['form']}"
+    return Group(headed(f"Gains over the supply that keep the loop what it is, in {unit}", shown), words)

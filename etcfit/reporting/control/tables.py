@@ -26,6 +26,7 @@ from ..numbers import Digits, short
 from .fleet import fleet_table, of_models
 from .parts import parts_table
 from .safety import safety_table
+from .sentence import CURE, doubt
 from .snippet import snippet
 from .supply_table import supply_table
 from .verdicts import against_effort, outside_the_bench, scenario_table, what_is_asked
@@ -69,23 +70,18 @@ def _extra(reduction: Reduction, pade_order: int) -> str:
 
 
 def sine_table(response: FrequencyResponse) -> RenderableType:
-    """A row a sine trace: the loop and the plant as measured, how far from a sine, how far off the models are."""
-    table = plain_table("trace", "Hz", "cycles", "loop dB", "phase deg", "outside %", "plant dB", "phase deg",
-                        "fitted dB", "deg", "linear dB", "deg")  # fmt: skip
+    """A row a sine trace: the loop as measured, then the plant and how far off the models are."""
+    loop = plain_table("trace", "Hz", "cycles", "loop dB", "phase deg", "outside %")
+    plant = plain_table("trace", "plant dB", "phase deg", "fitted dB", "deg", "linear dB", "deg")
     points = response.points
     loops = phases([point.closed_loop.value for point in points])
     plants = phases([plant and plant.value for plant in response.plants])
-    for k, (point, plant) in enumerate(zip(points, response.plants, strict=True)):
-        table.add_row(
-            PurePosixPath(point.measurement.file).stem,
-            short(point.frequency),
-            str(point.window.cycles),
-            *_with_margins(point.closed_loop, float(loops[k])),
-            short(100.0 * point.waves.outside[POSITION], 2),
-            *(("-", "-") if plant is None else _with_margins(plant, float(plants[k]))),
-            *_off(plant, response.nonlinear[k]),
-            *_off(plant, response.linear_plant[k]),
-        )
+    for k, (point, one) in enumerate(zip(points, response.plants, strict=True)):
+        name, outside = PurePosixPath(point.measurement.file).stem, short(100.0 * point.waves.outside[POSITION], 2)
+        loop.add_row(name, short(point.frequency), str(point.window.cycles),
+                     *_with_margins(point.closed_loop, float(loops[k])), outside)  # fmt: skip
+        plant.add_row(name, *(("-", "-") if one is None else _with_margins(one, float(plants[k]))),
+                      *_off(one, response.nonlinear[k]), *_off(one, response.linear_plant[k]))  # fmt: skip
     orders = [response.order.says]
     if response.plant_order is not None:
         orders.append(f"Of the plant alone: {response.plant_order.says}")
@@ -96,7 +92,8 @@ def sine_table(response: FrequencyResponse) -> RenderableType:
         f"{100.0 * response.share:.0f} % travel, less the measured one; the linear one knows no dry friction",
     ]
     parts = [
-        headed("Response to sines", table) if points else None,
+        headed("Response to sines: the loop", loop) if points else None,
+        headed("Response to sines: the plant", plant) if points else None,
         sentences("How to read it", words if points else ()),
         sentences("Order of lag", orders),
         sentences("Left out", response.warnings),
@@ -118,39 +115,37 @@ def _off(measured: Ratio | None, modelled: complex | None) -> tuple[str, str]:
 
 
 def design_table(design: Design) -> RenderableType:
-    """Every rule beside the others, then the proposed gains in the units of an ECU."""
-    task, config = design.task, design.fitted.config
-    table = plain_table("rule", "Kp", "Ki", "Kd", "overshoot %", "settling s", "error %", "RMSE %", "duty %", "GM dB",
-                        "PM deg", "met", "margins", "units" if of_models(design) == "units" else "P(met)")  # fmt: skip
-    for tuned in design.tuned.values():
-        table.add_row(*_row(tuned, task.requirements))
+    """Every rule beside the others, then the proposed gains in the units of an ECU.
+
+    Of a model that is no estimate the caution stands first, and what an ECU would take is left out unless it is asked
+    for all the same (`Design.withheld`).
+    """
+    task = design.task
     asked = task.requirements
     source = "posterior" if design.origin == "posterior" else "the fit's Laplace approximation"
     if design.fitted.state.compromise is not None:
-        source += (
-            ", as wide as the ranges that subsets of the data give; no probability, for the model is not the plant"
-        )
+        source += ", as wide as the ranges that subsets of the data give"
     words = [
-        f"V/rad, V/(rad s), V s/rad; figures of the nonlinear model, worst of {len(design.setpoint.scenarios)} "
-        "scenarios; RMSE of the trapezoid of 5 to 45 % at 1 Hz, or of the log where that is larger; a settling time of "
+        f"figures are of the nonlinear model, the worst of {len(design.setpoint.scenarios)} scenarios; RMSE is the "
+        "tracking error on the trapezoid of 5 to 45 % at 1 Hz, or on the log where that is larger; a settling time of "
         "-: not settled before the setpoint changes again; duty %: its standard deviation while the setpoint rests",
-        f"asked: {what_is_asked(asked)}; margins {asked.gain_margin_db:g} dB, {asked.phase_margin_deg:g} degrees",
+        f"required: {what_is_asked(asked)}; margins {asked.gain_margin_db:g} dB, {asked.phase_margin_deg:g} degrees",
         _judges(design, source),
         *_computer(design),
     ]
     refused = [f"{t.rule}: {t.why}" for t in design.tuned.values() if t.gains is None]
     parts = [
-        rig_title(config, "PID gains"),
-        table,
+        rig_title(design.fitted.config, "PID gains"),
+        _gains_table(design),
+        headed("What they do", _figures_table(design)),
         sentences("How to read it", words),
         sentences("No gains", refused),
-        _in_its_own_unit(design),
-        _proposed(design),
+        *_for_an_ecu(design),
         fleet_table(design),
         scenario_table(design),
         sentences("Outside the bench", outside_the_bench(design)),
         parts_table(design),
-        supply_table(task, design.proposed, design.supply_table),
+        None if design.withheld else supply_table(task, design.proposed, design.supply_table),
         sentences("Tracking against effort", against_effort(design)),
         safety_table(design),
         sentences(
@@ -160,8 +155,48 @@ def design_table(design: Design) -> RenderableType:
     return cautioned(Group(*(part for part in parts if part is not None)), design.fitted.state)
 
 
+def _for_an_ecu(design: Design) -> list[RenderableType | None]:
+    """What is typed into one, or pasted; else why there is nothing."""
+    if design.withheld:
+        return [sentences("Nothing to paste", [CURE])]
+    return [_in_its_own_unit(design), _proposed(design)]
+
+
+def _gains_table(design: Design) -> RenderableType:
+    """Gains of every rule, and whether they do what is required."""
+    share = "units" if of_models(design) == "units" else "P(met)"
+    table = plain_table("rule", "Kp\nV/rad", "Ki\nV/(rad s)", "Kd\nV s/rad", "met", "margins", share)
+    for tuned in design.tuned.values():
+        table.add_row(*_gains_row(design, tuned))
+    return table
+
+
+def _gains_row(design: Design, tuned: Tuned) -> tuple[str, ...]:
+    if tuned.gains is None or tuned.nonlinear is None:
+        return (tuned.rule, *["-"] * 6)
+    gains = (short(g) for g in tuned.gains)
+    if word := doubt(design.fitted.state):  # what a model that is no estimate meets is no success
+        return (tuned.rule, *gains, word if tuned.stable else "unstable", "-", "-")
+    safe = "yes" if _safe(tuned.nonlinear, design.task.requirements) else "no"
+    return (tuned.rule, *gains, _met(tuned), safe, f"{tuned.probability_met:.2f}")
+
+
+def _figures_table(design: Design) -> RenderableType:
+    """Figures of every rule that has gains."""
+    table = plain_table("rule", "overshoot\n%", "settling\ns", "error\n%", "RMSE\n%", "duty\n%", "gain\nmargin\ndB",
+                        "phase\nmargin\ndegrees")  # fmt: skip
+    for tuned in design.tuned.values():
+        if (m := tuned.nonlinear) is not None:
+            table.add_row(tuned.rule, short(m.overshoot_pct), short(m.settling_s), short(m.steady_state_error_pct),
+                          short(m.rmse_pct), short(m.duty_activity_pct, 2), short(m.gain_margin_db),
+                          short(m.phase_margin_deg))  # fmt: skip
+    return table
+
+
 def _judges(design: Design, source: str) -> str:
     """The models beside the nominal one."""
+    if doubt(design.fitted.state):
+        return f"met, margins and P(met) are not said of a model that is not the plant; the draws are from {source}"
     what = f"share of {design.draws} models whose response meets everything and whose linear loop is stable; "
     if design.origin == "fleet":
         return f"units: {what}the mean unit, on which all other figures are, then extreme and random ones of the fleet"
@@ -197,16 +232,6 @@ def _habits(ecu: Ecu) -> Iterator[str]:
     if ecu.derivative_weight != 1.0:
         yield "derivative of the position alone" if ecu.derivative_weight == 0.0 else (
             f"derivative of {short(ecu.derivative_weight)} setpoint - position")  # fmt: skip
-
-
-def _row(tuned: Tuned, asked: Requirements) -> tuple[str, ...]:
-    if tuned.gains is None or tuned.nonlinear is None:
-        return (tuned.rule, *["-"] * 13)
-    m = tuned.nonlinear
-    gains = (short(g) for g in tuned.gains)
-    return (tuned.rule, *gains, short(m.overshoot_pct), short(m.settling_s), short(m.steady_state_error_pct),
-            short(m.rmse_pct), short(m.duty_activity_pct, 2), short(m.gain_margin_db), short(m.phase_margin_deg),
-            _met(tuned), "yes" if _safe(m, asked) else "no", f"{tuned.probability_met:.2f}")  # fmt: skip
 
 
 def _met(tuned: Tuned) -> str:
@@ -276,9 +301,11 @@ def _spring(design: Design) -> str:
 def _curve(design: Design) -> RenderableType:
     """Duty that holds the plate, and at which it begins to move."""
     bias, supply = design.bias, design.task.ecu.supply
-    table = plain_table("bias curve", *(short(100.0 * x, 4) for x in design.task.loop.share(bias.angles)), "% travel")
-    for name, volts in (("holding", bias.hold), ("opening", bias.opening), ("closing", bias.closing)):
-        table.add_row(f"{name} duty", *(short(100.0 * v / supply, 4) for v in volts), "%")
+    table = plain_table("bias curve at, % of travel", "holding duty %", "opening %", "closing %")
+    table.columns[0].justify = "right"
+    places = design.task.loop.share(bias.angles)
+    for place, *volts in zip(places, bias.hold, bias.opening, bias.closing, strict=True):
+        table.add_row(short(100.0 * float(place), 4), *(short(100.0 * float(v) / supply, 4) for v in volts))
     return table
 
 

@@ -7,35 +7,22 @@ from typing import Any
 
 from markupsafe import Markup
 
-from ...estimation.fit_state import FitState
+from ..control.sentence import doubt, state_of, withheld
+from ..control.words import WORDS
 from .table import Table
 from .typeset import figure, measured, number, polynomial, symbol, unit
 
-_METRICS = {
-    "overshoot_pct": ("overshoot", "%"),
+_METRICS = WORDS | {
     "settling_s": ("settling time, 2 %", "s"),
-    "steady_state_error_pct": ("steady-state error", "%"),
-    "rmse_pct": ("RMSE (Eq. 9)", "%"),
-    "gain_margin_db": ("gain margin", "dB"),
+    "rmse_pct": ("tracking error, root mean square (Eq. 9)", "%"),
     "phase_margin_deg": ("phase margin", "°"),
     "duty_activity_pct": ("duty at rest, standard deviation", "%"),
-    "current_rms_A": ("rms current", "A"),
-    "winding_W": ("heat in the winding", "W"),
-    "bridge_W": ("heat in the bridge", "W"),
 }
 _EFFORT = ("duty_activity_pct", "current_rms_A", "winding_W", "bridge_W")  # of the nonlinear model alone
 _ECU = {"P": "", "I": "", "D": "", "period_s": "s"}
 _GAINS = {"Kp": "{}", "Ki": "({})/s", "Kd": "({}) · s"}  # of the unit of the proportional one
 _NOWHERE = ("none", "unknown")  # of ECUs, a place for a table of gains
 _POINT_UNITS = {"pct": "%", "deg": "°"}
-
-
-def cautions(made: Mapping[str, Any]) -> tuple[str, ...]:
-    """What a reader must know of the fit behind a plant or gains; nothing where their file is older than that."""
-    state = made.get("fit")
-    if not state:
-        return ()
-    return FitState(state["chi2_per_dof"], state["converged"], state["reason"], state["compromise"]).cautions
 
 
 def formula(plant: Mapping[str, Any]) -> dict[str, Markup] | None:
@@ -84,7 +71,10 @@ def pole(real: float, imaginary: float) -> str:
 
 
 def gains_table(pid: Mapping[str, Any]) -> Table | None:
-    """The gains, and as the ECU wants them; also in the user's own unit and form where rig.toml names these."""
+    """The gains, and as the ECU wants them; also in the user's own unit and form where rig.toml names these.
+
+    Of a model that is no estimate in SI alone, see `withheld`.
+    """
     if not pid:
         return None
     of = str(pid["gains"].get("unit") or "")
@@ -92,19 +82,20 @@ def gains_table(pid: Mapping[str, Any]) -> Table | None:
         (symbol(f"{name[0]}_{name[1]}"), number(pid["gains"][name], 4), form.format(unit(of)) if of else "")
         for name, form in _GAINS.items()
     ]
-    ecu = pid.get("ecu") or {}
+    typed_in = {} if withheld(pid) else pid
+    ecu = typed_in.get("ecu") or {}
     rows += [(f"ECU {name.removesuffix('_s')}", number(ecu[name], 4), of) for name, of in _ECU.items()
              if ecu.get(name) is not None]  # fmt: skip
-    mine = pid.get("as_written") or {}
+    mine = typed_in.get("as_written") or {}
     rows += [(f"{name}, as [ecu] of rig.toml writes it", number(mine[name], 4), f"{mine['unit']}, {mine['form']}")
              for name in "PID" if mine]  # fmt: skip
     return Table(f"Gains by the rule “{pid.get('rule', '?').replace('_', ' ')}”", ["", "value", "unit"], rows)
 
 
 def settings_table(pid: Mapping[str, Any]) -> Table | None:
-    """What the make of ECU is given that was named, in its own words; None where none was."""
+    """What the make of ECU is given that was named, in its own words; None where none was, or nothing may be given."""
     written = pid.get("profile")
-    if not written:
+    if not written or withheld(pid):
         return None
     settings = (written["gains"] | written["limits"]).items()
     rows: list[tuple[Any, ...]] = [(name, number(each["value"], 5), each["unit"]) for name, each in settings]
@@ -121,7 +112,7 @@ def assumed(pid: Mapping[str, Any]) -> list[str]:
 def metrics_table(pid: Mapping[str, Any]) -> Table | None:
     """How the loop does on the linear and on the nonlinear model, and what was asked of it."""
     linear, nonlinear = (pid.get(key) or {} for key in ("linear", "nonlinear"))
-    required, met = pid.get("requirements") or {}, pid.get("met") or {}
+    required, met, word = pid.get("requirements") or {}, pid.get("met") or {}, doubt(state_of(pid))
     rows = [
         (
             name,
@@ -129,7 +120,7 @@ def metrics_table(pid: Mapping[str, Any]) -> Table | None:
             number(nonlinear.get(key)),
             _most(required.get(key)),
             unit(of),
-            _met(met, key),
+            _met(met, key, word),
         )
         for key, (name, of) in _METRICS.items()
         if key in linear or key in nonlinear
@@ -144,7 +135,8 @@ def conditions_table(pid: Mapping[str, Any]) -> Table | None:
     found, required = pid.get("conditions"), pid.get("requirements") or {}
     if not found:
         return None
-    rows = [(name, _or_never(found["worst"][key]), _most(required.get(key)), unit(of), _met(found["met"], key))
+    word = doubt(state_of(pid))
+    rows = [(name, _or_never(found["worst"][key]), _most(required.get(key)), unit(of), _met(found["met"], key, word))
             for key, (name, of) in _METRICS.items() if key in found["worst"]]  # fmt: skip
     return Table("Away from the bench", ["", "worst corner", "required", "unit", "met"], rows)
 
@@ -176,20 +168,15 @@ def _most(value: float | None) -> str:
     return "" if value is None else f"≤ {figure(number(value))}"
 
 
-def _met(met: Mapping[str, Any], key: str) -> str:
-    """ "yes" or "NO", of one requirement; `met` has it for each requirement, or for each model and requirement."""
-    said = [met[key]] if isinstance(met.get(key), bool) else [m[key] for m in met.values() if _says(m, key)]
-    return "" if not said else ("yes" if all(said) else "NO")
-
-
-def _says(part: Any, key: str) -> bool:
-    return isinstance(part, Mapping) and isinstance(part.get(key), bool)
+def _met(met: Mapping[str, bool], key: str, word: str) -> str:
+    """ "yes" or "NO", of one requirement; a word in their place where the model is no estimate."""
+    return "" if key not in met else word or ("yes" if met[key] else "NO")
 
 
 def supply_table(pid: Mapping[str, Any]) -> Table | None:
     """The gains over the supply; None where the ECU that was named has nowhere to type them, or none were made."""
     written = pid.get("supply_table")
-    if not written or written["ecu_has"] in _NOWHERE:
+    if not written or written["ecu_has"] in _NOWHERE or withheld(pid):
         return None
     rows = [(name, *(number(gain, 4) for gain in row), f"{written['unit']}, {written['form']}")
             for name, row in written["gains"].items()]  # fmt: skip

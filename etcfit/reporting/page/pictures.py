@@ -8,6 +8,8 @@ from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
+from ..control.captions import CAPTIONS
+
 BUDGET = 4_500_000  # bytes of the page that pictures may take; docs/commands/report.md promises less than 5 MB in all
 _COLOURS = 64  # of a plot: enough for lines, bands and the grey of their edges
 
@@ -30,7 +32,7 @@ class Picture:
     """A picture in the page.
 
     Args:
-        name: what it shows, of its file's name.
+        name: what it shows, a sentence or its file's name in words.
         uri: data URI.
         width, height: px.
     """
@@ -95,7 +97,7 @@ def carried(path: Path) -> Picture:
         few.save(buffer, format="PNG")
         width, height = image.size
     text = base64.b64encode(buffer.getvalue()).decode("ascii")
-    return Picture(_spoken(path.stem), f"data:image/png;base64,{text}", width, height)
+    return Picture(_caption(path), f"data:image/png;base64,{text}", width, height)
 
 
 def _folders(base: Path) -> Iterator[tuple[str, str]]:
@@ -110,5 +112,8 @@ def _inside(base: Path) -> Iterable[Path]:
     return sorted(path for path in base.rglob("*") if path.is_dir())
 
 
-def _spoken(stem: str) -> str:
-    return " · ".join(part.replace("_", " ") for part in stem.split("__"))
+def _caption(path: Path) -> str:
+    """A sentence, or the file's name in words where there is none."""
+    if path.parent.name == "control" and path.stem in CAPTIONS:
+        return CAPTIONS[path.stem]
+    return " · ".join(part.replace("_", " ") for part in path.stem.split("__"))

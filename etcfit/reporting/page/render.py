@@ -6,13 +6,13 @@ from collections.abc import Iterator, Mapping
 from itertools import chain
 from typing import Any
 
+from ..control.sentence import cautions, why_withheld, withheld
 from ..html import environment
 from ..likely import in_words
 from .car_log import to_record
 from .contents import Contents, logs_of
 from .control import (
     assumed,
-    cautions,
     conditions_asked,
     conditions_table,
     formula,
@@ -91,7 +91,7 @@ def _parts(contents: Contents, budget: int) -> dict[str, Any]:
         "tables_of_gains": tables_of_gains(pid),
         "jam_check": jam_check(pid),
         "safety": safety_tables(pid),
-        "gains_cautions": cautions(pid),
+        "gains_cautions": (why_withheld(pid),) if withheld(pid) else cautions(pid),
         "warnings": [*stale(contents), *_warnings(contents)],
         "to_record": to_record(logs_of(contents.run)),
         "groups": groups(contents.run, budget),

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from typing import Any
 
-from markupsafe import Markup
+from markupsafe import Markup, escape
 
 from ...diagnosis.probabilities import UNEXPLAINED
 from ...estimation.contradiction import digits_apart
@@ -13,6 +13,7 @@ from ...estimation.joint_fit import MISFIT
 from ...estimation.remedies import listed
 from ...problem.prediction_error import pooled
 from ...rig.finding import ALLOWED_FOR
+from ..control.sentence import sentence
 from ..numbers import is_share
 from .contents import Contents, rows_of
 from .typeset import number, symbol, symbols, unit
@@ -22,8 +23,8 @@ NOISE = 1.2  # chi2 per degree of freedom up to which nothing but noise is left
 
 def verdict(contents: Contents) -> tuple[Markup, ...]:
     """The sentences at the top of the page."""
-    known = _knows(contents) + gains_sentence(contents.get("pid")) + Markup(".")
-    return _fits(contents), _predicts(contents), *_left(contents), *_mistakes(contents), *_contradicts(contents), known
+    found = (*_left(contents), *_mistakes(contents), *_contradicts(contents))
+    return _fits(contents), _predicts(contents), *found, _knows(contents) + Markup("."), *_gains(contents)
 
 
 def left_unexplained(contents: Contents) -> float | None:
@@ -140,34 +141,7 @@ def _free(parameters: Mapping[str, Any]) -> Iterator[tuple[str, Any]]:
     return ((s, p) for s, p in parameters.items() if p["status"] in ("estimated", "not identifiable", "compromise"))
 
 
-def gains_sentence(pid: Mapping[str, Any]) -> Markup:
-    if not pid:
-        return Markup("")
-    gains, chance = pid["gains"], (pid.get("posterior") or {}).get("probability_met")
-    missed = [name.replace("_", " ") for name, met in _flat(pid.get("met") or {}) if met is False]
-    text = Markup("; the gains <i>K</i><sub>p</sub> {}, <i>K</i><sub>i</sub> {}, <i>K</i><sub>d</sub> {} {}").format(
-        *(number(gains[key]) for key in ("Kp", "Ki", "Kd")),
-        f"miss the requirement on {listed(dict.fromkeys(missed))}" if missed else "meet every requirement",
-    )
-    if (pid.get("fit") or {}).get("compromise"):
-        return text + Markup(
-            ", on a model whose parameters are a <strong>compromise</strong>; that says little of the plant"
-        )
-    text += "" if chance is None else f", with probability {number(chance, 2)} over draws of the parameters"
-    return text + _on_parts(pid)
-
-
-def _on_parts(pid: Mapping[str, Any]) -> str:
-    """On how many of the parts of the design, where a fleet tells them."""
-    if not pid.get("parts"):
-        return ""
-    share = pid["parts"]["rules"][pid["rule"]]["drawn"]["share_met"]
-    return f" and on {100.0 * share:.0f} % of parts drawn from the fleet “{pid['parts']['name']}”"
-
-
-def _flat(met: Mapping[str, Any]) -> Iterator[tuple[str, Any]]:
-    for name, value in met.items():
-        if isinstance(value, Mapping):
-            yield from _flat(value)
-        else:
-            yield name, value
+def _gains(contents: Contents) -> Iterator[Markup]:
+    """The one verdict on the gains, as terminal and notebook have it."""
+    if pid := contents.get("pid"):
+        yield escape(sentence(pid))

@@ -82,7 +82,8 @@ def test_it_says_what_the_files_say(full: Path) -> None:
     assert "SYNTHETIC DATA" in text
     for said in ("limp home spring", "limp home spring = backlash", "a slow ramp through the default angle",
                  "A torque that depends on angle", "explains most <of it>", "not identifiable", "ziegler nichols",
-                 "103.9", "miss the requirement on settling s", "probability 0.040", "it was 40.0 σ",
+                 "103.9", "MISS on the nominal model: settling time 0.310 s (limit 0.2 s)", "probability 0.040",
+                 "it was 40.0 σ",
                  "about angle 0.440 rad, angle 25.2 %;", "(V/rad)/s", "(V/rad) · s", "in red where fit, profile and",
                  "one-sided", "open-loop static gain", "1.722", "sine/2_Hz.csv", "0.83 ± 0.079", "−28.6 ± 0.57",
                  "−20.00",
@@ -101,10 +102,10 @@ def test_a_posterior_that_takes_formulas_as_exact_says_so(full: Path) -> None:
     assert "formulas of effects taken as exact (the intervals above allow for inexact ones)" in read(full).text
 
 
-def test_the_verdict_is_three_sentences_and_names_what_is_lost(full: Path) -> None:
+def test_the_verdict_is_four_sentences_and_names_what_is_lost(full: Path) -> None:
     page = write_page(full).path.read_text(encoding="utf-8")
     verdict = page.partition('aria-label="Verdict"')[2].partition("</section>")[0]
-    assert verdict.count("<p>") == 3
+    assert verdict.count("<p>") == 4
     assert "<i>B</i><sub>L</sub>" in verdict
 
 
@@ -143,7 +144,7 @@ def test_extra_keys_and_other_layouts_are_borne(full: Path) -> None:
     runs.changed(full, "pid", met=met, newcomer=[1])
     runs.changed(full, "transfer_function", operating_point=None, stderr={"num": None, "den": [1.0, 2.0, 3.0]})
     runs.changed(full, "posterior", parameters=None, draws=3)
-    assert "miss the requirement on settling s" in read(full).text
+    assert "MISS on the nominal model: settling time" in read(full).text
 
 
 def test_settings_of_a_named_ecu_stand_on_the_page_with_what_is_assumed(full: Path) -> None:
@@ -253,7 +254,7 @@ def test_every_rule_stands_on_the_parts_with_its_worst_unit(full: Path) -> None:
     assert "Hardest: u3 at 9 V, gain margin −1.50 dB, limit 0 dB." in text
     assert "Outside the bench 25.0 % of the measured units" in text
     assert "Not judged: u12, odd: <far> off" in text
-    assert "and on 38 % of parts drawn from the fleet “line <4>”" in text  # in the verdict, of the proposed rule
+    assert "they do on 38 % of parts drawn from the fleet “line <4>”" in text  # in the verdict, of the proposed rule
     assert page.open == []
 
 

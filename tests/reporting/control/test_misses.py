@@ -1,0 +1,55 @@
+"""Which requirement a rule misses by most, and in which scenario."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+from typing import Any, cast
+
+from etcfit.control.judged import Tuned
+from etcfit.control.pid import Requirements
+from etcfit.control.pid.requirements import Metrics
+from etcfit.control.pid.response import Judged
+from etcfit.reporting.control.misses import UNSTABLE, hardest_place, misses
+from etcfit.reporting.control.words import WORDS, hardest
+
+GOOD = Metrics(10.0, 0.1, 0.2, 1.0, 12.0, 45.0, 4.0)
+SCENARIOS = {"large": Judged(5.0, 0.1, 0.1, 12.0), "small": Judged(30.0, 0.1, 0.1, 0.2),
+             "log": Judged(float("nan"), float("nan"), float("nan"), 1.0)}  # fmt: skip
+
+
+def tuned(stable: bool = True, **changes: Any) -> Tuned:
+    return cast(Tuned, SimpleNamespace(nonlinear=GOOD._replace(**changes), stable=stable, scenarios=SCENARIOS))
+
+
+def test_the_worst_comes_first_and_margins_come_last() -> None:
+    said = misses(tuned(overshoot_pct=30.0, duty_activity_pct=20.0, phase_margin_deg=12.0), Requirements())
+    assert said == ["duty activity at rest 20.0 % (limit 5 %)", "overshoot 30.0 % (limit 20 %)",
+                    "phase margin 12.0 degrees (at least 30 degrees)"]  # fmt: skip
+    assert misses(tuned(duty_activity_pct=20.0), Requirements(), ("duty_activity_pct",)) == []
+    assert misses(tuned(), Requirements()) == []
+    assert misses(tuned(stable=False), Requirements()) == [UNSTABLE]
+
+
+def test_a_figure_at_its_limit_is_missed() -> None:
+    assert misses(tuned(overshoot_pct=20.0), Requirements()) == ["overshoot 20.0 % (limit 20 %)"]
+
+
+def test_the_hardest_scenario_is_that_of_the_worst_figure() -> None:
+    place = hardest_place(tuned(), Requirements())
+    assert place is not None
+    assert (place.scenario, place.hardest.symbol, place.hardest.met) == ("small", "overshoot_pct", False)
+    only_log = cast(Tuned, SimpleNamespace(scenarios={"log": SCENARIOS["log"]}))
+    assert hardest_place(only_log, Requirements()) is None
+
+
+def test_what_has_no_limit_or_no_figure_is_not_judged() -> None:
+    assert hardest({"winding_W": 3.0}, {"winding_W": None, "settling_s": 0.2}) is None
+    never = hardest({"settling_s": None}, {"settling_s": 0.2})
+    assert never is not None
+    assert not never.met
+    assert never.says == "no settling (limit 0.2 s)"
+
+
+def test_every_requirement_and_figure_has_a_name_and_a_unit() -> None:
+    assert set(WORDS) == set(Metrics._fields)
+    assert all(unit for _, unit in WORDS.values())
