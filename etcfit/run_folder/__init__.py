@@ -35,6 +35,7 @@ if TYPE_CHECKING:
     from .manifest import begin as begin
     from .manifest import finish as finish
     from .manifest import is_current as is_current
+    from .manifest import note_seconds as note_seconds
     from .manifest import read_records as read_records
     from .manifest import require as require
     from .manifest import settings_before as settings_before
@@ -88,6 +89,7 @@ MODULE_OF = {
     "begin": "manifest",
     "finish": "manifest",
     "is_current": "manifest",
+    "note_seconds": "manifest",
     "read_records": "manifest",
     "require": "manifest",
     "settings_before": "manifest",

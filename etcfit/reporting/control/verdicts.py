@@ -75,3 +75,10 @@ def against_effort(design: Design) -> list[str]:
         said.append("within everything else that is asked for, on the nominal model: " + "; ".join(
             f"{short(point.rmse)} % at {short(point.activity, 2)} %" for point in calm))  # fmt: skip
     return said
+
+
+def answer(design: Design) -> str:
+    """The gains that are proposed and whether they meet what was asked, in one sentence."""
+    gains, word = design.proposed, "meet" if design.chosen.meets_all else "do not meet"
+    values = f"Kp {gains.Kp:.4g}, Ki {gains.Ki:.4g}, Kd {gains.Kd:.4g}"
+    return f"Gains of {design.chosen.rule}: {values}; they {word} what was asked for."
