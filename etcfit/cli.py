@@ -21,6 +21,7 @@ import typer
 from typer.core import TyperArgument, TyperCommand, TyperOption
 
 from . import __version__, stages
+from .api.progress import Expected
 from .control.request import DesignRequest
 from .errors import MeasurementError, UsageError
 from .experiment.settings import CampaignSettings
@@ -113,10 +114,10 @@ def _contract(command: Callable[..., None]) -> Callable[..., None]:
 
 
 @contextmanager
-def _progress(quiet: bool, expected: float | None = None) -> Iterator[Callable[[str, float], None]]:
+def _progress(quiet: bool, expected: Expected | None = None) -> Iterator[Callable[[str, float], None]]:
     """A bar on stderr: report(what is being done, fraction of it done). Where stderr is no terminal, lines.
 
-    `expected` is how long it took last time, s; None where that is not known.
+    `expected` is how long it will take; None where nothing is known of that.
     """
     from .api.progress import progress
 
@@ -125,8 +126,8 @@ def _progress(quiet: bool, expected: float | None = None) -> Iterator[Callable[[
 
 
 def _stage(run: Path, stage: str, quiet: bool) -> AbstractContextManager[Callable[[str, float], None]]:
-    """Progress of a stage, which says at once how long it took before."""
-    return _progress(quiet, stages.seconds_before(run, stage))
+    """Progress of a stage, which says at once how long it will take."""
+    return _progress(quiet, stages.expected(run, stage))
 
 
 _TAG = re.compile(r"(\\*)(\[[a-z#/@][^\[]*?\])")  # what rich takes for markup

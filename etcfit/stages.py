@@ -19,6 +19,7 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
+from .api.progress import Expected, part_of
 from .control.request import DesignRequest
 from .errors import UsageError
 from .posterior.settings import SamplingSettings
@@ -69,16 +70,23 @@ def _noted(stage: str) -> Callable[[Callable[..., Done]], Callable[..., Done]]:
     return noted
 
 
-def seconds_before(run: Path, stage: str) -> float | None:
-    """How long a stage took when it ran last; None where nothing is known of that.
+_OF_A_FIT = {"diagnose": 2.5, "design": 2.5, "sample": 12.0}  # so many times as long as the fit, on the bench twin
+
+
+def expected(run: Path, stage: str) -> Expected | None:
+    """How long a stage will take: as last time, or so many times as long as the fit; None where neither is known.
 
     Raises:
         UsageError: another version wrote RUN.
     """
     from .run_folder import read_records
 
-    record = read_records(run).get(stage)
-    return None if record is None else record.seconds
+    took = {name: record.seconds for name, record in read_records(run).items() if record.seconds is not None}
+    if stage in took:
+        return Expected(took[stage], "as last time")
+    if stage in _OF_A_FIT and "fit" in took:
+        return Expected(_OF_A_FIT[stage] * took["fit"], f"{_OF_A_FIT[stage]:g} times as long as the fit, as a rule")
+    return None
 
 
 def opened(run: Path) -> RunFolder:
@@ -110,8 +118,8 @@ def fit_folder(folder: Path, run: RunFolder, report: Report) -> Done:
 
     begin_helper()
 
-    result = fit(rig, report)
-    keep_fit(run, result, report)
+    result = fit(rig, part_of(report, 0.0, 0.8))
+    keep_fit(run, result, part_of(report, 0.8, 1.0))
     return Done(fit_table(result), failure(result), closing=of_run(run.path))
 
 
@@ -128,8 +136,8 @@ def diagnose_run(run: RunFolder, report: Report) -> Done:
     from .reporting.drawing import begin_helper
 
     begin_helper()
-    found = diagnose(result, report)
-    keep_diagnosis(run, found, report)
+    found = diagnose(result, part_of(report, 0.0, 0.9))
+    keep_diagnosis(run, found, part_of(report, 0.9, 1.0))
     return Done(diagnosis_table(found), failure(found.after), closing=of_run(run.path))
 
 
@@ -148,9 +156,9 @@ def sample_run(run: RunFolder, report: Report, steps: int = SamplingSettings.mos
     from .reporting.posterior.table import posterior_table
 
     begin_helper()
-    posterior = sample(result.taken_as_exact(), run.path, steps, report, result.formulas)
-    profiled = profiles(posterior, report)
-    keep_posterior(run, posterior, profiled, {"steps": steps}, report)
+    posterior = sample(result.taken_as_exact(), run.path, steps, part_of(report, 0.0, 0.8), result.formulas)
+    profiled = profiles(posterior, part_of(report, 0.8, 0.9))
+    keep_posterior(run, posterior, profiled, {"steps": steps}, part_of(report, 0.9, 1.0))
     here = posterior.convergence
     why = "" if here.converged else f"this is no posterior yet: {here.reason} `etcfit sample` goes on from here."
     table = cautioned(posterior_table(posterior, profiled), result.state)
@@ -197,8 +205,8 @@ def design_run(run: RunFolder, report: Report, asked: DesignRequest) -> Done:
 
     fitted = result.fitted()
     drawn = read_draws(run.path, fitted, DRAWS - 1, SEED)
-    found = design_of(fitted, asked, drawn, report)
-    keep_design(run, result, found, asked.recorded(), report)
+    found = design_of(fitted, asked, drawn, part_of(report, 0.0, 0.95))
+    keep_design(run, result, found, asked.recorded(), part_of(report, 0.95, 1.0))
     return Done(design_table(found), failure(result), closing=of_design(found, result.state, run.path))
 
 
@@ -373,7 +381,7 @@ def stages_until(last: str, stages: tuple[Stage, ...] = STAGES) -> tuple[Stage, 
 def run_all(
     folder: Path,
     path: Path,
-    progress: Callable[[float | None], AbstractContextManager[Report]],
+    progress: Callable[[Expected | None], AbstractContextManager[Report]],
     show: Callable[[str, Done | None], None],
     stages: tuple[Stage, ...] = STAGES,
     asked: Mapping[str, Mapping[str, Any]] = MappingProxyType({}),
@@ -383,7 +391,7 @@ def run_all(
     Args:
         folder: the measurements.
         path: the run folder; made if absent.
-        progress: opened for each stage in turn, with the seconds that it took before; None where that is not known.
+        progress: opened for each stage in turn, with how long it will take; None where nothing is known of that.
         show: called after each stage with its name and what came of it, None where it was done before this run.
         stages: in order; the same one may come again, and runs where what it shows has changed.
         asked: options of stages, by the stage's name, in place of those of before; one made with others is not done.
@@ -392,11 +400,11 @@ def run_all(
     Raises:
         UsageError: RUN was made from other measurements, or by another version.
     """
-    from .run_folder import is_done, last_failure, must_belong, settings_before
+    from .run_folder import is_done, last_failure, must_belong, set_aside_unfinished, settings_before
 
     must_belong(path, folder)
     run = opened(path)
-    took, shown = {stage.name: seconds_before(path, stage.name) for stage in stages}, set[str]()
+    before_all, shown = {stage.name: expected(path, stage.name) for stage in stages}, set[str]()
     for stage in stages:
         before, wanted = settings_before(path).get(stage.name, {}), asked.get(stage.name, {})
         if is_done(path, stage.name, folder) and all(before.get(name) == value for name, value in wanted.items()):
@@ -404,8 +412,10 @@ def run_all(
                 show(stage.name, None)
             shown.add(stage.name)
             continue
+        if stage.name == REPORT.name:  # it shows what is finished, and comes before what is not
+            set_aside_unfinished(path)
         options = {name: before[name] for name in stage.options if name in before} | dict(wanted)
-        with progress(took[stage.name]) as report:
+        with progress(before_all[stage.name] or expected(path, stage.name)) as report:
             done = stage.work(folder, run, report, **options)
         taken = {name: value for name, value in options.items() if name not in wanted}
         remark = "" if stage.name in shown else _made_anew(taken, before, settings_before(path)[stage.name])

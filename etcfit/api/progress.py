@@ -9,7 +9,7 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, contextmanager
 from functools import cache
-from typing import Any
+from typing import Any, NamedTuple
 
 Report = Callable[[str, float], None]  # what is being done, and the share of it that is done, 0 to 1
 
@@ -17,7 +17,20 @@ Report = Callable[[str, float], None]  # what is being done, and the share of it
 Clock = Callable[[], float]  # s since any instant
 _EARLIEST = 3.0  # s of work before its pace says anything
 _LEAST = 0.03  # share of the work that must be done for that
+_STEPS = 2  # in so many steps at least: one may be any guess
 _EVERY = 30.0  # s between two lines, at most
+
+
+class Expected(NamedTuple):
+    """How long some work will take, before it has begun.
+
+    Args:
+        seconds: that.
+        why: where it is known from, as in "as last time".
+    """
+
+    seconds: float
+    why: str
 
 
 def silent(stage: str, done: float) -> None:
@@ -30,26 +43,32 @@ def part_of(report: Report, low: float, high: float) -> Report:
 
 
 class Remaining:
-    """Seconds left: those of last time less those gone; else, at the pace so far, (1 - s) (t - t_0) / (s - s_0).
+    """Seconds left: those expected less those gone; else, at the pace so far, (1 - s) (t - t_0) / (s - s_0).
 
     Args:
-        expected: how long it took last time, s; None where that is not known.
+        expected: how long it will take; None where nothing is known of that.
         clock: time, s.
     """
 
-    def __init__(self, expected: float | None = None, clock: Clock = time.monotonic) -> None:
-        self._expected, self._clock = expected, clock
+    def __init__(self, expected: Expected | None = None, clock: Clock = time.monotonic) -> None:
+        self._whole, self._clock = (0.0 if expected is None else expected.seconds), clock
         self._began = self._start = self._last = clock()
         self._first = self.share = 0.0
+        self._steps = 0
 
     def update(self, share: float) -> None:
         """What is done now. A share that falls begins a new part of the work, with a pace of its own."""
         now = self._clock()
         if share < self.share:
-            self._start, self._first = now, share
-        if share != self.share:
-            self._last = now
+            self._start, self._first, self._steps = now, share, 0
+        if share > self.share:
+            self._last, self._steps = now, self._steps + 1
         self.share = share
+
+    @property
+    def _is_expected(self) -> bool:
+        """Whether what was expected can still be true."""
+        return self._clock() - self._began < self._whole
 
     @property
     def elapsed(self) -> float:
@@ -60,18 +79,18 @@ class Remaining:
     def seconds(self) -> float | None:
         """Left, s; None while nothing can be said."""
         now = self._clock()
-        if self._expected is not None and now - self._began < self._expected:
-            return self._expected - (now - self._began)
+        if self._is_expected:
+            return self._whole - (now - self._began)
         took, gained = self._last - self._start, self.share - self._first
-        if took < _EARLIEST or gained < _LEAST:
+        if took < _EARLIEST or gained < _LEAST or self._steps < _STEPS:
             return None
         left = (1.0 - self.share) * took / gained - (now - self._last)
         return left if left > 0.0 else None
 
     def __str__(self) -> str:
-        """As it is shown: "about 40 s left", or "" while nothing can be said."""
+        """As it is shown: "about 40 s left", or "" while nothing can be said. Work that searches may end early."""
         left = self.seconds
-        return "" if left is None else f"about {in_words(left)} left"
+        return "" if left is None else f"{'about' if self._is_expected else 'up to'} {in_words(left)} left"
 
 
 def in_words(seconds: float) -> str:
@@ -82,12 +101,12 @@ def in_words(seconds: float) -> str:
 
 
 @contextmanager
-def working(quiet: bool = False, expected: float | None = None) -> Iterator[Report]:
+def working(quiet: bool = False, expected: Expected | None = None) -> Iterator[Report]:
     """For a verb that computes: models compiled before are found again, and progress is shown.
 
     Args:
         quiet: show nothing.
-        expected: how long it took last time, s; None where that is not known.
+        expected: how long it will take; None where nothing is known of that.
     """
     _keep_compiled()
     with progress(quiet, expected) as report:
@@ -96,20 +115,20 @@ def working(quiet: bool = False, expected: float | None = None) -> Iterator[Repo
 
 @contextmanager
 def progress(
-    quiet: bool = False, expected: float | None = None, say: Callable[[str], None] | None = None
+    quiet: bool = False, expected: Expected | None = None, say: Callable[[str], None] | None = None
 ) -> Iterator[Report]:
     """Show progress where somebody looks, on stderr or below the notebook's cell.
 
     Args:
         quiet: show nothing.
-        expected: how long it took last time, s; None where that is not known.
+        expected: how long it will take; None where nothing is known of that.
         say: prints a line of an output that is neither a terminal nor a notebook; None: such an output gets nothing.
     """
     with _shown(quiet, expected, say) as report:
         yield report
 
 
-def _shown(quiet: bool, expected: float | None, say: Callable[[str], None] | None) -> AbstractContextManager[Report]:
+def _shown(quiet: bool, expected: Expected | None, say: Callable[[str], None] | None) -> AbstractContextManager[Report]:
     if quiet:
         return _plain(silent)
     if in_notebook():
@@ -136,17 +155,17 @@ class Lines:
 
     Args:
         say: prints a line.
-        expected: how long it took last time, s; None where that is not known.
+        expected: how long it will take; None where nothing is known of that.
         clock: time, s.
     """
 
     def __init__(
-        self, say: Callable[[str], None], expected: float | None = None, clock: Clock = time.monotonic
+        self, say: Callable[[str], None], expected: Expected | None = None, clock: Clock = time.monotonic
     ) -> None:
         self._say, self._clock, self._left = say, clock, Remaining(expected, clock)
         self._stage, self._said, self._lock = "", clock(), threading.Lock()
-        if expected is not None and expected >= _EARLIEST:
-            say(f"this takes about {in_words(expected)}, as it did last time")
+        if expected is not None and expected.seconds >= _EARLIEST:
+            say(f"this takes about {in_words(expected.seconds)}, {expected.why}")
 
     def report(self, stage: str, done: float) -> None:
         """What is being done, and the share of it that is done."""
@@ -169,7 +188,7 @@ class Lines:
 
 
 @contextmanager
-def plain_lines(say: Callable[[str], None], expected: float | None = None) -> Iterator[Report]:
+def plain_lines(say: Callable[[str], None], expected: Expected | None = None) -> Iterator[Report]:
     """Lines for a log; see `Lines`."""
     lines, ended = Lines(say, expected), threading.Event()
 
@@ -187,11 +206,11 @@ def plain_lines(say: Callable[[str], None], expected: float | None = None) -> It
 
 
 @contextmanager
-def terminal_bar(expected: float | None = None, console: Any = None) -> Iterator[Report]:
+def terminal_bar(expected: Expected | None = None, console: Any = None) -> Iterator[Report]:
     """A bar on stderr that is wiped away at the end.
 
     Args:
-        expected: how long it took last time, s; None where that is not known.
+        expected: how long it will take; None where nothing is known of that.
         console: a rich Console to draw on instead.
     """
     from rich.console import Console
@@ -217,11 +236,11 @@ def terminal_bar(expected: float | None = None, console: Any = None) -> Iterator
 
 
 @contextmanager
-def notebook_bar(expected: float | None = None, every: float = 0.2) -> Iterator[Report]:
+def notebook_bar(expected: Expected | None = None, every: float = 0.2) -> Iterator[Report]:
     """A bar below the cell that is wiped away at the end: rich's own needs ipywidgets, this needs nothing.
 
     Args:
-        expected: how long it took last time, s; None where that is not known.
+        expected: how long it will take; None where nothing is known of that.
         every: least time between two updates, s.
     """
     from IPython.core.display import HTML

@@ -38,6 +38,7 @@ if TYPE_CHECKING:
     from .manifest import note_seconds as note_seconds
     from .manifest import read_records as read_records
     from .manifest import require as require
+    from .manifest import set_aside_unfinished as set_aside_unfinished
     from .manifest import settings_before as settings_before
     from .model import read_design as read_design
     from .model import read_draws as read_draws
@@ -92,6 +93,7 @@ MODULE_OF = {
     "note_seconds": "manifest",
     "read_records": "manifest",
     "require": "manifest",
+    "set_aside_unfinished": "manifest",
     "settings_before": "manifest",
     "read_design": "model",
     "read_draws": "model",

@@ -271,14 +271,28 @@ def require(run: Path, stage: str) -> Record:
 
 
 def _superseded(run: Path, stage: str, records: Mapping[str, Record]) -> dict[str, Record]:
-    """The records that still hold; files of the others are moved out of the way."""
-    kept, later = dict(records), False
-    for name, files in STAGE_FILES.items():
-        if later and not is_current(run, name, kept):
+    """The records that still hold once a stage has ended; files of later ones that do not are moved out of the way."""
+    names = list(STAGE_FILES)
+    return _without_stale(run, names[names.index(stage) + 1 :], records)
+
+
+def set_aside_unfinished(run: Path) -> None:
+    """Move what an interrupted stage left out of the way, so that a page can be made of the others before it is redone.
+
+    Raises:
+        UsageError: RUN was written by another version.
+    """
+    results = [name for name in STAGE_FILES if name not in ("fit", "report")]
+    _write(run, _without_stale(run, results, read_records(run)))
+
+
+def _without_stale(run: Path, names: Sequence[str], records: Mapping[str, Record]) -> dict[str, Record]:
+    kept = dict(records)
+    for name in names:
+        if not is_current(run, name, kept):
             kept.pop(name, None)
-            for file in (*files.makes, *files.beside):
+            for file in (*STAGE_FILES[name].makes, *STAGE_FILES[name].beside):
                 _put_aside(run, file)
-        later = later or name == stage
     return kept
 
 

@@ -54,9 +54,7 @@ def _next(contents: Contents) -> str:
 
 def _after_the_model(contents: Contents) -> str:
     run, pid = contents.run, contents.get("pid")
-    if not pid:
-        return command("design", run)
-    return command("export", run, "--to", "c") if contents.get("posterior") else command("sample", run)
+    return command("export", run, "--to", "c") if pid else command("design", run)
 
 
 def advice_at(run: Path) -> str:
