@@ -139,7 +139,7 @@ def test_what_no_effect_explains_is_looked_at(diagnosed: Path) -> None:
 
 
 def test_a_fit_that_did_not_converge_has_no_results(diagnosed: Path) -> None:
-    runs.changed(diagnosed, "diagnosis", converged=False, reason="too rough")
+    runs.changed(diagnosed, "diagnosis", converged=False, reason="too rough", probabilities={"limp_home_spring": 0.9})
     closing = of_run(diagnosed)
     assert "did not converge: too rough. Its parameters are no results." in closing.answer
     assert closing.next == f"etcfit report {diagnosed} --interactive"
