@@ -8,17 +8,20 @@ from __future__ import annotations
 
 import functools
 import gc
+import re
 import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager
 from enum import IntEnum
 from math import inf, pi
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, cast
 
 import typer
+from typer.core import TyperArgument, TyperCommand, TyperOption
 
 from . import __version__, stages
+from .api.progress import Expected
 from .control.request import DesignRequest
 from .errors import MeasurementError, UsageError
 from .experiment.settings import CampaignSettings
@@ -54,7 +57,11 @@ Interactive = Annotated[
 Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="No progress on stderr.")]
 Ecu = Annotated[
     str | None,
-    typer.Option(help="That gains are for, as rusefi; a wrong name lists all. Else one of no make.", metavar="NAME"),
+    typer.Option(
+        help="Make of the ECU that gains are for, as rusefi; a wrong name lists all.",
+        metavar="NAME",
+        show_default="no particular make",
+    ),
 ]
 Anyway = Annotated[
     bool,
@@ -111,23 +118,55 @@ def _contract(command: Callable[..., None]) -> Callable[..., None]:
 
 
 @contextmanager
-def _progress(quiet: bool) -> Iterator[Callable[[str, float], None]]:
-    """A bar on stderr: report(what is being done, fraction of it done). Where stderr is no terminal, a line a stage."""
+def _progress(quiet: bool, expected: Expected | None = None) -> Iterator[Callable[[str, float], None]]:
+    """A bar on stderr: report(what is being done, fraction of it done). Where stderr is no terminal, lines.
+
+    `expected` is how long it will take; None where nothing is known of that.
+    """
     from .api.progress import progress
 
-    with progress(quiet, lambda: _lines(_stderr())) as report:
+    with progress(quiet, expected, lambda line: _stderr().print(line, markup=False)) as report:
         yield report
 
 
-def _lines(console: Any) -> Callable[[str, float], None]:
-    said: list[str] = []
+def _stage(run: Path, stage: str, quiet: bool) -> AbstractContextManager[Callable[[str, float], None]]:
+    """Progress of a stage, which says at once how long it will take."""
+    return _progress(quiet, stages.expected(run, stage))
 
-    def report(stage: str, done: float) -> None:
-        if stage not in said[-1:]:
-            said.append(stage)
-            console.print(stage, markup=False)
 
-    return report
+_TAG = re.compile(r"(\\*)(\[[a-z#/@][^\[]*?\])")  # what rich takes for markup
+
+
+def _literally(text: str | None) -> str | None:
+    """A help text as rich prints it unchanged: `[ecu]` is a table of rig.toml, no markup."""
+    return text and _TAG.sub(r"\1\1\\\2", text)
+
+
+def _literal_command(*args: Any, **given: Any) -> TyperCommand:
+    """A command whose help texts are printed as they are written."""
+    command = TyperCommand(*args, **given)
+    command.help, command.epilog = _literally(command.help), _literally(command.epilog)
+    for parameter in command.params:
+        if isinstance(parameter, TyperArgument | TyperOption):
+            parameter.help = _literally(parameter.help)
+    return command
+
+
+def _verb(panel: str, example: str, name: str | None = None) -> Callable[[Callable[..., None]], Callable[..., None]]:
+    """A command of the command line.
+
+    Args:
+        panel: of `etcfit --help`.
+        example: of the command's own help.
+        name: where it is not the function's.
+    """
+
+    def registered(command: Callable[..., None]) -> Callable[..., None]:
+        cls = cast("type[TyperCommand]", _literal_command)
+        register = app.command(name, cls=cls, rich_help_panel=panel, epilog=f"Example: {example}")
+        return register(_contract(command))
+
+    return registered
 
 
 def _show_version(wanted: bool) -> None:
@@ -145,8 +184,7 @@ def _global(
     pass
 
 
-@app.command()
-@_contract
+@_verb("Look", "etcfit check measurements/bench_twin --advise --at runs/bench_twin")
 def check(folder: Folder, advise: Advise = False, at: At = None, out: AdviceOut = None, quiet: Quiet = False) -> None:
     """What is in FOLDER, what it can identify, and what is wrong with it; fits nothing."""
     if advise:
@@ -162,12 +200,14 @@ def check(folder: Folder, advise: Advise = False, at: At = None, out: AdviceOut 
         report("working out what these data can identify", 0.3)
         stages.keep_compiled()
         from .experiment.check import check as check_rig
+        from .reporting.closing.rig import of_check
         from .reporting.tables import check_table
 
         result = check_rig(rig)
     _stdout().print(check_table(result))
     if result.why_not:  # `fit` would refuse it
         raise _stop(Status.DATA, result.why_not)
+    typer.echo(of_check(result, folder))
 
 
 def _advise(folder: Path, at: Path | None, out: Path | None, quiet: bool) -> None:
@@ -180,34 +220,33 @@ def _advise(folder: Path, at: Path | None, out: Path | None, quiet: bool) -> Non
         stages.keep_compiled()
         from .experiment.advice import advise
         from .reporting.advice import advice_table
+        from .reporting.closing.rig import of_advice
         from .run_folder import fitted_to, save_advice
 
         advice = advise(rig, None if at is None else fitted_to(at, rig))
         if out is not None:
             save_advice(out, advice)
     _stdout().print(advice_table(advice))
+    typer.echo(of_advice(advice, folder, at, None if out is None else out / "advice.json"))
 
 
-@app.command()
-@_contract
+@_verb("Fit", "etcfit fit measurements/bench_twin --out runs/bench_twin")
 def fit(folder: Folder, out: Out, quiet: Quiet = False) -> None:
     """The joint fit of all traces in FOLDER: RUN/fit.json, a table and pictures."""
-    with _progress(quiet) as progress:
+    with _stage(out, "fit", quiet) as progress:
         done = stages.fit_folder(folder, stages.opened(out), progress)
     _tell(done)
 
 
-@app.command()
-@_contract
+@_verb("Explain", "etcfit diagnose runs/bench_twin")
 def diagnose(run: Run, quiet: Quiet = False) -> None:
     """What the model fitted in RUN lacks: residual, missing effect, refit, until nothing is left; before and after."""
-    with _progress(quiet) as progress:
+    with _stage(run, "diagnose", quiet) as progress:
         done = stages.diagnose_run(stages.opened(run), progress)
     _tell(done)
 
 
-@app.command()
-@_contract
+@_verb("Look", "etcfit report runs/bench_twin --interactive")
 def report(run: Run, interactive: Interactive = False, quiet: Quiet = False) -> None:
     """One self-contained HTML page of everything that RUN holds: RUN/report.html, or one to work with."""
     with _progress(quiet) as progress:
@@ -216,12 +255,33 @@ def report(run: Run, interactive: Interactive = False, quiet: Quiet = False) -> 
     _tell(done)
 
 
-@app.command(name="run")
-@_contract
-def run_(folder: Folder, out: Out, ecu: Ecu = None, quiet: Quiet = False) -> None:
-    """Everything from FOLDER to RUN/report.html, in order; what is done already is not done again."""
+@_verb("Fit", "etcfit run measurements/bench_twin --out runs/bench_twin --until diagnose", name="run")
+def run_(
+    folder: Folder,
+    out: Out,
+    ecu: Ecu = None,
+    until: Annotated[
+        str | None,
+        typer.Option(
+            help=f"The last stage that is done: {', '.join(stages.LAST)}. The page is written all the same.",
+            metavar="STAGE",
+            show_default=stages.LAST[-1],
+        ),
+    ] = None,
+    no_sample: Annotated[bool, typer.Option("--no-sample", help="No posterior, which takes longest.")] = False,
+    quiet: Quiet = False,
+) -> None:
+    """Everything from FOLDER to RUN/report.html, in order; what is done already is not done again.
+
+    Fit, diagnosis, page; transfer function, gains, page; posterior, page.
+    """
+    if no_sample and until == "sample":
+        raise UsageError("--no-sample and --until sample exclude each other.")
+    last = until or ("design" if no_sample else stages.LAST[-1])
     with _of_option("--ecu"):  # a wrong name is told before an hour's work
         asked = stages.designed_for(ecu)
+    with _of_option("--until"):
+        wanted = stages.stages_until(last)
 
     def show(name: str, done: stages.Done | None) -> None:
         if done is not None:
@@ -230,12 +290,14 @@ def run_(folder: Folder, out: Out, ecu: Ecu = None, quiet: Quiet = False) -> Non
         if remark and not quiet:
             _stderr().print(f"{name}: {remark}", markup=False)
 
-    if failure := stages.run_all(folder, out, lambda: _progress(quiet), show, asked=asked):
-        raise _stop(Status.NOT_CONVERGED, failure)
+    failure = stages.run_all(folder, out, lambda expected: _progress(quiet, expected), show, wanted, asked)
+    _tell(stages.Done(None, failure, closing=stages.closing_of(out)))
 
 
 def _show(result: Any) -> None:
-    """A table as wide as the terminal; plain words, such as a path, as they are."""
+    """A table as wide as the terminal; plain words, such as a path, as they are; nothing where there is none."""
+    if result is None:
+        return
     if isinstance(result, str):
         typer.echo(result)
     else:
@@ -243,14 +305,15 @@ def _show(result: Any) -> None:
 
 
 def _tell(done: stages.Done) -> None:
-    """What came of a command, on stdout; a fit that did not converge is no success."""
+    """What came of a command, on stdout, its closing last; a fit that did not converge is no success."""
     _show(done.shown)
+    if done.closing is not None:
+        typer.echo(done.closing)
     if done.failure:
         raise _stop(Status.NOT_CONVERGED, done.failure)
 
 
-@app.command()
-@_contract
+@_verb("Look", "etcfit drive logs --compare before.csv after.csv --out runs/car")
 def drive(
     folder: Annotated[Path, typer.Argument(help="Logs, or FOLDER/drive.", exists=True, file_okay=False)],
     between: Annotated[tuple[float, float], typer.Option(help="Share of the time between these, %.")] = (5.0, 45.0),
@@ -266,16 +329,17 @@ def drive(
         from .car_log import read_logs, study
         from .car_log.study import chosen
         from .reporting.car_log import drive_table, write_drive
+        from .reporting.closing.rig import of_drive
 
         config, logs = read_logs(folder)
         studies = [study(log, between) for log in (logs if compare is None else chosen(logs, compare))]
         if out is not None:
             write_drive(out, config, studies, progress)
     _stdout().print(drive_table(config, studies))
+    typer.echo(of_drive(studies, folder, out))
 
 
-@app.command()
-@_contract
+@_verb("Explain", "etcfit sample runs/bench_twin")
 def sample(
     run: Run,
     steps: Annotated[
@@ -284,13 +348,12 @@ def sample(
     quiet: Quiet = False,
 ) -> None:
     """The posterior of the model in RUN (that of the diagnosis, else of the fit); stops by itself, can be resumed."""
-    with _progress(quiet) as progress:
+    with _stage(run, "sample", quiet) as progress:
         done = stages.sample_run(stages.opened(run), progress, steps)
     _tell(done)
 
 
-@app.command()
-@_contract
+@_verb("Control", "etcfit reduce runs/bench_twin --output deg --pade 2")
 def reduce(
     run: Run,
     unit_in: Annotated[str, typer.Option("--input", help="V or % (of duty).", metavar="UNIT")] = "V",
@@ -307,44 +370,68 @@ def reduce(
     its own table: its static gain is 1.303 instead of 1.722 rad/V. Where the rig has sine traces, their frequency
     response is measured and set beside it.
     """
-    with _progress(quiet) as progress:
+    with _stage(run, "reduce", quiet) as progress:
         done = stages.reduce_run(stages.opened(run), progress, unit_in, unit_out, at / 100.0, pade)
     _tell(done)
 
 
-@app.command()
-@_contract
+@_verb("Control", "etcfit design runs/bench_twin --ecu rusefi --ecu-period 1ms")
 def design(
     run: Run,
-    rule: Annotated[str, typer.Option(help="Whose gains are proposed.", metavar="NAME")] = "optimal",
+    rule: Annotated[str, typer.Option(help="The tuning rule whose gains are proposed.", metavar="NAME")] = "optimal",
     ecu: Ecu = None,
     ecu_period: Annotated[
-        str | None, typer.Option(help="Of the ECU's clock; else [ecu]'s in rig.toml, else 1ms.", metavar="TIME")
+        str | None,
+        typer.Option(
+            help="Period of the ECU's clock.", metavar="TIME", show_default="that of [ecu] in rig.toml, else 1ms"
+        ),
     ] = None,
     ecu_delay: Annotated[
-        str | None, typer.Option(help="From reading to acting; else [ecu]'s in rig.toml, else 0ms.", metavar="TIME")
+        str | None,
+        typer.Option(
+            help="Delay from reading to acting.", metavar="TIME", show_default="that of [ecu] in rig.toml, else 0ms"
+        ),
     ] = None,
     ecu_filter: Annotated[
-        str | None, typer.Option(help="Time constant of the filter ahead of its converter; else 0ms.", metavar="TIME")
+        str | None,
+        typer.Option(
+            help="Time constant of the filter ahead of the ECU's converter.", metavar="TIME", show_default="0ms"
+        ),
     ] = None,
     sensor_noise: Annotated[
-        str | None, typer.Option(help="Of a position reading, as 0.1deg; else that of the rig's logs.", metavar="ANGLE")
+        str | None,
+        typer.Option(
+            help="Noise of one position reading, 1 sd, as 0.1deg.",
+            metavar="ANGLE",
+            show_default="that of the rig's logs, as fit.json has it; 0deg where none logs a position",
+        ),
     ] = None,
-    adc_bits: Annotated[int, typer.Option(help="Of the position sensor, over its travel.", min=6, max=24)] = 12,
+    adc_bits: Annotated[
+        int, typer.Option(help="Bits of the position sensor's converter, over the travel.", min=6, max=24)
+    ] = 12,
     feed_forward: Annotated[bool, typer.Option("--feed-forward", help="The ECU has a bias curve.")] = False,
     feed_forward_terms: Annotated[
         str | None,
-        typer.Option(help="Ahead by code of yours: friction, rate or both, as friction,rate.", metavar="TERMS"),
+        typer.Option(
+            help="Feed-forward that code of yours adds: friction, rate or both, as friction,rate.", metavar="TERMS"
+        ),
     ] = None,
-    overshoot: Annotated[float, typer.Option(help="At most, %.", min=0.0)] = 20.0,
-    settling: Annotated[str, typer.Option(help="At most, as 0.2s.", metavar="TIME")] = "0.2s",
-    error: Annotated[float, typer.Option(help="Steady-state error at most, %.", min=0.0)] = 0.5,
-    duty_activity: Annotated[float, typer.Option(help="Duty's sd at rest at most, %.", min=0.0)] = 5.0,
-    rms_current: Annotated[float, typer.Option(help="At most, A; else no limit.", min=0.0)] = inf,
-    winding_heat: Annotated[float, typer.Option(help="At most, W; else no limit.", min=0.0)] = inf,
-    bridge_heat: Annotated[float, typer.Option(help="At most, W; else no limit.", min=0.0)] = inf,
+    overshoot: Annotated[float, typer.Option(help="Largest overshoot, %.", min=0.0)] = 20.0,
+    settling: Annotated[str, typer.Option(help="Longest settling time, as 0.2s.", metavar="TIME")] = "0.2s",
+    error: Annotated[float, typer.Option(help="Largest steady-state error, %.", min=0.0)] = 0.5,
+    duty_activity: Annotated[
+        float, typer.Option(help="Largest standard deviation of the duty at rest, %.", min=0.0)
+    ] = 5.0,
+    rms_current: Annotated[float, typer.Option(help="Largest rms current, A.", min=0.0, show_default="no limit")] = inf,
+    winding_heat: Annotated[
+        float, typer.Option(help="Most heat in the winding, W.", min=0.0, show_default="no limit")
+    ] = inf,
+    bridge_heat: Annotated[
+        float, typer.Option(help="Most heat in the bridge, W.", min=0.0, show_default="no limit")
+    ] = inf,
     log: Annotated[
-        Path | None, typer.Option(help="From the car: its setpoint is one scenario more.", exists=True, dir_okay=False)
+        Path | None,
+        typer.Option(help="A log from the car: its setpoint is one scenario more.", exists=True, dir_okay=False),
     ] = None,
     parts: Annotated[
         Path | None,
@@ -388,7 +475,7 @@ def design(
     terms = _terms(feed_forward, feed_forward_terms)
     if for_fleet and parts is not None:
         raise UsageError("--parts and --fleet exclude each other: with --fleet RUN itself is the fleet.")
-    with _progress(quiet) as progress:
+    with _progress(quiet) if for_fleet else _stage(run, "design", quiet) as progress:
         asked = {symbol: limit for symbol, limit in limits.items() if limit != inf}
         request = DesignRequest(rule, adc_bits, terms, asked, given, ecu, log, parts, anyway)
         if for_fleet:
@@ -458,15 +545,14 @@ def _with_unit(option: str, text: str, units: Mapping[str, float], what: str, ex
     return value
 
 
-@app.command()
-@_contract
+@_verb("Many units", "etcfit fleet line_4 --out runs/line_4 --workers 4")
 def fleet(
     what: Annotated[
         list[str], typer.Argument(help="A folder of units, or an address (s3://...); or: report RUN.", metavar="FLEET")
     ],
     out: Annotated[Path | None, typer.Option("--out", help="The run folder.", file_okay=False, metavar="RUN")] = None,
     workers: Annotated[
-        int | None, typer.Option(help="Processes on this machine; else one a core.", min=1, max=1024)
+        int | None, typer.Option(help="Processes on this machine.", min=1, max=1024, show_default="one a core")
     ] = None,
     scheduler: Annotated[
         str | None, typer.Option(help="Of Dask, that is there already, as tcp://host:8786.", metavar="ADDRESS")
@@ -500,15 +586,16 @@ def _watched(address: str, share: float) -> None:
     _stderr().print(f"workers: {address}", markup=False)
 
 
-@app.command()
-@_contract
+@_verb("Share", "etcfit export runs/bench_twin --to c --out firmware")
 def export(
     run: Run,
     to: Annotated[str, typer.Option(help="c, fmu, msq, mat, m, python, mujoco or isaac.", metavar="FORMAT")],
     out: Annotated[
         Path | None, typer.Option(help="Where; RUN/export if not given.", file_okay=False, metavar="DIR")
     ] = None,
-    step: Annotated[str | None, typer.Option(help="Of the plant in C and FMU; else 0.5ms.", metavar="TIME")] = None,
+    step: Annotated[
+        str | None, typer.Option(help="Of the plant in C and FMU.", metavar="TIME", show_default="0.5ms")
+    ] = None,
     at: Annotated[float, typer.Option(help="Of a transfer function, % of the travel.", min=0.0, max=100.0)] = 25.0,
     into: Annotated[
         Path | None,
@@ -528,8 +615,7 @@ def export(
     _tell(done)
 
 
-@app.command()
-@_contract
+@_verb("Measure", "etcfit plan runs/bench_twin --out plans/next --current 4")
 def plan(
     source: Annotated[
         Path,
@@ -543,7 +629,7 @@ def plan(
     temperature: Annotated[
         float, typer.Option(help="Limit of the winding's temperature, degC.")
     ] = CampaignSettings.temperature,
-    supply: Annotated[float | None, typer.Option(help="V; else that of the rig.", min=0.1)] = None,
+    supply: Annotated[float | None, typer.Option(help="V.", min=0.1, show_default="that of the rig")] = None,
     criterion: Annotated[
         str, typer.Option(help="To become small: A, the sum of relative variances, or D, their geometric mean.")
     ] = "A",
@@ -568,13 +654,13 @@ def plan(
         chosen = plan_tests(source, settings, criterion=criterion, without=without or (), supply=supply, quiet=True)
         report("drawing", 0.8)
         chosen.save(out)
+        from .reporting.closing.rig import of_plan
         from .reporting.plan_sheet import plan_table
     _stdout().print(plan_table(chosen.campaign))
-    typer.echo(out / "procedure.html")
+    typer.echo(of_plan(chosen.campaign, out))
 
 
-@app.command()
-@_contract
+@_verb("Measure", "etcfit fetch kassel-throttle")
 def fetch(
     name: Annotated[str, typer.Argument(help="kassel-throttle, emps or bam-xl330.", metavar="NAME")],
     to: Annotated[Path | None, typer.Option(help="Where; measurements/NAME if not given.", metavar="FOLDER")] = None,
@@ -585,13 +671,13 @@ def fetch(
     with _progress(quiet) as report:
         report(f"fetching {name}", 0.0)
         from .datasets import fetch as fetch_dataset
+        from .reporting.closing.folder import of_fetched
 
         folder = fetch_dataset(name, to or Path("measurements") / name, data)
-    typer.echo(folder)
+    typer.echo(of_fetched(name, folder))
 
 
-@app.command()
-@_contract
+@_verb("Measure", "etcfit new my_rig --like bosch-0280750148")
 def new(
     folder: Annotated[Path, typer.Argument(help="The folder to make.", file_okay=False, metavar="FOLDER")],
     like: Annotated[
@@ -600,12 +686,12 @@ def new(
 ) -> None:
     """A rig.toml with every key explained, and a folder for each rig test that says what to record."""
     from .importing.new import new_folder
+    from .reporting.closing.folder import of_new
 
-    typer.echo(new_folder(folder, like))
+    typer.echo(of_new(new_folder(folder, like)))
 
 
-@app.command(name="import")
-@_contract
+@_verb("Measure", "etcfit import recordings/* --to measurements/mine --rig my_rig/rig.toml", name="import")
 def import_(
     files: Annotated[
         list[Path], typer.Argument(help="Recordings of any format; a DBC for bus logs.", metavar="FILE...")
@@ -632,6 +718,7 @@ def import_(
     from .importing import import_files
     from .importing.answers import parsed
     from .importing.doubts import accept_all, refuse
+    from .reporting.closing.folder import of_imported
 
     seconds = None if period is None else _seconds("--period", period)
     answers = parsed(column or (), test or (), [str(file) for file in files], seconds)
@@ -642,6 +729,7 @@ def import_(
         typer.echo(f"{done.folder}/{file}  from {source}: {reason}")
     for warning in done.warnings:
         _stderr().print(warning, markup=False)
+    typer.echo(of_imported(done))
 
 
 def _asked(doubts: Sequence[Any], answers: Any) -> Any:

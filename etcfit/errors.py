@@ -2,6 +2,12 @@
 
 from __future__ import annotations
 
+import importlib.util
+import re
+import shlex
+import sys
+from importlib import metadata
+
 
 class MeasurementError(Exception):
     """The data (or the rig.toml) are wrong: where, what was found, what is required, how to mend it.
@@ -20,3 +26,37 @@ class MeasurementError(Exception):
 
 class UsageError(Exception):
     """The command line asks for something that cannot be done; exit status 2."""
+
+
+def how_to_install(extra: str) -> str:
+    """What to type for the libraries of one extra of etcfit, which no package index has: "Install them: ..."."""
+    pip = f"{shlex.quote(sys.executable)} -m pip install"
+    from_source = f"in the folder of etcfit's source, {pip} '.[{extra}]'."
+    if not (wanted := _requirements(extra)):
+        return f"Install them: {from_source}"
+    return f"Install them: {pip} {' '.join(shlex.quote(each) for each in wanted)}, or, {from_source}"
+
+
+def require_libraries(extra: str, for_what: str) -> None:
+    """Refuse work that needs the libraries of an extra before it begins.
+
+    Args:
+        extra: of etcfit, each of whose libraries is imported by the name that it is installed by.
+        for_what: in words, as "A fleet".
+    Raises:
+        UsageError: one of them is not installed.
+    """
+    names = [re.split(r"[^\w.-]", each, maxsplit=1)[0] for each in _requirements(extra)]
+    if lacks := [name for name in names if importlib.util.find_spec(name) is None]:
+        is_not = "which is" if len(lacks) == 1 else "which are"
+        raise UsageError(f"{for_what} needs {', '.join(lacks)}, {is_not} not installed. {how_to_install(extra)}")
+
+
+def _requirements(extra: str) -> list[str]:
+    """As the installed package names them: ["distributed>=2025.1", ...]; none where it is not installed itself."""
+    try:
+        every = metadata.requires("etcfit") or []
+    except metadata.PackageNotFoundError:
+        return []
+    found = (re.fullmatch(r"([^;]+?)\s*;\s*extra == ['\"]([\w-]+)['\"]", each) for each in every)
+    return [match[1] for match in found if match is not None and match[2] == extra]

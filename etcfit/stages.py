@@ -7,15 +7,19 @@ before a stage needs it.
 
 from __future__ import annotations
 
+import functools
 import json
 import sys
+import time
 from collections.abc import Callable, Mapping
 from contextlib import AbstractContextManager
 from dataclasses import dataclass, fields, replace
+from functools import partial
 from pathlib import Path
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
+from .api.progress import Expected, part_of
 from .control.request import DesignRequest
 from .errors import UsageError
 from .posterior.settings import SamplingSettings
@@ -24,6 +28,7 @@ if TYPE_CHECKING:
     from .api.diagnosed import Diagnosed
     from .api.fit import Fit
     from .estimation.result import FitResult
+    from .reporting.closing import Closing
     from .run_folder import RunFolder
 
 Report = Callable[[str, float], None]
@@ -34,14 +39,54 @@ class Done:
     """What a stage leaves for the terminal.
 
     Args:
-        shown: what goes to stdout, a rich renderable.
+        shown: what goes to stdout, a rich renderable; None where the closing says it all.
         failure: why the model that is shown did not converge, or "".
         remark: with what `etcfit run` made it anew, where it had been made before; what an export leaves out; or "".
+        closing: how the command ends; None of a stage made by hand, as in tests.
     """
 
     shown: Any
     failure: str = ""
     remark: str = ""
+    closing: Closing | None = None
+
+
+def _noted(stage: str) -> Callable[[Callable[..., Done]], Callable[..., Done]]:
+    """Work whose duration the manifest keeps, for whoever waits for the next one."""
+
+    def noted(work: Callable[..., Done]) -> Callable[..., Done]:
+        @functools.wraps(work)
+        def timed(*args: Any, **kwargs: Any) -> Done:
+            from .run_folder import RunFolder, note_seconds
+
+            began = time.monotonic()
+            done = work(*args, **kwargs)
+            run = next(each for each in args if isinstance(each, RunFolder))
+            note_seconds(run.path, stage, time.monotonic() - began)
+            return done
+
+        return timed
+
+    return noted
+
+
+_OF_A_FIT = {"diagnose": 2.5, "design": 2.5, "sample": 12.0}  # so many times as long as the fit, on the bench twin
+
+
+def expected(run: Path, stage: str) -> Expected | None:
+    """How long a stage will take: as last time, or so many times as long as the fit; None where neither is known.
+
+    Raises:
+        UsageError: another version wrote RUN.
+    """
+    from .run_folder import read_records
+
+    took = {name: record.seconds for name, record in read_records(run).items() if record.seconds is not None}
+    if stage in took:
+        return Expected(took[stage], "as last time")
+    if stage in _OF_A_FIT and "fit" in took:
+        return Expected(_OF_A_FIT[stage] * took["fit"], f"{_OF_A_FIT[stage]:g} times as long as the fit, as a rule")
+    return None
 
 
 def opened(run: Path) -> RunFolder:
@@ -56,6 +101,7 @@ def opened(run: Path) -> RunFolder:
     return RunFolder(run)
 
 
+@_noted("fit")
 def fit_folder(folder: Path, run: RunFolder, report: Report) -> Done:
     """The joint fit of all traces: RUN/fit.json, the state of the fit, pictures."""
     report("reading the folder", 0.0)
@@ -66,16 +112,18 @@ def fit_folder(folder: Path, run: RunFolder, report: Report) -> Done:
     keep_compiled()
     from .api.saving import keep_fit
     from .estimation.joint_fit import fit
+    from .reporting.closing.model import of_run
     from .reporting.drawing import begin_helper
     from .reporting.tables import fit_table
 
     begin_helper()
 
-    result = fit(rig, report)
-    keep_fit(run, result, report)
-    return Done(fit_table(result), failure(result))
+    result = fit(rig, part_of(report, 0.0, 0.8))
+    keep_fit(run, result, part_of(report, 0.8, 1.0))
+    return Done(fit_table(result), failure(result), closing=of_run(run.path))
 
 
+@_noted("diagnose")
 def diagnose_run(run: RunFolder, report: Report) -> Done:
     """What the model fitted in RUN lacks: RUN/diagnosis.json, the state of the final model, pictures."""
     report("taking up the fit", 0.0)
@@ -83,15 +131,17 @@ def diagnose_run(run: RunFolder, report: Report) -> Done:
     result = run.fit()
     from .api.saving import keep_diagnosis
     from .diagnosis import diagnose
+    from .reporting.closing.model import of_run
     from .reporting.diagnosis.table import diagnosis_table
     from .reporting.drawing import begin_helper
 
     begin_helper()
-    found = diagnose(result, report)
-    keep_diagnosis(run, found, report)
-    return Done(diagnosis_table(found), failure(found.after))
+    found = diagnose(result, part_of(report, 0.0, 0.9))
+    keep_diagnosis(run, found, part_of(report, 0.9, 1.0))
+    return Done(diagnosis_table(found), failure(found.after), closing=of_run(run.path))
 
 
+@_noted("sample")
 def sample_run(run: RunFolder, report: Report, steps: int = SamplingSettings.most_steps) -> Done:
     """How sure: RUN/posterior.nc and RUN/posterior.json of the final model, pictures; goes on with a chain begun."""
     report("taking up the model", 0.0)
@@ -100,19 +150,22 @@ def sample_run(run: RunFolder, report: Report, steps: int = SamplingSettings.mos
     from .api.saving import keep_posterior
     from .posterior.profile import profiles
     from .posterior.sampling import sample
+    from .reporting.closing.control import of_posterior
     from .reporting.compromise import cautioned
     from .reporting.drawing import begin_helper
     from .reporting.posterior.table import posterior_table
 
     begin_helper()
-    posterior = sample(result.taken_as_exact(), run.path, steps, report, result.formulas)
-    profiled = profiles(posterior, report)
-    keep_posterior(run, posterior, profiled, {"steps": steps}, report)
+    posterior = sample(result.taken_as_exact(), run.path, steps, part_of(report, 0.0, 0.8), result.formulas)
+    profiled = profiles(posterior, part_of(report, 0.8, 0.9))
+    keep_posterior(run, posterior, profiled, {"steps": steps}, part_of(report, 0.9, 1.0))
     here = posterior.convergence
     why = "" if here.converged else f"this is no posterior yet: {here.reason} `etcfit sample` goes on from here."
-    return Done(cautioned(posterior_table(posterior, profiled), result.state), why or failure(result))
+    table = cautioned(posterior_table(posterior, profiled), result.state)
+    return Done(table, why or failure(result), closing=of_posterior(posterior, run.path))
 
 
+@_noted("reduce")
 def reduce_run(
     run: RunFolder, report: Report, input: str = "V", output: str = "rad", at: float = 0.25, pade_order: int = 0
 ) -> Done:
@@ -127,14 +180,17 @@ def reduce_run(
 
     from .api.control import plant_of
     from .api.saving import keep_reduction
+    from .reporting.closing.control import of_plant
     from .reporting.control.tables import reduction_table, sine_table
 
     reduction, response = plant_of(result, input, output, at, report)
     keep_reduction(run, result, reduction, response, pade_order, report)
     table = reduction_table(result.fitted(), reduction, pade_order)
-    return Done(table if response is None else Group(table, sine_table(response)), failure(result))
+    shown = table if response is None else Group(table, sine_table(response))
+    return Done(shown, failure(result), closing=of_plant(reduction, result.state, run.path))
 
 
+@_noted("design")
 def design_run(run: RunFolder, report: Report, asked: DesignRequest) -> Done:
     """Gains by every rule, one of them proposed: RUN/pid.json, the responses."""
     report("taking up the fit", 0.0)
@@ -143,14 +199,15 @@ def design_run(run: RunFolder, report: Report, asked: DesignRequest) -> Done:
     from .api.control import design_of
     from .api.saving import keep_design
     from .control.design import DRAWS, SEED
+    from .reporting.closing.control import of_design
     from .reporting.control.tables import design_table
     from .run_folder import read_draws
 
     fitted = result.fitted()
     drawn = read_draws(run.path, fitted, DRAWS - 1, SEED)
-    found = design_of(fitted, asked, drawn, report)
-    keep_design(run, result, found, asked.recorded(), report)
-    return Done(design_table(found), failure(result))
+    found = design_of(fitted, asked, drawn, part_of(report, 0.0, 0.95))
+    keep_design(run, result, found, asked.recorded(), part_of(report, 0.95, 1.0))
+    return Done(design_table(found), failure(result), closing=of_design(found, result.state, run.path))
 
 
 def design_fleet(run: Path, report: Report, asked: DesignRequest) -> Done:
@@ -160,12 +217,13 @@ def design_fleet(run: Path, report: Report, asked: DesignRequest) -> Done:
     keep_compiled()
     from .api.control import fleet_design_of
     from .api.fleet import Fleet
+    from .reporting.closing.control import of_fleet_design
     from .reporting.control.tables import design_table
 
     units = Fleet.of(run)
     found = fleet_design_of(units.model, asked, report)
     units.keep_design(run, found, {}, report)
-    return Done(design_table(found))
+    return Done(design_table(found), closing=of_fleet_design(found, run))
 
 
 def fleet(location: str, run: Path, workers: int | None, scheduler: str | None, report: Report, watch: Report) -> Done:
@@ -182,18 +240,22 @@ def fleet(location: str, run: Path, workers: int | None, scheduler: str | None, 
     keep_compiled()
     from .api.fleet_work import work_through
     from .api.fleet_work import workers as place_of
+    from .reporting.closing.fleet import of_fleet
     from .reporting.fleet import fleet_table
 
     files = work_through(location, run, place_of(workers, scheduler), report, watch)
-    return Done(fleet_table(files.content))
+    return Done(fleet_table(files.content), closing=of_fleet(files.content, run))
 
 
 def fleet_report(run: Path, report: Report) -> Done:
     """RUN/fleet.html and its pictures once more, of what lies in RUN."""
     from .api.fleet_work import show
+    from .reporting.closing.fleet import of_fleet
     from .run_folder.fleet import read_fleet_files
 
-    return Done(str(show(run, read_fleet_files(run), report)))
+    files = read_fleet_files(run)
+    show(run, files, report)
+    return Done(None, closing=of_fleet(files.content, run))
 
 
 def export_run(
@@ -230,32 +292,36 @@ def export_run(
     keep_compiled()
     result = run.final()
     from .api.exported import exported
+    from .reporting.closing.control import of_export
     from .run_folder import read_design
 
     report(f"exporting to {to}", 0.5)
     done = exported(result, format_, out or run.path / "export", settings, read_design(run.path), run.path, into,
                     anyway)  # fmt: skip
-    return Done("\n".join(map(str, done.files)), failure(result), "\n".join(done.cannot_hold))
+    closing = of_export(done.files, done.cannot_hold, format_.title, result.state, run.path)
+    return Done("\n".join(map(str, done.files)), failure(result), "\n".join(done.cannot_hold), closing)
 
 
 def write_report(run: RunFolder, report: Report) -> Done:
     """One page of everything that RUN holds: RUN/report.html."""
     report("writing the page", 0.0)
+    from .reporting.closing.model import of_run
     from .reporting.page import write_page
 
     page = write_page(run.path)
-    return Done(str(page.path), page.failure)
+    return Done(None, page.failure, closing=of_run(run.path, page.path))
 
 
 def write_interactive(run: RunFolder, report: Report) -> Done:
     """One page to work with: RUN/report_interactive.html. No stage of `etcfit run`, which leaves the one to print."""
     report("taking up the model", 0.0)
     keep_compiled()
+    from .reporting.closing.model import of_run
     from .reporting.interactive import write_interactive
 
     report("writing the page", 0.5)
     page = write_interactive(run)
-    return Done(str(page.path), page.failure)
+    return Done(None, page.failure, closing=of_run(run.path, page.path))
 
 
 def failure(result: FitResult) -> str:
@@ -283,25 +349,42 @@ def _of_run(work: Callable[..., Done]) -> Callable[..., Done]:
     return lambda folder, run, report, **options: work(run, report, **options)
 
 
-# the one list of stages: a new command joins `etcfit run` by a line here and one in run_folder.STAGE_FILES
+REPORT = Stage("report", _of_run(write_report))
+# the one list of stages, in order: a new command joins `etcfit run` by a line here and one in run_folder.STAGE_FILES.
+# The page comes as soon as there is something to show, and again where a later stage has changed it
 STAGES: tuple[Stage, ...] = (
     Stage("fit", fit_folder),
     Stage("diagnose", _of_run(diagnose_run)),
-    Stage("sample", _of_run(sample_run), ("steps",)),
+    REPORT,
     Stage("reduce", _of_run(reduce_run), ("input", "output", "at", "pade_order")),
     Stage(
         "design",
         lambda folder, run, report, **options: design_run(run, report, DesignRequest(**options)),
         tuple(each.name for each in fields(DesignRequest)),
     ),
-    Stage("report", _of_run(write_report)),
+    REPORT,
+    Stage("sample", _of_run(sample_run), ("steps",)),
+    REPORT,
 )
+LAST = tuple(stage.name for stage in STAGES if stage is not REPORT)  # names of the stages that a run may end with
+
+
+def stages_until(last: str, stages: tuple[Stage, ...] = STAGES) -> tuple[Stage, ...]:
+    """The stages up to one of them, and the page of what they made.
+
+    Raises:
+        UsageError: no such stage.
+    """
+    if last not in LAST:
+        raise UsageError(f"there is no stage {last} to end with. There are {', '.join(LAST)}.")
+    end = next(k for k, stage in enumerate(stages) if stage.name == last)
+    return (*stages[: end + 1], REPORT)
 
 
 def run_all(
     folder: Path,
     path: Path,
-    progress: Callable[[], AbstractContextManager[Report]],
+    progress: Callable[[Expected | None], AbstractContextManager[Report]],
     show: Callable[[str, Done | None], None],
     stages: tuple[Stage, ...] = STAGES,
     asked: Mapping[str, Mapping[str, Any]] = MappingProxyType({}),
@@ -311,30 +394,44 @@ def run_all(
     Args:
         folder: the measurements.
         path: the run folder; made if absent.
-        progress: opened for each stage in turn.
-        show: called after each stage with its name and what came of it, None where it was done before.
-        stages: in order.
+        progress: opened for each stage in turn, with how long it will take; None where nothing is known of that.
+        show: called after each stage with its name and what came of it, None where it was done before this run.
+        stages: in order; the same one may come again, and runs where what it shows has changed.
         asked: options of stages, by the stage's name, in place of those of before; one made with others is not done.
     Returns:
         Why the model that is shown did not converge, or "".
     Raises:
         UsageError: RUN was made from other measurements, or by another version.
     """
-    from .run_folder import is_done, last_failure, must_belong, settings_before
+    from .run_folder import is_done, last_failure, must_belong, set_aside_unfinished, settings_before
 
     must_belong(path, folder)
     run = opened(path)
+    before_all, shown = {stage.name: expected(path, stage.name) for stage in stages}, set[str]()
     for stage in stages:
         before, wanted = settings_before(path).get(stage.name, {}), asked.get(stage.name, {})
         if is_done(path, stage.name, folder) and all(before.get(name) == value for name, value in wanted.items()):
-            show(stage.name, None)
+            if stage.name not in shown:
+                show(stage.name, None)
+            shown.add(stage.name)
             continue
+        if stage.name == REPORT.name:  # it shows what is finished, and comes before what is not
+            set_aside_unfinished(path)
         options = {name: before[name] for name in stage.options if name in before} | dict(wanted)
-        with progress() as report:
+        with progress(before_all[stage.name] or expected(path, stage.name)) as report:
             done = stage.work(folder, run, report, **options)
         taken = {name: value for name, value in options.items() if name not in wanted}
-        show(stage.name, replace(done, remark=_made_anew(taken, before, settings_before(path)[stage.name])))
+        remark = "" if stage.name in shown else _made_anew(taken, before, settings_before(path)[stage.name])
+        show(stage.name, replace(done, remark=remark))
+        shown.add(stage.name)
     return last_failure(path)
+
+
+def closing_of(run: Path) -> Closing:
+    """How `etcfit run` ends: by the last model in RUN, its page and its picture."""
+    from .reporting.closing.model import PAGE, of_run
+
+    return of_run(run, run / PAGE)
 
 
 def designed_for(profile: str | None) -> Mapping[str, Mapping[str, Any]]:
@@ -368,18 +465,22 @@ def _listed(options: Mapping[str, Any]) -> str:
     return ", ".join(f"{name} {json.dumps(value)}" for name, value in options.items())
 
 
-def run(folder: Path | str, out: Path | str, *, profile: str | None = None, quiet: bool = False) -> Fit | Diagnosed:
+def run(
+    folder: Path | str, out: Path | str, *, profile: str | None = None, until: str = LAST[-1], quiet: bool = False
+) -> Fit | Diagnosed:
     """Everything from a measurement folder to RUN/report.html, in order; what is done already is not done again.
 
     Args:
         folder: the measurements.
         out: the run folder; made if absent.
         profile: name of the make of ECU that gains are designed for; None for what they were before, else for none.
+        until: the last stage: fit, diagnose, reduce, design or sample; the page is written all the same.
         quiet: show no progress.
     Returns:
         The last model in it, as `etcfit.load` gives it.
     Raises:
-        UsageError: no make of ECU has that name, or RUN was made from other measurements or by another version.
+        UsageError: no make of ECU or no stage has that name, or RUN was made from other measurements or by another
+            version.
     """
     from .api.fleet import Fleet
     from .api.progress import working
@@ -389,7 +490,7 @@ def run(folder: Path | str, out: Path | str, *, profile: str | None = None, quie
         if done is not None and done.remark and not quiet:
             print(f"{name}: {done.remark}", file=sys.stderr)
 
-    run_all(Path(folder), Path(out), lambda: working(quiet), show, asked=designed_for(profile))
+    run_all(Path(folder), Path(out), partial(working, quiet), show, stages_until(until), designed_for(profile))
     found = load(out)
     assert not isinstance(found, Fleet), "the run folder of a fleet has no fit"
     return found

@@ -11,7 +11,7 @@ from PIL import Image
 
 import results
 from etcfit.files import write_json
-from etcfit.run_folder import finish, fit_json, save_fit
+from etcfit.run_folder import finish, fit_json, read_records, save_fit
 
 STAGES = {"diagnosis": "diagnose", "posterior": "sample", "transfer_function": "reduce",
           "frequency_response": "reduce", "pid": "design"}  # fmt: skip
@@ -53,7 +53,8 @@ def changed(run: Path, kind: str, **changes: Any) -> None:
     path = run / f"{kind}.json"
     content = json.loads(path.read_text(encoding="utf-8")) | changes
     path.write_text(json.dumps(content), encoding="utf-8")
-    finish(run, {"fit": "fit", **STAGES}[kind], 0, {}, {} if kind == "fit" else None)
+    stage = {"fit": "fit", **STAGES}[kind]
+    finish(run, stage, 0, {}, {} if kind == "fit" else None, read_records(run)[stage].folder)
 
 
 def _diagnosis(fit: dict[str, Any]) -> dict[str, Any]:

@@ -2,16 +2,20 @@
 
 from __future__ import annotations
 
+import inspect
 import json
+import re
+import shlex
 import shutil
 import subprocess
 import sys
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
+from typing import Any, cast, get_args, get_type_hints
 
 import numpy as np
 import pytest
+from typer.main import get_command
 from typer.testing import CliRunner, Result
 
 import campaigns
@@ -28,10 +32,12 @@ from etcfit.experiment.advice import Advice, Option
 from etcfit.experiment.campaign import Campaign
 from etcfit.experiment.settings import AdviceSettings
 from etcfit.files import plain
+from etcfit.reporting.closing import Closing
 from etcfit.rig.base import Rig
 from etcfit.run_folder import RunFolder, save_diagnosis, save_fit
-from etcfit.stages import Done
+from etcfit.stages import Done, stages_until
 
+CLOSING = "Answer: It is known.\nNext:   etcfit report bench\n"
 ASKED = {
     "overshoot_pct": 20.0,
     "settling_s": 0.2,
@@ -54,7 +60,7 @@ class Stages:
 
     def __init__(self) -> None:
         self.asked: list[tuple[Any, ...]] = []
-        self.done = Done("a table")
+        self.done = Done("a table", closing=Closing("It is known.", "etcfit report bench"))
         self.raises: BaseException | None = None
 
     def work(self, *asked: Any, **more: Any) -> Done:
@@ -95,7 +101,7 @@ def test_a_command_is_one_call_and_its_table(
     invoke, stages: Stages, words: tuple[str, ...], asked: tuple[Any, ...]
 ) -> None:
     done = invoke(*words)
-    assert (done.exit_code, done.stdout) == (0, "a table\n")
+    assert (done.exit_code, done.stdout) == (0, f"a table\n{CLOSING}")
     assert "working" in done.stderr
     assert stages.asked == [asked]
     assert invoke(*words, "--quiet").stderr == ""
@@ -179,14 +185,16 @@ def test_advice_is_printed_and_written_where_it_is_asked_for(invoke, tmp_path: P
     done = invoke("check", "rig", "--advise", "--quiet")
     assert (done.exit_code, done.stderr) == (0, "")
     assert "viscous" in done.stdout
-    assert invoke("check", "rig", "--advise", "--at", "run", "--out", "there", "--quiet").stdout == done.stdout
+    table = done.stdout.partition("Next:")[0]
+    written = invoke("check", "rig", "--advise", "--at", "run", "--out", "there", "--quiet").stdout
+    assert written == f"{table}Look:   there/advice.json\nNext:   etcfit plan run --out plans/run\n"
     save_diagnosis(tmp_path / "run", found)
-    assert invoke("check", "rig", "--advise", "--at", "run", "--quiet").stdout == done.stdout
+    assert invoke("check", "rig", "--advise", "--at", "run", "--quiet").stdout.startswith(table)
     assert advised[0] is None
     assert equal(advised[1:], [found.before, found.after])  # the final model, once there is one
-    written = json.loads((tmp_path / "there" / "advice.json").read_text(encoding="utf-8"))
-    assert written["options"][0]["widths"] == {"R_a": 0.5}
-    assert written["settings"] == plain(AdviceSettings())
+    advice = json.loads((tmp_path / "there" / "advice.json").read_text(encoding="utf-8"))
+    assert advice["options"][0]["widths"] == {"R_a": 0.5}
+    assert advice["settings"] == plain(AdviceSettings())
 
 
 @pytest.mark.parametrize("option", ["--at", "--out"])
@@ -199,30 +207,114 @@ def test_what_goes_with_advice_alone_is_refused_without_it(invoke, option: str) 
 def test_report_prints_where_the_page_is(invoke, tmp_path: Path) -> None:
     run = runs.run_folder(tmp_path)
     done = invoke("report", run)
-    assert (done.exit_code, done.stdout) == (0, f"{run / 'report.html'}\n")
+    assert done.exit_code == 0
+    answer, look, further = done.stdout.splitlines()
+    assert answer.startswith("Answer: ")
+    assert look == f"Look:   {run / 'report.html'} and {run / 'pictures' / 'parameters.png'}"
+    assert further.startswith("Next:   etcfit ")
 
 
 @pytest.mark.slow
 def test_the_page_to_work_with_is_written_beside_the_printed_one(invoke, tmp_path: Path) -> None:
     run = runs.run_folder(tmp_path)
     done = invoke("report", run, "--interactive", "--quiet")
-    assert (done.exit_code, done.stdout) == (0, f"{run / 'report_interactive.html'}\n")
+    assert done.exit_code == 0
+    assert f"Look:   {run / 'report_interactive.html'} and " in done.stdout
     assert not (run / "report.html").exists()
 
 
 def test_run_goes_through_the_stages_and_says_what_was_done_before(invoke, monkeypatch: pytest.MonkeyPatch) -> None:
-    def run_all(folder: Path, run: Path, progress: Any, show: Callable[..., None], asked: Any) -> str:
+    def run_all(folder: Path, run: Path, progress: Any, show: Callable[..., None], stages: Any, asked: Any) -> str:
         assert (folder, run, asked) == (Path("bench"), Path("a"), {"design": {"profile": "link"}})
+        ended.append([stage.name for stage in stages])
         show("fit", None)
-        with progress() as report:
+        with progress(None) as report:
             report("finding out", 0.5)
-        show("diagnose", Done("the diagnosis", remark="made anew"))
+        show("diagnose", Done("the diagnosis", remark="made anew", closing=Closing("Of one stage.", "none")))
         return "it did not converge"
 
+    ended: list[list[str]] = []
     monkeypatch.setattr("etcfit.stages.run_all", run_all)
+    monkeypatch.setattr("etcfit.stages.closing_of", lambda run: Closing("It is known.", "etcfit report bench"))
     done = invoke("run", "bench", "--out", "a", "--ecu", "link")
-    assert (done.exit_code, done.stdout) == (3, "the diagnosis\n")
+    assert (done.exit_code, done.stdout) == (3, f"the diagnosis\n{CLOSING}")
     assert [line.split(":")[0] for line in done.stderr.splitlines()] == ["fit", "finding out", "diagnose", "etcfit"]
+    assert CLOSING in invoke("run", "bench", "--out", "a", "--ecu", "link", "--no-sample", "--quiet").stdout
+    invoke("run", "bench", "--out", "a", "--ecu", "link", "--until", "diagnose")
+    assert ended == [names_until("sample"), names_until("design"), ["fit", "diagnose", "report"]]
+
+
+def names_until(last: str) -> list[str]:
+    return [stage.name for stage in stages_until(last)]
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (("--until", "report"), "--until there is no stage report to end with. There are fit, diagnose,"),
+        (("--until", "sample", "--no-sample"), "--no-sample and --until sample exclude each other"),
+    ],
+)
+def test_a_run_that_cannot_end_so_is_a_usage_error(invoke, words: tuple[str, ...], said: str) -> None:
+    done = invoke("run", "bench", "--out", "a", *words)
+    assert (done.exit_code, done.stdout) == (2, "")
+    assert said in done.stderr
+
+
+def commands() -> dict[str, Any]:
+    """Every command as click has it."""
+    return cast("Any", get_command(app)).commands
+
+
+def flat(text: str) -> str:
+    """A text without the frames and line breaks of a terminal."""
+    return " ".join(re.sub(r"[│╭╮╰╯─]", " ", text).split())
+
+
+@pytest.mark.parametrize("name", [command.name or command.callback.__name__ for command in app.registered_commands])
+def test_help_is_printed_as_it_is_written(invoke, name: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("typer.rich_utils.MAX_WIDTH", 1000)
+    source = next(c.callback for c in app.registered_commands if (c.name or c.callback.__name__) == name)
+    written = [
+        get_args(hint)[1].help for hint in get_type_hints(source, include_extras=True).values() if get_args(hint)
+    ]
+    shown = flat(invoke(name, "--help").stdout)
+    assert written
+    for text in (*written, inspect.getdoc(source).partition("\n\n")[0]):
+        assert flat(text) in shown
+    assert re.search(rf"Example: etcfit {name} \S", shown)
+
+
+def test_markup_in_a_help_text_is_text() -> None:
+    from rich.text import Text
+
+    from etcfit.cli import _literally
+
+    for text in ("else [ecu]'s in rig.toml", "[FILE:]HEADER=QUANTITY [UNIT]", r"a \[b] c", "no brackets"):
+        assert Text.from_markup(_literally(text) or "").plain == text
+
+
+def test_commands_stand_in_groups(invoke) -> None:
+    panels = {command.rich_help_panel for command in commands().values()}
+    assert panels == {"Look", "Fit", "Explain", "Control", "Share", "Many units", "Measure"}
+    shown = invoke("--help").stdout
+    assert all(panel in shown for panel in panels)
+
+
+def test_a_limit_that_is_off_says_so_and_a_number_that_is_taken_too(invoke, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("typer.rich_utils.MAX_WIDTH", 1000)
+    shown = flat(invoke("design", "--help").stdout)
+    assert "inf" not in shown.split()
+    assert shown.count("(no limit)") == 3
+    assert "that of [ecu] in rig.toml, else 1ms" in shown
+
+
+@pytest.mark.parametrize("command", [command for command in commands()])
+def test_every_example_names_options_that_there_are(command: str) -> None:
+    words = shlex.split(commands()[command].epilog.replace("\\", ""))[1:]
+    assert words[:2] == ["etcfit", command]
+    known = {name for parameter in commands()[command].params for name in parameter.opts}
+    assert {word for word in words if word.startswith("--")} <= known
 
 
 def test_an_unknown_ecu_is_told_before_anything_is_fitted(invoke, tmp_path: Path) -> None:
@@ -268,7 +360,11 @@ def test_fetch_refuses_to_overwrite(invoke) -> None:
 
 def test_fetch_writes_below_measurements_and_prints_where(invoke, measured: Path) -> None:
     done = invoke("fetch", "kassel-throttle", "--data", measured, "--quiet")
-    assert (done.exit_code, done.stdout, done.stderr) == (0, f"{Path('measurements/kassel-throttle')}\n", "")
+    assert (done.exit_code, done.stderr) == (0, "")
+    assert done.stdout.splitlines()[1:] == [
+        "Look:   measurements/kassel-throttle/README.md",
+        "Next:   etcfit check measurements/kassel-throttle",
+    ]
     assert Path("measurements/kassel-throttle/rig.toml").is_file()
 
 
@@ -429,7 +525,7 @@ def test_plan_writes_the_files_and_prints_where_the_sheet_is(
     done = invoke("plan", "rig", "--out", "next", *words)
     assert (done.exit_code, done.stderr) == (0, "")
     assert "response/plan_1.csv" in done.stdout
-    assert done.stdout.splitlines()[-1] == str(Path("next") / "procedure.html")
+    assert done.stdout.splitlines()[-2] == f"Look:   {Path('next') / 'procedure.html'}"
     assert (tmp_path / "next" / "procedure.html").is_file()
     ((at, settings, given),) = asked
     assert at is None

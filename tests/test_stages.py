@@ -18,20 +18,56 @@ from etcfit.api.diagnosed import Diagnosed
 from etcfit.control.pid import Requirements
 from etcfit.control.request import DesignRequest
 from etcfit.diagnosis.findings import Diagnosis
+from etcfit.errors import UsageError
 from etcfit.estimation.result import FitResult
 from etcfit.run_folder import STAGE_FILES, read_records, save_diagnosis
-from etcfit.stages import STAGES, design_run, diagnose_run, fit_folder, opened, reduce_run, sample_run
+from etcfit.stages import (
+    REPORT,
+    STAGES,
+    Stage,
+    design_run,
+    diagnose_run,
+    expected,
+    fit_folder,
+    opened,
+    reduce_run,
+    sample_run,
+    stages_until,
+)
 
 
 def test_every_stage_has_its_files_in_the_same_order() -> None:
-    assert [stage.name for stage in STAGES] == list(STAGE_FILES)
+    assert [*(stage.name for stage in STAGES if stage is not REPORT), REPORT.name] == list(STAGE_FILES)
 
 
 def test_a_stage_is_made_from_what_those_before_it_make() -> None:
     made: set[str] = set()
     for files in STAGE_FILES.values():
         assert {*files.needs, *files.uses} <= made
+        assert not {*files.may_use} & made, "what comes before is `uses`"
         made |= set(files.makes)
+    assert {name for files in STAGE_FILES.values() for name in files.may_use} <= made
+
+
+def test_the_page_follows_every_stage_that_somebody_waits_for() -> None:
+    names = [stage.name for stage in STAGES]
+    assert names == ["fit", "diagnose", "report", "reduce", "design", "report", "sample", "report"]
+
+
+@pytest.mark.parametrize(
+    ("last", "names"),
+    [("fit", ["fit", "report"]), ("diagnose", ["fit", "diagnose", "report"]),
+     ("reduce", ["fit", "diagnose", "report", "reduce", "report"]),
+     ("design", ["fit", "diagnose", "report", "reduce", "design", "report"]),
+     ("sample", ["fit", "diagnose", "report", "reduce", "design", "report", "sample", "report"])],
+)  # fmt: skip
+def test_a_run_ends_with_the_stage_that_is_named_and_the_page(last: str, names: list[str]) -> None:
+    assert [stage.name for stage in stages_until(last)] == names
+
+
+def test_a_run_cannot_end_with_a_stage_that_there_is_not() -> None:
+    with pytest.raises(UsageError, match=r"no stage report to end with\. There are fit, diagnose, reduce, design, "):
+        stages_until("report")
 
 
 def test_the_report_shows_every_result() -> None:
@@ -68,6 +104,11 @@ def test_the_fit_of_a_folder_is_kept_drawn_and_shown(
     assert run.fit() is found.before
     assert (run.path / "pictures" / "parameters.png").is_file()
     assert read_records(run.path)["fit"].exit == 0
+    assert read_records(run.path)["fit"].seconds > 0.0
+    assert expected(run.path, "fit") == (read_records(run.path)["fit"].seconds, "as last time")
+    assert expected(run.path, "reduce") is None
+    assert done.closing is not None
+    assert done.closing.next.startswith("etcfit ")
 
 
 def test_a_diagnosis_starts_from_the_fit_as_it_was(
@@ -127,6 +168,7 @@ def test_gains_are_made_anew_from_what_the_manifest_has_of_them(
     monkeypatch.setattr("etcfit.api.control.design_of", lambda fitted, request, *_: asked.append(request))
     monkeypatch.setattr("etcfit.api.saving.keep_design", lambda run, result, design, settings, _: kept.append(settings))
     monkeypatch.setattr("etcfit.reporting.control.tables.design_table", lambda design: "a table")
+    monkeypatch.setattr("etcfit.reporting.closing.control.of_design", lambda *_: None)
     run = opened(tmp_path / "run")
     run.keep_fit(found.before)
     wanted = DesignRequest("simc", 10, True, {"overshoot_pct": 10.0}, {"period": 2e-3}, "link", "a.csv", Path("line"))
@@ -149,12 +191,13 @@ def test_what_is_asked_for_reaches_the_design(found: Diagnosis, monkeypatch: pyt
 
 
 def test_run_gives_the_last_model_back(found: Diagnosis, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    def run_all(folder: Path, path: Path, *_: Any, asked: Any) -> str:
+    def run_all(folder: Path, path: Path, progress: Any, show: Any, stages: tuple[Stage, ...], asked: Any) -> str:
         assert (folder, asked) == (tmp_path / "rig", {"design": {"profile": "rusefi"}})
+        assert stages == stages_until("design")
         save_diagnosis(path, found)
         return ""
 
     monkeypatch.setattr("etcfit.stages.run_all", run_all)
-    last = etcfit.run(str(tmp_path / "rig"), str(tmp_path / "run"), profile="rusefi", quiet=True)
+    last = etcfit.run(str(tmp_path / "rig"), str(tmp_path / "run"), profile="rusefi", until="design", quiet=True)
     assert isinstance(last, Diagnosed)
     assert equal(last.diagnosis, found)

@@ -44,7 +44,7 @@ def row(parameter: inspect.Parameter, hint: Any) -> str:
     # inside Annotated the first name stands where a default would
     names = [name for name in (info.default, *(info.param_decls or ())) if isinstance(name, str)]
     shown = ", ".join(f"`{name}{value}`" for name in names or [f"--{parameter.name.replace('_', '-')}"])
-    return f"| {shown} | {default_of(parameter)} | {help_} |"
+    return f"| {shown} | {default_of(parameter, info)} | {help_} |"
 
 
 def described(hint: Any) -> tuple[tuple[Any, ...], Any]:
@@ -54,9 +54,11 @@ def described(hint: Any) -> tuple[tuple[Any, ...], Any]:
     return tuple(inner for kind in kinds for inner in (get_args(kind) or (kind,))), info
 
 
-def default_of(parameter: inspect.Parameter) -> str:
+def default_of(parameter: inspect.Parameter, info: Any) -> str:
     """Empty where there is none: the option's text then says what happens without it."""
     value = parameter.default
+    if isinstance(info.show_default, str):
+        return info.show_default
     if value is inspect.Parameter.empty:
         return "required"
     if value is None or isinstance(value, bool):

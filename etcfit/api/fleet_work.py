@@ -6,7 +6,7 @@ import os
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from ..errors import MeasurementError
+from ..errors import MeasurementError, require_libraries
 from ..fleets.config import FleetConfig, read_fleet
 from ..fleets.engine.cluster import Crew, ExistingScheduler, LocalWorkers, cores, crew
 from ..fleets.folder import local_copy
@@ -50,6 +50,7 @@ def work_through(
         MeasurementError: there is no unit, what is written down about the fleet is wrong, or no unit could be fitted.
         UsageError: Dask is not installed, or no worker answers.
     """
+    require_libraries("fleet", "A fleet")
     report("reading the fleet", 0.0)
     config = read_fleet(location)
     toml = rig_of_one(config)

@@ -1,52 +1,141 @@
-"""How far a long computation has come: a bar on a terminal, a bar in a notebook, nothing where nobody looks."""
+"""How far a long computation has come, and how long it will take: a bar on a terminal or in a notebook, else lines."""
 
 from __future__ import annotations
 
 import html
 import sys
+import threading
 import time
 from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, contextmanager
 from functools import cache
-from typing import Any
+from typing import Any, NamedTuple
 
 Report = Callable[[str, float], None]  # what is being done, and the share of it that is done, 0 to 1
+
+
+Clock = Callable[[], float]  # s since any instant
+_EARLIEST = 3.0  # s of work before its pace says anything
+_LEAST = 0.03  # share of the work that must be done for that
+_STEPS = 2  # in so many steps at least: one may be any guess
+_EVERY = 30.0  # s between two lines, at most
+
+
+class Expected(NamedTuple):
+    """How long some work will take, before it has begun.
+
+    Args:
+        seconds: that.
+        why: where it is known from, as in "as last time".
+    """
+
+    seconds: float
+    why: str
 
 
 def silent(stage: str, done: float) -> None:
     """A progress report that says nothing."""
 
 
+def part_of(report: Report, low: float, high: float) -> Report:
+    """A report for one part of a longer work: its share from 0 to 1 is that from low to high of the whole."""
+    return lambda stage, done: report(stage, low + (high - low) * done)
+
+
+class Remaining:
+    """Seconds left: those expected less those gone; else, at the pace so far, (1 - s) (t - t_0) / (s - s_0).
+
+    Args:
+        expected: how long it will take; None where nothing is known of that.
+        clock: time, s.
+    """
+
+    def __init__(self, expected: Expected | None = None, clock: Clock = time.monotonic) -> None:
+        self._whole, self._clock = (0.0 if expected is None else expected.seconds), clock
+        self._began = self._start = self._last = clock()
+        self._first = self.share = 0.0
+        self._steps = 0
+
+    def update(self, share: float) -> None:
+        """What is done now. A share that falls begins a new part of the work, with a pace of its own."""
+        now = self._clock()
+        if share < self.share:
+            self._start, self._first, self._steps = now, share, 0
+        if share > self.share:
+            self._last, self._steps = now, self._steps + 1
+        self.share = share
+
+    @property
+    def _is_expected(self) -> bool:
+        """Whether what was expected can still be true."""
+        return self._clock() - self._began < self._whole
+
+    @property
+    def elapsed(self) -> float:
+        """Since it began, s."""
+        return self._clock() - self._began
+
+    @property
+    def seconds(self) -> float | None:
+        """Left, s; None while nothing can be said."""
+        now = self._clock()
+        if self._is_expected:
+            return self._whole - (now - self._began)
+        took, gained = self._last - self._start, self.share - self._first
+        if took < _EARLIEST or gained < _LEAST or self._steps < _STEPS:
+            return None
+        left = (1.0 - self.share) * took / gained - (now - self._last)
+        return left if left > 0.0 else None
+
+    def __str__(self) -> str:
+        """As it is shown: "about 40 s left", or "" while nothing can be said. Work that searches may end early."""
+        left = self.seconds
+        return "" if left is None else f"{'about' if self._is_expected else 'up to'} {in_words(left)} left"
+
+
+def in_words(seconds: float) -> str:
+    """A duration as coarse as an estimate is: "5 s", "40 s", "3 min", "2 h"."""
+    if seconds < 90.0:
+        return f"{5 * max(1, round(seconds / 5.0))} s"
+    return f"{seconds / 60.0:.0f} min" if seconds < 5400.0 else f"{seconds / 3600.0:.0f} h"
+
+
 @contextmanager
-def working(quiet: bool = False) -> Iterator[Report]:
+def working(quiet: bool = False, expected: Expected | None = None) -> Iterator[Report]:
     """For a verb that computes: models compiled before are found again, and progress is shown.
 
     Args:
         quiet: show nothing.
+        expected: how long it will take; None where nothing is known of that.
     """
     _keep_compiled()
-    with progress(quiet) as report:
+    with progress(quiet, expected) as report:
         yield report
 
 
 @contextmanager
-def progress(quiet: bool = False, elsewhere: Callable[[], Report] = lambda: silent) -> Iterator[Report]:
+def progress(
+    quiet: bool = False, expected: Expected | None = None, say: Callable[[str], None] | None = None
+) -> Iterator[Report]:
     """Show progress where somebody looks, on stderr or below the notebook's cell.
 
     Args:
         quiet: show nothing.
-        elsewhere: makes the report for an output that is neither a terminal nor a notebook.
+        expected: how long it will take; None where nothing is known of that.
+        say: prints a line of an output that is neither a terminal nor a notebook; None: such an output gets nothing.
     """
-    with _shown(quiet, elsewhere) as report:
+    with _shown(quiet, expected, say) as report:
         yield report
 
 
-def _shown(quiet: bool, elsewhere: Callable[[], Report]) -> AbstractContextManager[Report]:
+def _shown(quiet: bool, expected: Expected | None, say: Callable[[str], None] | None) -> AbstractContextManager[Report]:
     if quiet:
         return _plain(silent)
     if in_notebook():
-        return notebook_bar()
-    return terminal_bar() if sys.stderr.isatty() else _plain(elsewhere())
+        return notebook_bar(expected)
+    if sys.stderr.isatty():
+        return terminal_bar(expected)
+    return _plain(silent) if say is None else plain_lines(say, expected)
 
 
 @contextmanager
@@ -61,42 +150,112 @@ def in_notebook() -> bool:
     return getattr(shell, "kernel", None) is not None
 
 
+class Lines:
+    """A line for each new stage, and one at least every half minute while nothing is reported.
+
+    Args:
+        say: prints a line.
+        expected: how long it will take; None where nothing is known of that.
+        clock: time, s.
+    """
+
+    def __init__(
+        self, say: Callable[[str], None], expected: Expected | None = None, clock: Clock = time.monotonic
+    ) -> None:
+        self._say, self._clock, self._left = say, clock, Remaining(expected, clock)
+        self._stage, self._said, self._lock = "", clock(), threading.Lock()
+        if expected is not None and expected.seconds >= _EARLIEST:
+            say(f"this takes about {in_words(expected.seconds)}, {expected.why}")
+
+    def report(self, stage: str, done: float) -> None:
+        """What is being done, and the share of it that is done."""
+        with self._lock:
+            self._left.update(done)
+            if stage != self._stage:
+                self._stage = stage
+                self._print(str(self._left))
+
+    def tick(self) -> None:
+        """Called now and then: says how far it is where the last line is old."""
+        with self._lock:
+            if self._stage and self._clock() - self._said >= _EVERY:
+                gone = f"{100.0 * self._left.share:.0f} % done after {in_words(self._left.elapsed)}"
+                self._print(", ".join(filter(None, (gone, str(self._left)))))
+
+    def _print(self, remark: str) -> None:
+        self._say(f"{self._stage} ({remark})" if remark else self._stage)
+        self._said = self._clock()
+
+
 @contextmanager
-def terminal_bar(console: Any = None) -> Iterator[Report]:
+def plain_lines(say: Callable[[str], None], expected: Expected | None = None) -> Iterator[Report]:
+    """Lines for a log; see `Lines`."""
+    lines, ended = Lines(say, expected), threading.Event()
+
+    def watch() -> None:
+        while not ended.wait(1.0):
+            lines.tick()
+
+    watcher = threading.Thread(target=watch, daemon=True)
+    watcher.start()
+    try:
+        yield lines.report
+    finally:
+        ended.set()
+        watcher.join()
+
+
+@contextmanager
+def terminal_bar(expected: Expected | None = None, console: Any = None) -> Iterator[Report]:
     """A bar on stderr that is wiped away at the end.
 
     Args:
+        expected: how long it will take; None where nothing is known of that.
         console: a rich Console to draw on instead.
     """
     from rich.console import Console
-    from rich.progress import BarColumn, Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
+    from rich.progress import BarColumn, Progress, ProgressColumn, SpinnerColumn, Task, TextColumn, TimeElapsedColumn
+    from rich.text import Text
+
+    remaining = Remaining(expected)
+
+    class LeftColumn(ProgressColumn):
+        def render(self, task: Task) -> Text:
+            return Text(str(remaining), style="progress.remaining")
 
     plain = TextColumn("{task.description}", markup=False)
-    columns = SpinnerColumn(), plain, BarColumn(), TimeElapsedColumn()
+    columns = SpinnerColumn(), plain, BarColumn(bar_width=20), TimeElapsedColumn(), LeftColumn()
     with Progress(*columns, console=console or Console(stderr=True), transient=True) as bar:
         task = bar.add_task("starting", total=1.0)
-        yield lambda stage, done: bar.update(task, description=stage, completed=done)
+
+        def report(stage: str, done: float) -> None:
+            remaining.update(done)
+            bar.update(task, description=stage, completed=done)
+
+        yield report
 
 
 @contextmanager
-def notebook_bar(every: float = 0.2) -> Iterator[Report]:
+def notebook_bar(expected: Expected | None = None, every: float = 0.2) -> Iterator[Report]:
     """A bar below the cell that is wiped away at the end: rich's own needs ipywidgets, this needs nothing.
 
     Args:
+        expected: how long it will take; None where nothing is known of that.
         every: least time between two updates, s.
     """
     from IPython.core.display import HTML
     from IPython.display import DisplayHandle
 
-    handle = DisplayHandle()
-    handle.display(HTML(_bar("starting", 0.0)))
+    handle, remaining = DisplayHandle(), Remaining(expected)
+    handle.display(HTML(_bar("starting", 0.0, str(remaining))))
     last = 0.0
 
     def report(stage: str, done: float) -> None:
         nonlocal last
         now = time.monotonic()
+        remaining.update(done)
         if now - last > every:
-            handle.update(HTML(_bar(stage, done)))
+            handle.update(HTML(_bar(stage, done, str(remaining))))
             last = now
 
     try:
@@ -105,8 +264,9 @@ def notebook_bar(every: float = 0.2) -> Iterator[Report]:
         handle.update(HTML(""))
 
 
-def _bar(stage: str, done: float) -> str:
-    return f'<progress value="{min(max(done, 0.0), 1.0):.3f}" max="1"></progress> <code>{html.escape(stage)}</code>'
+def _bar(stage: str, done: float, left: str) -> str:
+    bar = f'<progress value="{min(max(done, 0.0), 1.0):.3f}" max="1"></progress>'
+    return f"{bar} <code>{html.escape(stage)}</code> {left}"
 
 
 @cache

@@ -435,7 +435,7 @@ def fleet(
         quiet: show no progress.
     Raises:
         MeasurementError: there is no unit, what is written down about the fleet is wrong, or no unit could be fitted.
-        UsageError: Dask is not installed (`pip install "etcfit[fleet]"`), or no worker answers.
+        UsageError: the libraries for fleets are not installed, or no worker answers.
     """
     with working(quiet) as report:
         from .fleet import Fleet

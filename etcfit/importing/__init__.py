@@ -16,7 +16,7 @@ from .answers import Answers
 from .doubts import Resolve
 from .draft import Draft, drafted
 from .folder import read_back, texts
-from .formats import read_sheets
+from .formats import read_sheets, require_libraries
 from .formats.base import Source
 from .settings import GuessSettings
 from .together import merged, with_common_peaks
@@ -72,10 +72,11 @@ def import_files(
     recordings = [file for file in files if file not in buses]
     if not recordings:
         raise UsageError("No recording among the files: a DBC alone says only what its frames mean.")
-    sheets = []
-    for k, file in enumerate(recordings):
-        report(f"reading {file.name}", 0.8 * k / len(recordings))
-        sheets += read_sheets(Source(file, str(file), buses))
+    sources, sheets = [Source(file, str(file), buses) for file in recordings], []
+    require_libraries(sources)
+    for k, source in enumerate(sources):
+        report(f"reading {source.path.name}", 0.8 * k / len(sources))
+        sheets += read_sheets(source)
     sheets = with_common_peaks(merged(sheets))
     answers.refuse_unused(sheets)
     report("guessing what they show", 0.8)

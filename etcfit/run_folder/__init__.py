@@ -35,8 +35,10 @@ if TYPE_CHECKING:
     from .manifest import begin as begin
     from .manifest import finish as finish
     from .manifest import is_current as is_current
+    from .manifest import note_seconds as note_seconds
     from .manifest import read_records as read_records
     from .manifest import require as require
+    from .manifest import set_aside_unfinished as set_aside_unfinished
     from .manifest import settings_before as settings_before
     from .model import read_design as read_design
     from .model import read_draws as read_draws
@@ -88,8 +90,10 @@ MODULE_OF = {
     "begin": "manifest",
     "finish": "manifest",
     "is_current": "manifest",
+    "note_seconds": "manifest",
     "read_records": "manifest",
     "require": "manifest",
+    "set_aside_unfinished": "manifest",
     "settings_before": "manifest",
     "read_design": "model",
     "read_draws": "model",

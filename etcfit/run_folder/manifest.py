@@ -1,6 +1,6 @@
 """RUN/run.json: which stage made what, from what; a stage is stale when a hash says so, never by a file's time.
 
-    stages: {NAME: {at, settings, inputs: {FILE: sha256}, outputs: {FILE: sha256}, exit}}
+    stages: {NAME: {at, settings, inputs: {FILE: sha256}, outputs: {FILE: sha256}, exit, seconds}}
     aside: {NAME: settings}, of stages that ran once and whose files no longer hold
 
 Inputs of the fit are files of the measurement folder, those of every other stage files of RUN, and of a design the log
@@ -15,7 +15,7 @@ import json
 import os
 import shutil
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -42,6 +42,8 @@ class StageFiles:
         needs: the models below RUN that it is made from, where they are there: its files are of no use once these are
             others. Those of the fit are the measurements.
         uses: what it takes in besides where it is there: its files are true without, and better made again.
+        may_use: the same, of a later stage: its files hold where that comes afterwards, and are better made again where
+            what they were made with has changed.
         beside: pictures, and a page on demand, that go along with its files.
         command: what writes them.
     """
@@ -49,6 +51,7 @@ class StageFiles:
     makes: tuple[str, ...]
     needs: tuple[str, ...] = ()
     uses: tuple[str, ...] = ()
+    may_use: tuple[str, ...] = ()
     beside: tuple[str, ...] = ()
     command: str = ""
 
@@ -57,23 +60,24 @@ _MODEL = (FIT_STATE, DIAGNOSIS_STATE)
 _RESULTS = ("fit.json", "diagnosis.json", "posterior.json", "transfer_function.json", "frequency_response.json",
             "pid.json")  # fmt: skip
 _CONTROL = "pictures/control"
+_OPTIONAL = ("folder", "seconds")  # keys of a stage that are left out where nothing is known
 _OF_DESIGN = tuple(f"{_CONTROL}/{name}.png" for name in ("responses", "scenarios", "front", "safety"))
 # in order: a stage needs only what stages before it make
 STAGE_FILES: Mapping[str, StageFiles] = {
     "fit": StageFiles(("fit.json", FIT_STATE), command="etcfit fit FOLDER --out {run}"),
     "diagnose": StageFiles(
-        ("diagnosis.json", DIAGNOSIS_STATE), (FIT_STATE,), (), ("pictures/diagnosis",), "etcfit diagnose {run}"
+        ("diagnosis.json", DIAGNOSIS_STATE), (FIT_STATE,), (), (), ("pictures/diagnosis",), "etcfit diagnose {run}"
     ),
-    "sample": StageFiles(("posterior.json", POSTERIOR), _MODEL, (), ("pictures/posterior",), "etcfit sample {run}"),
     "reduce": StageFiles(
-        ("transfer_function.json", "frequency_response.json"), _MODEL, (),
+        ("transfer_function.json", "frequency_response.json"), _MODEL, (), (),
         (f"{_CONTROL}/bode.png", f"{_CONTROL}/sines.png"), "etcfit reduce {run}",
     ),
     "design": StageFiles(
-        ("pid.json",), _MODEL, (POSTERIOR,), _OF_DESIGN, "etcfit design {run}"
+        ("pid.json",), _MODEL, (), (POSTERIOR,), _OF_DESIGN, "etcfit design {run}"
     ),
+    "sample": StageFiles(("posterior.json", POSTERIOR), _MODEL, (), (), ("pictures/posterior",), "etcfit sample {run}"),
     "report": StageFiles(
-        ("report.html",), _MODEL, _RESULTS, ("report_interactive.html",), "etcfit report {run}"
+        ("report.html",), _MODEL, _RESULTS, (), ("report_interactive.html",), "etcfit report {run}"
     ),
 }  # fmt: skip
 
@@ -88,6 +92,7 @@ class Record:
         inputs, outputs: SHA-256 by file; null for one that was not there.
         exit: its exit status.
         folder: where the measurements lie, as seen from RUN; of the fit only.
+        seconds: how long it took; None where nobody noted it.
     """
 
     at: str
@@ -96,6 +101,7 @@ class Record:
     outputs: Mapping[str, str | None]
     exit: int
     folder: str | None = None
+    seconds: float | None = None
 
 
 def digest(path: Path) -> str | None:
@@ -200,7 +206,7 @@ def finish(
 def inputs_of(run: Path, stage: str) -> dict[str, str | None]:
     """SHA-256 of the files of RUN that a stage is made from, as they lie there now."""
     files = STAGE_FILES[stage]
-    return {name: digest(run / name) for name in (*files.needs, *files.uses)}
+    return {name: digest(run / name) for name in (*files.needs, *files.uses, *files.may_use)}
 
 
 def is_current(run: Path, stage: str, records: Mapping[str, Record]) -> bool:
@@ -214,16 +220,25 @@ def is_current(run: Path, stage: str, records: Mapping[str, Record]) -> bool:
 def is_latest(run: Path, stage: str, records: Mapping[str, Record]) -> bool:
     """Whether a stage is current and nothing that it uses besides has changed.
 
-    A file outside of RUN that was taken away has not changed: nothing newer could be made without it.
+    A file outside of RUN that was taken away has not changed: nothing newer could be made without it. Nor has what a
+    later stage made since, where there was nothing of it before.
     """
     current = is_current(run, stage, records)
     if not current or stage == "fit":
         return current
-    was, now = records[stage].inputs, inputs_of(run, stage)
-    outside = {name: digest(run / name) for name in was if name not in now}
-    return all(was.get(name) == sha for name, sha in now.items()) and all(
-        sha in (None, was[name]) for name, sha in outside.items()
+    was, files = records[stage].inputs, STAGE_FILES[stage]
+    always = (*files.needs, *files.uses)
+    others = [name for name, sha in was.items() if name not in always and sha is not None]
+    return all(was.get(name) == digest(run / name) for name in always) and all(
+        digest(run / name) in (None, was[name]) for name in others
     )
+
+
+def note_seconds(run: Path, stage: str, seconds: float) -> None:
+    """Put down how long a stage that ended took, for whoever waits for the next one."""
+    records = read_records(run)
+    if stage in records:
+        _write(run, records | {stage: replace(records[stage], seconds=round(seconds, 1))})
 
 
 def seen_from(run: Path, path: Path) -> str:
@@ -257,14 +272,28 @@ def require(run: Path, stage: str) -> Record:
 
 
 def _superseded(run: Path, stage: str, records: Mapping[str, Record]) -> dict[str, Record]:
-    """The records that still hold; files of the others are moved out of the way."""
-    kept, later = dict(records), False
-    for name, files in STAGE_FILES.items():
-        if later and not is_current(run, name, kept):
+    """The records that still hold once a stage has ended; files of later ones that do not are moved out of the way."""
+    names = list(STAGE_FILES)
+    return _without_stale(run, names[names.index(stage) + 1 :], records)
+
+
+def set_aside_unfinished(run: Path) -> None:
+    """Move what an interrupted stage left out of the way, so that a page can be made of the others before it is redone.
+
+    Raises:
+        UsageError: RUN was written by another version.
+    """
+    results = [name for name in STAGE_FILES if name not in ("fit", "report")]
+    _write(run, _without_stale(run, results, read_records(run)))
+
+
+def _without_stale(run: Path, names: Sequence[str], records: Mapping[str, Record]) -> dict[str, Record]:
+    kept = dict(records)
+    for name in names:
+        if not is_current(run, name, kept):
             kept.pop(name, None)
-            for file in (*files.makes, *files.beside):
+            for file in (*STAGE_FILES[name].makes, *STAGE_FILES[name].beside):
                 _put_aside(run, file)
-        later = later or name == stage
     return kept
 
 
@@ -279,7 +308,10 @@ def _put_aside(run: Path, name: str) -> None:
 
 
 def _write(run: Path, records: Mapping[str, Record]) -> None:
-    stages = {name: {key: value for key, value in asdict(records[name]).items() if key != "folder" or value is not None}
-              for name in STAGE_FILES if name in records}  # fmt: skip
+    stages = {name: _known(records[name]) for name in STAGE_FILES if name in records}
     aside = {name: settings for name, settings in settings_before(run).items() if name not in records}
     write_json(run / MANIFEST, "run", {"version": __version__, "stages": stages, "aside": aside})
+
+
+def _known(record: Record) -> dict[str, Any]:
+    return {key: value for key, value in asdict(record).items() if key not in _OPTIONAL or value is not None}

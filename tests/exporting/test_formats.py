@@ -353,7 +353,7 @@ def ours(source: Source, circuit: float, volts: float, start: float, duration: f
 @pytest.mark.slow
 @pytest.mark.parametrize(("circuit", "volts", "start", "within"), [(0.0, 0.0, 1.4, FREE), (1.0, 8.0, 0.05, DRIVEN)])
 def test_mujoco_returns_and_opens_as_our_stepper(circuit: float, volts: float, start: float, within: float) -> None:
-    mujoco = pytest.importorskip("mujoco", reason="mujoco is not installed: pip install 'etcfit[test]'")
+    mujoco = pytest.importorskip("mujoco", reason="mujoco is not installed: pip install '.[test]'")
 
     source = exports.source()
     model = mujoco.MjModel.from_xml_string(text(named("mujoco").export(source), "etcfit_throttle.xml"))

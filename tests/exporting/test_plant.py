@@ -100,7 +100,7 @@ def test_the_loop_around_the_c_plant_is_ours(tmp_path: Path, model: str) -> None
 @pytest.mark.slow
 @every_model
 def test_the_loop_around_the_fmu_is_ours(tmp_path: Path, model: str) -> None:
-    fmpy = pytest.importorskip("fmpy", reason="fmpy is not installed: pip install 'etcfit[test]'")
+    fmpy = pytest.importorskip("fmpy", reason="fmpy is not installed: pip install '.[test]'")
     from fmpy.fmi3 import FMU3Slave
     from fmpy.validation import validate_fmu
 
@@ -145,7 +145,7 @@ def written(export: Export, folder: Path) -> list[Path]:
 @exports.needs_a_compiler
 @pytest.mark.slow
 def test_an_importer_simulates_the_fmu_and_is_told_what_it_cannot_do(tmp_path: Path) -> None:
-    fmpy = pytest.importorskip("fmpy", reason="fmpy is not installed: pip install 'etcfit[test]'")
+    fmpy = pytest.importorskip("fmpy", reason="fmpy is not installed: pip install '.[test]'")
 
     source = exports.source()
     (archive,) = written(fmu.FORMAT.export(source), tmp_path)

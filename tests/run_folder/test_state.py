@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -16,6 +16,7 @@ from typer.testing import CliRunner
 import diagnoses
 import results
 from equality import equal
+from etcfit.api.progress import Expected
 from etcfit.cli import app
 from etcfit.diagnosis.findings import Diagnosis
 from etcfit.errors import UsageError
@@ -36,6 +37,7 @@ from etcfit.run_folder import (
     load_diagnosis,
     load_final,
     load_fit,
+    note_seconds,
     read_records,
     save_diagnosis,
     save_fit,
@@ -263,13 +265,16 @@ class Runs:
         self.found = diagnoses.diagnosis(results.rig(self.folder))
         self.ran: list[str] = []
         self.interrupt = ""
+        page = Stage("report", self.report)
         self.stages = (
             Stage("fit", self.fit),
             Stage("diagnose", self.diagnose),
+            page,
             Stage("design", self.design, ("rule",)),
-            Stage("report", self.report),
+            page,
         )
         self.said: dict[str, str | None] = {}
+        self.expected: list[Expected | None] = []
 
     def beside(self, name: str) -> None:
         self.ran.append(name)
@@ -307,13 +312,18 @@ class Runs:
 
     def go(self, **asked: Any) -> list[str]:
         """`etcfit run`, with options asked for of `etcfit design`."""
-        self.ran, self.said = [], {}
+        self.ran, self.said, self.expected = [], {}, []
 
         def show(name: str, done: Done | None) -> None:
             self.said[name] = None if done is None else done.remark
 
-        run_all(self.folder, self.run, _silently, show, self.stages, {"design": asked})
+        run_all(self.folder, self.run, self.waited, show, self.stages, {"design": asked})
         return self.ran
+
+    def waited(self, expected: Expected | None) -> AbstractContextManager[Report]:
+        """Progress, which is told how long the stage took before."""
+        self.expected.append(expected)
+        return _silently()
 
     def by_hand(self, **options: Any) -> None:
         """`etcfit design RUN` with options."""
@@ -325,7 +335,7 @@ class Runs:
 
 
 @contextmanager
-def _silently() -> Iterator[Report]:
+def _silently(expected: Expected | None = None) -> Iterator[Report]:
     yield lambda text, share: None
 
 
@@ -335,17 +345,29 @@ def runs(tmp_path: Path) -> Runs:
 
 
 def test_a_second_time_there_is_nothing_to_do(runs: Runs) -> None:
-    assert runs.go() == ["fit", "diagnose", "design", "report"]
+    assert runs.go() == ALL
     assert runs.go() == []
+    assert runs.said == dict.fromkeys(ALL)
 
 
-ALL = ["fit", "diagnose", "design", "report"]
+def test_a_stage_that_is_made_again_says_how_long_it_took(runs: Runs) -> None:
+    runs.go()
+    assert runs.expected == [None] * len(ALL)
+    note_seconds(runs.run, "fit", 12.34)
+    _append(runs.folder / "rig.toml")
+    runs.go()
+    assert runs.expected[0] == (12.3, "as last time")
+    assert runs.expected[1] == (2.5 * 12.3, "2.5 times as long as the fit, as a rule")
+
+
+ALL = ["fit", "diagnose", "report", "design", "report"]
 CHANGES = {
     "a trace is measured again": (lambda r: _append(r.folder / "response/1.csv"), ALL),
     "rig.toml is edited": (lambda r: _append(r.folder / "rig.toml"), ALL),
     "a file is touched": (lambda r: (r.folder / "rig.toml").touch(), []),
     "the page is gone": (lambda r: (r.run / "report.html").unlink(), ["report"]),
     "a result is gone": (lambda r: (r.run / "diagnosis.json").unlink(), ["diagnose"]),
+    "a posterior came later": (lambda r: (r.run / "posterior.nc").write_bytes(b"chain"), []),
     "another fit was made by hand": (
         lambda r: save_fit(r.run, replace(r.found.before, chi2_per_dof=7.0)), ALL[1:],
     ),
@@ -379,6 +401,17 @@ def test_an_interrupted_stage_is_begun_again(runs: Runs, stage: str, again: list
     assert runs.go() == []
 
 
+def test_the_page_comes_before_a_stage_that_was_interrupted_and_without_its_files(runs: Runs) -> None:
+    runs.go()
+    begin(runs.run, "design")
+    (runs.run / "report.html").unlink()
+    runs.interrupt = "design"
+    with pytest.raises(Interrupted):
+        runs.go()
+    assert runs.ran == ["report", "design"]
+    assert (runs.run / SUPERSEDED / "pid.json").is_file()
+
+
 def test_gains_made_with_options_are_kept_while_nothing_else_changes(runs: Runs) -> None:
     runs.go()
     runs.by_hand(rule="simc")
@@ -387,11 +420,19 @@ def test_gains_made_with_options_are_kept_while_nothing_else_changes(runs: Runs)
 
 
 AFRESH: dict[str, Callable[[Runs], object]] = {
-    "a posterior came later": lambda r: (r.run / "posterior.nc").write_bytes(b"chain"),
+    "the posterior that they were made with is another": lambda r: _sampled_before(r),
     "the measurements changed": lambda r: _append(r.folder / "rig.toml"),
     "the fit was made again by hand": lambda r: save_fit(r.run, replace(r.found.before, chi2_per_dof=7.0)),
     "it was interrupted": lambda r: begin(r.run, "design"),
 }
+
+
+def _sampled_before(runs: Runs) -> None:
+    for chain in (b"chain", b"a longer chain"):
+        (runs.run / "posterior.nc").write_bytes(chain)
+        finish(runs.run, "sample", 0, {})
+        if chain == b"chain":
+            runs.by_hand(rule="simc")
 
 
 @pytest.mark.parametrize("name", AFRESH)
@@ -434,7 +475,7 @@ def test_gains_that_are_asked_for_otherwise_are_made_anew_and_kept_where_nobody_
 def test_what_no_option_of_a_command_says_is_not_replaced_without_a_word(runs: Runs) -> None:
     runs.go()
     runs.by_hand(rule="simc", draws=50)  # as Python may
-    AFRESH["a posterior came later"](runs)
+    AFRESH["it was interrupted"](runs)
     runs.go()
     assert runs.said["design"] == 'made anew, with rule "simc" as before; other than before: draws 200'
 

@@ -11,7 +11,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
-from ...errors import UsageError
+from ...errors import UsageError, require_libraries
 from .settings import EngineSettings
 
 if TYPE_CHECKING:
@@ -106,8 +106,7 @@ def cores() -> int:
 
 
 def _dask() -> Any:
-    if not importlib.util.find_spec("distributed"):
-        raise UsageError('a fleet needs Dask, which is not installed: pip install "etcfit[fleet]"')
+    require_libraries("fleet", "A fleet")
     import dask
     import distributed  # noqa: F401  its defaults must be in dask.config before ours are laid over them
 
@@ -154,7 +153,7 @@ def _existing(place: ExistingScheduler, settings: EngineSettings) -> Iterator[Cr
             client.wait_for_workers(1, timeout=settings.first_worker)
         except TimeoutError as error:
             raise UsageError(f"the scheduler at {place.address} has no worker: start one with "
-                             f"`dask worker {place.address}` where etcfit[fleet] is installed") from error  # fmt: skip
+                             f"`dask worker {place.address}` in its environment") from error  # fmt: skip
         yield Crew(client, local=False)
 
 

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 from ...errors import MeasurementError
 from ..sheet import Sheet
 from . import matlab, mcap, mdf, megalog, parquet, tdms, text
-from .base import Format, Source
+from .base import Format, Source, library
 
 FORMATS: tuple[Format, ...] = (
     text.FORMAT,
@@ -18,6 +20,18 @@ FORMATS: tuple[Format, ...] = (
     megalog.BINARY,
 )
 BY_SUFFIX = {suffix: format_ for format_ in FORMATS for suffix in format_.suffixes}
+
+
+def require_libraries(sources: Sequence[Source]) -> None:
+    """Refuse files that cannot be read for want of a library before any of them is.
+
+    Raises:
+        MeasurementError: one is not installed.
+    """
+    for source in sources:
+        format_ = BY_SUFFIX.get(source.path.suffix.casefold())
+        for name in () if format_ is None else format_.needs:
+            library(name, source.where)
 
 
 def read_sheets(source: Source) -> list[Sheet]:

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from types import ModuleType
 
-from ...errors import MeasurementError
+from ...errors import MeasurementError, how_to_install
 from ..sheet import Sheet
 
 
@@ -35,11 +35,13 @@ class Format:
         name: for messages.
         suffixes: of its files, in lower case with the dot.
         read: every sheet of a file; imports what is heavy when it is called.
+        needs: libraries that every file of this kind needs.
     """
 
     name: str
     suffixes: tuple[str, ...]
     read: Callable[[Source], list[Sheet]]
+    needs: tuple[str, ...] = ()
 
 
 def library(name: str, where: str) -> ModuleType:
@@ -52,8 +54,8 @@ def library(name: str, where: str) -> ModuleType:
         return importlib.import_module(name)
     except ImportError as err:
         raise MeasurementError(where, f"reading it needs the library {name.partition('.')[0]}, which is not installed.",
-                               "It comes with the extra 'import'.",
-                               "Run: pip install 'etcfit[import]'.") from err  # fmt: skip
+                               "Readers of some formats come with libraries of their own.",
+                               how_to_install("import")) from err  # fmt: skip
 
 
 def unreadable(where: str, found: str, kind: str, error: Exception | None = None) -> MeasurementError:

@@ -146,4 +146,4 @@ def _column(channel: _Channel, name: str, values: np.ndarray, alone: bool) -> Co
     return replace(column(told, values, unit), label=path)
 
 
-FORMAT = Format("MCAP", (".mcap",), _read)
+FORMAT = Format("MCAP", (".mcap",), _read, ("mcap",))

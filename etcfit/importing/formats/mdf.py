@@ -73,4 +73,4 @@ def _united(signals: list[Any]) -> tuple[Column, ...] | None:
     return (time_base(time), *columns)
 
 
-FORMAT = Format("MDF", (".mf4", ".mdf"), _read)
+FORMAT = Format("MDF", (".mf4", ".mdf"), _read, ("asammdf",))

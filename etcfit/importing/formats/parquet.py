@@ -37,4 +37,4 @@ def _column(field: Any, values: np.ndarray) -> Column | None:
     return column(field.name, values.astype(float), unit) if values.dtype.kind in "iuf" else None
 
 
-FORMAT = Format("Parquet", (".parquet", ".pq"), _read)
+FORMAT = Format("Parquet", (".parquet", ".pq"), _read, ("pyarrow",))

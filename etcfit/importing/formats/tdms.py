@@ -47,4 +47,4 @@ def _sheets(where: str, part: str, group: Any) -> list[Sheet]:
 
 
 _CLOCK = ("start_offset", "increment")
-FORMAT = Format("TDMS", (".tdms",), _read)
+FORMAT = Format("TDMS", (".tdms",), _read, ("nptdms",))

@@ -1,0 +1,73 @@
+"""How the commands end that go on from a model: posterior, transfer function, gains, exports."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+
+from ...control.design import Design
+from ...control.linearise import Reduction
+from ...estimation.fit_state import FitState
+from ...model.ecus.profile import Pasting
+from ...posterior.sampling import Posterior
+from ..control.verdicts import answer
+from ..numbers import short
+from .base import Closing, command, number_of
+
+_TUNE, _PLANT = "msq", "c"  # formats of `etcfit export`
+
+
+def of_posterior(posterior: Posterior, run: Path) -> Closing:
+    """Whether it is a posterior, and whether its spread is that of the fit."""
+    look = (run / "pictures" / "posterior" / "intervals.png",)
+    if not posterior.convergence.converged:
+        return Closing(f"No posterior yet: {posterior.convergence.reason}", command("sample", run), look)
+    sampled = f"{number_of(len(posterior.marginals), 'parameter')} have a posterior: {posterior.convergence.reason}."
+    return Closing(f"{sampled}{_caution(posterior.fit.state)}", command("report", run), look)
+
+
+def of_plant(reduction: Reduction, state: FitState, run: Path) -> Closing:
+    """Gain and slowest pole of the linear plant."""
+    slowest = max(reduction.plant.poles, key=lambda pole: pole.real)
+    units = f"{reduction.output_unit}/{reduction.input_unit}"
+    gain = f"The plant has a static gain of {short(float(reduction.plant.dc_gain), 4)} {units}"
+    pole = f"its slowest pole at {short(float(np.real(slowest)), 4)} 1/s"
+    look = (run / "pictures" / "control" / "bode.png",)
+    return Closing(f"{gain} and {pole}.{_caution(state)}", _with(state, run, command("design", run)), look)
+
+
+def of_design(design: Design, state: FitState, run: Path) -> Closing:
+    """The gains that are proposed, and the way into an ECU."""
+    profile = design.task.profile
+    to = _TUNE if profile is not None and profile.pasting is Pasting.TUNE_FILE else _PLANT
+    look = (run / "pictures" / "control" / "responses.png",)
+    return Closing(answer(design), _with(state, run, command("export", run, "--to", to)), look)
+
+
+def of_fleet_design(design: Design, run: Path) -> Closing:
+    """Gains for the units of a fleet: one of them, the nominal one, is exported no further."""
+    return Closing(answer(design), "try the gains on one unit on the bench, its plate free of an engine",
+                   (run / "pictures" / "control" / "responses.png",))  # fmt: skip
+
+
+def of_export(files: Sequence[Path], cannot_hold: Sequence[str], title: str, state: FitState, run: Path) -> Closing:
+    """Files that were written, and what they leave out."""
+    lacks = f"; {number_of(len(cannot_hold), 'thing')} of the model left out, as listed" if cannot_hold else ""
+    written = f"{number_of(len(files), 'file')} written, {title}{lacks}.{_caution(state)}"
+    further = f"open {files[0].name} in the program that it is for; try gains on the bench first"
+    return Closing(written, _with(state, run, further), (files[0],))
+
+
+def _caution(state: FitState) -> str:
+    """That what was made from a fit which is no estimate must not be used."""
+    return f" Do not use it yet: {state.cautions[-1]}" if state.cautions else ""
+
+
+def _with(state: FitState, run: Path, further: str) -> str:
+    """What comes next of a model that is an estimate; of any other, what it lacks comes first."""
+    if not state.cautions:
+        return further
+    diagnosed = (run / "diagnosis.json").is_file()
+    return command("report", run, "--interactive") if diagnosed else command("diagnose", run)

@@ -1,0 +1,161 @@
+"""How a fit, a diagnosis, a page or a whole run ends: by what lies in RUN."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from math import sqrt
+from pathlib import Path
+from typing import Any
+
+from ...estimation.remedies import listed
+from ...run_folder import read_records
+from ...run_folder.state import measurements_of
+from ..likely import likely
+from ..page.contents import Contents, read_run
+from ..page.verdict import NOISE
+from .base import Closing, command, counted, mended
+
+PAGE, INTERACTIVE = "report.html", "report_interactive.html"
+PROVEN = 0.8  # probability from which a name is acted upon
+_GUESSES = 2  # names that are not proven, in one line
+
+
+def of_run(run: Path, *pages: Path) -> Closing:
+    """The last model in RUN.
+
+    Args:
+        run: the run folder, with a fit.
+        pages: to look at before the picture of the errors or parameters.
+    """
+    contents = read_run(run)
+    picture = "diagnosis/ledger.png" if contents.get("diagnosis") else "parameters.png"
+    further = _next(contents)
+    if further == command("report", run, "--interactive") and run / INTERACTIVE in pages:
+        further = advice_at(run)
+    return Closing(" ".join((*_found(contents), _known(contents))), further, (*pages, run / "pictures" / picture))
+
+
+def _next(contents: Contents) -> str:
+    """What brings the last model further: a diagnosis, what mends the rig, a look at what is open, then gains."""
+    run, lost = contents.run, _with_status(contents, "not identifiable")
+    if not contents.get("diagnosis"):
+        if not _fits(contents):
+            return command("diagnose", run)
+        return advice_at(run) if lost and not contents.get("pid") else _after_the_model(contents)
+    added = _added(contents)
+    if mistake := next((each for each in _mistakes(contents) if each["effect"] in added.proven), None):
+        return mended(mistake["mend"], measured(run), command("fit", measured(run), "--out", run))
+    if added.doubtful:
+        return advice_at(run)
+    return _after_the_model(contents) if _fits(contents) else command("report", run, "--interactive")
+
+
+def _after_the_model(contents: Contents) -> str:
+    run, pid = contents.run, contents.get("pid")
+    return command("export", run, "--to", "c") if pid else command("design", run)
+
+
+def advice_at(run: Path) -> str:
+    """The command that says which further test would help most, at the model in RUN."""
+    return command("check", measured(run), "--advise", "--at", run)
+
+
+def measured(run: Path) -> str:
+    """The measurement folder of a run as seen from here; FOLDER where its traces were data frames."""
+    folder = measurements_of(run, read_records(run)["fit"])
+    if folder is None:
+        return "FOLDER"
+    try:
+        return str(folder) if run.is_absolute() else os.path.relpath(folder)
+    except ValueError:  # another drive
+        return str(folder)
+
+
+@dataclass(frozen=True)
+class _Added:
+    """Effects that a diagnosis added, by whether their name is proven; probability by name."""
+
+    proven: Mapping[str, float]
+    doubtful: Mapping[str, float]
+
+
+def _added(contents: Contents) -> _Added:
+    found = contents.get("diagnosis")
+    chances = found.get("probabilities") or {}
+    known = {name: chances.get(name) or 0.0 for name in contents.added}
+    return _Added({n: p for n, p in known.items() if p >= PROVEN}, {n: p for n, p in known.items() if p < PROVEN})
+
+
+def _mistakes(contents: Contents) -> list[Mapping[str, Any]]:
+    """Mistakes of the rig that the diagnosis itself found."""
+    return [each for each in contents.get("diagnosis").get("rig") or () if each["effect"]]
+
+
+def _found(contents: Contents) -> Iterator[str]:
+    """What the diagnosis found, name by name; what is not proven is no instruction."""
+    found = contents.get("diagnosis")
+    if not found:
+        return
+    added, mistakes = _added(contents), {each["effect"]: each for each in _mistakes(contents)}
+    if lacked := [f"{name} (P {p:.2f})" for name, p in added.proven.items() if name not in mistakes]:
+        yield f"The model lacked {listed(lacked)}."
+    for name in added.proven:
+        if name in mistakes:
+            yield f"The rig has a mistake (P {added.proven[name]:.2f}): {mistakes[name]['sentence']}"
+    if added.doubtful:
+        names = listed(f"{name} (P {p:.2f})" for name, p in added.doubtful.items())
+        yield f"Not proven: {names}.{''.join(f' Measure {what}.' for what in _tells(contents, added.doubtful))}"
+    if not added.proven and not added.doubtful:
+        yield "The model lacks nothing that these data show." if _fits(contents) else _nothing_proven(found)
+
+
+def _nothing_proven(found: Mapping[str, Any]) -> str:
+    names = [f"{name} (P {p:.2f})" for name, p in likely(found.get("probabilities") or {})
+             if name not in ("nothing", "unexplained")][:_GUESSES]  # fmt: skip
+    guess = f"; the likeliest are {listed(names)}, not proven" if names else ""
+    return f"Something is missing, and no effect explains it{guess}."
+
+
+def _tells(contents: Contents, names: Mapping[str, float]) -> Iterator[str]:
+    """Which measurements would prove or refute these effects."""
+    from ...model.effects import EFFECT_BY_NAME
+    from ...model.rig_effects import rig_effect
+
+    for name in names:
+        effect = EFFECT_BY_NAME.get(name) or rig_effect(name)
+        if effect is not None and effect.told_by:
+            yield effect.told_by
+
+
+def _known(contents: Contents) -> str:
+    """Which parameters are known, and what the model leaves of the data."""
+    final = contents.final
+    if not final.get("converged", True):
+        return f"The fit did not converge: {final['reason']}. Its parameters are no results."
+    if why := final.get("compromise"):
+        return f"Parameters are ranges, not estimates: {why}. An effect is missing, or the rig has a mistake."
+    known, lost = _with_status(contents, "estimated"), _with_status(contents, "not identifiable")
+    said = f"{counted(known)} {'is' if len(known) == 1 else 'are'} known" if known else "No parameter is known"
+    said += f"; these data cannot tell {counted(lost)}" if lost else ""
+    return f"{said}; {_left(contents)}."
+
+
+def _left(contents: Contents) -> str:
+    chi2 = contents.score.get("chi2_per_dof")
+    if chi2 is None:
+        return "the model cannot be simulated over all of the data"
+    if chi2 < NOISE:
+        return "the model leaves no more than noise"
+    return f"the model leaves {sqrt(chi2):.2g} times the noise, so something is missing"
+
+
+def _fits(contents: Contents) -> bool:
+    """Whether the last model is an estimate that leaves no more than noise."""
+    chi2, final = contents.score.get("chi2_per_dof"), contents.final
+    return chi2 is not None and chi2 < NOISE and final.get("converged", True) and not final.get("compromise")
+
+
+def _with_status(contents: Contents, status: str) -> list[str]:
+    return [symbol for symbol, each in contents.final["parameters"].items() if each["status"] == status]

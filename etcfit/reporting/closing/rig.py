@@ -1,0 +1,83 @@
+"""How the commands end that look at measurements and fit nothing: check, advice, plan, logs from the car."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+from ...car_log import Study, record_next
+from ...car_log.coverage import Lack
+from ...car_log.study import verdict
+from ...experiment.advice import Advice
+from ...experiment.campaign import Campaign
+from ...experiment.check import CheckResult
+from ...rig.finding import ALLOWED_FOR
+from .base import Closing, command, counted, mended, number_of
+
+
+def of_check(result: CheckResult, folder: Path) -> Closing:
+    """What the traces can tell, or what is wrong with the rig.
+
+    Args:
+        result: of a folder that can be fitted.
+        folder: it, as the user typed it.
+    """
+    verdict = result.identifiability
+    assert verdict is not None, "a folder that can be fitted"
+    fit = command("fit", folder, "--out", Path("runs") / folder.resolve().name)
+    mistakes = [each for each in result.rig.findings if each.kind not in ALLOWED_FOR]
+    lost = f"; they cannot tell {counted(verdict.lost)}" if verdict.lost else ""
+    told = f"{number_of(len(result.traces), 'trace')} can tell the parameters of Eqs. 1-2{lost}."
+    if mistakes:
+        found = f"The records show {number_of(len(mistakes), 'mistake')} of the rig: {mistakes[0].found} {told}"
+        return Closing(found, mended(mistakes[0].mend, folder, command("check", folder)))
+    return Closing(told, fit)
+
+
+def of_advice(advice: Advice, folder: Path, at: Path | None, written: Path | None) -> Closing:
+    """Which further trace helps most.
+
+    Args:
+        advice: what was worked out.
+        folder, at: measurements, and the run whose model it was judged at, as the user typed them.
+        written: advice.json; None where none was asked for.
+    """
+    further = command("plan", at or folder, "--out", Path("plans") / (at or folder).resolve().name)
+    look = () if written is None else (written,)
+    if not advice.options:
+        return Closing("No further trace could be judged.", command("check", folder), look)
+    best = advice.options[0]
+    narrower = f"it makes the intervals {best.mean:.2g} times as wide on average"
+    return Closing(f"One more {best.test} trace ({best.says}) helps most: {narrower}.", further, look)
+
+
+def of_plan(campaign: Campaign, plan: Path) -> Closing:
+    """The tests that were planned, and where their records go."""
+    shares = campaign.expected / campaign.now
+    most = int(shares.argmin())
+    answer = (
+        f"{number_of(len(campaign.tests), 'test')} of {campaign.seconds:.0f} s together; the standard error of "
+        f"{campaign.symbols[most]} shrinks most, to {shares[most]:.2g} of now."
+    )
+    return Closing(answer, "make the tests as procedure.html says, then copy their records into the measurement folder "
+                           "and give `etcfit fit FOLDER --out RUN`", (plan / "procedure.html",))  # fmt: skip
+
+
+def of_drive(studies: Sequence[Study], folder: Path, run: Path | None) -> Closing:
+    """How closely the plate follows, or what two logs have changed."""
+    look = () if run is None else (run / "pictures" / "drive" / f"{Path(studies[0].log.name).stem}.png",)
+    lacks = record_next([each.log for each in studies])
+    if len(studies) == 2:
+        return Closing(verdict(*studies), _record(lacks, folder), look)
+    follows = [(each.tracking.rmse, each.log.name) for each in studies if each.tracking is not None]
+    if not follows:
+        return Closing("No log has a setpoint: how closely the plate follows cannot be said.",
+                       "log the setpoint as well, then give this command again", look)  # fmt: skip
+    rmse, name = max(follows)
+    return Closing(f"The plate follows its setpoint to {rmse:.2g} % of travel (rms) in {name}, at worst of "
+                   f"{number_of(len(follows), 'log')}.", _record(lacks, folder), look)  # fmt: skip
+
+
+def _record(lacks: Sequence[Lack], folder: Path) -> str:
+    """What to record, of what wins most."""
+    return f"log this and put it into {folder}: {lacks[0].record}"

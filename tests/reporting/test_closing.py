@@ -1,0 +1,173 @@
+"""Every command ends with what came of it, a file that exists, and a command that can be typed as it stands."""
+
+from __future__ import annotations
+
+import json
+import shlex
+from pathlib import Path
+from typing import Any
+
+import pytest
+from typer.testing import CliRunner
+
+import runs
+from etcfit.cli import app
+from etcfit.estimation.fit_state import SOUND, FitState
+from etcfit.reporting.closing import Closing
+from etcfit.reporting.closing.base import command, counted
+from etcfit.reporting.closing.control import of_export
+from etcfit.reporting.closing.model import of_run
+
+
+def test_three_lines_and_the_files_that_are_there(tmp_path: Path) -> None:
+    there = tmp_path / "a page.html"
+    there.touch()
+    closing = Closing("All is well.", "etcfit report runs/a", (tmp_path / "gone.png", there))
+    assert str(closing).splitlines() == [
+        "Answer: All is well.",
+        f"Look:   '{there}'",
+        "Next:   etcfit report runs/a",
+    ]
+
+
+def test_nothing_to_look_at_is_no_line() -> None:
+    assert str(Closing("Yes.", "etcfit check a")) == "Answer: Yes.\nNext:   etcfit check a"
+
+
+def test_a_path_with_blanks_is_one_word_of_the_next_command() -> None:
+    assert shlex.split(command("diagnose", Path("runs/my throttle"))) == ["etcfit", "diagnose", "runs/my throttle"]
+
+
+@pytest.mark.parametrize(
+    ("names", "words"),
+    [(["R_a"], "R_a"), (["R_a", "K_b"], "R_a and K_b"), (["R_a", "K_b", "L_a"], "R_a, K_b and L_a"),
+     (["R_a", "K_b", "L_a", "J"], "R_a, K_b and 2 more")],
+)  # fmt: skip
+def test_names_are_counted_where_there_are_many(names: list[str], words: str) -> None:
+    assert counted(names) == words
+
+
+def scored(run: Path, kind: str, chi2: float) -> None:
+    """The same run with another misfit."""
+    content = json.loads((run / f"{kind}.json").read_text("utf-8"))
+    key = "score" if kind == "fit" else "after"
+    runs.changed(run, kind, **{key: content[key] | {"chi2_per_dof": chi2}})
+
+
+def test_a_fit_that_leaves_more_than_noise_says_how_much_and_asks_for_a_diagnosis(tmp_path: Path) -> None:
+    run = runs.run_folder(tmp_path)
+    scored(run, "fit", 9.61)
+    closing = of_run(run)
+    assert "the model leaves 3.1 times the noise, so something is missing" in closing.answer
+    assert closing.next == f"etcfit diagnose {run}"
+    assert closing.look == (run / "pictures" / "parameters.png",)
+
+
+def test_a_fit_far_from_its_data_gives_ranges_and_asks_for_a_diagnosis(tmp_path: Path) -> None:
+    run = runs.run_folder(tmp_path)
+    runs.changed(run, "fit", compromise="the model is far from the data (chi2/dof 2e+03)")
+    closing = of_run(run)
+    assert closing.answer.startswith("Parameters are ranges, not estimates: the model is far from the data")
+    assert closing.next == f"etcfit diagnose {run}"
+
+
+def test_a_fit_that_leaves_noise_goes_on_to_gains_or_to_what_it_cannot_tell(tmp_path: Path) -> None:
+    for part, lost in (("a", ()), ("b", ("K_b",))):
+        (tmp_path / part).mkdir()
+        run = runs.run_folder(tmp_path / part, lost=lost)
+        scored(run, "fit", 1.01)
+        closing = of_run(run)
+        assert "leaves no more than noise" in closing.answer
+        assert ("cannot tell K_b" in closing.answer) == bool(lost)
+        folder = tmp_path / part / "rig"
+        assert closing.next == (f"etcfit check {folder} --advise --at {run}" if lost else f"etcfit design {run}")
+
+
+def test_the_measurement_folder_is_seen_from_here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    run = runs.run_folder(Path(), lost=("K_b",))
+    scored(run, "fit", 1.01)
+    assert of_run(run).next == "etcfit check rig --advise --at run"
+
+
+@pytest.fixture
+def diagnosed(tmp_path: Path) -> Path:
+    run = runs.run_folder(tmp_path, ("diagnosis",))
+    scored(run, "diagnosis", 1.01)
+    return run
+
+
+def test_a_name_that_is_proven_is_said_and_gains_come_next(diagnosed: Path) -> None:
+    runs.changed(diagnosed, "diagnosis", probabilities={"limp_home_spring": 0.9})
+    closing = of_run(diagnosed, diagnosed / "report.html")
+    assert closing.answer.startswith("The model lacked limp_home_spring (P 0.90).")
+    assert closing.next == f"etcfit design {diagnosed}"
+    assert closing.look == (diagnosed / "report.html", diagnosed / "pictures" / "diagnosis" / "ledger.png")
+
+
+@pytest.mark.parametrize("found", [{"limp_home_spring": 0.79, "backlash": 0.1}, {}])
+def test_a_name_that_is_not_proven_instructs_nobody(diagnosed: Path, found: dict[str, float]) -> None:
+    mistake = {"effect": "limp_home_spring", "sentence": "mend me", "mend": "[scale]", "kind": "channel_gain"}
+    runs.changed(diagnosed, "diagnosis", probabilities=found, rig=[mistake])
+    closing = of_run(diagnosed)
+    assert f"Not proven: limp_home_spring (P {found.get('limp_home_spring', 0.0):.2f}). Measure " in closing.answer
+    assert "lacked" not in closing.answer
+    assert "[scale]" not in str(closing)
+    assert "--advise" in closing.next
+
+
+def test_a_proven_mistake_of_the_rig_is_mended_before_the_next_fit(diagnosed: Path) -> None:
+    mistake = {"effect": "limp_home_spring", "sentence": "the probe reads high", "mend": "probe = 1.1",
+               "kind": "channel_gain"}  # fmt: skip
+    runs.changed(diagnosed, "diagnosis", probabilities={"limp_home_spring": 0.95}, rig=[mistake])
+    closing = of_run(diagnosed)
+    assert "The rig has a mistake (P 0.95): the probe reads high" in closing.answer
+    folder = diagnosed.parent / "rig"
+    assert closing.next == (
+        f"etcfit fit {folder} --out {diagnosed}, after this change in {folder / 'rig.toml'}: probe = 1.1"
+    )
+
+
+def test_what_no_effect_explains_is_looked_at(diagnosed: Path) -> None:
+    runs.changed(diagnosed, "diagnosis", added=[], probabilities={"stiction": 0.3, "unexplained": 0.98})
+    scored(diagnosed, "diagnosis", 4.0)
+    closing = of_run(diagnosed)
+    assert "no effect explains it; the likeliest are stiction (P 0.30), not proven" in closing.answer
+    assert closing.next == f"etcfit report {diagnosed} --interactive"
+    page = diagnosed / "report_interactive.html"
+    assert "--advise" in of_run(diagnosed, page).next, "the page is open already"
+
+
+def test_a_fit_that_did_not_converge_has_no_results(diagnosed: Path) -> None:
+    runs.changed(diagnosed, "diagnosis", converged=False, reason="too rough", probabilities={"limp_home_spring": 0.9})
+    closing = of_run(diagnosed)
+    assert "did not converge: too rough. Its parameters are no results." in closing.answer
+    assert closing.next == f"etcfit report {diagnosed} --interactive"
+
+
+def test_what_is_exported_from_a_compromise_is_not_to_be_used(tmp_path: Path) -> None:
+    state = FitState(90.0, True, "", "the model is far from the data")
+    files = (tmp_path / "plant.c",)
+    assert "Do not use it yet" in of_export(files, (), "C99", state, tmp_path).answer
+    assert of_export(files, (), "C99", state, tmp_path).next == f"etcfit diagnose {tmp_path}"
+    assert "Do not use" not in of_export(files, (), "C99", SOUND, tmp_path).answer
+
+
+def closing_of(*words: Any) -> list[str]:
+    done = CliRunner().invoke(app, [str(word) for word in words])
+    assert done.exit_code == 0, done.stderr
+    return done.stdout.splitlines()[-3:]
+
+
+def test_commands_that_make_a_folder_say_where_and_what_next(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    answer, look, further = closing_of("new", "my rig")
+    assert answer.startswith("Answer: A rig.toml with every key explained")
+    assert look == "Look:   'my rig/rig.toml'"
+    assert further.startswith("Next:   etcfit import RECORDING --to FOLDER --rig 'my rig/rig.toml'")
+    Path("my rig/log.csv").write_text("time [s],voltage [V],position [rad]\n" + "".join(
+        f"{0.001 * k},{1.0 + (k // 50) % 3},{0.1 + 0.001 * (k % 50)}\n" for k in range(500)))  # fmt: skip
+    answer, look, further = closing_of("import", "my rig/log.csv", "--to", "mine", "--yes", "--quiet",
+                                       "--test", "my rig/log.csv=response")  # fmt: skip
+    assert answer.startswith("Answer: 1 trace of 1 rig test")
+    assert (look, further) == ("Look:   mine/rig.toml", "Next:   etcfit check mine")
