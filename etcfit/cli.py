@@ -111,8 +111,8 @@ def _contract(command: Callable[..., None]) -> Callable[..., None]:
             raise _stop(Status.USAGE, str(error)) from None
         except OSError as error:  # a folder that cannot be written, a full disk
             raise _stop(Status.USAGE, f"{error.filename or 'output'}: {error.strerror or error}") from None
-        except KeyboardInterrupt:
-            raise _stop(Status.INTERRUPTED, "interrupted") from None
+        except KeyboardInterrupt as stopped:  # one that comes from a stage says what is kept
+            raise _stop(Status.INTERRUPTED, str(stopped) or "interrupted") from None
 
     return guarded
 

@@ -125,7 +125,13 @@ def fit_folder(folder: Path, run: RunFolder, report: Report) -> Done:
 
 @_noted("diagnose")
 def diagnose_run(run: RunFolder, report: Report) -> Done:
-    """What the model fitted in RUN lacks: RUN/diagnosis.json, the state of the final model, pictures."""
+    """What the model fitted in RUN lacks: RUN/diagnosis.json, the state of the final model, pictures.
+
+    Every round is kept, so that one that was interrupted goes on from there.
+
+    Raises:
+        KeyboardInterrupt: as it came, with what was found so far as its message.
+    """
     report("taking up the fit", 0.0)
     keep_compiled()
     result = run.fit()
@@ -134,10 +140,16 @@ def diagnose_run(run: RunFolder, report: Report) -> Done:
     from .reporting.closing.model import of_run
     from .reporting.diagnosis.table import diagnosis_table
     from .reporting.drawing import begin_helper
+    from .run_folder.rounds import KeptRounds
 
     begin_helper()
-    found = diagnose(result, part_of(report, 0.0, 0.9))
+    rounds = KeptRounds(run.path, result)
+    try:
+        found = diagnose(result, part_of(report, 0.0, 0.9), begun=rounds.read(), keep=rounds.keep)
+    except KeyboardInterrupt:
+        raise KeyboardInterrupt(rounds.when_interrupted()) from None
     keep_diagnosis(run, found, part_of(report, 0.9, 1.0))
+    rounds.drop()
     return Done(diagnosis_table(found), failure(found.after), closing=of_run(run.path))
 
 

@@ -18,9 +18,12 @@ from etcfit.api.diagnosed import Diagnosed
 from etcfit.control.pid import Requirements
 from etcfit.control.request import DesignRequest
 from etcfit.diagnosis.findings import Diagnosis
+from etcfit.diagnosis.refit import start
+from etcfit.diagnosis.rounds import Progress
+from etcfit.diagnosis.settings import DEFAULT
 from etcfit.errors import UsageError
 from etcfit.estimation.result import FitResult
-from etcfit.run_folder import STAGE_FILES, read_records, save_diagnosis
+from etcfit.run_folder import STAGE_FILES, has_diagnosis, read_records, save_diagnosis
 from etcfit.stages import (
     REPORT,
     STAGES,
@@ -116,7 +119,7 @@ def test_a_diagnosis_starts_from_the_fit_as_it_was(
 ) -> None:
     taken: list[FitResult] = []
 
-    def diagnose(result: FitResult, report: Any) -> Diagnosis:
+    def diagnose(result: FitResult, report: Any, begun: Any, keep: Any) -> Diagnosis:
         taken.append(result)
         raise Enough
 
@@ -125,6 +128,33 @@ def test_a_diagnosis_starts_from_the_fit_as_it_was(
     with pytest.raises(Enough):
         diagnose_run(opened(tmp_path / "run"), silent)  # as another process would
     assert equal(taken[0], found.before)
+
+
+def test_an_interrupted_diagnosis_tells_what_it_found_and_goes_on_from_there(
+    found: Diagnosis, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    far = results.result(found.before.rig, far=True)
+    first = Progress(start(far, DEFAULT), rounds=found.rounds[:1])
+    taken: list[Progress | None] = []
+
+    def diagnose(result: FitResult, report: Any, begun: Progress | None, keep: Any) -> Diagnosis:
+        taken.append(begun)
+        if begun is None:
+            keep(first)
+            raise KeyboardInterrupt
+        return replace(found, before=result)
+
+    monkeypatch.setattr("etcfit.diagnosis.diagnose", diagnose)
+    monkeypatch.setattr("etcfit.reporting.draw_diagnosis", lambda *_: None)
+    opened(tmp_path / "run").keep_fit(far)
+    with pytest.raises(KeyboardInterrupt, match=r"after round 1\..*etcfit diagnose .*goes on"):
+        diagnose_run(opened(tmp_path / "run"), silent)
+    assert not has_diagnosis(tmp_path / "run")
+    diagnose_run(opened(tmp_path / "run"), silent)
+    assert taken[0] is None
+    assert equal(taken[1], first)
+    assert has_diagnosis(tmp_path / "run")
+    assert not (tmp_path / "run" / "diagnosis_rounds.npz").exists()
 
 
 def test_the_posterior_is_that_of_the_final_model_with_its_formulas_taken_as_exact(
