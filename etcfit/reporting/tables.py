@@ -41,7 +41,7 @@ def fit_table(result: FitResult) -> RenderableType:
         _score("Free-running error, fitted traces", result.score_fit),
         _score("Free-running error, held-out traces", result.score_holdout),
         sentences(
-            "What these data cannot tell, or hardly",
+            "What these data do not determine, or only roughly",
             directions_in_words(result.identifiability.directions, result.problem.batch.traces),
         ),
         influence_table(result),
@@ -200,7 +200,9 @@ def _identifiability(result: CheckResult) -> RenderableType:
     values = "  ".join(short(s, 2) for s in verdict.singular_values)
     lost = ", ".join(verdict.lost)
     lines = [
-        Text(f"  singular values of the scaled Jacobian, 1/standard error of each direction: {values}"),
+        Text(
+            f"  1/standard error of each combination of parameters (singular values of the scaled Jacobian): {values}"
+        ),
         Text(f"  not identifiable: {lost or 'none'}", style="bold red" if lost else ""),
         *(Padding(Text(f"- {text}"), (0, 0, 0, 2)) for text in (*result.directions, *result.gains)),
     ]
