@@ -200,9 +200,7 @@ def _identifiability(result: CheckResult) -> RenderableType:
     values = "  ".join(short(s, 2) for s in verdict.singular_values)
     lost = ", ".join(verdict.lost)
     lines = [
-        Text(
-            f"  singular values (1/standard error of each combination of parameters): {values}"
-        ),
+        Text(f"  singular values (1/standard error of each combination of parameters): {values}"),
         Text(f"  not identifiable: {lost or 'none'}", style="bold red" if lost else ""),
         *(Padding(Text(f"- {text}"), (0, 0, 0, 2)) for text in (*result.directions, *result.gains)),
     ]
