@@ -33,7 +33,7 @@ def drive_table(config: RigConfig, studies: Sequence[Study]) -> RenderableType:
     logs = [each.log for each in studies]
     parts = [
         rig_title(config, "logs from the car"),
-        headed("In per cent of travel", table),
+        headed("In per cent of the travel; +-: one standard error", table),
         sentences("Columns that were taken", [_columns(log) for log in logs if log.columns]),
         sentences("What to look at", [f"{log.name}: {log.hint}" for log in logs if log.hint]),
         spaced(Text(f"{logs[0].name} -> {logs[1].name}: {verdict(*studies)}")) if len(studies) == 2 else None,
@@ -49,7 +49,7 @@ def _next(logs: Sequence[DriveLog]) -> RenderableType | None:
     return sentences("To record next, on the bench as closed_loop/ or from the car", said)
 
 
-# +-: standard error; without lag: RMSE against the setpoint delayed by the lag
+# without lag: RMSE against the setpoint delayed by the lag
 _HEADS = ("length", "between %", "share of time %", f"{100 * SHARE:.0f} % of time within %", "dominant Hz",
           "half of power below Hz", "RMSE %", "RMSE +- %", "lag ms", "lag +- ms", "RMSE without lag %",
           "setpoint moves %/s")  # fmt: skip

@@ -25,16 +25,16 @@ def influence_table(result: FitResult) -> RenderableType | None:
         table.add_row(test, hardest.parameter, f"{hardest.pull:+.1f}", *of_trace)
     if not table.row_count:
         return None
-    alone = [Text(text, style="dim") for text in told_alone(result)]
+    alone = [Text(text, style="dim") for text in determined_alone(result)]
     return headed(_TITLE, Group(table, *alone))
 
 
-def told_alone(result: FitResult) -> list[str]:
+def determined_alone(result: FitResult) -> list[str]:
     """A sentence on each test, or file, without which parameters would not be known: nothing checks it on them."""
     by_part: dict[str, list[str]] = {}
     for symbol, part in result.influence.alone.items():
         by_part.setdefault(part, []).append(symbol)
-    return [f"only {part} tells {listed(symbols)}" for part, symbols in by_part.items()]
+    return [f"Only {part} determines {listed(symbols)}: no other test checks it." for part, symbols in by_part.items()]
 
 
 def _hardest(result: FitResult) -> dict[str, Pull]:

@@ -41,7 +41,7 @@ def fit_table(result: FitResult) -> RenderableType:
         _score("Free-running error, fitted traces", result.score_fit),
         _score("Free-running error, held-out traces", result.score_holdout),
         sentences(
-            "What these data cannot tell, or hardly",
+            "What these data do not determine, or only roughly",
             directions_in_words(result.identifiability.directions, result.problem.batch.traces),
         ),
         influence_table(result),
@@ -90,7 +90,7 @@ def model_words(result: FitResult) -> str:
     return " + ".join(["Eqs. 1-2", *(t.name for t in result.free_parameters.layout.types if t not in PAPER)])
 
 
-def _parameter(symbol: str, meaning: str, unit: str, read: float | None, i: Interval) -> Sequence[RenderableType]:
+def _parameter(symbol: str, meaning: str, unit: str, read: float | None, i: Interval) -> Sequence[str | Text]:
     digits = Digits.of(i.value, i.spread)
     status = Text(i.status + (f" ({i.remark})" if i.remark else ""), style=STATUS_STYLE[i.status])
     lost = i.status == "not identifiable"
@@ -200,7 +200,7 @@ def _identifiability(result: CheckResult) -> RenderableType:
     values = "  ".join(short(s, 2) for s in verdict.singular_values)
     lost = ", ".join(verdict.lost)
     lines = [
-        Text(f"  singular values of the scaled Jacobian, 1/standard error of each direction: {values}"),
+        Text(f"  singular values (1/standard error of each combination of parameters): {values}"),
         Text(f"  not identifiable: {lost or 'none'}", style="bold red" if lost else ""),
         *(Padding(Text(f"- {text}"), (0, 0, 0, 2)) for text in (*result.directions, *result.gains)),
     ]

@@ -53,7 +53,7 @@ def test_the_table_has_the_hardest_pull_of_each_test_and_its_worst_trace(fitted:
     lines = [line.split() for line in text.partition("Influence")[2].splitlines()]
     assert ["inductance", "L_a", "-34.0", "inductance/1.csv", "-20.0"] in lines
     assert ["response", "R_a", "+0.9"] in lines
-    assert "only viscous tells B_m and J_m" in text
+    assert "Only viscous determines B_m and J_m: no other test checks it." in text
 
 
 def test_without_influences_there_is_no_table(fitted: FitResult) -> None:

@@ -83,7 +83,7 @@ def _span(interval: Sequence[float] | None) -> str:
     return Digits.of(max(abs(low), abs(high)), 0.5 * (high - low)).span(low, high)
 
 
-def _cpk(value: float | None, judgement: Judgement) -> RenderableType:
+def _cpk(value: float | None, judgement: Judgement) -> Text:
     return Text(short(value), style="bold red" if value is not None and value < judgement.capable else "")
 
 

@@ -18,7 +18,7 @@ def plan_table(campaign: Campaign) -> RenderableType:
         _tests(campaign),
         _stderr(campaign),
         sentences("Cautions", campaign.cautions),
-        sentences(f"Left out: {len(campaign.left_out)} candidates would pass a limit, as", why[:3]),
+        sentences(f"Left out: {len(campaign.left_out)} candidates would exceed a limit, for example", why[:3]),
     ]
     return Group(*(part for part in parts if part is not None))
 

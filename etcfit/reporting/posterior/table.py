@@ -46,7 +46,7 @@ def _parameters(posterior: Posterior, profiles: Mapping[str, Profile]) -> Render
     return table
 
 
-def _row(symbol: str, m: Marginal, profile: Profile | None) -> tuple[RenderableType, ...]:
+def _row(symbol: str, m: Marginal, profile: Profile | None) -> tuple[str | Text, ...]:
     tail = f"{m.ess:.0f}", f"{m.r_hat:.3f}"
     profiled = "" if profile is None else short(profile.sd) if profile.sd else profile.kind
     if m.status == "not identifiable":
