@@ -75,6 +75,7 @@ def _found_before(finding: Finding) -> dict[str, Any]:
         "file": finding.file,
         "probability": None,
         "chance": finding.chance,
+        "suspected": False,
     })  # fmt: skip
 
 

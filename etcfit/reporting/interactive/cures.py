@@ -6,6 +6,7 @@ from collections.abc import Iterator, Sequence
 from typing import Any
 
 from ...diagnosis.findings import Diagnosis, RigMistake
+from ...diagnosis.verdict import in_words
 from ...estimation.contradiction import Contradiction
 from ...estimation.result import FitResult
 from ...problem.trace import Trace
@@ -35,12 +36,11 @@ def cures(trace: Trace, light: Light, final: FitResult, diagnosis: Diagnosis | N
 
 
 def _of_the_rig(trace: Trace, final: FitResult, diagnosis: Diagnosis | None) -> Iterator[str]:
-    """Mistakes of the rig in this trace, with the line of rig.toml that mends each."""
+    """Mistakes of the rig in this trace, with the line of rig.toml that mends each; a suspicion with what would tell."""
     mistakes: Sequence[Any] = (*(diagnosis.rig if diagnosis is not None else ()), *final.rig.findings)
     for each in mistakes:
         if each.kind not in ALLOWED_FOR and _lies_in(each, trace):
-            said = each.sentence if isinstance(each, RigMistake) else each.found
-            yield f"{each.kind.replace('_', ' ')}: {said} Mend: {each.mend}"
+            yield in_words(each) if isinstance(each, RigMistake) else f"{each.kind.replace('_', ' ')}: {each.found} Mend: {each.mend}"
 
 
 def _lies_in(mistake: RigMistake | Finding, trace: Trace) -> bool:

@@ -39,10 +39,14 @@ def _left(contents: Contents) -> Iterator[Markup]:
 
 
 def _mistakes(contents: Contents) -> Iterator[Markup]:
-    """Each mistake of the rig, and the line that mends it; a habit that the fit allows for is none."""
+    """Each mistake of the rig with the line that mends it, a suspicion with what would tell; a habit that the fit
+    allows for is none."""
     rig = contents.get("diagnosis").get("rig")
     for each in rig if isinstance(rig, list) else ():  # the rig's name in files of before
         if each["kind"] in ALLOWED_FOR:
+            continue
+        if each.get("suspected"):
+            yield Markup("<strong>Perhaps a mistake of the rig</strong>: {}").format(each["sentence"])
             continue
         what, where = each["kind"].replace("_", " "), (each["test"] or "every test").replace("_", " ")
         channel = f"{each['channel']}, " if each["channel"] else ""

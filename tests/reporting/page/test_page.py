@@ -127,6 +127,11 @@ def test_a_mistake_of_the_rig_stands_in_the_verdict_with_what_mends_it(full: Pat
     page = write_page(full).path.read_text(encoding="utf-8")
     assert "A mistake of the rig: channel gain</strong> (current, response). Mend: <code>[model] effects" in page
     assert "<b>" not in page  # what a file says is text
+    suspicion = {"suspected": True, "sentence": "channel gain <of> it. What would tell: a probe."}
+    runs.changed(full, "diagnosis", rig=[told | suspicion])
+    page = write_page(full).path.read_text(encoding="utf-8")
+    assert "Perhaps a mistake of the rig</strong>: channel gain &lt;of&gt; it. What would tell: a probe." in page
+    assert "[model] effects" not in page  # no line to change
     runs.changed(full, "diagnosis", rig=[told | {"kind": "synchronous_edges"}])
     assert "A mistake of the rig" not in write_page(full).path.read_text(encoding="utf-8")  # a habit is none
 
