@@ -23,6 +23,7 @@ from .compromise import Z_95, Compromise
 from .contradiction import Contradiction
 from .fit_state import FitState
 from .fitted_model import Fitted
+from .goodness import Goodness, goodness_of, warnings_of
 from .identifiability import Identifiability, analyse
 from .influence import Influence
 from .levenberg_marquardt import information_of
@@ -131,6 +132,11 @@ class FitResult:
 
     def __repr__(self) -> str:
         return f"FitResult({self.rig.config.name!r}, chi2_per_dof={self.chi2_per_dof:.4g}, converged={self.converged})"
+
+    @property
+    def goodness(self) -> tuple[Goodness, ...]:
+        """What is left in every fitted channel."""
+        return goodness_of(self.problem.batch.traces, self.whitened, self.score_fit, self.settings)
 
     @property
     def state(self) -> FitState:
@@ -245,7 +251,9 @@ def outcome(optimum: Optimum) -> FitResult:
         warnings=(
             *optimum.rig.warnings,
             *optimum.notes,
-            *_words(end, known.correlated, len(told.score_fit), chi2, factor),
+            *_far(end, chi2),
+            *_of_residuals(problem, whitened, told.score_fit, optimum.settings, factor),
+            *_words(end),
             *_alternation(known.alternating),
             *agreed.words(lambda s: problem.layout.parameter(s).unit),
         ),
@@ -264,13 +272,11 @@ class _Spread(NamedTuple):
     Args:
         certain: covariance if the model and the noise are right, shape (P, P).
         covariance: wider for what is left in each channel and for rounds that alternate, shape (P, P).
-        correlated: channels that it was widened for.
         alternating: symbols in which the rounds alternate.
     """
 
     certain: np.ndarray
     covariance: np.ndarray
-    correlated: int
     alternating: tuple[str, ...]
 
 
@@ -278,12 +284,12 @@ def _spread(optimum: Optimum, here: Linearisation, pieces: tuple[Piece, ...]) ->
     problem, x, wander, settings = optimum.problem, optimum.x, optimum.end.wander, optimum.settings
     information = information_of(optimum.weighted.prior_sd[: x.size], here.jacobian)
     certain = analyse(problem.layout, x, information, settings.identifiability).covariance
-    covariance, _, correlated = widen(certain, [(p.jacobian, p.r) for p in pieces], settings.whiteness)
+    covariance = widen(certain, [(p.jacobian, p.r) for p in pieces], settings.whiteness).covariance
     if wander is None:
-        return _Spread(certain, covariance, correlated, ())
+        return _Spread(certain, covariance, ())
     far_off = np.sqrt(np.sum(wander**2, axis=0)) > 0.5 * np.sqrt(np.diag(covariance))
     alternating = tuple(s for s, off in zip(problem.layout.free, far_off, strict=True) if off)
-    return _Spread(certain, covariance + wander.T @ wander, correlated, alternating)
+    return _Spread(certain, covariance + wander.T @ wander, alternating)
 
 
 class _Predictions(NamedTuple):
@@ -345,19 +351,28 @@ def _alternation(symbols: tuple[str, ...]) -> list[str]:
     ]
 
 
-def _words(end: Termination, correlated: int, pieces: int, chi2: float, factor: np.ndarray) -> list[str]:
+def _of_residuals(
+    problem: EstimationProblem,
+    whitened: tuple[np.ndarray, ...],
+    score: tuple[PredictionError, ...],
+    settings: FitSettings,
+    factor: np.ndarray,
+) -> list[str]:
+    found = goodness_of(problem.batch.traces, whitened, score, settings)
+    return warnings_of(found, float(np.max(factor)))
+
+
+def _far(end: Termination, chi2: float) -> list[str]:
+    if not end.far:
+        return []
+    return [
+        f"The model is far from the data (chi2/dof {chi2:.3g}): it lacks an effect. It was fitted free-running, "
+        "each channel weighed by the error left in it; parameters are a compromise, not measurements."
+    ]
+
+
+def _words(end: Termination) -> list[str]:
     out = []
-    if end.far:
-        out.append(
-            f"The model is far from the data (chi2/dof {chi2:.3g}): it lacks an effect. It was fitted free-running, "
-            "each channel weighed by the error left in it; parameters are a compromise, not measurements."
-        )
-    if correlated:
-        out.append(
-            f"{correlated} of {pieces} residuals are larger than their noise or not independent: the model lacks "
-            f"something there. Intervals are widened for it (up to {float(np.max(factor)):.1f} times), but widening "
-            "does not remove a bias; look at the residual pictures."
-        )
     if end.outliers:
         out.append(f"{end.outliers} samples lie far outside their trace's residuals and were weighed down.")
     if not end.converged:

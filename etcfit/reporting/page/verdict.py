@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections import Counter
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
 from markupsafe import Markup
 
 from ...diagnosis.probabilities import UNEXPLAINED
 from ...estimation.contradiction import digits_apart
+from ...estimation.goodness import STRAYS, Left
 from ...estimation.joint_fit import MISFIT
 from ...estimation.remedies import listed
 from ...problem.prediction_error import pooled
@@ -16,8 +18,6 @@ from ...rig.finding import ALLOWED_FOR
 from ..numbers import is_share
 from .contents import Contents, rows_of
 from .typeset import number, symbol, symbols, unit
-
-NOISE = 1.2  # chi2 per degree of freedom up to which nothing but noise is left
 
 
 def verdict(contents: Contents) -> tuple[Markup, ...]:
@@ -85,15 +85,26 @@ def _fits(contents: Contents) -> Markup:
         return Markup("{} <strong>did not converge</strong>: the figures below are no results.").format(head)
     if chi2 is None:
         return Markup("{} cannot be simulated over all of them.").format(head)
-    if chi2 < NOISE:
-        rounds = contents.get("diagnosis").get("rounds") or [{}]
-        what = "nothing but" if rounds[-1].get("white", True) else "hardly more than"
-        return Markup("{} leave {} noise {}.").format(head, what, left)
     if chi2 < MISFIT:
-        return Markup("{} come near the data but leave more than noise {}.").format(head, left)
+        return Markup("{} {}.").format(head, _leaves(contents.score["fit"], left))
     return Markup(
         "{} stay <strong>far from the data</strong> {}: parameters are a compromise, not measurements."
     ).format(head, left)
+
+
+def _leaves(rows: Sequence[Mapping[str, Any]], chi2: Markup) -> Markup:
+    """What the residuals of the fitted traces are by the one rule (`estimation.goodness`)."""
+    count = Counter(row.get("left") for row in rows)
+    if None in count:  # a file of before
+        return Markup("leave residuals {}").format(chi2)
+    more, strays = count[Left.MORE] + count[Left.FAR], count[Left.STRAYS]
+    if more:
+        text = Markup("leave noise in {} of {} residuals {}; {} larger than their noise or not independent").format(
+            len(rows) - more, len(rows), chi2, f"{more} is" if more == 1 else f"{more} are"
+        )
+    else:
+        text = Markup("leave nothing but noise{} {}").format(" from sample to sample" if strays else "", chi2)
+    return text + (f"; run free, {strays} of {len(rows)} stray by more than {STRAYS:g} σ" if strays else "")
 
 
 def _predicts(contents: Contents) -> Markup:

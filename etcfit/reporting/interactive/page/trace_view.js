@@ -45,11 +45,11 @@
     }
 
     verdict() {
-      const { trace } = this, { sign, word } = etcfit.LIGHTS[trace.light];
+      const { trace } = this, { sign } = etcfit.LIGHTS[trace.light];
       const rows = trace.channels.map((c) => `${words(c.name)} ${c.rms_before === null ? "" : `${short(c.rms_before)} → `}${short(c.rms_after)} σ`);
       const cures = element("div", { class: `cure ${trace.light}` },
-        element("p", {}, element("b", { class: trace.light }, `${sign} ${word}`), ` · ${trace.judged_by}, mean square ${short(trace.chi2)}`),
-        element("p", { class: "more" }, `Free-run error, rms: ${rows.join(", ")}.`));
+        element("p", {}, element("b", { class: trace.light }, `${sign} ${trace.word}.`), ...trace.says.map((each) => ` ${each}`)),
+        element("p", { class: "more" }, `Free-run error, rms, in times the sensor's noise σ: ${rows.join(", ")}.`));
       if (trace.cures.length) cures.append(element("ul", {}, ...trace.cures.map((cure) => element("li", {}, ...etcfit.with_code(cure)))));
       document.getElementById("verdict").replaceChildren(cures);
     }
