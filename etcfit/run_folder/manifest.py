@@ -61,7 +61,8 @@ _OF_DESIGN = tuple(f"{_CONTROL}/{name}.png" for name in ("responses", "scenarios
 STAGE_FILES: Mapping[str, StageFiles] = {
     "fit": StageFiles(("fit.json", FIT_STATE), command="etcfit fit FOLDER --out {run}"),
     "diagnose": StageFiles(
-        ("diagnosis.json", DIAGNOSIS_STATE), (FIT_STATE,), (), ("pictures/diagnosis",), "etcfit diagnose {run}"
+        ("diagnosis.json", DIAGNOSIS_STATE), (FIT_STATE,), (), ("pictures/diagnosis", "pictures/before"),
+        "etcfit diagnose {run}",
     ),
     "sample": StageFiles(("posterior.json", POSTERIOR), _MODEL, (), ("pictures/posterior",), "etcfit sample {run}"),
     "reduce": StageFiles(
