@@ -43,7 +43,7 @@ def _mistake(
     mend = effect.mend(size)
     shown = f"{size:.3g} {first.unit}" if first.unit else f"{100.0 * size:+.3g} %"
     what = f"{effect.called(size)} in {place.words}: {shown}"
-    suspected = is_suspicion(probability, settings)
+    suspected = is_suspicion(probability, settings.suspicion)
     doing = what_would_tell(probability, effect.told_by) if suspected else f"To be mended in rig.toml: {mend}"
     return RigMistake(
         effect=effect.name,

@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-from .settings import DiagnosisSettings
 
-
-def is_suspicion(probability: float, settings: DiagnosisSettings) -> bool:
-    """Whether a name's probability, given the data, is below `DiagnosisSettings.suspicion`."""
-    return probability < settings.suspicion
+def is_suspicion(probability: float, limit: float) -> bool:
+    """Whether a name's probability, given the data, is below the limit, `DiagnosisSettings.suspicion`."""
+    return probability < limit
 
 
 def what_would_tell(probability: float, told_by: str) -> str:

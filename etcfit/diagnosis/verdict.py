@@ -45,10 +45,10 @@ def _lacking(
 ) -> Iterator[str]:
     """What the model lacked, then each suspicion with what would tell."""
     chance = {effect: probabilities.get(effect.name, 1.0) for effect in lacked}
-    if proven := [effect.name for effect in lacked if not is_suspicion(chance[effect], settings)]:
+    if proven := [effect.name for effect in lacked if not is_suspicion(chance[effect], settings.suspicion)]:
         yield f"The model lacked {listed(proven)}."
     for effect in lacked:
-        if is_suspicion(chance[effect], settings):
+        if is_suspicion(chance[effect], settings.suspicion):
             yield f"The model may lack {effect.name}. {what_would_tell(chance[effect], effect.told_by)}"
 
 

@@ -41,8 +41,12 @@ _OF_A_MODEL = ("", "tests", "traces")  # folders of its pictures, below RUN/pict
 
 def _clear(pictures: Path) -> None:
     for folder in _OF_A_MODEL:
-        for old in (pictures / folder).glob("*.png"):
-            old.unlink()
+        _delete(pictures / folder)
+
+
+def _delete(folder: Path) -> None:
+    for old in folder.glob("*.png"):
+        old.unlink()
 
 
 def _move(pictures: Path, to: Path) -> None:
@@ -68,6 +72,8 @@ def draw_diagnosis(run: Path, diagnosis: Diagnosis, report: Report = quiet) -> N
     of_model = jobs_of_model(diagnosis.after)
     # of the same model the diagnosis may have widened the intervals
     of_model = of_model if another else [job for job in of_model if job[0] == Path("parameters.png")]
+    for folder in ("", "traces"):
+        _delete(pictures / "diagnosis" / folder)
     draw_shared(pictures, [*of_model, *((Path("diagnosis") / path, draw) for path, draw in jobs(diagnosis))], report)
 
 

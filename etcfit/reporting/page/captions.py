@@ -6,7 +6,7 @@ _ONE = {
     "parameters": "The distance of every free parameter from its fitted value, in per cent: its 95 % interval, the "
     "reading off the paper's graph, and the paper's Table 2, which is of another rig.",
     "diagnosis/ledger": "The free-running error of every channel before and after the diagnosis, in σ, the noise of "
-    "one sample; on the right in the unit that was logged.",
+    "one sample; on the right in its own unit.",
     "diagnosis/missing_torque": "The torque that the model lacks along the measured motion, above before and below "
     "after the diagnosis, over the quantities on which it depends most.",
     "diagnosis/missing_voltage": "The voltage that the model lacks along the measured current, above before and below "

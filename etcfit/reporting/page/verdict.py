@@ -9,10 +9,12 @@ from typing import Any
 from markupsafe import Markup
 
 from ...diagnosis.probabilities import UNEXPLAINED
+from ...diagnosis.suspicion import is_suspicion, what_would_tell
 from ...estimation.contradiction import digits_apart
 from ...estimation.goodness import STRAYS, Left
 from ...estimation.joint_fit import MISFIT
 from ...estimation.remedies import listed
+from ...model.effects import EFFECT_BY_NAME
 from ...problem.prediction_error import pooled
 from ...rig.finding import ALLOWED_FOR
 from ..numbers import is_share
@@ -23,7 +25,12 @@ from .typeset import number, symbol, symbols, unit
 def verdict(contents: Contents) -> tuple[Markup, ...]:
     """The sentences at the top of the page."""
     known = _knows(contents) + gains_sentence(contents.get("pid")) + Markup(".")
-    return _fits(contents), _predicts(contents), *_left(contents), *_mistakes(contents), *_contradicts(contents), known
+    return _fits(contents), _predicts(contents), *_found_out(contents), known
+
+
+def _found_out(contents: Contents) -> Iterator[Markup]:
+    for said in (_left, _mistakes, _suspected, _contradicts):
+        yield from said(contents)
 
 
 def left_unexplained(contents: Contents) -> float | None:
@@ -52,6 +59,17 @@ def _mistakes(contents: Contents) -> Iterator[Markup]:
         channel = f"{each['channel']}, " if each["channel"] else ""
         text = Markup("<strong>A mistake of the rig: {}</strong> ({}{}). Mend: <code>{}</code>")
         yield text.format(what, channel, where, each["mend"])
+
+
+def _suspected(contents: Contents) -> Iterator[Markup]:
+    """Each effect that was added and is no more than a suspicion, with what would tell."""
+    diagnosis = contents.get("diagnosis")
+    limit = (diagnosis.get("settings") or {}).get("suspicion", 0.0)
+    for name in contents.added:
+        chance = (diagnosis.get("probabilities") or {}).get(name, 1.0)
+        if name in EFFECT_BY_NAME and is_suspicion(chance, limit):
+            said = what_would_tell(chance, EFFECT_BY_NAME[name].told_by)
+            yield Markup("<strong>The model may lack {}</strong>. {}").format(name.replace("_", " "), said)
 
 
 def _contradicts(contents: Contents) -> Iterator[Markup]:
@@ -104,7 +122,8 @@ def _leaves(rows: Sequence[Mapping[str, Any]], chi2: Markup) -> Markup:
         )
     else:
         text = Markup("leave nothing but noise{} {}").format(" from sample to sample" if strays else "", chi2)
-    return text + (f"; run free, {strays} of {len(rows)} stray by more than {STRAYS:g} σ" if strays else "")
+    stray = f"{strays} of {len(rows)} {'strays' if strays == 1 else 'stray'} by more than {STRAYS:g} σ"
+    return text + (f"; run free, {stray}" if strays else "")
 
 
 def _predicts(contents: Contents) -> Markup:

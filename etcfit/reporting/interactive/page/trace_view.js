@@ -15,7 +15,7 @@
         { name: "after", label: data.diagnosed ? "after (diagnosis)" : "fitted", colour: "after" },
         { name: "now", label: "now (sliders)", colour: "now", dash: [2, 3] },
       ];
-      this.shown = Object.fromEntries(this.curves.map(({ name }) => [name, true]));
+      this.shown = { drive: true, ...Object.fromEntries(this.curves.map(({ name }) => [name, true])) };
       this.stack = new etcfit.Stack(document.getElementById("charts"), (entry, k) => this.read_off(entry, k));
       this.key();
       for (const button of document.querySelectorAll("[data-zoom]")) button.addEventListener("click", () => this.stack.zoom(button.dataset.zoom));
@@ -76,6 +76,7 @@
         });
         return { channel, entry, error, ...values };
       });
+      this.add_drive();
       for (const missing of trace.missing) {
         stack.add({
           title: `${missing.name}: what the model lacks along the measured angle`,
@@ -85,6 +86,18 @@
       }
       if (zoomed && zoomed[1] <= t[t.length - 1] && this.drawn === trace) stack.show(...zoomed);
       this.drawn = trace;
+    }
+
+    /* What drove the trace, below its channels; none where nothing did. */
+    add_drive() {
+      const { sim, trace } = this;
+      if (!sim || !sim.v.some((level) => level !== 0)) return;
+      const [name, unit] = sim.boundary.circuit ? ["voltage", "V"] : ["torque", "N m"];
+      this.stack.add({
+        title: `${name} that drove it`, label: `${name} [${unit}]`, t: sim.t, low: true,
+        describe: `${name} that drove ${trace.file} over time in ${unit}.`,
+        series: [{ name: "drive", label: name, colour: "accent", values: sim.v }],
+      });
     }
 
     /* One channel of a simulated path at the instants that are drawn, in the unit that is shown. */
