@@ -10,6 +10,7 @@ import numpy as np
 
 from ..estimation.intervals import LUMPS, Interval, intervals, lumped
 from ..estimation.joint_fit import FitResult
+from ..model.effects import EFFECT_BY_NAME
 from ..problem.trace import Trace
 from ..rig import TEST_BY_NAME
 from ..rig.paper_readings import known
@@ -42,10 +43,11 @@ def all_traces(result: FitResult) -> tuple[Trace, ...]:
 
 
 def briefly(result: FitResult) -> str:
-    """The model as a title or a legend has room for it."""
-    words = model_words(result)
-    first, *others = words.split(" + ")
-    return words if len(words) <= _BRIEF else f"{first} + {counted(others)}"
+    """The model as a title has room for it: whole, without what is the rig's, or with its effects counted."""
+    whole = model_words(result)
+    first, *others = whole.split(" + ")
+    of_throttle = " + ".join([first, *(name for name in others if name in EFFECT_BY_NAME)])
+    return next((each for each in (whole, of_throttle) if len(each) <= _BRIEF), f"{first} + {counted(others)}")
 
 
 def counted(effects: Sequence[str]) -> str:
