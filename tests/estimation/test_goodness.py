@@ -73,7 +73,7 @@ def test_each_kind_is_counted_in_a_warning_of_its_own(trace: Trace) -> None:
     said = warnings_of([fits, strays, more, more], 2.5)
     assert said[0].startswith("2 of 4 residuals are larger than their noise or not independent")
     assert "up to 2.5 times" in said[0]
-    assert said[1].startswith("1 of 4 residuals are noise from sample to sample, but the free run strays")
+    assert said[1].startswith("1 of 4 residuals is noise from sample to sample, but the free run strays")
     assert "10 times the noise" in said[1]
 
 

@@ -33,7 +33,7 @@ from .ledger import ledger_table
 from .parameters import LOST, influence_table, lumped_table, parameter_table, posterior_table
 from .pictures import BUDGET, groups
 from .provenance import files_table, stale, versions_table
-from .typeset import coded, number, symbol, unit
+from .typeset import number, symbol, unit
 from .verdict import model, verdict
 
 
@@ -45,7 +45,7 @@ def render(contents: Contents, budget: int = BUDGET) -> str:
         budget: bytes that its pictures may take.
     """
     made = environment(("etcfit.reporting.page", "template"))
-    made.filters |= {"number": number, "symbol": symbol, "unit": unit, "coded": coded}
+    made.filters |= {"number": number, "symbol": symbol, "unit": unit}
     return made.get_template("page.html").render(**_parts(contents, budget))
 
 

@@ -26,12 +26,6 @@ def symbol(name: str) -> Markup:
     return Markup("<i>{}</i><sub>{}</sub>").format(head, below)
 
 
-def coded(text: str) -> Markup:
-    """What stands between backticks as code."""
-    parts = (Markup("<code>{}</code>" if k % 2 else "{}").format(part) for k, part in enumerate(text.split("`")))
-    return Markup("").join(parts)
-
-
 def symbols(names: Iterable[str]) -> Markup:
     """a, b and c."""
     *most, last = [symbol(name) for name in names]
