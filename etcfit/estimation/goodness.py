@@ -135,7 +135,7 @@ def warnings_of(found: Sequence[Goodness], widened: float) -> list[str]:
         most = max(strays, key=lambda each: each.free)
         verb = "is" if len(strays) == 1 else "are"
         out.append(
-            f"{len(strays)} of {len(found)} residuals {verb} noise from sample to sample, but the free run strays there, "
+            f"{len(strays)} of {len(found)} residuals {verb} noise from sample to sample, but the free run strays, "
             f"by up to {most.free:.3g} times the noise ({most.channel} in {most.file}): most often the instant of an "
             "edge of the input, between two samples, is not known well enough."
         )
