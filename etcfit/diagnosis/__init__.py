@@ -156,7 +156,9 @@ def _told(
     s, after, doubts = progress.model, rest.after, left.doubts if left else ()
     added = tuple(e.name for e in s.added if e.name not in doubts)
     ties = tuple(tie(each) for each in progress.found if each.ties and s.at_work(each.effect))
-    rig = rig_mistakes([e for e in s.added if e.name in added], after.values)
+    proven = [e for e in s.added if e.name in added]
+    chance = probabilities(progress.rounds, added, left is not None, first.settings)
+    rig = rig_mistakes(proven, after.values, chance, first.settings)
     known = tuple(e.name for e in first.composition.known if e.name in result.rig.config.effects)
     return Diagnosis(
         before=result,
@@ -171,8 +173,8 @@ def _told(
         unexplained=left,
         motions=(*motions(first, s, False), *(motions(first, s, True) if s.holdout else ())),
         rig=rig,
-        probabilities=probabilities(progress.rounds, added, left is not None, first.settings),
+        probabilities=chance,
         discrepancy=rest.found,
-        verdict=verdict(added, ties, left, progress.rounds, rig),
+        verdict=verdict(proven, ties, left, progress.rounds, rig, chance, first.settings),
         settings=first.settings,
     )

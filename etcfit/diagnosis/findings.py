@@ -163,8 +163,9 @@ class RigMistake:
         test, channel: where; None where it is everywhere.
         size, unit: of it, SI; a share where the unit is "".
         mend: the line of rig.toml that takes it into account.
-        sentence: all that in words.
+        sentence: all that in words; of a suspicion what to measure stands there in place of the line.
         file: of the one trace that it is in; None: in every trace of the test.
+        suspected: its probability is below `DiagnosisSettings.suspicion`.
     """
 
     effect: str
@@ -176,6 +177,7 @@ class RigMistake:
     mend: str
     sentence: str
     file: str | None = None
+    suspected: bool = False
 
 
 @dataclass(frozen=True, eq=False)

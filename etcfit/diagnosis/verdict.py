@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from types import MappingProxyType
 
 from ..estimation.remedies import listed
 from ..estimation.result import FitResult
 from ..problem.prediction_error import pooled
+from .composition import Effect
 from .exchange import Found
 from .findings import RigMistake, RoundReport, Tie, Unexplained
 from .score import clearly_worse
-from .settings import DiagnosisSettings
+from .settings import DEFAULT, DiagnosisSettings
+from .suspicion import is_suspicion, what_would_tell
 
 _NOTHING = "The residual is noise: the model lacks nothing that these data show."
 
@@ -34,29 +37,45 @@ def tie(found: Found) -> Tie:
 
 def in_words(mistake: RigMistake) -> str:
     """A mistake of the rig as a sentence of the verdict."""
-    return f"A mistake of the rig: {mistake.sentence}"
+    return f"{'Perhaps a' if mistake.suspected else 'A'} mistake of the rig: {mistake.sentence}"
+
+
+def _lacking(
+    lacked: Sequence[Effect], probabilities: Mapping[str, float], settings: DiagnosisSettings
+) -> Iterator[str]:
+    """What the model lacked, then each suspicion with what would tell."""
+    chance = {effect: probabilities.get(effect.name, 1.0) for effect in lacked}
+    if proven := [effect.name for effect in lacked if not is_suspicion(chance[effect], settings.suspicion)]:
+        yield f"The model lacked {listed(proven)}."
+    for effect in lacked:
+        if is_suspicion(chance[effect], settings.suspicion):
+            yield f"The model may lack {effect.name}. {what_would_tell(chance[effect], effect.told_by)}"
 
 
 def verdict(
-    added: Sequence[str],
+    added: Sequence[Effect],
     ties: Sequence[Tie],
     left: Unexplained | None,
     rounds: Sequence[RoundReport],
     rig: Sequence[RigMistake] = (),
+    probabilities: Mapping[str, float] = MappingProxyType({}),
+    settings: DiagnosisSettings = DEFAULT,
 ) -> tuple[str, ...]:
     """The whole in a few sentences: what was lacking, what cannot be told apart, what is left.
 
     Args:
-        added: names of the effects that are proven.
+        added: the effects found.
         ties: of those.
         left: the curve without a name, if there is one.
         rounds: all of them, the last of which adds nothing unless they ran out.
         rig: what of those added is wrong with the rig.
+        probabilities: of the effects, given the data; one without any is taken as proven.
+        settings: `suspicion`.
     """
     words = [in_words(mistake) for mistake in rig]
-    lacked = [name for name in added if name not in {mistake.effect for mistake in rig}]
+    lacked = [effect for effect in added if effect.name not in {mistake.effect for mistake in rig}]
     if lacked:
-        words.append(f"The model lacked {listed(lacked)}.")
+        words += _lacking(lacked, probabilities, settings)
     elif not rig:
         white = rounds[0].evidence.white
         words.append(_NOTHING if white else "No effect of the catalogue is proven by these data.")

@@ -44,6 +44,16 @@ def ljung_box(r: np.ndarray, lags: int = LAGS) -> float:
     return float(chdtrc(lags, q))
 
 
+def is_larger(r: np.ndarray, settings: WhitenessSettings = WhitenessSettings()) -> bool:
+    """Whether a residual of shape (n,) is larger than its noise:  mean(r^2) - 1 > excess sqrt(2 / n)."""
+    return bool(np.mean(r**2) - 1.0 > settings.excess * np.sqrt(2.0 / r.size))
+
+
+def is_correlated(r: np.ndarray, settings: WhitenessSettings = WhitenessSettings()) -> bool:
+    """Whether a residual of shape (n,) is not independent from sample to sample; False where n < 4 lags, too few."""
+    return r.size >= 4 * settings.lags and ljung_box(r, settings.lags) <= settings.level
+
+
 def inflation(r: np.ndarray, settings: WhitenessSettings = WhitenessSettings()) -> float:
     """Variance of a sum of residuals over that of independent standard normal ones.
 
@@ -60,9 +70,8 @@ def inflation(r: np.ndarray, settings: WhitenessSettings = WhitenessSettings()) 
     n = r.size
     if n < 4 * settings.lags:
         return 1.0
-    size = float(np.mean(r**2))
-    size = size if size - 1.0 > settings.excess * np.sqrt(2.0 / n) else 1.0
-    if ljung_box(r, settings.lags) > settings.level:
+    size = float(np.mean(r**2)) if is_larger(r, settings) else 1.0
+    if not is_correlated(r, settings):
         return size
     rho = autocorrelation(r, n // 4)
     first = int(np.argmax(rho <= 0.0)) if np.any(rho <= 0.0) else rho.size

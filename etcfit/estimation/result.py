@@ -23,13 +23,12 @@ from .compromise import Z_95, Compromise
 from .contradiction import Contradiction
 from .fit_state import FitState
 from .fitted_model import Fitted
+from .goodness import Goodness, goodness_of, warnings_of
 from .identifiability import Identifiability, analyse
 from .influence import Influence
 from .levenberg_marquardt import information_of
 from .pieces import Piece, pieces_of
 from .settings import FitSettings
-
-_WIDER = 1.05  # times that an interval must be wider to be said to be
 
 
 class Reason(StrEnum):
@@ -133,6 +132,11 @@ class FitResult:
 
     def __repr__(self) -> str:
         return f"FitResult({self.rig.config.name!r}, chi2_per_dof={self.chi2_per_dof:.4g}, converged={self.converged})"
+
+    @property
+    def goodness(self) -> tuple[Goodness, ...]:
+        """What is left in every fitted channel."""
+        return goodness_of(self.problem.batch.traces, self.whitened, self.score_fit, self.settings)
 
     @property
     def state(self) -> FitState:
@@ -247,7 +251,9 @@ def outcome(optimum: Optimum) -> FitResult:
         warnings=(
             *optimum.rig.warnings,
             *optimum.notes,
-            *_words(end, known, len(told.score_fit), chi2),
+            *_far(end, chi2),
+            *_of_residuals(problem, whitened, told.score_fit, optimum.settings, known.widest),
+            *_words(end),
             *_alternation(known.alternating),
             *agreed.words(lambda s: problem.layout.parameter(s).unit),
         ),
@@ -266,14 +272,12 @@ class _Spread(NamedTuple):
     Args:
         certain: covariance if the model and the noise are right, shape (P, P).
         covariance: wider for what is left in each channel and for rounds that alternate, shape (P, P).
-        correlated: channels that it was widened for.
-        widest: factor by which these widened the standard error that they widened most; 1 where none.
+        widest: factor by which correlated channels widened the standard error that they widened most; 1 where none.
         alternating: symbols in which the rounds alternate.
     """
 
     certain: np.ndarray
     covariance: np.ndarray
-    correlated: int
     widest: float
     alternating: tuple[str, ...]
 
@@ -282,13 +286,13 @@ def _spread(optimum: Optimum, here: Linearisation, pieces: tuple[Piece, ...]) ->
     problem, x, wander, settings = optimum.problem, optimum.x, optimum.end.wander, optimum.settings
     information = information_of(optimum.weighted.prior_sd[: x.size], here.jacobian)
     certain = analyse(problem.layout, x, information, settings.identifiability).covariance
-    covariance, factor, correlated = widen(certain, [(p.jacobian, p.r) for p in pieces], settings.whiteness)
+    covariance, factor, _ = widen(certain, [(p.jacobian, p.r) for p in pieces], settings.whiteness)
     widest = float(np.max(factor, initial=1.0))
     if wander is None:
-        return _Spread(certain, covariance, correlated, widest, ())
+        return _Spread(certain, covariance, widest, ())
     far_off = np.sqrt(np.sum(wander**2, axis=0)) > 0.5 * np.sqrt(np.diag(covariance))
     alternating = tuple(s for s, off in zip(problem.layout.free, far_off, strict=True) if off)
-    return _Spread(certain, covariance + wander.T @ wander, correlated, widest, alternating)
+    return _Spread(certain, covariance + wander.T @ wander, widest, alternating)
 
 
 class _Predictions(NamedTuple):
@@ -350,33 +354,29 @@ def _alternation(symbols: tuple[str, ...]) -> list[str]:
     ]
 
 
-def _words(end: Termination, known: _Spread, pieces: int, chi2: float) -> list[str]:
+def _of_residuals(
+    problem: EstimationProblem,
+    whitened: tuple[np.ndarray, ...],
+    score: tuple[PredictionError, ...],
+    settings: FitSettings,
+    widest: float,
+) -> list[str]:
+    return warnings_of(goodness_of(problem.batch.traces, whitened, score, settings), widest)
+
+
+def _far(end: Termination, chi2: float) -> list[str]:
+    if not end.far:
+        return []
+    return [
+        f"The model is far from the data (chi2/dof {chi2:.3g}): it lacks an effect. It was fitted free-running, "
+        "each channel weighed by the error left in it; parameters are a compromise, not measurements."
+    ]
+
+
+def _words(end: Termination) -> list[str]:
     out = []
-    if end.far:
-        out.append(
-            f"The model is far from the data (chi2/dof {chi2:.3g}): it lacks an effect. It was fitted free-running, "
-            "each channel weighed by the error left in it; parameters are a compromise, not measurements."
-        )
-    if known.correlated:
-        out.append(correlated_in_words(known.correlated, pieces, known.widest))
     if end.outliers:
         out.append(f"{end.outliers} samples lie far outside their trace's residuals and were weighed down.")
     if not end.converged:
         out.append(f"NOT CONVERGED: {end.reason}")
     return out
-
-
-def correlated_in_words(correlated: int, pieces: int, widest: float) -> str:
-    """The warning for residuals that are no noise; intervals are called widened only where that can be seen.
-
-    Args:
-        correlated, pieces: residuals that are no noise, of how many.
-        widest: factor by which they widened the standard error that they widened most.
-    """
-    wider = f"Intervals are widened for it (up to {widest:.1f} times), but widening does not remove a bias"
-    if widest < _WIDER:
-        wider = "No interval becomes wider by 5 % for it, but there may be a bias all the same"
-    return (
-        f"{correlated} of {pieces} residuals are larger than their noise or not independent: the model lacks something "
-        f"there. {wider}; look at the residual pictures."
-    )

@@ -5,6 +5,7 @@ The only matplotlib; lazy.
 
 from __future__ import annotations
 
+import shutil
 from collections.abc import Mapping, Sequence
 from functools import partial
 from pathlib import Path
@@ -28,23 +29,63 @@ if TYPE_CHECKING:  # a table of `check` needs none of what these load
 
 def draw_fit(run: Path, result: FitResult, report: Report = quiet) -> None:
     """Traces, tests, parameters and overview of a fit, converged or not; those of another fit go."""
-    for old in (run / "pictures").glob("*.png"):
-        old.unlink()
-    for folder in ("traces", "tests"):
-        for old in (run / "pictures" / folder).glob("*.png"):
-            old.unlink()
     from .drawing import draw_shared
     from .pictures import jobs
 
+    _clear(run / "pictures")
     draw_shared(run / "pictures", jobs(result), report)
 
 
+_OF_A_MODEL = ("", "tests", "traces")  # folders of its pictures, below RUN/pictures
+
+
+def _clear(pictures: Path) -> None:
+    for folder in _OF_A_MODEL:
+        _delete(pictures / folder)
+
+
+def _delete(folder: Path) -> None:
+    for old in folder.glob("*.png"):
+        old.unlink()
+
+
+def _move(pictures: Path, to: Path) -> None:
+    """All pictures of a model."""
+    for folder in _OF_A_MODEL:
+        for each in (pictures / folder).glob("*.png"):
+            (to / folder).mkdir(parents=True, exist_ok=True)
+            each.replace(to / folder / each.name)
+
+
 def draw_diagnosis(run: Path, diagnosis: Diagnosis, report: Report = quiet) -> None:
-    """Missing torque and voltage, rounds, errors before and after: RUN/pictures/diagnosis."""
+    """Missing torque and voltage, rounds, errors before and after: RUN/pictures/diagnosis.
+
+    RUN/pictures become those of the final model, where that is another than the first fit's; those of the first fit
+    are moved to RUN/pictures/before.
+    """
     from .diagnosis.pictures import jobs
     from .drawing import draw_shared
+    from .pictures import jobs as jobs_of_model
 
-    draw_shared(run / "pictures" / "diagnosis", jobs(diagnosis), report)
+    pictures, another = run / "pictures", diagnosis.final != diagnosis.start or bool(diagnosis.aside)
+    _set_aside(pictures, pictures / "before", another)
+    of_model = jobs_of_model(diagnosis.after)
+    # of the same model the diagnosis may have widened the intervals
+    of_model = of_model if another else [job for job in of_model if job[0] == Path("parameters.png")]
+    for folder in ("", "traces"):
+        _delete(pictures / "diagnosis" / folder)
+    draw_shared(pictures, [*of_model, *((Path("diagnosis") / path, draw) for path, draw in jobs(diagnosis))], report)
+
+
+def _set_aside(pictures: Path, before: Path, another: bool) -> None:
+    """Pictures of the first fit go to `before` where another model takes their place, and back where none does."""
+    if before.is_dir():
+        _clear(pictures)
+        if not another:
+            _move(before, pictures)
+            shutil.rmtree(before)
+    elif another:
+        _move(pictures, before)
 
 
 def draw_posterior(

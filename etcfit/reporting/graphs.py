@@ -35,6 +35,7 @@ class TestPicture:
         predicted: their simulations by file, SI, shape (n, M) each.
         lines: what was read and what was fitted, a line a parameter.
         synthetic: the data were made up.
+        model_words: the fitted model, in words.
     """
 
     test: AbstractRigTest
@@ -44,6 +45,7 @@ class TestPicture:
     predicted: Mapping[str, np.ndarray]
     lines: tuple[str, ...]
     synthetic: bool
+    model_words: str = "the model"
 
 
 def simulated(trace: Trace, predicted: np.ndarray) -> Measurement:
@@ -105,7 +107,14 @@ def draw(picture: TestPicture) -> Figure:
 def _head(fig: Figure, panels: Sequence[Axes], picture: TestPicture, tall: float) -> None:
     shown, there = sum(panel.axison for panel in panels), len(picture.graphs) or len(picture.traces)
     count = f"  ·  {shown} of {there} shown" if shown < there else ""
-    fig.suptitle(picture.test.title + count, x=0.015, y=1.0 - 0.1 / tall, ha="left", va="top", fontsize=13)
+    fig.suptitle(
+        f"{picture.test.title}  ·  {picture.model_words}{count}",
+        x=0.015,
+        y=1.0 - 0.1 / tall,
+        ha="left",
+        va="top",
+        fontsize=13,
+    )
     fig.text(0.015, 1.0 - 0.42 / tall, "\n".join(picture.lines), ha="left", va="top", fontsize=10, linespacing=1.35)
     style.legend(fig, panels, 0.01, 1.0 - (0.47 + 0.2 * len(picture.lines)) / tall, "upper left")
 
@@ -135,6 +144,6 @@ def _traces(panels: Sequence[Axes], traces: Sequence[Trace], predicted: Mapping[
         t, model = trace.instants, predicted[trace.measurement.file][:, m]
         panel.plot(*style.thin(t, channel.logged(trace.data[:, m])), ".", ms=2, color=style.MEASURED, label="measured")
         panel.plot(*style.thin(t, channel.logged(model)), color=style.SIMULATED, label="simulated")
-        panel.set(xlabel="time [s]", ylabel=style.unit_label(name, channel.unit))
+        panel.set(xlabel="time [s]", ylabel=style.channel_label(name, channel.unit))
         role = ", held out" if trace.measurement.held_out else ""
         panel.set_title(trace.measurement.file.partition("/")[2] + role, fontsize=9.5, loc="left")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from functools import partial
 from pathlib import Path, PurePosixPath
 
@@ -9,6 +10,7 @@ import numpy as np
 
 from ..estimation.intervals import LUMPS, Interval, intervals, lumped
 from ..estimation.joint_fit import FitResult
+from ..model.effects import EFFECT_BY_NAME
 from ..problem.trace import Trace
 from ..rig import TEST_BY_NAME
 from ..rig.paper_readings import known
@@ -18,6 +20,8 @@ from .drawing import Job
 from .numbers import Digits, short
 from .table_2 import beside
 from .tables import model_words
+
+_BRIEF = 36  # letters of a model's name in a title
 
 
 def jobs(result: FitResult) -> list[Job]:
@@ -38,6 +42,19 @@ def all_traces(result: FitResult) -> tuple[Trace, ...]:
     return (*result.problem.batch.traces, *held_out)
 
 
+def briefly(result: FitResult) -> str:
+    """The model as a title has room for it: whole, without what is the rig's, or with its effects counted."""
+    whole = model_words(result)
+    first, *others = whole.split(" + ")
+    of_throttle = " + ".join([first, *(name for name in others if name in EFFECT_BY_NAME)])
+    return next((each for each in (whole, of_throttle) if len(each) <= _BRIEF), f"{first} + {counted(others)}")
+
+
+def counted(effects: Sequence[str]) -> str:
+    """ "2 effects"."""
+    return f"{len(effects)} effect{'s' if len(effects) > 1 else ''}"
+
+
 def file_name(trace: Trace) -> str:
     """Of a trace's picture."""
     return f"{trace.test.name}__{PurePosixPath(trace.measurement.file).stem}.png"
@@ -48,12 +65,12 @@ def _trace_picture(result: FitResult, k: int) -> traces.TracePicture:
     file = trace.measurement.file
     predicted = result.predicted[file]
     if k < len(result.whitened):
-        residual, label = result.whitened[k], "whitened\nresidual [σ]"
+        residual, label = result.whitened[k], "error [σ]" if result.far else "whitened\nresidual [σ]"
     else:
         residual, label = (trace.data - predicted) / np.asarray(trace.sigma)[None, :], "error [σ]"
     rows = tuple(row for row in (*result.score_fit, *result.score_holdout) if row.file == file)
     synthetic = result.rig.config.synthetic
-    return traces.TracePicture(trace, predicted, residual, label, rows, synthetic)
+    return traces.TracePicture(trace, predicted, residual, label, rows, synthetic, briefly(result))
 
 
 def _test_picture(result: FitResult, name: str) -> graphs.TestPicture:
@@ -63,14 +80,14 @@ def _test_picture(result: FitResult, name: str) -> graphs.TestPicture:
     predicted = {trace.measurement.file: result.predicted[trace.measurement.file] for trace in every}
     model = graphs.read_model(test, every, predicted, config, scales) if read else ()
     lines = _lines(result, name)
-    return graphs.TestPicture(test, read, model, every, predicted, lines, config.synthetic)
+    return graphs.TestPicture(test, read, model, every, predicted, lines, config.synthetic, briefly(result))
 
 
 def _lines(result: FitResult, test: str) -> tuple[str, ...]:
     """What this test's graph said of its parameters, and what the fit says."""
     known_, units, read = intervals(result) | lumped(result), _units(result), readings_of(result)
     return tuple(
-        f"{symbol}: reading {short(read[symbol], 4)}, fit {_fitted(known_[symbol])} {units[symbol]}"
+        f"{symbol} [{units[symbol] or '1'}]: reading {short(read[symbol], 4)}, fit {_fitted(known_[symbol])}"
         for symbol, origin in result.readings.source.items()
         if origin == test and symbol in read and symbol in known_
     )
@@ -78,7 +95,7 @@ def _lines(result: FitResult, test: str) -> tuple[str, ...]:
 
 def _fitted(interval: Interval) -> str:
     if interval.status == "not identifiable":
-        return "(not identifiable)"
+        return "not identifiable"
     digits = Digits.of(interval.value, interval.spread)
     return digits(interval.value) + ("" if interval.stderr is None else f" ± {digits(interval.stderr)}")
 

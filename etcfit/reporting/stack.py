@@ -66,10 +66,25 @@ def source(trace: Trace, name: str) -> Channel:
     return trace.measurement.channels[name if name in trace.measurement.channels else "voltage"]
 
 
+def drive(panel: Axes, trace: Trace, span: slice = slice(None)) -> None:
+    """What drove a trace, over these of its instants: torque, or the voltage at the motor, from a duty where that was
+    logged."""
+    driving = trace.input
+    assert driving is not None
+    name, unit = ("torque", "N m") if trace.torque_driven else ("voltage", "V")
+    logged, t = trace.measurement.channels.get(name), trace.instants[span]
+    if logged is not None:
+        seen = (logged.time >= t[0]) & (logged.time <= t[-1])
+        panel.plot(*style.thin(logged.time[seen], logged.value[seen]), ".", ms=2.0, color=style.MEASURED)
+    steps = "steps-post" if driving.held else "default"
+    panel.plot(*style.thin(t, driving.value[span]), color=style.DRIVE, drawstyle=steps)
+    panel.set_ylabel(style.unit_label("duty × supply" if logged is None else name, unit))
+
+
 def signal(panel: Axes, trace: Trace, m: int, model: np.ndarray, label: str) -> None:
     """A channel as it was measured and, by `label`, as a model has it, SI, shape (n,); in the logger's unit."""
     name, t = trace.channels[m], trace.instants
     channel = source(trace, name)
     panel.plot(*style.thin(t, channel.logged(trace.data[:, m])), ".", ms=2.5, color=style.MEASURED, label="measured")
     panel.plot(*style.thin(t, channel.logged(model)), color=style.SIMULATED, label=label)
-    panel.set_ylabel(style.unit_label(name, channel.unit))
+    panel.set_ylabel(style.channel_label(name, channel.unit))

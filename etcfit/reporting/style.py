@@ -115,6 +115,11 @@ def unit_label(name: str, unit: str) -> str:
     return f"{name.replace('_', ' ')} [{unit or '1'}]"
 
 
+def channel_label(name: str, unit: str) -> str:
+    """ "TPS [V]" where a position is the sensor's volts, else "position [deg]"."""
+    return unit_label("TPS" if (name, unit) == ("position", "V") else name, unit)
+
+
 def quiet_axis(axes: Axes) -> None:
     """No tick labels where the panel below has the same."""
     axes.tick_params(labelbottom=False)

@@ -13,7 +13,7 @@ from ..problem.prediction_error import PredictionError
 from ..problem.trace import Trace
 from . import style
 from .numbers import short
-from .stack import headed, name_of, signal, source, stack
+from .stack import drive, headed, name_of, signal, source, stack
 
 _FLOOR = 4.0  # sigma; a residual panel shows at least so much
 _SHOWN = 0.998  # of the residuals lie inside the panel; the few beyond are counted on its edge
@@ -30,6 +30,7 @@ class TracePicture:
         residual_label: what the residual is.
         rows: score of each channel.
         synthetic: the data were made up.
+        model: that simulates, in words.
     """
 
     trace: Trace
@@ -38,6 +39,7 @@ class TracePicture:
     residual_label: str
     rows: tuple[PredictionError, ...]
     synthetic: bool
+    model: str = "the model"
 
 
 def draw(picture: TracePicture) -> Figure:
@@ -49,10 +51,10 @@ def draw(picture: TracePicture) -> Figure:
         _channel(panels[2 * m], picture, m)
         _residual(panels[2 * m + 1], picture, m)
     if trace.input is not None:
-        _input(panels[-1], trace)
+        drive(panels[-1], trace)
     begin, end = trace.instants[[0, -1]]
     panels[-1].set_xlim(begin - 0.01 * (end - begin), end + 0.01 * (end - begin))
-    return headed(fig, panels, name_of(trace), _errors(picture.rows))
+    return headed(fig, panels, f"{name_of(trace)}  ·  {picture.model}", _errors(picture.rows))
 
 
 def _errors(rows: tuple[PredictionError, ...]) -> str:
@@ -87,15 +89,3 @@ def _residual(panel: Axes, picture: TracePicture, m: int) -> None:
         text = f"{beyond} beyond, to {short(float(size.max()), 2)} σ"
         panel.text(0.995, 0.94, text, transform=panel.transAxes, ha="right", va="top", fontsize=9,
                    bbox={"facecolor": "white", "edgecolor": "none", "pad": 1.0, "alpha": 0.8})  # fmt: skip
-
-
-def _input(panel: Axes, trace: Trace) -> None:
-    signal = trace.input
-    assert signal is not None
-    name, unit = ("torque", "N m") if trace.torque_driven else ("voltage", "V")
-    logged = trace.measurement.channels.get(name)
-    if logged is not None:
-        panel.plot(*style.thin(logged.time, logged.value), ".", ms=2.0, color=style.MEASURED)
-    steps = "steps-post" if signal.held else "default"
-    panel.plot(*style.thin(trace.instants, signal.value), color=style.DRIVE, drawstyle=steps)
-    panel.set_ylabel(style.unit_label(name, unit))

@@ -5,10 +5,9 @@ from __future__ import annotations
 from typing import Any
 
 from ..diagnosis.findings import Diagnosis, Evidence, RigMistake, RoundReport, Unexplained
-from ..estimation.joint_fit import FitResult
 from ..files import plain
 from ..rig.finding import Finding
-from .fit import effects_of, hashes, parameters_json, rows_json, versions
+from .fit import effects_of, hashes, parameters_json, rows_json, score_json, versions
 from .influence import influence_json
 
 
@@ -42,8 +41,8 @@ def diagnosis_json(diagnosis: Diagnosis) -> dict[str, Any]:
         "probabilities": plain(dict(diagnosis.probabilities)),
         "unexplained": _unexplained(unknown) if unknown is not None else None,
         "discrepancy": [plain(each) for each in diagnosis.discrepancy],
-        "before": _score(before),
-        "after": _score(after),
+        "before": score_json(before),
+        "after": score_json(after),
         "after_with_unknown": None if unknown is None else {
             "fit": rows_json(unknown.fit), "holdout": rows_json(unknown.holdout)
         },
@@ -75,15 +74,8 @@ def _found_before(finding: Finding) -> dict[str, Any]:
         "file": finding.file,
         "probability": None,
         "chance": finding.chance,
+        "suspected": False,
     })  # fmt: skip
-
-
-def _score(result: FitResult) -> dict[str, Any]:
-    return {
-        "fit": rows_json(result.score_fit),
-        "holdout": rows_json(result.score_holdout),
-        "chi2_per_dof": plain(float(result.chi2_per_dof)),
-    }
 
 
 def _round(each: RoundReport, known: tuple[str, ...]) -> dict[str, Any]:

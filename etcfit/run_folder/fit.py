@@ -38,11 +38,7 @@ def fit_json(result: FitResult) -> dict[str, Any]:
         "lumped": _lumped_json(result),
         **influence_json(result),
         **budget_json(result),
-        "score": {
-            "fit": rows_json(result.score_fit),
-            "holdout": rows_json(result.score_holdout),
-            "chi2_per_dof": plain(float(result.chi2_per_dof)),
-        },
+        "score": score_json(result),
         "not_identifiable": _directions(result),
         "starts": plain(result.starts),
         "warnings": list(result.warnings),
@@ -66,6 +62,18 @@ def parameters_json(result: FitResult) -> dict[str, dict[str, Any]]:
 def effects_of(result: FitResult) -> tuple[str, ...]:
     """Names of all effects of a fit's model, those of Eqs. 1-2 among them."""
     return tuple(effect.name for effect in result.free_parameters.layout.types)
+
+
+def score_json(result: FitResult) -> dict[str, Any]:
+    """Errors of a model, see docs/formats.md: of the fitted channels also what is left by the one rule
+    (`estimation.goodness`)."""
+    left = {(each.file, each.channel): each.left for each in result.goodness}
+    fitted = zip(result.score_fit, rows_json(result.score_fit), strict=True)
+    return {
+        "fit": [{**row, "left": left[own.file, own.channel]} for own, row in fitted],
+        "holdout": rows_json(result.score_holdout),
+        "chi2_per_dof": plain(float(result.chi2_per_dof)),
+    }
 
 
 def rows_json(rows: Iterable[PredictionError]) -> list[dict[str, Any]]:

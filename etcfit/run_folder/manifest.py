@@ -66,7 +66,8 @@ _OF_DESIGN = tuple(f"{_CONTROL}/{name}.png" for name in ("responses", "scenarios
 STAGE_FILES: Mapping[str, StageFiles] = {
     "fit": StageFiles(("fit.json", FIT_STATE), command="etcfit fit FOLDER --out {run}"),
     "diagnose": StageFiles(
-        ("diagnosis.json", DIAGNOSIS_STATE), (FIT_STATE,), (), (), ("pictures/diagnosis",), "etcfit diagnose {run}"
+        ("diagnosis.json", DIAGNOSIS_STATE), (FIT_STATE,), (), (), ("pictures/diagnosis", "pictures/before"),
+        "etcfit diagnose {run}",
     ),
     "reduce": StageFiles(
         ("transfer_function.json", "frequency_response.json"), _MODEL, (), (),

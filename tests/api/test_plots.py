@@ -17,7 +17,7 @@ def test_a_trace_has_a_panel_for_signal_and_residual_of_each_channel_and_the_dri
     panels = fitted.plot.trace("response/1.csv")
     assert all(isinstance(panel, Axes) for panel in panels)
     assert [panel.get_ylabel() for panel in panels] == [
-        "current [mA]", "whitened\nresidual [σ]", "position [V]", "whitened\nresidual [σ]", "voltage [V]",
+        "current [mA]", "whitened\nresidual [σ]", "TPS [V]", "whitened\nresidual [σ]", "voltage [V]",
     ]  # fmt: skip
     assert panels[-1].get_xlabel() == "time [s]"
     assert plt.gcf() is panels[0].figure

@@ -17,6 +17,7 @@ from etcfit.diagnosis.loop import screened
 from etcfit.diagnosis.refit import start
 from etcfit.diagnosis.rig_mistakes import rig_mistakes
 from etcfit.diagnosis.settings import DEFAULT
+from etcfit.diagnosis.verdict import in_words
 from etcfit.estimation.intervals import intervals
 from etcfit.estimation.joint_fit import FitResult, fit
 from etcfit.model.rig_effects import rig_effect
@@ -107,24 +108,38 @@ def test_the_rigs_tangents_are_differences_of_the_residual(resistor: Case) -> No
 
 
 def test_what_is_not_the_rigs_is_no_mistake_of_it(small: CandidateModel) -> None:
-    assert rig_mistakes(small.composition.candidates, small.values) == ()
+    assert rig_mistakes(small.composition.candidates, small.values, {}) == ()
 
 
 def test_a_mistake_is_told_by_its_size_and_the_line_that_mends_it() -> None:
     sign = rig_effect("channel_gain[viscous.current]")
     assert sign is not None
-    (mistake,) = rig_mistakes([sign], {"gain.viscous.current": -2.0})
+    (mistake,) = rig_mistakes([sign], {"gain.viscous.current": -2.0}, {sign.name: 0.9})
     assert mistake.kind == "channel_sign"
     assert mistake.effect == "channel_gain[viscous.current]"
     assert mistake.mend == '[model] effects = ["channel_gain[viscous.current]"]'
     assert "current of the viscous test" in mistake.sentence
+    assert mistake.mend in mistake.sentence
+    assert not mistake.suspected
     assert mistake.file is None
+
+
+@pytest.mark.parametrize(("suspicion", "suspected"), [(0.8, True), (0.7, False)])
+def test_a_suspicion_says_what_would_tell_and_changes_no_line(suspicion: float, suspected: bool) -> None:
+    gain = rig_effect("channel_gain[viscous.current]")
+    assert gain is not None
+    settings = replace(DEFAULT, suspicion=suspicion)
+    (mistake,) = rig_mistakes([gain], {"gain.viscous.current": 0.1}, {gain.name: 0.75}, settings)
+    assert mistake.suspected is suspected
+    assert ("rig.toml" in mistake.sentence) is not suspected
+    assert (f"probability 0.75. What would tell: {gain.told_by}." in mistake.sentence) is suspected
+    assert in_words(mistake).startswith("Perhaps a mistake of the rig: " if suspected else "A mistake of the rig: ")
 
 
 def test_a_mistake_of_one_trace_names_its_file() -> None:
     late = rig_effect("trace_late[response/drive_3.csv]")
     assert late is not None
-    (mistake,) = rig_mistakes([late], {"late.response/drive_3.csv": 0.012})
+    (mistake,) = rig_mistakes([late], {"late.response/drive_3.csv": 0.012}, {})
     assert (mistake.kind, mistake.test, mistake.channel) == ("trace_late", "response", None)
     assert mistake.file == "response/drive_3.csv"
     assert mistake.mend == '[model] effects = ["trace_late[response/drive_3.csv]"]'

@@ -21,12 +21,15 @@ from etcfit.diagnosis.choice import alike, choose, deserves_second_trial, promis
 from etcfit.diagnosis.cross_validation import groups_of
 from etcfit.diagnosis.evidence import Place, shares, whiteness
 from etcfit.diagnosis.exchange import is_rival
+from etcfit.diagnosis.findings import RigMistake
 from etcfit.diagnosis.model_discrepancy import left_by
 from etcfit.diagnosis.refit import further_from_data
+from etcfit.diagnosis.rig_mistakes import rig_mistakes
 from etcfit.diagnosis.screen import Signature, variants
 from etcfit.diagnosis.unexplained import in_doubt, much_is_left, one_curve_does_more, questioned
 from etcfit.files import plain
 from etcfit.model.effects import EFFECT_BY_NAME
+from etcfit.model.rig_effects import rig_effect
 from etcfit.ranges import from_json
 from etcfit.rig.base import Rig
 from etcfit.run_folder import diagnosis_json
@@ -62,7 +65,7 @@ def test_the_defaults_are_those_of_the_recorded_folders() -> None:
         "share_told": 0.05, "guide": {"give": 0.01, "bandwidth": 15.0, "bandwidth_of_rate": 0.1, "least": 0.003,
         "stable": 0.3, "shares": [1.0, 0.3, 0.1, 0.03, 0.01, 0.003]},
         "curve_refits": 1, "name_keeps": 0.9, "names_hold": 0.8, "curve_asked": 1.5, "bic_temper": 10.0,
-        "lapse": 0.1, "missed": 0.1, "left_beside_names": 0.5,
+        "lapse": 0.1, "missed": 0.1, "left_beside_names": 0.5, "suspicion": 0.8,
         "free_spread": 0.1,
     }  # fmt: skip
 
@@ -137,6 +140,14 @@ def chosen(count: int, **changes: Any) -> int:
     return len(promising(every, score(1000.0), far, with_(**changes)))
 
 
+def likely(probability: float, **changes: Any) -> RigMistake:
+    """A mistake of the rig of that probability."""
+    gain = rig_effect("channel_gain[viscous.current]")
+    assert gain is not None
+    (mistake,) = rig_mistakes([gain], {"gain.viscous.current": 0.1}, {gain.name: probability}, with_(**changes))
+    return mistake
+
+
 def is_white(size: float, **changes: Any) -> bool:
     rng = np.random.default_rng(0)
     along = {name: rng.normal(size=2000) for name in ("input", "speed", "angle", "current", "time")}
@@ -186,6 +197,7 @@ CASES: dict[str, tuple[Callable[..., Any], Any, dict[str, float], Any]] = {
                      {"name_keeps": 0.8}, []),
     "names_hold": (lambda **c: one_curve_does_more(1000.0, 50.0, 10.0, with_(**c)), True, {"names_hold": 0.6}, False),
     "curve_asked": (lambda **c: much_is_left(1.6, with_(**c)), True, {"curve_asked": 1.7}, False),
+    "suspicion": (lambda **c: likely(0.75, **c).suspected, True, {"suspicion": 0.7}, False),
     "large_rms": (lambda **c: is_white(1.15, **c), False, {"large_rms": 0.1}, True),
     "large_rms_deviations": (lambda **c: is_white(1.10, **c), True, {"large_rms_deviations": 1.0}, False),
     "share_samples": (read, 0, {"share_samples": 100}, 5),

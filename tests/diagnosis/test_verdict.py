@@ -57,7 +57,7 @@ def test_ties_name_the_one_in_the_model_first_and_what_would_separate_them() -> 
 def test_effects_found_ties_and_the_last_reason_are_said(rig: Rig) -> None:
     first, last = diagnoses.rounds(results.result(rig))
     made = tie(Found(LIMP, {AIR: Apart(0.03, {})}, 100.0, {}))
-    assert verdict((LIMP.name,), (made,), None, (first, replace(last, candidates=()))) == (
+    assert verdict((LIMP,), (made,), None, (first, replace(last, candidates=()))) == (
         "The model lacked limp_home_spring.",
         "limp_home_spring and airflow_torque cannot be told apart by these data: their fits differ by at most 0.03 "
         "times the noise.",
@@ -65,14 +65,28 @@ def test_effects_found_ties_and_the_last_reason_are_said(rig: Rig) -> None:
     )
 
 
+def test_a_name_below_the_limit_is_a_suspicion_with_what_would_tell(rig: Rig) -> None:
+    first, last = diagnoses.rounds(results.result(rig))
+    said = verdict((LIMP, AIR), (), None, (first, last), (), {LIMP.name: 0.9, AIR.name: 0.55})
+    assert said == (
+        "The model lacked limp_home_spring.",
+        "The model may lack airflow_torque. This is a suspicion, with probability 0.55. "
+        f"What would tell: {AIR.told_by}.",
+    )
+    likely = DiagnosisSettings(suspicion=0.5)
+    assert verdict((LIMP, AIR), (), None, (first, last), (), {LIMP.name: 0.9, AIR.name: 0.55}, likely) == (
+        "The model lacked limp_home_spring and airflow_torque.",
+    )
+
+
 def test_what_is_left_is_said_as_a_curve_or_as_unexplained(rig: Rig) -> None:
     first, last = diagnoses.rounds(results.result(rig))
     curve = diagnoses.unexplained(results.result(rig))
     lacked = "The model lacked limp_home_spring."
-    assert verdict((LIMP.name,), (), curve, (first, last)) == (lacked, curve.sentence)
-    assert verdict((LIMP.name,), (), None, (first, last)) == (lacked,)  # the last residual is white
+    assert verdict((LIMP,), (), curve, (first, last)) == (lacked, curve.sentence)
+    assert verdict((LIMP,), (), None, (first, last)) == (lacked,)  # the last residual is white
     odd = replace(last, evidence=first.evidence)
-    assert verdict((LIMP.name,), (), None, (first, odd))[1].startswith("The residual is not all noise, but nothing")
+    assert verdict((LIMP,), (), None, (first, odd))[1].startswith("The residual is not all noise, but nothing")
 
 
 def test_where_nothing_is_added_it_is_said_whether_anything_is_lacking(rig: Rig) -> None:

@@ -58,5 +58,5 @@ def test_graphs_of_one_title_are_paired_in_order(fitted: FitResult) -> None:
 
 def test_a_test_without_graphs_shows_its_traces(fitted: FitResult) -> None:
     fig = graphs.draw(picture(fitted, "response", ()))
-    assert [panel.get_ylabel() for panel in fig.axes if panel.axison] == ["position [V]", "position [V]"]
+    assert [panel.get_ylabel() for panel in fig.axes if panel.axison] == ["TPS [V]", "TPS [V]"]
     assert [panel.get_title(loc="left") for panel in fig.axes if panel.axison] == ["1.csv", "2.csv, held out"]

@@ -11,7 +11,7 @@ from matplotlib.image import imread
 
 import results
 from etcfit.reporting import draw_fit
-from etcfit.reporting.pictures import jobs
+from etcfit.reporting.pictures import briefly, jobs
 from etcfit.run_folder import load_fit, save_fit
 
 
@@ -38,6 +38,14 @@ def test_another_process_can_be_handed_them(tmp_path: Path) -> None:
     handed = pickle.loads(pickle.dumps(jobs(results.result(results.rig(tmp_path)))))
     for path, draw in handed[:3]:
         assert draw().axes, path
+
+
+def test_a_title_has_room_for_the_model(tmp_path: Path) -> None:
+    rig = results.rig(tmp_path)  # an inductance test with a resistance of its own
+    assert briefly(results.result(rig)) == "Eqs. 1-2"
+    assert briefly(results.result(rig, added=("limp_home_spring",))) == "Eqs. 1-2 + limp_home_spring"
+    many = results.result(rig, added=("limp_home_spring", "stribeck_friction", "gravity_load"))
+    assert briefly(many) == "Eqs. 1-2 + 4 effects"
 
 
 def test_pictures_show_something(run: Path) -> None:

@@ -29,7 +29,7 @@ def picture(result: FitResult, file: str) -> traces.TracePicture:
 def test_panels_have_the_logged_units(fitted: FitResult) -> None:
     fig = traces.draw(picture(fitted, "response/2.csv"))
     labels = [panel.get_ylabel() for panel in fig.axes]
-    assert labels == ["current [mA]", "error [σ]", "position [V]", "error [σ]", "voltage [V]"]
+    assert labels == ["current [mA]", "error [σ]", "TPS [V]", "error [σ]", "voltage [V]"]
     assert fig.axes[-1].get_xlabel() == "time [s]"
     said = [text.get_text() for text in (*fig.texts, fig.axes[0].title)]
     assert any("SYNTHETIC" in text for text in said)

@@ -5,20 +5,21 @@ from __future__ import annotations
 import os
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
-from math import sqrt
 from pathlib import Path
 from typing import Any
 
+from ...diagnosis.settings import DEFAULT
+from ...diagnosis.suspicion import is_suspicion
+from ...estimation.goodness import Left
 from ...estimation.remedies import listed
 from ...run_folder import read_records
 from ...run_folder.state import measurements_of
 from ..likely import likely
 from ..page.contents import Contents, read_run
-from ..page.verdict import NOISE
+from ..page.verdict import left_unexplained, residuals
 from .base import Closing, command, counted, mended
 
 PAGE, INTERACTIVE = "report.html", "report_interactive.html"
-PROVEN = 0.8  # probability from which a name is acted upon
 _GUESSES = 2  # names that are not proven, in one line
 
 
@@ -41,7 +42,7 @@ def _next(contents: Contents) -> str:
     """What brings the last model further: a diagnosis, what mends the rig, a look at what is open, then gains."""
     run, lost = contents.run, _with_status(contents, "not identifiable")
     if not contents.get("diagnosis"):
-        if not _fits(contents):
+        if not _is_noise(contents):
             return command("diagnose", run)
         return advice_at(run) if lost and not contents.get("pid") else _after_the_model(contents)
     added = _added(contents)
@@ -49,7 +50,8 @@ def _next(contents: Contents) -> str:
         return mended(mistake["mend"], measured(run), command("fit", measured(run), "--out", run))
     if added.doubtful:
         return advice_at(run)
-    return _after_the_model(contents) if _fits(contents) else command("report", run, "--interactive")
+    done = _is_sound(contents) and left_unexplained(contents) is None
+    return _after_the_model(contents) if done else command("report", run, "--interactive")
 
 
 def _after_the_model(contents: Contents) -> str:
@@ -85,7 +87,9 @@ def _added(contents: Contents) -> _Added:
     found = contents.get("diagnosis")
     chances = found.get("probabilities") or {}
     known = {name: chances.get(name) or 0.0 for name in contents.added}
-    return _Added({n: p for n, p in known.items() if p >= PROVEN}, {n: p for n, p in known.items() if p < PROVEN})
+    limit = (found.get("settings") or {}).get("suspicion", DEFAULT.suspicion)
+    doubtful = {name: p for name, p in known.items() if is_suspicion(p, limit)}
+    return _Added({name: p for name, p in known.items() if name not in doubtful}, doubtful)
 
 
 def _mistakes(contents: Contents) -> list[Mapping[str, Any]]:
@@ -108,10 +112,13 @@ def _found(contents: Contents) -> Iterator[str]:
         names = listed(f"{name} (P {p:.2f})" for name, p in added.doubtful.items())
         yield f"Not proven: {names}.{''.join(f' Measure {what}.' for what in _tells(contents, added.doubtful))}"
     if not added.proven and not added.doubtful:
-        yield "The model lacks nothing that these data show." if _fits(contents) else _nothing_proven(found)
+        yield _nothing_added(contents)
 
 
-def _nothing_proven(found: Mapping[str, Any]) -> str:
+def _nothing_added(contents: Contents) -> str:
+    found = contents.get("diagnosis")
+    if _is_sound(contents) and left_unexplained(contents) is None:
+        return "No effect of the catalogue is missing, as far as these data show."
     names = [f"{name} (P {p:.2f})" for name, p in likely(found.get("probabilities") or {})
              if name not in ("nothing", "unexplained")][:_GUESSES]  # fmt: skip
     guess = f"; the likeliest are {listed(names)}, not proven" if names else ""
@@ -143,18 +150,20 @@ def _known(contents: Contents) -> str:
 
 
 def _left(contents: Contents) -> str:
-    chi2 = contents.score.get("chi2_per_dof")
-    if chi2 is None:
+    if contents.score.get("chi2_per_dof") is None:
         return "the model cannot be simulated over all of the data"
-    if chi2 < NOISE:
-        return "the model leaves no more than noise"
-    return f"the model leaves {sqrt(chi2):.2g} times the noise, so something is missing"
+    return f"the model leaves {residuals(contents.score)}"
 
 
-def _fits(contents: Contents) -> bool:
-    """Whether the last model is an estimate that leaves no more than noise."""
-    chi2, final = contents.score.get("chi2_per_dof"), contents.final
-    return chi2 is not None and chi2 < NOISE and final.get("converged", True) and not final.get("compromise")
+def _is_noise(contents: Contents) -> bool:
+    """Whether nothing but noise is left of the fitted traces, by the one rule (`estimation.goodness`)."""
+    rows = contents.score["fit"]
+    return _is_sound(contents) and all(row.get("left") in (Left.FITS, Left.STRAYS) for row in rows)
+
+
+def _is_sound(contents: Contents) -> bool:
+    """Whether the last model is an estimate: it converged, and is no compromise."""
+    return bool(contents.final.get("converged", True) and not contents.final.get("compromise"))
 
 
 def _with_status(contents: Contents, status: str) -> list[str]:

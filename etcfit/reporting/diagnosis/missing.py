@@ -94,7 +94,7 @@ def draw(picture: MissingPicture) -> Figure:
     factor, unit = prefixed(max(-limits[0], limits[1]), _UNITS[picture.enters])
     grid = fig.subplots(2, len(axes), sharex="col", sharey=True, squeeze=False)
     for column, axis in enumerate(axes):
-        _column(grid[0, column], grid[1, column], picture, axis, factor)
+        _column(grid[0, column], grid[1, column], picture, axis, (factor, unit))
         grid[0, column].set_title(_share(picture, axis), loc="left", fontsize=11)
     grid[0, 0].set_ylim(limits[0] * factor, limits[1] * factor)
     grid[0, 0].set_ylabel(f"missing {picture.enters}, BEFORE [{unit}]")
@@ -156,8 +156,8 @@ def _limits(samples: Samples) -> tuple[float, float]:
     return low - 1.5 * room, high + room  # below it stands the figure
 
 
-def _column(above: Axes, below: Axes, picture: MissingPicture, axis: str, factor: float) -> None:
-    samples, scale = picture.samples, AXES[axis]
+def _column(above: Axes, below: Axes, picture: MissingPicture, axis: str, shown: tuple[float, str]) -> None:
+    (factor, unit), samples, scale = shown, picture.samples, AXES[axis]
     bins = Bins.along(samples.axes[axis])
     curves = ways(samples, axis)
     drawn = [Way(rows, *look) for rows, look in zip(curves, _TWO if len(curves) > 1 else _ONE, strict=True)]
@@ -166,7 +166,7 @@ def _column(above: Axes, below: Axes, picture: MissingPicture, axis: str, factor
         for way in drawn:
             _cloud(panel, samples.axes[axis] * scale.factor, y * factor, way)
             _median(panel, bins, y * factor, scale.factor, way)
-        text = f"median curve: {short(factor * curve_rms(bins, y, curves), 2)} rms"
+        text = f"median curve: {short(factor * curve_rms(bins, y, curves), 2)} {unit} rms"
         panel.text(0.98, 0.03, text, transform=panel.transAxes, ha="right", va="bottom", fontsize=10,
                    bbox={"facecolor": "white", "edgecolor": "none", "pad": 1.5, "alpha": 0.85})  # fmt: skip
     _effects(above, picture, bins, axis, factor, drawn)

@@ -1,4 +1,4 @@
-"""One picture per trace: measured, the first and the final model, and the errors of both below."""
+"""One picture per trace: measured, the first and the final model, the errors of both below each, and what drove it."""
 
 from __future__ import annotations
 
@@ -10,15 +10,19 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from ...diagnosis.findings import Diagnosis
+from ...estimation.remedies import listed
 from ...problem.prediction_error import PredictionError, rows
 from ...problem.trace import Trace
 from .. import style
 from ..numbers import short
+from ..pictures import briefly, counted
+from ..stack import drive
 from .shown import Shown, in_degrees, scales
 
 _CHANNELS = ("position", "current", "emf", "motor_speed")  # in the order of interest; two at most are drawn
 _ZOOM = 0.08  # of the trace, beside the whole of it
 _BODIES = ("the others' body", "a body of its own")
+_ROOM = 36  # letters
 _SAMPLES = 60  # that a zoom shows at least
 
 
@@ -58,7 +62,8 @@ class Overlay:
             for result in (d.before, d.after)
         )
         role = "held out" if trace.measurement.held_out else "fitted"
-        return cls(trace, before, after, was, now, synthetic, role=role)
+        models = f"before: {briefly(d.before)}", _after(d)
+        return cls(trace, before, after, was, now, synthetic, models, role)
 
     @property
     def channels(self) -> tuple[int, ...]:
@@ -67,13 +72,21 @@ class Overlay:
         return tuple(self.trace.channels.index(name) for name in ranked[:2])
 
 
+def _after(d: Diagnosis) -> str:
+    """Of the final model what it has beyond the first, as far as a legend has room for it."""
+    if not d.added:
+        return "after"
+    names = listed(d.added)
+    return f"after: + {names if len(names) <= _ROOM else counted(d.added)}"
+
+
 def _rows(d: Diagnosis, errors: Sequence[PredictionError]) -> tuple[PredictionError, ...]:
     return in_degrees(errors, scales(d.before))
 
 
 def draw(picture: Overlay) -> Figure:
     """Left the whole trace, right where the first model was worst."""
-    heights = [h for _ in picture.channels for h in (2.1, 1.2)]
+    heights = [h for _ in picture.channels for h in (2.1, 1.2)] + ([1.0] if picture.trace.input is not None else [])
     title = style.wrapped(_title(picture), 12.0, 13)
     head = 0.95 + 0.24 * title.count("\n")
     tall = head + 0.55 + 1.02 * sum(heights)
@@ -86,6 +99,10 @@ def draw(picture: Overlay) -> Figure:
         for row, m in enumerate(picture.channels):
             _model(grid[2 * row, column], picture, m, span)
             _error(grid[2 * row + 1, column], picture, m, span)
+        if picture.trace.input is not None:
+            drive(grid[-1, column], picture.trace, span)
+            grid[-1, column].set_ylabel("" if column else grid[-1, column].get_ylabel())
+        grid[-1, column].tick_params(labelbottom=True)
         grid[-1, column].set_xlabel("time [s]" if column == 0 else "time [s], where the first model was worst")
     for span in spans[1:]:
         _mark(list(grid[:, 0]), *picture.trace.instants[span][[0, -1]])
@@ -133,6 +150,7 @@ def _error(panel: Axes, picture: Overlay, m: int, span: slice) -> None:
         error = (trace.data[span, m] - model[span, m]) / shown.size
         panel.plot(*style.thin(trace.instants[span], error), ".", ms=2.5, color=color)
     panel.axhline(0.0, color="black", lw=0.8)
+    style.quiet_axis(panel)
 
 
 def _mark(panels: list[Axes], begin: float, end: float) -> None:

@@ -1,4 +1,7 @@
-"""All pictures of a diagnosis: where each goes in RUN/pictures/diagnosis and how it is drawn."""
+"""All pictures of a diagnosis: where each goes in RUN/pictures/diagnosis and how it is drawn.
+
+Those of its final model, as of any fit, are `..pictures.jobs` of it.
+"""
 
 from __future__ import annotations
 
@@ -8,9 +11,8 @@ from pathlib import Path
 
 from ...diagnosis.findings import Diagnosis
 from ...problem.trace import Trace
-from .. import overview
 from ..drawing import Job
-from ..pictures import all_traces, file_name, parameter_picture
+from ..pictures import all_traces, file_name
 from . import chart, missing, overlay, rounds, unexplained
 from .ledger import headline, ledger
 
@@ -27,8 +29,6 @@ def _summaries(d: Diagnosis) -> Iterator[Job]:
     entries = ledger(d)
     if any(entry.known() for entry in entries):
         yield Path("ledger.png"), partial(chart.draw, entries, headline(d), synthetic)
-    if d.added:
-        yield Path("parameters.png"), partial(overview.draw, parameter_picture(d.after))
     for enters in ("torque", "voltage"):
         picture = missing.MissingPicture.of(d, enters)
         if picture is not None:

@@ -82,8 +82,8 @@ def draw(every: list[RoundPoint], added: tuple[str, ...], synthetic: bool) -> Fi
         panel.plot(place, held_out, "o-", color=style.AFTER, ms=9, lw=2.2, label="held-out traces")
     led = held_out if np.isfinite(held_out).any() else [s.fit for s in every]
     for k, value in enumerate(led):
-        panel.annotate(short(value), (k, value), xytext=(-9, -6), textcoords="offset points", fontsize=11, va="top",
-                       ha="right", fontweight="bold")  # fmt: skip
+        panel.annotate(f"{short(value)} σ", (k, value), xytext=(-9, -6), textcoords="offset points", fontsize=11,
+                       va="top", ha="right", fontweight="bold")  # fmt: skip
     _others(panel, every)
     _axes(panel, every)
     fig.suptitle(title, x=0.015, y=0.98, ha="left", va="top", fontsize=13, fontweight="bold")

@@ -6,7 +6,9 @@ from collections.abc import Iterator, Sequence
 from typing import Any
 
 from ...diagnosis.findings import Diagnosis, RigMistake
+from ...diagnosis.verdict import in_words
 from ...estimation.contradiction import Contradiction
+from ...estimation.goodness import Left
 from ...estimation.result import FitResult
 from ...problem.trace import Trace
 from ...rig.finding import ALLOWED_FOR, Finding
@@ -14,6 +16,9 @@ from ..numbers import short
 from .lights import Light
 
 _ASK = "What the model may lack has not been looked for: run `etcfit diagnose RUN`."
+_EDGES = (
+    "Log what drives the throttle faster, or in step with the output that switches it: then each edge has its instant."
+)
 _NOBODY = "Nothing found names this trace. `etcfit check --advise FOLDER --at RUN` says which further trace would tell."
 
 
@@ -28,6 +33,8 @@ def cures(trace: Trace, light: Light, final: FitResult, diagnosis: Diagnosis | N
     """
     if not light.found:
         return []
+    if light.left is Left.STRAYS:
+        return [_EDGES]
     said = [*_of_the_rig(trace, final, diagnosis), *_contradicted(trace, final.contradictions)]
     said += [warning for warning in final.warnings if trace.measurement.file in warning]
     said += [_ASK] if diagnosis is None else list(_of_the_model(trace, diagnosis))
@@ -35,12 +42,15 @@ def cures(trace: Trace, light: Light, final: FitResult, diagnosis: Diagnosis | N
 
 
 def _of_the_rig(trace: Trace, final: FitResult, diagnosis: Diagnosis | None) -> Iterator[str]:
-    """Mistakes of the rig in this trace, with the line of rig.toml that mends each."""
+    """Mistakes of the rig in this trace, each with the line of rig.toml that mends it or with what would tell."""
     mistakes: Sequence[Any] = (*(diagnosis.rig if diagnosis is not None else ()), *final.rig.findings)
     for each in mistakes:
         if each.kind not in ALLOWED_FOR and _lies_in(each, trace):
-            said = each.sentence if isinstance(each, RigMistake) else each.found
-            yield f"{each.kind.replace('_', ' ')}: {said} Mend: {each.mend}"
+            yield (
+                in_words(each)
+                if isinstance(each, RigMistake)
+                else f"{each.kind.replace('_', ' ')}: {each.found} Mend: {each.mend}"
+            )
 
 
 def _lies_in(mistake: RigMistake | Finding, trace: Trace) -> bool:

@@ -4,16 +4,18 @@ from __future__ import annotations
 
 from typing import Any
 
+from ...estimation.goodness import STRAYS
+from ...estimation.settings import ContradictionSettings
 from ..html import environment
-from ..page.verdict import NOISE
 from ..standalone import LIBRARY, LIBRARY_STYLE, LICENCE, Parts, as_text
-from .lights import FAR
 
 # in the order in which they run; each is plain JavaScript that puts what others need into `etcfit`
 SCRIPTS = ("effects.js", "stepper.js", "trace_run.js", "loop_run.js", "decode.js", "numbers.js", "theme.js", "chart.js",
            "list.js", "sliders.js", "trace_view.js", "loop_view.js", "main.js")  # fmt: skip
 _STYLES = (LIBRARY_STYLE, "base.css", "style.css")
 _ROOM = ("etcfit.reporting.interactive", "page")
+
+_FAR = ContradictionSettings().compromise
 
 part = Parts((_ROOM,))
 
@@ -33,7 +35,7 @@ def render(data: dict[str, Any]) -> str:
             styles=part.every(_STYLES),
             scripts=part.every((LIBRARY, *SCRIPTS)),
             licence=part(LICENCE),
-            noise=f"{NOISE:g}",
-            far=f"{FAR:g}",
+            strays=f"{STRAYS:g}",
+            far=f"{_FAR:g}",
         )
     )

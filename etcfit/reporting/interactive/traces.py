@@ -18,7 +18,7 @@ from ..standalone import packed
 from .bins import Bins
 from .cures import cures
 from .excitation import Excitation, excitations
-from .lights import light, residuals
+from .lights import Light, lights
 
 _LEAST_SPAN = {"i": 0.02, "theta": 0.05, "omega": 1.0}  # A, rad, rad/s
 
@@ -76,24 +76,25 @@ def traces_json(shelf: Shelf, room: Room = Room()) -> list[dict[str, Any]]:
     driven = [each for problem in problems for each in excitations(problem, shelf.final.x, corners)]
     motions = {motion.file: motion for motion in shelf.diagnosis.motions} if shelf.diagnosis is not None else {}
     return [
-        _trace(shelf, trace, r, motions.get(trace.measurement.file), excitation, points)
-        for trace, r, excitation in zip(every, residuals(shelf.final), driven, strict=True)
+        _trace(shelf, trace, light, motions.get(trace.measurement.file), excitation, points)
+        for trace, light, excitation in zip(every, lights(shelf.final), driven, strict=True)
     ]
 
 
 def _trace(
-    shelf: Shelf, trace: Trace, r: np.ndarray, motion: Motion | None, excitation: Excitation | str, points: int
+    shelf: Shelf, trace: Trace, light: Light, motion: Motion | None, excitation: Excitation | str, points: int
 ) -> dict[str, Any]:
-    judged, bins = light(shelf.final, trace, r), Bins.of(trace.instants.size, points)
+    bins = Bins.of(trace.instants.size, points)
     simulated = isinstance(excitation, Excitation)
     return {
         "file": trace.measurement.file,
         "test": trace.test.name,
         "held_out": trace.measurement.held_out,
-        "light": judged.colour,
-        "chi2": judged.chi2,
-        "judged_by": judged.judged_by,
-        "cures": cures(trace, judged, shelf.final, shelf.diagnosis),
+        "light": light.colour,
+        "word": light.word,
+        "off": light.off,
+        "says": light.says,
+        "cures": cures(trace, light, shelf.final, shelf.diagnosis),
         "samples": int(trace.instants.size),
         "whole": bins.whole,
         "t": packed.instants(bins.instants(trace.instants)),

@@ -8,7 +8,7 @@ from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
-from ..control.captions import CAPTIONS
+from .captions import caption
 
 BUDGET = 4_500_000  # bytes of the page that pictures may take; docs/commands/report.md promises less than 5 MB in all
 _COLOURS = 64  # of a plot: enough for lines, bands and the grey of their edges
@@ -16,13 +16,16 @@ _COLOURS = 64  # of a plot: enough for lines, bands and the grey of their edges
 # folder below RUN/pictures -> title of its group, in the order of interest; folders not named here follow
 GROUPS = {
     "diagnosis": "What the model lacked",
-    "": "Parameters of the first fit",
+    "": "Parameters of the final model",
     "posterior": "How sure",
     "control": "The linear model and the loop",
     "diagnosis/traces": "Before and after, trace by trace",
+    "traces": "Trace by trace, measured and simulated by the final model",
     "posterior/bands": "Posterior predictive bands, trace by trace",
     "tests": "Test by test, as the paper reads its graphs",
-    "traces": "Trace by trace, measured and simulated by the fit",
+    "before": "Before: parameters of the first fit, which the diagnosis replaced",
+    "before/traces": "Before: trace by trace, simulated by the first fit, which the diagnosis replaced",
+    "before/tests": "Before: test by test, the first fit, which the diagnosis replaced",
 }
 OPEN = ("", "diagnosis", "posterior", "control")  # shown without a click
 
@@ -32,12 +35,14 @@ class Picture:
     """A picture in the page.
 
     Args:
-        name: what it shows, a sentence or its file's name in words.
+        name: of its file, as it is spoken.
+        caption: what it shows, a sentence.
         uri: data URI.
         width, height: px.
     """
 
     name: str
+    caption: str
     uri: str
     width: int
     height: int
@@ -76,7 +81,7 @@ def groups(run: Path, budget: int = BUDGET) -> list[Group]:
     for folder, title in _folders(base):
         taken, left_out = [], []
         for path in sorted((base / folder).glob("*.png")):
-            picture = carried(path)
+            picture = carried(path, folder)
             if len(picture.uri) <= room:
                 room -= len(picture.uri)
                 taken.append(picture)
@@ -87,8 +92,13 @@ def groups(run: Path, budget: int = BUDGET) -> list[Group]:
     return out
 
 
-def carried(path: Path) -> Picture:
-    """A PNG with few colours, as a data URI."""
+def carried(path: Path, folder: str = "") -> Picture:
+    """A PNG with few colours, as a data URI.
+
+    Args:
+        path: of the file.
+        folder: below RUN/pictures that it lies in.
+    """
     from PIL import Image
 
     with Image.open(path) as image:
@@ -97,7 +107,7 @@ def carried(path: Path) -> Picture:
         few.save(buffer, format="PNG")
         width, height = image.size
     text = base64.b64encode(buffer.getvalue()).decode("ascii")
-    return Picture(_caption(path), f"data:image/png;base64,{text}", width, height)
+    return Picture(_spoken(path.stem), caption(folder, path.stem), f"data:image/png;base64,{text}", width, height)
 
 
 def _folders(base: Path) -> Iterator[tuple[str, str]]:
@@ -112,8 +122,5 @@ def _inside(base: Path) -> Iterable[Path]:
     return sorted(path for path in base.rglob("*") if path.is_dir())
 
 
-def _caption(path: Path) -> str:
-    """A sentence, or the file's name in words where there is none."""
-    if path.parent.name == "control" and path.stem in CAPTIONS:
-        return CAPTIONS[path.stem]
-    return " · ".join(part.replace("_", " ") for part in path.stem.split("__"))
+def _spoken(stem: str) -> str:
+    return " · ".join(part.replace("_", " ") for part in stem.split("__"))

@@ -2,29 +2,37 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections import Counter
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
 from markupsafe import Markup, escape
 
 from ...diagnosis.probabilities import UNEXPLAINED
+from ...diagnosis.suspicion import is_suspicion, what_would_tell
 from ...estimation.contradiction import digits_apart
+from ...estimation.goodness import STRAYS, Left
 from ...estimation.joint_fit import MISFIT
 from ...estimation.remedies import listed
+from ...model.effects import EFFECT_BY_NAME
 from ...problem.prediction_error import pooled
 from ...rig.finding import ALLOWED_FOR
 from ..control.sentence import sentence
-from ..numbers import is_share
+from ..numbers import is_share, short
 from .contents import Contents, rows_of
 from .typeset import number, symbol, symbols, unit
-
-NOISE = 1.2  # chi2 per degree of freedom up to which nothing but noise is left
 
 
 def verdict(contents: Contents) -> tuple[Markup, ...]:
     """The sentences at the top of the page."""
-    found = (*_left(contents), *_mistakes(contents), *_contradicts(contents))
-    return _fits(contents), _predicts(contents), *found, _knows(contents) + Markup("."), *_gains(contents)
+    return (
+        _fits(contents), _predicts(contents), *_found_out(contents), _knows(contents) + Markup("."), *_gains(contents)
+    )  # fmt: skip
+
+
+def _found_out(contents: Contents) -> Iterator[Markup]:
+    for said in (_left, _mistakes, _suspected, _contradicts):
+        yield from said(contents)
 
 
 def left_unexplained(contents: Contents) -> float | None:
@@ -40,15 +48,30 @@ def _left(contents: Contents) -> Iterator[Markup]:
 
 
 def _mistakes(contents: Contents) -> Iterator[Markup]:
-    """Each mistake of the rig, and the line that mends it; a habit that the fit allows for is none."""
+    """Each mistake of the rig with the line that mends it, a suspicion with what would tell; a habit that the fit
+    allows for is none."""
     rig = contents.get("diagnosis").get("rig")
     for each in rig if isinstance(rig, list) else ():  # the rig's name in files of before
         if each["kind"] in ALLOWED_FOR:
+            continue
+        if each.get("suspected"):
+            yield Markup("<strong>Perhaps a mistake of the rig</strong>: {}").format(each["sentence"])
             continue
         what, where = each["kind"].replace("_", " "), (each["test"] or "every test").replace("_", " ")
         channel = f"{each['channel']}, " if each["channel"] else ""
         text = Markup("<strong>A mistake of the rig: {}</strong> ({}{}). Mend: <code>{}</code>")
         yield text.format(what, channel, where, each["mend"])
+
+
+def _suspected(contents: Contents) -> Iterator[Markup]:
+    """Each effect that was added and is no more than a suspicion, with what would tell."""
+    diagnosis = contents.get("diagnosis")
+    limit = (diagnosis.get("settings") or {}).get("suspicion", 0.0)
+    for name in contents.added:
+        chance = (diagnosis.get("probabilities") or {}).get(name, 1.0)
+        if name in EFFECT_BY_NAME and is_suspicion(chance, limit):
+            said = what_would_tell(chance, EFFECT_BY_NAME[name].told_by)
+            yield Markup("<strong>The model may lack {}</strong>. {}").format(name.replace("_", " "), said)
 
 
 def _contradicts(contents: Contents) -> Iterator[Markup]:
@@ -77,20 +100,31 @@ def _fits(contents: Contents) -> Markup:
     count = len({row["file"] for row in contents.files["fit"]["score"]["fit"]})
     head = f"{model(contents)}, fitted to all {count} traces at once,"
     chi2 = contents.score.get("chi2_per_dof")
-    left = Markup("(χ²/dof {})").format(number(chi2))
     if not final.get("converged", True):
         return Markup("{} <strong>did not converge</strong>: the figures below are no results.").format(head)
     if chi2 is None:
         return Markup("{} cannot be simulated over all of them.").format(head)
-    if chi2 < NOISE:
-        rounds = contents.get("diagnosis").get("rounds") or [{}]
-        what = "nothing but" if rounds[-1].get("white", True) else "hardly more than"
-        return Markup("{} leave {} noise {}.").format(head, what, left)
     if chi2 < MISFIT:
-        return Markup("{} come near the data but leave more than noise {}.").format(head, left)
+        return Markup("{} leave {}.").format(head, residuals(contents.score))
     return Markup(
-        "{} stay <strong>far from the data</strong> {}: parameters are a compromise, not measurements."
-    ).format(head, left)
+        "{} stay <strong>far from the data</strong> (χ²/dof {}): parameters are a compromise, not measurements."
+    ).format(head, number(chi2))
+
+
+def residuals(score: Mapping[str, Any]) -> str:
+    """What the residuals of the fitted traces are by the one rule (`estimation.goodness`), in words."""
+    rows, chi2 = score["fit"], f"(χ²/dof {short(score['chi2_per_dof'])})"
+    count = Counter(row.get("left") for row in rows)
+    if None in count:  # a file of before
+        return f"residuals {chi2}"
+    more, strays = count[Left.MORE] + count[Left.FAR], count[Left.STRAYS]
+    if more:
+        larger = f"{more} {'is' if more == 1 else 'are'} larger than their noise or not independent"
+        text = f"noise in {len(rows) - more} of {len(rows)} residuals {chi2}; {larger}"
+    else:
+        text = f"nothing but noise{' from sample to sample' if strays else ''} {chi2}"
+    stray = f"{strays} of {len(rows)} {'strays' if strays == 1 else 'stray'} by more than {STRAYS:g} σ"
+    return text + (f"; run free, {stray}" if strays else "")
 
 
 def _predicts(contents: Contents) -> Markup:

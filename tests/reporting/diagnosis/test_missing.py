@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -98,6 +99,9 @@ def test_panels_have_units_and_one_scale(found: Diagnosis) -> None:
     assert diagnoses.FOUND in [line.get_label() for line in above[0].lines]
     assert diagnoses.FOUND not in [line.get_label() for line in below[0].lines]
     assert any("SYNTHETIC" in text.get_text() for text in fig.texts)
+    figures = [text.get_text() for panel in fig.axes for text in panel.texts]
+    assert figures
+    assert all(re.fullmatch(r"median curve: \S+ m?N m rms", each) for each in figures)
 
 
 def test_the_effects_line_is_the_effect(found: Diagnosis) -> None:

@@ -14,10 +14,11 @@ from matplotlib.image import imread
 import diagnoses
 import results
 from etcfit.diagnosis.findings import Diagnosis, SetAside
-from etcfit.reporting import draw_diagnosis
+from etcfit.reporting import draw_diagnosis, draw_fit
 from etcfit.reporting.diagnosis import chart, overlay, pictures, rounds, unexplained
 from etcfit.reporting.diagnosis.ledger import headline, ledger
 from etcfit.reporting.pictures import all_traces
+from etcfit.reporting.pictures import jobs as jobs_of_model
 from etcfit.run_folder import load_diagnosis, save_diagnosis
 
 
@@ -39,14 +40,37 @@ def names(d: Diagnosis) -> list[str]:
     return [path.as_posix() for path, _ in pictures.jobs(d)]
 
 
-def test_every_file_is_there(run: Path) -> None:
+def test_every_file_is_there(run: Path, found: Diagnosis) -> None:
     drawn = {p.relative_to(run).as_posix() for p in run.rglob("*") if p.is_file()}
-    stories = ("ledger", "parameters", "missing_torque", "missing_voltage", "unexplained", "rounds",
+    stories = ("ledger", "missing_torque", "missing_voltage", "unexplained", "rounds",
                "traces/response__2", "traces/response__1")  # fmt: skip
     assert drawn == {
         "run.json", "fit.json", "fit_state.npz", "diagnosis.json", "diagnosis_state.npz",
-        *(f"pictures/diagnosis/{story}.png" for story in stories)
+        *(f"pictures/diagnosis/{story}.png" for story in stories),
+        *(f"pictures/{path.as_posix()}" for path, _ in jobs_of_model(found.after)),
     }  # fmt: skip
+
+
+def drawn_below(run: Path) -> dict[str, bytes]:
+    base = run / "pictures"
+    return {p.relative_to(base).as_posix(): p.read_bytes() for p in base.rglob("*.png")}
+
+
+def test_pictures_of_the_first_fit_give_way_to_the_final_model_and_come_back(found: Diagnosis, tmp_path: Path) -> None:
+    few = replace(found, motions=(), unexplained=None)
+    of_model = {path.as_posix() for path, _ in jobs_of_model(found.after)}
+    draw_fit(tmp_path, found.before)
+    first = drawn_below(tmp_path)
+    assert set(first) == of_model
+    for _ in range(2):  # a second diagnosis must not take the final model's for the first fit's
+        draw_diagnosis(tmp_path, few)
+        seen = drawn_below(tmp_path)
+        assert {name: seen[f"before/{name}"] for name in first} == first
+        assert {name for name in of_model if seen[name] != first[name]} == of_model
+    draw_diagnosis(tmp_path, replace(few, after=few.before, added=(), final=few.start))
+    seen = drawn_below(tmp_path)
+    assert {name: seen[name] for name in first} == first
+    assert not (tmp_path / "pictures" / "before").exists()
 
 
 def test_pictures_show_something(run: Path) -> None:
@@ -138,7 +162,9 @@ def test_an_overlay_shows_both_models_in_degrees(found: Diagnosis) -> None:
     before, after = (result.predicted["response/2.csv"] for result in (found.before, found.after))
     fig = overlay.draw(overlay.Overlay(trace, before, after, (), (), True))
     labels = [panel.get_ylabel() for panel in fig.axes]
-    assert labels == ["position [deg]", "error [deg]", "current [mA]", "error [mA]"]
+    assert labels == ["position [deg]", "error [deg]", "current [mA]", "error [mA]", "voltage [V]"]
+    assert trace.input is not None
+    np.testing.assert_allclose(np.asarray(fig.axes[4].lines[-1].get_ydata()), trace.input.value)
     lines = {line.get_label(): np.asarray(line.get_ydata()) for line in fig.axes[0].lines}
     m = trace.channels.index("position")
     for name, values in (("measured", trace.data), ("before", before), ("after", after)):
@@ -179,7 +205,7 @@ def test_a_long_trace_is_shown_where_the_first_model_is_worst(found: Diagnosis) 
     t = np.linspace(0.0, 10.0, n)
     data = np.zeros((n, 2))
     before = np.where(np.abs(t - 7.0) < 0.3, 0.5, 0.0)[:, None] * np.ones(2)
-    long = replace(trace, instants=t, data=data)
+    long = replace(trace, instants=t, data=data, input=None)
     fig = overlay.draw(overlay.Overlay(long, before, 0.1 * before, (), (), True))
     assert len(fig.axes) == 8
     begin, end = fig.axes[1].get_xlim()

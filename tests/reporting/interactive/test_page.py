@@ -19,11 +19,12 @@ import results
 from etcfit.diagnosis.findings import RigMistake
 from etcfit.errors import UsageError
 from etcfit.estimation.contradiction import Contradiction
+from etcfit.estimation.goodness import Goodness, Left, warnings_of
 from etcfit.estimation.result import FitResult
 from etcfit.reporting.interactive import NAME, write_interactive
 from etcfit.reporting.interactive.closed_loop import loop_json
 from etcfit.reporting.interactive.cures import cures
-from etcfit.reporting.interactive.lights import Light, light, residuals
+from etcfit.reporting.interactive.lights import Light, lights
 from etcfit.reporting.interactive.render import SCRIPTS, part
 from etcfit.reporting.pictures import all_traces
 from etcfit.run_folder import RunFolder, save_fit
@@ -196,21 +197,36 @@ def test_a_folder_without_a_fit_is_no_run(tmp_path: Path) -> None:
         write_interactive(RunFolder(tmp_path))
 
 
-def test_a_light_is_the_residuals_size_and_few_samples_may_scatter(tmp_path: Path) -> None:
+@pytest.mark.parametrize("off", [0.0, 0.6, 20.0])
+def test_lights_and_the_warning_of_the_fit_count_the_same_residuals(tmp_path: Path, off: float) -> None:
+    result = results.result(results.rig(tmp_path), off=off)
+    fitted = result.problem.batch.traces
+    odd = {each.file for each in result.goodness if each.left is not Left.FITS}
+    shown = dict(zip((t.measurement.file for t in all_traces(result)), lights(result), strict=True))
+    assert {t.measurement.file for t in fitted if shown[t.measurement.file].colour != "green"} == odd
+    warned = sum(each.left in (Left.MORE, Left.FAR) for each in result.goodness)
+    assert (warned > 0) == (off > 0.0)
+    said = [text for text in warnings_of(result.goodness, 1.0) if "not independent" in text]
+    assert [text.split(" residuals")[0] for text in said] == ([f"{warned} of {len(result.goodness)}"] if warned else [])
+
+
+def test_a_trace_whose_free_run_strays_is_not_called_noise(tmp_path: Path) -> None:
     result = results.result(results.rig(tmp_path))
-    trace = all_traces(result)[0]
-    n = trace.data.size
+    file = result.problem.batch.traces[0].measurement.file
+    stray = replace(result, score_fit=tuple(
+        replace(row, rms=10.0 * row.sigma) if row.file == file else row for row in result.score_fit
+    ))  # fmt: skip
+    fine, found = lights(result)[0], lights(stray)[0]
+    assert (fine.colour, found.colour) == ("green", "yellow")
+    assert found.off == pytest.approx(10.0)
+    assert "nothing but noise" not in found.word
+    assert "the free run is 10 times the noise off" in found.says[0]
 
-    def of(size: float) -> Light:
-        return light(result, trace, np.full(trace.data.shape, np.sqrt(size)))
 
-    assert [of(size).colour for size in (1.0, 1.19 + 3.0 * np.sqrt(2.0 / n), 1.3 + 3.0 * np.sqrt(2.0 / n))] == [
-        "green", "green", "yellow",
-    ]  # fmt: skip
-    assert of(1000.0).colour == "red"
-    assert of(7.0).chi2 == pytest.approx(7.0)
-    assert of(np.inf).chi2 is None
-    assert of(np.inf).colour == "red"
+def test_the_page_carries_the_words_of_each_light(written: RunFolder, text: str) -> None:
+    carried = Reader(text).data["traces"]
+    for trace, light in zip(carried, lights(written.final()), strict=True):
+        assert (trace["light"], trace["word"], trace["says"]) == (light.colour, light.word, light.says)
 
 
 @pytest.mark.slow
@@ -219,11 +235,9 @@ def test_a_trace_held_out_is_judged_like_those_fitted() -> None:
     wrong = replace(result, x=result.x + 0.1 * np.eye(result.x.size)[result.free_parameters.layout.free.index("K_s")])
 
     def held_out(of: FitResult) -> list[Light]:
-        every = list(zip(all_traces(of), residuals(of), strict=True))
-        return [light(of, trace, r) for trace, r in every if trace.measurement.held_out]
+        return [each for trace, each in zip(all_traces(of), lights(of), strict=True) if trace.measurement.held_out]
 
-    assert [each.colour for each in held_out(result)] == ["green", "green"]
-    assert {each.judged_by for each in held_out(result)} == {"whitened residual"}
+    assert [each.colour for each in held_out(result)] == ["yellow", "green"]  # edges between samples of the drive
     assert [each.colour for each in held_out(wrong)] == ["red", "red"]
 
 
@@ -235,10 +249,16 @@ def test_cures_are_those_of_fit_and_diagnosis_for_that_trace(tmp_path: Path) -> 
     contradiction = Contradiction("response", "R_a", 8.0, 1.5, 1.9, 1e-9, 0.7)
     found = replace(found, rig=(mistake, replace(mistake, test="inductance")),
                     after=replace(found.after, contradictions=(contradiction,)))  # fmt: skip
-    red = Light("red", 50.0, "")
+    red = Light((Goodness(trace.measurement.file, "current", Left.FAR, 7.0, False, 7.0),))
     said = cures(trace, red, found.after, found)
-    assert sum("10 % too large Mend: [model]" in each for each in said) == 1
+    assert sum(each == "A mistake of the rig: the current is 10 % too large" for each in said) == 1
     assert any("contradicts the other tests: without it R_a is 1.9" in each for each in said)
     assert any(found.unexplained is not None and found.unexplained.sentence == each for each in said)
     assert any("a slow ramp" in each for each in said)
-    assert cures(trace, Light("green", 1.0, ""), found.after, found) == []
+    fits, strays = (
+        Goodness("", "current", left, 1.0, False, free) for left, free in ((Left.FITS, 1.0), (Left.STRAYS, 9.0))
+    )
+    assert cures(trace, Light((fits,)), found.after, found) == []
+    assert [
+        "each edge has its instant" in each for each in cures(trace, Light((fits, strays)), found.after, found)
+    ] == [True]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import re
 from html.parser import HTMLParser
 from pathlib import Path
@@ -12,6 +13,7 @@ import pytest
 import runs
 from etcfit.errors import UsageError
 from etcfit.reporting.page import write_page
+from etcfit.reporting.page.captions import caption
 from etcfit.reporting.page.contents import read_run
 from etcfit.reporting.page.pictures import carried
 from etcfit.reporting.page.render import render
@@ -128,8 +130,60 @@ def test_a_mistake_of_the_rig_stands_in_the_verdict_with_what_mends_it(full: Pat
     page = write_page(full).path.read_text(encoding="utf-8")
     assert "A mistake of the rig: channel gain</strong> (current, response). Mend: <code>[model] effects" in page
     assert "<b>" not in page  # what a file says is text
+    suspicion = {"suspected": True, "sentence": "channel gain <of> it. What would tell: a probe."}
+    runs.changed(full, "diagnosis", rig=[told | suspicion])
+    page = write_page(full).path.read_text(encoding="utf-8")
+    assert "Perhaps a mistake of the rig</strong>: channel gain &lt;of&gt; it. What would tell: a probe." in page
+    assert "[model] effects" not in page  # no line to change
     runs.changed(full, "diagnosis", rig=[told | {"kind": "synchronous_edges"}])
     assert "A mistake of the rig" not in write_page(full).path.read_text(encoding="utf-8")  # a habit is none
+
+
+@pytest.mark.parametrize(("chance", "suspected"), [(0.55, True), (0.9, False)])
+def test_an_effect_that_is_a_suspicion_is_one_on_the_page(full: Path, chance: float, suspected: bool) -> None:
+    runs.changed(full, "diagnosis", probabilities={"limp_home_spring": chance}, settings={"suspicion": 0.8})
+    text = " ".join(read(full).text.split())
+    said = f"The model may lack limp home spring . This is a suspicion, with probability {chance:.2f}. What would tell:"
+    assert (said in text) is suspected
+
+
+@pytest.mark.parametrize(
+    ("left", "said"),
+    [
+        (("fits",) * 4, "leave nothing but noise (χ²/dof"),
+        (("fits", "fits", "strays", "strays"), "leave nothing but noise from sample to sample (χ²/dof"),
+        (("fits", "fits", "fits", "strays"), "run free, 1 of 4 strays by more than 3 σ"),
+        (("fits", "more", "far", "fits"), "leave noise in 2 of 4 residuals (χ²/dof"),
+        (("fits", "more", "fits", "fits"), "1 is larger than their noise or not independent."),
+        ((None, "fits"), "leave residuals (χ²/dof"),
+    ],
+)
+def test_the_verdict_counts_the_residuals_by_the_one_rule(full: Path, left: tuple, said: str) -> None:
+    score = json.loads((full / "diagnosis.json").read_text(encoding="utf-8"))["after"]
+    row = {key: value for key, value in score["fit"][0].items() if key != "left"}
+    rows = [row | ({} if each is None else {"left": each}) for each in left]
+    runs.changed(full, "diagnosis", after=score | {"fit": rows})
+    assert said in " ".join(read(full).text.split())
+
+
+def test_a_command_in_a_warning_is_code(full: Path) -> None:
+    runs.changed(full, "diagnosis", warnings=["run `etcfit <diagnose>` again"])
+    page = write_page(full).path.read_text(encoding="utf-8")
+    assert "<li>run <code>etcfit &lt;diagnose&gt;</code> again</li>" in page
+
+
+def test_every_caption_is_a_sentence(full: Path) -> None:
+    captions = re.findall(r"<figcaption>(.*?)</figcaption>", write_page(full).path.read_text(encoding="utf-8"))
+    assert len(captions) == 5
+    assert all(each.endswith(".") for each in captions)
+    assert caption("traces", "response__drive_1").startswith("Response/drive 1: measured and simulated by the final")
+    assert "first fit" in caption("before/traces", "response__drive_1")
+
+
+def test_the_page_has_a_dark_dress_for_the_screen_and_none_for_paper() -> None:
+    css = (Path(render.__code__.co_filename).parent / "template" / "style.css").read_text(encoding="utf-8")
+    assert "@media screen and (prefers-color-scheme: dark)" in css
+    assert not re.search(r"background: #fff;(?! border-radius)", css)  # but for the card below a picture
 
 
 def test_a_fit_alone_is_enough(tmp_path: Path) -> None:

@@ -1,21 +1,22 @@
 "use strict";
-/* The list of traces: filtered by test, in the order of the files or the worst first. */
+/* The list of traces: filtered by test, the worst first or in the order of the files. */
 (function (etcfit) {
   const { element, short } = etcfit;
 
   etcfit.LIGHTS = {
-    green: { sign: "✓", word: "fits: nothing but noise is left", rank: 0 },
-    yellow: { sign: "△", word: "nearly: more than noise is left", rank: 1 },
-    red: { sign: "✕", word: "far off", rank: 2 },
+    green: { sign: "✓", count: "fit", rank: 0 },
+    yellow: { sign: "△", count: "nearly", rank: 1 },
+    red: { sign: "✕", count: "far off", rank: 2 },
   };
-  const badness = (trace) => trace.chi2 ?? Infinity;
+  const badness = (trace) => trace.off ?? Infinity; // none where the model could not be simulated
+  const worse = (a, b) => etcfit.LIGHTS[b.light].rank - etcfit.LIGHTS[a.light].rank || badness(b) - badness(a);
 
   class TraceList {
     /* traces: of the page's data; choose(k): called with the number of the one that is wanted. */
     constructor(traces, choose) {
       this.traces = traces;
       this.choose = choose;
-      this.worst = false;
+      this.worst = true;
       this.test = "";
       this.chosen = -1;
       this.list = document.getElementById("list");
@@ -35,23 +36,29 @@
 
     draw() {
       const shown = this.traces.map((trace, k) => ({ trace, k })).filter(({ trace }) => !this.test || trace.test === this.test);
-      if (this.worst) shown.sort((a, b) => etcfit.LIGHTS[b.trace.light].rank - etcfit.LIGHTS[a.trace.light].rank || badness(b.trace) - badness(a.trace));
+      if (this.worst) shown.sort((a, b) => worse(a.trace, b.trace));
       this.list.replaceChildren(...shown.map(({ trace, k }) => element("li", {}, this.button(trace, k))));
       const count = (light) => shown.filter(({ trace }) => trace.light === light).length;
       document.getElementById("tally").textContent =
-        `${shown.length} traces: ${Object.entries(etcfit.LIGHTS).map(([light, { sign }]) => `${sign} ${count(light)}`).join(", ")}`;
+        `${shown.length} traces: ${Object.entries(etcfit.LIGHTS).map(([light, each]) => `${each.sign} ${count(light)} ${each.count}`).join(", ")}`;
       this.mark();
     }
 
     button(trace, k) {
-      const { sign, word } = etcfit.LIGHTS[trace.light];
+      const { sign } = etcfit.LIGHTS[trace.light];
       const button = element("button", { type: "button", "data-trace": String(k) },
         element("span", { class: `sign ${trace.light}`, "aria-hidden": "true" }, sign),
         element("span", { class: "name" }, trace.file),
-        element("span", { class: "figure" }, short(trace.chi2)));
-      button.setAttribute("aria-label", `${trace.file}, ${word}, mean squared residual ${short(trace.chi2)}${trace.held_out ? ", held out" : ""}`);
+        element("span", { class: "figure" }, `${short(trace.off)} σ`));
+      button.setAttribute("aria-label", `${trace.file}, ${trace.word}, off by ${short(trace.off)} times the noise${trace.held_out ? ", held out" : ""}`);
       button.addEventListener("click", () => this.select(k));
       return button;
+    }
+
+    /* The one at the top where the worst stand first. */
+    select_worst() {
+      const order = this.traces.map((_, k) => k).sort((a, b) => worse(this.traces[a], this.traces[b]));
+      if (order.length) this.select(order[0]);
     }
 
     select(k) {

@@ -28,7 +28,7 @@
   view = new etcfit.TraceView(data, values);
   loop = new etcfit.LoopView(data, values);
   list = new etcfit.TraceList(data.traces, (k) => view.show(k));
-  if (data.traces.length) list.select(0);
+  list.select_worst();
   performance.mark("first-trace");
   requestAnimationFrame(() => setTimeout(() => loop.redraw())); // the trace first, then the loop below it
   etcfit.page = { data, view, loop, list, sliders };

@@ -15,7 +15,7 @@
         { name: "after", label: data.diagnosed ? "after (diagnosis)" : "fitted", colour: "after" },
         { name: "now", label: "now (sliders)", colour: "now", dash: [2, 3] },
       ];
-      this.shown = Object.fromEntries(this.curves.map(({ name }) => [name, true]));
+      this.shown = { drive: true, ...Object.fromEntries(this.curves.map(({ name }) => [name, true])) };
       this.stack = new etcfit.Stack(document.getElementById("charts"), (entry, k) => this.read_off(entry, k));
       this.key();
       for (const button of document.querySelectorAll("[data-zoom]")) button.addEventListener("click", () => this.stack.zoom(button.dataset.zoom));
@@ -45,11 +45,11 @@
     }
 
     verdict() {
-      const { trace } = this, { sign, word } = etcfit.LIGHTS[trace.light];
+      const { trace } = this, { sign } = etcfit.LIGHTS[trace.light];
       const rows = trace.channels.map((c) => `${words(c.name)} ${c.rms_before === null ? "" : `${short(c.rms_before)} → `}${short(c.rms_after)} σ`);
       const cures = element("div", { class: `cure ${trace.light}` },
-        element("p", {}, element("b", { class: trace.light }, `${sign} ${word}`), ` · ${trace.judged_by}, mean square ${short(trace.chi2)}`),
-        element("p", { class: "more" }, `Free-run error, rms: ${rows.join(", ")}.`));
+        element("p", {}, element("b", { class: trace.light }, `${sign} ${trace.word}.`), ...trace.says.map((each) => ` ${each}`)),
+        element("p", { class: "more" }, `Free-run error, rms, in times the sensor's noise σ: ${rows.join(", ")}.`));
       if (trace.cures.length) cures.append(element("ul", {}, ...trace.cures.map((cure) => element("li", {}, ...etcfit.with_code(cure)))));
       document.getElementById("verdict").replaceChildren(cures);
     }
@@ -76,6 +76,7 @@
         });
         return { channel, entry, error, ...values };
       });
+      this.add_drive();
       for (const missing of trace.missing) {
         stack.add({
           title: `${missing.name}: what the model lacks along the measured angle`,
@@ -85,6 +86,18 @@
       }
       if (zoomed && zoomed[1] <= t[t.length - 1] && this.drawn === trace) stack.show(...zoomed);
       this.drawn = trace;
+    }
+
+    /* What drove the trace, below its channels; none where nothing did. */
+    add_drive() {
+      const { sim, trace } = this;
+      if (!sim || !sim.v.some((level) => level !== 0)) return;
+      const [name, unit] = sim.boundary.circuit ? ["voltage", "V"] : ["torque", "N m"];
+      this.stack.add({
+        title: `${name} that drove it`, label: `${name} [${unit}]`, t: sim.t, low: true,
+        describe: `${name} that drove ${trace.file} over time in ${unit}.`,
+        series: [{ name: "drive", label: name, colour: "accent", values: sim.v }],
+      });
     }
 
     /* One channel of a simulated path at the instants that are drawn, in the unit that is shown. */

@@ -1,0 +1,145 @@
+"""Whether a channel of a trace fits: ONE rule for the warnings of a fit, the lights of the interactive page, verdicts.
+
+    fits      the whitened residual r is neither larger than its noise nor correlated (`autocorrelation`),
+              and the free run is off by at most 3 sigma, rms
+    strays    r is noise, but the free run is further off
+    more      r is larger than its noise, or correlated
+    far       r is larger than its noise, and mean r^2 >= 2, where parameters become a compromise
+
+A trace, and a whole fit, is what the worst of its channels is.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from enum import StrEnum
+
+import numpy as np
+
+from ..problem.prediction_error import PredictionError
+from ..problem.trace import Trace
+from .autocorrelation import is_correlated, is_larger
+from .settings import FitSettings
+
+_WIDER = 1.05  # times that an interval must be wider to be said to be
+STRAYS = 3.0  # times its noise that a channel's free-running error may be where it is said to fit
+
+
+class Left(StrEnum):
+    """What a model leaves in a channel, the best first."""
+
+    FITS = "fits"
+    STRAYS = "strays"
+    MORE = "more"
+    FAR = "far"
+
+
+@dataclass(frozen=True)
+class Goodness:
+    """What a model leaves in one channel of one trace.
+
+    Args:
+        file, channel: where.
+        left: by the rule above.
+        rms: of the whitened residual; 1 where it is noise, not finite where the model could not be simulated.
+        correlated: the whitened residual is not independent from sample to sample.
+        free: free-running error, rms, over the noise of one sample.
+    """
+
+    file: str
+    channel: str
+    left: Left
+    rms: float
+    correlated: bool
+    free: float
+
+    @property
+    def off(self) -> float:
+        """The larger of both errors, in times the noise; infinite where the model could not be simulated."""
+        return max(self.rms, self.free) if np.isfinite([self.rms, self.free]).all() else np.inf
+
+    @property
+    def says(self) -> str:
+        """One sentence on what is left; "" where the channel fits."""
+        name = self.channel.replace("_", " ")
+        if self.left is Left.FITS:
+            return ""
+        if not np.isfinite(self.off):
+            return f"The {name} could not be simulated."
+        if self.left is Left.STRAYS:
+            return (
+                f"The {name} is noise from sample to sample, but the free run is {self.free:.3g} times the noise off: "
+                "most often the instant of an edge of the input, between two samples, is not known well enough."
+            )
+        size = f"What is left in the {name} is {self.rms:.3g} times its noise (rms)"
+        return f"{size} and not independent from sample to sample." if self.correlated else f"{size}."
+
+
+def goodness_of(
+    traces: Sequence[Trace],
+    residuals: Sequence[np.ndarray],
+    free_run: Iterable[PredictionError],
+    settings: FitSettings = FitSettings(),
+) -> tuple[Goodness, ...]:
+    """Of every channel of these traces.
+
+    Args:
+        traces: as measured.
+        residuals: whitened, shape (n, M) each; of a model too far from the data to whiten the free-running error over
+            the sensors' noise.
+        free_run: errors of the free run of these traces, of others too.
+        settings: `whiteness`, and `contradiction.compromise`.
+    """
+    free = {(row.file, row.channel): row.rms / row.sigma for row in free_run}
+    out = []
+    for trace, r in zip(traces, residuals, strict=True):
+        for m, channel in enumerate(trace.channels):
+            own, file = np.asarray(r)[np.isfinite(trace.data[:, m]), m], trace.measurement.file
+            out.append(_of_channel(file, channel, own, free.get((file, channel), np.nan), settings))
+    return tuple(out)
+
+
+def _of_channel(file: str, channel: str, r: np.ndarray, free: float, settings: FitSettings) -> Goodness:
+    if not r.size or not np.isfinite(r).all() or not np.isfinite(free):
+        return Goodness(file, channel, Left.FAR, np.nan, False, free)
+    larger, correlated = is_larger(r, settings.whiteness), is_correlated(r, settings.whiteness)
+    size = float(np.mean(r**2))
+    left = Left.STRAYS if free > STRAYS else Left.FITS
+    if larger or correlated:
+        left = Left.FAR if larger and size >= settings.contradiction.compromise else Left.MORE
+    return Goodness(file, channel, left, float(np.sqrt(size)), correlated, free)
+
+
+def worst(found: Iterable[Goodness]) -> Goodness:
+    """The one that decides for all of them: of the worst kind, and of these the one that is furthest off."""
+    return max(found, key=lambda each: (list(Left).index(each.left), each.off))
+
+
+def warnings_of(found: Sequence[Goodness], widened: float) -> list[str]:
+    """What a reader of a fit must know of its residuals.
+
+    Args:
+        found: of every fitted channel.
+        widened: factor by which they widened the standard error that they widened most; below 1.05 nobody sees it.
+    """
+    more = [each for each in found if each.left in (Left.MORE, Left.FAR)]
+    strays = [each for each in found if each.left is Left.STRAYS]
+    out = []
+    if more:
+        wider = f"Intervals are widened for it (up to {widened:.1f} times), but widening does not remove a bias"
+        if widened < _WIDER:
+            wider = "No interval becomes wider by 5 % for it, but there may be a bias all the same"
+        out.append(
+            f"{len(more)} of {len(found)} residuals are larger than their noise or not independent: the model lacks "
+            f"something there. {wider}; look at the residual pictures."
+        )
+    if strays:
+        most = max(strays, key=lambda each: each.free)
+        verb = "is" if len(strays) == 1 else "are"
+        out.append(
+            f"{len(strays)} of {len(found)} residuals {verb} noise from sample to sample, but the free run strays, "
+            f"by up to {most.free:.3g} times the noise ({most.channel} in {most.file}): most often the instant of an "
+            "edge of the input, between two samples, is not known well enough."
+        )
+    return out
