@@ -280,7 +280,7 @@ def test_help_is_printed_as_it_is_written(invoke, name: str, monkeypatch: pytest
     ]
     shown = flat(invoke(name, "--help").stdout)
     assert written
-    for text in (*written, inspect.getdoc(source).partition("\n\n")[0]):
+    for text in (*written, (inspect.getdoc(source) or "").partition("\n\n")[0]):
         assert flat(text) in shown
     assert re.search(rf"Example: etcfit {name} \S", shown)
 
