@@ -134,6 +134,15 @@ def _stage(run: Path, stage: str, quiet: bool) -> AbstractContextManager[Callabl
     return _progress(quiet, stages.expected(run, stage))
 
 
+# of commands that say little of how far they are: what they take on measurements/bench_twin, s
+_ON_THE_TWIN = {"check": 15.0, "advise": 25.0, "plan": 40.0}
+
+
+def _usual(what: str, quiet: bool) -> AbstractContextManager[Callable[[str, float], None]]:
+    """Progress of a command whose steps are few and long."""
+    return _progress(quiet, Expected(_ON_THE_TWIN[what], "as for a folder like measurements/bench_twin"))
+
+
 _TAG = re.compile(r"(\\*)(\[[a-z#/@][^\[]*?\])")  # what rich takes for markup
 
 
@@ -192,7 +201,7 @@ def check(folder: Folder, advise: Advise = False, at: At = None, out: AdviceOut 
     for option, given in (("--at", at), ("--out", out)):
         if given is not None:
             raise UsageError(f"{option} goes with --advise.")
-    with _progress(quiet) as report:
+    with _usual("check", quiet) as report:
         report("reading the folder", 0.0)
         from .rig.reader import read_folder
 
@@ -211,7 +220,7 @@ def check(folder: Folder, advise: Advise = False, at: At = None, out: AdviceOut 
 
 
 def _advise(folder: Path, at: Path | None, out: Path | None, quiet: bool) -> None:
-    with _progress(quiet) as report:
+    with _usual("advise", quiet) as report:
         report("reading the folder", 0.0)
         from .rig.reader import read_folder
 
@@ -249,8 +258,8 @@ def diagnose(run: Run, quiet: Quiet = False) -> None:
 @_verb("Look", "etcfit report runs/bench_twin --interactive")
 def report(run: Run, interactive: Interactive = False, quiet: Quiet = False) -> None:
     """One self-contained HTML page of everything that RUN holds: RUN/report.html, or one to work with."""
+    write = stages.write_interactive if interactive else stages.write_report
     with _progress(quiet) as progress:
-        write = stages.write_interactive if interactive else stages.write_report
         done = write(stages.opened(run), progress)
     _tell(done)
 
@@ -646,7 +655,7 @@ def plan(
         settings = CampaignSettings(tests=tests, current=current, temperature=temperature)
     except ValueError as error:
         raise UsageError(str(error)) from None
-    with _progress(quiet) as report:
+    with _usual("plan", quiet) as report:
         report("loading the model", 0.0)
         stages.keep_compiled()
         from .api.verbs import plan as plan_tests

@@ -271,16 +271,16 @@ def flat(text: str) -> str:
     return " ".join(re.sub(r"[│╭╮╰╯─]", " ", text).split())
 
 
-@pytest.mark.parametrize("name", [command.name or command.callback.__name__ for command in app.registered_commands])
+@pytest.mark.parametrize("name", list(commands()))
 def test_help_is_printed_as_it_is_written(invoke, name: str, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("typer.rich_utils.MAX_WIDTH", 1000)
-    source = next(c.callback for c in app.registered_commands if (c.name or c.callback.__name__) == name)
+    source = inspect.unwrap(commands()[name].callback)
     written = [
         get_args(hint)[1].help for hint in get_type_hints(source, include_extras=True).values() if get_args(hint)
     ]
     shown = flat(invoke(name, "--help").stdout)
     assert written
-    for text in (*written, inspect.getdoc(source).partition("\n\n")[0]):
+    for text in (*written, (inspect.getdoc(source) or "").partition("\n\n")[0]):
         assert flat(text) in shown
     assert re.search(rf"Example: etcfit {name} \S", shown)
 
@@ -309,7 +309,7 @@ def test_a_limit_that_is_off_says_so_and_a_number_that_is_taken_too(invoke, monk
     assert "that of [ecu] in rig.toml, else 1ms" in shown
 
 
-@pytest.mark.parametrize("command", [command for command in commands()])
+@pytest.mark.parametrize("command", list(commands()))
 def test_every_example_names_options_that_there_are(command: str) -> None:
     words = shlex.split(commands()[command].epilog.replace("\\", ""))[1:]
     assert words[:2] == ["etcfit", command]

@@ -116,7 +116,13 @@ def test_lines_are_said_while_the_work_says_nothing(monkeypatch: pytest.MonkeyPa
     said: list[str] = []
     heard = threading.Event()
     monkeypatch.setattr(progress_, "_EVERY", 0.0)
-    with plain_lines(lambda line: (said.append(line), len(said) > 1 and heard.set())) as report:
+
+    def say(line: str) -> None:
+        said.append(line)
+        if len(said) > 1:
+            heard.set()
+
+    with plain_lines(say) as report:
         report("compiling", 0.1)
         assert heard.wait(10.0)
     assert said[1].startswith("compiling (10 % done after ")

@@ -132,6 +132,10 @@ def test_the_command_prints_writes_and_compares(tmp_path: Path) -> None:
     done = CliRunner().invoke(app, words)
     assert done.exit_code == 0, done.output
     assert "old.msl -> new.msl" in done.stdout
+    answer, look, further = done.stdout.splitlines()[-3:]
+    assert answer.startswith("Answer: RMSE ")
+    assert look == f"Look:   {tmp_path / 'run' / 'pictures' / 'drive' / 'old.png'}"
+    assert further.startswith("Next:   log this and put it into ")
     assert (tmp_path / "run" / "drive.json").is_file()
     assert sorted(p.name for p in (tmp_path / "run" / "pictures" / "drive").iterdir()) == ["new.png", "old.png"]
     wrong = CliRunner().invoke(app, ["drive", str(tmp_path), "--compare", "old.msl", "newer.msl"])

@@ -328,7 +328,11 @@ def test_gains_of_a_run_are_those_that_lie_there(tmp_path: Path) -> None:
 def test_the_command_exports_a_run_and_says_what_is_left_out(tmp_path: Path) -> None:
     run = runs.run_folder(tmp_path)
     done = CliRunner().invoke(app, ["export", str(run), "--to", "mujoco", "--quiet"])
-    assert (done.exit_code, done.stdout) == (0, f"{run / 'export' / 'etcfit_throttle.xml'}\n")
+    file, answer, look, further = done.stdout.splitlines()
+    assert (done.exit_code, file) == (0, str(run / "export" / "etcfit_throttle.xml"))
+    assert answer.startswith("Answer: 1 file written, MuJoCo joint and actuator (MJCF)")
+    assert look == f"Look:   {file}"
+    assert further.startswith("Next:   ")
     assert "The inductance L_a" in done.stderr
     made = etcfit.export(run, "mujoco", tmp_path / "here", quiet=True)
     assert made.files[0].read_bytes() == (run / "export" / "etcfit_throttle.xml").read_bytes()

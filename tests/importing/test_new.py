@@ -84,9 +84,10 @@ def test_it_leaves_alone_what_is_there_and_knows_its_nameplates(tmp_path: Path) 
     assert not (tmp_path / "other").exists()
 
 
-def test_the_command_prints_the_folder(tmp_path: Path) -> None:
+def test_the_command_says_which_file_is_to_be_filled_in(tmp_path: Path) -> None:
     done = CliRunner().invoke(app, ["new", str(tmp_path / "rig"), "--like", "kassel"])
-    assert (done.exit_code, done.stdout.strip()) == (0, str(tmp_path / "rig"))
+    assert done.exit_code == 0
+    assert f"Look:   {tmp_path / 'rig' / 'rig.toml'}\n" in done.stdout
     again = CliRunner().invoke(app, ["new", str(tmp_path / "rig")])
     assert (again.exit_code, again.stdout) == (2, "")
 

@@ -10,12 +10,14 @@ from typing import Any
 import pytest
 from typer.testing import CliRunner
 
+import fleet_pages
 import runs
 from etcfit.cli import app
 from etcfit.estimation.fit_state import SOUND, FitState
 from etcfit.reporting.closing import Closing
 from etcfit.reporting.closing.base import command, counted
 from etcfit.reporting.closing.control import of_export
+from etcfit.reporting.closing.fleet import of_fleet
 from etcfit.reporting.closing.model import of_run
 
 
@@ -153,6 +155,16 @@ def test_what_is_exported_from_a_compromise_is_not_to_be_used(tmp_path: Path) ->
     assert "Do not use it yet" in of_export(files, (), "C99", state, tmp_path).answer
     assert of_export(files, (), "C99", state, tmp_path).next == f"etcfit diagnose {tmp_path}"
     assert "Do not use" not in of_export(files, (), "C99", SOUND, tmp_path).answer
+
+
+def test_a_fleet_says_what_somebody_must_do_something_about(tmp_path: Path) -> None:
+    content = fleet_pages.fleet(20, 1).content
+    oddest = content["odd"][0]["unit"]
+    content["members"][oddest]["page"] = f"units/{oddest}.html"
+    closing = of_fleet(content, tmp_path)
+    assert f"1 unit is odd (5.0 %): {oddest}" in closing.answer
+    assert closing.look == (tmp_path / "fleet.html", tmp_path / "units" / f"{oddest}.html")
+    assert closing.next == f"etcfit design {tmp_path} --fleet"
 
 
 def closing_of(*words: Any) -> list[str]:
