@@ -99,12 +99,12 @@ def _panel(panel: Axes, design: Design, tuned: Tuned) -> None:
 def _level(design: Design, tuned: Tuned, place: Place) -> Level:
     """The change within a scenario that the draws have the hardest time with."""
     assert tuned.band is not None, "a rule with gains has been tried"
-    time = design.setpoint.instants(design.task.ecu.period)
+    time, band = design.setpoint.instants(design.task.ecu.period), tuned.band
     limit = {place.hardest.symbol: place.hardest.limit}
 
     def strain(level: Level) -> float:
         alone = replace(design.setpoint, levels=(level,), tracked=(Stretch(level.begins, level.ends),))
-        figures = [float(np.max(each)) for each in judge(alone, time, tuned.band)]
+        figures = [float(np.max(each)) for each in judge(alone, time, band)]
         worst = hardest(dict(zip(Judged._fields, figures, strict=True)), limit)
         return 0.0 if worst is None else worst.strain
 

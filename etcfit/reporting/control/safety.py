@@ -110,8 +110,8 @@ def draw(design: Design) -> Figure:
     """Jam check, sensor faults, spring return and holding current; below each title what would be good."""
     fig = style.figure(13.0, 10.2, design.fitted.config.synthetic)
     grid = fig.add_gridspec(2, 2, left=0.065, right=0.985, top=0.85, bottom=0.065, hspace=0.46, wspace=0.34)
-    for place, draw_panel in zip(grid, (_jam, _faults, _back, _held), strict=True):
-        draw_panel(fig.add_subplot(place), design)
+    for k, draw_panel in enumerate((_jam, _faults, _back, _held)):
+        draw_panel(fig.add_subplot(grid[divmod(k, 2)]), design)
     title = f"where something fails: gains of {design.chosen.rule.replace('_', ' ')}"
     fig.suptitle(f"{design.fitted.config.name}  ·  {title}", x=0.065, y=0.985, ha="left", va="top", fontsize=13)
     style.caution(fig, design.fitted.state.cautions, 0.955)
