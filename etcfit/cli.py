@@ -146,7 +146,7 @@ def _usual(what: str, quiet: bool) -> AbstractContextManager[Callable[[str, floa
 _TAG = re.compile(r"(\\*)(\[[a-z#/@][^\[]*?\])")  # what rich takes for markup
 
 
-def _literally(text: str | None) -> str | None:
+def literally(text: str | None) -> str | None:
     """A help text as rich prints it unchanged: `[ecu]` is a table of rig.toml, no markup."""
     return text and _TAG.sub(r"\1\1\\\2", text)
 
@@ -154,10 +154,10 @@ def _literally(text: str | None) -> str | None:
 def _literal_command(*args: Any, **given: Any) -> TyperCommand:
     """A command whose help texts are printed as they are written."""
     command = TyperCommand(*args, **given)
-    command.help, command.epilog = _literally(command.help), _literally(command.epilog)
+    command.help, command.epilog = literally(command.help), literally(command.epilog)
     for parameter in command.params:
         if isinstance(parameter, TyperArgument | TyperOption):
-            parameter.help = _literally(parameter.help)
+            parameter.help = literally(parameter.help)
     return command
 
 

@@ -288,10 +288,10 @@ def test_help_is_printed_as_it_is_written(invoke, name: str, monkeypatch: pytest
 def test_markup_in_a_help_text_is_text() -> None:
     from rich.text import Text
 
-    from etcfit.cli import _literally
+    from etcfit.cli import literally
 
     for text in ("else [ecu]'s in rig.toml", "[FILE:]HEADER=QUANTITY [UNIT]", r"a \[b] c", "no brackets"):
-        assert Text.from_markup(_literally(text) or "").plain == text
+        assert Text.from_markup(literally(text) or "").plain == text
 
 
 def test_commands_stand_in_groups(invoke) -> None:

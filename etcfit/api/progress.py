@@ -157,12 +157,17 @@ class Lines:
         say: prints a line.
         expected: how long it will take; None where nothing is known of that.
         clock: time, s.
+        every: most time between two lines, s.
     """
 
     def __init__(
-        self, say: Callable[[str], None], expected: Expected | None = None, clock: Clock = time.monotonic
+        self,
+        say: Callable[[str], None],
+        expected: Expected | None = None,
+        clock: Clock = time.monotonic,
+        every: float = _EVERY,
     ) -> None:
-        self._say, self._clock, self._left = say, clock, Remaining(expected, clock)
+        self._say, self._clock, self._left, self._every = say, clock, Remaining(expected, clock), every
         self._stage, self._said, self._lock = "", clock(), threading.Lock()
         if expected is not None and expected.seconds >= _EARLIEST:
             say(f"this takes about {in_words(expected.seconds)}, {expected.why}")
@@ -178,7 +183,7 @@ class Lines:
     def tick(self) -> None:
         """Called now and then: says how far it is where the last line is old."""
         with self._lock:
-            if self._stage and self._clock() - self._said >= _EVERY:
+            if self._stage and self._clock() - self._said >= self._every:
                 gone = f"{100.0 * self._left.share:.0f} % done after {in_words(self._left.elapsed)}"
                 self._print(", ".join(filter(None, (gone, str(self._left)))))
 
@@ -188,9 +193,11 @@ class Lines:
 
 
 @contextmanager
-def plain_lines(say: Callable[[str], None], expected: Expected | None = None) -> Iterator[Report]:
+def plain_lines(
+    say: Callable[[str], None], expected: Expected | None = None, every: float = _EVERY
+) -> Iterator[Report]:
     """Lines for a log; see `Lines`."""
-    lines, ended = Lines(say, expected), threading.Event()
+    lines, ended = Lines(say, expected, every=every), threading.Event()
 
     def watch() -> None:
         while not ended.wait(1.0):

@@ -112,17 +112,16 @@ def test_lines_say_how_far_it_is_at_least_every_half_minute() -> None:
     ]
 
 
-def test_lines_are_said_while_the_work_says_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_lines_are_said_while_the_work_says_nothing() -> None:
     said: list[str] = []
     heard = threading.Event()
-    monkeypatch.setattr(progress_, "_EVERY", 0.0)
 
     def say(line: str) -> None:
         said.append(line)
         if len(said) > 1:
             heard.set()
 
-    with plain_lines(say) as report:
+    with plain_lines(say, every=0.0) as report:
         report("compiling", 0.1)
         assert heard.wait(10.0)
     assert said[1].startswith("compiling (10 % done after ")

@@ -2,35 +2,36 @@
 
 from __future__ import annotations
 
-from types import SimpleNamespace
-from typing import Any, cast
+from typing import Any
 
 import numpy as np
 import pytest
 
+import exports
 from etcfit.control.design import Design
+from etcfit.control.judged import Tuned
 from etcfit.control.pid import Requirements
+from etcfit.control.pid.base import Task
+from etcfit.control.pid.front import FrontPoint
 from etcfit.control.pid.requirements import Metrics
-from etcfit.estimation.fit_state import SOUND
+from etcfit.control.settings import DesignSettings
 from etcfit.reporting.control.front import draw
+from partial import partial
 
 GOOD = Metrics(10.0, 0.1, 0.2, 1.0, 12.0, 45.0, 4.0)
 
 
-def rule(name: str, **changes: Any) -> SimpleNamespace:
-    return SimpleNamespace(
-        rule=name, nonlinear=GOOD._replace(**changes), stable=changes.get("gain_margin_db", 1.0) > 0.0
-    )
+def rule(name: str, **changes: Any) -> Tuned:
+    figures = GOOD._replace(**changes)
+    return partial(Tuned, rule=name, linear=figures, nonlinear=figures)
 
 
-def design(*rules: SimpleNamespace, front: tuple[tuple[float, float, bool], ...] = ()) -> Design:
+def design(*rules: Tuned, front: tuple[tuple[float, float, bool], ...] = ()) -> Design:
     """Gains of the first rule; points of the front as activity, error and whether the rest is met."""
-    points = tuple(SimpleNamespace(activity=a, rmse=e, meets=m) for a, e, m in front)
-    fitted = SimpleNamespace(config=SimpleNamespace(name="a rig", synthetic=True), state=SOUND)
-    settings = SimpleNamespace(optimum=SimpleNamespace(certain=0.95))
-    made = SimpleNamespace(front=points, tuned={each.rule: each for each in rules}, chosen=rules[0], fitted=fitted,
-                           settings=settings, task=SimpleNamespace(requirements=Requirements()))  # fmt: skip
-    return cast(Design, made)
+    points = tuple(partial(FrontPoint, activity=a, rmse=e, meets=m) for a, e, m in front)
+    task = partial(Task, requirements=Requirements(), settings=DesignSettings())
+    return partial(Design, front=points, tuned={each.rule: each for each in rules}, chosen=rules[0],
+                   fitted=exports.source().fitted, task=task)  # fmt: skip
 
 
 def line(panel: Any) -> np.ndarray:
@@ -58,6 +59,7 @@ def test_no_rule_that_meets_the_rest_lies_below_the_line() -> None:
     activity, error = line(panel)
     for each in rules:
         m = each.nonlinear
+        assert m is not None
         if m.duty_activity_pct >= activity[0]:
             assert m.rmse_pct >= np.interp(m.duty_activity_pct, activity, error) - 1e-12
     assert np.all(np.diff(error) < 0.0)

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from types import SimpleNamespace
-from typing import Any, cast
+from typing import Any
 
 from etcfit.control.judged import Tuned
 from etcfit.control.pid import Requirements
@@ -11,6 +10,7 @@ from etcfit.control.pid.requirements import Metrics
 from etcfit.control.pid.response import Judged
 from etcfit.reporting.control.misses import UNSTABLE, hardest_place, misses
 from etcfit.reporting.control.words import WORDS, hardest
+from partial import partial
 
 GOOD = Metrics(10.0, 0.1, 0.2, 1.0, 12.0, 45.0, 4.0)
 SCENARIOS = {"large": Judged(5.0, 0.1, 0.1, 12.0), "small": Judged(30.0, 0.1, 0.1, 0.2),
@@ -18,7 +18,9 @@ SCENARIOS = {"large": Judged(5.0, 0.1, 0.1, 12.0), "small": Judged(30.0, 0.1, 0.
 
 
 def tuned(stable: bool = True, **changes: Any) -> Tuned:
-    return cast(Tuned, SimpleNamespace(nonlinear=GOOD._replace(**changes), stable=stable, scenarios=SCENARIOS))
+    figures = GOOD._replace(**changes)
+    linear = figures if stable else figures._replace(gain_margin_db=-1.0)
+    return partial(Tuned, linear=linear, nonlinear=figures, scenarios=SCENARIOS)
 
 
 def test_the_worst_comes_first_and_margins_come_last() -> None:
@@ -38,7 +40,7 @@ def test_the_hardest_scenario_is_that_of_the_worst_figure() -> None:
     place = hardest_place(tuned(), Requirements())
     assert place is not None
     assert (place.scenario, place.hardest.symbol, place.hardest.met) == ("small", "overshoot_pct", False)
-    only_log = cast(Tuned, SimpleNamespace(scenarios={"log": SCENARIOS["log"]}))
+    only_log = partial(Tuned, scenarios={"log": SCENARIOS["log"]})
     assert hardest_place(only_log, Requirements()) is None
 
 
