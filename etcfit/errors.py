@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import importlib
+
 
 class MeasurementError(Exception):
     """The data (or the rig.toml) are wrong: where, what was found, what is required, how to mend it.
@@ -20,3 +22,21 @@ class MeasurementError(Exception):
 
 class UsageError(Exception):
     """The command line asks for something that cannot be done; exit status 2."""
+
+
+def require_extra(extra: str, purpose: str, *libraries: str) -> None:
+    """Libraries that only an extra installs, checked before the work that needs them in the end.
+
+    Args:
+        extra: of this package, "fleet" or "import".
+        purpose: what needs them, the subject of the message.
+        libraries: names to import.
+    Raises:
+        UsageError: one cannot be imported.
+    """
+    for library in libraries:
+        try:
+            importlib.import_module(library)
+        except ImportError as error:
+            raise UsageError(f"{purpose} needs the library {library}, which is not installed. "
+                             f"Run: pip install 'etcfit[{extra}]'.") from error  # fmt: skip

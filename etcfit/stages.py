@@ -17,7 +17,7 @@ from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
 from .control.request import DesignRequest
-from .errors import UsageError
+from .errors import UsageError, require_extra
 from .posterior.settings import SamplingSettings
 
 if TYPE_CHECKING:
@@ -44,15 +44,21 @@ class Done:
     remark: str = ""
 
 
-def opened(run: Path) -> RunFolder:
+def opened(run: Path, out: Path | None = None) -> RunFolder:
     """The run folder, for the stages below.
 
+    Args:
+        run: the folder.
+        out: where files will be written; RUN itself where None.
     Raises:
         UsageError: another version wrote it.
+        OSError: no file can be written there.
     """
+    from .files import require_writable
     from .run_folder import RunFolder, read_records
 
     read_records(run)
+    require_writable(out or run)
     return RunFolder(run)
 
 
@@ -94,6 +100,7 @@ def diagnose_run(run: RunFolder, report: Report) -> Done:
 
 def sample_run(run: RunFolder, report: Report, steps: int = SamplingSettings.most_steps) -> Done:
     """How sure: RUN/posterior.nc and RUN/posterior.json of the final model, pictures; goes on with a chain begun."""
+    _can_sample()
     report("taking up the model", 0.0)
     keep_compiled()
     result = run.final()
@@ -111,6 +118,13 @@ def sample_run(run: RunFolder, report: Report, steps: int = SamplingSettings.mos
     here = posterior.convergence
     why = "" if here.converged else f"this is no posterior yet: {here.reason} `etcfit sample` goes on from here."
     return Done(cautioned(posterior_table(posterior, profiled), result.state), why or failure(result))
+
+
+def _can_sample() -> None:
+    """See `run_folder.posterior.require_netcdf`."""
+    from .run_folder.posterior import require_netcdf
+
+    require_netcdf()
 
 
 def reduce_run(
@@ -137,6 +151,8 @@ def reduce_run(
 
 def design_run(run: RunFolder, report: Report, asked: DesignRequest) -> Done:
     """Gains by every rule, one of them proposed: RUN/pid.json, the responses."""
+    if asked.parts is not None:
+        require_extra("fleet", f"{asked.parts}", "pyarrow")
     report("taking up the fit", 0.0)
     keep_compiled()
     result = run.final()
@@ -220,6 +236,7 @@ def export_run(
     from .exporting import ExportSettings, named
 
     format_ = named(to)
+    format_.require(into)
     try:
         settings = ExportSettings(share=at) if step is None else ExportSettings(step, at)
     except ValueError as error:  # the range is the settings' own
@@ -268,11 +285,13 @@ class Stage:
         name: of its command, and on the manifest.
         work: what it does, from the measurement folder, the run folder and a progress report.
         options: arguments of the work besides, under which the manifest keeps what the stage last ran with.
+        require: raises what would stop its work at the end, before any work.
     """
 
     name: str
     work: Callable[..., Done]
     options: tuple[str, ...] = ()
+    require: Callable[[], None] = lambda: None
 
 
 def _of_run(work: Callable[..., Done]) -> Callable[..., Done]:
@@ -284,7 +303,7 @@ def _of_run(work: Callable[..., Done]) -> Callable[..., Done]:
 STAGES: tuple[Stage, ...] = (
     Stage("fit", fit_folder),
     Stage("diagnose", _of_run(diagnose_run)),
-    Stage("sample", _of_run(sample_run), ("steps",)),
+    Stage("sample", _of_run(sample_run), ("steps",), _can_sample),
     Stage("reduce", _of_run(reduce_run), ("input", "output", "at", "pade_order")),
     Stage(
         "design",
@@ -315,12 +334,14 @@ def run_all(
     Returns:
         Why the model that is shown did not converge, or "".
     Raises:
-        UsageError: RUN was made from other measurements, or by another version.
+        UsageError: RUN was made from other measurements or by another version, or a stage misses what it needs.
     """
     from .run_folder import is_done, last_failure, must_belong, settings_before
 
     must_belong(path, folder)
     run = opened(path)
+    for stage in stages:
+        stage.require()
     for stage in stages:
         before, wanted = settings_before(path).get(stage.name, {}), asked.get(stage.name, {})
         if is_done(path, stage.name, folder) and all(before.get(name) == value for name, value in wanted.items()):

@@ -8,7 +8,7 @@ from contextlib import contextmanager
 from pathlib import Path, PurePosixPath
 from typing import Any
 
-from ..errors import MeasurementError, UsageError
+from ..errors import MeasurementError, UsageError, require_extra
 from ..rig.names import refuse_foreign_names
 
 
@@ -98,10 +98,9 @@ def _system(url: str) -> tuple[Any, str]:
     Raises:
         UsageError: nobody knows this kind of address here.
     """
-    try:
-        import fsspec
-    except ImportError as error:
-        raise UsageError(f'{url} needs fsspec, which is not installed: pip install "etcfit[fleet]"') from error
+    require_extra("fleet", url, "fsspec")
+    import fsspec
+
     try:
         system, root = fsspec.core.url_to_fs(url)
     except (ImportError, ValueError) as error:

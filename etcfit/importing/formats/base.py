@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-import importlib
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from types import ModuleType
 
 from ...errors import MeasurementError
 from ..sheet import Sheet
@@ -35,25 +33,13 @@ class Format:
         name: for messages.
         suffixes: of its files, in lower case with the dot.
         read: every sheet of a file; imports what is heavy when it is called.
+        library: of the extra `import` that reads it; "" where the main install does.
     """
 
     name: str
     suffixes: tuple[str, ...]
     read: Callable[[Source], list[Sheet]]
-
-
-def library(name: str, where: str) -> ModuleType:
-    """A library that only this format needs.
-
-    Raises:
-        MeasurementError: it is not installed.
-    """
-    try:
-        return importlib.import_module(name)
-    except ImportError as err:
-        raise MeasurementError(where, f"reading it needs the library {name.partition('.')[0]}, which is not installed.",
-                               "It comes with the extra 'import'.",
-                               "Run: pip install 'etcfit[import]'.") from err  # fmt: skip
+    library: str = ""
 
 
 def unreadable(where: str, found: str, kind: str, error: Exception | None = None) -> MeasurementError:
