@@ -30,7 +30,7 @@ def _read(source: Source) -> list[Sheet]:
     with mdf:
         signals = _signals(mdf)
         if source.buses:
-            databases = {"CAN": [(str(path), 0) for path in source.buses]}
+            databases: Any = {"CAN": [(str(path), 0) for path in source.buses]}
             with mdf.extract_bus_logging(databases) as decoded:
                 signals = [*_decoded_only(signals), *_signals(decoded)]
     if signals and not _decoded_only(signals):
