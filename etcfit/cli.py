@@ -178,6 +178,14 @@ def _verb(panel: str, example: str, name: str | None = None) -> Callable[[Callab
     return registered
 
 
+def _must_be_writable(out: Path | None) -> None:
+    """See `files.require_writable`; None for nothing to write."""
+    from .files import require_writable
+
+    if out is not None:
+        require_writable(out)
+
+
 def _show_version(wanted: bool) -> None:
     if wanted:
         typer.echo(f"etcfit {__version__}")
@@ -220,6 +228,7 @@ def check(folder: Folder, advise: Advise = False, at: At = None, out: AdviceOut 
 
 
 def _advise(folder: Path, at: Path | None, out: Path | None, quiet: bool) -> None:
+    _must_be_writable(out)
     with _usual("advise", quiet) as report:
         report("reading the folder", 0.0)
         from .rig.reader import read_folder
@@ -333,6 +342,7 @@ def drive(
     quiet: Quiet = False,
 ) -> None:
     """Logs from the car (CSV, .msl, .mlg): operating range, spectrum, how closely the plate follows; two compared."""
+    _must_be_writable(out)
     with _progress(quiet) as progress:
         progress("reading the logs", 0.0)
         from .car_log import read_logs, study
@@ -618,7 +628,7 @@ def export(
     """The model in RUN (after a diagnosis, the final one) for another program; says what that format cannot hold."""
     seconds = None if step is None else _seconds("--step", step)
     with _progress(quiet) as progress:
-        done = stages.export_run(stages.opened(run), progress, to, out, seconds, at / 100.0, into, anyway)
+        done = stages.export_run(stages.opened(run, out), progress, to, out, seconds, at / 100.0, into, anyway)
     if done.remark:
         _stderr().print(done.remark, markup=False)
     _tell(done)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import importlib.util
+import importlib
 import re
 import shlex
 import sys
@@ -28,6 +28,24 @@ class UsageError(Exception):
     """The command line asks for something that cannot be done; exit status 2."""
 
 
+def require_extra(extra: str, purpose: str, *libraries: str) -> None:
+    """Libraries that only an extra installs, checked before the work that needs them in the end.
+
+    Args:
+        extra: of this package, "fleet" or "import".
+        purpose: what needs them, the subject of the message.
+        libraries: names to import.
+    Raises:
+        UsageError: one cannot be imported.
+    """
+    for library in libraries:
+        try:
+            importlib.import_module(library)
+        except ImportError as error:
+            raise UsageError(f"{purpose} needs the library {library}, which is not installed. "
+                             f"{how_to_install(extra)}") from error  # fmt: skip
+
+
 def how_to_install(extra: str) -> str:
     """What to type for the libraries of one extra of etcfit, which no package index has: "Install them: ..."."""
     pip = f"{shlex.quote(sys.executable)} -m pip install"
@@ -35,21 +53,6 @@ def how_to_install(extra: str) -> str:
     if not (wanted := _requirements(extra)):
         return f"Install them: {from_source}"
     return f"Install them: {pip} {' '.join(shlex.quote(each) for each in wanted)}, or, {from_source}"
-
-
-def require_libraries(extra: str, for_what: str) -> None:
-    """Refuse work that needs the libraries of an extra before it begins.
-
-    Args:
-        extra: of etcfit, each of whose libraries is imported by the name that it is installed by.
-        for_what: in words, as "A fleet".
-    Raises:
-        UsageError: one of them is not installed.
-    """
-    names = [re.split(r"[^\w.-]", each, maxsplit=1)[0] for each in _requirements(extra)]
-    if lacks := [name for name in names if importlib.util.find_spec(name) is None]:
-        is_not = "which is" if len(lacks) == 1 else "which are"
-        raise UsageError(f"{for_what} needs {', '.join(lacks)}, {is_not} not installed. {how_to_install(extra)}")
 
 
 def _requirements(extra: str) -> list[str]:

@@ -31,6 +31,20 @@ def whole(path: Path) -> Iterator[Path]:
         draft.unlink(missing_ok=True)
 
 
+def require_writable(folder: Path) -> None:
+    """A folder, there or not yet, can take files: checked before the work whose results go there. It makes none.
+
+    Raises:
+        OSError: it cannot, by its name.
+    """
+    nearest = next(place for place in (folder, *folder.absolute().parents) if place.exists())
+    try:
+        with tempfile.TemporaryFile(dir=nearest):
+            pass
+    except OSError as error:
+        raise OSError(error.errno, error.strerror, str(folder)) from None
+
+
 def digest(path: Path) -> str:
     """SHA-256 of a file's content."""
     with path.open("rb") as file:

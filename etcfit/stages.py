@@ -21,7 +21,7 @@ from typing import TYPE_CHECKING, Any
 
 from .api.progress import Expected, part_of
 from .control.request import DesignRequest
-from .errors import UsageError
+from .errors import UsageError, require_extra
 from .posterior.settings import SamplingSettings
 
 if TYPE_CHECKING:
@@ -89,15 +89,21 @@ def expected(run: Path, stage: str) -> Expected | None:
     return None
 
 
-def opened(run: Path) -> RunFolder:
+def opened(run: Path, out: Path | None = None) -> RunFolder:
     """The run folder, for the stages below.
 
+    Args:
+        run: the folder.
+        out: where files will be written; RUN itself where None.
     Raises:
         UsageError: another version wrote it.
+        OSError: no file can be written there.
     """
+    from .files import require_writable
     from .run_folder import RunFolder, read_records
 
     read_records(run)
+    require_writable(out or run)
     return RunFolder(run)
 
 
@@ -156,6 +162,7 @@ def diagnose_run(run: RunFolder, report: Report) -> Done:
 @_noted("sample")
 def sample_run(run: RunFolder, report: Report, steps: int = SamplingSettings.most_steps) -> Done:
     """How sure: RUN/posterior.nc and RUN/posterior.json of the final model, pictures; goes on with a chain begun."""
+    _can_sample()
     report("taking up the model", 0.0)
     keep_compiled()
     result = run.final()
@@ -175,6 +182,13 @@ def sample_run(run: RunFolder, report: Report, steps: int = SamplingSettings.mos
     why = "" if here.converged else f"this is no posterior yet: {here.reason} `etcfit sample` goes on from here."
     table = cautioned(posterior_table(posterior, profiled), result.state)
     return Done(table, why or failure(result), closing=of_posterior(posterior, run.path))
+
+
+def _can_sample() -> None:
+    """See `run_folder.posterior.require_netcdf`."""
+    from .run_folder.posterior import require_netcdf
+
+    require_netcdf()
 
 
 @_noted("reduce")
@@ -205,6 +219,8 @@ def reduce_run(
 @_noted("design")
 def design_run(run: RunFolder, report: Report, asked: DesignRequest) -> Done:
     """Gains by every rule, one of them proposed: RUN/pid.json, the responses."""
+    if asked.parts is not None:
+        require_extra("fleet", f"{asked.parts}", "pyarrow")
     report("taking up the fit", 0.0)
     keep_compiled()
     result = run.final()
@@ -296,6 +312,7 @@ def export_run(
     from .exporting import ExportSettings, named
 
     format_ = named(to)
+    format_.require(into)
     try:
         settings = ExportSettings(share=at) if step is None else ExportSettings(step, at)
     except ValueError as error:  # the range is the settings' own
@@ -349,11 +366,13 @@ class Stage:
         name: of its command, and on the manifest.
         work: what it does, from the measurement folder, the run folder and a progress report.
         options: arguments of the work besides, under which the manifest keeps what the stage last ran with.
+        require: raises what would stop its work at the end, before any work.
     """
 
     name: str
     work: Callable[..., Done]
     options: tuple[str, ...] = ()
+    require: Callable[[], None] = lambda: None
 
 
 def _of_run(work: Callable[..., Done]) -> Callable[..., Done]:
@@ -375,7 +394,7 @@ STAGES: tuple[Stage, ...] = (
         tuple(each.name for each in fields(DesignRequest)),
     ),
     REPORT,
-    Stage("sample", _of_run(sample_run), ("steps",)),
+    Stage("sample", _of_run(sample_run), ("steps",), _can_sample),
     REPORT,
 )
 LAST = tuple(stage.name for stage in STAGES if stage is not REPORT)  # names of the stages that a run may end with
@@ -413,13 +432,15 @@ def run_all(
     Returns:
         Why the model that is shown did not converge, or "".
     Raises:
-        UsageError: RUN was made from other measurements, or by another version.
+        UsageError: RUN was made from other measurements or by another version, or a stage misses what it needs.
     """
     from .run_folder import is_done, last_failure, must_belong, set_aside_unfinished, settings_before
 
     must_belong(path, folder)
     run = opened(path)
     before_all, shown = {stage.name: expected(path, stage.name) for stage in stages}, set[str]()
+    for stage in stages:
+        stage.require()
     for stage in stages:
         before, wanted = settings_before(path).get(stage.name, {}), asked.get(stage.name, {})
         if is_done(path, stage.name, folder) and all(before.get(name) == value for name, value in wanted.items()):

@@ -375,6 +375,34 @@ def test_diagnose_without_a_fit_is_a_usage_error(invoke) -> None:
     assert "etcfit fit" in done.stderr
 
 
+@pytest.mark.parametrize(
+    "words",
+    [
+        "fit bench --out file/x",
+        "run bench --out file/x",
+        "export bench --to c --out file/x",
+        "check bench --advise --out file/x",
+        "drive bench --out file/x",
+        "plan bench --out file/x",
+        "import no.csv --to file/x",
+        "fetch emps --to file/x",
+    ],
+)
+def test_a_folder_that_cannot_be_written_is_refused_before_any_work(invoke, tmp_path: Path, words: str) -> None:
+    (tmp_path / "file").touch()
+    done = invoke(*words.split(), "--quiet")  # there is nothing in bench: whatever looks into it says so
+    assert (done.exit_code, done.stdout) == (2, "")
+    assert done.stderr.strip() == "etcfit: file/x: Not a directory"
+
+
+def test_an_fmu_without_a_compiler_is_refused_before_the_model_is_loaded(invoke, monkeypatch) -> None:
+    monkeypatch.setenv("PATH", "")
+    monkeypatch.delenv("CC", raising=False)
+    done = invoke("export", "bench", "--to", "fmu", "--quiet")  # in which there is no model
+    assert done.exit_code == 2
+    assert "no C compiler is found" in done.stderr
+
+
 def test_version(invoke) -> None:
     assert invoke("--version").stdout == f"etcfit {etcfit.__version__}\n"
 

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from etcfit.errors import UsageError, how_to_install, require_libraries
+from etcfit.errors import UsageError, how_to_install, require_extra
 
 ROOT = Path(__file__).parents[1]
 
@@ -30,13 +30,12 @@ def test_where_the_package_is_not_installed_its_source_is(monkeypatch: pytest.Mo
 
     monkeypatch.setattr("importlib.metadata.requires", nothing)
     assert how_to_install("fleet").startswith("Install them: in the folder of etcfit's source")
-    require_libraries("fleet", "A fleet")
 
 
-def test_only_what_is_missing_is_said_to_be(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("importlib.util.find_spec", lambda name: None if name == "pyarrow" else object())
-    with pytest.raises(UsageError, match=r"^A fleet needs pyarrow, which is not installed\. Install them: "):
-        require_libraries("fleet", "A fleet")
+def test_only_what_is_missing_is_said_to_be() -> None:
+    with pytest.raises(UsageError, match=r"^A fleet needs the library no_such_library, .*\. Install them: "):
+        require_extra("fleet", "A fleet", "json", "no_such_library")
+    require_extra("fleet", "A fleet", "json")
 
 
 def test_no_message_names_a_package_that_no_index_has() -> None:

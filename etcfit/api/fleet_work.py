@@ -6,9 +6,9 @@ import os
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from ..errors import MeasurementError, require_libraries
+from ..errors import MeasurementError
 from ..fleets.config import FleetConfig, read_fleet
-from ..fleets.engine.cluster import Crew, ExistingScheduler, LocalWorkers, cores, crew
+from ..fleets.engine.cluster import Crew, ExistingScheduler, LocalWorkers, cores, crew, require_workers
 from ..fleets.folder import local_copy
 from ..rig.toml import Toml
 
@@ -48,9 +48,9 @@ def work_through(
         watch: told where the workers can be watched.
     Raises:
         MeasurementError: there is no unit, what is written down about the fleet is wrong, or no unit could be fitted.
-        UsageError: Dask is not installed, or no worker answers.
+        UsageError: a library of the extra `fleet` is not installed, or no worker answers.
     """
-    require_libraries("fleet", "A fleet")
+    require_workers()
     report("reading the fleet", 0.0)
     config = read_fleet(location)
     toml = rig_of_one(config)

@@ -14,7 +14,7 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any, Literal
 
-from ..errors import UsageError
+from ..errors import UsageError, require_extra
 from ..posterior.settings import SamplingSettings
 from .progress import Report, working
 
@@ -188,8 +188,10 @@ def sample(
     """
     with working(quiet) as report:
         from ..posterior.sampling import sample as sample_fit
+        from ..run_folder.posterior import require_netcdf
         from .sampled import Sampled
 
+        require_netcdf()
         result = _fit_of("sample", model).result
         keep = keep or (model if isinstance(model, str | Path) else None)
         if keep is not None:
@@ -281,6 +283,8 @@ def design(
             )
         mine, limits = settings or DesignSettings(), {} if requirements is None else asdict(requirements)
         where = parts.run if isinstance(parts, Fleet) else parts
+        if where is not None:
+            require_extra("fleet", f"{where}", "pyarrow")
         asked = DesignRequest(rule, adc_bits, feed_forward, limits, ecu, profile, log, where, anyway)
         if isinstance(model, Fleet) or (isinstance(model, str | Path) and is_fleet(Path(model))):
             if parts is not None:
@@ -321,6 +325,7 @@ def export(
     """
     with working(quiet) as told:
         from ..exporting import ExportSettings, named
+        from ..files import require_writable
         from ..run_folder import design_json, read_design
         from .designed import Designed
         from .exported import exported
@@ -331,12 +336,14 @@ def export(
         if out is None and run is None:
             raise UsageError("an export is written into a folder. Name one: etcfit.export(fit, 'c', 'firmware').")
         format_, folder = named(to), Path(out) if out is not None else Path(run or "") / "export"
+        own = None if into is None else Path(into)
+        format_.require(own)
+        require_writable(folder)
         pid = design_json(model.design) if isinstance(model, Designed) else None if run is None else read_design(run)
         fit = model.fit if isinstance(model, Designed) else _fit_of("export", model)
         if not isinstance(fit, Fit):
             raise UsageError("a fleet has no one model to export. Export the fit of one unit.")
-        return exported(fit.result, format_, folder, settings or ExportSettings(), pid, run,
-                        None if into is None else Path(into), anyway)  # fmt: skip
+        return exported(fit.result, format_, folder, settings or ExportSettings(), pid, run, own, anyway)
 
 
 def report(
@@ -435,7 +442,7 @@ def fleet(
         quiet: show no progress.
     Raises:
         MeasurementError: there is no unit, what is written down about the fleet is wrong, or no unit could be fitted.
-        UsageError: the libraries for fleets are not installed, or no worker answers.
+        UsageError: a library of the extra `fleet` is not installed, or no worker answers.
     """
     with working(quiet) as report:
         from .fleet import Fleet

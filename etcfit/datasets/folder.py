@@ -8,18 +8,19 @@ from contextlib import contextmanager
 from pathlib import Path
 
 from ..errors import UsageError
+from ..files import require_writable
 
 
 def refuse_to_overwrite(to: Path) -> None:
-    """Nobody's files are replaced.
+    """A folder can be written, and nobody's files are replaced.
 
     Raises:
         UsageError: `to` is a file, or a folder with something in it.
+        OSError: no file can be written there.
     """
-    if to.is_dir() and not any(to.iterdir()):
-        return
-    if to.exists():
+    if to.exists() and not (to.is_dir() and not any(to.iterdir())):
         raise UsageError(f"{to} is already there and not an empty folder. Remove it, or name another.")
+    require_writable(to)
 
 
 @contextmanager

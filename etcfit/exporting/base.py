@@ -138,21 +138,34 @@ class Format:
         title: what it is for, one line.
         make: makes it; imports what is heavy when it is called.
         changes: whether it can change a copy of the user's own file (`Source.into`).
+        tools: raises what this machine lacks to make it.
     """
 
     name: str
     title: str
     make: Callable[[Source], Export]
     changes: bool = False
+    tools: Callable[[], object] = lambda: None
+
+    def require(self, into: Path | None) -> None:
+        """What can be known before there is a model.
+
+        Args:
+            into: see `Source.into`.
+        Raises:
+            UsageError: this machine lacks a tool, or a file to change is named that it cannot change.
+        """
+        if into is not None and not self.changes:
+            raise UsageError(f"--to {self.name} writes new files. Leave --into out.")
+        self.tools()
 
     def export(self, source: Source) -> Export:
         """The files of a model.
 
         Raises:
-            UsageError: the model lacks what the format needs, or a file to change is named that it cannot change.
+            UsageError: see `require`; or the model lacks what the format needs.
         """
-        if source.into is not None and not self.changes:
-            raise UsageError(f"--to {self.name} writes new files. Leave --into out.")
+        self.require(source.into)
         return self.make(source)
 
 

@@ -8,7 +8,7 @@ from contextlib import contextmanager
 from pathlib import Path, PurePosixPath
 from typing import Any
 
-from ..errors import MeasurementError, UsageError, require_libraries
+from ..errors import MeasurementError, UsageError, require_extra
 from ..rig.names import refuse_foreign_names
 
 
@@ -98,7 +98,7 @@ def _system(url: str) -> tuple[Any, str]:
     Raises:
         UsageError: nobody knows this kind of address here.
     """
-    require_libraries("fleet", url)
+    require_extra("fleet", url, "fsspec")
     import fsspec
 
     try:

@@ -16,7 +16,7 @@ from .answers import Answers
 from .doubts import Resolve
 from .draft import Draft, drafted
 from .folder import read_back, texts
-from .formats import read_sheets, require_libraries
+from .formats import read_sheets, require_readable
 from .formats.base import Source
 from .settings import GuessSettings
 from .together import merged, with_common_peaks
@@ -60,7 +60,8 @@ def import_files(
         settings: what decides a guess, and when it is sure.
         report: is told what is being done, and the fraction of it that is.
     Raises:
-        UsageError: `to` holds something already, or an answer names a column that no file has.
+        UsageError: `to` holds something already, a file needs a library that is not installed, or an answer names a
+            column that no file has.
         MeasurementError: a file cannot be read, a guess is in doubt and nobody settles it, or the folder's reader
             refuses what the guesses make.
     """
@@ -72,8 +73,10 @@ def import_files(
     recordings = [file for file in files if file not in buses]
     if not recordings:
         raise UsageError("No recording among the files: a DBC alone says only what its frames mean.")
-    sources, sheets = [Source(file, str(file), buses) for file in recordings], []
-    require_libraries(sources)
+    sources = [Source(file, str(file), buses) for file in recordings]
+    for source in sources:
+        require_readable(source)
+    sheets = []
     for k, source in enumerate(sources):
         report(f"reading {source.path.name}", 0.8 * k / len(sources))
         sheets += read_sheets(source)

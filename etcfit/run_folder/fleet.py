@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from .. import __version__
-from ..errors import UsageError
+from ..errors import UsageError, require_extra
 from ..estimation.fleet_model import FleetModel, fleet_model
 from ..estimation.intervals import LUMPS
 from ..estimation.population_law import PopulationLaw
@@ -73,8 +73,9 @@ def read_fleet_files(run: Path) -> FleetFiles:
     """What `save_fleet` left.
 
     Raises:
-        UsageError: it is not there, or another version wrote it.
+        UsageError: it is not there, another version wrote it, or pyarrow is not installed.
     """
+    require_extra("fleet", f"{run / UNITS}", "pyarrow")
     import pandas as pd
 
     try:

@@ -5,6 +5,7 @@ Written through xarray, whose groups are ArviZ's: `arviz.from_netcdf` reads it, 
 
 from __future__ import annotations
 
+import tempfile
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -12,6 +13,7 @@ from typing import Any
 import numpy as np
 
 from ..diagnosis.model_discrepancy import percent_off
+from ..errors import UsageError
 from ..estimation.remedies import listed
 from ..files import plain, whole
 from ..posterior.predictive import Band
@@ -20,6 +22,8 @@ from ..posterior.sampling import Posterior
 from ..posterior.summary import Marginal, apart
 from ..posterior.target import tempering
 from .fit import effects_of, hashes, versions
+
+_ENGINE = "h5netcdf"  # of xarray
 
 
 def posterior_json(posterior: Posterior, profiles: Mapping[str, Profile], bands: Sequence[Band]) -> dict[str, Any]:
@@ -118,6 +122,22 @@ def _as_exact(effects: Sequence[str]) -> str:
     )
 
 
+def require_netcdf() -> None:
+    """A netCDF file can be written here, found out before hours of sampling by writing one.
+
+    Raises:
+        UsageError: it cannot.
+    """
+    import xarray
+
+    try:
+        with tempfile.TemporaryDirectory() as scratch:
+            xarray.DataTree(xarray.Dataset({"x": 0.0})).to_netcdf(Path(scratch) / "x.nc", engine=_ENGINE)
+    except (ImportError, ValueError) as error:  # xarray's, of an engine that is not there
+        raise UsageError(f"posterior.nc cannot be written here: {error} "
+                         "Install etcfit again, with all that it depends on.") from error  # fmt: skip
+
+
 def write_netcdf(path: Path, posterior: Posterior) -> None:
     """posterior.nc, written whole or not at all: one chain a walker, thinned to a quarter of tau.
 
@@ -141,7 +161,7 @@ def write_netcdf(path: Path, posterior: Posterior) -> None:
     tree = xarray.DataTree.from_dict({name: _dataset(of) for name, of in groups.items()})
     tree.attrs = _attributes(posterior, thin)
     with whole(path) as draft:
-        tree.to_netcdf(draft, engine="h5netcdf")
+        tree.to_netcdf(draft, engine=_ENGINE)
 
 
 def _dataset(of: Mapping[str, tuple[np.ndarray, dict[str, str]]]) -> Any:

@@ -273,15 +273,12 @@ def run_again(address: str, work: CountingWork, parts: Path, units: list[str]) -
         return run(units, work, workers, parts)
 
 
-def test_no_scheduler_and_no_dask_are_said_with_a_cure(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_no_scheduler_is_said_with_a_cure() -> None:
     nowhere = ExistingScheduler("tcp://127.0.0.1:9")
     with (
         pytest.raises(UsageError, match=r"no Dask scheduler answers at tcp://127.0.0.1:9"),
         crew(nowhere, EngineSettings(first_worker=0.3)),
     ):
-        pass
-    monkeypatch.setattr("importlib.util.find_spec", lambda name: None)
-    with pytest.raises(UsageError, match=r"A fleet needs distributed, .*pip install '"), crew(LocalWorkers(1)):
         pass
 
 

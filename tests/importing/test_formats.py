@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 import foreign
-from etcfit.errors import MeasurementError, how_to_install
+from etcfit.errors import MeasurementError
 from etcfit.importing.formats import FORMATS, read_sheets
-from etcfit.importing.formats.base import Source, library
+from etcfit.importing.formats.base import Source
 from etcfit.importing.sheet import Sheet
 
 TIME = -0.01 + 0.001 * np.arange(60)
@@ -280,12 +280,6 @@ def test_a_file_of_another_kind_says_so(tmp_path: Path, suffix: str) -> None:
         read(path)
     assert caught.value.where.startswith(path.name)
     assert caught.value.mend
-
-
-def test_a_library_that_is_not_installed_is_named_with_what_brings_it() -> None:
-    with pytest.raises(MeasurementError, match=r"a\.tdms: reading it needs the library no_such_library") as caught:
-        library("no_such_library.inner", "a.tdms")
-    assert caught.value.mend == how_to_install("import")
 
 
 def test_an_unknown_format_and_a_missing_file_say_so(tmp_path: Path) -> None:

@@ -190,6 +190,12 @@ def _binary(sources: Mapping[str, str], suffix: str) -> bytes:
         return (Path(scratch) / library).read_bytes()
 
 
+def _tools() -> None:
+    """Raises: UsageError: FMI has no name for this platform, or there is no compiler."""
+    _tuple()
+    compiler()
+
+
 def _export(source: Source) -> Export:
     plant = plant_of(source)
     lost = (*c.cannot_hold(source), _NO_MODEL_EXCHANGE,
@@ -231,4 +237,4 @@ def _zipped(content: Mapping[str, str | bytes]) -> bytes:
     return packed.getvalue()
 
 
-FORMAT = Format("fmu", "FMI 3.0 co-simulation, with sources and a binary for this machine", _export)
+FORMAT = Format("fmu", "FMI 3.0 co-simulation, with sources and a binary for this machine", _export, tools=_tools)

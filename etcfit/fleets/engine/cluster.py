@@ -11,7 +11,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
-from ...errors import UsageError, require_libraries
+from ...errors import UsageError, require_extra
 from .settings import EngineSettings
 
 if TYPE_CHECKING:
@@ -91,7 +91,8 @@ def crew(place: LocalWorkers | ExistingScheduler, settings: EngineSettings = Eng
         place: where.
         settings: how long to wait for the first of them.
     Raises:
-        UsageError: Dask is not installed, or no scheduler or no worker answers, or a script lacks its main guard.
+        UsageError: a library of the extra `fleet` is not installed, no scheduler or no worker answers, or a script
+            lacks its main guard.
     """
     dask = _dask()
     with dask.config.set(_DASK), _quiet():
@@ -105,8 +106,17 @@ def cores() -> int:
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
+def require_workers() -> None:
+    """Dask is here, and what keeps the results of its workers.
+
+    Raises:
+        UsageError: one of them is not installed.
+    """
+    require_extra("fleet", "A fleet", "distributed", "pyarrow")
+
+
 def _dask() -> Any:
-    require_libraries("fleet", "A fleet")
+    require_workers()
     import dask
     import distributed  # noqa: F401  its defaults must be in dask.config before ours are laid over them
 
@@ -152,8 +162,10 @@ def _existing(place: ExistingScheduler, settings: EngineSettings) -> Iterator[Cr
         try:
             client.wait_for_workers(1, timeout=settings.first_worker)
         except TimeoutError as error:
-            raise UsageError(f"the scheduler at {place.address} has no worker: start one with "
-                             f"`dask worker {place.address}` in its environment") from error  # fmt: skip
+            raise UsageError(
+                f"the scheduler at {place.address} has no worker: start one with `dask worker {place.address}` where "
+                "etcfit and the libraries of its extra `fleet` are installed"
+            ) from error
         yield Crew(client, local=False)
 
 

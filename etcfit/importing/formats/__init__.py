@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
-from ...errors import MeasurementError
+from ...errors import MeasurementError, require_extra
 from ..sheet import Sheet
 from . import matlab, mcap, mdf, megalog, parquet, tdms, text
-from .base import Format, Source, library
+from .base import Format, Source
 
 FORMATS: tuple[Format, ...] = (
     text.FORMAT,
@@ -22,23 +20,12 @@ FORMATS: tuple[Format, ...] = (
 BY_SUFFIX = {suffix: format_ for format_ in FORMATS for suffix in format_.suffixes}
 
 
-def require_libraries(sources: Sequence[Source]) -> None:
-    """Refuse files that cannot be read for want of a library before any of them is.
+def require_readable(source: Source) -> None:
+    """A file is there and can be read here, found out without reading it.
 
     Raises:
-        MeasurementError: one is not installed.
-    """
-    for source in sources:
-        format_ = BY_SUFFIX.get(source.path.suffix.casefold())
-        for name in () if format_ is None else format_.needs:
-            library(name, source.where)
-
-
-def read_sheets(source: Source) -> list[Sheet]:
-    """Every sheet of a file.
-
-    Raises:
-        MeasurementError: no such file, or of a format that nobody knows, damaged, or without numbers.
+        MeasurementError: no such file, or of a format that nobody knows.
+        UsageError: its format needs a library that is not installed.
     """
     if source.path.is_dir():
         raise MeasurementError(source.where, "it is a folder.", "A log or a recording is required.",
@@ -49,9 +36,22 @@ def read_sheets(source: Source) -> list[Sheet]:
     if suffix not in BY_SUFFIX:
         raise MeasurementError(source.where, f"no format is known for '{suffix or source.path.name}'.",
                                f"Known: {', '.join(BY_SUFFIX)}.", "Export it as one of these.")  # fmt: skip
-    sheets = [sheet for sheet in BY_SUFFIX[suffix].read(source) if sheet.columns]
+    if library := BY_SUFFIX[suffix].library:
+        require_extra("import", source.where, library)
+
+
+def read_sheets(source: Source) -> list[Sheet]:
+    """Every sheet of a file.
+
+    Raises:
+        MeasurementError, UsageError: see `require_readable`.
+        MeasurementError: damaged, or without numbers.
+    """
+    require_readable(source)
+    format_ = BY_SUFFIX[source.path.suffix.casefold()]
+    sheets = [sheet for sheet in format_.read(source) if sheet.columns]
     if not sheets:
         raise MeasurementError(source.where, "no columns of numbers in it.",
-                               f"A {BY_SUFFIX[suffix].name} file with recorded signals is required.",
+                               f"A {format_.name} file with recorded signals is required.",
                                "Export the signals, not only the settings.")  # fmt: skip
     return sheets

@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-import importlib
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from types import ModuleType
 
-from ...errors import MeasurementError, how_to_install
+from ...errors import MeasurementError
 from ..sheet import Sheet
 
 
@@ -35,27 +33,13 @@ class Format:
         name: for messages.
         suffixes: of its files, in lower case with the dot.
         read: every sheet of a file; imports what is heavy when it is called.
-        needs: libraries that every file of this kind needs.
+        library: of the extra `import` that reads it; "" where the main install does.
     """
 
     name: str
     suffixes: tuple[str, ...]
     read: Callable[[Source], list[Sheet]]
-    needs: tuple[str, ...] = ()
-
-
-def library(name: str, where: str) -> ModuleType:
-    """A library that only this format needs.
-
-    Raises:
-        MeasurementError: it is not installed.
-    """
-    try:
-        return importlib.import_module(name)
-    except ImportError as err:
-        raise MeasurementError(where, f"reading it needs the library {name.partition('.')[0]}, which is not installed.",
-                               "Readers of some formats come with libraries of their own.",
-                               how_to_install("import")) from err  # fmt: skip
+    library: str = ""
 
 
 def unreadable(where: str, found: str, kind: str, error: Exception | None = None) -> MeasurementError:

@@ -19,7 +19,7 @@ import numpy as np
 
 from ..labels import column
 from ..sheet import Column, Sheet, time_base
-from .base import Format, Source, library, unreadable
+from .base import Format, Source, unreadable
 
 _KIND = "a MATLAB file of vectors or structures of vectors"
 _STEP = ("Tinterval", "Ts", "dt", "T_s", "sample_time")
@@ -51,7 +51,8 @@ def _level_5(source: Source) -> Mapping[str, Any]:
 
 
 def _hdf5(source: Source) -> Mapping[str, Any]:
-    h5py = library("h5py", source.where)
+    import h5py
+
     try:
         with h5py.File(source.path, "r") as file:
             return _branch(file, h5py)

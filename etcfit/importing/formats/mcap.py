@@ -19,7 +19,7 @@ import numpy as np
 from ...errors import MeasurementError
 from ..labels import column
 from ..sheet import Column, Sheet, time_base
-from .base import Format, Source, library, unreadable
+from .base import Format, Source, unreadable
 
 _KIND = "an MCAP file"
 _MAGIC = b"\x89MCAP0\r\n"  # at both ends of a whole file
@@ -40,7 +40,8 @@ class _Channel:
 
 
 def _read(source: Source) -> list[Sheet]:
-    reader = library("mcap.reader", source.where)
+    from mcap import reader
+
     _check_ends(source)
     channels: dict[int, _Channel] = {}
     others: dict[str, str] = {}
@@ -146,4 +147,4 @@ def _column(channel: _Channel, name: str, values: np.ndarray, alone: bool) -> Co
     return replace(column(told, values, unit), label=path)
 
 
-FORMAT = Format("MCAP", (".mcap",), _read, ("mcap",))
+FORMAT = Format("MCAP", (".mcap",), _read, "mcap")

@@ -14,14 +14,15 @@ import numpy as np
 from ...errors import MeasurementError
 from ..labels import column
 from ..sheet import Column, Sheet, time_base
-from .base import Format, Source, library, unreadable
+from .base import Format, Source, unreadable
 
 _KIND = "a measurement file of ASAM MDF"
 _TICK = 6  # decimals of a second: instants nearer than a microsecond are one
 
 
 def _read(source: Source) -> list[Sheet]:
-    asammdf = library("asammdf", source.where)
+    import asammdf
+
     try:
         mdf = asammdf.MDF(source.path)
     except Exception as err:  # its parser raises whatever it meets in a damaged file
@@ -29,7 +30,7 @@ def _read(source: Source) -> list[Sheet]:
     with mdf:
         signals = _signals(mdf)
         if source.buses:
-            databases = {"CAN": [(str(path), 0) for path in source.buses]}
+            databases: Any = {"CAN": [(str(path), 0) for path in source.buses]}
             with mdf.extract_bus_logging(databases) as decoded:
                 signals = [*_decoded_only(signals), *_signals(decoded)]
     if signals and not _decoded_only(signals):
@@ -73,4 +74,4 @@ def _united(signals: list[Any]) -> tuple[Column, ...] | None:
     return (time_base(time), *columns)
 
 
-FORMAT = Format("MDF", (".mf4", ".mdf"), _read, ("asammdf",))
+FORMAT = Format("MDF", (".mf4", ".mdf"), _read, "asammdf")

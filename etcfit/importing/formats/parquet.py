@@ -11,14 +11,15 @@ import numpy as np
 
 from ..labels import column
 from ..sheet import Column, Sheet
-from .base import Format, Source, library, unreadable
+from .base import Format, Source, unreadable
 
 _KIND = "a Parquet file"
 _UNITS = (b"unit", b"units", b"Unit")
 
 
 def _read(source: Source) -> list[Sheet]:
-    parquet = library("pyarrow.parquet", source.where)
+    from pyarrow import parquet
+
     try:
         table = parquet.read_table(source.path)
     except Exception as err:  # whatever its parser makes of bytes that are no such file
@@ -37,4 +38,4 @@ def _column(field: Any, values: np.ndarray) -> Column | None:
     return column(field.name, values.astype(float), unit) if values.dtype.kind in "iuf" else None
 
 
-FORMAT = Format("Parquet", (".parquet", ".pq"), _read, ("pyarrow",))
+FORMAT = Format("Parquet", (".parquet", ".pq"), _read, "pyarrow")

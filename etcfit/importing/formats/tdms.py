@@ -13,14 +13,15 @@ import numpy as np
 
 from ..labels import column
 from ..sheet import Column, Sheet, time_base
-from .base import Format, Source, library, unreadable
+from .base import Format, Source, unreadable
 
 _KIND = "a TDMS file"
 _UNITS = ("unit_string", "NI_UnitDescription", "Unit", "unit")
 
 
 def _read(source: Source) -> list[Sheet]:
-    nptdms = library("nptdms", source.where)
+    import nptdms
+
     try:
         file = nptdms.TdmsFile.read(source.path)
     except Exception as err:  # whatever its parser makes of bytes that are no such file
@@ -47,4 +48,4 @@ def _sheets(where: str, part: str, group: Any) -> list[Sheet]:
 
 
 _CLOCK = ("start_offset", "increment")
-FORMAT = Format("TDMS", (".tdms",), _read, ("nptdms",))
+FORMAT = Format("TDMS", (".tdms",), _read, "nptdms")
