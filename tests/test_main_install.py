@@ -15,6 +15,7 @@ from packaging.requirements import Requirement
 
 import etcfit
 import folders
+from etcfit.errors import how_to_install
 from main_install import PROJECT, plain
 
 PACKAGE = Path(etcfit.__file__).parent
@@ -106,7 +107,7 @@ def test_what_needs_an_extra_says_which_before_any_work(tmp_path: Path) -> None:
     for (extra, library), done in zip(NEEDS_EXTRA.values(), ended, strict=True):
         assert (done["status"], done["out"], done["raised"]) == (2, "", "")
         assert f"needs the library {library}, which is not installed" in done["err"]
-        assert f"pip install 'etcfit[{extra}]'" in done["err"]
+        assert how_to_install(extra) in done["err"]
         assert len(done["err"].splitlines()) == 1
     assert sorted(tmp_path.rglob("*")) == before
 
