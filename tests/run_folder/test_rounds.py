@@ -10,6 +10,7 @@ import pytest
 import diagnoses
 import results
 from equality import equal
+from etcfit.diagnosis.composition import resting
 from etcfit.diagnosis.exchange import Found
 from etcfit.diagnosis.refit import start
 from etcfit.diagnosis.rounds import Progress
@@ -33,13 +34,7 @@ def progress(fit: FitResult) -> Progress:
     s = start(fit, DEFAULT)
     rig_effect = s.composition.of_the_rig[0]
     found = Found(LIMP, {}, 120.0, {AIR: {"T_air": 0.1}, rig_effect: {"x": 1.0}})
-    return Progress(s.with_effects((LIMP,), fit.values | _nominal()), (found,), diagnoses.rounds(fit)[:1])
-
-
-def _nominal() -> dict[str, float]:
-    from etcfit.diagnosis.composition import resting
-
-    return resting(LIMP)
+    return Progress(s.with_effects((LIMP,), {**fit.values, **resting(LIMP)}), (found,), diagnoses.rounds(fit)[:1])
 
 
 def test_what_was_kept_comes_back_whole(fit: FitResult, progress: Progress, tmp_path: Path) -> None:

@@ -60,7 +60,7 @@ def _array(name: str, row: Sequence[float]) -> Iterator[str]:
 
 def _by_hand(written: Mapping[str, Any]) -> RenderableType:
     table = plain_table("setting", "value", "unit")
-    table.columns[1].no_wrap = False  # a row of eight values is broken between two of them, never cut
+    table.columns[1].prose = True  # a row of eight values is broken between two of them, never cut
     for name, setting in (written["gains"] | written["limits"]).items():
         table.add_row(name, short(setting["value"], 5), setting["unit"])
     for name, row in (written["bias"] or {}).items():
