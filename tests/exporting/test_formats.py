@@ -215,7 +215,7 @@ def test_gains_of_a_model_that_is_no_estimate_are_no_tune_unless_asked_for_all_t
 
 def test_the_command_asks_for_it_by_an_option(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     asked: list[Any] = []
-    monkeypatch.setattr("etcfit.stages.opened", lambda run: run)
+    monkeypatch.setattr("etcfit.stages.opened", lambda run, out=None: run)
     monkeypatch.setattr("etcfit.stages.export_run", lambda *args: asked.append(args[-1]) or Done("a.msq"))
     for options in ((), ("--anyway",)):
         assert CliRunner().invoke(app, ["export", str(tmp_path), "--to", "msq", "-q", *options]).exit_code == 0
