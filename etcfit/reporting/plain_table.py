@@ -87,7 +87,7 @@ class PlainTable:
         return max(head, *(cell.cell_len for cell in cells), 0)
 
     def _most(self, k: int) -> int:
-        return max(len(self.columns[k].header), *(row[k].cell_len for row in self.rows), 0)
+        return max(_longest(self.columns[k].header.splitlines()), *(row[k].cell_len for row in self.rows), 0)
 
     def _total(self, shown: Iterable[int], tight: bool) -> int:
         widths = [self._least(k, tight) for k in shown]
@@ -122,7 +122,7 @@ class PlainTable:
 
     def _block(self, console: Console, shown: Sequence[int], width: int, tight: bool) -> Iterator[Text]:
         widths, gap = self._widths(shown, width, tight), " " * _GAP[tight]
-        heads = [_folded(console, Text(self.columns[k].header), w) for k, w in zip(shown, widths, strict=True)]
+        heads = [_in_lines(console, self.columns[k].header, w) for k, w in zip(shown, widths, strict=True)]
         deepest = max(map(len, heads), default=0)
         if any(self.columns[k].header for k in shown):
             yield from self._lines([[Text()] * (deepest - len(head)) + head for head in heads], shown, widths, gap)
@@ -157,7 +157,7 @@ def plain_table(
     """An empty table; rows are added by `add_row`.
 
     Args:
-        columns: headers.
+        columns: headers; a line end in one stays there.
         left: so many columns at the left are words, the others figures. Those of them that are neither prose nor spare
             are repeated where columns go on below.
         words: further columns of words, by header.
@@ -184,6 +184,11 @@ def _folded(console: Console, text: Text, width: int) -> list[Text]:
     if text.cell_len <= width:
         return [text]
     return list(text.wrap(console, width, justify="left", overflow="fold"))
+
+
+def _in_lines(console: Console, header: str, width: int) -> list[Text]:
+    """A header may say itself where its lines end: a name above its unit."""
+    return [piece for line in header.split("\n") for piece in _folded(console, Text(line), width)]
 
 
 def _parts(path: str) -> list[str]:

@@ -82,3 +82,13 @@ def test_file_names_fold_at_a_slash_and_only_where_they_must() -> None:
 def test_a_row_has_a_cell_for_each_column() -> None:
     with pytest.raises(ValueError, match="2 cells in a table of 5 columns"):
         table().add_row("R_a", "1.5")
+
+
+@pytest.mark.parametrize("width", [40, 80, 160])
+def test_a_header_in_two_lines_stands_above_its_own_column(width: int) -> None:
+    made = plain_table("rule", "Kp\nV/rad", "\ndrawn")
+    made.add_row("ziegler_nichols", "135.2", "8")
+    name, unit, row = lines(made, width)
+    assert len(name) <= len(row)
+    assert name.index("Kp") + 2 == unit.index("V/rad") + 5 == row.index("135.2") + 5
+    assert unit.endswith("drawn")
