@@ -22,6 +22,7 @@ from ..problem.trace import Trace
 from .autocorrelation import is_correlated, is_larger
 from .settings import FitSettings
 
+_FILES = 3  # that a warning names
 _WIDER = 1.05  # times that an interval must be wider to be said to be
 STRAYS = 3.0  # times its noise that a channel's free-running error may be where it is said to fit
 
@@ -116,6 +117,13 @@ def worst(found: Iterable[Goodness]) -> Goodness:
     return max(found, key=lambda each: (list(Left).index(each.left), each.off))
 
 
+def _named(found: Sequence[Goodness]) -> str:
+    """Their files, the one that is furthest off first."""
+    files = list(dict.fromkeys(each.file for each in sorted(found, key=lambda each: -each.rms)))
+    more = len(files) - _FILES
+    return ", ".join(files[:_FILES]) + (f" and {more} more" if more > 0 else "")
+
+
 def warnings_of(found: Sequence[Goodness], widened: float) -> list[str]:
     """What a reader of a fit must know of its residuals.
 
@@ -132,7 +140,7 @@ def warnings_of(found: Sequence[Goodness], widened: float) -> list[str]:
             wider = "No interval becomes wider by 5 % for it, but there may be a bias all the same"
         out.append(
             f"{len(more)} of {len(found)} residuals are larger than their noise or not independent: the model lacks "
-            f"something there. {wider}; look at the residual pictures."
+            f"something there. {wider}; look at the pictures of {_named(more)}."
         )
     if strays:
         most = max(strays, key=lambda each: each.free)

@@ -134,15 +134,18 @@ def _csv_files(folder: Path, base: str) -> tuple[list[str], list[str]]:
     """CSVs of known tests, relative to the folder and in order; warnings about all others."""
     files: list[str] = []
     odd: list[str] = []
+    empty: list[str] = []
     for place in sorted(p for p in folder.iterdir() if p.is_dir() and not p.name.startswith(".")):
         inside = sorted(p.name for p in place.iterdir() if _is_csv(p))
         refuse_foreign_names(base, place.name, *(f"{place.name}/{name}" for name in inside))
         if place.name in KNOWN_TESTS:
             files += [f"{place.name}/{name}" for name in inside]
-            odd += [] if inside else [f"{base}/{place.name}: no CSV in it. Nothing was read; add traces or delete it."]
+            empty += [] if inside else [place.name]
         elif inside:
             odd.append(f"{base}/{place.name}: no known rig test, its {len(inside)} CSV are not read. "
                        f"{closest(place.name, KNOWN_TESTS, 'Known: ' + ', '.join(KNOWN_TESTS) + '.')}")  # fmt: skip
+    if empty:
+        odd.append(f"{base}: no CSV in {', '.join(empty)}. Add traces, or delete what stays empty.")
     loose = sorted(p.name for p in folder.iterdir() if _is_csv(p))
     refuse_foreign_names(base, *loose)
     odd += [f"{base}/{name}: not in a folder of a rig test, not read." for name in loose]

@@ -122,8 +122,17 @@ def read_text(path: str | Path) -> str:
         return decode(Path(path).read_bytes(), str(path)).removeprefix("\ufeff")
     except OSError as err:
         raise MeasurementError(str(path), f"no rig.toml can be read here ({err.strerror}).",
-                               "Every measurement folder needs one.",
-                               'Create it with two lines: [rig] and name = "bench".') from err  # fmt: skip
+                               "Every measurement folder needs one.", _instead(Path(path).parent)) from err  # fmt: skip
+
+
+def _instead(folder: Path) -> str:
+    """What to do where a folder has no rig.toml: it may be one level down, or the folder may be another kind."""
+    if (folder / "run.json").is_file():
+        return "This is a run folder, which `etcfit fit` made: name the folder of the measurements instead."
+    below = sorted(path.parent.name for path in folder.glob("*/rig.toml"))
+    if below:
+        return f"One level down there is one: {folder / below[0]}. Name that folder."
+    return 'Create it with two lines: [rig] and name = "bench".'
 
 
 def parse(text: str, path: str) -> dict[str, Any]:

@@ -110,7 +110,8 @@ def filled(key: str) -> str:
     """How to fill in a value, for a message."""
     name = key.rpartition(".")[2].strip("\"' ")
     example = f"{name} = {EXAMPLES[name]}" if name in EXAMPLES else ""
-    return f"Write your value there{f', as in {example}' if example else ''}; or put a # before the line."
+    written = f"Write your value there{f', as in {example}' if example else ''}"
+    return f"{written}; or put a # before the line, and before its whole table where that means nothing without it."
 
 
 def _lines(text: str) -> Iterator[Line]:

@@ -258,6 +258,9 @@ def require(run: Path, stage: str) -> Record:
     """
     records, command = read_records(run), STAGE_FILES[stage].command.format(run=run)
     record = records.get(stage)
+    if record is None and (run / "rig.toml").is_file():
+        raise UsageError(f"{run} is a measurement folder, no run folder. Fit it first, into a folder of its own: "
+                         f"`etcfit fit {run} --out {Path('runs') / run.resolve().name}`.")  # fmt: skip
     if record is None:
         made = STAGE_FILES[stage].makes[0]
         raise UsageError(f"{run} holds no finished `etcfit {stage}` ({made} is not there, or not on {MANIFEST}). "

@@ -13,12 +13,18 @@ from typer.testing import CliRunner
 import fleet_pages
 import runs
 from etcfit.cli import app
+from etcfit.control.design import Design
+from etcfit.control.judged import Robust, Tuned
+from etcfit.control.pid.base import Task
+from etcfit.control.pid.requirements import Metrics
 from etcfit.estimation.fit_state import SOUND, FitState
+from etcfit.model.ecus import ECUS
 from etcfit.reporting.closing import Closing
 from etcfit.reporting.closing.base import command, counted
-from etcfit.reporting.closing.control import of_export
+from etcfit.reporting.closing.control import of_design, of_export
 from etcfit.reporting.closing.fleet import of_fleet
 from etcfit.reporting.closing.model import of_run
+from partial import partial
 
 
 def test_three_lines_and_the_files_that_are_there(tmp_path: Path) -> None:
@@ -62,7 +68,6 @@ def test_a_fit_that_leaves_more_than_noise_says_how_much_and_asks_for_a_diagnosi
     scored(run, "fit", "more")
     closing = of_run(run)
     assert "the model leaves noise in 0 of " in closing.answer
-    assert "are larger than their noise or not independent" in closing.answer
     assert closing.next == f"etcfit diagnose {run}"
     assert closing.look == (run / "pictures" / "parameters.png",)
 
@@ -147,6 +152,32 @@ def test_a_fit_that_did_not_converge_has_no_results(diagnosed: Path) -> None:
     closing = of_run(diagnosed)
     assert "did not converge: too rough. Its parameters are no results." in closing.answer
     assert closing.next == f"etcfit report {diagnosed} --interactive"
+
+
+@pytest.mark.parametrize(
+    ("profile", "met", "further"),
+    [
+        (None, True, "etcfit design runs/a --ecu NAME, for gains as your ECU writes them; NAME: rusefi, "),
+        ("rusefi", True, "etcfit export runs/a --to msq"),
+        ("rusefi", False, "etcfit report runs/a"),
+        ("link", True, "etcfit report runs/a"),
+    ],
+)
+def test_gains_that_fail_in_a_corner_are_not_sent_into_an_ecu(
+    profile: str | None, met: bool, further: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("etcfit.reporting.closing.control.answer", lambda design: "Gains.")
+    good = Metrics(10.0, 0.1, 0.2, 1.0, 12.0, 45.0, 4.0)
+    made = partial(
+        Design,
+        task=partial(Task, profile=None if profile is None else ECUS[profile]),
+        chosen=partial(Tuned, linear=good, met={"overshoot_pct": True}),
+        robust=partial(Robust, stable=True, met={"overshoot_pct": met}),
+    )
+    closing = of_design(made, SOUND, Path("runs/a"))
+    assert closing.next.startswith(further)
+    compromised = of_design(made, FitState(90.0, True, "", "the model is far from the data"), Path("runs/a"))
+    assert compromised.next == "etcfit diagnose runs/a"
 
 
 def test_what_is_exported_from_a_compromise_is_not_to_be_used(tmp_path: Path) -> None:

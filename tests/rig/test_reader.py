@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+import folders
 from etcfit.errors import MeasurementError
 from etcfit.rig.base import Rig
 from etcfit.rig.reader import read_folder
@@ -191,6 +192,19 @@ def test_no_known_test(tmp_path: Path, files: Mapping[str, str]) -> None:
     assert ("Did you mean 'response'?" in str(caught.value)) == ("respons/1.csv" in files)
 
 
+def test_a_folder_without_a_rig_toml_is_told_where_one_is(tmp_path: Path) -> None:
+    below = folders.write(tmp_path / "throttle", folders.good())
+    with pytest.raises(MeasurementError, match=rf"One level down there is one: {below}\. Name that folder\."):
+        read_folder(tmp_path)
+    (tmp_path / "run").mkdir()
+    (tmp_path / "run" / "run.json").write_text("{}")
+    with pytest.raises(MeasurementError, match="This is a run folder"):
+        read_folder(tmp_path / "run")
+    (tmp_path / "empty").mkdir()
+    with pytest.raises(MeasurementError, match="Create it with two lines"):
+        read_folder(tmp_path / "empty")
+
+
 def test_what_is_left_out_is_said(tmp_path: Path) -> None:
     empty = Sheet((*RESPONSE.header, "temperature [degC]"), tuple((*row, "") for row in RESPONSE.rows))
     changes = {"respons/1.csv": "x", "1.csv": "x", "sine/readme.txt": "x", "response/1.csv": empty.text()}
@@ -199,7 +213,7 @@ def test_what_is_left_out_is_said(tmp_path: Path) -> None:
     for name in (
         "respons: no known rig test",
         "/1.csv: not in a folder",
-        "sine: no CSV",
+        "no CSV in sine",
         "temperature [degC]' holds no number",
     ):
         assert name in said

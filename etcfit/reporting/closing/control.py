@@ -10,13 +10,13 @@ import numpy as np
 from ...control.design import Design
 from ...control.linearise import Reduction
 from ...estimation.fit_state import FitState
-from ...model.ecus.profile import Pasting
+from ...model.ecus import ECUS, Pasting
 from ...posterior.sampling import Posterior
 from ..control.verdicts import answer
 from ..numbers import short
 from .base import Closing, command, number_of
 
-_TUNE, _PLANT = "msq", "c"  # formats of `etcfit export`
+_TUNE = "msq"  # a format of `etcfit export`
 
 
 def of_posterior(posterior: Posterior, run: Path) -> Closing:
@@ -39,11 +39,16 @@ def of_plant(reduction: Reduction, state: FitState, run: Path) -> Closing:
 
 
 def of_design(design: Design, state: FitState, run: Path) -> Closing:
-    """The gains that are proposed, and the way into an ECU."""
+    """The gains that are proposed; the way into an ECU where they hold, else the page, which says where they fail."""
     profile = design.task.profile
-    to = _TUNE if profile is not None and profile.pasting is Pasting.TUNE_FILE else _PLANT
-    look = (run / "pictures" / "control" / "responses.png",)
-    return Closing(answer(design), _with(state, run, command("export", run, "--to", to)), look)
+    if profile is None:
+        named = command("design", run, "--ecu", "NAME")
+        further = f"{named}, for gains as your ECU writes them; NAME: {', '.join(ECUS)}"
+    elif profile.pasting is Pasting.TUNE_FILE and design.chosen.meets_all and design.robust.meets_all:
+        further = command("export", run, "--to", _TUNE)
+    else:
+        further = command("report", run)
+    return Closing(answer(design), _with(state, run, further), (run / "pictures" / "control" / "responses.png",))
 
 
 def of_fleet_design(design: Design, run: Path) -> Closing:

@@ -152,7 +152,7 @@ def _known(contents: Contents) -> str:
 def _left(contents: Contents) -> str:
     if contents.score.get("chi2_per_dof") is None:
         return "the model cannot be simulated over all of the data"
-    return f"the model leaves {residuals(contents.score)}"
+    return f"the model leaves {residuals(contents.score).partition(';')[0]}"  # the page has the rest
 
 
 def _is_noise(contents: Contents) -> bool:

@@ -65,8 +65,8 @@ def _parts(contents: Contents, budget: int) -> dict[str, Any]:
         "posterior": posterior_table(contents),
         "influence": influence_table(contents),
         "lost": [s for s, p in contents.final["parameters"].items() if p["status"] == LOST],
-        "directions": [d["says"] for d in fit.get("not_identifiable") or ()],
-        "directions_of_start": bool(contents.added),
+        # the fit's own words: of a model that a diagnosis has replaced they say nothing any more
+        "directions": [] if contents.added else [d["says"] for d in fit.get("not_identifiable") or ()],
         "ledger": ledger_table(contents),
         "diagnosis": diagnosis,
         "ties": _ties(diagnosis),
