@@ -180,5 +180,5 @@ def _verdict(design: Design, missed: list[str], place: Place | None) -> str:
         first = place.hardest.says if place is not None and not place.hardest.met else missed[0]
         more = f"; and {len(missed) - 1} more" if len(missed) > 1 else ""
         return f"misses: {first}{more}"
-    met = f"meets all, {word}" if word else "meets all"
+    met = f"nominal model meets all, {word}" if word else "nominal model meets all"
     return met if place is None else f"{met}; hardest: {place.hardest.says}"
