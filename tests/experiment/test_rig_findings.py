@@ -39,7 +39,9 @@ def test_check_shows_the_find_and_its_mend_once(resistor: Path) -> None:
     assert "inductance/" in done.stdout
     assert "What these traces can identify" in done.stdout
     assert "Mistakes and habits of the rig, and what mends them" in done.stdout
-    assert done.stdout.count('[tests.inductance] series_ohm = "free"') == 1
+    tables, _, closing = done.stdout.partition("Answer: ")
+    assert tables.count('[tests.inductance] series_ohm = "free"') == 1
+    assert closing.count('[tests.inductance] series_ohm = "free"') == 1  # what to do next
 
 
 def test_what_physics_rules_out_ends_check_with_1_but_shows_the_folder(turned: Path) -> None:
