@@ -82,9 +82,8 @@ def diagnose(
 def _simplest(result: FitResult, progress: Progress, report: Report) -> tuple[Progress, Strange | None]:
     """Where the misfit makes the parameters a compromise: the simplest explanation that leaves noise.
 
-    First what the rig's checks found, then any single effect, with which a check may be right that was not without it;
-    last a piece of the data that is of another rig: data are set aside only where no single effect explains all of
-    them. Elsewhere the progress as it is.
+    First what the rig's checks found, then any single effect, then a piece of the data that is of another rig: data
+    are set aside only where no single effect explains all of them. Elsewhere the progress as it is.
     """
     if not _astray(progress.model, result):
         return progress, None
@@ -93,10 +92,7 @@ def _simplest(result: FitResult, progress: Progress, report: Report) -> tuple[Pr
     if not _astray(before, result):
         return progress, None
     progress = forward(result, progress, report, most=len(progress.rounds) + 1)
-    one = None
-    if not progress.is_at_an_end:
-        progress = first_from_checks(result, progress, report) if _astray(progress.model, result) else progress
-        one = progress.model
+    one = None if progress.is_at_an_end else progress.model
     if one is not None and clears(one, result) and evidence(one).white:
         return progress, None
     errors = result.score_fit if before.added == () else score(before).fit_rows
