@@ -16,6 +16,7 @@ ROOMS = [
         "ranges",
         "backend",
         "files",
+        "kernels",
         "model",
         "datasets",
         "rig",
@@ -27,7 +28,7 @@ ROOMS = [
     *("experiment", "control", "diagnosis", "posterior", "fleets", "run_folder", "reporting", "exporting"),
     *("api", "stages", "cli"),
 ]
-MOST_ROOMS = 22
+MOST_ROOMS = 23
 ONLY_IN: dict[str, str | tuple[str, ...]] = {
     "optimistix": "estimation/levenberg_marquardt.py",
     "emcee": "posterior/",

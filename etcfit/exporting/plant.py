@@ -14,13 +14,14 @@ from typing import Any
 import jax
 
 from ..errors import UsageError
+from ..kernels.c import Program, program
+from ..kernels.graph import Graph
+from ..kernels.lowering import NotScalarError, lowered
 from ..model.effects import AbstractEffect, Inputs, State
 from ..model.parameters import Scalar
 from ..model.stepper import Step, step
 from ..model.throttle import Throttle
 from .base import Source
-from .expressions import Graph, Program, program
-from .lowering import NotScalarError, lowered
 
 BODY: Mapping[str, tuple[str, str]] = {
     "N": ("1", "gear ratio, motor angle over plate angle"),
@@ -212,4 +213,4 @@ def _refusal(source: Source, primitive: str) -> str:
             culprits.append(effect.name)
     return (f"{', '.join(culprits) or 'the model'}: its formula uses {primitive}, which is no arithmetic of single "
             "numbers, so that no C can be printed from it. Write the effect with scalar jax.numpy functions without "
-            "loops, or teach etcfit/exporting/lowering.py that primitive.")  # fmt: skip
+            "loops, or teach etcfit/kernels/lowering.py that primitive.")  # fmt: skip

@@ -1,0 +1,198 @@
+"""From a function of JAX to a graph of arithmetic: what runs is the model's own code.
+
+JAX traces the function once; each primitive of the trace becomes a node for each number that it computes. A new effect
+needs no second implementation: its expression is traced like any other. Small arrays, as the matrices of a filter, are
+taken apart into their numbers.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import jax
+import numpy as np
+
+from .graph import OPERATIONS, Graph
+
+Nodes = np.ndarray  # of objects, which are the numbers of nodes
+
+
+class NotScalarError(Exception):
+    """A primitive that straight-line arithmetic does not have; its text is the primitive's name."""
+
+
+_SAME = ("copy", "stop_gradient", "optimization_barrier", "copy_p")
+_RESHAPED = ("reshape", "squeeze", "expand_dims")
+_RENAMED = {"add_any": "add"}
+_LOOPS = ("scan", "while", "cond")
+_MOST = 4096  # numbers in one array: more are data, not arithmetic
+
+
+def lowered(function: Callable[..., Any], graph: Graph, arguments: Any) -> Any:
+    """What a function of numbers and small arrays returns, as nodes of a graph.
+
+    Args:
+        function: of `arguments`, whatever JAX can trace.
+        graph: that takes the nodes.
+        arguments: a tuple of trees whose leaves are nodes, or arrays of nodes (NumPy arrays of objects).
+    Returns:
+        the function's tree, with nodes as leaves, or arrays of them.
+    Raises:
+        NotScalarError: it computes in loops, or looks up a place that it computed.
+    """
+    leaves, tree = jax.tree.flatten(arguments)
+
+    def flat(*leaves: Any) -> Any:
+        return function(*jax.tree.unflatten(tree, leaves))
+
+    shapes = [jax.ShapeDtypeStruct(np.shape(leaf), float) for leaf in leaves]
+    traced, shape = jax.make_jaxpr(flat, return_shape=True)(*shapes)
+    results = _run(graph, traced.jaxpr, traced.consts, [np.asarray(leaf, dtype=object) for leaf in leaves])
+    return jax.tree.unflatten(jax.tree.structure(shape), [r if r.shape else r.item() for r in results])
+
+
+def _run(graph: Graph, jaxpr: Any, constants: Sequence[Any], arguments: Sequence[Nodes]) -> list[Nodes]:
+    """Nodes of a traced function's results."""
+    values: dict[Any, Nodes] = dict(zip(jaxpr.invars, arguments, strict=True))
+    values |= {var: _constants(graph, value) for var, value in zip(jaxpr.constvars, constants, strict=True)}
+
+    def nodes(atom: Any) -> Nodes:
+        return _constants(graph, atom.val) if hasattr(atom, "val") else values[atom]
+
+    for equation in jaxpr.eqns:
+        results = _equation(graph, equation, [nodes(atom) for atom in equation.invars])
+        values |= dict(zip(equation.outvars, results, strict=True))
+    return [nodes(atom) for atom in jaxpr.outvars]
+
+
+def _constants(graph: Graph, value: Any) -> Nodes:
+    array = np.asarray(value)
+    if array.size > _MOST:
+        raise NotScalarError(f"a constant array of {array.size} numbers")
+    return _each(graph.constant, array)
+
+
+def _each(function: Callable[..., int], *arrays: Any) -> Nodes:
+    """A function of one entry of each array, entry by entry."""
+    if not any(np.ndim(array) for array in arrays):
+        return np.array(function(*(np.asarray(array).item() for array in arrays)), dtype=object)
+    arrays = np.broadcast_arrays(*arrays)
+    flat = [function(*entries) for entries in zip(*(array.ravel().tolist() for array in arrays), strict=True)]
+    out = np.empty(len(flat), dtype=object)
+    out[:] = flat
+    return out.reshape(arrays[0].shape)
+
+
+def _equation(graph: Graph, equation: Any, operands: list[Nodes]) -> list[Nodes]:
+    """Nodes of what one primitive returns."""
+    name, params = equation.primitive.name, equation.params
+    inner = params.get("jaxpr") or params.get("call_jaxpr") or params.get("fun_jaxpr")
+    if inner is not None and name not in _LOOPS:
+        closed = hasattr(inner, "consts")
+        return _run(graph, inner.jaxpr if closed else inner, inner.consts if closed else (), operands)
+    shaped = _shaped(graph, name, params, operands, equation)
+    return [_each(_entrywise(graph, equation), *operands) if shaped is None else shaped]
+
+
+def _shaped(graph: Graph, name: str, params: Any, operands: list[Nodes], equation: Any) -> Nodes | None:
+    """Of a primitive that orders, picks or adds up entries; None of any other."""
+    match name:
+        case _ if name in _SAME:
+            return operands[0]
+        case _ if name in _RESHAPED:
+            return operands[0].reshape(equation.outvars[0].aval.shape)
+        case "transpose":
+            return operands[0].transpose(params["permutation"])
+        case "broadcast_in_dim":
+            shape = [1] * len(params["shape"])
+            for axis, to in enumerate(params["broadcast_dimensions"]):
+                shape[to] = operands[0].shape[axis]
+            return np.broadcast_to(operands[0].reshape(shape), params["shape"])
+        case "slice":
+            strides = params["strides"] or (1,) * operands[0].ndim
+            bounds = zip(params["start_indices"], params["limit_indices"], strides, strict=True)
+            return operands[0][tuple(slice(*each) for each in bounds)]
+        case "concatenate":
+            return np.concatenate(operands, axis=params["dimension"])
+        case "stack":
+            return np.stack(operands, axis=params["axis"])
+        case "reduce_sum" | "reduce_max" | "reduce_min":
+            joins = {"reduce_sum": "add", "reduce_max": "max", "reduce_min": "min"}[name]
+            return _reduced(graph, joins, operands[0], params["axes"])
+        case "dot_general":
+            return _product(graph, *operands, params["dimension_numbers"])
+    return None
+
+
+def _reduced(graph: Graph, joins: str, array: Nodes, axes: Sequence[int]) -> Nodes:
+    for axis in sorted(axes, reverse=True):
+        parts = list(np.moveaxis(array, axis, 0))
+        array = np.asarray(parts[0], dtype=object)
+        for part in parts[1:]:
+            array = _each(lambda a, b: graph.make(joins, a, b), array, part)
+    return array
+
+
+def _product(graph: Graph, a: Nodes, b: Nodes, numbers: Any) -> Nodes:
+    """Of two arrays over their contracted axes; batch axes come first, as JAX has them."""
+    (over_a, over_b), (batch_a, batch_b) = numbers
+    rest_a = [k for k in range(a.ndim) if k not in (*over_a, *batch_a)]
+    rest_b = [k for k in range(b.ndim) if k not in (*over_b, *batch_b)]
+    batch = [a.shape[k] for k in batch_a]
+    left, right = [a.shape[k] for k in rest_a], [b.shape[k] for k in rest_b]
+    a = a.transpose([*batch_a, *rest_a, *over_a]).reshape(*batch, *left, *[1] * len(right), -1)
+    b = b.transpose([*batch_b, *rest_b, *over_b]).reshape(*batch, *[1] * len(left), *right, -1)
+    terms = _each(lambda a, b: graph.make("mul", a, b), a, b)
+    return _reduced(graph, "add", terms, (terms.ndim - 1,))
+
+
+def _entrywise(graph: Graph, equation: Any) -> Callable[..., int]:
+    """What a primitive makes of one entry of each of its operands."""
+    name, params, make = equation.primitive.name, equation.params, graph.make
+    match name:
+        case "select_n" if len(equation.invars) == 3:
+            return lambda condition, otherwise, chosen: make("choose", condition, chosen, otherwise)
+        case "clamp":
+            return lambda low, value, high: _clamped(graph, low, value, high)
+        case "integer_pow":
+            return lambda base: _power(graph, base, params["y"])
+        case "square":
+            return lambda base: make("mul", base, base)
+        case "rsqrt":
+            return lambda base: make("div", graph.constant(1.0), make("sqrt", base))
+        case "logistic":
+            one = graph.constant(1.0)
+            return lambda base: make("div", one, make("add", one, make("exp", make("neg", base))))
+        case "convert_element_type":
+            before, after = equation.invars[0].aval.dtype, params["new_dtype"]
+            return lambda node: _converted(graph, node, before, after)
+    name = _RENAMED.get(name, name)
+    if name not in OPERATIONS:
+        raise NotScalarError(name)
+    return lambda *operands: make(name, *operands)
+
+
+def _clamped(graph: Graph, low: int, value: int, high: int) -> int:
+    if graph.known(low) == -np.inf:
+        return graph.make("min", value, high)
+    return graph.make("max", value, low) if graph.known(high) == np.inf else graph.make("clamp", low, value, high)
+
+
+def _power(graph: Graph, base: int, exponent: int) -> int:
+    """base^exponent by multiplications."""
+    if exponent < 0:
+        return graph.make("div", graph.constant(1.0), _power(graph, base, -exponent))
+    if exponent == 0:
+        return graph.constant(1.0)
+    half = _power(graph, base, exponent // 2)
+    whole = graph.make("mul", half, half)
+    return graph.make("mul", whole, base) if exponent % 2 else whole
+
+
+def _converted(graph: Graph, node: int, before: Any, after: Any) -> int:
+    if np.dtype(before) == bool and np.dtype(after) != bool:
+        return graph.make("number", node)
+    if np.dtype(before) == np.dtype(after) or {np.dtype(before).kind, np.dtype(after).kind} <= {"f"}:
+        return node
+    raise NotScalarError(f"convert_element_type from {before} to {after}")
