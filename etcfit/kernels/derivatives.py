@@ -80,7 +80,7 @@ def _partials(graph: Graph, node: int, moving: Collection[int]) -> Iterator[tupl
     if operation in _STILL:
         return
     for place, operand in enumerate(graph.operands(node)):
-        if operand in moving:
+        if operand in moving and not graph.is_condition(operand):
             yield operand, _partial(graph, operation, node, place)
 
 

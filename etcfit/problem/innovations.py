@@ -61,9 +61,9 @@ class InnovationsFilter(NamedTuple):
         moved: None where samples are filtered where they were logged.
     """
 
-    transition: Float[Array, "T L n n"]
-    sense: Float[Array, "T L M n"]
-    gain: Float[Array, "T L M n"]
+    transition: Float[AnyArray, "T L n n"]
+    sense: Float[AnyArray, "T L M n"]
+    gain: Float[AnyArray, "T L M n"]
     weight: Float[AnyArray, "T L M"]
     moved: Moved | None = None
 

@@ -14,6 +14,7 @@ from jaxtyping import Array, Float, Int
 
 from ..model.parameters import Scalar
 from ..rig.base import RigConfig
+from . import residual_kernels
 from .batch import BatchArrays, SampleSlots, TraceBatch, batch_of
 from .free_parameters import Form, FreeParameters, Layout, Pick
 from .innovations import InnovationsFilter, Moved, kalman, moved, plain
@@ -147,7 +148,9 @@ class EstimationProblem:
     def compile_ahead(self, x: Float[np.ndarray, " P"]) -> None:
         """Begin to compile, in the background, what a fit will run at x, shape (P,): Jacobian, filter, residual."""
         self.compile_linearised_ahead(x)
-        _compared.ahead(*self._unweighted(x))
+        form, padded, weighted = self._unweighted(x)
+        if not residual_kernels.runs(form, weighted):
+            _compared.ahead(form, padded, weighted)
 
     def compile_linearised_ahead(self, x: Float[np.ndarray, " P"]) -> None:
         """As `compile_ahead`, without the residual: for whoever looks at the Jacobian only."""
@@ -171,7 +174,7 @@ class EstimationProblem:
         variance = _free_run_variance(*self.at(x), arrays, self.jitter)
         return columns(self.batch, variance if where is None else moved(variance, where.back))
 
-    def simulated(self, x: Float[np.ndarray, " P"], guide_stiffness: float) -> Float[Array, "T L M"]:
+    def simulated(self, x: Float[np.ndarray, " P"], guide_stiffness: float) -> Float[np.ndarray, "T L M"]:
         """Simulated samples of the whole batch, SI, shape (T, L, M).
 
         Args:
@@ -181,7 +184,7 @@ class EstimationProblem:
         """
         unwhitened = plain(self.slots, order_of(self.layout.types))
         weighted = self.guided(guide_stiffness).weighted(unwhitened)
-        return _compared(self.layout.form, self.layout.padded(x), weighted).seen
+        return np.asarray(self._compared(x, weighted).seen)
 
     def arrays(self, guide_stiffness: float = 0.0) -> BatchArrays:
         """The batch for compiled functions, under a guide of this stiffness, V/rad (N m/rad where torque drives)."""
@@ -217,7 +220,8 @@ class EstimationProblem:
         priors = layout.padded(mean), layout.padded(sd, np.inf)
         steps = batch.guided(self.guide_stiffness)
         weighted = WeightedData(steps, batch.resets, self.slots, batch.test_of, filter_, self.pick, *priors)
-        return jax.device_put(weighted)  # once, not at every call
+        weighted = jax.tree.map(np.asarray, weighted)  # once, not at every call
+        return weighted if residual_kernels.runs(layout.form, weighted) else jax.device_put(weighted)
 
     def linearise(self, x: Float[np.ndarray, " P"], weighted: WeightedData) -> Linearisation:
         """Residual, that of the priors, and the Jacobian of the former.
@@ -234,12 +238,21 @@ class EstimationProblem:
     def residual(self, x: Float[np.ndarray, " P"], weighted: WeightedData) -> Float[np.ndarray, "T L M"]:
         """Whitened residual alone, shape (T, L, M), dimensionless, at coordinates x, shape (P,): a tenth of the cost of
         its Jacobian."""
-        return np.asarray(_compared(self.layout.form, self.layout.padded(x), weighted).r)
+        return np.asarray(self._compared(x, weighted).r)
+
+    def _compared(self, x: Float[np.ndarray, " P"], weighted: WeightedData) -> Compared:
+        form, padded = self.layout.form, self.layout.padded(x)
+        if residual_kernels.runs(form, weighted):
+            return residual_kernels.compared(form, form.full(padded, weighted.pick), weighted)
+        return _compared(form, padded, weighted)
 
     def chi2(self, x: Float[np.ndarray, " P"], weighted: WeightedData) -> float:
         """Sum of squares of the whitened residual at coordinates x, shape (P,). Without the priors; `chi2.chi2_of`, for
         many points, counts them."""
+        form = self.layout.form
         with np.errstate(over="ignore"):  # of a simulation that runs away it is inf
+            if residual_kernels.runs(form, weighted):
+                return residual_kernels.chi2(form, form.full(self.layout.padded(x), weighted.pick), weighted)
             return float(np.sum(self.residual(x, weighted) ** 2))
 
     def refined(self, x: Float[np.ndarray, " P"]) -> EstimationProblem:

@@ -44,6 +44,11 @@ def _pool(purpose: str) -> ThreadPoolExecutor:
     return ThreadPoolExecutor(CORES, f"etcfit {purpose}")
 
 
+def in_background(work: Callable[[], Any]) -> None:
+    """Begin something that compiles, and wait for nothing."""
+    _pool("compiling").submit(work)
+
+
 def side_by_side(work: Callable[[Piece], Any], pieces: Sequence[Piece]) -> list[Any]:
     """`work` on each piece, one thread each; results in their order, once all are computed."""
     if len(pieces) == 1:
