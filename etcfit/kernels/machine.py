@@ -27,7 +27,7 @@ from . import llvm as written
 from .loop import Loop
 
 LANES = 4  # numbers side by side where a vector holds lanes: more leave a rig's few lanes idle
-POINTS = 8  # the same where it holds points
+POINTS = 16  # the same where it holds points
 MOST_BYTES = 1 << 28  # of all object files kept; those that were not used for longest go first
 _LEVEL = 1  # of optimisation: 0 is two to three times slower, 2 and 3 gain next to nothing
 _DIGEST = 32  # bytes
@@ -45,9 +45,8 @@ def _is_x86() -> bool:
     return platform.machine().lower() in ("x86_64", "amd64")
 
 
-@cache
 def _target() -> Any:
-    """The processor that this runs on."""
+    """The processor that this runs on; a new one each time, for an engine owns what it is given."""
     import llvmlite.binding as binding
 
     binding.initialize_native_target()
@@ -97,9 +96,10 @@ def _compiled(text: str) -> bytes:
     module.verify()
     options = binding.create_pipeline_tuning_options(speed_level=_LEVEL)
     options.slp_vectorization = options.loop_vectorization = False  # they are vectors already
-    builder = binding.create_pass_builder(_target(), options)
+    target = _target()
+    builder = binding.create_pass_builder(target, options)
     builder.getModulePassManager().run(module, builder)
-    return _target().emit_object(module)
+    return target.emit_object(module)
 
 
 def _read(path: Path) -> bytes | None:

@@ -12,9 +12,9 @@ import jax
 import numpy as np
 from jaxtyping import Array, Float, Int
 
-from ..model.parameters import Scalar
+from ..model.parameters import AnyArray, Scalar
 from ..rig.base import RigConfig
-from . import residual_kernels
+from . import filter_kernels, residual_kernels
 from .batch import BatchArrays, SampleSlots, TraceBatch, batch_of
 from .free_parameters import Form, FreeParameters, Layout, Pick
 from .innovations import InnovationsFilter, Moved, kalman, moved, plain
@@ -156,7 +156,8 @@ class EstimationProblem:
         """As `compile_ahead`, without the residual: for whoever looks at the Jacobian only."""
         linearised_ahead(*self._unweighted(x))
         form, padded, pick = self.at(x)
-        _kalman.ahead(form, padded, pick, self.arrays(), self.jitter)
+        if not filter_kernels.runs(form):
+            _kalman.ahead(form, padded, pick, self.arrays(), self.jitter)
 
     def _unweighted(self, x: Float[np.ndarray, " P"]) -> tuple[Form, Float[np.ndarray, " room"], WeightedData]:
         form, padded, _ = self.at(x)
@@ -171,6 +172,8 @@ class EstimationProblem:
         """Variance of measured - free run of each trace, shape (n, M), SI^2: sensor noise, noisy input, instants not
         known."""
         arrays, where = self._where_they_belong(x)
+        if where is None and filter_kernels.runs(self.layout.form):
+            return columns(self.batch, filter_kernels.free_run_variance(*self._here(x, arrays), self.jitter))
         variance = _free_run_variance(*self.at(x), arrays, self.jitter)
         return columns(self.batch, variance if where is None else moved(variance, where.back))
 
@@ -195,10 +198,12 @@ class EstimationProblem:
         """The whitening filter, linearised along the free run at coordinates x, shape (P,)."""
         return self.filter_and_timing(x)[0]
 
-    def filter_and_timing(self, x: Float[np.ndarray, " P"]) -> tuple[InnovationsFilter, Float[Array, "T L M"]]:
+    def filter_and_timing(self, x: Float[np.ndarray, " P"]) -> tuple[InnovationsFilter, Float[AnyArray, "T L M"]]:
         """The whitening filter at coordinates x, shape (P,), and (dy/dt dt)^2 / S of each sample, shape (T, L, M): the
         variance that a jitter of 1 would add to it, over that which it has."""
         arrays, where = self._where_they_belong(x)
+        if where is None and filter_kernels.runs(self.layout.form):
+            return filter_kernels.filter_and_timing(*self._here(x, arrays), self.jitter)
         filter_, timing = _kalman(*self.at(x), arrays, self.jitter)
         return (filter_, timing) if where is None else (filter_._replace(moved=where), moved(timing, where.back))
 
@@ -259,10 +264,22 @@ class EstimationProblem:
         """The problem with as many integration steps in each interval as the free run at x, shape (P,), needs."""
         problem = self
         for _ in range(2):
-            error = np.asarray(_local_error(*problem.at(x), problem.arrays()))
+            error = problem._local_error(x)
             steps = substeps_needed(problem.batch, error)
             problem = EstimationProblem.of(self.config, self.free_parameters, self.batch.traces, steps, self.shape)
         return problem
+
+    def _local_error(self, x: Float[np.ndarray, " P"]) -> Float[np.ndarray, "T L"]:
+        if filter_kernels.runs(self.layout.form):
+            return filter_kernels.local_error(*self._here(x, self.arrays()))
+        return np.asarray(_local_error(*self.at(x), self.arrays()))
+
+    def _here(
+        self, x: Float[np.ndarray, " P"], arrays: BatchArrays
+    ) -> tuple[Form, Float[np.ndarray, " Q"], BatchArrays]:
+        """Model, values of all parameters, and the batch as arrays of NumPy."""
+        form = self.layout.form
+        return form, form.full(self.layout.padded(x), self.pick), jax.tree.map(np.asarray, arrays)
 
     def reprepared(self, x: Float[np.ndarray, " P"]) -> EstimationProblem:
         """The problem of the measurements as they were logged: release instants are read off the records again, and

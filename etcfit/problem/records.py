@@ -9,20 +9,17 @@ What was logged is packed once for each batch; what a new filter brings, once fo
 from __future__ import annotations
 
 import weakref
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from functools import partial
 from typing import Any, NamedTuple, TypeVar
 
 import jax
 import numpy as np
+from jaxtyping import Float, Int
 
 from ..kernels.machine import LANES
-from .free_parameters import Form
-from .innovations import InnovationsFilter
-from .one_pass import entries
-from .residual import WeightedData
-from .traced_entry import Column, Shape, TracedEntry, traced_entry
+from .traced_entry import Column, Shape, TracedEntry
 
 Made = TypeVar("Made")
 
@@ -32,44 +29,74 @@ class Group(NamedTuple):
 
     Args:
         lanes: of the batch, at most `LANES` of them.
-        rows: entries of each, those that follow are blank.
-        lasting, renewed: records, shape (longest, columns, `LANES`).
+        rows: entries of each; those that follow are blank.
     """
 
     lanes: tuple[int, ...]
     rows: tuple[int, ...]
-    lasting: np.ndarray
-    renewed: np.ndarray
+
+
+class Packed(NamedTuple):
+    """A group with its records, shape (longest, columns, `LANES`): what lasts, and what is renewed with the filter."""
+
+    group: Group
+    records: tuple[np.ndarray, ...]
 
     @property
     def longest(self) -> int:
         """Entries of its longest lane."""
-        return self.lasting.shape[0]
+        return self.records[0].shape[0]
+
+
+@dataclass(frozen=True, eq=False)
+class Entries:
+    """Arrays of a batch, and what of them changes.
+
+    Args:
+        tree: arrays of NumPy, axes T and L first.
+        rows: entries of each lane, shape (L,).
+        renewed: numbers of the leaves that change with the filter, in JAX's order.
+        muted: those that are 0 where nothing counts.
+        never: columns that may be 0 everywhere by what they mean.
+    """
+
+    tree: Any
+    rows: Int[np.ndarray, " L"]
+    renewed: frozenset[int] = frozenset()
+    muted: frozenset[int] = frozenset()
+    never: tuple[Column, ...] = ()
 
 
 @dataclass(frozen=True, eq=False)
 class Records:
-    """A batch packed for the kernels of a model.
+    """A batch packed for a kernel.
 
     Args:
-        entry: the model's entry, traced on a batch of this shape.
-        uniform: numbers that are the same at every entry, in the order of `entry.fixed`.
-        groups: its lanes.
-        shape: T, L and M of the batch.
+        entry: what is computed of each entry.
+        uniform: numbers that are the same at every entry, in the order of `entry.shape.uniform`.
+        packed: its lanes, group by group.
+        shape: T and L.
     """
 
     entry: TracedEntry
-    uniform: np.ndarray
-    groups: tuple[Group, ...]
-    shape: tuple[int, int, int]
-
-    def unpacked(self, group: Group, stored: np.ndarray, out: np.ndarray) -> None:
-        """Put what a kernel stored, shape (rows, columns, `LANES`), in its place in `out`, shape (T, L, columns)."""
-        for side, (lane, rows) in enumerate(zip(group.lanes, group.rows, strict=True)):
-            out[:rows, lane] = stored[:rows, :, side]
+    uniform: Float[np.ndarray, " U"]
+    packed: tuple[Packed, ...]
+    shape: tuple[int, int]
 
 
-class _Remembered:
+def used_rows(dt: Float[np.ndarray, "T L"], begins: Float[np.ndarray, "T L"]) -> Int[np.ndarray, " L"]:
+    """Entries of each lane up to the end of its last trace, shape (L,)."""
+    active = (dt > 0.0) | (begins > 0.5)
+    return np.where(active.any(axis=0), active.shape[0] - np.argmax(active[::-1], axis=0), 0)
+
+
+def numbered(tree: Any) -> Any:
+    """The tree with the number of each leaf in its place."""
+    structure = jax.tree.structure(tree)
+    return jax.tree.unflatten(structure, list(range(structure.num_leaves)))
+
+
+class Remembered:
     """What was made of some arrays, for as long as all of them live."""
 
     def __init__(self) -> None:
@@ -77,6 +104,8 @@ class _Remembered:
 
     def of(self, arrays: Sequence[np.ndarray], further: Any, make: Callable[[], Made]) -> Made:
         """What `make` returns, once for the same arrays and the same further key."""
+        if not arrays:
+            return make()
         key = (*map(id, arrays), further)
         if key not in self._kept:
             self._kept[key] = make()
@@ -85,117 +114,78 @@ class _Remembered:
         return self._kept[key]
 
 
-_SHAPES, _LASTING, _RENEWED, _PACKED = _Remembered(), _Remembered(), _Remembered(), _Remembered()
+_FOUND, _LASTING, _RENEWED = Remembered(), Remembered(), Remembered()
 
 
-def records_of(form: Form, weighted: WeightedData) -> Records:
-    """The batch packed for a model.
+def records_of(entries: Entries, entry_of: Callable[[Shape], TracedEntry]) -> Records:
+    """The batch packed.
 
     Args:
-        form: the model; it must have a single pass.
-        weighted: data and whitening, arrays of NumPy.
+        entries: the batch.
+        entry_of: what is computed of an entry of a batch of such a shape; the same for the same shape.
     """
-    read = weighted._replace(slots=weighted.slots._replace(sigma=None))  # the filter's weights have it
-    leaves, tree = jax.tree.flatten(entries(read))
-    leaves = [np.asarray(leaf) for leaf in leaves]
-    return _PACKED.of(leaves, form, lambda: _packed(form, weighted, leaves, tree))
+    leaves, structure = jax.tree.flatten(entries.tree)
+    lasting = [leaf for k, leaf in enumerate(leaves) if k not in entries.renewed]
+    fresh = [leaf for k, leaf in enumerate(leaves) if k in entries.renewed]
+    groups = _groups(entries.rows)
+    constant, uniform = _FOUND.of(lasting, structure, lambda: _everywhere(leaves, entries))
+    never = tuple((column, 0.0) for column in entries.never if not _column(leaves, column).any())
+    shapes = tuple(leaf.shape[2:] for leaf in leaves)
+    entry = entry_of(Shape(structure, shapes, (*constant, *never), tuple(uniform), entries.renewed))
+    old, new = map(tuple, entry.columns)
+    kept = _LASTING.of(lasting, (structure, old), lambda: [_record(leaves, old, group) for group in groups])
+    made = _RENEWED.of(fresh, (structure, new), lambda: [_muted(leaves, new, group, entries.muted) for group in groups])
+    packed = tuple(Packed(group, both) for group, both in zip(groups, zip(kept, made, strict=True), strict=True))
+    return Records(entry, np.array(list(uniform.values())), packed, leaves[0].shape[:2])
 
 
-def _packed(form: Form, weighted: WeightedData, leaves: list[np.ndarray], tree: Any) -> Records:
-    renewed = _renewed(tree)
-    lasting = [leaf for k, leaf in enumerate(leaves) if k not in renewed]
-    lanes, constant, uniform = _SHAPES.of(lasting, None, lambda: _found(weighted, leaves, renewed))
-    constant = (*constant, *((column, 0.0) for column in _never(leaves, tree, weighted.whitening)))
-    order = weighted.whitening.transition.shape[-1]
-    shape = Shape(tree, tuple(leaf.shape[2:] for leaf in leaves), constant, tuple(uniform), order, renewed)
-    entry = traced_entry(form, shape)
-
-    def record(which: int) -> list[np.ndarray]:
-        return [_record(leaves, tuple(entry.columns[which]), *group) for group in lanes]
-
-    old = _LASTING.of(lasting, tuple(entry.columns[0]), lambda: record(0))
-    fresh = [leaf for k, leaf in enumerate(leaves) if k in renewed]
-    new = _RENEWED.of(fresh, tuple(entry.columns[1]), lambda: _muted(record(1), entry, leaves, tree, lanes))
-    groups = tuple(Group(*group, *both) for group, *both in zip(lanes, old, new, strict=True))
-    return Records(entry, np.array(list(uniform.values())), groups, weighted.slots.value.shape)
-
-
-def _places(tree: Any) -> Any:
-    """The entries' tree with the number of each leaf in its place."""
-    return jax.tree.unflatten(tree, list(range(tree.num_leaves)))
-
-
-def _renewed(tree: Any) -> frozenset[int]:
-    """Leaves that change with the filter."""
-    steps, _, slots, _, whitening = _places(tree)
-    return frozenset({steps.guide_stiffness, slots.value, slots.weight, *jax.tree.leaves(whitening)})
-
-
-def _found(
-    weighted: WeightedData, leaves: list[np.ndarray], renewed: frozenset[int]
-) -> tuple[list[tuple[tuple[int, ...], tuple[int, ...]]], tuple[tuple[Column, float], ...], dict[Column, float]]:
-    """Lanes and their entries, group by group; columns that are 0 or 1 at all of them; others that are one number."""
-    active = (np.asarray(weighted.steps.dt) > 0.0) | (np.asarray(weighted.resets.begins) > 0.5)
-    rows = np.where(active.any(axis=0), active.shape[0] - np.argmax(active[::-1], axis=0), 0)
+def _groups(rows: Int[np.ndarray, " L"]) -> list[Group]:
     order = [int(lane) for lane in np.argsort(-rows, kind="stable") if rows[lane]]
     lanes = [tuple(order[k : k + LANES]) for k in range(0, len(order), LANES)]
-    used = np.arange(active.shape[0])[:, None] < rows
+    return [Group(each, tuple(int(rows[lane]) for lane in each)) for each in lanes]
+
+
+def _column(leaves: Sequence[np.ndarray], column: Column) -> Float[np.ndarray, "T L"]:
+    return leaves[column.leaf][(slice(None), slice(None), *column.place)]
+
+
+def _everywhere(
+    leaves: Sequence[np.ndarray], entries: Entries
+) -> tuple[tuple[tuple[Column, float], ...], dict[Column, float]]:
+    """Columns of what lasts that are 0 or 1 at all entries, and others that are one number there."""
+    used = np.arange(leaves[0].shape[0])[:, None] < entries.rows
     constant: list[tuple[Column, float]] = []
     uniform: dict[Column, float] = {}
-    for k, leaf in enumerate(leaves):
-        for place in np.ndindex(leaf.shape[2:]) if k not in renewed else ():
-            values = leaf[(slice(None), slice(None), *place)]
-            first = float(values[0, order[0]])
-            if not np.any(values[used] != first):
-                if first in (0.0, 1.0):
-                    constant.append((Column(k, place), first))
-                else:
-                    uniform[Column(k, place)] = first
-    return [(each, tuple(int(rows[lane]) for lane in each)) for each in lanes], tuple(constant), uniform
+    lasting: Iterable[int] = (k for k in range(len(leaves)) if k not in entries.renewed)
+    for name in (Column(k, place) for k in lasting for place in np.ndindex(leaves[k].shape[2:])):
+        values = _column(leaves, name)[used]
+        if not np.any(values != values[0]):
+            if values[0] in (0.0, 1.0):
+                constant.append((name, float(values[0])))
+            else:
+                uniform[name] = float(values[0])
+    return tuple(constant), uniform
 
 
-def _never(leaves: list[np.ndarray], tree: Any, whitening: InnovationsFilter) -> Iterator[Column]:
-    """Columns of the filter that are 0 by what they mean, where they are: no state acts on the input's error, and no
-    sensor reads that."""
-    _, _, _, _, places = _places(tree)
-    order, count = whitening.transition.shape[-1], whitening.sense.shape[-2]
-    for q in range(order - 1):
-        yield from _where_zero(leaves, Column(places.transition, (order - 1, q)))
-    for m in range(count):
-        yield from _where_zero(leaves, Column(places.sense, (m, order - 1)))
-
-
-def _where_zero(leaves: list[np.ndarray], column: Column) -> Iterator[Column]:
-    if not leaves[column.leaf][(slice(None), slice(None), *column.place)].any():
-        yield column
-
-
-def _record(
-    leaves: list[np.ndarray], columns: Sequence[Column], lanes: Sequence[int], rows: Sequence[int]
-) -> np.ndarray:
-    """Columns of some lanes, shape (longest, columns, `LANES`): what ends earlier repeats its last entry."""
-    longest, side_by_side = max(rows), np.array([*lanes, *[lanes[0]] * (LANES - len(lanes))])
+def _record(leaves: Sequence[np.ndarray], columns: Sequence[Column], group: Group) -> Float[np.ndarray, "rows F W"]:
+    """Columns of some lanes: what ends earlier repeats its last entry; where lanes are few the first is repeated."""
+    longest = max(group.rows)
+    lanes = np.array([*group.lanes, *[group.lanes[0]] * (LANES - len(group.lanes))])
     out = np.empty((longest, len(columns), LANES))
     for place, (leaf, at) in enumerate(columns):
-        out[:, place] = leaves[leaf][(slice(longest), side_by_side, *at)]
-    for side, count in enumerate(rows):
+        out[:, place] = leaves[leaf][(slice(longest), lanes, *at)]
+    for side, count in enumerate(group.rows):
         out[count:, :, side] = out[count - 1, :, side]
     return out
 
 
 def _muted(
-    records: list[np.ndarray],
-    entry: TracedEntry,
-    leaves: list[np.ndarray],
-    tree: Any,
-    lanes: list[tuple[tuple[int, ...], tuple[int, ...]]],
-) -> list[np.ndarray]:
-    """Records of the filter in which nothing counts that only fills up."""
-    _, _, slots, _, whitening = _places(tree)
-    weights = [k for k, column in enumerate(entry.columns[1]) if column.leaf in (slots.weight, whitening.weight)]
-    for record, (members, rows) in zip(records, lanes, strict=True):
-        for side in range(LANES):
-            count = rows[side] if side < len(members) else 0
-            for k in weights:
-                record[count:, k, side] = 0.0
-    return records
+    leaves: Sequence[np.ndarray], columns: Sequence[Column], group: Group, muted: frozenset[int]
+) -> Float[np.ndarray, "rows F W"]:
+    """The same, and nothing counts that only fills up."""
+    out = _record(leaves, columns, group)
+    weights = [k for k, column in enumerate(columns) if column.leaf in muted]
+    for side in range(LANES):
+        count = group.rows[side] if side < len(group.rows) else 0
+        out[count:, weights, side] = 0.0
+    return out
