@@ -296,7 +296,8 @@ def _process(
 
 
 def _diagonal(entries: Sequence[Float[AnyArray, "*batch"]]) -> Float[AnyArray, "*batch n n"]:
-    return jnp.stack(list(entries), axis=-1)[..., None, :] * np.eye(len(entries))
+    row = jnp.stack(list(entries), axis=-1)[..., None, :]
+    return row * np.eye(len(entries)).reshape((1,) * (row.ndim - 2) + (len(entries),) * 2)
 
 
 def _widened(matrix: Float[AnyArray, "*batch m m"], order: int) -> Float[AnyArray, "*batch n n"]:
@@ -360,7 +361,7 @@ def edge_covariance(
 
     # mapped over the shares rather than looped over them: one copy of the model to compile, not three
     ways = jax.vmap(missed)(jnp.array(_SHARES))
-    return jnp.where(d.edge > 0.0, (ways.T * np.array(_WEIGHTS)) @ ways, 0.0)
+    return jnp.where(d.edge > 0.0, (ways * np.array(_WEIGHTS)[:, None]).T @ ways, 0.0)
 
 
 def _seen_covariance(disturbance: Disturbance, order: int) -> Float[AnyArray, "*batch n n"]:
