@@ -7,7 +7,6 @@ those of `process_noise`, `innovations` and `substeps`, traced.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable
 from functools import partial
 from typing import Any, NamedTuple
@@ -16,16 +15,14 @@ import jax
 import numpy as np
 from jaxtyping import Float
 
-from ..kernels.loop import Across
-from ..kernels.machine import LANES, Kernel, available
+from ..kernels.machine import LANES, available
 from ..model.effects import State
-from ..model.parameters import Scalar
 from ..model.stepper import StatePath, begun, step
 from ..model.throttle import Throttle
 from .batch import BatchArrays
 from .free_parameters import Form
 from .innovations import InnovationsFilter, renewed
-from .lanes import MAKING, compiled, over_lanes, remembered
+from .lanes import Along
 from .process_noise import (
     ErrorProcess,
     Events,
@@ -37,12 +34,12 @@ from .process_noise import (
     process_of,
     spread_on,
 )
-from .records import Entries, numbered, records_of, used_rows
+from .records import Entries, numbered, used_rows
 from .residual import equipped
 from .substeps import step_error, worst
-from .traced_entry import Column, Shape, TracedEntry, nodes_of
+from .traced_entry import Column
 
-_GRAPHS = 128  # that a process remembers
+_JITTER = "jitter of instants"  # no symbol of a parameter
 
 
 def runs(form: Form) -> bool:
@@ -61,26 +58,21 @@ def filter_and_timing(
         batch: as it was logged, arrays of NumPy.
         jitter: standard deviation of the sampling instants, as a share of the time between samples.
     """
-    stored = _along(_filtered, form, full, (*batch, _events(form, full, batch)), jitter)
-    n, m = order_of(form.types), batch.slots.value.shape[2]
-    shapes = {"transition": (n, n), "sense": (m, n), "gain": (m, n), "weight": (m,), "timing": (m,)}
-    parts = _parted(stored, shapes)
-    timing = parts.pop("timing")
-    return InnovationsFilter(**parts), timing
+    return _along(_FILTERED, form, full, (*batch, _events(form, full, batch)), jitter)
 
 
 def free_run_variance(
     form: Form, full: Float[np.ndarray, " Q"], batch: BatchArrays, jitter: float
 ) -> Float[np.ndarray, "T L M"]:
     """What `process_noise.free_run_variance` returns; arguments as of `filter_and_timing`."""
-    return _along(_spread, form, full, (*batch, _events(form, full, batch)), jitter)
+    return _along(_SPREAD, form, full, (*batch, _events(form, full, batch)), jitter)
 
 
 def local_error(form: Form, full: Float[np.ndarray, " Q"], batch: BatchArrays) -> Float[np.ndarray, "T L"]:
     """What `substeps.local_error` returns; arguments as of `filter_and_timing`."""
-    stored = _along(_stepped, form, full, tuple(batch))
+    lost, error = _along(_STEPPED, form, full, tuple(batch))
     weight = np.asarray(batch.slots.weight)
-    return worst(stored[..., 1:], weight, impacts_nearby_here(stored[..., 0], weight), np)
+    return worst(error, weight, impacts_nearby_here(lost, weight), np)
 
 
 class _Given(NamedTuple):
@@ -107,19 +99,19 @@ def _process(given: _Given, events: Events) -> ErrorProcess:
     return process_of(given.throttle, given.before, given.after, given.batch, linear, events)
 
 
-def _filtered(form: Form, values: Any, carried: Any, entry: Any, jitter: Scalar) -> Any:
+def _filtered(form: Form, values: Any, carried: Any, entry: Any) -> Any:
     path, covariance = carried
     given = _taken(form, values, path, entry[:5])
-    covariance, found = renewed(covariance, _process(given, entry[5]), given.batch.slots.weight, jitter)
+    covariance, found = renewed(covariance, _process(given, entry[5]), given.batch.slots.weight, values[_JITTER])
     return (given.after, covariance), found
 
 
-def _spread(form: Form, values: Any, carried: Any, entry: Any, jitter: Scalar) -> Any:
+def _spread(form: Form, values: Any, carried: Any, entry: Any) -> Any:
     path, covariance = carried
     given = _taken(form, values, path, entry[:5])
     process = _process(given, entry[5])
     covariance, spread = spread_on(covariance, process.transition, process.noise, process.sense)
-    return (given.after, covariance), spread + process.sample_variance(jitter)
+    return (given.after, covariance), spread + process.sample_variance(values[_JITTER])
 
 
 def _stepped(form: Form, values: Any, path: StatePath, entry: Any) -> Any:
@@ -153,74 +145,48 @@ def _with_covariance(form: Form) -> Any:
     return _path(form), np.zeros((order, order))
 
 
-@remembered(_GRAPHS)
-def _made(function: Callable[..., Any], form: Form, shape: Shape, covariance: bool) -> tuple[TracedEntry, Kernel]:
-    carried, further = (_with_covariance(form), ("jitter",)) if covariance else (_path(form), ())
-    entry = TracedEntry(function, form, shape, carried, further)
-    return entry, compiled(entry.loop(Across.LANES, stored=nodes_of(entry.results)))
-
-
-def _along(
-    function: Callable[..., Any], form: Form, full: Float[np.ndarray, " Q"], tree: tuple[Any, ...], *jitter: float
-) -> Float[np.ndarray, "T L stored"]:
-    """Results of a function of each entry along a batch; jitter where it carries a covariance."""
+def _along(which: Along, form: Form, full: Float[np.ndarray, " Q"], tree: tuple[Any, ...], *jitter: float) -> Any:
+    """Results along a batch; jitter where a covariance is carried."""
     steps, _, slots, _, _, *events = numbered(tree)
     renewed = frozenset({steps.guide_stiffness, slots.value, slots.weight, slots.sigma, *jax.tree.leaves(events)})
-    dt, begins = np.asarray(tree[0].dt), np.asarray(tree[1].begins)
-    batch = Entries(tree, used_rows(dt, begins), renewed, never=(Column(steps.guide_stiffness, ()),))
-    return _run(function, form, full, batch, jitter)
+    rows = used_rows(np.asarray(tree[0].dt), np.asarray(tree[1].begins))
+    batch = Entries(tree, rows, (renewed,), never=(Column(steps.guide_stiffness, ()),))
+    return which.run((form,), np.concatenate((full, jitter)), batch)
 
 
-def _run(
-    function: Callable[..., Any],
-    form: Form,
-    full: Float[np.ndarray, " Q"],
-    batch: Entries,
-    jitter: tuple[float, ...] = (),
-) -> Float[np.ndarray, "T L stored"]:
-    kernels: list[Kernel] = []
+def _simulated(function: Callable[..., Any], covariance: bool = False) -> Along:
+    """A function of (form, values, what is carried, entry)."""
 
-    def entry_of(shape: Shape) -> TracedEntry:
-        entry, kernel = _made(function, form, shape, bool(jitter))
-        kernels.append(kernel)
-        return entry
+    def function_of(form: Form) -> Any:
+        carried = _with_covariance(form) if covariance else _path(form)
+        return partial(function, form), (*form.index, *((_JITTER,) if covariance else ())), carried, form.ties
 
-    with MAKING:
-        records = records_of(batch, entry_of)
-    return over_lanes(kernels[0], records, np.concatenate((full, jitter)))[1]
+    return Along(function_of)
 
 
-def _parted(stored: Float[np.ndarray, "T L stored"], shapes: dict[str, tuple[int, ...]]) -> dict[str, np.ndarray]:
-    """What was stored, by name, each with its own axes after T and L."""
-    parts, at = {}, 0
-    for name, shape in shapes.items():
-        size = math.prod(shape)
-        parts[name] = stored[..., at : at + size].reshape(*stored.shape[:2], *shape)
-        at += size
-    return parts
+_FILTERED, _SPREAD = _simulated(_filtered, covariance=True), _simulated(_spread, covariance=True)
+_STEPPED, _PASSED, _JUMPED = map(_simulated, (_stepped, _passed, _jumped))
 
 
 def _events(form: Form, full: Float[np.ndarray, " Q"], batch: BatchArrays) -> Events:
     weight, edge = np.asarray(batch.slots.weight), np.asarray(batch.disturbance.edge)
-    count = len(jax.tree.leaves(_path(form)))
-    stored = _along(_passed, form, full, tuple(batch))
-    parts = _parted(stored, {"lost": (), "before": (count,), "after": (3,)})
+    lost, before, after = _along(_PASSED, form, full, tuple(batch))
     spread = np.zeros((*edge.shape, 3, 3))
     rows, lanes = np.nonzero(edge > 0.0)
     if rows.size:
-        began = rows - np.maximum(edge[rows, lanes] - 1.0, 0.0).astype(int)
-        fold, pad = partial(np.pad, mode="edge"), -rows.size % LANES
+        began, pad = rows - np.maximum(edge[rows, lanes] - 1.0, 0.0).astype(int), -rows.size % LANES
 
         def gathered(array: Any, at: np.ndarray = rows) -> np.ndarray:
-            picked = np.asarray(array)[at, lanes]
-            return fold(picked, [(0, pad)] + [(0, 0)] * (picked.ndim - 1)).reshape(-1, LANES, *picked.shape[1:])
+            filled = np.concatenate((np.arange(rows.size), np.zeros(pad, int)))
+            picked = np.asarray(array)[at[filled], lanes[filled]]
+            return picked.reshape(-1, LANES, *picked.shape[1:])
 
-        before = [gathered(parts["before"][..., k], began) for k in range(count)]
-        end = State(*(gathered(parts["after"][..., k]) for k in range(3)))
         logged = jax.tree.map(gathered, (batch.steps, batch.resets, batch.disturbance, batch.test_of))
-        entry = (*logged, (State(*before[:3]), tuple(before[3:])), end)
+        path = jax.tree.map(partial(gathered, at=began), before), jax.tree.map(gathered, after)
+        entry = (*logged, *path)
         # few entries, which would be alike by chance: nothing is taken as the same at all of them
         every = frozenset(range(len(jax.tree.leaves(entry))))
-        found = _run(_jumped, form, full, Entries(entry, np.full(LANES, len(end.i)), every))
+        count = np.full(LANES, logged[-1].shape[0])
+        found = _JUMPED.run((form,), full, Entries(entry, count, (every,)))
         spread[rows, lanes] = found.reshape(-1, 3, 3)[: rows.size]
-    return Events(impacts_nearby_here(parts["lost"], weight), spread)
+    return Events(impacts_nearby_here(lost, weight), spread)

@@ -7,17 +7,20 @@ from functools import lru_cache
 from threading import RLock
 from typing import Any, TypeVar
 
+import jax
 import numpy as np
 from jaxtyping import Float
 
 from ..kernels.loop import Across, Loop
 from ..kernels.machine import LANES, POINTS, Kernel
 from .program import CORES, side_by_side
-from .records import Packed, Records
+from .records import Entries, Packed, Records, records_of
+from .traced_entry import Shape, TracedEntry, nodes_of
 
 Known = TypeVar("Known", bound=Callable[..., Any])
 MAKING = RLock()  # a graph grows while it is differentiated, and each kernel is made once
 _NOTHING = np.zeros(1)  # is stored
+_ENTRIES = 256  # traced functions that are remembered
 
 
 def remembered(most: int) -> Callable[[Known], Known]:
@@ -38,6 +41,48 @@ def remembered(most: int) -> Callable[[Known], Known]:
 def compiled(loop: Loop) -> Kernel:
     """The loop as machine code."""
     return Kernel(loop, LANES if loop.across is Across.LANES else POINTS)
+
+
+class Along:
+    """A function of each entry along a batch, its results as arrays.
+
+    Args:
+        function_of: of hashable arguments; it returns what `TracedEntry` takes besides the shape: function, names of
+            the values, what is carried, and ties.
+    """
+
+    def __init__(self, function_of: Callable[..., Any]) -> None:
+        def made(shape: Shape, *asked: Any) -> tuple[TracedEntry, Kernel]:
+            function, names, carried, ties = function_of(*asked)
+            entry = TracedEntry(function, names, shape, carried, ties)
+            return entry, compiled(entry.loop(Across.LANES, stored=nodes_of(entry.results)))
+
+        self._made = remembered(_ENTRIES)(made)
+
+    def run(self, asked: tuple[Any, ...], values: Float[np.ndarray, " Q"], batch: Entries) -> Any:
+        """The tree of results, axes T and L first; 0 where a lane is blank.
+
+        Args:
+            asked: arguments of `function_of`.
+            values: in the order of their names.
+            batch: arrays of NumPy.
+        """
+        made: list[tuple[TracedEntry, Kernel]] = []
+
+        def entry_of(shape: Shape) -> TracedEntry:
+            made.append(self._made(shape, *asked))
+            return made[0][0]
+
+        with MAKING:
+            records = records_of(batch, entry_of)
+        entry, kernel = made[0]
+        stored, at, parts = over_lanes(kernel, records, values)[1], 0, []
+        leaves, tree = jax.tree.flatten(entry.results)
+        for leaf in leaves:
+            size = np.size(leaf)
+            parts.append(stored[..., at : at + size].reshape(*records.shape, *np.shape(leaf)))
+            at += size
+        return jax.tree.unflatten(tree, parts)
 
 
 def over_lanes(

@@ -3,7 +3,7 @@
 Lanes are taken longest first, some at a time; a group runs as long as its longest lane. Entries that only fill a
 shorter lane up, and lanes that only fill a group up, have weight 0.
 
-What was logged is packed once for each batch; what a new filter brings, once for each filter.
+What was logged is packed once for each batch; what a new filter brings goes into a record of its own.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ class Group(NamedTuple):
 
 
 class Packed(NamedTuple):
-    """A group with its records, shape (longest, columns, `LANES`): what lasts, and what is renewed with the filter."""
+    """A group with its records, shape (longest, columns, `LANES`) each."""
 
     group: Group
     records: tuple[np.ndarray, ...]
@@ -55,14 +55,15 @@ class Entries:
     Args:
         tree: arrays of NumPy, axes T and L first.
         rows: entries of each lane, shape (L,).
-        renewed: numbers of the leaves that change with the filter, in JAX's order.
+        renewed: numbers of the leaves, in JAX's order, that have a record of their own since they change together; all
+            others are in the first record.
         muted: those that are 0 where nothing counts.
         never: columns that may be 0 everywhere by what they mean.
     """
 
     tree: Any
     rows: Int[np.ndarray, " L"]
-    renewed: frozenset[int] = frozenset()
+    renewed: tuple[frozenset[int], ...] = ()
     muted: frozenset[int] = frozenset()
     never: tuple[Column, ...] = ()
 
@@ -114,7 +115,7 @@ class Remembered:
         return self._kept[key]
 
 
-_FOUND, _LASTING, _RENEWED = Remembered(), Remembered(), Remembered()
+_FOUND, _RECORDS = Remembered(), Remembered()
 
 
 def records_of(entries: Entries, entry_of: Callable[[Shape], TracedEntry]) -> Records:
@@ -125,17 +126,20 @@ def records_of(entries: Entries, entry_of: Callable[[Shape], TracedEntry]) -> Re
         entry_of: what is computed of an entry of a batch of such a shape; the same for the same shape.
     """
     leaves, structure = jax.tree.flatten(entries.tree)
-    lasting = [leaf for k, leaf in enumerate(leaves) if k not in entries.renewed]
-    fresh = [leaf for k, leaf in enumerate(leaves) if k in entries.renewed]
+    lasting = frozenset(range(len(leaves))).difference(*entries.renewed)
     groups = _groups(entries.rows)
-    constant, uniform = _FOUND.of(lasting, structure, lambda: _everywhere(leaves, entries))
+    constant, uniform = _FOUND.of(
+        [leaves[k] for k in sorted(lasting)], structure, lambda: _everywhere(leaves, lasting, entries.rows)
+    )
     never = tuple((column, 0.0) for column in entries.never if not _column(leaves, column).any())
     shapes = tuple(leaf.shape[2:] for leaf in leaves)
     entry = entry_of(Shape(structure, shapes, (*constant, *never), tuple(uniform), entries.renewed))
-    old, new = map(tuple, entry.columns)
-    kept = _LASTING.of(lasting, (structure, old), lambda: [_record(leaves, old, group) for group in groups])
-    made = _RENEWED.of(fresh, (structure, new), lambda: [_muted(leaves, new, group, entries.muted) for group in groups])
-    packed = tuple(Packed(group, both) for group, both in zip(groups, zip(kept, made, strict=True), strict=True))
+    records = []
+    for of, columns in zip((lasting, *entries.renewed), map(tuple, entry.columns), strict=True):
+        make = partial(_record, leaves, columns, muted=entries.muted)
+        key = structure, columns, entries.muted
+        records.append(_RECORDS.of([leaves[k] for k in sorted(of)], key, lambda make=make: list(map(make, groups))))
+    packed = tuple(Packed(group, each) for group, each in zip(groups, zip(*records, strict=True), strict=True))
     return Records(entry, np.array(list(uniform.values())), packed, leaves[0].shape[:2])
 
 
@@ -150,14 +154,13 @@ def _column(leaves: Sequence[np.ndarray], column: Column) -> Float[np.ndarray, "
 
 
 def _everywhere(
-    leaves: Sequence[np.ndarray], entries: Entries
+    leaves: Sequence[np.ndarray], lasting: Iterable[int], rows: Int[np.ndarray, " L"]
 ) -> tuple[tuple[tuple[Column, float], ...], dict[Column, float]]:
     """Columns of what lasts that are 0 or 1 at all entries, and others that are one number there."""
-    used = np.arange(leaves[0].shape[0])[:, None] < entries.rows
+    used = np.arange(leaves[0].shape[0])[:, None] < rows
     constant: list[tuple[Column, float]] = []
     uniform: dict[Column, float] = {}
-    lasting: Iterable[int] = (k for k in range(len(leaves)) if k not in entries.renewed)
-    for name in (Column(k, place) for k in lasting for place in np.ndindex(leaves[k].shape[2:])):
+    for name in (Column(k, place) for k in sorted(lasting) for place in np.ndindex(leaves[k].shape[2:])):
         values = _column(leaves, name)[used]
         if not np.any(values != values[0]):
             if values[0] in (0.0, 1.0):
@@ -167,25 +170,20 @@ def _everywhere(
     return tuple(constant), uniform
 
 
-def _record(leaves: Sequence[np.ndarray], columns: Sequence[Column], group: Group) -> Float[np.ndarray, "rows F W"]:
-    """Columns of some lanes: what ends earlier repeats its last entry; where lanes are few the first is repeated."""
+def _record(
+    leaves: Sequence[np.ndarray], columns: Sequence[Column], group: Group, muted: frozenset[int]
+) -> Float[np.ndarray, "rows F W"]:
+    """Columns of some lanes. What ends earlier repeats its last entry; where lanes are few the first is repeated; in
+    `muted` columns both are 0."""
     longest = max(group.rows)
     lanes = np.array([*group.lanes, *[group.lanes[0]] * (LANES - len(group.lanes))])
     out = np.empty((longest, len(columns), LANES))
     for place, (leaf, at) in enumerate(columns):
         out[:, place] = leaves[leaf][(slice(longest), lanes, *at)]
-    for side, count in enumerate(group.rows):
-        out[count:, :, side] = out[count - 1, :, side]
-    return out
-
-
-def _muted(
-    leaves: Sequence[np.ndarray], columns: Sequence[Column], group: Group, muted: frozenset[int]
-) -> Float[np.ndarray, "rows F W"]:
-    """The same, and nothing counts that only fills up."""
-    out = _record(leaves, columns, group)
     weights = [k for k, column in enumerate(columns) if column.leaf in muted]
     for side in range(LANES):
         count = group.rows[side] if side < len(group.rows) else 0
+        if count:
+            out[count:, :, side] = out[count - 1, :, side]
         out[count:, weights, side] = 0.0
     return out

@@ -18,7 +18,7 @@ from .program import in_background
 from .records import Entries, Records, Remembered, numbered, records_of, used_rows
 from .residual import Compared, WeightedData
 from .residual_entry import ResidualEntry
-from .traced_entry import Column, Shape
+from .traced_entry import Column, Shape, TracedEntry
 
 _GRAPHS, _KERNELS = 128, 1024  # that a process remembers; some MB and some 50 kB each
 
@@ -78,12 +78,12 @@ def _packed(form: Form, weighted: WeightedData) -> tuple[Records, ResidualEntry]
     never += [Column(filter_.sense, (m, order - 1)) for m in range(count)]
     renewed = frozenset({steps.guide_stiffness, slots.value, slots.weight, *filter_[:4]})
     rows = used_rows(np.asarray(weighted.steps.dt), np.asarray(weighted.resets.begins))
-    batch = Entries(tree, rows, renewed, frozenset({slots.weight, filter_.weight}), tuple(never))
+    batch = Entries(tree, rows, (renewed,), frozenset({slots.weight, filter_.weight}), tuple(never))
     made: list[ResidualEntry] = []
 
-    def entry_of(shape: Shape) -> ResidualEntry:
+    def entry_of(shape: Shape) -> TracedEntry:
         made.append(_entry(form, order, shape))
-        return made[0]
+        return made[0].traced
 
     return records_of(batch, entry_of), made[0]
 

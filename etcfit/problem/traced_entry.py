@@ -16,7 +16,6 @@ import numpy as np
 from ..kernels.graph import Graph
 from ..kernels.loop import Across, Loop
 from ..kernels.lowering import lowered
-from .free_parameters import Form
 
 
 class Column(NamedTuple):
@@ -40,37 +39,41 @@ class Shape:
         shapes: those shapes.
         constant: columns that are 0 or 1 everywhere, and which.
         uniform: columns that are some other number everywhere.
-        renewed: leaves that change with the filter; the others are those of the batch as it was logged.
+        renewed: leaves of each record but the first, which has all others.
     """
 
     tree: Any
     shapes: tuple[tuple[int, ...], ...]
     constant: tuple[tuple[Column, float], ...]
     uniform: tuple[Column, ...]
-    renewed: frozenset[int]
+    renewed: tuple[frozenset[int], ...]
 
 
 class TracedEntry:
     """What a function computes of one entry, as a graph.
 
     Args:
-        function: of (form, values of its parameters by symbol, carried, entry, *further); it returns what is carried on
-            and its results.
-        form: the model.
+        function: of (values by name, carried, entry); it returns what is carried on and its results.
+        names: of the values; they are the same for all entries.
         shape: of the batch whose entries it takes.
         carried: a tree of numbers and small arrays, like what is carried.
-        further: names of numbers that it takes besides.
+        ties: (name, the name whose value it has).
     Attributes:
         begun, ends: numbers carried into and out of the entry.
         results: the tree of results, nodes for its leaves.
-        columns: inputs that are read at each entry, and their nodes: those of the batch, those renewed with the filter.
-        fixed: inputs that no entry changes: parameters by symbol, further numbers, uniform columns; and their nodes.
+        columns: of each record, the inputs that are read at each entry, and their nodes.
+        fixed: inputs that no entry changes, values and then uniform columns, and their nodes.
     """
 
     def __init__(
-        self, function: Callable[..., Any], form: Form, shape: Shape, carried: Any, further: Sequence[str] = ()
+        self,
+        function: Callable[..., Any],
+        names: Sequence[str],
+        shape: Shape,
+        carried: Any,
+        ties: Sequence[tuple[str, str]] = (),
     ) -> None:
-        self.form, self.shape = form, shape
+        self.shape = shape
         graph = self.graph = Graph()
         known = {column: graph.constant(value) for column, value in shape.constant}
 
@@ -79,26 +82,20 @@ class TracedEntry:
 
         leaves = [_named(size, lambda place, k=k: column(Column(k, place))) for k, size in enumerate(shape.shapes)]
         entry = jax.tree.unflatten(shape.tree, leaves)
-        ties = dict(form.ties)
-        values = {symbol: graph.input(ties.get(symbol, symbol)) for symbol in form.index}
+        values = {name: graph.input(dict(ties).get(name, name)) for name in names}
         examples, tree = jax.tree.flatten(carried)
         begun = [_named(np.shape(e), lambda p, k=k: graph.input(("carried", k, p))) for k, e in enumerate(examples)]
-        given = [graph.input(("further", name)) for name in further]
-
-        def one(values: Any, carried: Any, entry: Any, given: Any) -> Any:
-            return function(form, values, carried, entry, *given)
-
-        after, self.results = lowered(one, graph, (values, jax.tree.unflatten(tree, begun), entry, given))
+        after, self.results = lowered(function, graph, (values, jax.tree.unflatten(tree, begun), entry))
         self.begun, self.ends = nodes_of(begun), nodes_of(after)
         wanted = [*self.ends, *nodes_of(self.results)]
         used = [(graph.nodes[node][1], node) for node in graph.needed(wanted) if graph.nodes[node][0] == "input"]
         uniform = set(shape.uniform)
         read = {name: node for name, node in used if isinstance(name, Column) and name not in uniform}
-        self.columns = tuple(
-            {name: node for name, node in read.items() if (name.leaf in shape.renewed) == new} for new in (False, True)
-        )
-        self.fixed: dict[Any, int] = {s: graph.input(s) for s in form.index}
-        self.fixed |= dict(zip(further, given, strict=True)) | {c: graph.input(c) for c in shape.uniform}
+        later = [{name: node for name, node in read.items() if name.leaf in leaves} for leaves in shape.renewed]
+        first = {name: node for name, node in read.items() if not any(name in each for each in later)}
+        self.columns = (first, *later)
+        self.fixed: dict[Any, int] = {name: graph.input(name) for name in names}
+        self.fixed |= {column: graph.input(column) for column in shape.uniform}
 
     def loop(
         self,
