@@ -58,24 +58,24 @@ def filter_and_timing(
         batch: as it was logged, arrays of NumPy.
         jitter: standard deviation of the sampling instants, as a share of the time between samples.
     """
-    return _along(_FILTERED, form, full, (*batch, _events(form, full, batch)), jitter)
+    return along(_FILTERED, form, full, (*batch, _events(form, full, batch)), jitter)
 
 
 def free_run_variance(
     form: Form, full: Float[np.ndarray, " Q"], batch: BatchArrays, jitter: float
 ) -> Float[np.ndarray, "T L M"]:
     """What `process_noise.free_run_variance` returns; arguments as of `filter_and_timing`."""
-    return _along(_SPREAD, form, full, (*batch, _events(form, full, batch)), jitter)
+    return along(_SPREAD, form, full, (*batch, _events(form, full, batch)), jitter)
 
 
 def local_error(form: Form, full: Float[np.ndarray, " Q"], batch: BatchArrays) -> Float[np.ndarray, "T L"]:
     """What `substeps.local_error` returns; arguments as of `filter_and_timing`."""
-    lost, error = _along(_STEPPED, form, full, tuple(batch))
+    lost, error = along(_STEPPED, form, full, batch)
     weight = np.asarray(batch.slots.weight)
     return worst(error, weight, impacts_nearby_here(lost, weight), np)
 
 
-class _Given(NamedTuple):
+class Given(NamedTuple):
     """One entry as it acts on the model: states and memories before and after it, and its part of the batch."""
 
     throttle: Throttle
@@ -84,16 +84,16 @@ class _Given(NamedTuple):
     batch: BatchArrays
 
 
-def _taken(form: Form, values: Any, path: StatePath, entry: Any) -> _Given:
+def _taken(form: Form, values: Any, path: StatePath, entry: Any) -> Given:
     steps, resets, slots, disturbance, test_of = entry
     throttle = Throttle.build(form.types, values)
     steps, resets = equipped(throttle, steps, resets, test_of, values)
     before = begun(throttle, *path, resets)
     batch = BatchArrays(steps, resets, slots, disturbance, test_of)
-    return _Given(throttle, before, step(throttle, *before, steps), batch)
+    return Given(throttle, before, step(throttle, *before, steps), batch)
 
 
-def _process(given: _Given, events: Events) -> ErrorProcess:
+def _process(given: Given, events: Events) -> ErrorProcess:
     steps, disturbance = given.batch.steps, given.batch.disturbance
     linear = linearised_step(given.throttle, *given.before, steps, disturbance)
     return process_of(given.throttle, given.before, given.after, given.batch, linear, events)
@@ -114,16 +114,14 @@ def _spread(form: Form, values: Any, carried: Any, entry: Any) -> Any:
     return (given.after, covariance), spread + process.sample_variance(values[_JITTER])
 
 
-def _stepped(form: Form, values: Any, path: StatePath, entry: Any) -> Any:
-    given = _taken(form, values, path, entry)
+def _stepped(given: Given) -> Any:
     steps, _, slots, _, test_of = given.batch
     error = step_error(given.throttle, *given.before, steps, slots, test_of)
-    return given.after, (impact(given.before[0], given.after[0], steps), error)
+    return impact(given.before[0], given.after[0], steps), error
 
 
-def _passed(form: Form, values: Any, path: StatePath, entry: Any) -> Any:
-    given = _taken(form, values, path, entry)
-    return given.after, (impact(given.before[0], given.after[0], given.batch.steps), given.before, given.after[0])
+def _passed(given: Given) -> Any:
+    return impact(given.before[0], given.after[0], given.batch.steps), given.before, given.after[0]
 
 
 def _jumped(form: Form, values: Any, carried: Any, entry: Any) -> Any:
@@ -145,8 +143,18 @@ def _with_covariance(form: Form) -> Any:
     return _path(form), np.zeros((order, order))
 
 
-def _along(which: Along, form: Form, full: Float[np.ndarray, " Q"], tree: tuple[Any, ...], *jitter: float) -> Any:
-    """Results along a batch; jitter where a covariance is carried."""
+def along(
+    which: Along, form: Form, full: Float[np.ndarray, " Q"], tree: BatchArrays | tuple[Any, ...], *jitter: float
+) -> Any:
+    """Results along a batch, axes T and L first.
+
+    Args:
+        which: see `along_path`.
+        form: the model.
+        full: value of every parameter, SI, shape (Q,).
+        tree: the batch as it was logged, arrays of NumPy, and what else an entry needs.
+        jitter: where a covariance is carried.
+    """
     steps, _, slots, _, _, *events = numbered(tree)
     renewed = frozenset({steps.guide_stiffness, slots.value, slots.weight, slots.sigma, *jax.tree.leaves(events)})
     rows = used_rows(np.asarray(tree[0].dt), np.asarray(tree[1].begins))
@@ -164,13 +172,23 @@ def _simulated(function: Callable[..., Any], covariance: bool = False) -> Along:
     return Along(function_of)
 
 
+def along_path(function: Callable[[Given], Any]) -> Along:
+    """Results of a function of each entry of a simulated batch, for `along`."""
+
+    def one(form: Form, values: Any, path: StatePath, entry: Any) -> Any:
+        given = _taken(form, values, path, entry)
+        return given.after, function(given)
+
+    return _simulated(one)
+
+
 _FILTERED, _SPREAD = _simulated(_filtered, covariance=True), _simulated(_spread, covariance=True)
-_STEPPED, _PASSED, _JUMPED = map(_simulated, (_stepped, _passed, _jumped))
+_STEPPED, _PASSED, _JUMPED = along_path(_stepped), along_path(_passed), _simulated(_jumped)
 
 
 def _events(form: Form, full: Float[np.ndarray, " Q"], batch: BatchArrays) -> Events:
     weight, edge = np.asarray(batch.slots.weight), np.asarray(batch.disturbance.edge)
-    lost, before, after = _along(_PASSED, form, full, tuple(batch))
+    lost, before, after = along(_PASSED, form, full, batch)
     spread = np.zeros((*edge.shape, 3, 3))
     rows, lanes = np.nonzero(edge > 0.0)
     if rows.size:

@@ -173,7 +173,7 @@ class EstimationProblem:
         known."""
         arrays, where = self._where_they_belong(x)
         if where is None and filter_kernels.runs(self.layout.form):
-            return columns(self.batch, filter_kernels.free_run_variance(*self._here(x, arrays), self.jitter))
+            return columns(self.batch, filter_kernels.free_run_variance(*self.here(x, arrays), self.jitter))
         variance = _free_run_variance(*self.at(x), arrays, self.jitter)
         return columns(self.batch, variance if where is None else moved(variance, where.back))
 
@@ -203,7 +203,7 @@ class EstimationProblem:
         variance that a jitter of 1 would add to it, over that which it has."""
         arrays, where = self._where_they_belong(x)
         if where is None and filter_kernels.runs(self.layout.form):
-            return filter_kernels.filter_and_timing(*self._here(x, arrays), self.jitter)
+            return filter_kernels.filter_and_timing(*self.here(x, arrays), self.jitter)
         filter_, timing = _kalman(*self.at(x), arrays, self.jitter)
         return (filter_, timing) if where is None else (filter_._replace(moved=where), moved(timing, where.back))
 
@@ -271,10 +271,10 @@ class EstimationProblem:
 
     def _local_error(self, x: Float[np.ndarray, " P"]) -> Float[np.ndarray, "T L"]:
         if filter_kernels.runs(self.layout.form):
-            return filter_kernels.local_error(*self._here(x, self.arrays()))
+            return filter_kernels.local_error(*self.here(x, self.arrays()))
         return np.asarray(_local_error(*self.at(x), self.arrays()))
 
-    def _here(
+    def here(
         self, x: Float[np.ndarray, " P"], arrays: BatchArrays
     ) -> tuple[Form, Float[np.ndarray, " Q"], BatchArrays]:
         """Model, values of all parameters, and the batch as arrays of NumPy."""

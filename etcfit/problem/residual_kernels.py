@@ -136,11 +136,15 @@ def compared(form: Form, full: Float[np.ndarray, " Q"], weighted: WeightedData) 
 
 
 def linearised(
-    form: Form, full: Float[np.ndarray, " Q"], weighted: WeightedData
+    form: Form, full: Float[np.ndarray, " Q"], weighted: WeightedData, by: tuple[str, ...] | None = None
 ) -> tuple[Float[np.ndarray, "T L M"], Float[np.ndarray, "T L M P"]]:
-    """The whitened residual, shape (T, L, M), and its derivatives in the values of the free parameters, shape
-    (T, L, M, P); arguments as of `sums`."""
-    (records, entry), free = _records(form, weighted), free_of(form, weighted.pick)
+    """The whitened residual, shape (T, L, M), and its derivatives in the values of some parameters, shape (T, L, M, P).
+
+    Args:
+        form, full, weighted: as of `sums`.
+        by: symbols; the free parameters where None.
+    """
+    (records, entry), free = _records(form, weighted), free_of(form, weighted.pick) if by is None else by
     _, out = over_lanes(_kernel(entry, Across.LANES, free, False, True), records, full)
     count = len(entry.r)
     slopes = out[..., 2 * count :].reshape(*records.shape, len(free), count)
