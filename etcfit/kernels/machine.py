@@ -82,14 +82,14 @@ def _object_code(text: str) -> bytes:
     folder, name = _trusted_folder(), hashlib.sha256(f"{_processor()}\n{text}".encode()).hexdigest()
     if folder is not None and (kept := _read(folder / name)) is not None:
         return kept
-    code = _compiled(text)
+    code = compiled(text)
     if folder is not None:
         with suppress(OSError), whole(folder / name) as draft:
             draft.write_bytes(hashlib.sha256(code).digest() + code)
     return code
 
 
-def _compiled(text: str) -> bytes:
+def compiled(text: str) -> bytes:
     import llvmlite.binding as binding
 
     module = binding.parse_assembly(text)
