@@ -63,6 +63,7 @@ WRITTEN: dict[str, Written] = {
     "min": _call("fmin", 2),
     "clamp": Written("fmin(fmax({1}, {0}), {2})", _CALL, _ALONE),
     "abs": _call("fabs"),
+    "round": _call("rint"),
     "pow": _call("pow", 2),
     "atan2": _call("atan2", 2),
     **{name: _call(name) for name in _ITSELF},

@@ -13,7 +13,7 @@ from collections.abc import Collection, Iterator, Mapping, Sequence
 
 from .graph import CONDITIONS, Graph
 
-_STILL = CONDITIONS | {"sign", "number", "floor", "ceil"}
+_STILL = CONDITIONS | {"sign", "number", "floor", "ceil", "round"}
 
 
 def forward(graph: Graph, nodes: Sequence[int], ways: Mapping[int, int]) -> dict[int, int]:

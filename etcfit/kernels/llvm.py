@@ -28,7 +28,7 @@ LIBRARY = (
 _FLAGS = "contract nsz arcp"
 _ARITHMETIC = {"add": "fadd", "sub": "fsub", "mul": "fmul", "div": "fdiv"}
 _COMPARED = {"lt": "olt", "le": "ole", "gt": "ogt", "ge": "oge", "eq": "oeq", "ne": "une"}
-_INTRINSIC = {"abs": "fabs", "sqrt": "sqrt", "floor": "floor", "ceil": "ceil"}
+_INTRINSIC = {"abs": "fabs", "sqrt": "sqrt", "floor": "floor", "ceil": "ceil", "round": "rint"}
 _KEPT = 16  # numbers carried in registers; more go through memory, which LLVM handles better
 _DENORMALS_OFF = 0x8040  # of x86's control register: results flushed to zero, operands taken as zero
 
@@ -120,12 +120,12 @@ class _Writer:
 
     def body(self) -> None:
         loop = self.loop
-        vector_points = loop.across is Across.POINTS
+        apart, along = loop.across is not Across.LANES, loop.across is not Across.POINTS  # what vectors are read of
         self.lines.append("begin:")
         if self.x86:
             self.without_denormals()
         for place, node in enumerate(loop.fixed):
-            self.values[node] = self.load("%fixed", place * (self.width if vector_points else 1), vector_points)
+            self.values[node] = self.load("%fixed", place * (self.width if apart else 1), apart)
         for node in loop.nodes:
             if node not in loop.changing and self.graph.operands(node):
                 self.values[node] = self.operation(node)
@@ -149,7 +149,7 @@ class _Writer:
             for place, node in enumerate(record):
                 if node in used:
                     offset = self.new(f"mul i64 %stride, {place}")
-                    self.values[node] = self.load(f"%at{k}", offset, not vector_points)
+                    self.values[node] = self.load(f"%at{k}", offset, along)
         if not kept:
             for place, (node, _) in enumerate(loop.carried):
                 self.values[node] = self.load("%carried", place * self.width, True)

@@ -1,8 +1,8 @@
 """What a loop over the entries of a batch computes: read, carried, added up and stored at each entry.
 
 A vector of the processor holds either neighbouring lanes of a batch at one point of the parameters, or many points at
-one lane. What does not differ along the vector is computed once, as a scalar; what does not change from entry to entry
-is computed before the loop.
+one lane, or points that have entries of their own. What does not differ along the vector is computed once, as a scalar;
+what does not change from entry to entry is computed before the loop.
 """
 
 from __future__ import annotations
@@ -19,6 +19,7 @@ class Across(Enum):
 
     LANES = "lanes"
     POINTS = "points"
+    BOTH = "points, each with entries of its own"
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,7 +54,8 @@ class Loop:
     def differing(self) -> frozenset[int]:
         """Nodes that differ along a vector."""
         entries = [node for record in self.records for node in record]
-        begun = {*self.fixed} if self.across is Across.POINTS else {*entries}
+        begun = {*(self.fixed if self.across is not Across.LANES else ())}
+        begun |= {*(entries if self.across is not Across.POINTS else ())}
         return self._reached_from(begun | {node for node, _ in self.carried})
 
     @cached_property

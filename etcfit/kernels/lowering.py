@@ -26,7 +26,7 @@ _SAME = ("copy", "stop_gradient", "optimization_barrier", "copy_p")
 _RESHAPED = ("reshape", "squeeze", "expand_dims")
 _RENAMED = {"add_any": "add"}
 _LOOPS = ("scan", "while", "cond")
-_LONGEST = 8  # rounds of a loop that is written out
+_LONGEST = 32  # rounds of a loop that is written out
 _MOST = 4096  # numbers in one array: more are data, not arithmetic
 
 
@@ -180,6 +180,8 @@ def _entrywise(graph: Graph, equation: Any) -> Callable[..., int]:
             return lambda condition, otherwise, chosen: make("choose", condition, chosen, otherwise)
         case "clamp":
             return lambda low, value, high: _clamped(graph, low, value, high)
+        case "round" if params["rounding_method"] != jax.lax.RoundingMethod.TO_NEAREST_EVEN:
+            raise NotScalarError("round, away from zero")
         case "integer_pow":
             return lambda base: _power(graph, base, params["y"])
         case "square":

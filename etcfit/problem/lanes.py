@@ -113,7 +113,7 @@ def over_lanes(
                 out[:rows, lane] = stored[:rows, :, side]
         return total.sum(axis=1)
 
-    return np.sum(_shared_out(run, records.packed, lambda packed: packed.longest), axis=0), out
+    return np.sum(shared_out(run, records.packed, lambda packed: packed.longest), axis=0), out
 
 
 def over_points(kernel: Kernel, records: Records, fixed: Float[np.ndarray, "K Q"]) -> Float[np.ndarray, "sums K"]:
@@ -136,13 +136,19 @@ def over_points(kernel: Kernel, records: Records, fixed: Float[np.ndarray, "K Q"
         return kernel.run(packed.group.rows[side], LANES, at, given[k], first, _NOTHING)
 
     out = np.zeros((kernel.sums, len(sets), POINTS))
-    for (k, *_), each in zip(tasks, _shared_out(run, tasks, lambda t: t[1].group.rows[t[2]]), strict=True):
+    for (k, *_), each in zip(tasks, shared_out(run, tasks, lambda t: t[1].group.rows[t[2]]), strict=True):
         out[:, k] += each
     return out.reshape(kernel.sums, -1)[:, : len(fixed)]
 
 
-def _shared_out(run: Callable[[Any], Any], tasks: Sequence[Any], length: Callable[[Any], int]) -> list[Any]:
-    """Results of tasks in their order, which the cores share, longest first."""
+def shared_out(run: Callable[[Any], Any], tasks: Sequence[Any], length: Callable[[Any], int]) -> list[Any]:
+    """Results of tasks in their order, which the cores share, longest first.
+
+    Args:
+        run: a task.
+        tasks: each by itself.
+        length: how long one takes, in any unit.
+    """
     shares: list[list[int]] = [[] for _ in range(min(CORES, len(tasks)))]
     loads = [0] * len(shares)
     for k in sorted(range(len(tasks)), key=lambda k: -length(tasks[k])):
