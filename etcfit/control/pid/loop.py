@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any, NamedTuple
 
 import jax
@@ -219,7 +220,7 @@ def _each(control: Controller, keep: Keep, parts: int, room: int, plants: _Plant
 _many = Program(_each, static=4)
 
 
-@jax.jit
+@partial(Program, static=0)
 def _linear(throttles: Throttle, theta: Scalar, body: Body) -> Any:
     """Coefficients (D, 4), delay (D,) and sensor lag (D,)."""
 
@@ -230,7 +231,7 @@ def _linear(throttles: Throttle, theta: Scalar, body: Body) -> Any:
     return jax.vmap(each)(throttles)
 
 
-@jax.jit
+@partial(Program, static=0)
 def _late(throttles: Throttle) -> Any:
     """Delay of each model's input, s, shape (D,)."""
     return jax.vmap(lambda throttle: jnp.asarray(throttle.delays().input, dtype=float))(throttles)
@@ -238,7 +239,7 @@ def _late(throttles: Throttle) -> Any:
 
 def _of_each(first: Any, shape: tuple[int, ...]) -> Any:
     """A controller's memory for each of its settings."""
-    return jax.tree.map(lambda leaf: jnp.broadcast_to(jnp.asarray(leaf, dtype=float), shape), first)
+    return jax.tree.map(lambda leaf: np.broadcast_to(np.asarray(leaf, dtype=float), shape), first)
 
 
 @dataclass(frozen=True, eq=False)
@@ -321,7 +322,7 @@ class Loop:
 
     def respond(self, gains: Gains, setpoint: Setpoint) -> Path:
         """Responses to a setpoint, shape (D, G, K), of gains of shape (G,) each."""
-        gains = Gains(*(jnp.asarray(g, dtype=float) for g in gains))
+        gains = Gains(*(np.asarray(g, dtype=float) for g in gains))
         return self.run(tick, gains, Memory.at_rest(gains, self.ecu, self.angle(setpoint.shares[0])), setpoint)
 
     def run(
