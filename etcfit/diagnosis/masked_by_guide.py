@@ -12,7 +12,7 @@ from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import replace
 from typing import NamedTuple
 
-from ..estimation.joint_fit import Report, fit
+from ..estimation.joint_fit import Report, fit_near
 from ..estimation.result import FitResult
 from .candidate_model import CandidateModel
 from .choice import Choice, Outcome
@@ -125,8 +125,8 @@ def fitted_with(
     """
     config = result.rig.config
     effects = (*config.effects, *(e.name for e in before.added), effect.name)
-    again = fit(replace(result.rig, config=replace(config, effects=effects)), report, about=about)
-    if again.far:
+    again = fit_near(replace(result.rig, config=replace(config, effects=effects)), report, about=about)
+    if again is None:
         return None
     s = before.with_effects((*before.added, effect), again.values)
     s = replace(s, x=carried(again.x, again.problem.layout, s.problem.free_parameters, again.values))

@@ -19,7 +19,7 @@ import numpy as np
 
 from ..errors import MeasurementError
 from ..estimation.intervals import intervals
-from ..estimation.joint_fit import Report, fit, start_values
+from ..estimation.joint_fit import Report, finished, fit, fit_near, start_values
 from ..estimation.levenberg_marquardt import descend
 from ..estimation.remedies import listed
 from ..estimation.result import FitResult
@@ -198,7 +198,10 @@ def _shown(
     effects = (*result.rig.config.effects, *(e.name for e in s.added))
     aside = OtherRig.at(place).name
     try:
-        rest = fit(_with_effects(result, (*effects, aside)), report, result.settings, s.values)
+        end = fit_near(_with_effects(result, (*effects, aside)), report, result.settings, s.values)
+        if end is None:
+            return None
+        rest = finished(end)
         others = start(rest, s.settings)
         if not clears(others, result):
             return None

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
-from typing import NamedTuple
+from typing import NamedTuple, overload
 
 import numpy as np
 
@@ -127,6 +127,31 @@ def fit(
     Raises:
         MeasurementError: nothing to fit, or rig.toml names what does not exist.
     """
+    return finished(_end(rig, report, settings, about))
+
+
+def fit_near(
+    rig: Rig, report: Report = quiet, settings: FitSettings = FitSettings(), about: Mapping[str, float] | None = None
+) -> Optimum | None:
+    """Where `fit` ends, and nothing that is computed of that end (`finished`); None where it ends far from the data:
+    for whoever asks only whether a model comes near, the free run is not gone into. Arguments as of `fit`."""
+    return _end(rig, report, settings, about, only_near=True)
+
+
+def finished(optimum: Optimum) -> FitResult:
+    """What a fit leaves behind, its stated accuracy included."""
+    return with_accuracy(outcome(optimum))
+
+
+@overload
+def _end(rig: Rig, report: Report, settings: FitSettings, about: Mapping[str, float] | None) -> Optimum: ...
+@overload
+def _end(
+    rig: Rig, report: Report, settings: FitSettings, about: Mapping[str, float] | None, only_near: bool
+) -> Optimum | None: ...
+def _end(
+    rig: Rig, report: Report, settings: FitSettings, about: Mapping[str, float] | None, only_near: bool = False
+) -> Optimum | None:
     known = free_parameters(rig.config)
     fitted, held_out, notes = ready(rig)
     report("reading the paper's graphs", 0.02)
@@ -141,6 +166,10 @@ def fit(
     x = with_lag_of(start, problem, x)
     problem = problem.with_instants(x)
     reached = _reached(problem, x, start, misfit, report, settings)
+    if reached is None:
+        if only_near:
+            return None
+        reached = _free_running(problem, x, report, settings)
     trusted = not reached.end.far
     clocked = with_edges_in_step(rig, reached.problem, held_out, reached.x, settings.edges) if trusted else None
     if clocked is not None:  # instants of edges that were taken as independent share a phase
@@ -150,8 +179,7 @@ def fit(
     if trusted and reached.problem.controlled:
         reached = likeliest_nearby(reached, start, report, settings)
     problem, weighted, x, end = reached
-    optimum = Optimum(rig, readings, problem, held_out, weighted, x, end, starts, notes, settings)
-    return with_accuracy(outcome(optimum))
+    return Optimum(rig, readings, problem, held_out, weighted, x, end, starts, notes, settings)
 
 
 class Descent(NamedTuple):
@@ -265,8 +293,8 @@ def _fitted_again(rig: Rig, fitted: tuple[Trace, ...], reached: Reached, setting
 
 def _reached(
     problem: EstimationProblem, x: np.ndarray, start: np.ndarray, misfit: float, report: Report, settings: FitSettings
-) -> Reached:
-    """The end of the fit from the deepest descent, whitened where that came near the data; else free-running.
+) -> Reached | None:
+    """The whitened end of the fit from the deepest descent; None where that came not near the data.
 
     Under an ECU no descent may come near, though the model is right: then others are tried before it is called far.
     """
@@ -277,7 +305,7 @@ def _reached(
         reached = likeliest_nearby(far, start, report, settings)
         if reached.misfit < settings.misfit:
             return reached
-    return _free_running(problem, x, report, settings)
+    return None
 
 
 def _free_running(problem: EstimationProblem, x: np.ndarray, report: Report, settings: FitSettings) -> Reached:

@@ -218,6 +218,12 @@ class Optimum:
     notes: tuple[str, ...] = ()
     settings: FitSettings = FitSettings()
 
+    @property
+    def values(self) -> dict[str, float]:
+        """SI by symbol, all parameters."""
+        layout, held = self.problem.layout, self.problem.free_parameters.held
+        return {s: float(v) for s, v in layout.values(self.x, held).items()}
+
 
 def outcome(optimum: Optimum) -> FitResult:
     """What a fit leaves behind, computed at its end: intervals, verdict on the parameters, errors, warnings."""
@@ -235,7 +241,7 @@ def outcome(optimum: Optimum) -> FitResult:
         rig=optimum.rig,
         free_parameters=problem.free_parameters,
         x=x,
-        values={s: float(v) for s, v in problem.layout.values(x, problem.free_parameters.held).items()},
+        values=optimum.values,
         covariance=agreed.covariance,
         identifiability=_verdict_on_parameters(problem, x, weighted, pieces, optimum.settings),
         readings=optimum.readings,
