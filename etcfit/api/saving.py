@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import asdict
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from ..errors import UsageError
 from ..run_folder import (
     NOT_CONVERGED,
     RunFolder,
@@ -25,20 +27,61 @@ if TYPE_CHECKING:
     from ..estimation.result import FitResult
     from ..posterior.profile import Profile
     from ..posterior.sampling import Posterior
+    from ..reporting.page import Page
 
 
 def keep_fit(run: RunFolder, result: FitResult, report: Report = silent) -> None:
-    """fit.json, the fit whole, and its pictures."""
+    """fit.json, the fit whole, and the picture that sums it up."""
     from ..reporting import draw_fit
 
-    run.keep_fit(result, lambda: draw_fit(run.path, result, report))
+    run.keep_fit(result)
+    with _all_is_saved(run):
+        draw_fit(run.path, result, report)
 
 
 def keep_diagnosis(run: RunFolder, found: Diagnosis, report: Report = silent) -> None:
-    """diagnosis.json, the diagnosis whole with the fit it began from, and its pictures."""
+    """diagnosis.json, the diagnosis whole with the fit it began from, and the pictures that sum it up."""
     from ..reporting import draw_diagnosis
 
-    run.keep_diagnosis(found, lambda: draw_diagnosis(run.path, found, report))
+    run.keep_diagnosis(found)
+    with _all_is_saved(run):
+        draw_diagnosis(run.path, found, report)
+
+
+@contextmanager
+def _all_is_saved(run: RunFolder) -> Iterator[None]:
+    """Ctrl-C says what is kept.
+
+    Raises:
+        KeyboardInterrupt: as it came, with a message.
+    """
+    try:
+        yield
+    except KeyboardInterrupt:
+        raise KeyboardInterrupt(
+            f"interrupted while pictures were drawn. All results are in {run.path}; `etcfit report {run.path}` draws "
+            "the pictures that are missing."
+        ) from None
+
+
+def keep_page(run: RunFolder, report: Report = silent) -> Page:
+    """RUN/report.html, and the pictures that it shows.
+
+    Where the models cannot be loaded any more, as when the measurements have changed since, the page shows the pictures
+    that are there, and `missing` says why.
+    """
+    from ..reporting import draw_others
+    from ..reporting.page import write_page
+    from ..reporting.page.contents import read_run
+
+    read_run(run.path)  # says what is wrong with RUN before anything is drawn
+    missing = ""
+    try:
+        with _all_is_saved(run):
+            draw_others(run, report)
+    except UsageError as error:
+        missing = f"Some pictures cannot be drawn any more: {error}"
+    return replace(write_page(run.path), missing=missing)
 
 
 def keep_posterior(

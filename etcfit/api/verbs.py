@@ -8,6 +8,7 @@ a verb is called.
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Sequence
 from dataclasses import asdict
 from pathlib import Path
@@ -353,10 +354,11 @@ def report(
     page: Literal["printed", "interactive"] = "printed",
     quiet: bool = False,
 ) -> Path:
-    """One self-contained HTML page of everything that a run folder holds: RUN/report.html, or one to work with.
+    """One self-contained HTML page of everything that a run folder holds, RUN/report.html, and its pictures; or one to
+    work with.
 
     Args:
-        run: the run folder; or a fit or a diagnosis, which is written to `to` first, with its pictures.
+        run: the run folder; or a fit or a diagnosis, which is written to `to` first.
         to: the run folder where `run` is none.
         page: "printed", without scripts, or "interactive", RUN/report_interactive.html.
         quiet: show no progress.
@@ -365,16 +367,21 @@ def report(
     """
     with working(quiet) as told:
         from ..reporting.interactive import write_interactive
-        from ..reporting.page import write_page
         from ..run_folder import RunFolder
+        from .progress import part_of
+        from .saving import keep_page
 
         if not isinstance(run, str | Path):
             if to is None:
                 raise UsageError("a page is written into a run folder. Name one: etcfit.report(fit, 'runs/x').")
-            told("drawing", 0.1)
+            told("saving", 0.0)
             run = run.save(to)
-        told("writing the page", 0.95)
-        return (write_page(run) if page == "printed" else write_interactive(RunFolder(run))).path
+        told("writing the page", 0.1)
+        folder = RunFolder(run)
+        made = keep_page(folder, part_of(told, 0.1, 0.95)) if page == "printed" else write_interactive(folder)
+    if made.missing:
+        warnings.warn(made.missing, stacklevel=2)
+    return made.path
 
 
 def drive(

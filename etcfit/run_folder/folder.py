@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from pathlib import Path
 
 from ..diagnosis.findings import Diagnosis
 from ..estimation.result import FitResult
-from .state import has_diagnosis, load_diagnosis, load_fit, nothing_beside, save_diagnosis, save_fit
+from .state import has_diagnosis, load_diagnosis, load_fit, save_diagnosis, save_fit
 
 
 class RunFolder:
@@ -51,12 +50,12 @@ class RunFolder:
         diagnosis = self.diagnosis()
         return self.fit() if diagnosis is None else diagnosis.after
 
-    def keep_fit(self, result: FitResult, beside: Callable[[], None] = nothing_beside) -> None:
+    def keep_fit(self, result: FitResult) -> None:
         """Save a fit; see `save_fit`."""
-        save_fit(self.path, result, beside)
+        save_fit(self.path, result)
         self._fit, self._diagnosis = result, None
 
-    def keep_diagnosis(self, diagnosis: Diagnosis, beside: Callable[[], None] = nothing_beside) -> None:
+    def keep_diagnosis(self, diagnosis: Diagnosis) -> None:
         """Save a diagnosis; see `save_diagnosis`."""
-        save_diagnosis(self.path, diagnosis, beside)
+        save_diagnosis(self.path, diagnosis)
         self._fit, self._diagnosis = diagnosis.before, diagnosis
