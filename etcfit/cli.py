@@ -266,7 +266,7 @@ def diagnose(run: Run, quiet: Quiet = False) -> None:
 
 @_verb("Look", "etcfit report runs/bench_twin --interactive")
 def report(run: Run, interactive: Interactive = False, quiet: Quiet = False) -> None:
-    """One self-contained HTML page of everything that RUN holds, RUN/report.html, with pictures; or one to work with."""
+    """One self-contained HTML page of all that RUN holds, RUN/report.html, with its pictures; or one to work with."""
     write = stages.write_interactive if interactive else stages.write_report
     with _progress(quiet) as progress:
         done = write(stages.opened(run), progress)
