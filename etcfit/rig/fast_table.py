@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import io
 import re
+
 import numpy as np
 
 LINES_TO_LOOK_AT = 20
@@ -52,7 +53,7 @@ def _decimal_mark(body: str, separator: str) -> str | None:
 
 
 def _is_regular(rows: bytes, separator: bytes, width: int) -> bool:
-    """Nothing but numbers, and as many separators in all as rows of this width have; which row has them `_read` sees."""
+    """Nothing but numbers, and as many separators in all as rows of this width have; `_read` counts row by row."""
     if not rows or rows.startswith(b"\n") or b"\n\n" in rows:
         return False
     allowed = _OF_NUMBERS.encode("ascii") + b"." + separator
