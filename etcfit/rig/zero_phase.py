@@ -11,12 +11,10 @@ ch. 7. Differs from source: no.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import lru_cache
-from typing import NamedTuple
 
 import numpy as np
 
-_BLOCK = 128  # samples that are filtered by one product of matrices
+_FADED = np.log(1e-16)  # of an impulse response
 
 
 @dataclass(frozen=True)
@@ -39,7 +37,7 @@ class LowPass:
     def __call__(self, x: np.ndarray) -> np.ndarray:
         """Forwards, then backwards, along the first axis.
 
-        Both ends are continued by their own reflection through the end point, and the filter begins at rest there.
+        Both ends are continued by their own reflection through the end point.
 
         Args:
             x: shape (n, ...).
@@ -50,14 +48,26 @@ class LowPass:
         if len(x) <= pad:
             raise ValueError(f"more than {pad} samples are needed, and there are {len(x)}")
         longer = np.concatenate((2 * x[0] - x[pad:0:-1], x, 2 * x[-1] - x[-2 : -pad - 2 : -1]))
-        forwards = self._run(longer.reshape(len(longer), -1))
-        both = self._run(forwards[::-1])[::-1]
-        return self.gain**2 * both[pad:-pad].reshape(x.shape)
+        forwards = np.apply_along_axis(self._run, 0, longer)
+        return self.gain**2 * np.apply_along_axis(self._run, 0, forwards[::-1])[::-1][pad:-pad]
 
     def _run(self, x: np.ndarray) -> np.ndarray:
+        """y = x_0 + h * (x - x_0), shape (n,): one way, what came before the first sample taken to be like it.
+
+        h * x is a product of transforms that are long enough for h to fade away.
+        """
+        size = 1 << (len(x) + self._memory - 1).bit_length()
+        z = np.exp(-2j * np.pi * np.arange(size // 2 + 1) / size)  # z^-1
+        response = np.ones_like(z)
         for pole in self.poles:
-            x = _section(pole, x)
-        return x
+            a1, a2 = -2.0 * pole.real, abs(pole) ** 2
+            response *= 0.25 * (1.0 + a1 + a2) * (1.0 + z) ** 2 / (1.0 + z * (a1 + a2 * z))
+        return x[0] + np.fft.irfft(response * np.fft.rfft(x - x[0], size), size)[: len(x)]
+
+    @property
+    def _memory(self) -> int:
+        """Samples after which nothing is left of an impulse."""
+        return int(np.ceil(_FADED / np.log(max(map(abs, self.poles)))))
 
 
 def butterworth(order: int, cutoff: float) -> LowPass:
@@ -96,43 +106,3 @@ def _bilinear(prototype: np.ndarray, cutoff: float) -> tuple[complex, ...]:
     """p = (1 + s)/(1 - s), s = tan(pi cutoff / 2) times the pole of the filter whose cutoff is 1 rad/s."""
     s = np.tan(0.5 * np.pi * cutoff) * prototype
     return tuple(complex(p) for p in (1 + s) / (1 - s))
-
-
-class _Block(NamedTuple):
-    """A factor of H over a block, a row each: y = x within + z seen, z_after = x carried + z over."""
-
-    within: np.ndarray
-    seen: np.ndarray
-    carried: np.ndarray
-    over: np.ndarray
-    rest: np.ndarray  # z at which a constant 1 is passed as it is
-
-
-@lru_cache(maxsize=128)  # the same few filters meet every trace
-def _block(pole: complex) -> _Block:
-    """Of the recursion y_i = b_0 x_i + z_0, z' = A z + B x_i."""
-    a1, a2 = -2.0 * pole.real, abs(pole) ** 2
-    b0 = 0.25 * (1.0 + a1 + a2)
-    step, enters = np.array([[-a1, 1.0], [-a2, 0.0]]), b0 * np.array([2.0 - a1, 1.0 - a2])
-    powers = [np.eye(2)]
-    for _ in range(_BLOCK):
-        powers.append(step @ powers[-1])
-    seen = np.array([power[0] for power in powers[:-1]])
-    response = np.concatenate(([b0], seen[:-1] @ enters))
-    lag = np.subtract.outer(np.arange(_BLOCK), np.arange(_BLOCK))
-    carried = np.array([power @ enters for power in powers[-2::-1]]).T
-    within = np.where(lag >= 0, response[lag], 0.0)
-    return _Block(within.T, seen.T, carried.T, powers[-1].T, np.array([1.0 - b0, b0 - a2]))
-
-
-def _section(pole: complex, x: np.ndarray) -> np.ndarray:
-    """One factor of H, which was at rest at the first sample; shape (n, m)."""
-    (n, m), block = x.shape, _block(pole)
-    whole = np.concatenate((x, np.zeros((-n % _BLOCK, m)))).reshape(-1, _BLOCK, m)
-    rows = whole.swapaxes(1, 2).reshape(-1, _BLOCK)  # a block of a signal each
-    state, states = np.outer(x[0], block.rest), []
-    for comes in (rows @ block.carried).reshape(-1, m, 2):
-        states.append(state)
-        state = state @ block.over + comes
-    y = rows @ block.within + np.reshape(states, (-1, 2)) @ block.seen
-    return y.reshape(-1, m, _BLOCK).swapaxes(1, 2).reshape(-1, m)[:n]

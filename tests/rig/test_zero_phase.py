@@ -26,7 +26,7 @@ def test_it_filters_as_scipy_does(name: str, cutoff: float, shape: tuple[int, ..
     ours, theirs = FILTERS[name]
     x = walk(*shape)
     expected = sosfiltfilt(theirs(cutoff), x, axis=0)
-    assert np.abs(ours(cutoff)(x) - expected).max() < 1e-7 * np.abs(expected).max()
+    assert np.abs(ours(cutoff)(x) - expected).max() < 1e-10 * np.abs(expected).max()
 
 
 def passed(low_pass: LowPass, frequency: float) -> float:
