@@ -9,14 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ..errors import UsageError
-from ..run_folder import (
-    NOT_CONVERGED,
-    RunFolder,
-    exit_of,
-    save_design,
-    save_posterior,
-    save_reduction,
-)
+from ..run_folder import FLEET, NOT_CONVERGED, RunFolder
 from .progress import Report, silent
 
 if TYPE_CHECKING:
@@ -94,6 +87,7 @@ def keep_posterior(
     """posterior.json, posterior.nc and pictures."""
     from ..posterior.predictive import bands
     from ..reporting import draw_posterior
+    from ..run_folder import exit_of, save_posterior
 
     predicted = bands(posterior, report)
     status = exit_of(posterior.fit) if posterior.convergence.converged else NOT_CONVERGED
@@ -111,6 +105,7 @@ def keep_reduction(
 ) -> None:
     """transfer_function.json, frequency_response.json where the rig has sine traces, and their Bode plots."""
     from ..reporting import draw_frequency_response, draw_reduction
+    from ..run_folder import exit_of, save_reduction
 
     fitted = result.fitted()
 
@@ -134,6 +129,7 @@ def keep_design(
 ) -> None:
     """pid.json and the responses of every rule."""
     from ..reporting import draw_design
+    from ..run_folder import exit_of, save_design
 
     settings = {**asdict(design.settings), **settings}
     save_design(
@@ -143,7 +139,5 @@ def keep_design(
 
 def _read_for(settings: Mapping[str, Any]) -> list[Path]:
     """Files outside of the run folder that gains asked for so were made from."""
-    from ..run_folder.fleet import FLEET
-
     log, parts = settings.get("log"), settings.get("parts")
     return [*([Path(log)] if log else []), *([Path(parts) / FLEET] if parts else [])]

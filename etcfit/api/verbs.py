@@ -273,7 +273,7 @@ def design(
         from ..control.request import DesignRequest
         from ..control.settings import DesignSettings
         from ..model.ecu import Ecu
-        from ..run_folder.fleet import is_fleet
+        from ..run_folder import is_fleet
         from .control import design_of, fleet_design_of
         from .designed import Designed
         from .fleet import Fleet
@@ -470,15 +470,23 @@ def load(run: Folder) -> Fit | Diagnosed | Fleet:
     Raises:
         UsageError: it holds no fit, or one of another version.
     """
-    from ..run_folder import RunFolder
-    from ..run_folder.fleet import is_fleet
-    from .diagnosed import Diagnosed
+    from ..run_folder import is_fleet
+
+    if not is_fleet(Path(run)):
+        return _load_model(Path(run))
     from .fleet import Fleet
 
-    if is_fleet(Path(run)):
-        return Fleet.of(run)
-    found = RunFolder(run).diagnosis()
-    return _load_fit(Path(run)) if found is None else Diagnosed(found)
+    return Fleet.of(run)
+
+
+def _load_model(run: Path) -> Fit | Diagnosed:
+    from ..run_folder import RunFolder
+    from .diagnosed import Diagnosed
+    from .fit import Fit
+
+    folder = RunFolder(run)
+    found = folder.diagnosis()
+    return Fit(folder.fit()) if found is None else Diagnosed(found)
 
 
 def _load_fit(run: Path) -> Fit:
@@ -519,21 +527,21 @@ def _fitted_to(at: Fit | Diagnosed | Folder, rig: Rig) -> FitResult:
 
 def _fit_of(verb: str, model: Model) -> Fit:
     """The fit behind whatever a verb was given."""
+    from ..run_folder import is_fleet
     from .diagnosed import Diagnosed
     from .fit import Fit
-    from .fleet import Fleet
-    from .reduced import Reduced
-    from .sampled import Sampled
 
     if isinstance(model, str | Path):
-        loaded = load(model)
-        if isinstance(loaded, Fleet):
+        if is_fleet(Path(model)):
             raise UsageError(f"{model} is of a fleet: etcfit.{verb} takes one unit's run folder, as in {model}/units.")
-        model = loaded
+        model = _load_model(Path(model))
     if isinstance(model, Fit):
         return model
     if isinstance(model, Diagnosed):
         return model.final
+    from .reduced import Reduced
+    from .sampled import Sampled
+
     if isinstance(model, Sampled | Reduced):
         return model.fit
     raise _not_taken(verb, model, "a fit, a diagnosis, a posterior, a transfer function or a run folder")
