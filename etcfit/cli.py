@@ -250,7 +250,7 @@ def _advise(folder: Path, at: Path | None, out: Path | None, quiet: bool) -> Non
 
 @_verb("Fit", "etcfit fit measurements/bench_twin --out runs/bench_twin")
 def fit(folder: Folder, out: Out, quiet: Quiet = False) -> None:
-    """The joint fit of all traces in FOLDER: RUN/fit.json, a table and pictures."""
+    """The joint fit of all traces in FOLDER: RUN/fit.json, a table and a picture of the parameters."""
     with _stage(out, "fit", quiet) as progress:
         done = stages.fit_folder(folder, stages.opened(out), progress)
     _tell(done)
@@ -266,7 +266,7 @@ def diagnose(run: Run, quiet: Quiet = False) -> None:
 
 @_verb("Look", "etcfit report runs/bench_twin --interactive")
 def report(run: Run, interactive: Interactive = False, quiet: Quiet = False) -> None:
-    """One self-contained HTML page of everything that RUN holds: RUN/report.html, or one to work with."""
+    """One self-contained HTML page of all that RUN holds, RUN/report.html, with its pictures; or one to work with."""
     write = stages.write_interactive if interactive else stages.write_report
     with _progress(quiet) as progress:
         done = write(stages.opened(run), progress)
@@ -324,6 +324,8 @@ def _show(result: Any) -> None:
 
 def _tell(done: stages.Done) -> None:
     """What came of a command, on stdout, its closing last; a fit that did not converge is no success."""
+    if done.remark:
+        _stderr().print(done.remark, markup=False)
     _show(done.shown)
     if done.closing is not None:
         typer.echo(done.closing)
@@ -629,8 +631,6 @@ def export(
     seconds = None if step is None else _seconds("--step", step)
     with _progress(quiet) as progress:
         done = stages.export_run(stages.opened(run, out), progress, to, out, seconds, at / 100.0, into, anyway)
-    if done.remark:
-        _stderr().print(done.remark, markup=False)
     _tell(done)
 
 

@@ -6,7 +6,6 @@ import importlib
 import re
 import shlex
 import sys
-from importlib import metadata
 
 
 class MeasurementError(Exception):
@@ -57,6 +56,8 @@ def how_to_install(extra: str) -> str:
 
 def _requirements(extra: str) -> list[str]:
     """As the installed package names them: ["distributed>=2025.1", ...]; none where it is not installed itself."""
+    from importlib import metadata  # a tenth of what `etcfit --help` would import
+
     try:
         every = metadata.requires("etcfit") or []
     except metadata.PackageNotFoundError:

@@ -41,7 +41,8 @@ class Done:
     Args:
         shown: what goes to stdout, a rich renderable; None where the closing says it all.
         failure: why the model that is shown did not converge, or "".
-        remark: with what `etcfit run` made it anew, where it had been made before; what an export leaves out; or "".
+        remark: with what `etcfit run` made it anew, where it had been made before; what an export leaves out; why
+            pictures are missing from a page; or "".
         closing: how the command ends; None of a stage made by hand, as in tests.
     """
 
@@ -109,7 +110,7 @@ def opened(run: Path, out: Path | None = None) -> RunFolder:
 
 @_noted("fit")
 def fit_folder(folder: Path, run: RunFolder, report: Report) -> Done:
-    """The joint fit of all traces: RUN/fit.json, the state of the fit, pictures."""
+    """The joint fit of all traces: RUN/fit.json, the state of the fit, a picture of its parameters."""
     report("reading the folder", 0.0)
     from .rig.reader import read_folder
 
@@ -119,19 +120,16 @@ def fit_folder(folder: Path, run: RunFolder, report: Report) -> Done:
     from .api.saving import keep_fit
     from .estimation.joint_fit import fit
     from .reporting.closing.model import of_run
-    from .reporting.drawing import begin_helper
     from .reporting.tables import fit_table
 
-    begin_helper()
-
-    result = fit(rig, part_of(report, 0.0, 0.8))
-    keep_fit(run, result, part_of(report, 0.8, 1.0))
+    result = fit(rig, part_of(report, 0.0, 0.98))
+    keep_fit(run, result, part_of(report, 0.98, 1.0))
     return Done(fit_table(result), failure(result), closing=of_run(run.path))
 
 
 @_noted("diagnose")
 def diagnose_run(run: RunFolder, report: Report) -> Done:
-    """What the model fitted in RUN lacks: RUN/diagnosis.json, the state of the final model, pictures.
+    """What the model fitted in RUN lacks: RUN/diagnosis.json, the state of the final model, a picture of its errors.
 
     Every round is kept, so that one that was interrupted goes on from there.
 
@@ -145,17 +143,14 @@ def diagnose_run(run: RunFolder, report: Report) -> Done:
     from .diagnosis import diagnose
     from .reporting.closing.model import of_run
     from .reporting.diagnosis.table import diagnosis_table
-    from .reporting.drawing import begin_helper
     from .run_folder.rounds import KeptRounds
 
-    begin_helper()
     rounds = KeptRounds(run.path, result)
     try:
-        found = diagnose(result, part_of(report, 0.0, 0.9), begun=rounds.read(), keep=rounds.keep)
+        found = diagnose(result, part_of(report, 0.0, 0.98), begun=rounds.read(), keep=rounds.keep)
     except KeyboardInterrupt:
         raise KeyboardInterrupt(rounds.when_interrupted()) from None
-    keep_diagnosis(run, found, part_of(report, 0.9, 1.0))
-    rounds.drop()
+    keep_diagnosis(run, found, part_of(report, 0.98, 1.0))
     return Done(diagnosis_table(found), failure(found.after), closing=of_run(run.path))
 
 
@@ -332,13 +327,20 @@ def export_run(
 
 
 def write_report(run: RunFolder, report: Report) -> Done:
-    """One page of everything that RUN holds: RUN/report.html."""
+    """One page of everything that RUN holds, RUN/report.html, and the pictures that it shows."""
     report("writing the page", 0.0)
-    from .reporting.closing.model import of_run
-    from .reporting.page import write_page
+    keep_compiled()
+    from .reporting import has_undrawn
 
-    page = write_page(run.path)
-    return Done(None, page.failure, closing=of_run(run.path, page.path))
+    if has_undrawn(run.path):
+        from .reporting.drawing import begin_helper
+
+        begin_helper()
+    from .api.saving import keep_page
+    from .reporting.closing.model import of_run
+
+    page = keep_page(run, part_of(report, 0.0, 0.8))
+    return Done(None, page.failure, page.missing, of_run(run.path, page.path))
 
 
 def write_interactive(run: RunFolder, report: Report) -> Done:
@@ -455,7 +457,7 @@ def run_all(
             done = stage.work(folder, run, report, **options)
         taken = {name: value for name, value in options.items() if name not in wanted}
         remark = "" if stage.name in shown else _made_anew(taken, before, settings_before(path)[stage.name])
-        show(stage.name, replace(done, remark=remark))
+        show(stage.name, replace(done, remark=remark or done.remark))
         shown.add(stage.name)
     return last_failure(path)
 

@@ -95,6 +95,28 @@ def test_a_fit_needs_no_matplotlib_until_a_picture_is_asked_for(used: list[str])
     assert "matplotlib" not in used[1]
 
 
+# what a command loads that computes nothing but its own answer; what is heavy and not needed for it stays away
+LIGHT = {
+    "check": (
+        "import etcfit.experiment.check, etcfit.reporting.tables, etcfit.reporting.closing.rig; "
+        "from etcfit.rig.reader import read_folder; from etcfit.rig.paper_readings import read_graphs; "
+        "read_graphs(read_folder('measurements/bench_twin'))"
+    ),
+    "fit": "import etcfit.rig.reader, etcfit.estimation.joint_fit, etcfit.reporting.tables, etcfit.api.saving",
+    "diagnose": "import etcfit.diagnosis, etcfit.reporting.diagnosis.table, etcfit.api.saving",
+    "report": "import etcfit.reporting.page, etcfit.reporting.closing.model, etcfit.api.saving",
+    "export": "import etcfit.exporting, etcfit.api.exported, etcfit.reporting.closing.control",
+    "a named run folder": "from etcfit.stages import opened; opened(__import__('pathlib').Path('measurements'))",
+}
+FAR = {"emcee", "matplotlib", "pandas", "scipy.integrate", "scipy.io", "scipy.signal", "scipy.stats", "xarray"}
+
+
+@pytest.mark.parametrize("command", LIGHT)
+def test_a_command_imports_nothing_heavy_that_its_answer_does_not_need(command: str) -> None:
+    far = FAR | {"jax"} if command == "a named run folder" else FAR - {"matplotlib" if command == "diagnose" else ""}
+    assert fresh(f"{LIGHT[command]}; import sys; print(sorted({far} & set(sys.modules)))") == "[]"
+
+
 @pytest.mark.slow
 def test_compiled_models_are_kept_once_something_is_computed_and_not_before(tmp_path: Path) -> None:
     show = "from etcfit import backend; print(backend.compiled_folder())"

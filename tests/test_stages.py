@@ -15,6 +15,7 @@ import results
 from equality import equal
 from etcfit.api.control import design_of
 from etcfit.api.diagnosed import Diagnosed
+from etcfit.api.saving import keep_diagnosis, keep_fit
 from etcfit.control.pid import Requirements
 from etcfit.control.request import DesignRequest
 from etcfit.diagnosis.findings import Diagnosis
@@ -23,7 +24,11 @@ from etcfit.diagnosis.rounds import Progress
 from etcfit.diagnosis.settings import DEFAULT
 from etcfit.errors import UsageError
 from etcfit.estimation.result import FitResult
-from etcfit.run_folder import STAGE_FILES, has_diagnosis, read_records, save_diagnosis
+from etcfit.reporting import draw_others, drawing, has_undrawn
+from etcfit.reporting.diagnosis.pictures import jobs as jobs_of_diagnosis
+from etcfit.reporting.drawing import draw_one
+from etcfit.reporting.pictures import jobs
+from etcfit.run_folder import STAGE_FILES, RunFolder, has_diagnosis, read_records, save_diagnosis
 from etcfit.stages import (
     REPORT,
     STAGES,
@@ -36,6 +41,7 @@ from etcfit.stages import (
     reduce_run,
     sample_run,
     stages_until,
+    write_report,
 )
 
 
@@ -91,6 +97,15 @@ def silent(text: str, share: float) -> None:
     """No progress."""
 
 
+def pictures_of(run: RunFolder) -> set[str]:
+    """Paths below RUN/pictures."""
+    base = run.path / "pictures"
+    return {path.relative_to(base).as_posix() for path in base.rglob("*.png")}
+
+
+ONLY_LATER = {"tests/resistance.png", "traces/response__2.png"}  # among the pictures that a fit leaves undrawn
+
+
 @pytest.fixture
 def found(tmp_path: Path) -> Diagnosis:
     return diagnoses.diagnosis(results.rig(tmp_path / "rig"))
@@ -105,7 +120,7 @@ def test_the_fit_of_a_folder_is_kept_drawn_and_shown(
     done = fit_folder(tmp_path / "rig", run, silent)
     assert done.failure == ""
     assert run.fit() is found.before
-    assert (run.path / "pictures" / "parameters.png").is_file()
+    assert pictures_of(run) == {"parameters.png"}
     assert read_records(run.path)["fit"].exit == 0
     took = read_records(run.path)["fit"].seconds
     assert took is not None
@@ -113,6 +128,88 @@ def test_the_fit_of_a_folder_is_kept_drawn_and_shown(
     assert expected(run.path, "reduce") is None
     assert done.closing is not None
     assert done.closing.next.startswith("etcfit ")
+
+
+@pytest.fixture
+def kept(found: Diagnosis, tmp_path: Path) -> RunFolder:
+    """A run folder with a fit and a diagnosis, as their commands leave it."""
+    run = opened(tmp_path / "run")
+    keep_fit(run, found.before)
+    keep_diagnosis(run, found)
+    return run
+
+
+def test_a_model_leaves_the_picture_that_sums_it_up_and_the_page_draws_the_others(
+    kept: RunFolder, found: Diagnosis
+) -> None:
+    assert pictures_of(kept) == {"parameters.png", "diagnosis/ledger.png", "before/parameters.png"}
+    note = kept.path / "pictures" / "undrawn.txt"
+    assert f"etcfit report {kept.path}" in note.read_text(encoding="utf-8")
+    write_report(opened(kept.path), silent)  # as another process would
+    drawn = pictures_of(kept)
+    of_model = {path.as_posix() for path, _ in jobs(found.after)}
+    assert drawn == {
+        *of_model, *(f"before/{name}" for name in of_model),
+        *(f"diagnosis/{path.as_posix()}" for path, _ in jobs_of_diagnosis(found)),
+    }  # fmt: skip
+    assert of_model > ONLY_LATER
+    assert not note.exists()
+    page = (kept.path / "report.html").read_text(encoding="utf-8")
+    assert page.count("<img ") == len(drawn)
+
+
+def test_drawing_goes_on_where_it_was_interrupted_and_no_result_is_lost(
+    kept: RunFolder, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    drawn = list[Path]()
+
+    def draw(path: Path, figure: Any) -> None:
+        if len(drawn) == 3:
+            raise KeyboardInterrupt
+        drawn.append(path)
+        draw_one(path, figure)
+
+    monkeypatch.setattr(drawing, "CORES", 1)
+    monkeypatch.setattr(drawing, "at_hand", None)
+    monkeypatch.setattr(drawing, "draw_one", draw)
+    with pytest.raises(KeyboardInterrupt, match=r"All results are in .*`etcfit report .*` draws"):
+        write_report(kept, silent)
+    first = list(drawn)
+    assert all(path.is_file() for path in first)
+    assert {"fit", "diagnose"} <= set(read_records(kept.path))
+    drawn[:] = [Path()] * 4  # never 3 again
+    write_report(kept, silent)
+    assert not set(drawn[4:]) & set(first)
+    assert not has_undrawn(kept.path)
+
+
+def test_a_fit_whose_picture_was_interrupted_is_kept(
+    found: Diagnosis, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def interrupted(*_: Any) -> None:
+        raise KeyboardInterrupt
+
+    run = opened(tmp_path / "run")
+    with monkeypatch.context() as patched:
+        patched.setattr("etcfit.reporting.drawing.draw_one", interrupted)
+        with pytest.raises(KeyboardInterrupt, match="All results are in"):
+            keep_fit(run, found.before)
+    assert equal(opened(run.path).fit(), found.before)
+    draw_others(run)
+    assert pictures_of(run) > {"parameters.png", *ONLY_LATER}
+
+
+def test_a_page_is_written_without_pictures_that_cannot_be_drawn_any_more(
+    kept: RunFolder, found: Diagnosis, tmp_path: Path
+) -> None:
+    with (tmp_path / "rig" / "rig.toml").open("a", encoding="utf-8") as toml:
+        toml.write("\n# edited since\n")
+    done = write_report(opened(kept.path), silent)
+    assert "has changed since" in done.remark
+    assert (kept.path / "report.html").is_file()
+    assert not pictures_of(kept) & ONLY_LATER
+    with pytest.warns(UserWarning, match="has changed since"):
+        etcfit.report(kept.path, quiet=True)
 
 
 def test_a_diagnosis_starts_from_the_fit_as_it_was(

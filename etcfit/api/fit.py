@@ -147,7 +147,7 @@ class Fit:
         return render(fit_table(self.result), width)
 
     def save(self, run: str | Path) -> Path:
-        """Write the fit to a run folder, whole, with its pictures; `etcfit.load` gives it back bit for bit.
+        """Write the fit to a run folder, whole; `etcfit.load` gives it back bit for bit.
 
         Args:
             run: made if absent.

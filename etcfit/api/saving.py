@@ -2,19 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import asdict
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from ..run_folder import (
-    NOT_CONVERGED,
-    RunFolder,
-    exit_of,
-    save_design,
-    save_posterior,
-    save_reduction,
-)
+from ..errors import UsageError
+from ..run_folder import FLEET, NOT_CONVERGED, RunFolder
 from .progress import Report, silent
 
 if TYPE_CHECKING:
@@ -25,20 +20,61 @@ if TYPE_CHECKING:
     from ..estimation.result import FitResult
     from ..posterior.profile import Profile
     from ..posterior.sampling import Posterior
+    from ..reporting.page import Page
 
 
 def keep_fit(run: RunFolder, result: FitResult, report: Report = silent) -> None:
-    """fit.json, the fit whole, and its pictures."""
+    """fit.json, the fit whole, and the picture that sums it up."""
     from ..reporting import draw_fit
 
-    run.keep_fit(result, lambda: draw_fit(run.path, result, report))
+    run.keep_fit(result)
+    with _all_is_saved(run):
+        draw_fit(run.path, result, report)
 
 
 def keep_diagnosis(run: RunFolder, found: Diagnosis, report: Report = silent) -> None:
-    """diagnosis.json, the diagnosis whole with the fit it began from, and its pictures."""
+    """diagnosis.json, the diagnosis whole with the fit it began from, and the pictures that sum it up."""
     from ..reporting import draw_diagnosis
 
-    run.keep_diagnosis(found, lambda: draw_diagnosis(run.path, found, report))
+    run.keep_diagnosis(found)
+    with _all_is_saved(run):
+        draw_diagnosis(run.path, found, report)
+
+
+@contextmanager
+def _all_is_saved(run: RunFolder) -> Iterator[None]:
+    """Ctrl-C says what is kept.
+
+    Raises:
+        KeyboardInterrupt: as it came, with a message.
+    """
+    try:
+        yield
+    except KeyboardInterrupt:
+        raise KeyboardInterrupt(
+            f"interrupted while pictures were drawn. All results are in {run.path}; `etcfit report {run.path}` draws "
+            "the pictures that are missing."
+        ) from None
+
+
+def keep_page(run: RunFolder, report: Report = silent) -> Page:
+    """RUN/report.html, and the pictures that it shows.
+
+    Where the models cannot be loaded any more, as when the measurements have changed since, the page shows the pictures
+    that are there, and `missing` says why.
+    """
+    from ..reporting import draw_others
+    from ..reporting.page import write_page
+    from ..reporting.page.contents import read_run
+
+    read_run(run.path)  # says what is wrong with RUN before anything is drawn
+    missing = ""
+    try:
+        with _all_is_saved(run):
+            draw_others(run, report)
+    except UsageError as error:
+        missing = f"Some pictures cannot be drawn any more: {error}"
+    return replace(write_page(run.path), missing=missing)
 
 
 def keep_posterior(
@@ -51,6 +87,7 @@ def keep_posterior(
     """posterior.json, posterior.nc and pictures."""
     from ..posterior.predictive import bands
     from ..reporting import draw_posterior
+    from ..run_folder import exit_of, save_posterior
 
     predicted = bands(posterior, report)
     status = exit_of(posterior.fit) if posterior.convergence.converged else NOT_CONVERGED
@@ -68,6 +105,7 @@ def keep_reduction(
 ) -> None:
     """transfer_function.json, frequency_response.json where the rig has sine traces, and their Bode plots."""
     from ..reporting import draw_frequency_response, draw_reduction
+    from ..run_folder import exit_of, save_reduction
 
     fitted = result.fitted()
 
@@ -91,6 +129,7 @@ def keep_design(
 ) -> None:
     """pid.json and the responses of every rule."""
     from ..reporting import draw_design
+    from ..run_folder import exit_of, save_design
 
     settings = {**asdict(design.settings), **settings}
     save_design(
@@ -100,7 +139,5 @@ def keep_design(
 
 def _read_for(settings: Mapping[str, Any]) -> list[Path]:
     """Files outside of the run folder that gains asked for so were made from."""
-    from ..run_folder.fleet import FLEET
-
     log, parts = settings.get("log"), settings.get("parts")
     return [*([Path(log)] if log else []), *([Path(parts) / FLEET] if parts else [])]

@@ -18,7 +18,7 @@ FOLDER = "units"  # below the run folder of the fleet
 
 @dataclass(frozen=True)
 class PageWork(AbstractWork):
-    """The unit fitted once more, saved whole with its pictures, and its page.
+    """The unit fitted once more, saved whole, its pictures and its page.
 
     Args:
         fits: how units are read and fitted.
@@ -43,15 +43,14 @@ class PageWork(AbstractWork):
     def fit(self, unit: str) -> UnitResult:
         """The unit's result, the same as before; its files are what counts."""
         from ..fleets.folder import local_copy
-        from ..reporting.page import write_page
         from ..run_folder import RunFolder
-        from .saving import keep_fit
+        from .saving import keep_fit, keep_page
 
         with local_copy(self.fits.location, unit) as folder:
             fitted = self.fits.fitted(folder, unit)
             own = RunFolder(Path(self.run) / FOLDER / unit)
             keep_fit(own, fitted.result)
-            write_page(own.path)
+            keep_page(own)
         return replace(fitted.left, digest="")
 
 

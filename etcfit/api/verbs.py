@@ -8,6 +8,7 @@ a verb is called.
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Sequence
 from dataclasses import asdict
 from pathlib import Path
@@ -272,7 +273,7 @@ def design(
         from ..control.request import DesignRequest
         from ..control.settings import DesignSettings
         from ..model.ecu import Ecu
-        from ..run_folder.fleet import is_fleet
+        from ..run_folder import is_fleet
         from .control import design_of, fleet_design_of
         from .designed import Designed
         from .fleet import Fleet
@@ -353,10 +354,11 @@ def report(
     page: Literal["printed", "interactive"] = "printed",
     quiet: bool = False,
 ) -> Path:
-    """One self-contained HTML page of everything that a run folder holds: RUN/report.html, or one to work with.
+    """One self-contained HTML page of everything that a run folder holds, RUN/report.html, and its pictures; or one to
+    work with.
 
     Args:
-        run: the run folder; or a fit or a diagnosis, which is written to `to` first, with its pictures.
+        run: the run folder; or a fit or a diagnosis, which is written to `to` first.
         to: the run folder where `run` is none.
         page: "printed", without scripts, or "interactive", RUN/report_interactive.html.
         quiet: show no progress.
@@ -365,16 +367,21 @@ def report(
     """
     with working(quiet) as told:
         from ..reporting.interactive import write_interactive
-        from ..reporting.page import write_page
         from ..run_folder import RunFolder
+        from .progress import part_of
+        from .saving import keep_page
 
         if not isinstance(run, str | Path):
             if to is None:
                 raise UsageError("a page is written into a run folder. Name one: etcfit.report(fit, 'runs/x').")
-            told("drawing", 0.1)
+            told("saving", 0.0)
             run = run.save(to)
-        told("writing the page", 0.95)
-        return (write_page(run) if page == "printed" else write_interactive(RunFolder(run))).path
+        told("writing the page", 0.1)
+        folder = RunFolder(run)
+        made = keep_page(folder, part_of(told, 0.1, 0.95)) if page == "printed" else write_interactive(folder)
+    if made.missing:
+        warnings.warn(made.missing, stacklevel=2)
+    return made.path
 
 
 def drive(
@@ -463,15 +470,23 @@ def load(run: Folder) -> Fit | Diagnosed | Fleet:
     Raises:
         UsageError: it holds no fit, or one of another version.
     """
-    from ..run_folder import RunFolder
-    from ..run_folder.fleet import is_fleet
-    from .diagnosed import Diagnosed
+    from ..run_folder import is_fleet
+
+    if not is_fleet(Path(run)):
+        return _load_model(Path(run))
     from .fleet import Fleet
 
-    if is_fleet(Path(run)):
-        return Fleet.of(run)
-    found = RunFolder(run).diagnosis()
-    return _load_fit(Path(run)) if found is None else Diagnosed(found)
+    return Fleet.of(run)
+
+
+def _load_model(run: Path) -> Fit | Diagnosed:
+    from ..run_folder import RunFolder
+    from .diagnosed import Diagnosed
+    from .fit import Fit
+
+    folder = RunFolder(run)
+    found = folder.diagnosis()
+    return Fit(folder.fit()) if found is None else Diagnosed(found)
 
 
 def _load_fit(run: Path) -> Fit:
@@ -512,21 +527,21 @@ def _fitted_to(at: Fit | Diagnosed | Folder, rig: Rig) -> FitResult:
 
 def _fit_of(verb: str, model: Model) -> Fit:
     """The fit behind whatever a verb was given."""
+    from ..run_folder import is_fleet
     from .diagnosed import Diagnosed
     from .fit import Fit
-    from .fleet import Fleet
-    from .reduced import Reduced
-    from .sampled import Sampled
 
     if isinstance(model, str | Path):
-        loaded = load(model)
-        if isinstance(loaded, Fleet):
+        if is_fleet(Path(model)):
             raise UsageError(f"{model} is of a fleet: etcfit.{verb} takes one unit's run folder, as in {model}/units.")
-        model = loaded
+        model = _load_model(Path(model))
     if isinstance(model, Fit):
         return model
     if isinstance(model, Diagnosed):
         return model.final
+    from .reduced import Reduced
+    from .sampled import Sampled
+
     if isinstance(model, Sampled | Reduced):
         return model.fit
     raise _not_taken(verb, model, "a fit, a diagnosis, a posterior, a transfer function or a run folder")

@@ -140,7 +140,7 @@ def warnings_of(found: Sequence[Goodness], widened: float) -> list[str]:
             wider = "No interval becomes wider by 5 % for it, but there may be a bias all the same"
         out.append(
             f"{len(more)} of {len(found)} residuals are larger than their noise or not independent: the model lacks "
-            f"something there. {wider}; look at the pictures of {_named(more)}."
+            f"something there. {wider}; look at {_named(more)} in the page of `etcfit report`."
         )
     if strays:
         most = max(strays, key=lambda each: each.free)

@@ -1,5 +1,8 @@
 """What a person sees of a run: tables for the terminal, pictures and the page for the run folder.
 
+A fit and a diagnosis draw the one picture that sums them up. The others, of every test and trace, take longer than many
+a fit: `draw_others` draws them for the page that shows them.
+
 The only matplotlib; lazy.
 """
 
@@ -23,17 +26,70 @@ if TYPE_CHECKING:  # a table of `check` needs none of what these load
     from ..posterior.predictive import Band
     from ..posterior.profile import Profile
     from ..posterior.sampling import Posterior
+    from ..run_folder import RunFolder
+    from .drawing import Job
+
+_UNDRAWN = "undrawn.txt"  # in RUN/pictures, while pictures of the models in RUN are not drawn yet
 
 # every function below draws into RUN/pictures; one file of the same name is replaced, whole or not at all
 
 
 def draw_fit(run: Path, result: FitResult, report: Report = quiet) -> None:
-    """Traces, tests, parameters and overview of a fit, converged or not; those of another fit go."""
-    from .drawing import draw_shared
-    from .pictures import jobs
+    """The parameters of a fit, converged or not. Pictures of another fit are deleted; see `draw_others`."""
+    from .drawing import draw_here
+    from .pictures import summary
 
     _clear(run / "pictures")
-    draw_shared(run / "pictures", jobs(result), report)
+    _leave_others(run)
+    draw_here(run / "pictures", summary(result), report)
+
+
+def _leave_others(run: Path) -> None:
+    """Put down that pictures are missing, for `draw_others` and for a person who looks for them."""
+    (run / "pictures").mkdir(parents=True, exist_ok=True)
+    note = f"The other pictures, of every test and trace, are drawn by\n\n    etcfit report {run}\n"
+    (run / "pictures" / _UNDRAWN).write_text(note, encoding="utf-8")
+
+
+def has_undrawn(run: Path) -> bool:
+    """Whether `draw_others` has something to draw."""
+    return (run / "pictures" / _UNDRAWN).exists()
+
+
+def draw_others(run: RunFolder, report: Report = quiet) -> None:
+    """The pictures of the fit and of the diagnosis in RUN that `draw_fit` and `draw_diagnosis` left out.
+
+    One that is there already is not drawn again, so that drawing goes on where it was interrupted.
+
+    Args:
+        run: the run folder.
+        report: progress.
+    Raises:
+        UsageError: the models in RUN cannot be loaded; see `RunFolder.diagnosis`.
+    """
+    from .drawing import draw_shared
+
+    if not has_undrawn(run.path):
+        return
+    pictures = run.path / "pictures"
+    draw_shared(pictures, [job for job in _every(run) if not (pictures / job[0]).exists()], report)
+    (pictures / _UNDRAWN).unlink()
+
+
+def _every(run: RunFolder) -> list[Job]:
+    """Every picture of the models in RUN, in the order of interest."""
+    from .diagnosis.pictures import jobs
+    from .pictures import jobs as jobs_of_model
+
+    found = run.diagnosis()
+    if found is None:
+        return jobs_of_model(run.fit())
+    first = jobs_of_model(found.before) if _is_another(found) else []
+    return [*_below("diagnosis", jobs(found)), *jobs_of_model(found.after), *_below("before", first)]
+
+
+def _below(folder: str, jobs: Sequence[Job]) -> list[Job]:
+    return [(Path(folder) / path, draw) for path, draw in jobs]
 
 
 _OF_A_MODEL = ("", "tests", "traces")  # folders of its pictures, below RUN/pictures
@@ -58,23 +114,27 @@ def _move(pictures: Path, to: Path) -> None:
 
 
 def draw_diagnosis(run: Path, diagnosis: Diagnosis, report: Report = quiet) -> None:
-    """Missing torque and voltage, rounds, errors before and after: RUN/pictures/diagnosis.
+    """Errors before and after, and the parameters of the final model; see `draw_others`.
 
     RUN/pictures become those of the final model, where that is another than the first fit's; those of the first fit
     are moved to RUN/pictures/before.
     """
-    from .diagnosis.pictures import jobs
-    from .drawing import draw_shared
-    from .pictures import jobs as jobs_of_model
+    from .diagnosis.pictures import summary
+    from .drawing import draw_here
+    from .pictures import summary as summary_of_model
 
-    pictures, another = run / "pictures", diagnosis.final != diagnosis.start or bool(diagnosis.aside)
-    _set_aside(pictures, pictures / "before", another)
-    of_model = jobs_of_model(diagnosis.after)
-    # of the same model the diagnosis may have widened the intervals
-    of_model = of_model if another else [job for job in of_model if job[0] == Path("parameters.png")]
+    pictures = run / "pictures"
+    _set_aside(pictures, pictures / "before", _is_another(diagnosis))
     for folder in ("", "traces"):
         _delete(pictures / "diagnosis" / folder)
-    draw_shared(pictures, [*of_model, *((Path("diagnosis") / path, draw) for path, draw in jobs(diagnosis))], report)
+    _leave_others(run)
+    # of the same model the diagnosis may have widened the intervals
+    draw_here(pictures, [*_below("diagnosis", summary(diagnosis)), *summary_of_model(diagnosis.after)], report)
+
+
+def _is_another(diagnosis: Diagnosis) -> bool:
+    """Whether the final model is another than the first fit's, or was fitted to fewer traces."""
+    return diagnosis.final != diagnosis.start or bool(diagnosis.aside)
 
 
 def _set_aside(pictures: Path, before: Path, another: bool) -> None:

@@ -1,7 +1,7 @@
 """Pictures of a run folder, drawn by this process and, where one was begun in time, by a helper beside it.
 
 Matplotlib holds Python's lock while it draws, so threads gain nothing. A process of its own takes a second to load what
-it needs: begun before the fit, which keeps little more than one core busy, it is ready when pictures are due.
+it needs: begun before the models are loaded or sampled, which keeps one core busy, it is ready when pictures are due.
 """
 
 from __future__ import annotations

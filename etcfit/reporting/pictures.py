@@ -24,12 +24,17 @@ from .tables import model_words
 _BRIEF = 36  # letters of a model's name in a title
 
 
+def summary(result: FitResult) -> list[Job]:
+    """The picture that sums up a fit, as `jobs` has it."""
+    return [(Path("parameters.png"), partial(overview.draw, parameter_picture(result)))]
+
+
 def jobs(result: FitResult) -> list[Job]:
     """Every picture: path below RUN/pictures, and the call that draws it."""
     every = all_traces(result)
     tests = dict.fromkeys(trace.test.name for trace in every)
     return [
-        (Path("parameters.png"), partial(overview.draw, parameter_picture(result))),
+        *summary(result),
         *((Path("tests") / f"{name}.png", partial(graphs.draw, _test_picture(result, name))) for name in tests),
         *((Path("traces") / file_name(trace), partial(traces.draw, _trace_picture(result, k)))
           for k, trace in enumerate(every)),

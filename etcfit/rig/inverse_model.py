@@ -16,6 +16,7 @@ import numpy as np
 
 from .base import Channel, Fixed, Measurement, RigConfig
 from .signals import even_grid, in_gap, off_stops, on_times, widened
+from .zero_phase import butterworth, chebyshev
 
 LUMPED = ("J_eq", "B_eq", "K_s", "T_PL", "T_f", "T_g")
 BANDWIDTHS = (20.0, 14.0, 10.0, 7.0, 5.0)  # Hz; the first is that of the published EMPS figures
@@ -47,17 +48,15 @@ class Filter:
         return max(1, round(self.rate / self.bandwidth))
 
     def position(self, angle: np.ndarray) -> np.ndarray:
-        from scipy.signal import butter, sosfiltfilt
+        return butterworth(4, 2 * self.cutoff / self.rate)(angle)
 
-        return sosfiltfilt(butter(4, 2 * self.cutoff / self.rate, output="sos"), angle)
+    def below(self, rows: np.ndarray) -> np.ndarray:
+        """Chebyshev, eighth order, 0.05 dB, as in the source; as they are where nothing is decimated."""
+        return rows if self.ratio == 1 else chebyshev(8, 0.05, 0.8 / self.ratio)(rows)
 
     def decimated(self, rows: np.ndarray) -> np.ndarray:
-        """Chebyshev, eighth order, 0.05 dB, as in the source; every ratio-th row."""
-        if self.ratio == 1:
-            return rows
-        from scipy.signal import cheby1, sosfiltfilt
-
-        return sosfiltfilt(cheby1(8, 0.05, 0.8 / self.ratio, output="sos"), rows, axis=0)[:: self.ratio]
+        """Every ratio-th row of what is below."""
+        return self.below(rows)[:: self.ratio]
 
     def __str__(self) -> str:
         below = f"decimated by {self.ratio}" if self.ratio > 1 else "not decimated"
@@ -135,12 +134,7 @@ def filter_for(position: Channel) -> Filter:
 
 
 def _acceleration(angle: np.ndarray, step: float, chosen: Filter) -> np.ndarray:
-    second = np.gradient(np.gradient(chosen.position(angle), step), step)
-    if chosen.ratio == 1:
-        return second
-    from scipy.signal import cheby1, sosfiltfilt  # loads for a second, and most rigs need it not
-
-    return sosfiltfilt(cheby1(8, 0.05, 0.8 / chosen.ratio, output="sos"), second)
+    return chosen.below(np.gradient(np.gradient(chosen.position(angle), step), step))
 
 
 def solve(systems: Sequence[Equations], held: Mapping[str, float]) -> np.ndarray:

@@ -17,7 +17,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ..errors import MeasurementError
-from .fast_table import GROUPED, LINES_TO_LOOK_AT, WORTH, fast_cells
+from .fast_table import GROUPED, LINES_TO_LOOK_AT, fast_cells
 
 SEPARATORS = (",", ";", "\t")
 HUGE = 1e100  # no reading is larger, and no unit turns a smaller one into infinity
@@ -82,12 +82,12 @@ def decode(raw: bytes, where: str) -> str:
 def parse(text: str, where: str) -> Table:
     """The table in this text.
 
-    A long one is read by pandas where it is plain, else with care; the table is the same, and so are the messages.
+    A plain one is read fast, any other with care; the table is the same, and so are the messages.
 
     Raises:
         MeasurementError: empty, header only, rows of unequal length, or anything but numbers below the header.
     """
-    table = parse_plain(text, where) if len(text) >= WORTH else None
+    table = parse_plain(text, where)
     return parse_with_care(text, where) if table is None else table
 
 

@@ -27,6 +27,7 @@ if TYPE_CHECKING:
     from .manifest import CONVERGED as CONVERGED
     from .manifest import DIAGNOSIS_STATE as DIAGNOSIS_STATE
     from .manifest import FIT_STATE as FIT_STATE
+    from .manifest import FLEET as FLEET
     from .manifest import MANIFEST as MANIFEST
     from .manifest import NOT_CONVERGED as NOT_CONVERGED
     from .manifest import POSTERIOR as POSTERIOR
@@ -35,6 +36,7 @@ if TYPE_CHECKING:
     from .manifest import begin as begin
     from .manifest import finish as finish
     from .manifest import is_current as is_current
+    from .manifest import is_fleet as is_fleet
     from .manifest import note_seconds as note_seconds
     from .manifest import read_records as read_records
     from .manifest import require as require
@@ -82,6 +84,7 @@ MODULE_OF = {
     "CONVERGED": "manifest",
     "DIAGNOSIS_STATE": "manifest",
     "FIT_STATE": "manifest",
+    "FLEET": "manifest",
     "MANIFEST": "manifest",
     "NOT_CONVERGED": "manifest",
     "POSTERIOR": "manifest",
@@ -90,6 +93,7 @@ MODULE_OF = {
     "begin": "manifest",
     "finish": "manifest",
     "is_current": "manifest",
+    "is_fleet": "manifest",
     "note_seconds": "manifest",
     "read_records": "manifest",
     "require": "manifest",

@@ -28,11 +28,12 @@ from ..rig.toml import Toml
 from ..rig.toml_text import written
 from .fit import versions
 from .line import figures_json, predictions_json
+from .manifest import FLEET
 
 if TYPE_CHECKING:
     import pandas as pd
 
-FLEET, UNITS = "fleet.json", "units.parquet"
+UNITS = "units.parquet"
 _LABELS = ("serial", "batch", "rig", "operator", "part")
 
 
@@ -62,11 +63,6 @@ def save_fleet(run: Path, study: FleetStudy, rig: Toml, pages: Mapping[str, str]
     with whole(run / UNITS) as draft:
         frame.to_parquet(draft, index=False)
     write_json(run / FLEET, "fleet", fleet_json(study, rig, pages))
-
-
-def is_fleet(run: Path) -> bool:
-    """Whether a run folder is that of a fleet."""
-    return (run / FLEET).is_file()
 
 
 def read_fleet_files(run: Path) -> FleetFiles:

@@ -1,13 +1,16 @@
-"""A run folder as one process knows it: what one stage leaves is handed to the next in memory."""
+"""A run folder as one process knows it: what one stage leaves is handed to the next in memory.
+
+A folder is named long before a model of it is needed: what loads and saves models is imported when it does so.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from pathlib import Path
+from typing import TYPE_CHECKING
 
-from ..diagnosis.findings import Diagnosis
-from ..estimation.result import FitResult
-from .state import has_diagnosis, load_diagnosis, load_fit, nothing_beside, save_diagnosis, save_fit
+if TYPE_CHECKING:
+    from ..diagnosis.findings import Diagnosis
+    from ..estimation.result import FitResult
 
 
 class RunFolder:
@@ -28,6 +31,8 @@ class RunFolder:
         Raises:
             UsageError: see `load_fit`.
         """
+        from .state import load_fit
+
         self._fit = self._fit or load_fit(self.path)
         return self._fit
 
@@ -37,6 +42,8 @@ class RunFolder:
         Raises:
             UsageError: see `load_diagnosis`.
         """
+        from .state import has_diagnosis, load_diagnosis
+
         if self._diagnosis is None and has_diagnosis(self.path):
             self._diagnosis = load_diagnosis(self.path)
             self._fit = self._diagnosis.before
@@ -51,12 +58,16 @@ class RunFolder:
         diagnosis = self.diagnosis()
         return self.fit() if diagnosis is None else diagnosis.after
 
-    def keep_fit(self, result: FitResult, beside: Callable[[], None] = nothing_beside) -> None:
+    def keep_fit(self, result: FitResult) -> None:
         """Save a fit; see `save_fit`."""
-        save_fit(self.path, result, beside)
+        from .state import save_fit
+
+        save_fit(self.path, result)
         self._fit, self._diagnosis = result, None
 
-    def keep_diagnosis(self, diagnosis: Diagnosis, beside: Callable[[], None] = nothing_beside) -> None:
+    def keep_diagnosis(self, diagnosis: Diagnosis) -> None:
         """Save a diagnosis; see `save_diagnosis`."""
-        save_diagnosis(self.path, diagnosis, beside)
+        from .state import save_diagnosis
+
+        save_diagnosis(self.path, diagnosis)
         self._fit, self._diagnosis = diagnosis.before, diagnosis

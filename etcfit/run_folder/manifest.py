@@ -30,6 +30,7 @@ SUPERSEDED = "superseded"
 FIT_STATE, DIAGNOSIS_STATE = "fit_state.npz", "diagnosis_state.npz"
 DIAGNOSIS_ROUNDS = "diagnosis_rounds.npz"  # of a diagnosis under way
 POSTERIOR = "posterior.nc"
+FLEET = "fleet.json"  # of many units; its run folder has no manifest
 CONVERGED, NOT_CONVERGED = 0, 3  # exit statuses of a stage, by the model that it shows
 
 
@@ -103,6 +104,11 @@ class Record:
     exit: int
     folder: str | None = None
     seconds: float | None = None
+
+
+def is_fleet(run: Path) -> bool:
+    """Whether a run folder is that of a fleet."""
+    return (run / FLEET).is_file()
 
 
 def digest(path: Path) -> str | None:

@@ -19,9 +19,12 @@ from .frequency import frequency_json
 from .manifest import POSTERIOR, begin, finish
 from .posterior import posterior_json, write_netcdf
 from .reduction import reduction_json
-from .state import nothing_beside
 
 _RESPONSE = "frequency_response.json"
+
+
+def nothing_beside() -> None:
+    """No pictures."""
 
 
 def save_posterior(

@@ -29,7 +29,7 @@ class _Kept:
 
 
 class KeptRounds:
-    """RUN/diagnosis_rounds.npz, there while a diagnosis is under way.
+    """RUN/diagnosis_rounds.npz, there while a diagnosis is under way: `save_diagnosis` deletes it.
 
     Args:
         run: the run folder, which holds the fit.
@@ -56,10 +56,6 @@ class KeptRounds:
         """Write them, whole or not at all."""
         codec.save(self._path, _Kept(self._fit, progress.model.settings, progress), self._known)
         self._last = progress
-
-    def drop(self) -> None:
-        """The diagnosis is done, and saved."""
-        self._path.unlink(missing_ok=True)
 
     def when_interrupted(self) -> str:
         """What was found so far, and how to go on."""

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import os
-from collections.abc import Callable
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
@@ -20,6 +19,7 @@ from .diagnosis import diagnosis_json
 from .fit import fit_json
 from .manifest import (
     CONVERGED,
+    DIAGNOSIS_ROUNDS,
     DIAGNOSIS_STATE,
     FIT_STATE,
     NOT_CONVERGED,
@@ -33,40 +33,35 @@ from .manifest import (
 )
 
 
-def nothing_beside() -> None:
-    """No pictures."""
-
-
 def exit_of(result: FitResult) -> int:
     """Exit status of a stage that shows this model."""
     return CONVERGED if result.converged else NOT_CONVERGED
 
 
-def save_fit(run: Path, result: FitResult, beside: Callable[[], None] = nothing_beside) -> None:
+def save_fit(run: Path, result: FitResult) -> None:
     """RUN/fit.json and RUN/fit_state.npz, and a word on them in RUN/run.json.
 
     Args:
         run: the run folder; made if absent. What later stages made from another fit is moved to RUN/superseded.
         result: a fit, converged or not.
-        beside: draws what goes along with it, before the stage counts as done.
     Raises:
         UsageError: RUN was written by another version.
     """
     begin(run, "fit")
     codec.save(run / FIT_STATE, result)
     write_json(run / "fit.json", "fit", fit_json(result))
-    beside()
     folder = _relative(Path(result.rig.folder), run)
     finish(run, "fit", exit_of(result), asdict(result.settings), result.rig.digests, folder)
 
 
-def save_diagnosis(run: Path, diagnosis: Diagnosis, beside: Callable[[], None] = nothing_beside) -> None:
+def save_diagnosis(run: Path, diagnosis: Diagnosis) -> None:
     """RUN/diagnosis.json and RUN/diagnosis_state.npz; the fit it began from is saved first where RUN holds another.
+
+    The rounds that were kept while it was under way are deleted.
 
     Args:
         run: the run folder; made if absent. What later stages made from another model is moved to RUN/superseded.
         diagnosis: converged or not.
-        beside: draws what goes along with it, before the stage counts as done.
     Raises:
         UsageError: RUN was written by another version.
     """
@@ -75,8 +70,8 @@ def save_diagnosis(run: Path, diagnosis: Diagnosis, beside: Callable[[], None] =
     begin(run, "diagnose")
     codec.save(run / DIAGNOSIS_STATE, diagnosis, {FIT_STATE: diagnosis.before})
     write_json(run / "diagnosis.json", "diagnosis", diagnosis_json(diagnosis))
-    beside()
     finish(run, "diagnose", exit_of(diagnosis.after), asdict(diagnosis.settings))
+    (run / DIAGNOSIS_ROUNDS).unlink(missing_ok=True)
 
 
 def load_fit(run: Path) -> FitResult:

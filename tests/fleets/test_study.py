@@ -22,7 +22,8 @@ from etcfit.fleets.fit_work import FitWork
 from etcfit.fleets.results import Results
 from etcfit.fleets.study import FleetStudy, study
 from etcfit.fleets.unit import FailedUnit, TraceMisfit, UnitEstimate, UnitParameter, UnitResult
-from etcfit.run_folder.fleet import FLEET, UNITS, read_fleet_files, save_fleet
+from etcfit.run_folder import FLEET
+from etcfit.run_folder.fleet import UNITS, read_fleet_files, save_fleet
 from etcfit.run_folder.parts import parts_of
 
 N = 20.68

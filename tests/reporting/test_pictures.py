@@ -10,9 +10,9 @@ import pytest
 from matplotlib.image import imread
 
 import results
-from etcfit.reporting import draw_fit
+from etcfit.reporting import draw_fit, draw_others
 from etcfit.reporting.pictures import briefly, jobs
-from etcfit.run_folder import load_fit, save_fit
+from etcfit.run_folder import RunFolder, load_fit, save_fit
 
 
 @pytest.fixture(scope="module")
@@ -20,8 +20,11 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
     said: list[tuple[str, float]] = []
     result = results.result(results.rig(tmp_path_factory.mktemp("rig")))
     run = tmp_path_factory.mktemp("run") / "new"
-    save_fit(run, result, lambda: draw_fit(run, result, lambda text, share: said.append((text, share))))
-    assert len(said) == len(list((run / "pictures").rglob("*.png")))
+    save_fit(run, result)
+    draw_fit(run, result)
+    assert [p.name for p in run.rglob("*.png")] == ["parameters.png"]
+    draw_others(RunFolder(run), lambda text, share: said.append((text, share)))
+    assert 1 + len(said) == len(list((run / "pictures").rglob("*.png")))
     assert [share for _, share in said] == sorted(share for _, share in said)
     return run
 

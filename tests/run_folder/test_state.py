@@ -283,11 +283,13 @@ class Runs:
 
     def fit(self, folder: Path, run: RunFolder, report: Report) -> Done:
         self.found = diagnoses.diagnosis(results.read_folder(folder))
-        run.keep_fit(self.found.before, lambda: self.beside("fit"))
+        run.keep_fit(self.found.before)
+        self.beside("fit")
         return Done("a fit")
 
     def diagnose(self, folder: Path, run: RunFolder, report: Report) -> Done:
-        run.keep_diagnosis(replace(self.found, before=run.fit()), lambda: self.beside("diagnose"))
+        run.keep_diagnosis(replace(self.found, before=run.fit()))
+        self.beside("diagnose")
         return Done("a diagnosis")
 
     def design(
@@ -388,12 +390,14 @@ def test_what_is_not_made_from_what_lies_there_is_made_again(runs: Runs, name: s
     assert runs.go() == []
 
 
-AFTER = [("fit", ALL), ("diagnose", ALL[1:])]
+AFTER = [("fit", ALL[1:]), ("diagnose", ALL[2:]), ("design", ALL[2:])]
 
 
 @pytest.mark.parametrize(("stage", "again"), AFTER)
-def test_an_interrupted_stage_is_begun_again(runs: Runs, stage: str, again: list[str]) -> None:
-    runs.interrupt = stage  # while its pictures are drawn: all its files are there
+def test_a_run_that_was_interrupted_while_pictures_were_drawn_keeps_its_models(
+    runs: Runs, stage: str, again: list[str]
+) -> None:
+    runs.interrupt = stage  # its files are there; gains are on the manifest once they are drawn
     with pytest.raises(Interrupted):
         runs.go()
     runs.interrupt = ""

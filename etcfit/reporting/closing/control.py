@@ -4,17 +4,20 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ...control.design import Design
-from ...control.linearise import Reduction
-from ...estimation.fit_state import FitState
 from ...model.ecus import ECUS, Pasting
-from ...posterior.sampling import Posterior
 from ..control.verdicts import answer
 from ..numbers import short
 from .base import Closing, command, number_of
+
+if TYPE_CHECKING:  # an export needs none of what these load
+    from ...control.design import Design
+    from ...control.linearise import Reduction
+    from ...estimation.fit_state import FitState
+    from ...posterior.sampling import Posterior
 
 _TUNE = "msq"  # a format of `etcfit export`
 

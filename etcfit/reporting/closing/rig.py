@@ -4,15 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING
 
-from ...car_log import Study, record_next
-from ...car_log.coverage import Lack
-from ...car_log.study import verdict
-from ...experiment.advice import Advice
-from ...experiment.campaign import Campaign
-from ...experiment.check import CheckResult
 from ...rig.finding import ALLOWED_FOR
 from .base import Closing, command, counted, mended, number_of
+
+if TYPE_CHECKING:  # a check needs none of what these load
+    from ...car_log import Study
+    from ...car_log.coverage import Lack
+    from ...experiment.advice import Advice
+    from ...experiment.campaign import Campaign
+    from ...experiment.check import CheckResult
 
 
 def of_check(result: CheckResult, folder: Path) -> Closing:
@@ -65,6 +67,9 @@ def of_plan(campaign: Campaign, plan: Path) -> Closing:
 
 def of_drive(studies: Sequence[Study], folder: Path, run: Path | None) -> Closing:
     """How closely the plate follows, or what two logs have changed."""
+    from ...car_log import record_next
+    from ...car_log.study import verdict
+
     look = () if run is None else (run / "pictures" / "drive" / f"{Path(studies[0].log.name).stem}.png",)
     lacks = record_next([each.log for each in studies])
     if len(studies) == 2:

@@ -21,14 +21,19 @@ _FITTED = 3  # fitted traces that are drawn besides those held out
 
 def jobs(diagnosis: Diagnosis) -> list[Job]:
     """Every picture: path below RUN/pictures/diagnosis, and the call that draws it."""
-    return [*_summaries(diagnosis), *_overlays(diagnosis)]
+    return [*summary(diagnosis), *_details(diagnosis), *_overlays(diagnosis)]
 
 
-def _summaries(d: Diagnosis) -> Iterator[Job]:
-    synthetic = d.after.rig.config.synthetic
+def summary(d: Diagnosis) -> list[Job]:
+    """The picture that sums up a diagnosis, as `jobs` has it; none where no error is known."""
     entries = ledger(d)
-    if any(entry.known() for entry in entries):
-        yield Path("ledger.png"), partial(chart.draw, entries, headline(d), synthetic)
+    if not any(entry.known() for entry in entries):
+        return []
+    return [(Path("ledger.png"), partial(chart.draw, entries, headline(d), d.after.rig.config.synthetic))]
+
+
+def _details(d: Diagnosis) -> Iterator[Job]:
+    synthetic = d.after.rig.config.synthetic
     for enters in ("torque", "voltage"):
         picture = missing.MissingPicture.of(d, enters)
         if picture is not None:

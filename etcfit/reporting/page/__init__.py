@@ -17,10 +17,17 @@ from .render import render
 
 @dataclass(frozen=True)
 class Page:
-    """Where the page is, and why the model that it shows did not converge, or ""."""
+    """What came of writing it.
+
+    Args:
+        path: where the page is.
+        failure: why the model that it shows did not converge, or "".
+        missing: why pictures are missing from it, or "".
+    """
 
     path: Path
     failure: str
+    missing: str = ""
 
 
 def write_page(run_dir: Path | str) -> Page:

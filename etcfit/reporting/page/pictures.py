@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import base64
 import io
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
+from functools import lru_cache, partial
 from pathlib import Path
 
 from .captions import caption
@@ -78,10 +80,13 @@ def groups(run: Path, budget: int = BUDGET) -> list[Group]:
         budget: bytes that they may take.
     """
     base, room, out = run / "pictures", budget, []
-    for folder, title in _folders(base):
+    with ThreadPoolExecutor() as pool:  # Pillow lets go of Python's lock
+        drawn = [
+            (*each, pool.map(partial(carried, folder=each[0]), _inside(base / each[0]))) for each in _folders(base)
+        ]
+    for folder, title, pictures in drawn:
         taken, left_out = [], []
-        for path in sorted((base / folder).glob("*.png")):
-            picture = carried(path, folder)
+        for picture in pictures:
             if len(picture.uri) <= room:
                 room -= len(picture.uri)
                 taken.append(picture)
@@ -99,27 +104,33 @@ def carried(path: Path, folder: str = "") -> Picture:
         path: of the file.
         folder: below RUN/pictures that it lies in.
     """
+    small, (width, height) = _with_few_colours(path.read_bytes())
+    text = base64.b64encode(small).decode("ascii")
+    return Picture(_spoken(path.stem), caption(folder, path.stem), f"data:image/png;base64,{text}", width, height)
+
+
+@lru_cache(maxsize=256)  # `etcfit run` writes its page up to three times
+def _with_few_colours(png: bytes) -> tuple[bytes, tuple[int, int]]:
+    """A PNG made small, and its width and height, px."""
     from PIL import Image
 
-    with Image.open(path) as image:
+    with Image.open(io.BytesIO(png)) as image:
         few = image.convert("RGB").quantize(_COLOURS, Image.Quantize.FASTOCTREE, dither=Image.Dither.NONE)
         buffer = io.BytesIO()
         few.save(buffer, format="PNG")
-        width, height = image.size
-    text = base64.b64encode(buffer.getvalue()).decode("ascii")
-    return Picture(_spoken(path.stem), caption(folder, path.stem), f"data:image/png;base64,{text}", width, height)
+        return buffer.getvalue(), image.size
 
 
 def _folders(base: Path) -> Iterator[tuple[str, str]]:
     yield from GROUPS.items()
-    for path in _inside(base):
+    for path in sorted(path for path in base.rglob("*") if path.is_dir()):
         folder = path.relative_to(base).as_posix()
         if folder not in GROUPS:
             yield folder, folder.replace("_", " ").replace("/", ", ").capitalize()
 
 
-def _inside(base: Path) -> Iterable[Path]:
-    return sorted(path for path in base.rglob("*") if path.is_dir())
+def _inside(folder: Path) -> list[Path]:
+    return sorted(folder.glob("*.png"))
 
 
 def _spoken(stem: str) -> str:

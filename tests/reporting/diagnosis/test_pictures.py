@@ -14,12 +14,12 @@ from matplotlib.image import imread
 import diagnoses
 import results
 from etcfit.diagnosis.findings import Diagnosis, SetAside
-from etcfit.reporting import draw_diagnosis, draw_fit
+from etcfit.reporting import draw_diagnosis, draw_fit, draw_others
 from etcfit.reporting.diagnosis import chart, overlay, pictures, rounds, unexplained
 from etcfit.reporting.diagnosis.ledger import headline, ledger
 from etcfit.reporting.pictures import all_traces
 from etcfit.reporting.pictures import jobs as jobs_of_model
-from etcfit.run_folder import load_diagnosis, save_diagnosis
+from etcfit.run_folder import RunFolder, load_diagnosis, save_diagnosis, save_fit
 
 
 @pytest.fixture(scope="module")
@@ -31,8 +31,11 @@ def found(tmp_path_factory: pytest.TempPathFactory) -> Diagnosis:
 def run(found: Diagnosis, tmp_path_factory: pytest.TempPathFactory) -> Path:
     run = tmp_path_factory.mktemp("run") / "new"
     said: list[float] = []
-    save_diagnosis(run, found, lambda: draw_diagnosis(run, found, lambda text, share: said.append(share)))
-    assert len(said) == len(list(run.rglob("*.png")))
+    save_diagnosis(run, found)
+    draw_diagnosis(run, found)
+    assert {p.name for p in run.rglob("*.png")} == {"ledger.png", "parameters.png"}
+    draw_others(RunFolder(run), lambda text, share: said.append(share))
+    assert 2 + len(said) == len(list(run.rglob("*.png")))
     return run
 
 
@@ -48,6 +51,7 @@ def test_every_file_is_there(run: Path, found: Diagnosis) -> None:
         "run.json", "fit.json", "fit_state.npz", "diagnosis.json", "diagnosis_state.npz",
         *(f"pictures/diagnosis/{story}.png" for story in stories),
         *(f"pictures/{path.as_posix()}" for path, _ in jobs_of_model(found.after)),
+        *(f"pictures/before/{path.as_posix()}" for path, _ in jobs_of_model(found.before)),
     }  # fmt: skip
 
 
@@ -59,11 +63,15 @@ def drawn_below(run: Path) -> dict[str, bytes]:
 def test_pictures_of_the_first_fit_give_way_to_the_final_model_and_come_back(found: Diagnosis, tmp_path: Path) -> None:
     few = replace(found, motions=(), unexplained=None)
     of_model = {path.as_posix() for path, _ in jobs_of_model(found.after)}
+    save_fit(tmp_path, found.before)
     draw_fit(tmp_path, found.before)
+    draw_others(RunFolder(tmp_path))
     first = drawn_below(tmp_path)
     assert set(first) == of_model
     for _ in range(2):  # a second diagnosis must not take the final model's for the first fit's
+        save_diagnosis(tmp_path, few)
         draw_diagnosis(tmp_path, few)
+        draw_others(RunFolder(tmp_path))
         seen = drawn_below(tmp_path)
         assert {name: seen[f"before/{name}"] for name in first} == first
         assert {name for name in of_model if seen[name] != first[name]} == of_model
