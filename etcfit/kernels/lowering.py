@@ -164,6 +164,8 @@ def _entrywise(graph: Graph, equation: Any) -> Callable[..., int]:
         case "logistic":
             one = graph.constant(1.0)
             return lambda base: make("div", one, make("add", one, make("exp", make("neg", base))))
+        case "round" if params["rounding_method"] == jax.lax.RoundingMethod.TO_NEAREST_EVEN:
+            return lambda value: _rounded(graph, value)
         case "convert_element_type":
             before, after = equation.invars[0].aval.dtype, params["new_dtype"]
             return lambda node: _converted(graph, node, before, after)
@@ -188,6 +190,16 @@ def _power(graph: Graph, base: int, exponent: int) -> int:
     half = _power(graph, base, exponent // 2)
     whole = graph.make("mul", half, half)
     return graph.make("mul", whole, base) if exponent % 2 else whole
+
+
+def _rounded(graph: Graph, value: int) -> int:
+    """The nearest whole number, of two the even one: without the function that some languages lack."""
+    make, half = graph.make, graph.constant(0.5)
+    below = make("floor", value)
+    rest, pairs = make("sub", value, below), make("floor", make("mul", half, below))
+    is_odd = make("gt", below, make("mul", graph.constant(2.0), pairs))
+    up = make("or", make("gt", rest, half), make("and", make("eq", rest, half), is_odd))
+    return make("add", below, make("number", up))
 
 
 def _converted(graph: Graph, node: int, before: Any, after: Any) -> int:
