@@ -96,11 +96,13 @@ def _plant(types: Types) -> tuple[str, ...]:
         {name: f"u.{name}" for name in _MOVES},
     )
 
-    def advance(p: Any, x: Any, u: Any) -> Any:
-        return step(Throttle.build(types, p), *x, Step(**u, **_FREE))
+    def advance(p: Any, x: tuple[State, Any], u: Any) -> Any:
+        state, memories = x
+        return step(Throttle.build(types, p), state, memories, Step(**u, **_FREE))
 
-    def read(p: Any, x: Any, u: Any) -> Any:
-        seen = Throttle.build(types, p).observe(*x, Step(**u, **_FREE).inputs(1.0))
+    def read(p: Any, x: tuple[State, Any], u: Any) -> Any:
+        state, memories = x
+        seen = Throttle.build(types, p).observe(state, memories, Step(**u, **_FREE).inputs(1.0))
         return [seen[channel] for channel in CHANNELS]
 
     def delays(p: Any) -> Any:
