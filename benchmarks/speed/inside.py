@@ -14,6 +14,7 @@ import sys
 import time
 from collections.abc import Callable
 from importlib.util import find_spec
+from inspect import signature
 from pathlib import Path
 from typing import Any
 
@@ -52,9 +53,13 @@ def linearisation(fit: Any) -> Callable[[], Any]:
         return lambda: fit.problem.linearise(fit.x, fit.weighted)
     from etcfit.problem.normal_equations import normal_equations, shared_out
 
-    form = fit.problem.layout.form
-    x, pieces = fit.problem.layout.padded(fit.x), shared_out(fit.weighted, fit.x.size)
-    return lambda: normal_equations(form, x, pieces)
+    form, x = fit.problem.layout.form, fit.problem.layout.padded(fit.x)
+    if "pieces" not in signature(normal_equations).parameters:
+        compute = normal_equations(form, fit.weighted, x.size)
+        return lambda: compute(x)
+    pieces: Any = shared_out(fit.weighted, fit.x.size)  # of a version before the kernels
+    old: Any = normal_equations
+    return lambda: old(form, x, pieces)
 
 
 def jacobian(run: str) -> dict[str, float]:

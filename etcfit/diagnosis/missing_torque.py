@@ -20,6 +20,10 @@ import jax.numpy as jnp
 import numpy as np
 
 from ..estimation.guide import guide_stiffness_of
+from ..model.stepper import StatePath, Step
+from ..model.throttle import Throttle
+from ..problem import filter_kernels
+from ..problem.filter_kernels import along_path
 from ..problem.free_parameters import SERIES, Form, Pick
 from ..problem.prediction_error import columns
 from ..problem.problem import EstimationProblem
@@ -30,10 +34,15 @@ from .composition import is_of_the_rig
 from .findings import Motion
 
 
-@Program
-def _along(form: Form, x: Any, pick: Pick, arrays: Any) -> dict[str, Any]:
-    """Signals along a guided run, (T, L) each, and what every effect contributes, (effects, T, L)."""
-    throttle, (state, z), steps, _ = run(form, x, pick, arrays)
+def _shown(throttle: Throttle, path: StatePath, steps: Step) -> dict[str, Any]:
+    """Signals of a batch or of one entry, and what every effect contributes, (effects, T, L).
+
+    Args:
+        throttle: the model.
+        path: its states and memories at the end of each step.
+        steps: what it ran on.
+    """
+    state, z = path
     u = steps.inputs(1.0)
     parts = throttle.parts(state, z, u)
     zero = jnp.zeros_like(state.omega)
@@ -55,6 +64,24 @@ def _along(form: Form, x: Any, pick: Pick, arrays: Any) -> dict[str, Any]:
     }
 
 
+@Program
+def _by_jax(form: Form, x: Any, pick: Pick, arrays: Any) -> dict[str, Any]:
+    throttle, path, steps, _ = run(form, x, pick, arrays)
+    return _shown(throttle, path, steps)
+
+
+_BY_KERNEL = along_path(lambda given: _shown(given.throttle, given.after, given.batch.steps))
+
+
+def _along(problem: EstimationProblem, x: np.ndarray, guide_stiffness: float) -> dict[str, np.ndarray]:
+    """Signals along a guided run, (T, L) each, and what every effect contributes, (effects, T, L)."""
+    arrays = problem.arrays(guide_stiffness)
+    if not filter_kernels.runs(problem.layout.form):
+        return {k: np.asarray(v) for k, v in _by_jax(*problem.at(x), arrays).items()}
+    found = filter_kernels.along(_BY_KERNEL, *problem.here(x, arrays))
+    return {k: np.moveaxis(v, 2, 0) if v.ndim > 2 else v for k, v in found.items()}
+
+
 def signals(problem: EstimationProblem, x: np.ndarray, guide_stiffness: float) -> list[dict[str, np.ndarray]]:
     """Signals of each trace along a run drawn along its measured angle.
 
@@ -67,7 +94,7 @@ def signals(problem: EstimationProblem, x: np.ndarray, guide_stiffness: float) -
         through the gear), "input" (V or N m), "torque" (missing, N m; NaN where the plate rests); and of each effect,
         shape (effects, n): "effect_torque" (N m) and "effect_voltage" (V).
     """
-    along = {k: np.asarray(v) for k, v in _along(*problem.at(x), problem.arrays(guide_stiffness)).items()}
+    along = _along(problem, x, guide_stiffness)
     out = []
     for lane, _, marks in problem.batch.places:
         out.append({name: column[..., marks, lane] for name, column in along.items()})

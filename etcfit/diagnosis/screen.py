@@ -21,6 +21,7 @@ import jax
 import numpy as np
 
 from ..model.parameters import AbstractDomain, NonNegative, Parameter
+from ..problem import residual_kernels
 from ..problem.free_parameters import Form
 from ..problem.problem import EstimationProblem
 from ..problem.program import Program, side_by_side
@@ -136,7 +137,19 @@ def tangents(
     seen, padded = np.asarray(weighted.slots.weight) > 0.0, layout.padded(x)
     scanned = all(symbol in variant.shape for variant in every for symbol in variant.amplitudes)
 
+    def one(full: np.ndarray, way: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        at = layout.form.full(padded, weighted.pick._replace(full=full))
+        if scanned or not way.any():  # nobody asks for a tangent
+            r = np.asarray(residual_kernels.compared(layout.form, at, weighted).r)[seen]
+            return r, r
+        (k,) = np.flatnonzero(way)
+        by = (layout.parameters[k].symbol,)
+        r, column = residual_kernels.linearised(layout.form, at, weighted, by)
+        return r[seen], column[seen, 0] * way[k]
+
     def some(k: int) -> list[tuple[np.ndarray, np.ndarray]]:
+        if residual_kernels.runs(layout.form, weighted):
+            return list(map(one, fulls[k : k + AT_ONCE], ways[k : k + AT_ONCE]))
         few = slice(k, k + AT_ONCE)
         if scanned:  # nobody asks for a tangent
             at = [r[seen] for r in np.asarray(_residuals(layout.form, padded, weighted, fulls[few]))]

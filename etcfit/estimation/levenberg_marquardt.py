@@ -17,7 +17,7 @@ from jaxtyping import Float
 
 from ..model.parameters import AnyArray
 from ..problem.free_parameters import Layout
-from ..problem.normal_equations import NormalEquations, normal_equations, shared_out
+from ..problem.normal_equations import NormalEquations, normal_equations
 from ..problem.problem import EstimationProblem
 from ..problem.program import Program
 from ..problem.residual import WeightedData
@@ -202,13 +202,12 @@ def minimise(
         coordinates of the end, shape (P,), and the number of steps; x itself and 0 where nothing was done.
     """
     layout, count = problem.layout, weighted.samples
-    room, pieces = layout.padded(x).size, shared_out(weighted, x.size + layout.spare)
+    compute = normal_equations(layout.form, weighted, x.size + layout.spare)
     prior_mean, prior_sd = (np.asarray(each)[: x.size] for each in (weighted.prior_mean, weighted.prior_sd))
 
     @cache
     def of_data(at: bytes) -> NormalEquations:
-        padded = layout.padded(np.frombuffer(at), 0.0)
-        e = normal_equations(layout.form, padded[:room], pieces)
+        e = compute(layout.padded(np.frombuffer(at)))
         return NormalEquations(e.chi2, e.gradient[: x.size], e.information[: x.size, : x.size])
 
     first = of_data(x.tobytes())

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable, Collection
 from dataclasses import dataclass, replace
 
-import jax
 import numpy as np
 
 from ..problem.problem import EstimationProblem
@@ -93,4 +92,4 @@ def muted(problem: EstimationProblem, weighted: WeightedData, counts: Callable[[
     for trace, (lane, _, marks) in zip(problem.batch.traces, problem.batch.places, strict=True):
         if not counts(trace):
             weight[marks, lane] = 0.0
-    return jax.device_put(weighted._replace(whitening=weighted.whitening._replace(weight=weight)))
+    return weighted._replace(whitening=weighted.whitening._replace(weight=weight))

@@ -21,6 +21,7 @@ WRITTEN: dict[str, Written] = {
     "min": call("fmin", 2),
     "clamp": calls("fmin(fmax({1}, {0}), {2})"),
     "abs": call("fabs"),
+    "round": call("rint"),
     "pow": call("pow", 2),
     "atan2": call("atan2", 2),
     **{name: call(name) for name in _ITSELF},

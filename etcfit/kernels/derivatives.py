@@ -13,7 +13,7 @@ from collections.abc import Collection, Iterator, Mapping, Sequence
 
 from .graph import CONDITIONS, Graph
 
-_STILL = CONDITIONS | {"sign", "number", "floor", "ceil"}
+_STILL = CONDITIONS | {"sign", "number", "floor", "ceil", "round"}
 
 
 def forward(graph: Graph, nodes: Sequence[int], ways: Mapping[int, int]) -> dict[int, int]:
@@ -80,7 +80,7 @@ def _partials(graph: Graph, node: int, moving: Collection[int]) -> Iterator[tupl
     if operation in _STILL:
         return
     for place, operand in enumerate(graph.operands(node)):
-        if operand in moving:
+        if operand in moving and not graph.is_condition(operand):
             yield operand, _partial(graph, operation, node, place)
 
 

@@ -34,6 +34,7 @@ OPERATIONS: dict[str, Callable[..., Any]] = {
     "clamp": lambda low, a, high: min(max(a, low), high),
     "abs": abs,
     "sign": lambda a: float((a > 0.0) - (a < 0.0)),
+    "round": lambda a: float(round(a)),
     "pow": math.pow,
     "atan2": math.atan2,
     **{name: getattr(math, name) for name in (

@@ -20,14 +20,22 @@ _OF_MATH = (
 WRITTEN: dict[str, Written] = {
     **OPERATORS,
     "is_finite": call("Number.isFinite"),
+    "round": call("rounded"),
     "clamp": calls("Math.min(Math.max({1}, {0}), {2})"),
     **{name: call(f"Math.{name}", 2) for name in ("max", "min", "pow", "atan2")},
     **{name: call(f"Math.{name}") for name in _OF_MATH},
 }
 
 
+PRELUDE = """const rounded = (value) => {
+const below = Math.floor(value), rest = value - below;
+return rest > 0.5 || (rest === 0.5 && below % 2 !== 0) ? below + 1 : below;
+};"""
+"""What stands before the text: the nearest whole number, of two the even one."""
+
+
 def program(graph: Graph, results: Sequence[int]) -> Program:
-    """JavaScript of some nodes of a graph; see `infix.program`."""
+    """JavaScript of some nodes of a graph; see `infix.program`. It calls what is in PRELUDE."""
     return printed(graph, results, _JAVASCRIPT)
 
 

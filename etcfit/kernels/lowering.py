@@ -26,6 +26,7 @@ _SAME = ("copy", "stop_gradient", "optimization_barrier", "copy_p")
 _RESHAPED = ("reshape", "squeeze", "expand_dims")
 _RENAMED = {"add_any": "add"}
 _LOOPS = ("scan", "while", "cond")
+_LONGEST = 32  # rounds of a loop that is written out
 _MOST = 4096  # numbers in one array: more are data, not arithmetic
 
 
@@ -87,12 +88,31 @@ def _each(function: Callable[..., int], *arrays: Any) -> Nodes:
 def _equation(graph: Graph, equation: Any, operands: list[Nodes]) -> list[Nodes]:
     """Nodes of what one primitive returns."""
     name, params = equation.primitive.name, equation.params
+    if name == "scan" and params["length"] <= _LONGEST:
+        return _unrolled(graph, params, operands)
+    if name == "split":
+        return np.split(operands[0], np.cumsum(params["sizes"])[:-1], axis=params["axis"])
     inner = params.get("jaxpr") or params.get("call_jaxpr") or params.get("fun_jaxpr")
     if inner is not None and name not in _LOOPS:
         closed = hasattr(inner, "consts")
         return _run(graph, inner.jaxpr if closed else inner, inner.consts if closed else (), operands)
     shaped = _shaped(graph, name, params, operands, equation)
     return [_each(_entrywise(graph, equation), *operands) if shaped is None else shaped]
+
+
+def _unrolled(graph: Graph, params: Any, operands: list[Nodes]) -> list[Nodes]:
+    """A short loop, round by round."""
+    body, constants, carried = params["jaxpr"], params["num_consts"], params["num_carry"]
+    fixed, state, entries = operands[:constants], operands[constants:][:carried], operands[constants + carried :]
+    rounds = range(params["length"])
+    stacked = []
+    for k in reversed(rounds) if params["reverse"] else rounds:
+        given = [*fixed, *state, *(np.asarray(each[k], dtype=object) for each in entries)]
+        after = _run(graph, body.jaxpr, body.consts, given)
+        state, out = after[:carried], after[carried:]
+        stacked.append(out)
+    stacked = stacked[::-1] if params["reverse"] else stacked
+    return [*state, *(np.stack(each) for each in zip(*stacked, strict=True))]
 
 
 def _shaped(graph: Graph, name: str, params: Any, operands: list[Nodes], equation: Any) -> Nodes | None:
@@ -102,6 +122,11 @@ def _shaped(graph: Graph, name: str, params: Any, operands: list[Nodes], equatio
             return operands[0]
         case _ if name in _RESHAPED:
             return operands[0].reshape(equation.outvars[0].aval.shape)
+        case "iota":
+            along = np.arange(params["shape"][params["dimension"]], dtype=params["dtype"])
+            shape = [1] * len(params["shape"])
+            shape[params["dimension"]] = along.size
+            return _constants(graph, np.broadcast_to(along.reshape(shape), params["shape"]))
         case "transpose":
             return operands[0].transpose(params["permutation"])
         case "broadcast_in_dim":
@@ -155,6 +180,8 @@ def _entrywise(graph: Graph, equation: Any) -> Callable[..., int]:
             return lambda condition, otherwise, chosen: make("choose", condition, chosen, otherwise)
         case "clamp":
             return lambda low, value, high: _clamped(graph, low, value, high)
+        case "round" if params["rounding_method"] != jax.lax.RoundingMethod.TO_NEAREST_EVEN:
+            raise NotScalarError("round, away from zero")
         case "integer_pow":
             return lambda base: _power(graph, base, params["y"])
         case "square":
@@ -164,8 +191,8 @@ def _entrywise(graph: Graph, equation: Any) -> Callable[..., int]:
         case "logistic":
             one = graph.constant(1.0)
             return lambda base: make("div", one, make("add", one, make("exp", make("neg", base))))
-        case "round" if params["rounding_method"] == jax.lax.RoundingMethod.TO_NEAREST_EVEN:
-            return lambda value: _rounded(graph, value)
+        case "round" if params["rounding_method"] != jax.lax.RoundingMethod.TO_NEAREST_EVEN:
+            raise NotScalarError("round with halves away from zero")
         case "convert_element_type":
             before, after = equation.invars[0].aval.dtype, params["new_dtype"]
             return lambda node: _converted(graph, node, before, after)
@@ -192,19 +219,11 @@ def _power(graph: Graph, base: int, exponent: int) -> int:
     return graph.make("mul", whole, base) if exponent % 2 else whole
 
 
-def _rounded(graph: Graph, value: int) -> int:
-    """The nearest whole number, of two the even one: without the function that some languages lack."""
-    make, half = graph.make, graph.constant(0.5)
-    below = make("floor", value)
-    rest, pairs = make("sub", value, below), make("floor", make("mul", half, below))
-    is_odd = make("gt", below, make("mul", graph.constant(2.0), pairs))
-    up = make("or", make("gt", rest, half), make("and", make("eq", rest, half), is_odd))
-    return make("add", below, make("number", up))
-
-
 def _converted(graph: Graph, node: int, before: Any, after: Any) -> int:
     if np.dtype(before) == bool and np.dtype(after) != bool:
         return graph.make("number", node)
+    if (value := graph.known(node)) is not None:
+        return graph.constant(np.dtype(after).type(value).item())
     if np.dtype(before) == np.dtype(after) or {np.dtype(before).kind, np.dtype(after).kind} <= {"f"}:
         return node
     raise NotScalarError(f"convert_element_type from {before} to {after}")

@@ -113,10 +113,33 @@ def added(
     Returns:
         entries of shape (T, L), SI.
     """
+    one = jax.vmap(lambda carried, entry: added_at(effect, values, ways, carried, entry))
+    zero = jnp.zeros(steps.dt.shape[1:])
+    carried = (tuple(zero for _ in effect.z0),) * 2
+    return jax.lax.scan(lambda carried, entry: one(carried, entry), carried, (along, steps, resets))[1]
 
-    def contributed(values: Mapping[str, Scalar]) -> StepBesides:
+
+def added_at(
+    effect: type[AbstractEffect],
+    values: Mapping[str, Scalar],
+    ways: Mapping[str, Scalar],
+    carried: Any,
+    entry: tuple[StepAsked, Step, Reset],
+) -> tuple[Any, StepBesides]:
+    """The same of one step.
+
+    Args:
+        effect, values, ways: as of `added`.
+        carried: the effect's memories at the end of the step before, and their tangents.
+        entry: where the step asks it, the step, and whether a trace begins there.
+    Returns:
+        what is carried on, and what the effect adds.
+    """
+    along, s, reset = entry
+
+    def contributed(values: Mapping[str, Scalar], z: tuple[Scalar, ...]) -> tuple[tuple[Scalar, ...], StepBesides]:
         mine = effect(**values)
-        early, late, end = _memories(mine, along, steps, resets)
+        early, late, end = _memories(mine, along, s, reset, z)
 
         def stage(where: Asked, z: tuple[Scalar, ...]) -> Besides:
             here, slope = jax.jvp(
@@ -126,11 +149,10 @@ def added(
 
         read = mine(along.end, end, along.read)
         second = stage(along.late, late)._replace(position=read.position, current=read.current)
-        return StepBesides(stage(along.early, early), second)
+        return end, jax.tree.map(lambda each: jnp.asarray(each, float), StepBesides(stage(along.early, early), second))
 
-    shape = steps.dt.shape
-    slope = jax.jvp(contributed, (dict(values),), (dict(ways),))[1]
-    return jax.tree.map(lambda leaf: jnp.broadcast_to(leaf, shape), slope)
+    (end, _), (dend, way) = jax.jvp(contributed, (dict(values), carried[0]), (dict(ways), carried[1]))
+    return (end, dend), way
 
 
 def _besides(c: Contribution, loaded: bool) -> Besides:
@@ -140,22 +162,15 @@ def _besides(c: Contribution, loaded: bool) -> Besides:
     return jax.tree.map(lambda each: jnp.asarray(each, float), acts)
 
 
-def _memories(effect: AbstractEffect, along: StepAsked, steps: Step, resets: Reset) -> Any:
-    """An effect's own memories where the first and the second stage ask it, and at the end of each step; () each for
-    one that has none."""
+def _memories(effect: AbstractEffect, along: StepAsked, s: Step, reset: Reset, z: Any) -> Any:
+    """An effect's own memories where the first and the second stage ask it, and at the end of the step; () each for one
+    that has none."""
     if not effect.z0:
         return (), (), ()
-    alone = Throttle((effect,))
-
-    def remember(z: Any, entry: tuple[StepAsked, Step, Reset]) -> Any:
-        (early, late, *_), s, reset = entry
-        z = tuple(jnp.where(reset.begins > 0.5, first, now) for first, now in zip(effect.z0, z, strict=True))
-        a, second = GAMMA * s.dt, State(*(at + way for at, way in zip(late.x, late.dx, strict=True)))
-        z_early = memory(alone, z, z, early.x, early.u, a)
-        z1 = memory(alone, z, z_early, late.x, early.u, a)
-        z_late = memory(alone, between(z, z1), z1, late.x, late.u, a)
-        z2 = memory(alone, between(z, z1), z_late, second, late.u, a)
-        return z2, (z_early, z_late, z2)
-
-    z0 = tuple(jnp.full(steps.dt.shape[1:], z) for z in effect.z0)
-    return jax.lax.scan(remember, z0, (along, steps, resets))[1]
+    alone, (early, late, *_) = Throttle((effect,)), along
+    z = tuple(jnp.where(reset.begins > 0.5, first, now) for first, now in zip(effect.z0, z, strict=True))
+    a, second = GAMMA * s.dt, State(*(at + way for at, way in zip(late.x, late.dx, strict=True)))
+    z_early = memory(alone, z, z, early.x, early.u, a)
+    z1 = memory(alone, z, z_early, late.x, early.u, a)
+    z_late = memory(alone, between(z, z1), z1, late.x, late.u, a)
+    return z_early, z_late, memory(alone, between(z, z1), z_late, second, late.u, a)

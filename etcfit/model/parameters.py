@@ -34,8 +34,13 @@ class AbstractDomain(abc.ABC):
 
     @staticmethod
     @abc.abstractmethod
-    def curve(x: Scalar) -> Scalar:
-        """value / scale at coordinate x, both dimensionless; of arrays entry by entry."""
+    def curve(x: Scalar, by: Any = jnp) -> Scalar:
+        """value / scale at coordinate x, both dimensionless; of arrays entry by entry, by JAX or by NumPy."""
+
+    @staticmethod
+    @abc.abstractmethod
+    def slope(x: Float[np.ndarray, "*any"]) -> Float[np.ndarray, "*any"]:
+        """Derivative of `curve` at coordinate x, by NumPy."""
 
     def value(self, x: Scalar) -> Scalar:
         """Value in SI at coordinate x (dimensionless)."""
@@ -71,8 +76,12 @@ class Positive(AbstractDomain):
     scale: float
 
     @staticmethod
-    def curve(x: Scalar) -> Scalar:
-        return jnp.exp(_REACH * jnp.tanh(x / _REACH))
+    def curve(x: Scalar, by: Any = jnp) -> Scalar:
+        return by.exp(_REACH * by.tanh(x / _REACH))
+
+    @staticmethod
+    def slope(x: Float[np.ndarray, "*any"]) -> Float[np.ndarray, "*any"]:
+        return Positive.curve(x, np) * (1.0 - np.tanh(x / _REACH) ** 2)
 
     @staticmethod
     def log_flat(x: Scalar) -> Scalar:
@@ -105,10 +114,14 @@ class NonNegative(AbstractDomain):
     scale: float
 
     @staticmethod
-    def curve(x: Scalar) -> Scalar:
+    def curve(x: Scalar, by: Any = jnp) -> Scalar:
         # both branches are the same number; the second does not cancel for x << 0
-        root = jnp.sqrt(x * x + _SOFTNESS**2)
-        return 0.5 * jnp.where(x >= 0.0, x + root, _SOFTNESS**2 / (root + jnp.abs(x)))
+        root = by.sqrt(x * x + _SOFTNESS**2)
+        return 0.5 * by.where(x >= 0.0, x + root, _SOFTNESS**2 / (root + by.abs(x)))
+
+    @staticmethod
+    def slope(x: Float[np.ndarray, "*any"]) -> Float[np.ndarray, "*any"]:
+        return NonNegative.curve(x, np) / np.sqrt(x * x + _SOFTNESS**2)
 
     @staticmethod
     def log_flat(x: Scalar) -> Scalar:
@@ -134,8 +147,12 @@ class Real(AbstractDomain):
     scale: float
 
     @staticmethod
-    def curve(x: Scalar) -> Scalar:
+    def curve(x: Scalar, by: Any = jnp) -> Scalar:
         return x
+
+    @staticmethod
+    def slope(x: Float[np.ndarray, "*any"]) -> Float[np.ndarray, "*any"]:
+        return np.ones_like(x)
 
     @staticmethod
     def log_flat(x: Scalar) -> Scalar:
@@ -155,20 +172,26 @@ class Real(AbstractDomain):
 DOMAINS: tuple[type[AbstractDomain], ...] = (Positive, NonNegative, Real)
 
 
-def curves(kinds: Int[AnyArray, " P"], x: Float[AnyArray, " P"]) -> Float[Array, " P"]:
+def curves(kinds: Int[AnyArray, " P"], x: Float[AnyArray, "*K P"], by: Any = jnp) -> Float[AnyArray, "*K P"]:
     """value / scale of many coordinates at once.
 
     Args:
         kinds: domain of each, an index into `DOMAINS`, shape (P,). Data: another choice of free parameters runs through
             the same compiled program.
-        x: coordinates, shape (P,), dimensionless.
+        x: coordinates, shape (..., P), dimensionless.
+        by: what computes, JAX or NumPy.
     Returns:
-        shape (P,), dimensionless.
+        shape (..., P), dimensionless.
     """
     out = x
     for k, domain in enumerate(DOMAINS):
-        out = jnp.where(kinds == k, domain.curve(x), out)
+        out = by.where(kinds == k, domain.curve(x, by), out)
     return out
+
+
+def slopes(kinds: Int[np.ndarray, " P"], x: Float[np.ndarray, " P"]) -> Float[np.ndarray, " P"]:
+    """Derivatives of `curves`, shape (P,), by NumPy."""
+    return np.choose(kinds, [domain.slope(x) for domain in DOMAINS])
 
 
 def log_flats(kinds: Int[AnyArray, " P"], x: Float[AnyArray, " P"]) -> Float[Array, " P"]:

@@ -12,15 +12,22 @@ from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Float
 
-from ..model.besides import StepAsked, added, asked_along
-from ..model.effects import AbstractEffect
-from ..model.parameters import Scalar
-from ..model.stepper import Reset, Step, StepBesides
+from ..kernels.machine import available
+from ..model.besides import StepAsked, added, added_at, asked, asked_along
+from ..model.effects import AbstractEffect, Besides, State
+from ..model.parameters import AnyArray, Scalar
+from ..model.stepper import Reset, Step, StepBesides, begun, step
+from ..model.throttle import Throttle
+from . import residual_kernels
 from .free_parameters import Form
+from .lanes import Along
+from .one_pass import advance, entries, start
 from .program import QUICK, Program
-from .residual import WeightedData, residual, run
+from .records import Entries, numbered, used_rows
+from .residual import WeightedData, equipped, residual, run
 
 
 class Where(NamedTuple):
@@ -32,14 +39,14 @@ class Where(NamedTuple):
 
 
 @Program
-def where_asked(form: Form, x: Float[Array, " P"], weighted: WeightedData) -> Where:
+def _where_asked(form: Form, x: Float[Array, " P"], weighted: WeightedData) -> Where:
     """Where the steps of a model ask the effects; arguments as of `residual`."""
     throttle, path, steps, resets = run(form, x, weighted.pick, weighted)
     return Where(asked_along(throttle, path, steps, resets), steps, resets)
 
 
 @partial(Program, options=QUICK)
-def added_by(
+def _added_by(
     effect: type[AbstractEffect], values: Mapping[str, Scalar], ways: Mapping[str, Scalar], where: Where
 ) -> StepBesides:
     """What an effect would add to each step along a direction of its parameters, see `model.besides.added`."""
@@ -47,9 +54,40 @@ def added_by(
 
 
 @Program
-def responses(
+def _responses(
     form: Form, x: Float[Array, " P"], weighted: WeightedData, besides: tuple[StepBesides, ...]
 ) -> Float[Array, "K T L M"]:
+    ways: Any = jax.tree.map(lambda *leaves: jnp.stack(leaves), *besides)
+    nothing = jax.tree.map(jnp.zeros_like, besides[0])
+
+    def of(acts: StepBesides) -> Float[Array, "T L M"]:
+        return residual(form, x, weighted._replace(steps=weighted.steps._replace(besides=acts)))
+
+    return jax.vmap(lambda way: jax.jvp(of, (nothing,), (way,))[1])(ways)
+
+
+def where_asked(form: Form, x: Float[np.ndarray, " P"], weighted: WeightedData) -> Where:
+    """Where the steps of a model ask the effects; arguments as of `residual`."""
+    if not residual_kernels.runs(form, weighted):
+        return _where_asked(form, x, weighted)
+    tree = weighted.steps, weighted.resets, weighted.test_of
+    batch = Entries(tree, _rows(weighted), (frozenset({numbered(tree)[0].guide_stiffness}),))
+    return _ASKED.run((form,), form.full(x, weighted.pick), batch)
+
+
+def added_by(
+    effect: type[AbstractEffect], values: Mapping[str, float], ways: Mapping[str, float], where: Where
+) -> StepBesides:
+    """What an effect would add to each step along a direction of its parameters, see `model.besides.added`."""
+    if not available():
+        return _added_by(effect, values, ways, where)
+    batch = Entries(where, used_rows(np.asarray(where.steps.dt), np.asarray(where.resets.begins)))
+    return _ADDED.run((effect, tuple(values)), np.array([*values.values(), *ways.values()]), batch)
+
+
+def responses(
+    form: Form, x: Float[np.ndarray, " P"], weighted: WeightedData, besides: tuple[StepBesides, ...]
+) -> Float[AnyArray, "K T L M"]:
     """What the residual does to first order where something acts besides all effects.
 
     Args:
@@ -58,10 +96,63 @@ def responses(
     Returns:
         shape (K, T, L, M), dimensionless.
     """
-    ways: Any = jax.tree.map(lambda *leaves: jnp.stack(leaves), *besides)
-    nothing = jax.tree.map(jnp.zeros_like, besides[0])
+    if not residual_kernels.runs(form, weighted):
+        return _responses(form, x, weighted, besides)
+    full, order = form.full(x, weighted.pick), weighted.whitening.transition.shape[-1]
+    data = entries(weighted._replace(slots=weighted.slots._replace(sigma=None)))
 
-    def of(acts: StepBesides) -> Float[Array, "T L M"]:
-        return residual(form, x, weighted._replace(steps=weighted.steps._replace(besides=acts)))
+    def along(way: StepBesides) -> np.ndarray:
+        tree = data, way
+        (steps, _, slots, _, filter_), acts = numbered(tree)
+        weights = {slots.weight, filter_.weight}
+        renewed = frozenset({steps.guide_stiffness, slots.value, *weights, *filter_[:4]})
+        batch = Entries(tree, _rows(weighted), (renewed, frozenset(jax.tree.leaves(acts))), frozenset(weights))
+        return _RESPONSES.run((form, order), full, batch)
 
-    return jax.vmap(lambda way: jax.jvp(of, (nothing,), (way,))[1])(ways)
+    return np.stack(list(map(along, besides)))
+
+
+def _rows(weighted: WeightedData) -> np.ndarray:
+    return used_rows(np.asarray(weighted.steps.dt), np.asarray(weighted.resets.begins))
+
+
+def _asks(form: Form) -> Any:
+    def one(values: Any, path: Any, entry: Any) -> Any:
+        s, reset, test_of = entry
+        throttle = Throttle.build(form.types, values)
+        s, reset = equipped(throttle, s, reset, test_of, values)
+        x, z = begun(throttle, *path, reset)
+        return step(throttle, x, z, s), Where(asked(throttle, x, z, s), s, reset)
+
+    memories = Throttle.build(form.types, dict.fromkeys(form.index, 0.5)).z0
+    return one, tuple(form.index), (State(0.0, 0.0, 0.0), memories), form.ties
+
+
+def _adds(effect: type[AbstractEffect], fields: tuple[str, ...]) -> Any:
+    ways = [f"way of {field}" for field in fields]
+
+    def one(values: Any, carried: Any, entry: Where) -> Any:
+        at, along = {f: values[f] for f in fields}, {f: values[way] for f, way in zip(fields, ways, strict=True)}
+        return added_at(effect, at, along, carried, tuple(entry))
+
+    return one, (*fields, *ways), (effect.z0,) * 2, ()
+
+
+def _responds(form: Form, order: int) -> Any:
+    def one(values: Any, carried: Any, entry: Any) -> Any:
+        (s, *data), way = entry
+        before, moved = carried
+        nothing = StepBesides(*(Besides(*(0.0,) * len(Besides._fields)),) * 2)
+
+        def of(before: Any, acts: StepBesides) -> Any:
+            after, (_, r) = advance(form, values, before, (s._replace(besides=acts), *data))
+            return after, r
+
+        (after, _), (moved, r) = jax.jvp(of, (before, nothing), (moved, way))
+        return (after, moved), r
+
+    carried = jax.eval_shape(lambda: start(form, dict.fromkeys(form.index, 0.5), (), order))
+    return one, tuple(form.index), (carried, carried), form.ties
+
+
+_ASKED, _ADDED, _RESPONSES = Along(_asks), Along(_adds), Along(_responds)

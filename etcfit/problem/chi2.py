@@ -15,6 +15,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
+from . import residual_kernels
 from .free_parameters import Form
 from .one_pass import advance, entries, has_single_pass, start
 from .problem import EstimationProblem
@@ -39,15 +40,27 @@ def chi2_of(
     Returns:
         shape (K,), dimensionless; inf where the simulation fails.
     """
+    form = problem.layout.form
+    if residual_kernels.runs(form, weighted):
+        with np.errstate(over="ignore", invalid="ignore"):  # of simulations that run away
+            fulls = form.full(problem.layout.padded(points), weighted.pick)
+            chi2 = residual_kernels.chi2_of_points(form, fulls, weighted) + _of_priors(problem, points, weighted)
+            return np.where(np.isfinite(chi2), chi2, np.inf)
     if len(points) < _FEW:  # what is compiled for one residual serves, whatever their number
         return np.array([_of_one(problem, x, weighted) for x in points])
     passes = max(-(-len(points) // _MOST), min(CORES, len(points) // _LEAST))
     size = -(-len(points) // passes)
     full = problem.layout.padded(np.pad(points, ((0, passes * size - len(points)), (0, 0)), mode="edge"))
-    form = problem.layout.form
     parts = side_by_side(lambda some: _chi2(form, some, weighted), np.split(full, passes))
     chi2 = np.concatenate([np.asarray(part) for part in parts])[: len(points)]
     return np.where(np.isfinite(chi2), chi2, np.inf)
+
+
+def _of_priors(
+    problem: EstimationProblem, points: Float[np.ndarray, "K P"], weighted: WeightedData
+) -> Float[np.ndarray, " K"]:
+    each = (prior_residual_here(problem.layout.padded(x), weighted) for x in points)
+    return np.array([float(np.sum(prior**2)) for prior in each])
 
 
 def _of_one(problem: EstimationProblem, x: Float[np.ndarray, " P"], weighted: WeightedData) -> float:
@@ -78,7 +91,7 @@ def _in_one_pass(form: Form, points: Float[Array, "K P"], weighted: WeightedData
 
     def add(state: Any, entry: Any) -> Any:
         carried, chi2 = state
-        carried, r = each(values, carried, entry)
+        carried, (_, r) = each(values, carried, entry)
         return (carried, chi2 + jnp.sum(r**2, axis=-1)), None
 
     first = start(form, values, shape, order), jnp.zeros(shape)

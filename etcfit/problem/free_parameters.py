@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from functools import cached_property, partial
+from functools import cached_property
 from typing import NamedTuple
 
 import jax
@@ -14,14 +14,12 @@ from jaxtyping import Array, Bool, Float, Int
 
 from ..errors import MeasurementError
 from ..model.effects import COMMANDING, EFFECT_BY_NAME, PAPER, AbstractEffect
-from ..model.parameters import DOMAINS, AnyArray, NonNegative, Parameter, Positive, Real, Scalar, curves
+from ..model.parameters import DOMAINS, AnyArray, NonNegative, Parameter, Positive, Real, Scalar, curves, slopes
 from ..model.rig_effects import Place, SeriesResistance, rig_effect
 from ..model.throttle import catalogue
 from ..rig.base import Fixed, Prior, RigConfig, Start, Tied
-from .program import Program
 
 _FARTHEST = 1e9  # of a known value from the usual size, either way
-_NUMBERS = 32  # parameters, of which a multiple is asked for at a time
 SERIES = "series_ohm."  # prefix of a rig test's own circuit resistance
 
 
@@ -85,6 +83,24 @@ class Form:
         full = jnp.append(pick.full, 0.0).at[pick.where].set(self.mapped(x, pick))
         values = {symbol: full[k] for symbol, k in self.index.items()}
         return values | {s: values[other] for s, other in self.ties}
+
+    def full(self, x: Float[np.ndarray, "*K P"], pick: Pick) -> Float[np.ndarray, "*K Q"]:
+        """Values in SI of every parameter, shape (..., Q), by NumPy; a tied one has none of its own.
+
+        Args:
+            x: coordinates, shape (..., P), dimensionless.
+            pick: which parameters they stand for, and the values of the others.
+        """
+        where = np.asarray(pick.where)
+        out = np.empty((*x.shape[:-1], len(self.parameters) + 1))
+        out[..., :-1] = pick.full
+        out[..., where] = self.scales[where] * curves(self.kinds[where], x, np)
+        return out[..., :-1]
+
+    def slopes(self, x: Float[np.ndarray, " P"], pick: Pick) -> Float[np.ndarray, " P"]:
+        """Derivatives of the values of the free parameters, SI, in their coordinates, shape (P,), by NumPy."""
+        where = np.asarray(pick.where)
+        return self.scales[where] * slopes(self.kinds[where], x)
 
 
 @dataclass(frozen=True)
@@ -150,10 +166,9 @@ class Layout:
 
     def numbers(self, x: Float[np.ndarray, " P"]) -> tuple[Float[np.ndarray, " P"], Float[np.ndarray, " P"]]:
         """Values of the free parameters, SI, and their derivatives dvalue/dx, SI, at coordinates x; shape (P,) each."""
-        size, room = len(self.free), -len(self.free) % _NUMBERS  # few lengths, so that few are compiled
-        where = np.pad([self.form.index[s] for s in self.free], (0, room), constant_values=-1).astype(int)
-        value, slope = _numbers(self.form.kinds[where], self.form.scales[where], np.pad(x, (0, room)))
-        return np.asarray(value)[:size], np.asarray(slope)[:size]
+        where = np.array([self.form.index[s] for s in self.free], dtype=int)
+        kinds, scales, x = self.form.kinds[where], self.form.scales[where], np.asarray(x, dtype=float)
+        return scales * curves(kinds, x, np), scales * slopes(kinds, x)
 
     def coordinates(self, values: Mapping[str, float]) -> Float[np.ndarray, " P"]:
         """The coordinates x, shape (P,), of values in SI by symbol; a value on a bound is moved just inside it."""
@@ -184,17 +199,6 @@ class Layout:
         if symbol in dict(self.ties):
             return "tied"
         return "fixed" if symbol in self.held else "estimated"
-
-
-@partial(Program, static=0)
-def _numbers(
-    kinds: Int[Array, " P"], scales: Float[Array, " P"], x: Float[Array, " P"]
-) -> tuple[Float[Array, " P"], Float[Array, " P"]]:
-    """Each value depends on its own coordinate alone, so that one tangent of ones gives every derivative.
-
-    One compiled program: operation by operation JAX would compile dozens.
-    """
-    return jax.jvp(lambda x: scales * curves(kinds, x), (x,), (jnp.ones_like(x),))
 
 
 @dataclass(frozen=True, eq=False)

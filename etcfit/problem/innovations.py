@@ -16,6 +16,7 @@ are taken up one after the other.
 
 from __future__ import annotations
 
+from functools import partial
 from typing import Any, NamedTuple
 
 import jax
@@ -27,7 +28,7 @@ from ..model.stepper import StatePath
 from ..model.tangents import once
 from ..model.throttle import Throttle
 from .batch import BatchArrays, SampleSlots
-from .process_noise import ORDER, error_process
+from .process_noise import ORDER, ErrorProcess, error_process
 
 
 class Moved(NamedTuple):
@@ -54,17 +55,17 @@ class InnovationsFilter(NamedTuple):
     in the model, error of the input (V or N m). Formulas: head of this module.
 
     Args:
-        transition: A, shape (T, L, n, n); 0 at the first entry of a trace.
-        sense: C, shape (T, L, M, n).
-        gain: K, shape (T, L, M, n).
-        weight: 1 / sqrt(S), shape (T, L, M), 1 over the unit of the sample; 0 where there is no sample.
+        transition: A, shape (..., n, n); 0 at the first entry of a trace.
+        sense: C, shape (..., M, n).
+        gain: K, shape (..., M, n).
+        weight: 1 / sqrt(S), shape (..., M), 1 over the unit of the sample; 0 where there is no sample.
         moved: None where samples are filtered where they were logged.
     """
 
-    transition: Float[Array, "T L n n"]
-    sense: Float[Array, "T L M n"]
-    gain: Float[Array, "T L M n"]
-    weight: Float[AnyArray, "T L M"]
+    transition: Float[AnyArray, "*batch n n"]
+    sense: Float[AnyArray, "*batch M n"]
+    gain: Float[AnyArray, "*batch M n"]
+    weight: Float[AnyArray, "*batch M"]
     moved: Moved | None = None
 
 
@@ -137,34 +138,38 @@ def kalman(
         it, over the variance S that its innovation has.
     """
     process = error_process(throttle, path, batch)
-    variance = process.sample_variance(jitter)
-    gain, weight = _covariance(process.transition, process.noise, process.sense, variance, batch.slots.weight)
-    return InnovationsFilter(process.transition, process.sense, gain, weight), process.timing * weight**2
-
-
-def _covariance(
-    transition: Float[Array, "T L n n"],
-    noise: Float[Array, "T L n n"],
-    sense: Float[Array, "T L M n"],
-    variance: Float[Array, "T L M"],
-    present: Float[AnyArray, "T L M"],
-) -> tuple[Float[Array, "T L M n"], Float[Array, "T L M"]]:
-    """Run the Riccati recursion, one slot after the other: gains (T, L, M, n) and 1 / sqrt(S) (T, L, M)."""
-    lanes, count, order = sense.shape[1:]
 
     def advance(covariance: Any, entry: Any) -> Any:
-        a, q, c, r, there = entry
-        covariance = jnp.einsum("lpq,lqs,lts->lpt", a, covariance, a) + q
-        gains, weights = [], []
-        for m in range(count):
-            row = jnp.einsum("lpq,lq->lp", covariance, c[:, m])
-            spread = jnp.einsum("lp,lp->l", row, c[:, m]) + r[:, m]
-            gain = jnp.where(there[:, m, None] > 0.0, row / spread[:, None], 0.0)
-            covariance = covariance - gain[:, :, None] * row[:, None, :]
-            covariance = 0.5 * (covariance + jnp.swapaxes(covariance, 1, 2))
-            gains.append(gain)
-            weights.append(jnp.where(there[:, m] > 0.0, 1.0 / jnp.sqrt(spread), 0.0))
-        return covariance, (jnp.stack(gains, axis=1), jnp.stack(weights, axis=1))
+        return jax.vmap(partial(renewed, jitter=jitter))(covariance, *entry)
 
+    lanes, order = process.transition.shape[1:3]
     start = jnp.zeros((lanes, order, order))
-    return jax.lax.scan(advance, start, (transition, noise, sense, variance, present))[1]
+    return jax.lax.scan(advance, start, (process, batch.slots.weight))[1]
+
+
+def renewed(
+    covariance: Float[AnyArray, "n n"], process: ErrorProcess, present: Float[AnyArray, " M"], jitter: Scalar
+) -> tuple[Float[AnyArray, "n n"], tuple[InnovationsFilter, Float[AnyArray, " M"]]]:
+    """One entry of the Riccati recursion, one slot after the other.
+
+    Args:
+        covariance: of the error after the entry before, P, shape (n, n).
+        process: of this entry.
+        present: 1 where a slot has a sample, shape (M,).
+        jitter: see `kalman`.
+    Returns:
+        P after this entry, and what `kalman` returns of it.
+    """
+    a, sense, variance = process.transition, process.sense, process.sample_variance(jitter)
+    covariance = a @ covariance @ a.T + process.noise
+    gains, weights = [], []
+    for m in range(sense.shape[0]):
+        row = covariance @ sense[m]
+        spread = row @ sense[m] + variance[m]
+        gain = jnp.where(present[m] > 0.0, row / spread, 0.0)
+        covariance = covariance - gain[:, None] * row[None, :]
+        covariance = 0.5 * (covariance + covariance.T)
+        gains.append(gain)
+        weights.append(jnp.where(present[m] > 0.0, 1.0 / jnp.sqrt(spread), 0.0))
+    weight = jnp.stack(weights)
+    return covariance, (InnovationsFilter(a, sense, jnp.stack(gains), weight), process.timing * weight**2)

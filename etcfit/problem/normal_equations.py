@@ -8,7 +8,7 @@ Source: Griewank and Walther 2008, ch. 3 (vector forward mode). Differs from sou
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable
 from functools import partial
 from typing import Any, NamedTuple
 
@@ -18,6 +18,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from ..model.parameters import AnyArray
+from . import residual_kernels
 from .free_parameters import Form
 from .jacobian import jacobian
 from .one_pass import Carried, advance, entries, has_single_pass, start
@@ -101,18 +102,36 @@ def shared_out(
     return tuple(piece(first) for first in range(0, lanes, width))
 
 
-def normal_equations(form: Form, x: Float[AnyArray, " P"], pieces: Sequence[WeightedData]) -> NormalEquations:
-    """r^T r, J^T r and J^T J of the samples at x; priors are not in them.
+def normal_equations(
+    form: Form, weighted: WeightedData, size: int
+) -> Callable[[Float[np.ndarray, " P"]], NormalEquations]:
+    """What computes r^T r, J^T r and J^T J of the samples at coordinates x, shape (P,); priors are not in them.
 
     Args:
         form: the model.
-        x: coordinates, shape (P,).
-        pieces: the data, see `shared_out`.
+        weighted: data, whitening and priors of the whole batch.
+        size: number of coordinates P.
     """
-    parts = side_by_side(lambda piece: linearise(form, x, piece).equations, pieces)
-    return NormalEquations(
-        *(np.sum([np.asarray(term) for term in terms], axis=0) for terms in zip(*parts, strict=True))
-    )
+    if residual_kernels.runs(form, weighted):
+        return partial(_by_kernel, form, weighted)
+    pieces = shared_out(weighted, size)
+
+    def by_jax(x: Float[np.ndarray, " P"]) -> NormalEquations:
+        parts = side_by_side(lambda piece: linearise(form, x, piece).equations, pieces)
+        return NormalEquations(
+            *(np.sum([np.asarray(term) for term in terms], axis=0) for terms in zip(*parts, strict=True))
+        )
+
+    return by_jax
+
+
+def _by_kernel(form: Form, weighted: WeightedData, x: Float[np.ndarray, " P"]) -> NormalEquations:
+    found, slope = residual_kernels.sums(form, form.full(x, weighted.pick), weighted), form.slopes(x, weighted.pick)
+    gradient, information = np.zeros(x.size), np.zeros((x.size, x.size))
+    live = np.flatnonzero(form.live(weighted.pick))
+    gradient[live] = slope[live] * found.gradient
+    information[np.ix_(live, live)] = np.outer(slope[live], slope[live]) * found.information
+    return NormalEquations(found.chi2, gradient, information)
 
 
 def linearised(
@@ -127,6 +146,11 @@ def linearised(
     Returns:
         r, shape (T, L, M), and dr/dx, shape (T, L, M, P), dimensionless.
     """
+    if residual_kernels.runs(form, weighted):
+        r, slopes = residual_kernels.linearised(form, form.full(x, weighted.pick), weighted)
+        columns, live = np.zeros((*r.shape, x.size)), np.flatnonzero(form.live(weighted.pick))
+        np.multiply(slopes, form.slopes(x, weighted.pick)[live], out=columns[..., : live.size])
+        return r, columns
     parts = side_by_side(lambda piece: linearise(form, x, piece), shared_out(weighted, x.size))
     lanes = weighted.slots.value.shape[1]
     r = np.concatenate([np.asarray(part.r) for part in parts], axis=1)[:, :lanes]
@@ -136,7 +160,10 @@ def linearised(
 
 def linearised_ahead(form: Form, x: Float[AnyArray, " P"], weighted: WeightedData) -> None:
     """Begin to compile, in the background, what `linearised` and `normal_equations` will run."""
-    linearise.ahead(form, x, shared_out(weighted, x.size)[0])
+    if residual_kernels.runs(form, weighted):
+        residual_kernels.ahead(form, weighted)
+    else:
+        linearise.ahead(form, x, shared_out(weighted, x.size)[0])
 
 
 @Program
@@ -175,7 +202,7 @@ def _in_one_pass(
         def pushed(dvalues: Any, tangent: Carried) -> Any:
             return jax.jvp(lambda v, c: each(v, c, entry), (values, carried), (dvalues, tangent))
 
-        (carried, r), (tangents, dr) = jax.vmap(pushed, out_axes=(None, 0))(dvalues, tangents)
+        (carried, (_, r)), (tangents, (_, dr)) = jax.vmap(pushed, out_axes=(None, 0))(dvalues, tangents)
         return (carried, tangents), (r, dr)
 
     first = start(form, values, (lanes,), order)

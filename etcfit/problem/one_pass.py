@@ -11,7 +11,6 @@ from collections.abc import Mapping
 from typing import Any, NamedTuple
 
 import jax.numpy as jnp
-from jaxtyping import Array, Float
 
 from ..model.effects import State
 from ..model.parameters import Scalar
@@ -19,7 +18,7 @@ from ..model.stepper import begun, step
 from ..model.throttle import Throttle
 from .free_parameters import Form
 from .innovations import innovate
-from .residual import WeightedData, equipped, predict
+from .residual import Compared, WeightedData, equipped, predict
 
 
 class Carried(NamedTuple):
@@ -63,7 +62,7 @@ def start(form: Form, values: Mapping[str, Scalar], shape: tuple[int, ...], orde
 
 def advance(
     form: Form, values: Mapping[str, Scalar], carried: Carried, entry: tuple[Any, ...]
-) -> tuple[Carried, Float[Array, " M"]]:
+) -> tuple[Carried, Compared]:
     """Simulate, observe and whiten one entry of one lane.
 
     Args:
@@ -72,12 +71,12 @@ def advance(
         carried: from the entry before.
         entry: steps, resets, slots, rig test and filter of this one, see `entries`.
     Returns:
-        what is carried on, and the whitened residual of its slots, shape (M,), dimensionless.
+        what is carried on, and what its slots ought to show beside the data, shape (M,) each.
     """
     s, reset, slots, test_of, filter_ = entry
     throttle = Throttle.build(form.types, values)
     s, reset = equipped(throttle, s, reset, test_of, values)
     x, z = step(throttle, *begun(throttle, carried.x, carried.z, reset), s)
-    missed = slots.weight * (slots.value - predict(throttle, (x, z), s, reset, slots, test_of))
-    error, r = innovate(carried.error, filter_, missed)
-    return Carried(x, z, error), r
+    seen = predict(throttle, (x, z), s, reset, slots, test_of)
+    error, r = innovate(carried.error, filter_, slots.weight * (slots.value - seen))
+    return Carried(x, z, error), Compared(seen, r)

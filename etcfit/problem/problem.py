@@ -12,8 +12,9 @@ import jax
 import numpy as np
 from jaxtyping import Array, Float, Int
 
-from ..model.parameters import Scalar
+from ..model.parameters import AnyArray, Scalar
 from ..rig.base import RigConfig
+from . import filter_kernels, residual_kernels
 from .batch import BatchArrays, SampleSlots, TraceBatch, batch_of
 from .free_parameters import Form, FreeParameters, Layout, Pick
 from .innovations import InnovationsFilter, Moved, kalman, moved, plain
@@ -147,13 +148,16 @@ class EstimationProblem:
     def compile_ahead(self, x: Float[np.ndarray, " P"]) -> None:
         """Begin to compile, in the background, what a fit will run at x, shape (P,): Jacobian, filter, residual."""
         self.compile_linearised_ahead(x)
-        _compared.ahead(*self._unweighted(x))
+        form, padded, weighted = self._unweighted(x)
+        if not residual_kernels.runs(form, weighted):
+            _compared.ahead(form, padded, weighted)
 
     def compile_linearised_ahead(self, x: Float[np.ndarray, " P"]) -> None:
         """As `compile_ahead`, without the residual: for whoever looks at the Jacobian only."""
         linearised_ahead(*self._unweighted(x))
         form, padded, pick = self.at(x)
-        _kalman.ahead(form, padded, pick, self.arrays(), self.jitter)
+        if not filter_kernels.runs(form):
+            _kalman.ahead(form, padded, pick, self.arrays(), self.jitter)
 
     def _unweighted(self, x: Float[np.ndarray, " P"]) -> tuple[Form, Float[np.ndarray, " room"], WeightedData]:
         form, padded, _ = self.at(x)
@@ -168,10 +172,12 @@ class EstimationProblem:
         """Variance of measured - free run of each trace, shape (n, M), SI^2: sensor noise, noisy input, instants not
         known."""
         arrays, where = self._where_they_belong(x)
+        if where is None and filter_kernels.runs(self.layout.form):
+            return columns(self.batch, filter_kernels.free_run_variance(*self.here(x, arrays), self.jitter))
         variance = _free_run_variance(*self.at(x), arrays, self.jitter)
         return columns(self.batch, variance if where is None else moved(variance, where.back))
 
-    def simulated(self, x: Float[np.ndarray, " P"], guide_stiffness: float) -> Float[Array, "T L M"]:
+    def simulated(self, x: Float[np.ndarray, " P"], guide_stiffness: float) -> Float[np.ndarray, "T L M"]:
         """Simulated samples of the whole batch, SI, shape (T, L, M).
 
         Args:
@@ -181,7 +187,7 @@ class EstimationProblem:
         """
         unwhitened = plain(self.slots, order_of(self.layout.types))
         weighted = self.guided(guide_stiffness).weighted(unwhitened)
-        return _compared(self.layout.form, self.layout.padded(x), weighted).seen
+        return np.asarray(self._compared(x, weighted).seen)
 
     def arrays(self, guide_stiffness: float = 0.0) -> BatchArrays:
         """The batch for compiled functions, under a guide of this stiffness, V/rad (N m/rad where torque drives)."""
@@ -192,10 +198,12 @@ class EstimationProblem:
         """The whitening filter, linearised along the free run at coordinates x, shape (P,)."""
         return self.filter_and_timing(x)[0]
 
-    def filter_and_timing(self, x: Float[np.ndarray, " P"]) -> tuple[InnovationsFilter, Float[Array, "T L M"]]:
+    def filter_and_timing(self, x: Float[np.ndarray, " P"]) -> tuple[InnovationsFilter, Float[AnyArray, "T L M"]]:
         """The whitening filter at coordinates x, shape (P,), and (dy/dt dt)^2 / S of each sample, shape (T, L, M): the
         variance that a jitter of 1 would add to it, over that which it has."""
         arrays, where = self._where_they_belong(x)
+        if where is None and filter_kernels.runs(self.layout.form):
+            return filter_kernels.filter_and_timing(*self.here(x, arrays), self.jitter)
         filter_, timing = _kalman(*self.at(x), arrays, self.jitter)
         return (filter_, timing) if where is None else (filter_._replace(moved=where), moved(timing, where.back))
 
@@ -217,7 +225,8 @@ class EstimationProblem:
         priors = layout.padded(mean), layout.padded(sd, np.inf)
         steps = batch.guided(self.guide_stiffness)
         weighted = WeightedData(steps, batch.resets, self.slots, batch.test_of, filter_, self.pick, *priors)
-        return jax.device_put(weighted)  # once, not at every call
+        weighted = jax.tree.map(np.asarray, weighted)  # once, not at every call
+        return weighted if residual_kernels.runs(layout.form, weighted) else jax.device_put(weighted)
 
     def linearise(self, x: Float[np.ndarray, " P"], weighted: WeightedData) -> Linearisation:
         """Residual, that of the priors, and the Jacobian of the former.
@@ -234,22 +243,43 @@ class EstimationProblem:
     def residual(self, x: Float[np.ndarray, " P"], weighted: WeightedData) -> Float[np.ndarray, "T L M"]:
         """Whitened residual alone, shape (T, L, M), dimensionless, at coordinates x, shape (P,): a tenth of the cost of
         its Jacobian."""
-        return np.asarray(_compared(self.layout.form, self.layout.padded(x), weighted).r)
+        return np.asarray(self._compared(x, weighted).r)
+
+    def _compared(self, x: Float[np.ndarray, " P"], weighted: WeightedData) -> Compared:
+        form, padded = self.layout.form, self.layout.padded(x)
+        if residual_kernels.runs(form, weighted):
+            return residual_kernels.compared(form, form.full(padded, weighted.pick), weighted)
+        return _compared(form, padded, weighted)
 
     def chi2(self, x: Float[np.ndarray, " P"], weighted: WeightedData) -> float:
         """Sum of squares of the whitened residual at coordinates x, shape (P,). Without the priors; `chi2.chi2_of`, for
         many points, counts them."""
+        form = self.layout.form
         with np.errstate(over="ignore"):  # of a simulation that runs away it is inf
+            if residual_kernels.runs(form, weighted):
+                return residual_kernels.chi2(form, form.full(self.layout.padded(x), weighted.pick), weighted)
             return float(np.sum(self.residual(x, weighted) ** 2))
 
     def refined(self, x: Float[np.ndarray, " P"]) -> EstimationProblem:
         """The problem with as many integration steps in each interval as the free run at x, shape (P,), needs."""
         problem = self
         for _ in range(2):
-            error = np.asarray(_local_error(*problem.at(x), problem.arrays()))
+            error = problem._local_error(x)
             steps = substeps_needed(problem.batch, error)
             problem = EstimationProblem.of(self.config, self.free_parameters, self.batch.traces, steps, self.shape)
         return problem
+
+    def _local_error(self, x: Float[np.ndarray, " P"]) -> Float[np.ndarray, "T L"]:
+        if filter_kernels.runs(self.layout.form):
+            return filter_kernels.local_error(*self.here(x, self.arrays()))
+        return np.asarray(_local_error(*self.at(x), self.arrays()))
+
+    def here(
+        self, x: Float[np.ndarray, " P"], arrays: BatchArrays
+    ) -> tuple[Form, Float[np.ndarray, " Q"], BatchArrays]:
+        """Model, values of all parameters, and the batch as arrays of NumPy."""
+        form = self.layout.form
+        return form, form.full(self.layout.padded(x), self.pick), jax.tree.map(np.asarray, arrays)
 
     def reprepared(self, x: Float[np.ndarray, " P"]) -> EstimationProblem:
         """The problem of the measurements as they were logged: release instants are read off the records again, and

@@ -15,10 +15,12 @@ error is a state of its own, and instants that nobody logged add to Q.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import partial
 from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Float
 
 from ..model.effects import AbstractEffect, State
@@ -39,39 +41,42 @@ class ErrorProcess(NamedTuple):
     of the input (V or N m). Formulas: head of this module.
 
     Args:
-        transition: A, shape (T, L, n, n); 0 at the first entry of a trace.
-        noise: Q, shape (T, L, n, n); at the first entry of a trace the covariance of its initial state.
-        sense: C, shape (T, L, M, n).
-        variance: R without jitter, square of the sample's unit, shape (T, L, M).
-        timing: (dy/dt dt)^2, what a jitter of 1 would add to R, shape (T, L, M).
+        transition: A, shape (..., n, n); 0 at the first entry of a trace.
+        noise: Q, shape (..., n, n); at the first entry of a trace the covariance of its initial state.
+        sense: C, shape (..., M, n).
+        variance: R without jitter, square of the sample's unit, shape (..., M).
+        timing: (dy/dt dt)^2, what a jitter of 1 would add to R, shape (..., M).
     """
 
-    transition: Float[Array, "T L n n"]
-    noise: Float[AnyArray, "T L n n"]
-    sense: Float[Array, "T L M n"]
-    variance: Float[AnyArray, "T L M"]
-    timing: Float[Array, "T L M"]
+    transition: Float[AnyArray, "*batch n n"]
+    noise: Float[AnyArray, "*batch n n"]
+    sense: Float[AnyArray, "*batch M n"]
+    variance: Float[AnyArray, "*batch M"]
+    timing: Float[AnyArray, "*batch M"]
 
-    def sample_variance(self, jitter: Scalar) -> Float[AnyArray, "T L M"]:
-        """R = variance + jitter^2 timing, shape (T, L, M), where instants scatter by `jitter` times the time between
+    def sample_variance(self, jitter: Scalar) -> Float[AnyArray, "*batch M"]:
+        """R = variance + jitter^2 timing, shape (..., M), where instants scatter by `jitter` times the time between
         samples."""
         return self.variance + jitter**2 * self.timing
-
-
-class _Along(NamedTuple):
-    """A model along its path: state and memories before and after each step, the steps, and what is uncertain."""
-
-    throttle: Throttle
-    before: StatePath
-    after: StatePath
-    steps: Step
-    disturbance: Disturbance
 
 
 def order_of(effects: Sequence[type[AbstractEffect]]) -> int:
     """Number n of error states of a model with these effects."""
     memories = len(followed(effects))
     return ORDER + memories + (memories > 0)
+
+
+class Events(NamedTuple):
+    """What entries near an event need besides their own step.
+
+    Args:
+        lost: speed lost in an impact within some samples, rad/s, shape (T, L), see `impacts_nearby`.
+        edge: covariance by a jump of the input somewhere within an interval, at the interval's last step, shape
+            (T, L, 3, 3), see `edge_covariance`.
+    """
+
+    lost: Float[AnyArray, "*batch"]
+    edge: Float[AnyArray, "*batch 3 3"]
 
 
 def error_process(throttle: Throttle, path: StatePath, batch: BatchArrays) -> ErrorProcess:
@@ -82,23 +87,50 @@ def error_process(throttle: Throttle, path: StatePath, batch: BatchArrays) -> Er
         path: its states and memories at the end of each step, shape (T, L) each.
         batch: as the rig drives it and with the guide's lever, see `residual.run`.
     """
-    steps, resets, slots, disturbance, test_of = batch
+    steps, resets, slots, disturbance, _ = batch
     before = before_steps(throttle, path, resets)
-    inner, push = _linearise(throttle, before, steps, disturbance)
+    # entry by entry, here and below: such a loop compiles in a fraction of the time that whole arrays take
+    each = jax.vmap(partial(linearised_step, throttle))
+    inner, push = jax.lax.map(lambda entry: each(*entry), (*before, steps, disturbance))
+    lost = impacts_nearby(impact(before[0], path[0], steps), slots.weight)
+    rows = jnp.arange(steps.dt.shape[0])[:, None] - jnp.maximum(disturbance.edge - 1.0, 0.0).astype(int)
+    began = jax.tree.map(lambda column: jnp.take_along_axis(column, rows, axis=0), before)
+    spread = jax.vmap(partial(edge_covariance, throttle))
+    edge = jax.lax.map(lambda entry: spread(*entry), (*began, path[0], steps, disturbance))
+    return process_of(throttle, before, path, batch, (inner, push), Events(lost, edge))
+
+
+def process_of(
+    throttle: Throttle,
+    before: StatePath,
+    after: StatePath,
+    batch: BatchArrays,
+    linear: tuple[Float[AnyArray, "*batch m m"], Float[AnyArray, "*batch m"]],
+    events: Events,
+) -> ErrorProcess:
+    """The error process from what its steps do; of a batch or of one entry.
+
+    Args:
+        throttle: the model.
+        before, after: state and memories at the begin and the end of each step.
+        batch: as the rig drives it.
+        linear: sensitivities of each step, see `linearised_step`.
+        events: what happens near it.
+    """
+    steps, resets, slots, disturbance, test_of = batch
+    transition, noise = _process(*linear, disturbance)
+    order = noise.shape[-1]
     sense = slot_senses(throttle, steps, slots, test_of)
-    transition, noise = _process(inner, push, disturbance)
-    blind = jnp.zeros((*sense.shape[:-1], noise.shape[-1] - ORDER))  # no sensor reads a memory
+    blind = jnp.zeros((*sense.shape[:-1], order - ORDER))  # no sensor reads a memory
     sense = jnp.concatenate((sense, blind), axis=-1) if blind.size else sense
-    lost = impact_nearby(before[0], path[0], steps, slots)
-    along = _Along(throttle, before, path, steps, disturbance)
-    noise += _events(along, lost, noise.shape[-1])
-    noise += _edge_covariance(along, noise.shape[-1])
-    noise += _seen_covariance(disturbance, noise.shape[-1])
+    noise += _events(throttle, before[0], after[0], steps, disturbance, events.lost, order)
+    noise += _widened(events.edge, order)  # the input's own error knows nothing of its edges, and no ECU sees them
+    noise += _seen_covariance(disturbance, order)
     begins = resets.begins[..., None, None] > 0.5
     transition = jnp.where(begins, 0.0, transition)
-    noise = jnp.where(begins, _start_covariance(disturbance, noise.shape[-1]), noise)
-    timing = _timing_variance(before[0], path[0], steps, disturbance, sense)
-    variance = slots.sigma**2 + _impact_variance(lost, disturbance, sense)
+    noise = jnp.where(begins, _start_covariance(disturbance, order), noise)
+    timing = _timing_variance(before[0], after[0], steps, disturbance, sense)
+    variance = slots.sigma**2 + _impact_variance(events.lost, disturbance, sense)
     return ErrorProcess(transition, noise, sense, variance, timing)
 
 
@@ -116,13 +148,22 @@ def free_run_variance(throttle: Throttle, path: StatePath, batch: BatchArrays, j
     process = error_process(throttle, path, batch)
 
     def advance(covariance: Any, entry: Any) -> Any:
-        a, q, c = entry
-        covariance = jnp.einsum("lpq,lqs,lts->lpt", a, covariance, a) + q
-        return covariance, jnp.einsum("lmp,lpq,lmq->lm", c, covariance, c)
+        return jax.vmap(spread_on)(covariance, *entry)
 
     start = jnp.zeros_like(process.noise[0])
     spread = jax.lax.scan(advance, start, (process.transition, process.noise, process.sense))[1]
-    return spread + process.variance + jitter**2 * process.timing
+    return spread + process.sample_variance(jitter)
+
+
+def spread_on(
+    covariance: Float[AnyArray, "n n"],
+    transition: Float[AnyArray, "n n"],
+    noise: Float[AnyArray, "n n"],
+    sense: Float[AnyArray, "M n"],
+) -> tuple[Float[AnyArray, "n n"], Float[AnyArray, " M"]]:
+    """P after one step that no sample corrects, and C P C^T of each slot."""
+    covariance = transition @ covariance @ transition.T + noise
+    return covariance, jnp.sum((sense @ covariance) * sense, axis=-1)
 
 
 def before_steps(throttle: Throttle, path: StatePath, resets: Reset) -> StatePath:
@@ -137,10 +178,10 @@ def before_steps(throttle: Throttle, path: StatePath, resets: Reset) -> StatePat
     return state, tuple(shift(c, first) for c, first in zip(z, throttle.z0, strict=True))
 
 
-def _linearise(
-    throttle: Throttle, before: StatePath, steps: Step, disturbance: Disturbance
-) -> tuple[Float[Array, "T L m m"], Float[Array, "T L m"]]:
-    """Sensitivity of each step's end to its begin, (T, L, n - 1, n - 1), and to a shift of its input, (T, L, n - 1).
+def linearised_step(
+    throttle: Throttle, x: State, z: tuple[Scalar, ...], s: Step, d: Disturbance
+) -> tuple[Float[AnyArray, "m m"], Float[AnyArray, " m"]]:
+    """Sensitivity of a step's end to its begin, shape (m, m) with m = n - 1, and to a shift of its input, shape (m,).
 
     Memories of effects are taken as they are along the path, since what noise does through them is small beside what
     it does to the state itself; those of an ECU are not, and belong to what is disturbed. So does the instant of its
@@ -148,9 +189,9 @@ def _linearise(
     """
     memories = followed(throttle.effects)
 
-    def end(vector: Any, z: Any, shift: Any, s: Step, d: Disturbance) -> Any:
+    def end(vector: Any, shift: Any) -> Any:
         known = {k: vector[3 + n] for n, k in enumerate(memories)}
-        z = tuple(known.get(k, each) for k, each in enumerate(z))
+        later = tuple(known.get(k, each) for k, each in enumerate(z))
         pushed = s._replace(
             voltage0=s.voltage0 + s.circuit * shift,
             voltage1=s.voltage1 + s.circuit * shift,
@@ -158,26 +199,22 @@ def _linearise(
             torque1=s.torque1 + (1.0 - s.circuit) * shift,
         )
         if not memories:
-            return jnp.stack(step(throttle, State(*vector[:3]), z, pushed)[0])
+            return jnp.stack(step(throttle, State(*vector[:3]), later, pushed)[0])
         late = vector[-1]
-        x, z = step(throttle, State(*vector[:3]), z, pushed._replace(dt=s.dt + d.follows * late))
-        return jnp.stack((*x, *(z[k] for k in memories), jnp.where(d.seen > 0.0, 0.0, late)))
+        x, after = step(throttle, State(*vector[:3]), later, pushed._replace(dt=s.dt + d.follows * late))
+        return jnp.stack((*x, *(after[k] for k in memories), jnp.where(d.seen > 0.0, 0.0, late)))
 
-    x, z = before
-    x = (*x, *(z[k] for k in memories), *([jnp.zeros_like(x.i)] if memories else []))
-    both = jax.vmap(jax.jacfwd(end, argnums=(0, 2)), in_axes=(0, 0, None, 0, 0))
-    # entry by entry, here and below: such a loop compiles in a fraction of the time that whole arrays take
-    entries = (jnp.stack(x, axis=-1), z, steps, disturbance)
-    return jax.lax.map(lambda entry: both(*entry[:2], 0.0, *entry[2:]), entries)
+    vector = (*x, *(z[k] for k in memories), *([jnp.zeros_like(x.i)] if memories else []))
+    return jax.jacfwd(end, argnums=(0, 1))(jnp.stack(vector), 0.0)
 
 
 def slot_senses(
-    throttle: Throttle, steps: Step, slots: SampleSlots, test_of: Float[AnyArray, "T L"]
-) -> Float[Array, "T L M 4"]:
+    throttle: Throttle, steps: Step, slots: SampleSlots, test_of: Float[AnyArray, "*batch"]
+) -> Float[Array, "*batch M 4"]:
     """C: derivatives of what each slot shows, SI, by current, angle and speed; 0 by the input's error.
 
     Returns:
-        shape (T, L, M, 4).
+        shape (..., M, 4).
     """
     lanes = slots.kind.shape
     speed = throttle.observe(State(0.0, 0.0, 1.0), throttle.z0, steps.inputs(1.0))
@@ -196,19 +233,27 @@ def slot_senses(
     return jnp.stack([*columns, zero], axis=-1)
 
 
-def impact_nearby(before: State, after: State, steps: Step, slots: SampleSlots) -> Float[Array, "T L"]:
-    """Speed lost in an impact on a stop within some samples of each step, rad/s, shape (T, L); 0 elsewhere.
-
-    While the parameters move, the simulated impact moves by some samples. Samples around it are discounted too, or else
-    one of full weight would meet the jump.
-    """
+def impact(before: State, after: State, steps: Step) -> Float[AnyArray, "*batch"]:
+    """Speed lost in an impact on a stop within each step, rad/s; 0 elsewhere."""
     stopped = (after.omega == 0.0) & (before.omega != 0.0)
     on_stop = (after.theta <= steps.lower) | (after.theta >= steps.upper)
     # a motor that rattles in the play of its gear, beyond the stop of the plate
     rattled = (after.omega * before.omega < 0.0) & (jnp.minimum(after.theta, before.theta) < steps.lower)
     has_stops = (steps.mobile > 0.5) & (steps.plate > 0.5)  # a motor without its plate turns back and meets nothing
-    lost = jnp.where(((stopped & on_stop) | rattled) & has_stops, jnp.abs(before.omega - after.omega), 0.0)
-    here = running_sum(jnp.any(slots.weight > 0.0, axis=-1).astype(float))  # samples so far
+    return jnp.where(((stopped & on_stop) | rattled) & has_stops, jnp.abs(before.omega - after.omega), 0.0)
+
+
+def impacts_nearby(lost: Float[AnyArray, "T L"], weight: Float[AnyArray, "T L M"]) -> Float[Array, "T L"]:
+    """Speed lost in an impact within some samples of each step, rad/s, shape (T, L); 0 elsewhere.
+
+    While the parameters move, the simulated impact moves by some samples. Samples around it are discounted too, or else
+    one of full weight would meet the jump.
+
+    Args:
+        lost: in each step, see `impact`.
+        weight: of the samples, 0 where there is none.
+    """
+    here = running_sum(jnp.any(weight > 0.0, axis=-1).astype(float))  # samples so far
 
     def follow(last: Any, row: Any) -> Any:
         """The last impact met, and what it counts for at this row."""
@@ -221,13 +266,27 @@ def impact_nearby(before: State, after: State, steps: Step, slots: SampleSlots) 
     return jnp.maximum(earlier, later)
 
 
-def _outer(vector: Float[Array, "T L n"]) -> Float[Array, "T L n n"]:
+def impacts_nearby_here(lost: Float[np.ndarray, "T L"], weight: Float[np.ndarray, "T L M"]) -> Float[np.ndarray, "T L"]:
+    """`impacts_nearby` outside all programs: lane by lane, for few have impacts."""
+    here = np.cumsum(np.any(weight > 0.0, axis=-1), axis=0)
+    out = np.zeros(lost.shape)
+    for lane in np.flatnonzero(lost.any(axis=0)):
+        (met,) = np.nonzero(lost[:, lane])
+        rows, samples = np.arange(lost.shape[0]), here[:, lane]
+        for at in (np.searchsorted(met, rows, side="right") - 1, np.searchsorted(met, rows)):
+            last = met[np.clip(at, 0, met.size - 1)]
+            near = (at >= 0) & (at < met.size) & (np.abs(samples[last] - samples) <= _AROUND)
+            out[:, lane] = np.maximum(out[:, lane], np.where(near, lost[last, lane], 0.0))
+    return out
+
+
+def _outer(vector: Float[AnyArray, "*batch n"]) -> Float[AnyArray, "*batch n n"]:
     return vector[..., :, None] * vector[..., None, :]
 
 
 def _process(
-    inner: Float[Array, "T L m m"], push: Float[Array, "T L m"], disturbance: Disturbance
-) -> tuple[Float[Array, "T L n n"], Float[AnyArray, "T L n n"]]:
+    inner: Float[AnyArray, "*batch m m"], push: Float[AnyArray, "*batch m"], disturbance: Disturbance
+) -> tuple[Float[AnyArray, "*batch n n"], Float[AnyArray, "*batch n n"]]:
     """A and Q with the input's error e as the last state: e_k = keep e_{k-1} + w, and e_k acts through `push`."""
     carried = (push * disturbance.keep[..., None])[..., None]
     below = jnp.concatenate((jnp.zeros_like(push), disturbance.keep[..., None]), axis=-1)[..., None, :]
@@ -236,9 +295,28 @@ def _process(
     return transition, disturbance.fresh[..., None, None] * _outer(enters)
 
 
-def _events(along: _Along, lost: Float[Array, "T L"], order: int) -> Float[Array, "T L {order} {order}"]:
-    """Q of a release and of an impact whose instants are not known exactly, shape (T, L, n, n)."""
-    throttle, (early, _), (late, _), steps, disturbance = along
+def _diagonal(entries: Sequence[Float[AnyArray, "*batch"]]) -> Float[AnyArray, "*batch n n"]:
+    row = jnp.stack(list(entries), axis=-1)[..., None, :]
+    return row * np.eye(len(entries)).reshape((1,) * (row.ndim - 2) + (len(entries),) * 2)
+
+
+def _widened(matrix: Float[AnyArray, "*batch m m"], order: int) -> Float[AnyArray, "*batch n n"]:
+    """A matrix with zeros beside it, shape (..., n, n)."""
+    rest = order - matrix.shape[-1]
+    right = jnp.concatenate((matrix, jnp.zeros((*matrix.shape[:-1], rest))), axis=-1)
+    return jnp.concatenate((right, jnp.zeros((*matrix.shape[:-2], rest, order))), axis=-2)
+
+
+def _events(
+    throttle: Throttle,
+    early: State,
+    late: State,
+    steps: Step,
+    disturbance: Disturbance,
+    lost: Float[AnyArray, "*batch"],
+    order: int,
+) -> Float[AnyArray, "*batch n n"]:
+    """Q of a release and of an impact whose instants are not known exactly, shape (..., n, n)."""
     acceleration = jnp.where(steps.dt > 0.0, (late.omega - early.omega) / jnp.where(steps.dt > 0.0, steps.dt, 1.0), 0.0)
     release = disturbance.release * acceleration**2
     inputs, z0 = steps.inputs(1.0), throttle.z0
@@ -248,76 +326,72 @@ def _events(along: _Along, lost: Float[Array, "T L"], order: int) -> Float[Array
     rise = jnp.minimum(steps.dt / still.inductance, 1.0 / resistance)
     impact = steps.circuit * (emf * rise) ** 2
     zero = jnp.zeros_like(release)
-    return jax.vmap(jax.vmap(jnp.diag))(jnp.stack((impact, zero, release, *[zero] * (order - 3)), axis=-1))
+    return _diagonal((impact, zero, release, *[zero] * (order - 3)))
 
 
-def _edge_covariance(along: _Along, order: int) -> Float[Array, "T L {order} {order}"]:
-    """Q of a jump of the input somewhere within an interval, shape (T, L, n, n), at the interval's last step:
+def edge_covariance(
+    throttle: Throttle, x: State, z: tuple[Scalar, ...], end: State, s: Step, d: Disturbance
+) -> Float[AnyArray, "3 3"]:
+    """Q of a jump of the input somewhere within an interval, shape (3, 3), at the interval's last step; 0 at others:
 
         E[(x(s) - x) (x(s) - x)^T],    s uniform in [0, 1], by three-point Gauss-Legendre quadrature
 
     where x is the path, for which the input rises linearly, which is its mean over s, and x(s) is reached when it jumps
     at the share s of the interval.
+
+    Args:
+        throttle: the model.
+        x, z: state and memories at the interval's begin.
+        end: the path's state at its end.
+        s: its last step.
+        d: what is uncertain there.
     """
-    throttle, before, path, steps, disturbance = along
-    rows = jnp.arange(steps.dt.shape[0])[:, None] - jnp.maximum(disturbance.edge - 1.0, 0.0).astype(int)
-    x_began, z_began = jax.tree.map(lambda column: jnp.take_along_axis(column, rows, axis=0), before)
 
-    def held(x: State, z: tuple[Any, ...], s: Step, level: Any, span: Any) -> StatePath:
+    def hold(reached: StatePath, each: Any) -> Any:
+        level, span = each
+        electric = s.circuit * level
+        held = s._replace(dt=span, voltage0=electric, voltage1=electric, torque0=level - electric)
+        return step(throttle, *reached, held._replace(torque1=held.torque0)), None
+
+    def missed(share: Any) -> Any:
         """After four steps, each at its own level and of its own span."""
-
-        def hold(carry: StatePath, each: Any) -> Any:
-            level, span = each
-            electric = s.circuit * level
-            each = s._replace(dt=span, voltage0=electric, voltage1=electric, torque0=level - electric)
-            return step(throttle, *carry, each._replace(torque1=each.torque0)), None
-
-        return jax.lax.scan(hold, (x, z), (level, span))[0]
-
-    def missed(share: Any, x: State, z: tuple[Any, ...], s: Step, d: Disturbance, end: Any) -> Any:
         level = jnp.stack((d.edge_from, d.edge_from, d.edge_to, d.edge_to))
         span = 0.5 * d.edge_span * jnp.stack((share, share, 1.0 - share, 1.0 - share))
-        return jnp.stack(held(x, z, s, level, span)[0]) - jnp.stack(end)
+        return jnp.stack(jax.lax.scan(hold, (x, z), (level, span))[0][0]) - jnp.stack(end)
 
     # mapped over the shares rather than looped over them: one copy of the model to compile, not three
-    entry = jax.vmap(missed, in_axes=(0, None, None, None, None, None))
-    each = jax.vmap(entry, in_axes=(None, 0, 0, 0, 0, 0))
-    shares = jnp.array(_SHARES)
-    vector = jax.lax.map(lambda row: each(shares, *row), (x_began, z_began, steps, disturbance, path[0]))
-    vector = jnp.where(disturbance.edge[..., None, None] > 0.0, vector, 0.0)
-    moment = jnp.einsum("k,tlkp,tlkq->tlpq", jnp.array(_WEIGHTS), vector, vector)
-    rest = order - 3  # the input's own error knows nothing of its edges, and no ECU sees them
-    return jnp.pad(moment, ((0, 0), (0, 0), (0, rest), (0, rest)))
+    ways = jax.vmap(missed)(jnp.array(_SHARES))
+    return jnp.where(d.edge > 0.0, (ways * np.array(_WEIGHTS)[:, None]).T @ ways, 0.0)
 
 
-def _seen_covariance(disturbance: Disturbance, order: int) -> Float[Array, "T L {order} {order}"]:
-    """Q of the instant at which an ECU in the model saw a jump of its setpoint, shape (T, L, n, n)."""
+def _seen_covariance(disturbance: Disturbance, order: int) -> Float[AnyArray, "*batch n n"]:
+    """Q of the instant at which an ECU in the model saw a jump of its setpoint, shape (..., n, n)."""
     zero = jnp.zeros_like(disturbance.seen)
     each = [zero] * order
     each[-2] = disturbance.seen if order > ORDER else zero
-    return jax.vmap(jax.vmap(jnp.diag))(jnp.stack(each, axis=-1))
+    return _diagonal(each)
 
 
 def _impact_variance(
-    lost: Float[Array, "T L"], disturbance: Disturbance, sense: Float[Array, "T L M n"]
-) -> Float[Array, "T L M"]:
-    """Extra variance of the samples at an impact, shape (T, L, M): a speed jumps, an angle bends."""
+    lost: Float[AnyArray, "*batch"], disturbance: Disturbance, sense: Float[AnyArray, "*batch M n"]
+) -> Float[AnyArray, "*batch M"]:
+    """Extra variance of the samples at an impact, shape (..., M): a speed jumps, an angle bends."""
     bend = _AROUND * (lost * disturbance.spacing)[..., None]
     return (sense[..., 2] * lost[..., None]) ** 2 + (sense[..., 1] * bend) ** 2
 
 
 def _timing_variance(
-    before: State, after: State, steps: Step, disturbance: Disturbance, sense: Float[Array, "T L M n"]
-) -> Float[Array, "T L M"]:
-    """(dy/dt times the time between samples)^2, shape (T, L, M): what a clock that jitters does to each sample."""
+    before: State, after: State, steps: Step, disturbance: Disturbance, sense: Float[AnyArray, "*batch M n"]
+) -> Float[AnyArray, "*batch M"]:
+    """(dy/dt times the time between samples)^2, shape (..., M): what a clock that jitters does to each sample."""
     span = jnp.where(steps.dt > 0.0, steps.dt, 1.0)
-    rate = jnp.stack([(late - early) / span for early, late in zip(before, after, strict=True)])
-    seen = jnp.einsum("tlmn,ntl->tlm", sense[..., :3], rate)
+    rate = jnp.stack([(late - early) / span for early, late in zip(before, after, strict=True)], axis=-1)
+    seen = jnp.sum(sense[..., :3] * rate[..., None, :], axis=-1)
     return (seen * disturbance.spacing[..., None]) ** 2
 
 
-def _start_covariance(disturbance: Disturbance, order: int) -> Float[Array, "T L {order} {order}"]:
-    """P at the first instant, shape (T, L, n, n)."""
+def _start_covariance(disturbance: Disturbance, order: int) -> Float[AnyArray, "*batch n n"]:
+    """P at the first instant, shape (..., n, n)."""
     zero = jnp.zeros_like(disturbance.start_i)
     known = (disturbance.start_i, disturbance.start_theta, disturbance.start_omega)
-    return jax.vmap(jax.vmap(jnp.diag))(jnp.stack((*known, *[zero] * (order - 3)), axis=-1))
+    return _diagonal((*known, *[zero] * (order - 3)))

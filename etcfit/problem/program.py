@@ -12,7 +12,7 @@ from concurrent.futures import Future, ThreadPoolExecutor
 from functools import cache
 from itertools import count
 from pathlib import Path
-from threading import Lock
+from threading import Lock, current_thread
 from typing import Any, TypeVar
 
 import jax
@@ -36,19 +36,26 @@ def _cores() -> int:
 
 
 CORES = _cores()
+_RUNNING = "etcfit running"  # name of the threads that do so
 
 
 @cache
 def _pool(purpose: str) -> ThreadPoolExecutor:
     """Threads for one purpose, so that what runs does not queue behind what is compiled."""
-    return ThreadPoolExecutor(CORES, f"etcfit {purpose}")
+    return ThreadPoolExecutor(CORES, purpose)
+
+
+def in_background(work: Callable[[], Any]) -> None:
+    """Begin something that compiles, and wait for nothing."""
+    _pool("etcfit compiling").submit(work)
 
 
 def side_by_side(work: Callable[[Piece], Any], pieces: Sequence[Piece]) -> list[Any]:
-    """`work` on each piece, one thread each; results in their order, once all are computed."""
-    if len(pieces) == 1:
-        return [jax.block_until_ready(work(pieces[0]))]
-    return list(_pool("running").map(lambda piece: jax.block_until_ready(work(piece)), pieces))
+    """`work` on each piece, one thread each; results in their order, once all are computed. A piece that is itself
+    shared out is done by the thread that has it: no other is free."""
+    if len(pieces) == 1 or current_thread().name.startswith(_RUNNING):
+        return [jax.block_until_ready(work(piece)) for piece in pieces]
+    return list(_pool(_RUNNING).map(lambda piece: jax.block_until_ready(work(piece)), pieces))
 
 
 def concurrently(work: Callable[[Piece], Made], pieces: Sequence[Piece]) -> list[Made]:
@@ -140,7 +147,7 @@ class Program:
 
         An error of the compiler is raised by that call, not here.
         """
-        _pool("compiling").submit(self._of, args)
+        _pool("etcfit compiling").submit(self._of, args)
 
     def forget(self) -> None:
         """Let go of what is compiled; what still compiles is handed to those who wait for it."""

@@ -155,8 +155,8 @@ class Compared(NamedTuple):
         r: whitened residual, dimensionless, 0 where there is no sample; standard normal where the model is right.
     """
 
-    seen: Float[Array, "T L M"]
-    r: Float[Array, "T L M"]
+    seen: Float[AnyArray, "*batch M"]
+    r: Float[AnyArray, "*batch M"]
 
 
 def compared(form: Form, x: Float[Array, " P"], weighted: WeightedData) -> Compared:

@@ -2,17 +2,20 @@
 
 from __future__ import annotations
 
+from functools import partial
+from typing import Any
+
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int
 
 from ..model.effects import State
-from ..model.parameters import Scalar
+from ..model.parameters import AnyArray, Scalar
 from ..model.stepper import StatePath, Step, step
 from ..model.throttle import Throttle
-from .batch import BatchArrays, TraceBatch
-from .process_noise import before_steps, impact_nearby, slot_senses
+from .batch import BatchArrays, SampleSlots, TraceBatch
+from .process_noise import before_steps, impact, impacts_nearby, slot_senses
 
 TOLERANCE = 0.002  # local error of a step, in standard deviations of a sample
 _MOST = 24  # steps in one interval
@@ -29,25 +32,43 @@ def local_error(throttle: Throttle, path: StatePath, batch: BatchArrays) -> Floa
     Returns:
         shape (T, L), in standard deviations of the samples.
     """
-    slots = batch.slots
-    x, z = before_steps(throttle, path, batch.resets)
-
-    def difference(x: State, z: tuple[Scalar, ...], s: Step) -> Float[Array, " 3"]:
-        halves = jax.tree.map(lambda *each: jnp.stack(each), *s.halves())
-        whole, _ = step(throttle, x, z, s)
-        (half, _), _ = jax.lax.scan(lambda carry, each: (step(throttle, *carry, each), None), (x, z), halves)
-        return jnp.stack(whole) - jnp.stack(half)
-
+    steps, resets, slots, _, test_of = batch
+    x, z = before_steps(throttle, path, resets)
     # entry by entry: a loop over one entry's lanes compiles in a fraction of the time that whole arrays take
-    wrong = jax.lax.map(lambda entry: jax.vmap(difference)(*entry), (x, z, batch.steps))
+    each = jax.vmap(partial(step_error, throttle))
+    error = jax.lax.map(lambda entry: each(*entry), (x, z, steps, slots, test_of))
+    nearby = impacts_nearby(impact(x, path[0], steps), slots.weight)
+    return worst(error, slots.weight, nearby)
+
+
+def step_error(
+    throttle: Throttle, x: State, z: tuple[Scalar, ...], s: Step, slots: SampleSlots, test_of: Scalar
+) -> Float[AnyArray, " M"]:
+    """Integration error of one step in what each slot shows, shape (M,), in standard deviations of a sample."""
+    halves = jax.tree.map(lambda *each: jnp.stack(each), *s.halves())
+    whole, _ = step(throttle, x, z, s)
+    (half, _), _ = jax.lax.scan(lambda carry, each: (step(throttle, *carry, each), None), (x, z), halves)
+    wrong = State(*(a - b for a, b in zip(whole, half, strict=True)))
     # an error in speed goes on to move the angle
-    wrong = wrong.at[..., 1].add(_LASTING * wrong[..., 2])
-    seen = slot_senses(throttle, batch.steps, slots, batch.test_of)[..., :3]
-    present = jnp.any(slots.weight > 0.0, axis=0)  # a slot that is used anywhere in the lane
-    each = jnp.abs(jnp.einsum("tlmn,tln->tlm", seen, wrong)) / slots.sigma
-    # around an impact the samples are discounted, and no number of steps makes a clipped impact smooth
-    smooth = impact_nearby(x, path[0], batch.steps, slots) == 0.0
-    return jnp.where(smooth, jnp.max(jnp.where(present, each, 0.0), axis=-1), 0.0)
+    wrong = jnp.stack(wrong._replace(theta=wrong.theta + _LASTING * wrong.omega))
+    return jnp.abs(slot_senses(throttle, s, slots, test_of)[:, :3] @ wrong) / slots.sigma
+
+
+def worst(
+    error: Float[AnyArray, "T L M"], weight: Float[AnyArray, "T L M"], nearby: Float[AnyArray, "T L"], by: Any = jnp
+) -> Float[AnyArray, "T L"]:
+    """The largest error of each step among the slots that are used anywhere in the lane.
+
+    Around an impact the samples are discounted, and no number of steps makes a clipped impact smooth: 0 there.
+
+    Args:
+        error: see `step_error`.
+        weight: of the samples, 0 where there is none.
+        nearby: see `process_noise.impacts_nearby`.
+        by: what computes, JAX or NumPy.
+    """
+    present = by.any(weight > 0.0, axis=0)
+    return by.where(nearby == 0.0, by.max(by.where(present, error, 0.0), axis=-1), 0.0)
 
 
 def substeps_needed(batch: TraceBatch, error: Float[np.ndarray, "T L"]) -> list[Int[np.ndarray, " _"]]:

@@ -15,7 +15,7 @@ import pytest
 
 from etcfit.kernels.graph import CONDITIONS, OPERATIONS, Graph
 from etcfit.kernels.infix import NotWrittenError
-from etcfit.kernels.javascript import WRITTEN, literal, method, program
+from etcfit.kernels.javascript import PRELUDE, WRITTEN, literal, method, program
 from etcfit.kernels.lowering import NotScalarError, lowered
 
 NODE = shutil.which("node")
@@ -27,7 +27,7 @@ FROM_ONE_ON = {"acosh"}
 
 def run(graph: Graph, nodes: list[int], at: dict[str, float]) -> list[float]:
     """Values of nodes by their JavaScript, whose inputs are x.NAME."""
-    words = f"const m = {{ {method('f', ['x'], graph, nodes)} }}; const out = []; m.f({json.dumps(at)}, out);"
+    words = f"{PRELUDE} const m = {{ {method('f', ['x'], graph, nodes)} }}; const out = []; m.f({json.dumps(at)}, out);"
     words += "console.log(JSON.stringify(out.map((each) => String(Number(each)))));"
     done = subprocess.run([NODE or "node", "-e", words], capture_output=True, text=True, timeout=60)
     assert done.returncode == 0, done.stderr

@@ -50,7 +50,7 @@ def test_residual_jacobian_and_equations_are_those_of_the_residual(tmp_path: Pat
     size = np.linalg.norm(J.reshape(-1, x.size), axis=0)
     assert_allclose(r, whole(x), rtol=1e-9, atol=1e-9)
     assert np.max(np.linalg.norm((columns - J).reshape(-1, x.size), axis=0) / np.maximum(size, 1e-9)) < 1e-8
-    e = normal_equations(problem.layout.form, x, shared_out(weighted, x.size))
+    e = normal_equations(problem.layout.form, weighted, x.size)(x)
     flat = J.reshape(-1, x.size)
     assert e.chi2 == pytest.approx(float(np.sum(np.asarray(r) ** 2)), rel=1e-9)
     assert_allclose(e.gradient, flat.T @ np.asarray(r).ravel(), rtol=1e-7, atol=1e-7 * float(size.max()))

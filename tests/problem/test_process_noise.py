@@ -12,10 +12,9 @@ from numpy.testing import assert_allclose
 from etcfit.model.effects import PAPER
 from etcfit.model.effects.controller import Controller
 from etcfit.model.stepper import State, Step
-from etcfit.problem.batch import SampleSlots
 from etcfit.problem.free_parameters import free_parameters
 from etcfit.problem.problem import EstimationProblem
-from etcfit.problem.process_noise import ORDER, impact_nearby, order_of
+from etcfit.problem.process_noise import ORDER, impact, impacts_nearby, impacts_nearby_here, order_of
 from etcfit.problem.trace import prepare
 from etcfit.rig.base import Channel, Fixed, Measurement, RigConfig
 
@@ -90,6 +89,7 @@ def test_an_impact_is_what_a_plate_or_its_gear_meets_and_five_samples_around_it_
     }
     known |= {"upper": nothing + 99.0, "mobile": nothing + mobile, "plate": nothing + plate}
     steps = Step(**known)
-    found = np.asarray(impact_nearby(before, after, steps, SampleSlots(*4 * (sampled,))))[:, 0]
+    lost_there = np.asarray(impact(before, after, steps))
     near = np.abs(np.arange(rows) - at_step) <= 5
-    assert_allclose(found, np.where(near, lost, 0.0))
+    for nearby in (impacts_nearby, impacts_nearby_here):
+        assert_allclose(np.asarray(nearby(lost_there, sampled))[:, 0], np.where(near, lost, 0.0))

@@ -29,7 +29,7 @@ class Memory(NamedTuple):
     @classmethod
     def at_rest(cls, gains: Gains, ecu: Ecu, angle: Scalar) -> Memory:
         """Of a plate that stands at its setpoint (rad), where the PID puts out nothing."""
-        still = jnp.zeros_like(gains.Kp)
+        still = 0.0 * gains.Kp
         integral = (1.0 - ecu.setpoint_weight) * gains.Kp * angle
         return cls(integral, still, (ecu.derivative_weight - 1.0) * angle + still, still)
 

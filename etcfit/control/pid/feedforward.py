@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import partial
 from typing import NamedTuple
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 
 from ...model.linear import holding_against
 from ...model.throttle import Throttle
+from ...problem.program import Program
 
 POINTS = 8  # of a curve, where no ECU says
 PLACES = 20_001  # angles from which they are chosen, where no ECU says
@@ -39,7 +40,7 @@ class Bias:
         return np.interp(setpoint, self.angles, self.hold)
 
 
-@jax.jit
+@partial(Program, static=0)
 def _holds(throttle: Throttle, angles: np.ndarray, share: float, gear_ratio: float, lower: float, upper: float):
     return jax.vmap(lambda theta: holding_against(throttle, theta, share, gear_ratio, lower, upper)[1])(angles)
 
@@ -62,7 +63,7 @@ def hold_curve(
     throttle: Throttle, angles: np.ndarray, gear_ratio: float, lower: float, upper: float
 ) -> HoldingVoltages:
     """Voltages that hold a plate at these angles (rad), shape (K,), between stops (rad)."""
-    down, middle, up = (np.asarray(_holds(throttle, jnp.asarray(angles), share, gear_ratio, lower, upper))
+    down, middle, up = (np.asarray(_holds(throttle, np.asarray(angles), share, gear_ratio, lower, upper))
                         for share in (-1.0, 0.0, 1.0))  # fmt: skip
     return HoldingVoltages(down, middle, up)
 

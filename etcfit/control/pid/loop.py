@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any, NamedTuple
 
 import jax
@@ -23,6 +24,7 @@ from ..settings import LoopSettings
 from .ecu import Memory, tick
 from .feedforward import Bias, HoldingVoltages, hold_curve
 from .gains import Gains
+from .loop_kernel import kernel_of
 from .response import Figures, Judged, effort, judge
 from .setpoint import Setpoint
 from .sliding import Sliding, rates
@@ -146,7 +148,15 @@ def lagging(shown: Scalar, before: Scalar, now: Scalar, steps: Scalar) -> Scalar
     return now - behind + (shown - before + behind) * jnp.exp(-steps)
 
 
-def _one(control: Controller, keep: Keep, plant: _Plant, run: _Run, parts: int, room: int) -> Any:
+class _Simulation(NamedTuple):
+    """Where a run begins, and what makes one tick of it: of what is carried and the tick's (setpoint, feed-forward,
+    misreading, instant), what is carried on and what is kept."""
+
+    begin: _Carry
+    advance: Callable[[_Carry, Any], tuple[_Carry, Any]]
+
+
+def _simulation(control: Controller, keep: Keep, plant: _Plant, run: _Run, parts: int, room: int) -> _Simulation:
     """One plant under one controller.
 
     Args:
@@ -156,8 +166,8 @@ def _one(control: Controller, keep: Keep, plant: _Plant, run: _Run, parts: int, 
         parts: integration steps in a tick.
         room: ticks of delay that are remembered.
     """
-    settings, first, ecu, body, setpoint, bias, start = run
-    throttle, drive, misread = plant
+    settings, first, ecu, body, _, _, start = run
+    throttle, drive, _ = plant
     late = (ecu.delay + throttle.delays().input) / ecu.period
     seen_with = Inputs(0.0, 0.0, 0.0, 1.0, 0.0, body.gear_ratio, body.lower, body.upper)
     dt = ecu.period / parts
@@ -170,26 +180,31 @@ def _one(control: Controller, keep: Keep, plant: _Plant, run: _Run, parts: int, 
     def advance(carry: _Carry, entry: Any) -> tuple[_Carry, Any]:
         wanted, ahead, error, time = entry
         volts, memory = once(control(settings, ecu, carry.memory, wanted, once(carry.shown + error), ahead))
-        sent = jnp.concatenate((volts[None], carry.sent[:-1]))
+        sent = jnp.concatenate((jnp.asarray(volts)[None], carry.sent[:-1]))
 
-        def part(state: Any, k: Any) -> Any:
-            x, z, shown = state
-            mean = drive * jnp.sum(acting[k] * sent)
+        def part(state: Any, each: Any) -> Any:
+            (x, z, shown), (k, shares) = state, each
+            mean = drive * jnp.sum(shares * sent)
             end = time + (k + 1.0) * dt
             before = seen(x, z, drive * volts, end - dt)
             x, z = once(step(throttle, x, z, _step(ecu, body, dt, once(mean), end)))
             return (x, z, lagging(shown, before, seen(x, z, drive * volts, end), steps)), None
 
         begin = (carry.x, carry.z, carry.shown)
-        (x, z, shown), _ = jax.lax.scan(part, begin, jnp.arange(parts), unroll=min(parts, _UNROLLED))
+        each = jnp.arange(float(parts)), acting
+        (x, z, shown), _ = jax.lax.scan(part, begin, each, unroll=min(parts, _UNROLLED))
         return _Carry(x, z, shown, memory, sent), keep(Path(carry.x.theta, volts, carry.x.i), memory)
 
     x = State(*(jnp.asarray(each, dtype=float) for each in start))
     z = tuple(jnp.asarray(each, dtype=float) for each in throttle.z0)
-    time = ecu.period * jnp.arange(setpoint.shape[0])
-    begin = _Carry(x, z, seen(x, z, 0.0, 0.0), first, jnp.zeros(room))
-    _, path = jax.lax.scan(advance, begin, (setpoint, bias, misread, time))
-    return path
+    return _Simulation(_Carry(x, z, seen(x, z, 0.0, 0.0), first, jnp.zeros(room)), advance)
+
+
+def _one(control: Controller, keep: Keep, plant: _Plant, run: _Run, parts: int, room: int) -> Any:
+    """The whole run; arguments as of `_simulation`."""
+    begin, advance = _simulation(control, keep, plant, run, parts, room)
+    time = run.ecu.period * jnp.arange(run.setpoint.shape[0])
+    return jax.lax.scan(advance, begin, (run.setpoint, run.bias, plant.misread, time))[1]
 
 
 def _each(control: Controller, keep: Keep, parts: int, room: int, plants: _Plant, run: _Run) -> Any:
@@ -205,7 +220,7 @@ def _each(control: Controller, keep: Keep, parts: int, room: int, plants: _Plant
 _many = Program(_each, static=4)
 
 
-@jax.jit
+@partial(Program, static=0)
 def _linear(throttles: Throttle, theta: Scalar, body: Body) -> Any:
     """Coefficients (D, 4), delay (D,) and sensor lag (D,)."""
 
@@ -216,7 +231,7 @@ def _linear(throttles: Throttle, theta: Scalar, body: Body) -> Any:
     return jax.vmap(each)(throttles)
 
 
-@jax.jit
+@partial(Program, static=0)
 def _late(throttles: Throttle) -> Any:
     """Delay of each model's input, s, shape (D,)."""
     return jax.vmap(lambda throttle: jnp.asarray(throttle.delays().input, dtype=float))(throttles)
@@ -224,7 +239,7 @@ def _late(throttles: Throttle) -> Any:
 
 def _of_each(first: Any, shape: tuple[int, ...]) -> Any:
     """A controller's memory for each of its settings."""
-    return jax.tree.map(lambda leaf: jnp.broadcast_to(jnp.asarray(leaf, dtype=float), shape), first)
+    return jax.tree.map(lambda leaf: np.broadcast_to(np.asarray(leaf, dtype=float), shape), first)
 
 
 @dataclass(frozen=True, eq=False)
@@ -307,7 +322,7 @@ class Loop:
 
     def respond(self, gains: Gains, setpoint: Setpoint) -> Path:
         """Responses to a setpoint, shape (D, G, K), of gains of shape (G,) each."""
-        gains = Gains(*(jnp.asarray(g, dtype=float) for g in gains))
+        gains = Gains(*(np.asarray(g, dtype=float) for g in gains))
         return self.run(tick, gains, Memory.at_rest(gains, self.ecu, self.angle(setpoint.shares[0])), setpoint)
 
     def run(
@@ -338,6 +353,9 @@ class Loop:
         rng = np.random.default_rng(self.settings.seed)
         misread = self.ecu.noise * rng.standard_normal((self.draws, wanted.size))
         plants, room = _Plant(self.throttles, self._driven, misread), self._room()
+        kept = kernel_of(_simulation, control, keep, parts, room, plants, run)
+        if kept is not None:
+            return kept.run(plants, run)
         share = self.draws // CORES if self.draws % CORES == 0 else self.draws
         pieces = [jax.tree.map(lambda leaf, k=k: leaf[k : k + share], plants) for k in range(0, self.draws, share)]
         paths = side_by_side(lambda piece: _many(control, keep, parts, room, piece, run), pieces)

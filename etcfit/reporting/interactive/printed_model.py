@@ -24,7 +24,7 @@ from ...control.pid.loop import lagging
 from ...estimation.result import FitResult
 from ...kernels.graph import Graph
 from ...kernels.infix import NotWrittenError
-from ...kernels.javascript import literal, method, program
+from ...kernels.javascript import PRELUDE, literal, method, program
 from ...kernels.lowering import NotScalarError, lowered
 from ...model.ecu import Ecu
 from ...model.effects import AbstractEffect, State
@@ -81,6 +81,7 @@ def script(types: Types) -> str:
         '"use strict";',
         "/* Printed by etcfit from its own stepper, effects, sensors and PID: see etcfit/reporting/interactive. */",
         "(function (etcfit) {",
+        PRELUDE,
         f"etcfit.model = {{\nz0: [{begins}],", *_plant(types), "};",
         "etcfit.ecu = {", *_ecu(), "};",
         "})(globalThis.etcfit ??= {});\n",

@@ -1,0 +1,143 @@
+"""A control loop as machine code: plant and controller in one, tick by tick, and many side by side in vectors."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from ...kernels.loop import Across
+from ...kernels.lowering import NotScalarError
+from ...kernels.machine import POINTS, Kernel, available
+from ...problem.lanes import compiled, remembered, shared_out
+from ...problem.traced_entry import Column, Shape, TracedEntry, nodes_of
+
+_LOOPS = 64  # that a process remembers
+
+
+class _Lasting(NamedTuple):
+    """What does not change from tick to tick: numbers of each plant (D, ...), of each controller (G, ...), of all."""
+
+    plants: Any
+    controllers: Any
+    all: Any
+
+
+class Kind(NamedTuple):
+    """What a loop is compiled for.
+
+    Args:
+        simulation: of (control, keep, plant, run, parts, room), see `loop`; it returns where a run begins and what
+            makes one tick of it.
+        control, keep, parts, room: as it takes them.
+        tree: structure of what lasts.
+        shapes: of its leaves, for one plant and one controller.
+    """
+
+    simulation: Callable[..., Any]
+    control: Any
+    keep: Any
+    parts: int
+    room: int
+    tree: Any
+    shapes: tuple[tuple[int, ...], ...]
+
+
+class LoopKernel:
+    """The loop of one kind of plant under one kind of controller."""
+
+    def __init__(self, kind: Kind, plant: Any, run: Any) -> None:
+        names = [f"{k}.{n}" for k, shape in enumerate(kind.shapes) for n in range(math.prod(shape))]
+
+        def simulated(values: Any) -> Any:
+            leaves = [_array(values, k, shape) for k, shape in enumerate(kind.shapes)]
+            joined = _joined(jax.tree.unflatten(kind.tree, leaves), plant, run)
+            return kind.simulation(kind.control, kind.keep, *joined, kind.parts, kind.room)
+
+        like = jax.eval_shape(lambda: simulated(dict.fromkeys(names, 0.5)).begin)
+        nothing = Shape(jax.tree.structure(()), (), (), (), ())
+        first = TracedEntry(lambda values, *_: ((), simulated(values).begin), names, nothing, ())
+        entries = Shape(jax.tree.structure((0.0,) * 4), ((),) * 4, (), (), ())
+        tick = TracedEntry(lambda values, carry, e: simulated(values).advance(carry, e), names, entries, like)
+        self._begin: Kernel = compiled(first.loop(Across.BOTH, stored=nodes_of(first.results)))
+        self._tick: Kernel = compiled(tick.loop(Across.BOTH, stored=nodes_of(tick.results)))
+        self._read = [column.leaf for column in tick.columns[0] if isinstance(column, Column)]
+        self._kept = jax.tree.structure(tick.results)
+
+    def run(self, plants: Any, run: Any) -> Any:
+        """Every plant (D) under every controller (G): the tree of what is kept, shape (D, G, K)."""
+        lasting = _lasting(plants, run)
+        draws, gains = len(plants.drive), len(jax.tree.leaves(run.settings)[0])
+        values = np.concatenate([*(np.repeat(each, gains, axis=1) for each in _rows(lasting.plants, draws)),
+                                 *(np.tile(each, draws) for each in _rows(lasting.controllers, gains)),
+                                 *(np.tile(np.ravel(each).astype(float)[:, None], draws * gains)
+                                   for each in jax.tree.leaves(lasting.all))])  # fmt: skip
+        ticks = np.size(run.setpoint)
+        entry = (run.setpoint, run.bias, plants.misread, float(run.ecu.period) * np.arange(ticks))
+        out = np.empty((self._tick.stored, draws * gains, ticks))
+
+        def some(first: int) -> None:
+            points = np.minimum(np.arange(first, first + POINTS), draws * gains - 1)
+            fixed = np.ascontiguousarray(values[:, points])
+            record = np.empty((ticks, len(self._read), POINTS))
+            for place, k in enumerate(self._read):
+                column = np.asarray(entry[k])
+                record[:, place] = column[points // gains].T if column.ndim > 1 else column[:, None]
+            begun = np.empty((1, self._begin.stored, POINTS))
+            self._begin.run(1, POINTS, [record.ctypes.data], fixed, np.empty((0, POINTS)), begun)
+            stored = np.empty((ticks, self._tick.stored, POINTS))
+            self._tick.run(ticks, POINTS, [record.ctypes.data], fixed, begun[0], stored)
+            count = min(POINTS, draws * gains - first)
+            out[:, first : first + count] = np.moveaxis(stored[..., :count], 0, 2)
+
+        shared_out(some, range(0, draws * gains, POINTS), lambda _: 1)
+        return jax.tree.unflatten(self._kept, list(out.reshape(-1, draws, gains, ticks)))
+
+
+def kernel_of(
+    simulation: Callable[..., Any], control: Any, keep: Any, parts: int, room: int, plants: Any, run: Any
+) -> LoopKernel | None:
+    """The loop for these plants and this run, see `Kind`; None where JAX runs it."""
+    if not available():
+        return None
+    lasting = _lasting(plants, run)
+    every = (*jax.tree.leaves(lasting.plants), *jax.tree.leaves(lasting.controllers))
+    shapes = (*(np.shape(each)[1:] for each in every), *map(np.shape, jax.tree.leaves(lasting.all)))
+    kind = Kind(simulation, control, keep, parts, room, jax.tree.structure(lasting), shapes)
+    bare = (each._replace(**dict.fromkeys(each._fields)) for each in (plants, run))
+    return _made(kind, *bare)
+
+
+@remembered(_LOOPS)
+def _made(kind: Kind, plant: Any, run: Any) -> LoopKernel | None:
+    """Plant and run have no numbers here."""
+    try:
+        return LoopKernel(kind, plant, run)
+    except NotScalarError:  # a controller that computes in a way of its own
+        return None
+
+
+def _lasting(plants: Any, run: Any) -> _Lasting:
+    return _Lasting((plants.throttle, plants.drive), (run.settings, run.first), (run.ecu, run.body, run.start))
+
+
+def _joined(lasting: _Lasting, plant: Any, run: Any) -> tuple[Any, Any]:
+    """Plant and run of these numbers."""
+    (throttle, drive), (settings, first), (ecu, body, start) = lasting
+    return (plant._replace(throttle=throttle, drive=drive),
+            run._replace(settings=settings, first=first, ecu=ecu, body=body, start=start))  # fmt: skip
+
+
+def _array(values: Any, k: int, shape: tuple[int, ...]) -> Any:
+    if not shape:
+        return values[f"{k}.0"]
+    return jnp.stack([values[f"{k}.{n}"] for n in range(math.prod(shape))]).reshape(shape)
+
+
+def _rows(tree: Any, count: int) -> list[np.ndarray]:
+    """Numbers of each of so many, shape (n, count), leaf by leaf."""
+    return [np.asarray(leaf, dtype=float).reshape(count, -1).T for leaf in jax.tree.leaves(tree)]

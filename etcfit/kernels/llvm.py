@@ -1,0 +1,331 @@
+"""A loop as text in LLVM's intermediate representation.
+
+    void loop(i64 rows, i64 stride, double *record_0, ..., double *fixed, double *carried, double *sums, double *stored)
+
+Numbers are doubles; a vector holds `width` of them. A row of a record has one column for each input, each as wide as
+`stride`, of which a loop over points reads the first. Carried numbers, sums and stored ones are always vectors.
+
+Denormal numbers count as zero on x86: what decays towards zero would take a hundred times as long. Sums of products may
+be contracted, quotients of one denominator share its reciprocal.
+"""
+
+from __future__ import annotations
+
+import math
+import struct
+from collections import Counter
+from collections.abc import Iterator, Sequence
+
+from .loop import Across, Loop
+
+NAME = "loop"
+LIBRARY = (
+    "expm1", "log", "log1p", "sin", "cos", "tan", "asin", "acos", "atan", "sinh", "cosh", "tanh", "asinh", "acosh",
+    "atanh", "cbrt", "erf", "erfc", "pow", "atan2",
+)  # fmt: skip
+"""Functions of C's library that are called."""
+
+_FLAGS = "contract nsz arcp"
+_ARITHMETIC = {"add": "fadd", "sub": "fsub", "mul": "fmul", "div": "fdiv"}
+_COMPARED = {"lt": "olt", "le": "ole", "gt": "ogt", "ge": "oge", "eq": "oeq", "ne": "une"}
+_INTRINSIC = {"abs": "fabs", "sqrt": "sqrt", "floor": "floor", "ceil": "ceil", "round": "rint"}
+_KEPT = 16  # numbers carried in registers; more go through memory, which LLVM handles better
+_DENORMALS_OFF = 0x8040  # of x86's control register: results flushed to zero, operands taken as zero
+
+
+def text(loop: Loop, width: int, x86: bool) -> str:
+    """The loop as a module of LLVM.
+
+    Args:
+        loop: what it computes.
+        width: numbers in a vector.
+        x86: whether the processor is one, and denormal numbers can be told to be zero.
+    """
+    return "\n".join(_Writer(loop, width, x86).module())
+
+
+def _hex(value: float) -> str:
+    return f"0x{struct.pack('>d', float(value)).hex().upper()}"
+
+
+class _Writer:
+    """Lines of one module."""
+
+    def __init__(self, loop: Loop, width: int, x86: bool) -> None:
+        self.loop, self.graph, self.width, self.x86 = loop, loop.graph, width, x86
+        self.lines: list[str] = []
+        self.values: dict[int, str] = {}  # node -> its name or constant
+        self.splats: dict[tuple[str, bool], str] = {}
+        self.reciprocals: dict[tuple[int, bool], str] = {}
+        self.declared: set[str] = set()
+        self.count = 0
+        divided = Counter(node[2] for k in loop.nodes if (node := self.graph.nodes[k])[0] == "div")
+        self.shared = {node for node, count in divided.items() if count > 1 and self.graph.known(node) is None}
+
+    # types and constants
+
+    def type(self, vector: bool, of: str = "double") -> str:
+        return f"<{self.width} x {of}>" if vector else of
+
+    def constant(self, value: float | bool, vector: bool) -> str:
+        of, one = ("i1", str(int(value))) if isinstance(value, bool) else ("double", _hex(value))
+        return f"<{', '.join([f'{of} {one}'] * self.width)}>" if vector else one
+
+    def new(self, expression: str) -> str:
+        """A name for a value."""
+        self.count += 1
+        self.lines.append(f"  %v{self.count} = {expression}")
+        return f"%v{self.count}"
+
+    def of(self, node: int, vector: bool) -> str:
+        """The value of a node, spread over a vector where one is wanted."""
+        known = self.graph.known(node)
+        if known is not None:
+            return self.constant(known, vector)
+        name = self.values[node]
+        return self.spread(name, self.graph.is_condition(node)) if vector and node not in self.loop.differing else name
+
+    def spread(self, name: str, condition: bool) -> str:
+        if (name, condition) not in self.splats:
+            of = "i1" if condition else "double"
+            first = self.new(f"insertelement {self.type(True, of)} poison, {of} {name}, i32 0")
+            zeros = f"<{self.width} x i32> zeroinitializer"
+            both = f"{self.type(True, of)} {first}, {self.type(True, of)} poison"
+            self.splats[name, condition] = self.new(f"shufflevector {both}, {zeros}")
+        return self.splats[name, condition]
+
+    # memory
+
+    def address(self, base: str, offset: int | str) -> str:
+        return self.new(f"getelementptr double, ptr {base}, i64 {offset}")
+
+    def load(self, base: str, offset: int | str, vector: bool) -> str:
+        kind = self.type(vector)
+        return self.new(f"load {kind}, ptr {self.address(base, offset)}, align 8")
+
+    def store(self, value: str, base: str, offset: int) -> None:
+        self.lines.append(f"  store {self.type(True)} {value}, ptr {self.address(base, offset)}, align 8")
+
+    # the module
+
+    def module(self) -> Iterator[str]:
+        records = [f"ptr noalias %record{k}" for k in range(len(self.loop.records))]
+        tables = [f"ptr noalias %{name}" for name in ("fixed", "carried", "sums", "stored")]
+        arguments = ", ".join(["i64 %rows", "i64 %stride", *records, *tables])
+        self.body()
+        yield from sorted(f"declare {each}" for each in self.declared)
+        yield f"define void @{NAME}({arguments}) nounwind {{"
+        yield from self.lines
+        yield "}"
+
+    def body(self) -> None:
+        loop = self.loop
+        apart, along = loop.across is not Across.LANES, loop.across is not Across.POINTS  # what vectors are read of
+        self.lines.append("begin:")
+        if self.x86:
+            self.without_denormals()
+        for place, node in enumerate(loop.fixed):
+            self.values[node] = self.load("%fixed", place * (self.width if apart else 1), apart)
+        for node in loop.nodes:
+            if node not in loop.changing and self.graph.operands(node):
+                self.values[node] = self.operation(node)
+        kept = len(loop.carried) <= _KEPT
+        begun = [self.load("%carried", place * self.width, True) for place in range(len(loop.carried))] if kept else []
+        added = len(loop.sums) <= _KEPT
+        sums = [self.load("%sums", place * self.width, True) for place in range(len(loop.sums))] if added else []
+        self.lines += ["  %some = icmp sgt i64 %rows, 0", "  br i1 %some, label %entry, label %end", "entry:"]
+        vector = self.type(True)
+        phis = ["  %row = phi i64 [ 0, %begin ], [ %next, %entry ]"]
+        if kept:
+            for place, (node, _) in enumerate(loop.carried):
+                self.values[node] = f"%carried{place}"
+        at = len(self.lines)
+        for k, record in enumerate(loop.records):
+            self.lines.append(f"  %size{k} = mul i64 %stride, {len(record)}")
+            self.lines.append(f"  %skip{k} = mul i64 %row, %size{k}")
+            self.lines.append(f"  %at{k} = getelementptr double, ptr %record{k}, i64 %skip{k}")
+        used = set(loop.nodes)
+        for k, record in enumerate(loop.records):
+            for place, node in enumerate(record):
+                if node in used:
+                    offset = self.new(f"mul i64 %stride, {place}")
+                    self.values[node] = self.load(f"%at{k}", offset, along)
+        if not kept:
+            for place, (node, _) in enumerate(loop.carried):
+                self.values[node] = self.load("%carried", place * self.width, True)
+        for node in loop.nodes:
+            if node in loop.changing and self.graph.operands(node):
+                self.values[node] = self.operation(node)
+        totals = [self.added(place, f"%sum{place}" if added else None) for place in range(len(loop.sums))]
+        results = [self.of(result, True) for _, result in loop.carried]
+        if loop.stored:
+            self.lines.append(f"  %skipped = mul i64 %row, {len(loop.stored) * self.width}")
+            self.lines.append("  %out = getelementptr double, ptr %stored, i64 %skipped")
+            for place, node in enumerate(loop.stored):
+                self.store(self.of(node, True), "%out", place * self.width)
+        for place, value in enumerate(results if not kept else []):
+            self.store(value, "%carried", place * self.width)
+        if kept:
+            phis += [f"  %carried{k} = phi {vector} [ {first}, %begin ], [ {last}, %entry ]"
+                     for k, (first, last) in enumerate(zip(begun, results, strict=True))]  # fmt: skip
+        if added:
+            phis += [f"  %sum{k} = phi {vector} [ {first}, %begin ], [ {last}, %entry ]"
+                     for k, (first, last) in enumerate(zip(sums, totals, strict=True))]  # fmt: skip
+        self.lines[at:at] = phis
+        self.lines += ["  %next = add i64 %row, 1", "  %more = icmp slt i64 %next, %rows",
+                       "  br i1 %more, label %entry, label %last", "last:"]  # fmt: skip
+        for place, value in enumerate(results if kept else []):
+            self.store(value, "%carried", place * self.width)
+        for place, value in enumerate(totals if added else []):
+            self.store(value, "%sums", place * self.width)
+        self.lines += ["  br label %end", "end:"]
+        if self.x86:
+            self.lines.append("  call void @llvm.x86.sse.ldmxcsr(ptr %control)")
+        self.lines.append("  ret void")
+
+    def added(self, place: int, before: str | None) -> str:
+        """A sum with this entry's products."""
+        kind = self.type(True)
+        total = before or self.load("%sums", place * self.width, True)
+        for a, b in self.loop.sums[place]:
+            product = self.new(f"fmul {_FLAGS} {kind} {self.of(a, True)}, {self.of(b, True)}")
+            total = self.new(f"fadd {_FLAGS} {kind} {total}, {product}")
+        if before is None:
+            self.store(total, "%sums", place * self.width)
+        return total
+
+    def without_denormals(self) -> None:
+        self.declared |= {"void @llvm.x86.sse.stmxcsr(ptr)", "void @llvm.x86.sse.ldmxcsr(ptr)"}
+        self.lines += [
+            "  %control = alloca i32",
+            "  %quick = alloca i32",
+            "  call void @llvm.x86.sse.stmxcsr(ptr %control)",
+            "  %usual = load i32, ptr %control",
+            f"  %flushed = or i32 %usual, {_DENORMALS_OFF}",
+            "  store i32 %flushed, ptr %quick",
+            "  call void @llvm.x86.sse.ldmxcsr(ptr %quick)",
+        ]
+
+    # operations
+
+    def operation(self, node: int) -> str:
+        """The value of an operation whose operands are computed."""
+        name, *operands = self.graph.nodes[node]
+        vector = node in self.loop.differing
+        kind, given = self.type(vector), [self.of(each, vector) for each in operands]
+        if name == "div" and operands[1] in self.shared:
+            return self.new(f"fmul {_FLAGS} {kind} {given[0]}, {self.reciprocal(operands[1], given[1], vector)}")
+        if name in _ARITHMETIC:
+            return self.new(f"{_ARITHMETIC[name]} {_FLAGS} {kind} {given[0]}, {given[1]}")
+        if name in _COMPARED:
+            return self.new(f"fcmp {_COMPARED[name]} {kind} {given[0]}, {given[1]}")
+        if name in _INTRINSIC:
+            return self.intrinsic(_INTRINSIC[name], given, vector)
+        if name in LIBRARY:
+            return self.called(name, given, vector)
+        return self.special(name, operands, given, vector)
+
+    def special(self, name: str, operands: Sequence[int], given: list[str], vector: bool) -> str:
+        kind, logic = self.type(vector), self.type(vector, "i1")
+        match name:
+            case "neg":
+                return self.new(f"fneg nsz {kind} {given[0]}")
+            case "and" | "or":
+                return self.new(f"{name} {logic} {given[0]}, {given[1]}")
+            case "not":
+                return self.new(f"xor {logic} {given[0]}, {self.constant(True, vector)}")
+            case "number":
+                return self.new(f"uitofp {logic} {given[0]} to {kind}")
+            case "choose":
+                of = logic if self.graph.is_condition(operands[1]) else kind
+                return self.select(*given, vector=vector, of=of)
+            case "max" | "min":
+                return self.extreme(name, operands, given, vector)
+            case "clamp":
+                low, value, high = given
+                raised = self.select(self.new(f"fcmp ult {kind} {value}, {low}"), low, value, vector=vector)
+                raised = self.select(self.new(f"fcmp uno {kind} {value}, {value}"), value, raised, vector=vector)
+                return self.select(self.new(f"fcmp ogt {kind} {raised}, {high}"), high, raised, vector=vector)
+            case "sign":
+                zero, one, less = (self.constant(each, vector) for each in (0.0, 1.0, -1.0))
+                below = self.select(self.new(f"fcmp olt {kind} {given[0]}, {zero}"), less, zero, vector=vector)
+                return self.select(self.new(f"fcmp ogt {kind} {given[0]}, {zero}"), one, below, vector=vector)
+            case "is_finite":
+                size = self.intrinsic("fabs", given, vector)
+                return self.new(f"fcmp olt {kind} {size}, {self.constant(math.inf, vector)}")
+            case "exp":
+                return self.exponential(given[0], vector)
+        raise NotImplementedError(f"machine code has no {name!r}")
+
+    def select(self, condition: str, met: str, otherwise: str, vector: bool, of: str | None = None) -> str:
+        kind = of or self.type(vector)
+        return self.new(f"select {self.type(vector, 'i1')} {condition}, {kind} {met}, {kind} {otherwise}")
+
+    def extreme(self, name: str, operands: Sequence[int], given: list[str], vector: bool) -> str:
+        """The larger or smaller of two numbers; what is no number stays none, as it must where a simulation fails."""
+        kind = self.type(vector)
+        (a, b), wins = given, "ugt" if name == "max" else "ult"  # unordered: a wins where it is none
+        if self.graph.known(operands[0]) is not None:
+            a, b = b, a
+        found = self.select(self.new(f"fcmp {wins} {kind} {a}, {b}"), a, b, vector=vector)
+        if any(self.graph.known(each) is not None for each in operands):
+            return found
+        return self.select(self.new(f"fcmp uno {kind} {b}, {b}"), b, found, vector=vector)
+
+    def reciprocal(self, node: int, name: str, vector: bool) -> str:
+        """1 / a, once for all that is divided by a."""
+        if (node, vector) not in self.reciprocals:
+            one = self.constant(1.0, vector)
+            self.reciprocals[node, vector] = self.new(f"fdiv {_FLAGS} {self.type(vector)} {one}, {name}")
+        return self.reciprocals[node, vector]
+
+    def intrinsic(self, name: str, given: Sequence[str], vector: bool) -> str:
+        kind = self.type(vector)
+        full = f"@llvm.{name}.{f'v{self.width}f64' if vector else 'f64'}"
+        self.declared.add(f"{kind} {full}({', '.join([kind] * len(given))})")
+        return self.new(f"call {kind} {full}({', '.join(f'{kind} {each}' for each in given)})")
+
+    def called(self, name: str, given: Sequence[str], vector: bool) -> str:
+        """A function of C's library, number by number."""
+        self.declared.add(f"double @{name}({', '.join(['double'] * len(given))}) memory(none)")
+        if not vector:
+            return self.new(f"call double @{name}({', '.join(f'double {each}' for each in given)})")
+        kind, out = self.type(True), "poison"
+        for k in range(self.width):
+            each = [self.new(f"extractelement {kind} {value}, i32 {k}") for value in given]
+            one = self.new(f"call double @{name}({', '.join(f'double {value}' for value in each)})")
+            out = self.new(f"insertelement {kind} {out}, double {one}, i32 {k}")
+        return out
+
+    def exponential(self, x: str, vector: bool) -> str:
+        """e^x = 2^n e^r with |r| <= ln(2)/2, e^r by its series to the 12th power: to some units of the last digit.
+
+        Source: Muller 2016, Elementary functions, ch. 11 (ln 2 in two parts). Differs from source: no.
+        """
+        kind, whole = self.type(vector), self.type(vector, "i64")
+
+        def number(value: float) -> str:
+            return self.constant(value, vector)
+
+        def integer(value: int) -> str:
+            return f"<{', '.join([f'i64 {value}'] * self.width)}>" if vector else str(value)
+
+        low, high = number(-708.0), number(709.0)
+        within = self.select(self.new(f"fcmp olt {kind} {x}, {low}"), low, x, vector=vector)
+        within = self.select(self.new(f"fcmp ogt {kind} {within}, {high}"), high, within, vector=vector)
+        scaled = self.new(f"fmul {kind} {within}, {number(1.4426950408889634)}")
+        n = self.intrinsic("rint", [scaled], vector)
+        rest = within
+        for part in (0.693147180369123816490, 1.90821492927058770002e-10):
+            taken = self.new(f"fmul {_FLAGS} {kind} {n}, {number(part)}")
+            rest = self.new(f"fsub {_FLAGS} {kind} {rest}, {taken}")
+        total = number(1.0 / math.factorial(12))
+        for k in range(11, -1, -1):
+            product = self.new(f"fmul {_FLAGS} {kind} {total}, {rest}")
+            total = self.new(f"fadd {_FLAGS} {kind} {product}, {number(1.0 / math.factorial(k))}")
+        exponent = self.new(f"shl {whole} {self.new(f'fptosi {kind} {n} to {whole}')}, {integer(52)}")
+        bits = self.new(f"add {whole} {self.new(f'bitcast {kind} {total} to {whole}')}, {exponent}")
+        found = self.new(f"bitcast {whole} {bits} to {kind}")
+        found = self.select(self.new(f"fcmp olt {kind} {x}, {low}"), number(0.0), found, vector=vector)
+        found = self.select(self.new(f"fcmp ogt {kind} {x}, {high}"), number(math.inf), found, vector=vector)
+        return self.select(self.new(f"fcmp uno {kind} {x}, {x}"), x, found, vector=vector)

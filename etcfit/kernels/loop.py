@@ -1,0 +1,72 @@
+"""What a loop over the entries of a batch computes: read, carried, added up and stored at each entry.
+
+A vector of the processor holds either neighbouring lanes of a batch at one point of the parameters, or many points at
+one lane, or points that have entries of their own. What does not differ along the vector is computed once, as a scalar;
+what does not change from entry to entry is computed before the loop.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import Enum
+from functools import cached_property
+
+from .graph import Graph
+
+
+class Across(Enum):
+    """What a vector holds side by side."""
+
+    LANES = "lanes"
+    POINTS = "points"
+    BOTH = "points, each with entries of its own"
+
+
+@dataclass(frozen=True, eq=False)
+class Loop:
+    """A loop over entries, in nodes of a graph.
+
+    Args:
+        graph: of all nodes.
+        across: what a vector holds.
+        records: inputs read at each entry, in the order of the columns of each record.
+        fixed: inputs that no entry changes, in their order: parameters.
+        carried: (input, result): what one entry hands to the next.
+        sums: each a sum over all entries of products of two nodes.
+        stored: nodes that are written at each entry.
+    """
+
+    graph: Graph
+    across: Across
+    records: tuple[tuple[int, ...], ...]
+    fixed: tuple[int, ...]
+    carried: tuple[tuple[int, int], ...]
+    sums: tuple[tuple[tuple[int, int], ...], ...] = ()
+    stored: tuple[int, ...] = ()
+
+    @cached_property
+    def nodes(self) -> list[int]:
+        """All that is computed, operands first."""
+        products = [node for pairs in self.sums for pair in pairs for node in pair]
+        return self.graph.needed([*(result for _, result in self.carried), *products, *self.stored])
+
+    @cached_property
+    def differing(self) -> frozenset[int]:
+        """Nodes that differ along a vector."""
+        entries = [node for record in self.records for node in record]
+        begun = {*(self.fixed if self.across is not Across.LANES else ())}
+        begun |= {*(entries if self.across is not Across.POINTS else ())}
+        return self._reached_from(begun | {node for node, _ in self.carried})
+
+    @cached_property
+    def changing(self) -> frozenset[int]:
+        """Nodes that change from entry to entry."""
+        entries = {node for record in self.records for node in record}
+        return self._reached_from(entries | {node for node, _ in self.carried})
+
+    def _reached_from(self, begun: set[int]) -> frozenset[int]:
+        reached = set(begun)
+        for node in self.nodes:
+            if any(operand in reached for operand in self.graph.operands(node)):
+                reached.add(node)
+        return frozenset(reached)

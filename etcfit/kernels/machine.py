@@ -1,0 +1,190 @@
+"""Loops compiled to machine code by LLVM, kept on disk as plain object files, and run.
+
+A file is found by a hash of the loop's text and of the processor; it begins with the hash of what follows, so that a
+torn one is made anew. A folder that somebody else can write is not used: what is loaded from it runs.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import ctypes.util
+import hashlib
+import os
+import platform
+import warnings
+from collections.abc import Sequence
+from contextlib import suppress
+from functools import cache
+from importlib.util import find_spec
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ..backend import compiled_folder
+from ..files import whole
+from . import llvm as written
+from .loop import Loop
+
+LANES = 4  # numbers side by side where a vector holds lanes: more leave a rig's few lanes idle
+POINTS = 16  # the same where it holds points
+MOST_BYTES = 1 << 28  # of all object files kept; those that were not used for longest go first
+_LEVEL = 1  # of optimisation: 0 is two to three times slower, 2 and 3 gain next to nothing
+_DIGEST = 32  # bytes
+
+
+@cache
+def available() -> bool:
+    """Whether loops can run as machine code: llvmlite is there, and ETCFIT_KERNELS is not "jax"."""
+    if os.environ.get("ETCFIT_KERNELS", "") == "jax":
+        return False
+    return find_spec("llvmlite") is not None
+
+
+def _is_x86() -> bool:
+    return platform.machine().lower() in ("x86_64", "amd64")
+
+
+def _target() -> Any:
+    """The processor that this runs on; a new one each time, for an engine owns what it is given."""
+    import llvmlite.binding as binding
+
+    binding.initialize_native_target()
+    binding.initialize_native_asmprinter()
+    cpu, features = binding.get_host_cpu_name(), binding.get_host_cpu_features().flatten()
+    return binding.Target.from_default_triple().create_target_machine(
+        cpu=cpu, features=features, opt=_LEVEL, codemodel="default", reloc="pic"
+    )
+
+
+@cache
+def _processor() -> str:
+    import llvmlite
+    import llvmlite.binding as binding
+
+    features = binding.get_host_cpu_features().flatten()
+    return f"{llvmlite.__version__} {binding.get_host_cpu_name()} {features} {_LEVEL}"
+
+
+@cache
+def _knows_library() -> None:
+    """Tell LLVM where the functions of C's library are: not every Python shows them to what is loaded into it."""
+    import llvmlite.binding as binding
+
+    library = ctypes.CDLL(ctypes.util.find_library("m") or ctypes.util.find_library("msvcrt") or None)
+    for name in written.LIBRARY:
+        with suppress(AttributeError):
+            binding.add_symbol(name, ctypes.cast(getattr(library, name), ctypes.c_void_p).value)
+
+
+def _object_code(text: str) -> bytes:
+    """Of a module: from disk where it was made before."""
+    folder, name = _trusted_folder(), hashlib.sha256(f"{_processor()}\n{text}".encode()).hexdigest()
+    if folder is not None and (kept := _read(folder / name)) is not None:
+        return kept
+    code = compiled(text)
+    if folder is not None:
+        with suppress(OSError), whole(folder / name) as draft:
+            draft.write_bytes(hashlib.sha256(code).digest() + code)
+    return code
+
+
+def compiled(text: str) -> bytes:
+    import llvmlite.binding as binding
+
+    module = binding.parse_assembly(text)
+    module.verify()
+    options = binding.create_pipeline_tuning_options(speed_level=_LEVEL)
+    options.slp_vectorization = options.loop_vectorization = False  # they are vectors already
+    target = _target()
+    builder = binding.create_pass_builder(target, options)
+    builder.getModulePassManager().run(module, builder)
+    return target.emit_object(module)
+
+
+def _read(path: Path) -> bytes | None:
+    """Object code from a file; None where it is not there or torn."""
+    try:
+        packed = path.read_bytes()
+    except OSError:
+        return None
+    with suppress(OSError):
+        os.utime(path)  # used: the last to go
+    digest, code = packed[:_DIGEST], packed[_DIGEST:]
+    return code if hashlib.sha256(code).digest() == digest else None
+
+
+@cache
+def _say_once(text: str) -> None:
+    warnings.warn(text, stacklevel=2)
+
+
+def _trusted_folder() -> Path | None:
+    """Where object files are kept; None where nobody asked for it, or somebody else could write them."""
+    root = compiled_folder()
+    if root is None:
+        return None
+    folder = root / "kernels"
+    try:
+        folder.mkdir(parents=True, exist_ok=True, mode=0o700)
+        about = folder.stat()
+    except OSError:
+        return None
+    if hasattr(os, "getuid") and (about.st_uid != os.getuid() or about.st_mode & 0o022):
+        _say_once(f"others can write {folder}: machine code kept there is not used. Make it yours alone (chmod go-w).")
+        return None
+    _tidied(folder)
+    return folder
+
+
+@cache
+def _tidied(folder: Path) -> None:
+    """What was not used for longest goes, until the rest fits into so many bytes; once a process."""
+    total = 0
+    with suppress(OSError):
+        for path in sorted(folder.iterdir(), key=lambda path: path.stat().st_mtime, reverse=True):
+            total += path.stat().st_size
+            if total > MOST_BYTES:
+                path.unlink(missing_ok=True)
+
+
+class Kernel:
+    """A loop as machine code.
+
+    Args:
+        loop: what it computes.
+        width: numbers in a vector.
+    """
+
+    def __init__(self, loop: Loop, width: int) -> None:
+        import llvmlite.binding as binding
+
+        self.width = width
+        self.carried, self.sums, self.stored = len(loop.carried), len(loop.sums), len(loop.stored)
+        code = _object_code(written.text(loop, width, _is_x86()))
+        _knows_library()
+        self._engine = binding.create_mcjit_compiler(binding.parse_assembly(""), _target())
+        self._engine.add_object_file(binding.ObjectFileRef.from_data(code))
+        self._engine.finalize_object()
+        address = self._engine.get_function_address(written.NAME)
+        kinds = [ctypes.c_int64] * 2 + [ctypes.c_void_p] * (len(loop.records) + 4)
+        self._function = ctypes.CFUNCTYPE(None, *kinds)(address)
+
+    def run(
+        self, rows: int, stride: int, records: Sequence[int], fixed: np.ndarray, begun: np.ndarray, stored: np.ndarray
+    ) -> np.ndarray:
+        """Run the loop; it lets go of Python's lock.
+
+        Args:
+            rows: entries.
+            stride: numbers between two columns of a record.
+            records: address of the first number of each record.
+            fixed: parameters, one each, or `width` of each where a vector holds points.
+            begun: what is carried into the first entry, shape (carried, width).
+            stored: takes what is stored, shape (rows, stored, width) at least.
+        Returns:
+            the sums, shape (sums, width).
+        """
+        sums, carried = np.zeros((self.sums, self.width)), np.array(begun)
+        self._function(rows, stride, *records, *(each.ctypes.data for each in (fixed, carried, sums, stored)))
+        return sums

@@ -1,0 +1,210 @@
+"""The whitening filter, the variance of a free run and the error of integration by machine code.
+
+A first pass simulates and finds impacts and, where the input jumps within an interval, the states that it jumps from. A
+second simulates again, with what those events are uncertain by, and carries the covariance along. The formulas are
+those of `process_noise`, `innovations` and `substeps`, traced.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import partial
+from typing import Any, NamedTuple
+
+import jax
+import numpy as np
+from jaxtyping import Float
+
+from ..kernels.machine import LANES, available
+from ..model.effects import State
+from ..model.stepper import StatePath, begun, step
+from ..model.throttle import Throttle
+from .batch import BatchArrays
+from .free_parameters import Form
+from .innovations import InnovationsFilter, renewed
+from .lanes import Along
+from .process_noise import (
+    ErrorProcess,
+    Events,
+    edge_covariance,
+    impact,
+    impacts_nearby_here,
+    linearised_step,
+    order_of,
+    process_of,
+    spread_on,
+)
+from .records import Entries, numbered, used_rows
+from .residual import equipped
+from .substeps import step_error, worst
+from .traced_entry import Column
+
+_JITTER = "jitter of instants"  # no symbol of a parameter
+
+
+def runs(form: Form) -> bool:
+    """Whether these run as machine code for a model."""
+    return available() and not any(effect.delays for effect in form.types)
+
+
+def filter_and_timing(
+    form: Form, full: Float[np.ndarray, " Q"], batch: BatchArrays, jitter: float
+) -> tuple[InnovationsFilter, Float[np.ndarray, "T L M"]]:
+    """What `innovations.kalman` returns, of the free run.
+
+    Args:
+        form: the model.
+        full: value of every parameter, SI, shape (Q,).
+        batch: as it was logged, arrays of NumPy.
+        jitter: standard deviation of the sampling instants, as a share of the time between samples.
+    """
+    return along(_FILTERED, form, full, (*batch, _events(form, full, batch)), jitter)
+
+
+def free_run_variance(
+    form: Form, full: Float[np.ndarray, " Q"], batch: BatchArrays, jitter: float
+) -> Float[np.ndarray, "T L M"]:
+    """What `process_noise.free_run_variance` returns; arguments as of `filter_and_timing`."""
+    return along(_SPREAD, form, full, (*batch, _events(form, full, batch)), jitter)
+
+
+def local_error(form: Form, full: Float[np.ndarray, " Q"], batch: BatchArrays) -> Float[np.ndarray, "T L"]:
+    """What `substeps.local_error` returns; arguments as of `filter_and_timing`."""
+    lost, error = along(_STEPPED, form, full, batch)
+    weight = np.asarray(batch.slots.weight)
+    return worst(error, weight, impacts_nearby_here(lost, weight), np)
+
+
+class Given(NamedTuple):
+    """One entry as it acts on the model: states and memories before and after it, and its part of the batch."""
+
+    throttle: Throttle
+    before: StatePath
+    after: StatePath
+    batch: BatchArrays
+
+
+def _taken(form: Form, values: Any, path: StatePath, entry: Any) -> Given:
+    steps, resets, slots, disturbance, test_of = entry
+    throttle = Throttle.build(form.types, values)
+    steps, resets = equipped(throttle, steps, resets, test_of, values)
+    before = begun(throttle, *path, resets)
+    batch = BatchArrays(steps, resets, slots, disturbance, test_of)
+    return Given(throttle, before, step(throttle, *before, steps), batch)
+
+
+def _process(given: Given, events: Events) -> ErrorProcess:
+    steps, disturbance = given.batch.steps, given.batch.disturbance
+    linear = linearised_step(given.throttle, *given.before, steps, disturbance)
+    return process_of(given.throttle, given.before, given.after, given.batch, linear, events)
+
+
+def _filtered(form: Form, values: Any, carried: Any, entry: Any) -> Any:
+    path, covariance = carried
+    given = _taken(form, values, path, entry[:5])
+    covariance, found = renewed(covariance, _process(given, entry[5]), given.batch.slots.weight, values[_JITTER])
+    return (given.after, covariance), found
+
+
+def _spread(form: Form, values: Any, carried: Any, entry: Any) -> Any:
+    path, covariance = carried
+    given = _taken(form, values, path, entry[:5])
+    process = _process(given, entry[5])
+    covariance, spread = spread_on(covariance, process.transition, process.noise, process.sense)
+    return (given.after, covariance), spread + process.sample_variance(values[_JITTER])
+
+
+def _stepped(given: Given) -> Any:
+    steps, _, slots, _, test_of = given.batch
+    error = step_error(given.throttle, *given.before, steps, slots, test_of)
+    return impact(given.before[0], given.after[0], steps), error
+
+
+def _passed(given: Given) -> Any:
+    return impact(given.before[0], given.after[0], given.batch.steps), given.before, given.after[0]
+
+
+def _jumped(form: Form, values: Any, carried: Any, entry: Any) -> Any:
+    """The covariance by a jump, each entry by itself: what is carried is not read."""
+    steps, resets, disturbance, test_of, (x, z), end = entry
+    throttle = Throttle.build(form.types, values)
+    steps, _ = equipped(throttle, steps, resets, test_of, values)
+    return carried, edge_covariance(throttle, x, z, end, steps, disturbance)
+
+
+def _path(form: Form) -> StatePath:
+    """Numbers like those that are carried from step to step."""
+    memories = len(Throttle.build(form.types, dict.fromkeys(form.index, 0.5)).z0)
+    return State(0.0, 0.0, 0.0), (0.0,) * memories
+
+
+def _with_covariance(form: Form) -> Any:
+    order = order_of(form.types)
+    return _path(form), np.zeros((order, order))
+
+
+def along(
+    which: Along, form: Form, full: Float[np.ndarray, " Q"], tree: BatchArrays | tuple[Any, ...], *jitter: float
+) -> Any:
+    """Results along a batch, axes T and L first.
+
+    Args:
+        which: see `along_path`.
+        form: the model.
+        full: value of every parameter, SI, shape (Q,).
+        tree: the batch as it was logged, arrays of NumPy, and what else an entry needs.
+        jitter: where a covariance is carried.
+    """
+    steps, _, slots, _, _, *events = numbered(tree)
+    renewed = frozenset({steps.guide_stiffness, slots.value, slots.weight, slots.sigma, *jax.tree.leaves(events)})
+    rows = used_rows(np.asarray(tree[0].dt), np.asarray(tree[1].begins))
+    batch = Entries(tree, rows, (renewed,), never=(Column(steps.guide_stiffness, ()),))
+    return which.run((form,), np.concatenate((full, jitter)), batch)
+
+
+def _simulated(function: Callable[..., Any], covariance: bool = False) -> Along:
+    """A function of (form, values, what is carried, entry)."""
+
+    def function_of(form: Form) -> Any:
+        carried = _with_covariance(form) if covariance else _path(form)
+        return partial(function, form), (*form.index, *((_JITTER,) if covariance else ())), carried, form.ties
+
+    return Along(function_of)
+
+
+def along_path(function: Callable[[Given], Any]) -> Along:
+    """Results of a function of each entry of a simulated batch, for `along`."""
+
+    def one(form: Form, values: Any, path: StatePath, entry: Any) -> Any:
+        given = _taken(form, values, path, entry)
+        return given.after, function(given)
+
+    return _simulated(one)
+
+
+_FILTERED, _SPREAD = _simulated(_filtered, covariance=True), _simulated(_spread, covariance=True)
+_STEPPED, _PASSED, _JUMPED = along_path(_stepped), along_path(_passed), _simulated(_jumped)
+
+
+def _events(form: Form, full: Float[np.ndarray, " Q"], batch: BatchArrays) -> Events:
+    weight, edge = np.asarray(batch.slots.weight), np.asarray(batch.disturbance.edge)
+    lost, before, after = along(_PASSED, form, full, batch)
+    spread = np.zeros((*edge.shape, 3, 3))
+    rows, lanes = np.nonzero(edge > 0.0)
+    if rows.size:
+        began, pad = rows - np.maximum(edge[rows, lanes] - 1.0, 0.0).astype(int), -rows.size % LANES
+
+        def gathered(array: Any, at: np.ndarray = rows) -> np.ndarray:
+            filled = np.concatenate((np.arange(rows.size), np.zeros(pad, int)))
+            picked = np.asarray(array)[at[filled], lanes[filled]]
+            return picked.reshape(-1, LANES, *picked.shape[1:])
+
+        logged = jax.tree.map(gathered, (batch.steps, batch.resets, batch.disturbance, batch.test_of))
+        path = jax.tree.map(partial(gathered, at=began), before), jax.tree.map(gathered, after)
+        entry = (*logged, *path)
+        # few entries, which would be alike by chance: nothing is taken as the same at all of them
+        every = frozenset(range(len(jax.tree.leaves(entry))))
+        count = np.full(LANES, logged[-1].shape[0])
+        found = _JUMPED.run((form,), full, Entries(entry, count, (every,)))
+        spread[rows, lanes] = found.reshape(-1, 3, 3)[: rows.size]
+    return Events(impacts_nearby_here(lost, weight), spread)

@@ -1,0 +1,151 @@
+"""The residual, its sum of squares and its Jacobian by machine code: what `EstimationProblem`, `chi2` and
+`normal_equations` run where the model has a single pass and llvmlite is there."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import jax
+import numpy as np
+from jaxtyping import Float
+
+from ..kernels.loop import Across
+from ..kernels.machine import Kernel, available
+from .free_parameters import Form, Pick
+from .lanes import MAKING, compiled, over_lanes, over_points, remembered
+from .one_pass import entries, has_single_pass
+from .program import in_background
+from .records import Entries, Records, Remembered, numbered, records_of, used_rows
+from .residual import Compared, WeightedData
+from .residual_entry import ResidualEntry
+from .traced_entry import Column, Shape, TracedEntry
+
+_GRAPHS, _KERNELS = 128, 1024  # that a process remembers; some MB and some 50 kB each
+
+
+def runs(form: Form, weighted: WeightedData) -> bool:
+    """Whether the residual of a model runs as machine code."""
+    return available() and has_single_pass(form, weighted)
+
+
+class Sums(NamedTuple):
+    """Sums over all samples of r and of its derivatives D in the *values* of the free parameters.
+
+    Args:
+        chi2: r^T r, dimensionless.
+        gradient: D^T r, shape (P,), 1 over the unit of each parameter.
+        information: D^T D, shape (P, P).
+    """
+
+    chi2: float
+    gradient: Float[np.ndarray, " P"]
+    information: Float[np.ndarray, "P P"]
+
+
+def free_of(form: Form, pick: Pick) -> tuple[str, ...]:
+    """Symbols of the free parameters."""
+    return tuple(form.parameters[k].symbol for k in np.asarray(pick.where) if k < len(form.parameters))
+
+
+@remembered(_GRAPHS)
+def _entry(form: Form, order: int, shape: Shape) -> ResidualEntry:
+    return ResidualEntry(form, shape, order)
+
+
+@remembered(_KERNELS)
+def _kernel(
+    entry: ResidualEntry, across: Across, free: tuple[str, ...] = (), summed: bool = False, stored: bool = False
+) -> Kernel:
+    return compiled(entry.residual_loop(across, free, summed, stored))
+
+
+_PACKED = Remembered()
+
+
+def _records(form: Form, weighted: WeightedData) -> tuple[Records, ResidualEntry]:
+    read = weighted._replace(slots=weighted.slots._replace(sigma=None))  # the filter's weights have it
+    leaves = jax.tree.leaves(entries(read))
+    with MAKING:
+        return _PACKED.of(leaves, form, lambda: _packed(form, read))
+
+
+def _packed(form: Form, weighted: WeightedData) -> tuple[Records, ResidualEntry]:
+    tree = entries(weighted)
+    steps, _, slots, _, filter_ = numbered(tree)
+    order, count = weighted.whitening.transition.shape[-1], weighted.whitening.sense.shape[-2]
+    # no state acts on the input's error, and no sensor reads that
+    never = [Column(filter_.transition, (order - 1, q)) for q in range(order - 1)]
+    never += [Column(filter_.sense, (m, order - 1)) for m in range(count)]
+    renewed = frozenset({steps.guide_stiffness, slots.value, slots.weight, *filter_[:4]})
+    rows = used_rows(np.asarray(weighted.steps.dt), np.asarray(weighted.resets.begins))
+    batch = Entries(tree, rows, (renewed,), frozenset({slots.weight, filter_.weight}), tuple(never))
+    made: list[ResidualEntry] = []
+
+    def entry_of(shape: Shape) -> TracedEntry:
+        made.append(_entry(form, order, shape))
+        return made[0].traced
+
+    return records_of(batch, entry_of), made[0]
+
+
+def ahead(form: Form, weighted: WeightedData) -> None:
+    """Begin to make, in the background, what a descent runs."""
+
+    def make() -> None:
+        entry = _records(form, weighted)[1]
+        _kernel(entry, Across.LANES, free_of(form, weighted.pick), True)
+        _kernel(entry, Across.LANES, (), True)
+
+    in_background(make)
+
+
+def sums(form: Form, full: Float[np.ndarray, " Q"], weighted: WeightedData) -> Sums:
+    """What a least-squares step needs.
+
+    Args:
+        form: the model.
+        full: value of every parameter, SI, shape (Q,).
+        weighted: data and whitening, arrays of NumPy.
+    """
+    (records, entry), free = _records(form, weighted), free_of(form, weighted.pick)
+    total, _ = over_lanes(_kernel(entry, Across.LANES, free, True), records, full)
+    size = len(free)
+    lower = np.zeros((size, size))
+    lower[np.tril_indices(size)] = total[1 + size :]
+    return Sums(float(total[0]), total[1 : 1 + size], lower + np.tril(lower, -1).T)
+
+
+def chi2(form: Form, full: Float[np.ndarray, " Q"], weighted: WeightedData) -> float:
+    """Sum of squares of the whitened residual; arguments as of `sums`."""
+    records, entry = _records(form, weighted)
+    return float(over_lanes(_kernel(entry, Across.LANES, (), True), records, full)[0][0])
+
+
+def chi2_of_points(form: Form, fulls: Float[np.ndarray, "K Q"], weighted: WeightedData) -> Float[np.ndarray, " K"]:
+    """The same of many points, shape (K, Q) -> (K,): each vector holds points."""
+    records, entry = _records(form, weighted)
+    return over_points(_kernel(entry, Across.POINTS, (), True), records, fulls)[0]
+
+
+def compared(form: Form, full: Float[np.ndarray, " Q"], weighted: WeightedData) -> Compared:
+    """What each slot ought to show, and the whitened residual; arguments as of `sums`."""
+    records, entry = _records(form, weighted)
+    _, out = over_lanes(_kernel(entry, Across.LANES, (), False, True), records, full)
+    count = len(entry.r)
+    return Compared(out[..., :count], out[..., count:])
+
+
+def linearised(
+    form: Form, full: Float[np.ndarray, " Q"], weighted: WeightedData, by: tuple[str, ...] | None = None
+) -> tuple[Float[np.ndarray, "T L M"], Float[np.ndarray, "T L M P"]]:
+    """The whitened residual, shape (T, L, M), and its derivatives in the values of some parameters, shape (T, L, M, P).
+
+    Args:
+        form, full, weighted: as of `sums`.
+        by: symbols; the free parameters where None.
+    """
+    (records, entry), free = _records(form, weighted), free_of(form, weighted.pick) if by is None else by
+    _, out = over_lanes(_kernel(entry, Across.LANES, free, False, True), records, full)
+    count = len(entry.r)
+    slopes = out[..., 2 * count :].reshape(*records.shape, len(free), count)
+    return out[..., count : 2 * count], np.swapaxes(slopes, 2, 3)

@@ -1,0 +1,137 @@
+"""One entry of a batch as a graph of arithmetic.
+
+What a field of the batch has at every entry is no data: 0 and 1 are taken as such, another number is read once. That is
+found out for each batch (`Shape`) and makes part of what a kernel is known by.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import jax
+import numpy as np
+
+from ..kernels.graph import Graph
+from ..kernels.loop import Across, Loop
+from ..kernels.lowering import lowered
+
+
+class Column(NamedTuple):
+    """A number of each entry.
+
+    Args:
+        leaf: of the tree of entries, in JAX's order.
+        place: in the array of one entry.
+    """
+
+    leaf: int
+    place: tuple[int, ...]
+
+
+@dataclass(frozen=True)
+class Shape:
+    """What is known of a batch before its numbers are.
+
+    Args:
+        tree: structure of its entries, with the shape of each leaf's array at one entry.
+        shapes: those shapes.
+        constant: columns that are 0 or 1 everywhere, and which.
+        uniform: columns that are some other number everywhere.
+        renewed: leaves of each record but the first, which has all others.
+    """
+
+    tree: Any
+    shapes: tuple[tuple[int, ...], ...]
+    constant: tuple[tuple[Column, float], ...]
+    uniform: tuple[Column, ...]
+    renewed: tuple[frozenset[int], ...]
+
+
+class TracedEntry:
+    """What a function computes of one entry, as a graph.
+
+    Args:
+        function: of (values by name, carried, entry); it returns what is carried on and its results.
+        names: of the values; they are the same for all entries.
+        shape: of the batch whose entries it takes.
+        carried: a tree of numbers and small arrays, like what is carried.
+        ties: (name, the name whose value it has).
+    Attributes:
+        begun, ends: numbers carried into and out of the entry.
+        results: the tree of results, nodes for its leaves.
+        columns: of each record, the inputs that are read at each entry, and their nodes.
+        fixed: inputs that no entry changes, values and then uniform columns, and their nodes.
+    """
+
+    def __init__(
+        self,
+        function: Callable[..., Any],
+        names: Sequence[str],
+        shape: Shape,
+        carried: Any,
+        ties: Sequence[tuple[str, str]] = (),
+    ) -> None:
+        self.shape = shape
+        graph = self.graph = Graph()
+        known = {column: graph.constant(value) for column, value in shape.constant}
+
+        def column(name: Column) -> int:
+            return known[name] if name in known else graph.input(name)
+
+        leaves = [_named(size, lambda place, k=k: column(Column(k, place))) for k, size in enumerate(shape.shapes)]
+        entry = jax.tree.unflatten(shape.tree, leaves)
+        values = {name: graph.input(dict(ties).get(name, name)) for name in names}
+        examples, tree = jax.tree.flatten(carried)
+        begun = [_named(np.shape(e), lambda p, k=k: graph.input(("carried", k, p))) for k, e in enumerate(examples)]
+        after, self.results = lowered(function, graph, (values, jax.tree.unflatten(tree, begun), entry))
+        self.begun, self.ends = nodes_of(begun), nodes_of(after)
+        wanted = [*self.ends, *nodes_of(self.results)]
+        used = [(graph.nodes[node][1], node) for node in graph.needed(wanted) if graph.nodes[node][0] == "input"]
+        uniform = set(shape.uniform)
+        read = {name: node for name, node in used if isinstance(name, Column) and name not in uniform}
+        later = [{name: node for name, node in read.items() if name.leaf in leaves} for leaves in shape.renewed]
+        first = {name: node for name, node in read.items() if not any(name in each for each in later)}
+        self.columns = (first, *later)
+        self.fixed: dict[Any, int] = {name: graph.input(name) for name in names}
+        self.fixed |= {column: graph.input(column) for column in shape.uniform}
+
+    def loop(
+        self,
+        across: Across,
+        carried: Sequence[tuple[int, int]] = (),
+        sums: Sequence[Sequence[tuple[int, int]]] = (),
+        stored: Sequence[int] = (),
+    ) -> Loop:
+        """A loop that computes entry after entry.
+
+        Args:
+            across: what a vector holds.
+            carried: what is carried besides the entry's own.
+            sums, stored: see `Loop`.
+        """
+        return Loop(
+            self.graph,
+            across,
+            tuple(tuple(columns.values()) for columns in self.columns),
+            tuple(self.fixed.values()),
+            (*zip(self.begun, self.ends, strict=True), *carried),
+            tuple(map(tuple, sums)),
+            tuple(stored),
+        )
+
+
+def _named(size: tuple[int, ...], node: Callable[[tuple[int, ...]], int]) -> Any:
+    """An array of nodes, or one node."""
+    if not size:
+        return node(())
+    out = np.empty(size, dtype=object)
+    for place in np.ndindex(size):
+        out[place] = node(place)
+    return out
+
+
+def nodes_of(tree: Any) -> list[int]:
+    """Every node of a tree, in order."""
+    return [int(node) for leaf in jax.tree.leaves(tree) for node in np.ravel(leaf)]

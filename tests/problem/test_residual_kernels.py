@@ -1,0 +1,214 @@
+"""Machine code against JAX: the residual, its sums and its slopes of every effect, alone and beside every other."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from functools import cache, partial
+from pathlib import Path
+from typing import Any
+
+import jax
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose, assert_array_equal
+
+import results
+from etcfit.estimation.joint_fit import ready
+from etcfit.model.ecu import Ecu
+from etcfit.model.effects import EFFECTS, AbstractEffect
+from etcfit.model.parameters import NonNegative, Real
+from etcfit.model.rig_effects import at_places
+from etcfit.model.smooth import UNKNOWNS
+from etcfit.problem import filter_kernels, residual_kernels
+from etcfit.problem.chi2 import chi2_of
+from etcfit.problem.free_parameters import free_parameters
+from etcfit.problem.normal_equations import linearised, normal_equations
+from etcfit.problem.problem import EstimationProblem
+from etcfit.problem.residual import WeightedData, residual
+from etcfit.problem.trace import prepare
+from etcfit.rig.base import Fixed, Measurement, Rig
+from measurements import channel
+
+Effect = type[AbstractEffect]
+ADDED = [e for e in EFFECTS if e.off is not None and not e.delays and not e.commands]
+
+
+def around(rig: Rig) -> list[Effect]:
+    """Effects of the rig, one place of each family."""
+    logged = {m.test: frozenset(m.channels) for m in rig.measurements}
+    every = {e.kind: e for e in at_places(logged) if not e.delays}
+    return list(every.values())
+
+
+def together(effects: Sequence[Effect]) -> list[tuple[Effect, ...]]:
+    """All of them, and halves of them: every two are in one model, and many are also in one without the others."""
+    return [
+        tuple(effects),
+        *(tuple(e for k, e in enumerate(effects) if k // 2**d % 2 == s) for d in (0, 1) for s in (0, 1)),
+    ]
+
+
+@cache
+def rig_in(folder: Path) -> Rig:
+    return results.rig(folder)
+
+
+@pytest.fixture(scope="module")
+def rig(tmp_path_factory: pytest.TempPathFactory) -> Rig:
+    return rig_in(tmp_path_factory.mktemp("rig"))
+
+
+def case(
+    rig: Rig, added: Sequence[Effect], whitened: bool = True, guide: float = 0.0
+) -> tuple[EstimationProblem, np.ndarray, WeightedData]:
+    """Eqs. 1-2 and some effects, every parameter off its bound and off its usual size."""
+    known = free_parameters(rig.config, tuple(added))
+    layout = known.layout
+    problem = EstimationProblem.of(rig.config, known, ready(rig)[0]).guided(guide)
+    values = {p.symbol: p.nominal for p in layout.parameters}
+    for effect in added:
+        for symbol in effect.off or {}:
+            domain = layout.parameter(symbol).domain
+            values[symbol] = 0.3 * domain.scale if isinstance(domain, (NonNegative, Real)) else domain.scale
+    x = layout.off_bounds(layout.coordinates(values)) + 0.01 * np.cos(np.arange(len(layout.free)))
+    from etcfit.problem.weights import free_running
+
+    filter_ = problem.kalman(x) if whitened else free_running(problem)
+    return problem, x, problem.weighted(filter_)
+
+
+def agrees(problem: EstimationProblem, x: np.ndarray, weighted: WeightedData) -> None:
+    """Kernels and JAX, to 1e-9 of each column."""
+    form, padded = problem.layout.form, problem.layout.padded(x)
+    assert residual_kernels.runs(form, weighted)
+    whole = partial(residual, form, weighted=weighted)
+    quick = partial(jax.jit, compiler_options={"xla_backend_optimization_level": 0})
+    r, J = (np.asarray(each) for each in quick(lambda x: (whole(x), jax.jacfwd(whole)(x)))(padded))
+    found, columns = linearised(form, padded, weighted)
+    size = max(1.0, float(np.max(np.abs(r))))
+    assert_allclose(found, r, rtol=0.0, atol=1e-9 * size)
+    assert_allclose(problem.residual(x, weighted), r, rtol=0.0, atol=1e-9 * size)
+    norm = np.linalg.norm(J.reshape(-1, padded.size), axis=0)
+    apart = np.linalg.norm((columns - J).reshape(-1, padded.size), axis=0)
+    assert np.all(apart <= 1e-9 * np.maximum(norm, 1e-6 * norm.max()))
+    chi2, flat = float(np.sum(r**2)), J.reshape(-1, padded.size)
+    e = normal_equations(form, weighted, padded.size)(padded)
+    assert e.chi2 == pytest.approx(chi2, rel=1e-9)
+    assert_allclose(e.gradient, flat.T @ r.ravel(), atol=1e-9 * float(norm.max()) * chi2**0.5)
+    assert_allclose(e.information, flat.T @ flat, atol=1e-9 * float(norm.max()) ** 2)
+    assert problem.chi2(x, weighted) == pytest.approx(chi2, rel=1e-9)
+    many = chi2_of(problem, np.stack([x, x + 0.01, x]), weighted)
+    assert many[0] == many[2] == pytest.approx(chi2, rel=1e-9)
+    assert many[1] == pytest.approx(float(np.sum(np.asarray(quick(whole)(problem.layout.padded(x + 0.01))) ** 2)))
+
+
+@pytest.mark.slow  # compiles each model by JAX too
+@pytest.mark.parametrize("effect", [*ADDED, *UNKNOWNS], ids=lambda effect: effect.name)
+def test_every_effect_alone_computes_as_jax_does(rig: Rig, effect: Effect) -> None:
+    agrees(*case(rig, [effect]))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("added", together(ADDED), ids=["all", "even", "odd", "first of four", "last of four"])
+def test_effects_together_compute_as_jax_does(rig: Rig, added: tuple[Effect, ...]) -> None:
+    agrees(*case(rig, added))
+
+
+@pytest.mark.slow
+def test_every_effect_of_the_rig_computes_as_jax_does(rig: Rig) -> None:
+    agrees(*case(rig, around(rig)))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("whitened", "guide"), [(False, 0.0), (True, 20.0)], ids=["free running", "guided"])
+def test_other_weights_and_a_guide_compute_as_jax_does(rig: Rig, whitened: bool, guide: float) -> None:
+    agrees(*case(rig, [], whitened, guide))
+
+
+@pytest.mark.slow
+def test_under_an_ecu_it_computes_as_jax_does(rig: Rig) -> None:
+    """A setpoint that rises, the ECU part of the model, its gains free."""
+    t = 2e-3 * np.arange(120)
+    logged = {"position": np.full(t.size, 0.5), "setpoint": 0.5 + np.maximum(t - 0.02, 0.0)}
+    channels = {name: channel(t, each, 1e-3) for name, each in logged.items()}
+    log = Measurement("closed_loop/a.csv", "closed_loop", t, channels)
+    ecu = Ecu()
+    gains = {s: Fixed(v) for s, v in ecu.constants.items() if s not in ("P_e", "I_e", "D_e")}
+    config = replace(rig.config, ecu=ecu, parameters={**rig.config.parameters, **gains}, series_ohm={})
+    known = free_parameters(config)
+    trace = prepare(log, config)
+    assert trace is not None
+    problem = EstimationProblem.of(config, known, (trace,))
+    x = known.layout.off_bounds(known.layout.coordinates({p.symbol: p.nominal for p in known.layout.parameters}))
+    agrees(problem, x, problem.weighted(problem.kalman(x)))
+
+
+# ---- the filter
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("added", [(), ("backlash", "presliding_friction", "stop_bounce")], ids=["Eqs. 1-2", "more"])
+def test_filter_variance_and_error_of_integration_are_those_of_jax(
+    rig: Rig, added: tuple[str, ...], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    problem, x, _ = case(rig, [e for e in ADDED if e.name in added])
+    problem = replace(problem, jitter=0.1)
+
+    def every() -> list[np.ndarray]:
+        filter_, timing = problem.filter_and_timing(x)
+        return [*map(np.asarray, filter_[:4]), np.asarray(timing), *problem.free_run_variance(x), *steps()]
+
+    def steps() -> Any:
+        return problem.refined(x).substeps
+
+    by_kernel = every()
+    monkeypatch.setattr(filter_kernels, "runs", lambda form: False)
+    for found, wanted in zip(by_kernel, every(), strict=True):
+        kept = np.broadcast_to(blank(problem), found.shape[:2]) if found.ndim > 2 else np.zeros(found.shape, bool)
+        assert_allclose(np.where(_like(kept, found), 0.0, found), np.where(_like(kept, found), 0.0, wanted), rtol=1e-7,
+                        atol=1e-9 * max(1e-300, float(np.nanmax(np.abs(wanted)))))  # fmt: skip
+
+
+def blank(problem: EstimationProblem) -> np.ndarray:
+    """Entries after the last trace of each lane, shape (T, L): kernels do not compute them."""
+    rows = np.zeros(problem.shape[1], int)
+    for lane, _, marks in problem.batch.places:
+        rows[lane] = max(rows[lane], marks[-1] + 1)
+    return np.arange(problem.shape[0])[:, None] >= rows
+
+
+def _like(where: np.ndarray, array: np.ndarray) -> np.ndarray:
+    return where.reshape(*where.shape, *(1,) * (array.ndim - where.ndim))
+
+
+# ---- what runs away, and what is packed
+
+
+def test_a_simulation_that_runs_away_ends_as_inf(rig: Rig) -> None:
+    problem, x, weighted = case(rig, [], whitened=False)
+    far = x.copy()
+    far[problem.layout.free.index("K_b")] = 1e4  # K_b e^12 times its scale
+    far[problem.layout.free.index("R_a")] = np.nan
+    assert chi2_of(problem, np.stack([far, x]), weighted)[0] == np.inf
+    assert np.isfinite(chi2_of(problem, np.stack([far, x]), weighted)[1])
+    assert not np.isfinite(problem.chi2(far, weighted))
+    assert not normal_equations(problem.layout.form, weighted, x.size)(problem.layout.padded(far)).finite
+
+
+def test_lanes_that_hold_nothing_and_entries_that_only_fill_up_count_for_nothing(rig: Rig) -> None:
+    problem, x, weighted = case(rig, [], whitened=False)
+    wider = EstimationProblem.of(
+        problem.config, problem.free_parameters, problem.batch.traces, problem.substeps, (4096, 11, 3)
+    )
+    again = wider.weighted(residual_weights(wider))
+    assert wider.shape[1] > problem.shape[1]
+    assert wider.chi2(x, again) == pytest.approx(problem.chi2(x, weighted), rel=1e-12)
+    r = wider.residual(x, again)
+    assert_array_equal(r[np.broadcast_to(_like(blank(wider), r), r.shape)], 0.0)
+
+
+def residual_weights(problem: EstimationProblem) -> Any:
+    from etcfit.problem.weights import free_running
+
+    return free_running(problem)
