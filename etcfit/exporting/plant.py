@@ -14,11 +14,13 @@ from typing import Any
 import jax
 
 from ..errors import UsageError
-from ..kernels.c import Program, program
+from ..kernels.c import program
 from ..kernels.graph import Graph
+from ..kernels.infix import Program
 from ..kernels.lowering import NotScalarError, lowered
 from ..model.effects import AbstractEffect, Inputs, State
 from ..model.parameters import Scalar
+from ..model.refusals import refused
 from ..model.stepper import Step, step
 from ..model.throttle import Throttle
 from .base import Source
@@ -200,17 +202,7 @@ def _late(graph: Graph, delays: list[int], source: Source) -> Late | None:
 
 def _refusal(source: Source, primitive: str) -> str:
     """Which effect computes what straight-line C cannot."""
-    graph = Graph()
-    asked: dict[str, Any] = {name: graph.input(name) for name in Inputs._fields[:8]}
-    x, u = State(*map(graph.input, _STATE)), Inputs(**asked)
-    culprits = []
-    for effect in source.effects:
-        values = {p.symbol: graph.input(p.symbol) for p in source.parameters}
-        z = tuple(graph.input(f"z{k}") for k in range(len(effect.z0)))
-        try:
-            lowered(lambda v, x, z, u, effect=effect: Throttle.build((effect,), v)(x, z, u), graph, (values, x, z, u))
-        except NotScalarError:
-            culprits.append(effect.name)
+    culprits = [effect.name for effect in refused(source.effects, program)]
     return (f"{', '.join(culprits) or 'the model'}: its formula uses {primitive}, which is no arithmetic of single "
             "numbers, so that no C can be printed from it. Write the effect with scalar jax.numpy functions without "
             "loops, or teach etcfit/kernels/lowering.py that primitive.")  # fmt: skip

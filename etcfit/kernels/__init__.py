@@ -2,6 +2,7 @@
 
     JAX  ->  lowering  ->  graph  ->  derivatives  ->  machine code (loop, llvm)   what fits and diagnoses
                                                    ->  C99 (c)                     exports
+                                                   ->  JavaScript (javascript)     the interactive page
 
 Physics is written once, in JAX, which stays the definition: ETCFIT_KERNELS=jax runs that instead.
 """

@@ -191,6 +191,8 @@ def _entrywise(graph: Graph, equation: Any) -> Callable[..., int]:
         case "logistic":
             one = graph.constant(1.0)
             return lambda base: make("div", one, make("add", one, make("exp", make("neg", base))))
+        case "round" if params["rounding_method"] != jax.lax.RoundingMethod.TO_NEAREST_EVEN:
+            raise NotScalarError("round with halves away from zero")
         case "convert_element_type":
             before, after = equation.invars[0].aval.dtype, params["new_dtype"]
             return lambda node: _converted(graph, node, before, after)

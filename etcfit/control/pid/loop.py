@@ -136,7 +136,7 @@ class _Plant(NamedTuple):
     misread: Any
 
 
-def _lagging(shown: Scalar, before: Scalar, now: Scalar, steps: Scalar) -> Scalar:
+def lagging(shown: Scalar, before: Scalar, now: Scalar, steps: Scalar) -> Scalar:
     """A first-order lag over a step in which its input goes straight from before to now.
 
     Args:
@@ -188,7 +188,7 @@ def _simulation(control: Controller, keep: Keep, plant: _Plant, run: _Run, parts
             end = time + (k + 1.0) * dt
             before = seen(x, z, drive * volts, end - dt)
             x, z = once(step(throttle, x, z, _step(ecu, body, dt, once(mean), end)))
-            return (x, z, _lagging(shown, before, seen(x, z, drive * volts, end), steps)), None
+            return (x, z, lagging(shown, before, seen(x, z, drive * volts, end), steps)), None
 
         begin = (carry.x, carry.z, carry.shown)
         each = jnp.arange(float(parts)), acting

@@ -9,6 +9,7 @@ from ...files import whole
 from ...run_folder import RunFolder
 from ..page import Page
 from .content import content
+from .printed_model import simulation
 from .render import render
 
 NAME = "report_interactive.html"
@@ -25,7 +26,8 @@ def write_interactive(run: RunFolder) -> Page:
         UsageError: no fit, or a file of the run is not what it should be.
     """
     final = run.final()
-    page = render(content(run))
+    simulated = simulation(final)
+    page = render(content(run, simulated), simulated.script)
     path = run.path / NAME
     with whole(path) as draft:
         draft.write_text(page, encoding="utf-8")

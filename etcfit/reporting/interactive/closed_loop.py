@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
+from ...control.linearise import stops
 from ...control.pid.setpoint import trapezoid
 from ...control.settings import LoopSettings
 from ...estimation.result import FitResult
@@ -29,7 +30,7 @@ def loop_json(result: FitResult, pid: Mapping[str, Any]) -> dict[str, Any] | Non
     if not needed <= pid.keys():
         return None
     config, first = result.rig.config, trapezoid()
-    lower, upper = config.travel
+    lower, upper = stops(result.fitted())
     body = {"gear_ratio": float(config.gear_ratio), "lower": float(lower), "upper": float(upper)}
     return {
         "rule": pid["rule"],

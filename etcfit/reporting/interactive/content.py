@@ -11,14 +11,16 @@ from ..page.contents import read_run
 from ..page.verdict import left_unexplained, model
 from .closed_loop import loop_json
 from .plant import plant_json
+from .printed_model import Simulation
 from .traces import Shelf, traces_json
 
 
-def content(run: RunFolder) -> dict[str, Any]:
+def content(run: RunFolder, simulated: Simulation) -> dict[str, Any]:
     """Rig, model, traces and loop; numbers in SI but where a unit stands beside them.
 
     Args:
         run: a run folder with a fit.
+        simulated: of its final model.
     Raises:
         UsageError: no fit, or a file of the run is not what it should be.
     """
@@ -36,7 +38,7 @@ def content(run: RunFolder) -> dict[str, Any]:
         "diagnosed": diagnosis is not None,
         "left_unexplained": left_unexplained(contents),
         "chi2_per_dof": float(final.chi2_per_dof),
-        "plant": plant_json(final),
+        "plant": plant_json(final, simulated),
         "loop": loop_json(final, contents.get("pid")),
         "traces": traces_json(shelf),
         "hashes": dict(contents.hashes),

@@ -5,27 +5,29 @@ from __future__ import annotations
 from typing import Any
 
 from ...estimation.result import FitResult
-from ...model.effects import EFFECT_BY_NAME
 from ...model.parameters import NonNegative, Parameter, Positive, parameters_of
-from ...run_folder import effects_of
+from .printed_model import Simulation
 
 _FACTOR = 4.0  # a slider goes from a fourth of a positive value to four times it
 _SPAN = 2.0  # or as many times the larger of value and typical size away from it
 
 
-def plant_json(result: FitResult) -> dict[str, Any]:
+def plant_json(result: FitResult, simulated: Simulation) -> dict[str, Any]:
     """Names of effects, values in SI by symbol, ties, and the sliders.
 
-    Effects of the rig are left out: they stand between throttle and log (`excitation`).
+    Args:
+        result: the model.
+        simulated: its throttle as the page simulates it; the others are effects of the rig, which stand between
+            throttle and log (`excitation`), and an ECU in the model.
     """
     layout = result.free_parameters.layout
-    inside = [t for t in layout.types if t.name in EFFECT_BY_NAME]
-    shown = dict.fromkeys(p.symbol for t in inside for p in parameters_of(t))
+    shown = dict.fromkeys(p.symbol for t in simulated.effects for p in parameters_of(t))
     ties = {symbol: other for symbol, other in layout.ties if symbol in shown}
-    others = [name for name in effects_of(result) if name not in EFFECT_BY_NAME]
+    inside = {*simulated.effects, *simulated.left_out}
     return {
-        "effects": [t.name for t in inside],
-        "others": others,
+        "effects": [t.name for t in simulated.effects],
+        "left_out": [t.name for t in simulated.left_out],
+        "others": [t.name for t in layout.types if t not in inside],
         "values": {symbol: float(result.values[symbol]) for symbol in shown},
         "ties": ties,
         "sliders": [

@@ -9,8 +9,9 @@ from ...estimation.settings import ContradictionSettings
 from ..html import environment
 from ..standalone import LIBRARY, LIBRARY_STYLE, LICENCE, Parts, as_text
 
-# in the order in which they run; each is plain JavaScript that puts what others need into `etcfit`
-SCRIPTS = ("effects.js", "stepper.js", "trace_run.js", "loop_run.js", "decode.js", "numbers.js", "theme.js", "chart.js",
+# in the order in which they run, after the printed model; each is plain JavaScript that puts what others need into
+# `etcfit`
+SCRIPTS = ("trace_run.js", "loop_run.js", "decode.js", "numbers.js", "theme.js", "chart.js",
            "list.js", "sliders.js", "trace_view.js", "loop_view.js", "main.js")  # fmt: skip
 _STYLES = (LIBRARY_STYLE, "base.css", "style.css")
 _ROOM = ("etcfit.reporting.interactive", "page")
@@ -20,11 +21,12 @@ _FAR = ContradictionSettings().compromise
 part = Parts((_ROOM,))
 
 
-def render(data: dict[str, Any]) -> str:
+def render(data: dict[str, Any], model: str) -> str:
     """The whole page, HTML.
 
     Args:
         data: see `content`.
+        model: the script that simulates, see `printed_model`.
     """
     return (
         environment(_ROOM)
@@ -33,7 +35,7 @@ def render(data: dict[str, Any]) -> str:
             data=data,
             text=as_text(data),
             styles=part.every(_STYLES),
-            scripts=part.every((LIBRARY, *SCRIPTS)),
+            scripts=[model, *part.every((LIBRARY, *SCRIPTS))],
             licence=part(LICENCE),
             strays=f"{STRAYS:g}",
             far=f"{_FAR:g}",

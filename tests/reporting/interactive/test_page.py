@@ -25,6 +25,7 @@ from etcfit.reporting.interactive import NAME, write_interactive
 from etcfit.reporting.interactive.closed_loop import loop_json
 from etcfit.reporting.interactive.cures import cures
 from etcfit.reporting.interactive.lights import Light, lights
+from etcfit.reporting.interactive.printed_model import simulation
 from etcfit.reporting.interactive.render import SCRIPTS, part
 from etcfit.reporting.pictures import all_traces
 from etcfit.run_folder import RunFolder, save_fit
@@ -142,6 +143,21 @@ def test_missing_torque_stands_where_the_diagnosis_has_it(tmp_path: Path) -> Non
 
 
 CURVE = {"angles_rad": [0.0, 0.31, 1.57], "hold_V": [1.1, 1.4, 2.5]}  # as an ECU's own table names its places
+
+
+def test_gains_of_a_rig_without_stops_are_tried_over_a_quarter_turn(tmp_path: Path) -> None:
+    result = results.result(results.rig(tmp_path))
+    config = replace(result.rig.config, travel=(-np.inf, np.inf))
+    loop = loop_json(replace(result, rig=replace(result.rig, config=config)), made.pid())
+    assert loop is not None
+    assert (loop["body"]["lower"], loop["body"]["upper"]) == (0.0, pytest.approx(np.pi / 2))
+
+
+def test_the_page_simulates_by_the_script_of_its_model(written: RunFolder, text: str) -> None:
+    page, simulated = Reader(text), simulation(written.final())
+    assert simulated.script.strip() in [data.strip() for tag, _, data in page.inside if tag == "script"]
+    assert page.data["plant"]["effects"] == [effect.name for effect in simulated.effects]
+    assert set(re.findall(r"p\.(\w+)", simulated.script)) <= page.data["plant"]["values"].keys()
 
 
 def test_feed_forward_runs_through_the_curve_that_the_gains_were_found_with(tmp_path: Path) -> None:

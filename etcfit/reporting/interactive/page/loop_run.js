@@ -1,16 +1,9 @@
 "use strict";
-/* The closed loop of etcfit/control/pid: the ECU's discrete PID around the plant, tick by tick, and how a response is
-   judged. The same scheme in the same steps, so that both agree to the error of arithmetic; without the sensor's noise. */
+/* The closed loop of etcfit/control/pid: the printed PID around the printed plant, tick by tick, and how a response is
+   judged. The same steps, so that both agree to the error of arithmetic; without the sensor's noise. */
 (function (etcfit) {
   const SETTLED = 0.02, NEGLIGIBLE = 2e-3, LEAST_OVERSHOT = 0.01, LEAST_HELD = 0.4, TAIL = 0.25;
-
-  const clamp = (value, most) => Math.min(Math.max(value, -most), most);
-  /* Half to even, as the firmware model's rounding does. */
-  function rounded(value) {
-    const floor = Math.floor(value), rest = value - floor;
-    return rest === 0.5 ? floor + (floor % 2 ? 1 : 0) : Math.round(value);
-  }
-  const quantised = (value, step) => (step > 0 ? step * rounded(value / step) : value);
+  const VOLTS = 4; // of what a tick leaves, behind the memory of the PID
 
   /* Straight between corners; the last corner of several at one instant counts from there on. */
   function between(t, corners, values) {
@@ -28,22 +21,6 @@
     return (rate > 0 ? sliding.opening : -sliding.closing) * share + sliding.slope * rate;
   }
 
-  function tick(gains, ecu, memory, setpoint, position, bias) {
-    const limit = ecu.duty * ecu.supply, seen = quantised(position, ecu.resolution);
-    const error = setpoint - seen, tracked = ecu.derivative_weight * setpoint - seen;
-    const derivative = (ecu.filter * memory.derivative + tracked - memory.last) / (ecu.filter + ecu.period);
-    let integral = Math.abs(error) >= ecu.dead_band ? memory.integral + gains.Ki * ecu.period * error : memory.integral;
-    if (ecu.integral > 0) integral = clamp(integral, ecu.integral * ecu.supply);
-    const wanted = gains.Kp * (ecu.setpoint_weight * setpoint - seen) + integral + gains.Kd * derivative;
-    let volts = clamp(clamp(wanted, ecu.supply) + bias, limit);
-    if (ecu.slew > 0) {
-      const most = ecu.slew * ecu.period;
-      volts = Math.min(Math.max(volts, memory.output - most), memory.output + most);
-    }
-    if ((wanted + bias - volts) * error > 0 && ecu.integral === 0) integral = memory.integral;
-    return { volts: quantised(volts, ecu.pwm), memory: { integral, derivative, last: tracked, output: volts } };
-  }
-
   /* Share of each part of a tick in which each voltage acts, newest first. */
   function acting(late, parts, room) {
     return Array.from({ length: parts }, (_, k) => Array.from({ length: room }, (_, m) => {
@@ -52,52 +29,53 @@
     }));
   }
 
-  /* The response to the page's setpoint. loop: as in the page's data; gains: Kp, Ki, Kd; until: s. */
-  etcfit.runLoop = function (loop, effects, values, gains, until) {
-    const { ecu, body } = loop, plant = new etcfit.Plant(effects, values), span = body.upper - body.lower;
-    const late = (ecu.delay + plant.delays().input) / ecu.period;
+  /* The response to the page's setpoint. loop: as in the page's data; values: SI by symbol; gains: Kp, Ki, Kd; until: s. */
+  etcfit.runLoop = function (loop, values, gains, until) {
+    const { model } = etcfit, { ecu, body } = loop, span = body.upper - body.lower, read = new Float64Array(4);
+    model.delays(values, read);
+    const late = (ecu.delay + read[0]) / ecu.period;
     const parts = Math.max(1, Math.ceil(ecu.period / loop.longest_step - 1e-9)), dt = ecu.period / parts;
     const room = late > 0 ? Math.ceil(late) + 2 : 1, weights = acting(late, parts, room);
-    const u = { ...body, plate: 1, series: 0, circuit: 1, mobile: 1, voltage: 0, torque: 0, motor: 0, external: 0 };
-    const ticks = Math.round(until / ecu.period), sent = new Array(room).fill(0), constant = () => u;
-    const angle = (share) => body.lower + share * span;
-    const start = angle(loop.setpoint.shares[0]), lag = ecu.lag > 0 ? dt / ecu.lag : Infinity;
-    let x = { i: 0, theta: start, omega: 0 }, z = [...plant.z0];
-    const seen = (volts) => {
-      u.voltage = volts;
-      return x.theta + plant.contributions(x, z, u).position;
+    const u = { dt, voltage0: 0, voltage1: 0, torque0: 0, torque1: 0, time: 0, mobile: 1, circuit: 1, plate: 1, series: 0, ...body };
+    const ticks = Math.round(until / ecu.period), sent = new Array(room).fill(0);
+    const angle = (share) => body.lower + share * span, start = angle(loop.setpoint.shares[0]);
+    const x = Float64Array.of(0, start, 0, ...model.z0), memory = new Float64Array(VOLTS + 1);
+    const seen = (volts, time) => {
+      u.voltage1 = volts;
+      u.time = time;
+      model.read(values, x, u, read);
+      return read[0];
     };
-    let shown = seen(0);
-    let memory = { integral: (1 - ecu.setpoint_weight) * gains.Kp * start, derivative: 0,
-                   last: (ecu.derivative_weight - 1) * start, output: 0 };
-    let rate = 0, before = start;
+    const sees = { wanted: start, position: seen(0, 0), ahead: 0 }, filter = { shown: 0, before: 0, now: 0 }, shown = new Float64Array(1);
+    etcfit.ecu.begin(gains, ecu, start, memory);
+    let rate = 0;
     const path = { t: [], setpoint: [], share: [], volts: [], current: [] };
     for (let n = 0; n < ticks; n++) {
       const t = n * ecu.period, share = between(t, loop.setpoint.times, loop.setpoint.shares), wanted = angle(share);
-      rate = (ecu.filter * rate + wanted - before) / (ecu.filter + ecu.period);
-      before = wanted;
-      const bias = loop.bias ? between(wanted, loop.bias.angles, loop.bias.volts) : 0;
-      const out = tick(gains, ecu, memory, wanted, shown, bias + moving(loop.sliding, rate));
-      memory = out.memory;
-      sent.unshift(out.volts);
+      rate = (ecu.filter * rate + wanted - sees.wanted) / (ecu.filter + ecu.period);
+      sees.wanted = wanted;
+      sees.ahead = (loop.bias ? between(wanted, loop.bias.angles, loop.bias.volts) : 0) + moving(loop.sliding, rate);
+      etcfit.ecu.tick(gains, ecu, memory, sees, memory);
+      const volts = memory[VOLTS];
+      sent.unshift(volts);
       sent.pop();
       path.t.push(t);
       path.setpoint.push(share);
-      path.share.push((x.theta - body.lower) / span);
-      path.volts.push(out.volts);
-      path.current.push(x.i);
+      path.share.push((x[1] - body.lower) / span);
+      path.volts.push(volts);
+      path.current.push(x[0]);
       for (let k = 0; k < parts; k++) {
-        const mean = sent.reduce((sum, volts, m) => sum + weights[k][m] * volts, 0), before = seen(out.volts);
-        u.voltage = mean;
-        ({ x, z } = plant.step(x, z, dt, constant));
-        const now = seen(out.volts);
-        if (lag === Infinity) shown = now;
-        else {
-          const behind = (now - before) / lag;
-          shown = now - behind + (shown - before + behind) * Math.exp(-lag);
-        }
+        const mean = sent.reduce((sum, each, m) => sum + weights[k][m] * each, 0), begin = t + k * dt, end = begin + dt;
+        filter.shown = sees.position;
+        filter.before = seen(volts, begin);
+        u.voltage0 = u.voltage1 = mean;
+        u.time = end;
+        model.advance(values, x, u, x);
+        filter.now = seen(volts, end);
+        etcfit.ecu.lag(dt / ecu.lag, filter, shown);
+        sees.position = shown[0];
       }
-      if (!Number.isFinite(x.theta)) return null;
+      if (!Number.isFinite(x[1])) return null;
     }
     return path;
   };

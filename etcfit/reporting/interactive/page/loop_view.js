@@ -24,7 +24,7 @@
       back.addEventListener("click", () => this.sliders.back());
       const sliders = element("div", { class: "sliders" }), charts = element("div", { id: "loop-charts" });
       this.figures = element("div", { class: "figures", "aria-live": "polite" });
-      const lacks = [...(loop.noise ? ["the noise of the position sensor"] : []), ...data.plant.effects.filter((name) => !etcfit.EFFECTS[name] && name !== "controller").map(etcfit.words)];
+      const lacks = [...(loop.noise ? ["the noise of the position sensor"] : []), ...data.plant.left_out.map(etcfit.words)];
       host.append(
         element("p", { class: "soft" }, `Rule ${etcfit.words(loop.rule)}. etcfit's own discrete PID at ${short(1e3 * loop.ecu.period)} ms around the model with the parameters as their sliders stand.${lacks.length ? ` Left out: ${lacks.join(", ")}.` : ""}`),
         element("div", { class: "row" }, element("label", {}, "Setpoint ", this.until), back), sliders, this.figures, charts);
@@ -35,7 +35,7 @@
     }
 
     run(values, gains) {
-      const path = etcfit.runLoop(this.data.loop, this.data.plant.effects, values, gains, Number(this.until.value));
+      const path = etcfit.runLoop(this.data.loop, values, gains, Number(this.until.value));
       return path && { ...path, share: path.share.map((x) => 100 * x), setpoint: path.setpoint.map((x) => 100 * x), judged: etcfit.judge(path, this.data.loop.levels) };
     }
 

@@ -10,6 +10,8 @@
   const SHORTEST = 1e-5; // s, at an impact, which no step makes smooth
   const LONGEST = 1 / 2500; // of the trace: both halves of a longer step could miss a narrow corner
   const MOST = 300000; // steps, lest a slider stops the page
+  const CHANNELS = ["position", "current", "emf", "motor_speed"]; // in the order in which the model reads them
+  const I = 0, THETA = 1, OMEGA = 2; // of a state, ahead of the memories
 
   /* The input: straight between its corners, jumps where two of them share an instant; acting `late` s later. */
   class Input {
@@ -38,30 +40,37 @@
     return out;
   }
 
-  /* Path of a trace: instants and what each channel shows there.
-     sim: as in the page's data; values: SI by symbol; effects: names. */
-  etcfit.runTrace = function (sim, effects, values) {
-    const plant = new etcfit.Plant(effects, values), delays = plant.delays();
-    const input = new Input(sim, delays.input), end = sim.t[sim.t.length - 1];
-    const u = { ...sim.boundary, voltage: 0, torque: 0, mobile: 1, motor: 0, external: 0 };
-    const drives = u.circuit ? "voltage" : "torque", span = sim.span;
-    let [i, theta, omega] = sim.start, z = [...plant.z0], steps = 0;
-    const first = plant.contributions({ i, theta, omega }, z, u);
-    let x = { i, theta: Math.min(Math.max(theta, first.lower), first.upper), omega };
-    const path = { t: [], i: [], theta: [], omega: [], position: [], current: [], emf: [], motor_speed: [] };
+  /* Path of a trace: instants and what each channel shows there. sim: as in the page's data; values: SI by symbol. */
+  etcfit.runTrace = function (sim, values) {
+    const { model } = etcfit, delays = {}, seen = new Float64Array(CHANNELS.length), size = 3 + model.z0.length;
+    model.delays(values, seen);
+    [delays.input, delays.position, delays.current] = seen;
+    const input = new Input(sim, delays.input), begun = sim.t[0], end = sim.t[sim.t.length - 1], { span } = sim;
+    const u = { dt: 0, voltage0: 0, voltage1: 0, torque0: 0, torque1: 0, time: 0, mobile: 0, ...sim.boundary };
+    const [from, to] = u.circuit ? ["voltage0", "voltage1"] : ["torque0", "torque1"];
+    let x = Float64Array.of(...sim.start, ...model.z0), late = new Float64Array(size), steps = 0;
+    const whole = new Float64Array(size), early = new Float64Array(size);
+    const path = { t: [], ...Object.fromEntries(CHANNELS.map((name) => [name, []])) };
 
-    function record(t, level) {
-      u[drives] = level;
-      const c = plant.contributions(x, z, u), turns = u.gear_ratio * x.omega;
-      path.t.push(t);
-      path.position.push(x.theta + c.position);
-      path.current.push(x.i + c.current);
-      path.emf.push(values.K_b * turns);
-      path.motor_speed.push(turns);
+    /* A step from instant t on, of so many s, under levels of piece k. */
+    function advance(x, t, length, k, out) {
+      u.dt = length;
+      u.time = t + length - begun;
+      u[from] = input.at(k, t);
+      u[to] = input.at(k, t + length);
+      model.advance(values, x, u, out);
     }
 
-    record(sim.t[0], input.v[0]);
-    const longest = LONGEST * (end - sim.t[0]);
+    function record(t, x) {
+      model.read(values, x, u, seen);
+      path.t.push(t);
+      for (let k = 0; k < seen.length; k++) path[CHANNELS[k]].push(seen[k]);
+    }
+
+    u.mobile = begun >= sim.release ? 1 : 0;
+    advance(x, begun, 0, 0, x); // onto the stops
+    record(begun, x);
+    const longest = LONGEST * (end - begun);
     let h = 1e-4;
     for (const [k, begin, stop] of pieces(input, sim)) {
       u.mobile = begin >= sim.release ? 1 : 0;
@@ -70,32 +79,31 @@
         const left = stop - t;
         let long = h >= left ? left : h > 0.5 * left ? 0.5 * left : h;
         for (;;) {
-          const at = (from, length) => (fraction) => {
-            u[drives] = input.at(k, from + fraction * length);
-            return u;
-          };
           const half = 0.5 * long;
-          const whole = plant.step(x, z, long, at(t, long));
-          const early = plant.step(x, z, half, at(t, half));
-          const late = plant.step(early.x, early.z, half, at(t + half, half));
+          advance(x, t, long, k, whole);
+          advance(x, t, half, k, early);
+          advance(early, t + half, half, k, late);
           const wrong = Math.max(
-            Math.abs(whole.x.i - late.x.i) / span.i,
-            Math.abs(whole.x.theta - late.x.theta) / span.theta,
-            LASTING * Math.abs(whole.x.omega - late.x.omega) / span.theta,
+            Math.abs(whole[I] - late[I]) / span.i,
+            Math.abs(whole[THETA] - late[THETA]) / span.theta,
+            LASTING * Math.abs(whole[OMEGA] - late[OMEGA]) / span.theta,
           ) / TOLERANCE;
           const bent = 0.25 * Math.max(
-            Math.abs(early.x.i - 0.5 * (x.i + late.x.i)) / span.i,
-            Math.abs(early.x.theta - 0.5 * (x.theta + late.x.theta)) / span.theta,
-            Math.abs(early.x.omega - 0.5 * (x.omega + late.x.omega)) / span.omega,
+            Math.abs(early[I] - 0.5 * (x[I] + late[I])) / span.i,
+            Math.abs(early[THETA] - 0.5 * (x[THETA] + late[THETA])) / span.theta,
+            Math.abs(early[OMEGA] - 0.5 * (x[OMEGA] + late[OMEGA])) / span.omega,
           ) / STRAIGHT;
           if (!Number.isFinite(wrong + bent) || (steps += 3) > MOST) return null;
           const grow = 0.9 * Math.min(Math.cbrt(1 / Math.max(wrong, 1e-9)), Math.sqrt(1 / Math.max(bent, 1e-9)));
           if ((wrong <= 1 && bent <= 1) || long <= SHORTEST) {
-            x = early.x; z = early.z;
-            record(t + half, input.at(k, t + half));
-            x = late.x; z = late.z;
+            u[to] = input.at(k, t + half);
+            u.time = t + half - begun;
+            record(t + half, early);
             t += long;
-            record(t, input.at(k, t));
+            u[to] = input.at(k, t);
+            u.time = t - begun;
+            record(t, late);
+            [x, late] = [late, x];
             const next = long * Math.min(Math.max(grow, 0.3), 4);
             h = Math.max(long < h && grow >= 1 ? Math.max(h, next) : next, SHORTEST); // one cut short tells no limit
             h = Math.min(h, Math.max(longest, SHORTEST));
@@ -105,9 +113,8 @@
         }
       }
     }
-    if (delays.current > 0) {
-      const behind = path.t.map((t) => t - delays.current);
-      path.current = etcfit.onto(path.t, path.current, behind);
+    for (const channel of ["position", "current"]) {
+      if (delays[channel] > 0) path[channel] = etcfit.onto(path.t, path[channel], path.t.map((t) => t - delays[channel]));
     }
     for (const [channel, [gain, zero]] of Object.entries(sim.readings))
       path[channel] = path[channel].map((value) => zero + gain * value);

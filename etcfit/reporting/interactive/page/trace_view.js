@@ -40,8 +40,8 @@
       this.verdict();
       this.draw();
       this.update();
-      document.getElementById("port").textContent = "";
-      requestAnimationFrame(() => setTimeout(() => { if (this.trace === trace) this.check_port(); })); // once it is seen
+      document.getElementById("simulation").textContent = "";
+      requestAnimationFrame(() => setTimeout(() => { if (this.trace === trace) this.check_simulation(); })); // once it is seen
     }
 
     verdict() {
@@ -106,12 +106,12 @@
       return this.trace.whole ? etcfit.onto(path.t, values, this.t) : extremes(path.t, values, this.t);
     }
 
-    run(values) { return this.sim && etcfit.runTrace(this.sim, this.data.plant.effects, values); }
+    run(values) { return this.sim && etcfit.runTrace(this.sim, values); }
 
     /* What the page's own simulation is worth in this trace, said before anybody moves a slider. */
-    check_port() {
-      const note = document.getElementById("port"), { plant } = this.data;
-      const left_out = [...plant.effects.filter((name) => !etcfit.EFFECTS[name] && name !== "controller"), ...plant.others.filter((name) => !this.baked(name))];
+    check_simulation() {
+      const note = document.getElementById("simulation"), { plant } = this.data;
+      const left_out = [...plant.left_out, ...plant.others.filter((name) => !this.baked(name))];
       const says = [];
       let off = Infinity;
       if (!this.sim) says.push(this.trace.why_not);

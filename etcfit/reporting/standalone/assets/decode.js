@@ -23,7 +23,8 @@
   /* Whole numbers in a typed array. */
   etcfit.codes = (pack) => new Int32Array(bytes(pack.i32));
 
-  /* What drove a trace, ready for `runTrace`; null where the page cannot simulate it. */
+  /* What drove a trace, ready for `runTrace`; null where the page cannot simulate it. JSON has null for what is infinite. */
   etcfit.excitation = (sim) =>
-    sim && { ...sim, t: etcfit.floats(sim.t), v: etcfit.floats(sim.v), release: sim.release ?? Infinity };
+    sim && { ...sim, t: etcfit.floats(sim.t), v: etcfit.floats(sim.v), release: sim.release ?? Infinity,
+      boundary: { ...sim.boundary, lower: sim.boundary.lower ?? -Infinity, upper: sim.boundary.upper ?? Infinity } };
 })(globalThis.etcfit ??= {});
