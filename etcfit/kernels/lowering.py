@@ -146,7 +146,7 @@ def _shaped(graph: Graph, name: str, params: Any, operands: list[Nodes], equatio
             joins = {"reduce_sum": "add", "reduce_max": "max", "reduce_min": "min"}[name]
             return _reduced(graph, joins, operands[0], params["axes"])
         case "dot_general":
-            return _product(graph, *operands, params["dimension_numbers"])
+            return _product(graph, operands[0], operands[1], params["dimension_numbers"])
     return None
 
 

@@ -121,7 +121,7 @@ def _asks(form: Form) -> Any:
         s, reset, test_of = entry
         throttle = Throttle.build(form.types, values)
         s, reset = equipped(throttle, s, reset, test_of, values)
-        x, z = begun(throttle, *path, reset)
+        x, z = begun(throttle, path[0], path[1], reset)
         return step(throttle, x, z, s), Where(asked(throttle, x, z, s), s, reset)
 
     memories = Throttle.build(form.types, dict.fromkeys(form.index, 0.5)).z0
@@ -133,7 +133,7 @@ def _adds(effect: type[AbstractEffect], fields: tuple[str, ...]) -> Any:
 
     def one(values: Any, carried: Any, entry: Where) -> Any:
         at, along = {f: values[f] for f in fields}, {f: values[way] for f, way in zip(fields, ways, strict=True)}
-        return added_at(effect, at, along, carried, tuple(entry))
+        return added_at(effect, at, along, carried, (entry.asked, entry.steps, entry.resets))
 
     return one, (*fields, *ways), (effect.z0,) * 2, ()
 
