@@ -13,9 +13,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ..model.besides import acts_as_input
+from ..model.besides import acts_as_input, only_delays
 from ..model.parameters import declared
-from ..problem.besides import added_by, responses, where_asked
+from ..problem.besides import added_by, added_late, responses, where_asked
 from ..problem.problem import EstimationProblem
 from ..problem.program import side_by_side
 from ..problem.residual import WeightedData
@@ -47,7 +47,7 @@ def tangents_along_path(
 
     def some(k: int) -> list[np.ndarray]:
         few = ways[k : k + AT_ONCE]
-        besides = tuple(added_by(*way, where) for way in few)
+        besides = tuple((added_late if only_delays(way.effect) else added_by)(*way, where) for way in few)
         besides += (besides[-1],) * (AT_ONCE - len(few))
         found = np.asarray(responses(form, padded, weighted, besides))
         return [each[seen] for each in found[: len(few)]]
@@ -57,9 +57,11 @@ def tangents_along_path(
 
 
 def serves(problem: EstimationProblem, effect: Effect) -> bool:
-    """Whether an effect is screened along the path of a model: where it acts as an input, and no ECU in the model reads
-    what it does to a sensor."""
-    return acts_as_input(effect) and not any(e.commands for e in problem.layout.types)
+    """Whether an effect is screened along the path of a model: where it acts as an input or only delays, no ECU in the
+    model reads what it does to a sensor, and nothing is late there yet."""
+    types = problem.layout.types
+    known = acts_as_input(effect) or (only_delays(effect) and not any(e.delays for e in types))
+    return known and not any(e.commands for e in types)
 
 
 def _directions(variant: Variant) -> Iterator[_Direction]:

@@ -39,12 +39,15 @@ class Asked(NamedTuple):
 
 
 class StepAsked(NamedTuple):
-    """Where one step asks the effects: in its two stages, and at its end for what is read."""
+    """Where one step asks the effects: in its two stages, and at its end for what is read; and what the sensors of
+    position (rad) and current (A) show there."""
 
     early: Asked
     late: Asked
     end: State
     read: Inputs
+    position: Scalar
+    current: Scalar
 
 
 @cache
@@ -58,6 +61,22 @@ def acts_as_input(effect: type[AbstractEffect]) -> bool:
     values = {field: p.nominal for field, p in declared(effect).items()}
     added, nothing = effect(**values)(here, effect.z0, inputs), Contribution()
     return all(name in _KNOWN or getattr(added, name) is getattr(nothing, name) for name in Contribution._fields)
+
+
+@cache
+def only_delays(effect: type[AbstractEffect]) -> bool:
+    """Whether an effect does nothing but delay input or channels, by amplitudes that nobody scans."""
+    if not effect.delays or effect.commands or effect.z0 or set(effect.off or {}) & set(effect.scan):
+        return False
+    values = {field: p.domain.scale for field, p in declared(effect).items()}
+    here, u = State(1.0, 0.1, 1.0), Inputs(1.0, 0.0, 1.0, 1.0, 0.0, 16.0, 0.0, 1.5, motor=1.0, external=1.0)
+    try:
+        added, nothing = effect(**values)(here, effect.z0, u), Contribution()
+    except TypeError:  # an effect of the rig is not asked in the throttle
+        return False
+    return all(
+        name.endswith("_delay") or getattr(added, name) is getattr(nothing, name) for name in Contribution._fields
+    )
 
 
 def asked(throttle: Throttle, x: State, z: tuple[Scalar, ...], s: Step) -> StepAsked:
@@ -74,7 +93,9 @@ def asked(throttle: Throttle, x: State, z: tuple[Scalar, ...], s: Step) -> StepA
     end = taken.contact.clip(x, taken.second.x)
     early = stage(x, taken.z_early, GAMMA, taken.first.x)
     late = stage(taken.first.x, taken.z_late, 1.0, taken.second.x)
-    return StepAsked(early, late, end, throttle.informed(end, taken.z2, s.inputs(1.0)))
+    u = s.inputs(1.0)
+    shown = throttle.observe(end, taken.z2, u)
+    return StepAsked(early, late, end, throttle.informed(end, taken.z2, u), shown["position"], shown["current"])
 
 
 def asked_along(throttle: Throttle, path: Any, steps: Step, resets: Reset) -> StepAsked:

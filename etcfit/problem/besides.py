@@ -19,7 +19,7 @@ from ..kernels.machine import available
 from ..model.besides import StepAsked, added, added_at, asked, asked_along
 from ..model.effects import AbstractEffect, Besides, State
 from ..model.parameters import AnyArray, Scalar
-from ..model.stepper import Reset, Step, StepBesides, begun, step
+from ..model.stepper import GAMMA, Reset, Step, StepBesides, begun, step
 from ..model.throttle import Throttle
 from . import residual_kernels
 from .free_parameters import Form
@@ -83,6 +83,54 @@ def added_by(
         return _added_by(effect, values, ways, where)
     batch = Entries(where, used_rows(np.asarray(where.steps.dt), np.asarray(where.resets.begins)))
     return _ADDED.run((effect, tuple(values)), np.array([*values.values(), *ways.values()]), batch)
+
+
+def added_late(
+    effect: type[AbstractEffect], values: Mapping[str, float], ways: Mapping[str, float], where: Where
+) -> StepBesides:
+    """What an effect that only delays (`only_delays`) adds to each step, along a direction of its parameters from no
+    delay:
+
+        dv/dt_a = what the input was a moment before, less what it is;    dy/dt_c = -dy/dt
+
+    Each step keeps the mean of what acts in it, jumps included (`model.delay.late_inputs`); a channel is a straight
+    line between entries (`model.delay.delayed`).
+    """
+
+    def delays(values: Mapping[str, Scalar]) -> tuple[Scalar, ...]:
+        c = effect(**values)(State(0.0, 0.0, 0.0), (), where.asked.read)
+        return tuple(jnp.asarray(each, float) for each in (c.input_delay, c.position_delay, c.current_delay))
+
+    late, position, current = (float(d) for d in jax.jvp(delays, (dict(values),), (dict(ways),))[1])
+    s, begins = where.steps, np.asarray(where.resets.begins) > 0.5
+    dt = np.asarray(s.dt)
+    moves, first = (dt > 0.0) & ~begins, np.concatenate((begins[:1], begins[:-1]))  # the step after a trace's begin
+
+    def before(column: np.ndarray) -> np.ndarray:
+        return np.concatenate((column[:1], column[:-1]))
+
+    def over(change: np.ndarray, span: np.ndarray) -> np.ndarray:
+        return np.where(moves & (span > 0.0), change / np.where(span > 0.0, span, 1.0), 0.0)
+
+    def acting(begin: Any, end: Any) -> tuple[np.ndarray, np.ndarray]:
+        """At begin and end of each step; before a trace began its first level acted."""
+        begin, end = np.asarray(begin), np.asarray(end)
+        mean = over(np.where(first, begin, before(end)) - end, dt)
+        start = np.where(first, 0.0, over(before(begin) - before(end), before(dt)))
+        swing = 0.5 * (over(begin - end, dt) - start)
+        return late * (mean - swing), late * (mean + swing)
+
+    def shown(column: Any) -> np.ndarray:
+        return -over(np.asarray(column) - before(np.asarray(column)), dt)
+
+    volts, torque, nothing = acting(s.voltage0, s.voltage1), acting(s.torque0, s.torque1), np.zeros(dt.shape)
+    early, end = (
+        Besides(t, v, nothing, nothing, nothing, t, nothing)
+        for v, t in ((each[0][0] + f * (each[0][1] - each[0][0]), each[1][0] + f * (each[1][1] - each[1][0]))
+                     for f, each in ((GAMMA, (volts, torque)), (1.0, (volts, torque))))
+    )  # fmt: skip
+    end = end._replace(position=position * shown(where.asked.position), current=current * shown(where.asked.current))
+    return StepBesides(early, end)
 
 
 def responses(
