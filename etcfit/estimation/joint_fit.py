@@ -24,7 +24,7 @@ from .approach import approach, with_lag_of
 from .edges_in_step import with_edges_in_step
 from .global_search import evolve
 from .guide import let_go
-from .levenberg_marquardt import descend, minimise
+from .levenberg_marquardt import compile_ahead, descend, minimise
 from .neighbouring_optima import likeliest_nearby
 from .result import FitResult as FitResult
 from .result import Optimum, Termination, outcome
@@ -161,6 +161,7 @@ def _end(
     problem = EstimationProblem.of(rig.config, known, fitted).refined(start).with_room_for(held_out, start, _SPARE)
     problem = problem.with_integrator_states(start)
     problem.compile_ahead(start)
+    compile_ahead(start.size)
     near = None if about is None else _from_a_like_body(problem, start, about, settings)
     x, starts, misfit = near or _from_several_starts(problem, start, report, settings)
     x = with_lag_of(start, problem, x)

@@ -120,6 +120,13 @@ def _next(room: int, y: np.ndarray, state: Any, at: _Condensed) -> tuple[np.ndar
     return np.asarray(after), jax.tree.unflatten(jax.tree.structure(state), leaves)
 
 
+def compile_ahead(size: int) -> None:
+    """Begin to compile, in the background, the step of a descent with so many coordinates."""
+    room = _ROOM * -(-size // _ROOM)
+    at = _Condensed(np.zeros(room + 1), np.zeros((room + 1, room)))
+    _stepped.ahead(room, np.zeros(room), jax.tree.leaves(_begun(room)), at)
+
+
 def least_squares(
     equations: Callable[[np.ndarray], NormalEquations],
     chi2: Callable[[np.ndarray], float],

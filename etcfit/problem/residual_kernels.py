@@ -70,7 +70,7 @@ def _records(form: Form, weighted: WeightedData) -> tuple[Records, ResidualEntry
 
 
 def _packed(form: Form, weighted: WeightedData) -> tuple[Records, ResidualEntry]:
-    tree = entries(weighted)
+    tree = jax.tree.map(np.asarray, entries(weighted))
     steps, _, slots, _, filter_ = numbered(tree)
     order, count = weighted.whitening.transition.shape[-1], weighted.whitening.sense.shape[-2]
     # no state acts on the input's error, and no sensor reads that
