@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from functools import cache, partial
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
 import jax
+import jax.numpy as jnp
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
@@ -16,8 +17,8 @@ from numpy.testing import assert_allclose, assert_array_equal
 import results
 from etcfit.estimation.joint_fit import ready
 from etcfit.model.ecu import Ecu
-from etcfit.model.effects import EFFECTS, AbstractEffect
-from etcfit.model.parameters import NonNegative, Real
+from etcfit.model.effects import EFFECTS, AbstractEffect, Contribution, Inputs, State
+from etcfit.model.parameters import NonNegative, Positive, Real, Scalar, parameter
 from etcfit.model.rig_effects import at_places
 from etcfit.model.smooth import UNKNOWNS
 from etcfit.problem import filter_kernels, residual_kernels
@@ -113,6 +114,27 @@ def test_every_effect_alone_computes_as_jax_does(rig: Rig, effect: Effect) -> No
 @pytest.mark.parametrize("added", together(ADDED), ids=["all", "even", "odd", "first of four", "last of four"])
 def test_effects_together_compute_as_jax_does(rig: Rig, added: tuple[Effect, ...]) -> None:
     agrees(*case(rig, added))
+
+
+class Newcomer(AbstractEffect):
+    """One formula in JAX, with a memory, and nothing else: torque of a magnet that follows the plate late."""
+
+    name = "newcomer"
+    scope = "throttle body"
+    told_by = "nothing"
+    off: ClassVar[Mapping[str, float] | None] = {"T_n": 0.0}
+    z0: ClassVar[tuple[float, ...]] = (0.2,)
+    T_n: Scalar = parameter("N m", Real(0.1), 0.0, "torque of the magnet", "invented")
+    tau_n: Scalar = parameter("s", Positive(0.05), 0.05, "time constant of what it follows", "invented")
+
+    def __call__(self, x: State, z: tuple[Scalar, ...], u: Inputs) -> Contribution:
+        torque = self.T_n * jnp.tanh(3.0 * (z[0] - x.theta)) * jnp.exp(-jnp.abs(x.omega))
+        return Contribution(torque=torque, dz=((x.theta - z[0]) / self.tau_n,))
+
+
+@pytest.mark.slow
+def test_an_effect_that_nobody_knows_runs_in_a_kernel_without_another_line(rig: Rig) -> None:
+    agrees(*case(rig, [Newcomer]))
 
 
 @pytest.mark.slow
