@@ -1,6 +1,6 @@
 """One graph of arithmetic, traced from the model's own JAX, and how it is printed and run.
 
-    JAX  ->  lowering  ->  graph  ->  derivatives  ->  machine code (loop, llvm)   what fits and diagnoses
+    JAX  ->  lowering  ->  graph  ->  derivatives  ->  machine code (loop, llvm)   what fits, diagnoses and designs
                                                    ->  C99 (c)                     exports
                                                    ->  JavaScript (javascript)     the interactive page
 
