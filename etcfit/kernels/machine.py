@@ -99,6 +99,7 @@ def compiled(text: str) -> bytes:
     target = _target()
     builder = binding.create_pass_builder(target, options)
     builder.getModulePassManager().run(module, builder)
+    del builder  # before the target that it refers to
     return target.emit_object(module)
 
 
@@ -163,7 +164,9 @@ class Kernel:
         self.carried, self.sums, self.stored = len(loop.carried), len(loop.sums), len(loop.stored)
         code = _object_code(written.text(loop, width, _is_x86()))
         _knows_library()
-        self._engine = binding.create_mcjit_compiler(binding.parse_assembly(""), _target())
+        # code and constants side by side: in a large process LLVM's own manager may put them more than 2 GiB apart,
+        # farther than a relative address reaches, and ends the process over it
+        self._engine = binding.create_mcjit_compiler(binding.parse_assembly(""), _target(), use_lmm=True)
         self._engine.add_object_file(binding.ObjectFileRef.from_data(code))
         self._engine.finalize_object()
         address = self._engine.get_function_address(written.NAME)

@@ -137,7 +137,7 @@ def records_of(entries: Entries, entry_of: Callable[[Shape], TracedEntry]) -> Re
     records = []
     for of, columns in zip((lasting, *entries.renewed), map(tuple, entry.columns), strict=True):
         make = partial(_record, leaves, columns, muted=entries.muted)
-        key = structure, columns, entries.muted
+        key = structure, columns, entries.muted, tuple(groups)
         records.append(_RECORDS.of([leaves[k] for k in sorted(of)], key, lambda make=make: list(map(make, groups))))
     packed = tuple(Packed(group, each) for group, each in zip(groups, zip(*records, strict=True), strict=True))
     return Records(entry, np.array(list(uniform.values())), packed, leaves[0].shape[:2])
