@@ -11,6 +11,7 @@ import ctypes.util
 import hashlib
 import os
 import platform
+import sys
 import warnings
 from collections.abc import Sequence
 from contextlib import suppress
@@ -41,6 +42,13 @@ def available() -> bool:
     return find_spec("llvmlite") is not None
 
 
+# in a large process code and constants may lie more than 2 GiB apart, farther than a relative address reaches; LLVM
+# ends the process over it
+def _addresses() -> dict[str, str]:
+    far = _is_x86() and sys.platform == "linux"
+    return {"codemodel": "large", "reloc": "static"} if far else {"codemodel": "default", "reloc": "pic"}
+
+
 def _is_x86() -> bool:
     return platform.machine().lower() in ("x86_64", "amd64")
 
@@ -53,7 +61,7 @@ def _target() -> Any:
     binding.initialize_native_asmprinter()
     cpu, features = binding.get_host_cpu_name(), binding.get_host_cpu_features().flatten()
     return binding.Target.from_default_triple().create_target_machine(
-        cpu=cpu, features=features, opt=_LEVEL, codemodel="default", reloc="pic"
+        cpu=cpu, features=features, opt=_LEVEL, **_addresses()
     )
 
 
@@ -63,7 +71,7 @@ def _processor() -> str:
     import llvmlite.binding as binding
 
     features = binding.get_host_cpu_features().flatten()
-    return f"{llvmlite.__version__} {binding.get_host_cpu_name()} {features} {_LEVEL}"
+    return f"{llvmlite.__version__} {binding.get_host_cpu_name()} {features} {_LEVEL} {_addresses()}"
 
 
 @cache
@@ -164,9 +172,7 @@ class Kernel:
         self.carried, self.sums, self.stored = len(loop.carried), len(loop.sums), len(loop.stored)
         code = _object_code(written.text(loop, width, _is_x86()))
         _knows_library()
-        # code and constants side by side: in a large process LLVM's own manager may put them more than 2 GiB apart,
-        # farther than a relative address reaches, and ends the process over it
-        self._engine = binding.create_mcjit_compiler(binding.parse_assembly(""), _target(), use_lmm=True)
+        self._engine = binding.create_mcjit_compiler(binding.parse_assembly(""), _target())
         self._engine.add_object_file(binding.ObjectFileRef.from_data(code))
         self._engine.finalize_object()
         address = self._engine.get_function_address(written.NAME)
