@@ -10,6 +10,9 @@ jaxlib 0.10.2 hands fused reductions to a library that takes some samples of a l
 from __future__ import annotations
 
 import os
+import warnings
+from contextlib import suppress
+from functools import cache
 from pathlib import Path
 
 from jaxlib.version import __version__ as _jaxlib
@@ -66,3 +69,20 @@ def compiled_folder() -> Path | None:
     What JAX's own cache hands out XLA cannot pack a second time, so it is one cache or the other.
     """
     return None if getattr(jax.config, "jax_compilation_cache_dir", None) else _folder
+
+
+def kept_bytes(path: Path) -> bytes | None:
+    """What a file of that folder holds, which then counts as used last; None where there is no such file."""
+    try:
+        packed = path.read_bytes()
+    except OSError:
+        return None
+    with suppress(OSError):
+        os.utime(path)
+    return packed
+
+
+@cache
+def say_once(text: str) -> None:
+    """Warn, once a process for each text."""
+    warnings.warn(text, stacklevel=2)

@@ -12,7 +12,6 @@ import hashlib
 import os
 import platform
 import sys
-import warnings
 from collections.abc import Sequence
 from contextlib import suppress
 from functools import cache
@@ -22,7 +21,7 @@ from typing import Any
 
 import numpy as np
 
-from ..backend import compiled_folder
+from ..backend import compiled_folder, kept_bytes, say_once
 from ..files import whole
 from . import llvm as written
 from .loop import Loop
@@ -113,19 +112,11 @@ def compiled(text: str) -> bytes:
 
 def _read(path: Path) -> bytes | None:
     """Object code from a file; None where it is not there or torn."""
-    try:
-        packed = path.read_bytes()
-    except OSError:
+    packed = kept_bytes(path)
+    if packed is None:
         return None
-    with suppress(OSError):
-        os.utime(path)  # used: the last to go
     digest, code = packed[:_DIGEST], packed[_DIGEST:]
     return code if hashlib.sha256(code).digest() == digest else None
-
-
-@cache
-def _say_once(text: str) -> None:
-    warnings.warn(text, stacklevel=2)
 
 
 def _trusted_folder() -> Path | None:
@@ -140,7 +131,7 @@ def _trusted_folder() -> Path | None:
     except OSError:
         return None
     if hasattr(os, "getuid") and (about.st_uid != os.getuid() or about.st_mode & 0o022):
-        _say_once(f"others can write {folder}: machine code kept there is not used. Make it yours alone (chmod go-w).")
+        say_once(f"others can write {folder}: machine code kept there is not used. Make it yours alone (chmod go-w).")
         return None
     _tidied(folder)
     return folder

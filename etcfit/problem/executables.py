@@ -20,7 +20,6 @@ import pickle
 import platform
 import sys
 import time
-import warnings
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
@@ -33,7 +32,7 @@ import jax
 import numpy as np
 from jax.experimental import serialize_executable
 
-from ..backend import compiled_folder
+from ..backend import compiled_folder, kept_bytes, say_once
 from ..files import whole
 from .spelling import UnspeakableError, constant, shape
 
@@ -154,12 +153,9 @@ def _processor() -> str:
 def _load(name: str, tree: Any) -> Any | None:
     """The program of that name, of arguments of that structure; None where it is not there or is none."""
     path = _folder("programs") / name
-    try:
-        packed = path.read_bytes()
-    except OSError:
+    packed = kept_bytes(path)
+    if packed is None:
         return None
-    with suppress(OSError):
-        os.utime(path)  # used: the last to go
     _begin_lapack()
     try:
         executable, out_tree = pickle.loads(packed)
@@ -169,7 +165,7 @@ def _load(name: str, tree: Any) -> Any | None:
     except Exception as error:  # whatever is wrong with it, it is made anew
         with suppress(OSError):
             path.unlink()
-        _say_once(f"a compiled model in {path.parent} cannot be used and is compiled again: {error}")
+        say_once(f"a compiled model in {path.parent} cannot be used and is compiled again: {error}")
         return None
 
 
@@ -178,11 +174,6 @@ def _begin_lapack() -> None:
     """JAX hands XLA its linear algebra when it first lowers a call of it; a program that was never lowered here would
     jump into the void."""
     jax.jit(jax.lax.linalg.cholesky).lower(np.eye(1))
-
-
-@cache
-def _say_once(text: str) -> None:
-    warnings.warn(text, stacklevel=2)
 
 
 @cache

@@ -86,7 +86,7 @@ class Along:
 
 
 def over_lanes(
-    kernel: Kernel, records: Records, fixed: Sequence[float] | np.ndarray, begun: np.ndarray | None = None
+    kernel: Kernel, records: Records, fixed: Sequence[float] | np.ndarray
 ) -> tuple[Float[np.ndarray, " sums"], Float[np.ndarray, "T L stored"]]:
     """Run over all lanes.
 
@@ -94,14 +94,11 @@ def over_lanes(
         kernel: of a loop across lanes.
         records: the batch.
         fixed: parameters and further numbers, in the order of `TracedEntry.fixed`, without the uniform columns.
-        begun: what is carried into the first entry of each lane, shape (carried,); zeros where None.
     Returns:
         the sums, and what is stored of each entry; that is 0 where a lane is blank.
     """
     given = np.concatenate((fixed, records.uniform))
     first = np.zeros((kernel.carried, LANES))
-    if begun is not None:
-        first[: begun.size] = begun[:, None]
     out = np.zeros((*records.shape, kernel.stored))
 
     def run(packed: Packed) -> np.ndarray:
