@@ -24,7 +24,7 @@ from ..model.throttle import Throttle
 from . import residual_kernels
 from .free_parameters import Form
 from .lanes import Along
-from .one_pass import advance, entries, start
+from .one_pass import advance, start
 from .program import QUICK, Program
 from .records import Entries, numbered, used_rows
 from .residual import WeightedData, equipped, residual, run
@@ -71,7 +71,7 @@ def where_asked(form: Form, x: Float[np.ndarray, " P"], weighted: WeightedData) 
     if not residual_kernels.runs(form, weighted):
         return _where_asked(form, x, weighted)
     tree = weighted.steps, weighted.resets, weighted.test_of
-    batch = Entries(tree, _rows(weighted), (frozenset({numbered(tree)[0].guide_stiffness}),))
+    batch = Entries(tree, residual_kernels.rows_of(weighted), (frozenset({numbered(tree)[0].guide_stiffness}),))
     return _ASKED.run((form,), form.full(x, weighted.pick), batch)
 
 
@@ -147,21 +147,17 @@ def responses(
     if not residual_kernels.runs(form, weighted):
         return _responses(form, x, weighted, besides)
     full, order = form.full(x, weighted.pick), weighted.whitening.transition.shape[-1]
-    data = entries(weighted._replace(slots=weighted.slots._replace(sigma=None)))
+    data = residual_kernels.data_of(weighted)
 
     def along(way: StepBesides) -> np.ndarray:
         tree = data, way
-        (steps, _, slots, _, filter_), acts = numbered(tree)
-        weights = {slots.weight, filter_.weight}
-        renewed = frozenset({steps.guide_stiffness, slots.value, *weights, *filter_[:4]})
-        batch = Entries(tree, _rows(weighted), (renewed, frozenset(jax.tree.leaves(acts))), frozenset(weights))
+        numbers, acts = numbered(tree)
+        renewed, muted = residual_kernels.renewed_and_muted(numbers)
+        rows, ways = residual_kernels.rows_of(weighted), frozenset(jax.tree.leaves(acts))
+        batch = Entries(tree, rows, (renewed, ways), muted)
         return _RESPONSES.run((form, order), full, batch)
 
     return np.stack(list(map(along, besides)))
-
-
-def _rows(weighted: WeightedData) -> np.ndarray:
-    return used_rows(np.asarray(weighted.steps.dt), np.asarray(weighted.resets.begins))
 
 
 def _asks(form: Form) -> Any:

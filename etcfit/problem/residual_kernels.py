@@ -3,11 +3,11 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import jax
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Int
 
 from ..kernels.loop import Across
 from ..kernels.machine import Kernel, available
@@ -62,23 +62,39 @@ def _kernel(
 _PACKED = Remembered()
 
 
+def data_of(weighted: WeightedData) -> tuple[Any, ...]:
+    """The data as `one_pass.advance` takes them, without the noise of samples: the filter's weights have it."""
+    return entries(weighted._replace(slots=weighted.slots._replace(sigma=None)))
+
+
+def rows_of(weighted: WeightedData) -> Int[np.ndarray, " L"]:
+    """Entries of each lane that are used, shape (L,)."""
+    return used_rows(np.asarray(weighted.steps.dt), np.asarray(weighted.resets.begins))
+
+
+def renewed_and_muted(numbers: tuple[Any, ...]) -> tuple[frozenset[int], frozenset[int]]:
+    """Of `data_of`, given by the numbers of its leaves: those that change with the filter, and those among them that
+    are 0 where nothing counts."""
+    steps, _, slots, _, filter_ = numbers
+    weights = frozenset({slots.weight, filter_.weight})
+    return weights | {steps.guide_stiffness, slots.value, *filter_[:4]}, weights
+
+
 def _records(form: Form, weighted: WeightedData) -> tuple[Records, ResidualEntry]:
-    read = weighted._replace(slots=weighted.slots._replace(sigma=None))  # the filter's weights have it
-    leaves = jax.tree.leaves(entries(read))
     with MAKING:
-        return _PACKED.of(leaves, form, lambda: _packed(form, read))
+        return _PACKED.of(jax.tree.leaves(data_of(weighted)), form, lambda: _packed(form, weighted))
 
 
 def _packed(form: Form, weighted: WeightedData) -> tuple[Records, ResidualEntry]:
-    tree = jax.tree.map(np.asarray, entries(weighted))
-    steps, _, slots, _, filter_ = numbered(tree)
+    tree = jax.tree.map(np.asarray, data_of(weighted))
+    numbers = numbered(tree)
+    filter_ = numbers[-1]
     order, count = weighted.whitening.transition.shape[-1], weighted.whitening.sense.shape[-2]
     # no state acts on the input's error, and no sensor reads that
     never = [Column(filter_.transition, (order - 1, q)) for q in range(order - 1)]
     never += [Column(filter_.sense, (m, order - 1)) for m in range(count)]
-    renewed = frozenset({steps.guide_stiffness, slots.value, slots.weight, *filter_[:4]})
-    rows = used_rows(np.asarray(weighted.steps.dt), np.asarray(weighted.resets.begins))
-    batch = Entries(tree, rows, (renewed,), frozenset({slots.weight, filter_.weight}), tuple(never))
+    renewed, muted = renewed_and_muted(numbers)
+    batch = Entries(tree, rows_of(weighted), (renewed,), muted, tuple(never))
     made: list[ResidualEntry] = []
 
     def entry_of(shape: Shape) -> TracedEntry:
