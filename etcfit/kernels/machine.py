@@ -43,9 +43,10 @@ def available() -> bool:
 
 # in a large process code and constants may lie more than 2 GiB apart, farther than a relative address reaches; LLVM
 # ends the process over it
-def _addresses() -> dict[str, str]:
+def _addresses() -> tuple[str, str]:
+    """LLVM's code model and relocation model."""
     far = _is_x86() and sys.platform == "linux"
-    return {"codemodel": "large", "reloc": "static"} if far else {"codemodel": "default", "reloc": "pic"}
+    return ("large", "static") if far else ("default", "pic")
 
 
 def _is_x86() -> bool:
@@ -59,9 +60,9 @@ def _target() -> Any:
     binding.initialize_native_target()
     binding.initialize_native_asmprinter()
     cpu, features = binding.get_host_cpu_name(), binding.get_host_cpu_features().flatten()
-    return binding.Target.from_default_triple().create_target_machine(
-        cpu=cpu, features=features, opt=_LEVEL, **_addresses()
-    )
+    code, addresses = _addresses()
+    target = binding.Target.from_default_triple()
+    return target.create_target_machine(cpu=cpu, features=features, opt=_LEVEL, codemodel=code, reloc=addresses)
 
 
 @cache
