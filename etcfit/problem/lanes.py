@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from functools import lru_cache
+from functools import lru_cache, wraps
 from threading import RLock
 from typing import Any, TypeVar
 
@@ -29,6 +29,7 @@ def remembered(most: int) -> Callable[[Known], Known]:
     def decorate(function: Known) -> Known:
         kept = lru_cache(maxsize=most)(function)
 
+        @wraps(function)
         def one_at_a_time(*args: Any) -> Any:
             with MAKING:
                 return kept(*args)

@@ -3,6 +3,7 @@ is. One folder a fixture; every one of them a minute or more."""
 
 from __future__ import annotations
 
+import inspect
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
@@ -25,7 +26,7 @@ from etcfit.kernels.loop import Loop
 from etcfit.kernels.machine import Kernel
 from etcfit.problem import residual_kernels
 from etcfit.problem.chi2 import chi2_of
-from etcfit.problem.lanes import compiled
+from etcfit.problem.lanes import compiled, remembered
 from etcfit.problem.prediction_error import pooled
 from etcfit.rig.reader import read_folder
 from independent import MEDIUM, NONE, STRENGTHS, Effects, Truth, combine, draw_truth, make_folder
@@ -214,6 +215,8 @@ def test_a_candidate_makes_four_kernels_at_most_and_none_when_it_is_tried_again(
         return compiled(loop)
 
     monkeypatch.setattr(residual_kernels, "compiled", counted)
+    # other tests of this process may have made the same kernels
+    monkeypatch.setattr(residual_kernels, "_kernel", remembered(64)(inspect.unwrap(residual_kernels._kernel)))
     s = start(clean.result, SETTINGS)
     before = score(s)
     by_name = {g.variant.effect.name: g for g in screened(s, s.composition.candidates)}
