@@ -35,7 +35,7 @@ def final_fit(result: FitResult, progress: Progress, report: Report) -> FitResul
     problem, weighted, x, end = s.problem, s.weighted, s.x, s.end
     if s.far:
         report("letting the final model run free", 0.95)
-        problem, weighted, x = freed(problem.guided(0.0), x, s.settings.free_spread, result.settings)
+        problem, weighted, x, _ = freed(problem.guided(0.0), x, s.settings.free_spread, result.settings)
         end = Termination(True, "best free run found from the optimum of the guided residual", far=True)
     optimum = Optimum(result.rig, result.readings, problem, s.held_out, weighted, x, end, settings=result.settings)
     after = outcome(optimum)

@@ -11,7 +11,11 @@ from .settings import FitSettings
 
 
 def approach(
-    problem: EstimationProblem, x: np.ndarray, tolerance: float, settings: FitSettings = FitSettings()
+    problem: EstimationProblem,
+    x: np.ndarray,
+    tolerance: float,
+    settings: FitSettings = FitSettings(),
+    hopeless: float = np.inf,
 ) -> tuple[np.ndarray, int]:
     """Descend with all sampling instants forgiven coarsely, then ever finer.
 
@@ -23,14 +27,18 @@ def approach(
         x: coordinates to start from, shape (P,).
         tolerance: relative change of chi2 that ends each descent.
         settings: `late`, by how much instants are forgiven, and `steps`.
+        hopeless: chi2 from which on a descent is the last: what is forgiven less only adds to it.
     Returns:
         coordinates where it ended, shape (P,), and the number of Levenberg-Marquardt steps.
     """
     steps = 0
     for late in settings.late:
         problem = problem.with_integrator_states(x)
-        x, more = descend(problem, x, problem.weighted(weights.forgiving(problem, late)), tolerance, settings.steps)
+        weighted = problem.weighted(weights.forgiving(problem, late))
+        x, more = descend(problem, x, weighted, tolerance, settings.steps)
         steps += more
+        if np.isfinite(hopeless) and problem.chi2(x, weighted) > hopeless:
+            break
     return x, steps
 
 

@@ -34,6 +34,8 @@ from .rounds import Report as Report
 from .rounds import quiet as quiet
 from .settings import FitSettings
 
+_NOISE = 1.0  # chi2 per degree of freedom of noise alone
+_HOPELESS = 3.0  # times the misfit of a model that is far: a descent stopped early may be that far above its end
 _SPARE = 1.06  # room for held-out traces over what they need at the start: at other values they need a few steps more
 MISFIT = FitSettings().misfit  # see there; the default, for whoever judges a fit by its JSON file alone
 
@@ -163,7 +165,7 @@ def _end(
     problem.compile_ahead(start)
     compile_ahead(start.size)
     near = None if about is None else _from_a_like_body(problem, start, about, settings)
-    x, starts, misfit = near or _from_several_starts(problem, start, report, settings)
+    x, starts, misfit = near or _from_several_starts(problem, start, report, settings, only_near)
     x = with_lag_of(start, problem, x)
     problem = problem.with_instants(x)
     reached = _reached(problem, x, start, misfit, report, settings)
@@ -217,6 +219,7 @@ def deepest(
     descend_from: Callable[[int, np.ndarray, bool], Descent],
     freedom: float,
     settings: FitSettings = FitSettings(),
+    checks: int = 1,
 ) -> Deepest:
     """Descend from every starting point and keep the lowest end; of equal ones the first.
 
@@ -226,10 +229,13 @@ def deepest(
             every other start is only a check, and a plain descent will do. From the second on they go side by side.
         freedom: degrees of freedom, samples less parameters.
         settings: `misfit` says what is near.
+        checks: other starts where the first end leaves no more than noise, for none can end much lower.
     """
     reading = descend_from(0, points[0], False)
-    near = reading.after / freedom < settings.misfit
-    others = concurrently(lambda k: descend_from(k, points[k], near), range(1, len(points)))
+    misfit = reading.after / freedom
+    near, more = misfit < settings.misfit, len(points) - 1
+    more = min(more, checks) if misfit < _NOISE else more
+    others = concurrently(lambda k: descend_from(k, points[k], near), range(1, 1 + more))
     best, lowest, summaries = points[0], np.inf, []
     for k, (end, before, after, steps) in enumerate([reading, *others]):
         summaries.append(StartSummary("reading" if k == 0 else f"scattered {k}", before, after, steps))
@@ -239,14 +245,21 @@ def deepest(
 
 
 def _from_several_starts(
-    problem: EstimationProblem, start: np.ndarray, report: Report, settings: FitSettings
+    problem: EstimationProblem, start: np.ndarray, report: Report, settings: FitSettings, only_near: bool
 ) -> Deepest:
-    """From the reading first, then from points scattered about it."""
+    """From the reading first, then from points scattered about it.
+
+    Args:
+        only_near: an end far from the data is of no use: then no descent goes on to it.
+    """
     rng = np.random.default_rng(settings.seed)
     reach = settings.spread * problem.layout.reach(start)
     others = [start + reach * rng.standard_normal(start.size) for _ in range(settings.starts)]
     weighted = problem.weighted(weights.forgiving(problem))
     tolerance, count = settings.rough_tolerance, settings.starts + 1
+    freedom = max(1.0, weighted.samples - start.size)
+    # an ECU in the model may bring a far end near in the rounds
+    hopeless = _HOPELESS * settings.misfit * freedom if only_near and not problem.controlled else np.inf
 
     def descend_from(k: int, first: np.ndarray, near: bool) -> Descent:
         if k < 2:  # from there on they go side by side
@@ -254,11 +267,11 @@ def _from_several_starts(
         if near:
             end, steps = descend(problem, first, weighted, tolerance, settings.steps)
         else:
-            end, steps = approach(problem.with_integrator_states(first), first, tolerance, settings)
+            end, steps = approach(problem.with_integrator_states(first), first, tolerance, settings, hopeless)
         before, after = (_forgiven(problem, x) for x in (first, end))
         return Descent(end, before, after, steps)
 
-    return deepest([start, *others], descend_from, max(1.0, weighted.samples - start.size), settings)
+    return deepest([start, *others], descend_from, freedom, settings, checks=0 if only_near else 1)
 
 
 def _from_a_like_body(
@@ -316,9 +329,11 @@ def _free_running(problem: EstimationProblem, x: np.ndarray, report: Report, set
     the data; and there a fit may be trapped, so it is searched for as well as descended to. Each channel of each trace
     is weighed by the error that is left in it: what the model cannot explain must not spoil what it can.
     """
+    led = False
     for k in range(settings.reweighings):
         report("no start comes near the data: searching about the best", 0.5 + 0.1 * k)
-        problem, weighted, x = freed(problem, x, settings.spread / 2.0**k, settings)
+        problem, weighted, x, now = freed(problem, x, settings.spread / 2.0**k, settings, guided=not led)
+        led = led or now  # from its own valley the guide leads back to it
     reached = searched(Reached(problem, weighted, x, Termination(False, "")), report, settings)
     return reached._replace(end=replace(reached.end, far=True))
 
@@ -330,14 +345,22 @@ class FreeRun(NamedTuple):
         problem: the data, each channel of each trace weighed by the error left in it.
         weighted: what the residual was minimised over.
         x: coordinates, shape (P,).
+        led: a guide led there.
     """
 
     problem: EstimationProblem
     weighted: WeightedData
     x: np.ndarray
+    led: bool
 
 
-def freed(problem: EstimationProblem, x: np.ndarray, spread: float, settings: FitSettings = FitSettings()) -> FreeRun:
+def freed(
+    problem: EstimationProblem,
+    x: np.ndarray,
+    spread: float,
+    settings: FitSettings = FitSettings(),
+    guided: bool = True,
+) -> FreeRun:
     """The best free run about x: weighed by the error left in each channel, searched for, descended to, and the one
     to which a guide leads from there, where that is likelier.
 
@@ -346,13 +369,14 @@ def freed(problem: EstimationProblem, x: np.ndarray, spread: float, settings: Fi
         x: coordinates, shape (P,).
         spread: of the points searched, in units of each coordinate's reach.
         settings: budgets of search and descent.
+        guided: whether a guide is tried.
     """
     problem = weights.discounted(problem, x)
     weighted = problem.weighted(weights.free_running(problem))
     x = evolve(problem, x, weighted, spread * problem.layout.reach(x), settings.search)
     x, _ = minimise(problem, x, weighted, settings.tolerance, settings.steps)
-    led = let_go(problem, x, settings)
-    if led is not x:
-        problem = weights.discounted(problem, led)
-        weighted = problem.weighted(weights.free_running(problem))
-    return FreeRun(problem, weighted, led)
+    end = let_go(problem, x, settings) if guided else x
+    if end is x:
+        return FreeRun(problem, weighted, x, led=False)
+    problem = weights.discounted(problem, end)
+    return FreeRun(problem, problem.weighted(weights.free_running(problem)), end, led=True)

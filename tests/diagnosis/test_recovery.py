@@ -245,7 +245,7 @@ def test_rounds_end_as_soon_as_nothing_moves_by_more_than_what_counts(clean: Cas
 
 def test_a_free_run_that_was_searched_for_is_no_worse_than_where_the_search_began(clean: Case) -> None:
     problem, x = replace(clean.result.problem, guide_stiffness=0.0), clean.result.x + 0.05
-    weighed, weighted, there = freed(problem, x, 0.05)
+    weighed, weighted, there, _ = freed(problem, x, 0.05)
     begun, ended = chi2_of(weighed, np.stack((x, there)), weighted)
     assert ended < 0.5 * begun
     assert np.all(weighed.sigma >= problem.batch.slots.sigma)

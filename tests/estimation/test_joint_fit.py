@@ -5,17 +5,20 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
 from etcfit.errors import MeasurementError
+from etcfit.estimation import joint_fit
 from etcfit.estimation.approach import approach
 from etcfit.estimation.intervals import intervals
 from etcfit.estimation.joint_fit import (
     Descent,
     FitResult,
+    FreeRun,
     deepest,
     fit,
     ready,
@@ -112,7 +115,7 @@ def test_the_start_was_far_off(case: Case) -> None:
 
 
 def test_every_start_descends_and_the_reading_is_the_first(case: Case) -> None:
-    assert [start.name for start in case.result.starts] == ["reading", "scattered 1", "scattered 2", "scattered 3"]
+    assert [start.name for start in case.result.starts] == ["reading", "scattered 1"]  # what is left is noise
     assert all(start.chi2_after < 0.1 * start.chi2_before for start in case.result.starts)
     assert all(start.steps > 0 for start in case.result.starts)
 
@@ -142,6 +145,31 @@ def test_the_deepest_start_is_the_one_gone_on_from(order: tuple[int, ...]) -> No
     assert [s.chi2_after for s in found.starts] == [depths[k] for k in order]
     # near the data (chi2 below 30 a degree of freedom) in the second valley: known to the others where it comes first
     assert near_before == [k > 0 and order[0] == 1 for k in range(3)]
+
+
+@pytest.mark.parametrize(("left", "checks", "made"), [(9.9, 1, 2), (9.9, 0, 1), (9.9, 5, 4), (10.1, 1, 4)])
+def test_where_the_first_end_leaves_no_more_than_noise_few_other_starts_are_tried(
+    left: float, checks: int, made: int
+) -> None:
+    """Chi2 of 10 on 10 degrees of freedom is noise alone."""
+    points = [np.zeros(1)] * 4
+    found = deepest(points, lambda k, first, near: Descent(first, 1e6, left, 7), freedom=10.0, checks=checks)
+    assert len(found.starts) == made
+
+
+def test_the_guide_is_let_go_until_it_has_led_somewhere(case: Case, monkeypatch: pytest.MonkeyPatch) -> None:
+    """From the valley to which it led it would only lead back there."""
+    guided, led = [], iter([False, True, False])
+
+    def recorded(problem: Any, x: Any, spread: float, settings: Any, guided_now: bool) -> FreeRun:
+        guided.append(guided_now)
+        return FreeRun(problem, case.result.weighted, x, next(led))
+
+    monkeypatch.setattr(joint_fit, "freed", lambda *given, guided: recorded(*given, guided))
+    monkeypatch.setattr(joint_fit, "searched", lambda reached, report, settings: reached)
+    end = joint_fit._free_running(case.result.problem, case.result.x, joint_fit.quiet, FitSettings())
+    assert guided == [True, True, False]
+    assert end.end.far
 
 
 def test_of_equal_ends_the_first_is_gone_on_from_and_one_without_a_value_never_is() -> None:
