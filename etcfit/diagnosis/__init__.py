@@ -9,7 +9,7 @@ from ..estimation.result import FitResult
 from .candidate_model import CandidateModel
 from .check_findings import first_from_checks
 from .discrepancy import Allowed, allowing_for_the_rest
-from .evidence import evidence
+from .evidence import is_white
 from .exchange import exchanged, pruned
 from .final import final_fit
 from .findings import Diagnosis, SetTried, Unexplained
@@ -93,7 +93,7 @@ def _simplest(result: FitResult, progress: Progress, report: Report) -> tuple[Pr
         return progress, None
     progress = forward(result, progress, report, most=len(progress.rounds) + 1)
     one = None if progress.is_at_an_end else progress.model
-    if one is not None and clears(one, result) and evidence(one).white:
+    if one is not None and clears(one, result) and is_white(one):
         return progress, None
     errors = result.score_fit if before.added == () else score(before).fit_rows
     return progress, of_another_rig(result, before, errors, report, one)

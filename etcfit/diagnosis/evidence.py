@@ -37,9 +37,8 @@ class Place(NamedTuple):
 def evidence(s: CandidateModel) -> Evidence:
     """Test the residual of the fitted traces."""
     stiffness = guide_stiffness_of(s.problem, s.x, s.settings.guide)
-    r = columns(s.problem.batch, s.problem.residual(s.x, s.weighted) * (_weighed_down(s) if s.far else 1.0))
     along = signals(s.problem, s.x, stiffness)
-    rows = _rows(s, r, along)
+    rows = _rows(s, along)
     volts = missing_voltage(s.problem, s.x, stiffness)
     found = (*shares("torque", along, [a["torque"] for a in along], s.settings),
              *shares("voltage", along, volts, s.settings))  # fmt: skip
@@ -47,13 +46,20 @@ def evidence(s: CandidateModel) -> Evidence:
     return Evidence(tuple(rows), all(row.white for row in rows), found, tuple(sentences(rows, found, s.settings)))
 
 
+def is_white(s: CandidateModel) -> bool:
+    """`Evidence.white` alone, for whoever decides by it: nothing is said of what the residual goes along with."""
+    along = signals(s.problem, s.x, guide_stiffness_of(s.problem, s.x, s.settings.guide))
+    return all(row.white for row in _rows(s, along))
+
+
 def _weighed_down(s: CandidateModel) -> np.ndarray:
     """Factor by which each sample was weighed down, shape (T, L, M): a residual is judged by its noise alone."""
     return s.problem.sigma / s.problem.batch.slots.sigma
 
 
-def _rows(s: CandidateModel, r: Sequence[np.ndarray], along: Sequence[Signals]) -> list[Whiteness]:
-    """Each channel of each trace, r of shape (n, M) each."""
+def _rows(s: CandidateModel, along: Sequence[Signals]) -> list[Whiteness]:
+    """Each channel of each trace."""
+    r = columns(s.problem.batch, s.problem.residual(s.x, s.weighted) * (_weighed_down(s) if s.far else 1.0))
     out = []
     for trace, part, signal in zip(s.problem.batch.traces, r, along, strict=True):
         for m, channel in enumerate(trace.channels):

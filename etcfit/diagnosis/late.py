@@ -80,11 +80,14 @@ def screen_of_late(
         (p,) = parameters_of(effect)
         here = np.isin(np.arange(background.r.size), np.concatenate(_of(effect, rows)))
         way = -1.0 if effect.place.channel in DRIVING else 1.0  # beside a late input all others are early
+        best: list[Signature] = []  # one at a time is kept: a signature is as long as all samples
         for change in changes:
             by = way * intervals[effect.place.test] * (1.0 if change.shift is None else change.shift)
             column = change.of(effect) * here * p.domain.scale / by
             shape = {} if change.shift is None else {p.symbol: by}
-            found.append(background.signature(Variant(effect, shape, (p.symbol,)), column[:, None], {p.symbol: p}))
+            one = background.signature(Variant(effect, shape, (p.symbol,)), column[:, None], {p.symbol: p})
+            best = [*ranked([*best, one])]
+        found += best
     return ranked(found)
 
 

@@ -17,7 +17,7 @@ from ..estimation.result import FitResult
 from .candidate_model import CandidateModel
 from .choice import Choice, Outcome
 from .composition import Effect, carried
-from .evidence import evidence
+from .evidence import is_white
 from .loop import Round, screened
 from .refit import holds, refit_fully
 from .score import Score, score
@@ -93,7 +93,7 @@ def _near(candidates: Iterable[Effect], result: FitResult, turned: Round, report
         report(f"fitting anew with {effect.name}", 0.9)
         s = fitted_with(effect, result, turned.before, turned.score, report)
         if s is not None:
-            yield Near(effect, s, s.chi2_per_sample, evidence(s).white)
+            yield Near(effect, s, s.chi2_per_sample, is_white(s))
 
 
 def _of_the_rig(result: FitResult, s: CandidateModel) -> tuple[Effect, ...]:

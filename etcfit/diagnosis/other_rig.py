@@ -22,7 +22,7 @@ from ..estimation.intervals import intervals
 from ..estimation.joint_fit import Report, finished, fit, fit_near, start_values
 from ..estimation.levenberg_marquardt import descend
 from ..estimation.remedies import listed
-from ..estimation.result import FitResult
+from ..estimation.result import FitResult, Optimum
 from ..estimation.settings import FitSettings
 from ..estimation.subsets import muted
 from ..model.rig_effects import OtherRig, Place
@@ -32,14 +32,15 @@ from ..problem.problem import EstimationProblem
 from ..rig.base import Rig
 from .candidate_model import CandidateModel
 from .composition import carried
-from .evidence import evidence
+from .evidence import is_white
 from .findings import RigMistake, SetAside
 from .loop import screened
-from .refit import refit_fully, start
+from .refit import refit_fully, start_at
 from .settings import DiagnosisSettings
 
 _TOLD = 3.0  # standard errors from which on a parameter is said to differ
 _FORGIVEN = 2  # of the steps by which a fit from far off forgives instants, the last ones: here it begins at a fit
+_HOPELESS = 3.0  # times the misfit of what is near: a descent stopped early may be that far above its end
 _GONE = 0.05  # share of the misfit above noise that may be left without a piece: another effect may be there too
 _LEFT = 1e-3  # share of its misfit under the others' parameters that a body of its own may leave of a piece
 _NAMED = 4  # of those that differ, the most that are named
@@ -161,16 +162,19 @@ def _misfit_without(s: CandidateModel, place: Place, result: FitResult) -> float
         begins.append((free.layout.off_bounds(free.layout.coordinates(values)), result.settings.late))
     left = np.inf
     for x, steps in begins:
-        left = min(left, _left_without(problem, x, steps, place, result.settings))
+        left = min(left, left_without(problem, x, steps, place, result.settings, s.settings.near_chi2_per_dof))
         if left < s.settings.near_chi2_per_dof:
             break
     return left
 
 
-def _left_without(
-    problem: EstimationProblem, x: np.ndarray, late: Sequence[float], place: Place, settings: FitSettings
+def left_without(
+    problem: EstimationProblem, x: np.ndarray, late: Sequence[float], place: Place, settings: FitSettings, near: float
 ) -> float:
-    """That chi2 at the end of the way from x, with instants forgiven by so much, s, one after the other."""
+    """That chi2 at the end of the way from x, with instants forgiven by so much, s, one after the other.
+
+    Where it cannot come below `near` any more, for what is forgiven less only adds to it, the way is not gone on.
+    """
     left = np.inf
     for by in late:
         problem = problem.with_integrator_states(x)
@@ -178,6 +182,8 @@ def _left_without(
         others = muted(problem, weighted, lambda trace: not _is_of(trace.measurement.file, place))
         x, _ = descend(problem, x, others, settings.rough_tolerance, settings.steps)
         left = problem.chi2(x, others) / max(1.0, _counted(problem, place) - x.size)
+        if left > _HOPELESS * near and not problem.controlled:  # an ECU's integral, begun anew, may still bring it near
+            break
     return left
 
 
@@ -198,39 +204,40 @@ def _shown(
     effects = (*result.rig.config.effects, *(e.name for e in s.added))
     aside = OtherRig.at(place).name
     try:
-        end = fit_near(_with_effects(result, (*effects, aside)), report, result.settings, s.values)
-        if end is None:
-            return None
-        rest = finished(end)
-        others = start(rest, s.settings)
-        if not clears(others, result):
+        rest = fit_near(_with_effects(result, (*effects, aside)), report, result.settings, s.values)
+        if rest is None or not clears(others := start_at(rest, s.settings), result):
             return None
         report(f"fitting {place.words} alone", 0.95)
         alone = _with_effects(result, effects)
         alone = replace(alone, measurements=tuple(m for m in alone.measurements if _is_of(m.file, place)))
-        own = fit(alone, report, result.settings, rest.values)
+        own = fit_near(alone, report, result.settings, rest.values)
     except MeasurementError:  # too little is left to fit, or it alone says too little
         return None
     here = _at(s, rest)
     traces, predicted = here.problem.batch.traces, here.problem.free_run(here.x)
     misfit = pooled([row for row in rows(traces, predicted) if _is_of(row.file, place)]) ** 2
-    if misfit < s.settings.near_chi2_per_dof or own.far or own.chi2_per_dof > _most_left(misfit, result, s.settings):
+    if misfit < s.settings.near_chi2_per_dof or own is None:
         return None
-    apart = _chi2_apart(others, start(own, s.settings))
+    if own.chi2_per_dof > _most_left(misfit, result, s.settings):
+        return None
+    apart = _chi2_apart(others, start_at(own, s.settings))
     if (one is not None and _explains_all(one, result, apart)) or _one_effect_does(here, result, apart, report):
         return None
+    itself = finished(own)
     if s.added:  # they may have stood in for it
-        rest = fit(_with_effects(result, (*result.rig.config.effects, aside)), report, result.settings, rest.values)
+        theirs = fit(_with_effects(result, (*result.rig.config.effects, aside)), report, result.settings, rest.values)
+    else:
+        theirs = finished(rest)
     why = f"Without {place.words} the misfit is gone, and a body of its own explains it: it is set aside."
     aside_traces = tuple(
-        SetAside(trace, shown, own.predicted[trace.measurement.file])
+        SetAside(trace, shown, itself.predicted[trace.measurement.file])
         for trace, shown in zip(traces, predicted, strict=True)
         if _is_of(trace.measurement.file, place)
     )
-    return Strange(place, rest, own, aside_traces, why)
+    return Strange(place, theirs, itself, aside_traces, why)
 
 
-def _at(s: CandidateModel, rest: FitResult) -> CandidateModel:
+def _at(s: CandidateModel, rest: Optimum) -> CandidateModel:
     """The model of all data with the parameters of all others, run free, every sample with its own noise."""
     lean = s.lean()
     x = carried(rest.x, rest.problem.layout, lean.problem.free_parameters, rest.values)
@@ -260,7 +267,7 @@ def clears(s: CandidateModel, result: FitResult) -> bool:
         return False
     excess = _GONE * (result.chi2_per_dof - 1.0)
     nearly = s.chi2_per_sample < min(1.0 + excess, result.settings.contradiction.compromise)
-    return nearly or evidence(s).white
+    return nearly or is_white(s)
 
 
 def _chi2_apart(others: CandidateModel, own: CandidateModel) -> float:

@@ -11,16 +11,17 @@ from ..estimation.approach import approach
 from ..estimation.guide import guide_stiffness_of
 from ..estimation.joint_fit import MISFIT, Report
 from ..estimation.levenberg_marquardt import descend
-from ..estimation.result import FitResult, Termination
+from ..estimation.result import FitResult, Optimum, Termination
 from ..estimation.rounds import rounds
 from ..problem import weights
 from ..problem.problem import EstimationProblem
 from ..problem.program import concurrently
 from ..problem.residual import WeightedData
 from ..problem.trace import Trace
+from ..rig.base import Rig
 from .candidate_model import CandidateModel
 from .composition import compose
-from .score import Score, score
+from .score import Score, holdout_rms, strays
 from .settings import DiagnosisSettings
 
 
@@ -51,12 +52,28 @@ def _weigh(
 
 def start(result: FitResult, settings: DiagnosisSettings) -> CandidateModel:
     """A fit as the model of the first round, no effect added."""
-    composition = compose(result.rig, result.problem.batch.traces)
-    problem = result.problem.with_parameters(composition.lean(()))
     held_out = result.holdout.batch.traces if result.holdout is not None else ()
     end = Termination(result.converged, result.reason, far=result.far)
-    first = _weigh(problem, held_out, result.x, result.far, settings)
-    s = CandidateModel(composition, (), *first, result.x, end, settings)
+    return _begun(result.rig, result.problem, held_out, result.x, end, settings)
+
+
+def start_at(optimum: Optimum, settings: DiagnosisSettings) -> CandidateModel:
+    """As `start`, where a fit ended of which nothing else was computed."""
+    end = replace(optimum.end, wander=None)
+    return _begun(optimum.rig, optimum.problem, optimum.held_out, optimum.x, end, settings)
+
+
+def _begun(
+    rig: Rig,
+    problem: EstimationProblem,
+    held_out: tuple[Trace, ...],
+    x: np.ndarray,
+    end: Termination,
+    settings: DiagnosisSettings,
+) -> CandidateModel:
+    composition = compose(rig, problem.batch.traces)
+    problem = problem.with_parameters(composition.lean(()))
+    s = CandidateModel(composition, (), *_weigh(problem, held_out, x, end.far, settings), x, end, settings)
     return _reweighed(s, held_out) if s.far else s
 
 
@@ -140,4 +157,6 @@ def holds(new: CandidateModel, before: CandidateModel, was: Score) -> bool:
         before: the model it is to take the place of.
         was: score of that.
     """
-    return not spoilt(new, before) and not score(new).strays(was, new.settings.rise_in_refit(new.far))
+    if spoilt(new, before):
+        return False
+    return not strays(holdout_rms(new), was.holdout_rms, new.settings.rise_in_refit(new.far))

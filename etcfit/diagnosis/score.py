@@ -47,10 +47,8 @@ class Score:
         return self.count / max(self.chi2, 1e-300)
 
     def strays(self, before: Score, rise: float) -> bool:
-        """Whether the held-out RMS rose by more than the relative `rise`; False where nothing is held out."""
-        if self.holdout_rms is None or before.holdout_rms is None:
-            return False
-        return clearly_worse(self.holdout_rms, before.holdout_rms, rise)
+        """`strays` of the held-out RMS."""
+        return strays(self.holdout_rms, before.holdout_rms, rise)
 
 
 def clearly_worse(rms: float, before: float, rise: float) -> bool:
@@ -58,16 +56,32 @@ def clearly_worse(rms: float, before: float, rise: float) -> bool:
     return not rms < (1.0 + rise) * before
 
 
+def strays(rms: float | None, before: float | None, rise: float) -> bool:
+    """Whether a held-out RMS rose by more than the relative `rise`; False where nothing is held out."""
+    return rms is not None and before is not None and clearly_worse(rms, before, rise)
+
+
+def holdout_rms(s: CandidateModel) -> float | None:
+    """`Score.holdout_rms` alone."""
+    return pooled(_holdout_rows(s)) if s.holdout is not None else None
+
+
+def _holdout_rows(s: CandidateModel) -> tuple[PredictionError, ...]:
+    if s.holdout is None:
+        return ()
+    problem, _ = s.holdout
+    return rows(problem.batch.traces, problem.free_run(s.x))
+
+
 def score(s: CandidateModel) -> Score:
     """Judge a model at its coordinates."""
     r = s.problem.residual(s.x, s.weighted)
-    held_out, holdout_rows = None, ()
+    held_out = None
     if s.holdout is not None:
         problem, weighted = s.holdout
         held_out = float(chi2_of(problem, s.x[None], weighted)[0])
-        holdout_rows = rows(problem.batch.traces, problem.free_run(s.x))
     fit_rows = rows(s.problem.batch.traces, s.problem.free_run(s.x))
-    return Score(float(np.sum(r**2)), independent(_channels(s.problem, r)), held_out, fit_rows, holdout_rows)
+    return Score(float(np.sum(r**2)), independent(_channels(s.problem, r)), held_out, fit_rows, _holdout_rows(s))
 
 
 def _channels(problem: EstimationProblem, r: np.ndarray) -> Iterator[np.ndarray]:

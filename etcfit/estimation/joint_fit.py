@@ -172,7 +172,7 @@ def _end(
     if reached is None:
         if only_near:
             return None
-        reached = _free_running(problem, x, report, settings)
+        reached = fitted_free_running(problem, x, report, settings)
     trusted = not reached.end.far
     clocked = with_edges_in_step(rig, reached.problem, held_out, reached.x, settings.edges) if trusted else None
     if clocked is not None:  # instants of edges that were taken as independent share a phase
@@ -322,7 +322,7 @@ def _reached(
     return None
 
 
-def _free_running(problem: EstimationProblem, x: np.ndarray, report: Report, settings: FitSettings) -> Reached:
+def fitted_free_running(problem: EstimationProblem, x: np.ndarray, report: Report, settings: FitSettings) -> Reached:
     """Least squares of the free-running simulation, for a model far from the data.
 
     What such a model lacks is larger than all that the whitening knows of, so the whitening would only let it follow

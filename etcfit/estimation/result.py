@@ -224,6 +224,12 @@ class Optimum:
         layout, held = self.problem.layout, self.problem.free_parameters.held
         return {s: float(v) for s, v in layout.values(self.x, held).items()}
 
+    @property
+    def chi2_per_dof(self) -> float:
+        """Of the residual that was minimised, which near the data is the whitened one."""
+        chi2 = self.problem.chi2(self.x, self.weighted)
+        return chi2 / max(1.0, self.weighted.samples - self.x.size)
+
 
 def outcome(optimum: Optimum) -> FitResult:
     """What a fit leaves behind, computed at its end: intervals, verdict on the parameters, errors, warnings."""

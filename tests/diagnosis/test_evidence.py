@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib
 from dataclasses import replace
 from typing import Any
 
@@ -9,7 +10,17 @@ import numpy as np
 import pytest
 
 from etcfit.diagnosis.candidate_model import CandidateModel
-from etcfit.diagnosis.evidence import Place, correlation, evidence, explained, sentences, shares, strongest, whiteness
+from etcfit.diagnosis.evidence import (
+    Place,
+    correlation,
+    evidence,
+    explained,
+    is_white,
+    sentences,
+    shares,
+    strongest,
+    whiteness,
+)
 from etcfit.diagnosis.findings import Share, Whiteness
 from etcfit.diagnosis.settings import DiagnosisSettings
 from etcfit.estimation.result import Termination
@@ -189,6 +200,18 @@ def test_every_channel_of_every_trace_is_tested_where_it_was_logged(small: Candi
     assert not found.white
     assert found.sentences[0].startswith(f"{sum(not r.white for r in found.rows)} of {len(found.rows)} residuals")
     assert found.shares == ()  # 60 samples are too few
+
+
+def test_whether_all_is_white_is_told_without_what_it_goes_along_with(
+    small: CandidateModel, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The evidence of a candidate that only its whiteness decides on."""
+    module = importlib.import_module("etcfit.diagnosis.evidence")
+    lenient = replace(small.settings, large_rms=1e9, white_p=1e-300)
+    every = [small, replace(small, settings=lenient)]
+    whole = [evidence(s).white for s in every]
+    monkeypatch.setattr(module, "missing_voltage", lambda *_: pytest.fail("nobody reads it"))
+    assert [is_white(s) for s in every] == whole == [False, True]
 
 
 def test_far_from_the_data_a_residual_is_judged_by_its_noise_not_by_its_weight(small: CandidateModel) -> None:

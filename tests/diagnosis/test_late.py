@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import weakref
 from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
@@ -138,6 +139,25 @@ def test_of_many_traces_only_those_that_stand_out_keep_a_signature(case: Case) -
     problem = case.logged(lambda t: moved(t, *t.channels) if t.test.name == "inductance" else t.data)
     every = [g.variant.effect for g in case.screened(problem, single_traces=1)]
     assert [e.name for e in every if e.scope == "trace"] == ["trace_late[inductance/1.csv]"]
+
+
+def test_of_all_latenesses_tried_no_more_than_the_best_are_kept(case: Case, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A signature is as long as all samples, and thirteen latenesses of each candidate are tried."""
+    alive: set[int] = set()
+    most = 0
+    made = Background.signature
+
+    def counted(self: Background, *args: Any) -> Signature:
+        nonlocal most
+        signature = made(self, *args)
+        alive.add(id(signature))
+        weakref.finalize(signature, alive.discard, id(signature))
+        most = max(most, len(alive))
+        return signature
+
+    monkeypatch.setattr(Background, "signature", counted)
+    found = case.screened(case.problem)
+    assert most <= len(found) + 2
 
 
 def test_nothing_is_late_where_nothing_is_left(case: Case) -> None:

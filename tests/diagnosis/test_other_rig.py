@@ -3,17 +3,20 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 import pytest
 
 import results
-from etcfit.diagnosis import Diagnosis, diagnose
+from etcfit.diagnosis import Diagnosis, diagnose, other_rig
+from etcfit.diagnosis.candidate_model import CandidateModel
 from etcfit.diagnosis.other_rig import Strange, differences
 from etcfit.errors import MeasurementError
 from etcfit.estimation.intervals import intervals
 from etcfit.estimation.joint_fit import fit, ready
 from etcfit.estimation.result import FitResult
+from etcfit.estimation.settings import FitSettings
 from etcfit.model.rig_effects import OtherRig, Place
 from etcfit.rig.base import OTHER_RIG, Rig
 from etcfit.rig.paper_readings import read_graphs
@@ -93,6 +96,26 @@ def test_what_cannot_be_told_is_not_said_to_differ(odd: Rig) -> None:
     own = with_values(rest, R_a=2.0 * rest.values["R_a"])
     assert differences(own, rest) == {}
     assert "in what it does not tell" in Strange(Place.named("response/1.csv"), rest, own, (), "why").mistake().sentence
+
+
+# ---- how far it is looked for
+
+
+@pytest.mark.parametrize(("near", "gone"), [(1e300, 4), (1e-300, 1)])
+def test_a_piece_without_which_the_others_stay_far_is_given_up(
+    near: float, gone: int, small: CandidateModel, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    descents: list[float] = []
+
+    def descended(problem: Any, x: np.ndarray, *given: Any) -> tuple[np.ndarray, int]:
+        descents.append(1.0)
+        return x, 1
+
+    monkeypatch.setattr(other_rig, "descend", descended)
+    place, settings = Place.named("viscous/1.csv"), FitSettings()
+    left = other_rig.left_without(small.problem, small.x, settings.late, place, settings, near)
+    assert len(descents) == gone
+    assert np.isfinite(left)
 
 
 # ---- found

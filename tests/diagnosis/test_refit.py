@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib
 import math
 from dataclasses import replace
 
@@ -10,7 +11,7 @@ import pytest
 
 from etcfit.diagnosis.candidate_model import CandidateModel
 from etcfit.diagnosis.refit import further_from_data, holds, spoilt
-from etcfit.diagnosis.score import score
+from etcfit.diagnosis.score import holdout_rms, score
 from etcfit.diagnosis.settings import DiagnosisSettings
 from etcfit.estimation.result import Termination
 
@@ -51,6 +52,16 @@ def test_models_are_compared_by_their_chi2_per_sample(small: CandidateModel) -> 
     assert not spoilt(replace(worse, settings=lenient), best)
     assert spoilt(replace(best, end=FAR), best)
     assert not spoilt(worse, replace(best, end=FAR))
+
+
+def test_a_refit_is_judged_without_a_score_of_what_nobody_compares(
+    small: CandidateModel, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    was, module = score(small), importlib.import_module("etcfit.diagnosis.score")
+    assert holdout_rms(small) == was.holdout_rms
+    assert holdout_rms(replace(small, holdout=None)) is None
+    monkeypatch.setattr(module, "independent", lambda *_: pytest.fail("nobody reads it"))
+    assert holds(small, small, was)
 
 
 def test_a_refit_holds_where_it_is_neither_spoilt_nor_worse_on_what_was_held_out(small: CandidateModel) -> None:

@@ -12,6 +12,7 @@ import pytest
 from numpy.testing import assert_allclose
 
 from etcfit.errors import MeasurementError
+from etcfit.estimation import approach as approach_module
 from etcfit.estimation import joint_fit
 from etcfit.estimation.approach import approach
 from etcfit.estimation.intervals import intervals
@@ -167,9 +168,27 @@ def test_the_guide_is_let_go_until_it_has_led_somewhere(case: Case, monkeypatch:
 
     monkeypatch.setattr(joint_fit, "freed", lambda *given, guided: recorded(*given, guided))
     monkeypatch.setattr(joint_fit, "searched", lambda reached, report, settings: reached)
-    end = joint_fit._free_running(case.result.problem, case.result.x, joint_fit.quiet, FitSettings())
+    end = joint_fit.fitted_free_running(case.result.problem, case.result.x, joint_fit.quiet, FitSettings())
     assert guided == [True, True, False]
     assert end.end.far
+
+
+@pytest.mark.parametrize(("hopeless", "gone"), [(np.inf, 4), (1e300, 4), (0.0, 1)])
+def test_the_way_from_a_start_ends_where_even_what_is_forgiven_leaves_too_much(
+    hopeless: float, gone: int, case: Case, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    descents: list[int] = []
+
+    def descended(problem: Any, x: np.ndarray, *given: Any) -> tuple[np.ndarray, int]:
+        descents.append(1)
+        return x, 5
+
+    monkeypatch.setattr(approach_module, "descend", descended)
+    result = case.result
+    end, steps = approach(result.problem, result.x, 1e-2, FitSettings(), hopeless)
+    assert len(descents) == gone
+    assert steps == 5 * gone
+    assert_allclose(end, result.x)
 
 
 def test_of_equal_ends_the_first_is_gone_on_from_and_one_without_a_value_never_is() -> None:
