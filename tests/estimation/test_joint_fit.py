@@ -162,11 +162,11 @@ def test_the_guide_is_let_go_until_it_has_led_somewhere(case: Case, monkeypatch:
     """From the valley to which it led it would only lead back there."""
     guided, led = [], iter([False, True, False])
 
-    def recorded(problem: Any, x: Any, spread: float, settings: Any, guided_now: bool) -> FreeRun:
+    def recorded(guided_now: bool, problem: Any, x: Any, *_: Any) -> FreeRun:
         guided.append(guided_now)
         return FreeRun(problem, case.result.weighted, x, next(led))
 
-    monkeypatch.setattr(joint_fit, "freed", lambda *given, guided: recorded(*given, guided))
+    monkeypatch.setattr(joint_fit, "freed", lambda *given, guided: recorded(guided, *given))
     monkeypatch.setattr(joint_fit, "searched", lambda reached, report, settings: reached)
     end = joint_fit.fitted_free_running(case.result.problem, case.result.x, joint_fit.quiet, FitSettings())
     assert guided == [True, True, False]
