@@ -20,6 +20,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from ..estimation.guide import guide_stiffness_of
+from ..kernels.machine import available
 from ..model.stepper import StatePath, Step
 from ..model.throttle import Throttle
 from ..problem import filter_kernels
@@ -76,7 +77,7 @@ _BY_KERNEL = along_path(lambda given: _shown(given.throttle, given.after, given.
 def _along(problem: EstimationProblem, x: np.ndarray, guide_stiffness: float) -> dict[str, np.ndarray]:
     """Signals along a guided run, (T, L) each, and what every effect contributes, (effects, T, L)."""
     arrays = problem.arrays(guide_stiffness)
-    if not filter_kernels.runs(problem.layout.form):
+    if not available():
         return {k: np.asarray(v) for k, v in _by_jax(*problem.at(x), arrays).items()}
     found = filter_kernels.along(_BY_KERNEL, *problem.here(x, arrays))
     return {k: np.moveaxis(v, 2, 0) if v.ndim > 2 else v for k, v in found.items()}

@@ -20,6 +20,7 @@ from typing import Any, NamedTuple
 import jax
 import numpy as np
 
+from ..kernels.machine import available
 from ..model.parameters import AbstractDomain, NonNegative, Parameter
 from ..problem import residual_kernels
 from ..problem.free_parameters import Form
@@ -148,7 +149,7 @@ def tangents(
         return r[seen], column[seen, 0] * way[k]
 
     def some(k: int) -> list[tuple[np.ndarray, np.ndarray]]:
-        if residual_kernels.runs(layout.form, weighted):
+        if available():
             return list(map(one, fulls[k : k + AT_ONCE], ways[k : k + AT_ONCE]))
         few = slice(k, k + AT_ONCE)
         if scanned:  # nobody asks for a tangent

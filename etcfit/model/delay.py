@@ -1,46 +1,180 @@
-"""Signals shifted in time along a batch: an input that acts late, a channel that is logged late."""
+"""Signals shifted in time along a batch: an input that acts late, a channel that is logged late.
+
+A shift says where signals are read (`Earlier`, `Between`) and reads any of them there. A shifted signal is linear in
+the signal, so that tangents are shifted like it, and its derivative in the delay is minus its rate of change: by these
+two rules NumPy differentiates, where xp is that. JAX does by itself.
+"""
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Float, Int
 
 from .parameters import AnyArray, Scalar
 from .running import running_max, running_sum
-from .stepper import Reset, Step
+from .stepper import Acting, Reset, Step
 
 
-class _Earlier(NamedTuple):
+class Earlier(NamedTuple):
     """An instant before each entry of a batch, never before its trace began, shape (T, L) each.
 
     Args:
         row: the last entry at or before it.
         share: of the step after that entry.
         span: length of that step, s.
+        moves: 1 where a longer delay moves it, 0 where the trace begins; where it just does, 0.5.
     """
 
-    row: Int[Array, "T L"]
-    share: Float[Array, "T L"]
-    span: Float[Array, "T L"]
+    row: Int[AnyArray, "T L"]
+    share: Float[AnyArray, "T L"]
+    span: Float[AnyArray, "T L"]
+    moves: Float[AnyArray, "T L"]
+
+    def between(self, first: Float[AnyArray, "T L"], then: Float[AnyArray, "T L"]) -> Float[AnyArray, "T L"]:
+        """What a straight line has there, by its values at that entry and the next."""
+        return first + self.share * (then - first)
+
+    def of(self, signal: Float[AnyArray, "T L"]) -> Float[AnyArray, "T L"]:
+        """The signal there, linear between entries."""
+        return self.between(_taken(signal, self.row), _taken(signal, self.row + 1))
+
+    def rate(self, signal: Float[np.ndarray, "T L"]) -> Float[np.ndarray, "T L"]:
+        """Minus the derivative of `of` in the delay, 1/s."""
+        return self.slope(_taken(signal, self.row), _taken(signal, self.row + 1))
+
+    def slope(self, first: Float[np.ndarray, "T L"], then: Float[np.ndarray, "T L"]) -> Float[np.ndarray, "T L"]:
+        """The same of `between`."""
+        return self.moves * _over(then - first, self.span)
 
 
-def _clock(steps: Step, resets: Reset) -> tuple[Float[Array, "T L"], Float[Array, "T L"]]:
+class Between(NamedTuple):
+    """An instant for each entry of a batch, within its trace, for reading by a cubic; shape (T, L) each.
+
+    Args:
+        before, after: the entries around it.
+        s: its share of the step between them.
+        span: length of that step, s.
+        moves: 1 where another lateness moves it, 0 beyond an end of the trace; where it just does, 0.5.
+        dt: lengths of all steps, s.
+        first, last: ends of the trace of each entry.
+    """
+
+    before: Int[AnyArray, "T L"]
+    after: Int[AnyArray, "T L"]
+    s: Float[AnyArray, "T L"]
+    span: Float[AnyArray, "T L"]
+    moves: Float[AnyArray, "T L"]
+    dt: Float[AnyArray, "T L"]
+    first: Int[AnyArray, "T L"]
+    last: Int[AnyArray, "T L"]
+
+    def of(self, signal: Float[AnyArray, "T L"], xp: Any = jnp) -> Float[AnyArray, "T L"]:
+        """The signal there."""
+        s, (y0, y1, v0, v1) = self.s, self._ends(signal, xp)
+        return y0 + s**2 * (3.0 - 2.0 * s) * (y1 - y0) + s * (1.0 - s) * ((1.0 - s) * v0 - s * v1) * self.span
+
+    def rate(self, signal: Float[np.ndarray, "T L"]) -> Float[np.ndarray, "T L"]:
+        """Minus the derivative of `of` in the lateness, 1/s."""
+        s, (y0, y1, v0, v1) = self.s, self._ends(signal, np)
+        bend = (1.0 - s) * (1.0 - 3.0 * s) * v0 + s * (3.0 * s - 2.0) * v1
+        return self.moves * np.where(self.span > 0.0, 6.0 * s * (1.0 - s) * _over(y1 - y0, self.span) + bend, 0.0)
+
+    def _ends(self, signal: Float[AnyArray, "T L"], xp: Any) -> tuple[Float[AnyArray, "T L"], ...]:
+        """Values and slopes at the entries around."""
+        slopes = _slopes(signal, self.dt, self.first, self.last, xp)
+        return tuple(_taken(column, rows) for column in (signal, slopes) for rows in (self.before, self.after))
+
+
+class LateInput(NamedTuple):
+    """An input that acts late; each step keeps the mean of what acts in it, jumps included.
+
+    Args:
+        begins, ends: the instants whose level acts at the begin and the end of each step.
+        lead: how much of each step comes before the first level of its trace would have acted, s.
+        dt: length of each step, s.
+    """
+
+    begins: Earlier
+    ends: Earlier
+    lead: Float[AnyArray, "T L"]
+    dt: Float[AnyArray, "T L"]
+
+    def of(
+        self, begin: Float[AnyArray, "T L"], end: Float[AnyArray, "T L"], xp: Any = jnp
+    ) -> tuple[Float[AnyArray, "T L"], Float[AnyArray, "T L"]]:
+        """What acts at begin and end of each step; before a trace began its first level acted."""
+        area = running_sum(0.5 * (begin + end) * self.dt, xp)
+        level0, area0 = _level(begin, end, area, self.begins)
+        level1, area1 = _level(begin, end, area, self.ends)
+        acts = self.dt > 0.0
+        mean = (area1 - area0 + self.lead * level0) / xp.where(acts, self.dt, 1.0)
+        swing = 0.5 * (level1 - level0)
+        return xp.where(acts, mean - swing, begin), xp.where(acts, mean + swing, end)
+
+    def rates(
+        self, begin: Float[np.ndarray, "T L"], end: Float[np.ndarray, "T L"]
+    ) -> tuple[Float[np.ndarray, "T L"], Float[np.ndarray, "T L"]]:
+        """Minus the derivative of `of` in the delay, 1/s."""
+        (first0, then0), (first1, then1) = (
+            tuple(_taken(column, at.row + 1) for column in (begin, end)) for at in (self.begins, self.ends)
+        )
+        rise = self.ends.between(first1, then1) - self.begins.between(first0, then0)
+        mean = self.ends.moves * _over(rise, self.dt)
+        swing = 0.5 * (self.ends.slope(first1, then1) - self.begins.slope(first0, then0))
+        acts = self.dt > 0.0
+        return np.where(acts, mean - swing, 0.0), np.where(acts, mean + swing, 0.0)
+
+
+def _taken(column: Float[AnyArray, "T L"], rows: Int[AnyArray, "T L"]) -> Float[AnyArray, "T L"]:
+    return (np if isinstance(rows, np.ndarray) else jnp).take_along_axis(column, rows, axis=0)
+
+
+def _over(change: Float[np.ndarray, "T L"], span: Float[np.ndarray, "T L"]) -> Float[np.ndarray, "T L"]:
+    return np.where(span > 0.0, change / np.where(span > 0.0, span, 1.0), 0.0)
+
+
+def _clock(steps: Step, resets: Reset, xp: Any) -> tuple[Float[AnyArray, "T L"], Float[AnyArray, "T L"]]:
     """Time along each lane, and that at which the trace at each entry began, s."""
-    clock = running_sum(steps.dt)
-    return clock, running_max(jnp.where(resets.begins > 0.5, clock, 0.0))
+    clock = running_sum(steps.dt, xp)
+    return clock, running_max(xp.where(resets.begins > 0.5, clock, 0.0), xp)
 
 
-def _earlier(clock: Float[Array, "T L"], began: Float[Array, "T L"], instant: Float[Array, "T L"]) -> _Earlier:
-    instant = jnp.maximum(instant, began)
-    search = jax.vmap(lambda lane, wanted: jnp.searchsorted(lane, wanted, side="right"), in_axes=1, out_axes=1)
-    row = jnp.clip(search(clock, jax.lax.stop_gradient(instant)) - 1, 0, clock.shape[0] - 2)
-    early = jnp.take_along_axis(clock, row, axis=0)
-    span = jnp.take_along_axis(clock, row + 1, axis=0) - early
-    share = jnp.where(span > 0.0, (instant - early) / jnp.where(span > 0.0, span, 1.0), 0.0)
-    return _Earlier(row, share, span)
+def _found(clock: Float[AnyArray, "T L"], instant: Float[AnyArray, "T L"], side: str, xp: Any) -> Int[AnyArray, "T L"]:
+    """The first entry of each lane that comes after an instant ("right"), or not before it ("left")."""
+    if xp is np:
+        lanes = zip(clock.T, instant.T, strict=True)
+        return np.stack([np.searchsorted(lane, wanted, side) for lane, wanted in lanes], axis=1)  # pyright: ignore
+    search = jax.vmap(lambda lane, wanted: jnp.searchsorted(lane, wanted, side=side), in_axes=1, out_axes=1)
+    return search(jax.lax.stop_gradient(clock), jax.lax.stop_gradient(instant))
+
+
+def _moves(
+    instant: Float[AnyArray, "T L"], low: Float[AnyArray, "T L"], high: Float[AnyArray, "T L"] | float
+) -> Float[AnyArray, "T L"]:
+    """1 within, 0 outside, 0.5 at an end, as JAX differentiates a maximum."""
+    return 0.5 * (1.0 * (instant > low) + (instant >= low) - (instant > high) - (instant >= high))
+
+
+def _earlier(
+    clock: Float[AnyArray, "T L"], began: Float[AnyArray, "T L"], instant: Float[AnyArray, "T L"], xp: Any
+) -> Earlier:
+    moves = _moves(instant, began, np.inf)
+    instant = xp.maximum(instant, began)
+    row = xp.clip(_found(clock, instant, "right", xp) - 1, 0, clock.shape[0] - 2)
+    early = _taken(clock, row)
+    span = _taken(clock, row + 1) - early
+    share = xp.where(span > 0.0, (instant - early) / xp.where(span > 0.0, span, 1.0), 0.0)
+    return Earlier(row, share, span, moves)
+
+
+def earlier(steps: Step, resets: Reset, delay: Scalar, xp: Any = jnp) -> Earlier:
+    """Each entry's instant less a delay (s, >= 0)."""
+    clock, began = _clock(steps, resets, xp)
+    return _earlier(clock, began, clock - delay, xp)
 
 
 def delayed(signal: Float[AnyArray, "T L"], steps: Step, resets: Reset, delay: Scalar) -> Float[Array, "T L"]:
@@ -51,44 +185,57 @@ def delayed(signal: Float[AnyArray, "T L"], steps: Step, resets: Reset, delay: S
         steps, resets: the batch.
         delay: s, >= 0.
     """
-
-    def shifted(signal: Float[Array, "T L"]) -> Float[Array, "T L"]:
-        clock, began = _clock(steps, resets)
-        at = _earlier(clock, began, clock - delay)
-        first = jnp.take_along_axis(signal, at.row, axis=0)
-        then = jnp.take_along_axis(signal, at.row + 1, axis=0)
-        return first + at.share * (then - first)
-
     # the search along the batch costs as much as simulating it
-    return jax.lax.cond(delay > 0.0, shifted, lambda signal: signal, signal)
+    return jax.lax.cond(
+        delay > 0.0, lambda signal: earlier(steps, resets, delay).of(signal), lambda signal: signal, signal
+    )
 
 
-def _ends(resets: Reset) -> tuple[Int[Array, "T L"], Int[Array, "T L"]]:
+def _trace_ends(resets: Reset, xp: Any) -> tuple[Int[AnyArray, "T L"], Int[AnyArray, "T L"]]:
     """The first and the last entry of the trace to which each entry belongs."""
     begins = resets.begins > 0.5
     rows = begins.shape[0]
-    entry = jnp.broadcast_to(jnp.arange(float(rows))[:, None], begins.shape)
-    first = running_max(jnp.where(begins, entry, 0.0))
-    next_begin = -running_max(jnp.where(begins, -entry, -float(rows))[::-1])[::-1]  # at or after an entry
-    last = jnp.concatenate((next_begin[1:], jnp.full_like(next_begin[:1], float(rows)))) - 1.0
+    entry = xp.broadcast_to(xp.arange(float(rows))[:, None], begins.shape)
+    first = running_max(xp.where(begins, entry, 0.0), xp)
+    next_begin = -running_max(xp.where(begins, -entry, -float(rows))[::-1], xp)[::-1]  # at or after an entry
+    last = xp.concatenate((next_begin[1:], xp.full_like(next_begin[:1], float(rows)))) - 1.0
     return first.astype(int), last.astype(int)
 
 
 def _slopes(
-    signal: Float[AnyArray, "T L"], dt: Float[AnyArray, "T L"], first: Int[Array, "T L"], last: Int[Array, "T L"]
-) -> Float[Array, "T L"]:
+    signal: Float[AnyArray, "T L"],
+    dt: Float[AnyArray, "T L"],
+    first: Int[AnyArray, "T L"],
+    last: Int[AnyArray, "T L"],
+    xp: Any,
+) -> Float[AnyArray, "T L"]:
     """Of the parabola through each entry and its neighbours in the trace; at an end, of the step there."""
-    entry = jnp.arange(dt.shape[0])[:, None]
-    zero = jnp.zeros_like(dt[:1])
-    rise = jnp.concatenate((zero, jnp.diff(signal, axis=0)))
-    slope = jnp.where(dt > 0.0, rise / jnp.where(dt > 0.0, dt, 1.0), 0.0)
-    before = jnp.where(entry > first, dt, 0.0)
-    after = jnp.where(entry < last, jnp.concatenate((dt[1:], zero)), 0.0)
+    entry = xp.arange(dt.shape[0])[:, None]
+    zero = xp.zeros_like(dt[:1])
+    rise = xp.concatenate((zero, xp.diff(signal, axis=0)))
+    slope = xp.where(dt > 0.0, rise / xp.where(dt > 0.0, dt, 1.0), 0.0)
+    before = xp.where(entry > first, dt, 0.0)
+    after = xp.where(entry < last, xp.concatenate((dt[1:], zero)), 0.0)
     both = before + after
-    mean = slope * after + jnp.concatenate((slope[1:], zero)) * before
+    mean = slope * after + xp.concatenate((slope[1:], zero)) * before
     inner = (before > 0.0) & (after > 0.0)
-    end = jnp.where(before > 0.0, slope, jnp.where(after > 0.0, jnp.concatenate((slope[1:], zero)), 0.0))
-    return jnp.where(inner, mean / jnp.where(both > 0.0, both, 1.0), end)
+    end = xp.where(before > 0.0, slope, xp.where(after > 0.0, xp.concatenate((slope[1:], zero)), 0.0))
+    return xp.where(inner, mean / xp.where(both > 0.0, both, 1.0), end)
+
+
+def between(steps: Step, resets: Reset, late: Scalar, xp: Any = jnp) -> Between:
+    """Each entry's instant less a lateness (s, of either sign; shape (T, L), or one for all)."""
+    clock, began = _clock(steps, resets, xp)
+    first, last = _trace_ends(resets, xp)
+    ended = _taken(clock, last)
+    moves = _moves(clock - late, began, ended)
+    instant = xp.clip(clock - late, began, ended)
+    after = _found(clock, instant, "left", xp)
+    after = xp.clip(after, xp.minimum(first + 1, last), last)
+    span = _taken(steps.dt, after)
+    back = (_taken(clock, after) - instant) / xp.where(span > 0.0, span, 1.0)
+    s = xp.where(span > 0.0, 1.0 - back, 1.0)
+    return Between(xp.maximum(after - 1, 0), after, s, span, moves, steps.dt, first, last)
 
 
 def logged_late(signal: Float[AnyArray, "T L"], steps: Step, resets: Reset, late: Scalar) -> Float[Array, "T L"]:
@@ -105,24 +252,15 @@ def logged_late(signal: Float[AnyArray, "T L"], steps: Step, resets: Reset, late
         steps, resets: the batch.
         late: s, of either sign; shape (T, L), or one for all.
     """
-    clock, began = _clock(steps, resets)
-    first, last = _ends(resets)
-    ended = jnp.take_along_axis(clock, last, axis=0)
-    instant = jnp.clip(clock - late, began, ended)
-    search = jax.vmap(lambda lane, wanted: jnp.searchsorted(lane, wanted), in_axes=1, out_axes=1)
-    after = search(jax.lax.stop_gradient(clock), jax.lax.stop_gradient(instant))
-    after = jnp.clip(after, jnp.minimum(first + 1, last), last)
-    before = jnp.maximum(after - 1, 0)
+    return between(steps, resets, late).of(signal)
 
-    def at(column: Float[AnyArray, "T L"], rows: Int[Array, "T L"]) -> Float[Array, "T L"]:
-        return jnp.take_along_axis(column, rows, axis=0)
 
-    span, slopes = at(steps.dt, after), _slopes(signal, steps.dt, first, last)
-    back = (at(clock, after) - instant) / jnp.where(span > 0.0, span, 1.0)
-    s = jnp.where(span > 0.0, 1.0 - back, 1.0)
-    straight = s**2 * (3.0 - 2.0 * s)
-    bend = s * (1.0 - s) * ((1.0 - s) * at(slopes, before) - s * at(slopes, after)) * span
-    return at(signal, before) + straight * (at(signal, after) - at(signal, before)) + bend
+def late_input(steps: Step, resets: Reset, delay: Scalar, xp: Any = jnp) -> LateInput:
+    """How an input acts that is late by a delay (s, >= 0)."""
+    clock, began = _clock(steps, resets, xp)
+    end, begin = clock - delay, clock - steps.dt - delay
+    lead = xp.maximum(began - begin, 0.0) - xp.maximum(began - end, 0.0)
+    return LateInput(_earlier(clock, began, begin, xp), _earlier(clock, began, end, xp), lead, steps.dt)
 
 
 def late_inputs(steps: Step, resets: Reset, delay: Scalar) -> Step:
@@ -132,37 +270,18 @@ def late_inputs(steps: Step, resets: Reset, delay: Scalar) -> Step:
         steps, resets: the batch, shape (T, L) each.
         delay: s, >= 0; before a trace began its first level acted.
     """
-    as_logged = steps.voltage0, steps.voltage1, steps.torque0, steps.torque1
-    acting = jax.lax.cond(delay > 0.0, lambda _: _acting(steps, resets, delay), lambda logged: logged, as_logged)
-    return steps._replace(**dict(zip(("voltage0", "voltage1", "torque0", "torque1"), acting, strict=True)))
 
+    def acting(logged: Acting) -> Acting:
+        late = late_input(steps, resets, delay)
+        return Acting(*late.of(*logged[:2]), *late.of(*logged[2:]))
 
-def _acting(steps: Step, resets: Reset, delay: Scalar) -> tuple[Float[AnyArray, "T L"], ...]:
-    """Voltage and torque at begin and end of each step, acting late."""
-    clock, began = _clock(steps, resets)
-    late, early = _earlier(clock, began, clock - delay), _earlier(clock, began, clock - steps.dt - delay)
-
-    def shifted(
-        start: Float[AnyArray, "T L"], end: Float[AnyArray, "T L"]
-    ) -> tuple[Float[Array, "T L"], Float[Array, "T L"]]:
-        area = running_sum(0.5 * (start + end) * steps.dt)
-        level0, area0 = _level(start, end, area, early)
-        level1, area1 = _level(start, end, area, late)
-        # before the trace began its first level acted
-        lead = jnp.maximum(began - (clock - steps.dt - delay), 0.0) - jnp.maximum(began - (clock - delay), 0.0)
-        mean = (area1 - area0 + lead * level0) / jnp.where(steps.dt > 0.0, steps.dt, 1.0)
-        slope = level1 - level0
-        acts = steps.dt > 0.0
-        return jnp.where(acts, mean - 0.5 * slope, start), jnp.where(acts, mean + 0.5 * slope, end)
-
-    return (*shifted(steps.voltage0, steps.voltage1), *shifted(steps.torque0, steps.torque1))
+    return steps._replace(**jax.lax.cond(delay > 0.0, acting, lambda logged: logged, steps.levels)._asdict())
 
 
 def _level(
-    start: Float[AnyArray, "T L"], end: Float[AnyArray, "T L"], area: Float[Array, "T L"], at: _Earlier
-) -> tuple[Float[Array, "T L"], Float[Array, "T L"]]:
+    begin: Float[AnyArray, "T L"], end: Float[AnyArray, "T L"], area: Float[AnyArray, "T L"], at: Earlier
+) -> tuple[Float[AnyArray, "T L"], Float[AnyArray, "T L"]]:
     """A piecewise linear input and its integral from the lane's begin, at earlier instants."""
-    first, last = (jnp.take_along_axis(column, at.row + 1, axis=0) for column in (start, end))
-    level = first + at.share * (last - first)
-    done = jnp.take_along_axis(area, at.row, axis=0)
-    return level, done + 0.5 * (first + level) * at.share * at.span
+    first, last = (_taken(column, at.row + 1) for column in (begin, end))
+    level = at.between(first, last)
+    return level, _taken(area, at.row) + 0.5 * (first + level) * at.share * at.span

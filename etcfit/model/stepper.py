@@ -72,6 +72,20 @@ class StepBesides(NamedTuple):
     early: Besides
     late: Besides
 
+    @classmethod
+    def nothing(cls) -> StepBesides:
+        """Nothing besides."""
+        return cls(*(Besides(*(0.0,) * len(Besides._fields)),) * 2)
+
+
+class Acting(NamedTuple):
+    """Voltage (V) and motor torque (N m) at the begin and the end of a step, as of `Step`."""
+
+    voltage0: Scalar
+    voltage1: Scalar
+    torque0: Scalar
+    torque1: Scalar
+
 
 class Step(NamedTuple):
     """Everything one step needs besides parameters and state; in a batch each entry has shape (T, L).
@@ -95,6 +109,7 @@ class Step(NamedTuple):
         trace: `number_of` the file of the trace; None where no batch was made of traces.
         duty: of a bridge whose supply was not logged, -1 to 1, 0 in other traces; None where there is none.
         besides: what acts besides the effects; None where nothing does. No ECU in the model sees its readings.
+        acting: what acts in place of voltage and torque as the rig drives them, where they act late; else None.
     """
 
     dt: Scalar
@@ -119,6 +134,12 @@ class Step(NamedTuple):
     trace: Scalar | None = None
     duty: Scalar | None = None
     besides: StepBesides | None = None
+    acting: Acting | None = None
+
+    @property
+    def levels(self) -> Acting:
+        """Voltage and torque."""
+        return Acting(self.voltage0, self.voltage1, self.torque0, self.torque1)
 
     def guide(self, fraction: float, theta: Scalar) -> Scalar:
         """Voltage of the guide at a fraction of the step for a plate at theta (rad), V."""

@@ -316,6 +316,6 @@ def _assemble(
     command = part(Command) if "active" in table else None
     edge = part(Edge) if np.any(table["span"]) else None
     duty = table["duty"] if np.any(table["duty"]) else None
-    steps = part(Step)._replace(command=command, edge=edge, duty=duty, besides=None)
+    steps = part(Step)._replace(command=command, edge=edge, duty=duty, besides=None, acting=None)
     parts = steps, part(Reset), part(SampleSlots), part(Disturbance)
     return TraceBatch(*parts, table["guidable"], table["test_of"], traces, places)

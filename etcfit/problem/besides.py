@@ -21,10 +21,11 @@ from ..model.effects import AbstractEffect, Besides, State
 from ..model.parameters import AnyArray, Scalar
 from ..model.stepper import GAMMA, Reset, Step, StepBesides, begun, step
 from ..model.throttle import Throttle
-from . import residual_kernels
+from . import late_kernels, residual_kernels
 from .free_parameters import Form
 from .lanes import Along
-from .one_pass import advance, start
+from .lateness import Simulated, acting_late
+from .one_pass import advance, has_single_pass, start
 from .program import QUICK, Program
 from .records import Entries, numbered, used_rows
 from .residual import WeightedData, equipped, residual, run
@@ -68,11 +69,14 @@ def _responses(
 
 def where_asked(form: Form, x: Float[np.ndarray, " P"], weighted: WeightedData) -> Where:
     """Where the steps of a model ask the effects; arguments as of `residual`."""
-    if not residual_kernels.runs(form, weighted):
+    if not available():
         return _where_asked(form, x, weighted)
-    tree = weighted.steps, weighted.resets, weighted.test_of
-    batch = Entries(tree, residual_kernels.rows_of(weighted), (frozenset({numbered(tree)[0].guide_stiffness}),))
-    return _ASKED.run((form,), form.full(x, weighted.pick), batch)
+    full = form.full(x, weighted.pick)
+    tree = Simulated(weighted.steps, weighted.resets, weighted.test_of)
+    tree = tree._replace(steps=acting_late(form, full, tree))
+    changing = numbered(tree)[0]
+    renewed = frozenset({changing.guide_stiffness, *jax.tree.leaves(changing.acting)})
+    return _ASKED.run((form,), full, Entries(tree, late_kernels.rows_of(weighted), (renewed,)))
 
 
 def added_by(
@@ -144,16 +148,18 @@ def responses(
     Returns:
         shape (K, T, L, M), dimensionless.
     """
-    if not residual_kernels.runs(form, weighted):
+    if not available():
         return _responses(form, x, weighted, besides)
     full, order = form.full(x, weighted.pick), weighted.whitening.transition.shape[-1]
+    if not has_single_pass(form, weighted):
+        return late_kernels.responses(form, full, weighted, besides)
     data = residual_kernels.data_of(weighted)
 
     def along(way: StepBesides) -> np.ndarray:
         tree = data, way
         numbers, acts = numbered(tree)
         renewed, muted = residual_kernels.renewed_and_muted(numbers)
-        rows, ways = residual_kernels.rows_of(weighted), frozenset(jax.tree.leaves(acts))
+        rows, ways = late_kernels.rows_of(weighted), frozenset(jax.tree.leaves(acts))
         batch = Entries(tree, rows, (renewed, ways), muted)
         return _RESPONSES.run((form, order), full, batch)
 
@@ -186,13 +192,12 @@ def _responds(form: Form, order: int) -> Any:
     def one(values: Any, carried: Any, entry: Any) -> Any:
         (s, *data), way = entry
         before, moved = carried
-        nothing = StepBesides(*(Besides(*(0.0,) * len(Besides._fields)),) * 2)
 
         def of(before: Any, acts: StepBesides) -> Any:
             after, (_, r) = advance(form, values, before, (s._replace(besides=acts), *data))
             return after, r
 
-        (after, _), (moved, r) = jax.jvp(of, (before, nothing), (moved, way))
+        (after, _), (moved, r) = jax.jvp(of, (before, StepBesides.nothing()), (moved, way))
         return (after, moved), r
 
     carried = jax.eval_shape(lambda: start(form, dict.fromkeys(form.index, 0.5), (), order))

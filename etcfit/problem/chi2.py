@@ -15,6 +15,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
+from ..kernels.machine import available
 from . import residual_kernels
 from .free_parameters import Form
 from .one_pass import advance, entries, has_single_pass, start
@@ -41,7 +42,7 @@ def chi2_of(
         shape (K,), dimensionless; inf where the simulation fails.
     """
     form = problem.layout.form
-    if residual_kernels.runs(form, weighted):
+    if available():
         with np.errstate(over="ignore", invalid="ignore"):  # of simulations that run away
             fulls = form.full(problem.layout.padded(points), weighted.pick)
             chi2 = residual_kernels.chi2_of_points(form, fulls, weighted) + _of_priors(problem, points, weighted)

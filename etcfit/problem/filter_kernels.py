@@ -15,7 +15,7 @@ import jax
 import numpy as np
 from jaxtyping import Float
 
-from ..kernels.machine import LANES, available
+from ..kernels.machine import LANES
 from ..model.effects import State
 from ..model.stepper import StatePath, begun, step
 from ..model.throttle import Throttle
@@ -23,6 +23,7 @@ from .batch import BatchArrays
 from .free_parameters import Form
 from .innovations import InnovationsFilter, renewed
 from .lanes import Along
+from .lateness import Simulated, acting_late
 from .process_noise import (
     ErrorProcess,
     Events,
@@ -42,11 +43,6 @@ from .traced_entry import Column
 _JITTER = "jitter of instants"  # no symbol of a parameter
 
 
-def runs(form: Form) -> bool:
-    """Whether these run as machine code for a model."""
-    return available() and not any(effect.delays for effect in form.types)
-
-
 def filter_and_timing(
     form: Form, full: Float[np.ndarray, " Q"], batch: BatchArrays, jitter: float
 ) -> tuple[InnovationsFilter, Float[np.ndarray, "T L M"]]:
@@ -58,6 +54,7 @@ def filter_and_timing(
         batch: as it was logged, arrays of NumPy.
         jitter: standard deviation of the sampling instants, as a share of the time between samples.
     """
+    batch = _acting(form, full, batch)
     return along(_FILTERED, form, full, (*batch, _events(form, full, batch)), jitter)
 
 
@@ -65,6 +62,7 @@ def free_run_variance(
     form: Form, full: Float[np.ndarray, " Q"], batch: BatchArrays, jitter: float
 ) -> Float[np.ndarray, "T L M"]:
     """What `process_noise.free_run_variance` returns; arguments as of `filter_and_timing`."""
+    batch = _acting(form, full, batch)
     return along(_SPREAD, form, full, (*batch, _events(form, full, batch)), jitter)
 
 
@@ -73,6 +71,13 @@ def local_error(form: Form, full: Float[np.ndarray, " Q"], batch: BatchArrays) -
     lost, error = along(_STEPPED, form, full, batch)
     weight = np.asarray(batch.slots.weight)
     return worst(error, weight, impacts_nearby_here(lost, weight), np)
+
+
+def _acting(form: Form, full: Float[np.ndarray, " Q"], batch: BatchArrays) -> BatchArrays:
+    """The batch with what acts in it where the input is late."""
+    if batch.steps.acting is not None:
+        return batch
+    return batch._replace(steps=acting_late(form, full, Simulated(batch.steps, batch.resets, batch.test_of)))
 
 
 class Given(NamedTuple):
@@ -155,8 +160,9 @@ def along(
         tree: the batch as it was logged, arrays of NumPy, and what else an entry needs.
         jitter: where a covariance is carried.
     """
+    tree = *_acting(form, full, BatchArrays(*tree[:5])), *tree[5:]
     steps, _, slots, _, _, *events = numbered(tree)
-    renewed = frozenset({steps.guide_stiffness, slots.value, slots.weight, slots.sigma, *jax.tree.leaves(events)})
+    renewed = frozenset({steps.guide_stiffness, *slots[:3], *jax.tree.leaves((steps.acting, events))})
     rows = used_rows(np.asarray(tree[0].dt), np.asarray(tree[1].begins))
     batch = Entries(tree, rows, (renewed,), never=(Column(steps.guide_stiffness, ()),))
     return which.run((form,), np.concatenate((full, jitter)), batch)

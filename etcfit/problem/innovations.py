@@ -21,6 +21,7 @@ from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Float, Int
 
 from ..model.parameters import AnyArray, Scalar
@@ -43,11 +44,11 @@ class Moved(NamedTuple):
     back: Int[AnyArray, "T L M"]
 
 
-def moved(array: Float[AnyArray, "T L M"], rows: Int[AnyArray, "T L M"]) -> Float[Array, "T L M"]:
+def moved(array: Float[AnyArray, "T L M"], rows: Int[AnyArray, "T L M"]) -> Float[AnyArray, "T L M"]:
     """What an array has at other entries, shape (T, L, M); 0 at entry T."""
-    array = jnp.asarray(array)
-    padded = jnp.concatenate((array, jnp.zeros_like(array[:1])))
-    return jnp.take_along_axis(padded, rows, axis=0)
+    xp = np if isinstance(array, np.ndarray) else jnp
+    padded = xp.concatenate((array, xp.zeros_like(array[:1])))
+    return xp.take_along_axis(padded, rows, axis=0)
 
 
 class InnovationsFilter(NamedTuple):

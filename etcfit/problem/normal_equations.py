@@ -17,6 +17,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
+from ..kernels.machine import available
 from ..model.parameters import AnyArray
 from . import residual_kernels
 from .free_parameters import Form
@@ -112,7 +113,7 @@ def normal_equations(
         weighted: data, whitening and priors of the whole batch.
         size: number of coordinates P.
     """
-    if residual_kernels.runs(form, weighted):
+    if available():
         return partial(_by_kernel, form, weighted)
     pieces = shared_out(weighted, size)
 
@@ -146,7 +147,7 @@ def linearised(
     Returns:
         r, shape (T, L, M), and dr/dx, shape (T, L, M, P), dimensionless.
     """
-    if residual_kernels.runs(form, weighted):
+    if available():
         r, slopes = residual_kernels.linearised(form, form.full(x, weighted.pick), weighted)
         columns, live = np.zeros((*r.shape, x.size)), np.flatnonzero(form.live(weighted.pick))
         np.multiply(slopes, form.slopes(x, weighted.pick)[live], out=columns[..., : live.size])
@@ -160,7 +161,7 @@ def linearised(
 
 def linearised_ahead(form: Form, x: Float[AnyArray, " P"], weighted: WeightedData) -> None:
     """Begin to compile, in the background, what `linearised` and `normal_equations` will run."""
-    if residual_kernels.runs(form, weighted):
+    if available():
         residual_kernels.ahead(form, weighted)
     else:
         linearise.ahead(form, x, shared_out(weighted, x.size)[0])

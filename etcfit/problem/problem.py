@@ -12,6 +12,7 @@ import jax
 import numpy as np
 from jaxtyping import Array, Float, Int
 
+from ..kernels.machine import available
 from ..model.parameters import AnyArray, Scalar
 from ..rig.base import RigConfig
 from . import filter_kernels, residual_kernels
@@ -149,14 +150,14 @@ class EstimationProblem:
         """Begin to compile, in the background, what a fit will run at x, shape (P,): Jacobian, filter, residual."""
         self.compile_linearised_ahead(x)
         form, padded, weighted = self._unweighted(x)
-        if not residual_kernels.runs(form, weighted):
+        if not available():
             _compared.ahead(form, padded, weighted)
 
     def compile_linearised_ahead(self, x: Float[np.ndarray, " P"]) -> None:
         """As `compile_ahead`, without the residual: for whoever looks at the Jacobian only."""
         linearised_ahead(*self._unweighted(x))
         form, padded, pick = self.at(x)
-        if not filter_kernels.runs(form):
+        if not available():
             _kalman.ahead(form, padded, pick, self.arrays(), self.jitter)
 
     def _unweighted(self, x: Float[np.ndarray, " P"]) -> tuple[Form, Float[np.ndarray, " room"], WeightedData]:
@@ -172,9 +173,10 @@ class EstimationProblem:
         """Variance of measured - free run of each trace, shape (n, M), SI^2: sensor noise, noisy input, instants not
         known."""
         arrays, where = self._where_they_belong(x)
-        if where is None and filter_kernels.runs(self.layout.form):
-            return columns(self.batch, filter_kernels.free_run_variance(*self.here(x, arrays), self.jitter))
-        variance = _free_run_variance(*self.at(x), arrays, self.jitter)
+        if available():
+            variance = filter_kernels.free_run_variance(*self.here(x, arrays), self.jitter)
+        else:
+            variance = _free_run_variance(*self.at(x), arrays, self.jitter)
         return columns(self.batch, variance if where is None else moved(variance, where.back))
 
     def simulated(self, x: Float[np.ndarray, " P"], guide_stiffness: float) -> Float[np.ndarray, "T L M"]:
@@ -202,9 +204,10 @@ class EstimationProblem:
         """The whitening filter at coordinates x, shape (P,), and (dy/dt dt)^2 / S of each sample, shape (T, L, M): the
         variance that a jitter of 1 would add to it, over that which it has."""
         arrays, where = self._where_they_belong(x)
-        if where is None and filter_kernels.runs(self.layout.form):
-            return filter_kernels.filter_and_timing(*self.here(x, arrays), self.jitter)
-        filter_, timing = _kalman(*self.at(x), arrays, self.jitter)
+        if available():
+            filter_, timing = filter_kernels.filter_and_timing(*self.here(x, arrays), self.jitter)
+        else:
+            filter_, timing = _kalman(*self.at(x), arrays, self.jitter)
         return (filter_, timing) if where is None else (filter_._replace(moved=where), moved(timing, where.back))
 
     def _where_they_belong(self, x: Float[np.ndarray, " P"]) -> tuple[BatchArrays, Moved | None]:
@@ -226,7 +229,7 @@ class EstimationProblem:
         steps = batch.guided(self.guide_stiffness)
         weighted = WeightedData(steps, batch.resets, self.slots, batch.test_of, filter_, self.pick, *priors)
         weighted = jax.tree.map(np.asarray, weighted)  # once, not at every call
-        return weighted if residual_kernels.runs(layout.form, weighted) else jax.device_put(weighted)
+        return weighted if available() else jax.device_put(weighted)
 
     def linearise(self, x: Float[np.ndarray, " P"], weighted: WeightedData) -> Linearisation:
         """Residual, that of the priors, and the Jacobian of the former.
@@ -247,7 +250,7 @@ class EstimationProblem:
 
     def _compared(self, x: Float[np.ndarray, " P"], weighted: WeightedData) -> Compared:
         form, padded = self.layout.form, self.layout.padded(x)
-        if residual_kernels.runs(form, weighted):
+        if available():
             return residual_kernels.compared(form, form.full(padded, weighted.pick), weighted)
         return _compared(form, padded, weighted)
 
@@ -256,7 +259,7 @@ class EstimationProblem:
         many points, counts them."""
         form = self.layout.form
         with np.errstate(over="ignore"):  # of a simulation that runs away it is inf
-            if residual_kernels.runs(form, weighted):
+            if available():
                 return residual_kernels.chi2(form, form.full(self.layout.padded(x), weighted.pick), weighted)
             return float(np.sum(self.residual(x, weighted) ** 2))
 
@@ -270,7 +273,7 @@ class EstimationProblem:
         return problem
 
     def _local_error(self, x: Float[np.ndarray, " P"]) -> Float[np.ndarray, "T L"]:
-        if filter_kernels.runs(self.layout.form):
+        if available():
             return filter_kernels.local_error(*self.here(x, self.arrays()))
         return np.asarray(_local_error(*self.at(x), self.arrays()))
 

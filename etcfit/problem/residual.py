@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import jax.numpy as jnp
 import numpy as np
@@ -59,6 +59,8 @@ def equipped(
     steps = _held(throttle.driven(steps, test_of), values)
     # a guide in volts knows no scale of torque: where the data know none, none can run away from it
     per_volt = steps.gear_ratio * values["K_m"] / (values["R_a"] + steps.series)
+    if steps.acting is not None:
+        steps = steps._replace(**steps.acting._asdict(), acting=None)
     resets = throttle.begun(resets, test_of)
     within = jnp.clip(resets.theta, steps.lower, steps.upper)  # a sensor may show a plate beyond its stop
     return steps._replace(lever=jnp.where(steps.lever > 0.5, 1.0, per_volt), edge=None), resets._replace(theta=within)
@@ -95,11 +97,20 @@ def predict(
     seen = throttle.read(throttle.observe(*path, steps.inputs(1.0)), test_of)
     delays = throttle.delays().channels if throttle.may_delay else {}
     by_the_rig = throttle.lateness(steps, test_of)
-    y = jnp.zeros_like(slots.value)
-    for k, name in enumerate(KINDS):
+    for name in KINDS:
         channel = delayed(seen[name], steps, resets, delays[name]) if name in delays else seen[name]
-        channel = logged_late(channel, steps, resets, by_the_rig[name]) if name in by_the_rig else channel
-        y = jnp.where(slots.kind == k, channel[..., None], y)
+        seen[name] = logged_late(channel, steps, resets, by_the_rig[name]) if name in by_the_rig else channel
+    return shown(seen, slots.kind)
+
+
+def shown(
+    seen: Mapping[str, Float[AnyArray, "*batch"]], kind: Float[AnyArray, "*batch M"], xp: Any = jnp
+) -> Float[AnyArray, "*batch M"]:
+    """What each slot shows of channels, by its kind, an index into `KINDS`; 0 where it is of none of them."""
+    y = xp.zeros(kind.shape)
+    for k, name in enumerate(KINDS):
+        if name in seen:
+            y = xp.where(kind == k, seen[name][..., None], y)
     return y
 
 

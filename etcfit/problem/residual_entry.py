@@ -1,4 +1,4 @@
-"""One entry of the residual as a graph, and its tangents along parameters.
+"""One entry of a simulation as a graph, and its tangents along parameters.
 
 The step has its local Jacobian by backward mode; columns are pushed by that, and go forward through what is shown and
 whitened.
@@ -6,7 +6,9 @@ whitened.
 
 from __future__ import annotations
 
+from collections.abc import Callable, Mapping, Sequence
 from functools import cached_property, partial
+from typing import Any
 
 import jax
 
@@ -17,70 +19,100 @@ from .one_pass import advance, start
 from .traced_entry import Shape, TracedEntry, nodes_of
 
 
-class ResidualEntry:
-    """`one_pass.advance` of a model, traced.
+class SimulatedEntry:
+    """A function of (form, values, what is carried, entry) that makes a step, traced.
 
     Args:
+        function: it returns what is carried on, see `one_pass.start`, and its results.
         form: the model.
         shape: of the batch.
         order: error states of the whitening filter.
     Attributes:
         traced: its graph.
-        seen, r: nodes of what each slot ought to show, and of the residual.
+        results: nodes that are differentiated.
+        acting: nodes of what acts in the step, if that depends on parameters in ways known at each entry.
+        ways: of each parameter on which it does, nodes of its derivatives, as many.
     """
 
-    def __init__(self, form: Form, shape: Shape, order: int) -> None:
+    results: Sequence[int] = ()
+    acting: Sequence[int] = ()
+    ways: Mapping[str, Sequence[int]] = {}
+
+    def __init__(self, function: Callable[..., Any], form: Form, shape: Shape, order: int) -> None:
         carried = jax.eval_shape(lambda: start(form, dict.fromkeys(form.index, 0.5), (), order))
         self.symbols = tuple(form.index)
-        self.traced = TracedEntry(partial(advance, form), self.symbols, shape, carried, form.ties)
-        self.seen, self.r = map(nodes_of, self.traced.results)
+        self.traced = TracedEntry(partial(function, form), self.symbols, shape, carried, form.ties)
         self._states = len(self.traced.begun) - order  # the error states of the filter come last
 
     @cached_property
     def _slopes(self) -> list[list[int]]:
-        """Derivatives of state and memories after the step in those before it, and in each parameter."""
+        """Derivatives of state and memories after the step in those before it, in each parameter, and in what acts."""
         graph, n = self.traced.graph, self._states
-        by = [*self.traced.begun[:n], *(self.traced.fixed[symbol] for symbol in self.symbols)]
+        by = [*self.traced.begun[:n], *(self.traced.fixed[symbol] for symbol in self.symbols), *self.acting]
         return [backward(graph, graph.needed([end]), end, by) for end in self.traced.ends[:n]]
 
     def _column(self, symbol: str) -> tuple[list[tuple[int, int]], list[int]]:
-        """Along one parameter: what is carried, and the tangents of `r`."""
+        """Along one parameter: what is carried, and the tangents of `results`."""
         graph, n, begun, ends = self.traced.graph, self._states, self.traced.begun, self.traced.ends
         before = [graph.input(("carried", symbol, k)) for k in range(len(begun))]
-        zero, place = graph.constant(0.0), n + self.symbols.index(symbol)
+        zero, place, acts = graph.constant(0.0), n + self.symbols.index(symbol), self.ways.get(symbol, ())
         after = []
         for row in self._slopes:
             total = row[place]
-            for slope, way in zip(row[:n], before[:n], strict=True):
+            pushed = [*zip(row[:n], before[:n], strict=True), *zip(row[n + len(self.symbols) :], acts, strict=False)]
+            for slope, way in pushed:
                 total = graph.make("add", total, graph.make("mul", slope, way))
             after.append(total)
         moved = dict(zip(begun, before, strict=True)) | {self.traced.fixed[symbol]: graph.constant(1.0)}
-        moved |= dict(zip(ends[:n], after, strict=True))
-        rest = [*ends[n:], *self.r]
+        moved |= dict(zip(self.acting, acts, strict=False)) | dict(zip(ends[:n], after, strict=True))
+        rest = [*ends[n:], *self.results]
         found = forward(graph, graph.needed(rest, given=ends[:n]), moved)
-        errors, r = ([found.get(node, zero) for node in nodes] for nodes in (ends[n:], self.r))
-        return list(zip(before, [*after, *errors], strict=True)), r
+        errors, tangents = ([found.get(node, zero) for node in nodes] for nodes in (ends[n:], self.results))
+        return list(zip(before, [*after, *errors], strict=True)), tangents
+
+    def loop(
+        self,
+        across: Across,
+        free: tuple[str, ...] = (),
+        summed: bool = False,
+        stored: Sequence[int] | None = None,
+    ) -> Loop:
+        """The loop over entries.
+
+        Args:
+            across: what a vector holds.
+            free: parameters in which the results are differentiated, P of them.
+            summed: whether it adds up r^T r, J^T r and the lower triangle of J^T J, in this order, for results r.
+            stored: nodes that it stores, and then the derivatives of all results in each parameter; None: nothing.
+        """
+        carried, columns = [], []
+        for symbol in free:
+            pairs, tangents = self._column(symbol)
+            carried += pairs
+            columns.append(tangents)
+        sums: list[list[tuple[int, int]]] = []
+        if summed:
+            sums.append([(each, each) for each in self.results])
+            sums += [list(zip(self.results, column, strict=True)) for column in columns]
+            sums += [list(zip(columns[i], columns[j], strict=True)) for i in range(len(free)) for j in range(i + 1)]
+        kept = [] if stored is None else [*stored, *(each for column in columns for each in column)]
+        return self.traced.loop(across, carried, sums, kept)
+
+
+class ResidualEntry(SimulatedEntry):
+    """`one_pass.advance` of a model.
+
+    Attributes:
+        seen: nodes of what each slot ought to show; the results are the whitened residual.
+    """
+
+    def __init__(self, form: Form, shape: Shape, order: int) -> None:
+        super().__init__(advance, form, shape, order)
+        self.seen, self.results = map(nodes_of, self.traced.results)
 
     def residual_loop(
         self, across: Across, free: tuple[str, ...] = (), summed: bool = False, stored: bool = False
     ) -> Loop:
-        """The loop that simulates, observes and whitens.
-
-        Args:
-            across: what a vector holds.
-            free: parameters in which it is differentiated, P of them.
-            summed: whether it adds up r^T r, J^T r and the lower triangle of J^T J, in this order.
-            stored: whether it stores what each slot ought to show and the residual, M each, and dr/d each parameter.
-        """
-        carried, columns = [], []
-        for symbol in free:
-            pairs, dr = self._column(symbol)
-            carried += pairs
-            columns.append(dr)
-        sums: list[list[tuple[int, int]]] = []
-        if summed:
-            sums.append([(each, each) for each in self.r])
-            sums += [list(zip(self.r, column, strict=True)) for column in columns]
-            sums += [list(zip(columns[i], columns[j], strict=True)) for i in range(len(free)) for j in range(i + 1)]
-        kept = [*self.seen, *self.r, *(each for column in columns for each in column)] if stored else []
-        return self.traced.loop(across, carried, sums, kept)
+        """The loop that simulates, observes and whitens; it stores what each slot ought to show and the residual, M
+        each. Arguments as of `loop`."""
+        return self.loop(across, free, summed, [*self.seen, *self.results] if stored else None)

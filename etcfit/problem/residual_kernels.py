@@ -1,5 +1,5 @@
 """The residual, its sum of squares and its Jacobian by machine code: what `EstimationProblem`, `chi2` and
-`normal_equations` run where the model has a single pass and llvmlite is there."""
+`normal_equations` run where llvmlite is there. In one pass where the model has one, else by `late_kernels`."""
 
 from __future__ import annotations
 
@@ -7,25 +7,21 @@ from typing import Any, NamedTuple
 
 import jax
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Float
 
 from ..kernels.loop import Across
-from ..kernels.machine import Kernel, available
+from ..kernels.machine import Kernel
+from . import late_kernels
 from .free_parameters import Form, Pick
 from .lanes import MAKING, compiled, over_lanes, over_points, remembered
 from .one_pass import entries, has_single_pass
 from .program import in_background
-from .records import Entries, Records, Remembered, numbered, records_of, used_rows
+from .records import Entries, Records, Remembered, numbered, records_of
 from .residual import Compared, WeightedData
 from .residual_entry import ResidualEntry
 from .traced_entry import Column, Shape, TracedEntry
 
 _GRAPHS, _KERNELS = 128, 1024  # that a process remembers; some MB and some 50 kB each
-
-
-def runs(form: Form, weighted: WeightedData) -> bool:
-    """Whether the residual of a model runs as machine code."""
-    return available() and has_single_pass(form, weighted)
 
 
 class Sums(NamedTuple):
@@ -67,11 +63,6 @@ def data_of(weighted: WeightedData) -> tuple[Any, ...]:
     return entries(weighted._replace(slots=weighted.slots._replace(sigma=None)))
 
 
-def rows_of(weighted: WeightedData) -> Int[np.ndarray, " L"]:
-    """Entries of each lane that are used, shape (L,)."""
-    return used_rows(np.asarray(weighted.steps.dt), np.asarray(weighted.resets.begins))
-
-
 def renewed_and_muted(numbers: tuple[Any, ...]) -> tuple[frozenset[int], frozenset[int]]:
     """Of `data_of`, given by the numbers of its leaves: those that change with the filter, and those among them that
     are 0 where nothing counts."""
@@ -94,7 +85,7 @@ def _packed(form: Form, weighted: WeightedData) -> tuple[Records, ResidualEntry]
     never = [Column(filter_.transition, (order - 1, q)) for q in range(order - 1)]
     never += [Column(filter_.sense, (m, order - 1)) for m in range(count)]
     renewed, muted = renewed_and_muted(numbers)
-    batch = Entries(tree, rows_of(weighted), (renewed,), muted, tuple(never))
+    batch = Entries(tree, late_kernels.rows_of(weighted), (renewed,), muted, tuple(never))
     made: list[ResidualEntry] = []
 
     def entry_of(shape: Shape) -> TracedEntry:
@@ -106,6 +97,9 @@ def _packed(form: Form, weighted: WeightedData) -> tuple[Records, ResidualEntry]
 
 def ahead(form: Form, weighted: WeightedData) -> None:
     """Begin to make, in the background, what a descent runs."""
+
+    if not has_single_pass(form, weighted):
+        return
 
     def make() -> None:
         entry = _records(form, weighted)[1]
@@ -123,7 +117,13 @@ def sums(form: Form, full: Float[np.ndarray, " Q"], weighted: WeightedData) -> S
         full: value of every parameter, SI, shape (Q,).
         weighted: data and whitening, arrays of NumPy.
     """
-    (records, entry), free = _records(form, weighted), free_of(form, weighted.pick)
+    free = free_of(form, weighted.pick)
+    if not has_single_pass(form, weighted):
+        r, slopes = late_kernels.linearised(form, full, weighted, free)
+        flat = slopes.reshape(-1, len(free))
+        with np.errstate(all="ignore"):  # of simulations that run away
+            return Sums(float(np.sum(r**2)), flat.T @ r.ravel(), flat.T @ flat)
+    records, entry = _records(form, weighted)
     total, _ = over_lanes(_kernel(entry, Across.LANES, free, True), records, full)
     size = len(free)
     lower = np.zeros((size, size))
@@ -133,21 +133,28 @@ def sums(form: Form, full: Float[np.ndarray, " Q"], weighted: WeightedData) -> S
 
 def chi2(form: Form, full: Float[np.ndarray, " Q"], weighted: WeightedData) -> float:
     """Sum of squares of the whitened residual; arguments as of `sums`."""
+    if not has_single_pass(form, weighted):
+        with np.errstate(all="ignore"):
+            return float(np.sum(late_kernels.compared(form, full, weighted).r ** 2))
     records, entry = _records(form, weighted)
     return float(over_lanes(_kernel(entry, Across.LANES, (), True), records, full)[0][0])
 
 
 def chi2_of_points(form: Form, fulls: Float[np.ndarray, "K Q"], weighted: WeightedData) -> Float[np.ndarray, " K"]:
     """The same of many points, shape (K, Q) -> (K,): each vector holds points."""
+    if not has_single_pass(form, weighted):
+        return np.array([chi2(form, full, weighted) for full in fulls])
     records, entry = _records(form, weighted)
     return over_points(_kernel(entry, Across.POINTS, (), True), records, fulls)[0]
 
 
 def compared(form: Form, full: Float[np.ndarray, " Q"], weighted: WeightedData) -> Compared:
     """What each slot ought to show, and the whitened residual; arguments as of `sums`."""
+    if not has_single_pass(form, weighted):
+        return late_kernels.compared(form, full, weighted)
     records, entry = _records(form, weighted)
     _, out = over_lanes(_kernel(entry, Across.LANES, (), False, True), records, full)
-    count = len(entry.r)
+    count = len(entry.results)
     return Compared(out[..., :count], out[..., count:])
 
 
@@ -160,8 +167,11 @@ def linearised(
         form, full, weighted: as of `sums`.
         by: symbols; the free parameters where None.
     """
-    (records, entry), free = _records(form, weighted), free_of(form, weighted.pick) if by is None else by
+    free = free_of(form, weighted.pick) if by is None else by
+    if not has_single_pass(form, weighted):
+        return late_kernels.linearised(form, full, weighted, free)
+    records, entry = _records(form, weighted)
     _, out = over_lanes(_kernel(entry, Across.LANES, free, False, True), records, full)
-    count = len(entry.r)
+    count = len(entry.results)
     slopes = out[..., 2 * count :].reshape(*records.shape, len(free), count)
     return out[..., count : 2 * count], np.swapaxes(slopes, 2, 3)

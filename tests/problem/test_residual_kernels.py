@@ -16,12 +16,13 @@ from numpy.testing import assert_allclose, assert_array_equal
 
 import results
 from etcfit.estimation.joint_fit import ready
+from etcfit.kernels.machine import available
 from etcfit.model.ecu import Ecu
 from etcfit.model.effects import EFFECTS, AbstractEffect, Contribution, Inputs, State
 from etcfit.model.parameters import NonNegative, Positive, Real, Scalar, parameter
 from etcfit.model.rig_effects import at_places
 from etcfit.model.smooth import UNKNOWNS
-from etcfit.problem import filter_kernels, residual_kernels
+from etcfit.problem import problem as module
 from etcfit.problem.chi2 import chi2_of
 from etcfit.problem.free_parameters import free_parameters
 from etcfit.problem.normal_equations import linearised, normal_equations
@@ -32,13 +33,13 @@ from etcfit.rig.base import Fixed, Measurement, Rig
 from measurements import channel
 
 Effect = type[AbstractEffect]
-ADDED = [e for e in EFFECTS if e.off is not None and not e.delays and not e.commands]
+ADDED = [e for e in EFFECTS if e.off is not None and not e.commands]
 
 
 def around(rig: Rig) -> list[Effect]:
     """Effects of the rig, one place of each family."""
     logged = {m.test: frozenset(m.channels) for m in rig.measurements}
-    every = {e.kind: e for e in at_places(logged) if not e.delays}
+    every = {e.kind: e for e in at_places(logged)}
     return list(every.values())
 
 
@@ -61,7 +62,7 @@ def rig(tmp_path_factory: pytest.TempPathFactory) -> Rig:
 
 
 def case(
-    rig: Rig, added: Sequence[Effect], whitened: bool = True, guide: float = 0.0
+    rig: Rig, added: Sequence[Effect], whitened: bool = True, guide: float = 0.0, size: float = 0.3
 ) -> tuple[EstimationProblem, np.ndarray, WeightedData]:
     """Eqs. 1-2 and some effects, every parameter off its bound and off its usual size."""
     known = free_parameters(rig.config, tuple(added))
@@ -71,7 +72,7 @@ def case(
     for effect in added:
         for symbol in effect.off or {}:
             domain = layout.parameter(symbol).domain
-            values[symbol] = 0.3 * domain.scale if isinstance(domain, (NonNegative, Real)) else domain.scale
+            values[symbol] = size * domain.scale if isinstance(domain, (NonNegative, Real)) else domain.scale
     x = layout.off_bounds(layout.coordinates(values)) + 0.01 * np.cos(np.arange(len(layout.free)))
     from etcfit.problem.weights import free_running
 
@@ -82,7 +83,7 @@ def case(
 def agrees(problem: EstimationProblem, x: np.ndarray, weighted: WeightedData) -> None:
     """Kernels and JAX, to 1e-9 of each column."""
     form, padded = problem.layout.form, problem.layout.padded(x)
-    assert residual_kernels.runs(form, weighted)
+    assert available()
     whole = partial(residual, form, weighted=weighted)
     quick = partial(jax.jit, compiler_options={"xla_backend_optimization_level": 0})
     r, J = (np.asarray(each) for each in quick(lambda x: (whole(x), jax.jacfwd(whole)(x)))(padded))
@@ -139,7 +140,14 @@ def test_an_effect_that_nobody_knows_runs_in_a_kernel_without_another_line(rig: 
 
 @pytest.mark.slow
 def test_every_effect_of_the_rig_computes_as_jax_does(rig: Rig) -> None:
-    agrees(*case(rig, around(rig)))
+    agrees(*case(rig, [*around(rig), *(e for e in ADDED if e.delays)]))
+
+
+@pytest.mark.slow
+def test_channels_late_by_whole_samples_compute_as_jax_does(rig: Rig) -> None:
+    problem, x, weighted = case(rig, [e for e in around(rig) if e.delays], size=9.0)
+    assert weighted.whitening.moved is not None
+    agrees(problem, x, weighted)
 
 
 @pytest.mark.slow
@@ -170,11 +178,15 @@ def test_under_an_ecu_it_computes_as_jax_does(rig: Rig) -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("added", [(), ("backlash", "presliding_friction", "stop_bounce")], ids=["Eqs. 1-2", "more"])
+@pytest.mark.parametrize(
+    "added",
+    [(), ("backlash", "presliding_friction", "stop_bounce"), ("actuation_delay", "channel_late", "trace_late")],
+    ids=["Eqs. 1-2", "more", "late"],
+)
 def test_filter_variance_and_error_of_integration_are_those_of_jax(
     rig: Rig, added: tuple[str, ...], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    problem, x, _ = case(rig, [e for e in ADDED if e.name in added])
+    problem, x, _ = case(rig, [e for e in (*ADDED, *around(rig)) if getattr(e, "kind", e.name) in added])
     problem = replace(problem, jitter=0.1)
 
     def every() -> list[np.ndarray]:
@@ -185,7 +197,7 @@ def test_filter_variance_and_error_of_integration_are_those_of_jax(
         return problem.refined(x).substeps
 
     by_kernel = every()
-    monkeypatch.setattr(filter_kernels, "runs", lambda form: False)
+    monkeypatch.setattr(module, "available", lambda: False)
     for found, wanted in zip(by_kernel, every(), strict=True):
         kept = np.broadcast_to(blank(problem), found.shape[:2]) if found.ndim > 2 else np.zeros(found.shape, bool)
         assert_allclose(np.where(_like(kept, found), 0.0, found), np.where(_like(kept, found), 0.0, wanted), rtol=1e-7,

@@ -1,0 +1,248 @@
+"""Models that delay a signal, by machine code: what is read late needs the path, so each of these is a pass of its own.
+
+    1. how late everything is, and where the input is late what the rig drives       machine code
+    2. the input shifted                                                               NumPy
+    3. the model simulated and observed                                                machine code
+    4. channels shifted, compared with the samples, samples moved to where they belong NumPy
+    5. the error whitened                                                              machine code
+
+Every pass is linear in what it takes from the pass before but for the lateness itself, so tangents go the same way. The
+formulas are those of `residual`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any, NamedTuple
+
+import jax
+import numpy as np
+from jaxtyping import Float, Int
+
+from ..kernels.loop import Across
+from ..kernels.machine import Kernel
+from ..model.stepper import StepBesides, begun, step
+from ..model.throttle import Throttle
+from .batch import KINDS
+from .free_parameters import Form
+from .innovations import InnovationsFilter, innovate, moved
+from .lanes import MAKING, Along, compiled, over_lanes, remembered
+from .lateness import Shifts, Simulated
+from .one_pass import Carried, start
+from .records import Entries, numbered, records_of, used_rows
+from .residual import Compared, WeightedData, equipped, shown
+from .residual_entry import SimulatedEntry
+from .traced_entry import Column, Shape, TracedEntry, nodes_of
+
+_REMEMBERED = 256  # graphs and kernels, each
+
+
+# ---- the simulation
+
+
+class _Observed(NamedTuple):
+    """What sensors show after a step.
+
+    Args:
+        prompt: what each slot shows that is not late, shape (M,).
+        signals: late channels, as they are at that instant.
+        acting, ways: as given.
+    """
+
+    prompt: Any
+    signals: Mapping[str, Any]
+    acting: Any
+    ways: Mapping[str, Any]
+
+
+def _observed(late: Sequence[str], form: Form, values: Any, carried: Carried, entry: Any) -> tuple[Carried, _Observed]:
+    batch, kind, ways = entry
+    acting, throttle = batch.steps.acting, Throttle.build(form.types, values)
+    s, reset = equipped(throttle, *batch, values)
+    x, z = step(throttle, *begun(throttle, carried.x, carried.z, reset), s)
+    seen = throttle.read(throttle.observe(x, z, s.inputs(1.0)), batch.test_of)
+    prompt = shown({name: seen[name] for name in KINDS if name not in late}, kind)
+    return Carried(x, z, ()), _Observed(prompt, {name: seen[name] for name in late}, acting, ways)
+
+
+class _ObservedEntry(SimulatedEntry):
+    def __init__(self, form: Form, shape: Shape, late: tuple[str, ...]) -> None:
+        super().__init__(lambda *given: _observed(late, *given), form, shape, 0)
+        found: _Observed = self.traced.results
+        self.results = nodes_of((found.prompt, found.signals))
+        self.acting = nodes_of(found.acting)
+        self.ways = {symbol: nodes_of(way) for symbol, way in found.ways.items()}
+
+
+@remembered(_REMEMBERED)
+def _observed_entry(form: Form, shape: Shape, late: tuple[str, ...]) -> _ObservedEntry:
+    return _ObservedEntry(form, shape, late)
+
+
+@remembered(_REMEMBERED)
+def _observed_kernel(entry: _ObservedEntry, free: tuple[str, ...]) -> Kernel:
+    return compiled(entry.loop(Across.LANES, free, stored=entry.results))
+
+
+class _Laid(NamedTuple):
+    """A batch as `_observed` takes it.
+
+    Args:
+        late: all that is late in it.
+        tree: its entries.
+        rows: entries of each lane that are used, shape (L,).
+        renewed: leaves that change with the guide, and with the parameters.
+    """
+
+    late: Shifts
+    tree: Any
+    rows: Int[np.ndarray, " L"]
+    renewed: tuple[frozenset[int], ...]
+
+    def shown(
+        self, prompt: Float[np.ndarray, "T L M"], read: Mapping[str, Float[np.ndarray, "T L"]]
+    ) -> Float[np.ndarray, "T L M"]:
+        """What each slot shows, by what it shows of prompt channels and by the late ones."""
+        kind = self.tree[1]
+        for name, column in read.items():
+            prompt = np.where(kind == KINDS.index(name), column[..., None], prompt)
+        return prompt
+
+
+def rows_of(weighted: WeightedData) -> Int[np.ndarray, " L"]:
+    """Entries of each lane that are used, shape (L,)."""
+    return used_rows(np.asarray(weighted.steps.dt), np.asarray(weighted.resets.begins))
+
+
+def _laid(form: Form, full: Float[np.ndarray, " Q"], weighted: WeightedData) -> _Laid:
+    batch = Simulated(weighted.steps, weighted.resets, weighted.test_of)
+    late = Shifts(form, full, batch)
+    kind = np.asarray(weighted.slots.kind)
+    tree = batch._replace(steps=batch.steps._replace(acting=late.acting)), kind, dict(late.ways)
+    numbers = numbered(tree)
+    changing = frozenset(jax.tree.leaves((numbers[0].steps.acting, numbers[2])))
+    renewed = frozenset({numbers[0].steps.guide_stiffness}), *((changing,) if changing else ())
+    return _Laid(late, tree, rows_of(weighted), renewed)
+
+
+def _simulated(
+    form: Form, full: Float[np.ndarray, " Q"], weighted: WeightedData, free: tuple[str, ...]
+) -> Float[np.ndarray, "K T L M"]:
+    """What each slot ought to show, and its derivatives in the free parameters, K = 1 + P."""
+    laid = _laid(form, full, weighted)
+    entry: list[_ObservedEntry] = []
+
+    def entry_of(shape: Shape) -> TracedEntry:
+        entry.append(_observed_entry(form, shape, laid.late.channels))
+        return entry[0].traced
+
+    with MAKING:
+        records = records_of(Entries(laid.tree, laid.rows, laid.renewed), entry_of)
+    out = over_lanes(_observed_kernel(entry[0], free), records, full)[1]
+    parts = np.split(out, 1 + len(free), axis=-1)
+    count = weighted.slots.kind.shape[-1]
+    signals = {name: parts[0][..., count + m] for m, name in enumerate(laid.late.channels)}
+    seen = [laid.shown(parts[0][..., :count], {name: laid.late.of(name, signal) for name, signal in signals.items()})]
+    for symbol, part in zip(free, parts[1:], strict=True):
+        ways = {name: part[..., count + m] for m, name in enumerate(laid.late.channels)}
+        read = {name: laid.late.tangent(symbol, name, way, signals[name]) for name, way in ways.items()}
+        seen.append(laid.shown(part[..., :count], read))
+    return np.stack(seen)
+
+
+def _responds(form: Form, late: tuple[str, ...]) -> Any:
+    def one(values: Any, carried: Any, entry: Any) -> Any:
+        (batch, kind, _), way = entry
+
+        def of(before: Carried, acts: StepBesides) -> Any:
+            within = batch._replace(steps=batch.steps._replace(besides=acts))
+            after, seen = _observed(late, form, values, before, (within, kind, {}))
+            return after, (seen.prompt, seen.signals)
+
+        (after, _), (moves, shown) = jax.jvp(of, (carried[0], StepBesides.nothing()), (carried[1], way))
+        return (after, moves), shown
+
+    carried = jax.eval_shape(lambda: start(form, dict.fromkeys(form.index, 0.5), (), 0))
+    return one, tuple(form.index), (carried, carried), form.ties
+
+
+_RESPONSES = Along(_responds)
+
+
+def responses(
+    form: Form, full: Float[np.ndarray, " Q"], weighted: WeightedData, besides: Sequence[StepBesides]
+) -> Float[np.ndarray, "K T L M"]:
+    """What `besides.responses` returns."""
+    laid = _laid(form, full, weighted)
+
+    def along(way: StepBesides) -> np.ndarray:
+        tree = laid.tree, way
+        ways = frozenset(jax.tree.leaves(numbered(tree)[1]))
+        prompt, signals = _RESPONSES.run(
+            (form, laid.late.channels), full, Entries(tree, laid.rows, (*laid.renewed, ways))
+        )
+        return laid.shown(prompt, {name: laid.late.of(name, signal) for name, signal in signals.items()})
+
+    errors = np.stack([-weighted.slots.weight * along(way) for way in besides])
+    return whitened(weighted.whitening, errors, laid.rows)
+
+
+# ---- the whitening
+
+
+def _whitens(order: int, columns: int) -> Any:
+    def one(values: Any, state: Any, entry: Any) -> Any:
+        return innovate(state, *entry)
+
+    return one, (), (np.zeros(columns),) * order, ()
+
+
+_WHITENED = Along(_whitens)
+
+
+def whitened(
+    filter_: InnovationsFilter, errors: Float[np.ndarray, "K T L M"], rows: Any
+) -> Float[np.ndarray, "K T L M"]:
+    """`innovations.whiten` of K errors.
+
+    Args:
+        filter_: the frozen filter, arrays of NumPy.
+        errors: measured - simulated, SI, 0 where there is no sample.
+        rows: entries of each lane that are used, shape (L,).
+    """
+    if filter_.moved is not None:
+        forth, back = filter_.moved
+        there = np.stack([moved(each, forth) for each in errors])
+        return np.stack([moved(each, back) for each in whitened(filter_._replace(moved=None), there, rows)])
+    order, count = filter_.transition.shape[-1], filter_.sense.shape[-2]
+    tree = filter_, np.ascontiguousarray(np.moveaxis(errors, 0, 2))
+    numbers = numbered(tree)
+    # no state acts on the input's error, and no sensor reads that
+    never = [Column(numbers[0].transition, (order - 1, q)) for q in range(order - 1)]
+    never += [Column(numbers[0].sense, (m, order - 1)) for m in range(count)]
+    renewed = frozenset(jax.tree.leaves(numbers[0])), frozenset({numbers[1]})
+    muted = frozenset({numbers[0].weight})
+    out = _WHITENED.run((order, len(errors)), np.zeros(0), Entries(tree, rows, renewed, muted, tuple(never)))
+    return np.moveaxis(out, 2, 0)
+
+
+# ---- the residual
+
+
+def compared(form: Form, full: Float[np.ndarray, " Q"], weighted: WeightedData) -> Compared:
+    """What each slot ought to show, and the whitened residual; arguments as of `residual_kernels.sums`."""
+    with np.errstate(all="ignore"):  # of simulations that run away
+        seen = _simulated(form, full, weighted, ())
+        error = weighted.slots.weight * (weighted.slots.value - seen)
+        return Compared(seen[0], whitened(weighted.whitening, error, rows_of(weighted))[0])
+
+
+def linearised(
+    form: Form, full: Float[np.ndarray, " Q"], weighted: WeightedData, free: tuple[str, ...]
+) -> tuple[Float[np.ndarray, "T L M"], Float[np.ndarray, "T L M P"]]:
+    """The whitened residual, and its derivatives in the values of some parameters; arguments as of `compared`."""
+    with np.errstate(all="ignore"):
+        seen = _simulated(form, full, weighted, free)
+        seen[0] -= weighted.slots.value
+        out = whitened(weighted.whitening, -weighted.slots.weight * seen, rows_of(weighted))
+        return out[0], np.moveaxis(out[1:], 0, -1)

@@ -1,0 +1,234 @@
+"""How late the signals of a model are in a batch, and how each is shifted, with derivatives in the parameters."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from typing import Any, NamedTuple
+
+import jax
+import numpy as np
+from jaxtyping import Float
+
+from ..kernels.derivatives import forward
+from ..kernels.loop import Across
+from ..kernels.machine import Kernel
+from ..model.delay import Between, Earlier, LateInput, between, earlier, late_input
+from ..model.stepper import Acting, Reset, Step
+from ..model.throttle import Throttle
+from .free_parameters import Form
+from .lanes import MAKING, compiled, over_lanes, remembered
+from .records import Entries, numbered, records_of, used_rows
+from .residual import equipped
+from .traced_entry import Shape, TracedEntry, nodes_of
+
+_REMEMBERED = 256  # graphs with their kernels
+_WARP = 2e-5  # of a step's length, by which it is changed to see what that does to a shift
+
+Signal = Float[np.ndarray, "T L"]
+
+
+class Simulated(NamedTuple):
+    """What is simulated, arrays of NumPy with axes T and L: see `TraceBatch`."""
+
+    steps: Step
+    resets: Reset
+    test_of: Signal
+
+
+class Lags(NamedTuple):
+    """How late signals are. What no parameter changes, or is never late, is None or left out.
+
+    Args:
+        acting: voltage and torque as the rig drives them, before they are late.
+        input: delay of the input, s.
+        dt: length of each step, s.
+        channels: delay of each channel, s.
+        logged: how late the rig logs channels, s.
+    """
+
+    acting: Any
+    input: Any
+    dt: Any
+    channels: Mapping[str, Any]
+    logged: Mapping[str, Any]
+
+
+def _lags(form: Form, values: Any, carried: Any, entry: Simulated) -> Any:
+    throttle = Throttle.build(form.types, values)
+    s, _ = equipped(throttle, *entry, values)
+    delays = throttle.delays()
+    return carried, Lags(s.levels, delays.input, s.dt, delays.channels, throttle.lateness(s, entry.test_of))
+
+
+class _LagsEntry:
+    """`Lags` of one entry as a graph.
+
+    Attributes:
+        traced: the graph.
+        late: nodes of `Lags`.
+        ways: of each parameter that changes it, nodes of its derivative.
+    """
+
+    def __init__(self, form: Form, shape: Shape) -> None:
+        self.traced = TracedEntry(lambda *given: _lags(form, *given), tuple(form.index), shape, (), form.ties)
+        graph, found = self.traced.graph, self.traced.results
+        zero = graph.constant(0.0)
+
+        def tangents(symbol: str, *wanted: int) -> dict[int, int]:
+            return forward(graph, graph.needed(wanted), {self.traced.fixed[symbol]: graph.constant(1.0)})
+
+        kept: dict[str, Any] = {
+            name: {channel: node for channel, node in getattr(found, name).items() if graph.known(node) != 0.0}
+            for name in ("channels", "logged")
+        }
+        if graph.known(found.input) == 0.0:
+            kept |= {"acting": None, "input": None}
+        if not any(found.dt in tangents(symbol, found.dt) for symbol in form.index):
+            kept["dt"] = None
+        self.late: Lags = found._replace(**kept)
+        wanted, self.ways = nodes_of(self.late), {}
+        for symbol in form.index:
+            moves = tangents(symbol, *wanted)
+            if any(node in moves for node in wanted):
+                self.ways[symbol] = jax.tree.map(lambda node, of=moves: of.get(node, zero), self.late)
+
+
+@remembered(_REMEMBERED)
+def _lags_entry(form: Form, shape: Shape) -> tuple[_LagsEntry, Kernel]:
+    entry = _LagsEntry(form, shape)
+    stored = [*nodes_of(entry.late), *nodes_of(entry.ways)]
+    return entry, compiled(entry.traced.loop(Across.LANES, stored=stored))
+
+
+def _found(form: Form, full: Float[np.ndarray, " Q"], batch: Simulated) -> tuple[Lags, dict[str, Lags]]:
+    """How late everything is, and its derivatives, (T, L) each."""
+    made: list[tuple[_LagsEntry, Kernel]] = []
+
+    def entry_of(shape: Shape) -> TracedEntry:
+        made.append(_lags_entry(form, shape))
+        return made[0][0].traced
+
+    rows = used_rows(np.asarray(batch.steps.dt), np.asarray(batch.resets.begins))
+    with MAKING:
+        renewed = frozenset({numbered(batch).steps.guide_stiffness})
+        records = records_of(Entries(batch, rows, (renewed,)), entry_of)
+    entry, kernel = made[0]
+    columns = iter(np.moveaxis(over_lanes(kernel, records, full)[1], -1, 0))
+    late, ways = (jax.tree.map(lambda _: next(columns), tree) for tree in (entry.late, entry.ways))
+    return late, ways
+
+
+class _Reading(NamedTuple):
+    """Where a channel is read: as late as the throttle is, and then as late as the rig logs it; None without."""
+
+    delay: Earlier | None
+    logged: Between | None
+
+    def of(self, signal: Signal) -> Signal:
+        signal = signal if self.delay is None else self.delay.of(signal)
+        return signal if self.logged is None else self.logged.of(signal, np)
+
+    def tangent(self, way: Signal, signal: Signal, delay: Any, late: Any) -> Signal:
+        """Derivative of `of`, by those of the signal, its delay and its lateness."""
+        if self.delay is not None:
+            way = self.delay.of(way) - delay * self.delay.rate(signal)
+            signal = self.delay.of(signal)
+        if self.logged is not None:
+            way = self.logged.of(way, np) - (late * self.logged.rate(signal) if np.any(late) else 0.0)
+        return way
+
+
+class _Shifted(NamedTuple):
+    """The input and the channels as shifted where steps are so long."""
+
+    input: LateInput | None
+    channels: Mapping[str, _Reading]
+
+    def acting(self, levels: Acting) -> Acting:
+        """What acts."""
+        by = self.input
+        return levels if by is None else Acting(*by.of(*levels[:2], np), *by.of(*levels[2:], np))
+
+
+def _shifted(late: Lags, steps: Step, resets: Reset) -> _Shifted:
+    channels = {}
+    for name in {*late.channels, *late.logged}:
+        delay, logged = _delay(late.channels.get(name, 0.0)), late.logged.get(name)
+        channels[name] = _Reading(
+            earlier(steps, resets, delay, np) if delay > 0.0 else None,
+            None if logged is None else between(steps, resets, logged, np),
+        )
+    delay = 0.0 if late.input is None else _delay(late.input)
+    return _Shifted(late_input(steps, resets, delay, np) if delay > 0.0 else None, channels)
+
+
+def _delay(each: Any) -> float:
+    """The one delay of all entries; blank ones have 0."""
+    return float(np.max(each))
+
+
+class Shifts:
+    """All that is late at some values of the parameters.
+
+    Args:
+        form: the model.
+        full: value of every parameter, SI, shape (Q,).
+        batch: what is simulated.
+    Attributes:
+        acting: what acts in each step; None where the input is never late.
+        ways: of each parameter that changes it, the derivative.
+    """
+
+    def __init__(self, form: Form, full: Float[np.ndarray, " Q"], batch: Simulated) -> None:
+        self._late, self._ways = _found(form, full, batch)
+        self._batch, late = batch, self._late
+        self._as_is = self._with(late.dt)
+        self._warped: dict[str, tuple[_Shifted, _Shifted, float]] = {}
+        for symbol, way in self._ways.items():
+            if way.dt is not None and np.any(way.dt):
+                by = _WARP * float(np.max(late.dt)) / float(np.max(np.abs(way.dt)))
+                self._warped[symbol] = self._with(late.dt + by * way.dt), self._with(late.dt - by * way.dt), 2.0 * by
+        self.acting = None if late.acting is None else self._as_is.acting(late.acting)
+        self.ways = {} if late.acting is None else {symbol: self._acting_way(symbol) for symbol in self._ways}
+
+    def _with(self, dt: Signal | None) -> _Shifted:
+        steps = self._batch.steps if dt is None else self._batch.steps._replace(dt=dt)
+        return _shifted(self._late, steps, self._batch.resets)
+
+    @property
+    def channels(self) -> tuple[str, ...]:
+        """Channels that may be late."""
+        return tuple(sorted(self._as_is.channels))
+
+    def of(self, channel: str, signal: Signal) -> Signal:
+        """A signal of a channel as it is logged."""
+        return self._as_is.channels[channel].of(signal)
+
+    def tangent(self, symbol: str, channel: str, way: Signal, signal: Signal) -> Signal:
+        """Derivative of `of` in a parameter, where that of the signal is `way`."""
+        moves = self._ways.get(symbol)
+        late = (0.0, 0.0) if moves is None else (moves.channels.get(channel, 0.0), moves.logged.get(channel, 0.0))
+        along = self._as_is.channels[channel].tangent(way, signal, *late)
+        return along + self._by_warp(symbol, lambda shifted: shifted.channels[channel].of(signal))
+
+    def _by_warp(self, symbol: str, read: Callable[[_Shifted], Any]) -> Any:
+        """What a shift does since a parameter changes the lengths of steps, by a central difference: rare, and exact to
+        rounding where steps are stretched all alike."""
+        if symbol not in self._warped:
+            return 0.0
+        later, sooner, by = self._warped[symbol]
+        return (read(later) - read(sooner)) / by
+
+    def _acting_way(self, symbol: str) -> Acting:
+        way, driven, by = self._ways[symbol], self._late.acting, self._as_is.input
+        moved = self._as_is.acting(way.acting)
+        rates = (0.0,) * 4 if by is None else (*by.rates(*driven[:2]), *by.rates(*driven[2:]))
+        warp = self._by_warp(symbol, lambda shifted: np.array(shifted.acting(driven)))
+        return Acting(*(np.array(moved) - way.input * np.array(rates) + warp))
+
+
+def acting_late(form: Form, full: Float[np.ndarray, " Q"], batch: Simulated) -> Step:
+    """The steps with what acts in them where the input is late; arguments as of `Shifts`."""
+    if not any(effect.delays for effect in form.types):
+        return batch.steps
+    return batch.steps._replace(acting=Shifts(form, full, batch).acting)
