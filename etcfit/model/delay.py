@@ -59,8 +59,7 @@ class Between(NamedTuple):
         s: its share of the step between them.
         span: length of that step, s.
         moves: 1 where another lateness moves it, 0 beyond an end of the trace; where it just does, 0.5.
-        dt: lengths of all steps, s.
-        first, last: ends of the trace of each entry.
+        share, next_share: by which the rises of the steps to an entry and from it count in the slope there, 1/s.
     """
 
     before: Int[AnyArray, "T L"]
@@ -68,9 +67,8 @@ class Between(NamedTuple):
     s: Float[AnyArray, "T L"]
     span: Float[AnyArray, "T L"]
     moves: Float[AnyArray, "T L"]
-    dt: Float[AnyArray, "T L"]
-    first: Int[AnyArray, "T L"]
-    last: Int[AnyArray, "T L"]
+    share: Float[AnyArray, "T L"]
+    next_share: Float[AnyArray, "T L"]
 
     def of(self, signal: Float[AnyArray, "T L"], xp: Any = jnp) -> Float[AnyArray, "T L"]:
         """The signal there."""
@@ -85,7 +83,9 @@ class Between(NamedTuple):
 
     def _ends(self, signal: Float[AnyArray, "T L"], xp: Any) -> tuple[Float[AnyArray, "T L"], ...]:
         """Values and slopes at the entries around."""
-        slopes = _slopes(signal, self.dt, self.first, self.last, xp)
+        zero = xp.zeros_like(signal[:1])
+        rise = xp.concatenate((zero, xp.diff(signal, axis=0), zero))
+        slopes = self.share * rise[:-1] + self.next_share * rise[1:]
         return tuple(_taken(column, rows) for column in (signal, slopes) for rows in (self.before, self.after))
 
 
@@ -146,8 +146,10 @@ def _clock(steps: Step, resets: Reset, xp: Any) -> tuple[Float[AnyArray, "T L"],
 def _found(clock: Float[AnyArray, "T L"], instant: Float[AnyArray, "T L"], side: str, xp: Any) -> Int[AnyArray, "T L"]:
     """The first entry of each lane that comes after an instant ("right"), or not before it ("left")."""
     if xp is np:
-        lanes = zip(clock.T, instant.T, strict=True)
-        return np.stack([np.searchsorted(lane, wanted, side) for lane, wanted in lanes], axis=1)  # pyright: ignore
+        out = np.empty(np.shape(instant), dtype=int)
+        for lane in range(out.shape[1]):
+            out[:, lane] = np.searchsorted(clock[:, lane], instant[:, lane], side)  # pyright: ignore
+        return out
     search = jax.vmap(lambda lane, wanted: jnp.searchsorted(lane, wanted, side=side), in_axes=1, out_axes=1)
     return search(jax.lax.stop_gradient(clock), jax.lax.stop_gradient(instant))
 
@@ -202,25 +204,19 @@ def _trace_ends(resets: Reset, xp: Any) -> tuple[Int[AnyArray, "T L"], Int[AnyAr
     return first.astype(int), last.astype(int)
 
 
-def _slopes(
-    signal: Float[AnyArray, "T L"],
-    dt: Float[AnyArray, "T L"],
-    first: Int[AnyArray, "T L"],
-    last: Int[AnyArray, "T L"],
-    xp: Any,
-) -> Float[AnyArray, "T L"]:
-    """Of the parabola through each entry and its neighbours in the trace; at an end, of the step there."""
+def _shares(
+    dt: Float[AnyArray, "T L"], first: Int[AnyArray, "T L"], last: Int[AnyArray, "T L"], xp: Any
+) -> tuple[Float[AnyArray, "T L"], Float[AnyArray, "T L"]]:
+    """Slope of the parabola through each entry and its neighbours in the trace; at an end, of the step there. See
+    `Between`."""
     entry = xp.arange(dt.shape[0])[:, None]
-    zero = xp.zeros_like(dt[:1])
-    rise = xp.concatenate((zero, xp.diff(signal, axis=0)))
-    slope = xp.where(dt > 0.0, rise / xp.where(dt > 0.0, dt, 1.0), 0.0)
-    before = xp.where(entry > first, dt, 0.0)
-    after = xp.where(entry < last, xp.concatenate((dt[1:], zero)), 0.0)
-    both = before + after
-    mean = slope * after + xp.concatenate((slope[1:], zero)) * before
+    later = xp.concatenate((dt[1:], xp.zeros_like(dt[:1])))
+    before, after = xp.where(entry > first, dt, 0.0), xp.where(entry < last, later, 0.0)
+    both = xp.where(before + after > 0.0, before + after, 1.0)
     inner = (before > 0.0) & (after > 0.0)
-    end = xp.where(before > 0.0, slope, xp.where(after > 0.0, xp.concatenate((slope[1:], zero)), 0.0))
-    return xp.where(inner, mean / xp.where(both > 0.0, both, 1.0), end)
+    own = xp.where(inner, after / both, 1.0 * (before > 0.0))
+    others = xp.where(inner, before / both, 1.0 * (before <= 0.0) * (after > 0.0))
+    return own / xp.where(dt > 0.0, dt, 1.0), others / xp.where(later > 0.0, later, 1.0)
 
 
 def between(steps: Step, resets: Reset, late: Scalar, xp: Any = jnp) -> Between:
@@ -235,7 +231,7 @@ def between(steps: Step, resets: Reset, late: Scalar, xp: Any = jnp) -> Between:
     span = _taken(steps.dt, after)
     back = (_taken(clock, after) - instant) / xp.where(span > 0.0, span, 1.0)
     s = xp.where(span > 0.0, 1.0 - back, 1.0)
-    return Between(xp.maximum(after - 1, 0), after, s, span, moves, steps.dt, first, last)
+    return Between(xp.maximum(after - 1, 0), after, s, span, moves, *_shares(steps.dt, first, last, xp))
 
 
 def logged_late(signal: Float[AnyArray, "T L"], steps: Step, resets: Reset, late: Scalar) -> Float[Array, "T L"]:

@@ -21,7 +21,7 @@ from ..model.effects import AbstractEffect, Besides, State
 from ..model.parameters import AnyArray, Scalar
 from ..model.stepper import GAMMA, Reset, Step, StepBesides, begun, step
 from ..model.throttle import Throttle
-from . import late_kernels, residual_kernels
+from . import late_kernels, one_pass_kernels
 from .free_parameters import Form
 from .lanes import Along
 from .lateness import Simulated, acting_late
@@ -76,7 +76,7 @@ def where_asked(form: Form, x: Float[np.ndarray, " P"], weighted: WeightedData) 
     tree = tree._replace(steps=acting_late(form, full, tree))
     changing = numbered(tree)[0]
     renewed = frozenset({changing.guide_stiffness, *jax.tree.leaves(changing.acting)})
-    return _ASKED.run((form,), full, Entries(tree, late_kernels.rows_of(weighted), (renewed,)))
+    return _ASKED.run((form,), full, Entries(tree, one_pass_kernels.rows_of(weighted), (renewed,)))
 
 
 def added_by(
@@ -153,13 +153,13 @@ def responses(
     full, order = form.full(x, weighted.pick), weighted.whitening.transition.shape[-1]
     if not has_single_pass(form, weighted):
         return late_kernels.responses(form, full, weighted, besides)
-    data = residual_kernels.data_of(weighted)
+    data = one_pass_kernels.data_of(weighted)
 
     def along(way: StepBesides) -> np.ndarray:
         tree = data, way
         numbers, acts = numbered(tree)
-        renewed, muted = residual_kernels.renewed_and_muted(numbers)
-        rows, ways = late_kernels.rows_of(weighted), frozenset(jax.tree.leaves(acts))
+        renewed, muted = one_pass_kernels.renewed_and_muted(numbers)
+        rows, ways = one_pass_kernels.rows_of(weighted), frozenset(jax.tree.leaves(acts))
         batch = Entries(tree, rows, (renewed, ways), muted)
         return _RESPONSES.run((form, order), full, batch)
 

@@ -44,11 +44,20 @@ class Moved(NamedTuple):
     back: Int[AnyArray, "T L M"]
 
 
-def moved(array: Float[AnyArray, "T L M"], rows: Int[AnyArray, "T L M"]) -> Float[AnyArray, "T L M"]:
+def moved(array: Float[AnyArray, "T L M"], rows: Int[AnyArray, "T L M"]) -> Float[Array, "T L M"]:
     """What an array has at other entries, shape (T, L, M); 0 at entry T."""
-    xp = np if isinstance(array, np.ndarray) else jnp
-    padded = xp.concatenate((array, xp.zeros_like(array[:1])))
-    return xp.take_along_axis(padded, rows, axis=0)
+    array = jnp.asarray(array)
+    padded = jnp.concatenate((array, jnp.zeros_like(array[:1])))
+    return jnp.take_along_axis(padded, rows, axis=0)
+
+
+def moved_here(arrays: Float[np.ndarray, "*K T L M"], rows: Int[np.ndarray, "T L M"]) -> Float[np.ndarray, "*K T L M"]:
+    """`moved` of many arrays outside all programs: few samples move."""
+    length, out = rows.shape[0], np.array(arrays)
+    t, lane, m = np.nonzero(rows != np.arange(length)[:, None, None])
+    where = rows[t, lane, m]
+    out[..., t, lane, m] = np.where(where < length, arrays[..., np.minimum(where, length - 1), lane, m], 0.0)
+    return out
 
 
 class InnovationsFilter(NamedTuple):

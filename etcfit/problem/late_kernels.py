@@ -25,11 +25,12 @@ from ..model.stepper import StepBesides, begun, step
 from ..model.throttle import Throttle
 from .batch import KINDS
 from .free_parameters import Form
-from .innovations import InnovationsFilter, innovate, moved
+from .innovations import InnovationsFilter, innovate, moved_here
 from .lanes import MAKING, Along, compiled, over_lanes, remembered
 from .lateness import Shifts, Simulated
 from .one_pass import Carried, start
-from .records import Entries, numbered, records_of, used_rows
+from .one_pass_kernels import Sums, free_of, rows_of
+from .records import Entries, numbered, records_of
 from .residual import Compared, WeightedData, equipped, shown
 from .residual_entry import SimulatedEntry
 from .traced_entry import Column, Shape, TracedEntry, nodes_of
@@ -92,26 +93,23 @@ class _Laid(NamedTuple):
         tree: its entries.
         rows: entries of each lane that are used, shape (L,).
         renewed: leaves that change with the guide, and with the parameters.
+        places: entries, lanes and slots that show each channel that may be late.
     """
 
     late: Shifts
     tree: Any
     rows: Int[np.ndarray, " L"]
     renewed: tuple[frozenset[int], ...]
+    places: Mapping[str, tuple[np.ndarray, ...]]
 
     def shown(
         self, prompt: Float[np.ndarray, "T L M"], read: Mapping[str, Float[np.ndarray, "T L"]]
     ) -> Float[np.ndarray, "T L M"]:
         """What each slot shows, by what it shows of prompt channels and by the late ones."""
-        kind = self.tree[1]
         for name, column in read.items():
-            prompt = np.where(kind == KINDS.index(name), column[..., None], prompt)
+            rows, lanes, slots = self.places[name]
+            prompt[rows, lanes, slots] = column[rows, lanes]
         return prompt
-
-
-def rows_of(weighted: WeightedData) -> Int[np.ndarray, " L"]:
-    """Entries of each lane that are used, shape (L,)."""
-    return used_rows(np.asarray(weighted.steps.dt), np.asarray(weighted.resets.begins))
 
 
 def _laid(form: Form, full: Float[np.ndarray, " Q"], weighted: WeightedData) -> _Laid:
@@ -122,7 +120,8 @@ def _laid(form: Form, full: Float[np.ndarray, " Q"], weighted: WeightedData) -> 
     numbers = numbered(tree)
     changing = frozenset(jax.tree.leaves((numbers[0].steps.acting, numbers[2])))
     renewed = frozenset({numbers[0].steps.guide_stiffness}), *((changing,) if changing else ())
-    return _Laid(late, tree, rows_of(weighted), renewed)
+    places = {name: np.nonzero(kind == KINDS.index(name)) for name in late.channels}
+    return _Laid(late, tree, rows_of(weighted), renewed, places)
 
 
 def _simulated(
@@ -212,8 +211,8 @@ def whitened(
     """
     if filter_.moved is not None:
         forth, back = filter_.moved
-        there = np.stack([moved(each, forth) for each in errors])
-        return np.stack([moved(each, back) for each in whitened(filter_._replace(moved=None), there, rows)])
+        there = moved_here(errors, forth)
+        return moved_here(whitened(filter_._replace(moved=None), there, rows), back)
     order, count = filter_.transition.shape[-1], filter_.sense.shape[-2]
     tree = filter_, np.ascontiguousarray(np.moveaxis(errors, 0, 2))
     numbers = numbered(tree)
@@ -226,11 +225,11 @@ def whitened(
     return np.moveaxis(out, 2, 0)
 
 
-# ---- the residual
+# ---- the residual: arguments as of `one_pass_kernels`
 
 
 def compared(form: Form, full: Float[np.ndarray, " Q"], weighted: WeightedData) -> Compared:
-    """What each slot ought to show, and the whitened residual; arguments as of `residual_kernels.sums`."""
+    """What each slot ought to show, and the whitened residual."""
     with np.errstate(all="ignore"):  # of simulations that run away
         seen = _simulated(form, full, weighted, ())
         error = weighted.slots.weight * (weighted.slots.value - seen)
@@ -240,9 +239,36 @@ def compared(form: Form, full: Float[np.ndarray, " Q"], weighted: WeightedData) 
 def linearised(
     form: Form, full: Float[np.ndarray, " Q"], weighted: WeightedData, free: tuple[str, ...]
 ) -> tuple[Float[np.ndarray, "T L M"], Float[np.ndarray, "T L M P"]]:
-    """The whitened residual, and its derivatives in the values of some parameters; arguments as of `compared`."""
+    """The whitened residual, and its derivatives in the values of some parameters."""
+    r, slopes = _linearised(form, full, weighted, free)
+    return r, np.moveaxis(slopes, 0, -1)
+
+
+def sums(form: Form, full: Float[np.ndarray, " Q"], weighted: WeightedData) -> Sums:
+    """What a least-squares step needs."""
+    free = free_of(form, weighted.pick)
+    r, slopes = _linearised(form, full, weighted, free)
+    flat = slopes.reshape(len(free), -1)
+    with np.errstate(all="ignore"):
+        return Sums(np.sum(r**2), flat @ r.ravel(), flat @ flat.T)
+
+
+def chi2(form: Form, full: Float[np.ndarray, " Q"], weighted: WeightedData) -> float:
+    """Sum of squares of the whitened residual."""
+    with np.errstate(all="ignore"):
+        return float(np.sum(compared(form, full, weighted).r ** 2))
+
+
+def chi2_of_points(form: Form, fulls: Float[np.ndarray, "K Q"], weighted: WeightedData) -> Float[np.ndarray, " K"]:
+    """The same of many points, one after the other."""
+    return np.array([chi2(form, full, weighted) for full in fulls])
+
+
+def _linearised(
+    form: Form, full: Float[np.ndarray, " Q"], weighted: WeightedData, free: tuple[str, ...]
+) -> tuple[Float[np.ndarray, "T L M"], Float[np.ndarray, "P T L M"]]:
     with np.errstate(all="ignore"):
         seen = _simulated(form, full, weighted, free)
         seen[0] -= weighted.slots.value
         out = whitened(weighted.whitening, -weighted.slots.weight * seen, rows_of(weighted))
-        return out[0], np.moveaxis(out[1:], 0, -1)
+    return out[0], out[1:]

@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 
 import jax
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Int
 
 from ..kernels.derivatives import forward
 from ..kernels.loop import Across
@@ -119,23 +119,36 @@ def _found(form: Form, full: Float[np.ndarray, " Q"], batch: Simulated) -> tuple
 
 
 class _Reading(NamedTuple):
-    """Where a channel is read: as late as the throttle is, and then as late as the rig logs it; None without."""
+    """Where a channel is read: as late as the throttle is, and then as late as the rig logs it.
+
+    Args:
+        delay: None without.
+        logged: in some lanes.
+        lanes: those in which the rig may log it late.
+    """
 
     delay: Earlier | None
-    logged: Between | None
+    logged: Between
+    lanes: Int[np.ndarray, " l"]
 
     def of(self, signal: Signal) -> Signal:
         signal = signal if self.delay is None else self.delay.of(signal)
-        return signal if self.logged is None else self.logged.of(signal, np)
+        return self._with(signal, self.logged.of(signal[:, self.lanes], np))
 
     def tangent(self, way: Signal, signal: Signal, delay: Any, late: Any) -> Signal:
         """Derivative of `of`, by those of the signal, its delay and its lateness."""
         if self.delay is not None:
             way = self.delay.of(way) - delay * self.delay.rate(signal)
             signal = self.delay.of(signal)
-        if self.logged is not None:
-            way = self.logged.of(way, np) - (late * self.logged.rate(signal) if np.any(late) else 0.0)
-        return way
+        own = self.logged.of(way[:, self.lanes], np)
+        if np.any(late):
+            own -= late[:, self.lanes] * self.logged.rate(signal[:, self.lanes])
+        return self._with(way, own)
+
+    def _with(self, signal: Signal, own: Float[np.ndarray, "T l"]) -> Signal:
+        out = np.array(signal)
+        out[:, self.lanes] = own
+        return out
 
 
 class _Shifted(NamedTuple):
@@ -150,14 +163,17 @@ class _Shifted(NamedTuple):
         return levels if by is None else Acting(*by.of(*levels[:2], np), *by.of(*levels[2:], np))
 
 
-def _shifted(late: Lags, steps: Step, resets: Reset) -> _Shifted:
-    channels = {}
+def _shifted(late: Lags, ways: Mapping[str, Lags], steps: Step, resets: Reset) -> _Shifted:
+    channels, still = {}, np.zeros(np.shape(steps.dt))
     for name in {*late.channels, *late.logged}:
-        delay, logged = _delay(late.channels.get(name, 0.0)), late.logged.get(name)
-        channels[name] = _Reading(
-            earlier(steps, resets, delay, np) if delay > 0.0 else None,
-            None if logged is None else between(steps, resets, logged, np),
+        delay, logged = _delay(late.channels.get(name, 0.0)), late.logged.get(name, still)
+        moves = np.any(
+            [logged != 0.0, *(way.logged[name] != 0.0 for way in ways.values() if name in way.logged)], axis=0
         )
+        lanes = np.flatnonzero(moves.any(axis=0))
+        own = steps._replace(dt=steps.dt[:, lanes]), resets._replace(begins=resets.begins[:, lanes])
+        before = earlier(steps, resets, delay, np) if delay > 0.0 else None
+        channels[name] = _Reading(before, between(*own, logged[:, lanes], np), lanes)
     delay = 0.0 if late.input is None else _delay(late.input)
     return _Shifted(late_input(steps, resets, delay, np) if delay > 0.0 else None, channels)
 
@@ -193,7 +209,14 @@ class Shifts:
 
     def _with(self, dt: Signal | None) -> _Shifted:
         steps = self._batch.steps if dt is None else self._batch.steps._replace(dt=dt)
-        return _shifted(self._late, steps, self._batch.resets)
+        return _shifted(self._late, self._ways, steps, self._batch.resets)
+
+    @property
+    def lanes(self) -> Int[np.ndarray, " l"]:
+        """Lanes in which something may be late."""
+        if self._late.acting is not None or self._late.channels:
+            return np.arange(np.shape(self._batch.steps.dt)[1])
+        return np.unique(np.concatenate([reading.lanes for reading in self._as_is.channels.values()]))
 
     @property
     def channels(self) -> tuple[str, ...]:

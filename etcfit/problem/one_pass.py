@@ -18,7 +18,7 @@ from ..model.stepper import begun, step
 from ..model.throttle import Throttle
 from .free_parameters import Form
 from .innovations import innovate
-from .residual import Compared, WeightedData, equipped, predict
+from .residual import Compared, WeightedData, equipped, shown
 
 
 class Carried(NamedTuple):
@@ -77,6 +77,6 @@ def advance(
     throttle = Throttle.build(form.types, values)
     s, reset = equipped(throttle, s, reset, test_of, values)
     x, z = step(throttle, *begun(throttle, carried.x, carried.z, reset), s)
-    seen = predict(throttle, (x, z), s, reset, slots, test_of)
+    seen = shown(throttle.read(throttle.observe(x, z, s.inputs(1.0)), test_of), slots.kind)
     error, r = innovate(carried.error, filter_, slots.weight * (slots.value - seen))
     return Carried(x, z, error), Compared(seen, r)

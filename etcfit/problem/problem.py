@@ -18,7 +18,7 @@ from ..rig.base import RigConfig
 from . import filter_kernels, residual_kernels
 from .batch import BatchArrays, SampleSlots, TraceBatch, batch_of
 from .free_parameters import Form, FreeParameters, Layout, Pick
-from .innovations import InnovationsFilter, Moved, kalman, moved, plain
+from .innovations import InnovationsFilter, Moved, kalman, moved_here, plain
 from .instants import SHARES
 from .late_samples import moved_samples
 from .normal_equations import linearised, linearised_ahead
@@ -177,7 +177,7 @@ class EstimationProblem:
             variance = filter_kernels.free_run_variance(*self.here(x, arrays), self.jitter)
         else:
             variance = _free_run_variance(*self.at(x), arrays, self.jitter)
-        return columns(self.batch, variance if where is None else moved(variance, where.back))
+        return columns(self.batch, variance if where is None else moved_here(np.asarray(variance), where.back))
 
     def simulated(self, x: Float[np.ndarray, " P"], guide_stiffness: float) -> Float[np.ndarray, "T L M"]:
         """Simulated samples of the whole batch, SI, shape (T, L, M).
@@ -208,7 +208,11 @@ class EstimationProblem:
             filter_, timing = filter_kernels.filter_and_timing(*self.here(x, arrays), self.jitter)
         else:
             filter_, timing = _kalman(*self.at(x), arrays, self.jitter)
-        return (filter_, timing) if where is None else (filter_._replace(moved=where), moved(timing, where.back))
+        return (
+            (filter_, timing)
+            if where is None
+            else (filter_._replace(moved=where), moved_here(np.asarray(timing), where.back))
+        )
 
     def _where_they_belong(self, x: Float[np.ndarray, " P"]) -> tuple[BatchArrays, Moved | None]:
         """The batch with the noise of samples that the rig logs late at the instants that they show, as far as whole
@@ -217,8 +221,8 @@ class EstimationProblem:
         where = moved_samples(self.batch, self.layout.types, self.layout.values(x, self.free_parameters.held))
         if where is None:
             return arrays, None
-        present = np.asarray(moved(arrays.slots.weight, where.forth))
-        sigma = np.where(present > 0.0, np.asarray(moved(arrays.slots.sigma, where.forth)), 1.0)
+        present, sigma = (moved_here(each, where.forth) for each in (arrays.slots.weight, arrays.slots.sigma))
+        sigma = np.where(present > 0.0, sigma, 1.0)
         return arrays._replace(slots=arrays.slots._replace(weight=present, sigma=sigma)), where
 
     def weighted(self, filter_: InnovationsFilter) -> WeightedData:

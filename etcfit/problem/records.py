@@ -88,7 +88,7 @@ class Records:
 def used_rows(dt: Float[np.ndarray, "T L"], begins: Float[np.ndarray, "T L"]) -> Int[np.ndarray, " L"]:
     """Entries of each lane up to the end of its last trace, shape (L,)."""
     active = (dt > 0.0) | (begins > 0.5)
-    return np.where(active.any(axis=0), active.shape[0] - np.argmax(active[::-1], axis=0), 0)
+    return np.max(np.where(active, np.arange(1, active.shape[0] + 1)[:, None], 0), axis=0, initial=0)
 
 
 def numbered(tree: Any) -> Any:

@@ -1,112 +1,78 @@
 """The residual, its sum of squares and its Jacobian by machine code: what `EstimationProblem`, `chi2` and
-`normal_equations` run where llvmlite is there. In one pass where the model has one, else by `late_kernels`."""
+`normal_equations` run where llvmlite is there.
+
+Lanes in which nothing is late take one pass (`one_pass_kernels`), the others several (`late_kernels`).
+"""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from types import ModuleType
 from typing import Any, NamedTuple
 
 import jax
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Int
 
-from ..kernels.loop import Across
-from ..kernels.machine import Kernel
-from . import late_kernels
-from .free_parameters import Form, Pick
-from .lanes import MAKING, compiled, over_lanes, over_points, remembered
-from .one_pass import entries, has_single_pass
-from .program import in_background
-from .records import Entries, Records, Remembered, numbered, records_of
+from . import late_kernels, one_pass_kernels
+from .free_parameters import Form
+from .lateness import Shifts, Simulated
+from .one_pass import has_single_pass
+from .one_pass_kernels import Sums, free_of
+from .records import Remembered
 from .residual import Compared, WeightedData
-from .residual_entry import ResidualEntry
-from .traced_entry import Column, Shape, TracedEntry
 
-_GRAPHS, _KERNELS = 128, 1024  # that a process remembers; some MB and some 50 kB each
+_SPLIT = Remembered()
 
 
-class Sums(NamedTuple):
-    """Sums over all samples of r and of its derivatives D in the *values* of the free parameters.
+class _Part(NamedTuple):
+    """Some lanes of a batch, and what computes them."""
 
-    Args:
-        chi2: r^T r, dimensionless.
-        gradient: D^T r, shape (P,), 1 over the unit of each parameter.
-        information: D^T D, shape (P, P).
-    """
-
-    chi2: float
-    gradient: Float[np.ndarray, " P"]
-    information: Float[np.ndarray, "P P"]
+    by: ModuleType
+    lanes: Int[np.ndarray, " l"]
+    weighted: WeightedData
 
 
-def free_of(form: Form, pick: Pick) -> tuple[str, ...]:
-    """Symbols of the free parameters."""
-    return tuple(form.parameters[k].symbol for k in np.asarray(pick.where) if k < len(form.parameters))
+def _parts(form: Form, full: Float[np.ndarray, " Q"], weighted: WeightedData) -> list[_Part]:
+    lanes = np.arange(weighted.slots.value.shape[1])
+    if has_single_pass(form, weighted):
+        return [_Part(one_pass_kernels, lanes, weighted)]
+    data = weighted.steps, weighted.resets, weighted.slots, weighted.test_of, weighted.whitening
+
+    def split() -> list[tuple[ModuleType, np.ndarray, Any]]:
+        late = np.isin(lanes, Shifts(form, full, Simulated(weighted.steps, weighted.resets, weighted.test_of)).lanes)
+        found = [
+            (one_pass_kernels, lanes[~late], (*data[:4], data[4]._replace(moved=None))),
+            (late_kernels, lanes[late], data),
+        ]
+        return [
+            (by, some, jax.tree.map(lambda leaf, of=some: np.ascontiguousarray(leaf[:, of]), tree))
+            for by, some, tree in found
+            if some.size
+        ]
+
+    fields = WeightedData._fields[:5]
+    return [
+        _Part(by, some, weighted._replace(**dict(zip(fields, tree, strict=True))))
+        for by, some, tree in _SPLIT.of(jax.tree.leaves(data), form, split)
+    ]
 
 
-@remembered(_GRAPHS)
-def _entry(form: Form, order: int, shape: Shape) -> ResidualEntry:
-    return ResidualEntry(form, shape, order)
-
-
-@remembered(_KERNELS)
-def _kernel(
-    entry: ResidualEntry, across: Across, free: tuple[str, ...] = (), summed: bool = False, stored: bool = False
-) -> Kernel:
-    return compiled(entry.residual_loop(across, free, summed, stored))
-
-
-_PACKED = Remembered()
-
-
-def data_of(weighted: WeightedData) -> tuple[Any, ...]:
-    """The data as `one_pass.advance` takes them, without the noise of samples: the filter's weights have it."""
-    return entries(weighted._replace(slots=weighted.slots._replace(sigma=None)))
-
-
-def renewed_and_muted(numbers: tuple[Any, ...]) -> tuple[frozenset[int], frozenset[int]]:
-    """Of `data_of`, given by the numbers of its leaves: those that change with the filter, and those among them that
-    are 0 where nothing counts."""
-    steps, _, slots, _, filter_ = numbers
-    weights = frozenset({slots.weight, filter_.weight})
-    return weights | {steps.guide_stiffness, slots.value, *filter_[:4]}, weights
-
-
-def _records(form: Form, weighted: WeightedData) -> tuple[Records, ResidualEntry]:
-    with MAKING:
-        return _PACKED.of(jax.tree.leaves(data_of(weighted)), form, lambda: _packed(form, weighted))
-
-
-def _packed(form: Form, weighted: WeightedData) -> tuple[Records, ResidualEntry]:
-    tree = jax.tree.map(np.asarray, data_of(weighted))
-    numbers = numbered(tree)
-    filter_ = numbers[-1]
-    order, count = weighted.whitening.transition.shape[-1], weighted.whitening.sense.shape[-2]
-    # no state acts on the input's error, and no sensor reads that
-    never = [Column(filter_.transition, (order - 1, q)) for q in range(order - 1)]
-    never += [Column(filter_.sense, (m, order - 1)) for m in range(count)]
-    renewed, muted = renewed_and_muted(numbers)
-    batch = Entries(tree, late_kernels.rows_of(weighted), (renewed,), muted, tuple(never))
-    made: list[ResidualEntry] = []
-
-    def entry_of(shape: Shape) -> TracedEntry:
-        made.append(_entry(form, order, shape))
-        return made[0].traced
-
-    return records_of(batch, entry_of), made[0]
+def _beside(parts: Sequence[_Part], results: Sequence[np.ndarray]) -> np.ndarray:
+    """Results of parts, axes T and L first, in one array."""
+    if len(parts) == 1:
+        return results[0]
+    shape = results[0].shape
+    out = np.empty((shape[0], sum(part.lanes.size for part in parts), *shape[2:]))
+    for part, each in zip(parts, results, strict=True):
+        out[:, part.lanes] = each
+    return out
 
 
 def ahead(form: Form, weighted: WeightedData) -> None:
-    """Begin to make, in the background, what a descent runs."""
-
-    if not has_single_pass(form, weighted):
-        return
-
-    def make() -> None:
-        entry = _records(form, weighted)[1]
-        _kernel(entry, Across.LANES, free_of(form, weighted.pick), True)
-        _kernel(entry, Across.LANES, (), True)
-
-    in_background(make)
+    """Begin to make, in the background, what a descent runs, where nothing is late."""
+    if has_single_pass(form, weighted):
+        one_pass_kernels.ahead(form, weighted)
 
 
 def sums(form: Form, full: Float[np.ndarray, " Q"], weighted: WeightedData) -> Sums:
@@ -117,45 +83,26 @@ def sums(form: Form, full: Float[np.ndarray, " Q"], weighted: WeightedData) -> S
         full: value of every parameter, SI, shape (Q,).
         weighted: data and whitening, arrays of NumPy.
     """
-    free = free_of(form, weighted.pick)
-    if not has_single_pass(form, weighted):
-        r, slopes = late_kernels.linearised(form, full, weighted, free)
-        flat = slopes.reshape(-1, len(free))
-        with np.errstate(all="ignore"):  # of simulations that run away
-            return Sums(float(np.sum(r**2)), flat.T @ r.ravel(), flat.T @ flat)
-    records, entry = _records(form, weighted)
-    total, _ = over_lanes(_kernel(entry, Across.LANES, free, True), records, full)
-    size = len(free)
-    lower = np.zeros((size, size))
-    lower[np.tril_indices(size)] = total[1 + size :]
-    return Sums(float(total[0]), total[1 : 1 + size], lower + np.tril(lower, -1).T)
+    each = [part.by.sums(form, full, part.weighted) for part in _parts(form, full, weighted)]
+    return Sums(*(np.sum(terms, axis=0) for terms in zip(*each, strict=True)))
 
 
 def chi2(form: Form, full: Float[np.ndarray, " Q"], weighted: WeightedData) -> float:
     """Sum of squares of the whitened residual; arguments as of `sums`."""
-    if not has_single_pass(form, weighted):
-        with np.errstate(all="ignore"):
-            return float(np.sum(late_kernels.compared(form, full, weighted).r ** 2))
-    records, entry = _records(form, weighted)
-    return float(over_lanes(_kernel(entry, Across.LANES, (), True), records, full)[0][0])
+    return float(sum(part.by.chi2(form, full, part.weighted) for part in _parts(form, full, weighted)))
 
 
 def chi2_of_points(form: Form, fulls: Float[np.ndarray, "K Q"], weighted: WeightedData) -> Float[np.ndarray, " K"]:
-    """The same of many points, shape (K, Q) -> (K,): each vector holds points."""
-    if not has_single_pass(form, weighted):
-        return np.array([chi2(form, full, weighted) for full in fulls])
-    records, entry = _records(form, weighted)
-    return over_points(_kernel(entry, Across.POINTS, (), True), records, fulls)[0]
+    """The same of many points, shape (K, Q) -> (K,)."""
+    each = [part.by.chi2_of_points(form, fulls, part.weighted) for part in _parts(form, fulls[0], weighted)]
+    return np.sum(each, axis=0)
 
 
 def compared(form: Form, full: Float[np.ndarray, " Q"], weighted: WeightedData) -> Compared:
     """What each slot ought to show, and the whitened residual; arguments as of `sums`."""
-    if not has_single_pass(form, weighted):
-        return late_kernels.compared(form, full, weighted)
-    records, entry = _records(form, weighted)
-    _, out = over_lanes(_kernel(entry, Across.LANES, (), False, True), records, full)
-    count = len(entry.results)
-    return Compared(out[..., :count], out[..., count:])
+    parts = _parts(form, full, weighted)
+    each = [part.by.compared(form, full, part.weighted) for part in parts]
+    return Compared(*(_beside(parts, some) for some in zip(*each, strict=True)))
 
 
 def linearised(
@@ -167,11 +114,7 @@ def linearised(
         form, full, weighted: as of `sums`.
         by: symbols; the free parameters where None.
     """
-    free = free_of(form, weighted.pick) if by is None else by
-    if not has_single_pass(form, weighted):
-        return late_kernels.linearised(form, full, weighted, free)
-    records, entry = _records(form, weighted)
-    _, out = over_lanes(_kernel(entry, Across.LANES, free, False, True), records, full)
-    count = len(entry.results)
-    slopes = out[..., 2 * count :].reshape(*records.shape, len(free), count)
-    return out[..., count : 2 * count], np.swapaxes(slopes, 2, 3)
+    free, parts = free_of(form, weighted.pick) if by is None else by, _parts(form, full, weighted)
+    each = [part.by.linearised(form, full, part.weighted, free) for part in parts]
+    r, slopes = (_beside(parts, some) for some in zip(*each, strict=True))
+    return r, slopes

@@ -24,7 +24,7 @@ from etcfit.estimation.joint_fit import FitResult, fit, freed, quiet
 from etcfit.estimation.rounds import rounds
 from etcfit.kernels.loop import Loop
 from etcfit.kernels.machine import Kernel
-from etcfit.problem import residual_kernels
+from etcfit.problem import one_pass_kernels
 from etcfit.problem.chi2 import chi2_of
 from etcfit.problem.lanes import compiled, remembered
 from etcfit.problem.prediction_error import pooled
@@ -214,9 +214,9 @@ def test_a_candidate_makes_five_kernels_and_none_when_it_is_tried_again(
         made.append(loop)
         return compiled(loop)
 
-    monkeypatch.setattr(residual_kernels, "compiled", counted)
+    monkeypatch.setattr(one_pass_kernels, "compiled", counted)
     # other tests of this process may have made the same kernels
-    monkeypatch.setattr(residual_kernels, "_kernel", remembered(64)(inspect.unwrap(residual_kernels._kernel)))
+    monkeypatch.setattr(one_pass_kernels, "_kernel", remembered(64)(inspect.unwrap(one_pass_kernels._kernel)))
     s = start(clean.result, SETTINGS)
     before = score(s)
     s.problem.chi2(s.x, s.weighted)  # with which a candidate is compared

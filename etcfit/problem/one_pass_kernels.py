@@ -1,0 +1,162 @@
+"""The residual of a model with a single pass, its sum of squares and its Jacobian, by machine code."""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import jax
+import numpy as np
+from jaxtyping import Float, Int
+
+from ..kernels.loop import Across
+from ..kernels.machine import Kernel
+from .free_parameters import Form, Pick
+from .lanes import MAKING, compiled, over_lanes, over_points, remembered
+from .one_pass import entries
+from .program import in_background
+from .records import Entries, Records, Remembered, numbered, records_of, used_rows
+from .residual import Compared, WeightedData
+from .residual_entry import ResidualEntry
+from .traced_entry import Column, Shape, TracedEntry
+
+_GRAPHS, _KERNELS = 128, 1024  # that a process remembers; some MB and some 50 kB each
+
+
+class Sums(NamedTuple):
+    """Sums over all samples of r and of its derivatives D in the *values* of the free parameters.
+
+    Args:
+        chi2: r^T r, dimensionless.
+        gradient: D^T r, shape (P,), 1 over the unit of each parameter.
+        information: D^T D, shape (P, P).
+    """
+
+    chi2: float
+    gradient: Float[np.ndarray, " P"]
+    information: Float[np.ndarray, "P P"]
+
+
+def free_of(form: Form, pick: Pick) -> tuple[str, ...]:
+    """Symbols of the free parameters."""
+    return tuple(form.parameters[k].symbol for k in np.asarray(pick.where) if k < len(form.parameters))
+
+
+@remembered(_GRAPHS)
+def _entry(form: Form, order: int, shape: Shape) -> ResidualEntry:
+    return ResidualEntry(form, shape, order)
+
+
+@remembered(_KERNELS)
+def _kernel(
+    entry: ResidualEntry, across: Across, free: tuple[str, ...] = (), summed: bool = False, stored: bool = False
+) -> Kernel:
+    return compiled(entry.residual_loop(across, free, summed, stored))
+
+
+_PACKED = Remembered()
+
+
+def data_of(weighted: WeightedData) -> tuple[Any, ...]:
+    """The data as `one_pass.advance` takes them, without the noise of samples: the filter's weights have it."""
+    return entries(weighted._replace(slots=weighted.slots._replace(sigma=None)))
+
+
+def rows_of(weighted: WeightedData) -> Int[np.ndarray, " L"]:
+    """Entries of each lane that are used, shape (L,)."""
+    return used_rows(np.asarray(weighted.steps.dt), np.asarray(weighted.resets.begins))
+
+
+def renewed_and_muted(numbers: tuple[Any, ...]) -> tuple[frozenset[int], frozenset[int]]:
+    """Of `data_of`, given by the numbers of its leaves: those that change with the filter, and those among them that
+    are 0 where nothing counts."""
+    steps, _, slots, _, filter_ = numbers
+    weights = frozenset({slots.weight, filter_.weight})
+    return weights | {steps.guide_stiffness, slots.value, *filter_[:4]}, weights
+
+
+def _records(form: Form, weighted: WeightedData) -> tuple[Records, ResidualEntry]:
+    with MAKING:
+        return _PACKED.of(jax.tree.leaves(data_of(weighted)), form, lambda: _packed(form, weighted))
+
+
+def _packed(form: Form, weighted: WeightedData) -> tuple[Records, ResidualEntry]:
+    tree = jax.tree.map(np.asarray, data_of(weighted))
+    numbers = numbered(tree)
+    filter_ = numbers[-1]
+    order, count = weighted.whitening.transition.shape[-1], weighted.whitening.sense.shape[-2]
+    # no state acts on the input's error, and no sensor reads that
+    never = [Column(filter_.transition, (order - 1, q)) for q in range(order - 1)]
+    never += [Column(filter_.sense, (m, order - 1)) for m in range(count)]
+    renewed, muted = renewed_and_muted(numbers)
+    batch = Entries(tree, rows_of(weighted), (renewed,), muted, tuple(never))
+    made: list[ResidualEntry] = []
+
+    def entry_of(shape: Shape) -> TracedEntry:
+        made.append(_entry(form, order, shape))
+        return made[0].traced
+
+    return records_of(batch, entry_of), made[0]
+
+
+def ahead(form: Form, weighted: WeightedData) -> None:
+    """Begin to make, in the background, what a descent runs."""
+
+    def make() -> None:
+        entry = _records(form, weighted)[1]
+        _kernel(entry, Across.LANES, free_of(form, weighted.pick), True)
+        _kernel(entry, Across.LANES, (), True)
+
+    in_background(make)
+
+
+def sums(form: Form, full: Float[np.ndarray, " Q"], weighted: WeightedData) -> Sums:
+    """What a least-squares step needs.
+
+    Args:
+        form: the model.
+        full: value of every parameter, SI, shape (Q,).
+        weighted: data and whitening, arrays of NumPy.
+    """
+    free = free_of(form, weighted.pick)
+    records, entry = _records(form, weighted)
+    total, _ = over_lanes(_kernel(entry, Across.LANES, free, True), records, full)
+    size = len(free)
+    lower = np.zeros((size, size))
+    lower[np.tril_indices(size)] = total[1 + size :]
+    return Sums(total[0], total[1 : 1 + size], lower + np.tril(lower, -1).T)
+
+
+def chi2(form: Form, full: Float[np.ndarray, " Q"], weighted: WeightedData) -> float:
+    """Sum of squares of the whitened residual; arguments as of `sums`."""
+    records, entry = _records(form, weighted)
+    return float(over_lanes(_kernel(entry, Across.LANES, (), True), records, full)[0][0])
+
+
+def chi2_of_points(form: Form, fulls: Float[np.ndarray, "K Q"], weighted: WeightedData) -> Float[np.ndarray, " K"]:
+    """The same of many points, shape (K, Q) -> (K,): each vector holds points."""
+    records, entry = _records(form, weighted)
+    return over_points(_kernel(entry, Across.POINTS, (), True), records, fulls)[0]
+
+
+def compared(form: Form, full: Float[np.ndarray, " Q"], weighted: WeightedData) -> Compared:
+    """What each slot ought to show, and the whitened residual; arguments as of `sums`."""
+    records, entry = _records(form, weighted)
+    _, out = over_lanes(_kernel(entry, Across.LANES, (), False, True), records, full)
+    count = len(entry.results)
+    return Compared(out[..., :count], out[..., count:])
+
+
+def linearised(
+    form: Form, full: Float[np.ndarray, " Q"], weighted: WeightedData, free: tuple[str, ...]
+) -> tuple[Float[np.ndarray, "T L M"], Float[np.ndarray, "T L M P"]]:
+    """The whitened residual, shape (T, L, M), and its derivatives in the values of some parameters, shape (T, L, M, P).
+
+    Args:
+        form, full, weighted: as of `sums`.
+        free: their symbols.
+    """
+    records, entry = _records(form, weighted)
+    _, out = over_lanes(_kernel(entry, Across.LANES, free, False, True), records, full)
+    count = len(entry.results)
+    slopes = out[..., 2 * count :].reshape(*records.shape, len(free), count)
+    return out[..., count : 2 * count], np.swapaxes(slopes, 2, 3)
