@@ -219,7 +219,7 @@ def deepest(
     descend_from: Callable[[int, np.ndarray, bool], Descent],
     freedom: float,
     settings: FitSettings = FitSettings(),
-    checks: int = 1,
+    checks: int | None = None,
 ) -> Deepest:
     """Descend from every starting point and keep the lowest end; of equal ones the first.
 
@@ -229,12 +229,14 @@ def deepest(
             every other start is only a check, and a plain descent will do. From the second on they go side by side.
         freedom: degrees of freedom, samples less parameters.
         settings: `misfit` says what is near.
-        checks: other starts where the first end leaves no more than noise, for none can end much lower.
+        checks: other starts where the first end leaves no more than noise; None: all. None can end much lower, but by
+            half a standard error one does.
     """
     reading = descend_from(0, points[0], False)
     misfit = reading.after / freedom
     near, more = misfit < settings.misfit, len(points) - 1
-    more = min(more, checks) if misfit < _NOISE else more
+    if checks is not None and misfit < _NOISE:
+        more = min(more, checks)
     others = concurrently(lambda k: descend_from(k, points[k], near), range(1, 1 + more))
     best, lowest, summaries = points[0], np.inf, []
     for k, (end, before, after, steps) in enumerate([reading, *others]):
@@ -271,7 +273,7 @@ def _from_several_starts(
         before, after = (_forgiven(problem, x) for x in (first, end))
         return Descent(end, before, after, steps)
 
-    return deepest([start, *others], descend_from, freedom, settings, checks=0 if only_near else 1)
+    return deepest([start, *others], descend_from, freedom, settings, checks=0 if only_near else None)
 
 
 def _from_a_like_body(

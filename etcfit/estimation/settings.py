@@ -170,8 +170,7 @@ class FitSettings:
     """The plan of a joint fit.
 
     Args:
-        starts: starting points besides the one that the paper's graphs give; only one where that one leads to where no
-            more than noise is left.
+        starts: starting points besides the one that the paper's graphs give.
         spread: standard deviation of the other starts about the first one, in reaches of each coordinate.
         seed: of the random numbers that scatter the starts.
         late: by how much every sampling instant may be off, s, in one descent after the other: a simulated plate that
