@@ -11,16 +11,18 @@ taken as linear.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from functools import partial
 from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Float
 
-from ..model.parameters import AnyArray, parameters_of
+from ..kernels.machine import available
+from ..model.parameters import parameters_of
 from ..model.rig_effects import DRIVING, OBSERVED, AbstractRigEffect
 from ..problem.batch import KINDS
-from ..problem.innovations import InnovationsFilter, whiten
+from ..problem.innovations import whiten
+from ..problem.late_kernels import whitened
+from ..problem.one_pass_kernels import rows_of
 from ..problem.prediction_error import columns
 from ..problem.problem import EstimationProblem
 from ..problem.program import QUICK, Program
@@ -163,11 +165,14 @@ def _change(
         here = (kind == KINDS.index(channel)) & (weight > 0.0)
         if here.any():
             own = -moved * here
-            out[channel] = np.asarray(_whitened(weighted.whitening, own))[weight > 0.0]
+            out[channel] = _whitened(weighted, own)[weight > 0.0]
     return out
 
 
-@partial(Program, static=0, options=QUICK)
-def _whitened(filter_: InnovationsFilter, error: Float[AnyArray, "T L M"]) -> Float[Array, "T L M"]:
-    """Shape (T, L, M)."""
-    return whiten(filter_, error)
+def _whitened(weighted: WeightedData, error: Float[np.ndarray, "T L M"]) -> Float[np.ndarray, "T L M"]:
+    if available():
+        return whitened(weighted.whitening, error[None], rows_of(weighted))[0]
+    return np.asarray(_by_jax(weighted.whitening, error))
+
+
+_by_jax = Program(whiten, static=0, options=QUICK)
