@@ -55,7 +55,7 @@ def filter_and_timing(
         jitter: standard deviation of the sampling instants, as a share of the time between samples.
     """
     batch = _acting(form, full, batch)
-    return along(_FILTERED, form, full, (*batch, _events(form, full, batch)), jitter)
+    return along(_FILTERED, form, full, batch, (_events(form, full, batch),), (jitter,))
 
 
 def free_run_variance(
@@ -63,7 +63,7 @@ def free_run_variance(
 ) -> Float[np.ndarray, "T L M"]:
     """What `process_noise.free_run_variance` returns; arguments as of `filter_and_timing`."""
     batch = _acting(form, full, batch)
-    return along(_SPREAD, form, full, (*batch, _events(form, full, batch)), jitter)
+    return along(_SPREAD, form, full, batch, (_events(form, full, batch),), (jitter,))
 
 
 def local_error(form: Form, full: Float[np.ndarray, " Q"], batch: BatchArrays) -> Float[np.ndarray, "T L"]:
@@ -149,7 +149,12 @@ def _with_covariance(form: Form) -> Any:
 
 
 def along(
-    which: Along, form: Form, full: Float[np.ndarray, " Q"], tree: BatchArrays | tuple[Any, ...], *jitter: float
+    which: Along,
+    form: Form,
+    full: Float[np.ndarray, " Q"],
+    batch: BatchArrays,
+    events: tuple[Events, ...] = (),
+    jitter: tuple[float, ...] = (),
 ) -> Any:
     """Results along a batch, axes T and L first.
 
@@ -157,15 +162,15 @@ def along(
         which: see `along_path`.
         form: the model.
         full: value of every parameter, SI, shape (Q,).
-        tree: the batch as it was logged, arrays of NumPy, and what else an entry needs.
-        jitter: where a covariance is carried.
+        batch: as it was logged, arrays of NumPy.
+        events, jitter: one of each where a covariance is carried.
     """
-    tree = *_acting(form, full, BatchArrays(*tree[:5])), *tree[5:]
-    steps, _, slots, _, _, *events = numbered(tree)
-    renewed = frozenset({steps.guide_stiffness, *slots[:3], *jax.tree.leaves((steps.acting, events))})
-    rows = used_rows(np.asarray(tree[0].dt), np.asarray(tree[1].begins))
-    batch = Entries(tree, rows, (renewed,), never=(Column(steps.guide_stiffness, ()),))
-    return which.run((form,), np.concatenate((full, jitter)), batch)
+    tree = *_acting(form, full, batch), *events
+    steps, _, slots, _, _, *late = numbered(tree)
+    renewed = frozenset({steps.guide_stiffness, *slots[:3], *jax.tree.leaves((steps.acting, late))})
+    rows = used_rows(np.asarray(batch.steps.dt), np.asarray(batch.resets.begins))
+    entries = Entries(tree, rows, (renewed,), never=(Column(steps.guide_stiffness, ()),))
+    return which.run((form,), np.concatenate((full, jitter)), entries)
 
 
 def _simulated(function: Callable[..., Any], covariance: bool = False) -> Along:

@@ -57,6 +57,7 @@ class _Observed(NamedTuple):
 
 
 def _observed(late: Sequence[str], form: Form, values: Any, carried: Carried, entry: Any) -> tuple[Carried, _Observed]:
+    batch: Simulated
     batch, kind, ways = entry
     acting, throttle = batch.steps.acting, Throttle.build(form.types, values)
     s, reset = equipped(throttle, *batch, values)

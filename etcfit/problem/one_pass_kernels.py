@@ -47,9 +47,10 @@ def _entry(form: Form, order: int, shape: Shape) -> ResidualEntry:
 
 
 @remembered(_KERNELS)
-def _kernel(
+def kernel(
     entry: ResidualEntry, across: Across, free: tuple[str, ...] = (), summed: bool = False, stored: bool = False
 ) -> Kernel:
+    """The loop of `ResidualEntry.residual_loop` as machine code, made once."""
     return compiled(entry.residual_loop(across, free, summed, stored))
 
 
@@ -103,8 +104,8 @@ def ahead(form: Form, weighted: WeightedData) -> None:
 
     def make() -> None:
         entry = _records(form, weighted)[1]
-        _kernel(entry, Across.LANES, free_of(form, weighted.pick), True)
-        _kernel(entry, Across.LANES, (), True)
+        kernel(entry, Across.LANES, free_of(form, weighted.pick), True)
+        kernel(entry, Across.LANES, (), True)
 
     in_background(make)
 
@@ -119,7 +120,7 @@ def sums(form: Form, full: Float[np.ndarray, " Q"], weighted: WeightedData) -> S
     """
     free = free_of(form, weighted.pick)
     records, entry = _records(form, weighted)
-    total, _ = over_lanes(_kernel(entry, Across.LANES, free, True), records, full)
+    total, _ = over_lanes(kernel(entry, Across.LANES, free, True), records, full)
     size = len(free)
     lower = np.zeros((size, size))
     lower[np.tril_indices(size)] = total[1 + size :]
@@ -129,19 +130,19 @@ def sums(form: Form, full: Float[np.ndarray, " Q"], weighted: WeightedData) -> S
 def chi2(form: Form, full: Float[np.ndarray, " Q"], weighted: WeightedData) -> float:
     """Sum of squares of the whitened residual; arguments as of `sums`."""
     records, entry = _records(form, weighted)
-    return float(over_lanes(_kernel(entry, Across.LANES, (), True), records, full)[0][0])
+    return float(over_lanes(kernel(entry, Across.LANES, (), True), records, full)[0][0])
 
 
 def chi2_of_points(form: Form, fulls: Float[np.ndarray, "K Q"], weighted: WeightedData) -> Float[np.ndarray, " K"]:
     """The same of many points, shape (K, Q) -> (K,): each vector holds points."""
     records, entry = _records(form, weighted)
-    return over_points(_kernel(entry, Across.POINTS, (), True), records, fulls)[0]
+    return over_points(kernel(entry, Across.POINTS, (), True), records, fulls)[0]
 
 
 def compared(form: Form, full: Float[np.ndarray, " Q"], weighted: WeightedData) -> Compared:
     """What each slot ought to show, and the whitened residual; arguments as of `sums`."""
     records, entry = _records(form, weighted)
-    _, out = over_lanes(_kernel(entry, Across.LANES, (), False, True), records, full)
+    _, out = over_lanes(kernel(entry, Across.LANES, (), False, True), records, full)
     count = len(entry.results)
     return Compared(out[..., :count], out[..., count:])
 
@@ -156,7 +157,7 @@ def linearised(
         free: their symbols.
     """
     records, entry = _records(form, weighted)
-    _, out = over_lanes(_kernel(entry, Across.LANES, free, False, True), records, full)
+    _, out = over_lanes(kernel(entry, Across.LANES, free, False, True), records, full)
     count = len(entry.results)
     slopes = out[..., 2 * count :].reshape(*records.shape, len(free), count)
     return out[..., count : 2 * count], np.swapaxes(slopes, 2, 3)

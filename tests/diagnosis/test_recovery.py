@@ -216,7 +216,7 @@ def test_a_candidate_makes_five_kernels_and_none_when_it_is_tried_again(
 
     monkeypatch.setattr(one_pass_kernels, "compiled", counted)
     # other tests of this process may have made the same kernels
-    monkeypatch.setattr(one_pass_kernels, "_kernel", remembered(64)(inspect.unwrap(one_pass_kernels._kernel)))
+    monkeypatch.setattr(one_pass_kernels, "kernel", remembered(64)(inspect.unwrap(one_pass_kernels.kernel)))
     s = start(clean.result, SETTINGS)
     before = score(s)
     s.problem.chi2(s.x, s.weighted)  # with which a candidate is compared
