@@ -18,7 +18,7 @@ from . import late_kernels, one_pass_kernels
 from .free_parameters import Form
 from .lateness import Shifts, Simulated
 from .one_pass import has_single_pass
-from .one_pass_kernels import Sums, free_of
+from .one_pass_kernels import Sums, free_of, rows_of
 from .records import Remembered
 from .residual import Compared, WeightedData
 
@@ -40,11 +40,10 @@ def _parts(form: Form, full: Float[np.ndarray, " Q"], weighted: WeightedData) ->
     data = weighted.steps, weighted.resets, weighted.slots, weighted.test_of, weighted.whitening
 
     def split() -> list[tuple[ModuleType, np.ndarray, Any]]:
-        late = np.isin(lanes, Shifts(form, full, Simulated(weighted.steps, weighted.resets, weighted.test_of)).lanes)
-        found = [
-            (one_pass_kernels, lanes[~late], (*data[:4], data[4]._replace(moved=None))),
-            (late_kernels, lanes[late], data),
-        ]
+        somewhere = full + 1e-3 * np.arange(1.0, 1.0 + full.size)  # where nothing is on time by chance
+        late = np.isin(lanes, Shifts(form, somewhere, Simulated(*data[:2], weighted.test_of)).lanes)
+        used, prompt = rows_of(weighted) > 0, (*data[:4], data[4]._replace(moved=None))
+        found = (one_pass_kernels, lanes[~late & used], prompt), (late_kernels, lanes[late & used], data)
         return [
             (by, some, jax.tree.map(lambda leaf, of=some: np.ascontiguousarray(leaf[:, of]), tree))
             for by, some, tree in found
@@ -58,12 +57,12 @@ def _parts(form: Form, full: Float[np.ndarray, " Q"], weighted: WeightedData) ->
     ]
 
 
-def _beside(parts: Sequence[_Part], results: Sequence[np.ndarray]) -> np.ndarray:
-    """Results of parts, axes T and L first, in one array."""
-    if len(parts) == 1:
+def _beside(parts: Sequence[_Part], results: Sequence[np.ndarray], lanes: int) -> np.ndarray:
+    """Results of parts, axes T and L first, in one array; 0 in lanes that are blank."""
+    if parts[0].lanes.size == lanes:
         return results[0]
     shape = results[0].shape
-    out = np.empty((shape[0], sum(part.lanes.size for part in parts), *shape[2:]))
+    out = np.zeros((shape[0], lanes, *shape[2:]))
     for part, each in zip(parts, results, strict=True):
         out[:, part.lanes] = each
     return out
@@ -100,9 +99,9 @@ def chi2_of_points(form: Form, fulls: Float[np.ndarray, "K Q"], weighted: Weight
 
 def compared(form: Form, full: Float[np.ndarray, " Q"], weighted: WeightedData) -> Compared:
     """What each slot ought to show, and the whitened residual; arguments as of `sums`."""
-    parts = _parts(form, full, weighted)
+    parts, lanes = _parts(form, full, weighted), weighted.slots.value.shape[1]
     each = [part.by.compared(form, full, part.weighted) for part in parts]
-    return Compared(*(_beside(parts, some) for some in zip(*each, strict=True)))
+    return Compared(*(_beside(parts, some, lanes) for some in zip(*each, strict=True)))
 
 
 def linearised(
@@ -116,5 +115,5 @@ def linearised(
     """
     free, parts = free_of(form, weighted.pick) if by is None else by, _parts(form, full, weighted)
     each = [part.by.linearised(form, full, part.weighted, free) for part in parts]
-    r, slopes = (_beside(parts, some) for some in zip(*each, strict=True))
+    r, slopes = (_beside(parts, some, weighted.slots.value.shape[1]) for some in zip(*each, strict=True))
     return r, slopes

@@ -230,8 +230,9 @@ def test_a_simulation_that_runs_away_ends_as_inf(rig: Rig) -> None:
     assert not normal_equations(problem.layout.form, weighted, x.size)(problem.layout.padded(far)).finite
 
 
-def test_lanes_that_hold_nothing_and_entries_that_only_fill_up_count_for_nothing(rig: Rig) -> None:
-    problem, x, weighted = case(rig, [], whitened=False)
+@pytest.mark.parametrize("late", [False, True])
+def test_lanes_that_hold_nothing_and_entries_that_only_fill_up_count_for_nothing(rig: Rig, late: bool) -> None:
+    problem, x, weighted = case(rig, [e for e in around(rig) if e.delays and late], whitened=False)
     wider = EstimationProblem.of(
         problem.config, problem.free_parameters, problem.batch.traces, problem.substeps, (4096, 11, 3)
     )
