@@ -54,6 +54,13 @@ class PlainTrace:
         """That instant where the values have it, else the one that was read off the trace, s."""
         return values.get(self.release_symbol, self.release)
 
+    def volts_at(self, times: np.ndarray, before: bool = False) -> np.ndarray:
+        """The input at these instants (s), V; where it jumps, what it jumps to, or what it was before."""
+        side = "left" if before else "right"
+        k = np.clip(np.searchsorted(self.knots, times, side=side) - 1, 0, self.knots.size - 2)
+        slope = np.diff(self.volts) / np.maximum(np.diff(self.knots), 1e-12)
+        return self.volts[k] + slope[k] * (times - self.knots[k])
+
 
 def plain(trace: Trace, jump_at: float | None = None) -> PlainTrace:
     """The same as plain arrays.

@@ -25,12 +25,27 @@ from .plain import PlainTrace
 SMOOTH = 1e-3  # rad/s, width e of the friction's bend: a plate that sticks must not creep by what its sensor sees
 STIFF = 1e5  # N m/rad, so that a plate rests within 0.01 mrad of its stop
 DAMPED = 50.0  # times sqrt(STIFF J), so that it does not rebound
-RTOL, ATOL = 1e-5, (1e-6, 1e-7, 1e-5)  # A, rad, rad/s; looser ones spoil the differences that make the Jacobian
 LONGEST = 20  # samples in one step, so that no edge of the input is stepped over
-DIFFERENCE = 1e-3  # relative, for the Jacobian: a smaller one drowns in the integrator's own error
 
 Values = Mapping[str, float]
 Rates = Callable[[float, Any], tuple[float, ...]]
+
+
+@dataclass(frozen=True)
+class Accuracy:
+    """Of the integrator and of the Jacobian's differences.
+
+    Args:
+        rtol, atol: of a step, the latter in A, rad, rad/s; looser ones spoil the differences.
+        difference: of a parameter, relative; a smaller one drowns in the integrator's own error.
+    """
+
+    rtol: float = 1e-5
+    atol: tuple[float, float, float] = (1e-6, 1e-7, 1e-5)
+    difference: float = 1e-3
+
+
+USUAL = Accuracy()
 
 
 @dataclass(frozen=True)
@@ -49,7 +64,14 @@ class Solved:
     evaluations: int
 
 
-def solve(traces: Sequence[PlainTrace], symbols: Sequence[str], start: Values, rig: Rig, steps: int) -> Solved:
+def solve(
+    traces: Sequence[PlainTrace],
+    symbols: Sequence[str],
+    start: Values,
+    rig: Rig,
+    steps: int,
+    accuracy: Accuracy = USUAL,
+) -> Solved:
     """least_squares with its Jacobian by finite differences; parameters over their start values, none below zero.
 
     Args:
@@ -58,6 +80,7 @@ def solve(traces: Sequence[PlainTrace], symbols: Sequence[str], start: Values, r
         start: SI, above zero.
         rig: what is not fitted.
         steps: trial points at most.
+        accuracy: of each simulation.
     """
     first = np.array([start[s] for s in symbols])
     count = 0
@@ -66,20 +89,20 @@ def solve(traces: Sequence[PlainTrace], symbols: Sequence[str], start: Values, r
         nonlocal count
         count += 1
         v = dict(zip(symbols, y * first, strict=True))
-        return residual(traces, {**v, "K_m": v["K_b"]}, rig)
+        return residual(traces, {**v, "K_m": v["K_b"]}, rig, accuracy)
 
-    outcome = least_squares(fun, np.ones(first.size), bounds=(1e-6, np.inf), diff_step=DIFFERENCE, x_scale="jac",
+    outcome = least_squares(fun, np.ones(first.size), bounds=(1e-6, np.inf), diff_step=accuracy.difference, x_scale="jac",
                             max_nfev=steps)  # fmt: skip
     return Solved(outcome, count)
 
 
-def residual(traces: Sequence[PlainTrace], v: Values, rig: Rig) -> np.ndarray:
+def residual(traces: Sequence[PlainTrace], v: Values, rig: Rig, accuracy: Accuracy = USUAL) -> np.ndarray:
     """(measured - simulated) / sigma of every sample of every trace."""
-    parts = [(t.data - simulate(t, v, rig)) / t.sigma for t in traces]
+    parts = [(t.data - simulate(t, v, rig, accuracy)) / t.sigma for t in traces]
     return np.concatenate([part[np.isfinite(part)] for part in parts])
 
 
-def simulate(trace: PlainTrace, v: Values, rig: Rig) -> np.ndarray:
+def simulate(trace: PlainTrace, v: Values, rig: Rig, accuracy: Accuracy = USUAL) -> np.ndarray:
     """What the trace's channels would show, SI, shape (n, M); a plate that is let go is held until then."""
     times, x = trace.instants, np.array(trace.start)
     path, release = np.empty((times.size, 3)), trace.release_at(v)
@@ -90,10 +113,10 @@ def simulate(trace: PlainTrace, v: Values, rig: Rig) -> np.ndarray:
     begin = float(times[0])
     if held.any():
         end = float(times[-1]) if release is None else release
-        path[held], x = _integrate(still, begin, end, x, times[held])
+        path[held], x = _integrate(still, begin, end, x, times[held], accuracy)
         begin = end
     if not held.all():
-        path[~held], _ = _integrate(moving, begin, float(times[-1]), x, times[~held])
+        path[~held], _ = _integrate(moving, begin, float(times[-1]), x, times[~held], accuracy)
     i, theta, omega = path.T
     seen = {"current": i, "position": theta, "emf": rig.N * v["K_b"] * omega, "motor_speed": rig.N * omega}
     return np.stack([seen[name] for name in trace.channels], axis=1)
@@ -139,11 +162,12 @@ def interpolated(trace: PlainTrace) -> Callable[[float], float]:
 
 
 def _integrate(
-    rates: Rates, begin: float, end: float, x: np.ndarray, times: np.ndarray
+    rates: Rates, begin: float, end: float, x: np.ndarray, times: np.ndarray, accuracy: Accuracy
 ) -> tuple[np.ndarray, np.ndarray]:
     """States at `times`, shape (n, 3), and at the end."""
     longest = LONGEST * float(np.median(np.diff(times))) if times.size > 1 else np.inf
-    got = solve_ivp(rates, (begin, end), x, "LSODA", np.union1d(times, end), rtol=RTOL, atol=ATOL, max_step=longest)
+    got = solve_ivp(rates, (begin, end), x, "LSODA", np.union1d(times, end), rtol=accuracy.rtol, atol=accuracy.atol,
+                    max_step=longest)  # fmt: skip
     if not got.success:
         raise RuntimeError(got.message)
     return got.y.T[: times.size], got.y[:, -1]

@@ -6,12 +6,13 @@ from .. import scipy_twin
 from .problem import Problem, Solved
 
 STEPS = 60  # trial points at most
+ACCURACY = scipy_twin.Accuracy(1e-7, (1e-8, 1e-9, 1e-7), 1e-4)  # with the twin's own a descent ends short of its optimum
 
 
 def solve(problem: Problem) -> Solved:
     """Its optimum from the problem's start."""
     rig = scipy_twin.Rig(problem.N, problem.travel)
-    solved = scipy_twin.solve(problem.traces, tuple(problem.start), problem.start, rig, STEPS)
+    solved = scipy_twin.solve(problem.traces, tuple(problem.start), problem.start, rig, STEPS, ACCURACY)
     values = {s: float(y) * problem.start[s] for s, y in zip(problem.start, solved.outcome.x, strict=True)}
     words = f"{solved.outcome.njev} Jacobians, {solved.evaluations} residuals; {solved.outcome.message}"
     return Solved(values, 2.0 * float(solved.outcome.cost), words)
