@@ -91,8 +91,8 @@ def solve(
         v = dict(zip(symbols, y * first, strict=True))
         return residual(traces, {**v, "K_m": v["K_b"]}, rig, accuracy)
 
-    outcome = least_squares(fun, np.ones(first.size), bounds=(1e-6, np.inf), diff_step=accuracy.difference, x_scale="jac",
-                            max_nfev=steps)  # fmt: skip
+    outcome = least_squares(fun, np.ones(first.size), bounds=(1e-6, np.inf), x_scale="jac", max_nfev=steps,
+                            diff_step=accuracy.difference)  # fmt: skip
     return Solved(outcome, count)
 
 

@@ -47,8 +47,8 @@ def test_chi2_leaves_out_what_was_not_logged() -> None:
 
 
 def test_each_tool_has_a_column_and_each_parameter_a_row() -> None:
-    tools = [Column("truth", TRUTH, accurate=1.0), Column("a", {"R_a": 2.02, "T_f": 0.19}, 12.34, 60.0, 500.0, 1.5, 1.25),
-             Column("b", {}, words="not measured: b not installed")]  # fmt: skip
+    found = Column("a", {"R_a": 2.02, "T_f": 0.19}, 12.34, 60.0, 500.0, 1.5, 1.25)
+    tools = [Column("truth", TRUTH, accurate=1.0), found, Column("b", {}, words="not measured: b not installed")]
     lines = table(tools, TRUTH, STDERR).splitlines()
     assert lines[0] == "|  | truth | a | b | one standard error |"
     assert lines[2] == "| processor time, s |  | 12.3 |  |  |"

@@ -20,11 +20,12 @@ from .problem import Problem, accurate_chi2, make, problem_of
 from .table import BEGIN, Column, put, table
 
 ETCFIT = "etcfit"
+HELPERS = ("tabulate", "absl-py", "colorama", "plotly", "imageio")  # that mujoco.sysid needs
 # what each is called in the table, and the packages without which it cannot run
 PEERS: dict[str, tuple[str, tuple[str, ...]]] = {
     ETCFIT: ("etcfit", ("etcfit",)),
     "scipy": ("SciPy", ("scipy",)),
-    "mujoco": ("MuJoCo sysid", ("mujoco", "tabulate", "absl-py", "colorama", "plotly", "imageio")),
+    "mujoco": ("MuJoCo sysid", ("mujoco", *HELPERS)),
     "diffrax": ("Diffrax, Optimistix", ("diffrax", "optimistix")),
     "casadi": ("CasADi, IPOPT", ("casadi",)),
 }
@@ -65,9 +66,7 @@ def column(name: str, folder: Path, problem: Problem, scratch: Path, limit: floa
     return Column(title, values, process.cpu, process.wall, process.peak, own, accurate, words)
 
 
-def _by_peer(
-    name: str, problem: Problem, scratch: Path, limit: float
-) -> tuple[Run, Mapping[str, float], float, str]:
+def _by_peer(name: str, problem: Problem, scratch: Path, limit: float) -> tuple[Run, Mapping[str, float], float, str]:
     given, solved = scratch / "problem.pickle", scratch / f"{name}.json"
     given.write_bytes(pickle.dumps(problem))
     process = run(("-m", "benchmarks.peers.child", name, given, solved), scratch / name, ROOT, limit, core=_core())
@@ -96,7 +95,7 @@ def _core() -> int:
 
 def heading(problem: Problem, seed: int, names: list[str]) -> str:
     """The machine, the packages, the problem."""
-    packages = dict.fromkeys(package for name in names for package in PEERS[name][1][:2] if _version(package))
+    packages = [p for name in names for p in PEERS[name][1] if _version(p) and p not in HELPERS]
     software = ", ".join(f"{package} {_version(package)}" for package in packages)
     load = f"{os.cpu_count()} cores, shared with other work (load {os.getloadavg()[0]:.1f} before), one of them used"
     size = f"{len(problem.traces)} traces, {problem.samples} numbers, {len(problem.start)} free parameters, seed {seed}"

@@ -2,10 +2,11 @@
 
     J dw/dt = ... - T_f tanh(w / e) + stops
 
-Friction and stops are smooth and stiff, as for SciPy. From node to node CVODES integrates states and sensitivities, and
-states at the nodes begin at the smoothed data. IPOPT gets the Hessian of Gauss and Newton and gradients by forward mode.
-Transcribed without an integrator (Radau IIA, each state of each sample a variable) IPOPT did not reach feasibility in
-hundreds of iterations: one step length for all kinks of friction and stops together is too short.
+Friction and stops are smooth and stiff, as for SciPy. From node to node CVODES integrates states and sensitivities.
+States at the nodes begin at the smoothed data. IPOPT gets the Hessian of Gauss and Newton and gradients by forward
+mode. Tried and left: each state of each sample a variable and no integrator (Radau IIA, Gauss-Newton Hessian, friction
+sharpened in stages). IPOPT was far from feasible after 90 iterations, for one step length must suit all kinks of
+friction and stops at once.
 """
 
 from __future__ import annotations
@@ -22,14 +23,18 @@ from ..plain import PlainTrace
 from .problem import Problem, Solved
 
 SMOOTH = 1e-3  # rad/s, width e of the friction's bend
-STIFF = 1e5  # N m/rad of a stop
+STIFF = 1e4  # N m/rad of a stop
 DAMPED = 5e4  # 1/s, over J: a plate does not rebound
-TOLERANCES = {"reltol": 1e-6, "abstol": 1e-8, "max_num_steps": 200_000}  # of CVODES
+GRADUAL = 1e-5  # rad into a stop over which its damping sets in: where it jumps, CVODES takes steps without end
+TOLERANCES = {"reltol": 1e-6, "abstol": 1e-8, "max_num_steps": 200_000, "fsens_err_con": False}  # of CVODES
 SAMPLES = 100  # from node to node
 EARLY = 1.5e-3  # s after the reading of a release instant: the first sample that is looked at
+OFF = 1e-4  # rad off a stop of a first state: at its corner CVODES finds no slopes
 SMOOTHED = 21  # samples under the parabola that gives the first states
 STEPS = 60  # of IPOPT at most
-TOLERANCE = 1e-6  # of IPOPT
+TOLERANCE = 2e-3  # of IPOPT, scaled; below it the gradient is the integrator's own error
+
+ORDER = ("i", "theta", "omega")  # of a trace's start
 
 Symbols = Mapping[str, Any]
 
@@ -58,7 +63,7 @@ def solve(problem: Problem) -> Solved:
     pieces = [_piece(problem, trace, values) for trace in problem.traces]
     x = ca.vertcat(y, *(piece.variables for piece in pieces))
     rest, gaps = ca.vertcat(*(piece.rest for piece in pieces)), ca.vertcat(*(piece.gaps for piece in pieces))
-    solver = _solver(x, rest, gaps)
+    solver, _calls = _solver(x, rest, gaps)
     found = solver(x0=np.concatenate([np.zeros(y.numel()), *(piece.first for piece in pieces)]), lbg=0.0, ubg=0.0)
     at, ended = found["x"].full().ravel(), solver.stats()
     best = {s: float(np.exp(at[k])) * start for k, (s, start) in enumerate(problem.start.items())}
@@ -66,27 +71,65 @@ def solve(problem: Problem) -> Solved:
     return Solved(best, 2.0 * float(found["f"]), words)
 
 
-def _solver(x: Any, rest: Any, gaps: Any) -> Any:
-    """IPOPT for the least squares of `rest` under `gaps` = 0."""
+class Shared(ca.Callback):
+    """Some outputs of a function of x, whose last result all who share it use: slopes cost a hundred times the rest."""
+
+    def __init__(
+        self, name: str, whole: Any, outputs: tuple[str, ...], inputs: tuple[int, ...], last: dict[bytes, Any]
+    ):
+        ca.Callback.__init__(self)
+        self.whole, self.outputs, self.inputs, self.last = whole, outputs, inputs, last
+        self.construct(name, {})
+
+    def get_n_in(self) -> int:
+        return len(self.inputs)
+
+    def get_n_out(self) -> int:
+        return len(self.outputs)
+
+    def get_sparsity_in(self, k: int) -> Any:
+        return ca.Sparsity.dense(self.inputs[k], 1)
+
+    def get_sparsity_out(self, k: int) -> Any:
+        return self.whole.sparsity_out(self.outputs[k])
+
+    def eval(self, arg: list[Any]) -> list[Any]:
+        """At x; what IPOPT asks for a Lagrangian is multiplied by the weight of its objective."""
+        key = arg[0].full().tobytes()
+        if key not in self.last:
+            self.last.clear()
+            self.last[key] = self.whole(x=arg[0])
+        found = [self.last[key][name] for name in self.outputs]
+        return [arg[2] * each for each in found] if len(arg) > 2 else found
+
+
+def _solver(x: Any, rest: Any, gaps: Any) -> tuple[Any, list[Shared]]:
+    """IPOPT for the least squares of `rest` under `gaps` = 0, and what it calls, which must outlive it."""
     forward = {"helper_options": {"enable_reverse": False}}
     slopes, bends = ca.jacobian(rest, x, forward), ca.jacobian(gaps, x, forward)
-    p, weight, multipliers = ca.MX.sym("p", 0), ca.MX.sym("weight"), ca.MX.sym("multipliers", gaps.numel())
     half = 0.5 * ca.sumsqr(rest)
+    outputs = {"f": half, "grad": slopes.T @ rest, "g": gaps, "jac": bends, "hess": ca.triu(slopes.T @ slopes)}
+    whole = ca.Function("whole", [x], list(outputs.values()), ["x"], list(outputs))
+    last: dict[bytes, Any] = {}
+    n, m = x.numel(), gaps.numel()
+    calls = [
+        Shared("grad_f", whole, ("f", "grad"), (n, 0), last),
+        Shared("jac_g", whole, ("g", "jac"), (n, 0), last),
+        Shared("hess_lag", whole, ("hess",), (n, 0, 1, m), last),
+    ]
     options = {
-        "grad_f": ca.Function("grad_f", [x, p], [half, slopes.T @ rest]),
-        "jac_g": ca.Function("jac_g", [x, p], [gaps, bends]),
-        "hess_lag": ca.Function("hess_lag", [x, p, weight, multipliers], [ca.triu(weight * (slopes.T @ slopes))]),
-        "ipopt": {"max_iter": STEPS, "tol": TOLERANCE, "print_level": 5, "sb": "yes"},
+        **dict(zip(("grad_f", "jac_g", "hess_lag"), calls, strict=True)),
+        "ipopt": {"max_iter": STEPS, "tol": TOLERANCE, "dual_inf_tol": 1e6, "print_level": 0, "sb": "yes"},
         "print_time": False,
     }
-    return ca.nlpsol("solver", "ipopt", {"x": x, "p": p, "f": half, "g": gaps}, options)
+    nlp = {"x": x, "p": ca.MX.sym("p", 0), "f": half, "g": gaps}
+    return ca.nlpsol("solver", "ipopt", nlp, options), calls
 
 
 def _piece(problem: Problem, trace: PlainTrace, v: Symbols) -> Piece:
     """Shots of `SAMPLES` samples; those beyond the last sample are never looked at."""
     names, constants = _states(trace), _constants(problem, trace, v)
-    begin = dict(zip(("i", "theta", "omega"), trace.start, strict=True))
-    start, skipped = ca.MX([begin[name] for name in names]), 0
+    start, skipped = ca.MX([trace.start[ORDER.index(name)] for name in names]), 0
     times = trace.instants
     if trace.release is not None:  # a first shot from the release, whenever that is, to a sample
         skipped = int(np.searchsorted(times, trace.release + EARLY))
@@ -133,8 +176,8 @@ def _shot(problem: Problem, trace: PlainTrace, names: tuple[str, ...], samples: 
     if "theta" in at:
         (lower, upper), damp = problem.travel, DAMPED * J
         torque -= K_s * theta + T_PL + T_f * ca.tanh(omega / SMOOTH)
-        torque += ca.if_else(theta < lower, ca.fmax(STIFF * (lower - theta) - damp * omega, 0.0), 0.0)
-        torque -= ca.if_else(theta > upper, ca.fmax(STIFF * (theta - upper) + damp * omega, 0.0), 0.0)
+        for sign, deep in ((1.0, ca.fmax(lower - theta, 0.0)), (-1.0, ca.fmax(theta - upper, 0.0))):
+            torque += sign * ca.fmax(STIFF * deep - sign * damp * omega * deep / (deep + GRADUAL), 0.0)
     rate = {"theta": omega, "omega": torque / J}
     if "i" in at:
         rate["i"] = (_volts(trace, begin + period * t) - R * i - k * omega) / L
@@ -177,7 +220,8 @@ def _first(problem: Problem, trace: PlainTrace, names: tuple[str, ...]) -> np.nd
     if "current" in seen:
         found["i"] = seen["current"]
     if "position" in seen:
-        found["theta"] = np.clip(savgol_filter(seen["position"], SMOOTHED, 2), *problem.travel)
+        lower, upper = problem.travel
+        found["theta"] = np.clip(np.asarray(savgol_filter(seen["position"], SMOOTHED, 2)), lower + OFF, upper - OFF)
         found["omega"] = savgol_filter(seen["position"], SMOOTHED, 2, 1, period)
     if "motor_speed" in seen:
         found["omega"] = seen["motor_speed"] / problem.N

@@ -145,19 +145,23 @@ def _side_by_side(traces: Sequence[PlainTrace]) -> Lanes:
     jumps = [trace.knots[1:][np.diff(trace.knots) == 0.0] for trace in traces]
     padded = [late + 1e-3 * np.arange(1, max(j.size for j in jumps) + 1) for _ in traces]
     return Lanes(
-        _stacked((t.instants for t in traces), "edge"),
+        _stacked(t.instants for t in traces),
         _stacked((t.data for t in traces), np.nan),
-        _stacked((np.append(t.knots, late) for t in traces), "edge"),
-        _stacked((np.append(t.volts, t.volts[-1]) for t in traces), "edge"),
+        _stacked(np.append(t.knots, late) for t in traces),
+        _stacked(np.append(t.volts, t.volts[-1]) for t in traces),
         jnp.array([np.append(j, p)[: p.size] for j, p in zip(jumps, padded, strict=True)]),
         jnp.array([t.sigma for t in traces]),
         jnp.array([t.start for t in traces]),
     )
 
 
-def _stacked(rows: Iterable[np.ndarray], fill: float | str) -> Array:
-    """Rows of different length as one array, with their last entry or a number in what they lack."""
+def _stacked(rows: Iterable[np.ndarray], fill: float | None = None) -> Array:
+    """Rows of different length as one array; what they lack is a number, or their last entry."""
     rows = list(rows)
     most = max(row.shape[0] for row in rows)
-    how = {"mode": "edge"} if fill == "edge" else {"constant_values": fill}
-    return jnp.array([np.pad(row, [(0, most - row.shape[0])] + [(0, 0)] * (row.ndim - 1), **how) for row in rows])
+    return jnp.array([np.concatenate((row, _lacking(row, most, fill))) for row in rows])
+
+
+def _lacking(row: np.ndarray, most: int, fill: float | None) -> np.ndarray:
+    lacking = np.repeat(row[-1:], most - row.shape[0], axis=0)
+    return lacking if fill is None else np.full(lacking.shape, fill)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from scipy.optimize import minimize_scalar
@@ -125,7 +126,8 @@ def _best_release(problem: Problem, trace: PlainTrace, values: Mapping[str, floa
     if trace.release is None:
         return misfit(0.0)
     near = (trace.release - RELEASE, trace.release + RELEASE)
-    return float(minimize_scalar(misfit, bounds=near, method="bounded", options={"xatol": 1e-7}).fun)
+    found: Any = minimize_scalar(misfit, bounds=near, method="bounded", options={"xatol": 1e-7})
+    return float(found.fun)
 
 
 def accurate(problem: Problem, trace: PlainTrace, v: Mapping[str, float]) -> np.ndarray:
