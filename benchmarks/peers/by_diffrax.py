@@ -10,6 +10,7 @@ the damping of Optimistix begins at 1 whatever the problem's scale.
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
+from typing import Any
 
 import diffrax as dfx
 import equinox as eqx
@@ -105,7 +106,7 @@ def _path(kind: PlainTrace, lane: Lanes, problem: Problem, v: Values, series: Ar
     lower, upper = problem.travel
     J, B = N**2 * v["J_m"] + plate * v["J_L"], N**2 * v["B_m"] + plate * v["B_L"]
 
-    def rates(t: Array, x: Array, _: None) -> Array:
+    def rates(t: Any, x: Array, _: None) -> Array:
         i, theta, omega = x
         volts = _volts(lane, t)
         di = (volts - (v["R_a"] + series) * i - N * v["K_b"] * omega) / v["L_a"] if kind.circuit else jnp.zeros(())
@@ -132,7 +133,7 @@ def _path(kind: PlainTrace, lane: Lanes, problem: Problem, v: Values, series: Ar
     return solution.ys
 
 
-def _volts(lane: Lanes, t: Array) -> Array:
+def _volts(lane: Lanes, t: Any) -> Array:
     """The input at an instant, V; after the jump where it jumps."""
     k = jnp.clip(jnp.searchsorted(lane.knots, t, side="right") - 1, 0, lane.knots.size - 2)
     span = lane.knots[k + 1] - lane.knots[k]

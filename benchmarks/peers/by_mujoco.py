@@ -76,7 +76,7 @@ def _residual_of(problem: Problem, trace: PlainTrace) -> Callable[..., Any]:
     end = float(trace.instants[-1]) - (0.0 if trace.release is None else trace.release - AFTER)
     period = float(np.median(np.diff(trace.instants)))
     step = float(np.clip(period / WITHIN, LEAST, LONGEST))
-    spec = mujoco.MjSpec.from_string(
+    spec = mujoco.MjSpec.from_string(  # pyright: ignore[reportAttributeAccessIssue]
         XML.format(
             step=step, soft=2.0 * step, limited=str(not trace.gear_apart).lower(), lower=problem.travel[0],
             upper=problem.travel[1], actuator=MOTOR if trace.circuit else NONE,
@@ -119,7 +119,8 @@ def _model(base: Any, trace: PlainTrace, v: Mapping[str, float], N: float) -> An
         R = v["R_a"] + v.get(f"series_ohm.{trace.test}", 0.0)
         model.actuator_dynprm[0, 0] = v["L_a"] / R
         model.actuator_gainprm[0, :2] = R, N * v["K_b"]
-    mujoco.mj_setConst(model, mujoco.MjData(model))  # what the engine derives from these
+    data = mujoco.MjData(model)  # pyright: ignore[reportAttributeAccessIssue]
+    mujoco.mj_setConst(model, data)  # pyright: ignore[reportAttributeAccessIssue]  # what it derives from these
     return model
 
 
