@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -12,7 +14,8 @@ from benchmarks.peers import __main__ as command
 from benchmarks.peers.__main__ import PEERS, column, named
 from benchmarks.peers.problem import Problem, chi2
 from benchmarks.peers.table import BEGIN, END, Column, error, number, off, put, signed, table
-from benchmarks.plain import PlainTrace
+from benchmarks.plain import PlainTrace, _input
+from etcfit.problem.input_signal import InputSignal
 
 TRUTH = {"R_a": 2.0, "T_f": 0.2}
 STDERR = {"R_a": 1.0, "T_f": 2.0}  # %
@@ -68,6 +71,23 @@ def test_the_input_jumps_at_a_knot() -> None:
     found = trace([[0.0, 0.0]], [1.0, 1.0]).volts_at
     assert found(np.array([0.5, 1.0, 2.0])).tolist() == [0.5, 3.0, 3.0]
     assert found(np.array([0.5, 1.0, 2.0]), before=True).tolist() == [0.5, 1.0, 3.0]
+
+
+@pytest.mark.parametrize(
+    ("held", "jump_at", "seen"),
+    [(False, None, [0.5, 1.0, 3.0]), (False, 0.25, [0.5, 1.0, 5.0]), (True, None, [0.0, 1.0, 1.0])],
+)
+def test_an_input_becomes_knots(held: bool, jump_at: float | None, seen: list[float]) -> None:
+    found = denoised(held)
+    knots, volts = _input(SimpleNamespace(instants=np.arange(4.0), input=found), jump_at)  # type: ignore[arg-type]
+    assert replace(trace([[0.0, 0.0]], [1.0, 1.0]), knots=knots, volts=volts).volts_at(
+        np.array([0.5, 1.0, 1.5])
+    ).tolist() == pytest.approx(seen)
+
+
+def denoised(held: bool) -> InputSignal:
+    level = np.array([0.0, 1.0, 5.0, 5.0])
+    return InputSignal(level, np.zeros(4), np.zeros(4), np.array([False, True, False]), held)
 
 
 def test_a_fitted_release_comes_before_the_one_that_was_read() -> None:
