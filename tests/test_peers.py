@@ -51,20 +51,20 @@ def test_chi2_leaves_out_what_was_not_logged() -> None:
 
 def test_each_tool_has_a_column_and_each_parameter_a_row() -> None:
     found = Column("a", {"R_a": 2.02, "T_f": 0.19}, 12.34, 60.0, 500.0, 1.5, 1.25)
-    tools = [Column("truth", TRUTH, accurate=1.0), found, Column("b", {}, words="not measured: b not installed")]
+    tools = [Column("truth", {}, accurate=1.0), found, Column("b", {}, words="not measured: b not installed")]
     lines = table(tools, TRUTH, STDERR).splitlines()
     assert lines[0] == "|  | truth | a | b | one standard error |"
     assert lines[2] == "| processor time, s |  | 12.3 |  |  |"
     assert lines[6] == "| chi2/dof, exact simulation | 1 | 1.25 |  |  |"
-    assert lines[7] == "| error of `R_a`, % | +0.00 | +1.00 |  | 1 |"
-    assert lines[8] == "| error of `T_f`, % | +0.00 | -5.00 |  | 2 |"
-    assert lines[9] == f"| errors over standard errors, rms | 0 | {math.sqrt((1.0 + 6.25) / 2.0):.1f} |  |  |"
+    assert lines[7] == "| error of `R_a`, % |  | +1.000 |  | 1 |"
+    assert lines[8] == "| error of `T_f`, % |  | -5.000 |  | 2 |"
+    assert lines[9] == f"| errors over standard errors, rms |  | {math.sqrt((1.0 + 6.25) / 2.0):.1f} |  |  |"
     assert lines[-1] == "- b: not measured: b not installed"
 
 
 def test_figures_have_no_exponent() -> None:
     assert [number(v) for v in (None, 0.0123, 1234.5, 99.96)] == ["", "0.0123", "1234", "100"]
-    assert [signed(v) for v in (None, -0.004, 12.3)] == ["", "-0.00", "+12.30"]
+    assert [signed(v) for v in (None, -0.004, 12.3)] == ["", "-0.004", "+12.300"]
 
 
 def test_the_input_jumps_at_a_knot() -> None:

@@ -127,8 +127,8 @@ def main() -> None:
         head = heading(problem, choices.seed, choices.peers)
         print(head, file=sys.stderr, flush=True)
         columns = [
-            Column(name, values, accurate=accurate_chi2(problem, values) / problem.freedom)
-            for name, values in (("truth", truth), ("start", problem.start))
+            Column(name, shown, accurate=accurate_chi2(problem, values) / problem.freedom)
+            for name, values, shown in (("truth", truth, {}), ("start", problem.start, problem.start))
         ]
         for name in choices.peers:
             columns.append(column(name, folder, problem, scratch, choices.limit))

@@ -82,8 +82,8 @@ def number(value: float | None, digits: int = 3) -> str:
 
 
 def signed(value: float | None) -> str:
-    """Two decimals and a sign."""
-    return "" if value is None else f"{value:+.2f}"
+    """Three decimals and a sign."""
+    return "" if value is None else f"{value:+.3f}"
 
 
 def put(page: Path, report: str) -> None:
