@@ -24,6 +24,7 @@ from typing import Any
 import numpy as np
 
 from . import scipy_twin
+from .plain import plain
 from .runs import Run, run
 from .stages import STAGES
 
@@ -106,11 +107,11 @@ def twin(folder: Path, fitted_run: Path, trials: int) -> Twin:
     rig = read_folder(folder)
     known, x = free_parameters(rig.config), load_fit(fitted_run).x
     problem = EstimationProblem.of(rig.config, known, ready(rig)[0]).refined(x).with_release_times(x)
-    traces, predicted = problem.batch.traces, problem.free_run(x)
+    traces, predicted = [plain(t) for t in problem.batch.traces], problem.free_run(x)
     values = {s: float(v) for s, v in known.layout.values(x, known.held).items()}
     body = scipy_twin.Rig(rig.config.gear_ratio, rig.config.travel)
     likeness = {
-        t.measurement.file: (_rms((t.data - scipy_twin.simulate(t, values, body)) / t.sigma),
+        t.name: (_rms((t.data - scipy_twin.simulate(t, values, body)) / t.sigma),
                              _rms((t.data - y) / t.sigma))
         for t, y in zip(traces, predicted, strict=True)
     }  # fmt: skip

@@ -25,6 +25,7 @@ from typing import Any
 import numpy as np
 
 from . import scipy_twin
+from .plain import plain
 
 SEED = 1
 _REPEATS = 5
@@ -75,7 +76,7 @@ def by_scipy(result: Any, evaluations: int) -> Timed:
     """Of one likelihood through solve_ivp, one thread."""
     config = result.rig.config
     body = scipy_twin.Rig(config.gear_ratio, config.travel)
-    traces = result.problem.batch.traces
+    traces = [plain(trace) for trace in result.problem.batch.traces]
     took = timed(lambda: [scipy_twin.residual(traces, result.values, body) for _ in range(evaluations)])
     return Timed(took.wall / evaluations, took.cpu / evaluations)
 
