@@ -13,6 +13,7 @@ from .base import CHANNELS, Fixed, Knowledge, Prior, RigConfig, Start, Tied, Tps
 from .ecu import read_ecu
 from .header import DROP, HeaderError, parse_header
 from .nameplate import GEAR_RATIO, LEAST_TRAVEL, SENSOR, SENSOR_TRAVEL, SERIES, STOP, SUPPLY, within
+from .names import VISIBLE, unseen
 from .toml import Toml, closest, parse, read_text, shown
 from .toml_slips import EXAMPLES as EXAMPLE_VALUES
 from .units import EXAMPLES, UnitError, to_channel
@@ -58,7 +59,7 @@ def config_of(toml: Toml, name: str) -> RigConfig:
     if not isinstance(synthetic, bool):
         raise toml.wrong("rig.synthetic", f"found {shown(synthetic)}.", "It must be true or false.", "Correct it.")
     return RigConfig(
-        name=toml.string("rig.name", rig.get("name", name)),
+        name=_name(toml, rig.get("name", name)),
         synthetic=synthetic,
         gear_ratio=1.0 if gear_ratio is None else gear_ratio,
         gear_ratio_given=gear_ratio is not None,
@@ -75,6 +76,13 @@ def config_of(toml: Toml, name: str) -> RigConfig:
         notation=notation,
         accuracy=read_accuracy(toml, travel, tps),
     )
+
+
+def _name(toml: Toml, value: Any) -> str:
+    name = toml.string("rig.name", value)
+    if found := unseen(name):
+        raise toml.wrong("rig.name", f"{found} in it.", VISIBLE, "Type it anew; a line break becomes a space.")
+    return name
 
 
 def _gear_ratio(toml: Toml, rig: Mapping[str, Any]) -> float | None:

@@ -308,3 +308,19 @@ def test_no_rig_toml(tmp_path: Path) -> None:
 def test_binary_rig_toml(tmp_path: Path) -> None:
     with pytest.raises(MeasurementError, match="text"):
         read(tmp_path, b"PK\x03\x04\x00\x01\x02")
+
+
+@pytest.mark.parametrize(("name", "said"), [("a\\nb", "U+000A"), ("a\\u001b[2J", "U+001B"), ("\\u202Eb", "U+202E"),
+                                            ("\\u2066b\\u2069", "U+2066, U+2069"), ("a\\u2028b", "U+2028")])  # fmt: skip
+def test_a_name_in_which_something_hides_is_refused(tmp_path: Path, name: str, said: str) -> None:
+    path = tmp_path / "rig.toml"
+    path.write_text(f'[rig]\nname = "{name}"\n', encoding="utf-8")
+    with pytest.raises(MeasurementError, match=rf"rig\.toml:2: rig\.name: {re.escape(said)} in it.*Type it anew"):
+        read_config(path)
+
+
+def test_a_name_may_be_of_any_language(tmp_path: Path) -> None:
+    path = tmp_path / "rig.toml"
+    name = "Drosselklappe Nº 3 – 試験台 دریچه\u200cگاز"  # with the joiner that Persian needs
+    path.write_text(f'[rig]\nname = "{name}"\n', encoding="utf-8")
+    assert read_config(path).name == name
