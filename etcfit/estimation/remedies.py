@@ -6,6 +6,7 @@ which traces are there already is not advised as if it had not been made.
 
 from __future__ import annotations
 
+import json
 from collections.abc import Collection, Iterable
 from dataclasses import dataclass
 
@@ -198,7 +199,8 @@ def _told(symbol: str, made: Collection[str]) -> str:
         return TOLD_BY[symbol].words(made)
     if symbol in EXCITED_BY:
         return f"{EXCITED_BY[symbol]} beside tests that log a voltage, or a number in [ecu], tells {symbol}"
-    return f"fix {symbol} in rig.toml if it is known, or log what depends on it"
+    written = json.dumps(symbol, ensure_ascii=False) if "." in symbol else symbol  # as rig.toml has it
+    return f"fix {written} in rig.toml if it is known, or log what depends on it"
 
 
 def listed(words: Iterable[str]) -> str:

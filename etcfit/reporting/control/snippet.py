@@ -50,7 +50,7 @@ def constants(written: Mapping[str, Any]) -> Iterator[Xml.Element]:
     for name, limit in written["limits"].items():
         yield _constant({"digits": "0", "name": name}, f"{limit['value']:.1f}")
     for name, row in (written["bias"] or {}).items():
-        values = "".join(f"\n  {value}" for value in row)
+        values = "".join(f"\n  {float(value)}" for value in row)
         yield _constant({"cols": "1", "digits": "2", "name": name, "rows": str(len(row))}, f"{values}\n")
 
 
