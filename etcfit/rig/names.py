@@ -39,6 +39,13 @@ def unseen(name: str) -> str:
     return ", ".join(dict.fromkeys(f"U+{ord(c):04X}" for c in found))
 
 
+def visible(text: str) -> str:
+    """A text for a terminal, lines and tabs as they are: any other unseen character is its number, as (U+001B)."""
+    if text.isprintable():
+        return text
+    return "".join(f"(U+{ord(c):04X})" if c not in "\n\t" and unseen(c) else c for c in text)
+
+
 def escaped(path: str) -> str:
     """The path with every byte that is no UTF-8 written out."""
     try:
