@@ -6,12 +6,12 @@ which traces are there already is not advised as if it had not been made.
 
 from __future__ import annotations
 
-import json
 from collections.abc import Collection, Iterable
 from dataclasses import dataclass
 
 from ..problem.free_parameters import SERIES
 from ..problem.trace import Trace
+from ..rig.comments import toml_string
 from .identifiability import Direction
 
 ELECTRICAL = frozenset({"R_a", "L_a"})
@@ -199,7 +199,7 @@ def _told(symbol: str, made: Collection[str]) -> str:
         return TOLD_BY[symbol].words(made)
     if symbol in EXCITED_BY:
         return f"{EXCITED_BY[symbol]} beside tests that log a voltage, or a number in [ecu], tells {symbol}"
-    written = json.dumps(symbol, ensure_ascii=False) if "." in symbol else symbol  # as rig.toml has it
+    written = toml_string(symbol) if "." in symbol else symbol  # as rig.toml has it
     return f"fix {written} in rig.toml if it is known, or log what depends on it"
 
 

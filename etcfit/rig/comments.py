@@ -1,10 +1,11 @@
-"""Text of a user inside a comment of another language: whatever it holds, it stays inside and means nothing there.
+"""Text of a user inside a comment or a string of another language: whatever it holds, it stays inside and is data.
 
-The name of a rig, a file or a note is data. One function a language knows what ends a comment there.
+One function a language knows what ends a comment, or a string, there.
 """
 
 from __future__ import annotations
 
+import json
 import re
 import textwrap
 from collections.abc import Callable, Iterable
@@ -34,6 +35,11 @@ def c_comment(lines: Iterable[str]) -> str:
 def hash_comment(lines: Iterable[str]) -> str:
     """Comment lines of CSV and TOML."""
     return _wrapped(lines, one_line, "# ")
+
+
+def toml_string(text: str) -> str:
+    """A text in quotes, as TOML reads it: as JSON writes it, but for one character."""
+    return json.dumps(text, ensure_ascii=False).replace("\x7f", "\\u007f")
 
 
 def python_comment(lines: Iterable[str]) -> str:

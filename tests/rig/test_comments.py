@@ -6,13 +6,23 @@ import ast
 import shutil
 import subprocess
 import tokenize
+import tomllib
 from io import BytesIO
 from xml.etree import ElementTree as Xml
 
 import numpy as np
 import pytest
 
-from etcfit.rig.comments import c_comment, hash_comment, in_c, matlab_comment, one_line, python_comment, xml_comment
+from etcfit.rig.comments import (
+    c_comment,
+    hash_comment,
+    in_c,
+    matlab_comment,
+    one_line,
+    python_comment,
+    toml_string,
+    xml_comment,
+)
 
 # what ends or begins something in one of the languages, and what hides or moves text
 PIECES = (*"*/\\?-><!#%{}\"'=: \n\r\t\v\f\0\x1b\x1c\x85\u2028\u2029\u202e\u2066\u200b\ufeff\ufffe\ud800", "\U000e0041",
@@ -78,6 +88,12 @@ def test_no_text_ends_a_comment_of_xml_or_makes_it_invalid() -> None:
         root.append(Xml.Comment(xml_comment([text])))
         Xml.SubElement(root, "own")
         assert [each.tag for each in Xml.fromstring(Xml.tostring(root))] == ["own"]
+
+
+def test_every_text_is_one_string_of_toml() -> None:
+    for text in EVERY:
+        whole = text.replace("\ud800", "")  # half a character is in no file of TOML
+        assert tomllib.loads(f"{toml_string(whole)} = {toml_string(whole)}") == {whole: whole}
 
 
 def test_what_is_printable_is_kept_and_what_nobody_sees_is_its_number() -> None:
