@@ -78,7 +78,7 @@ def _new(source: Source, written: Mapping[str, Any], lost: tuple[str, ...]) -> b
     return f"{head}{Xml.tostring(root, 'unicode')}\n".encode("iso-8859-1", "xmlcharrefreplace")
 
 
-def _comment(source: Source, lost: tuple[str, ...]) -> Xml.Element:
+def _comment(source: Source, lost: tuple[str, ...]) -> Any:
     return Xml.Comment(xml_comment((source.title, source.origin, *lost)))
 
 

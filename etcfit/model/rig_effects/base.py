@@ -118,7 +118,7 @@ class AbstractRigEffect(AbstractEffect):
         """
         if cls.of_a_channel:
             return tuple(Place(test, c) for test, found in logged.items() for c in cls.acts_on if c in found)
-        found = {name for name, seen in (logged | traces).items() if not cls.acts_on or seen & {*cls.acts_on}}
+        found = {name for name, seen in {**logged, **traces}.items() if not cls.acts_on or seen & {*cls.acts_on}}
         if cls.scope == "rig":
             return (Place(),) if found else ()
         return tuple(Place.named(name) for name in (traces if cls.scope == "trace" else logged) if name in found)
