@@ -237,7 +237,7 @@ def _knowledge(toml: Toml, symbol: str, value: Any) -> Knowledge:
     if isinstance(value, dict):
         if form := forms.get(frozenset(value)):
             return form(**value)
-        if len(value) == 1 and not closest(next(iter(value)), {*()}.union(*forms), ""):
+        if len(value) == 1 and not closest(next(iter(value)), ("fixed", "value", "sd"), ""):
             raise toml.wrong(key, f"found {shown(value)}.", "A symbol with points in it must stand in quotes.",
                              f'Write "{_whole(symbol, value)}" = and then its value.')  # fmt: skip
     elif isinstance(value, (int, float)) and not isinstance(value, bool):
