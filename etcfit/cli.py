@@ -80,15 +80,22 @@ _PIPE_WIDTH = 140  # columns; a pipe has no width, and a table cut to 80 loses f
 
 
 def _stdout() -> Any:
-    from rich.console import Console
+    from .reporting.terminal import console
 
-    return Console(width=None if sys.stdout.isatty() else _PIPE_WIDTH)
+    return console(width=None if sys.stdout.isatty() else _PIPE_WIDTH)
 
 
 def _stderr() -> Any:
-    from rich.console import Console
+    from .reporting.terminal import console
 
-    return Console(stderr=True, soft_wrap=True, highlight=False)
+    return console(stderr=True, soft_wrap=True, highlight=False)
+
+
+def _say(text: object, err: bool = False, nl: bool = True) -> None:
+    """A plain line, in which a name or a label gives the terminal no orders."""
+    from .rig.names import visible
+
+    typer.echo(visible(str(text)), err=err, nl=nl)
 
 
 def _stop(status: Status, message: str) -> typer.Exit:
@@ -224,7 +231,7 @@ def check(folder: Folder, advise: Advise = False, at: At = None, out: AdviceOut 
     _stdout().print(check_table(result))
     if result.why_not:  # `fit` would refuse it
         raise _stop(Status.DATA, result.why_not)
-    typer.echo(of_check(result, folder))
+    _say(of_check(result, folder))
 
 
 def _advise(folder: Path, at: Path | None, out: Path | None, quiet: bool) -> None:
@@ -245,7 +252,7 @@ def _advise(folder: Path, at: Path | None, out: Path | None, quiet: bool) -> Non
         if out is not None:
             save_advice(out, advice)
     _stdout().print(advice_table(advice))
-    typer.echo(of_advice(advice, folder, at, None if out is None else out / "advice.json"))
+    _say(of_advice(advice, folder, at, None if out is None else out / "advice.json"))
 
 
 @_verb("Fit", "etcfit fit measurements/bench_twin --out runs/bench_twin")
@@ -317,7 +324,7 @@ def _show(result: Any) -> None:
     if result is None:
         return
     if isinstance(result, str):
-        typer.echo(result)
+        _say(result)
     else:
         _stdout().print(result)
 
@@ -328,7 +335,7 @@ def _tell(done: stages.Done) -> None:
         _stderr().print(done.remark, markup=False)
     _show(done.shown)
     if done.closing is not None:
-        typer.echo(done.closing)
+        _say(done.closing)
     if done.failure:
         raise _stop(Status.NOT_CONVERGED, done.failure)
 
@@ -357,7 +364,7 @@ def drive(
         if out is not None:
             write_drive(out, config, studies, progress)
     _stdout().print(drive_table(config, studies))
-    typer.echo(of_drive(studies, folder, out))
+    _say(of_drive(studies, folder, out))
 
 
 @_verb("Explain", "etcfit sample runs/bench_twin")
@@ -676,7 +683,7 @@ def plan(
         from .reporting.closing.rig import of_plan
         from .reporting.plan_sheet import plan_table
     _stdout().print(plan_table(chosen.campaign))
-    typer.echo(of_plan(chosen.campaign, out))
+    _say(of_plan(chosen.campaign, out))
 
 
 @_verb("Measure", "etcfit fetch kassel-throttle")
@@ -693,7 +700,7 @@ def fetch(
         from .reporting.closing.folder import of_fetched
 
         folder = fetch_dataset(name, to or Path("measurements") / name, data)
-    typer.echo(of_fetched(name, folder))
+    _say(of_fetched(name, folder))
 
 
 @_verb("Measure", "etcfit new my_rig --like bosch-0280750148")
@@ -707,7 +714,7 @@ def new(
     from .importing.new import new_folder
     from .reporting.closing.folder import of_new
 
-    typer.echo(of_new(new_folder(folder, like)))
+    _say(of_new(new_folder(folder, like)))
 
 
 @_verb("Measure", "etcfit import recordings/* --to measurements/mine --rig my_rig/rig.toml", name="import")
@@ -745,24 +752,24 @@ def import_(
     with _progress(quiet or resolve is _asked) as report:
         done = import_files(files, to, answers, resolve, rig=rig, report=report)
     for file, source, reason in done.traces:
-        typer.echo(f"{done.folder}/{file}  from {source}: {reason}")
+        _say(f"{done.folder}/{file}  from {source}: {reason}")
     for warning in done.warnings:
         _stderr().print(warning, markup=False)
-    typer.echo(of_imported(done))
+    _say(of_imported(done))
 
 
 def _asked(doubts: Sequence[Any], answers: Any) -> Any:
     """The guesses in doubt, one by one: Enter takes the guess, anything else is the answer."""
     for doubt in doubts:
-        typer.echo(f"{doubt.where}\n  {doubt.reason}", err=True)
+        _say(f"{doubt.where}\n  {doubt.reason}", err=True)
         while True:
-            typer.echo(f"  {doubt.choices} [{doubt.taken}]: ", err=True, nl=False)
+            _say(f"  {doubt.choices} [{doubt.taken}]: ", err=True, nl=False)
             text = sys.stdin.readline().strip() or doubt.taken
             try:
                 answers = doubt.accepted(answers) if text == doubt.taken else doubt.answered(text, answers)
                 break
             except UsageError as error:
-                typer.echo(f"  {error}", err=True)
+                _say(f"  {error}", err=True)
     return answers
 
 

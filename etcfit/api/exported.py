@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -47,6 +48,6 @@ def exported(
     """
     from ..exporting import Source, write
 
-    source = Source(result.fitted(), settings, pid, f"etcfit design {run or 'RUN'}", into, anyway)
+    source = Source(result.fitted(), settings, pid, shlex.join(["etcfit", "design", str(run or "RUN")]), into, anyway)
     made = to.export(source)
     return Exported(write(made, folder), made.cannot_hold)

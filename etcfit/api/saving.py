@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import asdict, replace
@@ -52,8 +53,8 @@ def _all_is_saved(run: RunFolder) -> Iterator[None]:
         yield
     except KeyboardInterrupt:
         raise KeyboardInterrupt(
-            f"interrupted while pictures were drawn. All results are in {run.path}; `etcfit report {run.path}` draws "
-            "the pictures that are missing."
+            f"interrupted while pictures were drawn. All results are in {run.path}; "
+            f"`etcfit report {shlex.quote(str(run.path))}` draws the pictures that are missing."
         ) from None
 
 

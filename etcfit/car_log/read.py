@@ -13,6 +13,7 @@ import numpy as np
 from ..errors import MeasurementError
 from ..rig.base import RigConfig
 from ..rig.columns import Column, read_columns
+from ..rig.comments import toml_string
 from ..rig.config import read_config
 from ..rig.header import HeaderError, parse_header
 from ..rig.mlg import read_mlg
@@ -115,7 +116,7 @@ def _of_setpoint(header: Sequence[str]) -> str:
     like = [name for name in header if _may_be_target(name)]
     there = f"Columns that may be it: {', '.join(like)}. " if like else "No column looks like it. "
     example = like[0] if like else "TP Target"
-    return f'No setpoint was found. {there}Name it in rig.toml: [columns] "{example}" = "setpoint [%]".'
+    return f'No setpoint was found. {there}Name it in rig.toml: [columns] {toml_string(example)} = "setpoint [%]".'
 
 
 def _of_position(taken: str, header: Sequence[str]) -> str:
@@ -124,7 +125,8 @@ def _of_position(taken: str, header: Sequence[str]) -> str:
     if not (_TPS.fullmatch(taken) and like):
         return ""
     return (f"'{taken}' was taken for the plate; in some ECUs (MaxxECU) it is the pedal. Columns that may be the "
-            f'plate: {", ".join(like)}. Name it in rig.toml: [columns] "{like[0]}" = "position [%]".')  # fmt: skip
+            f"plate: {', '.join(like)}. "
+            f'Name it in rig.toml: [columns] {toml_string(like[0])} = "position [%]".')  # fmt: skip
 
 
 def _taken(table: Table, config: RigConfig) -> dict[int, str]:

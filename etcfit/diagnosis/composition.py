@@ -19,7 +19,7 @@ from ..model.parameters import parameters_of
 from ..model.rig_effects import AbstractRigEffect, Place, SeriesResistance, at_places
 from ..problem.free_parameters import FreeParameters, Layout, free_parameters
 from ..problem.jacobian import AT_ONCE
-from ..problem.trace import Trace
+from ..problem.trace import Trace, by_test
 from ..rig.base import Rig
 
 Effect = type[AbstractEffect]
@@ -134,25 +134,10 @@ def logged(rig: Rig, traces: tuple[Trace, ...]) -> frozenset[str]:
     return frozenset(word for word, true in words.items() if true)
 
 
-def by_test(traces: tuple[Trace, ...]) -> dict[str, frozenset[str]]:
-    """What the traces of each rig test logged: the channels that the model predicts, "voltage" or "torque" where one
-    drove, and "duty" where that came of a duty and a supply that nobody logged."""
-    found: dict[str, frozenset[str]] = {}
-    for trace in traces:
-        found[trace.test.name] = found.get(trace.test.name, frozenset()) | _channels(trace)
-    return found
-
-
 def by_file(traces: tuple[Trace, ...]) -> dict[str, frozenset[str]]:
-    """The same of each trace by itself; not of those that an ECU in the model drives, whose loop is closed over what is
+    """What each trace logged by itself; not of those that an ECU in the model drives, whose loop is closed over what is
     late."""
-    return {trace.measurement.file: _channels(trace) for trace in traces if not trace.controlled}
-
-
-def _channels(trace: Trace) -> frozenset[str]:
-    driven = {"voltage"} if trace.circuit else {"torque"} if trace.torque_driven else set()
-    duty = {"duty"} if trace.sags else set()
-    return frozenset({*trace.channels, *driven, *duty})
+    return {trace.measurement.file: trace.logged for trace in traces if not trace.controlled}
 
 
 def is_of_the_rig(effect: Effect) -> bool:

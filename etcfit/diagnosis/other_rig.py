@@ -75,7 +75,7 @@ class Strange:
         size = max((abs(d) for d in told.values()), default=0.0)
         each = [f"{symbol} {100.0 * d:+.3g} %" for symbol, d in list(told.items())[:_NAMED]]
         differs = listed(each) if each else "in what it does not tell"
-        mend = f'[model] effects = ["{self.name}"], or take the files out of the folder'
+        mend = f"{OtherRig.at(self.place).mend(0.0)}, or take the files out of the folder"
         said = f"a body of its own, which differs from that of all others: {differs}"
         sentence = f"{OtherRig.kind} in {self.place.words}: {said}. To be mended in rig.toml: {mend}"
         return RigMistake(

@@ -16,7 +16,7 @@ from ..problem.problem import EstimationProblem
 from ..problem.program import concurrently
 from ..problem.residual import WeightedData
 from ..problem.trace import Trace, follows_setpoint, prepare
-from ..rig.base import OTHER_RIG, Measurement, Rig
+from ..rig.base import Measurement, Rig
 from ..rig.checks import refuse
 from ..rig.paper_readings import Readings, read_graphs
 from .accuracy import with_accuracy
@@ -29,6 +29,7 @@ from .neighbouring_optima import likeliest_nearby
 from .result import FitResult as FitResult
 from .result import Optimum, Termination, outcome
 from .result import StartSummary as StartSummary
+from .rig_places import refuse_wrong_places
 from .rounds import Reached, rounds, searched, whitened
 from .rounds import Report as Report
 from .rounds import quiet as quiet
@@ -59,18 +60,6 @@ def _left_out(measurement: Measurement) -> str:
     return f'{why}. A table [ecu] in rig.toml, with the ECU\'s gains or P, I, D = "free", puts the ECU into the model'
 
 
-def _must_set_aside(rig: Rig) -> None:
-    """Refuse an `other_rig[...]` that no trace answers to: a slip of the pen would leave the trace in the fit."""
-    known = {place for m in rig.measurements for place in (m.file, m.test)}
-    for name in rig.config.effects:
-        place = name.removeprefix(f"{OTHER_RIG}[").removesuffix("]")
-        if name.startswith(OTHER_RIG) and place not in known:
-            required = f"It must be a file, or a test, of this folder: {', '.join(sorted(known))}."
-            raise MeasurementError(
-                "rig.toml: [model] effects", f"sets aside {place!r}.", required, "Correct the name."
-            )  # fmt: skip
-
-
 class Prepared(NamedTuple):
     """The traces of a rig, ready for the model.
 
@@ -92,14 +81,13 @@ def ready(rig: Rig) -> Prepared:
         MeasurementError: nothing is left to fit, or physics rules the data out.
     """
     refuse(rig.folder, rig.findings)
-    _must_set_aside(rig)
     fitted, held_out, notes = [], [], []
-    for measurement in rig.measurements:
+    traces = [prepare(measurement, rig.config) for measurement in rig.measurements]
+    refuse_wrong_places(rig, [trace for trace in traces if trace is not None])
+    for measurement, trace in zip(rig.measurements, traces, strict=True):
         if rig.config.sets_aside(measurement):
             notes.append(f"{measurement.file}: set aside as of another rig; it is neither fitted nor predicted")
-            continue
-        trace = prepare(measurement, rig.config)
-        if trace is None:
+        elif trace is None:
             notes.append(_left_out(measurement))
         else:
             (held_out if measurement.held_out else fitted).append(trace)

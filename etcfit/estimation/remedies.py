@@ -11,6 +11,7 @@ from dataclasses import dataclass
 
 from ..problem.free_parameters import SERIES
 from ..problem.trace import Trace
+from ..rig.comments import toml_string
 from .identifiability import Direction
 
 ELECTRICAL = frozenset({"R_a", "L_a"})
@@ -198,7 +199,8 @@ def _told(symbol: str, made: Collection[str]) -> str:
         return TOLD_BY[symbol].words(made)
     if symbol in EXCITED_BY:
         return f"{EXCITED_BY[symbol]} beside tests that log a voltage, or a number in [ecu], tells {symbol}"
-    return f"fix {symbol} in rig.toml if it is known, or log what depends on it"
+    written = toml_string(symbol) if "." in symbol else symbol  # as rig.toml has it
+    return f"fix {written} in rig.toml if it is known, or log what depends on it"
 
 
 def listed(words: Iterable[str]) -> str:

@@ -1,9 +1,10 @@
-"""Templates of the files in C, filled in."""
+"""Templates of the files in C and Python, filled in."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable
 from typing import Any
+
+from ..rig.comments import c_comment, in_c, one_line
 
 
 def rendered(template: str, **parts: Any) -> str:
@@ -17,14 +18,5 @@ def rendered(template: str, **parts: Any) -> str:
         keep_trailing_newline=True,
         undefined=jinja2.StrictUndefined,
     )
-    environment.filters |= {"number": repr, "comment": comment}
+    environment.filters |= {"number": repr, "c_comment": c_comment, "in_c": in_c, "one_line": one_line}
     return environment.get_template(template).render(**parts)
-
-
-def comment(lines: Iterable[str], mark: str = " * ", width: int = 110) -> str:
-    """Sentences as the inside of a comment, a line each, wrapped; no text can end a comment of C or of XML."""
-    import textwrap
-
-    safe = (line.replace("*/", "* /").replace("--", "- -") for line in lines)
-    wrapped = (textwrap.fill(line, width, initial_indent=mark, subsequent_indent=mark) for line in safe)
-    return "\n".join(wrapped)

@@ -15,9 +15,10 @@ from jaxtyping import Array, Bool, Float, Int
 from ..errors import MeasurementError
 from ..model.effects import COMMANDING, EFFECT_BY_NAME, PAPER, AbstractEffect
 from ..model.parameters import DOMAINS, AnyArray, NonNegative, Parameter, Positive, Real, Scalar, curves, slopes
-from ..model.rig_effects import Place, SeriesResistance, rig_effect
+from ..model.rig_effects import FAMILY_BY_KIND, Place, SeriesResistance, rig_effect
 from ..model.throttle import catalogue
 from ..rig.base import Fixed, Prior, RigConfig, Start, Tied
+from ..rig.toml import closest
 
 _FARTHEST = 1e9  # of a known value from the usual size, either way
 SERIES = "series_ohm."  # prefix of a rig test's own circuit resistance
@@ -291,8 +292,10 @@ def effect_named(name: str) -> type[AbstractEffect]:
     """
     found = EFFECT_BY_NAME.get(name) or rig_effect(name)
     if found is None:
-        known = ", ".join(n for n, effect in EFFECT_BY_NAME.items() if effect not in PAPER)
-        raise MeasurementError("rig.toml: [model] effects", f"names {name!r}.", f"Known effects: {known}.", "Mend it.")
+        known = [n for n, effect in EFFECT_BY_NAME.items() if effect not in PAPER]
+        required = f"Known effects: {', '.join(known)}; of the rig, with their place: {', '.join(FAMILY_BY_KIND)}."
+        raise MeasurementError("rig.toml: [model] effects", f"names {name!r}.", required,
+                               closest(name, (*known, *FAMILY_BY_KIND), "Correct the name, or delete it."))  # fmt: skip
     return found
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
@@ -76,6 +76,13 @@ class Trace:
         """True where current can flow."""
         return self.input is not None and not self.torque_driven
 
+    @property
+    def logged(self) -> frozenset[str]:
+        """The channels that the model predicts, "voltage" or "torque" where one drove, and "duty" where that came of a
+        duty and a supply that nobody logged."""
+        driven = {"voltage"} if self.circuit else {"torque"} if self.torque_driven else set()
+        return frozenset({*self.channels, *driven, *({"duty"} if self.sags else ())})
+
     def released_at(self, instant: float, sd: float) -> Trace:
         """The trace with another release instant and its standard deviation, s."""
         return replace(self, release=(instant, sd))
@@ -98,6 +105,14 @@ class Trace:
         if self.input is None or not self.controlled:
             return self
         return replace(self, input=replace(self.input, value=np.full(self.instants.size, volts)))
+
+
+def by_test(traces: Iterable[Trace]) -> dict[str, frozenset[str]]:
+    """What the traces of each rig test logged."""
+    found: dict[str, frozenset[str]] = {}
+    for trace in traces:
+        found[trace.test.name] = found.get(trace.test.name, frozenset()) | trace.logged
+    return found
 
 
 _LEAST_OHM = 1.0  # of a winding

@@ -8,6 +8,7 @@ The only matplotlib; lazy.
 
 from __future__ import annotations
 
+import shlex
 import shutil
 from collections.abc import Mapping, Sequence
 from functools import partial
@@ -47,7 +48,7 @@ def draw_fit(run: Path, result: FitResult, report: Report = quiet) -> None:
 def _leave_others(run: Path) -> None:
     """Put down that pictures are missing, for `draw_others` and for a person who looks for them."""
     (run / "pictures").mkdir(parents=True, exist_ok=True)
-    note = f"The other pictures, of every test and trace, are drawn by\n\n    etcfit report {run}\n"
+    note = f"The other pictures, of every test and trace, are drawn by\n\n    etcfit report {shlex.quote(str(run))}\n"
     (run / "pictures" / _UNDRAWN).write_text(note, encoding="utf-8")
 
 

@@ -48,6 +48,7 @@ RC: Any = {
     "grid.linewidth": 0.7,
     "axes.axisbelow": True,
     "lines.linewidth": 1.6,
+    "text.parse_math": False,  # a name may hold dollars
     "legend.frameon": False,
     "legend.fontsize": 10,
     "path.simplify_threshold": 0.5,

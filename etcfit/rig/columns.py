@@ -10,6 +10,7 @@ import numpy as np
 
 from ..errors import MeasurementError
 from .base import RigConfig
+from .comments import toml_string
 from .header import DROP, HeaderError, parse_header
 from .table import Table
 from .toml import Toml
@@ -102,9 +103,12 @@ def read_columns(table: Table, config: RigConfig, where: str, toml: Toml) -> dic
         place = partial(_place, header, config.columns, table.head(where), toml)
         column = _column(header, ours, table.cells[:, k], config, place)
         if other := columns.get(column.quantity):
-            raise MeasurementError(place(), f"columns '{other.header}' and '{header}' are both {column.quantity}.",
-                                   "A trace has one column for each quantity.",
-                                   f"Delete one, or set \"{header}\" = \"ignore\" under [columns].")  # fmt: skip
+            raise MeasurementError(
+                place(),
+                f"columns '{other.header}' and '{header}' are both {column.quantity}.",
+                "A trace has one column for each quantity.",
+                f'Delete one, or set {toml_string(header)} = "ignore" under [columns].',
+            )
         columns[column.quantity] = column
     if "time" not in columns:
         raise MeasurementError(table.head(where), f"no time column among '{', '.join(table.header)}'.",

@@ -13,6 +13,7 @@ from .base import CHANNELS, Fixed, Knowledge, Prior, RigConfig, Start, Tied, Tps
 from .ecu import read_ecu
 from .header import DROP, HeaderError, parse_header
 from .nameplate import GEAR_RATIO, LEAST_TRAVEL, SENSOR, SENSOR_TRAVEL, SERIES, STOP, SUPPLY, within
+from .names import VISIBLE, unseen
 from .toml import Toml, closest, parse, read_text, shown
 from .toml_slips import EXAMPLES as EXAMPLE_VALUES
 from .units import EXAMPLES, UnitError, to_channel
@@ -22,6 +23,7 @@ RIG_KEYS = ("name", "synthetic", "gear_ratio", "supply_V", "travel_deg")
 TPS_KEYS = ("closed_V", "open_V", "travel_deg")
 LEAST_TPS_VOLTS = 0.01
 POSSIBLE_NOISE = 1e-12, 1e4  # SI, any channel
+_SYMBOL = re.compile(r"[A-Za-z][A-Za-z0-9_]*(\.\S(.*\S)?)?")  # behind a point the place of an effect of the rig
 UNIT_SLUGS = {"rad_s": "rad/s", "deg_s": "deg/s", "N_m": "N*m", "mN_m": "mN*m", "N_cm": "N*cm", "": "1"}
 
 
@@ -58,7 +60,7 @@ def config_of(toml: Toml, name: str) -> RigConfig:
     if not isinstance(synthetic, bool):
         raise toml.wrong("rig.synthetic", f"found {shown(synthetic)}.", "It must be true or false.", "Correct it.")
     return RigConfig(
-        name=toml.string("rig.name", rig.get("name", name)),
+        name=_name(toml, rig.get("name", name)),
         synthetic=synthetic,
         gear_ratio=1.0 if gear_ratio is None else gear_ratio,
         gear_ratio_given=gear_ratio is not None,
@@ -75,6 +77,13 @@ def config_of(toml: Toml, name: str) -> RigConfig:
         notation=notation,
         accuracy=read_accuracy(toml, travel, tps),
     )
+
+
+def _name(toml: Toml, value: Any) -> str:
+    name = toml.string("rig.name", value)
+    if found := unseen(name):
+        raise toml.wrong("rig.name", f"{found} in it.", VISIBLE, "Type it anew; a line break becomes a space.")
+    return name
 
 
 def _gear_ratio(toml: Toml, rig: Mapping[str, Any]) -> float | None:
@@ -216,9 +225,10 @@ def _parameters(toml: Toml) -> dict[str, Knowledge]:
 
 def _knowledge(toml: Toml, symbol: str, value: Any) -> Knowledge:
     key = f"parameters.{symbol}"
-    if not re.fullmatch(r"[A-Za-z][A-Za-z0-9_]*", symbol):
-        raise toml.wrong(key, "no symbol.", "Symbols are letters, digits and _, as R_a.", "Correct or delete it.")
-    if isinstance(value, str) and re.fullmatch(r"[A-Za-z][A-Za-z0-9_]*", value):
+    if not _SYMBOL.fullmatch(symbol):
+        raise toml.wrong(key, "no symbol.", "Symbols are letters, digits and _, as R_a; behind a point the place of an "
+                         'effect of the rig, as "late.response.current".', "Correct or delete it.")  # fmt: skip
+    if isinstance(value, str) and _SYMBOL.fullmatch(value):
         return Tied(value)
     forms: dict[frozenset[str], Callable[..., Knowledge]] = {
         frozenset({"fixed"}): lambda fixed: Fixed(toml.finite(key, fixed)),
@@ -227,11 +237,22 @@ def _knowledge(toml: Toml, symbol: str, value: Any) -> Knowledge:
     if isinstance(value, dict):
         if form := forms.get(frozenset(value)):
             return form(**value)
+        if len(value) == 1 and not closest(next(iter(value)), ("fixed", "value", "sd"), ""):
+            raise toml.wrong(key, f"found {shown(value)}.", "A symbol with points in it must stand in quotes.",
+                             f'Write "{_whole(symbol, value)}" = and then its value.')  # fmt: skip
     elif isinstance(value, (int, float)) and not isinstance(value, bool):
         return Start(toml.finite(key, value))
     raise toml.wrong(key, f"found {shown(value)}.",
                      'It must be a number, "OTHER", {fixed = 0.0} or {value = 1.0, sd = 0.1}.',
                      "Write it in one of these forms.")  # fmt: skip
+
+
+def _whole(symbol: str, value: Any) -> str:
+    """The symbol that somebody wrote without quotes, so that each point made a table of it."""
+    while isinstance(value, dict) and len(value) == 1 and "fixed" not in value:
+        (name,) = value
+        symbol, value = f"{symbol}.{name}", value[name]
+    return symbol
 
 
 def _refuse_circles(toml: Toml, symbol: str, knowledge: Knowledge, known: Mapping[str, Knowledge]) -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import difflib
 import re
 
+from .comments import toml_string
 from .units import EXAMPLES, SI_UNIT, UnitError, conversion, is_percent
 
 DROP = ("", "ignore")  # right-hand sides in [columns] that leave a column out
@@ -49,7 +50,7 @@ def _foreign(header: str, quantity: str) -> HeaderError:
     match = difflib.get_close_matches(quantity, SI_UNIT, n=1, cutoff=0.75)
     guess = f" Did you mean '{match[0]} [{_example(match[0])}]'?" if match else ""
     return HeaderError(f"column '{header}' is not known.", f"Known: {', '.join(SI_UNIT)}.",
-                       f"Add it to rig.toml under [columns], as \"{header}\" = \"position [deg]\" "
+                       f"Add it to rig.toml under [columns], as {toml_string(header)} = \"position [deg]\" "
                        f"(or = \"ignore\"), or delete the column.{guess}")  # fmt: skip
 
 

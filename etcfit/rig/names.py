@@ -1,26 +1,49 @@
-"""Names of files and folders, which go into reports and JSON files and so must be UTF-8."""
+"""Names of rigs, files and folders, which go into reports, JSON files and exported code: UTF-8 that can be seen."""
 
 from __future__ import annotations
 
 import os
+import unicodedata
+from pathlib import PurePath
 
 from ..errors import MeasurementError
+from .comments import one_line
+
+_DIRECTION = ("\u061c", "\u200e", "\u200f", *map(chr, range(0x202A, 0x202F)), *map(chr, range(0x2066, 0x206A)))
+_UNSEEN = ("Cc", "Zl", "Zp", "Cs")  # controls, ends of lines and paragraphs, half characters
+
+VISIBLE = "A name must hold no control characters and no marks of direction: they hide what is written."
 
 
 def refuse_foreign_names(folder: str, *names: str) -> None:
-    r"""Refuse a name that is no UTF-8; Linux allows any bytes.
+    r"""Refuse a name that is no UTF-8, or holds what nobody sees; Linux allows any bytes.
 
     Args:
         folder: where they lie, as the user gave it; its own name counts too.
         names: of what lies in it.
     Raises:
-        MeasurementError: at the first, its foreign bytes written as \xe9.
+        MeasurementError: at the first, its foreign bytes written as \xe9, its unseen characters as (U+202E).
     """
     for path in (folder, *(f"{folder}/{name}" for name in names)):
         if not _is_utf8(path):
             raise MeasurementError(escaped(path), "the name is no UTF-8.",
                                    "Names of files and folders must be UTF-8; reports and JSON files repeat them.",
                                    "Rename it; plain letters, digits, - and _ are always right.")  # fmt: skip
+        if found := unseen(PurePath(path).name):
+            raise MeasurementError(one_line(path), f"{found} in the name.", VISIBLE, "Rename it.")
+
+
+def unseen(name: str) -> str:
+    """The control characters and marks of direction in a name, as U+202E, U+001B; "" where there are none."""
+    found = [c for c in name if unicodedata.category(c) in _UNSEEN or c in _DIRECTION]
+    return ", ".join(dict.fromkeys(f"U+{ord(c):04X}" for c in found))
+
+
+def visible(text: str) -> str:
+    """A text for a terminal, lines and tabs as they are: any other unseen character is its number, as (U+001B)."""
+    if text.isprintable():
+        return text
+    return "".join(f"(U+{ord(c):04X})" if c not in "\n\t" and unseen(c) else c for c in text)
 
 
 def escaped(path: str) -> str:

@@ -190,8 +190,9 @@ def place_of(path: str, source: str, key: str) -> str:
 
 def _line_of(text: str, key: str) -> int | None:
     """The line of `table.key`, by eye: good enough to point at."""
-    *table, name = key.split(".")
-    for tables, sought in ((table, name), (table[:-1], table[-1] if table else ""), ([], key)):
+    parts = key.split(".")
+    whole = [(parts[:k], ".".join(parts[k:])) for k in range(len(parts) - 1, -1, -1)]  # a key may have points in quotes
+    for tables, sought in (*whole, (parts[:-2], ".".join(parts[-2:-1]))):
         here: list[str] = []
         for number, line in enumerate(text.split("\n"), 1):
             if header := re.match(r"\s*\[+\s*([^\]]+?)\s*\]", line):

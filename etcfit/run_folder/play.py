@@ -6,6 +6,7 @@ import textwrap
 
 from ..experiment.campaign import Campaign, PlannedTest
 from ..experiment.candidates import FULL, Played
+from ..rig.comments import c_comment, hash_comment
 
 
 def play_files(campaign: Campaign) -> dict[str, str]:
@@ -26,7 +27,7 @@ def _about(campaign: Campaign, test: PlannedTest, number: int) -> list[str]:
     synthetic = ["SYNTHETIC: planned from simulated data, not from a rig."] if campaign.rig.config.synthetic else []
     return [
         f"etcfit plan, test {number} of {len(campaign.tests)}: {test.candidate.plan.test}, {test.candidate.plan.says}.",
-        f"Rig: {' '.join(campaign.rig.config.name.split())}. Supply: {campaign.setting.supply:g} V.",
+        f"Rig: {campaign.rig.config.name}. Supply: {campaign.setting.supply:g} V.",
         f"Record it as measurements/{test.file}.",
         *synthetic,
     ]
@@ -34,10 +35,9 @@ def _about(campaign: Campaign, test: PlannedTest, number: int) -> list[str]:
 
 def csv(played: Played, about: list[str]) -> str:
     """Time, terminal voltage and duty of each sample; held until the next."""
-    head = "".join(f"# {line}\n" for line in about)
     rows = (f"{t:.6f},{v:.5f},{100.0 * c / FULL:.2f}\n"
             for t, v, c in zip(played.time, played.volts, played.counts, strict=True))  # fmt: skip
-    return f"{head}time [s],voltage [V],duty [%]\n{''.join(rows)}"
+    return f"{hash_comment(about)}\ntime [s],voltage [V],duty [%]\n{''.join(rows)}"
 
 
 def c_table(played: Played, name: str, about: list[str]) -> str:
@@ -46,7 +46,7 @@ def c_table(played: Played, name: str, about: list[str]) -> str:
     period = round(1e6 * float(played.time[1] - played.time[0]))
     numbers = textwrap.fill(", ".join(str(c) for c in played.counts.tolist()), 110)
     return f"""\
-/* {_comment(about)} */
+{c_comment(about)}
 #ifndef {upper}_H
 #define {upper}_H
 
@@ -76,17 +76,13 @@ static const int16_t {name}_duty[{upper}_COUNT] {upper}_STORE = {{
 
 def sketch(name: str, about: list[str]) -> str:
     """Plays the table once when `g` comes over the serial line; any other character stops it at once."""
-    return _SKETCH.replace("@ABOUT@", _comment(about)).replace("@NAME@", name).replace("@UPPER@", name.upper())
-
-
-def _comment(lines: list[str]) -> str:
-    return "\n   ".join(line.replace("*/", "* /").replace("??/", "?? /") for line in lines)
+    return _SKETCH.replace("@NAME@", name).replace("@UPPER@", name.upper()).replace("@ABOUT@", c_comment(about))
 
 
 _SKETCH = """\
-/* @ABOUT@
+@ABOUT@
 
-   For an H-bridge with a PWM and a direction input. Check the pins. Sync is high while the test plays: let it
+/* For an H-bridge with a PWM and a direction input. Check the pins. Sync is high while the test plays: let it
    trigger the logger. Send g to begin; any other character stops. */
 #include "@NAME@.h"
 

@@ -11,7 +11,6 @@ from numpy.testing import assert_array_equal
 from etcfit.diagnosis.composition import (
     Composition,
     by_file,
-    by_test,
     carried,
     compose,
     is_of_the_rig,
@@ -24,7 +23,7 @@ from etcfit.model.parameters import parameters_of
 from etcfit.model.rig_effects import AbstractRigEffect, Place, SeriesResistance, at_places
 from etcfit.model.smooth import UNKNOWNS
 from etcfit.problem.free_parameters import FreeParameters, free_parameters
-from etcfit.problem.trace import Trace
+from etcfit.problem.trace import Trace, by_test
 from etcfit.rig.base import Fixed, Prior, Rig
 
 LIMP, STRIBECK, GRAVITY = (EFFECT_BY_NAME[n] for n in ("limp_home_spring", "stribeck_friction", "gravity_load"))

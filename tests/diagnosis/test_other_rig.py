@@ -60,7 +60,7 @@ def test_so_is_a_whole_test_and_the_papers_graphs_do_without_it(odd: Rig) -> Non
 
 
 def test_a_name_that_no_trace_answers_to_is_refused(odd: Rig) -> None:
-    with pytest.raises(MeasurementError, match=r"sets aside 'response/17.csv'.*must be a file"):
+    with pytest.raises(MeasurementError, match=r"names 'other_rig\[response/17.csv\]'\. In this folder .*Did you mean"):
         ready(naming(odd, "response/17.csv"))
 
 

@@ -5,7 +5,11 @@ from __future__ import annotations
 import ast
 import inspect
 import io
+import re
 import sys
+import time
+import zipfile
+from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 from types import ModuleType
@@ -32,6 +36,8 @@ from etcfit.control.settings import DesignSettings, OptimumSettings
 from etcfit.errors import MeasurementError, UsageError
 from etcfit.estimation.fit_state import FitState
 from etcfit.exporting import FORMATS, Export, Source, named, write
+from etcfit.exporting.formats import c
+from etcfit.exporting.plant import plant_of
 from etcfit.files import write_json
 from etcfit.model.ecus import ECUS
 from etcfit.model.effects import Inputs, State
@@ -286,8 +292,122 @@ def test_a_copy_of_the_users_own_tune_has_the_designed_settings_and_no_other_cha
     assert mine.read_bytes() == tune()
 
 
+def test_what_stands_in_a_comment_of_the_users_tune_is_no_setting(tmp_path: Path) -> None:
+    mine = tmp_path / "mine.msq"
+    old = b'<!-- <constant name="etb_pFactor">7.0</constant> </msq> -->'
+    mine.write_bytes(tune().replace(b"<versionInfo", old + b"<versionInfo").replace(b"-10.0</", b"-10.0<!-- 9 --></"))
+    found = named("msq").export(replace(exports.source(pid=pid()), into=mine)).files["mine_etcfit.msq"]
+    assert isinstance(found, bytes)
+    assert found.count(old) == 1
+    (gain,) = Xml.fromstring(found).findall(f"{MSQ}page/{MSQ}constant[@name='etb_pFactor']")
+    assert float(gain.text or "") != 30.0
+    assert found.endswith(b"-->\n</msq>\n")
+
+
+def test_a_long_tune_is_changed_at_once(tmp_path: Path) -> None:
+    mine = tmp_path / "mine.msq"
+    tags = b'<constant name="y" x="' + b"a" * 200_000 + b'">2</constant>' + b"<constant/>" * 200_000
+    mine.write_bytes(tune().replace(b"</page>", tags + b"</page>"))
+    begun = time.perf_counter()
+    named("msq").export(replace(exports.source(pid=pid()), into=mine))
+    assert time.perf_counter() - begun < 10.0
+
+
+# the rig's name is data: see tests/rig/test_comments.py for the grammar of each language
+HOSTILE = (
+    "coding: unicode_escape \\u000araise SystemExit",
+    "-*- coding: utf-7 -*- +AAo-raise SystemExit",
+    f"{'a ' * 45}*\\ / #error hostile /*",
+    "*??/\n/ #error hostile /*",
+    "*/ #error hostile /*",
+    '---> <constant name="hostile">1</constant> <!---',
+    '"/> <hostile/> ]]> &amp; <!DOCTYPE x>',
+    "line\r\nraise SystemExit\x85#error hostile\u2028raise SystemExit\x00\x1b\u202e\ud800",
+)
+hostile = pytest.mark.parametrize("name", HOSTILE)
+
+
+def called(name: str, **more: Any) -> Source:
+    """A model of a rig with this name."""
+    sound = exports.source(pid=pid(), **more)
+    return replace(sound, fitted=replace(sound.fitted, config=replace(sound.fitted.config, name=name)))
+
+
+@hostile
+def test_no_name_of_a_rig_is_code_in_python(name: str) -> None:
+    innocent, found = (text(named("isaac").export(called(each)), "etcfit_isaac.py") for each in ("rig", name))
+    assert ast.dump(ast.parse(found.encode())) == ast.dump(ast.parse(innocent))
+
+
+@hostile
+def test_no_name_of_a_rig_is_markup(name: str, tmp_path: Path) -> None:
+    mine = tmp_path / "mine.msq"
+    mine.write_bytes(tune())
+    for of, into in (("mujoco", None), ("msq", None), ("msq", mine)):
+        innocent, found = (named(of).export(replace(called(each), into=into)).files for each in ("rig", name))
+        trees = [[(each.tag, each.text) for each in Xml.fromstring(next(iter(files.values()))).iter()]
+                 for files in (innocent, found)]  # fmt: skip
+        assert trees[0] == trees[1]
+
+
+def named_in_turn(innocent: Source) -> Iterator[Source]:
+    """The model of a rig with each of these names, traced and reduced once."""
+    innocent.reduction  # noqa: B018
+    for name in HOSTILE:
+        found = replace(innocent, fitted=called(name).fitted)
+        found.__dict__["reduction"] = innocent.reduction
+        yield found
+
+
+@pytest.mark.slow
+@exports.needs_a_compiler
+def test_no_name_of_a_rig_is_code_in_c(tmp_path: Path) -> None:
+    plant = plant_of(called("rig"))
+    for source in named_in_turn(called("rig")):
+        made = {**c.sources(source, plant, ("note",)), "main.c": "int main(void) { return 0; }\n"}
+        exports.compiled(Export(made), tmp_path / "c", "main.c")
+
+
+@pytest.mark.slow
+@exports.needs_a_compiler
+def test_no_name_of_a_rig_is_code_or_markup_in_an_fmu() -> None:
+    (packed,) = named("fmu").export(called(" ".join(HOSTILE))).files.values()
+    assert isinstance(packed, bytes)
+    with zipfile.ZipFile(io.BytesIO(packed)) as archive:
+        described, page, front = (
+            archive.read(name).decode()
+            for name in ("modelDescription.xml", "documentation/index.html", "sources/fmi3.c")
+        )
+    assert "hostile" not in {each.tag for each in Xml.fromstring(described).iter()}
+    assert "<hostile" not in page
+    assert "hostile" not in re.sub(r"/\*.*?\*/", "", front, flags=re.DOTALL)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("of", ["python", "m"])
+def test_no_name_of_a_rig_is_code_in_a_script(of: str) -> None:
+    innocent = called("rig")
+    wanted = code(of, innocent)
+    for source in named_in_turn(innocent):
+        assert code(of, source) == wanted
+
+
+def code(of: str, source: Source) -> str:
+    """What is no comment; as Python itself reads it, where it is that."""
+    (found,) = named(of).export(source).files.values()
+    assert isinstance(found, str)
+    if of == "python":
+        return ast.dump(ast.parse(found.encode()))
+    return "\n".join(line for line in found.splitlines() if not line.startswith("% "))
+
+
 @pytest.mark.parametrize(("data", "said"), [
     (b"<xml/>", "it is no tune"),
+    (tune().replace(b"</page>", b""), "it is no tune"),
+    (tune().replace(b"<msq ", b"<!DOCTYPE msq [<!ENTITY a 'b'>]><msq "), "it is no tune"),
+    (tune().decode("iso-8859-1").replace("ISO-8859-1", "UTF-16").encode("utf-16"), "it is no tune"),
+    (tune({"etb_dFactor": 1}).replace(b'name="etb_dFactor" units="x">30.0</constant>', b'name="etb_pFactor"/>'),
+     "no setting etb_pFactor"),
     (tune({name: rows for name, rows in INI.items() if name != "etb_dFactor"}), "no setting etb_dFactor"),
     (tune(INI | {"etbBiasBins": 6}), "no setting etbBiasBins with 8 rows"),
 ])  # fmt: skip

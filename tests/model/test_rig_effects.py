@@ -15,15 +15,19 @@ from etcfit.model.rig_effects import (
     OBSERVED,
     RIG_EFFECTS,
     AbstractRigEffect,
+    ChannelGain,
     EdgePhase,
     OtherRig,
     Place,
+    SupplySag,
+    TraceLate,
     at_places,
     number_of,
     rig_effect,
 )
 from etcfit.model.stepper import Edge, Reset, Step
 from etcfit.rig import TESTS
+from etcfit.rig.config import parse_config
 
 LOGGED = {
     "resistance": frozenset({"voltage", "current"}),
@@ -73,6 +77,13 @@ def as_given(file: str = "") -> list[Any]:
     return [*jax.tree.leaves((steps(file), begun())), *SEEN.values(), *[jnp.zeros(2)] * len(OBSERVED)]
 
 
+def changes(effect: type[AbstractRigEffect]) -> bool:
+    """Whether it changes anything in its own place."""
+    here = all_of(made(effect, 1.0), jnp.full(2, number_of(effect.place.test)), effect.place.file)
+    given = as_given(effect.place.file)
+    return any(np.any(np.asarray(a) != np.asarray(b)) for a, b in zip(here, given, strict=True))
+
+
 @every_effect
 def test_off_it_changes_nothing(effect: type[AbstractRigEffect]) -> None:
     here, file = jnp.full(2, number_of(effect.place.test)), effect.place.file
@@ -83,8 +94,7 @@ def test_off_it_changes_nothing(effect: type[AbstractRigEffect]) -> None:
 @every_effect
 def test_on_it_changes_something_in_its_place_and_nothing_elsewhere(effect: type[AbstractRigEffect]) -> None:
     place = effect.place
-    here = all_of(made(effect, 1.0), jnp.full(2, number_of(place.test)), place.file)
-    assert any(np.any(np.asarray(a) != np.asarray(b)) for a, b in zip(here, as_given(place.file), strict=True))
+    assert changes(effect)
     elsewhere = [("elsewhere", "")] if place.test else []
     elsewhere += [(place.test, f"{place.test}/elsewhere.csv")] if place.file else []
     for test, file in elsewhere:
@@ -101,6 +111,30 @@ def test_its_name_says_where_it_is_and_finds_it_again(effect: type[AbstractRigEf
     assert set(effect.off) <= {p.symbol for p in parameters_of(effect)}
     assert all(p.symbol.endswith(str(effect.place)) for p in parameters_of(effect))
     assert effect.mend(0.1)
+
+
+@every_effect
+def test_what_a_diagnosis_proposes_is_read_from_rig_toml(effect: type[AbstractRigEffect]) -> None:
+    assert effect.place in effect.everywhere(LOGGED, FILES)
+    _, named, line = effect.mend(0.1).partition("[model]")
+    if named:
+        config = parse_config(f"[rig]\n[model]\n{line.split(', or ')[0].strip()}", "rig.toml")
+        assert [rig_effect(name) for name in config.effects] == [effect]
+
+
+def test_so_is_what_it_proposes_of_a_file_with_quotes_in_its_name() -> None:
+    effect = TraceLate.at(Place.named('response/a "b" \\\\ c.csv'))
+    config = parse_config(f"[rig]\n[model]\n{effect.mend(0.1).partition(']')[2].strip()}", "rig.toml")
+    assert config.effects == (effect.name,)
+
+
+def test_an_effect_may_be_named_where_it_changes_something_and_nowhere_else() -> None:
+    for family in set(RIG_EFFECTS) - {OtherRig}:  # which is asked of every file, see estimation.rig_places
+        given = [family.at(place) for place in family.everywhere(LOGGED, FILES)]
+        assert given
+        assert [effect for effect in given if not changes(effect)] == []
+    assert SupplySag.everywhere({"response": frozenset({"voltage", "current"})}, {}) == ()
+    assert ChannelGain.everywhere({"response": frozenset({"voltage", "duty"})}, {}) == (Place("response", "voltage"),)
 
 
 def test_a_scale_of_the_angle_is_asked_about_only_where_more_than_a_torque_drives() -> None:
@@ -131,6 +165,8 @@ def test_a_rig_of_one_test_has_nothing_to_compare() -> None:
 def test_a_name_that_is_none() -> None:
     assert rig_effect("gravity_load") is None
     assert rig_effect("channel_gain[response.current") is None
+    assert rig_effect("channel_gain[]") is None
+    assert rig_effect("channel_gain[response.]") is None
 
 
 def test_rig_tests_have_numbers_of_their_own() -> None:

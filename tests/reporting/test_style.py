@@ -34,6 +34,14 @@ def test_a_line_is_broken_at_gaps() -> None:
     assert style.broken(np.array([0.0, 1.0]), np.array([0.0, 1.0]))[0].size == 2
 
 
+def test_a_name_with_dollars_is_no_formula(tmp_path: Path) -> None:
+    with style.drawing():
+        fig = style.figure(3.0, 2.0, False)
+        fig.suptitle(r"rig of $\frac{$")
+        style.save(fig, tmp_path / "a.png")
+    assert imread(tmp_path / "a.png").std() > 0
+
+
 def test_drawing_leaves_the_callers_settings_alone() -> None:
     before = matplotlib.rcParams["font.size"]
     with style.drawing():

@@ -258,7 +258,13 @@ WRONG = {
     "parameter list": ("[parameters]\nR_a = [1]", r"rig\.toml:2: parameters\.R_a: .*\{fixed"),
     "parameter half a prior": ("[parameters]\nR_a = {value = 1}", r"\{value = 1\.0, sd"),
     "parameter sd 0": ("[parameters]\nR_a = {value = 1, sd = 0}", r"above 0"),
+    "parameter form": ("[parameters]\nR_a = {fixd = 1}", r"rig\.toml:2: .*\{fixed = 0\.0\}"),
     "parameter symbol": ("[parameters]\n'R a' = 1", r"no symbol"),
+    "parameter without quotes": (
+        "[parameters]\nlate.response.current = {fixed = 0.002}",
+        r'rig\.toml:2: .*in quotes\. Write "late\.response\.current" = ',
+    ),
+    "parameter of a place that is none": ("[parameters]\n'late.' = 1", r"rig\.toml:2: parameters\.late\.: no symbol"),
     "circle": ("[parameters]\nK_m = 'K_b'\nK_b = 'K_m'", r"circle: K_m = K_b = K_m"),
     "itself": ("[parameters]\nK_m = 'K_m'", r"circle"),
     "N tied": ("[parameters]\nN = 'K_m'", r"gear_ratio = 20"),
@@ -308,3 +314,22 @@ def test_no_rig_toml(tmp_path: Path) -> None:
 def test_binary_rig_toml(tmp_path: Path) -> None:
     with pytest.raises(MeasurementError, match="text"):
         read(tmp_path, b"PK\x03\x04\x00\x01\x02")
+
+
+HIDING = [("a\\nb", "U+000A"), ("a\\u001b[2J", "U+001B"), ("\\u202Eb", "U+202E"), ("\\u2066b\\u2069", "U+2066, U+2069"),
+          ("a\\u2028b", "U+2028")]  # fmt: skip
+
+
+@pytest.mark.parametrize(("name", "said"), HIDING)
+def test_a_name_in_which_something_hides_is_refused(tmp_path: Path, name: str, said: str) -> None:
+    path = tmp_path / "rig.toml"
+    path.write_text(f'[rig]\nname = "{name}"\n', encoding="utf-8")
+    with pytest.raises(MeasurementError, match=rf"rig\.toml:2: rig\.name: {re.escape(said)} in it.*Type it anew"):
+        read_config(path)
+
+
+def test_a_name_may_be_of_any_language(tmp_path: Path) -> None:
+    path = tmp_path / "rig.toml"
+    name = "Drosselklappe Nº 3 – 試験台 دریچه\u200cگاز"  # with the joiner that Persian needs
+    path.write_text(f'[rig]\nname = "{name}"\n', encoding="utf-8")
+    assert read_config(path).name == name

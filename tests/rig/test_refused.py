@@ -76,6 +76,24 @@ def test_a_name_that_is_no_utf8_is_refused_and_written_out(tmp_path: Path, place
         assert done.stdout == ""
 
 
+UNSEEN = {
+    "a line end": ("response/", "1\n.csv", "response/1 .csv", "U+000A"),
+    "an escape": ("response/", "1\x1b[31m.csv", "response/1(U+001B)[31m.csv", "U+001B"),
+    "a mark of direction": ("", "resp\u202eesno/1.csv", "resp(U+202E)esno", "U+202E"),
+}
+
+
+@pytest.mark.parametrize(("place", "name", "shown", "said"), UNSEEN.values(), ids=UNSEEN.keys())
+def test_a_name_in_which_something_hides_is_refused(
+    tmp_path: Path, place: str, name: str, shown: str, said: str
+) -> None:
+    folder = folders.changed(tmp_path / "rig", {})
+    write_bytes(os.fsencode(folder / place) + b"/" + os.fsencode(name), folders.response().text().encode())
+    for done in both(folder):
+        assert done.exit_code == 1
+        assert done.stderr.startswith(f"etcfit: {folder}/{shown}: {said} in the name. ")
+
+
 def test_so_is_the_folder_itself(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     folder = Path(os.fsdecode(os.fsencode(tmp_path) + b"/b\xe4nch"))
     try:

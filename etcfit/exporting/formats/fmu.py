@@ -18,6 +18,7 @@ from typing import Any, NamedTuple
 from xml.etree import ElementTree as Xml
 
 from ...errors import UsageError
+from ...rig.comments import one_line
 from ..base import Export, Format, Source
 from ..plant import Plant, plant_of
 from ..rendering import rendered
@@ -89,7 +90,7 @@ def _described(source: Source, variables: tuple[_Variable, ...], token: str, los
     """modelDescription.xml."""
     root = Xml.Element("fmiModelDescription", {
         "fmiVersion": "3.0", "modelName": NAME, "instantiationToken": token, "generationTool": "etcfit",
-        "variableNamingConvention": "flat", "description": " ".join((source.title, source.origin, *lost)),
+        "variableNamingConvention": "flat", "description": one_line(" ".join((source.title, source.origin, *lost))),
     })  # fmt: skip
     Xml.SubElement(root, "CoSimulation", {
         "modelIdentifier": NAME, "canHandleVariableCommunicationStepSize": "true", "canGetAndSetFMUState": "true",
@@ -118,7 +119,7 @@ def _attributes(reference: int, variable: _Variable) -> dict[str, str]:
     given: Mapping[str, Any] = {
         "name": variable.name,
         "valueReference": reference,
-        "description": variable.description,
+        "description": one_line(variable.description),
         "causality": variable.causality,
         "variability": variable.variability,
         "initial": variable.initial,
@@ -223,9 +224,10 @@ def _export(source: Source) -> Export:
 def _page(source: Source, notes: tuple[str, ...]) -> str:
     from html import escape
 
-    lines = "".join(f"<li>{escape(note)}</li>\n" for note in notes)
-    head = f'<meta charset="utf-8"><title>{escape(source.title)}</title>'
-    return (f"<!doctype html><html lang=\"en\"><head>{head}</head><body><h1>{escape(source.title)}</h1>\n"
+    lines = "".join(f"<li>{escape(one_line(note))}</li>\n" for note in notes)
+    title = escape(one_line(source.title))
+    head = f'<meta charset="utf-8"><title>{title}</title>'
+    return (f"<!doctype html><html lang=\"en\"><head>{head}</head><body><h1>{title}</h1>\n"
             f"<p>{escape(source.origin)}</p>\n<ul>\n{lines}</ul></body></html>\n")  # fmt: skip
 
 

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+from ...rig.comments import python_comment
 from ..base import Export, Format, Source
 from ..joint import cannot_hold, joint_of
-from ..rendering import comment, rendered
+from ..rendering import rendered
 
 _LOST = (
     "Spring and preload: an actuator has no passive spring. spring_effort below is their torque.",
@@ -17,7 +18,7 @@ _LOST = (
 def _export(source: Source) -> Export:
     joint, body = joint_of(source), source.body
     lost = (*source.cautions, *cannot_hold(source), *_LOST)
-    notes = comment((source.title, source.origin, *lost), "# ", 100)
+    notes = python_comment((source.title, source.origin, *lost))
     text = rendered("isaac.py.txt", notes=notes, joint=joint, body=body)
     return Export({"etcfit_isaac.py": text}, lost)
 

@@ -8,9 +8,9 @@ from typing import Any
 
 import numpy as np
 
+from ...rig.comments import matlab_comment, one_line
 from ..base import Export, Format, Source
 from ..linear import cannot_hold, gains
-from ..rendering import comment
 
 
 def _mat(source: Source) -> Export:
@@ -49,7 +49,7 @@ def _mat(source: Source) -> Export:
 
 def _script(source: Source) -> Export:
     lost = (*source.cautions, *cannot_hold(source))
-    text = "\n".join((comment((source.title, source.origin, *lost), "% "), "", *_lines(source), ""))
+    text = "\n".join((matlab_comment((source.title, source.origin, *lost)), "", *_lines(source), ""))
     return Export({"etcfit_model.m": text}, lost)
 
 
@@ -57,7 +57,7 @@ def _lines(source: Source) -> Iterator[str]:
     plant = source.reduction.plant
     yield "% parameters, SI"
     for p in source.parameters:
-        yield f"p.{p.symbol} = {source.values[p.symbol]!r}; % {p.unit}: {p.meaning}"
+        yield f"p.{p.symbol} = {source.values[p.symbol]!r}; % {p.unit}: {one_line(p.meaning)}"
     for symbol, value in source.body.items():
         yield f"p.{symbol} = {value!r};"
     yield from ("", "% rad/V: num / den, and behind it exp(-delay s) / (lag s + 1)")

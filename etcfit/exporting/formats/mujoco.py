@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from xml.etree import ElementTree as Xml
 
+from ...rig.comments import xml_comment
 from ..base import Export, Format, Source
 from ..joint import cannot_hold, joint_of
-from ..rendering import comment
 
 _SOFT = "The stops are soft contacts of the engine, and a sticking plate creeps: its friction is a soft constraint."
 
@@ -31,11 +31,11 @@ def _export(source: Source) -> Export:
         "name": "motor", "joint": "plate", "gear": repr(joint.gear), "gaintype": "fixed", "biastype": "affine",
         "gainprm": repr(joint.per_volt), "biasprm": f"0 0 {-joint.back_emf!r}", **limits,
     })  # fmt: skip
-    Xml.indent(root)
     meaning = ("ctrl of the motor is its terminal voltage, V. With the terminals open, set its biasprm to 0: what is "
                "left is the free return.",)  # fmt: skip
-    notes = comment((source.title, source.origin, *meaning, *lost), "  ")
-    return Export({"etcfit_throttle.xml": f"<!--\n{notes}\n-->\n{Xml.tostring(root, encoding='unicode')}\n"}, lost)
+    root.insert(0, Xml.Comment(xml_comment((source.title, source.origin, *meaning, *lost))))
+    Xml.indent(root)
+    return Export({"etcfit_throttle.xml": f"{Xml.tostring(root, encoding='unicode')}\n"}, lost)
 
 
 FORMAT = Format("mujoco", "MuJoCo joint and actuator (MJCF)", _export)

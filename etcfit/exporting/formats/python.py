@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+from ...rig.comments import python_comment
 from ..base import Export, Format, Source
 from ..linear import cannot_hold, gains
-from ..rendering import comment, rendered
+from ..rendering import rendered
 
 
 def _export(source: Source) -> Export:
@@ -18,7 +19,7 @@ def _export(source: Source) -> Export:
     quantities = [(p.symbol, source.values[p.symbol], p.unit, p.meaning) for p in source.parameters]
     rig = {"N": ("1", "gear ratio"), "lower": ("rad", "closed stop"), "upper": ("rad", "open stop")}
     quantities += [(symbol, value, *rig[symbol]) for symbol, value in source.body.items()]
-    notes = comment((source.title, source.origin, *lost), "# ", 100)
+    notes = python_comment((source.title, source.origin, *lost))
     text = rendered("model.py.txt", notes=notes, quantities=quantities, gains=gains(source), **numbers)
     return Export({"etcfit_model.py": text}, lost)
 

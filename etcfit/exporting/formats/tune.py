@@ -2,19 +2,19 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Iterator, Mapping
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 from xml.etree import ElementTree as Xml
+from xml.parsers import expat
 
 from ... import __version__
 from ...errors import MeasurementError, UsageError
 from ...model.ecus import PROFILES, Pasting
 from ...model.ecus import named as ecu_named
-from ...reporting.control.snippet import tune_file
+from ...reporting.control.snippet import constants
+from ...rig.comments import one_line, xml_comment
 from ..base import Export, Format, Source
-from ..rendering import comment
 
 _NAMESPACE = "http://www.msefi.com/:msq"  # of TunerStudio's files
 _WITH_TUNE_FILES = ", ".join(each.name for each in PROFILES if each.pasting is Pasting.TUNE_FILE)
@@ -45,7 +45,6 @@ def _cannot_hold(source: Source, written: Mapping[str, Any]) -> Iterator[str]:
     if source.into is None:
         yield ("It holds these settings only and not your firmware's signature, so that TunerStudio will say that the "
                "signatures do not match.")  # fmt: skip
-        # no option as it is typed: a comment of XML must not hold two hyphens
         yield "Given your own tune (the option into), etcfit changes a copy of that instead."
     yield "Keep your old tune, and compare before you burn."
     yield f"The gains are for {written['title']}. Another firmware may give the same names another meaning."
@@ -68,46 +67,114 @@ def _export(source: Source) -> Export:
 def _new(source: Source, written: Mapping[str, Any], lost: tuple[str, ...]) -> bytes:
     """A tune of these settings alone."""
     root = Xml.Element("msq", {"xmlns": _NAMESPACE})
-    Xml.SubElement(root, "bibliography", {"author": f"etcfit {__version__}", "tuneComment": source.title})
-    Xml.SubElement(root, "versionInfo", {"fileFormat": "5.0", "nPages": "1", "signature": written["title"]})
-    page = Xml.SubElement(root, "page", {"number": "0"})
-    page.extend(Xml.fromstring("<page>" + "\n".join(tune_file(written)) + "</page>"))
-    Xml.indent(page, level=1)
-    notes = comment((source.title, source.origin, *lost), "  ")
-    text = Xml.tostring(root, encoding="unicode").replace("><", ">\n<")
-    head = f'<?xml version="1.0" encoding="ISO-8859-1"?>\n<!--\n{notes}\n-->\n'
+    root.append(_comment(source, lost))
+    about = {"author": f"etcfit {__version__}", "tuneComment": one_line(source.title)}
+    Xml.SubElement(root, "bibliography", about)
+    Xml.SubElement(root, "versionInfo", {"fileFormat": "5.0", "nPages": "1", "signature": one_line(written["title"])})
+    Xml.SubElement(root, "page", {"number": "0"}).extend(constants(written))
+    Xml.indent(root)
+    head = '<?xml version="1.0" encoding="ISO-8859-1"?>\n'
     # as TunerStudio reads it; what Latin-1 lacks becomes a reference
-    return (head + text + "\n").encode("iso-8859-1", "xmlcharrefreplace")
+    return f"{head}{Xml.tostring(root, 'unicode')}\n".encode("iso-8859-1", "xmlcharrefreplace")
+
+
+def _comment(source: Source, lost: tuple[str, ...]) -> Any:
+    return Xml.Comment(xml_comment((source.title, source.origin, *lost)))
+
+
+class _Setting(NamedTuple):
+    """A setting of a tune.
+
+    Args:
+        attributes: of its tag.
+        begin, end: of what stands between its tags, bytes from the begin of the file.
+    """
+
+    attributes: Mapping[str, str]
+    begin: int
+    end: int
 
 
 def _changed(source: Source, path: Path, written: Mapping[str, Any], lost: tuple[str, ...]) -> bytes:
-    """A copy of a tune in which nothing but these settings has changed.
+    """A copy of a tune in which nothing but these settings has changed, byte for byte.
 
     Raises:
         MeasurementError: it is no tune, or one whose firmware has no such settings.
     """
-    text = path.read_bytes().decode("iso-8859-1")
-    if f'xmlns="{_NAMESPACE}"' not in text:
-        raise MeasurementError(str(path), "it is no tune of TunerStudio.", f"A .msq of {written['title']} is required.",
-                               "Save one in TunerStudio: File, Save Tune As.")  # fmt: skip
-    for ours in Xml.fromstring("<page>" + "\n".join(tune_file(written)) + "</page>"):
-        text = _replaced(path, text, ours.attrib["name"], ours, written["title"])
-    notes = comment((source.title, source.origin, *lost), "  ")
-    return text.replace("</msq>", f"<!--\n{notes}\n-->\n</msq>").encode("iso-8859-1", "xmlcharrefreplace")
+    data, title = path.read_bytes(), written["title"]
+    settings, end = _read(path, data, title)
+    # ASCII alone, which every encoding of a tune has in common
+    note = Xml.tostring(_comment(source, lost), "unicode").encode("ascii", "xmlcharrefreplace")
+    new = [(end, end, note + b"\n")]
+    for ours in constants(written):
+        place = _place(path, settings, ours.attrib, title)
+        new.append((place.begin, place.end, _content(ours).encode("ascii")))
+    for begin, finish, content in sorted(new, reverse=True):
+        data = data[:begin] + content + data[finish:]
+    return data
 
 
-def _replaced(path: Path, text: str, name: str, ours: Xml.Element, title: str) -> str:
-    """The text of a tune with one setting replaced, its attributes as they stand there."""
-    found = re.findall(rf'<constant\b[^>]*\bname="{re.escape(name)}"[^>]*>[^<]*</constant>', text)
-    rows = ours.attrib.get("rows")
-    if len(found) != 1 or (rows is not None and f'rows="{rows}"' not in found[0]):
+def _content(ours: Xml.Element) -> str:
+    if "rows" not in ours.attrib:
+        return ours.text or ""
+    return "".join(f"\n         {each}" for each in (ours.text or "").split()) + "\n      "
+
+
+def _place(path: Path, settings: list[_Setting], ours: Mapping[str, str], title: str) -> _Setting:
+    """The one setting of a tune with this name and number of rows."""
+    name, rows = ours["name"], ours.get("rows")
+    found = [each for each in settings if each.attributes.get("name") == name]
+    if len(found) != 1 or (rows is not None and found[0].attributes.get("rows") != rows):
         asked = f"{name} with {rows} rows" if rows else name
         raise MeasurementError(str(path), f"no setting {asked} in it.", f"A tune of {title} is required.",
                                "Name one of the firmware that runs on your ECU.")  # fmt: skip
-    head, value = found[0].partition(">")[0], ours.text or ""
-    if rows:
-        value = "".join(f"\n         {each}" for each in value.split()) + "\n      "
-    return text.replace(found[0], f"{head}>{value}</constant>")
+    return found[0]
+
+
+def _read(path: Path, data: bytes, title: str) -> tuple[list[_Setting], int]:
+    """Settings of a tune, and where its root ends, bytes from the begin of the file.
+
+    By a parser's own events, so that a setting within a comment is none.
+
+    Raises:
+        MeasurementError: it is no tune.
+    """
+    settings: list[_Setting] = []
+    begun: list[tuple[str, Mapping[str, str], int | None]] = []  # of each open element its name, attributes, content
+    ends: list[int] = []
+    parser = expat.ParserCreate(namespace_separator=" ")
+
+    def seen(*_: Any) -> None:
+        """The first event after a tag stands where its content begins."""
+        if begun and begun[-1][2] is None:
+            begun[-1] = (*begun[-1][:2], parser.CurrentByteIndex)
+
+    def opened(name: str, attributes: dict[str, str]) -> None:
+        seen()
+        begun.append((name, attributes, None))
+
+    def closed(name: str) -> None:
+        seen()
+        _, attributes, begin = begun.pop()
+        empty = begin is None or data.endswith(b"/>", 0, begin)
+        if name == f"{_NAMESPACE} constant" and begin is not None and not empty:
+            settings.append(_Setting(attributes, begin, parser.CurrentByteIndex))
+        if not begun and name == f"{_NAMESPACE} msq":
+            ends.append(parser.CurrentByteIndex)
+
+    def refused(*_: Any) -> None:
+        raise expat.ExpatError("a tune has no document type")
+
+    parser.StartElementHandler, parser.EndElementHandler, parser.DefaultHandler = opened, closed, seen
+    parser.StartDoctypeDeclHandler = refused
+    try:
+        parser.Parse(data, True)
+    except (expat.ExpatError, ValueError, LookupError):
+        ends.clear()
+    if not ends or not data.startswith(b"</", ends[0]):
+        raise MeasurementError(str(path), "it is no tune of TunerStudio.", f"A .msq of {title} is required.",
+                               "Save one in TunerStudio: File, Save Tune As.")  # fmt: skip
+    return settings, ends[0]
 
 
 FORMAT = Format("msq", "gains and bias table for TunerStudio (rusEFI, FOME)", _export, changes=True)

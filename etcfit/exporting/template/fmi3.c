@@ -1,6 +1,6 @@
+{{ ["FMI 3.0 co-simulation around etcfit_plant.c: " ~ title] | c_comment }}
+
 /*
- * FMI 3.0 co-simulation around etcfit_plant.c: {{ [title] | comment("") }}
- *
  * Written from the standard's text (FMI 3.0.2, sections 2.2, 2.3 and 4); it needs no header besides C99's.
  * Value references: 0 time, 1 to {{ inputs }} inputs, then outputs, then parameters, in the order of modelDescription.xml.
  */

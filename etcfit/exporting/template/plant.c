@@ -1,6 +1,6 @@
+{{ ["Electronic throttle body: " ~ title] | c_comment }}
+
 /*
- * Electronic throttle body: {{ [title] | comment("") }}
- *
  * Printed from the traced Python of etcfit: do not edit, export again. a17 is a quantity, c18 a condition.
  * Method: two-stage L-stable SDIRK, dry friction as a set-valued law solved exactly inside each implicit stage
  * (Alexander 1977; Acary and Brogliato 2008, ch. 1), so that a sticking plate stands still.

@@ -1,8 +1,6 @@
+{{ (("Electronic throttle body: " ~ title, "") + notes) | c_comment }}
+
 /*
- * Electronic throttle body: {{ [title] | comment("") }}
- *
-{{ notes | comment }}
- *
  * Everything is SI. One thread a plant; nothing is allocated.
  *
  *     etcfit_plant plant;
@@ -27,7 +25,7 @@ extern "C" {
 
 typedef struct etcfit_plant_parameters {
 {% for q in plant.quantities %}
-    double {{ q.symbol }}; /* {{ q.unit }}: {{ q.meaning }} */
+    double {{ q.symbol }}; /* {{ q.unit }}: {{ q.meaning | in_c }} */
 {% endfor %}
 } etcfit_plant_parameters;
 

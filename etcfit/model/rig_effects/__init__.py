@@ -43,12 +43,13 @@ def at_places(logged: Logged, traces: Logged | None = None) -> tuple[type[Abstra
 
 
 def rig_effect(name: str) -> type[AbstractRigEffect] | None:
-    """The effect that rig.toml calls `kind[test.channel]` or `kind[file]`; None where no family has that kind."""
+    """The effect that rig.toml calls `kind[test.channel]`, `kind[file]` or `kind`; None where none has that name."""
     kind, _, rest = name.partition("[")
     family = FAMILY_BY_KIND.get(kind)
-    if family is None or (rest and not rest.endswith("]")):
+    if family is None:
         return None
-    return family.at(Place.named(rest.removesuffix("]")) if rest else Place())
+    found = family.at(Place.named(rest.removesuffix("]")))
+    return found if found.name == name else None
 
 
 __all__ = [

@@ -8,6 +8,7 @@ nothing changes, so it costs next to nothing to simulate and to compile.
 from __future__ import annotations
 
 import abc
+import json
 import zlib
 from collections.abc import Callable, Mapping
 from dataclasses import replace
@@ -76,6 +77,8 @@ class AbstractRigEffect(AbstractEffect):
     Attributes:
         kind: its name in rig.toml and diagnosis.json, without the place.
         place: where it is at work; of a family, everywhere.
+        acts_on: channels of which a place must have logged one, or it changes nothing there; () where any will do.
+        of_a_channel: its place is one of these channels of a test, no whole test.
         like: parameter of the throttle that, changed in one trace, does what this effect does there; needed of a family
             that is found `in_traces` and does not delay, for by that parameter's tangent all traces are screened.
         stated: kind of a finding of `rig.checks` that states this effect -> its first parameter, SI, from the size of
@@ -84,6 +87,8 @@ class AbstractRigEffect(AbstractEffect):
 
     kind: ClassVar[str]
     place: ClassVar[Place] = Place()
+    acts_on: ClassVar[tuple[str, ...]] = ()
+    of_a_channel: ClassVar[bool] = False
     like: ClassVar[str] = ""
     stated: ClassVar[Mapping[str, Callable[[float], float]]] = {}
     scope = "test"
@@ -104,13 +109,28 @@ class AbstractRigEffect(AbstractEffect):
         return ()
 
     @classmethod
+    def everywhere(cls, logged: Logged, traces: Logged) -> tuple[Place, ...]:
+        """Every place where it changes something, whether or not these data tell it there: its size may be known.
+
+        Args:
+            logged: by test.
+            traces: by file.
+        """
+        if cls.of_a_channel:
+            return tuple(Place(test, c) for test, found in logged.items() for c in cls.acts_on if c in found)
+        found = {name for name, seen in {**logged, **traces}.items() if not cls.acts_on or seen & {*cls.acts_on}}
+        if cls.scope == "rig":
+            return (Place(),) if found else ()
+        return tuple(Place.named(name) for name in (traces if cls.scope == "trace" else logged) if name in found)
+
+    @classmethod
     def mend(cls, value: float) -> str:
         """The line of rig.toml that takes it into account.
 
         Args:
             value: of its first parameter, SI.
         """
-        return f'[model] effects = ["{cls.name}"]'
+        return f"[model] effects = [{json.dumps(cls.name, ensure_ascii=False)}]"  # TOML quotes a text as JSON does
 
     @classmethod
     def called(cls, value: float) -> str:

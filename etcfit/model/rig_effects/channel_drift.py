@@ -20,6 +20,8 @@ class ChannelDrift(AbstractRigEffect):
     """
 
     kind = "channel_drift"
+    of_a_channel: ClassVar[bool] = True
+    acts_on: ClassVar[tuple[str, ...]] = ("torque",)
     told_by = "a long log of that test with the command at zero"
     off: ClassVar[Mapping[str, float] | None] = {"drift": 0.0}
     drift: Scalar = parameter("N*m/s", Real(0.01), 0.0, "rate at which a zero wanders", "JCGM 100:2008, F.1.1.3")

@@ -6,7 +6,7 @@ from collections.abc import Callable, Mapping
 from typing import Any, ClassVar
 
 from ..parameters import Real, Scalar, parameter
-from .base import AbstractRigEffect, Logged, Place
+from .base import DRIVING, OBSERVED, AbstractRigEffect, Logged, Place
 
 _SIGN = 0.3  # a gain that near to -2, which is a factor of -1, is a sign
 _UNIT = 8.0  # a factor above this, or below its inverse, is a unit
@@ -19,6 +19,8 @@ class ChannelGain(AbstractRigEffect):
     """
 
     kind = "channel_gain"
+    of_a_channel: ClassVar[bool] = True
+    acts_on: ClassVar[tuple[str, ...]] = (*OBSERVED, *DRIVING)
     told_by = "both tests logged with the same probe, one after the other"
     off: ClassVar[Mapping[str, float] | None] = {"gain": 0.0}
     stated: ClassVar[Mapping[str, Callable[[float], float]]] = {"unit_scale": lambda factor: factor - 1.0}

@@ -22,6 +22,8 @@ class ChannelLate(AbstractRigEffect):
     """
 
     kind = "channel_late"
+    of_a_channel: ClassVar[bool] = True
+    acts_on: ClassVar[tuple[str, ...]] = (*OBSERVED, *DRIVING)
     told_by = "a step, with that channel and another on one trigger"
     off: ClassVar[Mapping[str, float] | None] = {"late": 0.0}
     delays: ClassVar[bool] = True

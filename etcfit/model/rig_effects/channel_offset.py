@@ -22,6 +22,8 @@ class ChannelOffset(AbstractRigEffect):
     """
 
     kind = "channel_offset"
+    of_a_channel: ClassVar[bool] = True
+    acts_on: ClassVar[tuple[str, ...]] = (*_USUAL,)
     told_by = "a log of that test with nothing connected"
     off: ClassVar[Mapping[str, float] | None] = {"offset": 0.0}
     # the size is in the unit of the log; what is read is linear in an offset, so that any start leads to it

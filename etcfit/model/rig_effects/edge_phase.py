@@ -25,6 +25,7 @@ class EdgePhase(AbstractRigEffect):
     """
 
     kind = "edge_phase"
+    acts_on: ClassVar[tuple[str, ...]] = ("voltage",)
     told_by = "the timing of the rig's output and logger"
     off: ClassVar[Mapping[str, float] | None] = {"edge_phase": 0.5}
     edge_phase: Scalar = parameter(

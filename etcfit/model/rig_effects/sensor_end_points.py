@@ -17,6 +17,7 @@ class SensorEndPoints(AbstractRigEffect):
 
     kind = "sensor_end_points"
     scope = "rig"
+    acts_on: ClassVar[tuple[str, ...]] = ("position",)
     told_by = "the plate pressed on each stop by hand"
     off: ClassVar[Mapping[str, float] | None] = {"position_gain": 0.0, "position_zero": 0.0}
     needs: ClassVar[tuple[str, ...]] = ("position",)

@@ -20,6 +20,7 @@ class SeriesResistance(AbstractRigEffect):
     """
 
     kind = "series_resistance"
+    acts_on: ClassVar[tuple[str, ...]] = ("voltage",)
     told_by = "an ohmmeter at the terminals of that test's circuit, its winding cold, and once more while it is warm"
     off: ClassVar[Mapping[str, float] | None] = {"series_ohm": 0.0}
     stated: ClassVar[Mapping[str, Callable[[float], float]]] = {"series_resistance": lambda ohm: ohm}

@@ -22,6 +22,7 @@ class SupplySag(AbstractRigEffect):
 
     kind = "supply_sag"
     scope = "rig"
+    acts_on: ClassVar[tuple[str, ...]] = ("duty",)
     told_by = "the supply's voltage logged beside the duty"
     off: ClassVar[Mapping[str, float] | None] = {"supply_ohm": 0.0}
     supply_ohm: Scalar = parameter("ohm", NonNegative(0.1), 0.05, "resistance of supply and leads", "Mohan 2003, ch. 7")

@@ -24,6 +24,7 @@ class WarmStart(AbstractRigEffect):
 
     kind = "warm_start"
     scope = "trace"
+    acts_on: ClassVar[tuple[str, ...]] = ("voltage",)
     told_by = "the resistance at the terminals right before that trace, motor held"
     like = "R_a"
     off: ClassVar[Mapping[str, float] | None] = {"warm_ohm": 0.0}

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping
 from typing import Any
+from xml.etree import ElementTree as Xml
 
 from rich.console import Group, RenderableType
 from rich.text import Text
@@ -36,26 +37,27 @@ def _lines(lines: Iterable[str]) -> RenderableType:
 
 
 def _tune_file(written: Mapping[str, Any]) -> RenderableType:
-    return _lines(tune_file(written))
+    return _lines(line for each in constants(written) for line in Xml.tostring(each, "unicode").splitlines())
 
 
-def tune_file(written: Mapping[str, Any]) -> Iterator[str]:
+def constants(written: Mapping[str, Any]) -> Iterator[Xml.Element]:
     """A `<constant>` a setting, as TunerStudio writes them into a .msq.
 
     Source: .msq files of rusEFI; `digits` is what TunerStudio shows of a value.
     """
     for name, gain in written["gains"].items():
-        yield f'<constant digits="4" name="{name}">{gain["value"]:.8g}</constant>'
+        yield _constant({"digits": "4", "name": name}, f"{gain['value']:.8g}")
     for name, limit in written["limits"].items():
-        yield f'<constant digits="0" name="{name}">{limit["value"]:.1f}</constant>'
+        yield _constant({"digits": "0", "name": name}, f"{limit['value']:.1f}")
     for name, row in (written["bias"] or {}).items():
-        yield from _array(name, row)
+        values = "".join(f"\n  {float(value)}" for value in row)
+        yield _constant({"cols": "1", "digits": "2", "name": name, "rows": str(len(row))}, f"{values}\n")
 
 
-def _array(name: str, row: Sequence[float]) -> Iterator[str]:
-    yield f'<constant cols="1" digits="2" name="{name}" rows="{len(row)}">'
-    yield from (f"  {value}" for value in row)
-    yield "</constant>"
+def _constant(attributes: dict[str, str], text: str) -> Xml.Element:
+    made = Xml.Element("constant", attributes)
+    made.text = text
+    return made
 
 
 def _by_hand(written: Mapping[str, Any]) -> RenderableType:

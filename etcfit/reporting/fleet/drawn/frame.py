@@ -36,10 +36,13 @@ def power_of(values: np.ndarray | Sequence[float]) -> int:
     return 3 * math.floor(math.log10(size) / 3.0 + 1e-9)
 
 
+_RAISED = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
+
+
 def unit_of(unit: str, power: int) -> str:
-    """ "10^-6 kg m^2", as an axis has it in brackets."""
+    """ "10⁻⁶ kg m²", as an axis has it in brackets."""
     plain = "1" if unit in ("", "1") else unit.replace("**2", "²").replace("*", " ")
-    return f"$10^{{{power}}}$ {plain}" if power else plain
+    return f"10{str(power).translate(_RAISED)} {plain}" if power else plain
 
 
 def formatter(power: int) -> FuncFormatter:

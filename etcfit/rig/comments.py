@@ -1,0 +1,67 @@
+"""Text of a user inside a comment or a string of another language: whatever it holds, it stays inside and is data.
+
+One function a language knows what ends a comment, or a string, there.
+"""
+
+from __future__ import annotations
+
+import json
+import re
+import textwrap
+from collections.abc import Callable, Iterable
+
+_C_MARKS = re.compile(r"(?<=\*)(?=/)|(?<=/)(?=\*)|(?<=\?)(?=\?)")
+_HYPHENS = re.compile(r"(?<=-)(?=-)")
+
+
+def one_line(text: str) -> str:
+    """Printable characters alone: any white space is one space, what nobody sees is its number, as (U+202E)."""
+    return "".join(c if c.isprintable() else f"(U+{ord(c):04X})" for c in " ".join(text.split()))
+
+
+def in_c(text: str) -> str:
+    """A line inside a block comment of C or C++.
+
+    A backslash becomes a slash, for at the end of a line it would join that line with the next one; so would ??/.
+    """
+    return _C_MARKS.sub(" ", one_line(text).replace("\\", "/"))
+
+
+def c_comment(lines: Iterable[str]) -> str:
+    """A block comment of C or C++, a line or more for each."""
+    return f"/*\n{_wrapped(lines, in_c, ' * ')}\n */"
+
+
+def hash_comment(lines: Iterable[str]) -> str:
+    """Comment lines of CSV and TOML."""
+    return _wrapped(lines, one_line, "# ")
+
+
+def toml_string(text: str) -> str:
+    """A text in quotes, as TOML reads it: as JSON writes it, but for one character."""
+    return json.dumps(text, ensure_ascii=False).replace("\x7f", "\\u007f")
+
+
+def python_comment(lines: Iterable[str]) -> str:
+    """Comment lines for the top of a file in Python.
+
+    The first line is a coding line of its own: Python obeys the first that it finds in two lines (PEP 263), and a text
+    could hold one.
+    """
+    return f"# -*- coding: utf-8 -*-\n{hash_comment(lines)}"
+
+
+def matlab_comment(lines: Iterable[str]) -> str:
+    """Comment lines of MATLAB and Octave."""
+    return _wrapped(lines, one_line, "% ")
+
+
+def xml_comment(lines: Iterable[str]) -> str:
+    """The text of a comment of XML, for `xml.etree.ElementTree.Comment`, which escapes nothing."""
+    return f"\n{_wrapped(lines, lambda line: _HYPHENS.sub(' ', one_line(line)), '  ')}\n"
+
+
+def _wrapped(lines: Iterable[str], safe: Callable[[str], str], mark: str, width: int = 110) -> str:
+    return "\n".join(
+        textwrap.fill(safe(line), width, initial_indent=mark, subsequent_indent=mark) or mark.rstrip() for line in lines
+    )
