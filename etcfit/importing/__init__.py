@@ -31,7 +31,7 @@ class Imported:
     Args:
         folder: that was written.
         traces: file in it -> where it came from, and why it is this test.
-        warnings: of the folder's reader.
+        warnings: what the recordings lack, and what the folder's reader found.
     """
 
     folder: Path
@@ -91,7 +91,8 @@ def import_files(
     digests = {str(file): digest(file) for file in files}
     written = texts(draft, to.absolute().name, digests, given)
     rig_read = read_back(draft, written, to)
-    return Imported(write_folder(to, written), _told(draft), rig_read.warnings)
+    lost = (f"{sheet.where}: {each}" for sheet in sheets for each in (*sheet.losses, *sheet.missing))
+    return Imported(write_folder(to, written), _told(draft), (*dict.fromkeys(lost), *rig_read.warnings))
 
 
 def _told(draft: Draft) -> tuple[tuple[str, str, str], ...]:

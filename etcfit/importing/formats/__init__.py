@@ -50,6 +50,11 @@ def read_sheets(source: Source) -> list[Sheet]:
     require_readable(source)
     format_ = BY_SUFFIX[source.path.suffix.casefold()]
     sheets = [sheet for sheet in format_.read(source) if sheet.columns]
+    if sheets and max(sheet.rows for sheet in sheets) < 2:
+        lacking = "; ".join(dict.fromkeys(each for sheet in sheets for each in sheet.missing))
+        raise MeasurementError(source.where, f"{lacking or f'{max(sheet.rows for sheet in sheets)} rows in it'}.",
+                               "A trace needs two whole rows or more.", "Record it again, or leave the file out.")  # fmt: skip
+    sheets = [sheet for sheet in sheets if sheet.rows > 1]
     if not sheets:
         raise MeasurementError(source.where, "no columns of numbers in it.",
                                f"A {format_.name} file with recorded signals is required.",
