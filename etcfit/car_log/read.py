@@ -100,7 +100,8 @@ def read_log(path: Path, config: RigConfig, toml: str) -> DriveLog:
                                'Name its column in rig.toml: [columns] "TP (Main)" = "position [%]".')  # fmt: skip
     setpoint = columns.get("setpoint")
     written = {str(_quantity(name)): whole.header[k] for k, name in taken.items()}
-    hints = (_of_position(written["position"], whole.header), "" if setpoint else _of_setpoint(whole.header))
+    hints = (_of_position(written["position"], whole.header), "" if setpoint else _of_setpoint(whole.header),
+             *(f"{each[0].upper()}{each[1:]}." for each in whole.losses))  # fmt: skip
     return DriveLog(path.name, _series(columns["time"], columns["position"], config, str(path)),
                     None if setpoint is None else _series(columns["time"], setpoint, config, str(path)),
                     written, " ".join(filter(None, hints)))  # fmt: skip

@@ -170,8 +170,8 @@ def _slug(sheet: Sheet) -> str:
 def _of_losses(sheets: Sequence[Sheet]) -> list[AbstractDoubt]:
     """A file that lacks what it says it holds may lack what tells one rig test from another."""
     return [
-        LossDoubt(sheet.where, f"its {sheet.rows} whole rows of {len(sheet.columns)} columns", reason)
-        for sheet in sheets for reason in sheet.missing
+        LossDoubt(sheet.where, f"the {sheet.rows} rows of {len(sheet.columns)} columns that are whole", "; ".join(sheet.missing))
+        for sheet in sheets if sheet.missing
     ]  # fmt: skip
 
 

@@ -39,9 +39,7 @@ def _lacking(names: Sequence[str], found: Sequence[int], said: Sequence[int], gr
     """What these channels lack; "" where nothing."""
     short, full = (pick(group, key=lambda k: found[k]) for pick in (min, max))
     if found[short] < said[short]:
-        return (f"it is cut off or damaged: it says that '{names[short]}' has {said[short]} values, "
-                f"and holds {found[short]}")  # fmt: skip
+        return f"rows are missing: it says that '{names[short]}' has {said[short]} values, and holds {found[short]}"
     if found[short] < found[full]:
-        return (f"it is cut off or damaged: '{names[full]}' has {found[full]} values, "
-                f"'{names[short]}' has {found[short]}")  # fmt: skip
+        return f"rows are missing: '{names[full]}' has {found[full]} values, '{names[short]}' has {found[short]}"
     return ""
