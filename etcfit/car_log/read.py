@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from ..errors import MeasurementError
+from ..files import read_regular
 from ..rig.base import RigConfig
 from ..rig.columns import Column, read_columns
 from ..rig.config import read_config
@@ -89,7 +90,7 @@ def read_log(path: Path, config: RigConfig, toml: str) -> DriveLog:
     Raises:
         MeasurementError: it cannot be read, or has no time or position.
     """
-    whole = READERS[path.suffix.casefold()](path.read_bytes(), str(path))
+    whole = READERS[path.suffix.casefold()](read_regular(path, str(path)), str(path))
     taken = _taken(whole, config)
     table = replace(whole, header=tuple(taken.values()), cells=whole.cells[:, list(taken)])
     named = Toml(toml, read_text(toml) if Path(toml).is_file() else "", {})  # for messages alone

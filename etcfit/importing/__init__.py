@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from ..datasets.folder import refuse_to_overwrite, write_folder
-from ..errors import UsageError
+from ..errors import MeasurementError, UsageError
 from ..files import digest
 from ..rig.config import parse_config
 from ..rig.names import refuse_foreign_names
@@ -17,7 +17,7 @@ from .doubts import Resolve
 from .draft import Draft, drafted
 from .folder import read_back, texts
 from .formats import read_sheets, require_readable
-from .formats.base import Source
+from .formats.base import MOST_BYTES, Source
 from .settings import GuessSettings
 from .together import merged, with_common_peaks
 
@@ -47,6 +47,7 @@ def import_files(
     *,
     rig: Path | None = None,
     settings: GuessSettings = GuessSettings(),
+    most: int = MOST_BYTES,
     report: Callable[[str, float], None] = lambda stage, done: None,
 ) -> Imported:
     """Foreign files as a measurement folder, written whole or not at all.
@@ -58,11 +59,12 @@ def import_files(
         resolve: what to do about guesses in doubt: take them, ask, or refuse.
         rig: a rig.toml to take over; without it a short one is written.
         settings: what decides a guess, and when it is sure.
+        most: bytes that the numbers of one recording may take in memory.
         report: is told what is being done, and the fraction of it that is.
     Raises:
         UsageError: `to` holds something already, a file needs a library that is not installed, or an answer names a
             column that no file has.
-        MeasurementError: a file cannot be read, a guess is in doubt and nobody settles it, or the folder's reader
+        MeasurementError: a file cannot be read, is damaged or too large, a guess is in doubt and nobody settles it, or the folder's reader
             refuses what the guesses make.
     """
     refuse_to_overwrite(to)
@@ -73,7 +75,10 @@ def import_files(
     recordings = [file for file in files if file not in buses]
     if not recordings:
         raise UsageError("No recording among the files: a DBC alone says only what its frames mean.")
-    sources = [Source(file, str(file), buses) for file in recordings]
+    for file in buses:
+        if not file.is_file():
+            raise MeasurementError(str(file), "no such file.", "A DBC is required.", "Check the path.")
+    sources = [Source(file, str(file), buses, most) for file in recordings]
     for source in sources:
         require_readable(source)
     sheets = []

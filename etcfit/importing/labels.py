@@ -30,13 +30,14 @@ def column(label: str, values: np.ndarray, unit: str = "") -> Column:
 
     Args:
         label: as it stands in the file.
-        values: shape (n,).
+        values: shape (n,); what is not finite becomes a gap.
         unit: where the file gives it in another place; then the label's own counts only if this one is none.
     """
     label = " ".join(label.split())
     name, own = split(label)
     given = spelled(unit)
-    return Column(label, name, given if is_unit(given) else own, np.asarray(values, dtype=float))
+    numbers = np.asarray(values, dtype=float)
+    return Column(label, name, given if is_unit(given) else own, np.where(np.isfinite(numbers), numbers, np.nan))
 
 
 def split(label: str) -> tuple[str, str]:

@@ -9,7 +9,7 @@ from pathlib import Path, PurePosixPath
 import numpy as np
 
 from ..errors import MeasurementError
-from ..files import digest
+from ..files import digest, read_regular
 from . import TESTS
 from .base import Channel, Measurement, Rig, RigConfig
 from .checks import findings
@@ -174,7 +174,7 @@ def _read_log(base: str, file: str, config: RigConfig, toml: Toml) -> tuple[Log,
     """One CSV, checked; and warnings about columns without any number."""
     where = f"{base}/{file}"
     try:
-        raw = Path(where).read_bytes()
+        raw = read_regular(Path(where), where)
     except OSError as err:
         raise MeasurementError(where, f"cannot be read ({err.strerror}).", "It must be a readable file.",
                                "Check its permissions.") from err  # fmt: skip

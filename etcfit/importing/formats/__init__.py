@@ -24,12 +24,15 @@ def require_readable(source: Source) -> None:
     """A file is there and can be read here, found out without reading it.
 
     Raises:
-        MeasurementError: no such file, or of a format that nobody knows.
+        MeasurementError: no such file, a pipe or a device, of a format that nobody knows, or too large.
         UsageError: its format needs a library that is not installed.
     """
     if source.path.is_dir():
         raise MeasurementError(source.where, "it is a folder.", "A log or a recording is required.",
                                f"Name the files in it: {source.where}/*.")  # fmt: skip
+    if source.path.exists() and not source.path.is_file():
+        raise MeasurementError(source.where, "it is a pipe or a device.", "A log or a recording is required.",
+                               "Write its content to a file, and name that.")  # fmt: skip
     if not source.path.is_file():
         raise MeasurementError(source.where, "no such file.", "A log or a recording is required.", "Check the path.")
     suffix = source.path.suffix.casefold()
@@ -38,6 +41,7 @@ def require_readable(source: Source) -> None:
                                f"Known: {', '.join(BY_SUFFIX)}.", "Export it as one of these.")  # fmt: skip
     if library := BY_SUFFIX[suffix].library:
         require_extra("import", source.where, library)
+    source.refuse_larger(source.path.stat().st_size)
 
 
 def read_sheets(source: Source) -> list[Sheet]:

@@ -73,7 +73,7 @@ class Format:
 
 def unreadable(where: str, found: str, kind: str, error: Exception | None = None) -> MeasurementError:
     """The message on a file that is not what its name says."""
-    told = f"{found} ({error})" if error else found
+    told = f"{found} ({' '.join(str(error).split())[:200]})" if error else found
     return MeasurementError(where, f"{told.rstrip('.')}.", f"It must be {kind}.", "Export it again, or as CSV.")
 
 

@@ -28,7 +28,6 @@ _FLAGS = slice(60, 64)  # of the file's first block: what its logger left undone
 def _read(source: Source) -> list[Sheet]:
     import asammdf
 
-    source.refuse_larger(source.path.stat().st_size)
     with _opened(source.path) as stream, warnings_of("asammdf") as odd:
         try:
             with asammdf.MDF(stream) as mdf:
