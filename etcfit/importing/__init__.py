@@ -64,8 +64,8 @@ def import_files(
     Raises:
         UsageError: `to` holds something already, a file needs a library that is not installed, or an answer names a
             column that no file has.
-        MeasurementError: a file cannot be read, is damaged or too large, a guess is in doubt and nobody settles it, or the folder's reader
-            refuses what the guesses make.
+        MeasurementError: a file cannot be read, is damaged or too large, a guess is in doubt and nobody settles it,
+            or the folder's reader refuses what the guesses make.
     """
     refuse_to_overwrite(to)
     refuse_foreign_names(str(to), *(str(file) for file in files))

@@ -120,7 +120,7 @@ def _refuse_falling_time(record: Record, settings: GuessSettings) -> None:
     raise MeasurementError(f"{record.sheet.where}, row {k + 2}", f"time goes from {before} to {after} s, "
                            f"and does not rise at {falls.size} of {max(1, time.size - 1)} steps.",
                            "Time must rise strictly within a trace.",
-                           "Sort the log, or name the column that is the time: --column 'HEADER=time [s]'.")  # fmt: skip
+                           "Sort the log, or name the time's column: --column 'HEADER=time [s]'.")  # fmt: skip
 
 
 def _useful(sheet: Sheet, answers: Answers, settings: GuessSettings) -> list[Take]:
@@ -170,9 +170,10 @@ def _slug(sheet: Sheet) -> str:
 def _of_losses(sheets: Sequence[Sheet]) -> list[AbstractDoubt]:
     """A file that lacks what it says it holds may lack what tells one rig test from another."""
     return [
-        LossDoubt(sheet.where, f"the {sheet.rows} rows of {len(sheet.columns)} columns that are whole", "; ".join(sheet.missing))
-        for sheet in sheets if sheet.missing
-    ]  # fmt: skip
+        LossDoubt(sheet.where, f"{sheet.rows} whole rows of {len(sheet.columns)} columns", "; ".join(sheet.missing))
+        for sheet in sheets
+        if sheet.missing
+    ]
 
 
 def _one_a_sheet(records: Sequence[Record]) -> list[Record]:

@@ -91,8 +91,8 @@ class Records:
 def read_mlg(raw: bytes, where: str) -> Table:
     """Columns named `name [unit]`; NaN where a value is none.
 
-    Records whose check sum is wrong are left out, which `losses` says; so is what was cut off. A log without a time of its own gets that of its blocks, which cannot
-    tell a pause of more than 0.3 s.
+    Records whose check sum is wrong are left out, which `losses` says; so is what was cut off. A log without a time of
+    its own gets that of its blocks, which cannot tell a pause of more than 0.3 s.
 
     Args:
         raw: the file.

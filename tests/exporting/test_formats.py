@@ -6,6 +6,7 @@ import ast
 import inspect
 import io
 import sys
+import time
 from dataclasses import replace
 from pathlib import Path
 from types import ModuleType
@@ -284,6 +285,29 @@ def test_a_copy_of_the_users_own_tune_has_the_designed_settings_and_no_other_cha
             assert new.text == old.text
     assert b'signature="rusEFI by hand"' in found
     assert mine.read_bytes() == tune()
+
+
+def test_a_setting_within_a_comment_of_the_users_tune_is_left_alone(tmp_path: Path) -> None:
+    mine = tmp_path / "mine.msq"
+    old = b'<!-- as delivered: <constant digits="0" name="etb_pFactor" units="x">30.0</constant> -->'
+    mine.write_bytes(tune().replace(b'<page number="0" size="99">', b'<page number="0" size="99">' + old))
+    source = exports.source(pid=pid())
+    found = named("msq").export(replace(source, into=mine)).files["mine_etcfit.msq"]
+    assert isinstance(found, bytes)
+    assert old in found
+    (written,) = constants(named("msq").export(source).files["etcfit_rusefi.msq"])["etb_pFactor"]
+    (setting,) = (each for each in Xml.fromstring(found).iter(f"{MSQ}constant") if each.get("name") == "etb_pFactor")
+    assert float(setting.text or "") == written
+
+
+@pytest.mark.parametrize("piece", [b"<constant ", b"<!-- ", b'<constant name="x">1', b"<constant name="])
+def test_a_tune_of_200000_broken_tags_is_refused_at_once(tmp_path: Path, piece: bytes) -> None:
+    mine = tmp_path / "mine.msq"
+    mine.write_bytes(b'<msq xmlns="http://www.msefi.com/:msq">' + 200_000 * piece)
+    begun = time.process_time()
+    with pytest.raises(MeasurementError, match=r"mine\.msq: no setting"):
+        named("msq").export(replace(exports.source(pid=pid()), into=mine))
+    assert time.process_time() - begun < 5.0  # a minute and more, where each tag is sought from each
 
 
 @pytest.mark.parametrize(("data", "said"), [

@@ -10,6 +10,7 @@ from xml.etree import ElementTree as Xml
 
 from ... import __version__
 from ...errors import MeasurementError, UsageError
+from ...files import read_regular
 from ...model.ecus import PROFILES, Pasting
 from ...model.ecus import named as ecu_named
 from ...reporting.control.snippet import tune_file
@@ -17,6 +18,8 @@ from ..base import Export, Format, Source
 from ..rendering import comment
 
 _NAMESPACE = "http://www.msefi.com/:msq"  # of TunerStudio's files
+_CONSTANT = re.compile(r"<constant(?P<attributes>\s[^<>]*)>(?P<value>[^<]*)</constant>")
+_NO_SETTINGS = (("<!--", "-->"), ("<![CDATA[", "]]>"))  # what a tune may hold besides
 _WITH_TUNE_FILES = ", ".join(each.name for each in PROFILES if each.pasting is Pasting.TUNE_FILE)
 
 
@@ -86,7 +89,7 @@ def _changed(source: Source, path: Path, written: Mapping[str, Any], lost: tuple
     Raises:
         MeasurementError: it is no tune, or one whose firmware has no such settings.
     """
-    text = path.read_bytes().decode("iso-8859-1")
+    text = read_regular(path, str(path)).decode("iso-8859-1")
     if f'xmlns="{_NAMESPACE}"' not in text:
         raise MeasurementError(str(path), "it is no tune of TunerStudio.", f"A .msq of {written['title']} is required.",
                                "Save one in TunerStudio: File, Save Tune As.")  # fmt: skip
@@ -98,16 +101,30 @@ def _changed(source: Source, path: Path, written: Mapping[str, Any], lost: tuple
 
 def _replaced(path: Path, text: str, name: str, ours: Xml.Element, title: str) -> str:
     """The text of a tune with one setting replaced, its attributes as they stand there."""
-    found = re.findall(rf'<constant\b[^>]*\bname="{re.escape(name)}"[^>]*>[^<]*</constant>', text)
+    found = [each for each in _settings(text) if f'name="{name}"' in each["attributes"].split()]
     rows = ours.attrib.get("rows")
-    if len(found) != 1 or (rows is not None and f'rows="{rows}"' not in found[0]):
+    if len(found) != 1 or (rows is not None and f'rows="{rows}"' not in found[0]["attributes"]):
         asked = f"{name} with {rows} rows" if rows else name
         raise MeasurementError(str(path), f"no setting {asked} in it.", f"A tune of {title} is required.",
                                "Name one of the firmware that runs on your ECU.")  # fmt: skip
-    head, value = found[0].partition(">")[0], ours.text or ""
+    value = ours.text or ""
     if rows:
         value = "".join(f"\n         {each}" for each in value.split()) + "\n      "
-    return text.replace(found[0], f"{head}>{value}</constant>")
+    return f"{text[: found[0].start('value')]}{value}{text[found[0].end('value') :]}"
+
+
+def _settings(text: str) -> Iterator[re.Match[str]]:
+    """Every setting of a tune that is no comment, in one pass: a pattern over the whole text may search for hours."""
+    at = 0
+    while (at := text.find("<", at)) >= 0:
+        if end := next((end for begin, end in _NO_SETTINGS if text.startswith(begin, at)), ""):
+            closed = text.find(end, at + 4)
+            at = closed if closed >= 0 else len(text)
+        elif found := _CONSTANT.match(text, at):
+            yield found
+            at = found.end()
+        else:
+            at += 1
 
 
 FORMAT = Format("msq", "gains and bias table for TunerStudio (rusEFI, FOME)", _export, changes=True)

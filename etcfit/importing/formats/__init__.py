@@ -57,7 +57,8 @@ def read_sheets(source: Source) -> list[Sheet]:
     if sheets and max(sheet.rows for sheet in sheets) < 2:
         lacking = "; ".join(dict.fromkeys(each for sheet in sheets for each in sheet.missing))
         raise MeasurementError(source.where, f"{lacking or f'{max(sheet.rows for sheet in sheets)} rows in it'}.",
-                               "A trace needs two whole rows or more.", "Record it again, or leave the file out.")  # fmt: skip
+                               "A trace needs two whole rows or more.",
+                               "Record it again, or leave the file out.")  # fmt: skip
     sheets = [sheet for sheet in sheets if sheet.rows > 1]
     if not sheets:
         raise MeasurementError(source.where, "no columns of numbers in it.",

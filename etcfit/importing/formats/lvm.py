@@ -93,9 +93,7 @@ def _of_this_segment(rows: list[str], dialect: _Dialect) -> list[str]:
     return rows[: ends[0]] if ends else rows
 
 
-def _segment(
-    header: Mapping[str, list[str]], rows: list[str], dialect: _Dialect, where: str, part: str
-) -> list[Sheet]:
+def _segment(header: Mapping[str, list[str]], rows: list[str], dialect: _Dialect, where: str, part: str) -> list[Sheet]:
     names = dialect.cells(rows[0])
     table = [dialect.cells(row) for row in rows[1:]]
     columns = [np.array([dialect.number(row[k] if k < len(row) else "") for row in table]) for k in range(len(names))]

@@ -7,8 +7,6 @@ from __future__ import annotations
 
 from typing import Any
 
-import numpy as np
-
 from ...errors import MeasurementError
 from ..labels import column
 from ..sheet import Column, Sheet
