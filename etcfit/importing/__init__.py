@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from ..datasets.folder import refuse_to_overwrite, write_folder
-from ..errors import MeasurementError, UsageError
+from ..errors import UsageError
 from ..files import digest
 from ..rig.config import parse_config
 from ..rig.names import refuse_foreign_names
@@ -16,7 +16,7 @@ from .answers import Answers
 from .doubts import Resolve
 from .draft import Draft, drafted
 from .folder import read_back, texts
-from .formats import read_sheets, require_readable
+from .formats import read_sheets, require_file, require_readable
 from .formats.base import MOST_BYTES, Source
 from .settings import GuessSettings
 from .together import merged, with_common_peaks
@@ -76,8 +76,7 @@ def import_files(
     if not recordings:
         raise UsageError("No recording among the files: a DBC alone says only what its frames mean.")
     for file in buses:
-        if not file.is_file():
-            raise MeasurementError(str(file), "no such file.", "A DBC is required.", "Check the path.")
+        require_file(file, str(file), "A DBC is required.")
     sources = [Source(file, str(file), buses, most) for file in recordings]
     for source in sources:
         require_readable(source)

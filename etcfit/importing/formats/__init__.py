@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 from ...errors import MeasurementError, require_extra
 from ..sheet import Sheet
 from . import matlab, mcap, mdf, megalog, parquet, tdms, text
@@ -20,6 +22,24 @@ FORMATS: tuple[Format, ...] = (
 BY_SUFFIX = {suffix: format_ for format_ in FORMATS for suffix in format_.suffixes}
 
 
+def require_file(path: Path, where: str, required: str) -> None:
+    """A path is that of a file.
+
+    Args:
+        path: of the file.
+        where, required: for the message.
+    Raises:
+        MeasurementError: a folder, a pipe or a device, which may never end, or nothing.
+    """
+    if path.is_dir():
+        raise MeasurementError(where, "it is a folder.", required, f"Name the files in it: {where}/*.")
+    if path.exists() and not path.is_file():
+        raise MeasurementError(where, "it is a pipe or a device.", required,
+                               "Write its content to a file, and name that.")  # fmt: skip
+    if not path.is_file():
+        raise MeasurementError(where, "no such file.", required, "Check the path.")
+
+
 def require_readable(source: Source) -> None:
     """A file is there and can be read here, found out without reading it.
 
@@ -27,14 +47,7 @@ def require_readable(source: Source) -> None:
         MeasurementError: no such file, a pipe or a device, of a format that nobody knows, or too large.
         UsageError: its format needs a library that is not installed.
     """
-    if source.path.is_dir():
-        raise MeasurementError(source.where, "it is a folder.", "A log or a recording is required.",
-                               f"Name the files in it: {source.where}/*.")  # fmt: skip
-    if source.path.exists() and not source.path.is_file():
-        raise MeasurementError(source.where, "it is a pipe or a device.", "A log or a recording is required.",
-                               "Write its content to a file, and name that.")  # fmt: skip
-    if not source.path.is_file():
-        raise MeasurementError(source.where, "no such file.", "A log or a recording is required.", "Check the path.")
+    require_file(source.path, source.where, "A log or a recording is required.")
     suffix = source.path.suffix.casefold()
     if suffix not in BY_SUFFIX:
         raise MeasurementError(source.where, f"no format is known for '{suffix or source.path.name}'.",

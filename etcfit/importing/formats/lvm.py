@@ -25,7 +25,7 @@ from ..labels import column
 from ..sheet import Column, Sheet, time_base
 from .base import unreadable
 from .ends import common_ends
-from .rows import cells_of
+from .rows import cells_of, is_number
 
 _END = "***End_of_Header***"
 _KIND = "a LabVIEW measurement file"
@@ -122,10 +122,12 @@ def _refuse_odd_rows(table: Sequence[list[str]], shown: Sequence[int], width: in
     """Refuse a row whose cells may stand below other names.
 
     Raises:
-        ValueError: one with cells beyond the names; one with too few above the last, where no channel is shorter.
+        ValueError: one with cells beyond the names, or a number where comments are; one with too few above the last,
+            where no channel is shorter.
     """
     for k, cells in enumerate(table):
-        if any(cells[width:]) or (one_length and k < len(table) - 1 and len(cells) <= shown[-1]):
+        beyond = any(cells[width:]) or (k > 0 and any(is_number(cell) for cell in cells[shown[-1] + 1 :]))
+        if beyond or (one_length and k < len(table) - 1 and len(cells) <= shown[-1]):
             raise ValueError(f"row {k + 1} has {len(cells)} cells, its header {width}")
 
 
