@@ -30,14 +30,13 @@ def column(label: str, values: np.ndarray, unit: str = "") -> Column:
 
     Args:
         label: as it stands in the file.
-        values: shape (n,); what is not finite becomes a gap.
+        values: shape (n,).
         unit: where the file gives it in another place; then the label's own counts only if this one is none.
     """
     label = " ".join(label.split())
     name, own = split(label)
     given = spelled(unit)
-    numbers = np.asarray(values, dtype=float)
-    return Column(label, name, given if is_unit(given) else own, np.where(np.isfinite(numbers), numbers, np.nan))
+    return Column(label, name, given if is_unit(given) else own, np.asarray(values, dtype=float))
 
 
 def split(label: str) -> tuple[str, str]:

@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
+
 from ...errors import MeasurementError, require_extra
+from ...rig.table import HUGE
 from ..sheet import Sheet
 from . import matlab, mcap, mdf, megalog, parquet, tdms, text
 from .base import Format, Source
@@ -72,9 +76,18 @@ def read_sheets(source: Source) -> list[Sheet]:
         raise MeasurementError(source.where, f"{lacking or f'{max(sheet.rows for sheet in sheets)} rows in it'}.",
                                "A trace needs two whole rows or more.",
                                "Record it again, or leave the file out.")  # fmt: skip
-    sheets = [sheet for sheet in sheets if sheet.rows > 1]
+    sheets = [_possible(sheet) for sheet in sheets if sheet.rows > 1]
     if not sheets:
         raise MeasurementError(source.where, "no columns of numbers in it.",
                                f"A {format_.name} file with recorded signals is required.",
                                "Export the signals, not only the settings.")  # fmt: skip
     return sheets
+
+
+def _possible(sheet: Sheet) -> Sheet:
+    """The sheet with gaps where a number is infinite or larger than any reading, which is said."""
+    with np.errstate(invalid="ignore"):
+        odd = {column.label: np.abs(column.values) > HUGE for column in sheet.columns}
+    told = tuple(f"'{label}': {np.sum(at)} numbers that no instrument gives are gaps" for label, at in odd.items() if at.any())
+    columns = tuple(replace(each, values=np.where(odd[each.label], np.nan, each.values)) for each in sheet.columns)
+    return replace(sheet, columns=columns, losses=(*sheet.losses, *told)) if told else sheet
