@@ -112,7 +112,9 @@ def read_mlg(raw: bytes, where: str) -> Table:
     columns = [_finite((values + field.transform) * field.scale) for field, values in shown]
     if not any(name.partition(" [")[0].casefold() == "time" for name in header):
         header, columns = [TIME, *header], [_TICK * (kept.ticks - kept.ticks[0]), *columns]
-    losses = _losses(len(raw), found.end, found.at.size - kept.at.size)
+    unknown = (f"'{each.header}' is left out: its type, {each.kind}, is unknown"
+               for each in fields if each.kind not in _TYPES)  # fmt: skip
+    losses = (*_losses(len(raw), found.end, found.at.size - kept.at.size), *unknown)
     return Table(tuple(header), 1, kept.at, np.stack(columns, axis=1), losses=losses)
 
 

@@ -45,12 +45,16 @@ def read_msl(raw: bytes, where: str) -> Table:
     header = tuple(named(name, unit) for name, unit in zip(names, units, strict=True))
     values = np.array([[_number(cell) for cell in cells[: len(names)]] for _, cells in rows])
     spoilt = np.isnan(values) & np.array([[bool(cell.strip()) for cell in cells[: len(names)]] for _, cells in rows])
-    few = [(names[k], int(n)) for k, n in enumerate(spoilt.sum(axis=0)) if 0 < 2 * n < len(rows)]  # not a switch in words
+    few = [
+        (names[k], int(n)) for k, n in enumerate(spoilt.sum(axis=0)) if 0 < 2 * n < len(rows)
+    ]  # not a switch in words
     words = tuple(f"'{name}': {n} cells that hold no number are gaps" for name, n in few)
     lines = ", ".join(map(str, short[:5])) + (", and more" if len(short) > 5 else "")
     losses = (f"rows with too few cells are left out: {len(short)}, in lines {lines}",) if short else ()
     cut = ("the last line has no end: it may be cut off, and is left out",) if numbered[-1][1].strip() else ()
-    return Table(header, numbered[head][0], np.array([line for line, _ in rows]), values, losses=(*losses, *words, *cut))
+    return Table(
+        header, numbered[head][0], np.array([line for line, _ in rows]), values, losses=(*losses, *words, *cut)
+    )
 
 
 def named(name: str, unit: str) -> str:

@@ -42,8 +42,12 @@ def driven() -> dict[str, tuple[str, np.ndarray]]:
     volts = 4.0 + 3.0 * np.sin(TIME / 0.02)
     sensor = 2.5 + 1.2 * np.sin(TIME / 0.02 - 1.0)
     amperes = (volts - 0.02 * np.gradient(sensor, TIME)) / 1.9
-    return {"t": ("s", TIME), "MotorVoltage": ("V", volts + 0.01 * noise[0]),
-            "MotorCurrent": ("A", amperes + 0.01 * noise[1]), "ThrottlePos": ("V", sensor + 0.002 * noise[2])}  # fmt: skip
+    return {
+        "t": ("s", TIME),
+        "MotorVoltage": ("V", volts + 0.01 * noise[0]),
+        "MotorCurrent": ("A", amperes + 0.01 * noise[1]),
+        "ThrottlePos": ("V", sensor + 0.002 * noise[2]),
+    }
 
 
 def megalog(path: Path, columns: foreign.Columns) -> Path:
@@ -142,11 +146,14 @@ def test_a_recording_that_is_cut_off_is_refused_or_said_to_be(
 ) -> None:
     file = tmp_path / name
     file.write_bytes((recordings / name).read_bytes()[:-cut])
+    done, told = None, ("", "")
     try:
         done = imported(file, tmp_path / "rig")
     except MeasurementError as error:
-        assert name in error.where
-        assert error.mend
+        told = error.where, error.mend
+    if done is None:
+        assert name in told[0]
+        assert told[1]
         assert not (tmp_path / "rig").exists()
     else:
         assert name not in COUNTED or cut < 3  # all but the last line's end
@@ -281,9 +288,8 @@ def test_a_tdms_whose_channels_end_apart(tmp_path: Path) -> None:
     from nptdms import ChannelObject, TdmsWriter
 
     with TdmsWriter(tmp_path / "a.tdms") as writer:
-        writer.write_segment([ChannelObject("g", "u", np.arange(100.0)), ChannelObject("g", "i", np.arange(98.0)),
-                              ChannelObject("g", "slow", np.arange(10.0)), ChannelObject("g", "z", np.ones(100, complex))
-                              ])  # fmt: skip
+        values = {"u": np.arange(100.0), "i": np.arange(98.0), "slow": np.arange(10.0), "z": np.ones(100, complex)}
+        writer.write_segment([ChannelObject("g", name, each) for name, each in values.items()])
     fast, slow = read(tmp_path / "a.tdms")
     assert (fast.rows, slow.rows) == (98, 10)
     assert fast.missing == ("'z' cannot be read: its type is complex128",
@@ -414,8 +420,8 @@ def external_data(file, h5py) -> None:
 
 
 @pytest.mark.parametrize(("change", "message"), [
-    (soft_link, "'x' is a link, or holds itself"), (external_link, "'x' is a link"), (loop, "is a link, or holds itself"),
-    (external_data, "'x' lies in another file"),
+    (soft_link, "'x' is a link, or holds itself"), (external_link, "'x' is a link"),
+    (loop, "is a link, or holds itself"), (external_data, "'x' lies in another file"),
 ])  # fmt: skip
 def test_a_mat_file_that_leads_out_of_itself_or_in_a_circle(tmp_path: Path, change, message: str) -> None:
     with pytest.raises(MeasurementError, match=rf"a\.mat: '?.*{message}.*Export it again"):
@@ -504,6 +510,16 @@ def test_rows_that_a_cut_leaves_out_are_counted(tmp_path: Path) -> None:
     ] * 2
 
 
+def test_a_rig_test_that_is_told_by_what_is_not_logged_is_unsure_beside_a_column_that_nothing_explains(
+    tmp_path: Path,
+) -> None:
+    columns = driven()
+    columns["Fred"] = ("kPa", 100.0 * columns.pop("ThrottlePos")[1])
+    columns["MotorCurrent"] = ("A", columns["MotorVoltage"][1] / 1.9)
+    with pytest.raises(MeasurementError, match=r"taken as resistance, .* nothing tells what 'Fred' is"):
+        imported(foreign.picoscope(tmp_path / "a.csv", columns), tmp_path / "rig")
+
+
 # Size
 
 
@@ -557,9 +573,11 @@ def wide_mcap(path: Path) -> Path:
 
 
 @pytest.mark.parametrize(("make", "most"), [
-    (lambda path: compressed_mat(path / "a.mat", 10**6), 7 * 10**6), (lambda path: sparse_mat(path / "a.mat"), 256 * 10**6),
+    (lambda path: compressed_mat(path / "a.mat", 10**6), 7 * 10**6),
+    (lambda path: sparse_mat(path / "a.mat"), 256 * 10**6),
     (lambda path: never_written_mat(path / "a.mat"), 256 * 10**6),
-    (lambda path: repeated_parquet(path / "a.parquet"), 15 * 10**6), (lambda path: wide_mcap(path / "a.mcap"), 15 * 10**6),
+    (lambda path: repeated_parquet(path / "a.parquet"), 15 * 10**6),
+    (lambda path: wide_mcap(path / "a.mcap"), 15 * 10**6),
 ])  # fmt: skip
 def test_a_small_file_that_unpacks_to_a_large_one_is_refused_by_its_own_counts(tmp_path: Path, make, most: int) -> None:
     path = make(tmp_path)
@@ -623,13 +641,19 @@ def mutations(raw: bytes, rng: np.random.Generator, count: int) -> list[tuple[st
     return made
 
 
+def has_all_rows(found: Mapping[str, Mapping[str, int]]) -> bool:
+    """One driven response with every column; damage may have made no number of one or two values."""
+    counts = found.get("response", {})
+    whole = {"voltage [V]", "current [A]", "tps [V]"}
+    return len(found) == 1 and set(counts) == whole and max(counts.values()) == ROWS <= min(counts.values()) + 2
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("name", WRITERS)
 def test_any_damage_is_refused_with_a_cure_or_said_or_leaves_all_rows(
     recordings: Path, tmp_path: Path, name: str
 ) -> None:
     raw = (recordings / name).read_bytes()
-    whole = shown(imported(recordings / name, tmp_path / "whole"))
     outcomes = {"refused": 0, "said": 0, "same": 0}
     wrong = []
     for k, (damage, changed) in enumerate(mutations(raw, np.random.default_rng(36), 60)):
@@ -643,7 +667,7 @@ def test_any_damage_is_refused_with_a_cure_or_said_or_leaves_all_rows(
             outcomes["refused"] += 1
             wrong += [] if name in str(error) and getattr(error, "mend", "a cure") else [f"{damage}: {error}"]
             continue
-        if shown(done) == whole:
+        if has_all_rows(shown(done)):
             outcomes["same"] += 1
         elif done.warnings or any("left out" in reason for _, _, reason in done.traces):
             outcomes["said"] += 1

@@ -88,6 +88,8 @@ def _possible(sheet: Sheet) -> Sheet:
     """The sheet with gaps where a number is infinite or larger than any reading, which is said."""
     with np.errstate(invalid="ignore"):
         odd = {column.label: np.abs(column.values) > HUGE for column in sheet.columns}
-    told = tuple(f"'{label}': {np.sum(at)} numbers that no instrument gives are gaps" for label, at in odd.items() if at.any())
+    told = tuple(
+        f"'{label}': {np.sum(at)} numbers that no instrument gives are gaps" for label, at in odd.items() if at.any()
+    )
     columns = tuple(replace(each, values=np.where(odd[each.label], np.nan, each.values)) for each in sheet.columns)
     return replace(sheet, columns=columns, losses=(*sheet.losses, *told)) if told else sheet
