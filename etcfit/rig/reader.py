@@ -188,14 +188,14 @@ def _read_log(base: str, file: str, config: RigConfig, toml: Toml) -> tuple[Log,
 
 
 def _cut_off(text: str, where: str) -> list[str]:
-    """A warning where the last line has no end and its last cell is shorter than each above: a number may lack digits."""
+    """A warning where the last line has no end and its last cell is shorter than each above: digits may be lost."""
     if text.endswith("\n"):
         return []
     *above, last = (re.split(r"[,;\t]", line)[-1].strip() for line in text.split("\n")[-_LINES_ABOVE:])
     if not last or len(above) < 3 or len(last) >= min(map(len, above)):
         return []
-    return [f"{where}: the last line has no end, and its last number, {last}, is shorter than those above: the file may "
-            "be cut off. Copy it again, or delete the line."]  # fmt: skip
+    return [f"{where}: the last line has no end, and its last number, {last}, is shorter than those above: the file "
+            "may be cut off. Copy it again, or delete the line."]  # fmt: skip
 
 
 def log_of(table: Table, where: str, file: str, config: RigConfig, toml: Toml) -> tuple[Log, list[str]]:

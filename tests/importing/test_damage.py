@@ -443,6 +443,27 @@ def test_odd_codes_empty_arrays_and_objects_of_a_mat_file(tmp_path: Path) -> Non
     assert sheet.missing == ("'ts' cannot be read: it is a MATLAB object",)
 
 
+def test_a_cell_array_of_vectors_is_said_and_one_of_texts_is_not(tmp_path: Path) -> None:
+    import scipy.io
+
+    cells = {"runs": np.empty(2, object), "names": np.empty(2, object)}
+    cells["runs"][:] = [TIME, TIME[:5]]
+    cells["names"][:] = ["a", "b"]
+    scipy.io.savemat(tmp_path / "five.mat", {"t": TIME, "u": np.sin(TIME), **cells})
+
+    def with_cells(file, h5py) -> None:
+        refs = file.create_group("#refs#")
+        for name, values in (("runs", TIME), ("names", np.array([97, 98, 99], "u2"))):
+            refs[name] = values
+            refs[name].attrs["MATLAB_class"] = np.bytes_("double" if name == "runs" else "char")
+            file.create_dataset(name, data=np.array([[refs[name].ref]], h5py.ref_dtype))
+            file[name].attrs["MATLAB_class"] = np.bytes_("cell")
+
+    for path in (tmp_path / "five.mat", seven(tmp_path / "seven.mat", with_cells)):
+        (sheet,) = read(path)
+        assert sheet.missing == ("'runs' cannot be read: it is a cell array of vectors",)
+
+
 def test_vectors_of_a_mat_file_that_end_apart(tmp_path: Path) -> None:
     import scipy.io
 

@@ -255,7 +255,7 @@ def test_mcap_of_an_encoding_that_is_not_supported_names_channel_and_encoding(tm
         read(foreign.mcap(tmp_path / "a.mcap", COLUMNS, encoding="cdr"))
     (sheet,) = read(foreign.mcap(tmp_path / "b.mcap", COLUMNS, last_encoding="protobuf"))
     assert [column.label for column in sheet.columns] == ["time", "/bench/0.probe.CH1"]
-    assert sheet.remarks == ("left out, of an encoding other than json: '/bench/1' (protobuf)",)
+    assert sheet.missing == ("channels cannot be read, of an encoding other than json: '/bench/1' (protobuf)",)
 
 
 @pytest.mark.parametrize("kept", [8, 12, 300, -1])

@@ -17,6 +17,7 @@ _HEADER = 128
 _ARRAY, _COMPRESSED = 14, 15
 _SIZES_AT = 24  # in an array: behind its own tag and its flags
 _ENOUGH = 512  # bytes of an array that hold its tags
+_MOST_SHRUNK = 100
 _NUMERIC = range(6, 16)  # classes: double to uint64
 
 
@@ -33,19 +34,22 @@ def unpacked(path: Path) -> int:
                 head = zlib.decompressobj().decompress(head, _ENOUGH)
             elif kind == _ARRAY:
                 head = struct.pack(f"{order}II", kind, length) + head
-            total += _of_array(head, order)
+            total += _of_array(head, order, length)
             at += 8 + length
     return total or size
 
 
-def _of_array(head: bytes, order: str) -> int:
-    """Bytes of one array; what it says of its numbers, or of its whole content where it holds other arrays."""
+def _of_array(head: bytes, order: str, stored: int) -> int:
+    """Bytes of one array: what it says of its numbers, or of its whole content where it holds other arrays.
+
+    These may be numbers of a byte, eight in memory; nobody's measurements shrink to a hundredth.
+    """
     if len(head) < _SIZES_AT + 8:
         return len(head)
     content, kind = struct.unpack_from(f"{order}I", head, 4)[0], head[16 if order == "<" else 19]
     n = struct.unpack_from(f"{order}I", head, _SIZES_AT + 4)[0] // 4
     if kind not in _NUMERIC or len(head) < _SIZES_AT + 8 + 4 * n:
-        return content
+        return content if content < _MOST_SHRUNK * stored else 8 * content
     count = 1
     for each in struct.unpack_from(f"{order}{n}I", head, _SIZES_AT + 8):
         count *= each

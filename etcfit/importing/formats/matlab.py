@@ -87,9 +87,16 @@ def _plain(source: Source, tree: _Tree, scope: Mapping[str, Any], part: str) -> 
             out[name] = value.toarray()
         elif isinstance(value, np.ndarray | np.generic) and value.dtype.kind in "cV":
             tree.missing.append(f"'{path}' cannot be read: it is complex, or a MATLAB object")
+        elif isinstance(value, np.ndarray) and value.dtype.kind == "O" and any(_is_vector(each) for each in value.flat):
+            tree.missing.append(f"'{path}' cannot be read: it is a cell array of vectors")
         else:
             out[name] = value
     return out
+
+
+def _is_vector(value: Any) -> bool:
+    dtype = getattr(value, "dtype", None)
+    return dtype is not None and dtype.kind in "iuf" and value.size >= _FEWEST
 
 
 def _hdf5(source: Source) -> _Tree:
@@ -138,7 +145,16 @@ def _branch(tree: _Tree, h5py: Any, group: Any, part: str) -> dict[str, Any]:
             out[name] = _text(np.ravel(value[()]))
         elif value.dtype.kind in "iuf":
             out[name] = np.asarray(value[()]).T
+        elif value.attrs.get("MATLAB_class", b"") == b"cell" and any(_holds_vector(value)):
+            tree.missing.append(f"'{path}' cannot be read: it is a cell array of vectors")
     return out
+
+
+def _holds_vector(cell: Any) -> Iterator[bool]:
+    """For each array that a cell array refers to: whether it is a vector of numbers."""
+    for reference in np.ravel(cell[()]):
+        value = cell.file[reference]
+        yield value.attrs.get("MATLAB_class", b"") != b"char" and _is_vector(value)
 
 
 _ODD = {"MATLAB_object_decode": "a MATLAB object", "MATLAB_sparse": "sparse"}

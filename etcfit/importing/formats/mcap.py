@@ -72,8 +72,8 @@ def _read(source: Source) -> list[Sheet]:
                                "The message encoding 'json' is required.",
                                "Record these topics as JSON, or export them as CSV or Parquet.")  # fmt: skip
     together, remarks = _united(source, [each for each in channels.values() if each.numbers])
-    left_out = (f"left out, of an encoding other than json: {told}",) if others else ()
-    return [Sheet(source.where, "", together, (*remarks, *left_out))]
+    unread = (f"channels cannot be read, of an encoding other than json: {told}",) if others else ()
+    return [Sheet(source.where, "", together, remarks, missing=unread)]
 
 
 class _Counts(NamedTuple):

@@ -2,7 +2,7 @@
 
 Groups that were sampled at their own rates become one sheet: every instant of any of them a row, gaps elsewhere.
 
-Source: ASAM MDF 4.2, as asammdf reads it. Differs from source: texts and arrays are left out.
+Source: ASAM MDF 4.2, as asammdf reads it. Differs from source: texts are left out, arrays are said to be.
 """
 
 from __future__ import annotations
@@ -11,7 +11,7 @@ import io
 import traceback
 from contextlib import suppress
 from pathlib import Path
-from typing import Any, BinaryIO
+from typing import Any
 
 import numpy as np
 
@@ -22,6 +22,7 @@ from .base import Format, Source, unreadable, warnings_of
 
 _KIND = "a measurement file of ASAM MDF"
 _TICK = 6  # decimals of a second: instants nearer than a microsecond are one
+_FRAMES = ("CAN_", "LIN_")  # names of a bus log's raw parts
 _FLAGS = slice(60, 64)  # of the file's first block: what its logger left undone
 
 
@@ -32,11 +33,11 @@ def _read(source: Source) -> list[Sheet]:
         try:
             with asammdf.MDF(stream) as mdf:
                 _refuse_large(source, mdf)
-                signals = _signals(mdf)
+                signals = _signals(mdf, odd)
                 if source.buses:
                     databases: Any = {"CAN": [(str(path), 0) for path in source.buses]}
                     with mdf.extract_bus_logging(databases) as decoded:
-                        signals = [*_decoded_only(signals), *_signals(decoded)]
+                        signals = [*_decoded_only(signals), *_signals(decoded, odd)]
         except MeasurementError:
             raise
         except Exception as err:  # its parser raises whatever it meets in a damaged file
@@ -50,7 +51,7 @@ def _read(source: Source) -> list[Sheet]:
     return [Sheet(source.where, "", together, remarks, missing=tuple(dict.fromkeys(odd)))]
 
 
-def _opened(path: Path) -> BinaryIO:
+def _opened(path: Path) -> io.BytesIO | io.BufferedReader:
     """A stream, which is closed whatever happens; a copy where it must finish what the logger left undone."""
     with path.open("rb") as file:
         head = file.read(_FLAGS.stop)
@@ -70,9 +71,12 @@ def _refuse_large(source: Source, mdf: Any) -> None:
     source.refuse_larger(sum(8 * cycles * channels for cycles, channels in groups))
 
 
-def _signals(mdf: Any) -> list[Any]:
+def _signals(mdf: Any, odd: list[str]) -> list[Any]:
     """Numbers over time, of every group.
 
+    Args:
+        mdf: of asammdf.
+        odd: is told of arrays, which cannot be read.
     Raises:
         ValueError: a group does not hold as many rows as it says, or its time falls.
     """
@@ -91,12 +95,14 @@ def _signals(mdf: Any) -> list[Any]:
                 if np.any(~(np.diff(signal.timestamps) >= 0.0)):
                     raise ValueError(f"the time of '{signal.name}' falls")
                 found.append(signal)
+            elif signal.samples.dtype.kind not in "SUO" and not signal.name.startswith(_FRAMES):
+                odd.append(f"'{signal.name}' cannot be read: it is an array")
     return found
 
 
 def _decoded_only(signals: list[Any]) -> list[Any]:
     """Without the raw parts of the frames, whose numbers mean nothing."""
-    return [signal for signal in signals if not signal.name.startswith(("CAN_", "LIN_"))]
+    return [signal for signal in signals if not signal.name.startswith(_FRAMES)]
 
 
 def _united(source: Source, signals: list[Any]) -> tuple[tuple[Column, ...], tuple[str, ...]]:
