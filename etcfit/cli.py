@@ -544,6 +544,7 @@ def _terms(spring: bool, others: str | None) -> bool | str:
 
 
 _SECONDS = {"us": 1e-6, "ms": 1e-3, "s": 1.0}
+_BYTES = {"kB": 1e3, "MB": 1e6, "GB": 1e9}
 _RADIANS = {"deg": pi / 180.0, "rad": 1.0}
 
 
@@ -738,6 +739,9 @@ def import_(
         Path | None,
         typer.Option(help="A rig.toml to take over, as `etcfit new` makes one.", metavar="RIG.TOML", dir_okay=False),
     ] = None,
+    limit: Annotated[
+        str, typer.Option(help="Of one recording's numbers in memory; larger ones are refused.", metavar="SIZE")
+    ] = "256MB",
     quiet: Quiet = False,
 ) -> None:
     """Foreign recordings as a measurement folder: columns, units, signs and rig tests guessed, with reasons."""
@@ -748,9 +752,10 @@ def import_(
 
     seconds = None if period is None else _seconds("--period", period)
     answers = parsed(column or (), test or (), [str(file) for file in files], seconds)
+    most = int(_with_unit("--limit", limit, _BYTES, "a size", "2GB"))
     resolve = accept_all if yes else _asked if sys.stdin.isatty() and sys.stderr.isatty() else refuse
     with _progress(quiet or resolve is _asked) as report:
-        done = import_files(files, to, answers, resolve, rig=rig, report=report)
+        done = import_files(files, to, answers, resolve, rig=rig, most=most, report=report)
     for file, source, reason in done.traces:
         _say(f"{done.folder}/{file}  from {source}: {reason}")
     for warning in done.warnings:

@@ -6,6 +6,7 @@ import hashlib
 import json
 import math
 import os
+import stat
 import tempfile
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
@@ -14,6 +15,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+
+from .errors import MeasurementError
 
 
 @contextmanager
@@ -43,6 +46,27 @@ def require_writable(folder: Path) -> None:
             pass
     except OSError as error:
         raise OSError(error.errno, error.strerror, str(folder)) from None
+
+
+def read_regular(path: Path, where: str, most: int | None = None) -> bytes:
+    """Content of a file, whose kind and size are looked at first: a pipe or a device may never end.
+
+    Args:
+        path: of the file.
+        where: what messages call it.
+        most: bytes it may have; None for any.
+    Raises:
+        MeasurementError: a pipe or a device, or too large.
+        OSError: it cannot be read.
+    """
+    status = path.stat()
+    if not (stat.S_ISREG(status.st_mode) or stat.S_ISDIR(status.st_mode)):
+        raise MeasurementError(where, "it is a pipe or a device.", "A file is required.",
+                               "Write its content to a file, and name that.")  # fmt: skip
+    if most is not None and status.st_size > most:
+        raise MeasurementError(where, f"it has {status.st_size:,} bytes.", f"At most {most:,} are read.",
+                               "Check that it is the file you meant.")  # fmt: skip
+    return path.read_bytes()
 
 
 def digest(path: Path) -> str:

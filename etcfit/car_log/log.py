@@ -61,7 +61,7 @@ class DriveLog:
         position: of the plate.
         setpoint: what the ECU asks of it; None where it was not logged.
         columns: header in the file of each quantity that was taken.
-        hint: what a reader may do where a quantity was not found.
+        hint: what the log lacks, and what a reader may do where a quantity was not found.
     """
 
     name: str

@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from ..errors import MeasurementError
+from ..files import read_regular
 from ..rig.base import RigConfig
 from ..rig.columns import Column, read_columns
 from ..rig.comments import toml_string
@@ -90,7 +91,7 @@ def read_log(path: Path, config: RigConfig, toml: str) -> DriveLog:
     Raises:
         MeasurementError: it cannot be read, or has no time or position.
     """
-    whole = READERS[path.suffix.casefold()](path.read_bytes(), str(path))
+    whole = READERS[path.suffix.casefold()](read_regular(path, str(path)), str(path))
     taken = _taken(whole, config)
     table = replace(whole, header=tuple(taken.values()), cells=whole.cells[:, list(taken)])
     named = Toml(toml, read_text(toml) if Path(toml).is_file() else "", {})  # for messages alone
@@ -101,7 +102,8 @@ def read_log(path: Path, config: RigConfig, toml: str) -> DriveLog:
                                'Name its column in rig.toml: [columns] "TP (Main)" = "position [%]".')  # fmt: skip
     setpoint = columns.get("setpoint")
     written = {str(_quantity(name)): whole.header[k] for k, name in taken.items()}
-    hints = (_of_position(written["position"], whole.header), "" if setpoint else _of_setpoint(whole.header))
+    hints = (_of_position(written["position"], whole.header), "" if setpoint else _of_setpoint(whole.header),
+             *(f"{each[0].upper()}{each[1:]}." for each in whole.losses))  # fmt: skip
     return DriveLog(path.name, _series(columns["time"], columns["position"], config, str(path)),
                     None if setpoint is None else _series(columns["time"], setpoint, config, str(path)),
                     written, " ".join(filter(None, hints)))  # fmt: skip

@@ -16,8 +16,8 @@ from .answers import Answers
 from .doubts import Resolve
 from .draft import Draft, drafted
 from .folder import read_back, texts
-from .formats import read_sheets, require_readable
-from .formats.base import Source
+from .formats import read_sheets, require_file, require_readable
+from .formats.base import MOST_BYTES, Source
 from .settings import GuessSettings
 from .together import merged, with_common_peaks
 
@@ -31,7 +31,7 @@ class Imported:
     Args:
         folder: that was written.
         traces: file in it -> where it came from, and why it is this test.
-        warnings: of the folder's reader.
+        warnings: what the recordings lack, and what the folder's reader found.
     """
 
     folder: Path
@@ -47,6 +47,7 @@ def import_files(
     *,
     rig: Path | None = None,
     settings: GuessSettings = GuessSettings(),
+    most: int = MOST_BYTES,
     report: Callable[[str, float], None] = lambda stage, done: None,
 ) -> Imported:
     """Foreign files as a measurement folder, written whole or not at all.
@@ -58,12 +59,13 @@ def import_files(
         resolve: what to do about guesses in doubt: take them, ask, or refuse.
         rig: a rig.toml to take over; without it a short one is written.
         settings: what decides a guess, and when it is sure.
+        most: bytes that the numbers of one recording may take in memory.
         report: is told what is being done, and the fraction of it that is.
     Raises:
         UsageError: `to` holds something already, a file needs a library that is not installed, or an answer names a
             column that no file has.
-        MeasurementError: a file cannot be read, a guess is in doubt and nobody settles it, or the folder's reader
-            refuses what the guesses make.
+        MeasurementError: a file cannot be read, is damaged or too large, a guess is in doubt and nobody settles it,
+            or the folder's reader refuses what the guesses make.
     """
     refuse_to_overwrite(to)
     refuse_foreign_names(str(to), *(str(file) for file in files))
@@ -73,7 +75,9 @@ def import_files(
     recordings = [file for file in files if file not in buses]
     if not recordings:
         raise UsageError("No recording among the files: a DBC alone says only what its frames mean.")
-    sources = [Source(file, str(file), buses) for file in recordings]
+    for file in buses:
+        require_file(file, str(file), "A DBC is required.")
+    sources = [Source(file, str(file), buses, most) for file in recordings]
     for source in sources:
         require_readable(source)
     sheets = []
@@ -91,7 +95,8 @@ def import_files(
     digests = {str(file): digest(file) for file in files}
     written = texts(draft, to.absolute().name, digests, given)
     rig_read = read_back(draft, written, to)
-    return Imported(write_folder(to, written), _told(draft), rig_read.warnings)
+    lost = (f"{sheet.where}: {each}" for sheet in sheets for each in (*sheet.losses, *sheet.missing))
+    return Imported(write_folder(to, written), _told(draft), (*dict.fromkeys(lost), *rig_read.warnings))
 
 
 def _told(draft: Draft) -> tuple[tuple[str, str, str], ...]:

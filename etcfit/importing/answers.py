@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from math import inf
 from pathlib import Path
 
 from ..errors import UsageError
@@ -47,6 +48,15 @@ class Answers:
     tests: Mapping[str, str] = field(default_factory=dict)
     accepted: frozenset[str] = frozenset()
     period: float | None = None
+
+    def __post_init__(self) -> None:
+        """Refuse a period in which time stands or runs backwards.
+
+        Raises:
+            UsageError: it is one.
+        """
+        if self.period is not None and not 0.0 < self.period < inf:
+            raise UsageError(f"--period: found {self.period:g} s. It must be longer than 0. Write, say, --period 1ms.")
 
     def of(self, file: str, column: Column) -> Target | None:
         """What was said of this column; of this file before all files."""

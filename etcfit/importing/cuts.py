@@ -4,14 +4,23 @@ from __future__ import annotations
 
 import numpy as np
 
+from ..errors import MeasurementError
 from . import shapes
 from .record import Record, let_go
 from .settings import GuessSettings
 
 
 def cut(record: Record, settings: GuessSettings) -> list[Record]:
-    """The traces that a record holds, in order; itself alone where it holds one."""
+    """The traces that a record holds, in order; itself alone where it holds one.
+
+    Raises:
+        MeasurementError: every stretch of it is too short to be one.
+    """
     pieces = [part for piece in _by_clock(record, settings) for part in _by_pause(piece, settings)]
+    if not pieces:
+        raise MeasurementError(record.sheet.where, "its time falls or pauses before there are "
+                               f"{settings.fewest} rows in a row.", f"A trace needs {settings.fewest} rows.",
+                               "Export the trace again, its rows in the order of time.")  # fmt: skip
     return [
         part
         for piece in pieces
@@ -40,8 +49,10 @@ def _by_pause(record: Record, settings: GuessSettings) -> list[Record]:
 def _pieces(record: Record, starts: list[int], why: str, settings: GuessSettings) -> list[Record]:
     if len(starts) == 1:
         return [record]
-    ends = [*starts[1:], record.time.size]
-    return [record.within(slice(a, b), why) for a, b in zip(starts, ends, strict=True) if b - a >= settings.fewest]
+    pieces = list(zip(starts, [*starts[1:], record.time.size], strict=True))
+    short = sum(b - a for a, b in pieces if b - a < settings.fewest)
+    why = f"{why}; {short} rows in pieces of fewer than {settings.fewest} are left out" if short else why
+    return [record.within(slice(a, b), why) for a, b in pieces if b - a >= settings.fewest]
 
 
 def _by_rest(record: Record, settings: GuessSettings) -> list[Record]:

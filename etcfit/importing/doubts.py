@@ -123,6 +123,22 @@ class RigDoubt(AbstractDoubt):
         raise refused([self])
 
 
+@dataclass(frozen=True)
+class LossDoubt(AbstractDoubt):
+    """Whether what is left of a damaged file is enough."""
+
+    @property
+    def mend(self) -> str:
+        return "a whole copy of the file"
+
+    @property
+    def choices(self) -> str:
+        return "Enter takes what is there, anything else stops"
+
+    def answered(self, text: str, answers: Answers) -> Answers:
+        raise refused([self])
+
+
 Resolve = Callable[[Sequence[AbstractDoubt], Answers], Answers]
 
 

@@ -7,11 +7,13 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import PurePath
 
+import numpy as np
+
 from ..errors import MeasurementError
 from ..rig.base import RigConfig
 from .answers import Answers
 from .cuts import cut
-from .doubts import AbstractDoubt, ColumnDoubt, RigDoubt, TestDoubt
+from .doubts import AbstractDoubt, ColumnDoubt, LossDoubt, RigDoubt, TestDoubt
 from .nameplate import NameplateGuess, sensor_guess, travel_guess
 from .quantities import takes_of
 from .record import Record, whole
@@ -78,6 +80,7 @@ def drafted(
     guesses = [
         each for each in (make(records, known, settings) for make in (sensor_guess, travel_guess)) if each is not None
     ]
+    doubts = [*_of_losses(sheets), *doubts]
     doubts += [doubt for record in _one_a_sheet(records) for doubt in _of_columns(record)]
     doubts += [RigDoubt("rig.toml", each.short, each.reason) for each in guesses]
     open_ = {doubt.key: doubt for doubt in doubts if doubt.key not in answers.accepted}
@@ -90,7 +93,9 @@ def _records(sheets: Sequence[Sheet], answers: Answers, settings: GuessSettings)
     unused: dict[str, MeasurementError] = {}
     for sheet in sheets:
         try:
-            records += cut(whole(sheet, _useful(sheet, answers, settings)), settings)
+            record = whole(sheet, _useful(sheet, answers, settings))
+            _refuse_falling_time(record, settings)
+            records += cut(record, settings)
         except MeasurementError as error:
             unused[sheet.where] = error
     used = {record.sheet.file for record in records}
@@ -98,6 +103,24 @@ def _records(sheets: Sequence[Sheet], answers: Answers, settings: GuessSettings)
         if sheet.file not in used or (sheet.where in unused and not sheet.part):
             raise unused[sheet.where]
     return records, {where: error.found for where, error in unused.items()}
+
+
+def _refuse_falling_time(record: Record, settings: GuessSettings) -> None:
+    """A clock may begin anew, once for each trace; one that falls at every other row is none.
+
+    Raises:
+        MeasurementError: it falls, or stands still.
+    """
+    time = record.time
+    falls = np.flatnonzero(~(np.diff(time) > 0.0))
+    if settings.fewest * falls.size < time.size and falls.size < max(1, time.size - 1):
+        return
+    k = int(falls[0]) if falls.size else 0
+    before, after = (f"{each:.12g}" for each in time[[k, min(k + 1, time.size - 1)]])
+    raise MeasurementError(f"{record.sheet.where}, row {k + 2}", f"time goes from {before} to {after} s, "
+                           f"and does not rise at {falls.size} of {max(1, time.size - 1)} steps.",
+                           "Time must rise strictly within a trace.",
+                           "Sort the log, or name the time's column: --column 'HEADER=time [s]'.")  # fmt: skip
 
 
 def _useful(sheet: Sheet, answers: Answers, settings: GuessSettings) -> list[Take]:
@@ -142,6 +165,15 @@ def _slug(sheet: Sheet) -> str:
     stem = PurePath(sheet.file.replace("\\", "/")).stem
     text = "_".join(filter(None, (stem, sheet.part)))
     return re.sub(r"[^A-Za-z0-9]+", "_", text).strip("_").casefold() or "trace"
+
+
+def _of_losses(sheets: Sequence[Sheet]) -> list[AbstractDoubt]:
+    """A file that lacks what it says it holds may lack what tells one rig test from another."""
+    return [
+        LossDoubt(sheet.where, f"{sheet.rows} whole rows of {len(sheet.columns)} columns", "; ".join(sheet.missing))
+        for sheet in sheets
+        if sheet.missing
+    ]
 
 
 def _one_a_sheet(records: Sequence[Record]) -> list[Record]:

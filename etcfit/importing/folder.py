@@ -133,7 +133,8 @@ def _story(draft: Draft, digests: Mapping[str, str]) -> list[str]:
             if id(trace.record.sheet) not in seen:
                 seen.add(id(trace.record.sheet))
                 lines += [f"     {_told(take)}" for take in trace.record.takes]
-                lines += [f"     {remark}" for remark in trace.record.sheet.remarks]
+                sheet = trace.record.sheet
+                lines += [f"     {remark}" for remark in (*sheet.remarks, *sheet.losses, *sheet.missing)]
         lines += [f"  {where} is not taken: {why}" for where, why in draft.unused.items() if where.startswith(file)]
     return lines
 

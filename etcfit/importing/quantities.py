@@ -21,7 +21,7 @@ from .labels import fits, quantities_in
 from .ranges_of_units import unit_by_range
 from .settings import GuessSettings
 from .sheet import TIME, Column, Sheet
-from .take import LEFT_OUT, Take, left_out
+from .take import LEFT_OUT, UNEXPLAINED, Take, left_out
 from .time_column import time_of
 from .words import is_of_the_motor, quantity_named
 
@@ -239,7 +239,7 @@ def _unexplained(column: Column, known_kind: bool) -> Take:
     if not _varies(column.values):
         return left_out(column, f"neither name nor unit tells what it is, and it stays at {column.values[0]:.4g}")
     matters = not known_kind or is_percent(column.unit) or bool(set(quantities_in(column.unit)) & set(SI_UNIT))
-    return left_out(column, "neither its name nor what it does tells what it is", not matters)
+    return left_out(column, UNEXPLAINED, not matters)
 
 
 def _without_engine(takes: Sequence[Take]) -> list[Take]:

@@ -10,7 +10,7 @@ import numpy as np
 from . import shapes
 from .settings import GuessSettings
 from .sheet import TIME, Sheet
-from .take import LEFT_OUT, Take
+from .take import LEFT_OUT, UNEXPLAINED, Take
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,6 +39,11 @@ class Record:
         """By quantity, SI, gaps bridged, each of shape (n,); time left out."""
         return {take.quantity: shapes.filled(take.si[self.rows]) for take in self.takes
                 if take.quantity not in (LEFT_OUT, TIME)}  # fmt: skip
+
+    @property
+    def unexplained(self) -> tuple[str, ...]:
+        """Labels of columns that move, and of which nothing tells what they are."""
+        return tuple(take.column.label for take in self.takes if take.reason == UNEXPLAINED)
 
     def plate(self, signals: Mapping[str, np.ndarray]) -> np.ndarray | None:
         """Position or sensor volts."""

@@ -44,11 +44,23 @@ def rig_test_of(record: Record, settings: GuessSettings) -> Shown:
     """By its signals; a name settles what these leave open."""
     shown = _by_signals(record, settings)
     named = _by_name(record)
-    if not named or named == shown.test:
+    if not named:
+        return _doubted(shown, record)
+    if named == shown.test:
         return shown
     if any({named, shown.test} <= family for family in _FAMILIES):
         return Shown(named, f"by its name, and {shown.reason}", True)
     return shown._replace(reason=f"{shown.reason}; its name says {named}", sure=False)
+
+
+def _doubted(shown: Shown, record: Record) -> Shown:
+    """Unsure where a test is told by what was not logged, and a column that nothing explains may be just that."""
+    signals = record.signals
+    lacks = record.plate(signals) is None or record.drive(signals) is None
+    if not record.unexplained or not lacks or "setpoint" in signals:
+        return shown
+    told = f"{shown.reason}; but nothing tells what '{record.unexplained[0]}' is, which moves"
+    return shown._replace(reason=told, sure=False)
 
 
 def _by_name(record: Record) -> str:

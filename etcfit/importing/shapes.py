@@ -41,7 +41,7 @@ def along(a: np.ndarray, b: np.ndarray) -> float:
 
 
 def _cosine(a: np.ndarray, b: np.ndarray) -> float:
-    size = float(np.sqrt(np.sum(a**2) * np.sum(b**2)))
+    size = float(np.sqrt(np.sum(a**2)) * np.sqrt(np.sum(b**2)))
     return float(np.sum(a * b)) / size if size > 0.0 else 0.0
 
 

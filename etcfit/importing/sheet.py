@@ -46,17 +46,26 @@ class Sheet:
         part: of the file, where it has several (a group, a structure, a segment); "" elsewhere.
         columns: each of shape (n,).
         remarks: what the reader had to decide.
+        losses: rows or columns that were left out because they are damaged, each in a sentence.
+        missing: what the file itself says it holds and does not, or what cannot be read; somebody must accept that.
     """
 
     file: str
     part: str
     columns: tuple[Column, ...]
     remarks: tuple[str, ...] = ()
+    losses: tuple[str, ...] = ()
+    missing: tuple[str, ...] = ()
 
     @property
     def where(self) -> str:
         """For a message."""
         return f"{self.file}, '{self.part}'" if self.part else self.file
+
+    @property
+    def rows(self) -> int:
+        """How many."""
+        return self.columns[0].values.size
 
 
 def time_base(seconds: np.ndarray) -> Column:

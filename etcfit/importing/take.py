@@ -9,6 +9,7 @@ import numpy as np
 from ..rig.units import conversion, is_percent
 from .sheet import Column
 
+UNEXPLAINED = "neither its name nor what it does tells what it is"
 LEFT_OUT = ""  # the quantity of a column that no trace gets
 
 

@@ -33,7 +33,8 @@ def _time(sheet: Sheet) -> np.ndarray | None:
 def _beside(first: Sheet, other: Sheet) -> Sheet:
     more = tuple(column for column in other.columns if column.quantity != TIME)
     remark = f"{other.file} has the same times: another channel of the recording"
-    return Sheet(first.file, first.part, (*first.columns, *more), (*first.remarks, *other.remarks, remark))
+    return replace(first, columns=(*first.columns, *more), remarks=(*first.remarks, *other.remarks, remark),
+                   losses=(*first.losses, *other.losses), missing=(*first.missing, *other.missing))  # fmt: skip
 
 
 def with_common_peaks(sheets: Sequence[Sheet]) -> list[Sheet]:

@@ -19,7 +19,7 @@ a record, its meaning nobody says (mlg-converter, whose v2.mlg has such a field,
 from __future__ import annotations
 
 import struct
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -70,11 +70,13 @@ class Records:
         at: where the values of each begin, shape (n,).
         ticks: when each was logged, 10 us since the first block, shape (n,).
         fits: true where the check sum is that of the values, shape (n,).
+        end: where the last block ends, or would end.
     """
 
     at: np.ndarray
     ticks: np.ndarray
     fits: np.ndarray
+    end: int
 
     @property
     def sound(self) -> Records:
@@ -83,14 +85,14 @@ class Records:
         All of them where hardly any fits: some writers sum otherwise, and no other reader minds.
         """
         keep = self.fits if np.sum(self.fits) >= _FITTING * self.fits.size else np.ones_like(self.fits)
-        return Records(self.at[keep], self.ticks[keep], self.fits[keep])
+        return replace(self, at=self.at[keep], ticks=self.ticks[keep], fits=self.fits[keep])
 
 
 def read_mlg(raw: bytes, where: str) -> Table:
     """Columns named `name [unit]`; NaN where a value is none.
 
-    Records whose check sum is wrong are left out. A log without a time of its own gets that of its blocks, which cannot
-    tell a pause of more than 0.3 s.
+    Records whose check sum is wrong are left out, which `losses` says; so is what was cut off. A log without a time of
+    its own gets that of its blocks, which cannot tell a pause of more than 0.3 s.
 
     Args:
         raw: the file.
@@ -100,7 +102,8 @@ def read_mlg(raw: bytes, where: str) -> Table:
     """
     start, size, fields = _header(raw, where)
     layout = _layout(fields, size, where)
-    kept = _records(raw, start, size, where).sound
+    found = _records(raw, start, size, where)
+    kept = found.sound
     if kept.at.size < 2:
         raise _unreadable(where, f"sound records in the file: {kept.at.size}.")
     records = np.frombuffer(b"".join(raw[at : at + size] for at in kept.at), dtype=layout)
@@ -109,7 +112,18 @@ def read_mlg(raw: bytes, where: str) -> Table:
     columns = [_finite((values + field.transform) * field.scale) for field, values in shown]
     if not any(name.partition(" [")[0].casefold() == "time" for name in header):
         header, columns = [TIME, *header], [_TICK * (kept.ticks - kept.ticks[0]), *columns]
-    return Table(tuple(header), 1, kept.at, np.stack(columns, axis=1))
+    unknown = (f"'{each.header}' is left out: its type, {each.kind}, is unknown"
+               for each in fields if each.kind not in _TYPES)  # fmt: skip
+    losses = (*_losses(len(raw), found.end, found.at.size - kept.at.size), *unknown)
+    return Table(tuple(header), 1, kept.at, np.stack(columns, axis=1), losses=losses)
+
+
+def _losses(size: int, end: int, spoilt: int) -> tuple[str, ...]:
+    """What a log lacks, of which so many records are spoilt and whose last block ends there."""
+    cut = "the last record is cut off and left out" if end > size else ""
+    unwritten = f"its last {size - end} bytes were never written: it ends where the power was cut" if end < size else ""
+    damaged = f"{spoilt} records whose check sum is wrong are left out" if spoilt else ""
+    return tuple(filter(None, (cut, unwritten, damaged)))
 
 
 def _layout(fields: list[Field], size: int, where: str) -> np.dtype:
@@ -174,8 +188,10 @@ def _records(raw: bytes, at: int, size: int, where: str) -> Records:
         if kind == _RECORD and at + size < len(raw) and (at + size < written or any(raw[at : at + size])):
             found.append((at, clock, sum(raw[at : at + size]) % 256 == raw[at + size]))
         at += lengths[kind]
+    if at < written:  # a piece of the next block's head
+        at += _HEAD.size
     places, ticks, fits = zip(*found, strict=True) if found else ((), (), ())
-    return Records(np.array(places, dtype=int), np.array(ticks, dtype=int), np.array(fits, dtype=bool))
+    return Records(np.array(places, dtype=int), np.array(ticks, dtype=int), np.array(fits, dtype=bool), at)
 
 
 def _written(raw: bytes) -> int:

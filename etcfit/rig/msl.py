@@ -20,6 +20,8 @@ from .table import Table, decode
 def read_msl(raw: bytes, where: str) -> Table:
     """Columns named `name [unit]`; NaN where a cell holds no number (a switch in words, say).
 
+    Rows with too few cells are left out, which `losses` says; so is a last line without an end.
+
     Args:
         raw: the file.
         where: its path, as the user gave it.
@@ -35,13 +37,24 @@ def read_msl(raw: bytes, where: str) -> Table:
         units, first = [""] * len(names), head + 1
     else:
         units, first = [*units, *[""] * len(names)][: len(names)], head + 2
-    rows = [(line, cells) for line, text in numbered[first:] if _is_row(cells := text.split("\t"))]
-    rows = [(line, cells) for line, cells in rows if len(cells) >= len(names)]  # a last line may be cut off
+    rows = [(line, cells) for line, text in numbered[first:-1] if _is_row(cells := text.split("\t"))]
+    short = [line for line, cells in rows if len(cells) < len(names)]
+    rows = [(line, cells) for line, cells in rows if len(cells) >= len(names)]
     if not rows:
         raise _no_log(where, "no row of numbers below its header.")
     header = tuple(named(name, unit) for name, unit in zip(names, units, strict=True))
     values = np.array([[_number(cell) for cell in cells[: len(names)]] for _, cells in rows])
-    return Table(header, numbered[head][0], np.array([line for line, _ in rows]), values)
+    spoilt = np.isnan(values) & np.array([[bool(cell.strip()) for cell in cells[: len(names)]] for _, cells in rows])
+    few = [
+        (names[k], int(n)) for k, n in enumerate(spoilt.sum(axis=0)) if 0 < 2 * n < len(rows)
+    ]  # not a switch in words
+    words = tuple(f"'{name}': {n} cells that hold no number are gaps" for name, n in few)
+    lines = ", ".join(map(str, short[:5])) + (", and more" if len(short) > 5 else "")
+    losses = (f"rows with too few cells are left out: {len(short)}, in lines {lines}",) if short else ()
+    cut = ("the last line has no end: it may be cut off, and is left out",) if numbered[-1][1].strip() else ()
+    return Table(
+        header, numbered[head][0], np.array([line for line, _ in rows]), values, losses=(*losses, *words, *cut)
+    )
 
 
 def named(name: str, unit: str) -> str:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path, PurePosixPath
@@ -9,7 +10,7 @@ from pathlib import Path, PurePosixPath
 import numpy as np
 
 from ..errors import MeasurementError
-from ..files import digest
+from ..files import digest, read_regular
 from . import TESTS
 from .base import Channel, Measurement, Rig, RigConfig
 from .checks import findings
@@ -26,6 +27,9 @@ from .toml_text import written
 
 # rig test -> groups of channels; a trace must hold one of each group
 KNOWN_TESTS: dict[str, tuple[tuple[str, ...], ...]] = {test.name: test.needs for test in TESTS}
+
+
+_LINES_ABOVE = 50  # with which a last line without an end is compared
 
 
 def read_folder(folder: str | Path, common: Toml | None = None) -> Rig:
@@ -174,11 +178,24 @@ def _read_log(base: str, file: str, config: RigConfig, toml: Toml) -> tuple[Log,
     """One CSV, checked; and warnings about columns without any number."""
     where = f"{base}/{file}"
     try:
-        raw = Path(where).read_bytes()
+        raw = read_regular(Path(where), where)
     except OSError as err:
         raise MeasurementError(where, f"cannot be read ({err.strerror}).", "It must be a readable file.",
                                "Check its permissions.") from err  # fmt: skip
-    return log_of(parse(decode(raw, where), where), where, file, config, toml)
+    text = decode(raw, where)
+    log, odd = log_of(parse(text, where), where, file, config, toml)
+    return log, [*odd, *_cut_off(text, where)]
+
+
+def _cut_off(text: str, where: str) -> list[str]:
+    """A warning where the last line has no end and its last cell is shorter than each above: digits may be lost."""
+    if text.endswith("\n"):
+        return []
+    *above, last = (re.split(r"[,;\t]", line)[-1].strip() for line in text.split("\n")[-_LINES_ABOVE:])
+    if not last or len(above) < 3 or len(last) >= min(map(len, above)):
+        return []
+    return [f"{where}: the last line has no end, and its last number, {last}, is shorter than those above: the file "
+            "may be cut off. Copy it again, or delete the line."]  # fmt: skip
 
 
 def log_of(table: Table, where: str, file: str, config: RigConfig, toml: Toml) -> tuple[Log, list[str]]:

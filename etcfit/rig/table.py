@@ -45,6 +45,7 @@ class Table:
         lines: where each row stands in the file, shape (n,).
         cells: shape (n, m); NaN where the cell is empty, finite elsewhere.
         row_mark: what a message puts between the table's name and the number of a row.
+        losses: rows that were left out because they are damaged, each in a sentence.
     """
 
     header: tuple[str, ...]
@@ -52,6 +53,7 @@ class Table:
     lines: np.ndarray
     cells: np.ndarray
     row_mark: str = ":"
+    losses: tuple[str, ...] = ()
 
     def head(self, where: str) -> str:
         """Where the header stands, for a message."""

@@ -12,8 +12,11 @@ from pathlib import Path, PurePosixPath
 from typing import Any
 
 from ..errors import MeasurementError
+from ..files import read_regular
 from .table import decode
 from .toml_slips import DOTS_FOUND, DOTS_REQUIRED, filled, left_blank, slip
+
+MOST_BYTES = 16_000_000  # of a rig.toml: an import notes every guess in it, some 100 bytes a column
 
 
 @dataclass(frozen=True)
@@ -117,9 +120,13 @@ def _holds(tables: Mapping[str, Any], key: str) -> bool:
 
 
 def read_text(path: str | Path) -> str:
-    """The text of a rig.toml, whatever Unicode encoding its editor chose."""
+    """The text of a rig.toml, whatever Unicode encoding its editor chose.
+
+    Raises:
+        MeasurementError: it cannot be read, is no file, or is larger than any rig.toml.
+    """
     try:
-        return decode(Path(path).read_bytes(), str(path)).removeprefix("\ufeff")
+        return decode(read_regular(Path(path), str(path), MOST_BYTES), str(path)).removeprefix("\ufeff")
     except OSError as err:
         raise MeasurementError(str(path), f"no rig.toml can be read here ({err.strerror}).",
                                "Every measurement folder needs one.", _instead(Path(path).parent)) from err  # fmt: skip

@@ -401,6 +401,16 @@ def code(of: str, source: Source) -> str:
     return "\n".join(line for line in found.splitlines() if not line.startswith("% "))
 
 
+@pytest.mark.parametrize("piece", [b"<constant ", b"<!-- ", b'<constant name="x">1', b"<constant name="])
+def test_a_tune_of_200000_broken_tags_is_refused_at_once(tmp_path: Path, piece: bytes) -> None:
+    mine = tmp_path / "mine.msq"
+    mine.write_bytes(b'<msq xmlns="http://www.msefi.com/:msq">' + 200_000 * piece)
+    begun = time.process_time()
+    with pytest.raises(MeasurementError, match=r"mine\.msq: it is no tune"):
+        named("msq").export(replace(exports.source(pid=pid()), into=mine))
+    assert time.process_time() - begun < 5.0  # a minute and more, where each tag is sought from each
+
+
 @pytest.mark.parametrize(("data", "said"), [
     (b"<xml/>", "it is no tune"),
     (tune().replace(b"</page>", b""), "it is no tune"),

@@ -128,7 +128,12 @@ def test_a_last_row_that_was_cut_off_is_left_out_and_said(tmp_path: Path) -> Non
     (tmp_path / "a.csv").write_text("t,u\n" + "".join(f"0.0{k},{k}\n" for k in range(5)) + "0.0")
     (sheet,) = read(tmp_path / "a.csv")
     assert sheet.columns[1].values.tolist() == [0.0, 1.0, 2.0, 3.0, 4.0]
-    assert sheet.remarks == ("the last row is cut off and left out",)
+    assert sheet.losses == ("the last line has no end: it may be cut off, and is left out",)
+    with (tmp_path / "a.csv").open("a") as file:
+        file.write("\n")
+    (sheet,) = read(tmp_path / "a.csv")
+    assert sheet.columns[1].values.tolist() == [0.0, 1.0, 2.0, 3.0, 4.0]
+    assert sheet.losses == ("the last row is cut off and left out",)
 
 
 @pytest.mark.parametrize("line", [1, 2, 3, 6])
@@ -250,7 +255,7 @@ def test_mcap_of_an_encoding_that_is_not_supported_names_channel_and_encoding(tm
         read(foreign.mcap(tmp_path / "a.mcap", COLUMNS, encoding="cdr"))
     (sheet,) = read(foreign.mcap(tmp_path / "b.mcap", COLUMNS, last_encoding="protobuf"))
     assert [column.label for column in sheet.columns] == ["time", "/bench/0.probe.CH1"]
-    assert sheet.remarks == ("left out, of an encoding other than json: '/bench/1' (protobuf)",)
+    assert sheet.missing == ("channels cannot be read, of an encoding other than json: '/bench/1' (protobuf)",)
 
 
 @pytest.mark.parametrize("kept", [8, 12, 300, -1])

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import re
 import time
 from collections.abc import Mapping
@@ -275,6 +276,24 @@ def test_two_hundred_long_traces_read_in_seconds(tmp_path: Path) -> None:
     before = time.perf_counter()
     read_folder(tmp_path)
     assert time.perf_counter() - before < 6.0
+
+
+def test_a_last_number_that_lacks_digits_is_said_and_a_last_line_that_is_whole_is_not(tmp_path: Path) -> None:
+    whole = good()["response/1.csv"]
+    assert isinstance(whole, str)
+    text = "\n".join(line + "123" if k else line for k, line in enumerate(whole.rstrip("\n").split("\n")))
+    assert not [each for each in read(tmp_path / "a", {"response/1.csv": text}).warnings if "cut off" in each]
+    (told,) = [each for each in read(tmp_path / "b", {"response/1.csv": text[:-3]}).warnings if "cut off" in each]
+    assert told.startswith(f"{tmp_path}/b/response/1.csv: the last line has no end, and its last number")
+
+
+@pytest.mark.parametrize("file", ["rig.toml", "response/1.csv"])
+def test_a_pipe_in_a_folder_is_refused_before_it_is_read(tmp_path: Path, file: str) -> None:
+    folder = write(tmp_path / "rig", good())
+    (folder / file).unlink()
+    os.mkfifo(folder / file)
+    with pytest.raises(MeasurementError, match=rf"{file}: it is a pipe or a device"):
+        read_folder(folder)
 
 
 def test_a_held_out_trace_that_is_not_there_is_named_with_its_line(tmp_path: Path) -> None:

@@ -10,6 +10,7 @@ from xml.parsers import expat
 
 from ... import __version__
 from ...errors import MeasurementError, UsageError
+from ...files import read_regular
 from ...model.ecus import PROFILES, Pasting
 from ...model.ecus import named as ecu_named
 from ...reporting.control.snippet import constants
@@ -101,7 +102,7 @@ def _changed(source: Source, path: Path, written: Mapping[str, Any], lost: tuple
     Raises:
         MeasurementError: it is no tune, or one whose firmware has no such settings.
     """
-    data, title = path.read_bytes(), written["title"]
+    data, title = read_regular(path, str(path)), written["title"]
     settings, end = _read(path, data, title)
     # ASCII alone, which every encoding of a tune has in common
     note = Xml.tostring(_comment(source, lost), "unicode").encode("ascii", "xmlcharrefreplace")

@@ -2,7 +2,13 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
 from ...errors import MeasurementError, require_extra
+from ...rig.table import HUGE
 from ..sheet import Sheet
 from . import matlab, mcap, mdf, megalog, parquet, tdms, text
 from .base import Format, Source
@@ -20,24 +26,39 @@ FORMATS: tuple[Format, ...] = (
 BY_SUFFIX = {suffix: format_ for format_ in FORMATS for suffix in format_.suffixes}
 
 
+def require_file(path: Path, where: str, required: str) -> None:
+    """A path is that of a file.
+
+    Args:
+        path: of the file.
+        where, required: for the message.
+    Raises:
+        MeasurementError: a folder, a pipe or a device, which may never end, or nothing.
+    """
+    if path.is_dir():
+        raise MeasurementError(where, "it is a folder.", required, f"Name the files in it: {where}/*.")
+    if path.exists() and not path.is_file():
+        raise MeasurementError(where, "it is a pipe or a device.", required,
+                               "Write its content to a file, and name that.")  # fmt: skip
+    if not path.is_file():
+        raise MeasurementError(where, "no such file.", required, "Check the path.")
+
+
 def require_readable(source: Source) -> None:
     """A file is there and can be read here, found out without reading it.
 
     Raises:
-        MeasurementError: no such file, or of a format that nobody knows.
+        MeasurementError: no such file, a pipe or a device, of a format that nobody knows, or too large.
         UsageError: its format needs a library that is not installed.
     """
-    if source.path.is_dir():
-        raise MeasurementError(source.where, "it is a folder.", "A log or a recording is required.",
-                               f"Name the files in it: {source.where}/*.")  # fmt: skip
-    if not source.path.is_file():
-        raise MeasurementError(source.where, "no such file.", "A log or a recording is required.", "Check the path.")
+    require_file(source.path, source.where, "A log or a recording is required.")
     suffix = source.path.suffix.casefold()
     if suffix not in BY_SUFFIX:
         raise MeasurementError(source.where, f"no format is known for '{suffix or source.path.name}'.",
                                f"Known: {', '.join(BY_SUFFIX)}.", "Export it as one of these.")  # fmt: skip
     if library := BY_SUFFIX[suffix].library:
         require_extra("import", source.where, library)
+    source.refuse_larger(source.path.stat().st_size)
 
 
 def read_sheets(source: Source) -> list[Sheet]:
@@ -50,8 +71,25 @@ def read_sheets(source: Source) -> list[Sheet]:
     require_readable(source)
     format_ = BY_SUFFIX[source.path.suffix.casefold()]
     sheets = [sheet for sheet in format_.read(source) if sheet.columns]
+    if sheets and max(sheet.rows for sheet in sheets) < 2:
+        lacking = "; ".join(dict.fromkeys(each for sheet in sheets for each in sheet.missing))
+        raise MeasurementError(source.where, f"{lacking or f'{max(sheet.rows for sheet in sheets)} rows in it'}.",
+                               "A trace needs two whole rows or more.",
+                               "Record it again, or leave the file out.")  # fmt: skip
+    sheets = [_possible(sheet) for sheet in sheets if sheet.rows > 1]
     if not sheets:
         raise MeasurementError(source.where, "no columns of numbers in it.",
                                f"A {format_.name} file with recorded signals is required.",
                                "Export the signals, not only the settings.")  # fmt: skip
     return sheets
+
+
+def _possible(sheet: Sheet) -> Sheet:
+    """The sheet with gaps where a number is infinite or larger than any reading, which is said."""
+    with np.errstate(invalid="ignore"):
+        odd = {column.label: np.abs(column.values) > HUGE for column in sheet.columns}
+    told = tuple(
+        f"'{label}': {np.sum(at)} numbers that no instrument gives are gaps" for label, at in odd.items() if at.any()
+    )
+    columns = tuple(replace(each, values=np.where(odd[each.label], np.nan, each.values)) for each in sheet.columns)
+    return replace(sheet, columns=columns, losses=(*sheet.losses, *told)) if told else sheet

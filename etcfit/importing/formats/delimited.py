@@ -37,7 +37,7 @@ def read(text: str, where: str) -> list[Sheet]:
     refuse_spoilt(lines, head.below, body, where)
     numbers = read_body(lines, body, where)
     units = [told or read for told, read in zip(head.units, numbers.units, strict=True)]
-    return [Sheet(where, "", labelled(head.names, units, numbers.cells), numbers.remarks)]
+    return [Sheet(where, "", labelled(head.names, units, numbers.cells), numbers.remarks, numbers.losses)]
 
 
 def labelled(names: Sequence[str], units: Sequence[str], cells: np.ndarray) -> tuple[Column, ...]:

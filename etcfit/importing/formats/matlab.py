@@ -11,14 +11,19 @@ Differs from source: tables, timetables and time series are MATLAB objects, whic
 
 from __future__ import annotations
 
+import math
+import warnings
 from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from ...errors import MeasurementError
 from ..labels import column
 from ..sheet import Column, Sheet, time_base
+from . import mat_size
 from .base import Format, Source, unreadable
 
 _KIND = "a MATLAB file of vectors or structures of vectors"
@@ -27,11 +32,29 @@ _RATE = ("fs", "Fs", "f_s", "sample_rate")
 _START = ("Tstart", "t0")
 _FEWEST = 3  # values of a vector to be a signal
 _WIDEST = 64  # columns of a matrix of signals
+_DEEPEST = 32  # structures within structures
+_APART = 0.9  # of a vector's length: one that is shorter by less ends too early, one by more is something else
+
+
+@dataclass
+class _Tree:
+    """What a file holds, by name, and what of it cannot be read."""
+
+    inside: Mapping[str, Any] = field(default_factory=dict)
+    missing: list[str] = field(default_factory=list)
 
 
 def _read(source: Source) -> list[Sheet]:
-    tree = _hdf5(source) if _is_hdf5(source.path) else _level_5(source)
-    return [sheet for part, scope in _scopes(tree) for sheet in _sheets(source.where, part, scope)]
+    try:
+        tree = _hdf5(source) if _is_hdf5(source.path) else _level_5(source)
+        sheets = [sheet for part, scope in _scopes(tree.inside) for sheet in _sheets(source.where, part, scope, tree)]
+    except MeasurementError:
+        raise
+    except Exception as err:  # whatever a parser makes of bytes that are no such file
+        raise unreadable(source.where, "it cannot be read", _KIND, err) from err
+    if tree.missing and not sheets:
+        raise unreadable(source.where, "; ".join(tree.missing), _KIND)
+    return sheets
 
 
 def _is_hdf5(path: Path) -> bool:
@@ -40,37 +63,106 @@ def _is_hdf5(path: Path) -> bool:
         return b"MATLAB 7.3" in file.read(128)
 
 
-def _level_5(source: Source) -> Mapping[str, Any]:
+def _level_5(source: Source) -> _Tree:
     import scipy.io
 
-    try:
+    source.refuse_larger(mat_size.unpacked(source.path))
+    with warnings.catch_warnings(record=True) as odd:
+        warnings.simplefilter("always")
         content = scipy.io.loadmat(source.path, simplify_cells=True)
-    except Exception as err:  # whatever its parser makes of bytes that are no such file
-        raise unreadable(source.where, "it cannot be read", _KIND, err) from err
-    return {name: value for name, value in content.items() if not name.startswith("__")}
+    tree = _Tree({name: value for name, value in content.items() if not name.startswith("__")})
+    tree.missing += [str(each.message) for each in odd]
+    return _Tree(_plain(source, tree, tree.inside, ""), tree.missing)
 
 
-def _hdf5(source: Source) -> Mapping[str, Any]:
+def _plain(source: Source, tree: _Tree, scope: Mapping[str, Any], part: str) -> dict[str, Any]:
+    """The structure without what is no number, text or structure; sparse arrays made full."""
+    out: dict[str, Any] = {}
+    for name, value in scope.items():
+        path = f"{part}.{name}" if part else name
+        if isinstance(value, Mapping):
+            out[name] = _plain(source, tree, value, path)
+        elif hasattr(value, "toarray"):
+            source.refuse_larger(8 * math.prod(value.shape))
+            out[name] = value.toarray()
+        elif isinstance(value, np.ndarray | np.generic) and value.dtype.kind in "cV":
+            tree.missing.append(f"'{path}' cannot be read: it is complex, or a MATLAB object")
+        elif isinstance(value, np.ndarray) and value.dtype.kind == "O" and any(_is_vector(each) for each in value.flat):
+            tree.missing.append(f"'{path}' cannot be read: it is a cell array of vectors")
+        else:
+            out[name] = value
+    return out
+
+
+def _is_vector(value: Any) -> bool:
+    dtype = getattr(value, "dtype", None)
+    return dtype is not None and dtype.kind in "iuf" and value.size >= _FEWEST
+
+
+def _hdf5(source: Source) -> _Tree:
     import h5py
 
-    try:
-        with h5py.File(source.path, "r") as file:
-            return _branch(file, h5py)
-    except OSError as err:
-        raise unreadable(source.where, "it cannot be read", _KIND, err) from err
+    tree = _Tree()
+    with h5py.File(source.path, "r") as file:
+        source.refuse_larger(8 * sum(each.size or 0 for each in _datasets(source, h5py, file, "", 0)))
+        tree.inside = _branch(tree, h5py, file, "")
+    return tree
 
 
-def _branch(group: Any, h5py: Any) -> dict[str, Any]:
+def _datasets(source: Source, h5py: Any, group: Any, part: str, depth: int) -> Iterator[Any]:
+    """Every array of numbers, before any is read. MATLAB links nothing: a link leads in a circle or out of the file.
+
+    Raises:
+        MeasurementError: a link, an array that lies in another file, or structures within structures without end.
+    """
+    for name in group:
+        path = f"{part}.{name}" if part else name
+        link = group.get(name, getlink=True)
+        if not isinstance(link, h5py.HardLink) or depth > _DEEPEST:
+            raise unreadable(source.where, f"'{path}' is a link, or holds itself", _KIND)
+        value = group[name]
+        if isinstance(value, h5py.Group):
+            yield from () if name.startswith("#") else _datasets(source, h5py, value, path, depth + 1)
+        elif isinstance(value, h5py.Dataset):
+            if value.external or value.is_virtual:
+                raise unreadable(source.where, f"'{path}' lies in another file", _KIND)
+            yield value
+
+
+def _branch(tree: _Tree, h5py: Any, group: Any, part: str) -> dict[str, Any]:
     """A structure; MATLAB writes arrays the other way round, and texts as numbers of letters."""
     out: dict[str, Any] = {}
     for name, value in group.items():
-        if isinstance(value, h5py.Group):
-            out |= {} if name.startswith("#") else {name: _branch(value, h5py)}
+        path = f"{part}.{name}" if part else name
+        odd = next((told for mark, told in _ODD.items() if mark in value.attrs), "")
+        if name.startswith("#") or "MATLAB_empty" in value.attrs or not isinstance(value, h5py.Group | h5py.Dataset):
+            continue
+        if odd or getattr(getattr(value, "dtype", None), "kind", "") == "V":
+            tree.missing.append(f"'{path}' cannot be read: it is {odd or 'complex'}")
+        elif isinstance(value, h5py.Group):
+            out[name] = _branch(tree, h5py, value, path)
         elif value.attrs.get("MATLAB_class", b"") == b"char":
-            out[name] = "".join(chr(int(letter)) for letter in np.ravel(value[()]))
+            out[name] = _text(np.ravel(value[()]))
         elif value.dtype.kind in "iuf":
             out[name] = np.asarray(value[()]).T
+        elif value.attrs.get("MATLAB_class", b"") == b"cell" and any(_holds_vector(value)):
+            tree.missing.append(f"'{path}' cannot be read: it is a cell array of vectors")
     return out
+
+
+def _holds_vector(cell: Any) -> Iterator[bool]:
+    """For each array that a cell array refers to: whether it is a vector of numbers."""
+    for reference in np.ravel(cell[()]):
+        value = cell.file[reference]
+        yield value.attrs.get("MATLAB_class", b"") != b"char" and _is_vector(value)
+
+
+_ODD = {"MATLAB_object_decode": "a MATLAB object", "MATLAB_sparse": "sparse"}
+
+
+def _text(letters: np.ndarray) -> str:
+    """A text from its UTF-16 numbers; what is none becomes a question mark."""
+    return np.asarray(letters, dtype="<u2").tobytes().decode("utf-16-le", "replace")
 
 
 def _scopes(tree: Mapping[str, Any], part: str = "") -> Iterator[tuple[str, Mapping[str, Any]]]:
@@ -88,20 +180,40 @@ def _simulink(tree: Mapping[str, Any]) -> Mapping[str, Any]:
     return {"time": tree["time"], **named}
 
 
-def _sheets(where: str, part: str, scope: Mapping[str, Any]) -> list[Sheet]:
+def _sheets(where: str, part: str, scope: Mapping[str, Any], tree: _Tree) -> list[Sheet]:
     """Vectors of one length belong together."""
     by_length: dict[int, list[Column]] = {}
     for name, value in scope.items():
         for label, vector in _vectors(name, value):
             by_length.setdefault(vector.size, []).append(column(label, vector))
     clock = _clock(scope)
+    lacking = _cut_to_one_length(by_length)
     several = len(by_length) > 1
     out = []
     for length, columns in by_length.items():
         made = columns if clock is None else [time_base(clock[0] + clock[1] * np.arange(length)), *columns]
         told = f"{part} ({length} samples)".strip() if several else part
-        out.append(Sheet(where, told, tuple(made)))
+        out.append(Sheet(where, told, tuple(made), missing=(*tree.missing, *lacking)))
     return out
+
+
+def _cut_to_one_length(by_length: dict[int, list[Column]]) -> list[str]:
+    """Vectors without a time of their own, nearly as long as others: cut to what all have; and what that lacks."""
+    lacking = []
+    for length in [n for n, columns in by_length.items() if not any(_rises(each.values) for each in columns)]:
+        near = [n for n in by_length if n != length and min(n, length) >= _APART * max(n, length)]
+        if near and length in by_length:
+            other = min(near, key=lambda n: abs(n - length))
+            names = {n: by_length[n][0].name for n in (other, length)}
+            lacking.append(f"rows are missing: '{names[other]}' has {other} values, '{names[length]}' has {length}")
+            columns = [*by_length.pop(other), *by_length.pop(length)]
+            kept = min(other, length)
+            by_length.setdefault(kept, []).extend(replace(each, values=each.values[:kept]) for each in columns)
+    return lacking
+
+
+def _rises(values: np.ndarray) -> bool:
+    return bool(np.all(np.diff(values) > 0.0))
 
 
 def _vectors(name: str, value: Any) -> Iterator[tuple[str, np.ndarray]]:

@@ -2,11 +2,15 @@
 
 Groups that were sampled at their own rates become one sheet: every instant of any of them a row, gaps elsewhere.
 
-Source: ASAM MDF 4.2, as asammdf reads it. Differs from source: texts and arrays are left out.
+Source: ASAM MDF 4.2, as asammdf reads it. Differs from source: texts are left out, arrays are said to be.
 """
 
 from __future__ import annotations
 
+import io
+import traceback
+from contextlib import suppress
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -14,64 +18,107 @@ import numpy as np
 from ...errors import MeasurementError
 from ..labels import column
 from ..sheet import Column, Sheet, time_base
-from .base import Format, Source, unreadable
+from .base import Format, Source, unreadable, warnings_of
 
 _KIND = "a measurement file of ASAM MDF"
 _TICK = 6  # decimals of a second: instants nearer than a microsecond are one
+_FRAMES = ("CAN_", "LIN_")  # names of a bus log's raw parts
+_FLAGS = slice(60, 64)  # of the file's first block: what its logger left undone
 
 
 def _read(source: Source) -> list[Sheet]:
     import asammdf
 
-    try:
-        mdf = asammdf.MDF(source.path)
-    except Exception as err:  # its parser raises whatever it meets in a damaged file
-        raise unreadable(source.where, "it cannot be read", _KIND, err) from err
-    with mdf:
-        signals = _signals(mdf)
-        if source.buses:
-            databases: Any = {"CAN": [(str(path), 0) for path in source.buses]}
-            with mdf.extract_bus_logging(databases) as decoded:
-                signals = [*_decoded_only(signals), *_signals(decoded)]
+    with _opened(source.path) as stream, warnings_of("asammdf") as odd:
+        try:
+            with asammdf.MDF(stream) as mdf:
+                _refuse_large(source, mdf)
+                signals = _signals(mdf, odd)
+                if source.buses:
+                    databases: Any = {"CAN": [(str(path), 0) for path in source.buses]}
+                    with mdf.extract_bus_logging(databases) as decoded:
+                        signals = [*_decoded_only(signals), *_signals(decoded, odd)]
+        except MeasurementError:
+            raise
+        except Exception as err:  # its parser raises whatever it meets in a damaged file
+            _close_half_opened(err)
+            raise unreadable(source.where, "it cannot be read", _KIND, err) from err
     if signals and not _decoded_only(signals):
         raise MeasurementError(source.where, "a bus log: frames, and nothing that says what they mean.",
                                "Signals are required, or the DBC that decodes them.",
                                "Name the .dbc among the files.")  # fmt: skip
-    together = _united(signals)
-    return [] if together is None else [Sheet(source.where, "", together)]
+    together, remarks = _united(source, signals)
+    return [Sheet(source.where, "", together, remarks, missing=tuple(dict.fromkeys(odd)))]
 
 
-def _signals(mdf: Any) -> list[Any]:
-    """Numbers over time, of every group."""
+def _opened(path: Path) -> io.BytesIO | io.BufferedReader:
+    """A stream, which is closed whatever happens; a copy where it must finish what the logger left undone."""
+    with path.open("rb") as file:
+        head = file.read(_FLAGS.stop)
+    return io.BytesIO(path.read_bytes()) if any(head[_FLAGS]) else path.open("rb")
+
+
+def _close_half_opened(error: Exception) -> None:
+    """Close what asammdf was building when it failed: else its destructor fails too, and prints that."""
+    for frame, _ in traceback.walk_tb(error.__traceback__):
+        with suppress(Exception):
+            frame.f_locals["self"].close()  # a second call returns at once
+
+
+def _refuse_large(source: Source, mdf: Any) -> None:
+    """Refuse a file by its own counts, which a few compressed bytes can make very large."""
+    groups = [(group.channel_group.cycles_nr, len(group.channels)) for group in mdf.groups]
+    source.refuse_larger(sum(8 * cycles * channels for cycles, channels in groups))
+
+
+def _signals(mdf: Any, odd: list[str]) -> list[Any]:
+    """Numbers over time, of every group.
+
+    Args:
+        mdf: of asammdf.
+        odd: is told of arrays, which cannot be read.
+    Raises:
+        ValueError: a group does not hold as many rows as it says, or its time falls.
+    """
     found = []
     for group, _ in enumerate(mdf.groups):
-        if not mdf.groups[group].channel_group.cycles_nr:
+        if not (rows := mdf.groups[group].channel_group.cycles_nr):
             continue
         for index, _ in enumerate(mdf.groups[group].channels):
             if index == mdf.masters_db.get(group):
                 continue
             signal = mdf.get(group=group, index=index)
-            if signal.samples.ndim == 1 and signal.samples.dtype.kind in "iuf" and len(signal.timestamps):
+            if signal.samples.ndim == 1 and signal.samples.dtype.kind in "iuf":
+                if not len(signal.timestamps) == len(signal.samples) == rows:
+                    there = f"{len(signal.samples)} values and {len(signal.timestamps)} times"
+                    raise ValueError(f"'{signal.name}' has {there}, its group says {rows}")
+                if np.any(~(np.diff(signal.timestamps) >= 0.0)):
+                    raise ValueError(f"the time of '{signal.name}' falls")
                 found.append(signal)
+            elif signal.samples.dtype.kind not in "SUO" and not signal.name.startswith(_FRAMES):
+                odd.append(f"'{signal.name}' cannot be read: it is an array")
     return found
 
 
 def _decoded_only(signals: list[Any]) -> list[Any]:
     """Without the raw parts of the frames, whose numbers mean nothing."""
-    return [signal for signal in signals if not signal.name.startswith(("CAN_", "LIN_"))]
+    return [signal for signal in signals if not signal.name.startswith(_FRAMES)]
 
 
-def _united(signals: list[Any]) -> tuple[Column, ...] | None:
+def _united(source: Source, signals: list[Any]) -> tuple[tuple[Column, ...], tuple[str, ...]]:
     if not signals:
-        return None
+        return (), ()
     instants = [np.round(np.asarray(signal.timestamps, dtype=float), _TICK) for signal in signals]
     time = np.unique(np.concatenate(instants))
-    columns = []
+    source.refuse_larger(8 * time.size * (1 + len(signals)))
+    columns, remarks = [], []
     for signal, own in zip(signals, instants, strict=True):
         values = np.full(time.size, np.nan)
         values[np.searchsorted(time, own)] = signal.samples
         columns.append(column(signal.name, values, signal.unit))
-    return (time_base(time), *columns)
+        if lost := own.size - np.unique(own).size:
+            remarks.append(f"'{signal.name}': of samples at one instant the last counts; {lost} left out")
+    return (time_base(time), *columns), tuple(remarks)
 
 
 FORMAT = Format("MDF", (".mf4", ".mdf"), _read, "asammdf")

@@ -11,7 +11,8 @@ from .base import Format
 
 
 def _sheet(table: Table, where: str) -> list[Sheet]:
-    return [Sheet(where, "", tuple(column(name, table.cells[:, k]) for k, name in enumerate(table.header)))]
+    columns = tuple(column(name, table.cells[:, k]) for k, name in enumerate(table.header))
+    return [Sheet(where, "", columns, losses=table.losses)]
 
 
 TEXT = Format("MegaLogViewer text", (".msl",), lambda s: _sheet(read_msl(s.path.read_bytes(), s.where), s.where))

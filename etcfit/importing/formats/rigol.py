@@ -51,12 +51,31 @@ def read(text: str, where: str) -> list[Sheet]:
         rows, clock, units = lines[1:], [found.get("t0", ""), found.get("tInc", "")], [""] * len(names)
     try:
         start, increment = (float(each) for each in clock)
-        table = np.array([_row(cells_of(line, ","), len(names)) for line in rows if line.strip()])
+        cells = [cells_of(line, ",") for line in rows if line.strip()]
+        cut_off = len(cells) > 1 and len(cells[-1]) < len(cells[0])
+        cells = cells[:-1] if cut_off else cells
+        _refuse_odd_rows(cells, head[0] == "X")
+        table = np.array([_row(row, len(names)) for row in cells])
     except ValueError as err:
         raise unreadable(where, "its header or rows are damaged", _KIND, err) from err
     time = time_base(start + increment * np.arange(len(table)))
     analog = [k for k in range(len(names)) if np.isfinite(table[:, k]).any()] if len(table) else []
-    return [Sheet(where, "", (time, *(column(names[k], table[:, k], units[k]) for k in analog)))] if analog else []
+    losses = ("the last row is cut off and left out",) if cut_off else ()
+    columns = (time, *(column(names[k], table[:, k], units[k]) for k in analog))
+    return [Sheet(where, "", columns, losses=losses)] if analog else []
+
+
+def _refuse_odd_rows(rows: list[list[str]], numbered: bool) -> None:
+    """Refuse a row that would shift the clock of all below it: samples are known by their place alone.
+
+    Raises:
+        ValueError: one of another length, or whose number is not its place.
+    """
+    for k, row in enumerate(rows):
+        if len(row) != len(rows[0]):
+            raise ValueError(f"row {k + 1} has {len(row)} cells, the first {len(rows[0])}")
+        if numbered and float(row[0]) - float(rows[0][0]) != k:
+            raise ValueError(f"row {k + 1} is number {row[0]}")
 
 
 def _row(cells: list[str], count: int) -> list[float]:

@@ -45,11 +45,13 @@ class Numbers(NamedTuple):
         cells: shape (n, width); NaN where there is no number.
         units: that reading the cells has settled; "" elsewhere.
         remarks: what had to be decided.
+        losses: rows that were left out.
     """
 
     cells: np.ndarray
     units: tuple[str, ...]
     remarks: tuple[str, ...]
+    losses: tuple[str, ...] = ()
 
 
 def cells_of(line: str, separator: str) -> list[str]:
@@ -106,14 +108,15 @@ def read_body(lines: Sequence[str], body: Body, where: str) -> Numbers:
             raise MeasurementError(f"{where}:{line}", f"{len(cells)} cells found.",
                                    f"The rows above have {body.width}, so must every row.",
                                    "Delete the line, or split the file there.")  # fmt: skip
-    columns, remarks = [], ["the last row is cut off and left out"] if cut_off else []
+    columns, remarks = [], []
     mark = _decimal_mark(numbered, body.separator, where)
     for k in range(body.width):
         values, remark = _values([(line, cells[k]) for line, cells in numbered], mark, k, where)
         columns.append(values)
         remarks += [remark] if remark else []
     units = ["s" if _are_instants(numbered, k) else "" for k in range(body.width)]
-    return Numbers(np.array(columns).T, tuple(units), tuple(remarks))
+    losses = ("the last row is cut off and left out",) if cut_off else ()
+    return Numbers(np.array(columns).T, tuple(units), tuple(remarks), losses)
 
 
 def _are_instants(numbered: list[tuple[int, list[str]]], k: int) -> bool:

@@ -2,50 +2,110 @@
 
     t_k = wf_start_offset + k wf_increment
 
-Source: National Instruments, TDMS file format; waveform properties as LabVIEW writes them. Differs from source: no.
+Source: National Instruments, TDMS file format; waveform properties as LabVIEW writes them. Differs from source: texts
+and truth values are left out.
 """
 
 from __future__ import annotations
 
+import struct
+from collections.abc import Mapping
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from ...errors import MeasurementError
 from ..labels import column
 from ..sheet import Column, Sheet, time_base
-from .base import Format, Source, unreadable
+from .base import Format, Source, seconds, unreadable, warnings_of
+from .ends import common_ends
 
 _KIND = "a TDMS file"
 _UNITS = ("unit_string", "NI_UnitDescription", "Unit", "unit")
+_CLOCK = ("start_offset", "increment")
+_LOGGERS = ("nptdms.reader", "nptdms.tdms_segment", "nptdms.base_segment")
+_LEAD_IN, _NEXT = struct.Struct("<4sIIQQ"), struct.Struct(">Q")  # of a segment; its length where it is big-endian
+_BIG_ENDIAN, _NEVER_CLOSED = 1 << 6, (1 << 64) - 1
 
 
 def _read(source: Source) -> list[Sheet]:
     import nptdms
 
     try:
-        file = nptdms.TdmsFile.read(source.path)
+        # a stream, for beside a path nptdms would believe an index file, however old
+        with source.path.open("rb") as stream, warnings_of(*_LOGGERS) as odd, nptdms.TdmsFile.open(stream) as file:
+            channels = [channel for group in file.groups() for channel in group.channels()]
+            source.refuse_larger(sum(8 * len(channel) for channel in channels))
+            cut = _cut(source.path)
+            sheets = [sheet for group in file.groups() for sheet in _sheets(source.where, file, group, cut)]
+    except MeasurementError:
+        raise
     except Exception as err:  # whatever its parser makes of bytes that are no such file
         raise unreadable(source.where, "it cannot be read", _KIND, err) from err
-    groups = file.groups()
-    return [sheet for group in groups for sheet in _sheets(source.where, group.name if len(groups) > 1 else "", group)]
+    if odd and not cut:
+        raise unreadable(source.where, f"its counts do not fit its data ({odd[0]})", _KIND)
+    return sheets
 
 
-def _sheets(where: str, part: str, group: Any) -> list[Sheet]:
+def _cut(path: Path) -> str:
+    """Where the file ends within a segment; "" where it ends with one."""
+    at, size = 0, path.stat().st_size
+    with path.open("rb") as stream:
+        while at < size:
+            stream.seek(at)
+            head = stream.read(_LEAD_IN.size)
+            if len(head) < _LEAD_IN.size:
+                return f"it is cut off: its last {len(head)} bytes are the beginning of a segment"
+            _, mask, _, length, _ = _LEAD_IN.unpack(head)
+            length = _NEXT.unpack_from(head, 12)[0] if mask & _BIG_ENDIAN else length
+            if length == _NEVER_CLOSED:
+                return "its last segment was never closed: the program that wrote it stopped before"
+            at += _LEAD_IN.size + length
+    return f"it is cut off: {at - size} bytes of its last segment are missing" if at > size else ""
+
+
+def _sheets(where: str, file: Any, group: Any, cut: str) -> list[Sheet]:
     """Channels of one length and one clock belong together."""
-    together: dict[tuple[int, float, float], list[Column]] = {}
+    part = group.name if len(file.groups()) > 1 else ""
+    by_clock: dict[tuple[float, float], list[Any]] = {}
+    odd: dict[str, str] = {}
     for channel in group.channels():
-        values = np.asarray(channel[:])
-        if values.dtype.kind in "iuf" and values.size > 1:
-            start, step = (float(channel.properties.get(f"wf_{name}", 0.0)) for name in _CLOCK)
-            unit = next((str(channel.properties[name]) for name in _UNITS if name in channel.properties), "")
-            together.setdefault((values.size, start, step), []).append(column(channel.name, values, unit))
+        if channel.dtype.kind in "iufM" and (len(channel) > 1 or cut):
+            clock = [float(channel.properties.get(f"wf_{name}", 0.0)) for name in _CLOCK]
+            by_clock.setdefault((clock[0], clock[1]), []).append(channel)
+        elif channel.dtype.kind in "cV":
+            odd[channel.name] = str(channel.dtype)
+    missing = (*filter(None, (cut,)), *(f"'{name}' cannot be read: its type is {kind}" for name, kind in odd.items()))
+    lost = (file.file_status.channel_statuses or {}) if cut else {}
     out = []
-    for (length, first, step), columns in together.items():
-        told = " ".join(filter(None, (part, columns[0].name if len(together) > 1 else "")))
-        time = (time_base(first + step * np.arange(length)),) if step > 0.0 else ()
-        out.append(Sheet(where, told, (*time, *columns)))
+    for (first, step), channels in by_clock.items():
+        found = [len(each) for each in channels]
+        said = [_said(each, lost) for each in channels]
+        ends = common_ends([each.name for each in channels], found, said)
+        together: dict[int, list[Column]] = {}
+        for channel, kept in zip(channels, ends.kept, strict=True):
+            together.setdefault(kept, []).append(_column(channel, kept))
+        for length, columns in together.items():
+            several = len(by_clock) > 1 or len(together) > 1
+            told = " ".join(filter(None, (part, columns[0].name if several else "")))
+            time = (time_base(first + step * np.arange(length)),) if step > 0.0 else ()
+            out.append(Sheet(where, told, (*time, *columns), missing=(*missing, *ends.missing)))
     return out
 
 
-_CLOCK = ("start_offset", "increment")
+def _said(channel: Any, lost: Mapping[str, Any]) -> int:
+    """Values that a cut file says the channel has; 0 where the file is whole."""
+    status = lost.get(channel.path)
+    return len(channel) + status.expected_length - status.read_length if status is not None else 0
+
+
+def _column(channel: Any, kept: int) -> Column:
+    values = np.asarray(channel[:kept])
+    if values.dtype.kind == "M":
+        return column(channel.name, seconds(values), "s")
+    unit = next((str(channel.properties[name]) for name in _UNITS if name in channel.properties), "")
+    return column(channel.name, values, unit)
+
+
 FORMAT = Format("TDMS", (".tdms",), _read, "nptdms")

@@ -16,6 +16,8 @@ Differs from source: no.
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
+
 import numpy as np
 
 from ..labels import column
@@ -48,12 +50,24 @@ def read(text: str, where: str) -> list[Sheet]:
 
 def _beside(lines: list[str], settings: dict[str, list[str]], where: str) -> list[Sheet]:
     rows = [cells_of(line, ",") for line in lines if line.strip()]
+    cut_off = len(rows) > 1 and len(rows[-1]) < len(rows[-2])
+    rows = rows[:-1] if cut_off else rows
     try:
         time, values = np.array([[float(cell) for cell in row[3:5]] for row in rows]).T
     except ValueError as err:
         raise unreadable(where, "its rows are damaged", _KIND, err) from err
     name, unit = (settings.get(key, [""])[0] for key in ("Source", "Vertical Units"))
-    return [Sheet(where, "", (time_base(time), column(name or "CH1", values, unit)))]
+    losses = ("the last row is cut off and left out",) if cut_off else ()
+    columns = (time_base(time), column(name or "CH1", values, unit))
+    return [Sheet(where, "", columns, losses=losses, missing=_missing(settings, len(rows)))]
+
+
+def _missing(settings: Mapping[str, Sequence[str]], rows: int) -> tuple[str, ...]:
+    """What the scope says it saved and the file does not hold."""
+    cell = settings.get("Record Length", [""])[0]
+    said = int(float(cell)) if is_number(cell) else rows
+    told = f"it is cut off or damaged: its record length is {said}, and it holds {rows} rows"
+    return (told,) if rows < said else ()
 
 
 def _below(lines: list[str], settings: dict[str, list[str]], where: str) -> list[Sheet]:
@@ -66,4 +80,5 @@ def _below(lines: list[str], settings: dict[str, list[str]], where: str) -> list
     said = ["", *settings.get("Labels", settings.get("Label", [])), *[""] * body.width][: body.width]
     names = [label or name for label, name in zip(said, head.names, strict=True)]
     units = [a or b for a, b in zip(head.units, told, strict=True)]
-    return [Sheet(where, "", labelled(names, units, numbers.cells), numbers.remarks)]
+    return [Sheet(where, "", labelled(names, units, numbers.cells), numbers.remarks, numbers.losses,
+                  _missing(settings, len(numbers.cells)))]  # fmt: skip

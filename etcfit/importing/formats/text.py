@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 from ...rig.table import decode
 from ..sheet import Sheet
 from . import delimited, lvm, rigol, tektronix
@@ -16,10 +18,19 @@ DIALECTS = (
 )
 
 
+_NO_END = "the last line has no end: it may be cut off, and is left out"
+
+
 def _read(source: Source) -> list[Sheet]:
-    text = decode(source.path.read_bytes(), source.where).removeprefix("\ufeff")
+    raw = source.path.read_bytes()
+    if raw.endswith(b"\r") and b"\r\n" in raw:  # half of a line end
+        raw = raw[:-1]
+    text = decode(raw, source.where).removeprefix("\ufeff")
     reader = next(read for begins, read in DIALECTS if begins(text))
-    return reader(text, source.where)
+    whole, end, rest = text.rpartition("\n")
+    if not (end and rest.strip()):
+        return reader(text, source.where)
+    return [replace(sheet, losses=(*sheet.losses, _NO_END)) for sheet in reader(whole + end, source.where)]
 
 
 FORMAT = Format("text", (".csv", ".txt", ".tsv", ".asc", ".dat", ".lvm"), _read)
