@@ -52,23 +52,41 @@ class Done:
     closing: Closing | None = None
 
 
+def _alone(work: Callable[..., Done]) -> Callable[..., Done]:
+    """Work that nobody else writes into its run folder beside, from its first moment on."""
+
+    @functools.wraps(work)
+    def alone(*args: Any, **kwargs: Any) -> Done:
+        from .files import held
+
+        with held(_run_among(args).path):
+            return work(*args, **kwargs)
+
+    return alone
+
+
 def _noted(stage: str) -> Callable[[Callable[..., Done]], Callable[..., Done]]:
-    """Work whose duration the manifest keeps, for whoever waits for the next one."""
+    """Work alone in its run folder, whose duration the manifest keeps, for whoever waits for the next one."""
 
     def noted(work: Callable[..., Done]) -> Callable[..., Done]:
         @functools.wraps(work)
         def timed(*args: Any, **kwargs: Any) -> Done:
-            from .run_folder import RunFolder, note_seconds
+            from .run_folder import note_seconds
 
             began = time.monotonic()
             done = work(*args, **kwargs)
-            run = next(each for each in args if isinstance(each, RunFolder))
-            note_seconds(run.path, stage, time.monotonic() - began)
+            note_seconds(_run_among(args).path, stage, time.monotonic() - began)
             return done
 
-        return timed
+        return _alone(timed)
 
     return noted
+
+
+def _run_among(args: tuple[Any, ...]) -> RunFolder:
+    from .run_folder import RunFolder
+
+    return next(each for each in args if isinstance(each, RunFolder))
 
 
 _OF_A_FIT = {"diagnose": 2.5, "design": 2.5, "sample": 12.0}  # so many times as long as the fit, on the bench twin
@@ -326,6 +344,7 @@ def export_run(
     return Done("\n".join(map(str, done.files)), failure(result), "\n".join(done.cannot_hold), closing)
 
 
+@_alone
 def write_report(run: RunFolder, report: Report) -> Done:
     """One page of everything that RUN holds, RUN/report.html, and the pictures that it shows."""
     report("writing the page", 0.0)
@@ -343,6 +362,7 @@ def write_report(run: RunFolder, report: Report) -> Done:
     return Done(None, page.failure, page.missing, of_run(run.path, page.path))
 
 
+@_alone
 def write_interactive(run: RunFolder, report: Report) -> Done:
     """One page to work with: RUN/report_interactive.html. No stage of `etcfit run`, which leaves the one to print."""
     report("taking up the model", 0.0)
@@ -436,10 +456,26 @@ def run_all(
     Raises:
         UsageError: RUN was made from other measurements or by another version, or a stage misses what it needs.
     """
-    from .run_folder import is_done, last_failure, must_belong, set_aside_unfinished, settings_before
+    from .files import held
+    from .run_folder import must_belong
 
     must_belong(path, folder)
     run = opened(path)
+    with held(path):
+        return _run_all(folder, run, progress, show, stages, asked)
+
+
+def _run_all(
+    folder: Path,
+    run: RunFolder,
+    progress: Callable[[Expected | None], AbstractContextManager[Report]],
+    show: Callable[[str, Done | None], None],
+    stages: tuple[Stage, ...],
+    asked: Mapping[str, Mapping[str, Any]],
+) -> str:
+    from .run_folder import is_done, last_failure, set_aside_stale, settings_before
+
+    path = run.path
     before_all, shown = {stage.name: expected(path, stage.name) for stage in stages}, set[str]()
     for stage in stages:
         stage.require()
@@ -451,7 +487,7 @@ def run_all(
             shown.add(stage.name)
             continue
         if stage.name == REPORT.name:  # it shows what is finished, and comes before what is not
-            set_aside_unfinished(path)
+            set_aside_stale(path)
         options = {name: before[name] for name in stage.options if name in before} | dict(wanted)
         with progress(before_all[stage.name] or expected(path, stage.name)) as report:
             done = stage.work(folder, run, report, **options)

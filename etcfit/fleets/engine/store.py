@@ -13,13 +13,13 @@ from __future__ import annotations
 import re
 import threading
 from collections.abc import Iterable, Iterator, Sequence
+from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
 from types import TracebackType
-from typing import IO, Any
+from typing import Any
 
-from ...errors import UsageError
-from ...files import whole
+from ...files import held, whole
 from ..unit import FailedUnit, UnitResult
 from .rows import end_of, row_of, schema
 from .settings import StoreSettings
@@ -58,12 +58,11 @@ class Store:
         self._waiting: list[UnitResult | FailedUnit] = []
         self._lock, self._writing, self._ended = threading.Lock(), threading.Lock(), threading.Event()
         self._error: OSError | None = None
+        self._hold = ExitStack()
         folder.mkdir(parents=True, exist_ok=True)
-        for draft in folder.glob(".*-*.parquet"):  # of a client that was killed while it wrote
-            draft.unlink(missing_ok=True)
 
     def __enter__(self) -> Store:
-        self._hold = _held(self.folder)
+        self._hold.enter_context(held(self.folder))
         self._ended.clear()
         self._clock = threading.Thread(target=self._flush_often, name="etcfit store", daemon=True)
         self._clock.start()
@@ -204,25 +203,6 @@ class Store:
                         held = []
         if held:
             yield pa.concat_tables(held)
-
-
-def _held(folder: Path) -> IO[bytes]:
-    """An open file that no other process can hold; the system lets it go however this process ends.
-
-    Raises:
-        UsageError: another one has it.
-    """
-    file = (folder / "lock").open("wb")
-    try:
-        import fcntl
-
-        fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-    except ImportError:  # not on this system: nobody is kept out
-        pass
-    except BlockingIOError:
-        file.close()
-        raise UsageError(f"{folder.parent}: another etcfit works on it. Wait for it, or end it.") from None
-    return file
 
 
 def _table(ends: Sequence[UnitResult | FailedUnit]) -> Any:
