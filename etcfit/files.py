@@ -65,14 +65,15 @@ def named(path: Path, scratch: Path) -> Iterator[None]:
 
 
 @contextmanager
-def held(folder: Path) -> Iterator[None]:
+def held(folder: Path, again: bool = True) -> Iterator[None]:
     """A folder in which no other process writes meanwhile; made where it is not there, and not left behind empty.
 
-    The lock is the system's, which lets go however the process ends. The thread that holds a folder can hold it again.
-    What a writer that was killed left half-written is deleted.
+    The lock is the system's, which lets go however the process ends. What a writer that was killed left half-written is
+    deleted.
 
     Args:
         folder: which.
+        again: whether the thread that holds it may hold it once more.
     Raises:
         Busy: another process or thread holds it.
         OSError: no file can be written there.
@@ -80,7 +81,7 @@ def held(folder: Path) -> Iterator[None]:
     place, thread = folder.resolve(), threading.get_ident()
     with _holding:
         owner, times = _held.get(place, (thread, 0))
-        if owner != thread:
+        if owner != thread or (times and not again):
             raise _busy(folder, f"thread {owner} of this process")
         try:
             made = [] if times else _made(place)

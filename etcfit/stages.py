@@ -258,12 +258,14 @@ def design_fleet(run: Path, report: Report, asked: DesignRequest) -> Done:
     keep_compiled()
     from .api.control import fleet_design_of
     from .api.fleet import Fleet
+    from .files import held
     from .reporting.closing.control import of_fleet_design
     from .reporting.control.tables import design_table
 
-    units = Fleet.of(run)
-    found = fleet_design_of(units.model, asked, report)
-    units.keep_design(run, found, {}, report)
+    with held(run):
+        units = Fleet.of(run)
+        found = fleet_design_of(units.model, asked, report)
+        units.keep_design(run, found, {}, report)
     return Done(design_table(found), closing=of_fleet_design(found, run))
 
 
@@ -284,8 +286,9 @@ def fleet(location: str, run: Path, workers: int | None, scheduler: str | None, 
     from .reporting.closing.fleet import of_fleet
     from .reporting.fleet import fleet_table
 
-    files = work_through(location, run, place_of(workers, scheduler), report, watch)
-    return Done(fleet_table(files.content), closing=of_fleet(files.content, run))
+    remarks: list[str] = []
+    files = work_through(location, run, place_of(workers, scheduler), report, watch, remarks.append)
+    return Done(fleet_table(files.content), remark=" ".join(remarks), closing=of_fleet(files.content, run))
 
 
 def fleet_report(run: Path, report: Report) -> Done:

@@ -11,6 +11,7 @@ from __future__ import annotations
 import warnings
 from collections.abc import Sequence
 from dataclasses import asdict
+from functools import partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any, Literal
@@ -458,7 +459,8 @@ def fleet(
         from .progress import silent
 
         run = Path(out)
-        return Fleet(run, work_through(location, run, place_of(workers, scheduler), report, silent))
+        remark = partial(warnings.warn, stacklevel=2)
+        return Fleet(run, work_through(location, run, place_of(workers, scheduler), report, silent, remark))
 
 
 def load(run: Folder) -> Fit | Diagnosed | Fleet:

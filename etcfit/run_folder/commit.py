@@ -23,6 +23,7 @@ from ..files import Busy, held, scratch_folder
 
 _DONE = ".done"
 _NOTE = "note.json"
+_ALONE = "alone.json"
 _MOST_WAIT = 10.0  # s for another process to put its files in place: it takes milliseconds
 
 
@@ -40,6 +41,11 @@ class Draft:
     def files(self) -> Path:
         """Stands for RUN: the files lie here as they will lie there."""
         return self.place / "files"
+
+    def alone(self, folder: str) -> None:
+        """Delete what lies in a folder of RUN besides the files of this draft."""
+        names = [path.name for path in (self.files / folder).iterdir()] if (self.files / folder).is_dir() else []
+        (self.place / _ALONE).write_text(json.dumps({folder: names}), encoding="utf-8")
 
     def note(self, content: Mapping[str, Any]) -> None:
         """What to do besides, for `settle`."""
@@ -102,6 +108,10 @@ def settle(run: Path, finish: Callable[[Path, Mapping[str, Any]], None] = no_mor
 def _settled(run: Path, done: Path, finish: Callable[[Path, Mapping[str, Any]], None]) -> None:
     if not done.is_dir():
         return
+    if (done / _ALONE).is_file():
+        for folder, names in json.loads((done / _ALONE).read_bytes()).items():
+            for old in (each for each in (run / folder).glob("*.png") if each.name not in names):
+                old.unlink()
     for file in sorted(each for each in (done / "files").rglob("*") if each.is_file()):
         place = run / file.relative_to(done / "files")
         place.parent.mkdir(parents=True, exist_ok=True)

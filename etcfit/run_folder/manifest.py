@@ -25,6 +25,7 @@ from .. import __version__
 from ..errors import UsageError
 from ..files import SUPERSEDED, held, plain, write_json
 from ..files import digest as sha256_of
+from ..rig.base import FRAMES
 from .commit import all_or_none, settle
 
 MANIFEST = "run.json"
@@ -57,6 +58,11 @@ class StageFiles:
     beside: tuple[str, ...] = ()
     command: str = ""
 
+    def command_for(self, run: Path, record: Record | None = None) -> str:
+        """The command with its run folder, and the folder of the measurements where the record knows it."""
+        unknown = record is None or record.folder in (None, FRAMES)
+        return self.command.format(run=run, folder="FOLDER" if unknown else os.path.normpath(run / record.folder))
+
 
 _MODEL = (FIT_STATE, DIAGNOSIS_STATE)
 _RESULTS = ("fit.json", "diagnosis.json", "posterior.json", "transfer_function.json", "frequency_response.json",
@@ -67,7 +73,7 @@ _OPTIONAL = ("folder", "seconds")  # keys of a stage that are left out where not
 _OF_DESIGN = tuple(f"{_CONTROL}/{name}.png" for name in ("responses", "scenarios", "front", "safety"))
 # in order: a stage needs only what stages before it make
 STAGE_FILES: Mapping[str, StageFiles] = {
-    "fit": StageFiles(("fit.json", FIT_STATE), command="etcfit fit FOLDER --out {run}"),
+    "fit": StageFiles(("fit.json", FIT_STATE), command="etcfit fit {folder} --out {run}"),
     "diagnose": StageFiles(
         ("diagnosis.json", DIAGNOSIS_STATE), (FIT_STATE,), (), (), ("pictures/diagnosis", "pictures/before"),
         "etcfit diagnose {run}",
@@ -170,7 +176,7 @@ def _as_it_lies(run: Path) -> _Manifest:
         return _Manifest({name: _record(name, stage) for name, stage in stages.items()}, aside)
     except (OSError, KeyError, ValueError, TypeError, AttributeError, RecursionError) as error:
         raise UsageError(f"{path} cannot be read as the manifest of a run ({_short(error)}). Fit again into another "
-                         f"folder: `{STAGE_FILES['fit'].command.format(run='OTHER')}`. Or delete {run} and run the "
+                         f"folder: `{STAGE_FILES['fit'].command_for(Path('OTHER'))}`. Or delete {run} and run the "
                          "same command again.") from None  # fmt: skip
 
 
@@ -319,8 +325,9 @@ def require(run: Path, stage: str) -> Record:
     Raises:
         UsageError: it has not run, its files are not those it wrote, or they were made from something else.
     """
-    records, command = read_records(run), STAGE_FILES[stage].command.format(run=run)
+    records = read_records(run)
     record = records.get(stage)
+    command = STAGE_FILES[stage].command_for(run, record)
     if record is None and (run / "rig.toml").is_file():
         raise UsageError(f"{run} is a measurement folder, no run folder. Fit it first, into a folder of its own: "
                          f"`etcfit fit {run} --out {Path('runs') / run.resolve().name}`.")  # fmt: skip

@@ -7,7 +7,7 @@ import os
 from collections.abc import Callable
 from dataclasses import asdict
 from pathlib import Path
-from typing import Any
+from typing import TypeVar
 
 from ..diagnosis.findings import Diagnosis
 from ..errors import UsageError
@@ -24,6 +24,7 @@ from .manifest import (
     DIAGNOSIS_STATE,
     FIT_STATE,
     NOT_CONVERGED,
+    STAGE_FILES,
     Record,
     is_latest,
     read_records,
@@ -31,6 +32,8 @@ from .manifest import (
     require,
     seen_from,
 )
+
+T = TypeVar("T")
 
 
 def exit_of(result: FitResult) -> int:
@@ -87,7 +90,7 @@ def load_fit(run: Path) -> FitResult:
     """
     record = require(run, "fit")
     _must_be_measured_so(run, record)
-    return _loaded(run / FIT_STATE, "etcfit fit FOLDER --out {}")
+    return _loaded(run / FIT_STATE, FitResult, STAGE_FILES["fit"].command_for(run, record))
 
 
 def load_diagnosis(run: Path) -> Diagnosis:
@@ -96,8 +99,8 @@ def load_diagnosis(run: Path) -> Diagnosis:
     Raises:
         UsageError: as `load_fit`, and where it was made from another fit.
     """
-    require(run, "diagnose")
-    return _loaded(run / DIAGNOSIS_STATE, "etcfit diagnose {}", load_fit(run))
+    record = require(run, "diagnose")
+    return _loaded(run / DIAGNOSIS_STATE, Diagnosis, STAGE_FILES["diagnose"].command_for(run, record), load_fit(run))
 
 
 def load_final(run: Path) -> FitResult:
@@ -114,12 +117,15 @@ def has_diagnosis(run: Path) -> bool:
     return "diagnose" in read_records(run) or (run / DIAGNOSIS_STATE).is_file()
 
 
-def _loaded(path: Path, command: str, fit: FitResult | None = None) -> Any:
+def _loaded(path: Path, kind: type[T], command: str, fit: FitResult | None = None) -> T:
     try:
-        return codec.load(path, {} if fit is None else {FIT_STATE: fit})
+        found = codec.load(path, {} if fit is None else {FIT_STATE: fit})
+        if not isinstance(found, kind):
+            raise codec.Unreadable(f"it holds {type(found).__name__}, not {kind.__name__}")
+        return found
     except codec.Unreadable as error:
         raise UsageError(f"{path} was not written by this version of etcfit, or not whole ({error}). "
-                         f"Run `{command.format(path.parent)}` again.") from None  # fmt: skip
+                         f"Run `{command}` again.") from None  # fmt: skip
 
 
 def _is_saved(run: Path, result: FitResult) -> bool:
