@@ -169,7 +169,7 @@ def diagnose_run(run: RunFolder, report: Report) -> Done:
     except KeyboardInterrupt:
         raise KeyboardInterrupt(rounds.when_interrupted()) from None
     keep_diagnosis(run, found, part_of(report, 0.98, 1.0))
-    return Done(diagnosis_table(found), failure(found.after), closing=of_run(run.path))
+    return Done(diagnosis_table(found), failure(found.after), rounds.remark, of_run(run.path))
 
 
 @_noted("sample")
@@ -194,7 +194,7 @@ def sample_run(run: RunFolder, report: Report, steps: int = SamplingSettings.mos
     here = posterior.convergence
     why = "" if here.converged else f"this is no posterior yet: {here.reason} `etcfit sample` goes on from here."
     table = cautioned(posterior_table(posterior, profiled), result.state)
-    return Done(table, why or failure(result), closing=of_posterior(posterior, run.path))
+    return Done(table, why or failure(result), posterior.remark, of_posterior(posterior, run.path))
 
 
 def _can_sample() -> None:

@@ -187,6 +187,8 @@ def sample(
         keep: folder that keeps the chain between blocks of steps, so that an interrupted one is taken up again; the
             run folder where `model` is one, else nothing is kept.
         quiet: show no progress.
+    Raises:
+        UsageError: another process writes into the folder.
     """
     with working(quiet) as report:
         from ..posterior.sampling import sample as sample_fit
@@ -196,11 +198,11 @@ def sample(
         require_netcdf()
         result = _fit_of("sample", model).result
         keep = keep or (model if isinstance(model, str | Path) else None)
-        if keep is not None:
-            Path(keep).mkdir(parents=True, exist_ok=True)
-            return Sampled(sample_fit(result.taken_as_exact(), keep, steps, report, result.formulas))
         with TemporaryDirectory() as folder:
-            return Sampled(sample_fit(result.taken_as_exact(), folder, steps, report, result.formulas))
+            posterior = sample_fit(result.taken_as_exact(), keep or folder, steps, report, result.formulas)
+    if posterior.remark:
+        warnings.warn(posterior.remark, stacklevel=2)
+    return Sampled(posterior)
 
 
 def reduce(
