@@ -13,12 +13,13 @@ import sys
 import time
 from collections.abc import Callable, Mapping
 from contextlib import AbstractContextManager
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, field, fields, replace
 from functools import partial
 from pathlib import Path
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
+from .api.arguments import fits, in_words, typed
 from .api.progress import Expected, part_of
 from .control.request import DesignRequest
 from .errors import UsageError, require_extra
@@ -390,13 +391,14 @@ class Stage:
     Args:
         name: of its command, and on the manifest.
         work: what it does, from the measurement folder, the run folder and a progress report.
-        options: arguments of the work besides, under which the manifest keeps what the stage last ran with.
+        options: arguments of the work besides, with their annotations: under these names the manifest keeps what the
+            stage last ran with.
         require: raises what would stop its work at the end, before any work.
     """
 
     name: str
     work: Callable[..., Done]
-    options: tuple[str, ...] = ()
+    options: Mapping[str, str] = field(default_factory=dict)
     require: Callable[[], None] = lambda: None
 
 
@@ -412,14 +414,14 @@ STAGES: tuple[Stage, ...] = (
     Stage("fit", fit_folder),
     Stage("diagnose", _of_run(diagnose_run)),
     REPORT,
-    Stage("reduce", _of_run(reduce_run), ("input", "output", "at", "pade_order")),
+    Stage("reduce", _of_run(reduce_run), {"input": "str", "output": "str", "at": "float", "pade_order": "int"}),
     Stage(
         "design",
         lambda folder, run, report, **options: design_run(run, report, DesignRequest(**options)),
-        tuple(each.name for each in fields(DesignRequest)),
+        {each.name: str(each.type) for each in fields(DesignRequest)},
     ),
     REPORT,
-    Stage("sample", _of_run(sample_run), ("steps",), _can_sample),
+    Stage("sample", _of_run(sample_run), {"steps": "int"}, _can_sample),
     REPORT,
 )
 LAST = tuple(stage.name for stage in STAGES if stage is not REPORT)  # names of the stages that a run may end with
@@ -491,7 +493,7 @@ def _run_all(
             continue
         if stage.name == REPORT.name:  # it shows what is finished, and comes before what is not
             set_aside_stale(path)
-        options = {name: before[name] for name in stage.options if name in before} | dict(wanted)
+        options = _as_before(path, stage, before) | dict(wanted)
         with progress(before_all[stage.name] or expected(path, stage.name)) as report:
             done = stage.work(folder, run, report, **options)
         taken = {name: value for name, value in options.items() if name not in wanted}
@@ -499,6 +501,20 @@ def _run_all(
         show(stage.name, replace(done, remark=remark or done.remark))
         shown.add(stage.name)
     return last_failure(path)
+
+
+def _as_before(run: Path, stage: Stage, before: Mapping[str, Any]) -> dict[str, Any]:
+    """Options that a stage last ran with.
+
+    Raises:
+        UsageError: the manifest has one of another kind than the stage takes.
+    """
+    for name, annotation in stage.options.items():
+        if name in before and not fits(before[name], annotation):
+            raise UsageError(f"{run / 'run.json'} says that `etcfit {stage.name}` last ran with {name} "
+                             f"{json.dumps(before[name])[:60]}, which is not {in_words(annotation)}. Run `etcfit "
+                             f"{stage.name} {run}` by itself, with the options that you want.")  # fmt: skip
+    return {name: before[name] for name in stage.options if name in before}
 
 
 def closing_of(run: Path) -> Closing:
@@ -539,6 +555,7 @@ def _listed(options: Mapping[str, Any]) -> str:
     return ", ".join(f"{name} {json.dumps(value)}" for name, value in options.items())
 
 
+@typed
 def run(
     folder: Path | str, out: Path | str, *, profile: str | None = None, until: str = LAST[-1], quiet: bool = False
 ) -> Fit | Diagnosed:

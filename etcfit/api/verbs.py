@@ -18,6 +18,7 @@ from typing import TYPE_CHECKING, Any, Literal
 
 from ..errors import UsageError, require_extra
 from ..posterior.settings import SamplingSettings
+from .arguments import typed
 from .progress import Report, working
 
 if TYPE_CHECKING:
@@ -49,6 +50,7 @@ if TYPE_CHECKING:
     Model = Fit | Diagnosed | Sampled | Reduced | Folder
 
 
+@typed
 def check(rig: Rig | Folder, settings: CheckSettings | None = None, *, quiet: bool = False) -> Checked:
     """What is in a measurement folder, what it can identify, and what is wrong with it; fits nothing.
 
@@ -68,6 +70,7 @@ def check(rig: Rig | Folder, settings: CheckSettings | None = None, *, quiet: bo
         return Checked(check_rig(rig, **_given(settings)))
 
 
+@typed
 def advise(
     rig: Rig | Folder,
     at: Fit | Diagnosed | Folder | None = None,
@@ -97,6 +100,7 @@ def advise(
         return Advised(advise_rig(rig, model, **_given(settings)))
 
 
+@typed
 def plan(
     source: Rig | Model,
     settings: CampaignSettings | None = None,
@@ -137,6 +141,7 @@ def plan(
         return Planned(plan_campaign(rig, model, **_given(settings), **limits))
 
 
+@typed
 def fit(rig: Rig | Folder, settings: FitSettings | None = None, *, quiet: bool = False) -> Fit:
     """The joint fit of all traces that are not held out.
 
@@ -154,6 +159,7 @@ def fit(rig: Rig | Folder, settings: FitSettings | None = None, *, quiet: bool =
         return Fit(fit_rig(_rig_of(rig, report), report, **_given(settings)))
 
 
+@typed
 def diagnose(fit: Fit | Folder, settings: DiagnosisSettings | None = None, *, quiet: bool = False) -> Diagnosed:
     """What the fitted model lacks: residual, missing effect, refit, until nothing is left.
 
@@ -176,6 +182,7 @@ def diagnose(fit: Fit | Folder, settings: DiagnosisSettings | None = None, *, qu
         return Diagnosed(diagnose_fit(fit.result, report, **_given(settings)))
 
 
+@typed
 def sample(
     model: Model, *, steps: int = SamplingSettings.most_steps, keep: Folder | None = None, quiet: bool = False
 ) -> Sampled:
@@ -205,6 +212,7 @@ def sample(
     return Sampled(posterior)
 
 
+@typed
 def reduce(
     model: Model,
     input_unit: str = "V",
@@ -232,6 +240,7 @@ def reduce(
         return Reduced(fit, *plant_of(fit.result, input_unit, output_unit, share, report, settings))
 
 
+@typed
 def design(
     model: Model | Fleet,
     *,
@@ -303,6 +312,7 @@ def design(
         return Designed(fit, found, None if log is None else str(log))
 
 
+@typed
 def export(
     model: Model | Designed,
     to: str,
@@ -350,6 +360,7 @@ def export(
         return exported(fit.result, format_, folder, settings or ExportSettings(), pid, run, own, anyway)
 
 
+@typed
 def report(
     run: Folder | Fit | Diagnosed,
     to: Folder | None = None,
@@ -387,6 +398,7 @@ def report(
     return made.path
 
 
+@typed
 def drive(
     folder: Folder,
     *,
@@ -412,6 +424,7 @@ def drive(
         return Driven(config, tuple(study(log, between) for log in (chosen(logs, compare) if compare else logs)))
 
 
+@typed
 def fetch(name: str, to: Folder | None = None, data: Folder | None = None, *, quiet: bool = False) -> Path:
     """A public measured data set as a measurement folder.
 
@@ -431,6 +444,7 @@ def fetch(name: str, to: Folder | None = None, data: Folder | None = None, *, qu
         return fetch_data_set(name, Path(to or Path("measurements") / name), None if data is None else Path(data))
 
 
+@typed
 def fleet(
     location: Folder,
     out: Folder,
@@ -465,6 +479,7 @@ def fleet(
         return Fleet(run, work_through(location, run, place_of(workers, scheduler), report, silent, remark))
 
 
+@typed
 def load(run: Folder) -> Fit | Diagnosed | Fleet:
     """The last model of a run folder, bit for bit as it was saved: the diagnosis where there is one, else the fit; of
     the run folder of a fleet the fleet.

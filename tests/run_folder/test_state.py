@@ -268,7 +268,7 @@ class Runs:
             Stage("fit", self.fit),
             Stage("diagnose", self.diagnose),
             page,
-            Stage("design", self.design, ("rule",)),
+            Stage("design", self.design, {"rule": "str"}),
             page,
         )
         self.said: dict[str, str | None] = {}
