@@ -177,6 +177,10 @@ def diagnose_run(run: RunFolder, report: Report) -> Done:
 def sample_run(run: RunFolder, report: Report, steps: int = SamplingSettings.most_steps) -> Done:
     """How sure: RUN/posterior.nc and RUN/posterior.json of the final model, pictures; goes on with a chain begun."""
     _can_sample()
+    try:
+        SamplingSettings(most_steps=steps)
+    except ValueError as error:
+        raise UsageError(f"--steps: {error}") from None
     report("taking up the model", 0.0)
     keep_compiled()
     result = run.final()
