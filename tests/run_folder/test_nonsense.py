@@ -66,7 +66,8 @@ CHANGES: dict[str, Callable[[dict[str, Any]], object]] = {
     "aside of numbers": lambda content: content.update(aside={"fit": 3}),
     **{f"{key} {json.dumps(value)}": _in_fit(key, value) for key, value in (
         ("settings", None), ("settings", [1]), ("inputs", None), ("inputs", {"a": [1]}), ("outputs", 3),
-        ("outputs", []), ("outputs", {"fit.json": {"a": 1}}), ("exit", None), ("exit", "0"), ("folder", [1]), ("folder", {}),
+        ("outputs", []), ("outputs", {"fit.json": {"a": 1}}), ("exit", None), ("exit", "0"),
+        ("folder", [1]), ("folder", {}),
         ("seconds", "a"), ("seconds", [1]), ("seconds", -1), ("seconds", 1e300), ("at", None))},
 }  # fmt: skip
 TEXTS = {
@@ -103,8 +104,11 @@ def test_every_command_says_so(run: Path, words: list[str]) -> None:
     assert "run/run.json cannot be read as the manifest of a run" in said(words)
 
 
-@pytest.mark.parametrize(("option", "value"), [("rule", 3), ("adc_bits", None), ("adc_bits", 1.5),
-                                               ("ecu", [1]), ("limits", None), ("profile", {}), ("log", 7), ("anyway", "yes")])  # fmt: skip
+OPTIONS = [("rule", 3), ("adc_bits", None), ("adc_bits", 1.5), ("ecu", [1]), ("limits", None), ("profile", {}),
+           ("log", 7), ("anyway", "yes")]  # fmt: skip
+
+
+@pytest.mark.parametrize(("option", "value"), OPTIONS)
 def test_options_of_nonsense_on_the_manifest_are_said_to_be(run: Path, option: str, value: Any) -> None:
     manifest(run, lambda content: content["stages"].update(
         design=content["stages"]["design"] | {"outputs": {"pid.json": "0"}, "settings": {option: value}}))  # fmt: skip
