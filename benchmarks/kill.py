@@ -22,7 +22,7 @@ import shutil
 import signal
 import tempfile
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -77,6 +77,8 @@ class Tally:
 
 def prepared(place: Path) -> tuple[Path, Path, Path]:
     """A fleet of six units, one of them as a measurement folder, and the same without one trace."""
+    if (place / "less").is_dir():
+        return place / "line", place / "rig", place / "less"
     make_fleet(place / "line", Line(), 6, 3600, own_rig_toml=True)
     unit = sorted(path for path in (place / "line").iterdir() if path.is_dir())[0]
     shutil.copytree(unit, place / "rig")
@@ -85,19 +87,24 @@ def prepared(place: Path) -> tuple[Path, Path, Path]:
     return place / "line", place / "rig", place / "less"
 
 
-def cases(place: Path, cache: Path) -> Iterator[Case]:
-    """Every command, with old results in its way."""
+def cases(place: Path, cache: Path, wanted: Sequence[str]) -> Iterator[Case]:
+    """The commands wanted, with old results in their way."""
     line, rig, less = prepared(place)
-    old, new = place / "old", place / "new"
-    for words in (("fit", less, "--out", old), ("diagnose", old), ("design", old)):
-        through(words, cache)
-    yield Case("fit", lambda run: ("fit", rig, "--out", run), old)
-    shutil.copytree(old, new)
-    for words in (("fit", rig, "--out", new), ("diagnose", new), ("design", new)):
-        through(words, cache)
-    yield Case("diagnose", lambda run: ("diagnose", run), new)
-    yield Case("design", lambda run: ("design", run), new)
-    yield Case("fleet", lambda run: ("fleet", line, "--out", run, "--workers", 2), None)
+    if "fleet" in wanted:
+        yield Case("fleet", lambda run: ("fleet", line, "--out", run, "--workers", 2), None)
+    if "fit" in wanted:
+        yield Case("fit", lambda run: ("fit", rig, "--out", run), _finished(less, place / "old", cache))
+    if "diagnose" in wanted or "design" in wanted:
+        new = _finished(rig, place / "new", cache)
+        yield from (
+            Case(name, lambda run, name=name: (name, run), new) for name in ("diagnose", "design") if name in wanted
+        )
+
+
+def _finished(rig: Path, run: Path, cache: Path) -> Path:
+    """A run folder with a fit, a diagnosis and gains; what is done is not done again."""
+    through(("run", rig, "--out", run, "--until", "design"), cache)
+    return run
 
 
 def begun(words: tuple[Any, ...], cache: Path) -> Watched:
@@ -117,6 +124,8 @@ def through(words: tuple[Any, ...], cache: Path) -> float:
 
 
 def copied(case: Case, run: Path) -> Path:
+    if run.exists():  # of an earlier time
+        shutil.rmtree(run)
     if case.before is not None:
         shutil.copytree(case.before, run)
     return run
@@ -180,6 +189,8 @@ def contents(run: Path) -> dict[str, Any]:
     out: dict[str, Any] = {name: path.read_bytes() for name, path in kept.items() if path.suffix == ".png"}
     for name in kept.keys() - out.keys():
         out[name] = _without_times(kept[name])
+        if kept[name].suffix == ".txt":  # it names the folder
+            out[name] = out[name].replace(str(run).encode(), b"RUN")
     return out
 
 
@@ -248,15 +259,14 @@ def main() -> None:
     parser.add_argument("--moments", type=int, default=20, help="of each command")
     parser.add_argument("--commands", nargs="+", choices=commands, default=commands)
     parser.add_argument("--seed", type=int, default=36)
-    parser.add_argument("--keep", type=Path, help="an empty folder for all of it; else a scratch folder")
+    parser.add_argument("--keep", type=Path, help="a folder for all of it, where what is prepared is found again")
     asked = parser.parse_args()
     tallies: dict[str, Tally] = {}
     with tempfile.TemporaryDirectory() as scratch:
         place = asked.keep or Path(scratch)
         place.mkdir(parents=True, exist_ok=True)
-        for case in cases(place, place / "cache"):
-            if case.name in asked.commands:
-                tallies[case.name] = measured(case, place, place / "cache", asked.moments, asked.seed)
+        for case in cases(place, place / "cache", asked.commands):
+            tallies[case.name] = measured(case, place, place / "cache", asked.moments, asked.seed)
     print(table(tallies))
     raise SystemExit(1 if any(found for t in tallies.values() for found in t.faults.values()) else 0)
 

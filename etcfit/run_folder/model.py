@@ -32,7 +32,7 @@ def read_design(run: Path) -> Mapping[str, Any] | None:
     if "design" not in read_records(run) and not path.is_file():
         return None
     require(run, "design")
-    content = object_in(path, "pid", ("rule", "gains"), f"Run `etcfit design {run}` again.")
+    content = object_in(path, "pid", ("gains",), f"Run `etcfit design {run}` again.")
     if not isinstance(content["gains"], dict) or not {"Kp", "Ki", "Kd"} <= set(content["gains"]):
         raise UsageError(f"{path} holds no gains Kp, Ki and Kd. Run `etcfit design {run}` again.")
     return content
