@@ -11,7 +11,7 @@ from matplotlib.image import imread
 
 import results
 from etcfit.api.saving import keep_fit
-from etcfit.reporting import clear_for_fit, draw_others
+from etcfit.reporting import clear_for_fit, draw_others, has_undrawn
 from etcfit.reporting.pictures import briefly, jobs
 from etcfit.run_folder import RunFolder, load_fit
 
@@ -74,3 +74,20 @@ def test_pictures_of_another_fit_are_not_left_behind(run: Path, tmp_path: Path) 
     clear_for_fit(run)
     assert not stale.exists()
     assert (run / "pictures" / "notes.txt").exists()
+
+
+def test_a_fit_that_is_stopped_before_its_picture_leaves_none_of_another_model(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def stopped(*_: object) -> None:
+        raise KeyboardInterrupt
+
+    run, first = tmp_path / "run", results.result(results.rig(tmp_path / "rig"))
+    for place in (run / "pictures" / "parameters.png", run / "pictures" / "traces" / "response__1.png"):
+        place.parent.mkdir(parents=True, exist_ok=True)
+        place.write_bytes(b"of another model")
+    monkeypatch.setattr("etcfit.reporting.draw_fit", stopped)
+    with pytest.raises(KeyboardInterrupt, match="All results are in"):
+        keep_fit(RunFolder(run), first)
+    assert not list(run.rglob("*.png"))
+    assert has_undrawn(run)

@@ -160,7 +160,7 @@ def test_files_of_another_run_are_refused(found: Diagnosis, run: Path, tmp_path:
 def test_a_file_that_was_edited_is_refused(fit: FitResult, run: Path) -> None:
     save_fit(run, fit)
     (run / "fit.json").write_text((run / "fit.json").read_text("utf-8").replace("1.02", "1.03"), "utf-8")
-    with pytest.raises(UsageError, match=r"fit\.json is not the file that .* Run `etcfit fit FOLDER"):
+    with pytest.raises(UsageError, match=r"fit\.json is not the file that .* Run `etcfit fit .*rig --out .*run` again"):
         write_page(run)
 
 
