@@ -60,8 +60,8 @@ class StageFiles:
 
     def command_for(self, run: Path, record: Record | None = None) -> str:
         """The command with its run folder, and the folder of the measurements where the record knows it."""
-        unknown = record is None or record.folder in (None, FRAMES)
-        return self.command.format(run=run, folder="FOLDER" if unknown else os.path.normpath(run / record.folder))
+        known = None if record is None or record.folder == FRAMES else record.folder
+        return self.command.format(run=run, folder=os.path.normpath(run / known) if known else "FOLDER")
 
 
 _MODEL = (FIT_STATE, DIAGNOSIS_STATE)
@@ -212,7 +212,8 @@ def _record(name: str, stage: Mapping[str, Any]) -> Record:
     for key, fits in _OF_A_RECORD.items():
         if not fits(stage.get(key)):
             raise ValueError(f"{key} of stage {name} is {json.dumps(stage.get(key))[:60]}")
-    return Record(**{key: stage.get(key) for key in _OF_A_RECORD})
+    fields: dict[str, Any] = {key: stage.get(key) for key in _OF_A_RECORD}
+    return Record(**fields)
 
 
 def _series(version: str) -> list[str]:

@@ -185,7 +185,7 @@ def _must_answer(address: str, seconds: float) -> None:
 
 
 async def _identity(address: str, seconds: float) -> Any:
-    from distributed.comm import connect
+    from distributed.comm.core import connect
     from distributed.security import Security
 
     line: Any = await connect(address, timeout=seconds, **Security().get_connection_args("client"))

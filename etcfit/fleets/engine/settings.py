@@ -27,7 +27,7 @@ class EngineSettings:
     grace: float = real(30.0, above=0.0, high=1e5)
     portion: float = real(0.3, above=0.0, high=60.0)
     largest_portion: int = whole(256, 1, 10_000)
-    connect: float = real(3.0, above=0.0, high=1e5)
+    connect: float = real(2.5, above=0.0, high=1e5)
     first_worker: float = real(60.0, above=0.0, high=1e5)
     missing: float = real(10.0, above=0.0, high=1e5)
 
