@@ -25,7 +25,6 @@ from .. import __version__
 from ..errors import UsageError
 from ..files import SUPERSEDED, held, plain, write_json
 from ..files import digest as sha256_of
-from ..rig.base import FRAMES
 from .commit import all_or_none, settle
 
 MANIFEST = "run.json"
@@ -60,7 +59,7 @@ class StageFiles:
 
     def command_for(self, run: Path, record: Record | None = None) -> str:
         """The command with its run folder, and the folder of the measurements where the record knows it."""
-        known = None if record is None or record.folder == FRAMES else record.folder
+        known = None if record is None or (record.folder or "").startswith("<") else record.folder  # <frames>: none
         return self.command.format(run=run, folder=os.path.normpath(run / known) if known else "FOLDER")
 
 
