@@ -35,7 +35,10 @@ class Range:
         """Whether a number lies in it: never NaN, never an infinite one."""
         over = self.low < value if self.open_low else self.low <= value
         under = value < self.high if self.open_high else value <= self.high
-        return math.isfinite(value) and over and under
+        try:
+            return math.isfinite(value) and over and under
+        except OverflowError:  # a whole number that no float can hold
+            return False
 
     def __str__(self) -> str:
         """As an error message says it: "from 0 to 1", "1 or more", "greater than 0 and less than 1"."""
@@ -102,8 +105,17 @@ def check_ranges(settings: Any) -> None:
         entries = value if many and isinstance(value, tuple) else (value,)
         if (many and not (isinstance(value, tuple) and value)) or not all(_inside(v, allowed) for v in entries):
             what = f"a tuple of one or more numbers, each {allowed['kind']}" if many else allowed["kind"]
-            raise ValueError(f"{type(settings).__name__}.{each.name} = {value!r}: "
+            raise ValueError(f"{type(settings).__name__}.{each.name} = {_shown(value)}: "
                              f"it must be {what}, {allowed['range']}.")  # fmt: skip
+
+
+def _shown(value: Any) -> str:
+    """As it was written, as far as that says anything."""
+    try:
+        text = repr(value)
+    except ValueError:  # a whole number of more digits than Python prints
+        return f"a {type(value).__name__} of very many digits"
+    return text if len(text) <= 80 else f"{text[:60]}... ({len(text)} characters)"
 
 
 def _inside(value: Any, allowed: Mapping[str, Any]) -> bool:

@@ -13,12 +13,13 @@ import sys
 import time
 from collections.abc import Callable, Mapping
 from contextlib import AbstractContextManager
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, field, fields, replace
 from functools import partial
 from pathlib import Path
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
+from .api.arguments import fits, in_words, typed
 from .api.progress import Expected, part_of
 from .control.request import DesignRequest
 from .errors import UsageError, require_extra
@@ -52,23 +53,41 @@ class Done:
     closing: Closing | None = None
 
 
+def _alone(work: Callable[..., Done]) -> Callable[..., Done]:
+    """Work that nobody else writes into its run folder beside, from its first moment on."""
+
+    @functools.wraps(work)
+    def alone(*args: Any, **kwargs: Any) -> Done:
+        from .files import held
+
+        with held(_run_among(args).path):
+            return work(*args, **kwargs)
+
+    return alone
+
+
 def _noted(stage: str) -> Callable[[Callable[..., Done]], Callable[..., Done]]:
-    """Work whose duration the manifest keeps, for whoever waits for the next one."""
+    """Work alone in its run folder, whose duration the manifest keeps, for whoever waits for the next one."""
 
     def noted(work: Callable[..., Done]) -> Callable[..., Done]:
         @functools.wraps(work)
         def timed(*args: Any, **kwargs: Any) -> Done:
-            from .run_folder import RunFolder, note_seconds
+            from .run_folder import note_seconds
 
             began = time.monotonic()
             done = work(*args, **kwargs)
-            run = next(each for each in args if isinstance(each, RunFolder))
-            note_seconds(run.path, stage, time.monotonic() - began)
+            note_seconds(_run_among(args).path, stage, time.monotonic() - began)
             return done
 
-        return timed
+        return _alone(timed)
 
     return noted
+
+
+def _run_among(args: tuple[Any, ...]) -> RunFolder:
+    from .run_folder import RunFolder
+
+    return next(each for each in args if isinstance(each, RunFolder))
 
 
 _OF_A_FIT = {"diagnose": 2.5, "design": 2.5, "sample": 12.0}  # so many times as long as the fit, on the bench twin
@@ -151,13 +170,17 @@ def diagnose_run(run: RunFolder, report: Report) -> Done:
     except KeyboardInterrupt:
         raise KeyboardInterrupt(rounds.when_interrupted()) from None
     keep_diagnosis(run, found, part_of(report, 0.98, 1.0))
-    return Done(diagnosis_table(found), failure(found.after), closing=of_run(run.path))
+    return Done(diagnosis_table(found), failure(found.after), rounds.remark, of_run(run.path))
 
 
 @_noted("sample")
 def sample_run(run: RunFolder, report: Report, steps: int = SamplingSettings.most_steps) -> Done:
     """How sure: RUN/posterior.nc and RUN/posterior.json of the final model, pictures; goes on with a chain begun."""
     _can_sample()
+    try:
+        SamplingSettings(most_steps=steps)
+    except ValueError as error:
+        raise UsageError(f"--steps: {error}") from None
     report("taking up the model", 0.0)
     keep_compiled()
     result = run.final()
@@ -176,7 +199,7 @@ def sample_run(run: RunFolder, report: Report, steps: int = SamplingSettings.mos
     here = posterior.convergence
     why = "" if here.converged else f"this is no posterior yet: {here.reason} `etcfit sample` goes on from here."
     table = cautioned(posterior_table(posterior, profiled), result.state)
-    return Done(table, why or failure(result), closing=of_posterior(posterior, run.path))
+    return Done(table, why or failure(result), posterior.remark, of_posterior(posterior, run.path))
 
 
 def _can_sample() -> None:
@@ -240,12 +263,14 @@ def design_fleet(run: Path, report: Report, asked: DesignRequest) -> Done:
     keep_compiled()
     from .api.control import fleet_design_of
     from .api.fleet import Fleet
+    from .files import held
     from .reporting.closing.control import of_fleet_design
     from .reporting.control.tables import design_table
 
-    units = Fleet.of(run)
-    found = fleet_design_of(units.model, asked, report)
-    units.keep_design(run, found, {}, report)
+    with held(run):
+        units = Fleet.of(run)
+        found = fleet_design_of(units.model, asked, report)
+        units.keep_design(run, found, {}, report)
     return Done(design_table(found), closing=of_fleet_design(found, run))
 
 
@@ -266,8 +291,9 @@ def fleet(location: str, run: Path, workers: int | None, scheduler: str | None, 
     from .reporting.closing.fleet import of_fleet
     from .reporting.fleet import fleet_table
 
-    files = work_through(location, run, place_of(workers, scheduler), report, watch)
-    return Done(fleet_table(files.content), closing=of_fleet(files.content, run))
+    remarks: list[str] = []
+    files = work_through(location, run, place_of(workers, scheduler), report, watch, remarks.append)
+    return Done(fleet_table(files.content), remark=" ".join(remarks), closing=of_fleet(files.content, run))
 
 
 def fleet_report(run: Path, report: Report) -> Done:
@@ -326,6 +352,7 @@ def export_run(
     return Done("\n".join(map(str, done.files)), failure(result), "\n".join(done.cannot_hold), closing)
 
 
+@_alone
 def write_report(run: RunFolder, report: Report) -> Done:
     """One page of everything that RUN holds, RUN/report.html, and the pictures that it shows."""
     report("writing the page", 0.0)
@@ -343,6 +370,7 @@ def write_report(run: RunFolder, report: Report) -> Done:
     return Done(None, page.failure, page.missing, of_run(run.path, page.path))
 
 
+@_alone
 def write_interactive(run: RunFolder, report: Report) -> Done:
     """One page to work with: RUN/report_interactive.html. No stage of `etcfit run`, which leaves the one to print."""
     report("taking up the model", 0.0)
@@ -367,13 +395,14 @@ class Stage:
     Args:
         name: of its command, and on the manifest.
         work: what it does, from the measurement folder, the run folder and a progress report.
-        options: arguments of the work besides, under which the manifest keeps what the stage last ran with.
+        options: arguments of the work besides, with their annotations: under these names the manifest keeps what the
+            stage last ran with.
         require: raises what would stop its work at the end, before any work.
     """
 
     name: str
     work: Callable[..., Done]
-    options: tuple[str, ...] = ()
+    options: Mapping[str, str] = field(default_factory=dict)
     require: Callable[[], None] = lambda: None
 
 
@@ -389,14 +418,14 @@ STAGES: tuple[Stage, ...] = (
     Stage("fit", fit_folder),
     Stage("diagnose", _of_run(diagnose_run)),
     REPORT,
-    Stage("reduce", _of_run(reduce_run), ("input", "output", "at", "pade_order")),
+    Stage("reduce", _of_run(reduce_run), {"input": "str", "output": "str", "at": "float", "pade_order": "int"}),
     Stage(
         "design",
         lambda folder, run, report, **options: design_run(run, report, DesignRequest(**options)),
-        tuple(each.name for each in fields(DesignRequest)),
+        {each.name: str(each.type) for each in fields(DesignRequest)},
     ),
     REPORT,
-    Stage("sample", _of_run(sample_run), ("steps",), _can_sample),
+    Stage("sample", _of_run(sample_run), {"steps": "int"}, _can_sample),
     REPORT,
 )
 LAST = tuple(stage.name for stage in STAGES if stage is not REPORT)  # names of the stages that a run may end with
@@ -436,10 +465,26 @@ def run_all(
     Raises:
         UsageError: RUN was made from other measurements or by another version, or a stage misses what it needs.
     """
-    from .run_folder import is_done, last_failure, must_belong, set_aside_unfinished, settings_before
+    from .files import held
+    from .run_folder import must_belong
 
     must_belong(path, folder)
     run = opened(path)
+    with held(path):
+        return _run_all(folder, run, progress, show, stages, asked)
+
+
+def _run_all(
+    folder: Path,
+    run: RunFolder,
+    progress: Callable[[Expected | None], AbstractContextManager[Report]],
+    show: Callable[[str, Done | None], None],
+    stages: tuple[Stage, ...],
+    asked: Mapping[str, Mapping[str, Any]],
+) -> str:
+    from .run_folder import is_done, last_failure, set_aside_stale, settings_before
+
+    path = run.path
     before_all, shown = {stage.name: expected(path, stage.name) for stage in stages}, set[str]()
     for stage in stages:
         stage.require()
@@ -451,8 +496,8 @@ def run_all(
             shown.add(stage.name)
             continue
         if stage.name == REPORT.name:  # it shows what is finished, and comes before what is not
-            set_aside_unfinished(path)
-        options = {name: before[name] for name in stage.options if name in before} | dict(wanted)
+            set_aside_stale(path)
+        options = _as_before(path, stage, before) | dict(wanted)
         with progress(before_all[stage.name] or expected(path, stage.name)) as report:
             done = stage.work(folder, run, report, **options)
         taken = {name: value for name, value in options.items() if name not in wanted}
@@ -460,6 +505,20 @@ def run_all(
         show(stage.name, replace(done, remark=remark or done.remark))
         shown.add(stage.name)
     return last_failure(path)
+
+
+def _as_before(run: Path, stage: Stage, before: Mapping[str, Any]) -> dict[str, Any]:
+    """Options that a stage last ran with.
+
+    Raises:
+        UsageError: the manifest has one of another kind than the stage takes.
+    """
+    for name, annotation in stage.options.items():
+        if name in before and not fits(before[name], annotation):
+            raise UsageError(f"{run / 'run.json'} says that `etcfit {stage.name}` last ran with {name} "
+                             f"{json.dumps(before[name])[:60]}, which is not {in_words(annotation)}. Run `etcfit "
+                             f"{stage.name} {run}` by itself, with the options that you want.")  # fmt: skip
+    return {name: before[name] for name in stage.options if name in before}
 
 
 def closing_of(run: Path) -> Closing:
@@ -500,6 +559,7 @@ def _listed(options: Mapping[str, Any]) -> str:
     return ", ".join(f"{name} {json.dumps(value)}" for name, value in options.items())
 
 
+@typed
 def run(
     folder: Path | str, out: Path | str, *, profile: str | None = None, until: str = LAST[-1], quiet: bool = False
 ) -> Fit | Diagnosed:

@@ -17,7 +17,7 @@ from etcfit.estimation.result import FitResult
 from etcfit.files import write_json
 from etcfit.problem.trace import Trace
 from etcfit.reporting.pictures import all_traces
-from etcfit.run_folder import RunFolder, finish, save_diagnosis
+from etcfit.run_folder import RunFolder, replacing, save_diagnosis
 
 # of an ECU as pid.json has it
 ECU = {"period_s": 1e-3, "supply_V": 12.0, "derivative_filter_s": 2e-3, "delay_s": 0.0, "pwm_V": 0.0, "noise_rad": 0.0,
@@ -40,8 +40,8 @@ def run_folder(path: Path, synthetic: bool = True, gains: bool = True) -> RunFol
 def kept(run: Path, found: Diagnosis, gains: bool = True) -> RunFolder:
     save_diagnosis(run, found)
     if gains:
-        write_json(run / "pid.json", "pid", pid())
-        finish(run, "design", 0, {})
+        with replacing(run, "design", 0, {}) as draft:
+            write_json(draft / "pid.json", "pid", pid())
     return RunFolder(run)
 
 

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+import shutil
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -11,7 +13,7 @@ from PIL import Image
 
 import results
 from etcfit.files import write_json
-from etcfit.run_folder import finish, fit_json, read_records, save_fit
+from etcfit.run_folder import STAGE_FILES, fit_json, read_records, replacing, save_fit
 
 STAGES = {"diagnosis": "diagnose", "posterior": "sample", "transfer_function": "reduce",
           "frequency_response": "reduce", "pid": "design"}  # fmt: skip
@@ -34,11 +36,19 @@ def run_folder(path: Path, later: tuple[str, ...] = (), synthetic: bool = True, 
     made = {"diagnosis": _diagnosis, "posterior": _posterior, "transfer_function": _plant,
             "frequency_response": _sines, "pid": lambda fit: pid()}  # fmt: skip
     for kind in later:
-        write_json(run / f"{kind}.json", kind, made[kind](fit))
-        finish(run, STAGES[kind], 0, {})
+        with replacing(run, STAGES[kind], 0, {}) as draft:
+            if kind == "frequency_response" and (run / "transfer_function.json").is_file():  # of the same stage
+                shutil.copy(run / "transfer_function.json", draft)
+            write_json(draft / f"{kind}.json", kind, made[kind](fit))
     for name in ("parameters", "tests/response", "traces/response__1", "diagnosis/ledger", "odd_things/one"):
         picture(run / "pictures" / f"{name}.png")
     return run
+
+
+def written(run: Path, stage: str, content: str, settings: Mapping[str, Any] | None = None) -> None:
+    """A stage whose first file has this content, whatever it is."""
+    with replacing(run, stage, 0, settings or {}) as draft:
+        (draft / STAGE_FILES[stage].makes[0]).write_text(content, encoding="utf-8")
 
 
 def picture(path: Path, size: tuple[int, int] = (660, 300), colours: int = 4) -> None:
@@ -50,11 +60,14 @@ def picture(path: Path, size: tuple[int, int] = (660, 300), colours: int = 4) ->
 
 def changed(run: Path, kind: str, **changes: Any) -> None:
     """The same run with some keys of a file replaced."""
-    path = run / f"{kind}.json"
-    content = json.loads(path.read_text(encoding="utf-8")) | changes
-    path.write_text(json.dumps(content), encoding="utf-8")
+    content = json.loads((run / f"{kind}.json").read_text(encoding="utf-8")) | changes
     stage = {"fit": "fit", **STAGES}[kind]
-    finish(run, stage, 0, {}, {} if kind == "fit" else None, read_records(run)[stage].folder)
+    before = read_records(run)[stage]
+    with replacing(run, stage, 0, {}, {} if kind == "fit" else None, before.folder) as draft:
+        for name in before.outputs:
+            if (run / name).is_file():
+                shutil.copy(run / name, draft)
+        (draft / f"{kind}.json").write_text(json.dumps(content), encoding="utf-8")
 
 
 def _diagnosis(fit: dict[str, Any]) -> dict[str, Any]:

@@ -152,12 +152,16 @@ class Fleet:
 
     def keep_design(self, run: Path, design: Design, options: Mapping[str, Any], report: Report = silent) -> None:
         """pid.json and the responses."""
-        from ..files import write_json
+        from ..files import held, write_json
         from ..reporting import draw_design
         from ..run_folder import design_json
+        from ..run_folder.commit import all_or_none, settle
 
-        write_json(run / "pid.json", "pid", design_json(design))
-        draw_design(run, design, report)
+        with held(run):
+            with all_or_none(run) as draft:
+                write_json(draft.files / "pid.json", "pid", design_json(design))
+                draw_design(draft.files, design, report)
+            settle(run)
 
     def summary(self, width: int = 140) -> str:
         """What `etcfit fleet` prints, for `print`."""

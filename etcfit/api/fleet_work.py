@@ -3,20 +3,25 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Callable
+from contextlib import ExitStack
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from ..errors import MeasurementError
+from ..files import held
 from ..fleets.config import FleetConfig, read_fleet
 from ..fleets.engine.cluster import Crew, ExistingScheduler, LocalWorkers, cores, crew, require_workers
-from ..fleets.folder import local_copy
+from ..fleets.folder import local_copy, refuse_inside
 from ..rig.toml import Toml
+from ..run_folder.commit import Draft, all_or_none, settle
 
 if TYPE_CHECKING:
     from ..rig.base import RigConfig
     from ..run_folder.fleet import FleetFiles
     from .progress import Report
 
+_PICTURES = "pictures/fleet"
 MEMORY = 0.6  # share of this machine's that the workers may have together
 LEAST_MEMORY = 1500 * 1024**2  # bytes of one worker: a compiled model, and room to compile the next
 
@@ -36,7 +41,12 @@ def workers(count: int | None, scheduler: str | None) -> LocalWorkers | Existing
 
 
 def work_through(
-    location: str | Path, run: Path, place: LocalWorkers | ExistingScheduler, report: Report, watch: Report
+    location: str | Path,
+    run: Path,
+    place: LocalWorkers | ExistingScheduler,
+    report: Report,
+    watch: Report,
+    remark: Callable[[str], None],
 ) -> FleetFiles:
     """Fit every unit that is not done, study them together, and write what comes of it.
 
@@ -46,48 +56,67 @@ def work_through(
         place: where to work.
         report: progress.
         watch: told where the workers can be watched.
+        remark: told what of the results that were stored could not be used.
     Raises:
         MeasurementError: there is no unit, what is written down about the fleet is wrong, or no unit could be fitted.
-        UsageError: a library of the extra `fleet` is not installed, or no worker answers.
+        UsageError: a library of the extra `fleet` is not installed, no worker answers, RUN lies in the fleet, or
+            another process writes there.
     """
     require_workers()
-    report("reading the fleet", 0.0)
-    config = read_fleet(location)
-    toml = rig_of_one(config)
-    rig = config_of_rig(toml)
-    refuse_unknown_limits(config, rig)
-    refuse_foreign_units(config, rig)
-    run.mkdir(parents=True, exist_ok=True)
-    report("starting the workers", 0.0)
-    with crew(place) as hands:
+    refuse_inside(location, run)
+    with held(run), ExitStack() as opened:
+        # a scheduler that is not there is said before anything else takes time
+        hands = opened.enter_context(crew(place)) if isinstance(place, ExistingScheduler) else None
+        report("reading the fleet", 0.0)
+        config = read_fleet(location)
+        toml = rig_of_one(config)
+        rig = config_of_rig(toml)
+        refuse_unknown_limits(config, rig)
+        refuse_foreign_units(config, rig)
+        report("starting the workers", 0.0)
+        hands = hands or opened.enter_context(crew(place))
         watch(hands.address, 0.0)
-        return _worked_through(config, toml, run, hands, report)
+        return _worked_through(config, toml, run, hands, report, remark)
 
 
-def _worked_through(config: FleetConfig, toml: Toml, run: Path, hands: Crew, report: Report) -> FleetFiles:
+def _worked_through(
+    config: FleetConfig, toml: Toml, run: Path, hands: Crew, report: Report, remark: Callable[[str], None]
+) -> FleetFiles:
     from ..fleets.results import fit_all
     from ..fleets.study import study
     from ..run_folder.fleet import read_fleet_files, save_fleet
     from .unit_pages import write_unit_pages
 
     results = fit_all(config, hands, run / "parts", report)
+    if results.remark:
+        remark(results.remark)
     report("what the units tell together", 0.0)
     found = study(config, config_of_rig(toml), results)
     pages = write_unit_pages([unit.unit for unit in found.odd], results.work, run, hands, report)
-    save_fleet(run, found, toml, pages)
-    files = read_fleet_files(run)
-    show(run, files, report)
+    with all_or_none(run) as draft:
+        save_fleet(draft.files, found, toml, pages)
+        files = read_fleet_files(draft.files)
+        _draw(draft, files, report)
+    settle(run)
     return files
 
 
-def show(run: Path, files: FleetFiles, report: Report) -> Path:
-    """Pictures and the page; where the latter lies."""
+def show(run: Path, files: FleetFiles, report: Report) -> None:
+    """Pictures and the page."""
+    with held(run):
+        with all_or_none(run) as draft:
+            _draw(draft, files, report)
+        settle(run)
+
+
+def _draw(draft: Draft, files: FleetFiles, report: Report) -> None:
     from ..reporting.fleet import draw_fleet, write_fleet_page
 
     report("drawing", 0.5)
-    draw_fleet(files.content, files.units, run / "pictures" / "fleet")
+    draw_fleet(files.content, files.units, draft.files / _PICTURES)
+    draft.alone(_PICTURES)
     report("writing the page", 0.9)
-    return write_fleet_page(run, files.content, files.units)
+    write_fleet_page(draft.files, files.content, files.units)
 
 
 def rig_of_one(config: FleetConfig) -> Toml:

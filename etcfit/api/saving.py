@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ..errors import UsageError
+from ..files import held
 from ..run_folder import FLEET, NOT_CONVERGED, RunFolder
 from .progress import Report, silent
 
@@ -26,20 +27,22 @@ if TYPE_CHECKING:
 
 def keep_fit(run: RunFolder, result: FitResult, report: Report = silent) -> None:
     """fit.json, the fit whole, and the picture that sums it up."""
-    from ..reporting import draw_fit
+    from ..reporting import clear_for_fit, draw_fit
 
-    run.keep_fit(result)
-    with _all_is_saved(run):
-        draw_fit(run.path, result, report)
+    with held(run.path):
+        run.keep_fit(result, lambda _: clear_for_fit(run.path))
+        with _all_is_saved(run):
+            draw_fit(run.path, result, report)
 
 
 def keep_diagnosis(run: RunFolder, found: Diagnosis, report: Report = silent) -> None:
     """diagnosis.json, the diagnosis whole with the fit it began from, and the pictures that sum it up."""
-    from ..reporting import draw_diagnosis
+    from ..reporting import clear_for_diagnosis, draw_diagnosis
 
-    run.keep_diagnosis(found)
-    with _all_is_saved(run):
-        draw_diagnosis(run.path, found, report)
+    with held(run.path):
+        run.keep_diagnosis(found, lambda _: clear_for_diagnosis(run.path, found))
+        with _all_is_saved(run):
+            draw_diagnosis(run.path, found, report)
 
 
 @contextmanager
@@ -70,12 +73,13 @@ def keep_page(run: RunFolder, report: Report = silent) -> Page:
 
     read_run(run.path)  # says what is wrong with RUN before anything is drawn
     missing = ""
-    try:
-        with _all_is_saved(run):
-            draw_others(run, report)
-    except UsageError as error:
-        missing = f"Some pictures cannot be drawn any more: {error}"
-    return replace(write_page(run.path), missing=missing)
+    with held(run.path):
+        try:
+            with _all_is_saved(run):
+                draw_others(run, report)
+        except UsageError as error:
+            missing = f"Some pictures cannot be drawn any more: {error}"
+        return replace(write_page(run.path), missing=missing)
 
 
 def keep_posterior(
@@ -93,7 +97,7 @@ def keep_posterior(
     predicted = bands(posterior, report)
     status = exit_of(posterior.fit) if posterior.convergence.converged else NOT_CONVERGED
     save_posterior(run.path, posterior, profiles, predicted, status, {**asdict(posterior.settings), **settings},
-                   lambda: draw_posterior(run.path, posterior, profiles, predicted, report))  # fmt: skip
+                   lambda draft: draw_posterior(draft, posterior, profiles, predicted, report))  # fmt: skip
 
 
 def keep_reduction(
@@ -110,10 +114,10 @@ def keep_reduction(
 
     fitted = result.fitted()
 
-    def beside() -> None:
-        draw_reduction(run.path, fitted, reduction, report)
+    def beside(draft: Path) -> None:
+        draw_reduction(draft, fitted, reduction, report)
         if response is not None:
-            draw_frequency_response(run.path, fitted, response, report)
+            draw_frequency_response(draft, fitted, response, report)
 
     settings = {
         "input": reduction.input_unit,
@@ -134,8 +138,9 @@ def keep_design(
 
     settings = {**asdict(design.settings), **settings}
     save_design(
-        run.path, design, exit_of(result), settings, lambda: draw_design(run.path, design, report), _read_for(settings)
-    )
+        run.path, design, exit_of(result), settings, lambda draft: draw_design(draft, design, report),
+        _read_for(settings),
+    )  # fmt: skip
 
 
 def _read_for(settings: Mapping[str, Any]) -> list[Path]:

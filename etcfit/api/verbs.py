@@ -11,12 +11,14 @@ from __future__ import annotations
 import warnings
 from collections.abc import Sequence
 from dataclasses import asdict
+from functools import partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any, Literal
 
 from ..errors import UsageError, require_extra
 from ..posterior.settings import SamplingSettings
+from .arguments import typed
 from .progress import Report, working
 
 if TYPE_CHECKING:
@@ -48,6 +50,7 @@ if TYPE_CHECKING:
     Model = Fit | Diagnosed | Sampled | Reduced | Folder
 
 
+@typed
 def check(rig: Rig | Folder, settings: CheckSettings | None = None, *, quiet: bool = False) -> Checked:
     """What is in a measurement folder, what it can identify, and what is wrong with it; fits nothing.
 
@@ -67,6 +70,7 @@ def check(rig: Rig | Folder, settings: CheckSettings | None = None, *, quiet: bo
         return Checked(check_rig(rig, **_given(settings)))
 
 
+@typed
 def advise(
     rig: Rig | Folder,
     at: Fit | Diagnosed | Folder | None = None,
@@ -96,6 +100,7 @@ def advise(
         return Advised(advise_rig(rig, model, **_given(settings)))
 
 
+@typed
 def plan(
     source: Rig | Model,
     settings: CampaignSettings | None = None,
@@ -136,6 +141,7 @@ def plan(
         return Planned(plan_campaign(rig, model, **_given(settings), **limits))
 
 
+@typed
 def fit(rig: Rig | Folder, settings: FitSettings | None = None, *, quiet: bool = False) -> Fit:
     """The joint fit of all traces that are not held out.
 
@@ -153,6 +159,7 @@ def fit(rig: Rig | Folder, settings: FitSettings | None = None, *, quiet: bool =
         return Fit(fit_rig(_rig_of(rig, report), report, **_given(settings)))
 
 
+@typed
 def diagnose(fit: Fit | Folder, settings: DiagnosisSettings | None = None, *, quiet: bool = False) -> Diagnosed:
     """What the fitted model lacks: residual, missing effect, refit, until nothing is left.
 
@@ -175,6 +182,7 @@ def diagnose(fit: Fit | Folder, settings: DiagnosisSettings | None = None, *, qu
         return Diagnosed(diagnose_fit(fit.result, report, **_given(settings)))
 
 
+@typed
 def sample(
     model: Model, *, steps: int = SamplingSettings.most_steps, keep: Folder | None = None, quiet: bool = False
 ) -> Sampled:
@@ -186,6 +194,8 @@ def sample(
         keep: folder that keeps the chain between blocks of steps, so that an interrupted one is taken up again; the
             run folder where `model` is one, else nothing is kept.
         quiet: show no progress.
+    Raises:
+        UsageError: another process writes into the folder.
     """
     with working(quiet) as report:
         from ..posterior.sampling import sample as sample_fit
@@ -195,13 +205,14 @@ def sample(
         require_netcdf()
         result = _fit_of("sample", model).result
         keep = keep or (model if isinstance(model, str | Path) else None)
-        if keep is not None:
-            Path(keep).mkdir(parents=True, exist_ok=True)
-            return Sampled(sample_fit(result.taken_as_exact(), keep, steps, report, result.formulas))
         with TemporaryDirectory() as folder:
-            return Sampled(sample_fit(result.taken_as_exact(), folder, steps, report, result.formulas))
+            posterior = sample_fit(result.taken_as_exact(), keep or folder, steps, report, result.formulas)
+    if posterior.remark:
+        warnings.warn(posterior.remark, stacklevel=2)
+    return Sampled(posterior)
 
 
+@typed
 def reduce(
     model: Model,
     input_unit: str = "V",
@@ -229,6 +240,7 @@ def reduce(
         return Reduced(fit, *plant_of(fit.result, input_unit, output_unit, share, report, settings))
 
 
+@typed
 def design(
     model: Model | Fleet,
     *,
@@ -300,6 +312,7 @@ def design(
         return Designed(fit, found, None if log is None else str(log))
 
 
+@typed
 def export(
     model: Model | Designed,
     to: str,
@@ -347,6 +360,7 @@ def export(
         return exported(fit.result, format_, folder, settings or ExportSettings(), pid, run, own, anyway)
 
 
+@typed
 def report(
     run: Folder | Fit | Diagnosed,
     to: Folder | None = None,
@@ -384,6 +398,7 @@ def report(
     return made.path
 
 
+@typed
 def drive(
     folder: Folder,
     *,
@@ -409,6 +424,7 @@ def drive(
         return Driven(config, tuple(study(log, between) for log in (chosen(logs, compare) if compare else logs)))
 
 
+@typed
 def fetch(name: str, to: Folder | None = None, data: Folder | None = None, *, quiet: bool = False) -> Path:
     """A public measured data set as a measurement folder.
 
@@ -428,6 +444,7 @@ def fetch(name: str, to: Folder | None = None, data: Folder | None = None, *, qu
         return fetch_data_set(name, Path(to or Path("measurements") / name), None if data is None else Path(data))
 
 
+@typed
 def fleet(
     location: Folder,
     out: Folder,
@@ -458,9 +475,11 @@ def fleet(
         from .progress import silent
 
         run = Path(out)
-        return Fleet(run, work_through(location, run, place_of(workers, scheduler), report, silent))
+        remark = partial(warnings.warn, stacklevel=2)
+        return Fleet(run, work_through(location, run, place_of(workers, scheduler), report, silent, remark))
 
 
+@typed
 def load(run: Folder) -> Fit | Diagnosed | Fleet:
     """The last model of a run folder, bit for bit as it was saved: the diagnosis where there is one, else the fit; of
     the run folder of a fleet the fleet.

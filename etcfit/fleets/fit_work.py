@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -11,7 +11,7 @@ from ..estimation.settings import FitSettings
 from ..rig.reader import digests_of
 from ..rig.toml import Toml
 from .engine.work import AbstractWork, digest_of
-from .folder import local_copy
+from .folder import address_of, local_copy
 from .unit import UnitResult
 
 if TYPE_CHECKING:
@@ -50,7 +50,9 @@ class FitWork(AbstractWork):
     def fit(self, unit: str) -> UnitResult:
         """What the unit's fit leaves behind."""
         with local_copy(self.location, unit) as folder:
-            return self.fitted(folder, unit).left
+            left = self.fitted(folder, unit).left
+            here, there = str(folder), address_of(self.location, unit)
+            return replace(left, warnings=tuple(each.replace(here, there) for each in left.warnings))
 
     def fitted(self, folder: Path, unit: str) -> Fitted:
         """The unit in this folder, read and fitted, with all its traces."""

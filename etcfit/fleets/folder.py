@@ -51,16 +51,48 @@ def local_copy(location: str | Path, unit: str) -> Iterator[Path]:
     The copy is called as the unit is, so that a rig without a name has that of its folder.
 
     Raises:
-        MeasurementError: there is no such folder.
-        OSError: it cannot be fetched.
+        MeasurementError: there is no such folder; or the block's own, with the unit's address for the copy's path.
+        OSError: it cannot be fetched; likewise.
     """
     if not is_url(location):
         yield Path(location) / unit
         return
+    address = address_of(location, unit)
     with tempfile.TemporaryDirectory(prefix="etcfit-") as scratch:
         folder = Path(scratch) / unit
-        _fetch(f"{str(location).rstrip('/')}/{unit}", folder)
-        yield folder
+        _fetch(address, folder)
+        try:
+            yield folder
+        except MeasurementError as error:
+            parts = (error.where, error.found, error.required, error.mend)
+            raise MeasurementError(*(part.replace(str(folder), address) for part in parts)) from None
+        except OSError as error:
+            if error.filename is None:
+                raise
+            named = str(error.filename).replace(str(folder), address)
+            raise type(error)(error.errno, error.strerror, named) from None
+
+
+def address_of(location: str | Path, unit: str) -> str:
+    """Where a unit lies, as the user knows it."""
+    return f"{str(location).rstrip('/')}/{unit}"
+
+
+def refuse_inside(location: str | Path, run: Path) -> None:
+    """A run folder must not lie in the fleet, where every folder is a unit and every file may be one of its traces.
+
+    Raises:
+        UsageError: so it does.
+    """
+    if is_url(location):
+        return
+    fleet, target = Path(location).resolve(), run.resolve()
+    if not target.is_relative_to(fleet):
+        return
+    below = target.relative_to(fleet).parts
+    if not below or not below[0].startswith("."):
+        raise UsageError(f"{run} lies in the fleet {location}, where every folder is a unit. Name a run folder outside "
+                         f"of it: --out {Path('runs') / fleet.name}.")  # fmt: skip
 
 
 def _folders_in(folder: Path) -> list[str]:

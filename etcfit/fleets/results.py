@@ -32,12 +32,14 @@ class Results:
         failed: likewise.
         tally: of this run.
         work: how they were fitted.
+        remark: what of the results that were stored could not be used, or "".
     """
 
     fitted: tuple[UnitResult, ...]
     failed: tuple[FailedUnit, ...]
     tally: Tally
     work: FitWork
+    remark: str = ""
 
 
 def fit_all(
@@ -72,7 +74,7 @@ def fit_all(
     if not fitted:
         raise MeasurementError(config.location, f"none of {len(config.units)} units could be fitted.",
                                "At least one must be.", f"The first says: {failed[0].why}")  # fmt: skip
-    return Results(fitted, failed, tally, work)
+    return Results(fitted, failed, tally, work, store.remark)
 
 
 def _spread(units: tuple[str, ...], count: int) -> tuple[str, ...]:

@@ -6,7 +6,6 @@ it had never been interrupted.
 
 from __future__ import annotations
 
-import zipfile
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -99,15 +98,36 @@ def save(path: Path, chain: Chain) -> None:
         np.savez(draft, **arrays)
 
 
+class Damaged(ValueError):
+    """A file that holds no whole chain."""
+
+
 def load(path: Path) -> Chain | None:
-    """The chain that was kept there; None where there is none that can be read."""
-    try:
-        with np.load(path, allow_pickle=False) as kept:
-            count = sum(name.startswith("points") for name in kept.files)
-            ensembles = tuple(_ensemble(kept, k) for k in range(count))
-            return Chain(tuple(map(str, kept["symbols"])), kept["mode"], kept["root"], ensembles)
-    except (OSError, KeyError, ValueError, EOFError, zipfile.BadZipFile):
+    """The chain that was kept there; None where there is no file.
+
+    Raises:
+        Damaged: it is not whole, or something else.
+        OSError: it cannot be opened.
+    """
+    if not path.exists():
         return None
+    with path.open("rb") as file:
+        try:
+            with np.load(file, allow_pickle=False) as kept:
+                return _chain(kept)
+        except Exception as error:  # whatever a file of any bytes makes zipfile and NumPy say
+            raise Damaged(str(error) or type(error).__name__) from error
+
+
+def _chain(kept: Any) -> Chain:
+    count = sum(name.startswith("points") for name in kept.files)
+    ensembles = tuple(_ensemble(kept, k) for k in range(count))
+    chain = Chain(tuple(map(str, kept["symbols"])), kept["mode"], kept["root"], ensembles)
+    size, one = len(chain.symbols), ensembles[0].points.shape
+    whole_one = chain.mode.shape == (size,) and chain.root.shape == (size, size) and one[2:] == (size,)
+    if not whole_one or not all(e.points.shape == one and e.log_probability.shape == one[:2] for e in ensembles):
+        raise ValueError("its arrays do not fit together")
+    return chain
 
 
 def _ensemble(kept: Any, k: int) -> Ensemble:

@@ -7,7 +7,8 @@ from collections.abc import Callable
 from pathlib import Path
 
 from ..estimation.joint_fit import Report
-from .chain import Chain, load, save
+from ..files import put_aside
+from .chain import Chain, Damaged, load, save
 from .convergence import Convergence
 from .ensemble import LogProbability
 from .settings import SamplingSettings
@@ -22,8 +23,10 @@ def run(
     most: int,
     report: Report,
     settings: SamplingSettings = SamplingSettings(),
+    remark: Callable[[str], None] = lambda said: None,
 ) -> tuple[Chain, Convergence]:
-    """Sample until the chain has converged; go on from what is kept in `path` if that belongs to the target.
+    """Sample until the chain has converged; go on from what is kept in `path` if that belongs to the target. Else what
+    is kept is hours of work all the same, and is put aside.
 
     Args:
         target: log-probability of coordinates, shape (K, P) -> (K,).
@@ -32,12 +35,11 @@ def run(
         most: steps after which to stop whether the chain has converged or not.
         report: called after each block with acceptance, tau, effective samples and time left, and the share done.
         settings: steps of a block, and when a chain has converged.
+        remark: told that a chain was put aside, and why.
     Returns:
         the whole chain, and the verdict on it.
     """
-    chain, kept = begin(), load(path)
-    if kept is not None and kept.belongs_to(target, chain.symbols):
-        chain = kept
+    chain = _taken_up(path, target, begin(), remark)
     here = Convergence.of(chain.ensembles, settings)
     began, first = time.monotonic(), here.steps
     while not here.converged and here.steps < most:
@@ -47,6 +49,20 @@ def run(
         pace = (time.monotonic() - began) / (here.steps - first)
         report(_words(here, most, pace), here.steps / max(here.steps, min(here.needed, most)))
     return chain, here
+
+
+def _taken_up(path: Path, target: LogProbability, new: Chain, remark: Callable[[str], None]) -> Chain:
+    """The chain that is kept, where it is whole and the target's, else the new one."""
+    try:
+        kept = load(path)
+        why = "belongs to another model or other data"
+    except Damaged as error:
+        kept, why = None, f"cannot be read ({error})"
+    if kept is not None and kept.belongs_to(target, new.symbols):
+        return kept
+    if path.exists():
+        remark(f"{path} {why}: it was moved to {put_aside(path)}, and a new chain begun.")
+    return new
 
 
 def _words(here: Convergence, most: int, pace: float) -> str:

@@ -10,6 +10,7 @@ import numpy as np
 
 from ..estimation.intervals import intervals, lumped
 from ..estimation.joint_fit import FitResult, Report, quiet
+from ..files import held
 from .chain import Chain
 from .convergence import Convergence
 from .run import run
@@ -31,6 +32,7 @@ class Posterior:
         convergence: how far it came; where it is not `converged`, this is no posterior yet.
         exact: effects whose formulas are taken as exact here, while the final model's own intervals are not.
         settings: what the sampling decided by.
+        remark: that a chain which was there could not be taken up, and where it lies now; or "".
     """
 
     fit: FitResult
@@ -39,6 +41,7 @@ class Posterior:
     convergence: Convergence
     exact: tuple[str, ...] = ()
     settings: SamplingSettings = SamplingSettings()
+    remark: str = ""
 
     @cached_property
     def points(self) -> np.ndarray:
@@ -84,6 +87,8 @@ def sample(
         report: called with what is going on and the share done.
         exact: effects whose formulas the intervals of the model allow to be off; the posterior does not.
         settings: ensembles, budgets and thresholds; kept in what is returned.
+    Raises:
+        UsageError: another process writes into the folder.
     """
     settings = settings if most is None else replace(settings, most_steps=most)
     report("finding the mode", 0.0)
@@ -92,6 +97,8 @@ def sample(
     def begin() -> Chain:
         return Chain.begin(target.log_probability, target.symbols, target.mode, target.covariance, settings)
 
-    path = Path(run_dir) / CHAIN
-    chain, convergence = run(target.log_probability, begin, path, settings.most_steps, report, settings)
-    return Posterior(result, target, chain, convergence, exact, settings)
+    remarks: list[str] = []
+    with held(Path(run_dir)):
+        chain, convergence = run(target.log_probability, begin, Path(run_dir) / CHAIN, settings.most_steps, report,
+                                 settings, remarks.append)  # fmt: skip
+    return Posterior(result, target, chain, convergence, exact, settings, " ".join(remarks))

@@ -35,13 +35,20 @@ _UNDRAWN = "undrawn.txt"  # in RUN/pictures, while pictures of the models in RUN
 # every function below draws into RUN/pictures; one file of the same name is replaced, whole or not at all
 
 
+# `clear_...` comes before a model is saved: whenever that is interrupted, no picture is one of another model
+
+
+def clear_for_fit(run: Path) -> None:
+    """Delete the pictures of another fit; see `draw_others`."""
+    _leave_others(run)
+    _clear(run / "pictures")
+
+
 def draw_fit(run: Path, result: FitResult, report: Report = quiet) -> None:
-    """The parameters of a fit, converged or not. Pictures of another fit are deleted; see `draw_others`."""
+    """The parameters of a fit, converged or not; see `draw_others`."""
     from .drawing import draw_here
     from .pictures import summary
 
-    _clear(run / "pictures")
-    _leave_others(run)
     draw_here(run / "pictures", summary(result), report)
 
 
@@ -114,23 +121,25 @@ def _move(pictures: Path, to: Path) -> None:
             each.replace(to / folder / each.name)
 
 
-def draw_diagnosis(run: Path, diagnosis: Diagnosis, report: Report = quiet) -> None:
-    """Errors before and after, and the parameters of the final model; see `draw_others`.
+def clear_for_diagnosis(run: Path, diagnosis: Diagnosis) -> None:
+    """Make room for the pictures of the final model, where that is another than the first fit's; those of the first fit
+    are moved to RUN/pictures/before. See `draw_others`."""
+    pictures = run / "pictures"
+    _leave_others(run)
+    _set_aside(pictures, pictures / "before", _is_another(diagnosis))
+    for folder in ("", "traces"):
+        _delete(pictures / "diagnosis" / folder)
 
-    RUN/pictures become those of the final model, where that is another than the first fit's; those of the first fit
-    are moved to RUN/pictures/before.
-    """
+
+def draw_diagnosis(run: Path, diagnosis: Diagnosis, report: Report = quiet) -> None:
+    """Errors before and after, and the parameters of the final model; see `draw_others`."""
     from .diagnosis.pictures import summary
     from .drawing import draw_here
     from .pictures import summary as summary_of_model
 
-    pictures = run / "pictures"
-    _set_aside(pictures, pictures / "before", _is_another(diagnosis))
-    for folder in ("", "traces"):
-        _delete(pictures / "diagnosis" / folder)
-    _leave_others(run)
     # of the same model the diagnosis may have widened the intervals
-    draw_here(pictures, [*_below("diagnosis", summary(diagnosis)), *summary_of_model(diagnosis.after)], report)
+    jobs = [*_below("diagnosis", summary(diagnosis)), *summary_of_model(diagnosis.after)]
+    draw_here(run / "pictures", jobs, report)
 
 
 def _is_another(diagnosis: Diagnosis) -> bool:

@@ -13,7 +13,7 @@ from rich.text import Text
 from ..car_log import DriveLog, Study, record_next
 from ..car_log.study import verdict
 from ..car_log.usage import SHARE
-from ..files import plain, write_json
+from ..files import held, plain, write_json
 from ..rig.base import RigConfig
 from .blocks import headed, plain_table, rig_title, sentences, spaced
 from .numbers import short
@@ -88,12 +88,12 @@ def write_drive(run: Path, config: RigConfig, studies: Sequence[Study], report: 
     """RUN/drive.json and RUN/pictures/drive: what the table says in full, and a picture a log."""
     content = {"rig": config.name, "synthetic": config.synthetic, "logs": [_json(each) for each in studies],
                "record_next": plain(record_next([each.log for each in studies]))}  # fmt: skip
-    write_json(run / "drive.json", "drive", content)
     from . import style
 
-    for k, each in enumerate(studies):
-        report(f"drawing {each.log.name}", k / len(studies))
-        with style.drawing():
+    with held(run), style.drawing():
+        write_json(run / "drive.json", "drive", content)
+        for k, each in enumerate(studies):
+            report(f"drawing {each.log.name}", k / len(studies))
             style.save(draw(each, config.synthetic), run / "pictures" / "drive" / f"{Path(each.log.name).stem}.png")
 
 

@@ -33,14 +33,13 @@ if TYPE_CHECKING:
     from .manifest import POSTERIOR as POSTERIOR
     from .manifest import STAGE_FILES as STAGE_FILES
     from .manifest import SUPERSEDED as SUPERSEDED
-    from .manifest import begin as begin
-    from .manifest import finish as finish
     from .manifest import is_current as is_current
     from .manifest import is_fleet as is_fleet
     from .manifest import note_seconds as note_seconds
     from .manifest import read_records as read_records
+    from .manifest import replacing as replacing
     from .manifest import require as require
-    from .manifest import set_aside_unfinished as set_aside_unfinished
+    from .manifest import set_aside_stale as set_aside_stale
     from .manifest import settings_before as settings_before
     from .model import read_design as read_design
     from .model import read_draws as read_draws
@@ -90,14 +89,13 @@ MODULE_OF = {
     "POSTERIOR": "manifest",
     "STAGE_FILES": "manifest",
     "SUPERSEDED": "manifest",
-    "begin": "manifest",
-    "finish": "manifest",
     "is_current": "manifest",
     "is_fleet": "manifest",
     "note_seconds": "manifest",
     "read_records": "manifest",
+    "replacing": "manifest",
     "require": "manifest",
-    "set_aside_unfinished": "manifest",
+    "set_aside_stale": "manifest",
     "settings_before": "manifest",
     "read_design": "model",
     "read_draws": "model",

@@ -6,13 +6,14 @@ from pathlib import Path
 from typing import Any
 
 from ..experiment.advice import Advice, Option
-from ..files import plain, write_json
+from ..files import held, plain, write_json
 from .fit import versions
 
 
 def save_advice(run: Path, advice: Advice) -> None:
     """RUN/advice.json; it is of no stage, so it has no entry in RUN/run.json."""
-    write_json(run / "advice.json", "advice", advice_json(advice))
+    with held(run):
+        write_json(run / "advice.json", "advice", advice_json(advice))
 
 
 def advice_json(advice: Advice) -> dict[str, Any]:

@@ -71,7 +71,7 @@ def load(path: Path, known: Mapping[str, Any] | None = None) -> Any:
         return _Reader(arrays, known or {}).decode(tree["value"])
     except Unreadable:
         raise
-    except (OSError, KeyError, ValueError, TypeError, AttributeError, EOFError, zipfile.BadZipFile) as error:
+    except Exception as error:  # whatever a file of any bytes makes zipfile, NumPy and JSON say
         raise Unreadable(str(error) or type(error).__name__) from error
 
 
@@ -121,8 +121,8 @@ def _class(name: str) -> type:
     found: Any = importlib.import_module(module)
     for part in path.split("."):
         found = getattr(found, part)
-    if not isinstance(found, type):
-        raise Unreadable(f"it names {name}, which is no class")
+    if not isinstance(found, type) or found.__module__.partition(".")[0] != _PACKAGE:
+        raise Unreadable(f"it names {name}, which is no class of {_PACKAGE}")
     if placed and issubclass(found, AbstractRigEffect):
         return found.at(Place.named(place))
     return found

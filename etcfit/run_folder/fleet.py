@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from collections.abc import Iterator, Mapping
 from dataclasses import asdict, dataclass
+from importlib.resources import files
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -26,14 +27,17 @@ from ..problem.free_parameters import Layout, free_parameters
 from ..rig.config import parse_config
 from ..rig.toml import Toml
 from ..rig.toml_text import written
+from .commit import settle
 from .fit import versions
 from .line import figures_json, predictions_json
 from .manifest import FLEET
+from .reading import object_in
 
 if TYPE_CHECKING:
     import pandas as pd
 
 UNITS = "units.parquet"
+_COLUMNS = ("unit", "symbol", "value", "stderr", "low", "high", "status", "shrunk_value", "shrunk_stderr")
 _LABELS = ("serial", "batch", "rig", "operator", "part")
 
 
@@ -69,21 +73,37 @@ def read_fleet_files(run: Path) -> FleetFiles:
     """What `save_fleet` left.
 
     Raises:
-        UsageError: it is not there, another version wrote it, or pyarrow is not installed.
+        UsageError: it is not there or not whole, another version wrote it, or pyarrow is not installed.
     """
+    settle(run)
+    if not (run / FLEET).is_file() or not (run / UNITS).is_file():
+        raise UsageError(f"{run} holds no fleet ({FLEET} and {UNITS} are not both there). "
+                         f"Run `etcfit fleet FLEET --out {run}` first.")  # fmt: skip
     require_extra("fleet", f"{run / UNITS}", "pyarrow")
+    again = f"Run `etcfit fleet FLEET --out {run}` again: what it fitted is kept."
+    content = object_in(run / FLEET, "fleet", ("version", *_needed()), again)
+    if str(content["version"]).split(".")[:2] != __version__.split(".")[:2]:
+        raise UsageError(f"{run} was written by etcfit {content['version']}, and this is {__version__}. {again}")
+    return FleetFiles(content, _table(run / UNITS, again))
+
+
+def _needed() -> list[str]:
+    """Keys of fleet.json, by its schema."""
+    schema = files("etcfit.run_folder") / "schemas" / "fleet.schema.json"
+    return json.loads(schema.read_text(encoding="utf-8"))["required"]
+
+
+def _table(path: Path, again: str) -> pd.DataFrame:
+    """units.parquet, with the columns that `units_frame` makes."""
     import pandas as pd
 
     try:
-        content = json.loads((run / FLEET).read_text(encoding="utf-8"))
-        frame = pd.read_parquet(run / UNITS)
-    except OSError:
-        raise UsageError(f"{run} holds no fleet ({FLEET} and {UNITS} are not both there). "
-                         f"Run `etcfit fleet FLEET --out {run}` first.") from None  # fmt: skip
-    if content.get("version", "").split(".")[:2] != __version__.split(".")[:2]:
-        raise UsageError(f"{run} was written by etcfit {content.get('version')}, and this is {__version__}: "
-                         f"run `etcfit fleet FLEET --out {run}` again.")  # fmt: skip
-    return FleetFiles(content, frame)
+        frame = pd.read_parquet(path)
+    except (OSError, ValueError) as error:  # pyarrow's own are among them
+        raise UsageError(f"{path} cannot be read ({error}). {again}") from None
+    if missing := [name for name in _COLUMNS if name not in frame]:
+        raise UsageError(f"{path} lacks {', '.join(missing)}. {again}")
+    return frame
 
 
 def fleet_model_of(run: Path) -> FleetModel:

@@ -5,6 +5,7 @@ A folder is named long before a model of it is needed: what loads and saves mode
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -58,16 +59,16 @@ class RunFolder:
         diagnosis = self.diagnosis()
         return self.fit() if diagnosis is None else diagnosis.after
 
-    def keep_fit(self, result: FitResult) -> None:
+    def keep_fit(self, result: FitResult, beside: Callable[[Path], None] | None = None) -> None:
         """Save a fit; see `save_fit`."""
         from .state import save_fit
 
-        save_fit(self.path, result)
+        save_fit(self.path, result, beside)
         self._fit, self._diagnosis = result, None
 
-    def keep_diagnosis(self, diagnosis: Diagnosis) -> None:
+    def keep_diagnosis(self, diagnosis: Diagnosis, beside: Callable[[Path], None] | None = None) -> None:
         """Save a diagnosis; see `save_diagnosis`."""
         from .state import save_diagnosis
 
-        save_diagnosis(self.path, diagnosis)
+        save_diagnosis(self.path, diagnosis, beside)
         self._fit, self._diagnosis = diagnosis.before, diagnosis

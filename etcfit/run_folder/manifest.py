@@ -5,8 +5,8 @@
 
 Inputs of the fit are files of the measurement folder, those of every other stage files of RUN, and of a design the log
 and the fleet that it was asked for, as seen from RUN; null stands for one that was not there. A stage that ends
-replaces its outputs; what later stages made from the old ones is moved to RUN/superseded/, so that nothing is lost and
-no two models are ever mixed.
+replaces its outputs, all of them or none, and until then the old ones and their record stand (`commit`); what later
+stages made from the old ones is moved to RUN/superseded/, so that nothing is lost and no two models are ever mixed.
 """
 
 from __future__ import annotations
@@ -14,7 +14,8 @@ from __future__ import annotations
 import json
 import os
 import shutil
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import asdict, dataclass, replace
 from datetime import UTC, datetime
 from pathlib import Path
@@ -22,11 +23,11 @@ from typing import Any, NamedTuple
 
 from .. import __version__
 from ..errors import UsageError
+from ..files import SUPERSEDED, held, plain, write_json
 from ..files import digest as sha256_of
-from ..files import plain, write_json
+from .commit import all_or_none, settle
 
 MANIFEST = "run.json"
-SUPERSEDED = "superseded"
 FIT_STATE, DIAGNOSIS_STATE = "fit_state.npz", "diagnosis_state.npz"
 DIAGNOSIS_ROUNDS = "diagnosis_rounds.npz"  # of a diagnosis under way
 POSTERIOR = "posterior.nc"
@@ -56,16 +57,22 @@ class StageFiles:
     beside: tuple[str, ...] = ()
     command: str = ""
 
+    def command_for(self, run: Path, record: Record | None = None) -> str:
+        """The command with its run folder, and the folder of the measurements where the record knows it."""
+        known = None if record is None or (record.folder or "").startswith("<") else record.folder  # <frames>: none
+        return self.command.format(run=run, folder=os.path.normpath(run / known) if known else "FOLDER")
+
 
 _MODEL = (FIT_STATE, DIAGNOSIS_STATE)
 _RESULTS = ("fit.json", "diagnosis.json", "posterior.json", "transfer_function.json", "frequency_response.json",
             "pid.json")  # fmt: skip
 _CONTROL = "pictures/control"
+_AGES = 1e9  # s that no stage takes
 _OPTIONAL = ("folder", "seconds")  # keys of a stage that are left out where nothing is known
 _OF_DESIGN = tuple(f"{_CONTROL}/{name}.png" for name in ("responses", "scenarios", "front", "safety"))
 # in order: a stage needs only what stages before it make
 STAGE_FILES: Mapping[str, StageFiles] = {
-    "fit": StageFiles(("fit.json", FIT_STATE), command="etcfit fit FOLDER --out {run}"),
+    "fit": StageFiles(("fit.json", FIT_STATE), command="etcfit fit {folder} --out {run}"),
     "diagnose": StageFiles(
         ("diagnosis.json", DIAGNOSIS_STATE), (FIT_STATE,), (), (), ("pictures/diagnosis", "pictures/before"),
         "etcfit diagnose {run}",
@@ -131,8 +138,11 @@ def settings_before(run: Path) -> dict[str, Mapping[str, Any]]:
     Raises:
         UsageError: as `read_records`.
     """
-    stages, aside = _read(run)
-    return aside | {name: record.settings for name, record in stages.items()}
+    return _settings_before(_read(run))
+
+
+def _settings_before(manifest: _Manifest) -> dict[str, Mapping[str, Any]]:
+    return manifest.aside | {name: record.settings for name, record in manifest.stages.items()}
 
 
 class _Manifest(NamedTuple):
@@ -143,22 +153,66 @@ class _Manifest(NamedTuple):
 
 
 def _read(run: Path) -> _Manifest:
+    settle(run, _take_down)
+    found = [name for files in STAGE_FILES.values() for name in files.makes if (run / name).is_file()]
+    if found and not (run / MANIFEST).is_file():
+        raise _foreign(run, f"holds {found[0]} but no {MANIFEST}: an older version of etcfit (0.1) wrote it")
+    return _as_it_lies(run)
+
+
+def _as_it_lies(run: Path) -> _Manifest:
     path = run / MANIFEST
     if not path.is_file():
-        if found := [name for files in STAGE_FILES.values() for name in files.makes if (run / name).is_file()]:
-            raise _foreign(run, f"holds {found[0]} but no {MANIFEST}: an older version of etcfit (0.1) wrote it")
         return _Manifest({}, {})
     try:
-        content = json.loads(path.read_text(encoding="utf-8"))
+        content = json.loads(path.read_bytes())
         version, stages = str(content["version"]), content["stages"]
         if content["schema"] != "etcfit.run/1" or _series(version) != _series(__version__):
             raise _foreign(run, f"was written by etcfit {version}, and this is {__version__}")
-        records = {name: Record(**{key: record.get(key) for key in Record.__annotations__})
-                   for name, record in stages.items()}  # fmt: skip
-        return _Manifest(records, dict(content.get("aside", {})))
-    except (OSError, KeyError, ValueError, TypeError, AttributeError) as error:
-        raise UsageError(f"{path} cannot be read as the manifest of a run ({error}). "
-                         "Name another run folder, or delete this one.") from None  # fmt: skip
+        aside = content.get("aside", {})
+        if not _is_object(aside) or not all(map(_is_object, aside.values())):
+            raise ValueError("aside holds no settings by name")
+        return _Manifest({name: _record(name, stage) for name, stage in stages.items()}, aside)
+    except (OSError, KeyError, ValueError, TypeError, AttributeError, RecursionError) as error:
+        raise UsageError(f"{path} cannot be read as the manifest of a run ({_short(error)}). Fit again into another "
+                         f"folder: `{STAGE_FILES['fit'].command_for(Path('OTHER'))}`. Or delete {run} and run the "
+                         "same command again.") from None  # fmt: skip
+
+
+def _short(error: Exception) -> str:
+    return f"{type(error).__name__}: {error}"[:200]
+
+
+def _is_object(value: Any) -> bool:
+    return isinstance(value, dict)
+
+
+def _are_hashes(value: Any) -> bool:
+    return _is_object(value) and all(sha is None or isinstance(sha, str) for sha in value.values())
+
+
+def _are_seconds(value: Any) -> bool:
+    return value is None or (isinstance(value, int | float) and 0.0 <= value < _AGES)
+
+
+_OF_A_RECORD: Mapping[str, Callable[[Any], bool]] = {
+    "at": lambda value: isinstance(value, str),
+    "settings": _is_object,
+    "inputs": _are_hashes,
+    "outputs": _are_hashes,
+    "exit": lambda value: isinstance(value, int),
+    "folder": lambda value: value is None or isinstance(value, str),
+    "seconds": _are_seconds,
+}
+
+
+def _record(name: str, stage: Mapping[str, Any]) -> Record:
+    """One stage of the manifest, each key of the kind that `Record` says."""
+    for key, fits in _OF_A_RECORD.items():
+        if not fits(stage.get(key)):
+            raise ValueError(f"{key} of stage {name} is {json.dumps(stage.get(key))[:60]}")
+    fields: dict[str, Any] = {key: stage.get(key) for key in _OF_A_RECORD}
+    return Record(**fields)
 
 
 def _series(version: str) -> list[str]:
@@ -171,18 +225,8 @@ def _foreign(run: Path, why: str) -> UsageError:
                       f"or delete {run}.")  # fmt: skip
 
 
-def begin(run: Path, stage: str) -> None:
-    """Take a stage off the manifest while its files are written: one that is interrupted then is not done.
-
-    Raises:
-        UsageError: RUN was written by another version.
-    """
-    records = read_records(run)
-    records.pop(stage, None)
-    _write(run, records)
-
-
-def finish(
+@contextmanager
+def replacing(
     run: Path,
     stage: str,
     exit: int,
@@ -190,24 +234,42 @@ def finish(
     inputs: Mapping[str, str | None] | None = None,
     folder: str | None = None,
     outside: Sequence[Path] = (),
-) -> None:
-    """Put a stage on the manifest, and aside what later stages had made from what it replaced.
+) -> Iterator[Path]:
+    """A folder for the files of a stage, which take their places in RUN once the block ends well, with a word on the
+    manifest; what later stages had made from those they replace goes aside. All of it is done, or none: until then the
+    old files and their record stand, however this process ends.
 
     Args:
-        run, stage: which.
+        run, stage: which; the run folder is made if absent.
         exit: its exit status.
         settings: what it ran with.
         inputs: SHA-256 by file; those of RUN where not given.
         folder: of the measurements.
         outside: files outside of RUN that it read besides.
+    Raises:
+        UsageError: another process writes there, or another version wrote RUN.
     """
-    records = read_records(run)
-    now = datetime.now(UTC).isoformat(timespec="seconds")
-    outputs = {name: digest(run / name) for name in STAGE_FILES[stage].makes}
-    inputs = inputs_of(run, stage) if inputs is None else dict(inputs)
-    inputs |= {seen_from(run, path): digest(path) for path in outside}
-    records[stage] = Record(now, plain(settings), inputs, outputs, exit, folder)
-    _write(run, _superseded(run, stage, records))
+    with held(run):
+        read_records(run)
+        taken = inputs_of(run, stage) if inputs is None else dict(inputs)
+        taken |= {seen_from(run, path): digest(path) for path in outside}
+        with all_or_none(run) as draft:
+            yield draft.files
+            outputs = {name: digest(draft.files / name) for name in STAGE_FILES[stage].makes}
+            now = datetime.now(UTC).isoformat(timespec="seconds")
+            draft.note({stage: _known(Record(now, plain(settings), taken, outputs, exit, folder))})
+        settle(run, _take_down)
+
+
+def _take_down(run: Path, note: Mapping[str, Any]) -> None:
+    """Put the stage whose files were put in place on the manifest, and aside what later stages had made from what they
+    replaced."""
+    for stage, written in note.items():
+        record = _record(stage, written)
+        for name, sha in record.outputs.items():
+            if sha is None:
+                _put_aside(run, name)
+        _write(run, _superseded(run, stage, _as_it_lies(run).stages | {stage: record}))
 
 
 def inputs_of(run: Path, stage: str) -> dict[str, str | None]:
@@ -243,9 +305,10 @@ def is_latest(run: Path, stage: str, records: Mapping[str, Record]) -> bool:
 
 def note_seconds(run: Path, stage: str, seconds: float) -> None:
     """Put down how long a stage that ended took, for whoever waits for the next one."""
-    records = read_records(run)
-    if stage in records:
-        _write(run, records | {stage: replace(records[stage], seconds=round(seconds, 1))})
+    with held(run):
+        records = read_records(run)
+        if stage in records:
+            _write(run, records | {stage: replace(records[stage], seconds=round(seconds, 1))})
 
 
 def seen_from(run: Path, path: Path) -> str:
@@ -262,8 +325,9 @@ def require(run: Path, stage: str) -> Record:
     Raises:
         UsageError: it has not run, its files are not those it wrote, or they were made from something else.
     """
-    records, command = read_records(run), STAGE_FILES[stage].command.format(run=run)
+    records = read_records(run)
     record = records.get(stage)
+    command = STAGE_FILES[stage].command_for(run, record)
     if record is None and (run / "rig.toml").is_file():
         raise UsageError(f"{run} is a measurement folder, no run folder. Fit it first, into a folder of its own: "
                          f"`etcfit fit {run} --out {Path('runs') / run.resolve().name}`.")  # fmt: skip
@@ -287,14 +351,15 @@ def _superseded(run: Path, stage: str, records: Mapping[str, Record]) -> dict[st
     return _without_stale(run, names[names.index(stage) + 1 :], records)
 
 
-def set_aside_unfinished(run: Path) -> None:
-    """Move what an interrupted stage left out of the way, so that a page can be made of the others before it is redone.
+def set_aside_stale(run: Path) -> None:
+    """Move what no longer holds out of the way, so that a page can be made of the others before it is redone.
 
     Raises:
         UsageError: RUN was written by another version.
     """
     results = [name for name in STAGE_FILES if name not in ("fit", "report")]
-    _write(run, _without_stale(run, results, read_records(run)))
+    with held(run):
+        _write(run, _without_stale(run, results, read_records(run)))
 
 
 def _without_stale(run: Path, names: Sequence[str], records: Mapping[str, Record]) -> dict[str, Record]:
@@ -319,7 +384,7 @@ def _put_aside(run: Path, name: str) -> None:
 
 def _write(run: Path, records: Mapping[str, Record]) -> None:
     stages = {name: _known(records[name]) for name in STAGE_FILES if name in records}
-    aside = {name: settings for name, settings in settings_before(run).items() if name not in records}
+    aside = {name: settings for name, settings in _settings_before(_as_it_lies(run)).items() if name not in records}
     write_json(run / MANIFEST, "run", {"version": __version__, "stages": stages, "aside": aside})
 
 

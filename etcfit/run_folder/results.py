@@ -16,14 +16,14 @@ from ..posterior.profile import Profile
 from ..posterior.sampling import Posterior
 from .design import design_json
 from .frequency import frequency_json
-from .manifest import POSTERIOR, begin, finish
+from .manifest import POSTERIOR, replacing
 from .posterior import posterior_json, write_netcdf
 from .reduction import reduction_json
 
 _RESPONSE = "frequency_response.json"
 
 
-def nothing_beside() -> None:
+def nothing_beside(run: Path) -> None:
     """No pictures."""
 
 
@@ -34,14 +34,13 @@ def save_posterior(
     bands: Sequence[Band],
     exit: int,
     settings: Mapping[str, Any],
-    beside: Callable[[], None] = nothing_beside,
+    beside: Callable[[Path], None] = nothing_beside,
 ) -> None:
-    """RUN/posterior.nc and RUN/posterior.json; `beside` draws before the stage counts as done."""
-    begin(run, "sample")
-    write_netcdf(run / POSTERIOR, posterior)
-    write_json(run / "posterior.json", "posterior", posterior_json(posterior, profiles, bands))
-    beside()
-    finish(run, "sample", exit, settings)
+    """RUN/posterior.nc and RUN/posterior.json; `beside` draws into a folder that stands for RUN until all is there."""
+    with replacing(run, "sample", exit, settings) as draft:
+        write_netcdf(draft / POSTERIOR, posterior)
+        write_json(draft / "posterior.json", "posterior", posterior_json(posterior, profiles, bands))
+        beside(draft)
 
 
 def save_reduction(
@@ -51,7 +50,7 @@ def save_reduction(
     response: FrequencyResponse | None,
     exit: int,
     settings: Mapping[str, Any],
-    beside: Callable[[], None] = nothing_beside,
+    beside: Callable[[Path], None] = nothing_beside,
 ) -> None:
     """RUN/transfer_function.json, and what sine traces say beside it: RUN/frequency_response.json.
 
@@ -60,16 +59,14 @@ def save_reduction(
         fitted, reduction: the model and its linear plant.
         response: of the sine traces; None where the rig has none.
         exit, settings: of the stage; `pade_order` among the settings, see `reduction_json`.
-        beside: draws before the stage counts as done.
+        beside: draws into a folder that stands for RUN until all is there.
     """
-    begin(run, "reduce")
-    (run / _RESPONSE).unlink(missing_ok=True)
-    plant = reduction_json(fitted, reduction, int(settings.get("pade_order", 0)))
-    write_json(run / "transfer_function.json", "transfer_function", plant)
-    if response is not None:
-        write_json(run / _RESPONSE, "frequency_response", frequency_json(fitted, response))
-    beside()
-    finish(run, "reduce", exit, settings)
+    with replacing(run, "reduce", exit, settings) as draft:
+        plant = reduction_json(fitted, reduction, int(settings.get("pade_order", 0)))
+        write_json(draft / "transfer_function.json", "transfer_function", plant)
+        if response is not None:
+            write_json(draft / _RESPONSE, "frequency_response", frequency_json(fitted, response))
+        beside(draft)
 
 
 def save_design(
@@ -77,12 +74,11 @@ def save_design(
     design: Design,
     exit: int,
     settings: Mapping[str, Any],
-    beside: Callable[[], None] = nothing_beside,
+    beside: Callable[[Path], None] = nothing_beside,
     outside: Sequence[Path] = (),
 ) -> None:
-    """RUN/pid.json; `beside` draws before the stage counts as done. `outside`: files besides RUN's that it was made
-    from."""
-    begin(run, "design")
-    write_json(run / "pid.json", "pid", design_json(design))
-    beside()
-    finish(run, "design", exit, settings, outside=outside)
+    """RUN/pid.json; `beside` draws into a folder that stands for RUN until all is there. `outside`: files besides RUN's
+    that it was made from."""
+    with replacing(run, "design", exit, settings, outside=outside) as draft:
+        write_json(draft / "pid.json", "pid", design_json(design))
+        beside(draft)

@@ -9,6 +9,7 @@ from ..diagnosis.rounds import Progress
 from ..diagnosis.settings import DEFAULT, DiagnosisSettings
 from ..estimation.remedies import listed
 from ..estimation.result import FitResult
+from ..files import put_aside
 from . import codec
 from .manifest import DIAGNOSIS_ROUNDS, FIT_STATE, digest
 
@@ -36,6 +37,8 @@ class KeptRounds:
         result: that fit.
     """
 
+    remark = ""  # that rounds which were there could not be taken up, and where they lie now
+
     def __init__(self, run: Path, result: FitResult) -> None:
         self._path = run / DIAGNOSIS_ROUNDS
         self._fit = digest(run / FIT_STATE)
@@ -44,12 +47,16 @@ class KeptRounds:
 
     def read(self) -> Progress | None:
         """The rounds that were made of this fit with the settings of today; None where there are none."""
-        try:
-            kept = codec.load(self._path, self._known)
-        except codec.Unreadable:
+        if not self._path.exists():
             return None
-        same = isinstance(kept, _Kept) and kept.fit == self._fit and kept.settings == DEFAULT
-        self._last = kept.progress if same else None
+        try:
+            kept, why = codec.load(self._path, self._known), "are of another fit or other settings"
+        except codec.Unreadable as error:
+            kept, why = None, f"cannot be read ({error})"
+        if isinstance(kept, _Kept) and kept.fit == self._fit and kept.settings == DEFAULT:
+            self._last = kept.progress
+        else:
+            self.remark = f"The rounds in {self._path} {why}: moved to {put_aside(self._path)}, and begun again."
         return self._last
 
     def keep(self, progress: Progress) -> None:

@@ -4,14 +4,15 @@ from __future__ import annotations
 
 import json
 import os
+from collections.abc import Callable
 from dataclasses import asdict
 from pathlib import Path
-from typing import Any
+from typing import TypeVar
 
 from ..diagnosis.findings import Diagnosis
 from ..errors import UsageError
 from ..estimation.result import FitResult
-from ..files import write_json
+from ..files import held, write_json
 from ..rig.base import FRAMES, Rig
 from ..rig.reader import digests_of
 from . import codec
@@ -23,14 +24,16 @@ from .manifest import (
     DIAGNOSIS_STATE,
     FIT_STATE,
     NOT_CONVERGED,
+    STAGE_FILES,
     Record,
-    begin,
-    finish,
     is_latest,
     read_records,
+    replacing,
     require,
     seen_from,
 )
+
+T = TypeVar("T")
 
 
 def exit_of(result: FitResult) -> int:
@@ -38,23 +41,25 @@ def exit_of(result: FitResult) -> int:
     return CONVERGED if result.converged else NOT_CONVERGED
 
 
-def save_fit(run: Path, result: FitResult) -> None:
+def save_fit(run: Path, result: FitResult, beside: Callable[[Path], None] | None = None) -> None:
     """RUN/fit.json and RUN/fit_state.npz, and a word on them in RUN/run.json.
 
     Args:
         run: the run folder; made if absent. What later stages made from another fit is moved to RUN/superseded.
         result: a fit, converged or not.
+        beside: what to do, in a folder that stands for RUN until all is there, before the files take their places.
     Raises:
-        UsageError: RUN was written by another version.
+        UsageError: RUN was written by another version, or another process writes there.
     """
-    begin(run, "fit")
-    codec.save(run / FIT_STATE, result)
-    write_json(run / "fit.json", "fit", fit_json(result))
     folder = _relative(Path(result.rig.folder), run)
-    finish(run, "fit", exit_of(result), asdict(result.settings), result.rig.digests, folder)
+    with replacing(run, "fit", exit_of(result), asdict(result.settings), result.rig.digests, folder) as draft:
+        codec.save(draft / FIT_STATE, result)
+        write_json(draft / "fit.json", "fit", fit_json(result))
+        if beside is not None:
+            beside(draft)
 
 
-def save_diagnosis(run: Path, diagnosis: Diagnosis) -> None:
+def save_diagnosis(run: Path, diagnosis: Diagnosis, beside: Callable[[Path], None] | None = None) -> None:
     """RUN/diagnosis.json and RUN/diagnosis_state.npz; the fit it began from is saved first where RUN holds another.
 
     The rounds that were kept while it was under way are deleted.
@@ -62,16 +67,19 @@ def save_diagnosis(run: Path, diagnosis: Diagnosis) -> None:
     Args:
         run: the run folder; made if absent. What later stages made from another model is moved to RUN/superseded.
         diagnosis: converged or not.
+        beside: see `save_fit`.
     Raises:
-        UsageError: RUN was written by another version.
+        UsageError: RUN was written by another version, or another process writes there.
     """
-    if not _is_saved(run, diagnosis.before):
-        save_fit(run, diagnosis.before)
-    begin(run, "diagnose")
-    codec.save(run / DIAGNOSIS_STATE, diagnosis, {FIT_STATE: diagnosis.before})
-    write_json(run / "diagnosis.json", "diagnosis", diagnosis_json(diagnosis))
-    finish(run, "diagnose", exit_of(diagnosis.after), asdict(diagnosis.settings))
-    (run / DIAGNOSIS_ROUNDS).unlink(missing_ok=True)
+    with held(run):
+        if not _is_saved(run, diagnosis.before):
+            save_fit(run, diagnosis.before)
+        with replacing(run, "diagnose", exit_of(diagnosis.after), asdict(diagnosis.settings)) as draft:
+            codec.save(draft / DIAGNOSIS_STATE, diagnosis, {FIT_STATE: diagnosis.before})
+            write_json(draft / "diagnosis.json", "diagnosis", diagnosis_json(diagnosis))
+            if beside is not None:
+                beside(draft)
+        (run / DIAGNOSIS_ROUNDS).unlink(missing_ok=True)
 
 
 def load_fit(run: Path) -> FitResult:
@@ -82,7 +90,7 @@ def load_fit(run: Path) -> FitResult:
     """
     record = require(run, "fit")
     _must_be_measured_so(run, record)
-    return _loaded(run / FIT_STATE, "etcfit fit FOLDER --out {}")
+    return _loaded(run / FIT_STATE, FitResult, STAGE_FILES["fit"].command_for(run, record))
 
 
 def load_diagnosis(run: Path) -> Diagnosis:
@@ -91,8 +99,8 @@ def load_diagnosis(run: Path) -> Diagnosis:
     Raises:
         UsageError: as `load_fit`, and where it was made from another fit.
     """
-    require(run, "diagnose")
-    return _loaded(run / DIAGNOSIS_STATE, "etcfit diagnose {}", load_fit(run))
+    record = require(run, "diagnose")
+    return _loaded(run / DIAGNOSIS_STATE, Diagnosis, STAGE_FILES["diagnose"].command_for(run, record), load_fit(run))
 
 
 def load_final(run: Path) -> FitResult:
@@ -109,12 +117,15 @@ def has_diagnosis(run: Path) -> bool:
     return "diagnose" in read_records(run) or (run / DIAGNOSIS_STATE).is_file()
 
 
-def _loaded(path: Path, command: str, fit: FitResult | None = None) -> Any:
+def _loaded(path: Path, kind: type[T], command: str, fit: FitResult | None = None) -> T:
     try:
-        return codec.load(path, {} if fit is None else {FIT_STATE: fit})
+        found = codec.load(path, {} if fit is None else {FIT_STATE: fit})
+        if not isinstance(found, kind):
+            raise codec.Unreadable(f"it holds {type(found).__name__}, not {kind.__name__}")
+        return found
     except codec.Unreadable as error:
         raise UsageError(f"{path} was not written by this version of etcfit, or not whole ({error}). "
-                         f"Run `{command.format(path.parent)}` again.") from None  # fmt: skip
+                         f"Run `{command}` again.") from None  # fmt: skip
 
 
 def _is_saved(run: Path, result: FitResult) -> bool:

@@ -30,6 +30,7 @@ from etcfit.estimation.settings import FitSettings
 from etcfit.experiment.advice import Advice, Option, Pair
 from etcfit.experiment.plan import PLANS
 from etcfit.experiment.setting import Setting
+from etcfit.experiment.settings import AdviceSettings
 from etcfit.model.ecu import Ecu
 from etcfit.rig.base import Rig
 from etcfit.run_folder import read_records
@@ -121,7 +122,7 @@ def test_advice_is_given_at_a_fit_of_the_same_rig(
     with pytest.raises(UsageError, match="other measurements"):
         etcfit.advise(results.rig(tmp_path / "other", synthetic=False), at=fitted)
     wrong: Any = rig
-    with pytest.raises(TypeError, match=r"etcfit.advise takes for `at` .* not Rig"):
+    with pytest.raises(TypeError, match=r"etcfit.advise takes a fit, a diagnosis, a path or None for `at`, not Rig"):
         etcfit.advise(rig, at=wrong)
     with pytest.raises(UsageError):
         etcfit.advise(rig, at=tmp_path)
@@ -241,3 +242,30 @@ def test_fetch_writes_a_measurement_folder(measured: Path, tmp_path: Path) -> No
     assert etcfit.read_folder(folder).measurements
     with pytest.raises(UsageError, match="kassel-throttle"):
         etcfit.fetch("no-such-set", tmp_path / "x")
+
+
+VERBS = {
+    "check": 1, "advise": 1, "plan": 1, "fit": 1, "diagnose": 1, "sample": 1, "reduce": 1, "design": 1, "report": 1,
+    "drive": 1, "load": 1, "fetch": 1, "export": 2, "fleet": 2, "run": 2,
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("given", [None, 3, [], {}, object()], ids=repr)
+@pytest.mark.parametrize("name", VERBS)
+def test_an_argument_of_a_wrong_kind_is_named_with_what_the_verb_takes(name: str, given: object) -> None:
+    with pytest.raises((TypeError, UsageError), match=rf"etcfit\.{name}") as said:
+        getattr(etcfit, name)(*[given] * VERBS[name])
+    assert type(given).__name__ in str(said.value) or isinstance(said.value, UsageError)
+
+
+@pytest.mark.parametrize(("verb", "wrong"), [
+    ("fit", {"settings": 3}), ("fit", {"settings": AdviceSettings()}), ("fit", {"quiet": None}),
+    ("plan", {"without": "response"}), ("plan", {"supply": "12"}), ("sample", {"steps": 1.5}),
+    ("sample", {"steps": True}),
+    ("reduce", {"share": "a"}), ("design", {"period": "1ms"}), ("design", {"requirements": {}}), ("design", {"log": 3}),
+    ("export", {"to": 3}), ("fleet", {"out": "x", "workers": "2"}),
+])  # fmt: skip
+def test_every_argument_is_held_against_its_kind(verb: str, wrong: dict[str, object]) -> None:
+    (name, value), *_ = reversed(wrong.items())
+    with pytest.raises(TypeError, match=rf"etcfit\.{verb} takes .* for `{name}`, not {type(value).__name__}"):
+        getattr(etcfit, verb)("nowhere", **wrong)

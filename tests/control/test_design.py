@@ -35,7 +35,7 @@ from etcfit.reporting.control.misses import hardest_place, misses
 from etcfit.reporting.control.responses import draw
 from etcfit.reporting.control.tables import design_table
 from etcfit.reporting.numbers import short
-from etcfit.run_folder import begin, design_json, finish, load_final, read_draws, reduction_json, rusefi, save_fit
+from etcfit.run_folder import design_json, load_final, read_draws, reduction_json, replacing, rusefi, save_fit
 from firmwares import Fome, PidV1, Rusefi, Settings, Textbook
 
 
@@ -396,9 +396,8 @@ def test_a_posterior_of_the_same_model_is_drawn_from(tmp_path: Path, fitted: Fit
     values = {s: np.asarray(fitted.values[s]) * np.exp(0.1 * rng.standard_normal((2, 50)))
               for s in fitted.free_parameters.layout.free}  # fmt: skip
     made = xarray.Dataset({s: (("chain", "draw"), v) for s, v in values.items()})
-    begin(tmp_path, "sample")
-    made.to_netcdf(tmp_path / "posterior.nc", group="posterior", engine="h5netcdf")
-    finish(tmp_path, "sample", 0, {})
+    with replacing(tmp_path, "sample", 0, {}) as draft:
+        made.to_netcdf(draft / "posterior.nc", group="posterior", engine="h5netcdf")
     drawn = read_draws(tmp_path, fitted, 400, 0)
     assert drawn is not None
     spread = np.asarray(fitted.throttles(drawn).parameter("R_a"))

@@ -41,7 +41,7 @@ from etcfit.exporting.plant import plant_of
 from etcfit.files import write_json
 from etcfit.model.ecus import ECUS
 from etcfit.model.effects import Inputs, State
-from etcfit.run_folder import finish, read_design
+from etcfit.run_folder import read_design, replacing
 from etcfit.stages import Done
 
 # constants of a tune that TunerStudio wrote for rusEFI 2022.04.22 (proteus_f4), with their rows: its .ini's names
@@ -446,9 +446,8 @@ def test_what_the_data_do_not_tell_is_said() -> None:
 def test_gains_of_a_run_are_those_that_lie_there(tmp_path: Path) -> None:
     run = runs.run_folder(tmp_path)
     assert read_design(run) is None
-    write_json(run / "pid.json", "pid", pid())
-    assert read_design(run) is None  # not what `etcfit design` wrote
-    finish(run, "design", 0, {})
+    with replacing(run, "design", 0, {}) as draft:
+        write_json(draft / "pid.json", "pid", pid())
     found = read_design(run)
     assert found is not None
     assert found["profile"]["name"] == "rusefi"

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import signal
+import socket
 import subprocess
 import sys
 import time
@@ -273,13 +274,18 @@ def run_again(address: str, work: CountingWork, parts: Path, units: list[str]) -
         return run(units, work, workers, parts)
 
 
-def test_no_scheduler_is_said_with_a_cure() -> None:
-    nowhere = ExistingScheduler("tcp://127.0.0.1:9")
-    with (
-        pytest.raises(UsageError, match=r"no Dask scheduler answers at tcp://127.0.0.1:9"),
-        crew(nowhere, EngineSettings(first_worker=0.3)),
-    ):
-        pass
+@pytest.mark.parametrize("listens", [False, True], ids=["nobody", "a silent one"])
+def test_no_scheduler_is_said_within_seconds_with_a_cure(listens: bool) -> None:
+    with socket.socket() as silent:
+        silent.bind(("127.0.0.1", 0))
+        if listens:
+            silent.listen()
+        nowhere = ExistingScheduler(f"tcp://127.0.0.1:{silent.getsockname()[1]}")
+        began = time.monotonic()
+        said = r"no Dask scheduler answers at tcp://127.0.0.1:\d+ .* `dask scheduler`"
+        with pytest.raises(UsageError, match=said), crew(nowhere):
+            pass
+        assert time.monotonic() - began < 5.0
 
 
 @pytest.mark.slow

@@ -10,7 +10,7 @@ import pytest
 
 from etcfit.errors import MeasurementError, UsageError
 from etcfit.fleets.config import read_fleet
-from etcfit.fleets.folder import local_copy, text_of, units_of
+from etcfit.fleets.folder import local_copy, refuse_inside, text_of, units_of
 from etcfit.rig.reader import read_folder
 from folders import TOML, response
 
@@ -74,3 +74,21 @@ def test_what_is_not_there_is_said(tmp_path: Path, memory: str) -> None:
         pass
     with pytest.raises(UsageError, match="gopher://x cannot be opened"):
         units_of("gopher://x")
+
+
+def test_a_message_about_a_unit_elsewhere_names_its_address_and_no_scratch_folder(memory: str) -> None:
+    with pytest.raises(MeasurementError) as wrong, local_copy(memory, "u1") as folder:
+        raise MeasurementError(f"{folder}/rig.toml:3", "found 1.", "It must be 2.", f"Mend {folder}.")
+    assert str(wrong.value) == f"{memory}/u1/rig.toml:3: found 1. It must be 2. Mend {memory}/u1."
+    with pytest.raises(OSError, match="gone") as lost, local_copy(memory, "u1") as folder:
+        raise OSError(2, "gone", str(folder / "a.csv"))
+    assert lost.value.filename == f"{memory}/u1/a.csv"
+
+
+@pytest.mark.parametrize(("out", "inside"), [("line", True), ("line/u1/run", True), ("line/../line/x", True),
+                                             ("runs", False), ("line_2", False), ("line/.runs/a", False)])  # fmt: skip
+def test_a_run_folder_must_lie_outside_of_the_fleet(tmp_path: Path, out: str, inside: bool) -> None:
+    if not inside:
+        return refuse_inside(tmp_path / "line", tmp_path / out)
+    with pytest.raises(UsageError, match=r"lies in the fleet .* --out runs/line"):
+        refuse_inside(tmp_path / "line", tmp_path / out)

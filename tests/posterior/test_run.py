@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import io
 import os
 import signal
 import subprocess
 import sys
 import time
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -16,7 +18,7 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
 from etcfit.estimation.joint_fit import quiet
-from etcfit.posterior.chain import Chain, load, save
+from etcfit.posterior.chain import Chain, Damaged, load, save
 from etcfit.posterior.convergence import LENGTH, Convergence, split_rhat
 from etcfit.posterior.ensemble import Ensemble
 from etcfit.posterior.run import BLOCK, run
@@ -165,15 +167,65 @@ def test_a_chain_survives_its_file(tmp_path: Path) -> None:
     same(chain.advanced(LINEAR.log_probability, 5), back.advanced(LINEAR.log_probability, 5))
 
 
-def test_a_chain_of_other_data_or_a_broken_file_is_not_taken_up(tmp_path: Path) -> None:
+def remarked(path: Path, linear: Linear) -> tuple[Chain, list[str]]:
+    """One block, and what was said besides."""
+    said: list[str] = []
+    target, settings = linear.log_probability, SamplingSettings()
+    chain, _ = run(target, lambda: linear.begin(1.0), path, BLOCK, quiet, settings, said.append)
+    return chain, said
+
+
+def test_a_chain_of_other_data_is_put_aside_with_a_word(tmp_path: Path) -> None:
+    path, other = tmp_path / FILE, Linear.make(seed=6)
     sampled(tmp_path, BLOCK)
-    other = Linear.make(seed=6)
-    reprepared, _ = sampled(tmp_path, BLOCK, other)
-    same(reprepared, other.begin().advanced(other.log_probability, BLOCK))
-    (tmp_path / FILE).write_bytes(b"PK nothing")
-    assert load(tmp_path / FILE) is None
-    again, _ = sampled(tmp_path, BLOCK, other)
-    same(again, reprepared)
+    hours_of_work = path.read_bytes()
+    chain, (said,) = remarked(path, other)
+    same(chain, other.begin().advanced(other.log_probability, BLOCK))
+    assert f"belongs to another model or other data: it was moved to {tmp_path / 'superseded' / FILE}" in said
+    assert (tmp_path / "superseded" / FILE).read_bytes() == hours_of_work
+    assert remarked(path, other)[1] == []
+
+
+def _flipped(content: bytes, place: float) -> bytes:
+    changed = bytearray(content)
+    changed[int(place * len(changed))] ^= 1
+    return bytes(changed)
+
+
+def _other_arrays(content: bytes) -> bytes:
+    held = io.BytesIO()
+    np.savez(held, symbols=np.array(["a"]), mode=np.zeros(1), root=np.eye(2))
+    return held.getvalue()
+
+
+DAMAGE: dict[str, Callable[[bytes], bytes]] = {
+    "no zip at all": lambda content: b"PK nothing",
+    "empty": lambda content: b"",
+    "cut off": lambda content: content[: len(content) // 2],
+    "a bit of the points": lambda content: _flipped(content, 0.3),
+    "a bit later": lambda content: _flipped(content, 0.8),
+    "another kind of file": _other_arrays,
+}
+
+
+@pytest.mark.parametrize("name", DAMAGE)
+def test_a_damaged_chain_is_put_aside_with_a_word_and_never_over_another(tmp_path: Path, name: str) -> None:
+    path, aside = tmp_path / FILE, tmp_path / "superseded"
+    whole, _ = sampled(tmp_path, BLOCK)
+    aside.mkdir()
+    (aside / FILE).write_bytes(b"of an earlier time")
+    path.write_bytes(DAMAGE[name](path.read_bytes()))
+    damaged = path.read_bytes()
+    with pytest.raises(Damaged):
+        load(path)
+    again, (said,) = remarked(path, LINEAR)
+    same(again, whole)
+    assert "cannot be read" in said
+    assert f"it was moved to {aside / 'chain_2.npz'}" in said
+    assert {file.name: file.read_bytes() for file in aside.iterdir()} == {
+        FILE: b"of an earlier time",
+        "chain_2.npz": damaged,
+    }
 
 
 def test_an_interruption_between_blocks_loses_only_the_block(tmp_path: Path) -> None:

@@ -10,9 +10,10 @@ import pytest
 from matplotlib.image import imread
 
 import results
-from etcfit.reporting import draw_fit, draw_others
+from etcfit.api.saving import keep_fit
+from etcfit.reporting import clear_for_fit, draw_others, has_undrawn
 from etcfit.reporting.pictures import briefly, jobs
-from etcfit.run_folder import RunFolder, load_fit, save_fit
+from etcfit.run_folder import RunFolder, load_fit
 
 
 @pytest.fixture(scope="module")
@@ -20,8 +21,7 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
     said: list[tuple[str, float]] = []
     result = results.result(results.rig(tmp_path_factory.mktemp("rig")))
     run = tmp_path_factory.mktemp("run") / "new"
-    save_fit(run, result)
-    draw_fit(run, result)
+    keep_fit(RunFolder(run), result)
     assert [p.name for p in run.rglob("*.png")] == ["parameters.png"]
     draw_others(RunFolder(run), lambda text, share: said.append((text, share)))
     assert 1 + len(said) == len(list((run / "pictures").rglob("*.png")))
@@ -71,6 +71,23 @@ def test_pictures_of_another_fit_are_not_left_behind(run: Path, tmp_path: Path) 
     stale = run / "pictures" / "traces" / "response__99.png"
     stale.write_bytes(b"a trace that is no longer there")
     (run / "pictures" / "notes.txt").write_text("somebody's own", "utf-8")
-    draw_fit(run, results.result(results.rig(tmp_path)))
+    clear_for_fit(run)
     assert not stale.exists()
     assert (run / "pictures" / "notes.txt").exists()
+
+
+def test_a_fit_that_is_stopped_before_its_picture_leaves_none_of_another_model(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def stopped(*_: object) -> None:
+        raise KeyboardInterrupt
+
+    run, first = tmp_path / "run", results.result(results.rig(tmp_path / "rig"))
+    for place in (run / "pictures" / "parameters.png", run / "pictures" / "traces" / "response__1.png"):
+        place.parent.mkdir(parents=True, exist_ok=True)
+        place.write_bytes(b"of another model")
+    monkeypatch.setattr("etcfit.reporting.draw_fit", stopped)
+    with pytest.raises(KeyboardInterrupt, match="All results are in"):
+        keep_fit(RunFolder(run), first)
+    assert not list(run.rglob("*.png"))
+    assert has_undrawn(run)

@@ -30,8 +30,6 @@ from etcfit.run_folder import (
     MANIFEST,
     SUPERSEDED,
     RunFolder,
-    begin,
-    finish,
     fitted_to,
     is_done,
     load_diagnosis,
@@ -39,11 +37,12 @@ from etcfit.run_folder import (
     load_fit,
     note_seconds,
     read_records,
+    replacing,
     save_diagnosis,
     save_fit,
 )
 from etcfit.stages import STAGES, Done, Report, Stage, run_all
-from runs import pid
+from runs import pid, written
 
 
 @pytest.fixture
@@ -137,8 +136,7 @@ def test_the_same_fit_made_again_keeps_what_was_made_from_it(found: Diagnosis, r
 
 def test_a_diagnosis_sets_aside_what_was_made_from_the_fit_alone(found: Diagnosis, run: Path) -> None:
     save_fit(run, found.before)
-    (run / "pid.json").write_text("{}", "utf-8")
-    finish(run, "design", 0, {})
+    written(run, "design", "{}")
     save_diagnosis(run, found)
     assert not (run / "pid.json").exists()
     assert (run / SUPERSEDED / "pid.json").is_file()
@@ -162,7 +160,7 @@ def test_files_of_another_run_are_refused(found: Diagnosis, run: Path, tmp_path:
 def test_a_file_that_was_edited_is_refused(fit: FitResult, run: Path) -> None:
     save_fit(run, fit)
     (run / "fit.json").write_text((run / "fit.json").read_text("utf-8").replace("1.02", "1.03"), "utf-8")
-    with pytest.raises(UsageError, match=r"fit\.json is not the file that .* Run `etcfit fit FOLDER"):
+    with pytest.raises(UsageError, match=r"fit\.json is not the file that .* Run `etcfit fit .*rig --out .*run` again"):
         write_page(run)
 
 
@@ -270,7 +268,7 @@ class Runs:
             Stage("fit", self.fit),
             Stage("diagnose", self.diagnose),
             page,
-            Stage("design", self.design, ("rule",)),
+            Stage("design", self.design, {"rule": "str"}),
             page,
         )
         self.said: dict[str, str | None] = {}
@@ -302,10 +300,9 @@ class Runs:
         outside: tuple[Path, ...] = (),
     ) -> Done:
         """What `save_design` does, of gains that say with which options they were made."""
-        begin(run.path, "design")
-        write_json(run.path / "pid.json", "pid", pid(rule))
-        self.beside("design")
-        finish(run.path, "design", 0, {"rule": rule, "draws": draws}, outside=outside)
+        with replacing(run.path, "design", 0, {"rule": rule, "draws": draws}, outside=outside) as draft:
+            write_json(draft / "pid.json", "pid", pid(rule))
+            self.beside("design")
         return Done("gains")
 
     def report(self, folder: Path, run: RunFolder, report: Report) -> Done:
@@ -390,14 +387,14 @@ def test_what_is_not_made_from_what_lies_there_is_made_again(runs: Runs, name: s
     assert runs.go() == []
 
 
-AFTER = [("fit", ALL[1:]), ("diagnose", ALL[2:]), ("design", ALL[2:])]
+AFTER = [("fit", ALL[1:]), ("diagnose", ALL[2:]), ("design", ALL[3:])]
 
 
 @pytest.mark.parametrize(("stage", "again"), AFTER)
 def test_a_run_that_was_interrupted_while_pictures_were_drawn_keeps_its_models(
     runs: Runs, stage: str, again: list[str]
 ) -> None:
-    runs.interrupt = stage  # its files are there; gains are on the manifest once they are drawn
+    runs.interrupt = stage  # models are there, gains once they are drawn
     with pytest.raises(Interrupted):
         runs.go()
     runs.interrupt = ""
@@ -405,9 +402,9 @@ def test_a_run_that_was_interrupted_while_pictures_were_drawn_keeps_its_models(
     assert runs.go() == []
 
 
-def test_the_page_comes_before_a_stage_that_was_interrupted_and_without_its_files(runs: Runs) -> None:
+def test_the_page_comes_before_a_stage_that_is_made_again_and_without_its_files(runs: Runs) -> None:
     runs.go()
-    begin(runs.run, "design")
+    AFRESH["its file was edited"](runs)
     (runs.run / "report.html").unlink()
     runs.interrupt = "design"
     with pytest.raises(Interrupted):
@@ -427,15 +424,15 @@ AFRESH: dict[str, Callable[[Runs], object]] = {
     "the posterior that they were made with is another": lambda r: _sampled_before(r),
     "the measurements changed": lambda r: _append(r.folder / "rig.toml"),
     "the fit was made again by hand": lambda r: save_fit(r.run, replace(r.found.before, chi2_per_dof=7.0)),
-    "it was interrupted": lambda r: begin(r.run, "design"),
+    "its file was edited": lambda r: _append(r.run / "pid.json"),
 }
 
 
 def _sampled_before(runs: Runs) -> None:
-    for chain in (b"chain", b"a longer chain"):
-        (runs.run / "posterior.nc").write_bytes(chain)
-        finish(runs.run, "sample", 0, {})
-        if chain == b"chain":
+    for chain in ("chain", "a longer chain"):
+        with replacing(runs.run, "sample", 0, {}) as draft:
+            (draft / "posterior.nc").write_text(chain, "utf-8")
+        if chain == "chain":
             runs.by_hand(rule="simc")
 
 
@@ -479,7 +476,7 @@ def test_gains_that_are_asked_for_otherwise_are_made_anew_and_kept_where_nobody_
 def test_what_no_option_of_a_command_says_is_not_replaced_without_a_word(runs: Runs) -> None:
     runs.go()
     runs.by_hand(rule="simc", draws=50)  # as Python may
-    AFRESH["it was interrupted"](runs)
+    AFRESH["its file was edited"](runs)
     runs.go()
     assert runs.said["design"] == 'made anew, with rule "simc" as before; other than before: draws 200'
 

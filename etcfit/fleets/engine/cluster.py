@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import asyncio
 import importlib.util
 import logging
 import multiprocessing
 import os
 from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
@@ -154,10 +156,8 @@ def _started(place: LocalWorkers) -> LocalCluster:
 def _existing(place: ExistingScheduler, settings: EngineSettings) -> Iterator[Crew]:
     from distributed import Client
 
-    try:
-        client = Client(place.address, set_as_default=False, timeout=settings.first_worker)
-    except (OSError, ValueError) as error:
-        raise UsageError(f"no Dask scheduler answers at {place.address}: {error}") from error
+    _must_answer(place.address, settings.connect)
+    client = Client(place.address, set_as_default=False, timeout=settings.first_worker)
     with client:
         try:
             client.wait_for_workers(1, timeout=settings.first_worker)
@@ -167,6 +167,33 @@ def _existing(place: ExistingScheduler, settings: EngineSettings) -> Iterator[Cr
                 "etcfit and the libraries of its extra `fleet` are installed"
             ) from error
         yield Crew(client, local=False)
+
+
+def _must_answer(address: str, seconds: float) -> None:
+    """Dask's own client waits for ever for one that listens and says nothing.
+
+    Raises:
+        UsageError: no scheduler is there.
+    """
+    with ThreadPoolExecutor(1) as aside:  # a notebook's thread has a loop of its own
+        try:
+            aside.submit(asyncio.run, asyncio.wait_for(_identity(address, 0.9 * seconds), seconds)).result()
+        except Exception as error:  # whatever the answer of something else makes Dask say
+            why = str(error) or "it says nothing"
+            raise UsageError(f"no Dask scheduler answers at {address} within {seconds:g} s: {why}. Start one with "
+                             "`dask scheduler`, or leave --scheduler out.") from error  # fmt: skip
+
+
+async def _identity(address: str, seconds: float) -> Any:
+    from distributed.comm.core import connect
+    from distributed.security import Security
+
+    line: Any = await connect(address, timeout=seconds, **Security().get_connection_args("client"))
+    try:
+        await line.write({"op": "identity"})
+        return await line.read()
+    finally:
+        line.abort()
 
 
 @contextmanager

@@ -13,13 +13,13 @@ from __future__ import annotations
 import re
 import threading
 from collections.abc import Iterable, Iterator, Sequence
+from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
 from types import TracebackType
-from typing import IO, Any
+from typing import Any
 
-from ...errors import UsageError
-from ...files import whole
+from ...files import held, put_aside, whole
 from ..unit import FailedUnit, UnitResult
 from .rows import end_of, row_of, schema
 from .settings import StoreSettings
@@ -46,24 +46,31 @@ class _Part:
 class Store:
     """with Store(folder) as store: every result added is on disk a second later, and when the block ends.
 
-    One process at a time can write; reading needs no `with`.
+    One process at a time can write; reading needs no `with`. A file that cannot be read any more, for the disk was full
+    or a copy was cut off, is put aside when the block begins: `remark` says so, and its units are worked on again.
 
     Args:
         folder: made where it is not there.
         settings: when files are written and made one.
     """
 
+    remark: str = ""
+
     def __init__(self, folder: Path, settings: StoreSettings = StoreSettings()) -> None:
         self.folder, self._settings = folder, settings
         self._waiting: list[UnitResult | FailedUnit] = []
         self._lock, self._writing, self._ended = threading.Lock(), threading.Lock(), threading.Event()
         self._error: OSError | None = None
+        self._hold = ExitStack()
         folder.mkdir(parents=True, exist_ok=True)
-        for draft in folder.glob(".*-*.parquet"):  # of a client that was killed while it wrote
-            draft.unlink(missing_ok=True)
 
     def __enter__(self) -> Store:
-        self._hold = _held(self.folder)
+        self._hold.enter_context(held(self.folder, again=False))
+        try:
+            self.remark = " ".join(map(_put_aside, self._damaged()))
+        except BaseException:
+            self._hold.close()
+            raise
         self._ended.clear()
         self._clock = threading.Thread(target=self._flush_often, name="etcfit store", daemon=True)
         self._clock.start()
@@ -154,21 +161,38 @@ class Store:
                 left.append(part)
         return left
 
+    def _damaged(self) -> list[Path]:
+        """Files of which not every row can be read."""
+        import pyarrow as pa
+
+        found = []
+        for part in self._parts():
+            try:
+                for _ in self._groups(part, None):
+                    pass
+            except (pa.ArrowException, OSError):
+                found.append(self.folder / part.name)
+        return found
+
     def _tables(self, columns: list[str] | None) -> Iterator[Any]:
         """Row group by row group, oldest first."""
+        for part in self._parts():
+            yield from self._groups(part, columns)
+
+    def _groups(self, part: _Part, columns: list[str] | None) -> Iterator[Any]:
+        """The row groups of a file, each held against its checksum."""
         import pyarrow.parquet as pq
 
-        for part in self._parts():
-            with pq.ParquetFile(self.folder / part.name) as file:
-                for group in range(file.num_row_groups):
-                    yield file.read_row_group(group, columns=columns)
+        with pq.ParquetFile(self.folder / part.name, page_checksum_verification=True) as file:
+            for group in range(file.num_row_groups):
+                yield file.read_row_group(group, columns=columns)
 
     def _write(self, part: _Part, tables: Iterable[Any]) -> None:
         import pyarrow.parquet as pq
 
         with (
             whole(self.folder / part.name) as draft,
-            pq.ParquetWriter(draft, schema(), compression="zstd") as writer,
+            pq.ParquetWriter(draft, schema(), compression="zstd", write_page_checksum=True) as writer,
         ):
             for table in tables:
                 writer.write_table(table, row_group_size=self._settings.rows)
@@ -192,37 +216,19 @@ class Store:
     def _thick(self, parts: Sequence[_Part]) -> Iterator[Any]:
         """The rows of these files in row groups of full size."""
         import pyarrow as pa
-        import pyarrow.parquet as pq
 
-        held: list[Any] = []
-        for part in parts:
-            with pq.ParquetFile(self.folder / part.name) as file:
-                for group in range(file.num_row_groups):
-                    held.append(file.read_row_group(group))
-                    if sum(table.num_rows for table in held) >= self._settings.rows:
-                        yield pa.concat_tables(held)
-                        held = []
-        if held:
-            yield pa.concat_tables(held)
+        thick: list[Any] = []
+        for group in (group for part in parts for group in self._groups(part, None)):
+            thick.append(group)
+            if sum(table.num_rows for table in thick) >= self._settings.rows:
+                yield pa.concat_tables(thick)
+                thick = []
+        if thick:
+            yield pa.concat_tables(thick)
 
 
-def _held(folder: Path) -> IO[bytes]:
-    """An open file that no other process can hold; the system lets it go however this process ends.
-
-    Raises:
-        UsageError: another one has it.
-    """
-    file = (folder / "lock").open("wb")
-    try:
-        import fcntl
-
-        fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-    except ImportError:  # not on this system: nobody is kept out
-        pass
-    except BlockingIOError:
-        file.close()
-        raise UsageError(f"{folder.parent}: another etcfit works on it. Wait for it, or end it.") from None
-    return file
+def _put_aside(part: Path) -> str:
+    return f"{part} cannot be read any more and was moved to {put_aside(part)}: the units in it are worked on again."
 
 
 def _table(ends: Sequence[UnitResult | FailedUnit]) -> Any:

@@ -9,8 +9,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import Path
 
-from ...files import whole
-from ...run_folder.manifest import CONVERGED, NOT_CONVERGED, begin, finish
+from ...run_folder.manifest import CONVERGED, NOT_CONVERGED, replacing
 from .contents import read_run
 from .render import render
 
@@ -43,11 +42,9 @@ def write_page(run_dir: Path | str) -> Page:
     run = Path(run_dir)
     contents = read_run(run)
     page = render(contents)
-    begin(run, "report")
-    with whole(run / "report.html") as draft:
-        draft.write_text(page, encoding="utf-8")
     final = contents.final
     converged = final.get("converged", True)
-    finish(run, "report", CONVERGED if converged else NOT_CONVERGED, {})
+    with replacing(run, "report", CONVERGED if converged else NOT_CONVERGED, {}) as draft:
+        (draft / "report.html").write_text(page, encoding="utf-8")
     why = "" if converged else f"the fit of the model that is shown did not converge: {final['reason']}"
     return Page(run / "report.html", why)

@@ -3,19 +3,19 @@
 from __future__ import annotations
 
 import hashlib
-import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from ...errors import UsageError
 from ...problem.prediction_error import PredictionError
 from ...run_folder import require
+from ...run_folder.reading import object_in
 
 _STAGE = {"fit": "fit", "diagnosis": "diagnose", "posterior": "sample", "transfer_function": "reduce",
           "frequency_response": "reduce", "pid": "design"}  # fmt: skip
 KINDS = tuple(_STAGE)
+_NEEDED = {"fit": ("model", "parameters", "score"), "diagnosis": ("parameters",), "pid": ("rule", "gains")}
 _ROW = ("file", "test", "channel", "unit", "n", "rms", "sigma")
 
 
@@ -84,15 +84,4 @@ def rows_of(rows: Sequence[Mapping[str, Any]]) -> list[PredictionError]:
 
 
 def _object(path: Path, kind: str, raw: bytes) -> Mapping[str, Any]:
-    try:
-        content = json.loads(raw)
-    except ValueError as error:
-        raise _unfit(path, f"is no JSON ({error})") from None
-    schema = content.get("schema") if isinstance(content, dict) else None
-    if schema != f"etcfit.{kind}/1":
-        raise _unfit(path, f"has schema {schema!r}, not 'etcfit.{kind}/1'")
-    return content
-
-
-def _unfit(path: Path, found: str) -> UsageError:
-    return UsageError(f"{path} {found}. Run the command that writes it again, or delete it.")
+    return object_in(path, kind, _NEEDED.get(kind, ()), "Run the command that writes it again, or delete it.", raw)

@@ -13,13 +13,14 @@ from matplotlib.image import imread
 
 import diagnoses
 import results
+from etcfit.api.saving import keep_diagnosis, keep_fit
 from etcfit.diagnosis.findings import Diagnosis, SetAside
-from etcfit.reporting import draw_diagnosis, draw_fit, draw_others
+from etcfit.reporting import draw_others
 from etcfit.reporting.diagnosis import chart, overlay, pictures, rounds, unexplained
 from etcfit.reporting.diagnosis.ledger import headline, ledger
 from etcfit.reporting.pictures import all_traces
 from etcfit.reporting.pictures import jobs as jobs_of_model
-from etcfit.run_folder import RunFolder, load_diagnosis, save_diagnosis, save_fit
+from etcfit.run_folder import RunFolder, load_diagnosis
 
 
 @pytest.fixture(scope="module")
@@ -31,8 +32,7 @@ def found(tmp_path_factory: pytest.TempPathFactory) -> Diagnosis:
 def run(found: Diagnosis, tmp_path_factory: pytest.TempPathFactory) -> Path:
     run = tmp_path_factory.mktemp("run") / "new"
     said: list[float] = []
-    save_diagnosis(run, found)
-    draw_diagnosis(run, found)
+    keep_diagnosis(RunFolder(run), found)
     assert {p.name for p in run.rglob("*.png")} == {"ledger.png", "parameters.png"}
     draw_others(RunFolder(run), lambda text, share: said.append(share))
     assert 2 + len(said) == len(list(run.rglob("*.png")))
@@ -63,19 +63,17 @@ def drawn_below(run: Path) -> dict[str, bytes]:
 def test_pictures_of_the_first_fit_give_way_to_the_final_model_and_come_back(found: Diagnosis, tmp_path: Path) -> None:
     few = replace(found, motions=(), unexplained=None)
     of_model = {path.as_posix() for path, _ in jobs_of_model(found.after)}
-    save_fit(tmp_path, found.before)
-    draw_fit(tmp_path, found.before)
+    keep_fit(RunFolder(tmp_path), found.before)
     draw_others(RunFolder(tmp_path))
     first = drawn_below(tmp_path)
     assert set(first) == of_model
     for _ in range(2):  # a second diagnosis must not take the final model's for the first fit's
-        save_diagnosis(tmp_path, few)
-        draw_diagnosis(tmp_path, few)
+        keep_diagnosis(RunFolder(tmp_path), few)
         draw_others(RunFolder(tmp_path))
         seen = drawn_below(tmp_path)
         assert {name: seen[f"before/{name}"] for name in first} == first
         assert {name for name in of_model if seen[name] != first[name]} == of_model
-    draw_diagnosis(tmp_path, replace(few, after=few.before, added=(), final=few.start))
+    keep_diagnosis(RunFolder(tmp_path), replace(few, after=few.before, added=(), final=few.start))
     seen = drawn_below(tmp_path)
     assert {name: seen[name] for name in first} == first
     assert not (tmp_path / "pictures" / "before").exists()

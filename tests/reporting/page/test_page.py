@@ -17,7 +17,6 @@ from etcfit.reporting.page.captions import caption
 from etcfit.reporting.page.contents import read_run
 from etcfit.reporting.page.pictures import carried
 from etcfit.reporting.page.render import render
-from etcfit.run_folder import finish
 
 LIMIT = 5_000_000
 VOID = {"meta", "link", "img", "br", "wbr", "hr"}
@@ -338,8 +337,7 @@ def test_a_picture_keeps_its_size_and_loses_its_weight(tmp_path: Path) -> None:
     ],
 )
 def test_a_spoilt_file_is_said_to_be(full: Path, content: str, said: str) -> None:
-    (full / "pid.json").write_text(content, encoding="utf-8")
-    finish(full, "design", 0, {})
+    runs.written(full, "design", content)
     with pytest.raises(UsageError, match=said):
         write_page(full)
 

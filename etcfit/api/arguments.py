@@ -1,0 +1,75 @@
+"""Arguments of the verbs, held against their annotations before any work.
+
+Classes are compared by name, so that nothing heavy is imported for it.
+"""
+
+from __future__ import annotations
+
+import functools
+import inspect
+import re
+from collections.abc import Callable
+from numbers import Integral, Real
+from typing import Any, ParamSpec, TypeVar
+
+P = ParamSpec("P")
+R = TypeVar("R")
+
+_MEANS = {"Folder": ("str", "Path"), "None": ("NoneType",)}
+_IN_WORDS = {"str": "a text", "Path": "a path", "int": "a whole number", "float": "a number", "bool": "True or False",
+             "Sequence": "a sequence", "tuple": "a tuple", "Mapping": "a mapping", "None": "None", "Folder": "a path",
+             "Rig": "a rig", "Fit": "a fit", "Diagnosed": "a diagnosis", "Sampled": "a posterior",
+             "Fleet": "a fleet"}  # fmt: skip
+_ALONE = {"Model", "Literal", "Asked", "Any"}  # the verb itself says what it takes
+
+
+def typed(verb: Callable[P, R]) -> Callable[P, R]:
+    """A verb that refuses an argument of a kind that its annotation does not name.
+
+    Raises:
+        TypeError: by the verb's call; it names the argument, what it takes and what was given.
+    """
+    signature = inspect.signature(verb)
+
+    @functools.wraps(verb)
+    def called(*args: P.args, **kwargs: P.kwargs) -> R:
+        for name, value in signature.bind(*args, **kwargs).arguments.items():
+            parameter = signature.parameters[name]
+            given = value if parameter.kind is parameter.VAR_KEYWORD else {name: value}
+            for each, one in given.items():
+                if not fits(one, parameter.annotation):
+                    raise TypeError(f"etcfit.{verb.__name__} takes {in_words(parameter.annotation)} for `{each}`, not "
+                                    f"{type(one).__name__}.")  # fmt: skip
+        return verb(*args, **kwargs)
+
+    return called
+
+
+def fits(value: Any, annotation: str) -> bool:
+    """Whether a value is of one of the kinds that an annotation names; what stands in brackets does not count."""
+    names = _names(annotation)
+    if _ALONE & {*names}:
+        return True
+    if isinstance(value, bool):
+        return "bool" in names
+    kinds = {name for kind in type(value).__mro__ for name in (kind.__name__,)}
+    wanted = {each for name in names for each in _MEANS.get(name, (name,))}
+    return (
+        bool(kinds & wanted)
+        or ("Path" in wanted and hasattr(value, "__fspath__"))
+        or ("int" in wanted and isinstance(value, Integral))
+        or ("float" in wanted and isinstance(value, Real))
+        or ("Sequence" in wanted and isinstance(value, list | tuple))
+        or ("Mapping" in wanted and isinstance(value, dict))
+    )
+
+
+def in_words(annotation: str) -> str:
+    """As an error says it: "a rig, a path or None"."""
+    *others, last = dict.fromkeys(_IN_WORDS.get(name, name) for name in _names(annotation))
+    return f"{', '.join(others)} or {last}" if others else last
+
+
+def _names(annotation: str) -> list[str]:
+    """`tuple[str, str] | None` -> tuple, None."""
+    return [name.strip() for name in re.sub(r"\[[^\]]*\]", "", annotation).split("|")]
