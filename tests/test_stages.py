@@ -275,7 +275,7 @@ def test_the_posterior_is_that_of_the_final_model_with_its_formulas_taken_as_exa
     assert result.covariance[0, 0] < wide.covariance[0, 0]
 
 
-def options_of(name: str) -> tuple[str, ...]:
+def options_of(name: str) -> Mapping[str, str]:
     return next(stage for stage in STAGES if stage.name == name).options
 
 

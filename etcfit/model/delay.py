@@ -146,9 +146,9 @@ def _clock(steps: Step, resets: Reset, xp: Any) -> tuple[Float[AnyArray, "T L"],
 def _found(clock: Float[AnyArray, "T L"], instant: Float[AnyArray, "T L"], side: str, xp: Any) -> Int[AnyArray, "T L"]:
     """The first entry of each lane that comes after an instant ("right"), or not before it ("left")."""
     if xp is np:
-        out = np.empty(np.shape(instant), dtype=int)
-        for lane in range(out.shape[1]):
-            out[:, lane] = np.searchsorted(clock[:, lane], instant[:, lane], side)  # pyright: ignore
+        out = np.empty(instant.shape, dtype=int)
+        for lane in range(instant.shape[1]):
+            out[:, lane] = np.searchsorted(clock[:, lane], instant[:, lane], side)  # pyright: ignore[reportCallIssue, reportArgumentType]
         return out
     search = jax.vmap(lambda lane, wanted: jnp.searchsorted(lane, wanted, side=side), in_axes=1, out_axes=1)
     return search(jax.lax.stop_gradient(clock), jax.lax.stop_gradient(instant))

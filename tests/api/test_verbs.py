@@ -250,7 +250,7 @@ VERBS = {
 }  # fmt: skip
 
 
-@pytest.mark.parametrize("given", [None, 3, [], {}, object()], ids=repr)
+@pytest.mark.parametrize("given", [None, 3, [], {}, object()], ids=["None", "3", "[]", "{}", "object"])
 @pytest.mark.parametrize("name", VERBS)
 def test_an_argument_of_a_wrong_kind_is_named_with_what_the_verb_takes(name: str, given: object) -> None:
     with pytest.raises((TypeError, UsageError), match=rf"etcfit\.{name}") as said:
