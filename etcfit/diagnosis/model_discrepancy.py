@@ -66,9 +66,9 @@ def spread(s: CandidateModel) -> np.ndarray:
     if s.far or not s.added:
         return out
     here = local(s.problem, s.x, s.weighted)
-    inverse = here.covariance / here.unit
+    inverse, jacobian = here.covariance / here.unit, s.problem.linearise(s.x, s.weighted).jacobian
     for effect in (e for e in s.added if e.inexact):
-        for moved in _stretches(s, here.jacobian, here.jacobian @ _doubled(s, effect)):
+        for moved in _stretches(s, jacobian, jacobian @ _doubled(s, effect)):
             p = effect.inexact * (inverse @ moved)
             out += np.outer(p, p)
     return out

@@ -20,7 +20,7 @@ from ..problem.free_parameters import Layout
 from ..problem.normal_equations import NormalEquations, normal_equations
 from ..problem.problem import EstimationProblem
 from ..problem.program import Program
-from ..problem.residual import WeightedData
+from ..problem.residual import WeightedData, prior_residual_here
 from .identifiability import WIDE
 from .settings import FitSettings
 
@@ -269,15 +269,11 @@ class Local:
     """The problem linearised at a point.
 
     Args:
-        r: whitened residual, shape (T, L, M).
-        jacobian: of it in the coordinates, shape (T, L, M, P).
         unit: chi2 per degree of freedom, at least 1: what a difference in chi2 is measured by.
         covariance: of the coordinates, in that unit, shape (P, P).
         gain: chi2 that a full Gauss-Newton step would still gain, g^T F^-1 g, in that unit.
     """
 
-    r: np.ndarray
-    jacobian: np.ndarray
     unit: float
     covariance: np.ndarray
     gain: float
@@ -285,13 +281,13 @@ class Local:
 
 def local(problem: EstimationProblem, x: np.ndarray, weighted: WeightedData) -> Local:
     """Linearise at coordinates x, shape (P,). What the data leave open counts as known to `WIDE` reaches."""
-    r, prior, jacobian = problem.linearise(x, weighted)
-    unit = max(1.0, float(np.sum(r**2)) / max(1.0, weighted.samples - x.size))
-    reach = problem.layout.reach(x)
-    information = information_of(weighted.prior_sd[: x.size], jacobian) + np.diag(1.0 / (WIDE * reach) ** 2)
-    prior_sd = np.asarray(weighted.prior_sd)[: x.size]
-    gradient = jacobian.reshape(-1, x.size).T @ r.ravel() + prior / prior_sd
+    padded, size = problem.layout.padded(x), x.size
+    of_data = normal_equations(problem.layout.form, weighted, padded.size)(padded)
+    unit = max(1.0, float(of_data.chi2) / max(1.0, weighted.samples - size))
+    reach, prior_sd = problem.layout.reach(x), np.asarray(weighted.prior_sd)[:size]
+    information = np.asarray(of_data.information)[:size, :size] + believed(problem.layout, x, prior_sd)
+    gradient = np.asarray(of_data.gradient)[:size] + prior_residual_here(padded, weighted)[:size] / prior_sd
     gain = float(gradient @ np.linalg.solve(information, gradient)) / unit
     values, vectors = np.linalg.eigh(information * np.outer(reach, reach))
     covariance = (vectors / np.maximum(values, 1.0 / WIDE**2)) @ vectors.T * np.outer(reach, reach)
-    return Local(r, jacobian, unit, unit * covariance, gain)
+    return Local(unit, unit * covariance, gain)

@@ -88,8 +88,9 @@ def rounds(
         # later rounds linearise half way: an impact that crosses a sampling instant makes two optima alternate
         early = k < settings.clock_rounds
         about = x if early else 0.5 * (about + x)
-        whitened = columns(problem.batch, here.r)
-        problem = weights.timed(problem, x, here.r) if early else problem
+        r = problem.residual(x, weighted)
+        whitened = columns(problem.batch, r)
+        problem = weights.timed(problem, x, r) if early else problem
         problem = problem.with_instants(about)
         problem, outliers = weights.outliers_weighed(problem, whitened)
     end = after_rounds(moved, here.gain, outliers, settings)

@@ -216,7 +216,8 @@ class Shifts:
         """Lanes in which something may be late."""
         if self._late.acting is not None or self._late.channels:
             return np.arange(np.shape(self._batch.steps.dt)[1])
-        return np.unique(np.concatenate([reading.lanes for reading in self._as_is.channels.values()]))
+        of_channels = (reading.lanes for reading in self._as_is.channels.values())
+        return np.unique(np.concatenate([np.zeros(0, dtype=int), *of_channels]))
 
     @property
     def channels(self) -> tuple[str, ...]:

@@ -12,10 +12,11 @@ from typing import Any, NamedTuple
 
 import jax
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Bool, Float, Int
 
 from . import late_kernels, one_pass_kernels
 from .free_parameters import Form
+from .innovations import InnovationsFilter
 from .lateness import Shifts, Simulated
 from .one_pass import has_single_pass
 from .one_pass_kernels import Sums, free_of, rows_of
@@ -42,6 +43,7 @@ def _parts(form: Form, full: Float[np.ndarray, " Q"], weighted: WeightedData) ->
     def split() -> list[tuple[ModuleType, np.ndarray, Any]]:
         somewhere = full + 1e-3 * np.arange(1.0, 1.0 + full.size)  # where nothing is on time by chance
         late = np.isin(lanes, Shifts(form, somewhere, Simulated(*data[:2], weighted.test_of)).lanes)
+        late |= _moving(weighted.whitening)
         used, prompt = rows_of(weighted) > 0, (*data[:4], data[4]._replace(moved=None))
         found = (one_pass_kernels, lanes[~late & used], prompt), (late_kernels, lanes[late & used], data)
         return [
@@ -55,6 +57,14 @@ def _parts(form: Form, full: Float[np.ndarray, " Q"], weighted: WeightedData) ->
         _Part(by, some, weighted._replace(**dict(zip(fields, tree, strict=True))))
         for by, some, tree in _SPLIT.of(jax.tree.leaves(data), form, split)
     ]
+
+
+def _moving(filter_: InnovationsFilter) -> Bool[np.ndarray, " L"]:
+    """Lanes in which samples are filtered elsewhere than they were logged; the filter may be that of another model."""
+    if filter_.moved is None:
+        return np.zeros(filter_.weight.shape[1], dtype=bool)
+    still = np.arange(filter_.weight.shape[0])[:, None, None]
+    return np.any(np.asarray(filter_.moved.forth) != still, axis=(0, 2))
 
 
 def _beside(parts: Sequence[_Part], results: Sequence[np.ndarray], lanes: int) -> np.ndarray:

@@ -148,6 +148,8 @@ def test_channels_late_by_whole_samples_compute_as_jax_does(rig: Rig) -> None:
     problem, x, weighted = case(rig, [e for e in around(rig) if e.delays], size=9.0)
     assert weighted.whitening.moved is not None
     agrees(problem, x, weighted)
+    plain, there, _ = case(rig, [])
+    agrees(plain, there, plain.weighted(weighted.whitening))  # by the filter of the model that it was compared with
 
 
 @pytest.mark.slow
