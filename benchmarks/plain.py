@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 if TYPE_CHECKING:
+    from etcfit.problem.input_signal import InputSignal
     from etcfit.problem.trace import Trace
 
 
@@ -70,7 +71,7 @@ def plain(trace: Trace, jump_at: float | None = None) -> PlainTrace:
         jump_at: share of the interval at which the input jumps, where it does; None: it is linear there too.
     """
     boundary, release = trace.test.boundary, trace.release
-    knots, volts = _input(trace, jump_at)
+    knots, volts = input_knots(trace.instants, trace.input, jump_at)
     return PlainTrace(
         trace.measurement.file, trace.test.name, boundary.plate_held, boundary.gear_apart, trace.circuit,
         trace.instants, knots, volts, trace.channels, trace.data, trace.sigma, trace.start.state,
@@ -78,8 +79,8 @@ def plain(trace: Trace, jump_at: float | None = None) -> PlainTrace:
     )  # fmt: skip
 
 
-def _input(trace: Trace, jump_at: float | None) -> tuple[np.ndarray, np.ndarray]:
-    times, signal = trace.instants, trace.input
+def input_knots(times: np.ndarray, signal: InputSignal | None, jump_at: float | None) -> tuple[np.ndarray, np.ndarray]:
+    """Instants and volts of an input that is linear in between; arguments as of `plain`."""
     if signal is None:
         return times[[0, -1]], np.zeros(2)
     if signal.held:

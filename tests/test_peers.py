@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from dataclasses import replace
 from pathlib import Path
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -14,7 +13,7 @@ from benchmarks.peers import __main__ as command
 from benchmarks.peers.__main__ import PEERS, column, named
 from benchmarks.peers.problem import Problem, chi2
 from benchmarks.peers.table import BEGIN, END, Column, error, number, off, put, signed, table
-from benchmarks.plain import PlainTrace, _input
+from benchmarks.plain import PlainTrace, input_knots
 from etcfit.problem.input_signal import InputSignal
 
 TRUTH = {"R_a": 2.0, "T_f": 0.2}
@@ -79,7 +78,7 @@ def test_the_input_jumps_at_a_knot() -> None:
 )
 def test_an_input_becomes_knots(held: bool, jump_at: float | None, seen: list[float]) -> None:
     found = denoised(held)
-    knots, volts = _input(SimpleNamespace(instants=np.arange(4.0), input=found), jump_at)  # type: ignore[arg-type]
+    knots, volts = input_knots(np.arange(4.0), found, jump_at)
     assert replace(trace([[0.0, 0.0]], [1.0, 1.0]), knots=knots, volts=volts).volts_at(
         np.array([0.5, 1.0, 1.5])
     ).tolist() == pytest.approx(seen)

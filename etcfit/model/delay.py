@@ -145,6 +145,7 @@ def _clock(steps: Step, resets: Reset, xp: Any) -> tuple[Float[AnyArray, "T L"],
 
 def _found(clock: Float[AnyArray, "T L"], instant: Float[AnyArray, "T L"], side: str, xp: Any) -> Int[AnyArray, "T L"]:
     """The first entry of each lane that comes after an instant ("right"), or not before it ("left")."""
+    clock = running_max(clock, xp)  # a step of negative length, as a phase of edges may make one, turns it back
     if xp is np:
         out = np.empty(instant.shape, dtype=int)
         for lane in range(instant.shape[1]):
@@ -162,21 +163,31 @@ def _moves(
 
 
 def _earlier(
-    clock: Float[AnyArray, "T L"], began: Float[AnyArray, "T L"], instant: Float[AnyArray, "T L"], xp: Any
+    clock: Float[AnyArray, "T L"],
+    began: Float[AnyArray, "T L"],
+    instant: Float[AnyArray, "T L"],
+    xp: Any,
+    near: Earlier | None = None,
 ) -> Earlier:
     moves = _moves(instant, began, np.inf)
     instant = xp.maximum(instant, began)
-    row = xp.clip(_found(clock, instant, "right", xp) - 1, 0, clock.shape[0] - 2)
+    row = xp.clip(_found(clock, instant, "right", xp) - 1, 0, clock.shape[0] - 2) if near is None else near.row
     early = _taken(clock, row)
     span = _taken(clock, row + 1) - early
     share = xp.where(span > 0.0, (instant - early) / xp.where(span > 0.0, span, 1.0), 0.0)
     return Earlier(row, share, span, moves)
 
 
-def earlier(steps: Step, resets: Reset, delay: Scalar, xp: Any = jnp) -> Earlier:
-    """Each entry's instant less a delay (s, >= 0)."""
+def earlier(steps: Step, resets: Reset, delay: Scalar, xp: Any = jnp, near: Earlier | None = None) -> Earlier:
+    """Each entry's instant less a delay (s, >= 0).
+
+    Args:
+        steps, resets: the batch, by xp, which is JAX or NumPy.
+        delay: s.
+        near: read between the same entries as there: for steps that differ little.
+    """
     clock, began = _clock(steps, resets, xp)
-    return _earlier(clock, began, clock - delay, xp)
+    return _earlier(clock, began, clock - delay, xp, near)
 
 
 def delayed(signal: Float[AnyArray, "T L"], steps: Step, resets: Reset, delay: Scalar) -> Float[Array, "T L"]:
@@ -219,15 +230,17 @@ def _shares(
     return own / xp.where(dt > 0.0, dt, 1.0), others / xp.where(later > 0.0, later, 1.0)
 
 
-def between(steps: Step, resets: Reset, late: Scalar, xp: Any = jnp) -> Between:
-    """Each entry's instant less a lateness (s, of either sign; shape (T, L), or one for all)."""
+def between(steps: Step, resets: Reset, late: Scalar, xp: Any = jnp, near: Between | None = None) -> Between:
+    """Each entry's instant less a lateness (s, of either sign; shape (T, L), or one for all); see `earlier`."""
     clock, began = _clock(steps, resets, xp)
     first, last = _trace_ends(resets, xp)
     ended = _taken(clock, last)
     moves = _moves(clock - late, began, ended)
     instant = xp.clip(clock - late, began, ended)
-    after = _found(clock, instant, "left", xp)
-    after = xp.clip(after, xp.minimum(first + 1, last), last)
+    if near is None:
+        after = xp.clip(_found(clock, instant, "left", xp), xp.minimum(first + 1, last), last)
+    else:
+        after = near.after
     span = _taken(steps.dt, after)
     back = (_taken(clock, after) - instant) / xp.where(span > 0.0, span, 1.0)
     s = xp.where(span > 0.0, 1.0 - back, 1.0)
@@ -251,12 +264,13 @@ def logged_late(signal: Float[AnyArray, "T L"], steps: Step, resets: Reset, late
     return between(steps, resets, late).of(signal)
 
 
-def late_input(steps: Step, resets: Reset, delay: Scalar, xp: Any = jnp) -> LateInput:
-    """How an input acts that is late by a delay (s, >= 0)."""
+def late_input(steps: Step, resets: Reset, delay: Scalar, xp: Any = jnp, near: LateInput | None = None) -> LateInput:
+    """How an input acts that is late by a delay (s, >= 0); see `earlier`."""
     clock, began = _clock(steps, resets, xp)
     end, begin = clock - delay, clock - steps.dt - delay
     lead = xp.maximum(began - begin, 0.0) - xp.maximum(began - end, 0.0)
-    return LateInput(_earlier(clock, began, begin, xp), _earlier(clock, began, end, xp), lead, steps.dt)
+    begins, ends = (None, None) if near is None else (near.begins, near.ends)
+    return LateInput(_earlier(clock, began, begin, xp, begins), _earlier(clock, began, end, xp, ends), lead, steps.dt)
 
 
 def late_inputs(steps: Step, resets: Reset, delay: Scalar) -> Step:

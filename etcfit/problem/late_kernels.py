@@ -35,7 +35,7 @@ from .residual import Compared, WeightedData, equipped, shown
 from .residual_entry import SimulatedEntry
 from .traced_entry import Column, Shape, TracedEntry, nodes_of
 
-_REMEMBERED = 256  # graphs and kernels, each
+_REMEMBERED = 256  # graphs that a process remembers, and as many kernels
 
 
 # ---- the simulation
@@ -113,9 +113,9 @@ class _Laid(NamedTuple):
         return prompt
 
 
-def _laid(form: Form, full: Float[np.ndarray, " Q"], weighted: WeightedData) -> _Laid:
+def _laid(form: Form, full: Float[np.ndarray, " Q"], weighted: WeightedData, differentiated: bool = False) -> _Laid:
     batch = Simulated(weighted.steps, weighted.resets, weighted.test_of)
-    late = Shifts(form, full, batch)
+    late = Shifts(form, full, batch, differentiated)
     kind = np.asarray(weighted.slots.kind)
     tree = batch._replace(steps=batch.steps._replace(acting=late.acting)), kind, dict(late.ways)
     numbers = numbered(tree)
@@ -129,7 +129,7 @@ def _simulated(
     form: Form, full: Float[np.ndarray, " Q"], weighted: WeightedData, free: tuple[str, ...]
 ) -> Float[np.ndarray, "K T L M"]:
     """What each slot ought to show, and its derivatives in the free parameters, K = 1 + P."""
-    laid = _laid(form, full, weighted)
+    laid = _laid(form, full, weighted, bool(free))
     entry: list[_ObservedEntry] = []
 
     def entry_of(shape: Shape) -> TracedEntry:

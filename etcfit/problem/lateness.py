@@ -6,13 +6,16 @@ from collections.abc import Callable, Mapping
 from typing import Any, NamedTuple
 
 import jax
+import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float, Int
 
 from ..kernels.derivatives import forward
+from ..kernels.graph import Graph
 from ..kernels.loop import Across
+from ..kernels.lowering import lowered
 from ..kernels.machine import Kernel
-from ..model.delay import Between, Earlier, LateInput, between, earlier, late_input
+from ..model.delay import Earlier, LateInput, between, earlier, late_input
 from ..model.stepper import Acting, Reset, Step
 from ..model.throttle import Throttle
 from .free_parameters import Form
@@ -123,12 +126,12 @@ class _Reading(NamedTuple):
 
     Args:
         delay: None without.
-        logged: in some lanes.
+        logged: a `Between` of some lanes.
         lanes: those in which the rig may log it late.
     """
 
     delay: Earlier | None
-    logged: Between
+    logged: Any
     lanes: Int[np.ndarray, " l"]
 
     def of(self, signal: Signal) -> Signal:
@@ -163,19 +166,25 @@ class _Shifted(NamedTuple):
         return levels if by is None else Acting(*by.of(*levels[:2], np), *by.of(*levels[2:], np))
 
 
-def _shifted(late: Lags, ways: Mapping[str, Lags], steps: Step, resets: Reset) -> _Shifted:
+def _shifted(
+    late: Lags, ways: Mapping[str, Lags], steps: Step, resets: Reset, near: _Shifted | None = None
+) -> _Shifted:
+    """`near`: read between the same entries as there."""
     channels, still = {}, np.zeros(np.shape(steps.dt))
     for name in {*late.channels, *late.logged}:
         delay, logged = _delay(late.channels.get(name, 0.0)), late.logged.get(name, still)
-        moves = np.any(
-            [logged != 0.0, *(way.logged[name] != 0.0 for way in ways.values() if name in way.logged)], axis=0
-        )
-        lanes = np.flatnonzero(moves.any(axis=0))
+        moves = [logged, *(way.logged[name] for way in ways.values() if name in way.logged)]
+        lanes = np.flatnonzero(np.any([np.any(each, axis=0) for each in moves], axis=0))
         own = steps._replace(dt=steps.dt[:, lanes]), resets._replace(begins=resets.begins[:, lanes])
-        before = earlier(steps, resets, delay, np) if delay > 0.0 else None
-        channels[name] = _Reading(before, between(*own, logged[:, lanes], np), lanes)
+        as_there = _Reading(None, None, lanes) if near is None else near.channels[name]
+        channels[name] = _Reading(
+            earlier(steps, resets, delay, np, as_there.delay) if delay > 0.0 else None,
+            between(*own, logged[:, lanes], np, as_there.logged),
+            lanes,
+        )
     delay = 0.0 if late.input is None else _delay(late.input)
-    return _Shifted(late_input(steps, resets, delay, np) if delay > 0.0 else None, channels)
+    begun = None if near is None else near.input
+    return _Shifted(late_input(steps, resets, delay, np, begun) if delay > 0.0 else None, channels)
 
 
 def _delay(each: Any) -> float:
@@ -190,26 +199,26 @@ class Shifts:
         form: the model.
         full: value of every parameter, SI, shape (Q,).
         batch: what is simulated.
+        differentiated: whether `ways` are asked for.
     Attributes:
         acting: what acts in each step; None where the input is never late.
         ways: of each parameter that changes it, the derivative.
     """
 
-    def __init__(self, form: Form, full: Float[np.ndarray, " Q"], batch: Simulated) -> None:
+    def __init__(
+        self, form: Form, full: Float[np.ndarray, " Q"], batch: Simulated, differentiated: bool = True
+    ) -> None:
         self._late, self._ways = _found(form, full, batch)
         self._batch, late = batch, self._late
         self._as_is = self._with(late.dt)
         self._warped: dict[str, tuple[_Shifted, _Shifted, float]] = {}
-        for symbol, way in self._ways.items():
-            if way.dt is not None and np.any(way.dt):
-                by = _WARP * float(np.max(late.dt)) / float(np.max(np.abs(way.dt)))
-                self._warped[symbol] = self._with(late.dt + by * way.dt), self._with(late.dt - by * way.dt), 2.0 * by
         self.acting = None if late.acting is None else self._as_is.acting(late.acting)
-        self.ways = {} if late.acting is None else {symbol: self._acting_way(symbol) for symbol in self._ways}
+        asked = self._ways if differentiated and late.acting is not None else ()
+        self.ways = {symbol: self._acting_way(symbol) for symbol in asked}
 
-    def _with(self, dt: Signal | None) -> _Shifted:
+    def _with(self, dt: Signal | None, near: _Shifted | None = None) -> _Shifted:
         steps = self._batch.steps if dt is None else self._batch.steps._replace(dt=dt)
-        return _shifted(self._late, self._ways, steps, self._batch.resets)
+        return _shifted(self._late, self._ways, steps, self._batch.resets, near)
 
     @property
     def lanes(self) -> Int[np.ndarray, " l"]:
@@ -238,21 +247,38 @@ class Shifts:
     def _by_warp(self, symbol: str, read: Callable[[_Shifted], Any]) -> Any:
         """What a shift does since a parameter changes the lengths of steps, by a central difference: rare, and exact to
         rounding where steps are stretched all alike."""
-        if symbol not in self._warped:
+        way = None if symbol not in self._ways else self._ways[symbol].dt
+        if way is None or not np.any(way):
             return 0.0
+        if symbol not in self._warped:
+            dt = self._late.dt
+            by = _WARP * float(np.max(dt)) / float(np.max(np.abs(way)))
+            later, sooner = (self._with(dt + sign * by * way, self._as_is) for sign in (1.0, -1.0))
+            self._warped[symbol] = later, sooner, 2.0 * by
         later, sooner, by = self._warped[symbol]
         return (read(later) - read(sooner)) / by
 
     def _acting_way(self, symbol: str) -> Acting:
         way, driven, by = self._ways[symbol], self._late.acting, self._as_is.input
         moved = self._as_is.acting(way.acting)
-        rates = (0.0,) * 4 if by is None else (*by.rates(*driven[:2]), *by.rates(*driven[2:]))
+        if by is None:  # no delay: nothing is shifted
+            return moved
+        rates = np.array([*by.rates(*driven[:2]), *by.rates(*driven[2:])])
         warp = self._by_warp(symbol, lambda shifted: np.array(shifted.acting(driven)))
-        return Acting(*(np.array(moved) - way.input * np.array(rates) + warp))
+        return Acting(*(np.array(moved) - way.input * rates + warp))
+
+
+@remembered(_REMEMBERED)
+def _acts_late(form: Form) -> bool:
+    """Whether the input of a model may be late."""
+    graph = Graph()
+    values = {name: graph.input(name) for name in form.index}
+    delay = lowered(lambda values: jnp.asarray(Throttle.build(form.types, values).delays().input), graph, (values,))
+    return graph.known(delay) != 0.0
 
 
 def acting_late(form: Form, full: Float[np.ndarray, " Q"], batch: Simulated) -> Step:
     """The steps with what acts in them where the input is late; arguments as of `Shifts`."""
-    if not any(effect.delays for effect in form.types):
+    if not any(effect.delays for effect in form.types) or not _acts_late(form):
         return batch.steps
-    return batch.steps._replace(acting=Shifts(form, full, batch).acting)
+    return batch.steps._replace(acting=Shifts(form, full, batch, differentiated=False).acting)

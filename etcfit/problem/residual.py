@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import jax.numpy as jnp
 import numpy as np
@@ -104,13 +104,13 @@ def predict(
 
 
 def shown(
-    seen: Mapping[str, Float[AnyArray, "*batch"]], kind: Float[AnyArray, "*batch M"], xp: Any = jnp
+    seen: Mapping[str, Float[AnyArray, "*batch"]], kind: Float[AnyArray, "*batch M"]
 ) -> Float[AnyArray, "*batch M"]:
     """What each slot shows of channels, by its kind, an index into `KINDS`; 0 where it is of none of them."""
-    y = xp.zeros(kind.shape)
+    y = jnp.zeros(kind.shape)
     for k, name in enumerate(KINDS):
         if name in seen:
-            y = xp.where(kind == k, seen[name][..., None], y)
+            y = jnp.where(kind == k, seen[name][..., None], y)
     return y
 
 

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from types import ModuleType
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import jax
 import numpy as np
@@ -17,13 +17,14 @@ from jaxtyping import Bool, Float, Int
 from . import late_kernels, one_pass_kernels
 from .free_parameters import Form
 from .innovations import InnovationsFilter
+from .lanes import MAKING
 from .lateness import Shifts, Simulated
 from .one_pass import has_single_pass
 from .one_pass_kernels import Sums, free_of, rows_of
 from .records import Remembered
 from .residual import Compared, WeightedData
 
-_SPLIT = Remembered()
+_LATE, _SLICES = Remembered(), Remembered()
 
 
 class _Part(NamedTuple):
@@ -34,29 +35,41 @@ class _Part(NamedTuple):
     weighted: WeightedData
 
 
-def _parts(form: Form, full: Float[np.ndarray, " Q"], weighted: WeightedData) -> list[_Part]:
+def _parts(form: Form, weighted: WeightedData) -> list[_Part]:
     lanes = np.arange(weighted.slots.value.shape[1])
     if has_single_pass(form, weighted):
         return [_Part(one_pass_kernels, lanes, weighted)]
+    with MAKING:
+        late, used = _late_and_used(form, weighted)
+        late = late | _moving(weighted.whitening)
+        prompt = weighted._replace(whitening=weighted.whitening._replace(moved=None))
+        found = (one_pass_kernels, lanes[~late & used], prompt), (late_kernels, lanes[late & used], weighted)
+        return [_Part(by, some, _of_lanes(data, some)) for by, some, data in found if some.size]
+
+
+def _late_and_used(form: Form, weighted: WeightedData) -> tuple[Bool[np.ndarray, " L"], Bool[np.ndarray, " L"]]:
+    """Lanes in which something may be late, and those that are not blank."""
+    batch = Simulated(weighted.steps, weighted.resets, weighted.test_of)
+
+    def found() -> tuple[np.ndarray, np.ndarray]:
+        somewhere = 1e-3 * np.arange(1.0, 1.0 + len(form.parameters))  # where nothing is on time by chance
+        late = Shifts(form, somewhere, batch, differentiated=False).lanes
+        used = rows_of(weighted) > 0
+        return np.isin(np.arange(used.size), late), used
+
+    return _LATE.of(jax.tree.leaves(batch), form, found)
+
+
+def _of_lanes(weighted: WeightedData, lanes: Int[np.ndarray, " l"]) -> WeightedData:
+    """The data of some lanes; of the same arrays always the same slices, so that each is packed once."""
     data = weighted.steps, weighted.resets, weighted.slots, weighted.test_of, weighted.whitening
+    if lanes.size == weighted.slots.value.shape[1]:
+        return weighted
 
-    def split() -> list[tuple[ModuleType, np.ndarray, Any]]:
-        somewhere = full + 1e-3 * np.arange(1.0, 1.0 + full.size)  # where nothing is on time by chance
-        late = np.isin(lanes, Shifts(form, somewhere, Simulated(*data[:2], weighted.test_of)).lanes)
-        late |= _moving(weighted.whitening)
-        used, prompt = rows_of(weighted) > 0, (*data[:4], data[4]._replace(moved=None))
-        found = (one_pass_kernels, lanes[~late & used], prompt), (late_kernels, lanes[late & used], data)
-        return [
-            (by, some, jax.tree.map(lambda leaf, of=some: np.ascontiguousarray(leaf[:, of]), tree))
-            for by, some, tree in found
-            if some.size
-        ]
+    def some(leaf: np.ndarray) -> np.ndarray:
+        return _SLICES.of([leaf], lanes.tobytes(), lambda: np.ascontiguousarray(leaf[:, lanes]))
 
-    fields = WeightedData._fields[:5]
-    return [
-        _Part(by, some, weighted._replace(**dict(zip(fields, tree, strict=True))))
-        for by, some, tree in _SPLIT.of(jax.tree.leaves(data), form, split)
-    ]
+    return weighted._replace(**dict(zip(WeightedData._fields[:5], jax.tree.map(some, data), strict=True)))
 
 
 def _moving(filter_: InnovationsFilter) -> Bool[np.ndarray, " L"]:
@@ -92,24 +105,24 @@ def sums(form: Form, full: Float[np.ndarray, " Q"], weighted: WeightedData) -> S
         full: value of every parameter, SI, shape (Q,).
         weighted: data and whitening, arrays of NumPy.
     """
-    each = [part.by.sums(form, full, part.weighted) for part in _parts(form, full, weighted)]
+    each = [part.by.sums(form, full, part.weighted) for part in _parts(form, weighted)]
     return Sums(*(np.sum(terms, axis=0) for terms in zip(*each, strict=True)))
 
 
 def chi2(form: Form, full: Float[np.ndarray, " Q"], weighted: WeightedData) -> float:
     """Sum of squares of the whitened residual; arguments as of `sums`."""
-    return float(sum(part.by.chi2(form, full, part.weighted) for part in _parts(form, full, weighted)))
+    return float(sum(part.by.chi2(form, full, part.weighted) for part in _parts(form, weighted)))
 
 
 def chi2_of_points(form: Form, fulls: Float[np.ndarray, "K Q"], weighted: WeightedData) -> Float[np.ndarray, " K"]:
     """The same of many points, shape (K, Q) -> (K,)."""
-    each = [part.by.chi2_of_points(form, fulls, part.weighted) for part in _parts(form, fulls[0], weighted)]
+    each = [part.by.chi2_of_points(form, fulls, part.weighted) for part in _parts(form, weighted)]
     return np.sum(each, axis=0)
 
 
 def compared(form: Form, full: Float[np.ndarray, " Q"], weighted: WeightedData) -> Compared:
     """What each slot ought to show, and the whitened residual; arguments as of `sums`."""
-    parts, lanes = _parts(form, full, weighted), weighted.slots.value.shape[1]
+    parts, lanes = _parts(form, weighted), weighted.slots.value.shape[1]
     each = [part.by.compared(form, full, part.weighted) for part in parts]
     return Compared(*(_beside(parts, some, lanes) for some in zip(*each, strict=True)))
 
@@ -123,7 +136,7 @@ def linearised(
         form, full, weighted: as of `sums`.
         by: symbols; the free parameters where None.
     """
-    free, parts = free_of(form, weighted.pick) if by is None else by, _parts(form, full, weighted)
+    free, parts = free_of(form, weighted.pick) if by is None else by, _parts(form, weighted)
     each = [part.by.linearised(form, full, part.weighted, free) for part in parts]
     r, slopes = (_beside(parts, some, weighted.slots.value.shape[1]) for some in zip(*each, strict=True))
     return r, slopes

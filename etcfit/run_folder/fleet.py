@@ -75,11 +75,11 @@ def read_fleet_files(run: Path) -> FleetFiles:
     Raises:
         UsageError: it is not there or not whole, another version wrote it, or pyarrow is not installed.
     """
+    require_extra("fleet", f"{run / UNITS}", "pyarrow")
     settle(run)
     if not (run / FLEET).is_file() or not (run / UNITS).is_file():
         raise UsageError(f"{run} holds no fleet ({FLEET} and {UNITS} are not both there). "
                          f"Run `etcfit fleet FLEET --out {run}` first.")  # fmt: skip
-    require_extra("fleet", f"{run / UNITS}", "pyarrow")
     again = f"Run `etcfit fleet FLEET --out {run}` again: what it fitted is kept."
     content = object_in(run / FLEET, "fleet", ("version", *_needed()), again)
     if str(content["version"]).split(".")[:2] != __version__.split(".")[:2]:

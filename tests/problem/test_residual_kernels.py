@@ -144,6 +144,13 @@ def test_every_effect_of_the_rig_computes_as_jax_does(rig: Rig) -> None:
 
 
 @pytest.mark.slow
+def test_a_delay_of_exactly_nothing_computes_as_jax_does(rig: Rig) -> None:
+    config = replace(rig.config, parameters={**rig.config.parameters, "t_a": Fixed(0.0)})
+    late = [e for e in (*around(rig), *ADDED) if e.delays]
+    agrees(*case(replace(rig, config=config), late))
+
+
+@pytest.mark.slow
 def test_channels_late_by_whole_samples_compute_as_jax_does(rig: Rig) -> None:
     problem, x, weighted = case(rig, [e for e in around(rig) if e.delays], size=9.0)
     assert weighted.whitening.moved is not None
