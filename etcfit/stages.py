@@ -22,7 +22,7 @@ from typing import TYPE_CHECKING, Any
 from .api.arguments import fits, in_words, typed
 from .api.progress import Expected, part_of
 from .control.request import DesignRequest
-from .errors import UsageError, require_extra
+from .errors import UsageError, command, require_extra
 from .posterior.settings import SamplingSettings
 
 if TYPE_CHECKING:
@@ -516,8 +516,8 @@ def _as_before(run: Path, stage: Stage, before: Mapping[str, Any]) -> dict[str, 
     for name, annotation in stage.options.items():
         if name in before and not fits(before[name], annotation):
             raise UsageError(f"{run / 'run.json'} says that `etcfit {stage.name}` last ran with {name} "
-                             f"{json.dumps(before[name])[:60]}, which is not {in_words(annotation)}. Run `etcfit "
-                             f"{stage.name} {run}` by itself, with the options that you want.")  # fmt: skip
+                             f"{json.dumps(before[name])[:60]}, which is not {in_words(annotation)}. Run "
+                             f"`{command(stage.name, run)}` by itself, with the options that you want.")  # fmt: skip
     return {name: before[name] for name in stage.options if name in before}
 
 

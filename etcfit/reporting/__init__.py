@@ -8,13 +8,13 @@ The only matplotlib; lazy.
 
 from __future__ import annotations
 
-import shlex
 import shutil
 from collections.abc import Mapping, Sequence
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from ..errors import command
 from ..estimation.joint_fit import Report, quiet
 
 if TYPE_CHECKING:  # a table of `check` needs none of what these load
@@ -55,7 +55,7 @@ def draw_fit(run: Path, result: FitResult, report: Report = quiet) -> None:
 def _leave_others(run: Path) -> None:
     """Put down that pictures are missing, for `draw_others` and for a person who looks for them."""
     (run / "pictures").mkdir(parents=True, exist_ok=True)
-    note = f"The other pictures, of every test and trace, are drawn by\n\n    etcfit report {shlex.quote(str(run))}\n"
+    note = f"The other pictures, of every test and trace, are drawn by\n\n    {command('report', run)}\n"
     (run / "pictures" / _UNDRAWN).write_text(note, encoding="utf-8")
 
 

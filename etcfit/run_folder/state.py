@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import TypeVar
 
 from ..diagnosis.findings import Diagnosis
-from ..errors import UsageError
+from ..errors import UsageError, command
 from ..estimation.result import FitResult
 from ..files import held, write_json
 from ..rig.base import FRAMES, Rig
@@ -117,7 +117,7 @@ def has_diagnosis(run: Path) -> bool:
     return "diagnose" in read_records(run) or (run / DIAGNOSIS_STATE).is_file()
 
 
-def _loaded(path: Path, kind: type[T], command: str, fit: FitResult | None = None) -> T:
+def _loaded(path: Path, kind: type[T], again: str, fit: FitResult | None = None) -> T:
     try:
         found = codec.load(path, {} if fit is None else {FIT_STATE: fit})
         if not isinstance(found, kind):
@@ -125,7 +125,7 @@ def _loaded(path: Path, kind: type[T], command: str, fit: FitResult | None = Non
         return found
     except codec.Unreadable as error:
         raise UsageError(f"{path} was not written by this version of etcfit, or not whole ({error}). "
-                         f"Run `{command}` again.") from None  # fmt: skip
+                         f"Run `{again}` again.") from None  # fmt: skip
 
 
 def _is_saved(run: Path, result: FitResult) -> bool:
@@ -142,7 +142,7 @@ def _must_be_measured_so(run: Path, record: Record) -> None:
         return
     if changed := changes_of(folder, record):
         raise UsageError(f"{folder} has changed since {run} was fitted to it ({', '.join(changed)}). "
-                         f"Run `etcfit fit {folder} --out {run}` again.")  # fmt: skip
+                         f"Run `{command('fit', folder, '--out', run)}` again.")  # fmt: skip
 
 
 def measurements_of(run: Path, record: Record) -> Path | None:

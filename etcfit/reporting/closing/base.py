@@ -31,11 +31,6 @@ class Closing:
         return "\n".join((f"Answer: {self.answer}", *([f"Look:   {there}"] if there else []), f"Next:   {self.next}"))
 
 
-def command(*words: str | Path) -> str:
-    """A command line that a shell takes as it stands: words with blanks are in quotes."""
-    return shlex.join(["etcfit", *map(str, words)])
-
-
 def mended(line: str, folder: str | Path, then: str) -> str:
     """A command, and what to change before it is given."""
     return f"{then}, after this change in {shlex.quote(str(Path(folder) / 'rig.toml'))}: {line}"
