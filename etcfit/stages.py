@@ -580,10 +580,11 @@ def run(
     from .api.fleet import Fleet
     from .api.progress import working
     from .api.verbs import load
+    from .rig.names import visible
 
     def show(name: str, done: Done | None) -> None:
         if done is not None and done.remark and not quiet:
-            print(f"{name}: {done.remark}", file=sys.stderr)
+            print(visible(f"{name}: {done.remark}"), file=sys.stderr)
 
     run_all(Path(folder), Path(out), partial(working, quiet), show, stages_until(until), designed_for(profile))
     found = load(out)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -32,6 +33,7 @@ from etcfit.run_folder import STAGE_FILES, RunFolder, has_diagnosis, read_record
 from etcfit.stages import (
     REPORT,
     STAGES,
+    Done,
     Stage,
     design_run,
     diagnose_run,
@@ -318,14 +320,18 @@ def test_what_is_asked_for_reaches_the_design(found: Diagnosis, monkeypatch: pyt
     assert (computer.period, make.name) == (2e-3, "link")
 
 
-def test_run_gives_the_last_model_back(found: Diagnosis, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_run_gives_the_last_model_back(
+    found: Diagnosis, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
     def run_all(folder: Path, path: Path, progress: Any, show: Any, stages: tuple[Stage, ...], asked: Any) -> str:
         assert (folder, asked) == (tmp_path / "rig", {"design": {"profile": "rusefi"}})
         assert stages == stages_until("design")
         save_diagnosis(path, found)
+        show("design", Done(None, remark="made of \x1b[2J\u202e.csv"))
         return ""
 
     monkeypatch.setattr("etcfit.stages.run_all", run_all)
-    last = etcfit.run(str(tmp_path / "rig"), str(tmp_path / "run"), profile="rusefi", until="design", quiet=True)
+    last = etcfit.run(str(tmp_path / "rig"), str(tmp_path / "run"), profile="rusefi", until="design")
+    assert capsys.readouterr().err == "design: made of (U+001B)[2J(U+202E).csv\n"
     assert isinstance(last, Diagnosed)
     assert equal(last.diagnosis, found)
