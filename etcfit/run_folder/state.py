@@ -9,6 +9,8 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import TypeVar
 
+import numpy as np
+
 from ..diagnosis.findings import Diagnosis
 from ..errors import UsageError, command
 from ..estimation.result import FitResult
@@ -133,6 +135,16 @@ def _is_saved(run: Path, result: FitResult) -> bool:
     if not (run / FIT_STATE).is_file() or "fit" not in read_records(run):
         return False
     return codec.same(run / FIT_STATE, result)
+
+
+def is_same_model(one: FitResult, other: FitResult) -> bool:
+    """Whether both are of the same measurements and have the same parameters to the last bit; their intervals may differ,
+    as where formulas are taken as exact."""
+    if one is other:
+        return True
+    if one.rig.digests != other.rig.digests or list(one.values) != list(other.values):
+        return False
+    return np.array_equal(list(one.values.values()), list(other.values.values()), equal_nan=True)
 
 
 def _must_be_measured_so(run: Path, record: Record) -> None:
