@@ -138,8 +138,8 @@ def _is_saved(run: Path, result: FitResult) -> bool:
 
 
 def is_same_model(one: FitResult, other: FitResult) -> bool:
-    """Whether both are of the same measurements and have the same parameters to the last bit; their intervals may differ,
-    as where formulas are taken as exact."""
+    """Whether both have the same measurements and the same parameters to the last bit; their intervals may differ, as
+    where formulas are taken as exact."""
     if one is other:
         return True
     if one.rig.digests != other.rig.digests or list(one.values) != list(other.values):
