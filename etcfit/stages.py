@@ -109,19 +109,22 @@ def expected(run: Path, stage: str) -> Expected | None:
     return None
 
 
-def opened(run: Path, out: Path | None = None) -> RunFolder:
+def opened(run: Path, out: Path | None = None, folder: Path | None = None) -> RunFolder:
     """The run folder, for the stages below.
 
     Args:
         run: the folder.
         out: where files will be written; RUN itself where None.
+        folder: the measurements, where they will be fitted.
     Raises:
-        UsageError: another version wrote it.
+        UsageError: another version wrote it, or it lies among the measurements.
         OSError: no file can be written there.
     """
     from .files import require_writable
-    from .run_folder import RunFolder, read_records
+    from .run_folder import RunFolder, read_records, refuse_among_measurements
 
+    if folder is not None:
+        refuse_among_measurements(folder, run)
     read_records(run)
     require_writable(out or run)
     return RunFolder(run)
@@ -469,7 +472,7 @@ def run_all(
     from .run_folder import must_belong
 
     must_belong(path, folder)
-    run = opened(path)
+    run = opened(path, folder=folder)
     with held(path):
         return _run_all(folder, run, progress, show, stages, asked)
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import shlex
 from collections.abc import Callable
 from dataclasses import asdict
 from pathlib import Path
@@ -16,7 +17,7 @@ from ..errors import UsageError, command
 from ..estimation.result import FitResult
 from ..files import held, write_json
 from ..rig.base import FRAMES, Rig
-from ..rig.reader import digests_of
+from ..rig.reader import KNOWN_TESTS, digests_of
 from . import codec
 from .diagnosis import diagnosis_json
 from .fit import fit_json
@@ -51,8 +52,10 @@ def save_fit(run: Path, result: FitResult, beside: Callable[[Path], None] | None
         result: a fit, converged or not.
         beside: what to do, in a folder that stands for RUN until all is there, before the files take their places.
     Raises:
-        UsageError: RUN was written by another version, or another process writes there.
+        UsageError: RUN was written by another version, another process writes there, or it lies among the measurements.
     """
+    if result.rig.folder != FRAMES:
+        refuse_among_measurements(Path(result.rig.folder), run)
     folder = _relative(Path(result.rig.folder), run)
     with replacing(run, "fit", exit_of(result), asdict(result.settings), result.rig.digests, folder) as draft:
         codec.save(draft / FIT_STATE, result)
@@ -190,6 +193,22 @@ def last_failure(run: Path) -> str:
             content = json.loads((run / name).read_text(encoding="utf-8"))
             return "" if content["converged"] else f"the fit of the final model did not converge: {content['reason']}"
     return ""
+
+
+def refuse_among_measurements(folder: Path, run: Path) -> None:
+    """A run folder must be no measurement folder and lie in none of its rig tests: files of both would be mixed.
+
+    Raises:
+        UsageError: so it is.
+    """
+    place, target = folder.resolve(), run.resolve()
+    if not target.is_relative_to(place):
+        return
+    below = target.relative_to(place).parts
+    if not below or below[0] in KNOWN_TESTS:
+        what = f"lies in {folder / below[0]}, the folder of a rig test" if below else "is the measurement folder itself"
+        elsewhere = shlex.quote(str(Path("runs") / place.name))
+        raise UsageError(f"{run} {what}. Name a run folder outside of it: --out {elsewhere}.")
 
 
 def must_belong(run: Path, folder: Path) -> None:
