@@ -121,9 +121,11 @@ def opened(run: Path, out: Path | None = None, folder: Path | None = None) -> Ru
         OSError: no file can be written there.
     """
     from .files import require_writable
-    from .run_folder import RunFolder, read_records, refuse_among_measurements
+    from .run_folder import RunFolder, read_records
 
     if folder is not None:
+        from .run_folder import refuse_among_measurements  # it needs the rig tests, which nobody else here does
+
         refuse_among_measurements(folder, run)
     read_records(run)
     require_writable(out or run)

@@ -197,7 +197,7 @@ def test_a_fit_whose_picture_was_interrupted_is_kept(
         with pytest.raises(KeyboardInterrupt, match="All results are in"):
             keep_fit(run, found.before)
     assert equal(opened(run.path).fit(), found.before)
-    draw_others(run)
+    draw_others(run, silent)
     assert pictures_of(run) > {"parameters.png", *ONLY_LATER}
 
 

@@ -8,7 +8,6 @@ from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
-import pandas as pd
 
 from .. import __version__
 from ..errors import MeasurementError
@@ -94,6 +93,8 @@ def _table(trace: Trace) -> Table:
 
 
 def _csv(trace: Trace) -> str:
+    import pandas as pd
+
     table = _table(trace)
     rows = trace.record.rows
     part = f", rows {rows.start + 1} to {rows.stop}" if trace.record.cut else ""
