@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import replace
 from pathlib import Path
-from types import SimpleNamespace
+from typing import NamedTuple
 
 import numpy as np
 import pytest
@@ -79,10 +79,17 @@ def test_the_input_jumps_at_a_knot() -> None:
 )
 def test_an_input_becomes_knots(held: bool, jump_at: float | None, seen: list[float]) -> None:
     found = denoised(held)
-    knots, volts = _input(SimpleNamespace(instants=np.arange(4.0), input=found), jump_at)  # type: ignore[arg-type]
+    knots, volts = _input(Driven(np.arange(4.0), found), jump_at)  # type: ignore[arg-type]
     assert replace(trace([[0.0, 0.0]], [1.0, 1.0]), knots=knots, volts=volts).volts_at(
         np.array([0.5, 1.0, 1.5])
     ).tolist() == pytest.approx(seen)
+
+
+class Driven(NamedTuple):
+    """What is read of a trace for its input."""
+
+    instants: np.ndarray
+    input: InputSignal
 
 
 def denoised(held: bool) -> InputSignal:
