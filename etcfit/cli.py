@@ -259,7 +259,7 @@ def _advise(folder: Path, at: Path | None, out: Path | None, quiet: bool) -> Non
 def fit(folder: Folder, out: Out, quiet: Quiet = False) -> None:
     """The joint fit of all traces in FOLDER: RUN/fit.json, a table and a picture of the parameters."""
     with _stage(out, "fit", quiet) as progress:
-        done = stages.fit_folder(folder, stages.opened(out), progress)
+        done = stages.fit_folder(folder, stages.opened(out, folder=folder), progress)
     _tell(done)
 
 

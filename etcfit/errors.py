@@ -6,6 +6,7 @@ import importlib
 import re
 import shlex
 import sys
+from pathlib import Path
 
 
 class MeasurementError(Exception):
@@ -25,6 +26,11 @@ class MeasurementError(Exception):
 
 class UsageError(Exception):
     """The command line asks for something that cannot be done; exit status 2."""
+
+
+def command(*words: str | Path) -> str:
+    """A command line of etcfit that a shell takes as it stands: words with blanks are in quotes."""
+    return shlex.join(["etcfit", *map(str, words)])
 
 
 def require_extra(extra: str, purpose: str, *libraries: str) -> None:

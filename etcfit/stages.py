@@ -22,7 +22,7 @@ from typing import TYPE_CHECKING, Any
 from .api.arguments import fits, in_words, typed
 from .api.progress import Expected, part_of
 from .control.request import DesignRequest
-from .errors import UsageError, require_extra
+from .errors import UsageError, command, require_extra
 from .posterior.settings import SamplingSettings
 
 if TYPE_CHECKING:
@@ -109,19 +109,24 @@ def expected(run: Path, stage: str) -> Expected | None:
     return None
 
 
-def opened(run: Path, out: Path | None = None) -> RunFolder:
+def opened(run: Path, out: Path | None = None, folder: Path | None = None) -> RunFolder:
     """The run folder, for the stages below.
 
     Args:
         run: the folder.
         out: where files will be written; RUN itself where None.
+        folder: the measurements, where they will be fitted.
     Raises:
-        UsageError: another version wrote it.
+        UsageError: another version wrote it, or it lies among the measurements.
         OSError: no file can be written there.
     """
     from .files import require_writable
     from .run_folder import RunFolder, read_records
 
+    if folder is not None:
+        from .run_folder import refuse_among_measurements  # it needs the rig tests, which nobody else here does
+
+        refuse_among_measurements(folder, run)
     read_records(run)
     require_writable(out or run)
     return RunFolder(run)
@@ -469,7 +474,7 @@ def run_all(
     from .run_folder import must_belong
 
     must_belong(path, folder)
-    run = opened(path)
+    run = opened(path, folder=folder)
     with held(path):
         return _run_all(folder, run, progress, show, stages, asked)
 
@@ -516,8 +521,8 @@ def _as_before(run: Path, stage: Stage, before: Mapping[str, Any]) -> dict[str, 
     for name, annotation in stage.options.items():
         if name in before and not fits(before[name], annotation):
             raise UsageError(f"{run / 'run.json'} says that `etcfit {stage.name}` last ran with {name} "
-                             f"{json.dumps(before[name])[:60]}, which is not {in_words(annotation)}. Run `etcfit "
-                             f"{stage.name} {run}` by itself, with the options that you want.")  # fmt: skip
+                             f"{json.dumps(before[name])[:60]}, which is not {in_words(annotation)}. Run "
+                             f"`{command(stage.name, run)}` by itself, with the options that you want.")  # fmt: skip
     return {name: before[name] for name in stage.options if name in before}
 
 
@@ -580,10 +585,11 @@ def run(
     from .api.fleet import Fleet
     from .api.progress import working
     from .api.verbs import load
+    from .rig.names import visible
 
     def show(name: str, done: Done | None) -> None:
         if done is not None and done.remark and not quiet:
-            print(f"{name}: {done.remark}", file=sys.stderr)
+            print(visible(f"{name}: {done.remark}"), file=sys.stderr)
 
     run_all(Path(folder), Path(out), partial(working, quiet), show, stages_until(until), designed_for(profile))
     found = load(out)

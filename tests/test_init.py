@@ -106,6 +106,7 @@ LIGHT = {
     "diagnose": "import etcfit.diagnosis, etcfit.reporting.diagnosis.table, etcfit.api.saving",
     "report": "import etcfit.reporting.page, etcfit.reporting.closing.model, etcfit.api.saving",
     "export": "import etcfit.exporting, etcfit.api.exported, etcfit.reporting.closing.control",
+    "import": "import etcfit.importing.doubts, etcfit.reporting.closing.folder, etcfit.reporting.terminal",
     "a named run folder": "from etcfit.stages import opened; opened(__import__('pathlib').Path('measurements'))",
 }
 FAR = {"emcee", "matplotlib", "pandas", "scipy.integrate", "scipy.io", "scipy.signal", "scipy.stats", "xarray"}
@@ -113,7 +114,8 @@ FAR = {"emcee", "matplotlib", "pandas", "scipy.integrate", "scipy.io", "scipy.si
 
 @pytest.mark.parametrize("command", LIGHT)
 def test_a_command_imports_nothing_heavy_that_its_answer_does_not_need(command: str) -> None:
-    far = FAR | {"jax"} if command == "a named run folder" else FAR - {"matplotlib" if command == "diagnose" else ""}
+    more = {"import": {"equinox", "optimistix", "scipy"}, "a named run folder": {"jax"}}.get(command, set())
+    far = FAR - {"matplotlib"} if command == "diagnose" else FAR | more
     assert fresh(f"{LIGHT[command]}; import sys; print(sorted({far} & set(sys.modules)))") == "[]"
 
 

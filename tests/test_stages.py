@@ -33,6 +33,7 @@ from etcfit.run_folder import STAGE_FILES, RunFolder, has_diagnosis, read_record
 from etcfit.stages import (
     REPORT,
     STAGES,
+    Done,
     Stage,
     design_run,
     diagnose_run,
@@ -196,7 +197,7 @@ def test_a_fit_whose_picture_was_interrupted_is_kept(
         with pytest.raises(KeyboardInterrupt, match="All results are in"):
             keep_fit(run, found.before)
     assert equal(opened(run.path).fit(), found.before)
-    draw_others(run)
+    draw_others(run, silent)
     assert pictures_of(run) > {"parameters.png", *ONLY_LATER}
 
 
@@ -319,14 +320,18 @@ def test_what_is_asked_for_reaches_the_design(found: Diagnosis, monkeypatch: pyt
     assert (computer.period, make.name) == (2e-3, "link")
 
 
-def test_run_gives_the_last_model_back(found: Diagnosis, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_run_gives_the_last_model_back(
+    found: Diagnosis, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
     def run_all(folder: Path, path: Path, progress: Any, show: Any, stages: tuple[Stage, ...], asked: Any) -> str:
         assert (folder, asked) == (tmp_path / "rig", {"design": {"profile": "rusefi"}})
         assert stages == stages_until("design")
         save_diagnosis(path, found)
+        show("design", Done(None, remark="made of \x1b[2J\u202e.csv"))
         return ""
 
     monkeypatch.setattr("etcfit.stages.run_all", run_all)
-    last = etcfit.run(str(tmp_path / "rig"), str(tmp_path / "run"), profile="rusefi", until="design", quiet=True)
+    last = etcfit.run(str(tmp_path / "rig"), str(tmp_path / "run"), profile="rusefi", until="design")
+    assert capsys.readouterr().err == "design: made of (U+001B)[2J(U+202E).csv\n"
     assert isinstance(last, Diagnosed)
     assert equal(last.diagnosis, found)

@@ -127,6 +127,8 @@ class Designed:
 
         Args:
             run: made if absent.
+        Raises:
+            UsageError: another model, or another fleet, lies in RUN.
         """
         self.fit.keep_design(Path(run), self.design, self._options)
         return Path(run)

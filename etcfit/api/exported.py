@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import shlex
 from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -46,8 +45,9 @@ def exported(
         into: the user's own file of that format, of which a copy is changed; None for a new file.
         anyway: see `Source`.
     """
+    from ..errors import command
     from ..exporting import Source, write
 
-    source = Source(result.fitted(), settings, pid, shlex.join(["etcfit", "design", str(run or "RUN")]), into, anyway)
+    source = Source(result.fitted(), settings, pid, command("design", run or "RUN"), into, anyway)
     made = to.export(source)
     return Exported(write(made, folder), made.cannot_hold)

@@ -60,11 +60,17 @@ class Fit:
         return self.result.state.cautions
 
     def keep_design(self, run: Path, design: Design, options: Mapping[str, Any], report: Report = silent) -> None:
-        """pid.json, the responses, and a line on the manifest."""
+        """pid.json, the responses, and a line on the manifest.
+
+        Raises:
+            UsageError: another model lies in RUN.
+        """
         from ..run_folder import RunFolder
         from .saving import keep_design
 
-        keep_design(RunFolder(run), self.result, design, options, report)
+        folder = RunFolder(run)
+        folder.refuse_other_model(self.result)
+        keep_design(folder, self.result, design, options, report)
 
     @property
     def combinations(self) -> pd.DataFrame:

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import pandas as pd
 
+from ..errors import UsageError
 from ..run_folder.fleet import FleetFiles, fleet_model_of, read_fleet_files
 from . import words
 from .progress import Report, silent
@@ -151,12 +152,19 @@ class Fleet:
         return ()
 
     def keep_design(self, run: Path, design: Design, options: Mapping[str, Any], report: Report = silent) -> None:
-        """pid.json and the responses."""
+        """pid.json and the responses.
+
+        Raises:
+            UsageError: a model, or another fleet, lies in RUN.
+        """
         from ..files import held, write_json
         from ..reporting import draw_design
-        from ..run_folder import design_json
+        from ..run_folder import design_json, is_fleet, read_records
         from ..run_folder.commit import all_or_none, settle
 
+        if run.resolve() != self.run.resolve() and (is_fleet(run) or read_records(run)):
+            raise UsageError(f"{run} holds other results than those of {self.run}, the fleet that these gains are of. "
+                             f"Save them to {self.run}, or to another folder.")  # fmt: skip
         with held(run):
             with all_or_none(run) as draft:
                 write_json(draft.files / "pid.json", "pid", design_json(design))

@@ -236,8 +236,10 @@ def terminal_bar(expected: Expected | None = None, console: Any = None) -> Itera
         task = bar.add_task("starting", total=1.0)
 
         def report(stage: str, done: float) -> None:
+            from ..rig.names import visible  # here, for its room takes a second to load: the bar is shown before
+
             remaining.update(done)
-            bar.update(task, description=stage, completed=done)
+            bar.update(task, description=visible(stage), completed=done)
 
         yield report
 
@@ -272,8 +274,10 @@ def notebook_bar(expected: Expected | None = None, every: float = 0.2) -> Iterat
 
 
 def _bar(stage: str, done: float, left: str) -> str:
+    from ..rig.names import visible
+
     bar = f'<progress value="{min(max(done, 0.0), 1.0):.3f}" max="1"></progress>'
-    return f"{bar} <code>{html.escape(stage)}</code> {left}"
+    return f"{bar} <code>{html.escape(visible(stage))}</code> {left}"
 
 
 @cache

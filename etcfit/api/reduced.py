@@ -92,11 +92,15 @@ class Reduced:
         Args:
             run: made if absent.
             pade_order: of the delay in `with_delay_and_lag` of the file; 0 leaves that out.
+        Raises:
+            UsageError: another model lies in RUN.
         """
         from ..run_folder import RunFolder
         from .saving import keep_reduction
 
-        keep_reduction(RunFolder(run), self.fit.result, self.reduction, self.response, pade_order)
+        folder = RunFolder(run)
+        folder.refuse_other_model(self.fit.result)
+        keep_reduction(folder, self.fit.result, self.reduction, self.response, pade_order)
         return Path(run)
 
     @property

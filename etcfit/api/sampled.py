@@ -90,14 +90,18 @@ class Sampled:
         Args:
             run: made if absent.
             quiet: show no progress.
+        Raises:
+            UsageError: another model lies in RUN.
         """
         from ..posterior.profile import profiles
         from ..run_folder import RunFolder
         from .progress import working
         from .saving import keep_posterior
 
+        folder = RunFolder(run)
+        folder.refuse_other_model(self.posterior.fit)
         with working(quiet) as report:
-            keep_posterior(RunFolder(run), self.posterior, profiles(self.posterior, report), {}, report)
+            keep_posterior(folder, self.posterior, profiles(self.posterior, report), {}, report)
         return Path(run)
 
     @property

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import shlex
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import asdict, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from ..errors import UsageError
+from ..errors import UsageError, command
 from ..files import held
 from ..run_folder import FLEET, NOT_CONVERGED, RunFolder
 from .progress import Report, silent
@@ -57,7 +56,7 @@ def _all_is_saved(run: RunFolder) -> Iterator[None]:
     except KeyboardInterrupt:
         raise KeyboardInterrupt(
             f"interrupted while pictures were drawn. All results are in {run.path}; "
-            f"`etcfit report {shlex.quote(str(run.path))}` draws the pictures that are missing."
+            f"`{command('report', run.path)}` draws the pictures that are missing."
         ) from None
 
 

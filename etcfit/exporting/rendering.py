@@ -1,4 +1,4 @@
-"""Templates of the files in C and Python, filled in."""
+"""Templates of the files in C, Python and HTML, filled in."""
 
 from __future__ import annotations
 

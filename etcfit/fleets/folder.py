@@ -6,6 +6,7 @@ import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path, PurePosixPath
+from shlex import quote
 from typing import Any
 
 from ..errors import MeasurementError, UsageError, require_extra
@@ -92,7 +93,7 @@ def refuse_inside(location: str | Path, run: Path) -> None:
     below = target.relative_to(fleet).parts
     if not below or not below[0].startswith("."):
         raise UsageError(f"{run} lies in the fleet {location}, where every folder is a unit. Name a run folder outside "
-                         f"of it: --out {Path('runs') / fleet.name}.")  # fmt: skip
+                         f"of it: --out {quote(str(Path('runs') / fleet.name))}.")  # fmt: skip
 
 
 def _folders_in(folder: Path) -> list[str]:

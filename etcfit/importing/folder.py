@@ -8,12 +8,12 @@ from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
-import pandas as pd
 
 from .. import __version__
 from ..errors import MeasurementError
 from ..rig.base import Rig
 from ..rig.checks import refuse
+from ..rig.comments import hash_comment
 from ..rig.config import config_of
 from ..rig.reader import assembled, checked, log_of
 from ..rig.table import Table
@@ -34,7 +34,7 @@ def texts(draft: Draft, name: str, digests: Mapping[str, str], given: str) -> di
         digests: file -> SHA-256.
         given: text of a rig.toml that was given; "" where there is none.
     """
-    head = _comment("\n".join(_story(draft, digests)))
+    head = hash_comment(_story(draft, digests))
     body = given if given.strip() else _rig_toml(draft, name)
     return {"rig.toml": f"{head}\n\n{body}", **{trace.file: _csv(trace) for trace in draft.traces}}
 
@@ -93,11 +93,13 @@ def _table(trace: Trace) -> Table:
 
 
 def _csv(trace: Trace) -> str:
+    import pandas as pd
+
     table = _table(trace)
     rows = trace.record.rows
     part = f", rows {rows.start + 1} to {rows.stop}" if trace.record.cut else ""
     out = io.StringIO()
-    out.write(_comment(f"from {trace.record.sheet.where}{part}; numbers as they stand there") + "\n")
+    out.write(hash_comment([f"from {trace.record.sheet.where}{part}; numbers as they stand there"]) + "\n")
     frame = pd.DataFrame(table.cells, columns=list(table.header))
     frame.to_csv(out, index=False, float_format=_DIGITS, lineterminator="\n")
     return out.getvalue()
@@ -110,9 +112,9 @@ def _rig_toml(draft: Draft, name: str) -> str:
              "# gear_ratio = 20.68  # motor turns for one turn of the plate: count the teeth and fill it in",
              "# supply_V = 12.0     # needed where a log has duty but no voltage"]  # fmt: skip
     for guess in keys:
-        lines += [_comment(f"guessed: {guess.reason}"), guess.text.rstrip()]
+        lines += [hash_comment([f"guessed: {guess.reason}"]), guess.text.rstrip()]
     for guess in tables:
-        lines += ["", _comment(f"guessed: {guess.reason}"), guess.text.rstrip()]
+        lines += ["", hash_comment([f"guessed: {guess.reason}"]), guess.text.rstrip()]
     return "\n".join([*lines, ""])
 
 
@@ -143,9 +145,3 @@ def _told(take: Take) -> str:
     taken = f"-> {take.header}" if take.quantity else "left out"
     guess = "" if take.sure else "  (in doubt, and taken)"
     return f"'{take.column.label}' {taken}: {take.reason}{guess}"
-
-
-def _comment(text: str) -> str:
-    """Lines behind #, without what a comment must not hold."""
-    plain = ("".join(c if c.isprintable() else " " for c in line) for line in text.split("\n"))
-    return "\n".join(f"# {line}".rstrip() for line in plain)

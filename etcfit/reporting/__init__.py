@@ -8,14 +8,13 @@ The only matplotlib; lazy.
 
 from __future__ import annotations
 
-import shlex
 import shutil
 from collections.abc import Mapping, Sequence
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from ..estimation.joint_fit import Report, quiet
+from ..errors import command
 
 if TYPE_CHECKING:  # a table of `check` needs none of what these load
     from ..control.design import Design
@@ -23,6 +22,7 @@ if TYPE_CHECKING:  # a table of `check` needs none of what these load
     from ..control.linearise import Reduction
     from ..diagnosis.findings import Diagnosis
     from ..estimation.fitted_model import Fitted
+    from ..estimation.joint_fit import Report
     from ..estimation.result import FitResult
     from ..posterior.predictive import Band
     from ..posterior.profile import Profile
@@ -44,7 +44,7 @@ def clear_for_fit(run: Path) -> None:
     _clear(run / "pictures")
 
 
-def draw_fit(run: Path, result: FitResult, report: Report = quiet) -> None:
+def draw_fit(run: Path, result: FitResult, report: Report) -> None:
     """The parameters of a fit, converged or not; see `draw_others`."""
     from .drawing import draw_here
     from .pictures import summary
@@ -55,7 +55,7 @@ def draw_fit(run: Path, result: FitResult, report: Report = quiet) -> None:
 def _leave_others(run: Path) -> None:
     """Put down that pictures are missing, for `draw_others` and for a person who looks for them."""
     (run / "pictures").mkdir(parents=True, exist_ok=True)
-    note = f"The other pictures, of every test and trace, are drawn by\n\n    etcfit report {shlex.quote(str(run))}\n"
+    note = f"The other pictures, of every test and trace, are drawn by\n\n    {command('report', run)}\n"
     (run / "pictures" / _UNDRAWN).write_text(note, encoding="utf-8")
 
 
@@ -64,7 +64,7 @@ def has_undrawn(run: Path) -> bool:
     return (run / "pictures" / _UNDRAWN).exists()
 
 
-def draw_others(run: RunFolder, report: Report = quiet) -> None:
+def draw_others(run: RunFolder, report: Report) -> None:
     """The pictures of the fit and of the diagnosis in RUN that `draw_fit` and `draw_diagnosis` left out.
 
     One that is there already is not drawn again, so that drawing goes on where it was interrupted.
@@ -131,7 +131,7 @@ def clear_for_diagnosis(run: Path, diagnosis: Diagnosis) -> None:
         _delete(pictures / "diagnosis" / folder)
 
 
-def draw_diagnosis(run: Path, diagnosis: Diagnosis, report: Report = quiet) -> None:
+def draw_diagnosis(run: Path, diagnosis: Diagnosis, report: Report) -> None:
     """Errors before and after, and the parameters of the final model; see `draw_others`."""
     from .diagnosis.pictures import summary
     from .drawing import draw_here
@@ -159,7 +159,7 @@ def _set_aside(pictures: Path, before: Path, another: bool) -> None:
 
 
 def draw_posterior(
-    run: Path, posterior: Posterior, profiles: Mapping[str, Profile], bands: Sequence[Band], report: Report = quiet
+    run: Path, posterior: Posterior, profiles: Mapping[str, Profile], bands: Sequence[Band], report: Report
 ) -> None:
     """Corner plot, intervals, predictive bands: RUN/pictures/posterior."""
     from .drawing import draw_shared
@@ -168,7 +168,7 @@ def draw_posterior(
     draw_shared(run / "pictures" / "posterior", jobs(posterior, profiles, bands), report)
 
 
-def draw_reduction(run: Path, fitted: Fitted, reduction: Reduction, report: Report = quiet) -> None:
+def draw_reduction(run: Path, fitted: Fitted, reduction: Reduction, report: Report) -> None:
     """The Bode plot of the linear plant: RUN/pictures/control/bode.png."""
     from .control.bode import BodePicture, draw
     from .drawing import draw_here
@@ -177,7 +177,7 @@ def draw_reduction(run: Path, fitted: Fitted, reduction: Reduction, report: Repo
     draw_here(run / "pictures" / "control", [(Path("bode.png"), partial(draw, picture))], report)
 
 
-def draw_frequency_response(run: Path, fitted: Fitted, response: FrequencyResponse, report: Report = quiet) -> None:
+def draw_frequency_response(run: Path, fitted: Fitted, response: FrequencyResponse, report: Report) -> None:
     """The Bode plot of the sine traces, where any says something: RUN/pictures/control/sines.png."""
     from .control.sines import draw
     from .drawing import draw_here
@@ -186,7 +186,7 @@ def draw_frequency_response(run: Path, fitted: Fitted, response: FrequencyRespon
     draw_here(run / "pictures" / "control", jobs, report)
 
 
-def draw_design(run: Path, design: Design, report: Report = quiet) -> None:
+def draw_design(run: Path, design: Design, report: Report) -> None:
     """Responses of every rule, the proposed gains in every scenario, tracking against effort, failures."""
     from .control import front, responses, safety, scenarios
     from .drawing import draw_here

@@ -62,6 +62,9 @@ def xml_comment(lines: Iterable[str]) -> str:
 
 
 def _wrapped(lines: Iterable[str], safe: Callable[[str], str], mark: str, width: int = 110) -> str:
-    return "\n".join(
-        textwrap.fill(safe(line), width, initial_indent=mark, subsequent_indent=mark) or mark.rstrip() for line in lines
-    )
+    """A comment line or more for each, as far in as the line itself."""
+    return "\n".join(_filled(safe(line), mark + " " * (len(line) - len(line.lstrip(" "))), width) for line in lines)
+
+
+def _filled(text: str, mark: str, width: int) -> str:
+    return textwrap.fill(text, width, initial_indent=mark, subsequent_indent=mark) or mark.rstrip()

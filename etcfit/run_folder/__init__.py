@@ -60,6 +60,7 @@ if TYPE_CHECKING:
     from .state import load_final as load_final
     from .state import load_fit as load_fit
     from .state import must_belong as must_belong
+    from .state import refuse_among_measurements as refuse_among_measurements
     from .state import save_diagnosis as save_diagnosis
     from .state import save_fit as save_fit
     from .supply_table import supply_table_json as supply_table_json
@@ -116,6 +117,7 @@ MODULE_OF = {
     "load_final": "state",
     "load_fit": "state",
     "must_belong": "state",
+    "refuse_among_measurements": "state",
     "save_diagnosis": "state",
     "save_fit": "state",
     "supply_table_json": "supply_table",

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from .. import __version__
-from ..errors import UsageError, require_extra
+from ..errors import UsageError, command, require_extra
 from ..estimation.fleet_model import FleetModel, fleet_model
 from ..estimation.intervals import LUMPS
 from ..estimation.population_law import PopulationLaw
@@ -79,8 +79,8 @@ def read_fleet_files(run: Path) -> FleetFiles:
     settle(run)
     if not (run / FLEET).is_file() or not (run / UNITS).is_file():
         raise UsageError(f"{run} holds no fleet ({FLEET} and {UNITS} are not both there). "
-                         f"Run `etcfit fleet FLEET --out {run}` first.")  # fmt: skip
-    again = f"Run `etcfit fleet FLEET --out {run}` again: what it fitted is kept."
+                         f"Run `{command('fleet', 'FLEET', '--out', run)}` first.")  # fmt: skip
+    again = f"Run `{command('fleet', 'FLEET', '--out', run)}` again: what it fitted is kept."
     content = object_in(run / FLEET, "fleet", ("version", *_needed()), again)
     if str(content["version"]).split(".")[:2] != __version__.split(".")[:2]:
         raise UsageError(f"{run} was written by etcfit {content['version']}, and this is {__version__}. {again}")

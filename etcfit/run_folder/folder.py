@@ -9,6 +9,8 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from ..errors import UsageError
+
 if TYPE_CHECKING:
     from ..diagnosis.findings import Diagnosis
     from ..estimation.result import FitResult
@@ -58,6 +60,25 @@ class RunFolder:
         """
         diagnosis = self.diagnosis()
         return self.fit() if diagnosis is None else diagnosis.after
+
+    def refuse_other_model(self, result: FitResult) -> None:
+        """Nothing made from one model may lie beside another, which would then show it as a result of its own.
+
+        Args:
+            result: what gains, a transfer function or a posterior were made from.
+        Raises:
+            UsageError: RUN is of a fleet, or its last model is another; or see `load_final`.
+        """
+        from .manifest import is_fleet, read_records
+        from .state import is_same_model
+
+        if is_fleet(self.path):
+            raise UsageError(f"{self.path} is the run folder of a fleet, and this was made from one unit's fit. "
+                             "Save it to another folder.")  # fmt: skip
+        if "fit" in read_records(self.path) and not is_same_model(self.final(), result):
+            raise UsageError(f"The model in {self.path} is not the one from which this was made, and would show it as "
+                             f"a result of its own. Save it to another folder, or save its fit to {self.path} "
+                             "first.")  # fmt: skip
 
     def keep_fit(self, result: FitResult, beside: Callable[[Path], None] | None = None) -> None:
         """Save a fit; see `save_fit`."""

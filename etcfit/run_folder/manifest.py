@@ -19,10 +19,11 @@ from contextlib import contextmanager
 from dataclasses import asdict, dataclass, replace
 from datetime import UTC, datetime
 from pathlib import Path
+from shlex import quote
 from typing import Any, NamedTuple
 
 from .. import __version__
-from ..errors import UsageError
+from ..errors import UsageError, command
 from ..files import SUPERSEDED, held, plain, write_json
 from ..files import digest as sha256_of
 from .commit import all_or_none, settle
@@ -60,7 +61,8 @@ class StageFiles:
     def command_for(self, run: Path, record: Record | None = None) -> str:
         """The command with its run folder, and the folder of the measurements where the record knows it."""
         known = None if record is None or (record.folder or "").startswith("<") else record.folder  # <frames>: none
-        return self.command.format(run=run, folder=os.path.normpath(run / known) if known else "FOLDER")
+        folder = os.path.normpath(run / known) if known else "FOLDER"
+        return self.command.format(run=quote(str(run)), folder=quote(folder))
 
 
 _MODEL = (FIT_STATE, DIAGNOSIS_STATE)
@@ -327,21 +329,21 @@ def require(run: Path, stage: str) -> Record:
     """
     records = read_records(run)
     record = records.get(stage)
-    command = STAGE_FILES[stage].command_for(run, record)
+    again = STAGE_FILES[stage].command_for(run, record)
     if record is None and (run / "rig.toml").is_file():
         raise UsageError(f"{run} is a measurement folder, no run folder. Fit it first, into a folder of its own: "
-                         f"`etcfit fit {run} --out {Path('runs') / run.resolve().name}`.")  # fmt: skip
+                         f"`{command('fit', run, '--out', Path('runs') / run.resolve().name)}`.")  # fmt: skip
     if record is None:
         made = STAGE_FILES[stage].makes[0]
         raise UsageError(f"{run} holds no finished `etcfit {stage}` ({made} is not there, or not on {MANIFEST}). "
-                         f"Run `{command}` first.")  # fmt: skip
+                         f"Run `{again}` first.")  # fmt: skip
     for name, sha in record.outputs.items():
         if digest(run / name) != sha:
             raise UsageError(f"{run / name} is not the file that `etcfit {stage}` wrote there: it was changed, "
-                             f"replaced or taken away. Run `{command}` again.")  # fmt: skip
+                             f"replaced or taken away. Run `{again}` again.")  # fmt: skip
     if not is_current(run, stage, records):
         raise UsageError(f"What `etcfit {stage}` wrote to {run} was made from another model than the one that lies "
-                         f"there now. Run `{command}` again.")  # fmt: skip
+                         f"there now. Run `{again}` again.")  # fmt: skip
     return record
 
 

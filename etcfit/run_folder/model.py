@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from ..errors import UsageError
+from ..errors import UsageError, command
 from ..estimation.fitted_model import Fitted
 from ..estimation.result import FitResult
 from ..rig.base import Measurement
@@ -32,9 +32,9 @@ def read_design(run: Path) -> Mapping[str, Any] | None:
     if "design" not in read_records(run) and not path.is_file():
         return None
     require(run, "design")
-    content = object_in(path, "pid", ("gains",), f"Run `etcfit design {run}` again.")
+    content = object_in(path, "pid", ("gains",), f"Run `{command('design', run)}` again.")
     if not isinstance(content["gains"], dict) or not {"Kp", "Ki", "Kd"} <= set(content["gains"]):
-        raise UsageError(f"{path} holds no gains Kp, Ki and Kd. Run `etcfit design {run}` again.")
+        raise UsageError(f"{path} holds no gains Kp, Ki and Kd. Run `{command('design', run)}` again.")
     return content
 
 
@@ -60,6 +60,6 @@ def read_draws(run: Path, fitted: Fitted, count: int, seed: int) -> np.ndarray |
                 return None
             values = {symbol: data[symbol].to_numpy().reshape(-1) for symbol in free}
     except (OSError, ValueError, KeyError) as error:
-        raise UsageError(f"{path} cannot be read ({error}). Run `etcfit sample {run}` again.") from None
+        raise UsageError(f"{path} cannot be read ({error}). Run `{command('sample', run)}` again.") from None
     pick = np.random.default_rng(seed).integers(len(values[free[0]]), size=count)
     return fitted.coordinates({symbol: value[pick] for symbol, value in values.items()})

@@ -7,6 +7,7 @@ from pathlib import Path
 
 from ..diagnosis.rounds import Progress
 from ..diagnosis.settings import DEFAULT, DiagnosisSettings
+from ..errors import command
 from ..estimation.remedies import listed
 from ..estimation.result import FitResult
 from ..files import put_aside
@@ -66,11 +67,11 @@ class KeptRounds:
 
     def when_interrupted(self) -> str:
         """What was found so far, and how to go on."""
-        run = self._path.parent
+        again = command("diagnose", self._path.parent)
         if self._last is None or not self._last.rounds:
-            return f"interrupted before the first round. `etcfit diagnose {run}` begins again."
+            return f"interrupted before the first round. `{again}` begins again."
         found = listed([each.effect.name for each in self._last.found]) if self._last.found else "nothing"
         return (
             f"interrupted after round {len(self._last.rounds)}. Found so far, not yet compared with rivals: {found}. "
-            f"{self._path} keeps it: `etcfit diagnose {run}` goes on from there."
+            f"{self._path} keeps it: `{again}` goes on from there."
         )

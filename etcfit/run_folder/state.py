@@ -4,17 +4,20 @@ from __future__ import annotations
 
 import json
 import os
+import shlex
 from collections.abc import Callable
 from dataclasses import asdict
 from pathlib import Path
 from typing import TypeVar
 
+import numpy as np
+
 from ..diagnosis.findings import Diagnosis
-from ..errors import UsageError
+from ..errors import UsageError, command
 from ..estimation.result import FitResult
 from ..files import held, write_json
 from ..rig.base import FRAMES, Rig
-from ..rig.reader import digests_of
+from ..rig.reader import KNOWN_TESTS, digests_of
 from . import codec
 from .diagnosis import diagnosis_json
 from .fit import fit_json
@@ -49,8 +52,10 @@ def save_fit(run: Path, result: FitResult, beside: Callable[[Path], None] | None
         result: a fit, converged or not.
         beside: what to do, in a folder that stands for RUN until all is there, before the files take their places.
     Raises:
-        UsageError: RUN was written by another version, or another process writes there.
+        UsageError: RUN was written by another version, another process writes there, or it lies among the measurements.
     """
+    if result.rig.folder != FRAMES:
+        refuse_among_measurements(Path(result.rig.folder), run)
     folder = _relative(Path(result.rig.folder), run)
     with replacing(run, "fit", exit_of(result), asdict(result.settings), result.rig.digests, folder) as draft:
         codec.save(draft / FIT_STATE, result)
@@ -117,7 +122,7 @@ def has_diagnosis(run: Path) -> bool:
     return "diagnose" in read_records(run) or (run / DIAGNOSIS_STATE).is_file()
 
 
-def _loaded(path: Path, kind: type[T], command: str, fit: FitResult | None = None) -> T:
+def _loaded(path: Path, kind: type[T], again: str, fit: FitResult | None = None) -> T:
     try:
         found = codec.load(path, {} if fit is None else {FIT_STATE: fit})
         if not isinstance(found, kind):
@@ -125,7 +130,7 @@ def _loaded(path: Path, kind: type[T], command: str, fit: FitResult | None = Non
         return found
     except codec.Unreadable as error:
         raise UsageError(f"{path} was not written by this version of etcfit, or not whole ({error}). "
-                         f"Run `{command}` again.") from None  # fmt: skip
+                         f"Run `{again}` again.") from None  # fmt: skip
 
 
 def _is_saved(run: Path, result: FitResult) -> bool:
@@ -135,6 +140,16 @@ def _is_saved(run: Path, result: FitResult) -> bool:
     return codec.same(run / FIT_STATE, result)
 
 
+def is_same_model(one: FitResult, other: FitResult) -> bool:
+    """Whether both have the same measurements and the same parameters to the last bit; their intervals may differ, as
+    where formulas are taken as exact."""
+    if one is other:
+        return True
+    if one.rig.digests != other.rig.digests or list(one.values) != list(other.values):
+        return False
+    return np.array_equal(list(one.values.values()), list(other.values.values()), equal_nan=True)
+
+
 def _must_be_measured_so(run: Path, record: Record) -> None:
     """Refuse a fit whose measurements have changed since; where they were taken away what was saved will do."""
     folder = measurements_of(run, record)
@@ -142,7 +157,7 @@ def _must_be_measured_so(run: Path, record: Record) -> None:
         return
     if changed := changes_of(folder, record):
         raise UsageError(f"{folder} has changed since {run} was fitted to it ({', '.join(changed)}). "
-                         f"Run `etcfit fit {folder} --out {run}` again.")  # fmt: skip
+                         f"Run `{command('fit', folder, '--out', run)}` again.")  # fmt: skip
 
 
 def measurements_of(run: Path, record: Record) -> Path | None:
@@ -178,6 +193,22 @@ def last_failure(run: Path) -> str:
             content = json.loads((run / name).read_text(encoding="utf-8"))
             return "" if content["converged"] else f"the fit of the final model did not converge: {content['reason']}"
     return ""
+
+
+def refuse_among_measurements(folder: Path, run: Path) -> None:
+    """A run folder must be no measurement folder and lie in none of its rig tests: files of both would be mixed.
+
+    Raises:
+        UsageError: so it is.
+    """
+    place, target = folder.resolve(), run.resolve()
+    if not target.is_relative_to(place):
+        return
+    below = target.relative_to(place).parts
+    if not below or below[0] in KNOWN_TESTS:
+        what = f"lies in {folder / below[0]}, the folder of a rig test" if below else "is the measurement folder itself"
+        elsewhere = shlex.quote(str(Path("runs") / place.name))
+        raise UsageError(f"{run} {what}. Name a run folder outside of it: --out {elsewhere}.")
 
 
 def must_belong(run: Path, folder: Path) -> None:

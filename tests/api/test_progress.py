@@ -153,6 +153,16 @@ def test_a_terminal_shows_a_bar_with_the_stage_as_it_is_written() -> None:
     assert "about 60 s left" in out.getvalue()
 
 
+def test_no_name_gives_a_terminal_orders_through_a_bar() -> None:
+    from rich.console import Console
+
+    out = io.StringIO()
+    with terminal_bar(console=Console(file=out, force_terminal=True, width=100)) as report:
+        report("reading \x1b]0;owned\x07\x9b2J\u202e.csv", 0.5)
+    assert "reading (U+001B)]0;owned(U+0007)(U+009B)2J(U+202E).csv" in out.getvalue()
+    assert not {"\x07", "\x9b", "\u202e"} & set(out.getvalue())
+
+
 def test_a_notebook_shows_a_bar_that_is_escaped_and_wiped_away(monkeypatch: pytest.MonkeyPatch) -> None:
     shown: list[str] = []
 
@@ -164,10 +174,10 @@ def test_a_notebook_shows_a_bar_that_is_escaped_and_wiped_away(monkeypatch: pyte
 
     monkeypatch.setattr("IPython.display.DisplayHandle", Handle)
     with notebook_bar(every=0.0) as report:
-        report("chi2 <b> & more", 0.25)
+        report("chi2 <b> & \u202emore", 0.25)
         report("beyond", 7.0)
     assert 'value="0.250"' in shown[1]
-    assert "chi2 &lt;b&gt; &amp; more" in shown[1]
+    assert "chi2 &lt;b&gt; &amp; (U+202E)more" in shown[1]
     assert 'value="1.000"' in shown[2]
     assert shown[-1] == ""
 

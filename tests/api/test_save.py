@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -11,7 +12,22 @@ import etcfit
 import folders
 from etcfit.api.diagnosed import Diagnosed
 from etcfit.api.fit import Fit
+from etcfit.api.fleet import Fleet
+from etcfit.api.reduced import Reduced
+from etcfit.api.sampled import Sampled
 from etcfit.errors import UsageError
+from etcfit.estimation.result import FitResult
+
+
+class Made:
+    """Stands for gains, a plant or a chain, of which only the fit is looked at.
+
+    Args:
+        fit: that it was made from.
+    """
+
+    def __init__(self, fit: FitResult) -> None:
+        self.fit = fit
 
 
 @pytest.fixture(scope="module")
@@ -66,3 +82,48 @@ def test_a_run_folder_without_a_fit_is_refused(tmp_path: Path) -> None:
     for verb in (etcfit.load, etcfit.diagnose, etcfit.sample, etcfit.reduce, etcfit.design):
         with pytest.raises(UsageError):
             verb(tmp_path)
+
+
+def saved(kind: str, fit: Fit, run: Path) -> None:
+    """Save something that was made from a fit."""
+    made: Any = Made(fit.result.taken_as_exact())
+    doors = {
+        "keep_design": lambda: fit.keep_design(run, made, {}),
+        "keep_reduction": lambda: Reduced(fit, made).save(run),
+        "keep_posterior": lambda: Sampled(made).save(run),
+    }
+    doors[kind]()
+
+
+@pytest.mark.parametrize("kind", ["keep_design", "keep_reduction", "keep_posterior"])
+def test_nothing_made_from_one_model_is_saved_beside_another(
+    kind: str, fitted: Fit, found: Diagnosed, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    kept: list[Path] = []
+    monkeypatch.setattr(f"etcfit.api.saving.{kind}", lambda run, *_: kept.append(run.path))
+    monkeypatch.setattr("etcfit.posterior.profile.profiles", lambda *_: {})
+    fitted.save(tmp_path / "its own")
+    other = replace(fitted.result, values={**fitted.result.values, "R_a": 1.0})
+    Fit(other).save(tmp_path / "of another")
+    found.save(tmp_path / "diagnosed")
+    (tmp_path / "fleet").mkdir()
+    (tmp_path / "fleet" / "fleet.json").write_text("{}")
+    for name in ("its own", "new"):
+        saved(kind, fitted, tmp_path / name)
+    for name, why in {"of another": "not the one from which this was made", "diagnosed": "not the one from which",
+                      "fleet": "the run folder of a fleet"}.items():  # fmt: skip
+        with pytest.raises(UsageError, match=why):
+            saved(kind, fitted, tmp_path / name)
+    saved(kind, found.final, tmp_path / "diagnosed")
+    assert [path.name for path in kept] == ["its own", "new", "diagnosed"]
+
+
+def test_gains_of_a_fleet_are_not_saved_beside_a_fit_or_another_fleet(fitted: Fit, tmp_path: Path) -> None:
+    files: Any = None
+    gains: Any = Made(fitted.result)
+    fitted.save(tmp_path / "fit")
+    (tmp_path / "other").mkdir()
+    (tmp_path / "other" / "fleet.json").write_text("{}")
+    for name in ("fit", "other"):
+        with pytest.raises(UsageError, match=f"{name} holds other results than those of .*mine"):
+            Fleet(tmp_path / "mine", files).keep_design(tmp_path / name, gains, {})

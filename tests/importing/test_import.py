@@ -167,6 +167,16 @@ def test_each_guess_stands_in_rig_toml_with_its_reason_and_each_file_with_its_ha
     assert (sensor.closed_V, sensor.open_V) == pytest.approx((CLOSED, OPEN), abs=0.03)
 
 
+def test_a_label_that_hides_characters_is_shown_in_the_comments_with_their_numbers(bench: Path, tmp_path: Path) -> None:
+    step, label = trace(bench, "inductance/step_1.csv"), "tra\u202ect"
+    log = foreign.picoscope(tmp_path / "a.csv", {"Time": ("s", step["time"]), "Channel A": ("V", step["voltage"]),
+                                                 "Channel B": ("A", step["current"]),
+                                                 label: ("V", step["current"])})  # fmt: skip
+    answers = parsed([f"{label}=ignore"], [], [str(log)])
+    text = (import_files([log], tmp_path / "rig", answers, accept_all).folder / "rig.toml").read_text("utf-8")
+    assert "#      'tra(U+202E)ct' left out: " in text
+
+
 def test_a_guess_in_doubt_stops_without_a_word_from_the_user_and_nothing_is_written(
     bench: Path, tmp_path: Path
 ) -> None:

@@ -17,10 +17,11 @@ from etcfit.control.design import Design
 from etcfit.control.judged import Robust, Tuned
 from etcfit.control.pid.base import Task
 from etcfit.control.pid.requirements import Metrics
+from etcfit.errors import command
 from etcfit.estimation.fit_state import SOUND, FitState
 from etcfit.model.ecus import ECUS
 from etcfit.reporting.closing import Closing
-from etcfit.reporting.closing.base import command, counted
+from etcfit.reporting.closing.base import counted
 from etcfit.reporting.closing.control import of_design, of_export
 from etcfit.reporting.closing.fleet import of_fleet
 from etcfit.reporting.closing.model import of_run

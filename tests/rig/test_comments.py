@@ -100,3 +100,10 @@ def test_what_is_printable_is_kept_and_what_nobody_sees_is_its_number() -> None:
     assert one_line("Bänk 3, 25 °C (µ-Ω) 試験台") == "Bänk 3, 25 °C (µ-Ω) 試験台"
     assert one_line(" a\n\tb\x1b[2J \u202ec") == "a b(U+001B)[2J (U+202E)c"
     assert in_c("C:\\rig 3-1/2") == "C:/rig 3-1/2"
+
+
+def test_a_line_that_begins_further_in_stays_there_over_its_whole_length() -> None:
+    lines = hash_comment(["file", f"  -> {'long ' * 40}"]).splitlines()
+    assert lines[0] == "# file"
+    assert len(lines) > 2
+    assert all(line.startswith("#   ") and line[4] != " " and len(line) <= 110 for line in lines[1:])

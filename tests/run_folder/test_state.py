@@ -193,6 +193,38 @@ def test_a_run_of_other_measurements_is_refused(fit: FitResult, run: Path, tmp_p
         fitted_to(run, results.rig(tmp_path / "other"))
 
 
+@pytest.mark.parametrize(
+    ("place", "why"),
+    [
+        ("rig", "is the measurement folder itself"),
+        ("rig/../rig", "is the measurement folder itself"),
+        ("rig/response", "lies in .*response, the folder of a rig test"),
+        ("rig/response/runs/a", "lies in .*response, the folder of a rig test"),
+    ],
+)
+def test_a_run_among_the_measurements_is_refused(fit: FitResult, tmp_path: Path, place: str, why: str) -> None:
+    with pytest.raises(UsageError, match=f"{why}.* Name a run folder outside of it: --out runs/rig"):
+        save_fit(tmp_path / place, fit)
+
+
+@pytest.mark.parametrize(("command", "place"), [("fit", "rig"), ("run", "rig/response/runs/a")])
+def test_it_is_refused_before_it_is_fitted(
+    fit: FitResult, tmp_path: Path, command: str, place: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("etcfit.estimation.joint_fit.fit", lambda *_: pytest.fail("it was fitted"))
+    before = sorted(tmp_path.rglob("*"))
+    done = CliRunner().invoke(app, [command, str(tmp_path / "rig"), "--out", str(tmp_path / place), "--quiet"])
+    assert done.exit_code == 2, done.exception
+    assert "Name a run folder outside of it: --out runs/rig" in done.stderr
+    assert sorted(tmp_path.rglob("*")) == before
+
+
+@pytest.mark.parametrize("place", ["run", "rig/run", "rig_2", "rig/.runs/response", "."])
+def test_a_run_beside_the_rig_tests_is_none_of_them(fit: FitResult, tmp_path: Path, place: str) -> None:
+    save_fit(tmp_path / place, fit)
+    assert equal(load_fit(tmp_path / place), fit)
+
+
 def test_what_a_run_fitted_is_the_final_model_once_there_is_a_diagnosis(runs: Runs) -> None:
     save_diagnosis(runs.run, runs.found)
     assert equal(fitted_to(runs.run, runs.found.before.rig), runs.found.after)

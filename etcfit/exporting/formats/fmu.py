@@ -201,7 +201,7 @@ def _export(source: Source) -> Export:
     plant = plant_of(source)
     lost = (*c.cannot_hold(source), _NO_MODEL_EXCHANGE,
             f"A communication step must be a whole number of {source.settings.step:g} s.")  # fmt: skip
-    variables = _variables(source, plant)
+    variables, notes = _variables(source, plant), (*source.cautions, *lost)
     files = c.sources(source, plant, lost)
     # the same model is the same FMU
     token = f"{{{uuid.uuid5(uuid.NAMESPACE_URL, ''.join(files.values()))}}}"
@@ -211,24 +211,15 @@ def _export(source: Source) -> Export:
     )  # fmt: skip
     here, suffix = _tuple()
     content: dict[str, str | bytes] = {
-        "modelDescription.xml": _described(source, variables, token, (*source.cautions, *lost)),
+        "modelDescription.xml": _described(source, variables, token, notes),
         f"binaries/{here}/{NAME}{suffix}": _binary(files, suffix),
         "sources/buildDescription.xml": _build_description(),
         **{f"sources/{name}": text for name, text in files.items()},
-        "documentation/index.html": _page(source, (*source.cautions, *lost)),
+        "documentation/index.html": rendered("fmu.html", title=source.title, origin=source.origin, notes=notes),
     }
-    return Export({f"{NAME}.fmu": _zipped(content)}, (*source.cautions, *lost, f"Its binary is for {here}; "
-                  "its sources build elsewhere."))  # fmt: skip
-
-
-def _page(source: Source, notes: tuple[str, ...]) -> str:
-    from html import escape
-
-    lines = "".join(f"<li>{escape(one_line(note))}</li>\n" for note in notes)
-    title = escape(one_line(source.title))
-    head = f'<meta charset="utf-8"><title>{title}</title>'
-    return (f"<!doctype html><html lang=\"en\"><head>{head}</head><body><h1>{title}</h1>\n"
-            f"<p>{escape(source.origin)}</p>\n<ul>\n{lines}</ul></body></html>\n")  # fmt: skip
+    return Export(
+        {f"{NAME}.fmu": _zipped(content)}, (*notes, f"Its binary is for {here}; its sources build elsewhere.")
+    )
 
 
 def _zipped(content: Mapping[str, str | bytes]) -> bytes:

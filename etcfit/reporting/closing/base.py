@@ -7,8 +7,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from ...estimation.remedies import listed
-
 _NAMED = 2  # of many things, before a line counts the others
 
 
@@ -31,11 +29,6 @@ class Closing:
         return "\n".join((f"Answer: {self.answer}", *([f"Look:   {there}"] if there else []), f"Next:   {self.next}"))
 
 
-def command(*words: str | Path) -> str:
-    """A command line that a shell takes as it stands: words with blanks are in quotes."""
-    return shlex.join(["etcfit", *map(str, words)])
-
-
 def mended(line: str, folder: str | Path, then: str) -> str:
     """A command, and what to change before it is given."""
     return f"{then}, after this change in {shlex.quote(str(Path(folder) / 'rig.toml'))}: {line}"
@@ -43,6 +36,8 @@ def mended(line: str, folder: str | Path, then: str) -> str:
 
 def counted(names: Sequence[str]) -> str:
     """The first names, and how many more there are: "R_a, K_b and 9 more"."""
+    from ...estimation.remedies import listed  # with it comes the model, which `new` and `import` do without
+
     more = len(names) - _NAMED
     return f"{', '.join(names[:_NAMED])} and {more} more" if more > 1 else listed(names)
 

@@ -8,10 +8,11 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from ...errors import command
 from ...model.ecus import ECUS, Pasting
 from ..control.verdicts import answer
 from ..numbers import short
-from .base import Closing, command, number_of
+from .base import Closing, number_of
 
 if TYPE_CHECKING:  # an export needs none of what these load
     from ...control.design import Design

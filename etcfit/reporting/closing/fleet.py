@@ -4,9 +4,10 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from ...errors import command
 from ..fleet.page import NAME
 from ..fleet.words import Content, verdict
-from .base import Closing, command
+from .base import Closing
 
 
 def of_fleet(content: Content, run: Path) -> Closing:

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from ...errors import command
 from ...importing import Imported
-from .base import Closing, command, number_of
+from .base import Closing, number_of
 
 _TOML = "rig.toml"
 

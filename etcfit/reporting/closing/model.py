@@ -10,6 +10,7 @@ from typing import Any
 
 from ...diagnosis.settings import DEFAULT
 from ...diagnosis.suspicion import is_suspicion
+from ...errors import command
 from ...estimation.goodness import Left
 from ...estimation.remedies import listed
 from ...run_folder import read_records
@@ -17,7 +18,7 @@ from ...run_folder.state import measurements_of
 from ..likely import likely
 from ..page.contents import Contents, read_run
 from ..page.verdict import left_unexplained, residuals
-from .base import Closing, command, counted, mended
+from .base import Closing, counted, mended
 
 PAGE, INTERACTIVE = "report.html", "report_interactive.html"
 _GUESSES = 2  # names that are not proven, in one line

@@ -7,10 +7,10 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from math import erfc
 from typing import ClassVar
 
 import numpy as np
-from scipy.special import erfc
 
 from ...ranges import real, whole
 from .. import TEST_BY_NAME

@@ -12,7 +12,6 @@ from dataclasses import dataclass
 from typing import ClassVar, NamedTuple
 
 import numpy as np
-from scipy.special import chdtrc
 
 from ...ranges import real
 from ..finding import Finding
@@ -66,6 +65,8 @@ def _at(spectra: Sequence[Spectrum], nominal: float, band: float) -> Mains:
 
 def _together(chances: Sequence[float]) -> float:
     """Fisher 1932."""
+    from scipy.special import chdtrc  # a quarter of a second, and few folders are looked at so
+
     return float(chdtrc(2 * len(chances), -2.0 * np.sum(np.log(np.maximum(chances, 1e-300)))))
 
 

@@ -10,9 +10,8 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from math import erfc
 from typing import ClassVar
-
-from scipy.special import erfc
 
 from ...ranges import real
 from ..finding import Finding

@@ -13,6 +13,7 @@ from matplotlib.image import imread
 
 import diagnoses
 import results
+from etcfit.api.progress import silent
 from etcfit.api.saving import keep_diagnosis, keep_fit
 from etcfit.diagnosis.findings import Diagnosis, SetAside
 from etcfit.reporting import draw_others
@@ -64,12 +65,12 @@ def test_pictures_of_the_first_fit_give_way_to_the_final_model_and_come_back(fou
     few = replace(found, motions=(), unexplained=None)
     of_model = {path.as_posix() for path, _ in jobs_of_model(found.after)}
     keep_fit(RunFolder(tmp_path), found.before)
-    draw_others(RunFolder(tmp_path))
+    draw_others(RunFolder(tmp_path), silent)
     first = drawn_below(tmp_path)
     assert set(first) == of_model
     for _ in range(2):  # a second diagnosis must not take the final model's for the first fit's
         keep_diagnosis(RunFolder(tmp_path), few)
-        draw_others(RunFolder(tmp_path))
+        draw_others(RunFolder(tmp_path), silent)
         seen = drawn_below(tmp_path)
         assert {name: seen[f"before/{name}"] for name in first} == first
         assert {name for name in of_model if seen[name] != first[name]} == of_model
