@@ -119,7 +119,8 @@ def shown(done: Imported) -> dict[str, dict[str, int]]:
     """Rig test -> column -> numbers in all its traces."""
     found: dict[str, dict[str, int]] = {}
     for file, _, _ in done.traces:
-        header, *rows = (done.folder / file).read_text().splitlines()[1:]
+        lines = (done.folder / file).read_text().splitlines()
+        header, *rows = [line for line in lines if not line.startswith("#")]
         counts = found.setdefault(file.partition("/")[0], {})
         cells = [row.split(",") for row in rows]
         for k, name in enumerate(header.split(",")[1:], start=1):
