@@ -25,7 +25,7 @@ from . import late_kernels, one_pass_kernels
 from .free_parameters import Form
 from .lanes import Along
 from .lateness import Simulated, acting_late
-from .one_pass import advance, has_single_pass, start
+from .one_pass import advance, carried_like, has_single_pass, pushed
 from .program import QUICK, Program
 from .records import Entries, numbered, used_rows
 from .residual import WeightedData, equipped, residual, run
@@ -85,7 +85,7 @@ def added_by(
     """What an effect would add to each step along a direction of its parameters, see `model.besides.added`."""
     if not available():
         return _added_by(effect, values, ways, where)
-    batch = Entries(where, used_rows(np.asarray(where.steps.dt), np.asarray(where.resets.begins)))
+    batch = Entries(where, used_rows(where.steps, where.resets))
     return _ADDED.run((effect, tuple(values)), np.array([*values.values(), *ways.values()]), batch)
 
 
@@ -191,17 +191,14 @@ def _adds(effect: type[AbstractEffect], fields: tuple[str, ...]) -> Any:
 def _responds(form: Form, order: int) -> Any:
     def one(values: Any, carried: Any, entry: Any) -> Any:
         (s, *data), way = entry
-        before, moved = carried
 
         def of(before: Any, acts: StepBesides) -> Any:
             after, (_, r) = advance(form, values, before, (s._replace(besides=acts), *data))
             return after, r
 
-        (after, _), (moved, r) = jax.jvp(of, (before, StepBesides.nothing()), (moved, way))
-        return (after, moved), r
+        return pushed(of, carried, way)
 
-    carried = jax.eval_shape(lambda: start(form, dict.fromkeys(form.index, 0.5), (), order))
-    return one, tuple(form.index), (carried, carried), form.ties
+    return one, tuple(form.index), (carried_like(form, order),) * 2, form.ties
 
 
 _ASKED, _ADDED, _RESPONSES = Along(_asks), Along(_adds), Along(_responds)

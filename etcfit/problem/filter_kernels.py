@@ -168,7 +168,7 @@ def along(
     tree = *_acting(form, full, batch), *events
     steps, _, slots, _, _, *late = numbered(tree)
     renewed = frozenset({steps.guide_stiffness, *slots[:3], *jax.tree.leaves((steps.acting, late))})
-    rows = used_rows(np.asarray(batch.steps.dt), np.asarray(batch.resets.begins))
+    rows = used_rows(batch.steps, batch.resets)
     entries = Entries(tree, rows, (renewed,), never=(Column(steps.guide_stiffness, ()),))
     return which.run((form,), np.concatenate((full, jitter)), entries)
 

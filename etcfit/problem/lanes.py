@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from functools import lru_cache, wraps
-from threading import RLock
 from typing import Any, TypeVar
 
 import jax
@@ -14,11 +13,10 @@ from jaxtyping import Float
 from ..kernels.loop import Across, Loop
 from ..kernels.machine import LANES, POINTS, Kernel
 from .program import CORES, side_by_side
-from .records import Entries, Packed, Records, records_of
+from .records import MAKING, Entries, Packed, Records, records_of
 from .traced_entry import Shape, TracedEntry, nodes_of
 
 Known = TypeVar("Known", bound=Callable[..., Any])
-MAKING = RLock()  # a graph grows while it is differentiated, and each kernel is made once
 _NOTHING = np.zeros(1)  # is stored
 _ENTRIES = 256  # traced functions that are remembered
 
@@ -53,10 +51,10 @@ class Along:
     """
 
     def __init__(self, function_of: Callable[..., Any]) -> None:
-        def made(shape: Shape, *asked: Any) -> tuple[TracedEntry, Kernel]:
+        def made(shape: Shape, *asked: Any) -> tuple[TracedEntry, tuple[Any, Kernel]]:
             function, names, carried, ties = function_of(*asked)
             entry = TracedEntry(function, names, shape, carried, ties)
-            return entry, compiled(entry.loop(Across.LANES, stored=nodes_of(entry.results)))
+            return entry, (entry.results, compiled(entry.loop(Across.LANES, stored=nodes_of(entry.results))))
 
         self._made = remembered(_ENTRIES)(made)
 
@@ -68,22 +66,16 @@ class Along:
             values: in the order of their names.
             batch: arrays of NumPy.
         """
-        made: list[tuple[TracedEntry, Kernel]] = []
+        records, (results, kernel) = records_of(batch, lambda shape: self._made(shape, *asked))
+        return like(results, over_lanes(kernel, records, values)[1])
 
-        def entry_of(shape: Shape) -> TracedEntry:
-            made.append(self._made(shape, *asked))
-            return made[0][0]
 
-        with MAKING:
-            records = records_of(batch, entry_of)
-        entry, kernel = made[0]
-        stored, at, parts = over_lanes(kernel, records, values)[1], 0, []
-        leaves, tree = jax.tree.flatten(entry.results)
-        for leaf in leaves:
-            size = np.size(leaf)
-            parts.append(stored[..., at : at + size].reshape(*records.shape, *np.shape(leaf)))
-            at += size
-        return jax.tree.unflatten(tree, parts)
+def like(nodes: Any, stored: Float[np.ndarray, "T L stored"]) -> Any:
+    """What was stored of a tree of nodes, in their order, as that tree with axes T and L first."""
+    leaves, tree = jax.tree.flatten(nodes)
+    parts = np.split(stored, np.cumsum([np.size(leaf) for leaf in leaves])[:-1], axis=-1) if leaves else []
+    shaped = (part.reshape(*stored.shape[:2], *np.shape(leaf)) for part, leaf in zip(parts, leaves, strict=True))
+    return jax.tree.unflatten(tree, shaped)
 
 
 def over_lanes(

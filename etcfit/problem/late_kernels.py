@@ -26,14 +26,14 @@ from ..model.throttle import Throttle
 from .batch import KINDS
 from .free_parameters import Form
 from .innovations import InnovationsFilter, innovate, moved_here
-from .lanes import MAKING, Along, compiled, over_lanes, remembered
+from .lanes import Along, compiled, over_lanes, remembered
 from .lateness import Shifts, Simulated
-from .one_pass import Carried, start
-from .one_pass_kernels import Sums, free_of, rows_of
+from .one_pass import Carried, carried_like, pushed
+from .one_pass_kernels import Sums, free_of, never_in, rows_of
 from .records import Entries, numbered, records_of
 from .residual import Compared, WeightedData, equipped, shown
 from .residual_entry import SimulatedEntry
-from .traced_entry import Column, Shape, TracedEntry, nodes_of
+from .traced_entry import Shape, TracedEntry, nodes_of
 
 _REMEMBERED = 256  # graphs that a process remembers, and as many kernels
 
@@ -130,15 +130,13 @@ def _simulated(
 ) -> Float[np.ndarray, "K T L M"]:
     """What each slot ought to show, and its derivatives in the free parameters, K = 1 + P."""
     laid = _laid(form, full, weighted, bool(free))
-    entry: list[_ObservedEntry] = []
 
-    def entry_of(shape: Shape) -> TracedEntry:
-        entry.append(_observed_entry(form, shape, laid.late.channels))
-        return entry[0].traced
+    def made_of(shape: Shape) -> tuple[TracedEntry, _ObservedEntry]:
+        entry = _observed_entry(form, shape, laid.late.channels)
+        return entry.traced, entry
 
-    with MAKING:
-        records = records_of(Entries(laid.tree, laid.rows, laid.renewed), entry_of)
-    out = over_lanes(_observed_kernel(entry[0], free), records, full)[1]
+    records, entry = records_of(Entries(laid.tree, laid.rows, laid.renewed), made_of)
+    out = over_lanes(_observed_kernel(entry, free), records, full)[1]
     parts = np.split(out, 1 + len(free), axis=-1)
     count = weighted.slots.kind.shape[-1]
     signals = {name: parts[0][..., count + m] for m, name in enumerate(laid.late.channels)}
@@ -159,11 +157,9 @@ def _responds(form: Form, late: tuple[str, ...]) -> Any:
             after, seen = _observed(late, form, values, before, (within, kind, {}))
             return after, (seen.prompt, seen.signals)
 
-        (after, _), (moves, shown) = jax.jvp(of, (carried[0], StepBesides.nothing()), (carried[1], way))
-        return (after, moves), shown
+        return pushed(of, carried, way)
 
-    carried = jax.eval_shape(lambda: start(form, dict.fromkeys(form.index, 0.5), (), 0))
-    return one, tuple(form.index), (carried, carried), form.ties
+    return one, tuple(form.index), (carried_like(form, 0),) * 2, form.ties
 
 
 _RESPONSES = Along(_responds)
@@ -214,15 +210,11 @@ def whitened(
         forth, back = filter_.moved
         there = moved_here(errors, forth)
         return moved_here(whitened(filter_._replace(moved=None), there, rows), back)
-    order, count = filter_.transition.shape[-1], filter_.sense.shape[-2]
     tree = filter_, np.ascontiguousarray(np.moveaxis(errors, 0, 2))
     numbers = numbered(tree)
-    # no state acts on the input's error, and no sensor reads that
-    never = [Column(numbers[0].transition, (order - 1, q)) for q in range(order - 1)]
-    never += [Column(numbers[0].sense, (m, order - 1)) for m in range(count)]
     renewed = frozenset(jax.tree.leaves(numbers[0])), frozenset({numbers[1]})
-    muted = frozenset({numbers[0].weight})
-    out = _WHITENED.run((order, len(errors)), np.zeros(0), Entries(tree, rows, renewed, muted, tuple(never)))
+    batch = Entries(tree, rows, renewed, frozenset({numbers[0].weight}), never_in(filter_, numbers[0]))
+    out = _WHITENED.run((filter_.transition.shape[-1], len(errors)), np.zeros(0), batch)
     return np.moveaxis(out, 2, 0)
 
 

@@ -19,7 +19,7 @@ from ..model.delay import Earlier, LateInput, between, earlier, late_input
 from ..model.stepper import Acting, Reset, Step
 from ..model.throttle import Throttle
 from .free_parameters import Form
-from .lanes import MAKING, compiled, over_lanes, remembered
+from .lanes import compiled, like, over_lanes, remembered
 from .records import Entries, numbered, records_of, used_rows
 from .residual import equipped
 from .traced_entry import Shape, TracedEntry, nodes_of
@@ -84,7 +84,7 @@ class _LagsEntry:
             name: {channel: node for channel, node in getattr(found, name).items() if graph.known(node) != 0.0}
             for name in ("channels", "logged")
         }
-        if graph.known(found.input) == 0.0:
+        if not _acts_late(form):
             kept |= {"acting": None, "input": None}
         if not any(found.dt in tangents(symbol, found.dt) for symbol in form.index):
             kept["dt"] = None
@@ -97,28 +97,18 @@ class _LagsEntry:
 
 
 @remembered(_REMEMBERED)
-def _lags_entry(form: Form, shape: Shape) -> tuple[_LagsEntry, Kernel]:
+def _lags_entry(form: Form, shape: Shape) -> tuple[TracedEntry, tuple[Any, Kernel]]:
     entry = _LagsEntry(form, shape)
-    stored = [*nodes_of(entry.late), *nodes_of(entry.ways)]
-    return entry, compiled(entry.traced.loop(Across.LANES, stored=stored))
+    nodes = entry.late, entry.ways
+    return entry.traced, (nodes, compiled(entry.traced.loop(Across.LANES, stored=nodes_of(nodes))))
 
 
 def _found(form: Form, full: Float[np.ndarray, " Q"], batch: Simulated) -> tuple[Lags, dict[str, Lags]]:
     """How late everything is, and its derivatives, (T, L) each."""
-    made: list[tuple[_LagsEntry, Kernel]] = []
-
-    def entry_of(shape: Shape) -> TracedEntry:
-        made.append(_lags_entry(form, shape))
-        return made[0][0].traced
-
-    rows = used_rows(np.asarray(batch.steps.dt), np.asarray(batch.resets.begins))
-    with MAKING:
-        renewed = frozenset({numbered(batch).steps.guide_stiffness})
-        records = records_of(Entries(batch, rows, (renewed,)), entry_of)
-    entry, kernel = made[0]
-    columns = iter(np.moveaxis(over_lanes(kernel, records, full)[1], -1, 0))
-    late, ways = (jax.tree.map(lambda _: next(columns), tree) for tree in (entry.late, entry.ways))
-    return late, ways
+    renewed = frozenset({numbered(batch).steps.guide_stiffness})
+    entries = Entries(batch, used_rows(batch.steps, batch.resets), (renewed,))
+    records, (nodes, kernel) = records_of(entries, lambda shape: _lags_entry(form, shape))
+    return like(nodes, over_lanes(kernel, records, full)[1])
 
 
 class _Reading(NamedTuple):
@@ -206,7 +196,7 @@ class Shifts:
     """
 
     def __init__(
-        self, form: Form, full: Float[np.ndarray, " Q"], batch: Simulated, differentiated: bool = True
+        self, form: Form, full: Float[np.ndarray, " Q"], batch: Simulated, differentiated: bool = False
     ) -> None:
         self._late, self._ways = _found(form, full, batch)
         self._batch, late = batch, self._late
@@ -281,4 +271,4 @@ def acting_late(form: Form, full: Float[np.ndarray, " Q"], batch: Simulated) -> 
     """The steps with what acts in them where the input is late; arguments as of `Shifts`."""
     if not any(effect.delays for effect in form.types) or not _acts_late(form):
         return batch.steps
-    return batch.steps._replace(acting=Shifts(form, full, batch, differentiated=False).acting)
+    return batch.steps._replace(acting=Shifts(form, full, batch).acting)

@@ -7,14 +7,15 @@ models with such an effect have no single pass.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import Any, NamedTuple
 
+import jax
 import jax.numpy as jnp
 
 from ..model.effects import State
 from ..model.parameters import Scalar
-from ..model.stepper import begun, step
+from ..model.stepper import StepBesides, begun, step
 from ..model.throttle import Throttle
 from .free_parameters import Form
 from .innovations import innovate
@@ -58,6 +59,28 @@ def start(form: Form, values: Mapping[str, Scalar], shape: tuple[int, ...], orde
     zero = jnp.zeros(shape)
     memories = tuple(jnp.full(shape, z) for z in Throttle.build(form.types, dict(values)).z0)
     return Carried(State(zero, zero, zero), memories, (zero,) * order)
+
+
+def carried_like(form: Form, order: int) -> Carried:
+    """Numbers like those that one lane carries, for whoever traces an entry; arguments as of `start`."""
+    return jax.eval_shape(lambda: start(form, dict.fromkeys(form.index, 0.5), (), order))
+
+
+def pushed(
+    step_of: Callable[[Carried, StepBesides], tuple[Carried, Any]], carried: tuple[Carried, Carried], way: StepBesides
+) -> tuple[tuple[Carried, Carried], Any]:
+    """A step and its tangent along what acts besides all effects.
+
+    Args:
+        step_of: of what is carried into the step and what acts besides: what is carried on, and results.
+        carried: from the step before, and its tangent.
+        way: the direction.
+    Returns:
+        both carried on, and the tangent of the results.
+    """
+    before, moved = carried
+    (after, _), (moved, results) = jax.jvp(step_of, (before, StepBesides.nothing()), (moved, way))
+    return (after, moved), results
 
 
 def advance(

@@ -11,7 +11,8 @@ from jaxtyping import Float, Int
 from ..kernels.loop import Across
 from ..kernels.machine import Kernel
 from .free_parameters import Form, Pick
-from .lanes import MAKING, compiled, over_lanes, over_points, remembered
+from .innovations import InnovationsFilter
+from .lanes import compiled, over_lanes, over_points, remembered
 from .one_pass import entries
 from .program import in_background
 from .records import Entries, Records, Remembered, numbered, records_of, used_rows
@@ -64,7 +65,7 @@ def data_of(weighted: WeightedData) -> tuple[Any, ...]:
 
 def rows_of(weighted: WeightedData) -> Int[np.ndarray, " L"]:
     """Entries of each lane that are used, shape (L,)."""
-    return used_rows(np.asarray(weighted.steps.dt), np.asarray(weighted.resets.begins))
+    return used_rows(weighted.steps, weighted.resets)
 
 
 def renewed_and_muted(numbers: tuple[Any, ...]) -> tuple[frozenset[int], frozenset[int]]:
@@ -76,27 +77,29 @@ def renewed_and_muted(numbers: tuple[Any, ...]) -> tuple[frozenset[int], frozens
 
 
 def _records(form: Form, weighted: WeightedData) -> tuple[Records, ResidualEntry]:
-    with MAKING:
-        return _PACKED.of(jax.tree.leaves(data_of(weighted)), form, lambda: _packed(form, weighted))
+    return _PACKED.of(jax.tree.leaves(data_of(weighted)), form, lambda: _packed(form, weighted))
 
 
 def _packed(form: Form, weighted: WeightedData) -> tuple[Records, ResidualEntry]:
     tree = jax.tree.map(np.asarray, data_of(weighted))
-    numbers = numbered(tree)
-    filter_ = numbers[-1]
-    order, count = weighted.whitening.transition.shape[-1], weighted.whitening.sense.shape[-2]
-    # no state acts on the input's error, and no sensor reads that
-    never = [Column(filter_.transition, (order - 1, q)) for q in range(order - 1)]
-    never += [Column(filter_.sense, (m, order - 1)) for m in range(count)]
+    numbers, order = numbered(tree), weighted.whitening.transition.shape[-1]
     renewed, muted = renewed_and_muted(numbers)
-    batch = Entries(tree, rows_of(weighted), (renewed,), muted, tuple(never))
-    made: list[ResidualEntry] = []
+    batch = Entries(tree, rows_of(weighted), (renewed,), muted, never_in(weighted.whitening, numbers[-1]))
 
-    def entry_of(shape: Shape) -> TracedEntry:
-        made.append(_entry(form, order, shape))
-        return made[0].traced
+    def made_of(shape: Shape) -> tuple[TracedEntry, ResidualEntry]:
+        entry = _entry(form, order, shape)
+        return entry.traced, entry
 
-    return records_of(batch, entry_of), made[0]
+    return records_of(batch, made_of)
+
+
+def never_in(filter_: InnovationsFilter, numbers: InnovationsFilter) -> tuple[Column, ...]:
+    """Columns of a filter that may be 0 everywhere, by the numbers of its leaves: no state acts on the input's error,
+    and no sensor reads that."""
+    order, count = filter_.transition.shape[-1], filter_.sense.shape[-2]
+    acts = (Column(numbers.transition, (order - 1, q)) for q in range(order - 1))  # pyright: ignore[reportArgumentType]
+    reads = (Column(numbers.sense, (m, order - 1)) for m in range(count))  # pyright: ignore[reportArgumentType]
+    return (*acts, *reads)
 
 
 def ahead(form: Form, weighted: WeightedData) -> None:

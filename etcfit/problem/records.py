@@ -12,6 +12,7 @@ import weakref
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from functools import partial
+from threading import RLock
 from typing import Any, NamedTuple, TypeVar
 
 import jax
@@ -19,9 +20,13 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from ..kernels.machine import LANES
+from ..model.stepper import Reset, Step
 from .traced_entry import Column, Shape, TracedEntry
 
 Made = TypeVar("Made")
+# a graph grows while it is differentiated, and each kernel and each record is made once; nothing runs meanwhile, for
+# what runs is shared out to threads, which may wait for this lock
+MAKING = RLock()
 
 
 class Group(NamedTuple):
@@ -73,21 +78,19 @@ class Records:
     """A batch packed for a kernel.
 
     Args:
-        entry: what is computed of each entry.
-        uniform: numbers that are the same at every entry, in the order of `entry.shape.uniform`.
+        uniform: numbers that are the same at every entry, in the order of `Shape.uniform`.
         packed: its lanes, group by group.
         shape: T and L.
     """
 
-    entry: TracedEntry
     uniform: Float[np.ndarray, " U"]
     packed: tuple[Packed, ...]
     shape: tuple[int, int]
 
 
-def used_rows(dt: Float[np.ndarray, "T L"], begins: Float[np.ndarray, "T L"]) -> Int[np.ndarray, " L"]:
+def used_rows(steps: Step, resets: Reset) -> Int[np.ndarray, " L"]:
     """Entries of each lane up to the end of its last trace, shape (L,)."""
-    active = (dt > 0.0) | (begins > 0.5)
+    active = (np.asarray(steps.dt) > 0.0) | (np.asarray(resets.begins) > 0.5)
     return np.max(np.where(active, np.arange(1, active.shape[0] + 1)[:, None], 0), axis=0, initial=0)
 
 
@@ -118,29 +121,31 @@ class Remembered:
 _FOUND, _RECORDS = Remembered(), Remembered()
 
 
-def records_of(entries: Entries, entry_of: Callable[[Shape], TracedEntry]) -> Records:
-    """The batch packed.
+def records_of(entries: Entries, made_of: Callable[[Shape], tuple[TracedEntry, Made]]) -> tuple[Records, Made]:
+    """The batch packed, and what else was made for its shape.
 
     Args:
         entries: the batch.
-        entry_of: what is computed of an entry of a batch of such a shape; the same for the same shape.
+        made_of: what is computed of an entry of a batch of such a shape, and what else is made for that; the same for
+            the same shape.
     """
-    leaves, structure = jax.tree.flatten(entries.tree)
-    lasting = frozenset(range(len(leaves))).difference(*entries.renewed)
-    groups = _groups(entries.rows)
-    constant, uniform = _FOUND.of(
-        [leaves[k] for k in sorted(lasting)], structure, lambda: _everywhere(leaves, lasting, entries.rows)
-    )
-    never = tuple((column, 0.0) for column in entries.never if not _column(leaves, column).any())
-    shapes = tuple(leaf.shape[2:] for leaf in leaves)
-    entry = entry_of(Shape(structure, shapes, (*constant, *never), tuple(uniform), entries.renewed))
-    records = []
-    for of, columns in zip((lasting, *entries.renewed), map(tuple, entry.columns), strict=True):
-        make = partial(_record, leaves, columns, muted=entries.muted)
-        key = structure, columns, entries.muted, tuple(groups)
-        records.append(_RECORDS.of([leaves[k] for k in sorted(of)], key, lambda make=make: list(map(make, groups))))
-    packed = tuple(Packed(group, each) for group, each in zip(groups, zip(*records, strict=True), strict=True))
-    return Records(entry, np.array(list(uniform.values())), packed, leaves[0].shape[:2])
+    with MAKING:
+        leaves, structure = jax.tree.flatten(entries.tree)
+        lasting = frozenset(range(len(leaves))).difference(*entries.renewed)
+        groups = _groups(entries.rows)
+        constant, uniform = _FOUND.of(
+            [leaves[k] for k in sorted(lasting)], structure, lambda: _everywhere(leaves, lasting, entries.rows)
+        )
+        never = tuple((column, 0.0) for column in entries.never if not _column(leaves, column).any())
+        shapes = tuple(leaf.shape[2:] for leaf in leaves)
+        entry, made = made_of(Shape(structure, shapes, (*constant, *never), tuple(uniform), entries.renewed))
+        records = []
+        for of, columns in zip((lasting, *entries.renewed), map(tuple, entry.columns), strict=True):
+            make = partial(_record, leaves, columns, muted=entries.muted)
+            key = structure, columns, entries.muted, tuple(groups)
+            records.append(_RECORDS.of([leaves[k] for k in sorted(of)], key, lambda make=make: list(map(make, groups))))
+        packed = tuple(Packed(group, each) for group, each in zip(groups, zip(*records, strict=True), strict=True))
+        return Records(np.array(list(uniform.values())), packed, leaves[0].shape[:2]), made
 
 
 def _groups(rows: Int[np.ndarray, " L"]) -> list[Group]:

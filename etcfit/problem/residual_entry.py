@@ -10,12 +10,10 @@ from collections.abc import Callable, Mapping, Sequence
 from functools import cached_property, partial
 from typing import Any
 
-import jax
-
 from ..kernels.derivatives import backward, forward
 from ..kernels.loop import Across, Loop
 from .free_parameters import Form
-from .one_pass import advance, start
+from .one_pass import advance, carried_like
 from .traced_entry import Shape, TracedEntry, nodes_of
 
 
@@ -39,9 +37,8 @@ class SimulatedEntry:
     ways: Mapping[str, Sequence[int]] = {}
 
     def __init__(self, function: Callable[..., Any], form: Form, shape: Shape, order: int) -> None:
-        carried = jax.eval_shape(lambda: start(form, dict.fromkeys(form.index, 0.5), (), order))
         self.symbols = tuple(form.index)
-        self.traced = TracedEntry(partial(function, form), self.symbols, shape, carried, form.ties)
+        self.traced = TracedEntry(partial(function, form), self.symbols, shape, carried_like(form, order), form.ties)
         self._states = len(self.traced.begun) - order  # the error states of the filter come last
 
     @cached_property

@@ -17,7 +17,6 @@ from jaxtyping import Bool, Float, Int
 from . import late_kernels, one_pass_kernels
 from .free_parameters import Form
 from .innovations import InnovationsFilter
-from .lanes import MAKING
 from .lateness import Shifts, Simulated
 from .one_pass import has_single_pass
 from .one_pass_kernels import Sums, free_of, rows_of
@@ -39,12 +38,11 @@ def _parts(form: Form, weighted: WeightedData) -> list[_Part]:
     lanes = np.arange(weighted.slots.value.shape[1])
     if has_single_pass(form, weighted):
         return [_Part(one_pass_kernels, lanes, weighted)]
-    with MAKING:
-        late, used = _late_and_used(form, weighted)
-        late = late | _moving(weighted.whitening)
-        prompt = weighted._replace(whitening=weighted.whitening._replace(moved=None))
-        found = (one_pass_kernels, lanes[~late & used], prompt), (late_kernels, lanes[late & used], weighted)
-        return [_Part(by, some, _of_lanes(data, some)) for by, some, data in found if some.size]
+    late, used = _late_and_used(form, weighted)
+    late = late | _moving(weighted.whitening)
+    prompt = weighted._replace(whitening=weighted.whitening._replace(moved=None))
+    found = (one_pass_kernels, lanes[~late & used], prompt), (late_kernels, lanes[late & used], weighted)
+    return [_Part(by, some, _of_lanes(data, some)) for by, some, data in found if some.size]
 
 
 def _late_and_used(form: Form, weighted: WeightedData) -> tuple[Bool[np.ndarray, " L"], Bool[np.ndarray, " L"]]:
@@ -53,7 +51,7 @@ def _late_and_used(form: Form, weighted: WeightedData) -> tuple[Bool[np.ndarray,
 
     def found() -> tuple[np.ndarray, np.ndarray]:
         somewhere = 1e-3 * np.arange(1.0, 1.0 + len(form.parameters))  # where nothing is on time by chance
-        late = Shifts(form, somewhere, batch, differentiated=False).lanes
+        late = Shifts(form, somewhere, batch).lanes
         used = rows_of(weighted) > 0
         return np.isin(np.arange(used.size), late), used
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from functools import cache, partial
 from pathlib import Path
@@ -22,11 +23,14 @@ from etcfit.model.effects import EFFECTS, AbstractEffect, Contribution, Inputs, 
 from etcfit.model.parameters import NonNegative, Positive, Real, Scalar, parameter
 from etcfit.model.rig_effects import at_places
 from etcfit.model.smooth import UNKNOWNS
+from etcfit.problem import lanes
 from etcfit.problem import problem as module
 from etcfit.problem.chi2 import chi2_of
 from etcfit.problem.free_parameters import free_parameters
+from etcfit.problem.lanes import shared_out
 from etcfit.problem.normal_equations import linearised, normal_equations
 from etcfit.problem.problem import EstimationProblem
+from etcfit.problem.records import MAKING
 from etcfit.problem.residual import WeightedData, residual
 from etcfit.problem.trace import prepare
 from etcfit.rig.base import Fixed, Measurement, Rig
@@ -250,6 +254,29 @@ def test_lanes_that_hold_nothing_and_entries_that_only_fill_up_count_for_nothing
     assert wider.chi2(x, again) == pytest.approx(problem.chi2(x, weighted), rel=1e-12)
     r = wider.residual(x, again)
     assert_array_equal(r[np.broadcast_to(_like(blank(wider), r), r.shape)], 0.0)
+
+
+def test_nothing_runs_while_the_lock_of_graphs_is_held(rig: Rig, monkeypatch: pytest.MonkeyPatch) -> None:
+    """What runs is shared out to threads, which may wait for that lock: each would wait for the other."""
+    free: list[bool] = []
+
+    def acquired() -> bool:
+        got = MAKING.acquire(timeout=2.0)
+        if got:
+            MAKING.release()
+        return got
+
+    def watched(*given: Any) -> list[Any]:
+        with ThreadPoolExecutor(1) as other:
+            free.append(other.submit(acquired).result())
+        return shared_out(*given)
+
+    problem, x, weighted = case(rig, [e for e in around(rig) if e.delays], whitened=False)
+    monkeypatch.setattr(lanes, "shared_out", watched)
+    problem.chi2(x, weighted)
+    normal_equations(problem.layout.form, weighted, x.size)(x)
+    assert len(free) > 3
+    assert all(free)
 
 
 def residual_weights(problem: EstimationProblem) -> Any:
