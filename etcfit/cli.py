@@ -23,7 +23,7 @@ from typer.core import TyperArgument, TyperCommand, TyperOption
 from . import __version__, stages
 from .api.progress import Expected
 from .control.request import DesignRequest
-from .errors import MeasurementError, UsageError
+from .errors import MeasurementError, UsageError, visible
 from .experiment.settings import CampaignSettings
 from .posterior.settings import SamplingSettings
 
@@ -93,8 +93,6 @@ def _stderr() -> Any:
 
 def _say(text: object, err: bool = False, nl: bool = True) -> None:
     """A plain line, in which a name or a label gives the terminal no orders."""
-    from .rig.names import visible
-
     typer.echo(visible(str(text)), err=err, nl=nl)
 
 

@@ -1,4 +1,4 @@
-"""Errors that carry their own cure."""
+"""Errors that carry their own cure, and how a message shows commands and names."""
 
 from __future__ import annotations
 
@@ -6,7 +6,11 @@ import importlib
 import re
 import shlex
 import sys
+import unicodedata
 from pathlib import Path
+
+_DIRECTION = ("\u061c", "\u200e", "\u200f", *map(chr, range(0x202A, 0x202F)), *map(chr, range(0x2066, 0x206A)))
+_UNSEEN = ("Cc", "Zl", "Zp", "Cs")  # controls, ends of lines and paragraphs, half characters
 
 
 class MeasurementError(Exception):
@@ -31,6 +35,19 @@ class UsageError(Exception):
 def command(*words: str | Path) -> str:
     """A command line of etcfit that a shell takes as it stands: words with blanks are in quotes."""
     return shlex.join(["etcfit", *map(str, words)])
+
+
+def unseen(name: str) -> str:
+    """The control characters and marks of direction in a name, as U+202E, U+001B; "" where there are none."""
+    found = [c for c in name if unicodedata.category(c) in _UNSEEN or c in _DIRECTION]
+    return ", ".join(dict.fromkeys(f"U+{ord(c):04X}" for c in found))
+
+
+def visible(text: str) -> str:
+    """A text for a terminal, lines and tabs as they are: any other unseen character is its number, as (U+001B)."""
+    if text.isprintable():
+        return text
+    return "".join(f"(U+{ord(c):04X})" if c not in "\n\t" and unseen(c) else c for c in text)
 
 
 def require_extra(extra: str, purpose: str, *libraries: str) -> None:

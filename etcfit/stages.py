@@ -22,7 +22,7 @@ from typing import TYPE_CHECKING, Any
 from .api.arguments import fits, in_words, typed
 from .api.progress import Expected, part_of
 from .control.request import DesignRequest
-from .errors import UsageError, command, require_extra
+from .errors import UsageError, command, require_extra, visible
 from .posterior.settings import SamplingSettings
 
 if TYPE_CHECKING:
@@ -585,7 +585,6 @@ def run(
     from .api.fleet import Fleet
     from .api.progress import working
     from .api.verbs import load
-    from .rig.names import visible
 
     def show(name: str, done: Done | None) -> None:
         if done is not None and done.remark and not quiet:

@@ -11,9 +11,9 @@ from contextlib import AbstractContextManager, contextmanager
 from functools import cache
 from typing import Any, NamedTuple
 
+from ..errors import visible
+
 Report = Callable[[str, float], None]  # what is being done, and the share of it that is done, 0 to 1
-
-
 Clock = Callable[[], float]  # s since any instant
 _EARLIEST = 3.0  # s of work before its pace says anything
 _LEAST = 0.03  # share of the work that must be done for that
@@ -236,8 +236,6 @@ def terminal_bar(expected: Expected | None = None, console: Any = None) -> Itera
         task = bar.add_task("starting", total=1.0)
 
         def report(stage: str, done: float) -> None:
-            from ..rig.names import visible  # here, for its room takes a second to load: the bar is shown before
-
             remaining.update(done)
             bar.update(task, description=visible(stage), completed=done)
 
@@ -274,8 +272,6 @@ def notebook_bar(expected: Expected | None = None, every: float = 0.2) -> Iterat
 
 
 def _bar(stage: str, done: float, left: str) -> str:
-    from ..rig.names import visible
-
     bar = f'<progress value="{min(max(done, 0.0), 1.0):.3f}" max="1"></progress>'
     return f"{bar} <code>{html.escape(visible(stage))}</code> {left}"
 

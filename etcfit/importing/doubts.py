@@ -107,8 +107,15 @@ class TestDoubt(AbstractDoubt):
         return answers.with_test(self.file, said.tests[self.file])
 
 
+class _NoOtherAnswer(AbstractDoubt):
+    """A doubt whose guess is taken, or nothing is."""
+
+    def answered(self, text: str, answers: Answers) -> Answers:
+        raise refused([self])
+
+
 @dataclass(frozen=True)
-class RigDoubt(AbstractDoubt):
+class RigDoubt(_NoOtherAnswer):
     """What a nameplate should say: sensor or travel."""
 
     @property
@@ -119,12 +126,9 @@ class RigDoubt(AbstractDoubt):
     def choices(self) -> str:
         return "Enter takes it, anything else stops"
 
-    def answered(self, text: str, answers: Answers) -> Answers:
-        raise refused([self])
-
 
 @dataclass(frozen=True)
-class LossDoubt(AbstractDoubt):
+class LossDoubt(_NoOtherAnswer):
     """Whether what is left of a damaged file is enough."""
 
     @property
@@ -134,9 +138,6 @@ class LossDoubt(AbstractDoubt):
     @property
     def choices(self) -> str:
         return "Enter takes what is there, anything else stops"
-
-    def answered(self, text: str, answers: Answers) -> Answers:
-        raise refused([self])
 
 
 Resolve = Callable[[Sequence[AbstractDoubt], Answers], Answers]

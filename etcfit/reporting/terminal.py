@@ -8,7 +8,7 @@ from typing import Any
 from rich.console import Console, ConsoleOptions, ConsoleRenderable, RenderHook
 from rich.segment import Segment
 
-from ..rig.names import visible
+from ..errors import visible
 
 
 class _Visible:

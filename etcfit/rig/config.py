@@ -8,12 +8,13 @@ from collections.abc import Callable, Mapping
 from pathlib import Path, PurePosixPath
 from typing import Any
 
+from ..errors import unseen
 from .accuracy import read_accuracy
 from .base import CHANNELS, Fixed, Knowledge, Prior, RigConfig, Start, Tied, TpsCalibration
 from .ecu import read_ecu
 from .header import DROP, HeaderError, parse_header
 from .nameplate import GEAR_RATIO, LEAST_TRAVEL, SENSOR, SENSOR_TRAVEL, SERIES, STOP, SUPPLY, within
-from .names import VISIBLE, unseen
+from .names import VISIBLE
 from .toml import Toml, closest, parse, read_text, shown
 from .toml_slips import EXAMPLES as EXAMPLE_VALUES
 from .units import EXAMPLES, UnitError, to_channel

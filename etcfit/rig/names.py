@@ -3,14 +3,10 @@
 from __future__ import annotations
 
 import os
-import unicodedata
 from pathlib import PurePath
 
-from ..errors import MeasurementError
+from ..errors import MeasurementError, unseen
 from .comments import one_line
-
-_DIRECTION = ("\u061c", "\u200e", "\u200f", *map(chr, range(0x202A, 0x202F)), *map(chr, range(0x2066, 0x206A)))
-_UNSEEN = ("Cc", "Zl", "Zp", "Cs")  # controls, ends of lines and paragraphs, half characters
 
 VISIBLE = "A name must hold no control characters and no marks of direction: they hide what is written."
 
@@ -31,19 +27,6 @@ def refuse_foreign_names(folder: str, *names: str) -> None:
                                    "Rename it; plain letters, digits, - and _ are always right.")  # fmt: skip
         if found := unseen(PurePath(path).name):
             raise MeasurementError(one_line(path), f"{found} in the name.", VISIBLE, "Rename it.")
-
-
-def unseen(name: str) -> str:
-    """The control characters and marks of direction in a name, as U+202E, U+001B; "" where there are none."""
-    found = [c for c in name if unicodedata.category(c) in _UNSEEN or c in _DIRECTION]
-    return ", ".join(dict.fromkeys(f"U+{ord(c):04X}" for c in found))
-
-
-def visible(text: str) -> str:
-    """A text for a terminal, lines and tabs as they are: any other unseen character is its number, as (U+001B)."""
-    if text.isprintable():
-        return text
-    return "".join(f"(U+{ord(c):04X})" if c not in "\n\t" and unseen(c) else c for c in text)
 
 
 def escaped(path: str) -> str:

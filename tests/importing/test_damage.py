@@ -15,6 +15,7 @@ import pytest
 from typer.testing import CliRunner
 
 import car_logs
+import folders
 import foreign
 from etcfit.cli import app
 from etcfit.errors import MeasurementError, UsageError
@@ -26,14 +27,6 @@ from etcfit.importing.sheet import Sheet
 
 ROWS = 600
 TIME = 0.001 * np.arange(ROWS)
-RIG = """[rig]
-gear_ratio = 20.68
-supply_V = 12.0
-[tps]
-closed_V = 0.45
-open_V = 4.73
-travel_deg = 90.0
-"""
 
 
 def driven() -> dict[str, tuple[str, np.ndarray]]:
@@ -105,13 +98,13 @@ def recordings(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("recordings")
     for name, write in WRITERS.items():
         write(folder / name, driven())
-    (folder / "rig.toml").write_text(RIG)
+    (folder / "rig.toml").write_text(folders.TOML)
     return folder
 
 
 def imported(file: Path, to: Path, resolve=refuse) -> Imported:
     rig = to.parent / "known.toml"
-    rig.write_text(RIG)
+    rig.write_text(folders.TOML)
     return import_files([file], to, Answers(), resolve, rig=rig)
 
 

@@ -16,8 +16,6 @@ from typing import Any
 import pytest
 from typer.testing import CliRunner
 
-import diagnoses
-import results
 from equality import equal
 from etcfit.cli import app
 from etcfit.diagnosis.findings import Diagnosis
@@ -29,21 +27,6 @@ from etcfit.run_folder import SUPERSEDED, load_final, load_fit, read_records, re
 
 class Killed(BaseException):
     """The process ends here."""
-
-
-@pytest.fixture
-def fit(tmp_path: Path) -> FitResult:
-    return results.result(results.rig(tmp_path / "rig"))
-
-
-@pytest.fixture
-def found(tmp_path: Path) -> Diagnosis:
-    return diagnoses.diagnosis(results.rig(tmp_path / "rig"))
-
-
-@pytest.fixture
-def run(tmp_path: Path) -> Path:
-    return tmp_path / "run"
 
 
 def below(folder: Path) -> dict[str, bytes]:

@@ -45,21 +45,6 @@ from etcfit.stages import STAGES, Done, Report, Stage, run_all
 from runs import pid, written
 
 
-@pytest.fixture
-def fit(tmp_path: Path) -> FitResult:
-    return results.result(results.rig(tmp_path / "rig"))
-
-
-@pytest.fixture
-def found(tmp_path: Path) -> Diagnosis:
-    return diagnoses.diagnosis(results.rig(tmp_path / "rig"))
-
-
-@pytest.fixture
-def run(tmp_path: Path) -> Path:
-    return tmp_path / "run"
-
-
 def test_a_fit_is_loaded_as_it_was_saved(fit: FitResult, run: Path) -> None:
     save_fit(run, fit)
     assert equal(load_fit(run), fit)
