@@ -8,6 +8,7 @@ before a stage needs it.
 from __future__ import annotations
 
 import functools
+import inspect
 import json
 import sys
 import time
@@ -416,6 +417,12 @@ def _of_run(work: Callable[..., Done]) -> Callable[..., Done]:
     return lambda folder, run, report, **options: work(run, report, **options)
 
 
+def _options(work: Callable[..., Done]) -> dict[str, str]:
+    """Arguments of work besides the run and the report, with their annotations."""
+    parameters = inspect.signature(work).parameters.items()
+    return {name: each.annotation for name, each in parameters if name not in ("run", "report")}
+
+
 REPORT = Stage("report", _of_run(write_report))
 # the one list of stages, in order: a new command joins `etcfit run` by a line here and one in run_folder.STAGE_FILES.
 # The page comes as soon as there is something to show, and again where a later stage has changed it
@@ -423,14 +430,14 @@ STAGES: tuple[Stage, ...] = (
     Stage("fit", fit_folder),
     Stage("diagnose", _of_run(diagnose_run)),
     REPORT,
-    Stage("reduce", _of_run(reduce_run), {"input": "str", "output": "str", "at": "float", "pade_order": "int"}),
+    Stage("reduce", _of_run(reduce_run), _options(reduce_run)),
     Stage(
         "design",
         lambda folder, run, report, **options: design_run(run, report, DesignRequest(**options)),
         {each.name: str(each.type) for each in fields(DesignRequest)},
     ),
     REPORT,
-    Stage("sample", _of_run(sample_run), {"steps": "int"}, _can_sample),
+    Stage("sample", _of_run(sample_run), _options(sample_run), _can_sample),
     REPORT,
 )
 LAST = tuple(stage.name for stage in STAGES if stage is not REPORT)  # names of the stages that a run may end with
