@@ -372,9 +372,9 @@ AFTERWARDS: Mapping[str, Callable[[Path, np.random.Generator], Mistake]] = {
 # traces that another body gave
 ELSEWHERE = {change.__name__: change for change in (warm_start, other_rig)}
 _LATER = tuple(change.__name__ for change in IN_ONE_FILE)
+_EARLIER = tuple(name for name in AFTERWARDS if name not in _LATER)
 # each draws by its place here: a new one goes to the end
-MISTAKES = ("series_resistance", "synchronous_edges", *(name for name in AFTERWARDS if name not in _LATER), "supply_sag",
-            *ELSEWHERE, *_LATER)  # fmt: skip
+MISTAKES = ("series_resistance", "synchronous_edges", *_EARLIER, "supply_sag", *ELSEWHERE, *_LATER)
 # a few per cent, or samples, that no trace shows by itself
 ONLY_BY_A_FIT = ("channel_gain", "sensor_end_points", "channel_late", "trace_late", "supply_sag", *ELSEWHERE, *_LATER)
 
