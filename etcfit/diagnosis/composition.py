@@ -145,6 +145,11 @@ def is_of_the_rig(effect: Effect) -> bool:
     return issubclass(effect, AbstractRigEffect)
 
 
+def is_of_one_channel(effect: Effect) -> bool:
+    """Whether it is the rig's, in one channel of one trace."""
+    return issubclass(effect, AbstractRigEffect) and bool(effect.place.file and effect.place.channel)
+
+
 def resting(effect: Effect) -> dict[str, float]:
     """Amplitudes at their off values and shapes at their nominal ones, SI by symbol."""
     off = effect.off or {}

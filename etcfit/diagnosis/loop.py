@@ -19,7 +19,7 @@ from .late import screen_of_late
 from .model_discrepancy import inexact
 from .refit import holds, refit_fully
 from .score import Score, score
-from .screen import Background, Signature, ranked, screen_of_the_rig, variants
+from .screen import Background, Signature, Tangents, ranked, screen_of_the_rig, variants
 from .single_traces import screen_of_single_traces
 from .trial import Trial, second_trial, tried
 
@@ -113,10 +113,11 @@ def measured(s: CandidateModel, candidates: Sequence[Effect]) -> Measured:
     parameters = {p.symbol: p for p in s.composition.whole.layout.parameters}
     columns = zip(inside, tangents_inside(s, inside), strict=True)
     found = [background.signature(variant, column, parameters) for variant, column in columns]
-    if of_the_rig:
+    if prompt:
         rigged = s.with_the_rig()
-        found += screen_of_the_rig(background, rigged.problem, rigged.x, rigged.weighted, of_the_rig)
-    found += screen_of_single_traces(background, s.problem, s.x, s.weighted, alone, s.settings)
+        tangents = Tangents.of(rigged.problem, rigged.x, rigged.weighted)
+        found += screen_of_the_rig(background, tangents, of_the_rig)
+        found += screen_of_single_traces(background, tangents, s.problem, s.x, s.weighted, alone, s.settings)
     if late:
         found += screen_of_late(background, s.problem, s.x, s.weighted, late, s.settings)
     return Measured(background, found)

@@ -21,7 +21,7 @@ from typing import NamedTuple
 import numpy as np
 
 from .candidate_model import CandidateModel
-from .composition import Composition, Effect, is_of_the_rig, resting
+from .composition import Composition, Effect, is_of_one_channel, is_of_the_rig, resting
 from .late import of_one_event
 from .score import Score, score
 from .screen import variants
@@ -85,8 +85,10 @@ class Cost(NamedTuple):
 
     @classmethod
     def of(cls, effect: Effect, composition: Composition) -> Cost:
-        """An effect of the rig is one of as many as there are places where a rig may be wrong."""
-        places = len(composition.of_the_rig) if is_of_the_rig(effect) else 1
+        """An effect of the rig is one of as many as there are places where a rig may be wrong; whole tests and traces
+        are asked first, so that only a channel of one trace is one of all such channels too."""
+        among = composition.of_the_rig if is_of_the_rig(effect) else ()
+        places = sum(is_of_one_channel(effect) or not is_of_one_channel(other) for other in among)
         return cls(len(resting(effect)), len(variants(effect)) * max(places, 1))
 
 
