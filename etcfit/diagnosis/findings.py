@@ -84,6 +84,7 @@ class Candidate:
         fit_rms_ratio, holdout_rms_ratio: free-run RMS over that without the effect.
         holdout_chi2_change: of the held-out residual.
         bic_change: below 0 where it is worth its parameters.
+        prior: -2 ln prior, a part of it.
     """
 
     effect: str
@@ -94,6 +95,7 @@ class Candidate:
     holdout_rms_ratio: float | None = None
     holdout_chi2_change: float | None = None
     bic_change: float | None = None
+    prior: float | None = None
 
 
 @dataclass(frozen=True, eq=False)

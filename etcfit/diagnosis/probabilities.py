@@ -3,9 +3,10 @@
 Every round asks what explains what is left of the residual. Each effect refitted competes with "nothing" by Schwarz's
 approximation of the Laplace evidence,
 
-    w_e = exp(-change of BIC / (2 T)),    w_nothing = 1,    p_e = (1 - lapse) w_e / sum of all w
+    w_e = prior_e exp(-change of BIC / (2 T)),    w_nothing = 1,    p_e = (1 - lapse) w_e / sum of all w
 
-T tempers it: residuals that are not white, and formulas that are not exact, make BIC surer than it should be. `lapse`
+T tempers it: residuals that are not white, and formulas that are not exact, make BIC surer than it should be; what was
+known before the data (`prior.py`, which the change of BIC leaves out here) is not tempered. `lapse`
 is the answer "something else": how often a name is wrong however strong its evidence, for the truth may lie outside
 the catalogue. The answers of a question add up to one. Over rounds an effect is there unless none of them puts it
 there. How well they are calibrated: docs/validation/probabilities.md.
@@ -96,15 +97,21 @@ def _answers(each: RoundReport, withdrawn: Collection[str], settings: DiagnosisS
     Effects that the held-out traces contradict get nothing, as those that are not worth their parameters get no more
     than `missed` all together. One that was taken away again leaves what exceeds `missed` to something else.
     """
-    changes = {c.effect: c.bic_change for c in each.candidates if c.bic_change is not None}
+    changes = {c.effect: _tempered(c.bic_change, c.prior or 0.0, settings)
+               for c in each.candidates if c.bic_change is not None}  # fmt: skip
     best = changes.get(each.added, 0.0) if each.added is not None else 0.0
-    weights = {e: math.exp(0.5 * (best - max(b, best)) / settings.bic_temper) for e, b in changes.items()}
+    weights = {e: math.exp(0.5 * (best - max(b, best))) for e, b in changes.items()}
     if each.added is None:
         named = {e: settings.missed * w / (sum(weights.values()) + 1.0) for e, w in weights.items()}
         return {**named, NOTHING: 1.0 - sum(named.values()), SOMETHING_ELSE: 0.0}
     standing = {e: w for e, w in weights.items() if e == each.added or e in each.ties or changes[e] >= best}
-    nothing = math.exp(0.5 * min(best, 0.0) / settings.bic_temper)
+    nothing = math.exp(0.5 * min(best, 0.0))
     share = (1.0 - settings.lapse) / (sum(standing.values()) + nothing)
     named = {e: share * standing.get(e, 0.0) for e in changes}
     named |= {e: min(named[e], settings.missed) for e in withdrawn if e in named}
     return {**named, NOTHING: share * nothing, SOMETHING_ELSE: 1.0 - sum(named.values()) - share * nothing}
+
+
+def _tempered(bic_change: float, prior: float, settings: DiagnosisSettings) -> float:
+    """-2 ln w of an effect: its evidence tempered, its prior as it is."""
+    return (bic_change - prior) / settings.bic_temper + prior
