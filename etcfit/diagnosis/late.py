@@ -13,6 +13,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
+import jax
 import numpy as np
 from jaxtyping import Float
 
@@ -25,7 +26,6 @@ from ..problem.late_kernels import whitened
 from ..problem.one_pass_kernels import rows_of
 from ..problem.prediction_error import columns
 from ..problem.problem import EstimationProblem
-from ..problem.program import QUICK, Program
 from ..problem.residual import WeightedData
 from .candidate_model import CandidateModel
 from .composition import Effect
@@ -175,4 +175,4 @@ def _whitened(weighted: WeightedData, error: Float[np.ndarray, "T L M"]) -> Floa
     return np.asarray(_by_jax(weighted.whitening, error))
 
 
-_by_jax = Program(whiten, static=0, options=QUICK)
+_by_jax = jax.jit(whiten)

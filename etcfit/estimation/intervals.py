@@ -11,6 +11,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any
 
 import jax
@@ -18,7 +19,6 @@ import jax.numpy as jnp
 import numpy as np
 
 from ..problem.free_parameters import Form, Pick
-from ..problem.program import Program
 from .compromise import Z_95
 from .joint_fit import FitResult
 
@@ -147,7 +147,7 @@ def _ranged(result: FitResult, lump: Lump, gradient: np.ndarray, stated: Interva
     return replace(stated, stderr=None, low=low, high=high, status="compromise")
 
 
-@Program
+@partial(jax.jit, static_argnums=0)
 def _gradients(form: Form, x: Any, pick: Pick, n: Any) -> Any:
     """Of every combination in coordinates, shape (len(LUMPS), P)."""
 

@@ -11,9 +11,9 @@ import numpy as np
 from ..errors import MeasurementError
 from ..problem import weights
 from ..problem.chi2 import chi2_of
+from ..problem.cores import concurrently
 from ..problem.free_parameters import FreeParameters, free_parameters
 from ..problem.problem import EstimationProblem
-from ..problem.program import concurrently
 from ..problem.residual import WeightedData
 from ..problem.trace import Trace, follows_setpoint, prepare
 from ..rig.base import Measurement, Rig
@@ -150,7 +150,7 @@ def _end(
     report("choosing integration steps", 0.05)
     problem = EstimationProblem.of(rig.config, known, fitted).refined(start).with_room_for(held_out, start, _SPARE)
     problem = problem.with_integrator_states(start)
-    problem.compile_ahead(start)
+    problem.compile_ahead()
     compile_ahead(start.size)
     near = None if about is None else _from_a_like_body(problem, start, about, settings)
     x, starts, misfit = near or _from_several_starts(problem, start, report, settings, only_near)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import cache
+from functools import cache, partial
 from typing import Any, NamedTuple
 
 import equinox as eqx
@@ -16,10 +16,10 @@ import optimistix
 from jaxtyping import Float
 
 from ..model.parameters import AnyArray
+from ..problem.cores import in_background
 from ..problem.free_parameters import Layout
 from ..problem.normal_equations import NormalEquations, normal_equations
 from ..problem.problem import EstimationProblem
-from ..problem.program import Program
 from ..problem.residual import WeightedData, prior_residual_here
 from .identifiability import WIDE
 from .settings import FitSettings
@@ -106,7 +106,7 @@ def _begun(room: int) -> Any:
     return _SOLVER.init(lambda y, at: (_known(y, at), None), y, at, _BACKWARD, shape, None, frozenset())
 
 
-@Program
+@partial(jax.jit, static_argnums=0)
 def _stepped(room: int, y: Any, leaves: list[Any], at: _Condensed) -> Any:
     """One step: the lowest point so far, and the leaves of the state with the next to look at."""
     state = jax.tree.unflatten(jax.tree.structure(_begun(room)), leaves)
@@ -124,7 +124,7 @@ def compile_ahead(size: int) -> None:
     """Begin to compile, in the background, the step of a descent with so many coordinates."""
     room = _ROOM * -(-size // _ROOM)
     at = _Condensed(np.zeros(room + 1), np.zeros((room + 1, room)))
-    _stepped.ahead(room, np.zeros(room), jax.tree.leaves(_begun(room)), at)
+    in_background(lambda: _stepped.lower(room, np.zeros(room), jax.tree.leaves(_begun(room)), at).compile())
 
 
 def least_squares(

@@ -188,7 +188,7 @@ def verdict(rig: Rig) -> Foresight:
     readings = read_graphs(rig)
     x = known.layout.coordinates(start_values(known, _told(known.layout, readings)))
     problem = EstimationProblem.of(rig.config, known, fitted).refined(x)
-    problem.compile_linearised_ahead(x)
+    problem.compile_ahead()
     problem = problem.with_integrator_states(x)
     weighted = problem.weighted(problem.kalman(x))
     jacobian = problem.linearise(x, weighted).jacobian
