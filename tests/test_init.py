@@ -98,7 +98,7 @@ def test_a_fit_needs_no_matplotlib_until_a_picture_is_asked_for(used: list[str])
 # what a command loads that computes nothing but its own answer; what is heavy and not needed for it stays away
 LIGHT = {
     "check": (
-        "import etcfit.experiment.check, etcfit.reporting.tables, etcfit.reporting.closing.rig; "
+        "import etcfit.experiment.check, etcfit.reporting.check_table, etcfit.reporting.closing.rig; "
         "from etcfit.rig.reader import read_folder; from etcfit.rig.paper_readings import read_graphs; "
         "read_graphs(read_folder('measurements/bench_twin'))"
     ),
@@ -114,7 +114,11 @@ FAR = {"emcee", "matplotlib", "pandas", "scipy.integrate", "scipy.io", "scipy.si
 
 @pytest.mark.parametrize("command", LIGHT)
 def test_a_command_imports_nothing_heavy_that_its_answer_does_not_need(command: str) -> None:
-    more = {"import": {"equinox", "optimistix", "scipy"}, "a named run folder": {"jax"}}.get(command, set())
+    more = {
+        "check": {"lineax", "optimistix", "scipy"},
+        "import": {"equinox", "optimistix", "scipy"},
+        "a named run folder": {"jax"},
+    }.get(command, set())
     far = FAR - {"matplotlib"} if command == "diagnose" else FAR | more
     assert fresh(f"{LIGHT[command]}; import sys; print(sorted({far} & set(sys.modules)))") == "[]"
 
