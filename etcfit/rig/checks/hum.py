@@ -67,7 +67,7 @@ def _at(spectra: Sequence[Spectrum], nominal: float, band: float) -> Mains:
 def _together(chances: Sequence[float]) -> float:
     """Chance of n chances as small as these, by chi2 of 2n degrees of freedom (Fisher 1932).
 
-        exp(-h) sum_(k < n) h^k / k!,    h = -sum log chance
+    exp(-h) sum_(k < n) h^k / k!,    h = -sum log chance
     """
     h = -float(np.sum(np.log(np.maximum(chances, 1e-300))))
     if h == 0.0:
