@@ -33,7 +33,14 @@ from independent.mistakes import Mistake, make_mistaken
 
 KINDS = ("series_resistance", "channel_gain", "channel_offset", "sensor_end_points", "channel_sign", "time_scale",
          "gear_ratio", "unit_scale", "channel_late", "trace_late", "supply_sag")  # fmt: skip
-SINCE = ("warm_start", "other_rig")  # kinds of later: seeds go on to name the mistakes that they named before
+SINCE = (
+    "warm_start",
+    "other_rig",
+    "one_channel_late",
+    "one_channel_gain",
+    "one_channel_offset",
+    "one_channel_sign",
+)  # kinds of later: seeds go on to name the mistakes that they named before
 ALSO = {"voltage": "current", "current": "voltage"}  # what reads one too large reads the other too small
 PARAMETERS = ("R_a", "L_a", "K_b", "J_m", "J_L", "B_m", "B_L", "K_s", "T_PL", "T_f")
 

@@ -10,7 +10,7 @@ from __future__ import annotations
 import re
 import shutil
 import tempfile
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -307,18 +307,76 @@ def other_rig(path: Path, truth: Truth, seed: int, effects: Effects, size: str, 
 
 _MAKE = ("R_a", "L_a", "K_b", "J_m", "J_L", "B_m", "B_L", "K_s", "T_PL", "T_f")
 
+# ---- one channel of one trace
+
+
+def one_channel_late(folder: Path, rng: np.random.Generator) -> Mistake:
+    """One channel of one trace comes four samples late, s."""
+    file, quantity = _drawn(folder, rng, (("response", "current"), ("response", "tps"), ("viscous", "motor_speed")))
+    sheet = Sheet.read(folder / file)
+    shifted(sheet, [sheet.at(quantity)], _SAMPLES_LATE).write(folder / file)
+    return _in_file("channel_late", file, quantity, _SAMPLES_LATE * _interval(sheet))
+
+
+def one_channel_gain(folder: Path, rng: np.random.Generator) -> Mistake:
+    """One channel of one trace reads 8 % too much or too little."""
+    file, quantity = _drawn(folder, rng, _MEASURED)
+    factor = 1.0 + 0.08 * float(rng.choice([-1, 1]))
+    Sheet.read(folder / file).scaled(quantity, factor).write(folder / file)
+    return _in_file("channel_gain", file, quantity, factor)
+
+
+def one_channel_offset(folder: Path, rng: np.random.Generator) -> Mistake:
+    """A current of one trace does not read zero at zero, A."""
+    file, quantity = _drawn(folder, rng, [each for each in _MEASURED if each[1] == "current"])
+    size = 0.06 * float(rng.choice([-1, 1]))
+    sheet = Sheet.read(folder / file)
+    k = sheet.at(quantity)
+    name, rows = sheet.header[k], sheet.rows.copy()
+    rows[:, k] += size * UNITS[name[name.index("[") + 1 : -1]][0]
+    replace(sheet, rows=rows).write(folder / file)
+    return _in_file("channel_offset", file, quantity, size)
+
+
+def one_channel_sign(folder: Path, rng: np.random.Generator) -> Mistake:
+    """One channel of one trace turned round."""
+    file, quantity = _drawn(folder, rng, [each for each in _MEASURED if each[1] != "tps"])
+    Sheet.read(folder / file).scaled(quantity, -1.0).write(folder / file)
+    return _in_file("channel_sign", file, quantity, -1.0)
+
+
+_SAMPLES_LATE = 4
+_MEASURED = (("response", "current"), ("response", "tps"), ("viscous", "current"), ("viscous", "motor_speed"),
+             ("static_load", "current"))  # fmt: skip
+
+
+def _drawn(folder: Path, rng: np.random.Generator, choices: Sequence[tuple[str, str]]) -> tuple[str, str]:
+    """A file that is not held out, of a test among some, and the quantity of it."""
+    test, quantity = choices[rng.integers(len(choices))]
+    files = fitted_files(folder, (test,))
+    return files[rng.integers(len(files))], quantity
+
+
+def _in_file(kind: str, file: str, quantity: str, size: float) -> Mistake:
+    return Mistake(kind, file.partition("/")[0], "position" if quantity == "tps" else quantity, size, file)
+
+
+IN_ONE_FILE = (one_channel_late, one_channel_gain, one_channel_offset, one_channel_sign)
+
 AFTERWARDS: Mapping[str, Callable[[Path, np.random.Generator], Mistake]] = {
     change.__name__: change
     for change in (swapped_columns, channel_sign, unit_scale, gear_ratio, time_scale, time_scale_under_hum, hum,
                    channel_offset, saturation, lost_samples, duplicate, channel_gain, sensor_end_points, channel_late,
-                   trace_late)
+                   trace_late, *IN_ONE_FILE)
 }  # fmt: skip
 # traces that another body gave
 ELSEWHERE = {change.__name__: change for change in (warm_start, other_rig)}
+_LATER = tuple(change.__name__ for change in IN_ONE_FILE)
+_EARLIER = tuple(name for name in AFTERWARDS if name not in _LATER)
 # each draws by its place here: a new one goes to the end
-MISTAKES = ("series_resistance", "synchronous_edges", *AFTERWARDS, "supply_sag", *ELSEWHERE)
+MISTAKES = ("series_resistance", "synchronous_edges", *_EARLIER, "supply_sag", *ELSEWHERE, *_LATER)
 # a few per cent, or samples, that no trace shows by itself
-ONLY_BY_A_FIT = ("channel_gain", "sensor_end_points", "channel_late", "trace_late", "supply_sag", *ELSEWHERE)
+ONLY_BY_A_FIT = ("channel_gain", "sensor_end_points", "channel_late", "trace_late", "supply_sag", *ELSEWHERE, *_LATER)
 
 
 def make_mistaken(

@@ -22,9 +22,13 @@ from etcfit.diagnosis.findings import (
     Unexplained,
     Whiteness,
 )
+from etcfit.diagnosis.probabilities import probabilities, questions
 from etcfit.diagnosis.score import Score
+from etcfit.diagnosis.settings import DEFAULT
+from etcfit.diagnosis.statements import Named, statement
 from etcfit.diagnosis.trial import TrialVerdict
 from etcfit.estimation.joint_fit import FitResult
+from etcfit.model.effects import EFFECT_BY_NAME
 from etcfit.problem.prediction_error import PredictionError, pooled
 from etcfit.rig.base import Rig
 
@@ -34,6 +38,8 @@ FOUND = "limp_home_spring"
 def diagnosis(rig: Rig, **changes: Any) -> Diagnosis:
     """Errors of 20 sigma before, of 1 after."""
     before, after = results.result(rig, off=20.0), results.result(rig, added=(FOUND,), off=0.5)
+    of_rounds = rounds(before), (FOUND,), False, DEFAULT
+    asked = questions(*of_rounds)
     fields: dict[str, Any] = {
         "before": before,
         "after": after,
@@ -52,6 +58,9 @@ def diagnosis(rig: Rig, **changes: Any) -> Diagnosis:
         ),
         "unexplained": unexplained(after),
         "discrepancy": (Discrepancy("friction", "time", 0.0027, "N*m"),),
+        "probabilities": probabilities(*of_rounds),
+        "questions": asked,
+        "statements": (statement(EFFECT_BY_NAME[FOUND], Named(FOUND), 0.9, asked[0].answers, DEFAULT),),
         "motions": (motion("response/1.csv", False, 0), motion("response/2.csv", True, 1)),
         "verdict": ("Eqs. 1-2 lack the limp-home spring.", "With it, the held-out error falls to the noise."),
     }
@@ -67,6 +76,7 @@ def explained(rig: Rig) -> Diagnosis:
     )
     motions = tuple(replace(m, effects={}) for m in (motion("response/1.csv", False, 0),))
     return diagnosis(rig, before=same, after=same, final=(), rounds=(nothing,), added=(), removed=(), sets=(), ties=(),
+                     statements=(), questions=questions((nothing,), (), False, DEFAULT),
                      discrepancy=(), unexplained=None, motions=motions, verdict=("Nothing is missing.",))  # fmt: skip
 
 

@@ -83,6 +83,8 @@ def _diagnosis(fit: dict[str, Any]) -> dict[str, Any]:
         "rounds": [{"effects": [], "white": False, "evidence": [], "candidates": [], "added": "limp_home_spring",
                     "why": "limp_home_spring explains most <of it>"}],
         "added": ["limp_home_spring"],
+        "statements": [{"effect": "limp_home_spring", "acted_on": True,
+                        "sentence": "Found: the model lacked limp_home_spring (0.90)."}],
         "ties": [["limp_home_spring", "backlash"]],
         "ties_told_by": ["a slow ramp through the default angle"],
         "unexplained": {"enters": "torque", "depends_on": "angle", "shape": "bump", "size": 0.01},

@@ -8,13 +8,9 @@ from its data, the joint fit is made anew with each effect that a finding states
 
 from __future__ import annotations
 
-from collections.abc import Iterable
-
 from ..estimation.joint_fit import Report
 from ..estimation.result import FitResult
 from ..model.parameters import parameters_of
-from ..model.rig_effects import AbstractRigEffect
-from ..rig.finding import Finding
 from .choice import Choice, Outcome, stands
 from .composition import Effect
 from .exchange import Found
@@ -32,26 +28,10 @@ def first_from_checks(result: FitResult, progress: Progress, report: Report) -> 
         progress: so far; a round is added for each effect.
         report: progress in words.
     """
-    for effect, value in stated_effects(result.rig.findings, progress.model.composition.candidates).items():
+    for effect, value in progress.model.composition.stated.items():
         if not progress.model.at_work(effect):
             progress = _with_effect(effect, value, result, progress, report)
     return progress
-
-
-def stated_effects(findings: Iterable[Finding], candidates: Iterable[Effect]) -> dict[Effect, float]:
-    """Effects of the rig that the findings state, and the value of the first parameter of each, SI."""
-    families = [e for e in candidates if issubclass(e, AbstractRigEffect) and e.stated]
-    return {
-        effect: effect.stated[finding.kind](finding.size)
-        for finding in findings
-        for effect in families
-        if finding.kind in effect.stated and _is_at_its_place(finding, effect)
-    }
-
-
-def _is_at_its_place(finding: Finding, effect: type[AbstractRigEffect]) -> bool:
-    place = effect.place
-    return place.test == (finding.test or "") and place.channel in ("", finding.channel) and not place.file
 
 
 def _with_effect(effect: Effect, value: float, result: FitResult, progress: Progress, report: Report) -> Progress:

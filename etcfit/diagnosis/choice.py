@@ -215,11 +215,13 @@ def alike(v: TrialVerdict, best: TrialVerdict, settings: DiagnosisSettings) -> b
 
         chi2_v - chi2_best < max(6 chi2_best / n, left)    or    BIC_v - BIC_best < 6
 
-    n: independent samples; 6: `tied_likelihood`; left: chi2 that the less exact formula of the two may leave. One with
+    n: independent samples; 6: `tied_likelihood`; left: chi2 that the less exact formula of the two may leave. A mistake
+    of the rig of a size that is far less usual (6 again, of -2 ln prior) is no tie, however alike the fits. One with
     fewer parameters may fit a little worse and be as likely: then BIC alone is even. BIC chooses which of them is put
     into the model; it does not prove that one.
     """
     left = left_by(max(v.effect.inexact, best.effect.inexact), best.gain, best.samples, settings)
     apart = v.score.chi2 - best.score.chi2
     fits = apart < left or apart * best.score.likelihood_per_chi2 < settings.tied_likelihood
-    return bool(fits or v.bic_change - best.bic_change < settings.tied_likelihood)
+    usual = v.prior - best.prior < settings.tied_likelihood
+    return bool((fits and usual) or v.bic_change - best.bic_change < settings.tied_likelihood)

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -21,6 +21,7 @@ from ..problem.free_parameters import FreeParameters, Layout, free_parameters
 from ..problem.jacobian import AT_ONCE
 from ..problem.trace import Trace, by_test
 from ..rig.base import Rig
+from .stated import stated_effects
 
 Effect = type[AbstractEffect]
 
@@ -35,11 +36,13 @@ class Composition:
         whole: unknowns of the model with all effects at work.
         known: effects that are at work from the start: Eqs. 1-2 and those that rig.toml names.
         candidates: the others.
+        stated: those of them that the rig's checks found before any fit, and the first parameter of each, SI.
     """
 
     whole: FreeParameters
     known: tuple[Effect, ...]
     candidates: tuple[Effect, ...]
+    stated: Mapping[Effect, float] = field(default_factory=dict)
 
     @property
     def of_the_rig(self) -> tuple[Effect, ...]:
@@ -120,7 +123,8 @@ def compose(
         return effect in PAPER or effect.commands or effect.name in rig.config.effects or effect in declared
 
     known = tuple(e for e in whole.layout.types if at_work(e))
-    return Composition(whole, known, tuple(e for e in whole.layout.types if e not in known))
+    candidates = tuple(e for e in whole.layout.types if e not in known)
+    return Composition(whole, known, candidates, stated_effects(rig.findings, candidates))
 
 
 def logged(rig: Rig, traces: tuple[Trace, ...]) -> frozenset[str]:
@@ -143,6 +147,11 @@ def by_file(traces: tuple[Trace, ...]) -> dict[str, frozenset[str]]:
 def is_of_the_rig(effect: Effect) -> bool:
     """Whether it acts around the throttle rather than in it."""
     return issubclass(effect, AbstractRigEffect)
+
+
+def is_of_one_channel(effect: Effect) -> bool:
+    """Whether it is the rig's, in one channel of one trace."""
+    return issubclass(effect, AbstractRigEffect) and bool(effect.place.file and effect.place.channel)
 
 
 def resting(effect: Effect) -> dict[str, float]:

@@ -12,19 +12,20 @@ from .discrepancy import Allowed, allowing_for_the_rest
 from .evidence import is_white
 from .exchange import exchanged, pruned
 from .final import final_fit
-from .findings import Diagnosis, SetTried, Unexplained
+from .findings import Diagnosis, Question, SetTried, Unexplained
 from .merge import merged
 from .missing_torque import motions
 from .other_rig import Strange, clears, of_another_rig
-from .probabilities import besides, probabilities
+from .probabilities import SOMETHING_ELSE, besides, probabilities, questions
 from .refit import start
 from .rig_mistakes import rig_mistakes
 from .rounds import Keep, Progress, forget, forward, names
 from .score import score
 from .sets import searched
 from .settings import DEFAULT, DiagnosisSettings
+from .statements import statements
 from .unexplained import outdone, unexplained
-from .verdict import in_words, runs_free_worse, tie, verdict
+from .verdict import runs_free_worse, tie, verdict
 
 
 def diagnose(
@@ -106,7 +107,10 @@ def _of_the_others(strange: Strange, result: FitResult, report: Report, settings
     """The diagnosis of all that is left where a piece of the data is set aside, with the word on that piece."""
     report(strange.why, 0.0)
     rest = diagnose(strange.rest, report, settings)
-    mistake = strange.mistake()
+    stated = strange.statement(settings)
+    mistake = strange.mistake(stated)
+    asked = Question("Before any round: what explains the misfit?",
+                     {strange.name: stated.probability, SOMETHING_ELSE: 1.0 - stated.probability})  # fmt: skip
     return replace(
         rest,
         before=result,
@@ -116,7 +120,9 @@ def _of_the_others(strange: Strange, result: FitResult, report: Report, settings
         rig=(mistake, *rest.rig),
         aside=(*strange.traces, *rest.aside),
         probabilities=besides(strange.name, rest.probabilities, settings),
-        verdict=(in_words(mistake), *rest.verdict),
+        questions=(asked, *rest.questions),
+        statements=(stated, *rest.statements),
+        verdict=(stated.sentence, *rest.verdict),
     )
 
 
@@ -155,8 +161,10 @@ def _told(
     added = tuple(e.name for e in s.added if e.name not in doubts)
     ties = tuple(tie(each) for each in progress.found if each.ties and s.at_work(each.effect))
     proven = [e for e in s.added if e.name in added]
-    chance = probabilities(progress.rounds, added, left is not None, first.settings)
-    rig = rig_mistakes(proven, after.values, chance, first.settings)
+    of_rounds = progress.rounds, added, left is not None, first.settings
+    chance, asked = probabilities(*of_rounds), questions(*of_rounds)
+    stated = statements(proven, after.values, chance, progress.rounds, asked, first.settings)
+    rig = rig_mistakes(proven, after.values, stated)
     known = tuple(e.name for e in first.composition.known if e.name in result.rig.config.effects)
     return Diagnosis(
         before=result,
@@ -172,7 +180,9 @@ def _told(
         motions=(*motions(first, s, False), *(motions(first, s, True) if s.holdout else ())),
         rig=rig,
         probabilities=chance,
+        questions=asked,
+        statements=stated,
         discrepancy=rest.found,
-        verdict=verdict(proven, ties, left, progress.rounds, rig, chance, first.settings),
+        verdict=verdict(stated, ties, left, progress.rounds, rig),
         settings=first.settings,
     )

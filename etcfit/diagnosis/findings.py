@@ -84,6 +84,7 @@ class Candidate:
         fit_rms_ratio, holdout_rms_ratio: free-run RMS over that without the effect.
         holdout_chi2_change: of the held-out residual.
         bic_change: below 0 where it is worth its parameters.
+        prior: -2 ln prior, a part of it.
     """
 
     effect: str
@@ -94,6 +95,7 @@ class Candidate:
     holdout_rms_ratio: float | None = None
     holdout_chi2_change: float | None = None
     bic_change: float | None = None
+    prior: float | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -119,6 +121,42 @@ class RoundReport:
     added: str | None
     ties: tuple[str, ...]
     why: str
+
+
+@dataclass(frozen=True)
+class Question:
+    """What the data were asked, and every answer.
+
+    Args:
+        asks: the question in words.
+        answers: probability of each answer; they exclude each other and add up to one.
+    """
+
+    asks: str
+    answers: Mapping[str, float]
+
+
+@dataclass(frozen=True)
+class Statement:
+    """What is stated of an effect that was added.
+
+    Args:
+        effect: name.
+        probability: that it is there, given the data.
+        certainty: "found" from 0.90, "probably" from 0.70, "may be" below.
+        acted_on: it is likely enough to change something because of it (`DiagnosisSettings.suspicion`).
+        instead: probability of what else could explain the same misfit, by name, the likeliest first.
+        told_by: which measurement would tell.
+        sentence: all that in words, with the line of rig.toml that mends a mistake of the rig.
+    """
+
+    effect: str
+    probability: float
+    certainty: str
+    acted_on: bool
+    instead: Mapping[str, float]
+    told_by: str
+    sentence: str
 
 
 @dataclass(frozen=True)
@@ -163,7 +201,7 @@ class RigMistake:
         test, channel: where; None where it is everywhere.
         size, unit: of it, SI; a share where the unit is "".
         mend: the line of rig.toml that takes it into account.
-        sentence: all that in words; of a suspicion what to measure stands there in place of the line.
+        sentence: that of the statement on the effect.
         file: of the one trace that it is in; None: in every trace of the test.
         suspected: its probability is below `DiagnosisSettings.suspicion`.
     """
@@ -285,6 +323,8 @@ class Diagnosis:
         motions: missing torque and voltage along the measured motion.
         rig: what of the effects added is wrong with the rig itself.
         probabilities: of every effect refitted, of "nothing" and "unexplained", given the data.
+        questions: that the data were asked, each with answers that exclude each other.
+        statements: on each effect added, in the order found.
         aside: traces of another rig, with what shows that they are; the rest of the diagnosis is that of the others.
         discrepancy: curves that what is left shows; the intervals of `after` allow for them.
         verdict: the whole in a few sentences.
@@ -305,6 +345,8 @@ class Diagnosis:
     rig: tuple[RigMistake, ...] = ()
     aside: tuple[SetAside, ...] = field(default=(), repr=False)
     probabilities: Mapping[str, float] = field(default_factory=dict)
+    questions: tuple[Question, ...] = ()
+    statements: tuple[Statement, ...] = ()
     discrepancy: tuple[Discrepancy, ...] = ()
     verdict: tuple[str, ...] = ()
     settings: DiagnosisSettings = DEFAULT

@@ -13,37 +13,33 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
-import jax
 import numpy as np
-from jaxtyping import Float
 
-from ..kernels.machine import available
 from ..model.parameters import parameters_of
-from ..model.rig_effects import DRIVING, OBSERVED, AbstractRigEffect
+from ..model.rig_effects import DRIVING, OBSERVED, AbstractRigEffect, Place
 from ..problem.batch import KINDS
-from ..problem.innovations import whiten
-from ..problem.late_kernels import whitened
-from ..problem.one_pass_kernels import rows_of
 from ..problem.prediction_error import columns
 from ..problem.problem import EstimationProblem
 from ..problem.residual import WeightedData
 from .candidate_model import CandidateModel
-from .composition import Effect
+from .composition import Effect, is_of_one_channel
 from .screen import Background, Signature, Variant, ranked
 from .settings import DiagnosisSettings
-from .single_traces import rows_by_file
+from .single_traces import rows_by_file, whitened
 
 RigEffect = type[AbstractRigEffect]
 
 _SHIFTS = (1.0, 2.0, 4.0, 8.0, 16.0, 32.0)  # sample intervals that are tried, late and early
 _SHORT = 0.5  # sample intervals over which a shift is taken as linear
+_SAME_RATE = 0.01  # relative difference of two sample intervals that no screening sees
 
 
 class _Change(NamedTuple):
     """What the residual of the fitted samples would change by, were every channel late by so many sample intervals.
 
     Args:
-        shift: sample intervals of each test; None: by channel for one interval, in the limit of a short shift.
+        shift: sample intervals of each test, or of each trace; None: by channel for one interval, in the limit of a
+            short shift.
         by_channel: shape (n,) each.
     """
 
@@ -64,8 +60,8 @@ def screen_of_late(
     candidates: Sequence[Effect],
     settings: DiagnosisSettings,
 ) -> tuple[Signature, ...]:
-    """The signature of every candidate that logs late, the most promising first; of those of single traces only the few
-    that stand out the most.
+    """The signature of every candidate that logs late, the most promising first; of those of single traces, and of
+    single channels of them, only the few that stand out the most.
 
     Args:
         background: of the model and residual without them.
@@ -73,18 +69,24 @@ def screen_of_late(
         candidates: effects of the rig that delay.
         settings: `single_traces`.
     """
-    intervals, changes, rows = _intervals(problem), _changes(problem, x, weighted), rows_by_file(problem, weighted)
+    rows, intervals = rows_by_file(problem, weighted), _Intervals.of(problem)
+    changes = _changes(problem, x, weighted, intervals.of_tests)
+    # a trace that was logged at another rate than its test is late by samples of its own
+    of_traces = changes if intervals.alike else _changes(problem, x, weighted, intervals.of_traces)
     rigs = [e for e in candidates if issubclass(e, AbstractRigEffect)]
-    alone = [e for e in rigs if e.place.file]
-    standing_out = _standing_out(alone, background, changes, rows)[: settings.single_traces]
+    whole = [e for e in rigs if e.place.file and not is_of_one_channel(e)]
+    single = [e for e in rigs if is_of_one_channel(e)]
+    few = settings.single_traces
+    alone = [e for kind in (whole, single) for e in _standing_out(kind, background, of_traces, rows)[:few]]
     found = []
-    for effect in (e for e in rigs if e not in alone or e in standing_out):
+    for effect in (*(e for e in rigs if not e.place.file), *alone):
         (p,) = parameters_of(effect)
+        interval = intervals.at(effect.place)
         here = np.isin(np.arange(background.r.size), np.concatenate(_of(effect, rows)))
         way = -1.0 if effect.place.channel in DRIVING else 1.0  # beside a late input all others are early
         best: list[Signature] = []  # one at a time is kept: a signature is as long as all samples
-        for change in changes:
-            by = way * intervals[effect.place.test] * (1.0 if change.shift is None else change.shift)
+        for change in of_traces if effect.place.file else changes:
+            by = way * interval * (1.0 if change.shift is None else change.shift)
             column = change.of(effect) * here * p.domain.scale / by
             shape = {} if change.shift is None else {p.symbol: by}
             one = background.signature(Variant(effect, shape, (p.symbol,)), column[:, None], {p.symbol: p})
@@ -132,31 +134,56 @@ def _standing_out(
     return sorted(alone, key=lambda effect: -gains[effect])
 
 
-def _intervals(problem: EstimationProblem) -> dict[str, float]:
-    """Usual sample interval of each rig test, s."""
-    spans: dict[str, list[np.ndarray]] = {}
-    for trace in problem.batch.traces:
-        spans.setdefault(trace.test.name, []).append(np.diff(trace.instants))
-    return {test: float(np.median(np.concatenate(each))) for test, each in spans.items()}
+class _Intervals(NamedTuple):
+    """Usual sample intervals, s: of the test of each trace, and of the trace itself, by file."""
+
+    of_tests: Mapping[str, float]
+    of_traces: Mapping[str, float]
+
+    @classmethod
+    def of(cls, problem: EstimationProblem) -> _Intervals:
+        spans = {trace.measurement.file: np.diff(trace.instants) for trace in problem.batch.traces}
+        tests: dict[str, list[np.ndarray]] = {}
+        for file, each in spans.items():
+            tests.setdefault(Place.named(file).test, []).append(each)
+        usual = {test: float(np.median(np.concatenate(each))) for test, each in tests.items()}
+        return cls({f: usual[Place.named(f).test] for f in spans}, {f: float(np.median(s)) for f, s in spans.items()})
+
+    @property
+    def alike(self) -> bool:
+        """Whether every trace was logged at the rate of its test."""
+        return all(np.isclose(own, self.of_tests[file], rtol=_SAME_RATE) for file, own in self.of_traces.items())
+
+    def at(self, place: Place) -> float:
+        """Of a trace, or of a test."""
+        if place.file:
+            return self.of_traces[place.file]
+        return next(usual for file, usual in self.of_tests.items() if Place.named(file).test == place.test)
 
 
-def _changes(problem: EstimationProblem, x: np.ndarray, weighted: WeightedData) -> list[_Change]:
-    """By a short shift, and by every one of `_SHIFTS`, late and early."""
+def _changes(
+    problem: EstimationProblem, x: np.ndarray, weighted: WeightedData, intervals: Mapping[str, float]
+) -> list[_Change]:
+    """By a short shift, and by every one of `_SHIFTS`, late and early, each in intervals by file."""
     seen = columns(problem.batch, problem.simulated(x, problem.guide_stiffness))
-    late, early = (_change(problem, weighted, seen, shift) for shift in (_SHORT, -_SHORT))
+
+    def change(shift: float) -> dict[str, np.ndarray]:
+        return _change(problem, weighted, seen, {file: shift * interval for file, interval in intervals.items()})
+
+    late, early = change(_SHORT), change(-_SHORT)
     slope = {channel: (late[channel] - early[channel]) / (2.0 * _SHORT) for channel in late}
-    far = [_Change(way * by, _change(problem, weighted, seen, way * by)) for by in _SHIFTS for way in (1.0, -1.0)]
-    return [_Change(None, slope), *far]
+    return [_Change(None, slope), *(_Change(way * by, change(way * by)) for by in _SHIFTS for way in (1.0, -1.0))]
 
 
 def _change(
-    problem: EstimationProblem, weighted: WeightedData, seen: Sequence[np.ndarray], shift: float
+    problem: EstimationProblem, weighted: WeightedData, seen: Sequence[np.ndarray], late_by: Mapping[str, float]
 ) -> dict[str, np.ndarray]:
-    """Change of the residual of the fitted samples, shape (n,), by channel that was observed."""
-    batch, intervals = problem.batch, _intervals(problem)
+    """Change of the residual of the fitted samples, shape (n,), by channel that was observed, were every trace late by
+    so many seconds."""
+    batch = problem.batch
     slots, moved = weighted.slots, np.zeros(np.shape(weighted.slots.value))
     for trace, (lane, _, marks), y in zip(batch.traces, batch.places, seen, strict=True):
-        t, late = trace.instants, shift * intervals[trace.test.name]
+        t, late = trace.instants, late_by[trace.measurement.file]
         for m in range(len(trace.channels)):
             moved[marks, lane, m] = np.interp(t - late, t, y[:, m]) - y[:, m]
     weight, kind = np.asarray(slots.weight), np.asarray(slots.kind)
@@ -164,15 +191,5 @@ def _change(
     for channel in OBSERVED:
         here = (kind == KINDS.index(channel)) & (weight > 0.0)
         if here.any():
-            own = -moved * here
-            out[channel] = _whitened(weighted, own)[weight > 0.0]
+            out[channel] = whitened(weighted, -moved * here)[weight > 0.0]
     return out
-
-
-def _whitened(weighted: WeightedData, error: Float[np.ndarray, "T L M"]) -> Float[np.ndarray, "T L M"]:
-    if available():
-        return whitened(weighted.whitening, error[None], rows_of(weighted))[0]
-    return np.asarray(_by_jax(weighted.whitening, error))
-
-
-_by_jax = jax.jit(whiten)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from typing import NamedTuple
@@ -10,16 +10,17 @@ from typing import NamedTuple
 import numpy as np
 
 from ..estimation.joint_fit import Report
+from ..model.parameters import parameters_of
 from .candidate_model import CandidateModel
 from .choice import Choice, deserves_second_trial, in_turn, nothing_to_read, promising, stands, worth_a_look
-from .composition import Effect, is_of_the_rig
+from .composition import Effect, is_of_the_rig, resting
 from .cross_validation import folds, left_out
 from .inside import tangents_inside
 from .late import screen_of_late
 from .model_discrepancy import inexact
 from .refit import holds, refit_fully
 from .score import Score, score
-from .screen import Background, Signature, ranked, screen_of_the_rig, variants
+from .screen import Background, Signature, Tangents, ranked, screen_of_the_rig, variants
 from .single_traces import screen_of_single_traces
 from .trial import Trial, second_trial, tried
 
@@ -78,7 +79,8 @@ def turn(s: CandidateModel, report: Report, blur: float = 0.0) -> Round:
     candidates = [e for e in s.composition.candidates if not s.at_work(e)]
     report(f"screening {len(candidates)} effects", 0.1)
     signatures = screened(s, candidates)
-    trials = _refitted(s, promising(signatures, before, s.far, s.settings), before, report)
+    starts = {g.variant.effect: g.values for g in promising(signatures, before, s.far, s.settings)}
+    trials = _refitted(s, {**starts, **_stated(s, starts)}, before, report)
     if s.holdout is None:
         trials = _cross_validated(s, trials)
     # far from the data every sample is weighed by what is left in it, so chi2 says nothing of noise
@@ -113,10 +115,11 @@ def measured(s: CandidateModel, candidates: Sequence[Effect]) -> Measured:
     parameters = {p.symbol: p for p in s.composition.whole.layout.parameters}
     columns = zip(inside, tangents_inside(s, inside), strict=True)
     found = [background.signature(variant, column, parameters) for variant, column in columns]
-    if of_the_rig:
+    if prompt:
         rigged = s.with_the_rig()
-        found += screen_of_the_rig(background, rigged.problem, rigged.x, rigged.weighted, of_the_rig)
-    found += screen_of_single_traces(background, s.problem, s.x, s.weighted, alone, s.settings)
+        tangents = Tangents.of(rigged.problem, rigged.x, rigged.weighted)
+        found += screen_of_the_rig(background, tangents, of_the_rig)
+        found += screen_of_single_traces(background, tangents, s.problem, s.x, s.weighted, alone, s.settings)
     if late:
         found += screen_of_late(background, s.problem, s.x, s.weighted, late, s.settings)
     return Measured(background, found)
@@ -135,19 +138,32 @@ def _with_change(trial: Trial, change: float) -> Trial:
     return replace(trial, verdict=replace(trial.verdict, holdout_chi2_change=change))
 
 
-def _refitted(s: CandidateModel, chosen: Sequence[Signature], before: Score, report: Report) -> list[Trial]:
+Starts = Mapping[Effect, Mapping[str, float]]  # values to start a refit from, SI by symbol
+
+
+def _stated(s: CandidateModel, starts: Starts) -> Starts:
+    """Effects that the rig's checks found, from the value that they state: whatever the screening promises, for a
+    tangent says nothing of a mistake as large as a factor of two. One that starts at 0 has nothing better than that."""
+    out = {}
+    for effect, value in s.composition.stated.items():
+        if not s.at_work(effect) and (value or effect not in starts):
+            out[effect] = resting(effect) | {parameters_of(effect)[0].symbol: value}
+    return out
+
+
+def _refitted(s: CandidateModel, starts: Starts, before: Score, report: Report) -> list[Trial]:
     """A trial of each, the lowest BIC first: some side by side, for each compiles a model of its own."""
     trials = []
     with ThreadPoolExecutor(s.settings.refits_side_by_side) as pool:
-        jobs = [pool.submit(_tried, s, signature, before, report) for signature in chosen]
-        for k, (signature, job) in enumerate(zip(chosen, jobs, strict=True)):
-            report(f"refitting with {signature.variant.effect.name}", 0.2 + 0.6 * k / len(chosen))
+        jobs = [pool.submit(_tried, s, effect, values, before, report) for effect, values in starts.items()]
+        for k, (effect, job) in enumerate(zip(starts, jobs, strict=True)):
+            report(f"refitting with {effect.name}", 0.2 + 0.6 * k / len(starts))
             trials.append(job.result())
     return sorted(trials, key=lambda t: t.verdict.bic_change)
 
 
-def _tried(s: CandidateModel, g: Signature, before: Score, report: Report) -> Trial:
-    return _asked_again(s, tried(s, g.variant.effect, g.values, before), before, report)
+def _tried(s: CandidateModel, effect: Effect, values: Mapping[str, float], before: Score, report: Report) -> Trial:
+    return _asked_again(s, tried(s, effect, values, before), before, report)
 
 
 def _asked_again(s: CandidateModel, trial: Trial, before: Score, report: Report) -> Trial:

@@ -34,10 +34,11 @@ from ..rig.base import Rig
 from .candidate_model import CandidateModel
 from .composition import carried
 from .evidence import is_white
-from .findings import RigMistake, SetAside
+from .findings import RigMistake, SetAside, Statement
 from .loop import screened
 from .refit import refit_fully, start_at
 from .settings import DiagnosisSettings
+from .statements import Named, statement
 
 _TOLD = 3.0  # standard errors from which on a parameter is said to differ
 _FORGIVEN = 2  # of the steps by which a fit from far off forgives instants, the last ones: here it begins at a fit
@@ -70,24 +71,33 @@ class Strange:
         """Of the effect."""
         return OtherRig.at(self.place).name
 
-    def mistake(self) -> RigMistake:
-        """As a finding; its size is the largest relative difference of a parameter that both tell."""
-        told = differences(self.own, self.rest)
-        size = max((abs(d) for d in told.values()), default=0.0)
-        each = [f"{symbol} {100.0 * d:+.3g} %" for symbol, d in list(told.items())[:_NAMED]]
+    def statement(self, settings: DiagnosisSettings) -> Statement:
+        """It is shown, but for a lapse."""
+        apart = self.apart()
+        each = [f"{symbol} {100.0 * d:+.3g} %" for symbol, d in list(apart.items())[:_NAMED]]
         differs = listed(each) if each else "in what it does not tell"
-        mend = f"{OtherRig.at(self.place).mend(0.0)}, or take the files out of the folder"
-        said = f"a body of its own, which differs from that of all others: {differs}"
-        sentence = f"{OtherRig.kind} in {self.place.words}: {said}. To be mended in rig.toml: {mend}"
+        said = f"{OtherRig.kind} in {self.place.words}: a body of its own, which differs from all others: {differs}"
+        return statement(OtherRig.at(self.place), Named(said, self._mend), 1.0 - settings.lapse, {}, settings)
+
+    @property
+    def _mend(self) -> str:
+        return f"{OtherRig.at(self.place).mend(0.0)}, or take the files out of the folder"
+
+    def apart(self) -> dict[str, float]:
+        """`differences` of the two bodies."""
+        return differences(self.own, self.rest)
+
+    def mistake(self, stated: Statement) -> RigMistake:
+        """As a finding; its size is the largest relative difference of a parameter that both tell."""
         return RigMistake(
             effect=self.name,
             kind=OtherRig.kind,
             test=self.place.test or None,
             channel=None,
-            size=size,
+            size=max((abs(d) for d in self.apart().values()), default=0.0),
             unit="",
-            mend=mend,
-            sentence=sentence,
+            mend=self._mend,
+            sentence=stated.sentence,
             file=self.place.file or None,
         )
 

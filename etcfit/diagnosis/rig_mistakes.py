@@ -11,40 +11,27 @@ from collections.abc import Mapping, Sequence
 from ..model.parameters import parameters_of
 from ..model.rig_effects import AbstractRigEffect
 from .composition import Effect
-from .findings import RigMistake
-from .settings import DEFAULT, DiagnosisSettings
-from .suspicion import is_suspicion, what_would_tell
+from .findings import RigMistake, Statement
 
 
 def rig_mistakes(
-    added: Sequence[Effect],
-    values: Mapping[str, float],
-    probabilities: Mapping[str, float],
-    settings: DiagnosisSettings = DEFAULT,
+    added: Sequence[Effect], values: Mapping[str, float], stated: Sequence[Statement]
 ) -> tuple[RigMistake, ...]:
     """Of the effects added those that are the rig's.
 
     Args:
         added: effects at work, in the order found.
         values: of the fitted model, SI by symbol.
-        probabilities: of the effects, given the data; one without any is taken as proven.
-        settings: `suspicion`.
+        stated: on each of them.
     """
     return tuple(
-        _mistake(e, values, probabilities.get(e.name, 1.0), settings) for e in added if issubclass(e, AbstractRigEffect)
+        _mistake(e, values, each) for e, each in zip(added, stated, strict=True) if issubclass(e, AbstractRigEffect)
     )
 
 
-def _mistake(
-    effect: type[AbstractRigEffect], values: Mapping[str, float], probability: float, settings: DiagnosisSettings
-) -> RigMistake:
-    first = parameters_of(effect)[0]
-    size, place = float(values[first.symbol]), effect.place
-    mend = effect.mend(size)
-    shown = f"{size:.3g} {first.unit}" if first.unit else f"{100.0 * size:+.3g} %"
-    what = f"{effect.called(size)} in {place.words}: {shown}"
-    suspected = is_suspicion(probability, settings.suspicion)
-    doing = what_would_tell(probability, effect.told_by) if suspected else f"To be mended in rig.toml: {mend}"
+def _mistake(effect: type[AbstractRigEffect], values: Mapping[str, float], stated: Statement) -> RigMistake:
+    first, place = parameters_of(effect)[0], effect.place
+    size = float(values[first.symbol])
     return RigMistake(
         effect=effect.name,
         kind=effect.called(size),
@@ -52,8 +39,8 @@ def _mistake(
         channel=place.channel or None,
         size=size,
         unit=first.unit,
-        mend=mend,
-        sentence=f"{what}. {doing}",
+        mend=effect.mend(size),
+        sentence=stated.sentence,
         file=place.file or None,
-        suspected=suspected,
+        suspected=not stated.acted_on,
     )

@@ -110,7 +110,7 @@ def reported(turned: Round) -> RoundReport:
         bare = Candidate(effect.name, gain, own, v is not None)
         candidates.append(bare if v is None else replace(
             bare, fit_rms_ratio=v.fit_rms_ratio, holdout_rms_ratio=v.holdout_rms_ratio,
-            holdout_chi2_change=v.holdout_chi2_change, bic_change=v.bic_change))  # fmt: skip
+            holdout_chi2_change=v.holdout_chi2_change, bic_change=v.bic_change, prior=v.prior))  # fmt: skip
     candidates.sort(key=lambda c: (c.bic_change is None, c.bic_change or -c.screened))
     return RoundReport(
         effects=tuple(e.name for e in turned.before.added),

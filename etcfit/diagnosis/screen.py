@@ -25,7 +25,7 @@ from ..kernels.machine import available
 from ..model.parameters import AbstractDomain, NonNegative, Parameter
 from ..problem import residual_kernels
 from ..problem.cores import side_by_side
-from ..problem.free_parameters import Form
+from ..problem.free_parameters import Form, Layout
 from ..problem.problem import EstimationProblem
 from ..problem.residual import WeightedData, residual
 from .bounded import bounded, lowest
@@ -306,36 +306,53 @@ def _bounded(mine: Sequence[Parameter], columns: np.ndarray, r: np.ndarray) -> B
     return Best(amplitudes, max(gain, 0.0))
 
 
-def screen_of_the_rig(
-    background: Background,
-    problem: EstimationProblem,
-    x: np.ndarray,
-    weighted: WeightedData,
-    candidates: Sequence[Effect],
-) -> list[Signature]:
+@dataclass(frozen=True, eq=False)
+class Tangents:
+    """Derivatives of the residual of the fitted samples in all free parameters of a model.
+
+    Args:
+        layout: of the model.
+        jacobian: in its coordinates, shape (n, P).
+        slope: d parameter (SI) / d coordinate, shape (P,).
+    """
+
+    layout: Layout
+    jacobian: np.ndarray
+    slope: np.ndarray
+
+    @classmethod
+    def of(cls, problem: EstimationProblem, x: np.ndarray, weighted: WeightedData) -> Tangents:
+        """Those of a model at coordinates x, shape (P,)."""
+        seen = np.asarray(weighted.slots.weight) > 0.0
+        return cls(problem.layout, problem.linearise(x, weighted)[2][seen], problem.layout.numbers(x)[1])
+
+    def along(self, symbol: str, scale: float) -> np.ndarray | None:
+        """By a parameter over a scale, SI, shape (n,); None where it is not free."""
+        if symbol not in self.layout.free:
+            return None
+        k = self.layout.free.index(symbol)
+        return self.jacobian[:, k] * scale / self.slope[k]
+
+
+def screen_of_the_rig(background: Background, tangents: Tangents, candidates: Sequence[Effect]) -> list[Signature]:
     """The signature of every candidate that acts around the throttle.
 
     Their tangents are columns of ONE Jacobian, that of the lean model with all of them free.
 
     Args:
         background: of the model and residual without them.
-        problem, x, weighted: the model with all of them at work, at their off values.
+        tangents: of the model with all of them at work, at their off values.
         candidates: effects of the rig.
     """
-    layout, seen = problem.layout, np.asarray(weighted.slots.weight) > 0.0
-    jacobian, slope = problem.linearise(x, weighted)[2][seen], layout.numbers(x)[1]
-    parameters = {p.symbol: p for p in layout.parameters}
-
-    def column(symbol: str) -> np.ndarray:
-        k = layout.free.index(symbol)
-        return jacobian[:, k] * parameters[symbol].domain.scale / slope[k]
-
-    every = [Variant(e, {}, tuple(s for s in resting(e) if s in layout.free)) for e in candidates]
-    return [
-        background.signature(v, np.stack([column(s) for s in v.amplitudes], axis=1), parameters)
-        for v in every
-        if v.amplitudes
-    ]
+    parameters = {p.symbol: p for p in tangents.layout.parameters}
+    found = []
+    for effect in candidates:
+        by = {s: tangents.along(s, parameters[s].domain.scale) for s in resting(effect)}
+        columns = {s: column for s, column in by.items() if column is not None}
+        if columns:
+            variant = Variant(effect, {}, tuple(columns))
+            found.append(background.signature(variant, np.stack([*columns.values()], axis=1), parameters))
+    return found
 
 
 def ranked(signatures: Sequence[Signature]) -> tuple[Signature, ...]:

@@ -1,23 +1,32 @@
 """What an effect of the rig in one trace alone would do to the residual: the tangent of a parameter, cut to that trace.
 
-    d r / d a = d r / d p in the samples of the trace, 0 elsewhere,    p = `like` of the effect's family
+    d r / d a = d r / d p in the samples of the trace, 0 elsewhere
 
-A winding that was warm in one trace is an R_a of that trace. So one tangent, which the fit has anyway, serves hundreds
-of traces.
+A winding that was warm in one trace is an R_a of that trace (`like` of the effect's family). A channel that reads too
+much in one trace is that of its whole test, where the model has that one; elsewhere what the reading alone does is
+whitened: - W (d y_logged / d a). So a tangent, which is there anyway, or one whitening serves hundreds of traces.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from functools import cached_property
 
+import jax
 import numpy as np
+from jaxtyping import Float
 
-from ..model.parameters import parameters_of
-from ..model.rig_effects import AbstractRigEffect
+from ..kernels.machine import available
+from ..model.parameters import declared, parameters_of
+from ..model.rig_effects import FAMILY_BY_KIND, OBSERVED, AbstractRigEffect, number_of
+from ..problem import late_kernels
+from ..problem.batch import KINDS
+from ..problem.innovations import whiten
+from ..problem.one_pass_kernels import rows_of
 from ..problem.problem import EstimationProblem
 from ..problem.residual import WeightedData
-from .composition import Effect
-from .screen import Background, Signature, Variant
+from .composition import Effect, is_of_one_channel
+from .screen import Background, Signature, Tangents, Variant
 from .settings import DiagnosisSettings
 
 RigEffect = type[AbstractRigEffect]
@@ -25,46 +34,91 @@ RigEffect = type[AbstractRigEffect]
 
 def screen_of_single_traces(
     background: Background,
+    tangents: Tangents,
     problem: EstimationProblem,
     x: np.ndarray,
     weighted: WeightedData,
     candidates: Sequence[Effect],
     settings: DiagnosisSettings,
 ) -> list[Signature]:
-    """The signature of those candidates that stand out the most; none of one whose parameter is not free.
+    """The signature of those candidates that stand out the most, of whole traces and of single channels; none of one
+    of which nothing here tells what it does.
 
     Args:
         background: of the model and residual without them.
+        tangents: of that model with effects of the rig in whole tests beside it.
         problem, x, weighted: that model.
         candidates: effects of the rig in single traces that do not delay.
         settings: `single_traces`.
     """
-    layout = problem.layout
-    free = [e for e in candidates if issubclass(e, AbstractRigEffect) and e.like in layout.free]
-    if not free:
+    rigs = [e for e in candidates if issubclass(e, AbstractRigEffect)]
+    if not rigs:
         return []
-    slope, rows = layout.numbers(x)[1], rows_by_file(problem, weighted)
-
-    def column(effect: RigEffect) -> np.ndarray:
-        """d residual / d amplitude over its scale, of the trace's own samples."""
-        k = layout.free.index(effect.like)
+    rows, column = rows_by_file(problem, weighted), _Columns(tangents, problem, x, weighted).of
+    told = [e for e in rigs if column(e) is not None]
+    kinds = [[e for e in told if is_of_one_channel(e) is single] for single in (False, True)]
+    few, found = settings.single_traces, []
+    for effect in (e for kind in kinds for e in _standing_out(kind, background, rows, column)[:few]):
         (p,) = parameters_of(effect)
-        return background.jacobian[rows[effect.place.file], k] * p.domain.scale / slope[k]
-
-    found = []
-    for effect in _standing_out(free, background, rows, column)[: settings.single_traces]:
-        (p,) = parameters_of(effect)
-        whole = np.zeros((background.r.size, 1))
-        whole[rows[effect.place.file], 0] = column(effect)
+        own, whole = rows[effect.place.file], np.zeros((background.r.size, 1))
+        whole[own, 0] = column(effect)[own]
         found.append(background.signature(Variant(effect, {}, (p.symbol,)), whole, {p.symbol: p}))
     return found
+
+
+class _Columns:
+    """What effects of single traces would do, were they at work in every trace of their test.
+
+    Args:
+        tangents, problem, x, weighted: as of `screen_of_single_traces`.
+    """
+
+    def __init__(self, tangents: Tangents, problem: EstimationProblem, x: np.ndarray, weighted: WeightedData) -> None:
+        self._tangents, self._problem, self._x, self._weighted = tangents, problem, x, weighted
+        self._kept: dict[RigEffect, np.ndarray | None] = {}
+
+    def of(self, effect: RigEffect) -> np.ndarray | None:
+        """d residual / d amplitude over its scale, shape (n,); None where nothing tells it."""
+        family = FAMILY_BY_KIND[effect.kind]
+        whole = family.at(effect.place._replace(file=""))
+        if whole not in self._kept:
+            self._kept[whole] = self._of_test(whole)
+        return self._kept[whole]
+
+    def _of_test(self, whole: RigEffect) -> np.ndarray | None:
+        (p,) = parameters_of(whole)
+        found = self._tangents.along(whole.like or p.symbol, p.domain.scale)
+        return self._of_reading(whole) if found is None and whole.place.channel in OBSERVED else found
+
+    def _of_reading(self, whole: RigEffect) -> np.ndarray:
+        """- W (y_logged - y_hat) at an amplitude of its scale, in every trace."""
+        ((field, p),) = declared(whole).items()
+        channel, weight = whole.place.channel, np.asarray(self._weighted.slots.weight)
+        seen = self._seen
+        read = whole(**{field: p.domain.scale}).read({channel: seen}, number_of(whole.place.test), None)[channel]
+        here = (np.asarray(self._weighted.slots.kind) == KINDS.index(channel)) & (weight > 0.0)
+        return whitened(self._weighted, np.where(here, seen - read, 0.0))[weight > 0.0]
+
+    @cached_property
+    def _seen(self) -> Float[np.ndarray, "T L M"]:
+        return self._problem.simulated(self._x, self._problem.guide_stiffness)
+
+
+def whitened(weighted: WeightedData, error: Float[np.ndarray, "T L M"]) -> Float[np.ndarray, "T L M"]:
+    """An error, SI, by the filter of the data."""
+    if available():
+        return late_kernels.whitened(weighted.whitening, error[None], rows_of(weighted))[0]
+    return np.asarray(_by_jax(weighted.whitening, error))
+
+
+_by_jax = jax.jit(whiten)
 
 
 def _standing_out(
     alone: Sequence[RigEffect],
     background: Background,
     rows: Mapping[str, np.ndarray],
-    column: Callable[[RigEffect], np.ndarray],
+    column: Callable[[RigEffect], np.ndarray | None],
 ) -> list[RigEffect]:
     """Effects of single traces by how much they would lower chi2 from the samples of the trace alone, the most first.
 
@@ -72,11 +126,12 @@ def _standing_out(
         alone: the effects.
         background: of the model without them.
         rows: of the fitted samples, by file.
-        column: what an effect does to its own samples, shape (n,).
+        column: what an effect would do to all samples, shape (n,).
     """
     gains: dict[RigEffect, float] = {}
     for effect in alone:
-        way, power = background.among(rows[effect.place.file], column(effect))
+        own, every = rows[effect.place.file], column(effect)
+        way, power = background.among(own, every[own])
         gains[effect] = way**2 / max(power, 1e-300)
     return sorted(alone, key=lambda effect: -gains[effect])
 

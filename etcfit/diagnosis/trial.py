@@ -3,7 +3,9 @@
 Two models are compared under one whitening and one set of weights, those of the model before the trial, so that their
 chi2 differ by what they explain and by nothing else:
 
-    BIC change = n ln(chi2_1 / chi2_0) + (k_1 - k_0) ln n + 2 ln(variants tried),    n = number of independent samples
+    BIC change = n ln(chi2_1 / chi2_0) + (k_1 - k_0) ln n + 2 ln(variants tried) - 2 ln prior
+
+with n the number of independent samples and the prior that of a mistake of the rig (`prior.py`).
 
 An amplitude that cannot be negative and is best at zero gains nothing: the test is one-sided by construction.
 
@@ -21,8 +23,9 @@ from typing import NamedTuple
 import numpy as np
 
 from .candidate_model import CandidateModel
-from .composition import Composition, Effect, is_of_the_rig, resting
+from .composition import Composition, Effect, is_of_one_channel, is_of_the_rig, resting
 from .late import of_one_event
+from .prior import surprise
 from .score import Score, score
 from .screen import variants
 from .settings import DiagnosisSettings
@@ -41,6 +44,7 @@ class TrialVerdict:
         bic_change: below 0 where it is worth its parameters.
         gain: by how much it lowers chi2 of the fitted traces.
         slack: allowed relative rise of the held-out free-run RMS.
+        prior: -2 ln prior, a part of `bic_change`.
     """
 
     effect: Effect
@@ -52,6 +56,7 @@ class TrialVerdict:
     bic_change: float
     gain: float
     slack: float
+    prior: float = 0.0
 
     def is_strong(self, settings: DiagnosisSettings) -> bool:
         """Whether BIC falls by enough for the effect to be worth its parameters."""
@@ -85,8 +90,10 @@ class Cost(NamedTuple):
 
     @classmethod
     def of(cls, effect: Effect, composition: Composition) -> Cost:
-        """An effect of the rig is one of as many as there are places where a rig may be wrong."""
-        places = len(composition.of_the_rig) if is_of_the_rig(effect) else 1
+        """An effect of the rig is one of as many as there are places where a rig may be wrong; whole tests and traces
+        are asked first, so that only a channel of one trace is one of all such channels too."""
+        among = composition.of_the_rig if is_of_the_rig(effect) else ()
+        places = sum(is_of_one_channel(effect) or not is_of_one_channel(other) for other in among)
         return cls(len(resting(effect)), len(variants(effect)) * max(places, 1))
 
 
@@ -119,7 +126,8 @@ def judged(effect: Effect, before: Score, s: CandidateModel, cost: Cost | None =
     if is_of_the_rig(effect) and effect.delays and s.at_work(effect):
         counted = replace(after, chi2=after.chi2 + of_one_event(s, effect))
     verdict = compare(effect, before, counted, cost or Cost.of(effect, s.composition), s.weighted.samples, slack)
-    return Trial(s, replace(verdict, score=after))
+    prior = surprise(effect, s.values, s.composition.stated) if s.at_work(effect) else 0.0
+    return Trial(s, replace(verdict, score=after, bic_change=verdict.bic_change + prior, prior=prior))
 
 
 def tried(s: CandidateModel, effect: Effect, values: Mapping[str, float], before: Score) -> Trial:

@@ -2,18 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
-from types import MappingProxyType
+from collections.abc import Sequence
 
-from ..estimation.remedies import listed
 from ..estimation.result import FitResult
 from ..problem.prediction_error import pooled
-from .composition import Effect
 from .exchange import Found
-from .findings import RigMistake, RoundReport, Tie, Unexplained
+from .findings import RigMistake, RoundReport, Statement, Tie, Unexplained
 from .score import clearly_worse
-from .settings import DEFAULT, DiagnosisSettings
-from .suspicion import is_suspicion, what_would_tell
+from .settings import DiagnosisSettings
 
 _NOTHING = "The residual is noise: the model lacks nothing that these data show."
 
@@ -35,48 +31,25 @@ def tie(found: Found) -> Tie:
     return Tie(tuple(e.name for e in group), tuple(each.residual for each in found.ties.values()), told_by)
 
 
-def in_words(mistake: RigMistake) -> str:
-    """A mistake of the rig as a sentence of the verdict."""
-    return f"{'Perhaps a' if mistake.suspected else 'A'} mistake of the rig: {mistake.sentence}"
-
-
-def _lacking(
-    lacked: Sequence[Effect], probabilities: Mapping[str, float], settings: DiagnosisSettings
-) -> Iterator[str]:
-    """What the model lacked, then each suspicion with what would tell."""
-    chance = {effect: probabilities.get(effect.name, 1.0) for effect in lacked}
-    if proven := [effect.name for effect in lacked if not is_suspicion(chance[effect], settings.suspicion)]:
-        yield f"The model lacked {listed(proven)}."
-    for effect in lacked:
-        if is_suspicion(chance[effect], settings.suspicion):
-            yield f"The model may lack {effect.name}. {what_would_tell(chance[effect], effect.told_by)}"
-
-
 def verdict(
-    added: Sequence[Effect],
+    stated: Sequence[Statement],
     ties: Sequence[Tie],
     left: Unexplained | None,
     rounds: Sequence[RoundReport],
     rig: Sequence[RigMistake] = (),
-    probabilities: Mapping[str, float] = MappingProxyType({}),
-    settings: DiagnosisSettings = DEFAULT,
 ) -> tuple[str, ...]:
-    """The whole in a few sentences: what was lacking, what cannot be told apart, what is left.
+    """The whole in a few sentences: what was found and how sure, what cannot be told apart, what is left.
 
     Args:
-        added: the effects found.
+        stated: on each effect found.
         ties: of those.
         left: the curve without a name, if there is one.
         rounds: all of them, the last of which adds nothing unless they ran out.
-        rig: what of those added is wrong with the rig.
-        probabilities: of the effects, given the data; one without any is taken as proven.
-        settings: `suspicion`.
+        rig: what of those found is wrong with the rig.
     """
-    words = [in_words(mistake) for mistake in rig]
-    lacked = [effect for effect in added if effect.name not in {mistake.effect for mistake in rig}]
-    if lacked:
-        words += _lacking(lacked, probabilities, settings)
-    elif not rig:
+    of_the_rig = {mistake.effect for mistake in rig}
+    words = [each.sentence for each in sorted(stated, key=lambda each: each.effect not in of_the_rig)]
+    if not words:
         white = rounds[0].evidence.white
         words.append(_NOTHING if white else "No effect of the catalogue is proven by these data.")
     words += [

@@ -150,16 +150,21 @@ class Throttle(eqx.Module):
             steps = effect.driven(steps, test_of)
         return steps
 
-    def begun(self, resets: Any, test_of: Scalar) -> Any:
-        """The true states in which traces begin, from those logged; arguments as of `driven`, with a `Reset`."""
+    def begun(self, resets: Any, test_of: Scalar, trace: Scalar | None) -> Any:
+        """The true states in which traces begin, from those logged.
+
+        Args:
+            resets: a `Reset`.
+            test_of, trace: `number_of` the rig test and of the file of each entry, of the resets' shape.
+        """
         for effect in self.rig:
-            resets = effect.begun(resets, test_of)
+            resets = effect.begun(resets, test_of, trace)
         return resets
 
-    def read(self, seen: dict[str, Scalar], test_of: Scalar) -> dict[str, Scalar]:
-        """What is logged where the sensors show `seen`, by channel, SI."""
+    def read(self, seen: dict[str, Scalar], test_of: Scalar, trace: Scalar | None) -> dict[str, Scalar]:
+        """What is logged where the sensors show `seen`, by channel, SI; `test_of` and `trace` as of `begun`."""
         for effect in self.rig:
-            seen = effect.read(seen, test_of)
+            seen = effect.read(seen, test_of, trace)
         return seen
 
     def delays(self) -> Delays:

@@ -100,6 +100,6 @@ def advance(
     throttle = Throttle.build(form.types, values)
     s, reset = equipped(throttle, s, reset, test_of, values)
     x, z = step(throttle, *begun(throttle, carried.x, carried.z, reset), s)
-    seen = shown(throttle.read(throttle.observe(x, z, s.inputs(1.0)), test_of), slots.kind)
+    seen = shown(throttle.read(throttle.observe(x, z, s.inputs(1.0)), test_of, s.trace), slots.kind)
     error, r = innovate(carried.error, filter_, slots.weight * (slots.value - seen))
     return Carried(x, z, error), Compared(seen, r)

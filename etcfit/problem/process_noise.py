@@ -219,10 +219,10 @@ def slot_senses(
     lanes = slots.kind.shape
     speed = throttle.observe(State(0.0, 0.0, 1.0), throttle.z0, steps.inputs(1.0))
     shown = {"current": 1.0, "position": 1.0, "emf": speed["emf"], "motor_speed": speed["motor_speed"]}
-    nothing = throttle.read(dict.fromkeys(shown, 0.0), test_of)
+    nothing = throttle.read(dict.fromkeys(shown, 0.0), test_of, steps.trace)
     gain = {
         name: jnp.broadcast_to(jnp.asarray(value - nothing[name])[..., None], lanes)
-        for name, value in throttle.read(dict(shown), test_of).items()
+        for name, value in throttle.read(dict(shown), test_of, steps.trace).items()
     }
     zero = jnp.zeros(lanes)
     columns = [

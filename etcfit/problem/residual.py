@@ -61,7 +61,7 @@ def equipped(
     per_volt = steps.gear_ratio * values["K_m"] / (values["R_a"] + steps.series)
     if steps.acting is not None:
         steps = steps._replace(**steps.acting._asdict(), acting=None)
-    resets = throttle.begun(resets, test_of)
+    resets = throttle.begun(resets, test_of, steps.trace)
     within = jnp.clip(resets.theta, steps.lower, steps.upper)  # a sensor may show a plate beyond its stop
     return steps._replace(lever=jnp.where(steps.lever > 0.5, 1.0, per_volt), edge=None), resets._replace(theta=within)
 
@@ -94,7 +94,7 @@ def predict(
     Returns:
         shape (T, L, M), SI unit of each channel.
     """
-    seen = throttle.read(throttle.observe(*path, steps.inputs(1.0)), test_of)
+    seen = throttle.read(throttle.observe(*path, steps.inputs(1.0)), test_of, steps.trace)
     delays = throttle.delays().channels if throttle.may_delay else {}
     by_the_rig = throttle.lateness(steps, test_of)
     for name in KINDS:

@@ -38,6 +38,8 @@ def diagnosis_json(diagnosis: Diagnosis) -> dict[str, Any]:
             *(_mistake(mistake, diagnosis.probabilities.get(mistake.effect)) for mistake in diagnosis.rig),
             *map(_found_before, after.rig.findings),
         ],
+        "statements": [plain(each) for each in diagnosis.statements],
+        "questions": [plain(each) for each in diagnosis.questions],
         "probabilities": plain(dict(diagnosis.probabilities)),
         "unexplained": _unexplained(unknown) if unknown is not None else None,
         "discrepancy": [plain(each) for each in diagnosis.discrepancy],

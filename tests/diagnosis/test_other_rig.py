@@ -12,6 +12,7 @@ import results
 from etcfit.diagnosis import Diagnosis, diagnose, other_rig
 from etcfit.diagnosis.candidate_model import CandidateModel
 from etcfit.diagnosis.other_rig import Strange, differences
+from etcfit.diagnosis.settings import DEFAULT
 from etcfit.errors import MeasurementError
 from etcfit.estimation.intervals import intervals
 from etcfit.estimation.joint_fit import fit
@@ -85,7 +86,8 @@ def test_what_differs_is_named_with_its_share_the_surest_first(odd: Rig) -> None
     assert list(told) == ["K_s", "R_a"]  # T_f is within 3 standard errors
     assert told["R_a"] == pytest.approx(0.2)
     assert told["K_s"] == pytest.approx(-0.2)
-    mistake = Strange(Place.named("response/1.csv"), rest, own, (), "why").mistake()
+    strange = Strange(Place.named("response/1.csv"), rest, own, (), "why")
+    mistake = strange.mistake(strange.statement(DEFAULT))
     assert (mistake.kind, mistake.file, mistake.test) == ("other_rig", "response/1.csv", "response")
     assert mistake.size == pytest.approx(0.2)
     assert "K_s -20 % and R_a +20 %" in mistake.sentence
@@ -96,7 +98,8 @@ def test_what_cannot_be_told_is_not_said_to_differ(odd: Rig) -> None:
     rest = results.result(odd, lost=("R_a",))
     own = with_values(rest, R_a=2.0 * rest.values["R_a"])
     assert differences(own, rest) == {}
-    assert "in what it does not tell" in Strange(Place.named("response/1.csv"), rest, own, (), "why").mistake().sentence
+    strange = Strange(Place.named("response/1.csv"), rest, own, (), "why")
+    assert "in what it does not tell" in strange.statement(DEFAULT).sentence
 
 
 # ---- how far it is looked for

@@ -8,7 +8,7 @@ from dataclasses import replace
 import pytest
 
 from etcfit.diagnosis.findings import Candidate, Evidence, RoundReport
-from etcfit.diagnosis.probabilities import NOTHING, UNEXPLAINED, probabilities
+from etcfit.diagnosis.probabilities import NOTHING, SOMETHING_ELSE, UNEXPLAINED, probabilities, questions
 from etcfit.diagnosis.settings import DEFAULT
 
 WHITE, COLOURED = (Evidence((), white, (), ()) for white in (True, False))
@@ -76,7 +76,7 @@ def test_a_curve_without_a_name_is_unexplained() -> None:
 def test_an_effect_taken_away_again_is_not_believed() -> None:
     kept, gone = (probabilities([turn("a", a=-900.0)], added, False, DEFAULT) for added in (["a"], []))
     assert kept["a"] > 0.8
-    assert gone["a"] == MISSED
+    assert gone["a"] == pytest.approx(MISSED)
 
 
 def test_two_rounds_are_two_reasons() -> None:
@@ -94,6 +94,24 @@ def test_where_more_than_noise_is_left_it_is_not_said_that_nothing_is_missing() 
     assert p[UNEXPLAINED] == 1.0 - LAPSE
     named = probabilities([turn("a", a=-9000.0), replace(turn(None), evidence=COLOURED)], ["a"], False, DEFAULT)
     assert LAPSE < named[UNEXPLAINED] < 1.0 - LAPSE
+
+
+@pytest.mark.parametrize("added", [["a"], [], ["a", "b"]])
+def test_answers_to_one_question_add_up_to_one(added: list[str]) -> None:
+    rounds = [turn("a", ("b",), a=-50.0, b=-49.0, c=3.0), turn("b", b=-9.0), turn(None, c=5.0, d=-200.0)]
+    asked = questions(rounds, added, False, DEFAULT)
+    assert len(asked) == len(rounds) + 1
+    for question in asked:
+        assert sum(question.answers.values()) == pytest.approx(1.0, abs=1e-12), question.asks
+        assert min(question.answers.values()) >= 0.0
+    first = asked[0].answers
+    assert first[SOMETHING_ELSE] >= LAPSE - 1e-12
+    assert (first["a"] > MISSED) == ("a" in added), "what was taken away again leaves its share to something else"
+
+
+def test_no_more_than_inexact_formulas_leave_is_nothing_without_a_name() -> None:
+    unread = replace(turn(None), candidates=(), evidence=COLOURED)
+    assert probabilities([turn("a", a=-9000.0), unread], ["a"], False, DEFAULT)[UNEXPLAINED] == LAPSE
 
 
 def test_what_is_left_beside_a_name_is_as_likely_as_the_settings_say() -> None:

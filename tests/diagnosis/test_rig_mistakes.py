@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -13,13 +14,15 @@ from numpy.testing import assert_allclose
 from etcfit.diagnosis import Diagnosis, diagnose
 from etcfit.diagnosis.candidate_model import CandidateModel
 from etcfit.diagnosis.composition import compose
+from etcfit.diagnosis.findings import RigMistake
 from etcfit.diagnosis.loop import screened
 from etcfit.diagnosis.refit import start
 from etcfit.diagnosis.rig_mistakes import rig_mistakes
-from etcfit.diagnosis.settings import DEFAULT
-from etcfit.diagnosis.verdict import in_words
+from etcfit.diagnosis.settings import DEFAULT, DiagnosisSettings
+from etcfit.diagnosis.statements import statements
 from etcfit.estimation.intervals import intervals
 from etcfit.estimation.joint_fit import FitResult, fit
+from etcfit.model.parameters import parameters_of
 from etcfit.model.rig_effects import rig_effect
 from etcfit.rig.base import Rig
 from etcfit.rig.reader import read_folder
@@ -107,19 +110,28 @@ def test_the_rigs_tangents_are_differences_of_the_residual(resistor: Case) -> No
         assert_allclose(jacobian[..., k], (r[1] - r[0]) / (2.0 * step), atol=1e-3 * np.abs(jacobian[..., k]).max())
 
 
+def stated(effect: Any, value: float, probability: float = 0.9, settings: DiagnosisSettings = DEFAULT) -> RigMistake:
+    """The mistake that an effect with one parameter of that value is."""
+    values = {parameters_of(effect)[0].symbol: value}
+    said = statements([effect], values, {effect.name: probability}, (), (), settings)
+    (mistake,) = rig_mistakes([effect], values, said)
+    return mistake
+
+
 def test_what_is_not_the_rigs_is_no_mistake_of_it(small: CandidateModel) -> None:
-    assert rig_mistakes(small.composition.candidates, small.values, {}) == ()
+    inside = small.composition.inside
+    assert rig_mistakes(inside, small.values, statements(inside, small.values, {}, (), (), DEFAULT)) == ()
 
 
 def test_a_mistake_is_told_by_its_size_and_the_line_that_mends_it() -> None:
-    sign = rig_effect("channel_gain[viscous.current]")
-    assert sign is not None
-    (mistake,) = rig_mistakes([sign], {"gain.viscous.current": -2.0}, {sign.name: 0.9})
+    mistake = stated(rig_effect("channel_gain[viscous.current]"), -2.0)
     assert mistake.kind == "channel_sign"
     assert mistake.effect == "channel_gain[viscous.current]"
     assert mistake.mend == '[model] effects = ["channel_gain[viscous.current]"]'
-    assert "current of the viscous test" in mistake.sentence
-    assert mistake.mend in mistake.sentence
+    assert mistake.sentence == (
+        "Found: a mistake of the rig (0.90): channel_sign in current of the viscous test: -200 %. "
+        f"To mend it, change in rig.toml: {mistake.mend}."
+    )
     assert not mistake.suspected
     assert mistake.file is None
 
@@ -128,18 +140,16 @@ def test_a_mistake_is_told_by_its_size_and_the_line_that_mends_it() -> None:
 def test_a_suspicion_says_what_would_tell_and_changes_no_line(suspicion: float, suspected: bool) -> None:
     gain = rig_effect("channel_gain[viscous.current]")
     assert gain is not None
-    settings = replace(DEFAULT, suspicion=suspicion)
-    (mistake,) = rig_mistakes([gain], {"gain.viscous.current": 0.1}, {gain.name: 0.75}, settings)
+    mistake = stated(gain, 0.1, 0.75, replace(DEFAULT, suspicion=suspicion))
     assert mistake.suspected is suspected
     assert ("rig.toml" in mistake.sentence) is not suspected
-    assert (f"probability 0.75. What would tell: {gain.told_by}." in mistake.sentence) is suspected
-    assert in_words(mistake).startswith("Perhaps a mistake of the rig: " if suspected else "A mistake of the rig: ")
+    assert mistake.sentence.startswith("Probably a mistake of the rig (0.75): channel_gain in ")
+    assert mistake.sentence.endswith(f"What would tell: {gain.told_by}.")
+    assert stated(gain, 0.1, 0.6).sentence.startswith("There may be a mistake of the rig (0.60): ")
 
 
 def test_a_mistake_of_one_trace_names_its_file() -> None:
-    late = rig_effect("trace_late[response/drive_3.csv]")
-    assert late is not None
-    (mistake,) = rig_mistakes([late], {"late.response/drive_3.csv": 0.012}, {})
+    mistake = stated(rig_effect("trace_late[response/drive_3.csv]"), 0.012)
     assert (mistake.kind, mistake.test, mistake.channel) == ("trace_late", "response", None)
     assert mistake.file == "response/drive_3.csv"
     assert mistake.mend == '[model] effects = ["trace_late[response/drive_3.csv]"]'

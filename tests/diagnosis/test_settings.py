@@ -26,6 +26,7 @@ from etcfit.diagnosis.model_discrepancy import left_by
 from etcfit.diagnosis.refit import further_from_data
 from etcfit.diagnosis.rig_mistakes import rig_mistakes
 from etcfit.diagnosis.screen import Signature, variants
+from etcfit.diagnosis.statements import statements
 from etcfit.diagnosis.unexplained import in_doubt, much_is_left, one_curve_does_more, questioned
 from etcfit.files import plain
 from etcfit.model.effects import EFFECT_BY_NAME
@@ -144,7 +145,9 @@ def likely(probability: float, **changes: Any) -> RigMistake:
     """A mistake of the rig of that probability."""
     gain = rig_effect("channel_gain[viscous.current]")
     assert gain is not None
-    (mistake,) = rig_mistakes([gain], {"gain.viscous.current": 0.1}, {gain.name: probability}, with_(**changes))
+    values = {"gain.viscous.current": 0.1}
+    stated = statements([gain], values, {gain.name: probability}, (), (), with_(**changes))
+    (mistake,) = rig_mistakes([gain], values, stated)
     return mistake
 
 

@@ -11,7 +11,7 @@ from numpy.testing import assert_allclose
 from etcfit.diagnosis.candidate_model import CandidateModel
 from etcfit.diagnosis.composition import Composition, compose
 from etcfit.diagnosis.loop import measured
-from etcfit.diagnosis.screen import Background, Signature
+from etcfit.diagnosis.screen import Background, Signature, Tangents
 from etcfit.diagnosis.settings import DiagnosisSettings
 from etcfit.diagnosis.single_traces import rows_by_file, screen_of_single_traces
 from etcfit.estimation.result import Termination
@@ -53,11 +53,9 @@ class Case:
         )
 
     def screened(self) -> list[Signature]:
-        candidates = [e for e in self.composition.of_the_rig if e.scope == "trace" and not e.delays]
-        background = Background.of(self.problem, self.x, self.weighted)
-        return screen_of_single_traces(
-            background, self.problem, self.x, self.weighted, candidates, self.model.settings
-        )  # fmt: skip
+        candidates = [e for e in self.composition.of_the_rig if e.kind == "warm_start"]  # pyright: ignore[reportAttributeAccessIssue]
+        of = (self.problem, self.x, self.weighted)
+        return screen_of_single_traces(Background.of(*of), Tangents.of(*of), *of, candidates, self.model.settings)
 
 
 @pytest.fixture(scope="module")
@@ -106,5 +104,6 @@ def test_where_the_resistance_is_given_it_is_not_asked(rig: Rig, case: Case) -> 
     problem = EstimationProblem.of(known.config, bare, case.problem.batch.traces)
     x = bare.layout.coordinates({p.symbol: p.nominal for p in bare.layout.parameters})
     weighted = problem.weighted(weights.free_running(problem))
-    background = Background.of(problem, x, weighted)
-    assert screen_of_single_traces(background, problem, x, weighted, [case.effect], DiagnosisSettings()) == []
+    of = (problem, x, weighted)
+    found = screen_of_single_traces(Background.of(*of), Tangents.of(*of), *of, [case.effect], DiagnosisSettings())
+    assert found == []

@@ -10,8 +10,11 @@ import diagnoses
 import results
 from diagnoses import error
 from etcfit.diagnosis.ambiguity import Apart
+from etcfit.diagnosis.composition import Effect
 from etcfit.diagnosis.exchange import Found
-from etcfit.diagnosis.settings import DiagnosisSettings
+from etcfit.diagnosis.findings import RigMistake, Statement
+from etcfit.diagnosis.settings import DEFAULT, DiagnosisSettings
+from etcfit.diagnosis.statements import Named, certainty, statement
 from etcfit.diagnosis.verdict import runs_free_worse, tie, verdict
 from etcfit.estimation.result import FitResult
 from etcfit.model.effects import EFFECT_BY_NAME
@@ -54,39 +57,58 @@ def test_ties_name_the_one_in_the_model_first_and_what_would_separate_them() -> 
     assert made.told_by == f"{LIMP.name}: {LIMP.told_by}; {AIR.name}: {AIR.told_by}"
 
 
+def stated(effect: Effect, probability: float = 0.9, **answers: float) -> Statement:
+    return statement(effect, Named(effect.name), probability, answers, DEFAULT)
+
+
 def test_effects_found_ties_and_the_last_reason_are_said(rig: Rig) -> None:
     first, last = diagnoses.rounds(results.result(rig))
     made = tie(Found(LIMP, {AIR: Apart(0.03, {})}, 100.0, {}))
-    assert verdict((LIMP,), (made,), None, (first, replace(last, candidates=()))) == (
-        "The model lacked limp_home_spring.",
+    assert verdict((stated(LIMP),), (made,), None, (first, replace(last, candidates=()))) == (
+        "Found: the model lacked limp_home_spring (0.90).",
         "limp_home_spring and airflow_torque cannot be told apart by these data: their fits differ by at most 0.03 "
         "times the noise.",
         "cogging_torque is not worth its parameters.",
     )
 
 
-def test_a_name_below_the_limit_is_a_suspicion_with_what_would_tell(rig: Rig) -> None:
-    first, last = diagnoses.rounds(results.result(rig))
-    said = verdict((LIMP, AIR), (), None, (first, last), (), {LIMP.name: 0.9, AIR.name: 0.55})
-    assert said == (
-        "The model lacked limp_home_spring.",
-        "The model may lack airflow_torque. This is a suspicion, with probability 0.55. "
-        f"What would tell: {AIR.told_by}.",
+@pytest.mark.parametrize(
+    ("probability", "word", "acted_on"),
+    [(0.9 - 1e-12, "found", True), (0.894, "probably", True), (0.8, "probably", True), (0.794, "probably", False),
+     (0.7, "probably", False), (0.694, "may be", False)],
+)  # fmt: skip
+def test_a_name_is_as_sure_as_the_two_digits_that_are_shown(probability: float, word: str, acted_on: bool) -> None:
+    made = stated(LIMP, probability)
+    assert made.certainty == certainty(probability) == word
+    assert made.acted_on is acted_on
+    assert f"({probability:.2f})" in made.sentence
+
+
+def test_a_name_that_is_not_sure_says_what_else_could_be_and_what_would_tell() -> None:
+    made = stated(AIR, 0.55, airflow_torque=0.55, limp_home_spring=0.2, nothing=0.24, backlash=0.01)
+    assert made.instead == {"nothing": 0.24, "limp_home_spring": 0.2}
+    assert made.sentence == (
+        "The model may lack airflow_torque (0.55). What else could be: nothing 0.24, limp_home_spring 0.20. "
+        f"What would tell: {AIR.told_by}."
     )
-    likely = DiagnosisSettings(suspicion=0.5)
-    assert verdict((LIMP, AIR), (), None, (first, last), (), {LIMP.name: 0.9, AIR.name: 0.55}, likely) == (
-        "The model lacked limp_home_spring and airflow_torque.",
-    )
+    assert "tell" not in stated(AIR, 0.9, limp_home_spring=0.05).sentence
+
+
+def test_a_mistake_of_the_rig_is_said_before_what_the_model_lacks(rig: Rig) -> None:
+    sag = EFFECT_BY_NAME["airflow_torque"]
+    mistake = RigMistake(sag.name, "kind", None, None, 1.0, "", "[rig]", "")
+    said = verdict((stated(LIMP), stated(sag)), (), None, diagnoses.rounds(results.result(rig)), (mistake,))
+    assert [sentence.split()[4] for sentence in said[:2]] == ["airflow_torque", "limp_home_spring"]
 
 
 def test_what_is_left_is_said_as_a_curve_or_as_unexplained(rig: Rig) -> None:
     first, last = diagnoses.rounds(results.result(rig))
     curve = diagnoses.unexplained(results.result(rig))
-    lacked = "The model lacked limp_home_spring."
-    assert verdict((LIMP,), (), curve, (first, last)) == (lacked, curve.sentence)
-    assert verdict((LIMP,), (), None, (first, last)) == (lacked,)  # the last residual is white
+    lacked = stated(LIMP)
+    assert verdict((lacked,), (), curve, (first, last)) == (lacked.sentence, curve.sentence)
+    assert verdict((lacked,), (), None, (first, last)) == (lacked.sentence,)  # the last residual is white
     odd = replace(last, evidence=first.evidence)
-    assert verdict((LIMP,), (), None, (first, odd))[1].startswith("The residual is not all noise, but nothing")
+    assert verdict((lacked,), (), None, (first, odd))[1].startswith("The residual is not all noise, but nothing")
 
 
 def test_where_nothing_is_added_it_is_said_whether_anything_is_lacking(rig: Rig) -> None:

@@ -39,7 +39,8 @@ LOGGED = {
     "closed_loop": frozenset({"voltage", "duty", "position", "current"}),
 }
 FILES = {"response/1.csv": LOGGED["response"], "response/2.csv": LOGGED["response"],
-         "resistance/1.csv": LOGGED["resistance"], "inertia/1.csv": LOGGED["inertia"]}  # fmt: skip
+         "resistance/1.csv": LOGGED["resistance"], "inertia/1.csv": LOGGED["inertia"],
+         "inertia/2.csv": LOGGED["inertia"]}  # fmt: skip
 EVERY = (*at_places(LOGGED, FILES), EdgePhase.at(Place("response")))
 every_effect = pytest.mark.parametrize("effect", EVERY, ids=lambda e: e.name)
 PARTS = ("command", "edge")  # of a step that a batch may do without
@@ -66,9 +67,10 @@ def begun() -> Reset:
 
 def all_of(effect: Any, test_of: Any, file: str = "") -> list[Any]:
     """Everything that the effect makes of what is given; lateness beside what is not late."""
-    given, shown = steps(file), effect.read(dict(SEEN), test_of)
+    given = steps(file)
+    shown = effect.read(dict(SEEN), test_of, given.trace)
     late = {channel: jnp.zeros(2) for channel in OBSERVED} | effect.lateness(given, test_of)
-    driven, starts = effect.driven(given, test_of), effect.begun(begun(), test_of)
+    driven, starts = effect.driven(given, test_of), effect.begun(begun(), test_of, given.trace)
     return [*jax.tree.leaves((driven, starts)), *shown.values(), *(late[channel] for channel in OBSERVED)]
 
 
@@ -158,6 +160,44 @@ def test_every_family_has_a_place_in_a_rig_that_logs_everything() -> None:
     assert len(set(symbols)) == len(symbols)
 
 
+def test_a_channel_of_one_trace_is_written_after_its_file_and_read_back() -> None:
+    place = Place("response", "current", "response/a.b/3.csv")
+    assert str(place) == "response/a.b/3.csv.current"
+    assert Place.named(str(place)) == place
+    assert Place.named("response/a.b/3.csv") == Place("response", "", "response/a.b/3.csv")
+    assert place.words == "current of the trace response/a.b/3.csv"
+    assert ChannelGain.at(place).scope == "trace"
+    assert ChannelGain.at(Place("response", "current")).scope == "test"
+
+
+def channels_of(kind: str, logged: dict[str, frozenset[str]]) -> set[str]:
+    return {str(e.place) for e in at_places(LOGGED, logged) if e.kind == kind and e.place.file and e.place.channel}
+
+
+def test_a_channel_of_a_trace_is_asked_about_where_another_trace_logged_it() -> None:
+    found = channels_of("channel_gain", FILES)
+    assert {"response/1.csv.current", "response/2.csv.position", "inertia/1.csv.emf"} <= found
+    assert "inertia/1.csv.emf" not in channels_of("channel_gain", {"inertia/1.csv": FILES["inertia/1.csv"]})
+
+
+def test_where_a_test_has_one_trace_the_test_is_asked_instead() -> None:
+    places = {str(e.place) for e in at_places(LOGGED, FILES) if e.kind == "channel_gain"}
+    assert "resistance.current" in places
+    assert "resistance/1.csv.current" not in places
+
+
+def test_a_single_measured_channel_that_is_late_is_a_trace_that_is() -> None:
+    files = {f"viscous/{k}.csv": frozenset({"voltage", "current"}) for k in (1, 2)}
+    assert channels_of("channel_late", files) == set()
+    assert channels_of("channel_late", {f: seen | {"motor_speed"} for f, seen in files.items()}) == {
+        f"{file}.{channel}" for file in files for channel in ("current", "motor_speed")
+    }
+
+
+def test_a_trace_of_one_signal_has_nothing_to_compare_it_with() -> None:
+    assert channels_of("channel_offset", {f"viscous/{k}.csv": frozenset({"current"}) for k in (1, 2)}) == set()
+
+
 def test_a_rig_of_one_test_has_nothing_to_compare() -> None:
     assert {e.kind for e in at_places({"response": LOGGED["response"]})} == {"sensor_end_points"}
 
@@ -183,7 +223,7 @@ def test_what_reads_too_much_was_less() -> None:
     assert_allclose(1.1 * driven.voltage1, steps().voltage1)
     current = rig_effect("channel_gain[response.current]")
     assert current is not None
-    assert_allclose(made(current, 5.0).read(dict(SEEN), here)["current"], 1.1 * SEEN["current"])
+    assert_allclose(made(current, 5.0).read(dict(SEEN), here, None)["current"], 1.1 * SEEN["current"])
 
 
 def test_a_drift_is_none_where_a_trace_begins_and_grows_from_step_to_step_without_a_jump() -> None:
@@ -199,8 +239,8 @@ def test_a_position_reads_off_where_the_plate_is_and_begins_where_it_was() -> No
     effect = rig_effect("sensor_end_points")
     assert effect is not None
     off = made(effect, 1.0)
-    shown = off.read({"position": begun().theta}, 0.0)["position"]
-    back = off.begun(begun()._replace(theta=shown * begun().begins), 0.0)
+    shown = off.read({"position": begun().theta}, 0.0, None)["position"]
+    back = off.begun(begun()._replace(theta=shown * begun().begins), 0.0, None)
     assert_allclose(back.theta, begun().theta, atol=1e-15)
 
 

@@ -107,21 +107,23 @@ def diagnosed(tmp_path: Path) -> Path:
     return run
 
 
+def stated(acted_on: bool, sentence: str) -> list[dict[str, Any]]:
+    return [{"effect": "limp_home_spring", "acted_on": acted_on, "sentence": sentence}]
+
+
 def test_a_name_that_is_proven_is_said_and_gains_come_next(diagnosed: Path) -> None:
-    runs.changed(diagnosed, "diagnosis", probabilities={"limp_home_spring": 0.9})
     closing = of_run(diagnosed, diagnosed / "report.html")
-    assert closing.answer.startswith("The model lacked limp_home_spring (P 0.90).")
+    assert closing.answer.startswith("Found: the model lacked limp_home_spring (0.90).")
     assert closing.next == f"etcfit design {diagnosed}"
     assert closing.look == (diagnosed / "report.html", diagnosed / "pictures" / "diagnosis" / "ledger.png")
 
 
-@pytest.mark.parametrize("found", [{"limp_home_spring": 0.79, "backlash": 0.1}, {}])
-def test_a_name_that_is_not_proven_instructs_nobody(diagnosed: Path, found: dict[str, float]) -> None:
+def test_a_name_that_is_not_proven_instructs_nobody(diagnosed: Path) -> None:
     mistake = {"effect": "limp_home_spring", "sentence": "mend me", "mend": "[scale]", "kind": "channel_gain"}
-    runs.changed(diagnosed, "diagnosis", probabilities=found, rig=[mistake])
+    said = "There may be a mistake. What would tell: a probe."
+    runs.changed(diagnosed, "diagnosis", statements=stated(False, said), rig=[mistake])
     closing = of_run(diagnosed)
-    assert f"Not proven: limp_home_spring (P {found.get('limp_home_spring', 0.0):.2f}). Measure " in closing.answer
-    assert "lacked" not in closing.answer
+    assert closing.answer.startswith(said)
     assert "[scale]" not in str(closing)
     assert "--advise" in closing.next
 
@@ -129,9 +131,9 @@ def test_a_name_that_is_not_proven_instructs_nobody(diagnosed: Path, found: dict
 def test_a_proven_mistake_of_the_rig_is_mended_before_the_next_fit(diagnosed: Path) -> None:
     mistake = {"effect": "limp_home_spring", "sentence": "the probe reads high", "mend": "probe = 1.1",
                "kind": "channel_gain"}  # fmt: skip
-    runs.changed(diagnosed, "diagnosis", probabilities={"limp_home_spring": 0.95}, rig=[mistake])
+    runs.changed(diagnosed, "diagnosis", statements=stated(True, "Found: the probe reads high."), rig=[mistake])
     closing = of_run(diagnosed)
-    assert "The rig has a mistake (P 0.95): the probe reads high" in closing.answer
+    assert closing.answer.startswith("Found: the probe reads high.")
     folder = diagnosed.parent / "rig"
     assert closing.next == (
         f"etcfit fit {folder} --out {diagnosed}, after this change in {folder / 'rig.toml'}: probe = 1.1"
@@ -139,7 +141,7 @@ def test_a_proven_mistake_of_the_rig_is_mended_before_the_next_fit(diagnosed: Pa
 
 
 def test_what_no_effect_explains_is_looked_at(diagnosed: Path) -> None:
-    runs.changed(diagnosed, "diagnosis", added=[], probabilities={"stiction": 0.3, "unexplained": 0.98})
+    runs.changed(diagnosed, "diagnosis", added=[], statements=[], probabilities={"stiction": 0.3, "unexplained": 0.98})
     scored(diagnosed, "diagnosis", "more")
     closing = of_run(diagnosed)
     assert "no effect explains it; the likeliest are stiction (P 0.30), not proven" in closing.answer

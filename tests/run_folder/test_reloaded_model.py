@@ -22,7 +22,12 @@ from etcfit.run_folder import save_fit
 OF_EACH_SCOPE = {
     "rig": ("gear_ratio", "sensor_end_points"),  # these lost their name: they have no place
     "test": ("channel_gain[response.current]", "series_resistance[response]"),
-    "trace": ("trace_late[response/1.csv]", "warm_start[response/1.csv]"),
+    "trace": (
+        "trace_late[response/1.csv]",
+        "warm_start[response/1.csv]",
+        "channel_late[response/1.csv.current]",
+        "channel_offset[response/1.csv.position]",
+    ),
 }
 EFFECTS = tuple(name for names in OF_EACH_SCOPE.values() for name in names)
 QUICK = {name: RULES[name] for name in ("manual", "damping_optimum")}

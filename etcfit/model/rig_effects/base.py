@@ -34,6 +34,8 @@ class Place(NamedTuple):
         test: name of the rig test; "" for all of them.
         channel: "current", "position", ...; "" where none is meant.
         file: of the one trace that is meant, as in `response/3.csv`; "" for every trace of the test.
+
+    A channel of one trace is written `response/3.csv.current`.
     """
 
     test: str = ""
@@ -41,23 +43,24 @@ class Place(NamedTuple):
     file: str = ""
 
     def __str__(self) -> str:
-        if self.file:
-            return self.file
-        return f"{self.test}.{self.channel}" if self.channel else self.test
+        where = self.file or self.test
+        return f"{where}.{self.channel}" if self.channel else where
 
     @classmethod
     def named(cls, text: str) -> Place:
-        """The one that is written so; what has a slash is a file."""
+        """The one that is written so; what has a slash is a file, or a channel of it where its last part is one."""
         test, slash, _ = text.partition("/")
-        return cls(test, "", text) if slash else cls(*text.split(".", 1))
+        if not slash:
+            return cls(*text.split(".", 1))
+        file, _, channel = text.rpartition(".")
+        return cls(test, channel, file) if channel in (*OBSERVED, *DRIVING) else cls(test, "", text)
 
     @property
     def words(self) -> str:
         """As part of a sentence: "current of the response test"."""
-        if self.file:
-            return f"the trace {self.file}"
         test = f"the {self.test} test" if self.test else "every test"
-        return f"{self.channel} of {test}" if self.channel else test
+        where = f"the trace {self.file}" if self.file else test
+        return f"{self.channel} of {where}" if self.channel else where
 
 
 def number_of(name: str) -> float:
@@ -78,9 +81,10 @@ class AbstractRigEffect(AbstractEffect):
         kind: its name in rig.toml and diagnosis.json, without the place.
         place: where it is at work; of a family, everywhere.
         acts_on: channels of which a place must have logged one, or it changes nothing there; () where any will do.
-        of_a_channel: its place is one of these channels of a test, no whole test.
+        of_a_channel: its place is one of these channels, of a test or of one trace, no whole test.
         like: parameter of the throttle that, changed in one trace, does what this effect does there; needed of a family
-            that is found `in_traces` and does not delay, for by that parameter's tangent all traces are screened.
+            that is found `in_traces` and does not delay, for by that parameter's tangent all traces are screened. One
+            `of_a_channel` needs none: it does in one trace what it does in the whole test.
         stated: kind of a finding of `rig.checks` that states this effect -> its first parameter, SI, from the size of
             the finding. A diagnosis tries it first, from there.
     """
@@ -117,7 +121,8 @@ class AbstractRigEffect(AbstractEffect):
             traces: by file.
         """
         if cls.of_a_channel:
-            return tuple(Place(test, c) for test, found in logged.items() for c in cls.acts_on if c in found)
+            named = {Place.named(name): seen for name, seen in {**logged, **traces}.items()}
+            return tuple(place._replace(channel=c) for place, seen in named.items() for c in cls.acts_on if c in seen)
         found = {name for name, seen in {**logged, **traces}.items() if not cls.acts_on or seen & {*cls.acts_on}}
         if cls.scope == "rig":
             return (Place(),) if found else ()
@@ -146,21 +151,21 @@ class AbstractRigEffect(AbstractEffect):
         """
         return steps
 
-    def begun(self, resets: Any, test_of: Scalar) -> Any:
+    def begun(self, resets: Any, test_of: Scalar, trace: Scalar | None) -> Any:
         """The true states in which traces begin, from those read.
 
         Args:
             resets: a `Reset`.
-            test_of: `number_of` the rig test of each entry, of the resets' shape.
+            test_of, trace: `number_of` the rig test and of the file of each entry, of the resets' shape; see `here`.
         """
         return resets
 
-    def read(self, seen: dict[str, Scalar], test_of: Scalar) -> dict[str, Scalar]:
+    def read(self, seen: dict[str, Scalar], test_of: Scalar, trace: Scalar | None) -> dict[str, Scalar]:
         """What is logged, from what the sensors show.
 
         Args:
             seen: by channel, SI.
-            test_of: `number_of` the rig test of each entry.
+            test_of, trace: `number_of` the rig test and of the file of each entry; see `here`.
         """
         return seen
 
@@ -168,8 +173,15 @@ class AbstractRigEffect(AbstractEffect):
         """How late channels are logged, s; negative where they are early. {}: none is."""
         return {}
 
-    def here(self, test_of: Scalar) -> Scalar:
-        """1 at entries of the test where it is at work, else 0."""
+    def here(self, test_of: Scalar, trace: Scalar | None) -> Scalar:
+        """1 at entries of the test, or of the one trace, where it is at work, else 0.
+
+        Args:
+            test_of: `number_of` the rig test of each entry.
+            trace: of its file; None where no batch was made of traces, for then none of them is meant.
+        """
+        if self.place.file:
+            return 0.0 if trace is None else jnp.where(trace == number_of(self.place.file), 1.0, 0.0)
         return jnp.where(test_of == number_of(self.place.test), 1.0, 0.0) if self.place.test else 1.0
 
     @classmethod
@@ -188,6 +200,10 @@ class AbstractRigEffect(AbstractEffect):
 def _placed(family: Any, place: Place) -> Any:
     name = f"{family.kind}[{place}]" if str(place) else family.kind
     words = {"__module__": family.__module__, "__doc__": family.__doc__, "name": name, "place": place}
+    if place.file:
+        words["scope"] = "trace"
+    if place.file and place.channel:
+        words["told_by"] = "that trace taken once more"
     placed = type(family)(family.__name__, (family,), words)
     placed.off = {p.symbol: family.off[field] for field, p in declared(placed).items() if field in family.off}
     return placed

@@ -32,6 +32,6 @@ class ChannelDrift(AbstractRigEffect):
         return tuple(Place(test, "torque") for test, found in logged.items() if "torque" in found)
 
     def driven(self, steps: Any, test_of: Scalar) -> Any:
-        rate = self.here(test_of) * self.drift
+        rate = self.here(test_of, steps.trace) * self.drift
         before, after = rate * (steps.time - steps.dt), rate * steps.time
         return steps._replace(torque0=steps.torque0 - before, torque1=steps.torque1 - after)

@@ -1,4 +1,4 @@
-"""A channel that is logged late against the others in one test."""
+"""A channel that is logged late against the others, in one test or in one trace."""
 
 from __future__ import annotations
 
@@ -7,15 +7,16 @@ from typing import Any, ClassVar
 
 from ..parameters import Real, Scalar, parameter
 from .base import DRIVING, OBSERVED, STATIC, AbstractRigEffect, Logged, Place
+from .one_trace import channels_of_traces
 
 
 class ChannelLate(AbstractRigEffect):
-    """y_logged(t) = y(t - late), in the traces of one test; a late voltage makes every other channel early by as much.
+    """y_logged(t) = y(t - late), in the traces of one test, or in one of them.
 
-    Read off the simulated path itself, so it holds for any number of samples and for either sign. Between the ends of
-    integration steps h the path is a cubic: exact to the third order in h where it is smooth, off by up to 0.074 h
-    times the jump of its slope where it bends within a step of that instant. Before a trace begins and after it ends
-    its first and last values stand.
+    A late voltage makes every other channel early by as much. It is read off the simulated path itself, so it holds for
+    any number of samples and for either sign. Between the ends of integration steps h the path is a cubic: exact to the
+    third order in h where it is smooth, off by up to 0.074 h times the jump of its slope where it bends within a step
+    of that instant. Before a trace begins and after it ends its first and last values stand.
 
     Source: Kester 2005 (multiplexed acquisition; group delay of a filter). Differs from source: a dead time alone, no
     change of shape.
@@ -43,6 +44,18 @@ class ChannelLate(AbstractRigEffect):
                 found += [Place(test, channel) for channel in (*seen, *(driving if len(seen) > 1 else ()))]
         return tuple(found)
 
+    @classmethod
+    def in_traces(cls, logged: Logged) -> tuple[Place, ...]:
+        """Each measured channel of a trace that measured two; of one that measured a single channel that is a trace
+        that is late."""
+        timed = {
+            file: seen
+            for file, seen in logged.items()
+            if Place.named(file).test != STATIC and len(seen & {*OBSERVED}) > 1
+        }
+        places = channels_of_traces(logged, OBSERVED, cls.places)
+        return tuple(place for place in places if place.file in timed)
+
     def lateness(self, steps: Any, test_of: Scalar) -> dict[str, Scalar]:
-        late = self.here(test_of) * self.late
+        late = self.here(test_of, steps.trace) * self.late
         return dict.fromkeys(OBSERVED, -late) if self.place.channel in DRIVING else {self.place.channel: late}

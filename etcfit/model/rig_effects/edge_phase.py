@@ -41,5 +41,5 @@ class EdgePhase(AbstractRigEffect):
         edge = steps.edge
         if edge is None:
             return steps
-        late = self.here(test_of) * (jnp.clip(self.edge_phase + edge.turn, *_WITHIN) - 0.5)
+        late = self.here(test_of, steps.trace) * (jnp.clip(self.edge_phase + edge.turn, *_WITHIN) - 0.5)
         return steps._replace(dt=steps.dt + late * edge.span, time=steps.time + late * edge.moves)

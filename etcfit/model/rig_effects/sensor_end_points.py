@@ -45,8 +45,8 @@ class SensorEndPoints(AbstractRigEffect):
     def driven(self, steps: Any, test_of: Scalar) -> Any:
         return steps._replace(target0=self._true(steps.target0), target1=self._true(steps.target1))
 
-    def begun(self, resets: Any, test_of: Scalar) -> Any:
+    def begun(self, resets: Any, test_of: Scalar, trace: Scalar | None) -> Any:
         return resets._replace(theta=resets.begins * self._true(resets.theta))
 
-    def read(self, seen: dict[str, Scalar], test_of: Scalar) -> dict[str, Scalar]:
+    def read(self, seen: dict[str, Scalar], test_of: Scalar, trace: Scalar | None) -> dict[str, Scalar]:
         return seen | {"position": (1.0 + self.position_gain) * seen["position"] + self.position_zero}

@@ -37,4 +37,4 @@ class SeriesResistance(AbstractRigEffect):
         return f'[tests.{cls.place.test}] series_ohm = "free"'
 
     def driven(self, steps: Any, test_of: Scalar) -> Any:
-        return steps._replace(series=steps.series + self.here(test_of) * self.series_ohm)
+        return steps._replace(series=steps.series + self.here(test_of, steps.trace) * self.series_ohm)

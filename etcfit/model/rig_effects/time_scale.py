@@ -28,5 +28,5 @@ class TimeScale(AbstractRigEffect):
         return tuple(Place(test) for test in tests) if len(tests) > 1 else ()
 
     def driven(self, steps: Any, test_of: Scalar) -> Any:
-        factor = 1.0 + self.here(test_of) * self.stretch
+        factor = 1.0 + self.here(test_of, steps.trace) * self.stretch
         return steps._replace(dt=factor * steps.dt, time=factor * steps.time)

@@ -5,10 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any, ClassVar
 
-import jax.numpy as jnp
-
 from ..parameters import Real, Scalar, parameter
-from .base import DRIVING, OBSERVED, STATIC, AbstractRigEffect, Logged, Place, number_of
+from .base import DRIVING, OBSERVED, STATIC, AbstractRigEffect, Logged, Place
 
 
 class TraceLate(AbstractRigEffect):
@@ -40,7 +38,4 @@ class TraceLate(AbstractRigEffect):
         return timed if len(timed) > 1 else ()
 
     def lateness(self, steps: Any, test_of: Scalar) -> dict[str, Scalar]:
-        if steps.trace is None:
-            return {}
-        late = jnp.where(steps.trace == number_of(self.place.file), self.late, 0.0)
-        return dict.fromkeys(OBSERVED, late)
+        return dict.fromkeys(OBSERVED, self.here(test_of, steps.trace) * self.late)

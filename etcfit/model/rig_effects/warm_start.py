@@ -5,10 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any, ClassVar
 
-import jax.numpy as jnp
-
 from ..parameters import Real, Scalar, parameter
-from .base import AbstractRigEffect, Logged, Place, number_of
+from .base import AbstractRigEffect, Logged, Place
 
 
 class WarmStart(AbstractRigEffect):
@@ -43,7 +41,4 @@ class WarmStart(AbstractRigEffect):
         return tuple(place for place in driven if tests.count(place.test) > 1)
 
     def driven(self, steps: Any, test_of: Scalar) -> Any:
-        if steps.trace is None:
-            return steps
-        here = jnp.where(steps.trace == number_of(self.place.file), 1.0, 0.0)
-        return steps._replace(series=steps.series + here * self.warm_ohm)
+        return steps._replace(series=steps.series + self.here(test_of, steps.trace) * self.warm_ohm)

@@ -3,13 +3,10 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from ...diagnosis.settings import DEFAULT
-from ...diagnosis.suspicion import is_suspicion
 from ...errors import command
 from ...estimation.goodness import Left
 from ...estimation.remedies import listed
@@ -46,10 +43,10 @@ def _next(contents: Contents) -> str:
         if not _is_noise(contents):
             return command("diagnose", run)
         return advice_at(run) if lost and not contents.get("pid") else _after_the_model(contents)
-    added = _added(contents)
-    if mistake := next((each for each in _mistakes(contents) if each["effect"] in added.proven), None):
+    sure = {each["effect"]: each["acted_on"] for each in _stated(contents)}
+    if mistake := next((each for each in _mistakes(contents) if sure.get(each["effect"])), None):
         return mended(mistake["mend"], measured(run), command("fit", measured(run), "--out", run))
-    if added.doubtful:
+    if not all(sure.values()):
         return advice_at(run)
     done = _is_sound(contents) and left_unexplained(contents) is None
     return _after_the_model(contents) if done else command("report", run, "--interactive")
@@ -76,21 +73,9 @@ def measured(run: Path) -> str:
         return str(folder)
 
 
-@dataclass(frozen=True)
-class _Added:
-    """Effects that a diagnosis added, by whether their name is proven; probability by name."""
-
-    proven: Mapping[str, float]
-    doubtful: Mapping[str, float]
-
-
-def _added(contents: Contents) -> _Added:
-    found = contents.get("diagnosis")
-    chances = found.get("probabilities") or {}
-    known = {name: chances.get(name) or 0.0 for name in contents.added}
-    limit = (found.get("settings") or {}).get("suspicion", DEFAULT.suspicion)
-    doubtful = {name: p for name, p in known.items() if is_suspicion(p, limit)}
-    return _Added({name: p for name, p in known.items() if name not in doubtful}, doubtful)
+def _stated(contents: Contents) -> Sequence[Mapping[str, Any]]:
+    """The diagnosis' statements on the effects that it added."""
+    return contents.get("diagnosis").get("statements") or ()
 
 
 def _mistakes(contents: Contents) -> list[Mapping[str, Any]]:
@@ -99,21 +84,12 @@ def _mistakes(contents: Contents) -> list[Mapping[str, Any]]:
 
 
 def _found(contents: Contents) -> Iterator[str]:
-    """What the diagnosis found, name by name; what is not proven is no instruction."""
+    """What the diagnosis states, name by name."""
     found = contents.get("diagnosis")
     if not found:
         return
-    added, mistakes = _added(contents), {each["effect"]: each for each in _mistakes(contents)}
-    if lacked := [f"{name} (P {p:.2f})" for name, p in added.proven.items() if name not in mistakes]:
-        yield f"The model lacked {listed(lacked)}."
-    for name in added.proven:
-        if name in mistakes:
-            yield f"The rig has a mistake (P {added.proven[name]:.2f}): {mistakes[name]['sentence']}"
-    if added.doubtful:
-        names = listed(f"{name} (P {p:.2f})" for name, p in added.doubtful.items())
-        yield f"Not proven: {names}.{''.join(f' Measure {what}.' for what in _tells(contents, added.doubtful))}"
-    if not added.proven and not added.doubtful:
-        yield _nothing_added(contents)
+    stated = [each["sentence"] for each in _stated(contents)]
+    yield from stated or (_nothing_added(contents),)
 
 
 def _nothing_added(contents: Contents) -> str:
@@ -124,17 +100,6 @@ def _nothing_added(contents: Contents) -> str:
              if name not in ("nothing", "unexplained")][:_GUESSES]  # fmt: skip
     guess = f"; the likeliest are {listed(names)}, not proven" if names else ""
     return f"Something is missing, and no effect explains it{guess}."
-
-
-def _tells(contents: Contents, names: Mapping[str, float]) -> Iterator[str]:
-    """Which measurements would prove or refute these effects."""
-    from ...model.effects import EFFECT_BY_NAME
-    from ...model.rig_effects import rig_effect
-
-    for name in names:
-        effect = EFFECT_BY_NAME.get(name) or rig_effect(name)
-        if effect is not None and effect.told_by:
-            yield effect.told_by
 
 
 def _known(contents: Contents) -> str:

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 
 from rich.console import Group, RenderableType
 from rich.text import Text
 
-from ...diagnosis.findings import Candidate, Diagnosis, RoundReport, SetTried
+from ...diagnosis.findings import Candidate, Diagnosis, RoundReport, SetTried, Statement
+from ...diagnosis.probabilities import CALIBRATED
 from ...estimation.intervals import Interval, intervals
 from ...estimation.joint_fit import FitResult
 from ..blocks import headed, plain_table, rig_title, sentences, spaced
@@ -26,7 +27,7 @@ def diagnosis_table(diagnosis: Diagnosis) -> RenderableType:
     parts = [
         rig_title(after.rig.config, model),
         sentences("Verdict", diagnosis.verdict),
-        sentences("Given these data", _probable(diagnosis.probabilities)),
+        _how_sure(diagnosis),
         _ledger(ledger(diagnosis)),
         sentences("What no effect explains", _unexplained(diagnosis)),
         sentences("Effects that these data cannot tell apart", list(_ties(diagnosis))),
@@ -66,8 +67,23 @@ def _unknown(entry: Entry) -> tuple[str, str]:
     return ("-", "-") if entry.unknown is None else (short(entry.unknown.rms), short(entry.unknown.ratio))
 
 
-def _probable(probabilities: Mapping[str, float]) -> list[str]:
-    return [f"P: {words}."] if (words := in_words(probabilities)) else []
+def _how_sure(diagnosis: Diagnosis) -> RenderableType | None:
+    """Each effect found, how sure it is, and what else could explain the same; then what is left at the end."""
+    if not diagnosis.questions:
+        return None
+    at_last = diagnosis.questions[-1]
+    parts: list[RenderableType] = [_stated(diagnosis.statements)] if diagnosis.statements else []
+    parts += [Text(f"{at_last.asks} {in_words(at_last.answers)}."), Text(CALIBRATED, style="dim")]
+    return headed("How sure", Group(*parts))
+
+
+def _stated(statements: Sequence[Statement]) -> RenderableType:
+    table = plain_table("effect", "how sure", "probability", "what else could be", "what would tell", left=2,
+                        prose=("what else could be", "what would tell"), file="RUN/diagnosis.json")  # fmt: skip
+    for each in statements:
+        others = in_words(each.instead) or "nothing that was tried"
+        table.add_row(each.effect, each.certainty, f"{each.probability:.2f}", others, each.told_by)
+    return table
 
 
 def _unexplained(diagnosis: Diagnosis) -> list[str]:

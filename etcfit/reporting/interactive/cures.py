@@ -6,7 +6,6 @@ from collections.abc import Iterator, Sequence
 from typing import Any
 
 from ...diagnosis.findings import Diagnosis, RigMistake
-from ...diagnosis.verdict import in_words
 from ...estimation.contradiction import Contradiction
 from ...estimation.goodness import Left
 from ...estimation.result import FitResult
@@ -47,7 +46,7 @@ def _of_the_rig(trace: Trace, final: FitResult, diagnosis: Diagnosis | None) -> 
     for each in mistakes:
         if each.kind not in ALLOWED_FOR and _lies_in(each, trace):
             yield (
-                in_words(each)
+                each.sentence
                 if isinstance(each, RigMistake)
                 else f"{each.kind.replace('_', ' ')}: {each.found} Mend: {each.mend}"
             )

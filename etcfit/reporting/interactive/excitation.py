@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 
+from ...model.rig_effects import number_of
 from ...model.throttle import Throttle
 from ...problem.problem import EstimationProblem
 from ...problem.residual import equipped
@@ -68,8 +69,8 @@ def excitations(problem: EstimationProblem, x: np.ndarray, most: int) -> list[Ex
         }
         state = tuple(float(starts[name][row, lane]) for name in ("i", "theta", "omega"))
         lags = [name for name, by in late.items() if np.any(np.broadcast_to(by, columns["dt"].shape)[row, lane] != 0.0)]
-        test_of = float(np.asarray(batch.test_of)[row, lane])
-        out.append(_of_trace(trace, own, state, _readings(throttle, test_of), lags, most))
+        whose = (number_of(trace.test.name), number_of(trace.measurement.file))
+        out.append(_of_trace(trace, own, state, _readings(throttle, *whose), lags, most))
     return out
 
 
@@ -148,12 +149,13 @@ def thinned(t: np.ndarray, level: np.ndarray, within: float) -> np.ndarray:
     return np.array(kept if kept[-1] == last else [*kept, last])
 
 
-def _readings(throttle: Throttle, test_of: float) -> dict[str, tuple[float, float] | None]:
-    """Gain and zero of each channel as the rig logs it in a test; None where that is no straight line."""
+def _readings(throttle: Throttle, test_of: float, trace: float) -> dict[str, tuple[float, float] | None]:
+    """Gain and zero of each channel as the rig logs it in a trace; None where that is no straight line."""
 
     def read(level: float) -> dict[str, float]:
         seen = {name: np.float64(level) for name in _CHANNELS}
-        return {name: float(value) for name, value in throttle.read(seen, np.float64(test_of)).items()}
+        shown = throttle.read(seen, np.float64(test_of), np.float64(trace))
+        return {name: float(value) for name, value in shown.items()}
 
     if not throttle.rig:
         return {}

@@ -6,6 +6,7 @@ from collections.abc import Iterator, Mapping
 from itertools import chain
 from typing import Any
 
+from ...diagnosis.probabilities import CALIBRATED
 from ..control.sentence import cautions, why_withheld, withheld
 from ..html import environment
 from ..likely import in_words
@@ -70,7 +71,8 @@ def _parts(contents: Contents, budget: int) -> dict[str, Any]:
         "ledger": ledger_table(contents),
         "diagnosis": diagnosis,
         "ties": _ties(diagnosis),
-        "probable": in_words(diagnosis.get("probabilities") or {}).replace("_", " "),
+        "questions": [(each["asks"], in_words(each["answers"])) for each in diagnosis.get("questions") or ()],
+        "calibrated": CALIBRATED,
         "unexplained": _unexplained(diagnosis),
         "plant": plant,
         "operating_point": operating_point(plant),

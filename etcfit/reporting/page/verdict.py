@@ -9,12 +9,10 @@ from typing import Any
 from markupsafe import Markup, escape
 
 from ...diagnosis.probabilities import UNEXPLAINED
-from ...diagnosis.suspicion import is_suspicion, what_would_tell
 from ...estimation.contradiction import digits_apart
 from ...estimation.goodness import STRAYS, Left
 from ...estimation.joint_fit import MISFIT
 from ...estimation.remedies import listed
-from ...model.effects import EFFECT_BY_NAME
 from ...problem.prediction_error import pooled
 from ...rig.finding import ALLOWED_FOR
 from ..control.sentence import sentence
@@ -31,7 +29,7 @@ def verdict(contents: Contents) -> tuple[Markup, ...]:
 
 
 def _found_out(contents: Contents) -> Iterator[Markup]:
-    for said in (_left, _mistakes, _suspected, _contradicts):
+    for said in (_left, _stated, _mistakes, _contradicts):
         yield from said(contents)
 
 
@@ -47,31 +45,22 @@ def _left(contents: Contents) -> Iterator[Markup]:
         yield Markup(text).format(number(chance, 2))
 
 
+def _stated(contents: Contents) -> Iterator[Markup]:
+    """What was found, and how sure."""
+    for each in contents.get("diagnosis").get("statements") or ():
+        yield escape(each["sentence"])
+
+
 def _mistakes(contents: Contents) -> Iterator[Markup]:
-    """Each mistake of the rig with the line that mends it, a suspicion with what would tell; a habit that the fit
-    allows for is none."""
+    """Each mistake of the rig that the records show by themselves; a habit that the fit allows for is none."""
     rig = contents.get("diagnosis").get("rig")
     for each in rig if isinstance(rig, list) else ():  # the rig's name in files of before
-        if each["kind"] in ALLOWED_FOR:
-            continue
-        if each.get("suspected"):
-            yield Markup("<strong>Perhaps a mistake of the rig</strong>: {}").format(each["sentence"])
+        if each.get("effect") or each["kind"] in ALLOWED_FOR:
             continue
         what, where = each["kind"].replace("_", " "), (each["test"] or "every test").replace("_", " ")
         channel = f"{each['channel']}, " if each["channel"] else ""
         text = Markup("<strong>A mistake of the rig: {}</strong> ({}{}). Mend: <code>{}</code>")
         yield text.format(what, channel, where, each["mend"])
-
-
-def _suspected(contents: Contents) -> Iterator[Markup]:
-    """Each effect that was added and is no more than a suspicion, with what would tell."""
-    diagnosis = contents.get("diagnosis")
-    limit = (diagnosis.get("settings") or {}).get("suspicion", 0.0)
-    for name in contents.added:
-        chance = (diagnosis.get("probabilities") or {}).get(name, 1.0)
-        if name in EFFECT_BY_NAME and is_suspicion(chance, limit):
-            said = what_would_tell(chance, EFFECT_BY_NAME[name].told_by)
-            yield Markup("<strong>The model may lack {}</strong>. {}").format(name.replace("_", " "), said)
 
 
 def _contradicts(contents: Contents) -> Iterator[Markup]:

@@ -263,7 +263,7 @@ def test_cures_are_those_of_fit_and_diagnosis_for_that_trace(tmp_path: Path) -> 
                     after=replace(found.after, contradictions=(contradiction,)))  # fmt: skip
     red = Light((Goodness(trace.measurement.file, "current", Left.FAR, 7.0, False, 7.0),))
     said = cures(trace, red, found.after, found)
-    assert sum(each == "A mistake of the rig: the current is 10 % too large" for each in said) == 1
+    assert sum(each == "the current is 10 % too large" for each in said) == 1
     assert any("contradicts the other tests: without it R_a is 1.9" in each for each in said)
     assert any(found.unexplained is not None and found.unexplained.sentence == each for each in said)
     assert any("a slow ramp" in each for each in said)

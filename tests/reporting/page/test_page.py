@@ -103,10 +103,10 @@ def test_a_posterior_that_takes_formulas_as_exact_says_so(full: Path) -> None:
     assert "formulas of effects taken as exact (the intervals above allow for inexact ones)" in read(full).text
 
 
-def test_the_verdict_is_four_sentences_and_names_what_is_lost(full: Path) -> None:
+def test_the_verdict_is_five_sentences_and_names_what_is_lost(full: Path) -> None:
     page = write_page(full).path.read_text(encoding="utf-8")
     verdict = page.partition('aria-label="Verdict"')[2].partition("</section>")[0]
-    assert verdict.count("<p>") == 4
+    assert verdict.count("<p>") == 5
     assert "<i>B</i><sub>L</sub>" in verdict
 
 
@@ -119,8 +119,6 @@ def test_what_no_known_effect_explains_stands_in_the_verdict_with_its_probabilit
     verdict = page.partition('aria-label="Verdict"')[2].partition("</section>")[0]
     said = "<strong>Something is left that no known effect explains</strong>, with probability 0.90."
     assert verdict.count(said) == verdict.count("Something is left") == sentences
-    likely = "limp home spring 0.99" + (f", unexplained {chance:.2f}" if chance else "")
-    assert f"Probability, given these data: {likely}." in page
 
 
 def test_a_mistake_of_the_rig_stands_in_the_verdict_with_what_mends_it(full: Path) -> None:
@@ -129,21 +127,19 @@ def test_a_mistake_of_the_rig_stands_in_the_verdict_with_what_mends_it(full: Pat
     page = write_page(full).path.read_text(encoding="utf-8")
     assert "A mistake of the rig: channel gain</strong> (current, response). Mend: <code>[model] effects" in page
     assert "<b>" not in page  # what a file says is text
-    suspicion = {"suspected": True, "sentence": "channel gain <of> it. What would tell: a probe."}
-    runs.changed(full, "diagnosis", rig=[told | suspicion])
-    page = write_page(full).path.read_text(encoding="utf-8")
-    assert "Perhaps a mistake of the rig</strong>: channel gain &lt;of&gt; it. What would tell: a probe." in page
-    assert "[model] effects" not in page  # no line to change
+    runs.changed(full, "diagnosis", rig=[told | {"effect": "channel_gain[response.current]"}])
+    assert "[model] effects" not in write_page(full).path.read_text(encoding="utf-8")  # its statement says it
     runs.changed(full, "diagnosis", rig=[told | {"kind": "synchronous_edges"}])
     assert "A mistake of the rig" not in write_page(full).path.read_text(encoding="utf-8")  # a habit is none
 
 
-@pytest.mark.parametrize(("chance", "suspected"), [(0.55, True), (0.9, False)])
-def test_an_effect_that_is_a_suspicion_is_one_on_the_page(full: Path, chance: float, suspected: bool) -> None:
-    runs.changed(full, "diagnosis", probabilities={"limp_home_spring": chance}, settings={"suspicion": 0.8})
-    text = " ".join(read(full).text.split())
-    said = f"The model may lack limp home spring . This is a suspicion, with probability {chance:.2f}. What would tell:"
-    assert (said in text) is suspected
+def test_what_is_stated_of_an_effect_stands_in_the_verdict_and_every_question_with_its_answers(full: Path) -> None:
+    said = "The model may lack <it> (0.55). What would tell: a probe."
+    asked = {"asks": "Round 1: what explains it?", "answers": {"limp_home_spring": 0.55, "nothing": 0.45}}
+    runs.changed(full, "diagnosis", statements=[{"effect": "limp_home_spring", "sentence": said}], questions=[asked])
+    page = write_page(full).path.read_text(encoding="utf-8")
+    assert said.replace("<it>", "&lt;it&gt;") in page
+    assert "Round 1: what explains it? <strong>limp_home_spring 0.55, nothing 0.45</strong>" in page
 
 
 @pytest.mark.parametrize(
