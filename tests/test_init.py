@@ -102,7 +102,8 @@ LIGHT = {
         "from etcfit.rig.reader import read_folder; from etcfit.rig.paper_readings import read_graphs; "
         "read_graphs(read_folder('measurements/bench_twin'))"
     ),
-    "fit": "import etcfit.rig.reader, etcfit.estimation.joint_fit, etcfit.reporting.tables, etcfit.api.saving",
+    "fit": "import etcfit.rig.reader, etcfit.estimation.joint_fit, etcfit.reporting.tables, etcfit.api.saving, "
+    "etcfit.reporting.closing.model, etcfit.run_folder.state",
     "diagnose": "import etcfit.diagnosis, etcfit.reporting.diagnosis.table, etcfit.api.saving",
     "report": "import etcfit.reporting.page, etcfit.reporting.closing.model, etcfit.api.saving",
     "export": "import etcfit.exporting, etcfit.api.exported, etcfit.reporting.closing.control",
@@ -116,6 +117,7 @@ FAR = {"emcee", "matplotlib", "pandas", "scipy.integrate", "scipy.io", "scipy.si
 def test_a_command_imports_nothing_heavy_that_its_answer_does_not_need(command: str) -> None:
     more = {
         "check": {"lineax", "optimistix", "scipy"},
+        "fit": {"etcfit.diagnosis.course", "etcfit.reporting.page.render", "scipy.optimize"},
         "import": {"equinox", "optimistix", "scipy"},
         "a named run folder": {"jax"},
     }.get(command, set())
