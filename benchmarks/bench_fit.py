@@ -97,7 +97,7 @@ class Twin:
 
 def twin(folder: Path, fitted_run: Path, trials: int) -> Twin:
     """Check that SciPy simulates what etcfit does, then time its least squares from etcfit's own start."""
-    from etcfit.estimation.joint_fit import ready, start_values
+    from etcfit.estimation.ready import ready, start_values
     from etcfit.problem.free_parameters import free_parameters
     from etcfit.problem.problem import EstimationProblem
     from etcfit.rig.paper_readings import read_graphs

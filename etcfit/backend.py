@@ -46,17 +46,29 @@ import jax  # noqa: E402  after what it reads
 jax.config.update("jax_enable_x64", True)
 
 
+QUICKEST = 0.1  # s; what is compiled sooner is not kept
+MOST_BYTES = 1 << 28  # of all files of a folder of compiled code; those that were written first go first
+
 _folder: Path | None = None
 
 
 def keep_compiled_in(folder: Path | None) -> None:
-    """Where this process keeps compiled programs from now on; None: nowhere."""
+    """Where this process keeps what it compiles from now on; None: nowhere. JAX's own programs are kept there by JAX,
+    unless the user has it keep them elsewhere."""
     global _folder
-    _folder = folder
+    before, _folder = _programs(), folder
+    if getattr(jax.config, "jax_compilation_cache_dir", None) == before:
+        jax.config.update("jax_compilation_cache_dir", _programs())
+        jax.config.update("jax_persistent_cache_min_compile_time_secs", QUICKEST)
+
+
+def _programs() -> str | None:
+    folder = own_folder("programs")
+    return None if folder is None else str(folder)
 
 
 def use_compilation_cache() -> Path:
-    """Keep compiled programs between runs of the command (folder from ETCFIT_CACHE, else the user's cache)."""
+    """Keep what is compiled between runs of the command (folder from ETCFIT_CACHE, else the user's cache)."""
     given = os.environ.get("ETCFIT_CACHE")
     root = Path(given) if given else Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "etcfit"
     keep_compiled_in(root / "compiled")
@@ -64,22 +76,40 @@ def use_compilation_cache() -> Path:
 
 
 def compiled_folder() -> Path | None:
-    """Where compiled programs are kept; None where nobody asked for it, or the user has JAX keep them.
+    """Where what is compiled is kept; None where nobody asked for it."""
+    return _folder
 
-    What JAX's own cache hands out XLA cannot pack a second time, so it is one cache or the other.
+
+def own_folder(name: str) -> Path | None:
+    """A folder of compiled code; None where nothing is kept, or somebody else could write it: what is loaded runs.
+
+    Args:
+        name: of its kind of code.
     """
-    return None if getattr(jax.config, "jax_compilation_cache_dir", None) else _folder
-
-
-def kept_bytes(path: Path) -> bytes | None:
-    """What a file of that folder holds, which then counts as used last; None where there is no such file."""
+    if _folder is None:
+        return None
+    folder = _folder / name
     try:
-        packed = path.read_bytes()
+        folder.mkdir(parents=True, exist_ok=True, mode=0o700)
+        about = folder.stat()
     except OSError:
         return None
+    if hasattr(os, "getuid") and (about.st_uid != os.getuid() or about.st_mode & 0o022):
+        say_once(f"others can write {folder}: machine code kept there is not used. Make it yours alone (chmod go-w).")
+        return None
+    _tidied(folder)
+    return folder
+
+
+@cache
+def _tidied(folder: Path) -> None:
+    """What is oldest goes, until the rest fits into so many bytes; once a process."""
+    total = 0
     with suppress(OSError):
-        os.utime(path)
-    return packed
+        for path in sorted(folder.iterdir(), key=lambda path: path.stat().st_mtime, reverse=True):
+            total += path.stat().st_size
+            if total > MOST_BYTES:
+                path.unlink(missing_ok=True)
 
 
 @cache

@@ -222,8 +222,8 @@ def check(folder: Folder, advise: Advise = False, at: At = None, out: AdviceOut 
         report("working out what these data can identify", 0.3)
         stages.keep_compiled()
         from .experiment.check import check as check_rig
+        from .reporting.check_table import check_table
         from .reporting.closing.rig import of_check
-        from .reporting.tables import check_table
 
         result = check_rig(rig)
     _stdout().print(check_table(result))

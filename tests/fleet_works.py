@@ -153,6 +153,6 @@ class CountingWork(AbstractWork):
 
 
 def cores_here() -> int:
-    from etcfit.problem.program import CORES
+    from etcfit.problem.cores import CORES
 
     return CORES

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 import folders
-from etcfit.estimation.joint_fit import ready
+from etcfit.estimation.ready import ready
 from etcfit.problem.free_parameters import free_parameters
 from etcfit.problem.problem import EstimationProblem
 from etcfit.rig.base import Rig

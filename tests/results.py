@@ -10,7 +10,8 @@ import numpy as np
 
 import folders
 from etcfit.estimation.identifiability import Direction, Identifiability
-from etcfit.estimation.joint_fit import FitResult, StartSummary, ready
+from etcfit.estimation.joint_fit import FitResult, StartSummary
+from etcfit.estimation.ready import ready
 from etcfit.model.effects import EFFECT_BY_NAME
 from etcfit.problem import weights
 from etcfit.problem.free_parameters import free_parameters

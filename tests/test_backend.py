@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 import os
+import subprocess
+import sys
+from collections.abc import Iterator
 from pathlib import Path
 
 import jax
@@ -46,22 +49,76 @@ def test_what_the_user_told_xla_stands(monkeypatch: pytest.MonkeyPatch) -> None:
     assert os.environ["XLA_FLAGS"].count(GUARD) == 1
 
 
-def test_compiled_models_are_kept_where_the_user_says(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.fixture
+def nowhere() -> Iterator[None]:
+    """A process that keeps nothing, as before its first command."""
     before = backend.compiled_folder()
+    backend.keep_compiled_in(None)
+    yield
+    backend.keep_compiled_in(None)
+    backend.keep_compiled_in(before)
+
+
+def kept_by_jax() -> str | None:
+    return getattr(jax.config, "jax_compilation_cache_dir", None)
+
+
+@pytest.mark.usefixtures("nowhere")
+def test_what_is_compiled_is_kept_where_the_user_says(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("ETCFIT_CACHE", str(tmp_path))
-    try:
-        backend.keep_compiled_in(None)
-        assert backend.compiled_folder() is None
-        assert backend.use_compilation_cache() == tmp_path / "compiled" == backend.compiled_folder()
-    finally:
-        backend.keep_compiled_in(before)
+    assert backend.compiled_folder() is kept_by_jax() is None
+    assert backend.use_compilation_cache() == tmp_path / "compiled" == backend.compiled_folder()
+    assert kept_by_jax() == str(tmp_path / "compiled" / "programs")
 
 
-def test_where_the_user_has_jax_keep_them_jax_does(tmp_path: Path) -> None:
-    before = getattr(jax.config, "jax_compilation_cache_dir", None)
-    assert backend.compiled_folder() is not None
+@pytest.mark.usefixtures("nowhere")
+def test_where_the_user_has_jax_keep_its_programs_jax_does(tmp_path: Path) -> None:
     try:
         jax.config.update("jax_compilation_cache_dir", str(tmp_path / "own"))
-        assert backend.compiled_folder() is None
+        backend.keep_compiled_in(tmp_path / "ours")
+        assert kept_by_jax() == str(tmp_path / "own")
+        assert backend.own_folder("kernels") == tmp_path / "ours" / "kernels"
     finally:
-        jax.config.update("jax_compilation_cache_dir", before)
+        jax.config.update("jax_compilation_cache_dir", None)
+
+
+@pytest.mark.usefixtures("nowhere")
+@pytest.mark.skipif(not hasattr(os, "getuid"), reason="files have no owner here")
+def test_a_folder_of_programs_that_others_can_write_is_not_used_and_said_so(tmp_path: Path) -> None:
+    (tmp_path / "programs").mkdir()
+    (tmp_path / "programs").chmod(0o777)
+    with pytest.warns(UserWarning, match=r"others can write .*programs.*chmod go-w"):
+        backend.keep_compiled_in(tmp_path)
+    assert kept_by_jax() is None
+
+
+@pytest.mark.usefixtures("nowhere")
+def test_what_is_oldest_goes_where_there_is_too_much(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(backend, "MOST_BYTES", 250)
+    (tmp_path / "programs").mkdir()
+    for age, name in enumerate(("new", "old", "oldest")):
+        (tmp_path / "programs" / name).write_bytes(b"x" * 100)
+        os.utime(tmp_path / "programs" / name, (1e9 - age, 1e9 - age))
+    backend.keep_compiled_in(tmp_path)
+    assert {file.name for file in (tmp_path / "programs").iterdir()} == {"new", "old"}
+
+
+WORK = """
+import sys
+import jax.numpy as jnp
+from etcfit import backend
+import jax, jax.monitoring
+found = []
+jax.monitoring.register_event_listener(lambda event, **_: found.append(event.rpartition("/")[-1]))
+backend.QUICKEST = 0.0
+backend.use_compilation_cache()
+print(jax.jit(lambda x: jnp.linalg.inv(x) @ x)(jnp.eye(3)).trace(), found.count("cache_hits") > 0)
+"""
+
+
+@pytest.mark.slow
+def test_what_xla_compiled_the_next_process_finds(tmp_path: Path) -> None:
+    environment = os.environ | {"ETCFIT_CACHE": str(tmp_path)}
+    for there in ("False", "True"):
+        done = subprocess.run([sys.executable, "-c", WORK], capture_output=True, text=True, env=environment, check=True)
+        assert done.stdout.split() == ["3.0", there]

@@ -8,10 +8,12 @@ import pkgutil
 from collections.abc import Iterator
 from typing import Any
 
+import jax
 import pytest
 
 from etcfit import model, problem
-from etcfit.problem.program import Program
+
+COMPILED = type(jax.jit(abs))
 
 
 def modules() -> Iterator[Any]:
@@ -25,7 +27,7 @@ def offered(owner: Any, name: str) -> Iterator[tuple[str, Any]]:
     """Public functions, classes, and methods of these, that a module defines."""
     for key, value in vars(owner).items():
         inner = value.fget if isinstance(value, property) else getattr(value, "func", getattr(value, "__func__", value))
-        mine = inspect.isfunction(inner) or inspect.isclass(value) or isinstance(value, Program)
+        mine = inspect.isfunction(inner) or inspect.isclass(value) or isinstance(value, COMPILED)
         if key.startswith("_") or not mine or getattr(inner, "__module__", None) != name:
             continue
         yield f"{owner.__name__}.{key}", getattr(owner, key)

@@ -75,7 +75,7 @@ def make(folder: Path, seed: int, size: str) -> dict[str, float]:
 
 def problem_of(folder: Path) -> Problem:
     """What etcfit knows of a folder before any fit."""
-    from etcfit.estimation.joint_fit import ready, start_values
+    from etcfit.estimation.ready import ready, start_values
     from etcfit.problem.free_parameters import free_parameters
     from etcfit.rig.paper_readings import read_graphs
     from etcfit.rig.reader import read_folder

@@ -75,7 +75,7 @@ class Checked:
     def summary(self, width: int = 140) -> str:
         """What `etcfit check` prints, for `print`."""
         from ..reporting.blocks import render
-        from ..reporting.tables import check_table
+        from ..reporting.check_table import check_table
 
         return render(check_table(self.result), width)
 

@@ -7,16 +7,15 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from functools import partial
 from typing import Any
 
+import jax
 import numpy as np
 
 from ..errors import UsageError
 from ..estimation.fitted_model import Fitted
 from ..model.linear import MIDDLE, TransferFunction, coefficients, holding, sensor_lag
 from ..model.throttle import Throttle
-from ..problem.program import Program
 
 INPUTS = {"V": "voltage", "%": "duty"}
 OUTPUTS = ("rad", "deg", "%")
@@ -83,7 +82,7 @@ def reduce(fitted: Fitted, input_unit: str = "V", output_unit: str = "rad", shar
     return Reduction(plant, stderr, covariance, input_unit, output_unit, theta, float(current), float(volts), share)
 
 
-@partial(Program, static=0)
+@jax.jit
 def _about(throttle: Throttle, theta: float, gear_ratio: float, lower: float, upper: float) -> Any:
     """Coefficients, and what holds the plate."""
     body = (gear_ratio, lower, upper)

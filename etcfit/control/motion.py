@@ -12,7 +12,7 @@ from ..model.effects import State
 from ..model.parameters import Scalar
 from ..model.stepper import Step, step
 from ..model.throttle import Throttle
-from ..problem.program import CORES, Program, side_by_side
+from ..problem.cores import CORES, side_by_side
 
 _STILL = 1e-6  # rad/s, below which a plate does not move
 
@@ -122,7 +122,7 @@ def _moved(throttles: Throttle, what: Experiment, bands: Bands, body: Any, watch
     return Motion(end.first, end.stays, end.x.theta, (end.still >= rest).astype(float))
 
 
-_every = Program(_moved, static=0)
+_every = jax.jit(_moved)
 
 
 def moved(throttles: Throttle, what: Experiment, bands: Bands, body: Any, watching: Watching) -> Motion:

@@ -16,8 +16,8 @@ import numpy as np
 from ..model.besides import acts_as_input, only_delays
 from ..model.parameters import declared
 from ..problem.besides import added_by, added_late, responses, where_asked
+from ..problem.cores import side_by_side
 from ..problem.problem import EstimationProblem
-from ..problem.program import side_by_side
 from ..problem.residual import WeightedData
 from .composition import Effect, resting
 from .screen import AT_ONCE, Variant, off_its_bound

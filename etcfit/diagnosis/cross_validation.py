@@ -8,7 +8,7 @@ import numpy as np
 
 from ..estimation.levenberg_marquardt import minimise
 from ..problem.chi2 import chi2_of
-from ..problem.program import concurrently
+from ..problem.cores import concurrently
 from ..problem.residual import WeightedData
 from .candidate_model import CandidateModel
 

@@ -14,7 +14,7 @@ from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 from ..estimation.joint_fit import Report
-from ..problem.program import concurrently
+from ..problem.cores import concurrently
 from .ambiguity import Apart, apart
 from .candidate_model import CandidateModel
 from .choice import alike, stands

@@ -14,8 +14,10 @@ Source: synchronisation by a coupling (Abarbanel 2009); the guide as inverse dyn
 from __future__ import annotations
 
 from collections.abc import Mapping
+from functools import partial
 from typing import Any
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 
@@ -28,7 +30,6 @@ from ..problem.filter_kernels import along_path
 from ..problem.free_parameters import SERIES, Form, Pick
 from ..problem.prediction_error import columns
 from ..problem.problem import EstimationProblem
-from ..problem.program import Program
 from ..problem.residual import run
 from .candidate_model import CandidateModel
 from .composition import is_of_the_rig
@@ -65,7 +66,7 @@ def _shown(throttle: Throttle, path: StatePath, steps: Step) -> dict[str, Any]:
     }
 
 
-@Program
+@partial(jax.jit, static_argnums=0)
 def _by_jax(form: Form, x: Any, pick: Pick, arrays: Any) -> dict[str, Any]:
     throttle, path, steps, _ = run(form, x, pick, arrays)
     return _shown(throttle, path, steps)

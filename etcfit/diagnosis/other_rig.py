@@ -19,8 +19,9 @@ import numpy as np
 
 from ..errors import MeasurementError
 from ..estimation.intervals import intervals
-from ..estimation.joint_fit import Report, finished, fit, fit_near, start_values
+from ..estimation.joint_fit import Report, finished, fit, fit_near
 from ..estimation.levenberg_marquardt import descend
+from ..estimation.ready import start_values
 from ..estimation.remedies import listed
 from ..estimation.result import FitResult, Optimum
 from ..estimation.settings import FitSettings

@@ -14,8 +14,8 @@ from ..estimation.levenberg_marquardt import descend
 from ..estimation.result import FitResult, Optimum, Termination
 from ..estimation.rounds import rounds
 from ..problem import weights
+from ..problem.cores import concurrently
 from ..problem.problem import EstimationProblem
-from ..problem.program import concurrently
 from ..problem.residual import WeightedData
 from ..problem.trace import Trace
 from ..rig.base import Rig

@@ -15,6 +15,7 @@ from __future__ import annotations
 import itertools
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import partial
 from typing import Any, NamedTuple
 
 import jax
@@ -23,9 +24,9 @@ import numpy as np
 from ..kernels.machine import available
 from ..model.parameters import AbstractDomain, NonNegative, Parameter
 from ..problem import residual_kernels
+from ..problem.cores import side_by_side
 from ..problem.free_parameters import Form, Layout
 from ..problem.problem import EstimationProblem
-from ..problem.program import Program, side_by_side
 from ..problem.residual import WeightedData, residual
 from .bounded import bounded, lowest
 from .composition import Effect, resting
@@ -109,13 +110,13 @@ def _kind(effect: Effect) -> tuple[bool, bool]:
     return effect.delays, set(effect.off or {}) <= set(effect.scan)
 
 
-@Program
+@partial(jax.jit, static_argnums=0)
 def _residuals(form: Form, x: Any, weighted: WeightedData, fulls: Any) -> Any:
     """Residual at K sets of values, (K, Q) -> (K, T, L, M)."""
     return jax.vmap(lambda full: residual(form, x, weighted._replace(pick=weighted.pick._replace(full=full))))(fulls)
 
 
-@Program
+@partial(jax.jit, static_argnums=0)
 def _tangents(form: Form, x: Any, weighted: WeightedData, fulls: Any, ways: Any) -> Any:
     """Residual at K sets of values, and its derivative along K directions, (K, Q) each -> (K, T, L, M) each."""
 

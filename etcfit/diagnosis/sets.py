@@ -20,7 +20,7 @@ import numpy as np
 from ..estimation.joint_fit import Report
 from ..estimation.remedies import listed
 from ..estimation.result import FitResult
-from ..problem.program import concurrently
+from ..problem.cores import concurrently
 from .ambiguity import Apart, apart
 from .candidate_model import CandidateModel
 from .choice import Choice, Outcome, stands

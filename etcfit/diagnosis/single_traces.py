@@ -12,6 +12,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from functools import cached_property
 
+import jax
 import numpy as np
 from jaxtyping import Float
 
@@ -23,7 +24,6 @@ from ..problem.batch import KINDS
 from ..problem.innovations import whiten
 from ..problem.one_pass_kernels import rows_of
 from ..problem.problem import EstimationProblem
-from ..problem.program import QUICK, Program
 from ..problem.residual import WeightedData
 from .composition import Effect, is_of_one_channel
 from .screen import Background, Signature, Tangents, Variant
@@ -111,7 +111,7 @@ def whitened(weighted: WeightedData, error: Float[np.ndarray, "T L M"]) -> Float
     return np.asarray(_by_jax(weighted.whitening, error))
 
 
-_by_jax = Program(whiten, static=0, options=QUICK)
+_by_jax = jax.jit(whiten)
 
 
 def _standing_out(

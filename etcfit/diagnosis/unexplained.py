@@ -15,7 +15,7 @@ from ..estimation.joint_fit import Report
 from ..estimation.result import FitResult
 from ..model.effects import fraction
 from ..model.smooth import UNKNOWNS, AbstractSmooth
-from ..problem.program import concurrently
+from ..problem.cores import concurrently
 from .candidate_model import CandidateModel
 from .choice import promises, stands
 from .composition import Effect, compose

@@ -9,8 +9,8 @@ from operator import add
 
 import numpy as np
 
+from ..problem.cores import concurrently
 from ..problem.problem import EstimationProblem
-from ..problem.program import concurrently
 from ..problem.residual import WeightedData
 from . import clusters, compromise
 from .compromise import Compromise

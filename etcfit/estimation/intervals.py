@@ -13,14 +13,13 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
-import jax
-import jax.numpy as jnp
 import numpy as np
 
-from ..problem.free_parameters import Form, Pick
-from ..problem.program import Program
+from ..problem.free_parameters import FreeParameters
 from .compromise import Z_95
-from .joint_fit import FitResult
+from .result import FitResult
+
+_TINY = 1e-30  # of a step into the complex plane
 
 
 @dataclass(frozen=True)
@@ -116,10 +115,7 @@ def lumped(result: FitResult) -> dict[str, Interval]:
     """
     electric = any(trace.circuit for trace in result.problem.batch.traces)
     n, free_parameters = result.rig.config.gear_ratio, result.free_parameters
-    layout = free_parameters.layout
-    gradients = np.asarray(_gradients(layout.form, layout.padded(result.x), layout.pick(free_parameters.held), n))[
-        :, : result.x.size
-    ]
+    gradients = _gradients(free_parameters, result.x, n)
     unknown = result.settings.identifiability.unknown_widened
     stated = {
         s: _combined(float(lump.of(result.values, n)), gradient, result.covariance, unknown)
@@ -147,15 +143,21 @@ def _ranged(result: FitResult, lump: Lump, gradient: np.ndarray, stated: Interva
     return replace(stated, stderr=None, low=low, high=high, status="compromise")
 
 
-@Program
-def _gradients(form: Form, x: Any, pick: Pick, n: Any) -> Any:
-    """Of every combination in coordinates, shape (len(LUMPS), P)."""
+def _gradients(free_parameters: FreeParameters, x: np.ndarray, n: float) -> np.ndarray:
+    """Of every combination in coordinates, shape (len(LUMPS), P).
 
-    def every(x: Any) -> Any:
-        values = form.values(x, pick)
-        return jnp.array([lump.of(values, n) for lump in LUMPS.values()])
+        df/dx_k = Im f(v + i h e_k) / h dv_k/dx_k
 
-    return jax.jacfwd(every)(x)
+    Exact for any h this small: there is no difference to cancel in.
+    """
+    layout = free_parameters.layout
+    slope = layout.numbers(x)[1]
+    values: dict[str, Any] = layout.values(x, free_parameters.held)
+    values |= {
+        symbol: values[symbol] + 1j * _TINY * aside for symbol, aside in zip(layout.free, np.eye(x.size), strict=True)
+    }
+    values |= {symbol: values[other] for symbol, other in layout.ties}
+    return np.array([np.imag(lump.of(values, n)) / _TINY * slope for lump in LUMPS.values()])
 
 
 def _free(result: FitResult) -> list[Interval]:

@@ -4,32 +4,31 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
+from functools import partial
 from typing import NamedTuple, overload
 
 import numpy as np
 
-from ..errors import MeasurementError
 from ..problem import weights
 from ..problem.chi2 import chi2_of
-from ..problem.free_parameters import FreeParameters, free_parameters
+from ..problem.cores import concurrently, in_background
+from ..problem.free_parameters import free_parameters
 from ..problem.problem import EstimationProblem
-from ..problem.program import concurrently
 from ..problem.residual import WeightedData
-from ..problem.trace import Trace, follows_setpoint, prepare
-from ..rig.base import Measurement, Rig
-from ..rig.checks import refuse
-from ..rig.paper_readings import Readings, read_graphs
+from ..problem.trace import Trace
+from ..rig.base import Rig
+from ..rig.paper_readings import read_graphs
 from .accuracy import with_accuracy
 from .approach import approach, with_lag_of
 from .edges_in_step import with_edges_in_step
 from .global_search import evolve
 from .guide import let_go
-from .levenberg_marquardt import compile_ahead, descend, minimise
+from .levenberg_marquardt import descend, minimise
 from .neighbouring_optima import likeliest_nearby
+from .ready import ready, start_values
 from .result import FitResult as FitResult
 from .result import Optimum, Termination, outcome
 from .result import StartSummary as StartSummary
-from .rig_places import refuse_wrong_places
 from .rounds import Reached, rounds, searched, whitened
 from .rounds import Report as Report
 from .rounds import quiet as quiet
@@ -41,63 +40,10 @@ _SPARE = 1.06  # room for held-out traces over what they need at the start: at o
 MISFIT = FitSettings().misfit  # see there; the default, for whoever judges a fit by its JSON file alone
 
 
-def start_values(free_parameters: FreeParameters, readings: Readings) -> dict[str, float]:
-    """Where the fit starts: the reading; where it is silent rig.toml; where that is silent a nominal value."""
-    values = {p.symbol: p.nominal for p in free_parameters.layout.parameters}
-    values |= free_parameters.start
-    read = {s: v for s, v in readings.values.items() if s in values and np.isfinite(v)}
-    if "T_PL" not in read and {"K_s", "K_m", "R_a"} <= read.keys():
-        # nominal in volts: the scale of torque is the reading's
-        read["T_PL"] = values["T_PL"] * (read["K_m"] / read["R_a"]) / (values["K_m"] / values["R_a"])
-    return values | read
+def _compile_step(size: int) -> None:
+    from .damped_step import compile_step
 
-
-def _left_out(measurement: Measurement) -> str:
-    """Why a trace is not fitted, and what would make it count."""
-    why = f"{measurement.file}: no voltage, duty or torque was logged with it; it is not fitted"
-    if not follows_setpoint(measurement):
-        return why
-    return f'{why}. A table [ecu] in rig.toml, with the ECU\'s gains or P, I, D = "free", puts the ECU into the model'
-
-
-class Prepared(NamedTuple):
-    """The traces of a rig, ready for the model.
-
-    Args:
-        fitted: to be fitted; at least one.
-        held_out: to be predicted only.
-        notes: a sentence on each trace that the model cannot predict, and why.
-    """
-
-    fitted: tuple[Trace, ...]
-    held_out: tuple[Trace, ...]
-    notes: tuple[str, ...]
-
-
-def ready(rig: Rig) -> Prepared:
-    """Sort the traces of a rig into those to fit and those held out.
-
-    Raises:
-        MeasurementError: nothing is left to fit, or physics rules the data out.
-    """
-    refuse(rig.folder, rig.findings)
-    fitted, held_out, notes = [], [], []
-    traces = [prepare(measurement, rig.config) for measurement in rig.measurements]
-    refuse_wrong_places(rig, [trace for trace in traces if trace is not None])
-    for measurement, trace in zip(rig.measurements, traces, strict=True):
-        if rig.config.sets_aside(measurement):
-            notes.append(f"{measurement.file}: set aside as of another rig; it is neither fitted nor predicted")
-        elif trace is None:
-            notes.append(_left_out(measurement))
-        else:
-            (held_out if measurement.held_out else fitted).append(trace)
-    if rig.config.ecu is not None and not any(trace.controlled for trace in (*fitted, *held_out)):
-        notes.append("rig.toml: no trace needs [ecu], for each logs its drive, or no setpoint")
-    if not fitted:
-        found = "has no trace that can be fitted."
-        required = "At least one trace must log what drove it and what came of it, and not be held out."
-        raise MeasurementError(rig.folder, found, required, "Add one, or take it out of [holdout].")
-    return Prepared(tuple(fitted), tuple(held_out), tuple(notes))
+    compile_step(size)
 
 
 def fit(
@@ -150,8 +96,8 @@ def _end(
     report("choosing integration steps", 0.05)
     problem = EstimationProblem.of(rig.config, known, fitted).refined(start).with_room_for(held_out, start, _SPARE)
     problem = problem.with_integrator_states(start)
-    problem.compile_ahead(start)
-    compile_ahead(start.size)
+    problem.compile_ahead()
+    in_background(partial(_compile_step, start.size))
     near = None if about is None else _from_a_like_body(problem, start, about, settings)
     x, starts, misfit = near or _from_several_starts(problem, start, report, settings, only_near)
     x = with_lag_of(start, problem, x)

@@ -5,126 +5,18 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cache
-from typing import Any, NamedTuple
 
-import equinox as eqx
-import jax
-import jax.numpy as jnp
-import lineax
 import numpy as np
-import optimistix
-from jaxtyping import Float
 
-from ..model.parameters import AnyArray
 from ..problem.free_parameters import Layout
 from ..problem.normal_equations import NormalEquations, normal_equations
 from ..problem.problem import EstimationProblem
-from ..problem.program import Program
 from ..problem.residual import WeightedData, prior_residual_here
 from .identifiability import WIDE
 from .settings import FitSettings
 
 STEPS = FitSettings().steps
-_ROOM = 8  # parameters by which the solver's program grows, so that few are compiled
-_TINY = 1e-12  # singular values below this share of the largest count as zero
 _STRETCH = 30.0  # Optimistix damps with the identity: this makes its first damping 1e-3 of the curvature
-
-
-def _silent(**_: Any) -> None:
-    """No report of single steps."""
-
-
-class _LevenbergMarquardt(optimistix.AbstractGaussNewton):
-    """Optimistix's Levenberg-Marquardt with a trust region that grows on good steps, not on perfect ones only."""
-
-    rtol: float = 1.0  # `least_squares` says itself when it is done
-    atol: float = 1.0
-    norm: Callable[[Any], Any] = optimistix.max_norm
-    descent: optimistix.DampedNewtonDescent = optimistix.DampedNewtonDescent(lineax.Normal(lineax.Cholesky()))
-    search: optimistix.ClassicalTrustRegion = optimistix.ClassicalTrustRegion(
-        high_cutoff=0.7, low_cutoff=0.1, high_constant=5.0, low_constant=0.2
-    )
-    verbose: Callable[..., None] = _silent
-
-
-_SOLVER = _LevenbergMarquardt()
-_BACKWARD = {"jac": "bwd"}  # a Jacobian that is a plain matrix
-
-
-class _Condensed(NamedTuple):
-    """A residual of P + 1 entries with the chi2, the gradient and the curvature of one of any length.
-
-        rho = [D^-1/2 V^T g, sqrt(chi2 - |D^-1/2 V^T g|^2)],    K = [D^1/2 V^T, 0],    J^T J = V D V^T,    g = J^T r
-
-    so that rho^T rho = chi2, K^T rho = g and K^T K = J^T J: every step of Gauss-Newton or Levenberg-Marquardt is the
-    same.
-
-    Args:
-        residual: rho, shape (P + 1,).
-        jacobian: K, shape (P + 1, P).
-    """
-
-    residual: Float[AnyArray, " R"]
-    jacobian: Float[AnyArray, "R P"]
-
-    @classmethod
-    def sum_alone(cls, chi2: float, size: int) -> _Condensed:
-        """Of a point of which no slope is known: enough to reject it; NaN where the sum is not finite."""
-        rest = np.sqrt(chi2) if np.isfinite(chi2) else np.nan
-        return cls(np.append(np.zeros(size), rest), np.zeros((size + 1, size)))
-
-    @classmethod
-    def of(cls, e: NormalEquations) -> _Condensed:
-        """Of normal equations; NaN where they are not finite, so that no step there is taken."""
-        size = e.gradient.size
-        if not e.finite:
-            return cls(np.full(size + 1, np.nan), np.full((size + 1, size), np.nan))
-        values, vectors = np.linalg.eigh(e.information)
-        root = np.sqrt(np.maximum(values, 0.0))
-        seen = root > _TINY * root[-1]
-        top = np.where(seen, vectors.T @ e.gradient / np.where(seen, root, 1.0), 0.0)
-        rest = np.sqrt(max(float(e.chi2) - float(top @ top), 0.0))
-        return cls(np.append(top, rest), np.vstack((root[:, None] * vectors.T, np.zeros(size))))
-
-
-@jax.custom_vjp
-def _known(y: Any, at: _Condensed) -> Any:
-    """The residual at y, which was computed before."""
-    return at.residual
-
-
-_known.defvjp(
-    lambda y, at: (at.residual, at), lambda at, cotangent: (at.jacobian.T @ cotangent, jax.tree.map(jnp.zeros_like, at))
-)
-
-
-@cache
-def _begun(room: int) -> Any:
-    """Optimistix's state before the first step at y = 0, of a problem of that size."""
-    y, at = np.zeros(room), _Condensed(np.zeros(room + 1), np.zeros((room + 1, room)))
-    shape = jax.eval_shape(_known, y, at)
-    return _SOLVER.init(lambda y, at: (_known(y, at), None), y, at, _BACKWARD, shape, None, frozenset())
-
-
-@Program
-def _stepped(room: int, y: Any, leaves: list[Any], at: _Condensed) -> Any:
-    """One step: the lowest point so far, and the leaves of the state with the next to look at."""
-    state = jax.tree.unflatten(jax.tree.structure(_begun(room)), leaves)
-    after, state = _SOLVER.step(lambda y, at: (_known(y, at), None), y, at, _BACKWARD, state, frozenset())[:2]
-    return after, jax.tree.leaves(state)
-
-
-def _next(room: int, y: np.ndarray, state: Any, at: _Condensed) -> tuple[np.ndarray, Any]:
-    """The lowest point so far, and the state with the next to look at."""
-    after, leaves = _stepped(room, y, jax.tree.leaves(state), at)
-    return np.asarray(after), jax.tree.unflatten(jax.tree.structure(state), leaves)
-
-
-def compile_ahead(size: int) -> None:
-    """Begin to compile, in the background, the step of a descent with so many coordinates."""
-    room = _ROOM * -(-size // _ROOM)
-    at = _Condensed(np.zeros(room + 1), np.zeros((room + 1, room)))
-    _stepped.ahead(room, np.zeros(room), jax.tree.leaves(_begun(room)), at)
 
 
 def least_squares(
@@ -148,27 +40,29 @@ def least_squares(
     Returns:
         where it ended, shape (P,), and the number of steps. A step that raises the sum is never taken.
     """
-    size, room = y0.size, _ROOM * -(-y0.size // _ROOM)
+    from .damped_step import Condensed, begun, next_step, room_of  # brings Optimistix, a third of a second
 
-    def known(y: np.ndarray) -> _Condensed:
+    size, room = y0.size, room_of(y0.size)
+
+    def known(y: np.ndarray) -> Condensed:
         e = equations(y[:size])
         gradient, information = np.zeros(room), np.zeros((room, room))
         gradient[:size], information[:size, :size] = e.gradient, e.information
-        return _Condensed.of(NormalEquations(e.chi2, gradient, information))
+        return Condensed.of(NormalEquations(e.chi2, gradient, information))
 
-    def lone(y: np.ndarray) -> _Condensed:
-        return _Condensed.sum_alone(chi2(y[:size]), room)
+    def lone(y: np.ndarray) -> Condensed:
+        return Condensed.sum_alone(chi2(y[:size]), room)
 
     y, lowest = np.append(y0, np.zeros(room - size)), np.inf
-    state = eqx.tree_at(lambda state: state.y_eval, _begun(room), y)
+    state = begun(room, y)
     for taken in range(1, steps + 1):
         here = np.asarray(state.y_eval)
-        after, beyond = (here, state) if taken == 1 else _next(room, y, state, lone(here))
+        after, beyond = (here, state) if taken == 1 else next_step(room, y, state, lone(here))
         if not np.array_equal(after, here):  # rejected
             y, state = after, beyond
             continue
         at = known(here)
-        after, state = _next(room, y, state, at)
+        after, state = next_step(room, y, state, at)
         accepted = bool(np.array_equal(after, here))  # not where the sum is finite and the slopes are not
         total, moved = float(np.sum(at.residual**2)), float(np.max(np.abs(here - y)))
         done = accepted and taken > 1 and moved < tolerance and lowest - total < tolerance * lowest

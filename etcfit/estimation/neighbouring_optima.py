@@ -27,8 +27,8 @@ import numpy as np
 from jaxtyping import Float
 
 from ..problem.chi2 import chi2_of
+from ..problem.cores import concurrently
 from ..problem.problem import EstimationProblem
-from ..problem.program import concurrently
 from .approach import approach, with_lag_of
 from .rounds import Reached, Report, finished, quiet, rounds
 from .settings import FitSettings

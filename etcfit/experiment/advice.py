@@ -16,8 +16,8 @@ from itertools import combinations
 import numpy as np
 
 from ..estimation.identifiability import analyse
-from ..estimation.joint_fit import ready, start_values
 from ..estimation.levenberg_marquardt import information_of
+from ..estimation.ready import ready, start_values
 from ..estimation.result import FitResult
 from ..problem import weights
 from ..problem.free_parameters import FreeParameters, Layout, free_parameters

@@ -18,8 +18,8 @@ import numpy as np
 
 from ..errors import UsageError
 from ..estimation.fitted_model import Fitted
-from ..estimation.joint_fit import ready
 from ..estimation.levenberg_marquardt import information_of
+from ..estimation.ready import ready
 from ..estimation.result import FitResult
 from ..problem import weights
 from ..problem.free_parameters import FreeParameters, Layout

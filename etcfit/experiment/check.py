@@ -12,8 +12,8 @@ import numpy as np
 
 from ..errors import MeasurementError
 from ..estimation.identifiability import Identifiability, analyse
-from ..estimation.joint_fit import ready, start_values
 from ..estimation.levenberg_marquardt import information_of
+from ..estimation.ready import ready, start_values
 from ..estimation.remedies import listed, sentences
 from ..problem.free_parameters import Layout, free_parameters
 from ..problem.problem import EstimationProblem
@@ -188,7 +188,6 @@ def verdict(rig: Rig) -> Foresight:
     readings = read_graphs(rig)
     x = known.layout.coordinates(start_values(known, _told(known.layout, readings)))
     problem = EstimationProblem.of(rig.config, known, fitted).refined(x)
-    problem.compile_linearised_ahead(x)
     problem = problem.with_integrator_states(x)
     weighted = problem.weighted(problem.kalman(x))
     jacobian = problem.linearise(x, weighted).jacobian

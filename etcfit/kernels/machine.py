@@ -21,14 +21,13 @@ from typing import Any
 
 import numpy as np
 
-from ..backend import compiled_folder, kept_bytes, say_once
+from ..backend import own_folder
 from ..files import whole
 from . import llvm as written
 from .loop import Loop
 
 LANES = 4  # numbers side by side where a vector holds lanes: more leave a rig's few lanes idle
 POINTS = 16  # the same where it holds points
-MOST_BYTES = 1 << 28  # of all object files kept; those that were not used for longest go first
 _LEVEL = 1  # of optimisation: 0 is two to three times slower, 2 and 3 gain next to nothing
 _DIGEST = 32  # bytes
 
@@ -87,7 +86,7 @@ def _knows_library() -> None:
 
 def _object_code(text: str) -> bytes:
     """Of a module: from disk where it was made before."""
-    folder, name = _trusted_folder(), hashlib.sha256(f"{_processor()}\n{text}".encode()).hexdigest()
+    folder, name = own_folder("kernels"), hashlib.sha256(f"{_processor()}\n{text}".encode()).hexdigest()
     if folder is not None and (kept := _read(folder / name)) is not None:
         return kept
     code = compiled(text)
@@ -113,40 +112,14 @@ def compiled(text: str) -> bytes:
 
 def _read(path: Path) -> bytes | None:
     """Object code from a file; None where it is not there or torn."""
-    packed = kept_bytes(path)
-    if packed is None:
-        return None
-    digest, code = packed[:_DIGEST], packed[_DIGEST:]
-    return code if hashlib.sha256(code).digest() == digest else None
-
-
-def _trusted_folder() -> Path | None:
-    """Where object files are kept; None where nobody asked for it, or somebody else could write them."""
-    root = compiled_folder()
-    if root is None:
-        return None
-    folder = root / "kernels"
     try:
-        folder.mkdir(parents=True, exist_ok=True, mode=0o700)
-        about = folder.stat()
+        packed = path.read_bytes()
     except OSError:
         return None
-    if hasattr(os, "getuid") and (about.st_uid != os.getuid() or about.st_mode & 0o022):
-        say_once(f"others can write {folder}: machine code kept there is not used. Make it yours alone (chmod go-w).")
-        return None
-    _tidied(folder)
-    return folder
-
-
-@cache
-def _tidied(folder: Path) -> None:
-    """What was not used for longest goes, until the rest fits into so many bytes; once a process."""
-    total = 0
     with suppress(OSError):
-        for path in sorted(folder.iterdir(), key=lambda path: path.stat().st_mtime, reverse=True):
-            total += path.stat().st_size
-            if total > MOST_BYTES:
-                path.unlink(missing_ok=True)
+        os.utime(path)  # used last now: what was not used for longest is deleted first
+    digest, code = packed[:_DIGEST], packed[_DIGEST:]
+    return code if hashlib.sha256(code).digest() == digest else None
 
 
 class Kernel:

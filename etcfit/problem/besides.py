@@ -26,7 +26,6 @@ from .free_parameters import Form
 from .lanes import Along
 from .lateness import Simulated, acting_late
 from .one_pass import advance, carried_like, has_single_pass, pushed
-from .program import QUICK, Program
 from .records import Entries, numbered, used_rows
 from .residual import WeightedData, equipped, residual, run
 
@@ -39,14 +38,14 @@ class Where(NamedTuple):
     resets: Reset
 
 
-@Program
+@partial(jax.jit, static_argnums=0)
 def _where_asked(form: Form, x: Float[Array, " P"], weighted: WeightedData) -> Where:
     """Where the steps of a model ask the effects; arguments as of `residual`."""
     throttle, path, steps, resets = run(form, x, weighted.pick, weighted)
     return Where(asked_along(throttle, path, steps, resets), steps, resets)
 
 
-@partial(Program, options=QUICK)
+@partial(jax.jit, static_argnums=0)
 def _added_by(
     effect: type[AbstractEffect], values: Mapping[str, Scalar], ways: Mapping[str, Scalar], where: Where
 ) -> StepBesides:
@@ -54,7 +53,7 @@ def _added_by(
     return added(effect, values, ways, *where)
 
 
-@Program
+@partial(jax.jit, static_argnums=0)
 def _responses(
     form: Form, x: Float[Array, " P"], weighted: WeightedData, besides: tuple[StepBesides, ...]
 ) -> Float[Array, "K T L M"]:

@@ -17,10 +17,10 @@ from jaxtyping import Array, Float
 
 from ..kernels.machine import available
 from . import residual_kernels
+from .cores import CORES, side_by_side
 from .free_parameters import Form
 from .one_pass import advance, entries, has_single_pass, start
 from .problem import EstimationProblem
-from .program import CORES, Program, side_by_side
 from .residual import WeightedData, prior_residual, prior_residual_here, residual
 
 _MOST = 64  # points in one pass; more fall out of the processor's caches
@@ -70,7 +70,7 @@ def _of_one(problem: EstimationProblem, x: Float[np.ndarray, " P"], weighted: We
     return chi2 if np.isfinite(chi2) else np.inf
 
 
-@Program
+@partial(jax.jit, static_argnums=0)
 def _chi2(form: Form, points: Float[Array, "K P"], weighted: WeightedData) -> Float[Array, " K"]:
     """Shape (K, P) -> (K,)."""
     if not has_single_pass(form, weighted):

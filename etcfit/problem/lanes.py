@@ -12,7 +12,7 @@ from jaxtyping import Float
 
 from ..kernels.loop import Across, Loop
 from ..kernels.machine import LANES, POINTS, Kernel
-from .program import CORES, side_by_side
+from .cores import CORES, side_by_side
 from .records import MAKING, Entries, Packed, Records, records_of
 from .traced_entry import Shape, TracedEntry, nodes_of
 

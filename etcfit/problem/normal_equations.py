@@ -20,10 +20,10 @@ from jaxtyping import Array, Float
 from ..kernels.machine import available
 from ..model.parameters import AnyArray
 from . import residual_kernels
+from .cores import CORES, side_by_side
 from .free_parameters import Form
 from .jacobian import jacobian
 from .one_pass import Carried, advance, entries, has_single_pass, start
-from .program import CORES, Program, side_by_side
 from .residual import WeightedData, residual
 
 LEAST_LANES = 4  # in one piece: fewer do not fill the processor's vectors
@@ -159,15 +159,7 @@ def linearised(
     return r, columns
 
 
-def linearised_ahead(form: Form, x: Float[AnyArray, " P"], weighted: WeightedData) -> None:
-    """Begin to compile, in the background, what `linearised` and `normal_equations` will run."""
-    if available():
-        residual_kernels.ahead(form, weighted)
-    else:
-        linearise.ahead(form, x, shared_out(weighted, x.size)[0])
-
-
-@Program
+@partial(jax.jit, static_argnums=0)
 def linearise(form: Form, x: Float[Array, " P"], weighted: WeightedData) -> Linearised:
     """Residual, Jacobian and normal equations of one piece of the data, compiled.
 

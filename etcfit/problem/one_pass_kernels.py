@@ -10,11 +10,11 @@ from jaxtyping import Float, Int
 
 from ..kernels.loop import Across
 from ..kernels.machine import Kernel
+from .cores import in_background
 from .free_parameters import Form, Pick
 from .innovations import InnovationsFilter
 from .lanes import compiled, over_lanes, over_points, remembered
 from .one_pass import entries
-from .program import in_background
 from .records import Entries, Records, Remembered, numbered, records_of, used_rows
 from .residual import Compared, WeightedData
 from .residual_entry import ResidualEntry

@@ -21,11 +21,10 @@ from .free_parameters import Form, FreeParameters, Layout, Pick
 from .innovations import InnovationsFilter, Moved, kalman, moved_here, plain
 from .instants import SHARES
 from .late_samples import moved_samples
-from .normal_equations import linearised, linearised_ahead
+from .normal_equations import linearised
 from .packing import rounded
 from .prediction_error import columns
 from .process_noise import free_run_variance, order_of
-from .program import QUICK, Program
 from .residual import Compared, WeightedData, compared, prior_residual_here, run
 from .substeps import local_error, substeps_needed
 from .trace import Trace, prepare
@@ -37,20 +36,20 @@ _PADDED = 1.25  # of the steps of a batch; more to simulate costs more than prog
 _STIRS = 8.0  # standard deviations of a sample that are a motion
 
 
-@Program
+@partial(jax.jit, static_argnums=0)
 def _compared(form: Form, x: Float[Array, " P"], weighted: WeightedData) -> Compared:
     """What each slot ought to show, and the whitened residual, shape (T, L, M) each."""
     return compared(form, x, weighted)
 
 
-@partial(Program, options=QUICK)
+@partial(jax.jit, static_argnums=0)
 def _local_error(form: Form, x: Float[Array, " P"], pick: Pick, arrays: BatchArrays) -> Float[Array, "T L"]:
     """The local integration error of every step, shape (T, L)."""
     throttle, path, steps, resets = run(form, x, pick, arrays)
     return local_error(throttle, path, arrays._replace(steps=steps, resets=resets))
 
 
-@Program
+@partial(jax.jit, static_argnums=0)
 def _kalman(
     form: Form, x: Float[Array, " P"], pick: Pick, arrays: BatchArrays, jitter: Scalar
 ) -> tuple[InnovationsFilter, Float[Array, "T L M"]]:
@@ -59,7 +58,7 @@ def _kalman(
     return kalman(throttle, path, arrays._replace(steps=steps, resets=resets), jitter)
 
 
-@partial(Program, options=QUICK)
+@partial(jax.jit, static_argnums=0)
 def _free_run_variance(
     form: Form, x: Float[Array, " P"], pick: Pick, arrays: BatchArrays, jitter: Scalar
 ) -> Float[Array, "T L M"]:
@@ -146,23 +145,11 @@ class EstimationProblem:
         """The arguments that compiled functions have in common: model, padded coordinates, choice of free ones."""
         return self.layout.form, self.layout.padded(x), self.pick
 
-    def compile_ahead(self, x: Float[np.ndarray, " P"]) -> None:
-        """Begin to compile, in the background, what a fit will run at x, shape (P,): Jacobian, filter, residual."""
-        self.compile_linearised_ahead(x)
-        form, padded, weighted = self._unweighted(x)
-        if not available():
-            _compared.ahead(form, padded, weighted)
-
-    def compile_linearised_ahead(self, x: Float[np.ndarray, " P"]) -> None:
-        """As `compile_ahead`, without the residual: for whoever looks at the Jacobian only."""
-        linearised_ahead(*self._unweighted(x))
-        form, padded, pick = self.at(x)
-        if not available():
-            _kalman.ahead(form, padded, pick, self.arrays(), self.jitter)
-
-    def _unweighted(self, x: Float[np.ndarray, " P"]) -> tuple[Form, Float[np.ndarray, " room"], WeightedData]:
-        form, padded, _ = self.at(x)
-        return form, padded, self.weighted(plain(self.slots, order_of(self.layout.types)))
+    def compile_ahead(self) -> None:
+        """Begin to make, in the background, the kernels of a fit."""
+        if available():
+            weighted = self.weighted(plain(self.slots, order_of(self.layout.types)))
+            residual_kernels.ahead(self.layout.form, weighted)
 
     def free_run(self, x: Float[np.ndarray, " P"]) -> list[Float[np.ndarray, "_ _"]]:
         """Simulated samples y_hat of each trace, shape (n, M), SI, at coordinates x, shape (P,): from the logged input

@@ -18,7 +18,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ..estimation.joint_fit import Report
-from ..problem.program import CORES
+from ..problem.cores import CORES
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

@@ -8,18 +8,16 @@ import shlex
 from collections.abc import Callable
 from dataclasses import asdict
 from pathlib import Path
-from typing import TypeVar
+from typing import TYPE_CHECKING, TypeVar
 
 import numpy as np
 
-from ..diagnosis.findings import Diagnosis
 from ..errors import UsageError, command
 from ..estimation.result import FitResult
 from ..files import held, write_json
 from ..rig.base import FRAMES, Rig
 from ..rig.reader import KNOWN_TESTS, digests_of
 from . import codec
-from .diagnosis import diagnosis_json
 from .fit import fit_json
 from .manifest import (
     CONVERGED,
@@ -35,6 +33,9 @@ from .manifest import (
     require,
     seen_from,
 )
+
+if TYPE_CHECKING:  # who saves a fit needs none of what these load
+    from ..diagnosis.findings import Diagnosis
 
 T = TypeVar("T")
 
@@ -76,6 +77,8 @@ def save_diagnosis(run: Path, diagnosis: Diagnosis, beside: Callable[[Path], Non
     Raises:
         UsageError: RUN was written by another version, or another process writes there.
     """
+    from .diagnosis import diagnosis_json
+
     with held(run):
         if not _is_saved(run, diagnosis.before):
             save_fit(run, diagnosis.before)
@@ -104,6 +107,8 @@ def load_diagnosis(run: Path) -> Diagnosis:
     Raises:
         UsageError: as `load_fit`, and where it was made from another fit.
     """
+    from ..diagnosis.findings import Diagnosis
+
     record = require(run, "diagnose")
     return _loaded(run / DIAGNOSIS_STATE, Diagnosis, STAGE_FILES["diagnose"].command_for(run, record), load_fit(run))
 

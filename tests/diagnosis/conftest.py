@@ -11,7 +11,7 @@ import results
 from etcfit.diagnosis.candidate_model import CandidateModel
 from etcfit.diagnosis.composition import Composition, compose
 from etcfit.diagnosis.settings import DiagnosisSettings
-from etcfit.estimation.joint_fit import ready
+from etcfit.estimation.ready import ready
 from etcfit.estimation.result import Termination
 from etcfit.model.effects import EFFECT_BY_NAME, EFFECTS
 from etcfit.problem import weights

@@ -15,7 +15,7 @@ from etcfit.diagnosis.candidate_model import CandidateModel
 from etcfit.diagnosis.composition import compose
 from etcfit.diagnosis.cross_validation import chi2_within, folds, groups_of, left_out, only, refitted_without
 from etcfit.diagnosis.settings import DiagnosisSettings
-from etcfit.estimation.joint_fit import ready
+from etcfit.estimation.ready import ready
 from etcfit.estimation.result import Termination
 from etcfit.problem import weights
 from etcfit.problem.free_parameters import free_parameters

@@ -15,7 +15,8 @@ from etcfit.diagnosis.other_rig import Strange, differences
 from etcfit.diagnosis.settings import DEFAULT
 from etcfit.errors import MeasurementError
 from etcfit.estimation.intervals import intervals
-from etcfit.estimation.joint_fit import fit, ready
+from etcfit.estimation.joint_fit import fit
+from etcfit.estimation.ready import ready
 from etcfit.estimation.result import FitResult
 from etcfit.estimation.settings import FitSettings
 from etcfit.model.rig_effects import OtherRig, Place

@@ -11,7 +11,8 @@ from numpy.testing import assert_array_equal
 
 from etcfit.estimation.edges_in_step import EdgePlace, common_phase, edge_places, turns, with_edges_in_step
 from etcfit.estimation.intervals import intervals
-from etcfit.estimation.joint_fit import fit, ready
+from etcfit.estimation.joint_fit import fit
+from etcfit.estimation.ready import ready
 from etcfit.estimation.settings import EdgesInStepSettings
 from etcfit.problem.free_parameters import free_parameters
 from etcfit.problem.problem import EstimationProblem

@@ -11,7 +11,7 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
 from etcfit.estimation.intervals import intervals
-from etcfit.estimation.joint_fit import ready
+from etcfit.estimation.ready import ready
 from etcfit.estimation.result import (
     FitResult,
     Optimum,

@@ -11,7 +11,7 @@ import pytest
 import results
 from etcfit.diagnosis.composition import by_file
 from etcfit.errors import MeasurementError
-from etcfit.estimation.joint_fit import ready
+from etcfit.estimation.ready import ready
 from etcfit.model.rig_effects import RIG_EFFECTS, at_places
 from etcfit.problem.free_parameters import free_parameters
 from etcfit.problem.trace import by_test

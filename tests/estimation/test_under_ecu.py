@@ -15,7 +15,8 @@ from benchmarks import ecu
 from etcfit.control.pid.setpoint import trapezoid
 from etcfit.diagnosis.composition import compose
 from etcfit.estimation.intervals import intervals, lumped
-from etcfit.estimation.joint_fit import FitResult, fit, ready
+from etcfit.estimation.joint_fit import FitResult, fit
+from etcfit.estimation.ready import ready
 from etcfit.experiment.check import check
 from etcfit.model.ecu import Ecu
 from etcfit.model.effects import COMMANDING

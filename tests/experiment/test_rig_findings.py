@@ -11,7 +11,7 @@ from typer.testing import CliRunner
 import etcfit
 from etcfit.cli import app
 from etcfit.errors import MeasurementError
-from etcfit.estimation.joint_fit import ready
+from etcfit.estimation.ready import ready
 from etcfit.rig.reader import read_folder
 from independent import CONSISTENT, draw_truth
 from independent.mistakes import make_mistaken

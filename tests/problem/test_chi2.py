@@ -9,7 +9,7 @@ import pytest
 from numpy.testing import assert_allclose
 
 import results
-from etcfit.estimation.joint_fit import ready
+from etcfit.estimation.ready import ready
 from etcfit.model.effects import EFFECT_BY_NAME
 from etcfit.problem.chi2 import chi2_of
 from etcfit.problem.free_parameters import free_parameters

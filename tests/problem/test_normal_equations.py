@@ -13,7 +13,7 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
 import results
-from etcfit.estimation.joint_fit import ready
+from etcfit.estimation.ready import ready
 from etcfit.model.effects import EFFECT_BY_NAME
 from etcfit.problem.free_parameters import free_parameters
 from etcfit.problem.normal_equations import NormalEquations, linearise, linearised, normal_equations, shared_out

@@ -16,7 +16,7 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
 import results
-from etcfit.estimation.joint_fit import ready
+from etcfit.estimation.ready import ready
 from etcfit.kernels.machine import available
 from etcfit.model.ecu import Ecu
 from etcfit.model.effects import EFFECTS, AbstractEffect, Contribution, Inputs, State

@@ -13,7 +13,8 @@ from etcfit.estimation.identifiability import Identifiability
 from etcfit.estimation.joint_fit import FitResult
 from etcfit.experiment.check import ChannelCheck, CheckResult, Clock, TraceCheck
 from etcfit.reporting.blocks import plain_table
-from etcfit.reporting.tables import check_table, fit_table, render
+from etcfit.reporting.check_table import check_table
+from etcfit.reporting.tables import fit_table, render
 
 
 @pytest.fixture(scope="module")

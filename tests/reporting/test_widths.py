@@ -41,13 +41,14 @@ from etcfit.posterior.target import Target
 from etcfit.reporting.advice import advice_table
 from etcfit.reporting.blocks import render
 from etcfit.reporting.car_log import drive_table
+from etcfit.reporting.check_table import check_table
 from etcfit.reporting.control.tables import design_table, reduction_table, sine_table
 from etcfit.reporting.diagnosis.table import diagnosis_table
 from etcfit.reporting.fleet import fleet_table
 from etcfit.reporting.plain_table import PlainTable
 from etcfit.reporting.plan_sheet import plan_table
 from etcfit.reporting.posterior.table import posterior_table
-from etcfit.reporting.tables import check_table, fit_table
+from etcfit.reporting.tables import fit_table
 from etcfit.rig.base import RigConfig
 from etcfit.rig.finding import Finding
 from gaussian import SEEDS

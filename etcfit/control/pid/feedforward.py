@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import partial
 from typing import NamedTuple
 
 import jax
@@ -11,7 +10,6 @@ import numpy as np
 
 from ...model.linear import holding_against
 from ...model.throttle import Throttle
-from ...problem.program import Program
 
 POINTS = 8  # of a curve, where no ECU says
 PLACES = 20_001  # angles from which they are chosen, where no ECU says
@@ -40,7 +38,7 @@ class Bias:
         return np.interp(setpoint, self.angles, self.hold)
 
 
-@partial(Program, static=0)
+@jax.jit
 def _holds(throttle: Throttle, angles: np.ndarray, share: float, gear_ratio: float, lower: float, upper: float):
     return jax.vmap(lambda theta: holding_against(throttle, theta, share, gear_ratio, lower, upper)[1])(angles)
 

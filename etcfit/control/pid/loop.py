@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from functools import partial
 from typing import Any, NamedTuple
 
 import jax
@@ -19,7 +18,7 @@ from ...model.parameters import Scalar
 from ...model.stepper import Step, step
 from ...model.tangents import once
 from ...model.throttle import Throttle
-from ...problem.program import CORES, Program, side_by_side
+from ...problem.cores import CORES, side_by_side
 from ..settings import LoopSettings
 from .ecu import Memory, tick
 from .feedforward import Bias, HoldingVoltages, hold_curve
@@ -217,10 +216,10 @@ def _each(control: Controller, keep: Keep, parts: int, room: int, plants: _Plant
     return jax.vmap(over_gains, in_axes=(0, None, None))(plants, run.settings, run.first)
 
 
-_many = Program(_each, static=4)
+_many = jax.jit(_each, static_argnums=(0, 1, 2, 3))
 
 
-@partial(Program, static=0)
+@jax.jit
 def _linear(throttles: Throttle, theta: Scalar, body: Body) -> Any:
     """Coefficients (D, 4), delay (D,) and sensor lag (D,)."""
 
@@ -231,7 +230,7 @@ def _linear(throttles: Throttle, theta: Scalar, body: Body) -> Any:
     return jax.vmap(each)(throttles)
 
 
-@partial(Program, static=0)
+@jax.jit
 def _late(throttles: Throttle) -> Any:
     """Delay of each model's input, s, shape (D,)."""
     return jax.vmap(lambda throttle: jnp.asarray(throttle.delays().input, dtype=float))(throttles)

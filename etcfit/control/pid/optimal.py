@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ...problem.program import concurrently
+from ...problem.cores import concurrently
 from ..settings import OptimumSettings
 from .base import Refusal, Task
 from .formulas import FORMULAS

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from functools import partial
 
 import jax
 import jax.numpy as jnp
@@ -13,7 +12,6 @@ from ...model.ecu import Ecu
 from ...model.feed_forward import Term
 from ...model.linear import turning_against
 from ...model.throttle import Throttle
-from ...problem.program import Program
 from ..settings import SlidingSettings
 
 
@@ -59,7 +57,7 @@ class Sliding:
         return replace(self, opening=0.0, closing=0.0)
 
 
-@partial(Program, static=0)
+@jax.jit
 def _turns(
     throttle: Throttle, angles: np.ndarray, speed: float, share: float, gear_ratio: float, lower: float, upper: float
 ):

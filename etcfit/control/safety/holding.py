@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import partial
 from typing import Any
 
 import jax
@@ -12,7 +11,6 @@ import numpy as np
 from ...model.effects.winding_heating import WindingHeating
 from ...model.linear import holding_against
 from ...model.throttle import Throttle
-from ...problem.program import Program
 from ..pid.base import Task
 from ..pid.loop import Loop
 
@@ -43,7 +41,7 @@ class Holding:
     longest: float | None
 
 
-@partial(Program, static=0)
+@jax.jit
 def _currents(throttle: Throttle, angles: Any, share: Any, body: Any) -> Any:
     return jax.vmap(lambda theta: holding_against(throttle, theta, share, *body)[0])(angles)
 

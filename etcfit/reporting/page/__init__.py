@@ -11,7 +11,6 @@ from pathlib import Path
 
 from ...run_folder.manifest import CONVERGED, NOT_CONVERGED, replacing
 from .contents import read_run
-from .render import render
 
 
 @dataclass(frozen=True)
@@ -39,6 +38,8 @@ def write_page(run_dir: Path | str) -> Page:
     Raises:
         UsageError: no fit.json, or a file of the run is not what it should be.
     """
+    from .render import render  # the closing of a fit reads contents and verdict, and none of what a page loads
+
     run = Path(run_dir)
     contents = read_run(run)
     page = render(contents)

@@ -22,7 +22,7 @@ from etcfit.control.pid import Gains
 from etcfit.control.pid.response import judge
 from etcfit.control.pid.setpoint import trapezoid
 from etcfit.control.pid.sliding import Sliding
-from etcfit.estimation.joint_fit import ready
+from etcfit.estimation.ready import ready
 from etcfit.estimation.result import FitResult
 from etcfit.files import plain
 from etcfit.model.ecu import Ecu

@@ -1,0 +1,188 @@
+"""The course of a diagnosis: rounds, exchanges, sets of effects, a rig of another kind, and what is told at the end."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+from ..estimation.joint_fit import Report, quiet
+from ..estimation.result import FitResult
+from .candidate_model import CandidateModel
+from .check_findings import first_from_checks
+from .discrepancy import Allowed, allowing_for_the_rest
+from .evidence import is_white
+from .exchange import exchanged, pruned
+from .final import final_fit
+from .findings import Diagnosis, Question, SetTried, Unexplained
+from .merge import merged
+from .missing_torque import motions
+from .other_rig import Strange, clears, of_another_rig
+from .probabilities import SOMETHING_ELSE, besides, probabilities, questions
+from .refit import start
+from .rig_mistakes import rig_mistakes
+from .rounds import Keep, Progress, forget, forward, names
+from .score import score
+from .sets import searched
+from .settings import DEFAULT, DiagnosisSettings
+from .statements import statements
+from .unexplained import outdone, unexplained
+from .verdict import runs_free_worse, tie, verdict
+
+
+def diagnose(
+    result: FitResult,
+    report: Report = quiet,
+    settings: DiagnosisSettings = DEFAULT,
+    begun: Progress | None = None,
+    keep: Keep = forget,
+) -> Diagnosis:
+    """Trace the residual of a fit to the effects that its model lacks.
+
+    Args:
+        result: a fit, of Eqs. 1-2 or of whatever rig.toml names.
+        report: called with what is going on and the share done, from 0 to 1.
+        settings: what it decides by.
+        begun: rounds that a diagnosis of this fit, with these settings, made before it was interrupted.
+        keep: is given those rounds, one by one, as they are made.
+    Returns:
+        the rounds, the effects found, what no effect explains, and the fits before and after.
+    """
+    report("listing the effects that these data could show", 0.0)
+    first = start(result, settings)
+    progress, strange = (begun, None) if begun is not None else _simplest(result, Progress(first), report)
+    if strange is not None:
+        return _of_the_others(strange, result, report, settings)
+    keep(progress)
+    if not progress.is_at_an_end:
+        progress = forward(result, progress, report, keep=keep)
+    progress = _looked_back(result, progress, report)
+    progress, sets = _of_sets(result, first, progress, report)
+    if progress.model.added and _astray(progress.model, result):
+        strange = of_another_rig(result, progress.model, score(progress.model).fit_rows, report)
+        if strange is not None:
+            return _of_the_others(strange, result, report, settings)
+    left = outdone(result, first, progress.model, report)
+    if left is not None:
+        progress = progress.back_to(first)
+    elif progress.rounds[-1].candidates and not progress.rounds[-1].evidence.white:
+        worth = {each.effect: each.worth for each in progress.found}
+        left = unexplained(result, progress.model, worth, report)
+    report("the fit of the final model", 0.95)
+    after = final_fit(result, progress, report)
+    if progress.model.added and runs_free_worse(after, result, settings):
+        worse = f"Run free, the model with {names(progress.model)} is further from the data: all taken away again."
+        progress = progress.back_to(first, worse)
+        left, after = unexplained(result, first, {}, report), result
+    rest = Allowed(after)
+    if left is not None or not progress.rounds[-1].evidence.white:
+        rest = allowing_for_the_rest(result, after, progress.model, report)
+    return _told(result, rest, first, progress, left, sets)
+
+
+def _simplest(result: FitResult, progress: Progress, report: Report) -> tuple[Progress, Strange | None]:
+    """Where the misfit makes the parameters a compromise: the simplest explanation that leaves noise.
+
+    First what the rig's checks found, then any single effect, then a piece of the data that is of another rig: data
+    are set aside only where no single effect explains all of them. Elsewhere the progress as it is.
+    """
+    if not _astray(progress.model, result):
+        return progress, None
+    progress = first_from_checks(result, progress, report)
+    before = progress.model
+    if not _astray(before, result):
+        return progress, None
+    progress = forward(result, progress, report, most=len(progress.rounds) + 1)
+    one = None if progress.is_at_an_end else progress.model
+    if one is not None and clears(one, result) and is_white(one):
+        return progress, None
+    errors = result.score_fit if before.added == () else score(before).fit_rows
+    return progress, of_another_rig(result, before, errors, report, one)
+
+
+def _astray(s: CandidateModel, result: FitResult) -> bool:
+    """Whether parameters are a compromise for the misfit alone, so that a piece of the data may be of another rig."""
+    return s.far or s.chi2_per_sample >= result.settings.contradiction.compromise
+
+
+def _of_the_others(strange: Strange, result: FitResult, report: Report, settings: DiagnosisSettings) -> Diagnosis:
+    """The diagnosis of all that is left where a piece of the data is set aside, with the word on that piece."""
+    report(strange.why, 0.0)
+    rest = diagnose(strange.rest, report, settings)
+    stated = strange.statement(settings)
+    mistake = strange.mistake(stated)
+    asked = Question("Before any round: what explains the misfit?",
+                     {strange.name: stated.probability, SOMETHING_ELSE: 1.0 - stated.probability})  # fmt: skip
+    return replace(
+        rest,
+        before=result,
+        start=tuple(name for name in rest.start if name != strange.name),
+        added=(strange.name, *rest.added),
+        removed=(strange.why, *rest.removed),
+        rig=(mistake, *rest.rig),
+        aside=(*strange.traces, *rest.aside),
+        probabilities=besides(strange.name, rest.probabilities, settings),
+        questions=(asked, *rest.questions),
+        statements=(stated, *rest.statements),
+        verdict=(stated.sentence, *rest.verdict),
+    )
+
+
+def _looked_back(result: FitResult, progress: Progress, report: Report) -> Progress:
+    """Effects exchanged for better ones, or two for one, with further rounds after that, and what came to nothing gone.
+
+    `found` keeps what is known of those taken away too.
+    """
+    for looked_back in (exchanged, merged):
+        s, found, instead = looked_back(progress.model, progress.found, report)
+        progress = replace(progress, model=s, found=found, changed=(*progress.changed, *instead))
+        if instead:
+            progress = forward(result, progress, report)
+    s, removed = pruned(progress.model, result.chi2_per_dof, report)
+    return replace(progress, model=s, changed=(*progress.changed, *removed))
+
+
+def _of_sets(
+    result: FitResult, first: CandidateModel, progress: Progress, report: Report
+) -> tuple[Progress, tuple[SetTried, ...]]:
+    """The progress, or that of a set of effects which does better, looked back on as well; and the sets tried."""
+    better, tried = searched(result, first, progress, report)
+    return (progress if better is progress else _looked_back(result, better, report)), tried
+
+
+def _told(
+    result: FitResult,
+    rest: Allowed,
+    first: CandidateModel,
+    progress: Progress,
+    left: Unexplained | None,
+    sets: tuple[SetTried, ...],
+) -> Diagnosis:
+    """All that was found as plain data."""
+    s, after, doubts = progress.model, rest.after, left.doubts if left else ()
+    added = tuple(e.name for e in s.added if e.name not in doubts)
+    ties = tuple(tie(each) for each in progress.found if each.ties and s.at_work(each.effect))
+    proven = [e for e in s.added if e.name in added]
+    of_rounds = progress.rounds, added, left is not None, first.settings
+    chance, asked = probabilities(*of_rounds), questions(*of_rounds)
+    stated = statements(proven, after.values, chance, progress.rounds, asked, first.settings)
+    rig = rig_mistakes(proven, after.values, stated)
+    known = tuple(e.name for e in first.composition.known if e.name in result.rig.config.effects)
+    return Diagnosis(
+        before=result,
+        after=after,
+        start=known,
+        final=(*known, *(e.name for e in s.added)),
+        rounds=progress.rounds,
+        added=added,
+        removed=progress.changed,
+        sets=sets,
+        ties=ties,
+        unexplained=left,
+        motions=(*motions(first, s, False), *(motions(first, s, True) if s.holdout else ())),
+        rig=rig,
+        probabilities=chance,
+        questions=asked,
+        statements=stated,
+        discrepancy=rest.found,
+        verdict=verdict(stated, ties, left, progress.rounds, rig),
+        settings=first.settings,
+    )
