@@ -73,7 +73,7 @@ def _refused(seed: int, kind: str, made: Mistake, message: str) -> dict[str, Any
     nothing = {"stated": 0, "holding": 0, "worst": 0.0, "compromise": 0}
     return {
         "seed": seed, "kind": kind, "test": made.test, "channel": made.channel, "size": made.size,
-        "sizes": [], "found": ["refused"], "ties": [], "named": f"{kind}:" in message, "chi2": [0.0, 0.0],
+        "sizes": [], "found": ["refused"], "ties": [], "named": f"{made.kind}:" in message, "chi2": [0.0, 0.0],
         "before": nothing, "after": nothing, "seconds": 0.0,
     }  # fmt: skip
 

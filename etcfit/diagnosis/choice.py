@@ -9,7 +9,7 @@ from enum import Enum
 import numpy as np
 
 from ..estimation.remedies import listed
-from .composition import Effect, is_of_the_rig
+from .composition import Effect, is_of_one_channel, is_of_the_rig
 from .model_discrepancy import left_by
 from .score import Score
 from .screen import Signature
@@ -93,7 +93,7 @@ def promising(
     """The signatures worth a refit: those that promise enough, and enough beside the best of their kind.
 
     Effects of the rig have places of their own: there are so many of them, and so alike, that together they would
-    leave none to the throttle's.
+    leave none to the throttle's. So have those of one channel of one trace, which may promise as much as a whole test.
 
     Args:
         signatures: of all candidates, the most promising first.
@@ -103,11 +103,26 @@ def promising(
     """
     rival = settings.rival_promise_far if far else settings.rival_promise
     worth = []
-    for of_the_rig, most in ((False, settings.refits), (True, settings.rig_refits)):
+    for of_the_rig in (False, True):
         kind = [g for g in signatures if is_of_the_rig(g.variant.effect) is of_the_rig]
         least = rival * max((g.gain for g in kind), default=0.0)
-        worth += [g for g in kind if promises(g, before, settings) and g.gain > least][:most]
+        good = [g for g in kind if promises(g, before, settings) and g.gain > least]
+        worth += first_of(good, settings.rig_refits if of_the_rig else settings.refits, settings)
     return sorted(worth, key=lambda g: -g.gain)
+
+
+def first_of(signatures: Sequence[Signature], most: int, settings: DiagnosisSettings) -> list[Signature]:
+    """The first few, and behind them the first `rig_refits` of single channels of single traces, which would else leave
+    no room for simpler ones: in a test of one fitted trace both promise the same.
+
+    Args:
+        signatures: the most promising first.
+        most: of the others.
+        settings: what decides.
+    """
+    single = [g for g in signatures if is_of_one_channel(g.variant.effect)]
+    others = [g for g in signatures if not is_of_one_channel(g.variant.effect)]
+    return [*others[:most], *single[: settings.rig_refits]]
 
 
 # ---- after a trial

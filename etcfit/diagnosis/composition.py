@@ -100,7 +100,11 @@ class Composition:
 
 
 def compose(
-    rig: Rig, traces: tuple[Trace, ...], further: tuple[Effect, ...] = (), only: tuple[Effect, ...] | None = None
+    rig: Rig,
+    traces: tuple[Trace, ...],
+    further: tuple[Effect, ...] = (),
+    only: tuple[Effect, ...] | None = None,
+    held_out: tuple[Trace, ...] = (),
 ) -> Composition:
     """The model of every effect that these traces could show.
 
@@ -109,9 +113,12 @@ def compose(
         traces: what was logged decides which effects could show (`needs` of an effect).
         further: effects beside the catalogue.
         only: effects of both catalogues that are considered besides those that rig.toml names; None: all of them.
+        held_out: traces that are not fitted: beside one of them the only fitted trace of a test may be wrong by itself.
     """
     seen = logged(rig, traces)
-    catalogue = (*EFFECTS, *at_places(by_test(traces), by_file(traces)))
+    fitted = by_file(traces)
+    of_rigs = at_places(by_test(traces), fitted | by_file(held_out))
+    catalogue = (*EFFECTS, *(e for e in of_rigs if not e.place.file or e.place.file in fitted))
     fitting = [e for e in (catalogue if only is None else only) if e not in PAPER and set(e.needs) <= seen]
     names = dict.fromkeys((*rig.config.effects, *(e.name for e in sorted(fitting, key=catalogue.index))))
     whole = free_parameters(

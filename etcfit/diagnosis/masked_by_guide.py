@@ -15,7 +15,7 @@ from typing import NamedTuple
 from ..estimation.joint_fit import Report, fit_near
 from ..estimation.result import FitResult
 from .candidate_model import CandidateModel
-from .choice import Choice, Outcome
+from .choice import Choice, Outcome, first_of
 from .composition import Effect, carried
 from .evidence import is_white
 from .loop import Round, screened
@@ -97,12 +97,14 @@ def _near(candidates: Iterable[Effect], result: FitResult, turned: Round, report
 
 
 def _of_the_rig(result: FitResult, s: CandidateModel) -> tuple[Effect, ...]:
-    """The effects of the rig that promise most in the free run of the first fit, at most `rig_refits` of them."""
+    """The effects of the rig that promise most in the free run of the first fit, at most `rig_refits` of them, and as
+    many of single channels of single traces after them."""
     candidates = [e for e in s.composition.of_the_rig if not s.at_work(e)]
     if not candidates:
         return ()
     free = replace(s, problem=result.problem, weighted=result.weighted, x=result.x).lean()
-    return tuple(g.variant.effect for g in screened(free, candidates)[: s.settings.rig_refits])
+    found = first_of(screened(free, candidates), s.settings.rig_refits, s.settings)
+    return tuple(g.variant.effect for g in found)
 
 
 def fitted_with(

@@ -32,6 +32,7 @@ from ..problem.prediction_error import PredictionError, pooled, rows
 from ..problem.problem import EstimationProblem
 from ..rig.base import Rig
 from .candidate_model import CandidateModel
+from .choice import first_of
 from .composition import carried
 from .evidence import is_white
 from .findings import RigMistake, SetAside, Statement
@@ -298,7 +299,7 @@ def _one_effect_does(here: CandidateModel, result: FitResult, apart: float, repo
     """
     settings = here.settings
     candidates = [e for e in here.composition.candidates if not here.at_work(e)]
-    for found in screened(here, candidates)[: settings.refits + settings.rig_refits]:
+    for found in first_of(screened(here, candidates), settings.refits + settings.rig_refits, settings):
         effect = found.variant.effect
         report(f"trying {effect.name} instead", 0.95)
         near = here.trying((effect,), found.values).optimised()

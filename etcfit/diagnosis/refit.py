@@ -71,7 +71,7 @@ def _begun(
     end: Termination,
     settings: DiagnosisSettings,
 ) -> CandidateModel:
-    composition = compose(rig, problem.batch.traces)
+    composition = compose(rig, problem.batch.traces, held_out=held_out)
     problem = problem.with_parameters(composition.lean(()))
     s = CandidateModel(composition, (), *_weigh(problem, held_out, x, end.far, settings), x, end, settings)
     return _reweighed(s, held_out) if s.far else s

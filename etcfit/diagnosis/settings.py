@@ -32,8 +32,8 @@ class DiagnosisSettings:
     refits: int = whole(4, 1)
     """Most effects of the throttle refitted in one round, the most promising first."""
     rig_refits: int = whole(3, 1)
-    """Most effects of the rig refitted in one round beside them; and of those with which the joint fit is made anew,
-    where the model stays far from its data."""
+    """Most effects of the rig refitted in one round beside them, as many of single channels of single traces; and of
+    those with which the joint fit is made anew, where the model stays far from its data."""
     refits_side_by_side: int = whole(2, 1)
     """Refits that run at a time, in threads; changes the time taken, never the result."""
 
@@ -122,8 +122,9 @@ class DiagnosisSettings:
     # ---- what single traces show, and what is logged late
 
     single_traces: int = whole(8, 1)
-    """Single traces, those that stand out the most, of which it is asked whether they were logged late; and as many of
-    which it is asked whether their winding was warm."""
+    """Single traces, those that stand out the most, of which it is asked whether they were logged late; as many of
+    which it is asked whether their winding was warm; and as many of their channels, of which it is asked whether they
+    are late, and again whether they read too much or a wrong zero."""
     late_stretches: int = whole(20, 2)
     """Equal parts of a trace: what is late must explain more than the one of them that gains most, one event."""
 

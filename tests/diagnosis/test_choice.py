@@ -15,6 +15,7 @@ from etcfit.diagnosis.choice import (
     alike,
     choose,
     deserves_second_trial,
+    first_of,
     in_turn,
     nothing_to_read,
     promises,
@@ -26,6 +27,7 @@ from etcfit.diagnosis.screen import Signature, variants
 from etcfit.diagnosis.settings import DiagnosisSettings
 from etcfit.diagnosis.trial import TrialVerdict
 from etcfit.model.effects import EFFECT_BY_NAME
+from etcfit.model.rig_effects import rig_effect
 
 LIMP, STRIBECK, GRAVITY, DRAG, BACKLASH = (
     EFFECT_BY_NAME[n] for n in ("limp_home_spring", "stribeck_friction", "gravity_load", "quadratic_drag", "backlash")
@@ -76,6 +78,17 @@ def test_a_promise_must_come_near_what_bic_asks(effect: Any, share: float, worth
 def test_only_rivals_of_the_best_promise_are_refitted_and_four_at_most(far: bool, kept: list[float]) -> None:
     every = [signature(gain) for gain in (100.0, 80.0, 31.0, 29.0, 28.0, 9.0)]
     assert [g.gain for g in promising(every, score(1000.0), far, SETTINGS)] == kept
+
+
+def test_single_channels_of_traces_leave_room_to_whole_tests_and_are_refitted_after_them() -> None:
+    single = [rig_effect(f"channel_gain[response/{k}.csv.current]") for k in range(5)]
+    whole = [
+        rig_effect(f"channel_gain[{test}.current]") for test in ("response", "viscous", "inductance", "resistance")
+    ]
+    every = [*(signature(100.0, e) for e in single), *(signature(90.0, e) for e in whole)]
+    kept = [g.variant.effect for g in promising(every, score(1000.0), False, SETTINGS)]
+    assert set(kept) == {*single[:3], *whole[:3]}
+    assert [g.variant.effect for g in first_of(every, 4, SETTINGS)] == [*whole, *single[:3]]
 
 
 def test_without_a_promise_nothing_is_refitted() -> None:

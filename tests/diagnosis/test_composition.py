@@ -154,6 +154,21 @@ def test_a_rig_has_effects_of_its_own_where_tests_can_be_compared(rig: Rig, trac
     assert {e.name for e in alone.of_the_rig} == {"sensor_end_points"}
 
 
+def test_beside_a_trace_held_out_the_only_fitted_one_of_a_test_may_be_wrong_by_itself(
+    rig: Rig, traces: tuple[Trace, ...]
+) -> None:
+    """Both would be the same to what is fitted; a trace that is held out tells them apart."""
+    held_out = tuple(
+        replace(t, measurement=replace(t.measurement, file="response/9.csv"))
+        for t in traces
+        if t.test.name == "response"
+    )
+    without, beside = (compose(rig, traces, held_out=each) for each in ((), held_out))
+    more = {e.name for e in beside.of_the_rig} - {e.name for e in without.of_the_rig}
+    assert {"channel_gain[response/1.csv.current]", "warm_start[response/1.csv]"} <= more
+    assert not any("response/9.csv" in name for name in more)
+
+
 def test_effects_of_the_rig_lie_in_a_lean_model_only_beside_one_of_them(rig: Rig, traces: tuple[Trace, ...]) -> None:
     both = compose(rig, traces)
     one, other = both.of_the_rig[:2]

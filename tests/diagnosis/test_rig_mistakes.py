@@ -156,6 +156,28 @@ def test_a_mistake_of_one_trace_names_its_file() -> None:
     assert "the trace response/drive_3.csv: 0.012 s" in mistake.sentence
 
 
+def test_a_mistake_of_one_channel_of_one_trace_names_both() -> None:
+    sign = rig_effect("channel_gain[response/drive_3.csv.current]")
+    assert sign is not None
+    (mistake,) = rig_mistakes([sign], {"gain.response/drive_3.csv.current": -2.0}, {})
+    assert (mistake.kind, mistake.test, mistake.channel) == ("channel_sign", "response", "current")
+    assert mistake.file == "response/drive_3.csv"
+    assert mistake.mend == '[model] effects = ["channel_gain[response/drive_3.csv.current]"]'
+    assert mistake.sentence.startswith("channel_sign in current of the trace response/drive_3.csv: ")
+
+
+@pytest.mark.slow
+def test_one_channel_of_one_trace_that_is_late_is_named(tmp_path: Path) -> None:
+    """Four samples, in the one of three motor speeds; without this hypothesis it was called a warm winding."""
+    late = case(tmp_path, "one_channel_late", 7841)
+    (mistake,) = late.found.rig
+    assert (mistake.effect, mistake.suspected) == ("channel_late[viscous/volts_1.csv.motor_speed]", False)
+    assert mistake.size == pytest.approx(late.made.size, rel=0.1)
+    config = replace(late.before.rig.config, effects=(*late.before.rig.config.effects, mistake.effect))
+    mended = fit(replace(late.before.rig, config=config))
+    assert mended.chi2_per_dof < 1.02 < late.before.chi2_per_dof
+
+
 @pytest.mark.slow
 def test_a_clean_folder_has_no_mistake(resistor: Case) -> None:
     """The resistor declared as it is: every effect of the rig is a candidate, none is taken in."""

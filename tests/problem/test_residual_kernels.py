@@ -21,7 +21,7 @@ from etcfit.kernels.machine import available
 from etcfit.model.ecu import Ecu
 from etcfit.model.effects import EFFECTS, AbstractEffect, Contribution, Inputs, State
 from etcfit.model.parameters import NonNegative, Positive, Real, Scalar, parameter
-from etcfit.model.rig_effects import at_places
+from etcfit.model.rig_effects import RIG_EFFECTS, Place, at_places
 from etcfit.model.smooth import UNKNOWNS
 from etcfit.problem import lanes
 from etcfit.problem import problem as module
@@ -41,10 +41,12 @@ ADDED = [e for e in EFFECTS if e.off is not None and not e.commands]
 
 
 def around(rig: Rig) -> list[Effect]:
-    """Effects of the rig, one place of each family."""
+    """Effects of the rig, one place of each family, and one channel of one trace where it may have such a place."""
     logged = {m.test: frozenset(m.channels) for m in rig.measurements}
     every = {e.kind: e for e in at_places(logged)}
-    return list(every.values())
+    file = next(m.file for m in rig.measurements if "current" in m.channels)
+    single = Place.named(f"{file}.current")
+    return [*every.values(), *(family.at(single) for family in RIG_EFFECTS if "current" in family.acts_on)]
 
 
 def together(effects: Sequence[Effect]) -> list[tuple[Effect, ...]]:

@@ -47,6 +47,9 @@ VALUES = {
     "effects of a test": tuple(family.at(Place("inductance")) for family in RIG_EFFECTS),
     "effects of a channel": tuple(family.at(Place("", "current")) for family in RIG_EFFECTS),
     "effects of a trace": tuple(family.at(Place.named("response/1.csv")) for family in RIG_EFFECTS),
+    "effects of a channel of a trace": tuple(
+        family.at(Place.named("response/1.csv.current")) for family in RIG_EFFECTS
+    ),
     "effects of the whole rig": tuple(family.at(Place()) for family in RIG_EFFECTS),
     "objects": (RigConfig("a", columns={"x": "y"}), Boundary(plate_held=True)),
 }

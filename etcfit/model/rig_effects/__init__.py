@@ -43,7 +43,7 @@ def at_places(logged: Logged, traces: Logged | None = None) -> tuple[type[Abstra
 
 
 def rig_effect(name: str) -> type[AbstractRigEffect] | None:
-    """The effect that rig.toml calls `kind[test.channel]`, `kind[file]` or `kind`; None where none has that name."""
+    """The effect that rig.toml calls `kind[place]` (see `Place`) or `kind`; None where none has that name."""
     kind, _, rest = name.partition("[")
     family = FAMILY_BY_KIND.get(kind)
     if family is None:
