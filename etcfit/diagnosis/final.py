@@ -9,8 +9,9 @@ import numpy as np
 from ..estimation.accuracy import with_accuracy
 from ..estimation.agreement import in_words
 from ..estimation.compromise import reason
+from ..estimation.free_run import freed
 from ..estimation.intervals import Z_95
-from ..estimation.joint_fit import Report, freed
+from ..estimation.joint_fit import Report
 from ..estimation.remedies import listed
 from ..estimation.result import FitResult, Optimum, Termination, outcome
 from .ambiguity import between
