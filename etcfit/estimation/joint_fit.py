@@ -148,13 +148,10 @@ def _end(
     reached, starts = ended
     if not (only_near or begun.model.problem.controlled or comes_near(reached, settings)) and growing(rig):
 
-        def begin(smaller: Rig) -> Model:
-            return _begun(smaller, quiet).model
-
         def end_of(smaller: Model) -> Reached:
-            return _ended(smaller, quiet, settings).reached
+            return from_own_starts(smaller, settings)
 
-        reached = no_higher_than_smaller(rig, begun.model, reached, begin, end_of, report, settings)
+        reached = no_higher_than_smaller(rig, begun.model, reached, model_of, end_of, report, settings)
     trusted = not reached.end.far
     clocked = with_edges_in_step(rig, reached.problem, held_out, reached.x, settings.edges) if trusted else None
     if clocked is not None:  # instants of edges that were taken as independent share a phase
@@ -191,6 +188,16 @@ def _begun(rig: Rig, report: Report) -> _Begun:
     report("choosing integration steps", 0.05)
     problem = EstimationProblem.of(rig.config, known, fitted).refined(start).with_room_for(held_out, start, _SPARE)
     return _Begun(Model(problem.with_integrator_states(start), start), readings, held_out, notes)
+
+
+def model_of(rig: Rig) -> Model:
+    """The model of a rig beside its traces, ready to be fitted."""
+    return _begun(rig, quiet).model
+
+
+def from_own_starts(model: Model, settings: FitSettings = FitSettings()) -> Reached:
+    """Where a model ends from the reading and from the points scattered about it."""
+    return _ended(model, quiet, settings).reached
 
 
 class _Ended(NamedTuple):

@@ -12,7 +12,7 @@ the order in which it is built only gives starts.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -101,12 +101,20 @@ def no_higher_than_smaller(
     while rest := [name for name in names if name not in here]:
         last = len(rest) == 1
         larger = {name: model if last else begin(with_only(rig, (*base, *here, name))) for name in rest}
-        points = {name: led_from(smaller.problem, end.x, name, each, settings) for name, each in larger.items()}
-        best = min(rest, key=lambda name: unlikely(larger[name].problem, points[name]))
+        best, point = lowest(smaller.problem, end.x, larger, settings)
         report(f"starting from a smaller model, with {best} in it", 0.6 + 0.3 * len(here) / len(names))
         here, smaller = (*here, best), larger[best]
-        end = lower(smaller, own if last else end_of(smaller), points[best], settings)
+        end = lower(smaller, own if last else end_of(smaller), point, settings)
     return end
+
+
+def lowest(
+    smaller: EstimationProblem, x: np.ndarray, larger: Mapping[str, Model], settings: FitSettings
+) -> tuple[str, np.ndarray]:
+    """Of several effects the one whose model is led lowest from a smaller model's optimum, and where to: `led_from`."""
+    points = {name: led_from(smaller, x, name, each, settings) for name, each in larger.items()}
+    best = min(points, key=lambda name: unlikely(larger[name].problem, points[name]))
+    return best, points[best]
 
 
 def led_from(smaller: EstimationProblem, x: np.ndarray, name: str, larger: Model, settings: FitSettings) -> np.ndarray:
