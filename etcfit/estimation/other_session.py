@@ -44,9 +44,9 @@ class DriveScale(NamedTuple):
         off = 100.0 * (self.factor - 1.0)
         size = f"{abs(off):.2g} % {'stronger' if off > 0.0 else 'weaker'}"
         return (
-            f"{self.file} is held out, and the model misses it by {self.before:.3g} times the noise, far more than what "
-            f"it was fitted to. With a drive {size} than logged it would miss it by {self.after:.3g}: another supply or "
-            "another temperature of the winding does that. Log supply and temperature with each session."
+            f"{self.file} is held out, and the model misses it by {self.before:.3g} times the noise, far more than "
+            f"what it was fitted to. With a drive {size} than logged it would miss it by {self.after:.3g}: another "
+            "supply or another temperature of the winding does that. Log supply and temperature with each session."
         )
 
 

@@ -15,7 +15,6 @@ from etcfit.problem.problem import EstimationProblem
 from etcfit.problem.trace import Trace
 from independent import CONSISTENT, Truth, draw_truth
 
-
 SETTINGS = SessionSettings()
 
 
