@@ -13,6 +13,7 @@ from .evidence import is_white
 from .exchange import exchanged, pruned
 from .final import final_fit
 from .findings import Diagnosis, Question, SetTried, Unexplained
+from .free_sets import searched_free
 from .merge import merged
 from .missing_torque import motions
 from .other_rig import Strange, clears, of_another_rig
@@ -144,6 +145,8 @@ def _of_sets(
     result: FitResult, first: CandidateModel, progress: Progress, report: Report
 ) -> tuple[Progress, tuple[SetTried, ...]]:
     """The progress, or that of a set of effects which does better, looked back on as well; and the sets tried."""
+    if first.far and progress.model.far:
+        return searched_free(result, first, progress, report)
     better, tried = searched(result, first, progress, report)
     return (progress if better is progress else _looked_back(result, better, report)), tried
 

@@ -9,8 +9,10 @@ import numpy as np
 from ..estimation.accuracy import with_accuracy
 from ..estimation.agreement import in_words
 from ..estimation.compromise import reason
+from ..estimation.free_run import freed
+from ..estimation.guide import unlikely
 from ..estimation.intervals import Z_95
-from ..estimation.joint_fit import Report, freed
+from ..estimation.joint_fit import Report
 from ..estimation.remedies import listed
 from ..estimation.result import FitResult, Optimum, Termination, outcome
 from .ambiguity import between
@@ -35,6 +37,8 @@ def final_fit(result: FitResult, progress: Progress, report: Report) -> FitResul
     problem, weighted, x, end = s.problem, s.weighted, s.x, s.end
     if s.far:
         report("letting the final model run free", 0.95)
+        known = problem.layout.coordinates({**s.values, **progress.free})
+        x = min((x, known), key=lambda at: unlikely(problem, at))
         problem, weighted, x, _ = freed(problem.guided(0.0), x, s.settings.free_spread, result.settings)
         end = Termination(True, "best free run found from the optimum of the guided residual", far=True)
     optimum = Optimum(result.rig, result.readings, problem, s.held_out, weighted, x, end, settings=result.settings)

@@ -29,6 +29,7 @@ class Progress:
         rounds: those made.
         changed: a sentence for each effect that gave way to another or was taken away again.
         even: other sets of effects that these data do not choose against, and how far their fits are.
+        free: values of the best free run of this model that is known, SI by symbol; empty where none is.
     """
 
     model: CandidateModel
@@ -36,6 +37,7 @@ class Progress:
     rounds: tuple[RoundReport, ...] = ()
     changed: tuple[str, ...] = ()
     even: Mapping[frozenset[Effect], Apart] = field(default_factory=dict)
+    free: Mapping[str, float] = field(default_factory=dict)
 
     @property
     def is_at_an_end(self) -> bool:
@@ -51,7 +53,7 @@ class Progress:
 
     def back_to(self, first: CandidateModel, *words: str) -> Progress:
         """With the first model in place of the one reached."""
-        return replace(self, model=first, changed=(*self.changed, *words), even={})
+        return replace(self, model=first, changed=(*self.changed, *words), even={}, free={})
 
 
 Keep = Callable[[Progress], None]  # is given the progress after every round

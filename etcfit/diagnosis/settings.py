@@ -113,6 +113,10 @@ class DiagnosisSettings:
     pair_refits: int = whole(2, 0)
     """Most pairs of effects refitted beside what the rounds found, the most promising first; 0: none."""
 
+    free_pool: int = whole(6, 0)
+    """Most effects, of those that stood in any round, from which a set is grown in the free run where the model stays
+    far from its data; 0: none is."""
+
     # ---- what is of another rig
 
     pieces: int = whole(3, 0)

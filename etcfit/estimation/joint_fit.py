@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import replace
 from functools import partial
 from typing import NamedTuple, overload
 
@@ -14,22 +13,21 @@ from ..problem.chi2 import chi2_of
 from ..problem.cores import concurrently, in_background
 from ..problem.free_parameters import free_parameters
 from ..problem.problem import EstimationProblem
-from ..problem.residual import WeightedData
 from ..problem.trace import Trace
 from ..rig.base import Rig
-from ..rig.paper_readings import read_graphs
+from ..rig.paper_readings import Readings, read_graphs
 from .accuracy import with_accuracy
 from .approach import approach, with_lag_of
 from .edges_in_step import with_edges_in_step
-from .global_search import evolve
-from .guide import let_go
-from .levenberg_marquardt import descend, minimise
+from .free_run import fitted_free_running
+from .levenberg_marquardt import descend
 from .neighbouring_optima import likeliest_nearby
+from .nested import Model, comes_near, growing, no_higher_than_smaller
 from .ready import ready, start_values
 from .result import FitResult as FitResult
-from .result import Optimum, Termination, outcome
+from .result import Optimum, outcome
 from .result import StartSummary as StartSummary
-from .rounds import Reached, rounds, searched, whitened
+from .rounds import Reached, rounds, whitened
 from .rounds import Report as Report
 from .rounds import quiet as quiet
 from .settings import FitSettings
@@ -88,6 +86,46 @@ def _end(
 def _end(
     rig: Rig, report: Report, settings: FitSettings, about: Mapping[str, float] | None, only_near: bool = False
 ) -> Optimum | None:
+    begun = _begun(rig, report)
+    start, held_out = begun.model.start, begun.held_out
+    ended = _ended(begun.model, report, settings, about, only_near)
+    if ended is None:
+        return None
+    reached, starts = ended
+    if not (only_near or begun.model.problem.controlled or comes_near(reached, settings)) and growing(rig):
+
+        def end_of(smaller: Model) -> Reached:
+            return from_own_starts(smaller, settings)
+
+        reached = no_higher_than_smaller(rig, begun.model, reached, model_of, end_of, report, settings)
+    trusted = not reached.end.far
+    clocked = with_edges_in_step(rig, reached.problem, held_out, reached.x, settings.edges) if trusted else None
+    if clocked is not None:  # instants of edges that were taken as independent share a phase
+        report("edges in step with the samples: fitting their phase", 0.9)
+        rig, (traces, held_out, _) = clocked, ready(clocked)
+        reached = _fitted_again(clocked, traces, reached, settings)
+    if trusted and reached.problem.controlled:
+        reached = likeliest_nearby(reached, start, report, settings)
+    problem, weighted, x, end = reached
+    return Optimum(rig, begun.readings, problem, held_out, weighted, x, end, starts, begun.notes, settings)
+
+
+class _Begun(NamedTuple):
+    """A rig ready to be fitted.
+
+    Args:
+        model: beside its traces.
+        readings: the paper's graph by graph reading.
+        held_out, notes: as `Prepared` has them.
+    """
+
+    model: Model
+    readings: Readings
+    held_out: tuple[Trace, ...]
+    notes: tuple[str, ...]
+
+
+def _begun(rig: Rig, report: Report) -> _Begun:
     known = free_parameters(rig.config)
     fitted, held_out, notes = ready(rig)
     report("reading the paper's graphs", 0.02)
@@ -95,7 +133,41 @@ def _end(
     start = known.layout.off_bounds(known.layout.coordinates(start_values(known, readings)))
     report("choosing integration steps", 0.05)
     problem = EstimationProblem.of(rig.config, known, fitted).refined(start).with_room_for(held_out, start, _SPARE)
-    problem = problem.with_integrator_states(start)
+    return _Begun(Model(problem.with_integrator_states(start), start), readings, held_out, notes)
+
+
+def model_of(rig: Rig) -> Model:
+    """The model of a rig beside its traces, ready to be fitted."""
+    return _begun(rig, quiet).model
+
+
+def from_own_starts(model: Model, settings: FitSettings = FitSettings()) -> Reached:
+    """Where a model ends from the reading and from the points scattered about it."""
+    return _ended(model, quiet, settings).reached
+
+
+class _Ended(NamedTuple):
+    """Where the fit of one model ended, and the descents that it began with."""
+
+    reached: Reached
+    starts: tuple[StartSummary, ...]
+
+
+@overload
+def _ended(model: Model, report: Report, settings: FitSettings) -> _Ended: ...
+@overload
+def _ended(
+    model: Model, report: Report, settings: FitSettings, about: Mapping[str, float] | None, only_near: bool
+) -> _Ended | None: ...
+def _ended(
+    model: Model,
+    report: Report,
+    settings: FitSettings,
+    about: Mapping[str, float] | None = None,
+    only_near: bool = False,
+) -> _Ended | None:
+    """From its own starts; None where only an end near the data was of use and none is."""
+    problem, start = model
     problem.compile_ahead()
     in_background(partial(_compile_step, start.size))
     near = None if about is None else _from_a_like_body(problem, start, about, settings)
@@ -103,20 +175,9 @@ def _end(
     x = with_lag_of(start, problem, x)
     problem = problem.with_instants(x)
     reached = _reached(problem, x, start, misfit, report, settings)
-    if reached is None:
-        if only_near:
-            return None
+    if reached is None and not only_near:
         reached = fitted_free_running(problem, x, report, settings)
-    trusted = not reached.end.far
-    clocked = with_edges_in_step(rig, reached.problem, held_out, reached.x, settings.edges) if trusted else None
-    if clocked is not None:  # instants of edges that were taken as independent share a phase
-        report("edges in step with the samples: fitting their phase", 0.9)
-        rig, (fitted, held_out, _) = clocked, ready(clocked)
-        reached = _fitted_again(clocked, fitted, reached, settings)
-    if trusted and reached.problem.controlled:
-        reached = likeliest_nearby(reached, start, report, settings)
-    problem, weighted, x, end = reached
-    return Optimum(rig, readings, problem, held_out, weighted, x, end, starts, notes, settings)
+    return None if reached is None else _Ended(reached, starts)
 
 
 class Descent(NamedTuple):
@@ -256,63 +317,3 @@ def _reached(
         if reached.misfit < settings.misfit:
             return reached
     return None
-
-
-def fitted_free_running(problem: EstimationProblem, x: np.ndarray, report: Report, settings: FitSettings) -> Reached:
-    """Least squares of the free-running simulation, for a model far from the data.
-
-    What such a model lacks is larger than all that the whitening knows of, so the whitening would only let it follow
-    the data; and there a fit may be trapped, so it is searched for as well as descended to. Each channel of each trace
-    is weighed by the error that is left in it: what the model cannot explain must not spoil what it can.
-    """
-    led = False
-    for k in range(settings.reweighings):
-        report("no start comes near the data: searching about the best", 0.5 + 0.1 * k)
-        problem, weighted, x, now = freed(problem, x, settings.spread / 2.0**k, settings, guided=not led)
-        led = led or now  # from its own valley the guide leads back to it
-    reached = searched(Reached(problem, weighted, x, Termination(False, "")), report, settings)
-    return reached._replace(end=replace(reached.end, far=True))
-
-
-class FreeRun(NamedTuple):
-    """The best free-running simulation that was found.
-
-    Args:
-        problem: the data, each channel of each trace weighed by the error left in it.
-        weighted: what the residual was minimised over.
-        x: coordinates, shape (P,).
-        led: a guide led there.
-    """
-
-    problem: EstimationProblem
-    weighted: WeightedData
-    x: np.ndarray
-    led: bool
-
-
-def freed(
-    problem: EstimationProblem,
-    x: np.ndarray,
-    spread: float,
-    settings: FitSettings = FitSettings(),
-    guided: bool = True,
-) -> FreeRun:
-    """The best free run about x: weighed by the error left in each channel, searched for, descended to, and the one
-    to which a guide leads from there, where that is likelier.
-
-    Args:
-        problem: the traces.
-        x: coordinates, shape (P,).
-        spread: of the points searched, in units of each coordinate's reach.
-        settings: budgets of search and descent.
-        guided: whether a guide is tried.
-    """
-    problem = weights.discounted(problem, x)
-    weighted = problem.weighted(weights.free_running(problem))
-    x = evolve(problem, x, weighted, spread * problem.layout.reach(x), settings.search)
-    x, _ = minimise(problem, x, weighted, settings.tolerance, settings.steps)
-    end = let_go(problem, x, settings) if guided else x
-    if end is x:
-        return FreeRun(problem, weighted, x, led=False)
-    problem = weights.discounted(problem, end)
-    return FreeRun(problem, problem.weighted(weights.free_running(problem)), end, led=True)

@@ -27,6 +27,7 @@ from .goodness import Goodness, goodness_of, warnings_of
 from .identifiability import Identifiability, analyse
 from .influence import Influence
 from .levenberg_marquardt import information_of
+from .other_session import drives_of_another_session
 from .pieces import Piece, pieces_of
 from .settings import FitSettings
 
@@ -267,6 +268,7 @@ def outcome(optimum: Optimum) -> FitResult:
             *_of_residuals(problem, whitened, told.score_fit, optimum.settings, known.widest),
             *_words(end),
             *_alternation(known.alternating),
+            *_of_another_session(optimum, told),
             *agreed.words(lambda s: problem.layout.parameter(s).unit),
         ),
         far=end.far,
@@ -374,6 +376,12 @@ def _of_residuals(
     widest: float,
 ) -> list[str]:
     return warnings_of(goodness_of(problem.batch.traces, whitened, score, settings), widest)
+
+
+def _of_another_session(optimum: Optimum, told: _Predictions) -> list[str]:
+    errors, settings = (told.score_fit, told.score_holdout), optimum.settings.session
+    found = drives_of_another_session(optimum.problem, optimum.x, optimum.held_out, errors, settings)
+    return [each.words for each in found]
 
 
 def _far(end: Termination, chi2: float) -> list[str]:

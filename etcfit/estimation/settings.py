@@ -166,6 +166,21 @@ class GuideSettings:
 
 
 @dataclass(frozen=True)
+class SessionSettings:
+    """When a held-out trace is asked whether it is of another session.
+
+    Args:
+        strange: error of its free run over that of the fitted traces, in sigma, from which on it is asked.
+        explained: share of its error that another scale of its drive may leave, if that is to explain it.
+    """
+
+    strange: float = real(3.0, 1.0)
+    explained: float = real(0.5, 0.0, 1.0)
+
+    __post_init__ = check_ranges
+
+
+@dataclass(frozen=True)
 class FitSettings:
     """The plan of a joint fit.
 
@@ -211,6 +226,7 @@ class FitSettings:
         identifiability: from when on a parameter counts as not known.
         contradiction: from when on traces and tests count as disagreeing.
         edges: when edges of the voltage count as in step with the samples.
+        session: when a held-out trace is asked whether it is of another session.
     """
 
     starts: int = whole(3, 0, 1000)
@@ -244,5 +260,6 @@ class FitSettings:
     identifiability: IdentifiabilitySettings = IdentifiabilitySettings()
     contradiction: ContradictionSettings = ContradictionSettings()
     edges: EdgesInStepSettings = EdgesInStepSettings()
+    session: SessionSettings = SessionSettings()
 
     __post_init__ = check_ranges

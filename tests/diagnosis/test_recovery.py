@@ -20,7 +20,8 @@ from etcfit.diagnosis.masked_by_guide import hidden
 from etcfit.diagnosis.refit import start
 from etcfit.diagnosis.score import score
 from etcfit.diagnosis.trial import tried
-from etcfit.estimation.joint_fit import FitResult, fit, freed, quiet
+from etcfit.estimation.free_run import freed
+from etcfit.estimation.joint_fit import FitResult, fit, quiet
 from etcfit.estimation.rounds import rounds
 from etcfit.kernels.loop import Loop
 from etcfit.kernels.machine import Kernel

@@ -9,20 +9,19 @@ import numpy as np
 import pytest
 
 from bodies import OPEN, N
+from driven import SOUGHT, driven, driven_rig, started
 from etcfit.estimation.guide import Guided, guide_stiffness, guide_stiffness_of, let_go, unlikely
 from etcfit.estimation.levenberg_marquardt import minimise
 from etcfit.estimation.settings import FitSettings, GuideSettings
 from etcfit.problem import weights
 from etcfit.problem.free_parameters import free_parameters
 from etcfit.problem.problem import EstimationProblem
-from etcfit.problem.trace import Trace, prepare
-from etcfit.rig.base import Fixed
+from etcfit.problem.trace import prepare
 from etcfit.rig.reader import read_folder
 from independent import CONSISTENT, TABLE_2, Truth, draw_truth
 from independent.folder import make_folder
 
 SETTINGS = FitSettings()
-SOUGHT = ("K_s", "T_PL", "T_f")
 
 
 # ---- how stiff
@@ -83,11 +82,6 @@ def test_a_setting_changes_what_it_names(changes: dict[str, float], times: float
 # ---- where it leads
 
 
-def angle_alone(trace: Trace) -> Trace:
-    k = trace.channels.index("position")
-    return replace(trace, channels=("position",), data=trace.data[:, [k]], sigma=trace.sigma[[k]])
-
-
 @pytest.fixture(scope="module")
 def truth() -> Truth:
     return draw_truth(np.random.default_rng(1), CONSISTENT)
@@ -95,24 +89,8 @@ def truth() -> Truth:
 
 @pytest.fixture(scope="module")
 def problem(truth: Truth, tmp_path_factory: pytest.TempPathFactory) -> EstimationProblem:
-    """Angles of driven responses of the independent generator; friction and spring are sought."""
-    folder: Path = tmp_path_factory.mktemp("driven")
-    make_folder(folder, truth, 1, size="small")
-    rig = read_folder(folder)
-    fixed = {s: Fixed(getattr(truth, s)) for s in ("R_a", "L_a", "K_b", "J_m", "J_L", "B_m", "B_L")}
-    config = replace(rig.config, parameters=fixed, series_ohm={})
-    traces = [prepare(m, config) for m in rig.measurements if m.test == "response"]
-    known = free_parameters(config)
-    driven = tuple(angle_alone(trace) for trace in traces if trace is not None)
-    problem = EstimationProblem.of(config, known, driven)
-    return problem.refined(known.layout.coordinates(started(problem, truth)))
-
-
-def started(problem: EstimationProblem, truth: Truth) -> dict[str, float]:
-    """Half the true spring and friction, twice the preload: no free run is near."""
-    nominal = {p.symbol: p.nominal for p in problem.layout.parameters}
-    assert set(problem.layout.free) == set(SOUGHT)
-    return nominal | {s: getattr(truth, s) * (2.0 if k % 2 else 0.5) for k, s in enumerate(problem.layout.free)}
+    """Friction and spring are sought."""
+    return driven(driven_rig(truth, tmp_path_factory.mktemp("driven")), started(truth))
 
 
 def off(problem: EstimationProblem, x: np.ndarray, truth: Truth) -> float:
@@ -122,7 +100,8 @@ def off(problem: EstimationProblem, x: np.ndarray, truth: Truth) -> float:
 
 
 def test_it_leads_where_a_descent_is_caught(problem: EstimationProblem, truth: Truth) -> None:
-    x = problem.layout.coordinates(started(problem, truth))
+    x = problem.layout.coordinates(started(truth))
+    assert set(problem.layout.free) == set(SOUGHT)
     assert off(problem, x, truth) > 0.4
     weighted = problem.weighted(weights.free_running(problem))
     caught, _ = minimise(problem, x, weighted, SETTINGS.tolerance, SETTINGS.steps)
@@ -134,7 +113,7 @@ def test_it_leads_where_a_descent_is_caught(problem: EstimationProblem, truth: T
 
 def test_a_free_run_that_is_likelier_already_stays(problem: EstimationProblem, truth: Truth) -> None:
     """Its end is never less likely than where it began."""
-    x = problem.layout.coordinates({**started(problem, truth), **{s: getattr(truth, s) for s in SOUGHT}})
+    x = problem.layout.coordinates({**started(truth), **{s: getattr(truth, s) for s in SOUGHT}})
     there = let_go(problem, x)
     again = let_go(problem, there)
     assert unlikely(problem, again) <= unlikely(problem, there) <= unlikely(problem, x)
@@ -142,7 +121,7 @@ def test_a_free_run_that_is_likelier_already_stays(problem: EstimationProblem, t
 
 def test_the_guide_is_as_stiff_as_the_logged_angle_asks(problem: EstimationProblem, truth: Truth) -> None:
     """Largest travel of a trace and median rate of all."""
-    x = problem.layout.coordinates(started(problem, truth))
+    x = problem.layout.coordinates(started(truth))
     traces = problem.batch.traces
     span = max(float(np.ptp(trace.data[:, 0])) for trace in traces)
     rate = 1.0 / float(np.median(np.concatenate([np.diff(trace.instants) for trace in traces])))

@@ -13,13 +13,13 @@ from numpy.testing import assert_allclose
 
 from etcfit.errors import MeasurementError
 from etcfit.estimation import approach as approach_module
-from etcfit.estimation import joint_fit
+from etcfit.estimation import free_run, joint_fit
 from etcfit.estimation.approach import approach
+from etcfit.estimation.free_run import FreeRun, fitted_free_running
 from etcfit.estimation.intervals import intervals
 from etcfit.estimation.joint_fit import (
     Descent,
     FitResult,
-    FreeRun,
     deepest,
     fit,
     ready,
@@ -166,9 +166,9 @@ def test_the_guide_is_let_go_until_it_has_led_somewhere(case: Case, monkeypatch:
         guided.append(guided_now)
         return FreeRun(problem, case.result.weighted, x, next(led))
 
-    monkeypatch.setattr(joint_fit, "freed", lambda *given, guided: recorded(guided, *given))
-    monkeypatch.setattr(joint_fit, "searched", lambda reached, report, settings: reached)
-    end = joint_fit.fitted_free_running(case.result.problem, case.result.x, joint_fit.quiet, FitSettings())
+    monkeypatch.setattr(free_run, "freed", lambda *given, guided: recorded(guided, *given))
+    monkeypatch.setattr(free_run, "searched", lambda reached, report, settings: reached)
+    end = fitted_free_running(case.result.problem, case.result.x, joint_fit.quiet, FitSettings())
     assert guided == [True, True, False]
     assert end.end.far
 

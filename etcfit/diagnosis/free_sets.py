@@ -1,0 +1,183 @@
+"""Sets of effects compared in the free run, where the model stays far from its data.
+
+Under the guide, by which the rounds compare effects there, the plate goes where it was measured; what an effect does to
+where a free plate goes shows little, and the set that the rounds found need not be the one whose free run is best. So
+a set is grown beside theirs, from the free run of the first fit: of the effects that stood in any round the one is
+taken first to which a guide leads lowest, as in a fit of named effects (`estimation.nested`), then the next, as long as
+
+    -2 log L = 2 n log(error) + k log n,    n = number of independent samples,
+
+falls by as much as BIC asks of an effect and the held-out free run does not stray. Of the two sets the likelier one is
+kept, of two that these data do not tell apart the one with fewer parameters; and each set's free run is the lower of
+the ends that either way led to.
+
+Source: forward selection (Miller 2002, Subset Selection in Regression, ch. 3); BIC: Schwarz 1978. Differs from source:
+samples are counted by how independent what is left of them is.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from ..estimation.free_run import freed
+from ..estimation.guide import unlikely
+from ..estimation.joint_fit import Report, from_own_starts, model_of
+from ..estimation.nested import lower, lowest
+from ..estimation.remedies import listed
+from ..estimation.result import FitResult
+from ..problem.prediction_error import pooled, rows
+from ..problem.problem import EstimationProblem
+from ..problem.trace import Trace
+from .candidate_model import CandidateModel
+from .composition import Effect
+from .exchange import Found
+from .findings import RoundReport, SetTried
+from .refit import refit_fully
+from .rounds import Progress
+from .score import independent, strays
+from .settings import DiagnosisSettings
+
+
+@dataclass(frozen=True, eq=False)
+class FreeRun:
+    """The best free run of a set of effects.
+
+    Args:
+        effects: names, in the order in which they were added.
+        problem: the fitted traces.
+        x: coordinates, shape (P,).
+        unlikely: -log L of all samples, as if they were independent.
+        count: of independent samples.
+        samples: of all.
+        holdout_rms: free-run error of the held-out traces, in sigma; None where there are none.
+    """
+
+    effects: tuple[str, ...]
+    problem: EstimationProblem = field(repr=False)
+    x: np.ndarray
+    unlikely: float
+    count: float
+    samples: float
+    holdout_rms: float | None
+
+    @property
+    def values(self) -> dict[str, float]:
+        """SI by symbol."""
+        values = self.problem.layout.values(self.x, self.problem.free_parameters.held)
+        return {symbol: float(value) for symbol, value in values.items()}
+
+    @classmethod
+    def of(
+        cls, effects: tuple[str, ...], problem: EstimationProblem, x: np.ndarray, held_out: tuple[Trace, ...]
+    ) -> FreeRun:
+        """The one of a model at coordinates x, shape (P,)."""
+        free, traces = problem.free_run(x), problem.batch.traces
+        left = [(t.data - y) / t.sigma for t, y in zip(traces, free, strict=True)]
+        channels = [r[np.isfinite(r[:, m]), m] for r in left for m in range(r.shape[1])]
+        beside = problem.beside(held_out, x) if held_out else None
+        error = None if beside is None else pooled(rows(held_out, beside.free_run(x)))
+        samples = float(sum(c.size for c in channels))
+        return cls(effects, problem, x, unlikely(problem, x), independent(channels), samples, error)
+
+
+def bic_change(new: FreeRun, old: FreeRun) -> float:
+    """Change of BIC from one free run to another.
+
+    2 (u_1 - u_0) n / N + (k_1 - k_0) log n,    n the smaller number of independent samples of N, at least 2
+    """
+    count = max(2.0, min(new.count, old.count))
+    likelihood = 2.0 * (new.unlikely - old.unlikely) * count / old.samples
+    return float(likelihood + (new.x.size - old.x.size) * np.log(count))
+
+
+def preferred(grown: FreeRun, own: FreeRun, settings: DiagnosisSettings) -> bool:
+    """Whether a grown set takes the place of the rounds' own: likelier, or as likely with fewer parameters."""
+    change = bic_change(grown, own)
+    if strays(grown.holdout_rms, own.holdout_rms, settings.refit_rise):
+        return False
+    return change < -settings.tied_likelihood or (change < settings.tied_likelihood and grown.x.size < own.x.size)
+
+
+def pool(rounds: Sequence[RoundReport], settings: DiagnosisSettings) -> tuple[str, ...]:
+    """Names of the effects that were worth their parameters in any round, the likeliest first; `free_pool` at most."""
+    best: dict[str, float] = {}
+    for candidate in (c for turned in rounds for c in turned.candidates):
+        if candidate.bic_change is not None and candidate.bic_change < settings.strong_bic_change:
+            best[candidate.effect] = min(candidate.bic_change, best.get(candidate.effect, 0.0))
+    return tuple(sorted(best, key=lambda name: best[name]))[: settings.free_pool]
+
+
+def grown(result: FitResult, names: Sequence[str], report: Report, settings: DiagnosisSettings) -> FreeRun:
+    """A set of effects grown from the first fit's free run, one effect after the other.
+
+    Args:
+        result: the first fit, far from its data.
+        names: of effects that may be taken.
+        report: progress.
+        settings: what is asked of an effect.
+    """
+    held_out = result.holdout.batch.traces if result.holdout is not None else ()
+    known, plan = result.rig.config.effects, result.settings
+    here, rest = FreeRun.of((), result.problem, result.x, held_out), tuple(names)
+    while rest:
+        report("growing a set of effects in the free run" + "".join(f", {name}" for name in here.effects), 0.87)
+        config = replace(result.rig.config, effects=(*known, *here.effects))
+        rigs = {name: replace(result.rig, config=replace(config, effects=(*config.effects, name))) for name in rest}
+        models = {name: model_of(rig) for name, rig in rigs.items()}
+        best, point = lowest(here.problem, here.x, models, plan)
+        end = lower(models[best], from_own_starts(models[best], plan), point, plan)
+        new = FreeRun.of((*here.effects, best), end.problem, end.x, held_out)
+        rest = tuple(name for name in rest if name != best)
+        if strays(new.holdout_rms, here.holdout_rms, settings.refit_rise):
+            continue
+        if not bic_change(new, here) < settings.strong_bic_change:
+            break
+        here = new
+    return here
+
+
+def searched_free(
+    result: FitResult, first: CandidateModel, progress: Progress, report: Report
+) -> tuple[Progress, tuple[SetTried, ...]]:
+    """The rounds' progress, or one with a set of effects whose free run is likelier; and the sets compared.
+
+    Args:
+        result: the first fit.
+        first: the model of the first round.
+        progress: what the rounds came to, far from the data.
+        report: progress in words.
+    """
+    s, settings = progress.model, first.settings
+    names = pool(progress.rounds, settings)
+    if not names:
+        return progress, ()
+    other = grown(result, names, report, settings)
+    found = {e.name: e for e in first.composition.candidates}
+    effects = tuple(found[name] for name in other.effects)
+    lean = s.lean()
+    run = freed(lean.problem.guided(0.0), lean.x, settings.free_spread, result.settings)
+    own = FreeRun.of(tuple(e.name for e in s.added), run.problem, run.x, s.held_out)
+    if set(effects) == set(s.added):
+        return replace(progress, free=min((other, own), key=lambda each: each.unlikely).values), ()
+    taken = bool(effects) and preferred(other, own, settings)
+    tried = (SetTried(other.effects, bic_change(other, own), taken),) if effects else ()
+    if not taken:
+        return replace(progress, free=own.values), tried
+    return _in_its_place(progress, effects, other.values, bic_change(other, own), report), tried
+
+
+def _in_its_place(
+    progress: Progress, effects: tuple[Effect, ...], values: Mapping[str, float], change: float, report: Report
+) -> Progress:
+    s = progress.model
+    new = refit_fully(s.with_effects(effects, values), report)
+    known = {each.effect: each for each in progress.found}
+    found = tuple(known.get(e, Found(e, {}, -change, {})).told_apart_from(effects) for e in effects)
+    before = (
+        f"{listed(e.name for e in s.added)} gave way to" if s.added else "Nothing was found under the guide; there is"
+    )
+    words = f"{before} {listed(e.name for e in effects)}, whose free run is likelier (BIC {change:+.1f})."
+    return replace(progress, model=new, found=found, changed=(*progress.changed, words), free=dict(values))
