@@ -74,10 +74,7 @@ def _standing_out(
         rows: of the fitted samples, by file.
         column: what an effect does to its own samples, shape (n,).
     """
-    gains: dict[RigEffect, float] = {}
-    for effect in alone:
-        way, power = background.among(rows[effect.place.file], column(effect))
-        gains[effect] = way**2 / max(power, 1e-300)
+    gains = {e: float(background.among(rows[e.place.file], column(e)[:, None]).gain[0]) for e in alone}
     return sorted(alone, key=lambda effect: -gains[effect])
 
 

@@ -268,7 +268,7 @@ def test_each_candidate_is_its_best_variant_and_the_most_promising_comes_first(c
 
 def test_no_candidate_is_no_signature(small: CandidateModel) -> None:
     assert ranked([]) == ()
-    assert tangents_inside(small, []) == []
+    assert tangents_inside(small, [], lambda variant, columns: columns) == []
 
 
 def test_effects_are_screened_in_groups_that_keep_a_tangent_cheap() -> None:
