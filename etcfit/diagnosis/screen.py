@@ -75,7 +75,7 @@ class Signature:
 
     def briefly(self) -> Signature:
         """Without its columns, which are as long as all samples."""
-        return replace(self, columns=self.columns[:0])
+        return replace(self, columns=np.empty((0, self.columns.shape[1])))
 
 
 def variants(effect: Effect) -> tuple[Variant, ...]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import weakref
 from collections.abc import Mapping
 from dataclasses import replace
 from typing import ClassVar
@@ -170,6 +171,14 @@ def test_what_is_its_own_is_what_is_left_of_it_beside_the_fitted_parameters(case
     mixed = np.column_stack((alone + 2.0 * shared, 0.0 * alone))
     assert case.signature(Either, mixed).own == pytest.approx(1.0 / 5.0, rel=1e-9)
     assert_allclose(case.signature(Either, mixed).columns[:, :1], alone, atol=1e-9)
+
+
+def test_a_signature_briefly_lets_go_of_what_is_as_long_as_all_samples(case: Case) -> None:
+    whole = case.signature(Either, np.column_stack((case.columns(1), np.zeros(N))))
+    gone, brief = weakref.ref(whole.columns), whole.briefly()
+    assert (brief.gain, brief.own, brief.values, brief.seen) == (whole.gain, whole.own, whole.values, 1)
+    del whole
+    assert gone() is None
 
 
 def test_an_effect_that_is_a_shift_of_fitted_parameters_gains_nothing(case: Case) -> None:
