@@ -6,12 +6,14 @@ Everything heavy is imported inside the commands, so that `etcfit --help` answer
 
 from __future__ import annotations
 
+import ctypes
 import functools
 import gc
+import os
 import re
 import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import AbstractContextManager, contextmanager
+from contextlib import AbstractContextManager, contextmanager, suppress
 from enum import IntEnum
 from math import inf, pi
 from pathlib import Path
@@ -776,8 +778,23 @@ def _asked(doubts: Sequence[Any], answers: Any) -> Any:
     return answers
 
 
+# glibc by itself: a heap for each thread, and freed arrays of up to 32 MB kept in the holes that they leave
+_HEAPS = {-8: ("MALLOC_ARENA_MAX", 2), -3: ("MALLOC_MMAP_THRESHOLD_", 1 << 20), -1: ("MALLOC_TRIM_THRESHOLD_", 1 << 25)}
+
+
+def _give_memory_back() -> None:
+    """Have the C library give freed arrays back: 1.2 GB of a diagnosis' 2.8 were free. What the user has set stands."""
+    if sys.platform == "linux":
+        with suppress(AttributeError):  # another library than glibc
+            tell = ctypes.CDLL(None).mallopt
+            for number, (name, value) in _HEAPS.items():
+                if name not in os.environ:
+                    tell(number, value)
+
+
 def main() -> None:
     """The console script."""
+    _give_memory_back()
     gc.set_threshold(100_000, 50, 50)  # tracing a model makes many objects and no garbage: 1.5 s of a fit
     try:
         app()

@@ -581,3 +581,34 @@ def test_plan_refuses_before_it_works_anything_out(invoke, tmp_path: Path) -> No
         assert done.exit_code == 2
         assert said in " ".join(done.stderr.split())
     assert not (tmp_path / "next").exists()
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="only Linux's C library is told so")
+def test_freed_arrays_are_given_back() -> None:
+    """A worker's thread frees most of what it made; what it still has lies between."""
+    program = """
+import threading
+from etcfit.cli import _give_memory_back
+_give_memory_back()
+import numpy as np
+
+def resident():
+    with open("/proc/self/statm") as file:
+        return int(file.read().split()[1]) * 4096 / 2**20
+
+def work():
+    for k in range(1, 5):
+        np.ones(k << 18)
+    arrays = [np.ones(1 << 18) for _ in range(128)]
+    most.append(resident())
+    held.extend(arrays[::16])
+
+most, held = [resident()], []
+thread = threading.Thread(target=work)
+thread.start()
+thread.join()
+print(*most, resident())
+"""
+    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
+    before, most, after = map(float, done.stdout.split())
+    assert after - before < 0.2 * (most - before)

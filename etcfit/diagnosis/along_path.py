@@ -8,11 +8,12 @@ scheme and its contacts, not for the ODE.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
-from typing import Any, NamedTuple
+from collections.abc import Callable, Iterator, Sequence
+from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
 
+from ..kernels.machine import available
 from ..model.besides import acts_as_input, only_delays
 from ..model.parameters import declared
 from ..problem.besides import added_by, added_late, responses, where_asked
@@ -21,6 +22,8 @@ from ..problem.problem import EstimationProblem
 from ..problem.residual import WeightedData
 from .composition import Effect, resting
 from .screen import AT_ONCE, Variant, off_its_bound
+
+Made = TypeVar("Made")
 
 
 class _Direction(NamedTuple):
@@ -32,28 +35,48 @@ class _Direction(NamedTuple):
 
 
 def tangents_along_path(
-    problem: EstimationProblem, x: np.ndarray, weighted: WeightedData, every: Sequence[Variant]
-) -> list[np.ndarray]:
-    """For each variant the derivative of the fitted samples' residual in each amplitude over its scale, (n, k).
+    problem: EstimationProblem,
+    x: np.ndarray,
+    weighted: WeightedData,
+    every: Sequence[Variant],
+    use: Callable[[Variant, np.ndarray], Made],
+) -> list[Made]:
+    """For each variant what `use` makes of the derivative of the fitted samples' residual in each amplitude over its
+    scale, (n, k).
 
     Args:
         problem, x, weighted: a model at its optimum.
         every: variants of effects that it has not, and that it `serves`.
+        use: called by several threads.
     """
     form, padded = problem.layout.form, problem.layout.padded(x)
-    ways = [way for variant in every for way in _directions(variant)]
     seen = np.asarray(weighted.slots.weight) > 0.0
     where = where_asked(form, padded, weighted)
 
-    def some(k: int) -> list[np.ndarray]:
-        few = ways[k : k + AT_ONCE]
+    def columns(few: Sequence[_Direction]) -> list[np.ndarray]:
         besides = tuple((added_late if only_delays(way.effect) else added_by)(*way, where) for way in few)
-        besides += (besides[-1],) * (AT_ONCE - len(few))
+        besides += (besides[-1],) * (0 if available() else AT_ONCE - len(few))  # one shape is compiled once
         found = np.asarray(responses(form, padded, weighted, besides))
         return [each[seen] for each in found[: len(few)]]
 
-    columns = (each for few in side_by_side(some, range(0, len(ways), AT_ONCE)) for each in few)
-    return [np.stack([next(columns) for _ in variant.amplitudes], axis=1) for variant in every]
+    def some(variants: Sequence[Variant]) -> list[Made]:
+        ways = [way for variant in variants for way in _directions(variant)]
+        found = (each for k in range(0, len(ways), AT_ONCE) for each in columns(ways[k : k + AT_ONCE]))
+        return [use(variant, np.stack([next(found) for _ in variant.amplitudes], axis=1)) for variant in variants]
+
+    return [each for few in side_by_side(some, _shared(every)) for each in few]
+
+
+def _shared(every: Sequence[Variant]) -> list[list[Variant]]:
+    """Variants in order, some at once: `AT_ONCE` amplitudes or a few more."""
+    out: list[list[Variant]] = []
+    amplitudes = AT_ONCE
+    for variant in every:
+        if amplitudes >= AT_ONCE:
+            out, amplitudes = [*out, []], 0
+        out[-1].append(variant)
+        amplitudes += len(variant.amplitudes)
+    return out
 
 
 def serves(problem: EstimationProblem, effect: Effect) -> bool:

@@ -16,7 +16,7 @@ from .candidate_model import CandidateModel
 from .findings import Discrepancy
 from .inside import tangents_inside
 from .random_curves import Bend, Curve, bend
-from .screen import variants
+from .screen import fitted_samples, variants
 from .unexplained import curves, widened
 
 
@@ -65,11 +65,12 @@ def _words(found: Sequence[Discrepancy]) -> str:
 
 def _bent(s: CandidateModel, smooth: Sequence[type[AbstractSmooth]]) -> Bend:
     lean = s.lean()
-    here, seen = lean.problem.linearise(lean.x, lean.weighted), np.asarray(lean.weighted.slots.weight) > 0.0
+    r, jacobian = fitted_samples(lean.problem, lean.x, lean.weighted)
     priors = believed(lean.problem.layout, lean.x, lean.weighted.prior_sd)
-    every = tangents_inside(lean, [variants(e)[0] for e in smooth])
-    each = [Curve(e, np.where(np.isfinite(c), c, 0.0)) for e, c in zip(smooth, every, strict=True)]
+    scales = [variants(e)[0] for e in smooth]
+    each = tangents_inside(lean, scales, lambda v, c: Curve(v.effect, np.where(np.isfinite(c), c, 0.0)))
+    seen = np.asarray(lean.weighted.slots.weight) > 0.0
     events = np.zeros(seen.shape, dtype=int)
     for number, (lane, stretch) in enumerate(lean.problem.batch.stretches(s.settings.curve_stretches)):
         events[stretch, lane] = number
-    return bend(here.r[seen], here.jacobian[seen], priors, each, events[seen], s.settings)
+    return bend(r, jacobian, priors, each, events[seen], s.settings)

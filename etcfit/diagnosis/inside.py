@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
+from typing import TypeVar
 
 import numpy as np
 
@@ -12,11 +13,14 @@ from .candidate_model import CandidateModel
 from .composition import Effect
 from .screen import Variant, in_groups, tangents
 
-_Columns = dict[Variant, np.ndarray]
+Made = TypeVar("Made")
 
 
-def tangents_inside(s: CandidateModel, every: Sequence[Variant]) -> list[np.ndarray]:
-    """For each variant the derivative of the fitted samples' residual in each amplitude over its scale, (n, k).
+def tangents_inside(
+    s: CandidateModel, every: Sequence[Variant], use: Callable[[Variant, np.ndarray], Made]
+) -> list[Made]:
+    """For each variant what `use` makes of the derivative of the fitted samples' residual in each amplitude over its
+    scale, (n, k): all of them side by side would take much memory.
 
     Along the path of the model where an effect acts as an input; for the others some models are made that have a few of
     them in it.
@@ -24,26 +28,30 @@ def tangents_inside(s: CandidateModel, every: Sequence[Variant]) -> list[np.ndar
     Args:
         s: the model, at its optimum.
         every: variants of candidates that act in the throttle and are not at work.
+        use: called by several threads.
     """
     along = [v for v in every if serves(s.problem, v.effect)]
     others = [v for v in every if not serves(s.problem, v.effect)]
-    found = _in_groups(s, others) if others else {}
+    found = _in_groups(s, others, use) if others else {}
     if along:
-        found |= dict(zip(along, tangents_along_path(s.problem, s.x, s.weighted, along), strict=True))
+        found |= dict(zip(along, tangents_along_path(s.problem, s.x, s.weighted, along, use), strict=True))
     return [found[v] for v in every]
 
 
-def _in_groups(s: CandidateModel, every: Sequence[Variant]) -> _Columns:
+def _in_groups(
+    s: CandidateModel, every: Sequence[Variant], use: Callable[[Variant, np.ndarray], Made]
+) -> dict[Variant, Made]:
     """Some groups side by side, for each compiles a model."""
 
-    def columns(group: tuple[Effect, ...]) -> _Columns:
+    def of(group: tuple[Effect, ...]) -> dict[Variant, Made]:
         asked = [v for v in every if v.effect in group]
         if not asked:
             return {}
         whole = s.composed(group)
-        return dict(zip(asked, tangents(whole.problem, whole.x, whole.weighted, asked), strict=True))
+        columns = tangents(whole.problem, whole.x, whole.weighted, asked)
+        return dict(zip(asked, map(use, asked, columns), strict=True))
 
     # of all candidates, those at work too: so the groups are the same in every round, and their programs found again
     groups = in_groups([e for e in s.composition.inside if not serves(s.problem, e)])
     with ThreadPoolExecutor(s.settings.refits_side_by_side) as pool:
-        return {v: c for found in pool.map(columns, groups) for v, c in found.items()}
+        return {v: made for found in pool.map(of, groups) for v, made in found.items()}

@@ -46,10 +46,11 @@ class _Change(NamedTuple):
     shift: float | None
     by_channel: Mapping[str, np.ndarray]
 
-    def of(self, effect: RigEffect) -> np.ndarray:
-        """Of the channels that an effect moves, in every trace: of one, or of all."""
+    def of(self, effect: RigEffect, rows: np.ndarray) -> np.ndarray:
+        """Of the channels that an effect moves, in some of the fitted samples: of one, or of all."""
         channel = effect.place.channel
-        return self.by_channel[channel] if channel in OBSERVED else np.sum([*self.by_channel.values()], axis=0)
+        moved = [self.by_channel[channel]] if channel in OBSERVED else self.by_channel.values()
+        return np.sum([np.nan_to_num(each[rows], posinf=0.0, neginf=0.0) for each in moved], axis=0)
 
 
 def screen_of_late(
@@ -74,24 +75,20 @@ def screen_of_late(
     # a trace that was logged at another rate than its test is late by samples of its own
     of_traces = changes if intervals.alike else _changes(problem, x, weighted, intervals.of_traces)
     rigs = [e for e in candidates if issubclass(e, AbstractRigEffect)]
-    whole = [e for e in rigs if e.place.file and not is_of_one_channel(e)]
-    single = [e for e in rigs if is_of_one_channel(e)]
+    kinds = [[e for e in rigs if e.place.file and is_of_one_channel(e) is single] for single in (False, True)]
+    gains = {e: _gains(e, background, of_traces if e.place.file else changes, rows) for e in rigs}
     few = settings.single_traces
-    alone = [e for kind in (whole, single) for e in _standing_out(kind, background, of_traces, rows)[:few]]
+    alone = [e for kind in kinds for e in sorted(kind, key=lambda effect: -gains[effect].max())[:few]]
     found = []
     for effect in (*(e for e in rigs if not e.place.file), *alone):
         (p,) = parameters_of(effect)
-        interval = intervals.at(effect.place)
-        here = np.isin(np.arange(background.r.size), np.concatenate(_of(effect, rows)))
+        change = (of_traces if effect.place.file else changes)[int(np.argmax(gains[effect]))]
         way = -1.0 if effect.place.channel in DRIVING else 1.0  # beside a late input all others are early
-        best: list[Signature] = []  # one at a time is kept: a signature is as long as all samples
-        for change in of_traces if effect.place.file else changes:
-            by = way * interval * (1.0 if change.shift is None else change.shift)
-            column = change.of(effect) * here * p.domain.scale / by
-            shape = {} if change.shift is None else {p.symbol: by}
-            one = background.signature(Variant(effect, shape, (p.symbol,)), column[:, None], {p.symbol: p})
-            best = [*ranked([*best, one])]
-        found += best
+        by = way * intervals.at(effect.place) * (1.0 if change.shift is None else change.shift)
+        column, own = np.zeros((background.r.size, 1)), _of(effect, rows)
+        column[own, 0] = change.of(effect, own) * p.domain.scale / by
+        shape = {} if change.shift is None else {p.symbol: by}
+        found.append(background.signature(Variant(effect, shape, (p.symbol,)), column, {p.symbol: p}))
     return ranked(found)
 
 
@@ -114,24 +111,22 @@ def of_one_event(s: CandidateModel, effect: Effect) -> float:
     return max(0.0, float(max(gains)))
 
 
-def _of(effect: RigEffect, rows: Mapping[str, np.ndarray]) -> list[np.ndarray]:
+def _of(effect: RigEffect, rows: Mapping[str, np.ndarray]) -> np.ndarray:
     """Fitted samples of the traces in which an effect is at work."""
     test, file = effect.place.test, effect.place.file
-    return [own for name, own in rows.items() if name == file or (not file and name.startswith(f"{test}/"))]
+    return np.concatenate(
+        [own for name, own in rows.items() if name == file or (not file and name.startswith(f"{test}/"))]
+    )
 
 
-def _standing_out(
-    alone: Sequence[RigEffect], background: Background, changes: Sequence[_Change], rows: Mapping[str, np.ndarray]
-) -> list[RigEffect]:
-    """Those of single traces, by how much they would lower chi2 from the samples of the trace alone, the most first."""
-    gains = {effect: 0.0 for effect in alone}
-    for effect in alone:
-        own = np.concatenate(_of(effect, rows))
-        for change in changes:
-            way, power = background.among(own, change.of(effect)[own])
-            gain = way**2 / max(power, 1e-300) if change.shift is None else -2.0 * way - power
-            gains[effect] = max(gains[effect], gain)
-    return sorted(alone, key=lambda effect: -gains[effect])
+def _gains(
+    effect: RigEffect, background: Background, changes: Sequence[_Change], rows: Mapping[str, np.ndarray]
+) -> np.ndarray:
+    """By how much an effect would lower chi2 by each change, from the samples of its own traces alone."""
+    own = _of(effect, rows)
+    among = background.among(own, np.column_stack([change.of(effect, own) for change in changes]))
+    far = np.array([change.shift is not None for change in changes])
+    return np.where(far, np.where(among.power > 0.0, -2.0 * among.way - among.power, 0.0), among.gain)
 
 
 class _Intervals(NamedTuple):

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from typing import NamedTuple
@@ -90,8 +90,8 @@ def turn(s: CandidateModel, report: Report, blur: float = 0.0) -> Round:
 
 
 def screened(s: CandidateModel, candidates: Sequence[Effect]) -> tuple[Signature, ...]:
-    """Every candidate's best signature, the most promising first."""
-    return ranked(measured(s, candidates).signatures)
+    """Every candidate's best signature, briefly, the most promising first."""
+    return ranked(measured(s, candidates, Signature.briefly).signatures)
 
 
 class Measured(NamedTuple):
@@ -101,11 +101,18 @@ class Measured(NamedTuple):
     signatures: Sequence[Signature]
 
 
-def measured(s: CandidateModel, candidates: Sequence[Effect]) -> Measured:
+def measured(
+    s: CandidateModel, candidates: Sequence[Effect], kept: Callable[[Signature], Signature] = lambda whole: whole
+) -> Measured:
     """What every variant of the candidates would do to the residual.
 
     Effects of the rig, which act around the throttle and are cheap, are taken all at once; those that act in it see
     `inside`.
+
+    Args:
+        s: the model.
+        candidates: effects that are not at work.
+        kept: what is kept of each signature.
     """
     every = [e for e in candidates if is_of_the_rig(e)]
     prompt, late = ([e for e in every if e.delays is delays] for delays in (False, True))
@@ -113,15 +120,15 @@ def measured(s: CandidateModel, candidates: Sequence[Effect]) -> Measured:
     background = Background.of(s.problem, s.x, s.weighted)
     inside = [variant for e in candidates if not is_of_the_rig(e) for variant in variants(e)]
     parameters = {p.symbol: p for p in s.composition.whole.layout.parameters}
-    columns = zip(inside, tangents_inside(s, inside), strict=True)
-    found = [background.signature(variant, column, parameters) for variant, column in columns]
+    found = tangents_inside(s, inside, lambda variant, each: kept(background.signature(variant, each, parameters)))
     if prompt:
         rigged = s.with_the_rig()
         tangents = Tangents.of(rigged.problem, rigged.x, rigged.weighted)
-        found += screen_of_the_rig(background, tangents, of_the_rig)
-        found += screen_of_single_traces(background, tangents, s.problem, s.x, s.weighted, alone, s.settings)
+        found += map(kept, screen_of_the_rig(background, tangents, of_the_rig))
+        singles = screen_of_single_traces(background, tangents, s.problem, s.x, s.weighted, alone, s.settings)
+        found += map(kept, singles)
     if late:
-        found += screen_of_late(background, s.problem, s.x, s.weighted, late, s.settings)
+        found += map(kept, screen_of_late(background, s.problem, s.x, s.weighted, late, s.settings))
     return Measured(background, found)
 
 

@@ -89,19 +89,18 @@ def bend(
         return none
     background = Background.spanned(r, jacobian)
     root = np.linalg.cholesky(kernel(curves[0].columns.shape[1], settings.curve_length))
-    ways = [c.columns @ root for c in curves]
-    left = _Left.of(background, [background.free_of(background.basis, way) for way in ways], events)
+    ways = np.empty((r.size, len(curves) * len(root)))
+    for c, own in zip(curves, np.split(ways, len(curves), axis=1), strict=True):
+        np.matmul(c.columns, root, out=own)
+    left = _Left.of(background, background.free_of(background.basis, ways), len(curves), events)
     tau = most_likely(left, settings)
     if not tau.any():
         return none
     sizes = {c.effect: float(t) * c.scale for c, t in zip(curves, tau, strict=True) if t > 0.0}
-    by = student(left.freedom(tau)) ** 2 * moved(r, jacobian, believed, sized(tau, ways), left.noise)
-    return Bend(sizes, by)
-
-
-def sized(tau: np.ndarray, ways: Sequence[np.ndarray]) -> np.ndarray:
-    """tau W of all curves side by side, shape (n, m)."""
-    return np.concatenate([t * w for t, w in zip(tau, ways, strict=True)], axis=1)
+    freedom, noise = left.freedom(tau), left.noise
+    del left
+    ways *= np.repeat(tau, len(root))
+    return Bend(sizes, student(freedom) ** 2 * moved(r, jacobian, believed, ways, noise))
 
 
 def student(freedom: float) -> float:
@@ -139,45 +138,57 @@ def moved(r: np.ndarray, jacobian: np.ndarray, believed: np.ndarray, ways: np.nd
 
 @dataclass(frozen=True, eq=False)
 class _Left:
-    """What is left of the residual, and what curves do there beside the parameters.
+    """What is left of the residual, and what curves do there beside the parameters. All W side by side are as long as
+    all samples, so there is one copy of them; all else is read off their products.
 
     Args:
         r: free of what the parameters can do, shape (n,).
-        ways: W of each curve, free of it too, shape (n, K) each.
+        ways: W of all curves side by side, free of it too, shape (n, C K).
+        curves: C.
         events: see `bend`.
-        basis: orthonormal, of the space that all W span, shape (n, m).
+        gram: W^T W, shape (C K, C K).
+        across: W^T r, shape (C K,).
+        turn: W times it is an orthonormal basis of the space that all W span, shape (C K, m).
         noise: s^2, mean square of r outside of that space, 1 at least.
     """
 
     r: np.ndarray
-    ways: Sequence[np.ndarray]
+    ways: np.ndarray
+    curves: int
     events: np.ndarray
-    basis: np.ndarray
+    gram: np.ndarray
+    across: np.ndarray
+    turn: np.ndarray
     noise: float
 
     @classmethod
-    def of(cls, background: Background, ways: Sequence[np.ndarray], events: np.ndarray) -> _Left:
-        columns = np.concatenate(ways, axis=1)
-        values, vectors = np.linalg.eigh(columns.T @ columns)
+    def of(cls, background: Background, ways: np.ndarray, curves: int, events: np.ndarray) -> _Left:
+        r, gram, across = background.r, ways.T @ ways, ways.T @ background.r
+        values, vectors = np.linalg.eigh(gram)
         keep = values > _RANK * max(float(values[-1]), 1e-300)
-        basis = columns @ (vectors[:, keep] / np.sqrt(values[keep]))
-        y = basis.T @ background.r
-        rest = max(background.r.size - background.basis.shape[1] - y.size, 1)
-        noise = max(1.0, float(background.r @ background.r - y @ y) / rest)
-        return cls(background.r, ways, events, basis, noise)
+        turn = vectors[:, keep] / np.sqrt(values[keep])
+        y = turn.T @ across
+        rest = max(r.size - background.basis.shape[1] - y.size, 1)
+        noise = max(1.0, float(r @ r - y @ y) / rest)
+        return cls(r, ways, curves, events, gram, across, turn, noise)
 
     def freedom(self, tau: np.ndarray) -> float:
         """tr G (G + 1)^-1, G = tau^2 W^T W / s^2 of all curves: how many amplitudes of theirs noise lets through."""
-        every = sized(tau, self.ways)
-        power = np.maximum(np.linalg.eigvalsh(every.T @ every) / self.noise, 0.0)
+        power = np.maximum(np.linalg.eigvalsh(self._system(tau)), 0.0)
         return float(np.sum(power / (power + 1.0)))
 
     def by_event(self, tau: np.ndarray) -> np.ndarray:
         """Fall of chi2 that all curves at their likeliest amplitudes make in each event."""
-        every = sized(tau, self.ways)
-        system = every.T @ every / self.noise + np.eye(every.shape[1])
-        with_them = self.r - every @ np.linalg.solve(system, every.T @ self.r / self.noise)
+        size, system = self._sizes(tau), self._system(tau) + np.eye(self.across.size)
+        with_them = self.r - self.ways @ (size * np.linalg.solve(system, size * self.across / self.noise))
         return np.bincount(self.events, self.r**2 - with_them**2) / self.noise
+
+    def _sizes(self, tau: np.ndarray) -> np.ndarray:
+        return np.repeat(tau, self.across.size // self.curves)
+
+    def _system(self, tau: np.ndarray) -> np.ndarray:
+        size = self._sizes(tau)
+        return size[:, None] * self.gram * size / self.noise
 
 
 def most_likely(left: _Left, settings: DiagnosisSettings) -> np.ndarray:
@@ -218,9 +229,9 @@ class _Likelihood:
 
     @classmethod
     def of(cls, left: _Left, price: float) -> _Likelihood:
-        each = [left.basis.T @ way for way in left.ways]
+        each = np.split(left.turn.T @ left.gram, left.curves, axis=1)
         units = np.stack([w @ w.T / left.noise for w in each])
-        return cls(left.basis.T @ left.r / np.sqrt(left.noise), units, price)
+        return cls(left.turn.T @ left.across / np.sqrt(left.noise), units, price)
 
     def fitted(self) -> _Fitted:
         """At the least cost."""

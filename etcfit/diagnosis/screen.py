@@ -14,7 +14,7 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import partial
 from typing import Any, NamedTuple
 
@@ -64,6 +64,7 @@ class Signature:
         gain: by how much it would lower chi2, by the linearised model.
         values: amplitudes (SI) at which it would, and its shape, by symbol.
         own: share of the signature's power that no fitted parameter can imitate.
+        seen: how many of the amplitudes the residual shows at all.
     """
 
     variant: Variant
@@ -71,6 +72,11 @@ class Signature:
     gain: float
     values: Mapping[str, float]
     own: float
+    seen: int = 0
+
+    def briefly(self) -> Signature:
+        """Without its columns, which are as long as all samples."""
+        return replace(self, columns=np.empty((0, self.columns.shape[1])))
 
 
 def variants(effect: Effect) -> tuple[Variant, ...]:
@@ -137,36 +143,32 @@ def tangents(
     layout = problem.layout
     fulls, ways = _directions(problem, np.array(weighted.pick.full, dtype=float), every)
     seen, padded = np.asarray(weighted.slots.weight) > 0.0, layout.padded(x)
-    scanned = all(symbol in variant.shape for variant in every for symbol in variant.amplitudes)
 
-    def one(full: np.ndarray, way: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def one(full: np.ndarray, way: np.ndarray) -> np.ndarray:
+        """The derivative along the way; the residual where there is none."""
         at = layout.form.full(padded, weighted.pick._replace(full=full))
-        if scanned or not way.any():  # nobody asks for a tangent
-            r = np.asarray(residual_kernels.compared(layout.form, at, weighted).r)[seen]
-            return r, r
+        if not way.any():
+            return np.asarray(residual_kernels.compared(layout.form, at, weighted).r)[seen]
         (k,) = np.flatnonzero(way)
         by = (layout.parameters[k].symbol,)
-        r, column = residual_kernels.linearised(layout.form, at, weighted, by)
-        return r[seen], column[seen, 0] * way[k]
+        return residual_kernels.linearised(layout.form, at, weighted, by)[1][seen, 0] * way[k]
 
-    def some(k: int) -> list[tuple[np.ndarray, np.ndarray]]:
-        if available():
-            return list(map(one, fulls[k : k + AT_ONCE], ways[k : k + AT_ONCE]))
+    def some(k: int) -> list[np.ndarray]:
         few = slice(k, k + AT_ONCE)
-        if scanned:  # nobody asks for a tangent
-            at = [r[seen] for r in np.asarray(_residuals(layout.form, padded, weighted, fulls[few]))]
-            return list(zip(at, at, strict=True))
+        if available():
+            return list(map(one, fulls[few], ways[few]))
+        if not ways.any():
+            return [r[seen] for r in np.asarray(_residuals(layout.form, padded, weighted, fulls[few]))]
         both = map(np.asarray, _tangents(layout.form, padded, weighted, fulls[few], ways[few]))
-        return [(r[seen], t[seen]) for r, t in zip(*both, strict=True)]
+        return [(t if way.any() else r)[seen] for r, t, way in zip(*both, ways[few], strict=True)]
 
-    each = [pair for few in side_by_side(some, range(0, len(fulls), AT_ONCE)) for pair in few]
-    (base, _), pairs = each[0], iter(each[1:])
+    base, *each = (one for few in side_by_side(some, range(0, len(fulls), AT_ONCE)) for one in few)
+    found = iter(each)
 
     def column(variant: Variant, symbol: str) -> np.ndarray:
-        r, tangent = next(pairs)
         if symbol not in variant.shape:
-            return tangent
-        return (r - base) * layout.parameter(symbol).domain.scale / variant.shape[symbol]
+            return next(found)
+        return (next(found) - base) * layout.parameter(symbol).domain.scale / variant.shape[symbol]
 
     return [np.stack([column(v, symbol) for symbol in v.amplitudes], axis=1) for v in every]
 
@@ -177,7 +179,8 @@ def off_its_bound(domain: AbstractDomain) -> float:
 
 
 class _Directions(NamedTuple):
-    """Sets of all values and directions in which the residual is differentiated there, shape (K, Q) each."""
+    """Sets of all values, and directions in which the residual is differentiated there, 0 where it is asked for itself;
+    shape (K, Q) each."""
 
     fulls: np.ndarray
     ways: np.ndarray
@@ -200,10 +203,17 @@ def _directions(problem: EstimationProblem, rest: np.ndarray, every: Sequence[Va
         for symbol in variant.amplitudes:
             domain, way = layout.parameter(symbol).domain, np.zeros(full.size)
             way[index[symbol]] = domain.scale
-            fulls.append(full + way * (0.0 if symbol in variant.shape else off_its_bound(domain)))
-            ways.append(way)
+            fulls.append(full if symbol in variant.shape else full + way * off_its_bound(domain))
+            ways.append(np.zeros(full.size) if symbol in variant.shape else way)
     padding = -len(fulls) % AT_ONCE
     return _Directions(np.stack(fulls + [fulls[-1]] * padding), np.stack(ways + [ways[-1]] * padding))
+
+
+def fitted_samples(problem: EstimationProblem, x: np.ndarray, weighted: WeightedData) -> tuple[np.ndarray, np.ndarray]:
+    """Residual of the fitted samples, shape (n,), and its Jacobian, shape (n, P), at coordinates x, shape (P,)."""
+    r, _, jacobian = problem.linearise(x, weighted)
+    seen = np.asarray(weighted.slots.weight) > 0.0
+    return r[seen], jacobian[seen]
 
 
 @dataclass(frozen=True, eq=False)
@@ -223,9 +233,7 @@ class Background:
     @classmethod
     def of(cls, problem: EstimationProblem, x: np.ndarray, weighted: WeightedData) -> Background:
         """That of a model at coordinates x, shape (P,)."""
-        r, _, jacobian = problem.linearise(x, weighted)
-        seen = np.asarray(weighted.slots.weight) > 0.0
-        return cls.spanned(r[seen], jacobian[seen])
+        return cls.spanned(*fitted_samples(problem, x, weighted))
 
     @classmethod
     def spanned(cls, r: np.ndarray, jacobian: np.ndarray) -> Background:
@@ -241,15 +249,16 @@ class Background:
         """(1 - Q Q^T) C of columns of shape (n,) or (n, k)."""
         return columns - basis @ (basis.T @ columns)
 
-    def among(self, rows: np.ndarray, column: np.ndarray) -> Own:
-        """What a column does to some samples alone.
+    def among(self, rows: np.ndarray, columns: np.ndarray) -> Own:
+        """What columns do to some samples alone.
 
         Args:
             rows: of the fitted samples, shape (m,).
-            column: of those samples, shape (m,).
+            columns: of those samples, shape (m, k).
         """
-        imitated = self.basis[rows].T @ column
-        return Own(float(self.r[rows] @ column), float(column @ column - imitated @ imitated))
+        whole, imitated = np.sum(columns**2, axis=0), np.sum((self.basis[rows].T @ columns) ** 2, axis=0)
+        own = whole - imitated
+        return Own(self.r[rows] @ columns, np.where(own > _IMITATED * whole, own, 0.0))
 
     def signature(self, variant: Variant, columns: np.ndarray, parameters: Mapping[str, Parameter]) -> Signature:
         """The score test of one variant.
@@ -270,14 +279,21 @@ class Background:
         scanned = any(s in variant.shape for s in variant.amplitudes)
         best = _at_scanned(variant, mine, own, self.r) if scanned else _bounded(mine, own, self.r)
         values = {p.symbol: a * p.domain.scale for p, a in zip(mine, best.amplitudes.tolist(), strict=True)}
-        return Signature(variant, own, best.gain, {**variant.shape, **values}, share)
+        seen = int(np.sum(np.any(own != 0.0, axis=0)))
+        return Signature(variant, own, best.gain, {**variant.shape, **values}, share, seen)
 
 
 class Own(NamedTuple):
-    """Of a column c, from some samples alone: r c, and |c|^2 of what no parameter can do."""
+    """Of columns c, from some samples alone: r c, and |c|^2 of what no parameter can do, 0 where that is next to
+    nothing; shape (k,) each."""
 
-    way: float
-    power: float
+    way: np.ndarray
+    power: np.ndarray
+
+    @property
+    def gain(self) -> np.ndarray:
+        """By how much each column alone would lower chi2, its amplitude free, shape (k,)."""
+        return np.divide(self.way**2, self.power, out=np.zeros(self.way.size), where=self.power > 0.0)
 
 
 class Best(NamedTuple):

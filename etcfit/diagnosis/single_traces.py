@@ -131,8 +131,7 @@ def _standing_out(
     gains: dict[RigEffect, float] = {}
     for effect in alone:
         own, every = rows[effect.place.file], column(effect)
-        way, power = background.among(own, every[own])
-        gains[effect] = way**2 / max(power, 1e-300)
+        gains[effect] = float(background.among(own, every[own, None]).gain[0])
     return sorted(alone, key=lambda effect: -gains[effect])
 
 

@@ -159,8 +159,7 @@ def _best(s: CandidateModel, before: Score) -> Trial | None:
 def _tried(s: CandidateModel, g: Signature, before: Score) -> Trial:
     """The trial of a curve; amplitudes that these data do not show cost nothing."""
     trial = s.trying((g.variant.effect,), g.values).optimised()
-    seen = sum(np.any(g.columns != 0.0, axis=0))
-    return judged(g.variant.effect, before, trial, Cost(int(seen), len(UNKNOWNS)))
+    return judged(g.variant.effect, before, trial, Cost(g.seen, len(UNKNOWNS)))
 
 
 def _in_doubt(s: CandidateModel, effect: Effect, here: Score) -> bool:

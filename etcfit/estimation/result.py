@@ -237,9 +237,11 @@ def outcome(optimum: Optimum) -> FitResult:
     problem, weighted, x, end = optimum.problem, optimum.weighted, optimum.x, optimum.end
     here = problem.linearise(x, weighted)
     pieces = pieces_of(problem, here)
-    known = _spread(optimum, here, pieces)
+    known, whitened = _spread(optimum, here, pieces), tuple(columns(problem.batch, here.r))
+    del here  # samples times parameters; the pieces have what is used of it
     told = _predictions(optimum)
-    whitened = _in_sigma(problem, told.predicted) if end.far else tuple(columns(problem.batch, here.r))
+    if end.far:
+        whitened = _in_sigma(problem, told.predicted)
     samples = sum(row.n for row in told.score_fit)
     chi2 = sum(float(np.nansum(part**2)) for part in whitened) / max(1.0, samples - x.size)
     agreed = agreement(problem, weighted, x, pieces, known.covariance, (end.far, chi2), optimum.settings)

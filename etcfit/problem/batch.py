@@ -6,9 +6,10 @@ serves every folder of a like size and little of it is padding.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
+from weakref import WeakKeyDictionary, WeakValueDictionary
 
 import numpy as np
 from jaxtyping import Float, Int
@@ -162,7 +163,15 @@ class TraceBatch:
         Args:
             guide_stiffness: V/rad, or N m/rad where torque drives; 0 for a free run.
         """
-        return self.steps._replace(guide_stiffness=guide_stiffness * self.guidable)
+        kept = _GUIDES.setdefault(self, WeakValueDictionary())
+        along = kept.get(guide_stiffness)
+        if along is None:
+            along = kept[guide_stiffness] = guide_stiffness * self.guidable
+        return self.steps._replace(guide_stiffness=along)
+
+
+# the same array for the same stiffness as long as somebody has it: of the same arrays a kernel's are packed once
+_GUIDES: WeakKeyDictionary[TraceBatch, WeakValueDictionary[float, np.ndarray]] = WeakKeyDictionary()
 
 
 def batch_of(
@@ -180,8 +189,8 @@ def batch_of(
         least: steps T, lanes L and slots M that the batch has at least, so that what was compiled for another batch
             serves again.
     """
-    strips = [_strip(t, n, config) for t, n in zip(traces, substeps, strict=True)]
-    lanes, length = pack([s["dt"].size for s, _ in strips], least[0])
+    steps = [_under_ecu(t, n, config) for t, n in zip(traces, substeps, strict=True)]
+    lanes, length = pack([breaks.ends.size for breaks, _ in steps], least[0])
     lanes += [[] for _ in range(least[1] - len(lanes))]
     slots = max(least[2], *(len(t.channels) for t in traces))
     table = _blank(length, len(lanes), slots, config)
@@ -189,7 +198,7 @@ def batch_of(
     for lane, members in enumerate(lanes):
         row = 0
         for k in members:
-            strip, marks = strips[k]
+            strip, marks = _strip(traces[k], *steps[k], config), steps[k][0].marks
             for name, column in strip.items():
                 rows = slice(row, row + column.shape[0])
                 if column.ndim == 1:
@@ -216,11 +225,9 @@ def _error(trace: Trace, interval: Int[np.ndarray, " rows"]) -> dict[str, Float[
     return {"keep": keep, "fresh": fresh}
 
 
-def _strip(
-    trace: Trace, substeps: Int[np.ndarray, " intervals"], config: RigConfig
-) -> tuple[dict[str, np.ndarray], Int[np.ndarray, " n"]]:
-    """All columns of one trace, and the entries of its instants."""
-    (ends, interval, marks), command = _under_ecu(trace, substeps, config)
+def _strip(trace: Trace, breaks: Breaks, command: Mapping[str, np.ndarray], config: RigConfig) -> dict[str, np.ndarray]:
+    """All columns of one trace, by its steps and what an ECU is asked in them."""
+    ends, interval, marks = breaks
     n, zeros, ones = ends.size, np.zeros(ends.size), np.ones(ends.size)
     early, late = edges.levels(trace, ends, interval)
     boundary, first = trace.test.boundary, np.arange(n) == 0
@@ -259,7 +266,7 @@ def _strip(
         columns[f"start_{name}"] = first * sd**2
     columns |= edges.in_step(trace, ends, interval)
     columns |= _error(trace, interval) | edges.unplaced(trace, marks, n) | command
-    return columns | _samples(trace, n, marks), marks
+    return columns | _samples(trace, n, marks)
 
 
 def _under_ecu(
@@ -311,7 +318,7 @@ def _assemble(
     places: tuple[tuple[int, int, np.ndarray], ...],
 ) -> TraceBatch:
     def part(kind: Any) -> Any:
-        return kind(*(table[name] for name in kind._fields))
+        return kind(*(_small(table[name]) for name in kind._fields))
 
     command = part(Command) if "active" in table else None
     edge = part(Edge) if np.any(table["span"]) else None
@@ -319,3 +326,9 @@ def _assemble(
     steps = part(Step)._replace(command=command, edge=edge, duty=duty, besides=None, acting=None)
     parts = steps, part(Reset), part(SampleSlots), part(Disturbance)
     return TraceBatch(*parts, table["guidable"], table["test_of"], traces, places)
+
+
+def _small(column: Float[np.ndarray, ...]) -> Float[np.ndarray, ...]:
+    """The column; as a number repeated, which takes no memory, where it is the same everywhere."""
+    first = column.flat[0] if column.size else 0.0
+    return np.broadcast_to(first, column.shape) if np.all(column == first) else column

@@ -159,7 +159,7 @@ def responses(
         numbers, acts = numbered(tree)
         renewed, muted = one_pass_kernels.renewed_and_muted(numbers)
         rows, ways = one_pass_kernels.rows_of(weighted), frozenset(jax.tree.leaves(acts))
-        batch = Entries(tree, rows, (renewed, ways), muted)
+        batch = Entries(tree, rows, (*renewed, ways), muted)
         return _RESPONSES.run((form, order), full, batch)
 
     return np.stack(list(map(along, besides)))

@@ -18,6 +18,7 @@ from __future__ import annotations
 
 from functools import partial
 from typing import Any, NamedTuple
+from weakref import WeakValueDictionary
 
 import jax
 import jax.numpy as jnp
@@ -89,8 +90,20 @@ def plain(slots: SampleSlots, order: int = ORDER) -> InnovationsFilter:
             serve both.
     """
     steps, lanes, count = slots.value.shape
-    empty = jnp.zeros((steps, lanes, count, order))
-    return InnovationsFilter(jnp.zeros((steps, lanes, order, order)), empty, empty, slots.weight / slots.sigma)
+    empty = _nothing((steps, lanes, count, order))
+    weight = np.asarray(slots.weight) / np.asarray(slots.sigma)
+    return InnovationsFilter(_nothing((steps, lanes, order, order)), empty, empty, weight)
+
+
+def _nothing(shape: tuple[int, ...]) -> Float[np.ndarray, ...]:
+    """Zeros that take no memory, the same array as long as somebody has it, so that a kernel's are packed once."""
+    kept = _NOTHING.get(shape)
+    if kept is None:
+        kept = _NOTHING[shape] = np.broadcast_to(0.0, shape)
+    return kept
+
+
+_NOTHING: WeakValueDictionary[tuple[int, ...], np.ndarray] = WeakValueDictionary()
 
 
 def whiten(filter_: InnovationsFilter, error: Float[AnyArray, "T L M"]) -> Float[Array, "T L M"]:

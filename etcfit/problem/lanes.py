@@ -10,6 +10,7 @@ import jax
 import numpy as np
 from jaxtyping import Float
 
+from ..kernels.graph import Graph
 from ..kernels.loop import Across, Loop
 from ..kernels.machine import LANES, POINTS, Kernel
 from .cores import CORES, side_by_side
@@ -54,7 +55,8 @@ class Along:
         def made(shape: Shape, *asked: Any) -> tuple[TracedEntry, tuple[Any, Kernel]]:
             function, names, carried, ties = function_of(*asked)
             entry = TracedEntry(function, names, shape, carried, ties)
-            return entry, (entry.results, compiled(entry.loop(Across.LANES, stored=nodes_of(entry.results))))
+            results = Stored(entry.graph, entry.results)
+            return entry, (results, compiled(entry.loop(Across.LANES, stored=results.nodes)))
 
         self._made = remembered(_ENTRIES)(made)
 
@@ -67,15 +69,32 @@ class Along:
             batch: arrays of NumPy.
         """
         records, (results, kernel) = records_of(batch, lambda shape: self._made(shape, *asked))
-        return like(results, over_lanes(kernel, records, values)[1])
+        return results.like(over_lanes(kernel, records, values)[1])
 
 
-def like(nodes: Any, stored: Float[np.ndarray, "T L stored"]) -> Any:
-    """What was stored of a tree of nodes, in their order, as that tree with axes T and L first."""
-    leaves, tree = jax.tree.flatten(nodes)
-    parts = np.split(stored, np.cumsum([np.size(leaf) for leaf in leaves])[:-1], axis=-1) if leaves else []
-    shaped = (part.reshape(*stored.shape[:2], *np.shape(leaf)) for part, leaf in zip(parts, leaves, strict=True))
-    return jax.tree.unflatten(tree, shaped)
+class Stored:
+    """A tree of nodes as a kernel stores it: leaves that are 0 at every entry are left out, and take no memory.
+
+    Args:
+        graph: of the nodes.
+        tree: a node or an array of nodes for each leaf.
+    Attributes:
+        nodes: that are stored.
+    """
+
+    def __init__(self, graph: Graph, tree: Any) -> None:
+        self._leaves, self._tree = jax.tree.flatten(tree)
+        self._zeros = [all(graph.known(node) == 0.0 for node in nodes_of(leaf)) for leaf in self._leaves]
+        self.nodes = nodes_of([leaf for leaf, zero in zip(self._leaves, self._zeros, strict=True) if not zero])
+
+    def like(self, stored: Float[np.ndarray, "T L stored"]) -> Any:
+        """What was stored, as the tree with axes T and L first."""
+        out, begin = [], 0
+        for leaf, zero in zip(self._leaves, self._zeros, strict=True):
+            shape, end = (*stored.shape[:2], *np.shape(leaf)), begin + (0 if zero else np.size(leaf))
+            out.append(np.broadcast_to(0.0, shape) if zero else stored[..., begin:end].reshape(shape))
+            begin = end
+        return jax.tree.unflatten(self._tree, out)
 
 
 def over_lanes(

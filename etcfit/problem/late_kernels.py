@@ -177,7 +177,7 @@ def responses(
         prompt, signals = _RESPONSES.run(
             (form, laid.late.channels), full, Entries(tree, laid.rows, (*laid.renewed, ways))
         )
-        return laid.shown(prompt, {name: laid.late.of(name, signal) for name, signal in signals.items()})
+        return laid.shown(np.array(prompt), {name: laid.late.of(name, signal) for name, signal in signals.items()})
 
     errors = np.stack([-weighted.slots.weight * along(way) for way in besides])
     return whitened(weighted.whitening, errors, laid.rows)
@@ -212,8 +212,9 @@ def whitened(
         return moved_here(whitened(filter_._replace(moved=None), there, rows), back)
     tree = filter_, np.ascontiguousarray(np.moveaxis(errors, 0, 2))
     numbers = numbered(tree)
-    renewed = frozenset(jax.tree.leaves(numbers[0])), frozenset({numbers[1]})
-    batch = Entries(tree, rows, renewed, frozenset({numbers[0].weight}), never_in(filter_, numbers[0]))
+    weight = numbers[0].weight
+    renewed = frozenset(numbers[0][:3]), frozenset({weight, numbers[1]})
+    batch = Entries(tree, rows, renewed, frozenset({weight}), never_in(filter_, numbers[0]))
     out = _WHITENED.run((filter_.transition.shape[-1], len(errors)), np.zeros(0), batch)
     return np.moveaxis(out, 2, 0)
 

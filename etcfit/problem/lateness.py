@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Bool, Float, Int
 
 from ..kernels.derivatives import forward
 from ..kernels.graph import Graph
@@ -19,7 +19,7 @@ from ..model.delay import Earlier, LateInput, between, earlier, late_input
 from ..model.stepper import Acting, Reset, Step
 from ..model.throttle import Throttle
 from .free_parameters import Form
-from .lanes import compiled, like, over_lanes, remembered
+from .lanes import Stored, compiled, over_lanes, remembered
 from .records import Entries, numbered, records_of, used_rows
 from .residual import equipped
 from .traced_entry import Shape, TracedEntry, nodes_of
@@ -99,16 +99,16 @@ class _LagsEntry:
 @remembered(_REMEMBERED)
 def _lags_entry(form: Form, shape: Shape) -> tuple[TracedEntry, tuple[Any, Kernel]]:
     entry = _LagsEntry(form, shape)
-    nodes = entry.late, entry.ways
-    return entry.traced, (nodes, compiled(entry.traced.loop(Across.LANES, stored=nodes_of(nodes))))
+    results = Stored(entry.traced.graph, (entry.late, entry.ways))
+    return entry.traced, (results, compiled(entry.traced.loop(Across.LANES, stored=results.nodes)))
 
 
 def _found(form: Form, full: Float[np.ndarray, " Q"], batch: Simulated) -> tuple[Lags, dict[str, Lags]]:
     """How late everything is, and its derivatives, (T, L) each."""
     renewed = frozenset({numbered(batch).steps.guide_stiffness})
     entries = Entries(batch, used_rows(batch.steps, batch.resets), (renewed,))
-    records, (nodes, kernel) = records_of(entries, lambda shape: _lags_entry(form, shape))
-    return like(nodes, over_lanes(kernel, records, full)[1])
+    records, (results, kernel) = records_of(entries, lambda shape: _lags_entry(form, shape))
+    return results.like(over_lanes(kernel, records, full)[1])
 
 
 class _Reading(NamedTuple):
@@ -164,7 +164,7 @@ def _shifted(
     for name in {*late.channels, *late.logged}:
         delay, logged = _delay(late.channels.get(name, 0.0)), late.logged.get(name, still)
         moves = [logged, *(way.logged[name] for way in ways.values() if name in way.logged)]
-        lanes = np.flatnonzero(np.any([np.any(each, axis=0) for each in moves], axis=0))
+        lanes = np.flatnonzero(np.any([_anywhere(each) for each in moves], axis=0))
         own = steps._replace(dt=steps.dt[:, lanes]), resets._replace(begins=resets.begins[:, lanes])
         as_there = _Reading(None, None, lanes) if near is None else near.channels[name]
         channels[name] = _Reading(
@@ -175,6 +175,11 @@ def _shifted(
     delay = 0.0 if late.input is None else _delay(late.input)
     begun = None if near is None else near.input
     return _Shifted(late_input(steps, resets, delay, np, begun) if delay > 0.0 else None, channels)
+
+
+def _anywhere(signal: Signal) -> Bool[np.ndarray, " L"]:
+    """Lanes in which a signal is not 0 at every entry; a number repeated (`lanes.Stored`) is looked at once."""
+    return np.any(signal if signal.strides[0] else signal[:1], axis=0)
 
 
 def _delay(each: Any) -> float:

@@ -149,8 +149,12 @@ def linearised(
     """
     if available():
         r, slopes = residual_kernels.linearised(form, form.full(x, weighted.pick), weighted)
-        columns, live = np.zeros((*r.shape, x.size)), np.flatnonzero(form.live(weighted.pick))
-        np.multiply(slopes, form.slopes(x, weighted.pick)[live], out=columns[..., : live.size])
+        live = np.flatnonzero(form.live(weighted.pick))
+        slopes *= form.slopes(x, weighted.pick)[live]
+        if live.size == x.size:  # as large as all samples times parameters: no second one
+            return r, slopes
+        columns = np.zeros((*r.shape, x.size))
+        columns[..., : live.size] = slopes
         return r, columns
     parts = side_by_side(lambda piece: linearise(form, x, piece), shared_out(weighted, x.size))
     lanes = weighted.slots.value.shape[1]

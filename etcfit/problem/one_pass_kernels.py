@@ -68,12 +68,12 @@ def rows_of(weighted: WeightedData) -> Int[np.ndarray, " L"]:
     return used_rows(weighted.steps, weighted.resets)
 
 
-def renewed_and_muted(numbers: tuple[Any, ...]) -> tuple[frozenset[int], frozenset[int]]:
+def renewed_and_muted(numbers: tuple[Any, ...]) -> tuple[tuple[frozenset[int], ...], frozenset[int]]:
     """Of `data_of`, given by the numbers of its leaves: those that change with the filter, and those among them that
-    are 0 where nothing counts."""
+    are 0 where nothing counts. The filter's matrices are by themselves: those of all plain filters are the same."""
     steps, _, slots, _, filter_ = numbers
     weights = frozenset({slots.weight, filter_.weight})
-    return weights | {steps.guide_stiffness, slots.value, *filter_[:4]}, weights
+    return (weights | {steps.guide_stiffness, slots.value}, frozenset(filter_[:3])), weights
 
 
 def _records(form: Form, weighted: WeightedData) -> tuple[Records, ResidualEntry]:
@@ -84,7 +84,7 @@ def _packed(form: Form, weighted: WeightedData) -> tuple[Records, ResidualEntry]
     tree = jax.tree.map(np.asarray, data_of(weighted))
     numbers, order = numbered(tree), weighted.whitening.transition.shape[-1]
     renewed, muted = renewed_and_muted(numbers)
-    batch = Entries(tree, rows_of(weighted), (renewed,), muted, never_in(weighted.whitening, numbers[-1]))
+    batch = Entries(tree, rows_of(weighted), renewed, muted, never_in(weighted.whitening, numbers[-1]))
 
     def made_of(shape: Shape) -> tuple[TracedEntry, ResidualEntry]:
         entry = _entry(form, order, shape)

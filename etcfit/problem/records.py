@@ -142,8 +142,10 @@ def records_of(entries: Entries, made_of: Callable[[Shape], tuple[TracedEntry, M
         records = []
         for of, columns in zip((lasting, *entries.renewed), map(tuple, entry.columns), strict=True):
             make = partial(_record, leaves, columns, muted=entries.muted)
-            key = structure, columns, entries.muted, tuple(groups)
-            records.append(_RECORDS.of([leaves[k] for k in sorted(of)], key, lambda make=make: list(map(make, groups))))
+            place = {leaf: k for k, leaf in enumerate(sorted(of))}  # the same record whatever lies beside it
+            named = tuple((place[leaf], at) for leaf, at in columns)
+            key = named, frozenset(place[leaf] for leaf in entries.muted & of), tuple(groups)
+            records.append(_RECORDS.of([leaves[k] for k in place], key, lambda make=make: list(map(make, groups))))
         packed = tuple(Packed(group, each) for group, each in zip(groups, zip(*records, strict=True), strict=True))
         return Records(np.array(list(uniform.values())), packed, leaves[0].shape[:2]), made
 

@@ -90,7 +90,8 @@ class TracedEntry:
         wanted = [*self.ends, *nodes_of(self.results)]
         used = [(graph.nodes[node][1], node) for node in graph.needed(wanted) if graph.nodes[node][0] == "input"]
         uniform = set(shape.uniform)
-        read = {name: node for name, node in used if isinstance(name, Column) and name not in uniform}
+        # in an order of their own, so that what is packed for one model serves others that read the same
+        read = dict(sorted((name, node) for name, node in used if isinstance(name, Column) and name not in uniform))
         later = [{name: node for name, node in read.items() if name.leaf in leaves} for leaves in shape.renewed]
         first = {name: node for name, node in read.items() if not any(name in each for each in later)}
         self.columns = (first, *later)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import weakref
 from collections.abc import Mapping
 from dataclasses import replace
 from typing import ClassVar
@@ -172,6 +173,14 @@ def test_what_is_its_own_is_what_is_left_of_it_beside_the_fitted_parameters(case
     assert_allclose(case.signature(Either, mixed).columns[:, :1], alone, atol=1e-9)
 
 
+def test_a_signature_briefly_lets_go_of_what_is_as_long_as_all_samples(case: Case) -> None:
+    whole = case.signature(Either, np.column_stack((case.columns(1), np.zeros(N))))
+    gone, brief = weakref.ref(whole.columns), whole.briefly()
+    assert (brief.gain, brief.own, brief.values, brief.seen) == (whole.gain, whole.own, whole.values, 1)
+    del whole
+    assert gone() is None
+
+
 def test_an_effect_that_is_a_shift_of_fitted_parameters_gains_nothing(case: Case) -> None:
     twin = case.signature(Either, case.J @ case.rng.normal(size=(P, 2)))
     assert (twin.own, twin.gain) == (0.0, 0.0)
@@ -268,7 +277,7 @@ def test_each_candidate_is_its_best_variant_and_the_most_promising_comes_first(c
 
 def test_no_candidate_is_no_signature(small: CandidateModel) -> None:
     assert ranked([]) == ()
-    assert tangents_inside(small, []) == []
+    assert tangents_inside(small, [], lambda variant, columns: columns) == []
 
 
 def test_effects_are_screened_in_groups_that_keep_a_tangent_cheap() -> None:

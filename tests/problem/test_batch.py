@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import weakref
 from itertools import pairwise
 
 import numpy as np
@@ -260,3 +261,28 @@ def test_the_start_is_uncertain_at_the_first_entry_only(batch: TraceBatch) -> No
             column = getattr(batch.disturbance, f"start_{name}")[first : marks[-1] + 1, lane]
             assert_allclose(column[0], sd**2)
             assert np.all(column[1:] == 0.0)
+
+
+def resident(array: np.ndarray) -> int:
+    """Bytes that an array holds, be it a view."""
+    while isinstance(array.base, np.ndarray):
+        array = array.base
+    return array.nbytes
+
+
+def test_a_column_that_is_the_same_everywhere_takes_no_memory(batch: TraceBatch) -> None:
+    for column in (batch.steps.gear_ratio, batch.steps.upper, batch.steps.series):
+        assert column.shape == np.shape(batch.steps.dt)
+        assert np.ptp(column) == 0.0
+        assert resident(column) < 100
+    assert batch.steps.gear_ratio[0, 0] == CONFIG.gear_ratio
+    assert resident(batch.steps.dt) == batch.steps.dt.size * 8
+
+
+def test_a_guide_of_one_stiffness_is_one_array_as_long_as_somebody_has_it(batch: TraceBatch) -> None:
+    first, second, other = batch.guided(2.0), batch.guided(2.0), batch.guided(3.0)
+    assert first.guide_stiffness is second.guide_stiffness
+    assert_array_equal(other.guide_stiffness, 1.5 * first.guide_stiffness)
+    gone = weakref.ref(first.guide_stiffness)
+    del first, second
+    assert gone() is None

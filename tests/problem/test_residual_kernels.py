@@ -19,11 +19,11 @@ import results
 from etcfit.estimation.ready import ready
 from etcfit.kernels.machine import available
 from etcfit.model.ecu import Ecu
-from etcfit.model.effects import EFFECTS, AbstractEffect, Contribution, Inputs, State
+from etcfit.model.effects import EFFECT_BY_NAME, EFFECTS, AbstractEffect, Contribution, Inputs, State
 from etcfit.model.parameters import NonNegative, Positive, Real, Scalar, parameter
 from etcfit.model.rig_effects import RIG_EFFECTS, Place, at_places
 from etcfit.model.smooth import UNKNOWNS
-from etcfit.problem import lanes
+from etcfit.problem import lanes, records
 from etcfit.problem import problem as module
 from etcfit.problem.chi2 import chi2_of
 from etcfit.problem.free_parameters import free_parameters
@@ -109,6 +109,22 @@ def agrees(problem: EstimationProblem, x: np.ndarray, weighted: WeightedData) ->
     many = chi2_of(problem, np.stack([x, x + 0.01, x]), weighted)
     assert many[0] == many[2] == pytest.approx(chi2, rel=1e-9)
     assert many[1] == pytest.approx(float(np.sum(np.asarray(quick(whole)(problem.layout.padded(x + 0.01))) ** 2)))
+
+
+def test_models_that_read_the_same_samples_share_one_packing(rig: Rig, monkeypatch: pytest.MonkeyPatch) -> None:
+    problem, x, weighted = case(rig, [], guide=0.3)
+    problem.chi2(x, weighted)
+    other = problem.with_parameters(free_parameters(rig.config, (EFFECT_BY_NAME["gravity_load"],)))
+    tried, made = other.weighted(weighted.whitening), []
+    once = records._record
+
+    def counted(*args: Any, **kwargs: Any) -> np.ndarray:
+        made.append(args)
+        return once(*args, **kwargs)
+
+    monkeypatch.setattr(records, "_record", counted)
+    other.chi2(np.append(x, 0.1), tried)
+    assert not made
 
 
 @pytest.mark.slow  # compiles each model by JAX too

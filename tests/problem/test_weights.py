@@ -38,6 +38,14 @@ def test_free_running_weighs_each_sample_by_its_own_noise(problem: EstimationPro
     assert not np.any(filter_.gain)
 
 
+def test_filters_without_dynamics_share_zeros_that_take_no_memory(problem: EstimationProblem) -> None:
+    one, other = weights.free_running(problem), weights.forgiving(problem)
+    assert one.transition is other.transition
+    assert one.sense is other.gain
+    assert one.gain.strides == (0, 0, 0, 0)
+    assert not np.any(one.transition)
+
+
 def test_forgiving_adds_half_the_distance_to_the_farthest_neighbour(problem: EstimationProblem) -> None:
     sigma = placed(problem, problem.sigma)
     near = np.array([0.0, 0.2, 0.2, 0.0, 0.1, 0.1])
