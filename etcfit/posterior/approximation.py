@@ -2,8 +2,8 @@
 
     x_i ~ t_10(m, C),    w_i = (p(x_i) / t_10(x_i | m, C))^b,    m, C: mean and covariance of the x_i weighted by w_i
 
-again and again, each time from the last m and C, until b = 1. The power b <= 1 is the largest that leaves the weights of
-enough draws about equal: it is small where the first m and C are poor, and rises as they become better.
+again and again, each time from the last m and C, until b = 1. The power b <= 1 is the largest that leaves the weights
+of enough draws alike: it is small where the first m and C are poor, and rises as they become better.
 
 The curvature at the mode alone does not do. Where a parameter lies on its bound it is 0; where plate and friction stick
 and slip the density is rough, and its curvature at one point says little of its width.

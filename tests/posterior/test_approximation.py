@@ -23,7 +23,7 @@ def test_mean_and_covariance_are_found_from_a_poor_guess(wide: float) -> None:
 
 
 def test_roughness_does_not_hide_the_width() -> None:
-    """Ripples of 0.3 in log-probability: the curvature at a point is 3e5 where that of the whole is 1, of either sign."""
+    """Ripples of 0.3 in log-probability have a curvature of up to 3e5, of either sign; that of the whole is 1."""
 
     def rough(x: np.ndarray) -> np.ndarray:
         return -0.5 * np.sum(x**2, axis=1) + 0.3 * np.sum(np.sin(1000.0 * x), axis=1)
