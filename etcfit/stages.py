@@ -91,7 +91,7 @@ def _run_among(args: tuple[Any, ...]) -> RunFolder:
     return next(each for each in args if isinstance(each, RunFolder))
 
 
-_OF_A_FIT = {"diagnose": 2.5, "design": 2.5, "sample": 12.0}  # so many times as long as the fit, on the bench twin
+_OF_A_FIT = {"diagnose": 2.5, "design": 2.5, "sample": 2.5}  # so many times as long as the fit, on the bench twin
 
 
 def expected(run: Path, stage: str) -> Expected | None:

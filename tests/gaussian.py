@@ -33,6 +33,10 @@ class Linear:
         return cls(design, design @ np.ones(size) + rng.standard_normal(samples))
 
     @property
+    def symbols(self) -> tuple[str, ...]:
+        return tuple(f"x{k}" for k in range(self.design.shape[1]))
+
+    @property
     def covariance(self) -> np.ndarray:
         return np.linalg.inv(self.design.T @ self.design)
 
@@ -45,5 +49,4 @@ class Linear:
 
     def begin(self, guess: float = 1.0) -> Chain:
         """Two ensembles, from a covariance that is wrong by the factor `guess` in every standard deviation."""
-        symbols = tuple(f"x{k}" for k in range(self.mean.size))
-        return Chain.begin(self.log_probability, symbols, self.mean, guess**2 * self.covariance, SEEDS)
+        return Chain.begin(self.log_probability, self.symbols, self.mean, guess**2 * self.covariance, SEEDS)

@@ -48,7 +48,7 @@ class AbstractDomain(abc.ABC):
 
     @staticmethod
     @abc.abstractmethod
-    def log_flat(x: Scalar) -> Scalar:
+    def log_flat(x: Scalar, by: Any = jnp) -> Scalar:
         """log |dq/dx| of the quantity q whose prior is flat: that prior's log density in x, to a constant."""
 
     @abc.abstractmethod
@@ -84,10 +84,10 @@ class Positive(AbstractDomain):
         return Positive.curve(x, np) * (1.0 - np.tanh(x / _REACH) ** 2)
 
     @staticmethod
-    def log_flat(x: Scalar) -> Scalar:
+    def log_flat(x: Scalar, by: Any = jnp) -> Scalar:
         """q = log value, since its order of magnitude is unknown: dq/dx = sech^2(x / c)."""
-        y = jnp.abs(x / _REACH)
-        return 2.0 * (jnp.log(2.0) - y - jnp.log1p(jnp.exp(-2.0 * y)))
+        y = by.abs(x / _REACH)
+        return 2.0 * (math.log(2.0) - y - by.log1p(by.exp(-2.0 * y)))
 
     def coordinate(self, value: float) -> float:
         log = math.log(max(value, 1e-300) / self.scale) / _REACH
@@ -124,9 +124,9 @@ class NonNegative(AbstractDomain):
         return NonNegative.curve(x, np) / np.sqrt(x * x + _SOFTNESS**2)
 
     @staticmethod
-    def log_flat(x: Scalar) -> Scalar:
+    def log_flat(x: Scalar, by: Any = jnp) -> Scalar:
         """q = value / scale, since it may be zero: dq/dx = q / sqrt(x^2 + e^2)."""
-        return jnp.log(NonNegative.curve(x) / jnp.sqrt(x * x + _SOFTNESS**2))
+        return by.log(NonNegative.curve(x, by) / by.sqrt(x * x + _SOFTNESS**2))
 
     def coordinate(self, value: float) -> float:
         y = max(value / self.scale, 0.25 * _SOFTNESS)
@@ -155,9 +155,9 @@ class Real(AbstractDomain):
         return np.ones_like(x)
 
     @staticmethod
-    def log_flat(x: Scalar) -> Scalar:
+    def log_flat(x: Scalar, by: Any = jnp) -> Scalar:
         """q = value / scale = x."""
-        return jnp.zeros_like(x)
+        return by.zeros_like(x)
 
     def coordinate(self, value: float) -> float:
         return value / self.scale
@@ -194,18 +194,19 @@ def slopes(kinds: Int[np.ndarray, " P"], x: Float[np.ndarray, " P"]) -> Float[np
     return np.choose(kinds, [domain.slope(x) for domain in DOMAINS])
 
 
-def log_flats(kinds: Int[AnyArray, " P"], x: Float[AnyArray, " P"]) -> Float[Array, " P"]:
+def log_flats(kinds: Int[AnyArray, " P"], x: Float[AnyArray, "*K P"], by: Any = jnp) -> Float[AnyArray, "*K P"]:
     """log |dq/dx| of many coordinates at once, q the quantity with a flat prior in the domain of each.
 
     Args:
         kinds: domain of each, an index into `DOMAINS`, shape (P,).
-        x: coordinates, shape (P,), dimensionless.
+        x: coordinates, shape (..., P), dimensionless.
+        by: what computes, JAX or NumPy.
     Returns:
-        shape (P,).
+        shape (..., P).
     """
-    out = jnp.zeros_like(x)
+    out = by.zeros_like(x)
     for k, domain in enumerate(DOMAINS):
-        out = jnp.where(kinds == k, domain.log_flat(x), out)
+        out = by.where(kinds == k, domain.log_flat(x, by), out)
     return out
 
 

@@ -6,7 +6,6 @@ it had never been interrupted.
 
 from __future__ import annotations
 
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -14,7 +13,9 @@ from typing import Any
 import numpy as np
 
 from ..files import whole
+from .approximation import approximate
 from .ensemble import Ensemble, LogProbability
+from .in_step import in_step
 from .settings import SamplingSettings
 
 _SAME = 1e-6  # by which a log-probability may differ when it is computed again, absolute and relative
@@ -26,13 +27,13 @@ class Chain:
 
     Args:
         symbols: of the coordinates.
-        mode: x = mode + root u, coordinates, shape (P,).
-        root: square root of the covariance at the mode, shape (P, P).
+        centre: x = centre + root u, coordinates, shape (P,): mean of a normal density near the one sampled.
+        root: square root of its covariance, shape (P, P).
         ensembles: equally long.
     """
 
     symbols: tuple[str, ...]
-    mode: np.ndarray
+    centre: np.ndarray
     root: np.ndarray
     ensembles: tuple[Ensemble, ...]
 
@@ -41,42 +42,39 @@ class Chain:
         cls,
         target: LogProbability,
         symbols: tuple[str, ...],
-        mode: np.ndarray,
+        start: np.ndarray,
         covariance: np.ndarray,
         settings: SamplingSettings = SamplingSettings(),
     ) -> Chain:
-        """One ensemble a seed, about the mode.
+        """One ensemble a seed, about the density's own mean as far as it is found.
 
         Args:
             target: log-probability of coordinates, shape (K, P) -> (K,).
             symbols: of the coordinates, P.
-            mode: coordinates, shape (P,).
-            covariance: of the coordinates there, shape (P, P).
-            settings: seeds and walkers.
+            start: coordinates from which that is sought, shape (P,).
+            covariance: first guess of the covariance, shape (P, P).
+            settings: seeds, walkers, and how the mean is sought.
         """
-        variance, axes = np.linalg.eigh(covariance)
-        root = axes * np.sqrt(np.maximum(variance, 0.0))
-        bare = cls(symbols, mode, root, ())
+        bare = cls(symbols, *approximate(target, start, covariance, settings), ())
         standard = bare.standard(target)
         return replace(
-            bare, ensembles=tuple(Ensemble.begin(standard, mode.size, seed, settings) for seed in settings.seeds)
+            bare, ensembles=tuple(Ensemble.begin(standard, start.size, seed, settings) for seed in settings.seeds)
         )
 
     def standard(self, target: LogProbability) -> LogProbability:
-        """The density over standard coordinates u, x = mode + root u; it differs by a constant factor."""
-        return lambda u: target(self.mode + u @ self.root.T)
+        """The density over standard coordinates u, x = centre + root u; it differs by a constant factor."""
+        return lambda u: target(self.centre + u @ self.root.T)
 
     def advanced(self, target: LogProbability, steps: int) -> Chain:
-        """The chain after some more steps. Ensembles run side by side: a log-probability in JAX keeps one core busy."""
-        standard = self.standard(target)
-        with ThreadPoolExecutor(len(self.ensembles)) as pool:
-            later = pool.map(lambda e: e.advanced(standard, steps), self.ensembles)
+        """The chain after some more steps. Points of all ensembles are computed in one call, so that the processor's
+        vectors are full."""
+        later = in_step(lambda e, standard: e.advanced(standard, steps), self.ensembles, self.standard(target))
         return replace(self, ensembles=tuple(later))
 
     def coordinates(self, burn: int) -> np.ndarray:
         """What was sampled after `burn` steps, shape (E, N, W, P)."""
         kept = np.stack([e.points[burn:] for e in self.ensembles])
-        return self.mode + kept @ self.root.T
+        return self.centre + kept @ self.root.T
 
     def belongs_to(self, target: LogProbability, symbols: tuple[str, ...]) -> bool:
         """False where the data, the model or its fit have changed since the chain was begun."""
@@ -89,7 +87,7 @@ class Chain:
 
 def save(path: Path, chain: Chain) -> None:
     """Write a chain whole or not at all."""
-    arrays: dict[str, Any] = {"symbols": np.array(chain.symbols, dtype=str), "mode": chain.mode, "root": chain.root}
+    arrays: dict[str, Any] = {"symbols": np.array(chain.symbols, dtype=str), "mode": chain.centre, "root": chain.root}
     for k, e in enumerate(chain.ensembles):
         _, keys, position, has_gauss, gauss = e.random
         arrays |= {f"points{k}": e.points, f"log_probability{k}": e.log_probability, f"accepted{k}": e.accepted,
@@ -124,7 +122,7 @@ def _chain(kept: Any) -> Chain:
     ensembles = tuple(_ensemble(kept, k) for k in range(count))
     chain = Chain(tuple(map(str, kept["symbols"])), kept["mode"], kept["root"], ensembles)
     size, one = len(chain.symbols), ensembles[0].points.shape
-    whole_one = chain.mode.shape == (size,) and chain.root.shape == (size, size) and one[2:] == (size,)
+    whole_one = chain.centre.shape == (size,) and chain.root.shape == (size, size) and one[2:] == (size,)
     if not whole_one or not all(e.points.shape == one and e.log_probability.shape == one[:2] for e in ensembles):
         raise ValueError("its arrays do not fit together")
     return chain

@@ -1,21 +1,19 @@
 """An ensemble of walkers: its whole history, its random state, and how it goes on. Nothing else runs emcee's sampler.
 
-Walkers live in standard coordinates u, x = mode + root u, in which the posterior is about standard normal.
+Walkers live in standard coordinates u, x = centre + root u, in which the posterior is about standard normal.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Any
 
 import emcee
 import numpy as np
 
+from .approximation import LogProbability
 from .moves import moves
 from .settings import SamplingSettings
-
-LogProbability = Callable[[np.ndarray], np.ndarray]
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,4 +1,4 @@
-"""How walkers move: differential evolution, a snooker now and then, and leaps by the fit's own covariance."""
+"""How walkers move: leaps by the normal density near the one sampled, differential evolution, a snooker at times."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from typing import Any
 import emcee
 import numpy as np
 
-_FREEDOM = 10.0  # degrees of freedom of the leaps' tails
+from .approximation import drawn_t, log_t
 
 
 class Snooker(emcee.moves.RedBlueMove):
@@ -34,29 +34,23 @@ class Snooker(emcee.moves.RedBlueMove):
         return moved, (sample.shape[1] - 1.0) * stretch
 
 
-class Laplace(emcee.moves.RedBlueMove):
-    """A walker leaps to a point that does not depend on where it is, drawn about the mode.
+class Leap(emcee.moves.RedBlueMove):
+    """A walker leaps to a point that does not depend on where it is.
 
         u' ~ t_10(0, 1),    accepted with probability min(1, p(u') t_10(u) / (p(u) t_10(u')))
 
-    In standard coordinates this is the fit's own normal approximation with heavier tails: where that is nearly right,
-    most leaps are accepted and walkers forget at once where they were; where it is not, they are refused and the other
-    moves do the work. Source: Tierney 1994, sec. 2.3.3 (independence chains).
+    In standard coordinates this is the normal density of `approximation` with heavier tails: where that is nearly
+    right, half of the leaps are accepted and walkers forget at once where they were; where it is not, they are refused
+    and the other moves do the work. Source: Tierney 1994, sec. 2.3.3 (independence chains).
     """
 
     def get_proposal(self, sample: np.ndarray, complement: Any, random: Any) -> tuple[np.ndarray, np.ndarray]:
         """Proposals for the walkers of one half, and the logarithms of their factors."""
-        scale = np.sqrt(_FREEDOM / random.chisquare(_FREEDOM, len(sample)))
-        moved = scale[:, None] * random.standard_normal(sample.shape)
-        return moved, _log_t(sample) - _log_t(moved)
-
-
-def _log_t(u: np.ndarray) -> np.ndarray:
-    """log density of a multivariate t, to a constant, shape (K, P) -> (K,)."""
-    return -0.5 * (_FREEDOM + u.shape[1]) * np.log1p(np.sum(u**2, axis=1) / _FREEDOM)
+        moved = drawn_t(*sample.shape, random)
+        return moved, log_t(sample) - log_t(moved)
 
 
 def moves() -> list[tuple[Any, float]]:
-    """Differential evolution (ter Braak 2006), at times by a whole difference, which leaps from mode to mode; snooker;
-    and leaps by the fit's covariance."""
-    return [(emcee.moves.DEMove(), 0.5), (emcee.moves.DEMove(gamma0=1.0), 0.05), (Snooker(), 0.05), (Laplace(), 0.4)]
+    """Leaps; differential evolution (ter Braak 2006), at times by a whole difference, which leads from mode to mode;
+    and snooker."""
+    return [(Leap(), 0.7), (emcee.moves.DEMove(), 0.2), (emcee.moves.DEMove(gamma0=1.0), 0.05), (Snooker(), 0.05)]

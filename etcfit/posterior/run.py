@@ -18,6 +18,7 @@ BLOCK = SamplingSettings().block
 
 def run(
     target: LogProbability,
+    symbols: tuple[str, ...],
     begin: Callable[[], Chain],
     path: Path,
     most: int,
@@ -30,6 +31,7 @@ def run(
 
     Args:
         target: log-probability of coordinates, shape (K, P) -> (K,).
+        symbols: of the coordinates, P.
         begin: a chain of no steps.
         path: file of the chain.
         most: steps after which to stop whether the chain has converged or not.
@@ -39,7 +41,7 @@ def run(
     Returns:
         the whole chain, and the verdict on it.
     """
-    chain = _taken_up(path, target, begin(), remark)
+    chain = _taken_up(path, target, symbols, begin, remark)
     here = Convergence.of(chain.ensembles, settings)
     began, first = time.monotonic(), here.steps
     while not here.converged and here.steps < most:
@@ -51,18 +53,24 @@ def run(
     return chain, here
 
 
-def _taken_up(path: Path, target: LogProbability, new: Chain, remark: Callable[[str], None]) -> Chain:
+def _taken_up(
+    path: Path,
+    target: LogProbability,
+    symbols: tuple[str, ...],
+    begin: Callable[[], Chain],
+    remark: Callable[[str], None],
+) -> Chain:
     """The chain that is kept, where it is whole and the target's, else the new one."""
     try:
         kept = load(path)
         why = "belongs to another model or other data"
     except Damaged as error:
         kept, why = None, f"cannot be read ({error})"
-    if kept is not None and kept.belongs_to(target, new.symbols):
+    if kept is not None and kept.belongs_to(target, symbols):
         return kept
     if path.exists():
         remark(f"{path} {why}: it was moved to {put_aside(path)}, and a new chain begun.")
-    return new
+    return begin()
 
 
 def _words(here: Convergence, most: int, pace: float) -> str:

@@ -95,10 +95,11 @@ def sample(
     target = Target.of(result, settings)
 
     def begin() -> Chain:
-        return Chain.begin(target.log_probability, target.symbols, target.mode, target.covariance, settings)
+        report("finding where the walkers begin", 0.0)
+        return Chain.begin(target.log_probability, target.symbols, *target.start(), settings)
 
     remarks: list[str] = []
     with held(Path(run_dir)):
-        chain, convergence = run(target.log_probability, begin, Path(run_dir) / CHAIN, settings.most_steps, report,
-                                 settings, remarks.append)  # fmt: skip
+        chain, convergence = run(target.log_probability, target.symbols, begin, Path(run_dir) / CHAIN,
+                                 settings.most_steps, report, settings, remarks.append)  # fmt: skip
     return Posterior(result, target, chain, convergence, exact, settings, " ".join(remarks))

@@ -19,6 +19,10 @@ class SamplingSettings:
         seeds: of the random numbers, one independent ensemble each.
         walkers_per_coordinate: walkers of each ensemble for each sampled coordinate.
         least_walkers: of each ensemble however few the coordinates; the snooker move needs three others in each half.
+        draws_per_coordinate: draws, for each coordinate, that a normal density near the one sampled is sought with.
+        most_rounds: times that so many are drawn at most.
+        alike_weights: share of them that their weights must be worth.
+        refinement: factor on the draws of the last round.
         typical: a walker is no start where log-probability lies below that of a normal density by more than this many
             standard deviations of its chi2.
         halvings: times that such a walker's distance from the mode is halved at most.
@@ -44,6 +48,10 @@ class SamplingSettings:
     seeds: tuple[int, ...] = wholes((20230701, 20230702), 0, 2**32 - 1)
     walkers_per_coordinate: int = whole(4, 2, 1000)
     least_walkers: int = whole(8, 8, 10_000)
+    draws_per_coordinate: int = whole(40, 8, 100_000)
+    most_rounds: int = whole(20, 0, 10_000)
+    alike_weights: float = real(0.25, 0.01, 0.99)
+    refinement: int = whole(4, 1, 1000)
     typical: float = real(6.0, 0.0, 1000.0)
     halvings: int = whole(30, 0, 1000)
     most_steps: int = whole(20_000, 0, 10**9)

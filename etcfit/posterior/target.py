@@ -20,10 +20,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
 
-import jax
-import jax.numpy as jnp
 import numpy as np
 
 from ..estimation.autocorrelation import inflation
@@ -31,7 +28,7 @@ from ..estimation.identifiability import WIDE
 from ..estimation.joint_fit import FitResult
 from ..estimation.levenberg_marquardt import local, minimise
 from ..estimation.settings import WhitenessSettings
-from ..model.parameters import log_flats
+from ..model.parameters import NonNegative, log_flats
 from ..problem.chi2 import chi2_of
 from ..problem.prediction_error import columns
 from ..problem.problem import EstimationProblem
@@ -73,18 +70,27 @@ class Target:
         """Symbols of the coordinates, P."""
         return self.problem.layout.free
 
+    def start(self) -> tuple[np.ndarray, np.ndarray]:
+        """A point from which the density's own mean and covariance are sought, and the covariance of the curvature
+        there, shapes (P,) and (P, P).
+
+        It is the mode, with quantities that may be zero and are moved off it: on the bound dq/dx is 0, and the
+        curvature tells nothing of the width, while the prior is flat in q.
+        """
+        layout = self.problem.layout
+        may_be_zero = [isinstance(layout.parameter(s).domain, NonNegative) for s in self.symbols]
+        point = np.where(may_be_zero, layout.off_bounds(self.mode), self.mode)
+        if np.array_equal(point, self.mode):
+            return self.mode, self.covariance
+        return point, local(self.problem, point, self.weighted).covariance
+
     def log_probability(self, points: np.ndarray) -> np.ndarray:
         """log p to a constant at K points, shape (K, P) -> (K,); -inf where the model cannot be computed."""
         form, where = self.problem.layout.form, self.problem.layout.pick(self.problem.free_parameters.held).where
-        jacobian = np.asarray(_log_jacobian(form.kinds[where[: points.shape[1]]], points))
+        with np.errstate(over="ignore", divide="ignore", invalid="ignore"):  # of points that are none
+            jacobian = np.sum(log_flats(form.kinds[where[: points.shape[1]]], points, np), axis=1)
         log_p = -0.5 * chi2_of(self.problem, points, self.weighted) + jacobian
         return np.where(np.isfinite(log_p), log_p, -np.inf)
-
-
-@jax.jit
-def _log_jacobian(kinds: Any, points: Any) -> Any:
-    """sum_j log |dq_j/dx_j|, shape (K, P) -> (K,)."""
-    return jnp.sum(jax.vmap(lambda x: log_flats(kinds, x))(points), axis=1)
 
 
 def inflations(

@@ -44,8 +44,9 @@ def chi2_of(
     form = problem.layout.form
     if available():
         with np.errstate(over="ignore", invalid="ignore"):  # of simulations that run away
-            fulls = form.full(problem.layout.padded(points), weighted.pick)
-            chi2 = residual_kernels.chi2_of_points(form, fulls, weighted) + _of_priors(problem, points, weighted)
+            padded = problem.layout.padded(points)
+            prior = np.sum(prior_residual_here(padded, weighted) ** 2, axis=-1)
+            chi2 = prior + residual_kernels.chi2_of_points(form, form.full(padded, weighted.pick), weighted)
             return np.where(np.isfinite(chi2), chi2, np.inf)
     if len(points) < _FEW:  # what is compiled for one residual serves, whatever their number
         return np.array([_of_one(problem, x, weighted) for x in points])
@@ -55,13 +56,6 @@ def chi2_of(
     parts = side_by_side(lambda some: _chi2(form, some, weighted), np.split(full, passes))
     chi2 = np.concatenate([np.asarray(part) for part in parts])[: len(points)]
     return np.where(np.isfinite(chi2), chi2, np.inf)
-
-
-def _of_priors(
-    problem: EstimationProblem, points: Float[np.ndarray, "K P"], weighted: WeightedData
-) -> Float[np.ndarray, " K"]:
-    each = (prior_residual_here(problem.layout.padded(x), weighted) for x in points)
-    return np.array([float(np.sum(prior**2)) for prior in each])
 
 
 def _of_one(problem: EstimationProblem, x: Float[np.ndarray, " P"], weighted: WeightedData) -> float:

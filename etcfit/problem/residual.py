@@ -147,12 +147,12 @@ def run(form: Form, x: Float[Array, " P"], pick: Pick, batch: BatchArrays | Weig
     return SimulatedRun(throttle, simulate(throttle, steps, resets), steps, resets)
 
 
-def prior_residual(x: Float[AnyArray, " P"], weighted: WeightedData) -> Float[AnyArray, " P"]:
-    """(x - mean) / sd of the Gaussian priors, shape (P,), dimensionless; 0 where there is none."""
+def prior_residual(x: Float[AnyArray, "*K P"], weighted: WeightedData) -> Float[AnyArray, "*K P"]:
+    """(x - mean) / sd of the Gaussian priors, shape (..., P), dimensionless; 0 where there is none."""
     return (x - weighted.prior_mean) / weighted.prior_sd
 
 
-def prior_residual_here(x: Float[np.ndarray, " P"], weighted: WeightedData) -> Float[np.ndarray, " P"]:
+def prior_residual_here(x: Float[np.ndarray, "*K P"], weighted: WeightedData) -> Float[np.ndarray, "*K P"]:
     """`prior_residual` outside all programs: by numpy, for which nothing is compiled."""
     mean, sd = np.asarray(weighted.prior_mean), np.asarray(weighted.prior_sd)
     return prior_residual(x, weighted._replace(prior_mean=mean, prior_sd=sd))

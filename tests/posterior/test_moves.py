@@ -8,7 +8,7 @@ import emcee
 import numpy as np
 import pytest
 
-from etcfit.posterior.moves import Laplace, Snooker
+from etcfit.posterior.moves import Leap, Snooker
 
 SIZE = 5
 
@@ -23,7 +23,7 @@ def variances(move: Any, scale: float = 1.0, steps: int = 2000) -> np.ndarray:
     return np.var(np.asarray(sampler.get_chain(discard=200, flat=True)), axis=0) / scale**2
 
 
-@pytest.mark.parametrize("move", [Snooker(), Laplace()], ids=["snooker", "laplace"])
+@pytest.mark.parametrize("move", [Snooker(), Leap()], ids=["snooker", "leap"])
 @pytest.mark.parametrize("scale", [0.6, pytest.param(1.0, marks=pytest.mark.slow)])
 def test_a_move_keeps_the_variance_of_a_normal_density(move: Any, scale: float) -> None:
     # 72 000 draws, the slowest of them with tau of about 30: standard error 0.03 each, 0.013 for their mean

@@ -23,14 +23,16 @@ from etcfit.posterior.convergence import LENGTH, Convergence, split_rhat
 from etcfit.posterior.ensemble import Ensemble
 from etcfit.posterior.run import BLOCK, run
 from etcfit.posterior.settings import SamplingSettings
-from gaussian import Linear
+from gaussian import SEEDS, Linear
 
 LINEAR = Linear.make()
 FILE = "chain.npz"
 
 
-def sampled(path: Path, most: int, linear: Linear = LINEAR, guess: float = 1.0) -> tuple[Chain, Convergence]:
-    return run(linear.log_probability, lambda: linear.begin(guess), path / FILE, most, quiet)
+def sampled(
+    path: Path, most: int, guess: float = 1.0, settings: SamplingSettings = SamplingSettings()
+) -> tuple[Chain, Convergence]:
+    return run(LINEAR.log_probability, LINEAR.symbols, lambda: LINEAR.begin(guess), path / FILE, most, quiet, settings)
 
 
 def same(a: Chain, b: Chain) -> None:
@@ -53,6 +55,20 @@ def test_a_linear_gaussian_posterior_is_found_also_from_a_wrong_covariance(tmp_p
     assert_allclose(np.corrcoef(draws.T), LINEAR.covariance / np.outer(sd, sd), atol=4.0 * error)
 
 
+def test_a_guess_far_too_wide_in_one_direction_costs_no_steps(tmp_path: Path) -> None:
+    """As from the curvature at a bound, where a parameter changes nothing."""
+    linear = Linear.make(size=8)
+    wide = linear.covariance + np.diag((100.0 * np.sqrt(np.diag(linear.covariance)) * (np.arange(8) == 3)) ** 2)
+
+    def begin() -> Chain:
+        return Chain.begin(linear.log_probability, linear.symbols, linear.mean + np.sqrt(np.diag(wide)), wide, SEEDS)
+
+    chain, here = run(linear.log_probability, linear.symbols, begin, tmp_path / FILE, 600, quiet)
+    assert here.converged, here.reason
+    draws = chain.coordinates(here.burn).reshape(-1, 8)
+    assert_allclose(draws.std(axis=0), np.sqrt(np.diag(linear.covariance)), rtol=4.0 / np.sqrt(here.effective))
+
+
 def test_it_stops_by_itself_once_the_chain_is_long_enough(tmp_path: Path) -> None:
     chain, here = sampled(tmp_path, 20_000)
     assert here.steps < 2_000
@@ -66,13 +82,14 @@ def _shorter(e: Ensemble, steps: int) -> Ensemble:
 
 
 def test_a_short_chain_is_no_posterior_and_says_how_much_longer_it_must_be(tmp_path: Path) -> None:
-    _, here = sampled(tmp_path, 100)
+    long = SamplingSettings(length=200.0)
+    _, here = sampled(tmp_path, 100, settings=long)
     assert (here.converged, here.steps) == (False, 100)
-    assert f"{LENGTH:.0f} are needed" in here.reason
+    assert "200 are needed" in here.reason
     lacking = here.needed - here.steps
     assert f"About {lacking} more steps" in here.reason
     assert lacking > 0
-    _, later = sampled(tmp_path, here.needed + 10 * BLOCK)
+    _, later = sampled(tmp_path, here.needed + 10 * BLOCK, settings=long)
     assert later.converged, later.reason
 
 
@@ -171,7 +188,7 @@ def remarked(path: Path, linear: Linear) -> tuple[Chain, list[str]]:
     """One block, and what was said besides."""
     said: list[str] = []
     target, settings = linear.log_probability, SamplingSettings()
-    chain, _ = run(target, lambda: linear.begin(1.0), path, BLOCK, quiet, settings, said.append)
+    chain, _ = run(target, linear.symbols, lambda: linear.begin(1.0), path, BLOCK, quiet, settings, said.append)
     return chain, said
 
 
@@ -234,7 +251,7 @@ def test_an_interruption_between_blocks_loses_only_the_block(tmp_path: Path) -> 
             raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt):
-        run(LINEAR.log_probability, LINEAR.begin, tmp_path / FILE, 20_000, interrupt)
+        run(LINEAR.log_probability, LINEAR.symbols, LINEAR.begin, tmp_path / FILE, 20_000, interrupt)
     kept = load(tmp_path / FILE)
     assert kept is not None
     assert kept.ensembles[0].steps == 2 * BLOCK
@@ -242,7 +259,14 @@ def test_an_interruption_between_blocks_loses_only_the_block(tmp_path: Path) -> 
 
 def test_progress_tells_acceptance_tau_effective_samples_and_time_left(tmp_path: Path) -> None:
     said: list[tuple[str, float]] = []
-    run(LINEAR.log_probability, LINEAR.begin, tmp_path / FILE, 4 * BLOCK, lambda *each: said.append(each))
+    run(
+        LINEAR.log_probability,
+        LINEAR.symbols,
+        LINEAR.begin,
+        tmp_path / FILE,
+        4 * BLOCK,
+        lambda *each: said.append(each),
+    )
     assert len(said) == 4
     text, share = said[-1]
     assert all(word in text for word in ("% accepted", "tau", "effective samples", "left"))
@@ -252,14 +276,14 @@ def test_progress_tells_acceptance_tau_effective_samples_and_time_left(tmp_path:
 CHILD = """
 import sys, time
 from pathlib import Path
-from gaussian import Linear
+from gaussian import SEEDS, Linear
 from etcfit.estimation.joint_fit import quiet
 from etcfit.posterior.run import run
 linear = Linear.make()
 def slowly(points):
     time.sleep(0.002)
     return linear.log_probability(points)
-run(slowly, linear.begin, Path(sys.argv[1]), 20_000, quiet)
+run(slowly, linear.symbols, linear.begin, Path(sys.argv[1]), 20_000, quiet)
 """
 
 

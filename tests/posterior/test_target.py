@@ -72,6 +72,19 @@ def test_a_belief_weighs_only_on_what_has_no_prior(held: tuple[EstimationProblem
     assert_allclose((told.prior_mean[1], told.prior_sd[1]), (0.3, 2.0 * WIDE))
 
 
+def test_what_lies_on_its_bound_is_sought_off_it(held: tuple[EstimationProblem, WeightedData]) -> None:
+    problem, weighted = held
+    mode = np.array([0.03, -31.0])  # T_f is 0: no change of its coordinate changes it
+    kept = target(problem, weighted)
+    at_bound = Target(problem, weighted, mode, kept.covariance, {})
+    point, covariance = at_bound.start()
+    assert point[0] == mode[0]
+    assert problem.layout.numbers(point)[1][1] > 1e3 * problem.layout.numbers(mode)[1][1]
+    assert not np.array_equal(covariance, kept.covariance)
+    inside = Target(problem, weighted, point, kept.covariance, {})
+    assert inside.start() == (inside.mode, inside.covariance)
+
+
 @pytest.mark.slow
 def test_the_chunks_of_a_large_ensemble_are_put_together_again(held: tuple[EstimationProblem, WeightedData]) -> None:
     problem, weighted = held
