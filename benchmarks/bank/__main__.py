@@ -17,8 +17,9 @@ from .work import latest, run, saved
 
 TEST = 20_000  # seeds from here on are the test's
 FURTHER = tuple(f"outside:{name}" for name in LATER)
-BEGINS: Mapping[str, int] = {"clean": 6500, "single": 6500, "pair": 6500, "outside": 6500, "mistake": 7400, "slow": 8200,
-                            "edges": 8300, "ecu": 17_500, **dict.fromkeys(FURTHER, 8000)}  # training seeds  # fmt: skip
+# where the training seeds of a token begin
+BEGINS: Mapping[str, int] = {**dict.fromkeys(("clean", "single", "pair", "outside"), 6500), "mistake": 7400,
+                             "slow": 8200, "edges": 8300, "ecu": 17_500, **dict.fromkeys(FURTHER, 8000)}  # fmt: skip
 ECU = ("ecu:known", "ecu:scaled", "ecu:free")
 MIXES: Mapping[str, Mapping[str, int]] = {
     "proof": dict.fromkeys((*CLASSES, FURTHER[0], FURTHER[3]), 2),
@@ -68,9 +69,8 @@ def main() -> None:
         counts = MIXES[choices.mix] if choices.mix else dict.fromkeys(choices.classes, choices.folders)
         cases = wanted({token: (first_seed(token, choices), n) for token, n in counts.items()})
         if choices.list:
-            print(
-                "\n".join(f"{c.kind} {c.seed} {' + '.join(c.names)} {' + '.join(c.strength)} {c.edges}" for c in cases)
-            )
+            for each in cases:
+                print(each.kind, each.seed, " + ".join(each.names), " + ".join(each.strength), each.edges)
             return
         new, old = run(cases, choices.jobs, choices.save, lambda line: print(line, flush=True)), None
     else:

@@ -132,7 +132,8 @@ def title(record: Record) -> str:
     there = " + ".join(f"{n} ({s})" if s else n for n, s in zip(truth["names"], levels, strict=True))
     made = truth["mistake"]
     where = f" in {made['file'] or made['test'] or 'the rig'}" if made else ""
-    return f"{record['class']} {record['seed']}{', edges ' + truth['edges'] if truth['edges'] else ''}: {there or 'nothing'}{where}"
+    edges = f" {truth['edges']}" if truth["edges"] else ""
+    return f"{record['class']}{edges} {record['seed']}: {there or 'nothing'}{where}"
 
 
 def said(record: Record) -> str:

@@ -33,13 +33,10 @@ class Rate:
         """In words."""
         if self.low is None or self.high is None:
             return ""
+        low, high = f"{100 * self.low:.0f}", f"{100 * self.high:.0f} %"
         if self.high >= 1.0:
-            return f"at least {100 * self.low:.0f} %"
-        return (
-            f"at most {100 * self.high:.0f} %"
-            if self.low <= 0.0
-            else f"{100 * self.low:.0f} to {100 * self.high:.0f} %"
-        )
+            return f"at least {low} %" if self.low < 1.0 else "all"
+        return f"at most {high}" if self.low <= 0.0 else f"{low} to {high}"
 
     def verdict(self, flags: Flags) -> str:
         """Whether the target is met, and whether so few folders can tell."""
@@ -121,7 +118,7 @@ RATES: tuple[Rate, ...] = (
     *(Rate(f"95 % intervals hold: {words}", 0.93, 0.97, lambda R, kind=kind: hold(of(R, kind)))
       for kind, words in (("clean", "clean"), ("single", "one effect"), ("pair", "pairs"), ("outside", "outside"),
                           ("mistake", "mistakes"), ("slow", "slow logs"), ("edges", "edges on samples"))),
-    *(Rate(f"95 % intervals hold: `[ecu]`, gains {told}", 0.92, 0.98, gains(told)) for told in ("known", "scaled", "free")),
+    *(Rate(f"95 % intervals hold: `[ecu]`, gains {t}", 0.92, 0.98, gains(t)) for t in ("known", "scaled", "free")),
     Rate("stated at 0.9 (0.85 to 0.95): right", 0.86, 0.94, lambda R: stated(R, *AT_09)),
     Rate("stated at 0.7 (0.6 to 0.8): right", 0.62, 0.78, lambda R: stated(R, *AT_07)),
     Rate("all folders: |z| below 5 throughout", 1.0, 1.0, lambda R: [worst([r])[0] < 5.0 for r in R if errors(r)]),

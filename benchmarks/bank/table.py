@@ -35,8 +35,9 @@ def summary(records: Sequence[Record]) -> str:
     seeds = [r["seed"] for r in records]
     failed = sum("error" in r for r in records)
     return (
-        f"SYNTHETIC. {len(records)} folders, seeds {min(seeds)} to {max(seeds)}, commit {_commits(records)}; {failed} failed; "
-        f"{np.median(seconds):.0f} s of processor time a folder (median), {seconds.max():.0f} s at most, {clock(seconds.sum())} in all."
+        f"SYNTHETIC. {len(records)} folders, seeds {min(seeds)} to {max(seeds)}, commit {_commits(records)}; "
+        f"{failed} failed; processor time {np.median(seconds):.0f} s a folder (median), {seconds.max():.0f} s at most, "
+        f"{clock(seconds.sum())} in all."
     )
 
 
