@@ -59,8 +59,12 @@ def arguments() -> argparse.Namespace:
 
 def first_seed(token: str, choices: argparse.Namespace) -> int:
     """As asked for, that of a frozen mix, or where the token's training seeds begin."""
-    asked = choices.first_seed or FROZEN.get(choices.mix)
-    return asked or BEGINS.get(token) or BEGINS.get(token.partition(":")[0], 0)
+    return choices.first_seed or FROZEN.get(choices.mix) or begins(token)
+
+
+def begins(token: str) -> int:
+    """Where its training seeds do."""
+    return BEGINS.get(token) or BEGINS.get(token.partition(":")[0], 0)
 
 
 def main() -> None:

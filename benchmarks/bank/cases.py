@@ -107,11 +107,6 @@ def _of(seed: int, kind: str, names: tuple[str, ...] = (), strength: tuple[str, 
     return Case(seed, kind, names, strength, effects, draw_truth(np.random.default_rng(seed), CONSISTENT), edges)
 
 
-def _under_ecu(seed: int, told: str) -> Case:
-    """Its body is drawn about the middle that its seeds always had."""
-    return replace(_of(seed, "ecu", (told,)), truth=draw_truth(np.random.default_rng(seed)))
-
-
 def at(kind: str, name: str, seed: int) -> tuple[Case, ...]:
     """The folders of a class at a seed, of this name where one is given; none where the seed is of something else.
 
@@ -131,7 +126,7 @@ def at(kind: str, name: str, seed: int) -> tuple[Case, ...]:
         case "edges" if name in ("", *EDGES):
             return (_beside_edges(seed, name or (*EDGES,)[seed % len(EDGES)]),)
         case "ecu" if name in ("", *under_ecu.CASES):
-            return tuple(_under_ecu(seed, told) for told in ([name] if name else under_ecu.CASES))
+            return tuple(_of(seed, kind, (told,)) for told in ([name] if name else under_ecu.CASES))
     raise ValueError(f"no class {kind!r} with {name!r}. Classes: {', '.join(CLASSES)}.")
 
 

@@ -26,7 +26,8 @@ def table(new: Mapping[Key, Record], old: Mapping[Key, Record] | None = None) ->
         both = {k: (old[k], r) for k, r in new.items() if k in old}
         parts += [f"{len(both)} folders are in both files, by {_commits(old.values())} before.", changes(both)]
         return "\n\n".join([*parts, rates(records, [was for was, _ in both.values()]), classes(records)])
-    return "\n\n".join([*parts, rates(records), classes(records), probabilities(records), wrongs(records)])
+    parts += [rates(records), classes(records), parameters(records), probabilities(records), wrongs(records)]
+    return "\n\n".join(parts)
 
 
 def summary(records: Sequence[Record]) -> str:
@@ -110,6 +111,21 @@ def classes(records: Sequence[Record]) -> str:
         rows.append(cells)
     head = ["class", "folders", *reversed(GRADES), "95 % hold, before", "after", "rms z", "worst z", "median"]
     return markdown(head, rows)
+
+
+def parameters(records: Sequence[Record]) -> str:
+    """A row a parameter, over all folders: how its intervals hold; its errors are in standard errors."""
+    every: dict[str, list[tuple[float, bool]]] = {}
+    for record in records:
+        for symbol, each in record.get("intervals", {}).get("after", {}).items():
+            if each["z"] is not None:
+                every.setdefault(symbol, []).append((each["z"], each["holds"]))
+    rows = []
+    for symbol, some in every.items():
+        z = np.array([each for each, _ in some])
+        cells = [share([holds for _, holds in some]), f"{np.mean(z):+.2f}", f"{np.sqrt(np.mean(z**2)):.2f}"]
+        rows.append([f"`{symbol}`", *cells, f"{np.abs(z).max():.1f}"])
+    return markdown(["parameter", "95 % hold", "mean z", "rms z", "worst"], rows)
 
 
 def probabilities(records: Sequence[Record]) -> str:

@@ -7,7 +7,7 @@ import json
 import os
 import subprocess
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures.process import BrokenProcessPool
 from pathlib import Path
 
@@ -58,8 +58,8 @@ def latest(records: Sequence[Record]) -> dict[Key, Record]:
 def append(file: Path, record: Record) -> None:
     """One line more; one that was cut off before gives way to it."""
     text = file.read_bytes() if file.exists() else b""
-    if not text.endswith(b"\n"):
-        os.truncate(file, text.rfind(b"\n") + 1) if text else None
+    if text and not text.endswith(b"\n"):
+        os.truncate(file, text.rfind(b"\n") + 1)
     with file.open("a", encoding="utf-8") as out:
         out.write(json.dumps(record) + "\n")
 
@@ -69,7 +69,7 @@ def run(
     jobs: int,
     file: Path,
     report: Callable[[str], None],
-    work: Callable[[Case], Record] = one,
+    made: Callable[[Sequence[Case], int], Iterable[Record]] | None = None,
     version: str | None = None,
 ) -> list[Record]:
     """The folders' records, those of an earlier run of this commit among them.
@@ -79,14 +79,14 @@ def run(
         jobs: processes.
         file: to which each record is appended; those of other commits stay in it.
         report: is given a line a folder, with the time that the rest will take.
-        work: makes the record of a case, a function of a module.
-        version: which commit that is.
+        made: makes the records of cases in so many processes.
+        version: which commit makes them.
     """
     version = version or commit()
-    there = {k: r for k, r in latest([r for r in saved(file) if r["commit"] == version]).items()}
+    there = latest([r for r in saved(file) if r["commit"] == version])
     left = [case for case in cases if case.key not in there]
     began = time.monotonic()
-    for n, record in enumerate(_records(left, jobs, work), 1):
+    for n, record in enumerate((made or in_processes)(left, jobs), 1):
         record |= {"commit": version}
         append(file, record)
         there[key(record)] = record
@@ -96,8 +96,9 @@ def run(
     return [there[case.key] for case in cases if case.key in there]
 
 
-def _records(cases: Sequence[Case], jobs: int, work: Callable[[Case], Record]) -> Iterator[Record]:
-    """As they are ready. A process that dies takes its siblings with it: those it may have been are run one by one."""
+def in_processes(cases: Sequence[Case], jobs: int, work: Callable[[Case], Record] = one) -> Iterator[Record]:
+    """Records as they are ready. A process that dies takes its siblings with it: those that it may have been at are run
+    one by one."""
     os.environ |= ONE_CORE
     left = list(cases)
     while left:
