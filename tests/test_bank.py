@@ -207,6 +207,17 @@ def test_each_rate_is_of_the_folders_that_it_is_asked_of() -> None:
     assert flags["95 % intervals hold: slow logs"] == []
 
 
+def test_what_the_checks_find_is_right_at_its_place_and_an_alarm_elsewhere() -> None:
+    gain = {"kind": "channel_gain", "test": "viscous", "file": None, "channel": "current", "size": 1.05, "chance": 1e-9}
+    found, missed = RATE["mistakes of the rig: found by its checks"], mistaken()
+    elsewhere = mistaken(check={"refused": None, "found": [gain | {"test": "response"}]})
+    assert found.of([mistaken(check={"refused": None, "found": [gain]}), elsewhere, missed]) == [True, False, False]
+    quiet = RATE["no mistake: none found by the rig's checks"]
+    edges = {"refused": None, "found": [gain | {"kind": "synchronous_edges"}]}
+    some = [record("clean", check=edges), record("single", ["actuation_delay"], check=edges), record("clean"), missed]
+    assert quiet.of(some) == [False, True, True]
+
+
 def test_a_folder_that_broke_is_not_right() -> None:
     broken = [record("clean", error="x", intervals={}), record("single", ["backlash"], error="x", intervals={})]
     assert RATE["clean: left alone"].of(broken) == [False]

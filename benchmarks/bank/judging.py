@@ -14,6 +14,8 @@ SURE = 0.8  # probability from which on a wrong name does harm: it is mended in 
 Z_95 = 1.959963984540054
 FAR = 5.0  # standard errors that no interval may be off
 ALSO = {"voltage": "current", "current": "voltage"}  # what reads one too large reads the other too small
+# effects that are a habit of the rig as well, and rightly named by its checks
+HABITS = {"current_sensor_offset": "channel_offset", "actuation_delay": "synchronous_edges"}
 # what became of a folder, worst first
 GRADES = ("failed", "wrong name, sure", "wrong name", "missed", "partly", "called unexplained", "right")
 

@@ -4,10 +4,24 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 from scipy.stats import binomtest
 
-from .judging import SURE, Record, errors, found, grade, hold, is_faint, says_unexplained, worst, wrong
+from .judging import (
+    HABITS,
+    SURE,
+    Record,
+    errors,
+    found,
+    grade,
+    hold,
+    is_faint,
+    is_right,
+    says_unexplained,
+    worst,
+    wrong,
+)
 
 Flags = list[bool]
 AT_09, AT_07 = (0.85, 0.95), (0.6, 0.8)  # what counts as stated at 0.9, and at 0.7
@@ -88,6 +102,23 @@ def whole(record: Record) -> bool:
     return len(found(record)) == len(record["truth"]["names"])
 
 
+def by_checks(record: Record) -> bool:
+    """The rig's checks found the mistake, at its place, or refused the data by its name."""
+    before = [n for n in record["named"] if n.get("before_any_fit")]
+    return any(is_right(record["truth"], each) for each in (*before, *_findings(record)))
+
+
+def alarms(record: Record) -> list[str]:
+    """What the rig's checks found that is not there; an effect may be a habit of the rig as well, and rightly named."""
+    there = {HABITS.get(name) for name in record["truth"]["names"]}
+    there |= {"synchronous_edges"} if record["truth"]["edges"] else set()
+    return [each["kind"] for each in _findings(record) if each["kind"] not in there]
+
+
+def _findings(record: Record) -> list[dict[str, Any]]:
+    return [{"name": each["kind"], **each} for each in record["check"]["found"]]
+
+
 def stated(records: Sequence[Record], low: float, high: float) -> Flags:
     """Whether statements of this probability were right."""
     every = (s for r in records for s in r["statements"])
@@ -112,6 +143,9 @@ RATES: tuple[Rate, ...] = (
          lambda R: [says_unexplained(r) for r in of(R, "outside") if not is_faint(r)]),
     Rate("mistakes of the rig: named", 0.95, 1.0, lambda R: [whole(r) for r in of(R, "mistake")]),
     Rate("mistakes of the rig: no wrong name", None, None, lambda R: [not wrong(r) for r in of(R, "mistake")]),
+    Rate("mistakes of the rig: found by its checks", None, None, lambda R: [by_checks(r) for r in of(R, "mistake")]),
+    Rate("no mistake: none found by the rig's checks", None, None,
+         lambda R: [not any(alarms(r)) for r in diagnosed(R) if r["class"] != "mistake"]),
     Rate("slow logs: no name", None, None, lambda R: [silent(r) for r in of(R, "slow")]),
     Rate("edges on samples: what is there, alone", None, None, lambda R: [grade(r) == "right" for r in of(R, "edges")]),
     Rate("all folders: a wrong name at 0.8 or more", 0.0, 0.02, lambda R: [bool(wrong(r, SURE)) for r in diagnosed(R)]),
