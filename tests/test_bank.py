@@ -381,4 +381,5 @@ def test_every_mix_is_of_classes_that_there_are_and_training_is_below_the_test()
 
 def test_rates_have_words_of_their_own() -> None:
     assert len(RATE) == len(RATES)
+    assert not [rate.words for rate in RATES if "|" in rate.words]  # it would end a cell
     assert rates([]).count("not run") == sum(rate.low is not None for rate in RATES)

@@ -70,7 +70,7 @@ def begins(token: str) -> int:
 def main() -> None:
     choices = arguments()
     if choices.table is None:
-        counts = MIXES[choices.mix] if choices.mix else dict.fromkeys(choices.classes, choices.folders)
+        counts = MIXES[choices.mix] if choices.mix else {token: choices.folders for token in choices.classes}
         cases = wanted({token: (first_seed(token, choices), n) for token, n in counts.items()})
         if choices.list:
             for each in cases:

@@ -9,6 +9,7 @@ from typing import Any
 from scipy.stats import binomtest
 
 from .judging import (
+    FAR,
     HABITS,
     SURE,
     Record,
@@ -155,5 +156,6 @@ RATES: tuple[Rate, ...] = (
     *(Rate(f"95 % intervals hold: `[ecu]`, gains {t}", 0.92, 0.98, gains(t)) for t in ("known", "scaled", "free")),
     Rate("stated at 0.9 (0.85 to 0.95): right", 0.86, 0.94, lambda R: stated(R, *AT_09)),
     Rate("stated at 0.7 (0.6 to 0.8): right", 0.62, 0.78, lambda R: stated(R, *AT_07)),
-    Rate("all folders: |z| below 5 throughout", 1.0, 1.0, lambda R: [worst([r])[0] < 5.0 for r in R if errors(r)]),
+    Rate("all folders: no parameter 5 standard errors off", 1.0, 1.0,
+         lambda R: [worst([r])[0] < FAR for r in R if errors(r)]),
 )  # fmt: skip

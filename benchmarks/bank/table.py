@@ -105,10 +105,10 @@ def classes(records: Sequence[Record]) -> str:
         count = [sum(grade(r) == g for r in some) for g in reversed(GRADES)]
         z, whose = worst(some)
         apart = np.array([each for r in some for each in errors(r).values()])
-        spread = f"{np.sqrt(np.mean(apart**2)):.2f}" if apart.size else "-"
-        cells = [kind, str(len(some)), *(str(n or "") for n in count), share(hold(some, "before")), share(hold(some)),
-                 spread, f"{z:.1f} ({whose})", f"{np.median([r['seconds'] for r in some]):.0f} s"]  # fmt: skip
-        rows.append(cells)
+        far = [f"{np.sqrt(np.mean(apart**2)):.2f}", f"{z:.1f} ({whose})"] if apart.size else ["-", "-"]
+        median = f"{np.median([r['seconds'] for r in some]):.0f} s"
+        cells = [*(str(n or "") for n in count), share(hold(some, "before")), share(hold(some)), *far, median]
+        rows.append([kind, str(len(some)), *cells])
     head = ["class", "folders", *reversed(GRADES), "95 % hold, before", "after", "rms z", "worst z", "median"]
     return markdown(head, rows)
 
