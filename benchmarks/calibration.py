@@ -1,11 +1,11 @@
-"""Do intervals cover as often as they say? Ranks of the truth over many folders of independent data.
+"""Do the posterior's intervals cover as often as they say? Ranks of the truth over many folders of independent data.
 
-    python -m benchmarks.calibration --folders 200 --posterior 40 --save calibration.jsonl --picture calibration.png
+    python -m benchmarks.calibration --folders 40 --save calibration.jsonl --picture calibration.png
 
 Each folder comes from independent, which shares no code with the model, with true parameters drawn +-40 % around
-the centre. The rank of the truth is the probability that the fit (Laplace: a normal distribution in coordinates) or the
-posterior gives to values below it: uniform on [0, 1] where uncertainty is stated right. An interval of probability q
-covers where |rank - 1/2| <= q/2. What was done is kept, one line of JSON a folder, and not done again.
+the centre. The rank of the truth is the probability that the posterior gives to values below it: uniform on [0, 1]
+where uncertainty is stated right. An interval of probability q covers where |rank - 1/2| <= q/2. What was done is kept,
+one line of JSON a folder, and not done again. The fit's own intervals are judged by `benchmarks.bank`.
 """
 
 from __future__ import annotations
@@ -28,46 +28,33 @@ LEVELS = (0.5, 0.8, 0.95)
 _BINS = 10
 
 
-def one(seed: int, centre: str, size: Any, sampled: bool, folder: Path) -> dict[str, Any]:
-    """Draw, simulate, fit, and sample where asked: ranks by symbol, None where a parameter is not identifiable."""
-    from etcfit.estimation.intervals import intervals
+def one(seed: int, centre: str, size: Any, folder: Path) -> dict[str, Any]:
+    """Draw, simulate, fit and sample: ranks by symbol, None where a parameter is not identifiable."""
     from etcfit.estimation.joint_fit import fit
+    from etcfit.posterior.sampling import sample
     from etcfit.rig.reader import read_folder
     from independent import Bench, draw_truth, make_folder
 
     truth = draw_truth(np.random.default_rng(seed), CENTRES[centre])
     make_folder(folder / "rig", truth, seed, size=size)
     result = fit(read_folder(folder / "rig"))
-    known = intervals(result)
     true = {s: getattr(truth, s) for s in PAPER} | {SERIES: Bench().series_ohm}
-    at = result.free_parameters.layout.coordinates(true)
-    z = (at - result.x) / np.sqrt(np.diag(result.covariance))
-    laplace = {s: float(stats.norm.cdf(v)) if known[s].stderr else None
-               for s, v in zip(result.free_parameters.layout.free, z, strict=True)}  # fmt: skip
-    out = {"seed": seed, "converged": result.converged, "laplace": laplace, "posterior": None, "chain": None}
-    return out | (_sampled(result, true, folder) if sampled else {})
-
-
-def _sampled(result: Any, true: Mapping[str, float], folder: Path) -> dict[str, Any]:
-    from etcfit.posterior.sampling import sample
-
     posterior = sample(result, folder)
     ranks = {s: float(np.mean(posterior.draws[s] < true[s])) if posterior.marginals[s].status == "estimated" else None
              for s in result.free_parameters.layout.free}  # fmt: skip
-    return {"posterior": ranks, "chain": posterior.convergence.converged}
+    return {"seed": seed, "converged": result.converged, "ranks": ranks, "chain": posterior.convergence.converged}
 
 
-def ranks(outcomes: Iterable[Mapping[str, Any]], kind: str, symbol: str) -> np.ndarray:
+def ranks(outcomes: Iterable[Mapping[str, Any]], symbol: str) -> np.ndarray:
     """Of one parameter over all folders where there is one; a chain that did not converge is no posterior."""
-    kept = (o[kind][symbol] for o in outcomes if o[kind] and (kind == "laplace" or o["chain"]))
-    return np.array([rank for rank in kept if rank is not None])
+    return np.array([o["ranks"][symbol] for o in outcomes if o["chain"] and o["ranks"][symbol] is not None])
 
 
-def table(outcomes: Sequence[Mapping[str, Any]], kind: str) -> str:
+def table(outcomes: Sequence[Mapping[str, Any]]) -> str:
     """Coverage in per cent of each parameter's intervals, and a test of its ranks for uniformity."""
-    lines = [f"| {kind} | folders | " + " | ".join(f"{100 * q:.0f} %" for q in LEVELS) + " | p (uniform) |",
+    lines = ["| parameter | folders | " + " | ".join(f"{100 * q:.0f} %" for q in LEVELS) + " | p (uniform) |",
              "| --- |" + " --- |" * (len(LEVELS) + 2)]  # fmt: skip
-    every = {s: ranks(outcomes, kind, s) for s in SYMBOLS}
+    every = {s: ranks(outcomes, s) for s in SYMBOLS}
     for s, u in {**every, "all": np.concatenate(list(every.values()))}.items():
         if not u.size:
             continue
@@ -105,16 +92,12 @@ def _histogram(panel: Any, symbol: str, outcomes: Sequence[Mapping[str, Any]]) -
     from etcfit.reporting import style
 
     edges = np.linspace(0.0, 1.0, _BINS + 1)
-    for kind, colour in (("laplace", style.SIMULATED), ("posterior", style.READING)):
-        u = ranks(outcomes, kind, symbol)
-        if u.size:
-            density = np.histogram(u, edges)[0] * _BINS / u.size
-            panel.stairs(
-                density, edges, baseline=None, color=colour, lw=1.6, zorder=3, label=f"{kind}, {u.size} folders"
-            )
-    n = max(1, ranks(outcomes, "laplace", symbol).size)
-    low, high = (stats.binom.ppf(p, n, 1 / _BINS) * _BINS / n for p in (0.025, 0.975))
-    panel.axhspan(low, high, color=style.BAND, lw=0, zorder=0, label="95 % of uniform ranks, Laplace")
+    u = ranks(outcomes, symbol)
+    if u.size:
+        density = np.histogram(u, edges)[0] * _BINS / u.size
+        panel.stairs(density, edges, baseline=None, color=style.READING, lw=1.6, zorder=3, label=f"{u.size} folders")
+    low, high = (stats.binom.ppf(p, max(1, u.size), 1 / _BINS) * _BINS / max(1, u.size) for p in (0.025, 0.975))
+    panel.axhspan(low, high, color=style.BAND, lw=0, zorder=0, label="95 % of uniform ranks")
     panel.set_title(symbol, loc="left")
     panel.set_xlabel("rank of the truth [1]")
     panel.set_ylabel("density [1]")
@@ -123,8 +106,7 @@ def _histogram(panel: Any, symbol: str, outcomes: Sequence[Mapping[str, Any]]) -
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--folders", type=int, default=200)
-    parser.add_argument("--posterior", type=int, default=40, help="of them to be sampled as well, the first ones")
+    parser.add_argument("--folders", type=int, default=40)
     parser.add_argument("--first-seed", type=int, default=20_000)
     parser.add_argument("--centre", choices=CENTRES, default="consistent")
     parser.add_argument("--size", choices=("bench", "small"), default="bench")
@@ -134,20 +116,17 @@ def main() -> None:
     done = [json.loads(line) for line in choices.save.read_text().splitlines()] if choices.save.exists() else []
     wanted = range(choices.first_seed, choices.first_seed + choices.folders)
     for seed in wanted:
-        sampled = seed < choices.first_seed + choices.posterior
-        if any(o["seed"] == seed and (o["posterior"] or not sampled) for o in done):
+        if any(o["seed"] == seed for o in done):
             continue
         with tempfile.TemporaryDirectory() as scratch:
-            done.append(one(seed, choices.centre, choices.size, sampled, Path(scratch)))
+            done.append(one(seed, choices.centre, choices.size, Path(scratch)))
         with choices.save.open("a", encoding="utf-8") as file:
             file.write(json.dumps(done[-1]) + "\n")
         print(f"seed {seed}: converged {done[-1]['converged']}, chain {done[-1]['chain']}", flush=True)
-    last = {o["seed"]: o for o in done if o["seed"] in wanted}  # a folder sampled later replaces itself
-    for kind in ("laplace", "posterior"):
-        if any(o[kind] for o in last.values()):
-            print(table(list(last.values()), kind), end="\n\n")
+    some = [o for o in done if o["seed"] in wanted]
+    print(table(some), end="\n\n")
     if choices.picture:
-        picture(list(last.values()), choices.picture)
+        picture(some, choices.picture)
 
 
 if __name__ == "__main__":

@@ -28,9 +28,9 @@ from etcfit.rig.reader import read_folder
 from independent import CONSISTENT, MEDIUM, draw_truth, make_folder
 from independent.mistakes import MISTAKES, ONLY_BY_A_FIT, Mistake, make_mistaken
 
+from .bank.judging import HABITS
+
 SIZES = ("small", "diagnose", "twin")
-# effects that are a habit of the rig as well, and rightly named
-ALSO = {"current_sensor_offset": "channel_offset", "actuation_delay": "synchronous_edges"}
 
 
 def found_in(folder: Path) -> tuple[Finding, ...]:
@@ -62,7 +62,7 @@ def with_effects(seeds: range, scratch: Path) -> Iterator[tuple[str, tuple[Findi
     for k, seed in enumerate(seeds):
         name, folder = names[k % len(names)], scratch / f"effect_{seed}"
         make_folder(folder, truth(seed), seed, MEDIUM[name], "diagnose")
-        yield name, tuple(f for f in found_in(folder) if f.kind != ALSO.get(name))
+        yield name, tuple(f for f in found_in(folder) if f.kind != HABITS.get(name))
 
 
 def truth(seed: int):

@@ -1,6 +1,7 @@
 """Synthetic rig data from physics written a second time: nothing here knows etcfit, nor its way of stepping."""
 
 from .effects import CATALOGUE as CATALOGUE
+from .effects import FURTHER as FURTHER
 from .effects import NONE as NONE
 from .effects import OUTSIDE as OUTSIDE
 from .effects import Effects as Effects

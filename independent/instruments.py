@@ -135,12 +135,23 @@ def true_values(
 def wiper(effects: Effects, angle: np.ndarray) -> np.ndarray:
     """Angle that the potentiometer shows, with what bends its track and where it is worn, rad."""
     bend, spot = effects.position_sensor_nonlinearity, effects.sensor_dead_spot
+    if effects.sensor_hysteresis.play > 0.0:
+        angle = _within_play(angle, 0.5 * effects.sensor_hysteresis.play)
     if spot.width > 0.0:
         angle = _held_over(angle, spot.angle - 0.5 * spot.width, spot.angle + 0.5 * spot.width)
     if bend.bow == 0.0 and bend.wave == 0.0:
         return angle
     share = angle / OPEN
     return angle + bend.bow * np.sin(np.pi * share) + bend.wave * np.sin(2 * np.pi * share)
+
+
+def _within_play(angle: np.ndarray, half: float) -> np.ndarray:
+    """What is dragged along by a driver that has so much play to either side; it begins in the middle."""
+    shown, at = np.empty_like(angle), angle[0]
+    for k, driver in enumerate(angle):
+        at = min(max(at, driver - half), driver + half)
+        shown[k] = at
+    return shown
 
 
 def _held_over(angle: np.ndarray, low: float, high: float) -> np.ndarray:

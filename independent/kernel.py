@@ -161,6 +161,14 @@ def motor_torque(p, i):
 
 
 @compiled
+def rippled(p, x, theta):
+    """Motor torque times 1 + share sin(n a), a = N th the motor's angle, N m."""
+    ripple = p.effects.torque_ripple
+    torque = motor_torque(p, x.i)
+    return torque * (1.0 + ripple.share * math.sin(ripple.per_turn * p.N * theta)) if ripple.share != 0.0 else torque
+
+
+@compiled
 def cogging(p, theta):
     """A (1 + uneven sin a) (sin(n a + phase) + second sin(2 n a + phase)), a = N th the motor's angle; N m."""
     cog = p.effects.cogging_torque
@@ -203,7 +211,7 @@ def driving_torque(p, x):
     """Everything in Eq. 2 but dry friction and inertia, N m; positive opens."""
     if p.effects.backlash.gap != 0.0:
         return tooth_torque(p, x) - (p.B - p.B_m) * x.w - restoring_torque(p, x.theta) - drag(p, x.w)
-    return motor_torque(p, x.i) - p.B * x.w - restoring_torque(p, x.theta) - cogging(p, x.theta) - drag(p, x.w)
+    return rippled(p, x, x.theta) - p.B * x.w - restoring_torque(p, x.theta) - cogging(p, x.theta) - drag(p, x.w)
 
 
 @compiled
@@ -222,6 +230,9 @@ def friction_limit(p, x, way):
         limit += motor_friction(p, x.w)
     if e.friction_spot.torque != 0.0:
         limit += e.friction_spot.torque * math.exp(-(((x.theta - e.friction_spot.angle) / e.friction_spot.width) ** 2))
+    if e.friction_tide.torque != 0.0:
+        tide = e.friction_tide
+        limit += tide.torque * math.sin(2.0 * math.pi * (tide.before + x.age) / tide.period)
     return limit + e.friction_drift.running * x.age + e.friction_drift.session * e.friction_drift.before
 
 
@@ -272,6 +283,16 @@ def terminal_voltage(p, v, i):
 
 
 @compiled
+def supplied(p, v, age):
+    """What is left of the command v while a thermostat's load takes its share, V."""
+    load = p.effects.supply_cycling
+    if load.share == 0.0:
+        return v
+    on = math.tanh(math.sin(2.0 * math.pi * (load.before + age) / load.period) / load.edge)
+    return v * (1.0 - load.share * 0.5 * (1.0 + on))
+
+
+@compiled
 def brush_drop(p, i):
     """V (1 - exp(-|i|/i_0)) sgn i, V."""
     brush = p.effects.brush_voltage_drop
@@ -282,7 +303,11 @@ def brush_drop(p, i):
 def current_rate(p, v, R, x):
     """Eq. 1, A/s."""
     w = x.w_m if p.effects.backlash.gap != 0.0 else x.w
-    return p.closed_circuit * (terminal_voltage(p, v, x.i) - R * x.i - p.k * w - brush_drop(p, x.i)) / p.L
+    return (
+        p.closed_circuit
+        * (terminal_voltage(p, supplied(p, v, x.age), x.i) - R * x.i - p.k * w - brush_drop(p, x.i))
+        / p.L
+    )
 
 
 @compiled
@@ -291,7 +316,7 @@ def motor_rate(p, x):
     if p.effects.backlash.gap == 0.0:
         return 0.0
     dry = motor_friction(p, x.w_m) * math.tanh(x.w_m / AT_REST)
-    free = motor_torque(p, x.i) - p.B_m * x.w_m - cogging(p, x.theta_m) - dry
+    free = rippled(p, x, x.theta_m) - p.B_m * x.w_m - cogging(p, x.theta_m) - dry
     return (free - tooth_torque(p, x)) / p.J_m
 
 

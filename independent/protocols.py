@@ -94,8 +94,9 @@ class Session:
 
     def aged(self, plant: Plant) -> Plant:
         """The plant with the session's seconds behind it."""
-        drift = plant.effects.friction_drift._replace(before=self.stopwatch.seconds)
-        return plant._replace(effects=plant.effects._replace(friction_drift=drift))
+        aging = ("friction_drift", "friction_tide", "supply_cycling")
+        aged = {name: getattr(plant.effects, name)._replace(before=self.stopwatch.seconds) for name in aging}
+        return plant._replace(effects=plant.effects._replace(**aged))
 
 
 def resistance(session: Session, series: Series) -> Iterator[Trace]:

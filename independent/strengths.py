@@ -62,6 +62,10 @@ _LISTED: dict[str, tuple] = {
     "current_limit": tuple(of.CurrentLimit(amps) for amps in (5.0, 3.5, 2.0)),
     "sensor_dead_spot": tuple(of.SensorDeadSpot(width=width) for width in (0.005, 0.04, 0.12)),
     "friction_drift": tuple(of.FrictionDrift(*rates) for rates in ((1e-4, 1e-5), (1.5e-3, 2e-4), (4e-3, 6e-4))),
+    "friction_tide": tuple(of.FrictionTide(torque) for torque in (0.0015, 0.03, 0.08)),
+    "torque_ripple": tuple(of.TorqueRipple(share) for share in (0.003, 0.06, 0.15)),
+    "supply_cycling": tuple(of.SupplyCycling(share) for share in (0.002, 0.04, 0.12)),
+    "sensor_hysteresis": tuple(of.SensorHysteresis(play) for play in (0.0005, 0.008, 0.025)),
 }
 
 STRENGTHS: dict[str, tuple[Effects, Effects, Effects]] = {

@@ -1,4 +1,4 @@
-"""Logs of a plate under its engine computer that hold setpoint and position alone: no voltage, no current."""
+"""Logs of a plate under its engine computer: setpoint and position alone, or its duty, sampled too slowly."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from .control import Computer, watched
+from .control import Computer, noisy, watched
 from .effects import NONE, Effects
 from .folder import write_trace
 from .instruments import CLOSED_V, OPEN_V, UNITS, Bench, clock, wiper
@@ -101,6 +101,36 @@ def add_logs(
     files = []
     for n, kind in enumerate(kinds, 1):
         trace = Trace(f"{test}/{kind}_{n}.csv", log(rng, truth, computer, kind, how or Log(), effects, bench))
+        write_trace(path, trace, seed)
+        files.append(trace.file)
+    return files
+
+
+def add_coarse_logs(
+    path: Path,
+    truth: Truth,
+    computer: Computer,
+    seed: int,
+    kinds: tuple[str, ...] = ("steps", "trapezoids", "pedal", "steps"),
+    how: Log | None = None,
+    test: str = "response",
+) -> list[str]:
+    """Write one CSV for each kind, duty and position, sampled more slowly than the computer's output changes.
+
+    Each row has the output that the computer holds at that instant; what it did between two rows nobody logged.
+    """
+    rng, bench, how = np.random.default_rng([seed, 6]), Bench(), how or Log(rate=100.0)
+    (path / test).mkdir(parents=True, exist_ok=True)
+    files = []
+    for n, kind in enumerate(kinds, 1):
+        ticks = np.arange(0.0, how.lead + how.duration + 2.0 * computer.period, computer.period)
+        wanted = setpoint(rng, kind, ticks, how.low * OPEN, how.high * OPEN)
+        angle, volts = noisy(throttle(truth, NONE), computer, wanted, rng).T
+        time = np.arange(round(how.duration * how.rate)) / how.rate
+        at = np.floor((how.lead + time) / computer.period + 1e-9).astype(int)
+        read = bench.sensors["tps"].read(rng, CLOSED_V + (OPEN_V - CLOSED_V) * angle[at] / OPEN)
+        columns = {"time [s]": time, "duty [%]": 100.0 * volts[at] / computer.supply, "tps [V]": read}
+        trace = Trace(f"{test}/{kind}_{n}.csv", columns)
         write_trace(path, trace, seed)
         files.append(trace.file)
     return files

@@ -16,6 +16,7 @@ from scipy.integrate import simpson, solve_ivp
 from independent import (
     CATALOGUE,
     CONSISTENT,
+    FURTHER,
     MEDIUM,
     NONE,
     OUTSIDE,
@@ -47,7 +48,9 @@ from independent.kernel import (
     motor_torque,
     record,
     restoring_torque,
+    rippled,
     spring_torque,
+    supplied,
     terminal_voltage,
 )
 from independent.mistakes import Sheet, shifted
@@ -229,6 +232,7 @@ AT_THE_LOG = (
     "current_sensor_offset",
     "channel_delay",
     "sensor_dead_spot",
+    "sensor_hysteresis",
 )
 
 
@@ -415,6 +419,26 @@ def test_a_wiper_bends_between_its_ends_and_sticks_where_it_is_worn() -> None:
     assert_allclose(wiper(worn, np.array([0.3, 0.45, 0.55, 0.7, 0.55, 0.45, 0.5])), [0.3, 0.4, 0.4, 0.7, 0.6, 0.6, 0.6])
 
 
+def test_a_loose_sensor_follows_after_its_play() -> None:
+    loose = Effects(sensor_hysteresis=more.SensorHysteresis(0.2))
+    assert_allclose(wiper(loose, np.array([0.5, 0.55, 0.7, 0.6, 0.5, 0.4])), [0.5, 0.5, 0.6, 0.6, 0.6, 0.5])
+
+
+def test_what_comes_and_goes_with_time_at_points_worked_by_hand() -> None:
+    tide = plant_with(Effects(friction_tide=more.FrictionTide(0.03, 20.0, 3.0)))
+    assert_allclose(friction_limit(tide, moving(age=2.0), 1), CONSISTENT.T_f + 0.03)  # a quarter of its period
+    load = plant_with(Effects(supply_cycling=more.SupplyCycling(0.1, 0.8, 0.01, 0.2)))
+    assert_allclose([supplied(load, 10.0, age) for age in (0.0, 0.2, 0.4)], [9.0, 9.5, 10.0])
+
+
+def test_a_rippled_torque_is_in_proportion_to_the_current() -> None:
+    plant = plant_with(Effects(torque_ripple=more.TorqueRipple(0.1, 11.0)))
+    theta = 0.5 * np.pi / (11.0 * CONSISTENT.N)
+    for amps in (0.5, 2.0):
+        torque = CONSISTENT.N * CONSISTENT.K_m * amps
+        assert_allclose([rippled(plant, moving(i=amps), at) for at in (0.0, theta)], [torque, 1.1 * torque])
+
+
 def logged(effects: Effects, test: str, series: Series) -> dict[str, np.ndarray]:
     session = Session(np.random.default_rng(0), CONSISTENT, effects, PERFECT)
     return next(iter(PROTOCOLS[test](session, series))).columns
@@ -474,8 +498,8 @@ def test_each_strength_moves_the_data_more_than_the_one_below(name: str) -> None
 
 
 def test_every_name_has_three_strengths_of_its_own() -> None:
-    assert set(STRENGTHS) == {*CATALOGUE, *OUTSIDE} == set(Effects._fields)
-    assert (len(CATALOGUE), len(OUTSIDE)) == (21, 5)
+    assert set(STRENGTHS) == {*CATALOGUE, *OUTSIDE, *FURTHER} == set(Effects._fields)
+    assert (len(CATALOGUE), len(OUTSIDE), len(FURTHER)) == (21, 5, 4)
     for name, levels in STRENGTHS.items():
         assert len(set(levels)) == 3
         assert all(effects.on == (name,) for effects in levels)

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
-from benchmarks import ecu
+from benchmarks.bank import under_ecu as bank
 from etcfit.control.pid.setpoint import trapezoid
 from etcfit.diagnosis.composition import compose
 from etcfit.estimation.intervals import intervals, lumped
@@ -381,8 +381,9 @@ def steps_and_ramps(tmp_path: Path) -> Fitted:
     """Two short logs of the benchmark, fitted with the gains told as a case says; the truth in volts beside it."""
 
     def fitted(case: str, seed: int) -> tuple[dict[str, float], FitResult]:
-        true = ecu.write(tmp_path / "rig", seed, case)
-        return true, fit(read_folder(tmp_path / "rig"))
+        truth = draw_truth(np.random.default_rng(seed))
+        bank.write(tmp_path / "rig", truth, seed, case)
+        return bank.in_volts(truth) | bank.GAINS, fit(read_folder(tmp_path / "rig"))
 
     return fitted
 
@@ -416,8 +417,10 @@ def test_gains_that_nobody_knows_tell_ratios_and_no_volts(steps_and_ramps: Fitte
 def test_ramps_tell_no_preload(tmp_path: Path) -> None:
     """Of which the integral bears whatever it is: the fit says so instead of stating a value."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(ecu, "LOGS", ("ramps", "ramps"))
-        true = ecu.write(tmp_path / "rig", 17001, "known")
+        patch.setattr(bank, "LOGS", ("ramps", "ramps"))
+        truth = draw_truth(np.random.default_rng(17001))
+        bank.write(tmp_path / "rig", truth, 17001, "known")
+    true = bank.in_volts(truth)
     found = lumped(fit(read_folder(tmp_path / "rig")))
     assert found["V_PL"].status == "not identifiable"
     for symbol in ("V_f", "V_s", "V_w"):

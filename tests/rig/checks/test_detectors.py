@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from benchmarks.confusion.cases import case
+from benchmarks.bank import case
 from etcfit.errors import MeasurementError
 from etcfit.rig.checks import DETECTORS, AbstractDetector, findings, refuse
 from etcfit.rig.checks.base import Records
