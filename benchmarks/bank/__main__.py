@@ -7,6 +7,7 @@ from collections.abc import Mapping
 from pathlib import Path
 
 from independent import FURTHER as LATER
+from independent.mistakes import IN_ONE_FILE as ONE_FILE
 
 from ..page import put
 from . import __doc__ as usage
@@ -20,11 +21,13 @@ FURTHER = tuple(f"outside:{name}" for name in LATER)
 # where the training seeds of a token begin
 BEGINS: Mapping[str, int] = {**dict.fromkeys(("clean", "single", "pair", "outside"), 6500), "mistake": 7400,
                              "slow": 8200, "edges": 8300, "ecu": 17_500, **dict.fromkeys(FURTHER, 8000)}  # fmt: skip
+IN_ONE_FILE = tuple(f"mistake:{change.__name__}" for change in ONE_FILE)
 ECU = ("ecu:known", "ecu:scaled", "ecu:free")
 MIXES: Mapping[str, Mapping[str, int]] = {
     "proof": dict.fromkeys((*CLASSES, FURTHER[0], FURTHER[3]), 2),
     "training": {"clean": 4, "single": 9, "pair": 4, "outside": 2, **dict.fromkeys(FURTHER, 1), "mistake": 11,
-                 "mistake:warm_start": 1, "mistake:other_rig": 1, "slow": 2, "edges": 5, **dict.fromkeys(ECU, 1)},
+                 "mistake:warm_start": 1, "mistake:other_rig": 1, **dict.fromkeys(IN_ONE_FILE, 1), "slow": 2,
+                 "edges": 5, **dict.fromkeys(ECU, 1)},
     "test": {"clean": 60, "single": 120, "pair": 80, "outside": 20, **dict.fromkeys(FURTHER, 5), "mistake": 77,
              "mistake:warm_start": 11, "mistake:other_rig": 12},
     "test_beside": {**dict.fromkeys(ECU, 40), "slow": 20, "edges": 20},

@@ -9,7 +9,7 @@ T tempers it: residuals that are not white, and formulas that are not exact, mak
 known before the data (`prior.py`, which the change of BIC leaves out here) is not tempered. `lapse`
 is the answer "something else": how often a name is wrong however strong its evidence, for the truth may lie outside
 the catalogue. The answers of a question add up to one. Over rounds an effect is there unless none of them puts it
-there. How well they are calibrated: docs/validation/probabilities.md.
+there. How well they are calibrated: docs/validation/bank.md.
 
 Source: Kass and Raftery 1995, eq. 9 (BIC as evidence). Differs from source: tempered, and with a lapse.
 """
@@ -26,7 +26,7 @@ NOTHING, UNEXPLAINED, SOMETHING_ELSE = "nothing", "unexplained", "something else
 NO_NAME, ONLY_NOISE = "something without a name", "noise, or no more than inexact formulas leave"
 CALIBRATED = (
     "On 80 synthetic folders 85 % of the names stated with 0.80 or more were right; 0.90 is the most that is stated "
-    "(docs/validation/probabilities.md)."
+    "(docs/validation/bank.md)."
 )
 
 
