@@ -205,8 +205,8 @@ def test_a_prediction_is_the_spread_of_the_units_at_each_condition() -> None:
 def test_further_conditions_of_a_fleet_compile_nothing() -> None:
     model, traced = fleets.of(fleets.truths(5, 5)), []
 
-    def heard(event: str, seconds: float, **about: Any) -> None:
-        traced.append(about.get("fun_name"))
+    def heard(event: str, duration_secs: float, **kwargs: Any) -> None:
+        traced.append(kwargs.get("fun_name"))
 
     jax.clear_caches()
     jax.monitoring.register_event_duration_secs_listener(heard)
