@@ -22,6 +22,7 @@ from ..rig.paper_readings import Readings, read_graphs
 from .accuracy import with_accuracy
 from .approach import approach, with_lag_of
 from .edges_in_step import with_edges_in_step
+from .edges_on_samples import with_edges_on_samples
 from .global_search import evolve
 from .guide import let_go
 from .levenberg_marquardt import compile_ahead, descend, minimise
@@ -167,6 +168,10 @@ def _end(
         report("edges in step with the samples: fitting their phase", 0.9)
         rig, (fitted, held_out, _) = clocked, ready(clocked)
         reached = _fitted_again(clocked, fitted, reached, settings)
+        decided = with_edges_on_samples(rig, reached, settings.edges)
+        if decided is not None:  # a phase at the end of its interval is no free parameter
+            rig, (fitted, held_out, _) = decided.rig, ready(decided.rig)
+            reached = _fitted_again(rig, fitted, reached._replace(x=decided.x), settings)
     if trusted and reached.problem.controlled:
         reached = likeliest_nearby(reached, start, report, settings)
     problem, weighted, x, end = reached
