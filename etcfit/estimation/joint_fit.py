@@ -166,9 +166,9 @@ def _end(
     clocked = with_edges_in_step(rig, reached.problem, held_out, reached.x, settings.edges) if trusted else None
     if clocked is not None:  # instants of edges that were taken as independent share a phase
         report("edges in step with the samples: fitting their phase", 0.9)
-        rig, (fitted, held_out, _) = clocked, ready(clocked)
-        reached = _fitted_again(clocked, fitted, reached, settings)
-        decided = with_edges_on_samples(rig, reached, settings.edges)
+        rig, (fitted, held_out, _) = clocked.rig, ready(clocked.rig)
+        reached = _fitted_again(rig, fitted, reached, settings)
+        decided = with_edges_on_samples(rig, reached, clocked.places, settings.edges)
         if decided is not None:  # a phase at the end of its interval is no free parameter
             rig, (fitted, held_out, _) = decided.rig, ready(decided.rig)
             reached = _fitted_again(rig, fitted, reached._replace(x=decided.x), settings)
