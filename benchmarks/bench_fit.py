@@ -97,18 +97,17 @@ class Twin:
 
 def twin(folder: Path, fitted_run: Path, trials: int) -> Twin:
     """Check that SciPy simulates what etcfit does, then time its least squares from etcfit's own start."""
-    from etcfit.estimation.ready import ready, start_values
-    from etcfit.problem.free_parameters import free_parameters
-    from etcfit.problem.problem import EstimationProblem
+    from etcfit.estimation.ready import start_values
+    from etcfit.model.rig_effects import EdgePhase
     from etcfit.rig.paper_readings import read_graphs
     from etcfit.rig.reader import read_folder
     from etcfit.run_folder import load_fit
 
-    rig = read_folder(folder)
-    known, x = free_parameters(rig.config), load_fit(fitted_run).x
-    problem = EstimationProblem.of(rig.config, known, ready(rig)[0]).refined(x).with_release_times(x)
-    traces, predicted = [plain(t) for t in problem.batch.traces], problem.free_run(x)
-    values = {s: float(v) for s, v in known.layout.values(x, known.held).items()}
+    rig, fitted = read_folder(folder), load_fit(fitted_run)
+    known, values = fitted.free_parameters, {s: float(v) for s, v in fitted.values.items()}
+    phases = {s.partition(".")[2]: v for s, v in values.items() if s.startswith(EdgePhase.kind)}
+    traces = [plain(t, phase=phases.get(t.test.name, 0.0)) for t in fitted.problem.batch.traces]
+    predicted = fitted.problem.free_run(fitted.x)
     body = scipy_twin.Rig(rig.config.gear_ratio, rig.config.travel)
     likeness = {
         t.name: (_rms((t.data - scipy_twin.simulate(t, values, body)) / t.sigma),
@@ -116,11 +115,12 @@ def twin(folder: Path, fitted_run: Path, trials: int) -> Twin:
         for t, y in zip(traces, predicted, strict=True)
     }  # fmt: skip
     start = {s: max(v, 1e-3 * abs(values[s])) for s, v in start_values(known, read_graphs(rig)).items()}
+    symbols = [s for s in known.layout.free if not s.startswith(EdgePhase.kind)]  # where edges come is given to it
     wall, cpu = time.time(), time.process_time()
-    solved = scipy_twin.solve(traces, known.layout.free, start, body, trials)
+    solved = scipy_twin.solve(traces, symbols, start, body, trials)
     wall, cpu = time.time() - wall, time.process_time() - cpu
     samples = sum(int(np.isfinite(t.data).any(axis=1).sum()) for t in traces)
-    return Twin(likeness, samples, x.size, solved.evaluations, wall, cpu, solved.outcome.njev)
+    return Twin(likeness, samples, len(symbols), solved.evaluations, wall, cpu, solved.outcome.njev)
 
 
 def _rms(array: np.ndarray) -> float:

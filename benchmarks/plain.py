@@ -63,15 +63,17 @@ class PlainTrace:
         return self.volts[k] + slope[k] * (times - self.knots[k])
 
 
-def plain(trace: Trace, jump_at: float | None = None) -> PlainTrace:
+def plain(trace: Trace, jump_at: float | None = None, phase: float = 0.0) -> PlainTrace:
     """The same as plain arrays.
 
     Args:
         trace: as etcfit prepares it.
-        jump_at: share of the interval at which the input jumps, where it does; None: it is linear there too.
+        jump_at: share of the interval at which the input jumps, where it does; None: it is linear there too, but for
+            jumps in step with the samples.
+        phase: of those.
     """
     boundary, release = trace.test.boundary, trace.release
-    knots, volts = input_knots(trace.instants, trace.input, jump_at)
+    knots, volts = input_knots(trace.instants, trace.input, jump_at, phase)
     return PlainTrace(
         trace.measurement.file, trace.test.name, boundary.plate_held, boundary.gear_apart, trace.circuit,
         trace.instants, knots, volts, trace.channels, trace.data, trace.sigma, trace.start.state,
@@ -79,16 +81,22 @@ def plain(trace: Trace, jump_at: float | None = None) -> PlainTrace:
     )  # fmt: skip
 
 
-def input_knots(times: np.ndarray, signal: InputSignal | None, jump_at: float | None) -> tuple[np.ndarray, np.ndarray]:
+def input_knots(
+    times: np.ndarray, signal: InputSignal | None, jump_at: float | None, phase: float = 0.0
+) -> tuple[np.ndarray, np.ndarray]:
     """Instants and volts of an input that is linear in between; arguments as of `plain`."""
     if signal is None:
         return times[[0, -1]], np.zeros(2)
     if signal.held:
         return np.repeat(times, 2)[1:], np.repeat(signal.value, 2)[:-1]
-    if jump_at is None:
+    if jump_at is not None:
+        share = np.where(signal.edge, jump_at, np.nan)
+    elif signal.turn is not None:
+        share = np.clip(signal.turn + phase, 0.0, 1.0)
+    else:
         return times, signal.value
-    (k,) = np.nonzero(signal.edge)
-    jumps = times[k] + jump_at * np.diff(times)[k]
+    (k,) = np.nonzero(np.isfinite(share))
+    jumps = times[k] + share[k] * np.diff(times)[k]
     where = np.repeat(k + 1, 2)
     sides = np.stack((signal.value[k], signal.value[k + 1]), axis=1).ravel()
     return np.insert(times, where, np.repeat(jumps, 2)), np.insert(signal.value, where, sides)

@@ -78,6 +78,8 @@ class Bench:
         supply: V.
         edge_phase: None: the voltage jumps at any instant; else so many sample periods before the first sample that
             shows it, one clock driving output and logger.
+        edge_lead: the same as a time, s. A nanosecond before a sample, which shows it, is on that sample; so is 0 or a
+            nanosecond after it (-1e-9), but the sample does not show it yet.
         supply_ohm: None: the responses' terminal voltage is logged; else the duty of a bridge in its place, fed by a
             supply of that resistance, which nobody logs.
     """
@@ -89,7 +91,12 @@ class Bench:
     series_ohm: float = 1.218
     supply: float = 12.0
     edge_phase: float | None = None
+    edge_lead: float | None = None
     supply_ohm: float | None = None
+
+    def edge_place(self, rate: float) -> float | None:
+        """Sample periods of a clock of `rate` Hz by which a jump comes before a sample; None: at any instant."""
+        return self.edge_phase if self.edge_lead is None else self.edge_lead * rate
 
 
 PERFECT = Bench(

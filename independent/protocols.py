@@ -77,8 +77,9 @@ class Session:
         held_until: float = 0.0,
     ) -> dict[str, np.ndarray]:
         """What the logger writes while the drive acts on the plant; headers as in `current [mA]`, time first."""
-        if self.bench.edge_phase is not None:
-            drive = drive.in_step(series.rate, self.bench.edge_phase)
+        place = self.bench.edge_place(series.rate)
+        if place is not None:
+            drive = drive.in_step(series.rate, place)
         drive = drive.slewed(self.bench.rise).limited(self.bench.supply)
         ticks = clock(self.rng, self.bench, series.rate, series.duration)
         plant, channel = self.aged(plant), current_channel(self.rng.spawn(1)[0], plant.effects)

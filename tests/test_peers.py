@@ -84,6 +84,14 @@ def test_an_input_becomes_knots(held: bool, jump_at: float | None, seen: list[fl
     ).tolist() == pytest.approx(seen)
 
 
+@pytest.mark.parametrize(("turn", "at"), [(0.0, 1.3), (1.0, 2.0)])
+def test_a_jump_in_step_with_the_samples_is_a_knot_where_its_phase_puts_it(turn: float, at: float) -> None:
+    found = replace(denoised(held=False), turn=np.array([np.nan, turn, np.nan]))
+    knots, volts = input_knots(np.arange(4.0), found, None, 0.3)
+    seen = replace(trace([[0.0, 0.0]], [1.0, 1.0]), knots=knots, volts=volts)
+    assert seen.volts_at(np.array([at - 1e-9, at])).tolist() == pytest.approx([1.0, 5.0], abs=1e-6)
+
+
 def denoised(held: bool) -> InputSignal:
     level = np.array([0.0, 1.0, 5.0, 5.0])
     return InputSignal(level, np.zeros(4), np.zeros(4), np.array([False, True, False]), held)

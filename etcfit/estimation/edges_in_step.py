@@ -42,15 +42,26 @@ class EdgePlace(NamedTuple):
     sd: float
 
 
+class Clocked(NamedTuple):
+    """A rig whose output and logger share a clock.
+
+    Args:
+        rig: with the tests named whose edges are in step with the samples, each edge's turn and where the phases start.
+        places: of every edge, by file.
+    """
+
+    rig: Rig
+    places: Mapping[str, Sequence[EdgePlace]]
+
+
 def with_edges_in_step(
     rig: Rig,
     problem: EstimationProblem,
     held_out: Sequence[Trace],
     x: Float[np.ndarray, " P"],
     settings: EdgesInStepSettings,
-) -> Rig | None:
-    """The rig with the tests named whose edges are in step with the samples, each edge's turn and where the phases
-    start; None where the edges do not show that output and logger share a clock.
+) -> Clocked | None:
+    """The rig as its edges show it; None where they do not show that output and logger share a clock.
 
     Args:
         rig: as read; where rig.toml names the effect itself, nothing is looked for.
@@ -79,7 +90,7 @@ def with_edges_in_step(
         effects=(*rig.config.effects, *(effect.name for effect in effects)),
         parameters={**starts, **rig.config.parameters},
     )
-    return replace(rig, config=config, measurements=turned)
+    return Clocked(replace(rig, config=config, measurements=turned), places)
 
 
 def edge_places(problem: EstimationProblem, x: Float[np.ndarray, " P"]) -> dict[str, tuple[EdgePlace, ...]]:

@@ -19,6 +19,7 @@ from ..rig.paper_readings import Readings, read_graphs
 from .accuracy import with_accuracy
 from .approach import approach, with_lag_of
 from .edges_in_step import with_edges_in_step
+from .edges_on_samples import with_edges_on_samples
 from .free_run import fitted_free_running
 from .levenberg_marquardt import descend
 from .neighbouring_optima import likeliest_nearby
@@ -102,8 +103,12 @@ def _end(
     clocked = with_edges_in_step(rig, reached.problem, held_out, reached.x, settings.edges) if trusted else None
     if clocked is not None:  # instants of edges that were taken as independent share a phase
         report("edges in step with the samples: fitting their phase", 0.9)
-        rig, (traces, held_out, _) = clocked, ready(clocked)
-        reached = _fitted_again(clocked, traces, reached, settings)
+        rig, (traces, held_out, _) = clocked.rig, ready(clocked.rig)
+        reached = _fitted_again(rig, traces, reached, settings)
+        decided = with_edges_on_samples(rig, reached, clocked.places, settings.edges)
+        if decided is not None:  # a phase at the end of its interval is no free parameter
+            rig, (traces, held_out, _) = decided.rig, ready(decided.rig)
+            reached = _fitted_again(rig, traces, reached._replace(x=decided.x), settings)
     if trusted and reached.problem.controlled:
         reached = likeliest_nearby(reached, start, report, settings)
     problem, weighted, x, end = reached

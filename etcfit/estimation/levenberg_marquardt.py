@@ -166,11 +166,13 @@ class Local:
         unit: chi2 per degree of freedom, at least 1: what a difference in chi2 is measured by.
         covariance: of the coordinates, in that unit, shape (P, P).
         gain: chi2 that a full Gauss-Newton step would still gain, g^T F^-1 g, in that unit.
+        step: that step, -F^-1 g, shape (P,).
     """
 
     unit: float
     covariance: np.ndarray
     gain: float
+    step: np.ndarray
 
 
 def local(problem: EstimationProblem, x: np.ndarray, weighted: WeightedData) -> Local:
@@ -181,7 +183,7 @@ def local(problem: EstimationProblem, x: np.ndarray, weighted: WeightedData) -> 
     reach, prior_sd = problem.layout.reach(x), np.asarray(weighted.prior_sd)[:size]
     information = np.asarray(of_data.information)[:size, :size] + believed(problem.layout, x, prior_sd)
     gradient = np.asarray(of_data.gradient)[:size] + prior_residual_here(padded, weighted)[:size] / prior_sd
-    gain = float(gradient @ np.linalg.solve(information, gradient)) / unit
+    step = -np.linalg.solve(information, gradient)
     values, vectors = np.linalg.eigh(information * np.outer(reach, reach))
     covariance = (vectors / np.maximum(values, 1.0 / WIDE**2)) @ vectors.T * np.outer(reach, reach)
-    return Local(unit, unit * covariance, gain)
+    return Local(unit, unit * covariance, -float(gradient @ step) / unit, step)

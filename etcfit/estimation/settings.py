@@ -96,6 +96,8 @@ class EdgesInStepSettings:
         chance: probability that edges at any instants agree as closely, at most, in a test that proves one clock.
         agreement: of edges in step scattering as widely, at least, in every test taken to be in step.
         border: phases so near a sample leave it open on which side of the sample an edge fell, sample intervals.
+        on_sample: standard errors by which a phase may lie inside its interval and yet be taken to be on the sample.
+        in_company: the same where the edges of another test are on the samples.
     """
 
     error: float = real(0.3, 1e-6, 10.0)
@@ -105,6 +107,8 @@ class EdgesInStepSettings:
     chance: float = real(1e-3, 0.0, 1.0)
     agreement: float = real(0.01, 0.0, 1.0)
     border: float = real(0.15, 0.0, 0.5)
+    on_sample: float = real(2.0, 0.0, 100.0)
+    in_company: float = real(3.0, 0.0, 100.0)
 
     __post_init__ = check_ranges
 

@@ -116,6 +116,7 @@ def by_test(traces: Iterable[Trace]) -> dict[str, frozenset[str]]:
 
 
 _LEAST_OHM = 1.0  # of a winding
+_STEADY = 6.0  # noises that the first samples of a current that is steady may lie apart
 
 _NOWHERE = InitialState((0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
 
@@ -220,7 +221,9 @@ def _start(trace: Trace, config: RigConfig) -> InitialState:
     sigma = dict(zip(trace.channels, trace.sigma, strict=True))
     i, i_sd, theta, theta_sd, omega, omega_sd = (0.0,) * 6
     if (first := _first(trace, "current", 3)) is not None:
-        i, i_sd = float(np.mean(first[1])), 3.0 * sigma["current"] + 0.1 * abs(float(np.mean(first[1])))
+        steady = float(np.ptp(first[1])) < _STEADY * sigma["current"]  # else an edge comes with the first sample
+        i = float(np.mean(first[1]) if steady else first[1][0])
+        i_sd = 3.0 * sigma["current"] + 0.1 * abs(i)
     elif trace.controlled and trace.input is not None:  # as little known as the voltage that makes it
         i_sd = float(trace.input.error[0]) / _LEAST_OHM
     if (first := _first(trace, "position", 10)) is not None:

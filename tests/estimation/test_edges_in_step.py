@@ -39,7 +39,8 @@ def at_the_truth(rig: Rig, truth: Truth) -> tuple[EstimationProblem, np.ndarray]
 
 def looked(rig: Rig, truth: Truth) -> Rig | None:
     problem, x = at_the_truth(rig, truth)
-    return with_edges_in_step(rig, problem, ready(rig).held_out, x, EdgesInStepSettings())
+    clocked = with_edges_in_step(rig, problem, ready(rig).held_out, x, EdgesInStepSettings())
+    return None if clocked is None else clocked.rig
 
 
 @pytest.mark.slow

@@ -116,7 +116,7 @@ def test_a_jump_at_an_unknown_instant_stands_at_the_last_entry_of_its_interval()
 # ---- what comes of them
 
 
-CASES = [(0.2, None, 0.2), (0.85, 0.0, 0.85), (-0.1, 1.0, 0.9), (-0.1, 0.0, -0.1), (0.05, 1.0, 1.05), (0.5, None, 0.5)]
+CASES = [(0.2, None, 0.2), (0.85, 0.0, 0.85), (-0.1, 1.0, 0.9), (-0.1, 0.0, 0.0), (0.05, 1.0, 1.0), (0.5, None, 0.5)]
 
 
 @pytest.mark.parametrize(("phase", "turn", "share"), CASES)
@@ -139,3 +139,24 @@ def test_a_jump_at_a_known_place_has_no_uncertain_instant() -> None:
     assert np.any(without.batch.disturbance.edge)
     assert with_.batch.steps.edge is not None
     assert without.batch.steps.edge is None
+
+
+def test_an_edge_on_its_sample_gets_the_steps_after_it_that_one_just_before_it_gets() -> None:
+    """A plate pressed onto its stop: a step that ran backwards would meet the stop, and impacts are not integrated
+    more finely."""
+    config = RigConfig("by hand", effects=(EdgePhase.at(Place("response")).name,), parameters=CONFIG.parameters)
+    held = held_plate(1.0)
+    still = Channel(held.time, np.zeros(ROWS), 1e-4, True, "position", "rad", 1.0)
+    pressed = replace(held, file="response/1.csv", test="response", channels={**held.channels, "position": still})
+    trace = prepare(pressed, config)
+    assert trace is not None
+    known = free_parameters(config)
+    x = known.layout.coordinates({s: known.layout.parameter(s).nominal for s in known.layout.free})
+    at = known.layout.free.index("edge_phase.response")
+    counts = []
+    for phase in (-0.01, 0.0, 0.02):
+        x[at] = phase
+        counts.append(EstimationProblem.of(config, known, (trace,)).refined(x).substeps[0][JUMP : JUMP + 3])
+    assert np.all(counts[0] > 1)
+    for count in counts[1:]:
+        assert np.all(np.abs(count - counts[0]) <= 1)

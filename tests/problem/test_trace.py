@@ -111,6 +111,14 @@ def test_a_current_that_flows_at_the_start_is_taken_from_the_log() -> None:
     assert abs(start.state[0] - 2.0) < 3.0 * start.sd[0]
 
 
+def test_where_an_edge_comes_with_the_first_sample_the_current_starts_from_that_sample() -> None:
+    rise = 2.0 * (1.0 - np.exp(-T / 1e-3))
+    m = noisy(measurement("response", T, {"voltage": 0 * T + 3, "current": rise, "position": 0 * T}), 1)
+    start = ready(m).start
+    assert abs(start.state[0]) < 3.0 * start.sd[0]
+    assert start.sd[0] < 0.1
+
+
 def test_a_held_plate_stays_where_it_is() -> None:
     """The position of a held plate may be noise alone: no speed is read into it."""
     motion = driven(line([0.0, 0.3], [2.0, 2.0]), 0.5, held=True)

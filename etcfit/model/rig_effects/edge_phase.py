@@ -10,7 +10,7 @@ import jax.numpy as jnp
 from ..parameters import Real, Scalar, parameter
 from .base import AbstractRigEffect, Logged, Place
 
-_WITHIN = (-0.5, 1.5)  # intervals, of the place of an edge
+_WITHIN = (0.0, 1.0)
 
 
 class EdgePhase(AbstractRigEffect):

@@ -51,7 +51,7 @@ class EdgePhase:
     """Phase of the edges of one rig test, in sample intervals before the sample that first shows them.
 
     Args:
-        phase: mean on the circle, in [0, 1).
+        phase: mean on the circle, 0 to 1; of edges on the samples the end that most of them show.
         error: its standard error.
         edges: how many told it.
         chance: probability that edges at any instants would have phases as close together: twice
@@ -78,7 +78,8 @@ def edge_phase(traces: Sequence[Measurement], settings: EdgeSettings = EdgeSetti
     chance = min(1.0, 2.0 * min(rayleigh_chance(phases), arc_chance(phases)))
     if where.spread > settings.spread or chance > settings.chance:
         return None
-    return EdgePhase(where.mean % 1.0, where.spread / phases.size**0.5, phases.size, chance)
+    phase = float(np.clip(where.mean + np.round(np.median(phases) - where.mean), 0.0, 1.0))
+    return EdgePhase(phase, where.spread / phases.size**0.5, phases.size, chance)
 
 
 def edge_phases(traces: Sequence[Measurement], settings: EdgeSettings = EdgeSettings()) -> np.ndarray:

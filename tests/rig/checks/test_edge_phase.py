@@ -36,6 +36,14 @@ def test_a_common_phase_is_found_with_its_error(phase: float) -> None:
     assert found.chance < 1e-4
 
 
+@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("phase", [0.0, 0.9999])
+def test_an_edge_on_its_sample_and_one_a_whole_interval_earlier_are_not_the_same(phase: float, seed: int) -> None:
+    found = edge_phase([edges(np.full(12, phase), seed)])
+    assert found is not None
+    assert found.phase == pytest.approx(phase, abs=0.02)
+
+
 def test_each_edge_tells_its_own_phase() -> None:
     phases = np.linspace(0.05, 0.95, 16)
     assert edge_phases([edges(phases)]) == pytest.approx(phases, abs=0.05)
