@@ -178,6 +178,16 @@ def excess(traces: Sequence[Measurement], config: RigConfig, drop: float) -> Val
     return found.R if found is not None else None
 
 
+def misfit(w: Windows) -> float:
+    """Nine windows in ten fit the equation better than so, V; infinite where they show no resistance above zero."""
+    found = _read(w)
+    if found is None or "R" not in found or found["R"].value <= 0.0 or ("k" in found and found["k"].value <= 0.0):
+        return float("inf")
+    columns = {"R": w.amperes, "L": w.rise, "k": w.turn, "drop": w.brushes}
+    left = w.volts - sum(value.value * columns[name] for name, value in found.items())
+    return float(np.quantile(np.abs(left / w.seconds), 0.9))
+
+
 def _solved(w: Windows) -> Circuit | None:
     whole, calm = _read(w), _read(w.where(w.calm > 0.0))
     if whole is None or calm is None:
