@@ -12,7 +12,7 @@ Source: integral of the paper's Eq. 1, with a voltage drop V_b of the brushes.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 from typing import NamedTuple
 
@@ -178,18 +178,14 @@ def excess(traces: Sequence[Measurement], config: RigConfig, drop: float) -> Val
     return found.R if found is not None else None
 
 
-def misfit(w: Windows) -> float:
-    """Nine windows in ten fit the equation better than so, V; infinite where they show no resistance above zero."""
-    found = _read(w)
-    if found is None or "R" not in found or found["R"].value <= 0.0 or ("k" in found and found["k"].value <= 0.0):
-        return float("inf")
+def left_by(values: Mapping[str, Value], w: Windows) -> np.ndarray:
+    """What these values leave of the voltage in each window, V, shape (n,)."""
     columns = {"R": w.amperes, "L": w.rise, "k": w.turn, "drop": w.brushes}
-    left = w.volts - sum(value.value * columns[name] for name, value in found.items())
-    return float(np.quantile(np.abs(left / w.seconds), 0.9))
+    return (w.volts - sum(value.value * columns[name] for name, value in values.items())) / w.seconds
 
 
 def _solved(w: Windows) -> Circuit | None:
-    whole, calm = _read(w), _read(w.where(w.calm > 0.0))
+    whole, calm = values_of(w), values_of(w.where(w.calm > 0.0))
     if whole is None or calm is None:
         return None
     typical = float(np.sqrt(np.mean(w.amperes**2) / np.mean(w.seconds**2)))
@@ -197,7 +193,8 @@ def _solved(w: Windows) -> Circuit | None:
     return Circuit(calm.get("R"), whole.get("L"), calm.get("k"), drop, typical)
 
 
-def _read(w: Windows) -> dict[str, Value] | None:
+def values_of(w: Windows) -> dict[str, Value] | None:
+    """R, L, k and drop that these windows tell, those of them that they tell; None where there are too few."""
     columns = {"R": w.amperes} if np.any(w.amperes) else {}
     for name, gain, noise in (("L", w.rise, w.heard[0]), ("k", w.turn, w.heard[1])):
         if gain.size and np.sqrt(np.mean(gain**2)) > SEEN * noise and np.any(gain):
