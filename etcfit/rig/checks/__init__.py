@@ -17,6 +17,7 @@ from .saturation import Saturation
 from .series_resistance import SeriesResistance
 from .supply_current import SupplyCurrent
 from .swapped_columns import SwappedColumns
+from .switched_voltage import SwitchedVoltage
 from .synchronous_edges import SynchronousEdges
 from .time_scale import TimeScale
 from .unit_scale import UnitScale
@@ -26,6 +27,7 @@ from .unsigned_current import UnsignedCurrent
 DETECTORS: tuple[AbstractDetector, ...] = tuple(
     detector()
     for detector in (
+        SwitchedVoltage,
         SupplyCurrent,
         UnsignedCurrent,
         SwappedColumns,
