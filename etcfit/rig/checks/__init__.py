@@ -15,6 +15,7 @@ from .hum import Hum
 from .lost_samples import LostSamples
 from .saturation import Saturation
 from .series_resistance import SeriesResistance
+from .slow_log import SlowLog
 from .supply_current import SupplyCurrent
 from .swapped_columns import SwappedColumns
 from .switched_voltage import SwitchedVoltage
@@ -40,6 +41,7 @@ DETECTORS: tuple[AbstractDetector, ...] = tuple(
         SeriesResistance,
         LostSamples,
         Hum,
+        SlowLog,
         SynchronousEdges,
     )
 )
