@@ -6,13 +6,23 @@ channel that samples the PWM itself, a log slower than what it logs.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterable
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
+from .control import Computer, follow
+from .drives import steps
+from .effects import NONE
+from .folder import rig_toml, write_trace
+from .instruments import CLOSED_V, OPEN_V, Bench
 from .mistakes import Sheet, edited
+from .protocols import Series, Session, Trace
+from .simulate import throttle
+from .truth import OPEN, Truth
+from .under_ecu import setpoint
 
 WITH_CURRENT = ("resistance", "inductance", "static_load", "viscous", "response")
 
@@ -42,9 +52,11 @@ def unsigned_current(folder: Path, tests: Iterable[str] = WITH_CURRENT) -> None:
         edited(folder, test, _changed("current", lambda i, v, t: np.abs(i)))
 
 
-def slow_current(folder: Path, seconds: float, tests: Iterable[str] = WITH_CURRENT) -> None:
-    """The current behind an RC of so many seconds, at rest as the log begins: y' = (i - y) / RC, i straight between
-    two samples."""
+def slow_current(
+    folder: Path, seconds: float, rng: np.random.Generator, noise: float = 0.008, tests: Iterable[str] = WITH_CURRENT
+) -> None:
+    """The current behind an RC of so many seconds, settled as the log begins, and the converter's noise (A) after it:
+    y' = (i - y) / RC, i straight between two samples."""
 
     def behind(i: np.ndarray, v: np.ndarray, t: np.ndarray) -> np.ndarray:
         y = i.copy()
@@ -52,7 +64,7 @@ def slow_current(folder: Path, seconds: float, tests: Iterable[str] = WITH_CURRE
             h = (t[k] - t[k - 1]) / seconds
             slope = (i[k] - i[k - 1]) / h  # per RC
             y[k] = i[k] - slope + (y[k - 1] - i[k - 1] + slope) * np.exp(-h)
-        return y
+        return y + noise * rng.standard_normal(y.size)
 
     for test in tests:
         edited(folder, test, _changed("current", behind))
@@ -70,6 +82,39 @@ def switched_voltage(folder: Path, rng: np.random.Generator, supply: float = 12.
         edited(folder, test, _changed("voltage", found))
 
 
-def every_nth(folder: Path, n: int, test: str) -> None:
-    """A log n times slower than it was."""
-    edited(folder, test, lambda sheet: replace(sheet, rows=sheet.rows[::n]))
+def binary_drive(
+    folder: Path, truth: Truth, seed: int, hold: int, levels: tuple[float, float], rate: float, duration: float = 1.5
+) -> None:
+    """No lie: a response to a random binary voltage (V) that changes at every so-many-th sample, or stays."""
+    rng = np.random.default_rng(seed)
+    session = Session(rng, truth, NONE, Bench(edge_phase=0.0 if hold == 1 else None))
+    count = math.ceil(duration * rate / hold) + 2
+    drive = steps(np.full(count, hold / rate), rng.choice(levels, count))
+    headers = ("time [s]", "voltage [V]", "current [mA]", "tps [V]")
+    plant = throttle(truth, NONE)
+    columns = session.record(plant, drive.after(0.05, duration + 0.02), Series(1, duration, rate), headers)
+    _one_response(folder, truth, columns, seed)
+
+
+def duty_log(folder: Path, truth: Truth, seed: int, rate: float, every: int, duration: float = 6.0) -> None:
+    """Duty and position of a plate that follows steps under a computer of `rate` Hz, of which every so-many-th tick is
+    logged."""
+    rng, computer = np.random.default_rng(seed), Computer(20.0, 300.0, 0.4, period=1.0 / rate)
+    ticks = np.arange(round(duration * rate)) / rate
+    wanted = setpoint(rng, "steps", ticks, 0.19, 1.33)
+    angle, volts = follow(throttle(truth, NONE), computer, wanted)
+    tps = CLOSED_V + (OPEN_V - CLOSED_V) * angle / OPEN
+    rows = slice(None, None, every)
+    columns = {
+        "time [s]": ticks[rows],
+        "duty [%]": 100.0 * volts[rows] / computer.supply,
+        "tps [V]": Bench().sensors["tps"].read(rng, tps[rows]),
+    }
+    _one_response(folder, truth, columns, seed)
+
+
+def _one_response(folder: Path, truth: Truth, columns: dict[str, np.ndarray], seed: int) -> None:
+    (folder / "response").mkdir(parents=True, exist_ok=True)
+    text = rig_toml("one response", truth.N, Bench(), [], noise=True)
+    (folder / "rig.toml").write_text(text, encoding="utf-8", newline="\n")
+    write_trace(folder, Trace("response/log.csv", columns), seed)

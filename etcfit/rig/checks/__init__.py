@@ -15,6 +15,7 @@ from .hum import Hum
 from .lost_samples import LostSamples
 from .saturation import Saturation
 from .series_resistance import SeriesResistance
+from .slow_current import SlowCurrent
 from .slow_log import SlowLog
 from .supply_current import SupplyCurrent
 from .swapped_columns import SwappedColumns
@@ -31,6 +32,7 @@ DETECTORS: tuple[AbstractDetector, ...] = tuple(
         SwitchedVoltage,
         SupplyCurrent,
         UnsignedCurrent,
+        SlowCurrent,
         SwappedColumns,
         ChannelSign,
         UnitScale,

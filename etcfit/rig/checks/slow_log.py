@@ -29,11 +29,10 @@ EDGE, EDGE_SHARE = 9.0, 0.02  # noises, and of the span: an edge
 
 
 class Look(NamedTuple):
-    """One trace: t of the next input, share of the input that its own past does not tell, levels, 1/s."""
+    """One trace: t of the next input; rms of what the input's own past does not tell, of its standard deviation; Hz."""
 
     ahead: float
     new: float
-    levels: int
     rate: float
 
 
@@ -56,13 +55,32 @@ class SlowLog(AbstractDetector):
 
     def find(self, records: Records) -> Iterator[Finding]:
         for test, traces in records.tests.items():
-            read = {t.file: look for t in traces if (look := _look(t, records.config, self.fewest)) is not None}
-            slow = {file: look for file, look in read.items() if self._is_slow(look)}
+            read = {t.file: look for t in traces if (look := self._look(t, records.config)) is not None}
+            slow = {file: look for file, look in read.items() if look.ahead > self.errors}
             if slow:
                 yield self._finding(test, slow, traces, records)
 
-    def _is_slow(self, look: Look) -> bool:
-        return look.ahead > self.errors and look.new > self.new and look.levels >= self.levels
+    def _look(self, trace: Measurement, config: RigConfig) -> Look | None:
+        """None where the input is one that a log follows."""
+        drive = drive_voltage(trace, config)
+        position = trace.channels.get("position") or trace.channels.get("motor_speed")
+        if drive is None or position is None or drive.value.size < self.fewest:
+            return None
+        u, y = drive.value, on_times(position, drive.time)
+        span, sd = float(np.ptp(u)), float(np.std(u))
+        if span == 0.0 or np.ptp(y) == 0.0 or np.unique(np.round(50.0 * u / span)).size < self.levels:
+            return None
+        k = np.arange(LAGS, u.size - 1)
+        k = k[~_about_lone_edges(u, drive.sigma)[k + 1]]
+        if k.size < self.fewest:
+            return None
+        own = np.column_stack([np.ones(k.size), *(u[k - j] for j in range(LAGS))])
+        new = float(np.sqrt(np.mean(_remains(own, u[k + 1]) ** 2))) / sd
+        if new < self.new:
+            return None
+        past = np.column_stack([own, *(y[k - j] for j in range(LAGS))])
+        rate = 1.0 / float(np.median(np.diff(drive.time)))
+        return Look(_t_of_next(_remains(past, u[k + 1]), _remains(past, y[k + 1] - y[k])), new, rate)
 
     def _finding(self, test: str, slow: dict[str, Look], traces: tuple[Measurement, ...], records: Records) -> Finding:
         trace = next(t for t in traces if t.file in slow)
@@ -81,30 +99,11 @@ class SlowLog(AbstractDetector):
         )  # fmt: skip
 
 
-def _look(trace: Measurement, config: RigConfig, fewest: int) -> Look | None:
-    drive = drive_voltage(trace, config)
-    position = trace.channels.get("position") or trace.channels.get("motor_speed")
-    if drive is None or position is None or drive.value.size < fewest:
-        return None
-    u, y = drive.value, on_times(position, drive.time)
-    k = np.arange(LAGS, u.size - 1)
-    k = k[~_about_lone_edges(u, drive.sigma)[k + 1]]
-    if k.size < fewest or np.ptp(y) == 0.0:
-        return None
-    own = np.column_stack([np.ones(k.size), *(u[k - j] for j in range(LAGS))])
-    past = np.column_stack([own, *(y[k - j] for j in range(LAGS))])
-    new = _remains(own, u[k + 1])
-    span = float(np.ptp(u))
-    levels = np.unique(np.round(50.0 * u / span)).size if span > 0.0 else 1
-    rate = 1.0 / float(np.median(np.diff(drive.time)))
-    # by Frisch and Waugh: both less what the past tells of them
-    move, ahead = _remains(past, y[k + 1] - y[k]), _remains(past, u[k + 1])
+def _t_of_next(ahead: np.ndarray, move: np.ndarray) -> float:
+    """t of d: both less what the past tells of them (Frisch and Waugh 1933)."""
     power = float(ahead @ ahead)
-    if power <= 0.0 or np.std(u) == 0.0:
-        return None
-    slope = float(ahead @ move) / power
-    error = float(np.sqrt(np.mean((move - slope * ahead) ** 2) / power))
-    return Look(slope / max(error, 1e-300), float(np.sqrt(np.mean(new**2)) / np.std(u)), levels, rate)
+    slope = float(ahead @ move) / max(power, 1e-300)
+    return slope / max(float(np.sqrt(np.mean((move - slope * ahead) ** 2) / max(power, 1e-300))), 1e-300)
 
 
 def _about_lone_edges(u: np.ndarray, sigma: float) -> np.ndarray:
