@@ -70,7 +70,9 @@ def slow_current(
         edited(folder, test, _changed("current", behind))
 
 
-def switched_voltage(folder: Path, rng: np.random.Generator, supply: float = 12.0, tests: Iterable[str] = ("response",)) -> None:
+def switched_voltage(
+    folder: Path, rng: np.random.Generator, supply: float = 12.0, tests: Iterable[str] = ("response",)
+) -> None:
     """The terminal voltage as one sample of a PWM far faster than the log finds it: 0 or the supply's, with chance
     |v| / V_s of the latter."""
 

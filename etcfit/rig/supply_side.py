@@ -2,7 +2,8 @@
 
     i = i_s / d,    d = duty, or v / V_s
 
-Where the duty is near zero the supply's current tells nothing of the motor's: no value there.
+Where the duty is near zero the supply's current tells nothing of the motor's: no value there. The noise grows as the
+duty falls, and is taken as one for all samples of a test.
 
 Source: Mohan, Undeland and Robbins 2003, ch. 7 (full bridge: mean current of its source). Differs from source: no.
 """
@@ -19,7 +20,7 @@ from .base import RigConfig
 from .columns import Column
 
 SUPPLY_CURRENT = "supply_current"
-LEAST = 0.1  # of the duty
+LEAST, SHARE = 0.1, 0.5  # of a duty that counts; of a trace's largest, where that is small
 
 
 def with_motor_current(columns: Mapping[str, Column], config: RigConfig, where: str) -> Mapping[str, Column]:
@@ -41,7 +42,9 @@ def with_motor_current(columns: Mapping[str, Column], config: RigConfig, where: 
                                "The model has one, the motor's.",
                                "Leave the supply's out: set it to \"ignore\" under [columns].")  # fmt: skip
     duty = _duty(columns, config, where, logged.header)
-    value = logged.logged / np.where(np.abs(duty) < LEAST, np.nan, duty)
+    size = np.abs(duty)
+    least = min(LEAST, SHARE * float(np.nanmax(size, initial=0.0)))
+    value = logged.logged / np.where(size > least, duty, np.nan)
     out = {name: column for name, column in columns.items() if name != SUPPLY_CURRENT}
     return out | {"current": replace(logged, quantity="current", logged=value)}
 

@@ -145,7 +145,7 @@ def _cut(volts: Channel, current: Channel | None, angle: _Angle | None) -> Windo
     def gain(of: np.ndarray) -> np.ndarray:
         return np.diff(of[ends])
 
-    return Windows(
+    whole = Windows(
         volts=gain(_integral(time, volts.value)),
         amperes=gain(_integral(time, amperes)),
         rise=gain(amperes),
@@ -155,6 +155,17 @@ def _cut(volts: Channel, current: Channel | None, angle: _Angle | None) -> Windo
         calm=(gain(jumps) == 0.0).astype(float),
         heard=(0.0 if current is None else current.sigma, 0.0 if angle is None else angle.sigma),
     )
+    return whole if current is None else whole.where(gain(np.cumsum(_in_gaps(current.time, time))) == 0.0)
+
+
+def _in_gaps(logged: np.ndarray, time: np.ndarray) -> np.ndarray:
+    """1 at instants about which a channel has no sample for three of its intervals, shape (n,): it was not logged there."""
+    steps = np.concatenate(([np.inf], np.diff(logged), [np.inf]))
+    about = np.minimum(np.searchsorted(logged, time), steps.size - 1)
+    inside = (time > logged[0]) & (time < logged[-1])
+    ends = np.minimum(np.abs(time - logged[0]), np.abs(time - logged[-1]))
+    usual = 3.0 * float(np.median(np.diff(logged))) if logged.size > 1 else 0.0
+    return np.where(inside, steps[about] > usual, ends > usual).astype(float)
 
 
 def _integral(time: np.ndarray, value: np.ndarray) -> np.ndarray:

@@ -67,7 +67,7 @@ class OtherCurrent:
         as_logged, values = values_of(self.motor), values_of(other)
         if as_logged is None or values is None or "R" not in values:
             return None
-        if any(values[name].sign(2.0) <= 0 for name in ("R", "k") if name in values):
+        if values["R"].sign(2.0) <= 0 or ("k" in values and values["k"].sign(2.0) < 0):
             return None
         there = np.ones(other.volts.size, dtype=bool) if rows is None else rows
         left = [np.quantile(np.abs(left_by(v, w)[there]), part) for v, w in ((as_logged, self.motor), (values, other))]

@@ -54,7 +54,9 @@ class SupplyCurrent(AbstractDetector):
         traces = [t for t in records.tests[test] if "current" in t.channels]
         channel, known = traces[0].channels["current"], supply_of(traces, records.config)
         motor = records.currents[test].motor
-        high, low = np.quantile(np.abs(motor.volts / np.where(motor.amperes == 0.0, np.nan, motor.amperes)), [0.95, 0.05])
+        high, low = np.quantile(
+            np.abs(motor.volts / np.where(motor.amperes == 0.0, np.nan, motor.amperes)), [0.95, 0.05]
+        )
         ohms = f", and R is {R.value:.4g} ohm" if known else ""
         found = (f"'{channel.header}' is the current of the supply, not of the motor: in {' and '.join(shown)} voltage over "
                  f"current falls as the voltage rises, in {test} from {high:.3g} to {low:.3g} ohm. Divided by the duty it "

@@ -3,6 +3,7 @@ and none where there is none."""
 
 from __future__ import annotations
 
+import re
 import shutil
 from collections.abc import Callable
 from dataclasses import replace
@@ -34,7 +35,7 @@ def body(seed: int) -> Truth:
     return draw_truth(np.random.default_rng(seed), CONSISTENT)
 
 
-@pytest.fixture(scope="module", params=SEEDS)
+@pytest.fixture(scope="module", params=SEEDS[:2])
 def clean(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Truth]:
     seed = request.param
     return made(tmp_path_factory.mktemp("clean") / str(seed), seed), body(seed)
@@ -88,11 +89,14 @@ def test_a_supply_current_needs_a_duty(clean: tuple[Path, Truth], tmp_path: Path
 
 
 def test_a_current_without_its_sign_is_found_where_it_lost_one(tmp_path: Path) -> None:
-    for seed in (7801, 7812):  # bodies whose responses are driven both ways
-        found = lied(made(tmp_path / f"clean_{seed}", seed), tmp_path / f"rig_{seed}", lying.unsigned_current)
+    for seed in (7801, 7804):
+        lying.binary_drive(tmp_path / str(seed), body(seed), seed, 40, (-6.0, 6.0), 1000.0)
+        found = lied(
+            tmp_path / str(seed), tmp_path / f"lied_{seed}", lambda to: lying.unsigned_current(to, ["response"])
+        )
         unsigned = [f for f in found if f.kind == "unsigned_current"]
         assert [(f.test, f.channel) for f in unsigned] == [("response", "current")]
-        assert 0.01 < unsigned[0].size < 0.5
+        assert 0.2 < unsigned[0].size < 0.8  # share of the stretches that the voltage drives backwards
         with pytest.raises(MeasurementError, match="lost its sign"):
             refuse("rig", found)
 
@@ -104,30 +108,29 @@ def test_a_voltage_that_shows_the_pwm_is_refused(clean: tuple[Path, Truth], tmp_
         refuse("rig", found)
 
 
-@pytest.mark.parametrize(("hold", "levels", "rate"), [(1, (0.0, 12.0), 1000), (3, (-6.0, 6.0), 1000), (1, (0.0, 8.0), 200)])
+@pytest.mark.parametrize(
+    ("hold", "levels", "rate"), [(1, (0.0, 12.0), 1000), (3, (-6.0, 6.0), 1000), (1, (0.0, 8.0), 200)]
+)
 def test_a_binary_signal_that_really_drives_is_none(tmp_path: Path, hold: int, levels: tuple, rate: int) -> None:
     lying.binary_drive(tmp_path, body(7811), 7811, hold, levels, rate)
     assert {f.kind for f in read_folder(tmp_path).findings} <= {"synchronous_edges"}
 
 
-@pytest.mark.parametrize(("seconds", "fast"), [(2e-3, "L/R")])
-def test_two_lags_of_a_current_are_told_apart_from_one(
-    clean: tuple[Path, Truth], tmp_path: Path, seconds: float, fast: str
-) -> None:
-    truth = clean[1]
-    found = lied(
-        clean[0], tmp_path / "rig", lambda to: lying.slow_current(to, seconds, np.random.default_rng(7812))
-    )
-    (slow,) = [f for f in found if f.kind == "slow_current"]
-    assert (slow.test, slow.channel) == ("inductance", "current")
-    assert slow.size == pytest.approx(seconds, rel=0.15)
-    winding = truth.L_a / (truth.R_a + Bench().series_ohm)
-    assert f"and {1e3 * winding:.1g}" in slow.found or abs(fast_of(slow) - winding) < 0.4 * winding, fast
+@pytest.mark.parametrize("seed", SEEDS)
+def test_two_lags_of_a_current_are_told_apart_from_one(tmp_path: Path, seed: int) -> None:
+    write_folder(tmp_path, "rig", body(seed), seed, NONE, STEPS, Bench(), holdout=False, noise=True)
+    assert read_folder(tmp_path).findings == ()
+    lying.slow_current(tmp_path, 2e-3, np.random.default_rng(seed), tests=["inductance"])
+    (slow,) = read_folder(tmp_path).findings
+    assert (slow.kind, slow.test, slow.channel, slow.unit) == ("slow_current", "inductance", "current", "s")
+    assert slow.size == pytest.approx(2e-3, rel=0.1)
+    named = re.search(r"of ([\d.]+) and ([\d.]+) ms", slow.found)
+    assert named is not None
+    winding = body(seed).L_a / (body(seed).R_a + Bench().series_ohm)
+    assert 1e-3 * float(named[2]) == pytest.approx(winding, rel=0.3)
 
 
-def fast_of(found: Finding) -> float:
-    """Faster of the two lags that the sentence names, s."""
-    return 1e-3 * float(found.found.partition(" and ")[2].split(" ms")[0])
+STEPS = {"inductance": Series(4, 0.02, 20_000)}
 
 
 def test_a_lag_that_no_winding_has_makes_the_inductance_an_upper_bound(
