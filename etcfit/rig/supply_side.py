@@ -38,7 +38,8 @@ def with_motor_current(columns: Mapping[str, Column], config: RigConfig, where: 
     if logged is None:
         return columns
     if "current" in columns:
-        raise MeasurementError(where, f"columns '{columns['current'].header}' and '{logged.header}' are both a current.",
+        both = f"columns '{columns['current'].header}' and '{logged.header}' are both a current."
+        raise MeasurementError(where, both,
                                "The model has one, the motor's.",
                                "Leave the supply's out: set it to \"ignore\" under [columns].")  # fmt: skip
     duty = _duty(columns, config, where, logged.header)
@@ -57,5 +58,5 @@ def _duty(columns: Mapping[str, Column], config: RigConfig, where: str, header: 
     if "voltage" not in columns or volts is None:
         raise MeasurementError(where, f"column '{header}' without a duty.",
                                "The motor's current is that of the supply over the duty.",
-                               "Log the duty; or the voltage at the motor, and write [rig] supply_V in rig.toml.")  # fmt: skip
+                               "Log the duty; or the motor's voltage, and write [rig] supply_V in rig.toml.")  # fmt: skip
     return columns["voltage"].value / volts

@@ -159,7 +159,7 @@ def _cut(volts: Channel, current: Channel | None, angle: _Angle | None) -> Windo
 
 
 def _in_gaps(logged: np.ndarray, time: np.ndarray) -> np.ndarray:
-    """1 at instants about which a channel has no sample for three of its intervals, shape (n,): it was not logged there."""
+    """1 at instants about which a channel has no sample for three of its intervals, shape (n,)."""
     steps = np.concatenate(([np.inf], np.diff(logged), [np.inf]))
     about = np.minimum(np.searchsorted(logged, time), steps.size - 1)
     inside = (time > logged[0]) & (time < logged[-1])

@@ -75,7 +75,7 @@ class OtherCurrent:
 
 
 def _signed(w: Windows, sign: np.ndarray) -> Windows:
-    return replace(w, amperes=sign * w.amperes, rise=sign * w.rise, brushes=sign * w.brushes)
+    return replace(w, amperes=sign * w.amperes, rise=sign * w.rise)
 
 
 def other_current(traces: Sequence[Measurement], config: RigConfig) -> OtherCurrent | None:
@@ -120,4 +120,9 @@ def _windows(
         changed = replace(trace, channels={**trace.channels, "current": replace(current, value=value)})
         parts.append(windows_of(changed, config))
     kept = [each for each in parts if each is not None]
-    return Windows.joined(kept) if kept else None
+    if not kept:
+        return None
+    joined = Windows.joined(
+        kept
+    )  # without brushes: a drop with the voltage's sign would explain a held voltage by itself
+    return replace(joined, brushes=np.zeros_like(joined.brushes))

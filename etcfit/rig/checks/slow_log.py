@@ -90,11 +90,11 @@ class SlowLog(AbstractDetector):
         channel = "voltage" if "voltage" in trace.channels else "duty"
         return Finding(
             self.kind, worst.rate, "Hz", float(erfc(worst.ahead / 2**0.5)),
-            f"{where[0].upper()}{where[1:]} the log is slower than what acts in it: at {worst.rate:.4g} Hz '{drive.header}' "
-            f"changes between two samples, for the next sample of it tells the motion before it ({worst.ahead:.0f} standard "
-            f"errors), and {100.0 * worst.new:.0f} % of its rms is new from one sample to the next. What a fit or a "
-            "diagnosis makes of the motion in between is a guess.",
-            "Log at the rate at which the controller acts, or faster; or take [ecu] in rig.toml and log the setpoint, so "
+            f"{where[0].upper()}{where[1:]} the log is slower than what acts in it: at {worst.rate:.4g} Hz "
+            f"'{drive.header}' changes between two samples, for its next sample tells the motion before it "
+            f"({worst.ahead:.0f} standard errors), and {100.0 * worst.new:.0f} % of its rms is new from one sample to the "
+            "next. A fit or a diagnosis can only guess what acted in between.",
+            "Log at the rate at which the controller acts, or faster; or log the setpoint and take [ecu] in rig.toml, so "
             "that the model works out what acted between two samples.", test, everywhere(list(slow), traces), channel,
         )  # fmt: skip
 

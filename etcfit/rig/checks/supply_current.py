@@ -1,7 +1,7 @@
 """The current of the bench supply in the place of the motor's: i_s = d i, d = v / V_s.
 
-A held winding then shows V/i = R V_s / V, less the higher the voltage is, which no winding does, and i_s V_s / v shows the
-one resistance that it has. See `other_current.py`.
+A held winding then shows V/i = R V_s / V, less the higher the voltage is, which no winding does, and i_s V_s / v shows
+the one resistance that it has. See `other_current.py`.
 """
 
 from __future__ import annotations
@@ -58,12 +58,12 @@ class SupplyCurrent(AbstractDetector):
             np.abs(motor.volts / np.where(motor.amperes == 0.0, np.nan, motor.amperes)), [0.95, 0.05]
         )
         ohms = f", and R is {R.value:.4g} ohm" if known else ""
-        found = (f"'{channel.header}' is the current of the supply, not of the motor: in {' and '.join(shown)} voltage over "
-                 f"current falls as the voltage rises, in {test} from {high:.3g} to {low:.3g} ohm. Divided by the duty it "
-                 f"leaves {times:.0f} times less of the voltage unexplained there{ohms}.")  # fmt: skip
+        found = (f"'{channel.header}' is the current of the supply, not of the motor: in {' and '.join(shown)} voltage "
+                 f"over current falls as the voltage rises, in {test} from {high:.3g} to {low:.3g} ohm. Divided by the "
+                 f"duty it leaves {times:.0f} times less of the voltage unexplained there{ohms}.")  # fmt: skip
         where = f"of {place}" if place else "of every test that logged it so"
         unknown = "" if known else " Write [rig] supply_V, the supply's voltage, in rig.toml."
-        mend = (f"Head the column 'supply_current [{channel.unit}]' in each trace {where}, and it is divided by the duty; "
-                f"or log the motor's own current.{unknown}")  # fmt: skip
+        mend = (f"Head the column 'supply_current [{channel.unit}]' in each trace {where}, and it is divided by the "
+                f"duty; or log the motor's own current.{unknown}")  # fmt: skip
         return Finding(self.kind, R.value if known else times, "ohm" if known else "", 0.0, found, mend, place,
                        channel="current")  # fmt: skip

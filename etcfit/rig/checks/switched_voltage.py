@@ -78,8 +78,8 @@ class SwitchedVoltage(AbstractDetector):
         where = in_files(test, list(found), traces)
         return Finding(
             self.kind, jumps, "jumps", 0.0,
-            f"{where[0].upper()}{where[1:]} '{channel.header}' shows the switching of a PWM, sampled now and then: it is "
-            f"nothing or {highest:.3g} {channel.unit}, jumps {jumps} times, and the current does not follow.",
+            f"{where[0].upper()}{where[1:]} '{channel.header}' shows the switching of a PWM, sampled now and then: it "
+            f"is nothing or {highest:.3g} {channel.unit}, jumps {jumps} times, and the current does not follow.",
             "Log the duty and the supply instead ('duty [%]', and 'supply [V]' or [rig] supply_V in rig.toml), or the "
             "voltage behind a filter that is far slower than the PWM and far faster than the motor.",
             test, everywhere(list(found), traces), "voltage", sure=True,

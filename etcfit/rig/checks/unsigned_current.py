@@ -46,9 +46,9 @@ class UnsignedCurrent(AbstractDetector):
     def _finding(self, test: str, channel: Channel, times: float, rows: int, windows: int) -> Finding:
         return Finding(
             self.kind, rows / windows, "", 0.0,
-            f"In {test} '{channel.header}' has lost its sign: it is never below zero, though the voltage drives the motor "
-            f"backwards in {rows} of {windows} stretches; with the sign of the voltage less the EMF it leaves {times:.0f} "
-            "times less of the voltage unexplained there.",
-            "Log the current with a sensor that shows its sign; until then map the column to \"ignore\" under [columns], "
-            "or empty its cells where the current flows backwards.", test, channel="current", sure=True,
+            f"In {test} '{channel.header}' has lost its sign: it is never below zero, though the voltage drives the "
+            f"motor backwards in {rows} of {windows} stretches; with the sign of the voltage less the EMF it leaves "
+            f"{times:.0f} times less of the voltage unexplained there.",
+            "Log the current with a sensor that shows its sign; until then map the column to \"ignore\" under "
+            "[columns], or empty its cells where the current flows backwards.", test, channel="current", sure=True,
         )  # fmt: skip

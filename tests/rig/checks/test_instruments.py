@@ -1,5 +1,5 @@
-"""Instruments that lie and logs that are too slow, over folders of the independent generator: each found with its figure,
-and none where there is none."""
+"""Instruments that lie and logs that are too slow, over folders of the independent generator: each found with its
+figure, and none where there is none."""
 
 from __future__ import annotations
 
@@ -89,7 +89,7 @@ def test_a_supply_current_needs_a_duty(clean: tuple[Path, Truth], tmp_path: Path
 
 
 def test_a_current_without_its_sign_is_found_where_it_lost_one(tmp_path: Path) -> None:
-    for seed in (7801, 7804):
+    for seed in (7801, 7802):
         lying.binary_drive(tmp_path / str(seed), body(seed), seed, 40, (-6.0, 6.0), 1000.0)
         found = lied(
             tmp_path / str(seed), tmp_path / f"lied_{seed}", lambda to: lying.unsigned_current(to, ["response"])
@@ -160,7 +160,7 @@ def test_a_controller_as_slow_as_the_log_is_no_find(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("seed", [7802, 7803])
 def test_the_current_of_a_ramp_that_begins_with_the_record_is_no_offset(tmp_path: Path, seed: int) -> None:
-    """v/R of the ramp's first samples lies below the noise of the voltage: 0.014 A, ten standard errors, at seed 7802."""
+    """v/R of the first samples lies below the noise of the voltage: 0.014 A, ten standard errors, at seed 7802."""
     sizes = {"static_load": Series(1, 20.0, 500)}
     write_folder(tmp_path, "rig", body(seed), seed, NONE, sizes, Bench(), holdout=False, noise=True)
     path = tmp_path / "static_load" / "ramp_1.csv"
