@@ -120,3 +120,37 @@ def _one_response(folder: Path, truth: Truth, columns: dict[str, np.ndarray], se
     text = rig_toml("one response", truth.N, Bench(), [], noise=True)
     (folder / "rig.toml").write_text(text, encoding="utf-8", newline="\n")
     write_trace(folder, Trace("response/log.csv", columns), seed)
+
+
+def coasting_log(folder: Path, truth: Truth, seed: int, period: float = 5e-5, rate: float = 200.0) -> None:
+    """Duty and speed of a motor alone whose bridge opens in the off time; each level until the speed has settled.
+
+    The current rises with (V - e)/L for D periods and falls with (V + e)/L, through the diodes back into the supply,
+    until it stops: i = (V - e) D (D + D_2) T / 2L with D_2 = D (V - e)/(V + e); the speed follows K i = B w.
+    """
+    rng, supply = np.random.default_rng(seed), 12.0
+    duties = np.linspace(0.15, 0.45, 6)
+    speeds = np.array([_coasting_speed(truth, duty, supply, period) for duty in duties])
+    time = np.arange(0.0, duties.size, 1.0 / rate)
+    level = np.minimum(time.astype(int), duties.size - 1)
+    before = np.concatenate(([0.0], speeds[:-1]))
+    speed = speeds[level] + (before - speeds)[level] * np.exp(-(time - level) / 0.08)
+    rpm = 60.0 / (2.0 * math.pi) * speed
+    columns = {
+        "time [s]": time,
+        "duty [%]": 100.0 * duties[level],
+        "motor_speed [rpm]": np.round(rpm + 10.0 * rng.standard_normal(time.size)),
+    }
+    _one_response(folder, truth, columns, seed)
+
+
+def _coasting_speed(truth: Truth, duty: float, supply: float, period: float) -> float:
+    """At which the mean current's torque is that of viscous friction, rad/s, by bisection."""
+    low, high = 0.0, supply / truth.K_b
+    for _ in range(60):
+        speed = 0.5 * (low + high)
+        e = truth.K_b * speed
+        falls = min(duty * (supply - e) / (supply + e), 1.0 - duty)
+        current = (supply - e) * duty * (duty + falls) * period / (2.0 * truth.L_a)
+        low, high = (speed, high) if truth.K_m * current > truth.B_m * speed else (low, speed)
+    return low

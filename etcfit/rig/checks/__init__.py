@@ -10,6 +10,7 @@ from ..finding import Finding
 from .base import AbstractDetector, Records
 from .channel_offset import ChannelOffset
 from .channel_sign import ChannelSign
+from .coasting_bridge import CoastingBridge
 from .gear_ratio import GearRatio
 from .hum import Hum
 from .lost_samples import LostSamples
@@ -44,6 +45,7 @@ DETECTORS: tuple[AbstractDetector, ...] = tuple(
         LostSamples,
         Hum,
         SlowLog,
+        CoastingBridge,
         SynchronousEdges,
     )
 )

@@ -29,8 +29,8 @@ from .base import AbstractDetector, Records, everywhere, in_files
 from .circuit import Circuit, Value
 
 WINDING = ("inductance", "response")  # tests that tell L, best first
-CURE = ("Look up the bandwidth of the current's channel, 1/(2 pi T): log again with one ten times faster than the winding, "
-        "or put y + T dy/dt in the place of the column y.")  # fmt: skip
+CURE = ("Look up the bandwidth of the current's channel, 1/(2 pi T): log again with one ten times faster than the "
+        "winding, or put y + T dy/dt in the place of the column y.")  # fmt: skip
 SLOW = (0.03, 0.2)  # parts of the record at which the search for one lag begins
 FAST = (0.3, 0.05)  # parts of that lag at which the search for a second one begins
 
@@ -102,8 +102,8 @@ class SlowCurrent(AbstractDetector):
             alike = all(value > self.winding / 2.0 for value, _ in lags.values())
             yield Finding(
                 self.kind, lag, "s", float(erfc((lag - self.winding) / error / 2**0.5)),
-                f"In {test} the current follows the voltage with a lag of {1e3 * lag:.3g} +- {1e3 * error:.2g} ms; L/R of "
-                "a small motor's winding is a few. One lag says only the sum of the winding's and of a low-pass in the "
+                f"In {test} the current follows the voltage with a lag of {1e3 * lag:.3g} +- {1e3 * error:.2g} ms; L/R "
+                "of a small motor's winding is a few. One lag says only the sum of the winding's and of a low-pass in the "
                 f"current's channel: {circuit.L.value:.3g} H is an upper bound of L_a.",
                 CURE, None if alike else test, channel="current",
             )  # fmt: skip
@@ -135,9 +135,9 @@ class SlowCurrent(AbstractDetector):
         return Finding(
             self.kind, a, "s", float(erfc((gain / 2.0) ** 0.5)),
             f"{where[0].upper()}{where[1:]} '{channel.header}' rises after the step as behind two lags, of "
-            f"{1e3 * a:.3g} and {1e3 * b:.3g} ms (two lower chi2 by {gain:.0f} against one that may begin late): one is "
-            "L/R of the winding, the other a low-pass in the current's channel. Which is which this current cannot tell, "
-            f"and a fit takes both for the winding's{henries}.",
+            f"{1e3 * a:.3g} and {1e3 * b:.3g} ms (two lower chi2 by {gain:.0f} against one that may begin late): one "
+            "is L/R of the winding, the other a low-pass in the current's channel. Which is which this current cannot "
+            f"tell, and a fit takes both for the winding's{henries}.",
             CURE, test, everywhere(list(slow), traces), "current",
         )  # fmt: skip
 

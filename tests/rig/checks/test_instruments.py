@@ -16,7 +16,7 @@ from etcfit.errors import MeasurementError
 from etcfit.rig.checks import refuse
 from etcfit.rig.finding import Finding
 from etcfit.rig.reader import read_folder
-from independent import CONSISTENT, NONE, Bench, Truth, draw_truth, lying
+from independent import CONSISTENT, MEDIUM, NONE, Bench, Truth, draw_truth, lying
 from independent.folder import write_folder
 from independent.mistakes import Sheet
 from independent.protocols import Series
@@ -169,4 +169,20 @@ def test_the_current_of_a_ramp_that_begins_with_the_record_is_no_offset(tmp_path
     rows = sheet.rows[int(np.argmax(volts > 0.01)) :].copy()
     rows[:, 0] -= rows[0, 0]
     replace(sheet, rows=rows).write(path)
+    assert read_folder(tmp_path).findings == ()
+
+
+@pytest.mark.parametrize("seed", [7830, 7831])
+def test_a_bridge_that_coasts_is_found_by_speeds_that_hardly_grow(tmp_path: Path, seed: int) -> None:
+    lying.coasting_log(tmp_path, body(seed), seed)
+    (found,) = [f for f in read_folder(tmp_path).findings if f.kind == "coasting_bridge"]
+    assert (found.test, found.unit) == ("response", "")
+    assert 0.0 < found.size < 0.4
+    assert "duty x supply" in found.found
+
+
+@pytest.mark.parametrize("seed", SEEDS)
+def test_a_motor_alone_on_a_bridge_that_does_not_coast_is_none(tmp_path: Path, seed: int) -> None:
+    sizes = {"viscous": Series(6, 0.6, 1000)}
+    write_folder(tmp_path, "rig", body(seed), seed, MEDIUM["quadratic_drag"], sizes, Bench(), holdout=False, noise=True)
     assert read_folder(tmp_path).findings == ()
