@@ -10,6 +10,7 @@ from functools import cache
 
 import numpy as np
 
+from ..rig.supply_side import SUPPLY_CURRENT
 from ..rig.units import SI_UNIT, UnitError, conversion, is_percent
 from .sheet import Column
 
@@ -62,8 +63,8 @@ def is_unit(unit: str) -> bool:
 
 @cache
 def quantities_in(unit: str) -> tuple[str, ...]:
-    """Quantities that can be logged in this unit."""
-    return tuple(quantity for quantity in SI_UNIT if fits(quantity, unit))
+    """Quantities that can be logged in this unit; a current is the motor's until somebody says that it is not."""
+    return tuple(quantity for quantity in SI_UNIT if quantity != SUPPLY_CURRENT and fits(quantity, unit))
 
 
 def fits(quantity: str, unit: str) -> bool:

@@ -20,6 +20,7 @@ from .duplicates import refuse_duplicates
 from .names import refuse_foreign_names
 from .noise import Texture, pooled, textures
 from .sanity import check_log, check_peaks
+from .supply_side import with_motor_current
 from .table import Table, decode, parse
 from .toml import Toml, closest, read_text
 from .toml import parse as parse_toml
@@ -211,7 +212,7 @@ def log_of(table: Table, where: str, file: str, config: RigConfig, toml: Toml) -
     Raises:
         MeasurementError: a column, a row or the trace as a whole cannot be.
     """
-    columns = read_columns(table, config, where, toml)
+    columns = with_motor_current(read_columns(table, config, where, toml), config, where)
     empty = [name for name, column in columns.items() if np.isnan(column.logged).all() and name != "time"]
     log = Log(where, file, PurePosixPath(file).parts[0], table.lines,
               {name: column for name, column in columns.items() if name not in empty}, table.row_mark)  # fmt: skip

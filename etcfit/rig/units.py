@@ -22,6 +22,7 @@ SI_UNIT: dict[str, str] = {
     "duty": "dimensionless",
     "time": "s",
     "tps": "V",
+    "supply_current": "A",  # of the bridge's supply: `supply_side.py` makes it the motor's
 }
 
 EXAMPLES: dict[str, str] = {
@@ -37,6 +38,7 @@ EXAMPLES: dict[str, str] = {
     "torque": "N m or mN m",
     "temperature": "degC or K",
     "tps": "V or mV",
+    "supply_current": "A or mA",
 }
 
 # spellings that pint does not know or, worse, reads as something else (Nm is its number-metre)

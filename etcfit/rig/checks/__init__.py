@@ -10,20 +10,30 @@ from ..finding import Finding
 from .base import AbstractDetector, Records
 from .channel_offset import ChannelOffset
 from .channel_sign import ChannelSign
+from .coasting_bridge import CoastingBridge
 from .gear_ratio import GearRatio
 from .hum import Hum
 from .lost_samples import LostSamples
 from .saturation import Saturation
 from .series_resistance import SeriesResistance
+from .slow_current import SlowCurrent
+from .slow_log import SlowLog
+from .supply_current import SupplyCurrent
 from .swapped_columns import SwappedColumns
+from .switched_voltage import SwitchedVoltage
 from .synchronous_edges import SynchronousEdges
 from .time_scale import TimeScale
 from .unit_scale import UnitScale
+from .unsigned_current import UnsignedCurrent
 
 # the one registration; what stands first explains what a later one would find in the same test
 DETECTORS: tuple[AbstractDetector, ...] = tuple(
     detector()
     for detector in (
+        SwitchedVoltage,
+        SupplyCurrent,
+        UnsignedCurrent,
+        SlowCurrent,
         SwappedColumns,
         ChannelSign,
         UnitScale,
@@ -34,6 +44,8 @@ DETECTORS: tuple[AbstractDetector, ...] = tuple(
         SeriesResistance,
         LostSamples,
         Hum,
+        SlowLog,
+        CoastingBridge,
         SynchronousEdges,
     )
 )
@@ -70,6 +82,13 @@ def findings(
     records, out = Records(config, tuple(traces)), []
     for detector in detectors:
         found = tuple(detector.find(records))
-        records = records.without(f.test for f in found) if found and detector.explains else records
+        records = records.without(_blamed(found, records)) if detector.explains else records
         out += found
     return tuple(out)
+
+
+def _blamed(found: Iterable[Finding], records: Records) -> set[str]:
+    """Tests whose circuit is read wrong: those named, or, of what lies in every test, those that logged the channel."""
+    everywhere = {f.channel for f in found if f.test is None}
+    having = {trace.test for trace in records.traces if everywhere & {*trace.channels}}
+    return having | {f.test for f in found if f.test is not None}

@@ -14,6 +14,7 @@ from ..finding import Finding
 from ..units import NUMBER
 from .circuit import Circuit, read_circuit
 from .line import Spectrum, spectrum
+from .other_current import OtherCurrent, other_current
 
 MAINS = 50.0  # Hz, the lower of the two
 _ALIKE = 2.0  # factor within which a reading of one trace is that of its test turned round
@@ -49,6 +50,12 @@ class Records:
         sound = {name: traces for name, traces in self.tests.items() if name not in self.blamed}
         read = {name: read_circuit(traces, self.config) for name, traces in sound.items()}
         return {name: circuit for name, circuit in read.items() if circuit is not None}
+
+    @cached_property
+    def currents(self) -> Mapping[str, OtherCurrent]:
+        """The current of each rig test in each of its readings, where windows tell them apart."""
+        read = {name: other_current(traces, self.config) for name, traces in self.tests.items()}
+        return {name: found for name, found in read.items() if found is not None and name not in self.blamed}
 
     @cached_property
     def circuit_of(self) -> Mapping[str, Circuit]:

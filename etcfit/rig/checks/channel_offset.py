@@ -1,6 +1,9 @@
 """A channel that does not read zero where it must: current and speed before the first volt, EMF before the release.
 
 offset = mean(y),   standard error sigma / sqrt n,   over the first stretch in which nothing happens yet
+
+A voltage below its own noise is none that can be seen, and it drives a current all the same: a ramp that begins with
+the record. So of a current, mean(v)/R is what the voltage explains, and the error of mean(v)/R is part of its error.
 """
 
 from __future__ import annotations
@@ -87,7 +90,17 @@ class ChannelOffset(AbstractDetector):
         other = trace.channels.get("current" if name == "motor_speed" else "motor_speed")
         if other is not None and self._lives(other.value[: inside.size], other):
             return None
-        return Value(float(np.mean(inside)), self._error(channel) / np.sqrt(inside.size))
+        found = Value(float(np.mean(inside)), self._error(channel) / np.sqrt(inside.size))
+        return found if name != "current" else self._beyond(found, marker, inside.size, _ohms(trace, records))
+
+    def _beyond(self, current: Value, volts: Channel, samples: int, ohms: float | None) -> Value | None:
+        """The part of a mean current that the voltage of these samples does not explain; None where it may explain any,
+        for nobody knows the resistance."""
+        mean, error = float(np.mean(volts.value[:samples])), self._error(volts) / np.sqrt(samples)
+        if ohms is None:
+            return current if abs(mean) < self.creeps * error else None
+        error = np.hypot(error, volts.quantum / np.sqrt(12.0))
+        return Value(current.value - mean / ohms, float(np.hypot(current.error, error / ohms)))
 
     def _departs(self, marker: Channel, level: float) -> float:
         """When a channel leaves a level, s."""
@@ -121,6 +134,12 @@ class ChannelOffset(AbstractDetector):
                        f"In {test or 'every test'} '{channel.header}' reads {size:.4g} {unit} before {before} "
                        f"({abs(mean) / error:.0f} standard errors), where it must read 0.", mend, test,
                        channel=name)  # fmt: skip
+
+
+def _ohms(trace: Measurement, records: Records) -> float | None:
+    """Resistance of the trace's circuit, else of any; None where none shows."""
+    own = [records.circuits.get(trace.test), *records.circuits.values()]
+    return next((c.R.value for c in own if c is not None and c.R is not None and c.R.value > 0.0), None)
 
 
 def _mean(values: list[Value]) -> Value:

@@ -12,7 +12,7 @@ Source: integral of the paper's Eq. 1, with a voltage drop V_b of the brushes.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 from typing import NamedTuple
 
@@ -145,7 +145,7 @@ def _cut(volts: Channel, current: Channel | None, angle: _Angle | None) -> Windo
     def gain(of: np.ndarray) -> np.ndarray:
         return np.diff(of[ends])
 
-    return Windows(
+    whole = Windows(
         volts=gain(_integral(time, volts.value)),
         amperes=gain(_integral(time, amperes)),
         rise=gain(amperes),
@@ -155,6 +155,17 @@ def _cut(volts: Channel, current: Channel | None, angle: _Angle | None) -> Windo
         calm=(gain(jumps) == 0.0).astype(float),
         heard=(0.0 if current is None else current.sigma, 0.0 if angle is None else angle.sigma),
     )
+    return whole if current is None else whole.where(gain(np.cumsum(_in_gaps(current.time, time))) == 0.0)
+
+
+def _in_gaps(logged: np.ndarray, time: np.ndarray) -> np.ndarray:
+    """1 at instants about which a channel has no sample for three of its intervals, shape (n,)."""
+    steps = np.concatenate(([np.inf], np.diff(logged), [np.inf]))
+    about = np.minimum(np.searchsorted(logged, time), steps.size - 1)
+    inside = (time > logged[0]) & (time < logged[-1])
+    ends = np.minimum(np.abs(time - logged[0]), np.abs(time - logged[-1]))
+    usual = 3.0 * float(np.median(np.diff(logged))) if logged.size > 1 else 0.0
+    return np.where(inside, steps[about] > usual, ends > usual).astype(float)
 
 
 def _integral(time: np.ndarray, value: np.ndarray) -> np.ndarray:
@@ -178,8 +189,14 @@ def excess(traces: Sequence[Measurement], config: RigConfig, drop: float) -> Val
     return found.R if found is not None else None
 
 
+def left_by(values: Mapping[str, Value], w: Windows) -> np.ndarray:
+    """What these values leave of the voltage in each window, V, shape (n,)."""
+    columns = {"R": w.amperes, "L": w.rise, "k": w.turn, "drop": w.brushes}
+    return (w.volts - sum(value.value * columns[name] for name, value in values.items())) / w.seconds
+
+
 def _solved(w: Windows) -> Circuit | None:
-    whole, calm = _read(w), _read(w.where(w.calm > 0.0))
+    whole, calm = values_of(w), values_of(w.where(w.calm > 0.0))
     if whole is None or calm is None:
         return None
     typical = float(np.sqrt(np.mean(w.amperes**2) / np.mean(w.seconds**2)))
@@ -187,7 +204,8 @@ def _solved(w: Windows) -> Circuit | None:
     return Circuit(calm.get("R"), whole.get("L"), calm.get("k"), drop, typical)
 
 
-def _read(w: Windows) -> dict[str, Value] | None:
+def values_of(w: Windows) -> dict[str, Value] | None:
+    """R, L, k and drop that these windows tell, those of them that they tell; None where there are too few."""
     columns = {"R": w.amperes} if np.any(w.amperes) else {}
     for name, gain, noise in (("L", w.rise, w.heard[0]), ("k", w.turn, w.heard[1])):
         if gain.size and np.sqrt(np.mean(gain**2)) > SEEN * noise and np.any(gain):
