@@ -352,9 +352,9 @@ _MEASURED = (("response", "current"), ("response", "tps"), ("viscous", "current"
 
 def _drawn(folder: Path, rng: np.random.Generator, choices: Sequence[tuple[str, str]]) -> tuple[str, str]:
     """A file that is not held out, of a test among some, and the quantity of it."""
-    test, quantity = choices[rng.integers(len(choices))]
+    test, quantity = choices[int(rng.integers(len(choices)))]
     files = fitted_files(folder, (test,))
-    return files[rng.integers(len(files))], quantity
+    return files[int(rng.integers(len(files)))], quantity
 
 
 def _in_file(kind: str, file: str, quantity: str, size: float) -> Mistake:
