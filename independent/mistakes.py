@@ -18,7 +18,7 @@ import numpy as np
 
 from .effects import NONE, Effects
 from .folder import make_folder
-from .instruments import UNITS, Bench
+from .instruments import CLOSED_V, UNITS, Bench
 from .truth import Truth
 
 
@@ -322,7 +322,11 @@ def one_channel_gain(folder: Path, rng: np.random.Generator) -> Mistake:
     """One channel of one trace reads 8 % too much or too little."""
     file, quantity = _drawn(folder, rng, _MEASURED)
     factor = 1.0 + 0.08 * float(rng.choice([-1, 1]))
-    Sheet.read(folder / file).scaled(quantity, factor).write(folder / file)
+    sheet = Sheet.read(folder / file)
+    k, rows = sheet.at(quantity), sheet.rows.copy()
+    zero = CLOSED_V if quantity == "tps" else 0.0  # an angle is what the sensor shows above the closed stop
+    rows[:, k] = zero + factor * (rows[:, k] - zero)
+    replace(sheet, rows=rows).write(folder / file)
     return _in_file("channel_gain", file, quantity, factor)
 
 
@@ -352,9 +356,9 @@ _MEASURED = (("response", "current"), ("response", "tps"), ("viscous", "current"
 
 def _drawn(folder: Path, rng: np.random.Generator, choices: Sequence[tuple[str, str]]) -> tuple[str, str]:
     """A file that is not held out, of a test among some, and the quantity of it."""
-    test, quantity = choices[rng.integers(len(choices))]
+    test, quantity = choices[int(rng.integers(len(choices)))]
     files = fitted_files(folder, (test,))
-    return files[rng.integers(len(files))], quantity
+    return files[int(rng.integers(len(files)))], quantity
 
 
 def _in_file(kind: str, file: str, quantity: str, size: float) -> Mistake:

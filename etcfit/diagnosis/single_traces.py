@@ -9,7 +9,7 @@ whitened: - W (d y_logged / d a). So a tangent, which is there anyway, or one wh
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from functools import cached_property
 
 import jax
@@ -54,14 +54,14 @@ def screen_of_single_traces(
     rigs = [e for e in candidates if issubclass(e, AbstractRigEffect)]
     if not rigs:
         return []
-    rows, column = rows_by_file(problem, weighted), _Columns(tangents, problem, x, weighted).of
-    told = [e for e in rigs if column(e) is not None]
-    kinds = [[e for e in told if is_of_one_channel(e) is single] for single in (False, True)]
+    rows, columns = rows_by_file(problem, weighted), _Columns(tangents, problem, x, weighted)
+    told = {e: column for e in rigs if (column := columns.of(e)) is not None}
+    kinds = [{e: c for e, c in told.items() if is_of_one_channel(e) is single} for single in (False, True)]
     few, found = settings.single_traces, []
-    for effect in (e for kind in kinds for e in _standing_out(kind, background, rows, column)[:few]):
+    for effect in (e for kind in kinds for e in _standing_out(kind, background, rows)[:few]):
         (p,) = parameters_of(effect)
         own, whole = rows[effect.place.file], np.zeros((background.r.size, 1))
-        whole[own, 0] = column(effect)[own]
+        whole[own, 0] = told[effect][own]
         found.append(background.signature(Variant(effect, {}, (p.symbol,)), whole, {p.symbol: p}))
     return found
 
@@ -115,23 +115,19 @@ _by_jax = jax.jit(whiten)
 
 
 def _standing_out(
-    alone: Sequence[RigEffect],
-    background: Background,
-    rows: Mapping[str, np.ndarray],
-    column: Callable[[RigEffect], np.ndarray | None],
+    alone: Mapping[RigEffect, np.ndarray], background: Background, rows: Mapping[str, np.ndarray]
 ) -> list[RigEffect]:
     """Effects of single traces by how much they would lower chi2 from the samples of the trace alone, the most first.
 
     Args:
-        alone: the effects.
+        alone: the effects, and what each would do to all samples, shape (n,).
         background: of the model without them.
         rows: of the fitted samples, by file.
-        column: what an effect would do to all samples, shape (n,).
     """
     gains: dict[RigEffect, float] = {}
-    for effect in alone:
-        own, every = rows[effect.place.file], column(effect)
-        gains[effect] = float(background.among(own, every[own, None]).gain[0])
+    for effect, column in alone.items():
+        own = rows[effect.place.file]
+        gains[effect] = float(background.among(own, column[own, None]).gain[0])
     return sorted(alone, key=lambda effect: -gains[effect])
 
 

@@ -168,7 +168,7 @@ def test_where_the_test_has_no_tangent_what_is_read_is_whitened(case: Case) -> N
     change = (there.problem.residual(there.x, there.weighted) - s.problem.residual(s.x, s.weighted))[seen]
     own = background.free_of(background.basis, change[:, None] * p.domain.scale / small)
     assert np.linalg.norm(own) > 1.0
-    assert_allclose(found.columns, own, atol=1e-6 * np.linalg.norm(own))
+    assert_allclose(found.columns, own, atol=1e-6 * float(np.linalg.norm(own)))
 
 
 def prices(case: Case, *names: str) -> list[int]:
