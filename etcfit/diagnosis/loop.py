@@ -121,7 +121,7 @@ def measured(
     found = tangents_inside(s, inside, lambda variant, each: kept(background.signature(variant, each, parameters)))
     if of_the_rig:
         rigged = s.with_the_rig()
-        found += map(kept, screen_of_the_rig(background, rigged.problem, rigged.x, rigged.weighted, of_the_rig))
+        found += screen_of_the_rig(background, rigged.problem, rigged.x, rigged.weighted, of_the_rig, kept)
     found += map(kept, screen_of_single_traces(background, s.problem, s.x, s.weighted, alone, s.settings))
     if late:
         found += map(kept, screen_of_late(background, s.problem, s.x, s.weighted, late, s.settings))

@@ -13,7 +13,7 @@ Source: Rao 1948 (score test); Chernoff 1954 for amplitudes on a bound. Differs 
 from __future__ import annotations
 
 import itertools
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any, NamedTuple
 
@@ -33,6 +33,7 @@ from .composition import Effect, resting
 # numerics, no policy: a step, a memory bound, and what counts as zero in double precision
 _PROBE = 1e-3  # amplitude over its scale at which a tangent is taken: on a bound of 0 it may not exist
 AT_ONCE = 8  # tangents side by side
+_RIGS_AT_ONCE = 16  # tangents of the rig in one kernel: more take long to compile, and much memory
 _TOGETHER = 128  # most effects times tangents of one model
 _IMITATED = 1e-6  # share of a signature's power below which fitted parameters do all of it
 _TINY = 1e-10  # singular values below this share of 1 count as zero
@@ -327,30 +328,52 @@ def screen_of_the_rig(
     x: np.ndarray,
     weighted: WeightedData,
     candidates: Sequence[Effect],
+    kept: Callable[[Signature], Signature] = lambda whole: whole,
 ) -> list[Signature]:
     """The signature of every candidate that acts around the throttle.
 
-    Their tangents are columns of ONE Jacobian, that of the lean model with all of them free.
+    Their tangents are columns of the Jacobian of the lean model with all of them free, some at a time.
 
     Args:
         background: of the model and residual without them.
         problem, x, weighted: the model with all of them at work, at their off values.
         candidates: effects of the rig.
+        kept: what is kept of each signature.
     """
-    layout, seen = problem.layout, np.asarray(weighted.slots.weight) > 0.0
-    jacobian, slope = problem.linearise(x, weighted)[2][seen], layout.numbers(x)[1]
+    layout, found = problem.layout, []
     parameters = {p.symbol: p for p in layout.parameters}
-
-    def column(symbol: str) -> np.ndarray:
-        k = layout.free.index(symbol)
-        return jacobian[:, k] * parameters[symbol].domain.scale / slope[k]
-
     every = [Variant(e, {}, tuple(s for s in resting(e) if s in layout.free)) for e in candidates]
-    return [
-        background.signature(v, np.stack([column(s) for s in v.amplitudes], axis=1), parameters)
-        for v in every
-        if v.amplitudes
-    ]
+    for few in some_at_once([v for v in every if v.amplitudes], _RIGS_AT_ONCE):
+        symbols = tuple(dict.fromkeys(s for v in few for s in v.amplitudes))
+        slopes = dict(zip(symbols, _slopes(problem, x, weighted, symbols), strict=True))
+        for v in few:
+            columns = np.stack([slopes[s] * parameters[s].domain.scale for s in v.amplitudes], axis=1)
+            found.append(kept(background.signature(v, columns, parameters)))
+    return found
+
+
+def _slopes(
+    problem: EstimationProblem, x: np.ndarray, weighted: WeightedData, symbols: tuple[str, ...]
+) -> Sequence[np.ndarray]:
+    """Derivative of the fitted samples' residual in the value of each free parameter that is named, shape (n,) each."""
+    layout, seen = problem.layout, np.asarray(weighted.slots.weight) > 0.0
+    if available():
+        full = layout.form.full(layout.padded(x), weighted.pick)
+        return residual_kernels.linearised(layout.form, full, weighted, symbols)[1][seen].T
+    jacobian, slope = problem.linearise(x, weighted)[2][seen], layout.numbers(x)[1]
+    return [jacobian[:, k] / slope[k] for k in map(layout.free.index, symbols)]
+
+
+def some_at_once(every: Sequence[Variant], amplitudes: int) -> list[list[Variant]]:
+    """Variants in order, so many amplitudes together, or a few more."""
+    out: list[list[Variant]] = []
+    count = amplitudes
+    for variant in every:
+        if count >= amplitudes:
+            out, count = [*out, []], 0
+        out[-1].append(variant)
+        count += len(variant.amplitudes)
+    return out
 
 
 def ranked(signatures: Sequence[Signature]) -> tuple[Signature, ...]:
