@@ -21,7 +21,7 @@ from ..problem.cores import side_by_side
 from ..problem.problem import EstimationProblem
 from ..problem.residual import WeightedData
 from .composition import Effect, resting
-from .screen import AT_ONCE, Variant, off_its_bound
+from .screen import AT_ONCE, Variant, off_its_bound, some_at_once
 
 Made = TypeVar("Made")
 
@@ -64,19 +64,7 @@ def tangents_along_path(
         found = (each for k in range(0, len(ways), AT_ONCE) for each in columns(ways[k : k + AT_ONCE]))
         return [use(variant, np.stack([next(found) for _ in variant.amplitudes], axis=1)) for variant in variants]
 
-    return [each for few in side_by_side(some, _shared(every)) for each in few]
-
-
-def _shared(every: Sequence[Variant]) -> list[list[Variant]]:
-    """Variants in order, some at once: `AT_ONCE` amplitudes or a few more."""
-    out: list[list[Variant]] = []
-    amplitudes = AT_ONCE
-    for variant in every:
-        if amplitudes >= AT_ONCE:
-            out, amplitudes = [*out, []], 0
-        out[-1].append(variant)
-        amplitudes += len(variant.amplitudes)
-    return out
+    return [each for few in side_by_side(some, some_at_once(every, AT_ONCE)) for each in few]
 
 
 def serves(problem: EstimationProblem, effect: Effect) -> bool:

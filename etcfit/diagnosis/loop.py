@@ -21,7 +21,7 @@ from .model_discrepancy import inexact
 from .refit import holds, refit_fully
 from .score import Score, score
 from .screen import Background, Signature, Tangents, ranked, screen_of_the_rig, variants
-from .single_traces import screen_of_single_traces
+from .single_traces import of_whole_tests, screen_of_single_traces
 from .trial import Trial, second_trial, tried
 
 
@@ -123,8 +123,8 @@ def measured(
     found = tangents_inside(s, inside, lambda variant, each: kept(background.signature(variant, each, parameters)))
     if prompt:
         rigged = s.with_the_rig()
-        tangents = Tangents.of(rigged.problem, rigged.x, rigged.weighted)
-        found += map(kept, screen_of_the_rig(background, tangents, of_the_rig))
+        tangents = Tangents.of(rigged.problem, rigged.x, rigged.weighted, of_whole_tests(alone))
+        found += screen_of_the_rig(background, tangents, of_the_rig, kept)
         singles = screen_of_single_traces(background, tangents, s.problem, s.x, s.weighted, alone, s.settings)
         found += map(kept, singles)
     if late:

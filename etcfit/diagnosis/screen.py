@@ -13,7 +13,7 @@ Source: Rao 1948 (score test); Chernoff 1954 for amplitudes on a bound. Differs 
 from __future__ import annotations
 
 import itertools
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
 from typing import Any, NamedTuple
@@ -25,7 +25,7 @@ from ..kernels.machine import available
 from ..model.parameters import AbstractDomain, NonNegative, Parameter
 from ..problem import residual_kernels
 from ..problem.cores import side_by_side
-from ..problem.free_parameters import Form, Layout
+from ..problem.free_parameters import Form
 from ..problem.problem import EstimationProblem
 from ..problem.residual import WeightedData, residual
 from .bounded import bounded, lowest
@@ -34,6 +34,7 @@ from .composition import Effect, resting
 # numerics, no policy: a step, a memory bound, and what counts as zero in double precision
 _PROBE = 1e-3  # amplitude over its scale at which a tangent is taken: on a bound of 0 it may not exist
 AT_ONCE = 8  # tangents side by side
+_RIGS_AT_ONCE = 16  # tangents of the rig in one kernel: more take long to compile, and much memory
 _TOGETHER = 128  # most effects times tangents of one model
 _IMITATED = 1e-6  # share of a signature's power below which fitted parameters do all of it
 _TINY = 1e-10  # singular values below this share of 1 count as zero
@@ -324,51 +325,91 @@ def _bounded(mine: Sequence[Parameter], columns: np.ndarray, r: np.ndarray) -> B
 
 @dataclass(frozen=True, eq=False)
 class Tangents:
-    """Derivatives of the residual of the fitted samples in all free parameters of a model.
+    """Derivatives of the residual of the fitted samples in the free parameters of a model, some at a time: all of them
+    together would be the largest array of a diagnosis, and their kernel the longest to compile.
 
     Args:
-        layout: of the model.
-        jacobian: in its coordinates, shape (n, P).
-        slope: d parameter (SI) / d coordinate, shape (P,).
+        problem, x, weighted: the model, at coordinates x, shape (P,).
+        wanted: symbols of which the derivative is kept, once it was worked out, for whoever asks for it later.
+        kept: those, in the value (SI), shape (n,) each.
     """
 
-    layout: Layout
-    jacobian: np.ndarray
-    slope: np.ndarray
+    problem: EstimationProblem
+    x: np.ndarray
+    weighted: WeightedData
+    wanted: frozenset[str]
+    kept: dict[str, np.ndarray]
 
     @classmethod
-    def of(cls, problem: EstimationProblem, x: np.ndarray, weighted: WeightedData) -> Tangents:
-        """Those of a model at coordinates x, shape (P,)."""
-        seen = np.asarray(weighted.slots.weight) > 0.0
-        return cls(problem.layout, problem.linearise(x, weighted)[2][seen], problem.layout.numbers(x)[1])
+    def of(
+        cls, problem: EstimationProblem, x: np.ndarray, weighted: WeightedData, wanted: Iterable[str] = ()
+    ) -> Tangents:
+        """Those of a model, none worked out yet."""
+        return cls(problem, x, weighted, frozenset(wanted), {})
+
+    def together(self, symbols: tuple[str, ...]) -> dict[str, np.ndarray]:
+        """By each of these free parameters, SI, shape (n,)."""
+        found = dict(zip(symbols, _slopes(self.problem, self.x, self.weighted, symbols), strict=True))
+        self.kept.update({s: np.array(column) for s, column in found.items() if s in self.wanted})
+        return found
 
     def along(self, symbol: str, scale: float) -> np.ndarray | None:
         """By a parameter over a scale, SI, shape (n,); None where it is not free."""
-        if symbol not in self.layout.free:
+        if symbol not in self.problem.layout.free:
             return None
-        k = self.layout.free.index(symbol)
-        return self.jacobian[:, k] * scale / self.slope[k]
+        return (self.kept[symbol] if symbol in self.kept else self.together((symbol,))[symbol]) * scale
 
 
-def screen_of_the_rig(background: Background, tangents: Tangents, candidates: Sequence[Effect]) -> list[Signature]:
+def screen_of_the_rig(
+    background: Background,
+    tangents: Tangents,
+    candidates: Sequence[Effect],
+    kept: Callable[[Signature], Signature] = lambda whole: whole,
+) -> list[Signature]:
     """The signature of every candidate that acts around the throttle.
 
-    Their tangents are columns of ONE Jacobian, that of the lean model with all of them free.
+    Their tangents are columns of the Jacobian of the lean model with all of them free, some at a time.
 
     Args:
         background: of the model and residual without them.
         tangents: of the model with all of them at work, at their off values.
         candidates: effects of the rig.
+        kept: what is kept of each signature.
     """
-    parameters = {p.symbol: p for p in tangents.layout.parameters}
-    found = []
-    for effect in candidates:
-        by = {s: tangents.along(s, parameters[s].domain.scale) for s in resting(effect)}
-        columns = {s: column for s, column in by.items() if column is not None}
-        if columns:
-            variant = Variant(effect, {}, tuple(columns))
-            found.append(background.signature(variant, np.stack([*columns.values()], axis=1), parameters))
+    layout, found = tangents.problem.layout, []
+    parameters = {p.symbol: p for p in layout.parameters}
+    every = [Variant(e, {}, tuple(s for s in resting(e) if s in layout.free)) for e in candidates]
+    for few in some_at_once([v for v in every if v.amplitudes], _RIGS_AT_ONCE):
+        symbols = tuple(dict.fromkeys(s for v in few for s in v.amplitudes))
+        slopes = tangents.together(symbols)
+        for v in few:
+            columns = np.stack([slopes[s] * parameters[s].domain.scale for s in v.amplitudes], axis=1)
+            found.append(kept(background.signature(v, columns, parameters)))
     return found
+
+
+def _slopes(
+    problem: EstimationProblem, x: np.ndarray, weighted: WeightedData, symbols: tuple[str, ...]
+) -> Sequence[np.ndarray]:
+    """Derivative of the fitted samples' residual in the value of each free parameter that is named, shape (n,) each."""
+    layout, seen = problem.layout, np.asarray(weighted.slots.weight) > 0.0
+    if available():
+        full = layout.form.full(layout.padded(x), weighted.pick)
+        return residual_kernels.linearised(layout.form, full, weighted, symbols)[1][seen].T
+    jacobian, slope = problem.linearise(x, weighted)[2][seen], layout.numbers(x)[1]
+    return [jacobian[:, k] / slope[k] for k in map(layout.free.index, symbols)]
+
+
+def some_at_once(every: Sequence[Variant], amplitudes: int) -> list[list[Variant]]:
+    """Variants in order, so many amplitudes together, or a few more."""
+    out: list[list[Variant]] = []
+    count = amplitudes
+    for variant in every:
+        if count >= amplitudes:
+            out, count = [*out, []], 0
+        out[-1].append(variant)
+        count += len(variant.amplitudes)
+    return out
 
 
 def ranked(signatures: Sequence[Signature]) -> tuple[Signature, ...]:

@@ -54,7 +54,7 @@ def screen_of_single_traces(
     rigs = [e for e in candidates if issubclass(e, AbstractRigEffect)]
     if not rigs:
         return []
-    rows, columns = rows_by_file(problem, weighted), _Columns(tangents, problem, x, weighted)
+    rows, columns = rows_by_file(problem, weighted), _Columns(background, tangents, problem, x, weighted)
     told = {e: column for e in rigs if (column := columns.of(e)) is not None}
     kinds = [{e: c for e, c in told.items() if is_of_one_channel(e) is single} for single in (False, True)]
     few, found = settings.single_traces, []
@@ -66,29 +66,56 @@ def screen_of_single_traces(
     return found
 
 
+def of_whole_tests(candidates: Sequence[Effect]) -> set[str]:
+    """Parameters of effects of whole tests whose tangents say what candidates of single traces would do."""
+    rigs = [e for e in candidates if issubclass(e, AbstractRigEffect) and not e.like]
+    return {p.symbol for e in rigs for p in parameters_of(_in_whole_test(e))}
+
+
+def _in_whole_test(effect: RigEffect) -> RigEffect:
+    return FAMILY_BY_KIND[effect.kind].at(effect.place._replace(file=""))
+
+
 class _Columns:
     """What effects of single traces would do, were they at work in every trace of their test.
 
     Args:
-        tangents, problem, x, weighted: as of `screen_of_single_traces`.
+        background, tangents, problem, x, weighted: as of `screen_of_single_traces`.
     """
 
-    def __init__(self, tangents: Tangents, problem: EstimationProblem, x: np.ndarray, weighted: WeightedData) -> None:
-        self._tangents, self._problem, self._x, self._weighted = tangents, problem, x, weighted
+    def __init__(
+        self,
+        background: Background,
+        tangents: Tangents,
+        problem: EstimationProblem,
+        x: np.ndarray,
+        weighted: WeightedData,
+    ) -> None:
+        self._background, self._tangents = background, tangents
+        self._problem, self._x, self._weighted = problem, x, weighted
         self._kept: dict[RigEffect, np.ndarray | None] = {}
 
     def of(self, effect: RigEffect) -> np.ndarray | None:
         """d residual / d amplitude over its scale, shape (n,); None where nothing tells it."""
-        family = FAMILY_BY_KIND[effect.kind]
-        whole = family.at(effect.place._replace(file=""))
+        whole = _in_whole_test(effect)
         if whole not in self._kept:
             self._kept[whole] = self._of_test(whole)
         return self._kept[whole]
 
     def _of_test(self, whole: RigEffect) -> np.ndarray | None:
         (p,) = parameters_of(whole)
-        found = self._tangents.along(whole.like or p.symbol, p.domain.scale)
+        if whole.like:
+            return self._of_parameter(whole.like, p.domain.scale)
+        found = self._tangents.along(p.symbol, p.domain.scale)
         return self._of_reading(whole) if found is None and whole.place.channel in OBSERVED else found
+
+    def _of_parameter(self, symbol: str, scale: float) -> np.ndarray | None:
+        """By a parameter of the throttle, which the background has anyway."""
+        layout = self._problem.layout
+        if symbol not in layout.free:
+            return None
+        k = layout.free.index(symbol)
+        return self._background.jacobian[:, k] * scale / layout.numbers(self._x)[1][k]
 
     def _of_reading(self, whole: RigEffect) -> np.ndarray:
         """- W (y_logged - y_hat) at an amplitude of its scale, in every trace."""

@@ -6,20 +6,24 @@ import math
 import weakref
 from collections.abc import Mapping
 from dataclasses import replace
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 from scipy.optimize import nnls
 
+from etcfit.diagnosis import screen
 from etcfit.diagnosis.candidate_model import CandidateModel
 from etcfit.diagnosis.composition import compose, resting
 from etcfit.diagnosis.inside import tangents_inside
 from etcfit.diagnosis.loop import screened
-from etcfit.diagnosis.screen import Background, Signature, in_groups, ranked, tangents, variants
+from etcfit.diagnosis.screen import Background, Signature, fitted_samples, in_groups, ranked, tangents, variants
 from etcfit.model.effects import EFFECT_BY_NAME, EFFECTS, PAPER, AbstractEffect, Contribution, Inputs, State
 from etcfit.model.parameters import NonNegative, Positive, Real, Scalar, parameter, parameters_of
+from etcfit.problem.problem import EstimationProblem
+from etcfit.problem.trace import Trace
+from etcfit.problem.weights import free_running
 from etcfit.rig.base import Rig
 
 BEYOND = [e for e in EFFECTS if e not in PAPER]
@@ -347,3 +351,36 @@ def test_a_scanned_amplitude_promises_what_its_own_value_does_and_no_more(case: 
     signature = case.signature(Tried, -0.5 * share * r[:, None])
     assert signature.values == {"e": pytest.approx(0.6)}
     assert signature.gain == pytest.approx(max(0.0, 1.0 - (1.0 - share) ** 2) * float(r @ r))
+
+
+def test_effects_of_the_rig_are_screened_some_at_a_time(
+    small: CandidateModel, rig: Rig, traces: tuple[Trace, ...], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Gains are those of the whole Jacobian, which is as large as all samples times all of them."""
+    composition = compose(replace(rig, config=small.problem.config), traces)
+    problem = EstimationProblem.of(small.problem.config, composition.lean(()), traces)
+    weighted = problem.weighted(free_running(problem))
+    s = replace(small, composition=composition, problem=problem, weighted=weighted, holdout=None)
+    rigged, background = s.with_the_rig(), Background.of(s.problem, s.x, s.weighted)
+    every = [e for e in composition.of_the_rig if not e.delays and e.scope != "trace"][:4]
+    slope, layout = rigged.problem.layout.numbers(rigged.x)[1], rigged.problem.layout
+    _, jacobian = fitted_samples(rigged.problem, rigged.x, rigged.weighted)
+    asked: list[int] = []
+    once = screen._slopes
+
+    def counted(*args: Any) -> Any:
+        asked.append(len(args[-1]))
+        return once(*args)
+
+    monkeypatch.setattr(screen, "_slopes", counted)
+    monkeypatch.setattr(screen, "_RIGS_AT_ONCE", 2)
+    found = screen.screen_of_the_rig(background, screen.Tangents.of(rigged.problem, rigged.x, rigged.weighted), every)
+    assert len(found) == len(every)
+    assert max(asked) < sum(asked)
+    for g in found:
+        places = [layout.free.index(symbol) for symbol in g.variant.amplitudes]
+        scale = [layout.parameter(symbol).domain.scale for symbol in g.variant.amplitudes]
+        columns = jacobian[:, places] * scale / slope[places]
+        expected = background.signature(g.variant, columns, {p.symbol: p for p in layout.parameters})
+        assert g.gain == pytest.approx(expected.gain, rel=1e-9)
+        assert_allclose(g.columns, expected.columns, rtol=1e-9, atol=1e-9 * np.max(np.abs(columns)))
