@@ -306,7 +306,7 @@ def _meets(task: Task) -> bool:
     gains = RULES[BEST](replace(task, loop=task.loop.first(1), settings=settings))
     if isinstance(gains, Refusal):
         return False
-    figures = task.loop.first(1).tried(Gains(*(np.array([g]) for g in gains)), task.setpoint).figures
+    figures = task.loop.first(1).figures(Gains(*(np.array([g]) for g in gains)), task.setpoint)
     return all(bool(np.all(below(figures, task.requirements, symbol))) for symbol in REQUIRED)
 
 

@@ -46,7 +46,7 @@ class Leap(emcee.moves.RedBlueMove):
 
     def get_proposal(self, sample: np.ndarray, complement: Any, random: Any) -> tuple[np.ndarray, np.ndarray]:
         """Proposals for the walkers of one half, and the logarithms of their factors."""
-        moved = drawn_t(*sample.shape, random)
+        moved = drawn_t(len(sample), sample.shape[1], random)
         return moved, log_t(sample) - log_t(moved)
 
 

@@ -95,7 +95,10 @@ def _packed(form: Form, weighted: WeightedData) -> tuple[Records, ResidualEntry]
 
 def never_in(filter_: InnovationsFilter, numbers: InnovationsFilter) -> tuple[Column, ...]:
     """Columns of a filter that may be 0 everywhere, by the numbers of its leaves: no state acts on the input's error,
-    and no sensor reads that."""
+    and no sensor reads that. Where samples are independent (`innovations.plain`) all of it is 0."""
+    matrices = list(zip(filter_[:3], numbers[:3], strict=True))
+    if not any(np.any(matrix) for matrix, _ in matrices):
+        return tuple(Column(int(leaf), place) for m, leaf in matrices for place in np.ndindex(m.shape[2:]))
     order, count = filter_.transition.shape[-1], filter_.sense.shape[-2]
     acts = (Column(numbers.transition, (order - 1, q)) for q in range(order - 1))  # pyright: ignore[reportArgumentType]
     reads = (Column(numbers.sense, (m, order - 1)) for m in range(count))  # pyright: ignore[reportArgumentType]

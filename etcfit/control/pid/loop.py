@@ -24,7 +24,7 @@ from .ecu import Memory, tick
 from .feedforward import Bias, HoldingVoltages, hold_curve
 from .gains import Gains
 from .loop_kernel import kernel_of
-from .response import Figures, Judged, effort, judge
+from .response import Effort, Figures, Judged, effort, judge
 from .setpoint import Setpoint
 from .sliding import Sliding, rates
 
@@ -145,6 +145,9 @@ def lagging(shown: Scalar, before: Scalar, now: Scalar, steps: Scalar) -> Scalar
     """
     behind = (now - before) / steps
     return now - behind + (shown - before + behind) * jnp.exp(-steps)
+
+
+_MANY = 200  # responses that are too many to be kept until all are there
 
 
 class _Simulation(NamedTuple):
@@ -319,10 +322,12 @@ class Loop:
         b0, a2, a1, a0, delay, lag = (np.asarray(v)[:, None] for v in (*rows.T, delay, lag))
         return TransferFunction(b0 * self._driven[:, None], a2, a1, a0, delay, lag)  # pyright: ignore[reportArgumentType]
 
-    def respond(self, gains: Gains, setpoint: Setpoint) -> Path:
-        """Responses to a setpoint, shape (D, G, K), of gains of shape (G,) each."""
+    def respond(self, gains: Gains, setpoint: Setpoint, reduced: Callable[[Path], Any] = lambda path: path) -> Any:
+        """Responses to a setpoint, shape (D, G, K), of gains of shape (G,) each: a `Path`, or what `reduced` makes of
+        one of shape (..., K)."""
         gains = Gains(*(np.asarray(g, dtype=float) for g in gains))
-        return self.run(tick, gains, Memory.at_rest(gains, self.ecu, self.angle(setpoint.shares[0])), setpoint)
+        first = Memory.at_rest(gains, self.ecu, self.angle(setpoint.shares[0]))
+        return self.run(tick, gains, first, setpoint, reduced=reduced)
 
     def run(
         self,
@@ -332,6 +337,7 @@ class Loop:
         setpoint: Setpoint,
         start: State | None = None,
         keep: Keep = _path,
+        reduced: Callable[[Any], Any] = lambda kept: kept,
     ) -> Any:
         """Responses to a setpoint, shape (D, G, K), of any controller: a `Path`, or what `keep` makes of it.
 
@@ -342,6 +348,7 @@ class Loop:
             setpoint: what it follows.
             start: state of every plant at its begin; None: at rest where the setpoint begins.
             keep: of a tick's path and the controller's memory after it, what is given back.
+            reduced: of that, shape (..., K), what is given back instead, shape (...).
         """
         wanted = self.angle(setpoint.at(setpoint.instants(self.ecu.period)))
         ahead = self.ahead(wanted)
@@ -354,11 +361,11 @@ class Loop:
         plants, room = _Plant(self.throttles, self._driven, misread), self._room()
         kept = kernel_of(_simulation, control, keep, parts, room, plants, run)
         if kept is not None:
-            return kept.run(plants, run)
+            return kept.run(plants, run, reduced)
         share = self.draws // CORES if self.draws % CORES == 0 else self.draws
         pieces = [jax.tree.map(lambda leaf, k=k: leaf[k : k + share], plants) for k in range(0, self.draws, share)]
         paths = side_by_side(lambda piece: _many(control, keep, parts, room, piece, run), pieces)
-        return jax.tree.map(lambda *each: np.concatenate(each), *paths)
+        return reduced(jax.tree.map(lambda *each: np.concatenate(each), *paths))
 
     def judged(self, gains: Gains, setpoint: Setpoint) -> Judged:
         """Figures of the responses, shape (D, G) each."""
@@ -372,11 +379,25 @@ class Loop:
     def tried(self, gains: Gains, setpoint: Setpoint) -> Tried:
         """Responses to a setpoint, and all their figures."""
         path = Path(*(np.asarray(each) for each in self.respond(gains, setpoint)))
-        time, share = setpoint.instants(self.ecu.period), self.share(path.position)
-        spent = effort(setpoint, time, path.voltage / self.ecu.supply, path.current)
+        return Tried(self.share(path.position), self._figures(*self._measured(setpoint, path)))
+
+    def figures(self, gains: Gains, setpoint: Setpoint) -> Figures:
+        """The same figures, shape (D, G) each, without the responses: where these are many they do not fit the caches,
+        and each is judged as it comes."""
+        if self.draws * np.size(gains[0]) < _MANY:
+            return self.tried(gains, setpoint).figures
+        return self._figures(*self.respond(gains, setpoint, partial(self._measured, setpoint)))
+
+    def _measured(self, setpoint: Setpoint, path: Path) -> tuple[Judged, Effort]:
+        time = setpoint.instants(self.ecu.period)
+        position, voltage, current = (np.asarray(each) for each in path)
+        spent = effort(setpoint, time, voltage / self.ecu.supply, current)
+        return judge(setpoint, time, self.share(position)), spent
+
+    def _figures(self, judged: Judged, spent: Effort) -> Figures:
         resistance = np.asarray(self.throttles.parameter("R_a"))[:, None]
         heat = [ohm * spent.current_rms_A**2 for ohm in (resistance, self.settings.bridge_ohm)]
-        return Tried(share, Figures(*judge(setpoint, time, share), *spent, *heat))
+        return Figures(*judged, *spent, *heat)
 
     def _room(self) -> int:
         """Ticks of delay to remember: a power of two, so that loops of slightly different delays compile once."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from threading import Lock, local
 from typing import Any, NamedTuple
 
 import jax
@@ -68,8 +69,16 @@ class LoopKernel:
         self._read = [column.leaf for column in tick.columns[0] if isinstance(column, Column)]
         self._kept = jax.tree.structure(tick.results)
 
-    def run(self, plants: Any, run: Any) -> Any:
-        """Every plant (D) under every controller (G): the tree of what is kept, shape (D, G, K)."""
+    def run(self, plants: Any, run: Any, reduced: Callable[[Any], Any] = lambda kept: kept) -> Any:
+        """Every plant (D) under every controller (G).
+
+        Args:
+            plants, run: see `loop`.
+            reduced: what is made of the tree of what is kept, shape (N, K), while it lies in the processor's caches:
+                arrays of shape (N, ...).
+        Returns:
+            the tree of that, shape (D, G, ...).
+        """
         lasting = _lasting(plants, run)
         draws, gains = len(plants.drive), len(jax.tree.leaves(run.settings)[0])
         values = np.concatenate([*(np.repeat(each, gains, axis=1) for each in _rows(lasting.plants, draws)),
@@ -78,24 +87,58 @@ class LoopKernel:
                                    for each in jax.tree.leaves(lasting.all))])  # fmt: skip
         ticks = np.size(run.setpoint)
         entry = (run.setpoint, run.bias, plants.misread, float(run.ecu.period) * np.arange(ticks))
-        out = np.empty((self._tick.stored, draws * gains, ticks))
+        columns = [np.asarray(entry[k]) for k in self._read]
+        this_run, first_result = object(), Lock()
+        out: list[Any] = []
+
+        def record_of(which: np.ndarray) -> np.ndarray:
+            record = _room_for("record", (ticks, len(columns), POINTS))
+            by, before = getattr(_ROOMS, "record_of", (None, which))
+            for place, column in enumerate(columns):  # neighbours are of one plant as a rule
+                if by is not this_run or (column.ndim > 1 and not np.array_equal(before, which)):
+                    record[:, place] = column[which].T if column.ndim > 1 else column[:, None]
+            _ROOMS.record_of = this_run, which
+            return record
 
         def some(first: int) -> None:
             points = np.minimum(np.arange(first, first + POINTS), draws * gains - 1)
-            fixed = np.ascontiguousarray(values[:, points])
-            record = np.empty((ticks, len(self._read), POINTS))
-            for place, k in enumerate(self._read):
-                column = np.asarray(entry[k])
-                record[:, place] = column[points // gains].T if column.ndim > 1 else column[:, None]
+            fixed, record = np.ascontiguousarray(values[:, points]), record_of(points // gains)
             begun = np.empty((1, self._begin.stored, POINTS))
             self._begin.run(1, POINTS, [record.ctypes.data], fixed, np.empty((0, POINTS)), begun)
-            stored = np.empty((ticks, self._tick.stored, POINTS))
+            stored = _room_for("stored", (ticks, self._tick.stored, POINTS))
             self._tick.run(ticks, POINTS, [record.ctypes.data], fixed, begun[0], stored)
             count = min(POINTS, draws * gains - first)
-            out[:, first : first + count] = np.moveaxis(stored[..., :count], 0, 2)
+            kept = jax.tree.unflatten(self._kept, list(_along_ticks(stored)[:, :count]))
+            leaves, tree = jax.tree.flatten(reduced(kept))
+            with first_result:
+                if not out:
+                    out.append(jax.tree.unflatten(tree, [np.empty((draws * gains, *x.shape[1:])) for x in leaves]))
+            for every, each in zip(jax.tree.leaves(out[0]), leaves, strict=True):
+                every[first : first + count] = each
 
         shared_out(some, range(0, draws * gains, POINTS), lambda _: 1)
-        return jax.tree.unflatten(self._kept, list(out.reshape(-1, draws, gains, ticks)))
+        return jax.tree.map(lambda each: each.reshape(draws, gains, *each.shape[1:]), out[0])
+
+
+_ROOMS = local()  # each thread keeps its arrays: the system takes as long to give new ones as a kernel runs
+_AT_ONCE = 512  # ticks that are turned about at once: more fall out of the caches
+
+
+def _room_for(name: str, shape: tuple[int, ...]) -> np.ndarray:
+    """An array of any content that this thread uses again."""
+    size, kept = math.prod(shape), getattr(_ROOMS, name, None)
+    if kept is None or not size <= kept.size <= 4 * size:
+        kept = np.empty(size)
+        setattr(_ROOMS, name, kept)
+    return kept[:size].reshape(shape)
+
+
+def _along_ticks(stored: np.ndarray) -> np.ndarray:
+    """What is stored tick by tick, shape (K, S, N), as runs, shape (S, N, K)."""
+    out = _room_for("turned", (*stored.shape[1:], stored.shape[0]))
+    for k in range(0, len(stored), _AT_ONCE):
+        out[..., k : k + _AT_ONCE] = np.moveaxis(stored[k : k + _AT_ONCE], 0, 2)
+    return out
 
 
 def kernel_of(

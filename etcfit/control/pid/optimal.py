@@ -152,7 +152,7 @@ def best_from(task: Task, begin: Gains, rounds: int) -> tuple[Gains, Figures, fl
     start = _about(np.log(np.maximum(begin, settings.lowest)), rng, settings)
     best, _ = cross_entropy(score, start, rounds, rng, settings)
     gains = Gains(*np.exp(best).tolist())
-    figures = task.loop.first(1).tried(Gains(*(np.array([g]) for g in gains)), task.setpoint).figures
+    figures = task.loop.first(1).figures(Gains(*(np.array([g]) for g in gains)), task.setpoint)
     return gains, Figures(*(float(figure[0, 0]) for figure in figures)), float(score(best[None]).missed[0])
 
 
@@ -241,7 +241,7 @@ def scores(task: Task, gains: Gains, loop: Loop, linear: OpenLoop, spare: float)
         task, gains, loop, linear: see there.
         spare: share of each requirement kept in hand.
     """
-    asked, figures = task.requirements, loop.tried(gains, task.setpoint).figures
+    asked, figures = task.requirements, loop.figures(gains, task.setpoint)
     gain, phase = (np.maximum(m, -_WORST) for m in linear.margins(Gains(*(np.asarray(g)[None] for g in gains))))
     longest = max(level.ends - level.begins for level in task.setpoint.levels)
     settled = figures._replace(settling_s=np.minimum(figures.settling_s, 2.0 * longest))

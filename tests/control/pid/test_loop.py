@@ -86,6 +86,17 @@ def test_draws_and_gains_side_by_side_are_each_what_they_are_alone() -> None:
     assert np.max(np.abs(path[0, 1] - path[1, 1])) > 1e-3
 
 
+def test_figures_of_many_responses_are_those_of_the_kept_ones() -> None:
+    """Three plants, more gains than are kept, no whole number of vectors."""
+    loop = rigs.loop(ecu=Ecu(noise=1e-3), draws={"T_f": [0.1, 0.2], "K_s": [0.3, 0.1]})
+    gains = Gains(*(np.geomspace(low, 4.0 * low, 71) for low in (20.0, 100.0, 0.1)))
+    setpoint = step(0.2, 0.4, hold=0.5)
+    assert loop.draws == 3
+    for one, other in zip(loop.figures(gains, setpoint), loop.tried(gains, setpoint).figures, strict=True):
+        np.testing.assert_array_equal(one, other)
+    assert np.unique(loop.figures(gains, setpoint).rmse_pct).size == 3 * 71
+
+
 def ticked(ecu: Ecu, errors: list[float], gains: tuple[float, ...] = (2.0, 50.0, 0.01)) -> list[float]:
     memory, out = Memory.at_rest(Gains(*gains), ecu, 0.0), []
     for error in errors:
