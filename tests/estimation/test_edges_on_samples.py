@@ -52,7 +52,7 @@ def reached(*measurements: Measurement) -> tuple[Rig, Reached]:
     effects = tuple(EdgePhase.at(Place(m.test)).name for m in measurements)
     known = {"R_a": Fixed(R), "L_a": Fixed(L), "K_b": Fixed(0.03)}
     config = RigConfig("by hand", effects=effects, parameters=known)
-    rig = Rig(Path("by hand"), config, measurements)
+    rig = Rig("by hand", config, measurements)
     chosen = free_parameters(config)
     traces = tuple(t for t in (prepare(m, config) for m in measurements) if t is not None)
     x = chosen.layout.coordinates({s: chosen.layout.parameter(s).nominal for s in chosen.layout.free})
