@@ -147,7 +147,7 @@ def _near_a_sample(
     """The free phases of the tests whose edges come near the samples."""
     free = problem.layout.free
     for test in dict.fromkeys(trace.test.name for trace in problem.batch.traces):
-        (symbol,) = EdgePhase.at(Place(test)).off or ()
+        symbol = f"{EdgePhase.kind}.{test}"
         if symbol in free and abs(x[free.index(symbol)]) < settings.border:
             turns = _turns(problem, test)
             late, early = bool(np.any(turns > 0.5)), bool(np.any(turns < 0.5))

@@ -52,11 +52,12 @@ def reached(*measurements: Measurement) -> tuple[Rig, Reached]:
     effects = tuple(EdgePhase.at(Place(m.test)).name for m in measurements)
     known = {"R_a": Fixed(R), "L_a": Fixed(L), "K_b": Fixed(0.03)}
     config = RigConfig("by hand", effects=effects, parameters=known)
-    rig = Rig(Path("by hand"), config, measurements)
+    rig = Rig("by hand", config, measurements)
     chosen = free_parameters(config)
     traces = tuple(t for t in (prepare(m, config) for m in measurements) if t is not None)
     x = chosen.layout.coordinates({s: chosen.layout.parameter(s).nominal for s in chosen.layout.free})
     for m in measurements:
+        assert m.edge_turn is not None
         x[chosen.layout.free.index(f"edge_phase.{m.test}")] = -0.03 if np.nanmax(m.edge_turn) > 0.5 else 0.03
     problem = EstimationProblem.of(config, chosen, traces).refined(x)
     weighted = problem.weighted(problem.kalman(x))
