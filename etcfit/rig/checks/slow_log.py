@@ -95,7 +95,7 @@ class SlowLog(AbstractDetector):
             f"({worst.ahead:.0f} standard errors), and {100.0 * worst.new:.0f} % of its rms is new from one sample to "
             "the next. A fit or a diagnosis can only guess what acted in between.",
             "Log at the rate at which the controller acts, or faster; or log the setpoint and take [ecu] in rig.toml, "
-            "so that the model works out what acted between two samples.", test, everywhere(list(slow), traces), channel,
+            "so that the model works out what acted between samples.", test, everywhere(list(slow), traces), channel,
         )  # fmt: skip
 
 
