@@ -122,14 +122,15 @@ def _one_response(folder: Path, truth: Truth, columns: dict[str, np.ndarray], se
     write_trace(folder, Trace("response/log.csv", columns), seed)
 
 
-def coasting_log(folder: Path, truth: Truth, seed: int, period: float = 5e-5, rate: float = 200.0) -> None:
+def coasting_log(folder: Path, truth: Truth, seed: int, period: float = 5e-4, rate: float = 200.0) -> None:
     """Duty and speed of a motor alone whose bridge opens in the off time; each level until the speed has settled.
 
     The current rises with (V - e)/L for D periods and falls with (V + e)/L, through the diodes back into the supply,
-    until it stops: i = (V - e) D (D + D_2) T / 2L with D_2 = D (V - e)/(V + e); the speed follows K i = B w.
+    until it stops: i = (V - e) D (D + D_2) T / 2L with D_2 = D (V - e)/(V + e); the speed follows K i = B w, of a
+    motor that runs on light bearings, as one whose current stops within a period must.
     """
     rng, supply = np.random.default_rng(seed), 12.0
-    duties = np.linspace(0.15, 0.45, 6)
+    duties = np.linspace(0.35, 0.6, 6)
     speeds = np.array([_coasting_speed(truth, duty, supply, period) for duty in duties])
     time = np.arange(0.0, duties.size, 1.0 / rate)
     level = np.minimum(time.astype(int), duties.size - 1)
@@ -145,12 +146,12 @@ def coasting_log(folder: Path, truth: Truth, seed: int, period: float = 5e-5, ra
 
 
 def _coasting_speed(truth: Truth, duty: float, supply: float, period: float) -> float:
-    """At which the mean current's torque is that of viscous friction, rad/s, by bisection."""
+    """At which the mean current's torque is that of a twentieth of the viscous friction, rad/s, by bisection."""
     low, high = 0.0, supply / truth.K_b
     for _ in range(60):
         speed = 0.5 * (low + high)
         e = truth.K_b * speed
         falls = min(duty * (supply - e) / (supply + e), 1.0 - duty)
         current = (supply - e) * duty * (duty + falls) * period / (2.0 * truth.L_a)
-        low, high = (speed, high) if truth.K_m * current > truth.B_m * speed else (low, speed)
+        low, high = (speed, high) if truth.K_m * current > 0.05 * truth.B_m * speed else (low, speed)
     return low

@@ -58,5 +58,5 @@ def _duty(columns: Mapping[str, Column], config: RigConfig, where: str, header: 
     if "voltage" not in columns or volts is None:
         raise MeasurementError(where, f"column '{header}' without a duty.",
                                "The motor's current is that of the supply over the duty.",
-                               "Log the duty; or the motor's voltage, and write [rig] supply_V in rig.toml.")  # fmt: skip
+                               "Log the duty; or the voltage, with [rig] supply_V in rig.toml.")  # fmt: skip
     return columns["voltage"].value / volts

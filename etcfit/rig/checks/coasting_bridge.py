@@ -85,11 +85,11 @@ class CoastingBridge(AbstractDetector):
         return Finding(
             self.kind, share, "", 0.0,
             f"In {test} the settled speed hardly grows with the voltage: from {low:.3g} to {high:.3g} V it grows by "
-            f"{100.0 * share:.0f} +- {100.0 * error:.0f} % of what is in proportion to the voltage. Friction makes "
-            "that 100 % or more and the drag of air 50 % at least; a bridge that coasts in its off time makes it so, for "
+            f"{100.0 * share:.0f} +- {100.0 * error:.0f} % of what is in proportion to it. Friction makes "
+            "that 100 % or more, the drag of air 50 % at least. A bridge that coasts in its off time makes it so, for "
             "its mean voltage is not duty x supply once the current stops within a period of the PWM.",
-            "Let the bridge short the motor in the off time (switch the inputs, not the enable pin: slow decay), or log "
-            "the mean voltage at the terminals; a limit of current or speed would look the same.", test,
+            "Let the bridge short the motor in the off time (switch the inputs, not the enable pin: slow decay), or "
+            "log the mean voltage at the terminals; a limit of current or speed would look the same.", test,
         )  # fmt: skip
 
 

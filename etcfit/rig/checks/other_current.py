@@ -64,18 +64,20 @@ class OtherCurrent:
             part: of the windows that leave less than what is compared.
             rows: windows in which they are compared; None: in all.
         """
-        as_logged, values = values_of(self.motor), values_of(other)
+        motor = self.motor if np.any(other.brushes) else _signed(self.motor, np.ones(self.motor.volts.size))
+        as_logged, values = values_of(motor), values_of(other)
         if as_logged is None or values is None or "R" not in values:
             return None
         if values["R"].sign(2.0) <= 0 or ("k" in values and values["k"].sign(2.0) < 0):
             return None
         there = np.ones(other.volts.size, dtype=bool) if rows is None else rows
-        left = [np.quantile(np.abs(left_by(v, w)[there]), part) for v, w in ((as_logged, self.motor), (values, other))]
+        left = [np.quantile(np.abs(left_by(v, w)[there]), part) for v, w in ((as_logged, motor), (values, other))]
         return float(left[0] / max(left[1], 1e-12)), values["R"]
 
 
 def _signed(w: Windows, sign: np.ndarray) -> Windows:
-    return replace(w, amperes=sign * w.amperes, rise=sign * w.rise)
+    """Without brushes: a drop with the voltage's sign would explain a held voltage by itself."""
+    return replace(w, amperes=sign * w.amperes, rise=sign * w.rise, brushes=np.zeros_like(w.brushes))
 
 
 def other_current(traces: Sequence[Measurement], config: RigConfig) -> OtherCurrent | None:
@@ -120,9 +122,4 @@ def _windows(
         changed = replace(trace, channels={**trace.channels, "current": replace(current, value=value)})
         parts.append(windows_of(changed, config))
     kept = [each for each in parts if each is not None]
-    if not kept:
-        return None
-    joined = Windows.joined(
-        kept
-    )  # without brushes: a drop with the voltage's sign would explain a held voltage by itself
-    return replace(joined, brushes=np.zeros_like(joined.brushes))
+    return Windows.joined(kept) if kept else None

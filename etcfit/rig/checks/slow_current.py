@@ -103,8 +103,8 @@ class SlowCurrent(AbstractDetector):
             yield Finding(
                 self.kind, lag, "s", float(erfc((lag - self.winding) / error / 2**0.5)),
                 f"In {test} the current follows the voltage with a lag of {1e3 * lag:.3g} +- {1e3 * error:.2g} ms; L/R "
-                "of a small motor's winding is a few. One lag says only the sum of the winding's and of a low-pass in the "
-                f"current's channel: {circuit.L.value:.3g} H is an upper bound of L_a.",
+                "of a small motor's winding is a few. One lag says only the sum of the winding's and of a low-pass in "
+                f"the current's channel: {circuit.L.value:.3g} H is an upper bound of L_a.",
                 CURE, None if alike else test, channel="current",
             )  # fmt: skip
 

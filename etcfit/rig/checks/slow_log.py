@@ -92,10 +92,10 @@ class SlowLog(AbstractDetector):
             self.kind, worst.rate, "Hz", float(erfc(worst.ahead / 2**0.5)),
             f"{where[0].upper()}{where[1:]} the log is slower than what acts in it: at {worst.rate:.4g} Hz "
             f"'{drive.header}' changes between two samples, for its next sample tells the motion before it "
-            f"({worst.ahead:.0f} standard errors), and {100.0 * worst.new:.0f} % of its rms is new from one sample to the "
-            "next. A fit or a diagnosis can only guess what acted in between.",
-            "Log at the rate at which the controller acts, or faster; or log the setpoint and take [ecu] in rig.toml, so "
-            "that the model works out what acted between two samples.", test, everywhere(list(slow), traces), channel,
+            f"({worst.ahead:.0f} standard errors), and {100.0 * worst.new:.0f} % of its rms is new from one sample to "
+            "the next. A fit or a diagnosis can only guess what acted in between.",
+            "Log at the rate at which the controller acts, or faster; or log the setpoint and take [ecu] in rig.toml, "
+            "so that the model works out what acted between samples.", test, everywhere(list(slow), traces), channel,
         )  # fmt: skip
 
 
