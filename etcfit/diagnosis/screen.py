@@ -34,7 +34,7 @@ from .composition import Effect, resting
 # numerics, no policy: a step, a memory bound, and what counts as zero in double precision
 _PROBE = 1e-3  # amplitude over its scale at which a tangent is taken: on a bound of 0 it may not exist
 AT_ONCE = 8  # tangents side by side
-_RIGS_AT_ONCE = 16  # tangents of the rig in one kernel: more take long to compile, and much memory
+RIGS_AT_ONCE = 16  # tangents of the rig in one kernel: more take long to compile, and much memory
 _TOGETHER = 128  # most effects times tangents of one model
 _IMITATED = 1e-6  # share of a signature's power below which fitted parameters do all of it
 _TINY = 1e-10  # singular values below this share of 1 count as zero
@@ -349,7 +349,7 @@ class Tangents:
 
     def together(self, symbols: tuple[str, ...]) -> dict[str, np.ndarray]:
         """By each of these free parameters, SI, shape (n,)."""
-        found = dict(zip(symbols, _slopes(self.problem, self.x, self.weighted, symbols), strict=True))
+        found = dict(zip(symbols, slopes_of(self.problem, self.x, self.weighted, symbols), strict=True))
         self.kept.update({s: np.array(column) for s, column in found.items() if s in self.wanted})
         return found
 
@@ -379,7 +379,7 @@ def screen_of_the_rig(
     layout, found = tangents.problem.layout, []
     parameters = {p.symbol: p for p in layout.parameters}
     every = [Variant(e, {}, tuple(s for s in resting(e) if s in layout.free)) for e in candidates]
-    for few in some_at_once([v for v in every if v.amplitudes], _RIGS_AT_ONCE):
+    for few in some_at_once([v for v in every if v.amplitudes], RIGS_AT_ONCE):
         symbols = tuple(dict.fromkeys(s for v in few for s in v.amplitudes))
         slopes = tangents.together(symbols)
         for v in few:
@@ -388,7 +388,7 @@ def screen_of_the_rig(
     return found
 
 
-def _slopes(
+def slopes_of(
     problem: EstimationProblem, x: np.ndarray, weighted: WeightedData, symbols: tuple[str, ...]
 ) -> Sequence[np.ndarray]:
     """Derivative of the fitted samples' residual in the value of each free parameter that is named, shape (n,) each."""

@@ -76,7 +76,7 @@ def renewed_and_muted(numbers: tuple[Any, ...]) -> tuple[tuple[frozenset[int], .
     return (weights | {steps.guide_stiffness, slots.value}, frozenset(filter_[:3])), weights
 
 
-def _records(form: Form, weighted: WeightedData) -> tuple[Records, ResidualEntry]:
+def packed_records(form: Form, weighted: WeightedData) -> tuple[Records, ResidualEntry]:
     return _PACKED.of(jax.tree.leaves(data_of(weighted)), form, lambda: _packed(form, weighted))
 
 
@@ -109,7 +109,7 @@ def ahead(form: Form, weighted: WeightedData) -> None:
     """Begin to make, in the background, what a descent runs."""
 
     def make() -> None:
-        entry = _records(form, weighted)[1]
+        entry = packed_records(form, weighted)[1]
         kernel(entry, Across.LANES, free_of(form, weighted.pick), True)
         kernel(entry, Across.LANES, (), True)
 
@@ -125,7 +125,7 @@ def sums(form: Form, full: Float[np.ndarray, " Q"], weighted: WeightedData) -> S
         weighted: data and whitening, arrays of NumPy.
     """
     free = free_of(form, weighted.pick)
-    records, entry = _records(form, weighted)
+    records, entry = packed_records(form, weighted)
     total, _ = over_lanes(kernel(entry, Across.LANES, free, True), records, full)
     size = len(free)
     lower = np.zeros((size, size))
@@ -135,19 +135,19 @@ def sums(form: Form, full: Float[np.ndarray, " Q"], weighted: WeightedData) -> S
 
 def chi2(form: Form, full: Float[np.ndarray, " Q"], weighted: WeightedData) -> float:
     """Sum of squares of the whitened residual; arguments as of `sums`."""
-    records, entry = _records(form, weighted)
+    records, entry = packed_records(form, weighted)
     return float(over_lanes(kernel(entry, Across.LANES, (), True), records, full)[0][0])
 
 
 def chi2_of_points(form: Form, fulls: Float[np.ndarray, "K Q"], weighted: WeightedData) -> Float[np.ndarray, " K"]:
     """The same of many points, shape (K, Q) -> (K,): each vector holds points."""
-    records, entry = _records(form, weighted)
+    records, entry = packed_records(form, weighted)
     return over_points(kernel(entry, Across.POINTS, (), True), records, fulls)[0]
 
 
 def compared(form: Form, full: Float[np.ndarray, " Q"], weighted: WeightedData) -> Compared:
     """What each slot ought to show, and the whitened residual; arguments as of `sums`."""
-    records, entry = _records(form, weighted)
+    records, entry = packed_records(form, weighted)
     _, out = over_lanes(kernel(entry, Across.LANES, (), False, True), records, full)
     count = len(entry.results)
     return Compared(out[..., :count], out[..., count:])
@@ -162,7 +162,7 @@ def linearised(
         form, full, weighted: as of `sums`.
         free: their symbols.
     """
-    records, entry = _records(form, weighted)
+    records, entry = packed_records(form, weighted)
     _, out = over_lanes(kernel(entry, Across.LANES, free, False, True), records, full)
     count = len(entry.results)
     slopes = out[..., 2 * count :].reshape(*records.shape, len(free), count)

@@ -141,7 +141,7 @@ def records_of(entries: Entries, made_of: Callable[[Shape], tuple[TracedEntry, M
         entry, made = made_of(Shape(structure, shapes, (*constant, *never), tuple(uniform), entries.renewed))
         records = []
         for of, columns in zip((lasting, *entries.renewed), map(tuple, entry.columns), strict=True):
-            make = partial(_record, leaves, columns, muted=entries.muted)
+            make = partial(record_of, leaves, columns, muted=entries.muted)
             place = {leaf: k for k, leaf in enumerate(sorted(of))}  # the same record whatever lies beside it
             named = tuple((place[leaf], at) for leaf, at in columns)
             key = named, frozenset(place[leaf] for leaf in entries.muted & of), tuple(groups)
@@ -177,7 +177,7 @@ def _everywhere(
     return tuple(constant), uniform
 
 
-def _record(
+def record_of(
     leaves: Sequence[np.ndarray], columns: Sequence[Column], group: Group, muted: frozenset[int]
 ) -> Float[np.ndarray, "rows F W"]:
     """Columns of some lanes. What ends earlier repeats its last entry; where lanes are few the first is repeated; in

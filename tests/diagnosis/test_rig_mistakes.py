@@ -157,13 +157,11 @@ def test_a_mistake_of_one_trace_names_its_file() -> None:
 
 
 def test_a_mistake_of_one_channel_of_one_trace_names_both() -> None:
-    sign = rig_effect("channel_gain[response/drive_3.csv.current]")
-    assert sign is not None
-    (mistake,) = rig_mistakes([sign], {"gain.response/drive_3.csv.current": -2.0}, {})
+    mistake = stated(rig_effect("channel_gain[response/drive_3.csv.current]"), -2.0)
     assert (mistake.kind, mistake.test, mistake.channel) == ("channel_sign", "response", "current")
     assert mistake.file == "response/drive_3.csv"
     assert mistake.mend == '[model] effects = ["channel_gain[response/drive_3.csv.current]"]'
-    assert mistake.sentence.startswith("channel_sign in current of the trace response/drive_3.csv: ")
+    assert "channel_sign in current of the trace response/drive_3.csv: " in mistake.sentence
 
 
 @pytest.mark.slow

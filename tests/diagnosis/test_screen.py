@@ -366,14 +366,14 @@ def test_effects_of_the_rig_are_screened_some_at_a_time(
     slope, layout = rigged.problem.layout.numbers(rigged.x)[1], rigged.problem.layout
     _, jacobian = fitted_samples(rigged.problem, rigged.x, rigged.weighted)
     asked: list[int] = []
-    once = screen._slopes
+    once = screen.slopes_of
 
     def counted(*args: Any) -> Any:
         asked.append(len(args[-1]))
         return once(*args)
 
-    monkeypatch.setattr(screen, "_slopes", counted)
-    monkeypatch.setattr(screen, "_RIGS_AT_ONCE", 2)
+    monkeypatch.setattr(screen, "slopes_of", counted)
+    monkeypatch.setattr(screen, "RIGS_AT_ONCE", 2)
     found = screen.screen_of_the_rig(background, screen.Tangents.of(rigged.problem, rigged.x, rigged.weighted), every)
     assert len(found) == len(every)
     assert max(asked) < sum(asked)

@@ -116,13 +116,13 @@ def test_models_that_read_the_same_samples_share_one_packing(rig: Rig, monkeypat
     problem.chi2(x, weighted)
     other = problem.with_parameters(free_parameters(rig.config, (EFFECT_BY_NAME["gravity_load"],)))
     tried, made = other.weighted(weighted.whitening), []
-    once = records._record
+    once = records.record_of
 
     def counted(*args: Any, **kwargs: Any) -> np.ndarray:
         made.append(args)
         return once(*args, **kwargs)
 
-    monkeypatch.setattr(records, "_record", counted)
+    monkeypatch.setattr(records, "record_of", counted)
     other.chi2(np.append(x, 0.1), tried)
     assert not made
 

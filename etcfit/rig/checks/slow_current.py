@@ -15,10 +15,9 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from math import erfc
-from typing import ClassVar, NamedTuple
+from typing import TYPE_CHECKING, ClassVar, NamedTuple
 
 import numpy as np
-from scipy.optimize import OptimizeResult, least_squares
 
 from ...ranges import real, whole
 from .. import TEST_BY_NAME
@@ -27,6 +26,9 @@ from ..finding import Finding
 from ..signals import drive_voltage
 from .base import AbstractDetector, Records, everywhere, in_files
 from .circuit import Circuit, Value
+
+if TYPE_CHECKING:
+    from scipy.optimize import OptimizeResult
 
 WINDING = ("inductance", "response")  # tests that tell L, best first
 CURE = ("Look up the bandwidth of the current's channel, 1/(2 pi T): log again with one ten times faster than the "
@@ -151,6 +153,8 @@ def _lag(circuit: Circuit) -> Value | None:
 
 def _fitted(current: Channel, k: int) -> Rise | None:
     """Both models on the rise that begins about sample k."""
+    from scipy.optimize import least_squares  # takes longer to import than a check of most folders
+
     t, y = current.time - current.time[k], current.value
     interval, length = float(np.median(np.diff(t))), float(t[-1])
     noise = max(current.sigma, current.quantum / np.sqrt(12.0))
