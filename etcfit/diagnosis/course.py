@@ -6,6 +6,7 @@ from dataclasses import replace
 
 from ..estimation.joint_fit import Report, quiet
 from ..estimation.result import FitResult
+from ..rig.checks.slow_log import SlowLog
 from .candidate_model import CandidateModel
 from .check_findings import first_from_checks
 from .discrepancy import Allowed, allowing_for_the_rest
@@ -164,7 +165,8 @@ def _told(
     added = tuple(e.name for e in s.added if e.name not in doubts)
     ties = tuple(tie(each) for each in progress.found if each.ties and s.at_work(each.effect))
     proven = [e for e in s.added if e.name in added]
-    of_rounds = progress.rounds, added, left is not None, first.settings
+    slow = any(finding.kind == SlowLog.kind for finding in result.rig.findings)
+    of_rounds = progress.rounds, added, left is not None, first.settings, slow
     chance, asked = probabilities(*of_rounds), questions(*of_rounds)
     stated = statements(proven, after.values, chance, progress.rounds, asked, first.settings)
     rig = rig_mistakes(proven, after.values, stated)

@@ -23,6 +23,7 @@ from .findings import Question, RoundReport
 from .settings import DiagnosisSettings
 
 NOTHING, UNEXPLAINED, SOMETHING_ELSE = "nothing", "unexplained", "something else"
+BETWEEN_SAMPLES = "what acted between two samples of a slow log"
 NO_NAME, ONLY_NOISE = "something without a name", "noise, or no more than inexact formulas leave"
 CALIBRATED = (
     "On 80 synthetic folders 85 % of the names stated with 0.80 or more were right; 0.90 is the most that is stated "
@@ -31,15 +32,19 @@ CALIBRATED = (
 
 
 def questions(
-    rounds: Sequence[RoundReport], added: Collection[str], curve: bool, settings: DiagnosisSettings
+    rounds: Sequence[RoundReport], added: Collection[str], curve: bool, settings: DiagnosisSettings, slow: bool = False
 ) -> tuple[Question, ...]:
     """What each round asked, and at last what is left without a name.
+
+    Where a log is slower than what acts in it (`rig.checks.slow_log`), any misfit may be of that: it is one answer more
+    to each question, of probability `slow_log`.
 
     Args:
         rounds: of the diagnosis.
         added: the effects that are in its final model and not in doubt.
         curve: whether a curve without a name was found.
-        settings: `bic_temper` and the lapses.
+        settings: `bic_temper`, the lapses and `slow_log`.
+        slow: whether a fitted test was logged so.
     """
     withdrawn = {each.added for each in rounds if each.added is not None} - set(added)
     asked = [
@@ -47,22 +52,28 @@ def questions(
         for k, each in enumerate(rounds, start=1)
     ]
     left = _left(rounds, bool(added), curve, settings)
-    return (*asked, Question("At the end: what is left?", {ONLY_NOISE: 1.0 - left, NO_NAME: left}))
+    every = (*asked, Question("At the end: what is left?", {ONLY_NOISE: 1.0 - left, NO_NAME: left}))
+    return tuple(_beside_a_slow_log(each, settings) for each in every) if slow else every
+
+
+def _beside_a_slow_log(question: Question, settings: DiagnosisSettings) -> Question:
+    answers = {answer: (1.0 - settings.slow_log) * p for answer, p in question.answers.items()}
+    return Question(question.asks, {**answers, BETWEEN_SAMPLES: settings.slow_log})
 
 
 def probabilities(
-    rounds: Sequence[RoundReport], added: Collection[str], curve: bool, settings: DiagnosisSettings
+    rounds: Sequence[RoundReport], added: Collection[str], curve: bool, settings: DiagnosisSettings, slow: bool = False
 ) -> Mapping[str, float]:
     """Of every effect that was refitted, of "nothing" and of "unexplained", each from 0 to 1.
 
     They are those of statements that do not exclude each other: two effects may both be there. "nothing" says that
     nothing is missing which these data show: what is too faint for them is not denied. Arguments as `questions`.
     """
-    *asked, at_last = questions(rounds, added, curve, settings)
+    *asked, at_last = questions(rounds, added, curve, settings, slow)
     named: dict[str, float] = {}
     for each in asked:
         for effect, p in each.answers.items():
-            if effect not in (NOTHING, SOMETHING_ELSE):
+            if effect not in (NOTHING, SOMETHING_ELSE, BETWEEN_SAMPLES):
                 named[effect] = 1.0 - (1.0 - named.get(effect, 0.0)) * (1.0 - p)
     # what was taken away again, or is in doubt, is no more than what was never added
     withdrawn = {each.added for each in rounds if each.added is not None} - set(added)

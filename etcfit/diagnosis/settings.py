@@ -192,6 +192,8 @@ class DiagnosisSettings:
     left_beside_names: float = real(0.5, above=0.0, below=1.0)
     """Probability that something without a name is left where the effects named leave more than noise: as likely as
     not, for their formulas are not exact."""
+    slow_log: float = real(0.5, 0.0, below=1.0)
+    """Probability that a misfit is of what acted between two samples, where the log is slower than what acts in it."""
     suspicion: float = real(0.8, 0.0, 1.0)
     """Probability below which a name is a suspicion: what to measure is said, and no line of rig.toml to change."""
 

@@ -8,7 +8,14 @@ from dataclasses import replace
 import pytest
 
 from etcfit.diagnosis.findings import Candidate, Evidence, RoundReport
-from etcfit.diagnosis.probabilities import NOTHING, SOMETHING_ELSE, UNEXPLAINED, probabilities, questions
+from etcfit.diagnosis.probabilities import (
+    BETWEEN_SAMPLES,
+    NOTHING,
+    SOMETHING_ELSE,
+    UNEXPLAINED,
+    probabilities,
+    questions,
+)
 from etcfit.diagnosis.settings import DEFAULT
 
 WHITE, COLOURED = (Evidence((), white, (), ()) for white in (True, False))
@@ -107,6 +114,15 @@ def test_answers_to_one_question_add_up_to_one(added: list[str]) -> None:
     first = asked[0].answers
     assert first[SOMETHING_ELSE] >= LAPSE - 1e-12
     assert (first["a"] > MISSED) == ("a" in added), "what was taken away again leaves its share to something else"
+
+
+def test_beside_a_slow_log_no_name_is_surer_than_may_be() -> None:
+    rounds = [turn("a", a=-9000.0), turn(None, c=5.0)]
+    asked = questions(rounds, ["a"], False, DEFAULT, slow=True)
+    assert all(sum(each.answers.values()) == pytest.approx(1.0) for each in asked)
+    p = probabilities(rounds, ["a"], False, DEFAULT, slow=True)
+    assert p["a"] == pytest.approx((1.0 - DEFAULT.slow_log) * (1.0 - LAPSE))
+    assert BETWEEN_SAMPLES not in p
 
 
 def test_no_more_than_inexact_formulas_leave_is_nothing_without_a_name() -> None:
