@@ -155,7 +155,7 @@ def choose(
     """
     strong = [v for v in verdicts if v.is_strong(settings)]
     good = [v for v in strong if v.helps_elsewhere(settings)]
-    main = [v for v in good if v.gain > settings.least_part * (v.score.chi2 - noise)]
+    main = [v for v in good if v.gain > least_part(v.effect, settings) * (v.score.chi2 - noise)]
     proven = [v for v in main if v.score.chi2 < most]
     if proven:
         return _added(proven, settings)
@@ -167,6 +167,12 @@ def choose(
     if strong:
         return _contradicted(strong[0])
     return _not_worth_it(verdicts[0], settings) if verdicts else _no_promise()
+
+
+def least_part(effect: Effect, settings: DiagnosisSettings) -> float:
+    """Fall of chi2 over what an effect leaves above the noise, at least: one of a single channel of a single trace, of
+    which there are hundreds, must explain more than it leaves, for a general lack bends each trace in its own way."""
+    return settings.least_part_of_one if is_of_one_channel(effect) else settings.least_part
 
 
 def in_turn(
@@ -199,7 +205,8 @@ def _contradicted(v: TrialVerdict) -> Choice:
 
 def _small_part(v: TrialVerdict, settings: DiagnosisSettings) -> Choice:
     why = (
-        f"{v.effect.name} does best, but explains less than {100 * settings.least_part:.0f} % of what it leaves: "
+        f"{v.effect.name} does best, but explains less than {100 * least_part(v.effect, settings):.0f} % of what it "
+        "leaves: "
         "what is missing is something else."
     )
     return Choice(Outcome.SMALL_PART, None, (), why)

@@ -52,6 +52,8 @@ class DiagnosisSettings:
     """Change of BIC below which an effect is worth its parameters (Kass and Raftery 1995: very strong evidence)."""
     least_part: float = real(0.2, 0.0)
     """Fall of chi2 over what the effect leaves above the noise; one that explains less imitates something else."""
+    least_part_of_one: float = real(1.0, 0.0)
+    """The same of an effect in one channel of one trace."""
     tied_likelihood: float = real(6.0, 0.0)
     """Difference in -2 log likelihood below which two effects explain the data equally well."""
 

@@ -53,7 +53,7 @@ def test_the_defaults_are_those_of_the_recorded_folders() -> None:
     assert plain(DEFAULT) == {
         "rounds": 8, "refits": 4, "rig_refits": 3, "refits_side_by_side": 2,
         "least_promise": 0.3, "rival_promise": 0.3, "rival_promise_far": 0.1,
-        "strong_bic_change": -10.0, "least_part": 0.2, "tied_likelihood": 6.0,
+        "strong_bic_change": -10.0, "least_part": 0.2, "least_part_of_one": 1.0, "tied_likelihood": 6.0,
         "trial_rise": 0.02, "refit_rise": 0.2, "far_rise": 2.0, "spared_gain": 0.01, "folds": 3, "fold_tolerance": 1e-3,
         "trial_tolerance": 1e-3, "steepest_start": 3.0, "start_halvings": 8, "second_trial_share": 0.5,
         "refit_tolerance": 1e-4, "near_chi2_per_dof": 10.0, "whitening_rounds": 10, "still": 0.2, "reweighings": 2,
@@ -134,6 +134,13 @@ def added(settings: DiagnosisSettings, **how: Any) -> bool:
     return choose([verdict(LIMP, -15.0, **how)], settings, noise=900.0).effect is LIMP
 
 
+def added_of_one(settings: DiagnosisSettings) -> bool:
+    """Of one channel of one trace: it gains 100 and leaves 50 above the noise."""
+    one = rig_effect("channel_offset[viscous/volts_1.csv.current]")
+    assert one is not None
+    return choose([verdict(one, -15.0, chi2=950.0)], settings, noise=900.0).effect is one
+
+
 def chosen(count: int, **changes: Any) -> int:
     """How many of so many candidates, each of gain 0.8 of the one before, are worth a refit."""
     every = [Signature(variants(LIMP)[0], np.zeros((1, 2)), 100.0 * 0.8**k, {}, 1.0) for k in range(count)]
@@ -169,6 +176,7 @@ def read(**changes: Any) -> int:
 CASES: dict[str, tuple[Callable[..., Any], Any, dict[str, float], Any]] = {
     "strong_bic_change": (lambda **c: added(with_(**c)), True, {"strong_bic_change": -20.0}, False),
     "least_part": (lambda **c: added(with_(**c), chi2=1300.0), True, {"least_part": 0.3}, False),
+    "least_part_of_one": (lambda **c: added_of_one(with_(**c)), True, {"least_part_of_one": 2.5}, False),
     "spared_gain": (lambda **c: added(with_(**c), holdout_chi2_change=3.0), False, {"spared_gain": 0.05}, True),
     "tied_likelihood": (
         lambda **c: alike(verdict(LIMP, -9.0, chi2=905.0), verdict(GRAVITY, -40.0), with_(**c)),
