@@ -32,7 +32,9 @@ def driven(rig: Rig, start: Mapping[str, float]) -> EstimationProblem:
     known = free_parameters(rig.config)
     angles = tuple(_angle_alone(trace) for trace in traces if trace is not None)
     problem = EstimationProblem.of(rig.config, known, angles)
-    return problem.refined(known.layout.coordinates({p.symbol: p.nominal for p in known.layout.parameters} | start))
+    return problem.refined(
+        known.layout.coordinates({**{p.symbol: p.nominal for p in known.layout.parameters}, **start})
+    )
 
 
 def _angle_alone(trace: Trace) -> Trace:

@@ -67,8 +67,8 @@ def _bent(s: CandidateModel, smooth: Sequence[type[AbstractSmooth]]) -> Bend:
     lean = s.lean()
     r, jacobian = fitted_samples(lean.problem, lean.x, lean.weighted)
     priors = believed(lean.problem.layout, lean.x, lean.weighted.prior_sd)
-    scales = [variants(e)[0] for e in smooth]
-    each = tangents_inside(lean, scales, lambda v, c: Curve(v.effect, np.where(np.isfinite(c), c, 0.0)))
+    scales, effects = [variants(e)[0] for e in smooth], {e.name: e for e in smooth}
+    each = tangents_inside(lean, scales, lambda v, c: Curve(effects[v.effect.name], np.where(np.isfinite(c), c, 0.0)))
     seen = np.asarray(lean.weighted.slots.weight) > 0.0
     events = np.zeros(seen.shape, dtype=int)
     for number, (lane, stretch) in enumerate(lean.problem.batch.stretches(s.settings.curve_stretches)):

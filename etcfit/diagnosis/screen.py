@@ -390,12 +390,13 @@ def screen_of_the_rig(
 
 def slopes_of(
     problem: EstimationProblem, x: np.ndarray, weighted: WeightedData, symbols: tuple[str, ...]
-) -> Sequence[np.ndarray]:
+) -> list[np.ndarray]:
     """Derivative of the fitted samples' residual in the value of each free parameter that is named, shape (n,) each."""
     layout, seen = problem.layout, np.asarray(weighted.slots.weight) > 0.0
     if available():
         full = layout.form.full(layout.padded(x), weighted.pick)
-        return residual_kernels.linearised(layout.form, full, weighted, symbols)[1][seen].T
+        columns = residual_kernels.linearised(layout.form, full, weighted, symbols)[1][seen]
+        return [*columns.T]
     jacobian, slope = problem.linearise(x, weighted)[2][seen], layout.numbers(x)[1]
     return [jacobian[:, k] / slope[k] for k in map(layout.free.index, symbols)]
 

@@ -264,9 +264,10 @@ def _strip(trace: Trace, breaks: Breaks, command: Mapping[str, np.ndarray], conf
     for name, value, sd in zip(("i", "theta", "omega"), trace.start.state, trace.start.sd, strict=True):
         columns[name] = first * value
         columns[f"start_{name}"] = first * sd**2
-    columns |= edges.in_step(trace, ends, interval)
-    columns |= _error(trace, interval) | edges.unplaced(trace, marks, n) | command
-    return columns | _samples(trace, n, marks)
+    placed, unplaced = edges.in_step(trace, ends, interval), edges.unplaced(trace, marks, n)
+    for more in (placed, _error(trace, interval), unplaced, command, _samples(trace, n, marks)):
+        columns.update(more)
+    return columns
 
 
 def _under_ecu(

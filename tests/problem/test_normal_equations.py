@@ -98,7 +98,7 @@ def test_what_no_step_changes_is_computed_before_the_loop(tmp_path: Path) -> Non
     """XLA refuses to move anything out of a loop that holds a scatter, a sort, an FFT or a custom call: the map from
     coordinates to values, which scatters and has exponentials, must not be in it, nor any of those."""
     problem, x, weighted = _unwhitened(tmp_path)
-    text = linearise.lower(problem.layout.form, x, weighted).compile().as_text()
+    text = linearise.lower(problem.layout.form, x, weighted).compile().as_text() or ""
     parts = {part.split()[0].lstrip("%"): part for part in re.split(r"\n(?=%|ENTRY)", text)}
     inside = set(re.findall(r"body=%([\w.-]+)", text))
     assert inside
