@@ -19,6 +19,8 @@ from __future__ import annotations
 import math
 from collections.abc import Collection, Mapping, Sequence
 
+from ..model.rig_effects import rig_effect
+from .composition import is_of_one_channel
 from .findings import Question, RoundReport
 from .settings import DiagnosisSettings
 
@@ -119,8 +121,15 @@ def _answers(each: RoundReport, withdrawn: Collection[str], settings: DiagnosisS
     nothing = math.exp(0.5 * min(best, 0.0))
     share = (1.0 - settings.lapse) / (sum(standing.values()) + nothing)
     named = {e: share * standing.get(e, 0.0) for e in changes}
+    named |= {e: p * (1.0 - settings.lapse_of_one) / (1.0 - settings.lapse) for e, p in named.items() if _is_of_one(e)}
     named |= {e: min(named[e], settings.missed) for e in withdrawn if e in named}
     return {**named, NOTHING: share * nothing, SOMETHING_ELSE: 1.0 - sum(named.values()) - share * nothing}
+
+
+def _is_of_one(name: str) -> bool:
+    """Whether an effect, by name, is in one channel of one trace."""
+    effect = rig_effect(name)
+    return effect is not None and is_of_one_channel(effect)
 
 
 def _tempered(bic_change: float, prior: float, settings: DiagnosisSettings) -> float:

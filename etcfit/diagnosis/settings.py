@@ -189,6 +189,8 @@ class DiagnosisSettings:
     """By how much a change of BIC overstates its evidence."""
     lapse: float = real(0.1, above=0.0, below=1.0)
     """Probability that what was named is something else, however strong the evidence."""
+    lapse_of_one: float = real(0.25, above=0.0, below=1.0)
+    """That probability of a mistake in one channel of one trace, of which there are hundreds and no rates yet."""
     missed: float = real(0.1, above=0.0, below=1.0)
     """Probability that something is there of which nothing was found."""
     left_beside_names: float = real(0.5, above=0.0, below=1.0)

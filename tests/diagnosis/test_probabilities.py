@@ -116,6 +116,13 @@ def test_answers_to_one_question_add_up_to_one(added: list[str]) -> None:
     assert (first["a"] > MISSED) == ("a" in added), "what was taken away again leaves its share to something else"
 
 
+def test_a_mistake_in_one_channel_of_one_trace_is_no_surer_than_probable() -> None:
+    one = "channel_offset[viscous/volts_1.csv.current]"
+    (first, _) = questions([turn(one, **{one: -900.0, "a": -10.0})], [one], False, DEFAULT)
+    assert first.answers[one] == pytest.approx(1.0 - DEFAULT.lapse_of_one)
+    assert sum(first.answers.values()) == pytest.approx(1.0)
+
+
 def test_beside_a_slow_log_no_name_is_surer_than_may_be() -> None:
     rounds = [turn("a", a=-9000.0), turn(None, c=5.0)]
     asked = questions(rounds, ["a"], False, DEFAULT, slow=True)
