@@ -38,6 +38,12 @@ def test_what_the_checks_found_is_ten_times_as_probable() -> None:
     assert surprise(RESISTOR, VALUES, (RESISTOR,)) - surprise(RESISTOR, VALUES, ()) == pytest.approx(-2 * math.log(10))
 
 
+def test_one_channel_of_one_trace_is_25_times_less_probable_than_that_of_its_test() -> None:
+    test, trace = effect("channel_gain[static_load.current]"), effect("channel_gain[static_load/ramp_1.csv.current]")
+    values = {"gain.static_load.current": 0.05, "gain.static_load/ramp_1.csv.current": 0.05}
+    assert surprise(trace, values, ()) - surprise(test, values, ()) == pytest.approx(2.0 * math.log(25.0))
+
+
 def test_an_effect_of_the_throttle_pays_nothing_of_any_size() -> None:
     limp = EFFECT_BY_NAME["limp_home_spring"]
     assert surprise(limp, dict.fromkeys(limp.off or {}, 99.0), ()) == 0.0
