@@ -77,6 +77,7 @@ def renewed_and_muted(numbers: tuple[Any, ...]) -> tuple[tuple[frozenset[int], .
 
 
 def packed_records(form: Form, weighted: WeightedData) -> tuple[Records, ResidualEntry]:
+    """The samples as a kernel reads them, packed once, and the entry that it was traced from."""
     return _PACKED.of(jax.tree.leaves(data_of(weighted)), form, lambda: _packed(form, weighted))
 
 
