@@ -118,7 +118,9 @@ def test_answers_to_one_question_add_up_to_one(added: list[str]) -> None:
 
 def test_a_mistake_in_one_channel_of_one_trace_is_no_surer_than_probable() -> None:
     one = "channel_offset[viscous/volts_1.csv.current]"
-    (first, _) = questions([turn(one, **{one: -900.0, "a": -10.0})], [one], False, DEFAULT)
+    added = turn(one, a=-10.0)
+    added = replace(added, candidates=(Candidate(one, 1.0, 1.0, True, bic_change=-900.0), *added.candidates))
+    (first, _) = questions([added], [one], False, DEFAULT)
     assert first.answers[one] == pytest.approx(1.0 - DEFAULT.lapse_of_one)
     assert sum(first.answers.values()) == pytest.approx(1.0)
 
