@@ -63,8 +63,7 @@ class CandidateModel:
     @property
     def values(self) -> dict[str, float]:
         """All parameters, SI by symbol."""
-        values = self.problem.layout.values(self.x, self.problem.free_parameters.held)
-        return {symbol: float(value) for symbol, value in values.items()}
+        return self.problem.free_parameters.values(self.x)
 
     def at_work(self, effect: Effect) -> bool:
         """Whether the effect was added."""

@@ -66,8 +66,7 @@ class FreeRun:
     @property
     def values(self) -> dict[str, float]:
         """SI by symbol."""
-        values = self.problem.layout.values(self.x, self.problem.free_parameters.held)
-        return {symbol: float(value) for symbol, value in values.items()}
+        return self.problem.free_parameters.values(self.x)
 
     @classmethod
     def of(

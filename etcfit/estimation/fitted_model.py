@@ -43,7 +43,7 @@ class Fitted:
     @cached_property
     def values(self) -> dict[str, float]:
         """Of every parameter, SI, by symbol."""
-        return {s: float(v) for s, v in self.free_parameters.layout.values(self.x, self.free_parameters.held).items()}
+        return self.free_parameters.values(self.x)
 
     @property
     def throttle(self) -> Throttle:

@@ -222,8 +222,7 @@ class Optimum:
     @property
     def values(self) -> dict[str, float]:
         """SI by symbol, all parameters."""
-        layout, held = self.problem.layout, self.problem.free_parameters.held
-        return {s: float(v) for s, v in layout.values(self.x, held).items()}
+        return self.problem.free_parameters.values(self.x)
 
     @property
     def chi2_per_dof(self) -> float:

@@ -110,7 +110,7 @@ def advise(rig: Rig, at: FitResult | None = None, settings: AdviceSettings = Adv
     prior_sd = problem.weighted(weights.free_running(problem)).prior_sd[: x.size]
     information = information_of(prior_sd, np.zeros((0, x.size))) + sum(now)
     judge = Judge(known.layout, x, information, settings)
-    values = {s: float(v) for s, v in known.layout.values(x, known.held).items()}
+    values = known.values(x)
     again = [_again(test.name, fitted, now, judge) for test in TESTS if test.name in {t.test.name for t in fitted}]
     planned = list(_planned(problem, x, Setting.of(rig, values, settings.plan), judge))
     options = sorted((*again, *planned), key=lambda option: option.mean)

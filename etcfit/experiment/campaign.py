@@ -148,7 +148,7 @@ def plan_campaign(
     problem = at.problem if at is not None else EstimationProblem.of(rig.config, known, fitted).refined(x)
     prior_sd = problem.weighted(weights.free_running(problem)).prior_sd[: x.size]
     information = information_of(prior_sd, np.zeros((0, x.size))) + sum(informations(problem, x))
-    values = {s: float(v) for s, v in known.layout.values(x, known.held).items()}
+    values = known.values(x)
     setting = _setting(rig, values, settings, supply)
     judge = Judge(known.layout, x, information, AdviceSettings(plan=settings.plan))
 

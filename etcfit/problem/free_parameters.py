@@ -218,6 +218,10 @@ class FreeParameters:
     priors: Mapping[str, tuple[float, float]]
     start: Mapping[str, float]
 
+    def values(self, x: np.ndarray) -> dict[str, float]:
+        """All parameters at coordinates x, shape (P,): SI by symbol."""
+        return {symbol: float(value) for symbol, value in self.layout.values(x, self.held).items()}
+
     def priors_on_coordinates(self) -> tuple[Float[np.ndarray, " P"], Float[np.ndarray, " P"]]:
         """Gaussian priors on the coordinates, to first order in their standard deviation:
 
