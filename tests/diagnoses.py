@@ -58,7 +58,7 @@ def diagnosis(rig: Rig, **changes: Any) -> Diagnosis:
         ),
         "unexplained": unexplained(after),
         "discrepancy": (Discrepancy("friction", "time", 0.0027, "N*m"),),
-        "probabilities": probabilities(*of_rounds),
+        "probabilities": probabilities(asked, *of_rounds),
         "questions": asked,
         "statements": (statement(EFFECT_BY_NAME[FOUND], Named(FOUND), 0.9, asked[0].answers, DEFAULT),),
         "motions": (motion("response/1.csv", False, 0), motion("response/2.csv", True, 1)),

@@ -1,4 +1,4 @@
-"""The course of a diagnosis: rounds, exchanges, sets of effects, a rig of another kind, and what is told at the end."""
+"""The course of a diagnosis: rounds, exchanges, sets of effects, data of another rig, and the statements at the end."""
 
 from __future__ import annotations
 
@@ -166,8 +166,9 @@ def _told(
     ties = tuple(tie(each) for each in progress.found if each.ties and s.at_work(each.effect))
     proven = [e for e in s.added if e.name in added]
     slow = any(finding.kind == SlowLog.kind for finding in result.rig.findings)
-    of_rounds = progress.rounds, added, left is not None, first.settings, slow
-    chance, asked = probabilities(*of_rounds), questions(*of_rounds)
+    of_rounds = progress.rounds, added, left is not None, first.settings
+    asked = questions(*of_rounds, slow)
+    chance = probabilities(asked, *of_rounds)
     stated = statements(proven, after.values, chance, progress.rounds, asked, first.settings)
     rig = rig_mistakes(proven, after.values, stated)
     known = tuple(e.name for e in first.composition.known if e.name in result.rig.config.effects)

@@ -48,9 +48,9 @@ def questions(
         settings: `bic_temper`, the lapses and `slow_log`.
         slow: whether a fitted test was logged so.
     """
-    withdrawn = {each.added for each in rounds if each.added is not None} - set(added)
+    gone = _withdrawn(rounds, added)
     asked = [
-        Question(f"Round {k}: what explains what is left of the residual?", _answers(each, withdrawn, settings))
+        Question(f"Round {k}: what explains what is left of the residual?", _answers(each, gone, settings))
         for k, each in enumerate(rounds, start=1)
     ]
     left = _left(rounds, bool(added), curve, settings)
@@ -64,22 +64,29 @@ def _beside_a_slow_log(question: Question, settings: DiagnosisSettings) -> Quest
 
 
 def probabilities(
-    rounds: Sequence[RoundReport], added: Collection[str], curve: bool, settings: DiagnosisSettings, slow: bool = False
+    asked: Sequence[Question],
+    rounds: Sequence[RoundReport],
+    added: Collection[str],
+    curve: bool,
+    settings: DiagnosisSettings,
 ) -> Mapping[str, float]:
     """Of every effect that was refitted, of "nothing" and of "unexplained", each from 0 to 1.
 
     They are those of statements that do not exclude each other: two effects may both be there. "nothing" says that
-    nothing is missing which these data show: what is too faint for them is not denied. Arguments as `questions`.
+    nothing is missing which these data show: what is too faint for them is not denied.
+
+    Args:
+        asked: the questions of these rounds, with their answers.
+        rounds, added, curve, settings: as of `questions`.
     """
-    *asked, at_last = questions(rounds, added, curve, settings, slow)
+    *of_rounds, at_last = asked
     named: dict[str, float] = {}
-    for each in asked:
+    for each in of_rounds:
         for effect, p in each.answers.items():
             if effect not in (NOTHING, SOMETHING_ELSE, BETWEEN_SAMPLES):
                 named[effect] = 1.0 - (1.0 - named.get(effect, 0.0)) * (1.0 - p)
     # what was taken away again, or is in doubt, is no more than what was never added
-    withdrawn = {each.added for each in rounds if each.added is not None} - set(added)
-    named |= {effect: min(named.get(effect, 1.0), settings.missed) for effect in withdrawn}
+    named |= {effect: min(named.get(effect, 1.0), settings.missed) for effect in _withdrawn(rounds, added)}
     silent = not added and not curve and rounds[-1].evidence.white
     return {
         **dict(sorted(named.items(), key=lambda item: -item[1])),
@@ -91,6 +98,11 @@ def probabilities(
 def besides(name: str, found: Mapping[str, float], settings: DiagnosisSettings) -> Mapping[str, float]:
     """The same where something else was proven before the rounds: it is there but for a lapse, and "nothing" is not."""
     return {name: 1.0 - settings.lapse, **found, NOTHING: settings.lapse * found[NOTHING]}
+
+
+def _withdrawn(rounds: Sequence[RoundReport], added: Collection[str]) -> set[str]:
+    """Effects that a round added and that are not in the final model, or in doubt."""
+    return {each.added for each in rounds if each.added is not None} - set(added)
 
 
 def _left(rounds: Sequence[RoundReport], named: bool, curve: bool, settings: DiagnosisSettings) -> float:

@@ -12,11 +12,11 @@ from ..model.parameters import parameters_of
 from ..model.rig_effects import AbstractRigEffect
 from .composition import Effect
 from .findings import Question, RoundReport, Statement
+from .likely import in_words, likely
 from .probabilities import SOMETHING_ELSE
 from .settings import DiagnosisSettings
 
 FOUND, PROBABLY = 0.9, 0.7
-_WORTH_A_WORD = 0.02
 _LACKED = {"found": "Found: the model lacked", "probably": "Probably the model lacked", "may be": "The model may lack"}
 _MISTAKE = {"found": "Found: a mistake of the rig", "probably": "Probably a mistake of the rig",
             "may be": "There may be a mistake of the rig"}  # fmt: skip
@@ -85,8 +85,7 @@ def statement(
         answers: of the round that added it.
         settings: `suspicion`.
     """
-    others = {e: p for e, p in answers.items() if e not in (effect.name, SOMETHING_ELSE) and p >= _WORTH_A_WORD}
-    instead = dict(sorted(others.items(), key=lambda item: -item[1]))
+    instead = dict(likely({e: p for e, p in answers.items() if e not in (effect.name, SOMETHING_ELSE)}))
     word, acted_on = certainty(probability), not round(probability, 2) < settings.suspicion
     if not named.mend:
         said = f"{_LACKED[word]} {named.called} ({probability:.2f})."
@@ -99,5 +98,5 @@ def statement(
 
 def _to_measure(instead: Mapping[str, float], told_by: str) -> str:
     """What else could be, and which measurement would tell."""
-    others = ", ".join(f"{name} {p:.2f}" for name, p in instead.items())
+    others = in_words(instead)
     return f"{f' What else could be: {others}.' if others else ''} What would tell: {told_by}."

@@ -12,7 +12,7 @@ from etcfit.diagnosis.choice import alike
 from etcfit.diagnosis.composition import Effect
 from etcfit.diagnosis.findings import Candidate, Evidence, RoundReport
 from etcfit.diagnosis.prior import surprise
-from etcfit.diagnosis.probabilities import probabilities
+from etcfit.diagnosis.probabilities import probabilities, questions
 from etcfit.diagnosis.settings import DEFAULT
 from etcfit.model.effects import EFFECT_BY_NAME
 from etcfit.model.rig_effects import rig_effect
@@ -60,5 +60,6 @@ def test_the_prior_is_not_tempered() -> None:
     candidates = tuple(Candidate(name, 1.0, 1.0, True, bic_change=b, prior=q)
                        for name, b, q in (("a", -1000.0, 0.0), ("b", -988.0, 12.0)))  # fmt: skip
     turned = RoundReport((), Evidence((), True, (), ()), 1.0, 1.0, candidates, "a", (), "")
-    p = probabilities([turned], ["a"], False, DEFAULT)
+    of_round = [turned], ["a"], False, DEFAULT
+    p = probabilities(questions(*of_round), *of_round)
     assert p["b"] / p["a"] == pytest.approx(math.exp(-6.0))

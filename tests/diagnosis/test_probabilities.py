@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import pytest
@@ -13,13 +14,20 @@ from etcfit.diagnosis.probabilities import (
     NOTHING,
     SOMETHING_ELSE,
     UNEXPLAINED,
-    probabilities,
     questions,
 )
-from etcfit.diagnosis.settings import DEFAULT
+from etcfit.diagnosis.probabilities import probabilities as of_questions
+from etcfit.diagnosis.settings import DEFAULT, DiagnosisSettings
 
 WHITE, COLOURED = (Evidence((), white, (), ()) for white in (True, False))
 LAPSE, MISSED, T = DEFAULT.lapse, DEFAULT.missed, DEFAULT.bic_temper
+
+
+def probabilities(
+    rounds: Sequence[RoundReport], added: Sequence[str], curve: bool, settings: DiagnosisSettings, slow: bool = False
+) -> Mapping[str, float]:
+    asked = questions(rounds, added, curve, settings, slow)
+    return of_questions(asked, rounds, added, curve, settings)
 
 
 def turn(added: str | None, ties: tuple[str, ...] = (), **changes: float) -> RoundReport:

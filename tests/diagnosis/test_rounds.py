@@ -16,7 +16,7 @@ from etcfit.diagnosis.composition import resting
 from etcfit.diagnosis.exchange import Found
 from etcfit.diagnosis.final import final_fit
 from etcfit.diagnosis.loop import Round
-from etcfit.diagnosis.probabilities import probabilities
+from etcfit.diagnosis.probabilities import probabilities, questions
 from etcfit.diagnosis.rounds import Progress, forward, names, reported
 from etcfit.diagnosis.screen import Signature, variants
 from etcfit.diagnosis.settings import DiagnosisSettings
@@ -73,7 +73,8 @@ def test_an_effect_that_was_refitted_unscreened_is_reported_with_what_the_refit_
     assert [c.effect for c in told.candidates] == [GRAVITY.name, LIMP.name]
     first = told.candidates[0]
     assert (first.refitted, first.bic_change, first.screened) == (True, -500.0, turned.trials[0].verdict.gain)
-    assert probabilities((told,), {GRAVITY.name}, False, DiagnosisSettings())[GRAVITY.name] > 0.4  # its tie as much
+    of_round = (told,), {GRAVITY.name}, False, DiagnosisSettings()
+    assert probabilities(questions(*of_round), *of_round)[GRAVITY.name] > 0.4  # its tie as much
 
 
 def test_no_round_is_made_beyond_those_that_the_settings_allow(small: CandidateModel, rig: Rig) -> None:

@@ -7,12 +7,12 @@ from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+from ...diagnosis.likely import likely
 from ...errors import command
 from ...estimation.goodness import Left
 from ...estimation.remedies import listed
 from ...run_folder import read_records
 from ...run_folder.state import measurements_of
-from ..likely import likely
 from ..page.contents import Contents, read_run
 from ..page.verdict import left_unexplained, residuals
 from .base import Closing, counted, mended

@@ -8,11 +8,11 @@ from rich.console import Group, RenderableType
 from rich.text import Text
 
 from ...diagnosis.findings import Candidate, Diagnosis, RoundReport, SetTried, Statement
+from ...diagnosis.likely import in_words
 from ...diagnosis.probabilities import CALIBRATED
 from ...estimation.intervals import Interval, intervals
 from ...estimation.joint_fit import FitResult
 from ..blocks import headed, plain_table, rig_title, sentences, spaced
-from ..likely import in_words
 from ..numbers import Digits, short
 from ..tables import STATUS_STYLE
 from .ledger import Entry, ledger

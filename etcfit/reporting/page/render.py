@@ -6,10 +6,10 @@ from collections.abc import Iterator, Mapping
 from itertools import chain
 from typing import Any
 
+from ...diagnosis.likely import in_words
 from ...diagnosis.probabilities import CALIBRATED
 from ..control.sentence import cautions, why_withheld, withheld
 from ..html import environment
-from ..likely import in_words
 from .car_log import to_record
 from .contents import Contents, logs_of
 from .control import (

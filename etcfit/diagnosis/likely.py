@@ -1,4 +1,4 @@
-"""What a diagnosis holds for probable: one list for the terminal and the pages."""
+"""What is probable enough for a word: one list for statements, terminal and pages."""
 
 from __future__ import annotations
 
