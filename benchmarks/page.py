@@ -3,17 +3,39 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import NamedTuple
 
 
-def put(page: Path, report: str, name: str) -> None:
-    """The report between the markers of that name.
+class Between(NamedTuple):
+    """The two lines between which a table stands."""
 
-    Raises:
-        SystemExit: the page has none.
-    """
-    begin, end = f"<!-- {name}: begin -->", f"<!-- {name}: end -->"
-    before, found, rest = page.read_text(encoding="utf-8").partition(begin)
-    _, also, after = rest.partition(end)
-    if not found or not also:
-        raise SystemExit(f"{page}: no lines {begin} and, below, {end}. Write both where the table is to stand.")
-    page.write_text(f"{before}{begin}\n\n{report}\n\n{end}{after}", encoding="utf-8")
+    begin: str
+    end: str
+
+    @classmethod
+    def named(cls, name: str) -> Between:
+        """Those of a table's name."""
+        return cls(f"<!-- {name}: begin -->", f"<!-- {name}: end -->")
+
+    def must_be_in(self, page: Path) -> None:
+        """Refuse a page that is there and has no place for the table.
+
+        Raises:
+            SystemExit: it has none.
+        """
+        if page.exists() and self.end not in page.read_text(encoding="utf-8").partition(self.begin)[2]:
+            raise SystemExit(f"{page}: no lines {self.begin} and, below, {self.end}. "
+                             "Write both where the table is to stand.")  # fmt: skip
+
+    def put(self, page: Path, report: str) -> None:
+        """The report between them, on the page or on a new one.
+
+        Raises:
+            SystemExit: the page has no place for it.
+        """
+        self.must_be_in(page)
+        text = page.read_text(encoding="utf-8") if page.exists() else f"{self.begin}\n{self.end}\n"
+        before, _, rest = text.partition(self.begin)
+        page.write_text(
+            f"{before}{self.begin}\n\n{report}\n\n{self.end}{rest.partition(self.end)[2]}", encoding="utf-8"
+        )

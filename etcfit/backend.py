@@ -76,7 +76,7 @@ def use_compilation_cache() -> Path:
 
 
 def compiled_folder() -> Path | None:
-    """Where what is compiled is kept; None where nobody asked for it."""
+    """The folder that keeps compiled code; None where no folder was set."""
     return _folder
 
 

@@ -8,7 +8,7 @@ import pytest
 
 from benchmarks.runs import Failed, run
 from benchmarks.speed.rows import ROWS, Aim, Lines, Row
-from benchmarks.speed.table import BEGIN, END, Outcome, must_take, put, table
+from benchmarks.speed.table import PLACE, Outcome, table
 from benchmarks.speed.versions import once
 
 
@@ -44,24 +44,24 @@ def test_what_failed_is_said_in_every_line_of_its_row() -> None:
 
 def test_only_what_is_between_the_markers_is_replaced(tmp_path: Path) -> None:
     page = tmp_path / "page.md"
-    page.write_text(f"before\n{BEGIN}\nold\n{END}\nafter\n")
+    page.write_text(f"before\n{PLACE.begin}\nold\n{PLACE.end}\nafter\n")
     for report in ("first", "second"):
-        put(page, report)
-    assert page.read_text() == f"before\n{BEGIN}\n\nsecond\n\n{END}\nafter\n"
+        PLACE.put(page, report)
+    assert page.read_text() == f"before\n{PLACE.begin}\n\nsecond\n\n{PLACE.end}\nafter\n"
 
 
 def test_a_page_without_markers_is_refused_and_a_new_one_made(tmp_path: Path) -> None:
     page = tmp_path / "page.md"
-    must_take(page)
-    put(page, "table")
-    must_take(page)
-    page.write_text(f"{END}\n{BEGIN}\n")
+    PLACE.must_be_in(page)
+    PLACE.put(page, "table")
+    PLACE.must_be_in(page)
+    page.write_text(f"{PLACE.end}\n{PLACE.begin}\n")
     with pytest.raises(SystemExit, match="Write both"):
-        must_take(page)
+        PLACE.must_be_in(page)
 
 
 def test_the_page_of_the_documentation_has_a_place_for_it() -> None:
-    must_take(Path(__file__).resolve().parents[1] / "docs" / "validation" / "speed.md")
+    PLACE.must_be_in(Path(__file__).resolve().parents[1] / "docs" / "validation" / "speed.md")
 
 
 def test_every_row_says_what_it_measures() -> None:

@@ -9,7 +9,7 @@ from pathlib import Path
 from independent import FURTHER as LATER
 from independent.mistakes import IN_ONE_FILE as ONE_FILE
 
-from ..page import put
+from ..page import Between
 from . import __doc__ as usage
 from .cases import CLASSES, wanted
 from .picture import picture
@@ -86,7 +86,7 @@ def main() -> None:
     report = table(records, None if old is None else latest(old))
     print(f"\n{report}")
     if choices.page:
-        put(choices.page, report, "bank")
+        Between.named("bank").put(choices.page, report)
     if choices.picture:
         picture([*records.values()], choices.picture)
 

@@ -17,7 +17,7 @@ from pathlib import Path
 from ..runs import ROOT, Failed, Run, run
 from . import __doc__ as usage
 from .problem import Problem, accurate_chi2, make, problem_of
-from .table import BEGIN, Column, put, table
+from .table import PLACE, Column, table
 
 ETCFIT = "etcfit"
 HELPERS = ("tabulate", "absl-py", "colorama", "plotly", "imageio")  # that mujoco.sysid needs
@@ -116,8 +116,8 @@ def arguments() -> argparse.Namespace:
 def main() -> None:
     """Peer by peer; the file holds what is known so far, should it not come to its end."""
     choices = arguments()
-    if choices.markdown and choices.markdown.exists() and BEGIN not in choices.markdown.read_text(encoding="utf-8"):
-        raise SystemExit(f"{choices.markdown}: no line {BEGIN}")
+    if choices.markdown:
+        PLACE.must_be_in(choices.markdown)
     with tempfile.TemporaryDirectory(prefix="etcfit-peers-") as place:
         scratch = Path(place)
         folder = scratch / "folder"
@@ -134,7 +134,7 @@ def main() -> None:
             columns.append(column(name, folder, problem, scratch, choices.limit))
             print(f"{name}: {columns[-1]}", file=sys.stderr, flush=True)
             if choices.markdown:
-                put(choices.markdown, f"{head}\n\n{table(columns, truth, stderr(scratch))}")
+                PLACE.put(choices.markdown, f"{head}\n\n{table(columns, truth, stderr(scratch))}")
         print(f"{head}\n\n{table(columns, truth, stderr(scratch))}")
 
 

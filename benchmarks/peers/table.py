@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
 
-BEGIN, END = "<!-- peers: begin -->", "<!-- peers: end -->"
+from ..page import Between
+
+PLACE = Between.named("peers")
 
 
 @dataclass(frozen=True)
@@ -84,17 +85,3 @@ def number(value: float | None, digits: int = 3) -> str:
 def signed(value: float | None) -> str:
     """Three decimals and a sign."""
     return "" if value is None else f"{value:+.3f}"
-
-
-def put(page: Path, report: str) -> None:
-    """The report between the markers of a page, or on a page of its own.
-
-    Raises:
-        SystemExit: the page has no markers.
-    """
-    text = page.read_text(encoding="utf-8") if page.exists() else f"{BEGIN}\n{END}\n"
-    before, begin, rest = text.partition(BEGIN)
-    _, end, after = rest.partition(END)
-    if not begin or not end:
-        raise SystemExit(f"{page}: no lines {BEGIN} and, below, {END}. Write both where the table is to stand.")
-    page.write_text(f"{before}{BEGIN}\n\n{report}\n\n{END}{after}", encoding="utf-8")

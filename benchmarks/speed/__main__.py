@@ -17,7 +17,7 @@ from pathlib import Path
 from ..runs import ROOT, Failed, Skipped
 from . import __doc__ as usage
 from .rows import ROWS, Row
-from .table import Outcome, must_take, put, table, text
+from .table import PLACE, Outcome, table, text
 from .versions import Version
 
 Measured = tuple[str, Row, Outcome, Outcome]
@@ -100,7 +100,7 @@ def main() -> None:
     choices = arguments()
     signal.signal(signal.SIGTERM, lambda *_: sys.exit("ended"))  # as an interrupt: no process is left behind
     if choices.markdown:
-        must_take(choices.markdown)
+        PLACE.must_be_in(choices.markdown)
     with tempfile.TemporaryDirectory(prefix="etcfit-speed-") as name:
         old, new = (Version.of(each, getattr(choices, each), Path(name), choices.limit) for each in ("old", "new"))
         head, rows = heading((old, new), choices.repeats), []
@@ -108,7 +108,7 @@ def main() -> None:
         for row in choices.rows:
             rows.append(measured(row, (old, new), choices.repeats))
             if choices.markdown:
-                put(choices.markdown, f"{head}\n\n{table(rows)}")
+                PLACE.put(choices.markdown, f"{head}\n\n{table(rows)}")
     print(f"{head}\n\n{table(rows)}")
 
 

@@ -5,11 +5,11 @@ from __future__ import annotations
 import statistics
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
-from pathlib import Path
 
+from ..page import Between
 from .rows import Aim, Figures, Lines, Row
 
-BEGIN, END = "<!-- speed: begin -->", "<!-- speed: end -->"
+PLACE = Between.named("speed")
 HEAD = ("| row | what | | old | new | old / new | aim | |", "|---|---|---|---|---|---|---|---|")
 
 
@@ -76,20 +76,3 @@ def _met(aims: Sequence[Aim], figures: Figures | None) -> str:
     if figures is None:
         return "not measured"
     return "met" if all(aim.met(figures) for aim in aims) else "**missed**"
-
-
-def must_take(path: Path) -> None:
-    """Refuse a file that is there and has no place for a table."""
-    if path.exists() and not _marked(path.read_text(encoding="utf-8")):
-        raise SystemExit(f"{path}: no lines {BEGIN} and, below, {END}. Write both where the table is to stand.")
-
-
-def _marked(page: str) -> bool:
-    return BEGIN in page and END in page.partition(BEGIN)[2]
-
-
-def put(path: Path, report: str) -> None:
-    """The report between the markers of a page, or on a page of its own."""
-    page = path.read_text(encoding="utf-8") if path.exists() else f"{BEGIN}\n{END}\n"
-    before, _, rest = page.partition(BEGIN)
-    path.write_text(f"{before}{BEGIN}\n\n{report}\n\n{END}{rest.partition(END)[2]}", encoding="utf-8")
