@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from concurrent.futures import ThreadPoolExecutor
-from threading import Barrier, BrokenBarrierError
+from concurrent.futures import Future, ThreadPoolExecutor
+from threading import Lock
 from typing import TypeVar
 
 import numpy as np
@@ -19,33 +19,43 @@ def in_step(work: Callable[[Job, LogProbability], Done], jobs: Sequence[Job], fu
     """`work` on each job, one thread each; results in their order.
 
     Args:
-        work: of a job and a function of points, which it calls as many times as the work on any other job does.
+        work: of a job and a function of points. One job may call it more often than another (emcee 3.1.0 splits an
+            ensemble into more parts for some moves than for others): who is done is not waited for.
         jobs: each by itself.
-        function: shape (K, P) -> (K,), computed for the points of all jobs together.
+        function: shape (K, P) -> (K,), computed for the points of all jobs that are not done together.
     """
-    asked: list[np.ndarray] = [np.empty(0)] * len(jobs)
-    answers: list[np.ndarray] = []
+    asked: dict[int, tuple[np.ndarray, Future[np.ndarray]]] = {}
+    busy = set(range(len(jobs)))
+    lock = Lock()
 
-    def compute() -> None:
-        answers[:] = np.split(function(np.concatenate(asked)), np.cumsum([len(points) for points in asked])[:-1])
-
-    meeting = Barrier(len(jobs), compute)
+    def answer_if_all_wait() -> None:
+        if not asked or len(asked) < len(busy):
+            return
+        parts, answers = zip(*(asked.pop(k) for k in sorted(asked)), strict=True)
+        try:
+            values = np.split(function(np.concatenate(parts)), np.cumsum([len(part) for part in parts])[:-1])
+        except BaseException as error:
+            for answer in answers:
+                answer.set_exception(error)
+            return
+        for answer, value in zip(answers, values, strict=True):
+            answer.set_result(value)
 
     def run(k: int) -> Done:
         def together(points: np.ndarray) -> np.ndarray:
-            asked[k] = points
-            meeting.wait()
-            return answers[k]
+            answer: Future[np.ndarray] = Future()
+            with lock:
+                asked[k] = points, answer
+                answer_if_all_wait()
+            return answer.result()
 
         try:
             return work(jobs[k], together)
-        except BaseException:
-            meeting.abort()  # the others would wait for ever
-            raise
+        finally:
+            with lock:
+                busy.remove(k)
+                answer_if_all_wait()
 
     with ThreadPoolExecutor(len(jobs)) as pool:
         running = [pool.submit(run, k) for k in range(len(jobs))]
-    errors = [each.exception() for each in running]
-    for error in sorted(filter(None, errors), key=lambda error: isinstance(error, BrokenBarrierError)):
-        raise error  # the first that is not of a thread which waited in vain
     return [each.result() for each in running]

@@ -26,6 +26,20 @@ def test_points_of_all_jobs_are_computed_in_one_call() -> None:
     assert sizes == [7, 7, 7]
 
 
+def test_a_job_that_asks_less_often_is_not_waited_for() -> None:
+    sizes: list[int] = []
+
+    def function(points: np.ndarray) -> np.ndarray:
+        sizes.append(len(points))
+        return points[:, 0]
+
+    def work(job: int, asked: Function) -> list[float]:
+        return [float(asked(np.full((1, 1), float(job + k)))[0]) for k in range(job)]
+
+    assert in_step(work, (1, 3), function) == [[1.0], [3.0, 4.0, 5.0]]
+    assert sizes == [2, 1, 1]
+
+
 @pytest.mark.parametrize("jobs", [(1,), (1, 2, 3)])
 def test_an_error_of_the_function_is_raised(jobs: tuple[int, ...]) -> None:
     def function(points: np.ndarray) -> np.ndarray:
