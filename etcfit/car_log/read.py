@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from collections.abc import Set as AbstractSet
 from dataclasses import replace
 from pathlib import Path
@@ -22,6 +22,7 @@ from ..rig.msl import read_msl
 from ..rig.names import refuse_foreign_names
 from ..rig.table import Table, decode, parse
 from ..rig.toml import Toml, read_text
+from . import others
 from .ecu_csv import plain
 from .log import DriveLog, Series
 
@@ -92,21 +93,40 @@ def read_log(path: Path, config: RigConfig, toml: str) -> DriveLog:
         MeasurementError: it cannot be read, or has no time or position.
     """
     whole = READERS[path.suffix.casefold()](read_regular(path, str(path)), str(path))
-    taken = _taken(whole, config)
+    places = others.found(whole.header)
+    raw = () if config.tps else (others.VOLTS_1, others.VOLTS_2)  # [tps] makes the position of the first one's volts
+    volts = {place for name, (place, _) in places.items() if name in raw}
+    taken = _taken(whole, config, volts)
     table = replace(whole, header=tuple(taken.values()), cells=whole.cells[:, list(taken)])
     named = Toml(toml, read_text(toml) if Path(toml).is_file() else "", {})  # for messages alone
     columns = read_columns(table, config, str(path), named)
+    along = others.series(columns["time"].value, whole.cells, places)
+    setpoint = columns.get("setpoint")
+    asked = None if setpoint is None else _series(columns["time"], setpoint, config, str(path))
+    if "position" not in columns and others.VOLTS_1 in along:
+        return _sweep(path.name, asked, along, {name: whole.header[place] for name, (place, _) in places.items()})
     if "position" not in columns:
         raise MeasurementError(str(path), "no position of the plate among its columns.",
                                "A log from the car needs it, in per cent, degrees or sensor volts.",
                                'Name its column in rig.toml: [columns] "TP (Main)" = "position [%]".')  # fmt: skip
-    setpoint = columns.get("setpoint")
     written = {str(_quantity(name)): whole.header[k] for k, name in taken.items()}
     hints = (_of_position(written["position"], whole.header), "" if setpoint else _of_setpoint(whole.header),
              *(f"{each[0].upper()}{each[1:]}." for each in whole.losses))  # fmt: skip
     return DriveLog(path.name, _series(columns["time"], columns["position"], config, str(path)),
-                    None if setpoint is None else _series(columns["time"], setpoint, config, str(path)),
-                    written, " ".join(filter(None, hints)))  # fmt: skip
+                    asked, written | {name: whole.header[place] for name, (place, _) in places.items() if name in along},
+                    " ".join(filter(None, hints)), along, _ends(config))  # fmt: skip
+
+
+def _ends(config: RigConfig) -> tuple[float, float] | None:
+    return None if config.tps is None else (config.tps.closed_V, config.tps.open_V)
+
+
+def _sweep(name: str, asked: Series | None, along: Mapping[str, Series], written: Mapping[str, str]) -> DriveLog:
+    """A log of the sensors' volts without a position: it is the first one's voltage between its own ends."""
+    first = along[others.VOLTS_1]
+    shown = 100.0 * (first.value - first.value.min()) / max(float(np.ptp(first.value)), 1e-9)
+    hint = "No position in %: the first sensor's voltage is shown between its least and its highest value."
+    return DriveLog(name, Series(first.time, shown), asked, dict(written), hint, along)
 
 
 def _may_be_target(name: str) -> bool:
@@ -131,14 +151,14 @@ def _of_position(taken: str, header: Sequence[str]) -> str:
             f'Name it in rig.toml: [columns] {toml_string(like[0])} = "position [%]".')  # fmt: skip
 
 
-def _taken(table: Table, config: RigConfig) -> dict[int, str]:
+def _taken(table: Table, config: RigConfig, without: AbstractSet[int] = frozenset()) -> dict[int, str]:
     """Places of the columns that matter here, and names that `read_columns` knows; an ECU logs hundreds of others.
 
     Of several for one quantity the one by the surest name, then the first.
     """
     best: dict[str, tuple[int, int, str]] = {}
     for k, header in enumerate(table.header):
-        found = _ours(header, config)
+        found = None if k in without else _ours(header, config)
         if found is None:
             continue
         name, rank = found

@@ -11,7 +11,27 @@ from .log import Series
 _LONGEST = 1.0  # s of lag that are looked for
 _BLOCK = 5.0  # s: further apart, errors know nothing of each other
 _FEWEST = 4  # blocks that tell how much a figure varies
+_ASTRAY = 10.0  # per cent of travel: Formula SAE rules 2015, IC1.15.2
+_RANGE = 20.0  # per cent of travel
 _STILL = 0.5  # per cent: a setpoint that varies by less tells no lag
+
+
+@dataclass(frozen=True)
+class InRange:
+    """Position against setpoint while the setpoint lies in a part of the travel.
+
+    Args:
+        low, high: of the setpoint, per cent.
+        seconds: in it.
+        rmse: per cent of travel.
+        mean: of position - setpoint, per cent of travel.
+    """
+
+    low: float
+    high: float
+    seconds: float
+    rmse: float
+    mean: float
 
 
 @dataclass(frozen=True)
@@ -25,6 +45,8 @@ class Tracking:
         lag_stderr: of it, from the same blocks.
         left: RMSE against the setpoint delayed by the lag: what is not delay.
         demand: root mean square of the setpoint's rate, per cent a second: a lazier drive is easier to follow.
+        astray: longest time with an error above 10 % of travel, s.
+        ranges: the same by parts of the travel, those in which the setpoint was for half a second at least.
     """
 
     rmse: float
@@ -33,6 +55,8 @@ class Tracking:
     lag_stderr: float | None
     left: float | None
     demand: float
+    astray: float = 0.0
+    ranges: tuple[InRange, ...] = ()
 
 
 def tracking(position: Series, setpoint: Series) -> Tracking:
@@ -49,7 +73,25 @@ def tracking(position: Series, setpoint: Series) -> Tracking:
     rate = np.diff(wanted) / np.diff(time)
     lag, lag_stderr = _lag(time, value, setpoint) if wanted.std() > _STILL else (None, None)
     left = None if lag is None else _left(time, value, setpoint, lag)
-    return Tracking(_rms(error), _stderr(time, error), lag, lag_stderr, left, _rms(rate))
+    return Tracking(_rms(error), _stderr(time, error), lag, lag_stderr, left, _rms(rate), longest(time, np.abs(error) > _ASTRAY),
+                    _ranges(time, wanted, error))  # fmt: skip
+
+
+def longest(time: np.ndarray, there: np.ndarray) -> float:
+    """The longest time for which a condition holds from sample to sample, s."""
+    spans = np.flatnonzero(np.diff(np.concatenate(([0], there.astype(int), [0])))).reshape(-1, 2)
+    return max((float(time[b - 1] - time[a]) for a, b in spans), default=0.0)
+
+
+def _ranges(time: np.ndarray, wanted: np.ndarray, error: np.ndarray) -> tuple[InRange, ...]:
+    weight = Series(time, error).weight
+    out = []
+    for low in np.arange(0.0, 100.0, _RANGE):
+        inside = (wanted >= low) & ((wanted < low + _RANGE) | (low + _RANGE >= 100.0))
+        seconds = float(weight[inside].sum())
+        if seconds >= 0.5:
+            out.append(InRange(float(low), float(low + _RANGE), seconds, _rms(error[inside]), float(error[inside].mean())))
+    return tuple(out)
 
 
 def _rms(values: np.ndarray) -> float:

@@ -6,6 +6,7 @@ import math
 from dataclasses import dataclass
 from typing import NamedTuple
 
+from ...car_log.criteria import ACTIVITY, HELD, OVERSHOOT, SETTLING
 from ...model.parameters import Scalar
 
 
@@ -24,12 +25,12 @@ class Requirements:
         winding_W, bridge_W: mean heat in winding and bridge; the paper has none.
     """
 
-    overshoot_pct: float = 20.0
-    settling_s: float = 0.2
-    steady_state_error_pct: float = 0.5
+    overshoot_pct: float = OVERSHOOT.limit
+    settling_s: float = SETTLING.limit
+    steady_state_error_pct: float = HELD.limit
     gain_margin_db: float = 6.0
     phase_margin_deg: float = 30.0
-    duty_activity_pct: float = 5.0
+    duty_activity_pct: float = ACTIVITY.limit
     current_rms_A: float = math.inf
     winding_W: float = math.inf
     bridge_W: float = math.inf

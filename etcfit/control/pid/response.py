@@ -6,15 +6,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from ...car_log.criteria import LEAST_HELD, LEAST_OVERSHOT, NEGLIGIBLE, SETTLED, TAIL
 from .setpoint import Level, Setpoint, Stretch
-
-SETTLED = 0.02  # of the change of the setpoint
-TAIL = 0.25  # of a level, at its end, over which the steady-state error is looked for
-
-# 0.2 % of the travel, what the paper allows at rest on its trapezoid, is as good as nothing on a small step too
-NEGLIGIBLE = 2e-3  # share of the travel: closer counts as settled, however small the change
-LEAST_OVERSHOT = 0.01  # share of the travel: the overshoot of a smaller change is given as a share of this
-LEAST_HELD = 0.4  # likewise the steady-state error
 
 
 class Judged(NamedTuple):

@@ -20,7 +20,8 @@ from ...control.design import Design
 from ...control.judged import Tuned
 from ...control.parts_verdict import OnParts
 from ...control.pid.requirements import OF_THE_PAPER, Requirements
-from ...control.pid.response import LEAST_HELD, LEAST_OVERSHOT, NEGLIGIBLE, SETTLED, TAIL, Judged, judge
+from ...car_log.criteria import LEAST_HELD, LEAST_OVERSHOT, NEGLIGIBLE, SETTLED, TAIL
+from ...control.pid.response import Judged, judge
 from ...control.pid.setpoint import Level, Stretch
 from ...model.ecu import Notation
 from .. import style
