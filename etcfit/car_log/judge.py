@@ -64,7 +64,8 @@ def _judgements(
 ) -> Iterator[Judgement]:
     yield from _of_steps(log, steps, cycle)
     asked = "no setpoint was logged"
-    yield RMSE.judged(None if follows is None else follows.rmse, without=asked)
+    limit = RMSE.limit if follows is None else max(RMSE.limit, follows.within_reach)
+    yield RMSE.judged(None if follows is None else follows.rmse, without=asked, limit=limit)
     lag = None if follows is None else follows.lag
     yield LAG.judged(lag, without=asked if follows is None else "the setpoint hardly moves")
     yield ASTRAY.judged(None if follows is None else follows.astray, without=asked)

@@ -29,6 +29,7 @@ _SLOW = 0.25  # of the highest speed: slower counts as still
 _STILL = 0.38  # share of the time: more is stick-slip
 _SAMPLES = 4.0  # a period, for the shape to be told
 _DECAYS = 0.5  # second half over first: less is the end of an answer to a step
+_DITHER = 50.0  # Hz: quick beside the loop; assumed
 _MARGIN = 1.2  # of the dead zone over the largest error, and of dither over the friction
 
 
@@ -80,7 +81,7 @@ class LimitCycle:
         if self.kind == "unknown" or self.dead_zone is None:
             return ""
         other = "" if self.dither is None else (
-            f" or dither of +-{self.dither:.2g} % of duty at {10.0 / self.period:.2g} Hz or faster,"
+            f" or dither of +-{self.dither:.2g} % of duty at {_DITHER:g} Hz or faster,"
         )  # fmt: skip
         return (f"What stops it: a dead zone of {self.dead_zone:.2g} % of travel in which the integral stands still,"
                 f"{other} or less I (Armstrong-Helouvry, Dupont and Canudas de Wit 1994).")  # fmt: skip

@@ -152,7 +152,7 @@ def _step(position: Series, setpoint: Series, before: Rest, after: Rest, sd: flo
         return None
     time, value = position.time[seen] - begin, position.value[seen]
     beyond = (value - after.first) * np.sign(size)
-    band = max(100.0 * SETTLED * abs(size), 100.0 * NEGLIGIBLE, _SEEN * sd)
+    band = max(SETTLED * abs(size), 100.0 * NEGLIGIBLE, _SEEN * sd)
     tail = time >= (1.0 - TAIL) * (end - begin)
     most = _top(beyond)
     start = (float(np.interp(begin, position.time, position.value)) - after.first) * float(np.sign(size))
