@@ -105,7 +105,7 @@ ASTRAY = Criterion(f"longest time off by more than {FAR:g} %", 1.0, "s", "|posit
 CYCLE = Criterion("oscillation at rest", 100.0 * NEGLIGIBLE, "% of travel", "half of what it moves to and fro",
                   "the paper, section 4.1: what it allows at rest")  # fmt: skip
 ACTIVITY = Criterion("duty at rest", 5.0, "%", "standard deviation of the duty while the setpoint rests",
-                     "assumed; `design` asks for the same")  # fmt: skip
+                     "assumed; design asks for the same")  # fmt: skip
 SATURATED = Criterion("duty at its limit while the setpoint rests", 1.0, "% of the time", "", "assumed")
 APART = Criterion("sensors apart", 5.0, "% of travel", "largest difference of both sensors that lasts 0.1 s",
                   "rusEFI and FOME tolerate 5 %; Formula SAE rules 10 % for 0.1 s")  # fmt: skip
