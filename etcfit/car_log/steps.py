@@ -18,7 +18,8 @@ _GRID = 0.01  # s
 _STILL = 0.2  # per cent of travel within which a setpoint rests
 _REST = 0.3  # s that a rest lasts at least
 _QUICK = 0.1  # s that a step takes at most
-_SEEN = 3.5  # standard deviations of the noise above which an overshoot is one, and about which a settled plate stays
+_SEEN = 4.0  # standard deviations of the noise above which an overshoot is one, and about which a settled plate stays
+_LEVELS = 8  # that a position must show for its resolution to be read off them
 _LEAST = 0.5  # per cent: a smaller step is not judged
 _FEWEST = 5  # samples of the position that a step needs
 
@@ -51,7 +52,7 @@ class Step:
         lag: s until the plate has made half of its way; None where it does not make it.
         error: mean of position - setpoint in the last quarter of the rest, per cent of travel.
         rms: of the error over the whole rest, per cent of travel.
-        band: within which the plate has settled, per cent of travel: 2 % of the step, 0.2 % of the travel, or 3.5
+        band: within which the plate has settled, per cent of travel: 2 % of the step, 0.2 % of the travel, or 4
             standard deviations of the sensor's noise, whichever is most.
     """
 
@@ -116,7 +117,7 @@ def noise_of(value: np.ndarray) -> float:
 def quantum_of(value: np.ndarray) -> float:
     """Resolution of a log: the least difference of two values, where a good many of them repeat; else 0."""
     levels = np.unique(np.round(value, 6))
-    if levels.size < 2 or levels.size > 0.5 * value.size:
+    if levels.size < _LEVELS or levels.size > 0.5 * value.size:
         return 0.0
     gaps = np.diff(levels)
     return float(np.median(gaps[gaps <= 1.5 * gaps.min()]))
