@@ -109,7 +109,9 @@ def lines(count: int, first: int) -> Iterator[str]:
     yield "| log | logs | said right | said | amplitude off, median % | period off, median % | dead zone stops | dither stops |"
     yield "| --- | --- | --- | --- | --- | --- | --- | --- |"
     for kind in hunting.KINDS:
-        clear = list(islice((each for k in itertools.count(first) if (each := case(kind, k)).is_what_it_should_be), count))
+        clear = list(
+            islice((each for k in itertools.count(first) if (each := case(kind, k)).is_what_it_should_be), count)
+        )
         words = Counter(each.found.kind if each.found else "none" for each in clear)
         right = [each for each in clear
                  if (each.found.kind if each.found else "none") == (kind if each.oscillates else "none")]  # fmt: skip

@@ -71,7 +71,9 @@ def ultimate(plate: Plate) -> float:
     return math.hypot(plate.g * plate.k - low * low, plate.g * plate.c * low) / plate.g
 
 
-def run(plate: Plate, pid: Pid, wanted: np.ndarray, noise: float, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
+def run(
+    plate: Plate, pid: Pid, wanted: np.ndarray, noise: float, rng: np.random.Generator
+) -> tuple[np.ndarray, np.ndarray]:
     """True position and duty at each tick, %, from rest at the first setpoint (%, one a tick); the ECU misreads by
     `noise` (%, a standard deviation)."""
     y, v = float(wanted[0]), 0.0
@@ -112,20 +114,33 @@ def _step(plate: Plate, y: float, v: float, duty: float, dt: float) -> tuple[flo
     return (min(max(y, 0.0), 100.0), 0.0 if y <= 0.0 or y >= 100.0 else after)
 
 
-def staircase(rng: np.random.Generator, seconds: float, held: float, low: float = 15.0, high: float = 85.0) -> np.ndarray:
+def staircase(
+    rng: np.random.Generator, seconds: float, held: float, low: float = 15.0, high: float = 85.0
+) -> np.ndarray:
     """Setpoint of random levels, each held for `held` s, %, one a tick."""
     count = round(seconds / held)
     return np.repeat(rng.uniform(low, high, count), round(held / TICK))
 
 
 def logged(
-    rng: np.random.Generator, wanted: np.ndarray, true: np.ndarray, duty: np.ndarray, rate: float, noise: float, grain: float
+    rng: np.random.Generator,
+    wanted: np.ndarray,
+    true: np.ndarray,
+    duty: np.ndarray,
+    rate: float,
+    noise: float,
+    grain: float,
 ) -> dict[str, np.ndarray]:
     """Columns of a log at a rate (Hz): time s, setpoint, position and duty in %, the position noisy and rounded."""
     every = np.arange(0, len(wanted), round(1.0 / (rate * TICK)))
     seen = true[every] + noise * rng.standard_normal(every.size)
     shown = grain * np.round(seen / grain) if grain else seen
-    return {"time": every * TICK, "setpoint": np.round(wanted[every], 1), "position": shown, "duty": np.round(duty[every], 2)}
+    return {
+        "time": every * TICK,
+        "setpoint": np.round(wanted[every], 1),
+        "position": shown,
+        "duty": np.round(duty[every], 2),
+    }
 
 
 KINDS = ("calm", "stick-slip", "instability")

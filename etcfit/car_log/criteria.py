@@ -94,7 +94,9 @@ LEAST_OVERSHOT = 0.01  # share of the travel: the overshoot of a smaller change 
 LEAST_HELD = 0.4  # likewise the steady-state error
 
 OVERSHOOT = Criterion("overshoot", 20.0, "%", "of the step, or of 1 % of the travel where that is more", _PAPER)
-SETTLING = Criterion("settling", 0.2, "s", "until the error stays within 2 % of the step, or 0.2 % of the travel", _PAPER)
+SETTLING = Criterion(
+    "settling", 0.2, "s", "until the error stays within 2 % of the step, or 0.2 % of the travel", _PAPER
+)
 HELD = Criterion("error at rest", 0.5, "%", "of the step, or of 40 % of the travel where that is more", _PAPER)
 RMSE = Criterion("tracking error", 1.53, "% of travel", "root mean square of position - setpoint (Eq. 9)",
                  "the paper, section 4.3: its final gains on the track; where more is asked: what a loop makes that settles in 0.2 s")  # fmt: skip

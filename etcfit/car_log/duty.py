@@ -50,7 +50,9 @@ def duty_use(duty: Series, setpoint: Series | None) -> DutyUse:
     still = _at_rest(duty, setpoint)
     parts = [duty.value[part] for part in still if part.sum() >= _IN_A_ROW]
     resting = np.any(still, axis=0) if still else np.zeros(duty.time.size, dtype=bool)
-    activity = np.sqrt(np.average([part.var() for part in parts], weights=[part.size for part in parts])) if parts else None
+    activity = (
+        np.sqrt(np.average([part.var() for part in parts], weights=[part.size for part in parts])) if parts else None
+    )
     jitter = np.std(np.concatenate([np.diff(part) for part in parts])) / np.sqrt(2.0) if parts else None
     return DutyUse(
         float(duty.value.min()), float(duty.value.max()),

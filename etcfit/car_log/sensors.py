@@ -186,7 +186,9 @@ def _blind(one: np.ndarray, two: np.ndarray) -> float:
     low, high = np.quantile(one, [0.005, 0.995])
     near = 0.02 * (high - low)
     span = np.ptp(np.quantile(two, [0.005, 0.995]))
-    moved = [np.ptp(np.quantile(two[part], [0.02, 0.98])) for part in (one <= low + near, one >= high - near) if part.any()]
+    moved = [
+        np.ptp(np.quantile(two[part], [0.02, 0.98])) for part in (one <= low + near, one >= high - near) if part.any()
+    ]
     return float(max(moved) / span) if span > 0.0 else 0.0
 
 
@@ -215,7 +217,11 @@ def _second(share: np.ndarray, two: np.ndarray) -> tuple[float, float, float, fl
     full = [k for k in range(_BINS) if np.any(place == k)]
     x = np.array([np.median(np.clip(share[place == k], 0.0, 1.0)) for k in full])
     y = np.array([np.median(two[place == k]) for k in full])
-    tried = [(0.0, 1.0), *((0.0, s) for s in np.arange(0.2, _FULL, 0.005)), *((s, 1.0) for s in np.arange(0.07, 0.8, 0.01))]
+    tried = [
+        (0.0, 1.0),
+        *((0.0, s) for s in np.arange(0.2, _FULL, 0.005)),
+        *((s, 1.0) for s in np.arange(0.07, 0.8, 0.01)),
+    ]
     costs = [_line(x, y, *each) for each in tried]
     straight, best = costs[0], min(range(len(tried)), key=lambda k: costs[k][0])
     span = float(np.ptp(y))

@@ -8,11 +8,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..errors import UsageError
+from ..rig.base import Measurement, Rig, RigConfig
 from .criteria import Verdict
 from .duty import DutyUse, duty_use
 from .judge import judge
 from .limit_cycle import LimitCycle, at_rest, limit_cycle
-from .log import DriveLog
+from .log import DriveLog, Series
 from .others import DUTY, SECOND, VOLTS_1, VOLTS_2
 from .sensors import Sensors, two_sensors
 from .spectrum import Spectrum, spectrum
@@ -62,6 +63,27 @@ def study(log: DriveLog, bounds: tuple[float, float] = BOUNDS) -> Study:
     rested = 0.0 if asked is None else at_rest(log.position, asked)
     return Study(log, usage(log.position, bounds), spectrum(log.position), follows, answers, cycle, used, pair,
                  judge(log, follows, answers, rested, cycle, used, pair))  # fmt: skip
+
+
+def study_traces(rig: Rig) -> tuple[Study, ...]:
+    """Traces of a measurement folder that hold a setpoint and a position, studied as logs of a car."""
+    found = (_as_log(trace, rig.config) for trace in rig.measurements)
+    return tuple(study(log) for log in found if log is not None)
+
+
+def _as_log(trace: Measurement, config: RigConfig) -> DriveLog | None:
+    if not {"position", "setpoint"} <= set(trace.channels):
+        return None
+    low, high = config.travel
+
+    def series(name: str, offset: float, scale: float) -> Series:
+        channel = trace.channels[name]
+        return Series(channel.time, 100.0 * (channel.value - offset) / scale)
+
+    duty = {DUTY: series("duty", 0.0, 1.0)} if "duty" in trace.channels else {}
+    position, asked = (series(name, low, high - low) for name in ("position", "setpoint"))
+    columns = {name: trace.channels[name].header for name in ("position", "setpoint", *duty)}
+    return DriveLog(trace.file, position, asked, columns, others=duty)
 
 
 def _pair(log: DriveLog) -> Sensors | None:

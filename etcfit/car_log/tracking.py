@@ -6,12 +6,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from .criteria import FAR, SETTLED, SETTLING
+from .criteria import FAR, SETTLING
 from .log import Series
 
 _LONGEST = 1.0  # s of lag that are looked for
 _BLOCK = 5.0  # s: further apart, errors know nothing of each other
 _FEWEST = 4  # blocks that tell how much a figure varies
+_WITHIN = 5.834  # where (1 + a) exp(-a) is 0.02: a critically damped loop has settled
 _RANGE = 20.0  # per cent of travel
 _STILL = 0.5  # per cent: a setpoint that varies by less tells no lag
 
@@ -46,8 +47,8 @@ class Tracking:
         left: RMSE against the setpoint delayed by the lag: what is not delay.
         demand: root mean square of the setpoint's rate, per cent a second: a lazier drive is easier to follow.
         astray: longest time with an error above 10 % of travel, s.
-        within_reach: the error that a loop makes on this setpoint that settles in 0.2 s, per cent of travel: a first-order
-            lag of 0.2 s/ln 50.
+        within_reach: the error that a loop makes on this setpoint that settles in 0.2 s, per cent of travel: of
+            second order, critically damped.
         ranges: the same by parts of the travel, those in which the setpoint was for half a second at least.
     """
 
@@ -87,11 +88,18 @@ def longest(time: np.ndarray, there: np.ndarray) -> float:
 
 
 def _within_reach(time: np.ndarray, wanted: np.ndarray) -> float:
-    """RMS of y - r of T y' = r - y, the setpoint r held between samples."""
-    keep = np.exp(-np.diff(time) / (SETTLING.limit / np.log(1.0 / SETTLED)))
-    y, missed = wanted[0], [0.0]
-    for share, before, now in zip(keep.tolist(), wanted[:-1].tolist(), wanted[1:].tolist(), strict=True):
-        y = before + (y - before) * share
+    """RMS of y - r of y'' = w^2 (r - y) - 2 w y', w = 5.834/0.2 s, the setpoint r held between samples.
+
+    Solved step by step: x = y - r is (x_0 + (v_0 + w x_0) t) exp(-w t).
+    """
+    w = _WITHIN / SETTLING.limit
+    steps = np.diff(time)
+    fades, slopes = np.exp(-w * steps).tolist(), steps.tolist()
+    y, v, missed = float(wanted[0]), 0.0, [0.0]
+    for fade, step, before, now in zip(fades, slopes, wanted[:-1].tolist(), wanted[1:].tolist(), strict=True):
+        x = y - before
+        both = v + w * x
+        y, v = before + (x + both * step) * fade, (v - w * both * step) * fade
         missed.append(y - now)
     return _rms(np.array(missed))
 
@@ -103,7 +111,9 @@ def _ranges(time: np.ndarray, wanted: np.ndarray, error: np.ndarray) -> tuple[In
         inside = (wanted >= low) & ((wanted < low + _RANGE) | (low + _RANGE >= 100.0))
         seconds = float(weight[inside].sum())
         if seconds >= 0.5:
-            out.append(InRange(float(low), float(low + _RANGE), seconds, _rms(error[inside]), float(error[inside].mean())))
+            out.append(
+                InRange(float(low), float(low + _RANGE), seconds, _rms(error[inside]), float(error[inside].mean()))
+            )
     return tuple(out)
 
 

@@ -80,9 +80,7 @@ def _parameter(symbol: str, meaning: str, unit: str, read: float | None, i: Inte
     return symbol, Text(meaning), short(read, 4), value, digits.span(i.low, i.high), unit, status
 
 
-def _score(
-    title: str, rows: Sequence[PredictionError], measurements: Sequence[Measurement]
-) -> RenderableType | None:
+def _score(title: str, rows: Sequence[PredictionError], measurements: Sequence[Measurement]) -> RenderableType | None:
     """Pooled over the traces of a test: pictures and fit.json tell them apart."""
     table = plain_table(
         "test", "channel", "traces", "samples", "rms", "sigma", "rms/sigma", "explained %", "unit",

@@ -14,7 +14,9 @@ from independent import hunting
 HELD = 8.0
 
 
-def logged(kind: str, seed: int, rate: float = 200.0) -> tuple[hunting.Plate, hunting.Pid, np.ndarray, np.ndarray, LimitCycle | None]:
+def logged(
+    kind: str, seed: int, rate: float = 200.0
+) -> tuple[hunting.Plate, hunting.Pid, np.ndarray, np.ndarray, LimitCycle | None]:
     rng = np.random.default_rng([seed, hunting.KINDS.index(kind)])
     plate, pid = hunting.drawn(kind, rng)
     wanted = hunting.staircase(rng, 2.0 * HELD, HELD)

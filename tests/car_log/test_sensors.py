@@ -95,7 +95,9 @@ def test_a_log_of_volts_alone_is_read_and_calibrated(tmp_path: Path) -> None:
     time, x = sweep()
     noise = 0.004 * np.random.default_rng(1).standard_normal((2, time.size))
     rows = np.stack([time, 0.65 + 3.7 * x + noise[0], 4.5 - 4.0 * np.minimum(x / 0.55, 1.0) + noise[1]], axis=1)
-    np.savetxt(tmp_path / "sweep.csv", rows, delimiter=",", header="Time (s),TPS1 [V],TPS2 [V]", comments="", fmt="%.4f")
+    np.savetxt(
+        tmp_path / "sweep.csv", rows, delimiter=",", header="Time (s),TPS1 [V],TPS2 [V]", comments="", fmt="%.4f"
+    )
     (log,) = read_logs(tmp_path)[1]
     found = study(log)
     assert found.sensors is not None
@@ -108,7 +110,9 @@ def test_two_columns_in_per_cent_are_held_against_each_other(tmp_path: Path) -> 
     time = np.arange(0.0, 20.0, 0.01)
     asked = np.where(time % 4.0 < 2.0, 20.0, 60.0)
     rows = np.stack([time, asked, asked, asked + 7.0 * (time > 10.0)], axis=1)
-    np.savetxt(tmp_path / "drive.csv", rows, delimiter=",", header="Time (s),TPS Target,TPS1,TPS2", comments="", fmt="%.3f")
+    np.savetxt(
+        tmp_path / "drive.csv", rows, delimiter=",", header="Time (s),TPS Target,TPS1,TPS2", comments="", fmt="%.3f"
+    )
     found = study(read_logs(tmp_path)[1][0])
     assert found.sensors is not None
     assert found.sensors.apart == pytest.approx(7.0)

@@ -100,7 +100,9 @@ def draw_answers(each: Study, synthetic: bool) -> Figure | None:
     grid = fig.add_gridspec(1, len(shown), left=0.08, right=0.98, top=0.8, bottom=0.15, wspace=0.3)
     for k, panel in enumerate(shown):
         panel(fig.add_subplot(grid[0, k]), each)
-    word = {"good": "good enough", "not good": "not good enough"}.get(each.verdict.word, "not enough in the log to judge")
+    word = {"good": "good enough", "not good": "not good enough"}.get(
+        each.verdict.word, "not enough in the log to judge"
+    )
     fig.suptitle(f"{each.log.name}  ·  {word}", x=0.015, y=0.985, ha="left", va="top", fontsize=13)
     return fig
 
@@ -129,7 +131,9 @@ def _by_range(panel: Axes, each: Study) -> None:
     ranges = each.tracking.ranges
     low, width = [r.low for r in ranges], [r.high - r.low for r in ranges]
     panel.bar(low, [r.rmse for r in ranges], width, align="edge", color=style.READING, edgecolor="white", lw=0.8)
-    panel.plot([0.5 * (r.low + r.high) for r in ranges], [r.mean for r in ranges], "o", color=style.SIMULATED, label="mean")
+    panel.plot(
+        [0.5 * (r.low + r.high) for r in ranges], [r.mean for r in ranges], "o", color=style.SIMULATED, label="mean"
+    )
     panel.axhline(0.0, color=style.MEASURED, lw=0.8)
     panel.set(xlabel="setpoint [% of travel]", ylabel="error [% of travel]", xlim=(0.0, 100.0))
     panel.set_title("error by parts of the travel:\nrms (bars), mean (dots)", loc="left", fontsize=10)
@@ -143,6 +147,8 @@ def _sensors(panel: Axes, each: Study) -> None:
     assert pair is not None
     first = along[VOLTS_1] if pair.unit == "V" else each.log.position
     second = along[VOLTS_2] if pair.unit == "V" else along[SECOND]
-    panel.plot(first.value, np.interp(first.time, second.time, second.value), ".", ms=2.0, color=style.SIMULATED, alpha=0.5)
+    panel.plot(
+        first.value, np.interp(first.time, second.time, second.value), ".", ms=2.0, color=style.SIMULATED, alpha=0.5
+    )
     panel.set(xlabel=f"first sensor [{pair.unit}]", ylabel=f"second sensor [{pair.unit}]")
     panel.set_title(f"both sensors: up to {pair.apart:.2g} % apart", loc="left", fontsize=10)

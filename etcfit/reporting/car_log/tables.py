@@ -60,7 +60,10 @@ def _steps(each: Study) -> Table:
 def _ranges(each: Study) -> Table | None:
     if each.tracking is None:
         return None
-    rows = [(f"{r.low:.0f} to {r.high:.0f}", short(r.seconds), short(r.rmse), f"{r.mean:+.2f}") for r in each.tracking.ranges]
+    rows = [
+        (f"{r.low:.0f} to {r.high:.0f}", short(r.seconds), short(r.rmse), f"{r.mean:+.2f}")
+        for r in each.tracking.ranges
+    ]
     return Table("Error by parts of the travel", ("setpoint %", "s", "rms %", "mean %"), rows, 1)
 
 

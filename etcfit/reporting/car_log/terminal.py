@@ -6,6 +6,7 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 from rich.console import Group, RenderableType
+from rich.padding import Padding
 from rich.text import Text
 
 from ...car_log import DriveLog, Study, record_next
@@ -15,7 +16,7 @@ from ...rig.base import RigConfig
 from ..blocks import headed, plain_table, rig_title, sentences, spaced
 from ..numbers import short
 from ..page.table import Table
-from .tables import says_of, tables_of
+from .tables import in_a_word, judgements_table, says_of, tables_of
 
 # without lag: RMSE against the setpoint delayed by the lag
 _HEADS = ("length", "between %", "share of time %", f"{100 * SHARE:.0f} % of time within %", "dominant Hz",
@@ -54,8 +55,14 @@ def shown(table: Table) -> RenderableType:
     return made
 
 
+def good_enough(each: Study) -> RenderableType:
+    """One log held against the thresholds, with what was found at rest and of its sensors."""
+    said = (Padding(Text(f"- {text}"), (0, 0, 0, 2)) for text in says_of(each))
+    return Group(shown(judgements_table(each.verdict.judgements)), *said)
+
+
 def _answer(each: Study) -> Iterator[RenderableType]:
-    yield spaced(Text(f"{each.log.name}: {each.verdict.says}", style="bold"))
+    yield spaced(Text(f"{each.log.name}: {in_a_word(each.verdict)}", style="bold"))
     for table in tables_of(each):
         yield headed(f"{each.log.name}: {table.caption}", shown(table))
     if (said := sentences(f"{each.log.name}: what was found", says_of(each))) is not None:

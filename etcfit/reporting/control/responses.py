@@ -16,11 +16,11 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from ...car_log.criteria import LEAST_HELD, LEAST_OVERSHOT, NEGLIGIBLE, SETTLED, TAIL
 from ...control.design import Design
 from ...control.judged import Tuned
 from ...control.parts_verdict import OnParts
 from ...control.pid.requirements import OF_THE_PAPER, Requirements
-from ...car_log.criteria import LEAST_HELD, LEAST_OVERSHOT, NEGLIGIBLE, SETTLED, TAIL
 from ...control.pid.response import Judged, judge
 from ...control.pid.setpoint import Level, Stretch
 from ...model.ecu import Notation
