@@ -2,9 +2,9 @@
 
     python -m benchmarks.good_enough [--count 40] [--first 1000]
 
-Plates with stiction under a PID (`independent.hunting`) at 100 to 1000 Hz, noise 0.05 % and a resolution of 0.1 % of the
-travel: what each shows at rest without noise is the truth. Pairs of sensors of six kinds. Thresholds were tuned on seeds
-below 100; these begin at 1000.
+Plates with stiction under a PID (`independent.hunting`) at 100 to 1000 Hz, noise 0.05 % and a resolution of 0.1 % of
+the travel: what each shows at rest without noise is the truth. Pairs of sensors of six kinds. Thresholds were tuned on
+seeds below 100; these begin at 1000.
 """
 
 from __future__ import annotations
@@ -106,7 +106,8 @@ def said(found: Sensors | None) -> str:
 
 def lines(count: int, first: int) -> Iterator[str]:
     """The report."""
-    yield "| log | logs | said right | said | amplitude off, median % | period off, median % | dead zone stops | dither stops |"
+    yield ("| log | logs | said right | said | amplitude off, median % | period off, median % | dead zone stops "
+           "| dither stops |")  # fmt: skip
     yield "| --- | --- | --- | --- | --- | --- | --- | --- |"
     for kind in hunting.KINDS:
         clear = list(

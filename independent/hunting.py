@@ -58,7 +58,7 @@ class Pid:
 
 
 def ultimate(plate: Plate) -> float:
-    """P at which the loop without friction oscillates under P alone, by bisection on its phase; delay of ticks and hold."""
+    """P at which the loop without friction oscillates under P alone, by bisection on its phase."""
     late = (plate.delay + 0.5) * TICK
 
     def phase(w: float) -> float:

@@ -71,8 +71,8 @@ class Driven:
 
     @property
     def steps(self) -> pd.DataFrame:
-        """Every step of the setpoint, indexed by log: begin, held (s), before, after, overshoot (% of the step), settling,
-        lag (s), error, rms, band (% of travel); see `car_log.steps.Step`.
+        """Every step of the setpoint, indexed by log: begin, held (s), before, after, overshoot (% of the step),
+        settling, lag (s), error, rms, band (% of travel); see `car_log.steps.Step`.
         """
         rows = [{"log": s.log.name} | asdict(step) for s in self.studies for step in s.steps]
         names = ["log", *(field.name for field in fields(Step))]

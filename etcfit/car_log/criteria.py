@@ -1,4 +1,4 @@
-"""When a loop, a model or a pair of sensors is good enough: ONE table of thresholds for `drive`, `check`, `fit`, `design`.
+"""When a loop, a model or a pair of sensors is good enough: ONE table of thresholds for every command.
 
 Each threshold says where it comes from: a source, or "assumed".
 """
@@ -99,7 +99,8 @@ SETTLING = Criterion(
 )
 HELD = Criterion("error at rest", 0.5, "%", "of the step, or of 40 % of the travel where that is more", _PAPER)
 RMSE = Criterion("tracking error", 1.53, "% of travel", "root mean square of position - setpoint (Eq. 9)",
-                 "the paper, section 4.3: its final gains on the track; where more is asked: what a loop makes that settles in 0.2 s")  # fmt: skip
+                 "the paper, section 4.3: its final gains on the track; where more is asked: what a loop makes that "
+                 "settles in 0.2 s")  # fmt: skip
 LAG = Criterion("lag", 0.1, "s", "delay of the setpoint that makes the error least", "assumed: half the settling")
 FAR = 10.0  # % of travel
 ASTRAY = Criterion(f"longest time off by more than {FAR:g} %", 1.0, "s", "|position - setpoint| of the travel",
@@ -111,8 +112,8 @@ ACTIVITY = Criterion("duty at rest", 5.0, "%", "standard deviation of the duty w
 SATURATED = Criterion("duty at its limit while the setpoint rests", 1.0, "% of the time", "", "assumed")
 APART = Criterion("sensors apart", 5.0, "% of travel", "largest difference of both sensors that lasts 0.1 s",
                   "rusEFI and FOME tolerate 5 %; Formula SAE rules 10 % for 0.1 s")  # fmt: skip
-EXPLAINED = Criterion("motion explained", 95.0, "%", "1 - sum (y - y_hat)^2 / sum (y - mean y)^2 of the free run", "assumed",
-                      at_least=True)  # fmt: skip
+EXPLAINED = Criterion("motion explained", 95.0, "%", "1 - sum (y - y_hat)^2 / sum (y - mean y)^2 of the free run",
+                      "assumed", at_least=True)  # fmt: skip
 
 
 @dataclass(frozen=True)

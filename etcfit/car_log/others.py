@@ -14,12 +14,14 @@ DUTY, SECOND, VOLTS_1, VOLTS_2 = "duty", "position 2", "sensor 1", "sensor 2"
 _HEADER = re.compile(r"(?P<name>.+?)\s*(?:[\[(]\s*(?P<unit>[^\[\]()]*?)\s*[\])])?\s*")
 
 # in small letters, without what is no letter or number; an injector's duty is none of them
-_DUTY = ("duty", "etbduty", "etbdutycycle", "dbwduty", "dbwdutycycle", "dbwmotorduty", "ethrottleduty", "throttleduty",
-         "ethrottlemotorduty", "throttlemotorduty", "etbmotorduty", "motorduty", "etb1duty", "ethrottle1motordc")  # fmt: skip
+_DUTY = ("duty", "etbduty", "etbdutycycle", "dbwduty", "dbwdutycycle", "dbwmotorduty", "ethrottleduty",
+         "throttleduty", "ethrottlemotorduty", "throttlemotorduty", "etbmotorduty", "motorduty", "etb1duty",
+         "ethrottle1motordc")  # fmt: skip
 _FIRST = ("tps1", "tps", "tpmain", "tpsmain", "tpsa", "tps1a", "rawtps1primary", "rawtps1", "tps1primary", "tps1pri",
-          "throttleposition1", "throttlepositiona", "etbposition1", "tpsvoltage", "tps1voltage", "tpmainvoltage")  # fmt: skip
-_SECOND = ("tps2", "tpsub", "tpssub", "tpsb", "tps1b", "rawtps1secondary", "tps1secondary", "tps1sec", "throttleposition2",
-           "throttlepositionb", "etbposition2", "tps2voltage", "tpsubvoltage")  # fmt: skip
+          "throttleposition1", "throttlepositiona", "etbposition1", "tpsvoltage", "tps1voltage",
+          "tpmainvoltage")  # fmt: skip
+_SECOND = ("tps2", "tpsub", "tpssub", "tpsb", "tps1b", "rawtps1secondary", "tps1secondary", "tps1sec",
+           "throttleposition2", "throttlepositionb", "etbposition2", "tps2voltage", "tpsubvoltage")  # fmt: skip
 
 
 def _plain(name: str) -> str:

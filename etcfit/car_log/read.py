@@ -113,7 +113,7 @@ def read_log(path: Path, config: RigConfig, toml: str) -> DriveLog:
     hints = (_of_position(written["position"], whole.header), "" if setpoint else _of_setpoint(whole.header),
              *(f"{each[0].upper()}{each[1:]}." for each in whole.losses))  # fmt: skip
     return DriveLog(path.name, _series(columns["time"], columns["position"], config, str(path)),
-                    asked, written | {name: whole.header[place] for name, (place, _) in places.items() if name in along},
+                    asked, written | {name: whole.header[places[name][0]] for name in along},
                     " ".join(filter(None, hints)), along, _ends(config))  # fmt: skip
 
 

@@ -77,8 +77,8 @@ class Sensors:
             yield f"The two sensors seem to be exchanged: {self.crossed}"
         for name, ends in (("first", self.first), ("second", self.second)):
             if ends.span < 0.0:
-                yield (f"The {name} sensor is turned: it falls from {ends.closed:.3g} to {ends.opened:.3g} {self.unit} while "
-                       f"the plate opens.{self._usual(name)}")  # fmt: skip
+                yield (f"The {name} sensor is turned: it falls from {ends.closed:.3g} to {ends.opened:.3g} {self.unit} "
+                       f"while the plate opens.{self._usual(name)}")  # fmt: skip
         if self.stops < 100.0:
             yield (f"The second sensor stops at {self.stops:.0f} % of the travel: beyond it only the first one tells "
                    "where the plate is.")  # fmt: skip
@@ -86,8 +86,8 @@ class Sensors:
             yield f"The second sensor begins to move at {self.late:.0f} % of the travel only."
         for dwelt, name in zip(self.dwelt, ("closed", "open"), strict=True):
             if not dwelt:
-                yield (f"The plate does not rest at the {name} end of this log: the {name} values may not be the stop's. "
-                       f"Hold it against the {name} stop for a second.")  # fmt: skip
+                yield (f"The plate does not rest at the {name} end of this log: the {name} values may not be the "
+                       f"stop's. Hold it against the {name} stop for a second.")  # fmt: skip
 
     def _usual(self, name: str) -> str:
         if name == "second" and self.first.span > 0.0:
@@ -121,8 +121,9 @@ class Setting:
         value: in `unit`.
         unit: of it.
 
-    Source: rusEFI's tps.h (TPS_TS_CONVERSION 200 counts a volt) and its configuration; the FOME wiki's "ETB redundancy";
-    Haltech's "Throttle Position Sensor": voltages at 0 % and 100 %. That FOME counts as rusEFI does is assumed.
+    Source: rusEFI's tps.h (TPS_TS_CONVERSION 200 counts a volt) and its configuration; the FOME wiki's "ETB
+    redundancy"; Haltech's "Throttle Position Sensor": voltages at 0 % and 100 %.
+    That FOME counts as rusEFI does is assumed.
     """
 
     ecu: str

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -49,7 +49,7 @@ class Study:
     cycle: LimitCycle | None = None
     duty: DutyUse | None = None
     sensors: Sensors | None = None
-    verdict: Verdict = Verdict(())
+    verdict: Verdict = field(default_factory=lambda: Verdict(()))
 
 
 def study(log: DriveLog, bounds: tuple[float, float] = BOUNDS) -> Study:

@@ -77,8 +77,9 @@ def tracking(position: Series, setpoint: Series) -> Tracking:
     rate = np.diff(wanted) / np.diff(time)
     lag, lag_stderr = _lag(time, value, setpoint) if wanted.std() > _STILL else (None, None)
     left = None if lag is None else _left(time, value, setpoint, lag)
-    return Tracking(_rms(error), _stderr(time, error), lag, lag_stderr, left, _rms(rate), longest(time, np.abs(error) > FAR),
-                    _within_reach(time, wanted), _ranges(time, wanted, error))  # fmt: skip
+    return Tracking(_rms(error), _stderr(time, error), lag, lag_stderr, left, _rms(rate),
+                    longest(time, np.abs(error) > FAR), _within_reach(time, wanted),
+                    _ranges(time, wanted, error))  # fmt: skip
 
 
 def longest(time: np.ndarray, there: np.ndarray) -> float:

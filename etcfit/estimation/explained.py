@@ -1,4 +1,4 @@
-"""How much of the motion a model explains, running free: a figure beside chi2 and sigma that needs no noise to be known.
+"""How much of the motion a model explains, running free: a figure that, unlike chi2, needs no noise to be known.
 
     explained = 1 - sum (y - y_hat)^2 / sum (y - mean y)^2
 
@@ -93,7 +93,8 @@ def sentence(share: float | None, held_out: float | None = None) -> str:
     others = "" if held_out is None or not np.isfinite(held_out) else f", {_percent(held_out)} of that held out"
     text = f"It explains {_percent(share)} of the motion, running free{others}"
     if found.word == "good":
-        return f"{text}: enough to tune a loop with ({found.limit:g} % or more: {found.source}); how sure the parameters are, chi2 tells."
+        enough = f"enough to tune a loop with ({found.limit:g} % or more: {found.source})"
+        return f"{text}: {enough}; how sure the parameters are, chi2 tells."
     return f"{text}: too little to tune a loop with (at least {found.limit:g} %: {found.source})."
 
 

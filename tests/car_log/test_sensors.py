@@ -21,11 +21,10 @@ def sweep(dwell: float = 1.0) -> tuple[np.ndarray, np.ndarray]:
     return time, np.interp(time, corners, [RESTS, RESTS, 0.0, 0.0, 1.0, 1.0, RESTS, RESTS])
 
 
-def of(first: np.ndarray, second: np.ndarray, opens: float = 0.0, tps: tuple[float, float] | None = None, noise: float = 0.004,
-       seed: int = 0) -> Sensors:  # fmt: skip
+def of(first: np.ndarray, second: np.ndarray, opens: float = 0.0, tps: tuple[float, float] | None = None) -> Sensors:
     time, _ = sweep()
-    rng = np.random.default_rng(seed)
-    pair = [Series(time, each + noise * rng.standard_normal(time.size)) for each in (first, second)]
+    rng = np.random.default_rng(0)
+    pair = [Series(time, each + 0.004 * rng.standard_normal(time.size)) for each in (first, second)]
     found = two_sensors(*pair, "V", opens, tps)
     assert found is not None
     return found

@@ -1,4 +1,4 @@
-"""Pictures of a log from the car: where, how fast and how closely the plate moves; its answers to steps, its sensors."""
+"""Pictures of a log: where, how fast and how closely the plate moves; its answers to steps, its sensors."""
 
 from __future__ import annotations
 
@@ -87,8 +87,8 @@ def _stretch(panel: Axes, log: DriveLog) -> None:
 
 
 def draw_answers(each: Study, synthetic: bool) -> Figure | None:
-    """Every step's answer over the step, the error by parts of the travel, one sensor over the other; None where the log
-    has none of them."""
+    """Every step's answer over the step, the error by parts of the travel, one sensor over the other; None where the
+    log has none of them."""
     from .. import style
 
     shown = [panel for panel, there in ((_answers, any(abs(s.size) >= _LEAST for s in each.steps)),

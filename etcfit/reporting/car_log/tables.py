@@ -28,8 +28,8 @@ def says_of(each: Study) -> tuple[str, ...]:
 
 def judgements_table(judgements: Sequence[Judgement], caption: str = "Good enough?") -> Table:
     """A row a threshold."""
-    rows = [(j.name, _found(j), f"{'>=' if j.at_least else '<='} {j.limit:.3g} {j.unit}", _NAMES[j.word], j.where, j.source)
-            for j in judgements]  # fmt: skip
+    rows = [(j.name, _found(j), f"{'>=' if j.at_least else '<='} {j.limit:.3g} {j.unit}", _NAMES[j.word], j.where,
+             j.source) for j in judgements]  # fmt: skip
     marked = frozenset(k for k, j in enumerate(judgements) if j.word == "not good")
     return Table(caption, ("figure", "found", "good is", "verdict", "where", "threshold from"), rows, 6, marked)
 
@@ -54,7 +54,8 @@ def _steps(each: Study) -> Table:
             for s in sorted(worst, key=lambda s: s.begin)]  # fmt: skip
     more = f", the {_MOST} slowest of {len(each.steps)}" if len(each.steps) > _MOST else ""
     return Table(f"Steps of the setpoint{more}",
-                 ("at s", "from %", "to %", "overshoot % of step", "settling ms", "half way ms", "error at rest %", "rms %"), rows, 0)  # fmt: skip
+                 ("at s", "from %", "to %", "overshoot % of step", "settling ms", "half way ms",
+                  "error at rest %", "rms %"), rows, 0)  # fmt: skip
 
 
 def _ranges(each: Study) -> Table | None:

@@ -29,7 +29,7 @@ _MAY_GO = ("threshold from", "where", "rms %", "half way ms")
 
 
 def drive_table(config: RigConfig, studies: Sequence[Study]) -> RenderableType:
-    """A row a log, then each log held against the thresholds; where there are two, what changed from first to second."""
+    """A row a log, then each log held against the thresholds; of two logs also what changed."""
     table = plain_table("log", *_HEADS, paths=("log",), spare=_SPARE, file=_FILE)
     for each in studies:
         table.add_row(each.log.name, f"{np.ptp(each.log.position.time):.0f} s", *_cells(each))
