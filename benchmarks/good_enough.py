@@ -21,7 +21,8 @@ import numpy as np
 from etcfit.car_log.limit_cycle import LimitCycle, limit_cycle
 from etcfit.car_log.log import Series
 from etcfit.car_log.sensors import Sensors, two_sensors
-from independent import hunting
+from etcfit.car_log.steps import steps
+from independent import hunting, second_order
 
 HELD = 8.0  # s
 OSCILLATES = 0.2  # % of travel, half of peak to peak, and three periods in the last 5 s of the log
@@ -72,6 +73,23 @@ def case(kind: str, seed: int) -> Case:
     zone, dither = (None, None) if found is None else (found.dead_zone, found.dither)
     return Case(kind, *hunting.truth(true[-5000:]), found, None if zone is None else after(dead_zone=zone),
                 None if dither is None else after(dither=dither))  # fmt: skip
+
+
+def answered(seed: int) -> list[tuple[float, float, float]]:
+    """By how much overshoot (% of the step), settling and half-way time (ms) of a second-order loop are off, step by
+    step; settling against the band that was used."""
+    rng = np.random.default_rng(seed)
+    zeta, wn = rng.uniform(0.3, 0.95), rng.uniform(15.0, 70.0)
+    levels = [20.0, *rng.uniform(15.0, 85.0, 8).tolist()]
+    made = second_order.log(levels, zeta, wn, float(rng.choice([100, 200, 500, 1000])), 0.05, seed, 1.5)
+    position, wanted = (Series(made["time"], made[name]) for name in ("position", "setpoint"))
+    fine = np.arange(0.0, 1.0, 1e-5)
+    half = float(fine[np.argmax(second_order.answer(fine, zeta, wn) >= 0.5)])
+    return [
+        (each.overshoot - second_order.overshoot(zeta),
+         1e3 * (each.settling - second_order.settled(zeta, wn, each.band / abs(each.size))), 1e3 * (each.lag - half))
+        for each in steps(position, wanted) if abs(each.size) >= 5.0 and each.lag is not None
+    ]  # fmt: skip
 
 
 PAIRS = ("whole", "half", "falls", "falls half", "first turned", "exchanged")
@@ -126,6 +144,12 @@ def lines(count: int, first: int) -> Iterator[str]:
             cures.append(f"{sum(value < OSCILLATES for value in tried)} of {len(tried)}" if tried else "-")
         told = ", ".join(f"{word} {n}" for word, n in words.most_common())
         yield f"| {kind} | {len(clear)} | {len(right)} | {told} | {off[0]} | {off[1]} | {cures[0]} | {cures[1]} |"
+    yield ""
+    off = np.abs([each for k in range(count) for each in answered(first + k)])
+    yield f"| {len(off)} steps of {count} second-order loops | median off | 95 % are off by less than |"
+    yield "| --- | --- | --- |"
+    for name, column in zip(("overshoot, % of the step", "settling, ms", "half way, ms"), off.T, strict=True):
+        yield f"| {name} | {np.median(column):.2g} | {np.quantile(column, 0.95):.2g} |"
     yield ""
     yield "| pair of sensors | sweeps | said right | end of the second one off, largest % of travel |"
     yield "| --- | --- | --- | --- |"

@@ -25,7 +25,7 @@ from .duty import DutyUse
 from .limit_cycle import LimitCycle
 from .log import DriveLog
 from .sensors import Sensors
-from .steps import Step, noise_of
+from .steps import Step, noise_of, quantum_of
 from .tracking import Tracking
 
 _RATE = 50.0  # Hz: four samples within half of the settling that is good; assumed
@@ -72,8 +72,10 @@ def _judgements(
     if cycle is not None:
         yield CYCLE.judged(cycle.amplitude, f"{cycle.kind}, {cycle.period:.2g} s a period")
     else:
-        enough = log.setpoint is not None and rested >= _RESTED
-        yield CYCLE.judged(0.0 if enough else None, "none seen", without=f"the setpoint rests for {rested:.2g} s only")
+        coarse = max(noise_of(log.position.value), 0.5 * quantum_of(log.position.value)) > CYCLE.limit
+        enough = log.setpoint is not None and rested >= _RESTED and not coarse
+        why = "the sensor's noise or resolution hides it" if coarse else f"the setpoint rests for {rested:.2g} s only"
+        yield CYCLE.judged(0.0 if enough else None, "none seen", without=why)
     if duty is not None:
         yield ACTIVITY.judged(duty.activity, without="the setpoint never rests")
         resting = None if duty.saturated_at_rest is None else 100.0 * duty.saturated_at_rest

@@ -16,6 +16,7 @@ from .log import Series
 
 _GRID = 0.01  # s
 _STILL = 0.2  # per cent of travel within which a setpoint rests
+_JITTER = 8.0, 1.0  # of a setpoint that a restless pedal makes: standard deviations, and per cent at most
 _REST = 0.3  # s that a rest lasts at least
 _QUICK = 0.1  # s that a step takes at most
 _SEEN = 4.0  # standard deviations of the noise above which an overshoot is one, and about which a settled plate stays
@@ -30,7 +31,7 @@ class Rest:
 
     Args:
         begin, end: s.
-        first, last: value at both, per cent.
+        first, last: value at both, the median of 0.3 s, per cent.
     """
 
     begin: float
@@ -79,20 +80,29 @@ class Step:
 
 
 def rests(piece: Series) -> list[Rest]:
-    """Where a setpoint without a gap stands still for 0.3 s at least."""
+    """Where a setpoint without a gap stands still for 0.3 s at least: within 0.2 %, or, where it has noise of its own,
+    eight standard deviations of that, 1 % at most."""
     time = np.arange(piece.time[0], piece.time[-1], _GRID)
     value = np.interp(time, piece.time, piece.value)
     if not time.size:
         return []
+    still = still_of(piece)
     spans, begin, least, most = list[tuple[int, int]](), 0, value[0], value[0]
     for k, here in enumerate((*value.tolist(), np.inf)):  # the end ends a rest too
         least, most = min(least, here), max(most, here)
-        if most - least <= _STILL:
+        if most - least <= still:
             continue
         if (k - begin) * _GRID >= _REST:
             spans.append((begin, k))
         begin, least, most = k, here, here
-    return [Rest(float(time[a]), float(time[b - 1]), float(value[a]), float(value[b - 1])) for a, b in spans]
+    few = round(_REST / _GRID)
+    return [Rest(float(time[a]), float(time[b - 1]), float(np.median(value[a : a + few])),
+                 float(np.median(value[b - few : b]))) for a, b in spans]  # fmt: skip
+
+
+def still_of(setpoint: Series) -> float:
+    """How far a setpoint may move at rest, per cent of travel."""
+    return float(np.clip(_JITTER[0] * noise_of(setpoint.value), _STILL, _JITTER[1]))
 
 
 def changes(found: Sequence[Rest]) -> list[tuple[Rest, Rest]]:
@@ -130,24 +140,26 @@ def steps(position: Series, setpoint: Series) -> tuple[Step, ...]:
     largest value, which noise makes larger.
     """
     sd = noise_of(position.value)
-    found = (_step(position, setpoint, a, b, sd) for p in setpoint.pieces if p.time.size > 1
+    found = (_step(position, setpoint, a, b, sd, still_of(p)) for p in setpoint.pieces if p.time.size > 1
              for a, b in changes(rests(p)))  # fmt: skip
     return tuple(each for each in found if each is not None)
 
 
-def _begin(setpoint: Series, before: Rest, after: Rest) -> float:
+def _begin(setpoint: Series, before: Rest, after: Rest, still: float) -> float:
     """When the setpoint begins to change: half a sample after the last one that is still at rest, s."""
     k = int(np.searchsorted(setpoint.time, before.end - 2.0 * _GRID))
     while k + 1 < setpoint.time.size and setpoint.time[k + 1] <= after.begin + _GRID:
-        if abs(setpoint.value[k + 1] - before.last) > _STILL:
+        if abs(setpoint.value[k + 1] - before.last) > still:
             break
         k += 1
     following = setpoint.time[min(k + 1, setpoint.time.size - 1)]
     return float(setpoint.time[k] + 0.5 * min(following - setpoint.time[k], 2.0 * _GRID))
 
 
-def _step(position: Series, setpoint: Series, before: Rest, after: Rest, sd: float) -> Step | None:
-    size, begin, end = after.first - before.last, _begin(setpoint, before, after), after.end
+def _step(
+    position: Series, setpoint: Series, before: Rest, after: Rest, sd: float, still: float
+) -> Step | None:
+    size, begin, end = after.first - before.last, _begin(setpoint, before, after, still), after.end
     seen = (position.time >= begin) & (position.time <= end)
     if abs(size) < max(_LEAST, 2.0 * sd) or seen.sum() < _FEWEST or before.end > position.time[-1]:
         return None

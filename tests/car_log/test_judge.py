@@ -52,6 +52,13 @@ def test_what_a_log_does_not_hold_is_not_judged() -> None:
     assert "20 Hz is too slow" in next(j.where for j in slow.verdict.judgements if j.name == "settling")
 
 
+def test_a_coarse_sensor_hides_an_oscillation() -> None:
+    position, wanted = second_order([20.0, 60.0] * 4, 0.8, 40.0, 200.0, held=2.0)
+    fine, coarse = (DriveLog("a", Series(position.time, q * np.round(position.value / q)), wanted) for q in (0.1, 1.0))
+    assert words(study(fine))["oscillation at rest"] == "good"
+    assert words(study(coarse))["oscillation at rest"] == "cannot be said"
+
+
 def test_one_step_of_ten_may_be_spoilt() -> None:
     position, wanted = second_order([20.0, 60.0] * 6, 0.8, 40.0, 200.0)
     spoilt = np.where(np.abs(position.time - 5.2) < 0.05, position.value + 30.0, position.value)

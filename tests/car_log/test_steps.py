@@ -10,7 +10,8 @@ from scipy.optimize import brentq
 
 from etcfit.car_log.log import Series
 from etcfit.car_log.steps import noise_of, quantum_of, steps
-from second_order import answer, log, settled
+from independent.second_order import answer, overshoot, settled
+from second_order import log
 
 ZETA_WN = [(0.3, 40.0), (0.456, 30.0), (0.6, 50.0), (0.8, 25.0), (1.5, 60.0)]
 
@@ -22,10 +23,9 @@ def test_every_step_has_the_figures_of_the_closed_form(zeta: float, wn: float, r
     found = steps(*log(levels, zeta, wn, rate))
     assert [each.before for each in found] == pytest.approx(levels[:-1])
     assert [each.after for each in found] == pytest.approx(levels[1:])
-    over = 100.0 * math.exp(-math.pi * zeta / math.sqrt(1.0 - zeta**2)) if zeta < 1.0 else 0.0
     half = brentq(lambda t: float(answer(np.array([t]), zeta, wn)[0]) - 0.5, 0.0, 1.0)
     for each in found:
-        assert each.overshoot == pytest.approx(over, abs=0.5)
+        assert each.overshoot == pytest.approx(overshoot(zeta), abs=0.5)
         assert each.settling == pytest.approx(settled(zeta, wn, each.band / abs(each.size)), abs=0.4 / rate + 1e-3)
         assert each.lag == pytest.approx(half, abs=0.2 / rate)
         assert each.error == pytest.approx(0.0, abs=0.01)
@@ -44,6 +44,16 @@ def test_noise_makes_no_overshoot_and_does_not_keep_a_plate_from_settling() -> N
     shown = [s for seed in range(20) for s in steps(*log([20.0, 24.0, 50.0], 1.5, 60.0, 200.0, 0.1, seed))]
     assert sum(each.overshoot > 0.0 for each in shown) <= 2
     assert sum(each.settling < 0.35 for each in shown) >= 38
+
+
+def test_a_restless_pedal_makes_a_setpoint_that_rests_all_the_same() -> None:
+    position, wanted = log([20.0, 60.0, 35.0, 40.0], 0.6, 40.0, 200.0)
+    pedal = wanted.value + 0.1 * np.random.default_rng(0).standard_normal(wanted.time.size)
+    found = steps(position, Series(wanted.time, pedal))
+    clean = steps(position, wanted)
+    assert [s.after for s in found] == pytest.approx([60.0, 35.0, 40.0], abs=0.06)
+    assert [s.settling for s in found] == pytest.approx([s.settling for s in clean], abs=0.01)
+    assert [s.overshoot for s in found] == pytest.approx([s.overshoot for s in clean], abs=2.0)
 
 
 def test_a_ramp_is_no_step_and_a_short_rest_none_either() -> None:
