@@ -19,7 +19,7 @@ import results
 import rigs
 from bodies import OPEN, N
 from etcfit.control.pid import Gains
-from etcfit.control.pid.response import judge
+from etcfit.control.pid.figures import judge
 from etcfit.control.pid.setpoint import trapezoid
 from etcfit.control.pid.sliding import Sliding
 from etcfit.estimation.ready import ready
@@ -277,7 +277,7 @@ def test_the_loop_is_our_own_tick_by_tick(ecu: Ecu, sliding: Sliding | None) -> 
     assert np.ptp(share) > 0.3
     assert np.max(np.abs(np.asarray(seen["share"]) - share)) < EXACT
     assert np.max(np.abs(np.asarray(seen["volts"]) - np.asarray(ours.voltage)[0, 0])) < EXACT
-    told = judge(course, course.instants(ecu.period), share)._asdict()
+    told = judge(course, course.instants(ecu.period), share).known()
     for name, value in told.items():
         there = np.inf if seen["figures"][name] is None else seen["figures"][name]
         assert there == pytest.approx(float(value), rel=1e-6, abs=1e-6)
