@@ -90,7 +90,7 @@ def judged(task: Task, found: Mapping[str, Gains | Refusal]) -> dict[str, Tuned]
     have = {name: gains for name, gains in found.items() if isinstance(gains, Gains)}
     gains = Gains(*(np.array(column, dtype=float) for column in zip(*have.values(), strict=True)))
     at_bench, out = over_models(task, task.loop, gains), {}
-    anew = over_models(task, task.loop.heard_anew(), gains) if task.ecu.noise > 0.0 else at_bench
+    anew = over_models(task, task.loop.with_new_noise_seed(), gains) if task.ecu.noise > 0.0 else at_bench
     for name, refusal in found.items():
         if isinstance(refusal, Refusal):
             out[name] = _refused(name, refusal)

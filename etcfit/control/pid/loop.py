@@ -283,9 +283,8 @@ class Loop:
         drive = None if self.drive is None else self.drive[which]
         return replace(self, throttles=jax.tree.map(lambda leaf: leaf[which], self.throttles), drive=drive)
 
-    def heard_anew(self) -> Loop:
-        """The loop with other noise of its sensor: how likely gains are to do is not asked of what they were sought
-        under."""
+    def with_new_noise_seed(self) -> Loop:
+        """The loop with a new noise seed: success must not be counted under the noise of the search."""
         return replace(self, settings=replace(self.settings, seed=self.settings.seed + 1))
 
     def under(self, ecu: Ecu) -> Loop:

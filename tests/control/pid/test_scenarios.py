@@ -104,11 +104,13 @@ def test_the_activity_of_a_duty_is_its_deviation_while_the_setpoint_rests() -> N
     assert found.current_rms_A == pytest.approx(1.5)
 
 
-def test_a_loop_heard_anew_has_other_noise_of_the_same_size_and_else_nothing_new() -> None:
+def test_a_loop_with_a_new_noise_seed_has_other_noise_of_the_same_size_and_else_nothing_new() -> None:
     gains, setpoint = Gains(np.array([20.0]), np.array([300.0]), np.array([0.3])), trapezoid()
     for noise in (1e-3, 0.0):
         loop = rigs.loop(ecu=Ecu(noise=noise))
-        first, again = (np.asarray(each.respond(gains, setpoint).voltage) for each in (loop, loop.heard_anew()))
+        first, again = (
+            np.asarray(each.respond(gains, setpoint).voltage) for each in (loop, loop.with_new_noise_seed())
+        )
         if noise == 0.0:
             assert np.array_equal(first, again)
         else:

@@ -44,7 +44,7 @@ from etcfit.problem.problem import EstimationProblem
 from etcfit.problem.trace import Trace
 from etcfit.reporting.interactive.plant import plant_json
 from etcfit.reporting.interactive.printed_model import CHANNELS, Types, script, simulation
-from etcfit.reporting.interactive.traces import Shelf, traces_json
+from etcfit.reporting.interactive.traces import TraceSources, traces_json
 from etcfit.rig.reader import read_folder
 
 NODE = shutil.which("node")
@@ -93,7 +93,7 @@ def worst(result: FitResult, values: Mapping[str, float]) -> dict[tuple[str, str
     """Largest distance of the page's path from our own stepper's, over the range of each channel, by file and
     channel."""
     layout, traces = result.problem.layout, result.problem.batch.traces
-    simulated, carried = simulation(result), traces_json(Shelf(None, result, None))
+    simulated, carried = simulation(result), traces_json(TraceSources(None, result, None))
     assert not simulated.left_out
     plant = plant_json(result, simulated)
     problem = finely(result, traces)
