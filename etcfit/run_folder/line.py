@@ -12,7 +12,9 @@ from ..fleets.line import FIGURE_BY_NAME, FigureResult
 from ..fleets.line.predict import Prediction, Spread
 
 
-def figures_json(units: tuple[str, ...], measured: Mapping[str, FigureResult], odd: Collection[str] = ()) -> dict[str, Any]:
+def figures_json(
+    units: tuple[str, ...], measured: Mapping[str, FigureResult], odd: Collection[str] = ()
+) -> dict[str, Any]:
     """Each figure of every unit of which it can be told, and over the ordinary ones; `why` it cannot of the others.
 
     Args:
