@@ -18,7 +18,7 @@ from ..model.feed_forward import Asked, Term, listed, terms_of
 from ..model.throttle import Throttle
 from ..rig.ecu import GAINS
 from .fleet_verdict import FleetVerdict
-from .judged import Robust, Tuned, below, judged, outside_the_bench
+from .judged import Robust, Tuned, judged, outside_the_bench
 from .linearise import reduce, stops
 from .parts_verdict import PartsVerdict
 from .pid import RULES, Gains, Refusal, Requirements, Rule, Task
@@ -26,7 +26,6 @@ from .pid.conditions import DRY_FRICTION, scaled
 from .pid.feedforward import Bias, bias_of
 from .pid.front import FrontPoint, front
 from .pid.loop import Body, Loop
-from .pid.requirements import REQUIRED
 from .pid.scenarios import course, of_log
 from .pid.setpoint import Setpoint
 from .pid.sliding import Sliding, sliding_of
@@ -307,7 +306,7 @@ def _meets(task: Task) -> bool:
     if isinstance(gains, Refusal):
         return False
     figures = task.loop.first(1).figures(Gains(*(np.array([g]) for g in gains)), task.setpoint)
-    return all(bool(np.all(below(figures, task.requirements, symbol))) for symbol in REQUIRED)
+    return all(bool(np.all(met)) for met in task.requirements.met(figures).values())
 
 
 def _with_ecu(task: Task, **changes: float) -> Task:

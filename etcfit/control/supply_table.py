@@ -9,7 +9,7 @@ import numpy as np
 
 from ..model.ecu import Ecu, Notation, Terms
 from .judged import over_models
-from .pid import Gains, Metrics, Task
+from .pid import Gains, LoopFigures, Task
 from .pid.conditions import at_corners, corners
 from .pid.linear_loop import controller
 from .pid.loop import Loop
@@ -27,8 +27,8 @@ class AtSupply(NamedTuple):
     """
 
     supply: float
-    fixed: Metrics
-    table: Metrics
+    fixed: LoopFigures
+    table: LoopFigures
 
     @property
     def helps(self) -> bool:
@@ -117,7 +117,7 @@ def _knowing(task: Task, supply: float) -> Loop:
     return at_corners(task.loop.under(reckoning_with(task.ecu, supply)), task.settings.conditions)
 
 
-def _worst(task: Task, loop: Loop, gains: Gains, supply: float) -> Metrics:
+def _worst(task: Task, loop: Loop, gains: Gains, supply: float) -> LoopFigures:
     """Each figure at its worst of the corners that have this supply.
 
     Args:
@@ -128,9 +128,7 @@ def _worst(task: Task, loop: Loop, gains: Gains, supply: float) -> Metrics:
     """
     there = corners(task.settings.conditions).supply == supply
     found = over_models(task, loop, Gains(*(np.array([g]) for g in gains))).of(0)
-    worst = [float(np.max(figure[there])) for figure in found.figures]
-    margins = [float(np.min(each[there])) for each in (found.gain_margin, found.phase_margin)]
-    return Metrics(*worst[:4], *margins, *worst[4:])
+    return found.figures.worst(there)
 
 
 def over_position(task: Task, gains: Gains, settings: ScheduleSettings) -> OverPosition:

@@ -88,7 +88,7 @@ def nearest(found: Iterable[Near]) -> Near | None:
 
 
 def _near(candidates: Iterable[Effect], result: FitResult, turned: Round, report: Report) -> Iterator[Near]:
-    """Of joint fits with one of the candidates each those that come near the data, one after the other."""
+    """Refits with one candidate each that reach the noise, one after the other."""
     for effect in candidates:
         report(f"fitting anew with {effect.name}", 0.9)
         s = fitted_with(effect, result, turned.before, turned.score, report)

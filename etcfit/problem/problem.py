@@ -33,7 +33,7 @@ _SPANS = (3.0, 1.5, 0.7, 0.3, 0.15, 0.07, 0.03, 0.015, 0.007, 0.003)  # V, of th
 _SHARES = (0.0, -1.0, 1.0)  # of them; the first is kept where none is better
 _FORGOTTEN = 1.0  # s after which a loop has forgotten with what it began
 _PADDED = 1.25  # of the steps of a batch; more to simulate costs more than programs compiled twice
-_STIRS = 8.0  # standard deviations of a sample that are a motion
+_MOTION_SIGMAS = 8.0  # standard deviations of a sample that are a motion
 
 
 @partial(jax.jit, static_argnums=0)
@@ -398,7 +398,7 @@ def _beginning(trace: Trace) -> tuple[Float[np.ndarray, "n M"], Float[np.ndarray
     if "position" not in trace.channels:
         return np.zeros(seen.shape), np.zeros(seen.shape)
     m = trace.channels.index("position")
-    moved = np.abs(trace.data[:, m] - trace.data[seen[:, m], m][0]) > _STIRS * trace.sigma[m]
+    moved = np.abs(trace.data[:, m] - trace.data[seen[:, m], m][0]) > _MOTION_SIGMAS * trace.sigma[m]
     first = trace.instants[np.argmax(moved)] if moved.any() else trace.instants[0]
     early = (trace.instants < first + _FORGOTTEN)[:, None] & seen
     return np.nan_to_num(trace.data), early / trace.sigma

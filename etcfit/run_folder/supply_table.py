@@ -36,7 +36,7 @@ def supply_table_json(task: Task, gains: Gains, table: SupplyTable) -> dict[str,
 
 
 def _end(end: AtSupply) -> dict[str, Any]:
-    return {"supply_V": end.supply, "fixed": end.fixed._asdict(), "table": end.table._asdict(), "helps": end.helps}
+    return {"supply_V": end.supply, "fixed": end.fixed.known(), "table": end.table.known(), "helps": end.helps}
 
 
 def _position(over: OverPosition) -> dict[str, Any]:

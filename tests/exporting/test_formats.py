@@ -31,7 +31,7 @@ from etcfit.api.fit import Fit
 from etcfit.cli import app, export
 from etcfit.control.design import ecu_of, propose, task_of
 from etcfit.control.pid import RULES, Requirements
-from etcfit.control.pid.requirements import REQUIRED
+from etcfit.control.pid.figures import REQUIRED
 from etcfit.control.settings import DesignSettings, OptimumSettings
 from etcfit.errors import MeasurementError, UsageError
 from etcfit.estimation.fit_state import FitState

@@ -30,6 +30,7 @@ from etcfit.model.linear import TransferFunction
 from etcfit.ranges import from_json
 from etcfit.rig.base import Rig
 from etcfit.run_folder import advice_json, diagnosis_json, fit_json, frequency_json, plan_json
+from etcfit.run_folder.declared import PARTS, with_declared
 
 ROOT = Path(__file__).resolve().parents[2]
 FOLDER = ROOT / "etcfit" / "run_folder" / "schemas"
@@ -107,6 +108,11 @@ def test_every_key_is_described(kind: str) -> None:
     described = parts(schema(kind))
     assert described
     assert all(part.get("description") or "$ref" in part for part in described)
+
+
+@pytest.mark.parametrize("kind", PARTS)
+def test_what_follows_from_declared_figures_is_up_to_date(kind: str) -> None:
+    assert schema(kind) == with_declared(kind, deepcopy(schema(kind))), "run: python -m etcfit.run_folder.declared"
 
 
 def test_what_a_fit_writes_fits_its_schema(tmp_path: Path) -> None:

@@ -10,9 +10,9 @@ from ...model.ecus import EcuProfile
 from ...model.feed_forward import Term
 from ...model.linear import TransferFunction
 from ..settings import DesignSettings
+from .figures import Requirements
 from .gains import Gains
 from .loop import Loop
-from .requirements import Requirements
 from .setpoint import Setpoint, trapezoid
 
 

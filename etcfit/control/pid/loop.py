@@ -23,9 +23,10 @@ from ...problem.cores import CORES, side_by_side
 from ..settings import LoopSettings
 from .ecu import Memory, tick
 from .feedforward import Bias, HoldingVoltages, hold_curve
+from .figures import LoopFigures, judge, with_effort, with_heat
 from .gains import Gains
 from .loop_kernel import kernel_of
-from .response import Effort, Figures, Judged, effort, judge
+from .response import Run
 from .setpoint import Setpoint
 from .sliding import Sliding, rates
 
@@ -55,7 +56,7 @@ class Tried(NamedTuple):
     """
 
     share: np.ndarray
-    figures: Figures
+    figures: LoopFigures
 
 
 class _Carry(NamedTuple):
@@ -282,9 +283,8 @@ class Loop:
         drive = None if self.drive is None else self.drive[which]
         return replace(self, throttles=jax.tree.map(lambda leaf: leaf[which], self.throttles), drive=drive)
 
-    def heard_anew(self) -> Loop:
-        """The loop with other noise of its sensor: how likely gains are to do is not asked of what they were sought
-        under."""
+    def with_new_noise_seed(self) -> Loop:
+        """The loop with a new noise seed: success must not be counted under the noise of the search."""
         return replace(self, settings=replace(self.settings, seed=self.settings.seed + 1))
 
     def under(self, ecu: Ecu) -> Loop:
@@ -368,8 +368,8 @@ class Loop:
         paths = side_by_side(lambda piece: _many(control, keep, parts, room, piece, run), pieces)
         return reduced(jax.tree.map(lambda *each: np.concatenate(each), *paths))
 
-    def judged(self, gains: Gains, setpoint: Setpoint) -> Judged:
-        """Figures of the responses, shape (D, G) each."""
+    def judged(self, gains: Gains, setpoint: Setpoint) -> LoopFigures:
+        """How well the responses follow, shape (D, G) each."""
         path = self.respond(gains, setpoint)
         return judge(setpoint, setpoint.instants(self.ecu.period), self.share(np.asarray(path.position)))
 
@@ -380,25 +380,25 @@ class Loop:
     def tried(self, gains: Gains, setpoint: Setpoint) -> Tried:
         """Responses to a setpoint, and all their figures."""
         path = Path(*(np.asarray(each) for each in self.respond(gains, setpoint)))
-        return Tried(self.share(path.position), self._figures(*self._measured(setpoint, path)))
+        return Tried(self.share(path.position), self._with_heat(self._measured(setpoint, path)))
 
-    def figures(self, gains: Gains, setpoint: Setpoint) -> Figures:
+    def figures(self, gains: Gains, setpoint: Setpoint) -> LoopFigures:
         """The same figures, shape (D, G) each, without the responses: where these are many they do not fit the caches,
         and each is judged as it comes."""
         if self.draws * np.size(gains[0]) < _MANY:
             return self.tried(gains, setpoint).figures
-        return self._figures(*self.respond(gains, setpoint, partial(self._measured, setpoint)))
+        return self._with_heat(self.respond(gains, setpoint, partial(self._measured, setpoint)))
 
-    def _measured(self, setpoint: Setpoint, path: Path) -> tuple[Judged, Effort]:
+    def _measured(self, setpoint: Setpoint, path: Path) -> dict[str, Any]:
+        """What is computed of one response by itself."""
         time = setpoint.instants(self.ecu.period)
         position, voltage, current = (np.asarray(each) for each in path)
-        spent = effort(setpoint, time, voltage / self.ecu.supply, current)
-        return judge(setpoint, time, self.share(position)), spent
+        follows = judge(setpoint, time, self.share(position))
+        return with_effort(follows, Run(setpoint, time, voltage / self.ecu.supply, current)).known()
 
-    def _figures(self, judged: Judged, spent: Effort) -> Figures:
-        resistance = np.asarray(self.throttles.parameter("R_a"))[:, None]
-        heat = [ohm * spent.current_rms_A**2 for ohm in (resistance, self.settings.bridge_ohm)]
-        return Figures(*judged, *spent, *heat)
+    def _with_heat(self, measured: dict[str, Any]) -> LoopFigures:
+        winding = np.asarray(self.throttles.parameter("R_a"))[:, None]
+        return with_heat(LoopFigures(**measured), winding, self.settings.bridge_ohm)
 
     def _room(self) -> int:
         """Ticks of delay to remember: a power of two, so that loops of slightly different delays compile once."""

@@ -14,7 +14,7 @@ from ...control.frequency import FrequencyResponse, Ratio, phases
 from ...control.frequency.point import POSITION
 from ...control.judged import Tuned
 from ...control.linearise import Reduction
-from ...control.pid.requirements import Metrics, Requirements
+from ...control.pid.figures import FIGURES, LoopFigures, Requirements
 from ...estimation.fitted_model import Fitted
 from ...model.ecu import Ecu, Notation
 from ...model.ecus import ECUS
@@ -183,13 +183,11 @@ def _gains_row(design: Design, tuned: Tuned) -> tuple[str, ...]:
 
 def _figures_table(design: Design) -> RenderableType:
     """Figures of every rule that has gains."""
-    table = plain_table("rule", "overshoot\n%", "settling\ns", "error\n%", "RMSE\n%", "duty\n%", "gain\nmargin\ndB",
-                        "phase\nmargin\ndegrees")  # fmt: skip
+    shown = {symbol: of for symbol, of in FIGURES.items() if of.heading}
+    table = plain_table("rule", *(f"{of.heading}\n{of.unit}" for of in shown.values()))
     for tuned in design.tuned.values():
-        if (m := tuned.nonlinear) is not None:
-            table.add_row(tuned.rule, short(m.overshoot_pct), short(m.settling_s), short(m.steady_state_error_pct),
-                          short(m.rmse_pct), short(m.duty_activity_pct, 2), short(m.gain_margin_db),
-                          short(m.phase_margin_deg))  # fmt: skip
+        if tuned.nonlinear is not None:
+            table.add_row(tuned.rule, *(short(getattr(tuned.nonlinear, symbol)) for symbol in shown))
     return table
 
 
@@ -238,7 +236,7 @@ def _met(tuned: Tuned) -> str:
     return ("yes" if tuned.meets_all else "no") if tuned.stable else "unstable"
 
 
-def _safe(metrics: Metrics, asked: Requirements) -> bool:
+def _safe(metrics: LoopFigures, asked: Requirements) -> bool:
     return metrics.gain_margin_db >= asked.gain_margin_db and metrics.phase_margin_deg >= asked.phase_margin_deg
 
 
