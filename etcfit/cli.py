@@ -342,29 +342,29 @@ def _tell(done: stages.Done) -> None:
 
 @_verb("Look", "etcfit drive logs --compare before.csv after.csv --out runs/car")
 def drive(
-    folder: Annotated[Path, typer.Argument(help="Logs, or FOLDER/drive.", exists=True, file_okay=False)],
+    logs: Annotated[Path, typer.Argument(help="A log, a folder of logs, or FOLDER/drive.", exists=True)],
     between: Annotated[tuple[float, float], typer.Option(help="Share of the time between these, %.")] = (5.0, 45.0),
     compare: Annotated[
         tuple[str, str] | None, typer.Option(help="These two, before and after.", metavar="LOG LOG")
     ] = None,
-    out: Annotated[Path | None, typer.Option(help="drive.json and pictures.", file_okay=False, metavar="RUN")] = None,
+    out: Annotated[Path | None, typer.Option(help="drive.html, drive.json and pictures.", file_okay=False, metavar="RUN")] = None,
     quiet: Quiet = False,
 ) -> None:
-    """Logs from the car (CSV, .msl, .mlg): operating range, spectrum, how closely the plate follows; two compared."""
+    """Logs from the car: does the plate follow well enough; steps, oscillation, duty, both sensors; two compared."""
     _must_be_writable(out)
     with _progress(quiet) as progress:
         progress("reading the logs", 0.0)
-        from .car_log import read_logs, study
+        from .car_log import logs_at, study
         from .car_log.study import chosen
         from .reporting.car_log import drive_table, write_drive
         from .reporting.closing.rig import of_drive
 
-        config, logs = read_logs(folder)
-        studies = [study(log, between) for log in (logs if compare is None else chosen(logs, compare))]
+        config, found = logs_at(logs)
+        studies = [study(log, between) for log in (found if compare is None else chosen(found, compare))]
         if out is not None:
             write_drive(out, config, studies, progress)
     _stdout().print(drive_table(config, studies))
-    _say(of_drive(studies, folder, out))
+    _say(of_drive(studies, logs if logs.is_dir() else logs.parent, out))
 
 
 @_verb("Explain", "etcfit sample runs/bench_twin")

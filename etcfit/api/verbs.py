@@ -406,21 +406,21 @@ def drive(
     compare: tuple[str, str] | None = None,
     quiet: bool = False,
 ) -> Driven:
-    """Logs from the car (CSV, .msl, .mlg): operating range, spectrum, how closely the plate follows.
+    """Logs from the car: operating range, spectrum, how closely the plate follows and whether that is good enough.
 
     Args:
-        folder: of logs, or a measurement folder with logs in drive/.
+        folder: of logs, a measurement folder with logs in drive/, or one log.
         between: the share of the time between these positions, %.
         compare: only these two, before and after.
         quiet: show no progress.
     """
     with working(quiet) as report:
         report("reading the logs", 0.0)
-        from ..car_log import read_logs, study
+        from ..car_log import logs_at, study
         from ..car_log.study import chosen
         from .driven import Driven
 
-        config, logs = read_logs(folder)
+        config, logs = logs_at(folder)
         return Driven(config, tuple(study(log, between) for log in (chosen(logs, compare) if compare else logs)))
 
 

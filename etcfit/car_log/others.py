@@ -54,18 +54,20 @@ def found(header: Sequence[str]) -> dict[str, tuple[int, str]]:
     return out
 
 
-def series(time: np.ndarray, cells: np.ndarray, places: Mapping[str, tuple[int, str]]) -> dict[str, Series]:
+def series(
+    time: np.ndarray, columns: Sequence[np.ndarray], places: Mapping[str, tuple[int, str]]
+) -> dict[str, Series]:
     """Each quantity on the times at which it was logged: duty and position in per cent, sensors in V.
 
     Args:
         time: s, shape (n,).
-        cells: of the table, shape (n, m).
+        columns: of the table, shape (n,) each.
         places: as of `found`.
     """
     out = {}
     for quantity, (place, unit) in places.items():
-        there = np.isfinite(time) & np.isfinite(cells[:, place])
-        t, value = time[there], cells[there, place]
+        there = np.isfinite(time) & np.isfinite(columns[place])
+        t, value = time[there], columns[place][there]
         ahead = t > np.concatenate(([-np.inf], np.maximum.accumulate(t)[:-1]))
         if ahead.sum() < 2:
             continue

@@ -100,7 +100,7 @@ def read_log(path: Path, config: RigConfig, toml: str) -> DriveLog:
     table = replace(whole, header=tuple(taken.values()), cells=whole.cells[:, list(taken)])
     named = Toml(toml, read_text(toml) if Path(toml).is_file() else "", {})  # for messages alone
     columns = read_columns(table, config, str(path), named)
-    along = others.series(columns["time"].value, whole.cells, places)
+    along = others.series(columns["time"].value, list(whole.cells.T), places)
     setpoint = columns.get("setpoint")
     asked = None if setpoint is None else _series(columns["time"], setpoint, config, str(path))
     if "position" not in columns and others.VOLTS_1 in along:

@@ -121,7 +121,7 @@ def written(folder: Path) -> Path:
 
 def test_command_page_json_and_notebook_say_the_same(tmp_path: Path) -> None:
     logs, run = written(tmp_path / "car"), tmp_path / "run"
-    done = CliRunner().invoke(app, ["drive", str(logs), "--out", str(run), "--quiet"])
+    done = CliRunner().invoke(app, ["drive", str(logs / "a.csv"), "--out", str(run), "--quiet"])
     assert done.exit_code == 0, done.output
     content = json.loads((run / "drive.json").read_text(encoding="utf-8"))
     schema = Path(etcfit.__file__).parent / "run_folder" / "schemas" / "drive.schema.json"
