@@ -98,8 +98,8 @@ def _of_steps(log: DriveLog, steps: Sequence[Step], cycle: LimitCycle | None) ->
             return criterion.judged(None, without=why or without)
         order = sorted(among, key=figure)
         at = order[int(np.ceil(_SHARE * len(order))) - 1]
-        place = f"from {at.before:.0f} to {at.after:.0f} % at {at.begin:.1f} s"
-        where = f"{100.0 * _SHARE:.0f} % of {len(order)} steps are no worse; this one is {place}"
+        place = f"step from {at.before:.0f} to {at.after:.0f} % at {at.begin:.1f} s"
+        where = f"{place}; {100.0 * _SHARE:.0f} % of {len(order)} are no worse"
         return criterion.judged(figure(at), where)
 
     clear = [each for each in large if 0.01 * OVERSHOOT.limit * abs(each.size) > 3.5 * sd]

@@ -63,10 +63,9 @@ def good_enough(each: Study) -> RenderableType:
 
 def _answer(each: Study) -> Iterator[RenderableType]:
     yield spaced(Text(f"{each.log.name}: {in_a_word(each.verdict)}", style="bold"))
+    yield from (Padding(Text(f"- {text}"), (0, 0, 0, 2)) for text in says_of(each))
     for table in tables_of(each):
         yield headed(f"{each.log.name}: {table.caption}", shown(table))
-    if (said := sentences(f"{each.log.name}: what was found", says_of(each))) is not None:
-        yield said
 
 
 def _next(logs: Sequence[DriveLog]) -> RenderableType | None:
