@@ -20,9 +20,9 @@ from independent import hunting
 from second_order import log as second_order
 
 
-def of(zeta: float, wn: float, **how: float) -> Study:
+def of(zeta: float, wn: float, rate: float = 200.0, held: float = 1.0) -> Study:
     levels = [20.0, 60.0, 35.0, 40.0, 15.0, 50.0, 42.0, 70.0, 30.0]
-    position, wanted = second_order(levels, zeta, wn, **{"rate": 200.0, **how})
+    position, wanted = second_order(levels, zeta, wn, rate, held=held)
     return study(DriveLog("a.csv", position, wanted))
 
 

@@ -24,8 +24,8 @@ def sweep(dwell: float = 1.0) -> tuple[np.ndarray, np.ndarray]:
 def of(first: np.ndarray, second: np.ndarray, opens: float = 0.0, tps: tuple[float, float] | None = None) -> Sensors:
     time, _ = sweep()
     rng = np.random.default_rng(0)
-    pair = [Series(time, each + 0.004 * rng.standard_normal(time.size)) for each in (first, second)]
-    found = two_sensors(*pair, "V", opens, tps)
+    one, two = (Series(time, each + 0.004 * rng.standard_normal(time.size)) for each in (first, second))
+    found = two_sensors(one, two, "V", opens, tps)
     assert found is not None
     return found
 

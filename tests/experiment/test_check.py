@@ -6,13 +6,18 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 import pytest
 
 import folders
+from etcfit.car_log import DriveLog, Series, study
 from etcfit.experiment.check import channel_check, check, clipped, clock
 from etcfit.experiment.settings import CheckSettings
-from etcfit.rig.base import Channel
+from etcfit.reporting.blocks import render
+from etcfit.reporting.check_table import check_table
+from etcfit.rig.base import Channel, Rig
 from etcfit.rig.reader import read_folder
+from independent import second_order
 
 
 def channel(value: np.ndarray, **changes: object) -> Channel:
@@ -78,3 +83,16 @@ def test_a_driven_plate_alone_cannot_tell_motor_from_load(verdict) -> None:
     assert any("J_m" in text and "motor-alone" in text for text in verdict.directions)
     assert len(verdict.directions) == len(verdict.identifiability.directions) > 0
     assert (np.diff(verdict.identifiability.singular_values) <= 0).all()
+
+
+def test_a_trace_with_a_setpoint_is_judged_as_a_log_of_a_car() -> None:
+    """By the same thresholds and sentences; nothing else of this rig can be fitted."""
+    log = second_order.log([20.0, 60.0, 35.0, 70.0, 40.0], 0.3, 40.0, 200.0)
+    frame = pd.DataFrame({"time [s]": log["time"], "setpoint [%]": log["setpoint"], "position [%]": log["position"]})
+    rig = Rig.from_frames({"closed_loop/steps": frame}, {"rig": {"name": "car", "travel_deg": [7.0, 90.0]}})
+    result = check(rig)
+    (found,) = result.follows
+    drive = study(DriveLog("steps", *(Series(log["time"], log[name]) for name in ("position", "setpoint"))))
+    assert [j.says for j in found.verdict.judgements] == [j.says for j in drive.verdict.judgements]
+    assert "closed_loop/steps: good enough?" in (shown := render(check_table(result)))
+    assert "NOT GOOD" in shown
