@@ -77,8 +77,8 @@ def test_fit_json_holds_what_the_contract_names(fitted: FitResult, tmp_path: Pat
     assert fit["schema"] == "etcfit.fit/1"
     assert {"rig", "synthetic", "converged", "reason", "model", "parameters", "score"} <= set(fit)
     assert (fit["rig"], fit["synthetic"], fit["converged"]) == ("bench", True, True)
-    assert set(fit["score"]) == {"fit", "holdout", "chi2_per_dof"}
-    row = {"file", "test", "channel", "unit", "n", "rms", "sigma"}
+    assert set(fit["score"]) == {"fit", "holdout", "chi2_per_dof", "explained", "explained_holdout"}
+    row = {"file", "test", "channel", "unit", "n", "rms", "sigma", "explained"}
     assert all(set(each) == row for each in fit["score"]["holdout"])
     assert all(set(each) == row | {"left"} for each in fit["score"]["fit"])
     assert {row["file"] for row in fit["score"]["holdout"]} == {"response/2.csv"}
@@ -134,7 +134,7 @@ def test_diagnosis_json_holds_what_the_contract_names(found: Diagnosis, tmp_path
     assert written["parameters"].keys() == fit_json(found.after)["parameters"].keys() > {"T_lh", "N"}
     for which in ("before", "after", "after_with_unknown"):
         for row in (*written[which]["fit"], *written[which]["holdout"]):
-            assert set(row) - {"left"} == {"file", "test", "channel", "unit", "n", "rms", "sigma"}
+            assert set(row) - {"left", "explained"} == {"file", "test", "channel", "unit", "n", "rms", "sigma"}
         assert {row["file"] for row in written[which]["holdout"]} == {"response/2.csv"}
     assert (written["synthetic"], written["name"], written["rig"]) == (True, "bench", [])
     assert written["verdict"] == list(found.verdict)

@@ -68,8 +68,8 @@ def test_the_verdict_is_seen_at_once_and_nothing_is_cut(browser: Browser, page: 
     assert shown.evaluate("[...document.images].every((each) => each.complete && each.naturalWidth > 0)")
     wide = "[...document.querySelectorAll('.scroll')].every((each) => each.getBoundingClientRect().right <= innerWidth)"
     assert shown.evaluate(wide)  # what is wider than the screen is scrolled within it
-    smallest = "Math.min(...[...document.querySelectorAll('td, p, li')].map((e) => parseFloat(getComputedStyle(e).fontSize)))"
-    assert shown.evaluate(smallest) >= 12.0
+    letters = "[...document.querySelectorAll('td, p, li')].map((e) => parseFloat(getComputedStyle(e).fontSize))"
+    assert min(shown.evaluate(letters)) >= 12.0
     assert said == []
     assert [url for url in asked if not url.startswith(("file:", "data:"))] == []
     context.close()
