@@ -1,14 +1,6 @@
-"""Hook of MkDocs: `<!-- ecus -->` becomes the table of engine computers, made of the registry itself."""
+"""The table of engine computers, made from their registry."""
 
 from __future__ import annotations
-
-from typing import Any
-
-
-def on_page_markdown(markdown: str, **_: Any) -> str:
-    """Fill in the marker."""
-    return markdown.replace("<!-- ecus -->", table()) if "<!-- ecus -->" in markdown else markdown
-
 
 def table() -> str:
     """One row a make: what its source fixes, what it can put ahead, tables of gains, what is assumed, the source."""

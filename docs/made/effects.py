@@ -1,8 +1,4 @@
-"""Hook of MkDocs: the catalogues of effects and the table of symbols, made of the registries themselves.
-
-`<!-- effects -->` and `<!-- rig effects -->` become one section an effect, `<!-- symbols -->` one row a parameter.
-Nothing is written by hand, so the page cannot differ from the program.
-"""
+"""The catalogues of effects and the table of symbols, made from their registries."""
 
 from __future__ import annotations
 
@@ -17,17 +13,6 @@ NEEDS = {
     "position": "the plate's angle",
     "gear": "a gear ratio",
 }
-
-
-def on_page_markdown(markdown: str, **_: Any) -> str:
-    """Fill in the markers."""
-    if "<!-- effects -->" in markdown:
-        markdown = markdown.replace("<!-- effects -->", catalogue())
-    if "<!-- rig effects -->" in markdown:
-        markdown = markdown.replace("<!-- rig effects -->", of_the_rig())
-    if "<!-- symbols -->" in markdown:
-        markdown = markdown.replace("<!-- symbols -->", symbols())
-    return markdown
 
 
 def catalogue() -> str:

@@ -1,20 +1,13 @@
-"""Hook of MkDocs: `<!-- schema: KIND -->` becomes the table of KIND.json, made of its JSON schema in the package."""
+"""The table of a JSON file's keys, made from its schema in the package."""
 
 from __future__ import annotations
 
 import json
-import re
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 FOLDER = Path(__file__).resolve().parents[2] / "etcfit" / "run_folder" / "schemas"
-MARKER = re.compile(r"<!-- schema: (\w+) -->")
-
-
-def on_page_markdown(markdown: str, **_: Any) -> str:
-    """Fill in every marker."""
-    return MARKER.sub(lambda match: table(match[1]), markdown)
 
 
 def table(kind: str) -> str:

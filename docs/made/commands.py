@@ -1,4 +1,4 @@
-"""Hook of MkDocs: `<!-- options: COMMAND -->` becomes usage, arguments and options, as the command line declares them.
+"""The verbs of the command line, and the options of each, as the command line declares them.
 
 They are read off the signatures, so neither the parser behind the command line nor its version matters.
 """
@@ -6,17 +6,11 @@ They are read off the signatures, so neither the parser behind the command line 
 from __future__ import annotations
 
 import inspect
-import re
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, get_args, get_type_hints
 
-MARKER = re.compile(r"<!-- options: (\w+) -->")
 METAVARS = {int: "N", float: "X", str: "TEXT", Path: "FOLDER"}
-
-
-def on_page_markdown(markdown: str, **_: Any) -> str:
-    """Fill in every marker."""
-    return MARKER.sub(lambda match: options(match[1]), markdown)
 
 
 def options(name: str) -> str:
@@ -26,6 +20,28 @@ def options(name: str) -> str:
     rows = ["| argument or option | default | meaning |", "| --- | --- | --- |"]
     rows += [row(each, hints[each.name]) for each in inspect.signature(function).parameters.values()]
     return "\n".join([*rows, "| `-h`, `--help` |  | Show this and stop. |"])
+
+
+def verbs() -> str:
+    """Every command in a line, with what it must be given."""
+    rows = ["| command | what it does |", "| --- | --- |"]
+    for name, function in commands().items():
+        first = (inspect.getdoc(inspect.unwrap(function)) or "").partition("\n")[0]
+        rows.append(f"| `etcfit {' '.join([name, *required(function)])}` | {first} |")
+    return "\n".join(rows)
+
+
+def required(function: Any) -> Iterator[str]:
+    """The arguments and options without which a command does nothing."""
+    function = inspect.unwrap(function)
+    hints = get_type_hints(function, include_extras=True)
+    for each in inspect.signature(function).parameters.values():
+        kinds, info = described(hints[each.name])
+        metavar = info.metavar or METAVARS.get(kinds[0], each.name.upper())
+        if type(info).__name__ == "ArgumentInfo":
+            yield metavar
+        elif each.default is inspect.Parameter.empty:
+            yield f"--{each.name.replace('_', '-')} {metavar}"
 
 
 def commands() -> dict[str, Any]:
