@@ -1,4 +1,4 @@
-"""Hook of MkDocs: `<!-- include: FILE -->` becomes that file of the root, its first heading left out."""
+"""Hook of MkDocs: `<!-- include: FILE -->` becomes that file of the root, without its heading, links made the site's."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import re
 from pathlib import Path
 from typing import Any
 
-ROOT = Path(__file__).resolve().parents[2]
+ROOT = Path(__file__).resolve().parents[1]
 MARKER = re.compile(r"<!-- include: ([\w./-]+) -->")
 
 
@@ -16,5 +16,6 @@ def on_page_markdown(markdown: str, **_: Any) -> str:
 
 
 def included(name: str) -> str:
+    """The text of a file of the root as a page of the site's first level has it."""
     text = (ROOT / name).read_text(encoding="utf-8")
-    return re.sub(r"\A# .*\n", "", text).strip()
+    return re.sub(r"\A# .*\n", "", text).strip().replace("](docs/", "](")

@@ -27,7 +27,7 @@ def verbs() -> str:
     rows = ["| command | what it does |", "| --- | --- |"]
     for name, function in commands().items():
         first = (inspect.getdoc(inspect.unwrap(function)) or "").partition("\n")[0]
-        rows.append(f"| `etcfit {' '.join([name, *required(function)])}` | {first} |")
+        rows.append(f"| `etcfit {' '.join([name, *required(function)]).replace('|', ' or ')}` | {first} |")
     return "\n".join(rows)
 
 
@@ -55,7 +55,8 @@ def row(parameter: inspect.Parameter, hint: Any) -> str:
     kinds, info = described(hint)
     help_ = (info.help or "").replace("|", "\\|")
     if type(info).__name__ == "ArgumentInfo":
-        return f"| `{info.metavar or parameter.name.upper()}` | required | {help_} |"
+        metavar = (info.metavar or parameter.name.upper()).replace("|", "` or `")
+        return f"| `{metavar}` | required | {help_} |"
     value = "" if kinds == (bool,) else " " + (info.metavar or " ".join(METAVARS[kind] for kind in kinds))
     # inside Annotated the first name stands where a default would
     names = [name for name in (info.default, *(info.param_decls or ())) if isinstance(name, str)]
