@@ -1,4 +1,4 @@
-"""Hook of MkDocs: `<!-- include: FILE -->` becomes that file of the root, without its heading, links made the site's."""
+"""Hook of MkDocs: `<!-- include: FILE -->` becomes that file of the root, no heading, its links made those of the site."""
 
 from __future__ import annotations
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+
 def table() -> str:
     """One row a make: what its source fixes, what it can put ahead, tables of gains, what is assumed, the source."""
     from etcfit import ECUS

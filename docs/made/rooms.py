@@ -11,7 +11,9 @@ ROOT = Path(__file__).resolve().parents[2]
 def order() -> list[str]:
     """The rooms as `tests/test_architecture.py` has them: a file imports from its own room and those before it."""
     tree = ast.parse((ROOT / "tests" / "test_architecture.py").read_text(encoding="utf-8"))
-    (rooms,) = (node.value for node in tree.body if isinstance(node, ast.Assign) and ast.unparse(node.targets[0]) == "ROOMS")
+    (rooms,) = (
+        node.value for node in tree.body if isinstance(node, ast.Assign) and ast.unparse(node.targets[0]) == "ROOMS"
+    )
     return [each.value for each in ast.walk(rooms) if isinstance(each, ast.Constant)]
 
 

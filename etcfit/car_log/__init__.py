@@ -1,4 +1,5 @@
-"""Logs from the car: over which range and how fast the plate is asked to move, and how closely it follows.
+"""Logs from the car: over which range and how fast the plate is asked to move, and how closely it follows; knows
+nothing of the model.
 
 Source: the paper, Sections 2 and 4.3.
 """
