@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import json
 import re
 from pathlib import Path
 
 import pytest
 
 from docs.made import ROOT, made, pages, renewed
+from docs.made.notebooks import cells, page_of
 
 LINK = re.compile(r"\]\(([^)\s#]+)(?:#[^)\s]*)?\)")
 FENCED = re.compile(r"^```.*?^```", re.MULTILINE | re.DOTALL)
@@ -42,3 +44,18 @@ def test_every_link_to_a_file_leads_to_one(page: Path) -> None:
     text = FENCED.sub("", page.read_text(encoding="utf-8"))
     targets = [target for target in LINK.findall(text) if "://" not in target and not target.startswith("mailto:")]
     assert [target for target in targets if not (page.parent / target).exists()] == []
+
+
+@pytest.mark.parametrize("notebook", sorted((ROOT / "notebooks").glob("*.ipynb")), ids=lambda notebook: notebook.stem)
+def test_a_notebook_has_its_page_with_every_cell_and_its_pictures(notebook: Path) -> None:
+    page = page_of(notebook).read_text(encoding="utf-8")
+    rest = page
+    for _, text in cells(json.loads(notebook.read_text(encoding="utf-8"))):
+        _, found, rest = rest.partition(text)
+        assert found, f"run python -m docs.made.notebooks {notebook.stem} and commit what it writes"
+    assert f"](pictures/{notebook.stem}_1.png)" in page
+
+
+def test_pictures_of_notebooks_stay_small() -> None:
+    pictures = [*(ROOT / "docs" / "tutorials" / "pictures").glob("*.png")]
+    assert sum(file.stat().st_size for file in pictures) < 2e6
