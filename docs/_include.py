@@ -1,4 +1,4 @@
-"""Hook of MkDocs: `<!-- include: FILE -->` becomes that file of the root, no heading, its links made those of the site."""
+"""Hook of MkDocs: `<!-- include: FILE -->` becomes that file of the root, no heading, its links those of the site."""
 
 from __future__ import annotations
 

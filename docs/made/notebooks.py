@@ -1,4 +1,4 @@
-"""The notebooks as pages with their outputs and pictures: `python -m docs.made.notebooks [NAME ...]` runs them all, or some.
+"""The notebooks as pages with outputs and pictures: `python -m docs.made.notebooks [NAME ...]` runs all, or some.
 
 A page holds every cell of its notebook; `tests/test_docs.py` fails where one has changed since.
 """
