@@ -12,7 +12,7 @@ from pathlib import Path
 
 from benchmarks.page import Between
 
-from . import commands, ecus, effects, rooms, schemas
+from . import commands, ecus, effects, howtos, rooms, schemas
 
 ROOT = Path(__file__).resolve().parents[2]
 PARTS: dict[str, Callable[[], str]] = {
@@ -22,6 +22,7 @@ PARTS: dict[str, Callable[[], str]] = {
     "symbols": effects.symbols,
     "ecus": ecus.table,
     "rooms": rooms.table,
+    "howtos": howtos.table,
 }
 OF_A_NAME: dict[str, Callable[[str], str]] = {"options": commands.options, "schema": schemas.table}
 MARKER = re.compile(r"^<!-- ([a-z ]+(?:: (?!begin|end)\w+)?)(?:: begin)? -->$", re.MULTILINE)
