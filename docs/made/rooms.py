@@ -14,7 +14,7 @@ def order() -> list[str]:
     (rooms,) = (
         node.value for node in tree.body if isinstance(node, ast.Assign) and ast.unparse(node.targets[0]) == "ROOMS"
     )
-    return [each.value for each in ast.walk(rooms) if isinstance(each, ast.Constant)]
+    return [str(each.value) for each in ast.walk(rooms) if isinstance(each, ast.Constant)]
 
 
 def place(room: str) -> Path:
