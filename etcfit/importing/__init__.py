@@ -1,4 +1,6 @@
-"""The way in: foreign files become a measurement folder, and a new rig gets a rig.toml that explains itself."""
+"""The way in: foreign files become a measurement folder, a reader a format, guesses with reasons; a new rig gets a
+rig.toml that explains itself.
+"""
 
 from __future__ import annotations
 
