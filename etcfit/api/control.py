@@ -97,11 +97,11 @@ def design_of(
     given = (computer, Requirements(**asked.limits), asked.rule, drawn, asked.feed_forward, report,
              settings or DesignSettings(), make, log)  # fmt: skip
     if asked.parts is None:
-        found = design(fitted, *given)
+        found = design(fitted, *given, present=asked.present)
     else:
         from ..run_folder.parts import parts_of
 
-        found = design_for_parts(fitted, parts_of(Path(asked.parts)), *given)
+        found = design_for_parts(fitted, parts_of(Path(asked.parts)), *given, present=asked.present)
     return replace(found, anyway=True) if asked.anyway else found
 
 
@@ -133,6 +133,7 @@ def fleet_design_of(
         settings or DesignSettings(),
         profile=make,
         log=log,
+        present=asked.present,
     )
 
 

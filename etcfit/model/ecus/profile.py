@@ -72,7 +72,7 @@ class EcuProfile:
         name: of `--ecu`.
         title: of tables.
         source: what all this is taken from.
-        notation: how it writes gains.
+        notation: how it writes gains; None where that is not published: they are shares of the user's then.
         gains: what it calls P, I and D.
         fixes: by field of `Ecu`, what the source fixes.
         assumes: by field of `Ecu`, what is taken where the maker publishes nothing.
@@ -88,7 +88,7 @@ class EcuProfile:
     name: str
     title: str
     source: str
-    notation: Notation
+    notation: Notation | None
     gains: tuple[str, str, str]
     fixes: Mapping[str, float]
     assumes: Mapping[str, float] = field(default_factory=dict)

@@ -225,6 +225,8 @@ def _habits(ecu: Ecu) -> Iterator[str]:
         yield f"integral within {short(ecu.integral * ecu.supply)} V"
     if ecu.dead_band:
         yield f"integral still within {short(np.degrees(ecu.dead_band))} degrees"
+    if ecu.compensated:
+        yield "divided by the battery voltage"
     if ecu.slew:
         yield f"output no faster than {short(ecu.slew)} V/s"
     if ecu.setpoint_weight != 1.0:
@@ -262,7 +264,7 @@ def _proposed(design: Design) -> RenderableType:
     table = plain_table("proposed", "P", "I", "D", "unit")
     table.add_row("continuous time", *(short(g, 5) for g in gains), "V/rad, s")
     table.add_row(f"ticks of {short(1e3 * ecu.period)} ms", *(short(g, 5) for g in native), "V/rad, ticks")
-    if (make := design.task.profile) is not None:
+    if (make := design.task.profile) is not None and make.notation is not None:
         table.add_row(make.title, *(short(g, 5) for g in design.written(gains, make.notation)), make.notation.title)
     if (own := design.fitted.config.notation) is not None:
         table.add_row("as in rig.toml", *(short(g, 5) for g in design.written(gains, own)), own.title)

@@ -42,8 +42,10 @@ def outside_the_bench(design: Design) -> list[str]:
     figures = [(*WORDS[key], float(getattr(robust.worst, key))) for key in shown]
     worst = ", ".join(f"{name} {short(value)} {unit}" if np.isfinite(value) else f"{name} never"
                       for name, unit, value in figures)  # fmt: skip
+    reckons = ("the ECU divides by the battery voltage" if design.task.ecu.compensated else
+               "a duty is a share of the supply that there is")  # fmt: skip
     ranges = (f"supply {_range(asked.supply)} V, winding {_range(asked.winding)} degrees Celsius, dry friction "
-              f"{_range(asked.friction)} times the bench's; a duty is a share of the supply that there is")  # fmt: skip
+              f"{_range(asked.friction)} times the bench's; {reckons}")  # fmt: skip
     met = "met at every corner" if robust.meets_all else "not met at every corner"
     share = f"{robust.probability_met:.2f} of the {of_models(design)}, each under conditions of its own, meet them"
     supply, winding, friction = robust.corner

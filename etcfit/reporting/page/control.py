@@ -105,8 +105,9 @@ def settings_table(pid: Mapping[str, Any]) -> Table | None:
 
 
 def assumed(pid: Mapping[str, Any]) -> list[str]:
-    """What is taken of that ECU without a source."""
-    return [f"assumed: {each}" for each in (pid.get("profile") or {}).get("assumed", ())]
+    """What its gains mean where it publishes no unit, and what is taken of that ECU without a source."""
+    written = pid.get("profile") or {}
+    return [*written.get("says", ()), *(f"assumed: {each}" for each in written.get("assumed", ()))]
 
 
 def metrics_table(pid: Mapping[str, Any]) -> Table | None:
