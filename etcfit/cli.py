@@ -773,6 +773,16 @@ def import_(
         Path | None,
         typer.Option(help="A rig.toml to take over, as `etcfit new` makes one.", metavar="RIG.TOML", dir_okay=False),
     ] = None,
+    motor: Annotated[
+        str | None, typer.Option(help="The motor to take, of files that have several.", metavar="NAME")
+    ] = None,
+    servo: Annotated[
+        str | None,
+        typer.Option(
+            help="The columns are registers of: feetech-sts, feetech-scs, dynamixel-xm, dynamixel-xl330, dynamixel-ax.",
+            metavar="NAME",
+        ),
+    ] = None,
     limit: Annotated[
         str, typer.Option(help="Of one recording's numbers in memory; larger ones are refused.", metavar="SIZE")
     ] = "256MB",
@@ -789,7 +799,7 @@ def import_(
     most = int(_with_unit("--limit", limit, _BYTES, "a size", "2GB"))
     resolve = accept_all if yes else _asked if sys.stdin.isatty() and sys.stderr.isatty() else refuse
     with _progress(quiet or resolve is _asked) as report:
-        done = import_files(files, to, answers, resolve, rig=rig, most=most, report=report)
+        done = import_files(files, to, answers, resolve, rig=rig, most=most, motor=motor, servo=servo, report=report)
     for file, source, reason in done.traces:
         _say(f"{done.folder}/{file}  from {source}: {reason}")
     for warning in done.warnings:

@@ -98,7 +98,7 @@ def said(task: Task, gains: Gains, title: str) -> Iterator[str]:
         reserve = most.gain / float(gains.Kp) * P.of_present
         yield (f"P alone becomes unstable at about {reserve:.2g} times yours (I and D at 0, a plate without dry "
                f"friction); proposed is {P.of_present:.2g} times yours")  # fmt: skip
-        if swings_at and number:
+        if swings_at and number and isinstance(task.as_found, Gains):
             yield f"by the model yours would swing on at a P of {reserve * number:.3g}; you found {swings_at:g}"
     else:
         yield (f"P alone becomes unstable at about {most.gain / float(gains.Kp):.2g} times the proposed P. Set I and D "

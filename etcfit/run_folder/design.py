@@ -18,7 +18,7 @@ from ..control.pid.requirements import REQUIRED, Metrics
 from ..control.pid.setpoint import Setpoint
 from ..files import plain
 from ..model.ecu import Ecu, Notation
-from ..model.ecus import RUSEFI, BiasTable, differences
+from ..model.ecus import NOT_DIVIDED, RUSEFI, BiasTable, differences
 from .ahead import ahead_json, code
 from .fit import versions
 from .safety import safety_json
@@ -253,7 +253,7 @@ def written_for(design: Design) -> dict[str, Any] | None:
     assert gains is not None, "the proposed rule has gains"
     notation, own = profile.notation, shares(design.task, gains)
     if notation is None:
-        typed = [dict(zip(("value", "unit"), each.shown, strict=True)) | each._asdict() for each in own]
+        typed = [each._asdict() | dict(zip(("value", "unit"), each.shown, strict=True)) for each in own]
     else:
         typed = [{"value": value, "unit": unit}
                  for value, unit in zip(design.written(gains, notation), notation.of_each, strict=True)]  # fmt: skip
@@ -269,7 +269,7 @@ def written_for(design: Design) -> dict[str, Any] | None:
         "bias": None if profile.bias is None else _bias(design, profile.bias),
         "code": code(design),
         "source": profile.source,
-        "assumed": list(profile.assumed),
+        "assumed": [each for each in profile.assumed if not (ecu.compensated and each == NOT_DIVIDED)],
     }
 
 

@@ -127,6 +127,8 @@ def test_terminal_file_page_and_sentence_have_the_same_shares(fitted: Fitted, tm
     Draft202012Validator(schema).validate(json.loads((tmp_path / "pid.json").read_text()))
     gain = pid["profile"]["gains"]["P gain"]
     assert gain["value"] == pytest.approx(0.6 * found.proposed.Kp)
+    assert pid["profile"]["gains"]["I gain"]["value"] == pytest.approx(80.0 * found.proposed.Ki / 200.0)
+    assert not any("battery" in each for each in pid["profile"]["assumed"])
     assert pid["ecu"]["divides_by_battery"] is True
     table = pid["profile"]["bias"]
     assert table["target"][0] == 0.0

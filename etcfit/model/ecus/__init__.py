@@ -16,7 +16,7 @@ from .haltech import HALTECH
 from .link import LINK
 from .maxxecu import MAXXECU
 from .motec import MOTEC
-from .profile import BiasTable, EcuProfile, Limit, Pasting, Scheduling, differences
+from .profile import NOT_DIVIDED, BiasTable, EcuProfile, Limit, Pasting, Scheduling, differences
 from .rusefi import RUSEFI
 from .syvecs import SYVECS
 
@@ -38,4 +38,15 @@ def named(name: str) -> EcuProfile:
     return ECUS[name]
 
 
-__all__ = ["ECUS", "PROFILES", "BiasTable", "EcuProfile", "Limit", "Pasting", "Scheduling", "differences", "named"]
+__all__ = [
+    "ECUS",
+    "NOT_DIVIDED",
+    "PROFILES",
+    "BiasTable",
+    "EcuProfile",
+    "Limit",
+    "Pasting",
+    "Scheduling",
+    "differences",
+    "named",
+]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from .profile import BiasTable, EcuProfile
+from .profile import NOT_DIVIDED, BiasTable, EcuProfile
 
 ECUMASTER = EcuProfile(
     name="ecumaster",
@@ -18,7 +18,8 @@ ECUMASTER = EcuProfile(
     assumed=(
         "clock and derivative filter as the options and [ecu] of rig.toml say: what was found names neither",
         "the PID of the textbook: a derivative of the error, an integral that stands still at the duty's limit",
-        "a duty of up to 100 %, not divided by the battery voltage; say --divides-by-battery if yours is",
+        "a duty of up to 100 %",
+        NOT_DIVIDED,
         "Rate max so large that it does not act: the gains are tried on steps of the target",
         "a spring force table of 8 points, % of duty over % of position; EMU Black's like that of EMU PRO",
         "gains called by what they are: what was found does not name them",

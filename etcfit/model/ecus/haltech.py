@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from .profile import EcuProfile
+from .profile import NOT_DIVIDED, EcuProfile
 
 HALTECH = EcuProfile(
     name="haltech",
@@ -17,7 +17,8 @@ HALTECH = EcuProfile(
     assumed=(
         "clock and derivative filter as the options and [ecu] of rig.toml say: the article names neither",
         "the PID of the textbook: a derivative of the error, an integral that stands still at the duty's limit",
-        "a duty of up to 100 %, not divided by the battery voltage; say --divides-by-battery if yours is",
+        "a duty of up to 100 %",
+        NOT_DIVIDED,
         "no feed-forward: none is described",
         "gains called by what they are: the article does not name them; Nexus like Elite",
     ),

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from .profile import BiasTable, EcuProfile
+from .profile import NOT_DIVIDED, BiasTable, EcuProfile
 
 MAXXECU = EcuProfile(
     name="maxxecu",
@@ -21,7 +21,8 @@ MAXXECU = EcuProfile(
     assumed=(
         "clock and derivative filter as the options and [ecu] of rig.toml say: the help of the throttle names neither",
         "the PID of the textbook: a derivative of the error, an integral that stands still at the duty's limit",
-        "a duty of up to 100 %, not divided by the battery voltage; say --divides-by-battery if yours is",
+        "a duty of up to 100 %",
+        NOT_DIVIDED,
         "the gain multiplier stays what it is: shares of your gains hold with the same one only",
         "a feed-forward table of 8 points, % of duty over % of target",
     ),

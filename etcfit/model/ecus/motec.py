@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from .profile import BiasTable, EcuProfile
+from .profile import NOT_DIVIDED, BiasTable, EcuProfile
 
 MOTEC = EcuProfile(
     name="motec",
@@ -19,7 +19,8 @@ MOTEC = EcuProfile(
     assumed=(
         "clock and derivative filter as the options and [ecu] of rig.toml say: the thread names neither",
         "the PID of the textbook: a derivative of the error, an integral that stands still at the duty's limit",
-        "a duty of up to 100 %, not divided by the battery voltage; say --divides-by-battery if yours is",
+        "a duty of up to 100 %",
+        NOT_DIVIDED,
         "the names of the gains; the thread does not name them",
         "a feed-forward table of 8 sites",
     ),

@@ -59,6 +59,9 @@ class Scheduling(Enum):
     UNKNOWN = "no table of gains that is known of"
 
 
+NOT_DIVIDED = "no division by the battery voltage; say --divides-by-battery if yours does"
+
+
 @dataclass(frozen=True)
 class EcuProfile:
     """One make of engine computer: one file beside this one, and one line in `ecus/__init__.py`.

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from .profile import EcuProfile
+from .profile import NOT_DIVIDED, EcuProfile
 
 SYVECS = EcuProfile(
     name="syvecs",
@@ -16,7 +16,8 @@ SYVECS = EcuProfile(
     assumed=(
         "clock and derivative filter as the options and [ecu] of rig.toml say: nothing that was found names neither",
         "the PID of the textbook: a derivative of the error, an integral that stands still at the duty's limit",
-        "a duty of up to 100 %, not divided by the battery voltage; say --divides-by-battery if yours is",
+        "a duty of up to 100 %",
+        NOT_DIVIDED,
         "no feed-forward: none is known of",
         "gains called by what they are",
     ),
