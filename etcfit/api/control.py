@@ -55,13 +55,15 @@ def plant_of(
         settings: which sine traces count; the defaults where None.
     """
     from ..control.frequency import frequency_response
-    from ..control.linearise import reduce
+    from ..control.linearise import reduce, stops
+    from ..control.motor_constants import motor_constants
     from ..control.settings import FrequencySettings
     from ..run_folder import sines_of
 
     report("linearising", 0.3)
     fitted, sines = result.fitted(), sines_of(result)
     reduction = reduce(fitted, input_unit, output_unit, share)
+    reduction = replace(reduction, constants=motor_constants(fitted, *stops(fitted), share))
     if not sines:
         return Plant(reduction, None)
     report("fitting sines", 0.6)

@@ -16,6 +16,7 @@ from ..errors import UsageError
 from ..estimation.fitted_model import Fitted
 from ..model.linear import MIDDLE, TransferFunction, coefficients, holding, sensor_lag
 from ..model.throttle import Throttle
+from .motor_constants import MotorConstants
 
 INPUTS = {"V": "voltage", "%": "duty"}
 OUTPUTS = ("rad", "deg", "%")
@@ -34,6 +35,7 @@ class Reduction:
         theta: operating point, rad.
         current, volts: that hold the plate there in the middle of its dry friction.
         share: of the travel at the operating point.
+        constants: kS, kV and kA beside it; None where nobody asked for them.
     """
 
     plant: TransferFunction
@@ -45,6 +47,7 @@ class Reduction:
     current: float
     volts: float
     share: float
+    constants: MotorConstants | None = None
 
     def to_control(self, pade_order: int = 0) -> Any:
         """A python-control TransferFunction; with delay and sensor lag where a Pade order is given."""

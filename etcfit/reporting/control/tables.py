@@ -14,6 +14,7 @@ from ...control.frequency import FrequencyResponse, Ratio, phases
 from ...control.frequency.point import POSITION
 from ...control.judged import Tuned
 from ...control.linearise import Reduction
+from ...control.motor_constants import SYMBOLS, UNITS
 from ...control.pid.requirements import Metrics, Requirements
 from ...estimation.fitted_model import Fitted
 from ...model.ecu import Ecu, Notation
@@ -53,8 +54,22 @@ def reduction_table(fitted: Fitted, reduction: Reduction, pade_order: int) -> Re
     ]
     if fitted.state.compromise is not None:
         lines.append("stderr: 1.96 of them reach as far as the ranges that subsets of the data give; no standard error")
-    whole = Group(rig_title(fitted.config, "transfer function"), *(Text("  " + line) for line in lines), table)
+    parts = (*(Text("  " + line) for line in lines), table, constants_table(reduction))
+    whole = Group(rig_title(fitted.config, "transfer function"), *(part for part in parts if part is not None))
     return cautioned(whole, fitted.state)
+
+
+def constants_table(reduction: Reduction) -> RenderableType | None:
+    """kS, kV and kA with their standard errors, by radian and by turn; None where nobody asked for them."""
+    found = reduction.constants
+    if found is None:
+        return None
+    table = plain_table("constant", "value", "stderr", "unit", "by turn")
+    for name, value, stderr, unit in zip(SYMBOLS, found.values, found.stderr, UNITS, strict=True):
+        digits = Digits.of(float(value), float(stderr))
+        turn = "" if name == "kS" else f"{short(2.0 * np.pi * float(value), 4)} {unit.replace('rad', 'turn')}"
+        table.add_row(name, digits(float(value)), digits(float(stderr)), unit, turn)
+    return headed("Feed-forward v = kS sgn(w) + kV w + kA dw/dt, w of the shaft whose angle was logged", table)
 
 
 def _pole(pole: complex) -> str:

@@ -52,6 +52,9 @@ def plant_table(plant: Mapping[str, Any]) -> Table | None:
     rows += [(Markup("pole {}").format(k + 1), pole(*p), "rad/s") for k, p in enumerate(plant.get("poles") or [])]
     gain = f"{unit(plant['output']['unit'])}/{unit(plant['input']['unit'])}"
     rows.append(("open-loop static gain", number(plant.get("open_loop_dc_gain"), 4), gain))
+    if found := plant.get("feedforward"):
+        rows += [(f"feed-forward {name}", measured(found[name], found["stderr"][name]), found["unit"][name])
+                 for name in found["unit"]]  # fmt: skip
     return Table(f"Linear model of order {order}", ["", "value", "unit"], rows)
 
 
