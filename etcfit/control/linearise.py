@@ -76,7 +76,7 @@ def reduce(fitted: Fitted, input_unit: str = "V", output_unit: str = "rad", shar
 
     scale = np.array([factor, 1.0, 1.0, 1.0])
     row, (current, volts) = _about(fitted.throttle, theta, n, lower, upper)
-    b0, a2, a1, a0 = (scale * np.asarray(row)).tolist()
+    b0, a2, a1, a0 = (scale * np.asarray(row) + 0.0).tolist()  # no spring: 0, not -0
     gradient = scale[:, None] * fitted.gradient(of)
     covariance = gradient @ np.nan_to_num(fitted.covariance, posinf=0.0) @ gradient.T
     delay = float(np.asarray(fitted.throttle.delays().input))

@@ -35,6 +35,8 @@ _SYSID = re.compile(r"(voltage|position|velocity|acceleration|current)-(?P<motor
 _UNITS = {"volt": "V", "amp": "A", "rotation": "turn", "radian": "rad", "degree": "deg",
           "rotation per second": "turn/s", "radian per second": "rad/s", "degree per second": "deg/s"}  # fmt: skip
 _QUANTITY = {"velocity": "motor_speed"}  # of SysId, where the name is another than ours
+_TESTS = {"quasistatic": "slow", "dynamic": "fast"}  # as SysId's JSON calls them; a free wheel is no static load
+_LEAD = 200_000  # us before a test that are taken with it, where they were logged: a trace is to begin at rest
 _NONE = "none"  # state of SysId between two tests
 
 
@@ -181,7 +183,11 @@ def _sheets(
     spans = [span for state in states for span in _tests(state) if any(_is_of(entry, state) for _, entry in mine)]
     if not spans:
         return [Sheet(source.where, motor, (time_base(1e-6 * (ticks - ticks[0])), *columns), remarks)]
-    return [_within(source, motor, test, begin, end, ticks, columns, remarks) for test, begin, end in spans]
+    made, free = [], 0  # from where on no test runs
+    for test, begin, end in spans:
+        made.append(_within(source, motor, test, max(free, begin - _LEAD), end, ticks, columns, remarks))
+        free = end + 1
+    return made
 
 
 def _is_of(entry: _Entry, state: _Entry) -> bool:
@@ -198,7 +204,7 @@ def _tests(state: _Entry) -> list[tuple[str, int, int]]:
             found[-1] = (found[-1][0], found[-1][1], time)
         else:
             found.append((str(value), time, time))
-    return found
+    return [("-".join(_TESTS.get(word, word) for word in name.split("-")), begin, end) for name, begin, end in found]
 
 
 def _within(
@@ -207,7 +213,9 @@ def _within(
 ) -> Sheet:  # fmt: skip
     inside = (ticks >= begin) & (ticks <= end)
     cut = [replace(each, values=each.values[inside]) for each in columns]
-    return Sheet(source.where, f"{motor}: {test}", (time_base(1e-6 * (ticks[inside] - begin)), *cut), remarks)
+    return Sheet(
+        source.where, f"{motor}: {test}", (time_base(1e-6 * (ticks[inside] - ticks[inside][0])), *cut), remarks
+    )
 
 
 FORMAT = Format("WPILib data log", (".wpilog",), _read, motors=True)

@@ -46,7 +46,9 @@ def reduction_table(fitted: Fitted, reduction: Reduction, pade_order: int) -> Re
     lines = [
         f"G(s) = b0 / (s^3 + a2 s^2 + a1 s + a0), {unit}",
         "poles, 1/s: " + ", ".join(_pole(p) for p in plant.poles),
-        f"static gain {short(plant.dc_gain, 4)} {unit}",
+        f"static gain {short(plant.dc_gain, 4)} {unit}"
+        if np.isfinite(plant.dc_gain)
+        else "no static gain: without a spring a constant voltage turns it on and on",
         f"about {100.0 * reduction.share:.0f} % of the travel ({short(reduction.theta, 4)} rad), held by "
         f"{short(reduction.volts)} V and {short(reduction.current)} A in the middle of the dry friction",
         "dry friction and preload have no transfer function and are left out",
