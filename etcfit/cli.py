@@ -652,7 +652,9 @@ def _watched(address: str, share: float) -> None:
 @_verb("Share", "etcfit export runs/bench_twin --to c --out firmware")
 def export(
     run: Run,
-    to: Annotated[str, typer.Option(help="c, fmu, msq, mat, m, python, mujoco or isaac.", metavar="FORMAT")],
+    to: Annotated[
+        str, typer.Option(help="c, fmu, msq, mat, m, python, mujoco, mujoco-position or isaac.", metavar="FORMAT")
+    ],
     out: Annotated[
         Path | None, typer.Option(help="Where; RUN/export if not given.", file_okay=False, metavar="DIR")
     ] = None,

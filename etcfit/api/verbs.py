@@ -331,7 +331,7 @@ def export(
     Args:
         model: a fit, a diagnosis (its final model counts), a posterior, a transfer function, a run folder with the
             gains in it, or gains with their fit.
-        to: name of the format: c, fmu, msq, mat, m, python, mujoco or isaac.
+        to: name of the format: c, fmu, msq, mat, m, python, mujoco, mujoco-position or isaac.
         out: folder of its files; RUN/export of a run folder where None.
         settings: step and operating point; the defaults where None.
         into: file of your own tune, for msq: a copy of it is changed.
