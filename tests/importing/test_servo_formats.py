@@ -143,10 +143,10 @@ def test_feetech_registers_have_their_sign_in_a_bit(tmp_path: Path) -> None:
     path = tmp_path / "sts.csv"
     path.write_text("timestamp,target pos (5),pos (5),speed (5),load (5),current (5),voltage (5),pos (6)\n"
                     "0.0,1947,2042,0,40,1,121,7\n0.1,1947,2017,33068,1056,32770,120,8\n"
-                    "0.2,1947,32769,33118,72,2,121,9\n")  # fmt: skip
+                    "0.2,1947,32769,33118,1096,2,121,9\n")  # fmt: skip
     (sheet,) = read(path, "5", "feetech-sts")
     found = {c.name: (c.values.tolist(), c.unit) for c in sheet.columns}
-    assert found["duty"] == ([40.0, -32.0, 72.0], "0.1 %")
+    assert found["duty"] == ([40.0, -32.0, -72.0], "0.1 %")
     assert found["current"] == ([1.0, -2.0, 2.0], "6.5 mA")
     assert found["position"] == ([2042.0, 2017.0, -1.0], "0.087890625 deg")
     assert found["setpoint"][0] == [1947.0] * 3
@@ -154,6 +154,23 @@ def test_feetech_registers_have_their_sign_in_a_bit(tmp_path: Path) -> None:
     assert set(found) == {"timestamp", "duty", "current", "position", "setpoint", "supply"}
     with pytest.raises(MeasurementError, match=r"several motors in it: '5', '6'"):
         read(path, None, "feetech-sts")
+
+
+def test_a_load_that_is_positive_downwards_is_turned_and_said(tmp_path: Path) -> None:
+    """As recorded STS3215 servos have it: 76 while the position falls, 1100 (-76) while it rises."""
+    path = tmp_path / "sts.csv"
+    path.write_text(
+        "t,pos,load\n"
+        + "".join(
+            f"{0.1 * k},{p},{d}\n"
+            for k, (p, d) in enumerate(
+                [(2042, 40), (2017, 76), (1978, 72), (1955, 48), (1953, 0), (1978, 1100), (2017, 1092), (2038, 1076)]
+            )
+        )
+    )
+    (sheet,) = read(path, None, "feetech-sts")
+    assert next(c for c in sheet.columns if c.name == "duty").values.tolist() == [-40, -76, -72, -48, 0, 76, 68, 52]
+    assert "its sign turned" in sheet.remarks[-1]
 
 
 def test_dynamixel_registers_are_in_twos_complement(tmp_path: Path) -> None:

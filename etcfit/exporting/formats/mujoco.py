@@ -14,7 +14,8 @@ from ..joint import Joint, cannot_hold, joint_of
 
 # impedance of the friction's constraint: by default a stuck plate creeps by 3e-3 rad in 0.1 s, so by 1e-5
 _STICKS = "0.9999 0.9999 0.001 0.5 2"
-_SOFT = "The stops are soft contacts of the engine, and a sticking plate creeps a little: its friction is a soft constraint."
+_SOFT = ("The stops are soft contacts of the engine, and a sticking plate creeps a little: its friction is a soft "
+         "constraint.")  # fmt: skip
 
 
 def _scene(source: Source, joint: Joint, damping: float) -> Xml.Element:
@@ -30,7 +31,8 @@ def _scene(source: Source, joint: Joint, damping: float) -> Xml.Element:
     Xml.SubElement(plate, "joint", {
         "name": "plate", "type": "hinge", "axis": "0 0 1", "armature": repr(joint.armature),
         "damping": repr(damping), "frictionloss": repr(joint.friction), "stiffness": repr(joint.stiffness),
-        "springref": repr(joint.rest), "solimpfriction": _STICKS, "limited": "true", "range": f"{body['lower']!r} {body['upper']!r}",
+        "springref": repr(joint.rest), "solimpfriction": _STICKS, "limited": "true",
+        "range": f"{body['lower']!r} {body['upper']!r}",
     })  # fmt: skip
     return root
 

@@ -88,6 +88,7 @@ SERVOS: Mapping[str, Servo] = {
 # word in a name -> register, the first that is found
 _WORDS = (("goal", r"goal|target|command"), ("position", r"pos(ition)?"), ("pwm", r"pwm"), ("load", r"load"),
           ("current", r"current"), ("voltage", r"voltage|volt"), ("temperature", r"temp(erature)?"))  # fmt: skip
+_AGAINST = 0.5  # share of the power that must be negative before a duty counts as one of the other sign
 _TIMES = re.compile(r"t|time|timestamp\w*|ts|seconds", re.IGNORECASE)
 _IDS = ("id", "motor", "servo", "motor_id", "servo_id")  # of a column that says whose row it is
 _NUMBER = re.compile(r"(?P<name>.*?)\s*\((?P<motor>\d+)\)")  # load (5)
@@ -128,12 +129,28 @@ def decoded(sheet: Sheet, servo: Servo) -> list[Sheet]:
                                "Leave --servo out, or name the columns so.")  # fmt: skip
     made = []
     for motor, columns in motors.items():
-        own = tuple(_columns(sheet, servo, columns))
+        own, turned = _driving(tuple(_columns(sheet, servo, columns)))
         part = ".".join(filter(None, (sheet.part, motor)))
         clock = () if time is None else (time,)
-        said = (f"registers of {servo.title}: its load or PWM is taken as the duty of the bridge",)
+        said = (f"registers of {servo.title}: its load or PWM is taken as the duty of the bridge" + turned,)
         made.append(replace(sheet, part=part, columns=(*clock, *own), remarks=(*sheet.remarks, *said)))
     return made
+
+
+def _driving(columns: tuple[Column, ...]) -> tuple[tuple[Column, ...], str]:
+    """With the duty turned where it is of the other sign than the speed, as a Feetech's load is; and a word on it.
+
+    A motor that is driven takes power: sum(duty dtheta/dt) > 0.
+    """
+    found = {each.name: each for each in columns}
+    if not {"position", "duty"} <= set(found):
+        return columns, ""
+    power = found["duty"].values * np.gradient(found["position"].values)
+    power = power[np.isfinite(power)]
+    if not np.any(power) or np.sum(power) > -_AGAINST * np.sum(np.abs(power)):
+        return columns, ""
+    turned = tuple(replace(each, values=-each.values) if each.name == "duty" else each for each in columns)
+    return turned, ", its sign turned: it drove the position down where it was positive"
 
 
 def _register(label: str) -> tuple[str, str] | None:
