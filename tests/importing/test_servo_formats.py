@@ -176,20 +176,20 @@ def test_a_load_that_is_positive_downwards_is_turned_and_said(tmp_path: Path) ->
 def test_dynamixel_registers_are_in_twos_complement(tmp_path: Path) -> None:
     path = tmp_path / "xm.json"
     records = [{"t": 0.01 * k, "id": motor, "Present_PWM": 65535 - k, "Present_Current": -3 if k else 65533,
-                "Present_Position": 4294967295 if k == 1 else 2048, "Present_Input_Voltage": 121, "Goal_Position": 2050}
+                "Present_Position": (2048, 4294967295, 4294967290)[k], "Present_Input_Voltage": 121, "Goal_Position": 2050}
                for k in range(3) for motor in (1, 2)]  # fmt: skip
     path.write_text(json.dumps({"model": "xm430", "entries": records}))
     (sheet,) = read(path, "2", "dynamixel-xm")
     found = {c.name: (c.values.tolist(), c.unit) for c in sheet.columns}
     assert found["duty"] == ([-1.0, -2.0, -3.0], "0.113 %")
     assert found["current"] == ([-3.0, -3.0, -3.0], "2.69 mA")
-    assert found["position"][0] == [2048.0, -1.0, 2048.0]
+    assert found["position"][0] == [2048.0, -1.0, -6.0]
 
 
 def test_records_of_one_column_id_part_the_motors(tmp_path: Path) -> None:
     path = tmp_path / "ax.csv"
     path.write_text(
-        "t,id,position,load\n0,1,512,10\n0,2,100,1034\n0.1,1,513,11\n0.1,2,101,1035\n0.2,1,514,12\n0.2,2,102,3\n"
+        "t,id,position,load\n0,1,512,10\n0,2,100,1034\n0.1,1,513,11\n0.1,2,99,1035\n0.2,1,514,12\n0.2,2,98,3\n"
     )
     (sheet,) = read(path, "2", "dynamixel-ax")
     assert next(c for c in sheet.columns if c.name == "duty").values.tolist() == [-10.0, -11.0, 3.0]
