@@ -428,6 +428,22 @@ def design(
             help="Time constant of the filter ahead of the ECU's converter.", metavar="TIME", show_default="0ms"
         ),
     ] = None,
+    divides_by_battery: Annotated[
+        bool | None,
+        typer.Option(
+            "--divides-by-battery/--no-divides-by-battery",
+            help="Whether the ECU divides its duty by the battery voltage, so that its output means volts.",
+            show_default="as the make is known, else not",
+        ),
+    ] = None,
+    present: Annotated[
+        str | None,
+        typer.Option(help="Gains that the ECU has now, in its own numbers, as 60,80,120.", metavar="P,I,D"),
+    ] = None,
+    swings_at: Annotated[
+        float | None,
+        typer.Option(help="The P, in the ECU's own number, at which P alone makes the plate swing on.", min=0.0),
+    ] = None,
     sensor_noise: Annotated[
         str | None,
         typer.Option(
@@ -489,8 +505,11 @@ def design(
         raise UsageError(f"--ecu-period {ecu_period}: the period must be longer than 0. Write, say, 1ms.")
     if sensor_noise is not None:
         given["noise"] = _radians("--sensor-noise", sensor_noise)
+    if divides_by_battery is not None:
+        given["compensated"] = float(divides_by_battery)
     if clash := _clashes(ecu, given):
-        raise UsageError(f"{times[clash[0]][0]}: {ecu} fixes it. Leave it out.")
+        option = {"compensated": "--divides-by-battery"} | {field: option for field, (option, _) in times.items()}
+        raise UsageError(f"{option[clash[0]]}: {ecu} fixes it. Leave it out.")
     limits = {
         "overshoot_pct": overshoot,
         "settling_s": _seconds("--settling", settling),
@@ -507,12 +526,27 @@ def design(
         raise UsageError("--parts and --fleet exclude each other: with --fleet RUN itself is the fleet.")
     with _progress(quiet) if for_fleet else _stage(run, "design", quiet) as progress:
         asked = {symbol: limit for symbol, limit in limits.items() if limit != inf}
-        request = DesignRequest(rule, adc_bits, terms, asked, given, ecu, log, parts, anyway)
+        known = _own_numbers(present, swings_at)
+        request = DesignRequest(rule, adc_bits, terms, asked, given, ecu, log, parts, anyway, known)
         if for_fleet:
             done = stages.design_fleet(run, progress, request)
         else:
             done = stages.design_run(stages.opened(run), progress, request)
     _tell(done)
+
+
+def _own_numbers(present: str | None, swings_at: float | None) -> dict[str, float]:
+    """What is known of the gains that the ECU has now, in its own numbers."""
+    known = {} if swings_at is None else {"swings_at": swings_at}
+    if present is None:
+        return known
+    try:
+        P, I, D = map(float, present.split(","))  # noqa: E741  (the ECUs' own name)
+    except ValueError:
+        raise UsageError(
+            f"--present {present}: three numbers between commas are required. Write, say, 60,80,120."
+        ) from None
+    return {"P": P, "I": I, "D": D, **known}
 
 
 def _clashes(name: str | None, given: Mapping[str, float]) -> tuple[str, ...]:
@@ -620,7 +654,9 @@ def _watched(address: str, share: float) -> None:
 @_verb("Share", "etcfit export runs/bench_twin --to c --out firmware")
 def export(
     run: Run,
-    to: Annotated[str, typer.Option(help="c, fmu, msq, mat, m, python, mujoco or isaac.", metavar="FORMAT")],
+    to: Annotated[
+        str, typer.Option(help="c, fmu, msq, mat, m, python, mujoco, mujoco-position or isaac.", metavar="FORMAT")
+    ],
     out: Annotated[
         Path | None, typer.Option(help="Where; RUN/export if not given.", file_okay=False, metavar="DIR")
     ] = None,
@@ -741,6 +777,16 @@ def import_(
         Path | None,
         typer.Option(help="A rig.toml to take over, as `etcfit new` makes one.", metavar="RIG.TOML", dir_okay=False),
     ] = None,
+    motor: Annotated[
+        str | None, typer.Option(help="The motor to take, of files that have several.", metavar="NAME")
+    ] = None,
+    servo: Annotated[
+        str | None,
+        typer.Option(
+            help="The columns are registers of: feetech-sts, feetech-scs, dynamixel-xm, dynamixel-xl330, dynamixel-ax.",
+            metavar="NAME",
+        ),
+    ] = None,
     limit: Annotated[
         str, typer.Option(help="Of one recording's numbers in memory; larger ones are refused.", metavar="SIZE")
     ] = "256MB",
@@ -757,7 +803,7 @@ def import_(
     most = int(_with_unit("--limit", limit, _BYTES, "a size", "2GB"))
     resolve = accept_all if yes else _asked if sys.stdin.isatty() and sys.stderr.isatty() else refuse
     with _progress(quiet or resolve is _asked) as report:
-        done = import_files(files, to, answers, resolve, rig=rig, most=most, report=report)
+        done = import_files(files, to, answers, resolve, rig=rig, most=most, motor=motor, servo=servo, report=report)
     for file, source, reason in done.traces:
         _say(f"{done.folder}/{file}  from {source}: {reason}")
     for warning in done.warnings:

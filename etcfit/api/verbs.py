@@ -9,7 +9,7 @@ a verb is called.
 from __future__ import annotations
 
 import warnings
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 from functools import partial
 from pathlib import Path
@@ -254,6 +254,7 @@ def design(
     log: Folder | None = None,
     parts: Fleet | Folder | None = None,
     anyway: bool = False,
+    present: Mapping[str, float] | None = None,
     quiet: bool = False,
     **ecu: float,
 ) -> Designed:
@@ -275,6 +276,8 @@ def design(
         log: file of a log from the car: the stretch in which most is asked of the plate is one scenario more.
         parts: a fleet of the same design, or its run folder: gains for parts like its units, and how they fare on them.
         anyway: give what is typed into an ECU even where the fit did not converge or is a compromise.
+        present: gains that the ECU has now, in its own numbers: {"P": 60, "I": 80, "D": 120}; with "swings_at" the P at
+            which P alone makes the plate swing on.
         quiet: show no progress.
         ecu: what is known of the ECU, by field (`period=1e-3`, `delay=0.0`, ...); see `control.design.ecu_of`.
     Raises:
@@ -298,7 +301,7 @@ def design(
         where = parts.run if isinstance(parts, Fleet) else parts
         if where is not None:
             require_extra("fleet", f"{where}", "pyarrow")
-        asked = DesignRequest(rule, adc_bits, feed_forward, limits, ecu, profile, log, where, anyway)
+        asked = DesignRequest(rule, adc_bits, feed_forward, limits, ecu, profile, log, where, anyway, present or {})
         if isinstance(model, Fleet) or (isinstance(model, str | Path) and is_fleet(Path(model))):
             if parts is not None:
                 raise UsageError("parts: the model is a fleet itself. Give one unit's fit, or leave parts out.")
@@ -328,7 +331,7 @@ def export(
     Args:
         model: a fit, a diagnosis (its final model counts), a posterior, a transfer function, a run folder with the
             gains in it, or gains with their fit.
-        to: name of the format: c, fmu, msq, mat, m, python, mujoco or isaac.
+        to: name of the format: c, fmu, msq, mat, m, python, mujoco, mujoco-position or isaac.
         out: folder of its files; RUN/export of a run folder where None.
         settings: step and operating point; the defaults where None.
         into: file of your own tune, for msq: a copy of it is changed.

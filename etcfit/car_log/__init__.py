@@ -1,4 +1,4 @@
-"""Logs from the car: where, how fast and how closely the plate moves, and whether that is good enough.
+"""Logs from the car: where, how fast and how closely the plate moves, and whether that is good enough; no model.
 
 Source: the paper, Sections 2 and 4.3.
 """

@@ -9,6 +9,7 @@ import numpy as np
 from ..control.design import Design
 from ..control.fleet_verdict import FleetVerdict, OneByOne, Share
 from ..control.judged import Tuned
+from ..control.own_numbers import said, shares
 from ..control.parts_verdict import PartsVerdict
 from ..control.pid.feedforward import Bias
 from ..control.pid.figures import FIGURES, MARGINS, LoopFigures
@@ -17,7 +18,7 @@ from ..control.pid.gains import UNIT, Gains
 from ..control.pid.setpoint import Setpoint
 from ..files import plain
 from ..model.ecu import Ecu, Notation
-from ..model.ecus import RUSEFI, BiasTable, differences
+from ..model.ecus import NOT_DIVIDED, RUSEFI, BiasTable, differences
 from .ahead import ahead_json, code
 from .fit import versions
 from .safety import safety_json
@@ -141,6 +142,7 @@ def _native(design: Design, gains: Gains) -> dict[str, Any]:
         "derivative_filter_s": ecu.filter, "delay_s": ecu.delay, "pwm_V": ecu.pwm, "resolution_rad": ecu.resolution,
         "duty_limit": ecu.duty, "integral_limit": ecu.integral or None,
         "slew_V_per_s": ecu.slew or None, "dead_band_rad": ecu.dead_band,
+        "divides_by_battery": bool(ecu.compensated),
         "setpoint_weight": ecu.setpoint_weight, "derivative_weight": ecu.derivative_weight,
     }  # fmt: skip
 
@@ -250,14 +252,17 @@ def written_for(design: Design) -> dict[str, Any] | None:
         return None
     gains, body = design.chosen.gains, design.task.loop.body
     assert gains is not None, "the proposed rule has gains"
-    notation = profile.notation
+    notation, own = profile.notation, shares(design.task, gains)
+    if notation is None:
+        typed = [each._asdict() | dict(zip(("value", "unit"), each.shown, strict=True)) for each in own]
+    else:
+        typed = [{"value": value, "unit": unit}
+                 for value, unit in zip(design.written(gains, notation), notation.of_each, strict=True)]  # fmt: skip
     return {
         "name": profile.name,
         "title": profile.title,
-        "gains": {
-            name: {"value": value, "unit": unit}
-            for name, value, unit in zip(profile.gains, design.written(gains, notation), notation.of_each, strict=True)
-        },
+        "gains": dict(zip(profile.gains, typed, strict=True)),
+        "says": [] if notation is not None else list(said(design.task, gains, profile.title)),
         "limits": {
             limit.name: {"value": limit.value(ecu, body.upper - body.lower), "unit": limit.unit}
             for limit in profile.limits
@@ -265,7 +270,7 @@ def written_for(design: Design) -> dict[str, Any] | None:
         "bias": None if profile.bias is None else _bias(design, profile.bias),
         "code": code(design),
         "source": profile.source,
-        "assumed": list(profile.assumed),
+        "assumed": [each for each in profile.assumed if not (ecu.compensated and each == NOT_DIVIDED)],
     }
 
 

@@ -129,11 +129,13 @@ class _Plant(NamedTuple):
     Args:
         throttle: the model.
         drive: voltage that it gets over the one that the ECU means to send.
+        ceiling: most that the ECU can mean to send, V: what the supply has left where the ECU reckons with it.
         misread: what the noise adds to each reading, rad, shape (K,).
     """
 
     throttle: Throttle
     drive: Scalar
+    ceiling: Scalar
     misread: Any
 
 
@@ -171,7 +173,7 @@ def _simulation(control: Controller, keep: Keep, plant: _Plant, run: _Run, parts
         room: ticks of delay that are remembered.
     """
     settings, first, ecu, body, _, _, start = run
-    throttle, drive, _ = plant
+    throttle, drive, ceiling, _ = plant
     late = (ecu.delay + throttle.delays().input) / ecu.period
     seen_with = Inputs(0.0, 0.0, 0.0, 1.0, 0.0, body.gear_ratio, body.lower, body.upper)
     dt = ecu.period / parts
@@ -184,6 +186,7 @@ def _simulation(control: Controller, keep: Keep, plant: _Plant, run: _Run, parts
     def advance(carry: _Carry, entry: Any) -> tuple[_Carry, Any]:
         wanted, ahead, error, time = entry
         volts, memory = once(control(settings, ecu, carry.memory, wanted, once(carry.shown + error), ahead))
+        volts = jnp.clip(volts, -ceiling, ceiling)
         sent = jnp.concatenate((jnp.asarray(volts)[None], carry.sent[:-1]))
 
         def part(state: Any, each: Any) -> Any:
@@ -258,6 +261,7 @@ class Loop:
         settings: of the simulation.
         drive: voltage that each plant gets over the one that the ECU means to send, shape (D,); None for 1: the supply
             over the ECU's where its output is a duty.
+        ceiling: most that the ECU can mean to send to each plant, V, shape (D,); None for no other limit than its own.
         sliding: feed-forward that follows the setpoint's rate; None for none.
     """
 
@@ -268,6 +272,7 @@ class Loop:
     settings: LoopSettings = LoopSettings()
     drive: np.ndarray | None = None
     sliding: Sliding | None = None
+    ceiling: np.ndarray | None = None
 
     @property
     def draws(self) -> int:
@@ -280,8 +285,9 @@ class Loop:
 
     def taking(self, which: np.ndarray) -> Loop:
         """The loop around some of the models, by their numbers, shape (C,)."""
-        drive = None if self.drive is None else self.drive[which]
-        return replace(self, throttles=jax.tree.map(lambda leaf: leaf[which], self.throttles), drive=drive)
+        drive, ceiling = (None if each is None else each[which] for each in (self.drive, self.ceiling))
+        throttles = jax.tree.map(lambda leaf: leaf[which], self.throttles)
+        return replace(self, throttles=throttles, drive=drive, ceiling=ceiling)
 
     def with_new_noise_seed(self) -> Loop:
         """The loop with a new noise seed: success must not be counted under the noise of the search."""
@@ -359,7 +365,8 @@ class Loop:
         run = _Run(settings, first, self.ecu, self.body, wanted, ahead, start)
         rng = np.random.default_rng(self.settings.seed)
         misread = self.ecu.noise * rng.standard_normal((self.draws, wanted.size))
-        plants, room = _Plant(self.throttles, self._driven, misread), self._room()
+        ceiling = np.full(self.draws, np.inf) if self.ceiling is None else self.ceiling
+        plants, room = _Plant(self.throttles, self._driven, ceiling, misread), self._room()
         kept = kernel_of(_simulation, control, keep, parts, room, plants, run)
         if kept is not None:
             return kept.run(plants, run, reduced)

@@ -165,13 +165,15 @@ def _made(kind: Kind, plant: Any, run: Any) -> LoopKernel | None:
 
 
 def _lasting(plants: Any, run: Any) -> _Lasting:
-    return _Lasting((plants.throttle, plants.drive), (run.settings, run.first), (run.ecu, run.body, run.start))
+    return _Lasting(
+        (plants.throttle, plants.drive, plants.ceiling), (run.settings, run.first), (run.ecu, run.body, run.start)
+    )
 
 
 def _joined(lasting: _Lasting, plant: Any, run: Any) -> tuple[Any, Any]:
     """Plant and run of these numbers."""
-    (throttle, drive), (settings, first), (ecu, body, start) = lasting
-    return (plant._replace(throttle=throttle, drive=drive),
+    (throttle, drive, ceiling), (settings, first), (ecu, body, start) = lasting
+    return (plant._replace(throttle=throttle, drive=drive, ceiling=ceiling),
             run._replace(settings=settings, first=first, ecu=ecu, body=body, start=start))  # fmt: skip
 
 

@@ -45,8 +45,10 @@ def outside_the_bench(design: Design) -> list[str]:
     figures = [(FIGURES[symbol], float(getattr(robust.worst, symbol))) for symbol in (*OF_THE_PAPER, *MARGINS)]
     worst = ", ".join(f"{of.name} {short(value)} {of.unit}" if np.isfinite(value) else f"{of.name} never"
                       for of, value in figures)  # fmt: skip
+    reckons = ("the ECU divides by the battery voltage" if design.task.ecu.compensated else
+               "a duty is a share of the supply that there is")  # fmt: skip
     ranges = (f"supply {_range(asked.supply)} V, winding {_range(asked.winding)} degrees Celsius, dry friction "
-              f"{_range(asked.friction)} times the bench's; a duty is a share of the supply that there is")  # fmt: skip
+              f"{_range(asked.friction)} times the bench's; {reckons}")  # fmt: skip
     met = "met at every corner" if robust.meets_all else "not met at every corner"
     share = f"{robust.probability_met:.2f} of the {of_models(design)}, each under conditions of its own, meet them"
     supply, winding, friction = robust.corner

@@ -45,6 +45,9 @@ def plant_table(plant: Mapping[str, Any]) -> Table | None:
     rows += [(Markup("pole {}").format(k + 1), pole(*p), "rad/s") for k, p in enumerate(plant.get("poles") or [])]
     gain = f"{unit(plant['output']['unit'])}/{unit(plant['input']['unit'])}"
     rows.append(("open-loop static gain", number(plant.get("open_loop_dc_gain"), 4), gain))
+    if found := plant.get("feedforward"):
+        rows += [(f"feed-forward {name}", measured(found[name], found["stderr"][name]), found["unit"][name])
+                 for name in found["unit"]]  # fmt: skip
     return Table(f"Linear model of order {order}", ["", "value", "unit"], rows)
 
 
@@ -98,8 +101,9 @@ def settings_table(pid: Mapping[str, Any]) -> Table | None:
 
 
 def assumed(pid: Mapping[str, Any]) -> list[str]:
-    """What is taken of that ECU without a source."""
-    return [f"assumed: {each}" for each in (pid.get("profile") or {}).get("assumed", ())]
+    """What its gains mean where it publishes no unit, and what is taken of that ECU without a source."""
+    written = pid.get("profile") or {}
+    return [*written.get("says", ()), *(f"assumed: {each}" for each in written.get("assumed", ()))]
 
 
 def metrics_table(pid: Mapping[str, Any]) -> Table | None:
