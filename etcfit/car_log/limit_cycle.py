@@ -152,7 +152,7 @@ def _together(cycling: Sequence[_Held], seconds: float, position: Series, quantu
 
 
 def _held(position: Series, rest: Rest, duty: Series | None, quantum: float) -> _Held | None:
-    begin, end = rest.begin + _SETTLES, min(rest.end, float(position.time[-1]))
+    begin, end = max(rest.begin + _SETTLES, float(position.time[0])), min(rest.end, float(position.time[-1]))
     if end - begin < _SHORTEST:
         return None
     time = np.arange(begin, end, position.step)

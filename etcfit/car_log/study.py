@@ -126,7 +126,17 @@ def verdict(before: Study, after: Study) -> str:
     text = f"RMSE {was.rmse:.2f} -> {now.rmse:.2f} % of travel"
     if was.lag is not None and now.lag is not None:
         text += f", lag {1e3 * was.lag:.0f} -> {1e3 * now.lag:.0f} ms"
-    return " ".join((f"{text}.", *_clear(was, now), _alike(was, now)))
+    return " ".join((f"{text}.", *_clear(was, now), *_judged(before.verdict, after.verdict), _alike(was, now)))
+
+
+def _judged(before: Verdict, after: Verdict) -> Iterator[str]:
+    """Which figures have become good, are not good yet, are good no longer."""
+    was, now = ({each.name: each.word for each in verdict.judgements} for verdict in (before, after))
+    for words, pair in (("Now good", ("not good", "good")), ("Still not good", ("not good", "not good")),
+                        ("Good no longer", ("good", "not good"))):  # fmt: skip
+        names = [name for name, word in now.items() if (was.get(name), word) == pair]
+        if names:
+            yield f"{words}: {', '.join(names)}."
 
 
 def _clear(was: Tracking, now: Tracking) -> Iterator[str]:

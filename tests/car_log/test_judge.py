@@ -14,6 +14,7 @@ import etcfit
 from etcfit.car_log import DriveLog, Series, Study, study
 from etcfit.car_log.criteria import OVERSHOOT, SETTLING
 from etcfit.car_log.duty import duty_use
+from etcfit.car_log.study import verdict
 from etcfit.cli import app
 from etcfit.control.pid.figures import Requirements
 from independent import hunting
@@ -70,6 +71,13 @@ def test_a_harder_drive_may_have_a_larger_error() -> None:
     for held in (0.5, 2.0):
         assert words(of(0.99, 35.0, held=held))["tracking error"] == "good"
         assert words(of(0.99, 12.0, held=held))["tracking error"] == "not good"
+
+
+def test_what_new_gains_have_made_good_is_said() -> None:
+    before, after = of(0.3, 40.0), of(0.8, 40.0)
+    assert "Now good: overshoot" in verdict(before, after)
+    assert "Good no longer: overshoot" in verdict(after, before)
+    assert "Still not good: settling, tracking error, lag." in verdict(of(0.8, 12.0), of(0.8, 13.0))
 
 
 def test_thresholds_are_those_of_design() -> None:
