@@ -19,11 +19,13 @@ _PARTED = re.compile(r"(?P<name>.+?)(?:\s+in\s+|\s*/\s*|,\s+)(?P<unit>[^\s/]+(?:
 _SUFFIXES = ("us", "ms", "s", "mV", "V", "mA", "A", "deg", "rad", "pct", "rpm", "rad_s", "Nm", "degC")
 _SUFFIXED = re.compile(rf"(?P<name>.+?)_(?P<unit>{'|'.join(_SUFFIXES)})")
 _SCOPE = re.compile(r"(?P<name>CH\d)(?P<unit>[VA])")
+_STATED = re.compile(r"(?P<name>.+?)\s*\[\s*(?P<unit>[^\[\]]+?)\s*\]\s*")  # square brackets hold nothing but a unit
 _FORMS = (_BRACKETS, _PARTED, _SUFFIXED, _SCOPE)
 _SLUGS = {"rad_s": "rad/s"}
+_NO_UNIT = ("", "-", "n/a", "none", "None", "N/A")  # what stands where there is none
 # as instruments write them, where our spellings differ
 _SPELLED = {"second": "s", "sec": "s", "volt": "V", "ampere": "A", "amp": "A", "°": "deg", "grad": "deg",
-            "1/min": "rpm", "min-1": "rpm", "min^-1": "rpm", "sek": "s", "usec": "us", "msec": "ms"}  # fmt: skip
+            "%tps": "%", "% tps": "%", "perc": "%", "prc": "%", "v dc": "V", "vdc": "V", "°ca": "deg ca", "1/min": "rpm", "min-1": "rpm", "min^-1": "rpm", "sek": "s", "usec": "us", "msec": "ms"}  # fmt: skip
 
 
 def column(label: str, values: np.ndarray, unit: str = "") -> Column:
@@ -36,8 +38,12 @@ def column(label: str, values: np.ndarray, unit: str = "") -> Column:
     """
     label = " ".join(label.split())
     name, own = split(label)
-    given = spelled(unit)
-    return Column(label, name, given if is_unit(given) else own, np.asarray(values, dtype=float))
+    given = spelled(unit) if spelled(unit) not in _NO_UNIT else ""
+    known = given if is_unit(given) else own
+    match = _STATED.fullmatch(name) if not known else None
+    stated = given or (match["unit"] if match else "")
+    return Column(label, match["name"] if match else name, known, np.asarray(values, dtype=float),
+                  stated="" if known else stated)  # fmt: skip
 
 
 def split(label: str) -> tuple[str, str]:

@@ -3,6 +3,8 @@
 current follows voltage          R^2 of i over v, with the plate's speed beside it
 EMF follows the plate's speed    correlation of e and d theta/dt with the terminals open
 a sensor stays between 0 and 5 V and moves smoothly
+
+In an engine computer's log a signal is the throttle's only by a name of its maker or a word of the plate.
 """
 
 from __future__ import annotations
@@ -18,7 +20,9 @@ from ..rig.units import EXAMPLES, SI_UNIT, is_percent
 from . import shapes
 from .answers import IGNORE, Answers, Target
 from .labels import fits, quantities_in
+from .makers import is_about, is_engines, is_plates, is_plates_position, known, words
 from .ranges_of_units import unit_by_range
+from .registers import signed
 from .settings import GuessSettings
 from .sheet import TIME, Column, Sheet
 from .take import LEFT_OUT, UNEXPLAINED, Take, left_out
@@ -26,6 +30,8 @@ from .time_column import time_of
 from .words import is_of_the_motor, quantity_named
 
 _PLATE = ("position", "tps")
+_OF_TRAVEL = ("position", "setpoint", "duty")  # that an engine computer logs in per cent where it gives no unit
+_LEAST = 0.5  # correlation with the setpoint, at its best delay, below which a column is no plate beside a better one
 
 
 def takes_of(sheet: Sheet, answers: Answers, settings: GuessSettings) -> list[Take]:
@@ -36,29 +42,59 @@ def takes_of(sheet: Sheet, answers: Answers, settings: GuessSettings) -> list[Ta
     """
     time = time_of(sheet, answers)
     others = [column for column in sheet.columns if column is not time.column]
-    known = {id(column): _by_itself(column, sheet, answers) for column in others}
-    nameless = [column for column in others if known[id(column)] is None]
-    found = [take for take in known.values() if take is not None]
-    found += _by_relation(nameless, found, time, settings)
+    named = {id(column): take_by_itself(column, sheet, answers) for column in others}
+    nameless = [column for column in others if named[id(column)] is None]
+    found = [take for take in named.values() if take is not None]
+    found += ([left_out(column, "no name of a throttle's") for column in nameless] if sheet.is_ecu
+              else _by_relation(nameless, found, time, settings))  # fmt: skip
     order = {id(column): k for k, column in enumerate(others)}
     found.sort(key=lambda take: order[id(take.column)])
-    return [time, *_one_each(_without_engine(found), answers, sheet)]
+    return [time, *map(signed, one_each(_without_engine(found), answers, sheet))]
 
 
-def _by_itself(column: Column, sheet: Sheet, answers: Answers) -> Take | None:
-    """By what was said, by name, by unit; None where neither tells."""
+def take_by_itself(column: Column, sheet: Sheet, answers: Answers) -> Take | None:
+    """By what was said, by name, by unit; None where neither tells.
+
+    Raises:
+        MeasurementError: its name and its unit contradict each other, or the unit is not known.
+    """
     if said := answers.of(sheet.file, column):
         return _as_said(column, said, sheet)
     if own := _in_our_words(column):
         return own
     if not np.isfinite(column.values).any():
         return left_out(column, "it holds no number")
-    named = quantity_named(column.name)
+    named = quantity_of(column, sheet)
     if named == LEFT_OUT:
-        return left_out(column, "by its name it is not of the rig")
+        return left_out(column, "by its name it is not of the rig" if not sheet.is_ecu else "not the throttle's, by its name")
     if named == TIME:
         return left_out(column, "another time")
-    return _by_unit(column) if named is None else _by_name(column, named, sheet)
+    if named is None:
+        return left_out(column, f"its unit '{column.stated}' is not a throttle's") if column.stated else _by_unit(column)
+    if column.stated:
+        raise _contradiction(sheet, column, named, "named as")
+    return _by_name(column, named, sheet)
+
+
+def quantity_of(column: Column, sheet: Sheet) -> str | None:
+    """The quantity that a column's name says; in an engine computer's log LEFT_OUT for what is not the throttle's."""
+    if (found := known(column.name)) is not None:
+        return found[0]
+    if not column.unit and is_about(column.name):
+        return LEFT_OUT
+    named = quantity_named(column.name)
+    if not sheet.is_ecu or named in (None, LEFT_OUT, TIME, "supply"):
+        return LEFT_OUT if named == "setpoint" and is_engines(column.name) else named
+    alone = words(column.name) in ("target", "setpoint", "set point", "duty", "duty cycle", "pwm")
+    if is_engines(column.name) or is_about(column.name) or not (is_plates(column.name) or alone):
+        return LEFT_OUT
+    if named == "duty" and alone and not any(_may_be_setpoint(each) for each in sheet.columns):
+        return LEFT_OUT  # the injectors'
+    return named
+
+
+def _may_be_setpoint(column: Column) -> bool:
+    return quantity_named(column.name) == "setpoint" and not is_engines(column.name)
 
 
 def _as_said(column: Column, said: Target, sheet: Sheet) -> Take:
@@ -68,7 +104,7 @@ def _as_said(column: Column, said: Target, sheet: Sheet) -> Take:
         return Take(column, said.quantity, said.unit, "said so", said=True)
     if column.unit and fits(said.quantity, column.unit):
         return Take(column, said.quantity, column.unit, "said so, in the file's unit", said=True)
-    if column.unit:
+    if column.unit or column.stated:
         raise _contradiction(sheet, column, said.quantity, "said to be")
     quantity, unit, sure = unit_by_range(said.quantity, column.peak)
     if quantity != said.quantity:
@@ -90,6 +126,9 @@ def _in_our_words(column: Column) -> Take | None:
 
 def _by_name(column: Column, named: str, sheet: Sheet) -> Take | None:
     """As the name says, in the file's unit or in that which the range tells."""
+    if not column.unit and sheet.is_ecu and named in _OF_TRAVEL:
+        whole = "1" if named == "duty" and column.peak <= 1.0 else "%"
+        return Take(column, named, whole, "by its name, per cent of the travel as engine computers have it")
     if not column.unit:
         quantity, unit, sure = unit_by_range(named, column.peak)
         return Take(column, quantity, unit, f"by its name; no unit: by its range in {unit}", sure)
@@ -102,10 +141,11 @@ def _by_name(column: Column, named: str, sheet: Sheet) -> Take | None:
 
 
 def _contradiction(sheet: Sheet, column: Column, quantity: str, how: str) -> MeasurementError:
-    probe = f"{quantity} [10 {_plain_unit(quantity)}]"
-    return MeasurementError(sheet.where, f"column '{column.label}' is {how} {quantity}, but in {column.unit}.",
+    probe, unit = f"{quantity} [10 {_plain_unit(quantity)}]", column.unit or column.stated
+    other = f"in '{unit}', which is no known unit" if column.stated else f"in {unit}"
+    return MeasurementError(sheet.where, f"column '{column.label}' is {how} {quantity}, but {other}.",
                             f"Accepted: {quantity} in {EXAMPLES[quantity]}.",
-                            f"Give what one {column.unit} stands for: --column '{column.label}={probe}' "
+                            f"Give what one {unit} stands for: --column '{column.label}={probe}' "
                             f"for a probe of 100 mV to one, or '{column.label}=ignore'.")  # fmt: skip
 
 
@@ -252,22 +292,46 @@ def _without_engine(takes: Sequence[Take]) -> list[Take]:
     ]  # fmt: skip
 
 
-def _one_each(takes: Sequence[Take], answers: Answers, sheet: Sheet) -> list[Take]:
-    """A trace has one column for each quantity: the one that was said, else the first; then that is doubted."""
+def one_each(takes: Sequence[Take], answers: Answers, sheet: Sheet) -> list[Take]:
+    """A trace has one column for each quantity: the one that was said, else that of the surest name, else the first.
+
+    A plate follows its setpoint: of several columns one that does not is none. The first of several is doubted.
+    """
     out = list(takes)
+    setpoint = next((take.column for take in takes if take.quantity == "setpoint"), None)
     for quantity in {_place(take) for take in takes} - {LEFT_OUT}:
         same = [k for k, take in enumerate(takes) if _place(take) == quantity]
         said = [k for k in same if answers.of(sheet.file, takes[k].column)]
-        kept = (said or same)[0]
+        ranked = sorted(said or same, key=lambda k: _rank(takes[k].column))
+        if quantity == "position" and setpoint is not None and not said:
+            ranked.sort(key=lambda k: not _follows(takes[k].column, setpoint))
+        kept = ranked[0]
         for k in same:
             if k != kept:
                 out[k] = left_out(
                     takes[k].column, f"'{takes[kept].column.label}' is the {takes[kept].quantity} already"
                 )
-        if len(same) > 1 and not said:
-            others = ", ".join(f"'{takes[k].column.label}'" for k in same if k != kept)
+        equals = [k for k in ranked if _rank(takes[k].column) == _rank(takes[kept].column)]
+        if len(equals) > 1 and not said:
+            others = ", ".join(f"'{takes[k].column.label}'" for k in equals if k != kept)
             out[kept] = replace(takes[kept], sure=False, reason=f"{takes[kept].reason}; the first of several: {others}")
     return out
+
+
+def _rank(column: Column) -> int:
+    """How sure the name is, 0 the surest."""
+    found = known(column.name)
+    return found[1] if found is not None else 50 if is_plates_position(column.name) else 1000
+
+
+def _follows(column: Column, setpoint: Column) -> bool:
+    """True where it moves with the setpoint, at most a tenth of the record behind it."""
+    there = np.isfinite(column.values) & np.isfinite(setpoint.values)
+    if np.sum(there) < 3:
+        return True  # logged in rows of their own: nothing is known
+    y, u = column.values[there], setpoint.values[there]
+    lags = np.unique(np.linspace(0, max(1, y.size // 10), 40).astype(int))
+    return max(shapes.correlation(y[lag:], u[: u.size - lag]) for lag in lags) > _LEAST or not _varies(u)
 
 
 def _place(take: Take) -> str:

@@ -76,10 +76,18 @@ def let_go(record: Record, settings: GuessSettings) -> bool:
     """True where nobody drives the plate: no drive was logged, or a voltage that follows the plate's speed."""
     signals = record.signals
     plate, voltage = record.plate(signals), signals.get("voltage")
-    if plate is None or {"current", "setpoint", "torque", "duty"} & set(signals):
+    if plate is None or record.sheet.is_ecu or {"current", "setpoint", "torque", "duty"} & set(signals):
         return False
     if voltage is None:
         return True
     speed = shapes.slope(plate, record.time)
     follows = abs(shapes.correlation(voltage, speed)) > settings.surely_follows
-    return follows and shapes.span(voltage) > 8.0 * shapes.noise(voltage)
+    return follows and shapes.span(voltage) > 8.0 * shapes.noise(voltage) and not _drives(voltage, speed, settings)
+
+
+def _drives(voltage: np.ndarray, speed: np.ndarray, settings: GuessSettings) -> bool:
+    """True for a voltage that goes on once the plate has stopped: an EMF is zero there."""
+    fastest = float(np.max(np.abs(speed)))
+    moved = np.flatnonzero(np.abs(speed) > settings.one_level * fastest)
+    after = np.abs(voltage[moved[-1] + 1 :]) if moved.size else np.empty(0)
+    return after.size >= settings.fewest and float(np.median(after)) > 0.5 * float(np.max(np.abs(voltage)))

@@ -47,7 +47,7 @@ def test_what_picoscope_could_not_measure_is_a_gap_and_said(tmp_path: Path) -> N
     path.write_text("\n".join(lines), encoding="utf-8")
     (sheet,) = read(path)
     assert np.flatnonzero(np.isnan(sheet.columns[1].values)).tolist() == [7]
-    assert sheet.remarks == ("column 2: 1 samples beyond the range ('∞') are gaps",)
+    assert sheet.remarks == ("column 'Channel A': 1 samples beyond the range ('∞') are gaps",)
 
 
 def test_saleae(tmp_path: Path) -> None:

@@ -8,9 +8,9 @@ from pathlib import Path
 import numpy as np
 
 from ...errors import MeasurementError, require_extra
-from ...rig.table import HUGE
+from ...rig.rows import HUGE
 from ..sheet import Sheet
-from . import matlab, mcap, mdf, megalog, parquet, tdms, text
+from . import matlab, mcap, mdf, parquet, tdms, text
 from .base import Format, Source
 
 FORMATS: tuple[Format, ...] = (
@@ -20,8 +20,7 @@ FORMATS: tuple[Format, ...] = (
     tdms.FORMAT,
     parquet.FORMAT,
     mcap.FORMAT,
-    megalog.TEXT,
-    megalog.BINARY,
+    text.MEGALOG,
 )
 BY_SUFFIX = {suffix: format_ for format_ in FORMATS for suffix in format_.suffixes}
 
