@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+import re
+from collections.abc import Iterator, Mapping, Sequence
 from collections.abc import Set as AbstractSet
+from contextlib import contextmanager
 from pathlib import Path
 
 import numpy as np
@@ -28,6 +30,7 @@ from .log import DriveLog, Series
 # formats that no maker publishes, and the program that writes a CSV
 CLOSED = {".llg": "PCLink", ".llgx": "PCLink", ".llg5": "PCLink"}
 _TARGETS = ("target", "setpoint", "demand", "desired", "request", "aim", "soll")  # words of what may be a setpoint
+_OPTION = re.compile(r"(?:--column )?'(?P<header>[^'=]+)=(?P<wanted>[^']+)'")
 _PLATE = ("position", "tps")
 _MOST = 25  # names that a message lists
 
@@ -79,12 +82,14 @@ def read_log(path: Path, config: RigConfig, toml: str) -> DriveLog:
     """
     answers = _answers(config.columns, toml)
     sheets = read_sheets(Source(path, str(path)))
-    found = [(sheet, _takes(sheet, answers)) for sheet in sheets]
+    with _cures_of_toml():
+        found = [(sheet, _takes(sheet, answers)) for sheet in sheets]
     having = [(sheet, takes) for sheet, takes in found if any(name in takes for name in _PLATE)]
     if not having:
         raise _without_plate(str(path), sheets)
     sheet, takes = max(having, key=lambda each: ("setpoint" in each[1], each[0].rows))
-    time = _time(sheet, answers)
+    with _cures_of_toml():
+        time = time_of(sheet, answers)
     plate = takes.get("position") or takes["tps"]
     series = {name: _series(time, take, config, sheet.where)
               for name, take in (("position", plate), ("setpoint", takes.get("setpoint"))) if take}  # fmt: skip
@@ -128,12 +133,14 @@ def _of_car(take: Take) -> Take:
         take.column, "setpoint" if take.quantity == "setpoint" else "position", "%", take.reason)  # fmt: skip
 
 
-def _time(sheet: Sheet, answers: Answers) -> Take:
+@contextmanager
+def _cures_of_toml() -> Iterator[None]:
+    """Errors of guessing name the option of `etcfit import`; here rig.toml says what a column is."""
     try:
-        return time_of(sheet, answers)
+        yield
     except MeasurementError as err:
-        raise MeasurementError(err.where, err.found, err.required,
-                               'Name it in rig.toml: [columns] "HEADER" = "time [s]".') from err  # fmt: skip
+        mend = _OPTION.sub(lambda m: f'[columns] {toml_string(m["header"])} = {toml_string(m["wanted"])} in rig.toml', err.mend)
+        raise MeasurementError(err.where, err.found, err.required, mend) from err
 
 
 def _without_plate(where: str, sheets: Sequence[Sheet]) -> MeasurementError:

@@ -99,7 +99,7 @@ _PLATES_POSITION = re.compile(r"\b(etb\d?|dbw\d?|e ?throttle|throttle\d?|drive b
 _ABOUT = re.compile(
     r"\b(adc|raw|error|err|errors|delta|dot|acc|acceleration|rate|status|state|fault|diagnostic|mod|trim|comp|correction|"
     r"corr|table|limit|min|max|threshold|delay|learn\w*|cal|calibration|idle|fuel|ign\w*|gain|integral|[pid]|[pid] term|"
-    r"transient|sensor state|count|mode|active|enabled?|flags?|bias|feed ?forward)\b"
+    r"transient|sensor state|count|moving|mode|active|enabled?|flags?|bias|feed ?forward)\b"
 )
 
 

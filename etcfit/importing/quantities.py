@@ -31,6 +31,7 @@ from .words import is_of_the_motor, quantity_named
 
 _PLATE = ("position", "tps")
 _OF_TRAVEL = ("position", "setpoint", "duty")  # that an engine computer logs in per cent where it gives no unit
+_MOST_DEG = 400.0  # a whole number beyond is no angle of a plate
 _LEAST = 0.5  # correlation with the setpoint, at its best delay, below which a column is no plate beside a better one
 
 
@@ -66,11 +67,11 @@ def take_by_itself(column: Column, sheet: Sheet, answers: Answers) -> Take | Non
         return left_out(column, "it holds no number")
     named = quantity_of(column, sheet)
     if named == LEFT_OUT:
-        return left_out(column, "by its name it is not of the rig" if not sheet.is_ecu else "not the throttle's, by its name")
+        return left_out(column, "by its name the engine's, not the throttle's" if sheet.is_ecu else "by its name it is not of the rig")
     if named == TIME:
         return left_out(column, "another time")
     if named is None:
-        return left_out(column, f"its unit '{column.stated}' is not a throttle's") if column.stated else _by_unit(column)
+        return _by_unit(column)
     if column.stated:
         raise _contradiction(sheet, column, named, "named as")
     return _by_name(column, named, sheet)
@@ -130,7 +131,15 @@ def _by_name(column: Column, named: str, sheet: Sheet) -> Take | None:
         whole = "1" if named == "duty" and column.peak <= 1.0 else "%"
         return Take(column, named, whole, "by its name, per cent of the travel as engine computers have it")
     if not column.unit:
+        if named in ("position", "setpoint") and _are_counts(column):
+            raise MeasurementError(sheet.where, f"column '{column.label}' is named as {named}, and holds whole numbers up to "
+                                   f"{column.peak:.0f} without a unit.", "Counts of a converter need what one count is.",
+                                   f"Give it: --column '{column.label}={named} [{360 / 4096:.4g} deg]' for 4096 counts a turn, "
+                                   f"or '{column.label}=ignore'.")  # fmt: skip
         quantity, unit, sure = unit_by_range(named, column.peak)
+        if named == "duty" and unit == "%" and "pwm" in words(column.name) and _are_whole(column):
+            reason = f"by its name; no unit: taken as %, but a whole number may be of 255: duty [{100 / 255:.4g} %]"
+            return Take(column, named, unit, reason, False)
         return Take(column, quantity, unit, f"by its name; no unit: by its range in {unit}", sure)
     for quantity in (named, *(_PLATE if named in _PLATE else ())):
         if fits(quantity, column.unit):
@@ -140,13 +149,24 @@ def _by_name(column: Column, named: str, sheet: Sheet) -> Take | None:
     return left_out(column, f"named as {named.replace('_', ' ')}, which is not logged in {column.unit}", False)
 
 
+def _are_whole(column: Column) -> bool:
+    finite = column.values[np.isfinite(column.values)]
+    return bool(np.all(finite == np.round(finite)))
+
+
+def _are_counts(column: Column) -> bool:
+    """Whole numbers beyond any angle or share: of a converter or an encoder."""
+    return column.peak > _MOST_DEG and _are_whole(column)
+
+
 def _contradiction(sheet: Sheet, column: Column, quantity: str, how: str) -> MeasurementError:
     probe, unit = f"{quantity} [10 {_plain_unit(quantity)}]", column.unit or column.stated
     other = f"in '{unit}', which is no known unit" if column.stated else f"in {unit}"
+    usage = " for a probe of 100 mV to one" if "V" in unit else " if it is ten"
     return MeasurementError(sheet.where, f"column '{column.label}' is {how} {quantity}, but {other}.",
                             f"Accepted: {quantity} in {EXAMPLES[quantity]}.",
-                            f"Give what one {unit} stands for: --column '{column.label}={probe}' "
-                            f"for a probe of 100 mV to one, or '{column.label}=ignore'.")  # fmt: skip
+                            f"Give what one {unit} stands for: --column '{column.label}={probe}'{usage}, "
+                            f"or '{column.label}=ignore'.")  # fmt: skip
 
 
 def _by_unit(column: Column) -> Take | None:
@@ -164,7 +184,7 @@ def _by_unit(column: Column) -> Take | None:
 
 def _by_relation(nameless: Sequence[Column], known: Sequence[Take], time: Take, settings: GuessSettings) -> list[Take]:
     """Columns that neither name nor unit tells, by how they follow from each other."""
-    moving = [c for c in nameless if (c.unit in ("", "V", "mV") or is_percent(c.unit)) and _varies(c.values)]
+    moving = [c for c in nameless if _may_be_volts(c) and _varies(c.values)]
     still = [c for c in nameless if c not in moving]
     by = {take.quantity: shapes.filled(take.si) for take in known if take.quantity}
     plate = next((by[name] for name in _PLATE if name in by), None)
@@ -179,6 +199,11 @@ def _by_relation(nameless: Sequence[Column], known: Sequence[Take], time: Take, 
     done = {id(take.column) for take in taken}
     rest = [c for c in nameless if id(c) not in done]
     return [*taken, *(_unexplained(c, c in still) for c in rest)]
+
+
+def _may_be_volts(column: Column) -> bool:
+    """No unit, volts or per cent; a unit that the file states and that is none of these is another."""
+    return (column.unit in ("", "V", "mV") or is_percent(column.unit)) and not column.stated
 
 
 def _varies(values: np.ndarray) -> bool:
@@ -311,7 +336,7 @@ def one_each(takes: Sequence[Take], answers: Answers, sheet: Sheet) -> list[Take
                 out[k] = left_out(
                     takes[k].column, f"'{takes[kept].column.label}' is the {takes[kept].quantity} already"
                 )
-        equals = [k for k in ranked if _rank(takes[k].column) == _rank(takes[kept].column)]
+        equals = [k for k in ranked if not sheet.is_ecu or _rank(takes[k].column) == _rank(takes[kept].column)]
         if len(equals) > 1 and not said:
             others = ", ".join(f"'{takes[k].column.label}'" for k in equals if k != kept)
             out[kept] = replace(takes[kept], sure=False, reason=f"{takes[kept].reason}; the first of several: {others}")

@@ -82,12 +82,13 @@ def let_go(record: Record, settings: GuessSettings) -> bool:
         return True
     speed = shapes.slope(plate, record.time)
     follows = abs(shapes.correlation(voltage, speed)) > settings.surely_follows
-    return follows and shapes.span(voltage) > 8.0 * shapes.noise(voltage) and not _drives(voltage, speed, settings)
+    return follows and shapes.span(voltage) > 8.0 * shapes.noise(voltage) and not _is_step(voltage, settings)
 
 
-def _drives(voltage: np.ndarray, speed: np.ndarray, settings: GuessSettings) -> bool:
-    """True for a voltage that goes on once the plate has stopped: an EMF is zero there."""
-    fastest = float(np.max(np.abs(speed)))
-    moved = np.flatnonzero(np.abs(speed) > settings.one_level * fastest)
-    after = np.abs(voltage[moved[-1] + 1 :]) if moved.size else np.empty(0)
-    return after.size >= settings.fewest and float(np.median(after)) > 0.5 * float(np.max(np.abs(voltage)))
+def _is_step(voltage: np.ndarray, settings: GuessSettings) -> bool:
+    """True for a voltage that jumps from zero to its top within a sample and stands there: no plate speeds up so."""
+    size = np.abs(voltage)
+    top = float(np.quantile(size, 0.99))
+    flat = size > (1.0 - settings.one_level) * top
+    jumps = flat[1:] & (size[:-1] < 0.1 * top)
+    return bool(jumps.any()) and max(b - a for a, b in shapes.runs(flat)) >= settings.fewest

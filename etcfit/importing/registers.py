@@ -20,14 +20,14 @@ from .take import LEFT_OUT, Take
 
 
 def signed(take: Take) -> Take:
-    """The column with its sign taken out of the bit, which is a guess; as it is where there is no such bit."""
+    """The column with its sign taken out of the bit; as it is where there is no such bit."""
     if take.quantity in (LEFT_OUT, TIME, "tps", "supply", "temperature"):
         return take
-    bit = sign_bit(take.column.values)
+    bit = sign_bit(take.column.values, take.quantity)
     if bit is None:
         return take
     raw, most = take.column.values, float(2**bit)
     largest = float(np.nanmax(raw))
     why = f"the sign stands in bit {bit}: {largest:.0f} is {most - largest:.0f}"
     column = replace(take.column, values=np.where(raw >= most, most - raw, raw))
-    return replace(take, column=column, reason=f"{take.reason}; {why}", sure=False)
+    return replace(take, column=column, reason=f"{take.reason}; {why}")

@@ -98,10 +98,8 @@ def _under_a_controller(record: Record, settings: GuessSettings) -> Shown:
     setpoint, time = record.signals["setpoint"], record.time
     if shapes.one_frequency(time, setpoint):
         return Shown("sine", "the setpoint is one sine", True)
-    if record.sheet.is_ecu:
-        return Shown("drive", "position and setpoint in an engine computer's log", True)
     if time[-1] - time[0] > settings.bench_s:
-        return Shown("drive", f"a setpoint over {time[-1] - time[0]:.0f} s: a log from the car", False)
+        return Shown("drive", f"a setpoint over {time[-1] - time[0]:.0f} s: a log from the car", record.sheet.is_ecu)
     return Shown("closed_loop", "position follows a setpoint", True)
 
 

@@ -8,6 +8,7 @@ from functools import cached_property
 import numpy as np
 
 from .makers import PEDAL_IN_SOME, is_engines, known, words
+from .words import quantity_named
 
 TIME = "time"
 _VOLTS = 6.0  # that no sensor's reading exceeds
@@ -77,9 +78,11 @@ class Sheet:
     def is_ecu(self) -> bool:
         """True for the log of an engine computer, by what else it logs, or by a TPS that is no sensor's volts."""
         names = [column.name for column in self.columns]
-        targets = any((found := known(name)) is not None and found[0] == "setpoint" for name in names)
-        share = any(words(c.name) in PEDAL_IN_SOME and (c.unit == "%" or (not c.unit and c.peak > _VOLTS)) for c in self.columns)
-        return targets or share or any(map(is_engines, names))
+        target = any(quantity_named(name) == "setpoint" for name in names)
+        share = any(words(c.name) in PEDAL_IN_SOME and (target if c.unit == "%" else not c.unit and c.peak > _VOLTS)
+                    for c in self.columns)  # fmt: skip
+        made = any((found := known(name)) is not None and found[0] == "setpoint" for name in names)
+        return share or made or any(map(is_engines, names))
 
 
 def time_base(seconds: np.ndarray) -> Column:

@@ -68,13 +68,17 @@ def _cells(each: Study) -> tuple[str, ...]:
         f"{100.0 * use.between:.1f}",
         "{:.1f} .. {:.1f}".format(*use.shortest),
     )
-    speed = ("-", "-") if tones is None else (f"{tones.dominant:.2f}", f"{tones.half:.2f}")
+    speed = ("-", "-") if tones is None else (_hertz(tones.dominant), f"{tones.half:.2f}")
     if follows is None:
         return (*where, *speed, "-", "-", "-", "-", "-", "-")
     lag = None if follows.lag is None else 1e3 * follows.lag
     off = f"{follows.rmse:.2f}", _spread(follows.stderr, 0.01)
     late = ("-", "-") if lag is None else (f"{lag:.0f}", _spread(follows.lag_stderr, 0.1, 1e3))
     return (*where, *speed, *off, *late, short(follows.left), short(follows.demand))
+
+
+def _hertz(frequency: float) -> str:
+    return f"{frequency:.2f}" if np.isfinite(frequency) else "-"
 
 
 def _spread(stderr: float | None, least: float, scale: float = 1.0) -> str:
@@ -154,7 +158,7 @@ def _tones(panel: Axes, each: Study) -> None:
     panel.set_xscale("log")
     style.log_ticks(panel.xaxis, panel.get_xlim())
     panel.axvline(tones.dominant, color=style.SIMULATED, lw=1.2, ls="--")
-    says = f"moved mostly at {tones.dominant:.2f} Hz,\nhalf of its power below {tones.half:.2f} Hz"
+    says = f"moved mostly at {_hertz(tones.dominant)} Hz,\nhalf of its power below {tones.half:.2f} Hz"
     panel.set_title(says, loc="left", fontsize=10)
 
 

@@ -141,7 +141,7 @@ def _check_range(log: Log, column: Column, config: RigConfig) -> None:
     found = f"column '{column.header}' is {column.logged[k]:.6g} {column.unit}."
     required = f"{column.quantity} must lie between {_logged(low, column)} and {_logged(high, column)}"
     mend = _cure(column.unit, TOO_LARGE)
-    if (bit := sign_bit(column.logged)) is not None:
+    if (bit := sign_bit(column.logged, column.quantity)) is not None:
         mend = (f"The register keeps its sign in bit {bit}: from {2**bit} on the value is {2**bit} - raw. "
                 "`etcfit import` reads it so.")  # fmt: skip
     elif column.quantity == "duty":
