@@ -11,7 +11,7 @@ from functools import cache
 import numpy as np
 
 from ..rig.supply_side import SUPPLY_CURRENT
-from ..rig.units import SI_UNIT, UnitError, conversion, is_percent
+from ..rig.units import SI_UNIT, UnitError, conversion, is_percent, is_unit_text
 from .sheet import Column
 
 _BRACKETS = re.compile(r"(?P<name>.*?)\s*[\[(]\s*(?P<unit>[^\[\]()]*?)\s*[\])]\s*")
@@ -22,6 +22,7 @@ _SCOPE = re.compile(r"(?P<name>CH\d)(?P<unit>[VA])")
 _STATED = re.compile(r"(?P<name>.+?)\s*\[\s*(?P<unit>[^\[\]]+?)\s*\]\s*")  # square brackets hold nothing but a unit
 _FORMS = (_BRACKETS, _PARTED, _SUFFIXED, _SCOPE)
 _SLUGS = {"rad_s": "rad/s"}
+_COUNTS = frozenset({"adc", "raw", "count", "counts", "tick", "ticks", "step", "steps", "lsb", "digits"})
 _NO_UNIT = ("", "-", "n/a", "none", "None", "N/A")  # what stands where there is none
 # as instruments write them, where our spellings differ
 _SPELLED = {"second": "s", "sec": "s", "volt": "V", "ampere": "A", "amp": "A", "°": "deg", "grad": "deg",
@@ -65,6 +66,11 @@ def spelled(unit: str) -> str:
 def is_unit(unit: str) -> bool:
     """True for a unit of anything that a rig logs."""
     return bool(unit) and (is_percent(unit) or bool(quantities_in(unit)))
+
+
+def is_unknown_unit(stated: str) -> bool:
+    """True for a unit that nothing is measured in, and for counts, of which only the user knows what one is."""
+    return stated.casefold() in _COUNTS or not is_unit_text(stated)
 
 
 @cache

@@ -18,9 +18,10 @@ MAKERS: dict[str, dict[str, tuple[str, ...]]] = {
         "position": ("etb position", "tps1", "tps", "throttle position sensor", "throttle position"),
         "setpoint": ("etb position target", "etb target", "etb1 target", "etb setpoint", "etb target for current pedal",
                      "electronic throttle target"),
+        "supply": ("vbatt", "battery"),
         "duty": ("etb duty", "etb duty cycle", "etb1 duty", "etb1 duty cycle", "electronic throttle duty"),
     },
-    "Speeduino, MegaSquirt": {"position": ("tps",), "setpoint": (), "duty": ()},
+    "Speeduino, MegaSquirt": {"position": ("tps",), "supply": ("battery v", "batt v", "batt", "battery")},
     "Haltech": {
         "position": ("drive by wire throttle 1 position", "drive by wire throttle position", "throttle position"),
         "setpoint": ("drive by wire throttle 1 target position", "drive by wire throttle target position",
@@ -94,7 +95,11 @@ _ENGINE = re.compile(
 )
 # of the plate's drive, by the name
 _PLATE = re.compile(r"\b(etb\d?|dbw\d?|e ?throttle|throttle\d?|drive by wire|plate|blade|tp|tps\d?|\w*klappe\w*|motor|servo)\b")
-_PLATES_POSITION = re.compile(r"\b(etb\d?|dbw\d?|e ?throttle|throttle\d?|drive by wire)\b.*\bpos")
+_PLATES_POSITION = re.compile(
+    r"\b(etb|dbw|e ?throttle|throttle|drive by wire)\d?( (servo|bank|body|plate|valve|blade|throttle|motor|\d))*"
+    r" pos(ition)?( (actual|main|sub|real|feedback|sensor|\d))*$"
+)
+_TPS_LIKE = re.compile(r"(\w+ )?(tps\d?|throttle( angle| opening)?)( (main|sub|\d))?")
 # what is about a signal and is not it: its raw reading, its error, what is added to something else
 _ABOUT = re.compile(
     r"\b(adc|raw|error|err|errors|delta|dot|acc|acceleration|rate|status|state|fault|diagnostic|mod|trim|comp|correction|"
@@ -140,6 +145,11 @@ def is_plates(name: str) -> bool:
 def is_plates_position(name: str) -> bool:
     """True for a position that is the plate's own by its words, as no TPS is."""
     return _PLATES_POSITION.search(words(name)) is not None and not is_about(name)
+
+
+def may_be_position(name: str) -> bool:
+    """True for what may be the plate's position in an engine computer's log, though no maker writes it so."""
+    return is_plates_position(name) or (_TPS_LIKE.fullmatch(words(name)) is not None and not is_about(name))
 
 
 def is_about(name: str) -> bool:

@@ -19,8 +19,8 @@ from ..rig.header import HeaderError, parse_header
 from ..rig.units import EXAMPLES, SI_UNIT, is_percent
 from . import shapes
 from .answers import IGNORE, Answers, Target
-from .labels import fits, quantities_in
-from .makers import is_about, is_engines, is_plates, is_plates_position, known, words
+from .labels import fits, is_unknown_unit, quantities_in
+from .makers import is_about, is_engines, is_plates, is_plates_position, known, may_be_position, words
 from .ranges_of_units import unit_by_range
 from .registers import signed
 from .settings import GuessSettings
@@ -71,8 +71,8 @@ def take_by_itself(column: Column, sheet: Sheet, answers: Answers) -> Take | Non
     if named == TIME:
         return left_out(column, "another time")
     if named is None:
-        return _by_unit(column)
-    if column.stated:
+        return left_out(column, "no name of a throttle's") if sheet.is_ecu else _by_unit(column)
+    if column.stated and not (sheet.is_ecu and known(column.name) is None) and is_unknown_unit(column.stated):
         raise _contradiction(sheet, column, named, "named as")
     return _by_name(column, named, sheet)
 
@@ -81,13 +81,15 @@ def quantity_of(column: Column, sheet: Sheet) -> str | None:
     """The quantity that a column's name says; in an engine computer's log LEFT_OUT for what is not the throttle's."""
     if (found := known(column.name)) is not None:
         return found[0]
-    if not column.unit and is_about(column.name):
+    if (sheet.is_ecu or not column.unit) and is_about(column.name):
         return LEFT_OUT
     named = quantity_named(column.name)
     if not sheet.is_ecu or named in (None, LEFT_OUT, TIME, "supply"):
         return LEFT_OUT if named == "setpoint" and is_engines(column.name) else named
     alone = words(column.name) in ("target", "setpoint", "set point", "duty", "duty cycle", "pwm")
-    if is_engines(column.name) or is_about(column.name) or not (is_plates(column.name) or alone):
+    if is_engines(column.name) or not (is_plates(column.name) or alone):
+        return LEFT_OUT
+    if named == "position" and not may_be_position(column.name):
         return LEFT_OUT
     if named == "duty" and alone and not any(_may_be_setpoint(each) for each in sheet.columns):
         return LEFT_OUT  # the injectors'
@@ -127,6 +129,8 @@ def _in_our_words(column: Column) -> Take | None:
 
 def _by_name(column: Column, named: str, sheet: Sheet) -> Take | None:
     """As the name says, in the file's unit or in that which the range tells."""
+    if column.stated:
+        return left_out(column, f"named as {named.replace('_', ' ')}, which is not logged in {column.stated}", sheet.is_ecu)
     if not column.unit and sheet.is_ecu and named in _OF_TRAVEL:
         whole = "1" if named == "duty" and column.peak <= 1.0 else "%"
         return Take(column, named, whole, "by its name, per cent of the travel as engine computers have it")
@@ -146,7 +150,8 @@ def _by_name(column: Column, named: str, sheet: Sheet) -> Take | None:
             return Take(column, quantity, column.unit, f"by its name, in {column.unit}")
     if named in ("current", "torque", "motor_speed") and fits("voltage", column.unit):
         raise _contradiction(sheet, column, named, "named as")
-    return left_out(column, f"named as {named.replace('_', ' ')}, which is not logged in {column.unit}", False)
+    sure = sheet.is_ecu and known(column.name) is None
+    return left_out(column, f"named as {named.replace('_', ' ')}, which is not logged in {column.unit}", sure)
 
 
 def _are_whole(column: Column) -> bool:
@@ -337,7 +342,7 @@ def one_each(takes: Sequence[Take], answers: Answers, sheet: Sheet) -> list[Take
                     takes[k].column, f"'{takes[kept].column.label}' is the {takes[kept].quantity} already"
                 )
         equals = [k for k in ranked if not sheet.is_ecu or _rank(takes[k].column) == _rank(takes[kept].column)]
-        if len(equals) > 1 and not said:
+        if len(equals) > 1 and not said and not (sheet.is_ecu and quantity == "supply"):
             others = ", ".join(f"'{takes[k].column.label}'" for k in equals if k != kept)
             out[kept] = replace(takes[kept], sure=False, reason=f"{takes[kept].reason}; the first of several: {others}")
     return out

@@ -221,7 +221,7 @@ def _seconds(texts: Sequence[str]) -> np.ndarray:
     found = [match for text in texts if (match := _INSTANT.fullmatch(text))]
     clock = np.array([3600.0 * _hour(m) + 60.0 * int(m["m"]) + float(m["s"].replace(",", ".")) for m in found])
     days = np.concatenate(([0.0], np.cumsum(np.diff(clock) < -0.5 * _DAY)))
-    return clock + _DAY * days - clock[0]
+    return np.round(clock + _DAY * days - clock[0], 9)
 
 
 def _hour(match: re.Match[str]) -> int:
