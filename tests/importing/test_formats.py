@@ -172,6 +172,17 @@ def test_a_simulink_structure_with_time(tmp_path: Path) -> None:
     assert (sheet.part, [column.label for column in sheet.columns]) == ("log", ["time", "U_motor"])
 
 
+def test_time_series_of_equal_times_that_were_saved_as_structures_are_one_sheet(tmp_path: Path) -> None:
+    import scipy.io
+
+    series = {"u_motor": {"Time": TIME, "Data": VOLTS[:, None], "DataInfo": {"Units": "V"}},
+              "i_motor": {"Time": TIME, "Data": AMPERES[:, None], "DataInfo": {"Units": "A"}}}  # fmt: skip
+    scipy.io.savemat(tmp_path / "log.mat", series)
+    (sheet,) = read(tmp_path / "log.mat")
+    assert [(column.name, column.unit) for column in sheet.columns] == [("time", ""), ("u_motor", "V"), ("i_motor", "A")]
+    assert sheet.columns[2].values == pytest.approx(AMPERES)
+
+
 def test_mdf_with_two_rates_has_gaps_where_nothing_was_sampled(tmp_path: Path) -> None:
     (sheet,) = read(foreign.mdf4(tmp_path / "a.mf4", COLUMNS, slower=5))
     clock, volts, amperes = sheet.columns
