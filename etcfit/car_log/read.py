@@ -139,7 +139,9 @@ def _cures_of_toml() -> Iterator[None]:
     try:
         yield
     except MeasurementError as err:
-        mend = _OPTION.sub(lambda m: f'[columns] {toml_string(m["header"])} = {toml_string(m["wanted"])} in rig.toml', err.mend)
+        mend = _OPTION.sub(
+            lambda m: f"[columns] {toml_string(m['header'])} = {toml_string(m['wanted'])} in rig.toml", err.mend
+        )
         raise MeasurementError(err.where, err.found, err.required, mend) from err
 
 
@@ -151,7 +153,8 @@ def _without_plate(where: str, sheets: Sequence[Sheet]) -> MeasurementError:
     example = _shown(like[0]) if like else "TP (Main)"
     return MeasurementError(where, f"no position of the plate among its columns {there}{more}.",
                             "A log from the car needs it, in per cent, degrees or sensor volts.",
-                            f'Name its column in rig.toml: [columns] {toml_string(example)} = "position [%]".')  # fmt: skip
+                            f'Name its column in rig.toml: [columns] {toml_string(example)} = "position [%]".'
+                            )  # fmt: skip
 
 
 def _shown(column: Column) -> str:
@@ -180,7 +183,8 @@ def _series(time: Take, take: Take, config: RigConfig, where: str) -> Series:
         conversion = to_channel(take.quantity, take.unit, config.travel, config.tps)[1]
     except UnitError as err:
         raise MeasurementError(where, f"column '{take.column.label}': {err}", "The rig.toml must say how to read it.",
-                               "Add [tps] with closed_V, open_V, travel_deg, or both ends in [rig] travel_deg.") from err  # fmt: skip
+                               "Add [tps] with closed_V, open_V, travel_deg, or both ends in [rig] travel_deg."
+                               ) from err  # fmt: skip
     logged, clock = conversion.scale * take.column.values + conversion.offset, time.si
     there = np.isfinite(clock) & np.isfinite(logged)
     t, value = clock[there], 100.0 * (logged[there] - low) / (high - low)

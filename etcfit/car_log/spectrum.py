@@ -69,7 +69,9 @@ def _over_pieces(evens: Sequence[np.ndarray], samples: int, step: float) -> tupl
 def _peak(frequency: np.ndarray, power: np.ndarray) -> float:
     """Of the bins at or above 0.25 Hz that exceed both neighbours, the lowest kept bin's neighbour below included."""
     inner = np.arange(1, power.size - 1)
-    tops = inner[(power[inner] > power[inner - 1]) & (power[inner] >= power[inner + 1]) & (frequency[inner] >= _SLOWEST)]
+    tops = inner[
+        (power[inner] > power[inner - 1]) & (power[inner] >= power[inner + 1]) & (frequency[inner] >= _SLOWEST)
+    ]
     if not tops.size:
         return float("nan")
     k = int(tops[np.argmax(power[tops])])

@@ -23,6 +23,8 @@ from .sheet import TIME, Sheet
 from .signs import turned
 from .take import LEFT_OUT, Take
 
+_MOST = 60  # columns that a message lists
+
 
 @dataclass(frozen=True, eq=False)
 class Trace:
@@ -105,7 +107,7 @@ def _records(sheets: Sequence[Sheet], answers: Answers, settings: GuessSettings)
 
 
 def _at_one_row_an_instant(sheet: Sheet, takes: list[Take]) -> tuple[Sheet, list[Take]]:
-    """An engine computer may write several rows a tick of its clock: their last readings make one row, which is said."""
+    """An engine computer may write several rows a tick of its clock: their last readings make one row."""
     time = next(take for take in takes if take.quantity == TIME).column.values
     more = np.flatnonzero(np.diff(time) == 0.0)
     if not more.size or not sheet.is_ecu:
@@ -148,8 +150,9 @@ def _refuse_falling_time(record: Record, settings: GuessSettings) -> None:
 def _useful(sheet: Sheet, answers: Answers, settings: GuessSettings) -> list[Take]:
     takes = takes_of(sheet, answers, settings)
     if all(take.quantity in (LEFT_OUT, TIME) for take in takes):
-        labels = "', '".join(take.column.label for take in takes if take.quantity == LEFT_OUT)
-        raise MeasurementError(sheet.where, f"nothing says what '{labels}' is.",
+        names = [take.column.label for take in takes if take.quantity == LEFT_OUT]
+        labels, more = "', '".join(names[:_MOST]), f" and {len(names) - _MOST} others" if len(names) > _MOST else ""
+        raise MeasurementError(sheet.where, f"nothing says what '{labels}'{more} is.",
                                "A trace needs a voltage, a current, a position or a speed.",
                                "Name the columns: --column 'HEADER=voltage [V]'.")  # fmt: skip
     return takes

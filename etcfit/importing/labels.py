@@ -26,7 +26,8 @@ _COUNTS = frozenset({"adc", "raw", "count", "counts", "tick", "ticks", "step", "
 _NO_UNIT = ("", "-", "n/a", "none", "None", "N/A")  # what stands where there is none
 # as instruments write them, where our spellings differ
 _SPELLED = {"second": "s", "sec": "s", "volt": "V", "ampere": "A", "amp": "A", "°": "deg", "grad": "deg",
-            "%tps": "%", "% tps": "%", "perc": "%", "prc": "%", "v dc": "V", "vdc": "V", "°ca": "deg ca", "1/min": "rpm", "min-1": "rpm", "min^-1": "rpm", "sek": "s", "usec": "us", "msec": "ms"}  # fmt: skip
+            "%tps": "%", "% tps": "%", "perc": "%", "prc": "%", "v dc": "V", "vdc": "V", 
+            "1/min": "rpm", "min-1": "rpm", "min^-1": "rpm", "sek": "s", "usec": "us", "msec": "ms"}  # fmt: skip
 
 
 def column(label: str, values: np.ndarray, unit: str = "") -> Column:

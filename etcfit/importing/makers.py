@@ -38,7 +38,8 @@ MAKERS: dict[str, dict[str, tuple[str, ...]]] = {
     },
     "Link": {
         "position": ("e throttle 1 position", "tp main", "tps main", "tp", "throttle position"),
-        "setpoint": ("e throttle target", "e throttle 1 target", "e throttle target position", "tp target", "tps target"),
+        "setpoint": ("e throttle target", "e throttle 1 target", "e throttle target position", "tp target",
+                     "tps target"),
         "duty": ("e throttle dc", "e throttle 1 dc", "e throttle duty cycle", "e throttle motor dc"),
     },
     "MaxxECU": {
@@ -50,8 +51,8 @@ MAKERS: dict[str, dict[str, tuple[str, ...]]] = {
         "position": ("throttle servo bank 1 position", "throttle servo position", "throttle position", "throttle pos"),
         "setpoint": ("throttle servo bank 1 aim", "throttle servo aim", "throttle aim", "throttle position aim",
                      "throttle pos aim"),
-        "duty": ("throttle servo bank 1 duty cycle", "throttle servo bank 1 motor duty cycle", "throttle servo duty cycle",
-                 "throttle servo bank 1 motor output"),
+        "duty": ("throttle servo bank 1 duty cycle", "throttle servo bank 1 motor duty cycle",
+                 "throttle servo duty cycle", "throttle servo bank 1 motor output"),
     },
     "AiM": {"position": ("ecu throttle", "ecu tps", "ecu tps1", "tps1", "tps"), "setpoint": ("ecu throttle target",)},
     "Emtron, AEM, Syvecs": {
@@ -89,12 +90,14 @@ PEDAL_IN_SOME = frozenset({"tp", "tps", "tps1"})  # beside a name of the plate's
 _ENGINE = re.compile(
     r"\b(engine|eng|rpm|afr\w*|lambda|ego\w*|gego|wbo?2?|wideband|o2|clt|coolant|iat|mat|map|maf|baro\w*|egt\w*|ign\w*|spark|"
     r"dwell|adv(ance)?|inj\w*|fuel\w*|pw\d?|boost|turbo|wastegate|wg|idle|iac|vvt|cam|crank|knock|launch|als|fan|ac|"
-    r"alternator|alt|gear\w*|gearbox|drivetrain|clutch|dsg|shift|brake|wheel|vehicle|veh|car|gps|lap|oil|ve\d?|squirt|gammae|"
-    r"gair|gwarm|gbaro|torque reduction|traction|flex|ethanol|nitrous|water|air ?flow|mass air\w*|stoich\w*|cruise|secl|sync|"
-    r"manifold|exhaust|intake|ambient|warmup|accel(erator)?|pedal|pps\d?|apps?\d?|aps)\b"
+    r"alternator|alt|gear\w*|gearbox|drivetrain|clutch|dsg|shift|brake|wheel|vehicle|veh|car|gps|lap|oil|ve\d?|"
+    r"squirt|gammae|gair|gwarm|gbaro|torque reduction|traction|flex|ethanol|nitrous|water|air ?flow|mass air\w*|stoich\w*|cruise|"
+    r"secl|sync|manifold|exhaust|intake|ambient|warmup|accel(erator)?|pedal|pps\d?|apps?\d?|aps)\b"
 )
 # of the plate's drive, by the name
-_PLATE = re.compile(r"\b(etb\d?|dbw\d?|e ?throttle|throttle\d?|drive by wire|plate|blade|tp|tps\d?|\w*klappe\w*|motor|servo)\b")
+_PLATE = re.compile(
+    r"\b(etb\d?|dbw\d?|e ?throttle|throttle\d?|drive by wire|plate|blade|tp|tps\d?|\w*klappe\w*|motor|servo)\b"
+)
 _PLATES_POSITION = re.compile(
     r"\b(etb|dbw|e ?throttle|throttle|drive by wire)\d?( (servo|bank|body|plate|valve|blade|throttle|motor|\d))*"
     r" pos(ition)?( (actual|main|sub|real|feedback|sensor|\d))*$"
@@ -103,8 +106,8 @@ _TPS_LIKE = re.compile(r"(\w+ )?(tps\d?|throttle( angle| opening)?)( (main|sub|\
 # what is about a signal and is not it: its raw reading, its error, what is added to something else
 _ABOUT = re.compile(
     r"\b(adc|raw|error|err|errors|delta|dot|acc|acceleration|rate|status|state|fault|diagnostic|mod|trim|comp|correction|"
-    r"corr|table|limit|min|max|threshold|delay|learn\w*|cal|calibration|idle|fuel|ign\w*|gain|integral|[pid]|[pid] term|"
-    r"transient|sensor state|count|moving|mode|active|enabled?|flags?|bias|feed ?forward)\b"
+    r"corr|table|limit|min|max|threshold|delay|learn\w*|cal|calibration|idle|fuel|ign\w*|gain|integral|[pid]|"
+    r"[pid] term|transient|sensor state|count|moving|mode|active|enabled?|flags?|bias|feed ?forward)\b"
 )
 
 

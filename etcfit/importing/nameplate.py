@@ -66,13 +66,15 @@ def travel_guess(records: Sequence[Record], known: RigConfig | None, settings: G
 
 
 def supply_guess(records: Sequence[Record], known: RigConfig | None, settings: GuessSettings) -> NameplateGuess | None:
-    """supply_V where a duty is all that says what drives the plate; a car's battery while it is charged, or a bench's."""
+    """supply_V where a duty is all that says what drives the plate: a car's battery that is charged, or a bench's."""
     having = [record for record in records if record.take("duty") and not {"voltage", "supply"} & set(record.signals)]
     if not having or known is not None:
         return None
     car = any(record.sheet.is_ecu for record in having)
     volts = _CHARGED_V if car else _BENCH_V
-    reason = f"a duty without a supply in {len(having)} records; {volts:g} V is usual {'in a car' if car else 'on a bench'}"
+    reason = (
+        f"a duty without a supply in {len(having)} records; {volts:g} V is usual {'in a car' if car else 'on a bench'}"
+    )
     return NameplateGuess(f"supply_V = {volts}\n", f"[rig] supply_V = {volts}", reason)
 
 

@@ -67,7 +67,10 @@ def take_by_itself(column: Column, sheet: Sheet, answers: Answers) -> Take | Non
         return left_out(column, "it holds no number")
     named = quantity_of(column, sheet)
     if named == LEFT_OUT:
-        return left_out(column, "by its name the engine's, not the throttle's" if sheet.is_ecu else "by its name it is not of the rig")
+        return left_out(
+            column,
+            "by its name the engine's, not the throttle's" if sheet.is_ecu else "by its name it is not of the rig",
+        )
     if named == TIME:
         return left_out(column, "another time")
     if named is None:
@@ -130,16 +133,19 @@ def _in_our_words(column: Column) -> Take | None:
 def _by_name(column: Column, named: str, sheet: Sheet) -> Take | None:
     """As the name says, in the file's unit or in that which the range tells."""
     if column.stated:
-        return left_out(column, f"named as {named.replace('_', ' ')}, which is not logged in {column.stated}", sheet.is_ecu)
+        return left_out(
+            column, f"named as {named.replace('_', ' ')}, which is not logged in {column.stated}", sheet.is_ecu
+        )
     if not column.unit and sheet.is_ecu and named in _OF_TRAVEL:
         whole = "1" if named == "duty" and column.peak <= 1.0 else "%"
         return Take(column, named, whole, "by its name, per cent of the travel as engine computers have it")
     if not column.unit:
         if named in ("position", "setpoint") and _are_counts(column):
-            raise MeasurementError(sheet.where, f"column '{column.label}' is named as {named}, and holds whole numbers up to "
-                                   f"{column.peak:.0f} without a unit.", "Counts of a converter need what one count is.",
-                                   f"Give it: --column '{column.label}={named} [{360 / 4096:.4g} deg]' for 4096 counts a turn, "
-                                   f"or '{column.label}=ignore'.")  # fmt: skip
+            raise MeasurementError(sheet.where, f"column '{column.label}' is named as {named}, and holds whole numbers "
+                                   f"up to {column.peak:.0f} without a unit.",
+                                   "Counts of a converter need what one count is.",
+                                   f"Give it: --column '{column.label}={named} [{360 / 4096:.4g} deg]' for 4096 counts "
+                                   f"a turn, or '{column.label}=ignore'.")  # fmt: skip
         quantity, unit, sure = unit_by_range(named, column.peak)
         if named == "duty" and unit == "%" and "pwm" in words(column.name) and _are_whole(column):
             reason = f"by its name; no unit: taken as %, but a whole number may be of 255: duty [{100 / 255:.4g} %]"

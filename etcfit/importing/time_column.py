@@ -35,8 +35,8 @@ def time_of(sheet: Sheet, answers: Answers) -> Take:
     for test, reason in tried:
         if column := next((c for c in columns if test(c) and not _ignored(sheet, c, answers)), None):
             if column.stated and not column.unit:
-                raise MeasurementError(sheet.where, f"time column '{column.label}' is in '{column.stated}', which is no "
-                                       "known unit.", "Accepted: time in s or ms.",
+                raise MeasurementError(sheet.where, f"time column '{column.label}' is in '{column.stated}', "
+                                       "which is no known unit.", "Accepted: time in s or ms.",
                                        f"Say what it is: --column '{column.label}=time [s]'.")  # fmt: skip
             return _united(column, "", reason, sheet.is_ecu)
     if answers.period is not None:

@@ -1,6 +1,6 @@
 """How a text is laid out: where its rows of numbers are, what names their columns and gives their units.
 
-    lines above the header, a header, a row of units, blank lines       MoTeC, AiM, PicoScope, spreadsheets, data loggers
+    lines above the header, a header, a row of units, blank lines       MoTeC, AiM, PicoScope, spreadsheets, loggers
     long names, units, short names                                      a header of three rows
     % 1  time [s]                                                       names in comments, cells parted by blanks
     t,25618580,PWM,-20                                                  a label before each number (serial plotters)
@@ -24,13 +24,16 @@ from .rows import BLANKS, Numbers, cells_of, is_gap, is_instant, is_number, read
 from .units import is_unit_text
 
 # what begins a line that is no row: comments of any program, PuTTY's mark of a new log, MegaLogViewer's marks
-_COMMENT = re.compile(r'\s*("?#|//|%|=~=~|MARK \d)')
-_COMMENT_MARKS = "#%/ \t\""
+_COMMENT = re.compile(r'\s*("?#|//|%(?!\s*[,;\t])|=~=~|MARK \d)')  # a row of units may begin with per cent
+_COMMENT_MARKS = '#%/ \t"'
 _BLOCK = 3  # rows in a row make a body
 _TRIED = ("\t", ";", ",")
 _NUMBERED = re.compile(r"(?P<number>\d+)[.:)]?\s+(?P<name>\S.*)")  # a list of names in comments
 _TOKEN = re.compile(r"[^\s\[\](){}]+(?:\s?[\[(][^\[\]()]*[\])])?")  # a name, its unit in brackets with it
-_PAIR = re.compile(r"\s*(?P<label>[A-Za-zµ_][\w %/.°-]*?)\s*[:=,;\t ]\s*(?P<value>[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*(?:[,;\t ]|$)")
+_PAIR = re.compile(
+    r"\s*(?P<label>[A-Za-zµ_][\w %/.°-]*?)\s*[:=,;\t ]\s*(?P<value>[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)"
+    r"\s*(?:[,;\t ]|$)"
+)
 
 # Haltech's types -> what one count is, and of what unit; a type that is not here keeps its counts, and no unit
 HALTECH: dict[str, tuple[float, str]] = {
@@ -212,7 +215,7 @@ def _is_row(cells: Sequence[str]) -> bool:
 
 
 def _header_above(lines: Sequence[str], body: _Body) -> tuple[list[str], list[str], int]:
-    """Names, units, and the line of the names, counted from 1: of the last lines above the rows that may name columns."""
+    """Names, units, and the names' line, counted from 1: of the last lines above the rows that may name columns."""
     numbered = [(k, cells_of(line, body.separator)) for k, line in enumerate(lines[: body.first]) if line.strip()]
     if body.separator == BLANKS:
         numbered = [(k, _TOKEN.findall(lines[k])) for k, _ in numbered]
@@ -294,7 +297,8 @@ def _pairs(lines: Sequence[str]) -> tuple[list[str], Layout] | None:
 
 
 def _are_pairs(line: str) -> bool:
-    return bool(line.strip()) and not _PAIR.sub("", line).strip() and bool(_PAIR.search(line))
+    start = line.lstrip()[:1]  # most texts are no pairs, and are not searched
+    return (start.isalpha() or start == "_") and not _PAIR.sub("", line).strip()
 
 
 # Makers
@@ -316,8 +320,8 @@ def _hp_tuners(lines: Sequence[str], where: str) -> tuple[list[str], Layout]:
                                "units there.", "Export it again from VCM Scanner.")  # fmt: skip
     cells = [cells_of(lines[k], ",") for k in block]
     width = max(len(cells[0]), len(cells[-1]))
-    return list(lines), Layout(_padded(_rejoined(cells[1], width), width), _padded(cells[2] if len(cells) > 2 else [], width),
-                               block[1] + 1, data + 1, ",", "fill")  # fmt: skip
+    names, units = _padded(_rejoined(cells[1], width), width), _padded(cells[2] if len(cells) > 2 else [], width)
+    return list(lines), Layout(names, units, block[1] + 1, data + 1, ",", "fill")
 
 
 def _rejoined(names: list[str], width: int) -> list[str]:
@@ -354,7 +358,9 @@ def _haltech(lines: Sequence[str], where: str) -> tuple[list[str], Layout]:
 
 
 # (does a text begin like it?, its layout); what fits none has any header above any rows
-LAYOUTS: tuple[tuple[Callable[[Sequence[str]], bool], Callable[[Sequence[str], str], tuple[list[str], Layout]]], ...] = (
+LAYOUTS: tuple[
+    tuple[Callable[[Sequence[str]], bool], Callable[[Sequence[str], str], tuple[list[str], Layout]]], ...
+] = (
     (_is_haltech, _haltech),
     (_is_hp_tuners, _hp_tuners),
 )

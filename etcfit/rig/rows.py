@@ -27,7 +27,8 @@ _MARKED = re.compile(r"[+-]?[\d.,]*[.,][\d.,]*([eE][+-]?\d+)?", re.ASCII)
 # what instruments write where a sample was beyond the range, or none came
 _NONE = frozenset({"", "∞", "-∞", "+∞", "inf", "-inf", "+inf", "nan", "ol", "over", "overload", "#n/a", "n/a", "---"})
 _INSTANT = re.compile(
-    r"(?:\d{1,4}[-/.]\d\d?[-/.]\d{1,4}[ T]+)?(?P<h>\d\d?):(?P<m>\d\d):(?P<s>\d\d(?:[.,]\d+)?)\s*(?P<half>[AaPp][Mm])?(?:Z|[+-]\d\d:?\d\d)?"
+    r"(?:\d{1,4}[-/.]\d\d?[-/.]\d{1,4}[ T]+)?(?P<h>\d\d?):(?P<m>\d\d):(?P<s>\d\d(?:[.,]\d+)?)"
+    r"\s*(?P<half>[AaPp][Mm])?(?:Z|[+-]\d\d:?\d\d)?"
 )
 _DAY = 86400.0  # s
 _FEW = 3  # rows from which a last one that is short was cut off
@@ -106,7 +107,13 @@ def no_number(cell: str, column: str, place: str) -> MeasurementError:
 
 
 def read_rows(
-    rows: Sequence[tuple[int, str]], separator: str, names: Sequence[str], where: str, *, tolerant: bool, short: str = ""
+    rows: Sequence[tuple[int, str]],
+    separator: str,
+    names: Sequence[str],
+    where: str,
+    *,
+    tolerant: bool,
+    short: str = "",
 ) -> Numbers:
     """The numbers of rows. A column of instants becomes seconds since the first one.
 
@@ -121,7 +128,9 @@ def read_rows(
     Raises:
         MeasurementError: a row of another length, a cell that is no number, or marks that may part thousands.
     """
-    if (short != "drop") and (plain := fast_cells("\n".join(text for _, text in rows), separator, len(names), HUGE)) is not None:
+    if (short != "drop") and (
+        plain := fast_cells("\n".join(text for _, text in rows), separator, len(names), HUGE)
+    ) is not None:
         return Numbers(plain, ("",) * len(names), np.array([line for line, _ in rows]))
     split = [(line, quoted_cells(text, separator, f"{where}:{line}")) for line, text in rows]
     split, losses = _of_one_width(split, separator, len(names), where, tolerant, short)
@@ -140,7 +149,9 @@ def read_rows(
         columns.append(values)
         units.append("")
         (losses if short == "drop" else remarks).extend(filter(None, (said,)))
-    return Numbers(np.array(columns).T.reshape(len(split), len(names)), tuple(units), lines, tuple(remarks), tuple(losses))
+    return Numbers(
+        np.array(columns).T.reshape(len(split), len(names)), tuple(units), lines, tuple(remarks), tuple(losses)
+    )
 
 
 def _of_one_width(
@@ -182,7 +193,8 @@ def _decimal_mark(rows: Sequence[tuple[int, list[str]]], separator: str, where: 
                                "Export it again without thousands separators.")  # fmt: skip
     mark = "." if comma is None else ","
     if all(GROUPED[mark].fullmatch(each) for _, each in marked):
-        raise MeasurementError(f"{where}:{line}", f"'{cell[:40]}': the '{mark}' may be a decimal mark or part thousands.",
+        raise MeasurementError(f"{where}:{line}",
+                               f"'{cell[:40]}': the '{mark}' may be a decimal mark or part thousands.",
                                "The decimal mark must be unambiguous.",
                                "Separate cells by ',' and write decimals with a point.")  # fmt: skip
     return mark
@@ -209,11 +221,16 @@ def _values(
             raise no_number(texts[words[0]], called, f"{where}:{lines[words[0]]}")
         return values, ""
     if drop:
-        return values, f"'{called}': {len(odd)} cells that hold no number are gaps" if 0 < 2 * len(odd) < len(texts) else ""
+        return values, f"'{called}': {len(odd)} cells that hold no number are gaps" if 0 < 2 * len(odd) < len(
+            texts
+        ) else ""
     if words:
         return np.full(len(texts), np.nan), f"column '{called}': words, no numbers"
     lost = [k for k in odd if texts[k]]
-    return values, f"column '{called}': {len(lost)} samples beyond the range ('{texts[lost[0]]}') are gaps" if lost else ""
+    return (
+        values,
+        f"column '{called}': {len(lost)} samples beyond the range ('{texts[lost[0]]}') are gaps" if lost else "",
+    )
 
 
 def _seconds(texts: Sequence[str]) -> np.ndarray:

@@ -13,8 +13,8 @@ from etcfit.errors import MeasurementError
 from etcfit.reporting.blocks import render
 from etcfit.reporting.car_log import drive_table
 from etcfit.rig.base import RigConfig
-from etcfit.rig.mlg import read_mlg
 from etcfit.rig.layout import read_msl
+from etcfit.rig.mlg import read_mlg
 
 LOG = car_logs.drive(5.0)
 COLUMNS = [("TPS", "%", "S16", 0.01, 0.0), ("Fan", "", "U08_BITS", 1.0, 0.0), ("RPM", "RPM", "U16", 1.0, 0.0),

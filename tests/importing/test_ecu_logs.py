@@ -60,7 +60,9 @@ def test_import_takes_the_same_columns_and_nothing_of_the_engine(tmp_path: Path,
 
 def matrix(separator: str = " ") -> bytes:
     """MATLAB's `save -ascii`: numbers alone."""
-    return ecu_files.text("   " + row for row in ecu_files.rows(["time", "position", "setpoint"], f"{separator}  ", ["%.7e"] * 3))
+    return ecu_files.text(
+        "   " + row for row in ecu_files.rows(["time", "position", "setpoint"], f"{separator}  ", ["%.7e"] * 3)
+    )
 
 
 def test_numbers_without_a_name_are_listed_and_can_be_named(tmp_path: Path) -> None:
@@ -86,7 +88,9 @@ def test_one_column_and_its_period_are_a_trace(tmp_path: Path) -> None:
 def test_a_column_of_counts_is_refused_with_what_one_count_may_be(tmp_path: Path) -> None:
     lines = ["time,pos,goal", *(f"{0.01 * k:.2f},{2000 + k},{2000 + k}" for k in range(50))]
     written(tmp_path, File("servo.csv", ecu_files.text(lines), "", ""))
-    with pytest.raises(MeasurementError, match=r"'pos'.*whole numbers up to 20\d\d without a unit.*\[columns\] \"pos\" = "):
+    with pytest.raises(
+        MeasurementError, match=r"'pos'.*whole numbers up to 20\d\d without a unit.*\[columns\] \"pos\" = "
+    ):
         read_logs(tmp_path)
 
 
@@ -98,7 +102,10 @@ def test_a_unit_that_is_none_is_an_error_and_no_missing_unit(tmp_path: Path) -> 
 
 
 def test_a_log_without_a_plate_lists_its_columns(tmp_path: Path) -> None:
-    lines = ["Time,RPM,AFR Target,Injector duty,Gear position", *ecu_files.rows(["time", "rpm", "target_afr", "injector", "gear"], ",")]
+    lines = [
+        "Time,RPM,AFR Target,Injector duty,Gear position",
+        *ecu_files.rows(["time", "rpm", "target_afr", "injector", "gear"], ","),
+    ]
     path = written(tmp_path / "in", File("a.csv", ecu_files.text(lines), "", ""))
     with pytest.raises(MeasurementError, match=r"'RPM', 'AFR Target', 'Injector duty', 'Gear position'"):
         read_logs(tmp_path / "in")
@@ -107,21 +114,25 @@ def test_a_log_without_a_plate_lists_its_columns(tmp_path: Path) -> None:
 
 
 def step(seconds: float = 0.8) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Time, 3 V from 0.05 s on, and a plate that runs to its stop; a little noise."""
+    """Time, 3 V from 0.05 s on, and a plate that runs towards its stop; a little noise."""
     time = np.arange(0.0, seconds, 0.002)
     noise = np.random.default_rng(3).normal(size=(2, time.size))
-    angle = np.minimum(1.57, 4.0 * np.maximum(time - 0.05, 0.0) * (1.0 - 0.3 * time)) + 5e-4 * noise[0]
+    gone = np.maximum(time - 0.05, 0.0)
+    angle = 2.35 * gone * (1.0 - 0.29 * gone) + 5e-4 * noise[0]
     return time, 3.0 * (time > 0.05) + 0.005 * noise[1], angle
 
 
 def test_a_step_of_voltage_is_a_response_and_no_back_emf(tmp_path: Path) -> None:
-    lines = ["time [s],voltage [V],position [rad]", *(",".join(f"{x:.6g}" for x in row) for row in zip(*step(), strict=True))]
+    lines = [
+        "time [s],voltage [V],position [rad]",
+        *(",".join(f"{x:.6g}" for x in row) for row in zip(*step(), strict=True)),
+    ]
     path = written(tmp_path / "in", File("m1.csv", ecu_files.text(lines), "", ""))
     done = import_files([path], tmp_path / "rig", Answers(), accept_all)
     (trace,) = read_folder(done.folder).measurements
     assert trace.test == "response"
     assert trace.channels["voltage"].value.max() > 2.9
-    assert trace.channels["position"].value[-1] == pytest.approx(1.57, abs=0.01)
+    assert trace.channels["position"].value[-1] == pytest.approx(1.38, abs=0.01)
 
 
 def signed(raw: np.ndarray, bit: int) -> np.ndarray:
@@ -152,7 +163,9 @@ def test_check_names_the_bit_that_makes_a_duty_more_than_one(tmp_path: Path) -> 
     text = raw.decode().replace("pos [deg]", "position [deg]").replace("load", "duty [0.1 %]")
     (tmp_path / "response").mkdir()
     (tmp_path / "response" / "1.csv").write_text(text)
-    (tmp_path / "rig.toml").write_text('[rig]\nname = "a"\ngear_ratio = 20.0\nsupply_V = 12.0\ntravel_deg = [0.0, 180.0]\n')
+    (tmp_path / "rig.toml").write_text(
+        '[rig]\nname = "a"\ngear_ratio = 20.0\nsupply_V = 12.0\ntravel_deg = [0.0, 180.0]\n'
+    )
     with pytest.raises(MeasurementError, match=r"duty must lie between.*keeps its sign in bit 10.*etcfit import"):
         read_folder(tmp_path)
 
@@ -161,7 +174,9 @@ def test_the_folders_reader_takes_lines_above_the_header_and_units_below(tmp_pat
     time = 0.01 * np.arange(60)
     body = [f"{1e3 * t:.0f},{3 * (k % 20 > 9)},{20.0 + k % 20}" for k, t in enumerate(time)]
     (tmp_path / "response").mkdir()
-    (tmp_path / "response" / "1.csv").write_bytes(ecu_files.text(["Logger 7", "Rig,bench", "", "Time,Voltage,Position", "ms,V,deg", *body]))
+    (tmp_path / "response" / "1.csv").write_bytes(
+        ecu_files.text(["Logger 7", "Rig,bench", "", "Time,Voltage,Position", "ms,V,deg", *body])
+    )
     (tmp_path / "rig.toml").write_text('[rig]\nname = "a"\ngear_ratio = 20.0\n')
     (trace,) = read_folder(tmp_path).measurements
     assert trace.time == pytest.approx(time)
@@ -172,7 +187,9 @@ def test_rows_at_one_tick_of_the_clock_are_one_row(tmp_path: Path) -> None:
     time = np.repeat(0.04 * np.arange(500), 2)
     lines = ["Time,RPM,TPS,DBW Target"]
     for k, t in enumerate(time):  # position and setpoint in rows of their own
-        lines.append(f"{t:.2f},900,{DRIVE['position'][k]:.3f}," if k % 2 else f"{t:.2f},900,,{DRIVE['setpoint'][k]:.3f}")
+        lines.append(
+            f"{t:.2f},900,{DRIVE['position'][k]:.3f}," if k % 2 else f"{t:.2f},900,,{DRIVE['setpoint'][k]:.3f}"
+        )
     path = written(tmp_path / "in", File("a.csv", ecu_files.text(lines), "", ""))
     done = import_files([path], tmp_path / "rig", Answers(), accept_all)
     (trace,) = read_folder(done.folder).measurements

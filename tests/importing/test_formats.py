@@ -179,7 +179,11 @@ def test_time_series_of_equal_times_that_were_saved_as_structures_are_one_sheet(
               "i_motor": {"Time": TIME, "Data": AMPERES[:, None], "DataInfo": {"Units": "A"}}}  # fmt: skip
     scipy.io.savemat(tmp_path / "log.mat", series)
     (sheet,) = read(tmp_path / "log.mat")
-    assert [(column.name, column.unit) for column in sheet.columns] == [("time", ""), ("u_motor", "V"), ("i_motor", "A")]
+    assert [(column.name, column.unit) for column in sheet.columns] == [
+        ("time", ""),
+        ("u_motor", "V"),
+        ("i_motor", "A"),
+    ]
     assert sheet.columns[2].values == pytest.approx(AMPERES)
 
 

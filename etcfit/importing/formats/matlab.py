@@ -88,7 +88,9 @@ def _plain(source: Source, tree: _Tree, scope: Mapping[str, Any], part: str) -> 
             source.refuse_larger(8 * math.prod(value.shape))
             out[name] = value.toarray()
         elif isinstance(value, np.ndarray | np.generic) and value.dtype.kind in "cV":
-            tree.missing.append(f"'{path}' cannot be read: it is complex, or a MATLAB object: save struct('Time', x.Time, 'Data', x.Data)")
+            tree.missing.append(
+                f"'{path}' cannot be read: it is complex, or a MATLAB object (save a structure of vectors)"
+            )
         elif isinstance(value, np.ndarray) and value.dtype.kind == "O" and any(_is_vector(each) for each in value.flat):
             tree.missing.append(f"'{path}' cannot be read: it is a cell array of vectors")
         else:
@@ -170,7 +172,9 @@ def _text(letters: np.ndarray) -> str:
 def _scopes(tree: Mapping[str, Any], part: str = "") -> Iterator[tuple[str, Mapping[str, Any]]]:
     """Each structure with what it holds itself; a Simulink structure flattened."""
     yield part, _simulink(tree) if {"time", "signals"} <= set(tree) else tree
-    series = {name: value for name, value in tree.items() if isinstance(value, Mapping) and {"Time", "Data"} <= set(value)}
+    series = {
+        name: value for name, value in tree.items() if isinstance(value, Mapping) and {"Time", "Data"} <= set(value)
+    }
     yield from ((part, each) for each in _of_equal_times(series))
     for name, value in tree.items():
         if name not in series and isinstance(value, Mapping) and not ({"time", "signals"} <= set(tree)):

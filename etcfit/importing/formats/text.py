@@ -54,4 +54,6 @@ def _of_records(table: Table, where: str) -> list[Sheet]:
 
 
 FORMAT = Format("text", (".csv", ".txt", ".tsv", ".asc", ".dat", ".lvm", ".log", ".msl"), _read)
-MEGALOG = Format("MegaLogViewer binary", (".mlg",), lambda s: _of_records(read_mlg(s.path.read_bytes(), s.where), s.where))
+MEGALOG = Format(
+    "MegaLogViewer binary", (".mlg",), lambda s: _of_records(read_mlg(s.path.read_bytes(), s.where), s.where)
+)
