@@ -347,7 +347,9 @@ def drive(
     compare: Annotated[
         tuple[str, str] | None, typer.Option(help="These two, before and after.", metavar="LOG LOG")
     ] = None,
-    out: Annotated[Path | None, typer.Option(help="drive.html, drive.json and pictures.", file_okay=False, metavar="RUN")] = None,
+    out: Annotated[
+        Path | None, typer.Option(help="drive.html, drive.json and pictures.", file_okay=False, metavar="RUN")
+    ] = None,
     quiet: Quiet = False,
 ) -> None:
     """Logs from the car: does the plate follow well enough; steps, oscillation, duty, both sensors; two compared."""
