@@ -20,6 +20,9 @@ from collections.abc import Collection, Sequence
 from ..model.rig_effects import Place, rig_effect
 from ..problem.free_parameters import effect_named
 from .findings import RoundReport, Whiteness
+from .settings import DiagnosisSettings
+
+UNSAID = "stays in the model and is not named: something else is likelier to explain what it does."
 
 _EVERYWHERE = Place()
 
@@ -35,10 +38,23 @@ def credits(rounds: Sequence[RoundReport], added: Collection[str]) -> list[float
     return [_credit(k, rounds, added) for k in range(len(rounds))]
 
 
-def left_share(rounds: Sequence[RoundReport]) -> float:
-    """Share of the misfit above noise of the first model that the last one leaves, from 0 to 1."""
+def doubted(rounds: Sequence[RoundReport], added: Collection[str], settings: DiagnosisSettings) -> list[str]:
+    """Names that stay in the model and are not said, for something else is likelier.
+
+    Args:
+        rounds, added: as of `credits`.
+        settings: `least_credit`.
+    """
+    believed = zip(rounds, credits(rounds, added), strict=True)
+    return [str(each.added) for each, credit in believed if credit < settings.least_credit]
+
+
+def left_share(rounds: Sequence[RoundReport], doubted: Collection[str] = ()) -> float:
+    """Share of the misfit above noise of the first model that has no name, from 0 to 1: what the last one leaves, and
+    what names in doubt explain."""
     first, last = rounds[0].evidence.rows, rounds[-1].evidence.rows
     left = sum(map(_left, last))
+    left += sum(_gain(k, rounds, _EVERYWHERE) for k in range(len(rounds) - 1) if rounds[k].added in doubted)
     return left / max(left, sum(map(_excess, first)), 1e-300)
 
 

@@ -34,7 +34,12 @@ CALIBRATED = (
 
 
 def questions(
-    rounds: Sequence[RoundReport], added: Collection[str], curve: bool, settings: DiagnosisSettings, slow: bool = False
+    rounds: Sequence[RoundReport],
+    added: Collection[str],
+    curve: bool,
+    settings: DiagnosisSettings,
+    slow: bool = False,
+    doubts: Collection[str] = (),
 ) -> tuple[Question, ...]:
     """What each round asked, and at last what is left without a name.
 
@@ -47,14 +52,15 @@ def questions(
         curve: whether a curve without a name was found.
         settings: `bic_temper`, `lapse`, `missed` and `slow_log`.
         slow: whether a fitted test was logged so.
+        doubts: other effects of that model, which something else outdoes (`credit.doubted`).
     """
     gone = _withdrawn(rounds, added)
-    believed = [min(each, 1.0 - settings.lapse) for each in credits(rounds, added)]
+    believed = [min(each, 1.0 - settings.lapse) for each in credits(rounds, {*added, *doubts})]
     asked = [
         Question(f"Round {k}: what explains what is left of the residual?", _answers(each, gone, most, settings))
         for k, (each, most) in enumerate(zip(rounds, believed, strict=True), start=1)
     ]
-    left = _left(rounds, bool(added), curve, settings)
+    left = _left(rounds, bool(added), curve, doubts, settings)
     every = (*asked, Question("At the end: what is left?", {ONLY_NOISE: 1.0 - left, NO_NAME: left}))
     return tuple(_beside_a_slow_log(each, settings) for each in every) if slow else every
 
@@ -70,6 +76,7 @@ def probabilities(
     added: Collection[str],
     curve: bool,
     settings: DiagnosisSettings,
+    doubts: Collection[str] = (),
 ) -> Mapping[str, float]:
     """Of every effect that was refitted, of "nothing" and of "unexplained", each from 0 to 1.
 
@@ -78,7 +85,7 @@ def probabilities(
 
     Args:
         asked: the questions of these rounds, with their answers.
-        rounds, added, curve, settings: as of `questions`.
+        rounds, added, curve, settings, doubts: as of `questions`.
     """
     *of_rounds, at_last = asked
     named: dict[str, float] = {}
@@ -88,7 +95,7 @@ def probabilities(
                 named[effect] = 1.0 - (1.0 - named.get(effect, 0.0)) * (1.0 - p)
     # what was taken away again, or is in doubt, is no more than what was never added
     named |= {effect: min(named.get(effect, 1.0), settings.missed) for effect in _withdrawn(rounds, added)}
-    silent = not added and not curve and rounds[-1].evidence.white
+    silent = not (added or curve or doubts) and rounds[-1].evidence.white
     return {
         **dict(sorted(named.items(), key=lambda item: -item[1])),
         NOTHING: 1.0 - settings.missed if silent else settings.lapse * math.prod(1.0 - p for p in named.values()),
@@ -106,16 +113,18 @@ def _withdrawn(rounds: Sequence[RoundReport], added: Collection[str]) -> set[str
     return {each.added for each in rounds if each.added is not None} - set(added)
 
 
-def _left(rounds: Sequence[RoundReport], named: bool, curve: bool, settings: DiagnosisSettings) -> float:
+def _left(
+    rounds: Sequence[RoundReport], named: bool, curve: bool, doubts: Collection[str], settings: DiagnosisSettings
+) -> float:
     """Probability that something is left which has no name."""
-    noise, unread = rounds[-1].evidence.white, not rounds[-1].candidates
+    noise, unread = rounds[-1].evidence.white and not doubts, not rounds[-1].candidates and not doubts
     if curve or not (named or noise):
         return 1.0 - settings.lapse
     if noise:
         return settings.lapse if named else settings.missed
     if unread:  # a last round without candidates found no more than the formulas of what was named may leave
         return settings.lapse
-    return min(max(left_share(rounds), settings.lapse), 1.0 - settings.lapse)
+    return min(max(left_share(rounds, doubts), settings.lapse), 1.0 - settings.lapse)
 
 
 def _answers(

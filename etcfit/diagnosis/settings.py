@@ -190,6 +190,9 @@ class DiagnosisSettings:
     lapse: float = real(0.1, above=0.0, below=1.0)
     """Least probability that what was named is something else, however strong the evidence; and the least that
     something without a name is left beside it."""
+    least_credit: float = real(0.5, 0.0, 1.0)
+    """Share of what is missing where it acts that a name must explain, beside what may be something else; one that
+    explains less, of a model near its data, is not said."""
     missed: float = real(0.1, above=0.0, below=1.0)
     """Probability that something is there of which nothing was found."""
     slow_log: float = real(0.5, 0.0, below=1.0)
