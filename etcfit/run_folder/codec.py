@@ -177,8 +177,15 @@ class _Writer:
 
     def _array(self, value: Any) -> list[Any]:
         kind = "jax" if isinstance(value, jax.Array) else "number" if isinstance(value, np.generic) else "array"
-        self.arrays.append(np.asarray(value))
-        return [kind, str(len(self.arrays) - 1)]
+        array = np.asarray(value)
+        if kind == "array" and (array.size > 1 and 0 in array.strides):  # one number repeated takes the room of one
+            kept = array[tuple(slice(1) if stride == 0 else slice(None) for stride in array.strides)]
+            return ["repeated", self._put(kept), list(array.shape)]
+        return [kind, self._put(array)]
+
+    def _put(self, array: np.ndarray) -> str:
+        self.arrays.append(array)
+        return str(len(self.arrays) - 1)
 
 
 _SEQUENCES = {"tuple": tuple, "list": list, "frozenset": frozenset, "set": set}
@@ -208,6 +215,8 @@ class _Reader:
         if kind in ("array", "number", "jax"):
             array = self._arrays[content[0]]
             return array if kind == "array" else array[()] if kind == "number" else jnp.asarray(array)
+        if kind == "repeated":
+            return np.broadcast_to(self._arrays[content[0]], content[1])
         if kind in ("class", "plain"):
             return _class(content[0]) if kind == "class" else object.__new__(_class(content[0]))
         if kind == "enum":
