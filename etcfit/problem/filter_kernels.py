@@ -55,7 +55,17 @@ def filter_and_timing(
         jitter: standard deviation of the sampling instants, as a share of the time between samples.
     """
     batch = _acting(form, full, batch)
-    return along(_FILTERED, form, full, batch, (_events(form, full, batch),), (jitter,))
+    filter_, timing = along(_FILTERED, form, full, batch, (_events(form, full, batch),), (jitter,))
+    return filter_._replace(weight=np.asarray(filter_.weight)), np.asarray(timing)
+
+
+def timing(
+    form: Form, full: Float[np.ndarray, " Q"], batch: BatchArrays, jitter: float
+) -> Float[np.ndarray, "T L M"]:
+    """Of `filter_and_timing` the latter alone, which takes a tenth of the memory."""
+    batch = _acting(form, full, batch)
+    events = (_events(form, full, batch),)
+    return np.asarray(along(_FILTERED, form, full, batch, events, (jitter,), lambda results: results[1]))
 
 
 def free_run_variance(
@@ -63,12 +73,12 @@ def free_run_variance(
 ) -> Float[np.ndarray, "T L M"]:
     """What `process_noise.free_run_variance` returns; arguments as of `filter_and_timing`."""
     batch = _acting(form, full, batch)
-    return along(_SPREAD, form, full, batch, (_events(form, full, batch),), (jitter,))
+    return np.asarray(along(_SPREAD, form, full, batch, (_events(form, full, batch),), (jitter,)))
 
 
 def local_error(form: Form, full: Float[np.ndarray, " Q"], batch: BatchArrays) -> Float[np.ndarray, "T L"]:
     """What `substeps.local_error` returns; arguments as of `filter_and_timing`."""
-    lost, error = along(_STEPPED, form, full, batch)
+    lost, error = map(np.asarray, along(_STEPPED, form, full, batch))
     weight = np.asarray(batch.slots.weight)
     return worst(error, weight, impacts_nearby_here(lost, weight), np)
 
@@ -155,8 +165,9 @@ def along(
     batch: BatchArrays,
     events: tuple[Events, ...] = (),
     jitter: tuple[float, ...] = (),
+    wanted: Callable[[Any], Any] = lambda results: results,
 ) -> Any:
-    """Results along a batch, axes T and L first.
+    """Results along a batch, axes T and L first, see `Along.run`.
 
     Args:
         which: see `along_path`.
@@ -164,13 +175,14 @@ def along(
         full: value of every parameter, SI, shape (Q,).
         batch: as it was logged, arrays of NumPy.
         events, jitter: one of each where a covariance is carried.
+        wanted: what is kept of the results.
     """
     tree = *_acting(form, full, batch), *events
     steps, _, slots, _, _, *late = numbered(tree)
     renewed = frozenset({steps.guide_stiffness, *slots[:3], *jax.tree.leaves((steps.acting, late))})
     rows = used_rows(batch.steps, batch.resets)
-    entries = Entries(tree, rows, (renewed,), never=(Column(steps.guide_stiffness, ()),))
-    return which.run((form,), np.concatenate((full, jitter)), entries)
+    entries = Entries(tree, rows, renewed, never=(Column(steps.guide_stiffness, ()),), lasting=False)
+    return which.run((form,), np.concatenate((full, jitter)), entries, wanted)
 
 
 def _simulated(function: Callable[..., Any], covariance: bool = False) -> Along:
@@ -199,7 +211,7 @@ _STEPPED, _PASSED, _JUMPED = along_path(_stepped), along_path(_passed), _simulat
 
 def _events(form: Form, full: Float[np.ndarray, " Q"], batch: BatchArrays) -> Events:
     weight, edge = np.asarray(batch.slots.weight), np.asarray(batch.disturbance.edge)
-    lost, before, after = along(_PASSED, form, full, batch)
+    lost, before, after = jax.tree.map(np.asarray, along(_PASSED, form, full, batch))
     spread = np.zeros((*edge.shape, 3, 3))
     rows, lanes = np.nonzero(edge > 0.0)
     if rows.size:
@@ -216,6 +228,6 @@ def _events(form: Form, full: Float[np.ndarray, " Q"], batch: BatchArrays) -> Ev
         # few entries, which would be alike by chance: nothing is taken as the same at all of them
         every = frozenset(range(len(jax.tree.leaves(entry))))
         count = np.full(LANES, logged[-1].shape[0])
-        found = _JUMPED.run((form,), full, Entries(entry, count, (every,)))
+        found = np.asarray(_JUMPED.run((form,), full, Entries(entry, count, every, lasting=False)))
         spread[rows, lanes] = found.reshape(-1, 3, 3)[: rows.size]
     return Events(impacts_nearby_here(lost, weight), spread)

@@ -26,7 +26,7 @@ from ..model.throttle import Throttle
 from .batch import KINDS
 from .free_parameters import Form
 from .innovations import InnovationsFilter, innovate, moved_here
-from .lanes import Along, compiled, over_lanes, remembered
+from .lanes import Along, compiled, remembered, stored_over_lanes
 from .lateness import Shifts, Simulated
 from .one_pass import Carried, carried_like, pushed
 from .one_pass_kernels import Sums, free_of, never_in, rows_of
@@ -100,7 +100,7 @@ class _Laid(NamedTuple):
     late: Shifts
     tree: Any
     rows: Int[np.ndarray, " L"]
-    renewed: tuple[frozenset[int], ...]
+    renewed: frozenset[int]
     places: Mapping[str, tuple[np.ndarray, ...]]
 
     def shown(
@@ -119,8 +119,8 @@ def _laid(form: Form, full: Float[np.ndarray, " Q"], weighted: WeightedData, dif
     kind = np.asarray(weighted.slots.kind)
     tree = batch._replace(steps=batch.steps._replace(acting=late.acting)), kind, dict(late.ways)
     numbers = numbered(tree)
-    changing = frozenset(jax.tree.leaves((numbers[0].steps.acting, numbers[2])))
-    renewed = frozenset({numbers[0].steps.guide_stiffness}), *((changing,) if changing else ())
+    changing = jax.tree.leaves((numbers[0].steps.acting, numbers[2]))
+    renewed = frozenset({numbers[0].steps.guide_stiffness, *changing})
     places = {name: np.nonzero(kind == KINDS.index(name)) for name in late.channels}
     return _Laid(late, tree, rows_of(weighted), renewed, places)
 
@@ -136,7 +136,7 @@ def _simulated(
         return entry.traced, entry
 
     records, entry = records_of(Entries(laid.tree, laid.rows, laid.renewed), made_of)
-    out = over_lanes(_observed_kernel(entry, free), records, full)[1]
+    out = stored_over_lanes(_observed_kernel(entry, free), records, full)
     parts = np.split(out, 1 + len(free), axis=-1)
     count = weighted.slots.kind.shape[-1]
     signals = {name: parts[0][..., count + m] for m, name in enumerate(laid.late.channels)}
@@ -175,9 +175,10 @@ def responses(
         tree = laid.tree, way
         ways = frozenset(jax.tree.leaves(numbered(tree)[1]))
         prompt, signals = _RESPONSES.run(
-            (form, laid.late.channels), full, Entries(tree, laid.rows, (*laid.renewed, ways))
+            (form, laid.late.channels), full, Entries(tree, laid.rows, laid.renewed | ways)
         )
-        return laid.shown(np.array(prompt), {name: laid.late.of(name, signal) for name, signal in signals.items()})
+        late = {name: laid.late.of(name, np.asarray(signal)) for name, signal in signals.items()}
+        return laid.shown(np.array(prompt), late)
 
     errors = np.stack([-weighted.slots.weight * along(way) for way in besides])
     return whitened(weighted.whitening, errors, laid.rows)
@@ -213,10 +214,10 @@ def whitened(
     tree = filter_, np.ascontiguousarray(np.moveaxis(errors, 0, 2))
     numbers = numbered(tree)
     weight = numbers[0].weight
-    renewed = frozenset(numbers[0][:3]), frozenset({weight, numbers[1]})
+    renewed = frozenset({*numbers[0][:3], weight, numbers[1]})
     batch = Entries(tree, rows, renewed, frozenset({weight}), never_in(filter_, numbers[0]))
     out = _WHITENED.run((filter_.transition.shape[-1], len(errors)), np.zeros(0), batch)
-    return np.moveaxis(out, 2, 0)
+    return np.moveaxis(np.asarray(out), 2, 0)
 
 
 # ---- the residual: arguments as of `one_pass_kernels`

@@ -13,9 +13,9 @@ from ..kernels.machine import Kernel
 from .cores import in_background
 from .free_parameters import Form, Pick
 from .innovations import InnovationsFilter
-from .lanes import compiled, over_lanes, over_points, remembered
+from .lanes import compiled, over_lanes, over_points, remembered, stored_over_lanes
 from .one_pass import entries
-from .records import Entries, Records, Remembered, numbered, records_of, used_rows
+from .records import Entries, Records, Remembered, as_numpy, numbered, records_of, used_rows
 from .residual import Compared, WeightedData
 from .residual_entry import ResidualEntry
 from .traced_entry import Column, Shape, TracedEntry
@@ -68,12 +68,12 @@ def rows_of(weighted: WeightedData) -> Int[np.ndarray, " L"]:
     return used_rows(weighted.steps, weighted.resets)
 
 
-def renewed_and_muted(numbers: tuple[Any, ...]) -> tuple[tuple[frozenset[int], ...], frozenset[int]]:
+def renewed_and_muted(numbers: tuple[Any, ...]) -> tuple[frozenset[int], frozenset[int]]:
     """Of `data_of`, given by the numbers of its leaves: those that change with the filter, and those among them that
-    are 0 where nothing counts. The filter's matrices are by themselves: those of all plain filters are the same."""
+    are 0 where nothing counts."""
     steps, _, slots, _, filter_ = numbers
     weights = frozenset({slots.weight, filter_.weight})
-    return (weights | {steps.guide_stiffness, slots.value}, frozenset(filter_[:3])), weights
+    return weights | {steps.guide_stiffness, slots.value, *filter_[:3]}, weights
 
 
 def packed_records(form: Form, weighted: WeightedData) -> tuple[Records, ResidualEntry]:
@@ -82,7 +82,7 @@ def packed_records(form: Form, weighted: WeightedData) -> tuple[Records, Residua
 
 
 def _packed(form: Form, weighted: WeightedData) -> tuple[Records, ResidualEntry]:
-    tree = jax.tree.map(np.asarray, data_of(weighted))
+    tree = as_numpy(data_of(weighted))
     numbers, order = numbered(tree), weighted.whitening.transition.shape[-1]
     renewed, muted = renewed_and_muted(numbers)
     batch = Entries(tree, rows_of(weighted), renewed, muted, never_in(weighted.whitening, numbers[-1]))
@@ -98,7 +98,7 @@ def never_in(filter_: InnovationsFilter, numbers: InnovationsFilter) -> tuple[Co
     """Columns of a filter that may be 0 everywhere, by the numbers of its leaves: no state acts on the input's error,
     and no sensor reads that. Where samples are independent (`innovations.plain`) all of it is 0."""
     matrices = list(zip(filter_[:3], numbers[:3], strict=True))
-    if not any(np.any(matrix) for matrix, _ in matrices):
+    if all(isinstance(matrix, np.ndarray) and not np.any(matrix) for matrix, _ in matrices):
         return tuple(Column(int(leaf), place) for m, leaf in matrices for place in np.ndindex(m.shape[2:]))
     order, count = filter_.transition.shape[-1], filter_.sense.shape[-2]
     acts = (Column(numbers.transition, (order - 1, q)) for q in range(order - 1))  # pyright: ignore[reportArgumentType]
@@ -127,7 +127,7 @@ def sums(form: Form, full: Float[np.ndarray, " Q"], weighted: WeightedData) -> S
     """
     free = free_of(form, weighted.pick)
     records, entry = packed_records(form, weighted)
-    total, _ = over_lanes(kernel(entry, Across.LANES, free, True), records, full)
+    total = over_lanes(kernel(entry, Across.LANES, free, True), records, full)
     size = len(free)
     lower = np.zeros((size, size))
     lower[np.tril_indices(size)] = total[1 + size :]
@@ -137,7 +137,7 @@ def sums(form: Form, full: Float[np.ndarray, " Q"], weighted: WeightedData) -> S
 def chi2(form: Form, full: Float[np.ndarray, " Q"], weighted: WeightedData) -> float:
     """Sum of squares of the whitened residual; arguments as of `sums`."""
     records, entry = packed_records(form, weighted)
-    return float(over_lanes(kernel(entry, Across.LANES, (), True), records, full)[0][0])
+    return float(over_lanes(kernel(entry, Across.LANES, (), True), records, full)[0])
 
 
 def chi2_of_points(form: Form, fulls: Float[np.ndarray, "K Q"], weighted: WeightedData) -> Float[np.ndarray, " K"]:
@@ -149,7 +149,7 @@ def chi2_of_points(form: Form, fulls: Float[np.ndarray, "K Q"], weighted: Weight
 def compared(form: Form, full: Float[np.ndarray, " Q"], weighted: WeightedData) -> Compared:
     """What each slot ought to show, and the whitened residual; arguments as of `sums`."""
     records, entry = packed_records(form, weighted)
-    _, out = over_lanes(kernel(entry, Across.LANES, (), False, True), records, full)
+    out = stored_over_lanes(kernel(entry, Across.LANES, (), False, True), records, full)
     count = len(entry.results)
     return Compared(out[..., :count], out[..., count:])
 
@@ -164,7 +164,7 @@ def linearised(
         free: their symbols.
     """
     records, entry = packed_records(form, weighted)
-    _, out = over_lanes(kernel(entry, Across.LANES, free, False, True), records, full)
+    out = stored_over_lanes(kernel(entry, Across.LANES, free, False, True), records, full)
     count = len(entry.results)
     slopes = out[..., 2 * count :].reshape(*records.shape, len(free), count)
     return out[..., count : 2 * count], np.swapaxes(slopes, 2, 3)

@@ -25,6 +25,7 @@ from .normal_equations import linearised
 from .packing import rounded
 from .prediction_error import columns
 from .process_noise import free_run_variance, order_of
+from .records import as_numpy
 from .residual import Compared, WeightedData, compared, prior_residual_here, run
 from .substeps import local_error, substeps_needed
 from .trace import Trace, prepare
@@ -219,8 +220,8 @@ class EstimationProblem:
         priors = layout.padded(mean), layout.padded(sd, np.inf)
         steps = batch.guided(self.guide_stiffness)
         weighted = WeightedData(steps, batch.resets, self.slots, batch.test_of, filter_, self.pick, *priors)
-        weighted = jax.tree.map(np.asarray, weighted)  # once, not at every call
-        return weighted if available() else jax.device_put(weighted)
+        weighted = as_numpy(weighted)  # once, not at every call
+        return weighted if available() else jax.device_put(jax.tree.map(np.asarray, weighted))
 
     def linearise(self, x: Float[np.ndarray, " P"], weighted: WeightedData) -> Linearisation:
         """Residual, that of the priors, and the Jacobian of the former.

@@ -65,7 +65,7 @@ def _of_lanes(weighted: WeightedData, lanes: Int[np.ndarray, " l"]) -> WeightedD
         return weighted
 
     def some(leaf: np.ndarray) -> np.ndarray:
-        return _SLICES.of([leaf], lanes.tobytes(), lambda: np.ascontiguousarray(leaf[:, lanes]))
+        return _SLICES.of([leaf], lanes.tobytes(), lambda: np.ascontiguousarray(np.asarray(leaf)[:, lanes]))
 
     return weighted._replace(**dict(zip(WeightedData._fields[:5], jax.tree.map(some, data), strict=True)))
 
