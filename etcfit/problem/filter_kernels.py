@@ -59,15 +59,6 @@ def filter_and_timing(
     return filter_._replace(weight=np.asarray(filter_.weight)), np.asarray(timing)
 
 
-def timing(
-    form: Form, full: Float[np.ndarray, " Q"], batch: BatchArrays, jitter: float
-) -> Float[np.ndarray, "T L M"]:
-    """Of `filter_and_timing` the latter alone, which takes a tenth of the memory."""
-    batch = _acting(form, full, batch)
-    events = (_events(form, full, batch),)
-    return np.asarray(along(_FILTERED, form, full, batch, events, (jitter,), lambda results: results[1]))
-
-
 def free_run_variance(
     form: Form, full: Float[np.ndarray, " Q"], batch: BatchArrays, jitter: float
 ) -> Float[np.ndarray, "T L M"]:
@@ -165,7 +156,6 @@ def along(
     batch: BatchArrays,
     events: tuple[Events, ...] = (),
     jitter: tuple[float, ...] = (),
-    wanted: Callable[[Any], Any] = lambda results: results,
 ) -> Any:
     """Results along a batch, axes T and L first, see `Along.run`.
 
@@ -175,14 +165,13 @@ def along(
         full: value of every parameter, SI, shape (Q,).
         batch: as it was logged, arrays of NumPy.
         events, jitter: one of each where a covariance is carried.
-        wanted: what is kept of the results.
     """
     tree = *_acting(form, full, batch), *events
     steps, _, slots, _, _, *late = numbered(tree)
     renewed = frozenset({steps.guide_stiffness, *slots[:3], *jax.tree.leaves((steps.acting, late))})
     rows = used_rows(batch.steps, batch.resets)
     entries = Entries(tree, rows, renewed, never=(Column(steps.guide_stiffness, ()),), lasting=False)
-    return which.run((form,), np.concatenate((full, jitter)), entries, wanted)
+    return which.run((form,), np.concatenate((full, jitter)), entries)
 
 
 def _simulated(function: Callable[..., Any], covariance: bool = False) -> Along:

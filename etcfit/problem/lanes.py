@@ -60,13 +60,7 @@ class Along:
 
         self._made = remembered(_ENTRIES)(made)
 
-    def run(
-        self,
-        asked: tuple[Any, ...],
-        values: Float[np.ndarray, " Q"],
-        batch: Entries,
-        wanted: Callable[[Any], Any] = lambda results: results,
-    ) -> Any:
+    def run(self, asked: tuple[Any, ...], values: Float[np.ndarray, " Q"], batch: Entries) -> Any:
         """The tree of results, axes T and L first; 0 where a lane is blank. They are `Grouped`: as other kernels read
         them, `np.asarray` makes arrays of them.
 
@@ -74,10 +68,9 @@ class Along:
             asked: arguments of `function_of`.
             values: in the order of their names.
             batch: arrays of NumPy.
-            wanted: what is kept of the tree; the rest takes no memory.
         """
         records, (results, kernel) = records_of(batch, lambda shape: self._made(shape, *asked))
-        return results.over(kernel, records, values, wanted)
+        return results.over(kernel, records, values)
 
 
 class Stored:
@@ -102,33 +95,22 @@ class Stored:
                 self.nodes += nodes
         self.blocks = [block.stop - block.start for block in self._blocks.values()]
 
-    def over(
-        self,
-        kernel: Kernel,
-        records: Records,
-        values: Sequence[float] | np.ndarray,
-        wanted: Callable[[Any], Any] = lambda results: results,
-    ) -> Any:
-        """The tree, or what is wanted of it, of a batch; its leaves are `Grouped`, zeros are repeated."""
-        asked, tree = jax.tree.flatten(wanted(jax.tree.unflatten(self._tree, range(len(self._leaves)))))
-        stored = [k for k in asked if k in self._blocks]
-        parts: dict[int, dict[int, np.ndarray]] = {k: {} for k in stored}
-
-        def keep(group: int, numbers: np.ndarray) -> None:
-            of_node = numbers.size // kernel.stored
-            for k, block in ((k, self._blocks[k]) for k in stored):
-                part = numbers[block.start * of_node : block.stop * of_node]
-                part = part if len(stored) == len(self._blocks) else part.copy()  # the rest is let go of
-                parts[k][group] = part.reshape(-1, block.stop - block.start, LANES)
-
-        over_lanes(kernel, records, values, keep if stored else None)
+    def over(self, kernel: Kernel, records: Records, values: Sequence[float] | np.ndarray) -> Any:
+        """The tree of a batch; its leaves are `Grouped`, zeros are repeated."""
+        stored: dict[int, np.ndarray] = {}
+        over_lanes(kernel, records, values, stored.__setitem__)
 
         def array(k: int) -> Any:
-            shape = (*records.shape, *np.shape(self._leaves[k]))
-            each = tuple(parts[k][g] for g in range(len(records.groups))) if k in parts else ()
-            return Grouped(shape, records.groups, each) if k in parts else np.broadcast_to(0.0, shape)
+            shape, block = (*records.shape, *np.shape(self._leaves[k])), self._blocks.get(k)
+            if block is None:
+                return np.broadcast_to(0.0, shape)
+            each = (
+                np.split(stored[g].reshape(kernel.stored, -1), [block.start, block.stop])[1] for g in sorted(stored)
+            )
+            parts = tuple(part.reshape(-1, block.stop - block.start, LANES) for part in each)
+            return Grouped(shape, records.groups, parts)
 
-        return jax.tree.unflatten(tree, map(array, asked))
+        return jax.tree.unflatten(self._tree, map(array, range(len(self._leaves))))
 
 
 def over_lanes(

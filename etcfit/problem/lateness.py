@@ -100,7 +100,10 @@ class _LagsEntry:
 def _lags_entry(form: Form, shape: Shape) -> tuple[TracedEntry, tuple[Any, Kernel]]:
     entry = _LagsEntry(form, shape)
     results = Stored(entry.traced.graph, (entry.late, entry.ways))
-    return entry.traced, (results, compiled(entry.traced.loop(Across.LANES, stored=results.nodes, blocks=results.blocks)))
+    return entry.traced, (
+        results,
+        compiled(entry.traced.loop(Across.LANES, stored=results.nodes, blocks=results.blocks)),
+    )
 
 
 def _found(form: Form, full: Float[np.ndarray, " Q"], batch: Simulated) -> tuple[Lags, dict[str, Lags]]:

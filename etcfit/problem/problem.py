@@ -343,7 +343,8 @@ class EstimationProblem:
             return self
         predicted = self.free_run(x)
         traces = tuple(_better_release(t, y) for t, y in zip(self.batch.traces, predicted, strict=True))
-        return self._of(traces)
+        batch = self.batch.released(traces, self.config, self.substeps)
+        return replace(self, batch=batch, sigma=batch.slots.sigma, guide_stiffness=0.0)
 
     def with_instants(self, x: Float[np.ndarray, " P"]) -> EstimationProblem:
         """The problem with all that nobody logged read off the data anew at x, shape (P,): instants of releases and of

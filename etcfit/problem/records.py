@@ -68,7 +68,8 @@ def put(out: Float[np.ndarray, "T L F"], group: Group, part: Float[np.ndarray, "
     for side, (lane, rows) in enumerate(zip(*group, strict=True)):
         for k in range(0, rows, _AT_ONCE):
             some = slice(k, min(k + _AT_ONCE, rows))
-            out[some, lane] = part[some, :, side]
+            for column in range(part.shape[1]):
+                out[some, lane, column] = part[some, column, side]
 
 
 def as_numpy(tree: Any) -> Any:
