@@ -29,7 +29,7 @@ from .innovations import InnovationsFilter, innovate, moved_here
 from .lanes import Along, compiled, remembered, stored_over_lanes
 from .lateness import Shifts, Simulated
 from .one_pass import Carried, carried_like, pushed
-from .one_pass_kernels import Sums, free_of, never_in, rows_of
+from .one_pass_kernels import LinearisedTrace, Place, Sums, free_of, never_in, rows_of
 from .records import Entries, numbered, records_of
 from .residual import Compared, WeightedData, equipped, shown
 from .residual_entry import SimulatedEntry
@@ -237,6 +237,14 @@ def linearised(
     """The whitened residual, and its derivatives in the values of some parameters."""
     r, slopes = _linearised(form, full, weighted, free)
     return r, np.moveaxis(slopes, 0, -1)
+
+
+def linearised_at(
+    form: Form, full: Float[np.ndarray, " Q"], weighted: WeightedData, free: tuple[str, ...], places: Sequence[Place]
+) -> list[LinearisedTrace]:
+    """The same at some places."""
+    r, slopes = linearised(form, full, weighted, free)
+    return [(r[rows, lane], np.moveaxis(slopes[rows, lane], 1, 0)) for lane, rows in places]
 
 
 def sums(form: Form, full: Float[np.ndarray, " Q"], weighted: WeightedData) -> Sums:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import jax
@@ -9,7 +10,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from ..kernels.loop import Across
-from ..kernels.machine import Kernel
+from ..kernels.machine import LANES, Kernel
 from .cores import in_background
 from .free_parameters import Form, Pick
 from .innovations import InnovationsFilter
@@ -21,6 +22,10 @@ from .residual_entry import ResidualEntry
 from .traced_entry import Column, Shape, TracedEntry
 
 _GRAPHS, _KERNELS = 128, 1024  # that a process remembers; some MB and some 50 kB each
+
+
+Place = tuple[int, Int[np.ndarray, " _"]]  # a lane, and n entries of it
+LinearisedTrace = tuple[Float[np.ndarray, "_ _"], Float[np.ndarray, "_ _ _"]]  # residual (n, M), derivatives (M, n, P)
 
 
 class Sums(NamedTuple):
@@ -168,3 +173,24 @@ def linearised(
     count = len(entry.results)
     slopes = out[..., 2 * count :].reshape(*records.shape, len(free), count)
     return out[..., count : 2 * count], np.swapaxes(slopes, 2, 3)
+
+
+def linearised_at(
+    form: Form, full: Float[np.ndarray, " Q"], weighted: WeightedData, free: tuple[str, ...], places: Sequence[Place]
+) -> list[LinearisedTrace]:
+    """`linearised` at some places alone: what is computed of the others is not kept. Arguments as of `linearised`."""
+    records, entry = packed_records(form, weighted)
+    asked, count = kernel(entry, Across.LANES, free, False, True), len(entry.results)
+    out: list[Any] = [None] * len(places)
+
+    def keep(group: int, numbers: np.ndarray) -> None:
+        stored = numbers.reshape(-1, asked.stored, LANES)
+        sides = {lane: side for side, lane in enumerate(records.groups[group].lanes)}
+        for k, (lane, rows) in enumerate(places):
+            if lane in sides:
+                here = stored[rows, :, sides[lane]]
+                columns = here[:, 2 * count :].reshape(len(rows), len(free), count)
+                out[k] = here[:, count : 2 * count].copy(), np.ascontiguousarray(np.moveaxis(columns, 2, 0))
+
+    over_lanes(asked, records, full, keep)
+    return out

@@ -22,6 +22,7 @@ from .innovations import InnovationsFilter, Moved, kalman, moved_here, plain
 from .instants import SHARES
 from .late_samples import moved_samples
 from .normal_equations import linearised
+from .one_pass_kernels import LinearisedTrace
 from .packing import rounded
 from .prediction_error import columns
 from .process_noise import free_run_variance, order_of
@@ -234,6 +235,20 @@ class EstimationProblem:
         r, columns = linearised(self.layout.form, padded, weighted)
         prior = prior_residual_here(padded, weighted)[: x.size]
         return Linearisation(r, prior, columns[..., : x.size])
+
+    def linearise_traces(self, x: Float[np.ndarray, " P"], weighted: WeightedData) -> list[LinearisedTrace]:
+        """Of each trace the residual at its instants, shape (n, M), and the Jacobian, shape (M, n, P): a fraction of
+        what `linearise` holds, which has all steps between them too. Arguments as of that."""
+        places = [(lane, marks) for lane, _, marks in self.batch.places]
+        if not available():
+            r, _, jacobian = self.linearise(x, weighted)
+            return [(r[rows, lane], np.moveaxis(jacobian[rows, lane], 1, 0)) for lane, rows in places]
+        form, padded = self.layout.form, self.layout.padded(x)
+        found = residual_kernels.linearised_at(form, form.full(padded, weighted.pick), weighted, places)
+        slope = form.slopes(padded, weighted.pick)[: x.size]
+        for _, slopes in found:
+            slopes *= slope
+        return found
 
     def residual(self, x: Float[np.ndarray, " P"], weighted: WeightedData) -> Float[np.ndarray, "T L M"]:
         """Whitened residual alone, shape (T, L, M), dimensionless, at coordinates x, shape (P,): a tenth of the cost of
