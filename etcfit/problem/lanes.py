@@ -19,7 +19,7 @@ from .traced_entry import Shape, TracedEntry, nodes_of
 
 Known = TypeVar("Known", bound=Callable[..., Any])
 _NOTHING = np.zeros(1)  # is stored
-_ENTRIES = 256  # traced functions that are remembered
+_ENTRIES = 256  # kernels of traced functions that are remembered
 
 
 def remembered(most: int) -> Callable[[Known], Known]:
@@ -52,11 +52,14 @@ class Along:
     """
 
     def __init__(self, function_of: Callable[..., Any]) -> None:
-        def made(shape: Shape, *asked: Any) -> tuple[TracedEntry, tuple[Stored, Kernel]]:
+        def made(shape: Shape, *asked: Any) -> tuple[tuple[int, ...], tuple[Stored, Kernel]]:
             function, names, carried, ties = function_of(*asked)
             entry = TracedEntry(function, names, shape, carried, ties)
             results = Stored(entry.graph, entry.results)
-            return entry, (results, compiled(entry.loop(Across.LANES, stored=results.nodes, blocks=results.blocks)))
+            return entry.leaves, (
+                results,
+                compiled(entry.loop(Across.LANES, stored=results.nodes, blocks=results.blocks)),
+            )
 
         self._made = remembered(_ENTRIES)(made)
 

@@ -33,9 +33,9 @@ from .one_pass_kernels import LinearisedTrace, Place, Sums, free_of, never_in, r
 from .records import Entries, numbered, records_of
 from .residual import Compared, WeightedData, equipped, shown
 from .residual_entry import SimulatedEntry
-from .traced_entry import Shape, TracedEntry, nodes_of
+from .traced_entry import Shape, nodes_of
 
-_REMEMBERED = 256  # graphs that a process remembers, and as many kernels
+_GRAPHS, _KERNELS = 8, 256  # that a process remembers
 
 
 # ---- the simulation
@@ -76,13 +76,22 @@ class _ObservedEntry(SimulatedEntry):
         self.ways = {symbol: nodes_of(way) for symbol, way in found.ways.items()}
 
 
-@remembered(_REMEMBERED)
+_Asked = tuple[Form, Shape, tuple[str, ...]]  # arguments of `_ObservedEntry`
+
+
+@remembered(_GRAPHS)
 def _observed_entry(form: Form, shape: Shape, late: tuple[str, ...]) -> _ObservedEntry:
     return _ObservedEntry(form, shape, late)
 
 
-@remembered(_REMEMBERED)
-def _observed_kernel(entry: _ObservedEntry, free: tuple[str, ...]) -> Kernel:
+@remembered(_KERNELS)
+def _leaves(*asked: Any) -> tuple[int, ...]:
+    return _observed_entry(*asked).traced.leaves
+
+
+@remembered(_KERNELS)
+def _observed_kernel(asked: _Asked, free: tuple[str, ...]) -> Kernel:
+    entry = _observed_entry(*asked)
     return compiled(entry.loop(Across.LANES, free, stored=entry.results))
 
 
@@ -131,12 +140,12 @@ def _simulated(
     """What each slot ought to show, and its derivatives in the free parameters, K = 1 + P."""
     laid = _laid(form, full, weighted, bool(free))
 
-    def made_of(shape: Shape) -> tuple[TracedEntry, _ObservedEntry]:
-        entry = _observed_entry(form, shape, laid.late.channels)
-        return entry.traced, entry
+    def made_of(shape: Shape) -> tuple[tuple[int, ...], _Asked]:
+        asked = form, shape, laid.late.channels
+        return _leaves(*asked), asked
 
-    records, entry = records_of(Entries(laid.tree, laid.rows, laid.renewed), made_of)
-    out = stored_over_lanes(_observed_kernel(entry, free), records, full)
+    records, asked = records_of(Entries(laid.tree, laid.rows, laid.renewed), made_of)
+    out = stored_over_lanes(_observed_kernel(asked, free), records, full)
     parts = np.split(out, 1 + len(free), axis=-1)
     count = weighted.slots.kind.shape[-1]
     signals = {name: parts[0][..., count + m] for m, name in enumerate(laid.late.channels)}

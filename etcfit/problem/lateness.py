@@ -24,7 +24,7 @@ from .records import Entries, numbered, records_of, used_rows
 from .residual import equipped
 from .traced_entry import Shape, TracedEntry, nodes_of
 
-_REMEMBERED = 256  # graphs with their kernels
+_REMEMBERED = 256  # kernels
 _WARP = 2e-5  # of a step's length, by which it is changed to see what that does to a shift
 
 Signal = Float[np.ndarray, "T L"]
@@ -97,13 +97,11 @@ class _LagsEntry:
 
 
 @remembered(_REMEMBERED)
-def _lags_entry(form: Form, shape: Shape) -> tuple[TracedEntry, tuple[Any, Kernel]]:
+def _lags_entry(form: Form, shape: Shape) -> tuple[tuple[int, ...], tuple[Any, Kernel]]:
     entry = _LagsEntry(form, shape)
     results = Stored(entry.traced.graph, (entry.late, entry.ways))
-    return entry.traced, (
-        results,
-        compiled(entry.traced.loop(Across.LANES, stored=results.nodes, blocks=results.blocks)),
-    )
+    kernel = compiled(entry.traced.loop(Across.LANES, stored=results.nodes, blocks=results.blocks))
+    return entry.traced.leaves, (results, kernel)
 
 
 def _found(form: Form, full: Float[np.ndarray, " Q"], batch: Simulated) -> tuple[Lags, dict[str, Lags]]:

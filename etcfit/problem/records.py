@@ -21,7 +21,7 @@ from jaxtyping import Float, Int
 
 from ..kernels.machine import LANES
 from ..model.stepper import Reset, Step
-from .traced_entry import Column, Shape, TracedEntry
+from .traced_entry import Column, Shape
 
 Made = TypeVar("Made")
 # a graph grows while it is differentiated, and each kernel and each record is made once; nothing runs meanwhile, for
@@ -149,13 +149,13 @@ class Remembered:
 _FOUND, _RECORDS = Remembered(), Remembered()
 
 
-def records_of(entries: Entries, made_of: Callable[[Shape], tuple[TracedEntry, Made]]) -> tuple[Records, Made]:
+def records_of(entries: Entries, made_of: Callable[[Shape], tuple[Sequence[int], Made]]) -> tuple[Records, Made]:
     """The batch packed, and what else was made for its shape.
 
     Args:
         entries: the batch.
-        made_of: what is computed of an entry of a batch of such a shape, and what else is made for that; the same for
-            the same shape.
+        made_of: which leaves are read of an entry of a batch of such a shape, and what else is made for that; the same
+            for the same shape.
     """
     with MAKING:
         leaves, structure = jax.tree.flatten(entries.tree)
@@ -169,8 +169,8 @@ def records_of(entries: Entries, made_of: Callable[[Shape], tuple[TracedEntry, M
                 constant += [(Column(k, at), value) for at, value in found if value in (0.0, 1.0)]
                 uniform |= {Column(k, at): value for at, value in found if value not in (0.0, 1.0)}
         shapes = tuple(leaf.shape[2:] for leaf in leaves)
-        entry, made = made_of(Shape(structure, shapes, tuple(constant), tuple(uniform)))
-        read = [(leaves[k], k in entries.muted) for k in entry.leaves]
+        which, made = made_of(Shape(structure, shapes, tuple(constant), tuple(uniform)))
+        read = [(leaves[k], k in entries.muted) for k in which]
         if entries.lasting:
             kept = [_RECORDS.of([leaf], (muted, groups), partial(_packed, leaf, groups, muted)) for leaf, muted in read]
             packed = [partial(tuple, [each[g] for each in kept]) for g in range(len(groups))]
