@@ -30,6 +30,7 @@ ROOMS = [
 ]
 MOST_ROOMS = 23
 ONLY_IN: dict[str, str | tuple[str, ...]] = {
+    "optimistix": "estimation/damped_step.py",
     "emcee": "posterior/",
     "matplotlib": ("reporting/", "api/plots.py", "api/unit_pages.py"),
     "pooch": "datasets/",

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from functools import partial
 from typing import NamedTuple, overload
 
 import numpy as np
 
 from ..problem import weights
 from ..problem.chi2 import chi2_of
-from ..problem.cores import concurrently
+from ..problem.cores import concurrently, in_background
 from ..problem.free_parameters import free_parameters
 from ..problem.problem import EstimationProblem
 from ..problem.trace import Trace
@@ -36,6 +37,12 @@ _NOISE = 1.0  # chi2 per degree of freedom of noise alone
 _HOPELESS = 3.0  # times the misfit of a model that is far: a descent stopped early may be that far above its end
 _SPARE = 1.06  # room for held-out traces over what they need at the start: at other values they need a few steps more
 MISFIT = FitSettings().misfit  # see there; the default, for whoever judges a fit by its JSON file alone
+
+
+def _compile_step(size: int) -> None:
+    from .damped_step import compile_step
+
+    compile_step(size)
 
 
 def fit(
@@ -167,6 +174,7 @@ def _ended(
     """From its own starts; None where only an end near the data was of use and none is."""
     problem, start = model
     problem.compile_ahead()
+    in_background(partial(_compile_step, start.size))
     near = None if about is None else _from_a_like_body(problem, start, about, settings)
     x, starts, misfit = near or _from_several_starts(problem, start, report, settings, only_near)
     x = with_lag_of(start, problem, x)

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cache
-from typing import NamedTuple
 
 import numpy as np
 
@@ -17,45 +16,7 @@ from .identifiability import WIDE
 from .settings import FitSettings
 
 STEPS = FitSettings().steps
-_STRETCH = 30.0  # the first damping is the identity: this makes it 1e-3 of the curvature
-_FLAT = 1e-24  # share of the largest curvature below which one counts as none
-_GOOD, _POOR = 0.7, 0.1  # share of the predicted change above which the radius grows, and below which no step is taken
-_WIDER, _NARROWER = 5.0, 0.2
-
-
-class _Quadratic(NamedTuple):
-    """What a sum of squares does near a point, in directions that do not curve together: J^T J = V D V^T.
-
-    Args:
-        chi2: r^T r there.
-        ways: V, shape (P, P).
-        curvature: D, shape (P,).
-        slope: V^T J^T r, shape (P,); 0 where there is no curvature but what rounding leaves.
-    """
-
-    chi2: float
-    ways: np.ndarray
-    curvature: np.ndarray
-    slope: np.ndarray
-
-    @classmethod
-    def of(cls, e: NormalEquations) -> _Quadratic:
-        """That of normal equations."""
-        values, ways = np.linalg.eigh(e.information)
-        curvature = np.maximum(values, 0.0)
-        return cls(
-            float(e.chi2), ways, curvature, np.where(curvature > _FLAT * curvature[-1], ways.T @ e.gradient, 0.0)
-        )
-
-    def change(self, step: np.ndarray) -> float:
-        """Of half the sum of squares by a step, shape (P,)."""
-        along = self.ways.T @ step
-        return float(along @ (self.slope + 0.5 * self.curvature * along))
-
-    def step(self, radius: float) -> np.ndarray:
-        """-(J^T J + 1 / radius)^-1 J^T r, shape (P,)."""
-        damping = 1.0 / max(radius, np.finfo(float).tiny)
-        return -self.ways @ (self.slope / (self.curvature + damping))
+_STRETCH = 30.0  # Optimistix damps with the identity: this makes its first damping 1e-3 of the curvature
 
 
 def least_squares(
@@ -70,10 +31,8 @@ def least_squares(
     More than half of the steps are rejected where a model is far from its data, and for that the sum alone is enough:
     slopes are asked for only where a step is taken.
 
-    Source: Conn, Gould and Toint 2000, Trust-region methods, sec. 6.1 (the ratio of the true and the predicted change).
-    Differs from source: the radius is the inverse of the damping.
     Args:
-        equations: of y, shape (P,), finite at y0; columns of the Jacobian should have a size of some tens.
+        equations: of y, shape (P,); columns of the Jacobian should have a size of some tens.
         chi2: the sum of squares alone, cheaper.
         y0: where to start, shape (P,).
         tolerance: relative change of the sum, and absolute one of y, that ends it.
@@ -81,22 +40,36 @@ def least_squares(
     Returns:
         where it ended, shape (P,), and the number of steps. A step that raises the sum is never taken.
     """
-    y, here, radius = y0, _Quadratic.of(equations(y0)), 1.0
-    for taken in range(2, steps + 1):
-        step = here.step(radius)
-        there, predicted = y + step, here.change(step)
-        lower = 0.5 * (chi2(there) - here.chi2) <= _POOR * predicted  # not where it is no number
-        e = equations(there) if lower else None
-        if e is None or not e.finite:
-            radius *= _NARROWER
+    from .damped_step import Condensed, begun, next_step, room_of  # brings Optimistix, a third of a second
+
+    size, room = y0.size, room_of(y0.size)
+
+    def known(y: np.ndarray) -> Condensed:
+        e = equations(y[:size])
+        gradient, information = np.zeros(room), np.zeros((room, room))
+        gradient[:size], information[:size, :size] = e.gradient, e.information
+        return Condensed.of(NormalEquations(e.chi2, gradient, information))
+
+    def lone(y: np.ndarray) -> Condensed:
+        return Condensed.sum_alone(chi2(y[:size]), room)
+
+    y, lowest = np.append(y0, np.zeros(room - size)), np.inf
+    state = begun(room, y)
+    for taken in range(1, steps + 1):
+        here = np.asarray(state.y_eval)
+        after, beyond = (here, state) if taken == 1 else next_step(room, y, state, lone(here))
+        if not np.array_equal(after, here):  # rejected
+            y, state = after, beyond
             continue
-        fell = here.chi2 - float(e.chi2)
-        radius *= _WIDER if -0.5 * fell < _GOOD * predicted < 0.0 else 1.0
-        done = float(np.max(np.abs(step))) < tolerance and fell < tolerance * here.chi2
-        y, here = there, _Quadratic.of(e)
+        at = known(here)
+        after, state = next_step(room, y, state, at)
+        accepted = bool(np.array_equal(after, here))  # not where the sum is finite and the slopes are not
+        total, moved = float(np.sum(at.residual**2)), float(np.max(np.abs(here - y)))
+        done = accepted and taken > 1 and moved < tolerance and lowest - total < tolerance * lowest
+        y, lowest = after, total if accepted else lowest
         if done:
-            return y, taken
-    return y, steps
+            break
+    return y[:size], taken
 
 
 def _scale(information: np.ndarray, count: float) -> np.ndarray:

@@ -149,4 +149,4 @@ def hashes(rig: Rig) -> dict[str, str]:
 
 def versions() -> dict[str, str]:
     ours = {"etcfit": __version__, "python": platform.python_version()}
-    return ours | {name: metadata.version(name) for name in ("jax", "numpy", "scipy")}
+    return ours | {name: metadata.version(name) for name in ("jax", "optimistix", "numpy", "scipy")}
