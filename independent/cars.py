@@ -36,6 +36,7 @@ class Car:
         gains: in the ECU, P (%/%), I (%/%, per s), D (%/%, times s).
         rate: of the log, Hz.
         duration: of the log, s.
+        in_step: each row is written at a tick of the ECU; else rows come at any instant, with what the last tick knew.
     """
 
     truth: Truth
@@ -44,6 +45,7 @@ class Car:
     gains: tuple[float, float, float]
     rate: float
     duration: float
+    in_step: bool
 
     @property
     def plant(self) -> Plant:
@@ -67,7 +69,7 @@ def draw_car(seed: int) -> Car:
     effects = Effects(limp_home_spring=limp,
                       stribeck_friction=StribeckFriction(truth.T_f * rng.uniform(0.05, 0.4), rng.uniform(0.2, 0.8)))  # fmt: skip
     car = Car(truth, effects, round(float(rng.uniform(12.0, 14.4)), 2), (1.0, 1.0, 0.01),
-              RATES[seed % len(RATES)], float(rng.uniform(25.0, 40.0)))  # fmt: skip
+              RATES[seed % len(RATES)], float(rng.uniform(25.0, 40.0)), bool(rng.uniform() < 0.5))  # fmt: skip
     wanted = trapezoids(0.10 * OPEN, 0.45 * OPEN, PERIOD)
     while True:
         gains = tuple(float(math.exp(rng.uniform(math.log(low), math.log(high))))
@@ -103,8 +105,11 @@ def log_of(car: Car, seed: int) -> dict[str, np.ndarray]:
     ticks = np.arange(0.0, car.duration + 1.0, PERIOD)
     wanted = driven(rng, ticks)
     angle, volts = noisy(car.plant, car.computer(), wanted, rng).T
-    rows = np.arange(round(car.duration * car.rate)) / car.rate
-    instants = 0.5 + rows + np.clip(0.05 / car.rate * rng.standard_normal(rows.size), 0.0, None)
+    rate = min(car.rate, 1.0 / PERIOD) if car.in_step else car.rate
+    rows = np.arange(round(car.duration * rate)) / rate
+    if car.in_step:
+        rows = PERIOD * np.round(rows / PERIOD) + 0.1 * PERIOD
+    instants = 0.5 + rows + np.clip(0.05 * PERIOD * rng.standard_normal(rows.size), 0.0, 0.5 * PERIOD)
     at = np.floor(instants / PERIOD + 1e-9).astype(int)
     seen = angle[at] / OPEN + NOISE * rng.standard_normal(at.size)
     return {
