@@ -66,8 +66,8 @@ def draw_car(seed: int) -> Car:
     truth = draw_truth(rng)
     limp = LimpHomeSpring(math.radians(rng.uniform(6.0, 13.0)), rng.uniform(0.5, 1.5), rng.uniform(0.25, 0.45),
                           rng.uniform(0.005, 0.012))  # fmt: skip
-    effects = Effects(limp_home_spring=limp,
-                      stribeck_friction=StribeckFriction(truth.T_f * rng.uniform(0.05, 0.4), rng.uniform(0.2, 0.8)))  # fmt: skip
+    stribeck = StribeckFriction(truth.T_f * rng.uniform(0.05, 0.4), rng.uniform(0.2, 0.8))
+    effects = Effects(limp_home_spring=limp, stribeck_friction=stribeck)
     car = Car(truth, effects, round(float(rng.uniform(12.0, 14.4)), 2), (1.0, 1.0, 0.01),
               RATES[seed % len(RATES)], float(rng.uniform(25.0, 40.0)), bool(rng.uniform() < 0.5))  # fmt: skip
     wanted = trapezoids(0.10 * OPEN, 0.45 * OPEN, PERIOD)
@@ -128,7 +128,9 @@ def write_log(path: Path, columns: dict[str, np.ndarray]) -> None:
     path.write_text("\n".join(lines) + "\n", encoding="utf-8")
 
 
-def tracking_errors(car: Car, gains: tuple[float, float, float], seed: int, duration: float = 20.0) -> tuple[float, float]:
+def tracking_errors(
+    car: Car, gains: tuple[float, float, float], seed: int, duration: float = 20.0
+) -> tuple[float, float]:
     """Mean absolute error and RMSE of the true plant under gains, on a fresh driven setpoint, % of the travel."""
     rng = np.random.default_rng([seed, 41])
     wanted = driven(rng, np.arange(0.0, duration, PERIOD))

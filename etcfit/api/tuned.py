@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any
@@ -19,7 +19,7 @@ from ..control.request import DesignRequest
 from ..errors import UsageError
 from ..files import held, write_json
 from ..importing.answers import Answers
-from ..importing.tuning import ECU, KnownEcu, TuneInput, TuneSettings, tune_input
+from ..importing.tuning import KnownEcu, TuneInput, TuneSettings, tune_input
 from ..model.ecu import Ecu, Terms
 from ..model.ecus import EcuProfile, named
 from ..run_folder import RunFolder
@@ -29,9 +29,10 @@ if TYPE_CHECKING:
     from ..control.design import Design
     from ..control.pid import Gains
     from ..control.proposal import GainStep
+    from ..control.settings import DesignSettings
+    from ..diagnosis.settings import DiagnosisSettings
     from ..estimation.result import FitResult
     from ..estimation.settings import FitSettings
-    from ..diagnosis.settings import DiagnosisSettings
     from ..rig.base import Rig
 
 LOGS = "logs"  # the measurement folder, below the run folder
@@ -56,9 +57,9 @@ class TuneRequest:
     gains: tuple[float, float, float] | None = None
     ecu: tuple[tuple[str, float], ...] = ()
     supply: float | None = None
-    answers: Answers = Answers()
+    answers: Answers = field(default_factory=Answers)
     anyway: bool = False
-    settings: TuneSettings = TuneSettings()
+    settings: TuneSettings = field(default_factory=TuneSettings)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -180,6 +181,13 @@ def diagnosis_settings() -> DiagnosisSettings:
     return DiagnosisSettings(rounds=3, refits=2, rig_refits=1, folds=1, pieces=0, pair_refits=0, free_pool=0)
 
 
+def design_settings() -> DesignSettings:
+    """Of the design: a shorter search over fewer models, so that all is done in minutes."""
+    from ..control.settings import DesignSettings, OptimumSettings
+
+    return DesignSettings(draws=64, optimum=OptimumSettings(searches=2, rounds=20, starts=2))
+
+
 def _worked_out(
     run: RunFolder, prepared: TuneInput, lacks: tuple[Lack, ...], profile: EcuProfile, given: dict[str, float],
     asked: TuneRequest, report: Report,
@@ -202,7 +210,8 @@ def _worked_out(
     final = diagnosis.after
     request = DesignRequest(ecu={"noise": prepared.noise, "supply": prepared.supply, **given}, profile=profile.name,
                             anyway=asked.anyway)  # fmt: skip
-    design = design_of(final.fitted(), request, None, part_of(report, _DIAGNOSIS, _DESIGN))
+    design = design_of(final.fitted(), request, None, part_of(report, _DIAGNOSIS, _DESIGN),
+                       design_settings())  # fmt: skip
     keep_design(run, final, design, request.recorded())
     present = None
     if asked.gains is not None:

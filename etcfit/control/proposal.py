@@ -77,7 +77,11 @@ def gain_steps(design: Design, present: Gains | None) -> tuple[GainStep, ...]:
         one, each = found.of(k), judge_each(task.setpoint, time, found.share[:, k])
         nominal = [float(figure[0]) for figure in one.figures]
         margins = float(one.gain_margin[0]), float(one.phase_margin[0])
-        better = float(np.mean(one.figures.rmse_pct < found.of(0).figures.rmse_pct)) if name != PRESENT and len(every) > 1 else None
+        better = (
+            float(np.mean(one.figures.rmse_pct < found.of(0).figures.rmse_pct))
+            if name != PRESENT and len(every) > 1
+            else None
+        )
         steps.append(GainStep(
             name, Gains(*(float(gain) for gain in gains)), Metrics(*nominal[:4], *margins, *nominal[4:]),
             {scenario: Judged(*(float(figure[0]) for figure in figures)) for scenario, figures in each.items()},

@@ -28,7 +28,7 @@ from ..rig.checks.slow_log import SlowLog
 from ..rig.comments import toml_string
 
 DUTY, ECU = "duty", "ecu"
-EFFECTS = ("limp_home_spring",)  # which every electronic throttle has
+EFFECTS = ("limp_home_spring", "stribeck_friction")  # which every electronic throttle has
 _PERCENT = 100.0
 
 
@@ -175,9 +175,7 @@ def _rate(log: Measurement) -> float:
     return 1.0 / float(np.median(np.diff(log.time)))
 
 
-def _model(
-    rig: Rig, logs: Sequence[Measurement], known: KnownEcu, settings: TuneSettings
-) -> tuple[str, str, LogCheck]:
+def _model(rig: Rig, logs: Sequence[Measurement], known: KnownEcu, settings: TuneSettings) -> tuple[str, str, LogCheck]:
     """What drives the model, why, and whether the log is fast enough for it."""
     rate = min(map(_rate, logs))
     rows = rate * known.ecu.period
@@ -187,8 +185,8 @@ def _model(
     has_duty = all("duty" in log.channels for log in logs)
     can_follow = all("setpoint" in log.channels for log in logs) and known.gains is not None
     if has_duty and fast_enough:
-        why = f"the logged duty is the input: {rate:.4g} rows a second, and {clock}" if known.clock_known else (
-            f"the logged duty is the input: nothing shows that it changes between two of {rate:.4g} rows a second")  # fmt: skip
+        because = clock if known.clock_known else "nothing shows that the duty changes between two rows"
+        why = f"the logged duty is the input: {rate:.4g} rows a second, and {because}"
         return DUTY, why, LogCheck("fast enough", True, True, why)
     lacks = ("no duty was logged" if not has_duty else
              f"at {rate:.4g} rows a second the log misses duties, for {clock}" if known.clock_known else
@@ -197,8 +195,8 @@ def _model(
         why = f"the ECU is a part of the model, with the gains that are in it now: {lacks}"
         return ECU, why, LogCheck("fast enough", True, True, why)
     need = settings.a_tick / known.ecu.period
-    cure = (f"Log position, duty and battery at {need:.0f} Hz or faster; or log the target too and say which gains are in "
-            "the ECU now (--gains P,I,D or --msq FILE).")  # fmt: skip
+    cure = (f"Log position, duty and battery at {need:.0f} Hz or faster; or log the target too and say which gains "
+            "are in the ECU now (--gains P,I,D or --msq FILE).")  # fmt: skip
     return DUTY if has_duty else ECU, lacks, LogCheck("fast enough", False, True, lacks, cure)
 
 
@@ -219,12 +217,15 @@ def _motion(logs: Sequence[Measurement], rig: Rig, settings: TuneSettings) -> tu
 
 
 def _moves(share: np.ndarray, size: float) -> int:
-    """Times that a signal goes by a size from its last turning point."""
-    count, low, high = 0, share[0], share[0]
+    """Strokes of a size at least, one way, from one turning point to the next."""
+    count, way, low, high = 0, 0, share[0], share[0]
     for value in share:
+        # since the last stroke began only the end that it runs towards is of interest, else both
         low, high = min(low, value), max(high, value)
-        if value - low >= size or high - value >= size:
-            count, low, high = count + 1, value, value
+        if way <= 0 and value - low >= size:
+            count, way, high = count + 1, 1, value
+        elif way >= 0 and high - value >= size:
+            count, way, low = count + 1, -1, value
     return count
 
 
@@ -272,7 +273,12 @@ def _busiest(log: Measurement, begin: float, end: float, most: int | None) -> tu
     return float(time[k]), float(time[k + most - 1])
 
 
-_WRITTEN = {"position": ("deg", 180.0 / math.pi), "setpoint": ("deg", 180.0 / math.pi), "duty": ("1", 1.0), "supply": ("V", 1.0)}
+_WRITTEN = {
+    "position": ("deg", 180.0 / math.pi),
+    "setpoint": ("deg", 180.0 / math.pi),
+    "duty": ("1", 1.0),
+    "supply": ("V", 1.0),
+}
 
 
 def _csv(log: Measurement, model: str, begin: float, end: float) -> str:
@@ -298,7 +304,8 @@ def _on(channel: Channel, time: np.ndarray) -> np.ndarray:
 def _rig_toml(name: str, model: str, known: KnownEcu, within: float, held_out: str) -> str:
     lines = ["# written by `etcfit tune`", "[rig]", f"name = {toml_string(name)}", f"supply_V = {known.supply:.6g}", "",
              "[noise]  # sensor, and rows that are up to a tick of the ECU old",
-             f"position_deg = {math.degrees(within):.6g}", "", "[model]", f"effects = [{', '.join(map(toml_string, EFFECTS))}]"]  # fmt: skip
+             f"position_deg = {math.degrees(within):.6g}", "", "[model]",
+             f"effects = [{', '.join(map(toml_string, EFFECTS))}]"]  # fmt: skip
     if held_out:
         lines += ["", "[holdout]", f"files = [{toml_string(held_out)}]"]
     if model == ECU and known.gains is not None:

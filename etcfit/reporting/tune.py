@@ -35,8 +35,8 @@ def tune_table(found: Any) -> RenderableType:
         parts += [headed("Gains, as this ECU writes them; the number behind x: over the present gain", _gains(found)),
                   headed("What the model says they do: steps of 10 to 70 % of the travel and back", _figures(found)),
                   sentences("Next", list(_next(found)))]  # fmt: skip
-    parts.append(sentences("To record next, for surer gains", [
-        f"{lack.name} ({lack.found:.3g} of {lack.needed:g} {lack.unit}): {lack.record}" for lack in found.lacks]))  # fmt: skip
+    lacks = [f"{each.name} ({each.found:.3g} of {each.needed:g} {each.unit}): {each.record}" for each in found.lacks]
+    parts.append(sentences("To record next, for surer gains", lacks))
     return Group(*(part for part in parts if part is not None))
 
 
@@ -81,7 +81,7 @@ def _gains(found: Any) -> RenderableType:
 
 
 def _figures(found: Any) -> RenderableType:
-    table = plain_table("step", "overshoot %\nlow..high", "settling s\nlow..high", "tracking\nRMSE %", "gain\nmargin dB",
+    table = plain_table("step", "overshoot %\nlow..high", "settling s\nlow..high", "RMSE\n%", "gain\nmargin dB",
                         "phase\nmargin deg", "P(meets all)", "P(better)")  # fmt: skip
     doubted = _despite(found)
     for step in found.steps:
