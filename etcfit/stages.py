@@ -273,7 +273,8 @@ def tune_logs(files: Sequence[Path], run: RunFolder, report: Report, asked: Tune
     from .reporting.tune import tune_table
 
     found = tune(files, run, asked, report)
-    return Done(tune_table(found), closing=of_tune(found, run.path, files), stopped=found.why_not)
+    unfinished = "" if found.result is None else failure(found.result)
+    return Done(tune_table(found), unfinished, closing=of_tune(found, run.path, files), stopped=found.why_not)
 
 
 def design_fleet(run: Path, report: Report, asked: DesignRequest) -> Done:

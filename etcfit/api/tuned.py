@@ -87,6 +87,17 @@ class Tuned:
     explained: tuple[float | None, float | None] = (None, None)
     why_not: str = ""
 
+    def summary(self, width: int = 140) -> str:
+        """What `etcfit tune` prints, for `print`."""
+        from ..reporting.blocks import render
+        from ..reporting.tune import tune_table
+
+        return render(tune_table(self), width)
+
+    def __repr__(self) -> str:
+        said = f"not from this log. {self.why_not}" if self.why_not else f"{len(self.steps)} sets of gains; see .steps"
+        return f"Gains for {self.profile.title} from logs of the car: {said}"
+
     @property
     def held_out_error(self) -> float | None:
         """Rms of measured - predicted on the held-out part, per cent of the travel; None where nothing was held out."""

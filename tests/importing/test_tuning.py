@@ -15,6 +15,7 @@ from etcfit.model.ecus import RUSEFI
 from etcfit.rig.base import Rig
 from etcfit.rig.reader import read_folder
 
+DEFAULT = TuneSettings()
 GAINS = Terms(6.2, 40.0, 0.05)
 
 
@@ -34,7 +35,7 @@ def log(rate: float, amplitude: float = 30.0, at_limit: float = 0.0, duration: f
     return Rig.from_frames({"drive/lap": pd.DataFrame(columns)}, {"rig": {"supply_V": 12.0}})
 
 
-def made(rig: Rig, gains: Terms | None = None, settings: TuneSettings = TuneSettings()) -> TuneInput:
+def made(rig: Rig, gains: Terms | None = None, settings: TuneSettings = DEFAULT) -> TuneInput:
     return tune_input(rig, "car", known(gains), settings)
 
 
