@@ -252,6 +252,8 @@ def _explained(result: FitResult) -> tuple[float | None, float | None]:
     def of(problem: Any) -> float | None:
         left = all_ = 0.0
         for trace in () if problem is None else problem.batch.traces:
+            if "position" not in trace.channels:
+                continue
             k = trace.channels.index("position")
             y = trace.data[:, k]
             seen = np.isfinite(y)

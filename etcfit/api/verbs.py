@@ -456,12 +456,13 @@ def tune(
         UsageError: no such make of ECU, or a field given that its source fixes otherwise.
     """
     with working(quiet) as report:
+        from ..importing.tuning import TuneSettings
         from ..run_folder import RunFolder
         from .tuned import TuneRequest, tune_logs
 
         files = [Path(each) for each in ([logs] if isinstance(logs, str | Path) else logs)]
-        given = {} if settings is None else {"settings": settings}
-        asked = TuneRequest(ecu, gains, tuple(controller.items()), supply, anyway=anyway, **given)
+        asked = TuneRequest(ecu, gains, tuple(controller.items()), supply, anyway=anyway,
+                            settings=settings or TuneSettings())  # fmt: skip
         return tune_logs(files, RunFolder(Path(out)), asked, report)
 
 

@@ -76,7 +76,7 @@ def gain_steps(design: Design, present: Gains | None) -> tuple[GainStep, ...]:
     for k, (name, gains) in enumerate(every.items()):
         one, each = found.of(k), judge_each(task.setpoint, time, found.share[:, k])
         nominal = [float(figure[0]) for figure in one.figures]
-        margins = float(one.gain_margin[0]), float(one.phase_margin[0])
+        margins = [float(one.gain_margin[0]), float(one.phase_margin[0])]
         better = (
             float(np.mean(one.figures.rmse_pct < found.of(0).figures.rmse_pct))
             if name != PRESENT and len(every) > 1

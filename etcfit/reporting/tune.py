@@ -131,7 +131,7 @@ def _prediction(panel: Axes, found: Any) -> None:
 
     result = found.result
     problem = result.holdout or result.problem
-    trace = problem.batch.traces[0]
+    trace = next(each for each in problem.batch.traces if "position" in each.channels)
     k = trace.channels.index("position")
     low, high = result.rig.config.travel
     measured, predicted = (100.0 * (each[:, k] - low) / (high - low)
