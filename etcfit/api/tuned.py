@@ -196,7 +196,7 @@ def design_settings() -> DesignSettings:
     """Of the design: a shorter search over fewer models, so that all is done in minutes."""
     from ..control.settings import DesignSettings, OptimumSettings
 
-    return DesignSettings(draws=64, optimum=OptimumSettings(searches=2, rounds=20, starts=2))
+    return DesignSettings(draws=48, optimum=OptimumSettings(few=16, searches=1, rounds=18, starts=2))
 
 
 def _worked_out(
