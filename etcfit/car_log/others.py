@@ -54,9 +54,7 @@ def found(header: Sequence[str]) -> dict[str, tuple[int, str]]:
     return out
 
 
-def series(
-    time: np.ndarray, columns: Sequence[np.ndarray], places: Mapping[str, tuple[int, str]]
-) -> dict[str, Series]:
+def series(time: np.ndarray, columns: Sequence[np.ndarray], places: Mapping[str, tuple[int, str]]) -> dict[str, Series]:
     """Each quantity on the times at which it was logged: duty and position in per cent, sensors in V.
 
     Args:

@@ -156,9 +156,7 @@ def _begin(setpoint: Series, before: Rest, after: Rest, still: float) -> float:
     return float(setpoint.time[k] + 0.5 * min(following - setpoint.time[k], 2.0 * _GRID))
 
 
-def _step(
-    position: Series, setpoint: Series, before: Rest, after: Rest, sd: float, still: float
-) -> Step | None:
+def _step(position: Series, setpoint: Series, before: Rest, after: Rest, sd: float, still: float) -> Step | None:
     size, begin, end = after.first - before.last, _begin(setpoint, before, after, still), after.end
     seen = (position.time >= begin) & (position.time <= end)
     if abs(size) < max(_LEAST, 2.0 * sd) or seen.sum() < _FEWEST or before.end > position.time[-1]:
