@@ -336,6 +336,8 @@ def _tell(done: stages.Done) -> None:
     _show(done.shown)
     if done.closing is not None:
         _say(done.closing)
+    if done.stopped:
+        raise _stop(Status.DATA, done.stopped)
     if done.failure:
         raise _stop(Status.NOT_CONVERGED, done.failure)
 
@@ -367,6 +369,82 @@ def drive(
             write_drive(out, config, studies, progress)
     _stdout().print(drive_table(config, studies))
     _say(of_drive(studies, logs if logs.is_dir() else logs.parent, out))
+
+
+@_verb("Control", "etcfit tune lap.csv --ecu rusefi --gains 6.2,40,0.05 --out runs/car")
+def tune(
+    logs: Annotated[list[Path], typer.Argument(help="Logs of one car, of any known format.", metavar="LOG...")],
+    out: Out,
+    ecu: Annotated[
+        str, typer.Option(help="Make of the ECU that made the logs and gets the gains.", metavar="NAME")
+    ] = "generic",
+    gains: Annotated[
+        str | None, typer.Option("--gains", help="P,I,D that are in it now, as it writes them.", metavar="P,I,D")
+    ] = None,
+    msq: Annotated[
+        Path | None, typer.Option(help="Its tune, in which they stand.", exists=True, dir_okay=False, metavar="FILE")
+    ] = None,
+    hold_out: Annotated[
+        float, typer.Option(help="Of the longest log, predicted and not fitted, %.", min=0.0, max=80.0)
+    ] = 40.0,
+    supply: Annotated[
+        float | None, typer.Option(help="V.", min=1.0, max=100.0, show_default="as logged, else 13.5")
+    ] = None,
+    ecu_period: Annotated[
+        str | None, typer.Option(help="Of the ECU's clock.", metavar="TIME", show_default="as its maker publishes")
+    ] = None,
+    ecu_delay: Annotated[
+        str | None, typer.Option(help="From its reading to its output.", metavar="TIME", show_default="0ms")
+    ] = None,
+    column: Annotated[
+        list[str] | None, typer.Option(help="HEADER=QUANTITY [UNIT], or =ignore; may be repeated.", metavar="TEXT")
+    ] = None,
+    anyway: Anyway = False,
+    quiet: Quiet = False,
+) -> None:
+    """From logs of a car to gains: checks, model, diagnosis, gains beside those that are in the ECU now.
+
+    A half-way step comes first, with what the next log should show.
+    """
+    from dataclasses import replace
+
+    from .api.tuned import TuneRequest
+    from .importing.answers import parsed
+    from .importing.tuning import TuneSettings
+
+    if gains is not None and msq is not None:
+        raise UsageError("--gains and --msq exclude each other: both say which gains are in the ECU now.")
+    present = None if gains is None else _three_gains(gains)
+    if msq is not None:
+        from .exporting.formats.tune import gains_in
+        from .model.ecus import named
+
+        with _of_option("--ecu"):
+            profile = named(ecu)
+        present = gains_in(msq, profile)
+    times = {"period": ("--ecu-period", ecu_period), "delay": ("--ecu-delay", ecu_delay)}
+    given = {field: _seconds(option, text) for field, (option, text) in times.items() if text is not None}
+    if given.get("period") == 0.0:
+        raise UsageError(f"--ecu-period {ecu_period}: the period must be longer than 0. Write, say, 1ms.")
+    if clash := _clashes(ecu, given):
+        raise UsageError(f"{times[clash[0]][0]}: {ecu} fixes it. Leave it out.")
+    answers = parsed(column or (), (), [str(file) for file in logs])
+    request = TuneRequest(ecu, present, tuple(given.items()), supply, answers, anyway,
+                          replace(TuneSettings(), hold_out=0.01 * hold_out))  # fmt: skip
+    with _progress(quiet) as progress:
+        done = stages.tune_logs(logs, stages.opened(out), progress, request)
+    _tell(done)
+
+
+def _three_gains(text: str) -> tuple[float, float, float]:
+    """P, I and D between commas."""
+    try:
+        p, i, d = map(float, text.split(","))
+    except ValueError:
+        raise UsageError(f"--gains {text}: three numbers are needed, P, I and D. Write, say, 6.2,40,0.05.") from None
+    if not all(0.0 <= gain < inf for gain in (p, i, d)):
+        raise UsageError(f"--gains {text}: a gain cannot be negative or endless.")
+    return p, i, d
 
 
 @_verb("Explain", "etcfit sample runs/bench_twin")

@@ -32,6 +32,7 @@ if TYPE_CHECKING:
     from ..estimation.settings import FitSettings
     from ..experiment.settings import AdviceSettings, CampaignSettings, CheckSettings
     from ..exporting import ExportSettings
+    from ..importing.tuning import TuneSettings
     from ..model.feed_forward import Asked
     from ..rig.base import Rig
     from .advised import Advised
@@ -45,6 +46,7 @@ if TYPE_CHECKING:
     from .planned import Planned
     from .reduced import Reduced
     from .sampled import Sampled
+    from .tuned import Tuned
 
     Folder = str | Path
     Model = Fit | Diagnosed | Sampled | Reduced | Folder
@@ -425,6 +427,46 @@ def drive(
 
         config, logs = logs_at(folder)
         return Driven(config, tuple(study(log, between) for log in (chosen(logs, compare) if compare else logs)))
+
+
+@typed
+def tune(
+    logs: Folder | Sequence[Folder],
+    ecu: str,
+    out: Folder,
+    gains: tuple[float, float, float] | None = None,
+    *,
+    anyway: bool = False,
+    supply: float | None = None,
+    settings: TuneSettings | None = None,
+    quiet: bool = False,
+    **controller: float,
+) -> Tuned:
+    """From logs of a car to gains, beside those that are in its ECU now.
+
+    Args:
+        logs: files of any known format, all of one car.
+        ecu: make of the ECU that made the logs and gets the gains.
+        out: the run folder; made if absent.
+        gains: P, I and D that are in the ECU now, as it writes them.
+        anyway: give gains even where the model is a compromise or did not converge.
+        supply: V; as logged where None, else 13.5.
+        settings: what decides whether logs can tell gains; the defaults where None.
+        quiet: show no progress.
+        controller: fields of `Ecu` that its make leaves open, as period=1e-3.
+    Raises:
+        MeasurementError: a file cannot be read, or no log has a position with a duty or setpoint beside it.
+        UsageError: no such make of ECU, or a field given that its source fixes otherwise.
+    """
+    with working(quiet) as report:
+        from ..importing.tuning import TuneSettings
+        from ..run_folder import RunFolder
+        from .tuned import TuneRequest, tune_logs
+
+        files = [Path(each) for each in ([logs] if isinstance(logs, str | Path) else logs)]
+        asked = TuneRequest(ecu, gains, tuple(controller.items()), supply, anyway=anyway,
+                            settings=settings or TuneSettings())  # fmt: skip
+        return tune_logs(files, RunFolder(Path(out)), asked, report)
 
 
 @typed

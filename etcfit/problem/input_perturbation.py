@@ -77,7 +77,7 @@ def where_asked(form: Form, x: Float[np.ndarray, " P"], weighted: WeightedData) 
     tree = tree._replace(steps=acting_late(form, full, tree))
     changing = numbered(tree)[0]
     renewed = frozenset({changing.guide_stiffness, *jax.tree.leaves(changing.acting)})
-    return _ASKED.run((form,), full, Entries(tree, one_pass_kernels.rows_of(weighted), (renewed,)))
+    return _ASKED.run((form,), full, Entries(tree, one_pass_kernels.rows_of(weighted), renewed))
 
 
 def added_by(
@@ -161,7 +161,7 @@ def responses(
         numbers, acts = numbered(tree)
         renewed, muted = one_pass_kernels.renewed_and_muted(numbers)
         rows, ways = one_pass_kernels.rows_of(weighted), frozenset(jax.tree.leaves(acts))
-        batch = Entries(tree, rows, (*renewed, ways), muted)
+        batch = Entries(tree, rows, renewed | ways, muted)
         return _RESPONSES.run((form, order), full, batch)
 
     return np.stack(list(map(along, besides)))

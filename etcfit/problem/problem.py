@@ -22,9 +22,11 @@ from .innovations import InnovationsFilter, Moved, kalman, moved_here, plain
 from .instants import SHARES
 from .late_samples import moved_samples
 from .normal_equations import linearised
+from .one_pass_kernels import LinearisedTrace
 from .packing import rounded
 from .prediction_error import columns
 from .process_noise import free_run_variance, order_of
+from .records import as_numpy
 from .residual import Compared, WeightedData, compared, prior_residual_here, run
 from .substeps import local_error, substeps_needed
 from .trace import Trace, prepare
@@ -219,8 +221,8 @@ class EstimationProblem:
         priors = layout.padded(mean), layout.padded(sd, np.inf)
         steps = batch.guided(self.guide_stiffness)
         weighted = WeightedData(steps, batch.resets, self.slots, batch.test_of, filter_, self.pick, *priors)
-        weighted = jax.tree.map(np.asarray, weighted)  # once, not at every call
-        return weighted if available() else jax.device_put(weighted)
+        weighted = as_numpy(weighted)  # once, not at every call
+        return weighted if available() else jax.device_put(jax.tree.map(np.asarray, weighted))
 
     def linearise(self, x: Float[np.ndarray, " P"], weighted: WeightedData) -> Linearisation:
         """Residual, that of the priors, and the Jacobian of the former.
@@ -233,6 +235,20 @@ class EstimationProblem:
         r, columns = linearised(self.layout.form, padded, weighted)
         prior = prior_residual_here(padded, weighted)[: x.size]
         return Linearisation(r, prior, columns[..., : x.size])
+
+    def linearise_traces(self, x: Float[np.ndarray, " P"], weighted: WeightedData) -> list[LinearisedTrace]:
+        """Of each trace the residual at its instants, shape (n, M), and the Jacobian, shape (M, n, P): a fraction of
+        what `linearise` holds, which has all steps between them too. Arguments as of that."""
+        places = [(lane, marks) for lane, _, marks in self.batch.places]
+        if not available():
+            r, _, jacobian = self.linearise(x, weighted)
+            return [(r[rows, lane], np.moveaxis(jacobian[rows, lane], 1, 0)) for lane, rows in places]
+        form, padded = self.layout.form, self.layout.padded(x)
+        found = residual_kernels.linearised_at(form, form.full(padded, weighted.pick), weighted, places)
+        slope = form.slopes(padded, weighted.pick)[: x.size]
+        for _, slopes in found:
+            slopes *= slope
+        return found
 
     def residual(self, x: Float[np.ndarray, " P"], weighted: WeightedData) -> Float[np.ndarray, "T L M"]:
         """Whitened residual alone, shape (T, L, M), dimensionless, at coordinates x, shape (P,): a tenth of the cost of
@@ -342,7 +358,8 @@ class EstimationProblem:
             return self
         predicted = self.free_run(x)
         traces = tuple(_better_release(t, y) for t, y in zip(self.batch.traces, predicted, strict=True))
-        return self._of(traces)
+        batch = self.batch.released(traces, self.config, self.substeps)
+        return replace(self, batch=batch, sigma=batch.slots.sigma, guide_stiffness=0.0)
 
     def with_instants(self, x: Float[np.ndarray, " P"]) -> EstimationProblem:
         """The problem with all that nobody logged read off the data anew at x, shape (P,): instants of releases and of

@@ -41,6 +41,7 @@ from etcfit.errors import MeasurementError, UsageError
 from etcfit.estimation.fit_state import FitState
 from etcfit.exporting import FORMATS, Export, Source, named, write
 from etcfit.exporting.formats import c
+from etcfit.exporting.formats.tune import gains_in
 from etcfit.exporting.plant import plant_of
 from etcfit.files import write_json
 from etcfit.model.ecu import Ecu
@@ -206,6 +207,19 @@ def test_the_tune_holds_what_was_designed_under_the_firmware_s_names(name: str) 
 def test_without_gains_for_such_an_ecu_the_tune_is_refused_with_the_command(of: Any, said: str) -> None:
     with pytest.raises(UsageError, match=rf"{said}.*etcfit design RUN --ecu NAME.*rusefi, fome"):
         named("msq").export(exports.source(pid=of))
+
+
+def test_present_gains_are_read_off_a_tune(tmp_path: Path) -> None:
+    export = named("msq").export(exports.source(pid=pid("rusefi")))
+    tune = tmp_path / "mine.msq"
+    tune.write_bytes(export.files["etcfit_rusefi.msq"])
+    designed = [gain["value"] for gain in pid("rusefi")["profile"]["gains"].values()]
+    assert gains_in(tune, ECUS["rusefi"]) == pytest.approx(designed, rel=1e-7)
+    with pytest.raises(UsageError, match=r"Link.*no tune file.*--gains"):
+        gains_in(tune, ECUS["link"])
+    tune.write_bytes(tune.read_bytes().replace(b"etb_iFactor", b"other"))
+    with pytest.raises(MeasurementError, match="no setting etb_iFactor"):
+        gains_in(tune, ECUS["rusefi"])
 
 
 COMPROMISE = FitState(17.0, True, "", "the model is far from the data (chi2/dof 17)")

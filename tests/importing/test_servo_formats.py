@@ -176,7 +176,8 @@ def test_a_load_that_is_positive_downwards_is_turned_and_said(tmp_path: Path) ->
 def test_dynamixel_registers_are_in_twos_complement(tmp_path: Path) -> None:
     path = tmp_path / "xm.json"
     records = [{"t": 0.01 * k, "id": motor, "Present_PWM": 65535 - k, "Present_Current": -3 if k else 65533,
-                "Present_Position": (2048, 4294967295, 4294967290)[k], "Present_Input_Voltage": 121, "Goal_Position": 2050}
+                "Present_Position": (2048, 4294967295, 4294967290)[k], "Present_Input_Voltage": 121,
+                "Goal_Position": 2050}
                for k in range(3) for motor in (1, 2)]  # fmt: skip
     path.write_text(json.dumps({"model": "xm430", "entries": records}))
     (sheet,) = read(path, "2", "dynamixel-xm")

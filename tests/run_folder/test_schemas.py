@@ -45,6 +45,7 @@ CONTRACT = {
     "pid": "schema rule gains ecu linear nonlinear requirements met posterior settings",
     "run": "schema version stages",
     "drive": "schema logs",
+    "tune": "schema verdict why_not ecu model checks fit held_out supply_V present unit steps record_next",
     "advice": "schema rig synthetic stderr_now options not_judged settings",
     "plan": "schema rig synthetic model criterion limits stderr tests left_out settings",
     "fleet": "schema version name synthetic units failed not_converged members population correlation odd effects "

@@ -8,9 +8,9 @@ from pathlib import Path
 import numpy as np
 
 from ...errors import MeasurementError, require_extra
-from ...rig.table import HUGE
+from ...rig.rows import HUGE
 from ..sheet import Sheet
-from . import json_log, matlab, mcap, mdf, megalog, parquet, servo, tdms, text, wpilog
+from . import json_log, matlab, mcap, mdf, parquet, servo, tdms, text, wpilog
 from .base import Format, Source
 
 FORMATS: tuple[Format, ...] = (
@@ -20,8 +20,7 @@ FORMATS: tuple[Format, ...] = (
     tdms.FORMAT,
     parquet.FORMAT,
     mcap.FORMAT,
-    megalog.TEXT,
-    megalog.BINARY,
+    text.MEGALOG,
     wpilog.FORMAT,
     json_log.FORMAT,
 )

@@ -9,6 +9,7 @@ import numpy as np
 from ...car_log import DriveLog, Study
 from ...car_log.others import SECOND, VOLTS_1, VOLTS_2
 from ...car_log.usage import SHARE
+from ..numbers import short
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -68,7 +69,7 @@ def _tones(panel: Axes, each: Study) -> None:
     panel.set_xscale("log")
     style.log_ticks(panel.xaxis, panel.get_xlim())
     panel.axvline(tones.dominant, color=style.SIMULATED, lw=1.2, ls="--")
-    says = f"moved mostly at {tones.dominant:.2f} Hz,\nhalf of its power below {tones.half:.2f} Hz"
+    says = f"moved mostly at {short(tones.dominant)} Hz,\nhalf of its power below {tones.half:.2f} Hz"
     panel.set_title(says, loc="left", fontsize=10)
 
 

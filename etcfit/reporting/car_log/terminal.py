@@ -87,7 +87,7 @@ def _cells(each: Study) -> tuple[str, ...]:
         f"{100.0 * use.between:.1f}",
         "{:.1f} .. {:.1f}".format(*use.shortest),
     )
-    speed = ("-", "-") if tones is None else (f"{tones.dominant:.2f}", f"{tones.half:.2f}")
+    speed = ("-", "-") if tones is None else (short(tones.dominant), f"{tones.half:.2f}")
     if follows is None:
         return (*where, *speed, "-", "-", "-", "-", "-", "-")
     lag = None if follows.lag is None else 1e3 * follows.lag
