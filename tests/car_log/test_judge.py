@@ -17,6 +17,7 @@ from etcfit.car_log.duty import duty_use
 from etcfit.car_log.study import verdict
 from etcfit.cli import app
 from etcfit.control.pid.figures import Requirements
+from etcfit.reporting.car_log.tables import in_a_word
 from independent import hunting
 from second_order import log as second_order
 
@@ -49,6 +50,10 @@ def test_what_a_log_does_not_hold_is_not_judged() -> None:
     assert bare.verdict.word == "cannot be said"
     assert set(words(bare).values()) == {"cannot be said"}
     slow = of(0.8, 40.0, rate=20.0)
+    assert in_a_word(slow.verdict) == (
+        "Good enough in what this log shows; not known: overshoot, settling, error at rest."
+    )
+    assert in_a_word(of(0.8, 40.0).verdict) == "Good enough."
     assert words(slow)["settling"] == "cannot be said"
     assert "20 Hz is too slow" in next(j.where for j in slow.verdict.judgements if j.name == "settling")
 

@@ -39,7 +39,10 @@ def in_a_word(verdict: Verdict) -> str:
     bad = [each.name for each in verdict.judgements if each.word == "not good"]
     if bad:
         return f"Not good enough: {', '.join(bad)}."
-    return "Good enough." if verdict.word == "good" else "Whether it is good enough cannot be said."
+    if verdict.word != "good":
+        return "Whether it is good enough cannot be said."
+    unknown = [each.name for each in verdict.judgements if each.word == "cannot be said"]
+    return f"Good enough in what this log shows; not known: {', '.join(unknown)}." if unknown else "Good enough."
 
 
 def _found(each: Judgement) -> str:
