@@ -51,9 +51,9 @@ def test_what_a_log_does_not_hold_is_not_judged() -> None:
     assert set(words(bare).values()) == {"cannot be said"}
     slow = of(0.8, 40.0, rate=20.0)
     assert in_a_word(slow.verdict) == (
-        "Good enough in what this log shows; not known: overshoot, settling, error at rest."
+        "Good enough in what this log shows; not known: overshoot, settling, error at rest, oscillation at rest."
     )
-    assert in_a_word(of(0.8, 40.0).verdict) == "Good enough."
+    assert in_a_word(of(0.8, 40.0, held=2.0).verdict) == "Good enough."
     assert words(slow)["settling"] == "cannot be said"
     assert "20 Hz is too slow" in next(j.where for j in slow.verdict.judgements if j.name == "settling")
 
