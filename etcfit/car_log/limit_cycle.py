@@ -111,9 +111,9 @@ def limit_cycle(position: Series, setpoint: Series, duty: Series | None = None) 
     Source: Armstrong-Helouvry, Dupont and Canudas de Wit 1994, Automatica 30(7), for what stops it. Differs from
     source: thresholds are ours, tuned on simulated logs (`benchmarks/good_enough.py`).
     """
-    quantum = quantum_of(position.value)
+    quantum, step = quantum_of(position.value), position.step
     looked = [each for piece in setpoint.pieces if piece.time.size > 1 for rest in rests(piece)
-              if (each := _held(position, rest, duty, quantum)) is not None]  # fmt: skip
+              if (each := _held(position, step, rest, duty, quantum)) is not None]  # fmt: skip
     cycling = [each for each in looked if each.period is not None]
     if not cycling:
         return None
@@ -151,25 +151,25 @@ def _together(cycling: Sequence[_Held], seconds: float, position: Series, quantu
     )  # fmt: skip
 
 
-def _held(position: Series, rest: Rest, duty: Series | None, quantum: float) -> _Held | None:
+def _held(position: Series, step: float, rest: Rest, duty: Series | None, quantum: float) -> _Held | None:
     begin, end = max(rest.begin + _SETTLES, float(position.time[0])), min(rest.end, float(position.time[-1]))
     if end - begin < _SHORTEST:
         return None
-    time = np.arange(begin, end, position.step)
+    time = np.arange(begin, end, step)
     value = np.interp(time, position.time, position.value)
     level = 0.5 * (rest.first + rest.last)
     nothing = _Held(float(end - begin), level, 0.0, None, 0.0, None, 0.0)
     moved = value - np.polyval(np.polyfit(time - begin, value, 1), time - begin)
     if time.size < 8 or np.ptp(moved) < max(2.0 * quantum, 1e-9):
         return nothing
-    period = _period(moved, position.step)
+    period = _period(moved, step)
     if period is None or end - begin < _PERIODS * period:
         return nothing
-    smooth = _smoothed(moved, period, position.step)
-    swings = _swings(smooth, period, position.step)
+    smooth = _smoothed(moved, period, step)
+    swings = _swings(smooth, period, step)
     if swings[-1] < _DECAYS * swings[0] or np.median(swings) < quantum:
         return nothing
-    return _Held(float(end - begin), level, float(np.median(swings)), period, _still(smooth, period, position.step),
+    return _Held(float(end - begin), level, float(np.median(swings)), period, _still(smooth, period, step),
                  _of_duty(duty, begin, end, period), float(np.quantile(np.abs(value - level), 0.98)))  # fmt: skip
 
 

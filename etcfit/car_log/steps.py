@@ -140,8 +140,11 @@ def steps(position: Series, setpoint: Series) -> tuple[Step, ...]:
     largest value, which noise makes larger.
     """
     sd = noise_of(position.value)
-    found = (_step(position, setpoint, a, b, sd, still_of(p)) for p in setpoint.pieces if p.time.size > 1
-             for a, b in changes(rests(p)))  # fmt: skip
+    found = []
+    for piece in setpoint.pieces:
+        if piece.time.size > 1:
+            still = still_of(piece)  # once a piece: a long log has thousands of steps
+            found += [_step(position, setpoint, a, b, sd, still) for a, b in changes(rests(piece))]
     return tuple(each for each in found if each is not None)
 
 
