@@ -1,4 +1,4 @@
-"""A measurement folder of synthetic data: CSVs and rig.toml as docs/reference/folder.md has them, marked synthetic everywhere."""
+"""A measurement folder of synthetic data: CSVs and rig.toml as docs/reference/folder.md has them, marked synthetic."""
 
 from __future__ import annotations
 
