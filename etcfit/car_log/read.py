@@ -1,54 +1,39 @@
-"""A folder of logs -> DriveLogs: CSV, .msl and .mlg, in the names that ECUs give to position and setpoint."""
+"""A folder of logs -> DriveLogs: whatever `etcfit import` reads, its columns named as `etcfit import` names them."""
 
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from collections.abc import Set as AbstractSet
-from dataclasses import replace
+from contextlib import contextmanager
 from pathlib import Path
 
 import numpy as np
 
-from ..errors import MeasurementError
-from ..files import read_regular
+from ..errors import MeasurementError, UsageError
+from ..importing.answers import IGNORE, Answers, target
+from ..importing.formats import BY_SUFFIX, read_sheets
+from ..importing.formats.base import Source
+from ..importing.makers import is_about, is_engines, is_plates
+from ..importing.quantities import one_each, quantity_of, take_by_itself
+from ..importing.registers import signed
+from ..importing.sheet import Column, Sheet
+from ..importing.take import LEFT_OUT, Take
+from ..importing.time_column import time_of
 from ..rig.base import RigConfig
-from ..rig.columns import Column, read_columns
 from ..rig.comments import toml_string
 from ..rig.config import read_config
-from ..rig.header import HeaderError, parse_header
-from ..rig.mlg import read_mlg
-from ..rig.msl import read_msl
 from ..rig.names import refuse_foreign_names
-from ..rig.table import Table, decode, parse
-from ..rig.toml import Toml, read_text
-from .ecu_csv import plain
+from ..rig.units import UnitError, to_channel
+from . import others
 from .log import DriveLog, Series
 
-READERS: dict[str, Callable[[bytes, str], Table]] = {
-    ".csv": lambda raw, where: parse(plain(decode(raw, where)), where),
-    ".msl": read_msl,
-    ".mlg": read_mlg,
-}
-
-CLOSED = {".llg": "PCLink", ".llgx": "PCLink"}  # formats that no maker publishes, and the program that writes a CSV
-
-# what ECUs call them, in small letters, the surest first; [columns] of rig.toml comes before all
-KNOWN: dict[str, tuple[str, ...]] = {
-    "time": ("time", "timestamp"),
-    # "TPS" last: beside a name of the plate's own it is the pedal (MaxxECU)
-    "position": ("etb position", "e-throttle position", "throttle position", "throttle position sensor",
-                 "tp (main)", "tps (main)", "tp", "tps1", "tps"),
-    "setpoint": ("etb: position target", "etb position target", "etb target", "etbtarget", "etb setpoint",
-                 "e-throttle target", "dbw throttle target position", "dbw target", "throttle target",
-                 "target throttle", "throttle position target", "tp target", "tps target"),
-}  # fmt: skip
-_TARGETS = ("target", "setpoint", "demand", "desired", "request")  # words of what may be a setpoint
-_PLATE = re.compile(r"(throttle|etb|dbw)\b.*\bpos", re.IGNORECASE)  # of what may be the plate's position
-_TPS = re.compile(r"tps1?\s*([\[(].*[\])])?", re.IGNORECASE)
-_UNITS = {"time": "s", "position": "%", "setpoint": "%"}
-_SECONDS = {"s", "sec", "secs", "seconds", ""}
-_UNIT = re.compile(r"(?P<bare>.+?)\s*[\[(](?P<unit>s|sec|secs|seconds|ms|%|deg|V|rad)[\])]\s*", re.IGNORECASE)
+# formats that no maker publishes, and the program that writes a CSV
+CLOSED = {".llg": "PCLink", ".llgx": "PCLink", ".llg5": "PCLink"}
+_TARGETS = ("target", "setpoint", "demand", "desired", "request", "aim", "soll")  # words of what may be a setpoint
+_OPTION = re.compile(r"(?:--column )?'(?P<header>[^'=]+)=(?P<wanted>[^']+)'")
+_PLATE = ("position", "tps")
+_MOST = 25  # names that a message lists
 
 
 def read_logs(folder: Path | str) -> tuple[RigConfig, tuple[DriveLog, ...]]:
@@ -63,12 +48,17 @@ def read_logs(folder: Path | str) -> tuple[RigConfig, tuple[DriveLog, ...]]:
     toml = base / "rig.toml"
     config = read_config(toml) if toml.is_file() else RigConfig(name=base.absolute().name)
     place = base / "drive" if (base / "drive").is_dir() else base
-    files = sorted(p for p in place.iterdir() if p.suffix.casefold() in READERS and not p.name.startswith("."))
+    files = sorted(p for p in place.iterdir() if _is_log(p))
     refuse_foreign_names(str(place), *(path.name for path in files))
     _refuse_closed(place, {path.stem for path in files})
     if not files:
-        raise MeasurementError(str(place), "no log in it.", f"Known: {', '.join(READERS)}.", "Put the logs there.")
+        raise MeasurementError(str(place), "no log in it.", f"Known: {', '.join(BY_SUFFIX)}.", "Put the logs there.")
     return config, tuple(read_log(path, config, str(toml)) for path in files)
+
+
+def _is_log(path: Path) -> bool:
+    plain = not path.name.startswith(".") and path.stem.casefold() != "readme"
+    return plain and path.suffix.casefold() in BY_SUFFIX and not path.is_dir()
 
 
 def _refuse_closed(place: Path, known: AbstractSet[str]) -> None:
@@ -82,7 +72,7 @@ def _refuse_closed(place: Path, known: AbstractSet[str]) -> None:
         if program is not None and path.stem not in known:
             unread = f"a log of {program}, whose format its maker does not publish."
             cure = f"Open it in {program}, export it as CSV and put {path.stem}.csv there."
-            raise MeasurementError(str(path), unread, f"Known: {', '.join(READERS)}.", cure)
+            raise MeasurementError(str(path), unread, f"Known: {', '.join(BY_SUFFIX)}.", cure)
 
 
 def read_log(path: Path, config: RigConfig, toml: str) -> DriveLog:
@@ -91,95 +81,149 @@ def read_log(path: Path, config: RigConfig, toml: str) -> DriveLog:
     Raises:
         MeasurementError: it cannot be read, or has no time or position.
     """
-    whole = READERS[path.suffix.casefold()](read_regular(path, str(path)), str(path))
-    taken = _taken(whole, config)
-    table = replace(whole, header=tuple(taken.values()), cells=whole.cells[:, list(taken)])
-    named = Toml(toml, read_text(toml) if Path(toml).is_file() else "", {})  # for messages alone
-    columns = read_columns(table, config, str(path), named)
-    if "position" not in columns:
-        raise MeasurementError(str(path), "no position of the plate among its columns.",
-                               "A log from the car needs it, in per cent, degrees or sensor volts.",
-                               'Name its column in rig.toml: [columns] "TP (Main)" = "position [%]".')  # fmt: skip
-    setpoint = columns.get("setpoint")
-    written = {str(_quantity(name)): whole.header[k] for k, name in taken.items()}
-    hints = (_of_position(written["position"], whole.header), "" if setpoint else _of_setpoint(whole.header),
-             *(f"{each[0].upper()}{each[1:]}." for each in whole.losses))  # fmt: skip
-    return DriveLog(path.name, _series(columns["time"], columns["position"], config, str(path)),
-                    None if setpoint is None else _series(columns["time"], setpoint, config, str(path)),
-                    written, " ".join(filter(None, hints)))  # fmt: skip
+    answers = _answers(config.columns, toml)
+    sheets = read_sheets(Source(path, str(path)))
+    with _cures_of_toml():
+        found = [(sheet, _takes(sheet, answers, _raw_volts(sheet, config))) for sheet in sheets]
+    having = [(sheet, takes) for sheet, takes in found if any(name in takes for name in _PLATE)]
+    volts = [(sheet, takes) for sheet, takes in found if others.VOLTS_1 in others.found(_headers(sheet))]
+    if not having and not volts:
+        raise _without_plate(str(path), sheets)
+    sheet, takes = max(having or volts, key=lambda each: ("setpoint" in each[1], each[0].rows))
+    with _cures_of_toml():
+        time = time_of(sheet, answers)
+    plate = takes.get("position") or takes.get("tps")
+    series = {name: _series(time, take, config, sheet.where)
+              for name, take in (("position", plate), ("setpoint", takes.get("setpoint"))) if take}  # fmt: skip
+    headers = _headers(sheet)
+    places = others.found(headers)
+    along = others.series(time.si, [column.values for column in sheet.columns], places)
+    beside = {name: headers[places[name][0]] for name in along}
+    if plate is None and others.VOLTS_1 in along:
+        return _sweep(path.name, series.get("setpoint"), along, beside)
+    if plate is None:
+        raise _without_plate(str(path), sheets)
+    written = {"time": time.column.label, "position": _shown(plate.column),
+               **({"setpoint": _shown(takes["setpoint"].column)} if "setpoint" in takes else {})}  # fmt: skip
+    hints = ("" if "setpoint" in takes else _of_setpoint(sheet),
+             *(f"{each[0].upper()}{each[1:]}." for each in (*sheet.losses, *sheet.missing)))  # fmt: skip
+    return DriveLog(path.name, series["position"], series.get("setpoint"), written | beside,
+                    " ".join(filter(None, hints)), along, _ends(config))  # fmt: skip
+
+
+def _headers(sheet: Sheet) -> list[str]:
+    return [_shown(column) for column in sheet.columns]
+
+
+def _raw_volts(sheet: Sheet, config: RigConfig) -> frozenset[int]:
+    """Columns of sensors' volts that are no position: [tps] of rig.toml makes one of the first."""
+    names = () if config.tps else (others.VOLTS_1, others.VOLTS_2)
+    return frozenset(place for name, (place, _) in others.found(_headers(sheet)).items() if name in names)
+
+
+def _ends(config: RigConfig) -> tuple[float, float] | None:
+    return None if config.tps is None else (config.tps.closed_V, config.tps.open_V)
+
+
+def _sweep(name: str, asked: Series | None, along: Mapping[str, Series], written: Mapping[str, str]) -> DriveLog:
+    """A log of the sensors' volts without a position: it is the first one's voltage between its own ends."""
+    first = along[others.VOLTS_1]
+    shown = 100.0 * (first.value - first.value.min()) / max(float(np.ptp(first.value)), 1e-9)
+    hint = "No position in %: the first sensor's voltage is shown between its least and its highest value."
+    return DriveLog(name, Series(first.time, shown), asked, dict(written), hint, along)
+
+
+def _answers(columns: Mapping[str, str], toml: str) -> Answers:
+    """What [columns] of rig.toml says.
+
+    Raises:
+        MeasurementError: one of its headers is none.
+    """
+    try:
+        return Answers({("", name): target(wanted, f"[columns] {name}") for name, wanted in columns.items()})
+    except UsageError as err:
+        raise MeasurementError(toml, f"{err}", "Headers of a measurement folder are required.",
+                               'Write "TP (Main)" = "position [%]".') from err  # fmt: skip
+
+
+def _takes(sheet: Sheet, answers: Answers, without: AbstractSet[int]) -> dict[str, Take]:
+    """Position and setpoint, by quantity; an ECU logs hundreds of other columns."""
+    columns = [column for k, column in enumerate(sheet.columns) if k not in without]
+    takes = [take_by_itself(column, sheet, answers) for column in columns if _matters(column, sheet, answers)]
+    kept = one_each([take for take in takes if take is not None], answers, sheet)
+    return {take.quantity: signed(take) for take in map(_of_car, kept) if take.quantity != LEFT_OUT}
+
+
+def _matters(column: Column, sheet: Sheet, answers: Answers) -> bool:
+    said = answers.of(sheet.file, column)
+    quantity = quantity_of(column, sheet) if said is None else said.quantity
+    return quantity in (*_PLATE, "setpoint") and quantity != IGNORE
+
+
+def _of_car(take: Take) -> Take:
+    """A position without a unit is per cent in a log from a car, whatever its size."""
+    said = take.said or take.column.unit
+    return take if said or take.quantity not in (*_PLATE, "setpoint") else Take(
+        take.column, "setpoint" if take.quantity == "setpoint" else "position", "%", take.reason)  # fmt: skip
+
+
+@contextmanager
+def _cures_of_toml() -> Iterator[None]:
+    """Errors of guessing name the option of `etcfit import`; here rig.toml says what a column is."""
+    try:
+        yield
+    except MeasurementError as err:
+        mend = _OPTION.sub(
+            lambda m: f"[columns] {toml_string(m['header'])} = {toml_string(m['wanted'])} in rig.toml", err.mend
+        )
+        raise MeasurementError(err.where, err.found, err.required, mend) from err
+
+
+def _without_plate(where: str, sheets: Sequence[Sheet]) -> MeasurementError:
+    columns = [column for sheet in sheets for column in sheet.columns]
+    like = [c for c in columns if is_plates(c.name) and not is_engines(c.name)] or columns
+    there = ", ".join(f"'{_shown(column)}'" for column in like[:_MOST])
+    more = f" and {len(columns) - len(like[:_MOST])} others" if len(columns) > len(like[:_MOST]) else ""
+    example = _shown(like[0]) if like else "TP (Main)"
+    return MeasurementError(where, f"no position of the plate among its columns {there}{more}.",
+                            "A log from the car needs it, in per cent, degrees or sensor volts.",
+                            f'Name its column in rig.toml: [columns] {toml_string(example)} = "position [%]".'
+                            )  # fmt: skip
+
+
+def _shown(column: Column) -> str:
+    """A column with its unit, wherever the file gives that."""
+    unit = column.unit or column.stated
+    return f"{column.label} [{unit}]" if unit and column.label == column.name else column.label
 
 
 def _may_be_target(name: str) -> bool:
     return any(word in name.casefold() for word in _TARGETS)
 
 
-def _of_setpoint(header: Sequence[str]) -> str:
+def _of_setpoint(sheet: Sheet) -> str:
     """How to name the setpoint among columns of which none is known to be it."""
-    like = [name for name in header if _may_be_target(name)]
-    there = f"Columns that may be it: {', '.join(like)}. " if like else "No column looks like it. "
+    like = [_shown(c) for c in sheet.columns
+            if _may_be_target(c.name) and not c.stated and not is_engines(c.name) and not is_about(c.name)]  # fmt: skip
+    there = f"Columns that may be it: {', '.join(like[:_MOST])}. " if like else "No column looks like it. "
     example = like[0] if like else "TP Target"
     return f'No setpoint was found. {there}Name it in rig.toml: [columns] {toml_string(example)} = "setpoint [%]".'
 
 
-def _of_position(taken: str, header: Sequence[str]) -> str:
-    """How to name the plate where what was taken for it may be the pedal."""
-    like = [name for name in header if _PLATE.search(name) and not _may_be_target(name)]
-    if not (_TPS.fullmatch(taken) and like):
-        return ""
-    return (f"'{taken}' was taken for the plate; in some ECUs (MaxxECU) it is the pedal. Columns that may be the "
-            f"plate: {', '.join(like)}. "
-            f'Name it in rig.toml: [columns] {toml_string(like[0])} = "position [%]".')  # fmt: skip
-
-
-def _taken(table: Table, config: RigConfig) -> dict[int, str]:
-    """Places of the columns that matter here, and names that `read_columns` knows; an ECU logs hundreds of others.
-
-    Of several for one quantity the one by the surest name, then the first.
-    """
-    best: dict[str, tuple[int, int, str]] = {}
-    for k, header in enumerate(table.header):
-        found = _ours(header, config)
-        if found is None:
-            continue
-        name, rank = found
-        quantity = str(_quantity(name))
-        best[quantity] = min(best.get(quantity, (rank, k, name)), (rank, k, name))
-    return {k: name for _, k, name in sorted(best.values(), key=lambda each: each[1])}
-
-
-def _ours(header: str, config: RigConfig) -> tuple[str, int] | None:
-    """A header as we write it, where it is one of time, position or setpoint, and how sure that is, 0 the surest."""
-    match = _UNIT.fullmatch(header)
-    bare = match["bare"] if match else header.rpartition(" [")[0] or header
-    for foreign in (header, bare, header.replace("[", "(").replace("]", ")")):
-        if foreign in config.columns:
-            name = config.columns[foreign]
-            return (name, 0) if _quantity(name) in KNOWN else None
-    if _quantity(header) in KNOWN:
-        return header, 0
-    quantity = next((q for q, names in KNOWN.items() if bare.casefold() in names), None)
-    if quantity is None:
-        return None
-    unit = match["unit"] if match else header[len(bare) :].strip(" []")
-    told = _UNITS[quantity] if unit.casefold() in _SECONDS else unit
-    return f"{quantity} [{told}]", 1 + KNOWN[quantity].index(bare.casefold())
-
-
-def _quantity(header: str) -> str | None:
-    try:
-        quantity = parse_header(header)[0]
-    except HeaderError:
-        return None
-    return "position" if quantity == "tps" else quantity
-
-
-def _series(time: Column, column: Column, config: RigConfig, where: str) -> Series:
+def _series(time: Take, take: Take, config: RigConfig, where: str) -> Series:
     """Where both were logged and time goes on: an ECU may write several rows a tick of its clock."""
     low, high = config.travel
-    there = np.isfinite(time.value) & np.isfinite(column.value)
-    t, value = time.value[there], 100.0 * (column.value[there] - low) / (high - low)
+    try:
+        conversion = to_channel(take.quantity, take.unit, config.travel, config.tps)[1]
+    except UnitError as err:
+        raise MeasurementError(where, f"column '{take.column.label}': {err}", "The rig.toml must say how to read it.",
+                               "Add [tps] with closed_V, open_V, travel_deg, or both ends in [rig] travel_deg."
+                               ) from err  # fmt: skip
+    logged, clock = conversion.scale * take.column.values + conversion.offset, time.si
+    there = np.isfinite(clock) & np.isfinite(logged)
+    t, value = clock[there], 100.0 * (logged[there] - low) / (high - low)
     ahead = t > np.concatenate(([-np.inf], np.maximum.accumulate(t)[:-1]))
     if ahead.sum() < 2:
-        raise MeasurementError(where, f"column '{column.header}' holds {int(ahead.sum())} sample.", "At least two.",
+        raise MeasurementError(where, f"column '{take.column.label}' holds {int(ahead.sum())} sample.", "At least two.",
                                "Log it again.")  # fmt: skip
     return Series(t[ahead], value[ahead])

@@ -21,7 +21,7 @@ class Spectrum:
     Args:
         frequency: Hz, shape (n,).
         amplitude: per cent rms in a band of one bin, shape (n,).
-        dominant: of the highest peak at or above 0.25 Hz, Hz.
+        dominant: of the highest peak at or above 0.25 Hz, Hz; NaN where the power only falls from there on.
         half: below which half of the motion's power above 0.25 Hz lies, Hz.
     """
 
@@ -45,10 +45,11 @@ def spectrum(position: Series) -> Spectrum | None:
         return None
     frequency, power = _over_pieces([even for even in evens if even.size >= samples], samples, step)
     felt = (frequency >= _SLOWEST) & (frequency <= _MOST)
+    dominant = _peak(frequency, np.where(frequency <= _MOST, power, 0.0))
     frequency, power = frequency[felt], power[felt]
     grown = np.cumsum(power)
     half = float(np.interp(0.5 * grown[-1], grown, frequency))
-    return Spectrum(frequency, np.sqrt(power), _peak(frequency, power), half)
+    return Spectrum(frequency, np.sqrt(power), dominant, half)
 
 
 def _even(piece: Series, step: float) -> np.ndarray:
@@ -66,8 +67,15 @@ def _over_pieces(evens: Sequence[np.ndarray], samples: int, step: float) -> tupl
 
 
 def _peak(frequency: np.ndarray, power: np.ndarray) -> float:
-    k = int(np.argmax(power))
-    if not 0 < k < power.size - 1 or not np.all(power[k - 1 : k + 2] > 0.0):
+    """Of the bins at or above 0.25 Hz that exceed both neighbours, the lowest kept bin's neighbour below included."""
+    inner = np.arange(1, power.size - 1)
+    tops = inner[
+        (power[inner] > power[inner - 1]) & (power[inner] >= power[inner + 1]) & (frequency[inner] >= _SLOWEST)
+    ]
+    if not tops.size:
+        return float("nan")
+    k = int(tops[np.argmax(power[tops])])
+    if not np.all(power[k - 1 : k + 2] > 0.0):
         return float(frequency[k])
     left, top, right = np.log(power[k - 1 : k + 2])
     shift = 0.5 * (left - right) / (left - 2.0 * top + right)

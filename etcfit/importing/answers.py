@@ -60,7 +60,7 @@ class Answers:
 
     def of(self, file: str, column: Column) -> Target | None:
         """What was said of this column; of this file before all files."""
-        keys = [(each, label) for each in (*names_of(file), "") for label in (column.label, column.name)]
+        keys = [(each, label) for each in (*names_of(file), "") for label in labels_of(column)]
         return next((self.columns[key] for key in keys if key in self.columns), None)
 
     def test_of(self, file: str) -> str | None:
@@ -76,7 +76,7 @@ class Answers:
         sheets = tuple(sheets)
         for file, label in self.columns:
             mine = [sheet for sheet in sheets if not file or file in names_of(sheet.file)]
-            labels = {text: None for sheet in mine for c in sheet.columns for text in (c.label, c.name)}
+            labels = {text: None for sheet in mine for c in sheet.columns for text in labels_of(c)}
             if label not in labels:
                 there = ", ".join(f"'{c.label}'" for sheet in mine[:3] for c in sheet.columns[:20])
                 raise UsageError(f"--column '{label}': no file has it. There are: {there}.")
@@ -92,6 +92,12 @@ class Answers:
     def with_test(self, file: str, test: str) -> Answers:
         """With one file's rig test."""
         return replace(self, tests={**self.tests, file: test})
+
+
+def labels_of(column: Column) -> tuple[str, ...]:
+    """How the user may name a column: as it stands in the file, with or without its unit."""
+    unit = column.unit or column.stated
+    return column.label, column.name, f"{column.name} [{unit}]", f"{column.name} ({unit})"
 
 
 def names_of(file: str) -> tuple[str, ...]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import PurePath
 
 import numpy as np
@@ -14,7 +14,7 @@ from ..rig.base import RigConfig
 from .answers import Answers
 from .cuts import cut
 from .doubts import AbstractDoubt, ColumnDoubt, LossDoubt, RigDoubt, TestDoubt
-from .nameplate import NameplateGuess, sensor_guess, travel_guess
+from .nameplate import NameplateGuess, sensor_guess, supply_guess, travel_guess
 from .quantities import takes_of
 from .record import Record, whole
 from .rig_tests import rig_test_of
@@ -22,6 +22,8 @@ from .settings import GuessSettings
 from .sheet import TIME, Sheet
 from .signs import turned
 from .take import LEFT_OUT, Take
+
+_MOST = 60  # columns that a message lists
 
 
 @dataclass(frozen=True, eq=False)
@@ -77,9 +79,8 @@ def drafted(
     records, unused = _records(sheets, answers, settings)
     records = turned(records, settings)
     traces, doubts = _traces(records, answers, settings)
-    guesses = [
-        each for each in (make(records, known, settings) for make in (sensor_guess, travel_guess)) if each is not None
-    ]
+    makers = (sensor_guess, travel_guess, supply_guess)
+    guesses = [each for each in (make(records, known, settings) for make in makers) if each is not None]
     doubts = [*_of_losses(sheets), *doubts]
     doubts += [doubt for record in _one_a_sheet(records) for doubt in _of_columns(record)]
     doubts += [RigDoubt("rig.toml", each.short, each.reason) for each in guesses]
@@ -93,7 +94,7 @@ def _records(sheets: Sequence[Sheet], answers: Answers, settings: GuessSettings)
     unused: dict[str, MeasurementError] = {}
     for sheet in sheets:
         try:
-            record = whole(sheet, _useful(sheet, answers, settings))
+            record = whole(*_at_one_row_an_instant(sheet, _useful(sheet, answers, settings)))
             _refuse_falling_time(record, settings)
             records += cut(record, settings)
         except MeasurementError as error:
@@ -103,6 +104,29 @@ def _records(sheets: Sequence[Sheet], answers: Answers, settings: GuessSettings)
         if sheet.file not in used or (sheet.where in unused and not sheet.part):
             raise unused[sheet.where]
     return records, {where: error.found for where, error in unused.items()}
+
+
+def _at_one_row_an_instant(sheet: Sheet, takes: list[Take]) -> tuple[Sheet, list[Take]]:
+    """An engine computer may write several rows a tick of its clock: their last readings make one row."""
+    time = next(take for take in takes if take.quantity == TIME).column.values
+    more = np.flatnonzero(np.diff(time) == 0.0)
+    if not more.size or not sheet.is_ecu:
+        return sheet, takes
+    starts = np.setdiff1d(np.arange(time.size), more + 1)
+    group = np.searchsorted(starts, np.arange(time.size), side="right") - 1
+    kept = {id(column): replace(column, values=_last_of(column.values, group, starts.size)) for column in sheet.columns}
+    told = f"{more.size} rows at the instant of the row above are one with it"
+    made = replace(sheet, columns=tuple(kept.values()), remarks=(*sheet.remarks, told))
+    return made, [replace(take, column=replace(take.column, values=_last_of(take.column.values, group, starts.size)))
+                  for take in takes]  # fmt: skip
+
+
+def _last_of(values: np.ndarray, group: np.ndarray, count: int) -> np.ndarray:
+    """The last reading of each group of rows; NaN where there is none."""
+    there = np.isfinite(values)
+    out = np.full(count, np.nan)
+    out[group[there]] = values[there]
+    return out
 
 
 def _refuse_falling_time(record: Record, settings: GuessSettings) -> None:
@@ -126,8 +150,9 @@ def _refuse_falling_time(record: Record, settings: GuessSettings) -> None:
 def _useful(sheet: Sheet, answers: Answers, settings: GuessSettings) -> list[Take]:
     takes = takes_of(sheet, answers, settings)
     if all(take.quantity in (LEFT_OUT, TIME) for take in takes):
-        labels = "', '".join(take.column.label for take in takes if take.quantity == LEFT_OUT)
-        raise MeasurementError(sheet.where, f"nothing says what '{labels}' is.",
+        names = [take.column.label for take in takes if take.quantity == LEFT_OUT]
+        labels, more = "', '".join(names[:_MOST]), f" and {len(names) - _MOST} others" if len(names) > _MOST else ""
+        raise MeasurementError(sheet.where, f"nothing says what '{labels}'{more} is.",
                                "A trace needs a voltage, a current, a position or a speed.",
                                "Name the columns: --column 'HEADER=voltage [V]'.")  # fmt: skip
     return takes

@@ -11,7 +11,7 @@ from functools import cache
 import numpy as np
 
 from ..rig.supply_side import SUPPLY_CURRENT
-from ..rig.units import SI_UNIT, UnitError, conversion, is_percent
+from ..rig.units import SI_UNIT, UnitError, conversion, is_percent, is_unit_text
 from .sheet import Column
 
 _BRACKETS = re.compile(r"(?P<name>.*?)\s*[\[(]\s*(?P<unit>[^\[\]()]*?)\s*[\])]\s*")
@@ -19,10 +19,14 @@ _PARTED = re.compile(r"(?P<name>.+?)(?:\s+in\s+|\s*/\s*|,\s+)(?P<unit>[^\s/]+(?:
 _SUFFIXES = ("us", "ms", "s", "mV", "V", "mA", "A", "deg", "rad", "pct", "rpm", "rad_s", "Nm", "degC")
 _SUFFIXED = re.compile(rf"(?P<name>.+?)_(?P<unit>{'|'.join(_SUFFIXES)})")
 _SCOPE = re.compile(r"(?P<name>CH\d)(?P<unit>[VA])")
+_STATED = re.compile(r"(?P<name>.+?)\s*\[\s*(?P<unit>[^\[\]]+?)\s*\]\s*")  # square brackets hold nothing but a unit
 _FORMS = (_BRACKETS, _PARTED, _SUFFIXED, _SCOPE)
 _SLUGS = {"rad_s": "rad/s"}
+_COUNTS = frozenset({"adc", "raw", "count", "counts", "tick", "ticks", "step", "steps", "lsb", "digits"})
+_NO_UNIT = ("", "-", "n/a", "none", "None", "N/A")  # what stands where there is none
 # as instruments write them, where our spellings differ
 _SPELLED = {"second": "s", "sec": "s", "volt": "V", "ampere": "A", "amp": "A", "°": "deg", "grad": "deg",
+            "%tps": "%", "% tps": "%", "perc": "%", "prc": "%", "v dc": "V", "vdc": "V", 
             "1/min": "rpm", "min-1": "rpm", "min^-1": "rpm", "sek": "s", "usec": "us", "msec": "ms"}  # fmt: skip
 
 
@@ -36,8 +40,12 @@ def column(label: str, values: np.ndarray, unit: str = "") -> Column:
     """
     label = " ".join(label.split())
     name, own = split(label)
-    given = spelled(unit)
-    return Column(label, name, given if is_unit(given) else own, np.asarray(values, dtype=float))
+    given = spelled(unit) if spelled(unit) not in _NO_UNIT else ""
+    known = given if is_unit(given) else own
+    match = _STATED.fullmatch(name) if not known else None
+    stated = given or (match["unit"] if match else "")
+    return Column(label, match["name"] if match else name, known, np.asarray(values, dtype=float),
+                  stated="" if known else stated)  # fmt: skip
 
 
 def split(label: str) -> tuple[str, str]:
@@ -59,6 +67,11 @@ def spelled(unit: str) -> str:
 def is_unit(unit: str) -> bool:
     """True for a unit of anything that a rig logs."""
     return bool(unit) and (is_percent(unit) or bool(quantities_in(unit)))
+
+
+def is_unknown_unit(stated: str) -> bool:
+    """True for a unit that nothing is measured in, and for counts, of which only the user knows what one is."""
+    return stated.casefold() in _COUNTS or not is_unit_text(stated)
 
 
 @cache

@@ -15,6 +15,7 @@ from .settings import GuessSettings
 from .signs import opening
 
 _USUAL_DEG = 0.0, 90.0
+_CHARGED_V, _BENCH_V = 13.8, 12.0  # a lead battery's charger; a supply for its nominal voltage
 
 
 @dataclass(frozen=True)
@@ -62,6 +63,19 @@ def travel_guess(records: Sequence[Record], known: RigConfig | None, settings: G
     text = f"travel_deg = [{low}, {high}]\n"
     reason = f"lowest and highest angle of {len(having)} records, beyond the usual 0 to 90"
     return NameplateGuess(text, f"[rig] {text.strip()}", reason)
+
+
+def supply_guess(records: Sequence[Record], known: RigConfig | None, settings: GuessSettings) -> NameplateGuess | None:
+    """supply_V where a duty is all that says what drives the plate: a car's battery that is charged, or a bench's."""
+    having = [record for record in records if record.take("duty") and not {"voltage", "supply"} & set(record.signals)]
+    if not having or known is not None:
+        return None
+    car = any(record.sheet.is_ecu for record in having)
+    volts = _CHARGED_V if car else _BENCH_V
+    reason = (
+        f"a duty without a supply in {len(having)} records; {volts:g} V is usual {'in a car' if car else 'on a bench'}"
+    )
+    return NameplateGuess(f"supply_V = {volts}\n", f"[rig] supply_V = {volts}", reason)
 
 
 def _ends(readings: Sequence[np.ndarray], settings: GuessSettings) -> tuple[float, float]:

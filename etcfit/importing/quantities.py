@@ -3,6 +3,8 @@
 current follows voltage          R^2 of i over v, with the plate's speed beside it
 EMF follows the plate's speed    correlation of e and d theta/dt with the terminals open
 a sensor stays between 0 and 5 V and moves smoothly
+
+In an engine computer's log a signal is the throttle's only by a name of its maker or a word of the plate.
 """
 
 from __future__ import annotations
@@ -17,8 +19,10 @@ from ..rig.header import HeaderError, parse_header
 from ..rig.units import EXAMPLES, SI_UNIT, is_percent
 from . import shapes
 from .answers import IGNORE, Answers, Target
-from .labels import fits, quantities_in
+from .labels import fits, is_unknown_unit, quantities_in
+from .makers import is_about, is_engines, is_plates, is_plates_position, known, may_be_position, words
 from .ranges_of_units import unit_by_range
+from .registers import signed
 from .settings import GuessSettings
 from .sheet import TIME, Column, Sheet
 from .take import LEFT_OUT, UNEXPLAINED, Take, left_out
@@ -26,6 +30,9 @@ from .time_column import time_of
 from .words import is_of_the_motor, quantity_named
 
 _PLATE = ("position", "tps")
+_OF_TRAVEL = ("position", "setpoint", "duty")  # that an engine computer logs in per cent where it gives no unit
+_MOST_DEG = 400.0  # a whole number beyond is no angle of a plate
+_LEAST = 0.5  # correlation with the setpoint, at its best delay, below which a column is no plate beside a better one
 
 
 def takes_of(sheet: Sheet, answers: Answers, settings: GuessSettings) -> list[Take]:
@@ -36,29 +43,64 @@ def takes_of(sheet: Sheet, answers: Answers, settings: GuessSettings) -> list[Ta
     """
     time = time_of(sheet, answers)
     others = [column for column in sheet.columns if column is not time.column]
-    known = {id(column): _by_itself(column, sheet, answers) for column in others}
-    nameless = [column for column in others if known[id(column)] is None]
-    found = [take for take in known.values() if take is not None]
-    found += _by_relation(nameless, found, time, settings)
+    named = {id(column): take_by_itself(column, sheet, answers) for column in others}
+    nameless = [column for column in others if named[id(column)] is None]
+    found = [take for take in named.values() if take is not None]
+    found += ([left_out(column, "no name of a throttle's") for column in nameless] if sheet.is_ecu
+              else _by_relation(nameless, found, time, settings))  # fmt: skip
     order = {id(column): k for k, column in enumerate(others)}
     found.sort(key=lambda take: order[id(take.column)])
-    return [time, *_one_each(_without_engine(found), answers, sheet)]
+    return [time, *map(signed, one_each(_without_engine(found), answers, sheet))]
 
 
-def _by_itself(column: Column, sheet: Sheet, answers: Answers) -> Take | None:
-    """By what was said, by name, by unit; None where neither tells."""
+def take_by_itself(column: Column, sheet: Sheet, answers: Answers) -> Take | None:
+    """By what was said, by name, by unit; None where neither tells.
+
+    Raises:
+        MeasurementError: its name and its unit contradict each other, or the unit is not known.
+    """
     if said := answers.of(sheet.file, column):
         return _as_said(column, said, sheet)
     if own := _in_our_words(column):
         return own
     if not np.isfinite(column.values).any():
         return left_out(column, "it holds no number")
-    named = quantity_named(column.name)
+    named = quantity_of(column, sheet)
     if named == LEFT_OUT:
-        return left_out(column, "by its name it is not of the rig")
+        return left_out(
+            column,
+            "by its name the engine's, not the throttle's" if sheet.is_ecu else "by its name it is not of the rig",
+        )
     if named == TIME:
         return left_out(column, "another time")
-    return _by_unit(column) if named is None else _by_name(column, named, sheet)
+    if named is None:
+        return left_out(column, "no name of a throttle's") if sheet.is_ecu else _by_unit(column)
+    if column.stated and not (sheet.is_ecu and known(column.name) is None) and is_unknown_unit(column.stated):
+        raise _contradiction(sheet, column, named, "named as")
+    return _by_name(column, named, sheet)
+
+
+def quantity_of(column: Column, sheet: Sheet) -> str | None:
+    """The quantity that a column's name says; in an engine computer's log LEFT_OUT for what is not the throttle's."""
+    if (found := known(column.name)) is not None:
+        return found[0]
+    if (sheet.is_ecu or not column.unit) and is_about(column.name):
+        return LEFT_OUT
+    named = quantity_named(column.name)
+    if not sheet.is_ecu or named in (None, LEFT_OUT, TIME, "supply"):
+        return LEFT_OUT if named == "setpoint" and is_engines(column.name) else named
+    alone = words(column.name) in ("target", "setpoint", "set point", "duty", "duty cycle", "pwm")
+    if is_engines(column.name) or not (is_plates(column.name) or alone):
+        return LEFT_OUT
+    if named == "position" and not may_be_position(column.name):
+        return LEFT_OUT
+    if named == "duty" and alone and not any(_may_be_setpoint(each) for each in sheet.columns):
+        return LEFT_OUT  # the injectors'
+    return named
+
+
+def _may_be_setpoint(column: Column) -> bool:
+    return quantity_named(column.name) == "setpoint" and not is_engines(column.name)
 
 
 def _as_said(column: Column, said: Target, sheet: Sheet) -> Take:
@@ -68,7 +110,7 @@ def _as_said(column: Column, said: Target, sheet: Sheet) -> Take:
         return Take(column, said.quantity, said.unit, "said so", said=True)
     if column.unit and fits(said.quantity, column.unit):
         return Take(column, said.quantity, column.unit, "said so, in the file's unit", said=True)
-    if column.unit:
+    if column.unit or column.stated:
         raise _contradiction(sheet, column, said.quantity, "said to be")
     quantity, unit, sure = unit_by_range(said.quantity, column.peak)
     if quantity != said.quantity:
@@ -90,23 +132,52 @@ def _in_our_words(column: Column) -> Take | None:
 
 def _by_name(column: Column, named: str, sheet: Sheet) -> Take | None:
     """As the name says, in the file's unit or in that which the range tells."""
+    if column.stated:
+        return left_out(
+            column, f"named as {named.replace('_', ' ')}, which is not logged in {column.stated}", sheet.is_ecu
+        )
+    if not column.unit and sheet.is_ecu and named in _OF_TRAVEL:
+        whole = "1" if named == "duty" and column.peak <= 1.0 else "%"
+        return Take(column, named, whole, "by its name, per cent of the travel as engine computers have it")
     if not column.unit:
+        if named in ("position", "setpoint") and _are_counts(column):
+            raise MeasurementError(sheet.where, f"column '{column.label}' is named as {named}, and holds whole numbers "
+                                   f"up to {column.peak:.0f} without a unit.",
+                                   "Counts of a converter need what one count is.",
+                                   f"Give it: --column '{column.label}={named} [{360 / 4096:.4g} deg]' for 4096 counts "
+                                   f"a turn, or '{column.label}=ignore'.")  # fmt: skip
         quantity, unit, sure = unit_by_range(named, column.peak)
+        if named == "duty" and unit == "%" and "pwm" in words(column.name) and _are_whole(column):
+            reason = f"by its name; no unit: taken as %, but a whole number may be of 255: duty [{100 / 255:.4g} %]"
+            return Take(column, named, unit, reason, False)
         return Take(column, quantity, unit, f"by its name; no unit: by its range in {unit}", sure)
     for quantity in (named, *(_PLATE if named in _PLATE else ())):
         if fits(quantity, column.unit):
             return Take(column, quantity, column.unit, f"by its name, in {column.unit}")
     if named in ("current", "torque", "motor_speed") and fits("voltage", column.unit):
         raise _contradiction(sheet, column, named, "named as")
-    return left_out(column, f"named as {named.replace('_', ' ')}, which is not logged in {column.unit}", False)
+    sure = sheet.is_ecu and known(column.name) is None
+    return left_out(column, f"named as {named.replace('_', ' ')}, which is not logged in {column.unit}", sure)
+
+
+def _are_whole(column: Column) -> bool:
+    finite = column.values[np.isfinite(column.values)]
+    return bool(np.all(finite == np.round(finite)))
+
+
+def _are_counts(column: Column) -> bool:
+    """Whole numbers beyond any angle or share: of a converter or an encoder."""
+    return column.peak > _MOST_DEG and _are_whole(column)
 
 
 def _contradiction(sheet: Sheet, column: Column, quantity: str, how: str) -> MeasurementError:
-    probe = f"{quantity} [10 {_plain_unit(quantity)}]"
-    return MeasurementError(sheet.where, f"column '{column.label}' is {how} {quantity}, but in {column.unit}.",
+    probe, unit = f"{quantity} [10 {_plain_unit(quantity)}]", column.unit or column.stated
+    other = f"in '{unit}', which is no known unit" if column.stated else f"in {unit}"
+    usage = " for a probe of 100 mV to one" if "V" in unit else " if it is ten"
+    return MeasurementError(sheet.where, f"column '{column.label}' is {how} {quantity}, but {other}.",
                             f"Accepted: {quantity} in {EXAMPLES[quantity]}.",
-                            f"Give what one {column.unit} stands for: --column '{column.label}={probe}' "
-                            f"for a probe of 100 mV to one, or '{column.label}=ignore'.")  # fmt: skip
+                            f"Give what one {unit} stands for: --column '{column.label}={probe}'{usage}, "
+                            f"or '{column.label}=ignore'.")  # fmt: skip
 
 
 def _by_unit(column: Column) -> Take | None:
@@ -124,7 +195,7 @@ def _by_unit(column: Column) -> Take | None:
 
 def _by_relation(nameless: Sequence[Column], known: Sequence[Take], time: Take, settings: GuessSettings) -> list[Take]:
     """Columns that neither name nor unit tells, by how they follow from each other."""
-    moving = [c for c in nameless if (c.unit in ("", "V", "mV") or is_percent(c.unit)) and _varies(c.values)]
+    moving = [c for c in nameless if _may_be_volts(c) and _varies(c.values)]
     still = [c for c in nameless if c not in moving]
     by = {take.quantity: shapes.filled(take.si) for take in known if take.quantity}
     plate = next((by[name] for name in _PLATE if name in by), None)
@@ -139,6 +210,11 @@ def _by_relation(nameless: Sequence[Column], known: Sequence[Take], time: Take, 
     done = {id(take.column) for take in taken}
     rest = [c for c in nameless if id(c) not in done]
     return [*taken, *(_unexplained(c, c in still) for c in rest)]
+
+
+def _may_be_volts(column: Column) -> bool:
+    """No unit, volts or per cent; a unit that the file states and that is none of these is another."""
+    return (column.unit in ("", "V", "mV") or is_percent(column.unit)) and not column.stated
 
 
 def _varies(values: np.ndarray) -> bool:
@@ -252,22 +328,46 @@ def _without_engine(takes: Sequence[Take]) -> list[Take]:
     ]  # fmt: skip
 
 
-def _one_each(takes: Sequence[Take], answers: Answers, sheet: Sheet) -> list[Take]:
-    """A trace has one column for each quantity: the one that was said, else the first; then that is doubted."""
+def one_each(takes: Sequence[Take], answers: Answers, sheet: Sheet) -> list[Take]:
+    """A trace has one column for each quantity: the one that was said, else that of the surest name, else the first.
+
+    A plate follows its setpoint: of several columns one that does not is none. The first of several is doubted.
+    """
     out = list(takes)
+    setpoint = next((take.column for take in takes if take.quantity == "setpoint"), None)
     for quantity in {_place(take) for take in takes} - {LEFT_OUT}:
         same = [k for k, take in enumerate(takes) if _place(take) == quantity]
         said = [k for k in same if answers.of(sheet.file, takes[k].column)]
-        kept = (said or same)[0]
+        ranked = sorted(said or same, key=lambda k: _rank(takes[k].column))
+        if quantity == "position" and setpoint is not None and not said:
+            ranked.sort(key=lambda k: not _follows(takes[k].column, setpoint))
+        kept = ranked[0]
         for k in same:
             if k != kept:
                 out[k] = left_out(
                     takes[k].column, f"'{takes[kept].column.label}' is the {takes[kept].quantity} already"
                 )
-        if len(same) > 1 and not said:
-            others = ", ".join(f"'{takes[k].column.label}'" for k in same if k != kept)
+        equals = [k for k in ranked if not sheet.is_ecu or _rank(takes[k].column) == _rank(takes[kept].column)]
+        if len(equals) > 1 and not said and not (sheet.is_ecu and quantity == "supply"):
+            others = ", ".join(f"'{takes[k].column.label}'" for k in equals if k != kept)
             out[kept] = replace(takes[kept], sure=False, reason=f"{takes[kept].reason}; the first of several: {others}")
     return out
+
+
+def _rank(column: Column) -> int:
+    """How sure the name is, 0 the surest."""
+    found = known(column.name)
+    return found[1] if found is not None else 50 if is_plates_position(column.name) else 1000
+
+
+def _follows(column: Column, setpoint: Column) -> bool:
+    """True where it moves with the setpoint, at most a tenth of the record behind it."""
+    there = np.isfinite(column.values) & np.isfinite(setpoint.values)
+    if np.sum(there) < 3:
+        return True  # logged in rows of their own: nothing is known
+    y, u = column.values[there], setpoint.values[there]
+    lags = np.unique(np.linspace(0, max(1, y.size // 10), 40).astype(int))
+    return max(shapes.correlation(y[lag:], u[: u.size - lag]) for lag in lags) > _LEAST or not _varies(u)
 
 
 def _place(take: Take) -> str:

@@ -38,7 +38,9 @@ _RANGES: dict[str, tuple[_Range, ...]] = {
     "setpoint": (_Range(1.75, "setpoint", "rad", False), _Range(96.0, "setpoint", "deg", False),
                  _Range(_END, "setpoint", "%", False)),
     "motor_speed": (_Range(_END, "motor_speed", "rpm", False),),
-    "duty": (_Range(1.05, "duty", "1", True), _Range(_END, "duty", "%", True)),
+    "duty": (_Range(1.05, "duty", "1", True), _Range(100.5, "duty", "%", True),
+             _Range(255.5, "duty", f"{100 / 255:.10g} %", False), _Range(1023.5, "duty", f"{100 / 1023:.10g} %", False),
+             _Range(_END, "duty", f"{100 / 4095:.10g} %", False)),
     "torque": (_Range(_END, "torque", "N m", False),),
     "temperature": (_Range(200.0, "temperature", "degC", True), _Range(_END, "temperature", "K", False)),
 }  # fmt: skip

@@ -76,10 +76,19 @@ def let_go(record: Record, settings: GuessSettings) -> bool:
     """True where nobody drives the plate: no drive was logged, or a voltage that follows the plate's speed."""
     signals = record.signals
     plate, voltage = record.plate(signals), signals.get("voltage")
-    if plate is None or {"current", "setpoint", "torque", "duty"} & set(signals):
+    if plate is None or record.sheet.is_ecu or {"current", "setpoint", "torque", "duty"} & set(signals):
         return False
     if voltage is None:
         return True
     speed = shapes.slope(plate, record.time)
     follows = abs(shapes.correlation(voltage, speed)) > settings.surely_follows
-    return follows and shapes.span(voltage) > 8.0 * shapes.noise(voltage)
+    return follows and shapes.span(voltage) > 8.0 * shapes.noise(voltage) and not _is_step(voltage, settings)
+
+
+def _is_step(voltage: np.ndarray, settings: GuessSettings) -> bool:
+    """True for a voltage that jumps from zero to its top within a sample and stands there: no plate speeds up so."""
+    size = np.abs(voltage)
+    top = float(np.quantile(size, 0.99))
+    flat = size > (1.0 - settings.one_level) * top
+    jumps = flat[1:] & (size[:-1] < 0.1 * top)
+    return bool(jumps.any()) and max(b - a for a, b in shapes.runs(flat)) >= settings.fewest

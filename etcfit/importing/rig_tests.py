@@ -82,6 +82,8 @@ def _by_signals(record: Record, settings: GuessSettings) -> Shown:
         return _under_a_controller(record, settings)
     if plate is None:
         return _without_plate(record, settings)
+    if record.sheet.is_ecu and drive is None:
+        return Shown("drive", "a position in an engine computer's log, and no setpoint", True)
     if let_go(record, settings):
         return _released(record, settings)
     if drive is None:
@@ -97,7 +99,7 @@ def _under_a_controller(record: Record, settings: GuessSettings) -> Shown:
     if shapes.one_frequency(time, setpoint):
         return Shown("sine", "the setpoint is one sine", True)
     if time[-1] - time[0] > settings.bench_s:
-        return Shown("drive", f"a setpoint over {time[-1] - time[0]:.0f} s: a log from the car", False)
+        return Shown("drive", f"a setpoint over {time[-1] - time[0]:.0f} s: a log from the car", record.sheet.is_ecu)
     return Shown("closed_loop", "position follows a setpoint", True)
 
 

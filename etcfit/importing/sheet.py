@@ -3,10 +3,15 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
+from .makers import PEDAL_IN_SOME, is_engines, known, words
+from .words import quantity_named
+
 TIME = "time"
+_VOLTS = 6.0  # that no sensor's reading exceeds
 
 
 @dataclass(frozen=True, eq=False)
@@ -19,6 +24,7 @@ class Column:
         unit: as the file gives it; "" where it gives none.
         values: in that unit, shape (n,); NaN where the file has no value.
         quantity: where the format itself says it (a scope's time base); "" elsewhere.
+        stated: a unit that the file gives and that nothing of a throttle is logged in; "" elsewhere.
         largest: reading of all columns with this label, in any file: one instrument has one unit; NaN if only this one.
     """
 
@@ -28,6 +34,7 @@ class Column:
     values: np.ndarray
     quantity: str = ""
     largest: float = float("nan")
+    stated: str = ""
 
     @property
     def peak(self) -> float:
@@ -63,9 +70,24 @@ class Sheet:
         return f"{self.file}, '{self.part}'" if self.part else self.file
 
     @property
+    def motor(self) -> str:
+        """Whose these are, of a file whose parts are motors: `motor` or `motor: test`."""
+        return self.part.partition(": ")[0]
+
+    @property
     def rows(self) -> int:
         """How many."""
         return self.columns[0].values.size
+
+    @cached_property
+    def is_ecu(self) -> bool:
+        """True for the log of an engine computer, by what else it logs, or by a TPS that is no sensor's volts."""
+        names = [column.name for column in self.columns]
+        target = any(quantity_named(name) == "setpoint" for name in names)
+        share = any(words(c.name) in PEDAL_IN_SOME and (target if c.unit == "%" else not c.unit and c.peak > _VOLTS)
+                    for c in self.columns)  # fmt: skip
+        made = any((found := known(name)) is not None and found[0] == "setpoint" for name in names)
+        return share or made or any(map(is_engines, names))
 
 
 def time_base(seconds: np.ndarray) -> Column:

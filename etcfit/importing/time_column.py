@@ -11,6 +11,7 @@ from .sheet import TIME, Column, Sheet, time_base
 from .take import Take
 from .words import quantity_named
 
+_SLOWEST_LOG = 2.0  # s between rows of an engine computer's log
 _FINEST_IN_SECONDS, _COARSEST_IN_SECONDS = 1e-7, 0.5  # between samples
 
 
@@ -23,7 +24,7 @@ def time_of(sheet: Sheet, answers: Answers) -> Take:
     columns = sheet.columns
     for column in columns:
         if (said := answers.of(sheet.file, column)) and said.quantity == TIME:
-            return _united(column, said.unit, "said so")
+            return _united(column, said.unit, "said so", sheet.is_ecu)
     tried = (
         (lambda c: c.quantity == TIME, "the format's own time"),
         (lambda c: quantity_named(c.name) == TIME and c.unit in ("", *_units(c)), "by its name"),
@@ -33,11 +34,15 @@ def time_of(sheet: Sheet, answers: Answers) -> Take:
     )  # fmt: skip
     for test, reason in tried:
         if column := next((c for c in columns if test(c) and not _ignored(sheet, c, answers)), None):
-            return _united(column, "", reason)
+            if column.stated and not column.unit:
+                raise MeasurementError(sheet.where, f"time column '{column.label}' is in '{column.stated}', "
+                                       "which is no known unit.", "Accepted: time in s or ms.",
+                                       f"Say what it is: --column '{column.label}=time [s]'.")  # fmt: skip
+            return _united(column, "", reason, sheet.is_ecu)
     if answers.period is not None:
         made = time_base(answers.period * np.arange(columns[0].values.size))
         return Take(made, TIME, "s", f"the file has none: --period, {answers.period:g} s")
-    labels = "', '".join(column.label for column in columns)
+    labels = "', '".join(column.label for column in columns[:40])
     raise MeasurementError(sheet.where, f"no time among its columns '{labels}'.", "Every trace needs one.",
                            "Name it: --column 'HEADER=time [s]', or give its period: --period 1ms.")  # fmt: skip
 
@@ -61,10 +66,12 @@ def _is_even(values: np.ndarray) -> bool:
     return float(np.std(steps)) < 0.2 * float(np.mean(steps))
 
 
-def _united(column: Column, unit: str, reason: str) -> Take:
+def _united(column: Column, unit: str, reason: str, ecu: bool) -> Take:
     if unit or column.unit:
         return Take(column, TIME, unit or column.unit, reason)
     step = float(np.median(np.diff(column.values))) if column.values.size > 1 else 0.0
+    if ecu and step < _SLOWEST_LOG:
+        return Take(column, TIME, "s", f"{reason}; engine computers log it in seconds")
     if _FINEST_IN_SECONDS < step < _COARSEST_IN_SECONDS and step not in (0.1, 0.2, 0.25, 0.05):
         return Take(column, TIME, "s", f"{reason}; no unit: samples {step:.3g} apart are taken as seconds", False)
     unit = "ms" if step < 200.0 else "us"

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import re
 
+from .makers import known, words
+
 # first match wins; matched against lower-case words parted by single spaces
 _WORDS: tuple[tuple[str, str], ...] = (
     ("time", r"^(t|x|time|zeit|temps|timestamp|zeitstempel|seconds?|x value)$|^(time|zeit|elapsed|timestamp)\b"),
@@ -17,7 +19,7 @@ _WORDS: tuple[tuple[str, str], ...] = (
     ("torque", r"\b(torque|\w*moment)\b"),
     ("temperature", r"\b(temp\w*|ntc|pt ?100)\b"),
     ("position", r"\b(tps? ?\d?|throttle|pos(ition)?|angle|\w*winkel|theta|alpha|phi|plate|blade|\w*klappe\w*|poti"
-                 r"|potentiometer|wiper|opening|\w*stellung)\b"),
+                 r"|potentiometer|wiper|opening|\w*stellung|enc(oder)? ?\d*)\b"),
     ("voltage", r"\b(voltages?|volts?|\w*spannung|terminals?|klemmen?)\b|\b[uv]( ?(a|m|in|out|dc|arm|mot|motor))?$"),
 )  # fmt: skip
 _PATTERNS = tuple((quantity, re.compile(pattern)) for quantity, pattern in _WORDS)
@@ -25,14 +27,10 @@ _NUMBERED = re.compile(r"(voltage|signal|channel|analog) ?\d*")  # what data log
 _OF_THE_MOTOR = re.compile(r"\b(mot(or)?|omega|w|tacho?(meter)?)\b")
 
 
-def words(name: str) -> str:
-    """`motorSpeed_rpm` -> `motor speed rpm`."""
-    parted = re.sub(r"(?<=[a-zäöü])(?=[A-ZÄÖÜ])", " ", name)
-    return " ".join(re.sub(r"[^\w]+|_", " ", parted).split()).casefold()
-
-
 def quantity_named(name: str) -> str | None:
     """The quantity that a name says; "" where it is something else than the rig's, None where it says nothing."""
+    if found := known(name):
+        return found[0]
     said = words(name)
     if _NUMBERED.fullmatch(said):
         return None

@@ -17,7 +17,8 @@ from .base import FRAMES, Rig, RigConfig
 from .config import config_of
 from .names import refuse_foreign_names
 from .reader import KNOWN_TESTS, assembled, checked, log_of
-from .table import HUGE, Table, no_number, number_in, without_blanks
+from .rows import HUGE, no_number, number_in
+from .table import Table, without_blanks
 from .toml import Toml, closest, shown
 
 CONFIG = "config"  # what messages call it

@@ -24,8 +24,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ..errors import MeasurementError
-from .msl import named
-from .table import Table
+from .table import Table, headed
 
 _MAGIC = b"MLVLG\0"
 _HEADERS = {1: struct.Struct(">HIHH"), 2: struct.Struct(">IIHH")}  # behind magic, version and timestamp
@@ -163,7 +162,7 @@ def _header(raw: bytes, where: str) -> tuple[int, int, list[Field]]:
 
 def _field(raw: bytes, at: int) -> Field:
     kind, name, unit, _, scale, transform, _ = _FIELD.unpack_from(raw, at)
-    return Field(kind, named(_text(name), _text(unit)), scale, transform)
+    return Field(kind, headed(_text(name), _text(unit)), scale, transform)
 
 
 def _text(padded: bytes) -> str:

@@ -13,6 +13,7 @@ import numpy as np
 from ..errors import MeasurementError
 from .base import RigConfig
 from .columns import Column, Log
+from .registers import sign_bit
 
 # channel -> lowest and highest value possible, SI
 POSSIBLE: dict[str, tuple[float, float]] = {
@@ -20,7 +21,7 @@ POSSIBLE: dict[str, tuple[float, float]] = {
     "current": (-500.0, 500.0),
     "emf": (-100.0, 100.0),
     "motor_speed": (-2e4, 2e4),
-    "duty": (-1.2, 1.2),
+    "duty": (-1.005, 1.005),  # the last count may be rounded
     "supply": (1.0, 60.0),
     "torque": (-1e3, 1e3),
     "temperature": (-60.0, 250.0),
@@ -140,6 +141,11 @@ def _check_range(log: Log, column: Column, config: RigConfig) -> None:
     found = f"column '{column.header}' is {column.logged[k]:.6g} {column.unit}."
     required = f"{column.quantity} must lie between {_logged(low, column)} and {_logged(high, column)}"
     mend = _cure(column.unit, TOO_LARGE)
+    if (bit := sign_bit(column.logged, column.quantity)) is not None:
+        mend = (f"The register keeps its sign in bit {bit}: from {2**bit} on the value is {2**bit} - raw. "
+                "`etcfit import` reads it so.")  # fmt: skip
+    elif column.quantity == "duty":
+        mend = f"{mend} Or give what one count is, as in 'duty [0.1 %]'."
     if column.is_angle:
         required += ", the travel and a little more"
         mend = ("Correct [tps] or [rig] travel_deg in rig.toml, or empty the cell if the sensor failed."

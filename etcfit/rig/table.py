@@ -2,6 +2,7 @@
 
 Accepted where unambiguous: comma, semicolon or tab; decimal comma; UTF-8 with or without BOM, UTF-16, Windows-1252;
 any line ending; Excel's `sep=;`; quoted cells. Lines that begin with `#` and blank lines are skipped but counted.
+Any other layout that `layout` knows, lines above the header or units below it say, is read as `etcfit import` reads it.
 """
 
 from __future__ import annotations
@@ -11,18 +12,15 @@ import csv
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from itertools import chain
 from typing import NamedTuple
 
 import numpy as np
 
 from ..errors import MeasurementError
-from .fast_table import GROUPED, LINES_TO_LOOK_AT, fast_cells
+from .fast_table import LINES_TO_LOOK_AT, fast_cells
+from .layout import TextTable, read_text
+from .rows import HUGE, NUMBER, SEPARATORS, quoted_cells, read_rows
 
-SEPARATORS = (",", ";", "\t")
-HUGE = 1e100  # no reading is larger, and no unit turns a smaller one into infinity
-NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?", re.ASCII)
-PLAIN = frozenset("0123456789+-.eE,; \t")  # nothing that float() would take and a reader would not
 LINES_OF_A_TOP = 200  # comments and header; a file with more above its rows is read the careful way
 CONTROL = bytes((*range(0x09), *range(0x0E, 0x20), 0x7F))  # all but tab and line ends
 EXCEL_ERROR = re.compile(r"#(N/A|NV|[A-ZÜ0-9/]+[!?])\s*([,;\t]|$)")  # a failed formula in the first cell is no comment
@@ -84,13 +82,43 @@ def decode(raw: bytes, where: str) -> str:
 def parse(text: str, where: str) -> Table:
     """The table in this text.
 
-    A plain one is read fast, any other with care; the table is the same, and so are the messages.
+    A plain one is read fast, any other with care; the table is the same, and so are the messages. One of another layout
+    is read as `etcfit import` reads it; where that fails too, the message is that on the first line's header.
 
     Raises:
         MeasurementError: empty, header only, rows of unequal length, or anything but numbers below the header.
     """
     table = parse_plain(text, where)
+    if table is None:
+        table = _of_another_layout(text, where)
     return parse_with_care(text, where) if table is None else table
+
+
+def as_table(found: TextTable, losses: tuple[str, ...] = ()) -> Table:
+    """Columns called `name [unit]`; those without name and number, which a trailing separator makes, left out."""
+    layout, cells = found.layout, found.numbers.cells
+    there = [k for k, name in enumerate(layout.names) if name or np.isfinite(cells[:, k]).any()]
+    header = tuple(headed(layout.names[k] or f"column {k + 1}", found.units[k]) for k in there)
+    return Table(header, layout.head, found.numbers.lines, cells[:, there], losses=(*found.numbers.losses, *losses))
+
+
+def headed(name: str, unit: str) -> str:
+    """A header as our CSVs have it."""
+    return f"{name} [{unit}]" if unit and not name.rstrip().endswith("]") else name
+
+
+def _of_another_layout(text: str, where: str) -> Table | None:
+    """The table of a text whose header is not its first line, or has units below it; None where there is no such."""
+    numbered = _content(text, where)
+    try:
+        found = read_text(text, where)
+    except MeasurementError:
+        return None
+    layout = found.layout
+    first_line = layout.head == _announced_separator(numbered)[1][0][0]
+    if not layout.head or (first_line and not any(layout.units)) or len(layout.names) < 2:
+        return None
+    return without_blanks(as_table(found), where)
 
 
 def parse_plain(text: str, where: str) -> Table | None:
@@ -119,10 +147,9 @@ def parse_with_care(text: str, where: str) -> Table:
         MeasurementError: as `parse`.
     """
     top, body = _top(text, where)
-    rows = _rows(body, top.separator, len(top.header), where)
-    lines = np.array([line for line, _ in body])
-    cells = _numbers(rows, lines, top.header, top.separator, where)
-    return without_blanks(Table(tuple(top.header), top.line, lines, cells), where)
+    called = [name or str(k + 1) for k, name in enumerate(top.header)]
+    numbers = read_rows(body, top.separator, called, where, tolerant=False)
+    return without_blanks(Table(tuple(top.header), top.line, numbers.lines, numbers.cells), where)
 
 
 class Top(NamedTuple):
@@ -143,7 +170,7 @@ def _top(text: str, where: str) -> tuple[Top, list[tuple[int, str]]]:
         raise MeasurementError(at, "header only, no row of numbers.", "A trace needs two rows.",
                                "Log it again, or delete the file.")  # fmt: skip
     separator = separator or _separator(header_text, [row for _, row in body[:LINES_TO_LOOK_AT]], at)
-    header = [cell.strip() for cell in _split(header_text, separator, at)]
+    header = [cell.strip() for cell in quoted_cells(header_text, separator, at)]
     _refuse_numbers_as_header(header, at)
     return Top(line, header, separator), body
 
@@ -219,98 +246,12 @@ def _count(row: str, separator: str) -> int:
         return 0
 
 
-def _split(row: str, separator: str, where: str) -> list[str]:
-    if '"' not in row:
-        return row.split(separator)
-    try:
-        return next(csv.reader([row], delimiter=separator, strict=True))
-    except (csv.Error, StopIteration) as err:
-        raise MeasurementError(where, f"broken quotes: {row.strip()[:60]!r}.", "Quotes must come in pairs.",
-                               "Remove them; numbers need none.") from err  # fmt: skip
-
-
 def _refuse_numbers_as_header(header: list[str], where: str) -> None:
     named = [cell for cell in header if cell]
     if named and all(NUMBER.fullmatch(cell.replace(",", ".")) for cell in named):
         raise MeasurementError(where, f"numbers where the header must be: '{', '.join(named)[:60]}'.",
                                "The first line that is no comment must name the columns.",
                                "Add a header such as 'time [s],voltage [V]'.")  # fmt: skip
-
-
-def _rows(body: list[tuple[int, str]], separator: str, width: int, where: str) -> list[list[str]]:
-    rows = [row.split(separator) if '"' not in row else _split(row, separator, f"{where}:{line}") for line, row in body]
-    for (line, _), row in zip(body, rows, strict=True):
-        if len(row) != width:
-            comma = " Decimal commas need ';' or a tab between the cells." if separator == "," else ""
-            raise MeasurementError(f"{where}:{line}", f"{len(row)} cells found.",
-                                   f"The header has {width}, so must every row.",
-                                   f"Leave a cell empty for a gap, but keep its separator.{comma}")  # fmt: skip
-    return rows
-
-
-def _numbers(rows: list[list[str]], lines: np.ndarray, header: list[str], separator: str, where: str) -> np.ndarray:
-    cells = list(chain.from_iterable(rows))
-    mark = _decimal_mark(cells, separator, lines, len(header), where)
-    if mark == ",":
-        cells = [cell.replace(",", ".") for cell in cells]
-    shape = (len(rows), len(header))
-    if PLAIN.issuperset("".join(cells)):
-        try:
-            return _finite(np.array([float(c) if c else np.nan for c in cells]), cells).reshape(shape)
-        except ValueError:
-            pass  # some cell is odd, or blank but not empty: look at each
-    return np.array([_number(c, k, lines, header, where) for k, c in enumerate(cells)]).reshape(shape)
-
-
-def _finite(values: np.ndarray, cells: list[str]) -> np.ndarray:
-    """Refuse 1e999, which float() takes for infinity."""
-    if np.any(np.abs(values) > HUGE):
-        raise ValueError(cells[int(np.nanargmax(np.abs(values)))])
-    return values
-
-
-def _number(cell: str, k: int, lines: np.ndarray, header: list[str], where: str) -> float:
-    number = number_in(cell)
-    if number is None:
-        row, column = divmod(k, len(header))
-        raise no_number(cell, header[column], f"{where}:{lines[row]}")
-    return number
-
-
-def number_in(cell: str) -> float | None:
-    """The number that a cell holds, NaN where it is empty; None where it holds anything else."""
-    text = cell.strip()
-    if not text:
-        return np.nan
-    return float(text) if NUMBER.fullmatch(text) and abs(float(text)) <= HUGE else None
-
-
-def no_number(cell: str, column: str, place: str) -> MeasurementError:
-    """The message on a cell that is neither number nor empty."""
-    return MeasurementError(place, f"'{cell.strip()[:40]}' in column '{column}'.",
-                            "Below the header every cell must be a finite number or empty.",
-                            "Correct the cell, or leave it empty for a gap.")  # fmt: skip
-
-
-def _decimal_mark(cells: list[str], separator: str, lines: np.ndarray, width: int, where: str) -> str:
-    """The decimal mark; thousands separators are refused wherever they could be meant."""
-    point, comma = (next((k for k, c in enumerate(cells) if mark in c), None) for mark in ".,")
-    if comma is None and (point is None or separator == ","):
-        return "."
-    k = comma if comma is not None else point
-    assert k is not None
-    at = f"{where}:{lines[k // width]}"
-    if comma is not None and point is not None:
-        raise MeasurementError(at, f"'{cells[k].strip()[:40]}', while other cells use a decimal point.",
-                               "One file must use one decimal mark and no thousands separator.",
-                               "Export it again without thousands separators.")  # fmt: skip
-    mark = "." if comma is None else ","
-    marked = [c.strip() for c in cells if mark in c]
-    if all(GROUPED[mark].fullmatch(c) for c in marked):
-        raise MeasurementError(at, f"'{cells[k].strip()[:40]}': the '{mark}' may be a decimal mark or part thousands.",
-                               "The decimal mark must be unambiguous.",
-                               "Separate cells by ',' and write decimals with a point.")  # fmt: skip
-    return mark
 
 
 def without_blanks(table: Table, where: str) -> Table:

@@ -74,6 +74,22 @@ _NEWTON_METRE = re.compile(r"([mkµμ]?N)[-·. ]?([cm]?m)")
 NUMBER = re.compile(r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?")  # before a unit, as in `-1 A` or `1.02 s`
 
 
+# what stands in a row of units, brackets off, in small letters: of benches, and of engines and cars
+_UNIT_TEXTS = frozenset("""
+    s sec secs second seconds ms msec us µs usec min h hour v mv volt volts kv a ma amp amps ampere ua ohm kohm w kw hp
+    % pct percent deg degree degrees ° rad mrad turn rev rpm u/min 1/min min-1 rpm/s rad/s deg/s °/s %/s v/s kpa/s
+    kpa hpa pa mpa bar mbar psi inhg c f k °c °f degc degf deg_c deg_f °ca ca btdc degbtdc n nm n.m n*m lbft lb-ft kg g
+    lb m mm cm km ft mi m/s km/h kmh kph mph m/s2 m/s^2 g/s kg/h g/cyl mg/cyl lb/min l/h cc cc/min ml mg mm3 hz khz
+    db afr lambda λ lam la l :1 ratio x raw adc bits bit bool flag enum counts count ticks step steps - 1 n/a none o2
+    gear state status index hex string text pct/s fraction
+    """.split())  # fmt: skip  # noqa: SIM905
+
+
+def is_unit_text(text: str) -> bool:
+    """True for what a row of units holds, of anything that is logged."""
+    return text.strip("[]() ").casefold() in _UNIT_TEXTS
+
+
 class UnitError(ValueError):
     """A unit that is none, or of the wrong dimension; the text is what was found."""
 

@@ -13,8 +13,8 @@ from etcfit.errors import MeasurementError
 from etcfit.reporting.blocks import render
 from etcfit.reporting.car_log import drive_table
 from etcfit.rig.base import RigConfig
+from etcfit.rig.layout import read_msl
 from etcfit.rig.mlg import read_mlg
-from etcfit.rig.msl import read_msl
 
 LOG = car_logs.drive(5.0)
 COLUMNS = [("TPS", "%", "S16", 0.01, 0.0), ("Fan", "", "U08_BITS", 1.0, 0.0), ("RPM", "RPM", "U16", 1.0, 0.0),
@@ -136,17 +136,17 @@ def test_an_mlg_that_cannot_be_read_says_why(raw: bytes, said: str) -> None:
 @pytest.mark.parametrize("text", ["", "Time,TPS\n0,1\n", "Time\tTPS\ns\t%\n", "Time\tTPS\ns\t%\nOn\tOff\n"])
 def test_an_msl_that_is_none_says_so(text: str) -> None:
     with pytest.raises(MeasurementError, match=r"a\.msl"):
-        read_msl(text.encode(), "a.msl")
+        read_msl(text, "a.msl")
 
 
 def test_a_log_without_a_position_says_how_to_name_it(tmp_path: Path) -> None:
-    written(tmp_path, a__csv=car_logs.csv(LOG, {"time": "time [s]", "position": "blade"}))
-    with pytest.raises(MeasurementError, match=r"\[columns\]"):
+    written(tmp_path, a__csv=car_logs.csv(LOG, {"time": "time [s]", "position": "hatch"}))
+    with pytest.raises(MeasurementError, match=r"its columns 'time \[s\]', 'hatch'.*\[columns\] \"time \[s\]\" ="):
         read_logs(tmp_path)
 
 
 def test_an_empty_folder_says_what_it_may_hold(tmp_path: Path) -> None:
-    with pytest.raises(MeasurementError, match=r"\.csv, \.msl, \.mlg"):
+    with pytest.raises(MeasurementError, match=r"\.csv, .*\.msl, .*\.mlg"):
         read_logs(tmp_path)
 
 
@@ -179,14 +179,14 @@ def test_a_csv_of_motec_with_what_stands_above_it_and_its_units_below(tmp_path: 
            "Range,entire outing", "", ""]  # fmt: skip
     below = [head, "s,%,%", "", *rows]
     text = [",".join(f"{mark}{cell}{mark}" for cell in line.split(",")) if line else "" for line in (*top, *below)]
-    check(written(tmp_path, a__csv="\n".join(text)), 1e-4)
+    check(written(tmp_path, a__csv="\n".join((*text, ""))), 1e-4)
 
 
 def test_units_below_the_header_count(tmp_path: Path) -> None:
     head, *rows = lined(car_logs.csv(LOG | {"time": 1e3 * LOG["time"], "position": 0.9 * LOG["position"]},
                                      {"time": "Time", "position": "TPS", "setpoint": "ETB Target"}))  # fmt: skip
     toml = '[rig]\nname = "car"\ntravel_deg = [0.0, 90.0]\n'
-    check(written(tmp_path, rig__toml=toml, a__csv="\n".join((head, "ms,deg,%", *rows))), 1e-3)
+    check(written(tmp_path, rig__toml=toml, a__csv="\n".join((head, "ms,deg,%", *rows, ""))), 1e-3)
 
 
 def test_a_message_names_the_line_of_the_file(tmp_path: Path) -> None:
@@ -202,12 +202,16 @@ def test_the_plate_goes_before_the_pedal_that_is_called_tps(tmp_path: Path) -> N
     check(written(tmp_path, a__csv=car_logs.csv(log, headers)), 1e-4)
 
 
-def test_a_pedal_that_may_pass_for_the_plate_is_told(tmp_path: Path) -> None:
-    log = LOG | {"pedal": np.full(LOG["time"].size, 3.0)}
+def test_a_name_of_the_plates_own_goes_before_tps_though_no_maker_writes_it(tmp_path: Path) -> None:
+    log = LOG | {"pedal": 0.8 * LOG["setpoint"]}
     headers = {"time": "Time", "pedal": "TPS", "position": "ETB pos actual", "setpoint": "ETB target"}
-    hint = one(written(tmp_path, a__csv=car_logs.csv(log, headers))).hint
-    assert "MaxxECU" in hint
-    assert '"ETB pos actual" = "position [%]"' in hint
+    check(written(tmp_path, a__csv=car_logs.csv(log, headers)), 1e-4)
+
+
+def test_what_does_not_move_with_the_setpoint_is_no_plate(tmp_path: Path) -> None:
+    log = LOG | {"stuck": np.full(LOG["time"].size, 3.0)}
+    headers = {"time": "Time", "stuck": "E-Throttle Position", "position": "TPS", "setpoint": "E-Throttle Target"}
+    check(written(tmp_path, a__csv=car_logs.csv(log, headers)), 1e-4)
 
 
 def test_a_target_is_no_other_plate(tmp_path: Path) -> None:
@@ -216,12 +220,12 @@ def test_a_target_is_no_other_plate(tmp_path: Path) -> None:
 
 
 def test_a_setpoint_by_an_unknown_name_is_asked_for(tmp_path: Path) -> None:
-    headers = {"time": "Time", "position": "TP", "setpoint": "Blade demand"}
+    headers = {"time": "Time", "position": "TP", "setpoint": "Demand main"}
     log = one(written(tmp_path, a__csv=car_logs.csv(LOG, headers)))
     assert log.setpoint is None
-    assert '"Blade demand" = "setpoint [%]"' in log.hint
+    assert '"Demand main" = "setpoint [%]"' in log.hint
     shown = render(drive_table(RigConfig("car"), [study(log)]))
-    assert "Blade demand" in shown
+    assert "Demand main" in " ".join(shown.split())
     assert "position 'TP'" in " ".join(shown.split())
 
 

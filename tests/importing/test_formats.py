@@ -47,7 +47,7 @@ def test_what_picoscope_could_not_measure_is_a_gap_and_said(tmp_path: Path) -> N
     path.write_text("\n".join(lines), encoding="utf-8")
     (sheet,) = read(path)
     assert np.flatnonzero(np.isnan(sheet.columns[1].values)).tolist() == [7]
-    assert sheet.remarks == ("column 2: 1 samples beyond the range ('∞') are gaps",)
+    assert sheet.remarks == ("column 'Channel A': 1 samples beyond the range ('∞') are gaps",)
 
 
 def test_saleae(tmp_path: Path) -> None:
@@ -170,6 +170,21 @@ def test_a_simulink_structure_with_time(tmp_path: Path) -> None:
     scipy.io.savemat(tmp_path / "log.mat", {"log": {"time": TIME, "signals": signals}})
     (sheet,) = read(tmp_path / "log.mat")
     assert (sheet.part, [column.label for column in sheet.columns]) == ("log", ["time", "U_motor"])
+
+
+def test_time_series_of_equal_times_that_were_saved_as_structures_are_one_sheet(tmp_path: Path) -> None:
+    import scipy.io
+
+    series = {"u_motor": {"Time": TIME, "Data": VOLTS[:, None], "DataInfo": {"Units": "V"}},
+              "i_motor": {"Time": TIME, "Data": AMPERES[:, None], "DataInfo": {"Units": "A"}}}  # fmt: skip
+    scipy.io.savemat(tmp_path / "log.mat", series)
+    (sheet,) = read(tmp_path / "log.mat")
+    assert [(column.name, column.unit) for column in sheet.columns] == [
+        ("time", ""),
+        ("u_motor", "V"),
+        ("i_motor", "A"),
+    ]
+    assert sheet.columns[2].values == pytest.approx(AMPERES)
 
 
 def test_mdf_with_two_rates_has_gaps_where_nothing_was_sampled(tmp_path: Path) -> None:

@@ -279,7 +279,7 @@ def test_an_ecu_log_leaves_out_the_engine(tmp_path: Path) -> None:
     done = import_files([log], tmp_path / "rig", Answers(), accept_all)
     (found,) = read_folder(done.folder).measurements
     assert (found.test, set(found.channels)) == ("closed_loop", {"position", "setpoint"})
-    assert "'RPM [RPM]' left out: by its name the speed of the engine" in (done.folder / "rig.toml").read_text()
+    assert "'RPM' left out: by its name the engine's, not the throttle's" in (done.folder / "rig.toml").read_text()
 
 
 @pytest.fixture

@@ -30,6 +30,7 @@ from etcfit.model.linear import TransferFunction
 from etcfit.ranges import from_json
 from etcfit.rig.base import Rig
 from etcfit.run_folder import advice_json, diagnosis_json, fit_json, frequency_json, plan_json
+from etcfit.run_folder.declared import PARTS, with_declared
 
 ROOT = Path(__file__).resolve().parents[2]
 FOLDER = ROOT / "etcfit" / "run_folder" / "schemas"
@@ -44,6 +45,7 @@ CONTRACT = {
     "pid": "schema rule gains ecu linear nonlinear requirements met posterior settings",
     "run": "schema version stages",
     "drive": "schema logs",
+    "tune": "schema verdict why_not ecu model checks fit held_out supply_V present unit steps record_next",
     "advice": "schema rig synthetic stderr_now options not_judged settings",
     "plan": "schema rig synthetic model criterion limits stderr tests left_out settings",
     "fleet": "schema version name synthetic units failed not_converged members population correlation odd effects "
@@ -97,6 +99,11 @@ def test_every_key_is_described(kind: str) -> None:
     described = parts(schema(kind))
     assert described
     assert all(part.get("description") or "$ref" in part for part in described)
+
+
+@pytest.mark.parametrize("kind", PARTS)
+def test_what_follows_from_declared_figures_is_up_to_date(kind: str) -> None:
+    assert schema(kind) == with_declared(kind, deepcopy(schema(kind))), "run: python -m etcfit.run_folder.declared"
 
 
 def test_what_a_fit_writes_fits_its_schema(tmp_path: Path) -> None:
@@ -184,8 +191,8 @@ def test_the_tables_follow_references_lists_and_mappings() -> None:
         assert f"| `{path}` |" in shown
     assert "influence` | array | " in shown
     assert (
-        shown.count("*(optional)*") == 4
-    )  # a remark of a parameter, of a combination; what is left in two lists of rows
+        shown.count("*(optional)*") == 6
+    )  # a remark of a parameter, of a combination; what is left and what is explained in two lists of rows
 
 
 def test_the_response_to_sines_carries_the_state_of_the_fit(rig: Rig) -> None:

@@ -21,11 +21,11 @@ from itertools import combinations
 
 import numpy as np
 
+from ...rig.rows import cells_of, is_number
 from ..labels import column
 from ..sheet import Column, Sheet, time_base
 from .base import unreadable
 from .ends import common_ends
-from .rows import cells_of, is_number
 
 _END = "***End_of_Header***"
 _KIND = "a LabVIEW measurement file"

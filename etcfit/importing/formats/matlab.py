@@ -3,10 +3,12 @@
     time, u, i                       vectors of one length make a sheet
     run.t, run.u                     so do those of each structure
     log.time, log.signals.values     a Simulink structure with time
+    theta.Time, theta.Data           a time series saved as a structure; those of equal times are one sheet
     Tstart, Tinterval, Length        a PicoScope's time base: t_k = Tstart + k Tinterval; so do Ts, dt, fs
 
 Source: MathWorks, MAT-file level 5 format and `save -v7.3`; Pico Technology, PicoScope 6 help, "MATLAB file".
-Differs from source: tables, timetables and time series are MATLAB objects, which neither library reads.
+Differs from source: tables, timetables and time series that were not saved as structures are MATLAB objects, which
+neither library reads.
 """
 
 from __future__ import annotations
@@ -86,7 +88,9 @@ def _plain(source: Source, tree: _Tree, scope: Mapping[str, Any], part: str) -> 
             source.refuse_larger(8 * math.prod(value.shape))
             out[name] = value.toarray()
         elif isinstance(value, np.ndarray | np.generic) and value.dtype.kind in "cV":
-            tree.missing.append(f"'{path}' cannot be read: it is complex, or a MATLAB object")
+            tree.missing.append(
+                f"'{path}' cannot be read: it is complex, or a MATLAB object (save a structure of vectors)"
+            )
         elif isinstance(value, np.ndarray) and value.dtype.kind == "O" and any(_is_vector(each) for each in value.flat):
             tree.missing.append(f"'{path}' cannot be read: it is a cell array of vectors")
         else:
@@ -168,9 +172,23 @@ def _text(letters: np.ndarray) -> str:
 def _scopes(tree: Mapping[str, Any], part: str = "") -> Iterator[tuple[str, Mapping[str, Any]]]:
     """Each structure with what it holds itself; a Simulink structure flattened."""
     yield part, _simulink(tree) if {"time", "signals"} <= set(tree) else tree
+    series = {
+        name: value for name, value in tree.items() if isinstance(value, Mapping) and {"Time", "Data"} <= set(value)
+    }
+    yield from ((part, each) for each in _of_equal_times(series))
     for name, value in tree.items():
-        if isinstance(value, Mapping) and not ({"time", "signals"} <= set(tree)):
+        if name not in series and isinstance(value, Mapping) and not ({"time", "signals"} <= set(tree)):
             yield from _scopes(value, f"{part}.{name}" if part else name)
+
+
+def _of_equal_times(series: Mapping[str, Mapping[str, Any]]) -> list[dict[str, Any]]:
+    """Time series side by side, each under its structure's name with the unit that it gives."""
+    found: dict[bytes, dict[str, Any]] = {}
+    for name, each in series.items():
+        unit = each.get("Units") or (each["DataInfo"].get("Units") if isinstance(each.get("DataInfo"), Mapping) else "")
+        label = f"{name} [{unit}]" if isinstance(unit, str) and unit else name
+        found.setdefault(np.ravel(each["Time"]).tobytes(), {"time": each["Time"]})[label] = each["Data"]
+    return list(found.values())
 
 
 def _simulink(tree: Mapping[str, Any]) -> Mapping[str, Any]:

@@ -8,10 +8,10 @@ from __future__ import annotations
 from typing import Any
 
 from ...errors import MeasurementError
+from ...rig.rows import is_number
 from ..labels import column
 from ..sheet import Column, Sheet
 from .base import Format, Source, seconds, unreadable
-from .rows import is_number
 
 _KIND = "a Parquet file"
 _UNITS = (b"unit", b"units", b"Unit")

@@ -17,10 +17,10 @@ import re
 
 import numpy as np
 
+from ...rig.rows import cells_of
 from ..labels import column
 from ..sheet import Sheet, time_base
 from .base import unreadable
-from .rows import cells_of
 
 _CLOCK = re.compile(r"(?P<key>t0|tInc)\s*=\s*(?P<value>[-+0-9.eE]+)\s*s?")
 _KIND = "a waveform that a Rigol scope saved as CSV"

@@ -20,11 +20,11 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
+from ...rig.layout import read_text
+from ...rig.rows import cells_of, is_number
 from ..labels import column
 from ..sheet import Sheet, time_base
 from .base import unreadable
-from .delimited import header_above, labelled
-from .rows import cells_of, find_body, is_number, read_body, refuse_spoilt
 
 _KEYS = ("Record Length,", "Model,")
 _KIND = "a waveform that a Tektronix scope saved as CSV"
@@ -71,14 +71,13 @@ def _missing(settings: Mapping[str, Sequence[str]], rows: int) -> tuple[str, ...
 
 
 def _below(lines: list[str], settings: dict[str, list[str]], where: str) -> list[Sheet]:
-    body = find_body(lines, where)
-    head = header_above(lines, body)
-    refuse_spoilt(lines, head.below, body, where)
-    numbers = read_body(lines, body, where)
+    found = read_text("\n".join(lines), where)
+    cells, width = found.numbers.cells, len(found.layout.names)
     # a setting's own cells begin below the first channel; time has its unit in a line of its own
-    told = ["s", *settings.get("Vertical Units", []), *[""] * body.width][: body.width]
-    said = ["", *settings.get("Labels", settings.get("Label", [])), *[""] * body.width][: body.width]
-    names = [label or name for label, name in zip(said, head.names, strict=True)]
-    units = [a or b for a, b in zip(head.units, told, strict=True)]
-    return [Sheet(where, "", labelled(names, units, numbers.cells), numbers.remarks, numbers.losses,
-                  _missing(settings, len(numbers.cells)))]  # fmt: skip
+    told = ["s", *settings.get("Vertical Units", []), *[""] * width][:width]
+    said = ["", *settings.get("Labels", settings.get("Label", [])), *[""] * width][:width]
+    columns = tuple(
+        column(said[k] or name, cells[:, k], found.units[k] or told[k])
+        for k, name in enumerate(found.layout.names) if said[k] or name
+    )  # fmt: skip
+    return [Sheet(where, "", columns, found.remarks, found.numbers.losses, _missing(settings, len(cells)))]

@@ -1,4 +1,6 @@
-"""What effects that are not in a model would do to its residual, to first order: `etcfit.model.besides`, compiled.
+"""What effects that are not in a model would do to its residual, to first order; compiled.
+
+The formulas stand in `etcfit.model.input_perturbation`.
 
 The model is simulated once; its steps are asked what each effect would add to them, which takes no simulation; and the
 residual is differentiated along that. What is compiled for an effect serves every model that it is asked about.
@@ -16,8 +18,8 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from ..kernels.machine import available
-from ..model.besides import StepAsked, added, added_at, asked, asked_along
 from ..model.effects import AbstractEffect, Besides, State
+from ..model.input_perturbation import StepAsked, added, added_at, asked, asked_along
 from ..model.parameters import AnyArray, Scalar
 from ..model.stepper import GAMMA, Reset, Step, StepBesides, begun, step
 from ..model.throttle import Throttle
@@ -49,7 +51,7 @@ def _where_asked(form: Form, x: Float[Array, " P"], weighted: WeightedData) -> W
 def _added_by(
     effect: type[AbstractEffect], values: Mapping[str, Scalar], ways: Mapping[str, Scalar], where: Where
 ) -> StepBesides:
-    """What an effect would add to each step along a direction of its parameters, see `model.besides.added`."""
+    """What an effect adds to each step along a direction of its parameters, see `model.input_perturbation.added`."""
     return added(effect, values, ways, *where)
 
 
@@ -75,13 +77,13 @@ def where_asked(form: Form, x: Float[np.ndarray, " P"], weighted: WeightedData) 
     tree = tree._replace(steps=acting_late(form, full, tree))
     changing = numbered(tree)[0]
     renewed = frozenset({changing.guide_stiffness, *jax.tree.leaves(changing.acting)})
-    return _ASKED.run((form,), full, Entries(tree, one_pass_kernels.rows_of(weighted), (renewed,)))
+    return _ASKED.run((form,), full, Entries(tree, one_pass_kernels.rows_of(weighted), renewed))
 
 
 def added_by(
     effect: type[AbstractEffect], values: Mapping[str, float], ways: Mapping[str, float], where: Where
 ) -> StepBesides:
-    """What an effect would add to each step along a direction of its parameters, see `model.besides.added`."""
+    """What an effect adds to each step along a direction of its parameters, see `model.input_perturbation.added`."""
     if not available():
         return _added_by(effect, values, ways, where)
     batch = Entries(where, used_rows(where.steps, where.resets))
@@ -159,7 +161,7 @@ def responses(
         numbers, acts = numbered(tree)
         renewed, muted = one_pass_kernels.renewed_and_muted(numbers)
         rows, ways = one_pass_kernels.rows_of(weighted), frozenset(jax.tree.leaves(acts))
-        batch = Entries(tree, rows, (*renewed, ways), muted)
+        batch = Entries(tree, rows, renewed | ways, muted)
         return _RESPONSES.run((form, order), full, batch)
 
     return np.stack(list(map(along, besides)))

@@ -12,7 +12,6 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
 import bodies
-from etcfit.model.besides import acts_as_input, added, asked_along
 from etcfit.model.effects import (
     EFFECT_BY_NAME,
     EFFECTS,
@@ -23,6 +22,7 @@ from etcfit.model.effects import (
     LoadDependentFriction,
     State,
 )
+from etcfit.model.input_perturbation import acts_as_input, added, asked_along
 from etcfit.model.parameters import Real, Scalar, declared, parameter
 from etcfit.model.smooth import UNKNOWNS
 from etcfit.model.stepper import Reset, StatePath, Step, simulate

@@ -23,7 +23,7 @@ from .scaled import Scaled
 FEWEST = 4  # units that tell a symbol; of fewer none can be called far
 
 
-def alone(
+def single_unit_distance(
     data: Scaled, mean: Float[np.ndarray, " P"], between: Float[np.ndarray, " P"], inside: Bool[np.ndarray, " N"],
     tail: float,
 ) -> Float[np.ndarray, " N"]:  # fmt: skip

@@ -1,0 +1,246 @@
+"""Rows of cells as numbers: what parts them, which decimal mark they have, instants, gaps.
+
+One reader for every text: strict for the CSV of a measurement folder, where each cell that is no number is refused;
+tolerant for files of other programs, where a column of words is no signal and an instrument writes what it could not
+measure.
+"""
+
+from __future__ import annotations
+
+import csv
+import re
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from ..errors import MeasurementError
+from .fast_table import GROUPED, fast_cells
+
+SEPARATORS = (",", ";", "\t")
+BLANKS = " "  # any white space parts the cells
+HUGE = 1e100  # no reading is larger, and no unit turns a smaller one into infinity
+NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?", re.ASCII)
+PLAIN = frozenset("0123456789+-.eE,; \t")  # nothing that float() would take and a reader would not
+_EITHER_MARK = re.compile(r"[+-]?(\d+[.,]?\d*|[.,]\d+)([eE][+-]?\d+)?", re.ASCII)
+_MARKED = re.compile(r"[+-]?[\d.,]*[.,][\d.,]*([eE][+-]?\d+)?", re.ASCII)
+# what instruments write where a sample was beyond the range, or none came
+_NONE = frozenset({"", "∞", "-∞", "+∞", "inf", "-inf", "+inf", "nan", "ol", "over", "overload", "#n/a", "n/a", "---"})
+_INSTANT = re.compile(
+    r"(?:\d{1,4}[-/.]\d\d?[-/.]\d{1,4}[ T]+)?(?P<h>\d\d?):(?P<m>\d\d):(?P<s>\d\d(?:[.,]\d+)?)"
+    r"\s*(?P<half>[AaPp][Mm])?(?:Z|[+-]\d\d:?\d\d)?"
+)
+_DAY = 86400.0  # s
+_FEW = 3  # rows from which a last one that is short was cut off
+
+
+class Numbers(NamedTuple):
+    """What the rows hold.
+
+    Args:
+        cells: shape (n, width); NaN where there is no number.
+        units: that reading the cells has settled; "" elsewhere.
+        lines: where each row stands, shape (n,), counted from 1.
+        remarks: what had to be decided.
+        losses: rows or cells that were left out, each in a sentence.
+    """
+
+    cells: np.ndarray
+    units: tuple[str, ...]
+    lines: np.ndarray
+    remarks: tuple[str, ...] = ()
+    losses: tuple[str, ...] = ()
+
+
+def cells_of(line: str, separator: str) -> list[str]:
+    """The cells of a line, quotes and blanks about them off."""
+    if separator == BLANKS:
+        return line.split()
+    if '"' not in line:
+        return [cell.strip() for cell in line.split(separator)]
+    return [cell.strip() for cell in next(csv.reader([line], delimiter=separator), [])]
+
+
+def quoted_cells(line: str, separator: str, where: str) -> list[str]:
+    """The cells of a line as they stand.
+
+    Raises:
+        MeasurementError: a quote without its other.
+    """
+    if '"' not in line:
+        return line.split() if separator == BLANKS else line.split(separator)
+    try:
+        return next(csv.reader([line], delimiter=separator, strict=True))
+    except (csv.Error, StopIteration) as err:
+        raise MeasurementError(where, f"broken quotes: {line.strip()[:60]!r}.", "Quotes must come in pairs.",
+                               "Remove them; numbers need none.") from err  # fmt: skip
+
+
+def is_number(cell: str) -> bool:
+    """True for a number with either decimal mark."""
+    return _EITHER_MARK.fullmatch(cell) is not None
+
+
+def is_instant(cell: str) -> bool:
+    """True for a time of day, a date before it or not."""
+    return _INSTANT.fullmatch(cell) is not None
+
+
+def is_gap(cell: str) -> bool:
+    """True for what stands where there is no reading."""
+    return cell.casefold() in _NONE
+
+
+def number_in(cell: str) -> float | None:
+    """The number that a cell holds, NaN where it is empty; None where it holds anything else."""
+    text = cell.strip()
+    if not text:
+        return np.nan
+    return float(text) if NUMBER.fullmatch(text) and abs(float(text)) <= HUGE else None
+
+
+def no_number(cell: str, column: str, place: str) -> MeasurementError:
+    """The message on a cell that is neither number nor empty."""
+    return MeasurementError(place, f"'{cell.strip()[:40]}' in column '{column}'.",
+                            "Below the header every cell must be a finite number or empty.",
+                            "Correct the cell, or leave it empty for a gap.")  # fmt: skip
+
+
+def read_rows(
+    rows: Sequence[tuple[int, str]],
+    separator: str,
+    names: Sequence[str],
+    where: str,
+    *,
+    tolerant: bool,
+    short: str = "",
+) -> Numbers:
+    """The numbers of rows. A column of instants becomes seconds since the first one.
+
+    Args:
+        rows: line, counted from 1, and its text; not blank.
+        separator: between cells.
+        names: of the columns, for messages; "" where one has none.
+        where: what messages call the file.
+        tolerant: take what instruments write in place of a number as a gap, a column of words as none.
+        short: what a row with too few cells is: "" a mistake, "fill" one whose last cells are empty, "drop" a damaged
+            one, as is a cell that is no number.
+    Raises:
+        MeasurementError: a row of another length, a cell that is no number, or marks that may part thousands.
+    """
+    if (short != "drop") and (
+        plain := fast_cells("\n".join(text for _, text in rows), separator, len(names), HUGE)
+    ) is not None:
+        return Numbers(plain, ("",) * len(names), np.array([line for line, _ in rows]))
+    split = [(line, quoted_cells(text, separator, f"{where}:{line}")) for line, text in rows]
+    split, losses = _of_one_width(split, separator, len(names), where, tolerant, short)
+    lines = np.array([line for line, _ in split], dtype=int)
+    mark = _decimal_mark(split, separator, where, tolerant)
+    columns, units, remarks = [], [], []
+    for k, name in enumerate(names):
+        texts = [cells[k].strip() for _, cells in split]
+        called = name or str(k + 1)
+        if texts and is_instant(texts[0]) and all(map(is_instant, texts)):
+            columns.append(_seconds(texts))
+            units.append("s")
+            remarks.append(f"column {k + 1}: instants made seconds since the first")
+            continue
+        values, said = _values(texts, lines, mark, called, where, tolerant, short == "drop")
+        columns.append(values)
+        units.append("")
+        (losses if short == "drop" else remarks).extend(filter(None, (said,)))
+    return Numbers(
+        np.array(columns).T.reshape(len(split), len(names)), tuple(units), lines, tuple(remarks), tuple(losses)
+    )
+
+
+def _of_one_width(
+    rows: list[tuple[int, list[str]]], separator: str, width: int, where: str, tolerant: bool, short: str
+) -> tuple[list[tuple[int, list[str]]], list[str]]:
+    """The rows of this width, and what was left out."""
+    losses = []
+    if short == "fill":
+        rows = [(line, [*cells, *[""] * width][:width] if not any(cells[width:]) else cells) for line, cells in rows]
+    if short == "drop":
+        few = [line for line, cells in rows if len(cells) < width]
+        rows = [(line, cells[:width]) for line, cells in rows if len(cells) >= width]
+        if few:
+            shown = ", ".join(map(str, few[:5])) + (", and more" if len(few) > 5 else "")
+            losses.append(f"rows with too few cells are left out: {len(few)}, in lines {shown}")
+    if tolerant and len(rows) > _FEW and len(rows[-1][1]) < width:  # the power failed, or the card was full
+        rows = rows[:-1]
+        losses.append("the last row is cut off and left out")
+    for line, cells in rows:
+        if len(cells) != width:
+            comma = " Decimal commas need ';' or a tab between the cells." if separator == "," else ""
+            raise MeasurementError(f"{where}:{line}", f"{len(cells)} cells found.",
+                                   f"The header has {width}, so must every row.",
+                                   f"Leave a cell empty for a gap, but keep its separator.{comma}")  # fmt: skip
+    return rows, losses
+
+
+def _decimal_mark(rows: Sequence[tuple[int, list[str]]], separator: str, where: str, tolerant: bool) -> str:
+    """The decimal mark; thousands separators are refused wherever they could be meant."""
+    marked = [(line, cell.strip()) for line, cells in rows for cell in cells if "," in cell or "." in cell]
+    marked = [(line, cell) for line, cell in marked if _MARKED.fullmatch(cell)]
+    point, comma = (next((each for each in marked if mark in each[1]), None) for mark in ".,")
+    if comma is None and (point is None or separator == "," or tolerant):
+        return "."
+    line, cell = comma or point or (0, "")
+    if comma is not None and point is not None:
+        raise MeasurementError(f"{where}:{line}", f"'{cell[:40]}', while other cells use a decimal point.",
+                               "One file must use one decimal mark and no thousands separator.",
+                               "Export it again without thousands separators.")  # fmt: skip
+    mark = "." if comma is None else ","
+    if all(GROUPED[mark].fullmatch(each) for _, each in marked):
+        raise MeasurementError(f"{where}:{line}",
+                               f"'{cell[:40]}': the '{mark}' may be a decimal mark or part thousands.",
+                               "The decimal mark must be unambiguous.",
+                               "Separate cells by ',' and write decimals with a point.")  # fmt: skip
+    return mark
+
+
+def _values(
+    texts: Sequence[str], lines: np.ndarray, mark: str, called: str, where: str, tolerant: bool, drop: bool
+) -> tuple[np.ndarray, str]:
+    """One column, and what had to be decided about it."""
+    texts = [text.replace(",", ".") for text in texts] if mark == "," else texts
+    if PLAIN.issuperset("".join(texts)):
+        try:
+            values = np.array([float(text) if text else np.nan for text in texts])
+            if not np.any(np.abs(values) > HUGE):
+                return values, ""
+        except ValueError:
+            pass  # some cell is odd: look at each
+    found = [number_in(text) for text in texts]
+    odd = [k for k, value in enumerate(found) if value is None]
+    words = [k for k in odd if not (tolerant and is_gap(texts[k]))]
+    values = np.array([np.nan if value is None else value for value in found])
+    if not tolerant or (words and not drop and 2 * len(words) < len(texts)):
+        if words:
+            raise no_number(texts[words[0]], called, f"{where}:{lines[words[0]]}")
+        return values, ""
+    if drop:
+        return values, f"'{called}': {len(odd)} cells that hold no number are gaps" if 0 < 2 * len(odd) < len(
+            texts
+        ) else ""
+    if words:
+        return np.full(len(texts), np.nan), f"column '{called}': words, no numbers"
+    lost = [k for k in odd if texts[k]]
+    return (
+        values,
+        f"column '{called}': {len(lost)} samples beyond the range ('{texts[lost[0]]}') are gaps" if lost else "",
+    )
+
+
+def _seconds(texts: Sequence[str]) -> np.ndarray:
+    """Seconds since the first instant; what falls back began another day."""
+    found = [match for text in texts if (match := _INSTANT.fullmatch(text))]
+    clock = np.array([3600.0 * _hour(m) + 60.0 * int(m["m"]) + float(m["s"].replace(",", ".")) for m in found])
+    days = np.concatenate(([0.0], np.cumsum(np.diff(clock) < -0.5 * _DAY)))
+    return np.round(clock + _DAY * days - clock[0], 9)
+
+
+def _hour(match: re.Match[str]) -> int:
+    hour = int(match["h"])
+    return hour % 12 + 12 * (match["half"].casefold() == "pm") if match["half"] else hour
