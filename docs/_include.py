@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 ROOT = Path(__file__).resolve().parents[1]
+ROOT_PAGE = re.compile(r"\]\((?:SECURITY|CONTRIBUTING|CHANGELOG)\.md")
 MARKER = re.compile(r"<!-- include: ([\w./-]+) -->")
 
 
@@ -18,4 +19,5 @@ def on_page_markdown(markdown: str, **_: Any) -> str:
 def included(name: str) -> str:
     """The text of a file of the root as a page of the site's first level has it."""
     text = (ROOT / name).read_text(encoding="utf-8")
-    return re.sub(r"\A# .*\n", "", text).strip().replace("](docs/", "](")
+    text = re.sub(r"\A# .*\n", "", text).strip().replace("](docs/", "](")
+    return ROOT_PAGE.sub(lambda match: match[0].lower(), text)

@@ -1,6 +1,7 @@
 """The notebooks as pages with outputs and pictures: `python -m docs.made.notebooks [NAME ...]` runs all, or some.
 
-A page holds every cell of its notebook; `tests/test_docs.py` fails where one has changed since.
+Notebook 02 shows measured data where ETCFIT_DATA has a copy. A page holds every cell of its notebook;
+`tests/test_docs.py` fails where one has changed since.
 """
 
 from __future__ import annotations
