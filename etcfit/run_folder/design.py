@@ -9,10 +9,10 @@ import numpy as np
 from ..control.design import Design
 from ..control.fleet_verdict import FleetVerdict, OneByOne, Share
 from ..control.judged import Tuned
+from ..control.loop_figures import FIGURES, MARGINS, LoopFigures
 from ..control.own_numbers import said, shares
 from ..control.parts_verdict import PartsVerdict
 from ..control.pid.feedforward import Bias
-from ..control.pid.figures import FIGURES, MARGINS, LoopFigures
 from ..control.pid.front import FrontPoint
 from ..control.pid.gains import UNIT, Gains
 from ..control.pid.setpoint import Setpoint

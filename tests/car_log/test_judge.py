@@ -15,7 +15,7 @@ from etcfit.car_log import DriveLog, Series, Study, study
 from etcfit.car_log.criteria import OVERSHOOT, SETTLING
 from etcfit.car_log.duty import duty_use
 from etcfit.cli import app
-from etcfit.control.pid.figures import Requirements
+from etcfit.control.loop_figures import Requirements
 from independent import hunting
 from second_order import log as second_order
 

@@ -7,7 +7,7 @@ from typing import Any
 
 from markupsafe import Markup
 
-from ...control.pid.figures import EFFORT, FIGURES
+from ...control.loop_figures import EFFORT, FIGURES
 from ..control.sentence import doubt, state_of, withheld
 from .table import Table
 from .typeset import figure, measured, number, polynomial, symbol, unit
