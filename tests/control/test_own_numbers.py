@@ -28,7 +28,7 @@ from etcfit.model.ecus import ECUS
 from etcfit.reporting.blocks import render
 from etcfit.reporting.control.sentence import sentence
 from etcfit.reporting.control.tables import design_table
-from etcfit.reporting.page.control import assumed, settings_table
+from etcfit.reporting.page.control import assumed, gains_table, settings_table
 from etcfit.run_folder import design_json
 
 PROPOSED = Gains(60.0, 300.0, 0.6)
@@ -142,3 +142,6 @@ def test_terminal_file_page_and_sentence_have_the_same_shares(fitted: Fitted, tm
     page = settings_table(pid)
     assert page is not None
     assert any("P alone becomes unstable" in each for each in assumed(pid))
+    gains = gains_table(pid)
+    assert gains is not None
+    assert not any("ECU" in str(row[0]) for row in gains.rows)
