@@ -254,7 +254,7 @@ def written_for(design: Design) -> dict[str, Any] | None:
     assert gains is not None, "the proposed rule has gains"
     notation, own = profile.notation, shares(design.task, gains)
     if notation is None:
-        typed = [each._asdict() | dict(zip(("value", "unit"), each.shown, strict=True)) for each in own]
+        typed = [each.known | dict(zip(("value", "unit"), each.shown, strict=True)) for each in own]
     else:
         typed = [{"value": value, "unit": unit}
                  for value, unit in zip(design.written(gains, notation), notation.of_each, strict=True)]  # fmt: skip
