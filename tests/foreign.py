@@ -228,14 +228,13 @@ def wpilog(path: Path, entries: Mapping[str, tuple[str, str, list[tuple[int, obj
         return struct.pack("<I", len(words.encode())) + words.encode()
 
     packed = {"double": "<d", "float": "<f", "int64": "<q", "boolean": "<?"}
-    out, values = b"WPILOG" + struct.pack("<HI", 0x0100, len(extra)) + extra, []
+    out, values = [b"WPILOG" + struct.pack("<HI", 0x0100, len(extra)) + extra], []
     for k, (name, (kind, metadata, samples)) in enumerate(entries.items(), 1):
         start = b"\0" + struct.pack("<I", k) + text(name) + text(kind) + text(metadata)
-        out += record(0, samples[0][0] if samples else 0, start)
+        out.append(record(0, samples[0][0] if samples else 0, start))
         for time, value in samples:
             payload = str(value).encode() if kind == "string" else struct.pack(packed[kind], value)
             values.append((time, k, payload))
-    for time, k, payload in sorted(values, key=lambda each: each[0]):
-        out += record(k, time, payload)
-    path.write_bytes(out)
+    out += [record(k, time, payload) for time, k, payload in sorted(values, key=lambda each: each[0])]
+    path.write_bytes(b"".join(out))
     return path

@@ -483,6 +483,33 @@ def test_design_passes_on_the_fleet_of_the_parts(invoke, monkeypatch: pytest.Mon
     assert invoke("design", "bench", "--quiet", "--parts", "nowhere").exit_code == 2
 
 
+@pytest.mark.parametrize(("words", "present", "given"), [
+    (("--ecu", "maxxecu", "--present", "60, 80,120", "--swings-at", "120"),
+     {"P": 60.0, "I": 80.0, "D": 120.0, "swings_at": 120.0}, {}),
+    (("--ecu", "motec", "--divides-by-battery"), {}, {"compensated": 1.0}),
+    (("--no-divides-by-battery",), {}, {"compensated": 0.0}),
+])  # fmt: skip
+def test_design_passes_on_what_is_known_of_the_ecus_gains(
+    invoke, monkeypatch: pytest.MonkeyPatch, words: tuple[str, ...], present: dict[str, float], given: dict[str, float]
+) -> None:
+    seen: list[object] = []
+    monkeypatch.setattr(
+        "etcfit.stages.design_run", lambda *all_: seen.append((all_[2].present, all_[2].ecu)) or Done("done")
+    )
+    assert invoke("design", "bench", "--quiet", *words).exit_code == 0
+    assert seen == [(present, given)]
+
+
+@pytest.mark.parametrize(("words", "told"), [
+    (("--present", "60,80"), "--present 60,80: three numbers between commas are required"),
+    (("--ecu", "rusefi", "--divides-by-battery"), "--divides-by-battery: rusefi fixes it"),
+])  # fmt: skip
+def test_what_an_ecus_gains_cannot_be_is_a_usage_error(invoke, words: tuple[str, ...], told: str) -> None:
+    found = invoke("design", "bench", "--quiet", *words)
+    assert found.exit_code == 2
+    assert told in found.stderr
+
+
 def test_a_term_that_there_is_not_is_a_usage_error(invoke) -> None:
     found = invoke("design", "bench", "--quiet", "--feed-forward-terms", "friction,speed")
     assert found.exit_code == 2

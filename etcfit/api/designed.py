@@ -11,8 +11,8 @@ import numpy as np
 import pandas as pd
 
 from ..control.design import Design
+from ..control.loop_figures import FIGURES, TRACKING
 from ..control.pid import Gains
-from ..control.pid.figures import FIGURES, TRACKING
 from ..control.safety import Safety
 from ..model.feed_forward import as_asked
 from ..reporting.control.sentence import doubt

@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from .pid.figures import REQUIRED, LoopFigures, Requirements
+from .loop_figures import REQUIRED, LoopFigures, Requirements
 from .settings import FleetDesignSettings
 
 STABLE = "stable"  # what a unit whose linear loop is not stable misses

@@ -9,9 +9,10 @@ from typing import NamedTuple
 import numpy as np
 
 from .fleet_verdict import OneByOne
+from .loop_figures import FIGURES, OF_THE_PAPER
 from .pid import Gains, LoopFigures, Refusal, Requirements, Task, linear_loop
 from .pid.conditions import Conditions, at_corners, corners, scattered, under
-from .pid.figures import FIGURES, OF_THE_PAPER, judge, judge_each
+from .pid.judge import judge, judge_each
 from .pid.loop import Loop
 from .pid.margins import margins
 from .pid.setpoint import trapezoid

@@ -21,23 +21,30 @@ class Share(NamedTuple):
         value: in the ECU's own number; None where nothing tells what one of its numbers means.
         of_ultimate: over the P at which P alone makes the plate swing on; None of I and D.
         seconds: of I Kp / Ki, of D Kd / Kp; None of P, and where the gain is 0.
+        ratio: what `seconds` is, in words.
     """
 
     of_present: float | None
     value: float | None
     of_ultimate: float | None
     seconds: float | None
+    ratio: str = ""
+
+    @property
+    def known(self) -> dict[str, float | None]:
+        """All of these but the value, by name."""
+        return {"of_present": self.of_present, "of_ultimate": self.of_ultimate, "seconds": self.seconds}
 
     @property
     def shown(self) -> tuple[float, str]:
         """The most useful of these that is known, and what it is a number of."""
         if self.value is not None:
-            return self.value, "its own number"
+            return self.value, "in its own number"
         if self.of_present is not None:
             return self.of_present, "times yours"
         if self.of_ultimate is not None:
             return self.of_ultimate, "times the P at which P alone becomes unstable"
-        return (0.0, "") if self.seconds is None else (self.seconds, "s")
+        return (0.0, "") if self.seconds is None else (self.seconds, f"s ({self.ratio})")
 
 
 def checked(present: Mapping[str, float]) -> Mapping[str, float]:
@@ -78,7 +85,8 @@ def shares(task: Task, gains: Gains) -> tuple[Share, Share, Share]:
             ratio = value / number if number and ratio is None else ratio
         times = {"P": (0.0, 0.0), "I": (gains.Kp, gains.Ki), "D": (gains.Kd, gains.Kp)}[name]
         seconds = float(times[0] / times[1]) if times[0] > 0.0 and times[1] > 0.0 else None
-        found.append(Share(ratio, value, of_ultimate if name == "P" else None, seconds))
+        found.append(Share(ratio, value, of_ultimate if name == "P" else None, seconds,
+                           {"P": "", "I": "P over I", "D": "D over P"}[name]))  # fmt: skip
     return found[0], found[1], found[2]
 
 

@@ -15,9 +15,9 @@ import numpy as np
 
 from .design import Design
 from .judged import over_models
+from .loop_figures import LoopFigures
 from .pid import Gains
-from .pid.requirements import Metrics
-from .pid.response import Judged, judge_each
+from .pid.judge import judge_each
 
 PRESENT, HALF_WAY, PROPOSED = "present", "half_way", "proposed"
 SHOWN = "large steps"  # the scenario that a next log is compared by, and that is drawn
@@ -44,8 +44,8 @@ class GainStep:
 
     name: str
     gains: Gains
-    figures: Metrics
-    scenarios: Mapping[str, Judged]
+    figures: LoopFigures
+    scenarios: Mapping[str, LoopFigures]
     overshoot: tuple[float, float, float]
     settling: tuple[float, float, float]
     probability_met: float
@@ -68,28 +68,31 @@ def gain_steps(design: Design, present: Gains | None) -> tuple[GainStep, ...]:
         every = {PRESENT: present, HALF_WAY: half_way(present, design.proposed), **every}
     task = design.task
     stacked = Gains(*(np.array(column, dtype=float) for column in zip(*every.values(), strict=True)))
-    found = over_models(task, task.loop.heard_anew() if task.ecu.noise > 0.0 else task.loop, stacked)
+    found = over_models(task, task.loop.with_new_noise_seed() if task.ecu.noise > 0.0 else task.loop, stacked)
     time = task.setpoint.instants(task.ecu.period)
     levels = task.setpoint.only(SHOWN)
     seen = (time >= levels[0].begins - 0.1) & (time < levels[-1].ends)
     steps = []
     for k, (name, gains) in enumerate(every.items()):
         one, each = found.of(k), judge_each(task.setpoint, time, found.share[:, k])
-        nominal = [float(figure[0]) for figure in one.figures]
-        margins = [float(one.gain_margin[0]), float(one.phase_margin[0])]
         better = (
             float(np.mean(one.figures.rmse_pct < found.of(0).figures.rmse_pct))
             if name != PRESENT and len(every) > 1
             else None
         )
         steps.append(GainStep(
-            name, Gains(*(float(gain) for gain in gains)), Metrics(*nominal[:4], *margins, *nominal[4:]),
-            {scenario: Judged(*(float(figure[0]) for figure in figures)) for scenario, figures in each.items()},
+            name, Gains(*(float(gain) for gain in gains)), one.figures.each(_nominal),
+            {scenario: figures.each(_nominal) for scenario, figures in each.items()},
             _spread(each[SHOWN].overshoot_pct), _spread(each[SHOWN].settling_s),
-            float(np.mean(one.met(task.requirements))), float(np.mean(one.gain_margin > 0.0)), better,
+            float(np.mean(one.met(task.requirements))), float(np.mean(one.figures.gain_margin_db > 0.0)), better,
             time[seen] - levels[0].begins, task.setpoint.at(time[seen]), found.share[0, k, seen],
         ))  # fmt: skip
     return tuple(steps)
+
+
+def _nominal(figure: np.ndarray) -> float:
+    """Of the first model."""
+    return float(figure[0])
 
 
 def _spread(figures: np.ndarray) -> tuple[float, float, float]:

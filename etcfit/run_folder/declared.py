@@ -9,7 +9,7 @@ import json
 from pathlib import Path
 from typing import Any
 
-from ..control.pid.figures import MARGINS, REQUIRED, LoopFigures
+from ..control.loop_figures import MARGINS, REQUIRED, LoopFigures
 from ..files import whole
 from ..model.figure import schema_of
 

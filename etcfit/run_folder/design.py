@@ -9,10 +9,10 @@ import numpy as np
 from ..control.design import Design
 from ..control.fleet_verdict import FleetVerdict, OneByOne, Share
 from ..control.judged import Tuned
+from ..control.loop_figures import FIGURES, MARGINS, LoopFigures
 from ..control.own_numbers import said, shares
 from ..control.parts_verdict import PartsVerdict
 from ..control.pid.feedforward import Bias
-from ..control.pid.figures import FIGURES, MARGINS, LoopFigures
 from ..control.pid.front import FrontPoint
 from ..control.pid.gains import UNIT, Gains
 from ..control.pid.setpoint import Setpoint
@@ -254,7 +254,7 @@ def written_for(design: Design) -> dict[str, Any] | None:
     assert gains is not None, "the proposed rule has gains"
     notation, own = profile.notation, shares(design.task, gains)
     if notation is None:
-        typed = [each._asdict() | dict(zip(("value", "unit"), each.shown, strict=True)) for each in own]
+        typed = [each.known | dict(zip(("value", "unit"), each.shown, strict=True)) for each in own]
     else:
         typed = [{"value": value, "unit": unit}
                  for value, unit in zip(design.written(gains, notation), notation.of_each, strict=True)]  # fmt: skip

@@ -20,6 +20,7 @@ from etcfit.control.linearise import reduce
 from etcfit.control.pid import RULES, Gains, Requirements
 from etcfit.control.pid.ecu import Memory, tick
 from etcfit.control.pid.setpoint import trapezoid
+from etcfit.control.pid.ultimate import Ultimate, ultimate
 from etcfit.control.settings import DesignSettings, OptimumSettings
 from etcfit.errors import UsageError
 from etcfit.estimation.fitted_model import Fitted
@@ -351,8 +352,17 @@ def test_every_make_of_ecu_has_settings_that_give_the_same_controller(fitted: Fi
     travel = made.task.loop.body.upper - made.task.loop.body.lower
     si = [float(g) for g in made.chosen.gains or ()]
     gains = [gain["value"] for gain in written["gains"].values()]
-    assert gains == pytest.approx([g * travel / 100.0 / volts for g in si])
-    assert [gain["unit"] for gain in written["gains"].values()] == ["%/%", "%/%, per s", "%/%, times s"]
+    units = [gain["unit"] for gain in written["gains"].values()]
+    if profile.notation is None:  # no unit is made up: a share of the ultimate gain, and two times
+        Kp, Ki, Kd = si
+        most = ultimate(made.task.plant, ecu.late)
+        assert isinstance(most, Ultimate)
+        assert gains == pytest.approx([Kp / most.gain, Kp / Ki if Ki else 0.0, Kd / Kp])
+        assert units[0] == "times the P at which P alone becomes unstable"
+        assert not any("%" in unit for unit in units)
+    else:
+        assert gains == pytest.approx([g * travel / 100.0 / volts for g in si])
+        assert units == ["%/%", "%/%, per s", "%/%, times s"]
     assert tuple(written["gains"]) == profile.gains
     said = " ".join(render(design_table(made)).split())
     assert f"For {profile.title}: {profile.pasting.value}" in said

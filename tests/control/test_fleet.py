@@ -17,8 +17,8 @@ from benchmarks.parts import on_plant
 from etcfit.control.design import Design, ecu_of, task_of
 from etcfit.control.fleet import design_for_fleet, future_units, one_by_one, representatives
 from etcfit.control.fleet_verdict import OneByOne, Share, verdict
+from etcfit.control.loop_figures import FIGURES, LoopFigures
 from etcfit.control.pid import RULES, Gains, Requirements
-from etcfit.control.pid.figures import FIGURES, LoopFigures
 from etcfit.control.settings import DesignSettings, FleetDesignSettings, OptimumSettings
 from etcfit.errors import UsageError
 from etcfit.files import write_json

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -35,7 +37,7 @@ def found(fitted: Fitted) -> MotorConstants:
     return motor_constants(fitted, *stops(fitted))
 
 
-def by_hand(values: dict[str, np.ndarray]) -> np.ndarray:
+def by_hand(values: Mapping[str, Any]) -> np.ndarray:
     R, K_b, K_m, T_f = (np.asarray(values[s]) for s in ("R_a", "K_b", "K_m", "T_f"))
     B, J = (N**2 * np.asarray(values[f"{s}_m"]) + np.asarray(values[f"{s}_L"]) for s in "BJ")
     return np.stack([R * T_f / (N * K_m), N * K_b + R * B / (N * K_m), R * J / (N * K_m)])

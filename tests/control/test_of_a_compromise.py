@@ -155,7 +155,7 @@ def test_what_is_asked_for_reaches_the_gains_and_the_manifest(
     class Made:
         anyway: bool = False
 
-    monkeypatch.setattr("etcfit.control.design.design", lambda *args: Made())
+    monkeypatch.setattr("etcfit.control.design.design", lambda *args, **options: Made())
     for wanted in (DesignRequest(), DesignRequest(anyway=True)):
         assert design_of(sound.fitted(), wanted, None, quiet).anyway is wanted.anyway
         assert wanted.recorded()["anyway"] is wanted.anyway

@@ -28,7 +28,7 @@ from etcfit.model.ecus import ECUS
 from etcfit.reporting.blocks import render
 from etcfit.reporting.control.sentence import sentence
 from etcfit.reporting.control.tables import design_table
-from etcfit.reporting.page.control import assumed, settings_table
+from etcfit.reporting.page.control import assumed, gains_table, settings_table
 from etcfit.run_folder import design_json
 
 PROPOSED = Gains(60.0, 300.0, 0.6)
@@ -59,7 +59,7 @@ def test_shares_of_present_gains_in_the_ecus_own_numbers() -> None:
     P, I, D = shares(task(now, {"P": 60.0, "I": 80.0, "D": 120.0}), PROPOSED)  # noqa: E741
     assert (P.of_present, I.of_present, D.of_present) == pytest.approx((0.5, 2.0, 0.5))
     assert (P.value, I.value, D.value) == pytest.approx((30.0, 160.0, 60.0))
-    assert P.shown == (pytest.approx(30.0), "its own number")
+    assert P.shown == (pytest.approx(30.0), "in its own number")
     alone = shares(task(now), PROPOSED)
     assert [each.shown[1] for each in alone] == ["times yours"] * 3
 
@@ -70,8 +70,8 @@ def test_where_p_alone_swings_tells_what_a_number_of_p_means_and_of_p_alone() ->
     P, I, D = shares(task(present={"swings_at": 120.0, "P": 60.0}), PROPOSED)  # noqa: E741
     assert P.value == pytest.approx(120.0 * plain.of_ultimate)
     assert P.of_present == pytest.approx(2.0 * plain.of_ultimate)
-    assert I.shown == (pytest.approx(60.0 / 300.0), "s")
-    assert D.shown == (pytest.approx(0.6 / 60.0), "s")
+    assert I.shown == (pytest.approx(60.0 / 300.0), "s (P over I)")
+    assert D.shown == (pytest.approx(0.6 / 60.0), "s (D over P)")
 
 
 def test_nothing_known_is_no_number_with_a_unit() -> None:
@@ -93,7 +93,7 @@ def test_it_says_how_far_yours_is_from_instability() -> None:
 def test_a_gain_of_none_now_has_no_ratio() -> None:
     D = shares(task(Gains(60.0, 300.0, 0.0), {"P": 1.0, "I": 2.0, "D": 0.0}), PROPOSED)[2]
     assert D.of_present is None
-    assert D.shown == (pytest.approx(0.01), "s")
+    assert D.shown == (pytest.approx(0.01), "s (D over P)")
 
 
 @pytest.mark.parametrize(("given", "told"), [({"Q": 1.0}, "Q is none of P, I, D, swings_at"), ({"P": -1.0}, "P -1")])
@@ -142,3 +142,6 @@ def test_terminal_file_page_and_sentence_have_the_same_shares(fitted: Fitted, tm
     page = settings_table(pid)
     assert page is not None
     assert any("P alone becomes unstable" in each for each in assumed(pid))
+    gains = gains_table(pid)
+    assert gains is not None
+    assert not any("ECU" in str(row[0]) for row in gains.rows)

@@ -31,9 +31,9 @@ from etcfit.api.designed import Designed
 from etcfit.api.fit import Fit
 from etcfit.cli import app, export
 from etcfit.control.design import ecu_of, propose, task_of
+from etcfit.control.loop_figures import REQUIRED
 from etcfit.control.pid import RULES, Gains, Requirements
 from etcfit.control.pid.ecu import Memory, tick
-from etcfit.control.pid.figures import REQUIRED
 from etcfit.control.pid.loop import Body, Loop
 from etcfit.control.pid.setpoint import Setpoint
 from etcfit.control.settings import DesignSettings, OptimumSettings

@@ -15,8 +15,8 @@ import runs
 from etcfit.cli import app
 from etcfit.control.design import Design
 from etcfit.control.judged import Robust, Tuned
+from etcfit.control.loop_figures import LoopFigures
 from etcfit.control.pid.base import Task
-from etcfit.control.pid.figures import LoopFigures
 from etcfit.errors import command
 from etcfit.estimation.fit_state import SOUND, FitState
 from etcfit.model.ecus import ECUS

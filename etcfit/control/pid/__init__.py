@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
+from ..loop_figures import LoopFigures, Requirements
 from .amigo import amigo
 from .as_found import as_found
 from .base import Refusal, Rule, Task
 from .damping_optimum import damping_optimum
-from .figures import LoopFigures, Requirements
 from .gains import Gains
 from .manual import manual
 from .optimal import optimal

@@ -9,8 +9,8 @@ from ...model.ecu import Ecu
 from ...model.ecus import EcuProfile
 from ...model.feed_forward import Term
 from ...model.linear import TransferFunction
+from ..loop_figures import Requirements
 from ..settings import DesignSettings
-from .figures import Requirements
 from .gains import Gains
 from .loop import Loop
 from .setpoint import Setpoint, trapezoid

@@ -20,13 +20,14 @@ from ...model.stepper import Step, step
 from ...model.tangents import once
 from ...model.throttle import Throttle
 from ...problem.cores import CORES, side_by_side
+from ..loop_figures import LoopFigures
+from ..response import Run
 from ..settings import LoopSettings
 from .ecu import Memory, tick
 from .feedforward import Bias, HoldingVoltages, hold_curve
-from .figures import LoopFigures, judge, with_effort, with_heat
 from .gains import Gains
+from .judge import judge, with_effort, with_heat
 from .loop_kernel import kernel_of
-from .response import Run
 from .setpoint import Setpoint
 from .sliding import Sliding, rates
 

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
+from ..loop_figures import LoopFigures
 from ..settings import ManualSettings
 from .base import Refusal, Task
-from .figures import LoopFigures
 from .gains import Gains
 from .setpoint import trapezoid
 

@@ -8,9 +8,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ...problem.cores import concurrently
+from ..loop_figures import LoopFigures
 from ..settings import OptimumSettings
 from .base import Refusal, Task
-from .figures import LoopFigures
 from .formulas import FORMULAS
 from .gains import Gains
 from .loop import Loop

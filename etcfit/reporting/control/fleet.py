@@ -7,7 +7,7 @@ from rich.text import Text
 
 from ...control.design import Design
 from ...control.fleet_verdict import STABLE, OddOne, Share
-from ...control.pid.figures import FIGURES
+from ...control.loop_figures import FIGURES
 from ..blocks import headed, plain_table
 from ..numbers import short
 

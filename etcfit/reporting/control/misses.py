@@ -6,7 +6,7 @@ from collections.abc import Collection
 from typing import NamedTuple
 
 from ...control.judged import Tuned
-from ...control.pid.figures import MARGINS, OF_THE_PAPER, REQUIRED, Requirements
+from ...control.loop_figures import MARGINS, OF_THE_PAPER, REQUIRED, Requirements
 from .words import Hardest, hardest, missed_margins
 
 UNSTABLE = "UNSTABLE"

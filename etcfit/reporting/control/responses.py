@@ -5,7 +5,7 @@
     within max(c, 40 %) error/100 of r         in the last quarter
 
 r is the new level and c the change, per cent of the travel; the change of the setpoint is drawn as one upwards.
-Source: `control.pid.response`, which judges by them. Differs from source: no.
+Source: `control.response`, which judges by them. Differs from source: no.
 """
 
 from __future__ import annotations
@@ -19,8 +19,9 @@ from matplotlib.figure import Figure
 from ...car_log.criteria import LEAST_HELD, LEAST_OVERSHOT, NEGLIGIBLE, SETTLED, TAIL
 from ...control.design import Design
 from ...control.judged import Tuned
+from ...control.loop_figures import OF_THE_PAPER, Requirements
 from ...control.parts_verdict import OnParts
-from ...control.pid.figures import OF_THE_PAPER, Requirements, judge
+from ...control.pid.judge import judge
 from ...control.pid.setpoint import Level, Stretch
 from ...model.ecu import Notation
 from .. import style

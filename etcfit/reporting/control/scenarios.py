@@ -7,7 +7,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from ...control.design import Design
-from ...control.pid.figures import LoopFigures
+from ...control.loop_figures import LoopFigures
 from .. import style
 from ..numbers import short
 from .fleet import of_models

@@ -14,8 +14,8 @@ from ...control.frequency import FrequencyResponse, Ratio, phases
 from ...control.frequency.point import POSITION
 from ...control.judged import Tuned
 from ...control.linearise import Reduction
+from ...control.loop_figures import FIGURES, LoopFigures, Requirements
 from ...control.motor_constants import SYMBOLS, UNITS
-from ...control.pid.figures import FIGURES, LoopFigures, Requirements
 from ...estimation.fitted_model import Fitted
 from ...model.ecu import Ecu, Notation
 from ...model.ecus import ECUS

@@ -6,7 +6,7 @@ import math
 from collections.abc import Mapping
 from typing import NamedTuple
 
-from ...control.pid.figures import FIGURES, MARGINS
+from ...control.loop_figures import FIGURES, MARGINS
 from ..numbers import short
 
 

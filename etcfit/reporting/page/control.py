@@ -7,7 +7,7 @@ from typing import Any
 
 from markupsafe import Markup
 
-from ...control.pid.figures import EFFORT, FIGURES
+from ...control.loop_figures import EFFORT, FIGURES
 from ..control.sentence import doubt, state_of, withheld
 from .table import Table
 from .typeset import figure, measured, number, polynomial, symbol, unit
@@ -79,7 +79,8 @@ def gains_table(pid: Mapping[str, Any]) -> Table | None:
         for name, form in _GAINS.items()
     ]
     typed_in = {} if withheld(pid) else pid
-    ecu = typed_in.get("ecu") or {}
+    own = (pid.get("profile") or {}).get("says")  # an ECU whose unit is not published gets no numbers in ticks
+    ecu = {} if own else typed_in.get("ecu") or {}
     rows += [(f"ECU {name.removesuffix('_s')}", number(ecu[name], 4), of) for name, of in _ECU.items()
              if ecu.get(name) is not None]  # fmt: skip
     mine = typed_in.get("as_written") or {}

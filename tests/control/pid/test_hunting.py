@@ -15,9 +15,10 @@ import pytest
 
 import rigs
 from bodies import NOMINAL, OPEN
+from etcfit.control.loop_figures import LoopFigures
 from etcfit.control.pid import Gains
-from etcfit.control.pid.figures import LoopFigures, judge
 from etcfit.control.pid.hunting import stuck
+from etcfit.control.pid.judge import judge
 from etcfit.control.pid.linear_loop import respond
 from etcfit.control.pid.loop import Loop
 from etcfit.control.pid.setpoint import step, trapezoid

@@ -10,10 +10,10 @@ import pytest
 
 import rigs
 from bodies import OPEN
+from etcfit.control.loop_figures import REQUIRED
 from etcfit.control.pid import Gains
 from etcfit.control.pid.ecu import Memory, tick
 from etcfit.control.pid.feedforward import bias_of, hold_curve
-from etcfit.control.pid.figures import REQUIRED
 from etcfit.control.pid.linear_loop import respond
 from etcfit.control.pid.setpoint import step, trapezoid
 from etcfit.control.settings import LoopSettings

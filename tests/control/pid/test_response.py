@@ -9,7 +9,7 @@ import pytest
 
 import control
 from etcfit.control.pid import Gains
-from etcfit.control.pid.figures import judge
+from etcfit.control.pid.judge import judge
 from etcfit.control.pid.linear_loop import respond
 from etcfit.control.pid.setpoint import Level, Setpoint, step, trapezoid
 from etcfit.model.ecu import Ecu

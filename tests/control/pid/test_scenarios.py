@@ -8,12 +8,13 @@ import pytest
 import rigs
 from bodies import values
 from etcfit.car_log.log import Series
+from etcfit.control.loop_figures import LoopFigures
 from etcfit.control.pid import Gains
 from etcfit.control.pid.conditions import Conditions, at_corners, corners, scattered, under
-from etcfit.control.pid.figures import LoopFigures, judge, judge_each, with_effort
-from etcfit.control.pid.response import Run
+from etcfit.control.pid.judge import judge, judge_each, with_effort
 from etcfit.control.pid.scenarios import course, default_position, of_log
 from etcfit.control.pid.setpoint import Stretch, in_turn, stairs, step, trapezoid
+from etcfit.control.response import Run
 from etcfit.control.settings import ConditionSettings, ScenarioSettings
 from etcfit.model.ecu import Ecu
 from etcfit.model.effects.limp_home_spring import LimpHomeSpring

@@ -11,9 +11,9 @@ import pytest
 import exports
 from etcfit.control.design import Design
 from etcfit.control.judged import Tuned
+from etcfit.control.loop_figures import LoopFigures
 from etcfit.control.pid import Requirements
 from etcfit.control.pid.base import Task
-from etcfit.control.pid.figures import LoopFigures
 from etcfit.control.pid.front import FrontPoint
 from etcfit.control.settings import DesignSettings
 from etcfit.reporting.control.front import draw

@@ -6,8 +6,8 @@ from dataclasses import replace
 from typing import Any
 
 from etcfit.control.judged import Tuned
+from etcfit.control.loop_figures import LoopFigures
 from etcfit.control.pid import Requirements
-from etcfit.control.pid.figures import LoopFigures
 from etcfit.reporting.control.misses import UNSTABLE, hardest_place, misses
 from etcfit.reporting.control.words import hardest
 from partial import partial

@@ -19,7 +19,7 @@ import results
 import rigs
 from bodies import OPEN, N
 from etcfit.control.pid import Gains
-from etcfit.control.pid.figures import judge
+from etcfit.control.pid.judge import judge
 from etcfit.control.pid.setpoint import trapezoid
 from etcfit.control.pid.sliding import Sliding
 from etcfit.estimation.ready import ready

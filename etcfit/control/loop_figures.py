@@ -13,11 +13,9 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from ...car_log.criteria import ACTIVITY, HELD, OVERSHOOT, SETTLING
-from ...model.figure import Figure, figure, figures_of
+from ..car_log.criteria import ACTIVITY, HELD, OVERSHOOT, SETTLING
+from ..model.figure import Figure, figure, figures_of
 from .response import (
-    AtLevel,
-    Run,
     current_rms,
     duty_activity,
     overshoot,
@@ -25,7 +23,6 @@ from .response import (
     steady_state_error,
     tracking_error,
 )
-from .setpoint import Setpoint, Stretch
 
 Same = TypeVar("Same", bound="LoopFigures")
 
@@ -98,15 +95,15 @@ FIGURES: dict[str, Figure] = figures_of(LoopFigures)
 """Every figure of a loop, by symbol."""
 
 
-def _by(*kinds: By) -> tuple[str, ...]:
+def symbols_by(*kinds: By) -> tuple[str, ...]:
     return tuple(symbol for symbol, each in FIGURES.items() if each.how["by"] in kinds)
 
 
-TRACKING = _by(By.LEVEL, By.STRETCH)
-MARGINS = _by(By.MARGIN)
-EFFORT = _by(By.RUN, By.HEAT)
+TRACKING = symbols_by(By.LEVEL, By.STRETCH)
+MARGINS = symbols_by(By.MARGIN)
+EFFORT = symbols_by(By.RUN, By.HEAT)
 REQUIRED = (*TRACKING, *EFFORT)
-OF_THE_PAPER = _by(By.LEVEL)
+OF_THE_PAPER = symbols_by(By.LEVEL)
 
 
 @dataclass(frozen=True)
@@ -139,63 +136,3 @@ class Requirements(LoopFigures):
     def met(self, figures: LoopFigures, symbols: tuple[str, ...] = REQUIRED) -> dict[str, Any]:
         """figure < limit, entry by entry; a figure that is infinite or NaN never is."""
         return {symbol: getattr(figures, symbol) < limit for symbol, limit in self.limits(symbols).items()}
-
-
-def judge(setpoint: Setpoint, time: np.ndarray, share: np.ndarray) -> LoopFigures:
-    """How well a response follows: each figure the worst of all levels, or of all stretches.
-
-    Args:
-        setpoint: what was asked for.
-        time: s, shape (K,), from 0 with an even step.
-        share: of the travel, shape (..., K); what is not finite counts as infinitely far off.
-    """
-    share = np.where(np.isfinite(share), share, np.inf)
-    return _tracking(setpoint, setpoint.levels, setpoint.stretches, time, share)
-
-
-def judge_each(setpoint: Setpoint, time: np.ndarray, share: np.ndarray) -> dict[str, LoopFigures]:
-    """The same scenario by scenario, each with the tracking error over all of its own.
-
-    Of a log, which has no levels, there is nothing but the tracking error; the others are NaN.
-    """
-    share = np.where(np.isfinite(share), share, np.inf)
-    out = {}
-    for name in setpoint.scenarios:
-        levels = setpoint.only(name)
-        parts = [part for part in (*levels, *setpoint.stretches) if part.scenario == name]
-        whole = Stretch(min(part.begins for part in parts), max(part.ends for part in parts))
-        out[name] = _tracking(setpoint, levels, (whole,), time, share)
-    return out
-
-
-def _tracking(setpoint: Setpoint, levels: Any, stretches: Any, time: np.ndarray, share: np.ndarray) -> LoopFigures:
-    at = [AtLevel.of(level, time, share) for level in levels]
-    nothing = np.full(share.shape[:-1], np.nan)
-
-    def worst(symbol: str) -> np.ndarray:
-        formula = FIGURES[symbol].how["formula"]
-        if FIGURES[symbol].how["by"] is By.LEVEL:
-            every = [formula(each) for each in at]
-        else:
-            every = [formula(setpoint, stretch, time, share) for stretch in stretches]
-        return np.max(np.stack(every), axis=0) if every else nothing
-
-    return LoopFigures(**{symbol: worst(symbol) for symbol in TRACKING})
-
-
-def with_effort(figures: LoopFigures, run: Run) -> LoopFigures:
-    """Figures, and those of what the response costs."""
-    return replace(figures, **{symbol: FIGURES[symbol].how["formula"](run) for symbol in _by(By.RUN)})
-
-
-def with_heat(figures: LoopFigures, winding: Any, bridge: float) -> LoopFigures:
-    """Figures, and the heat that the current makes.
-
-    Args:
-        figures: with the current.
-        winding, bridge: resistances, ohm.
-    """
-    current = figures.current_rms_A
-    return replace(
-        figures, **{symbol: FIGURES[symbol].how["formula"](current, winding, bridge) for symbol in _by(By.HEAT)}
-    )

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from ...car_log.criteria import LEAST_HELD, LEAST_OVERSHOT, NEGLIGIBLE, SETTLED, TAIL
-from .setpoint import Level, Setpoint, Stretch
+from ..car_log.criteria import LEAST_HELD, LEAST_OVERSHOT, NEGLIGIBLE, SETTLED, TAIL
+
+if TYPE_CHECKING:
+    from .pid.setpoint import Level, Setpoint, Stretch
 
 
 class AtLevel(NamedTuple):
