@@ -406,7 +406,7 @@ def drive(
     compare: tuple[str, str] | None = None,
     quiet: bool = False,
 ) -> Driven:
-    """Logs from the car (CSV, .msl, .mlg): operating range, spectrum, how closely the plate follows.
+    """Logs from the car, in any format of `import`: operating range, spectrum, how closely the plate follows.
 
     Args:
         folder: of logs, or a measurement folder with logs in drive/.
