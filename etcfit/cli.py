@@ -350,7 +350,7 @@ def drive(
     out: Annotated[Path | None, typer.Option(help="drive.json and pictures.", file_okay=False, metavar="RUN")] = None,
     quiet: Quiet = False,
 ) -> None:
-    """Logs from the car, in any format of `import`: operating range, spectrum, how closely the plate follows; two compared."""
+    """Logs from the car, in any format of `import`: range, spectrum, how closely the plate follows; two compared."""
     _must_be_writable(out)
     with _progress(quiet) as progress:
         progress("reading the logs", 0.0)

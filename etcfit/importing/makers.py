@@ -91,8 +91,8 @@ _ENGINE = re.compile(
     r"\b(engine|eng|rpm|afr\w*|lambda|ego\w*|gego|wbo?2?|wideband|o2|clt|coolant|iat|mat|map|maf|baro\w*|egt\w*|ign\w*|"
     r"spark|dwell|adv(ance)?|inj\w*|fuel\w*|pw\d?|boost|turbo|wastegate|wg|idle|iac|vvt|cam|crank|knock|launch|als|fan|ac|"
     r"alternator|alt|gear\w*|gearbox|drivetrain|clutch|dsg|shift|brake|wheel|vehicle|veh|car|gps|lap|oil|ve\d?|"
-    r"squirt|gammae|gair|gwarm|gbaro|torque reduction|traction|flex|ethanol|nitrous|water|air ?flow|mass air\w*|stoich\w*|"
-    r"cruise|secl|sync|manifold|exhaust|intake|ambient|warmup|accel(erator)?|pedal|pps\d?|apps?\d?|aps)\b"
+    r"squirt|gammae|gair|gwarm|gbaro|torque reduction|traction|flex|ethanol|nitrous|water|air ?flow|mass air\w*|"
+    r"stoich\w*|cruise|secl|sync|manifold|exhaust|intake|ambient|warmup|accel(erator)?|pedal|pps\d?|apps?\d?|aps)\b"
 )
 # of the plate's drive, by the name
 _PLATE = re.compile(
