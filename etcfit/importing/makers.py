@@ -94,6 +94,7 @@ _ENGINE = re.compile(
     r"squirt|gammae|gair|gwarm|gbaro|torque reduction|traction|flex|ethanol|nitrous|water|air ?flow|mass air\w*|"
     r"stoich\w*|cruise|secl|sync|manifold|exhaust|intake|ambient|warmup|accel(erator)?|pedal|pps\d?|apps?\d?|aps)\b"
 )
+_MOTOR = re.compile(r"\b(mot(or)?|omega|tacho?(meter)?|armature)\b")
 # of the plate's drive, by the name
 _PLATE = re.compile(
     r"\b(etb\d?|dbw\d?|e ?throttle|throttle\d?|drive by wire|plate|blade|tp|tps\d?|\w*klappe\w*|motor|servo)\b"
@@ -137,7 +138,8 @@ def known(name: str) -> tuple[str, int] | None:
 
 def is_engines(name: str) -> bool:
     """True for what only an engine, a gearbox or a car has."""
-    return known(name) is None and _ENGINE.search(words(name)) is not None
+    said = words(name)
+    return known(name) is None and _ENGINE.search(said) is not None and _MOTOR.search(said) is None
 
 
 def is_plates(name: str) -> bool:
