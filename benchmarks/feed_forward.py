@@ -17,8 +17,8 @@ import numpy as np
 from etcfit.backend import use_compilation_cache
 from etcfit.control.pid import RULES, Gains, Refusal, Requirements, Task
 from etcfit.control.pid.feedforward import bias_of
+from etcfit.control.pid.figures import judge
 from etcfit.control.pid.loop import Body, Loop
-from etcfit.control.pid.response import judge
 from etcfit.control.pid.scenarios import course
 from etcfit.control.pid.sliding import sliding_of
 from etcfit.control.settings import DesignSettings

@@ -27,6 +27,11 @@ class Between(NamedTuple):
             raise SystemExit(f"{page}: no lines {self.begin} and, below, {self.end}. "
                              "Write both where the table is to stand.")  # fmt: skip
 
+    def filled(self, text: str, report: str) -> str:
+        """The text of a page with the report between the markers."""
+        before, _, rest = text.partition(self.begin)
+        return f"{before}{self.begin}\n\n{report}\n\n{self.end}{rest.partition(self.end)[2]}"
+
     def put(self, page: Path, report: str) -> None:
         """The report between them, on the page or on a new one.
 
@@ -35,7 +40,4 @@ class Between(NamedTuple):
         """
         self.must_be_in(page)
         text = page.read_text(encoding="utf-8") if page.exists() else f"{self.begin}\n{self.end}\n"
-        before, _, rest = text.partition(self.begin)
-        page.write_text(
-            f"{before}{self.begin}\n\n{report}\n\n{self.end}{rest.partition(self.end)[2]}", encoding="utf-8"
-        )
+        page.write_text(self.filled(text, report), encoding="utf-8")

@@ -26,7 +26,8 @@ from etcfit.control.fleet_verdict import Share
 from etcfit.control.judged import over_models
 from etcfit.control.parts import Parts, best_for_parts, sought_over
 from etcfit.control.pid import RULES, Gains, Refusal, Task
-from etcfit.control.pid.response import effort, judge
+from etcfit.control.pid.figures import OF_THE_PAPER, judge, with_effort
+from etcfit.control.pid.response import Run
 from etcfit.estimation.fitted_model import Fitted
 from etcfit.model.throttle import Throttle
 from etcfit.run_folder.parts import parts_of
@@ -79,11 +80,10 @@ def on_plant(task: Task, gains: Gains, truth: Truth, seed: int) -> OnPlant:
     wanted = body.lower + setpoint.at(time) * (body.upper - body.lower)
     angle, volts = noisy(throttle(truth, NONE), computer, wanted, np.random.default_rng(seed)).T
     share = (angle - body.lower) / (body.upper - body.lower)
-    figures = judge(setpoint, time, share[None])
-    duty = effort(setpoint, time, volts[None] / ecu.supply, np.zeros((1, time.size))).duty_activity_pct
-    limits = (asked.overshoot_pct, asked.settling_s, asked.steady_state_error_pct, asked.duty_activity_pct)
-    meets = all(float(f[0]) < limit for f, limit in zip((*figures[:3], duty), limits, strict=True))
-    return OnPlant(meets, float(figures.rmse_pct[0]))
+    run = Run(setpoint, time, volts[None] / ecu.supply, np.zeros((1, time.size)))
+    figures = with_effort(judge(setpoint, time, share[None]), run)
+    meets = all(asked.met(figures, (*OF_THE_PAPER, "duty_activity_pct")).values())
+    return OnPlant(bool(meets), float(figures.rmse_pct[0]))
 
 
 def designed(fitted: Fitted, parts: Parts, fresh: tuple[UnitTruth, ...]) -> dict[str, Fared]:

@@ -35,6 +35,7 @@ if TYPE_CHECKING:
     from .api.reduced import Reduced as Reduced
     from .api.sampled import Sampled as Sampled
     from .api.trace import FittedTrace as FittedTrace
+    from .api.tuned import Tuned as Tuned
     from .api.verbs import advise as advise
     from .api.verbs import check as check
     from .api.verbs import design as design
@@ -49,6 +50,7 @@ if TYPE_CHECKING:
     from .api.verbs import reduce as reduce
     from .api.verbs import report as report
     from .api.verbs import sample as sample
+    from .api.verbs import tune as tune
     from .control.design import Design as Design
     from .control.pid import RULES as RULES
     from .control.pid import Gains as Gains
@@ -70,6 +72,7 @@ if TYPE_CHECKING:
     from .experiment.settings import CheckSettings as CheckSettings
     from .exporting.settings import ExportSettings as ExportSettings
     from .fleets.statistics.settings import FleetSettings as FleetSettings
+    from .importing.tuning import TuneSettings as TuneSettings
     from .model.ecus import ECUS as ECUS
     from .model.effects import EFFECTS as EFFECTS
     from .model.effects import AbstractEffect as AbstractEffect
@@ -103,6 +106,7 @@ MODULE_OF = {
     "CampaignSettings": "experiment.settings",
     "CheckSettings": "experiment.settings",
     "ExportSettings": "exporting.settings",
+    "TuneSettings": "importing.tuning",
     "FleetSettings": "fleets.statistics.settings",
     "FleetDesignSettings": "control.settings",
     "EFFECTS": "model.effects",
@@ -125,6 +129,7 @@ MODULE_OF = {
     "report": "api.verbs",
     "run": "stages",
     "sample": "api.verbs",
+    "tune": "api.verbs",
     "Advised": "api.advised",
     "Checked": "api.checked",
     "Designed": "api.designed",
@@ -136,6 +141,7 @@ MODULE_OF = {
     "Planned": "api.planned",
     "Reduced": "api.reduced",
     "Sampled": "api.sampled",
+    "Tuned": "api.tuned",
     "AbstractEffect": "model.effects",
     "AbstractRigTest": "rig.base",
     "Boundary": "rig.base",

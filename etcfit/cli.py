@@ -336,35 +336,115 @@ def _tell(done: stages.Done) -> None:
     _show(done.shown)
     if done.closing is not None:
         _say(done.closing)
+    if done.stopped:
+        raise _stop(Status.DATA, done.stopped)
     if done.failure:
         raise _stop(Status.NOT_CONVERGED, done.failure)
 
 
 @_verb("Look", "etcfit drive logs --compare before.csv after.csv --out runs/car")
 def drive(
-    folder: Annotated[Path, typer.Argument(help="Logs, or FOLDER/drive.", exists=True, file_okay=False)],
+    logs: Annotated[Path, typer.Argument(help="A log, a folder of logs, or FOLDER/drive.", exists=True)],
     between: Annotated[tuple[float, float], typer.Option(help="Share of the time between these, %.")] = (5.0, 45.0),
     compare: Annotated[
         tuple[str, str] | None, typer.Option(help="These two, before and after.", metavar="LOG LOG")
     ] = None,
-    out: Annotated[Path | None, typer.Option(help="drive.json and pictures.", file_okay=False, metavar="RUN")] = None,
+    out: Annotated[
+        Path | None, typer.Option(help="drive.html, drive.json and pictures.", file_okay=False, metavar="RUN")
+    ] = None,
     quiet: Quiet = False,
 ) -> None:
-    """Logs from the car, in any format of `import`: range, spectrum, how closely the plate follows; two compared."""
+    """Logs from the car: does the plate follow well enough; steps, oscillation, duty, both sensors; two compared."""
     _must_be_writable(out)
     with _progress(quiet) as progress:
         progress("reading the logs", 0.0)
-        from .car_log import read_logs, study
+        from .car_log import logs_at, study
         from .car_log.study import chosen
         from .reporting.car_log import drive_table, write_drive
         from .reporting.closing.rig import of_drive
 
-        config, logs = read_logs(folder)
-        studies = [study(log, between) for log in (logs if compare is None else chosen(logs, compare))]
+        config, found = logs_at(logs)
+        studies = [study(log, between) for log in (found if compare is None else chosen(found, compare))]
         if out is not None:
             write_drive(out, config, studies, progress)
     _stdout().print(drive_table(config, studies))
-    _say(of_drive(studies, folder, out))
+    _say(of_drive(studies, logs if logs.is_dir() else logs.parent, out))
+
+
+@_verb("Control", "etcfit tune lap.csv --ecu rusefi --gains 6.2,40,0.05 --out runs/car")
+def tune(
+    logs: Annotated[list[Path], typer.Argument(help="Logs of one car, of any known format.", metavar="LOG...")],
+    out: Out,
+    ecu: Annotated[
+        str, typer.Option(help="Make of the ECU that made the logs and gets the gains.", metavar="NAME")
+    ] = "generic",
+    gains: Annotated[
+        str | None, typer.Option("--gains", help="P,I,D that are in it now, as it writes them.", metavar="P,I,D")
+    ] = None,
+    msq: Annotated[
+        Path | None, typer.Option(help="Its tune, in which they stand.", exists=True, dir_okay=False, metavar="FILE")
+    ] = None,
+    hold_out: Annotated[
+        float, typer.Option(help="Of the longest log, predicted and not fitted, %.", min=0.0, max=80.0)
+    ] = 40.0,
+    supply: Annotated[
+        float | None, typer.Option(help="V.", min=1.0, max=100.0, show_default="as logged, else 13.5")
+    ] = None,
+    ecu_period: Annotated[
+        str | None, typer.Option(help="Of the ECU's clock.", metavar="TIME", show_default="as its maker publishes")
+    ] = None,
+    ecu_delay: Annotated[
+        str | None, typer.Option(help="From its reading to its output.", metavar="TIME", show_default="0ms")
+    ] = None,
+    column: Annotated[
+        list[str] | None, typer.Option(help="HEADER=QUANTITY [UNIT], or =ignore; may be repeated.", metavar="TEXT")
+    ] = None,
+    anyway: Anyway = False,
+    quiet: Quiet = False,
+) -> None:
+    """From logs of a car to gains: checks, model, diagnosis, gains beside those that are in the ECU now.
+
+    A half-way step comes first, with what the next log should show.
+    """
+    from dataclasses import replace
+
+    from .api.tuned import TuneRequest
+    from .importing.answers import parsed
+    from .importing.tuning import TuneSettings
+
+    if gains is not None and msq is not None:
+        raise UsageError("--gains and --msq exclude each other: both say which gains are in the ECU now.")
+    present = None if gains is None else _three_gains(gains)
+    if msq is not None:
+        from .exporting.formats.tune import gains_in
+        from .model.ecus import named
+
+        with _of_option("--ecu"):
+            profile = named(ecu)
+        present = gains_in(msq, profile)
+    times = {"period": ("--ecu-period", ecu_period), "delay": ("--ecu-delay", ecu_delay)}
+    given = {field: _seconds(option, text) for field, (option, text) in times.items() if text is not None}
+    if given.get("period") == 0.0:
+        raise UsageError(f"--ecu-period {ecu_period}: the period must be longer than 0. Write, say, 1ms.")
+    if clash := _clashes(ecu, given):
+        raise UsageError(f"{times[clash[0]][0]}: {ecu} fixes it. Leave it out.")
+    answers = parsed(column or (), (), [str(file) for file in logs])
+    request = TuneRequest(ecu, present, tuple(given.items()), supply, answers, anyway,
+                          replace(TuneSettings(), hold_out=0.01 * hold_out))  # fmt: skip
+    with _progress(quiet) as progress:
+        done = stages.tune_logs(logs, stages.opened(out), progress, request)
+    _tell(done)
+
+
+def _three_gains(text: str) -> tuple[float, float, float]:
+    """P, I and D between commas."""
+    try:
+        p, i, d = map(float, text.split(","))
+    except ValueError:
+        raise UsageError(f"--gains {text}: three numbers are needed, P, I and D. Write, say, 6.2,40,0.05.") from None
+    if not all(0.0 <= gain < inf for gain in (p, i, d)):
+        raise UsageError(f"--gains {text}: a gain cannot be negative or endless.")
+    return p, i, d
 
 
 @_verb("Explain", "etcfit sample runs/bench_twin")
@@ -425,6 +505,22 @@ def design(
         typer.Option(
             help="Time constant of the filter ahead of the ECU's converter.", metavar="TIME", show_default="0ms"
         ),
+    ] = None,
+    divides_by_battery: Annotated[
+        bool | None,
+        typer.Option(
+            "--divides-by-battery/--no-divides-by-battery",
+            help="Whether the ECU divides its duty by the battery voltage, so that its output means volts.",
+            show_default="as the make is known, else not",
+        ),
+    ] = None,
+    present: Annotated[
+        str | None,
+        typer.Option(help="Gains that the ECU has now, in its own numbers, as 60,80,120.", metavar="P,I,D"),
+    ] = None,
+    swings_at: Annotated[
+        float | None,
+        typer.Option(help="The P, in the ECU's own number, at which P alone makes the plate swing on.", min=0.0),
     ] = None,
     sensor_noise: Annotated[
         str | None,
@@ -487,8 +583,11 @@ def design(
         raise UsageError(f"--ecu-period {ecu_period}: the period must be longer than 0. Write, say, 1ms.")
     if sensor_noise is not None:
         given["noise"] = _radians("--sensor-noise", sensor_noise)
+    if divides_by_battery is not None:
+        given["compensated"] = float(divides_by_battery)
     if clash := _clashes(ecu, given):
-        raise UsageError(f"{times[clash[0]][0]}: {ecu} fixes it. Leave it out.")
+        option = {"compensated": "--divides-by-battery"} | {field: option for field, (option, _) in times.items()}
+        raise UsageError(f"{option[clash[0]]}: {ecu} fixes it. Leave it out.")
     limits = {
         "overshoot_pct": overshoot,
         "settling_s": _seconds("--settling", settling),
@@ -505,12 +604,27 @@ def design(
         raise UsageError("--parts and --fleet exclude each other: with --fleet RUN itself is the fleet.")
     with _progress(quiet) if for_fleet else _stage(run, "design", quiet) as progress:
         asked = {symbol: limit for symbol, limit in limits.items() if limit != inf}
-        request = DesignRequest(rule, adc_bits, terms, asked, given, ecu, log, parts, anyway)
+        known = _own_numbers(present, swings_at)
+        request = DesignRequest(rule, adc_bits, terms, asked, given, ecu, log, parts, anyway, known)
         if for_fleet:
             done = stages.design_fleet(run, progress, request)
         else:
             done = stages.design_run(stages.opened(run), progress, request)
     _tell(done)
+
+
+def _own_numbers(present: str | None, swings_at: float | None) -> dict[str, float]:
+    """What is known of the gains that the ECU has now, in its own numbers."""
+    known = {} if swings_at is None else {"swings_at": swings_at}
+    if present is None:
+        return known
+    try:
+        P, I, D = map(float, present.split(","))  # noqa: E741  (the ECUs' own name)
+    except ValueError:
+        raise UsageError(
+            f"--present {present}: three numbers between commas are required. Write, say, 60,80,120."
+        ) from None
+    return {"P": P, "I": I, "D": D, **known}
 
 
 def _clashes(name: str | None, given: Mapping[str, float]) -> tuple[str, ...]:
@@ -618,7 +732,9 @@ def _watched(address: str, share: float) -> None:
 @_verb("Share", "etcfit export runs/bench_twin --to c --out firmware")
 def export(
     run: Run,
-    to: Annotated[str, typer.Option(help="c, fmu, msq, mat, m, python, mujoco or isaac.", metavar="FORMAT")],
+    to: Annotated[
+        str, typer.Option(help="c, fmu, msq, mat, m, python, mujoco, mujoco-position or isaac.", metavar="FORMAT")
+    ],
     out: Annotated[
         Path | None, typer.Option(help="Where; RUN/export if not given.", file_okay=False, metavar="DIR")
     ] = None,
@@ -739,6 +855,16 @@ def import_(
         Path | None,
         typer.Option(help="A rig.toml to take over, as `etcfit new` makes one.", metavar="RIG.TOML", dir_okay=False),
     ] = None,
+    motor: Annotated[
+        str | None, typer.Option(help="The motor to take, of files that have several.", metavar="NAME")
+    ] = None,
+    servo: Annotated[
+        str | None,
+        typer.Option(
+            help="The columns are registers of: feetech-sts, feetech-scs, dynamixel-xm, dynamixel-xl330, dynamixel-ax.",
+            metavar="NAME",
+        ),
+    ] = None,
     limit: Annotated[
         str, typer.Option(help="Of one recording's numbers in memory; larger ones are refused.", metavar="SIZE")
     ] = "256MB",
@@ -755,7 +881,7 @@ def import_(
     most = int(_with_unit("--limit", limit, _BYTES, "a size", "2GB"))
     resolve = accept_all if yes else _asked if sys.stdin.isatty() and sys.stderr.isatty() else refuse
     with _progress(quiet or resolve is _asked) as report:
-        done = import_files(files, to, answers, resolve, rig=rig, most=most, report=report)
+        done = import_files(files, to, answers, resolve, rig=rig, most=most, motor=motor, servo=servo, report=report)
     for file, source, reason in done.traces:
         _say(f"{done.folder}/{file}  from {source}: {reason}")
     for warning in done.warnings:

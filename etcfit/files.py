@@ -1,4 +1,6 @@
-"""Files of a run folder, each written whole or not at all, by one process at a time; JSON as docs/formats.md has it."""
+"""Files of a run folder: each is written whole or not at all, by one process at a time; JSON as docs/formats.md has
+it.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Fields of a settings object with the range each may have, so that a wrong one is refused where it is written.
+"""Fields of settings with the range that each may have: a wrong value is refused where it is written.
 
 @dataclass(frozen=True)
 class LineSettings:

@@ -12,7 +12,7 @@ import inspect
 import json
 import sys
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import AbstractContextManager
 from dataclasses import dataclass, field, fields, replace
 from functools import partial
@@ -29,6 +29,7 @@ from .posterior.settings import SamplingSettings
 if TYPE_CHECKING:
     from .api.diagnosed import Diagnosed
     from .api.fit import Fit
+    from .api.tuned import TuneRequest
     from .estimation.result import FitResult
     from .reporting.closing import Closing
     from .run_folder import RunFolder
@@ -46,12 +47,14 @@ class Done:
         remark: with what `etcfit run` made it anew, where it had been made before; what an export leaves out; why
             pictures are missing from a page; or "".
         closing: how the command ends; None of a stage made by hand, as in tests.
+        stopped: why the data do not tell what was asked for; "" where they do.
     """
 
     shown: Any
     failure: str = ""
     remark: str = ""
     closing: Closing | None = None
+    stopped: str = ""
 
 
 def _alone(work: Callable[..., Done]) -> Callable[..., Done]:
@@ -260,6 +263,18 @@ def design_run(run: RunFolder, report: Report, asked: DesignRequest) -> Done:
     found = design_of(fitted, asked, drawn, part_of(report, 0.0, 0.95))
     keep_design(run, result, found, asked.recorded(), part_of(report, 0.95, 1.0))
     return Done(design_table(found), failure(result), closing=of_design(found, result.state, run.path))
+
+
+def tune_logs(files: Sequence[Path], run: RunFolder, report: Report, asked: TuneRequest) -> Done:
+    """From logs of a car to gains: RUN/tune.json with its picture, and what fit, diagnosis and design leave."""
+    keep_compiled()
+    from .api.tuned import tune_logs as tune
+    from .reporting.closing.tune import of_tune
+    from .reporting.tune import tune_table
+
+    found = tune(files, run, asked, report)
+    unfinished = "" if found.result is None else failure(found.result)
+    return Done(tune_table(found), unfinished, closing=of_tune(found, run.path, files), stopped=found.why_not)
 
 
 def design_fleet(run: Path, report: Report, asked: DesignRequest) -> Done:

@@ -399,7 +399,7 @@ class ChannelDelay(NamedTuple):
 
 
 class Effects(NamedTuple):
-    """One of each; named as in docs/effects.md, and at the end those that no catalogue has."""
+    """One of each; named as in docs/reference/effects.md, and at the end those that no catalogue has."""
 
     limp_home_spring: LimpHomeSpring = LimpHomeSpring()
     stribeck_friction: StribeckFriction = StribeckFriction()

@@ -1,4 +1,4 @@
-"""A measurement folder of synthetic data: CSVs and rig.toml as docs/folder.md has them, marked synthetic everywhere."""
+"""A measurement folder of synthetic data: CSVs and rig.toml (docs/reference/folder.md), marked synthetic everywhere."""
 
 from __future__ import annotations
 

@@ -210,3 +210,32 @@ def semicolons(path: Path, columns: Columns) -> Path:
 
 def _rows(columns: Columns) -> np.ndarray:
     return np.column_stack([values for _, values in columns.values()])
+
+
+def wpilog(path: Path, entries: Mapping[str, tuple[str, str, list[tuple[int, object]]]], extra: bytes = b"") -> Path:
+    """WPILib's data log of entries (type, metadata, [(us, value)]), with the shortest lengths that hold each number."""
+    import struct
+
+    def least(number: int) -> bytes:
+        return number.to_bytes(max(1, (number.bit_length() + 7) // 8), "little")
+
+    def record(entry: int, time: int, payload: bytes) -> bytes:
+        parts = least(entry), least(len(payload)), least(time)
+        lengths = (len(parts[0]) - 1) | (len(parts[1]) - 1) << 2 | (len(parts[2]) - 1) << 4
+        return bytes([lengths]) + b"".join(parts) + payload
+
+    def text(words: str) -> bytes:
+        return struct.pack("<I", len(words.encode())) + words.encode()
+
+    packed = {"double": "<d", "float": "<f", "int64": "<q", "boolean": "<?"}
+    out, values = b"WPILOG" + struct.pack("<HI", 0x0100, len(extra)) + extra, []
+    for k, (name, (kind, metadata, samples)) in enumerate(entries.items(), 1):
+        start = b"\0" + struct.pack("<I", k) + text(name) + text(kind) + text(metadata)
+        out += record(0, samples[0][0] if samples else 0, start)
+        for time, value in samples:
+            payload = str(value).encode() if kind == "string" else struct.pack(packed[kind], value)
+            values.append((time, k, payload))
+    for time, k, payload in sorted(values, key=lambda each: each[0]):
+        out += record(k, time, payload)
+    path.write_bytes(out)
+    return path

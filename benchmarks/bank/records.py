@@ -16,7 +16,15 @@ _SAID = 0.05  # statements that are less likely say hardly anything
 
 
 def one(chosen: Case) -> dict[str, Any]:
-    """The record of a folder, its keys are those of docs/validation/bank.md; `error` where something broke."""
+    """The record of a folder; `error` where something broke.
+
+    Keys: `class`, `seed`, `commit`; `truth` (`names`, `strength`, `edges`, and of a mistake its kind, place and size);
+    `check` (`refused`, the message, and what was `found`); `named`, in order, each with its probability, its ties and
+    whether it is right; `unexplained`, its probability, and `curve`; `chi2` before and after, fitted (over degrees of
+    freedom) and held out (free run, over samples); `converged`, `compromise`; `intervals` before and after, of each
+    true parameter `z`, whether it `holds`, its `status`; `statements`: what, probability, right or not; `seconds` of
+    processor time.
+    """
     began = time.process_time()
     with tempfile.TemporaryDirectory() as scratch:
         mistake = made(chosen, Path(scratch))

@@ -12,7 +12,7 @@ from pathlib import Path
 
 import numpy as np
 
-from independent import CONSISTENT, MEDIUM, NONE, Bench, draw_truth, make_folder
+from independent import CONSISTENT, MEDIUM, NONE, Bench, combine, draw_truth, make_folder
 from independent.folder import write_folder
 from independent.protocols import Series
 
@@ -27,6 +27,9 @@ MISSING = {  # 26 traces, 37,000 samples
     "inertia": Series(3, 0.4, 2000),
     "response": Series(5, 3.4, 1000, held=1),
 }
+LACKED_TWO = "stribeck_friction", "limp_home_spring"
+TWO = {**MISSING, "response": Series(9, 3.4, 1000, held=2)}  # 30 traces, 50,000 samples
+LONG = {**MISSING, "response": Series(20, 20.0, 1000, held=1)}  # 41 traces, 420,000 samples
 MANY = {  # 200 traces of 20,000 samples
     "resistance": Series(10, 20.0, 1000),
     "static_load": Series(10, 20.0, 1000, held=1),
@@ -46,6 +49,19 @@ def missing(path: Path) -> None:
     write_folder(path, LACKED, truth, SEED, MEDIUM[LACKED], MISSING, Bench(), holdout=True, noise=True)
 
 
+def two(path: Path) -> None:
+    """30 traces, 50,000 samples of a body with two effects that Eqs. 1-2 lack."""
+    truth = draw_truth(np.random.default_rng(SEED), CONSISTENT)
+    lacked = combine(*(MEDIUM[name] for name in LACKED_TWO))
+    write_folder(path, "two", truth, SEED, lacked, TWO, Bench(), holdout=True, noise=True)
+
+
+def long20(path: Path) -> None:
+    """41 traces, 420,000 samples, most of them in 20 traces of 20 s."""
+    truth = draw_truth(np.random.default_rng(SEED), CONSISTENT)
+    write_folder(path, "many", truth, SEED, NONE, LONG, Bench(), holdout=True, noise=True)
+
+
 def memory200(path: Path) -> None:
     """200 traces of 20,000 samples."""
     truth = draw_truth(np.random.default_rng(SEED), CONSISTENT)
@@ -62,6 +78,8 @@ def public(name: str, path: Path) -> None:
 FOLDERS: dict[str, Callable[[Path], None]] = {
     "fit30": fit30,
     "missing": missing,
+    "two": two,
+    "long20": long20,
     "memory200": memory200,
     "kassel-throttle": partial(public, "kassel-throttle"),
     "bam-xl330": partial(public, "bam-xl330"),

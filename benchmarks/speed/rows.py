@@ -198,6 +198,16 @@ def missing(version: Version) -> Lines:
     return diagnosed(version, version.folder("missing"), "cold")
 
 
+def two(version: Version) -> Lines:
+    """`etcfit diagnose`, 30 traces, 50,000 samples, two effects missing."""
+    return diagnosed(version, version.folder("two"), "cold")
+
+
+def long20(version: Version) -> Lines:
+    """`etcfit fit`, 41 traces, 420,000 samples."""
+    return lines(runs(version, fit_of(version.folder("long20"))))
+
+
 def memory200(version: Version) -> Lines:
     """`etcfit fit`, 200 traces of 20,000 samples."""
     return lines(runs(version, fit_of(version.folder("memory200")), ("cold",)))
@@ -261,7 +271,9 @@ ROWS: dict[str, Row] = {
     "kassel": Row(kassel, {"cold": (Aim(40.0, "s"), Aim(round(_GB), "MiB"))}),
     "bam": Row(bam, _most("s", cold=60.0)),
     "missing": Row(missing, _most("s", cold=120.0)),
-    "memory200": Row(memory200, {}, on_demand=True),
+    "two": Row(two, {"cold": (Aim(60.0, "s"), Aim(round(_GB), "MiB"))}, on_demand=True),
+    "long20": Row(long20, {"warm": (Aim(20.0, "s"), Aim(round(0.8 * _GB), "MiB"))}, on_demand=True),
+    "memory200": Row(memory200, {"cold": (Aim(150.0, "s"), Aim(round(2.0 * _GIB), "MiB"))}, on_demand=True),
     "scipy": Row(scipy, _least("x", {"cold, all Jacobians": 100.0, "warm, all Jacobians": 250.0})),
     "start": Row(start, {"import etcfit": (Aim(1.5, "s"),), "etcfit --help": (Aim(0.5, "s"),)}),
 }

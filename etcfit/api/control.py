@@ -55,13 +55,15 @@ def plant_of(
         settings: which sine traces count; the defaults where None.
     """
     from ..control.frequency import frequency_response
-    from ..control.linearise import reduce
+    from ..control.linearise import reduce, stops
+    from ..control.motor_constants import motor_constants
     from ..control.settings import FrequencySettings
     from ..run_folder import sines_of
 
     report("linearising", 0.3)
     fitted, sines = result.fitted(), sines_of(result)
     reduction = reduce(fitted, input_unit, output_unit, share)
+    reduction = replace(reduction, constants=motor_constants(fitted, *stops(fitted), share))
     if not sines:
         return Plant(reduction, None)
     report("fitting sines", 0.6)
@@ -97,11 +99,11 @@ def design_of(
     given = (computer, Requirements(**asked.limits), asked.rule, drawn, asked.feed_forward, report,
              settings or DesignSettings(), make, log)  # fmt: skip
     if asked.parts is None:
-        found = design(fitted, *given)
+        found = design(fitted, *given, present=asked.present)
     else:
         from ..run_folder.parts import parts_of
 
-        found = design_for_parts(fitted, parts_of(Path(asked.parts)), *given)
+        found = design_for_parts(fitted, parts_of(Path(asked.parts)), *given, present=asked.present)
     return replace(found, anyway=True) if asked.anyway else found
 
 
@@ -133,6 +135,7 @@ def fleet_design_of(
         settings or DesignSettings(),
         profile=make,
         log=log,
+        present=asked.present,
     )
 
 

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Hashable
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -13,8 +12,7 @@ import pandas as pd
 
 from ..control.design import Design
 from ..control.pid import Gains
-from ..control.pid.requirements import Metrics
-from ..control.pid.response import Judged
+from ..control.pid.figures import FIGURES, TRACKING
 from ..control.safety import Safety
 from ..model.feed_forward import as_asked
 from ..reporting.control.sentence import doubt
@@ -28,7 +26,7 @@ from .frames import indexed, numbers
 if TYPE_CHECKING:
     from .plots import DesignPlots
 
-_HEAD = ("rule", *Gains._fields, "overshoot %", "settling s", "error %", "RMSE %", "meets all", "P(met)")
+_HEAD = ("rule", *Gains._fields, *(f"{FIGURES[k].heading} {FIGURES[k].unit}" for k in TRACKING), "meets all", "P(met)")
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -73,7 +71,7 @@ class Designed:
         gains = {k: numbers(None if t.gains is None else float(getattr(t.gains, k)) for t in every)
                  for k in Gains._fields}  # fmt: skip
         figures = {k: numbers(None if t.nonlinear is None else float(getattr(t.nonlinear, k)) for t in every)
-                   for k in Metrics._fields}  # fmt: skip
+                   for k in FIGURES}  # fmt: skip
         verdict = {
             "met": np.array([t.meets_all for t in every], dtype=bool),
             "probability_met": numbers(t.probability_met for t in every),
@@ -85,7 +83,7 @@ class Designed:
     def scenarios(self) -> pd.DataFrame:
         """The proposed gains on each scenario of the nominal nonlinear model, indexed by its name."""
         each = self.design.chosen.scenarios
-        columns = {k: numbers(float(getattr(figures, k)) for figures in each.values()) for k in Judged._fields}
+        columns = {k: numbers(float(getattr(figures, k)) for figures in each.values()) for k in TRACKING}
         return indexed(columns, list(each), "scenario")
 
     @property
@@ -140,7 +138,7 @@ class Designed:
         return {
             "rule": self.rule,
             "feed_forward": as_asked(task.terms),
-            "limits": {symbol: limit for symbol, limit in asdict(task.requirements).items() if math.isfinite(limit)},
+            "limits": task.requirements.finite(),
             "ecu": task.ecu._asdict(),
             "profile": None if task.profile is None else task.profile.name,
             "log": self.log,
@@ -178,7 +176,7 @@ class Designed:
 def _row(r: dict[Hashable, Any], doubted: str) -> tuple[str, ...]:
     if r["why"]:
         return (r["rule"], *["-"] * 7, r["why"], "-")
-    keys = (*Gains._fields, "overshoot_pct", "settling_s", "steady_state_error_pct", "rmse_pct")
+    keys = (*Gains._fields, *TRACKING)
     figures = (short(r[key]) for key in keys)
     verdict = (doubted, "-") if doubted else ("yes" if r["met"] else "no", short(r["probability_met"], 2))
     return (r["rule"], *figures, *verdict)

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import pandas as pd
 
+from ..estimation.explained import motion_explained
 from ..estimation.intervals import Interval, intervals, lumped
 from ..estimation.result import FitResult
 from ..model.effects import PAPER
@@ -204,4 +205,6 @@ class Fit:
 def _predicts(result: FitResult) -> str:
     """How far the simulation is off on average, in sigma."""
     parts = {"fitted": result.score_fit, "held out": result.score_holdout}
-    return "".join(f"; {name} rms error {short(pooled(rows))} sigma" for name, rows in parts.items() if rows)
+    off = "".join(f"; {name} rms error {short(pooled(rows))} sigma" for name, rows in parts.items() if rows)
+    said = motion_explained(result.score_fit, result.score_holdout, result.rig.measurements)
+    return f"{off}. {said}" if said else off

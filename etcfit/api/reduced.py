@@ -11,6 +11,7 @@ import pandas as pd
 
 from ..control.frequency import FrequencyResponse
 from ..control.linearise import Reduction
+from ..control.motor_constants import SYMBOLS, UNITS
 from ..reporting.numbers import Digits, short
 from . import words
 from .fit import Fit
@@ -55,6 +56,14 @@ class Reduced:
         plant = self.reduction.plant
         values = np.array([*plant.num, *plant.den[1:]], dtype=float)
         return indexed({"value": values, "stderr": np.array(self.reduction.stderr, dtype=float)}, _NAMES, "coefficient")
+
+    @property
+    def feedforward(self) -> pd.DataFrame:
+        """kS, kV and kA of v = kS sgn(w) + kV w + kA dw/dt: value, stderr and unit."""
+        found = self.reduction.constants
+        assert found is not None, "`etcfit.reduce` asks for them"
+        columns = {"value": found.values, "stderr": found.stderr, "unit": np.array(UNITS)}
+        return indexed(columns, SYMBOLS, "constant")
 
     @property
     def stderr(self) -> pd.Series:

@@ -9,7 +9,7 @@ a verb is called.
 from __future__ import annotations
 
 import warnings
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 from functools import partial
 from pathlib import Path
@@ -32,6 +32,7 @@ if TYPE_CHECKING:
     from ..estimation.settings import FitSettings
     from ..experiment.settings import AdviceSettings, CampaignSettings, CheckSettings
     from ..exporting import ExportSettings
+    from ..importing.tuning import TuneSettings
     from ..model.feed_forward import Asked
     from ..rig.base import Rig
     from .advised import Advised
@@ -45,6 +46,7 @@ if TYPE_CHECKING:
     from .planned import Planned
     from .reduced import Reduced
     from .sampled import Sampled
+    from .tuned import Tuned
 
     Folder = str | Path
     Model = Fit | Diagnosed | Sampled | Reduced | Folder
@@ -254,6 +256,7 @@ def design(
     log: Folder | None = None,
     parts: Fleet | Folder | None = None,
     anyway: bool = False,
+    present: Mapping[str, float] | None = None,
     quiet: bool = False,
     **ecu: float,
 ) -> Designed:
@@ -275,6 +278,8 @@ def design(
         log: file of a log from the car: the stretch in which most is asked of the plate is one scenario more.
         parts: a fleet of the same design, or its run folder: gains for parts like its units, and how they fare on them.
         anyway: give what is typed into an ECU even where the fit did not converge or is a compromise.
+        present: gains that the ECU has now, in its own numbers: {"P": 60, "I": 80, "D": 120}; with "swings_at" the P at
+            which P alone makes the plate swing on.
         quiet: show no progress.
         ecu: what is known of the ECU, by field (`period=1e-3`, `delay=0.0`, ...); see `control.design.ecu_of`.
     Raises:
@@ -298,7 +303,7 @@ def design(
         where = parts.run if isinstance(parts, Fleet) else parts
         if where is not None:
             require_extra("fleet", f"{where}", "pyarrow")
-        asked = DesignRequest(rule, adc_bits, feed_forward, limits, ecu, profile, log, where, anyway)
+        asked = DesignRequest(rule, adc_bits, feed_forward, limits, ecu, profile, log, where, anyway, present or {})
         if isinstance(model, Fleet) or (isinstance(model, str | Path) and is_fleet(Path(model))):
             if parts is not None:
                 raise UsageError("parts: the model is a fleet itself. Give one unit's fit, or leave parts out.")
@@ -328,7 +333,7 @@ def export(
     Args:
         model: a fit, a diagnosis (its final model counts), a posterior, a transfer function, a run folder with the
             gains in it, or gains with their fit.
-        to: name of the format: c, fmu, msq, mat, m, python, mujoco or isaac.
+        to: name of the format: c, fmu, msq, mat, m, python, mujoco, mujoco-position or isaac.
         out: folder of its files; RUN/export of a run folder where None.
         settings: step and operating point; the defaults where None.
         into: file of your own tune, for msq: a copy of it is changed.
@@ -406,22 +411,62 @@ def drive(
     compare: tuple[str, str] | None = None,
     quiet: bool = False,
 ) -> Driven:
-    """Logs from the car, in any format of `import`: operating range, spectrum, how closely the plate follows.
+    """Logs from the car: operating range, spectrum, how closely the plate follows and whether that is good enough.
 
     Args:
-        folder: of logs, or a measurement folder with logs in drive/.
+        folder: of logs, a measurement folder with logs in drive/, or one log.
         between: the share of the time between these positions, %.
         compare: only these two, before and after.
         quiet: show no progress.
     """
     with working(quiet) as report:
         report("reading the logs", 0.0)
-        from ..car_log import read_logs, study
+        from ..car_log import logs_at, study
         from ..car_log.study import chosen
         from .driven import Driven
 
-        config, logs = read_logs(folder)
+        config, logs = logs_at(folder)
         return Driven(config, tuple(study(log, between) for log in (chosen(logs, compare) if compare else logs)))
+
+
+@typed
+def tune(
+    logs: Folder | Sequence[Folder],
+    ecu: str,
+    out: Folder,
+    gains: tuple[float, float, float] | None = None,
+    *,
+    anyway: bool = False,
+    supply: float | None = None,
+    settings: TuneSettings | None = None,
+    quiet: bool = False,
+    **controller: float,
+) -> Tuned:
+    """From logs of a car to gains, beside those that are in its ECU now.
+
+    Args:
+        logs: files of any known format, all of one car.
+        ecu: make of the ECU that made the logs and gets the gains.
+        out: the run folder; made if absent.
+        gains: P, I and D that are in the ECU now, as it writes them.
+        anyway: give gains even where the model is a compromise or did not converge.
+        supply: V; as logged where None, else 13.5.
+        settings: what decides whether logs can tell gains; the defaults where None.
+        quiet: show no progress.
+        controller: fields of `Ecu` that its make leaves open, as period=1e-3.
+    Raises:
+        MeasurementError: a file cannot be read, or no log has a position with a duty or setpoint beside it.
+        UsageError: no such make of ECU, or a field given that its source fixes otherwise.
+    """
+    with working(quiet) as report:
+        from ..importing.tuning import TuneSettings
+        from ..run_folder import RunFolder
+        from .tuned import TuneRequest, tune_logs
+
+        files = [Path(each) for each in ([logs] if isinstance(logs, str | Path) else logs)]
+        asked = TuneRequest(ecu, gains, tuple(controller.items()), supply, anyway=anyway,
+                            settings=settings or TuneSettings())  # fmt: skip
+        return tune_logs(files, RunFolder(Path(out)), asked, report)
 
 
 @typed

@@ -1,4 +1,4 @@
-"""Logs from the car: over which range and how fast the plate is asked to move, and how closely it follows.
+"""Logs from the car: where, how fast and how closely the plate moves, and whether that is good enough; no model.
 
 Source: the paper, Sections 2 and 4.3.
 """
@@ -9,6 +9,7 @@ from .coverage import Lack as Lack
 from .coverage import record_next as record_next
 from .log import DriveLog as DriveLog
 from .log import Series as Series
+from .place import logs_at as logs_at
 from .read import read_logs as read_logs
 from .spectrum import Spectrum as Spectrum
 from .spectrum import spectrum as spectrum

@@ -7,16 +7,12 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from itertools import pairwise
 
 import numpy as np
 
-from .log import DriveLog, Series
+from .log import DriveLog
+from .steps import changes, rests
 
-_GRID = 0.01  # s
-_STILL = 0.2  # per cent of travel within which a setpoint rests
-_REST = 0.3  # s that a rest lasts at least
-_QUICK = 0.1  # s that a step takes at most
 _SETTLES = 0.5  # s of a rest in which the plate may still move
 _DEFAULT = 3.0, 20.0  # per cent: between which a limp-home position lies
 
@@ -124,28 +120,12 @@ SUPPLY = Lack(
 def moves_of(logs: Sequence[DriveLog]) -> Moves:
     """What these logs ask for together; one without a setpoint asks for nothing."""
     pieces = [piece for log in logs if log.setpoint is not None for piece in log.setpoint.pieces]
-    found = [_of(piece) for piece in pieces if piece.time.size > 1]
-    steps = np.concatenate([np.empty((0, 2)), *(steps for steps, _ in found)])
-    rests = np.concatenate([np.empty(0), *(rests for _, rests in found)])
+    found = [rests(piece) for piece in pieces if piece.time.size > 1]
+    steps = [(before.last, after.first) for each in found for before, after in changes(each)]
+    lasted = np.array([rest.end - rest.begin for each in found for rest in each])
     values = [piece.value for piece in pieces]
     reach = (min(float(v.min()) for v in values), max(float(v.max()) for v in values)) if values else None
-    return Moves(steps, rests, reach)
-
-
-def _of(piece: Series) -> tuple[np.ndarray, np.ndarray]:
-    """Steps and rests of a setpoint without a gap."""
-    time = np.arange(piece.time[0], piece.time[-1], _GRID)
-    value = np.interp(time, piece.time, piece.value)
-    spans, begin, least, most = list[tuple[int, int]](), 0, value[0], value[0]
-    for k, here in enumerate((*value, np.inf)):  # the end ends a rest too
-        least, most = min(least, here), max(most, here)
-        if most - least <= _STILL:
-            continue
-        if (k - begin) * _GRID >= _REST:
-            spans.append((begin, k))
-        begin, least, most = k, here, here
-    quick = [(value[a[1] - 1], value[b[0]]) for a, b in pairwise(spans) if (b[0] - a[1]) * _GRID <= _QUICK]
-    return np.array(quick).reshape(-1, 2), _GRID * np.array([end - begin for begin, end in spans])
+    return Moves(np.array(steps).reshape(-1, 2), lasted, reach)
 
 
 def record_next(logs: Sequence[DriveLog]) -> tuple[Lack, ...]:

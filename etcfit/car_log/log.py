@@ -62,6 +62,8 @@ class DriveLog:
         setpoint: what the ECU asks of it; None where it was not logged.
         columns: header in the file of each quantity that was taken.
         hint: what the log lacks, and what a reader may do where a quantity was not found.
+        others: what else of the throttle was logged, see `others.py`: duty and a second position, %; both sensors, V.
+        tps: closed and open voltage of the first sensor, where rig.toml's [tps] gives them.
     """
 
     name: str
@@ -69,3 +71,5 @@ class DriveLog:
     setpoint: Series | None
     columns: Mapping[str, str] = field(default_factory=dict)
     hint: str = ""
+    others: Mapping[str, Series] = field(default_factory=dict)
+    tps: tuple[float, float] | None = None

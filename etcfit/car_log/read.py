@@ -25,6 +25,7 @@ from ..rig.comments import toml_string
 from ..rig.config import read_config
 from ..rig.names import refuse_foreign_names
 from ..rig.units import UnitError, to_channel
+from . import others
 from .log import DriveLog, Series
 
 # formats that no maker publishes, and the program that writes a CSV
@@ -83,21 +84,53 @@ def read_log(path: Path, config: RigConfig, toml: str) -> DriveLog:
     answers = _answers(config.columns, toml)
     sheets = read_sheets(Source(path, str(path)))
     with _cures_of_toml():
-        found = [(sheet, _takes(sheet, answers)) for sheet in sheets]
+        found = [(sheet, _takes(sheet, answers, _raw_volts(sheet, config))) for sheet in sheets]
     having = [(sheet, takes) for sheet, takes in found if any(name in takes for name in _PLATE)]
-    if not having:
+    volts = [(sheet, takes) for sheet, takes in found if others.VOLTS_1 in others.found(_headers(sheet))]
+    if not having and not volts:
         raise _without_plate(str(path), sheets)
-    sheet, takes = max(having, key=lambda each: ("setpoint" in each[1], each[0].rows))
+    sheet, takes = max(having or volts, key=lambda each: ("setpoint" in each[1], each[0].rows))
     with _cures_of_toml():
         time = time_of(sheet, answers)
-    plate = takes.get("position") or takes["tps"]
+    plate = takes.get("position") or takes.get("tps")
     series = {name: _series(time, take, config, sheet.where)
               for name, take in (("position", plate), ("setpoint", takes.get("setpoint"))) if take}  # fmt: skip
+    headers = _headers(sheet)
+    places = others.found(headers)
+    along = others.series(time.si, [column.values for column in sheet.columns], places)
+    beside = {name: headers[places[name][0]] for name in along}
+    if plate is None and others.VOLTS_1 in along:
+        return _sweep(path.name, series.get("setpoint"), along, beside)
+    if plate is None:
+        raise _without_plate(str(path), sheets)
     written = {"time": time.column.label, "position": _shown(plate.column),
                **({"setpoint": _shown(takes["setpoint"].column)} if "setpoint" in takes else {})}  # fmt: skip
     hints = ("" if "setpoint" in takes else _of_setpoint(sheet),
              *(f"{each[0].upper()}{each[1:]}." for each in (*sheet.losses, *sheet.missing)))  # fmt: skip
-    return DriveLog(path.name, series["position"], series.get("setpoint"), written, " ".join(filter(None, hints)))
+    return DriveLog(path.name, series["position"], series.get("setpoint"), written | beside,
+                    " ".join(filter(None, hints)), along, _ends(config))  # fmt: skip
+
+
+def _headers(sheet: Sheet) -> list[str]:
+    return [_shown(column) for column in sheet.columns]
+
+
+def _raw_volts(sheet: Sheet, config: RigConfig) -> frozenset[int]:
+    """Columns of sensors' volts that are no position: [tps] of rig.toml makes one of the first."""
+    names = () if config.tps else (others.VOLTS_1, others.VOLTS_2)
+    return frozenset(place for name, (place, _) in others.found(_headers(sheet)).items() if name in names)
+
+
+def _ends(config: RigConfig) -> tuple[float, float] | None:
+    return None if config.tps is None else (config.tps.closed_V, config.tps.open_V)
+
+
+def _sweep(name: str, asked: Series | None, along: Mapping[str, Series], written: Mapping[str, str]) -> DriveLog:
+    """A log of the sensors' volts without a position: it is the first one's voltage between its own ends."""
+    first = along[others.VOLTS_1]
+    shown = 100.0 * (first.value - first.value.min()) / max(float(np.ptp(first.value)), 1e-9)
+    hint = "No position in %: the first sensor's voltage is shown between its least and its highest value."
+    return DriveLog(name, Series(first.time, shown), asked, dict(written), hint, along)
 
 
 def _answers(columns: Mapping[str, str], toml: str) -> Answers:
@@ -113,9 +146,10 @@ def _answers(columns: Mapping[str, str], toml: str) -> Answers:
                                'Write "TP (Main)" = "position [%]".') from err  # fmt: skip
 
 
-def _takes(sheet: Sheet, answers: Answers) -> dict[str, Take]:
+def _takes(sheet: Sheet, answers: Answers, without: AbstractSet[int]) -> dict[str, Take]:
     """Position and setpoint, by quantity; an ECU logs hundreds of other columns."""
-    takes = [take_by_itself(column, sheet, answers) for column in sheet.columns if _matters(column, sheet, answers)]
+    columns = [column for k, column in enumerate(sheet.columns) if k not in without]
+    takes = [take_by_itself(column, sheet, answers) for column in columns if _matters(column, sheet, answers)]
     kept = one_each([take for take in takes if take is not None], answers, sheet)
     return {take.quantity: signed(take) for take in map(_of_car, kept) if take.quantity != LEFT_OUT}
 

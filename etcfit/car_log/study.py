@@ -3,13 +3,21 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
 from ..errors import UsageError
-from .log import DriveLog
+from ..rig.base import Measurement, Rig, RigConfig
+from .criteria import Verdict
+from .duty import DutyUse, duty_use
+from .judge import judge
+from .limit_cycle import LimitCycle, at_rest, limit_cycle
+from .log import DriveLog, Series
+from .others import DUTY, SECOND, VOLTS_1, VOLTS_2
+from .sensors import Sensors, two_sensors
 from .spectrum import Spectrum, spectrum
+from .steps import Step, steps
 from .tracking import Tracking, tracking
 from .usage import BOUNDS, Usage, usage
 
@@ -26,18 +34,75 @@ class Study:
         usage: where the plate spends its time.
         spectrum: how fast it is moved; None of a log that is too short.
         tracking: how closely it follows; None where no setpoint was logged.
+        steps: every step of the setpoint, and its answer.
+        cycle: an oscillation while the setpoint rests; None where there is none.
+        duty: what the duty does; None where none was logged.
+        sensors: both sensors of the plate; None where one of them was not logged, or hardly moves.
+        verdict: whether it is good enough.
     """
 
     log: DriveLog
     usage: Usage
     spectrum: Spectrum | None
     tracking: Tracking | None
+    steps: tuple[Step, ...] = ()
+    cycle: LimitCycle | None = None
+    duty: DutyUse | None = None
+    sensors: Sensors | None = None
+    verdict: Verdict = field(default_factory=lambda: Verdict(()))
 
 
 def study(log: DriveLog, bounds: tuple[float, float] = BOUNDS) -> Study:
     """Study a log; the share of time is given between two positions, per cent."""
-    follows = None if log.setpoint is None else tracking(log.position, log.setpoint)
-    return Study(log, usage(log.position, bounds), spectrum(log.position), follows)
+    duty, asked = log.others.get(DUTY), log.setpoint
+    follows = None if asked is None else tracking(log.position, asked)
+    answers = () if asked is None else steps(log.position, asked)
+    cycle = None if asked is None else limit_cycle(log.position, asked, duty)
+    used = None if duty is None else duty_use(duty, asked)
+    pair = _pair(log)
+    rested = 0.0 if asked is None else at_rest(log.position, asked)
+    return Study(log, usage(log.position, bounds), spectrum(log.position), follows, answers, cycle, used, pair,
+                 judge(log, follows, answers, rested, cycle, used, pair))  # fmt: skip
+
+
+def study_traces(rig: Rig) -> tuple[Study, ...]:
+    """Traces of a measurement folder that hold a setpoint and a position, studied as logs of a car."""
+    found = (_as_log(trace, rig.config) for trace in rig.measurements)
+    return tuple(study(log) for log in found if log is not None)
+
+
+def _as_log(trace: Measurement, config: RigConfig) -> DriveLog | None:
+    if not {"position", "setpoint"} <= set(trace.channels):
+        return None
+    low, high = config.travel
+
+    def series(name: str, offset: float, scale: float) -> Series:
+        channel = trace.channels[name]
+        return Series(channel.time, 100.0 * (channel.value - offset) / scale)
+
+    duty = {DUTY: series("duty", 0.0, 1.0)} if "duty" in trace.channels else {}
+    position, asked = (series(name, low, high - low) for name in ("position", "setpoint"))
+    columns = {name: trace.channels[name].header for name in ("position", "setpoint", *duty)}
+    return DriveLog(trace.file, position, asked, columns, others=duty)
+
+
+def _pair(log: DriveLog) -> Sensors | None:
+    """Both sensors in volts, else in per cent."""
+    if VOLTS_1 in log.others and VOLTS_2 in log.others:
+        return two_sensors(log.others[VOLTS_1], log.others[VOLTS_2], "V", _opens(log), log.tps)
+    if SECOND in log.others:
+        return two_sensors(log.position, log.others[SECOND], "%", 1.0)
+    return None
+
+
+def _opens(log: DriveLog) -> float:
+    """1 where the first sensor rises while the plate opens, -1 where it falls; 0 without a setpoint: what the ECU makes
+    of a sensor that is not calibrated yet does not tell."""
+    first = log.others[VOLTS_1]
+    if log.setpoint is None:
+        return 0.0
+    asked = np.interp(first.time, log.setpoint.time, log.setpoint.value)
+    return float(np.sign(np.cov(first.value, asked)[0, 1]))
 
 
 def chosen(logs: Sequence[DriveLog], names: Sequence[str]) -> tuple[DriveLog, ...]:

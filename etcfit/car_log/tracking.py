@@ -6,12 +6,33 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from .criteria import FAR, SETTLING
 from .log import Series
 
 _LONGEST = 1.0  # s of lag that are looked for
 _BLOCK = 5.0  # s: further apart, errors know nothing of each other
 _FEWEST = 4  # blocks that tell how much a figure varies
+_WITHIN = 5.834  # where (1 + a) exp(-a) is 0.02: a critically damped loop has settled
+_RANGE = 20.0  # per cent of travel
 _STILL = 0.5  # per cent: a setpoint that varies by less tells no lag
+
+
+@dataclass(frozen=True)
+class InRange:
+    """Position against setpoint while the setpoint lies in a part of the travel.
+
+    Args:
+        low, high: of the setpoint, per cent.
+        seconds: in it.
+        rmse: per cent of travel.
+        mean: of position - setpoint, per cent of travel.
+    """
+
+    low: float
+    high: float
+    seconds: float
+    rmse: float
+    mean: float
 
 
 @dataclass(frozen=True)
@@ -25,6 +46,10 @@ class Tracking:
         lag_stderr: of it, from the same blocks.
         left: RMSE against the setpoint delayed by the lag: what is not delay.
         demand: root mean square of the setpoint's rate, per cent a second: a lazier drive is easier to follow.
+        astray: longest time with an error above 10 % of travel, s.
+        within_reach: the error that a loop makes on this setpoint that settles in 0.2 s, per cent of travel: of
+            second order, critically damped.
+        ranges: the same by parts of the travel, those in which the setpoint was for half a second at least.
     """
 
     rmse: float
@@ -33,6 +58,9 @@ class Tracking:
     lag_stderr: float | None
     left: float | None
     demand: float
+    astray: float = 0.0
+    within_reach: float = 0.0
+    ranges: tuple[InRange, ...] = ()
 
 
 def tracking(position: Series, setpoint: Series) -> Tracking:
@@ -49,7 +77,45 @@ def tracking(position: Series, setpoint: Series) -> Tracking:
     rate = np.diff(wanted) / np.diff(time)
     lag, lag_stderr = _lag(time, value, setpoint) if wanted.std() > _STILL else (None, None)
     left = None if lag is None else _left(time, value, setpoint, lag)
-    return Tracking(_rms(error), _stderr(time, error), lag, lag_stderr, left, _rms(rate))
+    return Tracking(_rms(error), _stderr(time, error), lag, lag_stderr, left, _rms(rate),
+                    longest(time, np.abs(error) > FAR), _within_reach(time, wanted),
+                    _ranges(time, wanted, error))  # fmt: skip
+
+
+def longest(time: np.ndarray, there: np.ndarray) -> float:
+    """The longest time for which a condition holds from sample to sample, s."""
+    spans = np.flatnonzero(np.diff(np.concatenate(([0], there.astype(int), [0])))).reshape(-1, 2)
+    return max((float(time[b - 1] - time[a]) for a, b in spans), default=0.0)
+
+
+def _within_reach(time: np.ndarray, wanted: np.ndarray) -> float:
+    """RMS of y - r of y'' = w^2 (r - y) - 2 w y', w = 5.834/0.2 s, the setpoint r held between samples.
+
+    Solved step by step: x = y - r is (x_0 + (v_0 + w x_0) t) exp(-w t).
+    """
+    w = _WITHIN / SETTLING.limit
+    steps = np.diff(time)
+    fades, slopes = np.exp(-w * steps).tolist(), steps.tolist()
+    y, v, missed = float(wanted[0]), 0.0, [0.0]
+    for fade, step, before, now in zip(fades, slopes, wanted[:-1].tolist(), wanted[1:].tolist(), strict=True):
+        x = y - before
+        both = v + w * x
+        y, v = before + (x + both * step) * fade, (v - w * both * step) * fade
+        missed.append(y - now)
+    return _rms(np.array(missed))
+
+
+def _ranges(time: np.ndarray, wanted: np.ndarray, error: np.ndarray) -> tuple[InRange, ...]:
+    weight = Series(time, error).weight
+    out = []
+    for low in np.arange(0.0, 100.0, _RANGE):
+        inside = (wanted >= low) & ((wanted < low + _RANGE) | (low + _RANGE >= 100.0))
+        seconds = float(weight[inside].sum())
+        if seconds >= 0.5:
+            out.append(
+                InRange(float(low), float(low + _RANGE), seconds, _rms(error[inside]), float(error[inside].mean()))
+            )
+    return tuple(out)
 
 
 def _rms(values: np.ndarray) -> float:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -18,15 +19,15 @@ from ..model.feed_forward import Asked, Term, listed, terms_of
 from ..model.throttle import Throttle
 from ..rig.ecu import GAINS
 from .fleet_verdict import FleetVerdict
-from .judged import Robust, Tuned, below, judged, outside_the_bench
+from .judged import Robust, Tuned, judged, outside_the_bench
 from .linearise import reduce, stops
+from .own_numbers import checked
 from .parts_verdict import PartsVerdict
 from .pid import RULES, Gains, Refusal, Requirements, Rule, Task
 from .pid.conditions import DRY_FRICTION, scaled
 from .pid.feedforward import Bias, bias_of
 from .pid.front import FrontPoint, front
 from .pid.loop import Body, Loop
-from .pid.requirements import REQUIRED
 from .pid.scenarios import course, of_log
 from .pid.setpoint import Setpoint
 from .pid.sliding import Sliding, sliding_of
@@ -38,6 +39,7 @@ from .supply_table import SupplyTable, supply_table
 DRAWS, SEED = DesignSettings().draws, DesignSettings().seed
 PAPERS = Requirements()  # section 4.1
 BEST = "optimal"
+NOTHING: Mapping[str, float] = MappingProxyType({})
 _OF_BEST = 0.8  # of the time that all rules take, about
 
 
@@ -127,8 +129,18 @@ def ecu_of(fitted: Fitted, **given: float) -> Ecu:
     return described._replace(**given)
 
 
-def gains_as_found(fitted: Fitted) -> Gains | Refusal:
-    """Those of the ECU that [ecu] of rig.toml describes, known or fitted; one that the fit called not known is none."""
+def gains_as_found(
+    fitted: Fitted, unit: Terms | None = None, present: Mapping[str, float] = NOTHING
+) -> Gains | Refusal:
+    """Those of the ECU that [ecu] of rig.toml describes, known or fitted; one that the fit called not known is none.
+
+    Args:
+        fitted: the model.
+        unit: one of each gain in SI, of an ECU whose unit is known.
+        present: P, I and D of that ECU in its own unit, which then count; see `control.own_numbers`.
+    """
+    if unit is not None and all(name in present for name in Terms._fields):
+        return Gains(*(present[name] * one for name, one in zip(Terms._fields, unit, strict=True)))
     if fitted.config.ecu is None:
         return Refusal("rig.toml describes no ECU, see [ecu]")
     if lost := [symbol for symbol in GAINS.values() if fitted.doubt(symbol) > fitted.identifiability.unknown]:
@@ -145,6 +157,7 @@ def task_of(
     settings: DesignSettings = DesignSettings(),
     profile: EcuProfile | None = None,
     log: Series | None = None,
+    present: Mapping[str, float] = NOTHING,
 ) -> Task:
     """What the rules are given.
 
@@ -157,6 +170,7 @@ def task_of(
         settings: how many draws, and the budgets of simulation and rules.
         profile: the make of ECU that the controller is; None where none is named.
         log: setpoint of a log from the car, per cent of the travel; None for none.
+        present: gains that the ECU has now, in its own numbers, see `control.own_numbers`.
     Raises:
         UsageError: a term of feed-forward that there is not, or that the ECU cannot have.
     """
@@ -172,8 +186,10 @@ def task_of(
     loop = Loop(throttles, body, ecu, bias, settings.loop, sliding=sliding)
     further = () if log is None else (of_log(log, settings.scenarios),)
     setpoint = course(loop.first(1), settings.scenarios, *further)
-    plant, found = reduce(fitted).plant, gains_as_found(fitted)
-    return Task(plant, ecu, requirements, loop, setpoint, found, settings, profile, terms)
+    notation, travel = None if profile is None else profile.notation, body.upper - body.lower
+    unit = None if notation is None else notation.units(ecu, travel)
+    plant, found = reduce(fitted).plant, gains_as_found(fitted, unit, checked(present))
+    return Task(plant, ecu, requirements, loop, setpoint, found, settings, profile, terms, present)
 
 
 def _refuse_others(terms: tuple[Term, ...], profile: EcuProfile) -> None:
@@ -207,18 +223,19 @@ def design(
     settings: DesignSettings = DesignSettings(),
     profile: EcuProfile | None = None,
     log: Series | None = None,
+    present: Mapping[str, float] = NOTHING,
 ) -> Design:
     """Tune by every rule, and propose the gains of one.
 
     Args:
-        fitted, ecu, requirements, drawn, feed_forward, settings, profile, log: see `task_of`.
+        fitted, ecu, requirements, drawn, feed_forward, settings, profile, log, present: see `task_of`.
         rule: whose gains are proposed.
         report: called with what is going on and the share done.
     Raises:
         UsageError: no such rule, a model without an electrical side, or a rule that has no gains for this plant.
     """
     must_be_known(rule, RULES)
-    task = task_of(fitted, ecu, requirements, drawn, feed_forward, settings, profile, log)
+    task = task_of(fitted, ecu, requirements, drawn, feed_forward, settings, profile, log, present)
     return propose(fitted, task, rule, RULES, "laplace" if drawn is None else "posterior", report)
 
 
@@ -307,7 +324,7 @@ def _meets(task: Task) -> bool:
     if isinstance(gains, Refusal):
         return False
     figures = task.loop.first(1).figures(Gains(*(np.array([g]) for g in gains)), task.setpoint)
-    return all(bool(np.all(below(figures, task.requirements, symbol))) for symbol in REQUIRED)
+    return all(bool(np.all(met)) for met in task.requirements.met(figures).values())
 
 
 def _with_ecu(task: Task, **changes: float) -> Task:

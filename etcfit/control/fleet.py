@@ -14,7 +14,7 @@ from ..model.ecu import Ecu
 from ..model.ecus import EcuProfile
 from ..model.feed_forward import Asked
 from ..model.throttle import Throttle
-from .design import BEST, PAPERS, Design, must_be_known, propose, task_of
+from .design import BEST, NOTHING, PAPERS, Design, must_be_known, propose, task_of
 from .fleet_verdict import OneByOne, verdict
 from .judged import unit_by_unit
 from .pid import RULES, Gains, Refusal, Requirements, Rule, Task
@@ -67,7 +67,7 @@ class SearchOverUnits:
     def _with(self, task: Task, worst: np.ndarray) -> Task:
         """The same with some units ahead of those that the search saw before, behind the nominal one."""
         loop = task.loop
-        failing = replace(loop, throttles=self.plants, drive=None).taking(worst).throttles
+        failing = replace(loop, throttles=self.plants, drive=None, ceiling=None).taking(worst).throttles
         before = loop.taking(np.arange(1, loop.draws - worst.size)).throttles
         return replace(task, loop=replace(loop, throttles=united(loop.first(1).throttles, failing, before)))
 
@@ -92,6 +92,7 @@ def design_for_fleet(
     profile: EcuProfile | None = None,
     log: Series | None = None,
     rules: Mapping[str, Rule] = RULES,
+    present: Mapping[str, float] = NOTHING,
 ) -> Design:
     """Tune by every rule, and propose gains that meet the requirements on nearly all units of a fleet.
 
@@ -101,7 +102,7 @@ def design_for_fleet(
 
     Args:
         model: the units, by their shrunk values.
-        ecu, requirements, feed_forward, settings, profile, log: see `design.task_of`.
+        ecu, requirements, feed_forward, settings, profile, log, present: see `design.task_of`.
         rule: whose gains are proposed.
         future: units drawn from the population (`future_units`): told apart from the fleet's own; None for none.
         report: called with what is going on and the share done.
@@ -121,7 +122,7 @@ def design_for_fleet(
     shown = seen[known]
     optimum = replace(settings.optimum, certain=asked.share, few=min(asked.few, len(shown) + 1))
     settings = replace(settings, optimum=optimum)
-    task = task_of(fitted, ecu, requirements, shown, feed_forward, settings, profile, log)
+    task = task_of(fitted, ecu, requirements, shown, feed_forward, settings, profile, log, present)
     plants = fitted.throttles(everyone)
     search = SearchOverUnits(plants, model.units, asked)
     found = propose(fitted, task, rule, {**rules, BEST: search} if BEST in rules else rules, ORIGIN, report)

@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from .pid.requirements import REQUIRED, Requirements
+from .pid.figures import REQUIRED, LoopFigures, Requirements
 from .settings import FleetDesignSettings
 
 STABLE = "stable"  # what a unit whose linear loop is not stable misses
@@ -68,29 +68,24 @@ class OneByOne:
 
     Args:
         units: names, U of them.
-        figures: of each requirement, shape (U,).
-        gain_margin: dB, shape (U,).
-        rmse: tracking error, % of the travel, shape (U,).
+        figures: of each unit, shape (U,).
         asked: of them.
     """
 
     units: tuple[str, ...]
-    figures: Mapping[str, np.ndarray]
-    gain_margin: np.ndarray
-    rmse: np.ndarray
+    figures: LoopFigures
     asked: Requirements
 
     def taking(self, which: np.ndarray) -> OneByOne:
         """Of some of the units, by their numbers, shape (C,)."""
-        figures = {symbol: figure[which] for symbol, figure in self.figures.items()}
         units = tuple(self.units[k] for k in which.tolist())
-        return replace(self, units=units, figures=figures, gain_margin=self.gain_margin[which], rmse=self.rmse[which])
+        return replace(self, units=units, figures=self.figures.each(lambda figure: figure[which]))
 
     @property
     def missed(self) -> dict[str, np.ndarray]:
         """Whether each unit misses each requirement, stability among them, shape (U,)."""
-        over = {symbol: ~(self.figures[symbol] < getattr(self.asked, symbol)) for symbol in REQUIRED}
-        return over | {STABLE: ~(self.gain_margin > 0.0)}
+        over = {symbol: ~met for symbol, met in self.asked.met(self.figures).items()}
+        return over | {STABLE: ~(self.figures.gain_margin_db > 0.0)}
 
     @property
     def met(self) -> np.ndarray:
@@ -100,8 +95,9 @@ class OneByOne:
     @property
     def strain(self) -> np.ndarray:
         """Each figure over its limit, infinite where the loop is unstable, shape (R, U) in the order of REQUIRED."""
-        over = np.stack([self.figures[symbol] / getattr(self.asked, symbol) for symbol in REQUIRED])
-        return np.where((self.gain_margin > 0.0)[None], np.nan_to_num(over, nan=np.inf, posinf=np.inf), np.inf)
+        over = np.stack(list(self.asked.strain(self.figures).values()))
+        stable = (self.figures.gain_margin_db > 0.0)[None]
+        return np.where(stable, np.nan_to_num(over, nan=np.inf, posinf=np.inf), np.inf)
 
     @property
     def worst_first(self) -> np.ndarray:
@@ -179,8 +175,8 @@ def verdict(found: OneByOne, future: OneByOne | None, settings: FleetDesignSetti
 
 
 def _odd(found: OneByOne, k: int) -> OddOne:
-    if not found.gain_margin[k] > 0.0:
-        return OddOne(found.units[k], STABLE, float(found.gain_margin[k]), 0.0, False)
+    if not (margin := float(found.figures.gain_margin_db[k])) > 0.0:
+        return OddOne(found.units[k], STABLE, margin, 0.0, False)
     symbol = REQUIRED[int(np.argmax(found.strain[:, k]))]
     limit = float(getattr(found.asked, symbol))
-    return OddOne(found.units[k], symbol, float(found.figures[symbol][k]), limit, bool(found.met[k]))
+    return OddOne(found.units[k], symbol, float(getattr(found.figures, symbol)[k]), limit, bool(found.met[k]))

@@ -3,18 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
-from typing import Any, NamedTuple
+from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 
 from .fleet_verdict import OneByOne
-from .pid import Gains, Metrics, Refusal, Requirements, Task, linear_loop
+from .pid import Gains, LoopFigures, Refusal, Requirements, Task, linear_loop
 from .pid.conditions import Conditions, at_corners, corners, scattered, under
+from .pid.figures import FIGURES, OF_THE_PAPER, judge, judge_each
 from .pid.loop import Loop
 from .pid.margins import margins
-from .pid.requirements import OF_THE_PAPER, REQUIRED
-from .pid.response import Figures, Judged, judge, judge_each
 from .pid.setpoint import trapezoid
 
 PAPERS_SETPOINT = trapezoid()
@@ -32,7 +31,7 @@ class Robust:
         probability_met: share of the draws, each under conditions drawn for it, that meet every requirement.
     """
 
-    worst: Metrics
+    worst: LoopFigures
     corner: Conditions
     met: Mapping[str, bool]
     stable: bool
@@ -66,9 +65,9 @@ class Tuned:
     rule: str
     gains: Gains | None
     why: str
-    linear: Metrics | None
-    nonlinear: Metrics | None
-    scenarios: Mapping[str, Judged]
+    linear: LoopFigures | None
+    nonlinear: LoopFigures | None
+    scenarios: Mapping[str, LoopFigures]
     met: Mapping[str, bool]
     met_linear: Mapping[str, bool]
     probability_met: float | None
@@ -91,7 +90,7 @@ def judged(task: Task, found: Mapping[str, Gains | Refusal]) -> dict[str, Tuned]
     have = {name: gains for name, gains in found.items() if isinstance(gains, Gains)}
     gains = Gains(*(np.array(column, dtype=float) for column in zip(*have.values(), strict=True)))
     at_bench, out = over_models(task, task.loop, gains), {}
-    anew = over_models(task, task.loop.heard_anew(), gains) if task.ecu.noise > 0.0 else at_bench
+    anew = over_models(task, task.loop.with_new_noise_seed(), gains) if task.ecu.noise > 0.0 else at_bench
     for name, refusal in found.items():
         if isinstance(refusal, Refusal):
             out[name] = _refused(name, refusal)
@@ -108,21 +107,18 @@ def outside_the_bench(task: Task, gains: Gains) -> Robust:
     loops = at_corners(task.loop, ranges), under(task.loop, conditions, ranges)
     one = Gains(*(np.array([g]) for g in gains))
     there, anywhere = (over_models(task, loop, one).of(0) for loop in loops)
-    worst = [float(np.max(figure)) for figure in there.figures]
-    margin = [float(np.min(each)) for each in (there.gain_margin, there.phase_margin)]
-    figures = Metrics(*worst[:4], *margin, *worst[4:])
-    met = {symbol: bool(below(figures, asked, symbol)) for symbol in REQUIRED}
-    over = [getattr(there.figures, symbol) / getattr(asked, symbol) for symbol in REQUIRED]
-    k = int(np.argmax(np.max(over, axis=0)))
+    worst = there.figures.worst()
+    met = {symbol: bool(met) for symbol, met in asked.met(worst).items()}
+    k = int(np.argmax(np.max(list(asked.strain(there.figures).values()), axis=0)))
     corner = Conditions(*(float(ends[k]) for ends in corners(ranges)))
-    return Robust(figures, corner, met, margin[0] > 0.0, float(np.mean(anywhere.met(asked))))
+    return Robust(worst, corner, met, worst.gain_margin_db > 0.0, float(np.mean(anywhere.met(asked))))
 
 
 def over_models(task: Task, loop: Loop, gains: Gains) -> OverDraws:
     """Gains of shape (G,) on every model of a loop."""
     share, figures = loop.tried(gains, task.setpoint)
     safe = margins(Gains(*(np.asarray(g)[None] for g in gains)), loop.linear(), task.ecu)
-    return OverDraws(figures, share, safe.gain_db, safe.phase_deg)
+    return OverDraws(replace(figures, gain_margin_db=safe.gain_db, phase_margin_deg=safe.phase_deg), share)
 
 
 def unit_by_unit(task: Task, loop: Loop, units: tuple[str, ...], gains: Gains, at_once: int) -> tuple[OneByOne, ...]:
@@ -137,50 +133,47 @@ def unit_by_unit(task: Task, loop: Loop, units: tuple[str, ...], gains: Gains, a
     """
     count = len(units)
     room = min(at_once, count + count % 2)
-    rows = []
+    rows: list[LoopFigures] = []
     for begin in range(0, count, room):
         found = over_models(task, loop.taking(np.minimum(np.arange(begin, begin + room), count - 1)), gains)
-        figures = (*(getattr(found.figures, symbol) for symbol in REQUIRED), found.figures.rmse_pct, found.gain_margin)
-        rows.append(np.stack([np.broadcast_to(each, found.share.shape[:2]) for each in figures]))
-    every = np.concatenate(rows, axis=1)[:, :count]
-    return tuple(OneByOne(units, dict(zip(REQUIRED, required, strict=True)), margin, rmse, task.requirements)
-                 for *required, rmse, margin in np.moveaxis(every, 2, 0))  # fmt: skip
+        shape = found.share.shape[:2]
+        rows.append(found.figures.each(lambda figure, shape=shape: np.broadcast_to(figure, shape)))
+    joined = ((symbol, np.concatenate([getattr(row, symbol) for row in rows])[:count]) for symbol in FIGURES)
+    every = LoopFigures(**dict(joined))
+    return tuple(OneByOne(units, every.each(lambda figure, k=k: figure[:, k]), task.requirements)
+                 for k in range(np.size(gains[0])))  # fmt: skip
 
 
 class OverDraws(NamedTuple):
     """How gains fare over models; of one rule's gains without the axis G.
 
     Args:
-        figures: of the responses, shape (D, G) each.
+        figures: of the responses, and margins of the linear loops, shape (D, G) each.
         share: position at each tick, share of the travel, shape (D, G, K).
-        gain_margin, phase_margin: of the linear loops, dB and degrees, shape (D, G).
     """
 
-    figures: Figures
+    figures: LoopFigures
     share: np.ndarray
-    gain_margin: np.ndarray
-    phase_margin: np.ndarray
 
     def of(self, k: int) -> OverDraws:
         """Of one rule."""
-        figures = Figures(*(figure[:, k] for figure in self.figures))
-        return OverDraws(figures, self.share[:, k], self.gain_margin[:, k], self.phase_margin[:, k])
+        return OverDraws(self.figures.each(lambda figure: figure[:, k]), self.share[:, k])
 
     def met(self, asked: Requirements) -> np.ndarray:
         """Every requirement, by a stable loop, shape (D,)."""
-        return np.all([below(self.figures, asked, symbol) for symbol in REQUIRED], axis=0) & (self.gain_margin > 0.0)
+        return np.all(list(asked.met(self.figures).values()), axis=0) & (self.figures.gain_margin_db > 0.0)
 
 
 def _tuned(task: Task, name: str, gains: Gains, over_draws: OverDraws, anew: OverDraws) -> Tuned:
     """What one rule came to, with the noise that it may have been sought under and with other noise."""
-    column, share, gain_margin, phase_margin = over_draws
+    figures, share = over_draws
     asked, time = task.requirements, task.setpoint.instants(task.ecu.period)
-    margin = [float(m) for m in margins(gains, task.plant, task.ecu)]
+    gain, phase = (float(m) for m in margins(gains, task.plant, task.ecu))
     straight = linear_loop.respond(task.plant, gains, task.ecu, PAPERS_SETPOINT)
-    linear = Metrics(*map(float, judge(PAPERS_SETPOINT, PAPERS_SETPOINT.instants(task.ecu.period), straight)), *margin)
-    tracking, effort = column[:4], column[4:]
-    nonlinear = Metrics(*(float(v[0]) for v in tracking), *margin, *(float(v[0]) for v in effort))
-    stable = (gain_margin >= asked.gain_margin_db) & (phase_margin >= asked.phase_margin_deg)
+    follows = judge(PAPERS_SETPOINT, PAPERS_SETPOINT.instants(task.ecu.period), straight)
+    linear = replace(follows.each(float), gain_margin_db=gain, phase_margin_deg=phase)
+    nonlinear = replace(figures.each(lambda of: float(of[0])), gain_margin_db=gain, phase_margin_deg=phase)
+    stable = (figures.gain_margin_db >= asked.gain_margin_db) & (figures.phase_margin_deg >= asked.phase_margin_deg)
     each = judge_each(task.setpoint, time, share[0])
     return Tuned(
         rule=name,
@@ -188,9 +181,9 @@ def _tuned(task: Task, name: str, gains: Gains, over_draws: OverDraws, anew: Ove
         why="",
         linear=linear,
         nonlinear=nonlinear,
-        scenarios={scenario: Judged(*map(float, figures)) for scenario, figures in each.items()},
-        met={s: bool(below(nonlinear, asked, s)) for s in REQUIRED},
-        met_linear={s: bool(below(linear, asked, s)) for s in OF_THE_PAPER},
+        scenarios={scenario: figures.each(float) for scenario, figures in each.items()},
+        met={symbol: bool(met) for symbol, met in asked.met(nonlinear).items()},
+        met_linear={symbol: bool(met) for symbol, met in asked.met(linear, OF_THE_PAPER).items()},
         probability_met=float(np.mean(anew.met(asked))),
         probability_stable=float(np.mean(stable)),
         band=np.quantile(share, (0.025, 0.5, 0.975), axis=0),
@@ -200,8 +193,3 @@ def _tuned(task: Task, name: str, gains: Gains, over_draws: OverDraws, anew: Ove
 def _refused(name: str, refusal: Refusal) -> Tuned:
     """A rule without gains."""
     return Tuned(name, None, refusal.why, None, None, {}, {}, {}, None, None, None)
-
-
-def below(figures: Any, asked: Requirements, symbol: str) -> Any:
-    """Whether a figure, or each of many, is what is asked for."""
-    return getattr(figures, symbol) < getattr(asked, symbol)

@@ -16,6 +16,7 @@ from ..errors import UsageError
 from ..estimation.fitted_model import Fitted
 from ..model.linear import MIDDLE, TransferFunction, coefficients, holding, sensor_lag
 from ..model.throttle import Throttle
+from .motor_constants import MotorConstants
 
 INPUTS = {"V": "voltage", "%": "duty"}
 OUTPUTS = ("rad", "deg", "%")
@@ -34,6 +35,7 @@ class Reduction:
         theta: operating point, rad.
         current, volts: that hold the plate there in the middle of its dry friction.
         share: of the travel at the operating point.
+        constants: kS, kV and kA beside it; None where nobody asked for them.
     """
 
     plant: TransferFunction
@@ -45,6 +47,7 @@ class Reduction:
     current: float
     volts: float
     share: float
+    constants: MotorConstants | None = None
 
     def to_control(self, pade_order: int = 0) -> Any:
         """A python-control TransferFunction; with delay and sensor lag where a Pade order is given."""
@@ -73,7 +76,7 @@ def reduce(fitted: Fitted, input_unit: str = "V", output_unit: str = "rad", shar
 
     scale = np.array([factor, 1.0, 1.0, 1.0])
     row, (current, volts) = _about(fitted.throttle, theta, n, lower, upper)
-    b0, a2, a1, a0 = (scale * np.asarray(row)).tolist()
+    b0, a2, a1, a0 = (scale * np.asarray(row) + 0.0).tolist()  # no spring: 0, not -0
     gradient = scale[:, None] * fitted.gradient(of)
     covariance = gradient @ np.nan_to_num(fitted.covariance, posinf=0.0) @ gradient.T
     delay = float(np.asarray(fitted.throttle.delays().input))

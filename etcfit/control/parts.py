@@ -16,7 +16,7 @@ from ..model.ecu import Ecu
 from ..model.ecus import EcuProfile
 from ..model.feed_forward import Asked
 from ..model.throttle import Throttle
-from .design import BEST, PAPERS, Design, must_be_known, propose, task_of
+from .design import BEST, NOTHING, PAPERS, Design, must_be_known, propose, task_of
 from .fleet import SearchOverUnits, united
 from .judged import unit_by_unit
 from .parts_verdict import OnParts, PartsVerdict
@@ -102,6 +102,7 @@ def design_for_parts(
     profile: EcuProfile | None = None,
     log: Series | None = None,
     rules: Mapping[str, Rule] = RULES,
+    present: Mapping[str, float] = NOTHING,
 ) -> Design:
     """Tune by every rule, and propose gains that hold for the parts of a design.
 
@@ -119,7 +120,7 @@ def design_for_parts(
     must_be_known(rule, rules)
     parts.must_be_of(fitted)
     rest = fitted.laplace(settings.draws - 1, np.random.default_rng(settings.seed)) if drawn is None else drawn
-    task = task_of(fitted, ecu, requirements, rest, feed_forward, settings, profile, log)
+    task = task_of(fitted, ecu, requirements, rest, feed_forward, settings, profile, log, present)
     future = parts.drawn(fitted, rest, settings.seed)
     every = {**rules, BEST: lambda task: best_for_parts(task, future)} if BEST in rules else rules
     found = propose(fitted, task, rule, every, "laplace" if drawn is None else "posterior", report)

@@ -24,6 +24,7 @@ class DesignRequest:
         profile: name of the make of ECU, see `model.ecus`; None for none in particular.
         log: from the car, whose setpoint is one scenario more; None for none.
         parts: run folder of a fleet, on whose units the gains are to hold; None for the one model alone.
+        present: gains that the ECU has now, in its own numbers, see `control.own_numbers`.
         anyway: give the gains even where the model behind them is no estimate; see `Design.withheld`.
     """
 
@@ -36,6 +37,7 @@ class DesignRequest:
     log: Path | str | None = None
     parts: Path | str | None = None
     anyway: bool = False
+    present: Mapping[str, float] = field(default_factory=dict)
 
     def recorded(self) -> dict[str, Any]:
         """As the manifest of a run keeps it, by field: with it the same is asked for again."""

@@ -9,7 +9,7 @@ import numpy as np
 
 from ..model.ecu import Ecu, Notation, Terms
 from .judged import over_models
-from .pid import Gains, Metrics, Task
+from .pid import Gains, LoopFigures, Task
 from .pid.conditions import at_corners, corners
 from .pid.linear_loop import controller
 from .pid.loop import Loop
@@ -27,8 +27,8 @@ class AtSupply(NamedTuple):
     """
 
     supply: float
-    fixed: Metrics
-    table: Metrics
+    fixed: LoopFigures
+    table: LoopFigures
 
     @property
     def helps(self) -> bool:
@@ -65,8 +65,9 @@ class SupplyTable:
 
     An ECU that puts out a duty drives the motor with duty U: its gains in % mean volts in proportion to the supply.
     Divided by it they mean the same volts, and the loop around the linear plant is the same but for the duty's limit,
-    which still is one in %. Gains in V are none of the supply's business: their table is flat. Between its points, 1 V
-    apart, a table that is straight is off by less than 1 V^2 / (4 U^2), 0.3 % at 9 V.
+    which still is one in %. Gains in V, or of an ECU that divides by the battery voltage, are none of the supply's
+    business: their table is flat. Between its points, 1 V apart, a table that is straight is off by less than
+    1 V^2 / (4 U^2), 0.3 % at 9 V.
 
     Args:
         supplies: at its points, V, rising.
@@ -87,7 +88,8 @@ class SupplyTable:
             ecu: its period.
             travel: of the plate, rad.
         """
-        return tuple(notation.written(gains, ecu._replace(supply=supply), travel) for supply in self.supplies)
+        supplies = (ecu.supply if ecu.compensated else supply for supply in self.supplies)
+        return tuple(notation.written(gains, ecu._replace(supply=supply), travel) for supply in supplies)
 
 
 def supply_table(task: Task, gains: Gains) -> SupplyTable:
@@ -100,7 +102,7 @@ def supply_table(task: Task, gains: Gains) -> SupplyTable:
     settings = task.settings.schedule
     fixed = at_corners(task.loop, task.settings.conditions)
     ends = tuple(
-        AtSupply(supply, _worst(task, fixed, gains, supply), _worst(task, _knowing(task, supply), gains, supply))
+        AtSupply(supply, _worst(task, fixed, gains, supply), _worst(task, _knowing(task, fixed, supply), gains, supply))
         for supply in dict.fromkeys(task.settings.conditions.supply)
     )
     return SupplyTable(settings.supplies, ends, over_position(task, gains, settings))
@@ -112,12 +114,15 @@ def reckoning_with(ecu: Ecu, supply: float) -> Ecu:
     return ecu._replace(supply=supply, pwm=more * ecu.pwm, slew=more * ecu.slew)
 
 
-def _knowing(task: Task, supply: float) -> Loop:
-    """The nominal model at every corner, under an ECU with the table's gains, and feed-forward, of a supply (V)."""
+def _knowing(task: Task, fixed: Loop, supply: float) -> Loop:
+    """The nominal model at every corner, under an ECU with the table's gains, and feed-forward, of a supply (V): the
+    fixed ones where the ECU divides by the battery voltage itself."""
+    if task.ecu.compensated:
+        return fixed
     return at_corners(task.loop.under(reckoning_with(task.ecu, supply)), task.settings.conditions)
 
 
-def _worst(task: Task, loop: Loop, gains: Gains, supply: float) -> Metrics:
+def _worst(task: Task, loop: Loop, gains: Gains, supply: float) -> LoopFigures:
     """Each figure at its worst of the corners that have this supply.
 
     Args:
@@ -128,9 +133,7 @@ def _worst(task: Task, loop: Loop, gains: Gains, supply: float) -> Metrics:
     """
     there = corners(task.settings.conditions).supply == supply
     found = over_models(task, loop, Gains(*(np.array([g]) for g in gains))).of(0)
-    worst = [float(np.max(figure[there])) for figure in found.figures]
-    margins = [float(np.min(each[there])) for each in (found.gain_margin, found.phase_margin)]
-    return Metrics(*worst[:4], *margins, *worst[4:])
+    return found.figures.worst(there)
 
 
 def over_position(task: Task, gains: Gains, settings: ScheduleSettings) -> OverPosition:

@@ -14,10 +14,10 @@ from typing import Any, NamedTuple, TypeVar
 import numpy as np
 
 from ..kernels.machine import available
-from ..model.besides import acts_as_input, only_delays
+from ..model.input_perturbation import acts_as_input, only_delays
 from ..model.parameters import declared
-from ..problem.besides import added_by, added_late, responses, where_asked
 from ..problem.cores import side_by_side
+from ..problem.input_perturbation import added_by, added_late, responses, where_asked
 from ..problem.problem import EstimationProblem
 from ..problem.residual import WeightedData
 from .composition import Effect, resting

@@ -9,7 +9,7 @@ from scipy.optimize import lsq_linear
 
 from ..model.parameters import AbstractDomain, NonNegative
 
-_SHY = 1e-5  # ridge on amplitudes, their columns of length 1: keeps one that only adds to another's at rest
+_RIDGE = 1e-5  # ridge on amplitudes, their columns of length 1: keeps one that only adds to another's at rest
 
 
 def lowest(domains: Sequence[AbstractDomain]) -> np.ndarray:
@@ -25,6 +25,6 @@ def bounded(columns: np.ndarray, target: np.ndarray, low: np.ndarray) -> np.ndar
         target: t, shape (n,).
         low: shape (k,).
     """
-    rows = np.vstack((columns, _SHY * np.eye(low.size)))
+    rows = np.vstack((columns, _RIDGE * np.eye(low.size)))
     right = np.concatenate((target, np.zeros(low.size)))
     return np.asarray(lsq_linear(rows, right, bounds=(low, np.inf), method="bvls").x)

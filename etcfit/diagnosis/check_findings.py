@@ -10,7 +10,6 @@ from __future__ import annotations
 
 from ..estimation.joint_fit import Report
 from ..estimation.result import FitResult
-from ..model.parameters import parameters_of
 from .choice import Choice, Outcome, stands
 from .composition import Effect
 from .exchange import Found
@@ -39,7 +38,7 @@ def _with_effect(effect: Effect, value: float, result: FitResult, progress: Prog
     before = progress.model
     was = score(before)
     report(f"fitting with {effect.name}, which the rig's checks found", 0.02)
-    s = fitted_with(effect, result, before, was, report, about={parameters_of(effect)[0].symbol: value})
+    s = fitted_with(effect, result, before, was, report, stated=value)
     if s is None:
         return progress
     trial = trial_of(effect, before, s)

@@ -9,6 +9,7 @@ from ..estimation.result import FitResult
 from ..rig.checks.slow_log import SlowLog
 from .candidate_model import CandidateModel
 from .check_findings import first_from_checks
+from .credit import UNSAID, doubted
 from .discrepancy import Allowed, allowing_for_the_rest
 from .evidence import is_white
 from .exchange import exchanged, pruned
@@ -161,14 +162,16 @@ def _told(
     sets: tuple[SetTried, ...],
 ) -> Diagnosis:
     """All that was found as plain data."""
-    s, after, doubts = progress.model, rest.after, left.doubts if left else ()
-    added = tuple(e.name for e in s.added if e.name not in doubts)
-    ties = tuple(tie(each) for each in progress.found if each.ties and s.at_work(each.effect))
+    s, after, by_curve = progress.model, rest.after, left.doubts if left else ()
+    named = tuple(e.name for e in s.added if e.name not in by_curve)
+    doubts = () if s.far else doubted(progress.rounds, named, first.settings)
+    added = tuple(name for name in named if name not in doubts)
+    ties = tuple(tie(each) for each in progress.found if each.ties and each.effect.name in added)
     proven = [e for e in s.added if e.name in added]
     slow = any(finding.kind == SlowLog.kind for finding in result.rig.findings)
     of_rounds = progress.rounds, added, left is not None, first.settings
-    asked = questions(*of_rounds, slow)
-    chance = probabilities(asked, *of_rounds)
+    asked = questions(*of_rounds, slow, doubts)
+    chance = probabilities(asked, *of_rounds, doubts)
     stated = statements(proven, after.values, chance, progress.rounds, asked, first.settings)
     rig = rig_mistakes(proven, after.values, stated)
     known = tuple(e.name for e in first.composition.known if e.name in result.rig.config.effects)
@@ -179,7 +182,7 @@ def _told(
         final=(*known, *(e.name for e in s.added)),
         rounds=progress.rounds,
         added=added,
-        removed=progress.changed,
+        removed=(*progress.changed, *(f"{name} {UNSAID}" for name in doubts)),
         sets=sets,
         ties=ties,
         unexplained=left,

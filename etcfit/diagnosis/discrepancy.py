@@ -14,9 +14,9 @@ from ..estimation.result import FitResult
 from ..model.smooth import AbstractSmooth
 from .candidate_model import CandidateModel
 from .findings import Discrepancy
-from .inside import tangents_inside
 from .random_curves import Bend, Curve, bend
 from .screen import fitted_samples, variants
+from .throttle_tangents import tangents_inside
 from .unexplained import curves, widened
 
 

@@ -15,13 +15,13 @@ from .candidate_model import CandidateModel
 from .choice import Choice, deserves_second_trial, in_turn, nothing_to_read, promising, stands, worth_a_look
 from .composition import Effect, is_of_the_rig, resting
 from .cross_validation import folds, left_out
-from .inside import tangents_inside
-from .late import screen_of_late
 from .model_discrepancy import inexact
 from .refit import holds, refit_fully
 from .score import Score, score
 from .screen import Background, Signature, Tangents, ranked, screen_of_the_rig, variants
+from .screen_delays import screen_of_late
 from .single_traces import of_whole_tests, screen_of_single_traces
+from .throttle_tangents import tangents_inside
 from .trial import Trial, second_trial, tried
 
 

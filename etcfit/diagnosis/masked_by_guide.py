@@ -8,12 +8,14 @@ once more with such an effect in it; of the rig's, with those that promise most 
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator
 from dataclasses import replace
 from typing import NamedTuple
 
 from ..estimation.joint_fit import Report, fit_near
 from ..estimation.result import FitResult
+from ..model.parameters import parameters_of
+from ..model.rig_effects import AbstractRigEffect
 from .candidate_model import CandidateModel
 from .choice import Choice, Outcome, first_of
 from .composition import Effect, carried
@@ -88,7 +90,7 @@ def nearest(found: Iterable[Near]) -> Near | None:
 
 
 def _near(candidates: Iterable[Effect], result: FitResult, turned: Round, report: Report) -> Iterator[Near]:
-    """Of joint fits with one of the candidates each those that come near the data, one after the other."""
+    """Refits with one candidate each that reach the noise, one after the other."""
     for effect in candidates:
         report(f"fitting anew with {effect.name}", 0.9)
         s = fitted_with(effect, result, turned.before, turned.score, report)
@@ -113,9 +115,12 @@ def fitted_with(
     before: CandidateModel,
     was: Score,
     report: Report,
-    about: Mapping[str, float] | None = None,
+    stated: float | None = None,
 ) -> CandidateModel | None:
     """The model after a joint fit made anew with one effect more; None where it stays far from the data or is worse.
+
+    Where a number of rig.toml is wrong by what is stated, the rig is fitted that has the right one: readings, starts
+    and the steps of the integrator are of a rig that can be, and its optimum is where the effect's refit begins.
 
     Args:
         effect: the one more.
@@ -123,16 +128,23 @@ def fitted_with(
         before: the model that it is to take the place of.
         was: score of that.
         report: progress.
-        about: values to start from, SI by symbol; the graph readings and nominal values where None.
+        stated: the effect's first parameter, SI, by the rig's checks; the graph readings and nominal values where None.
     """
-    config = result.rig.config
+    config, first = result.rig.config, parameters_of(effect)[0]
+    of_the_rig = effect if issubclass(effect, AbstractRigEffect) else None
+    cured = None if stated is None or of_the_rig is None else of_the_rig.cured(config, stated)
     effects = (*config.effects, *(e.name for e in before.added), effect.name)
-    again = fit_near(replace(result.rig, config=replace(config, effects=effects)), report, about=about)
+    rig = replace(result.rig, config=replace(cured or config, effects=effects))
+    about = None if stated is None or cured is not None else {first.symbol: stated}
+    again = fit_near(rig, report, about=about)
     if again is None:
         return None
     s = before.with_effects((*before.added, effect), again.values)
-    s = replace(s, x=carried(again.x, again.problem.layout, s.problem.free_parameters, again.values))
-    s = refit_fully(s, report)
+    x = carried(again.x, again.problem.layout, s.problem.free_parameters, again.values)
+    if stated is not None and of_the_rig is not None and cured is not None:
+        size = of_the_rig.compounded(stated, again.values[first.symbol])
+        x[s.problem.layout.free.index(first.symbol)] = first.domain.coordinate(size)
+    s = refit_fully(replace(s, x=x), report)
     return None if s.far or not holds(s, before, was) else s
 
 

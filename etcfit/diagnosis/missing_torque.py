@@ -80,7 +80,7 @@ def _along(problem: EstimationProblem, x: np.ndarray, guide_stiffness: float) ->
     arrays = problem.arrays(guide_stiffness)
     if not available():
         return {k: np.asarray(v) for k, v in _by_jax(*problem.at(x), arrays).items()}
-    found = filter_kernels.along(_BY_KERNEL, *problem.here(x, arrays))
+    found = jax.tree.map(np.asarray, filter_kernels.along(_BY_KERNEL, *problem.here(x, arrays)))
     return {k: np.moveaxis(v, 2, 0) if v.ndim > 2 else v for k, v in found.items()}
 
 

@@ -44,7 +44,7 @@ from .statements import Named, statement
 _TOLD = 3.0  # standard errors from which on a parameter is said to differ
 _FORGIVEN = 2  # of the steps by which a fit from far off forgives instants, the last ones: here it begins at a fit
 _HOPELESS = 3.0  # times the misfit of what is near: a descent stopped early may be that far above its end
-_GONE = 0.05  # share of the misfit above noise that may be left without a piece: another effect may be there too
+_LEFT_SHARE = 0.05  # share of the misfit above noise that may be left without a piece: another effect may be there too
 _LEFT = 1e-3  # share of its misfit under the others' parameters that a body of its own may leave of a piece
 _NAMED = 4  # of those that differ, the most that are named
 
@@ -277,7 +277,7 @@ def clears(s: CandidateModel, result: FitResult) -> bool:
     """Whether a model leaves nothing but noise, or next to nothing of what the first fit left above it."""
     if s.far:
         return False
-    excess = _GONE * (result.chi2_per_dof - 1.0)
+    excess = _LEFT_SHARE * (result.chi2_per_dof - 1.0)
     nearly = s.chi2_per_sample < min(1.0 + excess, result.settings.contradiction.compromise)
     return nearly or is_white(s)
 

@@ -8,8 +8,9 @@ approximation of the Laplace evidence,
 T tempers it: residuals that are not white, and formulas that are not exact, make BIC surer than it should be; what was
 known before the data (`prior.py`, which the change of BIC leaves out here) is not tempered. `lapse`
 is the answer "something else": how often a name is wrong however strong its evidence, for the truth may lie outside
-the catalogue. The answers of a question add up to one. Over rounds an effect is there unless none of them puts it
-there. How well they are calibrated: docs/validation/bank.md.
+the catalogue; more, where a name answers for less than all that is missing where it acts (`credit.py`). The answers of
+a question add up to one. Over rounds an effect is there unless none of them puts it there. How well they are
+calibrated: docs/validation/bank.md.
 
 Source: Kass and Raftery 1995, eq. 9 (BIC as evidence). Differs from source: tempered, and with a lapse.
 """
@@ -19,8 +20,7 @@ from __future__ import annotations
 import math
 from collections.abc import Collection, Mapping, Sequence
 
-from ..model.rig_effects import rig_effect
-from .composition import is_of_one_channel
+from .credit import credits, left_share
 from .findings import Question, RoundReport
 from .settings import DiagnosisSettings
 
@@ -34,7 +34,12 @@ CALIBRATED = (
 
 
 def questions(
-    rounds: Sequence[RoundReport], added: Collection[str], curve: bool, settings: DiagnosisSettings, slow: bool = False
+    rounds: Sequence[RoundReport],
+    added: Collection[str],
+    curve: bool,
+    settings: DiagnosisSettings,
+    slow: bool = False,
+    doubts: Collection[str] = (),
 ) -> tuple[Question, ...]:
     """What each round asked, and at last what is left without a name.
 
@@ -45,15 +50,17 @@ def questions(
         rounds: of the diagnosis.
         added: the effects that are in its final model and not in doubt.
         curve: whether a curve without a name was found.
-        settings: `bic_temper`, the lapses and `slow_log`.
+        settings: `bic_temper`, `lapse`, `missed` and `slow_log`.
         slow: whether a fitted test was logged so.
+        doubts: other effects of that model, which something else outdoes (`credit.doubted`).
     """
     gone = _withdrawn(rounds, added)
+    believed = [min(each, 1.0 - settings.lapse) for each in credits(rounds, {*added, *doubts})]
     asked = [
-        Question(f"Round {k}: what explains what is left of the residual?", _answers(each, gone, settings))
-        for k, each in enumerate(rounds, start=1)
+        Question(f"Round {k}: what explains what is left of the residual?", _answers(each, gone, most, settings))
+        for k, (each, most) in enumerate(zip(rounds, believed, strict=True), start=1)
     ]
-    left = _left(rounds, bool(added), curve, settings)
+    left = _left(rounds, bool(added), curve, doubts, settings)
     every = (*asked, Question("At the end: what is left?", {ONLY_NOISE: 1.0 - left, NO_NAME: left}))
     return tuple(_beside_a_slow_log(each, settings) for each in every) if slow else every
 
@@ -69,6 +76,7 @@ def probabilities(
     added: Collection[str],
     curve: bool,
     settings: DiagnosisSettings,
+    doubts: Collection[str] = (),
 ) -> Mapping[str, float]:
     """Of every effect that was refitted, of "nothing" and of "unexplained", each from 0 to 1.
 
@@ -77,7 +85,7 @@ def probabilities(
 
     Args:
         asked: the questions of these rounds, with their answers.
-        rounds, added, curve, settings: as of `questions`.
+        rounds, added, curve, settings, doubts: as of `questions`.
     """
     *of_rounds, at_last = asked
     named: dict[str, float] = {}
@@ -87,7 +95,7 @@ def probabilities(
                 named[effect] = 1.0 - (1.0 - named.get(effect, 0.0)) * (1.0 - p)
     # what was taken away again, or is in doubt, is no more than what was never added
     named |= {effect: min(named.get(effect, 1.0), settings.missed) for effect in _withdrawn(rounds, added)}
-    silent = not added and not curve and rounds[-1].evidence.white
+    silent = not (added or curve or doubts) and rounds[-1].evidence.white
     return {
         **dict(sorted(named.items(), key=lambda item: -item[1])),
         NOTHING: 1.0 - settings.missed if silent else settings.lapse * math.prod(1.0 - p for p in named.values()),
@@ -105,22 +113,28 @@ def _withdrawn(rounds: Sequence[RoundReport], added: Collection[str]) -> set[str
     return {each.added for each in rounds if each.added is not None} - set(added)
 
 
-def _left(rounds: Sequence[RoundReport], named: bool, curve: bool, settings: DiagnosisSettings) -> float:
+def _left(
+    rounds: Sequence[RoundReport], named: bool, curve: bool, doubts: Collection[str], settings: DiagnosisSettings
+) -> float:
     """Probability that something is left which has no name."""
-    noise, unread = rounds[-1].evidence.white, not rounds[-1].candidates
+    noise, unread = rounds[-1].evidence.white and not doubts, not rounds[-1].candidates and not doubts
     if curve or not (named or noise):
         return 1.0 - settings.lapse
     if noise:
         return settings.lapse if named else settings.missed
-    # a last round without candidates found no more than the formulas of what was named may leave
-    return settings.lapse if unread else settings.left_beside_names
+    if unread:  # a last round without candidates found no more than the formulas of what was named may leave
+        return settings.lapse
+    return min(max(left_share(rounds, doubts), settings.lapse), 1.0 - settings.lapse)
 
 
-def _answers(each: RoundReport, withdrawn: Collection[str], settings: DiagnosisSettings) -> Mapping[str, float]:
+def _answers(
+    each: RoundReport, withdrawn: Collection[str], most: float, settings: DiagnosisSettings
+) -> Mapping[str, float]:
     """Of the effects refitted in one round, "nothing" and "something else": they add up to one.
 
-    Effects that the held-out traces contradict get nothing, as those that are not worth their parameters get no more
-    than `missed` all together. One that was taken away again leaves what exceeds `missed` to something else.
+    Effects and "nothing" get no more than `most`. Effects that the held-out traces contradict get nothing, as those
+    that are not worth their parameters get no more than `missed` all together. One that was taken away again leaves
+    what exceeds `missed` to something else.
     """
     changes = {c.effect: _tempered(c.bic_change, c.prior or 0.0, settings)
                for c in each.candidates if c.bic_change is not None}  # fmt: skip
@@ -131,17 +145,10 @@ def _answers(each: RoundReport, withdrawn: Collection[str], settings: DiagnosisS
         return {**named, NOTHING: 1.0 - sum(named.values()), SOMETHING_ELSE: 0.0}
     standing = {e: w for e, w in weights.items() if e == each.added or e in each.ties or changes[e] >= best}
     nothing = math.exp(0.5 * min(best, 0.0))
-    share = (1.0 - settings.lapse) / (sum(standing.values()) + nothing)
+    share = most / (sum(standing.values()) + nothing)
     named = {e: share * standing.get(e, 0.0) for e in changes}
-    named |= {e: p * (1.0 - settings.lapse_of_one) / (1.0 - settings.lapse) for e, p in named.items() if _is_of_one(e)}
     named |= {e: min(named[e], settings.missed) for e in withdrawn if e in named}
     return {**named, NOTHING: share * nothing, SOMETHING_ELSE: 1.0 - sum(named.values()) - share * nothing}
-
-
-def _is_of_one(name: str) -> bool:
-    """Whether an effect, by name, is in one channel of one trace."""
-    effect = rig_effect(name)
-    return effect is not None and is_of_one_channel(effect)
 
 
 def _tempered(bic_change: float, prior: float, settings: DiagnosisSettings) -> float:

@@ -188,14 +188,13 @@ class DiagnosisSettings:
     bic_temper: float = real(10.0, 1.0)
     """By how much a change of BIC overstates its evidence."""
     lapse: float = real(0.1, above=0.0, below=1.0)
-    """Probability that what was named is something else, however strong the evidence."""
-    lapse_of_one: float = real(0.25, above=0.0, below=1.0)
-    """That probability of a mistake in one channel of one trace, of which there are hundreds and no rates yet."""
+    """Least probability that what was named is something else, however strong the evidence; and the least that
+    something without a name is left beside it."""
+    least_credit: float = real(0.5, 0.0, 1.0)
+    """Share of what is missing where it acts that a name must explain, beside what may be something else; one that
+    explains less, of a model near its data, is not said."""
     missed: float = real(0.1, above=0.0, below=1.0)
     """Probability that something is there of which nothing was found."""
-    left_beside_names: float = real(0.5, above=0.0, below=1.0)
-    """Probability that something without a name is left where the effects named leave more than noise: as likely as
-    not, for their formulas are not exact."""
     slow_log: float = real(0.5, 0.0, below=1.0)
     """Probability that a misfit is of what acted between two samples, where the log is slower than what acts in it."""
     suspicion: float = real(0.8, 0.0, 1.0)

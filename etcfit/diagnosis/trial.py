@@ -24,10 +24,10 @@ import numpy as np
 
 from .candidate_model import CandidateModel
 from .composition import Composition, Effect, is_of_one_channel, is_of_the_rig, resting
-from .late import of_one_event
 from .prior import surprise
 from .score import Score, score
 from .screen import variants
+from .screen_delays import of_one_event
 from .settings import DiagnosisSettings
 
 

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+from itertools import repeat
 from typing import NamedTuple
 
 import numpy as np
 
-from ..problem.prediction_error import columns
-from ..problem.problem import EstimationProblem, Linearisation
+from ..problem.problem import EstimationProblem
+from ..problem.residual import WeightedData
 
 
 class Piece(NamedTuple):
@@ -35,20 +37,48 @@ class Piece(NamedTuple):
         return self.discount**2 * float(np.sum((self.r if step is None else self.moved(step)) ** 2))
 
 
-def pieces_of(problem: EstimationProblem, here: Linearisation) -> tuple[Piece, ...]:
+def pieces_at(problem: EstimationProblem, x: np.ndarray, weighted: WeightedData) -> tuple[Piece, ...]:
     """Every channel of every trace.
 
     Args:
-        problem: the data.
-        here: their residual, linearised at some point.
+        problem, weighted: the residual.
+        x: coordinates at which it is linearised, shape (P,).
     """
     out = []
-    for trace, part, (lane, _, marks) in zip(
-        problem.batch.traces, columns(problem.batch, here.r), problem.batch.places, strict=True
-    ):
+    every = zip(problem.batch.traces, problem.batch.places, problem.linearise_traces(x, weighted), strict=True)
+    for trace, (lane, _, marks), (r, columns) in every:
         for m in range(len(trace.channels)):
             seen = np.isfinite(trace.data[:, m])
             where = trace.test.name, trace.measurement.file
             discount = float(np.median(problem.sigma[marks[seen], lane, m])) / float(trace.sigma[m])
-            out.append(Piece(*where, here.jacobian[marks[seen], lane, m], part[seen, m], discount))
+            own = columns[m] if seen.all() else columns[m][seen]
+            out.append(Piece(*where, own, r[seen, m], discount))
     return tuple(out)
+
+
+def whitened(problem: EstimationProblem, pieces: Iterable[Piece]) -> tuple[np.ndarray, ...]:
+    """The residual of each trace, shape (n, M) each; 0 where nothing was logged."""
+    each, out = iter(pieces), []
+    for trace in problem.batch.traces:
+        seen = np.isfinite(trace.data)
+        r = np.zeros(seen.shape)
+        for m in range(len(trace.channels)):
+            r[seen[:, m], m] = next(each).r
+        out.append(r)
+    return tuple(out)
+
+
+def information_in(
+    pieces: Iterable[Piece], prior_sd: np.ndarray, inflations: Iterable[float] = repeat(1.0)
+) -> np.ndarray:
+    """sum J^T J / f of pieces, and the information of the user's priors, shape (P, P).
+
+    Args:
+        pieces: some channels.
+        prior_sd: of the coordinates, shape (P,).
+        inflations: f of each.
+    """
+    total = np.diag(1.0 / np.asarray(prior_sd) ** 2)
+    for piece, f in zip(pieces, inflations, strict=False):
+        total = total + piece.jacobian.T @ piece.jacobian / f
+    return total

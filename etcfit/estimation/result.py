@@ -10,8 +10,8 @@ from typing import NamedTuple
 import numpy as np
 
 from ..problem.free_parameters import FreeParameters
-from ..problem.prediction_error import PredictionError, columns, rows
-from ..problem.problem import EstimationProblem, Linearisation
+from ..problem.prediction_error import PredictionError, rows
+from ..problem.problem import EstimationProblem
 from ..problem.residual import WeightedData
 from ..problem.trace import Trace
 from ..rig.base import Rig
@@ -26,9 +26,9 @@ from .fitted_model import Fitted
 from .goodness import Goodness, goodness_of, warnings_of
 from .identifiability import Identifiability, analyse
 from .influence import Influence
-from .levenberg_marquardt import information_of
 from .other_session import drives_of_another_session
-from .pieces import Piece, pieces_of
+from .pieces import Piece, information_in, pieces_at
+from .pieces import whitened as whitened_of
 from .settings import FitSettings
 
 
@@ -234,10 +234,8 @@ class Optimum:
 def outcome(optimum: Optimum) -> FitResult:
     """What a fit leaves behind, computed at its end: intervals, verdict on the parameters, errors, warnings."""
     problem, weighted, x, end = optimum.problem, optimum.weighted, optimum.x, optimum.end
-    here = problem.linearise(x, weighted)
-    pieces = pieces_of(problem, here)
-    known, whitened = _spread(optimum, here, pieces), tuple(columns(problem.batch, here.r))
-    del here  # samples times parameters; the pieces have what is used of it
+    pieces = pieces_at(problem, x, weighted)
+    known, whitened = _spread(optimum, pieces), whitened_of(problem, pieces)
     told = _predictions(optimum)
     if end.far:
         whitened = _in_sigma(problem, told.predicted)
@@ -297,9 +295,9 @@ class _Spread(NamedTuple):
     alternating: tuple[str, ...]
 
 
-def _spread(optimum: Optimum, here: Linearisation, pieces: tuple[Piece, ...]) -> _Spread:
+def _spread(optimum: Optimum, pieces: tuple[Piece, ...]) -> _Spread:
     problem, x, wander, settings = optimum.problem, optimum.x, optimum.end.wander, optimum.settings
-    information = information_of(optimum.weighted.prior_sd[: x.size], here.jacobian)
+    information = information_in(pieces, optimum.weighted.prior_sd[: x.size])
     certain = analyse(problem.layout, x, information, settings.identifiability).covariance
     covariance, factor, _ = widen(certain, [(p.jacobian, p.r) for p in pieces], settings.whiteness)
     widest = float(np.max(factor, initial=1.0))
@@ -351,11 +349,10 @@ def _verdict_on_parameters(
     """
     inside = problem.layout.off_bounds(x)
     if not np.array_equal(inside, x):
-        there = pieces_of(problem, problem.linearise(inside, weighted))
+        there = pieces_at(problem, inside, weighted)
         pieces = tuple(new._replace(r=piece.r) for new, piece in zip(there, pieces, strict=True))
-    information = np.diag(1.0 / np.asarray(weighted.prior_sd)[: x.size] ** 2)
-    for piece in pieces:
-        information = information + piece.jacobian.T @ piece.jacobian / inflation(piece.r, settings.whiteness)
+    inflated = (inflation(piece.r, settings.whiteness) for piece in pieces)
+    information = information_in(pieces, weighted.prior_sd[: x.size], inflated)
     return analyse(problem.layout, inside, information, settings.identifiability)
 
 

@@ -76,7 +76,8 @@ def rounds(
         settings: thresholds of the verdict, tolerance and budget of each descent.
     """
     moved, outliers, about = np.inf, 0, x
-    for k in range(most):
+    k = 0
+    while True:
         report(f"whitening {k + 1}: moved {moved:.2g} standard errors", 0.5 + 0.4 * k / most)
         weighted = problem.weighted(problem.kalman(about))
         down = descend if k < settings.off_bound_rounds else minimise
@@ -84,17 +85,18 @@ def rounds(
         here = local(problem, x, weighted)
         moved = float(np.max(np.abs(x - about) / np.sqrt(np.diag(here.covariance))))
         if (moved < still and k > 0) or k == most - 1:
-            break
+            end = after_rounds(moved, here.gain, outliers, settings)
+            return Reached(problem, weighted, x, replace(end, wander=(x - about)[None], gain=here.gain))
         # later rounds linearise half way: an impact that crosses a sampling instant makes two optima alternate
         early = k < settings.clock_rounds
         about = x if early else 0.5 * (about + x)
         r = problem.residual(x, weighted)
         whitened = columns(problem.batch, r)
+        del weighted  # the largest arrays of a fit, before the next ones are made
         problem = weights.timed(problem, x, r) if early else problem
         problem = problem.with_instants(about)
         problem, outliers = weights.outliers_weighed(problem, whitened)
-    end = after_rounds(moved, here.gain, outliers, settings)
-    return Reached(problem, weighted, x, replace(end, wander=(x - about)[None], gain=here.gain))
+        k += 1
 
 
 def after_rounds(moved: float, gain: float, outliers: int = 0, settings: FitSettings = FitSettings()) -> Termination:

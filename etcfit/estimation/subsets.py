@@ -11,7 +11,7 @@ from ..problem.problem import EstimationProblem
 from ..problem.residual import WeightedData, prior_residual_here
 from ..problem.trace import Trace
 from .levenberg_marquardt import descend
-from .pieces import Piece, pieces_of
+from .pieces import Piece, pieces_at
 from .settings import FitSettings
 
 _CLOSE = 1e-4  # relative change of chi2 that ends a descent: far less than parts that disagree differ by
@@ -76,8 +76,7 @@ def renewed(problem: EstimationProblem, here: Subset, settings: FitSettings) -> 
 
 def at(problem: EstimationProblem, weighted: WeightedData, x: np.ndarray, tests: Collection[str]) -> Subset:
     """All data linearised at x, shape (P,), of which some tests count."""
-    here = problem.linearise(x, weighted)
-    return Subset(tuple(tests), x, pieces_of(problem, here), belief(problem, weighted, x))
+    return Subset(tuple(tests), x, pieces_at(problem, x, weighted), belief(problem, weighted, x))
 
 
 def belief(problem: EstimationProblem, weighted: WeightedData, x: np.ndarray) -> np.ndarray:

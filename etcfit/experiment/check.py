@@ -10,6 +10,7 @@ from functools import cached_property
 
 import numpy as np
 
+from ..car_log.study import Study, study_traces
 from ..errors import MeasurementError
 from ..estimation.identifiability import Identifiability, analyse
 from ..estimation.levenberg_marquardt import information_of
@@ -97,6 +98,7 @@ class CheckResult:
         warnings: what a reader must know, `why_not` included.
         why_not: why there is no verdict, or "".
         settings: what it was decided by.
+        follows: traces with a setpoint, as `drive` judges a log, by the same thresholds.
     """
 
     rig: Rig
@@ -108,6 +110,7 @@ class CheckResult:
     why_not: str = ""
     gains: tuple[str, ...] = ()
     settings: CheckSettings = CheckSettings()
+    follows: tuple[Study, ...] = ()
 
 
 def check(rig: Rig, settings: CheckSettings = CheckSettings()) -> CheckResult:
@@ -121,15 +124,18 @@ def check(rig: Rig, settings: CheckSettings = CheckSettings()) -> CheckResult:
     """
     free_parameters(rig.config)  # refuses what `fit` refuses; traces that cannot be fitted are shown all the same
     traces = tuple(_trace(m, settings) for m in rig.measurements)
+    follows = study_traces(rig)
     try:
         judged = verdict(rig)
     except MeasurementError as error:
-        return CheckResult(rig, traces, None, (), None, rig.warnings, str(error), settings=settings)
+        return CheckResult(rig, traces, None, (), None, rig.warnings, str(error), settings=settings,
+                           follows=follows)  # fmt: skip
     found = judged.identifiability
     words = sentences(found.directions, judged.traces)
     warnings = (*rig.warnings, *judged.notes)
     gains = _were_gains_known(judged)
-    return CheckResult(rig, traces, found, words, judged.readings, warnings, gains=gains, settings=settings)
+    return CheckResult(rig, traces, found, words, judged.readings, warnings, gains=gains, settings=settings,
+                       follows=follows)  # fmt: skip
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,4 +1,4 @@
-"""A fitted model in the formats of other programs: what each cannot hold is said in its files and on the terminal."""
+"""The way out: a fitted model in the formats of other programs, a writer a format; each says what it cannot hold."""
 
 from __future__ import annotations
 

@@ -12,7 +12,7 @@ from ..estimation.fleet_model import FleetModel, fleet_model, parted
 from ..problem.free_parameters import free_parameters
 from ..rig.base import RigConfig
 from .config import FleetConfig
-from .line import Told, measured
+from .line import FigureResult, measured
 from .line.predict import Prediction, predict
 from .results import Results
 from .statistics.capability import Capability, Line, Spec, capability
@@ -79,7 +79,7 @@ class FleetStudy:
     capability: Mapping[str, Capability]
     gauge: Mapping[str, Gauge]
     model: FleetModel
-    figures: Mapping[str, Told]
+    figures: Mapping[str, FigureResult]
     predictions: tuple[Prediction, ...]
     settings: FleetSettings
 
@@ -181,7 +181,11 @@ def _over_all(series: Series, units: tuple[str, ...]) -> tuple[np.ndarray, np.nd
 
 
 def _capable(
-    config: FleetConfig, found: Population, figures: Mapping[str, Told], ordinary: np.ndarray, settings: FleetSettings
+    config: FleetConfig,
+    found: Population,
+    figures: Mapping[str, FigureResult],
+    ordinary: np.ndarray,
+    settings: FleetSettings,
 ) -> dict[str, Capability]:
     out = {}
     for name, limit in config.limits.items():

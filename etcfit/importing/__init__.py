@@ -1,4 +1,6 @@
-"""The way in: foreign files become a measurement folder, and a new rig gets a rig.toml that explains itself."""
+"""The way in: foreign files become a measurement folder, a reader a format, guesses with reasons; a new rig gets a
+rig.toml that explains itself.
+"""
 
 from __future__ import annotations
 
@@ -48,6 +50,8 @@ def import_files(
     rig: Path | None = None,
     settings: GuessSettings = GuessSettings(),
     most: int = MOST_BYTES,
+    motor: str | None = None,
+    servo: str | None = None,
     report: Callable[[str, float], None] = lambda stage, done: None,
 ) -> Imported:
     """Foreign files as a measurement folder, written whole or not at all.
@@ -60,6 +64,8 @@ def import_files(
         rig: a rig.toml to take over; without it a short one is written.
         settings: what decides a guess, and when it is sure.
         most: bytes that the numbers of one recording may take in memory.
+        motor: the one to take of files that have several.
+        servo: family whose registers the columns are, see `formats.servo`.
         report: is told what is being done, and the fraction of it that is.
     Raises:
         UsageError: `to` holds something already, a file needs a library that is not installed, or an answer names a
@@ -77,7 +83,7 @@ def import_files(
         raise UsageError("No recording among the files: a DBC alone says only what its frames mean.")
     for file in buses:
         require_file(file, str(file), "A DBC is required.")
-    sources = [Source(file, str(file), buses, most) for file in recordings]
+    sources = [Source(file, str(file), buses, most, motor, servo) for file in recordings]
     for source in sources:
         require_readable(source)
     sheets = []

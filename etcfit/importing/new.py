@@ -62,7 +62,7 @@ def template(plate: Nameplate) -> str:
 
 _TEMPLATE = """\
 # A rig: nameplate, sensors, what is known. Numbers: {source}.
-{fill}# Lines behind # are examples: take the # away to use one. docs/folder.md has every key.
+{fill}# Lines behind # are examples: take the # away to use one. docs/reference/folder.md has every key.
 
 [rig]
 name = "{title}"

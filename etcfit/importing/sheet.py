@@ -72,6 +72,11 @@ class Sheet:
         return f"{self.file}, '{self.part}'" if self.part else self.file
 
     @property
+    def motor(self) -> str:
+        """Whose these are, of a file whose parts are motors: `motor` or `motor: test`."""
+        return self.part.partition(": ")[0]
+
+    @property
     def rows(self) -> int:
         """How many."""
         return self.columns[0].values.size

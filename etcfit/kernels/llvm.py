@@ -133,6 +133,7 @@ class _Writer:
         begun = [self.load("%carried", place * self.width, True) for place in range(len(loop.carried))] if kept else []
         added = len(loop.sums) <= _KEPT
         sums = [self.load("%sums", place * self.width, True) for place in range(len(loop.sums))] if added else []
+        self.lines += self.begin_of_blocks()
         self.lines += ["  %some = icmp sgt i64 %rows, 0", "  br i1 %some, label %entry, label %end", "entry:"]
         vector = self.type(True)
         phis = ["  %row = phi i64 [ 0, %begin ], [ %next, %entry ]"]
@@ -158,11 +159,7 @@ class _Writer:
                 self.values[node] = self.operation(node)
         totals = [self.added(place, f"%sum{place}" if added else None) for place in range(len(loop.sums))]
         results = [self.of(result, True) for _, result in loop.carried]
-        if loop.stored:
-            self.lines.append(f"  %skipped = mul i64 %row, {len(loop.stored) * self.width}")
-            self.lines.append("  %out = getelementptr double, ptr %stored, i64 %skipped")
-            for place, node in enumerate(loop.stored):
-                self.store(self.of(node, True), "%out", place * self.width)
+        self.write()
         for place, value in enumerate(results if not kept else []):
             self.store(value, "%carried", place * self.width)
         if kept:
@@ -182,6 +179,25 @@ class _Writer:
         if self.x86:
             self.lines.append("  call void @llvm.x86.sse.ldmxcsr(ptr %control)")
         self.lines.append("  ret void")
+
+    @property
+    def blocks(self) -> list[tuple[int, int]]:
+        """Begin and size of each block of what is stored."""
+        sizes = self.loop.blocks or (len(self.loop.stored),)
+        return [(sum(sizes[:k]), size) for k, size in enumerate(sizes) if size]
+
+    def begin_of_blocks(self) -> Iterator[str]:
+        for k, (begin, _) in enumerate(self.blocks):
+            yield f"  %before{k} = mul i64 %rows, {begin * self.width}"
+            yield f"  %block{k} = getelementptr double, ptr %stored, i64 %before{k}"
+
+    def write(self) -> None:
+        """What this entry stores."""
+        for k, (begin, size) in enumerate(self.blocks):
+            self.lines.append(f"  %skipped{k} = mul i64 %row, {size * self.width}")
+            self.lines.append(f"  %out{k} = getelementptr double, ptr %block{k}, i64 %skipped{k}")
+            for place, node in enumerate(self.loop.stored[begin : begin + size]):
+                self.store(self.of(node, True), f"%out{k}", place * self.width)
 
     def added(self, place: int, before: str | None) -> str:
         """A sum with this entry's products."""

@@ -34,6 +34,8 @@ class Loop:
         carried: (input, result): what one entry hands to the next.
         sums: each a sum over all entries of products of two nodes.
         stored: nodes that are written at each entry.
+        blocks: how many of them, one after the other, lie side by side at each entry: what is stored is a block for
+            each, (rows, nodes of it, numbers in a vector), as a record is; all in one block where it is empty.
     """
 
     graph: Graph
@@ -43,6 +45,7 @@ class Loop:
     carried: tuple[tuple[int, int], ...]
     sums: tuple[tuple[tuple[int, int], ...], ...] = ()
     stored: tuple[int, ...] = ()
+    blocks: tuple[int, ...] = ()
 
     @cached_property
     def nodes(self) -> list[int]:

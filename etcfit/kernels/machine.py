@@ -155,7 +155,8 @@ class Kernel:
             records: address of the first number of each record.
             fixed: parameters, one each, or `width` of each where a vector holds points.
             begun: what is carried into the first entry, shape (carried, width).
-            stored: takes what is stored, shape (rows, stored, width) at least.
+            stored: takes what is stored: blocks of shape (rows, nodes of it, width), see `Loop.blocks`, one after the
+                other.
         Returns:
             the sums, shape (sums, width).
         """

@@ -1,1 +1,10 @@
-"""The physics: Eqs. 1-2 of the paper and the named effects beyond them, their parameters, and the one stepper."""
+"""The physics: Eqs. 1-2 of the paper, the named effects beyond them, their parameters, and the one stepper.
+
+Parts:
+
+    throttle, stepper, tangents     one step of the balances, and its exact derivative
+    ecu, ecus/                      a discrete PID as part of the model; makes of engine computers
+    effects/, rig_effects/          physics of the throttle; mistakes of the rig around it
+    smooth/                         curves without a name
+    linear                          the transfer function
+"""

@@ -31,6 +31,8 @@ class Ecu(NamedTuple):
         dead_band: error below which the integral stands still, rad; 0 for none.
         setpoint_weight: b of Kp (b r - y), 1 where the proportional part acts on the error, 0 on the position alone.
         derivative_weight: c of Kd d(c r - y)/dt, 1 where the derivative is the error's, 0 the position's alone.
+        compensated: 1 where it divides its output by the battery voltage, so that the output means volts; 0 where the
+            output is a duty of whatever supply there is.
     """
 
     period: float = 1e-3
@@ -47,6 +49,7 @@ class Ecu(NamedTuple):
     dead_band: float = 0.0
     setpoint_weight: float = 1.0
     derivative_weight: float = 1.0
+    compensated: float = 0.0
 
     @property
     def limit(self) -> Scalar:

@@ -5,6 +5,15 @@
 y are the samples, y_hat what the model simulates, W a whitening filter: r is standard normal where the model is right.
 x are coordinates: unbounded numbers, one for each free parameter (see `model.parameters`).
 
+Parts:
+
+    trace, batch, breaks, packing, edges, substeps      traces as arrays that one program simulates together
+    input_signal, setpoint, ticks, instants             what drives a trace, and instants that nobody logged
+    free_parameters, weights, problem                   what is free, and the problem as a whole
+    residual, one_pass, chi2, jacobian                  the residual, and the same entry by entry with its derivative
+    process_noise, innovations                          the whitening filter
+    *_kernels, traced_entry, records, lanes, cores      the same as machine code, on every core
+
 Words:
 
     trace       one measurement: samples at rising instants

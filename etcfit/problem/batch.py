@@ -139,6 +139,36 @@ class TraceBatch:
         steps = self.steps._replace(voltage0=level, voltage1=np.where(active, level, self.steps.voltage1))
         return replace(self, steps=steps, traces=traces)
 
+    def released(self, traces: Sequence[Trace], config: RigConfig, substeps: Sequence[np.ndarray]) -> TraceBatch:
+        """The batch with other instants at which held plates were let go; arrays that are the same are the same ones.
+
+        Args:
+            traces: those of the batch, some of them released at another instant.
+            config, substeps: as of `batch_of`.
+        """
+        parts = self.steps, self.resets, self.slots, self.disturbance
+
+        def arrays(part: Any) -> dict[str, np.ndarray]:
+            return {name: column for name, column in part._asdict().items() if isinstance(column, np.ndarray)}
+
+        table = {name: column for part in parts for name, column in arrays(part).items()}
+        places, fresh = list(self.places), set()
+        for k, (trace, (lane, row, _)) in enumerate(zip(traces, self.places, strict=True)):
+            if trace is self.traces[k]:
+                continue
+            breaks, command = _under_ecu(trace, substeps[k], config)
+            places[k] = lane, row, row + breaks.marks
+            for name, column in _strip(trace, breaks, command, config).items():
+                own = slice(row, row + len(column)), lane, *(slice(n) for n in column.shape[1:])
+                if name in table and not np.array_equal(table[name][own], column):
+                    if name not in fresh:
+                        table[name] = np.array(table[name])
+                        fresh.add(name)
+                    table[name][own] = column
+        named = zip(("steps", "resets", "slots", "disturbance"), parts, strict=True)
+        fresh_parts = {name: part._replace(**{n: table[n] for n in arrays(part)}) for name, part in named}
+        return replace(self, **fresh_parts, traces=tuple(traces), places=tuple(places))
+
     def jumping(self, share: float) -> TraceBatch:
         """The batch with every edge of the voltage at one share of its interval, 0 at its begin to 1 at its end.
 
@@ -302,12 +332,15 @@ def _samples(trace: Trace, rows: int, marks: Int[np.ndarray, " n"]) -> dict[str,
 
 
 def _blank(length: int, lanes: int, slots: int, config: RigConfig) -> dict[str, np.ndarray]:
-    """A batch with nothing on it: steps of no length, nothing moves, nothing observed."""
+    """A batch with nothing on it: steps of no length, nothing moves, nothing observed.
+
+    In memory the entries of a lane lie one after the other, as traces are written and packed.
+    """
     names = (*Step._fields, *Edge._fields, *Reset._fields, *Disturbance._fields, "test_of", "guidable")
     names += () if config.ecu is None else Command._fields
-    table = {name: np.zeros((length, lanes)) for name in names}
-    table |= {name: np.zeros((length, lanes, slots)) for name in ("value", "weight", "kind")}
-    table["sigma"] = np.ones((length, lanes, slots))
+    table = {name: np.zeros((lanes, length)).T for name in names}
+    table |= {name: np.zeros((lanes, slots, length)).transpose(2, 0, 1) for name in SampleSlots._fields}
+    table["sigma"][:] = 1.0
     table["gear_ratio"][:] = config.gear_ratio
     table["lower"][:], table["upper"][:] = config.travel
     return table

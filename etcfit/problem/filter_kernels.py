@@ -55,7 +55,8 @@ def filter_and_timing(
         jitter: standard deviation of the sampling instants, as a share of the time between samples.
     """
     batch = _acting(form, full, batch)
-    return along(_FILTERED, form, full, batch, (_events(form, full, batch),), (jitter,))
+    filter_, timing = along(_FILTERED, form, full, batch, (_events(form, full, batch),), (jitter,))
+    return filter_._replace(weight=np.asarray(filter_.weight)), np.asarray(timing)
 
 
 def free_run_variance(
@@ -63,12 +64,12 @@ def free_run_variance(
 ) -> Float[np.ndarray, "T L M"]:
     """What `process_noise.free_run_variance` returns; arguments as of `filter_and_timing`."""
     batch = _acting(form, full, batch)
-    return along(_SPREAD, form, full, batch, (_events(form, full, batch),), (jitter,))
+    return np.asarray(along(_SPREAD, form, full, batch, (_events(form, full, batch),), (jitter,)))
 
 
 def local_error(form: Form, full: Float[np.ndarray, " Q"], batch: BatchArrays) -> Float[np.ndarray, "T L"]:
     """What `substeps.local_error` returns; arguments as of `filter_and_timing`."""
-    lost, error = along(_STEPPED, form, full, batch)
+    lost, error = map(np.asarray, along(_STEPPED, form, full, batch))
     weight = np.asarray(batch.slots.weight)
     return worst(error, weight, impacts_nearby_here(lost, weight), np)
 
@@ -156,7 +157,7 @@ def along(
     events: tuple[Events, ...] = (),
     jitter: tuple[float, ...] = (),
 ) -> Any:
-    """Results along a batch, axes T and L first.
+    """Results along a batch, axes T and L first, see `Along.run`.
 
     Args:
         which: see `along_path`.
@@ -169,7 +170,7 @@ def along(
     steps, _, slots, _, _, *late = numbered(tree)
     renewed = frozenset({steps.guide_stiffness, *slots[:3], *jax.tree.leaves((steps.acting, late))})
     rows = used_rows(batch.steps, batch.resets)
-    entries = Entries(tree, rows, (renewed,), never=(Column(steps.guide_stiffness, ()),))
+    entries = Entries(tree, rows, renewed, never=(Column(steps.guide_stiffness, ()),), lasting=False)
     return which.run((form,), np.concatenate((full, jitter)), entries)
 
 
@@ -199,7 +200,7 @@ _STEPPED, _PASSED, _JUMPED = along_path(_stepped), along_path(_passed), _simulat
 
 def _events(form: Form, full: Float[np.ndarray, " Q"], batch: BatchArrays) -> Events:
     weight, edge = np.asarray(batch.slots.weight), np.asarray(batch.disturbance.edge)
-    lost, before, after = along(_PASSED, form, full, batch)
+    lost, before, after = jax.tree.map(np.asarray, along(_PASSED, form, full, batch))
     spread = np.zeros((*edge.shape, 3, 3))
     rows, lanes = np.nonzero(edge > 0.0)
     if rows.size:
@@ -216,6 +217,6 @@ def _events(form: Form, full: Float[np.ndarray, " Q"], batch: BatchArrays) -> Ev
         # few entries, which would be alike by chance: nothing is taken as the same at all of them
         every = frozenset(range(len(jax.tree.leaves(entry))))
         count = np.full(LANES, logged[-1].shape[0])
-        found = _JUMPED.run((form,), full, Entries(entry, count, (every,)))
+        found = np.asarray(_JUMPED.run((form,), full, Entries(entry, count, every, lasting=False)))
         spread[rows, lanes] = found.reshape(-1, 3, 3)[: rows.size]
     return Events(impacts_nearby_here(lost, weight), spread)

@@ -118,6 +118,7 @@ def whiten(filter_: InnovationsFilter, error: Float[AnyArray, "T L M"]) -> Float
     if filter_.moved is not None:
         forth, back = filter_.moved
         return moved(whiten(filter_._replace(moved=None), moved(error, forth)), back)
+    filter_ = jax.tree.map(jnp.asarray, filter_)  # as kernels keep it, JAX does not take it
     start = tuple(jnp.zeros(error.shape[1]) for _ in range(filter_.transition.shape[-1]))
     return jax.lax.scan(lambda state, entry: innovate(state, *entry), start, (filter_, error))[1]
 

@@ -1,4 +1,4 @@
-"""When something came that nobody logged, read off what followed it."""
+"""Time of an event that was not logged, from the response after it."""
 
 from __future__ import annotations
 

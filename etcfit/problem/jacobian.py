@@ -1,4 +1,4 @@
-"""The Jacobian by forward mode, some columns at a time: a model that is padded pays for those that stand for something.
+"""The Jacobian by forward mode, some columns at a time: the padded columns of a model are skipped.
 
     J = df/dx,    eight columns side by side, which stay in the processor's cache
 

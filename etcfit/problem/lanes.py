@@ -14,12 +14,12 @@ from ..kernels.graph import Graph
 from ..kernels.loop import Across, Loop
 from ..kernels.machine import LANES, POINTS, Kernel
 from .cores import CORES, side_by_side
-from .records import MAKING, Entries, Packed, Records, records_of
+from .records import MAKING, Entries, Grouped, Records, put, records_of
 from .traced_entry import Shape, TracedEntry, nodes_of
 
 Known = TypeVar("Known", bound=Callable[..., Any])
 _NOTHING = np.zeros(1)  # is stored
-_ENTRIES = 256  # traced functions that are remembered
+_ENTRIES = 256  # kernels of traced functions that are remembered
 
 
 def remembered(most: int) -> Callable[[Known], Known]:
@@ -52,16 +52,20 @@ class Along:
     """
 
     def __init__(self, function_of: Callable[..., Any]) -> None:
-        def made(shape: Shape, *asked: Any) -> tuple[TracedEntry, tuple[Any, Kernel]]:
+        def made(shape: Shape, *asked: Any) -> tuple[tuple[int, ...], tuple[Stored, Kernel]]:
             function, names, carried, ties = function_of(*asked)
             entry = TracedEntry(function, names, shape, carried, ties)
             results = Stored(entry.graph, entry.results)
-            return entry, (results, compiled(entry.loop(Across.LANES, stored=results.nodes)))
+            return entry.leaves, (
+                results,
+                compiled(entry.loop(Across.LANES, stored=results.nodes, blocks=results.blocks)),
+            )
 
         self._made = remembered(_ENTRIES)(made)
 
     def run(self, asked: tuple[Any, ...], values: Float[np.ndarray, " Q"], batch: Entries) -> Any:
-        """The tree of results, axes T and L first; 0 where a lane is blank.
+        """The tree of results, axes T and L first; 0 where a lane is blank. They are `Grouped`: as other kernels read
+        them, `np.asarray` makes arrays of them.
 
         Args:
             asked: arguments of `function_of`.
@@ -69,60 +73,91 @@ class Along:
             batch: arrays of NumPy.
         """
         records, (results, kernel) = records_of(batch, lambda shape: self._made(shape, *asked))
-        return results.like(over_lanes(kernel, records, values)[1])
+        return results.over(kernel, records, values)
 
 
 class Stored:
-    """A tree of nodes as a kernel stores it: leaves that are 0 at every entry are left out, and take no memory.
+    """A tree of nodes as a kernel stores it, a block for each leaf: leaves that are 0 at every entry are left out, and
+    take no memory.
 
     Args:
         graph: of the nodes.
         tree: a node or an array of nodes for each leaf.
     Attributes:
         nodes: that are stored.
+        blocks: how many of them each leaf that is stored has.
     """
 
     def __init__(self, graph: Graph, tree: Any) -> None:
         self._leaves, self._tree = jax.tree.flatten(tree)
-        self._zeros = [all(graph.known(node) == 0.0 for node in nodes_of(leaf)) for leaf in self._leaves]
-        self.nodes = nodes_of([leaf for leaf, zero in zip(self._leaves, self._zeros, strict=True) if not zero])
+        self._blocks: dict[int, slice] = {}
+        self.nodes: list[int] = []
+        for k, nodes in enumerate(map(nodes_of, self._leaves)):
+            if any(graph.known(node) != 0.0 for node in nodes):
+                self._blocks[k] = slice(len(self.nodes), len(self.nodes) + len(nodes))
+                self.nodes += nodes
+        self.blocks = [block.stop - block.start for block in self._blocks.values()]
 
-    def like(self, stored: Float[np.ndarray, "T L stored"]) -> Any:
-        """What was stored, as the tree with axes T and L first."""
-        out, begin = [], 0
-        for leaf, zero in zip(self._leaves, self._zeros, strict=True):
-            shape, end = (*stored.shape[:2], *np.shape(leaf)), begin + (0 if zero else np.size(leaf))
-            out.append(np.broadcast_to(0.0, shape) if zero else stored[..., begin:end].reshape(shape))
-            begin = end
-        return jax.tree.unflatten(self._tree, out)
+    def over(self, kernel: Kernel, records: Records, values: Sequence[float] | np.ndarray) -> Any:
+        """The tree of a batch; its leaves are `Grouped`, zeros are repeated."""
+        stored: dict[int, np.ndarray] = {}
+        over_lanes(kernel, records, values, stored.__setitem__)
+
+        def array(k: int) -> Any:
+            shape, block = (*records.shape, *np.shape(self._leaves[k])), self._blocks.get(k)
+            if block is None:
+                return np.broadcast_to(0.0, shape)
+            each = (
+                np.split(stored[g].reshape(kernel.stored, -1), [block.start, block.stop])[1] for g in sorted(stored)
+            )
+            parts = tuple(part.reshape(-1, block.stop - block.start, LANES) for part in each)
+            return Grouped(shape, records.groups, parts)
+
+        return jax.tree.unflatten(self._tree, map(array, range(len(self._leaves))))
 
 
 def over_lanes(
-    kernel: Kernel, records: Records, fixed: Sequence[float] | np.ndarray
-) -> tuple[Float[np.ndarray, " sums"], Float[np.ndarray, "T L stored"]]:
+    kernel: Kernel,
+    records: Records,
+    fixed: Sequence[float] | np.ndarray,
+    keep: Callable[[int, Float[np.ndarray, " stored"]], None] | None = None,
+) -> Float[np.ndarray, " sums"]:
     """Run over all lanes.
 
     Args:
         kernel: of a loop across lanes.
         records: the batch.
         fixed: parameters and further numbers, in the order of `TracedEntry.fixed`, without the uniform columns.
+        keep: called with the number of each group and what was stored of it, see `Kernel.run`.
     Returns:
-        the sums, and what is stored of each entry; that is 0 where a lane is blank.
+        the sums.
     """
     given = np.concatenate((fixed, records.uniform))
     first = np.zeros((kernel.carried, LANES))
-    out = np.zeros((*records.shape, kernel.stored))
 
-    def run(packed: Packed) -> np.ndarray:
-        stored = np.empty((packed.longest, kernel.stored, LANES)) if kernel.stored else _NOTHING
-        at = [record.ctypes.data for record in packed.records]
-        total = kernel.run(packed.longest, LANES, at, given, first, stored)
-        if kernel.stored:
-            for side, (lane, rows) in enumerate(zip(*packed.group, strict=True)):
-                out[:rows, lane] = stored[:rows, :, side]
+    def run(group: int) -> np.ndarray:
+        longest, packed = max(records.groups[group].rows), records.records[group]()
+        stored = np.empty(longest * kernel.stored * LANES) if kernel.stored else _NOTHING
+        total = kernel.run(longest, LANES, [record.ctypes.data for record in packed], given, first, stored)
+        if keep is not None:
+            keep(group, stored)
         return total.sum(axis=1)
 
-    return np.sum(shared_out(run, records.packed, lambda packed: packed.longest), axis=0), out
+    each = shared_out(run, range(len(records.groups)), lambda group: max(records.groups[group].rows))
+    return np.sum(each, axis=0)
+
+
+def stored_over_lanes(
+    kernel: Kernel, records: Records, fixed: Sequence[float] | np.ndarray
+) -> Float[np.ndarray, "T L stored"]:
+    """What a kernel stores of each entry, in one block; 0 where a lane is blank. Arguments as of `over_lanes`."""
+    out = np.zeros((*records.shape, kernel.stored))
+
+    def keep(group: int, stored: np.ndarray) -> None:
+        put(out, records.groups[group], stored.reshape(-1, kernel.stored, LANES))
+
+    over_lanes(kernel, records, fixed, keep)
+    return out
 
 
 def over_points(kernel: Kernel, records: Records, fixed: Float[np.ndarray, "K Q"]) -> Float[np.ndarray, "sums K"]:
@@ -135,17 +170,21 @@ def over_points(kernel: Kernel, records: Records, fixed: Float[np.ndarray, "K Q"
     """
     sets = [np.take(fixed, range(k, k + POINTS), axis=0, mode="clip") for k in range(0, len(fixed), POINTS)]
     given = [np.ascontiguousarray(np.column_stack((some, np.tile(records.uniform, (POINTS, 1)))).T) for some in sets]
-    lanes = [(packed, side) for packed in records.packed for side in range(len(packed.group.lanes))]
-    tasks = [(k, packed, side) for k in range(len(sets)) for packed, side in lanes]
+    packed = [make() for make in records.records]
+    lanes = [(group, side) for group, each in enumerate(records.groups) for side in range(len(each.lanes))]
+    tasks = [(k, group, side) for k in range(len(sets)) for group, side in lanes]
     first = np.zeros((kernel.carried, POINTS))
 
-    def run(task: tuple[int, Packed, int]) -> np.ndarray:
-        k, packed, side = task
-        at = [record.ctypes.data + side * record.itemsize for record in packed.records]
-        return kernel.run(packed.group.rows[side], LANES, at, given[k], first, _NOTHING)
+    def rows(task: tuple[int, int, int]) -> int:
+        return records.groups[task[1]].rows[task[2]]
+
+    def run(task: tuple[int, int, int]) -> np.ndarray:
+        k, group, side = task
+        at = [record.ctypes.data + side * record.itemsize for record in packed[group]]
+        return kernel.run(rows(task), LANES, at, given[k], first, _NOTHING)
 
     out = np.zeros((kernel.sums, len(sets), POINTS))
-    for (k, *_), each in zip(tasks, shared_out(run, tasks, lambda t: t[1].group.rows[t[2]]), strict=True):
+    for (k, *_), each in zip(tasks, shared_out(run, tasks, rows), strict=True):
         out[:, k] += each
     return out.reshape(kernel.sums, -1)[:, : len(fixed)]
 

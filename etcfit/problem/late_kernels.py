@@ -26,16 +26,16 @@ from ..model.throttle import Throttle
 from .batch import KINDS
 from .free_parameters import Form
 from .innovations import InnovationsFilter, innovate, moved_here
-from .lanes import Along, compiled, over_lanes, remembered
+from .lanes import Along, compiled, remembered, stored_over_lanes
 from .lateness import Shifts, Simulated
 from .one_pass import Carried, carried_like, pushed
-from .one_pass_kernels import Sums, free_of, never_in, rows_of
+from .one_pass_kernels import LinearisedTrace, Place, Sums, free_of, never_in, rows_of
 from .records import Entries, numbered, records_of
 from .residual import Compared, WeightedData, equipped, shown
 from .residual_entry import SimulatedEntry
-from .traced_entry import Shape, TracedEntry, nodes_of
+from .traced_entry import Shape, nodes_of
 
-_REMEMBERED = 256  # graphs that a process remembers, and as many kernels
+_GRAPHS, _KERNELS = 8, 256  # that a process remembers
 
 
 # ---- the simulation
@@ -76,13 +76,22 @@ class _ObservedEntry(SimulatedEntry):
         self.ways = {symbol: nodes_of(way) for symbol, way in found.ways.items()}
 
 
-@remembered(_REMEMBERED)
+_Asked = tuple[Form, Shape, tuple[str, ...]]  # arguments of `_ObservedEntry`
+
+
+@remembered(_GRAPHS)
 def _observed_entry(form: Form, shape: Shape, late: tuple[str, ...]) -> _ObservedEntry:
     return _ObservedEntry(form, shape, late)
 
 
-@remembered(_REMEMBERED)
-def _observed_kernel(entry: _ObservedEntry, free: tuple[str, ...]) -> Kernel:
+@remembered(_KERNELS)
+def _leaves(*asked: Any) -> tuple[int, ...]:
+    return _observed_entry(*asked).traced.leaves
+
+
+@remembered(_KERNELS)
+def _observed_kernel(asked: _Asked, free: tuple[str, ...]) -> Kernel:
+    entry = _observed_entry(*asked)
     return compiled(entry.loop(Across.LANES, free, stored=entry.results))
 
 
@@ -100,7 +109,7 @@ class _Laid(NamedTuple):
     late: Shifts
     tree: Any
     rows: Int[np.ndarray, " L"]
-    renewed: tuple[frozenset[int], ...]
+    renewed: frozenset[int]
     places: Mapping[str, tuple[np.ndarray, ...]]
 
     def shown(
@@ -119,8 +128,8 @@ def _laid(form: Form, full: Float[np.ndarray, " Q"], weighted: WeightedData, dif
     kind = np.asarray(weighted.slots.kind)
     tree = batch._replace(steps=batch.steps._replace(acting=late.acting)), kind, dict(late.ways)
     numbers = numbered(tree)
-    changing = frozenset(jax.tree.leaves((numbers[0].steps.acting, numbers[2])))
-    renewed = frozenset({numbers[0].steps.guide_stiffness}), *((changing,) if changing else ())
+    changing = jax.tree.leaves((numbers[0].steps.acting, numbers[2]))
+    renewed = frozenset({numbers[0].steps.guide_stiffness, *changing})
     places = {name: np.nonzero(kind == KINDS.index(name)) for name in late.channels}
     return _Laid(late, tree, rows_of(weighted), renewed, places)
 
@@ -131,12 +140,12 @@ def _simulated(
     """What each slot ought to show, and its derivatives in the free parameters, K = 1 + P."""
     laid = _laid(form, full, weighted, bool(free))
 
-    def made_of(shape: Shape) -> tuple[TracedEntry, _ObservedEntry]:
-        entry = _observed_entry(form, shape, laid.late.channels)
-        return entry.traced, entry
+    def made_of(shape: Shape) -> tuple[tuple[int, ...], _Asked]:
+        asked = form, shape, laid.late.channels
+        return _leaves(*asked), asked
 
-    records, entry = records_of(Entries(laid.tree, laid.rows, laid.renewed), made_of)
-    out = over_lanes(_observed_kernel(entry, free), records, full)[1]
+    records, asked = records_of(Entries(laid.tree, laid.rows, laid.renewed), made_of)
+    out = stored_over_lanes(_observed_kernel(asked, free), records, full)
     parts = np.split(out, 1 + len(free), axis=-1)
     count = weighted.slots.kind.shape[-1]
     signals = {name: parts[0][..., count + m] for m, name in enumerate(laid.late.channels)}
@@ -175,9 +184,10 @@ def responses(
         tree = laid.tree, way
         ways = frozenset(jax.tree.leaves(numbered(tree)[1]))
         prompt, signals = _RESPONSES.run(
-            (form, laid.late.channels), full, Entries(tree, laid.rows, (*laid.renewed, ways))
+            (form, laid.late.channels), full, Entries(tree, laid.rows, laid.renewed | ways)
         )
-        return laid.shown(np.array(prompt), {name: laid.late.of(name, signal) for name, signal in signals.items()})
+        late = {name: laid.late.of(name, np.asarray(signal)) for name, signal in signals.items()}
+        return laid.shown(np.array(prompt), late)
 
     errors = np.stack([-weighted.slots.weight * along(way) for way in besides])
     return whitened(weighted.whitening, errors, laid.rows)
@@ -213,10 +223,10 @@ def whitened(
     tree = filter_, np.ascontiguousarray(np.moveaxis(errors, 0, 2))
     numbers = numbered(tree)
     weight = numbers[0].weight
-    renewed = frozenset(numbers[0][:3]), frozenset({weight, numbers[1]})
+    renewed = frozenset({*numbers[0][:3], weight, numbers[1]})
     batch = Entries(tree, rows, renewed, frozenset({weight}), never_in(filter_, numbers[0]))
     out = _WHITENED.run((filter_.transition.shape[-1], len(errors)), np.zeros(0), batch)
-    return np.moveaxis(out, 2, 0)
+    return np.moveaxis(np.asarray(out), 2, 0)
 
 
 # ---- the residual: arguments as of `one_pass_kernels`
@@ -236,6 +246,14 @@ def linearised(
     """The whitened residual, and its derivatives in the values of some parameters."""
     r, slopes = _linearised(form, full, weighted, free)
     return r, np.moveaxis(slopes, 0, -1)
+
+
+def linearised_at(
+    form: Form, full: Float[np.ndarray, " Q"], weighted: WeightedData, free: tuple[str, ...], places: Sequence[Place]
+) -> list[LinearisedTrace]:
+    """The same at some places."""
+    r, slopes = linearised(form, full, weighted, free)
+    return [(r[rows, lane], np.moveaxis(slopes[rows, lane], 1, 0)) for lane, rows in places]
 
 
 def sums(form: Form, full: Float[np.ndarray, " Q"], weighted: WeightedData) -> Sums:

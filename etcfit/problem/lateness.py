@@ -19,12 +19,12 @@ from ..model.delay import Earlier, LateInput, between, earlier, late_input
 from ..model.stepper import Acting, Reset, Step
 from ..model.throttle import Throttle
 from .free_parameters import Form
-from .lanes import Stored, compiled, over_lanes, remembered
+from .lanes import Stored, compiled, remembered
 from .records import Entries, numbered, records_of, used_rows
 from .residual import equipped
 from .traced_entry import Shape, TracedEntry, nodes_of
 
-_REMEMBERED = 256  # graphs with their kernels
+_REMEMBERED = 256  # kernels
 _WARP = 2e-5  # of a step's length, by which it is changed to see what that does to a shift
 
 Signal = Float[np.ndarray, "T L"]
@@ -97,18 +97,19 @@ class _LagsEntry:
 
 
 @remembered(_REMEMBERED)
-def _lags_entry(form: Form, shape: Shape) -> tuple[TracedEntry, tuple[Any, Kernel]]:
+def _lags_entry(form: Form, shape: Shape) -> tuple[tuple[int, ...], tuple[Any, Kernel]]:
     entry = _LagsEntry(form, shape)
     results = Stored(entry.traced.graph, (entry.late, entry.ways))
-    return entry.traced, (results, compiled(entry.traced.loop(Across.LANES, stored=results.nodes)))
+    kernel = compiled(entry.traced.loop(Across.LANES, stored=results.nodes, blocks=results.blocks))
+    return entry.traced.leaves, (results, kernel)
 
 
 def _found(form: Form, full: Float[np.ndarray, " Q"], batch: Simulated) -> tuple[Lags, dict[str, Lags]]:
     """How late everything is, and its derivatives, (T, L) each."""
     renewed = frozenset({numbered(batch).steps.guide_stiffness})
-    entries = Entries(batch, used_rows(batch.steps, batch.resets), (renewed,))
+    entries = Entries(batch, used_rows(batch.steps, batch.resets), renewed)
     records, (results, kernel) = records_of(entries, lambda shape: _lags_entry(form, shape))
-    return results.like(over_lanes(kernel, records, full)[1])
+    return jax.tree.map(np.asarray, results.over(kernel, records, full))
 
 
 class _Reading(NamedTuple):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import jax
@@ -9,18 +10,22 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from ..kernels.loop import Across
-from ..kernels.machine import Kernel
+from ..kernels.machine import LANES, Kernel
 from .cores import in_background
 from .free_parameters import Form, Pick
 from .innovations import InnovationsFilter
-from .lanes import compiled, over_lanes, over_points, remembered
+from .lanes import compiled, over_lanes, over_points, remembered, stored_over_lanes
 from .one_pass import entries
-from .records import Entries, Records, Remembered, numbered, records_of, used_rows
+from .records import Entries, Records, Remembered, as_numpy, numbered, records_of, used_rows
 from .residual import Compared, WeightedData
 from .residual_entry import ResidualEntry
-from .traced_entry import Column, Shape, TracedEntry
+from .traced_entry import Column, Shape
 
-_GRAPHS, _KERNELS = 128, 1024  # that a process remembers; some MB and some 50 kB each
+_GRAPHS, _KERNELS = 8, 1024  # that a process remembers; some MB and some 50 kB each
+
+
+Place = tuple[int, Int[np.ndarray, " _"]]  # a lane, and n entries of it
+LinearisedTrace = tuple[Float[np.ndarray, "_ _"], Float[np.ndarray, "_ _ _"]]  # residual (n, M), derivatives (M, n, P)
 
 
 class Sums(NamedTuple):
@@ -42,17 +47,26 @@ def free_of(form: Form, pick: Pick) -> tuple[str, ...]:
     return tuple(form.parameters[k].symbol for k in np.asarray(pick.where) if k < len(form.parameters))
 
 
+Asked = tuple[Form, Shape, int]  # arguments of `ResidualEntry`
+
+
 @remembered(_GRAPHS)
-def _entry(form: Form, order: int, shape: Shape) -> ResidualEntry:
+def entry(form: Form, shape: Shape, order: int) -> ResidualEntry:
+    """One entry as a graph; traced again where it is asked for after it was forgotten."""
     return ResidualEntry(form, shape, order)
 
 
 @remembered(_KERNELS)
+def _leaves(*asked: Any) -> tuple[int, ...]:
+    return entry(*asked).traced.leaves
+
+
+@remembered(_KERNELS)
 def kernel(
-    entry: ResidualEntry, across: Across, free: tuple[str, ...] = (), summed: bool = False, stored: bool = False
+    asked: Asked, across: Across, free: tuple[str, ...] = (), summed: bool = False, stored: bool = False
 ) -> Kernel:
     """The loop of `ResidualEntry.residual_loop` as machine code, made once."""
-    return compiled(entry.residual_loop(across, free, summed, stored))
+    return compiled(entry(*asked).residual_loop(across, free, summed, stored))
 
 
 _PACKED = Remembered()
@@ -68,28 +82,27 @@ def rows_of(weighted: WeightedData) -> Int[np.ndarray, " L"]:
     return used_rows(weighted.steps, weighted.resets)
 
 
-def renewed_and_muted(numbers: tuple[Any, ...]) -> tuple[tuple[frozenset[int], ...], frozenset[int]]:
+def renewed_and_muted(numbers: tuple[Any, ...]) -> tuple[frozenset[int], frozenset[int]]:
     """Of `data_of`, given by the numbers of its leaves: those that change with the filter, and those among them that
-    are 0 where nothing counts. The filter's matrices are by themselves: those of all plain filters are the same."""
+    are 0 where nothing counts."""
     steps, _, slots, _, filter_ = numbers
     weights = frozenset({slots.weight, filter_.weight})
-    return (weights | {steps.guide_stiffness, slots.value}, frozenset(filter_[:3])), weights
+    return weights | {steps.guide_stiffness, slots.value, *filter_[:3]}, weights
 
 
-def packed_records(form: Form, weighted: WeightedData) -> tuple[Records, ResidualEntry]:
-    """The samples as a kernel reads them, packed once, and the entry that it was traced from."""
+def packed_records(form: Form, weighted: WeightedData) -> tuple[Records, Asked]:
+    """The samples as a kernel reads them, packed once, and what `entry` is asked for it."""
     return _PACKED.of(jax.tree.leaves(data_of(weighted)), form, lambda: _packed(form, weighted))
 
 
-def _packed(form: Form, weighted: WeightedData) -> tuple[Records, ResidualEntry]:
-    tree = jax.tree.map(np.asarray, data_of(weighted))
+def _packed(form: Form, weighted: WeightedData) -> tuple[Records, Asked]:
+    tree = as_numpy(data_of(weighted))
     numbers, order = numbered(tree), weighted.whitening.transition.shape[-1]
     renewed, muted = renewed_and_muted(numbers)
     batch = Entries(tree, rows_of(weighted), renewed, muted, never_in(weighted.whitening, numbers[-1]))
 
-    def made_of(shape: Shape) -> tuple[TracedEntry, ResidualEntry]:
-        entry = _entry(form, order, shape)
-        return entry.traced, entry
+    def made_of(shape: Shape) -> tuple[tuple[int, ...], Asked]:
+        return _leaves(form, shape, order), (form, shape, order)
 
     return records_of(batch, made_of)
 
@@ -98,7 +111,7 @@ def never_in(filter_: InnovationsFilter, numbers: InnovationsFilter) -> tuple[Co
     """Columns of a filter that may be 0 everywhere, by the numbers of its leaves: no state acts on the input's error,
     and no sensor reads that. Where samples are independent (`innovations.plain`) all of it is 0."""
     matrices = list(zip(filter_[:3], numbers[:3], strict=True))
-    if not any(np.any(matrix) for matrix, _ in matrices):
+    if all(isinstance(matrix, np.ndarray) and not np.any(matrix) for matrix, _ in matrices):
         return tuple(Column(int(leaf), place) for m, leaf in matrices for place in np.ndindex(m.shape[2:]))
     order, count = filter_.transition.shape[-1], filter_.sense.shape[-2]
     acts = (Column(numbers.transition, (order - 1, q)) for q in range(order - 1))  # pyright: ignore[reportArgumentType]
@@ -110,9 +123,9 @@ def ahead(form: Form, weighted: WeightedData) -> None:
     """Begin to make, in the background, what a descent runs."""
 
     def make() -> None:
-        entry = packed_records(form, weighted)[1]
-        kernel(entry, Across.LANES, free_of(form, weighted.pick), True)
-        kernel(entry, Across.LANES, (), True)
+        asked = packed_records(form, weighted)[1]
+        kernel(asked, Across.LANES, free_of(form, weighted.pick), True)
+        kernel(asked, Across.LANES, (), True)
 
     in_background(make)
 
@@ -126,8 +139,8 @@ def sums(form: Form, full: Float[np.ndarray, " Q"], weighted: WeightedData) -> S
         weighted: data and whitening, arrays of NumPy.
     """
     free = free_of(form, weighted.pick)
-    records, entry = packed_records(form, weighted)
-    total, _ = over_lanes(kernel(entry, Across.LANES, free, True), records, full)
+    records, asked = packed_records(form, weighted)
+    total = over_lanes(kernel(asked, Across.LANES, free, True), records, full)
     size = len(free)
     lower = np.zeros((size, size))
     lower[np.tril_indices(size)] = total[1 + size :]
@@ -136,21 +149,21 @@ def sums(form: Form, full: Float[np.ndarray, " Q"], weighted: WeightedData) -> S
 
 def chi2(form: Form, full: Float[np.ndarray, " Q"], weighted: WeightedData) -> float:
     """Sum of squares of the whitened residual; arguments as of `sums`."""
-    records, entry = packed_records(form, weighted)
-    return float(over_lanes(kernel(entry, Across.LANES, (), True), records, full)[0][0])
+    records, asked = packed_records(form, weighted)
+    return float(over_lanes(kernel(asked, Across.LANES, (), True), records, full)[0])
 
 
 def chi2_of_points(form: Form, fulls: Float[np.ndarray, "K Q"], weighted: WeightedData) -> Float[np.ndarray, " K"]:
     """The same of many points, shape (K, Q) -> (K,): each vector holds points."""
-    records, entry = packed_records(form, weighted)
-    return over_points(kernel(entry, Across.POINTS, (), True), records, fulls)[0]
+    records, asked = packed_records(form, weighted)
+    return over_points(kernel(asked, Across.POINTS, (), True), records, fulls)[0]
 
 
 def compared(form: Form, full: Float[np.ndarray, " Q"], weighted: WeightedData) -> Compared:
     """What each slot ought to show, and the whitened residual; arguments as of `sums`."""
-    records, entry = packed_records(form, weighted)
-    _, out = over_lanes(kernel(entry, Across.LANES, (), False, True), records, full)
-    count = len(entry.results)
+    records, asked = packed_records(form, weighted)
+    out = stored_over_lanes(kernel(asked, Across.LANES, (), False, True), records, full)
+    count = weighted.slots.value.shape[-1]
     return Compared(out[..., :count], out[..., count:])
 
 
@@ -163,8 +176,29 @@ def linearised(
         form, full, weighted: as of `sums`.
         free: their symbols.
     """
-    records, entry = packed_records(form, weighted)
-    _, out = over_lanes(kernel(entry, Across.LANES, free, False, True), records, full)
-    count = len(entry.results)
+    records, asked = packed_records(form, weighted)
+    out = stored_over_lanes(kernel(asked, Across.LANES, free, False, True), records, full)
+    count = weighted.slots.value.shape[-1]
     slopes = out[..., 2 * count :].reshape(*records.shape, len(free), count)
     return out[..., count : 2 * count], np.swapaxes(slopes, 2, 3)
+
+
+def linearised_at(
+    form: Form, full: Float[np.ndarray, " Q"], weighted: WeightedData, free: tuple[str, ...], places: Sequence[Place]
+) -> list[LinearisedTrace]:
+    """`linearised` at some places alone: what is computed of the others is not kept. Arguments as of `linearised`."""
+    records, asked = packed_records(form, weighted)
+    storing, count = kernel(asked, Across.LANES, free, False, True), weighted.slots.value.shape[-1]
+    out: list[Any] = [None] * len(places)
+
+    def keep(group: int, numbers: np.ndarray) -> None:
+        stored = numbers.reshape(-1, storing.stored, LANES)
+        sides = {lane: side for side, lane in enumerate(records.groups[group].lanes)}
+        for k, (lane, rows) in enumerate(places):
+            if lane in sides:
+                here = stored[rows, :, sides[lane]]
+                columns = here[:, 2 * count :].reshape(len(rows), len(free), count)
+                out[k] = here[:, count : 2 * count].copy(), np.ascontiguousarray(np.moveaxis(columns, 2, 0))
+
+    over_lanes(storing, records, full, keep)
+    return out

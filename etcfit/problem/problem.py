@@ -22,9 +22,11 @@ from .innovations import InnovationsFilter, Moved, kalman, moved_here, plain
 from .instants import SHARES
 from .late_samples import moved_samples
 from .normal_equations import linearised
+from .one_pass_kernels import LinearisedTrace
 from .packing import rounded
 from .prediction_error import columns
 from .process_noise import free_run_variance, order_of
+from .records import as_numpy
 from .residual import Compared, WeightedData, compared, prior_residual_here, run
 from .substeps import local_error, substeps_needed
 from .trace import Trace, prepare
@@ -33,7 +35,7 @@ _SPANS = (3.0, 1.5, 0.7, 0.3, 0.15, 0.07, 0.03, 0.015, 0.007, 0.003)  # V, of th
 _SHARES = (0.0, -1.0, 1.0)  # of them; the first is kept where none is better
 _FORGOTTEN = 1.0  # s after which a loop has forgotten with what it began
 _PADDED = 1.25  # of the steps of a batch; more to simulate costs more than programs compiled twice
-_STIRS = 8.0  # standard deviations of a sample that are a motion
+_MOTION_SIGMAS = 8.0  # standard deviations of a sample that are a motion
 
 
 @partial(jax.jit, static_argnums=0)
@@ -219,8 +221,8 @@ class EstimationProblem:
         priors = layout.padded(mean), layout.padded(sd, np.inf)
         steps = batch.guided(self.guide_stiffness)
         weighted = WeightedData(steps, batch.resets, self.slots, batch.test_of, filter_, self.pick, *priors)
-        weighted = jax.tree.map(np.asarray, weighted)  # once, not at every call
-        return weighted if available() else jax.device_put(weighted)
+        weighted = as_numpy(weighted)  # once, not at every call
+        return weighted if available() else jax.device_put(jax.tree.map(np.asarray, weighted))
 
     def linearise(self, x: Float[np.ndarray, " P"], weighted: WeightedData) -> Linearisation:
         """Residual, that of the priors, and the Jacobian of the former.
@@ -233,6 +235,20 @@ class EstimationProblem:
         r, columns = linearised(self.layout.form, padded, weighted)
         prior = prior_residual_here(padded, weighted)[: x.size]
         return Linearisation(r, prior, columns[..., : x.size])
+
+    def linearise_traces(self, x: Float[np.ndarray, " P"], weighted: WeightedData) -> list[LinearisedTrace]:
+        """Of each trace the residual at its instants, shape (n, M), and the Jacobian, shape (M, n, P): a fraction of
+        what `linearise` holds, which has all steps between them too. Arguments as of that."""
+        places = [(lane, marks) for lane, _, marks in self.batch.places]
+        if not available():
+            r, _, jacobian = self.linearise(x, weighted)
+            return [(r[rows, lane], np.moveaxis(jacobian[rows, lane], 1, 0)) for lane, rows in places]
+        form, padded = self.layout.form, self.layout.padded(x)
+        found = residual_kernels.linearised_at(form, form.full(padded, weighted.pick), weighted, places)
+        slope = form.slopes(padded, weighted.pick)[: x.size]
+        for _, slopes in found:
+            slopes *= slope
+        return found
 
     def residual(self, x: Float[np.ndarray, " P"], weighted: WeightedData) -> Float[np.ndarray, "T L M"]:
         """Whitened residual alone, shape (T, L, M), dimensionless, at coordinates x, shape (P,): a tenth of the cost of
@@ -342,7 +358,8 @@ class EstimationProblem:
             return self
         predicted = self.free_run(x)
         traces = tuple(_better_release(t, y) for t, y in zip(self.batch.traces, predicted, strict=True))
-        return self._of(traces)
+        batch = self.batch.released(traces, self.config, self.substeps)
+        return replace(self, batch=batch, sigma=batch.slots.sigma, guide_stiffness=0.0)
 
     def with_instants(self, x: Float[np.ndarray, " P"]) -> EstimationProblem:
         """The problem with all that nobody logged read off the data anew at x, shape (P,): instants of releases and of
@@ -398,7 +415,7 @@ def _beginning(trace: Trace) -> tuple[Float[np.ndarray, "n M"], Float[np.ndarray
     if "position" not in trace.channels:
         return np.zeros(seen.shape), np.zeros(seen.shape)
     m = trace.channels.index("position")
-    moved = np.abs(trace.data[:, m] - trace.data[seen[:, m], m][0]) > _STIRS * trace.sigma[m]
+    moved = np.abs(trace.data[:, m] - trace.data[seen[:, m], m][0]) > _MOTION_SIGMAS * trace.sigma[m]
     first = trace.instants[np.argmax(moved)] if moved.any() else trace.instants[0]
     early = (trace.instants < first + _FORGOTTEN)[:, None] & seen
     return np.nan_to_num(trace.data), early / trace.sigma

@@ -3,13 +3,13 @@
 Lanes are taken longest first, some at a time; a group runs as long as its longest lane. Entries that only fill a
 shorter lane up, and lanes that only fill a group up, have weight 0.
 
-What was logged is packed once for each batch; what a new filter brings goes into a record of its own.
+Each leaf of the batch is a record: it is packed once, whoever reads it, and not at all where a kernel stored it.
 """
 
 from __future__ import annotations
 
 import weakref
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
 from threading import RLock
@@ -21,12 +21,13 @@ from jaxtyping import Float, Int
 
 from ..kernels.machine import LANES
 from ..model.stepper import Reset, Step
-from .traced_entry import Column, Shape, TracedEntry
+from .traced_entry import Column, Shape
 
 Made = TypeVar("Made")
 # a graph grows while it is differentiated, and each kernel and each record is made once; nothing runs meanwhile, for
 # what runs is shared out to threads, which may wait for this lock
 MAKING = RLock()
+_AT_ONCE = 512  # entries that are turned about at once: more fall out of the caches
 
 
 class Group(NamedTuple):
@@ -41,16 +42,39 @@ class Group(NamedTuple):
     rows: tuple[int, ...]
 
 
-class Packed(NamedTuple):
-    """A group with its records, shape (longest, columns, `LANES`) each."""
+@dataclass(frozen=True, eq=False)
+class Grouped:
+    """An array over a batch as a kernel stored it, and as others read it: nothing is packed for them.
 
-    group: Group
-    records: tuple[np.ndarray, ...]
+    Args:
+        shape: its shape as an array, T and L first.
+        groups: the lanes.
+        parts: what they hold, shape (longest, columns, `LANES`) each.
+    """
 
-    @property
-    def longest(self) -> int:
-        """Entries of its longest lane."""
-        return self.records[0].shape[0]
+    shape: tuple[int, ...]
+    groups: tuple[Group, ...]
+    parts: tuple[np.ndarray, ...]
+
+    def __array__(self, dtype: Any = None, copy: bool | None = None) -> np.ndarray:
+        out = np.zeros(self.shape)
+        for group, part in zip(self.groups, self.parts, strict=True):
+            put(out.reshape(*self.shape[:2], -1), group, part)
+        return out
+
+
+def put(out: Float[np.ndarray, "T L F"], group: Group, part: Float[np.ndarray, "rows F W"]) -> None:
+    """What a kernel stored of some lanes into an array; what follows the end of a lane is left out."""
+    for side, (lane, rows) in enumerate(zip(*group, strict=True)):
+        for k in range(0, rows, _AT_ONCE):
+            some = slice(k, min(k + _AT_ONCE, rows))
+            for column in range(part.shape[1]):
+                out[some, lane, column] = part[some, column, side]
+
+
+def as_numpy(tree: Any) -> Any:
+    """The tree with arrays of NumPy; what kernels stored stays as it lies."""
+    return jax.tree.map(lambda leaf: leaf if isinstance(leaf, Grouped) else np.asarray(leaf), tree)
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,19 +82,21 @@ class Entries:
     """Arrays of a batch, and what of them changes.
 
     Args:
-        tree: arrays of NumPy, axes T and L first.
+        tree: arrays of NumPy, or `Grouped`, axes T and L first.
         rows: entries of each lane, shape (L,).
-        renewed: numbers of the leaves, in JAX's order, that have a record of their own since they change together; all
-            others are in the first record.
+        renewed: numbers of the leaves, in JAX's order, that are read at every entry though they be the same at all, for
+            others will take their place.
         muted: those that are 0 where nothing counts.
         never: columns that may be 0 everywhere by what they mean.
+        lasting: whether leaves are packed for longer than one run.
     """
 
     tree: Any
     rows: Int[np.ndarray, " L"]
-    renewed: tuple[frozenset[int], ...] = ()
+    renewed: frozenset[int] = frozenset()
     muted: frozenset[int] = frozenset()
     never: tuple[Column, ...] = ()
+    lasting: bool = True
 
 
 @dataclass(frozen=True, eq=False)
@@ -79,12 +105,14 @@ class Records:
 
     Args:
         uniform: numbers that are the same at every entry, in the order of `Shape.uniform`.
-        packed: its lanes, group by group.
+        groups: its lanes.
+        records: of each group: packed once, or whenever it is run.
         shape: T and L.
     """
 
     uniform: Float[np.ndarray, " U"]
-    packed: tuple[Packed, ...]
+    groups: tuple[Group, ...]
+    records: Sequence[Callable[[], tuple[np.ndarray, ...]]]
     shape: tuple[int, int]
 
 
@@ -106,7 +134,7 @@ class Remembered:
     def __init__(self) -> None:
         self._kept: dict[tuple[Any, ...], Any] = {}
 
-    def of(self, arrays: Sequence[np.ndarray], further: Any, make: Callable[[], Made]) -> Made:
+    def of(self, arrays: Sequence[np.ndarray | Grouped], further: Any, make: Callable[[], Made]) -> Made:
         """What `make` returns, once for the same arrays and the same further key."""
         if not arrays:
             return make()
@@ -121,76 +149,88 @@ class Remembered:
 _FOUND, _RECORDS = Remembered(), Remembered()
 
 
-def records_of(entries: Entries, made_of: Callable[[Shape], tuple[TracedEntry, Made]]) -> tuple[Records, Made]:
+def records_of(entries: Entries, made_of: Callable[[Shape], tuple[Sequence[int], Made]]) -> tuple[Records, Made]:
     """The batch packed, and what else was made for its shape.
 
     Args:
         entries: the batch.
-        made_of: what is computed of an entry of a batch of such a shape, and what else is made for that; the same for
-            the same shape.
+        made_of: which leaves are read of an entry of a batch of such a shape, and what else is made for that; the same
+            for the same shape.
     """
     with MAKING:
         leaves, structure = jax.tree.flatten(entries.tree)
-        lasting = frozenset(range(len(leaves))).difference(*entries.renewed)
         groups = _groups(entries.rows)
-        constant, uniform = _FOUND.of(
-            [leaves[k] for k in sorted(lasting)], structure, lambda: _everywhere(leaves, lasting, entries.rows)
-        )
-        never = tuple((column, 0.0) for column in entries.never if not _column(leaves, column).any())
+        leaves = [leaf if _is_ready(leaf, groups) else np.asarray(leaf) for leaf in leaves]
+        constant: list[tuple[Column, float]] = [(c, 0.0) for c in entries.never if not _ever(leaves[c.leaf], c.place)]
+        uniform: dict[Column, float] = {}
+        for k, leaf in enumerate(leaves):
+            if k not in entries.renewed:
+                found = _FOUND.of([leaf], groups, partial(_everywhere, leaf, groups))
+                constant += [(Column(k, at), value) for at, value in found if value in (0.0, 1.0)]
+                uniform |= {Column(k, at): value for at, value in found if value not in (0.0, 1.0)}
         shapes = tuple(leaf.shape[2:] for leaf in leaves)
-        entry, made = made_of(Shape(structure, shapes, (*constant, *never), tuple(uniform), entries.renewed))
-        records = []
-        for of, columns in zip((lasting, *entries.renewed), map(tuple, entry.columns), strict=True):
-            make = partial(record_of, leaves, columns, muted=entries.muted)
-            place = {leaf: k for k, leaf in enumerate(sorted(of))}  # the same record whatever lies beside it
-            named = tuple((place[leaf], at) for leaf, at in columns)
-            key = named, frozenset(place[leaf] for leaf in entries.muted & of), tuple(groups)
-            records.append(_RECORDS.of([leaves[k] for k in place], key, lambda make=make: list(map(make, groups))))
-        packed = tuple(Packed(group, each) for group, each in zip(groups, zip(*records, strict=True), strict=True))
-        return Records(np.array(list(uniform.values())), packed, leaves[0].shape[:2]), made
+        which, made = made_of(Shape(structure, shapes, tuple(constant), tuple(uniform)))
+        read = [(leaves[k], k in entries.muted) for k in which]
+        if entries.lasting:
+            kept = [_RECORDS.of([leaf], (muted, groups), partial(_packed, leaf, groups, muted)) for leaf, muted in read]
+            packed = [partial(tuple, [each[g] for each in kept]) for g in range(len(groups))]
+        else:
+            packed = [partial(_each_packed, read, g, group) for g, group in enumerate(groups)]
+        return Records(np.array(list(uniform.values())), groups, packed, leaves[0].shape[:2]), made
 
 
-def _groups(rows: Int[np.ndarray, " L"]) -> list[Group]:
+def _groups(rows: Int[np.ndarray, " L"]) -> tuple[Group, ...]:
     order = [int(lane) for lane in np.argsort(-rows, kind="stable") if rows[lane]]
     lanes = [tuple(order[k : k + LANES]) for k in range(0, len(order), LANES)]
-    return [Group(each, tuple(int(rows[lane]) for lane in each)) for each in lanes]
+    return tuple(Group(each, tuple(int(rows[lane]) for lane in each)) for each in lanes)
 
 
-def _column(leaves: Sequence[np.ndarray], column: Column) -> Float[np.ndarray, "T L"]:
-    return leaves[column.leaf][(slice(None), slice(None), *column.place)]
+def _ever(leaf: np.ndarray | Grouped, place: tuple[int, ...]) -> bool:
+    """Whether a column is other than 0 anywhere."""
+    if isinstance(leaf, Grouped):
+        column = np.ravel_multi_index(place, leaf.shape[2:]) if place else 0
+        return any(part[:, column].any() for part in leaf.parts)
+    return bool(leaf[(slice(None), slice(None), *place)].any())
 
 
-def _everywhere(
-    leaves: Sequence[np.ndarray], lasting: Iterable[int], rows: Int[np.ndarray, " L"]
-) -> tuple[tuple[tuple[Column, float], ...], dict[Column, float]]:
-    """Columns of what lasts that are 0 or 1 at all entries, and others that are one number there."""
-    used = np.arange(leaves[0].shape[0])[:, None] < rows
-    constant: list[tuple[Column, float]] = []
-    uniform: dict[Column, float] = {}
-    for name in (Column(k, place) for k in sorted(lasting) for place in np.ndindex(leaves[k].shape[2:])):
-        values = _column(leaves, name)[used]
-        if not np.any(values != values[0]):
-            if values[0] in (0.0, 1.0):
-                constant.append((name, float(values[0])))
-            else:
-                uniform[name] = float(values[0])
-    return tuple(constant), uniform
+def _everywhere(leaf: np.ndarray | Grouped, groups: Sequence[Group]) -> list[tuple[tuple[int, ...], float]]:
+    """Columns that are one number at all entries, and which."""
+    if isinstance(leaf, Grouped):
+        return []
+
+    def same(column: np.ndarray) -> bool:
+        first = column[0, groups[0].lanes[0]]
+        return all(np.all(column[:rows, lane] == first) for group in groups for lane, rows in zip(*group, strict=True))
+
+    columns = ((at, leaf[(slice(None), slice(None), *at)]) for at in np.ndindex(leaf.shape[2:]))
+    return [(at, float(c[0, groups[0].lanes[0]])) for at, c in columns if c.strides[:2] == (0, 0) or same(c)]
 
 
-def record_of(
-    leaves: Sequence[np.ndarray], columns: Sequence[Column], group: Group, muted: frozenset[int]
-) -> Float[np.ndarray, "rows F W"]:
-    """Columns of some lanes. What ends earlier repeats its last entry; where lanes are few the first is repeated; in
-    `muted` columns both are 0."""
-    longest = max(group.rows)
-    lanes = np.array([*group.lanes, *[group.lanes[0]] * (LANES - len(group.lanes))])
-    out = np.empty((longest, len(columns), LANES))
-    for place, (leaf, at) in enumerate(columns):
-        out[:, place] = leaves[leaf][(slice(longest), lanes, *at)]
-    weights = [k for k, column in enumerate(columns) if column.leaf in muted]
+def _is_ready(leaf: Any, groups: tuple[Group, ...]) -> bool:
+    """Whether a leaf lies as these groups are read."""
+    return isinstance(leaf, Grouped) and leaf.groups == groups
+
+
+def _packed(leaf: np.ndarray | Grouped, groups: tuple[Group, ...], muted: bool) -> tuple[np.ndarray, ...]:
+    return leaf.parts if isinstance(leaf, Grouped) else tuple(record_of(leaf, group, muted) for group in groups)
+
+
+def _each_packed(read: Sequence[tuple[Any, bool]], place: int, group: Group) -> tuple[np.ndarray, ...]:
+    """Every leaf of one group."""
+    return tuple(
+        leaf.parts[place] if isinstance(leaf, Grouped) else record_of(leaf, group, muted) for leaf, muted in read
+    )
+
+
+def record_of(leaf: Float[np.ndarray, "T L *F"], group: Group, muted: bool) -> Float[np.ndarray, "rows F W"]:
+    """A leaf of some lanes. What ends earlier repeats its last entry; where lanes are few the first is repeated; both
+    are 0 where it is `muted`."""
+    longest, places = max(group.rows), list(np.ndindex(leaf.shape[2:]))
+    out = np.empty((longest, len(places), LANES))
     for side in range(LANES):
-        count = group.rows[side] if side < len(group.rows) else 0
-        if count:
-            out[count:, :, side] = out[count - 1, :, side]
-        out[count:, weights, side] = 0.0
+        there = side < len(group.lanes)
+        lane, count = (group.lanes[side], group.rows[side]) if there else (group.lanes[0], 0 if muted else longest)
+        for k, at in enumerate(places):
+            out[:count, k, side] = leaf[(slice(count), lane, *at)]
+        out[count:, :, side] = 0.0 if muted else out[count - 1, :, side]
     return out

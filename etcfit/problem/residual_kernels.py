@@ -19,7 +19,7 @@ from .free_parameters import Form
 from .innovations import InnovationsFilter
 from .lateness import Shifts, Simulated
 from .one_pass import has_single_pass
-from .one_pass_kernels import Sums, free_of, rows_of
+from .one_pass_kernels import LinearisedTrace, Place, Sums, free_of, rows_of
 from .records import Remembered
 from .residual import Compared, WeightedData
 
@@ -65,7 +65,7 @@ def _of_lanes(weighted: WeightedData, lanes: Int[np.ndarray, " l"]) -> WeightedD
         return weighted
 
     def some(leaf: np.ndarray) -> np.ndarray:
-        return _SLICES.of([leaf], lanes.tobytes(), lambda: np.ascontiguousarray(leaf[:, lanes]))
+        return _SLICES.of([leaf], lanes.tobytes(), lambda: np.ascontiguousarray(np.asarray(leaf)[:, lanes]))
 
     return weighted._replace(**dict(zip(WeightedData._fields[:5], jax.tree.map(some, data), strict=True)))
 
@@ -138,3 +138,22 @@ def linearised(
     each = [part.by.linearised(form, full, part.weighted, free) for part in parts]
     r, slopes = (_beside(parts, some, weighted.slots.value.shape[1]) for some in zip(*each, strict=True))
     return r, slopes
+
+
+def linearised_at(
+    form: Form, full: Float[np.ndarray, " Q"], weighted: WeightedData, places: Sequence[Place]
+) -> list[LinearisedTrace]:
+    """The same at some places alone, n entries each: the residual, shape (n, M), and its derivatives in the values of
+    the free parameters, shape (M, n, P).
+
+    Args:
+        form, full, weighted: as of `sums`.
+        places: each in a lane that is used.
+    """
+    free, found = free_of(form, weighted.pick), {}
+    for part in _parts(form, weighted):
+        within = {int(lane): place for place, lane in enumerate(part.lanes)}
+        own = [k for k, (lane, _) in enumerate(places) if lane in within]
+        there = [(within[places[k][0]], places[k][1]) for k in own]
+        found |= dict(zip(own, part.by.linearised_at(form, full, part.weighted, free, there), strict=True))
+    return [found[k] for k in range(len(places))]

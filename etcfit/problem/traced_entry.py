@@ -39,14 +39,12 @@ class Shape:
         shapes: those shapes.
         constant: columns that are 0 or 1 everywhere, and which.
         uniform: columns that are some other number everywhere.
-        renewed: leaves of each record but the first, which has all others.
     """
 
     tree: Any
     shapes: tuple[tuple[int, ...], ...]
     constant: tuple[tuple[Column, float], ...]
     uniform: tuple[Column, ...]
-    renewed: tuple[frozenset[int], ...]
 
 
 class TracedEntry:
@@ -61,7 +59,8 @@ class TracedEntry:
     Attributes:
         begun, ends: numbers carried into and out of the entry.
         results: the tree of results, nodes for its leaves.
-        columns: of each record, the inputs that are read at each entry, and their nodes.
+        leaves: those that are read at each entry; each is a record.
+        columns: of each of them all columns and their nodes.
         fixed: inputs that no entry changes, values and then uniform columns, and their nodes.
     """
 
@@ -89,12 +88,10 @@ class TracedEntry:
         self.begun, self.ends = nodes_of(begun), nodes_of(after)
         wanted = [*self.ends, *nodes_of(self.results)]
         used = [(graph.nodes[node][1], node) for node in graph.needed(wanted) if graph.nodes[node][0] == "input"]
-        uniform = set(shape.uniform)
-        # in an order of their own, so that what is packed for one model serves others that read the same
-        read = dict(sorted((name, node) for name, node in used if isinstance(name, Column) and name not in uniform))
-        later = [{name: node for name, node in read.items() if name.leaf in leaves} for leaves in shape.renewed]
-        first = {name: node for name, node in read.items() if not any(name in each for each in later)}
-        self.columns = (first, *later)
+        found = {name: node for name, node in used if isinstance(name, Column) and name not in shape.uniform}
+        self.leaves = tuple(sorted({column.leaf for column in found}))
+        every = ([Column(k, place) for place in np.ndindex(shape.shapes[k])] for k in self.leaves)
+        self.columns = tuple({c: found.get(c, graph.input(("not read", c))) for c in leaf} for leaf in every)
         self.fixed: dict[Any, int] = {name: graph.input(name) for name in names}
         self.fixed |= {column: graph.input(column) for column in shape.uniform}
 
@@ -104,13 +101,14 @@ class TracedEntry:
         carried: Sequence[tuple[int, int]] = (),
         sums: Sequence[Sequence[tuple[int, int]]] = (),
         stored: Sequence[int] = (),
+        blocks: Sequence[int] = (),
     ) -> Loop:
         """A loop that computes entry after entry.
 
         Args:
             across: what a vector holds.
             carried: what is carried besides the entry's own.
-            sums, stored: see `Loop`.
+            sums, stored, blocks: see `Loop`.
         """
         return Loop(
             self.graph,
@@ -120,6 +118,7 @@ class TracedEntry:
             (*zip(self.begun, self.ends, strict=True), *carried),
             tuple(map(tuple, sums)),
             tuple(stored),
+            tuple(blocks),
         )
 
 

@@ -12,6 +12,7 @@ from rich.text import Text
 from ..experiment.check import ChannelCheck, CheckResult, TraceCheck
 from ..rig.finding import Finding
 from .blocks import headed, plain_table, rig_title, sentences, spaced
+from .car_log.terminal import good_enough
 from .numbers import short
 
 
@@ -21,6 +22,7 @@ def check_table(result: CheckResult) -> RenderableType:
         rig_title(result.rig.config, result.rig.folder),
         _clocks(result.traces),
         _channels(result.traces),
+        *(headed(f"{each.log.name}: good enough?", good_enough(each)) for each in result.follows),
         findings_table(result.rig.findings),
         sentences(
             "What looks odd in the records",

@@ -2,17 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from itertools import groupby
 
 from rich.console import Group, RenderableType
 from rich.text import Text
 
+from ..estimation.explained import explained, motion_explained, share_of
 from ..estimation.intervals import LUMPS, Interval, intervals, lumped
 from ..estimation.joint_fit import FitResult, StartSummary
 from ..estimation.remedies import sentences as directions_in_words
 from ..model.effects import PAPER
 from ..problem.prediction_error import PredictionError
+from ..rig.base import Measurement
 from ..run_folder import GEAR_RATIO, readings_of
 from .blocks import headed, plain_table, rig_title, sentences, spaced
 from .blocks import render as render
@@ -34,8 +36,8 @@ def fit_table(result: FitResult) -> RenderableType:
     """A fit for stdout: parameters, score, what is not identifiable, starts and warnings."""
     parts = [
         _parameters(result),
-        _score("Free-running error, fitted traces", result.score_fit),
-        _score("Free-running error, held-out traces", result.score_holdout),
+        _score("Free-running error, fitted traces", result.score_fit, result.rig.measurements),
+        _score("Free-running error, held-out traces", result.score_holdout, result.rig.measurements),
         sentences(
             "What these data do not determine, or only roughly",
             directions_in_words(result.identifiability.directions, result.problem.batch.traces),
@@ -78,18 +80,20 @@ def _parameter(symbol: str, meaning: str, unit: str, read: float | None, i: Inte
     return symbol, Text(meaning), short(read, 4), value, digits.span(i.low, i.high), unit, status
 
 
-def _score(title: str, rows: Iterable[PredictionError]) -> RenderableType | None:
+def _score(title: str, rows: Sequence[PredictionError], measurements: Sequence[Measurement]) -> RenderableType | None:
     """Pooled over the traces of a test: pictures and fit.json tell them apart."""
     table = plain_table(
-        "test", "channel", "traces", "samples", "rms", "sigma", "rms/sigma", "unit",
-        left=2, words=("unit",), spare=("samples", "traces"), file="RUN/fit.json",
+        "test", "channel", "traces", "samples", "rms", "sigma", "rms/sigma", "explained %", "unit",
+        left=2, words=("unit",), spare=("samples", "traces", "explained %"), file="RUN/fit.json",
     )  # fmt: skip
 
     def key(row: PredictionError) -> tuple[str, str, str]:
         return row.test, row.channel, row.unit
 
     for (test, channel, unit), group in groupby(sorted(rows, key=key), key=key):
-        table.add_row(test, channel, *_pooled(list(group)), unit)
+        every = list(group)
+        share = share_of(explained(every, measurements), (channel,))
+        table.add_row(test, channel, *_pooled(every), "-" if share is None else short(100.0 * share, 4), unit)
     return headed(title, table) if table.row_count else None
 
 
@@ -109,4 +113,6 @@ def _starts(starts: Sequence[StartSummary]) -> RenderableType | None:
 def _outcome(result: FitResult) -> RenderableType:
     style = "bold green" if result.converged else "bold red"
     word = "Converged" if result.converged else "NOT CONVERGED"
-    return spaced(Text.assemble((word, style), f": {result.reason}; chi2/dof {short(result.chi2_per_dof, 4)}"))
+    line = Text.assemble((word, style), f": {result.reason}; chi2/dof {short(result.chi2_per_dof, 4)}")
+    said = motion_explained(result.score_fit, result.score_holdout, result.rig.measurements)
+    return spaced(Group(line, Text(said)) if said else line)

@@ -1,4 +1,8 @@
-"""The rig tests of the paper; a newcomer adds one file here and its name to `TESTS`."""
+"""A measurement folder as it is read: rig tests, reader, units, the paper's graph readings; `checks/` finds mistakes
+of the rig before any fit.
+
+A new rig test is one file here and its name in `TESTS`.
+"""
 
 from __future__ import annotations
 

@@ -1,5 +1,8 @@
 """RUN/: its JSON files, the models that later stages load, and the manifest that says what was made from what.
 
+`codec` writes any frozen object whole and loads it bit for bit; `manifest` is run.json; `commit` puts the files of a
+stage in place, all or none; `state` holds the models. A module for each JSON file.
+
 Names are imported when they are first used: who reads a fit need not load what writes gains and posteriors.
 """
 

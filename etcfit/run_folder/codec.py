@@ -26,7 +26,9 @@ import jax.numpy as jnp
 import numpy as np
 
 from ..files import whole
+from ..kernels.machine import available
 from ..model.rig_effects import AbstractRigEffect, Place
+from ..problem.records import Grouped
 
 FORMAT = 1  # of these files; one of another is refused
 _TREE = "tree.json"
@@ -177,8 +179,15 @@ class _Writer:
 
     def _array(self, value: Any) -> list[Any]:
         kind = "jax" if isinstance(value, jax.Array) else "number" if isinstance(value, np.generic) else "array"
-        self.arrays.append(np.asarray(value))
-        return [kind, str(len(self.arrays) - 1)]
+        array = np.asarray(value)
+        if kind == "array" and array.size > 1 and 0 in array.strides:  # a number repeated takes the room of one
+            kept = array[tuple(slice(1) if stride == 0 else slice(None) for stride in array.strides)]
+            return ["repeated", self._put(kept), list(array.shape)]
+        return [kind, self._put(array)]
+
+    def _put(self, array: np.ndarray) -> str:
+        self.arrays.append(array)
+        return str(len(self.arrays) - 1)
 
 
 _SEQUENCES = {"tuple": tuple, "list": list, "frozenset": frozenset, "set": set}
@@ -208,12 +217,15 @@ class _Reader:
         if kind in ("array", "number", "jax"):
             array = self._arrays[content[0]]
             return array if kind == "array" else array[()] if kind == "number" else jnp.asarray(array)
+        if kind == "repeated":
+            return np.broadcast_to(self._arrays[content[0]], content[1])
         if kind in ("class", "plain"):
             return _class(content[0]) if kind == "class" else object.__new__(_class(content[0]))
         if kind == "enum":
             return _class(content[0])[content[1]]  # pyright: ignore[reportIndexIssue]
         if kind in ("object", "named"):
-            return self._made(_class(content[0]), {name: self.decode(v) for name, v in content[1].items()})
+            made = self._made(_class(content[0]), {name: self.decode(v) for name, v in content[1].items()})
+            return np.asarray(made) if isinstance(made, Grouped) and not available() else made  # JAX takes arrays
         if kind == "mapping":
             return {self.decode(key): self.decode(v) for key, v in content[0]}
         return _SEQUENCES[kind](self.decode(v) for v in content[0])

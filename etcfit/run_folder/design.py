@@ -9,15 +9,16 @@ import numpy as np
 from ..control.design import Design
 from ..control.fleet_verdict import FleetVerdict, OneByOne, Share
 from ..control.judged import Tuned
+from ..control.own_numbers import said, shares
 from ..control.parts_verdict import PartsVerdict
 from ..control.pid.feedforward import Bias
+from ..control.pid.figures import FIGURES, MARGINS, LoopFigures
 from ..control.pid.front import FrontPoint
 from ..control.pid.gains import UNIT, Gains
-from ..control.pid.requirements import REQUIRED, Metrics
 from ..control.pid.setpoint import Setpoint
 from ..files import plain
 from ..model.ecu import Ecu, Notation
-from ..model.ecus import RUSEFI, BiasTable, differences
+from ..model.ecus import NOT_DIVIDED, RUSEFI, BiasTable, differences
 from .ahead import ahead_json, code
 from .fit import versions
 from .safety import safety_json
@@ -43,12 +44,12 @@ def design_json(design: Design) -> dict[str, Any]:
         "gains": _gains(chosen.gains),
         "ecu": _native(design, chosen.gains),
         "as_written": _as_written(design, chosen.gains),
-        "linear": _metrics(chosen.linear),
-        "nonlinear": _metrics(chosen.nonlinear),
-        "requirements": {symbol: getattr(asked, symbol) for symbol in REQUIRED},
-        "margins_asked": {"gain_margin_db": asked.gain_margin_db, "phase_margin_deg": asked.phase_margin_deg},
+        "linear": loop_json(chosen.linear),
+        "nonlinear": loop_json(chosen.nonlinear),
+        "requirements": asked.limits(),
+        "margins_asked": asked.limits(MARGINS),
         "met": chosen.met,
-        "scenarios": {name: figures._asdict() for name, figures in chosen.scenarios.items()},
+        "scenarios": {name: loop_json(figures) for name, figures in chosen.scenarios.items()},
         "conditions": _conditions(design),
         "supply_table": supply_table_json(design.task, chosen.gains, design.supply_table),
         "front": [_point(point) for point in design.front],
@@ -121,7 +122,7 @@ def parts_json(found: PartsVerdict) -> dict[str, Any]:
 
 
 def _on_units(found: OneByOne) -> dict[str, Any]:
-    return {**_share(found.share), "worst_rmse_pct": float(found.rmse.max())}
+    return {**_share(found.share), "worst_rmse_pct": float(found.figures.rmse_pct.max())}
 
 
 def _share(share: Share) -> dict[str, Any]:
@@ -141,6 +142,7 @@ def _native(design: Design, gains: Gains) -> dict[str, Any]:
         "derivative_filter_s": ecu.filter, "delay_s": ecu.delay, "pwm_V": ecu.pwm, "resolution_rad": ecu.resolution,
         "duty_limit": ecu.duty, "integral_limit": ecu.integral or None,
         "slew_V_per_s": ecu.slew or None, "dead_band_rad": ecu.dead_band,
+        "divides_by_battery": bool(ecu.compensated),
         "setpoint_weight": ecu.setpoint_weight, "derivative_weight": ecu.derivative_weight,
     }  # fmt: skip
 
@@ -153,8 +155,9 @@ def _as_written(design: Design, gains: Gains | None) -> dict[str, Any] | None:
     return {**design.written(gains, notation)._asdict(), "unit": notation.unit, "form": notation.form}
 
 
-def _metrics(metrics: Metrics | None) -> dict[str, Any] | None:
-    return None if metrics is None else metrics._asdict()
+def loop_json(figures: LoopFigures | None) -> dict[str, Any] | None:
+    """Every figure of a loop, null where it is not known."""
+    return None if figures is None else {symbol: getattr(figures, symbol) for symbol in FIGURES}
 
 
 def _setpoint(setpoint: Setpoint) -> dict[str, Any]:
@@ -169,7 +172,7 @@ def _conditions(design: Design) -> dict[str, Any]:
         "supply_V": asked.supply,
         "winding_degC": asked.winding,
         "friction_over_bench": asked.friction,
-        "worst": _metrics(robust.worst),
+        "worst": loop_json(robust.worst),
         "hardest": {"supply_V": supply, "winding_degC": winding, "friction_over_bench": friction},
         "met": robust.met,
         "stable": robust.stable,
@@ -196,8 +199,8 @@ def _rule(design: Design, tuned: Tuned) -> dict[str, Any]:
         "gains": None if tuned.gains is None else _gains(tuned.gains),
         "as_written": _as_written(design, tuned.gains),
         "why_not": tuned.why or None,
-        "linear": _metrics(tuned.linear),
-        "nonlinear": _metrics(tuned.nonlinear),
+        "linear": loop_json(tuned.linear),
+        "nonlinear": loop_json(tuned.nonlinear),
         "met": tuned.met,
         "stable": tuned.stable,
         "probability_met": tuned.probability_met,
@@ -249,14 +252,17 @@ def written_for(design: Design) -> dict[str, Any] | None:
         return None
     gains, body = design.chosen.gains, design.task.loop.body
     assert gains is not None, "the proposed rule has gains"
-    notation = profile.notation
+    notation, own = profile.notation, shares(design.task, gains)
+    if notation is None:
+        typed = [each._asdict() | dict(zip(("value", "unit"), each.shown, strict=True)) for each in own]
+    else:
+        typed = [{"value": value, "unit": unit}
+                 for value, unit in zip(design.written(gains, notation), notation.of_each, strict=True)]  # fmt: skip
     return {
         "name": profile.name,
         "title": profile.title,
-        "gains": {
-            name: {"value": value, "unit": unit}
-            for name, value, unit in zip(profile.gains, design.written(gains, notation), notation.of_each, strict=True)
-        },
+        "gains": dict(zip(profile.gains, typed, strict=True)),
+        "says": [] if notation is not None else list(said(design.task, gains, profile.title)),
         "limits": {
             limit.name: {"value": limit.value(ecu, body.upper - body.lower), "unit": limit.unit}
             for limit in profile.limits
@@ -264,7 +270,7 @@ def written_for(design: Design) -> dict[str, Any] | None:
         "bias": None if profile.bias is None else _bias(design, profile.bias),
         "code": code(design),
         "source": profile.source,
-        "assumed": list(profile.assumed),
+        "assumed": [each for each in profile.assumed if not (ecu.compensated and each == NOT_DIVIDED)],
     }
 
 

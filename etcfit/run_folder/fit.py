@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from .. import __version__
+from ..estimation.explained import Explained, by_place, explained, share_of
 from ..estimation.intervals import LUMPS, Interval, intervals, lumped
 from ..estimation.joint_fit import FitResult
 from ..estimation.remedies import sentences
@@ -68,18 +69,25 @@ def score_json(result: FitResult) -> dict[str, Any]:
     """Errors of a model, see docs/formats.md: of the fitted channels also what is left by the one rule
     (`estimation.goodness`)."""
     left = {(each.file, each.channel): each.left for each in result.goodness}
-    fitted = zip(result.score_fit, rows_json(result.score_fit), strict=True)
+    fitted, held_out = (explained(rows, result.rig.measurements) for rows in (result.score_fit, result.score_holdout))
+    rows = zip(result.score_fit, rows_json(result.score_fit, fitted), strict=True)
     return {
-        "fit": [{**row, "left": left[own.file, own.channel]} for own, row in fitted],
-        "holdout": rows_json(result.score_holdout),
+        "fit": [{**row, "left": left[own.file, own.channel]} for own, row in rows],
+        "holdout": rows_json(result.score_holdout, held_out),
         "chi2_per_dof": plain(float(result.chi2_per_dof)),
+        "explained": plain(share_of(fitted)),
+        "explained_holdout": plain(share_of(held_out)),
     }
 
 
-def rows_json(rows: Iterable[PredictionError]) -> list[dict[str, Any]]:
-    """Free-running errors, a row of `score` each, see docs/formats.md."""
+def rows_json(rows: Iterable[PredictionError], found: Iterable[Explained] = ()) -> list[dict[str, Any]]:
+    """Free-running errors, a row of `score` each, see docs/formats.md; with the share that is explained, where it is
+    known."""
     keys = ("file", "test", "channel", "unit", "n", "rms", "sigma")
-    return [plain({key: getattr(row, key) for key in keys}) for row in rows]
+    shares = by_place(found)
+    return [plain({key: getattr(row, key) for key in keys}
+                  | ({"explained": shares[row.file, row.channel]} if (row.file, row.channel) in shares else {}))
+            for row in rows]  # fmt: skip
 
 
 def readings_of(result: FitResult) -> dict[str, float]:

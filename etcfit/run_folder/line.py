@@ -8,11 +8,13 @@ from typing import Any
 
 import numpy as np
 
-from ..fleets.line import FIGURE_BY_NAME, Told
+from ..fleets.line import FIGURE_BY_NAME, FigureResult
 from ..fleets.line.predict import Prediction, Spread
 
 
-def figures_json(units: tuple[str, ...], measured: Mapping[str, Told], odd: Collection[str] = ()) -> dict[str, Any]:
+def figures_json(
+    units: tuple[str, ...], measured: Mapping[str, FigureResult], odd: Collection[str] = ()
+) -> dict[str, Any]:
     """Each figure of every unit of which it can be told, and over the ordinary ones; `why` it cannot of the others.
 
     Args:
@@ -24,7 +26,7 @@ def figures_json(units: tuple[str, ...], measured: Mapping[str, Told], odd: Coll
     return {
         name: {
             "meaning": FIGURE_BY_NAME[name].meaning,
-            **asdict(Spread.of(Told(told.value[ordinary], told.why), FIGURE_BY_NAME[name].unit)),
+            **asdict(Spread.of(FigureResult(told.value[ordinary], told.why), FIGURE_BY_NAME[name].unit)),
             "value": {unit: float(v) for unit, v in zip(units, told.value, strict=True) if np.isfinite(v)},
         }
         for name, told in measured.items()

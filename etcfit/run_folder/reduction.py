@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 from ..control.linearise import INPUTS, Reduction
+from ..control.motor_constants import SYMBOLS, UNITS, MotorConstants
 from ..estimation.fitted_model import Fitted
 from ..files import plain
 from .fit import versions
@@ -38,9 +39,19 @@ def reduction_json(fitted: Fitted, reduction: Reduction, pade_order: int) -> dic
         "den": list(plant.den),
         "poles": [[float(p.real), float(p.imag)] for p in plant.poles],
         "stderr": {"num": [reduction.stderr[0]], "den": [0.0, *reduction.stderr[1:].tolist()]},
+        "feedforward": _constants(reduction.constants),
         "open_loop_dc_gain": plant.dc_gain,
         "delay_s": plant.delay,
         "sensor_lag_s": plant.lag,
         "with_delay_and_lag": extra,
         "versions": versions(),
     })  # fmt: skip
+
+
+def _constants(found: MotorConstants | None) -> dict[str, Any] | None:
+    """kS, kV and kA; null where nobody asked for them."""
+    if found is None:
+        return None
+    return {**dict(zip(SYMBOLS, found.values.tolist(), strict=True)),
+            "stderr": dict(zip(SYMBOLS, found.stderr.tolist(), strict=True)),
+            "unit": dict(zip(SYMBOLS, UNITS, strict=True))}  # fmt: skip

@@ -7,7 +7,7 @@ from typing import Any
 
 from ..control.pid import Gains, Task
 from ..control.supply_table import AtSupply, OverPosition, SupplyTable
-from ..model.ecu import Terms
+from ..model.ecu import Ecu, Terms
 from ..model.ecus import GENERIC, EcuProfile, Scheduling
 
 
@@ -21,22 +21,28 @@ def supply_table_json(task: Task, gains: Gains, table: SupplyTable) -> dict[str,
     """
     profile, body = task.profile, task.loop.body
     notation = (profile or GENERIC).notation
-    rows = table.written(gains, notation, task.ecu, body.upper - body.lower)
+    if notation is None:
+        over = (1.0 if task.ecu.compensated else task.ecu.supply / supply for supply in table.supplies)
+        rows = tuple(Terms(each, each, each) for each in over)
+        unit, form = f"share of the gain at {task.ecu.supply:g} V", "whatever its unit"
+    else:
+        rows = table.written(gains, notation, task.ecu, body.upper - body.lower)
+        unit, form = notation.unit, notation.form
     return {
         "ecu_has": None if profile is None else profile.scheduling.name.lower(),
         "designed_at_V": task.ecu.supply,
         "supply_V": table.supplies,
         "gains": {name: [getattr(row, name) for row in rows] for name in Terms._fields},
-        "unit": notation.unit,
-        "form": notation.form,
+        "unit": unit,
+        "form": form,
         "worst": [_end(end) for end in table.ends],
         "position": _position(table.position),
-        "says": list(_said(profile, table)),
+        "says": list(_said(profile, table, task.ecu)),
     }
 
 
 def _end(end: AtSupply) -> dict[str, Any]:
-    return {"supply_V": end.supply, "fixed": end.fixed._asdict(), "table": end.table._asdict(), "helps": end.helps}
+    return {"supply_V": end.supply, "fixed": end.fixed.known(), "table": end.table.known(), "helps": end.helps}
 
 
 def _position(over: OverPosition) -> dict[str, Any]:
@@ -44,9 +50,11 @@ def _position(over: OverPosition) -> dict[str, Any]:
             "least_ratio": over.ratio.min(), "largest_ratio": over.ratio.max()}  # fmt: skip
 
 
-def _said(profile: EcuProfile | None, table: SupplyTable) -> Iterator[str]:
+def _said(profile: EcuProfile | None, table: SupplyTable, ecu: Ecu) -> Iterator[str]:
     """Who has such a table, what it is worth, and where another one is worth nothing."""
-    if profile is not None:
+    if ecu.compensated:
+        yield "the ECU divides by the battery voltage: its gains mean the same at every supply, no table is needed"
+    elif profile is not None:
         yield f"{profile.title} has {profile.scheduling.value}" + _so(profile.scheduling)
     yield from map(_of_end, table.ends)
     yield _of_position(table.position)

@@ -144,10 +144,11 @@ def test_the_command_prints_writes_and_compares(tmp_path: Path) -> None:
     assert "old.msl -> new.msl" in done.stdout
     answer, look, further = done.stdout.splitlines()[-3:]
     assert answer.startswith("Answer: RMSE ")
-    assert look == f"Look:   {tmp_path / 'run' / 'pictures' / 'drive' / 'old.png'}"
+    assert look == f"Look:   {tmp_path / 'run' / 'drive.html'}"
     assert further.startswith("Next:   log this and put it into ")
     assert (tmp_path / "run" / "drive.json").is_file()
-    assert sorted(p.name for p in (tmp_path / "run" / "pictures" / "drive").iterdir()) == ["new.png", "old.png"]
+    assert sorted(p.name for p in (tmp_path / "run" / "pictures" / "drive").iterdir()) == [
+        "new.png", "new_answers.png", "old.png", "old_answers.png"]  # fmt: skip
     wrong = CliRunner().invoke(app, ["drive", str(tmp_path), "--compare", "old.msl", "newer.msl"])
     assert wrong.exit_code == 2
     assert "There are: new.msl, old.msl" in wrong.stderr

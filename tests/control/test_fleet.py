@@ -18,7 +18,7 @@ from etcfit.control.design import Design, ecu_of, task_of
 from etcfit.control.fleet import design_for_fleet, future_units, one_by_one, representatives
 from etcfit.control.fleet_verdict import OneByOne, Share, verdict
 from etcfit.control.pid import RULES, Gains, Requirements
-from etcfit.control.pid.requirements import REQUIRED
+from etcfit.control.pid.figures import FIGURES, LoopFigures
 from etcfit.control.settings import DesignSettings, FleetDesignSettings, OptimumSettings
 from etcfit.errors import UsageError
 from etcfit.files import write_json
@@ -37,12 +37,11 @@ QUICK = DesignSettings(
 
 def invented(count: int = 50) -> OneByOne:
     """Three units overshoot, one of them is unstable too."""
-    figures = {symbol: np.full(count, 0.1) for symbol in REQUIRED}
+    figures = {symbol: np.full(count, 0.1) for symbol in FIGURES}
     figures["settling_s"] = np.linspace(0.1, 0.19, count)
     figures["overshoot_pct"][[3, 7, 9]] = (25.0, 40.0, 21.0)
-    margin = np.full(count, 8.0)
-    margin[9] = -1.0
-    return OneByOne(tuple(f"u{k}" for k in range(count)), figures, margin, np.ones(count), Requirements())
+    figures["gain_margin_db"] = np.where(np.arange(count) == 9, -1.0, 8.0)
+    return OneByOne(tuple(f"u{k}" for k in range(count)), LoopFigures(**figures), Requirements())
 
 
 def test_what_fails_on_which_unit_is_counted_and_named() -> None:
@@ -67,7 +66,7 @@ def test_the_interval_of_a_share_is_clopper_and_pearsons() -> None:
 
 def test_a_unit_without_a_number_meets_nothing() -> None:
     found = invented()
-    found.figures["settling_s"][0] = np.nan
+    found.figures.settling_s[0] = np.nan
     assert not found.met[0]
     assert set(found.worst_first[:2].tolist()) == {0, 9}
 

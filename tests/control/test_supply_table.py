@@ -116,6 +116,36 @@ def test_the_limit_of_the_duty_is_the_ecus_and_goes_with_the_supply() -> None:
     assert weak_end.table.rmse_pct > 2.0 * end.table.rmse_pct
 
 
+def test_an_ecu_that_divides_by_the_battery_means_volts_as_the_independent_computer_in_volts_does() -> None:
+    """Its gains mean the same at 9 and at 15 V, a table has nothing to do; what is left is the supply's limit."""
+    task = task_with(ecu=ECU._replace(compensated=1.0))
+    table = supply_table(task, GAINS)
+    plant, time = throttle(TRUTH, NONE), TRAPEZOID.instants(1e-3)
+    wanted, begins = OPEN * TRAPEZOID.at(time), 300
+    for end in table.ends:
+        angle, _ = follow(plant, Computer(*GAINS, supply=end.supply), wanted)
+        rmse = 100.0 / OPEN * float(np.sqrt(np.mean((angle - wanted)[begins:] ** 2)))
+        assert end.fixed.rmse_pct == pytest.approx(rmse, rel=0.02)
+        assert end.table == end.fixed
+    low, high = table.ends
+    assert low.fixed.rmse_pct == pytest.approx(high.fixed.rmse_pct, rel=1e-3)
+    assert low.fixed.gain_margin_db == pytest.approx(high.fixed.gain_margin_db)
+    said = supply_table_json(task, GAINS, table)
+    assert len({*said["gains"]["P"]}) == 1
+    assert "no table is needed" in said["says"][0]
+    # more than the supply has it cannot send: 2.5 V do not drive the trapezoid
+    narrow = replace(task.settings, conditions=replace(SUPPLIES, supply=(2.5, 12.0)))
+    weak, sound = supply_table(replace(task, settings=narrow), GAINS).ends
+    assert weak.fixed.rmse_pct > 2.0 * sound.fixed.rmse_pct
+
+
+def test_gains_whose_unit_is_not_published_have_a_table_of_shares() -> None:
+    task = task_with(ECUS["maxxecu"])
+    found = supply_table_json(task, GAINS, supply_table(task, GAINS))
+    assert found["gains"]["P"] == pytest.approx([12.0 / volt for volt in found["supply_V"]])
+    assert found["unit"] == "share of the gain at 12 V"
+
+
 def test_gains_in_volts_need_no_table(found: SupplyTable) -> None:
     rows = found.written(GAINS, Notation("V", "rad"), ECU, OPEN)
     assert all(row == pytest.approx(tuple(GAINS)) for row in rows)

@@ -83,6 +83,10 @@ def halved_gear_ratio(folder: Path) -> None:
     _rewritten(folder, lambda text: re.sub(r"gear_ratio = (\S+)", lambda m: f"gear_ratio = {0.5 * float(m[1])}", text))
 
 
+def gear_ratio_upside_down(folder: Path) -> None:
+    _rewritten(folder, lambda text: re.sub(r"gear_ratio = (\S+)", lambda m: f"gear_ratio = {1.0 / float(m[1])}", text))
+
+
 def undeclared_resistor(folder: Path) -> None:
     _rewritten(folder, lambda text: text.replace('[tests.inductance]\nseries_ohm = "free"\n', ""))
 
@@ -99,16 +103,17 @@ def _rewritten(folder: Path, change: Callable[[str], str]) -> None:
 
 
 FOLDERS = {
-    "gear_ratio": (7801, halved_gear_ratio, Bench(), 1.0),
-    "series_resistance[inductance]": (7803, undeclared_resistor, replace(Bench(), series_ohm=1.22), 1.22),
-    "channel_gain[static_load.current]": (7805, probe_5_per_cent_high, Bench(), 0.05),
+    "half the gear ratio": (7801, halved_gear_ratio, Bench(), "gear_ratio", 1.0),
+    "gear ratio upside down": (7801, gear_ratio_upside_down, Bench(), "gear_ratio", 20.68**2 - 1.0),
+    "resistor": (7803, undeclared_resistor, replace(Bench(), series_ohm=1.22), "series_resistance[inductance]", 1.22),
+    "probe": (7805, probe_5_per_cent_high, Bench(), "channel_gain[static_load.current]", 0.05),
 }
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", FOLDERS)
-def test_one_mistake_that_explains_all_data_is_named_and_nothing_is_set_aside(name: str, tmp_path: Path) -> None:
-    seed, spoil, bench, size = FOLDERS[name]
+@pytest.mark.parametrize("which", FOLDERS)
+def test_one_mistake_that_explains_all_data_is_named_and_nothing_is_set_aside(which: str, tmp_path: Path) -> None:
+    seed, spoil, bench, name, size = FOLDERS[which]
     made = case(tmp_path / "folder", seed, spoil, bench)
     assert made.found.before.chi2_per_dof > 2.0
     assert made.found.added == (name,)

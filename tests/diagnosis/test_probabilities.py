@@ -107,8 +107,6 @@ def test_where_more_than_noise_is_left_it_is_not_said_that_nothing_is_missing() 
     p = probabilities([far], [], False, DEFAULT)
     assert p[NOTHING] <= LAPSE
     assert p[UNEXPLAINED] == 1.0 - LAPSE
-    named = probabilities([turn("a", a=-9000.0), replace(turn(None), evidence=COLOURED)], ["a"], False, DEFAULT)
-    assert LAPSE < named[UNEXPLAINED] < 1.0 - LAPSE
 
 
 @pytest.mark.parametrize("added", [["a"], [], ["a", "b"]])
@@ -124,15 +122,6 @@ def test_answers_to_one_question_add_up_to_one(added: list[str]) -> None:
     assert (first["a"] > MISSED) == ("a" in added), "what was taken away again leaves its share to something else"
 
 
-def test_a_mistake_in_one_channel_of_one_trace_is_no_surer_than_probable() -> None:
-    one = "channel_offset[viscous/volts_1.csv.current]"
-    added = turn(one, a=-10.0)
-    added = replace(added, candidates=(Candidate(one, 1.0, 1.0, True, bic_change=-900.0), *added.candidates))
-    (first, _) = questions([added], [one], False, DEFAULT)
-    assert first.answers[one] == pytest.approx(1.0 - DEFAULT.lapse_of_one)
-    assert sum(first.answers.values()) == pytest.approx(1.0)
-
-
 def test_beside_a_slow_log_no_name_is_surer_than_may_be() -> None:
     rounds = [turn("a", a=-9000.0), turn(None, c=5.0)]
     asked = questions(rounds, ["a"], False, DEFAULT, slow=True)
@@ -145,9 +134,3 @@ def test_beside_a_slow_log_no_name_is_surer_than_may_be() -> None:
 def test_no_more_than_inexact_formulas_leave_is_nothing_without_a_name() -> None:
     unread = replace(turn(None), candidates=(), evidence=COLOURED)
     assert probabilities([turn("a", a=-9000.0), unread], ["a"], False, DEFAULT)[UNEXPLAINED] == LAPSE
-
-
-def test_what_is_left_beside_a_name_is_as_likely_as_the_settings_say() -> None:
-    beside = [replace(turn("a", a=-5000.0), evidence=COLOURED)]
-    assert probabilities(beside, ["a"], False, DEFAULT)[UNEXPLAINED] == DEFAULT.left_beside_names == 0.5
-    assert probabilities(beside, ["a"], False, replace(DEFAULT, left_beside_names=0.3))[UNEXPLAINED] == 0.3

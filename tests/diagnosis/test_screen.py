@@ -16,9 +16,9 @@ from scipy.optimize import nnls
 from etcfit.diagnosis import screen
 from etcfit.diagnosis.candidate_model import CandidateModel
 from etcfit.diagnosis.composition import compose, resting
-from etcfit.diagnosis.inside import tangents_inside
 from etcfit.diagnosis.loop import screened
 from etcfit.diagnosis.screen import Background, Signature, fitted_samples, in_groups, ranked, tangents, variants
+from etcfit.diagnosis.throttle_tangents import tangents_inside
 from etcfit.model.effects import EFFECT_BY_NAME, EFFECTS, PAPER, AbstractEffect, Contribution, Inputs, State
 from etcfit.model.parameters import NonNegative, Positive, Real, Scalar, parameter, parameters_of
 from etcfit.problem.problem import EstimationProblem

@@ -66,7 +66,7 @@ def test_the_defaults_are_those_of_the_recorded_folders() -> None:
         "share_told": 0.05, "guide": {"give": 0.01, "bandwidth": 15.0, "bandwidth_of_rate": 0.1, "least": 0.003,
         "stable": 0.3, "shares": [1.0, 0.3, 0.1, 0.03, 0.01, 0.003]},
         "free_pool": 6, "curve_refits": 1, "name_keeps": 0.9, "names_hold": 0.8, "curve_asked": 1.5, "bic_temper": 10.0,
-        "lapse": 0.1, "lapse_of_one": 0.25, "missed": 0.1, "left_beside_names": 0.5, "slow_log": 0.5, "suspicion": 0.8,
+        "lapse": 0.1, "least_credit": 0.5, "missed": 0.1, "slow_log": 0.5, "suspicion": 0.8,
         "free_spread": 0.1,
     }  # fmt: skip
 

@@ -12,7 +12,7 @@ from etcfit.estimation import subsets
 from etcfit.estimation.agreement import Agreement, agreement
 from etcfit.estimation.intervals import intervals
 from etcfit.estimation.joint_fit import fit
-from etcfit.estimation.pieces import pieces_of
+from etcfit.estimation.pieces import pieces_at
 from etcfit.estimation.result import FitResult
 from etcfit.estimation.settings import ContradictionSettings, FitSettings
 from etcfit.rig.reader import read_folder
@@ -28,7 +28,7 @@ def clean(tmp_path_factory: pytest.TempPathFactory) -> FitResult:
 
 def judged_again(result: FitResult, settings: FitSettings) -> Agreement:
     problem, x = result.problem, result.x
-    pieces = pieces_of(problem, problem.linearise(x, result.weighted))
+    pieces = pieces_at(problem, x, result.weighted)
     return agreement(problem, result.weighted, x, pieces, result.covariance, (False, 1.0), settings)
 
 

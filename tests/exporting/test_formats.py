@@ -16,6 +16,7 @@ from types import ModuleType
 from typing import Any, get_type_hints
 from xml.etree import ElementTree as Xml
 
+import jax
 import numpy as np
 import pytest
 import scipy.io
@@ -30,15 +31,20 @@ from etcfit.api.designed import Designed
 from etcfit.api.fit import Fit
 from etcfit.cli import app, export
 from etcfit.control.design import ecu_of, propose, task_of
-from etcfit.control.pid import RULES, Requirements
-from etcfit.control.pid.requirements import REQUIRED
+from etcfit.control.pid import RULES, Gains, Requirements
+from etcfit.control.pid.ecu import Memory, tick
+from etcfit.control.pid.figures import REQUIRED
+from etcfit.control.pid.loop import Body, Loop
+from etcfit.control.pid.setpoint import Setpoint
 from etcfit.control.settings import DesignSettings, OptimumSettings
 from etcfit.errors import MeasurementError, UsageError
 from etcfit.estimation.fit_state import FitState
 from etcfit.exporting import FORMATS, Export, Source, named, write
 from etcfit.exporting.formats import c
+from etcfit.exporting.formats.tune import gains_in
 from etcfit.exporting.plant import plant_of
 from etcfit.files import write_json
+from etcfit.model.ecu import Ecu
 from etcfit.model.ecus import ECUS
 from etcfit.model.effects import Inputs, State
 from etcfit.run_folder import read_design, replacing
@@ -201,6 +207,19 @@ def test_the_tune_holds_what_was_designed_under_the_firmware_s_names(name: str) 
 def test_without_gains_for_such_an_ecu_the_tune_is_refused_with_the_command(of: Any, said: str) -> None:
     with pytest.raises(UsageError, match=rf"{said}.*etcfit design RUN --ecu NAME.*rusefi, fome"):
         named("msq").export(exports.source(pid=of))
+
+
+def test_present_gains_are_read_off_a_tune(tmp_path: Path) -> None:
+    export = named("msq").export(exports.source(pid=pid("rusefi")))
+    tune = tmp_path / "mine.msq"
+    tune.write_bytes(export.files["etcfit_rusefi.msq"])
+    designed = [gain["value"] for gain in pid("rusefi")["profile"]["gains"].values()]
+    assert gains_in(tune, ECUS["rusefi"]) == pytest.approx(designed, rel=1e-7)
+    with pytest.raises(UsageError, match=r"Link.*no tune file.*--gains"):
+        gains_in(tune, ECUS["link"])
+    tune.write_bytes(tune.read_bytes().replace(b"etb_iFactor", b"other"))
+    with pytest.raises(MeasurementError, match="no setting etb_iFactor"):
+        gains_in(tune, ECUS["rusefi"])
 
 
 COMPROMISE = FitState(17.0, True, "", "the model is far from the data (chi2/dof 17)")
@@ -501,6 +520,87 @@ def test_mujoco_returns_and_opens_as_our_stepper(circuit: float, volts: float, s
     mine = ours(source, circuit, volts, start, (len(path) - 1) * source.settings.step)
     assert abs(path[-1] - start) > 1.2
     assert np.max(np.abs(np.array(path) - mine)) / np.ptp(source.travel) < within
+
+
+SERVO = 0.005  # of the travel, a step of a servo
+KP, KD, ASKED = 25.0, 0.6, 0.9  # V/rad, V s/rad, rad
+PERIOD = 1e-4  # s, of a controller so fast that it is one of continuous time
+
+
+def servo() -> tuple[Source, dict[str, float]]:
+    """A model under its own controller, and the numbers of the position actuator that it is written as."""
+    gains = {"Kp": KP, "Ki": 0.0, "Kd": KD, "unit": "V/rad"}
+    source = exports.source(settings=etcfit.ExportSettings(step=2e-4), pid={**pid(None), "gains": gains})
+    root = Xml.fromstring(text(named("mujoco-position").export(source), "etcfit_servo.xml"))
+    actuator, joint = root.find("actuator/position"), root.find("worldbody/body/joint")
+    assert actuator is not None
+    assert joint is not None
+    inertia = root.find("worldbody/body/inertial")
+    assert inertia is not None
+    numbers = {name: float(actuator.attrib[name]) for name in ("kp", "kv")}
+    numbers |= {name: float(joint.attrib[name]) for name in ("armature", "damping", "frictionloss", "stiffness",
+                                                             "springref")}  # fmt: skip
+    return source, numbers | {"inertia": float(inertia.attrib["diaginertia"].split()[2]),
+                              "force": float(actuator.attrib["forcerange"].split()[1])}  # fmt: skip
+
+
+def of_our_loop(source: Source, times: np.ndarray, start: float) -> np.ndarray:
+    """Angle under our own discrete controller, its derivative of the position alone, rad."""
+    throttle = jax.tree.map(lambda leaf: np.asarray(leaf, dtype=float)[None], source.throttle)
+    low, high = source.travel
+    ecu = Ecu(PERIOD, 12.0, filter=0.0, derivative_weight=0.0)
+    loop = Loop(throttle, Body(source.body["N"], low, high), ecu)
+    share, held = ASKED / (high - low), start / (high - low)
+    setpoint = Setpoint((0.0, times[-1] + PERIOD), (share, share), ())
+    first = Memory.at_rest(Gains(KP, 0.0, KD), ecu, start)
+    path = loop.run(tick, Gains(*(np.array([g]) for g in (KP, 0.0, KD))), first, setpoint, State(0.0, start, 0.0))
+    assert 0.0 < held < share
+    return np.interp(times, setpoint.instants(PERIOD), np.asarray(path.position)[0, 0])
+
+
+@pytest.mark.slow
+def test_a_position_actuator_by_its_published_equations_steps_as_our_loop() -> None:
+    """(J + armature) dw/dt = clip(kp (ctrl - q) - kv w) - damping w - stiffness (q - springref) -+ frictionloss."""
+    source, a = servo()
+    h, start = 2e-5, 0.4
+    q, w, path = start, 0.0, [start]
+    for _ in range(round(0.5 / h)):
+        force = np.clip(a["kp"] * (ASKED - q) - a["kv"] * w, -a["force"], a["force"])
+        torque = force - a["damping"] * w - a["stiffness"] * (q - a["springref"])
+        loss = np.clip(torque + (a["inertia"] + a["armature"]) * w / h, -a["frictionloss"], a["frictionloss"])
+        w += h * (torque - loss) / (a["inertia"] + a["armature"])
+        q += h * w
+        path.append(q)
+    mine = of_our_loop(source, h * np.arange(len(path)), start)
+    assert abs(path[-1] - start) > 0.3
+    assert np.max(np.abs(np.array(path) - mine)) / np.ptp(source.travel) < SERVO
+
+
+@pytest.mark.slow
+def test_mujoco_s_position_actuator_steps_as_our_loop() -> None:
+    mujoco = pytest.importorskip("mujoco", reason="mujoco is not installed: pip install '.[test]'")
+    source, _ = servo()
+    model = mujoco.MjModel.from_xml_string(text(named("mujoco-position").export(source), "etcfit_servo.xml"))
+    data = mujoco.MjData(model)
+    start = 0.4
+    data.qpos[0], data.ctrl[0] = start, ASKED
+    path = [start]
+    for _ in range(round(0.5 / model.opt.timestep)):
+        mujoco.mj_step(model, data)
+        path.append(float(data.qpos[0]))
+    mine = of_our_loop(source, model.opt.timestep * np.arange(len(path)), start)
+    assert path[-1] - path[-500] < 1e-4  # it sticks, as ours does
+    assert np.max(np.abs(np.array(path) - mine)) / np.ptp(source.travel) < SERVO
+
+
+def test_a_position_actuator_without_gains_is_refused_with_both_cures() -> None:
+    with pytest.raises(UsageError, match=r"rig.toml describes no ECU.*etcfit design RUN.*\[ecu\] of rig.toml"):
+        named("mujoco-position").export(exports.source())
+
+
+def test_a_position_actuator_says_what_of_the_controller_it_leaves_out() -> None:
+    made = named("mujoco-position").export(exports.source(pid=pid(None)))
+    assert any("The integral gain, Ki = 50 V/(rad s)" in each for each in made.cannot_hold)
 
 
 def test_isaac_s_efforts_are_the_model_s_and_its_configuration_takes_them(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -55,12 +55,34 @@ def test_it_says_where_it_is_from_and_what_is_assumed(make: EcuProfile) -> None:
 @every_make
 def test_gains_written_and_read_are_the_same(make: EcuProfile) -> None:
     ecu, gains = completed(make), (130.0, 2302.0, 0.73)
+    assert len(set(make.gains)) == 3
+    if make.notation is None:  # a unit that is not published is not made up
+        return
     written = make.notation.written(gains, ecu, TRAVEL)
     assert tuple(w * u for w, u in zip(written, make.notation.units(ecu, TRAVEL), strict=True)) == pytest.approx(gains)
     # an error of 1 % alone gives as many % of duty as P
     if make.notation.unit == "%/%":
         assert 100.0 * gains[0] * 0.01 * TRAVEL / ecu.supply == pytest.approx(written.P)
-    assert len(set(make.gains)) == 3
+
+
+CLOSED = ("maxxecu", "ecumaster", "haltech", "motec", "syvecs")
+
+
+@pytest.mark.parametrize("name", CLOSED)
+def test_a_closed_make_has_no_unit_of_its_gains_and_says_what_is_assumed_of_each_field(name: str) -> None:
+    make = named(name)
+    assert make.notation is None
+    assert not make.fixes
+    told = " ".join(make.assumed)
+    for word in ("clock", "derivative filter", "derivative of the error", "100 %", "battery", "feed-forward"):
+        assert word in told or (word == "feed-forward" and make.bias is not None), word
+    assert name == "syvecs" or "https://" in make.source
+
+
+def test_an_ecu_that_divides_by_the_battery_is_one_where_the_user_says_so() -> None:
+    assert named("maxxecu").completed({})["compensated"] == 0.0
+    assert named("maxxecu").completed({"compensated": 1.0})["compensated"] == 1.0
+    assert named("rusefi").clashes({"compensated": 1.0}) == ("compensated",)
 
 
 @every_make

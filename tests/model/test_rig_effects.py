@@ -25,6 +25,7 @@ from etcfit.model.rig_effects import (
     number_of,
     rig_effect,
 )
+from etcfit.model.rig_effects.base import APART
 from etcfit.model.stepper import Edge, Reset, Step
 from etcfit.rig import TESTS
 from etcfit.rig.config import parse_config
@@ -242,6 +243,26 @@ def test_a_position_reads_off_where_the_plate_is_and_begins_where_it_was() -> No
     shown = off.read({"position": begun().theta}, 0.0, None)["position"]
     back = off.begun(begun()._replace(theta=shown * begun().begins), 0.0, None)
     assert_allclose(back.theta, begun().theta, atol=1e-15)
+
+
+def test_a_motor_alone_begins_with_its_speed_over_the_right_ratio() -> None:
+    effect = rig_effect("gear_ratio")
+    assert effect is not None
+    assert [test.name for test in TESTS if test.boundary.gear_apart] == [APART]
+    (error,) = parameters_of(effect)
+    twice = made(effect, 1.0 / error.domain.scale)
+    assert_allclose(twice.begun(begun(), number_of(APART), None).omega, 0.5 * begun().omega)
+    assert_array_equal(twice.begun(begun(), number_of("inertia"), None).omega, begun().omega)  # read off the plate
+
+
+def test_a_ratio_cured_of_one_error_and_off_by_another_is_off_by_both() -> None:
+    effect = rig_effect("gear_ratio")
+    assert effect is not None
+    given = parse_config("[rig]\ngear_ratio = 0.05\n", "rig.toml")
+    cured = effect.cured(given, 399.0)
+    assert cured.gear_ratio == pytest.approx(20.0)
+    assert (1.0 + effect.compounded(399.0, 0.034)) * given.gear_ratio == pytest.approx(1.034 * cured.gear_ratio)
+    assert all(e.cured(given, 0.1) is None for e in EVERY if e.kind != "gear_ratio")
 
 
 @pytest.mark.parametrize(("gain", "kind"), [(0.05, "channel_gain"), (-2.0, "channel_sign"), (999.0, "unit_scale"),

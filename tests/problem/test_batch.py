@@ -286,3 +286,24 @@ def test_a_guide_of_one_stiffness_is_one_array_as_long_as_somebody_has_it(batch:
     gone = weakref.ref(first.guide_stiffness)
     del first, second
     assert gone() is None
+
+
+@pytest.mark.parametrize("later", [1e-4, 7e-3])
+def test_a_plate_let_go_at_another_instant_lies_as_in_a_new_batch_and_the_rest_is_not_copied(
+    later: float,
+) -> None:
+    batch, substeps = laid(mixed())
+    traces = tuple(t.released_at(t.release[0] + later, t.release[1]) if t.release else t for t in batch.traces)
+    found, wanted = batch.released(traces, CONFIG, substeps), batch_of(traces, CONFIG, substeps)
+    assert found.traces == traces
+    for (lane, row, marks), (lane_anew, row_anew, marks_anew) in zip(found.places, wanted.places, strict=True):
+        assert (lane, row) == (lane_anew, row_anew)
+        assert_array_equal(marks, marks_anew)
+    for part in ("steps", "resets", "slots", "disturbance"):
+        for one, other in zip(getattr(found, part), getattr(wanted, part), strict=True):
+            assert (one is None) == (other is None)
+            if one is not None:
+                assert_array_equal(one, other)
+    assert found.steps.voltage0 is batch.steps.voltage0
+    assert found.slots.kind is batch.slots.kind
+    assert not np.array_equal(found.steps.dt, batch.steps.dt)

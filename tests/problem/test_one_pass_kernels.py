@@ -24,7 +24,7 @@ def test_samples_that_are_independent_go_through_no_filter(tmp_path: Path) -> No
 
     def matrices_read(weighted: kernels.WeightedData) -> int:
         filter_ = kernels.numbered(kernels.data_of(weighted))[-1]
-        columns = kernels.packed_records(form, weighted)[1].traced.columns
+        columns = kernels.entry(*kernels.packed_records(form, weighted)[1]).traced.columns
         return sum(column.leaf in filter_[:3] for record in columns for column in record)
 
     assert matrices_read(plain) == 0

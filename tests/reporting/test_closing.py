@@ -16,7 +16,7 @@ from etcfit.cli import app
 from etcfit.control.design import Design
 from etcfit.control.judged import Robust, Tuned
 from etcfit.control.pid.base import Task
-from etcfit.control.pid.requirements import Metrics
+from etcfit.control.pid.figures import LoopFigures
 from etcfit.errors import command
 from etcfit.estimation.fit_state import SOUND, FitState
 from etcfit.model.ecus import ECUS
@@ -170,7 +170,7 @@ def test_gains_that_fail_in_a_corner_are_not_sent_into_an_ecu(
     profile: str | None, met: bool, further: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("etcfit.reporting.closing.control.answer", lambda design: "Gains.")
-    good = Metrics(10.0, 0.1, 0.2, 1.0, 12.0, 45.0, 4.0)
+    good = LoopFigures(10.0, 0.1, 0.2, 1.0, 12.0, 45.0, 4.0)
     made = partial(
         Design,
         task=partial(Task, profile=None if profile is None else ECUS[profile]),

@@ -52,6 +52,7 @@ from etcfit.reporting.tables import fit_table
 from etcfit.rig.base import RigConfig
 from etcfit.rig.finding import Finding
 from gaussian import SEEDS
+from independent import hunting
 
 WIDTHS = (80, 100, 160)
 LONG = "response/second_day_with_the_new_harness/chirp_from_1_to_20_hertz.csv"
@@ -97,7 +98,18 @@ def of_drive(fit: FitResult) -> RenderableType:
     log = car_logs.drive()
     position, setpoint = (Series(log["time"], log[name]) for name in ("position", "setpoint"))
     name = "2026-07-14_motorway_and_town_warm_engine.csv"
-    return drive_table(RigConfig("car"), [study(DriveLog(each, position, setpoint)) for each in (name, "b.csv")])
+    rng = np.random.default_rng(2)
+    plate, pid = hunting.drawn("stick-slip", rng)
+    wanted = np.concatenate((hunting.staircase(rng, 16.0, 8.0), hunting.staircase(rng, 20.0, 0.8)))
+    more = hunting.logged(rng, wanted, *hunting.run(plate, pid, wanted, 0.02, rng), 100.0, 0.05, 0.1)
+    shown = {name: Series(more["time"], more[name]) for name in ("position", "setpoint", "duty")}
+    volts = {"sensor 1": 0.6 + 0.037 * shown["position"].value, "sensor 2": 4.5 - 0.06 * shown["position"].value}
+    others = {"duty": shown["duty"]} | {key: Series(more["time"], np.maximum(each, 0.5)) for key, each in volts.items()}
+    bare, full = (
+        DriveLog(name, position, setpoint),
+        DriveLog("b.csv", shown["position"], shown["setpoint"], others=others),
+    )
+    return drive_table(RigConfig("car"), [study(bare), study(full)])
 
 
 def of_posterior(fit: FitResult) -> RenderableType:

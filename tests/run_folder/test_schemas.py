@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import importlib.util
 import json
 import re
 from collections.abc import Callable
@@ -18,6 +17,7 @@ import campaigns
 import diagnoses
 import results
 import runs
+from docs.made.schemas import table
 from etcfit.control.frequency import FrequencyResponse
 from etcfit.control.frequency.lag import order_of
 from etcfit.control.settings import FrequencySettings
@@ -30,6 +30,7 @@ from etcfit.model.linear import TransferFunction
 from etcfit.ranges import from_json
 from etcfit.rig.base import Rig
 from etcfit.run_folder import advice_json, diagnosis_json, fit_json, frequency_json, plan_json
+from etcfit.run_folder.declared import PARTS, with_declared
 
 ROOT = Path(__file__).resolve().parents[2]
 FOLDER = ROOT / "etcfit" / "run_folder" / "schemas"
@@ -44,6 +45,7 @@ CONTRACT = {
     "pid": "schema rule gains ecu linear nonlinear requirements met posterior settings",
     "run": "schema version stages",
     "drive": "schema logs",
+    "tune": "schema verdict why_not ecu model checks fit held_out supply_V present unit steps record_next",
     "advice": "schema rig synthetic stderr_now options not_judged settings",
     "plan": "schema rig synthetic model criterion limits stderr tests left_out settings",
     "fleet": "schema version name synthetic units failed not_converged members population correlation odd effects "
@@ -64,16 +66,6 @@ def parts(node: Any) -> list[dict[str, Any]]:
         return []
     own = list(node["properties"].values()) if isinstance(node.get("properties"), dict) else []
     return own + [part for each in node.values() for part in parts(each)]
-
-
-def hook() -> Any:
-    """The hook of MkDocs that makes the tables of docs/formats.md."""
-    spec = importlib.util.spec_from_file_location("schema_tables", ROOT / "docs" / "_hooks" / "schemas.py")
-    assert spec is not None
-    assert spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
 
 
 def manifest() -> dict[str, Any]:
@@ -107,6 +99,11 @@ def test_every_key_is_described(kind: str) -> None:
     described = parts(schema(kind))
     assert described
     assert all(part.get("description") or "$ref" in part for part in described)
+
+
+@pytest.mark.parametrize("kind", PARTS)
+def test_what_follows_from_declared_figures_is_up_to_date(kind: str) -> None:
+    assert schema(kind) == with_declared(kind, deepcopy(schema(kind))), "run: python -m etcfit.run_folder.declared"
 
 
 def test_what_a_fit_writes_fits_its_schema(tmp_path: Path) -> None:
@@ -182,22 +179,20 @@ def test_the_manifest_is_what_the_contract_says() -> None:
 @pytest.mark.parametrize("kind", KINDS)
 def test_the_docs_name_every_key(kind: str) -> None:
     page = (ROOT / "docs" / "formats.md").read_text(encoding="utf-8")
-    assert f"<!-- schema: {kind} -->" in page
-    shown = hook().on_page_markdown(page)
-    section = shown.split(f"## {kind}.json", 1)[1].split("\n## ", 1)[0]
+    section = page.split(f"## {kind}.json", 1)[1].split("\n## ", 1)[0]
     named = re.findall(r"^\| `([^`]+)` \|", section, re.MULTILINE)
     assert set(schema(kind)["properties"]) <= set(named)
     assert len(named) == len(set(named))
 
 
 def test_the_tables_follow_references_lists_and_mappings() -> None:
-    shown = hook().table("fit")
+    shown = table("fit")
     for path in ("parameters.NAME.ci95", "score.fit[].rms", "influence[].pull", "score.chi2_per_dof"):
         assert f"| `{path}` |" in shown
     assert "influence` | array | " in shown
     assert (
-        shown.count("*(optional)*") == 4
-    )  # a remark of a parameter, of a combination; what is left in two lists of rows
+        shown.count("*(optional)*") == 6
+    )  # a remark of a parameter, of a combination; what is left and what is explained in two lists of rows
 
 
 def test_the_response_to_sines_carries_the_state_of_the_fit(rig: Rig) -> None:

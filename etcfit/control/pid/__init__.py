@@ -6,11 +6,11 @@ from .amigo import amigo
 from .as_found import as_found
 from .base import Refusal, Rule, Task
 from .damping_optimum import damping_optimum
+from .figures import LoopFigures, Requirements
 from .gains import Gains
 from .manual import manual
 from .optimal import optimal
 from .relay import relay
-from .requirements import Metrics, Requirements
 from .simc import simc
 from .tyreus_luyben import tyreus_luyben
 from .ziegler_nichols import ziegler_nichols
@@ -27,4 +27,4 @@ RULES: dict[str, Rule] = {
     "as_found": as_found,
 }
 
-__all__ = ["RULES", "Gains", "Metrics", "Refusal", "Requirements", "Rule", "Task"]
+__all__ = ["RULES", "Gains", "LoopFigures", "Refusal", "Requirements", "Rule", "Task"]

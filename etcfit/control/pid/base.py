@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 
 from ...model.ecu import Ecu
@@ -10,9 +10,9 @@ from ...model.ecus import EcuProfile
 from ...model.feed_forward import Term
 from ...model.linear import TransferFunction
 from ..settings import DesignSettings
+from .figures import Requirements
 from .gains import Gains
 from .loop import Loop
-from .requirements import Requirements
 from .setpoint import Setpoint, trapezoid
 
 
@@ -37,6 +37,7 @@ class Task:
         settings: budgets of the rules that experiment.
         profile: the make of ECU that this controller is; None where none is named.
         terms: of feed-forward in the loop.
+        present: gains that the ECU has now, in its own numbers, see `control.own_numbers`.
     """
 
     plant: TransferFunction
@@ -48,6 +49,7 @@ class Task:
     settings: DesignSettings = DesignSettings()
     profile: EcuProfile | None = None
     terms: tuple[Term, ...] = ()
+    present: Mapping[str, float] = field(default_factory=dict)
 
 
 Rule = Callable[[Task], Gains | Refusal]

@@ -47,7 +47,8 @@ def under(loop: Loop, conditions: Conditions, settings: ConditionSettings) -> Lo
 
         v = duty V_supply,    R = R_a (1 + alpha (T - T_bench)),    T_f, ... times the factor
 
-    The ECU does not know the supply: its duty is a share of whatever there is. The magnets stay as they are.
+    The ECU does not know the supply: its duty is a share of whatever there is. One that divides by the battery voltage
+    sends the volts that it means, up to its largest duty of that supply. The magnets stay as they are.
 
     Args:
         loop: D models.
@@ -57,6 +58,8 @@ def under(loop: Loop, conditions: Conditions, settings: ConditionSettings) -> Lo
     warmer = 1.0 + settings.copper * (conditions.winding - settings.bench)
     drive = np.ones(loop.draws) if loop.drive is None else loop.drive
     throttles = scaled(loop.throttles, {"R_a": warmer, **dict.fromkeys(DRY_FRICTION, conditions.friction)})
+    if loop.ecu.compensated:
+        return replace(loop, throttles=throttles, ceiling=loop.ecu.duty * np.asarray(conditions.supply))
     return replace(loop, throttles=throttles, drive=drive * conditions.supply / loop.ecu.supply)
 
 

@@ -17,7 +17,7 @@ from .gains import Gains
 from .sampled_plant import SampledPlant, sampled
 from .setpoint import Setpoint
 
-_GONE = 1e6  # a response beyond this many travels has gone
+_RUNAWAY = 1e6  # a response beyond this many travels has gone
 
 
 def controller(gains: Gains, ecu: Ecu, z: Complex[np.ndarray, " W"]) -> Complex[np.ndarray, "*gains W"]:
@@ -101,4 +101,4 @@ def respond(plant: TransferFunction, gains: Gains, ecu: Ecu, setpoint: Setpoint)
     change = setpoint.at(setpoint.instants(ecu.period)) - rest
     with np.errstate(all="ignore"):
         y = closed(gains, sampled(plant, ecu), ecu).respond(change)
-    return rest + np.where(np.maximum.accumulate(np.abs(y)) < _GONE, y, np.nan)
+    return rest + np.where(np.maximum.accumulate(np.abs(y)) < _RUNAWAY, y, np.nan)

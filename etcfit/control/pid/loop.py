@@ -23,9 +23,10 @@ from ...problem.cores import CORES, side_by_side
 from ..settings import LoopSettings
 from .ecu import Memory, tick
 from .feedforward import Bias, HoldingVoltages, hold_curve
+from .figures import LoopFigures, judge, with_effort, with_heat
 from .gains import Gains
 from .loop_kernel import kernel_of
-from .response import Effort, Figures, Judged, effort, judge
+from .response import Run
 from .setpoint import Setpoint
 from .sliding import Sliding, rates
 
@@ -55,7 +56,7 @@ class Tried(NamedTuple):
     """
 
     share: np.ndarray
-    figures: Figures
+    figures: LoopFigures
 
 
 class _Carry(NamedTuple):
@@ -128,11 +129,13 @@ class _Plant(NamedTuple):
     Args:
         throttle: the model.
         drive: voltage that it gets over the one that the ECU means to send.
+        ceiling: most that the ECU can mean to send, V: what the supply has left where the ECU reckons with it.
         misread: what the noise adds to each reading, rad, shape (K,).
     """
 
     throttle: Throttle
     drive: Scalar
+    ceiling: Scalar
     misread: Any
 
 
@@ -170,7 +173,7 @@ def _simulation(control: Controller, keep: Keep, plant: _Plant, run: _Run, parts
         room: ticks of delay that are remembered.
     """
     settings, first, ecu, body, _, _, start = run
-    throttle, drive, _ = plant
+    throttle, drive, ceiling, _ = plant
     late = (ecu.delay + throttle.delays().input) / ecu.period
     seen_with = Inputs(0.0, 0.0, 0.0, 1.0, 0.0, body.gear_ratio, body.lower, body.upper)
     dt = ecu.period / parts
@@ -183,6 +186,7 @@ def _simulation(control: Controller, keep: Keep, plant: _Plant, run: _Run, parts
     def advance(carry: _Carry, entry: Any) -> tuple[_Carry, Any]:
         wanted, ahead, error, time = entry
         volts, memory = once(control(settings, ecu, carry.memory, wanted, once(carry.shown + error), ahead))
+        volts = jnp.clip(volts, -ceiling, ceiling)
         sent = jnp.concatenate((jnp.asarray(volts)[None], carry.sent[:-1]))
 
         def part(state: Any, each: Any) -> Any:
@@ -257,6 +261,7 @@ class Loop:
         settings: of the simulation.
         drive: voltage that each plant gets over the one that the ECU means to send, shape (D,); None for 1: the supply
             over the ECU's where its output is a duty.
+        ceiling: most that the ECU can mean to send to each plant, V, shape (D,); None for no other limit than its own.
         sliding: feed-forward that follows the setpoint's rate; None for none.
     """
 
@@ -267,6 +272,7 @@ class Loop:
     settings: LoopSettings = LoopSettings()
     drive: np.ndarray | None = None
     sliding: Sliding | None = None
+    ceiling: np.ndarray | None = None
 
     @property
     def draws(self) -> int:
@@ -279,12 +285,12 @@ class Loop:
 
     def taking(self, which: np.ndarray) -> Loop:
         """The loop around some of the models, by their numbers, shape (C,)."""
-        drive = None if self.drive is None else self.drive[which]
-        return replace(self, throttles=jax.tree.map(lambda leaf: leaf[which], self.throttles), drive=drive)
+        drive, ceiling = (None if each is None else each[which] for each in (self.drive, self.ceiling))
+        throttles = jax.tree.map(lambda leaf: leaf[which], self.throttles)
+        return replace(self, throttles=throttles, drive=drive, ceiling=ceiling)
 
-    def heard_anew(self) -> Loop:
-        """The loop with other noise of its sensor: how likely gains are to do is not asked of what they were sought
-        under."""
+    def with_new_noise_seed(self) -> Loop:
+        """The loop with a new noise seed: success must not be counted under the noise of the search."""
         return replace(self, settings=replace(self.settings, seed=self.settings.seed + 1))
 
     def under(self, ecu: Ecu) -> Loop:
@@ -359,7 +365,8 @@ class Loop:
         run = _Run(settings, first, self.ecu, self.body, wanted, ahead, start)
         rng = np.random.default_rng(self.settings.seed)
         misread = self.ecu.noise * rng.standard_normal((self.draws, wanted.size))
-        plants, room = _Plant(self.throttles, self._driven, misread), self._room()
+        ceiling = np.full(self.draws, np.inf) if self.ceiling is None else self.ceiling
+        plants, room = _Plant(self.throttles, self._driven, ceiling, misread), self._room()
         kept = kernel_of(_simulation, control, keep, parts, room, plants, run)
         if kept is not None:
             return kept.run(plants, run, reduced)
@@ -368,8 +375,8 @@ class Loop:
         paths = side_by_side(lambda piece: _many(control, keep, parts, room, piece, run), pieces)
         return reduced(jax.tree.map(lambda *each: np.concatenate(each), *paths))
 
-    def judged(self, gains: Gains, setpoint: Setpoint) -> Judged:
-        """Figures of the responses, shape (D, G) each."""
+    def judged(self, gains: Gains, setpoint: Setpoint) -> LoopFigures:
+        """How well the responses follow, shape (D, G) each."""
         path = self.respond(gains, setpoint)
         return judge(setpoint, setpoint.instants(self.ecu.period), self.share(np.asarray(path.position)))
 
@@ -380,25 +387,25 @@ class Loop:
     def tried(self, gains: Gains, setpoint: Setpoint) -> Tried:
         """Responses to a setpoint, and all their figures."""
         path = Path(*(np.asarray(each) for each in self.respond(gains, setpoint)))
-        return Tried(self.share(path.position), self._figures(*self._measured(setpoint, path)))
+        return Tried(self.share(path.position), self._with_heat(self._measured(setpoint, path)))
 
-    def figures(self, gains: Gains, setpoint: Setpoint) -> Figures:
+    def figures(self, gains: Gains, setpoint: Setpoint) -> LoopFigures:
         """The same figures, shape (D, G) each, without the responses: where these are many they do not fit the caches,
         and each is judged as it comes."""
         if self.draws * np.size(gains[0]) < _MANY:
             return self.tried(gains, setpoint).figures
-        return self._figures(*self.respond(gains, setpoint, partial(self._measured, setpoint)))
+        return self._with_heat(self.respond(gains, setpoint, partial(self._measured, setpoint)))
 
-    def _measured(self, setpoint: Setpoint, path: Path) -> tuple[Judged, Effort]:
+    def _measured(self, setpoint: Setpoint, path: Path) -> dict[str, Any]:
+        """What is computed of one response by itself."""
         time = setpoint.instants(self.ecu.period)
         position, voltage, current = (np.asarray(each) for each in path)
-        spent = effort(setpoint, time, voltage / self.ecu.supply, current)
-        return judge(setpoint, time, self.share(position)), spent
+        follows = judge(setpoint, time, self.share(position))
+        return with_effort(follows, Run(setpoint, time, voltage / self.ecu.supply, current)).known()
 
-    def _figures(self, judged: Judged, spent: Effort) -> Figures:
-        resistance = np.asarray(self.throttles.parameter("R_a"))[:, None]
-        heat = [ohm * spent.current_rms_A**2 for ohm in (resistance, self.settings.bridge_ohm)]
-        return Figures(*judged, *spent, *heat)
+    def _with_heat(self, measured: dict[str, Any]) -> LoopFigures:
+        winding = np.asarray(self.throttles.parameter("R_a"))[:, None]
+        return with_heat(LoopFigures(**measured), winding, self.settings.bridge_ohm)
 
     def _room(self) -> int:
         """Ticks of delay to remember: a power of two, so that loops of slightly different delays compile once."""

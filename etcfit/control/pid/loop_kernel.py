@@ -15,7 +15,7 @@ from ...kernels.loop import Across
 from ...kernels.lowering import NotScalarError
 from ...kernels.machine import POINTS, Kernel, available
 from ...problem.lanes import compiled, remembered, shared_out
-from ...problem.traced_entry import Column, Shape, TracedEntry, nodes_of
+from ...problem.traced_entry import Shape, TracedEntry, nodes_of
 
 _LOOPS = 64  # that a process remembers
 
@@ -60,13 +60,13 @@ class LoopKernel:
             return kind.simulation(kind.control, kind.keep, *joined, kind.parts, kind.room)
 
         like = jax.eval_shape(lambda: simulated(dict.fromkeys(names, 0.5)).begin)
-        nothing = Shape(jax.tree.structure(()), (), (), (), ())
+        nothing = Shape(jax.tree.structure(()), (), (), ())
         first = TracedEntry(lambda values, *_: ((), simulated(values).begin), names, nothing, ())
-        entries = Shape(jax.tree.structure((0.0,) * 4), ((),) * 4, (), (), ())
+        entries = Shape(jax.tree.structure((0.0,) * 4), ((),) * 4, (), ())
         tick = TracedEntry(lambda values, carry, e: simulated(values).advance(carry, e), names, entries, like)
         self._begin: Kernel = compiled(first.loop(Across.BOTH, stored=nodes_of(first.results)))
         self._tick: Kernel = compiled(tick.loop(Across.BOTH, stored=nodes_of(tick.results)))
-        self._read = [column.leaf for column in tick.columns[0] if isinstance(column, Column)]
+        self._read = tick.leaves
         self._kept = jax.tree.structure(tick.results)
 
     def run(self, plants: Any, run: Any, reduced: Callable[[Any], Any] = lambda kept: kept) -> Any:
@@ -91,22 +91,22 @@ class LoopKernel:
         this_run, first_result = object(), Lock()
         out: list[Any] = []
 
-        def record_of(which: np.ndarray) -> np.ndarray:
-            record = _room_for("record", (ticks, len(columns), POINTS))
-            by, before = getattr(_ROOMS, "record_of", (None, which))
-            for place, column in enumerate(columns):  # neighbours are of one plant as a rule
+        def records_of(which: np.ndarray) -> list[int]:
+            records = _room_for("records", (len(columns), ticks, POINTS))
+            by, before = getattr(_ROOMS, "records_of", (None, which))
+            for record, column in zip(records, columns, strict=True):  # neighbours are of one plant as a rule
                 if by is not this_run or (column.ndim > 1 and not np.array_equal(before, which)):
-                    record[:, place] = column[which].T if column.ndim > 1 else column[:, None]
-            _ROOMS.record_of = this_run, which
-            return record
+                    record[:] = column[which].T if column.ndim > 1 else column[:, None]
+            _ROOMS.records_of = this_run, which
+            return [record.ctypes.data for record in records]
 
         def some(first: int) -> None:
             points = np.minimum(np.arange(first, first + POINTS), draws * gains - 1)
-            fixed, record = np.ascontiguousarray(values[:, points]), record_of(points // gains)
+            fixed, records = np.ascontiguousarray(values[:, points]), records_of(points // gains)
             begun = np.empty((1, self._begin.stored, POINTS))
-            self._begin.run(1, POINTS, [record.ctypes.data], fixed, np.empty((0, POINTS)), begun)
+            self._begin.run(1, POINTS, [], fixed, np.empty((0, POINTS)), begun)
             stored = _room_for("stored", (ticks, self._tick.stored, POINTS))
-            self._tick.run(ticks, POINTS, [record.ctypes.data], fixed, begun[0], stored)
+            self._tick.run(ticks, POINTS, records, fixed, begun[0], stored)
             count = min(POINTS, draws * gains - first)
             kept = jax.tree.unflatten(self._kept, list(_along_ticks(stored)[:, :count]))
             leaves, tree = jax.tree.flatten(reduced(kept))
@@ -165,13 +165,15 @@ def _made(kind: Kind, plant: Any, run: Any) -> LoopKernel | None:
 
 
 def _lasting(plants: Any, run: Any) -> _Lasting:
-    return _Lasting((plants.throttle, plants.drive), (run.settings, run.first), (run.ecu, run.body, run.start))
+    return _Lasting(
+        (plants.throttle, plants.drive, plants.ceiling), (run.settings, run.first), (run.ecu, run.body, run.start)
+    )
 
 
 def _joined(lasting: _Lasting, plant: Any, run: Any) -> tuple[Any, Any]:
     """Plant and run of these numbers."""
-    (throttle, drive), (settings, first), (ecu, body, start) = lasting
-    return (plant._replace(throttle=throttle, drive=drive),
+    (throttle, drive, ceiling), (settings, first), (ecu, body, start) = lasting
+    return (plant._replace(throttle=throttle, drive=drive, ceiling=ceiling),
             run._replace(settings=settings, first=first, ecu=ecu, body=body, start=start))  # fmt: skip
 
 

@@ -6,8 +6,8 @@ import numpy as np
 
 from ..settings import ManualSettings
 from .base import Refusal, Task
+from .figures import LoopFigures
 from .gains import Gains
-from .response import Judged
 from .setpoint import trapezoid
 
 
@@ -25,9 +25,9 @@ def manual(task: Task) -> Gains | Refusal:
     settings = task.settings.manual
     proportional, integral, derivative = grids(settings)
 
-    def tried(p: np.ndarray, i: np.ndarray, d: np.ndarray) -> Judged:
+    def tried(p: np.ndarray, i: np.ndarray, d: np.ndarray) -> LoopFigures:
         p, i, d = np.broadcast_arrays(p, i, d)
-        return Judged(*(np.asarray(each)[0] for each in loop.judged(Gains(p, i, d), setpoint)))
+        return loop.judged(Gains(p, i, d), setpoint).each(lambda figure: np.asarray(figure)[0])
 
     quick = tried(proportional, np.zeros(1), np.zeros(1)).rmse_pct
     kp = proportional[np.argmax(quick <= settings.quick * quick.min())]

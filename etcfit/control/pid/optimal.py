@@ -3,19 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from ...problem.cores import concurrently
 from ..settings import OptimumSettings
 from .base import Refusal, Task
+from .figures import LoopFigures
 from .formulas import FORMULAS
 from .gains import Gains
 from .loop import Loop
 from .margins import COARSE, OpenLoop
-from .requirements import REQUIRED
-from .response import Figures
 
 
 @dataclass(frozen=True, eq=False)
@@ -138,7 +137,7 @@ def _by_formula(task: Task, settings: OptimumSettings) -> list[np.ndarray]:
     return [np.log(np.clip(gains, settings.lowest, settings.highest)) for gains in found if isinstance(gains, Gains)]
 
 
-def best_from(task: Task, begin: Gains, rounds: int) -> tuple[Gains, Figures, float]:
+def best_from(task: Task, begin: Gains, rounds: int) -> tuple[Gains, LoopFigures, float]:
     """The best gains near some, their figures on the nominal model, and by how much they miss what is asked.
 
     Args:
@@ -153,7 +152,7 @@ def best_from(task: Task, begin: Gains, rounds: int) -> tuple[Gains, Figures, fl
     best, _ = cross_entropy(score, start, rounds, rng, settings)
     gains = Gains(*np.exp(best).tolist())
     figures = task.loop.first(1).figures(Gains(*(np.array([g]) for g in gains)), task.setpoint)
-    return gains, Figures(*(float(figure[0, 0]) for figure in figures)), float(score(best[None]).missed[0])
+    return gains, figures.each(lambda figure: float(figure[0, 0])), float(score(best[None]).missed[0])
 
 
 def _about(best: np.ndarray, rng: np.random.Generator, settings: OptimumSettings) -> np.ndarray:
@@ -244,9 +243,9 @@ def scores(task: Task, gains: Gains, loop: Loop, linear: OpenLoop, spare: float)
     asked, figures = task.requirements, loop.figures(gains, task.setpoint)
     gain, phase = (np.maximum(m, -_WORST) for m in linear.margins(Gains(*(np.asarray(g)[None] for g in gains))))
     longest = max(level.ends - level.begins for level in task.setpoint.levels)
-    settled = figures._replace(settling_s=np.minimum(figures.settling_s, 2.0 * longest))
+    settled = replace(figures, settling_s=np.minimum(figures.settling_s, 2.0 * longest))
     settings = task.settings.optimum
-    over = [getattr(settled, symbol) / getattr(asked, symbol) - 1.0 for symbol in REQUIRED]
+    over = [strain - 1.0 for strain in asked.strain(settled).values()]
     short = (1.0 - gain / asked.gain_margin_db, 1.0 - phase / asked.phase_margin_deg)
     over += [each + (settings.safety - 1.0) * np.maximum(each, 0.0) for each in short]
     worst = np.max(np.stack([np.broadcast_to(each, figures.rmse_pct.shape) for each in over]), axis=0)

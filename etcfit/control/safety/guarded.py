@@ -109,7 +109,8 @@ class Seen(NamedTuple):
 def guarded(trial: Trial, ecu: Ecu, memory: Watch, setpoint: Scalar, position: Scalar, bias: Scalar) -> Any:
     """`pid.ecu.tick` behind a sensor that may fail, before a supply that may sag and checks that may cut it.
 
-    The ECU knows nothing of the supply, its duty is a share of whatever there is. A supply sags as of the tick at which
+    The ECU knows nothing of the supply, its duty is a share of whatever there is, unless it divides by the battery
+    voltage: then the supply only limits the volts that it means. A supply sags as of the tick at which
     a voltage is computed: by the output's delay early. A cut motor is on shorted terminals, which brake it most.
     """
     del setpoint, bias  # each trial has its own
@@ -121,7 +122,9 @@ def guarded(trial: Trial, ecu: Ecu, memory: Watch, setpoint: Scalar, position: S
     apart = jnp.where(jnp.abs(position - shown) > guards.apart, memory.apart + ecu.period, 0.0)
     late = (over > guards.jam_for + _EARLY) | (apart > guards.apart_for + _EARLY)
     tripped = jnp.maximum(memory.tripped, late.astype(float))
-    acting = jnp.where(tripped > 0.0, 0.0, trial.supply[k] * volts)
+    most = trial.supply[k] * ecu.limit
+    given = jnp.where(ecu.compensated > 0.0, jnp.clip(volts, -most, most), trial.supply[k] * volts)
+    acting = jnp.where(tripped > 0.0, 0.0, given)
     return acting, Watch(pid, memory.tick + 1.0, shown, over, apart, tripped)
 
 

@@ -82,12 +82,12 @@ def proposed(found: Envelope, task: Task) -> JamCheck | None:
     error, timeout = float(found.errors[k]), float(timeouts[k])
     lasting = np.flatnonzero(found.longest >= timeout)
     sustained = float(found.errors[lasting[-1]]) if lasting.size else 0.0
-    tells = {name: told(task.setpoint, name, error, timeout, period) for name in task.setpoint.scenarios}
+    tells = {name: detection_time(task.setpoint, name, error, timeout, period) for name in task.setpoint.scenarios}
     return JamCheck(error, timeout, float(found.longest[k]), sustained, tells)
 
 
-def told(setpoint: Setpoint, scenario: str, error: float, timeout: float, period: float) -> float | None:
-    """s from the first change of a scenario on until a plate that is stuck there since is told; None for never."""
+def detection_time(setpoint: Setpoint, scenario: str, error: float, timeout: float, period: float) -> float | None:
+    """Detection time of a plate that has been stuck since the first change of a scenario, s; None if never."""
     levels = setpoint.only(scenario)
     if not levels:
         return None

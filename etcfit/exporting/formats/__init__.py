@@ -14,6 +14,7 @@ FORMATS: tuple[Format, ...] = (
     matlab.SCRIPT,
     python.FORMAT,
     mujoco.FORMAT,
+    mujoco.POSITION,
     isaac.FORMAT,
 )
 _BY_NAME = {format_.name: format_ for format_ in FORMATS}

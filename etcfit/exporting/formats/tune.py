@@ -11,7 +11,7 @@ from xml.parsers import expat
 from ... import __version__
 from ...errors import MeasurementError, UsageError
 from ...files import read_regular
-from ...model.ecus import PROFILES, Pasting
+from ...model.ecus import PROFILES, EcuProfile, Pasting
 from ...model.ecus import named as ecu_named
 from ...reporting.control.snippet import constants
 from ...rig.comments import one_line, xml_comment
@@ -113,6 +113,30 @@ def _changed(source: Source, path: Path, written: Mapping[str, Any], lost: tuple
     for begin, finish, content in sorted(new, reverse=True):
         data = data[:begin] + content + data[finish:]
     return data
+
+
+def gains_in(path: Path, profile: EcuProfile) -> tuple[float, float, float]:
+    """P, I and D that a tune holds, as the ECU writes them.
+
+    Raises:
+        UsageError: that make of ECU has no tune file.
+        MeasurementError: it is no tune, one without these settings, or a setting of it is no number.
+    """
+    if profile.pasting is not Pasting.TUNE_FILE:
+        raise UsageError(f"{profile.title} has no tune file of TunerStudio ({_WITH_TUNE_FILES} have). Type the gains: "
+                         "--gains P,I,D.")  # fmt: skip
+    data = read_regular(path, str(path))
+    settings, _ = _read(path, data, profile.title)
+    found = []
+    for name in profile.gains:
+        place = _place(path, settings, {"name": name}, profile.title)
+        text = data[place.begin : place.end].decode("ascii", "replace").strip().strip('"')
+        try:
+            found.append(float(text))
+        except ValueError:
+            raise MeasurementError(f"{path}: {name}", f"found '{text[:40]}'.", "A number is required.",
+                                   "Save the tune again in TunerStudio.") from None  # fmt: skip
+    return found[0], found[1], found[2]
 
 
 def _content(ours: Xml.Element) -> str:

@@ -75,12 +75,14 @@ def run_units(
         OSError: the store cannot be written.
         KeyboardInterrupt: as it comes; what has come back is kept.
     """
-    from .worker import Workplace
+    from .worker import FleetWorkerPlugin
 
     known = store.digests()
     agenda = Agenda((Order(unit, known.get(unit, "")) for unit in dict.fromkeys(units)), settings)
     name = f"etcfit-{uuid.uuid4().hex}"
-    crew.client.register_plugin(Workplace(name, work, store.folder.absolute() / "workers.log" if crew.local else None))
+    crew.client.register_plugin(
+        FleetWorkerPlugin(name, work, store.folder.absolute() / "workers.log" if crew.local else None)
+    )
     try:
         _check_versions(crew)
         return _worked_off(agenda, Tasks(name, crew, settings), store, report)

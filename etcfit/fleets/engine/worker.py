@@ -32,7 +32,7 @@ ONE_CORE = {"ETCFIT_CORES": "1", "PJRT_NPROC": "1"}
 _BEHIND = 3
 
 
-class Workplace(WorkerPlugin):
+class FleetWorkerPlugin(WorkerPlugin):
     """The fleet's work, as it lies in a worker process: sent once, also to a worker that comes or comes back later.
 
     Args:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 from ...estimation.fleet_model import FleetModel
-from .base import AbstractFigure, Told
+from .base import AbstractFigure, FigureResult
 from .breakaway_voltage_closing import BreakawayVoltageClosing
 from .breakaway_voltage_opening import BreakawayVoltageOpening
 from .closing_time import ClosingTime
@@ -47,7 +47,7 @@ def measured(
     condition: Condition | None = None,
     settings: LineSettings = LINE,
     warmth: TemperatureSettings = WARMTH,
-) -> dict[str, Told]:
+) -> dict[str, FigureResult]:
     """Every figure of every unit.
 
     Args:
@@ -62,5 +62,14 @@ def measured(
     return {figure.name: figure.of(station) for figure in FIGURES}
 
 
-__all__ = ["FIGURES", "FIGURE_BY_NAME", "AbstractFigure", "Condition", "LineSettings", "Station",
-           "TemperatureSettings", "Told", "measured"]  # fmt: skip
+__all__ = [
+    "FIGURES",
+    "FIGURE_BY_NAME",
+    "AbstractFigure",
+    "Condition",
+    "FigureResult",
+    "LineSettings",
+    "Station",
+    "TemperatureSettings",
+    "measured",
+]  # fmt: skip

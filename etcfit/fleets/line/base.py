@@ -10,7 +10,7 @@ import numpy as np
 from .station import PerUnit, Station
 
 
-class Told(NamedTuple):
+class FigureResult(NamedTuple):
     """A figure of every unit.
 
     Args:
@@ -38,11 +38,11 @@ class AbstractFigure(abc.ABC):
     source: ClassVar[str]
 
     @abc.abstractmethod
-    def of(self, station: Station) -> Told:
+    def of(self, station: Station) -> FigureResult:
         """Of every unit at a station."""
 
 
-def finite(value: PerUnit, why: str) -> Told:
+def finite(value: PerUnit, why: str) -> FigureResult:
     """What is not finite cannot be told, and why."""
     known = np.isfinite(value)
-    return Told(np.where(known, value, np.nan), "" if known.all() else why)
+    return FigureResult(np.where(known, value, np.nan), "" if known.all() else why)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from .base import AbstractFigure, Told, finite
+from .base import AbstractFigure, FigureResult, finite
 from .station import Station
 
 
@@ -16,5 +16,5 @@ class BreakawayVoltageClosing(AbstractFigure):
     meaning = "voltage of a falling slow ramp at which the plate leaves the open stop"
     source = "the paper, Eqs. 1-2 at rest"
 
-    def of(self, station: Station) -> Told:
+    def of(self, station: Station) -> FigureResult:
         return finite(station.held(np.full(station.count, station.body.upper), -1.0)[1], "no voltage moves it")

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from .base import AbstractFigure, Told, finite
+from .base import AbstractFigure, FigureResult, finite
 from .station import Station
 
 
@@ -14,5 +14,5 @@ class BreakawayVoltageOpening(AbstractFigure):
     meaning = "voltage at which a slow ramp starts to open the plate from its unpowered position"
     source = "the paper, Eqs. 1-2 at rest"
 
-    def of(self, station: Station) -> Told:
+    def of(self, station: Station) -> FigureResult:
         return finite(station.held(station.cut.angle, 1.0)[1], "no voltage moves it")

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from .base import AbstractFigure, Told, finite
+from .base import AbstractFigure, FigureResult, finite
 from .station import Station
 
 
@@ -14,5 +14,5 @@ class ClosingTime(AbstractFigure):
     meaning = "time from 90 to 10 % of the travel at the full supply in reverse, closing"
     source = "transition duration, IEEE Std 181-2011, of a step of full duty"
 
-    def of(self, station: Station) -> Told:
+    def of(self, station: Station) -> FigureResult:
         return finite(station.closing(station.condition.supply), "never reaches 10 % of the travel")

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from .base import AbstractFigure, Told, finite
+from .base import AbstractFigure, FigureResult, finite
 from .station import Station
 
 
@@ -16,7 +16,7 @@ class CurrentHysteresis(AbstractFigure):
     meaning = "half the difference of the slow opening and closing current at mid-travel"
     source = "the paper, Eq. 2 at rest: T_f / (N K_m) of Eqs. 1-2"
 
-    def of(self, station: Station) -> Told:
+    def of(self, station: Station) -> FigureResult:
         angles = np.full(station.count, station.angle(station.settings.middle))
         opening, closing = (station.held(angles, share)[0] for share in (1.0, -1.0))
         return finite(0.5 * (opening - closing), "no current moves it")

@@ -9,7 +9,7 @@ import numpy as np
 
 from ...estimation.fleet_model import FleetModel
 from . import FIGURE_BY_NAME, measured
-from .base import Told
+from .base import FigureResult
 from .conditions import Condition, conditions
 from .settings import LINE, WARMTH, LineSettings, TemperatureSettings
 
@@ -37,7 +37,7 @@ class Spread:
     why: str
 
     @classmethod
-    def of(cls, told: Told, unit: str) -> Spread:
+    def of(cls, told: FigureResult, unit: str) -> Spread:
         """Of a figure of every unit."""
         known = told.value[np.isfinite(told.value)]
         if not known.size:
@@ -77,6 +77,6 @@ def predict(
     return tuple(Prediction(each, spreads(measured(model, each, settings, warmth))) for each in every)
 
 
-def spreads(figures: Mapping[str, Told]) -> dict[str, Spread]:
+def spreads(figures: Mapping[str, FigureResult]) -> dict[str, Spread]:
     """What `measured` says, over the units."""
     return {name: Spread.of(told, FIGURE_BY_NAME[name].unit) for name, told in figures.items()}

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from .base import AbstractFigure, Told, finite
+from .base import AbstractFigure, FigureResult, finite
 from .station import Station
 
 
@@ -16,7 +16,7 @@ class SupplyResponse(AbstractFigure):
     meaning = "opening time at 9 V over that at 14 V"
     source = "this project; 9 to 16 V as of ISO 16750-2, code C"
 
-    def of(self, station: Station) -> Told:
+    def of(self, station: Station) -> FigureResult:
         slow, fast = (station.opening(v) for v in (station.settings.low_supply, station.settings.high_supply))
         told = np.isfinite(slow) & np.isfinite(fast)
         return finite(np.where(told, slow, np.nan) / np.where(told, fast, 1.0), "does not open fully at 9 V")

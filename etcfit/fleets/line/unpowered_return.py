@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from .base import AbstractFigure, Told, finite
+from .base import AbstractFigure, FigureResult, finite
 from .station import Station
 
 
@@ -14,5 +14,5 @@ class UnpoweredReturn(AbstractFigure):
     meaning = "time from full open to within 5 % of the unpowered position, terminals open"
     source = "control.safety.spring_return: FMVSS 124 asks it of the driver's control"
 
-    def of(self, station: Station) -> Told:
+    def of(self, station: Station) -> FigureResult:
         return finite(station.cut.stays[:, 0], "rests more than 5 % of the travel from where its springs bring it")

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from .base import AbstractFigure, Told, finite
+from .base import AbstractFigure, FigureResult, finite
 from .station import Station
 
 
@@ -14,5 +14,5 @@ class UnpoweredReturnShorted(AbstractFigure):
     meaning = "time from full open to within 5 % of the unpowered position, terminals shorted"
     source = "control.safety.spring_return"
 
-    def of(self, station: Station) -> Told:
+    def of(self, station: Station) -> FigureResult:
         return finite(station.shorted.stays[:, 0], "not back while watched: dry friction or the motor's brake holds it")

@@ -4,7 +4,7 @@
 
 C_u is the covariance of the mean for a unit that took no part in it, else nothing. The spread is known from n units
 only, so d^2 / k is compared with F(k, n) instead of chi2: exact for none, right to first order for few units. A unit
-that is far in one symbol alone is better seen there, see `alone`; p is twice the smaller of both.
+that is far in one symbol alone is better seen there, see `single_unit_distance`; p is twice the smaller of both.
 """
 
 from __future__ import annotations
@@ -15,11 +15,11 @@ import numpy as np
 from jaxtyping import Bool, Float
 from scipy import stats
 
-from .alone import alone
 from .likelihood import weights
 from .multiplicity import LEAST, null_scale
 from .scaled import Scaled
 from .settings import OddSettings
+from .single_unit_distance import single_unit_distance
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,5 +67,5 @@ def distances(
     told = data.rank > 0.0
     scale = null_scale(score[told], settings.tail) if np.any(told) else 1.0
     together = np.where(told, 2.0 * stats.norm.sf(score / scale), 1.0)
-    apart = alone(data, mean, np.diag(covariance), inside, settings.tail)
+    apart = single_unit_distance(data, mean, np.diag(covariance), inside, settings.tail)
     return Distances(squared, data.rank, scale, np.minimum(1.0, 2.0 * np.minimum(together, apart)), apart < together)

@@ -99,7 +99,7 @@ def population(stack: Stack, shared: Sequence[str] = (), settings: FleetSettings
         raise ValueError(f"{len(stack.units)} unit: a population needs two or more.")
     if unknown := [s for s in shared if s not in stack.symbols]:
         raise ValueError(f"shared = {unknown}: no unit has it. They have: {', '.join(stack.symbols)}.")
-    left = told(stack, shared, settings.population.null)
+    left = identifiable_symbols(stack, shared, settings.population.null)
     if not left.symbols:
         raise ValueError("no symbol is told by the fleet's data: nothing to make a population of.")
     own = np.array([s not in shared for s in left.symbols])
@@ -121,11 +121,11 @@ class Estimated(NamedTuple):
     whole: Spread
 
 
-def told(stack: Stack, shared: Sequence[str], null: float) -> Stack:
-    """The symbols that all data together tell, the others marginalised: nothing is assumed of their values.
+def identifiable_symbols(stack: Stack, shared: Sequence[str], null: float) -> Stack:
+    """The stack of the symbols that all data together identify; the others are marginalised: no value is assumed.
 
-    A symbol is told if it is not in the null space of sum F, and, where it differs, if two units have data of it:
-    from one unit no spread can be had.
+    A symbol is identifiable if it is not in the null space of sum F, and, where it differs between units, if two units
+    have data of it: one unit shows no spread.
     """
     total = stack.information.sum(axis=0)
     size = np.sqrt(np.where((d := np.diag(total)) > 0.0, d, 1.0))
@@ -183,7 +183,7 @@ def _ordinary(far: Distances, settings: FleetSettings) -> np.ndarray:
 
 
 def _zeroed(data: Scaled, spread: Spread, prior: float) -> Spread:
-    """Standard deviations that the likelihood does not tell from nought are nought."""
+    """Insignificant standard deviations are set to zero."""
     value = weigh(data, spread, prior).value
     for j in np.argsort(spread.d):
         vector = spread.vector.copy()

@@ -10,7 +10,7 @@ import numpy as np
 from ...errors import MeasurementError, require_extra
 from ...rig.rows import HUGE
 from ..sheet import Sheet
-from . import matlab, mcap, mdf, parquet, tdms, text
+from . import json_log, matlab, mcap, mdf, parquet, servo, tdms, text, wpilog
 from .base import Format, Source
 
 FORMATS: tuple[Format, ...] = (
@@ -21,6 +21,8 @@ FORMATS: tuple[Format, ...] = (
     parquet.FORMAT,
     mcap.FORMAT,
     text.MEGALOG,
+    wpilog.FORMAT,
+    json_log.FORMAT,
 )
 BY_SUFFIX = {suffix: format_ for format_ in FORMATS for suffix in format_.suffixes}
 
@@ -70,6 +72,11 @@ def read_sheets(source: Source) -> list[Sheet]:
     require_readable(source)
     format_ = BY_SUFFIX[source.path.suffix.casefold()]
     sheets = [sheet for sheet in format_.read(source) if sheet.columns]
+    if source.servo is not None:
+        family = servo.named(source.servo)
+        sheets = [each for sheet in sheets for each in servo.decoded(sheet, family)]
+    if format_.motors or source.servo is not None or source.motor is not None:
+        sheets = _of_one_motor(sheets, source)
     if sheets and max(sheet.rows for sheet in sheets) < 2:
         lacking = "; ".join(dict.fromkeys(each for sheet in sheets for each in sheet.missing))
         raise MeasurementError(source.where, f"{lacking or f'{max(sheet.rows for sheet in sheets)} rows in it'}.",
@@ -81,6 +88,25 @@ def read_sheets(source: Source) -> list[Sheet]:
                                f"A {format_.name} file with recorded signals is required.",
                                "Export the signals, not only the settings.")  # fmt: skip
     return sheets
+
+
+def _of_one_motor(sheets: list[Sheet], source: Source) -> list[Sheet]:
+    """The sheets of the motor that is wanted.
+
+    Raises:
+        MeasurementError: there are several and nobody said which, or none of that name.
+    """
+    motors = list(dict.fromkeys(sheet.motor for sheet in sheets))
+    if source.motor is None and len(motors) < 2:
+        return sheets
+    there = ", ".join(f"'{each}'" for each in motors if each) or "one without a name"
+    if source.motor is None:
+        raise MeasurementError(source.where, f"several motors in it: {there}.", "A rig has one.",
+                               f"Name it: --motor '{next(each for each in motors if each)}'.")  # fmt: skip
+    if source.motor not in motors:
+        raise MeasurementError(source.where, f"no motor '{source.motor}' in it; there are: {there}.", "One of these.",
+                               "Correct --motor, or leave it out where there is one.")  # fmt: skip
+    return [sheet for sheet in sheets if sheet.motor == source.motor]
 
 
 def _possible(sheet: Sheet) -> Sheet:

@@ -25,12 +25,16 @@ class Source:
         where: what messages call it, as the user gave it.
         buses: DBC files that say what the frames of a bus log mean.
         most: bytes that its numbers may take in memory.
+        motor: the one to take of a file that has several; None where nobody said.
+        servo: family whose registers the columns are, see `servo`; None where they are quantities.
     """
 
     path: Path
     where: str
     buses: tuple[Path, ...] = ()
     most: int = MOST_BYTES
+    motor: str | None = None
+    servo: str | None = None
 
     def refuse_larger(self, size: int) -> None:
         """Refuse a recording by its own counts, before it is unpacked.
@@ -63,12 +67,14 @@ class Format:
         suffixes: of its files, in lower case with the dot.
         read: every sheet of a file; imports what is heavy when it is called.
         library: of the extra `import` that reads it; "" where the main install does.
+        motors: its parts are motors, `motor` or `motor: test`, of which one makes a rig.
     """
 
     name: str
     suffixes: tuple[str, ...]
     read: Callable[[Source], list[Sheet]]
     library: str = ""
+    motors: bool = False
 
 
 def unreadable(where: str, found: str, kind: str, error: Exception | None = None) -> MeasurementError:

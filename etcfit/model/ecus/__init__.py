@@ -8,14 +8,21 @@ from types import MappingProxyType
 from ...errors import UsageError
 from .arduino import ARDUINO
 from .dbwx2 import DBWX2
+from .ecumaster import ECUMASTER
 from .emtron import EMTRON
 from .fome import FOME
 from .generic import GENERIC
+from .haltech import HALTECH
 from .link import LINK
-from .profile import BiasTable, EcuProfile, Limit, Pasting, Scheduling, differences
+from .maxxecu import MAXXECU
+from .motec import MOTEC
+from .profile import NOT_DIVIDED, BiasTable, EcuProfile, Limit, Pasting, Scheduling, differences
 from .rusefi import RUSEFI
+from .syvecs import SYVECS
 
-PROFILES = (RUSEFI, FOME, DBWX2, LINK, EMTRON, ARDUINO, GENERIC)
+PROFILES = (
+    RUSEFI, FOME, DBWX2, LINK, EMTRON, MAXXECU, ECUMASTER, HALTECH, MOTEC, SYVECS, ARDUINO, GENERIC,
+)  # fmt: skip
 ECUS: Mapping[str, EcuProfile] = MappingProxyType({profile.name: profile for profile in PROFILES})
 """By the name that `--ecu` takes."""
 
@@ -31,4 +38,15 @@ def named(name: str) -> EcuProfile:
     return ECUS[name]
 
 
-__all__ = ["ECUS", "PROFILES", "BiasTable", "EcuProfile", "Limit", "Pasting", "Scheduling", "differences", "named"]
+__all__ = [
+    "ECUS",
+    "NOT_DIVIDED",
+    "PROFILES",
+    "BiasTable",
+    "EcuProfile",
+    "Limit",
+    "Pasting",
+    "Scheduling",
+    "differences",
+    "named",
+]

@@ -11,9 +11,10 @@ FOME = replace(
     RUSEFI,
     name="fome",
     title="FOME",
-    source="FOME firmware: electronic_throttle.cpp (ETB_DUTY_LIMIT 0.9, getOpenLoop, etb_iTermMin and etb_iTermMax -30 "
-    "and 30 by default), electronic_throttle_impl.h (ETB_LOOP_FREQUENCY 500), efi_pid.cpp (getUnclampedOutput, "
-    "getOutput, updateITerm), fome_config.txt (etbBiasBins in steps of 0.5 %, etbBiasValues of 0.1 %)",
+    source="FOME firmware: electronic_throttle.cpp (ETB_DUTY_LIMIT 0.9, getOpenLoop, setOutput, etb_iTermMin and "
+    "etb_iTermMax -30 and 30 by default), electronic_throttle_impl.h (ETB_LOOP_FREQUENCY 500), efi_pid.cpp "
+    "(getUnclampedOutput, getOutput, updateITerm), fome_config.txt (etbBiasBins in steps of 0.5 %, "
+    "etbBiasValues of 0.1 %)",
     bias=BiasTable("etbBiasBins", "etbBiasValues", positions=201, decimals=1),
     jam=None,
 )

@@ -59,6 +59,9 @@ class Scheduling(Enum):
     UNKNOWN = "no table of gains that is known of"
 
 
+NOT_DIVIDED = "no division by the battery voltage; say --divides-by-battery if yours does"
+
+
 @dataclass(frozen=True)
 class EcuProfile:
     """One make of engine computer: one file beside this one, and one line in `ecus/__init__.py`.
@@ -72,7 +75,7 @@ class EcuProfile:
         name: of `--ecu`.
         title: of tables.
         source: what all this is taken from.
-        notation: how it writes gains.
+        notation: how it writes gains; None where that is not published: they are shares of the user's then.
         gains: what it calls P, I and D.
         fixes: by field of `Ecu`, what the source fixes.
         assumes: by field of `Ecu`, what is taken where the maker publishes nothing.
@@ -88,7 +91,7 @@ class EcuProfile:
     name: str
     title: str
     source: str
-    notation: Notation
+    notation: Notation | None
     gains: tuple[str, str, str]
     fixes: Mapping[str, float]
     assumes: Mapping[str, float] = field(default_factory=dict)

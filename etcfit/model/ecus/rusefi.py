@@ -8,9 +8,10 @@ from .profile import BiasTable, EcuProfile, Limit, Pasting, Scheduling
 RUSEFI = EcuProfile(
     name="rusefi",
     title="rusEFI",
-    source="rusEFI firmware: electronic_throttle.cpp (ETB_DUTY_LIMIT 0.9, getOpenLoop, etb_iTermMin and etb_iTermMax "
-    "-30 and 30 by default), electronic_throttle_impl.h (ETB_LOOP_FREQUENCY 500), efi_pid.cpp (getUnclampedOutput, "
-    "updateITerm), rusefi_config.txt (ETB_BIAS_CURVE_LENGTH 8; etbJamDetectThreshold in whole %, etbJamTimeout)",
+    source="rusEFI firmware: electronic_throttle.cpp (ETB_DUTY_LIMIT 0.9, getOpenLoop, setOutput, etb_iTermMin and "
+    "etb_iTermMax -30 and 30 by default), electronic_throttle_impl.h (ETB_LOOP_FREQUENCY 500), efi_pid.cpp "
+    "(getUnclampedOutput, updateITerm), rusefi_config.txt (ETB_BIAS_CURVE_LENGTH 8; etbJamDetectThreshold in "
+    "whole %, etbJamTimeout)",
     notation=Notation("%", "%"),
     gains=("etb_pFactor", "etb_iFactor", "etb_dFactor"),
     fixes={
@@ -22,6 +23,7 @@ RUSEFI = EcuProfile(
         "dead_band": 0.0,
         "setpoint_weight": 1.0,
         "derivative_weight": 1.0,
+        "compensated": 0.0,
     },
     limits=(
         Limit("etb_offset", "", lambda ecu, travel: 0.0),

@@ -23,6 +23,7 @@ from ..parameters import Parameter, Scalar, declared
 # rig test, or file of one trace -> channels logged there; "voltage", "duty" or "torque" where one drove
 Logged = Mapping[str, frozenset[str]]
 STATIC = "resistance"  # rig test in which nothing depends on time
+APART = "viscous"  # rig test in which the motor runs alone
 DRIVING = ("voltage", "torque")  # those that drive it
 OBSERVED = ("current", "position", "emf", "motor_speed")  # channels that a model predicts
 
@@ -136,6 +137,17 @@ class AbstractRigEffect(AbstractEffect):
             value: of its first parameter, SI.
         """
         return f"[model] effects = [{json.dumps(cls.name, ensure_ascii=False)}]"  # TOML quotes a text as JSON does
+
+    @classmethod
+    def cured(cls, config: Any, value: float) -> Any | None:
+        """The rig (a `RigConfig`) whose rig.toml holds the right number in place of one that is off by `value`, its
+        first parameter, SI; None where no number of rig.toml is wrong."""
+        return None
+
+    @classmethod
+    def compounded(cls, cured: float, left: float) -> float:
+        """Its first parameter, SI, in the rig as given, where it is `left` in the rig cured of `cured`."""
+        return cured + left
 
     @classmethod
     def called(cls, value: float) -> str:

@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from dataclasses import replace
 from typing import Any, ClassVar
 
+import jax.numpy as jnp
+
 from ..parameters import Real, Scalar, parameter
-from .base import AbstractRigEffect, Logged, Place
+from .base import APART, AbstractRigEffect, Logged, Place, number_of
 
 
 class GearRatio(AbstractRigEffect):
@@ -33,5 +36,18 @@ class GearRatio(AbstractRigEffect):
     def mend(cls, value: float) -> str:
         return f"[rig] gear_ratio: times {1.0 + value:.4g}"
 
+    @classmethod
+    def cured(cls, config: Any, value: float) -> Any | None:
+        return replace(config, gear_ratio=(1.0 + value) * config.gear_ratio)
+
+    @classmethod
+    def compounded(cls, cured: float, left: float) -> float:
+        return (1.0 + cured) * (1.0 + left) - 1.0
+
     def driven(self, steps: Any, test_of: Scalar) -> Any:
         return steps._replace(gear_ratio=(1.0 + self.gear_error) * steps.gear_ratio)
+
+    def begun(self, resets: Any, test_of: Scalar, trace: Scalar | None) -> Any:
+        """A motor that runs alone began with its speed over the ratio given."""
+        factor = jnp.where(test_of == number_of(APART), 1.0 + self.gear_error, 1.0)
+        return resets._replace(omega=resets.omega / factor)

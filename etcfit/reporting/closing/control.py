@@ -37,6 +37,8 @@ def of_plant(reduction: Reduction, state: FitState, run: Path) -> Closing:
     slowest = max(reduction.plant.poles, key=lambda pole: pole.real)
     units = f"{reduction.output_unit}/{reduction.input_unit}"
     gain = f"The plant has a static gain of {short(float(reduction.plant.dc_gain), 4)} {units}"
+    if not np.isfinite(reduction.plant.dc_gain):
+        gain = "The plant has no spring, so that a constant voltage turns it on and on"
     pole = f"its slowest pole at {short(float(np.real(slowest)), 4)} 1/s"
     look = (run / "pictures" / "control" / "bode.png",)
     return Closing(f"{gain} and {pole}.{_caution(state)}", _with(state, run, command("design", run)), look)

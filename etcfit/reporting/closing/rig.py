@@ -71,16 +71,23 @@ def of_drive(studies: Sequence[Study], folder: Path, run: Path | None) -> Closin
     from ...car_log import record_next
     from ...car_log.study import verdict
 
-    look = () if run is None else (run / "pictures" / "drive" / f"{Path(studies[0].log.name).stem}.png",)
+    look = () if run is None else (run / "drive.html",)
     lacks = record_next([each.log for each in studies])
     if len(studies) == 2:
         return Closing(verdict(*studies), _record(lacks, folder), look)
+    from ..car_log.tables import in_a_word
+
     follows = [(each.tracking.rmse, each.log.name) for each in studies if each.tracking is not None]
+    pairs = [each for each in studies if each.sensors is not None]
+    if not follows and pairs:
+        return Closing(" ".join((f"Both sensors of {pairs[0].log.name} are calibrated.", *pairs[0].sensors.findings)),  # pyright: ignore[reportOptionalMemberAccess]
+                       "type the voltages into the ECU, then log a drive with its setpoint", look)  # fmt: skip
     if not follows:
         return Closing("No log has a setpoint: how closely the plate follows cannot be said.",
                        "log the setpoint as well, then give this command again", look)  # fmt: skip
     rmse, name = max(follows)
-    return Closing(f"The plate follows its setpoint to {rmse:.2g} % of travel (rms) in {name}, at worst of "
+    word = in_a_word(next(each.verdict for each in studies if each.log.name == name))
+    return Closing(f"{word} The plate follows its setpoint to {rmse:.2g} % of travel (rms) in {name}, at worst of "
                    f"{number_of(len(follows), 'log')}.", _record(lacks, folder), look)  # fmt: skip
 
 

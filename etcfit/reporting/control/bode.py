@@ -44,7 +44,8 @@ class BodePicture:
         mean = np.array([*reduction.plant.num, *reduction.plant.den[1:]])
         rng = np.random.default_rng(0)
         # relative, so that coefficients of very different size share one covariance
-        spread = reduction.covariance / np.outer(mean, mean)
+        scale = np.where(mean == 0.0, 1.0, mean)  # a plant without a spring has a0 = 0, exactly
+        spread = reduction.covariance / np.outer(scale, scale)
         variance, directions = np.linalg.eigh(spread)
         sd = np.sqrt(np.maximum(variance, 0.0))
         draws = mean * np.exp((rng.standard_normal((_DRAWS, 4)) * sd) @ directions.T)

@@ -7,12 +7,12 @@ from rich.text import Text
 
 from ...control.design import Design
 from ...control.fleet_verdict import STABLE, OddOne, Share
+from ...control.pid.figures import FIGURES
 from ..blocks import headed, plain_table
 from ..numbers import short
-from .words import WORDS
 
 _NAMED = 12  # units in a line
-_WORDS = WORDS | {STABLE: WORDS["gain_margin_db"]}
+_OF = FIGURES | {STABLE: FIGURES["gain_margin_db"]}
 
 
 def of_models(design: Design) -> str:
@@ -29,7 +29,7 @@ def fleet_table(design: Design) -> RenderableType | None:
     if found.future is not None:
         lines.append(f"of {found.future.of} units drawn from the population, which the search did not know, "
                      f"{found.future.met} do: {share_in_words(found.future)}")  # fmt: skip
-    lines += [f"{_WORDS[symbol][0]} missed by {len(units)}: {some_of(units)}" for symbol, units in found.fails.items()]
+    lines += [f"{_OF[symbol].name} missed by {len(units)}: {some_of(units)}" for symbol, units in found.fails.items()]
     table = plain_table("worst units", "hardest for it", "figure", "limit", "meets all")
     for each in found.worst:
         table.add_row(*hardest(each))
@@ -50,11 +50,6 @@ def some_of(units: tuple[str, ...]) -> str:
 
 def hardest(each: OddOne) -> tuple[str, ...]:
     """Columns of a table: unit, requirement, figure, limit, whether it meets everything."""
-    name, unit = _WORDS[each.requirement]
-    return (
-        each.unit,
-        name,
-        f"{short(each.figure)} {unit}",
-        f"{short(each.limit)} {unit}",
-        "yes" if each.meets else "no",
-    )
+    of = _OF[each.requirement]
+    figure, limit = (f"{short(value)} {of.unit}" for value in (each.figure, each.limit))
+    return (each.unit, of.name, figure, limit, "yes" if each.meets else "no")

@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Collection
-from dataclasses import asdict
 from typing import NamedTuple
 
 from ...control.judged import Tuned
-from ...control.pid.requirements import OF_THE_PAPER, REQUIRED, Requirements
+from ...control.pid.figures import MARGINS, OF_THE_PAPER, REQUIRED, Requirements
 from .words import Hardest, hardest, missed_margins
 
 UNSTABLE = "UNSTABLE"
@@ -36,7 +35,7 @@ def misses(tuned: Tuned, asked: Requirements, but: Collection[str] = ()) -> list
     assert tuned.nonlinear is not None, "a rule with gains has been tried"
     if not tuned.stable:
         return [UNSTABLE]
-    figures, limits = tuned.nonlinear._asdict(), asdict(asked)
+    figures, limits = tuned.nonlinear.known(), asked.limits((*REQUIRED, *MARGINS))
     each = [hardest(figures, {symbol: limits[symbol]}) for symbol in REQUIRED if symbol not in but]
     missed = sorted((one for one in each if one is not None and not one.met), key=lambda one: -one.strain)
     return [one.says for one in missed] + missed_margins(figures, limits)
@@ -44,10 +43,10 @@ def misses(tuned: Tuned, asked: Requirements, but: Collection[str] = ()) -> list
 
 def hardest_place(tuned: Tuned, asked: Requirements) -> Place | None:
     """Where the response is hardest for the gains of a rule; None where no scenario is judged."""
-    limits = {symbol: getattr(asked, symbol) for symbol in OF_THE_PAPER}
+    limits = asked.limits(OF_THE_PAPER)
     every = []
     for name, figures in tuned.scenarios.items():
-        judged = {symbol: value for symbol, value in figures._asdict().items() if symbol in limits and value == value}
+        judged = {symbol: value for symbol, value in figures.known().items() if symbol in limits and value == value}
         worst = hardest(judged, {symbol: limits[symbol] for symbol in judged})
         every += [] if worst is None else [Place(name, worst)]
     return max(every, key=lambda place: place.hardest.strain, default=None)

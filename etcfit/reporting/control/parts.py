@@ -24,7 +24,7 @@ def parts_table(design: Design) -> RenderableType | None:
     share = plain_table("rule", *counts, "largest RMSE %\nunits", "\ndrawn")
     worst = plain_table("rule", "worst unit", "hardest for it", "figure", "limit")
     for name, each in found.rules.items():
-        largest = (short(float(np.max(on.rmse))) for on in each)
+        largest = (short(float(np.max(on.figures.rmse_pct))) for on in each)
         share.add_row(name, *(_share(on.share) for on in each), *largest)
         worst.add_row(name, *hardest(each.worst)[:4])
     said = (Text(f"  {line}") for line in _words(design, found))

@@ -16,11 +16,11 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from ...car_log.criteria import LEAST_HELD, LEAST_OVERSHOT, NEGLIGIBLE, SETTLED, TAIL
 from ...control.design import Design
 from ...control.judged import Tuned
 from ...control.parts_verdict import OnParts
-from ...control.pid.requirements import OF_THE_PAPER, Requirements
-from ...control.pid.response import LEAST_HELD, LEAST_OVERSHOT, NEGLIGIBLE, SETTLED, TAIL, Judged, judge
+from ...control.pid.figures import OF_THE_PAPER, Requirements, judge
 from ...control.pid.setpoint import Level, Stretch
 from ...model.ecu import Notation
 from .. import style
@@ -104,8 +104,7 @@ def _level(design: Design, tuned: Tuned, place: Place) -> Level:
 
     def strain(level: Level) -> float:
         alone = replace(design.setpoint, levels=(level,), tracked=(Stretch(level.begins, level.ends),))
-        figures = [float(np.max(each)) for each in judge(alone, time, band)]
-        worst = hardest(dict(zip(Judged._fields, figures, strict=True)), limit)
+        worst = hardest(judge(alone, time, band).worst().known(), limit)
         return 0.0 if worst is None else worst.strain
 
     return max(design.setpoint.only(place.scenario), key=strain)

@@ -7,7 +7,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from ...control.design import Design
-from ...control.pid.response import Judged
+from ...control.pid.figures import LoopFigures
 from .. import style
 from ..numbers import short
 from .fleet import of_models
@@ -50,7 +50,7 @@ def _panel(panel: Axes, design: Design, name: str) -> None:
     panel.set(xlabel="time [s]", ylabel="position [% travel]", xlim=(0.0, end - begin))
 
 
-def _says(figures: Judged) -> str:
+def _says(figures: LoopFigures) -> str:
     if np.isnan(figures.overshoot_pct):
         return f"RMSE {short(figures.rmse_pct)} %"
     settled = f"settled in {short(figures.settling_s)} s" if np.isfinite(figures.settling_s) else "not settled"

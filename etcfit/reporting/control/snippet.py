@@ -19,7 +19,8 @@ def snippet(written: Mapping[str, Any]) -> RenderableType:
     pasting = named(written["name"]).pasting
     settings = {Pasting.TUNE_FILE: _tune_file, Pasting.BY_HAND: _by_hand}[pasting](written)
     assumed = sentences("Assumed of it", [f"assumed: {each}" for each in written["assumed"]])
-    parts = (headed(f"For {written['title']}: {pasting.value}", settings), _code(written), assumed)
+    meant = sentences("What these gains mean", written.get("says") or [])
+    parts = (headed(f"For {written['title']}: {pasting.value}", settings), meant, _code(written), assumed)
     return Group(*(part for part in parts if part is not None))
 
 

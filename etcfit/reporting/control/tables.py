@@ -14,7 +14,8 @@ from ...control.frequency import FrequencyResponse, Ratio, phases
 from ...control.frequency.point import POSITION
 from ...control.judged import Tuned
 from ...control.linearise import Reduction
-from ...control.pid.requirements import Metrics, Requirements
+from ...control.motor_constants import SYMBOLS, UNITS
+from ...control.pid.figures import FIGURES, LoopFigures, Requirements
 from ...estimation.fitted_model import Fitted
 from ...model.ecu import Ecu, Notation
 from ...model.ecus import ECUS
@@ -45,7 +46,9 @@ def reduction_table(fitted: Fitted, reduction: Reduction, pade_order: int) -> Re
     lines = [
         f"G(s) = b0 / (s^3 + a2 s^2 + a1 s + a0), {unit}",
         "poles, 1/s: " + ", ".join(_pole(p) for p in plant.poles),
-        f"static gain {short(plant.dc_gain, 4)} {unit}",
+        f"static gain {short(plant.dc_gain, 4)} {unit}"
+        if np.isfinite(plant.dc_gain)
+        else "no static gain: without a spring a constant voltage turns it on and on",
         f"about {100.0 * reduction.share:.0f} % of the travel ({short(reduction.theta, 4)} rad), held by "
         f"{short(reduction.volts)} V and {short(reduction.current)} A in the middle of the dry friction",
         "dry friction and preload have no transfer function and are left out",
@@ -53,8 +56,22 @@ def reduction_table(fitted: Fitted, reduction: Reduction, pade_order: int) -> Re
     ]
     if fitted.state.compromise is not None:
         lines.append("stderr: 1.96 of them reach as far as the ranges that subsets of the data give; no standard error")
-    whole = Group(rig_title(fitted.config, "transfer function"), *(Text("  " + line) for line in lines), table)
+    parts = (*(Text("  " + line) for line in lines), table, constants_table(reduction))
+    whole = Group(rig_title(fitted.config, "transfer function"), *(part for part in parts if part is not None))
     return cautioned(whole, fitted.state)
+
+
+def constants_table(reduction: Reduction) -> RenderableType | None:
+    """kS, kV and kA with their standard errors, by radian and by turn; None where nobody asked for them."""
+    found = reduction.constants
+    if found is None:
+        return None
+    table = plain_table("constant", "value", "stderr", "unit", "by turn")
+    for name, value, stderr, unit in zip(SYMBOLS, found.values, found.stderr, UNITS, strict=True):
+        digits = Digits.of(float(value), float(stderr))
+        turn = "" if name == "kS" else f"{short(2.0 * np.pi * float(value), 4)} {unit.replace('rad', 'turn')}"
+        table.add_row(name, digits(float(value)), digits(float(stderr)), unit, turn)
+    return headed("Feed-forward v = kS sgn(w) + kV w + kA dw/dt, w of the shaft whose angle was logged", table)
 
 
 def _pole(pole: complex) -> str:
@@ -183,13 +200,11 @@ def _gains_row(design: Design, tuned: Tuned) -> tuple[str, ...]:
 
 def _figures_table(design: Design) -> RenderableType:
     """Figures of every rule that has gains."""
-    table = plain_table("rule", "overshoot\n%", "settling\ns", "error\n%", "RMSE\n%", "duty\n%", "gain\nmargin\ndB",
-                        "phase\nmargin\ndegrees")  # fmt: skip
+    shown = {symbol: of for symbol, of in FIGURES.items() if of.heading}
+    table = plain_table("rule", *(f"{of.heading}\n{of.unit}" for of in shown.values()))
     for tuned in design.tuned.values():
-        if (m := tuned.nonlinear) is not None:
-            table.add_row(tuned.rule, short(m.overshoot_pct), short(m.settling_s), short(m.steady_state_error_pct),
-                          short(m.rmse_pct), short(m.duty_activity_pct, 2), short(m.gain_margin_db),
-                          short(m.phase_margin_deg))  # fmt: skip
+        if tuned.nonlinear is not None:
+            table.add_row(tuned.rule, *(short(getattr(tuned.nonlinear, symbol)) for symbol in shown))
     return table
 
 
@@ -225,6 +240,8 @@ def _habits(ecu: Ecu) -> Iterator[str]:
         yield f"integral within {short(ecu.integral * ecu.supply)} V"
     if ecu.dead_band:
         yield f"integral still within {short(np.degrees(ecu.dead_band))} degrees"
+    if ecu.compensated:
+        yield "divided by the battery voltage"
     if ecu.slew:
         yield f"output no faster than {short(ecu.slew)} V/s"
     if ecu.setpoint_weight != 1.0:
@@ -238,7 +255,7 @@ def _met(tuned: Tuned) -> str:
     return ("yes" if tuned.meets_all else "no") if tuned.stable else "unstable"
 
 
-def _safe(metrics: Metrics, asked: Requirements) -> bool:
+def _safe(metrics: LoopFigures, asked: Requirements) -> bool:
     return metrics.gain_margin_db >= asked.gain_margin_db and metrics.phase_margin_deg >= asked.phase_margin_deg
 
 
@@ -262,7 +279,7 @@ def _proposed(design: Design) -> RenderableType:
     table = plain_table("proposed", "P", "I", "D", "unit")
     table.add_row("continuous time", *(short(g, 5) for g in gains), "V/rad, s")
     table.add_row(f"ticks of {short(1e3 * ecu.period)} ms", *(short(g, 5) for g in native), "V/rad, ticks")
-    if (make := design.task.profile) is not None:
+    if (make := design.task.profile) is not None and make.notation is not None:
         table.add_row(make.title, *(short(g, 5) for g in design.written(gains, make.notation)), make.notation.title)
     if (own := design.fitted.config.notation) is not None:
         table.add_row("as in rig.toml", *(short(g, 5) for g in design.written(gains, own)), own.title)

@@ -7,43 +7,48 @@ from rich.console import Group, RenderableType
 from rich.text import Text
 
 from ...control.design import Design
-from ...control.pid.requirements import OF_THE_PAPER, REQUIRED, Requirements
+from ...control.pid.figures import FIGURES, MARGINS, OF_THE_PAPER, REQUIRED, TRACKING, LoopFigures, Requirements
 from ...run_folder import design_json
 from ..blocks import headed, plain_table
 from ..numbers import short
 from .fleet import of_models
 from .sentence import sentence
-from .words import WORDS
 
 
 def what_is_asked(asked: Requirements) -> str:
     """Every limit that there is."""
-    limits = {symbol: getattr(asked, symbol) for symbol in REQUIRED}
-    return ", ".join(f"{WORDS[symbol][0]} < {limit:g} {WORDS[symbol][1]}" for symbol, limit in limits.items()
-                     if np.isfinite(limit))  # fmt: skip
+    limits = ((FIGURES[symbol], limit) for symbol, limit in asked.finite().items() if symbol in REQUIRED)
+    return ", ".join(f"{of.name} < {limit:g} {of.unit}" for of, limit in limits)
 
 
 def scenario_table(design: Design) -> RenderableType:
     """The proposed gains, scenario by scenario."""
-    table = plain_table("scenario", "overshoot %", "settling s", "error %", "RMSE %")
+    table = plain_table("scenario", *(f"{FIGURES[symbol].heading} {FIGURES[symbol].unit}" for symbol in TRACKING))
     for name, figures in design.chosen.scenarios.items():
-        table.add_row(name, *(short(value) for value in figures))
+        table.add_row(name, *(short(getattr(figures, symbol)) for symbol in TRACKING))
     metrics = design.chosen.nonlinear
     assert metrics is not None, "the proposed rule has gains"
-    heat = (f"current {short(metrics.current_rms_A)} A, root mean square: {short(metrics.winding_W)} W in the "
-            f"winding, {short(metrics.bridge_W)} W in a bridge of {design.settings.loop.bridge_ohm:g} ohm")  # fmt: skip
-    return headed(f"{design.chosen.rule} in every scenario (nonlinear model)", Group(table, Text(heat)))
+    heading = f"{design.chosen.rule} in every scenario (nonlinear model)"
+    return headed(heading, Group(table, Text(_cost(design, metrics))))
+
+
+def _cost(design: Design, metrics: LoopFigures) -> str:
+    """The figures that have no column of their own."""
+    rest = {symbol: of for symbol, of in FIGURES.items() if not of.heading}
+    said = (f"{of.name} {short(getattr(metrics, symbol))} {of.unit}" for symbol, of in rest.items())
+    return f"{', '.join(said)}; the bridge has {design.settings.loop.bridge_ohm:g} ohm"
 
 
 def outside_the_bench(design: Design) -> list[str]:
     """How the proposed gains fare where the car is not the bench."""
     robust, asked = design.robust, design.settings.conditions
-    shown = (*OF_THE_PAPER, "gain_margin_db", "phase_margin_deg")
-    figures = [(*WORDS[key], float(getattr(robust.worst, key))) for key in shown]
-    worst = ", ".join(f"{name} {short(value)} {unit}" if np.isfinite(value) else f"{name} never"
-                      for name, unit, value in figures)  # fmt: skip
+    figures = [(FIGURES[symbol], float(getattr(robust.worst, symbol))) for symbol in (*OF_THE_PAPER, *MARGINS)]
+    worst = ", ".join(f"{of.name} {short(value)} {of.unit}" if np.isfinite(value) else f"{of.name} never"
+                      for of, value in figures)  # fmt: skip
+    reckons = ("the ECU divides by the battery voltage" if design.task.ecu.compensated else
+               "a duty is a share of the supply that there is")  # fmt: skip
     ranges = (f"supply {_range(asked.supply)} V, winding {_range(asked.winding)} degrees Celsius, dry friction "
-              f"{_range(asked.friction)} times the bench's; a duty is a share of the supply that there is")  # fmt: skip
+              f"{_range(asked.friction)} times the bench's; {reckons}")  # fmt: skip
     met = "met at every corner" if robust.meets_all else "not met at every corner"
     share = f"{robust.probability_met:.2f} of the {of_models(design)}, each under conditions of its own, meet them"
     supply, winding, friction = robust.corner

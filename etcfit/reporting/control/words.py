@@ -6,30 +6,15 @@ import math
 from collections.abc import Mapping
 from typing import NamedTuple
 
+from ...control.pid.figures import FIGURES, MARGINS
 from ..numbers import short
-
-WORDS = {
-    "overshoot_pct": ("overshoot", "%"),
-    "settling_s": ("settling time", "s"),
-    "steady_state_error_pct": ("steady-state error", "%"),
-    "rmse_pct": ("tracking error, root mean square", "%"),
-    "duty_activity_pct": ("duty activity at rest", "%"),
-    "current_rms_A": ("current, root mean square", "A"),
-    "winding_W": ("heat in the winding", "W"),
-    "bridge_W": ("heat in the bridge", "W"),
-    "gain_margin_db": ("gain margin", "dB"),
-    "phase_margin_deg": ("phase margin", "degrees"),
-}
-"""Name and unit, by field of `Requirements` and `Metrics`."""
-
-_MARGINS = ("gain_margin_db", "phase_margin_deg")  # of which more is better; None where a loop has none
 
 
 class Hardest(NamedTuple):
     """A requirement and the figure that is held to it.
 
     Args:
-        symbol: a key of `WORDS`.
+        symbol: of `LoopFigures`.
         figure: infinite where, say, a response does not settle.
         limit: that it must stay below.
     """
@@ -51,12 +36,12 @@ class Hardest(NamedTuple):
     @property
     def says(self) -> str:
         """ "overshoot 54.2 % (limit 20 %)"."""
-        name, unit = WORDS[self.symbol]
+        of = FIGURES[self.symbol]
         if math.isfinite(self.figure):
-            said = f"{name} {short(self.figure)} {unit}"
+            said = f"{of.name} {short(self.figure)} {of.unit}"
         else:
-            said = "no settling" if self.symbol == "settling_s" else f"no finite {name}"
-        return f"{said} (limit {self.limit:g} {unit})"
+            said = "no settling" if self.symbol == "settling_s" else f"no finite {of.name}"
+        return f"{said} (limit {self.limit:g} {of.unit})"
 
 
 def hardest(figures: Mapping[str, float | None], limits: Mapping[str, float | None]) -> Hardest | None:
@@ -77,9 +62,9 @@ def missed_margins(figures: Mapping[str, float | None], asked: Mapping[str, floa
     Args:
         figures, asked: by margin; a figure is None or infinite where the loop has no such margin.
     """
-    less = ((symbol, figures.get(symbol)) for symbol in _MARGINS if symbol in asked)
-    return [f"{WORDS[symbol][0]} {short(value)} {WORDS[symbol][1]} (at least {asked[symbol]:g} {WORDS[symbol][1]})"
-            for symbol, value in less if value is not None and value < asked[symbol]]  # fmt: skip
+    less = ((FIGURES[symbol], figures.get(symbol), asked[symbol]) for symbol in MARGINS if symbol in asked)
+    return [f"{of.name} {short(value)} {of.unit} (at least {least:g} {of.unit})"
+            for of, value, least in less if value is not None and value < least]  # fmt: skip
 
 
 def _reached(figure: float | None) -> float:

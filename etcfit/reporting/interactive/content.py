@@ -12,7 +12,7 @@ from ..page.verdict import left_unexplained, model
 from .closed_loop import loop_json
 from .plant import plant_json
 from .printed_model import Simulation
-from .traces import Shelf, traces_json
+from .traces import TraceSources, traces_json
 
 
 def content(run: RunFolder, simulated: Simulation) -> dict[str, Any]:
@@ -26,7 +26,7 @@ def content(run: RunFolder, simulated: Simulation) -> dict[str, Any]:
     """
     require(run.path, "fit")
     contents, diagnosis, final = read_run(run.path), run.diagnosis(), run.final()
-    shelf = Shelf(None if diagnosis is None else diagnosis.before, final, diagnosis)
+    sources = TraceSources(None if diagnosis is None else diagnosis.before, final, diagnosis)
     return plain({
         "schema": "etcfit.interactive/1",
         "version": __version__,
@@ -40,6 +40,6 @@ def content(run: RunFolder, simulated: Simulation) -> dict[str, Any]:
         "chi2_per_dof": float(final.chi2_per_dof),
         "plant": plant_json(final, simulated),
         "loop": loop_json(final, contents.get("pid")),
-        "traces": traces_json(shelf),
+        "traces": traces_json(sources),
         "hashes": dict(contents.hashes),
     })  # fmt: skip

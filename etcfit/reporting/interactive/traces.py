@@ -24,7 +24,7 @@ _LEAST_SPAN = {"i": 0.02, "theta": 0.05, "omega": 1.0}  # A, rad, rad/s
 
 
 @dataclass(frozen=True)
-class Room:
+class PointBudget:
     """How much of all traces together the page carries.
 
     Args:
@@ -54,7 +54,7 @@ _COLUMNS, _OF_CHANNEL = 6, 5
 
 
 @dataclass(frozen=True, eq=False)
-class Shelf:
+class TraceSources:
     """All that is known of the traces.
 
     Args:
@@ -68,21 +68,21 @@ class Shelf:
     diagnosis: Diagnosis | None
 
 
-def traces_json(shelf: Shelf, room: Room = Room()) -> list[dict[str, Any]]:
+def traces_json(sources: TraceSources, budget: PointBudget = PointBudget()) -> list[dict[str, Any]]:
     """One object a trace, those fitted first, then those held out."""
-    every = all_traces(shelf.final)
-    points, corners = room.points(every), room.corners_of_each(len(every))
-    problems = (shelf.final.problem, *([shelf.final.holdout] if shelf.final.holdout is not None else []))
-    driven = [each for problem in problems for each in excitations(problem, shelf.final.x, corners)]
-    motions = {motion.file: motion for motion in shelf.diagnosis.motions} if shelf.diagnosis is not None else {}
+    every = all_traces(sources.final)
+    points, corners = budget.points(every), budget.corners_of_each(len(every))
+    problems = (sources.final.problem, *([sources.final.holdout] if sources.final.holdout is not None else []))
+    driven = [each for problem in problems for each in excitations(problem, sources.final.x, corners)]
+    motions = {motion.file: motion for motion in sources.diagnosis.motions} if sources.diagnosis is not None else {}
     return [
-        _trace(shelf, trace, light, motions.get(trace.measurement.file), excitation, points)
-        for trace, light, excitation in zip(every, lights(shelf.final), driven, strict=True)
+        _trace(sources, trace, light, motions.get(trace.measurement.file), excitation, points)
+        for trace, light, excitation in zip(every, lights(sources.final), driven, strict=True)
     ]
 
 
 def _trace(
-    shelf: Shelf, trace: Trace, light: Light, motion: Motion | None, excitation: Excitation | str, points: int
+    sources: TraceSources, trace: Trace, light: Light, motion: Motion | None, excitation: Excitation | str, points: int
 ) -> dict[str, Any]:
     bins = Bins.of(trace.instants.size, points)
     simulated = isinstance(excitation, Excitation)
@@ -94,18 +94,18 @@ def _trace(
         "word": light.word,
         "off": light.off,
         "says": light.says,
-        "cures": cures(trace, light, shelf.final, shelf.diagnosis),
+        "cures": cures(trace, light, sources.final, sources.diagnosis),
         "samples": int(trace.instants.size),
         "whole": bins.whole,
         "t": packed.instants(bins.instants(trace.instants)),
-        "channels": [_channel(shelf, trace, m, bins) for m in range(len(trace.channels))],
+        "channels": [_channel(sources, trace, m, bins) for m in range(len(trace.channels))],
         "missing": list(_missing(trace, motion, bins)),
-        "sim": _sim(trace, excitation, shelf.final) if simulated else None,
+        "sim": _sim(trace, excitation, sources.final) if simulated else None,
         "why_not": "" if simulated else excitation,
     }
 
 
-def _channel(shelf: Shelf, trace: Trace, m: int, bins: Bins) -> dict[str, Any]:
+def _channel(sources: TraceSources, trace: Trace, m: int, bins: Bins) -> dict[str, Any]:
     name, file = trace.channels[m], trace.measurement.file
     shown = Shown.of(trace, name)
 
@@ -131,12 +131,12 @@ def _channel(shelf: Shelf, trace: Trace, m: int, bins: Bins) -> dict[str, Any]:
         "origin": shown.origin,
         "sigma": float(trace.sigma[m]) / abs(shown.size),
         "measured": carried(trace.data[:, m]),
-        "before": model(shelf.before),
-        "after": model(shelf.final),
-        "error_before": left(shelf.before),
-        "error_after": left(shelf.final),
-        "rms_before": None if shelf.before is None else error(shelf.before),
-        "rms_after": error(shelf.final),
+        "before": model(sources.before),
+        "after": model(sources.final),
+        "error_before": left(sources.before),
+        "error_after": left(sources.final),
+        "rms_before": None if sources.before is None else error(sources.before),
+        "rms_after": error(sources.final),
     }
 
 

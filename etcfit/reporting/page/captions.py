@@ -39,5 +39,10 @@ def caption(folder: str, stem: str) -> str:
     """
     if said := _ONE.get(f"{folder}/{stem}".lstrip("/")):
         return said
+    if folder == "drive":
+        if stem.endswith("_answers"):
+            return (f"{stem.removesuffix('_answers')}: answers to every step over the step, the error by parts of the "
+                    "travel, and one sensor over the other, as far as the log has them.")  # fmt: skip
+        return f"{stem}: where the plate is and how fast it moves, and the seconds in which most is asked of it."
     name = "/".join(part.replace("_", " ") for part in stem.split("__"))
     return _EACH.get(folder, "{}.").format(name[:1].upper() + name[1:] if folder.endswith("traces") else name)

@@ -7,18 +7,11 @@ from typing import Any
 
 from markupsafe import Markup
 
+from ...control.pid.figures import EFFORT, FIGURES
 from ..control.sentence import doubt, state_of, withheld
-from ..control.words import WORDS
 from .table import Table
 from .typeset import figure, measured, number, polynomial, symbol, unit
 
-_METRICS = WORDS | {
-    "settling_s": ("settling time, 2 %", "s"),
-    "rmse_pct": ("tracking error, root mean square (Eq. 9)", "%"),
-    "phase_margin_deg": ("phase margin", "°"),
-    "duty_activity_pct": ("duty at rest, standard deviation", "%"),
-}
-_EFFORT = ("duty_activity_pct", "current_rms_A", "winding_W", "bridge_W")  # of the nonlinear model alone
 _ECU = {"P": "", "I": "", "D": "", "period_s": "s"}
 _GAINS = {"Kp": "{}", "Ki": "({})/s", "Kd": "({}) · s"}  # of the unit of the proportional one
 _NOWHERE = ("none", "unknown")  # of ECUs, a place for a table of gains
@@ -52,6 +45,9 @@ def plant_table(plant: Mapping[str, Any]) -> Table | None:
     rows += [(Markup("pole {}").format(k + 1), pole(*p), "rad/s") for k, p in enumerate(plant.get("poles") or [])]
     gain = f"{unit(plant['output']['unit'])}/{unit(plant['input']['unit'])}"
     rows.append(("open-loop static gain", number(plant.get("open_loop_dc_gain"), 4), gain))
+    if found := plant.get("feedforward"):
+        rows += [(f"feed-forward {name}", measured(found[name], found["stderr"][name]), found["unit"][name])
+                 for name in found["unit"]]  # fmt: skip
     return Table(f"Linear model of order {order}", ["", "value", "unit"], rows)
 
 
@@ -105,8 +101,9 @@ def settings_table(pid: Mapping[str, Any]) -> Table | None:
 
 
 def assumed(pid: Mapping[str, Any]) -> list[str]:
-    """What is taken of that ECU without a source."""
-    return [f"assumed: {each}" for each in (pid.get("profile") or {}).get("assumed", ())]
+    """What its gains mean where it publishes no unit, and what is taken of that ECU without a source."""
+    written = pid.get("profile") or {}
+    return [*written.get("says", ()), *(f"assumed: {each}" for each in written.get("assumed", ()))]
 
 
 def metrics_table(pid: Mapping[str, Any]) -> Table | None:
@@ -115,14 +112,14 @@ def metrics_table(pid: Mapping[str, Any]) -> Table | None:
     required, met, word = pid.get("requirements") or {}, pid.get("met") or {}, doubt(state_of(pid))
     rows = [
         (
-            name,
-            "" if key in _EFFORT else number(linear.get(key)),
+            of.name,
+            "" if key in EFFORT else number(linear.get(key)),
             number(nonlinear.get(key)),
             _most(required.get(key)),
-            unit(of),
+            unit(of.unit),
             _met(met, key, word),
         )
-        for key, (name, of) in _METRICS.items()
+        for key, of in FIGURES.items()
         if key in linear or key in nonlinear
     ]
     if not rows:
@@ -136,8 +133,9 @@ def conditions_table(pid: Mapping[str, Any]) -> Table | None:
     if not found:
         return None
     word = doubt(state_of(pid))
-    rows = [(name, _or_never(found["worst"][key]), _most(required.get(key)), unit(of), _met(found["met"], key, word))
-            for key, (name, of) in _METRICS.items() if key in found["worst"]]  # fmt: skip
+    rows = [(of.name, _or_never(found["worst"][key]), _most(required.get(key)), unit(of.unit),
+             _met(found["met"], key, word))
+            for key, of in FIGURES.items() if key in found["worst"]]  # fmt: skip
     return Table("Away from the bench", ["", "worst corner", "required", "unit", "met"], rows)
 
 
@@ -221,8 +219,8 @@ def _percent(share: float) -> str:
 
 def _hardest(worst: Mapping[str, Any]) -> tuple[str, str, str, str]:
     """Unit, requirement, figure and limit."""
-    name, of = _METRICS.get(worst["requirement"], ("gain margin", "dB"))  # a loop that is not stable
-    return worst["unit"], name, _figure(worst["figure"], of), f"{number(worst['limit'])} {of}"
+    of = FIGURES.get(worst["requirement"], FIGURES["gain_margin_db"])  # a loop that is not stable
+    return worst["unit"], of.name, _figure(worst["figure"], of.unit), f"{number(worst['limit'])} {of.unit}"
 
 
 def _figure(value: float | None, of: str) -> str:

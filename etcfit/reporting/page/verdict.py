@@ -9,6 +9,7 @@ from typing import Any
 from markupsafe import Markup, escape
 
 from ...diagnosis.probabilities import UNEXPLAINED
+from ...estimation import explained
 from ...estimation.contradiction import digits_apart
 from ...estimation.goodness import STRAYS, Left
 from ...estimation.joint_fit import MISFIT
@@ -94,10 +95,15 @@ def _fits(contents: Contents) -> Markup:
     if chi2 is None:
         return Markup("{} cannot be simulated over all of them.").format(head)
     if chi2 < MISFIT:
-        return Markup("{} leave {}.").format(head, residuals(contents.score))
+        return Markup("{} leave {}. {}").format(head, residuals(contents.score), _motion(contents.score))
     return Markup(
-        "{} stay <strong>far from the data</strong> (χ²/dof {}): parameters are a compromise, not measurements."
-    ).format(head, number(chi2))
+        "{} stay <strong>far from the data</strong> (χ²/dof {}): parameters are a compromise, not measurements. {}"
+    ).format(head, number(chi2), _motion(contents.score))
+
+
+def _motion(score: Mapping[str, Any]) -> str:
+    """How much of the motion is explained; "" in a file of before."""
+    return explained.sentence(score.get("explained"), score.get("explained_holdout"))
 
 
 def residuals(score: Mapping[str, Any]) -> str:

@@ -43,11 +43,11 @@ def _spreads(posterior: Posterior, profiles: Mapping[str, Profile]) -> list[spre
     out = []
     for s, m in posterior.marginals.items():
         profile, fitted = profiles.get(s), known[s]
-        if m.status != "estimated" or not fitted.stderr:
+        if m.status != "estimated":
             continue
         ends = None if profile is None or profile.low is None or profile.high is None else (profile.low, profile.high)
         unit = posterior.described[s][0]
-        out.append(spreads.Spread(s, unit, fitted.value, fitted.stderr, m.mean, m.sd, m.low, m.high, ends,
+        out.append(spreads.Spread(s, unit, fitted.value, fitted.stderr or None, m.mean, m.sd, m.low, m.high, ends,
                                   read.get(s), true.get(s), disagree(m, profile)))  # fmt: skip
     return out
 

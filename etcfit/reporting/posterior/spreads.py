@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 from .. import style
 from ..numbers import Digits
 
-_EDGE = 6.0  # standard errors of the fit
+_EDGE = 6.0  # of the unit of the axis
 LAPLACE, PROFILE, POSTERIOR = style.SIMULATED, "#009e73", style.READING
 
 
@@ -22,7 +22,7 @@ class Spread:
 
     Args:
         symbol, unit: which.
-        fitted, stderr: of the fit.
+        fitted, stderr: of the fit; no standard error where it is a compromise.
         mean, sd, low, high: of the posterior.
         profile: its interval, or None.
         reading, truth: or None.
@@ -32,7 +32,7 @@ class Spread:
     symbol: str
     unit: str
     fitted: float
-    stderr: float
+    stderr: float | None
     mean: float
     sd: float
     low: float
@@ -42,9 +42,14 @@ class Spread:
     truth: float | None
     apart: bool
 
+    @property
+    def scale(self) -> float:
+        """Unit of the axis: the standard error of the fit, or where it has none the posterior's standard deviation."""
+        return self.sd if self.stderr is None else self.stderr
+
 
 def draw(rig: str, spreads: Sequence[Spread], synthetic: bool) -> Figure:
-    """A row a parameter; 95 % intervals in standard errors of the fit about the fitted value."""
+    """A row a parameter; 95 % intervals about the fitted value, see `Spread.scale`."""
     tall = 1.6 + 0.46 * max(1, len(spreads))
     fig = style.figure(11.0, tall, synthetic)
     panel = fig.subplots(1, 1)
@@ -58,7 +63,8 @@ def draw(rig: str, spreads: Sequence[Spread], synthetic: bool) -> Figure:
     panel.set_yticks(range(len(spreads)), [s.symbol for s in spreads])
     panel.set_ylim(len(spreads) - 0.4, -0.6)
     panel.set_xlim(-_EDGE, _EDGE)
-    panel.set_xlabel("distance from the fitted value [standard errors of the fit]")
+    unit = "standard errors of the fit" if all(s.stderr is not None for s in spreads) else "standard deviations"
+    panel.set_xlabel(f"distance from the fitted value [{unit}]")
     fig.suptitle(f"{rig}  ·  how sure", x=0.015, y=1.0 - 0.1 / tall, ha="left", va="top", fontsize=13)
     style.legend(fig, [panel], 0.015, 1.0 - 0.42 / tall, "upper left")
     return fig
@@ -66,10 +72,12 @@ def draw(rig: str, spreads: Sequence[Spread], synthetic: bool) -> Figure:
 
 def _row(panel: Axes, row: int, spread: Spread) -> None:
     def at(value: float) -> float:
-        return float(np.clip((value - spread.fitted) / spread.stderr, -_EDGE, _EDGE))
+        return float(np.clip((value - spread.fitted) / spread.scale, -_EDGE, _EDGE))
 
-    ends = spread.fitted - 1.96 * spread.stderr, spread.fitted + 1.96 * spread.stderr
-    bars = [(ends, -0.2, LAPLACE, "Laplace, 95 %"), ((spread.low, spread.high), 0.2, POSTERIOR, "posterior, 95 %")]
+    bars = [((spread.low, spread.high), 0.2, POSTERIOR, "posterior, 95 %")]
+    if spread.stderr is not None:
+        ends = spread.fitted - 1.96 * spread.stderr, spread.fitted + 1.96 * spread.stderr
+        bars.insert(0, (ends, -0.2, LAPLACE, "Laplace, 95 %"))
     if spread.profile is not None:
         bars.append((spread.profile, 0.0, PROFILE, "profile, 95 %"))
     for (low, high), shift, colour, label in bars:

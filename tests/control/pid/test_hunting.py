@@ -16,10 +16,10 @@ import pytest
 import rigs
 from bodies import NOMINAL, OPEN
 from etcfit.control.pid import Gains
+from etcfit.control.pid.figures import LoopFigures, judge
 from etcfit.control.pid.hunting import stuck
 from etcfit.control.pid.linear_loop import respond
 from etcfit.control.pid.loop import Loop
-from etcfit.control.pid.response import Judged, judge
 from etcfit.control.pid.setpoint import step, trapezoid
 from etcfit.model.ecu import Ecu, Notation
 from etcfit.model.effects.limp_home_spring import LimpHomeSpring
@@ -72,7 +72,7 @@ def path(loop: Loop, gains: Gains) -> np.ndarray:
     return np.asarray(loop.share(loop.respond(rigs.one(*gains), SETPOINT).position))[0, 0]
 
 
-def judged(share: np.ndarray) -> Judged:
+def judged(share: np.ndarray) -> LoopFigures:
     return judge(SETPOINT, SETPOINT.instants(1e-3), share)
 
 

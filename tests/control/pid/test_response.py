@@ -9,8 +9,8 @@ import pytest
 
 import control
 from etcfit.control.pid import Gains
+from etcfit.control.pid.figures import judge
 from etcfit.control.pid.linear_loop import respond
-from etcfit.control.pid.response import judge
 from etcfit.control.pid.setpoint import Level, Setpoint, step, trapezoid
 from etcfit.model.ecu import Ecu
 from etcfit.model.linear import TransferFunction

@@ -16,9 +16,9 @@ import etcfit.control.pid
 from etcfit.control.pid import RULES, Gains, Refusal, Requirements, Task
 from etcfit.control.pid.amigo import amigo, first_order
 from etcfit.control.pid.damping_optimum import damping_optimum
+from etcfit.control.pid.figures import judge
 from etcfit.control.pid.linear_loop import respond
 from etcfit.control.pid.margins import margins
-from etcfit.control.pid.response import judge
 from etcfit.control.pid.setpoint import Setpoint, step, trapezoid
 from etcfit.control.pid.simc import simc
 from etcfit.control.pid.tyreus_luyben import tyreus_luyben

@@ -10,7 +10,8 @@ from bodies import values
 from etcfit.car_log.log import Series
 from etcfit.control.pid import Gains
 from etcfit.control.pid.conditions import Conditions, at_corners, corners, scattered, under
-from etcfit.control.pid.response import effort, judge, judge_each
+from etcfit.control.pid.figures import LoopFigures, judge, judge_each, with_effort
+from etcfit.control.pid.response import Run
 from etcfit.control.pid.scenarios import course, default_position, of_log
 from etcfit.control.pid.setpoint import Stretch, in_turn, stairs, step, trapezoid
 from etcfit.control.settings import ConditionSettings, ScenarioSettings
@@ -98,16 +99,18 @@ def test_the_activity_of_a_duty_is_its_deviation_while_the_setpoint_rests() -> N
     time = setpoint.instants(1e-3)
     rng = np.random.default_rng(3)
     duty = 0.2 + 0.5 * np.sin(40.0 * time) * ((time % 0.5) < 0.3) + 0.04 * rng.standard_normal(time.size)
-    found = effort(setpoint, time, duty, np.full(time.size, 1.5))
+    found = with_effort(LoopFigures(), Run(setpoint, time, duty, np.full(time.size, 1.5)))
     assert found.duty_activity_pct == pytest.approx(4.0, rel=0.15)
     assert found.current_rms_A == pytest.approx(1.5)
 
 
-def test_a_loop_heard_anew_has_other_noise_of_the_same_size_and_else_nothing_new() -> None:
+def test_a_loop_with_a_new_noise_seed_has_other_noise_of_the_same_size_and_else_nothing_new() -> None:
     gains, setpoint = Gains(np.array([20.0]), np.array([300.0]), np.array([0.3])), trapezoid()
     for noise in (1e-3, 0.0):
         loop = rigs.loop(ecu=Ecu(noise=noise))
-        first, again = (np.asarray(each.respond(gains, setpoint).voltage) for each in (loop, loop.heard_anew()))
+        first, again = (
+            np.asarray(each.respond(gains, setpoint).voltage) for each in (loop, loop.with_new_noise_seed())
+        )
         if noise == 0.0:
             assert np.array_equal(first, again)
         else:

@@ -25,7 +25,7 @@ every_amplitude = pytest.mark.parametrize(
     ("effect", "symbol"), [pytest.param(e, s, id=f"{e.name}-{s}") for e in BEYOND for s in e.off or {}]
 )
 
-# the names of docs/effects.md: what users and other programs write in rig.toml and read in diagnosis.json
+# the names of docs/reference/effects.md: what users and other programs write in rig.toml and read in diagnosis.json
 PROMISED = [
     *("brush_voltage_drop", "winding_heating", "driver_dead_zone", "actuation_delay", "torque_saturation"),
     *("limp_home_spring", "stiffening_spring", "stribeck_friction", "asymmetric_friction", "load_dependent_friction"),

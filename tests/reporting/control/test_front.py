@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -12,17 +13,17 @@ from etcfit.control.design import Design
 from etcfit.control.judged import Tuned
 from etcfit.control.pid import Requirements
 from etcfit.control.pid.base import Task
+from etcfit.control.pid.figures import LoopFigures
 from etcfit.control.pid.front import FrontPoint
-from etcfit.control.pid.requirements import Metrics
 from etcfit.control.settings import DesignSettings
 from etcfit.reporting.control.front import draw
 from partial import partial
 
-GOOD = Metrics(10.0, 0.1, 0.2, 1.0, 12.0, 45.0, 4.0)
+GOOD = LoopFigures(10.0, 0.1, 0.2, 1.0, 12.0, 45.0, 4.0)
 
 
 def rule(name: str, **changes: Any) -> Tuned:
-    figures = GOOD._replace(**changes)
+    figures = replace(GOOD, **changes)
     return partial(Tuned, rule=name, linear=figures, nonlinear=figures)
 
 

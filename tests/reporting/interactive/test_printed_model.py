@@ -19,7 +19,7 @@ import results
 import rigs
 from bodies import OPEN, N
 from etcfit.control.pid import Gains
-from etcfit.control.pid.response import judge
+from etcfit.control.pid.figures import judge
 from etcfit.control.pid.setpoint import trapezoid
 from etcfit.control.pid.sliding import Sliding
 from etcfit.estimation.ready import ready
@@ -44,7 +44,7 @@ from etcfit.problem.problem import EstimationProblem
 from etcfit.problem.trace import Trace
 from etcfit.reporting.interactive.plant import plant_json
 from etcfit.reporting.interactive.printed_model import CHANNELS, Types, script, simulation
-from etcfit.reporting.interactive.traces import Shelf, traces_json
+from etcfit.reporting.interactive.traces import TraceSources, traces_json
 from etcfit.rig.reader import read_folder
 
 NODE = shutil.which("node")
@@ -93,7 +93,7 @@ def worst(result: FitResult, values: Mapping[str, float]) -> dict[tuple[str, str
     """Largest distance of the page's path from our own stepper's, over the range of each channel, by file and
     channel."""
     layout, traces = result.problem.layout, result.problem.batch.traces
-    simulated, carried = simulation(result), traces_json(Shelf(None, result, None))
+    simulated, carried = simulation(result), traces_json(TraceSources(None, result, None))
     assert not simulated.left_out
     plant = plant_json(result, simulated)
     problem = finely(result, traces)
@@ -277,7 +277,7 @@ def test_the_loop_is_our_own_tick_by_tick(ecu: Ecu, sliding: Sliding | None) -> 
     assert np.ptp(share) > 0.3
     assert np.max(np.abs(np.asarray(seen["share"]) - share)) < EXACT
     assert np.max(np.abs(np.asarray(seen["volts"]) - np.asarray(ours.voltage)[0, 0])) < EXACT
-    told = judge(course, course.instants(ecu.period), share)._asdict()
+    told = judge(course, course.instants(ecu.period), share).known()
     for name, value in told.items():
         there = np.inf if seen["figures"][name] is None else seen["figures"][name]
         assert there == pytest.approx(float(value), rel=1e-6, abs=1e-6)

@@ -1,0 +1,320 @@
+"""From the logs of a car to gains: import, checks, fit, diagnosis, design and the way from the present gains, in turn.
+
+What every stage leaves lies in the run folder as if its own command had been given; tune.json sums it up.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass, field, replace
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from ..car_log import DriveLog, Lack, Series, record_next
+from ..control.request import DesignRequest
+from ..errors import UsageError
+from ..files import held, write_json
+from ..importing.answers import Answers
+from ..importing.tuning import KnownEcu, TuneInput, TuneSettings, tune_input
+from ..model.ecu import Ecu, Terms
+from ..model.ecus import EcuProfile, named
+from ..run_folder import RunFolder
+from .progress import Report, part_of, silent
+
+if TYPE_CHECKING:
+    from ..control.design import Design
+    from ..control.pid import Gains
+    from ..control.proposal import GainStep
+    from ..control.settings import DesignSettings
+    from ..diagnosis.settings import DiagnosisSettings
+    from ..estimation.result import FitResult
+    from ..estimation.settings import FitSettings
+    from ..rig.base import Rig
+
+LOGS = "logs"  # the measurement folder, below the run folder
+_IMPORT, _FIT, _DIAGNOSIS, _DESIGN = 0.05, 0.3, 0.55, 0.95  # of the work, when each is done
+
+
+@dataclass(frozen=True)
+class TuneRequest:
+    """What gains are asked for.
+
+    Args:
+        profile: name of the make of ECU.
+        gains: P, I and D that are in it now, as it writes them; None where nobody knows.
+        ecu: what is given of the ECU, by field of `Ecu`, as `period`.
+        supply: V; None for what the log says.
+        answers: what the user said of the columns.
+        anyway: give gains even where the model is a compromise or did not converge.
+        settings: what decides whether logs can tell gains.
+    """
+
+    profile: str
+    gains: tuple[float, float, float] | None = None
+    ecu: tuple[tuple[str, float], ...] = ()
+    supply: float | None = None
+    answers: Answers = field(default_factory=Answers)
+    anyway: bool = False
+    settings: TuneSettings = field(default_factory=TuneSettings)
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Tuned:
+    """What logs of a car came to.
+
+    Args:
+        profile: the make of ECU.
+        input: what the logs hold, and what drives the model.
+        lacks: what to record next.
+        result: the final model; None where the logs stop it before.
+        design: gains; None likewise.
+        steps: from the present gains to the proposed ones; () likewise.
+        explained: share of the motion that the model explains, on the held-out part and on the fitted one, 0 to 1; None
+            where there is none.
+        why_not: why there are no gains, or none to type in; "" where there are.
+    """
+
+    profile: EcuProfile
+    input: TuneInput
+    lacks: tuple[Lack, ...]
+    result: FitResult | None = None
+    design: Design | None = None
+    steps: tuple[GainStep, ...] = ()
+    explained: tuple[float | None, float | None] = (None, None)
+    why_not: str = ""
+
+    def summary(self, width: int = 140) -> str:
+        """What `etcfit tune` prints, for `print`."""
+        from ..reporting.blocks import render
+        from ..reporting.tune import tune_table
+
+        return render(tune_table(self), width)
+
+    def __repr__(self) -> str:
+        said = f"not from this log. {self.why_not}" if self.why_not else f"{len(self.steps)} sets of gains; see .steps"
+        return f"Gains for {self.profile.title} from logs of the car: {said}"
+
+    @property
+    def held_out_error(self) -> float | None:
+        """Rms of measured - predicted on the held-out part, per cent of the travel; None where nothing was held out."""
+        if self.result is None:
+            return None
+        low, high = self.result.rig.config.travel
+        rows = [row.rms for row in self.result.score_holdout if row.channel == "position"]
+        return 100.0 * float(rows[0]) / (high - low) if rows else None
+
+    def written(self, gains: Gains) -> Terms:
+        """Gains as the ECU writes them."""
+        assert self.design is not None, "gains come from a design"
+        return self.design.written(gains, self.profile.notation)
+
+
+def tune_logs(files: Sequence[Path], run: RunFolder, asked: TuneRequest, report: Report = silent) -> Tuned:
+    """From logs to gains; the run folder has what every stage made, and tune.json with its picture.
+
+    Args:
+        files: logs of any known format, all of one car.
+        run: the run folder.
+        asked: for which ECU, and what is known of it.
+        report: progress.
+    Raises:
+        MeasurementError: a file cannot be read, or no log has a position with a duty or setpoint beside it.
+        UsageError: no such make of ECU, or a field given that its source fixes otherwise.
+    """
+    profile = named(asked.profile)
+    given = dict(asked.ecu)
+    if clash := profile.clashes(given):
+        raise UsageError(f"{clash[0]}: {profile.title} fixes it at {profile.fixes[clash[0]]:g}. Leave it out.")
+    report("reading the logs", 0.0)
+    with held(run.path):
+        known = _known(profile, given, asked)
+        logs = _imported(files, asked)
+        prepared = tune_input(logs, _name(files), known, asked.settings)
+        lacks = record_next([_as_drive_log(log, logs) for log in logs.measurements if "position" in log.channels])
+        if prepared.stopped_by:
+            why = " ".join(f"{each.says[0].upper()}{each.says[1:]}. {each.cure}" for each in prepared.stopped_by)
+            found = Tuned(profile, prepared, lacks, why_not=why)
+        else:
+            found = _worked_out(run, prepared, lacks, profile, given, asked, report)
+        keep_tuned(run.path, found, asked, report)
+    return found
+
+
+def _name(files: Sequence[Path]) -> str:
+    return re.sub(r"[^\w .-]+", "_", files[0].stem)
+
+
+def _known(profile: EcuProfile, given: dict[str, float], asked: TuneRequest) -> KnownEcu:
+    fields = profile.completed(given)
+    gains = None if asked.gains is None else Terms(*asked.gains)
+    return KnownEcu(profile.title, Ecu(**fields), "period" in fields, profile.notation, gains, asked.supply)
+
+
+def _imported(files: Sequence[Path], asked: TuneRequest) -> Rig:
+    """The logs as the importer reads them, every guess taken."""
+    from ..importing import import_files
+    from ..importing.doubts import accept_all
+    from ..rig.reader import read_folder
+
+    with TemporaryDirectory() as scratch:
+        toml = Path(scratch) / "rig.toml"
+        supply = asked.supply or asked.settings.supply  # a logged one goes before it
+        toml.write_text(f'[rig]\nname = "logs"\nsupply_V = {supply}\n', encoding="utf-8")
+        import_files(files, Path(scratch) / LOGS, asked.answers, accept_all, rig=toml)
+        return replace(read_folder(Path(scratch) / LOGS), folder=str(files[0]))
+
+
+def _as_drive_log(log: Any, rig: Rig) -> DriveLog:
+    """As `etcfit drive` reads it, for what it says of moves."""
+    low, high = rig.config.travel
+    shares = {
+        name: Series(log.channels[name].time, 100.0 * (log.channels[name].value - low) / (high - low))
+        for name in ("position", "setpoint") if name in log.channels
+    }  # fmt: skip
+    return DriveLog(log.file, shares["position"], shares.get("setpoint"))
+
+
+def fit_settings() -> FitSettings:
+    """Of the fit: optima nearby are not looked for, which takes minutes, for gains are tried over draws anyway."""
+    from ..estimation.settings import FitSettings
+
+    return FitSettings(neighbours=0)
+
+
+def diagnosis_settings() -> DiagnosisSettings:
+    """Of the diagnosis: three rounds of two candidates each, for a log without a current tells few effects apart."""
+    from ..diagnosis.settings import DiagnosisSettings
+
+    return DiagnosisSettings(rounds=3, refits=2, rig_refits=1, folds=1, pieces=0, pair_refits=0, free_pool=0)
+
+
+def design_settings() -> DesignSettings:
+    """Of the design: a shorter search over fewer models, so that all is done in minutes."""
+    from ..control.settings import DesignSettings, OptimumSettings
+
+    return DesignSettings(draws=48, optimum=OptimumSettings(few=16, searches=1, rounds=18, starts=2))
+
+
+def _worked_out(
+    run: RunFolder, prepared: TuneInput, lacks: tuple[Lack, ...], profile: EcuProfile, given: dict[str, float],
+    asked: TuneRequest, report: Report,
+) -> Tuned:  # fmt: skip
+    """Fit, diagnosis and design of a folder that can tell gains."""
+    from ..control.pid import Gains
+    from ..control.proposal import gain_steps
+    from ..diagnosis import diagnose
+    from ..estimation.joint_fit import fit
+    from ..rig.reader import read_folder
+    from .control import design_of
+    from .saving import keep_design, keep_diagnosis, keep_fit
+
+    folder = _written(run.path / LOGS, prepared)
+    rig = read_folder(folder)
+    result = fit(rig, part_of(report, _IMPORT, _FIT), fit_settings())
+    keep_fit(run, result)
+    diagnosis = diagnose(result, part_of(report, _FIT, _DIAGNOSIS), diagnosis_settings())
+    keep_diagnosis(run, diagnosis)
+    final = diagnosis.after
+    request = DesignRequest(ecu={"noise": prepared.noise, "supply": prepared.supply, **given}, profile=profile.name,
+                            anyway=asked.anyway)  # fmt: skip
+    design = design_of(final.fitted(), request, None, part_of(report, _DIAGNOSIS, _DESIGN),
+                       design_settings())  # fmt: skip
+    keep_design(run, final, design, request.recorded())
+    present = None
+    if asked.gains is not None:
+        low, high = rig.config.travel
+        units = profile.notation.units(design.task.ecu, high - low)
+        present = Gains(*(gain * unit for gain, unit in zip(asked.gains, units, strict=True)))
+    report("what each step does", _DESIGN)
+    steps = gain_steps(design, present)
+    why_not = "" if not design.withheld else " ".join(final.state.cautions)
+    return Tuned(profile, prepared, lacks, final, design, steps, _explained(final), why_not)
+
+
+def _written(folder: Path, prepared: TuneInput) -> Path:
+    """The measurement folder, anew."""
+    import shutil
+
+    from ..datasets.folder import write_folder
+
+    if folder.is_dir():
+        shutil.rmtree(folder)
+    return write_folder(folder, prepared.files)
+
+
+def _explained(result: FitResult) -> tuple[float | None, float | None]:
+    """1 - sum (y - y_hat)^2 / sum (y - mean y)^2 of the position's free run, held out and fitted."""
+
+    def of(problem: Any) -> float | None:
+        left = all_ = 0.0
+        for trace in () if problem is None else problem.batch.traces:
+            if "position" not in trace.channels:
+                continue
+            k = trace.channels.index("position")
+            y = trace.data[:, k]
+            seen = np.isfinite(y)
+            left += float(np.sum((y - result.predicted[trace.measurement.file][:, k])[seen] ** 2))
+            all_ += float(np.sum((y[seen] - np.mean(y[seen])) ** 2))
+        return 1.0 - left / all_ if all_ > 0.0 else None
+
+    return of(result.holdout), of(result.problem)
+
+
+def keep_tuned(run: Path, found: Tuned, asked: TuneRequest, report: Report = silent) -> None:
+    """RUN/tune.json and RUN/pictures/tune.png."""
+    from ..reporting.tune import draw_tune
+
+    write_json(run / "tune.json", "tune", tuned_json(found, asked))
+    if found.steps:
+        report("drawing", 0.97)
+        draw_tune(run / "pictures" / "tune.png", found)
+
+
+def tuned_json(found: Tuned, asked: TuneRequest) -> dict[str, Any]:
+    """The object of tune.json."""
+    from ..files import plain
+
+    make, result = found.profile, found.result
+    withheld = bool(found.why_not)
+    held_out, fitted = found.explained
+    return plain({
+        "verdict": "not from this log" if withheld else "gains",
+        "why_not": found.why_not or None,
+        "ecu": make.name,
+        "model": {"input": found.input.model, "why": found.input.why,
+                  "effects": None if result is None else [e.name for e in result.free_parameters.layout.types]},
+        "checks": [asdict(check) for check in found.input.checks],
+        "fit": None if result is None else result.state,
+        "held_out": {"file": found.input.held_out or None, "rms_pct": found.held_out_error,
+                     "explained": held_out, "explained_fitted": fitted},
+        "supply_V": found.input.supply,
+        "present": None if asked.gains is None else dict(zip("PID", asked.gains, strict=True)),
+        "unit": dict(zip("PID", make.notation.of_each, strict=True)),
+        "steps": [_step_json(found, step, withheld) for step in found.steps],
+        "record_next": found.lacks,
+    })  # fmt: skip
+
+
+def _step_json(found: Tuned, step: GainStep, withheld: bool) -> dict[str, Any]:
+    written = found.written(step.gains)._asdict()
+    first = found.written(found.steps[0].gains)._asdict()
+    hidden = withheld and step.name != "present"
+    return {
+        "name": step.name,
+        "gains": None if hidden else written,
+        "factors": None if hidden or len(found.steps) == 1 else {
+            key: written[key] / first[key] if first[key] else None for key in "PID"
+        },
+        "overshoot_pct": list(step.overshoot),
+        "settling_s": list(step.settling),
+        "rmse_pct": step.figures.rmse_pct,
+        "gain_margin_db": step.figures.gain_margin_db,
+        "phase_margin_deg": step.figures.phase_margin_deg,
+        "probability_met": None if withheld else step.probability_met,
+        "probability_stable": None if withheld else step.probability_stable,
+        "probability_better": None if withheld else step.better,
+    }  # fmt: skip

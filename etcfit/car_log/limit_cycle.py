@@ -1,0 +1,228 @@
+"""A plate that moves to and fro while its setpoint rests: how far, how fast, why, and what would stop it.
+
+Stick-slip: the plate stands still for most of the period while the integral winds up, then jumps. Instability: it moves
+all the time, near a sine, for the gains are too high. What tells them apart is the share of the time in which it is
+nearly still: 0.16 for a sine.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+
+from .log import Series
+from .steps import Rest, noise_of, quantum_of, rests
+
+Kind = Literal["stick-slip", "instability", "unknown"]
+
+_SETTLES = 0.5  # s of a rest in which the plate may still answer a step
+_SHORTEST = 0.8  # s of a rest that is looked at
+_REPEATS = 0.5  # autocorrelation a period later, at least
+_AS_TALL = 0.85  # of the highest peak of the autocorrelation: the first such one is the period, not a multiple of it
+_PERIODS = 2.5  # that a rest holds at least
+_TOLD = 6.0  # standard deviations of the sensor's noise: the shape of smaller motion cannot be told
+_SMOOTH = 20.0  # samples a period at which second differences show the noise alone
+_SLOW = 0.25  # of the highest speed: slower counts as still
+_STILL = 0.38  # share of the time: more is stick-slip
+_SAMPLES = 4.0  # a period, for the shape to be told
+_DECAYS = 0.5  # second half over first: less is the end of an answer to a step
+_DITHER = 50.0  # Hz: quick beside the loop; assumed
+_MARGIN = 1.2  # of the dead zone over the largest error, and of dither over the friction
+
+
+@dataclass(frozen=True)
+class LimitCycle:
+    """An oscillation while the setpoint rests.
+
+    Args:
+        amplitude: half of what the plate moves to and fro, per cent of travel; median over the rests with one.
+        period: s.
+        share: of the time at rest that was looked at in which there is one, 0 to 1.
+        kind: "stick-slip", "instability", or "unknown" where the log is too slow or too coarse to tell.
+        still: share of the period in which the plate is nearly still; 0.16 for a sine.
+        where: setpoints with an oscillation, least and largest, per cent.
+        duty: half of what the duty moves to and fro, per cent; None where none was logged.
+        dead_zone: |error| below which the integral must stand still to stop stick-slip, per cent of travel; else None.
+        dither: amplitude of a quick alternating duty that would stop stick-slip, per cent; None where none helps or
+            no duty was logged.
+    """
+
+    amplitude: float
+    period: float
+    share: float
+    kind: Kind
+    still: float
+    where: tuple[float, float]
+    duty: float | None
+    dead_zone: float | None
+    dither: float | None
+
+    @property
+    def says(self) -> str:
+        """What it is, and what stops it: sentences."""
+        what = {"stick-slip": "This is stick-slip: dry friction holds the plate while the integral winds up.",
+                "instability": "This is instability: the gains are too high.",
+                "unknown": "The log is too slow or too coarse to tell stick-slip from instability: log at "
+                           f"{20.0 / self.period:.0f} Hz or more, and finer."}[self.kind]  # fmt: skip
+        low, high = self.where
+        place = f"at {low:.0f} %" if high - low < 1.0 else f"between {low:.0f} and {high:.0f} %"
+        head = (f"At rest the plate oscillates by +-{self.amplitude:.2g} % of travel, {self.period:.2g} s a period, "
+                f"in {100.0 * self.share:.0f} % of the time at rest ({place}).")  # fmt: skip
+        return f"{head} {what} {self._cure}".rstrip()
+
+    @property
+    def _cure(self) -> str:
+        if self.kind == "instability":
+            return ("Lower P and D first, both by a third (with P alone the limit is where it oscillates, and half of "
+                    "that is usual: Ziegler and Nichols 1942); a dead zone or dither does not cure it.")  # fmt: skip
+        if self.kind == "unknown" or self.dead_zone is None:
+            return ""
+        other = "" if self.dither is None else (
+            f" or dither of +-{self.dither:.2g} % of duty at {_DITHER:g} Hz or faster,"
+        )  # fmt: skip
+        return (f"What stops it: a dead zone of {self.dead_zone:.2g} % of travel in which the integral stands still,"
+                f"{other} or less I (Armstrong-Helouvry, Dupont and Canudas de Wit 1994).")  # fmt: skip
+
+
+@dataclass(frozen=True, eq=False)
+class _Held:
+    """What one rest shows: an oscillation, where `period` is there."""
+
+    seconds: float
+    level: float
+    amplitude: float
+    period: float | None
+    still: float
+    duty: float | None
+    off: float
+
+
+def limit_cycle(position: Series, setpoint: Series, duty: Series | None = None) -> LimitCycle | None:
+    """The oscillation at rest; None where there is none.
+
+    A rest counts from 0.5 s after its begin. It oscillates where its autocorrelation returns to 0.5 a period later, the
+    motion is more than noise and it does not die away. Dead zone and dither are for stick-slip alone:
+
+        dead zone = 1.2 max |error| at rest,    dither = 1.2 (half of what the duty moves in a period)
+
+    Source: Armstrong-Helouvry, Dupont and Canudas de Wit 1994, Automatica 30(7), for what stops it. Differs from
+    source: thresholds are ours, tuned on simulated logs (`benchmarks/good_enough.py`).
+    """
+    quantum = quantum_of(position.value)
+    looked = [each for piece in setpoint.pieces if piece.time.size > 1 for rest in rests(piece)
+              if (each := _held(position, rest, duty, quantum)) is not None]  # fmt: skip
+    cycling = [each for each in looked if each.period is not None]
+    if not cycling:
+        return None
+    return _together(cycling, sum(each.seconds for each in looked), position, quantum)
+
+
+def at_rest(position: Series, setpoint: Series) -> float:
+    """Time at rest in which an oscillation would be seen, s."""
+    found = (rest for piece in setpoint.pieces if piece.time.size > 1 for rest in rests(piece))
+    spans = (min(rest.end, float(position.time[-1])) - rest.begin - _SETTLES for rest in found)
+    return sum(span for span in spans if span >= _SHORTEST)
+
+
+def _together(cycling: Sequence[_Held], seconds: float, position: Series, quantum: float) -> LimitCycle:
+    weight = np.array([each.seconds for each in cycling])
+
+    def middle(values: Sequence[float]) -> float:
+        order = np.argsort(values)
+        return float(np.asarray(values)[order][np.searchsorted(np.cumsum(weight[order]), 0.5 * weight.sum())])
+
+    amplitude, still = middle([c.amplitude for c in cycling]), middle([c.still for c in cycling])
+    period = middle([c.period for c in cycling if c.period is not None])
+    duties = [c.duty for c in cycling if c.duty is not None]
+    width = max(0.05 * period / position.step, 1.0)  # samples that are averaged
+    sd = noise_of(position.value) / np.sqrt(width) if period > _SMOOTH * position.step else 0.0
+    coarse = amplitude < max(_TOLD * sd, 2.0 * quantum) or period < _SAMPLES * position.step
+    kind: Kind = "unknown" if coarse else "stick-slip" if still > _STILL else "instability"
+    swing = float(np.median(duties)) if duties else None
+    sticks = kind == "stick-slip"
+    return LimitCycle(
+        amplitude, period, float(weight.sum() / seconds), kind, still,
+        (min(c.level for c in cycling), max(c.level for c in cycling)), swing,
+        _MARGIN * max(c.off for c in cycling) if sticks else None,
+        _MARGIN * swing if sticks and swing is not None else None,
+    )  # fmt: skip
+
+
+def _held(position: Series, rest: Rest, duty: Series | None, quantum: float) -> _Held | None:
+    begin, end = rest.begin + _SETTLES, min(rest.end, float(position.time[-1]))
+    if end - begin < _SHORTEST:
+        return None
+    time = np.arange(begin, end, position.step)
+    value = np.interp(time, position.time, position.value)
+    level = 0.5 * (rest.first + rest.last)
+    nothing = _Held(float(end - begin), level, 0.0, None, 0.0, None, 0.0)
+    moved = value - np.polyval(np.polyfit(time - begin, value, 1), time - begin)
+    if time.size < 8 or np.ptp(moved) < max(2.0 * quantum, 1e-9):
+        return nothing
+    period = _period(moved, position.step)
+    if period is None or end - begin < _PERIODS * period:
+        return nothing
+    smooth = _smoothed(moved, period, position.step)
+    swings = _swings(smooth, period, position.step)
+    if swings[-1] < _DECAYS * swings[0] or np.median(swings) < quantum:
+        return nothing
+    return _Held(float(end - begin), level, float(np.median(swings)), period, _still(smooth, period, position.step),
+                 _of_duty(duty, begin, end, period), float(np.quantile(np.abs(value - level), 0.98)))  # fmt: skip
+
+
+def _period(moved: np.ndarray, step: float) -> float | None:
+    """Where the autocorrelation is highest after it has first fallen below 0, s; None where it stays below 0.5."""
+    n = moved.size
+    spectrum = np.fft.rfft(moved, 2 * n)
+    lags = np.fft.irfft(np.abs(spectrum) ** 2)[: int(n / _PERIODS) + 2]
+    lags = lags / np.arange(n, n - lags.size, -1)
+    lags = lags / max(lags[0], 1e-300)
+    below = np.flatnonzero(lags < 0.0)
+    if not below.size:
+        return None
+    after = lags[below[0] :]
+    inside = np.flatnonzero((after[1:-1] >= after[:-2]) & (after[1:-1] >= after[2:])) + 1
+    tall = [k for k in inside if after[k] >= _REPEATS]
+    if not tall:
+        return None
+    most = max(after[k] for k in tall)
+    first = next(k for k in tall if after[k] >= _AS_TALL * most) + below[0]
+    left, top, right = lags[first - 1 : first + 2]
+    bend = left - 2.0 * top + right
+    period = first + (0.5 * (left - right) / bend if bend < 0.0 else 0.0)
+    # of few samples a period a multiple of it may repeat better: the strongest tone says how often it goes into it
+    power = np.abs(spectrum) ** 2
+    return float(step * period / max(round(period * int(np.argmax(power)) / (2 * n)), 1))
+
+
+def _smoothed(moved: np.ndarray, period: float, step: float) -> np.ndarray:
+    """A moving mean over a twentieth of the period."""
+    width = max(round(0.05 * period / step), 1)
+    return np.convolve(moved, np.ones(width) / width, "valid")
+
+
+def _swings(moved: np.ndarray, period: float, step: float) -> np.ndarray:
+    """Half of what it moves to and fro in each period, in their order."""
+    width = max(round(period / step), 2)
+    parts = [moved[k : k + width + 1] for k in range(0, max(moved.size - width, 1), width)]
+    return np.array([0.5 * np.ptp(part) for part in parts])
+
+
+def _still(moved: np.ndarray, period: float, step: float) -> float:
+    """Share of the time in which it is slower than a quarter of its highest speed."""
+    width = max(round(0.1 * period / step), 1)
+    way = np.abs(moved[width:] - moved[:-width])
+    return float(np.mean(way < _SLOW * np.quantile(way, 0.98)))
+
+
+def _of_duty(duty: Series | None, begin: float, end: float, period: float) -> float | None:
+    if duty is None:
+        return None
+    seen = (duty.time >= begin) & (duty.time <= end)
+    if seen.sum() < 8:
+        return None
+    swings = _swings(_smoothed(duty.value[seen], period, duty.step), period, duty.step)
+    return float(np.median(swings))

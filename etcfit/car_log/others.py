@@ -1,0 +1,76 @@
+"""What else of the throttle a log holds: duty, and both sensors of the plate, by the names that ECUs give them."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from .log import Series
+
+DUTY, SECOND, VOLTS_1, VOLTS_2 = "duty", "position 2", "sensor 1", "sensor 2"
+
+_HEADER = re.compile(r"(?P<name>.+?)\s*(?:[\[(]\s*(?P<unit>[^\[\]()]*?)\s*[\])])?\s*")
+
+# in small letters, without what is no letter or number; an injector's duty is none of them
+_DUTY = ("duty", "etbduty", "etbdutycycle", "dbwduty", "dbwdutycycle", "dbwmotorduty", "ethrottleduty",
+         "throttleduty", "ethrottlemotorduty", "throttlemotorduty", "etbmotorduty", "motorduty", "etb1duty",
+         "ethrottle1motordc")  # fmt: skip
+_FIRST = ("tps1", "tps", "tpmain", "tpsmain", "tpsa", "tps1a", "rawtps1primary", "rawtps1", "tps1primary", "tps1pri",
+          "throttleposition1", "throttlepositiona", "etbposition1", "tpsvoltage", "tps1voltage",
+          "tpmainvoltage")  # fmt: skip
+_SECOND = ("tps2", "tpsub", "tpssub", "tpsb", "tps1b", "rawtps1secondary", "tps1secondary", "tps1sec",
+           "throttleposition2", "throttlepositionb", "etbposition2", "tps2voltage", "tpsubvoltage")  # fmt: skip
+
+
+def _plain(name: str) -> str:
+    return re.sub(r"[^a-z0-9]", "", name.casefold())
+
+
+def _named(header: str, names: Sequence[str], units: Sequence[str]) -> tuple[int, str] | None:
+    """How sure a header is one of these, 0 the surest, and its unit; None where it is not."""
+    match = _HEADER.fullmatch(header.strip())
+    if match is None:
+        return None
+    name, unit = _plain(match["name"]), (match["unit"] or "").casefold()
+    if name not in names:  # brackets that are part of the name, as in "TP (Sub)"
+        name, unit = _plain(header), ""
+    if name.endswith("voltage") and not unit:
+        unit = "v"
+    return (names.index(name), unit) if name in names and unit in units else None
+
+
+def found(header: Sequence[str]) -> dict[str, tuple[int, str]]:
+    """Place and unit of each quantity that is there."""
+    wanted = {DUTY: (_DUTY, ("%", "", "1")), SECOND: (_SECOND, ("%", "")), VOLTS_1: (_FIRST, ("v", "mv")),
+              VOLTS_2: (_SECOND, ("v", "mv"))}  # fmt: skip
+    out: dict[str, tuple[int, str]] = {}
+    for quantity, (names, units) in wanted.items():
+        ranked = [(named[0], k, named[1]) for k, text in enumerate(header) if (named := _named(text, names, units))]
+        if ranked:
+            _, place, unit = min(ranked)
+            out[quantity] = place, unit
+    return out
+
+
+def series(time: np.ndarray, columns: Sequence[np.ndarray], places: Mapping[str, tuple[int, str]]) -> dict[str, Series]:
+    """Each quantity on the times at which it was logged: duty and position in per cent, sensors in V.
+
+    Args:
+        time: s, shape (n,).
+        columns: of the table, shape (n,) each.
+        places: as of `found`.
+    """
+    out = {}
+    for quantity, (place, unit) in places.items():
+        there = np.isfinite(time) & np.isfinite(columns[place])
+        t, value = time[there], columns[place][there]
+        ahead = t > np.concatenate(([-np.inf], np.maximum.accumulate(t)[:-1]))
+        if ahead.sum() < 2:
+            continue
+        value = value[ahead] * (1e-3 if unit == "mv" else 1.0)
+        if quantity == DUTY and (unit == "1" or (not unit and np.abs(value).max() <= 1.0)):
+            value = 100.0 * value
+        out[quantity] = Series(t[ahead], value)
+    return out

@@ -1,0 +1,248 @@
+"""Two sensors of one plate: their ends, whether they agree, and what is odd about the pair.
+
+    x = (s_1 - closed_1)/(open_1 - closed_1),    s_2 = closed_2 + (open_2 - closed_2) min(x/x_s, 1)
+
+x_s < 1 where the second sensor reaches its end before the plate does (Ford about 0.53, Toyota ETCS-i about 0.65).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from .log import Series
+from .steps import noise_of
+from .tracking import longest
+
+_NEAR = 0.015  # of the span: samples so near to an end are at it
+_DWELL = 0.2  # s that a sweep must rest at an end, for it to be the stop's
+_FULL = 0.93  # of the travel: a second sensor that stops later goes all the way
+_BINS = 50
+_BEND = 0.02  # of the second one's span: a straight line that is further off (rms) has a bend
+_CLOSER = 0.5  # share of what the line leaves that the bend must leave at most
+_HIGH = 0.65  # share of the span: no plate rests so far open without current
+_BLIND = 0.1  # of the span that the one moves while the other stands at its end: then it is the other that stops
+_SAME = 0.05  # of the span of rig.toml's [tps] within which two ends are the same
+_LASTS = 0.1  # s that a difference must last
+_COUNTS = 200.0  # of rusEFI, a volt
+
+
+@dataclass(frozen=True)
+class Ends:
+    """What a sensor shows with the plate closed and open, in `Sensors.unit`."""
+
+    closed: float
+    opened: float
+
+    @property
+    def span(self) -> float:
+        """opened - closed; below 0 where it falls while the plate opens."""
+        return self.opened - self.closed
+
+
+@dataclass(frozen=True)
+class Sensors:
+    """Both sensors of a plate, from one sweep or drive.
+
+    Args:
+        unit: "V", or "%" where the log holds what the ECU made of them.
+        first, second: their ends, as far as the log shows them.
+        stops: share of the travel at which the second is at its end, per cent; 100 where it goes all the way.
+        late: share of the travel at which the second begins to move, per cent; 0 where it moves from the begin.
+        crossed: why the two seem to be exchanged; "" where they do not.
+        dwelt: whether the plate rests at (closed, open) for 0.2 s: else these ends may not be the stops.
+        apart: largest difference that lasts 0.1 s, per cent of travel.
+        apart_rms: root mean square of the difference, likewise.
+    """
+
+    unit: str
+    first: Ends
+    second: Ends
+    stops: float
+    late: float
+    crossed: str
+    dwelt: tuple[bool, bool]
+    apart: float
+    apart_rms: float
+
+    @property
+    def findings(self) -> tuple[str, ...]:
+        """What is to be known of the pair, a sentence each."""
+        return tuple(self._findings())
+
+    def _findings(self) -> Iterator[str]:
+        if self.crossed:
+            yield f"The two sensors seem to be exchanged: {self.crossed}"
+        for name, ends in (("first", self.first), ("second", self.second)):
+            if ends.span < 0.0:
+                yield (f"The {name} sensor is turned: it falls from {ends.closed:.3g} to {ends.opened:.3g} {self.unit} "
+                       f"while the plate opens.{self._usual(name)}")  # fmt: skip
+        if self.stops < 100.0:
+            yield (f"The second sensor stops at {self.stops:.0f} % of the travel: beyond it only the first one tells "
+                   "where the plate is.")  # fmt: skip
+        if self.late > 0.0:
+            yield f"The second sensor begins to move at {self.late:.0f} % of the travel only."
+        for dwelt, name in zip(self.dwelt, ("closed", "open"), strict=True):
+            if not dwelt:
+                yield (f"The plate does not rest at the {name} end of this log: the {name} values may not be the "
+                       f"stop's. Hold it against the {name} stop for a second.")  # fmt: skip
+
+    def _usual(self, name: str) -> str:
+        if name == "second" and self.first.span > 0.0:
+            return " Many bodies are made so; the ECU then wants the higher value as closed."
+        return ""
+
+    @property
+    def table(self) -> tuple[Setting, ...]:
+        """What to type into ECUs; nothing where the log holds per cent, for an ECU is calibrated in volts."""
+        return tuple(self._table()) if self.unit == "V" else ()
+
+    def _table(self) -> Iterator[Setting]:
+        names = ("tpsMin", "tpsMax", "tps1SecondaryMin", "tps1SecondaryMax")
+        values = (self.first.closed, self.first.opened, self.second.closed, self.second.opened)
+        for name, value in zip(names, values, strict=True):
+            yield Setting("rusEFI, FOME", name, round(_COUNTS * value), "counts of 5 mV")
+        partial = round(self.stops) if self.stops < 100.0 else 0
+        yield Setting("rusEFI, FOME", "tpsSecondaryMaximum", partial, "% (0: it goes all the way)")
+        places = ("first, 0 %", "first, 100 %", "second, 0 %", f"second, {self.stops:.0f} %")
+        for name, value in zip(places, values, strict=True):
+            yield Setting("Haltech and others", name, round(value, 3), "V")
+
+
+@dataclass(frozen=True)
+class Setting:
+    """One cell of an ECU's calibration.
+
+    Args:
+        ecu: for which.
+        name: as that ECU calls it.
+        value: in `unit`.
+        unit: of it.
+
+    Source: rusEFI's tps.h (TPS_TS_CONVERSION 200 counts a volt) and its configuration; the FOME wiki's "ETB
+    redundancy"; Haltech's "Throttle Position Sensor": voltages at 0 % and 100 %.
+    That FOME counts as rusEFI does is assumed.
+    """
+
+    ecu: str
+    name: str
+    value: float
+    unit: str
+
+
+def two_sensors(
+    first: Series, second: Series, unit: str, opens: float, tps: tuple[float, float] | None = None
+) -> Sensors | None:
+    """Study a pair; None where the first one hardly moves.
+
+    Args:
+        first, second: as logged, in `unit`.
+        unit: "V" or "%".
+        opens: 1 where the first rises while the plate opens, -1 where it falls, 0 where nothing tells: then the plate
+            is taken to begin near its closed end, where its springs hold it.
+        tps: (closed, open) of the first sensor as rig.toml's [tps] has it, V.
+    """
+    inside = (first.time >= second.time[0]) & (first.time <= second.time[-1])
+    time, one = first.time[inside], first.value[inside]
+    two = np.interp(time, second.time, second.value)
+    if time.size < 20 or np.ptp(one) < 10.0 * noise_of(one) or np.ptp(one) == 0.0:
+        return None
+    blind, other = _blind(one, two), _blind(two, one)
+    crossed = ""
+    if blind > _BLIND and other < _BLIND:
+        crossed = "the first one stops half way while the second goes on. Exchange their inputs."
+        one, two, opens = two, one, opens * _sign(one, two)
+    ends, dwelt = _ends(time, one, opens)
+    share = (one - ends.closed) / ends.span
+    low, high, late, stops = _second(share, two)
+    pair = Ends(low, high)
+    if not crossed and tps is not None and _like(pair, tps) and not _like(ends, tps):
+        crossed = "the second one has the voltages that [tps] of rig.toml gives for the first. Exchange their inputs."
+    shown = np.clip((two - low) / (high - low) if high != low else 0.0 * two, -0.5, 1.5) * (stops - late) + late
+    # where the log holds per cent the ECU's own figures are held against each other, not new ends of them
+    apart = (shown - np.clip(share, late, stops)) * 100.0 if unit == "V" else _as_logged(one, two, share, stops)
+    if crossed and blind > _BLIND:
+        ends, pair = pair, ends
+    return Sensors(unit, ends, pair, 100.0 * stops, 100.0 * late, crossed, dwelt, _lasting(np.abs(apart), time),
+                   float(np.sqrt(np.mean(apart**2))))  # fmt: skip
+
+
+def _as_logged(one: np.ndarray, two: np.ndarray, share: np.ndarray, stops: float) -> np.ndarray:
+    return np.where(share <= stops, two - one, 0.0) if stops < 1.0 else two - one
+
+
+def _sign(one: np.ndarray, two: np.ndarray) -> float:
+    return float(np.sign(np.cov(one, two)[0, 1])) or 1.0
+
+
+def _like(ends: Ends, tps: tuple[float, float]) -> bool:
+    room = _SAME * abs(tps[1] - tps[0])
+    return abs(ends.closed - tps[0]) < room and abs(ends.opened - tps[1]) < room
+
+
+def _blind(one: np.ndarray, two: np.ndarray) -> float:
+    """How much of its span the second moves while the first stands at one of its ends, 0 to 1."""
+    low, high = np.quantile(one, [0.005, 0.995])
+    near = 0.02 * (high - low)
+    span = np.ptp(np.quantile(two, [0.005, 0.995]))
+    moved = [
+        np.ptp(np.quantile(two[part], [0.02, 0.98])) for part in (one <= low + near, one >= high - near) if part.any()
+    ]
+    return float(max(moved) / span) if span > 0.0 else 0.0
+
+
+def _ends(time: np.ndarray, value: np.ndarray, opens: float) -> tuple[Ends, tuple[bool, bool]]:
+    """Closed and open of a sensor, and whether the plate rests there."""
+    low, high = np.quantile(value, [0.002, 0.998])
+    room = max(_NEAR * (high - low), 4.0 * noise_of(value))
+    at = (value <= low + room), (value >= high - room)
+    means = [float(np.median(value[part])) for part in at]
+    dwelt = [longest(time, part) >= _DWELL for part in at]
+    if opens == 0.0:
+        begin = float(np.median(value[time <= time[0] + 0.2]))
+        opens = -1.0 if (begin - low) / (high - low) > _HIGH else 1.0
+    if opens < 0.0:
+        means, dwelt = means[::-1], dwelt[::-1]
+    return Ends(*means), (dwelt[0], dwelt[1])
+
+
+def _second(share: np.ndarray, two: np.ndarray) -> tuple[float, float, float, float]:
+    """The second one's ends, and between which shares of the travel it moves: the best line, bent where that is better.
+
+    A bend is one of many tried places; each value is the median of those in one of 50 bins of the travel.
+    """
+    edges = np.linspace(0.0, 1.0, _BINS + 1)
+    place = np.clip(np.searchsorted(edges, share) - 1, 0, _BINS - 1)
+    full = [k for k in range(_BINS) if np.any(place == k)]
+    x = np.array([np.median(np.clip(share[place == k], 0.0, 1.0)) for k in full])
+    y = np.array([np.median(two[place == k]) for k in full])
+    tried = [
+        (0.0, 1.0),
+        *((0.0, s) for s in np.arange(0.2, _FULL, 0.005)),
+        *((s, 1.0) for s in np.arange(0.07, 0.8, 0.01)),
+    ]
+    costs = [_line(x, y, *each) for each in tried]
+    straight, best = costs[0], min(range(len(tried)), key=lambda k: costs[k][0])
+    span = float(np.ptp(y))
+    if straight[0] <= _BEND * span or costs[best][0] > _CLOSER * straight[0]:
+        best = 0
+    _, low, high = costs[best]
+    return low, high, *tried[best]
+
+
+def _line(x: np.ndarray, y: np.ndarray, begin: float, end: float) -> tuple[float, float, float]:
+    """Root mean square error, and both ends, of a line from `begin` to `end` that is flat outside."""
+    bent = np.clip((x - begin) / (end - begin), 0.0, 1.0)
+    matrix = np.stack([1.0 - bent, bent], axis=1)
+    found = np.linalg.lstsq(matrix, y, rcond=None)[0]
+    return float(np.sqrt(np.mean((matrix @ found - y) ** 2))), float(found[0]), float(found[1])
+
+
+def _lasting(size: np.ndarray, time: np.ndarray) -> float:
+    """The largest value that is kept up for 0.1 s."""
+    from scipy.ndimage import minimum_filter1d
+
+    count = max(round(_LASTS / float(np.median(np.diff(time)))), 1)
+    return float(minimum_filter1d(size, count)[count // 2 : size.size - count // 2].max()) if size.size > count else 0.0

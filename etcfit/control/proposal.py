@@ -1,0 +1,98 @@
+"""New gains as steps away from those that are in the ECU now: the safe half-way step first, then what is proposed.
+
+    half way:  g = sqrt(g_present g_proposed), gain by gain; half of what is proposed where there is none now
+
+What each does is worked out on the fitted model in every scenario of the design, over all of its draws.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from .design import Design
+from .judged import over_models
+from .pid import Gains
+from .pid.requirements import Metrics
+from .pid.response import Judged, judge_each
+
+PRESENT, HALF_WAY, PROPOSED = "present", "half_way", "proposed"
+SHOWN = "large steps"  # the scenario that a next log is compared by, and that is drawn
+
+
+@dataclass(frozen=True, eq=False)
+class GainStep:
+    """What the model says of one set of gains.
+
+    Args:
+        name: PRESENT, HALF_WAY or PROPOSED.
+        gains: SI.
+        figures: of the nominal model, the worst of all scenarios.
+        scenarios: of the nominal model, by scenario.
+        overshoot: of the large steps, 2.5, 50 and 97.5 % of the draws, %.
+        settling: the same, s; infinite where it does not settle.
+        probability_met: share of the draws that meet every requirement.
+        probability_stable: share of the draws whose linear loop is stable.
+        better: share of the draws on which it tracks better than the present gains; None of these, or without them.
+        time: of the large steps, s from their begin, shape (K,).
+        asked: setpoint there, share of the travel, shape (K,).
+        position: of the nominal model there, share of the travel, shape (K,).
+    """
+
+    name: str
+    gains: Gains
+    figures: Metrics
+    scenarios: Mapping[str, Judged]
+    overshoot: tuple[float, float, float]
+    settling: tuple[float, float, float]
+    probability_met: float
+    probability_stable: float
+    better: float | None
+    time: np.ndarray
+    asked: np.ndarray
+    position: np.ndarray
+
+
+def half_way(present: Gains, proposed: Gains) -> Gains:
+    """See the module."""
+    return Gains(*(math.sqrt(a * b) if a > 0.0 else 0.5 * b for a, b in zip(present, proposed, strict=True)))
+
+
+def gain_steps(design: Design, present: Gains | None) -> tuple[GainStep, ...]:
+    """The present gains, the half-way ones and those that are proposed; the last alone where nobody said the first."""
+    every = {PROPOSED: design.proposed}
+    if present is not None:
+        every = {PRESENT: present, HALF_WAY: half_way(present, design.proposed), **every}
+    task = design.task
+    stacked = Gains(*(np.array(column, dtype=float) for column in zip(*every.values(), strict=True)))
+    found = over_models(task, task.loop.heard_anew() if task.ecu.noise > 0.0 else task.loop, stacked)
+    time = task.setpoint.instants(task.ecu.period)
+    levels = task.setpoint.only(SHOWN)
+    seen = (time >= levels[0].begins - 0.1) & (time < levels[-1].ends)
+    steps = []
+    for k, (name, gains) in enumerate(every.items()):
+        one, each = found.of(k), judge_each(task.setpoint, time, found.share[:, k])
+        nominal = [float(figure[0]) for figure in one.figures]
+        margins = [float(one.gain_margin[0]), float(one.phase_margin[0])]
+        better = (
+            float(np.mean(one.figures.rmse_pct < found.of(0).figures.rmse_pct))
+            if name != PRESENT and len(every) > 1
+            else None
+        )
+        steps.append(GainStep(
+            name, Gains(*(float(gain) for gain in gains)), Metrics(*nominal[:4], *margins, *nominal[4:]),
+            {scenario: Judged(*(float(figure[0]) for figure in figures)) for scenario, figures in each.items()},
+            _spread(each[SHOWN].overshoot_pct), _spread(each[SHOWN].settling_s),
+            float(np.mean(one.met(task.requirements))), float(np.mean(one.gain_margin > 0.0)), better,
+            time[seen] - levels[0].begins, task.setpoint.at(time[seen]), found.share[0, k, seen],
+        ))  # fmt: skip
+    return tuple(steps)
+
+
+def _spread(figures: np.ndarray) -> tuple[float, float, float]:
+    """2.5, 50 and 97.5 % of the draws; one of them each, so that an infinite figure stays one."""
+    low, middle, high = np.quantile(figures, (0.025, 0.5, 0.975), method="nearest")
+    return float(low), float(middle), float(high)

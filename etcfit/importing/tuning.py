@@ -1,0 +1,316 @@
+"""Logs of a car -> a measurement folder that a fit takes: what drives the model, what is held out, and whether the logs
+can tell gains at all.
+
+The input of the model is the logged duty where each tick of the ECU has a row of its own. A slower log does not say
+what the duty did between two rows; then the ECU itself becomes a part of the model, which needs the setpoint and the
+gains that are in it now.
+
+A row of a log has what the ECU knew at its last tick, which is up to a period T old. So the position is believed within
+
+    sigma^2 = sigma_sensor^2 + v^2 T^2 / 12,    v the rms of the plate's speed while it moves.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import PurePosixPath
+
+import numpy as np
+
+from ..errors import MeasurementError
+from ..model.ecu import Ecu, Notation, Terms
+from ..ranges import check_ranges, real, whole
+from ..rig.base import Channel, Measurement, Rig
+from ..rig.checks.slow_log import SlowLog
+from ..rig.comments import toml_string
+
+DUTY, ECU = "duty", "ecu"
+EFFECTS = ("limp_home_spring", "stribeck_friction")  # which every electronic throttle has
+_PERCENT = 100.0
+
+
+@dataclass(frozen=True)
+class TuneSettings:
+    """What decides whether logs of a car can tell gains.
+
+    Args:
+        hold_out: share of the longest log, its end, that is predicted and not fitted.
+        most_samples: that are fitted of all logs together; of more, the stretches in which the setpoint moves most.
+        a_tick: rows per period of the ECU's clock from which on the duty is the input.
+        reach: share of the travel over which the plate must move at least.
+        moves: of the plate by 5 % of the travel, at least.
+        saturated: share of the rows with the duty at its limit above which the log is doubtful.
+        blind: the same, above which it tells nothing.
+        at_limit: share of the ECU's largest duty that counts as its limit.
+        supply: V, where neither the log nor the user says it.
+    """
+
+    hold_out: float = real(0.4, 0.0, 0.8)
+    most_samples: int = whole(12_000, 100, 10**7)
+    a_tick: float = real(0.8, 0.0, 100.0)
+    reach: float = real(0.2, 0.0, 1.0)
+    moves: int = whole(6, 0, 10_000)
+    saturated: float = real(0.2, 0.0, 1.0)
+    blind: float = real(0.6, 0.0, 1.0)
+    at_limit: float = real(0.98, 0.5, 1.0)
+    supply: float = real(13.5, 1.0, 100.0)
+
+    __post_init__ = check_ranges
+
+
+@dataclass(frozen=True)
+class KnownEcu:
+    """What is known of the ECU that drove the logs.
+
+    Args:
+        title: of its make.
+        ecu: its controller, the gains apart.
+        clock_known: its period is published, or was said.
+        notation: how it writes gains.
+        gains: that are in it now, as it writes them; None where nobody said.
+        supply: V; None where nobody said.
+    """
+
+    title: str
+    ecu: Ecu
+    clock_known: bool
+    notation: Notation
+    gains: Terms | None = None
+    supply: float | None = None
+
+
+@dataclass(frozen=True)
+class LogCheck:
+    """One thing that a log must have.
+
+    Args:
+        name: of it.
+        passed: whether it has it.
+        stops: without it there are no gains.
+        says: what was found.
+        cure: what to record, or to say; "" where it passed.
+    """
+
+    name: str
+    passed: bool
+    stops: bool
+    says: str
+    cure: str = ""
+
+
+@dataclass(frozen=True)
+class TuneInput:
+    """A measurement folder to be, and why it is so.
+
+    Args:
+        model: DUTY or ECU: what drives the model.
+        why: in words.
+        checks: of the logs.
+        files: path inside the folder -> text.
+        held_out: the file that is predicted only; "" where none is.
+        supply: V.
+        noise: of one reading of the sensor, rad.
+    """
+
+    model: str
+    why: str
+    checks: tuple[LogCheck, ...]
+    files: Mapping[str, str]
+    held_out: str
+    supply: float
+    noise: float
+
+    @property
+    def stopped_by(self) -> tuple[LogCheck, ...]:
+        """What the logs lack, without which there are no gains."""
+        return tuple(check for check in self.checks if check.stops and not check.passed)
+
+
+def tune_input(rig: Rig, name: str, known: KnownEcu, settings: TuneSettings = TuneSettings()) -> TuneInput:
+    """Choose the model, check the logs, and write the folder.
+
+    Args:
+        rig: the logs as the importer reads them.
+        name: of the new rig.
+        known: of the ECU.
+        settings: what decides.
+    Raises:
+        MeasurementError: no log has a position with a duty or a setpoint beside it.
+    """
+    logs = [log for log in rig.measurements if "position" in log.channels and {"duty", "setpoint"} & set(log.channels)]
+    if not logs:
+        there = ", ".join(sorted({channel for log in rig.measurements for channel in log.channels}))
+        raise MeasurementError(rig.folder, f"no log with a position and a duty or setpoint; found were {there}.",
+                               "Gains need position, and the ECU's duty or its target.",
+                               "Log both, or name the columns: --column 'HEADER=duty [%]'.")  # fmt: skip
+    supply = _supply(logs, known, settings)
+    model, why, rate = _model(rig, logs, known, settings)
+    checks = (rate, *_motion(logs, rig, settings), _saturation(logs, known, settings))
+    noise = float(np.median([log.channels["position"].sigma for log in logs]))
+    within = math.hypot(noise, _speed(logs) * known.ecu.period / math.sqrt(12.0))
+    files, held_out = _texts(logs, name, model, replace(known, supply=supply), within, settings)
+    return TuneInput(model, why, checks, files, held_out, supply, noise)
+
+
+def _speed(logs: Sequence[Measurement]) -> float:
+    """Rms of the plate's speed over the rows in which it moves more than it does on average, rad/s."""
+    channels = [log.channels["position"] for log in logs]
+    speed = np.concatenate([np.abs(np.gradient(channel.value, channel.time)) for channel in channels])
+    return float(np.sqrt(np.mean(speed[speed > np.mean(speed)] ** 2))) if speed.any() else 0.0
+
+
+def _supply(logs: Sequence[Measurement], known: KnownEcu, settings: TuneSettings) -> float:
+    """As said, else the logged one's median, else as assumed."""
+    if known.supply is not None:
+        return known.supply
+    logged = [log.channels["supply"].value for log in logs if "supply" in log.channels]
+    return float(np.median(np.concatenate(logged))) if logged else settings.supply
+
+
+def _rate(log: Measurement) -> float:
+    """Rows a second."""
+    return 1.0 / float(np.median(np.diff(log.time)))
+
+
+def _model(rig: Rig, logs: Sequence[Measurement], known: KnownEcu, settings: TuneSettings) -> tuple[str, str, LogCheck]:
+    """What drives the model, why, and whether the log is fast enough for it."""
+    rate = min(map(_rate, logs))
+    rows = rate * known.ecu.period
+    slow = next((finding for finding in rig.findings if finding.kind == SlowLog.kind), None)
+    fast_enough = rows >= settings.a_tick if known.clock_known else slow is None
+    clock = f"the ECU computes a new duty every {1e3 * known.ecu.period:g} ms"
+    has_duty = all("duty" in log.channels for log in logs)
+    can_follow = all("setpoint" in log.channels for log in logs) and known.gains is not None
+    if has_duty and fast_enough:
+        because = clock if known.clock_known else "nothing shows that the duty changes between two rows"
+        why = f"the logged duty is the input: {rate:.4g} rows a second, and {because}"
+        return DUTY, why, LogCheck("fast enough", True, True, why)
+    lacks = ("no duty was logged" if not has_duty else
+             f"at {rate:.4g} rows a second the log misses duties, for {clock}" if known.clock_known else
+             f"at {rate:.4g} rows a second the duty changes between two rows")  # fmt: skip
+    if can_follow:
+        why = f"the ECU is a part of the model, with the gains that are in it now: {lacks}"
+        return ECU, why, LogCheck("fast enough", True, True, why)
+    need = settings.a_tick / known.ecu.period
+    cure = (f"Log position, duty and battery at {need:.0f} Hz or faster; or log the target too and say which gains "
+            "are in the ECU now (--gains P,I,D or --msq FILE).")  # fmt: skip
+    return DUTY if has_duty else ECU, lacks, LogCheck("fast enough", False, True, lacks, cure)
+
+
+def _motion(logs: Sequence[Measurement], rig: Rig, settings: TuneSettings) -> tuple[LogCheck, ...]:
+    """How far and how often the plate moves."""
+    low, high = rig.config.travel
+    shares = [(log.channels["position"].value - low) / (high - low) for log in logs]
+    reach = max(float(np.max(each)) for each in shares) - min(float(np.min(each)) for each in shares)
+    moves = sum(_moves(each, 0.05) for each in shares)
+    return (
+        LogCheck("moves over the travel", reach >= settings.reach, True,
+                 f"the plate moves over {_PERCENT * reach:.0f} % of its travel",
+                 f"Open the throttle over {_PERCENT * settings.reach:.0f} % of its travel at least, engine off."),
+        LogCheck("moves often enough", moves >= settings.moves, True,
+                 f"{moves} moves of 5 % of the travel or more",
+                 "Record 20 s of brisk strokes and steps of the pedal, engine off: the ECU's bench test will do."),
+    )  # fmt: skip
+
+
+def _moves(share: np.ndarray, size: float) -> int:
+    """Strokes of a size at least, one way, from one turning point to the next."""
+    count, way, low, high = 0, 0, share[0], share[0]
+    for value in share:
+        # since the last stroke began only the end that it runs towards is of interest, else both
+        low, high = min(low, value), max(high, value)
+        if way <= 0 and value - low >= size:
+            count, way, high = count + 1, 1, value
+        elif way >= 0 and high - value >= size:
+            count, way, low = count + 1, -1, value
+    return count
+
+
+def _saturation(logs: Sequence[Measurement], known: KnownEcu, settings: TuneSettings) -> LogCheck:
+    """How often the duty is at its limit."""
+    duties = [log.channels["duty"].value for log in logs if "duty" in log.channels]
+    if not duties:
+        return LogCheck("duty within its limit", True, False, "no duty was logged, so its limit is not seen")
+    duty = np.abs(np.concatenate(duties))
+    share = float(np.mean(duty >= settings.at_limit * known.ecu.duty))
+    says = f"the duty is at its limit in {_PERCENT * share:.1f} % of the rows"
+    cure = "At its limit a duty tells nothing of the gains: record smaller steps, or begin with smaller gains."
+    return LogCheck("duty within its limit", share <= settings.saturated, share > settings.blind, says, cure)
+
+
+def _texts(
+    logs: Sequence[Measurement], name: str, model: str, known: KnownEcu, within: float, settings: TuneSettings
+) -> tuple[dict[str, str], str]:
+    """The folder, and the file in it that is held out."""
+    longest = max(logs, key=lambda log: float(log.time[-1] - log.time[0]))
+    share = settings.most_samples / max(1, sum(log.time.size for log in logs))
+    files, held_out = dict[str, str](), ""
+    for log in logs:
+        stem = re.sub(r"[^A-Za-z0-9]+", "_", PurePosixPath(log.file).stem).strip("_").casefold() or "log"
+        until = float(log.time[-1])
+        if log is longest and settings.hold_out > 0.0:
+            begin = float(log.time[-1] - settings.hold_out * (log.time[-1] - log.time[0]))
+            held_out, until = f"drive/{stem}_held_out.csv", begin
+            most = settings.most_samples if share < 1.0 else None
+            files[held_out] = _csv(log, model, *_busiest(log, begin, float(log.time[-1]), most))
+        most = None if share >= 1.0 else math.ceil(share * log.time.size)
+        files[f"drive/{stem}.csv"] = _csv(log, model, *_busiest(log, float(log.time[0]), until, most))
+    return {"rig.toml": _rig_toml(name, model, known, within, held_out), **files}, held_out
+
+
+def _busiest(log: Measurement, begin: float, end: float, most: int | None) -> tuple[float, float]:
+    """The stretch of so many rows within a part of a log in which the plate travels furthest, s."""
+    position = log.channels["position"]
+    inside = (position.time >= begin) & (position.time <= end)
+    time, value = position.time[inside], position.value[inside]
+    if most is None or time.size <= most:
+        return begin, end
+    way = np.concatenate(([0.0], np.cumsum(np.abs(np.diff(value)))))
+    k = int(np.argmax(way[most - 1 :] - way[: 1 - most]))
+    return float(time[k]), float(time[k + most - 1])
+
+
+_WRITTEN = {
+    "position": ("deg", 180.0 / math.pi),
+    "setpoint": ("deg", 180.0 / math.pi),
+    "duty": ("1", 1.0),
+    "supply": ("V", 1.0),
+}
+
+
+def _csv(log: Measurement, model: str, begin: float, end: float) -> str:
+    """One trace, from a begin to an end, s; without the duty where the ECU makes it."""
+    wanted = ("position", "setpoint") if model == ECU else ("position", "setpoint", "duty", "supply")
+    columns = {"time [s]": log.time}
+    for quantity in wanted:
+        if quantity in log.channels:
+            unit, factor = _WRITTEN[quantity]
+            columns[f"{quantity} [{unit}]"] = factor * _on(log.channels[quantity], log.time)
+    rows = np.column_stack(list(columns.values()))[(log.time >= begin) & (log.time <= end)]
+    lines = [",".join("" if math.isnan(cell) else f"{cell:.10g}" for cell in row) for row in rows]
+    return "\n".join([f"# from {log.file}", ",".join(columns), *lines, ""])
+
+
+def _on(channel: Channel, time: np.ndarray) -> np.ndarray:
+    """A channel at the rows' times; NaN where it was not logged."""
+    out = np.full(time.size, np.nan)
+    out[np.searchsorted(time, channel.time)] = channel.value
+    return out
+
+
+def _rig_toml(name: str, model: str, known: KnownEcu, within: float, held_out: str) -> str:
+    lines = ["# written by `etcfit tune`", "[rig]", f"name = {toml_string(name)}", f"supply_V = {known.supply:.6g}", "",
+             "[noise]  # sensor, and rows that are up to a tick of the ECU old",
+             f"position_deg = {math.degrees(within):.6g}", "", "[model]",
+             f"effects = [{', '.join(map(toml_string, EFFECTS))}]"]  # fmt: skip
+    if held_out:
+        lines += ["", "[holdout]", f"files = [{toml_string(held_out)}]"]
+    if model == ECU and known.gains is not None:
+        gains, ecu, notation = known.gains, known.ecu, known.notation
+        lines += ["", "[ecu]", *(f"{key} = {value:.10g}" for key, value in zip("PID", gains, strict=True)),
+                  f'unit = "{notation.unit}"', f'form = "{notation.form}"', f"period_ms = {1e3 * ecu.period:.10g}",
+                  f"filter_ms = {1e3 * ecu.filter:.10g}", f"delay_ms = {1e3 * ecu.delay:.10g}"]  # fmt: skip
+    return "\n".join([*lines, ""])

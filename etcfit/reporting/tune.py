@@ -1,0 +1,163 @@
+"""What `etcfit tune` shows: a table for the terminal and one picture."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from rich.console import Group, RenderableType
+from rich.text import Text
+
+from ..importing.tuning import DUTY
+from .blocks import headed, plain_table, sentences, spaced
+from .numbers import short
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+    from ..control.proposal import GainStep
+
+NAMES = {"present": "present", "half_way": "half way", "proposed": "proposed"}
+_SECONDS = 8.0  # of the held-out part that are drawn
+
+
+def tune_table(found: Any) -> RenderableType:
+    """What the logs hold, how well the model predicts them, and the way from the present gains to the proposed ones."""
+    parts = [
+        Text(f"{found.profile.title}: gains from logs of the car", style="bold"),
+        *([spaced(Text(f"NOT FROM THIS LOG. {found.why_not}", style="bold red"))] if found.why_not else []),
+        *([spaced(Text(" ".join(found.result.state.cautions), style="bold red"))] if _despite(found) else []),
+        headed("The logs", _checks(found)),
+        sentences("Model", list(_model(found))),
+    ]
+    if found.steps and not found.why_not:
+        parts += [headed("Gains, as this ECU writes them; the number behind x: over the present gain", _gains(found)),
+                  headed("What the model says they do: steps of 10 to 70 % of the travel and back", _figures(found)),
+                  sentences("Next", list(_next(found)))]  # fmt: skip
+    lacks = [f"{each.name} ({each.found:.3g} of {each.needed:g} {each.unit}): {each.record}" for each in found.lacks]
+    parts.append(sentences("To record next, for surer gains", lacks))
+    return Group(*(part for part in parts if part is not None))
+
+
+def _despite(found: Any) -> bool:
+    """Gains are given although the model behind them is no estimate."""
+    return found.result is not None and not found.why_not and bool(found.result.state.cautions)
+
+
+def _checks(found: Any) -> RenderableType:
+    table = plain_table("check", "", "found")
+    for check in found.input.checks:
+        word = "ok" if check.passed else "STOPS" if check.stops else "doubtful"
+        table.add_row(check.name, word, check.says if check.passed else f"{check.says}. {check.cure}")
+    return table
+
+
+def _model(found: Any) -> list[str]:
+    said = [f"{'duty' if found.input.model == DUTY else '[ecu]'}: {found.input.why}."]
+    if found.result is None:
+        return said
+    effects = ", ".join(e.name for e in found.result.free_parameters.layout.types[-4:])
+    held_out, fitted = found.explained
+    words = [f"It explains {100.0 * fitted:.1f} % of the fitted motion"] if fitted is not None else []
+    if held_out is not None:
+        words.append(f"{100.0 * held_out:.1f} % of the part that was held out, where it is off by "
+                     f"{short(found.held_out_error)} % of the travel (rms)")  # fmt: skip
+    chi2 = found.result.state.chi2_per_dof
+    return [*said, f"{', and '.join(words)}; chi2 per degree of freedom {short(chi2)}; with {effects}."]
+
+
+def _gains(found: Any) -> RenderableType:
+    units = found.profile.notation.of_each
+    table = plain_table("step", *(f"{name}\n{unit}" for name, unit in zip(found.profile.gains, units, strict=True)))
+    first = found.written(found.steps[0].gains)
+    for step in found.steps:
+        cells = []
+        for gain, before in zip(found.written(step.gains), first, strict=True):
+            factor = f"  x {gain / before:.2f}" if before and step is not found.steps[0] else ""
+            cells.append(f"{short(gain, 4)}{factor}")
+        table.add_row(NAMES[step.name], *cells)
+    return table
+
+
+def _figures(found: Any) -> RenderableType:
+    table = plain_table("step", "overshoot %\nlow..high", "settling s\nlow..high", "RMSE\n%", "gain\nmargin dB",
+                        "phase\nmargin deg", "P(meets all)", "P(better)")  # fmt: skip
+    doubted = _despite(found)
+    for step in found.steps:
+        chance = ("-", "-") if doubted else (
+            f"{step.probability_met:.2f}", "-" if step.better is None else f"{step.better:.2f}")  # fmt: skip
+        table.add_row(NAMES[step.name], _range(step.overshoot), _range(step.settling), short(step.figures.rmse_pct),
+                      short(step.figures.gain_margin_db), short(step.figures.phase_margin_deg), *chance)  # fmt: skip
+    return table
+
+
+def _range(each: tuple[float, float, float]) -> str:
+    low, _, high = (short(value, 2) if np.isfinite(value) else "never" for value in each)
+    return low if low == high else f"{low}..{high}"
+
+
+def _next(found: Any) -> list[str]:
+    """What to do, and what the next log should show."""
+    if len(found.steps) == 1:
+        return ["Say which gains are in the ECU now (--gains P,I,D or --msq FILE): then a half-way step is given too.",
+                "Type the proposed gains in with the engine off, and log the same moves again."]  # fmt: skip
+    half = found.steps[1]
+    return [
+        f"Type in the half-way gains first, engine off, and log large steps again: the log should show an overshoot of "
+        f"{_range(half.overshoot)} % and settle within {_range(half.settling)} s (95 % of the models that fit).",
+        "If it does, type in the proposed gains; if it does not, run tune again with that log.",
+    ]  # fmt: skip
+
+
+def draw_tune(path: Path, found: Any) -> None:
+    """Measured and predicted on the held-out part; below, a large step with each set of gains."""
+    from . import style
+
+    with style.drawing():
+        fig = style.figure(11.0, 7.2, found.result.rig.config.synthetic)
+        grid = fig.add_gridspec(2, 1, left=0.07, right=0.98, top=0.89, bottom=0.08, hspace=0.45)
+        _prediction(fig.add_subplot(grid[0, 0]), found)
+        _steps(fig.add_subplot(grid[1, 0]), found)
+        title = f"{found.profile.title}  ·  " + ("NOT FROM THIS LOG: the model is no estimate" if found.why_not else
+                                                 "from the log to gains")  # fmt: skip
+        fig.suptitle(title, x=0.015, y=0.985, ha="left", va="top", fontsize=13)
+        style.save(fig, path)
+
+
+def _prediction(panel: Axes, found: Any) -> None:
+    """The busiest seconds of the held-out part; of the fitted one where nothing was held out."""
+    from . import style
+
+    result = found.result
+    problem = result.holdout or result.problem
+    trace = next(each for each in problem.batch.traces if "position" in each.channels)
+    k = trace.channels.index("position")
+    low, high = result.rig.config.travel
+    measured, predicted = (100.0 * (each[:, k] - low) / (high - low)
+                           for each in (trace.data, result.predicted[trace.measurement.file]))  # fmt: skip
+    time = np.asarray(trace.measurement.time)[: measured.size]
+    way = np.concatenate(([0.0], np.cumsum(np.abs(np.diff(np.nan_to_num(measured))))))
+    ends = np.interp(time + _SECONDS, time, way)
+    begin = float(time[int(np.argmax(ends - way))])
+    seen = (time >= begin) & (time <= begin + _SECONDS)
+    panel.plot(time[seen], measured[seen], color=style.MEASURED, lw=1.6, label="measured")
+    panel.plot(time[seen], predicted[seen], color=style.SIMULATED, lw=1.2, label="predicted, free running")
+    part = "held-out" if result.holdout is not None else "fitted"
+    share = found.explained[0] if result.holdout is not None else found.explained[1]
+    panel.set_title(f"{part} part: {100.0 * share:.1f} % of the motion explained", loc="left", fontsize=10)
+    panel.set(xlabel="time [s]", ylabel="throttle [% of travel]")
+    panel.legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=2, borderaxespad=0.2)
+
+
+def _steps(panel: Axes, found: Any) -> None:
+    from . import style
+
+    step: GainStep = found.steps[0]
+    panel.plot(step.time, 100.0 * step.asked, color="black", lw=1.0, ls="--", label="target")
+    colours = {"present": style.MEASURED, "half_way": style.CLOSING, "proposed": style.READING}
+    for step in found.steps:
+        panel.plot(step.time, 100.0 * step.position, color=colours[step.name], lw=1.6, label=NAMES[step.name])
+    panel.set_title("large steps, simulated with the fitted model", loc="left", fontsize=10)
+    panel.set(xlabel="time [s]", ylabel="throttle [% of travel]")
+    panel.legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=4, borderaxespad=0.2)

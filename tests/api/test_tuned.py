@@ -1,0 +1,127 @@
+"""From logs of a car to gains: what stops it, what is withheld, what is said."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from jsonschema import Draft202012Validator
+from typer.testing import CliRunner
+
+import etcfit
+import results
+from etcfit.api.tuned import Tuned, TuneRequest, keep_tuned, tuned_json
+from etcfit.cli import app
+from etcfit.control.design import ecu_of, propose, task_of
+from etcfit.control.pid import RULES, Gains
+from etcfit.control.proposal import gain_steps
+from etcfit.control.settings import DesignSettings, OptimumSettings
+from etcfit.estimation.compromise import Compromise
+from etcfit.importing.tuning import DUTY, LogCheck, TuneInput
+from etcfit.model.ecus import ECUS
+from independent.cars import draw_car, log_of, tracking_errors, write_log
+
+SCHEMA = Path(etcfit.__file__).parent / "run_folder" / "schemas" / "tune.schema.json"
+BRIEF = DesignSettings(
+    draws=4, optimum=OptimumSettings(searches=1, sweeps=1, population=8, elite=4, rounds=1, last_rounds=1)
+)
+ASKED = TuneRequest("rusefi", (1.0, 5.0, 0.01))
+
+
+def validated(written: dict[str, Any]) -> dict[str, Any]:
+    Draft202012Validator(json.loads(SCHEMA.read_text(encoding="utf-8"))).validate(written)
+    return written
+
+
+@pytest.fixture(scope="module")
+def tuned(tmp_path_factory: pytest.TempPathFactory) -> Tuned:
+    """A sound model, by one quick rule."""
+    result, rusefi = results.result(results.rig(tmp_path_factory.mktemp("rig"))), ECUS["rusefi"]
+    task = task_of(result.fitted(), ecu_of(result.fitted(), **rusefi.fixes), settings=BRIEF, profile=rusefi)
+    design = propose(result.fitted(), task, "damping_optimum", {"damping_optimum": RULES["damping_optimum"]}, "laplace")
+    steps = gain_steps(design, Gains(*(0.5 * gain for gain in design.proposed)))
+    told = TuneInput(DUTY, "so", (LogCheck("fast enough", True, True, "so"),), {}, "", 12.0, 1e-3)
+    return Tuned(rusefi, told, (), result, design, steps, (0.97, 0.98))
+
+
+def test_a_proposal_is_a_change_from_the_present_gains(tuned: Tuned) -> None:
+    written = validated({"schema": "etcfit.tune/1"} | tuned_json(tuned, ASKED))
+    assert written["verdict"] == "gains"
+    assert [step["name"] for step in written["steps"]] == ["present", "half_way", "proposed"]
+    assert written["steps"][1]["factors"] == pytest.approx(dict.fromkeys("PID", 2**0.5))
+    assert written["steps"][2]["factors"] == pytest.approx(dict.fromkeys("PID", 2.0))
+    shown = tuned.summary()
+    assert "x 1.41" in shown
+    assert "x 2.00" in shown
+    assert shown.index("half way") < shown.index("proposed")
+
+
+def compromised(tuned: Tuned) -> Tuned:
+    """The same of a model far from its data."""
+    assert tuned.result is not None
+    x = tuned.result.x
+    far = Compromise("the model is far from the data (chi2/dof 17)", ("drive",), x[None], np.eye(x.size)[None],
+                     np.full((1, x.size), np.nan))  # fmt: skip
+    return replace(tuned, result=replace(tuned.result, compromise=far))
+
+
+def test_gains_of_a_compromise_are_named_nowhere(tuned: Tuned) -> None:
+    far = replace(compromised(tuned), why_not="The parameters behind this are a compromise.")
+    written = validated({"schema": "etcfit.tune/1"} | tuned_json(far, ASKED))
+    assert written["verdict"] == "not from this log"
+    assert [step["gains"] is None for step in written["steps"]] == [False, True, True]
+    assert {step["probability_met"] for step in written["steps"]} == {None}
+    assert "NOT FROM THIS LOG" in far.summary()
+    assert "half way" not in far.summary()
+
+
+def test_asked_for_all_the_same_they_come_below_the_caution(tuned: Tuned) -> None:
+    shown = compromised(tuned).summary()
+    assert shown.index("a compromise, not estimates") < shown.index("half way")
+
+
+def test_the_picture_is_drawn(tuned: Tuned, tmp_path: Path) -> None:
+    keep_tuned(tmp_path, tuned, ASKED)
+    assert (tmp_path / "pictures" / "tune.png").stat().st_size > 10_000
+
+
+def test_a_log_that_tells_nothing_ends_with_1_and_what_to_record(tmp_path: Path) -> None:
+    car = replace(draw_car(9000), duration=8.0)  # 100 Hz, and nobody says the gains
+    write_log(tmp_path / "lap.csv", log_of(car, 9000))
+    done = CliRunner().invoke(
+        app, ["tune", str(tmp_path / "lap.csv"), "--ecu", "rusefi", "--out", str(tmp_path / "a"), "-q"]
+    )
+    assert done.exit_code == 1
+    assert "Next:   Log position, duty and battery at 400 Hz or faster" in done.stdout
+    written = validated(json.loads((tmp_path / "a" / "tune.json").read_text(encoding="utf-8")))
+    assert (written["verdict"], written["steps"], written["fit"]) == ("not from this log", [], None)
+    assert not (tmp_path / "a" / "fit.json").exists()
+
+
+SLIPS = [(("--gains", "1,2"), "three numbers"), (("--gains", "1,-2,3"), "negative"),
+         (("--ecu-period", "1ms"), "rusefi fixes it")]  # fmt: skip
+
+
+@pytest.mark.parametrize(("options", "said"), SLIPS)
+def test_a_slip_in_an_option_is_told_before_anything_is_read(
+    tmp_path: Path, options: tuple[str, str], said: str
+) -> None:
+    done = CliRunner().invoke(app, ["tune", "lap.csv", "--ecu", "rusefi", "--out", str(tmp_path / "a"), *options])
+    assert done.exit_code == 2
+    assert said in done.stderr
+
+
+@pytest.mark.slow
+def test_a_fast_log_leads_to_gains_that_are_better_on_the_car(tmp_path: Path) -> None:
+    car = draw_car(9003)
+    write_log(tmp_path / "lap.csv", log_of(car, 9003))
+    found = etcfit.tune(tmp_path / "lap.csv", "rusefi", tmp_path / "run", car.gains, quiet=True)
+    assert found.why_not == ""
+    assert found.explained[0] is not None
+    assert found.explained[0] > 0.98
+    p, i, d = (float(gain) for gain in found.written(found.steps[-1].gains))
+    assert tracking_errors(car, (p, i, d), 1)[0] < 0.8 * tracking_errors(car, car.gains, 1)[0]

@@ -1,0 +1,53 @@
+"""The way from the present gains to the proposed ones."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import results
+from etcfit.control.design import Design, ecu_of, propose, task_of
+from etcfit.control.pid import RULES, Gains
+from etcfit.control.proposal import HALF_WAY, PRESENT, PROPOSED, gain_steps, half_way
+from etcfit.control.settings import DesignSettings, OptimumSettings
+
+BRIEF = DesignSettings(
+    draws=4, optimum=OptimumSettings(searches=1, sweeps=1, population=8, elite=4, rounds=1, last_rounds=1)
+)
+
+
+@pytest.fixture(scope="module")
+def designed(tmp_path_factory: pytest.TempPathFactory) -> Design:
+    fitted = results.result(results.rig(tmp_path_factory.mktemp("rig"))).fitted()
+    task = task_of(fitted, ecu_of(fitted), settings=BRIEF)
+    return propose(fitted, task, "damping_optimum", {"damping_optimum": RULES["damping_optimum"]}, "laplace")
+
+
+def test_half_way_is_the_same_factor_twice() -> None:
+    half = half_way(Gains(2.0, 10.0, 0.0), Gains(8.0, 10.0, 0.4))
+    assert half == pytest.approx(Gains(4.0, 10.0, 0.2))  # nothing has no factor: half of what is proposed
+
+
+def test_each_step_is_tried_on_the_same_models(designed: Design) -> None:
+    sluggish = Gains(*(0.1 * gain for gain in designed.proposed))
+    present, half, proposed = gain_steps(designed, sluggish)
+    assert [step.name for step in (present, half, proposed)] == [PRESENT, HALF_WAY, PROPOSED]
+    assert present.figures.rmse_pct > half.figures.rmse_pct > proposed.figures.rmse_pct
+    assert (present.better, half.better, proposed.better) == (None, 1.0, 1.0)
+    assert proposed.gains == pytest.approx(designed.proposed)
+    # the same gains on the same model and noise are the design's own figures
+    quiet = replace(designed, task=replace(designed.task, ecu=designed.task.ecu._replace(noise=0.0)))
+    assert gain_steps(quiet, None)[0].figures.rmse_pct == pytest.approx(designed.chosen.nonlinear.rmse_pct, rel=1e-6)  # pyright: ignore
+
+
+def test_the_next_log_is_foretold_with_a_range(designed: Design) -> None:
+    (step,) = gain_steps(designed, None)
+    assert step.name == PROPOSED
+    assert step.better is None
+    low, middle, high = step.overshoot
+    assert 0.0 <= low <= middle <= high
+    assert step.time[0] < 0.0 < step.time[-1]
+    assert step.position.shape == step.asked.shape == step.time.shape
+    assert np.ptp(step.asked) == pytest.approx(0.6)

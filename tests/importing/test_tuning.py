@@ -1,0 +1,115 @@
+"""From logs of a car to a folder that a fit takes: which input, what is held out, and what stops it."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from etcfit.errors import MeasurementError
+from etcfit.importing.tuning import DUTY, ECU, KnownEcu, TuneInput, TuneSettings, tune_input
+from etcfit.model.ecu import Ecu, Terms
+from etcfit.model.ecus import RUSEFI
+from etcfit.rig.base import Rig
+from etcfit.rig.reader import read_folder
+
+DEFAULT = TuneSettings()
+GAINS = Terms(6.2, 40.0, 0.05)
+
+
+def known(gains: Terms | None = None) -> KnownEcu:
+    return KnownEcu("rusEFI", Ecu(**RUSEFI.completed({})), True, RUSEFI.notation, gains)
+
+
+def log(rate: float, amplitude: float = 30.0, at_limit: float = 0.0, duration: float = 10.0) -> Rig:
+    """A plate that follows a sine of 1 Hz, its duty with some noise, and at the limit for a share of the time."""
+    time = np.arange(0.0, duration, 1.0 / rate)
+    rng = np.random.default_rng(1)
+    position = 40.0 + amplitude * np.sin(2 * np.pi * time) + 0.02 * rng.standard_normal(time.size)
+    duty = 30.0 + 20.0 * np.sin(2 * np.pi * time + 0.5) + 0.5 * rng.standard_normal(time.size)
+    duty[: round(at_limit * time.size)] = 90.0
+    columns = {"time [s]": time, "position [%]": position, "setpoint [%]": 40.0 + amplitude * np.sin(2 * np.pi * time),
+               "duty [%]": duty, "supply [V]": np.full(time.size, 13.2)}  # fmt: skip
+    return Rig.from_frames({"drive/lap": pd.DataFrame(columns)}, {"rig": {"supply_V": 12.0}})
+
+
+def made(rig: Rig, gains: Terms | None = None, settings: TuneSettings = DEFAULT) -> TuneInput:
+    return tune_input(rig, "car", known(gains), settings)
+
+
+def stops(found: TuneInput) -> set[str]:
+    return {check.name for check in found.stopped_by}
+
+
+def test_a_log_with_a_row_for_every_tick_is_driven_by_its_duty() -> None:
+    found = made(log(500.0), GAINS)
+    assert (found.model, stops(found), found.supply) == (DUTY, set(), 13.2)
+    assert "every 2 ms" in found.why
+
+
+def test_a_slower_log_takes_the_ecu_into_the_model_where_its_gains_are_known() -> None:
+    found = made(log(100.0), GAINS)
+    assert (found.model, stops(found)) == (ECU, set())
+    assert "misses duties" in found.why
+    assert "duty" not in found.files["drive/lap.csv"].splitlines()[1]
+
+
+def test_a_slow_log_of_unknown_gains_tells_nothing_and_says_what_would() -> None:
+    found = made(log(100.0))
+    assert stops(found) == {"fast enough"}
+    assert "400 Hz" in found.stopped_by[0].cure
+    assert "--gains" in found.stopped_by[0].cure
+
+
+@pytest.mark.parametrize(("rig", "name"), [(log(500.0, amplitude=1.0), "moves over the travel"),
+                                           (log(500.0, at_limit=0.7), "duty within its limit"),
+                                           (log(500.0, duration=1.0), "moves often enough")])  # fmt: skip
+def test_a_log_that_cannot_tell_gains_is_stopped_with_a_cure(rig: Rig, name: str) -> None:
+    found = made(rig)
+    assert name in stops(found)
+    assert all(check.cure for check in found.stopped_by)
+
+
+def test_some_saturation_is_doubtful_and_does_not_stop() -> None:
+    found = made(log(500.0, at_limit=0.3))
+    assert {check.name for check in found.checks if not check.passed} == {"duty within its limit"}
+    assert stops(found) == set()
+
+
+def test_the_folder_is_one_and_its_end_is_held_out(tmp_path: Path) -> None:
+    found = made(log(100.0), GAINS)
+    for file, text in found.files.items():
+        (tmp_path / file).parent.mkdir(exist_ok=True)
+        (tmp_path / file).write_text(text, encoding="utf-8")
+    rig = read_folder(tmp_path)
+    parts = {measurement.file: measurement for measurement in rig.measurements}
+    assert {file: part.held_out for file, part in parts.items()} == {"drive/lap.csv": False, found.held_out: True}
+    assert parts[found.held_out].time[0] == pytest.approx(0.6 * 9.99, abs=0.02)
+    assert rig.config.ecu is not None
+    assert rig.config.ecu.period == pytest.approx(2e-3)
+    # P of 6.2 % of duty for one % of a travel of 90 degrees
+    assert rig.config.parameters["K_p"].value == pytest.approx(6.2 * 13.2 / (np.pi / 2))  # pyright: ignore
+
+
+def test_of_a_long_log_the_busiest_stretch_is_fitted() -> None:
+    rig = log(500.0)
+    found = made(rig, settings=TuneSettings(most_samples=1000))
+    rows = [len(text.splitlines()) - 2 for file, text in found.files.items() if file.endswith(".csv")]
+    assert max(rows) <= 1001
+
+
+def test_rows_that_may_be_a_tick_old_are_believed_less() -> None:
+    """Sigma of 1/12 T^2 v^2: a sine of 30 % of 90 degrees at 1 Hz has speeds up to 170 degrees a second."""
+    line = next(each for each in made(log(500.0)).files["rig.toml"].splitlines() if each.startswith("position_deg"))
+    fastest = 2 * np.pi * 27.0
+    assert 0.5 * fastest < float(line.split("=")[1]) / (2e-3 / np.sqrt(12.0)) < fastest
+
+
+def test_a_log_without_duty_and_target_is_refused_with_what_it_has() -> None:
+    time = np.arange(0.0, 2.0, 0.01)
+    frame = pd.DataFrame({"time [s]": time, "position [%]": 40.0 + 10.0 * np.sin(time)})
+    rig = Rig.from_frames({"drive/lap": frame}, {})
+    with pytest.raises(MeasurementError, match="found were position"):
+        made(rig)
