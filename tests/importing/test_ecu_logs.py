@@ -67,6 +67,15 @@ def test_an_instant_that_is_damaged_is_named_by_its_line(tmp_path: Path) -> None
         read_logs(tmp_path)
 
 
+def test_notes_beside_the_logs_are_no_log(tmp_path: Path) -> None:
+    written(tmp_path, ecu_files.link())
+    (tmp_path / "notes.txt").write_text("New throttle fitted on Monday.\nSecond run after lunch, 3 laps.\n")
+    assert [log.name for log in read_logs(tmp_path)[1]] == ["link.csv"]
+    (tmp_path / "link.csv").unlink()
+    with pytest.raises(MeasurementError, match=r"notes\.txt: no rows of numbers"):
+        read_logs(tmp_path)
+
+
 def matrix(separator: str = " ") -> bytes:
     """MATLAB's `save -ascii`: numbers alone."""
     return ecu_files.text(
