@@ -33,6 +33,7 @@ CLOSED = {".llg": "PCLink", ".llgx": "PCLink", ".llg5": "PCLink"}
 _TARGETS = ("target", "setpoint", "demand", "desired", "request", "aim", "soll")  # words of what may be a setpoint
 _OPTION = re.compile(r"(?:--column )?'(?P<header>[^'=]+)=(?P<wanted>[^']+)'")
 _PLATE = ("position", "tps")
+_ANY_TEXT = (".txt", ".asc", ".dat", ".log", ".json")  # may be anything, and no log
 _MOST = 25  # names that a message lists
 
 
@@ -49,11 +50,20 @@ def read_logs(folder: Path | str) -> tuple[RigConfig, tuple[DriveLog, ...]]:
     config = read_config(toml) if toml.is_file() else RigConfig(name=base.absolute().name)
     place = base / "drive" if (base / "drive").is_dir() else base
     files = sorted(p for p in place.iterdir() if _is_log(p))
+    files = [p for p in files if p.suffix.casefold() not in _ANY_TEXT or _has_rows(p)] or files
     refuse_foreign_names(str(place), *(path.name for path in files))
     _refuse_closed(place, {path.stem for path in files})
     if not files:
         raise MeasurementError(str(place), "no log in it.", f"Known: {', '.join(BY_SUFFIX)}.", "Put the logs there.")
     return config, tuple(read_log(path, config, str(toml)) for path in files)
+
+
+def _has_rows(path: Path) -> bool:
+    """False for notes beside the logs: a text without rows of numbers."""
+    try:
+        return bool(read_sheets(Source(path, str(path))))
+    except MeasurementError:
+        return False
 
 
 def _is_log(path: Path) -> bool:

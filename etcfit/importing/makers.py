@@ -88,12 +88,13 @@ PEDAL_IN_SOME = frozenset({"tp", "tps", "tps1"})  # beside a name of the plate's
 
 # what only engines, gearboxes and cars have
 _ENGINE = re.compile(
-    r"\b(engine|eng|rpm|afr\w*|lambda|ego\w*|gego|wbo?2?|wideband|o2|clt|coolant|iat|mat|map|maf|baro\w*|egt\w*|ign\w*|spark|"
-    r"dwell|adv(ance)?|inj\w*|fuel\w*|pw\d?|boost|turbo|wastegate|wg|idle|iac|vvt|cam|crank|knock|launch|als|fan|ac|"
+    r"\b(engine|eng|rpm|afr\w*|lambda|ego\w*|gego|wbo?2?|wideband|o2|clt|coolant|iat|mat|map|maf|baro\w*|egt\w*|ign\w*|"
+    r"spark|dwell|adv(ance)?|inj\w*|fuel\w*|pw\d?|boost|turbo|wastegate|wg|idle|iac|vvt|cam|crank|knock|launch|als|fan|ac|"
     r"alternator|alt|gear\w*|gearbox|drivetrain|clutch|dsg|shift|brake|wheel|vehicle|veh|car|gps|lap|oil|ve\d?|"
     r"squirt|gammae|gair|gwarm|gbaro|torque reduction|traction|flex|ethanol|nitrous|water|air ?flow|mass air\w*|"
     r"stoich\w*|cruise|secl|sync|manifold|exhaust|intake|ambient|warmup|accel(erator)?|pedal|pps\d?|apps?\d?|aps)\b"
 )
+_MOTOR = re.compile(r"\b(mot(or)?|omega|tacho?(meter)?|armature)\b")
 # of the plate's drive, by the name
 _PLATE = re.compile(
     r"\b(etb\d?|dbw\d?|e ?throttle|throttle\d?|drive by wire|plate|blade|tp|tps\d?|\w*klappe\w*|motor|servo)\b"
@@ -137,7 +138,8 @@ def known(name: str) -> tuple[str, int] | None:
 
 def is_engines(name: str) -> bool:
     """True for what only an engine, a gearbox or a car has."""
-    return known(name) is None and _ENGINE.search(words(name)) is not None
+    said = words(name)
+    return known(name) is None and _ENGINE.search(said) is not None and _MOTOR.search(said) is None
 
 
 def is_plates(name: str) -> bool:

@@ -331,14 +331,17 @@ def _without_engine(takes: Sequence[Take]) -> list[Take]:
 def one_each(takes: Sequence[Take], answers: Answers, sheet: Sheet) -> list[Take]:
     """A trace has one column for each quantity: the one that was said, else that of the surest name, else the first.
 
-    A plate follows its setpoint: of several columns one that does not is none. The first of several is doubted.
+    An engine computer's per cent go before its sensor's volts, for these need a calibration. A plate follows its
+    setpoint: of several columns one that does not is none. The first of several is doubted.
     """
     out = list(takes)
     setpoint = next((take.column for take in takes if take.quantity == "setpoint"), None)
     for quantity in {_place(take) for take in takes} - {LEFT_OUT}:
         same = [k for k, take in enumerate(takes) if _place(take) == quantity]
         said = [k for k in same if answers.of(sheet.file, takes[k].column)]
-        ranked = sorted(said or same, key=lambda k: _rank(takes[k].column))
+        ranked = sorted(
+            said or same, key=lambda k: (_rank(takes[k].column), sheet.is_ecu and takes[k].quantity == "tps")
+        )
         if quantity == "position" and setpoint is not None and not said:
             ranked.sort(key=lambda k: not _follows(takes[k].column, setpoint))
         kept = ranked[0]

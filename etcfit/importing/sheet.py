@@ -7,11 +7,13 @@ from functools import cached_property
 
 import numpy as np
 
-from .makers import PEDAL_IN_SOME, is_engines, known, words
+from .makers import PEDAL_IN_SOME, is_engines, known, may_be_position, words
 from .words import quantity_named
 
 TIME = "time"
 _VOLTS = 6.0  # that no sensor's reading exceeds
+_SEVERAL = 3  # signals of an engine
+_OF_A_BENCH = ("voltage", "current", "emf")
 
 
 @dataclass(frozen=True, eq=False)
@@ -81,13 +83,22 @@ class Sheet:
 
     @cached_property
     def is_ecu(self) -> bool:
-        """True for the log of an engine computer, by what else it logs, or by a TPS that is no sensor's volts."""
+        """True for the log of an engine computer: it has several signals of an engine.
+
+        Where no voltage or current tells a bench, a setpoint by a maker's name is enough, a TPS beside one signal of an
+        engine, or a TPS in per cent.
+        """
         names = [column.name for column in self.columns]
+        engines = sum(map(is_engines, names))
+        bench = any(quantity_named(name) in _OF_A_BENCH and not is_engines(name) for name in names)
+        if engines >= _SEVERAL or bench:
+            return engines >= _SEVERAL
+        if any((found := known(name)) is not None and found[0] == "setpoint" for name in names):
+            return True
         target = any(quantity_named(name) == "setpoint" for name in names)
-        share = any(words(c.name) in PEDAL_IN_SOME and (target if c.unit == "%" else not c.unit and c.peak > _VOLTS)
-                    for c in self.columns)  # fmt: skip
-        made = any((found := known(name)) is not None and found[0] == "setpoint" for name in names)
-        return share or made or any(map(is_engines, names))
+        plates = [column for column in self.columns if words(column.name) in PEDAL_IN_SOME]
+        share = any(target if c.unit == "%" else not c.unit and c.peak > _VOLTS for c in plates)
+        return share or (engines > 0 and any(map(may_be_position, names)))
 
 
 def time_base(seconds: np.ndarray) -> Column:

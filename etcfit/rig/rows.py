@@ -140,7 +140,7 @@ def read_rows(
     for k, name in enumerate(names):
         texts = [cells[k].strip() for _, cells in split]
         called = name or str(k + 1)
-        if texts and is_instant(texts[0]) and all(map(is_instant, texts)):
+        if _are_instants(texts, lines, called, where):
             columns.append(_seconds(texts))
             units.append("s")
             remarks.append(f"column {k + 1}: instants made seconds since the first")
@@ -233,12 +233,28 @@ def _values(
     )
 
 
+def _are_instants(texts: Sequence[str], lines: np.ndarray, called: str, where: str) -> bool:
+    """True for a column of instants and empty cells.
+
+    Raises:
+        MeasurementError: most are instants, and another is something else.
+    """
+    if not any(map(is_instant, texts[:_FEW])):
+        return False
+    odd = [k for k, text in enumerate(texts) if text and not is_instant(text)]
+    if odd and 2 * len(odd) < len(texts):
+        raise no_number(texts[odd[0]], called, f"{where}:{lines[odd[0]]}")
+    return not odd
+
+
 def _seconds(texts: Sequence[str]) -> np.ndarray:
-    """Seconds since the first instant; what falls back began another day."""
-    found = [match for text in texts if (match := _INSTANT.fullmatch(text))]
-    clock = np.array([3600.0 * _hour(m) + 60.0 * int(m["m"]) + float(m["s"].replace(",", ".")) for m in found])
+    """Seconds since the first instant, NaN where there is none; what falls back began another day."""
+    found = [(k, match) for k, text in enumerate(texts) if (match := _INSTANT.fullmatch(text))]
+    clock = np.array([3600.0 * _hour(m) + 60.0 * int(m["m"]) + float(m["s"].replace(",", ".")) for _, m in found])
     days = np.concatenate(([0.0], np.cumsum(np.diff(clock) < -0.5 * _DAY)))
-    return np.round(clock + _DAY * days - clock[0], 9)
+    out = np.full(len(texts), np.nan)
+    out[[k for k, _ in found]] = np.round(clock + _DAY * days - clock[0], 9)
+    return out
 
 
 def _hour(match: re.Match[str]) -> int:

@@ -74,6 +74,16 @@ def test_the_dominant_frequency_is_that_of_the_foot(hertz: float) -> None:
     assert found.amplitude.max() == pytest.approx(12.0 / np.sqrt(2.0), rel=0.1)
 
 
+@pytest.mark.parametrize("hertz", [0.2, 0.22])
+def test_the_dominant_frequency_of_a_slow_square_is_a_peak_and_not_the_lowest_bin(hertz: float) -> None:
+    """A square wave holds 1, 3, 5 times its frequency; the first lies below what is asked for."""
+    time = 0.05 * np.arange(800)
+    value = 30.0 + 12.5 * np.sign(np.sin(2 * np.pi * hertz * time + 0.1))
+    found = spectrum(Series(time, np.convolve(value, np.ones(5) / 5.0, "same")))
+    assert found is not None
+    assert found.dominant == pytest.approx(3.0 * hertz, abs=0.02)
+
+
 def test_a_log_of_three_seconds_has_no_spectrum() -> None:
     assert spectrum(log_of(seconds=3.0).position) is None
 

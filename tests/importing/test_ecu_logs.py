@@ -58,6 +58,24 @@ def test_import_takes_the_same_columns_and_nothing_of_the_engine(tmp_path: Path,
         assert trace.channels["duty"].value == pytest.approx(0.01 * DRIVE["duty"][: trace.time.size], abs=1e-4)
 
 
+def test_an_instant_that_is_damaged_is_named_by_its_line(tmp_path: Path) -> None:
+    file = ecu_files.haltech()
+    damaged = file.raw.replace(b"12:00:03.000", b"12:0x:03.000")
+    written(tmp_path, file._replace(raw=damaged))
+    line = 1 + damaged[: damaged.index(b"12:0x")].count(b"\n")
+    with pytest.raises(MeasurementError, match=rf"haltech\.csv:{line}: '12:0x:03\.000' in column 'Time'"):
+        read_logs(tmp_path)
+
+
+def test_notes_beside_the_logs_are_no_log(tmp_path: Path) -> None:
+    written(tmp_path, ecu_files.link())
+    (tmp_path / "notes.txt").write_text("New throttle fitted on Monday.\nSecond run after lunch, 3 laps.\n")
+    assert [log.name for log in read_logs(tmp_path)[1]] == ["link.csv"]
+    (tmp_path / "link.csv").unlink()
+    with pytest.raises(MeasurementError, match=r"notes\.txt: no rows of numbers"):
+        read_logs(tmp_path)
+
+
 def matrix(separator: str = " ") -> bytes:
     """MATLAB's `save -ascii`: numbers alone."""
     return ecu_files.text(

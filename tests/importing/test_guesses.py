@@ -300,6 +300,14 @@ def test_of_two_columns_for_one_quantity_the_first_is_taken_and_doubted(bench: B
     assert "the first of several: 'TPS2 (V)'" in doubt.reason
 
 
+@pytest.mark.parametrize("speed", ["motor rpm", "RPM", "Brake torque", "Throttle target"])
+def test_one_signal_that_an_engine_has_too_makes_no_engines_log_of_a_bench(bench: Bench, speed: str) -> None:
+    _, (time, response) = driven(bench)
+    draft = drafted_alone(sheet_of(time, {**response, speed: 100.0 + np.sin(time)}, UNITS | {speed: "1"}))
+    (trace,) = draft.traces
+    assert {"voltage", "current", "tps"} <= set(trace.record.signals)
+
+
 def test_without_a_time_or_anything_known_a_file_is_refused() -> None:
     values = np.random.default_rng(1).normal(size=50)
     with pytest.raises(MeasurementError, match=r"no time among its columns 'a', 'b'.*--column 'HEADER=time \[s\]'"):
