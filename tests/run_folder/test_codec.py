@@ -66,7 +66,8 @@ def test_a_number_repeated_takes_the_room_of_one_on_disk_and_in_memory(
     column = np.broadcast_to(np.arange(3.0)[:, None, None], (3, 500, 400))
     found = there_and_back((column, np.broadcast_to(2.5, (1000, 1000))))
     assert equal(found, (column, np.full((1000, 1000), 2.5)))
-    assert found[0].strides[1:] == (0, 0) and found[1].strides == (0, 0)
+    assert found[0].strides[1:] == (0, 0)
+    assert found[1].strides == (0, 0)
     with zipfile.ZipFile(tmp_path / "a.npz") as archive:
         assert all(each.file_size < 1000 for each in archive.infolist())
 
