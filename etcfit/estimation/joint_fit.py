@@ -13,6 +13,7 @@ from ..problem.chi2 import chi2_of
 from ..problem.cores import concurrently, in_background
 from ..problem.free_parameters import free_parameters
 from ..problem.problem import EstimationProblem
+from ..problem.residual import WeightedData
 from ..problem.trace import Trace
 from ..rig.base import Rig
 from ..rig.paper_readings import Readings, read_graphs
@@ -270,7 +271,7 @@ def _from_several_starts(
             end, steps = descend(problem, first, weighted, tolerance, settings.steps)
         else:
             end, steps = approach(problem.with_integrator_states(first), first, tolerance, settings, hopeless)
-        before, after = (_forgiven(problem, x) for x in (first, end))
+        before, after = (_forgiven(problem, x, weighted) for x in (first, end))
         return Descent(end, before, after, steps)
 
     return deepest([start, *others], descend_from, freedom, settings, checks=0 if only_near else None)
@@ -285,17 +286,24 @@ def _from_a_like_body(
     first = layout.off_bounds(layout.coordinates(values))
     weighted = problem.weighted(weights.forgiving(problem))
     end, steps = descend(problem, first, weighted, settings.rough_tolerance, settings.steps)
-    before, after = (_forgiven(problem, x) for x in (first, end))
+    before, after = (_forgiven(problem, x, weighted) for x in (first, end))
     misfit = after / max(1.0, weighted.samples - start.size)
     if misfit >= settings.misfit:
         return None
     return Deepest(end, (StartSummary("a like body", before, after, steps),), misfit)
 
 
-def _forgiven(problem: EstimationProblem, x: np.ndarray) -> float:
-    """chi2 at x, shape (P,), instants forgiven, each ECU's integral begun as fits best there."""
-    problem = problem.with_integrator_states(x)
-    return float(chi2_of(problem, x[None], problem.weighted(weights.forgiving(problem)))[0])
+def _forgiven(problem: EstimationProblem, x: np.ndarray, weighted: WeightedData) -> float:
+    """chi2 at x, shape (P,), instants forgiven, each ECU's integral begun as fits best there.
+
+    Args:
+        problem: the data.
+        x: coordinates, shape (P,).
+        weighted: of the problem, instants forgiven.
+    """
+    there = problem.with_integrator_states(x)
+    forgiven = weighted if there is problem else there.weighted(weights.forgiving(there))
+    return float(chi2_of(there, x[None], forgiven)[0])
 
 
 def _fitted_again(rig: Rig, fitted: tuple[Trace, ...], reached: Reached, settings: FitSettings) -> Reached:

@@ -130,7 +130,9 @@ class LateInput(NamedTuple):
 
 
 def _taken(column: Float[AnyArray, "T L"], rows: Int[AnyArray, "T L"]) -> Float[AnyArray, "T L"]:
-    return (np if isinstance(rows, np.ndarray) else jnp).take_along_axis(column, rows, axis=0)
+    if isinstance(rows, np.ndarray):  # twice as fast as `take_along_axis`
+        return np.asarray(column).reshape(-1)[rows * rows.shape[1] + np.arange(rows.shape[1])]
+    return jnp.take_along_axis(column, rows, axis=0)
 
 
 def _over(change: Float[np.ndarray, "T L"], span: Float[np.ndarray, "T L"]) -> Float[np.ndarray, "T L"]:

@@ -162,7 +162,7 @@ def responses(
         renewed, muted = one_pass_kernels.renewed_and_muted(numbers)
         rows, ways = one_pass_kernels.rows_of(weighted), frozenset(jax.tree.leaves(acts))
         batch = Entries(tree, rows, renewed | ways, muted)
-        return _RESPONSES.run((form, order), full, batch)
+        return np.asarray(_RESPONSES.run((form, order), full, batch))
 
     return np.stack(list(map(along, besides)))
 

@@ -35,7 +35,7 @@ from .residual import Compared, WeightedData, equipped, shown
 from .residual_entry import SimulatedEntry
 from .traced_entry import Shape, nodes_of
 
-_GRAPHS, _KERNELS = 8, 256  # that a process remembers
+_GRAPHS, _KERNELS = 32, 256  # that a process remembers
 
 
 # ---- the simulation

@@ -21,7 +21,7 @@ from .residual import Compared, WeightedData
 from .residual_entry import ResidualEntry
 from .traced_entry import Column, Shape
 
-_GRAPHS, _KERNELS = 8, 1024  # that a process remembers; some MB and some 50 kB each
+_GRAPHS, _KERNELS = 32, 1024  # that a process remembers; some MB and some 50 kB each
 
 
 Place = tuple[int, Int[np.ndarray, " _"]]  # a lane, and n entries of it

@@ -160,8 +160,13 @@ def records_of(entries: Entries, made_of: Callable[[Shape], tuple[Sequence[int],
     with MAKING:
         leaves, structure = jax.tree.flatten(entries.tree)
         groups = _groups(entries.rows)
-        leaves = [leaf if _is_ready(leaf, groups) else np.asarray(leaf) for leaf in leaves]
-        constant: list[tuple[Column, float]] = [(c, 0.0) for c in entries.never if not _ever(leaves[c.leaf], c.place)]
+        ready = [_is_ready(leaf, groups) and k not in entries.muted for k, leaf in enumerate(leaves)]
+        leaves = [leaf if as_it_is else np.asarray(leaf) for leaf, as_it_is in zip(leaves, ready, strict=True)]
+        constant: list[tuple[Column, float]] = [
+            (c, 0.0)
+            for c in entries.never
+            if not _FOUND.of([leaves[c.leaf]], ("ever", c.place), partial(_ever, leaves[c.leaf], c.place))
+        ]
         uniform: dict[Column, float] = {}
         for k, leaf in enumerate(leaves):
             if k not in entries.renewed:

@@ -20,7 +20,7 @@ from .innovations import InnovationsFilter
 from .lateness import Shifts, Simulated
 from .one_pass import has_single_pass
 from .one_pass_kernels import LinearisedTrace, Place, Sums, free_of, rows_of
-from .records import Remembered
+from .records import Grouped, Remembered
 from .residual import Compared, WeightedData
 
 _LATE, _SLICES = Remembered(), Remembered()
@@ -64,7 +64,7 @@ def _of_lanes(weighted: WeightedData, lanes: Int[np.ndarray, " l"]) -> WeightedD
     if lanes.size == weighted.slots.value.shape[1]:
         return weighted
 
-    def some(leaf: np.ndarray) -> np.ndarray:
+    def some(leaf: np.ndarray | Grouped) -> np.ndarray:
         return _SLICES.of([leaf], lanes.tobytes(), lambda: np.ascontiguousarray(np.asarray(leaf)[:, lanes]))
 
     return weighted._replace(**dict(zip(WeightedData._fields[:5], jax.tree.map(some, data), strict=True)))
