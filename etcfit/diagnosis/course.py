@@ -19,7 +19,7 @@ from .free_sets import searched_free
 from .merge import merged
 from .missing_torque import motions
 from .other_rig import Strange, clears, of_another_rig
-from .probabilities import SOMETHING_ELSE, besides, probabilities, questions
+from .probabilities import SOMETHING_ELSE, besides, said
 from .refit import start
 from .rig_mistakes import rig_mistakes
 from .rounds import Keep, Progress, forget, forward, names
@@ -162,17 +162,14 @@ def _told(
     sets: tuple[SetTried, ...],
 ) -> Diagnosis:
     """All that was found as plain data."""
-    s, after, by_curve = progress.model, rest.after, left.doubts if left else ()
-    named = tuple(e.name for e in s.added if e.name not in by_curve)
-    doubts = () if s.far else doubted(progress.rounds, named, first.settings)
-    added = tuple(name for name in named if name not in doubts)
+    s, after, by_curve, settings = progress.model, rest.after, left.doubts if left else (), first.settings
+    slow = any(finding.kind == SlowLog.kind for finding in result.rig.findings)
+    present = [e.name for e in s.added if e.name not in by_curve]
+    doubts = () if s.far else doubted(progress.rounds, present, settings)
+    added, doubts, asked, chance = said(progress.rounds, present, doubts, left is not None, settings, slow)
     ties = tuple(tie(each) for each in progress.found if each.ties and each.effect.name in added)
     proven = [e for e in s.added if e.name in added]
-    slow = any(finding.kind == SlowLog.kind for finding in result.rig.findings)
-    of_rounds = progress.rounds, added, left is not None, first.settings
-    asked = questions(*of_rounds, slow, doubts)
-    chance = probabilities(asked, *of_rounds, doubts)
-    stated = statements(proven, after.values, chance, progress.rounds, asked, first.settings)
+    stated = statements(proven, after.values, chance, progress.rounds, asked, settings)
     rig = rig_mistakes(proven, after.values, stated)
     known = tuple(e.name for e in first.composition.known if e.name in result.rig.config.effects)
     return Diagnosis(
@@ -193,5 +190,5 @@ def _told(
         statements=stated,
         discrepancy=rest.found,
         verdict=verdict(stated, ties, left, progress.rounds, rig),
-        settings=first.settings,
+        settings=settings,
     )

@@ -19,6 +19,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Collection, Mapping, Sequence
+from typing import NamedTuple
 
 from .credit import credits, left_share
 from .findings import Question, RoundReport
@@ -63,6 +64,45 @@ def questions(
     left = _left(rounds, bool(added), curve, doubts, settings)
     every = (*asked, Question("At the end: what is left?", {ONLY_NOISE: 1.0 - left, NO_NAME: left}))
     return tuple(_beside_a_slow_log(each, settings) for each in every) if slow else every
+
+
+class Said(NamedTuple):
+    """What is said of the effects in a model.
+
+    Args:
+        names: that are said, in the order found.
+        doubts: that are not: something else is likelier, or they are less likely than something that was missed.
+        questions, probabilities: see the functions.
+    """
+
+    names: tuple[str, ...]
+    doubts: tuple[str, ...]
+    questions: tuple[Question, ...]
+    probabilities: Mapping[str, float]
+
+
+def said(
+    rounds: Sequence[RoundReport],
+    present: Sequence[str],
+    doubts: Sequence[str],
+    curve: bool,
+    settings: DiagnosisSettings,
+    slow: bool,
+) -> Said:
+    """Which names are said, and how sure.
+
+    Args:
+        rounds, curve, settings, slow: as of `questions`.
+        present: effects of the final model, in the order found.
+        doubts: those of them that something else outdoes (`credit.doubted`).
+    """
+    names = tuple(name for name in present if name not in doubts)
+    asked = questions(rounds, names, curve, settings, slow, doubts)
+    chance = probabilities(asked, rounds, names, curve, settings, doubts)
+    unlikely = [name for name in names if chance.get(name, 1.0) < settings.missed]
+    if unlikely:
+        return said(rounds, present, (*doubts, *unlikely), curve, settings, slow)
+    return Said(names, tuple(doubts), asked, chance)
 
 
 def _beside_a_slow_log(question: Question, settings: DiagnosisSettings) -> Question:

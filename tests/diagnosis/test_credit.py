@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 
 import pytest
 
 from etcfit.diagnosis.credit import credits, doubted, left_share
 from etcfit.diagnosis.findings import Candidate, Evidence, RoundReport, Whiteness
-from etcfit.diagnosis.probabilities import NOTHING, UNEXPLAINED, probabilities, questions
+from etcfit.diagnosis.probabilities import NOTHING, UNEXPLAINED, said
 from etcfit.diagnosis.settings import DEFAULT
 
 N = 1000
@@ -84,11 +85,19 @@ def test_what_did_not_stay_or_was_never_seen_without_is_not_judged() -> None:
 
 def stated(*rounds: RoundReport) -> Mapping[str, float]:
     every = [each.added for each in rounds if each.added is not None]
-    doubts = doubted(rounds, every, DEFAULT)
-    added = [name for name in every if name not in doubts]
-    asked = questions(rounds, added, False, DEFAULT, doubts=doubts)
-    assert all(sum(each.answers.values()) == pytest.approx(1.0) for each in asked)
-    return probabilities(asked, rounds, added, False, DEFAULT, doubts)
+    found = said(rounds, every, doubted(rounds, every, DEFAULT), False, DEFAULT, slow=False)
+    assert all(sum(each.answers.values()) == pytest.approx(1.0) for each in found.questions)
+    return found.probabilities
+
+
+def test_a_name_that_is_less_likely_than_something_that_was_missed_is_not_said() -> None:
+    """It came in the place of another, and no round ever found it likely."""
+    rival = Candidate(SPRING, 1.0, 1.0, True, 0.9, 0.9, 0.0, 50.0)
+    first = turn(DRAG, {DRIVE: 4.0})
+    rounds = (replace(first, candidates=(*first.candidates, rival)), turn(None, {DRIVE: 0.0}))
+    found = said(rounds, [DRAG, SPRING], [], False, DEFAULT, slow=False)
+    assert (found.names, found.doubts) == ((DRAG,), (SPRING,))
+    assert found.probabilities[SPRING] < DEFAULT.missed
 
 
 def test_names_that_something_else_outdoes_are_in_doubt_and_what_they_explain_has_no_name() -> None:

@@ -260,6 +260,7 @@ def test_a_ratio_cured_of_one_error_and_off_by_another_is_off_by_both() -> None:
     assert effect is not None
     given = parse_config("[rig]\ngear_ratio = 0.05\n", "rig.toml")
     cured = effect.cured(given, 399.0)
+    assert cured is not None
     assert cured.gear_ratio == pytest.approx(20.0)
     assert (1.0 + effect.compounded(399.0, 0.034)) * given.gear_ratio == pytest.approx(1.034 * cured.gear_ratio)
     assert all(e.cured(given, 0.1) is None for e in EVERY if e.kind != "gear_ratio")
