@@ -6,7 +6,7 @@ What every stage leaves lies in the run folder as if its own command had been gi
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -101,11 +101,11 @@ class Tuned:
     @property
     def held_out_error(self) -> float | None:
         """Rms of measured - predicted on the held-out part, per cent of the travel; None where nothing was held out."""
-        if self.result is None:
+        if self.result is None or self.result.holdout is None:
             return None
         low, high = self.result.rig.config.travel
-        rows = [row.rms for row in self.result.score_holdout if row.channel == "position"]
-        return 100.0 * float(rows[0]) / (high - low) if rows else None
+        errors = [measured - predicted for measured, predicted in _positions(self.result, self.result.holdout)]
+        return 100.0 * float(np.sqrt(np.nanmean(np.concatenate(errors) ** 2))) / (high - low) if errors else None
 
     def written(self, gains: Gains) -> Terms:
         """Gains as the ECU writes them."""
@@ -251,17 +251,21 @@ def _explained(result: FitResult) -> tuple[float | None, float | None]:
 
     def of(problem: Any) -> float | None:
         left = all_ = 0.0
-        for trace in () if problem is None else problem.batch.traces:
-            if "position" not in trace.channels:
-                continue
-            k = trace.channels.index("position")
-            y = trace.data[:, k]
-            seen = np.isfinite(y)
-            left += float(np.sum((y - result.predicted[trace.measurement.file][:, k])[seen] ** 2))
-            all_ += float(np.sum((y[seen] - np.mean(y[seen])) ** 2))
+        for measured, predicted in () if problem is None else _positions(result, problem):
+            seen = np.isfinite(measured)
+            left += float(np.sum((measured - predicted)[seen] ** 2))
+            all_ += float(np.sum((measured[seen] - np.mean(measured[seen])) ** 2))
         return 1.0 - left / all_ if all_ > 0.0 else None
 
     return of(result.holdout), of(result.problem)
+
+
+def _positions(result: FitResult, problem: Any) -> Iterator[tuple[np.ndarray, np.ndarray]]:
+    """Measured and predicted position of each trace that logs one, rad, shape (n,); NaN where nothing was logged."""
+    for trace in problem.batch.traces:
+        if "position" in trace.channels:
+            k = trace.channels.index("position")
+            yield trace.data[:, k], result.predicted[trace.measurement.file][:, k]
 
 
 def keep_tuned(run: Path, found: Tuned, asked: TuneRequest, report: Report = silent) -> None:

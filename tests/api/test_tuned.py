@@ -60,6 +60,19 @@ def test_a_proposal_is_a_change_from_the_present_gains(tuned: Tuned) -> None:
     assert shown.index("half way") < shown.index("proposed")
 
 
+def test_the_error_on_what_was_held_out_is_in_per_cent_of_the_travel(tuned: Tuned) -> None:
+    result = tuned.result
+    assert result is not None
+    assert result.holdout is not None
+    low, high = result.rig.config.travel
+    squares = [
+        (trace.data - result.predicted[trace.measurement.file])[:, trace.channels.index("position")] ** 2
+        for trace in result.holdout.batch.traces if "position" in trace.channels
+    ]  # fmt: skip
+    rms = np.sqrt(np.nanmean(np.concatenate(squares)))
+    assert tuned.held_out_error == pytest.approx(100.0 * rms / (high - low))
+
+
 def compromised(tuned: Tuned) -> Tuned:
     """The same of a model far from its data."""
     assert tuned.result is not None
