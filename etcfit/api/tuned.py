@@ -6,7 +6,7 @@ What every stage leaves lies in the run folder as if its own command had been gi
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -36,6 +36,7 @@ if TYPE_CHECKING:
     from ..rig.base import Rig
 
 LOGS = "logs"  # the measurement folder, below the run folder
+MOST_UNHELD = 10.0  # % of a large step that a model which can be tuned for may miss at its end
 _IMPORT, _FIT, _DIAGNOSIS, _DESIGN = 0.05, 0.3, 0.55, 0.95  # of the work, when each is done
 
 
@@ -101,11 +102,11 @@ class Tuned:
     @property
     def held_out_error(self) -> float | None:
         """Rms of measured - predicted on the held-out part, per cent of the travel; None where nothing was held out."""
-        if self.result is None:
+        if self.result is None or self.result.holdout is None:
             return None
         low, high = self.result.rig.config.travel
-        rows = [row.rms for row in self.result.score_holdout if row.channel == "position"]
-        return 100.0 * float(rows[0]) / (high - low) if rows else None
+        errors = [measured - predicted for measured, predicted in _positions(self.result, self.result.holdout)]
+        return 100.0 * float(np.sqrt(np.nanmean(np.concatenate(errors) ** 2))) / (high - low) if errors else None
 
     def written(self, gains: Gains) -> Terms:
         """Gains as the ECU writes them."""
@@ -232,7 +233,23 @@ def _worked_out(
     report("what each step does", _DESIGN)
     steps = gain_steps(design, present)
     why_not = "" if not design.withheld else " ".join(final.state.cautions)
+    if not asked.anyway and (unheld := not_held(steps)):
+        why_not = f"{why_not} {unheld}".strip()
     return Tuned(profile, prepared, lacks, final, design, steps, _explained(final), why_not)
+
+
+def not_held(steps: Sequence[GainStep]) -> str:
+    """Why the model is none to tune for: with these gains its plate never reaches what the ECU asks for; else "".
+
+    Target and position alone tell no preload, which the integral bears whatever it is: with a wrong one the duty of the
+    model ends at its limit.
+    """
+    from ..control.proposal import SHOWN
+
+    if steps[-1].scenarios[SHOWN].steady_state_error_pct < MOST_UNHELD:
+        return ""
+    return ("With the proposed gains the model's plate does not reach a step of 10 to 70 % of the travel: these logs do not "
+            "tell its preload. Log the duty at the rate of the ECU's clock.")  # fmt: skip
 
 
 def _written(folder: Path, prepared: TuneInput) -> Path:
@@ -251,17 +268,21 @@ def _explained(result: FitResult) -> tuple[float | None, float | None]:
 
     def of(problem: Any) -> float | None:
         left = all_ = 0.0
-        for trace in () if problem is None else problem.batch.traces:
-            if "position" not in trace.channels:
-                continue
-            k = trace.channels.index("position")
-            y = trace.data[:, k]
-            seen = np.isfinite(y)
-            left += float(np.sum((y - result.predicted[trace.measurement.file][:, k])[seen] ** 2))
-            all_ += float(np.sum((y[seen] - np.mean(y[seen])) ** 2))
+        for measured, predicted in () if problem is None else _positions(result, problem):
+            seen = np.isfinite(measured)
+            left += float(np.sum((measured - predicted)[seen] ** 2))
+            all_ += float(np.sum((measured[seen] - np.mean(measured[seen])) ** 2))
         return 1.0 - left / all_ if all_ > 0.0 else None
 
     return of(result.holdout), of(result.problem)
+
+
+def _positions(result: FitResult, problem: Any) -> Iterator[tuple[np.ndarray, np.ndarray]]:
+    """Measured and predicted position of each trace that logs one, rad, shape (n,); NaN where nothing was logged."""
+    for trace in problem.batch.traces:
+        if "position" in trace.channels:
+            k = trace.channels.index("position")
+            yield trace.data[:, k], result.predicted[trace.measurement.file][:, k]
 
 
 def keep_tuned(run: Path, found: Tuned, asked: TuneRequest, report: Report = silent) -> None:

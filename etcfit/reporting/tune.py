@@ -59,12 +59,17 @@ def _model(found: Any) -> list[str]:
         return said
     effects = ", ".join(e.name for e in found.result.free_parameters.layout.types[-4:])
     held_out, fitted = found.explained
-    words = [f"It explains {100.0 * fitted:.1f} % of the fitted motion"] if fitted is not None else []
+    words = [f"It explains {percent(fitted)} % of the fitted motion"] if fitted is not None else []
     if held_out is not None:
-        words.append(f"{100.0 * held_out:.1f} % of the part that was held out, where it is off by "
+        words.append(f"{percent(held_out)} % of the part that was held out, where it is off by "
                      f"{short(found.held_out_error)} % of the travel (rms)")  # fmt: skip
     chi2 = found.result.state.chi2_per_dof
     return [*said, f"{', and '.join(words)}; chi2 per degree of freedom {short(chi2)}; with {effects}."]
+
+
+def percent(share: float) -> str:
+    """A share in per cent, one that is not whole never as 100.0."""
+    return "over 99.9" if 0.999 < share < 1.0 else f"{100.0 * share:.1f}"
 
 
 def _gains(found: Any) -> RenderableType:
@@ -145,7 +150,7 @@ def _prediction(panel: Axes, found: Any) -> None:
     panel.plot(time[seen], predicted[seen], color=style.SIMULATED, lw=1.2, label="predicted, free running")
     part = "held-out" if result.holdout is not None else "fitted"
     share = found.explained[0] if result.holdout is not None else found.explained[1]
-    panel.set_title(f"{part} part: {100.0 * share:.1f} % of the motion explained", loc="left", fontsize=10)
+    panel.set_title(f"{part} part: {percent(share)} % of the motion explained", loc="left", fontsize=10)
     panel.set(xlabel="time [s]", ylabel="throttle [% of travel]")
     panel.legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=2, borderaxespad=0.2)
 

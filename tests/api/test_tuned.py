@@ -18,7 +18,7 @@ from etcfit.api.tuned import Tuned, TuneRequest, keep_tuned, tuned_json
 from etcfit.cli import app
 from etcfit.control.design import ecu_of, propose, task_of
 from etcfit.control.pid import RULES, Gains
-from etcfit.control.proposal import gain_steps
+from etcfit.control.proposal import SHOWN, gain_steps
 from etcfit.control.settings import DesignSettings, OptimumSettings
 from etcfit.estimation.compromise import Compromise
 from etcfit.importing.tuning import DUTY, LogCheck, TuneInput
@@ -58,6 +58,27 @@ def test_a_proposal_is_a_change_from_the_present_gains(tuned: Tuned) -> None:
     assert "x 1.41" in shown
     assert "x 2.00" in shown
     assert shown.index("half way") < shown.index("proposed")
+
+
+def test_the_error_on_what_was_held_out_is_in_per_cent_of_the_travel(tuned: Tuned) -> None:
+    result = tuned.result
+    assert result is not None
+    assert result.holdout is not None
+    low, high = result.rig.config.travel
+    squares = [
+        (trace.data - result.predicted[trace.measurement.file])[:, trace.channels.index("position")] ** 2
+        for trace in result.holdout.batch.traces if "position" in trace.channels
+    ]  # fmt: skip
+    rms = np.sqrt(np.nanmean(np.concatenate(squares)))
+    assert tuned.held_out_error == pytest.approx(100.0 * rms / (high - low))
+
+
+def test_a_model_that_never_reaches_a_step_is_none_to_tune_for(tuned: Tuned) -> None:
+    last = tuned.steps[-1]
+    missed = {**last.scenarios, SHOWN: last.scenarios[SHOWN]._replace(steady_state_error_pct=80.0)}
+    assert "do not tell its preload" in not_held([replace(last, scenarios=missed)])
+    held = {**last.scenarios, SHOWN: last.scenarios[SHOWN]._replace(steady_state_error_pct=0.3)}
+    assert not_held([replace(last, scenarios=held)]) == ""
 
 
 def compromised(tuned: Tuned) -> Tuned:
