@@ -14,7 +14,7 @@ from typer.testing import CliRunner
 
 import etcfit
 import results
-from etcfit.api.tuned import Tuned, TuneRequest, keep_tuned, tuned_json
+from etcfit.api.tuned import Tuned, TuneRequest, keep_tuned, not_held, tuned_json
 from etcfit.cli import app
 from etcfit.control.design import ecu_of, propose, task_of
 from etcfit.control.pid import RULES, Gains
@@ -75,9 +75,9 @@ def test_the_error_on_what_was_held_out_is_in_per_cent_of_the_travel(tuned: Tune
 
 def test_a_model_that_never_reaches_a_step_is_none_to_tune_for(tuned: Tuned) -> None:
     last = tuned.steps[-1]
-    missed = {**last.scenarios, SHOWN: last.scenarios[SHOWN]._replace(steady_state_error_pct=80.0)}
+    missed = {**last.scenarios, SHOWN: replace(last.scenarios[SHOWN], steady_state_error_pct=80.0)}
     assert "do not tell its preload" in not_held([replace(last, scenarios=missed)])
-    held = {**last.scenarios, SHOWN: last.scenarios[SHOWN]._replace(steady_state_error_pct=0.3)}
+    held = {**last.scenarios, SHOWN: replace(last.scenarios[SHOWN], steady_state_error_pct=0.3)}
     assert not_held([replace(last, scenarios=held)]) == ""
 
 
