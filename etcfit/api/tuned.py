@@ -248,8 +248,8 @@ def not_held(steps: Sequence[GainStep]) -> str:
 
     if steps[-1].scenarios[SHOWN].steady_state_error_pct < MOST_UNHELD:
         return ""
-    return ("With the proposed gains the model's plate does not reach a step of 10 to 70 % of the travel: these logs do "
-            "not tell its preload. Log the duty at the rate of the ECU's clock.")  # fmt: skip
+    return ("With the proposed gains the model's plate does not reach a step of 10 to 70 % of the travel: these logs "
+            "do not tell its preload. Log the duty at the rate of the ECU's clock.")  # fmt: skip
 
 
 def _written(folder: Path, prepared: TuneInput) -> Path:
