@@ -18,7 +18,7 @@ from etcfit.api.tuned import Tuned, TuneRequest, keep_tuned, tuned_json
 from etcfit.cli import app
 from etcfit.control.design import ecu_of, propose, task_of
 from etcfit.control.pid import RULES, Gains
-from etcfit.control.proposal import SHOWN, gain_steps
+from etcfit.control.proposal import SHOWN, gain_steps, not_held
 from etcfit.control.settings import DesignSettings, OptimumSettings
 from etcfit.estimation.compromise import Compromise
 from etcfit.importing.tuning import DUTY, LogCheck, TuneInput
