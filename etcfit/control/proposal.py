@@ -102,8 +102,8 @@ def not_held(steps: Sequence[GainStep]) -> str:
     if steps[-1].scenarios[SHOWN].steady_state_error_pct < MOST_UNHELD:
         return ""
     return (
-        "With the proposed gains the model's plate does not reach a step of 10 to 70 % of the travel: these logs do not "
-        "tell its preload. Log the duty at the rate of the ECU's clock."
+        "With the proposed gains the model's plate does not reach a step of 10 to 70 % of the travel: these logs do "
+        "not tell its preload. Log the duty at the rate of the ECU's clock."
     )
 
 
