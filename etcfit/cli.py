@@ -371,15 +371,15 @@ def drive(
     _say(of_drive(studies, logs if logs.is_dir() else logs.parent, out))
 
 
-@_verb("Control", "etcfit tune lap.csv --ecu rusefi --gains 6.2,40,0.05 --out runs/car")
+@_verb("Control", "etcfit tune lap.csv --ecu rusefi --present 6.2,40,0.05 --out runs/car")
 def tune(
     logs: Annotated[list[Path], typer.Argument(help="Logs of one car, of any known format.", metavar="LOG...")],
     out: Out,
     ecu: Annotated[
         str, typer.Option(help="Make of the ECU that made the logs and gets the gains.", metavar="NAME")
     ] = "generic",
-    gains: Annotated[
-        str | None, typer.Option("--gains", help="P,I,D that are in it now, as it writes them.", metavar="P,I,D")
+    present: Annotated[
+        str | None, typer.Option(help="P,I,D that are in it now, as it writes them.", metavar="P,I,D")
     ] = None,
     msq: Annotated[
         Path | None, typer.Option(help="Its tune, in which they stand.", exists=True, dir_okay=False, metavar="FILE")
@@ -412,16 +412,16 @@ def tune(
     from .importing.answers import parsed
     from .importing.tuning import TuneSettings
 
-    if gains is not None and msq is not None:
-        raise UsageError("--gains and --msq exclude each other: both say which gains are in the ECU now.")
-    present = None if gains is None else _three_gains(gains)
+    if present is not None and msq is not None:
+        raise UsageError("--present and --msq exclude each other: both say which gains are in the ECU now.")
+    gains = None if present is None else _three_gains(present)
     if msq is not None:
         from .exporting.formats.tune import gains_in
         from .model.ecus import named
 
         with _of_option("--ecu"):
             profile = named(ecu)
-        present = gains_in(msq, profile)
+        gains = gains_in(msq, profile)
     times = {"period": ("--ecu-period", ecu_period), "delay": ("--ecu-delay", ecu_delay)}
     given = {field: _seconds(option, text) for field, (option, text) in times.items() if text is not None}
     if given.get("period") == 0.0:
@@ -429,21 +429,23 @@ def tune(
     if clash := _clashes(ecu, given):
         raise UsageError(f"{times[clash[0]][0]}: {ecu} fixes it. Leave it out.")
     answers = parsed(column or (), (), [str(file) for file in logs])
-    request = TuneRequest(ecu, present, tuple(given.items()), supply, answers, anyway,
+    request = TuneRequest(ecu, gains, tuple(given.items()), supply, answers, anyway,
                           replace(TuneSettings(), hold_out=0.01 * hold_out))  # fmt: skip
     with _progress(quiet) as progress:
         done = stages.tune_logs(logs, stages.opened(out), progress, request)
     _tell(done)
 
 
-def _three_gains(text: str) -> tuple[float, float, float]:
-    """P, I and D between commas."""
+def _three_gains(present: str) -> tuple[float, float, float]:
+    """P, I and D that are in the ECU now."""
     try:
-        p, i, d = map(float, text.split(","))
+        p, i, d = map(float, present.split(","))
     except ValueError:
-        raise UsageError(f"--gains {text}: three numbers are needed, P, I and D. Write, say, 6.2,40,0.05.") from None
+        raise UsageError(
+            f"--present {present}: three numbers between commas are required. Write, say, 6.2,40,0.05."
+        ) from None
     if not all(0.0 <= gain < inf for gain in (p, i, d)):
-        raise UsageError(f"--gains {text}: a gain cannot be negative or endless.")
+        raise UsageError(f"--present {present}: a gain cannot be negative or endless.")
     return p, i, d
 
 
@@ -616,15 +618,7 @@ def design(
 def _own_numbers(present: str | None, swings_at: float | None) -> dict[str, float]:
     """What is known of the gains that the ECU has now, in its own numbers."""
     known = {} if swings_at is None else {"swings_at": swings_at}
-    if present is None:
-        return known
-    try:
-        P, I, D = map(float, present.split(","))  # noqa: E741  (the ECUs' own name)
-    except ValueError:
-        raise UsageError(
-            f"--present {present}: three numbers between commas are required. Write, say, 60,80,120."
-        ) from None
-    return {"P": P, "I": I, "D": D, **known}
+    return known if present is None else {**dict(zip("PID", _three_gains(present), strict=True)), **known}
 
 
 def _clashes(name: str | None, given: Mapping[str, float]) -> tuple[str, ...]:

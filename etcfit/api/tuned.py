@@ -36,7 +36,6 @@ if TYPE_CHECKING:
     from ..rig.base import Rig
 
 LOGS = "logs"  # the measurement folder, below the run folder
-MOST_UNHELD = 10.0  # % of a large step that a model which can be tuned for may miss at its end
 _IMPORT, _FIT, _DIAGNOSIS, _DESIGN = 0.05, 0.3, 0.55, 0.95  # of the work, when each is done
 
 
@@ -206,7 +205,7 @@ def _worked_out(
 ) -> Tuned:  # fmt: skip
     """Fit, diagnosis and design of a folder that can tell gains."""
     from ..control.pid import Gains
-    from ..control.proposal import gain_steps
+    from ..control.proposal import gain_steps, not_held
     from ..diagnosis import diagnose
     from ..estimation.joint_fit import fit
     from ..rig.reader import read_folder
@@ -236,20 +235,6 @@ def _worked_out(
     if not asked.anyway and (unheld := not_held(steps)):
         why_not = f"{why_not} {unheld}".strip()
     return Tuned(profile, prepared, lacks, final, design, steps, _explained(final), why_not)
-
-
-def not_held(steps: Sequence[GainStep]) -> str:
-    """Why the model is none to tune for: with these gains its plate never reaches what the ECU asks for; else "".
-
-    Target and position alone tell no preload, which the integral bears whatever it is: with a wrong one the duty of the
-    model ends at its limit.
-    """
-    from ..control.proposal import SHOWN
-
-    if steps[-1].scenarios[SHOWN].steady_state_error_pct < MOST_UNHELD:
-        return ""
-    return ("With the proposed gains the model's plate does not reach a step of 10 to 70 % of the travel: these logs "
-            "do not tell its preload. Log the duty at the rate of the ECU's clock.")  # fmt: skip
 
 
 def _written(folder: Path, prepared: TuneInput) -> Path:

@@ -196,7 +196,7 @@ def _model(rig: Rig, logs: Sequence[Measurement], known: KnownEcu, settings: Tun
         return ECU, why, LogCheck("fast enough", True, True, why)
     need = settings.a_tick / known.ecu.period
     cure = (f"Log position, duty and battery at {need:.0f} Hz or faster; or log the target too and say which gains "
-            "are in the ECU now (--gains P,I,D or --msq FILE).")  # fmt: skip
+            "are in the ECU now (--present P,I,D or --msq FILE).")  # fmt: skip
     return DUTY if has_duty else ECU, lacks, LogCheck("fast enough", False, True, lacks, cure)
 
 

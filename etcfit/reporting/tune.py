@@ -9,6 +9,7 @@ import numpy as np
 from rich.console import Group, RenderableType
 from rich.text import Text
 
+from ..control.proposal import not_held
 from ..importing.tuning import DUTY
 from .blocks import headed, plain_table, sentences, spaced
 from .numbers import short
@@ -27,7 +28,11 @@ def tune_table(found: Any) -> RenderableType:
     parts = [
         Text(f"{found.profile.title}: gains from logs of the car", style="bold"),
         *([spaced(Text(f"NOT FROM THIS LOG. {found.why_not}", style="bold red"))] if found.why_not else []),
-        *([spaced(Text(" ".join(found.result.state.cautions), style="bold red"))] if _despite(found) else []),
+        *(
+            [spaced(Text(" ".join((*found.result.state.cautions, not_held(found.steps))).strip(), style="bold red"))]
+            if _despite(found)
+            else []
+        ),
         headed("The logs", _checks(found)),
         sentences("Model", list(_model(found))),
     ]
@@ -42,7 +47,8 @@ def tune_table(found: Any) -> RenderableType:
 
 def _despite(found: Any) -> bool:
     """Gains are given although the model behind them is no estimate."""
-    return found.result is not None and not found.why_not and bool(found.result.state.cautions)
+    doubted = found.result is not None and not found.why_not
+    return doubted and bool(found.result.state.cautions or not_held(found.steps))
 
 
 def _checks(found: Any) -> RenderableType:
@@ -105,7 +111,7 @@ def _range(each: tuple[float, float, float]) -> str:
 def _next(found: Any) -> list[str]:
     """What to do, and what the next log should show."""
     if len(found.steps) == 1:
-        return ["Say which gains are in the ECU now (--gains P,I,D or --msq FILE): then a half-way step is given too.",
+        return ["Say which gains are in the ECU now (--present P,I,D or --msq FILE): then a half-way step is given too.",
                 "Type the proposed gains in with the engine off, and log the same moves again."]  # fmt: skip
     half = found.steps[1]
     return [

@@ -14,11 +14,11 @@ from typer.testing import CliRunner
 
 import etcfit
 import results
-from etcfit.api.tuned import Tuned, TuneRequest, keep_tuned, not_held, tuned_json
+from etcfit.api.tuned import Tuned, TuneRequest, keep_tuned, tuned_json
 from etcfit.cli import app
 from etcfit.control.design import ecu_of, propose, task_of
 from etcfit.control.pid import RULES, Gains
-from etcfit.control.proposal import SHOWN, gain_steps
+from etcfit.control.proposal import SHOWN, gain_steps, not_held
 from etcfit.control.settings import DesignSettings, OptimumSettings
 from etcfit.estimation.compromise import Compromise
 from etcfit.importing.tuning import DUTY, LogCheck, TuneInput
@@ -123,7 +123,7 @@ def test_a_log_that_tells_nothing_ends_with_1_and_what_to_record(tmp_path: Path)
     assert not (tmp_path / "a" / "fit.json").exists()
 
 
-SLIPS = [(("--gains", "1,2"), "three numbers"), (("--gains", "1,-2,3"), "negative"),
+SLIPS = [(("--present", "1,2"), "three numbers"), (("--present", "1,-2,3"), "negative"),
          (("--ecu-period", "1ms"), "rusefi fixes it")]  # fmt: skip
 
 

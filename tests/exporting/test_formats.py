@@ -215,7 +215,7 @@ def test_present_gains_are_read_off_a_tune(tmp_path: Path) -> None:
     tune.write_bytes(export.files["etcfit_rusefi.msq"])
     designed = [gain["value"] for gain in pid("rusefi")["profile"]["gains"].values()]
     assert gains_in(tune, ECUS["rusefi"]) == pytest.approx(designed, rel=1e-7)
-    with pytest.raises(UsageError, match=r"Link.*no tune file.*--gains"):
+    with pytest.raises(UsageError, match=r"Link.*no tune file.*--present"):
         gains_in(tune, ECUS["link"])
     tune.write_bytes(tune.read_bytes().replace(b"etb_iFactor", b"other"))
     with pytest.raises(MeasurementError, match="no setting etb_iFactor"):

@@ -124,7 +124,7 @@ def gains_in(path: Path, profile: EcuProfile) -> tuple[float, float, float]:
     """
     if profile.pasting is not Pasting.TUNE_FILE:
         raise UsageError(f"{profile.title} has no tune file of TunerStudio ({_WITH_TUNE_FILES} have). Type the gains: "
-                         "--gains P,I,D.")  # fmt: skip
+                         "--present P,I,D.")  # fmt: skip
     data = read_regular(path, str(path))
     settings, _ = _read(path, data, profile.title)
     found = []

@@ -22,7 +22,7 @@ def of_tune(found: Any, run: Path, files: Sequence[Path]) -> Closing:
                       zip(found.profile.gains, found.written(step.gains), strict=True))  # fmt: skip
     which = "Half-way gains to try first" if len(found.steps) > 1 else "Proposed gains"
     doubt = " Of a compromise: " + " ".join(found.result.state.cautions) if found.result.state.cautions else ""
-    again = f"etcfit tune NEXT_LOG --ecu {found.profile.name} --gains P,I,D --out {shlex.quote(str(run))}"
+    again = f"etcfit tune NEXT_LOG --ecu {found.profile.name} --present P,I,D --out {shlex.quote(str(run))}"
     return Closing(
         f"{which}: {words}.{doubt}", f"type them in, engine off, log the same moves again, then {again}", look
     )
