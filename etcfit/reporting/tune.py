@@ -111,7 +111,7 @@ def _range(each: tuple[float, float, float]) -> str:
 def _next(found: Any) -> list[str]:
     """What to do, and what the next log should show."""
     if len(found.steps) == 1:
-        return ["Say which gains are in the ECU now (--present P,I,D or --msq FILE): then a half-way step is given too.",
+        return ["Say which gains are in the ECU now (--present P,I,D or --msq FILE): then a half-way step is given.",
                 "Type the proposed gains in with the engine off, and log the same moves again."]  # fmt: skip
     half = found.steps[1]
     return [
