@@ -312,7 +312,7 @@ def test_gains_are_made_anew_from_what_the_manifest_has_of_them(
 
 def test_what_is_asked_for_reaches_the_design(found: Diagnosis, monkeypatch: pytest.MonkeyPatch) -> None:
     given: list[tuple[Any, ...]] = []
-    monkeypatch.setattr("etcfit.control.design.design", lambda *args: given.append(args))
+    monkeypatch.setattr("etcfit.control.design.design", lambda *args, present: given.append(args))
     wanted = DesignRequest("simc", 10, True, {"overshoot_pct": 10.0}, {"period": 2e-3}, "link")
     design_of(found.before.fitted(), wanted, None, silent)
     ((_, computer, requirements, rule, drawn, feed_forward, _, _, make, log),) = given

@@ -37,7 +37,7 @@ class By(Enum):
     MARGIN = "the linear loop; more is better"
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True)
 class LoopFigures:
     """How well a loop follows its setpoint, and what that costs; each a number, or an array over gains and models."""
 

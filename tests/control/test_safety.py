@@ -14,7 +14,7 @@ from etcfit.control.pid.setpoint import stairs
 from etcfit.control.safety import Envelope
 from etcfit.control.safety.guarded import longest_above
 from etcfit.control.safety.holding import holding
-from etcfit.control.safety.jam import proposed, told
+from etcfit.control.safety.jam import detection_time, proposed
 from etcfit.control.settings import DesignSettings, SafetySettings
 from etcfit.model.ecu import Ecu
 from etcfit.model.effects.winding_heating import WindingHeating
@@ -50,10 +50,10 @@ def test_the_least_threshold_that_is_told_in_time_is_proposed() -> None:
 
 
 def test_a_plate_that_is_held_is_told_once_enough_has_been_asked_for_long_enough() -> None:
-    late = told(STEPS, "steps", 0.05, 0.1, 1e-3)
+    late = detection_time(STEPS, "steps", 0.05, 0.1, 1e-3)
     assert late == pytest.approx(0.8 + 0.1)  # the third step is the first beyond 5 %
-    assert told(STEPS, "steps", 0.005, 0.1, 1e-3) == pytest.approx(0.1)
-    assert told(STEPS, "steps", 0.05, 0.5, 1e-3) is None
+    assert detection_time(STEPS, "steps", 0.005, 0.1, 1e-3) == pytest.approx(0.1)
+    assert detection_time(STEPS, "steps", 0.05, 0.5, 1e-3) is None
 
 
 def test_heat_of_holding_is_that_of_the_closed_form_where_copper_does_not_warm() -> None:

@@ -61,7 +61,7 @@ def test_a_misspelt_place_is_answered_with_the_nearest(rig: Rig) -> None:
 
 
 def test_the_example_of_the_documentation_is_held_where_it_says() -> None:
-    blocks = re.findall(r"```toml\n(.*?)```", (DOCS / "effects.md").read_text("utf-8"), re.DOTALL)
+    blocks = re.findall(r"```toml\n(.*?)```", (DOCS / "reference" / "effects.md").read_text("utf-8"), re.DOTALL)
     (example,) = (each for each in blocks if "[parameters]" in each)
     config = parse_config(f"[rig]\n{example}", "rig.toml")
     assert config.parameters == {"late.response.current": Fixed(0.002)}
