@@ -145,7 +145,7 @@ def lines(count: int, first: int) -> Iterator[str]:
         told = ", ".join(f"{word} {n}" for word, n in words.most_common())
         yield f"| {kind} | {len(clear)} | {len(right)} | {told} | {off[0]} | {off[1]} | {cures[0]} | {cures[1]} |"
     yield ""
-    off = np.abs([each for k in range(count) for each in answered(first + k)])
+    off = np.abs(np.array([each for k in range(count) for each in answered(first + k)]))
     yield f"| {len(off)} steps of {count} second-order loops | median off | 95 % are off by less than |"
     yield "| --- | --- | --- |"
     for name, column in zip(("overshoot, % of the step", "settling, ms", "half way, ms"), off.T, strict=True):

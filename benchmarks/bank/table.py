@@ -134,7 +134,7 @@ def probabilities(records: Sequence[Record]) -> str:
     rows = []
     for low, high in _GROUPS:
         if within := [(p, right) for p, right in judged if low <= p < high]:
-            mean, right = np.mean(within, axis=0)
+            mean, right = np.mean(np.array(within, dtype=float), axis=0)
             rows.append(
                 [f"{low:g} to {min(high, 1.0):g}", str(len(within)), f"{100 * mean:.0f} %", f"{100 * right:.0f} %"]
             )

@@ -20,7 +20,7 @@ from ..errors import UsageError
 from ..files import held, write_json
 from ..importing.answers import Answers
 from ..importing.tuning import KnownEcu, TuneInput, TuneSettings, tune_input
-from ..model.ecu import Ecu, Terms
+from ..model.ecu import Ecu, Notation, Terms
 from ..model.ecus import EcuProfile, named
 from ..run_folder import RunFolder
 from .progress import Report, part_of, silent
@@ -110,7 +110,7 @@ class Tuned:
     def written(self, gains: Gains) -> Terms:
         """Gains as the ECU writes them."""
         assert self.design is not None, "gains come from a design"
-        return self.design.written(gains, self.profile.notation)
+        return self.design.written(gains, notation_of(self.profile))
 
 
 def tune_logs(files: Sequence[Path], run: RunFolder, asked: TuneRequest, report: Report = silent) -> Tuned:
@@ -126,6 +126,7 @@ def tune_logs(files: Sequence[Path], run: RunFolder, asked: TuneRequest, report:
         UsageError: no such make of ECU, or a field given that its source fixes otherwise.
     """
     profile = named(asked.profile)
+    notation_of(profile)
     given = dict(asked.ecu)
     if clash := profile.clashes(given):
         raise UsageError(f"{clash[0]}: {profile.title} fixes it at {profile.fixes[clash[0]]:g}. Leave it out.")
@@ -144,6 +145,21 @@ def tune_logs(files: Sequence[Path], run: RunFolder, asked: TuneRequest, report:
     return found
 
 
+def notation_of(profile: EcuProfile) -> Notation:
+    """How a make of ECU writes gains.
+
+    Raises:
+        UsageError: its maker does not publish that.
+    """
+    if profile.notation is None:
+        raise UsageError(
+            f"{profile.title}: its maker does not publish the unit of its gains, so none can be typed in. Make a folder "
+            f"of the logs (etcfit import) and fit it; etcfit design RUN --ecu {profile.name} --present P,I,D then gives "
+            "gains as multiples of yours."
+        )
+    return profile.notation
+
+
 def _name(files: Sequence[Path]) -> str:
     return re.sub(r"[^\w .-]+", "_", files[0].stem)
 
@@ -151,7 +167,7 @@ def _name(files: Sequence[Path]) -> str:
 def _known(profile: EcuProfile, given: dict[str, float], asked: TuneRequest) -> KnownEcu:
     fields = profile.completed(given)
     gains = None if asked.gains is None else Terms(*asked.gains)
-    return KnownEcu(profile.title, Ecu(**fields), "period" in fields, profile.notation, gains, asked.supply)
+    return KnownEcu(profile.title, Ecu(**fields), "period" in fields, notation_of(profile), gains, asked.supply)
 
 
 def _imported(files: Sequence[Path], asked: TuneRequest) -> Rig:
@@ -227,7 +243,7 @@ def _worked_out(
     present = None
     if asked.gains is not None:
         low, high = rig.config.travel
-        units = profile.notation.units(design.task.ecu, high - low)
+        units = notation_of(profile).units(design.task.ecu, high - low)
         present = Gains(*(gain * unit for gain, unit in zip(asked.gains, units, strict=True)))
     report("what each step does", _DESIGN)
     steps = gain_steps(design, present)
@@ -299,7 +315,7 @@ def tuned_json(found: Tuned, asked: TuneRequest) -> dict[str, Any]:
                      "explained": held_out, "explained_fitted": fitted},
         "supply_V": found.input.supply,
         "present": None if asked.gains is None else dict(zip("PID", asked.gains, strict=True)),
-        "unit": dict(zip("PID", make.notation.of_each, strict=True)),
+        "unit": dict(zip("PID", notation_of(make).of_each, strict=True)),
         "steps": [_step_json(found, step, withheld) for step in found.steps],
         "record_next": found.lacks,
     })  # fmt: skip

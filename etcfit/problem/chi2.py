@@ -52,7 +52,7 @@ def chi2_of(
         return np.array([_of_one(problem, x, weighted) for x in points])
     passes = max(-(-len(points) // _MOST), min(CORES, len(points) // _LEAST))
     size = -(-len(points) // passes)
-    full = problem.layout.padded(np.pad(points, ((0, passes * size - len(points)), (0, 0)), mode="edge"))
+    full = problem.layout.padded(np.pad(points, [(0, passes * size - len(points)), (0, 0)], mode="edge"))
     parts = side_by_side(lambda some: _chi2(form, some, weighted), np.split(full, passes))
     chi2 = np.concatenate([np.asarray(part) for part in parts])[: len(points)]
     return np.where(np.isfinite(chi2), chi2, np.inf)

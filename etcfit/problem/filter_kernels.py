@@ -171,7 +171,7 @@ def along(
     renewed = frozenset({steps.guide_stiffness, *slots[:3], *jax.tree.leaves((steps.acting, late))})
     rows = used_rows(batch.steps, batch.resets)
     entries = Entries(tree, rows, renewed, never=(Column(steps.guide_stiffness, ()),), lasting=False)
-    return which.run((form,), np.concatenate((full, jitter)), entries)
+    return which.run((form,), np.concatenate((full, np.asarray(jitter))), entries)
 
 
 def _simulated(function: Callable[..., Any], covariance: bool = False) -> Along:

@@ -47,8 +47,8 @@ def tune_table(found: Any) -> RenderableType:
 
 def _despite(found: Any) -> bool:
     """Gains are given although the model behind them is no estimate."""
-    doubted = found.result is not None and not found.why_not
-    return doubted and bool(found.result.state.cautions or not_held(found.steps))
+    result = None if found.why_not else found.result
+    return result is not None and bool(result.state.cautions or not_held(found.steps))
 
 
 def _checks(found: Any) -> RenderableType:

@@ -124,7 +124,7 @@ def test_a_log_that_tells_nothing_ends_with_1_and_what_to_record(tmp_path: Path)
 
 
 SLIPS = [(("--present", "1,2"), "three numbers"), (("--present", "1,-2,3"), "negative"),
-         (("--ecu-period", "1ms"), "rusefi fixes it")]  # fmt: skip
+         (("--ecu-period", "1ms"), "rusefi fixes it"), (("--ecu", "maxxecu"), "does not publish the unit")]  # fmt: skip
 
 
 @pytest.mark.parametrize(("options", "said"), SLIPS)

@@ -110,8 +110,8 @@ def test_every_unit_is_judged_as_it_is_alone() -> None:
     for k in (0, 3, 6):
         alone = one_by_one(task, plants.taking(np.array([k])).throttles, model.units[k : k + 1], gains, 4)
         # the noise of the sensor is another sequence for each place
-        assert together.rmse[k] == pytest.approx(alone.rmse[0], rel=1e-6)
-        assert together.gain_margin[k] == pytest.approx(alone.gain_margin[0], rel=1e-9)
+        assert together.figures.rmse_pct[k] == pytest.approx(alone.figures.rmse_pct[0], rel=1e-6)
+        assert together.figures.gain_margin_db[k] == pytest.approx(alone.figures.gain_margin_db[0], rel=1e-9)
 
 
 @pytest.fixture(scope="module")

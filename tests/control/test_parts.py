@@ -128,8 +128,8 @@ def test_every_rule_is_judged_on_every_unit_as_it_is_alone(compared: Compared) -
         alone = one_by_one(compared.design.task, model.throttles, model.units, gains, 40)
         assert each.measured.units == model.units
         # the noise of the sensor is another sequence for each place
-        np.testing.assert_allclose(each.measured.rmse, alone.rmse, rtol=4e-2)
-        np.testing.assert_allclose(each.measured.gain_margin, alone.gain_margin, rtol=1e-6)
+        np.testing.assert_allclose(each.measured.figures.rmse_pct, alone.figures.rmse_pct, rtol=4e-2)
+        np.testing.assert_allclose(each.measured.figures.gain_margin_db, alone.figures.gain_margin_db, rtol=1e-6)
         assert each.drawn.share.of == QUICK.draws - 1
         assert each.worst.unit == each.measured.units[int(each.measured.worst_first[0])]
 
@@ -147,7 +147,7 @@ def test_outside_the_bench_a_unit_meets_everything_only_if_it_does_at_each_corne
     # a weak battery, a hot winding and much friction: every unit follows less closely than on the bench
     hardest = [k for k, name in enumerate(corners.units) if name.endswith("at 9 V, 130 degrees Celsius, friction 1.5")]
     assert len(hardest) == 24
-    assert np.all(corners.rmse[hardest] > chosen.rmse)
+    assert np.all(corners.figures.rmse_pct[hardest] > chosen.figures.rmse_pct)
 
 
 @pytest.mark.slow
@@ -180,7 +180,7 @@ def test_file_table_and_picture_say_how_the_parts_fare(compared: Compared, tmp_p
     assert (parts["fleet"], parts["name"]) == ("runs/line", "line 4")
     assert parts["left_out"] == {"u100": "odd: a stiff spring"}
     assert parts["rules"]["optimal"]["measured"]["share_met"] == each.measured.share.value
-    assert parts["rules"]["optimal"]["drawn"]["worst_rmse_pct"] == pytest.approx(each.drawn.rmse.max())
+    assert parts["rules"]["optimal"]["drawn"]["worst_rmse_pct"] == pytest.approx(each.drawn.figures.rmse_pct.max())
     assert parts["rules"]["optimal"]["worst"]["unit"] == each.worst.unit
     assert parts["conditions"]["corners"]["of"] == 24
     assert written["posterior"]["origin"] == "laplace"

@@ -92,7 +92,8 @@ def test_a_trace_with_a_setpoint_is_judged_as_a_log_of_a_car() -> None:
     rig = Rig.from_frames({"closed_loop/steps": frame}, {"rig": {"name": "car", "travel_deg": [7.0, 90.0]}})
     result = check(rig)
     (found,) = result.follows
-    drive = study(DriveLog("steps", *(Series(log["time"], log[name]) for name in ("position", "setpoint"))))
+    position, setpoint = (Series(log["time"], log[name]) for name in ("position", "setpoint"))
+    drive = study(DriveLog("steps", position, setpoint))
     assert [j.says for j in found.verdict.judgements] == [j.says for j in drive.verdict.judgements]
     assert "closed_loop/steps: good enough?" in (shown := render(check_table(result)))
     assert "NOT GOOD" in shown

@@ -212,7 +212,8 @@ def test_without_gains_for_such_an_ecu_the_tune_is_refused_with_the_command(of: 
 def test_present_gains_are_read_off_a_tune(tmp_path: Path) -> None:
     export = named("msq").export(exports.source(pid=pid("rusefi")))
     tune = tmp_path / "mine.msq"
-    tune.write_bytes(export.files["etcfit_rusefi.msq"])
+    written = export.files["etcfit_rusefi.msq"]
+    tune.write_bytes(written.encode() if isinstance(written, str) else written)
     designed = [gain["value"] for gain in pid("rusefi")["profile"]["gains"].values()]
     assert gains_in(tune, ECUS["rusefi"]) == pytest.approx(designed, rel=1e-7)
     with pytest.raises(UsageError, match=r"Link.*no tune file.*--present"):

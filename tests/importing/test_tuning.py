@@ -20,6 +20,7 @@ GAINS = Terms(6.2, 40.0, 0.05)
 
 
 def known(gains: Terms | None = None) -> KnownEcu:
+    assert RUSEFI.notation is not None
     return KnownEcu("rusEFI", Ecu(**RUSEFI.completed({})), True, RUSEFI.notation, gains)
 
 

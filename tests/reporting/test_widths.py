@@ -21,9 +21,10 @@ import results
 from etcfit import read_folder
 from etcfit.car_log import DriveLog, Series, study
 from etcfit.control.design import PAPERS, ecu_of, propose, task_of
-from etcfit.control.fleet_verdict import REQUIRED, FleetVerdict, OneByOne, Share
+from etcfit.control.fleet_verdict import FleetVerdict, OneByOne, Share
 from etcfit.control.frequency import frequency_response
 from etcfit.control.linearise import reduce
+from etcfit.control.loop_figures import FIGURES, LoopFigures
 from etcfit.control.parts_verdict import OnParts, PartsVerdict
 from etcfit.control.pid import RULES
 from etcfit.control.settings import DesignSettings, FleetDesignSettings, OptimumSettings
@@ -147,8 +148,8 @@ def of_design(fit: FitResult) -> RenderableType:
     task = task_of(fitted, ecu_of(fitted), PAPERS, settings=BRIEF)
     design = propose(fitted, task, "manual", {name: RULES[name] for name in ("manual", "damping_optimum")}, "laplace")
     units = tuple(f"serial_{k}_of_line_4_week_31" for k in range(3))
-    figures = {symbol: np.array([1.0, 2.0, 1234.5]) for symbol in REQUIRED}
-    each = OneByOne(units, figures, np.array([6.0, 7.0, 8.0]), np.array([1.2, 1.3, 1.4]), PAPERS)
+    figures = LoopFigures(**{symbol: np.array([1.0, 2.0, 1234.5]) for symbol in FIGURES})
+    each = OneByOne(units, figures, PAPERS)
     on = OnParts(each, each)
     parts = PartsVerdict("runs/line", "line 4", ("J_m",), {"u100": "odd"}, {"manual": on, "damping_optimum": on}, each,
                          each)  # fmt: skip

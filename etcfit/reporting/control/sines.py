@@ -80,7 +80,7 @@ _LINEAR = "linear third order, without dry friction"
 
 def _measured(panels: Sequence[Axes], points: Sequence[Point], ratios: Sequence[Ratio]) -> None:
     hertz = np.array([point.frequency for point in points])
-    ends = 20.0 * np.log10([ratio.magnitude_ci95 for ratio in ratios])
+    ends = 20.0 * np.log10(np.array([ratio.magnitude_ci95 for ratio in ratios]))
     middle = 20.0 * np.log10([ratio.magnitude for ratio in ratios])
     look = {"fmt": "o", "ms": 5.5, "color": style.MEASURED, "capsize": 3, "lw": 1.2, "label": "measured, 95 % interval",
             "zorder": 4}  # fmt: skip

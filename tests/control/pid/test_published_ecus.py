@@ -36,6 +36,7 @@ CASES = {
 def drive(make: EcuProfile, firmware: Firmware, supply: float, seed: int) -> tuple[list[float], ...]:
     """Duties of ours and of theirs over a random sequence that throws both to their limits."""
     ecu, typed = Ecu(supply=supply)._replace(**make.completed({})), firmware.settings
+    assert make.notation is not None
     unit = make.notation.units(ecu, TRAVEL)
     gains = Gains(typed.p * unit.P, typed.i * unit.I, typed.d * unit.D)
     rng = np.random.default_rng(seed)
