@@ -153,9 +153,9 @@ def notation_of(profile: EcuProfile) -> Notation:
     """
     if profile.notation is None:
         raise UsageError(
-            f"{profile.title}: its maker does not publish the unit of its gains, so none can be typed in. Make a folder "
-            f"of the logs (etcfit import) and fit it; etcfit design RUN --ecu {profile.name} --present P,I,D then gives "
-            "gains as multiples of yours."
+            f"{profile.title}: its maker does not publish the unit of its gains, so none can be typed in. Make a "
+            f"folder of the logs (etcfit import) and fit it; etcfit design RUN --ecu {profile.name} --present P,I,D "
+            "then gives gains as multiples of yours."
         )
     return profile.notation
 
