@@ -7,11 +7,12 @@ A column is a register by its name, `Present_Load`, `load (5)` or `shoulder_pan.
 column `id`, parts the motors. The load of a Feetech or an AX is the duty of its bridge, not a torque; that of an X is
 an estimate, and left out beside its PWM. A speed is that of the output, which the position tells: it is left out too.
 
-Source: Feetech, memory tables of STS/SMS and SCS servos (counts a turn and signs as LeRobot's motors/feetech/tables.py;
-load 0.1 %, sign in bit 10; voltage 0.1 V; current 6.5 mA, sign in bit 15); ROBOTIS e-Manual, control tables of
-DYNAMIXEL X (emanual.robotis.com/docs/en/dxl/x/xm430-w350, 4096 counts a turn, PWM 0.113 %, 0.1 V, 2.69 mA; XL330 and
-XC330 1 mA) and AX (emanual.robotis.com/docs/en/dxl/ax/ax-12a, 0.29 degrees, load 0.1 %, sign in bit 10, 0.1 V). Differs
-from source: no.
+Source: Feetech, memory tables of STS/SMS and SCS servos (counts a turn and signs as LeRobot's
+motors/feetech/tables.py; load 0.1 % of the duty, sign in bit 10; voltage 0.1 V; current 6.5 mA, sign in bit 15: units
+as python-st3215 has them); ROBOTIS e-Manual, control tables of DYNAMIXEL X
+(emanual.robotis.com/docs/en/dxl/x/xm430-w350, 4096 counts a turn, PWM 0.113 %, 0.1 V, 2.69 mA; XL330 and XC330 1 mA)
+and AX (emanual.robotis.com/docs/en/dxl/ax/ax-12a, 0.29 degrees, load 0.1 %, sign in bit 10, 0.1 V). Differs from
+source: no.
 """
 
 from __future__ import annotations
