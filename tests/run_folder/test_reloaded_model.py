@@ -94,10 +94,10 @@ def test_every_verb_takes_it(verb: Callable[[Path, Path], Any], run: Path, tmp_p
     assert verb(run, tmp_path) is not None
 
 
-@pytest.mark.slow
 GAINS = ("msq", "mujoco-position")  # they hold a controller, which no design has made here
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", [each.name for each in FORMATS if each.name not in GAINS])
 def test_every_export_takes_it(name: str, run: Path, tmp_path: Path) -> None:
     done = etcfit.export(run, name, tmp_path, quiet=True)
