@@ -52,7 +52,8 @@ def chi2_of(
         return np.array([_of_one(problem, x, weighted) for x in points])
     passes = max(-(-len(points) // _MOST), min(CORES, len(points) // _LEAST))
     size = -(-len(points) // passes)
-    full = problem.layout.padded(np.pad(points, [(0, passes * size - len(points)), (0, 0)], mode="edge"))
+    spare = np.repeat(points[-1:], passes * size - len(points), axis=0)  # so that all passes have one size
+    full = problem.layout.padded(np.concatenate((points, spare)))
     parts = side_by_side(lambda some: _chi2(form, some, weighted), np.split(full, passes))
     chi2 = np.concatenate([np.asarray(part) for part in parts])[: len(points)]
     return np.where(np.isfinite(chi2), chi2, np.inf)
