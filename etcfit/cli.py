@@ -358,7 +358,8 @@ def drive(
     _must_be_writable(out)
     with _progress(quiet) as progress:
         progress("reading the logs", 0.0)
-        from .car_log import logs_at, study
+        from .car_log import study
+        from .car_log.place import logs_at
         from .car_log.study import chosen
         from .reporting.car_log import drive_table, write_drive
         from .reporting.closing.rig import of_drive

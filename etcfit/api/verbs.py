@@ -421,7 +421,8 @@ def drive(
     """
     with working(quiet) as report:
         report("reading the logs", 0.0)
-        from ..car_log import logs_at, study
+        from ..car_log import study
+        from ..car_log.place import logs_at
         from ..car_log.study import chosen
         from .driven import Driven
 

@@ -1,6 +1,9 @@
 """Logs from the car: where, how fast and how closely the plate moves, and whether that is good enough; no model.
 
 Source: the paper, Sections 2 and 4.3.
+
+What reads files (`place`, `read`) loads every format of `importing`, so it is imported by its own name: each fit looks
+at the thresholds here.
 """
 
 from __future__ import annotations
@@ -9,8 +12,6 @@ from .coverage import Lack as Lack
 from .coverage import record_next as record_next
 from .log import DriveLog as DriveLog
 from .log import Series as Series
-from .place import logs_at as logs_at
-from .read import read_logs as read_logs
 from .spectrum import Spectrum as Spectrum
 from .spectrum import spectrum as spectrum
 from .study import Study as Study

@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 import car_logs
-from etcfit.car_log import DriveLog, read_logs, study
+from etcfit.car_log import DriveLog, study
+from etcfit.car_log.read import read_logs
 from etcfit.errors import MeasurementError
 from etcfit.reporting.blocks import render
 from etcfit.reporting.car_log import drive_table

@@ -7,8 +7,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from etcfit.car_log import read_logs, study
+from etcfit.car_log import study
 from etcfit.car_log.log import Series
+from etcfit.car_log.read import read_logs
 from etcfit.car_log.sensors import Sensors, two_sensors
 
 RESTS = 0.12  # of the travel, where springs hold the plate

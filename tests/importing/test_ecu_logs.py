@@ -10,7 +10,8 @@ import pytest
 
 import ecu_files
 from ecu_files import DRIVE, FILES, File
-from etcfit.car_log import read_logs, study
+from etcfit.car_log import study
+from etcfit.car_log.read import read_logs
 from etcfit.errors import MeasurementError
 from etcfit.importing import Answers, import_files
 from etcfit.importing.answers import target
