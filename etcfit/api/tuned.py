@@ -14,10 +14,11 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..car_log import DriveLog, Lack, Series, record_next
+from ..car_log import Lack, record_next
+from ..car_log.study import as_log
 from ..control.request import DesignRequest
 from ..errors import UsageError
-from ..files import held, write_json
+from ..files import held, plain, write_json
 from ..importing.answers import Answers
 from ..importing.tuning import KnownEcu, TuneInput, TuneSettings, tune_input
 from ..model.ecu import Ecu, Notation, Terms
@@ -135,7 +136,7 @@ def tune_logs(files: Sequence[Path], run: RunFolder, asked: TuneRequest, report:
         known = _known(profile, given, asked)
         logs = _imported(files, asked)
         prepared = tune_input(logs, _name(files), known, asked.settings)
-        lacks = record_next([_as_drive_log(log, logs) for log in logs.measurements if "position" in log.channels])
+        lacks = record_next([as_log(log, logs.config) for log in logs.measurements if "position" in log.channels])
         if prepared.stopped_by:
             why = " ".join(f"{each.says[0].upper()}{each.says[1:]}. {each.cure}" for each in prepared.stopped_by)
             found = Tuned(profile, prepared, lacks, why_not=why)
@@ -182,16 +183,6 @@ def _imported(files: Sequence[Path], asked: TuneRequest) -> Rig:
         toml.write_text(f'[rig]\nname = "logs"\nsupply_V = {supply}\n', encoding="utf-8")
         import_files(files, Path(scratch) / LOGS, asked.answers, accept_all, rig=toml)
         return replace(read_folder(Path(scratch) / LOGS), folder=str(files[0]))
-
-
-def _as_drive_log(log: Any, rig: Rig) -> DriveLog:
-    """As `etcfit drive` reads it, for what it says of moves."""
-    low, high = rig.config.travel
-    shares = {
-        name: Series(log.channels[name].time, 100.0 * (log.channels[name].value - low) / (high - low))
-        for name in ("position", "setpoint") if name in log.channels
-    }  # fmt: skip
-    return DriveLog(log.file, shares["position"], shares.get("setpoint"))
 
 
 def fit_settings() -> FitSettings:
@@ -265,17 +256,12 @@ def _written(folder: Path, prepared: TuneInput) -> Path:
 
 
 def _explained(result: FitResult) -> tuple[float | None, float | None]:
-    """1 - sum (y - y_hat)^2 / sum (y - mean y)^2 of the position's free run, held out and fitted."""
+    """Share of the position's motion, held out and fitted, as `etcfit fit` has it."""
+    from ..estimation.explained import explained, share_of
 
-    def of(problem: Any) -> float | None:
-        left = all_ = 0.0
-        for measured, predicted in () if problem is None else _positions(result, problem):
-            seen = np.isfinite(measured)
-            left += float(np.sum((measured - predicted)[seen] ** 2))
-            all_ += float(np.sum((measured[seen] - np.mean(measured[seen])) ** 2))
-        return 1.0 - left / all_ if all_ > 0.0 else None
-
-    return of(result.holdout), of(result.problem)
+    scores = (result.score_holdout, result.score_fit)
+    held_out, fitted = (share_of(explained(each, result.rig.measurements), ("position",)) for each in scores)
+    return held_out, fitted
 
 
 def _positions(result: FitResult, problem: Any) -> Iterator[tuple[np.ndarray, np.ndarray]]:
@@ -298,8 +284,6 @@ def keep_tuned(run: Path, found: Tuned, asked: TuneRequest, report: Report = sil
 
 def tuned_json(found: Tuned, asked: TuneRequest) -> dict[str, Any]:
     """The object of tune.json."""
-    from ..files import plain
-
     make, result = found.profile, found.result
     withheld = bool(found.why_not)
     held_out, fitted = found.explained

@@ -67,13 +67,12 @@ def study(log: DriveLog, bounds: tuple[float, float] = BOUNDS) -> Study:
 
 def study_traces(rig: Rig) -> tuple[Study, ...]:
     """Traces of a measurement folder that hold a setpoint and a position, studied as logs of a car."""
-    found = (_as_log(trace, rig.config) for trace in rig.measurements)
-    return tuple(study(log) for log in found if log is not None)
+    traces = (trace for trace in rig.measurements if {"position", "setpoint"} <= set(trace.channels))
+    return tuple(study(as_log(trace, rig.config)) for trace in traces)
 
 
-def _as_log(trace: Measurement, config: RigConfig) -> DriveLog | None:
-    if not {"position", "setpoint"} <= set(trace.channels):
-        return None
+def as_log(trace: Measurement, config: RigConfig) -> DriveLog:
+    """A trace that holds a position, as a log of a car."""
     low, high = config.travel
 
     def series(name: str, offset: float, scale: float) -> Series:
@@ -81,9 +80,9 @@ def _as_log(trace: Measurement, config: RigConfig) -> DriveLog | None:
         return Series(channel.time, 100.0 * (channel.value - offset) / scale)
 
     duty = {DUTY: series("duty", 0.0, 1.0)} if "duty" in trace.channels else {}
-    position, asked = (series(name, low, high - low) for name in ("position", "setpoint"))
-    columns = {name: trace.channels[name].header for name in ("position", "setpoint", *duty)}
-    return DriveLog(trace.file, position, asked, columns, others=duty)
+    moves = {name: series(name, low, high - low) for name in ("position", "setpoint") if name in trace.channels}
+    columns = {name: trace.channels[name].header for name in (*moves, *duty)}
+    return DriveLog(trace.file, moves["position"], moves.get("setpoint"), columns, others=duty)
 
 
 def _pair(log: DriveLog) -> Sensors | None:
