@@ -22,6 +22,19 @@ class Series:
     time: np.ndarray
     value: np.ndarray
 
+    @classmethod
+    def rising(cls, time: np.ndarray, value: np.ndarray) -> Series:
+        """The samples at which both were logged and time goes on: an ECU may write several rows a tick of its clock.
+
+        Args:
+            time: s, shape (n,); NaN where it was not logged.
+            value: likewise.
+        """
+        there = np.isfinite(time) & np.isfinite(value)
+        t = time[there]
+        ahead = t > np.concatenate(([-np.inf], np.maximum.accumulate(t)[:-1]))
+        return cls(t[ahead], value[there][ahead])
+
     @property
     def step(self) -> float:
         """Median time between samples, s."""

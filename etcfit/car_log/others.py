@@ -64,13 +64,11 @@ def series(time: np.ndarray, columns: Sequence[np.ndarray], places: Mapping[str,
     """
     out = {}
     for quantity, (place, unit) in places.items():
-        there = np.isfinite(time) & np.isfinite(columns[place])
-        t, value = time[there], columns[place][there]
-        ahead = t > np.concatenate(([-np.inf], np.maximum.accumulate(t)[:-1]))
-        if ahead.sum() < 2:
+        logged = Series.rising(time, columns[place])
+        if logged.time.size < 2:
             continue
-        value = value[ahead] * (1e-3 if unit == "mv" else 1.0)
-        if quantity == DUTY and (unit == "1" or (not unit and np.abs(value).max() <= 1.0)):
-            value = 100.0 * value
-        out[quantity] = Series(t[ahead], value)
+        scale = 1e-3 if unit == "mv" else 1.0
+        if quantity == DUTY and (unit == "1" or (not unit and np.abs(logged.value).max() <= 1.0)):
+            scale = 100.0
+        out[quantity] = Series(logged.time, scale * logged.value)
     return out

@@ -221,7 +221,7 @@ def _of_setpoint(sheet: Sheet) -> str:
 
 
 def _series(time: Take, take: Take, config: RigConfig, where: str) -> Series:
-    """Where both were logged and time goes on: an ECU may write several rows a tick of its clock."""
+    """A column in per cent of the travel, see `Series.rising`."""
     low, high = config.travel
     try:
         conversion = to_channel(take.quantity, take.unit, config.travel, config.tps)[1]
@@ -229,11 +229,9 @@ def _series(time: Take, take: Take, config: RigConfig, where: str) -> Series:
         raise MeasurementError(where, f"column '{take.column.label}': {err}", "The rig.toml must say how to read it.",
                                "Add [tps] with closed_V, open_V, travel_deg, or both ends in [rig] travel_deg."
                                ) from err  # fmt: skip
-    logged, clock = conversion.scale * take.column.values + conversion.offset, time.si
-    there = np.isfinite(clock) & np.isfinite(logged)
-    t, value = clock[there], 100.0 * (logged[there] - low) / (high - low)
-    ahead = t > np.concatenate(([-np.inf], np.maximum.accumulate(t)[:-1]))
-    if ahead.sum() < 2:
-        raise MeasurementError(where, f"column '{take.column.label}' holds {int(ahead.sum())} sample.", "At least two.",
+    logged = conversion.scale * take.column.values + conversion.offset
+    series = Series.rising(time.si, 100.0 * (logged - low) / (high - low))
+    if series.time.size < 2:
+        raise MeasurementError(where, f"column '{take.column.label}' holds {series.time.size} sample.", "At least two.",
                                "Log it again.")  # fmt: skip
-    return Series(t[ahead], value[ahead])
+    return series
