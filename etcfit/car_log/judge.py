@@ -50,41 +50,41 @@ def judge(
         follows, steps, cycle, duty, pair: what was found in it.
         rested: s at rest in which an oscillation would be seen.
     """
-    return Verdict(tuple(_judgements(log, follows, steps, rested, cycle, duty, pair)))
+    return Verdict((
+        *_of_steps(log, steps),
+        *_of_tracking(follows),
+        _of_rest(log, rested, cycle),
+        *(() if duty is None else _of_duty(duty)),
+        *(() if pair is None else (APART.judged(pair.apart),)),
+    ))  # fmt: skip
 
 
-def _judgements(
-    log: DriveLog,
-    follows: Tracking | None,
-    steps: Sequence[Step],
-    rested: float,
-    cycle: LimitCycle | None,
-    duty: DutyUse | None,
-    pair: Sensors | None,
-) -> Iterator[Judgement]:
-    yield from _of_steps(log, steps, cycle)
+def _of_tracking(follows: Tracking | None) -> Iterator[Judgement]:
     asked = "no setpoint was logged"
     limit = RMSE.limit if follows is None else max(RMSE.limit, follows.within_reach)
     yield RMSE.judged(None if follows is None else follows.rmse, without=asked, limit=limit)
     lag = None if follows is None else follows.lag
     yield LAG.judged(lag, without=asked if follows is None else "the setpoint hardly moves")
     yield ASTRAY.judged(None if follows is None else follows.astray, without=asked)
+
+
+def _of_rest(log: DriveLog, rested: float, cycle: LimitCycle | None) -> Judgement:
+    """Whether it oscillates at rest, where the log would show that."""
     if cycle is not None:
-        yield CYCLE.judged(cycle.amplitude, f"{cycle.kind}, {cycle.period:.2g} s a period")
-    else:
-        coarse = max(noise_of(log.position.value), 0.5 * quantum_of(log.position.value)) > CYCLE.limit
-        enough = log.setpoint is not None and rested >= _RESTED and not coarse
-        why = "the sensor's noise or resolution hides it" if coarse else f"the setpoint rests for {rested:.2g} s only"
-        yield CYCLE.judged(0.0 if enough else None, "none seen", without=why)
-    if duty is not None:
-        yield ACTIVITY.judged(duty.activity, without="the setpoint never rests")
-        resting = None if duty.saturated_at_rest is None else 100.0 * duty.saturated_at_rest
-        yield SATURATED.judged(resting, without="the setpoint never rests")
-    if pair is not None:
-        yield APART.judged(pair.apart)
+        return CYCLE.judged(cycle.amplitude, f"{cycle.kind}, {cycle.period:.2g} s a period")
+    coarse = max(noise_of(log.position.value), 0.5 * quantum_of(log.position.value)) > CYCLE.limit
+    enough = log.setpoint is not None and rested >= _RESTED and not coarse
+    why = "the sensor's noise or resolution hides it" if coarse else f"the setpoint rests for {rested:.2g} s only"
+    return CYCLE.judged(0.0 if enough else None, "none seen", without=why)
 
 
-def _of_steps(log: DriveLog, steps: Sequence[Step], cycle: LimitCycle | None) -> Iterator[Judgement]:
+def _of_duty(duty: DutyUse) -> Iterator[Judgement]:
+    yield ACTIVITY.judged(duty.activity, without="the setpoint never rests")
+    resting = None if duty.saturated_at_rest is None else 100.0 * duty.saturated_at_rest
+    yield SATURATED.judged(resting, without="the setpoint never rests")
+
+
+def _of_steps(log: DriveLog, steps: Sequence[Step]) -> Iterator[Judgement]:
     """The worst of the best nine tenths of the steps."""
     large = [each for each in steps if abs(each.size) >= _LARGE]
     why = ("no setpoint was logged" if log.setpoint is None else
