@@ -14,7 +14,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from ..rig.registers import sign_bit
+from ..rig.registers import sign_bit, without_sign_bit
 from .sheet import TIME
 from .take import LEFT_OUT, Take
 
@@ -26,8 +26,8 @@ def signed(take: Take) -> Take:
     bit = sign_bit(take.column.values, take.quantity)
     if bit is None:
         return take
-    raw, most = take.column.values, float(2**bit)
-    largest = float(np.nanmax(raw))
-    why = f"the sign stands in bit {bit}: {largest:.0f} is {most - largest:.0f}"
-    column = replace(take.column, values=np.where(raw >= most, most - raw, raw))
+    raw = take.column.values
+    largest = np.array([np.nanmax(raw)])
+    why = f"the sign stands in bit {bit}: {largest[0]:.0f} is {without_sign_bit(largest, bit)[0]:.0f}"
+    column = replace(take.column, values=without_sign_bit(raw, bit))
     return replace(take, column=column, reason=f"{take.reason}; {why}")

@@ -9,6 +9,12 @@ _ANY = (15,)
 _FULL = 0.75  # of the range below the bit that neither part reaches: a count that grows through it is no sign
 
 
+def without_sign_bit(values: np.ndarray, bit: int) -> np.ndarray:
+    """raw below 2^bit, -(raw - 2^bit) from there on, shape (n,); what is negative already stays."""
+    most = float(2**bit)
+    return np.where(values >= most, most - values, values)
+
+
 def sign_bit(values: np.ndarray, quantity: str) -> int | None:
     """The bit that holds the sign of these numbers; None where they are no such register.
 

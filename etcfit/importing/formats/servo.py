@@ -25,6 +25,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ...errors import MeasurementError, UsageError
+from ...rig.registers import without_sign_bit
 from ..sheet import TIME, Column, Sheet
 
 
@@ -187,10 +188,8 @@ def _signed(raw: np.ndarray, register: Register) -> np.ndarray:
     """Counts with their sign, shape (n,); what is negative already stays."""
     values = np.array(raw, dtype=float)
     if register.sign is not None:
-        bit = 2.0**register.sign
-        beyond = values >= bit
-        values[beyond] = -(values[beyond] - bit)
-    elif register.width:
+        return without_sign_bit(values, register.sign)
+    if register.width:
         beyond = values >= 2.0 ** (register.width - 1)
         values[beyond] -= 2.0**register.width
     return values
