@@ -56,7 +56,7 @@ class Scheduling(Enum):
     TABLE = "tables of gains over the supply"
     CODE = "gains that code of yours can set at run time"
     NONE = "one number for each gain"
-    UNKNOWN = "no table of gains that is known of"
+    UNKNOWN = "no known table of gains"
 
 
 NOT_DIVIDED = "no division by the battery voltage; say --divides-by-battery if yours does"
