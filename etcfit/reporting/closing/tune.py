@@ -21,7 +21,7 @@ def of_tune(found: Any, run: Path, files: Sequence[Path]) -> Closing:
     words = ", ".join(f"{name} {short(gain, 4)}" for name, gain in
                       zip(found.profile.gains, found.written(step.gains), strict=True))  # fmt: skip
     which = "Half-way gains to try first" if len(found.steps) > 1 else "Proposed gains"
-    doubt = " Of a compromise: " + " ".join(found.result.state.cautions) if found.result.state.cautions else ""
+    doubt = " In spite of this: " + " ".join(found.doubts) if found.doubts else ""
     again = f"etcfit tune NEXT_LOG --ecu {found.profile.name} --present P,I,D --out {shlex.quote(str(run))}"
     return Closing(
         f"{which}: {words}.{doubt}", f"type them in, engine off, log the same moves again, then {again}", look
