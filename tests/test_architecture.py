@@ -43,7 +43,6 @@ REGISTRIES = {
     "model/effects": "AbstractEffect",
     "model/rig_effects": "AbstractRigEffect",
     "rig": "AbstractRigTest",
-    "rig/checks": "AbstractDetector",
     "experiment/excitation": "AbstractShape",
     "fleets/line": "AbstractFigure",
 }
