@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 from ..problem.free_parameters import SERIES
 from ..problem.trace import Trace
-from ..rig.comments import toml_string
+from ..rig.user_text import toml_string
 from .identifiability import Direction
 
 ELECTRICAL = frozenset({"R_a", "L_a"})

@@ -12,7 +12,7 @@ from ..errors import UsageError, command
 from ..estimation.fitted_model import Fitted
 from ..estimation.result import FitResult
 from ..rig.base import Measurement
-from ..rig.sine import Sine
+from ..rig.driven import Sine
 from .manifest import POSTERIOR, read_records, require
 from .reading import object_in
 

@@ -6,7 +6,7 @@ import textwrap
 
 from ..experiment.campaign import Campaign, PlannedTest
 from ..experiment.candidates import FULL, Played
-from ..rig.comments import c_comment, hash_comment
+from ..rig.user_text import c_comment, hash_comment
 
 
 def play_files(campaign: Campaign) -> dict[str, str]:
