@@ -14,7 +14,7 @@ from ..files import digest, read_regular
 from . import TESTS
 from .base import Channel, Measurement, Rig, RigConfig
 from .checks import findings
-from .columns import Column, Log, read_columns, with_motor_current
+from .columns import DROP, Column, Log, read_columns, with_motor_current
 from .config import config_of
 from .duplicates import refuse_duplicates
 from .noise import Texture, pooled, textures
@@ -26,8 +26,6 @@ from .user_text import refuse_foreign_names
 
 # rig test -> groups of channels; a trace must hold one of each group
 KNOWN_TESTS: dict[str, tuple[tuple[str, ...], ...]] = {test.name: test.needs for test in TESTS}
-
-
 _LINES_ABOVE = 50  # with which a last line without an end is compared
 
 
@@ -98,8 +96,18 @@ def checked(config: RigConfig, files: Iterable[str], toml: Toml) -> RigConfig:
     Raises:
         MeasurementError: a test nobody knows, or a held-out trace that is not there.
     """
-    _check_tests(config, toml)
-    return _with_holdout(config, files, toml.place("holdout.files"))
+    for test in config.series_ohm:
+        if test not in KNOWN_TESTS:
+            raise toml.wrong(f"tests.{test}", "no such rig test.", f"Known: {', '.join(KNOWN_TESTS)}.",
+                             closest(test, KNOWN_TESTS, "Delete the table."))  # fmt: skip
+    files = tuple(files)
+    for name in config.holdout:
+        if name not in files:
+            raise MeasurementError(toml.place("holdout.files"),
+                                   f"holdout.files names '{name}', which is not there.",
+                                   "Held-out files are given relative to the folder, as 'response/1.csv'.",
+                                   closest(name, files, "Correct the name, or remove it."))  # fmt: skip
+    return replace(config, holdout=tuple(dict.fromkeys(config.holdout)))
 
 
 def assembled(
@@ -120,17 +128,13 @@ def assembled(
     for test in KNOWN_TESTS:
         check_peaks(test, [log for log in logs if log.test == test])
     twice = refuse_duplicates(logs)
-    warnings = [*odd, *(w for _, ws in read for w in ws), *_unused_columns(config, logs, toml), *twice]
+    used = {" ".join(c.header.split()) for log in logs for c in log.columns.values()}
+    unused = [f'{toml.place(f"columns.{name}")}: [columns] names "{name}", which no CSV has.'
+              for name, ours in config.columns.items() if name not in used and ours.casefold() not in DROP]  # fmt: skip
+    warnings = [*odd, *(w for _, ws in read for w in ws), *unused, *twice]
     measurements = _measurements(logs, config)
     found = findings(config, measurements)
     return Rig(folder, config, measurements, (*warnings, *map(str, found)), written(toml), findings=found)
-
-
-def _check_tests(config: RigConfig, toml: Toml) -> None:
-    for test in config.series_ohm:
-        if test not in KNOWN_TESTS:
-            raise toml.wrong(f"tests.{test}", "no such rig test.", f"Known: {', '.join(KNOWN_TESTS)}.",
-                             closest(test, KNOWN_TESTS, "Delete the table."))  # fmt: skip
 
 
 def _csv_files(folder: Path, base: str) -> tuple[list[str], list[str]]:
@@ -160,17 +164,6 @@ def _csv_files(folder: Path, base: str) -> tuple[list[str], list[str]]:
 
 def _is_csv(path: Path) -> bool:
     return path.suffix.casefold() == ".csv" and not path.name.startswith((".", "~")) and not path.is_dir()
-
-
-def _with_holdout(config: RigConfig, files: Iterable[str], place: str) -> RigConfig:
-    """The held-out files, each checked to be there; `place` is where they are named."""
-    files = tuple(files)
-    for name in config.holdout:
-        if name not in files:
-            raise MeasurementError(place, f"holdout.files names '{name}', which is not there.",
-                                   "Held-out files are given relative to the folder, as 'response/1.csv'.",
-                                   closest(name, files, "Correct the name, or remove it."))  # fmt: skip
-    return replace(config, holdout=tuple(dict.fromkeys(config.holdout)))
 
 
 def _read_log(base: str, file: str, config: RigConfig, toml: Toml) -> tuple[Log, list[str]]:
@@ -246,25 +239,18 @@ def _check_required(log: Log, config: RigConfig) -> None:
                                    f"A {log.test} trace needs it.",
                                    "Add the column, map its header under [columns], "
                                    "or move the file to the folder of its test.")  # fmt: skip
-    if _only_duty(log) and config.supply_V is None:
+    only_duty = "duty" in log.channels and not {"voltage", "supply", "torque"} & set(log.channels)
+    if only_duty and config.supply_V is None:
         raise MeasurementError(log.where, "duty without voltage or supply.", "Voltage is duty times supply.",
                                "Add a 'supply [V]' column, or [rig] supply_V in rig.toml.")  # fmt: skip
 
 
-def _only_duty(log: Log) -> bool:
-    return "duty" in log.channels and not {"voltage", "supply", "torque"} & set(log.channels)
-
-
-def _unused_columns(config: RigConfig, logs: Iterable[Log], toml: Toml) -> list[str]:
-    used = {" ".join(c.header.split()) for log in logs for c in log.columns.values()}
-    strange = [foreign for foreign, ours in config.columns.items()
-               if foreign not in used and ours.casefold() not in ("", "ignore")]  # fmt: skip
-    return [f'{toml.place(f"columns.{name}")}: [columns] names "{name}", which no CSV has.'
-            for name in strange]  # fmt: skip
-
-
 def _measurements(logs: tuple[Log, ...], config: RigConfig) -> tuple[Measurement, ...]:
-    bare = [_measurement(log, config.holdout) for log in logs]
+    bare = []
+    for log in logs:
+        time = _frozen(log.time)
+        channels = {name: _channel(column, time) for name, column in log.channels.items()}
+        bare.append(Measurement(log.file, log.test, time, channels, log.file in config.holdout))
     looks = {(m.file, name): look for m in bare for name, look in _textures(m).items()}
     return tuple(
         replace(m, channels={name: _with_noise(c, name, m, bare, looks, config) for name, c in m.channels.items()})
@@ -282,12 +268,6 @@ def _textures(trace: Measurement) -> dict[str, Texture]:
         channels = [trace.channels[name] for name in names]
         found |= zip(names, textures(channels[0].time, [each.value for each in channels]), strict=True)
     return found
-
-
-def _measurement(log: Log, holdout: tuple[str, ...]) -> Measurement:
-    time = _frozen(log.time)
-    channels = {name: _channel(column, time) for name, column in log.channels.items()}
-    return Measurement(log.file, log.test, time, channels, log.file in holdout)
 
 
 def _channel(column: Column, time: np.ndarray) -> Channel:

@@ -72,7 +72,9 @@ def decode(raw: bytes, where: str) -> str:
     except UnicodeDecodeError as err:
         raise _not_text(where, f"the bytes at offset {err.start} are no {err.encoding} text.") from err
     text = text.replace("\r\n", "\n").replace("\r", "\n")
-    if control := _control(text):
+    plain = text.encode("utf-8") if text.isascii() else b""
+    is_clean = plain and len(plain.translate(None, CONTROL)) == len(plain)  # else it is searched letter by letter
+    if not is_clean and (control := re.search(rf"[{CONTROL.decode('ascii')}]", text)):
         line = text.count("\n", 0, control.start()) + 1
         raise _not_text(f"{where}:{line}", f"control character {control[0]!r} found.")
     return text
@@ -170,16 +172,12 @@ def _top(text: str, where: str) -> tuple[Top, list[tuple[int, str]]]:
                                "Log it again, or delete the file.")  # fmt: skip
     separator = separator or _separator(header_text, [row for _, row in body[:LINES_TO_LOOK_AT]], at)
     header = [cell.strip() for cell in quoted_cells(header_text, separator, at)]
-    _refuse_numbers_as_header(header, at)
+    named = [cell for cell in header if cell]
+    if named and all(NUMBER.fullmatch(cell.replace(",", ".")) for cell in named):
+        raise MeasurementError(at, f"numbers where the header must be: '{', '.join(named)[:60]}'.",
+                               "The first line that is no comment must name the columns.",
+                               "Add a header such as 'time [s],voltage [V]'.")  # fmt: skip
     return Top(line, header, separator), body
-
-
-def _control(text: str) -> re.Match[str] | None:
-    """The first control character that no text has; a long text without any is not searched letter by letter."""
-    raw = text.encode("utf-8") if text.isascii() else b""
-    if raw and len(raw.translate(None, CONTROL)) == len(raw):
-        return None
-    return re.search(rf"[{CONTROL.decode('ascii')}]", text)
 
 
 def _encoding(raw: bytes) -> str:
@@ -204,16 +202,15 @@ def _not_text(where: str, found: str) -> MeasurementError:
 
 def _content(text: str, where: str) -> list[tuple[int, str]]:
     lines = text.split("\n")
-    numbered = [(k, s) for k, s in enumerate(lines, 1) if s and not _is_comment(s)]
+    numbered = []
+    for k, line in enumerate(lines, 1):
+        bare = line.lstrip()
+        if bare and (not bare.startswith(("#", '"#')) or EXCEL_ERROR.match(bare)):
+            numbered.append((k, line))
     if not numbered:
         raise MeasurementError(where, "the file is empty.", "A trace needs a header and two rows.",
                                "Log it again, or delete the file.")  # fmt: skip
     return numbered
-
-
-def _is_comment(line: str) -> bool:
-    text = line.lstrip()
-    return not text or (text.startswith(("#", '"#')) and not EXCEL_ERROR.match(text))
 
 
 def _announced_separator(numbered: list[tuple[int, str]]) -> tuple[str | None, list[tuple[int, str]]]:
@@ -243,14 +240,6 @@ def _count(row: str, separator: str) -> int:
         return len(next(csv.reader([row], delimiter=separator))) if '"' in row else row.count(separator) + 1
     except csv.Error:
         return 0
-
-
-def _refuse_numbers_as_header(header: list[str], where: str) -> None:
-    named = [cell for cell in header if cell]
-    if named and all(NUMBER.fullmatch(cell.replace(",", ".")) for cell in named):
-        raise MeasurementError(where, f"numbers where the header must be: '{', '.join(named)[:60]}'.",
-                               "The first line that is no comment must name the columns.",
-                               "Add a header such as 'time [s],voltage [V]'.")  # fmt: skip
 
 
 def without_blanks(table: Table, where: str) -> Table:
