@@ -16,9 +16,8 @@ from __future__ import annotations
 
 import difflib
 import re
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from functools import partial
 
 import numpy as np
 
@@ -64,11 +63,6 @@ class Column:
     def values(self, rows: slice) -> np.ndarray:
         """SI, of some rows."""
         return self.conversion.scale * self.logged[rows] + self.conversion.offset
-
-    @property
-    def is_angle(self) -> bool:
-        """Held against the travel rather than against fixed limits."""
-        return self.quantity in ("position", "setpoint")
 
 
 @dataclass(frozen=True, eq=False)
@@ -121,11 +115,11 @@ def read_columns(table: Table, config: RigConfig, where: str, toml: Toml) -> dic
         ours = config.columns.get(" ".join(header.split()), header)
         if ours.casefold() in DROP:
             continue
-        place = partial(_place, header, config.columns, table.head(where), toml)
+        place = _place(header, config.columns, table.head(where), toml)
         column = _column(header, ours, table.cells[:, k], config, place)
         if other := columns.get(column.quantity):
             raise MeasurementError(
-                place(),
+                place,
                 f"columns '{other.header}' and '{header}' are both {column.quantity}.",
                 "A trace has one column for each quantity.",
                 f'Delete one, or set {toml_string(header)} = "ignore" under [columns].',
@@ -144,15 +138,15 @@ def _place(header: str, mapped: Mapping[str, str], where: str, toml: Toml) -> st
     return f"{toml.place(f'columns.{name}')} [columns], for {where}" if name in mapped else where
 
 
-def _column(header: str, ours: str, cells: np.ndarray, config: RigConfig, place: Callable[[], str]) -> Column:
+def _column(header: str, ours: str, cells: np.ndarray, config: RigConfig, place: str) -> Column:
     try:
         quantity, unit = parse_header(ours)
     except HeaderError as err:
-        raise MeasurementError(place(), err.found, err.required, err.mend) from err
+        raise MeasurementError(place, err.found, err.required, err.mend) from err
     try:
         channel, conversion = to_channel(quantity, unit, config.travel, config.tps)
     except UnitError as err:
-        raise MeasurementError(place(), f"column '{header}': {err}", "The rig.toml must say how to read it.",
+        raise MeasurementError(place, f"column '{header}': {err}", "The rig.toml must say how to read it.",
                                "Add [tps] with closed_V, open_V, travel_deg." if quantity == "tps" else
                                "Log in degrees, or give both ends in [rig] travel_deg.") from err  # fmt: skip
     return Column(header, channel, unit, conversion, cells)
@@ -173,35 +167,23 @@ def parse_header(header: str) -> tuple[str, str]:
         HeaderError: unknown quantity, unit missing, or a unit of the wrong dimension.
     """
     match = _FORM.fullmatch(header.strip())
-    quantity = _slug(match["quantity"] if match else header)
+    quantity = "_".join((match["quantity"] if match else header).casefold().split())
     if quantity not in SI_UNIT:
-        raise _foreign(header, quantity)
+        near = difflib.get_close_matches(quantity, SI_UNIT, n=1, cutoff=0.75)
+        guess = f" Did you mean '{near[0]} [{_example(near[0])}]'?" if near else ""
+        raise HeaderError(f"column '{header}' is not known.", f"Known: {', '.join(SI_UNIT)}.",
+                          f"Add it to rig.toml under [columns], as {toml_string(header)} = \"position [deg]\" "
+                          f"(or = \"ignore\"), or delete the column.{guess}")  # fmt: skip
     if match is None or not match["unit"]:
         raise HeaderError(f"column '{header}' has no unit.", f"Accepted: {quantity} in {EXAMPLES[quantity]}.",
                           f"Write the unit in brackets, as in '{quantity} [{_example(quantity)}]'.")  # fmt: skip
-    if not (quantity in ("position", "setpoint") and is_percent(match["unit"])):
-        _check_unit(header, quantity, match["unit"])
-    return quantity, match["unit"]
-
-
-def _check_unit(header: str, quantity: str, unit: str) -> None:
     try:
-        conversion(quantity, unit)
+        if not (quantity in ("position", "setpoint") and is_percent(match["unit"])):
+            conversion(quantity, match["unit"])
     except UnitError as err:
         raise HeaderError(f"column '{header}': {err}", f"Accepted: {quantity} in {EXAMPLES[quantity]}.",
                           f"Correct the unit, as in '{quantity} [{_example(quantity)}]'.") from err  # fmt: skip
-
-
-def _foreign(header: str, quantity: str) -> HeaderError:
-    match = difflib.get_close_matches(quantity, SI_UNIT, n=1, cutoff=0.75)
-    guess = f" Did you mean '{match[0]} [{_example(match[0])}]'?" if match else ""
-    return HeaderError(f"column '{header}' is not known.", f"Known: {', '.join(SI_UNIT)}.",
-                       f"Add it to rig.toml under [columns], as {toml_string(header)} = \"position [deg]\" "
-                       f"(or = \"ignore\"), or delete the column.{guess}")  # fmt: skip
-
-
-def _slug(text: str) -> str:
-    return "_".join(text.casefold().split())
+    return quantity, match["unit"]
 
 
 def _example(quantity: str) -> str:

@@ -145,7 +145,7 @@ def _check_range(log: Log, column: Column, config: RigConfig) -> None:
                 "`etcfit import` reads it so.")  # fmt: skip
     elif column.quantity == "duty":
         mend = f"{mend} Or give what one count is, as in 'duty [0.1 %]'."
-    if column.is_angle:
+    if column.quantity not in POSSIBLE:  # an angle
         required += ", the travel and a little more"
         mend = ("Correct [tps] or [rig] travel_deg in rig.toml, or empty the cell if the sensor failed."
                 if column.unit.endswith("V") else f"{mend} Or correct [rig] travel_deg.")  # fmt: skip

@@ -18,7 +18,7 @@ import numpy as np
 
 from ..errors import MeasurementError
 from .layout import TextTable, read_text
-from .rows import HUGE, LINES_TO_LOOK_AT, NUMBER, SEPARATORS, fast_cells, quoted_cells, read_rows
+from .rows import LINES_TO_LOOK_AT, NUMBER, SEPARATORS, fast_cells, quoted_cells, read_rows
 
 LINES_OF_A_TOP = 200  # comments and header; a file with more above its rows is read the careful way
 CONTROL = bytes((*range(0x09), *range(0x0E, 0x20), 0x7F))  # all but tab and line ends
@@ -134,7 +134,7 @@ def parse_plain(text: str, where: str) -> Table | None:
         return None
     if len(body) < LINES_TO_LOOK_AT:
         return None
-    cells = fast_cells(text.split("\n", top.line)[top.line], top.separator, len(top.header), HUGE)
+    cells = fast_cells(text.split("\n", top.line)[top.line], top.separator, len(top.header))
     if cells is None:
         return None
     lines = np.arange(top.line + 1, top.line + 1 + len(cells))

@@ -216,16 +216,13 @@ def written(toml: Toml) -> str:
     """A text that `toml.parse` makes the same tables of."""
     if not toml.layers:
         return toml.source
-    lines = [f"{toml_string(name)} = {_value(value)}" for name, value in toml.tables.items() if not _is_table(value)]
+    plain = {name: value for name, value in toml.tables.items() if not isinstance(value, Mapping)}
+    lines = [f"{toml_string(name)} = {_value(value)}" for name, value in plain.items()]
     for name, table in toml.tables.items():
-        if _is_table(table):
+        if isinstance(table, Mapping):
             lines += ["", f"[{toml_string(name)}]"]
             lines += [f"{toml_string(key)} = {_value(value)}" for key, value in table.items()]
     return "\n".join([*lines, ""]).lstrip("\n")
-
-
-def _is_table(value: Any) -> bool:
-    return isinstance(value, Mapping)
 
 
 def _value(value: Any) -> str:
