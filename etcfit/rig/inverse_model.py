@@ -127,14 +127,11 @@ def filter_for(position: Channel) -> Filter:
     pulse = np.zeros(len(time))
     pulse[len(time) // 2] = noise
     for candidate in chosen:
-        seen, made = (np.std(_acceleration(x, step, candidate)) for x in (angle, pulse))
+        smooth = (candidate.position(x) for x in (angle, pulse))
+        seen, made = (np.std(candidate.below(np.gradient(np.gradient(x, step), step))) for x in smooth)
         if made * np.sqrt(len(time)) < LARGEST_NOISE * seen:
             return candidate
     return chosen[-1] if chosen else Filter(BANDWIDTHS[0], 1 / step)
-
-
-def _acceleration(angle: np.ndarray, step: float, chosen: Filter) -> np.ndarray:
-    return chosen.below(np.gradient(np.gradient(chosen.position(angle), step), step))
 
 
 def solve(systems: Sequence[Equations], held: Mapping[str, float]) -> np.ndarray:

@@ -278,10 +278,7 @@ def fast_cells(body: str, separator: str, width: int) -> np.ndarray | None:
     mark = _plain_mark(body, separator) if body.isascii() else None
     if mark is None:
         return None
-    rows, part = (
-        (body.replace(",", ".") if mark == "," else body).rstrip("\n").encode("ascii"),
-        separator.encode("ascii"),
-    )
+    rows, part = body.replace(mark, ".").rstrip("\n").encode("ascii"), separator.encode("ascii")
     lines, foreign = rows.count(b"\n") + 1, rows.translate(None, _OF_NUMBERS.encode("ascii") + b"." + part)
     blank = not rows or rows.startswith(b"\n") or b"\n\n" in rows
     if blank or foreign or rows.count(part) != lines * (width - 1):
