@@ -20,33 +20,21 @@ VARIABLE = "ETCFIT_DATA"  # names a folder of local copies
 
 @dataclass(frozen=True)
 class Source:
-    """One published file, pinned to a commit and to its content.
+    """One published file, pinned to a commit and to its content."""
 
-    Args:
-        local: path below a folder of local copies.
-        url: public address.
-        sha256: of the content, hexadecimal.
-    """
-
-    local: str
-    url: str
-    sha256: str
+    local: str  # path below a folder of local copies
+    url: str  # public address
+    sha256: str  # of the content, hexadecimal
 
 
 @dataclass(frozen=True)
 class Dataset:
-    """A public data set.
+    """A public data set."""
 
-    Args:
-        name: what `etcfit fetch` calls it.
-        title: one line.
-        sources: every published file it is made from.
-        convert: local path -> file, to path in the measurement folder -> text; writes nothing itself.
-    """
-
-    name: str
-    title: str
-    sources: tuple[Source, ...]
+    name: str  # what `etcfit fetch` calls it
+    title: str  # one line
+    sources: tuple[Source, ...]  # every published file it is made from
+    # local path -> file, to path in the measurement folder -> text; writes nothing itself
     convert: Callable[[Mapping[str, Path]], Mapping[str, str]]
 
 

@@ -39,21 +39,13 @@ _FULL = 0.75  # of the range below the bit that neither part reaches: a count th
 
 @dataclass(frozen=True, eq=False)
 class Column:
-    """One column, converted.
+    """One column, converted."""
 
-    Args:
-        header: as it stands in the CSV.
-        quantity: `time` or a channel.
-        unit: as the user logged it.
-        conversion: logged -> SI.
-        logged: shape (n,), as written; NaN where the cell is empty.
-    """
-
-    header: str
-    quantity: str
-    unit: str
-    conversion: Conversion
-    logged: np.ndarray
+    header: str  # as it stands in the CSV
+    quantity: str  # `time` or a channel
+    unit: str  # as the user logged it
+    conversion: Conversion  # logged -> SI
+    logged: np.ndarray  # shape (n,), as written; NaN where the cell is empty
 
     @property
     def value(self) -> np.ndarray:
@@ -67,23 +59,14 @@ class Column:
 
 @dataclass(frozen=True, eq=False)
 class Log:
-    """One CSV, converted, still row by row: what can be checked against the file's lines.
+    """One CSV, converted, still row by row: what can be checked against the file's lines."""
 
-    Args:
-        where: path of the CSV as the user gave it.
-        file: the same, relative to the rig folder.
-        test: the rig test.
-        lines: where each row stands in the file, shape (n,).
-        columns: by quantity, `time` among them.
-        row_mark: as in `Table`.
-    """
-
-    where: str
-    file: str
-    test: str
-    lines: np.ndarray
-    columns: Mapping[str, Column]
-    row_mark: str = ":"
+    where: str  # path of the CSV as the user gave it
+    file: str  # the same, relative to the rig folder
+    test: str  # the rig test
+    lines: np.ndarray  # where each row stands in the file, shape (n,)
+    columns: Mapping[str, Column]  # by quantity, `time` among them
+    row_mark: str = ":"  # as in `Table`
 
     def at(self, row: int) -> str:
         """Where a row stands, for a message."""

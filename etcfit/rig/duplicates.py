@@ -95,18 +95,12 @@ def _seen_twice(logs: Sequence[Log]) -> Iterator[tuple[Log, Log, int, int]]:
 
 @dataclass(frozen=True, eq=False)
 class _Fingerprint:
-    """Hash of each window of one channel.
-
-    Args:
-        rows: where its samples stand in the log, shape (n,).
-        hashes: shape (n - 2 - W,); empty where the channel is shorter.
-        head: the first window with enough noise in it, or None.
-    """
+    """Hash of each window of one channel."""
 
     log: Log
-    rows: np.ndarray
-    hashes: np.ndarray
-    head: int | None
+    rows: np.ndarray  # where its samples stand in the log, shape (n,)
+    hashes: np.ndarray  # shape (n - 2 - W,); empty where the channel is shorter
+    head: int | None  # the first window with enough noise in it, or None
 
 
 def _fingerprint(log: Log, name: str) -> _Fingerprint:

@@ -46,41 +46,25 @@ _NO_READING = 8388607  # and beyond: what Haltech writes where a channel has non
 
 @dataclass(frozen=True)
 class Layout:
-    """What reading the rows needs.
+    """What reading the rows needs."""
 
-    Args:
-        names, units: of the columns; "" where there are none.
-        head: the line of the names, counted from 1; 0 where there is none.
-        first: line of the first row, counted from 0.
-        separator: between cells.
-        short: as in `read_rows`.
-        scales: of the numbers, column by column; () where they are what they say.
-        remark: what had to be decided; "" where nothing.
-    """
-
-    names: tuple[str, ...]
-    units: tuple[str, ...]
-    head: int
-    first: int
-    separator: str
-    short: str = ""
-    scales: tuple[float, ...] = ()
-    remark: str = ""
+    names: tuple[str, ...]  # of the columns; "" where there are none
+    units: tuple[str, ...]  # of the columns; "" where there are none
+    head: int  # the line of the names, counted from 1; 0 where there is none
+    first: int  # line of the first row, counted from 0
+    separator: str  # between cells
+    short: str = ""  # as in `read_rows`
+    scales: tuple[float, ...] = ()  # of the numbers, column by column; () where they are what they say
+    remark: str = ""  # what had to be decided; "" where nothing
 
 
 @dataclass(frozen=True, eq=False)
 class TextTable:
-    """Named columns of a text.
+    """Named columns of a text."""
 
-    Args:
-        layout: how it was written.
-        units: of each column, that reading has settled among them.
-        numbers: shape (n, m), and where they stand.
-    """
-
-    layout: Layout
-    units: tuple[str, ...]
-    numbers: Numbers
+    layout: Layout  # how it was written
+    units: tuple[str, ...]  # of each column, that reading has settled among them
+    numbers: Numbers  # shape (n, m), and where they stand
 
     @property
     def remarks(self) -> tuple[str, ...]:

@@ -42,18 +42,12 @@ TIME = "Time [s]"
 
 @dataclass(frozen=True)
 class Field:
-    """One quantity of a record.
+    """One quantity of a record."""
 
-    Args:
-        kind: its type, mostly a key of the format's table.
-        header: `name [unit]`.
-        scale, transform: value = (raw + transform) scale.
-    """
-
-    kind: int
-    header: str
-    scale: float
-    transform: float
+    kind: int  # its type, mostly a key of the format's table
+    header: str  # `name [unit]`
+    scale: float  # value = (raw + transform) scale
+    transform: float  # value = (raw + transform) scale
 
     @property
     def is_scalar(self) -> bool:
@@ -63,19 +57,12 @@ class Field:
 
 @dataclass(frozen=True, eq=False)
 class Records:
-    """What follows the header, markers left out.
+    """What follows the header, markers left out."""
 
-    Args:
-        at: where the values of each begin, shape (n,).
-        ticks: when each was logged, 10 us since the first block, shape (n,).
-        fits: true where the check sum is that of the values, shape (n,).
-        end: where the last block ends, or would end.
-    """
-
-    at: np.ndarray
-    ticks: np.ndarray
-    fits: np.ndarray
-    end: int
+    at: np.ndarray  # where the values of each begin, shape (n,)
+    ticks: np.ndarray  # when each was logged, 10 us since the first block, shape (n,)
+    fits: np.ndarray  # true where the check sum is that of the values, shape (n,)
+    end: int  # where the last block ends, or would end
 
     @property
     def sound(self) -> Records:

@@ -39,21 +39,13 @@ _OF_NUMBERS = "0123456789+-eE \n"  # what plain rows consist of besides a decima
 
 
 class Numbers(NamedTuple):
-    """What the rows hold.
+    """What the rows hold."""
 
-    Args:
-        cells: shape (n, width); NaN where there is no number.
-        units: that reading the cells has settled; "" elsewhere.
-        lines: where each row stands, shape (n,), counted from 1.
-        remarks: what had to be decided.
-        losses: rows or cells that were left out, each in a sentence.
-    """
-
-    cells: np.ndarray
-    units: tuple[str, ...]
-    lines: np.ndarray
-    remarks: tuple[str, ...] = ()
-    losses: tuple[str, ...] = ()
+    cells: np.ndarray  # shape (n, width); NaN where there is no number
+    units: tuple[str, ...]  # that reading the cells has settled; "" elsewhere
+    lines: np.ndarray  # where each row stands, shape (n,), counted from 1
+    remarks: tuple[str, ...] = ()  # what had to be decided
+    losses: tuple[str, ...] = ()  # rows or cells that were left out, each in a sentence
 
 
 def cells_of(line: str, separator: str) -> list[str]:

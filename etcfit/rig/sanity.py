@@ -34,21 +34,14 @@ OHMS_VOLTAGE, OHMS_CURRENT = 0.1, 0.2  # V, A: below these peaks the ratio is on
 
 @dataclass(frozen=True)
 class Plausible:
-    """What a trace of one rig test must show.
+    """What a trace of one rig test must show."""
 
-    Args:
-        varies: channels that cannot be constant.
-        peaks: channel -> the least peak, SI, that at least one trace of the test must reach.
-        stroke: the least part of the travel that the plate must sweep.
-        shortest: s, the least duration.
-        coarsest: s, the greatest median time between samples.
-    """
-
-    varies: tuple[str, ...] = ()
+    varies: tuple[str, ...] = ()  # channels that cannot be constant
+    # channel -> the least peak, SI, that at least one trace of the test must reach
     peaks: Mapping[str, float] = field(default_factory=dict)
-    stroke: float = 0.0
-    shortest: float = SHORTEST
-    coarsest: float = float("inf")
+    stroke: float = 0.0  # the least part of the travel that the plate must sweep
+    shortest: float = SHORTEST  # s, the least duration
+    coarsest: float = float("inf")  # s, the greatest median time between samples
 
 
 DRIVEN = {"voltage": 0.02, "duty": 0.02, "torque": 1e-4}

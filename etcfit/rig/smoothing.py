@@ -56,15 +56,10 @@ def _read_off(
 
 @dataclass(frozen=True)
 class LowPass:
-    """A filter.
+    """A filter."""
 
-    Args:
-        poles: p_k in the z plane, one of each conjugate pair.
-        gain: g, by which it passes a constant.
-    """
-
-    poles: tuple[complex, ...]
-    gain: float = 1.0
+    poles: tuple[complex, ...]  # p_k in the z plane, one of each conjugate pair
+    gain: float = 1.0  # g, by which it passes a constant
 
     @property
     def pad(self) -> int:

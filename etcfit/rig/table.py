@@ -34,23 +34,14 @@ _BOMS = (  # UTF-32 before UTF-16: its little-endian mark begins with UTF-16's
 
 @dataclass(frozen=True, eq=False)
 class Table:
-    """Header cells as written, numbers below them.
+    """Header cells as written, numbers below them."""
 
-    Args:
-        header: shape (m,).
-        header_line: where the header stands in the file, counted from 1; 0 where there is no file.
-        lines: where each row stands in the file, shape (n,).
-        cells: shape (n, m); NaN where the cell is empty, finite elsewhere.
-        row_mark: what a message puts between the table's name and the number of a row.
-        losses: rows that were left out because they are damaged, each in a sentence.
-    """
-
-    header: tuple[str, ...]
-    header_line: int
-    lines: np.ndarray
-    cells: np.ndarray
-    row_mark: str = ":"
-    losses: tuple[str, ...] = ()
+    header: tuple[str, ...]  # shape (m,)
+    header_line: int  # where the header stands in the file, counted from 1; 0 where there is no file
+    lines: np.ndarray  # where each row stands in the file, shape (n,)
+    cells: np.ndarray  # shape (n, m); NaN where the cell is empty, finite elsewhere
+    row_mark: str = ":"  # what a message puts between the table's name and the number of a row
+    losses: tuple[str, ...] = ()  # rows that were left out because they are damaged, each in a sentence
 
     def head(self, where: str) -> str:
         """Where the header stands, for a message."""

@@ -22,19 +22,12 @@ MOST_BYTES = 16_000_000  # of a rig.toml: an import notes every guess in it, som
 
 @dataclass(frozen=True)
 class Toml:
-    """A parsed rig.toml that knows its own path and where each key stands.
+    """A parsed rig.toml that knows its own path and where each key stands."""
 
-    Args:
-        path: what messages call it.
-        source: its text.
-        tables: what it says.
-        layers: the files that it was laid together from, uppermost first; () where it is one file.
-    """
-
-    path: str
-    source: str
-    tables: Mapping[str, Any]
-    layers: tuple[Toml, ...] = ()
+    path: str  # what messages call it
+    source: str  # its text
+    tables: Mapping[str, Any]  # what it says
+    layers: tuple[Toml, ...] = ()  # the files that it was laid together from, uppermost first; () where it is one file
 
     def over(self, common: Toml) -> Toml:
         """This file laid over another: each key of a table as it stands here, else as it stands there."""

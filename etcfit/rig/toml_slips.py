@@ -23,33 +23,20 @@ _QUOTED = re.compile(r"\"(?:[^\"\\]|\\.)*\"|'[^']*'")
 
 
 class Slip(NamedTuple):
-    """One slip.
+    """One slip."""
 
-    Args:
-        line: where, counted from 1.
-        found: what stands there.
-        mend: what to write instead.
-        required: what must stand there; "" for valid TOML.
-    """
-
-    line: int
-    found: str
-    mend: str
-    required: str = ""
+    line: int  # where, counted from 1
+    found: str  # what stands there
+    mend: str  # what to write instead
+    required: str = ""  # what must stand there; "" for valid TOML
 
 
 class Line(NamedTuple):
-    """One line without its remark.
+    """One line without its remark."""
 
-    Args:
-        number: counted from 1.
-        code: what stands before a #.
-        table: the table that it belongs to, "" before the first.
-    """
-
-    number: int
-    code: str
-    table: str
+    number: int  # counted from 1
+    code: str  # what stands before a #
+    table: str  # the table that it belongs to, "" before the first
 
     @property
     def key(self) -> str:

@@ -21,14 +21,11 @@ Value = TypeVar("Value")
 
 @dataclass(frozen=True, eq=False)
 class Records:
-    """All traces of a rig, held out ones too, and what several detectors read off them.
-
-    Args:
-        blamed: tests whose circuit is known to be read wrong, because of a mistake found before.
-    """
+    """All traces of a rig, held out ones too, and what several detectors read off them."""
 
     config: RigConfig
     traces: tuple[Measurement, ...]
+    # tests whose circuit is known to be read wrong, because of a mistake found before
     blamed: frozenset[str] = frozenset()
 
     def without(self, tests: Iterable[str]) -> Records:
@@ -94,15 +91,10 @@ class Signs(NamedTuple):
 
 @dataclass(frozen=True)
 class Detector:
-    """Finds one kind of mistake or habit of the rig before any fit.
+    """Finds one kind of mistake or habit of the rig before any fit."""
 
-    Args:
-        find: every finding, the surest first; the function's name is the kind.
-        explains: a finding makes the circuit of its test wrong: no later detector reads it.
-    """
-
-    find: Callable[[Records], Iterator[Finding]]
-    explains: bool = False
+    find: Callable[[Records], Iterator[Finding]]  # every finding, the surest first; the function's name is the kind
+    explains: bool = False  # a finding makes the circuit of its test wrong: no later detector reads it
 
     @property
     def kind(self) -> str:

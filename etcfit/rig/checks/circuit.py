@@ -56,27 +56,17 @@ class Value(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Windows:
-    """Integrals and gains over each window, SI, shape (n,) each.
+    """Integrals and gains over each window, SI, shape (n,) each."""
 
-    Args:
-        volts: integral of the voltage, V s; with open terminals of the EMF.
-        amperes: integral of the current, A s.
-        rise: gain of the current, A.
-        turn: gain of the angle, rad: of the plate, or of the motor where the gear is apart; 0 with the plate held.
-        brushes: integral of the current's sign, s.
-        seconds: length of the window, s.
-        calm: 1 where the voltage does not jump within the window, else 0.
-        heard: noises of rise and turn, to tell a gain from noise.
-    """
-
-    volts: np.ndarray
-    amperes: np.ndarray
-    rise: np.ndarray
+    volts: np.ndarray  # integral of the voltage, V s; with open terminals of the EMF
+    amperes: np.ndarray  # integral of the current, A s
+    rise: np.ndarray  # gain of the current, A
+    # gain of the angle, rad: of the plate, or of the motor where the gear is apart; 0 with the plate held
     turn: np.ndarray
-    brushes: np.ndarray
-    seconds: np.ndarray
-    calm: np.ndarray
-    heard: tuple[float, float]
+    brushes: np.ndarray  # integral of the current's sign, s
+    seconds: np.ndarray  # length of the window, s
+    calm: np.ndarray  # 1 where the voltage does not jump within the window, else 0
+    heard: tuple[float, float]  # noises of rise and turn, to tell a gain from noise
 
     def where(self, rows: np.ndarray) -> Windows:
         return replace(self, **{f.name: getattr(self, f.name)[rows] for f in fields(self) if f.name != "heard"})
@@ -84,21 +74,13 @@ class Windows:
 
 @dataclass(frozen=True)
 class Circuit:
-    """What the windows say; None where they say nothing of it.
+    """What the windows say; None where they say nothing of it."""
 
-    Args:
-        R: ohm; of the whole circuit.
-        L: H.
-        k: V s/rad; N K_b at the plate, K_b where the gear is apart.
-        drop: V, at the brushes; 0 where it cannot be told from R.
-        amperes: typical current, rms, A.
-    """
-
-    R: Value | None
-    L: Value | None
-    k: Value | None
-    drop: float
-    amperes: float
+    R: Value | None  # ohm; of the whole circuit
+    L: Value | None  # H
+    k: Value | None  # V s/rad; N K_b at the plate, K_b where the gear is apart
+    drop: float  # V, at the brushes; 0 where it cannot be told from R
+    amperes: float  # typical current, rms, A
 
 
 def read_circuit(traces: Sequence[Measurement], config: RigConfig) -> Circuit | None:
@@ -241,17 +223,11 @@ def _least_squares(columns: dict[str, np.ndarray], right: np.ndarray) -> dict[st
 
 @dataclass(frozen=True, eq=False)
 class OtherCurrent:
-    """One rig test, its current read in three ways.
+    """One rig test, its current read in three ways."""
 
-    Args:
-        motor: windows with the current as logged.
-        supply: with that of the motor, were a supply's logged; for a supply of `volts`.
-        volts: of the supply; 1 where nobody knows it, and then R is one of 1 V.
-    """
-
-    motor: Windows
-    supply: Windows
-    volts: float
+    motor: Windows  # windows with the current as logged
+    supply: Windows  # with that of the motor, were a supply's logged; for a supply of `volts`
+    volts: float  # of the supply; 1 where nobody knows it, and then R is one of 1 V
 
     @cached_property
     def sign(self) -> np.ndarray:

@@ -51,24 +51,15 @@ LOST_SHARE = 1e-4  # of the samples, the least that are lost
 
 
 class Mains(NamedTuple):
-    """The mains as one channel of one rig test shows it.
+    """The mains as one channel of one rig test shows it."""
 
-    Args:
-        nominal: Hz.
-        lines: of each trace in which a line could be sought.
-        chance: of all of them together.
-        beside: that of the clearest lines in the bands beside it.
-        amplitude: median, SI.
-        frequency: weighted mean by the log's clock, Hz; error: its standard error.
-    """
-
-    nominal: float
-    lines: tuple[Line, ...]
-    chance: float
-    beside: float
-    amplitude: float
-    frequency: float
-    error: float
+    nominal: float  # Hz
+    lines: tuple[Line, ...]  # of each trace in which a line could be sought
+    chance: float  # of all of them together
+    beside: float  # that of the clearest lines in the bands beside it
+    amplitude: float  # median, SI
+    frequency: float  # weighted mean by the log's clock, Hz
+    error: float  # of the frequency, Hz
 
     def is_clear(self, chance: float) -> bool:
         """Rarer than this, and than the square of what is seen beside it."""

@@ -38,15 +38,10 @@ ERROR = 0.1  # of a phase; less sure ones are left out
 
 
 class OnCircle(NamedTuple):
-    """Where points lie.
+    """Where points lie."""
 
-    Args:
-        mean: turns, from -0.5 to 0.5.
-        length: of their mean vector: 1 where all are the same, 0 where they cancel.
-    """
-
-    mean: float
-    length: float
+    mean: float  # turns, from -0.5 to 0.5
+    length: float  # of their mean vector: 1 where all are the same, 0 where they cancel
 
     @property
     def spread(self) -> float:
@@ -80,19 +75,13 @@ def arc_chance(points: Float[np.ndarray, " n"]) -> float:
 
 @dataclass(frozen=True)
 class EdgePhase:
-    """Phase of the edges of one rig test, in sample intervals before the sample that first shows them.
+    """Phase of the edges of one rig test, in sample intervals before the sample that first shows them."""
 
-    Args:
-        phase: mean on the circle, 0 to 1; of edges on the samples the end that most of them show.
-        error: its standard error.
-        edges: how many told it.
-        chance: probability that edges at any instants would have phases as close together: twice
-            the lesser of Rayleigh's and that of the arc they lie in.
-    """
-
-    phase: float
-    error: float
-    edges: int
+    phase: float  # mean on the circle, 0 to 1; of edges on the samples the end that most of them show
+    error: float  # its standard error
+    edges: int  # how many told it
+    # probability that edges at any instants would have phases as close together: twice the lesser of Rayleigh's and
+    # that of the arc they lie in
     chance: float
 
 

@@ -33,38 +33,23 @@ BESIDE = (0.75, 0.86, 1.14, 1.32)  # times the frequency: bands in which no main
 
 
 class Line(NamedTuple):
-    """A sine in one channel.
+    """A sine in one channel."""
 
-    Args:
-        frequency: Hz, by the log's own clock.
-        error: of the frequency, Hz.
-        amplitude: SI.
-        chance: probability that noise would show one as clear within the band that was searched.
-        beside: that of the clearest line in the bands beside it.
-    """
-
-    frequency: float
-    error: float
-    amplitude: float
-    chance: float
-    beside: float = 1.0
+    frequency: float  # Hz, by the log's own clock
+    error: float  # of the frequency, Hz
+    amplitude: float  # SI
+    chance: float  # probability that noise would show one as clear within the band that was searched
+    beside: float = 1.0  # that of the clearest line in the bands beside it
 
 
 class Spectrum(NamedTuple):
-    """A channel under each taper.
+    """A channel under each taper."""
 
-    Args:
-        grid: Hz, shape (m,).
-        y: Fourier transforms, shape (K, m).
-        sums: of the tapers, shape (K,).
-        step, duration: s.
-    """
-
-    grid: np.ndarray
-    y: np.ndarray
-    sums: np.ndarray
-    step: float
-    duration: float
+    grid: np.ndarray  # Hz, shape (m,)
+    y: np.ndarray  # Fourier transforms, shape (K, m)
+    sums: np.ndarray  # of the tapers, shape (K,)
+    step: float  # s
+    duration: float  # s
 
 
 def spectrum(channel: Channel, frequency: float) -> Spectrum | None:
