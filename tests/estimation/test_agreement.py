@@ -16,7 +16,7 @@ from etcfit.estimation.pieces import pieces_at
 from etcfit.estimation.result import FitResult
 from etcfit.estimation.settings import ContradictionSettings, FitSettings
 from etcfit.rig.reader import read_folder
-from etcfit.run_folder import fit_json
+from etcfit.run_folder.fit import fit_json
 
 pytestmark = pytest.mark.slow  # real fits; what they are judged by has its own tests, on numbers
 
