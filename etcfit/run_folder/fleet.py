@@ -18,7 +18,7 @@ from ..estimation.intervals import LUMPS
 from ..estimation.population_law import PopulationLaw
 from ..files import whole, write_json
 from ..fleets.line import FIGURE_BY_NAME, FigureResult
-from ..fleets.line.predict import Prediction, Spread
+from ..fleets.prediction import Prediction, Spread
 from ..fleets.statistics.charts import Chart
 from ..fleets.statistics.odd import OddUnit
 from ..fleets.study import FleetStudy, Series
@@ -294,7 +294,7 @@ def figures_json(
     return {
         name: {
             "meaning": FIGURE_BY_NAME[name].meaning,
-            **asdict(Spread.of(FigureResult(told.value[ordinary], told.why), FIGURE_BY_NAME[name].unit)),
+            **asdict(Spread.over_units(FigureResult(told.value[ordinary], told.why), FIGURE_BY_NAME[name].unit)),
             "value": {unit: float(v) for unit, v in zip(units, told.value, strict=True) if np.isfinite(v)},
         }
         for name, told in measured.items()
