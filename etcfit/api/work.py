@@ -292,7 +292,7 @@ def keep_posterior(
     """posterior.json, posterior.nc and pictures."""
     from ..posterior.predictive import bands
     from ..reporting import draw_posterior
-    from ..run_folder.results import save_posterior
+    from ..run_folder.posterior import save_posterior
     from ..run_folder.state import exit_of
 
     predicted = bands(posterior, report)
@@ -311,7 +311,7 @@ def keep_reduction(
 ) -> None:
     """transfer_function.json, frequency_response.json where the rig has sine traces, and their Bode plots."""
     from ..reporting import draw_frequency_response, draw_reduction
-    from ..run_folder.results import save_reduction
+    from ..run_folder.plant import save_reduction
     from ..run_folder.state import exit_of
 
     fitted = result.fitted()
@@ -336,7 +336,7 @@ def keep_design(
 ) -> None:
     """pid.json and the responses of every rule."""
     from ..reporting import draw_design
-    from ..run_folder.results import save_design
+    from ..run_folder.design import save_design
     from ..run_folder.state import exit_of
 
     settings = {**asdict(design.settings), **settings}
