@@ -13,7 +13,7 @@ from ..errors import command
 from ..estimation.remedies import listed
 from ..estimation.result import FitResult
 from ..files import plain, put_aside
-from ..rig.finding import Finding
+from ..rig.base import Finding
 from . import codec
 from .fit import effects_of, hashes, influence_json, parameters_json, rows_json, score_json, versions
 from .manifest import DIAGNOSIS_ROUNDS, FIT_STATE, digest

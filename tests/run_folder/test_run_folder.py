@@ -17,7 +17,7 @@ import results
 from etcfit.diagnosis.findings import Diagnosis, RigMistake
 from etcfit.estimation.joint_fit import FitResult
 from etcfit.files import whole, write_json
-from etcfit.rig.finding import Finding
+from etcfit.rig.base import Finding
 from etcfit.run_folder.diagnosis import diagnosis_json
 from etcfit.run_folder.fit import fit_json, readings_of
 
