@@ -18,14 +18,14 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ..errors import MeasurementError
+from ..estimation.contradiction import muted
+from ..estimation.identifiability import listed
 from ..estimation.intervals import intervals
 from ..estimation.joint_fit import Report, finished, fit, fit_near
 from ..estimation.levenberg_marquardt import descend
 from ..estimation.ready import start_values
-from ..estimation.remedies import listed
 from ..estimation.result import FitResult, Optimum
 from ..estimation.settings import FitSettings
-from ..estimation.subsets import muted
 from ..model.rig_effects import OtherRig, Place
 from ..problem import weights
 from ..problem.prediction_error import PredictionError, pooled, rows

@@ -6,26 +6,31 @@ A named effect keeps its name only where it explains nearly as much as a curve t
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
 
-from ..estimation.guide import guide_stiffness_of
+from ..estimation.free_run import guide_stiffness_of
+from ..estimation.identifiability import listed
 from ..estimation.joint_fit import Report
+from ..estimation.levenberg_marquardt import believed
 from ..estimation.result import FitResult
 from ..model.effects import fraction
 from ..model.smooth import UNKNOWNS, AbstractSmooth
 from ..problem.cores import concurrently
 from .candidate_model import CandidateModel
-from .choice import promises, stands
+from .choice import is_accepted, promises
 from .composition import Effect, compose
-from .findings import Unexplained
+from .evidence import signals
+from .findings import Discrepancy, Unexplained
 from .loop import screened
-from .missing_torque import signals
-from .refit import refit_fully, spoilt
+from .model_discrepancy import Curve, CurveDiscrepancy, curve_discrepancy
+from .refit import refit_fully, refit_worsened
 from .score import Score, score
 from .screen import Signature
 from .settings import DiagnosisSettings
+from .tangents import fitted_samples, tangents_inside, variants
 from .trial import Cost, Trial, TrialVerdict, judged
 
 _POINTS = 60  # of the curve that is drawn
@@ -77,7 +82,7 @@ def outdone(result: FitResult, first: CandidateModel, s: CandidateModel, report:
     named = first.with_effects(s.added, s.values).optimised()
     if not one_curve_does_more(before.chi2, named.chi2, curve.verdict.score.chi2, s.settings):
         return None
-    if first.far and not s.far and spoilt(refit_fully(curve.model, report), s):
+    if first.far and not s.far and refit_worsened(refit_fully(curve.model, report), s):
         return None
     return _finding(curve, tuple(e.name for e in s.added))
 
@@ -92,7 +97,7 @@ def curves(candidates: Iterable[Effect]) -> list[Smooth]:
 
 def best_curve(verdicts: Sequence[TrialVerdict], settings: DiagnosisSettings) -> int | None:
     """Number of the verdict with the lowest BIC among those that stand; None where none does."""
-    good = [k for k, v in enumerate(verdicts) if stands(v, settings)]
+    good = [k for k, v in enumerate(verdicts) if is_accepted(v, settings)]
     return min(good, key=lambda k: verdicts[k].bic_change, default=None)
 
 
@@ -274,3 +279,62 @@ def curve_sd(effect: Smooth, where: np.ndarray, covariance: np.ndarray, scale: n
 
 def _one(effect: Smooth, k: int) -> dict[str, float]:
     return {symbol: float(n == k) for n, symbol in enumerate(effect.symbols)}
+
+
+# ---- Intervals of the final model that allow for what is left in its residual, see `random_curves`
+
+
+@dataclass(frozen=True, eq=False)
+class Allowed:
+    """A fit whose intervals allow for what is left, and what that may be."""
+
+    after: FitResult
+    found: tuple[Discrepancy, ...] = ()
+
+
+def allowing_for_the_rest(result: FitResult, after: FitResult, s: CandidateModel, report: Report) -> Allowed:
+    """The final fit with intervals that allow for curves which nobody added; itself where none is needed.
+
+    Far from the data it is a compromise anyway, and there is no noise to measure what is left by.
+
+    Args:
+        result: the first fit.
+        after: the fit of the final model.
+        s: the final model.
+        report: progress.
+    """
+    if s.far or after.far:
+        return Allowed(after)
+    report("asking how far what is left may have bent the parameters", 0.97)
+    s = widened(result, s)
+    smooth = curves(s.composition.candidates)
+    bent = _bent(s, smooth)
+    found = tuple(Discrepancy(e.enters, e.axis, bent.sizes[e], e.unit) for e in smooth if e in bent.sizes)
+    return Allowed(grown(after, bent.covariance, _words(found)), found) if found else Allowed(after)
+
+
+def grown(after: FitResult, covariance: np.ndarray, words: str) -> FitResult:
+    """The fit with a covariance, shape (P, P), added to all but what holds if the model is exact, and a remark."""
+    exact = after.taken_as_exact().covariance
+    budget = None if after.budget is None else replace(after.budget, statistical=after.budget.statistical + covariance)
+    warnings = (*after.warnings, words)
+    wide = after.covariance + covariance
+    return replace(after, covariance=wide, exact_covariance=exact, budget=budget, warnings=warnings)
+
+
+def _words(found: Sequence[Discrepancy]) -> str:
+    each = listed(f"{d.enters} over {d.depends_on} ({d.size:.2g} {d.unit})" for d in found)
+    return f"Intervals allow for what is left, and what it may hide in the parameters: {each}."
+
+
+def _bent(s: CandidateModel, smooth: Sequence[type[AbstractSmooth]]) -> CurveDiscrepancy:
+    lean = s.lean()
+    r, jacobian = fitted_samples(lean.problem, lean.x, lean.weighted)
+    priors = believed(lean.problem.layout, lean.x, lean.weighted.prior_sd)
+    scales, effects = [variants(e)[0] for e in smooth], {e.name: e for e in smooth}
+    each = tangents_inside(lean, scales, lambda v, c: Curve(effects[v.effect.name], np.where(np.isfinite(c), c, 0.0)))
+    seen = np.asarray(lean.weighted.slots.weight) > 0.0
+    events = np.zeros(seen.shape, dtype=int)
+    for number, (lane, stretch) in enumerate(lean.problem.batch.stretches(s.settings.curve_stretches)):
+        events[stretch, lane] = number
+    return curve_discrepancy(r, jacobian, priors, each, events[seen], s.settings)

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from etcfit.diagnosis.bounded import bounded, lowest
+from etcfit.diagnosis.screen import bounded, lowest
 from etcfit.model.parameters import NonNegative, Positive, Real
 
 LOW = np.array([0.0, -np.inf, 0.0, 0.0])

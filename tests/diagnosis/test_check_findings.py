@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from etcfit.diagnosis import Diagnosis, diagnose
-from etcfit.diagnosis.stated import stated_effects
+from etcfit.diagnosis.composition import stated_effects
 from etcfit.estimation.intervals import intervals
 from etcfit.estimation.joint_fit import fit
 from etcfit.model.rig_effects import RIG_EFFECTS, at_places

@@ -8,9 +8,8 @@ from dataclasses import replace
 
 import pytest
 
-from etcfit.diagnosis.credit import credits, doubted, left_share
 from etcfit.diagnosis.findings import Candidate, Evidence, RoundReport, Whiteness
-from etcfit.diagnosis.probabilities import NOTHING, UNEXPLAINED, said
+from etcfit.diagnosis.probabilities import NOTHING, UNEXPLAINED, credits, doubted, left_share, said
 from etcfit.diagnosis.settings import DEFAULT
 
 N = 1000

@@ -13,7 +13,7 @@ import folders
 import results
 from etcfit.diagnosis.candidate_model import CandidateModel
 from etcfit.diagnosis.composition import compose
-from etcfit.diagnosis.cross_validation import chi2_within, folds, groups_of, left_out, only, refitted_without
+from etcfit.diagnosis.score import chi2_within, folds, groups_of, left_out, only, refitted_without
 from etcfit.diagnosis.settings import DiagnosisSettings
 from etcfit.estimation.ready import ready
 from etcfit.estimation.result import Termination

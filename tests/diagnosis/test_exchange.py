@@ -7,12 +7,12 @@ import math
 import pytest
 
 from diagnoses import score, verdict
-from etcfit.diagnosis.ambiguity import Apart
 from etcfit.diagnosis.candidate_model import CandidateModel
 from etcfit.diagnosis.choice import Choice, Outcome
 from etcfit.diagnosis.composition import resting
 from etcfit.diagnosis.exchange import Found, exchanged, gave_way, idle, in_place, is_rival, preference, pruned
 from etcfit.diagnosis.loop import Round
+from etcfit.diagnosis.score import Apart
 from etcfit.diagnosis.settings import DiagnosisSettings
 from etcfit.diagnosis.trial import Trial
 from etcfit.estimation.joint_fit import quiet

@@ -8,9 +8,8 @@ import numpy as np
 import pytest
 
 import results
-from etcfit.diagnosis.final import covers, reconciled
-from etcfit.estimation.agreement import in_words
-from etcfit.estimation.compromise import Compromise
+from etcfit.diagnosis.course import covers, reconciled
+from etcfit.estimation.agreement import Compromise, in_words
 from etcfit.estimation.contradiction import Contradiction
 from etcfit.estimation.intervals import intervals
 from etcfit.estimation.result import FitResult

@@ -9,7 +9,7 @@ import pytest
 from diagnoses import score, verdict
 from etcfit.diagnosis.candidate_model import CandidateModel
 from etcfit.diagnosis.choice import Choice, Outcome, choose
-from etcfit.diagnosis.loop import Round, settled, turn
+from etcfit.diagnosis.loop import Round, refit_chosen, run_round
 from etcfit.diagnosis.trial import Trial
 from etcfit.estimation.joint_fit import quiet
 from etcfit.model.effects import EFFECT_BY_NAME
@@ -31,7 +31,7 @@ def test_the_best_trial_is_that_of_the_effect_added_though_another_has_the_lower
 
 def test_a_round_that_adds_nothing_leaves_the_model_that_it_began_with(model: CandidateModel) -> None:
     turned = made(model, None)
-    assert settled(turned, quiet) == (turned, model)
+    assert refit_chosen(turned, quiet) == (turned, model)
 
 
 @pytest.mark.slow
@@ -39,7 +39,7 @@ def test_a_turn_screens_its_candidates_and_says_what_it_tried(small: CandidateMo
     """Its only trace was drawn by hand, so the only candidate promises something."""
     said: list[str] = []
     s = replace(small.optimised(), settings=replace(small.settings, least_promise=0.0))
-    turned = turn(s, lambda text, share: said.append(text))
+    turned = run_round(s, lambda text, share: said.append(text))
     assert said[:2] == ["screening 1 effects", "refitting with gravity_load"]
     assert [g.variant.effect for g in turned.screened] == [GRAVITY]
     (trial,) = turned.trials
@@ -53,7 +53,7 @@ def test_a_turn_within_what_formulas_leave_screens_nothing(small: CandidateModel
     """Screening is what it costs to look."""
     said: list[str] = []
     s = small.with_effects((GRAVITY,), {"T_g": 0.01})
-    turned = turn(s, lambda text, share: said.append(text), 1e12)
+    turned = run_round(s, lambda text, share: said.append(text), 1e12)
     assert said == []
     assert (turned.screened, turned.trials, turned.added) == ((), (), None)
     assert turned.choice.outcome is Outcome.NOTHING_TO_READ
@@ -61,6 +61,6 @@ def test_a_turn_within_what_formulas_leave_screens_nothing(small: CandidateModel
 
 
 def test_an_effect_at_work_is_no_candidate(small: CandidateModel) -> None:
-    turned = turn(replace(small.with_effects((GRAVITY,), {"T_g": 0.01}), holdout=None), quiet)
+    turned = run_round(replace(small.with_effects((GRAVITY,), {"T_g": 0.01}), holdout=None), quiet)
     assert turned.screened == ()
     assert turned.choice.outcome is Outcome.NO_PROMISE

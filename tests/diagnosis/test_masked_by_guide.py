@@ -10,7 +10,7 @@ from diagnoses import score
 from etcfit.diagnosis.candidate_model import CandidateModel
 from etcfit.diagnosis.choice import Choice, Outcome
 from etcfit.diagnosis.loop import Round
-from etcfit.diagnosis.masked_by_guide import Near, hidden, maskable, nearest
+from etcfit.diagnosis.rounds import Near, hidden, maskable, nearest
 from etcfit.model.effects import EFFECT_BY_NAME, EFFECTS
 from etcfit.rig.base import Rig
 from results import result

@@ -9,8 +9,7 @@ import pytest
 
 from etcfit.diagnosis.candidate_model import CandidateModel
 from etcfit.diagnosis.composition import compose
-from etcfit.diagnosis.exchange import Found
-from etcfit.diagnosis.merge import cost, gave_way, handed_over, merged
+from etcfit.diagnosis.exchange import Found, cost, exchange_two_for_one, gave_way_to_one, merged
 from etcfit.diagnosis.settings import DiagnosisSettings
 from etcfit.estimation.joint_fit import quiet
 from etcfit.estimation.result import Termination
@@ -59,7 +58,7 @@ def bent(rig: Rig, traces: tuple[Trace, ...]) -> CandidateModel:
 
 
 def test_what_two_did_one_does_alone(bent: CandidateModel) -> None:
-    new, bare = handed_over(bent, TWO, ENDS), bent.without(GAIN).without(OFFSET).optimised()
+    new, bare = exchange_two_for_one(bent, TWO, ENDS), bent.without(GAIN).without(OFFSET).optimised()
     assert new is not None
     assert new.added == (ENDS,)
     assert new.chi2 - bent.chi2 < 0.1 * (bare.chi2 - bent.chi2)
@@ -67,7 +66,7 @@ def test_what_two_did_one_does_alone(bent: CandidateModel) -> None:
 
 
 def test_where_the_model_cannot_be_computed_on_the_way_nothing_is_put_in_their_place(bent: CandidateModel) -> None:
-    assert handed_over(replace(bent, x=np.nan * bent.x), TWO, ENDS) is None
+    assert exchange_two_for_one(replace(bent, x=np.nan * bent.x), TWO, ENDS) is None
 
 
 def test_one_that_costs_as_much_as_two_and_does_no_better_leaves_them(bent: CandidateModel) -> None:
@@ -84,7 +83,7 @@ def test_nothing_is_tried_of_one_effect_or_far_from_the_data(bent: CandidateMode
 
 
 def test_the_words_name_all_three(bent: CandidateModel) -> None:
-    assert gave_way(TWO, ENDS, -17.04) == (
+    assert gave_way_to_one(TWO, ENDS, -17.04) == (
         "channel_gain[response.position] and channel_offset[response.position] gave way to sensor_end_points, "
         "which does for both (BIC -17.0)."
     )

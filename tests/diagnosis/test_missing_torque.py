@@ -12,8 +12,8 @@ import bodies
 from bodies import N, batch, body, path
 from etcfit.diagnosis.candidate_model import CandidateModel
 from etcfit.diagnosis.composition import Composition
+from etcfit.diagnosis.evidence import motions
 from etcfit.diagnosis.findings import Motion
-from etcfit.diagnosis.missing_torque import motions
 from etcfit.diagnosis.settings import DiagnosisSettings
 from etcfit.estimation.result import Termination
 from etcfit.model.effects import PAPER

@@ -9,7 +9,13 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
 from etcfit.diagnosis.candidate_model import CandidateModel
-from etcfit.diagnosis.model_discrepancy import blur, inexact, left_by, percent_off, spread
+from etcfit.diagnosis.model_discrepancy import (
+    chi2_left_by_formula,
+    formula_covariance,
+    formula_error_chi2,
+    inexact,
+    percent_off,
+)
 from etcfit.diagnosis.settings import DiagnosisSettings
 from etcfit.estimation.identifiability import WIDE
 from etcfit.estimation.result import Termination
@@ -23,7 +29,7 @@ SETTINGS = DiagnosisSettings()
 def test_a_formula_leaves_its_error_squared_of_what_it_explained_and_at_most_4_percent(
     above: float, share: float
 ) -> None:
-    assert left_by(0.02, 500.0 * above, 500.0, SETTINGS) == pytest.approx(500.0 * share)
+    assert chi2_left_by_formula(0.02, 500.0 * above, 500.0, SETTINGS) == pytest.approx(500.0 * share)
 
 
 @pytest.mark.parametrize(("before", "share"), [(51.0, 0.02), (2.0, 0.0004), (1001.0, 0.04), (0.9, 0.0)])
@@ -31,15 +37,15 @@ def test_effects_found_may_leave_a_share_of_what_the_first_fit_left_above_the_no
     model: CandidateModel, before: float, share: float
 ) -> None:
     found = model.with_effects((GRAVITY,), {"T_g": 0.2})
-    assert blur(before, found) == pytest.approx(model.weighted.samples * share)
+    assert formula_error_chi2(before, found) == pytest.approx(model.weighted.samples * share)
 
 
 def test_nothing_is_put_down_to_formulas_without_one_or_far_from_the_data(model: CandidateModel) -> None:
     found = model.with_effects((GRAVITY,), {"T_g": 0.2})
     far = replace(found, end=Termination(True, "far", far=True))
-    assert blur(1001.0, model) == 0.0
-    assert blur(1001.0, far) == 0.0
-    assert not spread(far).any()
+    assert formula_error_chi2(1001.0, model) == 0.0
+    assert formula_error_chi2(1001.0, far) == 0.0
+    assert not formula_covariance(far).any()
 
 
 def test_the_least_exact_formula_counts_and_each_size_is_named_once() -> None:
@@ -74,6 +80,6 @@ def test_a_formula_that_is_off_in_one_stretch_of_a_trace_moves_parameters_as_far
             moved = np.linalg.lstsq(rows, np.append(off.ravel(), np.zeros(len(held))), rcond=1e-12)[0]
             expected += np.outer(moved, moved)
     known = [layout.free.index(s) for s in ("R_a", "K_b", "T_f", "T_PL", "T_g")]
-    assert_allclose(np.diag(spread(found))[known], np.diag(expected)[known], rtol=0.02)
+    assert_allclose(np.diag(formula_covariance(found))[known], np.diag(expected)[known], rtol=0.02)
     assert np.all(np.diag(expected)[known] > 0.0)
-    assert_array_equal(spread(model), np.zeros((model.x.size, model.x.size)))
+    assert_array_equal(formula_covariance(model), np.zeros((model.x.size, model.x.size)))

@@ -10,8 +10,9 @@ import numpy as np
 import pytest
 from scipy.optimize import lsq_linear
 
-from etcfit.diagnosis.pairs import Pair, pairs
-from etcfit.diagnosis.screen import Background, Signature, Variant
+from etcfit.diagnosis.screen import Background, Signature
+from etcfit.diagnosis.sets import Pair, pairs
+from etcfit.diagnosis.tangents import Variant
 from etcfit.model.effects import AbstractEffect
 from etcfit.model.parameters import NonNegative, Positive, Real, Scalar, parameter, parameters_of
 

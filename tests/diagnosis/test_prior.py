@@ -11,9 +11,9 @@ import diagnoses
 from etcfit.diagnosis.choice import alike
 from etcfit.diagnosis.composition import Effect
 from etcfit.diagnosis.findings import Candidate, Evidence, RoundReport
-from etcfit.diagnosis.prior import surprise
 from etcfit.diagnosis.probabilities import probabilities, questions
 from etcfit.diagnosis.settings import DEFAULT
+from etcfit.diagnosis.trial import surprise
 from etcfit.model.effects import EFFECT_BY_NAME
 from etcfit.model.rig_effects import rig_effect
 

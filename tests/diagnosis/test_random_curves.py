@@ -9,7 +9,7 @@ import pytest
 from numpy.testing import assert_allclose
 from scipy import linalg
 
-from etcfit.diagnosis.random_curves import Bend, Curve, bend, kernel, moved
+from etcfit.diagnosis.model_discrepancy import Curve, CurveDiscrepancy, curve_discrepancy, kernel, moved_by_curves
 from etcfit.diagnosis.settings import DEFAULT
 from etcfit.model.smooth import UNKNOWNS
 
@@ -47,10 +47,10 @@ def line() -> Line:
 EVENT = np.repeat(np.arange(EVENTS), SAMPLES // EVENTS)
 
 
-def fitted(line: Line, r: np.ndarray) -> tuple[np.ndarray, Bend]:
+def fitted(line: Line, r: np.ndarray) -> tuple[np.ndarray, CurveDiscrepancy]:
     """Least squares where the truth is at 0, and what may have bent it."""
     x = -np.linalg.lstsq(line.jacobian, r, rcond=None)[0]
-    return x, bend(r + line.jacobian @ x, line.jacobian, BELIEVED, line.curves, EVENT, DEFAULT)
+    return x, curve_discrepancy(r + line.jacobian @ x, line.jacobian, BELIEVED, line.curves, EVENT, DEFAULT)
 
 
 def drawn(rng: np.random.Generator, size: float) -> np.ndarray:
@@ -106,13 +106,13 @@ def test_what_a_curve_moved_is_what_the_joint_estimate_says(line: Line) -> None:
     information = j.T @ np.linalg.solve(v, j) + BELIEVED
     by = -np.linalg.solve(information, j.T @ np.linalg.solve(v, r))
     expected = np.linalg.inv(information) - np.linalg.inv(j.T @ j + BELIEVED) + np.outer(by, by)
-    assert_allclose(moved(r, j, BELIEVED, ways, 1.0), expected, rtol=1e-6)
+    assert_allclose(moved_by_curves(r, j, BELIEVED, ways, 1.0), expected, rtol=1e-6)
 
 
 @pytest.mark.parametrize("curves", [(), (Curve(TORQUE, np.zeros((SAMPLES, KNOTS))),)])
 def test_without_curves_that_any_sample_feels_nothing_is_added(line: Line, curves: tuple[Curve, ...]) -> None:
     r = np.random.default_rng(0).normal(size=SAMPLES)
-    found = bend(r, line.jacobian, BELIEVED, curves, EVENT, DEFAULT)
+    found = curve_discrepancy(r, line.jacobian, BELIEVED, curves, EVENT, DEFAULT)
     assert not found.sizes
     assert not found.covariance.any()
 
@@ -121,7 +121,7 @@ def test_a_parameter_that_no_sample_feels_is_moved_by_none(line: Line) -> None:
     rng = np.random.default_rng(2)
     r = rng.normal(size=SAMPLES) + line.curves[1].columns @ drawn(rng, 0.1)
     jacobian = np.column_stack((line.jacobian, np.zeros(SAMPLES)))
-    found = bend(r, jacobian, 1e-6 * np.eye(3), line.curves, EVENT, DEFAULT)
+    found = curve_discrepancy(r, jacobian, 1e-6 * np.eye(3), line.curves, EVENT, DEFAULT)
     assert found.sizes
     assert_allclose(found.covariance[2, 2], 0.0, atol=1e-6)
     assert np.all(np.diag(found.covariance)[:2] > 0.0)

@@ -17,9 +17,8 @@ from etcfit.diagnosis.composition import compose
 from etcfit.diagnosis.findings import RigMistake
 from etcfit.diagnosis.loop import screened
 from etcfit.diagnosis.refit import start
-from etcfit.diagnosis.rig_mistakes import rig_mistakes
 from etcfit.diagnosis.settings import DEFAULT, DiagnosisSettings
-from etcfit.diagnosis.statements import statements
+from etcfit.diagnosis.statements import rig_mistakes, statements
 from etcfit.estimation.intervals import intervals
 from etcfit.estimation.joint_fit import FitResult, fit
 from etcfit.model.parameters import parameters_of

@@ -9,17 +9,18 @@ import pytest
 
 import results
 from diagnoses import rounds, score, verdict
-from etcfit.diagnosis.ambiguity import Apart
 from etcfit.diagnosis.candidate_model import CandidateModel
 from etcfit.diagnosis.choice import Choice, Outcome
 from etcfit.diagnosis.composition import resting
+from etcfit.diagnosis.course import final_fit
 from etcfit.diagnosis.exchange import Found
-from etcfit.diagnosis.final import final_fit
 from etcfit.diagnosis.loop import Round
 from etcfit.diagnosis.probabilities import probabilities, questions
 from etcfit.diagnosis.rounds import Progress, forward, names, reported
-from etcfit.diagnosis.screen import Signature, variants
+from etcfit.diagnosis.score import Apart
+from etcfit.diagnosis.screen import Signature
 from etcfit.diagnosis.settings import DiagnosisSettings
+from etcfit.diagnosis.tangents import variants
 from etcfit.diagnosis.trial import Trial
 from etcfit.estimation.joint_fit import quiet
 from etcfit.model.effects import EFFECT_BY_NAME

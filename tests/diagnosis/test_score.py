@@ -10,7 +10,7 @@ import pytest
 
 from diagnoses import error, score
 from etcfit.diagnosis.candidate_model import CandidateModel
-from etcfit.diagnosis.score import Score, independent
+from etcfit.diagnosis.score import holdout_worsened, independent
 from etcfit.diagnosis.score import score as score_of
 from etcfit.problem.prediction_error import pooled
 
@@ -38,7 +38,7 @@ def test_a_unit_of_chi2_is_worth_the_samples_over_chi2() -> None:
 
 
 @pytest.mark.parametrize(
-    ("rms", "before", "rise", "strays"),
+    ("rms", "before", "rise", "worse"),
     [
         (1.19, 1.0, 0.2, False),
         (1.21, 1.0, 0.2, True),
@@ -49,14 +49,10 @@ def test_a_unit_of_chi2_is_worth_the_samples_over_chi2() -> None:
         (5.0, None, 0.2, False),
     ],
 )
-def test_a_refit_that_predicts_the_held_out_traces_clearly_worse_strays(
-    rms: float | None, before: float | None, rise: float, strays: bool
+def test_a_refit_that_predicts_the_held_out_traces_clearly_worse_is_refused(
+    rms: float | None, before: float | None, rise: float, worse: bool
 ) -> None:
-
-    def held_out(error: float | None) -> Score:
-        return score(1.0) if error is None else score(1.0, held_out=1.0, rms=error)
-
-    assert held_out(rms).strays(held_out(before), rise) is strays
+    assert holdout_worsened(rms, before, rise) is worse
 
 
 # ---- how many samples there are

@@ -14,11 +14,12 @@ from numpy.testing import assert_allclose, assert_array_equal
 from scipy.optimize import nnls
 
 from etcfit.diagnosis import screen
+from etcfit.diagnosis import tangents as tangents_module
 from etcfit.diagnosis.candidate_model import CandidateModel
 from etcfit.diagnosis.composition import compose, resting
 from etcfit.diagnosis.loop import screened
-from etcfit.diagnosis.screen import Background, Signature, fitted_samples, in_groups, ranked, tangents, variants
-from etcfit.diagnosis.throttle_tangents import tangents_inside
+from etcfit.diagnosis.screen import Background, Signature, ranked
+from etcfit.diagnosis.tangents import fitted_samples, in_groups, tangents, tangents_inside, variants
 from etcfit.model.effects import EFFECT_BY_NAME, EFFECTS, PAPER, AbstractEffect, Contribution, Inputs, State
 from etcfit.model.parameters import NonNegative, Positive, Real, Scalar, parameter, parameters_of
 from etcfit.problem.problem import EstimationProblem
@@ -366,15 +367,17 @@ def test_effects_of_the_rig_are_screened_some_at_a_time(
     slope, layout = rigged.problem.layout.numbers(rigged.x)[1], rigged.problem.layout
     _, jacobian = fitted_samples(rigged.problem, rigged.x, rigged.weighted)
     asked: list[int] = []
-    once = screen.slopes_of
+    once = tangents_module.slopes_of
 
     def counted(*args: Any) -> Any:
         asked.append(len(args[-1]))
         return once(*args)
 
-    monkeypatch.setattr(screen, "slopes_of", counted)
+    monkeypatch.setattr(tangents_module, "slopes_of", counted)
     monkeypatch.setattr(screen, "RIGS_AT_ONCE", 2)
-    found = screen.screen_of_the_rig(background, screen.Tangents.of(rigged.problem, rigged.x, rigged.weighted), every)
+    found = screen.screen_of_the_rig(
+        background, tangents_module.Tangents.of(rigged.problem, rigged.x, rigged.weighted), every
+    )
     assert len(found) == len(every)
     assert max(asked) < sum(asked)
     for g in found:

@@ -12,9 +12,9 @@ from numpy.testing import assert_allclose
 
 from etcfit.diagnosis.candidate_model import CandidateModel
 from etcfit.diagnosis.composition import Effect, compose
+from etcfit.diagnosis.rig_screen import of_one_event, screen_of_late
 from etcfit.diagnosis.score import score
 from etcfit.diagnosis.screen import Background, Signature
-from etcfit.diagnosis.screen_delays import of_one_event, screen_of_late
 from etcfit.diagnosis.settings import DiagnosisSettings
 from etcfit.diagnosis.trial import judged
 from etcfit.estimation.result import Termination

@@ -11,11 +11,11 @@ import pytest
 from diagnoses import score
 from etcfit.diagnosis.candidate_model import CandidateModel
 from etcfit.diagnosis.composition import resting
-from etcfit.diagnosis.loop import Measured
-from etcfit.diagnosis.pairs import Pair
-from etcfit.diagnosis.screen import Background, Signature, variants
-from etcfit.diagnosis.sets import Promise, compared_with, in_place_of, is_open, promising, rivals
+from etcfit.diagnosis.loop import ScoredCandidates
+from etcfit.diagnosis.screen import Background, Signature
+from etcfit.diagnosis.sets import Pair, Promise, compared_with, in_place_of, is_open, promising, rivals
 from etcfit.diagnosis.settings import DiagnosisSettings
+from etcfit.diagnosis.tangents import variants
 from etcfit.estimation.result import Termination
 from etcfit.model.effects import EFFECT_BY_NAME
 
@@ -75,7 +75,7 @@ def test_no_more_pairs_are_refitted_than_the_settings_allow() -> None:
 
 def test_effects_cost_their_parameters_and_the_variants_they_were_chosen_from(model: CandidateModel) -> None:
     signatures = [Signature(v, np.zeros((1, 1)), 5.0, {}, 0.5) for e in (LIMP, GRAVITY) for v in variants(e)]
-    data = Measured(Background.spanned(np.zeros(1), np.zeros((1, 0))), signatures)
+    data = ScoredCandidates(Background.spanned(np.zeros(1), np.zeros((1, 0))), signatures)
     before = score(1000.0)
     told = Promise.of(before, data, model.composition)
     assert told.price[GRAVITY] == pytest.approx(np.log(before.count))

@@ -10,10 +10,11 @@ from numpy.testing import assert_allclose
 
 from etcfit.diagnosis.candidate_model import CandidateModel
 from etcfit.diagnosis.composition import Composition, compose
-from etcfit.diagnosis.loop import measured
-from etcfit.diagnosis.screen import Background, Signature, Tangents
+from etcfit.diagnosis.loop import score_candidates
+from etcfit.diagnosis.rig_screen import rows_by_file, screen_of_single_traces
+from etcfit.diagnosis.screen import Background, Signature
 from etcfit.diagnosis.settings import DiagnosisSettings
-from etcfit.diagnosis.single_traces import rows_by_file, screen_of_single_traces
+from etcfit.diagnosis.tangents import Tangents
 from etcfit.estimation.result import Termination
 from etcfit.model.rig_effects import Place, WarmStart
 from etcfit.problem import weights
@@ -94,7 +95,7 @@ def test_the_signature_is_the_change_of_the_residual(case: Case) -> None:
 
 
 def test_a_turn_asks_about_it_beside_all_others(case: Case) -> None:
-    every = measured(case.model, case.composition.candidates).signatures
+    every = score_candidates(case.model, case.composition.candidates).signatures
     assert WARM in {g.variant.effect.name for g in every}
 
 

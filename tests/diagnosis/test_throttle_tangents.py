@@ -8,11 +8,9 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from etcfit.diagnosis.along_path import serves
 from etcfit.diagnosis.candidate_model import CandidateModel
 from etcfit.diagnosis.composition import compose
-from etcfit.diagnosis.screen import Variant, tangents, variants
-from etcfit.diagnosis.throttle_tangents import tangents_inside
+from etcfit.diagnosis.tangents import Variant, serves, tangents, tangents_inside, variants
 from etcfit.model.effects import COMMANDING, EFFECT_BY_NAME, AbstractEffect
 from etcfit.rig.base import Rig
 

@@ -11,8 +11,8 @@ from diagnoses import score, verdict
 from etcfit.diagnosis.candidate_model import CandidateModel
 from etcfit.diagnosis.composition import Composition
 from etcfit.diagnosis.score import score as score_of
-from etcfit.diagnosis.screen import variants
 from etcfit.diagnosis.settings import DiagnosisSettings
+from etcfit.diagnosis.tangents import variants
 from etcfit.diagnosis.trial import Cost, bic_change, compare, second_trial, tried
 from etcfit.model.effects import EFFECT_BY_NAME
 from etcfit.model.rig_effects import rig_effect

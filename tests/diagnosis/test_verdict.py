@@ -9,13 +9,12 @@ import pytest
 import diagnoses
 import results
 from diagnoses import error
-from etcfit.diagnosis.ambiguity import Apart
 from etcfit.diagnosis.composition import Effect
 from etcfit.diagnosis.exchange import Found
 from etcfit.diagnosis.findings import RigMistake, Statement
+from etcfit.diagnosis.score import Apart
 from etcfit.diagnosis.settings import DEFAULT, DiagnosisSettings
-from etcfit.diagnosis.statements import Named, certainty, statement
-from etcfit.diagnosis.verdict import runs_free_worse, tie, verdict
+from etcfit.diagnosis.statements import Named, certainty, runs_free_worse, statement, tie, verdict
 from etcfit.estimation.result import FitResult
 from etcfit.model.effects import EFFECT_BY_NAME
 from etcfit.rig.base import Rig

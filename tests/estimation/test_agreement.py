@@ -8,13 +8,13 @@ import numpy as np
 import pytest
 
 import odd_rigs
-from etcfit.estimation import subsets
+from etcfit.estimation import contradiction
 from etcfit.estimation.agreement import Agreement, agreement
 from etcfit.estimation.intervals import intervals
 from etcfit.estimation.joint_fit import fit
-from etcfit.estimation.pieces import pieces_at
 from etcfit.estimation.result import FitResult
 from etcfit.estimation.settings import ContradictionSettings, FitSettings
+from etcfit.estimation.statement import pieces_at
 from etcfit.rig.reader import read_folder
 from etcfit.run_folder import fit_json
 
@@ -44,11 +44,11 @@ def test_a_right_folder_has_influences_and_no_contradiction(clean: FitResult) ->
 
 def test_the_step_without_a_test_is_where_a_refit_without_it_goes(clean: FitResult) -> None:
     """Of every test that moves something: a real refit, with the test's weights 0."""
-    layout, tests = clean.free_parameters.layout, subsets.tests_of(clean.problem)
+    layout, tests = clean.free_parameters.layout, contradiction.tests_of(clean.problem)
     seen = 0
     for test in tests:
         rest = tuple(each for each in tests if each != test)
-        there = subsets.fitted_to(clean.problem, clean.weighted, clean.x, rest, clean.settings)
+        there = contradiction.fitted_to(clean.problem, clean.weighted, clean.x, rest, clean.settings)
         for pull in clean.influence.pulls:
             if pull.test == test and pull.file is None and abs(pull.pull) > 0.3:
                 moved = float((there.x - clean.x)[layout.free.index(pull.parameter)])

@@ -8,7 +8,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 from scipy import stats
 from scipy.signal import lfilter
 
-from etcfit.estimation.autocorrelation import autocorrelation, inflation, ljung_box, widen
+from etcfit.estimation.goodness import autocorrelation, inflation, ljung_box, widen
 
 
 def coloured(rho: float, n: int, seed: int) -> np.ndarray:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.testing import assert_allclose
 
-from etcfit.estimation.budget import Budget
+from etcfit.estimation.result import Budget
 
 
 def test_shares_are_those_of_the_variance_and_sum_to_one() -> None:

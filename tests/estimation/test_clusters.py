@@ -11,7 +11,7 @@ from numpy.testing import assert_allclose
 from scipy import stats
 
 import linear_parts as parts
-from etcfit.estimation.clusters import Scatter, scatter, widened
+from etcfit.estimation.agreement import Scatter, scatter, widened
 
 REACH = np.ones(parts.P)
 LEVEL = 0.05

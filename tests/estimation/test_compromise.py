@@ -9,7 +9,7 @@ import pytest
 from numpy.testing import assert_allclose
 
 import results
-from etcfit.estimation.compromise import Compromise, reason
+from etcfit.estimation.agreement import Compromise, compromise_reason
 from etcfit.estimation.intervals import intervals, lumped
 from etcfit.estimation.joint_fit import FitResult
 from etcfit.estimation.settings import FitSettings
@@ -74,7 +74,7 @@ def test_what_is_lost_stays_lost(fitted: FitResult) -> None:
 
 def test_why_parameters_are_a_compromise() -> None:
     settings = FitSettings()
-    assert reason(False, 1.0, (), settings) is None
-    assert "far from the data" in (reason(True, 1.0, (), settings) or "")
-    assert "chi2/dof 30" in (reason(False, 30.0, ("viscous",), settings) or "")
-    assert reason(False, 1.1, ("viscous",), settings) == "viscous contradicts the other tests"
+    assert compromise_reason(False, 1.0, (), settings) is None
+    assert "far from the data" in (compromise_reason(True, 1.0, (), settings) or "")
+    assert "chi2/dof 30" in (compromise_reason(False, 30.0, ("viscous",), settings) or "")
+    assert compromise_reason(False, 1.1, ("viscous",), settings) == "viscous contradicts the other tests"

@@ -14,13 +14,14 @@ from etcfit.estimation.contradiction import (
     Comparison,
     Contradicting,
     Contradiction,
+    Subset,
     by_consequence,
     digits_apart,
+    disagreement,
     distance,
+    parted,
 )
-from etcfit.estimation.disagreement import disagreement, parted
 from etcfit.estimation.settings import ContradictionSettings, WhitenessSettings
-from etcfit.estimation.subsets import Subset
 
 REACH = np.ones(parts.P)
 

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_array_equal
 
-from etcfit.estimation.edges_in_step import EdgePlace, common_phase, edge_places, turns, with_edges_in_step
+from etcfit.estimation.edges import EdgePlace, common_phase, edge_places, turns, with_edges_in_step
 from etcfit.estimation.intervals import intervals
 from etcfit.estimation.joint_fit import fit
 from etcfit.estimation.ready import ready

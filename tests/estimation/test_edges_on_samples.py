@@ -9,8 +9,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_array_equal
 
-from etcfit.estimation.edges_in_step import EdgePlace
-from etcfit.estimation.edges_on_samples import Decided, accepts, with_edges_on_samples
+from etcfit.estimation.edges import Decided, EdgePlace, accepts, with_edges_on_samples
 from etcfit.estimation.intervals import intervals
 from etcfit.estimation.joint_fit import fit
 from etcfit.estimation.levenberg_marquardt import minimise

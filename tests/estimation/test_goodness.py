@@ -8,8 +8,7 @@ import numpy as np
 import pytest
 
 import results
-from etcfit.estimation.autocorrelation import inflation
-from etcfit.estimation.goodness import STRAYS, Goodness, Left, goodness_of, warnings_of, worst
+from etcfit.estimation.goodness import STRAYS, Goodness, Left, goodness_of, inflation, warnings_of, worst
 from etcfit.problem.prediction_error import PredictionError
 from etcfit.problem.trace import Trace
 from etcfit.reporting.pictures import all_traces

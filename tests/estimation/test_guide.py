@@ -10,7 +10,7 @@ import pytest
 
 from bodies import OPEN, N
 from driven import SOUGHT, driven, driven_rig, started
-from etcfit.estimation.guide import Guided, guide_stiffness, guide_stiffness_of, let_go, unlikely
+from etcfit.estimation.free_run import Guided, free_run_cost, guide_stiffness, guide_stiffness_of, relax_guide
 from etcfit.estimation.levenberg_marquardt import minimise
 from etcfit.estimation.settings import FitSettings, GuideSettings
 from etcfit.problem import weights
@@ -106,17 +106,17 @@ def test_it_leads_where_a_descent_is_caught(problem: EstimationProblem, truth: T
     weighted = problem.weighted(weights.free_running(problem))
     caught, _ = minimise(problem, x, weighted, SETTINGS.tolerance, SETTINGS.steps)
     assert off(problem, caught, truth) > 0.4
-    led = let_go(problem, x)
+    led = relax_guide(problem, x)
     assert off(problem, led, truth) < 0.005
-    assert unlikely(problem, led) < 0.2 * unlikely(problem, caught)
+    assert free_run_cost(problem, led) < 0.2 * free_run_cost(problem, caught)
 
 
 def test_a_free_run_that_is_likelier_already_stays(problem: EstimationProblem, truth: Truth) -> None:
     """Its end is never less likely than where it began."""
     x = problem.layout.coordinates({**started(truth), **{s: getattr(truth, s) for s in SOUGHT}})
-    there = let_go(problem, x)
-    again = let_go(problem, there)
-    assert unlikely(problem, again) <= unlikely(problem, there) <= unlikely(problem, x)
+    there = relax_guide(problem, x)
+    again = relax_guide(problem, there)
+    assert free_run_cost(problem, again) <= free_run_cost(problem, there) <= free_run_cost(problem, x)
 
 
 def test_the_guide_is_as_stiff_as_the_logged_angle_asks(problem: EstimationProblem, truth: Truth) -> None:
@@ -138,4 +138,4 @@ def test_without_a_logged_angle_there_is_no_guide_and_nothing_moves(truth: Truth
     blind = EstimationProblem.of(rig.config, known, tuple(trace for trace in found if trace is not None))
     x = known.layout.coordinates({p.symbol: p.nominal for p in known.layout.parameters})
     assert guide_stiffness_of(blind, x, GuideSettings()) == 0.0
-    assert let_go(blind, x) is x
+    assert relax_guide(blind, x) is x

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import linear_parts as parts
-from etcfit.estimation.influence import Influence, influence
+from etcfit.estimation.agreement import Influence, influence
 
 SYMBOLS = ("a", "b", "c")
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import results
-from etcfit.estimation.compromise import Compromise
+from etcfit.estimation.agreement import Compromise
 from etcfit.estimation.intervals import intervals, lumped
 from etcfit.estimation.joint_fit import FitResult
 

@@ -11,10 +11,16 @@ import pytest
 
 from driven import SOUGHT, driven, driven_rig, started
 from etcfit.datasets import fetch
-from etcfit.estimation.free_run import fitted_free_running
-from etcfit.estimation.guide import unlikely
+from etcfit.estimation.free_run import (
+    Model,
+    comes_near,
+    fitted_free_running,
+    free_run_cost,
+    growing,
+    no_higher_than_smaller,
+    with_only,
+)
 from etcfit.estimation.joint_fit import FitResult, fit
-from etcfit.estimation.nested import Model, comes_near, growing, no_higher_than_smaller, with_only
 from etcfit.estimation.result import Termination
 from etcfit.estimation.rounds import Reached, quiet
 from etcfit.estimation.settings import FitSettings, GlobalSearchSettings
@@ -59,7 +65,7 @@ def caught(model: Model) -> Reached:
 
 
 def height(reached: Reached) -> float:
-    return unlikely(reached.problem, reached.x)
+    return free_run_cost(reached.problem, reached.x)
 
 
 @pytest.mark.parametrize("settings", [SMALL_SEARCH, NEVER_NEAR], ids=["near", "far"])

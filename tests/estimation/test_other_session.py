@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from driven import SOUGHT, driven, driven_rig, started
-from etcfit.estimation.other_session import DriveScale, drive_scale, drives_of_another_session
+from etcfit.estimation.explained import DriveScale, drive_scale, drives_of_another_session
 from etcfit.estimation.settings import SessionSettings
 from etcfit.problem.prediction_error import PredictionError, rows
 from etcfit.problem.problem import EstimationProblem

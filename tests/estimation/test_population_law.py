@@ -9,8 +9,7 @@ import pytest
 from scipy.stats import kstest, t
 
 import fleets
-from etcfit.estimation.fleet_model import FleetModel, parted
-from etcfit.estimation.population_law import PopulationLaw
+from etcfit.estimation.fitted_model import FleetModel, PopulationLaw, parted
 from independent.line import SYMBOLS, Population
 
 DRAWS = 20_000

@@ -9,8 +9,7 @@ import numpy as np
 import pytest
 
 import results
-from etcfit.estimation.identifiability import Direction
-from etcfit.estimation.remedies import EXCITED_BY, RULES, TOLD_BY, Cure, sentence, sentences
+from etcfit.estimation.identifiability import EXCITED_BY, RULES, TOLD_BY, Cure, Direction, sentence, sentences
 from etcfit.model.effects import PAPER
 from etcfit.model.throttle import catalogue
 from etcfit.rig import TEST_BY_NAME

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from ...estimation.fleet_model import FleetModel
+from ...estimation.fitted_model import FleetModel
 from .base import AbstractFigure, FigureResult
 from .breakaway_voltage_closing import BreakawayVoltageClosing
 from .breakaway_voltage_opening import BreakawayVoltageOpening

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ...estimation.fleet_model import FleetModel
+from ...estimation.fitted_model import FleetModel
 from . import FIGURE_BY_NAME, measured
 from .base import FigureResult
 from .conditions import Condition, conditions

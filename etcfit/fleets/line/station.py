@@ -14,7 +14,7 @@ from ...control.motion import Bands, Experiment, Motion, Watching, moved
 from ...control.pid.loop import Body
 from ...control.safety.spring_return import falls
 from ...control.settings import SafetySettings
-from ...estimation.fleet_model import FleetModel
+from ...estimation.fitted_model import FleetModel
 from ...model.effects import AbstractEffect
 from ...model.effects.coulomb_friction import CoulombFriction
 from ...model.effects.presliding_friction import PreslidingFriction

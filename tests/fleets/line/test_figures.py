@@ -13,7 +13,7 @@ from scipy.optimize import brentq
 
 import fleets
 from etcfit.errors import UsageError
-from etcfit.estimation.fleet_model import fleet_model
+from etcfit.estimation.fitted_model import fleet_model
 from etcfit.fleets.line import FIGURES, Condition, LineSettings, TemperatureSettings, measured
 from etcfit.fleets.line.conditions import conditions
 from etcfit.fleets.line.predict import predict
